@@ -1,0 +1,306 @@
+#ifndef OPENMMRIGIDHI_CUSTOM_RIGID_HI_INTEGRATOR_H_
+#define OPENMMRIGIDHI_CUSTOM_RIGID_HI_INTEGRATOR_H_
+
+#include <openmm/Integrator.h>
+#include <openmm/Kernel.h>
+#include <openmm/Vec3.h>
+
+#include <array>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "openmmrigidhi/internal/windowsExport.h"
+
+namespace RigidHIPlugin {
+
+/** A unit quaternion (w, x, y, z) that turns body-frame vectors into lab-frame vectors. */
+typedef std::array<double, 4> QuaternionArray;
+
+/**
+ * Integrates rigid bodies, whose orientation is a unit quaternion, under the forces of an ordinary OpenMM Context.
+ *
+ * Particles of the System are grouped into bodies with addRigidBody(); all other particles ("free particles") are
+ * integrated beside them with the same scheme, as point particles. The state of a body is
+ *   - R: position of the body's origin (its centre of mass), nm, lab frame,
+ *   - q: unit quaternion (w, x, y, z), body frame to lab frame,
+ *   - p: momentum, amu nm/ps, lab frame,
+ *   - l: angular momentum, amu nm^2/ps, body frame.
+ *
+ * Schemes (setScheme), all of Davidchack, Ouldridge, Tretyakov, J. Chem. Phys. 142, 144114 (2015), one force
+ * evaluation a step each:
+ *   - LangevinA (eq. 20), LangevinB (eq. 27), LangevinC (eq. 28): weak order 2. Each body feels friction gamma on its
+ *     momentum and Gamma on its angular momentum, and noise of temperature T. C is the recommended one.
+ *   - GradientThermostat (eq. 30): weak order 1, no momenta.
+ *
+ * The rotational friction of the Langevin schemes relaxes body axis l at the rate Gamma / (I_l sum_k 1/I_k), the sum over
+ * axes with a non-zero moment: on an elongated body the thick axes are hardly thermostatted.
+ *
+ * Units are OpenMM's: nm, ps, amu, K, kJ/mol. Every error is an OpenMMException that names the object, the value, the
+ * bound and the remedy.
+ */
+class OPENMM_EXPORT_RIGIDHI CustomRigidHIIntegrator : public OpenMM::Integrator {
+public:
+    /** The time-stepping scheme. */
+    enum Scheme {
+        /** Davidchack 2015, eq. 20: Hamiltonian + noise, damping outside. Warns above gamma 100/ps or Gamma 200/ps. */
+        LangevinA = 0,
+        /** Davidchack 2015, eq. 27: half Ornstein-Uhlenbeck, Hamiltonian step, half Ornstein-Uhlenbeck ("OBABO"). */
+        LangevinB = 1,
+        /** Davidchack 2015, eq. 28: half Hamiltonian step, Ornstein-Uhlenbeck, half Hamiltonian step ("BAOAB"). */
+        LangevinC = 2,
+        /** Davidchack 2015, eq. 30: Brownian (gradient) dynamics without momenta. */
+        GradientThermostat = 3
+    };
+    /** The law of the random numbers; all have mean 0 and variance 1. */
+    enum NoiseLaw {
+        /** Normal (default). */
+        Gaussian = 0,
+        /** 0 with probability 2/3, +-sqrt(3) with 1/6 each (Davidchack 2015, eq. 21): enough for weak order 2. */
+        ThreePoint = 1,
+        /** +-1 with probability 1/2 each (eq. 31): enough for weak order 1 (GradientThermostat). */
+        TwoPoint = 2
+    };
+
+    /**
+     * @param temperature  temperature of the heat bath, K; 0: no noise at all
+     * @param stepSize     step size, ps
+     * @throws OpenMMException if the temperature is negative or the step size not positive, or either not finite
+     */
+    CustomRigidHIIntegrator(double temperature, double stepSize);
+    ~CustomRigidHIIntegrator();
+
+    /**
+     * Add a rigid body whose shape, mass and inertia come from the System.
+     *
+     * The shape comes from the constraints among the massive members if these fix it (two members: one constraint; three:
+     * a triangle; more: all pairs, with the handedness from the first positions), and virtual sites from their definitions;
+     * otherwise from the first positions given to the Context, and is kept until resetBodyGeometry(). Mass and inertia come
+     * from the System's masses. The body frame has its origin at the centre of mass and its axes along the principal axes,
+     * the smallest moment first.
+     *
+     * @param particles  indices of the particles, virtual sites included
+     * @return index of the body
+     * @throws OpenMMException for an empty body, a negative or repeated index, or a particle that is in a body already
+     */
+    int addRigidBody(const std::vector<int>& particles);
+    /**
+     * Add a rigid body with explicit mass, moments and shape. They override the System's masses, which then serve OpenMM
+     * only.
+     *
+     * @param particles         indices of the particles, virtual sites included
+     * @param mass              mass, amu; positive for every scheme with momenta, and for GradientThermostat
+     * @param principalMoments  principal moments of inertia about the body axes x, y, z, amu nm^2, in any order. A moment
+     *                          below 1e-13 of the largest counts as zero: no rotation, noise or energy about that axis.
+     * @param sitePositions     position of each particle in the body frame, nm; its origin is the centre of mass and its
+     *                          axes are the principal axes
+     * @return index of the body
+     * @throws OpenMMException as above; for a negative or non-finite mass or moment; for moments that violate the triangle
+     *         inequality; for another number of sites than of particles
+     */
+    int addRigidBody(const std::vector<int>& particles, double mass, const OpenMM::Vec3& principalMoments,
+                     const std::vector<OpenMM::Vec3>& sitePositions);
+    /** Get the number of rigid bodies. */
+    int getNumRigidBodies() const;
+    /**
+     * Get the definition of a body. For a body without explicit geometry this needs a Context whose positions are set
+     * (or a geometry that was read from XML): earlier it throws.
+     *
+     * @param index             index of the body
+     * @param particles         indices of the particles
+     * @param mass              mass, amu
+     * @param principalMoments  principal moments about the body axes, amu nm^2
+     * @param sitePositions     positions of the particles in the body frame, nm
+     */
+    void getRigidBodyParameters(int index, std::vector<int>& particles, double& mass, OpenMM::Vec3& principalMoments,
+                                std::vector<OpenMM::Vec3>& sitePositions) const;
+    /** Get the indices of a body's particles (never throws for want of a Context). */
+    const std::vector<int>& getRigidBodyParticles(int index) const;
+    /** Get whether a body was given explicit mass, moments and sites. */
+    bool getRigidBodyIsExplicit(int index) const;
+    /** Get whether mass, moments and sites of a body are known. */
+    bool getRigidBodyGeometryIsKnown(int index) const;
+    /**
+     * Replace the definition of a body by an explicit one. Takes effect at the next Context creation or reinitialize().
+     * Parameters and errors as in addRigidBody().
+     */
+    void setRigidBodyParameters(int index, const std::vector<int>& particles, double mass,
+                                const OpenMM::Vec3& principalMoments, const std::vector<OpenMM::Vec3>& sitePositions);
+    /**
+     * Forget the geometry of all bodies that were added without an explicit one; the Context's present (or next)
+     * positions define it anew.
+     */
+    void resetBodyGeometry();
+
+    /** Get the scheme. */
+    Scheme getScheme() const;
+    /** Set the scheme (default LangevinC). May be changed between steps. */
+    void setScheme(Scheme scheme);
+    /** Get the law of the random numbers. */
+    NoiseLaw getNoiseLaw() const;
+    /** Set the law of the random numbers (default Gaussian). TwoPoint suffices only for GradientThermostat. */
+    void setNoiseLaw(NoiseLaw law);
+
+    /** Get the temperature, K. */
+    double getTemperature() const;
+    /** Set the temperature, K; 0: no noise, no random numbers. @throws OpenMMException if negative or not finite */
+    void setTemperature(double temperature);
+    /** Get the translational friction gamma of the Langevin schemes, 1/ps. */
+    double getFriction() const;
+    /**
+     * Set gamma, the rate at which momenta of bodies and of free particles relax (Davidchack 2015, eq. 8), 1/ps.
+     * Default 1. @throws OpenMMException if negative or not finite
+     */
+    void setFriction(double gamma);
+    /** Get the rotational friction Gamma of the Langevin schemes, 1/ps. */
+    double getRotationalFriction() const;
+    /**
+     * Set Gamma (Davidchack 2015, eqs. 9 and 10), 1/ps: body axis l relaxes at Gamma / (I_l sum_k 1/I_k). Default 1.
+     * @throws OpenMMException if negative or not finite
+     */
+    void setRotationalFriction(double Gamma);
+    /** Give one body frictions of its own, 1/ps. @throws OpenMMException if negative or not finite */
+    void setBodyFriction(int index, double gamma, double Gamma);
+    /** Get the frictions of one body, 1/ps: its own, or else those of the integrator. */
+    void getBodyFriction(int index, double& gamma, double& Gamma) const;
+    /** Get whether a body has frictions of its own. */
+    bool getBodyHasOwnFriction(int index) const;
+    /** Let a body use the frictions of the integrator again. */
+    void clearBodyFriction(int index);
+    /** Get upsilon of GradientThermostat, ps. */
+    double getGradientRelaxationTime() const;
+    /** Set upsilon (Davidchack 2015, eq. 15), ps. Default 0.004. @throws OpenMMException if not positive and finite */
+    void setGradientRelaxationTime(double upsilon);
+    /** Get Upsilon of GradientThermostat, ps. */
+    double getGradientRotationalRelaxationTime() const;
+    /** Set Upsilon (eq. 16), ps. Default 0.001. @throws OpenMMException if not positive and finite */
+    void setGradientRotationalRelaxationTime(double Upsilon);
+    /** Get the seed as it was set (0: fresh for each Context). */
+    int getRandomNumberSeed() const;
+    /**
+     * Set the seed. 0 (default): each Context draws a fresh one, which is saved with checkpoints and States. A change takes
+     * effect at the next Context creation or reinitialize().
+     */
+    void setRandomNumberSeed(int seed);
+    /** Get the pose tolerance, nm. */
+    double getPoseTolerance() const;
+    /**
+     * Set how far a particle may lie from its place in the body when positions are given to the Context, nm; default 1e-3.
+     * Below it, members are put back when the next step starts; above it is an error.
+     * @throws OpenMMException if not positive and finite
+     */
+    void setPoseTolerance(double tolerance);
+    /** @throws OpenMMException if the size is not positive and finite */
+    void setStepSize(double size) override;
+    /** @throws OpenMMException if the tolerance is not positive and finite */
+    void setConstraintTolerance(double tolerance) override;
+
+    /** Get the positions of the bodies' origins, nm, lab frame, unwrapped. Needs a Context with positions. */
+    std::vector<OpenMM::Vec3> getBodyPositions() const;
+    /** Get the orientations of the bodies, unit quaternions (w, x, y, z), body to lab. Needs a Context with positions. */
+    std::vector<QuaternionArray> getBodyOrientations() const;
+    /** Get the velocities of the bodies' origins, nm/ps, lab frame. Needs a Context with positions. */
+    std::vector<OpenMM::Vec3> getBodyVelocities() const;
+    /** Get the angular velocities of the bodies, rad/ps, lab frame. Needs a Context with positions. */
+    std::vector<OpenMM::Vec3> getBodyAngularVelocities() const;
+    /** Set the positions of the bodies' origins, nm; moves their particles. One finite row per body, or an exception. */
+    void setBodyPositions(const std::vector<OpenMM::Vec3>& positions);
+    /**
+     * Set the orientations, quaternions (w, x, y, z), body to lab; moves their particles. They are normalised.
+     * @throws OpenMMException for another number of rows than bodies, or a length that differs from 1 by more than 1e-3
+     */
+    void setBodyOrientations(const std::vector<QuaternionArray>& orientations);
+    /** Set the velocities of the bodies' origins, nm/ps. One finite row per body, or an exception. */
+    void setBodyVelocities(const std::vector<OpenMM::Vec3>& velocities);
+    /** Set the angular velocities, rad/ps, lab frame; components about axes without inertia are dropped. */
+    void setBodyAngularVelocities(const std::vector<OpenMM::Vec3>& angularVelocities);
+    /** Get the total forces on the bodies at the last force evaluation of the last step, kJ/(mol nm), lab frame. */
+    std::vector<OpenMM::Vec3> getBodyForces() const;
+    /** Get the total torques about the bodies' origins, likewise, kJ/mol, lab frame. */
+    std::vector<OpenMM::Vec3> getBodyTorques() const;
+    /** Get the largest distance of a particle from its place at the last fit of poses to positions, nm. */
+    double getPoseResidual() const;
+
+    /** Get the translational kinetic energy of all bodies, kJ/mol; 0 for schemes without momenta. */
+    double computeTranslationalKineticEnergy() const;
+    /**
+     * Get the rotational kinetic energy, summed over bodies, about the axis of the smallest, the middle and the largest
+     * principal moment (of each body), kJ/mol; 0 for schemes without momenta.
+     */
+    OpenMM::Vec3 computeRotationalKineticEnergies() const;
+    /** Get the kinetic energy of the free particles, kJ/mol; 0 for schemes without momenta. */
+    double computeFreeParticleKineticEnergy() const;
+    /**
+     * Get the numbers of kinetic degrees of freedom: "translational", "rotational1", "rotational2", "rotational3" (bodies
+     * that can rotate about the axis of their smallest, middle, largest moment), "free" (free particles less their
+     * constraints), "removed" (3 with a CMMotionRemover), "total". All 0 for schemes without momenta. Needs a Context.
+     */
+    std::map<std::string, int> getDegreesOfFreedom() const;
+    /**
+     * Get the instantaneous temperature of bodies and free particles, K, with the right degrees of freedom. OpenMM's
+     * StateDataReporter calls it from OpenMM 8 on. @throws OpenMMException if the scheme has no momenta
+     */
+    double computeSystemTemperature();
+
+    /** Get which effects are on, and why, as text. Needs a Context. */
+    std::string describeEffects() const;
+    /** Get which effects are on, and why: name to "on: reason" or "off: reason". Needs a Context. */
+    std::map<std::string, std::string> getEffects() const;
+    /**
+     * Get counters and times since the Context was created: steps, forceEvaluations, mobilityProducts, solverIterations,
+     * randomNumbers, squareRoots, seconds_forces, seconds_mobility, seconds_scheme, seconds_fft. Needs a Context.
+     */
+    std::map<std::string, double> getStepStatistics() const;
+
+    /**
+     * Advance the simulation.
+     *
+     * @param steps  number of steps
+     * @throws OpenMMException if the positions do not fit the bodies; or if forces or positions become non-finite: it names
+     *         the step and the body, and the Context keeps the last good state
+     */
+    void step(int steps) override;
+
+    /** @private Record a geometry that was derived when positions became known (called by the kernel). */
+    void recordBodyGeometry(int index, double mass, const OpenMM::Vec3& principalMoments,
+                            const std::vector<OpenMM::Vec3>& sitePositions) const;
+    /** @private A number that changes whenever a setting that the kernels cache is changed. */
+    int getSettingsVersion() const;
+
+protected:
+    void initialize(OpenMM::ContextImpl& context) override;
+    void cleanup() override;
+    std::vector<std::string> getKernelNames() override;
+    void stateChanged(OpenMM::State::DataType changed) override;
+    double computeKineticEnergy() override;
+    bool kineticEnergyRequiresForce() const override { return false; }
+    std::vector<OpenMM::Vec3> getVelocitiesForTemperature(const OpenMM::System& system, double temperature,
+                                                          int randomSeed) const override;
+    void createCheckpoint(std::ostream& stream) const override;
+    void loadCheckpoint(std::istream& stream) override;
+    void serializeParameters(OpenMM::SerializationNode& node) const override;
+    void deserializeParameters(const OpenMM::SerializationNode& node) override;
+
+private:
+    struct Body {
+        std::vector<int> particles;
+        bool isExplicit = false, geometryIsKnown = false, hasOwnFriction = false;
+        double mass = 0, gamma = 0, Gamma = 0;
+        OpenMM::Vec3 principalMoments;
+        std::vector<OpenMM::Vec3> sitePositions;
+    };
+    void checkBodyIndex(int index, const char* method) const;
+    void checkParticles(const std::vector<int>& particles, int index) const;
+    class IntegrateRigidBodiesKernel& boundKernel(const char* method) const;
+
+    Scheme scheme;
+    NoiseLaw noiseLaw;
+    double temperature, friction, rotationalFriction, gradientTime, gradientRotationalTime, poseTolerance;
+    int randomSeed, settingsVersion;
+    mutable std::vector<Body> bodies;
+    OpenMM::Kernel kernel;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif
