@@ -8,6 +8,7 @@
 #include <array>
 #include <map>
 #include <string>
+#include <unordered_map>
 #include <vector>
 
 #include "openmmrigidhi/internal/windowsExport.h"
@@ -42,7 +43,7 @@ typedef std::array<double, 4> QuaternionArray;
 class OPENMM_EXPORT_RIGIDHI CustomRigidHIIntegrator : public OpenMM::Integrator {
 public:
     /** The time-stepping scheme. */
-    enum Scheme {
+    enum Scheme : int {
         /** Davidchack 2015, eq. 20: Hamiltonian + noise, damping outside. Warns above gamma 100/ps or Gamma 200/ps. */
         LangevinA = 0,
         /** Davidchack 2015, eq. 27: half Ornstein-Uhlenbeck, Hamiltonian step, half Ornstein-Uhlenbeck ("OBABO"). */
@@ -53,7 +54,7 @@ public:
         GradientThermostat = 3
     };
     /** The law of the random numbers; all have mean 0 and variance 1. */
-    enum NoiseLaw {
+    enum NoiseLaw : int {
         /** Normal (default). */
         Gaussian = 0,
         /** 0 with probability 2/3, +-sqrt(3) with 1/6 each (Davidchack 2015, eq. 21): enough for weak order 2. */
@@ -291,6 +292,10 @@ private:
     };
     void checkBodyIndex(int index, const char* method) const;
     void checkParticles(const std::vector<int>& particles, int index) const;
+    Body makeExplicitBody(const std::vector<int>& particles, double mass, const OpenMM::Vec3& principalMoments,
+                          const std::vector<OpenMM::Vec3>& sitePositions, int index) const;
+    int appendBody(const Body& body);
+    void requireContext(const char* method) const;
     class IntegrateRigidBodiesKernel& boundKernel(const char* method) const;
 
     Scheme scheme;
@@ -298,6 +303,10 @@ private:
     double temperature, friction, rotationalFriction, gradientTime, gradientRotationalTime, poseTolerance;
     int randomSeed, settingsVersion;
     mutable std::vector<Body> bodies;
+    /** Which body each particle is in, so that adding n bodies costs O(n). */
+    std::unordered_map<int, int> bodyOfParticle;
+    /** Whether kernel is there: it is not before a Context exists, after it is gone, and after a failed creation. */
+    bool hasKernel;
     OpenMM::Kernel kernel;
 };
 

@@ -1,0 +1,306 @@
+// The loops over bodies, for one body at a time (Real = double) or a SIMD pack of bodies.
+//
+// A Real brings: arithmetic, construction from double, sincos, squareRoot, maximum (Quaternion-inl.h), and the functions
+// load, store, lanes and noisePair below.
+
+#if defined(RIGIDHI_BODY_LOOPS_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef RIGIDHI_BODY_LOOPS_INL_H_
+#undef RIGIDHI_BODY_LOOPS_INL_H_
+#else
+#define RIGIDHI_BODY_LOOPS_INL_H_
+#endif
+
+#include "engine/StepSettings.h"
+#include "rigidbody/BodySet.h"
+#include "rigidbody/FreeRotor-inl.h"
+#include "rigidbody/Quaternion-inl.h"
+#include "schemes/GradientThermostat-inl.h"
+#include "schemes/LangevinA-inl.h"
+#include "schemes/LangevinB-inl.h"
+#include "schemes/LangevinC-inl.h"
+
+namespace RigidHIPlugin {
+namespace RIGIDHI_TARGET {
+
+// The scalar members of the family.
+inline void load(const double* from, double& x) { x = *from; }
+inline void store(double x, double* to) { *to = x; }
+inline int lanes(double) { return 1; }
+inline bool isFinite(double x) { return x - x == 0; }
+inline void noisePair(const NoiseStream& noise, uint32_t purpose, const int* index, uint32_t block, double& a, double& b) {
+    noise.pair(purpose, index[0], block, a, b);
+}
+
+template <class Real>
+inline Vector3<Real> loadVector(const std::vector<double>* v, int slot) {
+    Vector3<Real> r;
+    load(&v[0][slot], r.x);
+    load(&v[1][slot], r.y);
+    load(&v[2][slot], r.z);
+    return r;
+}
+template <class Real>
+inline void storeVector(const Vector3<Real>& r, std::vector<double>* v, int slot) {
+    store(r.x, &v[0][slot]);
+    store(r.y, &v[1][slot]);
+    store(r.z, &v[2][slot]);
+}
+template <class Real>
+inline Real loadScalar(const std::vector<double>& v, int slot) {
+    Real r;
+    load(&v[slot], r);
+    return r;
+}
+
+/**
+ * One body (or pack) on its way through a step: the moves that schemes are made of.
+ */
+template <class Real>
+class BodyFlow {
+public:
+    BodyFlow(BodySet& bodies, const StepSettings& settings, int slot)
+        : bodies(bodies), settings(settings), slot(slot), block(bodies.blocks[slot / BodySet::blockSize]) {
+        R = loadVector<Real>(bodies.R, slot);
+        p = loadVector<Real>(bodies.p, slot);
+        l = loadVector<Real>(bodies.l, slot);
+        q = {loadScalar<Real>(bodies.q[0], slot), loadScalar<Real>(bodies.q[1], slot),
+             loadScalar<Real>(bodies.q[2], slot), loadScalar<Real>(bodies.q[3], slot)};
+        inverseMass = loadScalar<Real>(bodies.inverseMass, slot);
+        inverseMoments = loadVector<Real>(bodies.inverseMoments, slot);
+        force_lab = loadVector<Real>(bodies.force_lab, slot);
+        torque_body = loadVector<Real>(bodies.torque_body, slot);
+    }
+    void storePose() {
+        renormalise(q);
+        storeVector(R, bodies.R, slot);
+        store(q.w, &bodies.q[0][slot]);
+        store(q.x, &bodies.q[1][slot]);
+        store(q.y, &bodies.q[2][slot]);
+        store(q.z, &bodies.q[3][slot]);
+    }
+    void storeMomenta() {
+        storeVector(p, bodies.p, slot);
+        storeVector(l, bodies.l, slot);
+    }
+
+    /** p <- p + t f, l <- l + t tau. Axes without inertia take no angular momentum. */
+    void kick(double t) {
+        p += Real(t) * force_lab;
+        if (block.rotor == RotorKind::General)
+            l += Real(t) * torque_body;
+        else if (block.rotor == RotorKind::Linear)
+            l += Real(t) * Vector3<Real>{Real(0.0), torque_body.y, torque_body.z};
+    }
+    /** R <- R + t p/m; free rotation over t. */
+    void drift(double t) {
+        R += Real(t) * inverseMass * p;
+        if (block.rotor == RotorKind::General)
+            rotateFreely(q, l, inverseMoments, t);
+        else if (block.rotor == RotorKind::Linear)
+            rotateLinearBodyFreely(q, l, inverseMoments, t);
+    }
+    /** p <- decay p, l <- decay l. */
+    void damp() {
+        p = loadScalar<Real>(bodies.decay_p, slot) * p;
+        l = multiply(loadVector<Real>(bodies.decay_l, slot), l);
+    }
+    /** p and l receive noise: random numbers number `draw` of this step. */
+    void addNoise(int draw) {
+        if (!block.hasNoise) return;
+        Vector3<Real> xi, eta;
+        drawNoise(draw, xi, eta);
+        p += loadScalar<Real>(bodies.noise_p, slot) * xi;
+        if (block.rotor != RotorKind::Point) l += multiply(loadVector<Real>(bodies.noise_l, slot), eta);
+    }
+    void ornsteinUhlenbeck(int draw) {
+        damp();
+        addNoise(draw);
+    }
+    /** The step of the gradient thermostat (GradientThermostat-inl.h). */
+    void gradientMove(int draw) {
+        const Vector3<Real> move_q = loadVector<Real>(bodies.move_q, slot);
+        const Vector3<Real> turn_body = multiply(move_q, torque_body);
+        Vector3<Real> right = turn_body;
+        R += loadScalar<Real>(bodies.move_R, slot) * force_lab;
+        const Vector3<Real> left = Rotation<Real>(q).toLab(turn_body);
+        if (block.hasNoise) {
+            Vector3<Real> xi, eta;
+            drawNoise(draw, xi, eta);
+            R += loadScalar<Real>(bodies.noise_R, slot) * xi;
+            if (block.rotor != RotorKind::Point) right += multiply(loadVector<Real>(bodies.noise_q, slot), eta);
+        }
+        if (block.rotor != RotorKind::Point) q = exponential(left) * q * exponential(right);
+    }
+
+    /** Add up the forces of the particles: force in the lab frame, torque about the origin in the body frame. */
+    void gatherForces(const double* forces) {
+        const int width = lanes(R.x), lane = slot % BodySet::blockSize;
+        double f[3][BodySet::blockSize];
+        force_lab = {Real(0.0), Real(0.0), Real(0.0)};
+        Vector3<Real> torque_lab = force_lab;
+        const Rotation<Real> A(q);
+        for (int s = block.firstSite; s < block.firstSite + block.numSites; s++) {
+            const int* particle = &bodies.forceParticle[s * BodySet::blockSize + lane];
+            for (int i = 0; i < width; i++) {
+                static const double zero[3] = {0, 0, 0};
+                const double* source = particle[i] >= 0 ? forces + 3 * particle[i] : zero;
+                f[0][i] = source[0];
+                f[1][i] = source[1];
+                f[2][i] = source[2];
+            }
+            Vector3<Real> force;
+            load(f[0], force.x);
+            load(f[1], force.y);
+            load(f[2], force.z);
+            force_lab += force;
+            torque_lab += cross(A.toLab(site(s, lane)), force);
+        }
+        torque_body = A.toBody(torque_lab);
+        storeVector(force_lab, bodies.force_lab, slot);
+        storeVector(torque_body, bodies.torque_body, slot);
+    }
+    void scatterPositions(double* positions, double* copy) const {
+        const int lane = slot % BodySet::blockSize;
+        const Rotation<Real> A(q);
+        for (int s = block.firstSite; s < block.firstSite + block.numSites; s++)
+            scatter(s, R + A.toLab(site(s, lane)), positions, copy);
+    }
+    void scatterVelocities(double* velocities, double* copy) const {
+        const int lane = slot % BodySet::blockSize;
+        const Rotation<Real> A(q);
+        const Vector3<Real> omega_body = multiply(l, inverseMoments), velocity = inverseMass * p;
+        for (int s = block.firstSite; s < block.firstSite + block.numSites; s++)
+            scatter(s, velocity + A.toLab(cross(omega_body, site(s, lane))), velocities, copy);
+    }
+
+    bool poseIsFinite() const { return isFinite(R.x + R.y + R.z + q.w + q.x + q.y + q.z); }
+    bool momentaAreFinite() const { return isFinite(p.x + p.y + p.z + l.x + l.y + l.z); }
+    bool forcesAreFinite() const {
+        return isFinite(force_lab.x + force_lab.y + force_lab.z + torque_body.x + torque_body.y + torque_body.z);
+    }
+
+    Vector3<Real> R, p, l, force_lab, torque_body, inverseMoments;
+    Quaternion<Real> q;
+    Real inverseMass;
+    long long randomNumbers = 0;
+
+private:
+    Vector3<Real> site(int s, int lane) const {
+        const double* from = &bodies.sites[s * 3 * BodySet::blockSize + lane];
+        Vector3<Real> r;
+        load(from, r.x);
+        load(from + BodySet::blockSize, r.y);
+        load(from + 2 * BodySet::blockSize, r.z);
+        return r;
+    }
+    void scatter(int s, const Vector3<Real>& value, double* to, double* copy) const {
+        const int width = lanes(R.x), lane = slot % BodySet::blockSize;
+        double v[3][BodySet::blockSize];
+        store(value.x, v[0]);
+        store(value.y, v[1]);
+        store(value.z, v[2]);
+        const int* particle = &bodies.siteParticle[s * BodySet::blockSize + lane];
+        for (int i = 0; i < width; i++)
+            if (particle[i] >= 0)
+                for (int c = 0; c < 3; c++) copy[3 * particle[i] + c] = to[3 * particle[i] + c] = v[c][i];
+    }
+    void drawNoise(int draw, Vector3<Real>& xi, Vector3<Real>& eta) {
+        const uint32_t purpose = draw == 0 ? NoiseStream::FirstDraw : NoiseStream::SecondDraw;
+        const int* index = &bodies.bodyOfSlot[slot];
+        Real spare;
+        noisePair(settings.noise, purpose, index, 0, xi.x, xi.y);
+        if (block.rotor == RotorKind::Point)
+            noisePair(settings.noise, purpose, index, 1, xi.z, spare);
+        else {
+            noisePair(settings.noise, purpose, index, 1, xi.z, eta.x);
+            noisePair(settings.noise, purpose, index, 2, eta.y, eta.z);
+        }
+        int active = 0;
+        for (int i = 0; i < lanes(R.x); i++) active += index[i] >= 0;
+        randomNumbers += active * (block.rotor == RotorKind::Point ? 3 : block.rotor == RotorKind::Linear ? 5 : 6);
+    }
+    BodySet& bodies;
+    const StepSettings& settings;
+    const int slot;
+    const BodySet::Block& block;
+};
+
+template <class Real, class Scheme>
+inline LoopResult runBodyLoopWithScheme(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
+                                        const ParticleArrays& arrays, int firstBlock, int endBlock) {
+    LoopResult result;
+    const int width = lanes(Real(0.0));
+    for (int slot = firstBlock * BodySet::blockSize; slot < endBlock * BodySet::blockSize; slot += width) {
+        if (bodies.bodyOfSlot[slot] < 0) continue;  // padding comes last in a block
+        BodyFlow<Real> flow(bodies, settings, slot);
+        switch (loop) {
+            case BodyLoop::BeforeForces:
+                Scheme::beforeForces(flow, settings.h);
+                flow.storePose();
+                flow.storeMomenta();
+                result.finite &= flow.poseIsFinite();
+                flow.scatterPositions(arrays.positions, arrays.lastPositions);
+                break;
+            case BodyLoop::AfterForces:
+                flow.gatherForces(arrays.forces);
+                Scheme::afterForces(flow, settings.h);
+                flow.storeMomenta();
+                result.finite &= flow.forcesAreFinite() && flow.momentaAreFinite();
+                if (settings.hasMomenta()) flow.scatterVelocities(arrays.velocities, arrays.lastVelocities);
+                break;
+            case BodyLoop::GatherForces:
+                flow.gatherForces(arrays.forces);
+                result.finite &= flow.forcesAreFinite();
+                break;
+            case BodyLoop::ScatterPositions:
+                flow.scatterPositions(arrays.positions, arrays.lastPositions);
+                break;
+            case BodyLoop::ScatterVelocities:
+                flow.scatterVelocities(arrays.velocities, arrays.lastVelocities);
+                break;
+        }
+        result.randomNumbers += flow.randomNumbers;
+    }
+    return result;
+}
+
+/** Run one loop over a range of blocks. */
+template <class Real>
+inline LoopResult runBodyLoop(BodyLoop loop, BodySet& bodies, const StepSettings& settings, const ParticleArrays& arrays,
+                              int firstBlock, int endBlock) {
+    switch (settings.scheme) {
+        case CustomRigidHIIntegrator::LangevinA:
+            return runBodyLoopWithScheme<Real, LangevinA>(loop, bodies, settings, arrays, firstBlock, endBlock);
+        case CustomRigidHIIntegrator::LangevinB:
+            return runBodyLoopWithScheme<Real, LangevinB>(loop, bodies, settings, arrays, firstBlock, endBlock);
+        case CustomRigidHIIntegrator::LangevinC:
+            return runBodyLoopWithScheme<Real, LangevinC>(loop, bodies, settings, arrays, firstBlock, endBlock);
+        case CustomRigidHIIntegrator::GradientThermostat:
+            break;
+    }
+    return runBodyLoopWithScheme<Real, GradientThermostat>(loop, bodies, settings, arrays, firstBlock, endBlock);
+}
+
+/** Fill xi with three numbers for each of `count` particles (their indices are in `index`). */
+template <class Real>
+inline void fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count, double* xi) {
+    const int width = lanes(Real(0.0));
+    for (int i = 0; i < count; i += width) {
+        int padded[BodySet::blockSize] = {0};
+        for (int k = 0; k < width && i + k < count; k++) padded[k] = index[i + k];
+        Real x, y, z, spare;
+        noisePair(noise, purpose, padded, 0, x, y);
+        noisePair(noise, purpose, padded, 1, z, spare);
+        double v[3][BodySet::blockSize];
+        store(x, v[0]);
+        store(y, v[1]);
+        store(z, v[2]);
+        for (int k = 0; k < width && i + k < count; k++)
+            for (int c = 0; c < 3; c++) xi[3 * (i + k) + c] = v[c][k];
+    }
+}
+
+}  // namespace RIGIDHI_TARGET
+}  // namespace RigidHIPlugin
+
+#endif

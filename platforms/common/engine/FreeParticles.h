@@ -1,0 +1,70 @@
+#ifndef RIGIDHI_FREE_PARTICLES_H_
+#define RIGIDHI_FREE_PARTICLES_H_
+
+#include <openmm/System.h>
+#include <openmm/Vec3.h>
+
+#include <memory>
+#include <vector>
+
+#include "engine/PlatformLoops.h"
+#include "schemes/Thermostat.h"
+
+namespace OpenMM {
+class ReferenceConstraints;
+}
+
+namespace RigidHIPlugin {
+
+/**
+ * The massive particles that are in no body. They take the same schemes as bodies, as point particles; constraints among
+ * them hold positions after every drift and velocities after every move. Their state lives in the Context's arrays.
+ */
+class FreeParticles {
+public:
+    FreeParticles() = default;
+    /** @param particles  indices of the massive particles that are in no body */
+    FreeParticles(const OpenMM::System& system, const std::vector<int>& particles);
+    ~FreeParticles();
+    int getNumParticles() const { return particles.size(); }
+    int getNumConstraints() const { return numConstraints; }
+    const std::vector<int>& getParticles() const { return particles; }
+
+    /** The part of a step before the force evaluation, and the part after it. @return finite, random numbers */
+    LoopResult beforeForces(const StepSettings& settings, PlatformLoops& loops, std::vector<OpenMM::Vec3>& positions,
+                            std::vector<OpenMM::Vec3>& velocities, double constraintTolerance);
+    LoopResult afterForces(const StepSettings& settings, PlatformLoops& loops, std::vector<OpenMM::Vec3>& positions,
+                           std::vector<OpenMM::Vec3>& velocities, double constraintTolerance);
+    /** Keep the forces, which others may overwrite in the Context. @return whether they are finite */
+    bool gatherForces(const std::vector<OpenMM::Vec3>& contextForces);
+    void setThermostats(const std::vector<Thermostat>& perParticle);
+    double kineticEnergy(const std::vector<OpenMM::Vec3>& velocities) const;
+    double mass(int i) const { return masses[i]; }
+    OpenMM::Vec3 getForce(int i) const { return forces[i]; }
+
+    struct Snapshot {
+        std::vector<OpenMM::Vec3> positions, velocities, forces;
+    };
+    void save(Snapshot& snapshot, const std::vector<OpenMM::Vec3>& positions,
+              const std::vector<OpenMM::Vec3>& velocities) const;
+    void restore(const Snapshot& snapshot, std::vector<OpenMM::Vec3>& positions,
+                 std::vector<OpenMM::Vec3>& velocities);
+
+private:
+    class Flow;
+    std::vector<int> particles;
+    std::vector<double> masses;
+    std::vector<Thermostat> thermostats;
+    bool hasNoise = false;
+    std::vector<OpenMM::Vec3> forces;
+    std::vector<double> noise;
+    int numConstraints = 0;
+    std::unique_ptr<OpenMM::System> constraintSystem;
+    std::unique_ptr<OpenMM::ReferenceConstraints> constraints;
+    std::vector<double> inverseMasses;  // of all particles of the System; 0 where constraints must not act
+    std::vector<OpenMM::Vec3> before, after;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,477 @@
+#include "engine/RigidBodyKernel.h"
+
+#include <openmm/OpenMMException.h>
+#include <openmm/reference/SimTKOpenMMRealType.h>
+
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <iostream>
+#include <limits>
+#include <random>
+#include <sstream>
+
+#include "engine/StateHash.h"
+#include "schemes/GradientThermostat-inl.h"
+#include "schemes/LangevinA-inl.h"
+#include "schemes/LangevinB-inl.h"
+#include "schemes/LangevinC-inl.h"
+
+using namespace OpenMM;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+[[noreturn]] void fail(const string& message) { throw OpenMMException("CustomRigidHIIntegrator: " + message); }
+
+bool isFinite(const Vec3& v) { return isfinite(v[0]) && isfinite(v[1]) && isfinite(v[2]); }
+
+bool sameBits(const vector<Vec3>& a, const vector<Vec3>& b) {
+    return a.size() == b.size() && memcmp(a.data(), b.data(), a.size() * sizeof(Vec3)) == 0;
+}
+
+/** Seconds since an arbitrary point. */
+double now() {
+    return chrono::duration<double>(chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+Thermostat schemeCoefficients(CustomRigidHIIntegrator::Scheme scheme, const BodyInertia& body, const HeatBath& bath,
+                              double h) {
+    switch (scheme) {
+        case CustomRigidHIIntegrator::LangevinA: return scalar::LangevinA::coefficients(body, bath, h);
+        case CustomRigidHIIntegrator::LangevinB: return scalar::LangevinB::coefficients(body, bath, h);
+        case CustomRigidHIIntegrator::LangevinC: return scalar::LangevinC::coefficients(body, bath, h);
+        case CustomRigidHIIntegrator::GradientThermostat: break;
+    }
+    return scalar::GradientThermostat::coefficients(body, bath, h);
+}
+
+string number(double x) {
+    ostringstream text;
+    text << x;
+    return text.str();
+}
+
+// Where the schemes of Davidchack 2015 stop resolving a body's fast rotation (measured; docs/CONVENTIONS.md).
+const double resolutionLimit = 0.1;
+// Davidchack 2015, section VI: Langevin A breaks down above about these, 1/ps.
+const double langevinAGammaLimit = 100, langevinARotationalLimit = 200;
+
+}  // namespace
+
+RigidBodyKernel::RigidBodyKernel(const string& name, const Platform& platform, ReferencePlatform::PlatformData& data)
+    : IntegrateRigidBodiesKernel(name, platform), data(data) {}
+
+void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegrator& integratorToUse) {
+    integrator = &integratorToUse;
+    system = &context.getSystem();
+    stock = takeStock(context, *integrator);
+    checkScheme(*system, *integrator, stock);
+    loops = createLoops(context);
+    freeParticles.reset(new FreeParticles(*system, stock.freeParticles));
+
+    const double unset = numeric_limits<double>::quiet_NaN();
+    lastPositions.assign(system->getNumParticles(), Vec3(unset, unset, unset));
+    lastVelocities = lastPositions;
+
+    geometries.resize(integrator->getNumRigidBodies());
+    bool allKnown = true;
+    for (int b = 0; b < integrator->getNumRigidBodies(); b++) {
+        if (!integrator->getRigidBodyIsExplicit(b)) {
+            BodyGeometryBuilder builder(*system, integrator->getRigidBodyParticles(b), "body " + to_string(b));
+            if (!builder.needsPositions()) {
+                geometries[b] = builder.build({});
+                integrator->recordBodyGeometry(b, geometries[b].mass, geometries[b].moments, geometries[b].sites);
+            }
+        }
+        allKnown = allKnown && integrator->getRigidBodyGeometryIsKnown(b);
+    }
+    if (allKnown) buildBodies();
+
+    seed = integrator->getRandomNumberSeed();
+    while (seed == 0) seed = random_device()();
+    for (const char* counter : {"steps", "forceEvaluations", "mobilityProducts", "solverIterations", "randomNumbers",
+                                "squareRoots", "seconds_forces", "seconds_mobility", "seconds_scheme", "seconds_fft"})
+        statistics[counter] = 0;
+}
+
+
+/** All geometries are recorded: make the arrays. States stay at the origin until positions are taken in. */
+void RigidBodyKernel::buildBodies() {
+    const int n = integrator->getNumRigidBodies();
+    vector<vector<int> > particles(n);
+    vector<vector<bool> > carriesForce(n);
+    fits.clear();
+    for (int b = 0; b < n; b++) {
+        BodyGeometry& g = geometries[b];
+        integrator->getRigidBodyParameters(b, particles[b], g.mass, g.moments, g.sites);
+        vector<double> masses;
+        vector<bool> isVirtual;
+        map<int, Vec3> siteOfParticle;
+        for (size_t i = 0; i < particles[b].size(); i++) {
+            const int p = particles[b][i];
+            masses.push_back(system->getParticleMass(p));
+            isVirtual.push_back(system->isVirtualSite(p));
+            carriesForce[b].push_back(!isVirtual.back());
+            siteOfParticle[p] = g.sites[i];
+        }
+        for (size_t i = 0; i < particles[b].size(); i++) {
+            if (!isVirtual[i]) continue;
+            const Vec3 off = g.sites[i] - virtualSitePosition(*system, particles[b][i],
+                                                              [&](int parent) { return siteOfParticle.at(parent); });
+            const double distance = sqrt(off.dot(off));
+            if (!(distance <= integrator->getPoseTolerance()))
+                fail("body " + to_string(b) + ": the site given for particle " + to_string(particles[b][i]) + " is " +
+                     number(distance) + " nm from where the System's virtual site puts it, more than the pose tolerance " +
+                     number(integrator->getPoseTolerance()) + " nm; mend the site position or the virtual site");
+        }
+        bool anySite = false;
+        for (bool virtualSite : isVirtual) anySite = anySite || !virtualSite;
+        if (!anySite)
+            fail("body " + to_string(b) + " has virtual sites only; add the particles that define them to the body");
+        fits.emplace_back(g, masses, isVirtual);
+    }
+    bodies = BodySet(geometries, particles, carriesForce);
+    bodiesAreBuilt = true;
+    settingsVersion = -1;
+    updateSettings();
+    for (const string& warning : warnings()) cerr << "Warning: CustomRigidHIIntegrator: " << warning << endl;
+}
+
+/** Geometries that come from positions. */
+void RigidBodyKernel::deriveGeometries() {
+    for (int b = 0; b < integrator->getNumRigidBodies(); b++)
+        if (!integrator->getRigidBodyGeometryIsKnown(b)) {
+            const BodyGeometryBuilder builder(*system, integrator->getRigidBodyParticles(b), "body " + to_string(b));
+            const BodyGeometry g = builder.build(positions());
+            integrator->recordBodyGeometry(b, g.mass, g.moments, g.sites);
+        }
+    buildBodies();
+}
+
+void RigidBodyKernel::resetBodyGeometry(ContextImpl& context) {
+    bodiesAreBuilt = forcesAreValid = compareByHash = false;
+    // What was taken in belongs to the old geometry.
+    const double unset = numeric_limits<double>::quiet_NaN();
+    lastPositions.assign(lastPositions.size(), Vec3(unset, unset, unset));
+    lastVelocities = lastPositions;
+    userChangedState = true;
+}
+
+void RigidBodyKernel::requirePositions(const char* what) const {
+    if (!positionsAreSet) fail(string(what) + " needs positions: call setPositions() on the Context first");
+}
+
+void RigidBodyKernel::requireGeometry(ContextImpl& context) {
+    if (bodiesAreBuilt) return;
+    requirePositions("the geometry of bodies that were added without one");
+    takeInChanges(context);
+}
+
+/** Recompute what depends on settings, if any was changed. */
+void RigidBodyKernel::updateSettings() {
+    const double h = integrator->getStepSize();
+    if (settingsVersion == integrator->getSettingsVersion() && settingsStepSize == h) return;
+    checkScheme(*system, *integrator, stock);
+    settings.scheme = integrator->getScheme();
+    settings.h = h;
+    settings.noise.law = static_cast<NoiseStream::Law>(integrator->getNoiseLaw());
+    HeatBath bath;
+    bath.kT = BOLTZ * integrator->getTemperature();
+    bath.upsilon = integrator->getGradientRelaxationTime();
+    bath.Upsilon = integrator->getGradientRotationalRelaxationTime();
+    for (auto& block : bodies.blocks) block.hasNoise = false;
+    for (int b = 0; b < bodies.getNumBodies(); b++) {
+        integrator->getBodyFriction(b, bath.gamma, bath.Gamma);
+        bodies.setThermostat(b, schemeCoefficients(settings.scheme, bodies.inertia(b), bath, h));
+    }
+    bath.gamma = integrator->getFriction();
+    vector<Thermostat> free;
+    for (int i = 0; i < freeParticles->getNumParticles(); i++) {
+        BodyInertia point;
+        point.mass = freeParticles->mass(i);
+        free.push_back(schemeCoefficients(settings.scheme, point, bath, h));
+    }
+    freeParticles->setThermostats(free);
+    settingsVersion = integrator->getSettingsVersion();
+    settingsStepSize = h;
+}
+
+vector<string> RigidBodyKernel::warnings() const {
+    vector<string> result;
+    const double kT = BOLTZ * integrator->getTemperature(), h = integrator->getStepSize();
+    const bool langevinA = integrator->getScheme() == CustomRigidHIIntegrator::LangevinA;
+    int unresolved = 0, firstUnresolved = -1;
+    double worst = 0, largestGamma = integrator->getFriction(), largestRotational = integrator->getRotationalFriction();
+    for (int b = 0; b < bodies.getNumBodies(); b++) {
+        double gamma, Gamma;
+        integrator->getBodyFriction(b, gamma, Gamma);
+        largestGamma = max(largestGamma, gamma);
+        largestRotational = max(largestRotational, Gamma);
+        if (bodies.rotor(b) != RotorKind::General) continue;
+        const double* I = bodies.inertia(b).moments;
+        const double turn = h * sqrt(kT * I[1] * I[2] / I[0]) * (1 / I[1] - 1 / I[2]);
+        if (turn > resolutionLimit && unresolved++ == 0) firstUnresolved = b;
+        worst = max(worst, turn);
+    }
+    if (unresolved > 0 && integrator->getScheme() != CustomRigidHIIntegrator::GradientThermostat)
+        result.push_back("the step of " + number(h) + " ps does not resolve the rotation of " + to_string(unresolved) +
+                         " bodies, the first of them body " + to_string(firstUnresolved) +
+                         " (h sqrt(kT I2 I3/I1) (1/I2 - 1/I3) is up to " + number(worst) + ", above " +
+                         number(resolutionLimit) + "): their temperature will be wrong; take a step of " +
+                         number(h * resolutionLimit / worst) + " ps or less");
+    if (langevinA && (largestGamma > langevinAGammaLimit || largestRotational > langevinARotationalLimit))
+        result.push_back("LangevinA breaks down at large friction (gamma " + number(largestGamma) + "/ps, limit about " +
+                         number(langevinAGammaLimit) + "; Gamma " + number(largestRotational) + "/ps, limit about " +
+                         number(langevinARotationalLimit) + "); use LangevinB or LangevinC");
+    return result;
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Taking in what others did to the Context
+
+ParticleArrays RigidBodyKernel::arrays() {
+    static_assert(sizeof(Vec3) == 3 * sizeof(double), "the loops take arrays of Vec3 as arrays of doubles");
+    return {&positions()[0][0], &velocities()[0][0], &(*data.forces)[0][0], &lastPositions[0][0], &lastVelocities[0][0]};
+}
+
+LoopResult RigidBodyKernel::runLoop(BodyLoop loop) { return loops->run(loop, bodies, settings, arrays()); }
+
+bool RigidBodyKernel::bodyMembersDiffer(int body, const vector<Vec3>& a, const vector<Vec3>& b) const {
+    for (int p : integrator->getRigidBodyParticles(body))
+        if (memcmp(&a[p], &b[p], sizeof(Vec3)) != 0) return true;
+    return false;
+}
+
+void RigidBodyKernel::stateChanged(ContextImpl& context, State::DataType changed) {
+    forcesAreValid = false;
+    if (changed == State::Positions) positionsAreSet = true;
+    if (changed == State::Positions || changed == State::Velocities) userChangedState = true;
+    if (changed == State::Velocities && !drawnTwists.empty()) {
+        // setVelocitiesToTemperature(): particle velocities cannot tell the spin of one-site or linear bodies, so take the
+        // twists that were drawn. (OpenMM then applies velocity constraints; what they change is taken in as usual.)
+        if (sameBits(velocities(), drawnVelocities)) {
+            for (int b = 0; b < bodies.getNumBodies(); b++) {
+                BodyState state = bodies.getState(b);
+                state.p = drawnTwists[b].p;
+                state.l = drawnTwists[b].l;
+                bodies.setState(b, state);
+            }
+            lastVelocities = velocities();
+        }
+        drawnTwists.clear();
+        drawnVelocities.clear();
+    }
+}
+
+/** Bring poses and twists up to date with the Context's positions, velocities and box. */
+void RigidBodyKernel::takeInChanges(ContextImpl& context) {
+    if (!bodiesAreBuilt) deriveGeometries();
+    Vec3 box[3];
+    context.getPeriodicBoxVectors(box[0], box[1], box[2]);
+    if (memcmp(box, lastBox, sizeof box) != 0) {
+        forcesAreValid = false;
+        memcpy(lastBox, box, sizeof box);
+    }
+    if (compareByHash) {
+        // A state was loaded. Where the Context's arrays are those it was saved with, it stands as it is.
+        if (hashOf(positions()) == expectedPositions) lastPositions = positions();
+        if (hashOf(velocities()) == expectedVelocities) lastVelocities = velocities();
+        compareByHash = false;
+        membersNeedPuttingBack = true;
+    }
+    if (!sameBits(positions(), lastPositions)) takeInPositions();
+    if (!sameBits(velocities(), lastVelocities)) takeInVelocities();
+}
+
+void RigidBodyKernel::takeInPositions() {
+    vector<pair<int, BodyState> > fitted;
+    double residual = 0;
+    for (int b = 0; b < bodies.getNumBodies(); b++) {
+        if (!bodyMembersDiffer(b, positions(), lastPositions)) continue;
+        const vector<int>& particles = integrator->getRigidBodyParticles(b);
+        vector<Vec3> members;
+        for (int p : particles) {
+            members.push_back(positions()[p]);
+            if (!isFinite(members.back()))
+                fail("body " + to_string(b) + ": particle " + to_string(p) +
+                     " has a non-finite position; set finite positions");
+        }
+        // Virtual sites follow their parents, and users often leave them behind: they are put in place, not judged.
+        BodyState state = bodies.getState(b);
+        map<int, Vec3> positionOf;
+        for (size_t i = 0; i < particles.size(); i++) positionOf[particles[i]] = members[i];
+        for (size_t i = 0; i < particles.size(); i++)
+            if (system->isVirtualSite(particles[i]))
+                members[i] = virtualSitePosition(*system, particles[i],
+                                                 [&](int parent) { return positionOf.at(parent); });
+        int worst = 0;
+        const double distance = fits[b].fitPose(members, state, worst);
+        if (!(distance <= integrator->getPoseTolerance()))
+            fail("body " + to_string(b) + ": particle " + to_string(particles[worst]) + " is " + number(distance) +
+                 " nm from its place in the body, more than the pose tolerance " +
+                 number(integrator->getPoseTolerance()) +
+                 " nm; give positions that fit the body's shape (whole molecules, not wrapped across the periodic box), "
+                 "raise setPoseTolerance(), or call resetBodyGeometry() if the shape itself has changed");
+        residual = max(residual, distance);
+        fitted.emplace_back(b, state);
+    }
+    if (!fitted.empty()) {
+        poseResidual = residual;
+        membersNeedPuttingBack = true;
+    }
+    for (auto& bodyAndState : fitted) bodies.setState(bodyAndState.first, bodyAndState.second);
+    lastPositions = positions();
+    forcesAreValid = false;
+    // The twist is what the particles' velocities say at the new pose.
+    for (auto& bodyAndState : fitted) takeInTwist(bodyAndState.first);
+}
+
+void RigidBodyKernel::takeInVelocities() {
+    for (int p = 0; p < (int) velocities().size(); p++)
+        if (!isFinite(velocities()[p]))
+            fail("particle " + to_string(p) +
+                 (stock.bodyOfParticle[p] >= 0 ? " of body " + to_string(stock.bodyOfParticle[p]) : "") +
+                 " has a non-finite velocity; set finite velocities");
+    for (int b = 0; b < bodies.getNumBodies(); b++)
+        if (bodyMembersDiffer(b, velocities(), lastVelocities)) {
+            takeInTwist(b);
+            membersNeedPuttingBack = true;
+        }
+    lastVelocities = velocities();
+}
+
+void RigidBodyKernel::takeInTwist(int b) {
+    vector<Vec3> members;
+    for (int p : integrator->getRigidBodyParticles(b)) members.push_back(velocities()[p]);
+    Vec3 velocity, omega_lab = bodies.getAngularVelocity_lab(b);
+    BodyState state = bodies.getState(b);
+    fits[b].fitTwist(members, state, velocity, omega_lab);
+    state.p = velocity * bodies.inertia(b).mass;
+    bodies.setState(b, state);
+    bodies.setAngularVelocity_lab(b, omega_lab);
+}
+
+void RigidBodyKernel::takeInVelocitiesIfChanged(ContextImpl& context) {
+    // A barostat asks for the energy of trial positions: those are not to be taken in.
+    if (!bodiesAreBuilt || compareByHash || !sameBits(velocities(), lastVelocities)) takeInChanges(context);
+}
+
+/** Members that others moved within the tolerance go back to their places. */
+void RigidBodyKernel::putMembersBack(ContextImpl& context) {
+    if (!membersNeedPuttingBack) return;
+    writePoses(context);
+    membersNeedPuttingBack = false;
+}
+
+/** Write poses and twists to the Context's particles. */
+void RigidBodyKernel::writePoses(ContextImpl& context) {
+    runLoop(BodyLoop::ScatterPositions);
+    if (settings.hasMomenta()) runLoop(BodyLoop::ScatterVelocities);
+    if (stock.hasFreeVirtualSites) context.computeVirtualSites();
+    rememberOtherParticles();
+}
+
+void RigidBodyKernel::rememberOtherParticles() {
+    for (int p : stock.otherParticles) {
+        lastPositions[p] = positions()[p];
+        lastVelocities[p] = velocities()[p];
+    }
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Stepping
+
+void RigidBodyKernel::step(ContextImpl& context) {
+    requirePositions("step()");
+    if (bodiesAreBuilt) updateSettings();
+    if (userChangedState || !bodiesAreBuilt || compareByHash) {
+        // Before Forces that change the state (barostats) see it.
+        takeInChanges(context);
+        putMembersBack(context);
+        userChangedState = false;
+    }
+    if (context.updateContextState()) forcesAreValid = false;
+    const double start = now(), forcesBefore = statistics["seconds_forces"];
+    takeInChanges(context);
+    putMembersBack(context);
+    userChangedState = false;
+    if (!forcesAreValid) evaluateForces(context);
+    advance(context);
+    data.time += settings.h;
+    data.stepCount++;
+    stepNumber++;
+    statistics["steps"]++;
+    statistics["seconds_scheme"] += now() - start - (statistics["seconds_forces"] - forcesBefore);
+}
+
+void RigidBodyKernel::calculateForces(ContextImpl& context) {
+    const double start = now();
+    context.calcForcesAndEnergy(true, false, integrator->getIntegrationForceGroups());
+    statistics["seconds_forces"] += now() - start;
+    statistics["forceEvaluations"]++;
+}
+
+/** Forces at the present positions, where those of the last step do not serve. */
+void RigidBodyKernel::evaluateForces(ContextImpl& context) {
+    calculateForces(context);
+    const bool freeFinite = freeParticles->gatherForces(*data.forces);
+    const bool bodiesFinite = runLoop(BodyLoop::GatherForces).finite;
+    if (!freeFinite || !bodiesFinite) reportNonFinite("force");
+    forcesAreValid = true;
+}
+
+/** The scheme: from valid forces to new positions, velocities and valid forces; or an exception and nothing changed. */
+void RigidBodyKernel::advance(ContextImpl& context) {
+    const double tolerance = integrator->getConstraintTolerance();
+    settings.noise.seed = seed;
+    settings.noise.step = stepNumber;
+    bodies.save(bodySnapshot);
+    freeParticles->save(freeSnapshot, positions(), velocities());
+    try {
+        LoopResult result = runLoop(BodyLoop::BeforeForces);
+        result.add(freeParticles->beforeForces(settings, *loops, positions(), velocities(), tolerance));
+        if (!result.finite) reportNonFinite("position");
+        if (stock.hasFreeVirtualSites) context.computeVirtualSites();
+
+        calculateForces(context);
+        if (!freeParticles->gatherForces(*data.forces)) reportNonFinite("force");
+
+        result.add(runLoop(BodyLoop::AfterForces));
+        result.add(freeParticles->afterForces(settings, *loops, positions(), velocities(), tolerance));
+        if (!result.finite) reportNonFinite("force");
+        statistics["randomNumbers"] += result.randomNumbers;
+        rememberOtherParticles();
+    } catch (...) {
+        bodies.restore(bodySnapshot);
+        freeParticles->restore(freeSnapshot, positions(), velocities());
+        writePoses(context);
+        throw;
+    }
+}
+
+void RigidBodyKernel::reportNonFinite(const char* what) {
+    const string where = "step " + to_string(data.stepCount + 1) + ": ",
+                 remedy = "; the Context keeps the state before this step: look there for overlapping particles, or take a "
+                          "smaller step";
+    for (int b = 0; b < bodies.getNumBodies(); b++) {
+        const BodyState state = bodies.getState(b);
+        const bool pose = isFinite(state.R) && isfinite(state.q[0] + state.q[1] + state.q[2] + state.q[3]);
+        if (pose && isFinite(bodies.getForce_lab(b)) && isFinite(bodies.getTorque_lab(b)) && isFinite(state.p) &&
+            isFinite(state.l))
+            continue;
+        fail(where + "body " + to_string(b) + " (first particle " +
+             to_string(integrator->getRigidBodyParticles(b)[0]) + ") has a non-finite " +
+             (pose ? "force, torque or momentum" : "position or orientation") + remedy);
+    }
+    for (int i = 0; i < freeParticles->getNumParticles(); i++) {
+        const int p = freeParticles->getParticles()[i];
+        if (!isFinite(freeParticles->getForce(i)) || !isFinite(positions()[p]) || !isFinite(velocities()[p]))
+            fail(where + "free particle " + to_string(p) + " has a non-finite " + what + " or velocity" + remedy);
+    }
+    fail(where + "a non-finite " + what + " was found" + remedy);
+}
+
+}  // namespace RigidHIPlugin

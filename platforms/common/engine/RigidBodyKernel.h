@@ -1,0 +1,140 @@
+#ifndef RIGIDHI_RIGID_BODY_KERNEL_H_
+#define RIGIDHI_RIGID_BODY_KERNEL_H_
+
+#include <openmm/reference/ReferencePlatform.h>
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "engine/FreeParticles.h"
+#include "engine/PlatformLoops.h"
+#include "engine/SystemCheck.h"
+#include "openmmrigidhi/RigidHIKernels.h"
+#include "rigidbody/BodySet.h"
+#include "rigidbody/PoseFit.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * The integrator's kernel, but for the loops that platforms do in their own way.
+ *
+ * A step: (others' changes are taken in) -> forces on particles -> force and torque a body -> scheme -> new poses and
+ * momenta -> particle positions -> forces -> scheme -> particle velocities. Forces are evaluated once a step: those at the
+ * end of a step serve the next one, unless anything changed in between.
+ */
+class RigidBodyKernel : public IntegrateRigidBodiesKernel {
+public:
+    RigidBodyKernel(const std::string& name, const OpenMM::Platform& platform,
+                    OpenMM::ReferencePlatform::PlatformData& data);
+    void initialize(OpenMM::ContextImpl& context, const CustomRigidHIIntegrator& integrator) override;
+    void step(OpenMM::ContextImpl& context) override;
+    void stateChanged(OpenMM::ContextImpl& context, OpenMM::State::DataType changed) override;
+    void resetBodyGeometry(OpenMM::ContextImpl& context) override;
+    void requireGeometry(OpenMM::ContextImpl& context) override;
+    std::vector<OpenMM::Vec3> getBodyPositions(OpenMM::ContextImpl& context) override;
+    std::vector<QuaternionArray> getBodyOrientations(OpenMM::ContextImpl& context) override;
+    std::vector<OpenMM::Vec3> getBodyVelocities(OpenMM::ContextImpl& context) override;
+    std::vector<OpenMM::Vec3> getBodyAngularVelocities(OpenMM::ContextImpl& context) override;
+    void setBodyPositions(OpenMM::ContextImpl& context, const std::vector<OpenMM::Vec3>& positions) override;
+    void setBodyOrientations(OpenMM::ContextImpl& context, const std::vector<QuaternionArray>& orientations) override;
+    void setBodyVelocities(OpenMM::ContextImpl& context, const std::vector<OpenMM::Vec3>& velocities) override;
+    void setBodyAngularVelocities(OpenMM::ContextImpl& context,
+                                  const std::vector<OpenMM::Vec3>& angularVelocities) override;
+    std::vector<OpenMM::Vec3> getBodyForces(OpenMM::ContextImpl& context) override;
+    std::vector<OpenMM::Vec3> getBodyTorques(OpenMM::ContextImpl& context) override;
+    double getPoseResidual(OpenMM::ContextImpl& context) override;
+    double computeTranslationalKineticEnergy(OpenMM::ContextImpl& context) override;
+    OpenMM::Vec3 computeRotationalKineticEnergies(OpenMM::ContextImpl& context) override;
+    double computeFreeParticleKineticEnergy(OpenMM::ContextImpl& context) override;
+    std::map<std::string, int> getDegreesOfFreedom(OpenMM::ContextImpl& context) override;
+    std::map<std::string, std::string> getEffects(OpenMM::ContextImpl& context) override;
+    std::string describeEffects(OpenMM::ContextImpl& context) override;
+    std::map<std::string, double> getStepStatistics(OpenMM::ContextImpl& context) override;
+    std::vector<OpenMM::Vec3> drawVelocities(OpenMM::ContextImpl& context, double temperature, int seed) override;
+    void createCheckpoint(OpenMM::ContextImpl& context, std::ostream& stream) override;
+    void loadCheckpoint(OpenMM::ContextImpl& context, std::istream& stream) override;
+    void serialize(OpenMM::ContextImpl& context, OpenMM::SerializationNode& node) override;
+    void deserialize(OpenMM::ContextImpl& context, const OpenMM::SerializationNode& node) override;
+
+protected:
+    /** The platform's loops; called once, from initialize(). */
+    virtual std::unique_ptr<PlatformLoops> createLoops(OpenMM::ContextImpl& context) = 0;
+
+private:
+    /** What makes a resumed run the same as the uninterrupted one. */
+    struct SavedState {
+        uint32_t seed = 0;
+        int64_t stepNumber = 0;
+        bool hasBodies = false;                  // positions were set, so the following is filled
+        uint64_t positionsHash = 0, velocitiesHash = 0;
+        std::vector<BodyGeometry> geometries;
+        std::vector<std::array<double, 13> > bodies;
+    };
+    SavedState collectState(OpenMM::ContextImpl& context);
+    void adoptState(const SavedState& saved);
+
+    std::vector<OpenMM::Vec3>& positions() { return *data.positions; }
+    std::vector<OpenMM::Vec3>& velocities() { return *data.velocities; }
+    ParticleArrays arrays();
+    LoopResult runLoop(BodyLoop loop);
+
+    void updateSettings();
+    std::vector<std::string> warnings() const;
+    void buildBodies();
+    void deriveGeometries();
+    void takeInChanges(OpenMM::ContextImpl& context);
+    void takeInPositions();
+    void takeInVelocities();
+    void takeInVelocitiesIfChanged(OpenMM::ContextImpl& context);
+    void takeInTwist(int body);
+    void requirePositions(const char* what) const;
+    void putMembersBack(OpenMM::ContextImpl& context);
+    void writePoses(OpenMM::ContextImpl& context);
+    void rememberOtherParticles();
+    void evaluateForces(OpenMM::ContextImpl& context);
+    void calculateForces(OpenMM::ContextImpl& context);
+    void advance(OpenMM::ContextImpl& context);
+    [[noreturn]] void reportNonFinite(const char* what);
+    bool bodyMembersDiffer(int body, const std::vector<OpenMM::Vec3>& a, const std::vector<OpenMM::Vec3>& b) const;
+    template <class Row>
+    void checkRows(const std::vector<Row>& rows, const char* what) const;
+
+    OpenMM::ReferencePlatform::PlatformData& data;
+    const CustomRigidHIIntegrator* integrator = nullptr;
+    const OpenMM::System* system = nullptr;
+    std::unique_ptr<PlatformLoops> loops;
+    SystemInventory stock;
+    BodySet bodies;
+    std::vector<BodyGeometry> geometries;
+    std::vector<PoseFit> fits;
+    std::unique_ptr<FreeParticles> freeParticles;
+    StepSettings settings;
+    int settingsVersion = -1;
+    double settingsStepSize = 0;
+    bool positionsAreSet = false, bodiesAreBuilt = false, forcesAreValid = false, membersNeedPuttingBack = false;
+    bool userChangedState = false;
+    double poseResidual = 0;
+    uint32_t seed = 1;
+    int64_t stepNumber = 0;
+
+    // What this kernel wrote to the Context last, to notice what others did.
+    std::vector<OpenMM::Vec3> lastPositions, lastVelocities;
+    OpenMM::Vec3 lastBox[3];
+    // After loading a state: compare by hash instead, once.
+    bool compareByHash = false;
+    uint64_t expectedPositions = 0, expectedVelocities = 0;
+    // Twists drawn by drawVelocities(), for the setVelocities() that follows.
+    std::vector<BodyState> drawnTwists;
+    std::vector<OpenMM::Vec3> drawnVelocities;
+
+    BodySet::Snapshot bodySnapshot;
+    FreeParticles::Snapshot freeSnapshot;
+    std::map<std::string, double> statistics;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

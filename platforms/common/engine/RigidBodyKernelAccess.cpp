@@ -1,0 +1,298 @@
+// RigidBodyKernel: what users ask for and set.
+
+#include <openmm/OpenMMException.h>
+#include <openmm/reference/SimTKOpenMMRealType.h>
+
+#include <cmath>
+#include <sstream>
+
+#include "engine/RigidBodyKernel.h"
+
+using namespace OpenMM;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+[[noreturn]] void fail(const string& message) { throw OpenMMException("CustomRigidHIIntegrator: " + message); }
+
+string number(double x) {
+    ostringstream text;
+    text << x;
+    return text.str();
+}
+
+bool rowIsFinite(const Vec3& row) { return isfinite(row[0]) && isfinite(row[1]) && isfinite(row[2]); }
+bool rowIsFinite(const QuaternionArray& row) {
+    return isfinite(row[0]) && isfinite(row[1]) && isfinite(row[2]) && isfinite(row[3]);
+}
+
+}  // namespace
+
+template <class Row>
+void RigidBodyKernel::checkRows(const vector<Row>& rows, const char* what) const {
+    if ((int) rows.size() != integrator->getNumRigidBodies())
+        fail(string(what) + " for " + to_string(rows.size()) + " bodies were given, but there are " +
+             to_string(integrator->getNumRigidBodies()) + "; give one row per body");
+    for (size_t b = 0; b < rows.size(); b++)
+        if (!rowIsFinite(rows[b])) fail("body " + to_string(b) + ": its row of " + what + " is not finite; give numbers");
+}
+
+vector<Vec3> RigidBodyKernel::getBodyPositions(ContextImpl& context) {
+    requirePositions("getBodyPositions()");
+    takeInChanges(context);
+    vector<Vec3> result;
+    for (int b = 0; b < bodies.getNumBodies(); b++) result.push_back(bodies.getState(b).R);
+    return result;
+}
+
+vector<QuaternionArray> RigidBodyKernel::getBodyOrientations(ContextImpl& context) {
+    requirePositions("getBodyOrientations()");
+    takeInChanges(context);
+    vector<QuaternionArray> result;
+    for (int b = 0; b < bodies.getNumBodies(); b++) result.push_back(bodies.getState(b).q);
+    return result;
+}
+
+vector<Vec3> RigidBodyKernel::getBodyVelocities(ContextImpl& context) {
+    requirePositions("getBodyVelocities()");
+    takeInChanges(context);
+    vector<Vec3> result;
+    for (int b = 0; b < bodies.getNumBodies(); b++)
+        result.push_back(bodies.getState(b).p / max(bodies.inertia(b).mass, 1e-300));
+    return result;
+}
+
+vector<Vec3> RigidBodyKernel::getBodyAngularVelocities(ContextImpl& context) {
+    requirePositions("getBodyAngularVelocities()");
+    takeInChanges(context);
+    vector<Vec3> result;
+    for (int b = 0; b < bodies.getNumBodies(); b++) result.push_back(bodies.getAngularVelocity_lab(b));
+    return result;
+}
+
+void RigidBodyKernel::setBodyPositions(ContextImpl& context, const vector<Vec3>& rows) {
+    requirePositions("setBodyPositions()");
+    checkRows(rows, "positions");
+    takeInChanges(context);
+    for (int b = 0; b < bodies.getNumBodies(); b++) {
+        BodyState state = bodies.getState(b);
+        state.R = rows[b];
+        bodies.setState(b, state);
+    }
+    writePoses(context);
+    forcesAreValid = false;
+}
+
+void RigidBodyKernel::setBodyOrientations(ContextImpl& context, const vector<QuaternionArray>& rows) {
+    requirePositions("setBodyOrientations()");
+    checkRows(rows, "orientations");
+    // More than rounding of printed numbers is a mistake: axis order, or not a rotation at all.
+    const double lengthTolerance = 1e-3;
+    for (size_t b = 0; b < rows.size(); b++) {
+        const double length = sqrt(rows[b][0] * rows[b][0] + rows[b][1] * rows[b][1] + rows[b][2] * rows[b][2] +
+                                   rows[b][3] * rows[b][3]);
+        if (abs(length - 1) > lengthTolerance)
+            fail("body " + to_string(b) + ": the quaternion has length " + number(length) + ", which differs from 1 by more than " +
+                 number(lengthTolerance) + "; give unit quaternions (w, x, y, z)");
+    }
+    takeInChanges(context);
+    for (int b = 0; b < bodies.getNumBodies(); b++) {
+        const Vec3 omega_lab = bodies.getAngularVelocity_lab(b);  // the motion in the lab stays
+        BodyState state = bodies.getState(b);
+        const auto& q = rows[b];
+        const double length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+        const bool same = state.q == q;
+        for (int k = 0; k < 4; k++) state.q[k] = q[k] / length;
+        if (same) continue;
+        bodies.setState(b, state);
+        bodies.setAngularVelocity_lab(b, omega_lab);
+    }
+    writePoses(context);
+    forcesAreValid = false;
+}
+
+void RigidBodyKernel::setBodyVelocities(ContextImpl& context, const vector<Vec3>& rows) {
+    requirePositions("setBodyVelocities()");
+    checkRows(rows, "velocities");
+    takeInChanges(context);
+    for (int b = 0; b < bodies.getNumBodies(); b++) {
+        BodyState state = bodies.getState(b);
+        state.p = rows[b] * bodies.inertia(b).mass;
+        bodies.setState(b, state);
+    }
+    runLoop(BodyLoop::ScatterVelocities);
+}
+
+void RigidBodyKernel::setBodyAngularVelocities(ContextImpl& context, const vector<Vec3>& rows) {
+    requirePositions("setBodyAngularVelocities()");
+    checkRows(rows, "angular velocities");
+    takeInChanges(context);
+    for (int b = 0; b < bodies.getNumBodies(); b++) bodies.setAngularVelocity_lab(b, rows[b]);
+    runLoop(BodyLoop::ScatterVelocities);
+}
+
+vector<Vec3> RigidBodyKernel::getBodyForces(ContextImpl& context) {
+    requireGeometry(context);
+    vector<Vec3> result;
+    for (int b = 0; b < bodies.getNumBodies(); b++) result.push_back(bodies.getForce_lab(b));
+    return result;
+}
+
+vector<Vec3> RigidBodyKernel::getBodyTorques(ContextImpl& context) {
+    requireGeometry(context);
+    vector<Vec3> result;
+    for (int b = 0; b < bodies.getNumBodies(); b++) result.push_back(bodies.getTorque_lab(b));
+    return result;
+}
+
+double RigidBodyKernel::getPoseResidual(ContextImpl& context) {
+    requirePositions("getPoseResidual()");
+    takeInChanges(context);
+    return poseResidual;
+}
+
+double RigidBodyKernel::computeTranslationalKineticEnergy(ContextImpl& context) {
+    if (integrator->getScheme() == CustomRigidHIIntegrator::GradientThermostat || !positionsAreSet) return 0;
+    takeInVelocitiesIfChanged(context);
+    return bodies.translationalKineticEnergy();
+}
+
+Vec3 RigidBodyKernel::computeRotationalKineticEnergies(ContextImpl& context) {
+    if (integrator->getScheme() == CustomRigidHIIntegrator::GradientThermostat || !positionsAreSet) return Vec3();
+    takeInVelocitiesIfChanged(context);
+    return bodies.rotationalKineticEnergies();
+}
+
+double RigidBodyKernel::computeFreeParticleKineticEnergy(ContextImpl& context) {
+    if (integrator->getScheme() == CustomRigidHIIntegrator::GradientThermostat) return 0;
+    return freeParticles->kineticEnergy(velocities());
+}
+
+map<string, int> RigidBodyKernel::getDegreesOfFreedom(ContextImpl& context) {
+    map<string, int> dof = {{"translational", 0}, {"rotational1", 0}, {"rotational2", 0}, {"rotational3", 0},
+                            {"free", 0},          {"removed", 0},     {"total", 0}};
+    if (integrator->getScheme() == CustomRigidHIIntegrator::GradientThermostat) return dof;
+    requireGeometry(context);
+    dof["translational"] = 3 * bodies.getNumBodies();
+    for (int b = 0; b < bodies.getNumBodies(); b++)
+        for (int k = 0; k < 3; k++) dof["rotational" + to_string(k + 1)] += bodies.inertia(b).isLive(k);
+    dof["free"] = 3 * freeParticles->getNumParticles() - freeParticles->getNumConstraints();
+    dof["removed"] = stock.hasCMMotionRemover ? 3 : 0;
+    dof["total"] = dof["translational"] + dof["rotational1"] + dof["rotational2"] + dof["rotational3"] + dof["free"] -
+                   dof["removed"];
+    return dof;
+}
+
+map<string, string> RigidBodyKernel::getEffects(ContextImpl& context) {
+    if (!bodiesAreBuilt && positionsAreSet) takeInChanges(context);
+    const bool momenta = integrator->getScheme() != CustomRigidHIIntegrator::GradientThermostat;
+    const double T = integrator->getTemperature();
+    double gamma = integrator->getFriction(), Gamma = 0, ownGamma, ownRotational;
+    int general = 0, linear = 0, points = 0;
+    if (bodiesAreBuilt)
+        for (int b = 0; b < bodies.getNumBodies(); b++) {
+            integrator->getBodyFriction(b, ownGamma, ownRotational);
+            gamma = max(gamma, ownGamma);
+            Gamma = max(Gamma, ownRotational);
+            (bodies.rotor(b) == RotorKind::General ? general : bodies.rotor(b) == RotorKind::Linear ? linear : points)++;
+        }
+    map<string, string> effects;
+    auto set = [&](const string& name, bool on, const string& why) { effects[name] = (on ? "on: " : "off: ") + why; };
+    set("scheme", true, schemeName(integrator->getScheme()));
+    set("momenta", momenta, momenta ? "the scheme has them" : "a scheme without momenta");
+    set("noise", T > 0 && (!momenta || gamma > 0 || Gamma > 0),
+        T == 0 ? "the temperature is 0: no random numbers are drawn"
+               : !momenta || gamma > 0 || Gamma > 0
+                     ? "temperature " + number(T) + " K"
+                     : string("all frictions are 0: no random numbers are drawn and energy is conserved"));
+    set("translational friction", momenta && gamma > 0,
+        !momenta ? string("a scheme without momenta") : "gamma up to " + number(gamma) + "/ps");
+    set("rotational friction", momenta && Gamma > 0,
+        !momenta ? string("a scheme without momenta") : "Gamma up to " + number(Gamma) + "/ps");
+    set("rotation", general + linear > 0,
+        to_string(general) + " bodies about three axes (symmetric splitting), " + to_string(linear) +
+            " linear bodies (exact), " + to_string(points) + " without rotation" +
+            (bodiesAreBuilt ? "" : " (positions are not set yet)"));
+    set("free particles", freeParticles->getNumParticles() > 0,
+        to_string(freeParticles->getNumParticles()) + " massive particles are in no body");
+    set("constraints of free particles", freeParticles->getNumConstraints() > 0,
+        to_string(freeParticles->getNumConstraints()) + " constraints");
+    set("centre-of-mass motion removal", stock.hasCMMotionRemover,
+        stock.hasCMMotionRemover ? "the System has a CMMotionRemover" : "the System has no CMMotionRemover");
+    set("barostat", !stock.barostat.empty(),
+        stock.barostat.empty() ? "the System has none" : "the System has a " + stock.barostat);
+    set("hydrodynamic interactions", false, "the scheme knows none");
+    set("loops", true, loops->describe());
+
+    // In water the three axes differ by a factor 3; here an axis relaxes ten times slower than the mean of the live ones.
+    const double slow = 0.1;
+    int slowBodies = 0, firstSlow = -1;
+    for (int b = 0; bodiesAreBuilt && momenta && b < bodies.getNumBodies(); b++) {
+        const BodyInertia& inertia = bodies.inertia(b);
+        const int live = inertia.isLive(0) + inertia.isLive(1) + inertia.isLive(2);
+        if (inertia.isLive(2) && inertia.rotationalRate(2, 1.0) < slow / live && slowBodies++ == 0) firstSlow = b;
+    }
+    set("weakly thermostatted axes", slowBodies > 0,
+        slowBodies == 0 ? string("no body is that elongated")
+                        : to_string(slowBodies) + " elongated bodies, the first of them body " + to_string(firstSlow) +
+                              ": their thick axes relax at Gamma/(I sum 1/I), less than a tenth of the mean rate");
+    string all;
+    if (bodiesAreBuilt)
+        for (const string& w : warnings()) all += (all.empty() ? "" : "; ") + w;
+    set("warnings", !all.empty(), all.empty() ? "none" : all);
+    return effects;
+}
+
+string RigidBodyKernel::describeEffects(ContextImpl& context) {
+    ostringstream text;
+    for (const auto& effect : getEffects(context)) text << effect.first << " is " << effect.second << "\n";
+    return text.str();
+}
+
+map<string, double> RigidBodyKernel::getStepStatistics(ContextImpl& context) { return statistics; }
+
+vector<Vec3> RigidBodyKernel::drawVelocities(ContextImpl& context, double temperature, int drawSeed) {
+    requirePositions("setVelocitiesToTemperature()");
+    if (!(temperature >= 0) || !isfinite(temperature))
+        fail("setVelocitiesToTemperature(): the temperature is " + number(temperature) +
+             " K; it must be 0 or positive and finite");
+    takeInChanges(context);
+    drawnVelocities = velocities();
+    drawnTwists.clear();
+    NoiseStream noise;
+    noise.seed = drawSeed;
+    const double kT = BOLTZ * temperature;
+    const bool momenta = integrator->getScheme() != CustomRigidHIIntegrator::GradientThermostat;
+    if (!momenta) return drawnVelocities;
+    for (int b = 0; b < bodies.getNumBodies(); b++) {
+        double z[6];
+        for (int k = 0; k < 3; k++) noise.pair(NoiseStream::Velocities, b, k, z[2 * k], z[2 * k + 1]);
+        const BodyState old = bodies.getState(b);
+        const BodyInertia& inertia = bodies.inertia(b);
+        array<double, 13> stored = bodies.getStoredState(b);
+        for (int k = 0; k < 3; k++) {
+            stored[7 + k] = sqrt(inertia.mass * kT) * z[k];
+            stored[10 + k] = sqrt(inertia.moments[k] * kT) * z[3 + k];
+        }
+        const array<double, 13> before = bodies.getStoredState(b);
+        bodies.setStoredState(b, stored);
+        drawnTwists.push_back(bodies.getState(b));
+        const Vec3 velocity = drawnTwists[b].p / inertia.mass, omega_lab = bodies.getAngularVelocity_lab(b);
+        const vector<int>& particles = integrator->getRigidBodyParticles(b);
+        for (size_t i = 0; i < particles.size(); i++)
+            drawnVelocities[particles[i]] = velocity + omega_lab.cross(positions()[particles[i]] - old.R);
+        bodies.setStoredState(b, before);
+    }
+    for (int i = 0; i < freeParticles->getNumParticles(); i++) {
+        double z[4];
+        const int p = freeParticles->getParticles()[i];
+        noise.pair(NoiseStream::Velocities, p, 8, z[0], z[1]);
+        noise.pair(NoiseStream::Velocities, p, 9, z[2], z[3]);
+        drawnVelocities[p] = Vec3(z[0], z[1], z[2]) * sqrt(kT / freeParticles->mass(i));
+    }
+    return drawnVelocities;
+}
+
+}  // namespace RigidHIPlugin

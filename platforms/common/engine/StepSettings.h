@@ -1,0 +1,45 @@
+#ifndef RIGIDHI_STEP_SETTINGS_H_
+#define RIGIDHI_STEP_SETTINGS_H_
+
+#include "openmmrigidhi/CustomRigidHIIntegrator.h"
+#include "random/CounterNoise.h"
+
+namespace RigidHIPlugin {
+
+/** What the loops over bodies need to know about one step. */
+struct StepSettings {
+    CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::LangevinC;
+    double h = 0;
+    NoiseStream noise;
+    bool hasMomenta() const { return scheme != CustomRigidHIIntegrator::GradientThermostat; }
+};
+
+/** The Context's arrays, three doubles a particle, and the copies of what this plugin wrote to them last. */
+struct ParticleArrays {
+    double *positions, *velocities;
+    const double* forces;
+    double *lastPositions, *lastVelocities;
+};
+
+/** What a loop over bodies found. */
+struct LoopResult {
+    bool finite = true;
+    long long randomNumbers = 0;
+    void add(const LoopResult& other) {
+        finite = finite && other.finite;
+        randomNumbers += other.randomNumbers;
+    }
+};
+
+/** The loops over bodies of one step; see BodyLoops-inl.h. */
+enum class BodyLoop {
+    BeforeForces,      // the scheme up to the force evaluation; new positions to the particles
+    AfterForces,       // forces from the particles; the rest of the scheme; new velocities to the particles
+    GatherForces,      // forces from the particles only
+    ScatterPositions,  // poses to the particles
+    ScatterVelocities  // twists to the particles
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

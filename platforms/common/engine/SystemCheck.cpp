@@ -1,0 +1,159 @@
+#include "engine/SystemCheck.h"
+
+#include <openmm/AndersenThermostat.h>
+#include <openmm/CMMotionRemover.h>
+#include <openmm/MonteCarloAnisotropicBarostat.h>
+#include <openmm/MonteCarloBarostat.h>
+#include <openmm/MonteCarloMembraneBarostat.h>
+#include <openmm/OpenMMException.h>
+#include <openmm/System.h>
+#include <openmm/VirtualSite.h>
+
+#include <set>
+#include <typeinfo>
+
+using namespace OpenMM;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+[[noreturn]] void refuse(const string& message) { throw OpenMMException("CustomRigidHIIntegrator: " + message); }
+
+string particleText(int p) { return "particle " + to_string(p); }
+string bodyText(int b) { return "body " + to_string(b); }
+
+void checkTies(const System& system, const vector<int>& bodyOf) {
+    for (int i = 0; i < system.getNumConstraints(); i++) {
+        int a, b;
+        double distance;
+        system.getConstraintParameters(i, a, b, distance);
+        if (bodyOf[a] != bodyOf[b]) {
+            const int inside = bodyOf[a] >= 0 ? a : b, outside = inside == a ? b : a;
+            refuse("constraint " + to_string(i) + " ties " + particleText(inside) + " of " + bodyText(bodyOf[inside]) +
+                   " to " + particleText(outside) +
+                   " outside it; a body moves as a whole: add both particles to one body or remove the constraint");
+        }
+    }
+    for (int i = 0; i < system.getNumParticles(); i++) {
+        if (!system.isVirtualSite(i)) continue;
+        const VirtualSite& site = system.getVirtualSite(i);
+        for (int k = 0; k < site.getNumParticles(); k++) {
+            const int parent = site.getParticle(k);
+            if (bodyOf[parent] == bodyOf[i]) continue;
+            refuse("virtual site " + particleText(i) + (bodyOf[i] >= 0 ? " of " + bodyText(bodyOf[i]) : "") +
+                   " depends on " + particleText(parent) +
+                   (bodyOf[parent] >= 0 ? " of " + bodyText(bodyOf[parent]) : " outside the body") +
+                   "; a virtual site and the particles that define it belong into one body: add them to it");
+        }
+    }
+}
+
+void checkMolecules(const ContextImpl& context, const CustomRigidHIIntegrator& integrator, const string& barostat) {
+    if (!context.getSystem().usesPeriodicBoundaryConditions() && barostat.empty()) return;
+    vector<int> moleculeOf(context.getSystem().getNumParticles());
+    const auto& molecules = context.getMolecules();
+    for (size_t m = 0; m < molecules.size(); m++)
+        for (int p : molecules[m]) moleculeOf[p] = m;
+    for (int b = 0; b < integrator.getNumRigidBodies(); b++) {
+        const vector<int>& particles = integrator.getRigidBodyParticles(b);
+        for (int p : particles)
+            if (moleculeOf[p] != moleculeOf[particles[0]])
+                refuse(bodyText(b) + ": " + particleText(particles[0]) + " and " + particleText(p) +
+                       " are in different molecules, so OpenMM would tear the body apart at the periodic boundary; tie "
+                       "them with bonds or constraints, or call openmmrigidhi.app.bindBodies(system, integrator)");
+    }
+}
+
+}  // namespace
+
+string schemeName(CustomRigidHIIntegrator::Scheme scheme) {
+    switch (scheme) {
+        case CustomRigidHIIntegrator::LangevinA: return "LangevinA";
+        case CustomRigidHIIntegrator::LangevinB: return "LangevinB";
+        case CustomRigidHIIntegrator::LangevinC: return "LangevinC";
+        case CustomRigidHIIntegrator::GradientThermostat: return "GradientThermostat";
+    }
+    return "unknown";
+}
+
+SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegrator& integrator) {
+    const System& system = context.getSystem();
+    const int numParticles = system.getNumParticles();
+    SystemInventory stock;
+    stock.bodyOfParticle.assign(numParticles, -1);
+    for (int b = 0; b < integrator.getNumRigidBodies(); b++)
+        for (int p : integrator.getRigidBodyParticles(b)) {
+            if (p >= numParticles)
+                refuse(bodyText(b) + ": particle index " + to_string(p) + " is out of range; the System has " +
+                       to_string(numParticles) + " particles, 0 to " + to_string(numParticles - 1) +
+                       ": build the body from particles of this System");
+            stock.bodyOfParticle[p] = b;
+        }
+    for (int p = 0; p < numParticles; p++) {
+        if (stock.bodyOfParticle[p] >= 0) continue;
+        stock.otherParticles.push_back(p);
+        if (system.getParticleMass(p) > 0) stock.freeParticles.push_back(p);
+        if (system.isVirtualSite(p)) stock.hasFreeVirtualSites = true;
+    }
+    checkTies(system, stock.bodyOfParticle);
+    for (int i = 0; i < system.getNumConstraints(); i++) {
+        int a, b;
+        double distance;
+        system.getConstraintParameters(i, a, b, distance);
+        if (stock.bodyOfParticle[a] < 0 && system.getParticleMass(a) > 0) stock.numFreeConstraints++;
+    }
+    for (int i = 0; i < system.getNumForces(); i++) {
+        const Force& force = system.getForce(i);
+        // DrudeForce lives in a plugin of OpenMM that this library does not need otherwise: know it by its type's name.
+        if (string(typeid(force).name()).find("DrudeForce") != string::npos)
+            refuse("force " + to_string(i) + ", a DrudeForce, needs an integrator for Drude particles; remove it, or use "
+                   "OpenMM's DrudeLangevinIntegrator");
+        if (dynamic_cast<const AndersenThermostat*>(&force))
+            refuse("force " + to_string(i) + ", an AndersenThermostat, changes velocities of single particles and so "
+                   "breaks rigid bodies; remove it: this integrator is a thermostat itself");
+        if (dynamic_cast<const CMMotionRemover*>(&force)) stock.hasCMMotionRemover = true;
+        if (dynamic_cast<const MonteCarloBarostat*>(&force)) stock.barostat = "MonteCarloBarostat";
+        if (dynamic_cast<const MonteCarloAnisotropicBarostat*>(&force)) stock.barostat = "MonteCarloAnisotropicBarostat";
+        if (dynamic_cast<const MonteCarloMembraneBarostat*>(&force)) stock.barostat = "MonteCarloMembraneBarostat";
+        if (string(typeid(force).name()).find("MonteCarloFlexibleBarostat") != string::npos)
+            refuse("force " + to_string(i) + ", a MonteCarloFlexibleBarostat, may deform rigid bodies; use a "
+                   "MonteCarloBarostat, MonteCarloAnisotropicBarostat or MonteCarloMembraneBarostat");
+    }
+    checkMolecules(context, integrator, stock.barostat);
+    return stock;
+}
+
+void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator, const SystemInventory& stock) {
+    const CustomRigidHIIntegrator::Scheme scheme = integrator.getScheme();
+    const string name = schemeName(scheme);
+    for (int b = 0; b < integrator.getNumRigidBodies(); b++) {
+        double mass = 0;
+        if (integrator.getRigidBodyIsExplicit(b)) {
+            vector<int> particles;
+            Vec3 moments;
+            vector<Vec3> sites;
+            integrator.getRigidBodyParameters(b, particles, mass, moments, sites);
+        } else
+            for (int p : integrator.getRigidBodyParticles(b)) mass += system.getParticleMass(p);
+        if (mass == 0)
+            refuse(bodyText(b) + " has mass 0, but scheme " + name +
+                   " needs a positive mass; give its particles masses in the System, or add it with explicit mass, "
+                   "moments and site positions");
+    }
+    if (scheme != CustomRigidHIIntegrator::GradientThermostat) return;
+    if (stock.numFreeConstraints > 0)
+        refuse("the System has " + to_string(stock.numFreeConstraints) +
+               " constraints between particles that are in no body; scheme GradientThermostat allows none: make rigid "
+               "groups bodies, or use LangevinC");
+    if (stock.hasCMMotionRemover)
+        refuse("the System has a CMMotionRemover, but scheme GradientThermostat has no momenta to remove; create the "
+               "System with removeCMMotion=False, or remove the force");
+    if (!stock.barostat.empty())
+        refuse("the System has a " + stock.barostat +
+               ", which is supported with the schemes LangevinA, LangevinB and LangevinC only, not with "
+               "GradientThermostat; change the scheme or remove the barostat");
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,39 @@
+#ifndef RIGIDHI_SYSTEM_CHECK_H_
+#define RIGIDHI_SYSTEM_CHECK_H_
+
+#include <openmm/internal/ContextImpl.h>
+
+#include <string>
+#include <vector>
+
+#include "openmmrigidhi/CustomRigidHIIntegrator.h"
+
+namespace RigidHIPlugin {
+
+/** What a System holds besides bodies, as far as schemes care. */
+struct SystemInventory {
+    std::vector<int> bodyOfParticle;        // -1: in no body
+    std::vector<int> freeParticles;         // massive, in no body
+    std::vector<int> otherParticles;        // every particle that is in no body
+    bool hasFreeVirtualSites = false;
+    int numFreeConstraints = 0;
+    bool hasCMMotionRemover = false;
+    std::string barostat;                   // its class name, or empty
+};
+
+/**
+ * Check everything about a System that does not depend on the scheme, and take stock. Throws OpenMMException with object,
+ * value, bound and remedy for: particle indices out of range; constraints and virtual sites that tie a body to something
+ * outside it; bodies that OpenMM would tear apart across periodic boundaries; Forces that cannot work with bodies.
+ */
+SystemInventory takeStock(const OpenMM::ContextImpl& context, const CustomRigidHIIntegrator& integrator);
+
+/** Check what depends on the scheme (it may change between steps). */
+void checkScheme(const OpenMM::System& system, const CustomRigidHIIntegrator& integrator, const SystemInventory& stock);
+
+/** The name of a scheme, as in Python. */
+std::string schemeName(CustomRigidHIIntegrator::Scheme scheme);
+
+}  // namespace RigidHIPlugin
+
+#endif

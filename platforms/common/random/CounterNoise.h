@@ -1,0 +1,69 @@
+#ifndef RIGIDHI_COUNTER_NOISE_H_
+#define RIGIDHI_COUNTER_NOISE_H_
+
+#include <Random123/philox.h>
+
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+
+namespace RigidHIPlugin {
+
+/**
+ * Random numbers without state: a function of (seed, step, attempt, purpose, index, component) through Random123's
+ * Philox4x32-10 (Salmon et al., SC'11). So a run does not depend on the number of threads or the order of bodies, a resumed
+ * run continues the interrupted one, and a step that is redone (another attempt) gets new numbers.
+ */
+struct NoiseStream {
+    enum Law { Gaussian = 0, ThreePoint = 1, TwoPoint = 2 };
+    /** What a number is for. Schemes with two draws a step use both Draw purposes. */
+    enum Purpose { FirstDraw = 0, SecondDraw = 1, FreeFirstDraw = 2, FreeSecondDraw = 3, Velocities = 4 };
+
+    uint32_t seed = 1;
+    int64_t step = 0;
+    uint32_t attempt = 0;
+    Law law = Gaussian;
+
+    /** The counter of one block of two numbers. */
+    r123::Philox4x32::ctr_type counter(uint32_t purpose, uint32_t index, uint32_t block) const {
+        const uint64_t s = static_cast<uint64_t>(step);
+        return {{static_cast<uint32_t>(s), static_cast<uint32_t>(s >> 32), index, lastWord(purpose, block)}};
+    }
+    uint32_t lastWord(uint32_t purpose, uint32_t block) const {
+        return purpose << 24 | (attempt & 0xffffu) << 8 | block;
+    }
+    /** The second word of the Philox key; it only sets this plugin's numbers apart from other users of the same seed. */
+    static const uint32_t keyWord = 0x52484931u;
+
+    /** Two independent numbers of mean 0 and variance 1. */
+    void pair(uint32_t purpose, uint32_t index, uint32_t block, double& a, double& b) const {
+        const auto bits = r123::Philox4x32()(counter(purpose, index, block), {{seed, keyWord}});
+        const double u = uniform(bits[0], bits[1]), v = uniform(bits[2], bits[3]);
+        if (law == Gaussian) {  // Box and Muller; 1 - u is in (0, 1]
+            const double radius = std::sqrt(-2.0 * std::log(1.0 - u));
+            const double angle = 2.0 * M_PI * v;
+            a = radius * std::cos(angle);
+            b = radius * std::sin(angle);
+        } else {
+            a = discrete(u);
+            b = discrete(v);
+        }
+    }
+    /** Uniform in [0, 1), 52 bits. */
+    static double uniform(uint32_t low, uint32_t high) {
+        const uint64_t bits = (static_cast<uint64_t>(high) << 32 | low) >> 12 | 0x3ff0000000000000u;
+        double x;
+        std::memcpy(&x, &bits, sizeof x);
+        return x - 1.0;
+    }
+
+private:
+    double discrete(double u) const {
+        if (law == TwoPoint) return u < 0.5 ? -1.0 : 1.0;
+        return u < 1.0 / 6.0 ? -std::sqrt(3.0) : u < 5.0 / 6.0 ? 0.0 : std::sqrt(3.0);
+    }
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,184 @@
+#include "rigidbody/BodyGeometry.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <map>
+
+using namespace OpenMM;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+Eigen::Vector3d toEigen(const Vec3& v) { return Eigen::Vector3d(v[0], v[1], v[2]); }
+Vec3 toVec3(const Eigen::Vector3d& v) { return Vec3(v[0], v[1], v[2]); }
+
+/** Principal axes as columns (right-handed) and moments in ascending order, about the centre of mass. */
+struct PrincipalFrame {
+    Vec3 centre, moments;
+    Eigen::Matrix3d axes;
+    double mass = 0;
+    PrincipalFrame(const vector<double>& masses, const vector<Vec3>& x) {
+        for (size_t i = 0; i < x.size(); i++) {
+            mass += masses[i];
+            centre += x[i] * masses[i];
+        }
+        centre /= mass;
+        // The second-moment tensor has the same axes; its eigenvalues keep the thin directions of needles accurate, where
+        // the inertia tensor would subtract large numbers.
+        Eigen::MatrixXd scaled(3, x.size());
+        for (size_t i = 0; i < x.size(); i++) scaled.col(i) = sqrt(masses[i]) * toEigen(x[i] - centre);
+        const Eigen::JacobiSVD<Eigen::MatrixXd> svd(scaled, Eigen::ComputeFullU);
+        const int rank = min<int>(3, x.size());
+        Eigen::Vector3d second = Eigen::Vector3d::Zero();
+        second.head(rank) = svd.singularValues().head(rank).cwiseAbs2();  // descending: axis 0 is the longest
+        moments = Vec3(second[1] + second[2], second[0] + second[2], second[0] + second[1]);
+        axes = svd.matrixU();
+        if (axes.determinant() < 0) axes.col(2) = -axes.col(2);
+    }
+    Vec3 toBody(const Vec3& x) const { return toVec3(axes.transpose() * toEigen(x - centre)); }
+    Vec3 toOutside(const Vec3& s) const { return toVec3(axes * toEigen(s)) + centre; }
+};
+
+bool isFinite(const Vec3& v) { return isfinite(v[0]) && isfinite(v[1]) && isfinite(v[2]); }
+
+}  // namespace
+
+BodyInertia liveInertia(double mass, const Vec3& moments) {
+    BodyInertia inertia;
+    inertia.mass = mass;
+    const double largest = max(moments[0], max(moments[1], moments[2]));
+    for (int k = 0; k < 3; k++) inertia.moments[k] = moments[k] > zeroMomentFraction * largest ? moments[k] : 0;
+    return inertia;
+}
+
+BodyGeometryBuilder::BodyGeometryBuilder(const System& system, const vector<int>& particles, const string& name)
+    : system(system), particles(particles), name(name), fixedByConstraints(true), hasOtherMassless(false) {
+    map<int, int> placeOfParticle;
+    for (size_t i = 0; i < particles.size(); i++) {
+        const double mass = system.getParticleMass(particles[i]);
+        if (mass > 0) {
+            placeOfParticle[particles[i]] = massive.size();
+            massive.push_back(i);
+            masses.push_back(mass);
+        } else if (!system.isVirtualSite(particles[i]))
+            hasOtherMassless = true;
+    }
+    const int n = massive.size();
+    if (n == 0) return;  // refused elsewhere, with the remedy
+    distances.assign(n, vector<double>(n, 0.0));
+    for (int c = 0; c < system.getNumConstraints(); c++) {
+        int a, b;
+        double distance;
+        system.getConstraintParameters(c, a, b, distance);
+        const auto ia = placeOfParticle.find(a), ib = placeOfParticle.find(b);
+        if (ia == placeOfParticle.end() || ib == placeOfParticle.end()) continue;
+        distances[ia->second][ib->second] = distances[ib->second][ia->second] = distance;
+    }
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < i; j++)
+            if (distances[i][j] == 0) fixedByConstraints = false;
+}
+
+bool BodyGeometryBuilder::needsPositions() const {
+    // Distances leave the handedness of four and more points open.
+    return !fixedByConstraints || hasOtherMassless || massive.size() > 3;
+}
+
+/** Coordinates, about the centre of mass, with the given distances; mirrored to fit the positions where that matters. */
+vector<Vec3> BodyGeometryBuilder::shapeFromDistances(const vector<Vec3>& positions) const {
+    const int n = massive.size();
+    vector<Vec3> x(n);
+    const string remedy = "; mend the System's constraints, or give the body explicit site positions";
+    if (n == 2) x[1] = Vec3(distances[0][1], 0, 0);
+    if (n == 3) {
+        const double a = distances[0][1], b = distances[0][2], c = distances[1][2];
+        const double along = (a * a + b * b - c * c) / (2 * a), across2 = b * b - along * along;
+        if (across2 < -1e-12 * b * b)
+            throw OpenMMException("CustomRigidHIIntegrator: " + name + ": constraint lengths " + to_string(a) + ", " +
+                                  to_string(b) + ", " + to_string(c) + " nm violate the triangle inequality" + remedy);
+        x[1] = Vec3(a, 0, 0);
+        x[2] = Vec3(along, sqrt(max(0.0, across2)), 0);
+    }
+    if (n <= 3) return x;
+
+    // Classical scaling: the Gram matrix about the centroid has the coordinates as its factor.
+    Eigen::MatrixXd squared(n, n);
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++) squared(i, j) = distances[i][j] * distances[i][j];
+    const Eigen::MatrixXd centring = Eigen::MatrixXd::Identity(n, n) - Eigen::MatrixXd::Constant(n, n, 1.0 / n);
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(-0.5 * centring * squared * centring);
+    const double largest = eigen.eigenvalues()[n - 1];
+    for (int i = 0; i < n; i++)
+        for (int k = 0; k < 3; k++) {
+            const double value = eigen.eigenvalues()[n - 1 - k];
+            // Below this the coordinate is rounding: the square root of 1e-16 would make 1e-8 of it.
+            x[i][k] = value > 1e-12 * largest ? sqrt(value) * eigen.eigenvectors()(i, n - 1 - k) : 0;
+        }
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < i; j++) {
+            const Vec3 d = x[i] - x[j];
+            if (abs(sqrt(d.dot(d)) - distances[i][j]) > 1e-6 * distances[i][j])
+                throw OpenMMException("CustomRigidHIIntegrator: " + name + ": the constraints between particles " +
+                                      to_string(particles[massive[i]]) + " and " + to_string(particles[massive[j]]) +
+                                      " and the others cannot be satisfied in three dimensions" + remedy);
+        }
+    double handedness = 0;  // of the positions against the coordinates: sign of det sum x y^T
+    Eigen::Matrix3d correlation = Eigen::Matrix3d::Zero();
+    Vec3 centre;
+    for (int i = 0; i < n; i++) centre += positions[particles[massive[i]]] / n;
+    for (int i = 0; i < n; i++)
+        correlation += toEigen(positions[particles[massive[i]]] - centre) * toEigen(x[i]).transpose();
+    handedness = correlation.determinant();
+    if (handedness < 0)
+        for (Vec3& v : x) v[2] = -v[2];
+    return x;
+}
+
+BodyGeometry BodyGeometryBuilder::build(const vector<Vec3>& positions) const {
+    if (needsPositions())
+        for (int p : particles)
+            if (!system.isVirtualSite(p) && !isFinite(positions[p]))
+                throw OpenMMException("CustomRigidHIIntegrator: " + name + ": particle " + to_string(p) +
+                                      " has a non-finite position; set finite positions before stepping");
+    vector<Vec3> actual(massive.size());
+    if (needsPositions())
+        for (size_t i = 0; i < massive.size(); i++) actual[i] = positions[particles[massive[i]]];
+    const vector<Vec3> shape = fixedByConstraints && massive.size() > 1 ? shapeFromDistances(positions) : actual;
+    const PrincipalFrame frame(masses, shape);
+
+    BodyGeometry geometry;
+    geometry.mass = frame.mass;
+    geometry.moments = frame.moments;
+    geometry.sites.resize(particles.size());
+    map<int, Vec3> siteOfParticle;
+    for (size_t i = 0; i < massive.size(); i++)
+        siteOfParticle[particles[massive[i]]] = geometry.sites[massive[i]] = frame.toBody(shape[i]);
+    if (hasOtherMassless) {
+        // Place them by the rotation that takes the massive members from their positions into the body frame.
+        Vec3 centre;
+        for (size_t i = 0; i < massive.size(); i++) centre += actual[i] * (masses[i] / frame.mass);
+        Eigen::Matrix3d correlation = Eigen::Matrix3d::Zero();
+        for (size_t i = 0; i < massive.size(); i++)
+            correlation +=
+                masses[i] * toEigen(geometry.sites[massive[i]]) * toEigen(actual[i] - centre).transpose();
+        Eigen::JacobiSVD<Eigen::Matrix3d> svd(correlation, Eigen::ComputeFullU | Eigen::ComputeFullV);
+        Eigen::Matrix3d fix = Eigen::Matrix3d::Identity();
+        fix(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1;
+        const Eigen::Matrix3d toBody = svd.matrixU() * fix * svd.matrixV().transpose();
+        for (size_t i = 0; i < particles.size(); i++)
+            if (system.getParticleMass(particles[i]) == 0 && !system.isVirtualSite(particles[i]))
+                siteOfParticle[particles[i]] = geometry.sites[i] =
+                    toVec3(toBody * toEigen(positions[particles[i]] - centre));
+    }
+    for (size_t i = 0; i < particles.size(); i++)
+        if (system.isVirtualSite(particles[i]))
+            geometry.sites[i] =
+                virtualSitePosition(system, particles[i], [&](int parent) { return siteOfParticle.at(parent); });
+    return geometry;
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,71 @@
+#ifndef RIGIDHI_BODY_GEOMETRY_H_
+#define RIGIDHI_BODY_GEOMETRY_H_
+
+#include <openmm/System.h>
+#include <openmm/Vec3.h>
+
+#include <string>
+#include <vector>
+
+#include "schemes/Thermostat.h"
+
+namespace RigidHIPlugin {
+
+/** Mass, principal moments and site positions of a rigid body, in its body frame. */
+struct BodyGeometry {
+    double mass = 0;
+    OpenMM::Vec3 moments;
+    std::vector<OpenMM::Vec3> sites;
+};
+
+/** A moment below this fraction of the largest is taken as zero: rounding of positions leaves about 1e-26 of a line's. */
+constexpr double zeroMomentFraction = 1e-13;
+
+/** The inertia that the schemes use: moments that count as zero set to zero. */
+BodyInertia liveInertia(double mass, const OpenMM::Vec3& moments);
+
+/**
+ * The shape, mass and inertia of a body that was given by its particles alone.
+ *
+ * The massive members' shape comes from the System's constraints where these fix it (one pair, a triangle, or all pairs),
+ * else from positions; virtual sites come from their definitions; other massless members from positions. The body frame has
+ * its origin at the centre of mass and its axes along the principal axes, smallest moment first.
+ */
+class BodyGeometryBuilder {
+public:
+    /** @param name  what to call the body in error messages, such as "body 3" */
+    BodyGeometryBuilder(const OpenMM::System& system, const std::vector<int>& particles, const std::string& name);
+    /** Whether positions are needed, or the System alone fixes the geometry. */
+    bool needsPositions() const;
+    /**
+     * @param positions  positions of all particles of the System, nm; not looked at unless needsPositions()
+     * @throws OpenMMException if constraints cannot be satisfied, or positions are not finite
+     */
+    BodyGeometry build(const std::vector<OpenMM::Vec3>& positions) const;
+
+private:
+    std::vector<OpenMM::Vec3> shapeFromDistances(const std::vector<OpenMM::Vec3>& positions) const;
+    const OpenMM::System& system;
+    const std::vector<int>& particles;
+    std::string name;
+    std::vector<int> massive;  // places in `particles`
+    std::vector<double> masses;
+    std::vector<std::vector<double> > distances;
+    bool fixedByConstraints, hasOtherMassless;
+};
+
+/**
+ * The position of a virtual site.
+ *
+ * @param system     the System
+ * @param particle   index of the virtual site
+ * @param position   gives the position of a parent particle by its index
+ */
+template <class PositionOf>
+OpenMM::Vec3 virtualSitePosition(const OpenMM::System& system, int particle, PositionOf position);
+
+}  // namespace RigidHIPlugin
+
+#include "rigidbody/VirtualSitePosition.h"
+
+#endif

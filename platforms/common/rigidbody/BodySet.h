@@ -1,0 +1,106 @@
+#ifndef RIGIDHI_BODY_SET_H_
+#define RIGIDHI_BODY_SET_H_
+
+#include <openmm/Vec3.h>
+
+#include <array>
+#include <vector>
+
+#include "rigidbody/BodyGeometry.h"
+#include "schemes/Thermostat.h"
+
+namespace RigidHIPlugin {
+
+/** How a body rotates: not at all, as a linear body (no moment about its line), or about three axes. */
+enum class RotorKind { Point, Linear, General };
+
+/** State of one body, in its user's body frame. */
+struct BodyState {
+    OpenMM::Vec3 R, p, l;                        // nm; amu nm/ps, lab; amu nm^2/ps, body
+    std::array<double, 4> q = {{1, 0, 0, 0}};    // (w, x, y, z), body to lab
+};
+
+/**
+ * All rigid bodies of a Context as structure of arrays, so that the same loops run over one body or a SIMD pack of bodies.
+ *
+ * Bodies are kept in *slots*, sorted by how they rotate and padded to whole blocks with bodies that do nothing. Inside, the
+ * body frame has its axes in the order of the moments, I_1 <= I_2 <= I_3 (FreeRotor-inl.h says why); getState() and
+ * setState() translate to and from the user's body frame.
+ */
+class BodySet {
+public:
+    /** Bodies a block; a multiple of every SIMD width in doubles. Fixed, so that results do not depend on the width. */
+    static const int blockSize = 8;
+    struct Block {
+        RotorKind rotor = RotorKind::Point;
+        bool hasNoise = false;
+        int firstSite = 0, numSites = 0;
+    };
+
+    BodySet() = default;
+    /**
+     * @param geometries      one per body
+     * @param particles       the particles of each body
+     * @param carriesForce    for each particle of each body, whether its force counts (a virtual site's does not: OpenMM
+     *                        has already given it to the parents)
+     */
+    BodySet(const std::vector<BodyGeometry>& geometries, const std::vector<std::vector<int> >& particles,
+            const std::vector<std::vector<bool> >& carriesForce);
+
+    int getNumBodies() const { return slotOfBody.size(); }
+    int getNumBlocks() const { return blocks.size(); }
+    int slot(int body) const { return slotOfBody[body]; }
+    RotorKind rotor(int body) const { return blocks[slotOfBody[body] / blockSize].rotor; }
+    /** Mass and moments in ascending order, zero moments marked. */
+    const BodyInertia& inertia(int body) const { return inertias[body]; }
+
+    BodyState getState(int body) const;
+    void setState(int body, const BodyState& state);
+    /** R, q, p, l of one body exactly as they are stored (inner frame), for saving and resuming bit for bit. */
+    std::array<double, 13> getStoredState(int body) const;
+    void setStoredState(int body, const std::array<double, 13>& values);
+    /** Force (lab) and torque (lab) on a body as last gathered. */
+    OpenMM::Vec3 getForce_lab(int body) const;
+    OpenMM::Vec3 getTorque_lab(int body) const;
+    /** Angular velocity in the lab frame from l, and back (components about dead axes are dropped). */
+    OpenMM::Vec3 getAngularVelocity_lab(int body) const;
+    void setAngularVelocity_lab(int body, const OpenMM::Vec3& omega_lab);
+    void setThermostat(int body, const Thermostat& thermostat);
+
+    double translationalKineticEnergy() const;
+    /** About the axes of the smallest, middle and largest moment. */
+    OpenMM::Vec3 rotationalKineticEnergies() const;
+
+    /** Keep / bring back what a step changes. */
+    struct Snapshot {
+        std::vector<double> values;
+    };
+    void save(Snapshot& snapshot) const;
+    void restore(const Snapshot& snapshot);
+
+    // Arrays over slots; [3] and [4] are components. l and torque_body are in the inner body frame.
+    std::vector<double> R[3], q[4], p[3], l[3], force_lab[3], torque_body[3];
+    std::vector<double> inverseMass, inverseMoments[3];
+    std::vector<double> decay_p, noise_p, decay_l[3], noise_l[3], move_R, noise_R, move_q[3], noise_q[3];
+    std::vector<int> bodyOfSlot;  // -1 for padding
+    std::vector<Block> blocks;
+    // Sites, block by block: entry s of a block holds site s of each of its bodies.
+    std::vector<double> sites;         // [(entry * 3 + component) * blockSize + lane], inner body frame, nm
+    std::vector<int> siteParticle;     // [entry * blockSize + lane], -1: no such site
+    std::vector<int> forceParticle;    // likewise, -1 also for virtual sites
+
+private:
+    std::vector<int> slotOfBody;
+    std::vector<BodyInertia> inertias;               // moments ascending
+    std::vector<std::array<int, 3> > axisOrder;      // inner axis k is the user's axis axisOrder[k] ...
+    std::vector<std::array<double, 3> > axisSign;    // ... times axisSign[k]
+    std::vector<std::array<double, 4> > frameTurn;   // q_inner = q_user * frameTurn
+    OpenMM::Vec3 toInner(int body, const OpenMM::Vec3& v_user) const;
+    OpenMM::Vec3 toUser(int body, const OpenMM::Vec3& v_inner) const;
+    OpenMM::Vec3 toLab(int slot, const OpenMM::Vec3& v_inner) const;
+    OpenMM::Vec3 toInnerBody(int slot, const OpenMM::Vec3& v_lab) const;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

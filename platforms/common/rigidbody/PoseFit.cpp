@@ -1,0 +1,162 @@
+#include "rigidbody/PoseFit.h"
+
+#include <cmath>
+
+using namespace OpenMM;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+Eigen::Vector3d toEigen(const Vec3& v) { return Eigen::Vector3d(v[0], v[1], v[2]); }
+Vec3 toVec3(const Eigen::Vector3d& v) { return Vec3(v[0], v[1], v[2]); }
+
+/** Singular values below this fraction of the largest are rounding of site positions. */
+const double rankTolerance = 1e-10;
+
+/** Weighted sites about their centre, as columns scaled by the square roots of the weights. */
+Eigen::Matrix3Xd scaledSites(const vector<Eigen::Vector3d>& sites, const vector<double>& weights) {
+    double total = 0;
+    Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+    for (size_t i = 0; i < sites.size(); i++) {
+        total += weights[i];
+        centre += weights[i] * sites[i];
+    }
+    centre /= total;
+    Eigen::Matrix3Xd scaled(3, sites.size());
+    for (size_t i = 0; i < sites.size(); i++) scaled.col(i) = sqrt(weights[i]) * (sites[i] - centre);
+    return scaled;
+}
+
+int rankOf(const vector<Eigen::Vector3d>& sites, const vector<double>& weights) {
+    const Eigen::Matrix3d second = scaledSites(sites, weights) * scaledSites(sites, weights).transpose();
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(second);
+    const double largest = eigen.eigenvalues()[2];
+    if (largest <= 0) return 0;
+    return eigen.eigenvalues()[1] > rankTolerance * rankTolerance * largest ? 2 : 1;
+}
+
+/** The smallest turn that takes the direction a to b. */
+Eigen::Quaterniond smallestTurn(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+    return Eigen::Quaterniond::FromTwoVectors(a, b);  // any perpendicular axis where b = -a
+}
+
+/** Horn's quaternion: the rotation that maximises sum w x . (A s), from the correlation sum w x s^T. */
+Eigen::Quaterniond bestTurn(const Eigen::Matrix3d& c) {
+    Eigen::Matrix4d k;
+    const double xx = c(0, 0), yy = c(1, 1), zz = c(2, 2);
+    k << xx + yy + zz, c(2, 1) - c(1, 2), c(0, 2) - c(2, 0), c(1, 0) - c(0, 1),  //
+        c(2, 1) - c(1, 2), xx - yy - zz, c(0, 1) + c(1, 0), c(0, 2) + c(2, 0),   //
+        c(0, 2) - c(2, 0), c(0, 1) + c(1, 0), yy - xx - zz, c(1, 2) + c(2, 1),   //
+        c(1, 0) - c(0, 1), c(0, 2) + c(2, 0), c(1, 2) + c(2, 1), zz - xx - yy;
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d> eigen(k);
+    const Eigen::Vector4d v = eigen.eigenvectors().col(3);
+    return Eigen::Quaterniond(v[0], v[1], v[2], v[3]).normalized();
+}
+
+}  // namespace
+
+PoseFit::PoseFit(const BodyGeometry& geometry, const vector<double>& masses, const vector<bool>& isVirtual)
+    : weights(masses) {
+    for (const Vec3& s : geometry.sites) sites.push_back(toEigen(s));
+    vector<double> equal(sites.size());
+    double totalMass = 0;
+    for (size_t i = 0; i < sites.size(); i++) {
+        equal[i] = isVirtual[i] ? 0 : 1;
+        totalMass += masses[i];
+    }
+    if (totalMass == 0 || rankOf(sites, masses) < rankOf(sites, equal)) weights = equal;
+
+    centre_body.setZero();
+    for (size_t i = 0; i < sites.size(); i++) {
+        totalWeight += weights[i];
+        centre_body += weights[i] * sites[i];
+    }
+    centre_body /= totalWeight;
+    const int rank = rankOf(sites, weights);
+    shape = rank == 0 ? Shape::Point : rank == 1 ? Shape::Line : Shape::Spatial;
+
+    // Inertia of the weights, inverted on the directions that it determines. SVD of the scaled sites keeps thin directions.
+    inverseInertia.setZero();
+    undetermined.setIdentity();
+    if (shape == Shape::Point) return;
+    const Eigen::Matrix3Xd scaled = scaledSites(sites, weights);
+    const Eigen::JacobiSVD<Eigen::MatrixXd> svd(scaled, Eigen::ComputeFullU);
+    Eigen::Vector3d second = Eigen::Vector3d::Zero();
+    const int count = min<int>(3, sites.size());
+    second.head(count) = svd.singularValues().head(count).cwiseAbs2();
+    const Eigen::Matrix3d axes = svd.matrixU();
+    line_body = axes.col(0);
+    for (int k = 0; k < 3; k++) {
+        if (shape == Shape::Line && k == 0) continue;
+        const double moment = second.sum() - second[k];
+        inverseInertia += axes.col(k) * axes.col(k).transpose() / moment;
+        undetermined -= axes.col(k) * axes.col(k).transpose();
+    }
+    if (shape == Shape::Spatial) undetermined.setZero();
+}
+
+double PoseFit::fitPose(const vector<Vec3>& positions, BodyState& state, int& worst) const {
+    const int n = sites.size();
+    Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+    for (int i = 0; i < n; i++) centre += weights[i] * toEigen(positions[i]);
+    centre /= totalWeight;
+    Eigen::Quaterniond q(state.q[0], state.q[1], state.q[2], state.q[3]);
+    if (shape == Shape::Line) {
+        Eigen::Vector3d direction = Eigen::Vector3d::Zero();
+        for (int i = 0; i < n; i++)
+            direction += weights[i] * line_body.dot(sites[i] - centre_body) * (toEigen(positions[i]) - centre);
+        if (direction.norm() > 0) q = smallestTurn(q * line_body, direction) * q;
+    } else if (shape == Shape::Spatial) {
+        Eigen::Matrix3d correlation = Eigen::Matrix3d::Zero();
+        for (int i = 0; i < n; i++)
+            correlation += weights[i] * (toEigen(positions[i]) - centre) * (sites[i] - centre_body).transpose();
+        q = bestTurn(correlation);
+        // The eigenvector has an error of 1e-16 over the relative thinness of the body; Gauss-Newton steps, which work on
+        // small differences, remove it.
+        for (int iteration = 0; iteration < 2; iteration++) {
+            const Eigen::Matrix3d A = q.toRotationMatrix();
+            Eigen::Vector3d moment = Eigen::Vector3d::Zero();
+            for (int i = 0; i < n; i++) {
+                const Eigen::Vector3d arm = sites[i] - centre_body;
+                moment += weights[i] * arm.cross(A.transpose() * (toEigen(positions[i]) - centre) - arm);
+            }
+            const Eigen::Vector3d turn_body = inverseInertia * moment;
+            q = q * Eigen::Quaterniond(1, turn_body[0] / 2, turn_body[1] / 2, turn_body[2] / 2);
+            q.normalize();
+        }
+    }
+    q.normalize();
+    // Of q and -q take the one near the last orientation, so that orientations stay continuous.
+    if (q.w() * state.q[0] + q.x() * state.q[1] + q.y() * state.q[2] + q.z() * state.q[3] < 0) q.coeffs() = -q.coeffs();
+    const Eigen::Matrix3d A = q.toRotationMatrix();
+    const Eigen::Vector3d R = centre - A * centre_body;
+    state.R = toVec3(R);
+    state.q = {{q.w(), q.x(), q.y(), q.z()}};
+    double largest = -1;
+    for (int i = 0; i < n; i++) {
+        const double distance = (toEigen(positions[i]) - R - A * sites[i]).norm();
+        if (!(distance <= largest)) {
+            largest = distance;
+            worst = i;
+        }
+    }
+    return largest;
+}
+
+void PoseFit::fitTwist(const vector<Vec3>& velocities, const BodyState& state, Vec3& velocity, Vec3& omega_lab) const {
+    const Eigen::Matrix3d A =
+        Eigen::Quaterniond(state.q[0], state.q[1], state.q[2], state.q[3]).normalized().toRotationMatrix();
+    Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+    for (size_t i = 0; i < sites.size(); i++) mean += weights[i] * toEigen(velocities[i]);
+    mean /= totalWeight;
+    Eigen::Vector3d moment = Eigen::Vector3d::Zero();
+    for (size_t i = 0; i < sites.size(); i++)
+        moment += weights[i] * (sites[i] - centre_body).cross(A.transpose() * (toEigen(velocities[i]) - mean));
+    const Eigen::Vector3d omega_body = inverseInertia * moment + undetermined * (A.transpose() * toEigen(omega_lab));
+    omega_lab = toVec3(A * omega_body);
+    velocity = toVec3(mean - A * omega_body.cross(centre_body));
+}
+
+}  // namespace RigidHIPlugin

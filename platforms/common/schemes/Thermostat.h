@@ -1,0 +1,63 @@
+#ifndef RIGIDHI_THERMOSTAT_H_
+#define RIGIDHI_THERMOSTAT_H_
+
+#include <cmath>
+
+#include "rigidbody/Target.h"
+
+namespace RigidHIPlugin {
+
+/** Mass and principal moments of a body, as the thermostats see them. A moment of 0 marks an axis without rotation. */
+struct BodyInertia {
+    double mass = 0;
+    double moments[3] = {0, 0, 0};
+    bool isLive(int k) const { return moments[k] > 0; }
+    /** M = 4 / sum 1/I over live axes (Davidchack 2015, eq. 10); 0 if there are none. */
+    double M() const {
+        double sum = 0;
+        for (double I : moments)
+            if (I > 0) sum += 1 / I;
+        return sum > 0 ? 4 / sum : 0;
+    }
+    /** The rate Gamma M/(4 I_k) at which l_k relaxes. */
+    double rotationalRate(int k, double Gamma) const { return Gamma * M() / (4 * moments[k]); }
+};
+
+/** What the heat bath does to a body: temperature, frictions (Langevin) and mobilities (gradient). */
+struct HeatBath {
+    double kT = 0, gamma = 0, Gamma = 0, upsilon = 0, Upsilon = 0;
+};
+
+/** The factors of one step of one body, computed once per setting. Axes without rotation have decay 1 and no noise. */
+struct Thermostat {
+    double decay_p = 1, noise_p = 0;
+    double decay_l[3] = {1, 1, 1}, noise_l[3] = {0, 0, 0};
+    double move_R = 0, noise_R = 0;
+    double move_q[3] = {0, 0, 0}, noise_q[3] = {0, 0, 0};
+    bool hasNoise() const {
+        return noise_p != 0 || noise_l[0] != 0 || noise_l[1] != 0 || noise_l[2] != 0 || noise_R != 0 ||
+               noise_q[0] != 0 || noise_q[1] != 0 || noise_q[2] != 0;
+    }
+};
+
+/**
+ * The exact Ornstein-Uhlenbeck process over the time t (Davidchack 2015, eqs. 25 and 26):
+ * p <- exp(-gamma t) p + sqrt(m kT (1 - exp(-2 gamma t))) xi,
+ * l_k <- exp(-Gamma_k t) l_k + sqrt(I_k kT (1 - exp(-2 Gamma_k t))) eta_k. expm1 keeps weak friction exact.
+ */
+inline Thermostat ornsteinUhlenbeckCoefficients(const BodyInertia& body, const HeatBath& bath, double t) {
+    Thermostat c;
+    c.decay_p = std::exp(-bath.gamma * t);
+    c.noise_p = std::sqrt(-body.mass * bath.kT * std::expm1(-2 * bath.gamma * t));
+    for (int k = 0; k < 3; k++) {
+        if (!body.isLive(k)) continue;
+        const double rate = body.rotationalRate(k, bath.Gamma);
+        c.decay_l[k] = std::exp(-rate * t);
+        c.noise_l[k] = std::sqrt(-body.moments[k] * bath.kT * std::expm1(-2 * rate * t));
+    }
+    return c;
+}
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,59 @@
+// The loops over bodies, compiled once for each instruction set; the best is chosen at run time (Highway).
+
+// On x86-64 these remain: scalar, SSE4, AVX2 with FMA, AVX-512. Packs are members of structs, which SVE and RVV forbid.
+#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_AVX3_DL | HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "CpuBodyLoops.cpp"
+#include "hwy/foreach_target.h"  // must precede highway.h
+
+#include "CpuBodyLoops.h"
+#include "hwy/contrib/math/math-inl.h"
+#include "hwy/highway.h"
+#include "openmmrigidhi/CustomRigidHIIntegrator.h"
+
+#undef RIGIDHI_TARGET
+#define RIGIDHI_TARGET HWY_NAMESPACE
+
+HWY_BEFORE_NAMESPACE();
+#include "SimdReal-inl.h"
+#include "engine/BodyLoops-inl.h"
+
+namespace RigidHIPlugin {
+namespace HWY_NAMESPACE {
+
+LoopResult runPackLoop(BodyLoop loop, BodySet& bodies, const StepSettings& settings, const ParticleArrays& arrays,
+                       int firstBlock, int endBlock) {
+    return runBodyLoop<Pack>(loop, bodies, settings, arrays, firstBlock, endBlock);
+}
+void fillPackNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count, double* xi) {
+    fillNoise<Pack>(noise, purpose, index, count, xi);
+}
+const char* targetName() { return hwy::TargetName(HWY_TARGET); }
+int packWidth() { return lanes(Pack(0.0)); }
+
+}  // namespace HWY_NAMESPACE
+}  // namespace RigidHIPlugin
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+
+namespace RigidHIPlugin {
+
+HWY_EXPORT(runPackLoop);
+HWY_EXPORT(fillPackNoise);
+HWY_EXPORT(targetName);
+HWY_EXPORT(packWidth);
+
+LoopResult runSimdBodyLoop(BodyLoop loop, BodySet& bodies, const StepSettings& settings, const ParticleArrays& arrays,
+                           int firstBlock, int endBlock) {
+    return HWY_DYNAMIC_DISPATCH(runPackLoop)(loop, bodies, settings, arrays, firstBlock, endBlock);
+}
+void fillSimdNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count, double* xi) {
+    HWY_DYNAMIC_DISPATCH(fillPackNoise)(noise, purpose, index, count, xi);
+}
+const char* simdTargetName() { return HWY_DYNAMIC_DISPATCH(targetName)(); }
+int simdWidth() { return HWY_DYNAMIC_DISPATCH(packWidth)(); }
+
+}  // namespace RigidHIPlugin
+
+#endif

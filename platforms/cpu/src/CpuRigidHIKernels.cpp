@@ -1,0 +1,72 @@
+#include "CpuRigidHIKernels.h"
+
+#include <openmm/internal/ThreadPool.h>
+
+#include <algorithm>
+#include <string>
+#include <vector>
+
+#include "CpuBodyLoops.h"
+
+using namespace OpenMM;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+class CpuLoops : public PlatformLoops {
+public:
+    explicit CpuLoops(int threads) : pool(threads) {}
+    LoopResult run(BodyLoop loop, BodySet& bodies, const StepSettings& settings, const ParticleArrays& arrays) override {
+        std::vector<LoopResult> results(pool.getNumThreads());
+        split(bodies.getNumBlocks(), minimumBlocksPerThread, [&](int first, int end, int thread) {
+            results[thread] = runSimdBodyLoop(loop, bodies, settings, arrays, first, end);
+        });
+        LoopResult all;
+        for (const LoopResult& result : results) all.add(result);
+        return all;
+    }
+    void fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count, double* xi) override {
+        split(count, minimumParticlesPerThread, [&](int first, int end, int) {
+            fillSimdNoise(noise, purpose, index + first, end - first, xi + 3 * first);
+        });
+    }
+    void forRanges(int count, const std::function<void(int, int)>& task) override {
+        split(count, minimumParticlesPerThread, [&](int first, int end, int) { task(first, end); });
+    }
+    std::string describe() const override {
+        return "CPU: " + std::to_string(pool.getNumThreads()) + " threads, " + std::to_string(simdWidth()) +
+               " bodies at a time (" + simdTargetName() + ")";
+    }
+
+private:
+    // Waking a thread takes about as long as stepping this many blocks of bodies or free particles (a few microseconds;
+    // measured, docs/ARCHITECTURE.md).
+    static const int minimumBlocksPerThread = 8, minimumParticlesPerThread = 256;
+
+    /** Every element is computed on its own, so the division does not show in the results. */
+    template <class Task>
+    void split(int count, int minimum, Task task) {
+        const int parts = std::max(1, std::min(pool.getNumThreads(), count / minimum));
+        if (parts == 1) {
+            task(0, count, 0);
+            return;
+        }
+        pool.execute([&](ThreadPool&, int thread) {
+            if (thread >= parts) return;
+            task(static_cast<int>((long long) count * thread / parts),
+                 static_cast<int>((long long) count * (thread + 1) / parts), thread);
+        });
+        pool.waitForThreads();
+    }
+    ThreadPool pool;
+};
+
+}  // namespace
+
+std::unique_ptr<PlatformLoops> CpuIntegrateRigidBodiesKernel::createLoops(ContextImpl& context) {
+    const int threads = std::stoi(getPlatform().getPropertyValue(context.getOwner(), "Threads"));
+    return std::unique_ptr<PlatformLoops>(new CpuLoops(threads));
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,19 @@
+#ifndef RIGIDHI_CPU_KERNELS_H_
+#define RIGIDHI_CPU_KERNELS_H_
+
+#include "engine/RigidBodyKernel.h"
+
+namespace RigidHIPlugin {
+
+/** CustomRigidHIIntegrator on the CPU platform: SIMD packs of bodies, spread over threads. */
+class CpuIntegrateRigidBodiesKernel : public RigidBodyKernel {
+public:
+    using RigidBodyKernel::RigidBodyKernel;
+
+protected:
+    std::unique_ptr<PlatformLoops> createLoops(OpenMM::ContextImpl& context) override;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,19 @@
+#ifndef RIGIDHI_REFERENCE_KERNELS_H_
+#define RIGIDHI_REFERENCE_KERNELS_H_
+
+#include "engine/RigidBodyKernel.h"
+
+namespace RigidHIPlugin {
+
+/** CustomRigidHIIntegrator on the Reference platform. */
+class ReferenceIntegrateRigidBodiesKernel : public RigidBodyKernel {
+public:
+    using RigidBodyKernel::RigidBodyKernel;
+
+protected:
+    std::unique_ptr<PlatformLoops> createLoops(OpenMM::ContextImpl& context) override;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif
