@@ -1,0 +1,587 @@
+#include "openmmrigidhi/CustomRigidHIIntegrator.h"
+
+#include <openmm/OpenMMException.h>
+#include <openmm/Platform.h>
+#include <openmm/internal/ContextImpl.h>
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+#include <unordered_set>
+
+#include "openmmrigidhi/RigidHIKernels.h"
+
+using namespace OpenMM;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+/** Boltzmann's constant in kJ/(mol K): 1.380649e-23 J/K times 6.02214076e23/mol, both exact since 2019. */
+constexpr double boltzmann = 8.31446261815324e-3;
+/** By how much moments may violate the triangle inequality, relative: rounding of a planar body's moments. */
+constexpr double triangleTolerance = 1e-9;
+
+/** All messages have this one form: object, its value, the bound it breaks, and the remedy. */
+[[noreturn]] void fail(const string& object, const string& problem, const string& bound, const string& remedy) {
+    throw OpenMMException("CustomRigidHIIntegrator: " + object + ": " + problem + "; " + bound + ": " + remedy);
+}
+
+template <class T>
+string text(const T& value) {
+    ostringstream stream;
+    stream.precision(12);
+    stream << value;
+    return stream.str();
+}
+
+string bodyName(int index) {
+    return "body " + text(index);
+}
+
+void checkNonNegative(double value, const string& object, const string& quantity, const string& unit) {
+    if (!isfinite(value) || value < 0)
+        fail(object, quantity + " is " + text(value) + " " + unit, "it must be finite and not negative",
+             "give a value from 0 up");
+}
+
+void checkPositive(double value, const string& object, const string& quantity, const string& unit) {
+    if (!isfinite(value) || value <= 0)
+        fail(object, quantity + " is " + text(value) + " " + unit, "it must be finite and positive",
+             "give a value above 0");
+}
+
+void checkFinite(const Vec3& value, const string& object, const string& quantity) {
+    if (!isfinite(value[0]) || !isfinite(value[1]) || !isfinite(value[2]))
+        fail(object, quantity + " is (" + text(value[0]) + ", " + text(value[1]) + ", " + text(value[2]) + ")",
+             "it must be finite", "give three finite numbers");
+}
+
+void checkMoments(const Vec3& moments, const string& object) {
+    const char* axes[] = {"x", "y", "z"};
+    for (int k = 0; k < 3; k++) checkNonNegative(moments[k], object, string("moment about ") + axes[k], "amu nm^2");
+    const double largest = max({moments[0], moments[1], moments[2]});
+    const double others = moments[0] + moments[1] + moments[2] - largest;
+    if (largest > others * (1 + triangleTolerance))
+        fail(object,
+             "moments (" + text(moments[0]) + ", " + text(moments[1]) + ", " + text(moments[2]) +
+                 ") amu nm^2 violate the triangle inequality",
+             "no moment may exceed the sum of the other two, here " + text(others),
+             "no distribution of mass has these moments, correct them");
+}
+
+void checkRows(size_t rows, int bodies, const char* method) {
+    if (rows != static_cast<size_t>(bodies))
+        fail(method, "got " + text(rows) + " rows", "there must be one for each of the " + text(bodies) + " bodies",
+             "give that many");
+}
+
+void checkVectors(const vector<Vec3>& rows, int bodies, const char* method, const string& quantity) {
+    checkRows(rows.size(), bodies, method);
+    for (size_t i = 0; i < rows.size(); i++) checkFinite(rows[i], bodyName(i), quantity);
+}
+
+}  // namespace
+
+CustomRigidHIIntegrator::CustomRigidHIIntegrator(double temperature, double stepSize)
+    : scheme(LangevinC), noiseLaw(Gaussian), friction(1), rotationalFriction(1), gradientTime(0.004),
+      gradientRotationalTime(0.001), poseTolerance(1e-3), randomSeed(0), settingsVersion(0), hasKernel(false) {
+    setTemperature(temperature);
+    setStepSize(stepSize);
+    setConstraintTolerance(1e-5);
+}
+
+CustomRigidHIIntegrator::~CustomRigidHIIntegrator() {}
+
+// ---- Bodies ----------------------------------------------------------------------------------------------------------
+
+void CustomRigidHIIntegrator::checkBodyIndex(int index, const char* method) const {
+    if (index < 0 || index >= getNumRigidBodies())
+        fail(method, "body index " + text(index) + " is out of range",
+             "there are " + text(bodies.size()) + " bodies, counted from 0", "add the body first or correct the index");
+}
+
+/** Check the particles of a body that is to have this index (its present particles, if any, are given up). */
+void CustomRigidHIIntegrator::checkParticles(const vector<int>& particles, int index) const {
+    if (particles.empty())
+        fail(bodyName(index), "it has no particles", "a body needs at least one", "name its particles");
+    unordered_set<int> seen;
+    for (int particle : particles) {
+        if (particle < 0)
+            fail(bodyName(index), "particle index " + text(particle) + " is negative", "indices count from 0",
+                 "correct the index");
+        if (!seen.insert(particle).second)
+            fail(bodyName(index), "particle " + text(particle) + " is named twice",
+                 "a particle may be in a body only once", "remove the repetition");
+        const auto owner = bodyOfParticle.find(particle);
+        if (owner != bodyOfParticle.end() && owner->second != index)
+            fail(bodyName(index), "particle " + text(particle) + " is already in body " + text(owner->second),
+                 "a particle may be in one body only", "remove it from one of them");
+    }
+}
+
+CustomRigidHIIntegrator::Body CustomRigidHIIntegrator::makeExplicitBody(const vector<int>& particles, double mass,
+                                                                        const Vec3& principalMoments,
+                                                                        const vector<Vec3>& sitePositions,
+                                                                        int index) const {
+    checkParticles(particles, index);
+    checkNonNegative(mass, bodyName(index), "mass", "amu");
+    checkMoments(principalMoments, bodyName(index));
+    if (sitePositions.size() != particles.size())
+        fail(bodyName(index),
+             "it has " + text(particles.size()) + " particles but " + text(sitePositions.size()) + " site positions",
+             "there must be one site for each particle", "give as many sites as particles");
+    for (size_t i = 0; i < sitePositions.size(); i++)
+        checkFinite(sitePositions[i], bodyName(index), "site of particle " + text(particles[i]));
+    Body body;
+    body.particles = particles;
+    body.isExplicit = body.geometryIsKnown = true;
+    body.mass = mass;
+    body.principalMoments = principalMoments;
+    body.sitePositions = sitePositions;
+    return body;
+}
+
+int CustomRigidHIIntegrator::appendBody(const Body& body) {
+    const int index = getNumRigidBodies();
+    bodies.push_back(body);
+    for (int particle : body.particles) bodyOfParticle[particle] = index;
+    settingsVersion++;
+    return index;
+}
+
+int CustomRigidHIIntegrator::addRigidBody(const vector<int>& particles) {
+    checkParticles(particles, getNumRigidBodies());
+    Body body;
+    body.particles = particles;
+    return appendBody(body);
+}
+
+int CustomRigidHIIntegrator::addRigidBody(const vector<int>& particles, double mass, const Vec3& principalMoments,
+                                          const vector<Vec3>& sitePositions) {
+    return appendBody(makeExplicitBody(particles, mass, principalMoments, sitePositions, getNumRigidBodies()));
+}
+
+int CustomRigidHIIntegrator::getNumRigidBodies() const {
+    return bodies.size();
+}
+
+void CustomRigidHIIntegrator::getRigidBodyParameters(int index, vector<int>& particles, double& mass,
+                                                     Vec3& principalMoments, vector<Vec3>& sitePositions) const {
+    checkBodyIndex(index, "getRigidBodyParameters()");
+    if (!bodies[index].geometryIsKnown) {
+        if (hasKernel) boundKernel("getRigidBodyParameters()").requireGeometry(*context);
+        // A body that was added after the Context was created is not known to the kernel.
+        if (!bodies[index].geometryIsKnown)
+            fail(bodyName(index), "its mass, moments and sites are not known",
+                 "they come from the System and the first positions",
+                 "create a Context with this integrator and set positions first");
+    }
+    const Body& body = bodies[index];
+    particles = body.particles;
+    mass = body.mass;
+    principalMoments = body.principalMoments;
+    sitePositions = body.sitePositions;
+}
+
+const vector<int>& CustomRigidHIIntegrator::getRigidBodyParticles(int index) const {
+    checkBodyIndex(index, "getRigidBodyParticles()");
+    return bodies[index].particles;
+}
+
+bool CustomRigidHIIntegrator::getRigidBodyIsExplicit(int index) const {
+    checkBodyIndex(index, "getRigidBodyIsExplicit()");
+    return bodies[index].isExplicit;
+}
+
+bool CustomRigidHIIntegrator::getRigidBodyGeometryIsKnown(int index) const {
+    checkBodyIndex(index, "getRigidBodyGeometryIsKnown()");
+    return bodies[index].geometryIsKnown;
+}
+
+void CustomRigidHIIntegrator::setRigidBodyParameters(int index, const vector<int>& particles, double mass,
+                                                     const Vec3& principalMoments, const vector<Vec3>& sitePositions) {
+    checkBodyIndex(index, "setRigidBodyParameters()");
+    Body body = makeExplicitBody(particles, mass, principalMoments, sitePositions, index);
+    body.hasOwnFriction = bodies[index].hasOwnFriction;
+    body.gamma = bodies[index].gamma;
+    body.Gamma = bodies[index].Gamma;
+    for (int particle : bodies[index].particles) bodyOfParticle.erase(particle);
+    for (int particle : particles) bodyOfParticle[particle] = index;
+    bodies[index] = body;
+    settingsVersion++;
+}
+
+void CustomRigidHIIntegrator::resetBodyGeometry() {
+    for (Body& body : bodies)
+        if (!body.isExplicit) {
+            body.geometryIsKnown = false;
+            body.mass = 0;
+            body.principalMoments = Vec3();
+            body.sitePositions.clear();
+        }
+    settingsVersion++;
+    if (hasKernel) boundKernel("resetBodyGeometry()").resetBodyGeometry(*context);
+}
+
+void CustomRigidHIIntegrator::recordBodyGeometry(int index, double mass, const Vec3& principalMoments,
+                                                 const vector<Vec3>& sitePositions) const {
+    checkBodyIndex(index, "recordBodyGeometry()");
+    Body body = bodies[index];
+    const Body checked = makeExplicitBody(body.particles, mass, principalMoments, sitePositions, index);
+    body.geometryIsKnown = true;
+    body.mass = checked.mass;
+    body.principalMoments = checked.principalMoments;
+    body.sitePositions = checked.sitePositions;
+    bodies[index] = body;
+}
+
+int CustomRigidHIIntegrator::getSettingsVersion() const {
+    return settingsVersion;
+}
+
+// ---- Settings --------------------------------------------------------------------------------------------------------
+
+CustomRigidHIIntegrator::Scheme CustomRigidHIIntegrator::getScheme() const {
+    return scheme;
+}
+
+void CustomRigidHIIntegrator::setScheme(Scheme scheme) {
+    if (scheme < LangevinA || scheme > GradientThermostat)
+        fail("setScheme()", "scheme " + text(static_cast<int>(scheme)) + " is unknown",
+             "it must be one of LangevinA, LangevinB, LangevinC, GradientThermostat", "use the class constants");
+    this->scheme = scheme;
+    settingsVersion++;
+}
+
+CustomRigidHIIntegrator::NoiseLaw CustomRigidHIIntegrator::getNoiseLaw() const {
+    return noiseLaw;
+}
+
+void CustomRigidHIIntegrator::setNoiseLaw(NoiseLaw law) {
+    if (law < Gaussian || law > TwoPoint)
+        fail("setNoiseLaw()", "noise law " + text(static_cast<int>(law)) + " is unknown",
+             "it must be one of Gaussian, ThreePoint, TwoPoint", "use the class constants");
+    noiseLaw = law;
+    settingsVersion++;
+}
+
+double CustomRigidHIIntegrator::getTemperature() const {
+    return temperature;
+}
+
+void CustomRigidHIIntegrator::setTemperature(double temperature) {
+    checkNonNegative(temperature, "setTemperature()", "temperature", "K");
+    this->temperature = temperature;
+    settingsVersion++;
+}
+
+double CustomRigidHIIntegrator::getFriction() const {
+    return friction;
+}
+
+void CustomRigidHIIntegrator::setFriction(double gamma) {
+    checkNonNegative(gamma, "setFriction()", "friction gamma", "1/ps");
+    friction = gamma;
+    settingsVersion++;
+}
+
+double CustomRigidHIIntegrator::getRotationalFriction() const {
+    return rotationalFriction;
+}
+
+void CustomRigidHIIntegrator::setRotationalFriction(double Gamma) {
+    checkNonNegative(Gamma, "setRotationalFriction()", "rotational friction Gamma", "1/ps");
+    rotationalFriction = Gamma;
+    settingsVersion++;
+}
+
+void CustomRigidHIIntegrator::setBodyFriction(int index, double gamma, double Gamma) {
+    checkBodyIndex(index, "setBodyFriction()");
+    checkNonNegative(gamma, bodyName(index), "friction gamma", "1/ps");
+    checkNonNegative(Gamma, bodyName(index), "rotational friction Gamma", "1/ps");
+    bodies[index].hasOwnFriction = true;
+    bodies[index].gamma = gamma;
+    bodies[index].Gamma = Gamma;
+    settingsVersion++;
+}
+
+void CustomRigidHIIntegrator::getBodyFriction(int index, double& gamma, double& Gamma) const {
+    checkBodyIndex(index, "getBodyFriction()");
+    const Body& body = bodies[index];
+    gamma = body.hasOwnFriction ? body.gamma : friction;
+    Gamma = body.hasOwnFriction ? body.Gamma : rotationalFriction;
+}
+
+bool CustomRigidHIIntegrator::getBodyHasOwnFriction(int index) const {
+    checkBodyIndex(index, "getBodyHasOwnFriction()");
+    return bodies[index].hasOwnFriction;
+}
+
+void CustomRigidHIIntegrator::clearBodyFriction(int index) {
+    checkBodyIndex(index, "clearBodyFriction()");
+    bodies[index].hasOwnFriction = false;
+    settingsVersion++;
+}
+
+double CustomRigidHIIntegrator::getGradientRelaxationTime() const {
+    return gradientTime;
+}
+
+void CustomRigidHIIntegrator::setGradientRelaxationTime(double upsilon) {
+    checkPositive(upsilon, "setGradientRelaxationTime()", "relaxation time upsilon", "ps");
+    gradientTime = upsilon;
+    settingsVersion++;
+}
+
+double CustomRigidHIIntegrator::getGradientRotationalRelaxationTime() const {
+    return gradientRotationalTime;
+}
+
+void CustomRigidHIIntegrator::setGradientRotationalRelaxationTime(double Upsilon) {
+    checkPositive(Upsilon, "setGradientRotationalRelaxationTime()", "rotational relaxation time Upsilon", "ps");
+    gradientRotationalTime = Upsilon;
+    settingsVersion++;
+}
+
+int CustomRigidHIIntegrator::getRandomNumberSeed() const {
+    return randomSeed;
+}
+
+void CustomRigidHIIntegrator::setRandomNumberSeed(int seed) {
+    randomSeed = seed;
+    settingsVersion++;
+}
+
+double CustomRigidHIIntegrator::getPoseTolerance() const {
+    return poseTolerance;
+}
+
+void CustomRigidHIIntegrator::setPoseTolerance(double tolerance) {
+    checkPositive(tolerance, "setPoseTolerance()", "pose tolerance", "nm");
+    poseTolerance = tolerance;
+    settingsVersion++;
+}
+
+void CustomRigidHIIntegrator::setStepSize(double size) {
+    checkPositive(size, "setStepSize()", "step size", "ps");
+    Integrator::setStepSize(size);
+    settingsVersion++;
+}
+
+void CustomRigidHIIntegrator::setConstraintTolerance(double tolerance) {
+    checkPositive(tolerance, "setConstraintTolerance()", "constraint tolerance", "(relative)");
+    Integrator::setConstraintTolerance(tolerance);
+    settingsVersion++;
+}
+
+// ---- The state of the bodies of the bound Context --------------------------------------------------------------------
+
+void CustomRigidHIIntegrator::requireContext(const char* method) const {
+    if (!hasKernel)
+        throw OpenMMException(string("CustomRigidHIIntegrator: ") + method +
+                              " needs a Context: create one with this integrator first");
+}
+
+IntegrateRigidBodiesKernel& CustomRigidHIIntegrator::boundKernel(const char* method) const {
+    requireContext(method);
+    // Whoever looks at the bodies first brings them up to date, which changes the kernel but nothing the user can see.
+    return const_cast<Kernel&>(kernel).getAs<IntegrateRigidBodiesKernel>();
+}
+
+vector<Vec3> CustomRigidHIIntegrator::getBodyPositions() const {
+    return boundKernel("getBodyPositions()").getBodyPositions(*context);
+}
+
+vector<QuaternionArray> CustomRigidHIIntegrator::getBodyOrientations() const {
+    return boundKernel("getBodyOrientations()").getBodyOrientations(*context);
+}
+
+vector<Vec3> CustomRigidHIIntegrator::getBodyVelocities() const {
+    return boundKernel("getBodyVelocities()").getBodyVelocities(*context);
+}
+
+vector<Vec3> CustomRigidHIIntegrator::getBodyAngularVelocities() const {
+    return boundKernel("getBodyAngularVelocities()").getBodyAngularVelocities(*context);
+}
+
+void CustomRigidHIIntegrator::setBodyPositions(const vector<Vec3>& positions) {
+    IntegrateRigidBodiesKernel& bound = boundKernel("setBodyPositions()");
+    checkVectors(positions, getNumRigidBodies(), "setBodyPositions()", "position");
+    bound.setBodyPositions(*context, positions);
+}
+
+void CustomRigidHIIntegrator::setBodyOrientations(const vector<QuaternionArray>& orientations) {
+    constexpr double lengthTolerance = 1e-3;
+    IntegrateRigidBodiesKernel& bound = boundKernel("setBodyOrientations()");
+    checkRows(orientations.size(), getNumRigidBodies(), "setBodyOrientations()");
+    vector<QuaternionArray> unit(orientations);
+    for (size_t i = 0; i < unit.size(); i++) {
+        QuaternionArray& q = unit[i];
+        const double length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+        // Written so that NaN fails too.
+        if (!(abs(length - 1) <= lengthTolerance))
+            fail(bodyName(i), "its quaternion has length " + text(length),
+                 "that must be 1 within " + text(lengthTolerance), "normalise it, in the order (w, x, y, z)");
+        for (double& component : q) component /= length;
+    }
+    bound.setBodyOrientations(*context, unit);
+}
+
+void CustomRigidHIIntegrator::setBodyVelocities(const vector<Vec3>& velocities) {
+    IntegrateRigidBodiesKernel& bound = boundKernel("setBodyVelocities()");
+    checkVectors(velocities, getNumRigidBodies(), "setBodyVelocities()", "velocity");
+    bound.setBodyVelocities(*context, velocities);
+}
+
+void CustomRigidHIIntegrator::setBodyAngularVelocities(const vector<Vec3>& angularVelocities) {
+    IntegrateRigidBodiesKernel& bound = boundKernel("setBodyAngularVelocities()");
+    checkVectors(angularVelocities, getNumRigidBodies(), "setBodyAngularVelocities()", "angular velocity");
+    bound.setBodyAngularVelocities(*context, angularVelocities);
+}
+
+vector<Vec3> CustomRigidHIIntegrator::getBodyForces() const {
+    return boundKernel("getBodyForces()").getBodyForces(*context);
+}
+
+vector<Vec3> CustomRigidHIIntegrator::getBodyTorques() const {
+    return boundKernel("getBodyTorques()").getBodyTorques(*context);
+}
+
+double CustomRigidHIIntegrator::getPoseResidual() const {
+    return boundKernel("getPoseResidual()").getPoseResidual(*context);
+}
+
+// ---- Energies and temperature ----------------------------------------------------------------------------------------
+
+double CustomRigidHIIntegrator::computeTranslationalKineticEnergy() const {
+    return boundKernel("computeTranslationalKineticEnergy()").computeTranslationalKineticEnergy(*context);
+}
+
+Vec3 CustomRigidHIIntegrator::computeRotationalKineticEnergies() const {
+    return boundKernel("computeRotationalKineticEnergies()").computeRotationalKineticEnergies(*context);
+}
+
+double CustomRigidHIIntegrator::computeFreeParticleKineticEnergy() const {
+    return boundKernel("computeFreeParticleKineticEnergy()").computeFreeParticleKineticEnergy(*context);
+}
+
+map<string, int> CustomRigidHIIntegrator::getDegreesOfFreedom() const {
+    return boundKernel("getDegreesOfFreedom()").getDegreesOfFreedom(*context);
+}
+
+double CustomRigidHIIntegrator::computeKineticEnergy() {
+    const Vec3 rotational = computeRotationalKineticEnergies();
+    return computeTranslationalKineticEnergy() + rotational[0] + rotational[1] + rotational[2] +
+           computeFreeParticleKineticEnergy();
+}
+
+double CustomRigidHIIntegrator::computeSystemTemperature() {
+    requireContext("computeSystemTemperature()");
+    if (scheme == GradientThermostat)
+        fail("computeSystemTemperature()", "the scheme is GradientThermostat", "a temperature needs momenta",
+             "use a Langevin scheme, or report n/a as openmmrigidhi.app.StateDataReporter does");
+    const int degrees = getDegreesOfFreedom()["total"];
+    if (degrees <= 0)
+        fail("computeSystemTemperature()", "there are " + text(degrees) + " degrees of freedom",
+             "a temperature needs at least one", "give some bodies or free particles a mass");
+    return 2 * computeKineticEnergy() / (boltzmann * degrees);
+}
+
+// ---- What the scene costs --------------------------------------------------------------------------------------------
+
+string CustomRigidHIIntegrator::describeEffects() const {
+    return boundKernel("describeEffects()").describeEffects(*context);
+}
+
+map<string, string> CustomRigidHIIntegrator::getEffects() const {
+    return boundKernel("getEffects()").getEffects(*context);
+}
+
+map<string, double> CustomRigidHIIntegrator::getStepStatistics() const {
+    return boundKernel("getStepStatistics()").getStepStatistics(*context);
+}
+
+// ---- What OpenMM calls -----------------------------------------------------------------------------------------------
+
+void CustomRigidHIIntegrator::initialize(ContextImpl& contextImpl) {
+    if (hasKernel)
+        fail("initialize()", "this integrator is already bound to a context", "it can serve one at a time",
+             "make a copy for the other Context");
+    // A CompoundIntegrator does not tell its parts when the Context is gone.
+    if (&contextImpl.getIntegrator() != this)
+        fail("initialize()", "this integrator is part of another one", "it must be the Context's own integrator",
+             "do not put it into a CompoundIntegrator");
+    // From here on ~Integrator must tell this ContextImpl of its end, whether initialisation succeeds or not: after a
+    // failed reinitialize() it lives on, and after a failed creation OpenMM leaves it undeleted.
+    context = &contextImpl;
+    owner = &contextImpl.getOwner();
+    kernel = contextImpl.getPlatform().createKernel(IntegrateRigidBodiesKernel::Name(), contextImpl);
+    hasKernel = true;
+    try {
+        kernel.getAs<IntegrateRigidBodiesKernel>().initialize(contextImpl, *this);
+    } catch (...) {
+        cleanup();
+        throw;
+    }
+}
+
+void CustomRigidHIIntegrator::cleanup() {
+    kernel = Kernel();
+    hasKernel = false;
+}
+
+vector<string> CustomRigidHIIntegrator::getKernelNames() {
+    const vector<string> names = {IntegrateRigidBodiesKernel::Name()};
+    // OpenMM's own message for this names neither the library nor the reason.
+    bool anyPlatform = false;
+    for (int i = 0; i < Platform::getNumPlatforms(); i++)
+        anyPlatform = anyPlatform || Platform::getPlatform(i).supportsKernels(names);
+    if (!anyPlatform) {
+        string failures;
+        for (const string& failure : Platform::getPluginLoadFailures()) failures += "\n  " + failure;
+        fail("getKernelNames()", "no platform has its kernels",
+             "libOpenMMRigidHIReference.so and libOpenMMRigidHICPU.so must be loaded",
+             "call Platform::loadPluginsFromDirectory() with their directory (importing openmmrigidhi does it)." +
+                 (failures.empty() ? string(" OpenMM reports no plugin that failed to load.")
+                                   : " OpenMM reports plugins that failed to load:" + failures));
+    }
+    return names;
+}
+
+void CustomRigidHIIntegrator::stateChanged(State::DataType changed) {
+    if (hasKernel) boundKernel("stateChanged()").stateChanged(*context, changed);
+}
+
+vector<Vec3> CustomRigidHIIntegrator::getVelocitiesForTemperature(const System& system, double temperature,
+                                                                  int randomSeed) const {
+    IntegrateRigidBodiesKernel& bound = boundKernel("setVelocitiesToTemperature()");
+    checkNonNegative(temperature, "setVelocitiesToTemperature()", "temperature", "K");
+    return bound.drawVelocities(*context, temperature, randomSeed);
+}
+
+void CustomRigidHIIntegrator::createCheckpoint(ostream& stream) const {
+    boundKernel("createCheckpoint()").createCheckpoint(*context, stream);
+}
+
+void CustomRigidHIIntegrator::loadCheckpoint(istream& stream) {
+    boundKernel("loadCheckpoint()").loadCheckpoint(*context, stream);
+}
+
+void CustomRigidHIIntegrator::serializeParameters(SerializationNode& node) const {
+    boundKernel("getState()").serialize(*context, node);
+}
+
+void CustomRigidHIIntegrator::deserializeParameters(const SerializationNode& node) {
+    boundKernel("setState()").deserialize(*context, node);
+}
+
+void CustomRigidHIIntegrator::step(int steps) {
+    IntegrateRigidBodiesKernel& bound = boundKernel("step()");
+    if (steps < 0)
+        fail("step()", "the number of steps is " + text(steps), "it must not be negative", "give a value from 0 up");
+    for (int i = 0; i < steps; i++) bound.step(*context);
+}
+
+}  // namespace RigidHIPlugin

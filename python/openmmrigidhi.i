@@ -1,0 +1,265 @@
+// The border between C++ and Python, kept thin: numbers, strings, dictionaries, and arrays as raw buffers of doubles or
+// 32-bit integers. Units, shapes, defaults and documentation are in openmmrigidhi/integrator.py.
+%module(package="openmmrigidhi") _bindings
+
+%begin %{
+// Lets numpy's integers and floats pass as numbers.
+#define SWIG_PYTHON_CAST_MODE
+%}
+
+%{
+#include <OpenMM.h>
+
+#include <cstring>
+#include <exception>
+
+#include "openmmrigidhi/CustomRigidHIIntegrator.h"
+
+using RigidHIPlugin::CustomRigidHIIntegrator;
+using RigidHIPlugin::QuaternionArray;
+
+namespace {
+
+/** Copy a C-contiguous buffer of numbers of one type and a length that is a multiple of the row into a vector. */
+template <class Number, class Row>
+bool copyBuffer(PyObject* object, const char* format, std::vector<Row>& rows) {
+    static_assert(sizeof(Row) % sizeof(Number) == 0, "a row consists of numbers");
+    Py_buffer view;
+    if (PyObject_GetBuffer(object, &view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) != 0) {
+        PyErr_SetString(PyExc_TypeError, "openmmrigidhi: expected an object with a C-contiguous buffer");
+        return false;
+    }
+    const bool fits = view.itemsize == sizeof(Number) && view.format != nullptr &&
+                      std::strcmp(view.format, format) == 0 && view.len % sizeof(Row) == 0;
+    if (fits) {
+        rows.resize(view.len / sizeof(Row));
+        if (view.len > 0) std::memcpy(static_cast<void*>(rows.data()), view.buf, view.len);
+    } else
+        PyErr_Format(PyExc_TypeError, "openmmrigidhi: expected a buffer of format '%s' with rows of %zu numbers", format,
+                     sizeof(Row) / sizeof(Number));
+    PyBuffer_Release(&view);
+    return fits;
+}
+
+template <class Row>
+PyObject* toBuffer(const Row* rows, size_t count) {
+    // Writable, so that numpy.frombuffer() needs no copy.
+    return PyByteArray_FromStringAndSize(reinterpret_cast<const char*>(rows), count * sizeof(Row));
+}
+
+PyObject* toPython(int value) { return PyLong_FromLong(value); }
+PyObject* toPython(double value) { return PyFloat_FromDouble(value); }
+PyObject* toPython(const std::string& value) { return PyUnicode_FromStringAndSize(value.data(), value.size()); }
+
+template <class Value>
+PyObject* toDictionary(const std::map<std::string, Value>& entries) {
+    PyObject* dictionary = PyDict_New();
+    for (const auto& entry : entries) {
+        PyObject* value = toPython(entry.second);
+        PyDict_SetItemString(dictionary, entry.first.c_str(), value);
+        Py_DECREF(value);
+    }
+    return dictionary;
+}
+
+void setOpenMMException(const char* message) {
+    PyObject* openmm = PyImport_ImportModule("openmm");
+    PyObject* type = openmm ? PyObject_GetAttrString(openmm, "OpenMMException") : nullptr;
+    if (type) PyErr_SetString(type, message);
+    Py_XDECREF(type);
+    Py_XDECREF(openmm);
+}
+
+}  // namespace
+%}
+
+%import(module="openmm") "openmm_stub.i"
+
+// ---- Exceptions ------------------------------------------------------------------------------------------------------
+
+%exception {
+    try {
+        $action
+    } catch (const std::exception& error) {
+        setOpenMMException(error.what());
+        SWIG_fail;
+    } catch (...) {
+        PyErr_SetString(PyExc_RuntimeError, "openmmrigidhi: unknown C++ exception in $symname");
+        SWIG_fail;
+    }
+}
+
+// Steps are long: other Python threads may run meanwhile.
+%exception RigidHIPlugin::CustomRigidHIIntegrator::step {
+    std::string failure;
+    bool failed = false;
+    Py_BEGIN_ALLOW_THREADS
+    try {
+        $action
+    } catch (const std::exception& error) {
+        failed = true;
+        failure = error.what();
+    } catch (...) {
+        failed = true;
+        failure = "openmmrigidhi: unknown C++ exception in $symname";
+    }
+    Py_END_ALLOW_THREADS
+    if (failed) {
+        setOpenMMException(failure.c_str());
+        SWIG_fail;
+    }
+}
+
+// SWIG takes None for a null pointer, also for self.
+%typemap(check) SWIGTYPE* {
+    if (!$1) SWIG_exception_fail(SWIG_TypeError, "openmmrigidhi: in method '$symname', argument $argnum is None");
+}
+
+// ---- Arrays ----------------------------------------------------------------------------------------------------------
+
+%typemap(in) const std::vector<int>& (std::vector<int> rows) {
+    if (!copyBuffer<int>($input, "i", rows)) SWIG_fail;
+    $1 = &rows;
+}
+%typemap(in) const std::vector<OpenMM::Vec3>& (std::vector<OpenMM::Vec3> rows) {
+    if (!copyBuffer<double>($input, "d", rows)) SWIG_fail;
+    $1 = &rows;
+}
+%typemap(in) const std::vector<RigidHIPlugin::QuaternionArray>& (std::vector<RigidHIPlugin::QuaternionArray> rows) {
+    if (!copyBuffer<double>($input, "d", rows)) SWIG_fail;
+    $1 = &rows;
+}
+%typemap(in) const OpenMM::Vec3& (std::vector<OpenMM::Vec3> rows) {
+    if (!copyBuffer<double>($input, "d", rows)) SWIG_fail;
+    if (rows.size() != 1) SWIG_exception_fail(SWIG_TypeError, "openmmrigidhi: expected a buffer of 3 numbers");
+    $1 = &rows[0];
+}
+%typemap(freearg) const std::vector<int>&, const std::vector<OpenMM::Vec3>&,
+                  const std::vector<RigidHIPlugin::QuaternionArray>&, const OpenMM::Vec3& ""
+%typemap(typecheck, precedence=SWIG_TYPECHECK_DOUBLE_ARRAY) const std::vector<int>&, const std::vector<OpenMM::Vec3>&,
+    const std::vector<RigidHIPlugin::QuaternionArray>&, const OpenMM::Vec3& {
+    $1 = PyObject_CheckBuffer($input);
+}
+
+%typemap(out) const std::vector<int>& { $result = toBuffer($1->data(), $1->size()); }
+%typemap(out) std::vector<OpenMM::Vec3> {
+    const std::vector<OpenMM::Vec3>& rows = $1;
+    $result = toBuffer(rows.data(), rows.size());
+}
+%typemap(out) std::vector<RigidHIPlugin::QuaternionArray> {
+    const std::vector<RigidHIPlugin::QuaternionArray>& rows = $1;
+    $result = toBuffer(rows.data(), rows.size());
+}
+%typemap(out) OpenMM::Vec3 { $result = toBuffer(&$1, 1); }
+%typemap(out) std::string { $result = toPython($1); }
+%typemap(out) std::map<std::string, int>, std::map<std::string, double>, std::map<std::string, std::string> {
+    $result = toDictionary($1);
+}
+
+// References that C++ fills in become a tuple of results.
+%typemap(in, numinputs=0) std::vector<int>& particles (std::vector<int> value) "$1 = &value;"
+%typemap(in, numinputs=0) std::vector<OpenMM::Vec3>& sitePositions (std::vector<OpenMM::Vec3> value) "$1 = &value;"
+%typemap(in, numinputs=0) OpenMM::Vec3& principalMoments (OpenMM::Vec3 value) "$1 = &value;"
+%typemap(in, numinputs=0) double& mass (double value), double& gamma (double value), double& Gamma (double value)
+    "$1 = &value;"
+%typemap(argout) std::vector<int>& particles, std::vector<OpenMM::Vec3>& sitePositions {
+    $result = SWIG_Python_AppendOutput($result, toBuffer($1->data(), $1->size()));
+}
+%typemap(argout) OpenMM::Vec3& principalMoments {
+    $result = SWIG_Python_AppendOutput($result, toBuffer($1, 1));
+}
+%typemap(argout) double& mass, double& gamma, double& Gamma {
+    $result = SWIG_Python_AppendOutput($result, PyFloat_FromDouble(*$1));
+}
+%typemap(argout) const std::vector<OpenMM::Vec3>& sitePositions, const OpenMM::Vec3& principalMoments,
+                 const std::vector<int>& particles ""
+
+%constant const char* version = RIGIDHI_VERSION;
+
+// ---- Classes: the declarations of the C++ header, word for word ------------------------------------------------------
+
+namespace OpenMM {
+class Vec3;
+}
+
+namespace RigidHIPlugin {
+
+class CustomRigidHIIntegrator : public OpenMM::Integrator {
+public:
+    enum Scheme : int { LangevinA = 0, LangevinB = 1, LangevinC = 2, GradientThermostat = 3 };
+    enum NoiseLaw : int { Gaussian = 0, ThreePoint = 1, TwoPoint = 2 };
+
+    CustomRigidHIIntegrator(double temperature, double stepSize);
+    ~CustomRigidHIIntegrator();
+
+    int addRigidBody(const std::vector<int>& particles);
+    int addRigidBody(const std::vector<int>& particles, double mass, const OpenMM::Vec3& principalMoments,
+                     const std::vector<OpenMM::Vec3>& sitePositions);
+    int getNumRigidBodies() const;
+    void getRigidBodyParameters(int index, std::vector<int>& particles, double& mass, OpenMM::Vec3& principalMoments,
+                                std::vector<OpenMM::Vec3>& sitePositions) const;
+    const std::vector<int>& getRigidBodyParticles(int index) const;
+    bool getRigidBodyIsExplicit(int index) const;
+    bool getRigidBodyGeometryIsKnown(int index) const;
+    void setRigidBodyParameters(int index, const std::vector<int>& particles, double mass,
+                                const OpenMM::Vec3& principalMoments, const std::vector<OpenMM::Vec3>& sitePositions);
+    void resetBodyGeometry();
+
+    Scheme getScheme() const;
+    void setScheme(Scheme scheme);
+    NoiseLaw getNoiseLaw() const;
+    void setNoiseLaw(NoiseLaw law);
+    double getTemperature() const;
+    void setTemperature(double temperature);
+    double getFriction() const;
+    void setFriction(double gamma);
+    double getRotationalFriction() const;
+    void setRotationalFriction(double Gamma);
+    void setBodyFriction(int index, double gamma, double Gamma);
+    void getBodyFriction(int index, double& gamma, double& Gamma) const;
+    bool getBodyHasOwnFriction(int index) const;
+    void clearBodyFriction(int index);
+    double getGradientRelaxationTime() const;
+    void setGradientRelaxationTime(double upsilon);
+    double getGradientRotationalRelaxationTime() const;
+    void setGradientRotationalRelaxationTime(double Upsilon);
+    int getRandomNumberSeed() const;
+    void setRandomNumberSeed(int seed);
+    double getPoseTolerance() const;
+    void setPoseTolerance(double tolerance);
+    void setStepSize(double size);
+    void setConstraintTolerance(double tolerance);
+
+    std::vector<OpenMM::Vec3> getBodyPositions() const;
+    std::vector<RigidHIPlugin::QuaternionArray> getBodyOrientations() const;
+    std::vector<OpenMM::Vec3> getBodyVelocities() const;
+    std::vector<OpenMM::Vec3> getBodyAngularVelocities() const;
+    void setBodyPositions(const std::vector<OpenMM::Vec3>& positions);
+    void setBodyOrientations(const std::vector<RigidHIPlugin::QuaternionArray>& orientations);
+    void setBodyVelocities(const std::vector<OpenMM::Vec3>& velocities);
+    void setBodyAngularVelocities(const std::vector<OpenMM::Vec3>& angularVelocities);
+    std::vector<OpenMM::Vec3> getBodyForces() const;
+    std::vector<OpenMM::Vec3> getBodyTorques() const;
+    double getPoseResidual() const;
+
+    double computeTranslationalKineticEnergy() const;
+    OpenMM::Vec3 computeRotationalKineticEnergies() const;
+    double computeFreeParticleKineticEnergy() const;
+    std::map<std::string, int> getDegreesOfFreedom() const;
+    double computeSystemTemperature();
+
+    std::string describeEffects() const;
+    std::map<std::string, std::string> getEffects() const;
+    std::map<std::string, double> getStepStatistics() const;
+
+    void step(int steps);
+
+    %extend {
+        /** The same object as what it is, or None if it is something else. Does not touch ownership. */
+        static RigidHIPlugin::CustomRigidHIIntegrator* _fromIntegrator(OpenMM::Integrator* integrator) {
+            return dynamic_cast<CustomRigidHIIntegrator*>(integrator);
+        }
+    }
+};
+
+}  // namespace RigidHIPlugin

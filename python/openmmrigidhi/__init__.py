@@ -1,0 +1,35 @@
+"""Rigid bodies with quaternion state in OpenMM.
+
+    import openmm, openmmrigidhi
+    integrator = openmmrigidhi.CustomRigidHIIntegrator(300*unit.kelvin, 4*unit.femtosecond)
+    openmmrigidhi.app.addRigidWater(integrator, topology)
+    simulation = openmm.app.Simulation(topology, system, integrator)
+
+Importing this package loads the plugin's libraries into OpenMM, from its own directory lib/plugins; no environment
+variable is needed. A library that does not load is an ImportError that says which, from where, and why.
+"""
+import importlib
+import importlib.util
+
+from . import _loading
+
+_loading.load()
+
+from .integrator import CustomRigidHIIntegrator  # noqa: E402  (needs the libraries)
+from ._loading import checkPlatform  # noqa: E402
+
+__version__ = _loading.version
+__all__ = ['CustomRigidHIIntegrator', 'checkPlatform', 'app', 'analysis', 'accuracy']
+
+_SUBMODULES = ('app', 'analysis', 'accuracy')
+
+
+def __getattr__(name):
+    """Submodules are attributes, imported when first used: they need more packages than the integrator does."""
+    if name in _SUBMODULES and importlib.util.find_spec('.' + name, __name__) is not None:
+        return importlib.import_module('.' + name, __name__)
+    raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+
+
+def __dir__():
+    return sorted(list(globals()) + list(_SUBMODULES))

@@ -1,0 +1,120 @@
+"""What Python users pass (numbers, quantities, Vec3, tuples, lists, arrays) made into plain numbers in OpenMM's units.
+
+A quantity's dimension is checked: 5 nm is no temperature. OpenMM's own bindings drop units they do not expect.
+All errors name the method, the argument, what it got, what it must be and the remedy.
+"""
+import numbers
+import operator
+
+import numpy as np
+from openmm import unit
+
+
+class Dimension:
+    """A unit in which the C++ library expects an argument, and other units that mean the same to us."""
+
+    def __init__(self, label, base, *synonyms):
+        self.label = label
+        self.base = base
+        self._accepted = (base,) + synonyms
+
+    def strip(self, quantity, where, name):
+        """The value of a quantity in this unit, whatever its type; TypeError if the dimension is another."""
+        for accepted in self._accepted:
+            if quantity.unit.is_compatible(accepted):
+                return quantity.value_in_unit(accepted)
+        raise TypeError(f'{where}: {name}: got a quantity in {quantity.unit.get_name()}; '
+                        f'it must be {self.label}: convert it or give a number in {self.label}')
+
+    def attach(self, value):
+        """A Quantity of this unit."""
+        return unit.Quantity(value, self.base)
+
+
+TEMPERATURE = Dimension('kelvin', unit.kelvin)
+TIME = Dimension('ps', unit.picosecond)
+RATE = Dimension('1/ps', unit.picosecond**-1)
+LENGTH = Dimension('nm', unit.nanometer)
+MASS = Dimension('dalton', unit.dalton)
+MOMENT = Dimension('dalton nm^2', unit.dalton*unit.nanometer**2)
+VELOCITY = Dimension('nm/ps', unit.nanometer/unit.picosecond)
+ANGULAR_VELOCITY = Dimension('rad/ps', unit.radian/unit.picosecond, unit.picosecond**-1)
+FORCE = Dimension('kJ/(mol nm)', unit.kilojoule_per_mole/unit.nanometer)
+ENERGY = Dimension('kJ/mol', unit.kilojoule_per_mole)
+NONE = Dimension('a plain number', unit.dimensionless)
+
+
+def number(value, dimension, where, name):
+    """A float in the dimension's unit."""
+    if unit.is_quantity(value):
+        value = dimension.strip(value, where, name)
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if not isinstance(value, numbers.Real) or isinstance(value, (bool, np.bool_)):
+        raise TypeError(f'{where}: {name}: got {value!r}; it must be a number: give one in {dimension.label}')
+    return float(value)
+
+
+def integer(value, where, name):
+    """An int that fits into C++'s int. Accepts numpy's integers, refuses floats."""
+    try:
+        result = operator.index(value)
+    except TypeError:
+        raise TypeError(f'{where}: {name}: got {value!r}; it must be an integer: convert it') from None
+    if not -2**31 <= result < 2**31:
+        raise ValueError(f'{where}: {name}: got {result}; it must be from -2^31 to 2^31-1: give a smaller one')
+    return result
+
+
+def indices(values, where, name):
+    """A list of integers from any iterable of them, as an int32 array."""
+    try:
+        values = list(values)
+    except TypeError:
+        raise TypeError(f'{where}: {name}: got {values!r}; it must be a sequence of integers: '
+                        'give a list of particle indices') from None
+    return np.array([integer(value, where, name) for value in values], dtype=np.intc)
+
+
+def rows(values, dimension, columns, where, name, count=None):
+    """An (n, columns) array of floats in the dimension's unit; n is checked if it is given."""
+    array = _floats(values, dimension, where, name)
+    expected = f'({"n" if count is None else count}, {columns})'
+    if array.size == 0 and count in (None, 0):
+        return np.empty((0, columns))
+    if array.ndim != 2 or array.shape[1] != columns or (count is not None and len(array) != count):
+        raise ValueError(f'{where}: {name}: got an array of shape {array.shape}; the shape must be {expected}: '
+                         'give one row per item')
+    return array
+
+
+def vector(value, dimension, where, name):
+    """An array of 3 floats in the dimension's unit."""
+    array = _floats(value, dimension, where, name)
+    if array.shape != (3,):
+        raise ValueError(f'{where}: {name}: got an array of shape {array.shape}; the shape must be (3,): '
+                         'give three numbers')
+    return array
+
+
+def _floats(values, dimension, where, name):
+    stripped = _strip_leaves(values, dimension, where, name)
+    try:
+        array = np.asarray(stripped)
+    except ValueError:
+        # numpy >= 1.24 refuses rows of different length.
+        raise ValueError(f'{where}: {name}: the rows have different lengths; they must form an array: '
+                         'give rows of equal length') from None
+    if array.dtype.kind not in 'fiu' and array.size > 0:
+        raise TypeError(f'{where}: {name}: got {values!r}; its elements must be numbers: '
+                        f'give numbers in {dimension.label}')
+    return np.array(array, dtype=np.double, order='C')
+
+
+def _strip_leaves(values, dimension, where, name):
+    """Remove checked units from a quantity, or from quantities anywhere inside nested sequences."""
+    if unit.is_quantity(values):
+        return dimension.strip(values, where, name)
+    if isinstance(values, (list, tuple)) or (isinstance(values, np.ndarray) and values.dtype == object):
+        return [_strip_leaves(value, dimension, where, name) for value in values]
+    return values

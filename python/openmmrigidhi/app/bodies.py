@@ -1,0 +1,122 @@
+"""Making bodies of residues, and telling OpenMM that a body is one molecule."""
+import openmm
+
+from ..integrator import CustomRigidHIIntegrator
+
+#: Residue names that mean water in PDB files and in the force fields that OpenMM, Amber, CHARMM and GROMACS ship.
+WATER_NAMES = ('HOH', 'WAT', 'H2O', 'SOL', 'DOD', 'SPC', 'SPCE', 'TIP3', 'TIP3P', 'TP3', 'TIP4', 'TIP4P', 'TP4', 'T4P',
+               'TIP5', 'TIP5P', 'TP5', 'OPC')
+
+
+def addRigidWater(integrator, topology, system=None):
+    """Make every water molecule of a topology one rigid body, extra particles (M sites, lone pairs) included.
+
+    The shape is taken from the System's constraints and virtual sites when the Context is created, never from the
+    coordinates of a PDB file, if the System was made with ``rigidWater=True`` (the default of
+    openmm.app.ForceField.createSystem). Pass the system to have this checked here.
+
+    Parameters
+    ----------
+    integrator : CustomRigidHIIntegrator
+        gets the bodies
+    topology : openmm.app.Topology
+        the topology, after openmm.app.Modeller.addExtraParticles() if the model has extra particles
+    system : openmm.System, optional
+        the System, only to check that its constraints fix the shape of every water molecule
+
+    Returns
+    -------
+    list of int
+        indices of the bodies, in the order of the residues
+
+    Raises
+    ------
+    ValueError
+        if the topology has no water, or the constraints of a molecule do not fix its shape
+    """
+    return addRigidResidues(integrator, topology, WATER_NAMES, system)
+
+
+def addRigidResidues(integrator, topology, names, system=None):
+    """Make every residue with one of these names one rigid body.
+
+    Parameters
+    ----------
+    integrator : CustomRigidHIIntegrator
+        gets the bodies
+    topology : openmm.app.Topology
+        the topology
+    names : sequence of str
+        residue names
+    system : openmm.System, optional
+        if given, check that its constraints fix the shape of every residue. Without, a residue whose shape is not fixed by
+        constraints takes it from the first positions.
+
+    Returns
+    -------
+    list of int
+        indices of the bodies, in the order of the residues
+
+    Raises
+    ------
+    ValueError
+        if the topology has none of these residues, or the constraints of one do not fix its shape
+    """
+    integrator = CustomRigidHIIntegrator.cast(integrator)
+    if isinstance(names, str):
+        raise TypeError(f'addRigidResidues: names: got the string {names!r}; it must be a sequence of names: '
+                        f'give [{names!r}]')
+    wanted = set(names)
+    residues = [residue for residue in topology.residues() if residue.name in wanted]
+    if not residues:
+        present = sorted({residue.name for residue in topology.residues()})
+        raise ValueError(f'addRigidResidues: names: no residue is named {", ".join(sorted(wanted))}; the topology has '
+                         f'{", ".join(present) or "no residues"}: correct the names')
+    if system is not None:
+        _checkConstraints(residues, system)
+    return [integrator.addRigidBody([atom.index for atom in residue.atoms()]) for residue in residues]
+
+
+def _checkConstraints(residues, system):
+    """Every pair of massive atoms of every residue must be constrained."""
+    constrained = {frozenset(system.getConstraintParameters(i)[:2]) for i in range(system.getNumConstraints())}
+    for residue in residues:
+        massive = [atom.index for atom in residue.atoms() if system.getParticleMass(atom.index)._value > 0]
+        missing = [(i, j) for k, i in enumerate(massive) for j in massive[:k] if frozenset((i, j)) not in constrained]
+        if missing:
+            raise ValueError(f'addRigidResidues: residue {residue.name} {residue.id}: particles {missing[0][1]} and '
+                             f'{missing[0][0]} have no constraint; the constraints must fix its shape: create the System '
+                             'with rigidWater=True, or pass no system to take the shape from the first positions')
+
+
+def bindBodies(system, integrator):
+    """Tie each body's particles into one molecule, for OpenMM.
+
+    OpenMM keeps molecules whole in ``getState(enforcePeriodicBox=True)`` and scales them as units in Monte Carlo barostats,
+    but an Integrator cannot tell it what is one. This adds one HarmonicBondForce of strength 0 with bonds from each body's
+    first particle to its others. Its energy and forces are 0. Call it before the Context is created; bodies that are held
+    together by constraints, virtual sites or bonds do not need it.
+
+    Parameters
+    ----------
+    system : openmm.System
+        gets the force
+    integrator : CustomRigidHIIntegrator
+        has the bodies
+
+    Returns
+    -------
+    openmm.HarmonicBondForce
+        the force that was added
+    """
+    integrator = CustomRigidHIIntegrator.cast(integrator)
+    force = openmm.HarmonicBondForce()
+    force.setName('openmmrigidhi.app.bindBodies')
+    # A force that is not periodic does not make the System so, and one that is needs a periodic System.
+    force.setUsesPeriodicBoundaryConditions(system.usesPeriodicBoundaryConditions())
+    for body in range(integrator.getNumRigidBodies()):
+        first, *others = integrator.getRigidBodyParticles(body)
+        for other in others:
+            force.addBond(first, other, 0, 0)
+    system.addForce(force)
+    return force

@@ -1,0 +1,350 @@
+"""Energy minimisation with rigid bodies as units."""
+import dataclasses
+import itertools
+import warnings
+
+import numpy as np
+import openmm
+from openmm import unit
+
+from .. import _units
+from ..integrator import CustomRigidHIIntegrator
+
+#: Within one run of L-BFGS, how far coordinates may move: a chart of rotation vectors is good up to about a radian.
+_LARGEST_TRANSLATION = 0.2  # nm
+_LARGEST_ROTATION = 0.5  # rad
+#: Constraints among free particles are held by springs to this relative error, then made exact.
+_CONSTRAINT_ERROR = 1e-4
+#: Springs are made stiffer at most this often, tenfold each time.
+_MAX_STIFFENINGS = 3
+#: A run of L-BFGS that lowers the energy by less, relative, has arrived where rounding lets it.
+_SMALLEST_DECREASE = 1e-9
+
+
+@dataclasses.dataclass
+class MinimizationResult:
+    """How a minimisation went: energies, the root mean square force component that is left, iterations, evaluations."""
+
+    initialEnergy: unit.Quantity
+    finalEnergy: unit.Quantity
+    rmsForce: unit.Quantity
+    iterations: int
+    evaluations: int
+    converged: bool
+
+
+def minimize(context, tolerance=10*unit.kilojoule_per_mole/unit.nanometer, maxIterations=0, reporter=None, progress=None):
+    """Minimise the potential energy with the bodies of a CustomRigidHIIntegrator as rigid units.
+
+    OpenMM's own minimiser moves the members of bodies one by one, which is no use for bodies that no constraints hold.
+    Here each body has six coordinates, a translation and a rotation vector, and each free particle three; massless free
+    particles stay. Method: L-BFGS-B of SciPy, with the rotation vectors' origin moved along whenever a body has turned by
+    half a radian. Constraints between free particles are held by stiff springs during the search and made exact at its
+    end, as OpenMM's minimiser does. Velocities are left alone.
+
+    Parameters
+    ----------
+    context : openmm.Context
+        with positions; left at the minimum
+    tolerance : float or Quantity
+        the search ends when the root mean square of all force components (torques divided by a body's root mean square
+        site distance) is at most this, kJ/(mol nm)
+    maxIterations : int
+        the largest number of iterations; 0: no limit
+    reporter : callable, optional
+        called as reporter(iteration, energy, rmsForce) after each iteration, with Quantities
+    progress : bool, optional
+        whether to show a progress bar; None: if standard error is a terminal
+
+    Returns
+    -------
+    MinimizationResult
+
+    Raises
+    ------
+    TypeError
+        if the Context's integrator is another
+    openmm.OpenMMException
+        if positions are not set or do not fit the bodies, or the energy is not finite at the start
+
+    Notes
+    -----
+    Cost: an iteration is one to two force evaluations plus O(particles) numpy arithmetic. On the CPU platform energies are
+    single precision, which limits how small a tolerance can be reached; then converged is False and a warning says so.
+    """
+    import tqdm
+    tolerance = _units.number(tolerance, _units.FORCE, 'minimize', 'tolerance')
+    maxIterations = _units.integer(maxIterations, 'minimize', 'maxIterations')
+    if not 0 < tolerance < np.inf:
+        raise ValueError(f'minimize: tolerance: got {tolerance} kJ/(mol nm); it must be finite and positive: '
+                         'give a value above 0')
+    if maxIterations < 0:
+        raise ValueError(f'minimize: maxIterations: got {maxIterations}; it must not be negative: give 0 for no limit')
+    with tqdm.tqdm(desc='minimize', unit=' iterations', disable=None if progress is None else not progress) as bar:
+        search = _Search(_Scene(context), tolerance, maxIterations, reporter, bar)
+        return search.run()
+
+
+class _Scene:
+    """The coordinates of a Context: origins R, quaternions q of the bodies, positions x of the free particles that move."""
+
+    def __init__(self, context):
+        self.context = context
+        self.integrator = CustomRigidHIIntegrator.cast(context.getIntegrator())
+        self.groups = self.integrator.getIntegrationForceGroups()
+        system = context.getSystem()
+        self._readBodies(system)
+        self._readFreeParticles(system)
+        self.R = self.integrator.getBodyPositions()._value
+        self.q = self.integrator.getBodyOrientations()
+        self.x = self._allPositions()[self.free]
+
+    def _readBodies(self, system):
+        bodies = [self.integrator.getRigidBodyParameters(i) for i in range(self.integrator.getNumRigidBodies())]
+        self.numBodies = len(bodies)
+        self.members = np.array(list(itertools.chain.from_iterable(body[0] for body in bodies)), dtype=int)
+        sites = np.concatenate([body[3]._value for body in bodies] or [np.empty((0, 3))])
+        bodyOf = np.repeat(np.arange(len(bodies)), [len(body[0]) for body in bodies])
+        # OpenMM has added a virtual site's force to its parents when we see it.
+        real = np.array([not system.isVirtualSite(int(i)) for i in self.members], dtype=bool)
+        self.sites, self.siteBody, self.siteParticle = sites[real], bodyOf[real], self.members[real]
+        distance = np.sqrt(self._sumOverBodies((self.sites**2).sum(axis=1)) /
+                           np.maximum(1, np.bincount(self.siteBody, minlength=self.numBodies)))
+        # A body without extent feels no torque; any length serves.
+        self.length = np.where(distance > 0, distance, 1.0)
+
+    def _readFreeParticles(self, system):
+        inBody = set(self.members.tolist())
+        others = [i for i in range(system.getNumParticles()) if i not in inBody]
+        self.free = np.array([i for i in others if system.getParticleMass(i)._value > 0], dtype=int)
+        self.hasFreeVirtualSites = any(system.isVirtualSite(i) for i in others)
+        place = {particle: k for k, particle in enumerate(self.free)}
+        constraints = [system.getConstraintParameters(i) for i in range(system.getNumConstraints())]
+        constraints = [(place[i], place[j], d._value) for i, j, d in constraints if i in place and j in place]
+        self.constraints = np.array([c[:2] for c in constraints], dtype=int).reshape(-1, 2)
+        self.distances = np.array([c[2] for c in constraints])
+
+    def _sumOverBodies(self, values):
+        """Sum values over the sites of each body; values of shape (sites,) or (sites, 3)."""
+        if values.ndim == 1:
+            return np.bincount(self.siteBody, values, self.numBodies)
+        return np.stack([np.bincount(self.siteBody, column, self.numBodies) for column in values.T], axis=1)
+
+    def _allPositions(self):
+        return self.context.getState(getPositions=True).getPositions(asNumpy=True)._value
+
+    def place(self, R, q, x):
+        """Move everything in the Context there."""
+        if self.numBodies > 0:
+            self.integrator.setBodyPositions(R)
+            self.integrator.setBodyOrientations(q)
+        if len(self.free) > 0:
+            positions = self._allPositions()
+            positions[self.free] = x
+            self.context.setPositions(positions)
+        if self.hasFreeVirtualSites:
+            self.context.computeVirtualSites()
+
+    def evaluate(self, R, q, x):
+        """Energy, forces and torques (about the origins, lab frame) on bodies, forces on free particles."""
+        self.place(R, q, x)
+        state = self.context.getState(getEnergy=True, getForces=True, groups=self.groups)
+        forces = state.getForces(asNumpy=True)._value
+        siteForces = forces[self.siteParticle]
+        arms = np.einsum('sij,sj->si', _rotationMatrices(q)[self.siteBody], self.sites)
+        return (state.getPotentialEnergy()._value, self._sumOverBodies(siteForces),
+                self._sumOverBodies(np.cross(arms, siteForces)), forces[self.free])
+
+    def applyConstraints(self, R, q, x):
+        """Make the constraints of free particles exact; returns their positions. Bodies stay."""
+        self.place(R, q, x)
+        if len(self.distances) == 0:
+            return x
+        self.context.applyConstraints(self.integrator.getConstraintTolerance())
+        x = self._allPositions()[self.free]
+        # OpenMM has also moved members of constrained bodies, in single precision: put them back.
+        self.place(R, q, x)
+        return x
+
+
+class _Finished(Exception):
+    """The search is over."""
+
+
+class _Recentre(Exception):
+    """The rotation vectors have grown too large."""
+
+
+class _Search:
+    """A sequence of L-BFGS runs. Its vector y holds translations, length times rotation vectors, moves of free particles."""
+
+    def __init__(self, scene, tolerance, maxIterations, reporter, bar):
+        self.scene = scene
+        self.tolerance = tolerance
+        self.maxIterations = maxIterations
+        self.reporter = reporter
+        self.bar = bar
+        self.iterations = self.evaluations = 0
+        self.stiffness = tolerance/_CONSTRAINT_ERROR  # kJ/(mol nm^2)
+        self.converged = False
+        self.R, self.q, self.x = scene.R, scene.q, scene.x
+
+    def run(self):
+        scene = self.scene
+        self.x = scene.applyConstraints(self.R, self.q, self.x)
+        initial, gradient = self._value(np.zeros(self._size()))
+        if not np.isfinite(initial) or not np.all(np.isfinite(gradient)):
+            raise openmm.OpenMMException(f'minimize: energy at the start is {initial} kJ/mol; it and all forces must be '
+                                         'finite: look for particles at the same place or with bad parameters')
+        initialEnergy = initial - self._springs(self.x)[0]
+        for _ in range(_MAX_STIFFENINGS + 1):
+            self._minimizeWithSprings()
+            if self._constraintError() <= _CONSTRAINT_ERROR or self._outOfIterations():
+                break
+            self.stiffness *= 10
+        self.x = scene.applyConstraints(self.R, self.q, self.x)
+        finalEnergy = scene.evaluate(self.R, self.q, self.x)[0]
+        if not self.converged and not self._outOfIterations():
+            warnings.warn(f'minimize: the root mean square force is {self.rms:.3g} kJ/(mol nm), above the tolerance '
+                          f'{self.tolerance:.3g}: the search got stuck, most likely at the precision of the forces; '
+                          'use the Reference platform or a larger tolerance')
+        return MinimizationResult(_units.ENERGY.attach(initialEnergy), _units.ENERGY.attach(finalEnergy),
+                                  _units.FORCE.attach(self.rms), self.iterations, self.evaluations, self.converged)
+
+    def _size(self):
+        return 6*self.scene.numBodies + 3*len(self.scene.free)
+
+    def _outOfIterations(self):
+        return 0 < self.maxIterations <= self.iterations
+
+    def _minimizeWithSprings(self):
+        """Run L-BFGS until the forces are small, the iterations used up, or the energy does not go down any more."""
+        import scipy.optimize
+        limits = self._limits()
+        self.converged = False
+        energy, gradient = self._value(np.zeros(self._size()))
+        self._note(np.zeros(self._size()), energy, gradient)
+        while not self.converged and not self._outOfIterations():
+            before = self.energy
+            try:
+                result = scipy.optimize.minimize(
+                    self._value, np.zeros(self._size()), jac=True, method='L-BFGS-B', callback=self._afterIteration,
+                    bounds=np.stack([-limits, limits], axis=1),
+                    options={'maxiter': 2**30, 'maxfun': 2**30, 'ftol': 0, 'gtol': 0, 'maxcor': 20, 'maxls': 30})
+                self._note(result.x, *self._value(result.x))
+                stuck = before - self.energy <= _SMALLEST_DECREASE*abs(self.energy)
+            except (_Recentre, _Finished):
+                stuck = False
+            self.R, self.q, self.x = self._unpack(self.best)
+            if stuck:
+                break
+
+    def _limits(self):
+        n = self.scene.numBodies
+        rotations = np.repeat(self.scene.length, 3)*_LARGEST_ROTATION
+        return np.concatenate([np.full(3*n, _LARGEST_TRANSLATION), rotations,
+                               np.full(3*len(self.scene.free), _LARGEST_TRANSLATION)])
+
+    def _split(self, y):
+        """Translations, rotation vectors and moves of free particles in y."""
+        n = self.scene.numBodies
+        return (y[:3*n].reshape(-1, 3), y[3*n:6*n].reshape(-1, 3)/self.scene.length[:, None], y[6*n:].reshape(-1, 3))
+
+    def _unpack(self, y):
+        """Origins, quaternions and free positions for y, counted from the present centre of the chart."""
+        translations, rotations, moves = self._split(y)
+        return self.R + translations, _turned(rotations, self.q), self.x + moves
+
+    def _value(self, y):
+        """Energy (with springs) and its gradient."""
+        self.evaluations += 1
+        R, q, x = self._unpack(y)
+        energy, forces, torques, freeForces = self.scene.evaluate(R, q, x)
+        springEnergy, springForces = self._springs(x)
+        turns = -_turnGradient(self._split(y)[1], torques)/self.scene.length[:, None]
+        gradient = np.concatenate([-forces.ravel(), turns.ravel(), -(freeForces + springForces).ravel()])
+        energy += springEnergy
+        self.last = (y.copy(), energy, gradient)
+        if not (np.isfinite(energy) and np.all(np.isfinite(gradient))) and np.any(y):
+            return self._wall(y)
+        return energy, gradient
+
+    def _wall(self, y):
+        """Stands in for an energy that is not finite: so high and steep that the line search turns back."""
+        away = y - self.best
+        height = 1e3*(1 + abs(self.energy))
+        return self.energy + height, 2*height*away/max(away @ away, 1e-30)
+
+    def _springs(self, x):
+        """Energy and forces of the springs that hold the constraints of free particles."""
+        i, j = self.scene.constraints.T
+        forces = np.zeros_like(x)
+        if len(i) == 0:
+            return 0.0, forces
+        separation = x[j] - x[i]
+        distance = np.linalg.norm(separation, axis=1)
+        stretch = distance - self.scene.distances
+        pull = (self.stiffness*stretch/distance)[:, None]*separation
+        np.add.at(forces, i, pull)
+        np.add.at(forces, j, -pull)
+        return 0.5*self.stiffness*(stretch @ stretch), forces
+
+    def _constraintError(self):
+        """Largest relative error of a constraint between free particles."""
+        i, j = self.scene.constraints.T
+        if len(i) == 0:
+            return 0.0
+        distance = np.linalg.norm(self.x[j] - self.x[i], axis=1)
+        return np.max(np.abs(distance - self.scene.distances)/self.scene.distances)
+
+    def _note(self, y, energy, gradient):
+        self.best, self.energy = y.copy(), energy
+        self.rms = np.sqrt(np.mean(gradient**2)) if len(gradient) > 0 else 0.0
+        self.converged = bool(self.rms <= self.tolerance)
+
+    def _afterIteration(self, y):
+        """SciPy calls this after each iteration; an exception is the only way to end its search."""
+        if not np.array_equal(y, self.last[0]):
+            self._value(y)
+        self._note(*self.last)
+        self.iterations += 1
+        self.bar.update()
+        self.bar.set_postfix_str(f'{self.energy:.6g} kJ/mol, rms force {self.rms:.3g} kJ/(mol nm)', refresh=False)
+        if self.reporter is not None:
+            self.reporter(self.iterations, _units.ENERGY.attach(self.energy), _units.FORCE.attach(self.rms))
+        if self.converged or self._outOfIterations():
+            raise _Finished()
+        if np.any(np.abs(y) >= 0.999*self._limits()):
+            raise _Recentre()
+
+
+def _rotationMatrices(q):
+    """Matrices (n, 3, 3) of unit quaternions (n, 4)."""
+    w, x, y, z = q.T
+    return np.stack([np.stack([1 - 2*(y*y + z*z), 2*(x*y - w*z), 2*(x*z + w*y)], axis=-1),
+                     np.stack([2*(x*y + w*z), 1 - 2*(x*x + z*z), 2*(y*z - w*x)], axis=-1),
+                     np.stack([2*(x*z - w*y), 2*(y*z + w*x), 1 - 2*(x*x + y*y)], axis=-1)], axis=-2)
+
+
+def _turned(rotations, q):
+    """Quaternions q after turns by lab-frame rotation vectors: exp(rotation/2) q, normalised."""
+    angle = np.linalg.norm(rotations, axis=1)
+    c = np.cos(angle/2)[:, None]
+    s = (0.5*np.sinc(angle/(2*np.pi)))[:, None]*rotations  # sin(angle/2) times the axis; numpy's sinc(x) has x pi
+    w, v = q[:, :1], q[:, 1:]
+    result = np.concatenate([c*w - np.sum(s*v, axis=1, keepdims=True), c*v + w*s + np.cross(s, v)], axis=1)
+    return result/np.linalg.norm(result, axis=1, keepdims=True)
+
+
+def _turnGradient(rotations, torques):
+    """J^T torque, with J the left Jacobian of the exponential map: a change d of the rotation vector turns by J d.
+
+    J^T torque = torque - (1-cos a)/a^2 w x torque + (a - sin a)/a^3 w x (w x torque), a = |w|.
+    """
+    angle = np.linalg.norm(rotations, axis=1)[:, None]
+    small = angle < 1e-2  # below, the series to a^2 is right to 1e-10 and the closed form loses digits
+    safe = np.where(small, 1.0, angle)
+    first = np.where(small, 0.5 - angle**2/24, (1 - np.cos(safe))/safe**2)
+    second = np.where(small, 1/6 - angle**2/120, (safe - np.sin(safe))/safe**3)
+    once = np.cross(rotations, torques)
+    return torques - first*once + second*np.cross(rotations, once)

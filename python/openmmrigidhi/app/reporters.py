@@ -1,0 +1,91 @@
+"""A StateDataReporter that counts the degrees of freedom of rigid bodies."""
+import functools
+
+import openmm.app
+from openmm import unit
+
+from ..integrator import CustomRigidHIIntegrator
+
+_NOT_AVAILABLE = 'n/a'
+_GAS_CONSTANT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
+
+
+class StateDataReporter(openmm.app.StateDataReporter):
+    """openmm.app.StateDataReporter for a CustomRigidHIIntegrator, with right temperatures.
+
+    OpenMM's own counts three degrees of freedom for each massive particle less one for each constraint, so that rigid bodies
+    without constraints read far too cold. This one takes them from ``integrator.getDegreesOfFreedom()``. For schemes
+    without momenta, and for kinds of motion that nothing in the System has, it writes ``n/a``.
+
+    Parameters
+    ----------
+    file, reportInterval, ... :
+        as for openmm.app.StateDataReporter; ``temperature`` is that of bodies and free particles together
+    translationalTemperature : bool
+        whether to write the temperature of the bodies' translation
+    rotationalTemperatures : bool
+        whether to write the temperatures of rotation about the axis of the smallest, the middle and the largest principal
+        moment, three columns. At equilibrium all temperatures fluctuate about that of the heat bath, with a relative
+        standard deviation of sqrt(2/degrees of freedom) for a single report.
+    """
+
+    def __init__(self, file, reportInterval, *args, translationalTemperature=False, rotationalTemperatures=False, **kwargs):
+        super().__init__(file, reportInterval, *args, **kwargs)
+        self._columns = {}
+        if self._temperature:
+            self._columns['Temperature (K)'] = self._systemTemperature
+        if translationalTemperature:
+            self._columns['Translational Temperature (K)'] = self._translationalTemperature
+        if rotationalTemperatures:
+            for axis in range(3):
+                self._columns[f'Rotational Temperature {axis+1} (K)'] = functools.partial(self._rotationalTemperature, axis)
+        # The base class must not compute its own, which divides by its number of degrees of freedom.
+        self._temperature = False
+
+    def _initializeConstants(self, simulation):
+        super()._initializeConstants(simulation)
+        integrator = CustomRigidHIIntegrator.cast(simulation.context.getIntegrator())
+        self._massFraction = _massFractionOfBodies(integrator, simulation.system)
+
+    def _place(self):
+        """How many columns come before the temperatures."""
+        return sum(map(bool, (self._progress, self._step, self._time, self._potentialEnergy, self._kineticEnergy,
+                              self._totalEnergy)))
+
+    def _constructHeaders(self):
+        headers = super()._constructHeaders()
+        place = self._place()
+        return headers[:place] + list(self._columns) + headers[place:]
+
+    def _constructReportValues(self, simulation, state):
+        values = super()._constructReportValues(simulation, state)
+        integrator = CustomRigidHIIntegrator.cast(simulation.context.getIntegrator())
+        degrees = integrator.getDegreesOfFreedom()
+        place = self._place()
+        return values[:place] + [column(integrator, degrees) for column in self._columns.values()] + values[place:]
+
+    def _systemTemperature(self, integrator, degrees):
+        return integrator.computeSystemTemperature()._value if degrees['total'] > 0 else _NOT_AVAILABLE
+
+    def _translationalTemperature(self, integrator, degrees):
+        # With total momentum 0, <p^2/m> = 3 kT (1 - m/M) for each body, M the mass of everything that moves.
+        removed = degrees['removed']*self._massFraction
+        return _temperature(integrator.computeTranslationalKineticEnergy()._value, degrees['translational'] - removed)
+
+    def _rotationalTemperature(self, axis, integrator, degrees):
+        energies = integrator.computeRotationalKineticEnergies()._value
+        return _temperature(energies[axis], degrees[f'rotational{axis+1}'])
+
+
+def _temperature(energy, degrees):
+    """2 E/(k_B n) in K for an energy in kJ/mol, or n/a for no degrees of freedom."""
+    return 2*energy/(_GAS_CONSTANT*degrees) if degrees > 0 else _NOT_AVAILABLE
+
+
+def _massFractionOfBodies(integrator, system):
+    """The bodies' share of the mass of everything that moves."""
+    bodies = [integrator.getRigidBodyParameters(i) for i in range(integrator.getNumRigidBodies())]
+    members = {particle for body in bodies for particle in body[0]}
+    massOfBodies = sum(body[1]._value for body in bodies)
+    massOfFree = sum(system.getParticleMass(i)._value for i in range(system.getNumParticles()) if i not in members)
+    return massOfBodies/(massOfBodies + massOfFree) if massOfBodies > 0 else 0

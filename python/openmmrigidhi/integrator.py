@@ -1,0 +1,636 @@
+"""CustomRigidHIIntegrator: the Python face of the C++ class, with units, checked shapes and documentation."""
+import enum
+
+import numpy as np
+import openmm
+
+from . import _bindings, _units
+
+_Base = _bindings.CustomRigidHIIntegrator
+
+
+class Scheme(enum.IntEnum):
+    """The time-stepping schemes; also class attributes of CustomRigidHIIntegrator."""
+
+    LangevinA = _Base.LangevinA
+    LangevinB = _Base.LangevinB
+    LangevinC = _Base.LangevinC
+    GradientThermostat = _Base.GradientThermostat
+
+
+class NoiseLaw(enum.IntEnum):
+    """The laws of the random numbers; also class attributes of CustomRigidHIIntegrator."""
+
+    Gaussian = _Base.Gaussian
+    ThreePoint = _Base.ThreePoint
+    TwoPoint = _Base.TwoPoint
+
+
+def _where(method):
+    return 'CustomRigidHIIntegrator.' + method
+
+
+def _constant(value, kind, method, name):
+    """An int from a constant of this enumeration or a plain integer; another enumeration's constant is a mistake."""
+    if isinstance(value, enum.Enum) and not isinstance(value, kind):
+        raise TypeError(f'{_where(method)}: {name}: got {value!r}; it must be a {kind.__name__}: '
+                        f"use one of {', '.join(member.name for member in kind)}")
+    return _units.integer(value, _where(method), name)
+
+
+def _array(buffer, columns=None):
+    """The numbers of a buffer from C++ as a writable array, without a copy."""
+    array = np.frombuffer(buffer, dtype=np.double)
+    return array if columns is None else array.reshape(-1, columns)
+
+
+def _unpickle(cls, xml, attributes):
+    return cls._adopt(openmm.XmlSerializer.deserialize(xml), attributes)
+
+
+class CustomRigidHIIntegrator(_Base):
+    """Integrates rigid bodies, whose orientation is a unit quaternion, under the forces of an ordinary Context.
+
+    Particles of the System are grouped into bodies with :meth:`addRigidBody`; all other particles ("free particles") are
+    integrated beside them with the same scheme, as point particles. The state of a body is the position R of its origin
+    (its centre of mass; nm), the unit quaternion q = (w, x, y, z) that turns body-frame vectors into lab-frame vectors,
+    the momentum p (lab frame) and the angular momentum l (body frame).
+
+    Arguments are numbers in OpenMM's units (nm, ps, dalton, K, kJ/mol) or quantities, whose dimension is checked;
+    rows are Vec3, tuples, lists or rows of an array. Getters return a Quantity of a numpy array. A wrong type or dimension
+    is a TypeError, a wrong shape a ValueError, everything else that is refused an openmm.OpenMMException; each names the
+    object, the value, the bound and the remedy.
+
+    **Schemes** (:meth:`setScheme`), all of Davidchack, Ouldridge, Tretyakov, J. Chem. Phys. 142, 144114 (2015), one force
+    evaluation a step each. LangevinA, B and C discretise, for a body with live axes l (those with a moment; here and
+    below sums run over them) and M = 4 / sum_k 1/I_k,
+
+        dR = p/m dt,   dp = f dt - gamma p dt + sqrt(2 m gamma kT) dw,
+        dl_k = (l x omega)_k dt + tau_k dt - Gamma_k l_k dt + sqrt(M Gamma kT/2) dW_k,   Gamma_k = Gamma M / (4 I_k)
+
+    - ``LangevinA`` (eq. 20): Hamiltonian step with noise between two half steps of damping. Weak order 2. Breaks down
+      above gamma ~ 100/ps, Gamma ~ 200/ps.
+    - ``LangevinB`` (eq. 27): half an exact Ornstein-Uhlenbeck step, Hamiltonian step, half an Ornstein-Uhlenbeck step
+      ("OBABO"). Weak order 2.
+    - ``LangevinC`` (eq. 28, default): half a Hamiltonian step, Ornstein-Uhlenbeck step, half a Hamiltonian step
+      ("BAOAB"). Weak order 2; the most accurate of the three for configurational averages.
+    - ``GradientThermostat`` (eq. 30): Brownian dynamics without momenta,
+      dR = upsilon/m f dt + sqrt(2 upsilon kT/m) dw, and likewise for q. Weak order 1.
+
+    Body axis k relaxes at the rate Gamma_k = Gamma / (I_k sum_j 1/I_j): on an elongated body the thick axes are hardly
+    thermostatted by Gamma, and :meth:`describeEffects` names such bodies.
+
+    Parameters
+    ----------
+    temperature : float or Quantity
+        temperature of the heat bath, K; 0: no noise at all
+    stepSize : float or Quantity
+        step size, ps
+
+    Raises
+    ------
+    openmm.OpenMMException
+        if the temperature is negative, the step size not positive, or either not finite
+
+    Examples
+    --------
+    >>> import openmmrigidhi
+    >>> from openmm import unit
+    >>> integrator = openmmrigidhi.CustomRigidHIIntegrator(300*unit.kelvin, 4*unit.femtosecond)
+    >>> integrator.addRigidBody([0, 1, 2])
+    0
+    """
+
+    LangevinA = Scheme.LangevinA
+    LangevinB = Scheme.LangevinB
+    LangevinC = Scheme.LangevinC
+    GradientThermostat = Scheme.GradientThermostat
+    Gaussian = NoiseLaw.Gaussian
+    ThreePoint = NoiseLaw.ThreePoint
+    TwoPoint = NoiseLaw.TwoPoint
+
+    def __init__(self, temperature, stepSize):
+        super().__init__(_units.number(temperature, _units.TEMPERATURE, 'CustomRigidHIIntegrator', 'temperature'),
+                         _units.number(stepSize, _units.TIME, 'CustomRigidHIIntegrator', 'stepSize'))
+
+    def __repr__(self):
+        return (f'<CustomRigidHIIntegrator: {self.getScheme().name}, {self.getTemperature()}, {self.getStepSize()}, '
+                f'{self.getNumRigidBodies()} bodies>')
+
+    # ---- Copies ------------------------------------------------------------------------------------------------------
+
+    @staticmethod
+    def cast(obj):
+        """Get a CustomRigidHIIntegrator as what it is.
+
+        OpenMM's deserialisation and copies return a generic openmm.Integrator.
+
+        Parameters
+        ----------
+        obj : openmm.Integrator
+            the object; if it owned the C++ object, the result does from now on, and obj remains usable
+
+        Returns
+        -------
+        CustomRigidHIIntegrator
+            obj itself if it is one already
+
+        Raises
+        ------
+        TypeError
+            if obj is anything else
+        """
+        if isinstance(obj, CustomRigidHIIntegrator):
+            return obj
+        return CustomRigidHIIntegrator._adopt(obj)
+
+    @classmethod
+    def _adopt(cls, obj, attributes=None):
+        """Wrap the C++ object of a generic Integrator in this class, and move its ownership."""
+        earlier = getattr(obj, '_rigidHIWrapper', None)
+        if earlier is not None:
+            return earlier
+        found = _Base._fromIntegrator(obj) if isinstance(obj, openmm.Integrator) else None
+        if found is None:
+            raise TypeError(f'CustomRigidHIIntegrator.cast: obj: got {type(obj).__name__}; it must be a '
+                            'CustomRigidHIIntegrator, or an openmm.Integrator that is one: give such an object')
+        result = cls.__new__(cls)
+        result.this = found.this
+        result.thisown = obj.thisown
+        obj.thisown = False
+        # Each keeps the other alive: obj must not outlive what it points to, nor the result what obj holds.
+        result._rigidHISource = obj
+        obj._rigidHIWrapper = result
+        for name, value in (attributes or {}).items():
+            setattr(result, name, value)
+        return result
+
+    def _pythonAttributes(self):
+        hidden = ('this', '_rigidHISource')
+        return {name: value for name, value in self.__dict__.items() if name not in hidden}
+
+    def __copy__(self):
+        """A new integrator with the same settings and bodies, bound to no Context."""
+        return type(self)._adopt(openmm.XmlSerializer.clone(self), self._pythonAttributes())
+
+    def __deepcopy__(self, memo):
+        """A new integrator with the same settings and bodies, bound to no Context."""
+        import copy
+        return type(self)._adopt(openmm.XmlSerializer.clone(self), copy.deepcopy(self._pythonAttributes(), memo))
+
+    def __reduce__(self):
+        return _unpickle, (type(self), openmm.XmlSerializer.serialize(self), self._pythonAttributes())
+
+    # ---- Bodies ------------------------------------------------------------------------------------------------------
+
+    def addRigidBody(self, particles, mass=None, principalMoments=None, sitePositions=None):
+        """Add a rigid body.
+
+        With particles alone, shape, mass and inertia come from the System. The shape comes from the constraints among the
+        massive members if these fix it (two members: one constraint; three: a triangle; more: all pairs, with the
+        handedness from the first positions), and virtual sites from their definitions; otherwise from the first positions
+        given to the Context, and is kept until :meth:`resetBodyGeometry`. Mass and inertia come from the System's masses.
+        The body frame has its origin at the centre of mass and its axes along the principal axes, the smallest moment
+        first.
+
+        With mass, principalMoments and sitePositions, these override the System's masses, which then serve OpenMM only.
+
+        Parameters
+        ----------
+        particles : sequence of int
+            indices of the particles, virtual sites included
+        mass : float or Quantity, optional
+            mass, dalton; positive for schemes with momenta and for GradientThermostat
+        principalMoments : Vec3, sequence or Quantity of shape (3,), optional
+            principal moments of inertia about the body axes x, y, z, dalton nm^2, in any order. A moment below 1e-13 of
+            the largest counts as zero: no rotation, noise or energy about that axis.
+        sitePositions : array-like or Quantity of shape (n, 3), optional
+            position of each particle in the body frame, nm; its origin is the centre of mass and its axes are the
+            principal axes
+
+        Returns
+        -------
+        int
+            index of the body
+
+        Raises
+        ------
+        TypeError
+            for a wrong type or dimension, or if only some of the last three are given
+        ValueError
+            for a wrong shape
+        openmm.OpenMMException
+            for an empty body, a negative or repeated particle, a particle that is in a body already, a negative or
+            non-finite mass or moment, moments that violate the triangle inequality, or another number of sites than of
+            particles
+        """
+        where = _where('addRigidBody')
+        indices = _units.indices(particles, where, 'particles')
+        given = [argument is not None for argument in (mass, principalMoments, sitePositions)]
+        if not any(given):
+            return super().addRigidBody(indices)
+        if not all(given):
+            raise TypeError(f'{where}: only some of mass, principalMoments and sitePositions are given; an explicit body '
+                            'needs all three: give them all, or none to take them from the System')
+        return super().addRigidBody(indices, *self._explicitBody(where, mass, principalMoments, sitePositions))
+
+    @staticmethod
+    def _explicitBody(where, mass, principalMoments, sitePositions):
+        return (_units.number(mass, _units.MASS, where, 'mass'),
+                _units.vector(principalMoments, _units.MOMENT, where, 'principalMoments'),
+                _units.rows(sitePositions, _units.LENGTH, 3, where, 'sitePositions'))
+
+    def getNumRigidBodies(self):
+        """Get the number of rigid bodies."""
+        return super().getNumRigidBodies()
+
+    def getRigidBodyParameters(self, index):
+        """Get the definition of a body.
+
+        For a body without explicit geometry this needs a Context whose positions are set (or a geometry that was read
+        from XML).
+
+        Parameters
+        ----------
+        index : int
+            index of the body
+
+        Returns
+        -------
+        particles : list of int
+            indices of the particles
+        mass : Quantity
+            mass, dalton
+        principalMoments : Quantity of shape (3,)
+            principal moments about the body axes, dalton nm^2
+        sitePositions : Quantity of shape (n, 3)
+            positions of the particles in the body frame, nm
+
+        Raises
+        ------
+        openmm.OpenMMException
+            if the index is out of range or the geometry is not known yet
+        """
+        particles, mass, moments, sites = super().getRigidBodyParameters(self._index(index, 'getRigidBodyParameters'))
+        return (np.frombuffer(particles, dtype=np.intc).tolist(), _units.MASS.attach(mass),
+                _units.MOMENT.attach(_array(moments)), _units.LENGTH.attach(_array(sites, 3)))
+
+    def getRigidBodyParticles(self, index):
+        """Get the indices of a body's particles, a list of int. Needs no Context.
+
+        Parameters
+        ----------
+        index : int
+            index of the body
+        """
+        buffer = super().getRigidBodyParticles(self._index(index, 'getRigidBodyParticles'))
+        return np.frombuffer(buffer, dtype=np.intc).tolist()
+
+    def getRigidBodyIsExplicit(self, index):
+        """Get whether a body was given explicit mass, moments and sites."""
+        return super().getRigidBodyIsExplicit(self._index(index, 'getRigidBodyIsExplicit'))
+
+    def getRigidBodyGeometryIsKnown(self, index):
+        """Get whether mass, moments and sites of a body are known."""
+        return super().getRigidBodyGeometryIsKnown(self._index(index, 'getRigidBodyGeometryIsKnown'))
+
+    def setRigidBodyParameters(self, index, particles, mass, principalMoments, sitePositions):
+        """Replace the definition of a body by an explicit one.
+
+        Takes effect at the next Context creation or reinitialize(). Parameters and errors as in :meth:`addRigidBody`.
+        """
+        where = _where('setRigidBodyParameters')
+        super().setRigidBodyParameters(self._index(index, 'setRigidBodyParameters'),
+                                       _units.indices(particles, where, 'particles'),
+                                       *self._explicitBody(where, mass, principalMoments, sitePositions))
+
+    def resetBodyGeometry(self):
+        """Forget the geometry of all bodies that were added without an explicit one.
+
+        The Context's present (or next) positions define it anew.
+        """
+        super().resetBodyGeometry()
+
+    @staticmethod
+    def _index(index, method):
+        return _units.integer(index, _where(method), 'index')
+
+    # ---- Settings ----------------------------------------------------------------------------------------------------
+
+    def getScheme(self):
+        """Get the scheme, one of the class attributes LangevinA, LangevinB, LangevinC, GradientThermostat."""
+        return Scheme(super().getScheme())
+
+    def setScheme(self, scheme):
+        """Set the scheme (default LangevinC). May be changed between steps.
+
+        Parameters
+        ----------
+        scheme : constant
+            one of the class attributes LangevinA, LangevinB, LangevinC, GradientThermostat
+        """
+        super().setScheme(_constant(scheme, Scheme, 'setScheme', 'scheme'))
+
+    def getNoiseLaw(self):
+        """Get the law of the random numbers, one of the class attributes Gaussian, ThreePoint, TwoPoint."""
+        return NoiseLaw(super().getNoiseLaw())
+
+    def setNoiseLaw(self, law):
+        """Set the law of the random numbers; all have mean 0 and variance 1.
+
+        Parameters
+        ----------
+        law : constant
+            Gaussian (default); ThreePoint: 0 with probability 2/3, +-sqrt(3) with 1/6 each (eq. 21), enough for weak
+            order 2; TwoPoint: +-1 with probability 1/2 each (eq. 31), enough for GradientThermostat (weak order 1)
+        """
+        super().setNoiseLaw(_constant(law, NoiseLaw, 'setNoiseLaw', 'law'))
+
+    def getTemperature(self):
+        """Get the temperature of the heat bath, a Quantity in K."""
+        return _units.TEMPERATURE.attach(super().getTemperature())
+
+    def setTemperature(self, temperature):
+        """Set the temperature of the heat bath, K; 0: no noise, no random numbers. Not negative, finite."""
+        super().setTemperature(self._number(temperature, _units.TEMPERATURE, 'setTemperature', 'temperature'))
+
+    def getFriction(self):
+        """Get the translational friction gamma of the Langevin schemes, a Quantity in 1/ps."""
+        return _units.RATE.attach(super().getFriction())
+
+    def setFriction(self, gamma):
+        """Set gamma, the rate at which momenta of bodies and of free particles relax (eq. 8), 1/ps; default 1."""
+        super().setFriction(self._number(gamma, _units.RATE, 'setFriction', 'gamma'))
+
+    def getRotationalFriction(self):
+        """Get the rotational friction Gamma of the Langevin schemes, a Quantity in 1/ps."""
+        return _units.RATE.attach(super().getRotationalFriction())
+
+    def setRotationalFriction(self, Gamma):
+        """Set Gamma (eqs. 9, 10), 1/ps; default 1. Body axis k relaxes at the rate Gamma / (I_k sum_j 1/I_j)."""
+        super().setRotationalFriction(self._number(Gamma, _units.RATE, 'setRotationalFriction', 'Gamma'))
+
+    def setBodyFriction(self, index, gamma, Gamma):
+        """Give one body frictions of its own.
+
+        Parameters
+        ----------
+        index : int
+            index of the body
+        gamma, Gamma : float or Quantity
+            translational and rotational friction, 1/ps; not negative, finite
+        """
+        super().setBodyFriction(self._index(index, 'setBodyFriction'),
+                                self._number(gamma, _units.RATE, 'setBodyFriction', 'gamma'),
+                                self._number(Gamma, _units.RATE, 'setBodyFriction', 'Gamma'))
+
+    def getBodyFriction(self, index):
+        """Get the pair (gamma, Gamma) of one body, Quantities in 1/ps: its own, or else those of the integrator."""
+        gamma, Gamma = super().getBodyFriction(self._index(index, 'getBodyFriction'))
+        return _units.RATE.attach(gamma), _units.RATE.attach(Gamma)
+
+    def getBodyHasOwnFriction(self, index):
+        """Get whether a body has frictions of its own."""
+        return super().getBodyHasOwnFriction(self._index(index, 'getBodyHasOwnFriction'))
+
+    def clearBodyFriction(self, index):
+        """Let a body use the frictions of the integrator again."""
+        super().clearBodyFriction(self._index(index, 'clearBodyFriction'))
+
+    def getGradientRelaxationTime(self):
+        """Get upsilon of GradientThermostat, a Quantity in ps."""
+        return _units.TIME.attach(super().getGradientRelaxationTime())
+
+    def setGradientRelaxationTime(self, upsilon):
+        """Set upsilon of GradientThermostat (eq. 15), ps; default 0.004. Positive, finite."""
+        super().setGradientRelaxationTime(self._number(upsilon, _units.TIME, 'setGradientRelaxationTime', 'upsilon'))
+
+    def getGradientRotationalRelaxationTime(self):
+        """Get Upsilon of GradientThermostat, a Quantity in ps."""
+        return _units.TIME.attach(super().getGradientRotationalRelaxationTime())
+
+    def setGradientRotationalRelaxationTime(self, Upsilon):
+        """Set Upsilon of GradientThermostat (eq. 16), ps; default 0.001. Positive, finite."""
+        method = 'setGradientRotationalRelaxationTime'
+        super().setGradientRotationalRelaxationTime(self._number(Upsilon, _units.TIME, method, 'Upsilon'))
+
+    def getRandomNumberSeed(self):
+        """Get the seed as it was set (0: fresh for each Context)."""
+        return super().getRandomNumberSeed()
+
+    def setRandomNumberSeed(self, seed):
+        """Set the seed, an int.
+
+        0 (default): each Context draws a fresh one, which is saved with checkpoints and States. A change takes effect at
+        the next Context creation or reinitialize().
+        """
+        super().setRandomNumberSeed(_units.integer(seed, _where('setRandomNumberSeed'), 'seed'))
+
+    def getPoseTolerance(self):
+        """Get the pose tolerance, a Quantity in nm."""
+        return _units.LENGTH.attach(super().getPoseTolerance())
+
+    def setPoseTolerance(self, tolerance):
+        """Set how far a particle may lie from its place in the body when positions are given to the Context, nm.
+
+        Default 1e-3. Below it, members are put back when the next step starts; above it is an error that names body,
+        particle and distance.
+        """
+        super().setPoseTolerance(self._number(tolerance, _units.LENGTH, 'setPoseTolerance', 'tolerance'))
+
+    def setStepSize(self, size):
+        """Set the step size, ps. Positive, finite."""
+        super().setStepSize(self._number(size, _units.TIME, 'setStepSize', 'size'))
+
+    def setConstraintTolerance(self, tolerance):
+        """Set the relative tolerance of the constraints of free particles. Positive, finite."""
+        super().setConstraintTolerance(self._number(tolerance, _units.NONE, 'setConstraintTolerance', 'tolerance'))
+
+    @staticmethod
+    def _number(value, dimension, method, name):
+        return _units.number(value, dimension, _where(method), name)
+
+    # ---- State of the bodies of the bound Context --------------------------------------------------------------------
+
+    def getBodyPositions(self):
+        """Get the positions of the bodies' origins: Quantity of shape (n, 3), nm, lab frame, unwrapped.
+
+        Needs a Context whose positions are set, as do all methods of this section.
+        """
+        return _units.LENGTH.attach(_array(super().getBodyPositions(), 3))
+
+    def getBodyOrientations(self):
+        """Get the orientations of the bodies: array of shape (n, 4), unit quaternions (w, x, y, z), body to lab frame."""
+        return _array(super().getBodyOrientations(), 4)
+
+    def getBodyVelocities(self):
+        """Get the velocities of the bodies' origins: Quantity of shape (n, 3), nm/ps, lab frame."""
+        return _units.VELOCITY.attach(_array(super().getBodyVelocities(), 3))
+
+    def getBodyAngularVelocities(self):
+        """Get the angular velocities of the bodies: Quantity of shape (n, 3), rad/ps, lab frame."""
+        return _units.ANGULAR_VELOCITY.attach(_array(super().getBodyAngularVelocities(), 3))
+
+    def setBodyPositions(self, positions):
+        """Set the positions of the bodies' origins, and move their particles.
+
+        Parameters
+        ----------
+        positions : array-like or Quantity of shape (n, 3)
+            one finite row for each body, nm, lab frame
+        """
+        super().setBodyPositions(self._rows(positions, _units.LENGTH, 3, 'setBodyPositions', 'positions'))
+
+    def setBodyOrientations(self, orientations):
+        """Set the orientations of the bodies, and move their particles.
+
+        Parameters
+        ----------
+        orientations : array-like of shape (n, 4)
+            quaternions (w, x, y, z), body to lab frame; their length must be 1 within 1e-3, and they are normalised
+        """
+        super().setBodyOrientations(self._rows(orientations, _units.NONE, 4, 'setBodyOrientations', 'orientations'))
+
+    def setBodyVelocities(self, velocities):
+        """Set the velocities of the bodies' origins.
+
+        Parameters
+        ----------
+        velocities : array-like or Quantity of shape (n, 3)
+            one finite row for each body, nm/ps, lab frame
+        """
+        super().setBodyVelocities(self._rows(velocities, _units.VELOCITY, 3, 'setBodyVelocities', 'velocities'))
+
+    def setBodyAngularVelocities(self, angularVelocities):
+        """Set the angular velocities of the bodies. Components about axes without inertia are dropped.
+
+        Parameters
+        ----------
+        angularVelocities : array-like or Quantity of shape (n, 3)
+            one finite row for each body, rad/ps, lab frame
+        """
+        super().setBodyAngularVelocities(self._rows(angularVelocities, _units.ANGULAR_VELOCITY, 3,
+                                                    'setBodyAngularVelocities', 'angularVelocities'))
+
+    def _rows(self, values, dimension, columns, method, name):
+        return _units.rows(values, dimension, columns, _where(method), name, self.getNumRigidBodies())
+
+    def getBodyForces(self):
+        """Get the total forces on the bodies at the last force evaluation of the last step.
+
+        Returns
+        -------
+        Quantity of shape (n, 3)
+            kJ/(mol nm), lab frame
+        """
+        return _units.FORCE.attach(_array(super().getBodyForces(), 3))
+
+    def getBodyTorques(self):
+        """Get the total torques about the bodies' origins at the last force evaluation of the last step.
+
+        Returns
+        -------
+        Quantity of shape (n, 3)
+            kJ/mol, lab frame
+        """
+        return _units.ENERGY.attach(_array(super().getBodyTorques(), 3))
+
+    def getPoseResidual(self):
+        """Get the largest distance of a particle from its place at the last fit of poses to positions, Quantity in nm."""
+        return _units.LENGTH.attach(super().getPoseResidual())
+
+    # ---- Energies and temperature ------------------------------------------------------------------------------------
+
+    def computeTranslationalKineticEnergy(self):
+        """Get the translational kinetic energy of all bodies, Quantity in kJ/mol; 0 for schemes without momenta."""
+        return _units.ENERGY.attach(super().computeTranslationalKineticEnergy())
+
+    def computeRotationalKineticEnergies(self):
+        """Get the rotational kinetic energies, summed over bodies; 0 for schemes without momenta.
+
+        Returns
+        -------
+        Quantity of shape (3,)
+            kJ/mol, about the axis of the smallest, the middle and the largest principal moment of each body
+        """
+        return _units.ENERGY.attach(_array(super().computeRotationalKineticEnergies()))
+
+    def computeFreeParticleKineticEnergy(self):
+        """Get the kinetic energy of the free particles, Quantity in kJ/mol; 0 for schemes without momenta."""
+        return _units.ENERGY.attach(super().computeFreeParticleKineticEnergy())
+
+    def getDegreesOfFreedom(self):
+        """Get the numbers of kinetic degrees of freedom, a dict of int.
+
+        Returns
+        -------
+        dict
+            "translational"; "rotational1", "rotational2", "rotational3": bodies that can rotate about the axis of their
+            smallest, middle, largest moment; "free": of free particles less their constraints; "removed": 3 with a
+            CMMotionRemover; "total". All 0 for schemes without momenta.
+        """
+        return super().getDegreesOfFreedom()
+
+    def computeSystemTemperature(self):
+        """Get the instantaneous temperature of bodies and free particles, with the right degrees of freedom.
+
+        2 E_kin / (k_B n) with n of :meth:`getDegreesOfFreedom`. OpenMM's StateDataReporter calls it from OpenMM 8 on.
+
+        Returns
+        -------
+        Quantity
+            K
+
+        Raises
+        ------
+        openmm.OpenMMException
+            if the scheme has no momenta or nothing moves
+        """
+        return _units.TEMPERATURE.attach(super().computeSystemTemperature())
+
+    # ---- What the scene costs ----------------------------------------------------------------------------------------
+
+    def describeEffects(self):
+        """Get which effects are on, and why, as text. Needs a Context."""
+        return super().describeEffects()
+
+    def getEffects(self):
+        """Get which effects are on, and why: a dict from name to "on: reason" or "off: reason". Needs a Context."""
+        return super().getEffects()
+
+    def getStepStatistics(self):
+        """Get counters and times since the Context was created. Needs a Context.
+
+        Returns
+        -------
+        dict
+            steps, forceEvaluations, mobilityProducts, solverIterations, randomNumbers, squareRoots (int), and
+            seconds_forces, seconds_mobility, seconds_scheme, seconds_fft (float, seconds)
+        """
+        return {name: value if name.startswith('seconds') else int(value)
+                for name, value in super().getStepStatistics().items()}
+
+    def step(self, steps):
+        """Advance the simulation.
+
+        Cost: one evaluation of the Context's forces a step. Other Python threads run meanwhile, and Ctrl-C stops it
+        between steps.
+
+        Parameters
+        ----------
+        steps : int
+            number of steps
+
+        Raises
+        ------
+        openmm.OpenMMException
+            if the positions do not fit the bodies; or if forces or positions become non-finite: it names the step and
+            the body, and the Context keeps the last good state
+        """
+        steps = _units.integer(steps, _where('step'), 'steps')
+        # Python looks for signals only when C++ returns.
+        stepsBetweenSignals = 50
+        while steps > stepsBetweenSignals:
+            super().step(stepsBetweenSignals)
+            steps -= stepsBetweenSignals
+        super().step(steps)

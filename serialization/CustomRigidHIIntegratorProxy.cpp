@@ -1,0 +1,155 @@
+#include "CustomRigidHIIntegratorProxy.h"
+
+#include <openmm/Vec3.h>
+
+#include <algorithm>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "StrictNode.h"
+#include "openmmrigidhi/CustomRigidHIIntegrator.h"
+
+using namespace OpenMM;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+typedef CustomRigidHIIntegrator Integrator;
+constexpr int formatVersion = 1;
+
+// Names, not numbers, so that files outlive a reordering of the enums.
+const map<string, Integrator::Scheme> schemes = {{"LangevinA", Integrator::LangevinA},
+                                                 {"LangevinB", Integrator::LangevinB},
+                                                 {"LangevinC", Integrator::LangevinC},
+                                                 {"GradientThermostat", Integrator::GradientThermostat}};
+const map<string, Integrator::NoiseLaw> noiseLaws = {
+    {"Gaussian", Integrator::Gaussian}, {"ThreePoint", Integrator::ThreePoint}, {"TwoPoint", Integrator::TwoPoint}};
+
+/** Every enumerator is in its table: the setters take no other values, and a test writes each of them. */
+template <class Enum>
+string nameOf(const map<string, Enum>& names, Enum value) {
+    return find_if(names.begin(), names.end(), [value](const auto& entry) { return entry.second == value; })->first;
+}
+
+template <class Enum>
+Enum valueOf(const map<string, Enum>& names, const StrictNode& node, const string& property) {
+    const auto entry = names.find(node.text(property));
+    if (entry != names.end()) return entry->second;
+    string known;
+    for (const auto& name : names) known += (known.empty() ? "" : ", ") + name.first;
+    node.wrongValue(property, "one of " + known);
+}
+
+void writeVector(SerializationNode& node, const Vec3& vector) {
+    node.setDoubleProperty("x", vector[0]).setDoubleProperty("y", vector[1]).setDoubleProperty("z", vector[2]);
+}
+
+Vec3 readVector(const StrictNode& node) {
+    return Vec3(node.number("x"), node.number("y"), node.number("z"));
+}
+
+/** A body: its particles, each with its site if the geometry is known. */
+void writeBody(SerializationNode& node, const Integrator& integrator, int index) {
+    const bool known = integrator.getRigidBodyGeometryIsKnown(index);
+    node.setBoolProperty("explicit", integrator.getRigidBodyIsExplicit(index));
+    node.setBoolProperty("geometryIsKnown", known);
+    if (integrator.getBodyHasOwnFriction(index)) {
+        double gamma, Gamma;
+        integrator.getBodyFriction(index, gamma, Gamma);
+        node.setDoubleProperty("friction", gamma).setDoubleProperty("rotationalFriction", Gamma);
+    }
+    vector<int> particles = integrator.getRigidBodyParticles(index);
+    vector<Vec3> sites;
+    if (known) {
+        double mass;
+        Vec3 moments;
+        integrator.getRigidBodyParameters(index, particles, mass, moments, sites);
+        node.setDoubleProperty("mass", mass);
+        writeVector(node.createChildNode("PrincipalMoments"), moments);
+    }
+    SerializationNode& particlesNode = node.createChildNode("Particles");
+    particlesNode.setIntProperty("count", particles.size());
+    for (size_t i = 0; i < particles.size(); i++) {
+        SerializationNode& particle = particlesNode.createChildNode("Particle");
+        particle.setIntProperty("index", particles[i]);
+        if (known) writeVector(particle, sites[i]);
+    }
+}
+
+void readBody(const StrictNode& node, Integrator& integrator) {
+    const bool isExplicit = node.boolean("explicit");
+    const bool known = node.boolean("geometryIsKnown");
+    if (isExplicit && !known) node.wrongValue("geometryIsKnown", "1 for an explicit body");
+    const StrictNode particlesNode = node.child("Particles");
+    particlesNode.checkChildren("count");
+    vector<int> particles;
+    vector<Vec3> sites;
+    for (const SerializationNode& child : particlesNode.children()) {
+        const StrictNode particle(child, "CustomRigidHIIntegrator");
+        particles.push_back(particle.integer("index"));
+        if (known) sites.push_back(readVector(particle));
+    }
+    double mass = 0;
+    Vec3 moments;
+    if (known) {
+        mass = node.number("mass");
+        moments = readVector(node.child("PrincipalMoments"));
+    }
+    const int index =
+        isExplicit ? integrator.addRigidBody(particles, mass, moments, sites) : integrator.addRigidBody(particles);
+    if (known && !isExplicit) integrator.recordBodyGeometry(index, mass, moments, sites);
+    if (node.has("friction") || node.has("rotationalFriction"))
+        integrator.setBodyFriction(index, node.number("friction"), node.number("rotationalFriction"));
+}
+
+}  // namespace
+
+CustomRigidHIIntegratorProxy::CustomRigidHIIntegratorProxy() : SerializationProxy("CustomRigidHIIntegrator") {}
+
+void CustomRigidHIIntegratorProxy::serialize(const void* object, SerializationNode& node) const {
+    const Integrator& integrator = *static_cast<const Integrator*>(object);
+    node.setIntProperty("version", formatVersion);
+    node.setDoubleProperty("stepSize", integrator.getStepSize());
+    node.setDoubleProperty("constraintTolerance", integrator.getConstraintTolerance());
+    node.setIntProperty("integrationForceGroups", integrator.getIntegrationForceGroups());
+    node.setStringProperty("scheme", nameOf(schemes, integrator.getScheme()));
+    node.setStringProperty("noiseLaw", nameOf(noiseLaws, integrator.getNoiseLaw()));
+    node.setDoubleProperty("temperature", integrator.getTemperature());
+    node.setDoubleProperty("friction", integrator.getFriction());
+    node.setDoubleProperty("rotationalFriction", integrator.getRotationalFriction());
+    node.setDoubleProperty("gradientRelaxationTime", integrator.getGradientRelaxationTime());
+    node.setDoubleProperty("gradientRotationalRelaxationTime", integrator.getGradientRotationalRelaxationTime());
+    node.setIntProperty("randomSeed", integrator.getRandomNumberSeed());
+    node.setDoubleProperty("poseTolerance", integrator.getPoseTolerance());
+    SerializationNode& bodies = node.createChildNode("RigidBodies");
+    bodies.setIntProperty("count", integrator.getNumRigidBodies());
+    for (int i = 0; i < integrator.getNumRigidBodies(); i++)
+        writeBody(bodies.createChildNode("RigidBody"), integrator, i);
+}
+
+void* CustomRigidHIIntegratorProxy::deserialize(const SerializationNode& root) const {
+    const StrictNode node(root, "CustomRigidHIIntegrator");
+    if (node.integer("version") != formatVersion) node.wrongValue("version", to_string(formatVersion));
+    unique_ptr<Integrator> integrator(new Integrator(node.number("temperature"), node.number("stepSize")));
+    integrator->setConstraintTolerance(node.number("constraintTolerance"));
+    integrator->setIntegrationForceGroups(node.integer("integrationForceGroups"));
+    integrator->setScheme(valueOf(schemes, node, "scheme"));
+    integrator->setNoiseLaw(valueOf(noiseLaws, node, "noiseLaw"));
+    integrator->setFriction(node.number("friction"));
+    integrator->setRotationalFriction(node.number("rotationalFriction"));
+    integrator->setGradientRelaxationTime(node.number("gradientRelaxationTime"));
+    integrator->setGradientRotationalRelaxationTime(node.number("gradientRotationalRelaxationTime"));
+    integrator->setRandomNumberSeed(node.integer("randomSeed"));
+    integrator->setPoseTolerance(node.number("poseTolerance"));
+    const StrictNode bodies = node.child("RigidBodies");
+    bodies.checkChildren("count");
+    for (const SerializationNode& body : bodies.children())
+        readBody(StrictNode(body, "CustomRigidHIIntegrator"), *integrator);
+    return integrator.release();
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,74 @@
+#ifndef OPENMMRIGIDHI_STRICT_NODE_H_
+#define OPENMMRIGIDHI_STRICT_NODE_H_
+
+#include <openmm/OpenMMException.h>
+#include <openmm/serialization/SerializationNode.h>
+
+#include <charconv>
+#include <string>
+#include <utility>
+
+namespace RigidHIPlugin {
+
+/**
+ * Reads properties of a SerializationNode and objects to anything that is not wholly a number: OpenMM's own getters turn
+ * "abc" into 0 and "1x" into 1.
+ */
+class StrictNode {
+public:
+    StrictNode(const OpenMM::SerializationNode& node, std::string className)
+        : node(node), className(std::move(className)) {}
+
+    const std::string& text(const std::string& property) const {
+        if (!node.hasProperty(property))
+            fail("property '" + property + "' is missing", "every property must be there");
+        return node.getStringProperty(property);
+    }
+    double number(const std::string& property) const { return parse<double>(property, "a number"); }
+    int integer(const std::string& property) const { return parse<int>(property, "an integer"); }
+    bool boolean(const std::string& property) const {
+        const int value = integer(property);
+        if (value != 0 && value != 1) wrongValue(property, "0 or 1");
+        return value == 1;
+    }
+    StrictNode child(const std::string& name) const {
+        for (const OpenMM::SerializationNode& child : node.getChildren())
+            if (child.getName() == name) return StrictNode(child, className);
+        fail("the element '" + name + "' is missing", "it must be there");
+    }
+    /** Check that there are as many children as a property of this node says: a truncated file has fewer. */
+    void checkChildren(const std::string& countProperty) const {
+        const int expected = integer(countProperty);
+        const int found = node.getChildren().size();
+        if (found != expected)
+            fail("it has " + std::to_string(found) + " elements",
+                 "there must be " + std::to_string(expected) + " as its property '" + countProperty + "' says");
+    }
+    bool has(const std::string& property) const { return node.hasProperty(property); }
+    const std::vector<OpenMM::SerializationNode>& children() const { return node.getChildren(); }
+
+    [[noreturn]] void wrongValue(const std::string& property, const std::string& expected) const {
+        fail("property '" + property + "' is '" + node.getStringProperty(property) + "'", "it must be " + expected);
+    }
+    [[noreturn]] void fail(const std::string& problem, const std::string& bound) const {
+        throw OpenMM::OpenMMException(className + ": XML element '" + node.getName() + "': " + problem + "; " + bound +
+                                      ": the file is damaged or foreign, write it anew with XmlSerializer");
+    }
+
+private:
+    template <class T>
+    T parse(const std::string& property, const std::string& expected) const {
+        const std::string& value = text(property);
+        T result{};
+        // Independent of the locale, unlike streams and strtod.
+        const auto parsed = std::from_chars(value.data(), value.data() + value.size(), result);
+        if (parsed.ec != std::errc() || parsed.ptr != value.data() + value.size()) wrongValue(property, expected);
+        return result;
+    }
+    const OpenMM::SerializationNode& node;
+    std::string className;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif
