@@ -92,9 +92,6 @@ void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegr
 
     seed = integrator->getRandomNumberSeed();
     while (seed == 0) seed = random_device()();
-    for (const char* counter : {"steps", "forceEvaluations", "mobilityProducts", "solverIterations", "randomNumbers",
-                                "squareRoots", "seconds_forces", "seconds_mobility", "seconds_scheme", "seconds_fft"})
-        statistics[counter] = 0;
 }
 
 
@@ -394,7 +391,7 @@ void RigidBodyKernel::step(ContextImpl& context) {
         userChangedState = false;
     }
     if (context.updateContextState()) forcesAreValid = false;
-    const double start = now(), forcesBefore = statistics["seconds_forces"];
+    const double start = now(), forcesBefore = counters.seconds_forces;
     takeInChanges(context);
     putMembersBack(context);
     userChangedState = false;
@@ -403,15 +400,15 @@ void RigidBodyKernel::step(ContextImpl& context) {
     data.time += settings.h;
     data.stepCount++;
     stepNumber++;
-    statistics["steps"]++;
-    statistics["seconds_scheme"] += now() - start - (statistics["seconds_forces"] - forcesBefore);
+    counters.steps++;
+    counters.seconds_scheme += now() - start - (counters.seconds_forces - forcesBefore);
 }
 
 void RigidBodyKernel::calculateForces(ContextImpl& context) {
     const double start = now();
     context.calcForcesAndEnergy(true, false, integrator->getIntegrationForceGroups());
-    statistics["seconds_forces"] += now() - start;
-    statistics["forceEvaluations"]++;
+    counters.seconds_forces += now() - start;
+    counters.forceEvaluations++;
 }
 
 /** Forces at the present positions, where those of the last step do not serve. */
@@ -442,7 +439,7 @@ void RigidBodyKernel::advance(ContextImpl& context) {
         result.add(runLoop(BodyLoop::AfterForces));
         result.add(freeParticles->afterForces(settings, *loops, positions(), velocities(), tolerance));
         if (!result.finite) reportNonFinite("force");
-        statistics["randomNumbers"] += result.randomNumbers;
+        counters.randomNumbers += result.randomNumbers;
         rememberOtherParticles();
     } catch (...) {
         bodies.restore(bodySnapshot);

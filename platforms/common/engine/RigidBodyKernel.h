@@ -132,7 +132,11 @@ private:
 
     BodySet::Snapshot bodySnapshot;
     FreeParticles::Snapshot freeSnapshot;
-    std::map<std::string, double> statistics;
+    // Plain numbers: a step must not allocate (getStepStatistics() gives them names).
+    struct Counters {
+        long long steps = 0, forceEvaluations = 0, randomNumbers = 0;
+        double seconds_forces = 0, seconds_scheme = 0;
+    } counters;
 };
 
 }  // namespace RigidHIPlugin
