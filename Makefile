@@ -1,0 +1,94 @@
+# The commands of everyday work, around CMake. `make help` lists them; each builds what it needs first.
+
+PYTHON ?= /usr/bin/python3
+PREFIX ?= /usr/local
+# Parallel compilations; each takes up to 1.5 GB.
+JOBS ?= $(shell nproc)
+BUILD := build
+# What runs: the platforms' libraries and the Python package with its bindings.
+RUNTIME := OpenMMRigidHIReference OpenMMRigidHICPU RigidHIPythonPackage
+SOURCES = $(shell git ls-files --cached --others --exclude-standard '*.h' '*.cpp')
+PYTHONPATH_BUILD = PYTHONPATH="$(CURDIR)/$(BUILD)/python$${PYTHONPATH:+:$$PYTHONPATH}"
+
+.PHONY: help deps configure build demo test test-cpp test-python test-full install sanitize tsan lint format docs benchmark clean
+
+help:
+	@echo "make build              release build; importable package in $(BUILD)/python"
+	@echo "make demo               build, then run examples/water_demo/run.py (TIP4P-Ew water, 3 minutes)"
+	@echo "make test               build, then all quick tests, C++ and Python"
+	@echo "make test-full          likewise with the tests labelled full (long ones: ctest -L long, pytest -m long)"
+	@echo "make install PREFIX=dir libraries, headers and Python package (default $(PREFIX))"
+	@echo "make sanitize           quick C++ tests under the address and undefined-behaviour sanitizers"
+	@echo "make tsan               quick C++ tests under the thread sanitizer"
+	@echo "make lint               checks of the sources, the documentation and the built libraries"
+	@echo "make format             clang-format all C++ files"
+	@echo "make docs               C++ reference by Doxygen into $(BUILD)/docs"
+	@echo "make benchmark          C++ benchmarks"
+	@echo "make deps               only install the Debian packages that are missing (packages-debian.txt)"
+	@echo "make clean              remove all build directories"
+	@echo "Variables: PYTHON ($(PYTHON)), PREFIX, JOBS ($(JOBS))"
+
+deps:
+	@tools/install-packages.sh packages-debian.txt
+
+configure: deps
+	@cmake --preset release -DPython3_EXECUTABLE="$(PYTHON)"
+
+build: configure
+	cmake --build $(BUILD) --parallel $(JOBS) --target $(RUNTIME)
+	@echo 'Built. To use it: export PYTHONPATH=$(CURDIR)/$(BUILD)/python'
+
+demo: build
+	$(PYTHONPATH_BUILD) $(PYTHON) examples/water_demo/run.py
+
+test: test-cpp test-python
+
+test-cpp: configure
+	cmake --build $(BUILD) --parallel $(JOBS)
+	ctest --preset release
+
+test-python: build
+	$(PYTHONPATH_BUILD) $(PYTHON) -m pytest -m "not full and not long" tests/python
+
+test-full: configure
+	cmake --build $(BUILD) --parallel $(JOBS)
+	ctest --test-dir $(BUILD) -LE long --output-on-failure --no-tests=error
+	$(PYTHONPATH_BUILD) $(PYTHON) -m pytest -m "not long" tests/python
+
+# The package goes where $(PYTHON), or the Python of the prefix itself, looks for packages, if it looks below the prefix.
+install: build
+	@directory=$$($(PYTHON) -I tools/python_directory.py "$(PREFIX)") && \
+	cmake --preset release -DPython3_EXECUTABLE="$(PYTHON)" -DCMAKE_INSTALL_PREFIX="$(abspath $(PREFIX))" \
+	    -DRIGIDHI_PYTHON_INSTALL_DIR="$$directory" > /dev/null && \
+	cmake --build $(BUILD) --parallel $(JOBS) --target $(RUNTIME) && \
+	cmake --install $(BUILD) > $(BUILD)/install.log && \
+	$(PYTHON) -I tools/python_directory.py --advise "$(PREFIX)"
+
+sanitize: deps
+	cmake --preset asan
+	cmake --build --preset asan --parallel $(JOBS)
+	ctest --preset asan
+
+tsan: deps
+	cmake --preset tsan
+	cmake --build --preset tsan --parallel $(JOBS)
+	ctest --preset tsan
+
+lint: build
+	$(PYTHONPATH_BUILD) $(PYTHON) -m pytest tests/lint
+
+format: deps
+	clang-format -i $(SOURCES)
+
+docs: deps
+	@mkdir -p $(BUILD)/docs
+	doxygen Doxyfile
+	@echo 'Written: $(BUILD)/docs/html/index.html'
+
+benchmark: configure
+	cmake --preset release -DRIGIDHI_BUILD_BENCHMARKS=ON
+	cmake --build $(BUILD) --parallel $(JOBS)
+	$(PYTHONPATH_BUILD) $(PYTHON) benchmarks/run.py
+
+clean:
+	cmake -E rm -rf build build-debug build-asan build-tsan
