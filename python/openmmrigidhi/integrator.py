@@ -157,10 +157,13 @@ class CustomRigidHIIntegrator(_Base):
         result = cls.__new__(cls)
         result.this = found.this
         result.thisown = obj.thisown
-        obj.thisown = False
-        # Each keeps the other alive: obj must not outlive what it points to, nor the result what obj holds.
-        result._rigidHISource = obj
-        obj._rigidHIWrapper = result
+        if obj.thisown:
+            # obj must not outlive what it points to.
+            obj.thisown = False
+            obj._rigidHIWrapper = result
+        else:
+            # Whoever owns the C++ object lives as long as obj does.
+            result._rigidHISource = obj
         for name, value in (attributes or {}).items():
             setattr(result, name, value)
         return result
