@@ -77,24 +77,19 @@ PoseFit::PoseFit(const BodyGeometry& geometry, const vector<double>& masses, con
     const int rank = rankOf(sites, weights);
     shape = rank == 0 ? Shape::Point : rank == 1 ? Shape::Line : Shape::Spatial;
 
-    // Inertia of the weights, inverted on the directions that it determines. SVD of the scaled sites keeps thin directions.
-    inverseInertia.setZero();
-    undetermined.setIdentity();
-    if (shape == Shape::Point) return;
-    const Eigen::Matrix3Xd scaled = scaledSites(sites, weights);
-    const Eigen::JacobiSVD<Eigen::MatrixXd> svd(scaled, Eigen::ComputeFullU);
-    Eigen::Vector3d second = Eigen::Vector3d::Zero();
-    const int count = min<int>(3, sites.size());
-    second.head(count) = svd.singularValues().head(count).cwiseAbs2();
-    const Eigen::Matrix3d axes = svd.matrixU();
-    line_body = axes.col(0);
-    for (int k = 0; k < 3; k++) {
-        if (shape == Shape::Line && k == 0) continue;
-        const double moment = second.sum() - second[k];
-        inverseInertia += axes.col(k) * axes.col(k).transpose() / moment;
-        undetermined -= axes.col(k) * axes.col(k).transpose();
+    axes.setIdentity();
+    inverseMoments.setZero();
+    if (shape != Shape::Point) {
+        const Eigen::JacobiSVD<Eigen::MatrixXd> svd(scaledSites(sites, weights), Eigen::ComputeFullU);
+        Eigen::Vector3d second = Eigen::Vector3d::Zero();
+        const int count = min<int>(3, sites.size());
+        second.head(count) = svd.singularValues().head(count).cwiseAbs2();
+        axes = svd.matrixU();
+        if (axes.determinant() < 0) axes.col(2) = -axes.col(2);
+        inverseMoments << (shape == Shape::Line ? 0 : 1 / (second[1] + second[2])), 1 / (second[0] + second[2]),
+            1 / (second[0] + second[1]);
     }
-    if (shape == Shape::Spatial) undetermined.setZero();
+    for (const auto& s : sites) arms.push_back(axes.transpose() * (s - centre_body));
 }
 
 double PoseFit::fitPose(const vector<Vec3>& positions, BodyState& state, int& worst) const {
@@ -106,8 +101,8 @@ double PoseFit::fitPose(const vector<Vec3>& positions, BodyState& state, int& wo
     if (shape == Shape::Line) {
         Eigen::Vector3d direction = Eigen::Vector3d::Zero();
         for (int i = 0; i < n; i++)
-            direction += weights[i] * line_body.dot(sites[i] - centre_body) * (toEigen(positions[i]) - centre);
-        if (direction.norm() > 0) q = smallestTurn(q * line_body, direction) * q;
+            direction += weights[i] * arms[i][0] * (toEigen(positions[i]) - centre);
+        if (direction.norm() > 0) q = smallestTurn(q * axes.col(0), direction) * q;
     } else if (shape == Shape::Spatial) {
         Eigen::Matrix3d correlation = Eigen::Matrix3d::Zero();
         for (int i = 0; i < n; i++)
@@ -116,13 +111,11 @@ double PoseFit::fitPose(const vector<Vec3>& positions, BodyState& state, int& wo
         // The eigenvector has an error of 1e-16 over the relative thinness of the body; Gauss-Newton steps, which work on
         // small differences, remove it.
         for (int iteration = 0; iteration < 2; iteration++) {
-            const Eigen::Matrix3d A = q.toRotationMatrix();
+            const Eigen::Matrix3d toPrincipal = (q.toRotationMatrix() * axes).transpose();
             Eigen::Vector3d moment = Eigen::Vector3d::Zero();
-            for (int i = 0; i < n; i++) {
-                const Eigen::Vector3d arm = sites[i] - centre_body;
-                moment += weights[i] * arm.cross(A.transpose() * (toEigen(positions[i]) - centre) - arm);
-            }
-            const Eigen::Vector3d turn_body = inverseInertia * moment;
+            for (int i = 0; i < n; i++)
+                moment += weights[i] * arms[i].cross(toPrincipal * (toEigen(positions[i]) - centre) - arms[i]);
+            const Eigen::Vector3d turn_body = axes * moment.cwiseProduct(inverseMoments);
             q = q * Eigen::Quaterniond(1, turn_body[0] / 2, turn_body[1] / 2, turn_body[2] / 2);
             q.normalize();
         }
@@ -151,12 +144,16 @@ void PoseFit::fitTwist(const vector<Vec3>& velocities, const BodyState& state, V
     Eigen::Vector3d mean = Eigen::Vector3d::Zero();
     for (size_t i = 0; i < sites.size(); i++) mean += weights[i] * toEigen(velocities[i]);
     mean /= totalWeight;
+    const Eigen::Matrix3d toPrincipal = (A * axes).transpose();
     Eigen::Vector3d moment = Eigen::Vector3d::Zero();
     for (size_t i = 0; i < sites.size(); i++)
-        moment += weights[i] * (sites[i] - centre_body).cross(A.transpose() * (toEigen(velocities[i]) - mean));
-    const Eigen::Vector3d omega_body = inverseInertia * moment + undetermined * (A.transpose() * toEigen(omega_lab));
-    omega_lab = toVec3(A * omega_body);
-    velocity = toVec3(mean - A * omega_body.cross(centre_body));
+        moment += weights[i] * arms[i].cross(toPrincipal * (toEigen(velocities[i]) - mean));
+    Eigen::Vector3d omega = moment.cwiseProduct(inverseMoments);
+    const Eigen::Vector3d old = toPrincipal * toEigen(omega_lab);
+    for (int k = 0; k < 3; k++)
+        if (inverseMoments[k] == 0) omega[k] = old[k];
+    omega_lab = toVec3(toPrincipal.transpose() * omega);
+    velocity = toVec3(mean - A * (axes * omega).cross(centre_body));
 }
 
 }  // namespace RigidHIPlugin

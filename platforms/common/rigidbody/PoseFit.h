@@ -47,9 +47,13 @@ private:
     std::vector<Eigen::Vector3d> sites;
     std::vector<double> weights;
     double totalWeight = 0;
-    Eigen::Vector3d centre_body, line_body;
+    Eigen::Vector3d centre_body;
     Shape shape = Shape::Point;
-    Eigen::Matrix3d inverseInertia, undetermined;  // of the weights about their centre, body frame
+    // The principal frame of the weights about their centre. Moments are taken in it: elsewhere the rounding of the large
+    // components would swamp the one about a thin axis.
+    Eigen::Matrix3d axes;
+    Eigen::Vector3d inverseMoments;     // 0 about the line of a line
+    std::vector<Eigen::Vector3d> arms;  // sites about the centre, principal frame
 };
 
 }  // namespace RigidHIPlugin

@@ -1,0 +1,87 @@
+#ifndef RIGIDHI_TEST_SUPPORT_H_
+#define RIGIDHI_TEST_SUPPORT_H_
+
+#include <gtest/gtest.h>
+#include <openmm/Context.h>
+#include <openmm/OpenMMException.h>
+#include <openmm/Platform.h>
+#include <openmm/System.h>
+#include <openmm/Vec3.h>
+
+#include <cmath>
+#include <functional>
+#include <map>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "openmmrigidhi/CustomRigidHIIntegrator.h"
+
+namespace RigidHITest {
+
+using OpenMM::Vec3;
+using RigidHIPlugin::CustomRigidHIIntegrator;
+using RigidHIPlugin::QuaternionArray;
+
+/** Boltzmann's constant in OpenMM units, kJ/(mol K): the temperature 1/boltzmann has kT = 1. */
+extern const double boltzmann;
+
+/** Load the plugin (once) and give a platform by name. */
+OpenMM::Platform& platform(const std::string& name);
+/** Properties of a Context with this many threads on the CPU platform. */
+std::map<std::string, std::string> threads(const std::string& platformName, int count);
+
+/** Mean and standard error of the mean. */
+struct Estimate {
+    double mean = 0, error = 0;
+};
+/** Of independent samples. */
+Estimate estimate(const std::vector<double>& samples);
+
+/**
+ * Statistical tests use fixed seeds and allow 5 standard errors: one test in 1.7 million would fail by chance, all of the
+ * suite together (fewer than 150) less than one time in 10^4. The z-score is printed.
+ */
+void expectMean(const std::string& what, const Estimate& measured, double expected);
+
+/** Expect an OpenMMException whose message holds every one of the fragments. */
+void expectError(const std::function<void()>& action, const std::vector<std::string>& fragments);
+
+double norm(const Vec3& v);
+Vec3 rotate(const QuaternionArray& q, const Vec3& v_body);
+QuaternionArray randomQuaternion(std::mt19937& generator);
+QuaternionArray product(const QuaternionArray& a, const QuaternionArray& b);
+
+/** A rigid shape: masses and positions of its sites. */
+struct Shape {
+    std::string name;
+    std::vector<double> masses;
+    std::vector<Vec3> sites;
+};
+/** Water (TIP3P geometry), asymmetric: three different moments. */
+Shape waterShape();
+/** Every kind of shape that a rotor can have; see TestShapes. */
+std::vector<Shape> allShapes();
+
+/** Add `copies` bodies of a shape to a System and an integrator, implicitly (geometry from the first positions). */
+void addBodies(OpenMM::System& system, CustomRigidHIIntegrator& integrator, const Shape& shape, int copies);
+/** Random orientations, origins on a line at the given spacing. */
+std::vector<Vec3> randomPoses(const Shape& shape, int copies, double spacing, int seed);
+/** The largest deviation of a distance between members of bodies of this shape from the shape's. */
+double largestDistortion(const std::vector<Vec3>& positions, const Shape& shape, int copies);
+
+std::vector<Vec3> positionsOf(OpenMM::Context& context);
+std::vector<Vec3> velocitiesOf(OpenMM::Context& context);
+/** Whether two arrays are the same bit for bit. */
+bool sameBits(const std::vector<Vec3>& a, const std::vector<Vec3>& b);
+
+}  // namespace RigidHITest
+
+#ifdef RIGIDHI_TEST_PLATFORM
+namespace RigidHITest {
+inline OpenMM::Platform& testPlatform() { return platform(RIGIDHI_TEST_PLATFORM); }
+inline bool onCpu() { return std::string(RIGIDHI_TEST_PLATFORM) == "CPU"; }
+}  // namespace RigidHITest
+#endif
+
+#endif
