@@ -1,0 +1,153 @@
+"""Every error message of the product is provoked by a test.
+
+A site is a call of `fail`, `refuse`, `wrongValue`, `throw OpenMMException` in C++ or a `raise` in Python, with the literal
+text of its message. It counts as tested if some test file contains a piece of that text, at least MINIMUM characters long
+after whitespace and regular-expression escapes are removed, that occurs at no other site. So a new message needs a test
+that expects it, and nothing else.
+"""
+import ast
+import re
+
+import pytest
+from conftest import git_files, read
+
+MINIMUM = 10
+#: Messages that no test can provoke, each with its reason. The key is a piece of the text.
+UNREACHABLE = {
+    'tried to create a kernel with unknown name': 'OpenMM asks a factory only for the kernels that were registered with it',
+    'unknown C++ exception in': 'a guard against exceptions that are no std::exception; nothing throws them',
+}
+GAP = '\0'  # stands for a value inserted into a message
+
+
+def balanced(text, start):
+    """End of the parenthesis that opens at start; literals may contain parentheses."""
+    depth, i, quoted = 0, start, False
+    while True:
+        c = text[i]
+        if quoted:
+            if c == '\\':
+                i += 1
+            elif c == '"':
+                quoted = False
+        elif c == '"':
+            quoted = True
+        elif c == '(':
+            depth += 1
+        elif c == ')':
+            depth -= 1
+            if depth == 0:
+                return i + 1
+        i += 1
+
+
+def strip_cpp_comments(text):
+    """Comments replaced by blanks; literals are kept."""
+    pattern = r'"(?:\\.|[^"\\])*"|//[^\n]*|/\*.*?\*/'
+    return re.sub(pattern, lambda m: m.group() if m.group().startswith('"') else ' ', text, flags=re.S)
+
+
+def literals(text):
+    """The string literals of C++ code; adjacent ones are joined, with GAP where code stands between."""
+    pieces = re.findall(r'"((?:\\.|[^"\\])*)"(\s*(?=")|)', text)
+    joined = ''
+    for literal, adjacent in pieces:
+        joined += literal + ('' if adjacent else GAP)
+    return joined.replace('\\n', ' ').replace('\\"', '"').strip(GAP)
+
+
+def cpp_sites():
+    for name in git_files('openmmapi/*', 'serialization/*', 'platforms/*', 'python/*.i'):
+        if not name.endswith(('.cpp', '.h', '.i')):
+            continue
+        text = strip_cpp_comments(read(name))
+        for match in re.finditer(r'\b(?:fail|refuse|reject|wrongValue|OpenMMException|PyErr_SetString|PyErr_Format|'
+                                 r'SWIG_exception_fail)\s*\(', text):
+            before = text[:match.start()].rstrip()
+            if before.endswith(('void', 'inline')):
+                continue  # the definition of such a function
+            call = text[match.end()-1:balanced(text, match.end()-1)]
+            message = literals(call).replace('CustomRigidHIIntegrator: ', '')
+            if len(message.replace(GAP, '')) < MINIMUM:
+                continue  # forwards a message that is written elsewhere
+            yield f'{name}:{text.count(chr(10), 0, match.start()) + 1}', message
+
+
+def python_message(node):
+    """The literal text of an expression that builds a string, GAP for values."""
+    if isinstance(node, ast.Constant):
+        return node.value if isinstance(node.value, str) else GAP
+    if isinstance(node, ast.JoinedStr):
+        return ''.join(python_message(value) for value in node.values)
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        return python_message(node.left) + python_message(node.right)
+    return GAP
+
+
+def python_sites():
+    for name in git_files('python/*.py'):
+        for node in ast.walk(ast.parse(read(name))):
+            if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and node.exc.args:
+                message = python_message(node.exc.args[0])
+                if len(message.replace(GAP, '')) >= MINIMUM:
+                    yield f'{name}:{node.lineno}', message
+
+
+def normalise(text):
+    """Compare letters only: whitespace, escapes and quotes differ between sources and tests."""
+    return re.sub(r'[\s\\\'"]+', ' ', text)
+
+
+def test_strings():
+    """All string literals in test files (not of this directory), cut where a pattern leaves room."""
+    found = set()
+    for name in git_files('tests/*', 'platforms/*/tests/*'):
+        if name.startswith('tests/lint/'):
+            continue
+        if name.endswith('.py'):
+            strings = [node.value for node in ast.walk(ast.parse(read(name)))
+                       if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+        elif name.endswith(('.cpp', '.h')):
+            strings = literals(strip_cpp_comments(read(name))).split(GAP)
+        else:
+            continue
+        for string in strings:
+            for piece in re.split(r'\.\*\??|\\d\+|\\S\+|\.\+|\[[^\]]*\][+*]?|\|', string):
+                piece = normalise(piece).strip()
+                if len(piece) >= MINIMUM:
+                    found.add(piece)
+    return found
+
+
+test_strings.__test__ = False
+SITES = list(cpp_sites()) + list(python_sites())
+
+
+@pytest.fixture(scope='module')
+def tied():
+    """Places of the sites of which some test holds a piece that is in no other site's text."""
+    texts = {place: [normalise(piece) for piece in message.split(GAP)] for place, message in SITES}
+    places = set()
+    for string in test_strings():
+        matching = [place for place, pieces in texts.items() if any(string in piece for piece in pieces)]
+        # The same message may stand at two places, one for each of two classes of readers.
+        if len({tuple(texts[place]) for place in matching}) == 1:
+            places.update(matching)
+    return places
+
+
+def test_finds_the_sites():
+    assert len(SITES) > 60
+    assert any('triangle inequality' in message for _, message in SITES)
+
+
+@pytest.mark.parametrize('place, message', SITES, ids=[place for place, _ in SITES])
+def test_message_is_expected_by_a_test(place, message, tied):
+    if any(piece in message for piece in UNREACHABLE):
+        return
+    assert place in tied, f'no test expects this message: {message.replace(GAP, "<...>")}'
+
+
+@pytest.mark.parametrize('piece', UNREACHABLE)
+def test_exception_is_still_needed(piece):
+    assert any(piece in message for _, message in SITES)

@@ -1,0 +1,94 @@
+"""Sources: layout, self-contained headers, scheme headers, no leftovers, no paths of a particular machine."""
+import pathlib
+import re
+import shutil
+import subprocess
+
+import pytest
+from conftest import ROOT, cpp_files, git_files, read
+
+TEXT = ('.h', '.cpp', '.py', '.i', '.md', '.txt', '.json', '.cmake', '.sh', '.ini', '.html', '')
+BINARY = ('.png', '.dcd', '.h5', '.npz', '.pdf', '.gz')
+SCHEMES = git_files('platforms/common/schemes/*-inl.h')
+PUBLIC_HEADERS = git_files('openmmapi/include/*.h')
+
+
+def text_files():
+    return [name for name in git_files() if not name.endswith(BINARY)]
+
+
+# Spelled so that this file does not contain them.
+FORBIDDEN = {
+    'paths of one machine': r'/(?:work|root|home)/\w|/tmp/\w',
+    'unfinished business': r'\b(?:TO' + r'DO|FIX' + r'ME|XX' + r'X|HA' + r'CK)\b',
+}
+#: Matches that are meant, as (file, text).
+MEANT = set()
+
+
+@pytest.mark.parametrize('what', FORBIDDEN)
+def test_no(what):
+    found = []
+    for name in text_files():
+        if name == 'tests/lint/test_sources.py':
+            continue
+        for number, line in enumerate(read(name).splitlines(), 1):
+            for match in re.finditer(FORBIDDEN[what], line):
+                if (name, match.group()) not in MEANT:
+                    found.append(f'{name}:{number}: {line.strip()[:100]}')
+    assert not found, f'{what}:\n' + '\n'.join(found)
+
+
+def test_clang_format():
+    program = shutil.which('clang-format')
+    if program is None:
+        pytest.skip('clang-format is not installed')
+    result = subprocess.run([program, '--dry-run', '-Werror', *cpp_files()], cwd=ROOT, capture_output=True, text=True)
+    unformatted = sorted({line.split(':')[0] for line in result.stderr.splitlines() if 'clang-format-violations' in line})
+    assert not unformatted, 'run `make format` on ' + ', '.join(unformatted)
+
+
+@pytest.mark.parametrize('header', PUBLIC_HEADERS)
+def test_public_header_compiles_alone(header, tmp_path):
+    (tmp_path / 'alone.cpp').write_text(f'#include "{ROOT / header}"\n#include "{ROOT / header}"\nint main() {{}}\n')
+    result = subprocess.run(['g++', '-std=c++17', '-Wall', '-Wextra', '-Wno-unused-parameter', '-Werror',
+                             '-fsyntax-only', f'-I{ROOT}/openmmapi/include', 'alone.cpp'],
+                            cwd=tmp_path, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.parametrize('header', git_files('platforms/common/*.h'))
+def test_shared_header_compiles_alone(header, tmp_path):
+    (tmp_path / 'alone.cpp').write_text(f'#include "{ROOT / header}"\nint main() {{}}\n')
+    result = subprocess.run(['g++', '-std=c++17', '-fsyntax-only', f'-I{ROOT}/openmmapi/include',
+                             f'-I{ROOT}/platforms/common', '-I/usr/include/eigen3', 'alone.cpp'],
+                            cwd=tmp_path, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+
+
+def test_public_headers_need_openmm_and_the_standard_library_only():
+    for header in PUBLIC_HEADERS:
+        for included in re.findall(r'#include\s+[<"]([^>"]+)', read(header)):
+            assert included.startswith(('openmm/', 'openmmrigidhi/')) or '/' not in included and '.' not in included, \
+                f'{header} includes {included}'
+
+
+@pytest.mark.parametrize('scheme', SCHEMES)
+def test_scheme_opens_with_its_description(scheme):
+    opening = re.match(r'(?://[^\n]*\n)+', read(scheme)).group()
+    for entry in ('Equation:', 'Method:', 'Order:', 'Cost:', 'Reference:', 'Limits:'):
+        assert entry in opening, f'{scheme} does not say its "{entry}"'
+
+
+@pytest.mark.parametrize('scheme', SCHEMES)
+def test_scheme_is_known_everywhere(scheme):
+    name = pathlib.Path(scheme).name[:-len('-inl.h')]
+    for place in ('openmmapi/include/openmmrigidhi/CustomRigidHIIntegrator.h', 'python/openmmrigidhi.i',
+                  'python/openmmrigidhi/integrator.py', 'serialization/CustomRigidHIIntegratorProxy.cpp',
+                  'platforms/common/engine/SystemCheck.cpp', 'docs/USER_GUIDE.md', 'docs/THEORY.md'):
+        assert re.search(rf'\b{name}\b', read(place)), f'{place} does not know {name}'
+
+
+def test_python_compiles():
+    for name in git_files('*.py'):
+        compile(read(name), name, 'exec')
