@@ -1,0 +1,182 @@
+"""Bad arguments of the integrator: refused where they are given, naming the object, the value, the bound and the remedy."""
+import re
+
+import numpy as np
+import openmm
+import pytest
+from openmm import unit
+
+import openmmrigidhi
+from openmmrigidhi import _bindings
+
+Integrator = openmmrigidhi.CustomRigidHIIntegrator
+SITES = [(0, 0, 0), (0.1, 0, 0)]
+
+
+@pytest.fixture
+def integrator():
+    integrator = Integrator(300, 0.001)
+    integrator.addRigidBody([0, 1, 2])
+    return integrator
+
+
+def refused(*pieces, error=openmm.OpenMMException):
+    """Expect an error whose message has all the pieces, in this order."""
+    return pytest.raises(error, match='.*'.join(re.escape(piece) for piece in pieces))
+
+
+# ---- Particles ---------------------------------------------------------------------------------------------------------
+
+def test_a_particle_in_two_bodies(integrator):
+    with refused('body 1', 'particle 2', 'is already in body 0', 'a particle may be in one body only', 'remove it'):
+        integrator.addRigidBody([3, 2])
+    assert integrator.getNumRigidBodies() == 1
+
+
+def test_a_repeated_particle(integrator):
+    with refused('body 1', 'particle 5', 'is named twice', 'remove the repetition'):
+        integrator.addRigidBody([5, 4, 5])
+
+
+def test_a_negative_index(integrator):
+    with refused('body 1', 'particle index -1 is negative', 'indices count from 0'):
+        integrator.addRigidBody([3, -1])
+
+
+def test_an_empty_body(integrator):
+    with refused('body 1', 'it has no particles', 'a body needs at least one'):
+        integrator.addRigidBody([])
+    with refused('body 0', 'it has no particles'):
+        integrator.setRigidBodyParameters(0, [], 1, (1, 1, 1), np.empty((0, 3)))
+
+
+def test_a_body_index_out_of_range(integrator):
+    for index in (1, -1):
+        with refused('getRigidBodyParticles()', f'body index {index} is out of range', 'there are 1 bodies, counted from 0'):
+            integrator.getRigidBodyParticles(index)
+
+
+# ---- Mass, moments, sites ----------------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize('mass', [-1, np.nan, np.inf])
+def test_a_bad_mass(integrator, mass):
+    with refused('body 1', 'mass is', 'it must be finite and not negative', 'give a value from 0 up'):
+        integrator.addRigidBody([3, 4], mass, (1, 1, 1), SITES)
+
+
+@pytest.mark.parametrize('moments', [(-1, 1, 1), (1, np.nan, 1), (1, 1, np.inf)])
+def test_a_bad_moment(integrator, moments):
+    with refused('body 1', 'moment about', 'amu nm^2', 'it must be finite and not negative'):
+        integrator.addRigidBody([3, 4], 1, moments, SITES)
+
+
+def test_moments_that_no_body_has(integrator):
+    with refused('body 1', 'moments (1, 2, 3.1) amu nm^2 violate the triangle inequality',
+                 'no moment may exceed the sum of the other two, here 3'):
+        integrator.addRigidBody([3, 4], 1, (1, 2, 3.1), SITES)
+
+
+def test_another_number_of_sites_than_particles(integrator):
+    with refused('body 1', 'it has 3 particles but 2 site positions', 'give as many sites as particles'):
+        integrator.addRigidBody([3, 4, 5], 1, (1, 1, 1), SITES)
+
+
+def test_a_site_that_is_not_finite(integrator):
+    with refused('body 1', 'site of particle 4 is (nan, 0, 0)', 'give three finite numbers'):
+        integrator.addRigidBody([3, 4], 1, (1, 1, 1), [(0, 0, 0), (np.nan, 0, 0)])
+
+
+# ---- Settings ----------------------------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize('setter', ['setTemperature', 'setFriction', 'setRotationalFriction'])
+@pytest.mark.parametrize('value', [-1e-9, np.nan, np.inf])
+def test_a_negative_or_non_finite_setting(integrator, setter, value):
+    with refused(setter, 'it must be finite and not negative'):
+        getattr(integrator, setter)(value)
+
+
+@pytest.mark.parametrize('setter', ['setStepSize', 'setPoseTolerance', 'setConstraintTolerance',
+                                    'setGradientRelaxationTime', 'setGradientRotationalRelaxationTime'])
+@pytest.mark.parametrize('value', [0, -1, np.nan, np.inf])
+def test_a_setting_that_must_be_positive(integrator, setter, value):
+    with refused(setter, 'it must be finite and positive', 'give a value above 0'):
+        getattr(integrator, setter)(value)
+
+
+def test_unknown_constants(integrator):
+    with refused('setScheme()', 'scheme 17 is unknown', 'it must be one of LangevinA'):
+        integrator.setScheme(17)
+    with refused('setNoiseLaw()', 'noise law -1 is unknown', 'it must be one of Gaussian'):
+        integrator.setNoiseLaw(-1)
+    with refused('setScheme', 'it must be a Scheme', 'use one of', error=TypeError):
+        integrator.setScheme(Integrator.Gaussian)
+
+
+# ---- Types, dimensions and shapes --------------------------------------------------------------------------------------
+
+def test_quantities_of_the_wrong_dimension(integrator):
+    with refused('setTemperature: temperature: got a quantity in nanometer', 'convert it or give a number in kelvin',
+                 error=TypeError):
+        integrator.setTemperature(5*unit.nanometer)
+    with refused('got a quantity in', 'convert it or give', error=TypeError):
+        integrator.addRigidBody([3, 4], 1*unit.dalton, (1, 1, 1)*unit.nanometer, SITES)
+
+
+def test_what_is_no_number(integrator):
+    with refused('setFriction: gamma', "'high'", 'it must be a number', 'give one in 1/ps', error=TypeError):
+        integrator.setFriction('high')
+
+
+def test_what_is_no_integer(integrator):
+    with refused('setRandomNumberSeed: seed: got 1.5', 'it must be an integer: convert it', error=TypeError):
+        integrator.setRandomNumberSeed(1.5)
+    with refused('it must be from -2^31 to 2^31-1', error=ValueError):
+        integrator.setRandomNumberSeed(2**31)
+
+
+def test_what_is_no_list_of_particles(integrator):
+    with refused('addRigidBody: particles: got 3', 'give a list of particle indices', error=TypeError):
+        integrator.addRigidBody(3)
+
+
+def test_only_some_of_an_explicit_body(integrator):
+    with refused('addRigidBody: only some of mass, principalMoments and sitePositions are given', error=TypeError):
+        integrator.addRigidBody([3, 4], mass=1)
+
+
+def test_arrays_of_the_wrong_shape(integrator):
+    with refused('principalMoments: got an array of shape (2,)', 'the shape must be (3,): give three numbers',
+                 error=ValueError):
+        integrator.addRigidBody([3, 4], 1, (1, 1), SITES)
+    with refused('sitePositions: got an array of shape (2, 2)', 'give one row per item', error=ValueError):
+        integrator.addRigidBody([3, 4], 1, (1, 1, 1), [(0, 0), (1, 1)])
+    with refused('sitePositions: the rows have different lengths', 'give rows of equal length', error=ValueError):
+        integrator.addRigidBody([3, 4], 1, (1, 1, 1), [(0, 0, 0), (1, 1)])
+    with refused('its elements must be numbers', 'give numbers in nm', error=TypeError):
+        integrator.addRigidBody([3, 4], 1, (1, 1, 1), [('a', 'b', 'c'), ('d', 'e', 'f')])
+
+
+def test_bindings_check_their_buffers(integrator):
+    """The border itself, which users do not meet."""
+    Base = _bindings.CustomRigidHIIntegrator
+    one = np.array([3], dtype=np.intc)
+    with refused('openmmrigidhi: expected an object with a C-contiguous buffer', error=TypeError):
+        Base.setBodyPositions(integrator, [1, 2, 3])
+    with refused('openmmrigidhi: expected a buffer of format', 'with rows of 3 numbers', error=TypeError):
+        Base.setBodyPositions(integrator, np.zeros((1, 3), dtype='f4'))
+    with refused('openmmrigidhi: expected a buffer of 3 numbers', error=TypeError):
+        Base.addRigidBody(integrator, one, 1.0, np.zeros(6), np.zeros((1, 3)))
+    with refused('openmmrigidhi: in method', 'argument 1 is None', error=TypeError):
+        Base.getTemperature(None)
+
+
+# ---- Before there is a Context -----------------------------------------------------------------------------------------
+
+def test_state_of_the_bodies_needs_a_context(integrator):
+    with refused('getBodyPositions() needs a Context', 'create one with this integrator first'):
+        integrator.getBodyPositions()
+
+
+def test_geometry_that_is_not_known_yet(integrator):
+    with refused('body 0', 'its mass, moments and sites are not known', 'create a Context'):
+        integrator.getRigidBodyParameters(0)

@@ -1,0 +1,228 @@
+"""Bad positions, velocities and body states, and forces that blow up during a run."""
+import re
+
+import numpy as np
+import openmm
+import pytest
+
+import openmmrigidhi
+from openmmrigidhi import _bindings
+
+Integrator = openmmrigidhi.CustomRigidHIIntegrator
+SHAPE = np.array([(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0)])
+
+
+def refused(*pieces, error=openmm.OpenMMException):
+    return pytest.raises(error, match='.*'.join(re.escape(piece) for piece in pieces))
+
+
+class Scene:
+    """Two triangles and a free particle; any particle can be given a bad force."""
+
+    def __init__(self, platform, masses=(1,)*7):
+        self.system = openmm.System()
+        for mass in masses:
+            self.system.addParticle(mass)
+        self.force = openmm.CustomExternalForce('0.5*(x^2+y^2+z^2) + bad*(x+y+z)')
+        self.force.addPerParticleParameter('bad')
+        for particle in range(7):
+            self.force.addParticle(particle, [0])
+        self.system.addForce(self.force)
+        self.integrator = Integrator(300, 0.001)
+        self.integrator.addRigidBody([0, 1, 2])
+        self.integrator.addRigidBody([3, 4, 5])
+        self.context = openmm.Context(self.system, self.integrator, platform)
+        self.positions = np.concatenate([SHAPE, SHAPE + 1, [(2, 2, 2)]])
+
+    def start(self):
+        self.context.setPositions(self.positions)
+        self.context.setVelocitiesToTemperature(300, 1)
+        self.integrator.step(1)
+        return self
+
+    def poison(self, particle, strength):
+        self.force.setParticleParameters(particle, particle, [strength])
+        self.force.updateParametersInContext(self.context)
+
+    def heal(self):
+        for particle in range(7):
+            self.poison(particle, 0)
+
+    def everything(self):
+        state = self.context.getState(getPositions=True, getVelocities=True)
+        return [state.getPositions(asNumpy=True)._value, state.getVelocities(asNumpy=True)._value,
+                self.integrator.getBodyPositions()._value, self.integrator.getBodyOrientations(),
+                self.integrator.getBodyVelocities()._value, self.integrator.getBodyAngularVelocities()._value,
+                state.getTime()._value]
+
+
+@pytest.fixture
+def scene(platform):
+    return Scene(platform)
+
+
+# ---- Positions and velocities ------------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize('call', [lambda i: i.step(1), lambda i: i.getBodyPositions(),
+                                  lambda i: i.setBodyOrientations(np.tile([1, 0, 0, 0], (2, 1))),
+                                  lambda i: i.getRigidBodyParameters(0)])
+def test_no_positions_yet(scene, call):
+    with refused('needs positions: call setPositions() on the Context first'):
+        call(scene.integrator)
+
+
+def test_first_positions_that_are_not_finite(scene):
+    scene.positions[4] = np.nan
+    scene.context.setPositions(scene.positions)
+    with refused('body 1: particle 4 has a non-finite position; set finite positions before stepping'):
+        scene.integrator.step(1)
+
+
+def test_later_positions_that_are_not_finite(scene):
+    scene.start()
+    scene.positions[4] = np.inf
+    scene.context.setPositions(scene.positions)
+    with refused('body 1: particle 4 has a non-finite position; set finite positions'):
+        scene.integrator.step(1)
+
+
+def test_positions_that_do_not_fit(scene):
+    scene.start()
+    scene.positions[3, 2] += 0.05
+    scene.context.setPositions(scene.positions)
+    with refused('body 1: particle', 'nm from its place in the body, more than the pose tolerance 0.001 nm',
+                 'raise setPoseTolerance(), or call resetBodyGeometry()'):
+        scene.integrator.step(1)
+    scene.integrator.resetBodyGeometry()
+    scene.integrator.step(1)
+
+
+def test_velocities_that_are_not_finite(scene):
+    scene.start()
+    velocities = np.zeros((7, 3))
+    velocities[4, 1] = np.nan
+    scene.context.setVelocities(velocities)
+    with refused('particle 4 of body 1 has a non-finite velocity; set finite velocities'):
+        scene.integrator.step(1)
+    velocities[4, 1], velocities[6, 0] = 0, np.inf
+    scene.context.setVelocities(velocities)
+    with refused('particle 6', 'has a non-finite velocity'):
+        scene.integrator.step(1)
+
+
+@pytest.mark.parametrize('temperature', [-1, np.nan])
+def test_velocities_of_a_bad_temperature(scene, temperature):
+    scene.start()
+    with refused('setVelocitiesToTemperature()', 'temperature is', 'finite and not negative'):
+        scene.context.setVelocitiesToTemperature(temperature)
+
+
+# ---- Body states -------------------------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize('setter, columns', [('setBodyPositions', 3), ('setBodyOrientations', 4),
+                                             ('setBodyVelocities', 3), ('setBodyAngularVelocities', 3)])
+def test_rows_of_body_states(scene, setter, columns):
+    scene.start()
+    rows = np.tile(np.eye(columns)[0], (2, 1))
+    with refused(setter, 'got an array of shape (3,', f'the shape must be (2, {columns})', error=ValueError):
+        getattr(scene.integrator, setter)(np.tile(rows[0], (3, 1)))
+    with refused(setter, 'got 3 rows', 'there must be one for each of the 2 bodies'):
+        getattr(_bindings.CustomRigidHIIntegrator, setter)(scene.integrator, np.tile(rows[0], (3, 1)))
+    rows[1, 0] = np.nan
+    before = scene.everything()
+    with refused('body 1'):
+        getattr(scene.integrator, setter)(rows)
+    for a, b in zip(before, scene.everything()):
+        assert np.array_equal(a, b), 'a refused call changed the state'
+
+
+def test_a_body_state_that_is_not_finite(scene):
+    scene.start()
+    with refused('body 1: velocity is (nan, 0, 0)', 'give three finite numbers'):
+        scene.integrator.setBodyVelocities([(0, 0, 0), (np.nan, 0, 0)])
+
+
+def test_quaternions_that_are_no_rotation(scene):
+    scene.start()
+    with refused('body 1: its quaternion has length 1.1', 'normalise it, in the order (w, x, y, z)'):
+        scene.integrator.setBodyOrientations([(1, 0, 0, 0), (1.1, 0, 0, 0)])
+
+
+def test_steps_that_are_negative(scene):
+    scene.start()
+    with refused('step(): the number of steps is -1; it must not be negative'):
+        scene.integrator.step(-1)
+
+
+# ---- During a run ------------------------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize('strength', [np.nan, np.inf])
+def test_a_force_that_blows_up_on_a_body(scene, strength):
+    scene.start()
+    before = scene.everything()
+    scene.poison(5, strength)
+    with refused('step 2: body 1 (first particle 3) has a non-finite force, torque or momentum',
+                 'the Context keeps the state before this step'):
+        scene.integrator.step(1)
+    scene.heal()
+    for a, b in zip(before, scene.everything()):
+        assert np.array_equal(a, b), 'the last good state was not kept'
+    scene.integrator.step(5)
+
+
+def test_a_force_that_blows_up_on_a_free_particle(scene):
+    scene.start()
+    before = scene.everything()
+    scene.poison(6, np.nan)
+    with refused('step 2: free particle 6 has a non-finite', 'or velocity', 'take a smaller step'):
+        scene.integrator.step(1)
+    scene.heal()
+    for a, b in zip(before, scene.everything()):
+        assert np.array_equal(a, b), 'the last good state was not kept'
+    scene.integrator.step(5)
+
+
+def test_a_force_that_blows_up_within_a_step(scene):
+    """The forces at the start of the step are finite, those at its end are not."""
+    scene.start()
+    before = scene.everything()
+    scene.integrator.setStepSize(1e200)
+    with refused('step 2: body 0 (first particle 0) has a non-finite'):
+        scene.integrator.step(1)
+    scene.integrator.setStepSize(0.001)
+    for a, b in zip(before, scene.everything()):
+        assert np.array_equal(a, b), 'the last good state was not kept'
+    scene.integrator.step(5)
+
+
+def test_a_force_too_large_to_add_up():
+    """Every component is finite, their sum is not; forces on the CPU platform are too short for such numbers."""
+    system = openmm.System()
+    system.addParticle(1)
+    force = openmm.CustomExternalForce('1e308*(x+y+z)')
+    force.addParticle(0, [])
+    system.addForce(force)
+    integrator = Integrator(0, 0.001)
+    integrator.addRigidBody([0], 1, (1, 1, 1), [(0, 0, 0)])
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions([(0, 0, 0)])
+    with refused('step 1: a non-finite force was found', 'take a smaller step'):
+        integrator.step(1)
+
+
+# ---- Temperatures ------------------------------------------------------------------------------------------------------
+
+def test_a_temperature_without_momenta(scene):
+    scene.start().integrator.setScheme(Integrator.GradientThermostat)
+    with refused('computeSystemTemperature(): the scheme is GradientThermostat', 'a temperature needs momenta'):
+        scene.integrator.computeSystemTemperature()
+
+
+def test_a_temperature_of_nothing(platform):
+    system = openmm.System()
+    system.addParticle(0)
+    integrator = Integrator(300, 0.001)
+    context = openmm.Context(system, integrator, platform)
+    context.setPositions([(0, 0, 0)])
+    with refused('there are 0 degrees of freedom', 'a temperature needs at least one'):
+        integrator.computeSystemTemperature()
