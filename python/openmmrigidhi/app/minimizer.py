@@ -18,7 +18,9 @@ _CONSTRAINT_ERROR = 1e-4
 #: Springs are made stiffer at most this often, tenfold each time.
 _MAX_STIFFENINGS = 3
 #: A run of L-BFGS that lowers the energy by less, relative, has arrived where rounding lets it.
-_SMALLEST_DECREASE = 1e-9
+_SMALLEST_DECREASE = 1e-8
+#: The first step of a run of L-BFGS, which knows nothing of the energy's curvature yet: largest move of a coordinate, nm.
+_FIRST_STEP = 0.005
 
 
 @dataclasses.dataclass
@@ -226,9 +228,16 @@ class _Search:
         self._note(np.zeros(self._size()), energy, gradient)
         while not self.converged and not self._outOfIterations():
             before = self.energy
+            # SciPy's first trial step is minus the gradient of what it is given.
+            scale = _FIRST_STEP/np.max(np.abs(self.gradient))
+
+            def scaledValue(y):
+                energy, gradient = self._value(y)
+                return scale*(energy - before), scale*gradient
+
             try:
                 result = scipy.optimize.minimize(
-                    self._value, np.zeros(self._size()), jac=True, method='L-BFGS-B', callback=self._afterIteration,
+                    scaledValue, np.zeros(self._size()), jac=True, method='L-BFGS-B', callback=self._afterIteration,
                     bounds=np.stack([-limits, limits], axis=1),
                     options={'maxiter': 2**30, 'maxfun': 2**30, 'ftol': 0, 'gtol': 0, 'maxcor': 20, 'maxls': 30})
                 self._note(result.x, *self._value(result.x))
@@ -298,7 +307,7 @@ class _Search:
         return np.max(np.abs(distance - self.scene.distances)/self.scene.distances)
 
     def _note(self, y, energy, gradient):
-        self.best, self.energy = y.copy(), energy
+        self.best, self.energy, self.gradient = y.copy(), energy, gradient
         self.rms = np.sqrt(np.mean(gradient**2)) if len(gradient) > 0 else 0.0
         self.converged = bool(self.rms <= self.tolerance)
 
