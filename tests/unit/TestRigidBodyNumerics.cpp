@@ -229,7 +229,7 @@ TEST(BodySet, UserFrameIsKeptWhateverTheOrderOfMoments) {
     int order[3] = {0, 1, 2};
     do {
         const Vec3 I(moments[order[0]], moments[order[1]], moments[order[2]]);
-        BodySet bodies({{5, I, {Vec3(0.1, 0.2, 0.3)}}}, {{0}}, {{true}});
+        BodySet bodies({{5, I, {Vec3(0.1, 0.2, 0.3)}}}, {{0}}, {{}}, {{true}});
         BodyState state;
         state.q = randomQuaternion(generator);
         state.R = Vec3(1, 2, 3);

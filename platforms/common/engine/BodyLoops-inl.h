@@ -134,30 +134,33 @@ public:
 
     /** Add up the forces of the particles: force in the lab frame, torque about the origin in the body frame. */
     void gatherForces(const double* forces) {
-        const int width = lanes(R.x), lane = slot % BodySet::blockSize;
-        double f[3][BodySet::blockSize];
+        const int lane = slot % BodySet::blockSize;
         force_lab = {Real(0.0), Real(0.0), Real(0.0)};
         Vector3<Real> torque_lab = force_lab;
         const Rotation<Real> A(q);
         for (int s = block.firstSite; s < block.firstSite + block.numSites; s++) {
-            const int* particle = &bodies.forceParticle[s * BodySet::blockSize + lane];
-            for (int i = 0; i < width; i++) {
-                static const double zero[3] = {0, 0, 0};
-                const double* source = particle[i] >= 0 ? forces + 3 * particle[i] : zero;
-                f[0][i] = source[0];
-                f[1][i] = source[1];
-                f[2][i] = source[2];
-            }
-            Vector3<Real> force;
-            load(f[0], force.x);
-            load(f[1], force.y);
-            load(f[2], force.z);
+            const Vector3<Real> force = gather(&bodies.forceParticle[s * BodySet::blockSize + lane], forces);
             force_lab += force;
             torque_lab += cross(A.toLab(site(s, lane)), force);
         }
         torque_body = A.toBody(torque_lab);
         storeVector(force_lab, bodies.force_lab, slot);
         storeVector(torque_body, bodies.torque_body, slot);
+    }
+    /** Momentum and angular momentum of the members as point masses: p = sum m v, l = sum m s x v (body frame). */
+    void gatherMomenta(const double* velocities) {
+        const int lane = slot % BodySet::blockSize;
+        p = l = {Real(0.0), Real(0.0), Real(0.0)};
+        const Rotation<Real> A(q);
+        for (int s = block.firstSite; s < block.firstSite + block.numSites; s++) {
+            Real mass;
+            load(&bodies.siteMass[s * BodySet::blockSize + lane], mass);
+            const Vector3<Real> momentum = mass * gather(&bodies.siteParticle[s * BodySet::blockSize + lane], velocities);
+            p += momentum;
+            l += cross(site(s, lane), A.toBody(momentum));
+        }
+        if (block.rotor == RotorKind::Linear) l.x = Real(0.0);
+        if (block.rotor == RotorKind::Point) l = {Real(0.0), Real(0.0), Real(0.0)};
     }
     void scatterPositions(double* positions, double* copy) const {
         const int lane = slot % BodySet::blockSize;
@@ -192,6 +195,22 @@ private:
         load(from + BodySet::blockSize, r.y);
         load(from + 2 * BodySet::blockSize, r.z);
         return r;
+    }
+    /** One vector of each lane's particle; zero where there is none (-1). */
+    static Vector3<Real> gather(const int* particle, const double* from) {
+        static const double zero[3] = {0, 0, 0};
+        double v[3][BodySet::blockSize];
+        for (int i = 0; i < lanes(Real(0.0)); i++) {
+            const double* source = particle[i] >= 0 ? from + 3 * particle[i] : zero;
+            v[0][i] = source[0];
+            v[1][i] = source[1];
+            v[2][i] = source[2];
+        }
+        Vector3<Real> result;
+        load(v[0], result.x);
+        load(v[1], result.y);
+        load(v[2], result.z);
+        return result;
     }
     void scatter(int s, const Vector3<Real>& value, double* to, double* copy) const {
         const int width = lanes(R.x), lane = slot % BodySet::blockSize;
@@ -257,6 +276,11 @@ inline LoopResult runBodyLoopWithScheme(BodyLoop loop, BodySet& bodies, const St
                 break;
             case BodyLoop::ScatterVelocities:
                 flow.scatterVelocities(arrays.velocities, arrays.lastVelocities);
+                break;
+            case BodyLoop::TakeInVelocities:
+                if (!bodies.blocks[slot / BodySet::blockSize].massesMakeTheBodies) break;
+                flow.gatherMomenta(arrays.velocities);
+                flow.storeMomenta();
                 break;
         }
         result.randomNumbers += flow.randomNumbers;

@@ -99,6 +99,7 @@ void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegr
 void RigidBodyKernel::buildBodies() {
     const int n = integrator->getNumRigidBodies();
     vector<vector<int> > particles(n);
+    vector<vector<double> > siteMasses(n);
     vector<vector<bool> > carriesForce(n);
     fits.clear();
     for (int b = 0; b < n; b++) {
@@ -129,8 +130,9 @@ void RigidBodyKernel::buildBodies() {
         if (!anySite)
             fail("body " + to_string(b) + " has virtual sites only; add the particles that define them to the body");
         fits.emplace_back(g, masses, isVirtual);
+        if (fits.back().massesMakeTheBody(g, masses)) siteMasses[b] = masses;
     }
-    bodies = BodySet(geometries, particles, carriesForce);
+    bodies = BodySet(geometries, particles, siteMasses, carriesForce);
     bodiesAreBuilt = true;
     settingsVersion = -1;
     updateSettings();
@@ -327,17 +329,21 @@ void RigidBodyKernel::takeInPositions() {
 }
 
 void RigidBodyKernel::takeInVelocities() {
-    for (int p = 0; p < (int) velocities().size(); p++)
+    double sum = 0;
+    for (const Vec3& v : velocities()) sum += v[0] + v[1] + v[2];
+    for (int p = 0; !isfinite(sum) && p < (int) velocities().size(); p++)
         if (!isFinite(velocities()[p]))
             fail("particle " + to_string(p) +
                  (stock.bodyOfParticle[p] >= 0 ? " of body " + to_string(stock.bodyOfParticle[p]) : "") +
                  " has a non-finite velocity; set finite velocities");
+    // A CMMotionRemover changes all velocities at every step: most bodies take the fast way.
+    runLoop(BodyLoop::TakeInVelocities);
     for (int b = 0; b < bodies.getNumBodies(); b++)
-        if (bodyMembersDiffer(b, velocities(), lastVelocities)) {
+        if (!bodies.blocks[bodies.slot(b) / BodySet::blockSize].massesMakeTheBodies &&
+            bodyMembersDiffer(b, velocities(), lastVelocities))
             takeInTwist(b);
-            membersNeedPuttingBack = true;
-        }
     lastVelocities = velocities();
+    velocitiesNeedPuttingBack = true;
 }
 
 void RigidBodyKernel::takeInTwist(int b) {
@@ -358,9 +364,11 @@ void RigidBodyKernel::takeInVelocitiesIfChanged(ContextImpl& context) {
 
 /** Members that others moved within the tolerance go back to their places. */
 void RigidBodyKernel::putMembersBack(ContextImpl& context) {
-    if (!membersNeedPuttingBack) return;
-    writePoses(context);
-    membersNeedPuttingBack = false;
+    if (membersNeedPuttingBack)
+        writePoses(context);
+    else if (velocitiesNeedPuttingBack && settings.hasMomenta())
+        runLoop(BodyLoop::ScatterVelocities);
+    membersNeedPuttingBack = velocitiesNeedPuttingBack = false;
 }
 
 /** Write poses and twists to the Context's particles. */

@@ -115,6 +115,7 @@ private:
     int settingsVersion = -1;
     double settingsStepSize = 0;
     bool positionsAreSet = false, bodiesAreBuilt = false, forcesAreValid = false, membersNeedPuttingBack = false;
+    bool velocitiesNeedPuttingBack = false;
     bool userChangedState = false;
     double poseResidual = 0;
     uint32_t seed = 1;

@@ -37,7 +37,8 @@ enum class BodyLoop {
     AfterForces,       // forces from the particles; the rest of the scheme; new velocities to the particles
     GatherForces,      // forces from the particles only
     ScatterPositions,  // poses to the particles
-    ScatterVelocities  // twists to the particles
+    ScatterVelocities,  // twists to the particles
+    TakeInVelocities    // momenta from the particles, in blocks where their masses make the bodies
 };
 
 }  // namespace RigidHIPlugin

@@ -22,7 +22,7 @@ RotorKind rotorKind(const BodyInertia& inertia) {
 }  // namespace
 
 BodySet::BodySet(const vector<BodyGeometry>& geometries, const vector<vector<int> >& particles,
-                 const vector<vector<bool> >& carriesForce) {
+                 const vector<vector<double> >& siteMasses, const vector<vector<bool> >& carriesForce) {
     const int n = geometries.size();
     inertias.resize(n);
     axisOrder.resize(n);
@@ -81,15 +81,19 @@ BodySet::BodySet(const vector<BodyGeometry>& geometries, const vector<vector<int
         siteParticle.resize((block.firstSite + block.numSites) * blockSize, -1);
         forceParticle.resize(siteParticle.size(), -1);
         sites.resize(3 * siteParticle.size(), 0.0);
+        siteMass.resize(siteParticle.size(), 0.0);
+        block.massesMakeTheBodies = true;
         for (int lane = 0; lane < blockSize; lane++) {
             const int slot = b * blockSize + lane, body = bodyOfSlot[slot];
             if (body < 0) continue;
             const BodyInertia& inertia = inertias[body];
             inverseMass[slot] = inertia.mass > 0 ? 1 / inertia.mass : 0;
             for (int k = 0; k < 3; k++) inverseMoments[k][slot] = inertia.isLive(k) ? 1 / inertia.moments[k] : 0;
+            if (siteMasses[body].empty()) block.massesMakeTheBodies = false;
             for (size_t s = 0; s < particles[body].size(); s++) {
                 const int entry = block.firstSite + s;
                 siteParticle[entry * blockSize + lane] = particles[body][s];
+                if (!siteMasses[body].empty()) siteMass[entry * blockSize + lane] = siteMasses[body][s];
                 if (carriesForce[body][s]) forceParticle[entry * blockSize + lane] = particles[body][s];
                 const Vec3 site = toInner(body, geometries[body].sites[s]);
                 for (int c = 0; c < 3; c++) sites[(entry * 3 + c) * blockSize + lane] = site[c];

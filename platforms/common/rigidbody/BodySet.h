@@ -34,6 +34,7 @@ public:
     struct Block {
         RotorKind rotor = RotorKind::Point;
         bool hasNoise = false;
+        bool massesMakeTheBodies = false;  // of every body: its sites' masses are its mass and inertia
         int firstSite = 0, numSites = 0;
     };
 
@@ -41,10 +42,13 @@ public:
     /**
      * @param geometries      one per body
      * @param particles       the particles of each body
+     * @param siteMasses      the mass of each particle of each body, where these masses add up to the body's mass and inertia
+     *                        about its origin; an empty list for other bodies
      * @param carriesForce    for each particle of each body, whether its force counts (a virtual site's does not: OpenMM
      *                        has already given it to the parents)
      */
     BodySet(const std::vector<BodyGeometry>& geometries, const std::vector<std::vector<int> >& particles,
+            const std::vector<std::vector<double> >& siteMasses,
             const std::vector<std::vector<bool> >& carriesForce);
 
     int getNumBodies() const { return slotOfBody.size(); }
@@ -86,6 +90,7 @@ public:
     std::vector<Block> blocks;
     // Sites, block by block: entry s of a block holds site s of each of its bodies.
     std::vector<double> sites;         // [(entry * 3 + component) * blockSize + lane], inner body frame, nm
+    std::vector<double> siteMass;      // [entry * blockSize + lane], 0 where there is no such site
     std::vector<int> siteParticle;     // [entry * blockSize + lane], -1: no such site
     std::vector<int> forceParticle;    // likewise, -1 also for virtual sites
 

@@ -36,6 +36,11 @@ public:
      */
     double fitPose(const std::vector<OpenMM::Vec3>& positions, BodyState& state, int& worst) const;
     /**
+     * Whether momentum and angular momentum of the members, as point masses, are those of the body: then the twist that
+     * fits velocities is simply p = sum m v, l = sum m s x v.
+     */
+    bool massesMakeTheBody(const BodyGeometry& geometry, const std::vector<double>& masses) const;
+    /**
      * The velocity of the origin and the angular velocity (lab) that fit velocities of members best at the pose of a
      * state. Components of the angular velocity on which the velocities say nothing are taken from the argument.
      */
