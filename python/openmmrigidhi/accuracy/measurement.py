@@ -1,0 +1,159 @@
+"""One run of one setting: samples, times, and what to do when it blows up."""
+import math
+import time
+from dataclasses import dataclass, field
+
+import openmm
+
+from .observables import Sample
+from .scenes import GAS_CONSTANT
+
+STABLE, UNSTABLE, NOT_APPLICABLE = 'stable', 'unstable', 'not applicable'
+#: A run has exploded when its potential energy is above that of the start by this many times the thermal kinetic energy
+#: dof/2 kT; to which comes this many kT, for scenes of few bodies (probability at equilibrium below exp(-40)).
+EXPLOSION_FACTOR, EXPLOSION_MARGIN = 10, 40
+
+
+@dataclass
+class Record:
+    """What a run leaves behind.
+
+    Attributes
+    ----------
+    series : dict
+        observable name -> list of samples
+    timings : list of (steps, wall seconds, CPU seconds)
+        one entry per round; integration steps only, without the sampling
+    status : str
+        'stable', 'unstable' or 'not applicable'
+    message : str
+        why, where it is not stable
+    samplesAt : float
+        ps between samples
+    length : float
+        ps that were sampled
+    equilibration : float
+        ps that were left out before
+    """
+
+    samplesAt: float
+    series: dict = field(default_factory=dict)
+    timings: list = field(default_factory=list)
+    status: str = STABLE
+    message: str = ''
+    length: float = 0.0
+    equilibration: float = 0.0
+
+
+class Explosion(Exception):
+    """The run has left everything that is physical."""
+
+
+class Run:
+    """A Context that is advanced in pieces.
+
+    Parameters
+    ----------
+    scene : Scene
+    observables : list of Observable
+    makeContext : callable
+        () -> openmm.Context. An exception in it makes the run "not applicable".
+    stepSize : float
+        ps
+    sampleInterval : float
+        ps between samples; rounded to whole steps
+    platform, properties
+        of the Context, for observables that need one of their own
+    """
+
+    def __init__(self, scene, observables, makeContext, stepSize, sampleInterval, platform, properties):
+        self.scene = scene
+        self.observables = observables
+        self.stepSize = stepSize
+        self.stepsPerSample = max(1, round(sampleInterval/stepSize))
+        self.record = Record(self.stepsPerSample*stepSize, {observable.name: [] for observable in observables})
+        self.time = 0.0
+        self.context = None
+        try:
+            self.context = makeContext()
+            self.extras = {observable.name: observable.setup(scene, platform, properties)
+                           for observable in observables if observable.setup is not None}
+            start = self.context.getState(getEnergy=True).getPotentialEnergy()._value
+            particles = sum(scene.system.getParticleMass(i)._value > 0 for i in range(scene.system.getNumParticles()))
+            kT = GAS_CONSTANT*scene.temperature
+            self.largestEnergy = start + (EXPLOSION_FACTOR*1.5*particles + EXPLOSION_MARGIN)*kT
+        except (openmm.OpenMMException, ValueError) as error:
+            self._end(NOT_APPLICABLE, str(error))
+
+    @property
+    def isAlive(self):
+        """Whether it can be advanced."""
+        return self.record.status == STABLE
+
+    def _end(self, status, message):
+        self.record.status = status
+        self.record.message = message
+        self.context = None
+
+    def advance(self, samples, record=True, progress=None):
+        """Advance by a number of sample intervals; one entry in the timings.
+
+        Parameters
+        ----------
+        samples : int
+        record : bool
+            False: warm-up, nothing is kept (but the energy is watched)
+        progress : callable, optional
+            called with the number of steps that were made
+        """
+        steps, wall, cpu = 0, 0.0, 0.0
+        for _ in range(samples if self.isAlive else 0):
+            wall0, cpu0 = time.perf_counter(), time.process_time()
+            try:
+                self.context.getIntegrator().step(self.stepsPerSample)
+                wall += time.perf_counter() - wall0
+                cpu += time.process_time() - cpu0
+                steps += self.stepsPerSample
+                self.time += self.stepsPerSample*self.stepSize
+                self._sample(record)
+            # OpenMM raises OpenMMException; user's functions may stumble over numbers that are not finite.
+            except (openmm.OpenMMException, Explosion, ArithmeticError, ValueError) as error:
+                self._end(UNSTABLE, f'after {self.time:.3g} ps: {error}')
+                break
+            if progress is not None:
+                progress(self.stepsPerSample)
+        if steps:
+            self.record.timings.append((steps, wall, cpu))
+        if not record:
+            self.record.timings = []
+            self.record.equilibration = self.time
+        else:
+            self.record.length = self.time - self.record.equilibration
+
+    def _sample(self, record):
+        sample = Sample(self.scene, self.context)
+        if not math.isfinite(sample.potentialEnergy):
+            raise Explosion('the potential energy is not finite')
+        if sample.potentialEnergy > self.largestEnergy:
+            raise Explosion(f'the potential energy reached {sample.potentialEnergy:.4g} kJ/mol: exploded')
+        if not record:
+            return
+        for observable in self.observables:
+            extra = self.extras.get(observable.name)
+            value = observable.measure(sample) if extra is None else observable.measure(sample, extra)
+            if math.isinf(value):
+                raise Explosion(f'{observable.name} is not finite')
+            self.record.series[observable.name].append(value)
+
+    def secondsPerStep(self, seconds=0.3, leastSamples=2):
+        """Wall seconds per step, sampling included, from a short warm-up. None if it did not survive."""
+        samples, began = 0, time.perf_counter()
+        while self.isAlive and (samples < leastSamples or time.perf_counter() - began < seconds):
+            # The first piece contains what is done once: neighbour lists, plans.
+            if samples == 1:
+                began = time.perf_counter()
+            self.advance(1, record=False)
+            if self.isAlive:
+                Sample(self.scene, self.context).kineticEnergies
+            samples += 1
+        return (time.perf_counter() - began)/((samples - 1)*self.stepsPerSample) if self.isAlive else None

@@ -1,0 +1,242 @@
+"""What is measured in a run: energies, temperatures, pressure, or the user's own function of the Context."""
+from functools import cached_property
+
+import numpy as np
+import openmm
+from openmm import unit
+
+from ..integrator import CustomRigidHIIntegrator
+from .scenes import GAS_CONSTANT, importObject
+
+
+class Sample:
+    """The present moment of a run. Everything is computed when first asked for, and once."""
+
+    def __init__(self, scene, context):
+        self.scene = scene
+        self.context = context
+
+    @cached_property
+    def rigid(self):
+        """The CustomRigidHIIntegrator, or None for OpenMM's own integrators."""
+        integrator = self.context.getIntegrator()
+        try:
+            return CustomRigidHIIntegrator.cast(integrator)
+        except TypeError:
+            return None
+
+    @cached_property
+    def energies(self):
+        """State with the energies."""
+        return self.context.getState(getEnergy=True)
+
+    @cached_property
+    def potentialEnergy(self):
+        """kJ/mol."""
+        return self.energies.getPotentialEnergy()._value
+
+    @cached_property
+    def kineticEnergies(self):
+        """(translation, rotation about the axis of the smallest, middle, largest moment): kJ/mol, summed over bodies."""
+        if self.rigid is not None:
+            rotation = self.rigid.computeRotationalKineticEnergies()._value
+            return np.array([self.rigid.computeTranslationalKineticEnergy()._value, *rotation])
+        state = self.context.getState(getPositions=True, getVelocities=True)
+        return self.scene.bodyTable().kineticEnergies(state.getPositions(asNumpy=True)._value,
+                                                      state.getVelocities(asNumpy=True)._value)
+
+    @cached_property
+    def degrees(self):
+        """Kinetic degrees of freedom, as CustomRigidHIIntegrator.getDegreesOfFreedom()."""
+        if self.rigid is not None:
+            return self.rigid.getDegreesOfFreedom()
+        return self.scene.bodyTable().degrees
+
+
+class Observable:
+    """Something that has an average.
+
+    Parameters
+    ----------
+    name : str
+        in tables, on the command line, in file names
+    label : str
+        in pictures
+    unit : str
+    measure : callable
+        Sample -> float; NaN where it has no meaning (temperatures of schemes without momenta)
+    exact : callable, optional
+        Scene -> exact canonical average or None; without, the scene's own table is asked
+    setup : callable, optional
+        (scene, platform, properties) -> an object for the whole run, then measure is called with (sample, object)
+    """
+
+    def __init__(self, name, label, unit, measure, exact=None, setup=None):
+        self.name = name
+        self.label = label
+        self.unit = unit
+        self.measure = measure
+        self._exact = exact
+        self.setup = setup
+
+    def exact(self, scene):
+        """The exact canonical average, or None where only the limit of small steps can tell."""
+        if self.name in scene.exact:
+            return scene.exact[self.name]
+        return self._exact(scene) if self._exact is not None else None
+
+    def __repr__(self):
+        return f'Observable({self.name!r})'
+
+
+def _temperature(energy, degrees):
+    return 2*energy/(GAS_CONSTANT*degrees) if degrees > 0 else float('nan')
+
+
+class _PotentialEnergy:
+    def __call__(self, sample):
+        return sample.potentialEnergy/len(sample.scene.bodies)
+
+
+class _GroupEnergy:
+    def __init__(self, group):
+        self.group = group
+
+    def __call__(self, sample):
+        state = sample.context.getState(getEnergy=True, groups={self.group})
+        return state.getPotentialEnergy()._value/len(sample.scene.bodies)
+
+
+class _TranslationalTemperature:
+    def __call__(self, sample):
+        removed = sample.degrees['removed']
+        if removed:
+            removed *= sample.scene.bodyTable().massFraction
+        return _temperature(sample.kineticEnergies[0], sample.degrees['translational'] - removed)
+
+
+class _RotationalTemperature:
+    def __init__(self, axis):
+        self.axis = axis
+
+    def __call__(self, sample):
+        return _temperature(sample.kineticEnergies[self.axis], sample.degrees[f'rotational{self.axis}'])
+
+
+class _BathTemperature:
+    def __call__(self, scene):
+        return scene.temperature
+
+
+class _PressureProbe:
+    """A second Context, whose box is stretched: the run itself is not touched."""
+
+    def __init__(self, scene, platform, properties):
+        if not scene.system.usesPeriodicBoundaryConditions():
+            raise ValueError('observable pressure: the System is not periodic; it has no volume: leave this observable out')
+        # Barostats would be asked for their energy too; they add nothing but cost nothing either.
+        self.context = openmm.Context(scene.system, openmm.VerletIntegrator(0.001), platform, properties)
+        self.molecules = [np.array(molecule) for molecule in self.context.getMolecules()]
+        self.masses = np.array([scene.system.getParticleMass(i)._value for i in range(scene.system.getNumParticles())])
+        self.index = np.empty(len(self.masses), dtype=int)
+        for k, molecule in enumerate(self.molecules):
+            self.index[molecule] = k
+        # Extra particles without mass count for the centre of a molecule only where nothing else does.
+        self.weights = np.where(self.masses > 0, self.masses, 1e-12)
+        self.total = np.bincount(self.index, self.weights)
+
+
+class _Pressure:
+    #: Relative change of length in the finite difference: its own error is of order strain^2, rounding of order 1/strain.
+    strain = 1e-3
+
+    def __call__(self, sample, probe):
+        state = sample.context.getState(getPositions=True, getVelocities=True)
+        positions = state.getPositions(asNumpy=True)._value
+        velocities = state.getVelocities(asNumpy=True)._value
+        box = state.getPeriodicBoxVectors(asNumpy=True)._value
+        volume = np.linalg.det(box)
+
+        def average(values):
+            return np.stack([np.bincount(probe.index, probe.weights*values[:, k]) for k in range(3)], axis=1)/probe.total[:, None]
+
+        centres = average(positions)[probe.index]
+        energies = []
+        for factor in (1 - self.strain, 1 + self.strain):
+            probe.context.setPeriodicBoxVectors(*(box*factor))
+            probe.context.setPositions(positions + centres*(factor - 1))
+            energies.append(probe.context.getState(getEnergy=True).getPotentialEnergy()._value)
+        dV = volume*((1 + self.strain)**3 - (1 - self.strain)**3)
+        mass = np.bincount(probe.index, probe.masses)
+        if sample.rigid is not None and sample.degrees['total'] == 0:
+            kinetic = 1.5*len(mass)*GAS_CONSTANT*sample.scene.temperature
+        else:
+            kinetic = 0.5*(mass*(average(velocities)**2).sum(axis=1)).sum()
+        # kJ/(mol nm^3) = 1.66053907 MPa
+        return (2*kinetic/(3*volume) - (energies[1] - energies[0])/dV)*1.66053907
+
+
+class _UserFunction:
+    def __init__(self, function):
+        self.function = function
+
+    def __call__(self, sample):
+        value = self.function(sample.context)
+        if unit.is_quantity(value):
+            value = value.value_in_unit_system(unit.md_unit_system)
+        return float(value)
+
+
+#: Observables by name.
+BUILT_IN = {observable.name: observable for observable in (
+    Observable('potential_energy', 'potential energy per body', 'kJ/mol', _PotentialEnergy()),
+    Observable('translational_temperature', 'translational temperature', 'K', _TranslationalTemperature(),
+               _BathTemperature()),
+    Observable('rotational_temperature_1', 'rotational temperature, axis of the smallest moment', 'K',
+               _RotationalTemperature(1), _BathTemperature()),
+    Observable('rotational_temperature_2', 'rotational temperature, axis of the middle moment', 'K',
+               _RotationalTemperature(2), _BathTemperature()),
+    Observable('rotational_temperature_3', 'rotational temperature, axis of the largest moment', 'K',
+               _RotationalTemperature(3), _BathTemperature()),
+    Observable('pressure', 'pressure', 'MPa', _Pressure(), setup=_PressureProbe),
+)}
+#: What is measured if nothing is asked for.
+DEFAULT = ('potential_energy', 'translational_temperature', 'rotational_temperature_1', 'rotational_temperature_2',
+           'rotational_temperature_3')
+
+
+def byName(name):
+    """An observable by its name on the command line.
+
+    Parameters
+    ----------
+    name : str or Observable or callable
+        a built-in name; "energy_group_N" for the energy of force group N per body; "module:function" or a function
+        of the Context that returns a number (its attributes ``unit`` and ``exact``, if it has them, are used)
+
+    Returns
+    -------
+    Observable
+    """
+    if isinstance(name, Observable):
+        return name
+    if callable(name):
+        exact = getattr(name, 'exact', None)
+        return Observable(name.__name__, name.__name__, getattr(name, 'unit', ''), _UserFunction(name),
+                          None if exact is None else _Constant(exact))
+    if name in BUILT_IN:
+        return BUILT_IN[name]
+    if name.startswith('energy_group_') and name[13:].isdigit() and int(name[13:]) < 32:
+        return Observable(name, f'energy of force group {name[13:]} per body', 'kJ/mol', _GroupEnergy(int(name[13:])))
+    if ':' in name:
+        return byName(importObject(name, 'observable'))
+    raise ValueError(f'observable: got {name!r}; it must be one of {", ".join(BUILT_IN)}, energy_group_0 to '
+                     'energy_group_31, or module:function: correct the name')
+
+
+class _Constant:
+    def __init__(self, value):
+        self.value = value
+
+    def __call__(self, scene):
+        return self.value

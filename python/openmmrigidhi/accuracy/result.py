@@ -1,0 +1,511 @@
+"""What a study found: a table with errors, the cheapest setting for a wanted error, and how methods compare."""
+import json
+import math
+from dataclasses import dataclass, field
+from typing import Any, Optional
+
+import numpy as np
+
+from .measurement import STABLE
+from .statistics import autocorrelationTime, errorCurve, quantile, seriesStatistics
+
+SECONDS_PER_DAY = 86400
+RECOMMENDED, NONE, UNDECIDED = 'recommended', 'none of these', 'cannot tell'
+#: Halves of a run whose means differ by more than this many standard errors are called drifting.
+DRIFT_LIMIT = 4
+#: Above this, "run N times longer" is no advice.
+LARGEST_FACTOR = 1000
+
+
+@dataclass
+class Reference:
+    """What means are compared with.
+
+    Attributes
+    ----------
+    observable : str
+    value, standardError : float
+        in the observable's unit
+    kind : str
+        'exact', 'given' or 'extrapolated'
+    fit : statistics.Extrapolation, optional
+    points : list of (method, knob value)
+        what the fit's weights belong to
+    """
+
+    observable: str
+    value: float
+    standardError: float
+    kind: str
+    fit: Optional[Any] = None
+    points: list = field(default_factory=list)
+
+    def weight(self, method, value):
+        """d(reference)/d(mean of that setting): the mean is part of what it is compared with."""
+        if self.fit is None:
+            return 0.0
+        return dict(zip(self.points, self.fit.weights)).get((method, value), 0.0)
+
+    def asDict(self):
+        """For JSON."""
+        result = {'value': self.value, 'standard_error': self.standardError, 'kind': self.kind}
+        if self.fit is not None:
+            result['fit'] = {
+                'model': 'A0 + E h^p + F h^2p, h in ps', 'coefficients': self.fit.coefficients, 'chi2': self.fit.chi2,
+                'degrees_of_freedom': self.fit.degrees, 'probability': self.fit.probability, 'note': self.fit.note,
+                'weights': [{'method': method, 'value': value, 'weight': weight, 'used': used} for (method, value), weight, used
+                            in zip(self.points, self.fit.weights.tolist(), self.fit.used)]}
+        return result
+
+    @staticmethod
+    def fromDict(observable, data):
+        """From JSON."""
+        from .statistics import Extrapolation
+        fit, points = None, []
+        if 'fit' in data:
+            old = data['fit']
+            points = [(item['method'], item['value']) for item in old['weights']]
+            fit = Extrapolation(data['value'], data['standard_error'], np.array([item['weight'] for item in old['weights']]),
+                                {name: tuple(pair) for name, pair in old['coefficients'].items()},
+                                [item['used'] for item in old['weights']], old['chi2'], old['degrees_of_freedom'],
+                                old['probability'], old['note'])
+        return Reference(observable, data['value'], data['standard_error'], data['kind'], fit, points)
+
+
+def summarise(knob, runs, observables, clock):
+    """The rows of all settings.
+
+    Block lengths are 20 autocorrelation times, of the run itself or the median over the runs of its method, whichever is
+    longer: a run that happens to look less correlated than its neighbours would otherwise get too small an error.
+
+    Parameters
+    ----------
+    knob : Knob
+    runs : list of (Setting, Record, seed)
+    observables : list of Observable
+    clock : str
+        'wall' or 'cpu'
+
+    Returns
+    -------
+    list of dict
+        see StudyResult.rows
+    """
+    rows = []
+    for observable in observables:
+        taus = {}
+        for setting, record, _ in runs:
+            series = _series(record, observable)
+            if series is not None:
+                taus.setdefault(setting.method.name, []).append(autocorrelationTime(series)*record.samplesAt)
+        typical = {method: float(np.median(values)) for method, values in taus.items()}
+        for setting, record, seed in runs:
+            rows.append(_row(knob, setting, record, observable, seed, clock, typical.get(setting.method.name, 0.0)))
+    return rows
+
+
+def _series(record, observable):
+    """The samples as an array, or None where there is no average to take."""
+    series = np.array(record.series.get(observable.name, []), dtype=float)
+    return series if record.status == STABLE and len(series) >= 2 and np.isfinite(series).all() else None
+
+
+def _row(knob, setting, record, observable, seed, clock, typicalTau):
+    speeds = [steps*setting.stepSize/1000*SECONDS_PER_DAY/(wall if clock == 'wall' else cpu)
+              for steps, wall, cpu in record.timings if (wall if clock == 'wall' else cpu) > 0]
+    cpuSpeeds = [steps*setting.stepSize/1000*SECONDS_PER_DAY/cpu for steps, wall, cpu in record.timings if cpu > 0]
+    low, middle, high = np.percentile(speeds, [16, 50, 84]) if speeds else (None, None, None)
+    row = {'method': setting.method.name, 'knob': knob.name, 'value': setting.value, 'step_size': setting.stepSize,
+           'status': record.status, 'message': record.message, 'ns_per_day': _float(middle), 'ns_per_day_low': _float(low),
+           'ns_per_day_high': _float(high), 'ns_per_cpu_day': _float(np.median(cpuSpeeds)) if cpuSpeeds else None,
+           'speeds': [float(x) for x in speeds], 'length': record.length, 'equilibration': record.equilibration,
+           'seed': seed, 'observable': observable.name, 'mean': None, 'standard_error': None, 'degrees': None, 'tau': None,
+           'samples': 0, 'drift': None, 'note': ''}
+    series = _series(record, observable)
+    if series is None:
+        samples = record.series.get(observable.name, [])
+        if record.status == STABLE:
+            row['note'] = ('too few samples' if len(samples) < 2 else
+                           'n/a' if np.isnan(samples).all() else 'sometimes not a number')
+        return row
+    summary = seriesStatistics(series, typicalTau/record.samplesAt)
+    row.update(mean=summary.mean, standard_error=summary.standardError, degrees=summary.degrees,
+               tau=summary.tau*record.samplesAt, samples=summary.samples, drift=_drift(series, summary))
+    if not summary.isTrusted:
+        row['note'] = 'few independent samples'
+    elif row['drift'] is not None and abs(row['drift']) > DRIFT_LIMIT:
+        row['note'] = 'drifts'
+    return row
+
+
+def _drift(series, summary):
+    """Difference of the two halves' means in standard errors, or None."""
+    half = len(series)//2
+    if half < 2 or summary.standardError == 0:
+        return None
+    # Each half has half the samples: the difference has twice the standard error of the whole.
+    return float((series[half:].mean() - series[:half].mean())/(2*summary.standardError))
+
+
+def _float(value):
+    return None if value is None else float(value)
+
+
+@dataclass
+class Wanted:
+    """A wanted error: |mean - reference| <= tolerance (observable's unit), as given by text."""
+
+    observable: str
+    tolerance: float
+    text: str
+
+
+@dataclass
+class Recommendation:
+    """The answer to "what is the cheapest setting with this error?".
+
+    Attributes
+    ----------
+    verdict : str
+        'recommended', 'none of these' or 'cannot tell'
+    setting : dict or None
+        method, value, step_size (ps), ns_per_day of the recommended setting
+    text : str
+        one paragraph in plain words
+    candidates : list of dict
+        every stable setting, fastest first: method, value, ns_per_day, verdict ('yes', 'no', 'undecided'), factor (how many times
+        longer to run for a decision, or None)
+    factor : float or None
+        how many times longer a run would settle an undecided answer, or find out about a faster setting
+    """
+
+    verdict: str
+    setting: Optional[dict]
+    text: str
+    candidates: list
+    factor: Optional[float]
+    wanted: list
+
+    def __str__(self):
+        return self.text
+
+
+class StudyResult:
+    """Rows of settings and observables, the references, and how it was measured.
+
+    Attributes
+    ----------
+    rows : list of dict
+        one per setting and observable. Keys: method, knob, value (of the knob, internal unit), step_size (ps), status ('stable',
+        'unstable', 'not applicable'), message, ns_per_day (median over rounds), ns_per_day_low and _high (16 and 84 %),
+        ns_per_cpu_day, speeds (each round), length and equilibration (ps), seed, observable, mean, standard_error, degrees
+        (of freedom of that error), tau (integrated autocorrelation time, ps), samples, drift, note, and by comparison with
+        the reference: error, error_standard_error, error_low, error_high (confidence interval), relative_error
+    references : dict
+        observable -> Reference
+    confidence : float
+        of all intervals; 0.95
+    """
+
+    def __init__(self, knob, scene, rows, references, orders, observables, refusals, provenance, confidence=0.95):
+        self.knob = knob
+        self.scene = scene
+        self.rows = rows
+        self.references = references
+        self.orders = orders
+        self.observables = observables
+        self.refusals = refusals
+        self.provenance = provenance
+        self.confidence = confidence
+        for row in rows:
+            self._compare(row)
+
+    def _compare(self, row):
+        row.update(error=None, error_standard_error=None, error_low=None, error_high=None, relative_error=None)
+        reference = self.references.get(row['observable'])
+        if row['mean'] is None or reference is None:
+            return
+        error = row['mean'] - reference.value
+        weight = reference.weight(row['method'], row['value'])
+        variance = row['standard_error']**2*(1 - 2*weight) + reference.standardError**2
+        sigma = math.sqrt(max(0.0, variance))
+        reach = quantile(self.confidence, row['degrees'])*sigma
+        row.update(error=error, error_standard_error=sigma, error_low=error - reach, error_high=error + reach,
+                   relative_error=error/abs(reference.value) if reference.value else None)
+
+    # ---- Questions ---------------------------------------------------------------------------------------------------
+
+    def select(self, observable, method=None, stableOnly=True):
+        """The rows of an observable (of one method), by ascending knob value."""
+        rows = [row for row in self.rows if row['observable'] == observable and (method is None or row['method'] == method)
+                and (not stableOnly or row['mean'] is not None)]
+        return sorted(rows, key=lambda row: (row['method'], row['value']))
+
+    def methods(self):
+        """Names of the methods that were run, in the order given."""
+        return list(dict.fromkeys(row['method'] for row in self.rows))
+
+    def parseWanted(self, wanted):
+        """Wanted errors from text.
+
+        Parameters
+        ----------
+        wanted : str, or sequence of str
+            "observable:0.5%" (of the reference's magnitude) or "observable:0.2" (in its unit); several with commas
+
+        Returns
+        -------
+        list of Wanted
+        """
+        items = wanted.split(',') if isinstance(wanted, str) else list(wanted)
+        result = []
+        for item in items:
+            name, _, amount = item.strip().rpartition(':')
+            if name not in self.observables:
+                raise ValueError(f'wanted error: got {item!r}; the observable must be one of {", ".join(self.observables)}: '
+                                 'write e.g. potential_energy:0.5%')
+            try:
+                value = float(amount.rstrip('%'))
+            except ValueError:
+                value = math.nan
+            if not value > 0 or not math.isfinite(value):
+                raise ValueError(f'wanted error: got {item!r}; the error must be a positive number or percentage: '
+                                 'write e.g. potential_energy:0.5%')
+            if amount.endswith('%'):
+                reference = self.references.get(name)
+                value *= abs(reference.value)/100 if reference is not None else math.nan
+            result.append(Wanted(name, value, f'{amount if amount.endswith("%") else amount + " " + self.observables[name]["unit"]}'
+                                 f' of {self.observables[name]["label"]}'))
+        return result
+
+    def recommend(self, wanted, confidence=None):
+        """The cheapest setting whose errors are below the wanted ones, with confidence.
+
+        A setting qualifies if the one-sided upper bound of |error| is below the tolerance for every wanted observable; it is
+        out if for one of them the lower bound is above; otherwise the statistics cannot tell.
+
+        Parameters
+        ----------
+        wanted : str or sequence of str
+            see :meth:`parseWanted`
+        confidence : float, optional
+            default: that of the result, 0.95
+
+        Returns
+        -------
+        Recommendation
+        """
+        confidence = self.confidence if confidence is None else confidence
+        wanted = self.parseWanted(wanted)
+        candidates = []
+        for key in dict.fromkeys((row['method'], row['value']) for row in self.rows):
+            rows = {row['observable']: row for row in self.rows if (row['method'], row['value']) == key}
+            first = next(iter(rows.values()))
+            if first['status'] != STABLE or first['ns_per_day'] is None:
+                continue
+            verdicts = [self._judge(rows[item.observable], item, confidence) for item in wanted]
+            verdict = next((v for v in ('no', 'n/a', 'undecided') if v in [each[0] for each in verdicts]), 'yes')
+            factor = max((each[1] for each in verdicts if each[0] == 'undecided'), default=None)
+            candidates.append({'method': key[0], 'value': key[1], 'step_size': first['step_size'],
+                               'ns_per_day': first['ns_per_day'], 'verdict': verdict,
+                               'factor': factor if verdict == 'undecided' else None})
+        candidates.sort(key=lambda candidate: -candidate['ns_per_day'])
+        return self._conclude(candidates, wanted, confidence)
+
+    @staticmethod
+    def _judge(row, item, confidence):
+        """('yes' | 'no' | 'undecided' | 'n/a', factor)."""
+        if row['error'] is None or not math.isfinite(item.tolerance):
+            return 'n/a', None
+        size, sigma = abs(row['error']), row['error_standard_error']
+        reach = quantile(confidence, row['degrees'], sided=1)*sigma
+        if size + reach <= item.tolerance:
+            return 'yes', None
+        if size - reach > item.tolerance:
+            return 'no', None
+        gap = abs(item.tolerance - size)
+        longer = quantile(confidence, math.inf, sided=1)*sigma
+        return 'undecided', (longer/gap)**2 if gap > 0 else math.inf
+
+    def _conclude(self, candidates, wanted, confidence):
+        aim = ' and '.join(item.text for item in wanted)
+        sure = f'{100*confidence:g} % confidence'
+        best = next((c for c in candidates if c['verdict'] == 'yes'), None)
+        undecided = [c for c in candidates if c['verdict'] == 'undecided']
+        if best is not None:
+            faster = [c for c in undecided if c['ns_per_day'] > best['ns_per_day']]
+            text = (f'For an error of at most {aim}: {self._name(best)}, {_digits(best["ns_per_day"])} ns/day. It is the cheapest '
+                    f'setting that meets this with {sure}.')
+            factor = None
+            if faster:
+                factor = min(c['factor'] for c in faster)
+                text += (f' Faster settings that may or may not meet it: {", ".join(self._name(c) for c in faster)}; '
+                         + _longer(factor) + '.')
+            others = self._bestOfOthers(candidates, best)
+            return Recommendation(RECOMMENDED, best, text + others, candidates, factor, wanted)
+        if undecided:
+            factor = min(c['factor'] for c in undecided)
+            text = (f'For an error of at most {aim}: cannot tell. The statistics do not suffice for '
+                    f'{", ".join(self._name(c) for c in undecided)}; {_longer(factor)}.')
+            return Recommendation(UNDECIDED, None, text, candidates, factor, wanted)
+        if candidates and all(c['verdict'] == 'n/a' for c in candidates):
+            text = (f'For an error of at most {aim}: cannot tell. There is nothing to compare with: no exact value, and too few '
+                    'stable settings for an extrapolation; add smaller steps.')
+            return Recommendation(UNDECIDED, None, text, candidates, None, wanted)
+        text = f'For an error of at most {aim}: none of these. '
+        text += (f'Every stable setting misses it with {sure}; smaller steps may do.' if candidates
+                 else 'No setting was stable; smaller steps may be.')
+        return Recommendation(NONE, None, text, candidates, None, wanted)
+
+    def _bestOfOthers(self, candidates, best):
+        """What the other methods reach, in words."""
+        parts = []
+        for method in self.methods():
+            if method == best['method']:
+                continue
+            own = next((c for c in candidates if c['method'] == method and c['verdict'] == 'yes'), None)
+            if own is not None:
+                parts.append(f'{self._name(own)} ({_digits(own["ns_per_day"])} ns/day, {best["ns_per_day"]/own["ns_per_day"]:.2f} '
+                             'times slower)')
+        return f' The best of the other methods that meet it: {"; ".join(parts)}.' if parts else ''
+
+    def _name(self, candidate):
+        return f'{candidate["method"]} at {self.knob.format(candidate["value"])}'
+
+    def compareAt(self, wanted, baseline='LangevinMiddle', resamplings=1000):
+        """How fast each method is at exactly the wanted error, between the steps that were measured.
+
+        The errors of each method around the wanted one are fitted by E h^p + F h^2p, which gives the step at which the
+        error reaches it; ns/day there is that step times the method's median steps per second. Uncertainties: the means are
+        resampled (normal law), the shared reference with them, and the rounds of the timings.
+
+        Parameters
+        ----------
+        wanted : str
+            one, e.g. "potential_energy:0.5%"
+        baseline : str
+            method that ratios refer to
+        resamplings : int
+
+        Returns
+        -------
+        dict
+            method -> dict with step (ps), step_low, step_high, capped (the error is still below the wanted one at the largest
+            stable step, which is what is given), ns_per_day, ns_per_day_low, _high, ratio, ratio_low, ratio_high (None without the
+            baseline; intervals of the result's confidence), chi2, degrees. Methods without stable settings are missing.
+        """
+        item, = self.parseWanted(wanted)
+        reference = self.references.get(item.observable)
+        if reference is None or not math.isfinite(item.tolerance):
+            return {}
+        rng = np.random.default_rng(12345)
+        curves, clouds = {}, {}
+        rounds = self._stepsPerSecond(item.observable)
+        names = sorted(rounds)
+        shared = min((len(rounds[name]) for name in names), default=0)
+        # The same rounds for all methods: what slowed one down slowed the others.
+        picks = rng.integers(0, max(1, shared), size=(resamplings, max(1, shared)))
+        for method in names:
+            rows = self.select(item.observable, method)
+            sigma = np.array([row['standard_error'] for row in rows])
+            weights = np.array([reference.weight(method, row['value']) for row in rows])
+            covariance = np.diag(sigma**2) + reference.standardError**2
+            covariance -= np.add.outer(weights*sigma**2, weights*sigma**2)
+            curve = errorCurve([row['step_size'] for row in rows], [row['error'] for row in rows], covariance,
+                               self.orders[method], item.tolerance, max(row['step_size'] for row in rows), rng, resamplings)
+            if curve is None:
+                continue
+            step, steps = curve.stepFor(item.tolerance)
+            rate = np.array(rounds[method])
+            rates = np.median(rate[:shared][picks], axis=1)
+            perNs = SECONDS_PER_DAY/1000
+            curves[method] = {'step': step, 'capped': bool(step >= curve.largest), 'ns_per_day': step*np.median(rate)*perNs,
+                              'steps_per_second': float(np.median(rate)), 'chi2': curve.chi2, 'degrees': curve.degrees,
+                              'coefficients': curve.coefficients.tolist(), 'fitted_steps': curve.steps}
+            clouds[method] = (steps, steps*rates*perNs)
+        tails = [50*(1 - self.confidence), 50*(1 + self.confidence)]
+        for method, entry in curves.items():
+            entry['step_low'], entry['step_high'] = map(float, np.percentile(clouds[method][0], tails))
+            entry['ns_per_day_low'], entry['ns_per_day_high'] = map(float, np.percentile(clouds[method][1], tails))
+            entry.update(ratio=None, ratio_low=None, ratio_high=None, step_ratio=None)
+            if baseline in curves:
+                entry['ratio'] = entry['ns_per_day']/curves[baseline]['ns_per_day']
+                entry['step_ratio'] = entry['step']/curves[baseline]['step']
+                low, high = np.percentile(clouds[method][1]/clouds[baseline][1], tails)
+                entry['ratio_low'], entry['ratio_high'] = float(low), float(high)
+        return {method: curves[method] for method in self.methods() if method in curves}
+
+    def _stepsPerSecond(self, observable):
+        """method -> steps per second in each round, the median over its step sizes (a step costs the same whatever its size)."""
+        result = {}
+        for method in self.methods():
+            rows = [row for row in self.select(observable, method) if row['speeds']]
+            if rows:
+                shared = min(len(row['speeds']) for row in rows)
+                rates = [np.array(row['speeds'][:shared])*1000/SECONDS_PER_DAY/row['step_size'] for row in rows]
+                result[method] = np.median(rates, axis=0)
+        return result
+
+    # ---- Files -------------------------------------------------------------------------------------------------------
+
+    def asDict(self):
+        """Everything, for JSON."""
+        return {'format': 'openmmrigidhi.accuracy 1', 'confidence': self.confidence,
+                'knob': {'name': self.knob.name, 'label': self.knob.label, 'unit': self.knob.unit, 'scale': self.knob.scale},
+                'scene': self.scene, 'orders': self.orders, 'observables': self.observables, 'refusals': self.refusals,
+                'provenance': self.provenance,
+                'references': {name: reference.asDict() for name, reference in self.references.items()}, 'rows': self.rows}
+
+    def writeJson(self, path, **extra):
+        """Write everything as JSON; extra entries are added at the top level."""
+        with open(path, 'w') as file:
+            json.dump(dict(self.asDict(), **extra), file, indent=1)
+            file.write('\n')
+
+    @staticmethod
+    def fromJson(path):
+        """Read what writeJson() wrote."""
+        from .study import Knob
+        with open(path) as file:
+            data = json.load(file)
+        if not str(data.get('format', '')).startswith('openmmrigidhi.accuracy'):
+            raise ValueError(f'{path}: it is no result of openmmrigidhi.accuracy: give a results.json')
+        references = {name: Reference.fromDict(name, entry) for name, entry in data['references'].items()}
+        return StudyResult(Knob(**data['knob']), data['scene'], data['rows'], references, data['orders'], data['observables'],
+                           data['refusals'], data['provenance'], data['confidence'])
+
+    def writeCsv(self, path):
+        """Write the table as CSV, one row per setting and observable."""
+        from .report import writeCsv
+        writeCsv(self, path)
+
+    def write(self, directory, wanted=(), baseline='LangevinMiddle'):
+        """Write results.csv, results.json, pictures and report.html into a directory.
+
+        Parameters
+        ----------
+        directory : str
+            made if it does not exist
+        wanted : sequence of str
+            wanted errors, each answered on its own
+        baseline : str
+            the method that speeds are compared with
+
+        Returns
+        -------
+        list of str
+            paths of the files
+        """
+        from .report import write
+        return write(self, directory, wanted, baseline)
+
+
+def _digits(value):
+    """Three significant digits without an exponent."""
+    return f'{value:.3g}' if value < 1000 else f'{value:.0f}'
+
+
+def _longer(factor):
+    if not math.isfinite(factor) or factor > LARGEST_FACTOR:
+        return 'their errors are so close to the limit that longer runs will hardly decide it'
+    return f'run longer: about {max(1.1, factor):.2g} times'

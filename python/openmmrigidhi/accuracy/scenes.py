@@ -1,0 +1,365 @@
+"""What is measured: built-in scenes, and the user's own."""
+import importlib
+import math
+import os
+
+import numpy as np
+import openmm
+import openmm.app
+from openmm import unit
+
+from .. import app
+from ..integrator import CustomRigidHIIntegrator
+from .bodytable import BodyTable
+
+GAS_CONSTANT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
+
+
+class Scene:
+    """A System, a start configuration, and an integrator that says what the bodies, the temperature and the frictions are.
+
+    Everything is kept as XML and arrays, so that a scene can be sent to another process.
+
+    Parameters
+    ----------
+    system : openmm.System
+    state : openmm.State, or array or Quantity of shape (particles, 3)
+        start: positions in nm, and velocities and box vectors where the State has them
+    integrator : CustomRigidHIIntegrator
+        the template: its bodies, temperature, frictions and noise law are those of every run; its scheme, step size and
+        seed are replaced
+    name, description : str
+        for the report
+    exact : dict, optional
+        observable name -> exact canonical average, in the observable's unit
+    equilibration : float, optional
+        ps that each run discards at its start; default: a tenth of its length
+    sampleInterval : float
+        ps between samples
+    stepSizes : sequence of float, optional
+        the step sizes that make sense here, ps
+
+    Raises
+    ------
+    TypeError
+        if the integrator is no CustomRigidHIIntegrator
+    ValueError
+        if it has no bodies
+    """
+
+    def __init__(self, system, state, integrator, name='scene', description='', exact=None, equilibration=None,
+                 sampleInterval=0.1, stepSizes=(0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.007, 0.008)):
+        try:
+            integrator = CustomRigidHIIntegrator.cast(integrator)
+        except TypeError:
+            raise TypeError(f'Scene: integrator: got a {type(integrator).__name__}; it must be a CustomRigidHIIntegrator, '
+                            'which says what the bodies are: build one, with addRigidBody() or app.addRigidWater()'
+                            ) from None
+        if integrator.getNumRigidBodies() == 0:
+            raise ValueError('Scene: integrator: it has no bodies; there must be at least one: call addRigidBody() or '
+                             'app.addRigidWater()')
+        self.name = name
+        self.description = description
+        self.exact = dict(exact or {})
+        self.equilibration = equilibration
+        self.sampleInterval = sampleInterval
+        self.stepSizes = tuple(stepSizes)
+        self.temperature = integrator.getTemperature()._value
+        self.friction = integrator.getFriction()._value
+        self.rotationalFriction = integrator.getRotationalFriction()._value
+        self.bodies = [list(integrator.getRigidBodyParticles(i)) for i in range(integrator.getNumRigidBodies())]
+        self._systemXml = openmm.XmlSerializer.serialize(system)
+        self._integratorXml = openmm.XmlSerializer.serialize(integrator)
+        if isinstance(state, openmm.State):
+            self.positions = _array(state.getPositions(asNumpy=True), unit.nanometer)
+            self.velocities = _velocities(state)
+            self.boxVectors = _array(state.getPeriodicBoxVectors(asNumpy=True), unit.nanometer)
+        else:
+            self.positions = _array(state, unit.nanometer)
+            self.velocities = None
+            self.boxVectors = _array(system.getDefaultPeriodicBoxVectors(), unit.nanometer)
+        if self.positions.shape != (system.getNumParticles(), 3):
+            raise ValueError(f'Scene: state: got positions of shape {self.positions.shape}; the shape must be '
+                             f'({system.getNumParticles()}, 3): give one row per particle of the System')
+        self._system = None
+        self._bodyTable = None
+
+    @property
+    def system(self):
+        """The System (one copy, shared by all Contexts)."""
+        if self._system is None:
+            self._system = openmm.XmlSerializer.deserialize(self._systemXml)
+        return self._system
+
+    def makeIntegrator(self):
+        """A fresh copy of the template integrator."""
+        return CustomRigidHIIntegrator.cast(openmm.XmlSerializer.deserialize(self._integratorXml))
+
+    def makeContext(self, integrator, platform, properties, seed):
+        """A Context of this scene at its start. Velocities that the scene does not give are drawn at its temperature."""
+        context = openmm.Context(self.system, integrator, platform, properties)
+        context.setPeriodicBoxVectors(*self.boxVectors)
+        context.setPositions(self.positions)
+        if self.velocities is None:
+            context.setVelocitiesToTemperature(self.temperature, seed)
+        else:
+            context.setVelocities(self.velocities)
+        return context
+
+    def rigidByConstraints(self):
+        """Whether constraints hold every body rigid, so that OpenMM's own integrators move it as one.
+
+        Returns
+        -------
+        str or None
+            None if so, else why not
+        """
+        constrained = {frozenset(self.system.getConstraintParameters(i)[:2])
+                       for i in range(self.system.getNumConstraints())}
+        for index, body in enumerate(self.bodies):
+            massive = [i for i in body if self.system.getParticleMass(i)._value > 0]
+            if len(massive) < 2:
+                return f'body {index} has fewer than two massive particles: no orientation for OpenMM to move'
+            # A rigid set of n particles has 3n - 6 independent constraints (one for a pair).
+            needed = {frozenset((i, j)) for k, i in enumerate(massive) for j in massive[:k]}
+            if len(massive) > 4 or not needed <= constrained:
+                return f'the constraints do not hold body {index} rigid'
+        return None
+
+    def bodyTable(self):
+        """The bodies' particles, masses and degrees of freedom, for integrators that know particles only."""
+        if self._bodyTable is None:
+            self._bodyTable = BodyTable(self)
+        return self._bodyTable
+
+    def __getstate__(self):
+        return {key: None if key in ('_system', '_bodyTable') else value for key, value in self.__dict__.items()}
+
+
+def _array(value, base):
+    if unit.is_quantity(value):
+        value = value.value_in_unit(base)
+    return np.array([[float(unit.Quantity(x, base)._value) if not unit.is_quantity(x) else x.value_in_unit(base)
+                      for x in row] for row in value]) if not isinstance(value, np.ndarray) else np.array(value, float)
+
+
+def _velocities(state):
+    try:
+        return _array(state.getVelocities(asNumpy=True), unit.nanometer/unit.picosecond)
+    except Exception:   # the State has none: OpenMM raises its bare Exception class
+        return None
+
+
+def water(molecules=216, temperature=298.15, gamma=5.0, Gamma=10.0, density=995.0, cutoff=0.9, equilibration=40.0, seed=1,
+          platform='CPU', threads=None, progress=None):
+    """A box of TIP4P-Ew water with PME, from openmm.app's force field, equilibrated with LangevinC.
+
+    Parameters
+    ----------
+    molecules : int
+        number of molecules; at least 216 for the default cutoff
+    temperature : float
+        K
+    gamma, Gamma : float
+        translational and rotational friction, 1/ps. LangevinMiddle gets gamma.
+    density : float
+        kg/m^3
+    cutoff : float
+        nm, of Lennard-Jones and of the direct space of PME; at most half the box
+    equilibration : float
+        ps at 4 fs, after minimisation and 5 ps at 2 fs with a friction of 20/ps
+    seed : int
+    platform : str
+    threads : int, optional
+        of the CPU platform
+    progress : callable, optional
+        called with (done, total) in steps
+
+    Returns
+    -------
+    Scene
+    """
+    modeller = openmm.app.Modeller(openmm.app.Topology(), []*unit.nanometer)
+    forceField = openmm.app.ForceField('tip4pew.xml')
+    modeller.addSolvent(forceField, model='tip4pew', numAdded=molecules)
+    topology = modeller.topology
+    positions = np.array(modeller.positions.value_in_unit(unit.nanometer))
+    wanted = (molecules*(15.99943 + 2*1.007947)/(density*0.602214076))**(1/3)
+    if cutoff > wanted/2:
+        raise ValueError(f'water: molecules: got {molecules}; the box is {wanted:.3f} nm wide, less than twice the cutoff '
+                         f'of {cutoff} nm: use at least {math.ceil((2*cutoff)**3*density*0.602214076/18.01528)} molecules')
+    old = topology.getPeriodicBoxVectors()[0][0]._value
+    sites = len(positions)//molecules
+    centres = np.repeat(positions.reshape(molecules, sites, 3).mean(axis=1), sites, axis=0)
+    positions += centres*(wanted/old - 1)
+    topology.setPeriodicBoxVectors(np.eye(3)*wanted*unit.nanometer)
+    system = forceField.createSystem(topology, nonbondedMethod=openmm.app.PME, nonbondedCutoff=cutoff*unit.nanometer,
+                                     rigidWater=True, removeCMMotion=False)
+    # The bonds and angles of rigid water are constrained: these forces are empty.
+    for index in reversed(range(system.getNumForces())):
+        if isinstance(system.getForce(index), (openmm.HarmonicBondForce, openmm.HarmonicAngleForce)):
+            system.removeForce(index)
+
+    def template(scheme=CustomRigidHIIntegrator.LangevinC):
+        integrator = CustomRigidHIIntegrator(temperature, 0.002)
+        integrator.setScheme(scheme)
+        integrator.setFriction(gamma)
+        integrator.setRotationalFriction(Gamma)
+        app.addRigidWater(integrator, topology, system)
+        return integrator
+
+    integrator = template()
+    integrator.setRandomNumberSeed(seed)
+    integrator.setFriction(20)
+    integrator.setRotationalFriction(40)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platform),
+                             {'Threads': str(threads)} if threads and platform == 'CPU' else {})
+    context.setPositions(positions)
+    openmm.LocalEnergyMinimizer.minimize(context, 10, 200)
+    context.setVelocitiesToTemperature(temperature, seed)
+    first, second = int(5/0.002), int(equilibration/0.004)
+    for done in range(0, first + second, 100):
+        if done == first:
+            integrator.setFriction(gamma)
+            integrator.setRotationalFriction(Gamma)
+            integrator.setStepSize(0.004)
+        integrator.step(100)
+        if progress is not None:
+            progress(done + 100, first + second)
+    state = context.getState(getPositions=True, getVelocities=True)
+    return Scene(system, state, template(), f'water{molecules}',
+                 f'{molecules} TIP4P-Ew molecules at {density:g} kg/m^3 and {temperature:g} K, PME, cutoff {cutoff:g} nm; '
+                 f'gamma = {gamma:g}/ps, Gamma = {Gamma:g}/ps', equilibration=5.0, sampleInterval=0.1,
+                 stepSizes=[0.001*k for k in range(1, 10)])
+
+
+def trap(bodies=400, temperature=300.0, gamma=10.0, Gamma=20.0, frequency=100.0, field=2.0, seed=1):
+    """Triangular rigid bodies in a harmonic trap with a uniform field on their dipoles: every average is known exactly.
+
+    The bodies do not see each other. Each has three massive particles, held by constraints (so that LangevinMiddle with
+    SETTLE can be compared) and an asymmetric inertia. Each particle is bound by m w^2 x^2/2, which is a trap M w^2 X^2/2 on
+    the centre of mass, without a torque (force group 0); forces along z that add up to zero make the energy
+    -field kT n_z of a dipole n (force group 1). Then <U_trap> = 3/2 kT, <U_field> = -field kT (coth(field) - 1/field).
+
+    Parameters
+    ----------
+    bodies : int
+    temperature : float
+        K
+    gamma, Gamma : float
+        frictions, 1/ps
+    frequency : float
+        w, 1/ps; Langevin C is stable up to h = 2/w
+    field : float
+        energy of the dipole in the field, kT
+    seed : int
+        for the start configuration
+
+    Returns
+    -------
+    Scene
+        with exact values of potential_energy, energy_group_0, energy_group_1 (kJ/mol per body) and all temperatures
+    """
+    masses = np.array([16.0, 2.0, 1.0])
+    shape = np.array([[0, 0, 0], [0.1, 0, 0], [-0.03, 0.09, 0]])
+    shape -= masses@shape/masses.sum()
+    kT = GAS_CONSTANT*temperature
+    system = openmm.System()
+    well = openmm.CustomExternalForce('0.5*k*(x^2+y^2+z^2)-c')
+    well.addPerParticleParameter('k')
+    well.addPerParticleParameter('c')
+    well.setForceGroup(0)
+    uniform = openmm.CustomExternalForce('-f*z')
+    uniform.addPerParticleParameter('f')
+    uniform.setForceGroup(1)
+    dipole = np.linalg.norm(shape[1] - shape[0])
+    integrator = CustomRigidHIIntegrator(temperature, 0.002)
+    integrator.setFriction(gamma)
+    integrator.setRotationalFriction(Gamma)
+    for body in range(bodies):
+        first = 3*body
+        for k in range(3):
+            system.addParticle(masses[k])
+            stiffness = masses[k]*frequency**2
+            well.addParticle(first + k, [stiffness, 0.5*stiffness*shape[k]@shape[k]])
+            uniform.addParticle(first + k, [field*kT/dipole*(-1, 1, 0)[k]])
+        for i, j in ((0, 1), (0, 2), (1, 2)):
+            system.addConstraint(first + i, first + j, np.linalg.norm(shape[i] - shape[j]))
+        integrator.addRigidBody([first, first + 1, first + 2])
+    system.addForce(well)
+    system.addForce(uniform)
+    rng = np.random.default_rng(seed)
+    centres = rng.normal(scale=math.sqrt(kT/masses.sum())/frequency, size=(bodies, 1, 3))
+    quaternions = rng.normal(size=(bodies, 4))
+    rotations = _rotationMatrices(quaternions/np.linalg.norm(quaternions, axis=1, keepdims=True))
+    positions = (centres + np.einsum('bij,kj->bki', rotations, shape)).reshape(-1, 3)
+    inWell, inField = 1.5*kT, -field*kT*(1/math.tanh(field) - 1/field)
+    return Scene(system, positions, integrator, 'trap',
+                 f'{bodies} independent triangular bodies in a harmonic trap (w = {frequency:g}/ps) with a field of {field:g} '
+                 f'kT on their dipoles, {temperature:g} K; gamma = {gamma:g}/ps, Gamma = {Gamma:g}/ps; exact averages known',
+                 exact={'potential_energy': inWell + inField, 'energy_group_0': inWell, 'energy_group_1': inField},
+                 equilibration=1.0, sampleInterval=0.05,
+                 stepSizes=[0.1/frequency*k for k in (2, 4, 6, 8, 10, 12)])
+
+
+def _rotationMatrices(q):
+    w, x, y, z = q.T
+    return np.stack([np.stack([1-2*(y*y+z*z), 2*(x*y-w*z), 2*(x*z+w*y)], -1),
+                     np.stack([2*(x*y+w*z), 1-2*(x*x+z*z), 2*(y*z-w*x)], -1),
+                     np.stack([2*(x*z-w*y), 2*(y*z+w*x), 1-2*(x*x+y*y)], -1)], -2)
+
+
+def fromFiles(system, state, integrator):
+    """The user's scene from three XML files, as openmm.XmlSerializer and Simulation.saveState write them.
+
+    Parameters
+    ----------
+    system, state, integrator : str
+        paths; the integrator must be a CustomRigidHIIntegrator
+
+    Returns
+    -------
+    Scene
+    """
+    objects = []
+    for path in (system, state, integrator):
+        with open(path) as file:
+            objects.append(openmm.XmlSerializer.deserialize(file.read()))
+    return Scene(*objects, name=os.path.splitext(os.path.basename(system))[0], description=f'system {system}, state {state}')
+
+
+def fromFunction(specification):
+    """The user's scene from a Python function.
+
+    Parameters
+    ----------
+    specification : str
+        "module:function". The function takes no arguments and returns a Scene, or (system, state or positions,
+        integrator), or (system, topology, positions, integrator).
+
+    Returns
+    -------
+    Scene
+    """
+    result = importObject(specification, 'scene')()
+    if isinstance(result, Scene):
+        return result
+    if len(result) == 4:
+        result = (result[0], result[2], result[3])
+    return Scene(*result, name=specification.split(':')[1], description=f'scene {specification}')
+
+
+def importObject(specification, what):
+    """The object "module:name"."""
+    module, _, name = specification.partition(':')
+    if not name:
+        raise ValueError(f'{what}: got {specification!r}; it must have the form module:function: give the name after a colon')
+    try:
+        return getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f'{what}: got {specification!r}, which cannot be imported ({error}): put the module on PYTHONPATH '
+                         'or run in its directory') from error
+
+
+#: Scenes by name, for the command line.
+BUILT_IN = {'water': water, 'trap': trap}

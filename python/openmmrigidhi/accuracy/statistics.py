@@ -1,0 +1,366 @@
+"""Means of correlated samples with honest errors, and the extrapolation of a step-size study to step 0.
+
+Only numpy and scipy: no OpenMM, so that every rule here can be tested on synthetic numbers.
+"""
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.stats
+
+#: Sokal's window: the autocorrelation is summed up to this many autocorrelation times.
+WINDOW = 5
+#: A block is at least this many autocorrelation times long. Neighbouring blocks are then correlated so little that the
+#: variance of their mean is underestimated by about tau/block = 5 %, the standard error by 2.5 %.
+BLOCK_LENGTH_IN_TAU = 20
+#: With fewer blocks than this a mean is reported, but flagged: its error is hardly known.
+FEWEST_TRUSTED_BLOCKS = 10
+#: A fit whose chi^2 would be exceeded with a smaller probability than this is not believed.
+SMALLEST_FIT_PROBABILITY = 0.01
+
+
+@dataclass
+class SeriesStatistics:
+    """The mean of a series of correlated samples.
+
+    Attributes
+    ----------
+    mean : float
+        the mean
+    standardError : float
+        its standard error (one sigma), from block averages
+    degrees : int
+        degrees of freedom of that standard error: number of blocks less 1
+    tau : float
+        integrated autocorrelation time 1/2 + sum_k rho(k), in samples; 0.5 for independent samples
+    samples : int
+        number of samples
+    blockLength : int
+        samples in a block
+    """
+
+    mean: float
+    standardError: float
+    degrees: int
+    tau: float
+    samples: int
+    blockLength: int
+
+    @property
+    def effectiveSamples(self):
+        """How many independent samples would give the same error."""
+        return self.samples/(2*self.tau)
+
+    @property
+    def isTrusted(self):
+        """Whether there are blocks enough to believe the standard error."""
+        return self.degrees + 1 >= FEWEST_TRUSTED_BLOCKS
+
+
+def autocorrelationTime(series):
+    """Integrated autocorrelation time of a series, by Sokal's automatic window.
+
+    Parameters
+    ----------
+    series : array-like of shape (n,)
+        equally spaced samples
+
+    Returns
+    -------
+    float
+        tau = 1/2 + sum_{k=1}^{W} rho(k), in samples, with the smallest W >= 5 tau(W); at least 0.5. The variance of the
+        mean is 2 tau var/n. 0.5 for a constant series.
+    """
+    series = np.asarray(series, dtype=float)
+    n = len(series)
+    deviation = series - series.mean()
+    scale = np.abs(series).max() if n else 0
+    if n < 4 or np.abs(deviation).max() <= 1e-14*scale:
+        return 0.5
+    size = 1 << (2*n - 1).bit_length()
+    spectrum = np.fft.rfft(deviation, size)
+    correlation = np.fft.irfft(spectrum*spectrum.conj(), size)[:n]
+    # Divided by n, not n - k: the noise at long lags is damped.
+    rho = correlation/correlation[0]
+    tau = 0.5 + np.concatenate([[0], np.cumsum(rho[1:])])
+    inside = np.arange(n) >= WINDOW*tau
+    window = np.argmax(inside) if inside.any() else n - 1
+    return max(0.5, float(tau[window]))
+
+
+def seriesStatistics(series, leastTau=0.0):
+    """Mean of a correlated series, and its standard error from block averages with automatic block length.
+
+    The block length is 20 autocorrelation times (:func:`autocorrelationTime`), but never so long that fewer than
+    5 blocks are left. Samples that do not fill a block are left out at the start, where they are least equilibrated.
+
+    Parameters
+    ----------
+    series : array-like of shape (n,)
+        equally spaced samples, n >= 2
+    leastTau : float
+        take the autocorrelation time, in samples, to be at least this: what similar runs have
+
+    Returns
+    -------
+    SeriesStatistics
+    """
+    series = np.asarray(series, dtype=float)
+    n = len(series)
+    if n < 2:
+        raise ValueError(f'seriesStatistics: got {n} samples; at least 2 are needed: run longer')
+    tau = max(autocorrelationTime(series), leastTau)
+    length = int(np.ceil(BLOCK_LENGTH_IN_TAU*tau)) if tau > 0.5 else 1
+    length = max(1, min(length, n//5))
+    blocks = n//length
+    used = series[n - blocks*length:]
+    means = used.reshape(blocks, length).mean(axis=1)
+    return SeriesStatistics(float(used.mean()), float(means.std(ddof=1)/np.sqrt(blocks)), blocks - 1, tau, n, length)
+
+
+def quantile(confidence, degrees, sided=2):
+    """How many standard errors a confidence interval reaches, by Student's t.
+
+    Parameters
+    ----------
+    confidence : float
+        e.g. 0.95
+    degrees : float
+        degrees of freedom of the standard error; infinity for a normal law
+    sided : int
+        2 for an interval, 1 for a bound
+    """
+    tail = (1 - confidence)/sided
+    if not np.isfinite(degrees):
+        return float(scipy.stats.norm.isf(tail))
+    return float(scipy.stats.t.isf(tail, max(1, degrees)))
+
+
+@dataclass
+class Point:
+    """What the extrapolation needs of one setting: method, step size h, mean, its standard error, order of the method."""
+
+    method: str
+    h: float
+    mean: float
+    standardError: float
+    order: int
+
+
+@dataclass
+class Extrapolation:
+    """The common limit h -> 0 of several methods.
+
+    Attributes
+    ----------
+    value, standardError : float
+        A0; the standard error is multiplied by sqrt(chi2/degrees) where that is above 1
+    weights : ndarray of shape (number of points,)
+        value = sum_i weights_i mean_i: what is needed for the covariance of A0 with every mean
+    coefficients : dict
+        method -> (E, F or None): mean = A0 + E h^p + F h^(2p)
+    used : list of bool
+        which points are in the fit
+    chi2 : float
+    degrees : int
+    probability : float
+        of a larger chi2
+    """
+
+    value: float
+    standardError: float
+    weights: np.ndarray
+    coefficients: dict
+    used: list
+    chi2: float
+    degrees: int
+    probability: float
+    note: str = ''
+
+
+def extrapolate(points):
+    """Fit mean = A0 + E_m h^p (+ F_m h^2p where a method has 4 or more steps), A0 common to all methods, by least squares.
+
+    Points are weighted by their standard errors. While the fit is not believable (probability of chi^2 below 0.01), the
+    largest step of the method that deviates most is left out, and the fit repeated.
+
+    Parameters
+    ----------
+    points : list of Point
+        means with positive standard errors, of methods that sample the same ensemble as h -> 0
+
+    Returns
+    -------
+    Extrapolation or None
+        None if there are too few points: at least one method must have two steps
+    """
+    used = [np.isfinite(point.mean) and point.standardError > 0 for point in points]
+    note = ''
+    while True:
+        fit = _fit(points, used)
+        if fit is None:
+            return None
+        if fit.degrees == 0 or fit.probability >= SMALLEST_FIT_PROBABILITY:
+            break
+        worst = _worstMethod(points, fit)
+        if worst is None:
+            note = 'the fit is poor (chi2 is too large); its error is enlarged accordingly'
+            break
+        used = list(fit.used)
+        used[worst] = False
+    fit.note = note
+    return fit
+
+
+def _worstMethod(points, fit):
+    """The index of the largest step, of the method whose points deviate most, among methods that can spare one."""
+    deviation = {}
+    for point, used in zip(points, fit.used):
+        if used:
+            deviation[point.method] = deviation.get(point.method, 0) + _residual(point, fit)**2
+    for method in sorted(deviation, key=deviation.get, reverse=True):
+        indices = [i for i, point in enumerate(points) if fit.used[i] and point.method == method]
+        if len(indices) > 2:
+            return max(indices, key=lambda i: points[i].h)
+    return None
+
+
+def _residual(point, fit):
+    E, F = fit.coefficients[point.method]
+    x = point.h**point.order
+    return (point.mean - fit.value - E*x - (F or 0)*x*x)/point.standardError
+
+
+def _fit(points, used):
+    indices = [i for i in range(len(points)) if used[i]]
+    count = {}
+    for i in indices:
+        count[points[i].method] = count.get(points[i].method, 0) + 1
+    # A method with a single step says nothing about A0 that its own E could not absorb.
+    indices = [i for i in indices if count[points[i].method] >= 2]
+    used = [i in indices for i in range(len(points))]
+    if not indices:
+        return None
+    methods = sorted({points[i].method for i in indices})
+    scale = max(points[i].h for i in indices)
+    columns = [('A0', None, 0)]
+    for method in methods:
+        columns.append((method, 'E', 1))
+        if count[method] >= 4:
+            columns.append((method, 'F', 2))
+    design = np.zeros((len(indices), len(columns)))
+    mean = np.array([points[i].mean for i in indices])
+    sigma = np.array([points[i].standardError for i in indices])
+    for row, i in enumerate(indices):
+        for column, (method, _, power) in enumerate(columns):
+            if power == 0:
+                design[row, column] = 1
+            elif method == points[i].method:
+                design[row, column] = (points[i].h/scale)**(power*points[i].order)
+    inverse = np.linalg.pinv(design/sigma[:, None])
+    parameters = inverse@(mean/sigma)
+    chi2 = float((((mean - design@parameters)/sigma)**2).sum())
+    degrees = len(indices) - len(columns)
+    inflation = np.sqrt(max(1, chi2/degrees)) if degrees > 0 else 1
+    weights = np.zeros(len(points))
+    weights[indices] = inverse[0]/sigma
+    orders = {points[i].method: points[i].order for i in indices}
+    coefficients = {method: [0, None] for method in methods}
+    for (method, name, power), value in zip(columns, parameters):
+        if power:
+            coefficients[method][power - 1] = float(value/scale**(power*orders[method]))
+    probability = float(scipy.stats.chi2.sf(chi2, degrees)) if degrees > 0 else 1.0
+    return Extrapolation(float(parameters[0]), float(inflation*np.linalg.norm(inverse[0])), weights,
+                         {method: tuple(pair) for method, pair in coefficients.items()}, used, chi2, degrees, probability)
+
+
+@dataclass
+class ErrorCurve:
+    """error(h) = E h^p + F h^2p of one method, with a cloud of resampled curves for its uncertainty.
+
+    Attributes
+    ----------
+    order : int
+    coefficients : ndarray of shape (2,)
+        E, F
+    cloud : ndarray of shape (resamplings, 2)
+    largest : float
+        the largest stable step that was measured
+    fitted : float
+        the largest step in the fit
+    chi2 : float
+    degrees : int
+    """
+
+    order: int
+    coefficients: np.ndarray
+    cloud: np.ndarray
+    largest: float
+    fitted: float
+    chi2: float
+    degrees: int
+    steps: list = field(default_factory=list)
+
+    def stepFor(self, tolerance):
+        """The step at which |error| first reaches the tolerance: value, and an ndarray for the cloud; capped at `largest`."""
+        value = self._solve(self.coefficients, tolerance)
+        return value, np.array([self._solve(pair, tolerance) for pair in self.cloud])
+
+    def _solve(self, pair, tolerance):
+        E, F = pair
+        smallest = np.inf
+        for sign in (1, -1):
+            roots = np.roots([F, E, -sign*tolerance]) if F != 0 else np.array([sign*tolerance/E if E != 0 else np.inf])
+            for root in roots:
+                if abs(root.imag) < 1e-12*abs(root) + 1e-300 and 0 < root.real < smallest:
+                    smallest = root.real
+        return min(self.largest, smallest**(1/self.order)) if np.isfinite(smallest) else self.largest
+
+
+def errorCurve(h, errors, covariance, order, tolerance, largest, rng, resamplings=1000):
+    """Fit E h^p + F h^2p to the errors of one method around a tolerance.
+
+    Points whose error is above 5 tolerances are left out (but never so that fewer than 3 remain).
+
+    Parameters
+    ----------
+    h, errors : ndarray of shape (n,)
+        steps, ascending, and the measured errors
+    covariance : ndarray of shape (n, n)
+        of the errors, the shared uncertainty of the reference included
+    order : int
+    tolerance : float
+    largest : float
+        the largest stable step
+    rng : numpy.random.Generator
+        for the resampling
+
+    Returns
+    -------
+    ErrorCurve or None
+        None without any point
+    """
+    h, errors = np.asarray(h, float), np.asarray(errors, float)
+    if len(h) == 0:
+        return None
+    keep = np.abs(errors) <= 5*tolerance
+    keep[:3] = True
+    # Nothing beyond the first point that is out: the curve need not come back.
+    if not keep.all():
+        keep[np.argmin(keep):] = False
+    h, errors, covariance = h[keep], errors[keep], np.asarray(covariance)[np.ix_(keep, keep)]
+    scale = h.max()
+    powers = (1, 2) if len(h) >= 3 else (1,)
+    design = np.stack([(h/scale)**(order*power) for power in powers], axis=1)
+    sigma = np.sqrt(np.diag(covariance))
+    inverse = np.linalg.pinv(design/sigma[:, None])/sigma[None, :]
+
+    def coefficients(values):
+        result = np.zeros(values.shape[:-1] + (2,))
+        result[..., :len(powers)] = values@inverse.T/np.array([scale**(order*power) for power in powers])
+        return result
+
+    best = coefficients(errors)
+    residual = (errors - design@(inverse@errors))/sigma
+    cloud = coefficients(rng.multivariate_normal(errors, covariance, size=resamplings, method='eigh'))
+    return ErrorCurve(order, best, cloud, largest, float(h.max()), float((residual**2).sum()), len(h) - len(powers),
+                      list(h))

@@ -1,0 +1,404 @@
+"""Studies: which settings are run, how long, and against what they are judged.
+
+:class:`Study` runs settings side by side and knows nothing of what distinguishes them; :class:`StepSizeStudy` turns the
+step size. A study of another knob (hydrodynamic model, solver tolerance, grid spacing) overrides ``knob``, ``settings``,
+``makeContext`` and ``reference``.
+"""
+import concurrent.futures
+import math
+import multiprocessing
+import os
+import platform as machine
+import time
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+import openmm
+
+from . import methods as methodsModule
+from . import observables as observablesModule
+from .measurement import STABLE, Run
+from .methods import Method
+from .result import Reference, StudyResult, summarise
+from .statistics import Point, extrapolate
+
+#: Samples below which a run is too short for any statement.
+FEWEST_SAMPLES = 20
+#: Rounds that are made even if the budget is over: a median needs three.
+FEWEST_ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class Knob:
+    """What is turned along a curve.
+
+    Parameters
+    ----------
+    name : str
+        column name
+    label : str
+        for people
+    unit : str
+        for people
+    scale : float
+        internal value times scale = value in that unit
+    """
+
+    name: str
+    label: str
+    unit: str
+    scale: float = 1.0
+
+    def format(self, value):
+        """A value for people, with its unit."""
+        return f'{value*self.scale:.6g} {self.unit}'.strip()
+
+
+STEP_SIZE = Knob('step_size', 'step', 'fs', 1000.0)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One point of a curve: a method, the knob's value, and the step size (ps) that goes with it."""
+
+    method: Method
+    value: float
+    stepSize: float
+
+
+class Study:
+    """Runs every setting on one scene in turn, round by round, and gathers samples and times.
+
+    Parameters
+    ----------
+    scene : Scene
+    methods : sequence of str or Method
+    observables : sequence of str, Observable or callable
+        see :func:`openmmrigidhi.accuracy.observables.byName`
+    platform : str
+        'CPU' or 'Reference'
+    threads : int
+        of the CPU platform
+    seed : int
+        of everything that is random; each setting gets a seed of its own from it
+    clock : str
+        'wall' or 'cpu': which time ns/day is computed from. CPU time is less disturbed by other programs, but means
+        ns per CPU-day with several threads.
+    """
+
+    knob = None
+
+    def __init__(self, scene, methods, observables=observablesModule.DEFAULT, platform='CPU', threads=1, seed=1, clock='wall'):
+        if clock not in ('wall', 'cpu'):
+            raise ValueError(f'Study: clock: got {clock!r}; it must be wall or cpu: correct it')
+        self.scene = scene
+        self.methods = [method if isinstance(method, Method) else methodsModule.byName(method) for method in methods]
+        self.observables = [observablesModule.byName(observable) for observable in observables]
+        names = [observable.name for observable in self.observables]
+        if len(set(names)) < len(names) or not names:
+            raise ValueError(f'Study: observables: got {names}; there must be at least one, and none twice: correct the list')
+        self.platform = platform
+        self.threads = threads
+        self.seed = seed
+        self.clock = clock
+        #: (Setting, Record) of the last run: all samples and times.
+        self.records = []
+
+    # ---- What a study of another knob overrides ----------------------------------------------------------------------
+
+    def settings(self):
+        """All settings, a list of Setting."""
+        raise NotImplementedError
+
+    def makeContext(self, setting, seed):
+        """A Context of the scene for one setting."""
+        integrator = setting.method.makeIntegrator(self.scene, setting.stepSize, seed)
+        return self.scene.makeContext(integrator, openmm.Platform.getPlatformByName(self.platform), self._properties(), seed)
+
+    def reference(self, observable, rows):
+        """What the means of an observable are compared with, a Reference or None; rows: its rows of stable settings."""
+        exact = observable.exact(self.scene)
+        return None if exact is None else Reference(observable.name, exact, 0.0, 'exact')
+
+    # ---- The run -----------------------------------------------------------------------------------------------------
+
+    def _properties(self):
+        return {'Threads': str(self.threads)} if self.platform == 'CPU' else {}
+
+    def settingSeed(self, setting):
+        """The seed of a setting: of the study's seed, the method's name and the value, nothing else."""
+        text = f'{self.seed}|{setting.method.name}|{setting.value:.9g}'
+        return zlib.crc32(text.encode()) % (2**31 - 2) + 1
+
+    def _makeRun(self, setting):
+        return Run(self.scene, self.observables, lambda: self.makeContext(setting, self.settingSeed(setting)),
+                   setting.stepSize, self.scene.sampleInterval, openmm.Platform.getPlatformByName(self.platform),
+                   self._properties())
+
+    def run(self, budget=600.0, length=None, equilibration=None, rounds=20, jobs=1, progress=None):
+        """Measure.
+
+        The runs take turns: in each round every setting advances by a piece of its length, in a random order, so that
+        whatever slows the machine down for a while slows all of them, and ratios of times stay right. Ctrl-C ends the
+        measurement early; what was gathered is evaluated.
+
+        Parameters
+        ----------
+        budget : float
+            seconds (wall) that the measurement may take; run lengths are planned from a short trial of each setting,
+            in proportion to the square root of its speed: large steps get longer runs, small steps more time
+        length : float, optional
+            ps for every setting; then there is no budget, and results do not depend on the machine's speed
+        equilibration : float, optional
+            ps left out at the start of each run; default: the scene's, or else a tenth of its length
+        rounds : int
+            number of turns that the lengths are planned for; with a budget there are as many as fit
+        jobs : int
+            above 1: runs are made in that many processes, with nothing in turn, and times are measured afterwards, alone
+        progress : callable, optional
+            called with (done, total, text) in steps
+
+        Returns
+        -------
+        StudyResult
+        """
+        began = time.perf_counter()
+        provenance = {'started': time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime()), 'load_at_start': _load()}
+        settings = self.settings()
+        runs, refusals = [], {}
+        for setting in settings:
+            refusal = setting.method.whyNot(self.scene) if setting.method.whyNot is not None else None
+            if refusal is not None:
+                refusals[setting.method.name] = refusal
+            else:
+                runs.append((setting, self._makeRun(setting)))
+        cost = [run.secondsPerStep() for _, run in runs]
+        lengths, left = self._plan(runs, cost, budget - (time.perf_counter() - began), length, equilibration, jobs, rounds)
+        meter = _Meter(progress, sum((total + left)/run.stepSize
+                                     for (_, run), (total, left) in zip(runs, zip(lengths, left)) if run.isAlive))
+        deadline = math.inf if length is not None else began + budget
+        if jobs == 1:
+            done = self._inTurn(runs, lengths, left, rounds, deadline, meter)
+        else:
+            done = self._inParallel(runs, lengths, left, jobs, meter)
+        provenance.update(self._provenance(began, rounds if jobs > 1 else done, jobs))
+        return self._evaluate([(setting, run.record) for setting, run in runs], refusals, provenance)
+
+    def _plan(self, runs, cost, budget, length, equilibration, jobs, rounds):
+        """Lengths of all runs and of their equilibration, ps; whole sample intervals, equal parts for all rounds."""
+        alive = [i for i, (_, run) in enumerate(runs) if run.isAlive]
+        perPs = {i: cost[i]/runs[i][1].stepSize for i in alive}
+        fixed = equilibration if equilibration is not None else self.scene.equilibration
+        timing = 0.0 if jobs == 1 else 0.1
+        seconds = max(0.0, budget)*(1 - timing)*jobs
+        lengths, left = [0.0]*len(runs), [0.0]*len(runs)
+        share = 1.0 if fixed is not None else 1/1.1
+        forSampling = share*seconds - sum(perPs[i]*(fixed or 0) for i in alive)
+        norm = sum(math.sqrt(perPs[i]) for i in alive)
+        for i in alive:
+            run = runs[i][1]
+            total = length if length is not None else max(0.0, forSampling)/(math.sqrt(perPs[i])*norm)
+            interval = run.record.samplesAt
+            perRound = max(1, round(total/rounds/interval))
+            lengths[i] = max(perRound, math.ceil(FEWEST_SAMPLES/rounds))*rounds*interval
+            left[i] = math.ceil((fixed if fixed is not None else 0.1*lengths[i])/interval - 1e-9)*interval
+        return lengths, left
+
+    def _inTurn(self, runs, lengths, left, rounds, deadline, meter):
+        rng = np.random.default_rng([self.seed, 1])
+        turn = 0
+        try:
+            for (setting, run), ps in zip(runs, left):
+                run.advance(round(ps/run.record.samplesAt), False, meter.advance(self._text(setting)))
+            pieces = [max(1, round(ps/rounds/run.record.samplesAt)) for (_, run), ps in zip(runs, lengths)]
+            # With a budget: as many rounds as fit, which are more or fewer than planned if the trial misjudged the speed.
+            slowest = 0.0
+            while (turn < rounds if deadline == math.inf else
+                   turn < FEWEST_ROUNDS or time.perf_counter() + 0.7*slowest < deadline):
+                began = time.perf_counter()
+                for i in rng.permutation(len(runs)):
+                    setting, run = runs[i]
+                    run.advance(pieces[i], True, meter.advance(self._text(setting)))
+                slowest = max(slowest, time.perf_counter() - began)
+                turn += 1
+            return turn
+        except KeyboardInterrupt:
+            return turn
+
+    def _inParallel(self, runs, lengths, left, jobs, meter):
+        """Whole runs in other processes; then times, here and in turn, with everything else quiet."""
+        alive = [i for i, (_, run) in enumerate(runs) if run.isAlive]
+        # Not forked: OpenMM's thread pools do not survive a fork.
+        context = multiprocessing.get_context('spawn')
+        with concurrent.futures.ProcessPoolExecutor(jobs, mp_context=context) as pool:
+            # The longest first, so that none is left alone at the end.
+            order = sorted(alive, key=lambda i: -lengths[i]/runs[i][1].stepSize)
+            futures = {pool.submit(_wholeRun, self, runs[i][0], lengths[i], left[i]): i for i in order}
+            for future in concurrent.futures.as_completed(futures):
+                i = futures[future]
+                runs[i][1].record = future.result()
+                meter.advance(self._text(runs[i][0]))(round((lengths[i] + left[i])/runs[i][1].stepSize))
+        for i in alive:
+            runs[i][1].record.timings = []
+        rng = np.random.default_rng([self.seed, 2])
+        for _ in range(7):
+            for i in rng.permutation(alive):
+                setting, old = runs[i]
+                if old.record.status != STABLE:
+                    continue
+                # The Context of the trial serves for the times; what it computes is thrown away.
+                record, old.record = old.record, type(old.record)(old.record.samplesAt, {o.name: [] for o in self.observables})
+                before = time.perf_counter()
+                steps = [0, 0.0, 0.0]
+                while time.perf_counter() - before < 0.5:
+                    old.advance(1, True)
+                    if not old.isAlive:
+                        break
+                    steps = [a + b for a, b in zip(steps, old.record.timings[-1])]
+                if steps[0]:
+                    record.timings.append(tuple(steps))
+                old.record = record
+        return 0
+
+    def _text(self, setting):
+        return f'{setting.method.name} {self.knob.format(setting.value)}'
+
+    def _provenance(self, began, rounds, jobs):
+        return {
+            'finished': time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime()),
+            'wall_seconds': round(time.perf_counter() - began, 1), 'rounds': rounds, 'jobs': jobs, 'seed': self.seed,
+            'platform': self.platform, 'threads': self.threads if self.platform == 'CPU' else 1, 'clock': self.clock,
+            'load_at_end': _load(), 'processor': _processor(), 'processors': os.cpu_count(), 'system': machine.system(),
+            'architecture': machine.machine(), 'versions': _versions()}
+
+    def _evaluate(self, runs, refusals, provenance):
+        self.records = runs
+        rows = summarise(self.knob, [(setting, record, self.settingSeed(setting)) for setting, record in runs],
+                         self.observables, self.clock)
+        references = {}
+        for observable in self.observables:
+            mine = [row for row in rows if row['observable'] == observable.name and row['mean'] is not None]
+            reference = self.reference(observable, mine)
+            if reference is not None:
+                references[observable.name] = reference
+        orders = {method.name: method.order for method in self.methods}
+        scene = {'name': self.scene.name, 'description': self.scene.description, 'bodies': len(self.scene.bodies),
+                 'particles': self.scene.system.getNumParticles(), 'temperature': self.scene.temperature,
+                 'friction': self.scene.friction, 'rotational_friction': self.scene.rotationalFriction}
+        return StudyResult(self.knob, scene, rows, references, orders,
+                           {o.name: {'label': o.label, 'unit': o.unit} for o in self.observables}, refusals, provenance)
+
+
+def _wholeRun(study, setting, length, left):
+    run = study._makeRun(setting)
+    run.advance(round(left/run.record.samplesAt), False)
+    run.advance(round(length/run.record.samplesAt), True)
+    return run.record
+
+
+class StepSizeStudy(Study):
+    """Error against ns/day for step sizes and schemes.
+
+    Parameters
+    ----------
+    scene : Scene, optional
+        default: :func:`openmmrigidhi.accuracy.scenes.water`
+    methods : sequence of str or Method
+        among LangevinA, LangevinB, LangevinC, GradientThermostat, LangevinMiddle, or your own
+    stepSizes : sequence of float, or dict from method name to sequence of float, optional
+        ps; default: the scene's. A method that the dict does not name gets the scene's.
+    references : dict, optional
+        observable name -> (value, standard error): known averages, used instead of exact ones and of the extrapolation
+    **kwargs
+        observables, platform, threads, seed, clock: see Study
+
+    Notes
+    -----
+    All methods sample the canonical ensemble as h -> 0, so that an observable's limit A0 is common: it is fitted to all stable
+    settings as A0 + E_m h^p + F_m h^2p (:func:`openmmrigidhi.accuracy.statistics.extrapolate`). Kinetic temperatures need no
+    fit: their limit is the temperature of the heat bath.
+
+    Examples
+    --------
+    >>> from openmmrigidhi import accuracy
+    >>> study = accuracy.StepSizeStudy(accuracy.scenes.trap(bodies=50), ['LangevinC'], [0.002, 0.004, 0.008],
+    ...                                observables=['translational_temperature'], platform='Reference')
+    >>> print(study.run(length=2).recommend('translational_temperature:20%').setting['method'])
+    LangevinC
+    """
+
+    knob = STEP_SIZE
+
+    def __init__(self, scene=None, methods=('LangevinC', 'LangevinMiddle'), stepSizes=None, references=None, **kwargs):
+        from . import scenes
+        super().__init__(scenes.water() if scene is None else scene, methods, **kwargs)
+        self.stepSizes = stepSizes
+        self.references = dict(references or {})
+        for setting in self.settings():
+            if not (math.isfinite(setting.stepSize) and setting.stepSize > 0):
+                raise ValueError(f'StepSizeStudy: stepSizes: got {setting.stepSize}; a step must be positive, in ps: correct it')
+
+    def settings(self):
+        """All settings: methods times their step sizes, ascending."""
+        def steps(method):
+            if isinstance(self.stepSizes, dict):
+                return self.stepSizes.get(method.name, self.scene.stepSizes)
+            return self.scene.stepSizes if self.stepSizes is None else self.stepSizes
+        return [Setting(method, h, h) for method in self.methods for h in sorted(set(steps(method)))]
+
+    def reference(self, observable, rows):
+        """The given value, the exact one, or the extrapolation to step 0."""
+        if observable.name in self.references:
+            value, error = self.references[observable.name]
+            return Reference(observable.name, value, error, 'given')
+        exact = super().reference(observable, rows)
+        if exact is not None:
+            return exact
+        orders = {method.name: method.order for method in self.methods}
+        points = [Point(row['method'], row['step_size'], row['mean'], row['standard_error'], orders[row['method']])
+                  for row in rows]
+        fit = extrapolate(points)
+        if fit is None:
+            return None
+        return Reference(observable.name, fit.value, fit.standardError, 'extrapolated', fit,
+                         [(row['method'], row['value']) for row in rows])
+
+
+class _Meter:
+    """Counts steps for a progress display."""
+
+    def __init__(self, report, total):
+        self.report = report
+        self.total = total
+        self.done = 0
+
+    def advance(self, text):
+        def count(steps):
+            self.done += steps
+            if self.report is not None:
+                self.report(self.done, self.total, text)
+        return count
+
+
+def _load():
+    return [round(x, 2) for x in os.getloadavg()] if hasattr(os, 'getloadavg') else None
+
+
+def _processor():
+    try:
+        with open('/proc/cpuinfo') as file:
+            for line in file:
+                if line.startswith('model name'):
+                    return line.split(':', 1)[1].strip()
+    except OSError:
+        pass
+    return machine.processor()
+
+
+def _versions():
+    import scipy
+
+    import openmmrigidhi
+    return {'openmmrigidhi': openmmrigidhi.__version__, 'openmm': openmm.version.full_version,
+            'python': machine.python_version(), 'numpy': np.__version__, 'scipy': scipy.__version__}
