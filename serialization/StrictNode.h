@@ -7,12 +7,13 @@
 #include <charconv>
 #include <string>
 #include <utility>
+#include <vector>
 
 namespace RigidHIPlugin {
 
 /**
- * Reads properties of a SerializationNode and objects to anything that is not wholly a number: OpenMM's own getters turn
- * "abc" into 0 and "1x" into 1.
+ * Reads properties of a SerializationNode and objects to anything that is not wholly a number: OpenMM's own getters
+ * turn "abc" into 0 and "1x" into 1.
  */
 class StrictNode {
 public:
@@ -20,8 +21,7 @@ public:
         : node(node), className(std::move(className)) {}
 
     const std::string& text(const std::string& property) const {
-        if (!node.hasProperty(property))
-            fail("property '" + property + "' is missing", "every property must be there");
+        if (!node.hasProperty(property)) fail("property '" + property + "' is missing", "every property must be there");
         return node.getStringProperty(property);
     }
     double number(const std::string& property) const { return parse<double>(property, "a number"); }

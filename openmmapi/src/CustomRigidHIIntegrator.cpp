@@ -85,8 +85,16 @@ void checkVectors(const vector<Vec3>& rows, int bodies, const char* method, cons
 }  // namespace
 
 CustomRigidHIIntegrator::CustomRigidHIIntegrator(double temperature, double stepSize)
-    : scheme(LangevinC), noiseLaw(Gaussian), friction(1), rotationalFriction(1), gradientTime(0.004),
-      gradientRotationalTime(0.001), poseTolerance(1e-3), randomSeed(0), settingsVersion(0), hasKernel(false) {
+    : scheme(LangevinC),
+      noiseLaw(Gaussian),
+      friction(1),
+      rotationalFriction(1),
+      gradientTime(0.004),
+      gradientRotationalTime(0.001),
+      poseTolerance(1e-3),
+      randomSeed(0),
+      settingsVersion(0),
+      hasKernel(false) {
     setTemperature(temperature);
     setStepSize(stepSize);
     setConstraintTolerance(1e-5);
@@ -94,7 +102,7 @@ CustomRigidHIIntegrator::CustomRigidHIIntegrator(double temperature, double step
 
 CustomRigidHIIntegrator::~CustomRigidHIIntegrator() {}
 
-// ---- Bodies ----------------------------------------------------------------------------------------------------------
+// ---- Bodies ----
 
 void CustomRigidHIIntegrator::checkBodyIndex(int index, const char* method) const {
     if (index < 0 || index >= getNumRigidBodies())
@@ -241,7 +249,7 @@ int CustomRigidHIIntegrator::getSettingsVersion() const {
     return settingsVersion;
 }
 
-// ---- Settings --------------------------------------------------------------------------------------------------------
+// ---- Settings ----
 
 CustomRigidHIIntegrator::Scheme CustomRigidHIIntegrator::getScheme() const {
     return scheme;
@@ -376,7 +384,7 @@ void CustomRigidHIIntegrator::setConstraintTolerance(double tolerance) {
     settingsVersion++;
 }
 
-// ---- The state of the bodies of the bound Context --------------------------------------------------------------------
+// ---- The state of the bodies of the bound Context ----
 
 void CustomRigidHIIntegrator::requireContext(const char* method) const {
     if (!hasKernel)
@@ -453,7 +461,7 @@ double CustomRigidHIIntegrator::getPoseResidual() const {
     return boundKernel("getPoseResidual()").getPoseResidual(*context);
 }
 
-// ---- Energies and temperature ----------------------------------------------------------------------------------------
+// ---- Energies and temperature ----
 
 double CustomRigidHIIntegrator::computeTranslationalKineticEnergy() const {
     return boundKernel("computeTranslationalKineticEnergy()").computeTranslationalKineticEnergy(*context);
@@ -489,7 +497,7 @@ double CustomRigidHIIntegrator::computeSystemTemperature() {
     return 2 * computeKineticEnergy() / (boltzmann * degrees);
 }
 
-// ---- What the scene costs --------------------------------------------------------------------------------------------
+// ---- What the scene costs ----
 
 string CustomRigidHIIntegrator::describeEffects() const {
     return boundKernel("describeEffects()").describeEffects(*context);
@@ -503,7 +511,7 @@ map<string, double> CustomRigidHIIntegrator::getStepStatistics() const {
     return boundKernel("getStepStatistics()").getStepStatistics(*context);
 }
 
-// ---- What OpenMM calls -----------------------------------------------------------------------------------------------
+// ---- What OpenMM calls ----
 
 void CustomRigidHIIntegrator::initialize(ContextImpl& contextImpl) {
     if (hasKernel)
