@@ -72,6 +72,14 @@ def measured(run):
     return result
 
 
+def combined(runs):
+    """measured() of several runs with the same scheme and step: means weighted by length."""
+    total = sum(r["steps"] for r in runs)
+    parts = [(r["steps"] / total, measured(r)) for r in runs]
+    return {name: (sum(w * p[name][0] for w, p in parts), np.sqrt(sum((w * p[name][1]) ** 2 for w, p in parts)))
+            for name in parts[0][1]}
+
+
 def fit(h, values, errors, power, fixed=None):
     """
     Weighted least squares of values = A0 + E h^power. fixed: a known A0.
@@ -104,9 +112,11 @@ def analyse(runs):
     """Per scheme: the points and the fits."""
     result = {}
     for scheme in sorted({r["scheme"] for r in runs}):
-        points = {r["h_fs"]: measured(r) for r in runs if r["scheme"] == scheme and "failed" not in r}
+        good = [r for r in runs if r["scheme"] == scheme and "failed" not in r]
+        points = {h: combined([r for r in good if r["h_fs"] == h]) for h in {r["h_fs"] for r in good}}
         entry = {"points": {f"{h:g}": {k: {"mean": float(v[0]), "error95": float(Z95 * v[1])} for k, v in p.items()}
-                            for h, p in points.items()}, "fits": {},
+                            for h, p in sorted(points.items())},
+                 "measured_steps": {f"{h:g}": sum(r["steps"] for r in good if r["h_fs"] == h) for h in sorted(points)}, "fits": {},
                  "failed": {f"{r['h_fs']:g}": r["failed"] for r in runs if r["scheme"] == scheme and "failed" in r}}
         power, limit = (1, LARGEST_H["gradient"]) if scheme == "gradient" else (2, 6)
         used = [h for h in sorted(points) if h <= limit]
@@ -161,11 +171,11 @@ def table(analysis):
 def points_table(analysis):
     """Every measured point as Markdown."""
     rows = ROWS + ("T_rk_axis1", "T_rk_axis2", "T_rk_axis3")
-    lines = ["| scheme | h, fs | " + " | ".join(LABELS.get(r, r) for r in rows) + " |", "|---" * (len(rows) + 2) + "|"]
+    lines = ["| scheme | h, fs | steps | " + " | ".join(LABELS.get(r, r) for r in rows) + " |", "|---" * (len(rows) + 3) + "|"]
     for scheme in (s for s in SCHEMES + ("SETTLE",) if s in analysis):
         for h, point in sorted(analysis[scheme]["points"].items(), key=lambda item: float(item[0])):
             cells = (with_error(point[r]["mean"], point[r]["error95"]) if r in point else "–" for r in rows)
-            lines.append(f"| {NAMES[scheme]} | {h} | " + " | ".join(cells) + " |")
+            lines.append(f"| {NAMES[scheme]} | {h} | {analysis[scheme]['measured_steps'][h]} | " + " | ".join(cells) + " |")
         lines += [f"| {NAMES[scheme]} | {h} | failed: {why} |" for h, why in analysis[scheme]["failed"].items()]
     return "\n".join(lines) + "\n"
 
@@ -242,7 +252,7 @@ def write_report(out):
     analysis = analyse(runs)
     summary = {"what": "Davidchack, Ouldridge, Tretyakov 2015, Table 1", "confidence": "errors named error95 are 95 %; others one "
                "standard error", "schemes": analysis,
-               "runs": [{k: r.get(k) for k in ("scheme", "h_fs", "molecules", "steps", "equilibration_steps", "seed", "potential",
+               "runs": [{k: r.get(k) for k in ("scheme", "h_fs", "molecules", "steps", "equilibration_steps", "seed", "replica", "potential",
                                                "platform", "seconds", "ms_per_step", "sampling_share_of_run",
                                                "averages_exact_minus_fast", "failed", "provenance")} for r in runs]}
     with open(os.path.join(out, "table1.json"), "w") as file:

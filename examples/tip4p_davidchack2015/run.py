@@ -12,6 +12,7 @@ Each run writes one JSON in results/runs; report.py then fits A0 and E_A and dra
 """
 import argparse
 import concurrent.futures
+import hashlib
 import json
 import multiprocessing
 import os
@@ -41,7 +42,7 @@ SCHEMES = ("C", "A", "B", "gradient")
 
 
 def provenance():
-    """Machine, versions and commit, for the JSONs."""
+    """Machine, versions, commit of the scripts and the plugin library's checksum, for the JSONs."""
     def command(*arguments):
         try:
             return subprocess.run(arguments, cwd=HERE, capture_output=True, text=True, check=True).stdout.strip()
@@ -51,20 +52,27 @@ def provenance():
     if os.path.exists("/proc/cpuinfo"):
         with open("/proc/cpuinfo") as file:
             processor = next((line.split(":", 1)[1].strip() for line in file if line.startswith("model name")), processor)
-    return {"processor": processor, "cores": os.cpu_count(), "system": platform.platform(), "python": platform.python_version(),
+    plugin = sys.modules.get("openmmrigidhi")
+    library = plugin and os.path.join(os.path.dirname(plugin.__file__), "lib", "plugins", "libOpenMMRigidHICPU.so")
+    digest = "unknown"
+    if library and os.path.exists(library):
+        with open(library, "rb") as file:
+            digest = hashlib.sha256(file.read()).hexdigest()[:16]
+    return {"plugin_cpu_library_sha256": digest, "processor": processor, "cores": os.cpu_count(), "system": platform.platform(), "python": platform.python_version(),
             "numpy": np.__version__, "openmm": mm.version.version, "commit": command("git", "rev-parse", "HEAD"),
             "date": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())}
 
 
-def run_file(folder, scheme, h):
-    return os.path.join(folder, "runs", f"{scheme}_h{h:g}.json")
+def run_file(folder, spec):
+    replica = f"_r{spec['replica']}" if spec["replica"] else ""
+    return os.path.join(folder, "runs", f"{spec['scheme']}_h{spec['h_fs']:g}{replica}.json")
 
 
 def simulate(spec, start, report=lambda steps: None):
     """
     One run: equilibrate, measure, return a dictionary for JSON.
 
-    spec: dictionary with scheme, h_fs, molecules, steps, equilibration_steps, seed, potential, platform.
+    spec: dictionary with scheme, h_fs, molecules, steps, equilibration_steps, seed, replica, potential, platform.
     start: positions (4 n, 3), nm.  report: called with numbers of steps done.
     """
     n, steps = spec["molecules"], spec["steps"]
@@ -193,6 +201,8 @@ def main():
     parser.add_argument("--h", nargs="+", type=float, help="steps, fs (default 2 4 6 8; gradient 1 2 3 4)")
     parser.add_argument("--paper", action="store_true", help="1728 molecules, 20 000 + 200 000 steps, h = 1 ... 9 fs")
     parser.add_argument("--seed", type=int, default=2015, help="run k of the fixed list gets seed + k")
+    parser.add_argument("--replica", type=int, default=0, help="with k > 0: independent further runs, other seeds and files; "
+                        "the report combines whatever is there")
     parser.add_argument("--jobs", type=int, default=1, help="single-thread processes at once")
     parser.add_argument("--platform", default="CPU", choices=("CPU", "Reference"))
     parser.add_argument("--potential", default="fast", choices=("fast", "exact"))
@@ -221,8 +231,8 @@ def run_series(options):
                 equilibration = 10000 if scheme == "gradient" else max(5000, int(round(20e3 / h, -2)))
             specs.append({"scheme": scheme, "h_fs": h, "molecules": options.molecules, "steps": options.steps,
                           "equilibration_steps": equilibration, "potential": options.potential, "platform": options.platform,
-                          "seed": options.seed + 100 * (SCHEMES + ("SETTLE",)).index(scheme) + int(round(10 * h))})
-    todo = [s for s in specs if not os.path.exists(run_file(options.out, s["scheme"], s["h_fs"]))]
+                          "replica": options.replica, "seed": options.seed + 10000 * options.replica + 100 * (SCHEMES + ("SETTLE",)).index(scheme) + int(round(10 * h))})
+    todo = [s for s in specs if not os.path.exists(run_file(options.out, s))]
     print(f"{len(specs) - len(todo)} of {len(specs)} runs are there already")
     if not todo:
         return
@@ -231,7 +241,7 @@ def run_series(options):
     spawn = multiprocessing.get_context("spawn")
     with spawn.Manager() as manager, concurrent.futures.ProcessPoolExecutor(options.jobs, mp_context=spawn) as pool:
         queue = manager.Queue()
-        waiting = {pool.submit(_worker, s, start_file, run_file(options.out, s["scheme"], s["h_fs"]), queue) for s in todo}
+        waiting = {pool.submit(_worker, s, start_file, run_file(options.out, s), queue) for s in todo}
         with tqdm(total=sum(s["steps"] + s["equilibration_steps"] for s in todo), unit="step", mininterval=2) as bar:
             while waiting:
                 finished, waiting = concurrent.futures.wait(waiting, timeout=1)

@@ -59,7 +59,7 @@ def trial(task, start):
     energy = lambda: ((context.getState(getEnergy=True, groups={0}).getPotentialEnergy()._value - tip4p.fast_energy_offset(n))
                       / n / tip4p.KCAL)
     temperatures = []
-    chunk, done = 20, 0
+    chunk, done = 4, 0
     try:
         while done < task["steps"]:
             integrator.step(chunk)
