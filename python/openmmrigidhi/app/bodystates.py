@@ -80,7 +80,7 @@ class RigidBodyReporter:
     Notes
     -----
     The file is closed between reports, so that it can be read while the run goes on and is whole if the run is killed
-    between reports; that costs about a millisecond a report.
+    between reports; that costs about two milliseconds a report.
     """
 
     def __init__(self, file, reportInterval, append=False):
