@@ -173,8 +173,8 @@ class Recommendation:
     text : str
         one paragraph in plain words
     candidates : list of dict
-        every stable setting, fastest first: method, value, ns_per_day, verdict ('yes', 'no', 'undecided'), factor (how many times
-        longer to run for a decision, or None)
+        every stable setting, fastest first: method, value, ns_per_day, verdict ('yes', 'no', 'undecided', 'n/a'), likely (whether
+        the errors as measured meet the wish), factor (how many times longer to run for a decision, or None)
     factor : float or None
         how many times longer a run would settle an undecided answer, or find out about a faster setting
     """
@@ -306,26 +306,28 @@ class StudyResult:
             verdicts = [self._judge(rows[item.observable], item, confidence) for item in wanted]
             verdict = next((v for v in ('no', 'n/a', 'undecided') if v in [each[0] for each in verdicts]), 'yes')
             factor = max((each[1] for each in verdicts if each[0] == 'undecided'), default=None)
+            likely = all(each[2] for each in verdicts)
             candidates.append({'method': key[0], 'value': key[1], 'step_size': first['step_size'],
                                'ns_per_day': first['ns_per_day'], 'verdict': verdict,
-                               'factor': factor if verdict == 'undecided' else None})
+                               'likely': likely, 'factor': factor if verdict == 'undecided' else None})
         candidates.sort(key=lambda candidate: -candidate['ns_per_day'])
         return self._conclude(candidates, wanted, confidence)
 
     @staticmethod
     def _judge(row, item, confidence):
-        """('yes' | 'no' | 'undecided' | 'n/a', factor)."""
+        """('yes' | 'no' | 'undecided' | 'n/a', how many times longer to run for a decision, whether the error as measured is met)."""
         if row['error'] is None or not math.isfinite(item.tolerance):
-            return 'n/a', None
+            return 'n/a', None, False
         size, sigma = abs(row['error']), row['error_standard_error']
         reach = quantile(confidence, row['degrees'], sided=1)*sigma
+        likely = size <= item.tolerance
         if size + reach <= item.tolerance:
-            return 'yes', None
+            return 'yes', None, likely
         if size - reach > item.tolerance:
-            return 'no', None
+            return 'no', None, likely
         gap = abs(item.tolerance - size)
         longer = quantile(confidence, math.inf, sided=1)*sigma
-        return 'undecided', (longer/gap)**2 if gap > 0 else math.inf
+        return 'undecided', (longer/gap)**2 if gap > 0 else math.inf, likely
 
     def _conclude(self, candidates, wanted, confidence):
         aim = ' and '.join(item.text for item in wanted)
@@ -344,7 +346,9 @@ class StudyResult:
             others = self._bestOfOthers(candidates, best)
             return Recommendation(RECOMMENDED, best, text + others, candidates, factor, wanted)
         if undecided:
-            factor = min(c['factor'] for c in undecided)
+            # One that is decided in favour is an answer; if none looks like it, all must be decided.
+            likely = [c['factor'] for c in undecided if c['likely']]
+            factor = min(likely) if likely else max(c['factor'] for c in undecided)
             text = (f'For an error of at most {aim}: cannot tell. The statistics do not suffice for '
                     f'{", ".join(self._name(c) for c in undecided)}; {_longer(factor)}.')
             return Recommendation(UNDECIDED, None, text, candidates, factor, wanted)
@@ -376,7 +380,7 @@ class StudyResult:
         """How fast each method is at exactly the wanted error, between the steps that were measured.
 
         The errors of each method around the wanted one are fitted by E h^p + F h^2p, which gives the step at which the
-        error reaches it; ns/day there is that step times the method's median steps per second. Uncertainties: the means are
+        error reaches it; ns/day there is that step times the steps per second (median over rounds). Uncertainties: the means are
         resampled (normal law), the shared reference with them, and the rounds of the timings.
 
         Parameters
@@ -400,13 +404,13 @@ class StudyResult:
             return {}
         rng = np.random.default_rng(12345)
         curves, clouds = {}, {}
-        rounds = self._stepsPerSecond(item.observable)
-        names = sorted(rounds)
-        shared = min((len(rounds[name]) for name in names), default=0)
+        selected = {method: [row for row in self.select(item.observable, method) if row['speeds']] for method in self.methods()}
+        shared = min((len(row['speeds']) for rows in selected.values() for row in rows), default=0)
         # The same rounds for all methods: what slowed one down slowed the others.
         picks = rng.integers(0, max(1, shared), size=(resamplings, max(1, shared)))
-        for method in names:
-            rows = self.select(item.observable, method)
+        for method, rows in selected.items():
+            if not rows:
+                continue
             sigma = np.array([row['standard_error'] for row in rows])
             weights = np.array([reference.weight(method, row['value']) for row in rows])
             covariance = np.diag(sigma**2) + reference.standardError**2
@@ -416,7 +420,7 @@ class StudyResult:
             if curve is None:
                 continue
             step, steps = curve.stepFor(item.tolerance)
-            rate = np.array(rounds[method])
+            rate = self._stepsPerSecond(item.observable, method, step)
             rates = np.median(rate[:shared][picks], axis=1)
             perNs = SECONDS_PER_DAY/1000
             curves[method] = {'step': step, 'capped': bool(step >= curve.largest), 'ns_per_day': step*np.median(rate)*perNs,
@@ -435,16 +439,18 @@ class StudyResult:
                 entry['ratio_low'], entry['ratio_high'] = float(low), float(high)
         return {method: curves[method] for method in self.methods() if method in curves}
 
-    def _stepsPerSecond(self, observable):
-        """method -> steps per second in each round, the median over its step sizes (a step costs the same whatever its size)."""
-        result = {}
-        for method in self.methods():
-            rows = [row for row in self.select(observable, method) if row['speeds']]
-            if rows:
-                shared = min(len(row['speeds']) for row in rows)
-                rates = [np.array(row['speeds'][:shared])*1000/SECONDS_PER_DAY/row['step_size'] for row in rows]
-                result[method] = np.median(rates, axis=0)
-        return result
+    def _stepsPerSecond(self, observable, method, step):
+        """Steps per second in each round at a step size (ps), interpolated between the measured ones around it.
+
+        A step costs nearly the same whatever its size: larger ones rebuild neighbour lists more often.
+        """
+        rows = [row for row in self.select(observable, method) if row['speeds']]
+        if not rows:
+            return np.array([])
+        shared = min(len(row['speeds']) for row in rows)
+        sizes = [row['step_size'] for row in rows]
+        rates = np.array([np.array(row['speeds'][:shared])*1000/SECONDS_PER_DAY/row['step_size'] for row in rows])
+        return np.array([np.interp(step, sizes, rates[:, k]) for k in range(shared)])
 
     # ---- Files -------------------------------------------------------------------------------------------------------
 

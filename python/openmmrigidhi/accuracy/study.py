@@ -174,6 +174,8 @@ class Study:
             else:
                 runs.append((setting, self._makeRun(setting)))
         cost = [run.secondsPerStep() for _, run in runs]
+        # How long the trial was depends on the machine; the results do not: those that survived it start afresh.
+        runs = [(setting, self._makeRun(setting) if run.isAlive else run) for setting, run in runs]
         lengths, left = self._plan(runs, cost, budget - (time.perf_counter() - began), length, equilibration, jobs, rounds)
         meter = _Meter(progress, sum((total + left)/run.stepSize
                                      for (_, run), (total, left) in zip(runs, zip(lengths, left)) if run.isAlive))
@@ -247,7 +249,7 @@ class Study:
                 setting, old = runs[i]
                 if old.record.status != STABLE:
                     continue
-                # The Context of the trial serves for the times; what it computes is thrown away.
+                # This process has a Context of its own for the times; what that computes is thrown away.
                 record, old.record = old.record, type(old.record)(old.record.samplesAt, {o.name: [] for o in self.observables})
                 before = time.perf_counter()
                 steps = [0, 0.0, 0.0]

@@ -1,0 +1,242 @@
+"""The command line: python3 -m openmmrigidhi.accuracy."""
+import argparse
+import sys
+import time
+
+from . import methods, observables, scenes
+from .report import summaryText
+from .result import StudyResult
+from .study import StepSizeStudy
+
+DESCRIPTION = '''Measure, on this machine, what accuracy costs: the error of observables against ns/day, for step sizes and schemes, beside
+OpenMM's LangevinMiddleIntegrator with constraints. Writes results.csv, results.json, error_*.png and report.html, and names the
+cheapest setting for a wanted error, or says that there is none.'''
+
+EPILOG = '''examples:
+  python3 -m openmmrigidhi.accuracy --scene water --budget 1800 --wanted-error potential_energy:0.5%
+  python3 -m openmmrigidhi.accuracy --scene trap --platform Reference --length 20 --methods LangevinB LangevinC
+  python3 -m openmmrigidhi.accuracy --system system.xml --state state.xml --integrator integrator.xml --steps 2,4,6
+  python3 -m openmmrigidhi.accuracy --scene mymodule:makeScene --observables potential_energy mymodule:endToEnd
+  python3 -m openmmrigidhi.accuracy --from accuracy/results.json --wanted-error potential_energy:0.2%'''
+
+
+def parser():
+    """The argument parser."""
+    result = argparse.ArgumentParser(prog='python3 -m openmmrigidhi.accuracy', description=DESCRIPTION, epilog=EPILOG,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    scene = result.add_argument_group('scene')
+    scene.add_argument('--scene', default=None, help='water (default), trap, or module:function that returns a Scene, '
+                       '(system, state or positions, integrator) or (system, topology, positions, integrator)')
+    scene.add_argument('--system', help='System as XML: your own scene, with --state and --integrator')
+    scene.add_argument('--state', help='State as XML: the start, which should be equilibrated')
+    scene.add_argument('--integrator', help='CustomRigidHIIntegrator as XML: says what the bodies, temperature and frictions are')
+    scene.add_argument('--bodies', type=int, help='number of molecules of water (216), or of bodies in trap (400)')
+    scene.add_argument('--temperature', type=float, help='K, of a built-in scene')
+    scene.add_argument('--gamma', type=float, help='translational friction of a built-in scene and of LangevinMiddle, 1/ps')
+    scene.add_argument('--Gamma', type=float, help='rotational friction of a built-in scene, 1/ps')
+    what = result.add_argument_group('what is compared')
+    what.add_argument('--methods', nargs='+', default=['LangevinC', 'LangevinMiddle'], metavar='NAME[:STEPS]',
+                      help=f'among {", ".join(methods.BUILT_IN)}; with step sizes of its own in fs, e.g. GradientThermostat:1,2,3,4 '
+                      '(default: LangevinC LangevinMiddle)')
+    what.add_argument('--steps', metavar='FS', help='step sizes of all methods in fs, e.g. 1,2,4,6,8 (default: the scene\'s)')
+    what.add_argument('--observables', nargs='+', default=list(observables.DEFAULT), metavar='NAME',
+                      help=f'among {", ".join(observables.BUILT_IN)}, energy_group_N, or module:function of the Context '
+                      '(default: energy and temperatures)')
+    what.add_argument('--wanted-error', nargs='+', default=[], metavar='NAME:ERROR',
+                      help='e.g. potential_energy:0.5%%, or potential_energy:0.2 in its unit; several in one word, with commas, must '
+                      'all be met')
+    what.add_argument('--reference', nargs='+', default=[], metavar='NAME=VALUE[+-ERROR]',
+                      help='a known average, used instead of the extrapolation to step 0')
+    how = result.add_argument_group('how it is measured')
+    how.add_argument('--budget', type=float, default=600, help='seconds for the measurement; run lengths are planned from it (600)')
+    how.add_argument('--length', type=float, help='ps for every setting, instead of a budget')
+    how.add_argument('--equilibration', type=float, help='ps left out at the start of each run')
+    how.add_argument('--rounds', type=int, default=20, help='number of turns (20)')
+    how.add_argument('--platform', default='CPU', choices=['CPU', 'Reference'])
+    how.add_argument('--threads', type=int, default=1, help='of the CPU platform (1)')
+    how.add_argument('--jobs', type=int, default=1, help='runs at the same time; times are then measured afterwards, alone (1)')
+    how.add_argument('--clock', default='wall', choices=['wall', 'cpu'],
+                     help='what ns/day is computed from; cpu is less disturbed by other programs (wall)')
+    how.add_argument('--seed', type=int, default=1)
+    out = result.add_argument_group('output')
+    out.add_argument('--output', default='accuracy', help='directory (accuracy)')
+    out.add_argument('--baseline', default='LangevinMiddle', help='method that speeds are compared with (LangevinMiddle)')
+    out.add_argument('--from', dest='source', metavar='RESULTS.JSON', help='measure nothing: report again from an earlier result')
+    out.add_argument('--quiet', action='store_true', help='no progress bar')
+    return result
+
+
+def main(arguments=None):
+    """Run the command line.
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        default: sys.argv
+
+    Returns
+    -------
+    int
+        exit status: 0; 2 for wrong arguments
+    """
+    options = parser().parse_args(arguments)
+    try:
+        result = StudyResult.fromJson(options.source) if options.source else _measure(options)
+        # Wrong names are found before anything is written.
+        for item in options.wanted_error:
+            result.parseWanted(item)
+        paths = result.write(options.output, options.wanted_error, options.baseline)
+        answers = [result.recommend(item) for item in options.wanted_error]
+        single = list(dict.fromkeys(part.strip() for item in options.wanted_error for part in item.split(',')))
+        comparisons = {item: result.compareAt(item, options.baseline) for item in single}
+    except (ValueError, TypeError, OSError) as error:
+        print(f'error: {error}', file=sys.stderr)
+        return 2
+    print(_table(result))
+    for text in summaryText(result, answers, comparisons, options.baseline):
+        print('\n' + text)
+    print('\nWritten: ' + ', '.join(paths))
+    return 0
+
+
+def _measure(options):
+    methodList, steps = _methods(options)
+    names = [observables.byName(name).name for name in options.observables]
+    for item in options.wanted_error:
+        for part in item.split(','):
+            if part.strip().rpartition(':')[0] not in names:
+                raise ValueError(f'--wanted-error: got {part.strip()!r}; the observable must be one of {", ".join(names)}: write e.g. '
+                                 'potential_energy:0.5%')
+    references = dict(_reference(text, names) for text in options.reference)
+    with _Bar(options.quiet) as bar:
+        scene = _scene(options, bar)
+        stepSizes = dict.fromkeys((m.name for m in methodList), _fs(options.steps) if options.steps else scene.stepSizes)
+        stepSizes.update(steps)
+        study = StepSizeStudy(scene, methodList, stepSizes, references, observables=options.observables, platform=options.platform,
+                              threads=options.threads, seed=options.seed, clock=options.clock)
+        return study.run(options.budget, options.length, options.equilibration, options.rounds, options.jobs, bar.study)
+
+
+def _methods(options):
+    found, steps = [], {}
+    for text in options.methods:
+        name, _, own = text.partition(':')
+        found.append(methods.byName(name))
+        if own:
+            steps[name] = _fs(own)
+    return found, steps
+
+
+def _fs(text):
+    try:
+        values = [float(part)/1000 for part in text.split(',')]
+    except ValueError:
+        values = []
+    if not values or min(values) <= 0:
+        raise ValueError(f'step sizes: got {text!r}; they must be positive numbers in fs with commas between: write e.g. 2,4,6')
+    return values
+
+
+def _reference(text, names):
+    name, _, amount = text.partition('=')
+    value, _, error = amount.partition('+-')
+    try:
+        pair = float(value), float(error or 0)
+    except ValueError:
+        pair = None
+    if pair is None or name not in names:
+        raise ValueError(f'--reference: got {text!r}; it must be name=value or name=value+-error, the name one of {", ".join(names)}: '
+                         'write e.g. potential_energy=-46.5+-0.02')
+    return name, pair
+
+
+def _scene(options, bar):
+    files = (options.system, options.state, options.integrator)
+    if any(files):
+        if not all(files) or options.scene:
+            raise ValueError('--system, --state and --integrator: all three must be given, and no --scene: add what is missing')
+        return scenes.fromFiles(*files)
+    name = options.scene or 'water'
+    if name not in scenes.BUILT_IN:
+        if ':' not in name:
+            raise ValueError(f'--scene: got {name!r}; it must be one of {", ".join(scenes.BUILT_IN)}, or module:function: correct it')
+        return scenes.fromFunction(name)
+    given = {key: getattr(options, key) for key in ('temperature', 'gamma', 'Gamma') if getattr(options, key) is not None}
+    if name == 'water':
+        if options.bodies is not None:
+            given['molecules'] = options.bodies
+        given.update(platform=options.platform, threads=options.threads, progress=bar.scene)
+    elif options.bodies is not None:
+        given['bodies'] = options.bodies
+    return scenes.BUILT_IN[name](seed=options.seed, **given)
+
+
+class _Bar:
+    """Two progress bars, one after the other: making the scene, and the study."""
+
+    def __init__(self, quiet):
+        self.quiet = quiet
+        self.bar = None
+        self.stage = None
+        self.last = 0.0
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._close()
+
+    def _close(self):
+        if self.bar is not None:
+            self.bar.close()
+        self.bar = None
+
+    def _show(self, stage, done, total, text):
+        if self.quiet:
+            return
+        if self.stage != stage:
+            from tqdm import tqdm
+            self._close()
+            self.bar = tqdm(total=total, unit='step', unit_scale=True, smoothing=0.02, mininterval=0.5)
+            self.stage = stage
+        now = time.monotonic()
+        if now - self.last > 0.5 or done >= total:
+            self.last = now
+            self.bar.total = max(total, done)
+            self.bar.set_description(text, refresh=False)
+            self.bar.update(done - self.bar.n)
+
+    def scene(self, done, total):
+        """For scenes.water()."""
+        self._show('scene', done, total, 'equilibrating')
+
+    def study(self, done, total, text):
+        """For Study.run()."""
+        self._show('study', done, total, text)
+
+
+def _table(result):
+    """Errors of all settings, a column for each observable, in per cent where that has a meaning."""
+    names = list(result.observables)
+    lines = ['error in % of the reference (± 1 sigma)' if all(
+        result.references[n].value for n in names if n in result.references) else 'relative errors in %; absolute where the '
+        'reference is 0']
+    short = [name.replace('temperature', 'T').replace('potential_energy', 'U').replace('translational', 'trans')
+             .replace('rotational', 'rot') for name in names]
+    lines.append(f'{"method":<20}{result.knob.label + "/" + result.knob.unit:>10}{"ns/day":>10}' + ''.join(f'{n:>20}' for n in short))
+    for key in dict.fromkeys((row['method'], row['value']) for row in result.rows):
+        rows = {row['observable']: row for row in result.rows if (row['method'], row['value']) == key}
+        first = next(iter(rows.values()))
+        line = f'{key[0]:<20}{key[1]*result.knob.scale:>10.4g}' + ('%10.3g' % first['ns_per_day'] if first['ns_per_day'] else f'{"":>10}')
+        if first['status'] != 'stable':
+            lines.append(line + f'  {first["status"]} {first["message"]}'[:100])
+            continue
+        for name in names:
+            row = rows[name]
+            if row['error'] is None:
+                line += f'{row["note"] if row["note"] == "n/a" else "-":>20}'
+            else:
+                scale = 100/abs(result.references[name].value) if result.references[name].value else 1
+                line += f'{row["error"]*scale:>12.3f} ± {row["error_standard_error"]*scale:<5.3f}'
+        lines.append(line)
+    return '\n'.join(lines)

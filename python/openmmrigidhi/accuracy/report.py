@@ -1,0 +1,375 @@
+"""Files of a result: CSV, JSON, pictures, and one HTML page that needs nothing else."""
+import base64
+import csv
+import html
+import io
+import os
+import re
+
+import numpy as np
+
+from .measurement import STABLE, UNSTABLE
+
+#: Colour-blind safe (Okabe and Ito), one per method; methods of the user's own take the rest in turn.
+COLOURS = {'LangevinC': '#0072B2', 'LangevinMiddle': '#D55E00', 'LangevinB': '#009E73', 'LangevinA': '#E69F00',
+           'GradientThermostat': '#CC79A7'}
+SPARE_COLOURS = ('#56B4E9', '#000000', '#7F7F7F', '#8C564B')
+MARKERS = {'LangevinC': 'o', 'LangevinMiddle': 's', 'LangevinB': '^', 'LangevinA': 'v', 'GradientThermostat': 'D'}
+COLUMNS = ('method', 'knob', 'value', 'step_size', 'status', 'ns_per_day', 'ns_per_day_low', 'ns_per_day_high', 'ns_per_cpu_day',
+           'observable', 'mean', 'standard_error', 'error', 'error_standard_error', 'error_low', 'error_high',
+           'relative_error', 'tau', 'samples', 'length', 'equilibration', 'drift', 'seed', 'note', 'message')
+
+
+def writeCsv(result, path):
+    """One row per setting and observable, units in docs/accuracy.md; empty cells where there is no number."""
+    with open(path, 'w', newline='') as file:
+        writer = csv.writer(file, lineterminator='\n')
+        writer.writerow(COLUMNS)
+        for row in result.rows:
+            writer.writerow(['' if row.get(key) is None else
+                             f'{row[key]:.8g}' if isinstance(row[key], float) else row[key] for key in COLUMNS])
+
+
+def write(result, directory, wanted=(), baseline='LangevinMiddle'):
+    """See StudyResult.write()."""
+    os.makedirs(directory, exist_ok=True)
+    wanted = [wanted] if isinstance(wanted, str) else list(wanted)
+    paths = [os.path.join(directory, name) for name in ('results.csv', 'results.json', 'report.html')]
+    answers = [result.recommend(item) for item in wanted]
+    # Several observables in one wish share an answer; each of them has a comparison of its own.
+    single = list(dict.fromkeys(part.strip() for item in wanted for part in item.split(',')))
+    comparisons = {item: result.compareAt(item, baseline) for item in single}
+    writeCsv(result, paths[0])
+    result.writeJson(paths[1], recommendations=[{'wanted': [vars(each) for each in answer.wanted], 'verdict': answer.verdict,
+                                                 'setting': answer.setting, 'factor': answer.factor, 'text': answer.text,
+                                                 'candidates': answer.candidates} for answer in answers],
+                     at_wanted_error=comparisons)
+    pictures = {}
+    for observable in result.observables:
+        if any(row['error'] is not None for row in result.select(observable)):
+            pictures[observable] = draw(result, observable, single)
+            path = os.path.join(directory, f'error_{re.sub("[^A-Za-z0-9_]", "_", observable)}.png')
+            with open(path, 'wb') as file:
+                file.write(pictures[observable])
+            paths.append(path)
+    with open(paths[2], 'w') as file:
+        file.write(page(result, answers, comparisons, pictures, baseline))
+    return paths
+
+
+# ---- Pictures --------------------------------------------------------------------------------------------------------
+
+def _style(result):
+    spare = iter(SPARE_COLOURS*10)
+    return {method: (COLOURS.get(method) or next(spare), MARKERS.get(method, 'P')) for method in result.methods()}
+
+
+def draw(result, observable, wanted=()):
+    """Error against ns/day beside the means against the knob, a PNG.
+
+    Parameters
+    ----------
+    result : StudyResult
+    observable : str
+    wanted : sequence of str
+        wanted errors; those of this observable are drawn as lines
+
+    Returns
+    -------
+    bytes
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    # Not pyplot: no window system, no global state.
+    figure = Figure(figsize=(12.5, 5.6), layout='constrained')
+    FigureCanvasAgg(figure)
+    left, right = figure.subplots(1, 2, width_ratios=(1.35, 1)) if _newMatplotlib() else figure.subplots(
+        1, 2, gridspec_kw={'width_ratios': (1.35, 1)})
+    reference = result.references[observable]
+    relative = reference.value != 0
+    scale = 100/abs(reference.value) if relative else 1.0
+    sign = f'% of {abs(reference.value):.5g} {result.observables[observable]["unit"]}' if relative else \
+        result.observables[observable]['unit']
+    _drawErrors(left, result, observable, scale, sign, wanted)
+    _drawMeans(right, result, observable, reference)
+    figure.suptitle(f'{result.observables[observable]["label"].capitalize()}, {result.scene["name"]}', fontsize=13)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format='png', dpi=110)
+    return buffer.getvalue()
+
+
+def _newMatplotlib():
+    import matplotlib
+    return tuple(int(x) for x in matplotlib.__version__.split('.')[:2]) >= (3, 6)
+
+
+def _drawErrors(axes, result, observable, scale, unit, wanted):
+    style = _style(result)
+    rows = [row for row in result.select(observable) if row['error'] is not None and row['ns_per_day']]
+    sizes = [abs(row['error'])*scale for row in rows]
+    lines = [each for item in wanted for each in result.parseWanted(item) if each.observable == observable]
+    sigmas = [row['error_standard_error']*scale for row in rows]
+    # Below a third of the smallest error bar there is nothing to see.
+    floor = min([s/2 for s in sigmas if s > 0] + [line.tolerance*scale/4 for line in lines] + [s for s in sizes if s > 0] + [1e300])
+    floor = max(floor, min([s/3 for s in sigmas if s > 0], default=floor))
+    top = max(sizes + [line.tolerance*scale*3 for line in lines] + [floor*10])
+    for method in result.methods():
+        colour, marker = style[method]
+        mine = [row for row in rows if row['method'] == method]
+        known = []
+        for row in mine:
+            size, x = abs(row['error'])*scale, row['ns_per_day']
+            low, high = row['error_low']*scale, row['error_high']*scale
+            smallest = 0 if low <= 0 <= high else min(abs(low), abs(high))
+            largest = max(abs(low), abs(high))
+            resolved = smallest > 0
+            y = max(size, floor)
+            axes.plot([x, x], [max(smallest, floor*0.7), largest], color=colour, lw=1.4, alpha=0.8, zorder=2)
+            axes.plot([row['ns_per_day_low'], row['ns_per_day_high']], [y, y], color=colour, lw=1.0, alpha=0.6, zorder=2)
+            axes.plot(x, y, marker=marker, ms=7, color=colour, mfc=colour if resolved else 'white', mew=1.4, zorder=4, ls='')
+            axes.annotate(result.knob.format(row['value']), (x, y), xytext=(6, 5), textcoords='offset points', fontsize=8.5,
+                          color=colour, zorder=5)
+            known.append((x, y) if resolved else (np.nan, np.nan))
+        if known:
+            axes.plot(*zip(*known), color=colour, lw=1.0, alpha=0.45, zorder=1)
+        axes.plot([], [], color=colour, marker=marker, ms=7, label=method)
+        dead = sorted({(row['value'], row['step_size']) for row in result.rows if row['method'] == method
+                       and row['status'] == UNSTABLE and row['observable'] == observable})
+        for k, (value, step) in enumerate(dead):
+            rates = result._stepsPerSecond(observable, method, step)
+            if len(rates):
+                x = step*np.median(rates)*86.4
+                axes.plot(x, top*1.9, marker='x', ms=9, mew=2.2, color=colour, zorder=4, clip_on=False)
+                if k == 0:
+                    axes.annotate(f'{result.knob.format(value)}: unstable', (x, top*1.9), xytext=(0, -14), ha='center',
+                                  textcoords='offset points', fontsize=8.5, color=colour)
+    for line in lines:
+        axes.axhline(line.tolerance*scale, color='black', ls='--', lw=1.2, zorder=1)
+        axes.annotate('wanted: ' + line.text.split(' of ')[0], (0.01, line.tolerance*scale), xycoords=('axes fraction', 'data'),
+                      xytext=(2, 4), textcoords='offset points', fontsize=9)
+    axes.set_xscale('log')
+    axes.set_yscale('log')
+    axes.set_ylim(floor*0.6, top*3)
+    axes.set_xlabel('ns/day' + (' (CPU time)' if result.provenance.get('clock') == 'cpu' else '')
+                    + f'   [{_platform(result)}]')
+    axes.set_ylabel(f'|error|, {unit}')
+    axes.set_title('Error against speed: down and to the right is better', fontsize=10.5)
+    axes.grid(True, which='major', alpha=0.35)
+    axes.grid(True, which='minor', alpha=0.12)
+    _plainTicks(axes)
+    axes.plot([], [], marker='o', mfc='white', color='grey', ls='', label='not distinguishable from 0')
+    axes.legend(loc='best', fontsize=9, framealpha=0.9,
+                title=f'bars: {100*result.confidence:g} % confidence (error), 16–84 % (speed)', title_fontsize=8)
+
+
+def _platform(result):
+    threads = result.provenance.get('threads')
+    return f'{result.provenance.get("platform")} platform, {threads} thread{"" if threads == 1 else "s"}'
+
+
+def _plainTicks(axes):
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    for axis in (axes.xaxis, axes.yaxis):
+        low, high = axis.get_view_interval()
+        decades = np.log10(high/low)
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades < 2.5 else (1,), numticks=20))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f'{value:g}'))
+        axis.set_minor_formatter(NullFormatter())
+
+
+def _drawMeans(axes, result, observable, reference):
+    style = _style(result)
+    knob = result.knob
+    for method in result.methods():
+        colour, marker = style[method]
+        rows = result.select(observable, method)
+        if not rows:
+            continue
+        axes.errorbar([row['value']*knob.scale for row in rows], [row['mean'] for row in rows],
+                      yerr=[row['standard_error'] for row in rows], color=colour, marker=marker, ls='', ms=6, capsize=2.5, label=method)
+        if reference.fit is not None and method in reference.fit.coefficients:
+            E, F = reference.fit.coefficients[method]
+            used = [value for (name, value), flag in zip(reference.points, reference.fit.used) if flag and name == method]
+            h = np.linspace(0, max(used), 100)
+            x = h**result.orders[method]
+            axes.plot(h*knob.scale, reference.value + E*x + (F or 0)*x*x, color=colour, lw=1.2)
+    axes.axhline(reference.value, color='black', lw=1)
+    if reference.standardError > 0:
+        axes.axhspan(reference.value - reference.standardError, reference.value + reference.standardError, color='black', alpha=0.15,
+                     lw=0)
+    what = {'exact': 'exact', 'given': 'given', 'extrapolated': 'limit of small steps'}[reference.kind]
+    errorText = f' ± {reference.standardError:.1g}' if reference.standardError else ''
+    axes.set_title(f'{what}: {reference.value:.6g}{errorText} {result.observables[observable]["unit"]}', fontsize=10.5)
+    axes.set_xlabel(f'{knob.label}, {knob.unit}')
+    axes.set_ylabel(f'mean, {result.observables[observable]["unit"]} (bars: 1 sigma)')
+    axes.set_xlim(left=0)
+    axes.grid(True, alpha=0.3)
+
+
+# ---- Words -----------------------------------------------------------------------------------------------------------
+
+def comparisonText(result, wanted, comparison, baseline):
+    """How the methods compare at exactly the wanted error, as a list of sentences."""
+    lines = []
+    for method, entry in comparison.items():
+        step = f'{entry["step"]*1000:.2f} fs'
+        if entry['capped']:
+            text = (f'{method}: its error is still below the wanted one at its largest stable step, {step}: at least '
+                    f'{entry["ns_per_day"]:.3g} ns/day')
+        else:
+            text = (f'{method}: reaches the wanted error at a step of {step} '
+                    f'({entry["step_low"]*1000:.2f} to {entry["step_high"]*1000:.2f}): {entry["ns_per_day"]:.3g} ns/day')
+        if entry['ratio'] is not None and method != baseline:
+            text += (f'; {entry["ratio"]:.2f} times the ns/day of {baseline} ({entry["ratio_low"]:.2f} to '
+                     f'{entry["ratio_high"]:.2f})')
+        lines.append(text + '.')
+    return lines
+
+
+def summaryText(result, answers, comparisons, baseline):
+    """Everything that is to be said in plain words, a list of paragraphs."""
+    lines = [answer.text for answer in answers]
+    for wanted, comparison in comparisons.items():
+        if comparison:
+            item, = result.parseWanted(wanted)
+            lines.append(f'At exactly {item.text}, between the steps that were measured: '
+                         + ' '.join(comparisonText(result, wanted, comparison, baseline)))
+    dead = {}
+    for row in result.rows:
+        if row['status'] == UNSTABLE:
+            dead.setdefault(row['method'], set()).add(row['value'])
+    for method, values in dead.items():
+        lines.append(f'{method} was unstable at {", ".join(result.knob.format(value) for value in sorted(values))}.')
+    for method, reason in result.refusals.items():
+        lines.append(f'{method} was not run: {reason}.')
+    refused = {}
+    for row in result.rows:
+        if row['status'] not in (STABLE, UNSTABLE):
+            refused[row['method']] = row['message']
+    for method, reason in refused.items():
+        lines.append(f'{method} cannot be used on this scene: {reason}')
+    drifting = sorted({(row['method'], row['value']) for row in result.rows if row['note'] == 'drifts'})
+    if drifting:
+        lines.append('The two halves of the run disagree (a longer equilibration is needed, or the run is about to blow up) at: '
+                     + ', '.join(f'{method} {result.knob.format(value)}' for method, value in drifting) + '.')
+    if any(row['note'] == 'few independent samples' for row in result.rows):
+        lines.append('Some runs have fewer than 10 blocks of independent samples; their errors are themselves uncertain '
+                     '(marked in the table).')
+    return lines
+
+
+_CSS = '''body{font:15px/1.5 sans-serif;max-width:1150px;margin:2em auto;padding:0 1em;color:#222}
+img{max-width:100%}table{border-collapse:collapse;font-size:13px;margin:1em 0}td,th{border:1px solid #ccc;padding:2px 8px;text-align:right}
+th{background:#f0f0f0}td:first-child,th:first-child,td.t{text-align:left}tr.bad td{color:#999}.answer{background:#eef5fb;border-left:5px
+solid #0072B2;padding:.6em 1em;margin:.6em 0}summary{cursor:pointer;font-weight:bold}'''
+
+
+def page(result, answers, comparisons, pictures, baseline):
+    """One HTML page with everything in it; nothing is loaded from elsewhere.
+
+    Returns
+    -------
+    str
+    """
+    escape = html.escape
+    parts = ['<!DOCTYPE html>', '<html lang="en"><head><meta charset="utf-8"><title>What accuracy costs: '
+             f'{escape(result.scene["name"])}</title><style>{_CSS}</style></head><body>',
+             f'<h1>What accuracy costs: {escape(result.scene["name"])}</h1>', f'<p>{escape(result.scene["description"])}.</p>',
+             '<h2>In words</h2>']
+    texts = summaryText(result, answers, comparisons, baseline)
+    parts += [f'<p class="answer">{escape(text)}</p>' for text in texts[:len(answers)]]
+    parts += [f'<p>{escape(text)}</p>' for text in texts[len(answers):]]
+    if not answers:
+        parts.append('<p>No wanted error was given; with one (for example potential_energy:0.5%) this page names the cheapest '
+                     'setting.</p>')
+    for wanted, comparison in comparisons.items():
+        if comparison:
+            parts.append(_comparisonTable(result, wanted, comparison, baseline))
+    parts.append('<h2>Pictures and tables</h2>')
+    for observable in result.observables:
+        about = result.observables[observable]
+        parts.append(f'<h3>{escape(about["label"].capitalize())}</h3>')
+        if observable in pictures:
+            picture = base64.b64encode(pictures[observable]).decode()
+            parts.append(f'<img alt="Error of {escape(about["label"])} against ns/day" src="data:image/png;base64,{picture}">')
+        parts.append(_table(result, observable))
+    parts.append('<h2>How it was measured</h2>')
+    parts += [f'<p>{escape(text)}</p>' for text in _howText(result)]
+    parts.append('<details><summary>Machine, versions, seed</summary><table>')
+    for key, value in _flatten(result.provenance):
+        parts.append(f'<tr><td>{escape(key)}</td><td class="t">{escape(str(value))}</td></tr>')
+    parts.append('</table></details></body></html>')
+    return '\n'.join(parts) + '\n'
+
+
+def _flatten(data):
+    for key, value in data.items():
+        if isinstance(value, dict):
+            yield from ((f'{key}: {name}', each) for name, each in value.items())
+        else:
+            yield key, value
+
+
+def _comparisonTable(result, wanted, comparison, baseline):
+    cells = ['<table><tr><th>at ' + html.escape(wanted) + '</th><th>step, fs</th><th>95 %</th><th>steps/s</th><th>ns/day</th>'
+             '<th>95 %</th><th>times ' + html.escape(baseline) + '</th><th>95 %</th></tr>'.replace('95', f'{100*result.confidence:g}')]
+    for method, entry in comparison.items():
+        atLeast = '&ge; ' if entry['capped'] else ''
+        ratio = ('', '') if entry['ratio'] is None else (f'{entry["ratio"]:.2f}',
+                                                         f'{entry["ratio_low"]:.2f} – {entry["ratio_high"]:.2f}')
+        cells.append(f'<tr><td>{html.escape(method)}</td><td>{atLeast}{entry["step"]*1000:.2f}</td>'
+                     f'<td>{entry["step_low"]*1000:.2f} – {entry["step_high"]*1000:.2f}</td><td>{entry["steps_per_second"]:.1f}</td>'
+                     f'<td>{atLeast}{entry["ns_per_day"]:.3g}</td><td>{entry["ns_per_day_low"]:.3g} – {entry["ns_per_day_high"]:.3g}</td>'
+                     f'<td>{ratio[0]}</td><td>{ratio[1]}</td></tr>')
+    return '\n'.join(cells) + '</table>'
+
+
+def _table(result, observable):
+    unit = result.observables[observable]['unit']
+    head = ('method', f'{result.knob.label}, {result.knob.unit}', 'ns/day', f'mean, {unit}', '± (1 sigma)', f'error, {unit}',
+            f'{100*result.confidence:g} % interval', 'error, %', 'tau, ps', 'length, ps', 'note')
+    lines = ['<table><tr>' + ''.join(f'<th>{html.escape(cell)}</th>' for cell in head) + '</tr>']
+    for row in result.rows:
+        if row['observable'] != observable:
+            continue
+        note = row['note'] if row['status'] == STABLE else f'{row["status"]}: {row["message"]}'
+        interval = '' if row['error'] is None else f'{row["error_low"]:.3g} … {row["error_high"]:.3g}'
+        cells = [row['method'], f'{row["value"]*result.knob.scale:g}', _number(row['ns_per_day'], '.3g'), _number(row['mean'], '.6g'),
+                 _number(row['standard_error'], '.2g'), _number(row['error'], '.3g'), interval,
+                 _number(None if row['relative_error'] is None else 100*row['relative_error'], '.3f'), _number(row['tau'], '.2g'),
+                 _number(row['length'], '.4g') if row['status'] == STABLE else '']
+        lines.append(f'<tr{"" if row["status"] == STABLE else " class=bad"}>' + ''.join(f'<td>{html.escape(c)}</td>' for c in cells)
+                     + f'<td class="t">{html.escape(note)}</td></tr>')
+    return '\n'.join(lines) + '</table>'
+
+
+def _number(value, form):
+    return '' if value is None else format(value, form)
+
+
+def _howText(result):
+    provenance = result.provenance
+    lines = [f'{_platform(result)}, {provenance.get("rounds")} rounds in which the '
+             'settings took turns in a random order. ns/day is the median over rounds of the integration steps alone '
+             f'({provenance.get("clock")} time).',
+             'Standard errors are from block averages with blocks of 20 integrated autocorrelation times; intervals use '
+             "Student's t with the number of blocks."]
+    if any(reference.kind == 'extrapolated' for reference in result.references.values()):
+        lines.append('Where no exact average is known, means are compared with the common limit A0 of all methods, from a weighted fit of '
+                     'A0 + E h^p + F h^2p (p: order of the method); the error of A0, and that a mean is part of the fit, '
+                     'are in the intervals.')
+    for name, reference in result.references.items():
+        if reference.fit is not None:
+            dropped = [f'{method} {result.knob.format(value)}' for (method, value), used in zip(reference.points, reference.fit.used)
+                       if not used]
+            lines.append(f'{result.observables[name]["label"].capitalize()}: A0 = {reference.value:.6g} ± {reference.standardError:.2g} '
+                         f'{result.observables[name]["unit"]}, chi2 = {reference.fit.chi2:.1f} for {reference.fit.degrees} degrees of '
+                         f'freedom' + (f', without {", ".join(dropped)}' if dropped else '')
+                         + (f'; {reference.fit.note}' if reference.fit.note else '') + '.')
+    kinetic = any('temperature' in name for name in result.observables)
+    if kinetic and 'LangevinMiddle' in result.methods():
+        lines.append("LangevinMiddle's temperatures are from the velocities in its State, which belong to the middle of the step, where "
+                     "kinetic energy is more accurate than at its end; its configurations are no better for it. The plugin's "
+                     'are from the end of the step.')
+    return lines
