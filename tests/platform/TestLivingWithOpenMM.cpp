@@ -1,0 +1,487 @@
+// What others do to a Context, and how the integrator lives with it.
+
+#include <openmm/CMMotionRemover.h>
+#include <openmm/CustomExternalForce.h>
+#include <openmm/HarmonicAngleForce.h>
+#include <openmm/HarmonicBondForce.h>
+#include <openmm/LocalEnergyMinimizer.h>
+#include <openmm/MonteCarloBarostat.h>
+#include <openmm/NonbondedForce.h>
+#include <openmm/VirtualSite.h>
+
+#include "TestSupport.h"
+
+using namespace OpenMM;
+using namespace RigidHITest;
+using namespace std;
+
+namespace {
+
+/** Four-site waters with constraints, charges and a virtual site, on a grid. */
+struct WaterBox {
+    System system;
+    CustomRigidHIIntegrator integrator;
+    vector<Vec3> positions;
+    unique_ptr<Context> context;
+    int side;
+    explicit WaterBox(int side, double h = 0.001, bool periodic = false) : integrator(300, h), side(side) {
+        const Shape water = waterShape();
+        auto* nonbonded = new NonbondedForce();
+        mt19937 generator(2);
+        for (int i = 0; i < side * side * side; i++) {
+            const int p = system.addParticle(water.masses[0]);
+            system.addParticle(water.masses[1]);
+            system.addParticle(water.masses[2]);
+            system.addParticle(0);
+            system.addConstraint(p, p + 1, 0.09572);
+            system.addConstraint(p, p + 2, 0.09572);
+            system.addConstraint(p + 1, p + 2, norm(water.sites[1] - water.sites[2]));
+            system.setVirtualSite(p + 3, new ThreeParticleAverageSite(p, p + 1, p + 2, 0.786646558, 0.106676721, 0.106676721));
+            nonbonded->addParticle(0, 0.315365, 0.6485);
+            nonbonded->addParticle(0.52, 1, 0);
+            nonbonded->addParticle(0.52, 1, 0);
+            nonbonded->addParticle(-1.04, 1, 0);
+            for (int a = 0; a < 4; a++)
+                for (int b = 0; b < a; b++) nonbonded->addException(p + a, p + b, 0, 1, 0);
+            const QuaternionArray q = randomQuaternion(generator);
+            const Vec3 origin(0.31 * (i % side), 0.31 * (i / side % side), 0.31 * (i / side / side));
+            for (const Vec3& s : water.sites) positions.push_back(origin + rotate(q, s));
+            positions.push_back(positions[p] * 0.786646558 + (positions[p + 1] + positions[p + 2]) * 0.106676721);
+            integrator.addRigidBody({p, p + 1, p + 2, p + 3});
+        }
+        if (periodic) {
+            const double length = 0.31 * side;
+            system.setDefaultPeriodicBoxVectors(Vec3(length, 0, 0), Vec3(0, length, 0), Vec3(0, 0, length));
+            nonbonded->setNonbondedMethod(NonbondedForce::CutoffPeriodic);
+            nonbonded->setCutoffDistance(0.4 * length);
+        }
+        system.addForce(nonbonded);
+        integrator.setRandomNumberSeed(3);
+    }
+    void start() {
+        context.reset(new Context(system, integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 2)));
+        context->setPositions(positions);
+    }
+};
+
+}  // namespace
+
+TEST(VirtualSites, ForcesOnThemAreCountedOnce) {
+    // Force and torque of a body are minus the derivatives of the energy: by moving bodies.
+    WaterBox box(2);
+    box.start();
+    box.integrator.setTemperature(0);
+    box.integrator.step(1);
+    const auto R = box.integrator.getBodyPositions();
+    const auto q = box.integrator.getBodyOrientations();
+    const auto forces = box.integrator.getBodyForces(), torques = box.integrator.getBodyTorques();
+    auto energy = [&] { return box.context->getState(State::Energy).getPotentialEnergy(); };
+    // CPU evaluates pairs in single precision: a large displacement, a loose comparison; Reference does better.
+    const double delta = onCpu() ? 2e-3 : 1e-5, tolerance = onCpu() ? 0.02 : 1e-5;
+    for (int b : {0, 5})
+        for (int k = 0; k < 3; k++) {
+            double e[2], f[2];
+            for (int side = 0; side < 2; side++) {
+                const double d = side == 0 ? -delta : delta;
+                auto moved = R;
+                moved[b][k] += d;
+                box.integrator.setBodyPositions(moved);
+                e[side] = energy();
+                box.integrator.setBodyPositions(R);
+                QuaternionArray turn = {{cos(d / 2), 0, 0, 0}};
+                turn[1 + k] = sin(d / 2);
+                auto turned = q;
+                turned[b] = product(turn, q[b]);
+                box.integrator.setBodyOrientations(turned);
+                f[side] = energy();
+                box.integrator.setBodyOrientations(q);
+            }
+            EXPECT_NEAR(forces[b][k], -(e[1] - e[0]) / (2 * delta), tolerance * norm(forces[b]) + tolerance) << b << k;
+            EXPECT_NEAR(torques[b][k], -(f[1] - f[0]) / (2 * delta), tolerance * norm(torques[b]) + tolerance) << b << k;
+        }
+}
+
+TEST(VirtualSites, FollowTheirBodies) {
+    WaterBox box(2);
+    // The user may leave them behind.
+    for (size_t i = 3; i < box.positions.size(); i += 4) box.positions[i] = Vec3();
+    box.start();
+    box.integrator.step(20);
+    const auto x = positionsOf(*box.context);
+    for (size_t p = 0; p < x.size(); p += 4)
+        EXPECT_LT(norm(x[p + 3] - x[p] * 0.786646558 - (x[p + 1] + x[p + 2]) * 0.106676721), 1e-8);
+}
+
+TEST(FreeParticles, ConstrainedFlexibleMoleculesKeepTheirConstraintsAndTemperature) {
+    // Free four-atom molecules with two constraints, beside water bodies.
+    System system;
+    CustomRigidHIIntegrator integrator(300, 0.001);
+    const int copies = 200;
+    vector<Vec3> positions;
+    auto* bonds = new HarmonicBondForce();
+    auto* angles = new HarmonicAngleForce();
+    for (int i = 0; i < copies; i++) {
+        const int p = system.addParticle(12);
+        for (double mass : {1.0, 1.0, 16.0}) system.addParticle(mass);
+        system.addConstraint(p, p + 1, 0.1);
+        system.addConstraint(p, p + 2, 0.1);
+        bonds->addBond(p, p + 3, 0.14, 20000);
+        angles->addAngle(p + 1, p, p + 2, 1.9, 300);
+        angles->addAngle(p + 1, p, p + 3, 1.9, 300);
+        for (const Vec3& x : {Vec3(), Vec3(0.1, 0, 0), Vec3(-0.03, 0.0953939, 0), Vec3(-0.04, -0.06, 0.12)})
+            positions.push_back(x + Vec3(0.5 * i, 0, 0));
+    }
+    system.addForce(bonds);
+    system.addForce(angles);
+    addBodies(system, integrator, waterShape(), 50);
+    for (const Vec3& x : randomPoses(waterShape(), 50, 0.5, 3)) positions.push_back(x + Vec3(0, 2, 0));
+    integrator.setFriction(10);
+    integrator.setConstraintTolerance(1e-8);
+    integrator.setRandomNumberSeed(10);
+    Context context(system, integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 2));
+    context.setPositions(positions);
+    context.setVelocitiesToTemperature(300, 4);
+    const auto dof = integrator.getDegreesOfFreedom();
+    EXPECT_EQ(dof.at("free"), copies * (12 - 2));
+    EXPECT_EQ(dof.at("translational"), 150);
+    EXPECT_EQ(dof.at("total"), copies * 10 + 300);
+    integrator.step(1000);
+    vector<double> temperatures;
+    for (int s = 0; s < 40; s++) {
+        integrator.step(200);
+        temperatures.push_back(integrator.computeFreeParticleKineticEnergy() / (0.5 * boltzmann * dof.at("free")));
+        const auto x = positionsOf(context), v = velocitiesOf(context);
+        for (int i = 0; i < 4 * copies; i += 4)
+            for (int k : {1, 2}) {
+                const Vec3 d = x[i + k] - x[i];
+                ASSERT_NEAR(norm(d), 0.1, 1e-8);
+                ASSERT_NEAR(d.dot(v[i + k] - v[i]) / norm(d), 0, 1e-5);
+            }
+    }
+    // BAOAB's kinetic bias of the stiffest bond: h^2 w^2/4 of 1/10 of the energy, w^2 = 20000/6.9: 7e-5.
+    expectMean("free temperature", {estimate(temperatures).mean, 300 * sqrt(2.0 / (dof.at("free") * 40.0))}, 300);
+}
+
+TEST(Velocities, ToTemperatureReplacesAndDrawsTwists) {
+    System system;
+    CustomRigidHIIntegrator integrator(300, 0.001);
+    const int copies = 3000;
+    vector<Vec3> positions;
+    for (int i = 0; i < copies; i++) {  // spheres with an orientation: one site, so velocities say nothing of the spin
+        system.addParticle(3.0);
+        integrator.addRigidBody({i}, 3.0, Vec3(0.3, 0.1, 0.2), {Vec3()});
+        positions.push_back(Vec3(i, 0, 0));
+    }
+    addBodies(system, integrator, waterShape(), copies);
+    for (const Vec3& x : randomPoses(waterShape(), copies, 1, 3)) positions.push_back(x + Vec3(0, 2, 0));
+    Context context(system, integrator, testPlatform());
+    context.setPositions(positions);
+    const double half = boltzmann * 300 / 2;
+    for (int repeat = 0; repeat < 3; repeat++) {
+        context.setVelocitiesToTemperature(300, 5 + repeat);
+        auto check = [&](const string& what, double energy, double n) {
+            expectMean(what, {energy / half / n, sqrt(2 / n)}, 1);
+        };
+        check("translation", integrator.computeTranslationalKineticEnergy(), 6.0 * copies);
+        for (int k = 0; k < 3; k++)
+            check("axis " + to_string(k + 1), integrator.computeRotationalKineticEnergies()[k], 2.0 * copies);
+    }
+    // The twists agree with the particles' velocities.
+    const auto x = positionsOf(context), v = velocitiesOf(context);
+    const auto R = integrator.getBodyPositions(), V = integrator.getBodyVelocities(),
+               omega = integrator.getBodyAngularVelocities();
+    for (int b : {copies, copies + 1, 2 * copies - 1})
+        for (int i = 0; i < 3; i++) {
+            const int p = copies + 3 * (b - copies) + i;
+            EXPECT_LT(norm(v[p] - V[b] - omega[b].cross(x[p] - R[b])), 1e-12);
+        }
+    context.setVelocitiesToTemperature(0, 1);
+    EXPECT_EQ(context.getState(State::Energy).getKineticEnergy(), 0);
+    EXPECT_NEAR(integrator.computeSystemTemperature(), 0, 1e-12);
+}
+
+TEST(Velocities, AreProjectedOnRigidMotion) {
+    System system;
+    CustomRigidHIIntegrator integrator(300, 0.001);
+    const Shape water = waterShape();
+    addBodies(system, integrator, water, 1);
+    Context context(system, integrator, testPlatform());
+    context.setPositions(randomPoses(water, 1, 0, 1));
+    const auto x = positionsOf(context);
+    const vector<Vec3> v = {Vec3(1, 2, 3), Vec3(-1, 0.5, 2), Vec3(0.3, -2, 1)};  // not rigid
+    context.setVelocities(v);
+    Vec3 p, L;
+    double mass = 0;
+    const Vec3 R = integrator.getBodyPositions()[0];
+    for (int i = 0; i < 3; i++) {
+        mass += water.masses[i];
+        p += v[i] * water.masses[i];
+        L += (x[i] - R).cross(v[i]) * water.masses[i];
+    }
+    EXPECT_LT(norm(integrator.getBodyVelocities()[0] - p / mass), 1e-13);
+    // The angular momentum is kept: L = sum m r x (omega x r).
+    const Vec3 omega = integrator.getBodyAngularVelocities()[0];
+    Vec3 rigid;
+    for (int i = 0; i < 3; i++) rigid += (x[i] - R).cross(omega.cross(x[i] - R)) * water.masses[i];
+    EXPECT_LT(norm(rigid - L), 1e-13);
+    // Setting them again changes nothing (replaces, does not accumulate).
+    context.setVelocities(v);
+    EXPECT_LT(norm(integrator.getBodyAngularVelocities()[0] - omega), 1e-13);
+    // Body setters are seen in the particles at once.
+    integrator.setBodyVelocities({Vec3(1, 0, 0)});
+    integrator.setBodyAngularVelocities({Vec3(0, 0, 2)});
+    const auto after = velocitiesOf(context);
+    for (int i = 0; i < 3; i++) EXPECT_LT(norm(after[i] - Vec3(1, 0, 0) - Vec3(0, 0, 2).cross(x[i] - R)), 1e-14);
+}
+
+TEST(Poses, MembersWithinToleranceArePutBackOthersAreAnError) {
+    WaterBox box(2);
+    box.start();
+    auto moved = box.positions;
+    moved[4] += Vec3(3e-4, 0, 0);
+    box.context->setPositions(moved);
+    EXPECT_GT(box.integrator.getPoseResidual(), 1e-6);
+    EXPECT_LT(box.integrator.getPoseResidual(), 3e-4);
+    box.integrator.step(1);
+    const auto x = positionsOf(*box.context);
+    for (int p = 0; p < 8; p += 4) EXPECT_NEAR(norm(x[p] - x[p + 1]), 0.09572, 1e-14);
+    moved[5] += Vec3(0, 0.05, 0);
+    box.context->setPositions(moved);
+    expectError([&] { box.integrator.step(1); }, {"body 1", "particle ", "nm from its place", "setPoseTolerance"});
+    // What was given is still there, and good positions mend it.
+    EXPECT_TRUE(sameBits(positionsOf(*box.context), moved));
+    box.context->setPositions(box.positions);
+    box.integrator.step(1);
+    auto broken = box.positions;
+    broken[9][1] = NAN;
+    box.context->setPositions(broken);
+    expectError([&] { box.integrator.step(1); }, {"body 2", "particle 9", "non-finite position"});
+}
+
+TEST(Poses, ResetBodyGeometryTakesTheShapeAnew) {
+    System system;
+    CustomRigidHIIntegrator integrator(0, 0.001);
+    const Shape water = waterShape();
+    addBodies(system, integrator, water, 1);
+    expectError([&] {
+        vector<int> p;
+        double m;
+        Vec3 I;
+        vector<Vec3> s;
+        integrator.getRigidBodyParameters(0, p, m, I, s);
+    }, {"body 0"});
+    Context context(system, integrator, testPlatform());
+    context.setPositions(water.sites);
+    integrator.step(1);
+    vector<Vec3> larger;
+    for (const Vec3& s : water.sites) larger.push_back(s * 1.5);
+    context.setPositions(larger);
+    expectError([&] { integrator.step(1); }, {"resetBodyGeometry"});
+    integrator.resetBodyGeometry();
+    integrator.step(1);
+    vector<int> particles;
+    double mass;
+    Vec3 moments;
+    vector<Vec3> sites;
+    integrator.getRigidBodyParameters(0, particles, mass, moments, sites);
+    EXPECT_NEAR(norm(sites[0] - sites[1]), 0.09572 * 1.5, 1e-12);
+}
+
+TEST(Others, CMMotionRemoverRemovesMomentumAndThreeDegreesOfFreedom) {
+    WaterBox box(3, 0.002);
+    box.system.addForce(new CMMotionRemover());
+    box.start();
+    box.context->setVelocitiesToTemperature(300, 1);
+    EXPECT_EQ(box.integrator.getDegreesOfFreedom().at("removed"), 3);
+    EXPECT_EQ(box.integrator.getDegreesOfFreedom().at("total"), 27 * 6 - 3);
+    const auto spinsBefore = box.integrator.getBodyAngularVelocities();
+    // Before the drift of a step the remover acts: with no forces of time the momentum after a step is that of one step of noise.
+    box.integrator.setFriction(0);
+    box.integrator.setRotationalFriction(0);
+    box.integrator.step(5);
+    Vec3 p;
+    for (const Vec3& v : box.integrator.getBodyVelocities()) p += v * 18.0154;
+    // Internal forces conserve momentum (single precision on CPU).
+    EXPECT_LT(norm(p), onCpu() ? 0.05 : 1e-9);
+    EXPECT_GT(box.integrator.getBodyAngularVelocities()[0].dot(spinsBefore[0]), -1e9);
+}
+
+TEST(Others, CMMotionRemoverLeavesRotationAlone) {
+    Vec3 rotational[2];
+    double whole[2];
+    for (bool remover : {false, true}) {
+        System system;
+        CustomRigidHIIntegrator integrator(0, 0.001);
+        integrator.setFriction(0);
+        integrator.setRotationalFriction(0);
+        vector<Vec3> positions;
+        double y = 0;
+        for (const Shape& shape : allShapes()) {
+            addBodies(system, integrator, shape, 2);
+            for (const Vec3& x : randomPoses(shape, 2, 5, 3)) positions.push_back(x + Vec3(0, y, 0));
+            y += 5;
+        }
+        system.addParticle(7.0);
+        positions.push_back(Vec3(0, -5, 0));
+        if (remover) system.addForce(new CMMotionRemover());
+        Context context(system, integrator, testPlatform());
+        context.setPositions(positions);
+        context.setVelocitiesToTemperature(300, 1);
+        integrator.step(3);
+        rotational[remover] = integrator.computeRotationalKineticEnergies();
+        whole[remover] = context.getState(State::Energy).getKineticEnergy();
+        if (!remover) continue;
+        Vec3 p;
+        const auto v = velocitiesOf(context);
+        for (int i = 0; i < system.getNumParticles(); i++) p += v[i] * system.getParticleMass(i);
+        EXPECT_LT(norm(p), 1e-10);
+    }
+    // Taking in the shifted velocities adds rounding only; a needle's thin axis turns 1e-16 into 1e-11.
+    EXPECT_LT(norm(rotational[1] - rotational[0]) / norm(rotational[0]), 1e-9);
+    EXPECT_LT(whole[1], whole[0]);
+}
+
+TEST(Others, ParametersBoxAndForceGroupsAreSeenAtOnce) {
+    System system;
+    CustomRigidHIIntegrator integrator(0, 0.01);
+    integrator.setFriction(0);
+    system.addParticle(1.0);
+    integrator.addRigidBody({0}, 1.0, Vec3(), {Vec3()});
+    auto* push = new CustomExternalForce("-strength*x");
+    push->addGlobalParameter("strength", 0.0);
+    push->addParticle(0, vector<double>());
+    push->setForceGroup(3);
+    system.addForce(push);
+    Context context(system, integrator, testPlatform());
+    context.setPositions({Vec3()});
+    integrator.step(1);
+    EXPECT_EQ(integrator.getBodyVelocities()[0][0], 0);
+    context.setParameter("strength", 2.0);
+    integrator.step(1);
+    EXPECT_NEAR(integrator.getBodyVelocities()[0][0], 0.02, 1e-9);
+    EXPECT_NEAR(integrator.getBodyForces()[0][0], 2.0, 1e-6);
+    integrator.setIntegrationForceGroups(~(1 << 3));
+    context.setVelocities({Vec3()});
+    integrator.step(1);
+    EXPECT_EQ(integrator.getBodyVelocities()[0][0], 0);
+}
+
+TEST(Others, OpenMMsMinimiserWorksOnConstrainedBodies) {
+    WaterBox box(2);
+    box.start();
+    const double before = box.context->getState(State::Energy).getPotentialEnergy();
+    LocalEnergyMinimizer::minimize(*box.context, 10, 200);
+    box.integrator.step(1);  // the poses are fitted, members put back
+    const double after = box.context->getState(State::Energy).getPotentialEnergy();
+    EXPECT_LT(after, before);
+    EXPECT_LT(box.integrator.getPoseResidual(), 1e-3);
+}
+
+TEST(Others, BarostatMovesBodiesAsAWhole) {
+    WaterBox box(5, 0.001, true);
+    box.system.addForce(new MonteCarloBarostat(1.0, 300, 5));
+    dynamic_cast<MonteCarloBarostat&>(box.system.getForce(1)).setRandomNumberSeed(1);
+    box.start();
+    box.context->setVelocitiesToTemperature(300, 1);
+    Vec3 a0, a, b, c;
+    box.context->getState(0).getPeriodicBoxVectors(a0, b, c);
+    box.integrator.step(200);
+    box.context->getState(0).getPeriodicBoxVectors(a, b, c);
+    EXPECT_NE(a0[0], a[0]);
+    Shape water = waterShape();
+    const auto x = positionsOf(*box.context);
+    for (size_t p = 0; p < x.size(); p += 4) EXPECT_NEAR(norm(x[p] - x[p + 1]), 0.09572, 1e-13);
+    EXPECT_LT(box.integrator.getPoseResidual(), 1e-12);
+    EXPECT_NE(box.integrator.getEffects().at("barostat").find("MonteCarloBarostat"), string::npos);
+}
+
+TEST(Others, NonFiniteForcesNameStepAndBodyAndKeepTheLastState) {
+    System system;
+    CustomRigidHIIntegrator integrator(0, 0.1);
+    integrator.setFriction(0);
+    vector<Vec3> positions;
+    for (int i = 0; i < 3; i++) {
+        system.addParticle(1.0);
+        integrator.addRigidBody({i}, 1.0, Vec3(), {Vec3()});
+        positions.push_back(Vec3(i == 1 ? 0.55 : 5.0, 0, 0));
+    }
+    auto* force = new CustomExternalForce("wall*sqrt(x)");  // not a number for x < 0
+    force->addGlobalParameter("wall", 1.0);
+    for (int i = 0; i < 3; i++) force->addParticle(i, vector<double>());
+    system.addForce(force);
+    Context context(system, integrator, testPlatform());
+    context.setPositions(positions);
+    context.setVelocities({Vec3(), Vec3(-2, 0, 0), Vec3()});
+    integrator.step(2);
+    const auto good = positionsOf(context), goodVelocities = velocitiesOf(context);
+    expectError([&] { integrator.step(10); }, {"step 3", "body 1", "non-finite", "smaller step"});
+    EXPECT_TRUE(sameBits(positionsOf(context), good));
+    EXPECT_TRUE(sameBits(velocitiesOf(context), goodVelocities));
+    EXPECT_EQ(context.getStepCount(), 2);
+    EXPECT_LT(integrator.getBodyPositions()[1][0], 0.55);
+    // Cure the cause and go on.
+    context.setParameter("wall", 0.0);
+    context.setVelocities({Vec3(), Vec3(1, 0, 0), Vec3()});
+    integrator.step(1);
+    EXPECT_GT(positionsOf(context)[1][0], good[1][0]);
+    // The same with a free particle.
+    System other;
+    other.addParticle(1.0);
+    auto* nan = new CustomExternalForce("sqrt(x)");
+    nan->addParticle(0, vector<double>());
+    other.addForce(nan);
+    CustomRigidHIIntegrator second(0, 0.1);
+    Context free(other, second, testPlatform());
+    free.setPositions({Vec3(-1, 0, 0)});
+    expectError([&] { second.step(1); }, {"step 1", "free particle 0", "non-finite"});
+}
+
+TEST(Others, BodiesAcrossPeriodicBoundariesStayWhole) {
+    WaterBox box(3, 0.002, true);
+    for (Vec3& x : box.positions) x += Vec3(0.4, 0.4, 0.4);
+    box.start();
+    box.context->setVelocitiesToTemperature(300, 1);
+    box.integrator.step(500);
+    const State state = box.context->getState(State::Positions, true);
+    for (int p = 0; p < (int) box.positions.size(); p += 4)
+        EXPECT_NEAR(norm(state.getPositions()[p] - state.getPositions()[p + 1]), 0.09572, 1e-12);
+    // Wrapped whole molecules are taken in.
+    box.context->setPositions(state.getPositions());
+    box.integrator.step(5);
+    EXPECT_LT(box.integrator.getPoseResidual(), 1e-12);
+}
+
+TEST(Others, SystemsWithoutBodiesAndWithImmobileParticlesRun) {
+    System system;
+    system.addParticle(2.0);
+    system.addParticle(0.0);
+    auto* bond = new HarmonicBondForce();
+    bond->addBond(0, 1, 0.1, 100);
+    system.addForce(bond);
+    CustomRigidHIIntegrator integrator(300, 0.002);
+    Context context(system, integrator, testPlatform());
+    context.setPositions({Vec3(), Vec3(0.1, 0, 0)});
+    integrator.step(50);
+    EXPECT_EQ(positionsOf(context)[1], Vec3(0.1, 0, 0));
+    EXPECT_NE(positionsOf(context)[0], Vec3());
+    EXPECT_EQ(integrator.getDegreesOfFreedom().at("total"), 3);
+}
+
+TEST(Others, ABodyWithAMarkerFollowsItsMarker) {
+    // A sphere whose orientation matters to a force carries a massless marker.
+    System system;
+    system.addParticle(10.0);
+    system.addParticle(0.0);
+    auto* pull = new CustomExternalForce("-5*y");
+    pull->addParticle(1, vector<double>());
+    system.addForce(pull);
+    CustomRigidHIIntegrator integrator(0, 0.002);
+    integrator.setRotationalFriction(50);
+    integrator.setFriction(1e9);
+    integrator.addRigidBody({0, 1}, 10.0, Vec3(0.1, 0.1, 0.1), {Vec3(), Vec3(0.2, 0, 0)});
+    Context context(system, integrator, testPlatform());
+    context.setPositions({Vec3(), Vec3(0.2 * cos(0.3), 0.2 * sin(0.3), 0)});
+    EXPECT_NEAR(integrator.getBodyOrientations()[0][3], sin(0.15), 1e-12);
+    integrator.step(20000);
+    EXPECT_NEAR(rotate(integrator.getBodyOrientations()[0], Vec3(1, 0, 0))[1], 1, 1e-3);
+}
