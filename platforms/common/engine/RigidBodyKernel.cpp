@@ -375,8 +375,16 @@ void RigidBodyKernel::putMembersBack(ContextImpl& context) {
 void RigidBodyKernel::writePoses(ContextImpl& context) {
     runLoop(BodyLoop::ScatterPositions);
     if (settings.hasMomenta()) runLoop(BodyLoop::ScatterVelocities);
-    if (stock.hasFreeVirtualSites) context.computeVirtualSites();
+    placeFreeVirtualSites(context);
     rememberOtherParticles();
+}
+
+/** Virtual sites in bodies are placed with them; OpenMM places the others. */
+void RigidBodyKernel::placeFreeVirtualSites(ContextImpl& context) {
+    if (!stock.hasFreeVirtualSites) return;
+    context.computeVirtualSites();
+    // OpenMM has placed those in bodies too, differing by rounding: that is no change by others.
+    for (int p : stock.virtualSites) lastPositions[p] = positions()[p];
 }
 
 void RigidBodyKernel::rememberOtherParticles() {
@@ -439,7 +447,7 @@ void RigidBodyKernel::advance(ContextImpl& context) {
         LoopResult result = runLoop(BodyLoop::BeforeForces);
         result.add(freeParticles->beforeForces(settings, *loops, positions(), velocities(), tolerance));
         if (!result.finite) reportNonFinite("position");
-        if (stock.hasFreeVirtualSites) context.computeVirtualSites();
+        placeFreeVirtualSites(context);
 
         calculateForces(context);
         if (!freeParticles->gatherForces(*data.forces)) reportNonFinite("force");

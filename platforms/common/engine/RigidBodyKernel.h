@@ -93,6 +93,7 @@ private:
     void requirePositions(const char* what) const;
     void putMembersBack(OpenMM::ContextImpl& context);
     void writePoses(OpenMM::ContextImpl& context);
+    void placeFreeVirtualSites(OpenMM::ContextImpl& context);
     void rememberOtherParticles();
     void evaluateForces(OpenMM::ContextImpl& context);
     void calculateForces(OpenMM::ContextImpl& context);

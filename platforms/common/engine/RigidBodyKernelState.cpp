@@ -80,7 +80,9 @@ void RigidBodyKernel::adoptState(const SavedState& saved) {
                 if (!isfinite(x))
                     fail("body " + to_string(b) + ": the saved state is corrupt: it has a non-finite number; use another");
             if (!integrator->getRigidBodyIsExplicit(b)) continue;
-            const BodyGeometry& own = geometries[b];
+            BodyGeometry own;
+            vector<int> particles;
+            integrator->getRigidBodyParameters(b, particles, own.mass, own.moments, own.sites);
             double difference = abs(g.mass - own.mass) / own.mass;
             for (size_t i = 0; i < g.sites.size(); i++)
                 for (int k = 0; k < 3; k++) difference = max(difference, abs(g.sites[i][k] - own.sites[i][k]));

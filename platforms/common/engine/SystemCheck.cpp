@@ -92,6 +92,7 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
             stock.bodyOfParticle[p] = b;
         }
     for (int p = 0; p < numParticles; p++) {
+        if (system.isVirtualSite(p)) stock.virtualSites.push_back(p);
         if (stock.bodyOfParticle[p] >= 0) continue;
         stock.otherParticles.push_back(p);
         if (system.getParticleMass(p) > 0) stock.freeParticles.push_back(p);

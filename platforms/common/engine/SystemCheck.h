@@ -15,6 +15,7 @@ struct SystemInventory {
     std::vector<int> bodyOfParticle;        // -1: in no body
     std::vector<int> freeParticles;         // massive, in no body
     std::vector<int> otherParticles;        // every particle that is in no body
+    std::vector<int> virtualSites;          // in bodies or not
     bool hasFreeVirtualSites = false;
     int numFreeConstraints = 0;
     bool hasCMMotionRemover = false;
