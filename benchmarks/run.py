@@ -1,0 +1,66 @@
+#!/usr/bin/python3
+"""Run all benchmarks and keep their results.
+
+    make benchmark
+
+The C++ programs are looked for in the build directory that openmmrigidhi was imported from.
+"""
+import argparse
+import json
+import pathlib
+import subprocess
+import sys
+import tempfile
+
+import openmmrigidhi
+from common import RESULTS, describeMachine, save
+
+HERE = pathlib.Path(__file__).parent
+PROGRAMS = {'BenchmarkFreeBodies': 'free_bodies', 'BenchmarkRandomNumbers': 'random_numbers', 'BenchmarkPoseFit': 'pose_fit'}
+SCRIPTS = (['water_step.py'], ['water_step.py', '--no-cm-motion-removal'], ['water_step.py', '--threads', '1'],
+           ['lammps_compare.py'])
+
+
+def runProgram(program, repetitions, output, name):
+    """Run a Google Benchmark program; keep medians and the quantities it counts, in ns."""
+    machine = describeMachine()
+    with tempfile.TemporaryDirectory() as folder:
+        report = pathlib.Path(folder)/'report.json'
+        subprocess.run([str(program), f'--benchmark_out={report}', '--benchmark_out_format=json',
+                        f'--benchmark_repetitions={repetitions}', '--benchmark_enable_random_interleaving=true',
+                        '--benchmark_report_aggregates_only=true'], check=True)
+        content = json.loads(report.read_text())
+    rows = {}
+    for run in content['benchmarks']:
+        if run.get('aggregate_name') not in ('median', 'stddev'):
+            continue
+        key = run['run_name'] + (' ' + run['label'] if 'label' in run else '')
+        values = {counter: 1e9*run[counter] for counter in run if counter.startswith(('time_per', 'own_time_per'))} \
+            or {'time': run['cpu_time']}
+        suffix = '' if run['aggregate_name'] == 'median' else ' (standard deviation)'
+        rows.setdefault(key, {}).update({counter + suffix: float(f'{value:.4g}') for counter, value in values.items()})
+    save(output, name + '.json', machine, {'unit': 'ns', 'repetitions': repetitions, 'medians': rows})
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('--repetitions', type=int, default=5)
+    parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
+    parser.add_argument('--lmp', default='lmp', help='LAMMPS with the packages ASPHERE and CG-DNA')
+    parser.add_argument('--only', choices=('programs', 'scripts'))
+    arguments = parser.parse_args()
+    directory = pathlib.Path(openmmrigidhi.__file__).parents[2]/'benchmarks'
+    if arguments.only != 'scripts':
+        for program, name in PROGRAMS.items():
+            if not (directory/program).exists():
+                raise SystemExit(f'{program} was not built: configure with -DRIGIDHI_BUILD_BENCHMARKS=ON, as make benchmark does')
+            runProgram(directory/program, arguments.repetitions, arguments.output, name)
+    if arguments.only != 'programs':
+        for script, *options in SCRIPTS:
+            if script == 'lammps_compare.py':
+                options += ['--lmp', arguments.lmp]
+            subprocess.run([sys.executable, str(HERE/script), *options, '--output', str(arguments.output)], check=True)
+
+
+if __name__ == '__main__':
+    main()
