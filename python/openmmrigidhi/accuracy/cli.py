@@ -105,12 +105,13 @@ def _measure(options):
     for item in options.wanted_error:
         for part in item.split(','):
             if part.strip().rpartition(':')[0] not in names:
-                raise ValueError(f'--wanted-error: got {part.strip()!r}; the observable must be one of {", ".join(names)}: write e.g. '
-                                 'potential_energy:0.5%')
+                raise ValueError(f'--wanted-error: got {part.strip()!r}, which is not measured; name one of {", ".join(names)} and a limit: '
+                                 'write e.g. potential_energy:0.5%')
     references = dict(_reference(text, names) for text in options.reference)
+    common = _fs(options.steps) if options.steps else None
     with _Bar(options.quiet) as bar:
         scene = _scene(options, bar)
-        stepSizes = dict.fromkeys((m.name for m in methodList), _fs(options.steps) if options.steps else scene.stepSizes)
+        stepSizes = dict.fromkeys((m.name for m in methodList), common or scene.stepSizes)
         stepSizes.update(steps)
         study = StepSizeStudy(scene, methodList, stepSizes, references, observables=options.observables, platform=options.platform,
                               threads=options.threads, seed=options.seed, clock=options.clock)

@@ -142,11 +142,19 @@ class Run:
             extra = self.extras.get(observable.name)
             value = observable.measure(sample) if extra is None else observable.measure(sample, extra)
             if math.isinf(value):
-                raise Explosion(f'{observable.name} is not finite')
+                raise Explosion(f'{observable.name} has become infinite')
             self.record.series[observable.name].append(value)
 
     def secondsPerStep(self, seconds=0.3, leastSamples=2):
-        """Wall seconds per step, sampling included, from a short warm-up. None if it did not survive."""
+        """Wall seconds per step, sampling included, from a short warm-up. None if it did not survive.
+
+        Parameters
+        ----------
+        seconds : float
+            how long to measure at least
+        leastSamples : int
+            how many sample intervals to measure at least
+        """
         samples, began = 0, time.perf_counter()
         while self.isAlive and (samples < leastSamples or time.perf_counter() - began < seconds):
             # The first piece contains what is done once: neighbour lists, plans.

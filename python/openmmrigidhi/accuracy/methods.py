@@ -69,6 +69,10 @@ BUILT_IN = {method.name: method for method in (
 def byName(name):
     """The built-in method of this name.
 
+    Parameters
+    ----------
+    name : str
+
     Raises
     ------
     ValueError
@@ -77,4 +81,4 @@ def byName(name):
     try:
         return BUILT_IN[name]
     except KeyError:
-        raise ValueError(f'method: got {name!r}; it must be one of {", ".join(BUILT_IN)}: correct the name') from None
+        raise ValueError(f'method: got {name!r}; it must be a Method or the name of one of these: {", ".join(BUILT_IN)}') from None

@@ -21,7 +21,13 @@ COLUMNS = ('method', 'knob', 'value', 'step_size', 'status', 'ns_per_day', 'ns_p
 
 
 def writeCsv(result, path):
-    """One row per setting and observable, units in docs/accuracy.md; empty cells where there is no number."""
+    """Write one row per setting and observable; empty cells where there is no number. Units: docs/accuracy.md.
+
+    Parameters
+    ----------
+    result : StudyResult
+    path : str
+    """
     with open(path, 'w', newline='') as file:
         writer = csv.writer(file, lineterminator='\n')
         writer.writerow(COLUMNS)
@@ -31,7 +37,19 @@ def writeCsv(result, path):
 
 
 def write(result, directory, wanted=(), baseline='LangevinMiddle'):
-    """See StudyResult.write()."""
+    """Write all files into a directory.
+
+    Parameters
+    ----------
+    result : StudyResult
+    directory, wanted, baseline
+        see StudyResult.write()
+
+    Returns
+    -------
+    list of str
+        paths of the files
+    """
     os.makedirs(directory, exist_ok=True)
     wanted = [wanted] if isinstance(wanted, str) else list(wanted)
     paths = [os.path.join(directory, name) for name in ('results.csv', 'results.json', 'report.html')]
@@ -209,8 +227,21 @@ def _drawMeans(axes, result, observable, reference):
 
 # ---- Words -----------------------------------------------------------------------------------------------------------
 
-def comparisonText(result, wanted, comparison, baseline):
-    """How the methods compare at exactly the wanted error, as a list of sentences."""
+def comparisonText(result, comparison, baseline):
+    """How the methods compare at exactly the wanted error, in words.
+
+    Parameters
+    ----------
+    result : StudyResult
+    comparison : dict
+        what StudyResult.compareAt() returned
+    baseline : str
+
+    Returns
+    -------
+    list of str
+        a sentence for each method
+    """
     lines = []
     for method, entry in comparison.items():
         step = f'{entry["step"]*1000:.2f} fs'
@@ -228,13 +259,27 @@ def comparisonText(result, wanted, comparison, baseline):
 
 
 def summaryText(result, answers, comparisons, baseline):
-    """Everything that is to be said in plain words, a list of paragraphs."""
+    """Everything that is to be said in plain words.
+
+    Parameters
+    ----------
+    result : StudyResult
+    answers : list of Recommendation
+    comparisons : dict
+        wanted error -> what StudyResult.compareAt() returned for it
+    baseline : str
+
+    Returns
+    -------
+    list of str
+        paragraphs, the answers first
+    """
     lines = [answer.text for answer in answers]
     for wanted, comparison in comparisons.items():
         if comparison:
             item, = result.parseWanted(wanted)
             lines.append(f'At exactly {item.text}, between the steps that were measured: '
-                         + ' '.join(comparisonText(result, wanted, comparison, baseline)))
+                         + ' '.join(comparisonText(result, comparison, baseline)))
     dead = {}
     for row in result.rows:
         if row['status'] == UNSTABLE:
@@ -267,6 +312,16 @@ solid #0072B2;padding:.6em 1em;margin:.6em 0}summary{cursor:pointer;font-weight:
 
 def page(result, answers, comparisons, pictures, baseline):
     """One HTML page with everything in it; nothing is loaded from elsewhere.
+
+    Parameters
+    ----------
+    result : StudyResult
+    answers : list of Recommendation
+    comparisons : dict
+        wanted error -> what StudyResult.compareAt() returned for it
+    pictures : dict
+        observable -> PNG, bytes
+    baseline : str
 
     Returns
     -------

@@ -41,7 +41,14 @@ class Reference:
     points: list = field(default_factory=list)
 
     def weight(self, method, value):
-        """d(reference)/d(mean of that setting): the mean is part of what it is compared with."""
+        """d(reference)/d(mean of a setting): the mean is part of what it is compared with.
+
+        Parameters
+        ----------
+        method : str
+        value : float
+            of the knob
+        """
         if self.fit is None:
             return 0.0
         return dict(zip(self.points, self.fit.weights)).get((method, value), 0.0)
@@ -59,7 +66,14 @@ class Reference:
 
     @staticmethod
     def fromDict(observable, data):
-        """From JSON."""
+        """From JSON.
+
+        Parameters
+        ----------
+        observable : str
+        data : dict
+            what asDict() returned
+        """
         from .statistics import Extrapolation
         fit, points = None, []
         if 'fit' in data:
@@ -236,7 +250,20 @@ class StudyResult:
     # ---- Questions ---------------------------------------------------------------------------------------------------
 
     def select(self, observable, method=None, stableOnly=True):
-        """The rows of an observable (of one method), by ascending knob value."""
+        """Rows of one observable, by ascending knob value.
+
+        Parameters
+        ----------
+        observable : str
+        method : str, optional
+            only of this method
+        stableOnly : bool
+            only those that have a mean
+
+        Returns
+        -------
+        list of dict
+        """
         rows = [row for row in self.rows if row['observable'] == observable and (method is None or row['method'] == method)
                 and (not stableOnly or row['mean'] is not None)]
         return sorted(rows, key=lambda row: (row['method'], row['value']))

@@ -96,7 +96,17 @@ class Scene:
         return CustomRigidHIIntegrator.cast(openmm.XmlSerializer.deserialize(self._integratorXml))
 
     def makeContext(self, integrator, platform, properties, seed):
-        """A Context of this scene at its start. Velocities that the scene does not give are drawn at its temperature."""
+        """A Context of this scene at its start. Velocities that the scene does not give are drawn at its temperature.
+
+        Parameters
+        ----------
+        integrator : openmm.Integrator
+        platform : openmm.Platform
+        properties : dict
+            of the platform
+        seed : int
+            of the velocities
+        """
         context = openmm.Context(self.system, integrator, platform, properties)
         context.setPeriodicBoxVectors(*self.boxVectors)
         context.setPositions(self.positions)
@@ -350,7 +360,14 @@ def fromFunction(specification):
 
 
 def importObject(specification, what):
-    """The object "module:name"."""
+    """The object "module:name".
+
+    Parameters
+    ----------
+    specification : str
+    what : str
+        what it is, for error messages
+    """
     module, _, name = specification.partition(':')
     if not name:
         raise ValueError(f'{what}: got {specification!r}; it must have the form module:function: give the name after a colon')

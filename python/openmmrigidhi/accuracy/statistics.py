@@ -333,6 +333,7 @@ def errorCurve(h, errors, covariance, order, tolerance, largest, rng, resampling
         the largest stable step
     rng : numpy.random.Generator
         for the resampling
+    resamplings : int
 
     Returns
     -------

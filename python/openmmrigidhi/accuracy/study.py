@@ -112,7 +112,13 @@ class Study:
         raise NotImplementedError
 
     def makeContext(self, setting, seed):
-        """A Context of the scene for one setting."""
+        """A Context of the scene for one setting.
+
+        Parameters
+        ----------
+        setting : Setting
+        seed : int
+        """
         integrator = setting.method.makeIntegrator(self.scene, setting.stepSize, seed)
         return self.scene.makeContext(integrator, openmm.Platform.getPlatformByName(self.platform), self._properties(), seed)
 
@@ -350,7 +356,14 @@ class StepSizeStudy(Study):
         return [Setting(method, h, h) for method in self.methods for h in sorted(set(steps(method)))]
 
     def reference(self, observable, rows):
-        """The given value, the exact one, or the extrapolation to step 0."""
+        """The given value, the exact one, or the extrapolation to step 0.
+
+        Parameters
+        ----------
+        observable : Observable
+        rows : list of dict
+            its rows of stable settings
+        """
         if observable.name in self.references:
             value, error = self.references[observable.name]
             return Reference(observable.name, value, error, 'given')
