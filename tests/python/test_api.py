@@ -11,8 +11,8 @@ import pytest
 from openmm import unit
 
 import openmmrigidhi
-from conftest import dumbbells
 from openmmrigidhi import CustomRigidHIIntegrator
+from scenes import dumbbells
 
 SITES = [(0, 0, -0.1), (0, 0, 0.1)]
 

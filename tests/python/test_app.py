@@ -9,9 +9,9 @@ import pytest
 from openmm import app, unit
 
 import openmmrigidhi
-from conftest import WaterBox, dumbbells
 from openmmrigidhi import CustomRigidHIIntegrator
 from openmmrigidhi.app import minimizer
+from scenes import WaterBox, dumbbells
 
 GAS_CONSTANT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
 OXYGEN_HYDROGEN = 0.09572  # nm, TIP4P-Ew

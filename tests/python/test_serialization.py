@@ -9,8 +9,8 @@ import openmm
 import pytest
 from openmm import unit
 
-from conftest import WaterBox, dumbbells
 from openmmrigidhi import CustomRigidHIIntegrator
+from scenes import WaterBox, dumbbells
 
 SITES = [(0, 0, -1/30), (0.1, 1/7, 0.1)]
 
