@@ -176,6 +176,7 @@ public:
             scatter(s, velocity + A.toLab(cross(omega_body, site(s, lane))), velocities, copy);
     }
 
+    bool massesMakeTheBodies() const { return block.massesMakeTheBodies; }
     bool poseIsFinite() const { return isFinite(R.x + R.y + R.z + q.w + q.x + q.y + q.z); }
     bool momentaAreFinite() const { return isFinite(p.x + p.y + p.z + l.x + l.y + l.z); }
     bool forcesAreFinite() const {
@@ -244,65 +245,94 @@ private:
     const BodySet::Block& block;
 };
 
-template <class Real, class Scheme>
-inline LoopResult runBodyLoopWithScheme(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
-                                        const ParticleArrays& arrays, int firstBlock, int endBlock) {
+/** Call action(flow) for every body (or pack) of a range of blocks; it returns whether what it saw was finite. */
+template <class Real, class Action>
+inline LoopResult forEachBody(BodySet& bodies, const StepSettings& settings, int firstBlock, int endBlock, Action action) {
     LoopResult result;
     const int width = lanes(Real(0.0));
     for (int slot = firstBlock * BodySet::blockSize; slot < endBlock * BodySet::blockSize; slot += width) {
         if (bodies.bodyOfSlot[slot] < 0) continue;  // padding comes last in a block
         BodyFlow<Real> flow(bodies, settings, slot);
-        switch (loop) {
-            case BodyLoop::BeforeForces:
-                Scheme::beforeForces(flow, settings.h);
-                flow.storePose();
-                flow.storeMomenta();
-                result.finite &= flow.poseIsFinite();
-                flow.scatterPositions(arrays.positions, arrays.lastPositions);
-                break;
-            case BodyLoop::AfterForces:
-                flow.gatherForces(arrays.forces);
-                Scheme::afterForces(flow, settings.h);
-                flow.storeMomenta();
-                result.finite &= flow.forcesAreFinite() && flow.momentaAreFinite();
-                if (settings.hasMomenta()) flow.scatterVelocities(arrays.velocities, arrays.lastVelocities);
-                break;
-            case BodyLoop::GatherForces:
-                flow.gatherForces(arrays.forces);
-                result.finite &= flow.forcesAreFinite();
-                break;
-            case BodyLoop::ScatterPositions:
-                flow.scatterPositions(arrays.positions, arrays.lastPositions);
-                break;
-            case BodyLoop::ScatterVelocities:
-                flow.scatterVelocities(arrays.velocities, arrays.lastVelocities);
-                break;
-            case BodyLoop::TakeInVelocities:
-                if (!bodies.blocks[slot / BodySet::blockSize].massesMakeTheBodies) break;
-                flow.gatherMomenta(arrays.velocities);
-                flow.storeMomenta();
-                break;
-        }
+        result.finite &= action(flow);
         result.randomNumbers += flow.randomNumbers;
     }
     return result;
+}
+
+/** The part of a step before the force evaluation: new poses, new positions of the particles. */
+template <class Real, class Scheme>
+struct BeforeForces {
+    const StepSettings& settings;
+    const ParticleArrays& arrays;
+    bool operator()(BodyFlow<Real>& flow) const {
+        Scheme::beforeForces(flow, settings.h);
+        flow.storePose();
+        flow.storeMomenta();
+        flow.scatterPositions(arrays.positions, arrays.lastPositions);
+        return flow.poseIsFinite();
+    }
+};
+
+/** The part of a step after the force evaluation: new momenta, new velocities of the particles. */
+template <class Real, class Scheme>
+struct AfterForces {
+    const StepSettings& settings;
+    const ParticleArrays& arrays;
+    bool operator()(BodyFlow<Real>& flow) const {
+        flow.gatherForces(arrays.forces);
+        Scheme::afterForces(flow, settings.h);
+        flow.storeMomenta();
+        if (settings.hasMomenta()) flow.scatterVelocities(arrays.velocities, arrays.lastVelocities);
+        return flow.forcesAreFinite() && flow.momentaAreFinite();
+    }
+};
+
+/** The loops in which no scheme takes part. */
+template <class Real>
+struct SchemelessLoop {
+    BodyLoop loop;
+    BodySet& bodies;
+    const ParticleArrays& arrays;
+    bool operator()(BodyFlow<Real>& flow) const {
+        if (loop == BodyLoop::GatherForces) {
+            flow.gatherForces(arrays.forces);
+            return flow.forcesAreFinite();
+        }
+        if (loop == BodyLoop::ScatterPositions) flow.scatterPositions(arrays.positions, arrays.lastPositions);
+        if (loop == BodyLoop::ScatterVelocities) flow.scatterVelocities(arrays.velocities, arrays.lastVelocities);
+        if (loop == BodyLoop::TakeInVelocities && flow.massesMakeTheBodies()) {
+            flow.gatherMomenta(arrays.velocities);
+            flow.storeMomenta();
+        }
+        return true;
+    }
+};
+
+template <class Real, class Scheme>
+inline LoopResult runSchemeLoop(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
+                                const ParticleArrays& arrays, int firstBlock, int endBlock) {
+    if (loop == BodyLoop::BeforeForces)
+        return forEachBody<Real>(bodies, settings, firstBlock, endBlock, BeforeForces<Real, Scheme>{settings, arrays});
+    return forEachBody<Real>(bodies, settings, firstBlock, endBlock, AfterForces<Real, Scheme>{settings, arrays});
 }
 
 /** Run one loop over a range of blocks. */
 template <class Real>
 inline LoopResult runBodyLoop(BodyLoop loop, BodySet& bodies, const StepSettings& settings, const ParticleArrays& arrays,
                               int firstBlock, int endBlock) {
+    if (loop != BodyLoop::BeforeForces && loop != BodyLoop::AfterForces)
+        return forEachBody<Real>(bodies, settings, firstBlock, endBlock, SchemelessLoop<Real>{loop, bodies, arrays});
     switch (settings.scheme) {
         case CustomRigidHIIntegrator::LangevinA:
-            return runBodyLoopWithScheme<Real, LangevinA>(loop, bodies, settings, arrays, firstBlock, endBlock);
+            return runSchemeLoop<Real, LangevinA>(loop, bodies, settings, arrays, firstBlock, endBlock);
         case CustomRigidHIIntegrator::LangevinB:
-            return runBodyLoopWithScheme<Real, LangevinB>(loop, bodies, settings, arrays, firstBlock, endBlock);
+            return runSchemeLoop<Real, LangevinB>(loop, bodies, settings, arrays, firstBlock, endBlock);
         case CustomRigidHIIntegrator::LangevinC:
-            return runBodyLoopWithScheme<Real, LangevinC>(loop, bodies, settings, arrays, firstBlock, endBlock);
+            return runSchemeLoop<Real, LangevinC>(loop, bodies, settings, arrays, firstBlock, endBlock);
         case CustomRigidHIIntegrator::GradientThermostat:
             break;
     }
-    return runBodyLoopWithScheme<Real, GradientThermostat>(loop, bodies, settings, arrays, firstBlock, endBlock);
+    return runSchemeLoop<Real, GradientThermostat>(loop, bodies, settings, arrays, firstBlock, endBlock);
 }
 
 /** Fill xi with three numbers for each of `count` particles (their indices are in `index`). */
