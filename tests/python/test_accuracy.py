@@ -420,6 +420,17 @@ class TestKnownOrders(unittest.TestCase):
         self.assertEqual(means[0], means[1])
         self.assertNotEqual(means[0], means[2])
 
+    def testABudgetIsSpent(self):
+        study = accuracy.StepSizeStudy(accuracy.scenes.trap(bodies=5), ['LangevinC'], [0.002, 0.008], platform='Reference',
+                                       observables=['potential_energy'])
+        calls = []
+        result = study.run(budget=3, rounds=4, progress=lambda done, total, text: calls.append((done, text)))
+        self.assertGreaterEqual(result.provenance['rounds'], 3)
+        small, large = result.rows
+        self.assertGreater(large['length'], small['length'])
+        self.assertEqual(len(small['speeds']), result.provenance['rounds'])
+        self.assertEqual(calls, sorted(calls, key=lambda call: call[0]))
+
     def testAThrowingObservableEndsTheRunOnly(self):
         def broken(context):
             raise ValueError('broken on purpose')

@@ -1,6 +1,7 @@
 """What a study found: a table with errors, the cheapest setting for a wanted error, and how methods compare."""
 import json
 import math
+import re
 from dataclasses import dataclass, field
 from typing import Any, Optional
 
@@ -435,17 +436,20 @@ class StudyResult:
         shared = min((len(row['speeds']) for rows in selected.values() for row in rows), default=0)
         # The same rounds for all methods: what slowed one down slowed the others.
         picks = rng.integers(0, max(1, shared), size=(resamplings, max(1, shared)))
+        everything = [row for rows in selected.values() for row in rows]
+        variances = np.array([row['standard_error']**2 for row in everything])
+        covariance = np.diag(variances) + reference.standardError**2
+        parts = variances*[reference.weight(row['method'], row['value']) for row in everything]
+        covariance -= np.add.outer(parts, parts)
+        errors = np.array([row['error'] for row in everything])
+        sigmas = np.array([row['error_standard_error'] for row in everything])
+        resampled = errors + rng.multivariate_normal(np.zeros(len(errors)), covariance, size=resamplings, method='eigh')
         for method, rows in selected.items():
             if not rows:
                 continue
-            sigma = np.array([row['standard_error'] for row in rows])
-            weights = np.array([reference.weight(method, row['value']) for row in rows])
-            covariance = np.diag(sigma**2) + reference.standardError**2
-            covariance -= np.add.outer(weights*sigma**2, weights*sigma**2)
-            curve = errorCurve([row['step_size'] for row in rows], [row['error'] for row in rows], covariance,
-                               self.orders[method], item.tolerance, max(row['step_size'] for row in rows), rng, resamplings)
-            if curve is None:
-                continue
+            mine = np.array([row['method'] == method for row in everything])
+            curve = errorCurve([row['step_size'] for row in rows], errors[mine], np.maximum(sigmas[mine], 1e-300),
+                               resampled[:, mine], self.orders[method], item.tolerance, max(row['step_size'] for row in rows))
             step, steps = curve.stepFor(item.tolerance)
             rate = self._stepsPerSecond(item.observable, method, step)
             rates = np.median(rate[:shared][picks], axis=1)
@@ -482,18 +486,24 @@ class StudyResult:
     # ---- Files -------------------------------------------------------------------------------------------------------
 
     def asDict(self):
-        """Everything, for JSON."""
+        """Everything, for JSON. The rounds' speeds are the same for all observables and are listed once."""
+        speeds = {(row['method'], row['value']): row['speeds'] for row in self.rows}
         return {'format': 'openmmrigidhi.accuracy 1', 'confidence': self.confidence,
                 'knob': {'name': self.knob.name, 'label': self.knob.label, 'unit': self.knob.unit, 'scale': self.knob.scale},
                 'scene': self.scene, 'orders': self.orders, 'observables': self.observables, 'refusals': self.refusals,
                 'provenance': self.provenance,
-                'references': {name: reference.asDict() for name, reference in self.references.items()}, 'rows': self.rows}
+                'references': {name: reference.asDict() for name, reference in self.references.items()},
+                'rows': [{key: value for key, value in row.items() if key != 'speeds'} for row in self.rows],
+                'ns_per_day_of_rounds': [{'method': method, 'value': value, 'speeds': [float(f'{x:.6g}') for x in values]}
+                                         for (method, value), values in speeds.items()]}
 
     def writeJson(self, path, **extra):
         """Write everything as JSON; extra entries are added at the top level."""
+        text = json.dumps(dict(self.asDict(), **extra), indent=1)
+        # Lists of numbers on one line.
+        text = re.sub(r'\[[^\[\]{}"]*\]', lambda match: ' '.join(match.group().split()), text)
         with open(path, 'w') as file:
-            json.dump(dict(self.asDict(), **extra), file, indent=1)
-            file.write('\n')
+            file.write(text + '\n')
 
     @staticmethod
     def fromJson(path):
@@ -503,6 +513,9 @@ class StudyResult:
             data = json.load(file)
         if not str(data.get('format', '')).startswith('openmmrigidhi.accuracy'):
             raise ValueError(f'{path}: it is no result of openmmrigidhi.accuracy: give a results.json')
+        speeds = {(entry['method'], entry['value']): entry['speeds'] for entry in data['ns_per_day_of_rounds']}
+        for row in data['rows']:
+            row['speeds'] = speeds[row['method'], row['value']]
         references = {name: Reference.fromDict(name, entry) for name, entry in data['references'].items()}
         return StudyResult(Knob(**data['knob']), data['scene'], data['rows'], references, data['orders'], data['observables'],
                            data['refusals'], data['provenance'], data['confidence'])

@@ -316,7 +316,7 @@ class ErrorCurve:
         return min(self.largest, smallest**(1/self.order)) if np.isfinite(smallest) else self.largest
 
 
-def errorCurve(h, errors, covariance, order, tolerance, largest, rng, resamplings=1000):
+def errorCurve(h, errors, sigma, resampled, order, tolerance, largest):
     """Fit E h^p + F h^2p to the errors of one method around a tolerance.
 
     Points whose error is above 5 tolerances are left out (but never so that fewer than 3 remain).
@@ -325,15 +325,14 @@ def errorCurve(h, errors, covariance, order, tolerance, largest, rng, resampling
     ----------
     h, errors : ndarray of shape (n,)
         steps, ascending, and the measured errors
-    covariance : ndarray of shape (n, n)
-        of the errors, the shared uncertainty of the reference included
+    sigma : ndarray of shape (n,)
+        their standard errors
+    resampled : ndarray of shape (resamplings, n)
+        errors as they might have been
     order : int
     tolerance : float
     largest : float
         the largest stable step
-    rng : numpy.random.Generator
-        for the resampling
-    resamplings : int
 
     Returns
     -------
@@ -348,11 +347,10 @@ def errorCurve(h, errors, covariance, order, tolerance, largest, rng, resampling
     # Nothing beyond the first point that is out: the curve need not come back.
     if not keep.all():
         keep[np.argmin(keep):] = False
-    h, errors, covariance = h[keep], errors[keep], np.asarray(covariance)[np.ix_(keep, keep)]
+    h, errors, sigma, resampled = h[keep], errors[keep], np.asarray(sigma)[keep], np.asarray(resampled)[:, keep]
     scale = h.max()
     powers = (1, 2) if len(h) >= 3 else (1,)
     design = np.stack([(h/scale)**(order*power) for power in powers], axis=1)
-    sigma = np.sqrt(np.diag(covariance))
     inverse = np.linalg.pinv(design/sigma[:, None])/sigma[None, :]
 
     def coefficients(values):
@@ -362,6 +360,5 @@ def errorCurve(h, errors, covariance, order, tolerance, largest, rng, resampling
 
     best = coefficients(errors)
     residual = (errors - design@(inverse@errors))/sigma
-    cloud = coefficients(rng.multivariate_normal(errors, covariance, size=resamplings, method='eigh'))
-    return ErrorCurve(order, best, cloud, largest, float(h.max()), float((residual**2).sum()), len(h) - len(powers),
+    return ErrorCurve(order, best, coefficients(resampled), largest, float(h.max()), float((residual**2).sum()), len(h) - len(powers),
                       list(h))
