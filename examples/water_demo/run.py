@@ -215,7 +215,8 @@ def draw(file, table, results, r, rdf, resumedAt):
     for place, (name, (label, color)) in enumerate(temperatures.items()):
         value, error = results[name]
         axis.errorbar(place, value, error, fmt='o', color=color, capsize=4)
-        axis.annotate(f'{value:.1f}({error:.1f})', (place, value), textcoords='offset points', xytext=(9, -3), fontsize=9)
+        axis.annotate(f'{value:.1f}({error:.1f})', (place, value), textcoords='offset points', xytext=(9, 6),
+                      fontsize=9)
     axis.axhline(TEMPERATURE._value, color='black', linewidth=0.8)
     axis.plot([-0.35, 0.35], [expected['T_trans']]*2, '--', color='gray')
     axis.plot([0.65, 3.35], [expected['T_rot']]*2, '--', color='gray', label='to be expected at this step\n(rotation: mean of 3 axes)')
@@ -282,6 +283,7 @@ def printResults(results, table, resumedAt):
     value, error = results['T_rot'] = mean(rotation, 2*BLOCKS)
     print(f'  {"rotational temperature, mean of the three":40} {value:8.2f} +- {error:.2f} K; expected at this step size '
           f'{expected["T_rot"]:.1f} K')
+    print('  (Kinetic temperatures of Langevin C read low by an error of second order in the step; README.md, point 6.)')
     value, error = results['U']
     print(f'  {"potential energy":40} {value:8.3f} +- {error:.3f} kJ/mol per molecule')
     late = table['time'] > resumedAt*(1 + 1e-9)
