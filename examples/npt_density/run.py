@@ -23,6 +23,7 @@ TEMPERATURE, PRESSURE = 300*unit.kelvin, 1*unit.bar
 FRICTION, ROTATIONAL_FRICTION = 5/unit.picosecond, 10/unit.picosecond
 CUTOFF = 0.85*unit.nanometer  # less than half of the 1.86 nm box at all densities that occur
 BAROSTAT_TIME = 0.05  # ps between trial moves of the volume: the same for all step sizes
+AVERAGE = 1  # ps; densities are kept as averages over this time
 BLOCK = 20  # ps; the volume forgets within a few
 FIRST_SEED = 100
 
@@ -33,6 +34,7 @@ METHODS = {
     'LangevinMiddle + SETTLE 2 fs': ('LangevinMiddle', 2),
 }
 REFERENCE = 'LangevinMiddle + SETTLE 2 fs'
+LABELS = {method: method.replace(' + ', ' +\n').replace(' 2', '\n2').replace(' 4', '\n4') for method in METHODS}
 
 
 def makeContext(topology, positions, integratorName, step, seed, platformName='CPU', threads=1, cutoff=CUTOFF):
@@ -78,7 +80,7 @@ def density(context, massOfAll):
 
 
 def simulate(topology, positions, method, seed, equilibration, length, threads, bar):
-    """One run: densities at every trial move of the barostat, after equilibration (both in ps)."""
+    """One run: densities, seen at every trial move of the barostat, after equilibration (both in ps)."""
     integratorName, step = METHODS[method]
     context, integrator, interval = makeContext(topology, positions, integratorName, step, seed, threads=threads)
     massOfAll = sum((context.getSystem().getParticleMass(i) for i in range(context.getSystem().getNumParticles())),
@@ -92,10 +94,16 @@ def simulate(topology, positions, method, seed, equilibration, length, threads, 
             if integratorName != 'LangevinMiddle':
                 residual = max(residual, integrator.getPoseResidual()._value)
     run = {'method': method, 'seed': seed, 'step_fs': step, 'equilibration_ps': equilibration, 'length_ps': length,
-           'seconds': round(time.perf_counter() - start, 1), 'density': [round(value, 3) for value in series]}
+           'seconds': round(time.perf_counter() - start, 1), 'density': averages(series)}
     if integratorName != 'LangevinMiddle':
         run['largest_pose_residual_nm'] = residual
     return run
+
+
+def averages(series):
+    """Means over AVERAGE."""
+    parts = max(2, round(len(series)*BAROSTAT_TIME/AVERAGE))
+    return [round(float(part.mean()), 3) for part in np.array_split(np.array(series), parts)]
 
 
 def evaluate(runs):
@@ -130,7 +138,7 @@ def draw(file, runs, table):
         for run in runs:
             if run['method'] == method:
                 average = np.cumsum(run['density'])/np.arange(1, len(run['density']) + 1)
-                left.plot(BAROSTAT_TIME*np.arange(1, len(average) + 1), average, color=color, label=label, linewidth=1)
+                left.plot(AVERAGE*np.arange(1, len(average) + 1), average, color=color, label=label, linewidth=1)
                 label = None
     left.set(xlabel='time (ps)', ylabel='density (kg/m$^3$)', title='Running averages, one line a run')
     left.legend(fontsize=8)
@@ -138,7 +146,7 @@ def draw(file, runs, table):
         right.errorbar(place, row['density_kg_m3'], row['error'], fmt='o', capsize=4, color=colors[method])
         right.annotate(f'{row["density_kg_m3"]:.1f}({row["error"]:.1f})', (place, row['density_kg_m3']), fontsize=9,
                        textcoords='offset points', xytext=(7, -3))
-    right.set(xticks=range(len(table)), xticklabels=[method.replace(' ', '\n') for method in table], xlim=(-0.5, 2.8),
+    right.set(xticks=range(len(table)), xticklabels=[LABELS[method] for method in table], xlim=(-0.5, 2.8),
               title='Means, 1 sigma')
     figure.suptitle(f'{MOLECULES} TIP4P-Ew waters, PME, Monte Carlo barostat at {PRESSURE._value:g} bar, '
                     f'{TEMPERATURE._value:g} K')
@@ -175,7 +183,8 @@ def main():
             table = evaluate(runs)
             result = {'machine': describeMachine(), 'threads': arguments.threads, 'molecules': MOLECULES,
                       'temperature_K': TEMPERATURE._value, 'pressure_bar': PRESSURE._value,
-                      'cutoff_nm': CUTOFF._value, 'barostat_interval_ps': BAROSTAT_TIME, 'block_ps': BLOCK,
+                      'cutoff_nm': CUTOFF._value, 'barostat_interval_ps': BAROSTAT_TIME,
+                      'average_ps': AVERAGE, 'block_ps': BLOCK,
                       'methods': table, 'runs': runs}
             (arguments.output/'npt_density.json').write_text(json.dumps(result, indent=1) + '\n')
             draw(arguments.output/'npt_density.png', runs, table)
