@@ -265,3 +265,34 @@ def test_a_platform_library_that_does_not_load(tmp_path):
 def test_a_package_without_its_binding_module(tmp_path):
     errors = broken_package(tmp_path, lambda package: (package / '_openmmrigidhi.so').unlink())
     assert 'openmmrigidhi: cannot load its binding module _openmmrigidhi.so from ' in errors
+
+
+# ---- Definitions that change under a Context ---------------------------------------------------------------------------
+
+def test_bodies_that_change_under_a_context_wait_for_the_next_one(platform):
+    """Whatever they are given meanwhile, the Context keeps the bodies it was created with."""
+    integrator = integrator_of([0, 1, 2])
+    context = openmm.Context(system_of(*[1]*6), integrator, platform)
+    positions = np.random.default_rng(1).random((6, 3))
+    context.setPositions(positions)
+    integrator.step(2)
+    integrator.addRigidBody([3, 4])
+    integrator.setRigidBodyParameters(0, [0, 1, 2000000], 1, (1, 1, 1), [(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0)])
+    integrator.step(2)
+    context.setPositions(positions)
+    integrator.step(2)
+    assert integrator.getBodyPositions().shape == (1, 3)
+    context.loadCheckpoint(context.createCheckpoint())
+    integrator.step(2)
+    with refused('body 0: particle index 2000000 is out of range'):
+        context.reinitialize()
+
+
+def test_bodies_that_change_before_positions_are_known(platform):
+    integrator = integrator_of([0, 1, 2])
+    context = openmm.Context(system_of(*[1]*6), integrator, platform)
+    integrator.setRigidBodyParameters(0, [3, 4], 1, (1, 1, 1), [(0, 0, 0), (0.1, 0, 0)])
+    context.setPositions(np.random.default_rng(1).random((6, 3)))
+    integrator.step(2)
+    assert integrator.getRigidBodyParameters(0)[0] == [3, 4]
+    context.reinitialize()

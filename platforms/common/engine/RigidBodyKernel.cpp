@@ -24,9 +24,13 @@ namespace RigidHIPlugin {
 
 namespace {
 
-[[noreturn]] void fail(const string& message) { throw OpenMMException("CustomRigidHIIntegrator: " + message); }
+[[noreturn]] void fail(const string& message) {
+    throw OpenMMException("CustomRigidHIIntegrator: " + message);
+}
 
-bool isFinite(const Vec3& v) { return isfinite(v[0]) && isfinite(v[1]) && isfinite(v[2]); }
+bool isFinite(const Vec3& v) {
+    return isfinite(v[0]) && isfinite(v[1]) && isfinite(v[2]);
+}
 
 bool sameBits(const vector<Vec3>& a, const vector<Vec3>& b) {
     return a.size() == b.size() && memcmp(a.data(), b.data(), a.size() * sizeof(Vec3)) == 0;
@@ -40,10 +44,14 @@ double now() {
 Thermostat schemeCoefficients(CustomRigidHIIntegrator::Scheme scheme, const BodyInertia& body, const HeatBath& bath,
                               double h) {
     switch (scheme) {
-        case CustomRigidHIIntegrator::LangevinA: return scalar::LangevinA::coefficients(body, bath, h);
-        case CustomRigidHIIntegrator::LangevinB: return scalar::LangevinB::coefficients(body, bath, h);
-        case CustomRigidHIIntegrator::LangevinC: return scalar::LangevinC::coefficients(body, bath, h);
-        case CustomRigidHIIntegrator::GradientThermostat: break;
+        case CustomRigidHIIntegrator::LangevinA:
+            return scalar::LangevinA::coefficients(body, bath, h);
+        case CustomRigidHIIntegrator::LangevinB:
+            return scalar::LangevinB::coefficients(body, bath, h);
+        case CustomRigidHIIntegrator::LangevinC:
+            return scalar::LangevinC::coefficients(body, bath, h);
+        case CustomRigidHIIntegrator::GradientThermostat:
+            break;
     }
     return scalar::GradientThermostat::coefficients(body, bath, h);
 }
@@ -52,6 +60,27 @@ string number(double x) {
     ostringstream text;
     text << x;
     return text.str();
+}
+
+/** An integrator that is bound to nothing, with the scheme and the bodies of another. */
+unique_ptr<CustomRigidHIIntegrator> copyDefinitions(const CustomRigidHIIntegrator& from) {
+    unique_ptr<CustomRigidHIIntegrator> to(new CustomRigidHIIntegrator(from.getTemperature(), from.getStepSize()));
+    to->setScheme(from.getScheme());
+    for (int b = 0; b < from.getNumRigidBodies(); b++) {
+        vector<int> particles = from.getRigidBodyParticles(b);
+        double mass = 0;
+        Vec3 moments;
+        vector<Vec3> sites;
+        const bool known = from.getRigidBodyGeometryIsKnown(b);
+        if (known) from.getRigidBodyParameters(b, particles, mass, moments, sites);
+        if (from.getRigidBodyIsExplicit(b)) {
+            to->addRigidBody(particles, mass, moments, sites);
+            continue;
+        }
+        to->addRigidBody(particles);
+        if (known) to->recordBodyGeometry(b, mass, moments, sites);
+    }
+    return to;
 }
 
 // Where the schemes of Davidchack 2015 stop resolving a body's fast rotation (measured; docs/CONVENTIONS.md).
@@ -67,8 +96,9 @@ RigidBodyKernel::RigidBodyKernel(const string& name, const Platform& platform, R
 void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegrator& integratorToUse) {
     integrator = &integratorToUse;
     system = &context.getSystem();
-    stock = takeStock(context, *integrator);
-    checkScheme(*system, *integrator, stock);
+    definitions = copyDefinitions(*integrator);
+    stock = takeStock(context, *definitions);
+    checkScheme(*system, *definitions, stock);
     loops = createLoops(context);
     freeParticles.reset(new FreeParticles(*system, stock.freeParticles));
 
@@ -76,17 +106,17 @@ void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegr
     lastPositions.assign(system->getNumParticles(), Vec3(unset, unset, unset));
     lastVelocities = lastPositions;
 
-    geometries.resize(integrator->getNumRigidBodies());
+    geometries.resize(definitions->getNumRigidBodies());
     bool allKnown = true;
-    for (int b = 0; b < integrator->getNumRigidBodies(); b++) {
-        if (!integrator->getRigidBodyIsExplicit(b)) {
-            BodyGeometryBuilder builder(*system, integrator->getRigidBodyParticles(b), "body " + to_string(b));
+    for (int b = 0; b < definitions->getNumRigidBodies(); b++) {
+        if (!definitions->getRigidBodyIsExplicit(b)) {
+            BodyGeometryBuilder builder(*system, definitions->getRigidBodyParticles(b), "body " + to_string(b));
             if (!builder.needsPositions()) {
                 geometries[b] = builder.build({});
-                integrator->recordBodyGeometry(b, geometries[b].mass, geometries[b].moments, geometries[b].sites);
+                recordGeometry(b, geometries[b]);
             }
         }
-        allKnown = allKnown && integrator->getRigidBodyGeometryIsKnown(b);
+        allKnown = allKnown && definitions->getRigidBodyGeometryIsKnown(b);
     }
     if (allKnown) buildBodies();
 
@@ -94,17 +124,25 @@ void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegr
     while (seed == 0) seed = random_device()();
 }
 
+/** A shape has become known: tell the integrator too, unless it has been given another definition of the body
+ * meanwhile. */
+void RigidBodyKernel::recordGeometry(int b, const BodyGeometry& g) {
+    definitions->recordBodyGeometry(b, g.mass, g.moments, g.sites);
+    if (!integrator->getRigidBodyIsExplicit(b) &&
+        integrator->getRigidBodyParticles(b) == definitions->getRigidBodyParticles(b))
+        integrator->recordBodyGeometry(b, g.mass, g.moments, g.sites);
+}
 
 /** All geometries are recorded: make the arrays. States stay at the origin until positions are taken in. */
 void RigidBodyKernel::buildBodies() {
-    const int n = integrator->getNumRigidBodies();
+    const int n = definitions->getNumRigidBodies();
     vector<vector<int> > particles(n);
     vector<vector<double> > siteMasses(n);
     vector<vector<bool> > carriesForce(n);
     fits.clear();
     for (int b = 0; b < n; b++) {
         BodyGeometry& g = geometries[b];
-        integrator->getRigidBodyParameters(b, particles[b], g.mass, g.moments, g.sites);
+        definitions->getRigidBodyParameters(b, particles[b], g.mass, g.moments, g.sites);
         vector<double> masses;
         vector<bool> isVirtual;
         map<int, Vec3> siteOfParticle;
@@ -122,13 +160,10 @@ void RigidBodyKernel::buildBodies() {
             const double distance = sqrt(off.dot(off));
             if (!(distance <= integrator->getPoseTolerance()))
                 fail("body " + to_string(b) + ": the site given for particle " + to_string(particles[b][i]) + " is " +
-                     number(distance) + " nm from where the System's virtual site puts it, more than the pose tolerance " +
+                     number(distance) +
+                     " nm from where the System's virtual site puts it, more than the pose tolerance " +
                      number(integrator->getPoseTolerance()) + " nm; mend the site position or the virtual site");
         }
-        bool anySite = false;
-        for (bool virtualSite : isVirtual) anySite = anySite || !virtualSite;
-        if (!anySite)
-            fail("body " + to_string(b) + " has virtual sites only; add the particles that define them to the body");
         fits.emplace_back(g, masses, isVirtual);
         if (fits.back().massesMakeTheBody(g, masses)) siteMasses[b] = masses;
     }
@@ -141,16 +176,17 @@ void RigidBodyKernel::buildBodies() {
 
 /** Geometries that come from positions. */
 void RigidBodyKernel::deriveGeometries() {
-    for (int b = 0; b < integrator->getNumRigidBodies(); b++)
-        if (!integrator->getRigidBodyGeometryIsKnown(b)) {
-            const BodyGeometryBuilder builder(*system, integrator->getRigidBodyParticles(b), "body " + to_string(b));
+    for (int b = 0; b < definitions->getNumRigidBodies(); b++)
+        if (!definitions->getRigidBodyGeometryIsKnown(b)) {
+            const BodyGeometryBuilder builder(*system, definitions->getRigidBodyParticles(b), "body " + to_string(b));
             const BodyGeometry g = builder.build(positions());
-            integrator->recordBodyGeometry(b, g.mass, g.moments, g.sites);
+            recordGeometry(b, g);
         }
     buildBodies();
 }
 
 void RigidBodyKernel::resetBodyGeometry(ContextImpl& context) {
+    definitions->resetBodyGeometry();
     bodiesAreBuilt = forcesAreValid = compareByHash = false;
     // What was taken in belongs to the old geometry.
     const double unset = numeric_limits<double>::quiet_NaN();
@@ -173,7 +209,8 @@ void RigidBodyKernel::requireGeometry(ContextImpl& context) {
 void RigidBodyKernel::updateSettings() {
     const double h = integrator->getStepSize();
     if (settingsVersion == integrator->getSettingsVersion() && settingsStepSize == h) return;
-    checkScheme(*system, *integrator, stock);
+    definitions->setScheme(integrator->getScheme());
+    checkScheme(*system, *definitions, stock);
     settings.scheme = integrator->getScheme();
     settings.h = h;
     settings.noise.law = static_cast<NoiseStream::Law>(integrator->getNoiseLaw());
@@ -222,9 +259,9 @@ vector<string> RigidBodyKernel::warnings() const {
                          number(resolutionLimit) + "): their temperature will be wrong; take a step of " +
                          number(h * resolutionLimit / worst) + " ps or less");
     if (langevinA && (largestGamma > langevinAGammaLimit || largestRotational > langevinARotationalLimit))
-        result.push_back("LangevinA breaks down at large friction (gamma " + number(largestGamma) + "/ps, limit about " +
-                         number(langevinAGammaLimit) + "; Gamma " + number(largestRotational) + "/ps, limit about " +
-                         number(langevinARotationalLimit) + "); use LangevinB or LangevinC");
+        result.push_back("LangevinA breaks down at large friction (gamma " + number(largestGamma) +
+                         "/ps, limit about " + number(langevinAGammaLimit) + "; Gamma " + number(largestRotational) +
+                         "/ps, limit about " + number(langevinARotationalLimit) + "); use LangevinB or LangevinC");
     return result;
 }
 
@@ -233,13 +270,16 @@ vector<string> RigidBodyKernel::warnings() const {
 
 ParticleArrays RigidBodyKernel::arrays() {
     static_assert(sizeof(Vec3) == 3 * sizeof(double), "the loops take arrays of Vec3 as arrays of doubles");
-    return {&positions()[0][0], &velocities()[0][0], &(*data.forces)[0][0], &lastPositions[0][0], &lastVelocities[0][0]};
+    return {&positions()[0][0], &velocities()[0][0], &(*data.forces)[0][0], &lastPositions[0][0],
+            &lastVelocities[0][0]};
 }
 
-LoopResult RigidBodyKernel::runLoop(BodyLoop loop) { return loops->run(loop, bodies, settings, arrays()); }
+LoopResult RigidBodyKernel::runLoop(BodyLoop loop) {
+    return loops->run(loop, bodies, settings, arrays());
+}
 
 bool RigidBodyKernel::bodyMembersDiffer(int body, const vector<Vec3>& a, const vector<Vec3>& b) const {
-    for (int p : integrator->getRigidBodyParticles(body))
+    for (int p : definitions->getRigidBodyParticles(body))
         if (memcmp(&a[p], &b[p], sizeof(Vec3)) != 0) return true;
     return false;
 }
@@ -249,8 +289,9 @@ void RigidBodyKernel::stateChanged(ContextImpl& context, State::DataType changed
     if (changed == State::Positions) positionsAreSet = true;
     if (changed == State::Positions || changed == State::Velocities) userChangedState = true;
     if (changed == State::Velocities && !drawnTwists.empty()) {
-        // setVelocitiesToTemperature(): particle velocities cannot tell the spin of one-site or linear bodies, so take the
-        // twists that were drawn. (OpenMM then applies velocity constraints; what they change is taken in as usual.)
+        // setVelocitiesToTemperature(): particle velocities cannot tell the spin of one-site or linear bodies, so take
+        // the twists that were drawn. (OpenMM then applies velocity constraints; what they change is taken in as
+        // usual.)
         if (sameBits(velocities(), drawnVelocities)) {
             for (int b = 0; b < bodies.getNumBodies(); b++) {
                 BodyState state = bodies.getState(b);
@@ -290,7 +331,7 @@ void RigidBodyKernel::takeInPositions() {
     double residual = 0;
     for (int b = 0; b < bodies.getNumBodies(); b++) {
         if (!bodyMembersDiffer(b, positions(), lastPositions)) continue;
-        const vector<int>& particles = integrator->getRigidBodyParticles(b);
+        const vector<int>& particles = definitions->getRigidBodyParticles(b);
         vector<Vec3> members;
         for (int p : particles) {
             members.push_back(positions()[p]);
@@ -304,16 +345,17 @@ void RigidBodyKernel::takeInPositions() {
         for (size_t i = 0; i < particles.size(); i++) positionOf[particles[i]] = members[i];
         for (size_t i = 0; i < particles.size(); i++)
             if (system->isVirtualSite(particles[i]))
-                members[i] = virtualSitePosition(*system, particles[i],
-                                                 [&](int parent) { return positionOf.at(parent); });
+                members[i] =
+                    virtualSitePosition(*system, particles[i], [&](int parent) { return positionOf.at(parent); });
         int worst = 0;
         const double distance = fits[b].fitPose(members, state, worst);
         if (!(distance <= integrator->getPoseTolerance()))
-            fail("body " + to_string(b) + ": particle " + to_string(particles[worst]) + " is " + number(distance) +
-                 " nm from its place in the body, more than the pose tolerance " +
-                 number(integrator->getPoseTolerance()) +
-                 " nm; give positions that fit the body's shape (whole molecules, not wrapped across the periodic box), "
-                 "raise setPoseTolerance(), or call resetBodyGeometry() if the shape itself has changed");
+            fail(
+                "body " + to_string(b) + ": particle " + to_string(particles[worst]) + " is " + number(distance) +
+                " nm from its place in the body, more than the pose tolerance " +
+                number(integrator->getPoseTolerance()) +
+                " nm; give positions that fit the body's shape (whole molecules, not wrapped across the periodic box), "
+                "raise setPoseTolerance(), or call resetBodyGeometry() if the shape itself has changed");
         residual = max(residual, distance);
         fitted.emplace_back(b, state);
     }
@@ -331,7 +373,7 @@ void RigidBodyKernel::takeInPositions() {
 void RigidBodyKernel::takeInVelocities() {
     double sum = 0;
     for (const Vec3& v : velocities()) sum += v[0] + v[1] + v[2];
-    for (int p = 0; !isfinite(sum) && p < (int) velocities().size(); p++)
+    for (int p = 0; !isfinite(sum) && p < (int)velocities().size(); p++)
         if (!isFinite(velocities()[p]))
             fail("particle " + to_string(p) +
                  (stock.bodyOfParticle[p] >= 0 ? " of body " + to_string(stock.bodyOfParticle[p]) : "") +
@@ -348,7 +390,7 @@ void RigidBodyKernel::takeInVelocities() {
 
 void RigidBodyKernel::takeInTwist(int b) {
     vector<Vec3> members;
-    for (int p : integrator->getRigidBodyParticles(b)) members.push_back(velocities()[p]);
+    for (int p : definitions->getRigidBodyParticles(b)) members.push_back(velocities()[p]);
     Vec3 velocity, omega_lab = bodies.getAngularVelocity_lab(b);
     BodyState state = bodies.getState(b);
     fits[b].fitTwist(members, state, velocity, omega_lab);
@@ -467,8 +509,9 @@ void RigidBodyKernel::advance(ContextImpl& context) {
 
 void RigidBodyKernel::reportNonFinite(const char* what) {
     const string where = "step " + to_string(data.stepCount + 1) + ": ",
-                 remedy = "; the Context keeps the state before this step: look there for overlapping particles, or take a "
-                          "smaller step";
+                 remedy =
+                     "; the Context keeps the state before this step: look there for overlapping particles, or take a "
+                     "smaller step";
     for (int b = 0; b < bodies.getNumBodies(); b++) {
         const BodyState state = bodies.getState(b);
         const bool pose = isFinite(state.R) && isfinite(state.q[0] + state.q[1] + state.q[2] + state.q[3]);
@@ -476,7 +519,7 @@ void RigidBodyKernel::reportNonFinite(const char* what) {
             isFinite(state.l))
             continue;
         fail(where + "body " + to_string(b) + " (first particle " +
-             to_string(integrator->getRigidBodyParticles(b)[0]) + ") has a non-finite " +
+             to_string(definitions->getRigidBodyParticles(b)[0]) + ") has a non-finite " +
              (pose ? "force, torque or momentum" : "position or orientation") + remedy);
     }
     for (int i = 0; i < freeParticles->getNumParticles(); i++) {

@@ -22,8 +22,8 @@ namespace RigidHIPlugin {
  * The integrator's kernel, but for the loops that platforms do in their own way.
  *
  * A step: (others' changes are taken in) -> forces on particles -> force and torque a body -> scheme -> new poses and
- * momenta -> particle positions -> forces -> scheme -> particle velocities. Forces are evaluated once a step: those at the
- * end of a step serve the next one, unless anything changed in between.
+ * momenta -> particle positions -> forces -> scheme -> particle velocities. Forces are evaluated once a step: those at
+ * the end of a step serve the next one, unless anything changed in between.
  */
 class RigidBodyKernel : public IntegrateRigidBodiesKernel {
 public:
@@ -68,7 +68,7 @@ private:
     struct SavedState {
         uint32_t seed = 0;
         int64_t stepNumber = 0;
-        bool hasBodies = false;                  // positions were set, so the following is filled
+        bool hasBodies = false;  // positions were set, so the following is filled
         uint64_t positionsHash = 0, velocitiesHash = 0;
         std::vector<BodyGeometry> geometries;
         std::vector<std::array<double, 13> > bodies;
@@ -83,6 +83,7 @@ private:
 
     void updateSettings();
     std::vector<std::string> warnings() const;
+    void recordGeometry(int body, const BodyGeometry& geometry);
     void buildBodies();
     void deriveGeometries();
     void takeInChanges(OpenMM::ContextImpl& context);
@@ -100,12 +101,13 @@ private:
     void advance(OpenMM::ContextImpl& context);
     [[noreturn]] void reportNonFinite(const char* what);
     bool bodyMembersDiffer(int body, const std::vector<OpenMM::Vec3>& a, const std::vector<OpenMM::Vec3>& b) const;
-    template <class Row>
-    void checkRows(const std::vector<Row>& rows, const char* what) const;
 
     OpenMM::ReferencePlatform::PlatformData& data;
     const CustomRigidHIIntegrator* integrator = nullptr;
     const OpenMM::System* system = nullptr;
+    // The bodies as they were when the Context was created: what users add or redefine later takes effect at the next
+    // one.
+    std::unique_ptr<CustomRigidHIIntegrator> definitions;
     std::unique_ptr<PlatformLoops> loops;
     SystemInventory stock;
     BodySet bodies;

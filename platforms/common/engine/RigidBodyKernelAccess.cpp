@@ -15,7 +15,9 @@ namespace RigidHIPlugin {
 
 namespace {
 
-[[noreturn]] void fail(const string& message) { throw OpenMMException("CustomRigidHIIntegrator: " + message); }
+[[noreturn]] void fail(const string& message) {
+    throw OpenMMException("CustomRigidHIIntegrator: " + message);
+}
 
 string number(double x) {
     ostringstream text;
@@ -23,21 +25,7 @@ string number(double x) {
     return text.str();
 }
 
-bool rowIsFinite(const Vec3& row) { return isfinite(row[0]) && isfinite(row[1]) && isfinite(row[2]); }
-bool rowIsFinite(const QuaternionArray& row) {
-    return isfinite(row[0]) && isfinite(row[1]) && isfinite(row[2]) && isfinite(row[3]);
-}
-
 }  // namespace
-
-template <class Row>
-void RigidBodyKernel::checkRows(const vector<Row>& rows, const char* what) const {
-    if ((int) rows.size() != integrator->getNumRigidBodies())
-        fail(string(what) + " for " + to_string(rows.size()) + " bodies were given, but there are " +
-             to_string(integrator->getNumRigidBodies()) + "; give one row per body");
-    for (size_t b = 0; b < rows.size(); b++)
-        if (!rowIsFinite(rows[b])) fail("body " + to_string(b) + ": its row of " + what + " is not finite; give numbers");
-}
 
 vector<Vec3> RigidBodyKernel::getBodyPositions(ContextImpl& context) {
     requirePositions("getBodyPositions()");
@@ -74,7 +62,6 @@ vector<Vec3> RigidBodyKernel::getBodyAngularVelocities(ContextImpl& context) {
 
 void RigidBodyKernel::setBodyPositions(ContextImpl& context, const vector<Vec3>& rows) {
     requirePositions("setBodyPositions()");
-    checkRows(rows, "positions");
     takeInChanges(context);
     for (int b = 0; b < bodies.getNumBodies(); b++) {
         BodyState state = bodies.getState(b);
@@ -87,16 +74,6 @@ void RigidBodyKernel::setBodyPositions(ContextImpl& context, const vector<Vec3>&
 
 void RigidBodyKernel::setBodyOrientations(ContextImpl& context, const vector<QuaternionArray>& rows) {
     requirePositions("setBodyOrientations()");
-    checkRows(rows, "orientations");
-    // More than rounding of printed numbers is a mistake: axis order, or not a rotation at all.
-    const double lengthTolerance = 1e-3;
-    for (size_t b = 0; b < rows.size(); b++) {
-        const double length = sqrt(rows[b][0] * rows[b][0] + rows[b][1] * rows[b][1] + rows[b][2] * rows[b][2] +
-                                   rows[b][3] * rows[b][3]);
-        if (abs(length - 1) > lengthTolerance)
-            fail("body " + to_string(b) + ": the quaternion has length " + number(length) + ", which differs from 1 by more than " +
-                 number(lengthTolerance) + "; give unit quaternions (w, x, y, z)");
-    }
     takeInChanges(context);
     for (int b = 0; b < bodies.getNumBodies(); b++) {
         const Vec3 omega_lab = bodies.getAngularVelocity_lab(b);  // the motion in the lab stays
@@ -115,7 +92,6 @@ void RigidBodyKernel::setBodyOrientations(ContextImpl& context, const vector<Qua
 
 void RigidBodyKernel::setBodyVelocities(ContextImpl& context, const vector<Vec3>& rows) {
     requirePositions("setBodyVelocities()");
-    checkRows(rows, "velocities");
     takeInChanges(context);
     for (int b = 0; b < bodies.getNumBodies(); b++) {
         BodyState state = bodies.getState(b);
@@ -127,7 +103,6 @@ void RigidBodyKernel::setBodyVelocities(ContextImpl& context, const vector<Vec3>
 
 void RigidBodyKernel::setBodyAngularVelocities(ContextImpl& context, const vector<Vec3>& rows) {
     requirePositions("setBodyAngularVelocities()");
-    checkRows(rows, "angular velocities");
     takeInChanges(context);
     for (int b = 0; b < bodies.getNumBodies(); b++) bodies.setAngularVelocity_lab(b, rows[b]);
     runLoop(BodyLoop::ScatterVelocities);
@@ -196,7 +171,9 @@ map<string, string> RigidBodyKernel::getEffects(ContextImpl& context) {
             integrator->getBodyFriction(b, ownGamma, ownRotational);
             gamma = max(gamma, ownGamma);
             Gamma = max(Gamma, ownRotational);
-            (bodies.rotor(b) == RotorKind::General ? general : bodies.rotor(b) == RotorKind::Linear ? linear : points)++;
+            (bodies.rotor(b) == RotorKind::General  ? general
+             : bodies.rotor(b) == RotorKind::Linear ? linear
+                                                    : points)++;
         }
     map<string, string> effects;
     auto set = [&](const string& name, bool on, const string& why) { effects[name] = (on ? "on: " : "off: ") + why; };
@@ -204,9 +181,9 @@ map<string, string> RigidBodyKernel::getEffects(ContextImpl& context) {
     set("momenta", momenta, momenta ? "the scheme has them" : "a scheme without momenta");
     set("noise", T > 0 && (!momenta || gamma > 0 || Gamma > 0),
         T == 0 ? "the temperature is 0: no random numbers are drawn"
-               : !momenta || gamma > 0 || Gamma > 0
-                     ? "temperature " + number(T) + " K"
-                     : string("all frictions are 0: no random numbers are drawn and energy is conserved"));
+        : !momenta || gamma > 0 || Gamma > 0
+            ? "temperature " + number(T) + " K"
+            : string("all frictions are 0: no random numbers are drawn and energy is conserved"));
     set("translational friction", momenta && gamma > 0,
         !momenta ? string("a scheme without momenta") : "gamma up to " + number(gamma) + "/ps");
     set("rotational friction", momenta && Gamma > 0,
@@ -226,7 +203,8 @@ map<string, string> RigidBodyKernel::getEffects(ContextImpl& context) {
     set("hydrodynamic interactions", false, "the scheme knows none");
     set("loops", true, loops->describe());
 
-    // In water the three axes differ by a factor 3; here an axis relaxes ten times slower than the mean of the live ones.
+    // In water the three axes differ by a factor 3; here an axis relaxes ten times slower than the mean of the live
+    // ones.
     const double slow = 0.1;
     int slowBodies = 0, firstSlow = -1;
     for (int b = 0; bodiesAreBuilt && momenta && b < bodies.getNumBodies(); b++) {
@@ -291,7 +269,7 @@ vector<Vec3> RigidBodyKernel::drawVelocities(ContextImpl& context, double temper
         bodies.setStoredState(b, stored);
         drawnTwists.push_back(bodies.getState(b));
         const Vec3 velocity = drawnTwists[b].p / inertia.mass, omega_lab = bodies.getAngularVelocity_lab(b);
-        const vector<int>& particles = integrator->getRigidBodyParticles(b);
+        const vector<int>& particles = definitions->getRigidBodyParticles(b);
         for (size_t i = 0; i < particles.size(); i++)
             drawnVelocities[particles[i]] = velocity + omega_lab.cross(positions()[particles[i]] - old.R);
         bodies.setStoredState(b, before);

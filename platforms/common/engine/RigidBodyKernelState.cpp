@@ -18,7 +18,9 @@ namespace RigidHIPlugin {
 
 namespace {
 
-[[noreturn]] void fail(const string& message) { throw OpenMMException("CustomRigidHIIntegrator: " + message); }
+[[noreturn]] void fail(const string& message) {
+    throw OpenMMException("CustomRigidHIIntegrator: " + message);
+}
 
 const char checkpointMark[8] = {'R', 'I', 'G', 'I', 'D', 'H', 'I', '1'};
 const int stateVersion = 1;
@@ -36,7 +38,8 @@ public:
     template <class T>
     T get() {
         T value;
-        if (at + sizeof value > bytes.size()) fail("the checkpoint is corrupt: it ends too early; use another checkpoint");
+        if (at + sizeof value > bytes.size())
+            fail("the checkpoint is corrupt: it ends too early; use another checkpoint");
         memcpy(&value, bytes.data() + at, sizeof value);
         at += sizeof value;
         return value;
@@ -64,36 +67,36 @@ RigidBodyKernel::SavedState RigidBodyKernel::collectState(ContextImpl& context) 
 }
 
 void RigidBodyKernel::adoptState(const SavedState& saved) {
-    const int n = integrator->getNumRigidBodies();
+    const int n = definitions->getNumRigidBodies();
     if (saved.hasBodies) {
-        if ((int) saved.bodies.size() != n)
+        if ((int)saved.bodies.size() != n)
             fail("the saved state has " + to_string(saved.bodies.size()) + " bodies, but this integrator has " +
                  to_string(n) + "; load it into an integrator with the same bodies");
         for (int b = 0; b < n; b++) {
             const BodyGeometry& g = saved.geometries[b];
-            if (g.sites.size() != integrator->getRigidBodyParticles(b).size())
+            if (g.sites.size() != definitions->getRigidBodyParticles(b).size())
                 fail("body " + to_string(b) + ": the saved state has " + to_string(g.sites.size()) +
                      " particles for it, but this integrator has " +
-                     to_string(integrator->getRigidBodyParticles(b).size()) +
+                     to_string(definitions->getRigidBodyParticles(b).size()) +
                      "; load it into an integrator with the same bodies");
             for (double x : saved.bodies[b])
                 if (!isfinite(x))
-                    fail("body " + to_string(b) + ": the saved state is corrupt: it has a non-finite number; use another");
-            if (!integrator->getRigidBodyIsExplicit(b)) continue;
+                    fail("body " + to_string(b) +
+                         ": the saved state is corrupt: it has a non-finite number; use another");
+            if (!definitions->getRigidBodyIsExplicit(b)) continue;
             BodyGeometry own;
             vector<int> particles;
-            integrator->getRigidBodyParameters(b, particles, own.mass, own.moments, own.sites);
+            definitions->getRigidBodyParameters(b, particles, own.mass, own.moments, own.sites);
             double difference = abs(g.mass - own.mass) / own.mass;
             for (size_t i = 0; i < g.sites.size(); i++)
                 for (int k = 0; k < 3; k++) difference = max(difference, abs(g.sites[i][k] - own.sites[i][k]));
             if (!(difference < integrator->getPoseTolerance()))
-                fail("body " + to_string(b) + " was saved with another shape or mass than this integrator gives it; load "
+                fail("body " + to_string(b) +
+                     " was saved with another shape or mass than this integrator gives it; load "
                      "the state into the integrator it was saved with");
         }
         for (int b = 0; b < n; b++)
-            if (!integrator->getRigidBodyIsExplicit(b))
-                integrator->recordBodyGeometry(b, saved.geometries[b].mass, saved.geometries[b].moments,
-                                               saved.geometries[b].sites);
+            if (!definitions->getRigidBodyIsExplicit(b)) recordGeometry(b, saved.geometries[b]);
         buildBodies();
         for (int b = 0; b < n; b++) bodies.setStoredState(b, saved.bodies[b]);
         compareByHash = true;
@@ -113,16 +116,16 @@ void RigidBodyKernel::createCheckpoint(ContextImpl& context, ostream& stream) {
     string bytes;
     put(bytes, saved.seed);
     put(bytes, saved.stepNumber);
-    put(bytes, (int32_t) saved.hasBodies);
+    put(bytes, (int32_t)saved.hasBodies);
     put(bytes, saved.positionsHash);
     put(bytes, saved.velocitiesHash);
-    put(bytes, (int32_t) saved.bodies.size());
+    put(bytes, (int32_t)saved.bodies.size());
     for (size_t b = 0; b < saved.bodies.size(); b++) {
         put(bytes, saved.bodies[b]);
         const BodyGeometry& g = saved.geometries[b];
         put(bytes, g.mass);
         put(bytes, g.moments);
-        put(bytes, (int32_t) g.sites.size());
+        put(bytes, (int32_t)g.sites.size());
         for (const Vec3& s : g.sites) put(bytes, s);
     }
     stream.write(checkpointMark, sizeof checkpointMark);
@@ -141,7 +144,8 @@ void RigidBodyKernel::loadCheckpoint(ContextImpl& context, istream& stream) {
     stream.read(reinterpret_cast<char*>(&length), sizeof length);
     stream.read(reinterpret_cast<char*>(&hash), sizeof hash);
     const uint64_t implausible = uint64_t(1) << 40;
-    if (!stream || length > implausible) fail("the checkpoint is corrupt: its header is damaged; use another checkpoint");
+    if (!stream || length > implausible)
+        fail("the checkpoint is corrupt: its header is damaged; use another checkpoint");
     string bytes;
     // Read in pieces, so that a damaged length cannot ask for all the memory.
     char piece[65536];
@@ -186,9 +190,12 @@ void RigidBodyKernel::serialize(ContextImpl& context, SerializationNode& node) {
         for (int k = 0; k < 13; k++) body.setDoubleProperty(valueNames[k], saved.bodies[b][k]);
         const BodyGeometry& g = saved.geometries[b];
         body.setDoubleProperty("mass", g.mass);
-        body.setDoubleProperty("I1", g.moments[0]).setDoubleProperty("I2", g.moments[1]).setDoubleProperty("I3", g.moments[2]);
+        body.setDoubleProperty("I1", g.moments[0])
+            .setDoubleProperty("I2", g.moments[1])
+            .setDoubleProperty("I3", g.moments[2]);
         for (const Vec3& s : g.sites)
-            body.createChildNode("Site").setDoubleProperty("x", s[0]).setDoubleProperty("y", s[1]).setDoubleProperty("z", s[2]);
+            body.createChildNode("Site").setDoubleProperty("x", s[0]).setDoubleProperty("y", s[1]).setDoubleProperty(
+                "z", s[2]);
     }
 }
 
@@ -199,11 +206,14 @@ void RigidBodyKernel::deserialize(ContextImpl& context, const SerializationNode&
     for (const SerializationNode& child : node.getChildren())
         if (child.getName() == "RigidBodyState") root = &child;
     if (root == nullptr)
-        fail("the State's integrator parameters belong to another integrator; save it without them (in Python: "
-             "getState(getIntegratorParameters=False)), or load it under the integrator it was saved with");
+        fail(
+            "the State's integrator parameters belong to another integrator; save it without them (in Python: "
+            "getState(getIntegratorParameters=False)), or load it under the integrator it was saved with");
     if (root->getIntProperty("version", 0) != stateVersion)
-        fail("the State has version " + root->getStringProperty("version", "none") + " of the body state, but this library "
-             "reads version " + to_string(stateVersion) + "; load it with the library it was saved with");
+        fail("the State has version " + root->getStringProperty("version", "none") +
+             " of the body state, but this library "
+             "reads version " +
+             to_string(stateVersion) + "; load it with the library it was saved with");
     SavedState saved;
     try {
         saved.seed = root->getLongProperty("seed");
@@ -221,8 +231,8 @@ void RigidBodyKernel::deserialize(ContextImpl& context, const SerializationNode&
                 g.moments =
                     Vec3(body.getDoubleProperty("I1"), body.getDoubleProperty("I2"), body.getDoubleProperty("I3"));
                 for (const SerializationNode& site : body.getChildren())
-                    g.sites.push_back(Vec3(site.getDoubleProperty("x"), site.getDoubleProperty("y"),
-                                           site.getDoubleProperty("z")));
+                    g.sites.push_back(
+                        Vec3(site.getDoubleProperty("x"), site.getDoubleProperty("y"), site.getDoubleProperty("z")));
                 saved.geometries.push_back(g);
             }
         }
