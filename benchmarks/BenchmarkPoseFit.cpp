@@ -12,12 +12,8 @@ using OpenMM::Vec3;
 
 namespace {
 
-BodyGeometry point() {
-    return {18.0, Vec3(), {Vec3()}};
-}
-BodyGeometry line() {
-    return {18.0, Vec3(0, 0.18, 0.18), {Vec3(-0.1, 0, 0), Vec3(0.1, 0, 0)}};
-}
+BodyGeometry point() { return {18.0, Vec3(), {Vec3()}}; }
+BodyGeometry line() { return {18.0, Vec3(0, 0.18, 0.18), {Vec3(-0.1, 0, 0), Vec3(0.1, 0, 0)}}; }
 BodyGeometry triangle() {
     return {18.0, Vec3(0.03, 0.045, 0.075), {Vec3(0.1, 0, 0), Vec3(-0.05, 0.05, 0), Vec3(-0.05, -0.05, 0)}};
 }
@@ -28,9 +24,7 @@ BodyGeometry ring(int sites) {
         g.sites.push_back(Vec3(std::cos(2 * M_PI * i / sites), std::sin(2 * M_PI * i / sites), 0));
     return g;
 }
-BodyGeometry ring42() {
-    return ring(42);
-}
+BodyGeometry ring42() { return ring(42); }
 
 PoseFit makeFit(const BodyGeometry& g) {
     return PoseFit(g, std::vector<double>(g.sites.size(), g.mass / g.sites.size()),

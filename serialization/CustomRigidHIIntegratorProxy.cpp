@@ -48,9 +48,7 @@ void writeVector(SerializationNode& node, const Vec3& vector) {
     node.setDoubleProperty("x", vector[0]).setDoubleProperty("y", vector[1]).setDoubleProperty("z", vector[2]);
 }
 
-Vec3 readVector(const StrictNode& node) {
-    return Vec3(node.number("x"), node.number("y"), node.number("z"));
-}
+Vec3 readVector(const StrictNode& node) { return Vec3(node.number("x"), node.number("y"), node.number("z")); }
 
 /** A body: its particles, each with its site if the geometry is known. */
 void writeBody(SerializationNode& node, const Integrator& integrator, int index) {

@@ -19,7 +19,7 @@ Platform& platform(const string& name) {
             Platform::loadPluginLibrary(string(RIGIDHI_PLUGIN_DIR) + "/libOpenMMRigidHI" + p + ".so");
         return true;
     }();
-    (void) loaded;
+    (void)loaded;
     return Platform::getPlatformByName(name);
 }
 
@@ -39,7 +39,8 @@ Estimate estimate(const vector<double>& samples) {
 
 void expectMean(const string& what, const Estimate& measured, double expected) {
     const double z = (measured.mean - expected) / measured.error;
-    cout << what << ": " << measured.mean << " +- " << measured.error << ", expected " << expected << ", z = " << z << endl;
+    cout << what << ": " << measured.mean << " +- " << measured.error << ", expected " << expected << ", z = " << z
+         << endl;
     EXPECT_LT(abs(z), 5.0) << what;
 }
 
@@ -58,8 +59,9 @@ void expectError(const function<void()>& action, const vector<string>& fragments
 double norm(const Vec3& v) { return sqrt(v.dot(v)); }
 
 QuaternionArray product(const QuaternionArray& a, const QuaternionArray& b) {
-    return {{a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3], a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
-             a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1], a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]}};
+    return {
+        {a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3], a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+         a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1], a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]}};
 }
 
 Vec3 rotate(const QuaternionArray& q, const Vec3& v) {
@@ -81,8 +83,8 @@ QuaternionArray randomQuaternion(mt19937& generator) {
 
 Shape waterShape() {
     const double angle = 104.52 * M_PI / 180, bond = 0.09572;
-    return {"water", {15.9994, 1.008, 1.008},
-            {Vec3(), Vec3(bond, 0, 0), Vec3(bond * cos(angle), bond * sin(angle), 0)}};
+    return {
+        "water", {15.9994, 1.008, 1.008}, {Vec3(), Vec3(bond, 0, 0), Vec3(bond * cos(angle), bond * sin(angle), 0)}};
 }
 
 vector<Shape> allShapes() {
@@ -91,7 +93,8 @@ vector<Shape> allShapes() {
     shapes.push_back({"two sites", {1.0, 35.0}, {Vec3(), Vec3(0.127, 0, 0)}});
     shapes.push_back({"CO2", {16.0, 12.0, 16.0}, {Vec3(0, 0, -0.116), Vec3(), Vec3(0, 0, 0.116)}});
     const double t = 0.109 / sqrt(3.0);
-    shapes.push_back({"CH4", {12.0, 1.0, 1.0, 1.0, 1.0},
+    shapes.push_back({"CH4",
+                      {12.0, 1.0, 1.0, 1.0, 1.0},
                       {Vec3(), Vec3(t, t, t), Vec3(t, -t, -t), Vec3(-t, t, -t), Vec3(-t, -t, t)}});
     Shape benzene{"benzene", {}, {}};
     for (int i = 0; i < 6; i++)
@@ -154,7 +157,8 @@ double largestDistortion(const vector<Vec3>& positions, const Shape& shape, int 
     for (int c = 0; c < copies; c++)
         for (int i = 0; i < n; i++)
             for (int j = max(0, i - 20); j < i; j++)
-                worst = max(worst, abs(norm(positions[c * n + i] - positions[c * n + j]) - norm(shape.sites[i] - shape.sites[j])));
+                worst = max(worst, abs(norm(positions[c * n + i] - positions[c * n + j]) -
+                                       norm(shape.sites[i] - shape.sites[j])));
     return worst;
 }
 

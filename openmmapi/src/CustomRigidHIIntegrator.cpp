@@ -36,9 +36,7 @@ string text(const T& value) {
     return stream.str();
 }
 
-string bodyName(int index) {
-    return "body " + text(index);
-}
+string bodyName(int index) { return "body " + text(index); }
 
 void checkNonNegative(double value, const string& object, const string& quantity, const string& unit) {
     if (!isfinite(value) || value < 0)
@@ -85,16 +83,8 @@ void checkVectors(const vector<Vec3>& rows, int bodies, const char* method, cons
 }  // namespace
 
 CustomRigidHIIntegrator::CustomRigidHIIntegrator(double temperature, double stepSize)
-    : scheme(LangevinC),
-      noiseLaw(Gaussian),
-      friction(1),
-      rotationalFriction(1),
-      gradientTime(0.004),
-      gradientRotationalTime(0.001),
-      poseTolerance(1e-3),
-      randomSeed(0),
-      settingsVersion(0),
-      hasKernel(false) {
+    : scheme(LangevinC), noiseLaw(Gaussian), friction(1), rotationalFriction(1), gradientTime(0.004),
+      gradientRotationalTime(0.001), poseTolerance(1e-3), randomSeed(0), settingsVersion(0), hasKernel(false) {
     setTemperature(temperature);
     setStepSize(stepSize);
     setConstraintTolerance(1e-5);
@@ -171,9 +161,7 @@ int CustomRigidHIIntegrator::addRigidBody(const vector<int>& particles, double m
     return appendBody(makeExplicitBody(particles, mass, principalMoments, sitePositions, getNumRigidBodies()));
 }
 
-int CustomRigidHIIntegrator::getNumRigidBodies() const {
-    return bodies.size();
-}
+int CustomRigidHIIntegrator::getNumRigidBodies() const { return bodies.size(); }
 
 void CustomRigidHIIntegrator::getRigidBodyParameters(int index, vector<int>& particles, double& mass,
                                                      Vec3& principalMoments, vector<Vec3>& sitePositions) const {
@@ -245,15 +233,11 @@ void CustomRigidHIIntegrator::recordBodyGeometry(int index, double mass, const V
     bodies[index] = body;
 }
 
-int CustomRigidHIIntegrator::getSettingsVersion() const {
-    return settingsVersion;
-}
+int CustomRigidHIIntegrator::getSettingsVersion() const { return settingsVersion; }
 
 // ---- Settings ----
 
-CustomRigidHIIntegrator::Scheme CustomRigidHIIntegrator::getScheme() const {
-    return scheme;
-}
+CustomRigidHIIntegrator::Scheme CustomRigidHIIntegrator::getScheme() const { return scheme; }
 
 void CustomRigidHIIntegrator::setScheme(Scheme scheme) {
     if (scheme < LangevinA || scheme > GradientThermostat)
@@ -263,9 +247,7 @@ void CustomRigidHIIntegrator::setScheme(Scheme scheme) {
     settingsVersion++;
 }
 
-CustomRigidHIIntegrator::NoiseLaw CustomRigidHIIntegrator::getNoiseLaw() const {
-    return noiseLaw;
-}
+CustomRigidHIIntegrator::NoiseLaw CustomRigidHIIntegrator::getNoiseLaw() const { return noiseLaw; }
 
 void CustomRigidHIIntegrator::setNoiseLaw(NoiseLaw law) {
     if (law < Gaussian || law > TwoPoint)
@@ -275,9 +257,7 @@ void CustomRigidHIIntegrator::setNoiseLaw(NoiseLaw law) {
     settingsVersion++;
 }
 
-double CustomRigidHIIntegrator::getTemperature() const {
-    return temperature;
-}
+double CustomRigidHIIntegrator::getTemperature() const { return temperature; }
 
 void CustomRigidHIIntegrator::setTemperature(double temperature) {
     checkNonNegative(temperature, "setTemperature()", "temperature", "K");
@@ -285,9 +265,7 @@ void CustomRigidHIIntegrator::setTemperature(double temperature) {
     settingsVersion++;
 }
 
-double CustomRigidHIIntegrator::getFriction() const {
-    return friction;
-}
+double CustomRigidHIIntegrator::getFriction() const { return friction; }
 
 void CustomRigidHIIntegrator::setFriction(double gamma) {
     checkNonNegative(gamma, "setFriction()", "friction gamma", "1/ps");
@@ -295,9 +273,7 @@ void CustomRigidHIIntegrator::setFriction(double gamma) {
     settingsVersion++;
 }
 
-double CustomRigidHIIntegrator::getRotationalFriction() const {
-    return rotationalFriction;
-}
+double CustomRigidHIIntegrator::getRotationalFriction() const { return rotationalFriction; }
 
 void CustomRigidHIIntegrator::setRotationalFriction(double Gamma) {
     checkNonNegative(Gamma, "setRotationalFriction()", "rotational friction Gamma", "1/ps");
@@ -333,9 +309,7 @@ void CustomRigidHIIntegrator::clearBodyFriction(int index) {
     settingsVersion++;
 }
 
-double CustomRigidHIIntegrator::getGradientRelaxationTime() const {
-    return gradientTime;
-}
+double CustomRigidHIIntegrator::getGradientRelaxationTime() const { return gradientTime; }
 
 void CustomRigidHIIntegrator::setGradientRelaxationTime(double upsilon) {
     checkPositive(upsilon, "setGradientRelaxationTime()", "relaxation time upsilon", "ps");
@@ -343,9 +317,7 @@ void CustomRigidHIIntegrator::setGradientRelaxationTime(double upsilon) {
     settingsVersion++;
 }
 
-double CustomRigidHIIntegrator::getGradientRotationalRelaxationTime() const {
-    return gradientRotationalTime;
-}
+double CustomRigidHIIntegrator::getGradientRotationalRelaxationTime() const { return gradientRotationalTime; }
 
 void CustomRigidHIIntegrator::setGradientRotationalRelaxationTime(double Upsilon) {
     checkPositive(Upsilon, "setGradientRotationalRelaxationTime()", "rotational relaxation time Upsilon", "ps");
@@ -353,18 +325,14 @@ void CustomRigidHIIntegrator::setGradientRotationalRelaxationTime(double Upsilon
     settingsVersion++;
 }
 
-int CustomRigidHIIntegrator::getRandomNumberSeed() const {
-    return randomSeed;
-}
+int CustomRigidHIIntegrator::getRandomNumberSeed() const { return randomSeed; }
 
 void CustomRigidHIIntegrator::setRandomNumberSeed(int seed) {
     randomSeed = seed;
     settingsVersion++;
 }
 
-double CustomRigidHIIntegrator::getPoseTolerance() const {
-    return poseTolerance;
-}
+double CustomRigidHIIntegrator::getPoseTolerance() const { return poseTolerance; }
 
 void CustomRigidHIIntegrator::setPoseTolerance(double tolerance) {
     checkPositive(tolerance, "setPoseTolerance()", "pose tolerance", "nm");

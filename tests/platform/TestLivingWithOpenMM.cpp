@@ -36,7 +36,8 @@ struct WaterBox {
             system.addConstraint(p, p + 1, 0.09572);
             system.addConstraint(p, p + 2, 0.09572);
             system.addConstraint(p + 1, p + 2, norm(water.sites[1] - water.sites[2]));
-            system.setVirtualSite(p + 3, new ThreeParticleAverageSite(p, p + 1, p + 2, 0.786646558, 0.106676721, 0.106676721));
+            system.setVirtualSite(p + 3,
+                                  new ThreeParticleAverageSite(p, p + 1, p + 2, 0.786646558, 0.106676721, 0.106676721));
             nonbonded->addParticle(0, 0.315365, 0.6485);
             nonbonded->addParticle(0.52, 1, 0);
             nonbonded->addParticle(0.52, 1, 0);
@@ -97,7 +98,8 @@ TEST(VirtualSites, ForcesOnThemAreCountedOnce) {
                 box.integrator.setBodyOrientations(q);
             }
             EXPECT_NEAR(forces[b][k], -(e[1] - e[0]) / (2 * delta), tolerance * norm(forces[b]) + tolerance) << b << k;
-            EXPECT_NEAR(torques[b][k], -(f[1] - f[0]) / (2 * delta), tolerance * norm(torques[b]) + tolerance) << b << k;
+            EXPECT_NEAR(torques[b][k], -(f[1] - f[0]) / (2 * delta), tolerance * norm(torques[b]) + tolerance)
+                << b << k;
         }
 }
 
@@ -263,13 +265,15 @@ TEST(Poses, ResetBodyGeometryTakesTheShapeAnew) {
     CustomRigidHIIntegrator integrator(0, 0.001);
     const Shape water = waterShape();
     addBodies(system, integrator, water, 1);
-    expectError([&] {
-        vector<int> p;
-        double m;
-        Vec3 I;
-        vector<Vec3> s;
-        integrator.getRigidBodyParameters(0, p, m, I, s);
-    }, {"body 0"});
+    expectError(
+        [&] {
+            vector<int> p;
+            double m;
+            Vec3 I;
+            vector<Vec3> s;
+            integrator.getRigidBodyParameters(0, p, m, I, s);
+        },
+        {"body 0"});
     Context context(system, integrator, testPlatform());
     context.setPositions(water.sites);
     integrator.step(1);
@@ -443,7 +447,7 @@ TEST(Others, BodiesAcrossPeriodicBoundariesStayWhole) {
     box.context->setVelocitiesToTemperature(300, 1);
     box.integrator.step(500);
     const State state = box.context->getState(State::Positions, true);
-    for (int p = 0; p < (int) box.positions.size(); p += 4)
+    for (int p = 0; p < (int)box.positions.size(); p += 4)
         EXPECT_NEAR(norm(state.getPositions()[p] - state.getPositions()[p + 1]), 0.09572, 1e-12);
     // Wrapped whole molecules are taken in.
     box.context->setPositions(state.getPositions());

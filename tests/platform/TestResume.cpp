@@ -43,7 +43,8 @@ struct Scene {
                 if (shape.name == "water") {
                     particles.push_back(system.addParticle(0));
                     const int p = particles[0];
-                    system.setVirtualSite(particles.back(), new ThreeParticleAverageSite(p, p + 1, p + 2, 0.8, 0.1, 0.1));
+                    system.setVirtualSite(particles.back(),
+                                          new ThreeParticleAverageSite(p, p + 1, p + 2, 0.8, 0.1, 0.1));
                     positions.push_back(positions[p] * 0.8 + positions[p + 1] * 0.1 + positions[p + 2] * 0.1);
                 }
                 implicitBodies.push_back(particles);
@@ -116,10 +117,11 @@ struct Trajectory {
     unique_ptr<CustomRigidHIIntegrator> integrator;
     unique_ptr<Context> context;
     Trajectory(Scene& scene, int seed, int threadCount, bool start,
-        CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::LangevinC)
+               CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::LangevinC)
         : integrator(scene.makeIntegrator(seed)) {
         integrator->setScheme(scheme);
-        context.reset(new Context(scene.system, *integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, threadCount)));
+        context.reset(
+            new Context(scene.system, *integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, threadCount)));
         if (!start) return;
         context->setPositions(scene.positions);
         context->setVelocitiesToTemperature(300, 9);
@@ -131,8 +133,8 @@ struct Trajectory {
 
 TEST(Resume, TwentyStepsAreTenAndTen) {
     Scene scene(!onCpu());
-    for (auto scheme : {CustomRigidHIIntegrator::LangevinA, CustomRigidHIIntegrator::LangevinB,
-                        CustomRigidHIIntegrator::LangevinC}) {
+    for (auto scheme :
+         {CustomRigidHIIntegrator::LangevinA, CustomRigidHIIntegrator::LangevinB, CustomRigidHIIntegrator::LangevinC}) {
         Trajectory one(scene, 5, 2, true, scheme), two(scene, 5, 2, true, scheme);
         one.integrator->step(20);
         two.integrator->step(10);
@@ -146,8 +148,8 @@ TEST(Resume, TwentyStepsAreTenAndTen) {
 TEST(Resume, CheckpointsAndStatesContinueTheRunAtAnyStep) {
     Scene scene(!onCpu());
     mt19937 generator(1);
-    for (auto scheme : {CustomRigidHIIntegrator::LangevinA, CustomRigidHIIntegrator::LangevinB,
-                        CustomRigidHIIntegrator::LangevinC}) {
+    for (auto scheme :
+         {CustomRigidHIIntegrator::LangevinA, CustomRigidHIIntegrator::LangevinB, CustomRigidHIIntegrator::LangevinC}) {
         Trajectory whole(scene, 0, 2, true, scheme);  // seed 0: a fresh one, which must be saved
         for (int part = 0; part < 4; part++) {
             whole.integrator->step(1 + generator() % 7);

@@ -34,8 +34,7 @@ struct Trap {
         else
             addBodies(system, integrator, shape, copies);
         positions = randomPoses(free ? Shape{"", {mass}, {Vec3()}} : shape, copies, 0, 11);
-        for (int i = 0; i < system.getNumParticles(); i++)
-            well->addParticle(i, {k * system.getParticleMass(i) / mass});
+        for (int i = 0; i < system.getNumParticles(); i++) well->addParticle(i, {k * system.getParticleMass(i) / mass});
         system.addForce(well);
         integrator.setScheme(scheme);
         integrator.setRandomNumberSeed(1234);
@@ -304,7 +303,10 @@ TEST(Schemes, AtZeroTemperatureNoRandomNumberIsDrawn) {
         trap.integrator.setTemperature(100);
         trap.integrator.step(1);
         // 6 numbers a body and draw; B draws twice.
-        EXPECT_EQ(trap.integrator.getStepStatistics().at("randomNumbers"), 20 * 6 * (scheme == B ? 2 : scheme == A ? 2 : 1));
+        EXPECT_EQ(trap.integrator.getStepStatistics().at("randomNumbers"), 20 * 6 *
+                                                                               (scheme == B   ? 2
+                                                                                : scheme == A ? 2
+                                                                                              : 1));
     }
 }
 

@@ -62,7 +62,8 @@ TEST(FreeRotor, KeepsLabAngularMomentumAndItsErrorIsSecondOrder) {
         EXPECT_NEAR(L.x, L0.x, 1e-12);
         EXPECT_NEAR(L.y, L0.y, 1e-12);
         EXPECT_NEAR(L.z, L0.z, 1e-12);
-        const double error = sqrt(pow(q.w - fine.w, 2) + pow(q.x - fine.x, 2) + pow(q.y - fine.y, 2) + pow(q.z - fine.z, 2));
+        const double error =
+            sqrt(pow(q.w - fine.w, 2) + pow(q.x - fine.x, 2) + pow(q.y - fine.y, 2) + pow(q.z - fine.z, 2));
         if (previous > 0) {
             EXPECT_NEAR(log2(previous / error), 2.0, 0.1);
         }
@@ -137,8 +138,10 @@ TEST(BodyGeometry, WaterFromItsConstraints) {
 }
 
 TEST(BodyGeometry, AllPairsOfAChiralBodyKeepItsHandedness) {
-    const Shape shape{"chiral", {12, 1, 19, 35, 80},
-                      {Vec3(), Vec3(0.1, 0.02, 0), Vec3(-0.03, 0.13, 0), Vec3(-0.05, -0.06, 0.17), Vec3(0, -0.1, -0.19)}};
+    const Shape shape{
+        "chiral",
+        {12, 1, 19, 35, 80},
+        {Vec3(), Vec3(0.1, 0.02, 0), Vec3(-0.03, 0.13, 0), Vec3(-0.05, -0.06, 0.17), Vec3(0, -0.1, -0.19)}};
     for (double mirror : {1.0, -1.0}) {
         System system;
         vector<int> particles;

@@ -27,7 +27,8 @@ inline void load(const double* from, double& x) { x = *from; }
 inline void store(double x, double* to) { *to = x; }
 inline int lanes(double) { return 1; }
 inline bool isFinite(double x) { return x - x == 0; }
-inline void noisePair(const NoiseStream& noise, uint32_t purpose, const int* index, uint32_t block, double& a, double& b) {
+inline void noisePair(const NoiseStream& noise, uint32_t purpose, const int* index, uint32_t block, double& a,
+                      double& b) {
     noise.pair(purpose, index[0], block, a, b);
 }
 
@@ -155,7 +156,8 @@ public:
         for (int s = block.firstSite; s < block.firstSite + block.numSites; s++) {
             Real mass;
             load(&bodies.siteMass[s * BodySet::blockSize + lane], mass);
-            const Vector3<Real> momentum = mass * gather(&bodies.siteParticle[s * BodySet::blockSize + lane], velocities);
+            const Vector3<Real> momentum =
+                mass * gather(&bodies.siteParticle[s * BodySet::blockSize + lane], velocities);
             p += momentum;
             l += cross(site(s, lane), A.toBody(momentum));
         }
@@ -247,7 +249,8 @@ private:
 
 /** Call action(flow) for every body (or pack) of a range of blocks; it returns whether what it saw was finite. */
 template <class Real, class Action>
-inline LoopResult forEachBody(BodySet& bodies, const StepSettings& settings, int firstBlock, int endBlock, Action action) {
+inline LoopResult forEachBody(BodySet& bodies, const StepSettings& settings, int firstBlock, int endBlock,
+                              Action action) {
     LoopResult result;
     const int width = lanes(Real(0.0));
     for (int slot = firstBlock * BodySet::blockSize; slot < endBlock * BodySet::blockSize; slot += width) {
@@ -318,8 +321,8 @@ inline LoopResult runSchemeLoop(BodyLoop loop, BodySet& bodies, const StepSettin
 
 /** Run one loop over a range of blocks. */
 template <class Real>
-inline LoopResult runBodyLoop(BodyLoop loop, BodySet& bodies, const StepSettings& settings, const ParticleArrays& arrays,
-                              int firstBlock, int endBlock) {
+inline LoopResult runBodyLoop(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
+                              const ParticleArrays& arrays, int firstBlock, int endBlock) {
     if (loop != BodyLoop::BeforeForces && loop != BodyLoop::AfterForces)
         return forEachBody<Real>(bodies, settings, firstBlock, endBlock, SchemelessLoop<Real>{loop, bodies, arrays});
     switch (settings.scheme) {
@@ -329,8 +332,7 @@ inline LoopResult runBodyLoop(BodyLoop loop, BodySet& bodies, const StepSettings
             return runSchemeLoop<Real, LangevinB>(loop, bodies, settings, arrays, firstBlock, endBlock);
         case CustomRigidHIIntegrator::LangevinC:
             return runSchemeLoop<Real, LangevinC>(loop, bodies, settings, arrays, firstBlock, endBlock);
-        case CustomRigidHIIntegrator::GradientThermostat:
-            break;
+        case CustomRigidHIIntegrator::GradientThermostat: break;
     }
     return runSchemeLoop<Real, GradientThermostat>(loop, bodies, settings, arrays, firstBlock, endBlock);
 }

@@ -57,7 +57,8 @@ bool FreeParticles::gatherForces(const vector<Vec3>& contextForces) {
 
 double FreeParticles::kineticEnergy(const vector<Vec3>& velocities) const {
     double sum = 0;
-    for (size_t i = 0; i < particles.size(); i++) sum += masses[i] * velocities[particles[i]].dot(velocities[particles[i]]);
+    for (size_t i = 0; i < particles.size(); i++)
+        sum += masses[i] * velocities[particles[i]].dot(velocities[particles[i]]);
     return 0.5 * sum;
 }
 
@@ -108,9 +109,7 @@ public:
     void addNoise(int draw) {
         if (!owner.hasNoise) return;
         drawNoise(draw);
-        each([&](int i, int p) {
-            velocities[p] += xi(i) * (owner.thermostats[i].noise_p * owner.inverseMasses[p]);
-        });
+        each([&](int i, int p) { velocities[p] += xi(i) * (owner.thermostats[i].noise_p * owner.inverseMasses[p]); });
         constrainVelocities();
     }
     void ornsteinUhlenbeck(int draw) {
@@ -144,7 +143,8 @@ private:
         });
     }
     void constrainVelocities() {
-        if (owner.constraints) owner.constraints->applyToVelocities(positions, velocities, owner.inverseMasses, tolerance);
+        if (owner.constraints)
+            owner.constraints->applyToVelocities(positions, velocities, owner.inverseMasses, tolerance);
     }
     void drawNoise(int draw) {
         const int count = owner.particles.size();

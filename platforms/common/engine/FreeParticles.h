@@ -47,8 +47,7 @@ public:
     };
     void save(Snapshot& snapshot, const std::vector<OpenMM::Vec3>& positions,
               const std::vector<OpenMM::Vec3>& velocities) const;
-    void restore(const Snapshot& snapshot, std::vector<OpenMM::Vec3>& positions,
-                 std::vector<OpenMM::Vec3>& velocities);
+    void restore(const Snapshot& snapshot, std::vector<OpenMM::Vec3>& positions, std::vector<OpenMM::Vec3>& velocities);
 
 private:
     class Flow;

@@ -13,7 +13,8 @@ class PlatformLoops {
 public:
     virtual ~PlatformLoops() {}
     /** Run a loop over all bodies. The result does not depend on how the platform divides the work. */
-    virtual LoopResult run(BodyLoop loop, BodySet& bodies, const StepSettings& settings, const ParticleArrays& arrays) = 0;
+    virtual LoopResult run(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
+                           const ParticleArrays& arrays) = 0;
     /** Fill xi (3 numbers a particle) for free particles. */
     virtual void fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count, double* xi) = 0;
     /** Call task(first, end) over ranges that cover 0 ... count - 1; ranges may run at the same time. */

@@ -24,34 +24,24 @@ namespace RigidHIPlugin {
 
 namespace {
 
-[[noreturn]] void fail(const string& message) {
-    throw OpenMMException("CustomRigidHIIntegrator: " + message);
-}
+[[noreturn]] void fail(const string& message) { throw OpenMMException("CustomRigidHIIntegrator: " + message); }
 
-bool isFinite(const Vec3& v) {
-    return isfinite(v[0]) && isfinite(v[1]) && isfinite(v[2]);
-}
+bool isFinite(const Vec3& v) { return isfinite(v[0]) && isfinite(v[1]) && isfinite(v[2]); }
 
 bool sameBits(const vector<Vec3>& a, const vector<Vec3>& b) {
     return a.size() == b.size() && memcmp(a.data(), b.data(), a.size() * sizeof(Vec3)) == 0;
 }
 
 /** Seconds since an arbitrary point. */
-double now() {
-    return chrono::duration<double>(chrono::steady_clock::now().time_since_epoch()).count();
-}
+double now() { return chrono::duration<double>(chrono::steady_clock::now().time_since_epoch()).count(); }
 
 Thermostat schemeCoefficients(CustomRigidHIIntegrator::Scheme scheme, const BodyInertia& body, const HeatBath& bath,
                               double h) {
     switch (scheme) {
-        case CustomRigidHIIntegrator::LangevinA:
-            return scalar::LangevinA::coefficients(body, bath, h);
-        case CustomRigidHIIntegrator::LangevinB:
-            return scalar::LangevinB::coefficients(body, bath, h);
-        case CustomRigidHIIntegrator::LangevinC:
-            return scalar::LangevinC::coefficients(body, bath, h);
-        case CustomRigidHIIntegrator::GradientThermostat:
-            break;
+        case CustomRigidHIIntegrator::LangevinA: return scalar::LangevinA::coefficients(body, bath, h);
+        case CustomRigidHIIntegrator::LangevinB: return scalar::LangevinB::coefficients(body, bath, h);
+        case CustomRigidHIIntegrator::LangevinC: return scalar::LangevinC::coefficients(body, bath, h);
+        case CustomRigidHIIntegrator::GradientThermostat: break;
     }
     return scalar::GradientThermostat::coefficients(body, bath, h);
 }
@@ -274,9 +264,7 @@ ParticleArrays RigidBodyKernel::arrays() {
             &lastVelocities[0][0]};
 }
 
-LoopResult RigidBodyKernel::runLoop(BodyLoop loop) {
-    return loops->run(loop, bodies, settings, arrays());
-}
+LoopResult RigidBodyKernel::runLoop(BodyLoop loop) { return loops->run(loop, bodies, settings, arrays()); }
 
 bool RigidBodyKernel::bodyMembersDiffer(int body, const vector<Vec3>& a, const vector<Vec3>& b) const {
     for (int p : definitions->getRigidBodyParticles(body))

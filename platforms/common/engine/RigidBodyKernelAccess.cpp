@@ -15,9 +15,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-[[noreturn]] void fail(const string& message) {
-    throw OpenMMException("CustomRigidHIIntegrator: " + message);
-}
+[[noreturn]] void fail(const string& message) { throw OpenMMException("CustomRigidHIIntegrator: " + message); }
 
 string number(double x) {
     ostringstream text;

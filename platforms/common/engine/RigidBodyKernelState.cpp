@@ -18,9 +18,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-[[noreturn]] void fail(const string& message) {
-    throw OpenMMException("CustomRigidHIIntegrator: " + message);
-}
+[[noreturn]] void fail(const string& message) { throw OpenMMException("CustomRigidHIIntegrator: " + message); }
 
 const char checkpointMark[8] = {'R', 'I', 'G', 'I', 'D', 'H', 'I', '1'};
 const int stateVersion = 1;

@@ -109,17 +109,21 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
         const Force& force = system.getForce(i);
         // DrudeForce lives in a plugin of OpenMM that this library does not need otherwise: know it by its type's name.
         if (string(typeid(force).name()).find("DrudeForce") != string::npos)
-            refuse("force " + to_string(i) + ", a DrudeForce, needs an integrator for Drude particles; remove it, or use "
+            refuse("force " + to_string(i) +
+                   ", a DrudeForce, needs an integrator for Drude particles; remove it, or use "
                    "OpenMM's DrudeLangevinIntegrator");
         if (dynamic_cast<const AndersenThermostat*>(&force))
-            refuse("force " + to_string(i) + ", an AndersenThermostat, changes velocities of single particles and so "
+            refuse("force " + to_string(i) +
+                   ", an AndersenThermostat, changes velocities of single particles and so "
                    "breaks rigid bodies; remove it: this integrator is a thermostat itself");
         if (dynamic_cast<const CMMotionRemover*>(&force)) stock.hasCMMotionRemover = true;
         if (dynamic_cast<const MonteCarloBarostat*>(&force)) stock.barostat = "MonteCarloBarostat";
-        if (dynamic_cast<const MonteCarloAnisotropicBarostat*>(&force)) stock.barostat = "MonteCarloAnisotropicBarostat";
+        if (dynamic_cast<const MonteCarloAnisotropicBarostat*>(&force))
+            stock.barostat = "MonteCarloAnisotropicBarostat";
         if (dynamic_cast<const MonteCarloMembraneBarostat*>(&force)) stock.barostat = "MonteCarloMembraneBarostat";
         if (string(typeid(force).name()).find("MonteCarloFlexibleBarostat") != string::npos)
-            refuse("force " + to_string(i) + ", a MonteCarloFlexibleBarostat, may deform rigid bodies; use a "
+            refuse("force " + to_string(i) +
+                   ", a MonteCarloFlexibleBarostat, may deform rigid bodies; use a "
                    "MonteCarloBarostat, MonteCarloAnisotropicBarostat or MonteCarloMembraneBarostat");
     }
     checkMolecules(context, integrator, stock.barostat);
@@ -149,8 +153,9 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
                " constraints between particles that are in no body; scheme GradientThermostat allows none: make rigid "
                "groups bodies, or use LangevinC");
     if (stock.hasCMMotionRemover)
-        refuse("the System has a CMMotionRemover, but scheme GradientThermostat has no momenta to remove; create the "
-               "System with removeCMMotion=False, or remove the force");
+        refuse(
+            "the System has a CMMotionRemover, but scheme GradientThermostat has no momenta to remove; create the "
+            "System with removeCMMotion=False, or remove the force");
     if (!stock.barostat.empty())
         refuse("the System has a " + stock.barostat +
                ", which is supported with the schemes LangevinA, LangevinB and LangevinC only, not with "

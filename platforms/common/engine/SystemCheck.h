@@ -12,14 +12,14 @@ namespace RigidHIPlugin {
 
 /** What a System holds besides bodies, as far as schemes care. */
 struct SystemInventory {
-    std::vector<int> bodyOfParticle;        // -1: in no body
-    std::vector<int> freeParticles;         // massive, in no body
-    std::vector<int> otherParticles;        // every particle that is in no body
-    std::vector<int> virtualSites;          // in bodies or not
+    std::vector<int> bodyOfParticle;  // -1: in no body
+    std::vector<int> freeParticles;   // massive, in no body
+    std::vector<int> otherParticles;  // every particle that is in no body
+    std::vector<int> virtualSites;    // in bodies or not
     bool hasFreeVirtualSites = false;
     int numFreeConstraints = 0;
     bool hasCMMotionRemover = false;
-    std::string barostat;                   // its class name, or empty
+    std::string barostat;  // its class name, or empty
 };
 
 /**

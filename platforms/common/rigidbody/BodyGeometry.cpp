@@ -163,8 +163,7 @@ BodyGeometry BodyGeometryBuilder::build(const vector<Vec3>& positions) const {
         for (size_t i = 0; i < massive.size(); i++) centre += actual[i] * (masses[i] / frame.mass);
         Eigen::Matrix3d correlation = Eigen::Matrix3d::Zero();
         for (size_t i = 0; i < massive.size(); i++)
-            correlation +=
-                masses[i] * toEigen(geometry.sites[massive[i]]) * toEigen(actual[i] - centre).transpose();
+            correlation += masses[i] * toEigen(geometry.sites[massive[i]]) * toEigen(actual[i] - centre).transpose();
         Eigen::JacobiSVD<Eigen::Matrix3d> svd(correlation, Eigen::ComputeFullU | Eigen::ComputeFullV);
         Eigen::Matrix3d fix = Eigen::Matrix3d::Identity();
         fix(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1;

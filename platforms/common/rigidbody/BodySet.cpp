@@ -63,12 +63,43 @@ BodySet::BodySet(const vector<BodyGeometry>& geometries, const vector<vector<int
     }
 
     const int numSlots = bodyOfSlot.size();
-    for (auto* v : {&R[0], &R[1], &R[2], &q[1], &q[2], &q[3], &p[0], &p[1], &p[2], &l[0], &l[1], &l[2], &force_lab[0],
-                    &force_lab[1], &force_lab[2], &torque_body[0], &torque_body[1], &torque_body[2], &inverseMass,
-                    &inverseMoments[0], &inverseMoments[1], &inverseMoments[2], &noise_p, &noise_l[0], &noise_l[1],
-                    &noise_l[2], &move_R, &noise_R, &move_q[0], &move_q[1], &move_q[2], &noise_q[0], &noise_q[1],
+    // clang-format off (it would give every item a line)
+    for (auto* v : {&R[0],
+                    &R[1],
+                    &R[2],
+                    &q[1],
+                    &q[2],
+                    &q[3],
+                    &p[0],
+                    &p[1],
+                    &p[2],
+                    &l[0],
+                    &l[1],
+                    &l[2],
+                    &force_lab[0],
+                    &force_lab[1],
+                    &force_lab[2],
+                    &torque_body[0],
+                    &torque_body[1],
+                    &torque_body[2],
+                    &inverseMass,
+                    &inverseMoments[0],
+                    &inverseMoments[1],
+                    &inverseMoments[2],
+                    &noise_p,
+                    &noise_l[0],
+                    &noise_l[1],
+                    &noise_l[2],
+                    &move_R,
+                    &noise_R,
+                    &move_q[0],
+                    &move_q[1],
+                    &move_q[2],
+                    &noise_q[0],
+                    &noise_q[1],
                     &noise_q[2]})
         v->assign(numSlots, 0.0);
+    // clang-format on
     for (auto* v : {&q[0], &decay_p, &decay_l[0], &decay_l[1], &decay_l[2]}) v->assign(numSlots, 1.0);
 
     for (int b = 0; b < getNumBlocks(); b++) {
@@ -125,9 +156,7 @@ void write(vector<double>* v, int slot, const Vec3& x) {
 }
 }  // namespace
 
-Vec3 BodySet::toLab(int slot, const Vec3& v) const {
-    return toVec3(rotation(q, slot).toLab({v[0], v[1], v[2]}));
-}
+Vec3 BodySet::toLab(int slot, const Vec3& v) const { return toVec3(rotation(q, slot).toLab({v[0], v[1], v[2]})); }
 
 Vec3 BodySet::toInnerBody(int slot, const Vec3& v) const {
     return toVec3(rotation(q, slot).toBody({v[0], v[1], v[2]}));
@@ -181,9 +210,7 @@ void BodySet::setStoredState(int body, const array<double, 13>& v) {
 
 Vec3 BodySet::getForce_lab(int body) const { return read(force_lab, slotOfBody[body]); }
 
-Vec3 BodySet::getTorque_lab(int body) const {
-    return toLab(slotOfBody[body], read(torque_body, slotOfBody[body]));
-}
+Vec3 BodySet::getTorque_lab(int body) const { return toLab(slotOfBody[body], read(torque_body, slotOfBody[body])); }
 
 Vec3 BodySet::getAngularVelocity_lab(int body) const {
     const int slot = slotOfBody[body];

@@ -16,8 +16,8 @@ enum class RotorKind { Point, Linear, General };
 
 /** State of one body, in its user's body frame. */
 struct BodyState {
-    OpenMM::Vec3 R, p, l;                        // nm; amu nm/ps, lab; amu nm^2/ps, body
-    std::array<double, 4> q = {{1, 0, 0, 0}};    // (w, x, y, z), body to lab
+    OpenMM::Vec3 R, p, l;                      // nm; amu nm/ps, lab; amu nm^2/ps, body
+    std::array<double, 4> q = {{1, 0, 0, 0}};  // (w, x, y, z), body to lab
 };
 
 /**
@@ -48,8 +48,7 @@ public:
      *                        has already given it to the parents)
      */
     BodySet(const std::vector<BodyGeometry>& geometries, const std::vector<std::vector<int> >& particles,
-            const std::vector<std::vector<double> >& siteMasses,
-            const std::vector<std::vector<bool> >& carriesForce);
+            const std::vector<std::vector<double> >& siteMasses, const std::vector<std::vector<bool> >& carriesForce);
 
     int getNumBodies() const { return slotOfBody.size(); }
     int getNumBlocks() const { return blocks.size(); }
@@ -89,17 +88,17 @@ public:
     std::vector<int> bodyOfSlot;  // -1 for padding
     std::vector<Block> blocks;
     // Sites, block by block: entry s of a block holds site s of each of its bodies.
-    std::vector<double> sites;         // [(entry * 3 + component) * blockSize + lane], inner body frame, nm
-    std::vector<double> siteMass;      // [entry * blockSize + lane], 0 where there is no such site
-    std::vector<int> siteParticle;     // [entry * blockSize + lane], -1: no such site
-    std::vector<int> forceParticle;    // likewise, -1 also for virtual sites
+    std::vector<double> sites;       // [(entry * 3 + component) * blockSize + lane], inner body frame, nm
+    std::vector<double> siteMass;    // [entry * blockSize + lane], 0 where there is no such site
+    std::vector<int> siteParticle;   // [entry * blockSize + lane], -1: no such site
+    std::vector<int> forceParticle;  // likewise, -1 also for virtual sites
 
 private:
     std::vector<int> slotOfBody;
-    std::vector<BodyInertia> inertias;               // moments ascending
-    std::vector<std::array<int, 3> > axisOrder;      // inner axis k is the user's axis axisOrder[k] ...
-    std::vector<std::array<double, 3> > axisSign;    // ... times axisSign[k]
-    std::vector<std::array<double, 4> > frameTurn;   // q_inner = q_user * frameTurn
+    std::vector<BodyInertia> inertias;              // moments ascending
+    std::vector<std::array<int, 3> > axisOrder;     // inner axis k is the user's axis axisOrder[k] ...
+    std::vector<std::array<double, 3> > axisSign;   // ... times axisSign[k]
+    std::vector<std::array<double, 4> > frameTurn;  // q_inner = q_user * frameTurn
     OpenMM::Vec3 toInner(int body, const OpenMM::Vec3& v_user) const;
     OpenMM::Vec3 toUser(int body, const OpenMM::Vec3& v_inner) const;
     OpenMM::Vec3 toLab(int slot, const OpenMM::Vec3& v_inner) const;

@@ -26,8 +26,7 @@ inline Quaternion<Real> turnAboutAxis(const Quaternion<Real>& q, const Real& sin
     if (axis == 2)
         return {cosine * q.w - sine * q.y, cosine * q.x - sine * q.z, cosine * q.y + sine * q.w,
                 cosine * q.z + sine * q.x};
-    return {cosine * q.w - sine * q.z, cosine * q.x + sine * q.y, cosine * q.y - sine * q.x,
-            cosine * q.z + sine * q.w};
+    return {cosine * q.w - sine * q.z, cosine * q.x + sine * q.y, cosine * q.y - sine * q.x, cosine * q.z + sine * q.w};
 }
 
 /** Psi_{t,axis} of eq. 17: rotation about one body axis only; l in the body frame turns the other way. */

@@ -104,7 +104,8 @@ bool PoseFit::massesMakeTheBody(const BodyGeometry& geometry, const vector<doubl
         const double moment = second(a, a) + second(b, b);
         if (abs(moment - live.moments[k]) > tolerance * (live.isLive(k) ? live.moments[k] : largest)) return false;
         // Off-diagonal elements couple two axes: measure them by both.
-        if (second(a, b) * second(a, b) > tolerance * tolerance * max(live.moments[a], tolerance * largest) * max(live.moments[b], tolerance * largest))
+        if (second(a, b) * second(a, b) > tolerance * tolerance * max(live.moments[a], tolerance * largest) *
+                                              max(live.moments[b], tolerance * largest))
             return false;
     }
     return totalWeight * centre_body.squaredNorm() <= tolerance * tolerance * largest || sites.size() == 1;
@@ -118,8 +119,7 @@ double PoseFit::fitPose(const vector<Vec3>& positions, BodyState& state, int& wo
     Eigen::Quaterniond q(state.q[0], state.q[1], state.q[2], state.q[3]);
     if (shape == Shape::Line) {
         Eigen::Vector3d direction = Eigen::Vector3d::Zero();
-        for (int i = 0; i < n; i++)
-            direction += weights[i] * arms[i][0] * (toEigen(positions[i]) - centre);
+        for (int i = 0; i < n; i++) direction += weights[i] * arms[i][0] * (toEigen(positions[i]) - centre);
         if (direction.norm() > 0) q = smallestTurn(q * axes.col(0), direction) * q;
     } else if (shape == Shape::Spatial) {
         Eigen::Matrix3d correlation = Eigen::Matrix3d::Zero();

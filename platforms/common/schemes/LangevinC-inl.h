@@ -29,7 +29,7 @@ struct LangevinC {
     }
     template <class Flow>
     static void afterForces(Flow& flow, double h) {
-        flow.kick(h / 2);           // P_{k+1} = P_2 + h/2 f_{k+1},  Pi_{k+1} = Pi_4 + h/2 F_{k+1}
+        flow.kick(h / 2);  // P_{k+1} = P_2 + h/2 f_{k+1},  Pi_{k+1} = Pi_4 + h/2 F_{k+1}
     }
     static Thermostat coefficients(const BodyInertia& body, const HeatBath& bath, double h) {
         return ornsteinUhlenbeckCoefficients(body, bath, h);

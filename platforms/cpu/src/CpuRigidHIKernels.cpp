@@ -17,7 +17,8 @@ namespace {
 class CpuLoops : public PlatformLoops {
 public:
     explicit CpuLoops(int threads) : pool(threads) {}
-    LoopResult run(BodyLoop loop, BodySet& bodies, const StepSettings& settings, const ParticleArrays& arrays) override {
+    LoopResult run(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
+                   const ParticleArrays& arrays) override {
         std::vector<LoopResult> results(pool.getNumThreads());
         split(bodies.getNumBlocks(), minimumBlocksPerThread, [&](int first, int end, int thread) {
             results[thread] = runSimdBodyLoop(loop, bodies, settings, arrays, first, end);
@@ -54,8 +55,8 @@ private:
         }
         pool.execute([&](ThreadPool&, int thread) {
             if (thread >= parts) return;
-            task(static_cast<int>((long long) count * thread / parts),
-                 static_cast<int>((long long) count * (thread + 1) / parts), thread);
+            task(static_cast<int>((long long)count * thread / parts),
+                 static_cast<int>((long long)count * (thread + 1) / parts), thread);
         });
         pool.waitForThreads();
     }

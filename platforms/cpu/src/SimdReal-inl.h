@@ -135,7 +135,8 @@ HWY_INLINE Pack discrete(const NoiseStream& noise, const Pack& u) {
 }
 
 /** NoiseStream::pair for every lane. */
-HWY_NOINLINE void noisePair(const NoiseStream& noise, uint32_t purpose, const int* index, uint32_t block, Pack& a, Pack& b) {
+HWY_NOINLINE void noisePair(const NoiseStream& noise, uint32_t purpose, const int* index, uint32_t block, Pack& a,
+                            Pack& b) {
     const Words d;
     const Doubles dd;
     HWY_ALIGN uint64_t indices[BodySet::blockSize];
@@ -146,8 +147,7 @@ HWY_NOINLINE void noisePair(const NoiseStream& noise, uint32_t purpose, const in
     philox(c, noise.seed, NoiseStream::keyWord);
     const Pack u = uniform(c[0], c[1]), v = uniform(c[2], c[3]);
     if (noise.law == NoiseStream::Gaussian) {
-        const DoubleVec radius =
-            hn::Sqrt(hn::Mul(hn::Set(dd, -2.0), hn::Log(dd, hn::Sub(hn::Set(dd, 1.0), u.v))));
+        const DoubleVec radius = hn::Sqrt(hn::Mul(hn::Set(dd, -2.0), hn::Log(dd, hn::Sub(hn::Set(dd, 1.0), u.v))));
         Pack sine, cosine;
         sincosOfLarge(Pack(2.0 * M_PI) * v, sine, cosine);
         a = Pack(radius) * cosine;

@@ -11,7 +11,8 @@ namespace {
 /** One thread, one body after the other. */
 class ReferenceLoops : public PlatformLoops {
 public:
-    LoopResult run(BodyLoop loop, BodySet& bodies, const StepSettings& settings, const ParticleArrays& arrays) override {
+    LoopResult run(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
+                   const ParticleArrays& arrays) override {
         return scalar::runBodyLoop<double>(loop, bodies, settings, arrays, 0, bodies.getNumBlocks());
     }
     void fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count, double* xi) override {
