@@ -45,14 +45,14 @@ test: test-cpp test-python
 
 test-cpp: configure
 	cmake --build $(BUILD) --parallel $(JOBS)
-	ctest --preset release
+	ctest --preset release --parallel $(JOBS)
 
 test-python: build
 	$(PYTHONPATH_BUILD) $(PYTHON) -m pytest -m "not full and not long" tests/python
 
 test-full: configure
 	cmake --build $(BUILD) --parallel $(JOBS)
-	ctest --test-dir $(BUILD) -LE long --output-on-failure --no-tests=error
+	ctest --test-dir $(BUILD) -LE long --output-on-failure --no-tests=error --parallel $(JOBS)
 	$(PYTHONPATH_BUILD) $(PYTHON) -m pytest -m "not long" tests/python
 
 # The package goes where $(PYTHON), or the Python of the prefix itself, looks for packages, if it looks below the prefix.
@@ -67,12 +67,12 @@ install: build
 sanitize: deps
 	cmake --preset asan
 	cmake --build --preset asan --parallel $(JOBS)
-	ctest --preset asan
+	ctest --preset asan --parallel $(JOBS)
 
 tsan: deps
 	cmake --preset tsan
 	cmake --build --preset tsan --parallel $(JOBS)
-	ctest --preset tsan
+	ctest --preset tsan --parallel $(JOBS)
 
 lint: build
 	$(PYTHONPATH_BUILD) $(PYTHON) -m pytest tests/lint
