@@ -1,6 +1,8 @@
 """README and docs: their Python snippets run, their links lead somewhere, their commands exist."""
 import pathlib
 import re
+import shutil
+import subprocess
 
 import pytest
 from conftest import ROOT, git_files, read
@@ -62,3 +64,11 @@ def test_every_public_method_is_in_a_guide_or_documented_reference():
 def test_pictures_are_not_huge():
     for name in git_files('*.png'):
         assert pathlib.Path(ROOT / name).stat().st_size < 1_000_000, f'{name} is larger than 1 MB'
+
+
+def test_cpp_reference_builds_without_warnings(tmp_path):
+    if shutil.which('doxygen') is None:
+        pytest.skip('doxygen is not installed')
+    settings = read('Doxyfile') + f'\nOUTPUT_DIRECTORY = {tmp_path}\n'
+    finished = subprocess.run(['doxygen', '-'], input=settings, cwd=ROOT, capture_output=True, text=True)
+    assert finished.returncode == 0 and finished.stderr == ''
