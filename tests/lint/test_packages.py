@@ -1,0 +1,37 @@
+"""packages-debian.txt holds what is imported and included."""
+import ast
+import re
+import sys
+
+from conftest import git_files, read
+
+#: Which Debian package provides a Python module.
+MODULES = {'numpy': 'python3-numpy', 'scipy': 'python3-scipy', 'h5py': 'python3-h5py', 'tqdm': 'python3-tqdm',
+           'matplotlib': 'python3-matplotlib', 'openmm': 'python3-simtk', 'pytest': 'python3-pytest'}
+
+
+def packages():
+    return {line.split('#')[0].strip() for line in read('packages-debian.txt').splitlines()} - {''}
+
+
+def imported(name):
+    for node in ast.walk(ast.parse(read(name))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.split('.')[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            yield node.module.split('.')[0]
+
+
+def test_every_imported_module_has_its_package():
+    own = {'openmmrigidhi'} | {part for name in git_files('*.py') for part in re.split(r'[/.]', name)}
+    for name in git_files('*.py'):
+        for module in set(imported(name)) - set(sys.stdlib_module_names) - own:
+            assert module in MODULES, f'{name} imports {module}: which Debian package has it?'
+            assert MODULES[module] in packages(), f'{name} imports {module}: add {MODULES[module]} to packages-debian.txt'
+
+
+def test_every_package_is_named_once():
+    lines = [line.split('#')[0].strip() for line in read('packages-debian.txt').splitlines()]
+    lines = [line for line in lines if line]
+    assert len(lines) == len(set(lines))
+    assert set(MODULES.values()) <= packages()
