@@ -4,8 +4,10 @@
     python3 report.py [--out results]
 
 <A>_h = A0 + E_A h^p, p = 2 for Langevin A, B, C (h <= 6 fs) and 1 for the gradient thermostat (h <= 4 fs), as in the paper's
-Table 1, by weighted least squares. Error of each <A>_h: block averages, the largest of the estimates from 60, 30, 20 and 15
-blocks, so that correlations longer than a short block are not overlooked. Intervals are 95 %.
+Table 1, by weighted least squares. Error of each <A>_h: block averages, the largest of the estimates from 60, 30, 20, 15 and 10
+blocks, so that correlations longer than a short block are not overlooked. Where chi^2 per degree of freedom exceeds 1, the errors of
+A0 and E_A are multiplied by its square root: slow quantities (U and RDFs under the gradient thermostat) stay correlated over more
+than a block. Intervals are 95 %.
 """
 import argparse
 import glob
@@ -49,10 +51,10 @@ PAPER = {
 
 
 def block_error(values):
-    """Standard error of the mean of a correlated series of block means: the largest over four block lengths."""
+    """Standard error of the mean of a correlated series of block means: the largest over five block lengths."""
     values = np.asarray(values)
     estimates = []
-    for size in (1, 2, 3, 4):
+    for size in (1, 2, 3, 4, 6):
         means = values[: len(values) // size * size].reshape(-1, size).mean(axis=1)
         estimates.append(means.std(ddof=1) / np.sqrt(len(means)))
     return max(estimates)
@@ -83,21 +85,18 @@ def combined(runs):
 def fit(h, values, errors, power, fixed=None):
     """
     Weighted least squares of values = A0 + E h^power. fixed: a known A0.
-    Returns dictionary with A0, E and their standard errors and chi2; None with too few points.
+    Returns dictionary with A0, E, their standard errors (times sqrt(chi2/degrees of freedom) where that exceeds 1) and chi2.
     """
     x, y, w = np.asarray(h, float) ** power, np.asarray(values), 1 / np.asarray(errors)
-    if fixed is not None:
-        precision = np.sum((w * x) ** 2)
-        slope = np.sum(w**2 * x * (y - fixed)) / precision
-        return {"A0": fixed, "A0_error": 0.0, "E": slope, "E_error": 1 / np.sqrt(precision),
-                "chi2": float(np.sum((w * (y - fixed - slope * x)) ** 2)), "degrees_of_freedom": len(x) - 1}
-    if len(x) < 2:
-        return None
-    design = np.stack([w, w * x], axis=1)
+    design = np.stack([w, w * x], axis=1)[:, 0 if fixed is None else 1:]
     covariance = np.linalg.inv(design.T @ design)
-    a, slope = covariance @ design.T @ (w * y)
-    return {"A0": a, "A0_error": np.sqrt(covariance[0, 0]), "E": slope, "E_error": np.sqrt(covariance[1, 1]),
-            "chi2": float(np.sum((w * (y - a - slope * x)) ** 2)), "degrees_of_freedom": len(x) - 2}
+    solution = covariance @ design.T @ (w * (y - (fixed or 0.0)))
+    chi2 = float(np.sum((w * (y - (fixed or 0.0)) - design @ solution) ** 2))
+    freedom = len(x) - len(solution)
+    scale = max(1.0, np.sqrt(chi2 / freedom)) if freedom else 1.0
+    error = scale * np.sqrt(np.diag(covariance))
+    a0, a0_error = (solution[0], error[0]) if fixed is None else (fixed, 0.0)
+    return {"A0": a0, "A0_error": a0_error, "E": solution[-1], "E_error": error[-1], "chi2": chi2, "degrees_of_freedom": freedom}
 
 
 def load_runs(out):
@@ -125,7 +124,7 @@ def analyse(runs):
             if len(h) < 2:
                 continue
             values, errors = zip(*(points[x][row] for x in h))
-            line = {k: float(v) for k, v in fit(h, values, errors, power).items()}
+            line = {k: v if isinstance(v, int) else float(v) for k, v in fit(h, values, errors, power).items()}
             if row.startswith("T_"):
                 line["E_if_A0_is_300"], line["E_if_A0_is_300_error"] = (
                     float(fit(h, values, errors, power, tip4p.TEMPERATURE)[k]) for k in ("E", "E_error"))
