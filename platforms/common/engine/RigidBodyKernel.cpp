@@ -161,7 +161,6 @@ void RigidBodyKernel::buildBodies() {
     bodiesAreBuilt = true;
     settingsVersion = -1;
     updateSettings();
-    for (const string& warning : warnings()) cerr << "Warning: CustomRigidHIIntegrator: " << warning << endl;
 }
 
 /** Geometries that come from positions. */
@@ -223,6 +222,8 @@ void RigidBodyKernel::updateSettings() {
     freeParticles->setThermostats(free);
     settingsVersion = integrator->getSettingsVersion();
     settingsStepSize = h;
+    for (const string& warning : warnings())
+        if (printedWarnings.insert(warning).second) cerr << "Warning: CustomRigidHIIntegrator: " << warning << endl;
 }
 
 vector<string> RigidBodyKernel::warnings() const {
@@ -342,8 +343,10 @@ void RigidBodyKernel::takeInPositions() {
                 "body " + to_string(b) + ": particle " + to_string(particles[worst]) + " is " + number(distance) +
                 " nm from its place in the body, more than the pose tolerance " +
                 number(integrator->getPoseTolerance()) +
-                " nm; give positions that fit the body's shape (whole molecules, not wrapped across the periodic box), "
-                "raise setPoseTolerance(), or call resetBodyGeometry() if the shape itself has changed");
+                " nm; give positions that fit the body's shape: whole molecules, not wrapped across the periodic box; "
+                "where constraints define the shape, call applyConstraints() on the Context, elsewhere minimise with "
+                "openmmrigidhi.app.minimize(); raise setPoseTolerance(), or call resetBodyGeometry() if the shape "
+                "itself has changed");
         residual = max(residual, distance);
         fitted.emplace_back(b, state);
     }

@@ -6,6 +6,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -117,6 +118,7 @@ private:
     StepSettings settings;
     int settingsVersion = -1;
     double settingsStepSize = 0;
+    std::set<std::string> printedWarnings;
     bool positionsAreSet = false, bodiesAreBuilt = false, forcesAreValid = false, membersNeedPuttingBack = false;
     bool velocitiesNeedPuttingBack = false;
     bool userChangedState = false;
