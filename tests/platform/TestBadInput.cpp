@@ -1,0 +1,122 @@
+// What C++ users may do wrong: every call is an OpenMMException that names object, value, bound and remedy.
+// (tests/python/test_bad_input_*.py go through the same, and through runs and saved states, on both platforms.)
+
+#include <openmm/AndersenThermostat.h>
+#include <openmm/VirtualSite.h>
+
+#include <limits>
+
+#include "TestSupport.h"
+
+using namespace OpenMM;
+using namespace RigidHITest;
+using namespace std;
+
+namespace {
+
+const double nan_ = numeric_limits<double>::quiet_NaN(), infinity = numeric_limits<double>::infinity();
+const vector<Vec3> twoSites = {Vec3(), Vec3(0.1, 0, 0)};
+
+struct BadInput : testing::Test {
+    CustomRigidHIIntegrator integrator{300, 0.001};
+    BadInput() { integrator.addRigidBody({0, 1, 2}); }
+};
+
+TEST_F(BadInput, Particles) {
+    expectError([&] { integrator.addRigidBody({3, 2}); }, {"body 1", "particle 2 is already in body 0", "remove it"});
+    expectError([&] { integrator.addRigidBody({4, 4}); }, {"body 1", "particle 4 is named twice"});
+    expectError([&] { integrator.addRigidBody({-1}); }, {"body 1", "particle index -1 is negative"});
+    expectError([&] { integrator.addRigidBody({}); }, {"body 1", "it has no particles"});
+    expectError([&] { integrator.getRigidBodyParticles(1); }, {"body index 1 is out of range", "there are 1 bodies"});
+    expectError([&] { integrator.clearBodyFriction(-1); }, {"clearBodyFriction()", "body index -1 is out of range"});
+    EXPECT_EQ(integrator.getNumRigidBodies(), 1);
+}
+
+TEST_F(BadInput, MassMomentsAndSites) {
+    const Vec3 round(1, 1, 1);
+    for (double bad : {-1.0, nan_, infinity}) {
+        expectError([&] { integrator.addRigidBody({3, 4}, bad, round, twoSites); }, {"body 1", "mass is"});
+        expectError([&] { integrator.addRigidBody({3, 4}, 1, Vec3(1, bad, 1), twoSites); }, {"moment about y"});
+    }
+    expectError(
+        [&] {
+            integrator.addRigidBody({3, 4}, 1, Vec3(1, 2, 3.1), twoSites);
+        },
+        {"body 1", "(1, 2, 3.1)", "triangle inequality", "here 3"});
+    expectError([&] { integrator.addRigidBody({3, 4, 5}, 1, round, twoSites); }, {"3 particles but 2 site positions"});
+    expectError(
+        [&] {
+            integrator.addRigidBody({3, 4}, 1, round, {Vec3(), Vec3(0, nan_, 0)});
+        },
+        {"site of particle 4", "it must be finite"});
+    integrator.addRigidBody({3, 4}, 1, Vec3(1, 2, 3), twoSites);  // a flat body
+}
+
+TEST_F(BadInput, Settings) {
+    for (double bad : {-1.0, nan_, infinity}) {
+        expectError([&] { integrator.setTemperature(bad); }, {"setTemperature()", "not negative"});
+        expectError([&] { integrator.setFriction(bad); }, {"setFriction()", "1/ps"});
+        expectError([&] { integrator.setRotationalFriction(bad); }, {"setRotationalFriction()", "1/ps"});
+        expectError([&] { integrator.setBodyFriction(0, bad, 1); }, {"body 0", "friction gamma"});
+        expectError([&] { integrator.setBodyFriction(0, 1, bad); }, {"body 0", "rotational friction Gamma"});
+    }
+    for (double bad : {0.0, -1.0, nan_, infinity}) {
+        expectError([&] { integrator.setStepSize(bad); }, {"setStepSize()", "positive"});
+        expectError([&] { integrator.setPoseTolerance(bad); }, {"setPoseTolerance()", "positive"});
+        expectError([&] { integrator.setConstraintTolerance(bad); }, {"setConstraintTolerance()", "positive"});
+        expectError([&] { integrator.setGradientRelaxationTime(bad); }, {"setGradientRelaxationTime()", "positive"});
+        expectError([&] { integrator.setGradientRotationalRelaxationTime(bad); }, {"Upsilon", "positive"});
+        expectError([&] { CustomRigidHIIntegrator(300, bad); }, {"step size"});
+    }
+    expectError([&] { integrator.setScheme(static_cast<CustomRigidHIIntegrator::Scheme>(17)); }, {"scheme 17"});
+    expectError([&] { integrator.setNoiseLaw(static_cast<CustomRigidHIIntegrator::NoiseLaw>(-1)); }, {"law -1"});
+    EXPECT_EQ(integrator.getTemperature(), 300);
+    EXPECT_EQ(integrator.getStepSize(), 0.001);
+}
+
+TEST_F(BadInput, NoContext) {
+    expectError([&] { integrator.step(1); }, {"step()", "needs a Context"});
+    expectError([&] { integrator.getBodyPositions(); }, {"getBodyPositions()", "needs a Context"});
+    expectError([&] { integrator.setBodyVelocities({Vec3()}); }, {"setBodyVelocities()", "needs a Context"});
+    expectError([&] { integrator.describeEffects(); }, {"describeEffects()", "needs a Context"});
+    vector<int> particles;
+    double mass;
+    Vec3 moments;
+    vector<Vec3> sites;
+    expectError([&] { integrator.getRigidBodyParameters(0, particles, mass, moments, sites); },
+                {"body 0", "are not known", "create a Context"});
+}
+
+TEST_F(BadInput, Systems) {
+    auto create = [&](System& system) { Context context(system, integrator, testPlatform()); };
+    System small, tied, site, andersen, massless;
+    small.addParticle(1);
+    expectError([&] { create(small); }, {"body 0", "particle index 1 is out of range", "the System has 1 particles"});
+    for (System* system : {&tied, &site, &andersen, &massless})
+        for (int i = 0; i < 4; i++) system->addParticle(system == &massless || (system == &site && i == 2) ? 0 : 1);
+    tied.addConstraint(2, 3, 0.1);
+    expectError([&] { create(tied); }, {"constraint 0 ties particle 2 of body 0 to particle 3"});
+    site.setVirtualSite(2, new TwoParticleAverageSite(0, 3, 0.5, 0.5));
+    expectError([&] { create(site); }, {"virtual site particle 2 of body 0 depends on particle 3"});
+    andersen.addForce(new AndersenThermostat(300, 1));
+    expectError([&] { create(andersen); }, {"force 0", "AndersenThermostat", "remove it"});
+    expectError([&] { create(massless); }, {"body 0 has mass 0", "explicit mass"});
+}
+
+TEST_F(BadInput, RowsOfBodyStates) {
+    System system;
+    for (int i = 0; i < 3; i++) system.addParticle(1);
+    Context context(system, integrator, testPlatform());
+    expectError([&] { integrator.step(1); }, {"step()", "needs positions"});
+    context.setPositions({Vec3(), Vec3(0.1, 0, 0), Vec3(0, 0.1, 0)});
+    integrator.step(1);
+    expectError([&] { integrator.step(-1); }, {"number of steps is -1"});
+    expectError([&] { integrator.setBodyPositions({}); }, {"setBodyPositions()", "got 0 rows"});
+    expectError([&] { integrator.setBodyVelocities({Vec3(), Vec3()}); }, {"setBodyVelocities()", "got 2 rows"});
+    expectError([&] { integrator.setBodyAngularVelocities({Vec3(nan_, 0, 0)}); }, {"body 0", "angular velocity"});
+    expectError([&] { integrator.setBodyOrientations({{{2, 0, 0, 0}}}); }, {"body 0", "length 2", "(w, x, y, z)"});
+    expectError([&] { integrator.setBodyOrientations({{{nan_, 0, 0, 0}}}); }, {"body 0", "normalise it"});
+    integrator.step(1);
+}
+
+}  // namespace
