@@ -12,7 +12,7 @@ CPP_DIRECTORIES = ('openmmapi', 'platforms', 'serialization', 'tests', 'benchmar
 
 def git_files(*patterns):
     """Files that are in the repository, or would be if they were added, as paths relative to its root."""
-    command = ['git', 'ls-files', '-z', '--cached', '--others', '--exclude-standard', '--', *patterns]
+    command = ['git', '-c', f'safe.directory={ROOT}', 'ls-files', '-z', '--cached', '--others', '--exclude-standard', '--', *patterns]
     listing = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     return sorted({name for name in listing.split('\0') if name and (ROOT / name).exists()})
 
