@@ -110,7 +110,7 @@ def draw(result, observable, wanted=()):
     sign = f'% of {abs(reference.value):.5g} {result.observables[observable]["unit"]}' if relative else \
         result.observables[observable]['unit']
     _drawErrors(left, result, observable, scale, sign, wanted)
-    _drawMeans(right, result, observable, reference)
+    _drawMeans(right, result, observable, reference, wanted)
     figure.suptitle(f'{result.observables[observable]["label"].capitalize()}, {result.scene["name"]}', fontsize=13)
     buffer = io.BytesIO()
     figure.savefig(buffer, format='png', dpi=110)
@@ -158,10 +158,12 @@ def _drawErrors(axes, result, observable, scale, unit, wanted):
             rates = result._stepsPerSecond(observable, method, step)
             if len(rates):
                 x = step*np.median(rates)*86.4
-                axes.plot(x, top*1.9, marker='x', ms=9, mew=2.2, color=colour, zorder=4, clip_on=False)
+                axes.plot(x, top*1.9, marker='x', ms=9, mew=2.2, color=colour, zorder=4)
+                axes.annotate(result.knob.format(value), (x, top*1.9), xytext=(0, -15), ha='center', textcoords='offset points',
+                              fontsize=8.5, color=colour)
                 if k == 0:
-                    axes.annotate(f'{result.knob.format(value)}: unstable', (x, top*1.9), xytext=(0, -14), ha='center',
-                                  textcoords='offset points', fontsize=8.5, color=colour)
+                    axes.annotate('unstable:', (x, top*1.9), xytext=(-10, 0), ha='right', va='center', textcoords='offset points',
+                                  fontsize=8.5, color=colour)
     for line in lines:
         axes.axhline(line.tolerance*scale, color='black', ls='--', lw=1.2, zorder=1)
         axes.annotate('wanted: ' + line.text.split(' of ')[0], (0.01, line.tolerance*scale), xycoords=('axes fraction', 'data'),
@@ -169,6 +171,8 @@ def _drawErrors(axes, result, observable, scale, unit, wanted):
     axes.set_xscale('log')
     axes.set_yscale('log')
     axes.set_ylim(floor*0.6, top*3)
+    left, right = axes.get_xlim()
+    axes.set_xlim(left, right*1.12)
     axes.set_xlabel('ns/day' + (' (CPU time)' if result.provenance.get('clock') == 'cpu' else '')
                     + f'   [{_platform(result)}]')
     axes.set_ylabel(f'|error|, {unit}')
@@ -196,7 +200,7 @@ def _plainTicks(axes):
         axis.set_minor_formatter(NullFormatter())
 
 
-def _drawMeans(axes, result, observable, reference):
+def _drawMeans(axes, result, observable, reference, wanted):
     style = _style(result)
     knob = result.knob
     for method in result.methods():
@@ -222,6 +226,14 @@ def _drawMeans(axes, result, observable, reference):
     axes.set_xlabel(f'{knob.label}, {knob.unit}')
     axes.set_ylabel(f'mean, {result.observables[observable]["unit"]} (bars: 1 sigma)')
     axes.set_xlim(left=0)
+    tolerances = [each.tolerance for item in wanted for each in result.parseWanted(item) if each.observable == observable]
+    errors = [row['error'] for row in result.select(observable) if row['error'] is not None]
+    # Far beyond what is wanted it does not matter how far.
+    if tolerances and max(map(abs, errors)) > 10*max(tolerances):
+        inside = [e for e in errors if abs(e) <= 10*max(tolerances)] + [-2*max(tolerances), 2*max(tolerances)]
+        margin = 0.08*(max(inside) - min(inside))
+        axes.set_ylim(reference.value + min(inside) - margin, reference.value + max(inside) + margin)
+        axes.annotate('larger errors are outside', (0.98, 0.02), xycoords='axes fraction', ha='right', fontsize=8.5)
     axes.grid(True, alpha=0.3)
 
 
@@ -252,7 +264,9 @@ def comparisonText(result, comparison, baseline):
             text = (f'{method}: reaches the wanted error at a step of {step} '
                     f'({entry["step_low"]*1000:.2f} to {entry["step_high"]*1000:.2f}): {entry["ns_per_day"]:.3g} ns/day')
         if entry['ratio'] is not None and method != baseline:
-            text += (f'; {entry["ratio"]:.2f} times the ns/day of {baseline} ({entry["ratio_low"]:.2f} to '
+            # The baseline may be good for larger steps than were measured, or the method.
+            bound = {(False, True): 'at most ', (True, False): 'at least '}.get((entry['capped'], comparison[baseline]['capped']), '')
+            text += (f'; {bound}{entry["ratio"]:.2f} times the ns/day of {baseline} ({entry["ratio_low"]:.2f} to '
                      f'{entry["ratio_high"]:.2f})')
         lines.append(text + '.')
     return lines

@@ -407,8 +407,8 @@ class StudyResult:
     def compareAt(self, wanted, baseline='LangevinMiddle', resamplings=1000):
         """How fast each method is at exactly the wanted error, between the steps that were measured.
 
-        The errors of each method around the wanted one are fitted by E h^p + F h^2p, which gives the step at which the
-        error reaches it; ns/day there is that step times the steps per second (median over rounds). Uncertainties: the means are
+        The errors of each method up to twice the wanted one are fitted by E h^p + F h^2p; beyond, the curve goes straight from
+        point to point. That gives the step at which the error reaches the wanted one; ns/day there is that step times the steps per second (median over rounds). Uncertainties: the means are
         resampled (normal law), the shared reference with them, and the rounds of the timings.
 
         Parameters
@@ -456,7 +456,7 @@ class StudyResult:
             perNs = SECONDS_PER_DAY/1000
             curves[method] = {'step': step, 'capped': bool(step >= curve.largest), 'ns_per_day': step*np.median(rate)*perNs,
                               'steps_per_second': float(np.median(rate)), 'chi2': curve.chi2, 'degrees': curve.degrees,
-                              'coefficients': curve.coefficients.tolist(), 'fitted_steps': curve.steps}
+                              'coefficients': curve.coefficients.tolist(), 'largest_fitted_step': curve.fitted}
             clouds[method] = (steps, steps*rates*perNs)
         tails = [50*(1 - self.confidence), 50*(1 + self.confidence)]
         for method, entry in curves.items():

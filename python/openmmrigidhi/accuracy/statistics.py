@@ -2,7 +2,7 @@
 
 Only numpy and scipy: no OpenMM, so that every rule here can be tested on synthetic numbers.
 """
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.stats
@@ -14,6 +14,8 @@ WINDOW = 5
 BLOCK_LENGTH_IN_TAU = 20
 #: With fewer blocks than this a mean is reported, but flagged: its error is hardly known.
 FEWEST_TRUSTED_BLOCKS = 10
+#: Errors up to this many times the wanted one are fitted by a polynomial in the step.
+RANGE_IN_TOLERANCES = 2
 #: A fit whose chi^2 would be exceeded with a smaller probability than this is not believed.
 SMALLEST_FIT_PROBABILITY = 0.01
 
@@ -275,7 +277,9 @@ def _fit(points, used):
 
 @dataclass
 class ErrorCurve:
-    """error(h) = E h^p + F h^2p of one method, with a cloud of resampled curves for its uncertainty.
+    """error(h) of one method: E h^p + F h^2p where the errors are small, straight lines in h between the points beyond.
+
+    The stability limit of a scheme is a cliff that no low polynomial follows; near it the measured points themselves do.
 
     Attributes
     ----------
@@ -283,6 +287,13 @@ class ErrorCurve:
     coefficients : ndarray of shape (2,)
         E, F
     cloud : ndarray of shape (resamplings, 2)
+        resampled E, F
+    beyond : ndarray of shape (k,)
+        steps above the fitted ones, ascending
+    errors : ndarray of shape (k,)
+        their errors
+    errorCloud : ndarray of shape (resamplings, k)
+        resampled errors
     largest : float
         the largest stable step that was measured
     fitted : float
@@ -294,18 +305,20 @@ class ErrorCurve:
     order: int
     coefficients: np.ndarray
     cloud: np.ndarray
+    beyond: np.ndarray
+    errors: np.ndarray
+    errorCloud: np.ndarray
     largest: float
     fitted: float
     chi2: float
     degrees: int
-    steps: list = field(default_factory=list)
 
     def stepFor(self, tolerance):
         """The step at which |error| first reaches the tolerance: value, and an ndarray for the cloud; capped at `largest`."""
-        value = self._solve(self.coefficients, tolerance)
-        return value, np.array([self._solve(pair, tolerance) for pair in self.cloud])
+        value = self._solve(self.coefficients, self.errors, tolerance)
+        return value, np.array([self._solve(*each, tolerance) for each in zip(self.cloud, self.errorCloud)])
 
-    def _solve(self, pair, tolerance):
+    def _solve(self, pair, errors, tolerance):
         E, F = pair
         smallest = np.inf
         for sign in (1, -1):
@@ -313,18 +326,25 @@ class ErrorCurve:
             for root in roots:
                 if abs(root.imag) < 1e-12*abs(root) + 1e-300 and 0 < root.real < smallest:
                     smallest = root.real
-        return min(self.largest, smallest**(1/self.order)) if np.isfinite(smallest) else self.largest
+        if smallest <= self.fitted**self.order:
+            return smallest**(1/self.order)
+        x = self.fitted**self.order
+        h, error = self.fitted, E*x + F*x*x
+        for nextStep, nextError in zip(self.beyond, errors):
+            if abs(nextError) >= tolerance:
+                limit = np.copysign(tolerance, nextError)
+                return h + (nextStep - h)*(limit - error)/(nextError - error)
+            h, error = nextStep, nextError
+        return self.largest
 
 
 def errorCurve(h, errors, sigma, resampled, order, tolerance, largest):
-    """Fit E h^p + F h^2p to the errors of one method around a tolerance.
-
-    Points whose error is above 5 tolerances are left out (but never so that fewer than 3 remain).
+    """Fit E h^p + F h^2p to the errors of one method up to twice a tolerance, and keep the points beyond.
 
     Parameters
     ----------
     h, errors : ndarray of shape (n,)
-        steps, ascending, and the measured errors
+        steps, ascending, and the measured errors; n >= 1
     sigma : ndarray of shape (n,)
         their standard errors
     resampled : ndarray of shape (resamplings, n)
@@ -336,29 +356,22 @@ def errorCurve(h, errors, sigma, resampled, order, tolerance, largest):
 
     Returns
     -------
-    ErrorCurve or None
-        None without any point
+    ErrorCurve
     """
-    h, errors = np.asarray(h, float), np.asarray(errors, float)
-    if len(h) == 0:
-        return None
-    keep = np.abs(errors) <= 5*tolerance
-    keep[:3] = True
-    # Nothing beyond the first point that is out: the curve need not come back.
-    if not keep.all():
-        keep[np.argmin(keep):] = False
-    h, errors, sigma, resampled = h[keep], errors[keep], np.asarray(sigma)[keep], np.asarray(resampled)[:, keep]
-    scale = h.max()
-    powers = (1, 2) if len(h) >= 3 else (1,)
-    design = np.stack([(h/scale)**(order*power) for power in powers], axis=1)
-    inverse = np.linalg.pinv(design/sigma[:, None])/sigma[None, :]
+    h, errors, sigma, resampled = map(np.asarray, (h, errors, sigma, resampled))
+    out = np.abs(errors) > RANGE_IN_TOLERANCES*tolerance
+    # What lies beyond the first point that is out is not in the fit even if it comes back; two points are needed.
+    count = max(int(np.argmax(out)) if out.any() else len(h), min(2, len(h)))
+    x, scale = h[:count], h[count - 1]
+    powers = (1, 2) if count >= 3 else (1,)
+    design = np.stack([(x/scale)**(order*power) for power in powers], axis=1)
+    inverse = np.linalg.pinv(design/sigma[:count, None])/sigma[None, :count]
 
     def coefficients(values):
         result = np.zeros(values.shape[:-1] + (2,))
         result[..., :len(powers)] = values@inverse.T/np.array([scale**(order*power) for power in powers])
         return result
 
-    best = coefficients(errors)
-    residual = (errors - design@(inverse@errors))/sigma
-    return ErrorCurve(order, best, coefficients(resampled), largest, float(h.max()), float((residual**2).sum()), len(h) - len(powers),
-                      list(h))
+    residual = (errors[:count] - design@(inverse@errors[:count]))/sigma[:count]
+    return ErrorCurve(order, coefficients(errors[:count]), coefficients(resampled[:, :count]), h[count:], errors[count:],
+                      resampled[:, count:], largest, float(scale), float((residual**2).sum()), count - len(powers))
