@@ -113,7 +113,7 @@ def draw(result, observable, wanted=()):
     _drawMeans(right, result, observable, reference, wanted)
     figure.suptitle(f'{result.observables[observable]["label"].capitalize()}, {result.scene["name"]}', fontsize=13)
     buffer = io.BytesIO()
-    figure.savefig(buffer, format='png', dpi=110)
+    figure.savefig(buffer, format='png', dpi=110, metadata={'Title': f'Error of {observable}', 'Software': None})
     return buffer.getvalue()
 
 
