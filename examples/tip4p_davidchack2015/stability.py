@@ -140,19 +140,20 @@ def picture(results, file):
             bad = [t["h_fs"] for t in trials if not t["stable"]]
             ax.plot(bad, [620 - 12 * list(results).index(name)] * len(bad), "x", color=f"C{list(results).index(name)}")
     ax.axhline(300, color="0.8", lw=0.8)
-    ax.set(xlabel="h, fs", ylabel="kinetic temperature, K", ylim=(150, 640), title="step size (crosses: unstable)")
-    ax.legend(fontsize=7)
+    ax.set(xlabel="h, fs", ylabel="kinetic temperature, K", ylim=(0, 640), title="step size (crosses: heating by 1 K/ps or more, or blown up)")
+    ax.legend(*ax.get_legend_handles_labels(), fontsize=6, ncol=2, loc="lower left")
     ax = axes[0, 1]
     for name, trials in results.items():
         if name.startswith("gradient"):
             colour = "C0" if "upsilon" in name else "C1"
-            good = [t for t in trials if t["stable"]]
-            ax.plot([t["x"] for t in good], [t["U"] for t in good], "o-", color=colour, ms=4, label=name + ", fs²")
-            ax.plot([t["x"] for t in trials if not t["stable"]], [-5.2] * sum(not t["stable"] for t in trials), "x", color=colour)
+            finite = [t for t in trials if t["U"] is not None and t["U"] < 5]
+            ax.plot([t["x"] for t in finite], [t["U"] for t in finite], "o-", color=colour, ms=4, label=name + ", fs²")
+            lost = [t["x"] for t in trials if t not in finite]
+            ax.plot(lost, [1.0] * len(lost), "x", color=colour)
     ax.axvline(150, color="C0", lw=0.8, ls="--")
     ax.axvline(70, color="C1", lw=0.8, ls="--")
-    ax.set(xlabel="h υ or h Υ, fs²", ylabel="U at the end, kcal/mol", title="gradient (crosses: unstable; dashed: the paper's limits)")
-    ax.legend(fontsize=8)
+    ax.set(xlabel="h υ or h Υ, fs²", ylabel="U at the end, kcal/mol", title="gradient (crosses: blown up; dashed: the paper's limits)")
+    ax.legend(*ax.get_legend_handles_labels(), fontsize=8)
     moments = tip4p.principal_moments()
     shares = 1 / moments / np.sum(1 / moments)
     for ax, name, key, rates in ((axes[1, 0], "gamma", "T_tk", [1.0]), (axes[1, 1], "Gamma", "T_rk", shares)):
@@ -187,10 +188,18 @@ def main():
     run.start_positions(options.molecules, start_file)
     began = time.time()
     results, groups = {}, tasks(options)
+    file = os.path.join(options.out, "stability.json")
+    if os.path.exists(file):            # resume: groups that were finished with the same settings are kept
+        with open(file) as stream:
+            for name, trials in json.load(stream)["trials"].items():
+                if [{k: t.get(k) for k in task} for t, task in zip(trials, groups.get(name, []))] == groups.get(name):
+                    results[name] = trials
     spawn = multiprocessing.get_context("spawn")
     with concurrent.futures.ProcessPoolExecutor(options.jobs, mp_context=spawn) as pool, \
-            tqdm(total=sum(map(len, groups.values())), unit="run") as bar:
+            tqdm(total=sum(len(group) for name, group in groups.items() if name not in results), unit="run") as bar:
         for name, group in groups.items():
+            if name in results:
+                continue
             futures = [pool.submit(_trial, task, start_file) for task in group]
             results[name] = []
             for future in futures:
