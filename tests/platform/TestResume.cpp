@@ -235,14 +235,14 @@ TEST(Resume, TheNumberOfThreadsDoesNotMatter) {
     // Enough bodies that threads really share the work.
     System system;
     const Shape water = waterShape();
-    const int copies = 700;
+    const int copies = 3300;
     CustomRigidHIIntegrator unused(300, 0.002);
     addBodies(system, unused, water, copies);
     auto* field = new CustomExternalForce("x^2+y^2+z^2");
     for (int i = 0; i < system.getNumParticles(); i++) field->addParticle(i, vector<double>());
     system.addForce(field);
     vector<Vec3> positions = randomPoses(water, copies, 0.01, 1);
-    for (int i = 0; i < 2000; i++) {  // free particles
+    for (int i = 0; i < 13000; i++) {  // free particles
         field->addParticle(system.addParticle(5), vector<double>());
         positions.push_back(Vec3(0.001 * i, 1, 0));
     }

@@ -1,7 +1,7 @@
 // The loops over bodies, for one body at a time (Real = double) or a SIMD pack of bodies.
 //
-// A Real brings: arithmetic, construction from double, sincos, squareRoot, maximum (Quaternion-inl.h), and the functions
-// load, store, lanes and noisePair below.
+// A Real brings: arithmetic, construction from double, sincos, squareRoot, maximum (Quaternion-inl.h), and the
+// functions load, store, lanes and noisePairs below.
 
 #if defined(RIGIDHI_BODY_LOOPS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_BODY_LOOPS_INL_H_
@@ -27,9 +27,10 @@ inline void load(const double* from, double& x) { x = *from; }
 inline void store(double x, double* to) { *to = x; }
 inline int lanes(double) { return 1; }
 inline bool isFinite(double x) { return x - x == 0; }
-inline void noisePair(const NoiseStream& noise, uint32_t purpose, const int* index, uint32_t block, double& a,
-                      double& b) {
-    noise.pair(purpose, index[0], block, a, b);
+template <int count>
+inline void noisePairs(const NoiseStream& noise, uint32_t purpose, const int* index, uint32_t firstBlock,
+                       double (&numbers)[2 * count]) {
+    for (int k = 0; k < count; k++) noise.pair(purpose, index[0], firstBlock + k, numbers[2 * k], numbers[2 * k + 1]);
 }
 
 template <class Real>
@@ -229,13 +230,16 @@ private:
     void drawNoise(int draw, Vector3<Real>& xi, Vector3<Real>& eta) {
         const uint32_t purpose = draw == 0 ? NoiseStream::FirstDraw : NoiseStream::SecondDraw;
         const int* index = &bodies.bodyOfSlot[slot];
-        Real spare;
-        noisePair(settings.noise, purpose, index, 0, xi.x, xi.y);
-        if (block.rotor == RotorKind::Point)
-            noisePair(settings.noise, purpose, index, 1, xi.z, spare);
-        else {
-            noisePair(settings.noise, purpose, index, 1, xi.z, eta.x);
-            noisePair(settings.noise, purpose, index, 2, eta.y, eta.z);
+        if (block.rotor == RotorKind::Point) {
+            Real n[4];
+            noisePairs<2>(settings.noise, purpose, index, 0, n);
+            xi = {n[0], n[1], n[2]};
+            eta = {Real(0.0), Real(0.0), Real(0.0)};
+        } else {
+            Real n[6];
+            noisePairs<3>(settings.noise, purpose, index, 0, n);
+            xi = {n[0], n[1], n[2]};
+            eta = {n[3], n[4], n[5]};
         }
         int active = 0;
         for (int i = 0; i < lanes(R.x); i++) active += index[i] >= 0;
@@ -303,9 +307,11 @@ struct SchemelessLoop {
         }
         if (loop == BodyLoop::ScatterPositions) flow.scatterPositions(arrays.positions, arrays.lastPositions);
         if (loop == BodyLoop::ScatterVelocities) flow.scatterVelocities(arrays.velocities, arrays.lastVelocities);
-        if (loop == BodyLoop::TakeInVelocities && flow.massesMakeTheBodies()) {
+        const bool scatter = loop == BodyLoop::TakeInAndScatterVelocities;
+        if ((loop == BodyLoop::TakeInVelocities || scatter) && flow.massesMakeTheBodies()) {
             flow.gatherMomenta(arrays.velocities);
             flow.storeMomenta();
+            if (scatter) flow.scatterVelocities(arrays.velocities, arrays.lastVelocities);
         }
         return true;
     }
@@ -344,13 +350,10 @@ inline void fillNoise(const NoiseStream& noise, uint32_t purpose, const int* ind
     for (int i = 0; i < count; i += width) {
         int padded[BodySet::blockSize] = {0};
         for (int k = 0; k < width && i + k < count; k++) padded[k] = index[i + k];
-        Real x, y, z, spare;
-        noisePair(noise, purpose, padded, 0, x, y);
-        noisePair(noise, purpose, padded, 1, z, spare);
+        Real n[4];
+        noisePairs<2>(noise, purpose, padded, 0, n);
         double v[3][BodySet::blockSize];
-        store(x, v[0]);
-        store(y, v[1]);
-        store(z, v[2]);
+        for (int c = 0; c < 3; c++) store(n[c], v[c]);
         for (int k = 0; k < width && i + k < count; k++)
             for (int c = 0; c < 3; c++) xi[3 * (i + k) + c] = v[c][k];
     }

@@ -296,7 +296,7 @@ void RigidBodyKernel::stateChanged(ContextImpl& context, State::DataType changed
 }
 
 /** Bring poses and twists up to date with the Context's positions, velocities and box. */
-void RigidBodyKernel::takeInChanges(ContextImpl& context) {
+void RigidBodyKernel::takeInChanges(ContextImpl& context, bool stepping) {
     if (!bodiesAreBuilt) deriveGeometries();
     Vec3 box[3];
     context.getPeriodicBoxVectors(box[0], box[1], box[2]);
@@ -312,7 +312,7 @@ void RigidBodyKernel::takeInChanges(ContextImpl& context) {
         membersNeedPuttingBack = true;
     }
     if (!sameBits(positions(), lastPositions)) takeInPositions();
-    if (!sameBits(velocities(), lastVelocities)) takeInVelocities();
+    if (!sameBits(velocities(), lastVelocities)) takeInVelocities(stepping && settings.hasMomenta());
 }
 
 void RigidBodyKernel::takeInPositions() {
@@ -339,14 +339,13 @@ void RigidBodyKernel::takeInPositions() {
         int worst = 0;
         const double distance = fits[b].fitPose(members, state, worst);
         if (!(distance <= integrator->getPoseTolerance()))
-            fail(
-                "body " + to_string(b) + ": particle " + to_string(particles[worst]) + " is " + number(distance) +
-                " nm from its place in the body, more than the pose tolerance " +
-                number(integrator->getPoseTolerance()) +
-                " nm; give positions that fit the body's shape: whole molecules, not wrapped across the periodic box; "
-                "where constraints define the shape, call applyConstraints() on the Context, elsewhere minimise with "
-                "openmmrigidhi.app.minimize(); raise setPoseTolerance(), or call resetBodyGeometry() if the shape "
-                "itself has changed");
+            fail("body " + to_string(b) + ": particle " + to_string(particles[worst]) + " is " + number(distance) +
+                 " nm from its place in the body, more than the pose tolerance " +
+                 number(integrator->getPoseTolerance()) +
+                 " nm; give positions that fit the body's shape: whole molecules, not wrapped across the periodic box; "
+                 "where constraints define the shape, call applyConstraints() on the Context, elsewhere minimise with "
+                 "openmmrigidhi.app.minimize(); raise setPoseTolerance(), or call resetBodyGeometry() if the shape "
+                 "itself has changed");
         residual = max(residual, distance);
         fitted.emplace_back(b, state);
     }
@@ -361,7 +360,8 @@ void RigidBodyKernel::takeInPositions() {
     for (auto& bodyAndState : fitted) takeInTwist(bodyAndState.first);
 }
 
-void RigidBodyKernel::takeInVelocities() {
+/** @param putBack  whether particle velocities may become those of rigid bodies now, or only when a step starts */
+void RigidBodyKernel::takeInVelocities(bool putBack) {
     double sum = 0;
     for (const Vec3& v : velocities()) sum += v[0] + v[1] + v[2];
     for (int p = 0; !isfinite(sum) && p < (int)velocities().size(); p++)
@@ -369,14 +369,20 @@ void RigidBodyKernel::takeInVelocities() {
             fail("particle " + to_string(p) +
                  (stock.bodyOfParticle[p] >= 0 ? " of body " + to_string(stock.bodyOfParticle[p]) : "") +
                  " has a non-finite velocity; set finite velocities");
-    // A CMMotionRemover changes all velocities at every step: most bodies take the fast way.
-    runLoop(BodyLoop::TakeInVelocities);
-    for (int b = 0; b < bodies.getNumBodies(); b++)
-        if (!bodies.blocks[bodies.slot(b) / BodySet::blockSize].massesMakeTheBodies &&
-            bodyMembersDiffer(b, velocities(), lastVelocities))
-            takeInTwist(b);
-    lastVelocities = velocities();
-    velocitiesNeedPuttingBack = true;
+    // A CMMotionRemover changes all velocities at every step: most bodies take the fast way, in one pass.
+    runLoop(putBack ? BodyLoop::TakeInAndScatterVelocities : BodyLoop::TakeInVelocities);
+    bool slowBodies = false;
+    for (int b = 0; b < bodies.getNumBodies(); b++) {
+        if (bodies.blocks[bodies.slot(b) / BodySet::blockSize].massesMakeTheBodies) continue;
+        slowBodies = true;
+        if (bodyMembersDiffer(b, velocities(), lastVelocities)) takeInTwist(b);
+    }
+    if (putBack && !slowBodies)
+        for (int p : stock.otherParticles) lastVelocities[p] = velocities()[p];
+    else {
+        lastVelocities = velocities();
+        velocitiesNeedPuttingBack = true;
+    }
 }
 
 void RigidBodyKernel::takeInTwist(int b) {
@@ -435,13 +441,13 @@ void RigidBodyKernel::step(ContextImpl& context) {
     if (bodiesAreBuilt) updateSettings();
     if (userChangedState || !bodiesAreBuilt || compareByHash) {
         // Before Forces that change the state (barostats) see it.
-        takeInChanges(context);
+        takeInChanges(context, true);
         putMembersBack(context);
         userChangedState = false;
     }
     if (context.updateContextState()) forcesAreValid = false;
     const double start = now(), forcesBefore = counters.seconds_forces;
-    takeInChanges(context);
+    takeInChanges(context, true);
     putMembersBack(context);
     userChangedState = false;
     if (!forcesAreValid) evaluateForces(context);

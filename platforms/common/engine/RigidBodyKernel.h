@@ -87,9 +87,9 @@ private:
     void recordGeometry(int body, const BodyGeometry& geometry);
     void buildBodies();
     void deriveGeometries();
-    void takeInChanges(OpenMM::ContextImpl& context);
+    void takeInChanges(OpenMM::ContextImpl& context, bool stepping = false);
     void takeInPositions();
-    void takeInVelocities();
+    void takeInVelocities(bool putBack);
     void takeInVelocitiesIfChanged(OpenMM::ContextImpl& context);
     void takeInTwist(int body);
     void requirePositions(const char* what) const;

@@ -33,12 +33,13 @@ struct LoopResult {
 
 /** The loops over bodies of one step; see BodyLoops-inl.h. */
 enum class BodyLoop {
-    BeforeForces,       // the scheme up to the force evaluation; new positions to the particles
-    AfterForces,        // forces from the particles; the rest of the scheme; new velocities to the particles
-    GatherForces,       // forces from the particles only
-    ScatterPositions,   // poses to the particles
-    ScatterVelocities,  // twists to the particles
-    TakeInVelocities    // momenta from the particles, in blocks where their masses make the bodies
+    BeforeForces,               // the scheme up to the force evaluation; new positions to the particles
+    AfterForces,                // forces from the particles; the rest of the scheme; new velocities to the particles
+    GatherForces,               // forces from the particles only
+    ScatterPositions,           // poses to the particles
+    ScatterVelocities,          // twists to the particles
+    TakeInVelocities,           // momenta from the particles, in blocks where their masses make the bodies
+    TakeInAndScatterVelocities  // likewise, and the twists back to the particles
 };
 
 }  // namespace RigidHIPlugin

@@ -41,9 +41,9 @@ public:
     }
 
 private:
-    // Waking a thread takes about as long as stepping this many blocks of bodies or free particles (a few microseconds;
-    // measured, docs/ARCHITECTURE.md).
-    static const int minimumBlocksPerThread = 8, minimumParticlesPerThread = 256;
+    // Waking a sleeping thread takes 10 to 90 microseconds (benchmarks/README.md); a block of bodies takes half a
+    // microsecond a loop, a free particle ten nanoseconds a move.
+    static const int minimumBlocksPerThread = 128, minimumParticlesPerThread = 4096;
 
     /** Every element is computed on its own, so the division does not show in the results. */
     template <class Task>

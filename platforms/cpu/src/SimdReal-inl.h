@@ -66,8 +66,8 @@ HWY_NOINLINE void sincosOfLarge(const Pack& x, Pack& sine, Pack& cosine) {
 }
 
 /**
- * Sine and cosine. The half angles of a step are almost always small: up to 1/2 the Taylor series to x^13 and x^14 leave out
- * less than x^14/15! = 5e-17 of sin x/x and x^16/16! = 7e-19 of cos x, below rounding.
+ * Sine and cosine. The half angles of a step are almost always small: up to 1/2 the Taylor series to x^13 and x^14
+ * leave out less than x^14/15! = 5e-17 of sin x/x and x^16/16! = 7e-19 of cos x, below rounding.
  */
 HWY_INLINE void sincos(const Pack& x, Pack& sine, Pack& cosine) {
     const Doubles d;
@@ -94,29 +94,73 @@ HWY_INLINE void sincos(const Pack& x, Pack& sine, Pack& cosine) {
     cosine = hn::MulAdd(c, z, hn::Set(d, 1.0));
 }
 
-/** Philox4x32-10, one counter a lane: bit for bit what Random123 gives (a test compares them). */
-HWY_INLINE void philox(WordVec c[4], uint32_t key0, uint32_t key1) {
+/**
+ * Philox4x32-10, one counter a lane, for `count` independent sets of counters: bit for bit what Random123 gives (a test
+ * compares them). A set is one long chain of dependent operations, so sets are interleaved.
+ */
+template <int count>
+HWY_INLINE void philox(WordVec (&c)[count][4], uint32_t key0, uint32_t key1) {
 #if HWY_TARGET == HWY_SCALAR
-    uint32_t in[4];
-    for (int i = 0; i < 4; i++) in[i] = static_cast<uint32_t>(hn::GetLane(c[i]));
-    const auto out = r123::Philox4x32()({{in[0], in[1], in[2], in[3]}}, {{key0, key1}});
-    for (int i = 0; i < 4; i++) c[i] = hn::Set(Words(), out[i]);
+    for (auto& set : c) {
+        uint32_t in[4];
+        for (int i = 0; i < 4; i++) in[i] = static_cast<uint32_t>(hn::GetLane(set[i]));
+        const auto out = r123::Philox4x32()({{in[0], in[1], in[2], in[3]}}, {{key0, key1}});
+        for (int i = 0; i < 4; i++) set[i] = hn::Set(Words(), out[i]);
+    }
 #else
     const Words d;
     const hn::Repartition<uint32_t, Words> half;
     auto product = [&](WordVec a, WordVec b) { return hn::MulEven(hn::BitCast(half, a), hn::BitCast(half, b)); };
     const WordVec m0 = hn::Set(d, 0xD2511F53u), m1 = hn::Set(d, 0xCD9E8D57u);
     for (int round = 0; round < 10; round++) {
-        const WordVec p0 = product(m0, c[0]), p1 = product(m1, c[2]);
-        // Upper halves of the 64-bit lanes are never looked at, so they may hold anything.
-        c[0] = hn::Xor(hn::Xor(hn::ShiftRight<32>(p1), c[1]), hn::Set(d, key0));
-        c[1] = p1;
-        c[2] = hn::Xor(hn::Xor(hn::ShiftRight<32>(p0), c[3]), hn::Set(d, key1));
-        c[3] = p0;
+        for (auto& set : c) {
+            const WordVec p0 = product(m0, set[0]), p1 = product(m1, set[2]);
+            // Upper halves of the 64-bit lanes are never looked at, so they may hold anything.
+            set[0] = hn::Xor(hn::Xor(hn::ShiftRight<32>(p1), set[1]), hn::Set(d, key0));
+            set[1] = p1;
+            set[2] = hn::Xor(hn::Xor(hn::ShiftRight<32>(p0), set[3]), hn::Set(d, key1));
+            set[3] = p0;
+        }
         key0 += 0x9E3779B9u;
         key1 += 0xBB67AE85u;
     }
 #endif
+}
+
+/**
+ * Sine and cosine of 2 pi v for v in [0, 1): the nearest quarter turn is taken off exactly, and on the eighth of a turn
+ * that is left the Taylor series to x^15 and x^16 leave out less than 5e-17 of either.
+ */
+HWY_INLINE void sincosOfTurn(DoubleVec v, DoubleVec& sine, DoubleVec& cosine) {
+    const Doubles d;
+    const DoubleVec quarters = hn::Round(hn::Mul(v, hn::Set(d, 4.0)));  // 0 ... 4
+    const DoubleVec x = hn::Mul(hn::Set(d, 2.0 * M_PI), hn::NegMulAdd(quarters, hn::Set(d, 0.25), v));
+    const DoubleVec z = hn::Mul(x, x);
+    auto series = [&](DoubleVec sum, double coefficient) { return hn::MulAdd(sum, z, hn::Set(d, coefficient)); };
+    DoubleVec s = hn::Set(d, -1.0 / 1307674368000.0);  // -1/15!
+    s = series(s, 1.0 / 6227020800.0);
+    s = series(s, -1.0 / 39916800.0);
+    s = series(s, 1.0 / 362880.0);
+    s = series(s, -1.0 / 5040.0);
+    s = series(s, 1.0 / 120.0);
+    s = series(s, -1.0 / 6.0);
+    s = hn::MulAdd(hn::Mul(s, z), x, x);
+    DoubleVec c = hn::Set(d, 1.0 / 20922789888000.0);  // 1/16!
+    c = series(c, -1.0 / 87178291200.0);
+    c = series(c, 1.0 / 479001600.0);
+    c = series(c, -1.0 / 3628800.0);
+    c = series(c, 1.0 / 40320.0);
+    c = series(c, -1.0 / 720.0);
+    c = series(c, 1.0 / 24.0);
+    c = series(c, -0.5);
+    c = hn::MulAdd(c, z, hn::Set(d, 1.0));
+    // Quarter turns: 1 and 3 swap sine and cosine; sine is negative after 2 and 3, cosine after 1 and 2.
+    const auto one = hn::Eq(quarters, hn::Set(d, 1.0)), two = hn::Eq(quarters, hn::Set(d, 2.0)),
+               three = hn::Eq(quarters, hn::Set(d, 3.0));
+    const auto odd = hn::Or(one, three);
+    const DoubleVec a = hn::IfThenElse(odd, c, s), b = hn::IfThenElse(odd, s, c);
+    sine = hn::IfThenElse(hn::Or(two, three), hn::Neg(a), a);
+    cosine = hn::IfThenElse(hn::Or(one, two), hn::Neg(b), b);
 }
 
 HWY_INLINE Pack uniform(WordVec low, WordVec high) {
@@ -134,27 +178,43 @@ HWY_INLINE Pack discrete(const NoiseStream& noise, const Pack& u) {
                           hn::IfThenElse(hn::Lt(u.v, hn::Set(d, 5.0 / 6.0)), hn::Zero(d), root3));
 }
 
-/** NoiseStream::pair for every lane. */
-HWY_NOINLINE void noisePair(const NoiseStream& noise, uint32_t purpose, const int* index, uint32_t block, Pack& a,
-                            Pack& b) {
+/** NoiseStream::pair for every lane, for blocks firstBlock, firstBlock + 1, ...: numbers 2k and 2k + 1 are block k's.
+ */
+template <int count>
+HWY_NOINLINE void noisePairs(const NoiseStream& noise, uint32_t purpose, const int* index, uint32_t firstBlock,
+                             Pack (&numbers)[2 * count]) {
     const Words d;
     const Doubles dd;
     HWY_ALIGN uint64_t indices[BodySet::blockSize];
-    for (int i = 0; i < lanes(a); i++) indices[i] = static_cast<uint32_t>(index[i]);
+    for (int i = 0; i < lanes(numbers[0]); i++) indices[i] = static_cast<uint32_t>(index[i]);
     const uint64_t step = static_cast<uint64_t>(noise.step);
-    WordVec c[4] = {hn::Set(d, step & 0xffffffffu), hn::Set(d, step >> 32), hn::Load(d, indices),
-                    hn::Set(d, noise.lastWord(purpose, block))};
+    WordVec c[count][4];
+    for (int k = 0; k < count; k++) {
+        c[k][0] = hn::Set(d, step & 0xffffffffu);
+        c[k][1] = hn::Set(d, step >> 32);
+        c[k][2] = hn::Load(d, indices);
+        c[k][3] = hn::Set(d, noise.lastWord(purpose, firstBlock + k));
+    }
     philox(c, noise.seed, NoiseStream::keyWord);
-    const Pack u = uniform(c[0], c[1]), v = uniform(c[2], c[3]);
+    Pack u[count], v[count];
+    for (int k = 0; k < count; k++) {
+        u[k] = uniform(c[k][0], c[k][1]);
+        v[k] = uniform(c[k][2], c[k][3]);
+    }
     if (noise.law == NoiseStream::Gaussian) {
-        const DoubleVec radius = hn::Sqrt(hn::Mul(hn::Set(dd, -2.0), hn::Log(dd, hn::Sub(hn::Set(dd, 1.0), u.v))));
-        Pack sine, cosine;
-        sincosOfLarge(Pack(2.0 * M_PI) * v, sine, cosine);
-        a = Pack(radius) * cosine;
-        b = Pack(radius) * sine;
+        for (int k = 0; k < count; k++) {
+            const DoubleVec radius =
+                hn::Sqrt(hn::Mul(hn::Set(dd, -2.0), hn::Log(dd, hn::Sub(hn::Set(dd, 1.0), u[k].v))));
+            DoubleVec sine, cosine;
+            sincosOfTurn(v[k].v, sine, cosine);
+            numbers[2 * k] = hn::Mul(radius, cosine);
+            numbers[2 * k + 1] = hn::Mul(radius, sine);
+        }
     } else {
-        a = discrete(noise, u);
-        b = discrete(noise, v);
+        for (int k = 0; k < count; k++) {
+            numbers[2 * k] = discrete(noise, u[k]);
+            numbers[2 * k + 1] = discrete(noise, v[k]);
+        }
     }
 }
 
