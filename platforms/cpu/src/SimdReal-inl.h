@@ -66,25 +66,23 @@ HWY_NOINLINE void sincosOfLarge(const Pack& x, Pack& sine, Pack& cosine) {
 }
 
 /**
- * Sine and cosine. The half angles of a step are almost always small: up to 1/2 the Taylor series to x^13 and x^14
- * leave out less than x^14/15! = 5e-17 of sin x/x and x^16/16! = 7e-19 of cos x, below rounding.
+ * Sine and cosine of |x| <= pi/4: the Taylor series to x^15 and x^16 leave out less than x^16/17! = 6e-17 of sin x/x and
+ * x^18/18! = 2e-18 of cos x, below rounding.
  */
-HWY_INLINE void sincos(const Pack& x, Pack& sine, Pack& cosine) {
+HWY_INLINE void sincosOfSmall(DoubleVec x, DoubleVec& sine, DoubleVec& cosine) {
     const Doubles d;
-    if (HWY_UNLIKELY(!hn::AllTrue(d, hn::Le(hn::Abs(x.v), hn::Set(d, 0.5))))) {
-        sincosOfLarge(x, sine, cosine);
-        return;
-    }
-    const DoubleVec z = hn::Mul(x.v, x.v);
+    const DoubleVec z = hn::Mul(x, x);
     auto series = [&](DoubleVec sum, double coefficient) { return hn::MulAdd(sum, z, hn::Set(d, coefficient)); };
-    DoubleVec s = hn::Set(d, 1.0 / 6227020800.0);  // 1/13!
+    DoubleVec s = hn::Set(d, -1.0 / 1307674368000.0);  // -1/15!
+    s = series(s, 1.0 / 6227020800.0);
     s = series(s, -1.0 / 39916800.0);
     s = series(s, 1.0 / 362880.0);
     s = series(s, -1.0 / 5040.0);
     s = series(s, 1.0 / 120.0);
     s = series(s, -1.0 / 6.0);
-    sine = hn::MulAdd(hn::Mul(s, z), x.v, x.v);
-    DoubleVec c = hn::Set(d, -1.0 / 87178291200.0);  // -1/14!
+    sine = hn::MulAdd(hn::Mul(s, z), x, x);
+    DoubleVec c = hn::Set(d, 1.0 / 20922789888000.0);  // 1/16!
+    c = series(c, -1.0 / 87178291200.0);
     c = series(c, 1.0 / 479001600.0);
     c = series(c, -1.0 / 3628800.0);
     c = series(c, 1.0 / 40320.0);
@@ -92,6 +90,15 @@ HWY_INLINE void sincos(const Pack& x, Pack& sine, Pack& cosine) {
     c = series(c, 1.0 / 24.0);
     c = series(c, -0.5);
     cosine = hn::MulAdd(c, z, hn::Set(d, 1.0));
+}
+
+/** Sine and cosine. The half angles of a step are almost always small. */
+HWY_INLINE void sincos(const Pack& x, Pack& sine, Pack& cosine) {
+    const Doubles d;
+    if (HWY_UNLIKELY(!hn::AllTrue(d, hn::Le(hn::Abs(x.v), hn::Set(d, M_PI / 4)))))
+        sincosOfLarge(x, sine, cosine);
+    else
+        sincosOfSmall(x.v, sine.v, cosine.v);
 }
 
 /**
@@ -129,31 +136,14 @@ HWY_INLINE void philox(WordVec (&c)[count][4], uint32_t key0, uint32_t key1) {
 
 /**
  * Sine and cosine of 2 pi v for v in [0, 1): the nearest quarter turn is taken off exactly, and on the eighth of a turn
- * that is left the Taylor series to x^15 and x^16 leave out less than 5e-17 of either.
+ * that is left the series serve.
  */
 HWY_INLINE void sincosOfTurn(DoubleVec v, DoubleVec& sine, DoubleVec& cosine) {
     const Doubles d;
     const DoubleVec quarters = hn::Round(hn::Mul(v, hn::Set(d, 4.0)));  // 0 ... 4
     const DoubleVec x = hn::Mul(hn::Set(d, 2.0 * M_PI), hn::NegMulAdd(quarters, hn::Set(d, 0.25), v));
-    const DoubleVec z = hn::Mul(x, x);
-    auto series = [&](DoubleVec sum, double coefficient) { return hn::MulAdd(sum, z, hn::Set(d, coefficient)); };
-    DoubleVec s = hn::Set(d, -1.0 / 1307674368000.0);  // -1/15!
-    s = series(s, 1.0 / 6227020800.0);
-    s = series(s, -1.0 / 39916800.0);
-    s = series(s, 1.0 / 362880.0);
-    s = series(s, -1.0 / 5040.0);
-    s = series(s, 1.0 / 120.0);
-    s = series(s, -1.0 / 6.0);
-    s = hn::MulAdd(hn::Mul(s, z), x, x);
-    DoubleVec c = hn::Set(d, 1.0 / 20922789888000.0);  // 1/16!
-    c = series(c, -1.0 / 87178291200.0);
-    c = series(c, 1.0 / 479001600.0);
-    c = series(c, -1.0 / 3628800.0);
-    c = series(c, 1.0 / 40320.0);
-    c = series(c, -1.0 / 720.0);
-    c = series(c, 1.0 / 24.0);
-    c = series(c, -0.5);
-    c = hn::MulAdd(c, z, hn::Set(d, 1.0));
+    DoubleVec s, c;
+    sincosOfSmall(x, s, c);
     // Quarter turns: 1 and 3 swap sine and cosine; sine is negative after 2 and 3, cosine after 1 and 2.
     const auto one = hn::Eq(quarters, hn::Set(d, 1.0)), two = hn::Eq(quarters, hn::Set(d, 2.0)),
                three = hn::Eq(quarters, hn::Set(d, 3.0));
