@@ -1,0 +1,25 @@
+#include "mobility/MobilityOperator.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <Eigen/Cholesky>
+
+namespace RigidHIPlugin {
+
+void MobilityOperator::dense(Eigen::MatrixXd& mobility) const {
+    apply(Eigen::MatrixXd::Identity(particles.numRows, particles.numRows), mobility);
+}
+
+void MobilityOperator::friction(Eigen::MatrixXd& friction) const {
+    Eigen::MatrixXd mobility;
+    dense(mobility);
+    const Eigen::LLT<Eigen::MatrixXd> factor(mobility);
+    if (factor.info() != Eigen::Success)
+        throw OpenMM::OpenMMException(
+            "MobilityForce: the mobility matrix of " + std::to_string(particles.size()) +
+            " hydrodynamic particles is not positive definite; look for particles at the same place");
+    friction = factor.solve(Eigen::MatrixXd::Identity(particles.numRows, particles.numRows));
+    friction = (0.5 * (friction + friction.transpose())).eval();
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,74 @@
+#ifndef RIGIDHI_MOBILITY_OPERATOR_H_
+#define RIGIDHI_MOBILITY_OPERATOR_H_
+
+#include <openmm/Vec3.h>
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+namespace RigidHIPlugin {
+
+/**
+ * The hydrodynamic particles that feel each other, in the order of their rows. What does not change in a step.
+ *
+ * A particle with torque (a sphere) has six rows, force then torque (velocity then angular velocity); one without (a blob of
+ * a rigid multiblob, or a free particle) has three.
+ */
+struct HydrodynamicParticles {
+    std::vector<double> radii;     // nm
+    std::vector<char> hasTorque;   // whether the particle has rows for torque and angular velocity
+    std::vector<int> firstRow;     // of each particle
+    std::vector<int> systemIndex;  // index in the System, for messages
+    std::vector<int> body;         // body it is in, -1: a free particle
+    int numRows = 0;
+
+    int size() const { return radii.size(); }
+    void add(double radius, bool torque, int particle, int inBody) {
+        radii.push_back(radius);
+        hasTorque.push_back(torque);
+        firstRow.push_back(numRows);
+        systemIndex.push_back(particle);
+        body.push_back(inBody);
+        numRows += torque ? 6 : 3;
+    }
+};
+
+/**
+ * How the fluid couples particles: velocities = M(positions) forces. A new model is one class with setPositions() and
+ * apply(); what it can do better than by the defaults it overrides.
+ *
+ * All matrices are in the lab frame, with rows as HydrodynamicParticles says, in nm/(ps kJ/mol/nm) and so on. The matrix is
+ * symmetric positive definite wherever setPositions() accepts the positions.
+ */
+class MobilityOperator {
+public:
+    /** @param viscosity  dalton/(nm ps) */
+    MobilityOperator(const HydrodynamicParticles& particles, double viscosity)
+        : particles(particles), viscosity(viscosity) {}
+    virtual ~MobilityOperator() {}
+    int getNumRows() const { return particles.numRows; }
+
+    /**
+     * Where the particles are, nm, one per hydrodynamic particle.
+     *
+     * @throws OpenMMException, naming the particles, where the model has no mobility (overlap, beyond a wall)
+     */
+    virtual void setPositions(const std::vector<OpenMM::Vec3>& positions) = 0;
+    /** velocities = M forces; every column is a case of its own. @param velocities  resized and overwritten */
+    virtual void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const = 0;
+    /** The matrix itself. Default: apply() to the identity. */
+    virtual void dense(Eigen::MatrixXd& mobility) const;
+    /** Its inverse. Default: by Cholesky's factors of dense(). @throws OpenMMException if M is not positive definite */
+    virtual void friction(Eigen::MatrixXd& friction) const;
+    /** Whether friction() costs less than dense(), so that callers who can use either should ask for friction. */
+    virtual bool isMadeFromFriction() const { return false; }
+
+protected:
+    const HydrodynamicParticles particles;
+    const double viscosity;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif
