@@ -5,4 +5,9 @@ class Integrator {
 public:
     virtual ~Integrator();
 };
+class Force {
+public:
+    virtual ~Force();
+};
+class Context;
 }

@@ -14,8 +14,10 @@
 #include <exception>
 
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
+#include "openmmrigidhi/MobilityForce.h"
 
 using RigidHIPlugin::CustomRigidHIIntegrator;
+using RigidHIPlugin::MobilityForce;
 using RigidHIPlugin::QuaternionArray;
 
 namespace {
@@ -121,6 +123,10 @@ void setOpenMMException(const char* message) {
     if (!copyBuffer<int>($input, "i", rows)) SWIG_fail;
     $1 = &rows;
 }
+%typemap(in) const std::vector<double>& (std::vector<double> numbers) {
+    if (!copyBuffer<double>($input, "d", numbers)) SWIG_fail;
+    $1 = &numbers;
+}
 %typemap(in) const std::vector<OpenMM::Vec3>& (std::vector<OpenMM::Vec3> rows) {
     if (!copyBuffer<double>($input, "d", rows)) SWIG_fail;
     $1 = &rows;
@@ -134,7 +140,7 @@ void setOpenMMException(const char* message) {
     if (rows.size() != 1) SWIG_exception_fail(SWIG_TypeError, "openmmrigidhi: expected a buffer of 3 numbers");
     $1 = &rows[0];
 }
-%typemap(freearg) const std::vector<int>&, const std::vector<OpenMM::Vec3>&,
+%typemap(freearg) const std::vector<int>&, const std::vector<double>&, const std::vector<OpenMM::Vec3>&,
                   const std::vector<RigidHIPlugin::QuaternionArray>&, const OpenMM::Vec3& ""
 %typemap(typecheck, precedence=SWIG_TYPECHECK_DOUBLE_ARRAY) const std::vector<int>&, const std::vector<OpenMM::Vec3>&,
     const std::vector<RigidHIPlugin::QuaternionArray>&, const OpenMM::Vec3& {
@@ -142,6 +148,10 @@ void setOpenMMException(const char* message) {
 }
 
 %typemap(out) const std::vector<int>& { $result = toBuffer($1->data(), $1->size()); }
+%typemap(out) std::vector<int>, std::vector<double> {
+    const auto& numbers = $1;
+    $result = toBuffer(numbers.data(), numbers.size());
+}
 %typemap(out) std::vector<OpenMM::Vec3> {
     const std::vector<OpenMM::Vec3>& rows = $1;
     $result = toBuffer(rows.data(), rows.size());
@@ -186,7 +196,7 @@ namespace RigidHIPlugin {
 
 class CustomRigidHIIntegrator : public OpenMM::Integrator {
 public:
-    enum Scheme : int { LangevinA = 0, LangevinB = 1, LangevinC = 2, GradientThermostat = 3 };
+    enum Scheme : int { LangevinA = 0, LangevinB = 1, LangevinC = 2, GradientThermostat = 3, LangevinHI = 4 };
     enum NoiseLaw : int { Gaussian = 0, ThreePoint = 1, TwoPoint = 2 };
 
     CustomRigidHIIntegrator(double temperature, double stepSize);
@@ -227,6 +237,9 @@ public:
     void setRandomNumberSeed(int seed);
     double getPoseTolerance() const;
     void setPoseTolerance(double tolerance);
+    int getMaximumRejections() const;
+    void setMaximumRejections(int number);
+    int getNumRejectedSteps() const;
     void setStepSize(double size);
     void setConstraintTolerance(double tolerance);
 
@@ -256,8 +269,60 @@ public:
 
     %extend {
         /** The same object as what it is, or None if it is something else. Does not touch ownership. */
-        static RigidHIPlugin::CustomRigidHIIntegrator* _fromIntegrator(OpenMM::Integrator* integrator) {
+        static RigidHIPlugin::CustomRigidHIIntegrator* _fromGeneric(OpenMM::Integrator* integrator) {
             return dynamic_cast<CustomRigidHIIntegrator*>(integrator);
+        }
+    }
+};
+
+class MobilityForce : public OpenMM::Force {
+public:
+    enum Model : int { FreeDraining = 0, RotnePragerYamakawa = 1, StokesianDynamics = 2 };
+    enum Boundary : int { Unbounded = 0 };
+    enum Solver : int { Auto = 0, Dense = 1, MatrixFree = 2 };
+
+    MobilityForce();
+
+    int getNumParticles() const;
+    int addParticle(double radius);
+    double getParticleRadius(int index) const;
+    void setParticleRadius(int index, double radius);
+    double getViscosity() const;
+    void setViscosity(double eta);
+    Model getModel() const;
+    void setModel(Model model);
+    Boundary getBoundary() const;
+    void setBoundary(Boundary boundary);
+    bool getLubrication() const;
+    void setLubrication(bool enabled);
+    double getMinimumGap() const;
+    void setMinimumGap(double gap);
+    Solver getSolver() const;
+    void setSolver(Solver solver);
+    double getSolverTolerance() const;
+    void setSolverTolerance(double tolerance);
+
+    void setBodyMobility(int body, const std::vector<double>& mobility);
+    void setBodyFriction(int body, const std::vector<double>& friction);
+    bool getBodyHasOwnTensor(int body) const;
+    std::vector<double> getBodyMobility(int body) const;
+    std::vector<double> getBodyFriction(int body) const;
+    void clearBodyTensor(int body);
+    std::vector<int> getBodiesWithOwnTensors() const;
+
+    const std::vector<int>& getGroups() const;
+    void setGroups(const std::vector<int>& groups);
+
+    void updateParametersInContext(OpenMM::Context& context);
+    std::vector<double> getMobilityInContext(OpenMM::Context& context) const;
+    std::vector<double> getFrictionInContext(OpenMM::Context& context) const;
+    std::vector<double> applyMobilityInContext(OpenMM::Context& context, const std::vector<double>& wrenches) const;
+    bool usesPeriodicBoundaryConditions() const;
+
+    %extend {
+        /** The same object as what it is, or None if it is something else. Does not touch ownership. */
+        static RigidHIPlugin::MobilityForce* _fromGeneric(OpenMM::Force* force) {
+            return dynamic_cast<MobilityForce*>(force);
         }
     }
 };

@@ -25,7 +25,8 @@ constexpr int formatVersion = 1;
 const map<string, Integrator::Scheme> schemes = {{"LangevinA", Integrator::LangevinA},
                                                  {"LangevinB", Integrator::LangevinB},
                                                  {"LangevinC", Integrator::LangevinC},
-                                                 {"GradientThermostat", Integrator::GradientThermostat}};
+                                                 {"GradientThermostat", Integrator::GradientThermostat},
+                                                 {"LangevinHI", Integrator::LangevinHI}};
 const map<string, Integrator::NoiseLaw> noiseLaws = {
     {"Gaussian", Integrator::Gaussian}, {"ThreePoint", Integrator::ThreePoint}, {"TwoPoint", Integrator::TwoPoint}};
 
@@ -123,6 +124,7 @@ void CustomRigidHIIntegratorProxy::serialize(const void* object, SerializationNo
     node.setDoubleProperty("gradientRotationalRelaxationTime", integrator.getGradientRotationalRelaxationTime());
     node.setIntProperty("randomSeed", integrator.getRandomNumberSeed());
     node.setDoubleProperty("poseTolerance", integrator.getPoseTolerance());
+    node.setIntProperty("maximumRejections", integrator.getMaximumRejections());
     SerializationNode& bodies = node.createChildNode("RigidBodies");
     bodies.setIntProperty("count", integrator.getNumRigidBodies());
     for (int i = 0; i < integrator.getNumRigidBodies(); i++)
@@ -143,6 +145,8 @@ void* CustomRigidHIIntegratorProxy::deserialize(const SerializationNode& root) c
     integrator->setGradientRotationalRelaxationTime(node.number("gradientRotationalRelaxationTime"));
     integrator->setRandomNumberSeed(node.integer("randomSeed"));
     integrator->setPoseTolerance(node.number("poseTolerance"));
+    // Not in files of version 0.1.
+    if (node.has("maximumRejections")) integrator->setMaximumRejections(node.integer("maximumRejections"));
     const StrictNode bodies = node.child("RigidBodies");
     bodies.checkChildren("count");
     for (const SerializationNode& body : bodies.children())

@@ -84,7 +84,8 @@ void checkVectors(const vector<Vec3>& rows, int bodies, const char* method, cons
 
 CustomRigidHIIntegrator::CustomRigidHIIntegrator(double temperature, double stepSize)
     : scheme(LangevinC), noiseLaw(Gaussian), friction(1), rotationalFriction(1), gradientTime(0.004),
-      gradientRotationalTime(0.001), poseTolerance(1e-3), randomSeed(0), settingsVersion(0), hasKernel(false) {
+      gradientRotationalTime(0.001), poseTolerance(1e-3), randomSeed(0), settingsVersion(0), maximumRejections(100),
+      hasKernel(false) {
     setTemperature(temperature);
     setStepSize(stepSize);
     setConstraintTolerance(1e-5);
@@ -240,9 +241,10 @@ int CustomRigidHIIntegrator::getSettingsVersion() const { return settingsVersion
 CustomRigidHIIntegrator::Scheme CustomRigidHIIntegrator::getScheme() const { return scheme; }
 
 void CustomRigidHIIntegrator::setScheme(Scheme scheme) {
-    if (scheme < LangevinA || scheme > GradientThermostat)
+    if (scheme < LangevinA || scheme > LangevinHI)
         fail("setScheme()", "scheme " + text(static_cast<int>(scheme)) + " is unknown",
-             "it must be one of LangevinA, LangevinB, LangevinC, GradientThermostat", "use the class constants");
+             "it must be one of LangevinA, LangevinB, LangevinC, GradientThermostat, LangevinHI",
+             "use the class constants");
     this->scheme = scheme;
     settingsVersion++;
 }
@@ -340,6 +342,20 @@ void CustomRigidHIIntegrator::setPoseTolerance(double tolerance) {
     settingsVersion++;
 }
 
+int CustomRigidHIIntegrator::getMaximumRejections() const { return maximumRejections; }
+
+void CustomRigidHIIntegrator::setMaximumRejections(int number) {
+    if (number < 0)
+        fail("setMaximumRejections()", "the number is " + text(number), "it must not be negative",
+             "give a value from 0 up");
+    maximumRejections = number;
+    settingsVersion++;
+}
+
+int CustomRigidHIIntegrator::getNumRejectedSteps() const {
+    return boundKernel("getNumRejectedSteps()").getNumRejectedSteps(*context);
+}
+
 void CustomRigidHIIntegrator::setStepSize(double size) {
     checkPositive(size, "setStepSize()", "step size", "ps");
     Integrator::setStepSize(size);
@@ -364,6 +380,10 @@ IntegrateRigidBodiesKernel& CustomRigidHIIntegrator::boundKernel(const char* met
     requireContext(method);
     // Whoever looks at the bodies first brings them up to date, which changes the kernel but nothing the user can see.
     return const_cast<Kernel&>(kernel).getAs<IntegrateRigidBodiesKernel>();
+}
+
+IntegrateRigidBodiesKernel& CustomRigidHIIntegrator::getKernelForForces(const char* method) const {
+    return boundKernel(method);
 }
 
 vector<Vec3> CustomRigidHIIntegrator::getBodyPositions() const {

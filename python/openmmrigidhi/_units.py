@@ -3,6 +3,7 @@
 A quantity's dimension is checked: 5 nm is no temperature. OpenMM's own bindings drop units they do not expect.
 All errors name the method, the argument, what it got, what it must be and the remedy.
 """
+import enum
 import numbers
 import operator
 
@@ -40,7 +41,10 @@ MOMENT = Dimension('dalton nm^2', unit.dalton*unit.nanometer**2)
 VELOCITY = Dimension('nm/ps', unit.nanometer/unit.picosecond)
 ANGULAR_VELOCITY = Dimension('rad/ps', unit.radian/unit.picosecond, unit.picosecond**-1)
 FORCE = Dimension('kJ/(mol nm)', unit.kilojoule_per_mole/unit.nanometer)
+VISCOSITY = Dimension('dalton/(nm ps)', unit.dalton/(unit.nanometer*unit.picosecond))
 ENERGY = Dimension('kJ/mol', unit.kilojoule_per_mole)
+# 1 Pa s in dalton/(nm ps); Avogadro's constant is exact since 2019.
+PASCAL_SECOND = 602214.076
 NONE = Dimension('a plain number', unit.dimensionless)
 
 
@@ -55,6 +59,14 @@ def number(value, dimension, where, name):
     return float(value)
 
 
+def viscosity(value, where, name):
+    """A float in dalton/(nm ps) from a number in that unit, or a quantity in any unit of viscosity, also a molar one."""
+    pascal_second = unit.pascal*unit.second
+    if unit.is_quantity(value) and not value.unit.is_compatible(VISCOSITY.base) and value.unit.is_compatible(pascal_second):
+        return float(value.value_in_unit(pascal_second))*PASCAL_SECOND
+    return number(value, VISCOSITY, where, name)
+
+
 def integer(value, where, name):
     """An int that fits into C++'s int. Accepts numpy's integers, refuses floats."""
     try:
@@ -63,6 +75,36 @@ def integer(value, where, name):
         raise TypeError(f'{where}: {name}: got {value!r}; it must be an integer: convert it') from None
     if not -2**31 <= result < 2**31:
         raise ValueError(f'{where}: {name}: got {result}; it must be from -2^31 to 2^31-1: give a smaller one')
+    return result
+
+
+def constant(value, kind, where, name):
+    """An int from a constant of this enumeration or a plain integer; another enumeration's constant is a mistake."""
+    if isinstance(value, enum.Enum) and not isinstance(value, kind):
+        raise TypeError(f'{where}: {name}: got {value!r}; it must be a {kind.__name__}: '
+                        f"use one of {', '.join(member.name for member in kind)}")
+    return integer(value, where, name)
+
+
+def boolean(value, where, name):
+    """A bool; numbers are more likely misplaced arguments."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(f'{where}: {name}: got {value!r}; it must be True or False: give one of them')
+    return bool(value)
+
+
+def array(buffer, columns=None):
+    """The numbers of a buffer from C++ as a writable array, without a copy."""
+    numbers_ = np.frombuffer(buffer, dtype=np.double)
+    return numbers_ if columns is None else numbers_.reshape(-1, columns)
+
+
+def matrix(values, shape, where, name):
+    """A matrix of mixed dimension: plain numbers of a fixed shape."""
+    result = _floats(values, NONE, where, name)
+    if result.shape != shape:
+        raise ValueError(f'{where}: {name}: got an array of shape {result.shape}; the shape must be {shape}: '
+                         "give plain numbers in OpenMM's units")
     return result
 
 

@@ -1,10 +1,9 @@
 """CustomRigidHIIntegrator: the Python face of the C++ class, with units, checked shapes and documentation."""
 import enum
 
-import numpy as np
 import openmm
 
-from . import _bindings, _units
+from . import _bindings, _copies, _units
 
 _Base = _bindings.CustomRigidHIIntegrator
 
@@ -16,6 +15,7 @@ class Scheme(enum.IntEnum):
     LangevinB = _Base.LangevinB
     LangevinC = _Base.LangevinC
     GradientThermostat = _Base.GradientThermostat
+    LangevinHI = _Base.LangevinHI
 
 
 class NoiseLaw(enum.IntEnum):
@@ -30,25 +30,7 @@ def _where(method):
     return 'CustomRigidHIIntegrator.' + method
 
 
-def _constant(value, kind, method, name):
-    """An int from a constant of this enumeration or a plain integer; another enumeration's constant is a mistake."""
-    if isinstance(value, enum.Enum) and not isinstance(value, kind):
-        raise TypeError(f'{_where(method)}: {name}: got {value!r}; it must be a {kind.__name__}: '
-                        f"use one of {', '.join(member.name for member in kind)}")
-    return _units.integer(value, _where(method), name)
-
-
-def _array(buffer, columns=None):
-    """The numbers of a buffer from C++ as a writable array, without a copy."""
-    array = np.frombuffer(buffer, dtype=np.double)
-    return array if columns is None else array.reshape(-1, columns)
-
-
-def _unpickle(cls, xml, attributes):
-    return cls._adopt(openmm.XmlSerializer.deserialize(xml), attributes)
-
-
-class CustomRigidHIIntegrator(_Base):
+class CustomRigidHIIntegrator(_copies.Copies, _Base):
     """Integrates rigid bodies, whose orientation is a unit quaternion, under the forces of an ordinary Context.
 
     Particles of the System are grouped into bodies with :meth:`addRigidBody`; all other particles ("free particles") are
@@ -76,6 +58,9 @@ class CustomRigidHIIntegrator(_Base):
       ("BAOAB"). Weak order 2; the most accurate of the three for configurational averages.
     - ``GradientThermostat`` (eq. 30): Brownian dynamics without momenta,
       dR = upsilon/m f dt + sqrt(2 upsilon kT/m) dw, and likewise for q. Weak order 1.
+    - ``LangevinHI`` (Davidchack, Ouldridge, Tretyakov, J. Chem. Phys. 147, 224103 (2017), eq. 27): LangevinC with the friction
+      of a fluid that couples the bodies; a :class:`MobilityForce` in the System describes the fluid. Weak order 2; one force
+      and one friction evaluation a step.
 
     Body axis k relaxes at the rate Gamma_k = Gamma / (I_k sum_j 1/I_j): on an elongated body the thick axes are hardly
     thermostatted by Gamma, and :meth:`describeEffects` names such bodies.
@@ -105,6 +90,7 @@ class CustomRigidHIIntegrator(_Base):
     LangevinB = Scheme.LangevinB
     LangevinC = Scheme.LangevinC
     GradientThermostat = Scheme.GradientThermostat
+    LangevinHI = Scheme.LangevinHI
     Gaussian = NoiseLaw.Gaussian
     ThreePoint = NoiseLaw.ThreePoint
     TwoPoint = NoiseLaw.TwoPoint
@@ -140,49 +126,10 @@ class CustomRigidHIIntegrator(_Base):
         TypeError
             if obj is anything else
         """
-        if isinstance(obj, CustomRigidHIIntegrator):
-            return obj
-        return CustomRigidHIIntegrator._adopt(obj)
+        return CustomRigidHIIntegrator._castGeneric(obj)
 
-    @classmethod
-    def _adopt(cls, obj, attributes=None):
-        """Wrap the C++ object of a generic Integrator in this class, and move its ownership."""
-        earlier = getattr(obj, '_rigidHIWrapper', None)
-        if earlier is not None:
-            return earlier
-        found = _Base._fromIntegrator(obj) if isinstance(obj, openmm.Integrator) else None
-        if found is None:
-            raise TypeError(f'CustomRigidHIIntegrator.cast: obj: got {type(obj).__name__}; it must be a '
-                            'CustomRigidHIIntegrator, or an openmm.Integrator that is one: give such an object')
-        result = cls.__new__(cls)
-        result.this = found.this
-        result.thisown = obj.thisown
-        if obj.thisown:
-            # obj must not outlive what it points to.
-            obj.thisown = False
-            obj._rigidHIWrapper = result
-        else:
-            # Whoever owns the C++ object lives as long as obj does.
-            result._rigidHISource = obj
-        for name, value in (attributes or {}).items():
-            setattr(result, name, value)
-        return result
-
-    def _pythonAttributes(self):
-        hidden = ('this', '_rigidHISource')
-        return {name: value for name, value in self.__dict__.items() if name not in hidden}
-
-    def __copy__(self):
-        """A new integrator with the same settings and bodies, bound to no Context."""
-        return type(self)._adopt(openmm.XmlSerializer.clone(self), self._pythonAttributes())
-
-    def __deepcopy__(self, memo):
-        """A new integrator with the same settings and bodies, bound to no Context."""
-        import copy
-        return type(self)._adopt(openmm.XmlSerializer.clone(self), copy.deepcopy(self._pythonAttributes(), memo))
-
-    def __reduce__(self):
-        return _unpickle, (type(self), openmm.XmlSerializer.serialize(self), self._pythonAttributes())
+    _base = _Base
+    _generic = openmm.Integrator
 
     # ---- Bodies ------------------------------------------------------------------------------------------------------
 
@@ -321,7 +268,9 @@ class CustomRigidHIIntegrator(_Base):
     # ---- Settings ----------------------------------------------------------------------------------------------------
 
     def getScheme(self):
-        """Get the scheme, one of the class attributes LangevinA, LangevinB, LangevinC, GradientThermostat."""
+        """Get the scheme, one of the class attributes LangevinA, LangevinB, LangevinC, GradientThermostat,
+        LangevinHI.
+        """
         return Scheme(super().getScheme())
 
     def setScheme(self, scheme):
@@ -330,9 +279,9 @@ class CustomRigidHIIntegrator(_Base):
         Parameters
         ----------
         scheme : constant
-            one of the class attributes LangevinA, LangevinB, LangevinC, GradientThermostat
+            one of the class attributes LangevinA, LangevinB, LangevinC, GradientThermostat, LangevinHI
         """
-        super().setScheme(_constant(scheme, Scheme, 'setScheme', 'scheme'))
+        super().setScheme(_units.constant(scheme, Scheme, _where('setScheme'), 'scheme'))
 
     def getNoiseLaw(self):
         """Get the law of the random numbers, one of the class attributes Gaussian, ThreePoint, TwoPoint."""
@@ -347,7 +296,7 @@ class CustomRigidHIIntegrator(_Base):
             Gaussian (default); ThreePoint: 0 with probability 2/3, +-sqrt(3) with 1/6 each (eq. 21), enough for weak
             order 2; TwoPoint: +-1 with probability 1/2 each (eq. 31), enough for GradientThermostat (weak order 1)
         """
-        super().setNoiseLaw(_constant(law, NoiseLaw, 'setNoiseLaw', 'law'))
+        super().setNoiseLaw(_units.constant(law, NoiseLaw, _where('setNoiseLaw'), 'law'))
 
     def getTemperature(self):
         """Get the temperature of the heat bath, a Quantity in K."""
@@ -441,6 +390,21 @@ class CustomRigidHIIntegrator(_Base):
         """
         super().setPoseTolerance(self._number(tolerance, _units.LENGTH, 'setPoseTolerance', 'tolerance'))
 
+    def getMaximumRejections(self):
+        """Get how often in a row a step may be redone."""
+        return super().getMaximumRejections()
+
+    def setMaximumRejections(self, number):
+        """Set how often in a row a step may be redone with new noise; default 100, not negative; more is an error.
+
+        Steps are redone when spheres overlap under MobilityForce.StokesianDynamics.
+        """
+        super().setMaximumRejections(_units.integer(number, _where('setMaximumRejections'), 'number'))
+
+    def getNumRejectedSteps(self):
+        """Get how many steps were redone since the Context was created. Needs a Context."""
+        return super().getNumRejectedSteps()
+
     def setStepSize(self, size):
         """Set the step size, ps. Positive, finite."""
         super().setStepSize(self._number(size, _units.TIME, 'setStepSize', 'size'))
@@ -460,19 +424,19 @@ class CustomRigidHIIntegrator(_Base):
 
         Needs a Context whose positions are set, as do all methods of this section.
         """
-        return _units.LENGTH.attach(_array(super().getBodyPositions(), 3))
+        return _units.LENGTH.attach(_units.array(super().getBodyPositions(), 3))
 
     def getBodyOrientations(self):
         """Get the orientations of the bodies: array of shape (n, 4), unit quaternions (w, x, y, z), body to lab frame."""
-        return _array(super().getBodyOrientations(), 4)
+        return _units.array(super().getBodyOrientations(), 4)
 
     def getBodyVelocities(self):
         """Get the velocities of the bodies' origins: Quantity of shape (n, 3), nm/ps, lab frame."""
-        return _units.VELOCITY.attach(_array(super().getBodyVelocities(), 3))
+        return _units.VELOCITY.attach(_units.array(super().getBodyVelocities(), 3))
 
     def getBodyAngularVelocities(self):
         """Get the angular velocities of the bodies: Quantity of shape (n, 3), rad/ps, lab frame."""
-        return _units.ANGULAR_VELOCITY.attach(_array(super().getBodyAngularVelocities(), 3))
+        return _units.ANGULAR_VELOCITY.attach(_units.array(super().getBodyAngularVelocities(), 3))
 
     def setBodyPositions(self, positions):
         """Set the positions of the bodies' origins, and move their particles.
@@ -526,7 +490,7 @@ class CustomRigidHIIntegrator(_Base):
         Quantity of shape (n, 3)
             kJ/(mol nm), lab frame
         """
-        return _units.FORCE.attach(_array(super().getBodyForces(), 3))
+        return _units.FORCE.attach(_units.array(super().getBodyForces(), 3))
 
     def getBodyTorques(self):
         """Get the total torques about the bodies' origins at the last force evaluation of the last step.
@@ -536,7 +500,7 @@ class CustomRigidHIIntegrator(_Base):
         Quantity of shape (n, 3)
             kJ/mol, lab frame
         """
-        return _units.ENERGY.attach(_array(super().getBodyTorques(), 3))
+        return _units.ENERGY.attach(_units.array(super().getBodyTorques(), 3))
 
     def getPoseResidual(self):
         """Get the largest distance of a particle from its place at the last fit of poses to positions, Quantity in nm."""
@@ -556,7 +520,7 @@ class CustomRigidHIIntegrator(_Base):
         Quantity of shape (3,)
             kJ/mol, about the axis of the smallest, the middle and the largest principal moment of each body
         """
-        return _units.ENERGY.attach(_array(super().computeRotationalKineticEnergies()))
+        return _units.ENERGY.attach(_units.array(super().computeRotationalKineticEnergies()))
 
     def computeFreeParticleKineticEnergy(self):
         """Get the kinetic energy of the free particles, Quantity in kJ/mol; 0 for schemes without momenta."""

@@ -32,7 +32,9 @@ typedef std::array<double, 4> QuaternionArray;
  * evaluation a step each:
  *   - LangevinA (eq. 20), LangevinB (eq. 27), LangevinC (eq. 28): weak order 2. Each body feels friction gamma on its
  *     momentum and Gamma on its angular momentum, and noise of temperature T. C is the recommended one.
- *   - GradientThermostat (eq. 30): weak order 1, no momenta.
+ *   - GradientThermostat (eq. 30): weak order 1, no momenta;
+ * and of Davidchack, Ouldridge, Tretyakov, J. Chem. Phys. 147, 224103 (2017):
+ *   - LangevinHI (eq. 27): Langevin C with hydrodynamic interactions, which a MobilityForce in the System describes.
  *
  * The rotational friction of the Langevin schemes relaxes body axis l at the rate Gamma / (I_l sum_k 1/I_k), the sum over
  * axes with a non-zero moment: on an elongated body the thick axes are hardly thermostatted.
@@ -51,7 +53,12 @@ public:
         /** Davidchack 2015, eq. 28: half Hamiltonian step, Ornstein-Uhlenbeck, half Hamiltonian step ("BAOAB"). */
         LangevinC = 2,
         /** Davidchack 2015, eq. 30: Brownian (gradient) dynamics without momenta. */
-        GradientThermostat = 3
+        GradientThermostat = 3,
+        /**
+         * Davidchack 2017, eq. 27: Langevin C with the friction of a fluid that couples the bodies. Needs a MobilityForce, whose
+         * tensors take the place of setFriction() for all particles with a hydrodynamic radius. Weak order 2.
+         */
+        LangevinHI = 4
     };
     /** The law of the random numbers; all have mean 0 and variance 1. */
     enum NoiseLaw : int {
@@ -191,6 +198,16 @@ public:
      * @throws OpenMMException if not positive and finite
      */
     void setPoseTolerance(double tolerance);
+    /** Get how often in a row a step may be redone. */
+    int getMaximumRejections() const;
+    /**
+     * Set how often in a row a step may be redone with new noise (spheres that overlap under
+     * MobilityForce::StokesianDynamics); default 100. More is an error.
+     * @throws OpenMMException if negative
+     */
+    void setMaximumRejections(int number);
+    /** Get how many steps were redone since the Context was created. Needs a Context. */
+    int getNumRejectedSteps() const;
     /** @throws OpenMMException if the size is not positive and finite */
     void setStepSize(double size) override;
     /** @throws OpenMMException if the tolerance is not positive and finite */
@@ -267,6 +284,8 @@ public:
                             const std::vector<OpenMM::Vec3>& sitePositions) const;
     /** @private A number that changes whenever a setting that the kernels cache is changed. */
     int getSettingsVersion() const;
+    /** @private The kernel of the bound Context, for the Forces of this plugin. @param method  who asks, for the message */
+    class IntegrateRigidBodiesKernel& getKernelForForces(const char* method) const;
 
 protected:
     void initialize(OpenMM::ContextImpl& context) override;
@@ -301,7 +320,7 @@ private:
     Scheme scheme;
     NoiseLaw noiseLaw;
     double temperature, friction, rotationalFriction, gradientTime, gradientRotationalTime, poseTolerance;
-    int randomSeed, settingsVersion;
+    int randomSeed, settingsVersion, maximumRejections;
     mutable std::vector<Body> bodies;
     /** Which body each particle is in, so that adding n bodies costs O(n). */
     std::unordered_map<int, int> bodyOfParticle;

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
+#include "openmmrigidhi/MobilityForce.h"
 
 namespace RigidHIPlugin {
 
@@ -61,6 +62,13 @@ public:
     virtual std::map<std::string, double> getStepStatistics(OpenMM::ContextImpl& context) = 0;
     /** Draw thermal particle velocities; body twists are kept for the setVelocities() that follows. */
     virtual std::vector<OpenMM::Vec3> drawVelocities(OpenMM::ContextImpl& context, double temperature, int seed) = 0;
+
+    // What a MobilityForce asks for.
+    virtual void updateFluid(OpenMM::ContextImpl& context, const MobilityForce& force) = 0;
+    virtual std::vector<double> getMobility(OpenMM::ContextImpl& context) = 0;
+    virtual std::vector<double> getFriction(OpenMM::ContextImpl& context) = 0;
+    virtual std::vector<double> applyMobility(OpenMM::ContextImpl& context, const std::vector<double>& wrenches) = 0;
+    virtual int getNumRejectedSteps(OpenMM::ContextImpl& context) = 0;
 
     virtual void createCheckpoint(OpenMM::ContextImpl& context, std::ostream& stream) = 0;
     virtual void loadCheckpoint(OpenMM::ContextImpl& context, std::istream& stream) = 0;

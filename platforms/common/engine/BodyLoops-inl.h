@@ -18,6 +18,7 @@
 #include "schemes/LangevinA-inl.h"
 #include "schemes/LangevinB-inl.h"
 #include "schemes/LangevinC-inl.h"
+#include "schemes/LangevinHI-inl.h"
 
 namespace RigidHIPlugin {
 namespace RIGIDHI_TARGET {
@@ -242,7 +243,7 @@ private:
             eta = {n[3], n[4], n[5]};
         }
         int active = 0;
-        for (int i = 0; i < lanes(R.x); i++) active += index[i] >= 0;
+        for (int i = 0; i < lanes(R.x); i++) active += bodies.drawsNoise[slot + i];
         randomNumbers += active * (block.rotor == RotorKind::Point ? 3 : block.rotor == RotorKind::Linear ? 5 : 6);
     }
     BodySet& bodies;
@@ -273,6 +274,32 @@ struct BeforeForces {
     const ParticleArrays& arrays;
     bool operator()(BodyFlow<Real>& flow) const {
         Scheme::beforeForces(flow, settings.h);
+        flow.storePose();
+        flow.storeMomenta();
+        flow.scatterPositions(arrays.positions, arrays.lastPositions);
+        return flow.poseIsFinite();
+    }
+};
+
+/** The part of a step before the fluid changes momenta, where this needs poses in between: new poses. */
+template <class Real>
+struct BeforeFriction {
+    const StepSettings& settings;
+    bool operator()(BodyFlow<Real>& flow) const {
+        LangevinHI::beforeFriction(flow, settings.h);
+        flow.storePose();
+        flow.storeMomenta();
+        return flow.poseIsFinite();
+    }
+};
+
+/** From there to new positions of the particles. */
+template <class Real>
+struct AfterFriction {
+    const StepSettings& settings;
+    const ParticleArrays& arrays;
+    bool operator()(BodyFlow<Real>& flow) const {
+        LangevinHI::afterFriction(flow, settings.h);
         flow.storePose();
         flow.storeMomenta();
         flow.scatterPositions(arrays.positions, arrays.lastPositions);
@@ -329,6 +356,10 @@ inline LoopResult runSchemeLoop(BodyLoop loop, BodySet& bodies, const StepSettin
 template <class Real>
 inline LoopResult runBodyLoop(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
                               const ParticleArrays& arrays, int firstBlock, int endBlock) {
+    if (loop == BodyLoop::BeforeFriction)
+        return forEachBody<Real>(bodies, settings, firstBlock, endBlock, BeforeFriction<Real>{settings});
+    if (loop == BodyLoop::AfterFriction)
+        return forEachBody<Real>(bodies, settings, firstBlock, endBlock, AfterFriction<Real>{settings, arrays});
     if (loop != BodyLoop::BeforeForces && loop != BodyLoop::AfterForces)
         return forEachBody<Real>(bodies, settings, firstBlock, endBlock, SchemelessLoop<Real>{loop, bodies, arrays});
     switch (settings.scheme) {
@@ -338,6 +369,8 @@ inline LoopResult runBodyLoop(BodyLoop loop, BodySet& bodies, const StepSettings
             return runSchemeLoop<Real, LangevinB>(loop, bodies, settings, arrays, firstBlock, endBlock);
         case CustomRigidHIIntegrator::LangevinC:
             return runSchemeLoop<Real, LangevinC>(loop, bodies, settings, arrays, firstBlock, endBlock);
+        case CustomRigidHIIntegrator::LangevinHI:
+            return runSchemeLoop<Real, LangevinHI>(loop, bodies, settings, arrays, firstBlock, endBlock);
         case CustomRigidHIIntegrator::GradientThermostat: break;
     }
     return runSchemeLoop<Real, GradientThermostat>(loop, bodies, settings, arrays, firstBlock, endBlock);

@@ -42,8 +42,8 @@ FreeParticles::~FreeParticles() = default;
 
 void FreeParticles::setThermostats(const vector<Thermostat>& perParticle) {
     thermostats = perParticle;
-    hasNoise = false;
-    for (const Thermostat& t : thermostats) hasNoise = hasNoise || t.hasNoise();
+    numWithNoise = 0;
+    for (const Thermostat& t : thermostats) numWithNoise += t.hasNoise();
 }
 
 bool FreeParticles::gatherForces(const vector<Vec3>& contextForces) {
@@ -107,7 +107,7 @@ public:
         each([&](int i, int p) { velocities[p] *= owner.thermostats[i].decay_p; });
     }
     void addNoise(int draw) {
-        if (!owner.hasNoise) return;
+        if (owner.numWithNoise == 0) return;
         drawNoise(draw);
         each([&](int i, int p) { velocities[p] += xi(i) * (owner.thermostats[i].noise_p * owner.inverseMasses[p]); });
         constrainVelocities();
@@ -117,10 +117,10 @@ public:
         addNoise(draw);
     }
     void gradientMove(int draw) {
-        if (owner.hasNoise) drawNoise(draw);
+        if (owner.numWithNoise > 0) drawNoise(draw);
         each([&](int i, int p) {
             positions[p] += owner.forces[i] * owner.thermostats[i].move_R;
-            if (owner.hasNoise) positions[p] += xi(i) * owner.thermostats[i].noise_R;
+            if (owner.numWithNoise > 0) positions[p] += xi(i) * owner.thermostats[i].noise_R;
         });
     }
     LoopResult result() const {
@@ -151,7 +151,7 @@ private:
         owner.noise.resize(3 * count);
         loops.fillNoise(settings.noise, draw == 0 ? NoiseStream::FreeFirstDraw : NoiseStream::FreeSecondDraw,
                         owner.particles.data(), count, owner.noise.data());
-        randomNumbers += 3 * count;
+        randomNumbers += 3 * owner.numWithNoise;
     }
     Vec3 xi(int i) const { return Vec3(owner.noise[3 * i], owner.noise[3 * i + 1], owner.noise[3 * i + 2]); }
     FreeParticles& owner;
@@ -170,6 +170,7 @@ void schemeBeforeForces(const StepSettings& settings, Flow& flow) {
         case CustomRigidHIIntegrator::LangevinA: return scalar::LangevinA::beforeForces(flow, settings.h);
         case CustomRigidHIIntegrator::LangevinB: return scalar::LangevinB::beforeForces(flow, settings.h);
         case CustomRigidHIIntegrator::LangevinC: return scalar::LangevinC::beforeForces(flow, settings.h);
+        case CustomRigidHIIntegrator::LangevinHI: return scalar::LangevinHI::beforeForces(flow, settings.h);
         case CustomRigidHIIntegrator::GradientThermostat:
             return scalar::GradientThermostat::beforeForces(flow, settings.h);
     }
@@ -181,6 +182,7 @@ void schemeAfterForces(const StepSettings& settings, Flow& flow) {
         case CustomRigidHIIntegrator::LangevinA: return scalar::LangevinA::afterForces(flow, settings.h);
         case CustomRigidHIIntegrator::LangevinB: return scalar::LangevinB::afterForces(flow, settings.h);
         case CustomRigidHIIntegrator::LangevinC: return scalar::LangevinC::afterForces(flow, settings.h);
+        case CustomRigidHIIntegrator::LangevinHI: return scalar::LangevinHI::afterForces(flow, settings.h);
         case CustomRigidHIIntegrator::GradientThermostat:
             return scalar::GradientThermostat::afterForces(flow, settings.h);
     }
@@ -192,6 +194,20 @@ LoopResult FreeParticles::beforeForces(const StepSettings& settings, PlatformLoo
                                        vector<Vec3>& velocities, double tolerance) {
     Flow flow(*this, settings, loops, positions, velocities, tolerance);
     schemeBeforeForces(settings, flow);
+    return flow.result();
+}
+
+LoopResult FreeParticles::beforeFriction(const StepSettings& settings, PlatformLoops& loops, vector<Vec3>& positions,
+                                         vector<Vec3>& velocities, double tolerance) {
+    Flow flow(*this, settings, loops, positions, velocities, tolerance);
+    scalar::LangevinHI::beforeFriction(flow, settings.h);
+    return flow.result();
+}
+
+LoopResult FreeParticles::afterFriction(const StepSettings& settings, PlatformLoops& loops, vector<Vec3>& positions,
+                                        vector<Vec3>& velocities, double tolerance) {
+    Flow flow(*this, settings, loops, positions, velocities, tolerance);
+    scalar::LangevinHI::afterFriction(flow, settings.h);
     return flow.result();
 }
 

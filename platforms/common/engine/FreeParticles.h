@@ -33,6 +33,11 @@ public:
     /** The part of a step before the force evaluation, and the part after it. @return finite, random numbers */
     LoopResult beforeForces(const StepSettings& settings, PlatformLoops& loops, std::vector<OpenMM::Vec3>& positions,
                             std::vector<OpenMM::Vec3>& velocities, double constraintTolerance);
+    /** LangevinHI: the part before forces in two, between which the fluid changes velocities. */
+    LoopResult beforeFriction(const StepSettings& settings, PlatformLoops& loops, std::vector<OpenMM::Vec3>& positions,
+                              std::vector<OpenMM::Vec3>& velocities, double constraintTolerance);
+    LoopResult afterFriction(const StepSettings& settings, PlatformLoops& loops, std::vector<OpenMM::Vec3>& positions,
+                             std::vector<OpenMM::Vec3>& velocities, double constraintTolerance);
     LoopResult afterForces(const StepSettings& settings, PlatformLoops& loops, std::vector<OpenMM::Vec3>& positions,
                            std::vector<OpenMM::Vec3>& velocities, double constraintTolerance);
     /** Keep the forces, which others may overwrite in the Context. @return whether they are finite */
@@ -54,7 +59,7 @@ private:
     std::vector<int> particles;
     std::vector<double> masses;
     std::vector<Thermostat> thermostats;
-    bool hasNoise = false;
+    int numWithNoise = 0;
     std::vector<OpenMM::Vec3> forces;
     std::vector<double> noise;
     int numConstraints = 0;

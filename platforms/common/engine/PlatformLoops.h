@@ -2,8 +2,11 @@
 #define RIGIDHI_PLATFORM_LOOPS_H_
 
 #include <functional>
+#include <memory>
 
 #include "engine/StepSettings.h"
+#include "mobility/MobilityOperator.h"
+#include "openmmrigidhi/MobilityForce.h"
 #include "rigidbody/BodySet.h"
 
 namespace RigidHIPlugin {
@@ -19,6 +22,16 @@ public:
     virtual void fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count, double* xi) = 0;
     /** Call task(first, end) over ranges that cover 0 ... count - 1; ranges may run at the same time. */
     virtual void forRanges(int count, const std::function<void(int, int)>& task) = 0;
+    /** Call task(i) for i = 0 ... count - 1, each large enough for a thread of its own; several may run at the same time. */
+    virtual void forTasks(int count, const std::function<void(int)>& task) = 0;
+    /**
+     * The operator of a MobilityForce's model for particles that feel each other.
+     *
+     * @param mayUseThreads  false for operators that are used inside of forTasks()
+     */
+    virtual std::unique_ptr<MobilityOperator> createMobility(const MobilityForce& force,
+                                                             const HydrodynamicParticles& particles,
+                                                             bool mayUseThreads) = 0;
     /** How the loops run, for describeEffects(). */
     virtual std::string describe() const = 0;
 };

@@ -16,6 +16,7 @@
 #include "schemes/LangevinA-inl.h"
 #include "schemes/LangevinB-inl.h"
 #include "schemes/LangevinC-inl.h"
+#include "schemes/LangevinHI-inl.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -41,6 +42,7 @@ Thermostat schemeCoefficients(CustomRigidHIIntegrator::Scheme scheme, const Body
         case CustomRigidHIIntegrator::LangevinA: return scalar::LangevinA::coefficients(body, bath, h);
         case CustomRigidHIIntegrator::LangevinB: return scalar::LangevinB::coefficients(body, bath, h);
         case CustomRigidHIIntegrator::LangevinC: return scalar::LangevinC::coefficients(body, bath, h);
+        case CustomRigidHIIntegrator::LangevinHI: return scalar::LangevinHI::coefficients(body, bath, h);
         case CustomRigidHIIntegrator::GradientThermostat: break;
     }
     return scalar::GradientThermostat::coefficients(body, bath, h);
@@ -89,6 +91,7 @@ void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegr
     definitions = copyDefinitions(*integrator);
     stock = takeStock(context, *definitions);
     checkScheme(*system, *definitions, stock);
+    if (stock.mobilityForce) fluidParameters.reset(new MobilityForce(*stock.mobilityForce));
     loops = createLoops(context);
     freeParticles.reset(new FreeParticles(*system, stock.freeParticles));
 
@@ -158,9 +161,18 @@ void RigidBodyKernel::buildBodies() {
         if (fits.back().massesMakeTheBody(g, masses)) siteMasses[b] = masses;
     }
     bodies = BodySet(geometries, particles, siteMasses, carriesForce);
+    buildFluid();
     bodiesAreBuilt = true;
     settingsVersion = -1;
     updateSettings();
+}
+
+void RigidBodyKernel::buildFluid() {
+    if (!fluidParameters) return;
+    vector<vector<int> > particles;
+    for (int b = 0; b < definitions->getNumRigidBodies(); b++)
+        particles.push_back(definitions->getRigidBodyParticles(b));
+    fluid.reset(new Fluid(*fluidParameters, *system, particles, geometries, bodies, *freeParticles, *loops));
 }
 
 /** Geometries that come from positions. */
@@ -207,10 +219,15 @@ void RigidBodyKernel::updateSettings() {
     bath.kT = BOLTZ * integrator->getTemperature();
     bath.upsilon = integrator->getGradientRelaxationTime();
     bath.Upsilon = integrator->getGradientRotationalRelaxationTime();
+    const bool hydrodynamic = settings.scheme == CustomRigidHIIntegrator::LangevinHI;
+    if (hydrodynamic) fluid->checkInertia(bodies);
+    settings.kT = bath.kT;
+    settings.fluidCouplesBodies = hydrodynamic && fluid->couplesBodies();
     for (auto& block : bodies.blocks) block.hasNoise = false;
     for (int b = 0; b < bodies.getNumBodies(); b++) {
         integrator->getBodyFriction(b, bath.gamma, bath.Gamma);
-        bodies.setThermostat(b, schemeCoefficients(settings.scheme, bodies.inertia(b), bath, h));
+        bodies.setThermostat(b, hydrodynamic ? fluid->bodyThermostat(b, bodies.inertia(b), bath.kT, h)
+                                             : schemeCoefficients(settings.scheme, bodies.inertia(b), bath, h));
     }
     bath.gamma = integrator->getFriction();
     vector<Thermostat> free;
@@ -218,6 +235,7 @@ void RigidBodyKernel::updateSettings() {
         BodyInertia point;
         point.mass = freeParticles->mass(i);
         free.push_back(schemeCoefficients(settings.scheme, point, bath, h));
+        if (hydrodynamic) fluid->freeThermostat(i, point.mass, bath.kT, h, free.back());
     }
     freeParticles->setThermostats(free);
     settingsVersion = integrator->getSettingsVersion();
@@ -446,7 +464,7 @@ void RigidBodyKernel::step(ContextImpl& context) {
         userChangedState = false;
     }
     if (context.updateContextState()) forcesAreValid = false;
-    const double start = now(), forcesBefore = counters.seconds_forces;
+    const double start = now(), elsewhere = counters.seconds_forces + counters.seconds_mobility;
     takeInChanges(context, true);
     putMembersBack(context);
     userChangedState = false;
@@ -456,7 +474,7 @@ void RigidBodyKernel::step(ContextImpl& context) {
     data.stepCount++;
     stepNumber++;
     counters.steps++;
-    counters.seconds_scheme += now() - start - (counters.seconds_forces - forcesBefore);
+    counters.seconds_scheme += now() - start - (counters.seconds_forces + counters.seconds_mobility - elsewhere);
 }
 
 void RigidBodyKernel::calculateForces(ContextImpl& context) {
@@ -477,24 +495,13 @@ void RigidBodyKernel::evaluateForces(ContextImpl& context) {
 
 /** The scheme: from valid forces to new positions, velocities and valid forces; or an exception and nothing changed. */
 void RigidBodyKernel::advance(ContextImpl& context) {
-    const double tolerance = integrator->getConstraintTolerance();
     settings.noise.seed = seed;
     settings.noise.step = stepNumber;
+    settings.noise.attempt = 0;
     bodies.save(bodySnapshot);
     freeParticles->save(freeSnapshot, positions(), velocities());
     try {
-        LoopResult result = runLoop(BodyLoop::BeforeForces);
-        result.add(freeParticles->beforeForces(settings, *loops, positions(), velocities(), tolerance));
-        if (!result.finite) reportNonFinite("position");
-        placeFreeVirtualSites(context);
-
-        calculateForces(context);
-        if (!freeParticles->gatherForces(*data.forces)) reportNonFinite("force");
-
-        result.add(runLoop(BodyLoop::AfterForces));
-        result.add(freeParticles->afterForces(settings, *loops, positions(), velocities(), tolerance));
-        if (!result.finite) reportNonFinite("force");
-        counters.randomNumbers += result.randomNumbers;
+        attemptStep(context);
         rememberOtherParticles();
     } catch (...) {
         bodies.restore(bodySnapshot);
@@ -502,6 +509,41 @@ void RigidBodyKernel::advance(ContextImpl& context) {
         writePoses(context);
         throw;
     }
+}
+
+void RigidBodyKernel::attemptStep(ContextImpl& context) {
+    const double tolerance = integrator->getConstraintTolerance();
+    LoopResult result;
+    if (settings.fluidCouplesBodies)
+        result = moveThroughFluid(tolerance);
+    else {
+        result = runLoop(BodyLoop::BeforeForces);
+        result.add(freeParticles->beforeForces(settings, *loops, positions(), velocities(), tolerance));
+    }
+    if (!result.finite) reportNonFinite("position");
+    placeFreeVirtualSites(context);
+
+    calculateForces(context);
+    if (!freeParticles->gatherForces(*data.forces)) reportNonFinite("force");
+
+    result.add(runLoop(BodyLoop::AfterForces));
+    result.add(freeParticles->afterForces(settings, *loops, positions(), velocities(), tolerance));
+    if (!result.finite) reportNonFinite("force");
+    counters.randomNumbers += result.randomNumbers;
+}
+
+/** LangevinHI up to the force evaluation: half a step, the fluid at the poses there, the other half. */
+LoopResult RigidBodyKernel::moveThroughFluid(double tolerance) {
+    LoopResult result = runLoop(BodyLoop::BeforeFriction);
+    result.add(freeParticles->beforeFriction(settings, *loops, positions(), velocities(), tolerance));
+    if (!result.finite) reportNonFinite("position");
+    const double start = now();
+    result.add(
+        fluid->relax(settings.h, settings.kT, settings.noise, bodies, *freeParticles, positions(), velocities()));
+    counters.seconds_mobility += now() - start;
+    result.add(runLoop(BodyLoop::AfterFriction));
+    result.add(freeParticles->afterFriction(settings, *loops, positions(), velocities(), tolerance));
+    return result;
 }
 
 void RigidBodyKernel::reportNonFinite(const char* what) {

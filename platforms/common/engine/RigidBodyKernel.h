@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "engine/Fluid.h"
 #include "engine/FreeParticles.h"
 #include "engine/PlatformLoops.h"
 #include "engine/SystemCheck.h"
@@ -55,6 +56,11 @@ public:
     std::string describeEffects(OpenMM::ContextImpl& context) override;
     std::map<std::string, double> getStepStatistics(OpenMM::ContextImpl& context) override;
     std::vector<OpenMM::Vec3> drawVelocities(OpenMM::ContextImpl& context, double temperature, int seed) override;
+    void updateFluid(OpenMM::ContextImpl& context, const MobilityForce& force) override;
+    std::vector<double> getMobility(OpenMM::ContextImpl& context) override;
+    std::vector<double> getFriction(OpenMM::ContextImpl& context) override;
+    std::vector<double> applyMobility(OpenMM::ContextImpl& context, const std::vector<double>& wrenches) override;
+    int getNumRejectedSteps(OpenMM::ContextImpl& context) override;
     void createCheckpoint(OpenMM::ContextImpl& context, std::ostream& stream) override;
     void loadCheckpoint(OpenMM::ContextImpl& context, std::istream& stream) override;
     void serialize(OpenMM::ContextImpl& context, OpenMM::SerializationNode& node) override;
@@ -100,6 +106,10 @@ private:
     void evaluateForces(OpenMM::ContextImpl& context);
     void calculateForces(OpenMM::ContextImpl& context);
     void advance(OpenMM::ContextImpl& context);
+    void attemptStep(OpenMM::ContextImpl& context);
+    LoopResult moveThroughFluid(double tolerance);
+    void buildFluid();
+    Fluid& requireFluid(OpenMM::ContextImpl& context, const char* method);
     [[noreturn]] void reportNonFinite(const char* what);
     bool bodyMembersDiffer(int body, const std::vector<OpenMM::Vec3>& a, const std::vector<OpenMM::Vec3>& b) const;
 
@@ -115,6 +125,9 @@ private:
     std::vector<BodyGeometry> geometries;
     std::vector<PoseFit> fits;
     std::unique_ptr<FreeParticles> freeParticles;
+    // The fluid, if there is a MobilityForce; a copy of the latter as the user handed it over last.
+    std::unique_ptr<MobilityForce> fluidParameters;
+    std::unique_ptr<Fluid> fluid;
     StepSettings settings;
     int settingsVersion = -1;
     double settingsStepSize = 0;
@@ -140,8 +153,8 @@ private:
     FreeParticles::Snapshot freeSnapshot;
     // Plain numbers: a step must not allocate (getStepStatistics() gives them names).
     struct Counters {
-        long long steps = 0, forceEvaluations = 0, randomNumbers = 0;
-        double seconds_forces = 0, seconds_scheme = 0;
+        long long steps = 0, forceEvaluations = 0, randomNumbers = 0, rejectedSteps = 0;
+        double seconds_forces = 0, seconds_mobility = 0, seconds_scheme = 0;
     } counters;
 };
 

@@ -230,15 +230,83 @@ string RigidBodyKernel::describeEffects(ContextImpl& context) {
 map<string, double> RigidBodyKernel::getStepStatistics(ContextImpl& context) {
     return {{"steps", counters.steps},
             {"forceEvaluations", counters.forceEvaluations},
-            {"mobilityProducts", 0},
-            {"solverIterations", 0},
+            {"mobilityProducts", fluid ? fluid->numProducts() + fluid->numMatrices() : 0},
+            {"solverIterations", fluid ? fluid->numIterations : 0},
             {"randomNumbers", counters.randomNumbers},
-            {"squareRoots", 0},
+            {"squareRoots", fluid ? fluid->numSquareRoots : 0},
             {"seconds_forces", counters.seconds_forces},
-            {"seconds_mobility", 0},
+            {"seconds_mobility", counters.seconds_mobility},
             {"seconds_scheme", counters.seconds_scheme},
             {"seconds_fft", 0}};
 }
+
+// ---------------------------------------------------------------------------------------------------------------------
+// What a MobilityForce asks for
+
+Fluid& RigidBodyKernel::requireFluid(ContextImpl& context, const char* method) {
+    requirePositions(method);
+    takeInChanges(context);
+    if (!fluid) fail(string(method) + " needs a MobilityForce in the System");
+    return *fluid;
+}
+
+void RigidBodyKernel::updateFluid(ContextImpl& context, const MobilityForce& force) {
+    if (!fluidParameters) fail("updateParametersInContext() needs a MobilityForce in the System");
+    const string remedy = "; call reinitialize(preserveState=True) on the Context";
+    if (force.getModel() != fluidParameters->getModel() || force.getBoundary() != fluidParameters->getBoundary())
+        fail("the model or boundary of a MobilityForce cannot be changed by updateParametersInContext()" + remedy);
+    if (force.getGroups() != fluidParameters->getGroups())
+        fail("the groups of a MobilityForce cannot be changed by updateParametersInContext()" + remedy);
+    if (force.getNumParticles() != fluidParameters->getNumParticles())
+        fail("the number of particles of a MobilityForce cannot be changed by updateParametersInContext()" + remedy);
+    for (int p = 0; p < force.getNumParticles(); p++)
+        if ((force.getParticleRadius(p) > 0) != (fluidParameters->getParticleRadius(p) > 0))
+            fail("particle " + to_string(p) +
+                 ": its hydrodynamic radius cannot change between 0 and a positive value by "
+                 "updateParametersInContext()" +
+                 remedy);
+    const unique_ptr<MobilityForce> before(new MobilityForce(*fluidParameters));
+    *fluidParameters = force;
+    if (!bodiesAreBuilt) return;
+    try {
+        buildFluid();
+    } catch (...) {
+        *fluidParameters = *before;
+        throw;
+    }
+    settingsVersion = -1;
+}
+
+namespace {
+
+vector<double> rowAfterRow(const Eigen::MatrixXd& matrix) {
+    vector<double> result(matrix.size());
+    for (int i = 0; i < matrix.rows(); i++)
+        for (int k = 0; k < matrix.cols(); k++) result[i * matrix.cols() + k] = matrix(i, k);
+    return result;
+}
+
+}  // namespace
+
+vector<double> RigidBodyKernel::getMobility(ContextImpl& context) {
+    return rowAfterRow(requireFluid(context, "getMobilityInContext()").mobility(bodies, positions()));
+}
+
+vector<double> RigidBodyKernel::getFriction(ContextImpl& context) {
+    return rowAfterRow(requireFluid(context, "getFrictionInContext()").friction(bodies, positions()));
+}
+
+vector<double> RigidBodyKernel::applyMobility(ContextImpl& context, const vector<double>& wrenches) {
+    Fluid& there = requireFluid(context, "applyMobilityInContext()");
+    if ((int)wrenches.size() != 6 * bodies.getNumBodies())
+        fail("applyMobilityInContext() was given " + to_string(wrenches.size()) + " numbers, but there are " +
+             to_string(bodies.getNumBodies()) + " bodies; give 6 numbers for each");
+    const Eigen::VectorXd twists =
+        there.apply(Eigen::Map<const Eigen::VectorXd>(wrenches.data(), wrenches.size()), bodies, positions());
+    return vector<double>(twists.data(), twists.data() + twists.size());
+}
+
+int RigidBodyKernel::getNumRejectedSteps(ContextImpl&) { return counters.rejectedSteps; }
 
 vector<Vec3> RigidBodyKernel::drawVelocities(ContextImpl& context, double temperature, int drawSeed) {
     requirePositions("setVelocitiesToTemperature()");

@@ -9,7 +9,9 @@ namespace RigidHIPlugin {
 /** What the loops over bodies need to know about one step. */
 struct StepSettings {
     CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::LangevinC;
-    double h = 0;
+    double h = 0, kT = 0;
+    /** LangevinHI: some bodies feel each other, so that a step has a part before and one after the fluid's. */
+    bool fluidCouplesBodies = false;
     NoiseStream noise;
     bool hasMomenta() const { return scheme != CustomRigidHIIntegrator::GradientThermostat; }
 };
@@ -34,6 +36,8 @@ struct LoopResult {
 /** The loops over bodies of one step; see BodyLoops-inl.h. */
 enum class BodyLoop {
     BeforeForces,               // the scheme up to the force evaluation; new positions to the particles
+    BeforeFriction,             // LangevinHI: the scheme up to the fluid's part; new poses
+    AfterFriction,              // ... from there up to the force evaluation; new positions to the particles
     AfterForces,                // forces from the particles; the rest of the scheme; new velocities to the particles
     GatherForces,               // forces from the particles only
     ScatterPositions,           // poses to the particles

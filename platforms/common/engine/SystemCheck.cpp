@@ -12,6 +12,8 @@
 #include <set>
 #include <typeinfo>
 
+#include "openmmrigidhi/MobilityForce.h"
+
 using namespace OpenMM;
 using namespace std;
 
@@ -74,6 +76,7 @@ string schemeName(CustomRigidHIIntegrator::Scheme scheme) {
         case CustomRigidHIIntegrator::LangevinB: return "LangevinB";
         case CustomRigidHIIntegrator::LangevinC: return "LangevinC";
         case CustomRigidHIIntegrator::GradientThermostat: return "GradientThermostat";
+        case CustomRigidHIIntegrator::LangevinHI: return "LangevinHI";
     }
     return "unknown";
 }
@@ -116,6 +119,10 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
             refuse("force " + to_string(i) +
                    ", an AndersenThermostat, changes velocities of single particles and so "
                    "breaks rigid bodies; remove it: this integrator is a thermostat itself");
+        if (auto* mobility = dynamic_cast<const MobilityForce*>(&force)) {
+            stock.mobilityForce = mobility;
+            stock.numMobilityForces++;
+        }
         if (dynamic_cast<const CMMotionRemover*>(&force)) stock.hasCMMotionRemover = true;
         if (dynamic_cast<const MonteCarloBarostat*>(&force)) stock.barostat = "MonteCarloBarostat";
         if (dynamic_cast<const MonteCarloAnisotropicBarostat*>(&force))
@@ -146,6 +153,36 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
             refuse(bodyText(b) + " has mass 0, but scheme " + name +
                    " needs a positive mass; give its particles masses in the System, or add it with explicit mass, "
                    "moments and site positions");
+    }
+    const bool hydrodynamic = scheme == CustomRigidHIIntegrator::LangevinHI;
+    if (hydrodynamic && stock.numMobilityForces != 1)
+        refuse("the System has " + to_string(stock.numMobilityForces) + " MobilityForces, but scheme " + name +
+               " needs exactly one; add a MobilityForce to the System, or keep only one");
+    if (!hydrodynamic && stock.numMobilityForces > 0)
+        refuse("the System has a MobilityForce, which scheme " + name +
+               " would ignore; use LangevinHI, or remove the MobilityForce");
+    if (hydrodynamic) {
+        if (stock.hasCMMotionRemover)
+            refuse(
+                "the System has a CMMotionRemover, but with scheme " + name +
+                " the fluid exchanges momentum with the bodies; create the System with removeCMMotion=False, or remove "
+                "the force");
+        if (!stock.barostat.empty())
+            refuse("the System has a " + stock.barostat + ", which scheme " + name +
+                   " does not support: the fluid is unbounded; remove the barostat, or use LangevinC");
+        for (int i = 0; i < system.getNumConstraints(); i++) {
+            int a, b;
+            double distance;
+            system.getConstraintParameters(i, a, b, distance);
+            for (int p : {a, b})
+                if (stock.bodyOfParticle[p] < 0 && p < stock.mobilityForce->getNumParticles() &&
+                    stock.mobilityForce->getParticleRadius(p) > 0)
+                    refuse(
+                        "constraint " + to_string(i) + " holds " + particleText(p) +
+                        ", which is in no body and has a hydrodynamic radius; scheme " + name +
+                        " takes constraints of free particles without one only: make its molecule a rigid body, or set "
+                        "its radius to 0");
+        }
     }
     if (scheme != CustomRigidHIIntegrator::GradientThermostat) return;
     if (stock.numFreeConstraints > 0)

@@ -20,6 +20,8 @@ struct SystemInventory {
     int numFreeConstraints = 0;
     bool hasCMMotionRemover = false;
     std::string barostat;  // its class name, or empty
+    const class MobilityForce* mobilityForce = nullptr;
+    int numMobilityForces = 0;
 };
 
 /**

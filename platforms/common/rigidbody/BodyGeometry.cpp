@@ -6,15 +6,14 @@
 #include <algorithm>
 #include <map>
 
+#include "rigidbody/EigenVec3.h"
+
 using namespace OpenMM;
 using namespace std;
 
 namespace RigidHIPlugin {
 
 namespace {
-
-Eigen::Vector3d toEigen(const Vec3& v) { return Eigen::Vector3d(v[0], v[1], v[2]); }
-Vec3 toVec3(const Eigen::Vector3d& v) { return Vec3(v[0], v[1], v[2]); }
 
 /** Principal axes as columns (right-handed) and moments in ascending order, about the centre of mass. */
 struct PrincipalFrame {

@@ -63,6 +63,7 @@ BodySet::BodySet(const vector<BodyGeometry>& geometries, const vector<vector<int
     }
 
     const int numSlots = bodyOfSlot.size();
+    drawsNoise.assign(numSlots, false);
     // An item a line would be hard to read.
     // clang-format off
     for (auto* v : {&R[0], &R[1], &R[2], &q[1], &q[2], &q[3], &p[0], &p[1], &p[2], &l[0], &l[1], &l[2], &force_lab[0],
@@ -210,6 +211,7 @@ void BodySet::setThermostat(int body, const Thermostat& t) {
         move_q[k][slot] = t.move_q[k];
         noise_q[k][slot] = t.noise_q[k];
     }
+    drawsNoise[slot] = t.hasNoise();
     if (t.hasNoise()) blocks[slot / blockSize].hasNoise = true;
 }
 

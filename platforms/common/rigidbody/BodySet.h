@@ -62,6 +62,8 @@ public:
     /** R, q, p, l of one body exactly as they are stored (inner frame), for saving and resuming bit for bit. */
     std::array<double, 13> getStoredState(int body) const;
     void setStoredState(int body, const std::array<double, 13>& values);
+    /** A vector of the user's body frame in the inner one. */
+    OpenMM::Vec3 toInner(int body, const OpenMM::Vec3& v_user) const;
     /** Force (lab) and torque (lab) on a body as last gathered. */
     OpenMM::Vec3 getForce_lab(int body) const;
     OpenMM::Vec3 getTorque_lab(int body) const;
@@ -85,7 +87,8 @@ public:
     std::vector<double> R[3], q[4], p[3], l[3], force_lab[3], torque_body[3];
     std::vector<double> inverseMass, inverseMoments[3];
     std::vector<double> decay_p, noise_p, decay_l[3], noise_l[3], move_R, noise_R, move_q[3], noise_q[3];
-    std::vector<int> bodyOfSlot;  // -1 for padding
+    std::vector<int> bodyOfSlot;   // -1 for padding
+    std::vector<char> drawsNoise;  // whether the thermostat of the slot's body has noise
     std::vector<Block> blocks;
     // Sites, block by block: entry s of a block holds site s of each of its bodies.
     std::vector<double> sites;       // [(entry * 3 + component) * blockSize + lane], inner body frame, nm
@@ -99,7 +102,6 @@ private:
     std::vector<std::array<int, 3> > axisOrder;     // inner axis k is the user's axis axisOrder[k] ...
     std::vector<std::array<double, 3> > axisSign;   // ... times axisSign[k]
     std::vector<std::array<double, 4> > frameTurn;  // q_inner = q_user * frameTurn
-    OpenMM::Vec3 toInner(int body, const OpenMM::Vec3& v_user) const;
     OpenMM::Vec3 toUser(int body, const OpenMM::Vec3& v_inner) const;
     OpenMM::Vec3 toLab(int slot, const OpenMM::Vec3& v_inner) const;
     OpenMM::Vec3 toInnerBody(int slot, const OpenMM::Vec3& v_lab) const;

@@ -2,15 +2,14 @@
 
 #include <cmath>
 
+#include "rigidbody/EigenVec3.h"
+
 using namespace OpenMM;
 using namespace std;
 
 namespace RigidHIPlugin {
 
 namespace {
-
-Eigen::Vector3d toEigen(const Vec3& v) { return Eigen::Vector3d(v[0], v[1], v[2]); }
-Vec3 toVec3(const Eigen::Vector3d& v) { return Vec3(v[0], v[1], v[2]); }
 
 /** Singular values below this fraction of the largest are rounding of site positions. */
 const double rankTolerance = 1e-10;

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "CpuBodyLoops.h"
+#include "mobility/Models.h"
 
 using namespace OpenMM;
 
@@ -34,6 +35,15 @@ public:
     }
     void forRanges(int count, const std::function<void(int, int)>& task) override {
         split(count, minimumParticlesPerThread, [&](int first, int end, int) { task(first, end); });
+    }
+    void forTasks(int count, const std::function<void(int)>& task) override {
+        split(count, 1, [&](int first, int end, int) {
+            for (int i = first; i < end; i++) task(i);
+        });
+    }
+    std::unique_ptr<MobilityOperator> createMobility(const MobilityForce& force, const HydrodynamicParticles& particles,
+                                                     bool mayUseThreads) override {
+        return createScalarMobility(force, particles);
     }
     std::string describe() const override {
         return "CPU: " + std::to_string(pool.getNumThreads()) + " threads, " + std::to_string(simdWidth()) +

@@ -1,6 +1,7 @@
 #include "ReferenceRigidHIKernels.h"
 
 #include "engine/BodyLoops-inl.h"
+#include "mobility/Models.h"
 
 using namespace OpenMM;
 
@@ -19,6 +20,13 @@ public:
         scalar::fillNoise<double>(noise, purpose, index, count, xi);
     }
     void forRanges(int count, const std::function<void(int, int)>& task) override { task(0, count); }
+    void forTasks(int count, const std::function<void(int)>& task) override {
+        for (int i = 0; i < count; i++) task(i);
+    }
+    std::unique_ptr<MobilityOperator> createMobility(const MobilityForce& force, const HydrodynamicParticles& particles,
+                                                     bool) override {
+        return createScalarMobility(force, particles);
+    }
     std::string describe() const override { return "Reference: one thread, one body at a time"; }
 };
 

@@ -1,0 +1,201 @@
+#ifndef OPENMMRIGIDHI_MOBILITY_FORCE_H_
+#define OPENMMRIGIDHI_MOBILITY_FORCE_H_
+
+#include <openmm/Context.h>
+#include <openmm/Force.h>
+
+#include <map>
+#include <vector>
+
+#include "openmmrigidhi/internal/windowsExport.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * How the fluid couples the bodies of a CustomRigidHIIntegrator: viscosity, hydrodynamic radii, model. It adds no forces
+ * and no energy; the schemes with hydrodynamic interactions read it.
+ *
+ * Every particle of the System is given a hydrodynamic radius, in order, by addParticle(); 0: the fluid does not see it. A
+ * body with one hydrodynamic particle is a sphere, which takes force and torque; a body with several is a rigid multiblob,
+ * whose blobs carry forces only and together make the body's mobility N = (K^T M^-1 K)^-1. Where all blobs of a body lie on
+ * a line, the fluid does not drive its rotation about that line. A particle in no body with a radius takes a force only.
+ *
+ * Units are OpenMM's. Every error is an OpenMMException that names the object, the value, the bound and the remedy.
+ */
+class OPENMM_EXPORT_RIGIDHI MobilityForce : public OpenMM::Force {
+public:
+    /** The hydrodynamic model. */
+    enum Model : int {
+        /**
+         * No interaction between bodies: a sphere has its Stokes drag 6 pi eta a, 8 pi eta a^3, a multiblob its own constant
+         * tensor in its body frame, computed once. Cost: linear in bodies.
+         */
+        FreeDraining = 0,
+        /**
+         * Rotne-Prager-Yamakawa with rotation, unequal radii, overlap allowed: translation, rotation and their coupling;
+         * always positive definite. Pairwise: the error is O((a/r)^4) of the mobility (Wajnryb et al., J. Fluid Mech. 731,
+         * R3, 2013). Cost: quadratic in particles for each product.
+         */
+        RotnePragerYamakawa = 1,
+        /**
+         * Spheres with force, torque and stresslet, and pair lubrication from the exact two-sphere resistance functions
+         * (Jeffrey and Onishi, J. Fluid Mech. 139, 261, 1984): exact for an isolated pair at every gap. Spheres must not
+         * overlap; ratios of radii 0.1 to 10. Cost: cubic in bodies.
+         */
+        StokesianDynamics = 2
+    };
+    /** What bounds the fluid. */
+    enum Boundary : int {
+        /** Nothing: fluid at rest at infinity. */
+        Unbounded = 0
+    };
+    /** How the linear algebra is done. */
+    enum Solver : int {
+        /** Dense or matrix-free, by the number of bodies (default). */
+        Auto = 0,
+        /** Matrices are formed and decomposed. Memory quadratic, time cubic in bodies. */
+        Dense = 1,
+        /** Krylov methods (Lanczos) to the solver tolerance. Memory linear, time quadratic in particles. */
+        MatrixFree = 2
+    };
+
+    MobilityForce();
+
+    /** Get the number of particles that were added. */
+    int getNumParticles() const { return radii.size(); }
+    /**
+     * Add the next particle of the System.
+     *
+     * @param radius  hydrodynamic radius, nm; 0: the fluid does not see the particle
+     * @return index of the particle
+     * @throws OpenMMException if the radius is negative or not finite
+     */
+    int addParticle(double radius);
+    /** Get the hydrodynamic radius of a particle, nm. */
+    double getParticleRadius(int index) const;
+    /** Set the hydrodynamic radius of a particle, nm; see updateParametersInContext(). Errors as addParticle(). */
+    void setParticleRadius(int index, double radius);
+    /** Get the viscosity, dalton/(nm ps). */
+    double getViscosity() const { return viscosity; }
+    /**
+     * Set the viscosity eta, dalton/(nm ps); 1 mPa s = 602.214076. Default: water at 298.15 K, 0.89 mPa s.
+     *
+     * @throws OpenMMException if not positive and finite
+     */
+    void setViscosity(double eta);
+    /** Get the hydrodynamic model. */
+    Model getModel() const { return model; }
+    /** Set the hydrodynamic model (default RotnePragerYamakawa). Takes effect at Context creation or reinitialize(). */
+    void setModel(Model model);
+    /** Get what bounds the fluid. */
+    Boundary getBoundary() const { return boundary; }
+    /** Set what bounds the fluid (default Unbounded). Takes effect at Context creation or reinitialize(). */
+    void setBoundary(Boundary boundary);
+    /** Get whether StokesianDynamics includes lubrication. */
+    bool getLubrication() const { return lubrication; }
+    /** Set whether StokesianDynamics includes lubrication (default true; other models have none). */
+    void setLubrication(bool enabled) { lubrication = enabled; }
+    /** Get the smallest gap of StokesianDynamics. */
+    double getMinimumGap() const { return minimumGap; }
+    /**
+     * Set the smallest gap between spheres for StokesianDynamics, relative to the mean of the two radii (default 0). Smaller
+     * gaps, and overlaps, are treated as this one. With 0 a start with overlapping spheres is refused, and a step after
+     * which spheres overlap is redone with new noise.
+     *
+     * @throws OpenMMException if negative or not finite
+     */
+    void setMinimumGap(double gap);
+    /** Get how the linear algebra is done. */
+    Solver getSolver() const { return solver; }
+    /** Set how the linear algebra is done (default Auto). */
+    void setSolver(Solver solver);
+    /** Get the relative tolerance of MatrixFree. */
+    double getSolverTolerance() const { return solverTolerance; }
+    /**
+     * Set the relative tolerance of MatrixFree (default 1e-6): in the norm of mass-weighted momenta, one step differs from
+     * the Dense one by at most five times this, or an exception says what was reached.
+     *
+     * @throws OpenMMException if not between 1e-14 and 0.1
+     */
+    void setSolverTolerance(double tolerance);
+
+    /**
+     * Give a body a mobility tensor of its own: its velocity and angular velocity (about its origin) from force and torque,
+     * when alone in the fluid, body frame. FreeDraining takes it as it is; with RotnePragerYamakawa it is combined with the
+     * interactions by congruence, N = B N_RPY B^T, B = N_own^(1/2) N_RPY,alone^(-1/2): exact for a body alone,
+     * right at large distances, positive definite always.
+     *
+     * @param body      index of the body
+     * @param mobility  36 numbers, rows Vx Vy Vz Wx Wy Wz, columns Fx Fy Fz Tx Ty Tz, body frame; nm/ps per kJ/(mol nm), ...
+     * @throws OpenMMException if not 36 finite numbers, not symmetric to 1e-9, or not positive definite
+     */
+    void setBodyMobility(int body, const std::vector<double>& mobility);
+    /** Likewise by its inverse, the friction tensor: force and torque that a moving body exerts on the fluid. */
+    void setBodyFriction(int body, const std::vector<double>& friction);
+    /** Get whether a body has a tensor of its own. */
+    bool getBodyHasOwnTensor(int body) const { return ownTensors.count(body) > 0; }
+    /** Get a body's own mobility tensor, 36 numbers. @throws OpenMMException if it has none */
+    std::vector<double> getBodyMobility(int body) const;
+    /** Get a body's own friction tensor, 36 numbers. @throws OpenMMException if it has none */
+    std::vector<double> getBodyFriction(int body) const;
+    /** Take a body's own tensor away. */
+    void clearBodyTensor(int body);
+    /** Get the bodies with tensors of their own. */
+    std::vector<int> getBodiesWithOwnTensors() const;
+
+    /** Get the group of each body; empty: all in one. */
+    const std::vector<int>& getGroups() const { return groups; }
+    /**
+     * Set which bodies feel each other through the fluid: only those of one group (replicas of a scene in one Context, at a
+     * cost linear in groups). Default, or empty: all. Hydrodynamic particles that are in no body belong to group 0.
+     *
+     * @param groups  a number from 0 up for each body
+     * @throws OpenMMException if one is negative
+     */
+    void setGroups(const std::vector<int>& groups);
+
+    /**
+     * Hand changed viscosity, radii, own tensors, lubrication, minimum gap, solver and tolerance to a Context. A radius may
+     * not change between 0 and not 0; model, boundary and groups need reinitialize().
+     */
+    void updateParametersInContext(OpenMM::Context& context);
+    /**
+     * Get the mobility matrix of the bodies at their present poses: 6n x 6n numbers, row after row; rows per body Vx Vy Vz
+     * Wx Wy Wz about the body's origin, columns Fx Fy Fz Tx Ty Tz, lab frame, OpenMM units. Free particles are force-free.
+     */
+    std::vector<double> getMobilityInContext(OpenMM::Context& context) const;
+    /** Get its inverse, the friction matrix (pseudo-inverse for bodies whose blobs are on a line). */
+    std::vector<double> getFrictionInContext(OpenMM::Context& context) const;
+    /**
+     * Get the velocities that forces and torques on the bodies would give without inertia: mobility times wrenches.
+     *
+     * @param wrenches  6 numbers per body, Fx Fy Fz Tx Ty Tz about the body's origin, lab frame
+     * @return 6 numbers per body, Vx Vy Vz Wx Wy Wz
+     */
+    std::vector<double> applyMobilityInContext(OpenMM::Context& context, const std::vector<double>& wrenches) const;
+
+    bool usesPeriodicBoundaryConditions() const override { return false; }
+
+protected:
+    OpenMM::ForceImpl* createImpl() const override;
+
+private:
+    struct OwnTensor {
+        bool isFriction;
+        std::vector<double> values;
+    };
+    void checkTensor(int body, const std::vector<double>& tensor, const char* method) const;
+    const OwnTensor& ownTensor(int body, const char* method) const;
+    std::vector<double> radii;
+    double viscosity, minimumGap, solverTolerance;
+    Model model;
+    Boundary boundary;
+    Solver solver;
+    bool lubrication;
+    std::map<int, OwnTensor> ownTensors;
+    std::vector<int> groups;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,259 @@
+#include "openmmrigidhi/MobilityForce.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+#include <string>
+
+#include "openmmrigidhi/CustomRigidHIIntegrator.h"
+#include "openmmrigidhi/RigidHIKernels.h"
+#include "openmmrigidhi/internal/MobilityForceImpl.h"
+
+using namespace OpenMM;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+/** All messages have this one form: object, its value, the bound it breaks, and the remedy. */
+[[noreturn]] void fail(const string& object, const string& problem, const string& bound, const string& remedy) {
+    throw OpenMMException("MobilityForce: " + object + ": " + problem + "; " + bound + ": " + remedy);
+}
+
+template <class T>
+string text(const T& value) {
+    ostringstream stream;
+    stream.precision(12);
+    stream << value;
+    return stream.str();
+}
+
+/** Water at 298.15 K: 0.89 mPa s, in dalton/(nm ps). */
+constexpr double viscosityOfWater = 0.89 * 602.214076;
+/** How far a tensor may be from symmetric, relative to its largest entry of the same kind. */
+constexpr double symmetryTolerance = 1e-9;
+constexpr double smallestTolerance = 1e-14, largestTolerance = 0.1;
+
+/** Cholesky's factor of a 6 x 6 matrix, in place (lower triangle). @return false if not positive definite */
+bool factorise(vector<double>& a) {
+    for (int j = 0; j < 6; j++) {
+        for (int k = 0; k < j; k++)
+            for (int i = j; i < 6; i++) a[6 * i + j] -= a[6 * i + k] * a[6 * j + k];
+        if (!(a[7 * j] > 0)) return false;
+        const double root = sqrt(a[7 * j]);
+        for (int i = j; i < 6; i++) a[6 * i + j] /= root;
+    }
+    return true;
+}
+
+vector<double> inverse(const vector<double>& matrix) {
+    vector<double> factor(matrix), result(36);
+    factorise(factor);
+    for (int column = 0; column < 6; column++) {
+        double x[6];
+        for (int i = 0; i < 6; i++) {
+            x[i] = i == column;
+            for (int k = 0; k < i; k++) x[i] -= factor[6 * i + k] * x[k];
+            x[i] /= factor[7 * i];
+        }
+        for (int i = 5; i >= 0; i--) {
+            for (int k = i + 1; k < 6; k++) x[i] -= factor[6 * k + i] * x[k];
+            x[i] /= factor[7 * i];
+        }
+        for (int i = 0; i < 6; i++) result[6 * i + column] = x[i];
+    }
+    for (int i = 0; i < 6; i++)
+        for (int k = 0; k < i; k++)
+            result[6 * i + k] = result[6 * k + i] = 0.5 * (result[6 * i + k] + result[6 * k + i]);
+    return result;
+}
+
+/** The integrator's kernel of a Context in which a MobilityForce is. */
+pair<IntegrateRigidBodiesKernel*, ContextImpl*> kernelOf(ContextImpl& context, const char* method) {
+    return {&dynamic_cast<CustomRigidHIIntegrator&>(context.getIntegrator()).getKernelForForces(method), &context};
+}
+
+}  // namespace
+
+MobilityForce::MobilityForce()
+    : viscosity(viscosityOfWater), minimumGap(0), solverTolerance(1e-6), model(RotnePragerYamakawa),
+      boundary(Unbounded), solver(Auto), lubrication(true) {}
+
+int MobilityForce::addParticle(double radius) {
+    radii.push_back(0);
+    try {
+        setParticleRadius(getNumParticles() - 1, radius);
+    } catch (...) {
+        radii.pop_back();
+        throw;
+    }
+    return getNumParticles() - 1;
+}
+
+double MobilityForce::getParticleRadius(int index) const {
+    if (index < 0 || index >= getNumParticles())
+        fail("getParticleRadius()", "particle index " + text(index) + " is out of range",
+             "there are " + text(radii.size()) + " particles, counted from 0", "add the particle first");
+    return radii[index];
+}
+
+void MobilityForce::setParticleRadius(int index, double radius) {
+    if (index < 0 || index >= getNumParticles())
+        fail("setParticleRadius()", "particle index " + text(index) + " is out of range",
+             "there are " + text(radii.size()) + " particles, counted from 0", "add the particle first");
+    if (!isfinite(radius) || radius < 0)
+        fail("particle " + text(index), "hydrodynamic radius is " + text(radius) + " nm",
+             "it must be finite and not negative", "give a radius, or 0 for a particle that the fluid does not see");
+    radii[index] = radius;
+}
+
+void MobilityForce::setViscosity(double eta) {
+    if (!isfinite(eta) || eta <= 0)
+        fail("setViscosity()", "viscosity is " + text(eta) + " dalton/(nm ps)", "it must be finite and positive",
+             "give a value above 0; water has 0.89 mPa s = 536 dalton/(nm ps)");
+    viscosity = eta;
+}
+
+void MobilityForce::setModel(Model model) {
+    if (model < FreeDraining || model > StokesianDynamics)
+        fail("setModel()", "model " + text(static_cast<int>(model)) + " is unknown",
+             "it must be one of FreeDraining, RotnePragerYamakawa, StokesianDynamics", "use the class constants");
+    this->model = model;
+}
+
+void MobilityForce::setBoundary(Boundary boundary) {
+    if (boundary != Unbounded)
+        fail("setBoundary()", "boundary " + text(static_cast<int>(boundary)) + " is unknown", "it must be Unbounded",
+             "use the class constant");
+    this->boundary = boundary;
+}
+
+void MobilityForce::setMinimumGap(double gap) {
+    if (!isfinite(gap) || gap < 0)
+        fail("setMinimumGap()", "gap is " + text(gap) + " mean radii", "it must be finite and not negative",
+             "give a value from 0 up");
+    minimumGap = gap;
+}
+
+void MobilityForce::setSolver(Solver solver) {
+    if (solver < Auto || solver > MatrixFree)
+        fail("setSolver()", "solver " + text(static_cast<int>(solver)) + " is unknown",
+             "it must be one of Auto, Dense, MatrixFree", "use the class constants");
+    this->solver = solver;
+}
+
+void MobilityForce::setSolverTolerance(double tolerance) {
+    if (!(tolerance >= smallestTolerance && tolerance <= largestTolerance))
+        fail("setSolverTolerance()", "tolerance is " + text(tolerance), "it must be between 1e-14 and 0.1",
+             "give a relative tolerance such as 1e-6");
+    solverTolerance = tolerance;
+}
+
+// ---- Tensors and groups ----
+
+void MobilityForce::checkTensor(int body, const vector<double>& tensor, const char* method) const {
+    if (body < 0)
+        fail(method, "body index " + text(body) + " is negative", "bodies are counted from 0", "correct the index");
+    const string object = "body " + text(body);
+    if (tensor.size() != 36)
+        fail(object, "its tensor has " + text(tensor.size()) + " numbers", "it must be 6 x 6", "give 36 numbers");
+    for (double x : tensor)
+        if (!isfinite(x))
+            fail(object, "its tensor has an entry " + text(x), "all must be finite", "give finite numbers");
+    for (int i = 0; i < 6; i++)
+        for (int k = 0; k < i; k++) {
+            const double scale = sqrt(abs(tensor[7 * i] * tensor[7 * k]));
+            if (!(abs(tensor[6 * i + k] - tensor[6 * k + i]) <= symmetryTolerance * scale))
+                fail(object,
+                     "its tensor is not symmetric: entries (" + text(i) + ", " + text(k) + ") and (" + text(k) + ", " +
+                         text(i) + ") are " + text(tensor[6 * i + k]) + " and " + text(tensor[6 * k + i]),
+                     "they must agree to 1e-9", "symmetrise it, or check its rows and columns");
+        }
+    vector<double> factor(tensor);
+    if (!factorise(factor))
+        fail(object, "its tensor is not positive definite", "a body that moves dissipates", "check its signs");
+}
+
+void MobilityForce::setBodyMobility(int body, const vector<double>& mobility) {
+    checkTensor(body, mobility, "setBodyMobility()");
+    ownTensors[body] = {false, mobility};
+}
+
+void MobilityForce::setBodyFriction(int body, const vector<double>& friction) {
+    checkTensor(body, friction, "setBodyFriction()");
+    ownTensors[body] = {true, friction};
+}
+
+const MobilityForce::OwnTensor& MobilityForce::ownTensor(int body, const char* method) const {
+    const auto found = ownTensors.find(body);
+    if (found == ownTensors.end())
+        fail(method, "body " + text(body) + " has no tensor of its own", "only those that were set can be asked for",
+             "call setBodyMobility() or setBodyFriction() first; getMobilityInContext() has what the model makes");
+    return found->second;
+}
+
+vector<double> MobilityForce::getBodyMobility(int body) const {
+    const OwnTensor& own = ownTensor(body, "getBodyMobility()");
+    return own.isFriction ? inverse(own.values) : own.values;
+}
+
+vector<double> MobilityForce::getBodyFriction(int body) const {
+    const OwnTensor& own = ownTensor(body, "getBodyFriction()");
+    return own.isFriction ? own.values : inverse(own.values);
+}
+
+void MobilityForce::clearBodyTensor(int body) { ownTensors.erase(body); }
+
+vector<int> MobilityForce::getBodiesWithOwnTensors() const {
+    vector<int> result;
+    for (const auto& entry : ownTensors) result.push_back(entry.first);
+    return result;
+}
+
+void MobilityForce::setGroups(const vector<int>& groups) {
+    for (size_t i = 0; i < groups.size(); i++)
+        if (groups[i] < 0)
+            fail("body " + text(i), "its group is " + text(groups[i]), "groups are numbered from 0",
+                 "give a number from 0 up");
+    this->groups = groups;
+}
+
+// ---- In a Context ----
+
+void MobilityForce::updateParametersInContext(Context& context) {
+    ContextImpl& impl = getContextImpl(context);
+    getImplInContext(context);  // throws if this Force is not in the Context
+    kernelOf(impl, "updateParametersInContext()").first->updateFluid(impl, *this);
+}
+
+vector<double> MobilityForce::getMobilityInContext(Context& context) const {
+    ContextImpl& impl = const_cast<MobilityForce*>(this)->getContextImpl(context);
+    return kernelOf(impl, "getMobilityInContext()").first->getMobility(impl);
+}
+
+vector<double> MobilityForce::getFrictionInContext(Context& context) const {
+    ContextImpl& impl = const_cast<MobilityForce*>(this)->getContextImpl(context);
+    return kernelOf(impl, "getFrictionInContext()").first->getFriction(impl);
+}
+
+vector<double> MobilityForce::applyMobilityInContext(Context& context, const vector<double>& wrenches) const {
+    ContextImpl& impl = const_cast<MobilityForce*>(this)->getContextImpl(context);
+    for (size_t i = 0; i < wrenches.size(); i++)
+        if (!isfinite(wrenches[i]))
+            fail("applyMobilityInContext()", "the wrench of body " + text(i / 6) + " is not finite",
+                 "forces and torques must be finite", "give finite numbers");
+    return kernelOf(impl, "applyMobilityInContext()").first->applyMobility(impl, wrenches);
+}
+
+ForceImpl* MobilityForce::createImpl() const { return new MobilityForceImpl(*this); }
+
+void MobilityForceImpl::initialize(ContextImpl& context) {
+    if (dynamic_cast<CustomRigidHIIntegrator*>(&context.getIntegrator()) == nullptr)
+        fail("Context", "its integrator is not a CustomRigidHIIntegrator", "other integrators would ignore the fluid",
+             "use openmmrigidhi.CustomRigidHIIntegrator, or remove the Force");
+}
+
+}  // namespace RigidHIPlugin

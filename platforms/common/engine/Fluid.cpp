@@ -1,0 +1,446 @@
+#include "engine/Fluid.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <sstream>
+
+#include "mobility/RotnePragerYamakawa.h"
+#include "rigidbody/EigenVec3.h"
+#include "rigidbody/Quaternion-inl.h"
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+[[noreturn]] void fail(const string& message) { throw OpenMM::OpenMMException("MobilityForce: " + message); }
+
+Pose poseOf(const BodySet& bodies, int body) {
+    const int s = bodies.slot(body);
+    Pose pose;
+    pose.R = Vector3d(bodies.R[0][s], bodies.R[1][s], bodies.R[2][s]);
+    const scalar::Rotation<double> turn({bodies.q[0][s], bodies.q[1][s], bodies.q[2][s], bodies.q[3][s]});
+    for (int k = 0; k < 3; k++) {
+        const auto column = turn.toLab({double(k == 0), double(k == 1), double(k == 2)});
+        pose.A.col(k) = Vector3d(column.x, column.y, column.z);
+    }
+    return pose;
+}
+
+/** Rounding that a product of rotations leaves in a tensor. */
+const double isotropyTolerance = 1e-13;
+
+/** Whether a friction tensor is isotropic in translation, diagonal in rotation, and without coupling. */
+bool isThermostatTensor(const MatrixXd& friction) {
+    for (int i = 0; i < friction.rows(); i++)
+        for (int k = 0; k < friction.cols(); k++)
+            if (i != k && abs(friction(i, k)) > isotropyTolerance * sqrt(abs(friction(i, i) * friction(k, k))))
+                return false;
+    return abs(friction(0, 0) - friction(1, 1)) <= isotropyTolerance * friction(0, 0) &&
+           abs(friction(0, 0) - friction(2, 2)) <= isotropyTolerance * friction(0, 0);
+}
+
+}  // namespace
+
+Fluid::Fluid(const MobilityForce& forceToUse, const OpenMM::System& system,
+             const vector<vector<int> >& particlesOfBodies, const vector<BodyGeometry>& geometries,
+             const BodySet& bodies, const FreeParticles& freeParticles, PlatformLoops& loops)
+    : force(forceToUse), loops(loops) {
+    const int numBodies = particlesOfBodies.size();
+    const bool freeDraining = force.getModel() == MobilityForce::FreeDraining;
+    if (force.getNumParticles() != system.getNumParticles())
+        fail("it has " + to_string(force.getNumParticles()) + " radii, but the System has " +
+             to_string(system.getNumParticles()) +
+             " particles; call addParticle() once for each particle of the System, with radius 0 where the fluid does "
+             "not "
+             "see it");
+    const vector<int>& labels = force.getGroups();
+    if (!labels.empty() && (int)labels.size() != numBodies)
+        fail("setGroups() was given " + to_string(labels.size()) + " groups, but the integrator has " +
+             to_string(numBodies) + " bodies; give one for each body");
+    for (int b : force.getBodiesWithOwnTensors()) {
+        if (b >= numBodies)
+            fail("body " + to_string(b) + " was given a tensor of its own, but the integrator has " +
+                 to_string(numBodies) + " bodies, counted from 0; correct the index");
+        if (force.getModel() == MobilityForce::StokesianDynamics)
+            fail(
+                "body " + to_string(b) +
+                " was given a tensor of its own, which model StokesianDynamics cannot take; use RotnePragerYamakawa or "
+                "FreeDraining");
+    }
+
+    // Groups in the order of their labels; without interaction every body is one of its own.
+    map<int, vector<FluidElement> > elementsOfGroup;
+    int nextGroup = 0;
+    for (int b = 0; b < numBodies; b++) {
+        FluidElement element;
+        element.body = b;
+        for (size_t i = 0; i < particlesOfBodies[b].size(); i++) {
+            const int p = particlesOfBodies[b][i];
+            if (force.getParticleRadius(p) == 0) continue;
+            element.particles.push_back(p);
+            element.sites.push_back(toEigen(bodies.toInner(b, geometries[b].sites[i])));
+            element.radii.push_back(force.getParticleRadius(p));
+        }
+        if (force.getBodyHasOwnTensor(b)) {
+            const vector<double> user = force.getBodyMobility(b);
+            Matrix3d toInner;
+            for (int k = 0; k < 3; k++)
+                toInner.col(k) = toEigen(bodies.toInner(b, OpenMM::Vec3(k == 0, k == 1, k == 2)));
+            const Matrix<double, 6, 6> turn = twoRotations(toInner);
+            element.ownMobility = turn * Map<const Matrix<double, 6, 6, RowMajor> >(user.data()) * turn.transpose();
+        }
+        if (element.particles.empty() && !(freeDraining && element.ownMobility.size() > 0))
+            fail("body " + to_string(b) +
+                 " has no particle with a hydrodynamic radius, so the fluid would not see it; give at least one of its "
+                 "particles a radius above 0");
+        elementsOfGroup[freeDraining ? nextGroup++ : labels.empty() ? 0 : labels[b]].push_back(element);
+    }
+    for (int i = 0; i < freeParticles.getNumParticles(); i++) {
+        const int p = freeParticles.getParticles()[i];
+        if (force.getParticleRadius(p) == 0) continue;
+        FluidElement element;
+        element.particles = {p};
+        element.sites = {Vector3d::Zero()};
+        element.radii = {force.getParticleRadius(p)};
+        elementsOfGroup[freeDraining ? nextGroup++ : 0].push_back(element);
+    }
+    vector<char> known(system.getNumParticles(), false);
+    for (int p : freeParticles.getParticles()) known[p] = true;
+    for (const vector<int>& particles : particlesOfBodies)
+        for (int p : particles) known[p] = true;
+    for (int p = 0; p < system.getNumParticles(); p++)
+        if (force.getParticleRadius(p) > 0 && !known[p])
+            fail("particle " + to_string(p) + " has hydrodynamic radius " + to_string(force.getParticleRadius(p)) +
+                 " nm but is in no body and has no mass; make it part of a body, or give it radius 0");
+
+    groupOfBody.assign(numBodies, -1);
+    groupOfFree.assign(freeParticles.getNumParticles(), -1);
+    const bool severalGroups = elementsOfGroup.size() > 1;
+    for (auto& entry : elementsOfGroup) {
+        groups.emplace_back(new Group());
+        Group& group = *groups.back();
+        group.mobility.reset(new BodyMobility(
+            entry.second,
+            [&](const HydrodynamicParticles& particles) {
+                return loops.createMobility(force, particles, !severalGroups);
+            },
+            force.getBoundary() == MobilityForce::Unbounded));
+        for (const FluidElement& element : group.mobility->getElements()) {
+            int live = 0, freeIndex = -1;
+            if (element.isFree()) {
+                const vector<int>& all = freeParticles.getParticles();
+                freeIndex = find(all.begin(), all.end(), element.particles[0]) - all.begin();
+                groupOfFree[freeIndex] = groups.size() - 1;
+            } else {
+                for (int k = 0; k < 3; k++) live += bodies.inertia(element.body).isLive(k);
+                group.allLive = group.allLive && live == 3;
+                groupOfBody[element.body] = groups.size() - 1;
+            }
+            group.freeIndex.push_back(freeIndex);
+            group.numLive.push_back(live);
+            group.firstZ.push_back(group.numZ);
+            group.numZ += 3 + live;
+        }
+        group.poses.resize(group.freeIndex.size());
+        // One element alone: a constant tensor, perhaps so simple that it is a thermostat.
+        if (group.freeIndex.size() == 1 && force.getBoundary() == MobilityForce::Unbounded) {
+            group.mobility->setPoses({Pose()});
+            const MatrixXd& friction = group.mobility->friction();
+            group.isThermostat = isThermostatTensor(friction);
+            group.drag_t = friction(0, 0);
+            for (int k = 0; k < 3 && friction.rows() == 6; k++) group.drag_r[k] = friction(3 + k, 3 + k);
+        }
+        if (!group.isThermostat) coupledGroups.push_back(&group);
+    }
+}
+
+void Fluid::checkInertia(const BodySet& bodies) const {
+    for (const auto& group : groups) {
+        const auto& elements = group->mobility->getElements();
+        for (size_t e = 0; e < elements.size(); e++) {
+            if (!group->mobility->hasNullVector(e)) continue;
+            // The null twist must be one that the body has no momentum for: rotation about dead axes only.
+            const VectorXd& twist = group->mobility->getNullVector_body(e);
+            const BodyInertia& inertia = bodies.inertia(elements[e].body);
+            double momentum = twist.head<3>().norm();
+            for (int k = 0; k < 3; k++)
+                if (inertia.isLive(k)) momentum += abs(twist[3 + k]);
+            const double directionTolerance = 1e-6;
+            if (momentum > directionTolerance)
+                fail("body " + to_string(elements[e].body) +
+                     ": its hydrodynamic particles lie on a line, about which the fluid does not hold it, but it has "
+                     "inertia about that line; give it a zero moment about the line, or more particles off the line");
+        }
+    }
+}
+
+Thermostat Fluid::bodyThermostat(int body, const BodyInertia& inertia, double kT, double h) const {
+    const Group& group = *groups[groupOfBody[body]];
+    Thermostat c;
+    if (!group.isThermostat) return c;
+    const double rate = group.drag_t / inertia.mass;
+    c.decay_p = exp(-rate * h);
+    c.noise_p = sqrt(-inertia.mass * kT * expm1(-2 * rate * h));
+    for (int k = 0; k < 3; k++) {
+        if (!inertia.isLive(k)) continue;
+        const double rate_k = group.drag_r[k] / inertia.moments[k];
+        c.decay_l[k] = exp(-rate_k * h);
+        c.noise_l[k] = sqrt(-inertia.moments[k] * kT * expm1(-2 * rate_k * h));
+    }
+    return c;
+}
+
+bool Fluid::freeThermostat(int freeParticle, double mass, double kT, double h, Thermostat& thermostat) const {
+    if (groupOfFree[freeParticle] < 0) return false;
+    thermostat = Thermostat();
+    const Group& group = *groups[groupOfFree[freeParticle]];
+    if (!group.isThermostat) return true;
+    const double rate = group.drag_t / mass;
+    thermostat.decay_p = exp(-rate * h);
+    thermostat.noise_p = sqrt(-mass * kT * expm1(-2 * rate * h));
+    return true;
+}
+
+void Fluid::setPoses(Group& group, const BodySet& bodies, const vector<OpenMM::Vec3>& positions) const {
+    const auto& elements = group.mobility->getElements();
+    for (size_t e = 0; e < elements.size(); e++)
+        if (elements[e].isFree())
+            group.poses[e].R = toEigen(positions[elements[e].particles[0]]);
+        else
+            group.poses[e] = poseOf(bodies, elements[e].body);
+    group.mobility->setPoses(group.poses);
+}
+
+/** S = T xi T^T, or its inverse = T N T^T: T has m^(-1/2) and I_k^(-1/2) (A e_k)^T, or their reciprocals. */
+void Fluid::scaleToZ(Group& group, const BodySet& bodies, const FreeParticles& freeParticles, bool inverse) {
+    const MatrixXd& matrix = inverse ? group.mobility->mobility() : group.mobility->friction();
+    const auto& elements = group.mobility->getElements();
+    group.half.resize(group.numZ, matrix.cols());
+    group.S.resize(group.numZ, group.numZ);
+    const auto weight = [&](double inertia) { return inverse ? sqrt(inertia) : 1 / sqrt(inertia); };
+    for (int pass = 0; pass < 2; pass++)
+        for (size_t e = 0; e < elements.size(); e++) {
+            const int row = group.mobility->firstRow(e), z = group.firstZ[e];
+            const double mass =
+                elements[e].isFree() ? freeParticles.mass(group.freeIndex[e]) : bodies.inertia(elements[e].body).mass;
+            if (pass == 0)
+                group.half.middleRows<3>(z) = weight(mass) * matrix.middleRows<3>(row);
+            else
+                group.S.middleCols<3>(z) = weight(mass) * group.half.middleCols<3>(row);
+            if (elements[e].isFree()) continue;
+            const BodyInertia& inertia = bodies.inertia(elements[e].body);
+            for (int k = 0, next = z + 3; k < 3; k++) {
+                if (!inertia.isLive(k)) continue;
+                const Vector3d axis = weight(inertia.moments[k]) * group.poses[e].A.col(k);
+                if (pass == 0)
+                    group.half.row(next++).noalias() = axis.transpose() * matrix.middleRows<3>(row + 3);
+                else
+                    group.S.col(next++).noalias() = group.half.middleCols<3>(row + 3) * axis;
+            }
+        }
+}
+
+void Fluid::relaxGroup(Group& group, double h, double kT, const NoiseStream& noise, BodySet& bodies,
+                       const FreeParticles& freeParticles, const vector<OpenMM::Vec3>& positions,
+                       vector<OpenMM::Vec3>& velocities) {
+    const auto& elements = group.mobility->getElements();
+    const bool constant = group.mobility->isConstantInBodyFrame();
+    group.randomNumbers = 0;
+    if (constant)
+        group.poses[0] = poseOf(bodies, elements[0].body);
+    else
+        setPoses(group, bodies, positions);
+
+    // Z = K^(1/2) (p, l). One body's constant process is known in its own frame, so its p is turned there.
+    group.Z.resize(group.numZ);
+    group.chi.resize(group.numZ);
+    for (size_t e = 0; e < elements.size(); e++) {
+        const int z = group.firstZ[e];
+        double numbers[6];
+        if (elements[e].isFree()) {
+            const int p = elements[e].particles[0];
+            group.Z.segment<3>(z) = sqrt(freeParticles.mass(group.freeIndex[e])) * toEigen(velocities[p]);
+            if (kT == 0) continue;
+            loops.fillNoise(noise, NoiseStream::FreeFirstDraw, &p, 1, numbers);
+            group.chi.segment<3>(z) = Vector3d(numbers[0], numbers[1], numbers[2]);
+            group.randomNumbers += 3;
+            continue;
+        }
+        const int b = elements[e].body, s = bodies.slot(b);
+        const BodyInertia& inertia = bodies.inertia(b);
+        group.Z.segment<3>(z) = Vector3d(bodies.p[0][s], bodies.p[1][s], bodies.p[2][s]) / sqrt(inertia.mass);
+        // Langevin C's numbers, so that with constant isotropic friction this is Langevin C (CONVENTIONS.md).
+        if (kT > 0) {
+            for (int k = 0; k < 3; k++) noise.pair(NoiseStream::FirstDraw, b, k, numbers[2 * k], numbers[2 * k + 1]);
+            group.chi.segment<3>(z) = Vector3d(numbers[0], numbers[1], numbers[2]);
+            group.randomNumbers += 3 + group.numLive[e];
+        }
+        for (int k = 0, next = z + 3; k < 3; k++) {
+            if (!inertia.isLive(k)) continue;
+            if (kT > 0) group.chi[next] = numbers[3 + k];
+            group.Z[next++] = bodies.l[k][s] / sqrt(inertia.moments[k]);
+        }
+        if (constant) {
+            group.Z.segment<3>(z) = (group.poses[e].A.transpose() * group.Z.segment<3>(z)).eval();
+            group.chi.segment<3>(z) = (group.poses[e].A.transpose() * group.chi.segment<3>(z)).eval();
+        }
+    }
+
+    if (constant) {
+        if (group.constantH != h) {
+            const Matrix3d turned = group.poses[0].A;
+            group.poses[0].A.setIdentity();
+            group.mobility->setPoses(group.poses);
+            scaleToZ(group, bodies, freeParticles, false);
+            group.process.decompose(group.S, false);
+            group.process.matrices(h, group.decay, group.noise);
+            group.poses[0].A = turned;
+            group.constantH = h;
+        }
+        group.half.noalias() = group.decay * group.Z;
+        group.Z += group.half.col(0);
+        if (kT > 0) {
+            group.half.noalias() = group.noise * group.chi;
+            group.Z += sqrt(kT) * group.half.col(0);
+        }
+        group.Z.segment<3>(0) = (group.poses[0].A * group.Z.segment<3>(0)).eval();
+    } else {
+        // A dead axis makes S a part of K^(1/2) xi K^(1/2), whose inverse is not that part of the mobility.
+        const bool inverse = group.allLive && !group.mobility->prefersFriction();
+        scaleToZ(group, bodies, freeParticles, inverse);
+        group.process.decompose(group.S, inverse);
+        group.process.step(h, kT, group.Z, group.chi);
+    }
+
+    for (size_t e = 0; e < elements.size(); e++) {
+        const int z = group.firstZ[e];
+        if (elements[e].isFree()) {
+            velocities[elements[e].particles[0]] =
+                toVec3(group.Z.segment<3>(z) / sqrt(freeParticles.mass(group.freeIndex[e])));
+            continue;
+        }
+        const int s = bodies.slot(elements[e].body);
+        const BodyInertia& inertia = bodies.inertia(elements[e].body);
+        for (int k = 0; k < 3; k++) bodies.p[k][s] = sqrt(inertia.mass) * group.Z[z + k];
+        for (int k = 0, next = z + 3; k < 3; k++)
+            if (inertia.isLive(k)) bodies.l[k][s] = sqrt(inertia.moments[k]) * group.Z[next++];
+    }
+}
+
+LoopResult Fluid::relax(double h, double kT, const NoiseStream& noise, BodySet& bodies,
+                        const FreeParticles& freeParticles, const vector<OpenMM::Vec3>& positions,
+                        vector<OpenMM::Vec3>& velocities) {
+    loops.forTasks(coupledGroups.size(), [&](int i) {
+        relaxGroup(*coupledGroups[i], h, kT, noise, bodies, freeParticles, positions, velocities);
+    });
+    LoopResult result;
+    for (const Group* group : coupledGroups) {
+        result.randomNumbers += group->randomNumbers;
+        numSquareRoots += kT > 0;
+        result.finite = result.finite && group->Z.allFinite();
+    }
+    return result;
+}
+
+// ---- What users ask for ----
+
+namespace {
+
+/** Scatter a group's 6 x 6 blocks into the matrix of all bodies. */
+void scatterBlocks(const MatrixXd& from, const BodyMobility& mobility, MatrixXd& to) {
+    const auto& elements = mobility.getElements();
+    for (size_t i = 0; i < elements.size(); i++)
+        for (size_t k = 0; k < elements.size(); k++)
+            if (!elements[i].isFree() && !elements[k].isFree())
+                to.block<6, 6>(6 * elements[i].body, 6 * elements[k].body) =
+                    from.block<6, 6>(mobility.firstRow(i), mobility.firstRow(k));
+}
+
+}  // namespace
+
+MatrixXd Fluid::mobility(const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
+    MatrixXd result = MatrixXd::Zero(6 * groupOfBody.size(), 6 * groupOfBody.size());
+    for (auto& group : groups) {
+        setPoses(*group, bodies, positions);
+        scatterBlocks(group->mobility->mobility(), *group->mobility, result);
+    }
+    return result;
+}
+
+MatrixXd Fluid::friction(const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
+    MatrixXd result = MatrixXd::Zero(6 * groupOfBody.size(), 6 * groupOfBody.size());
+    for (auto& group : groups) {
+        setPoses(*group, bodies, positions);
+        const auto& elements = group->mobility->getElements();
+        bool hasFree = false;
+        for (const FluidElement& element : elements) hasFree = hasFree || element.isFree();
+        if (!hasFree) {
+            scatterBlocks(group->mobility->friction(), *group->mobility, result);
+            continue;
+        }
+        // Free particles are force-free, so this is the inverse of the bodies' part of the mobility: Schur's complement.
+        vector<int> bodyRows, freeRows;
+        for (size_t e = 0; e < elements.size(); e++)
+            for (int i = 0; i < elements[e].numRows(); i++)
+                (elements[e].isFree() ? freeRows : bodyRows).push_back(group->mobility->firstRow(e) + i);
+        MatrixXd xi = group->mobility->friction();
+        const MatrixXd coupling = xi(freeRows, bodyRows);
+        const MatrixXd schur =
+            xi(bodyRows, bodyRows) - coupling.transpose() * MatrixXd(xi(freeRows, freeRows)).llt().solve(coupling);
+        for (size_t i = 0; i < bodyRows.size(); i++)
+            for (size_t k = 0; k < bodyRows.size(); k++) xi(bodyRows[i], bodyRows[k]) = schur(i, k);
+        scatterBlocks(xi, *group->mobility, result);
+    }
+    return result;
+}
+
+VectorXd Fluid::apply(const VectorXd& wrenches, const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
+    VectorXd result = VectorXd::Zero(wrenches.size());
+    MatrixXd f, u;
+    for (auto& group : groups) {
+        setPoses(*group, bodies, positions);
+        const auto& elements = group->mobility->getElements();
+        f.setZero(group->mobility->getNumRows(), 1);
+        for (size_t e = 0; e < elements.size(); e++)
+            if (!elements[e].isFree())
+                f.middleRows<6>(group->mobility->firstRow(e)) = wrenches.segment<6>(6 * elements[e].body);
+        group->mobility->apply(f, u);
+        for (size_t e = 0; e < elements.size(); e++)
+            if (!elements[e].isFree())
+                result.segment<6>(6 * elements[e].body) = u.middleRows<6>(group->mobility->firstRow(e));
+    }
+    return result;
+}
+
+bool Fluid::findOverlap(const BodySet& bodies, const vector<OpenMM::Vec3>& positions, string& what) const {
+    return false;
+}
+
+string Fluid::describe() const {
+    int bodies = 0, free = 0;
+    for (int g : groupOfBody) bodies += g >= 0;
+    for (int g : groupOfFree) free += g >= 0;
+    ostringstream text;
+    text << bodies << " bodies and " << free << " free particles in " << groups.size() << " groups";
+    return text.str();
+}
+
+long long Fluid::numProducts() const {
+    long long sum = 0;
+    for (const auto& group : groups) sum += group->mobility->numProducts;
+    return sum;
+}
+
+long long Fluid::numMatrices() const {
+    long long sum = 0;
+    for (const auto& group : groups) sum += group->mobility->numMatrices;
+    return sum;
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,104 @@
+#ifndef RIGIDHI_FLUID_H_
+#define RIGIDHI_FLUID_H_
+
+#include <openmm/System.h>
+
+#include <Eigen/Core>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "engine/FreeParticles.h"
+#include "engine/PlatformLoops.h"
+#include "mobility/BodyMobility.h"
+#include "openmmrigidhi/MobilityForce.h"
+#include "rigidbody/BodySet.h"
+#include "schemes/FluidOrnsteinUhlenbeck.h"
+#include "schemes/Thermostat.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * The fluid of one Context: who feels whom (groups), each group's mobility, and what it does to momenta.
+ *
+ * A group is what needs a matrix of its own: the bodies of a replica, or one body under FreeDraining. A body that is alone
+ * in a homogeneous fluid has a constant tensor in its own frame; if that is isotropic too (a sphere about its centre), it is
+ * a Thermostat like those of Langevin C, and the fluid's part has nothing to do for it.
+ */
+class Fluid {
+public:
+    /**
+     * @throws OpenMMException for radii that are not one per particle, a body without hydrodynamic particles, tensors and
+     *         groups of other numbers of bodies, and what the model refuses
+     */
+    Fluid(const MobilityForce& force, const OpenMM::System& system,
+          const std::vector<std::vector<int> >& particlesOfBodies, const std::vector<BodyGeometry>& geometries,
+          const BodySet& bodies, const FreeParticles& freeParticles, PlatformLoops& loops);
+
+    const MobilityForce& getForce() const { return force; }
+    /** Whether a matrix couples anything, so that relax() has something to do. */
+    bool couplesBodies() const { return !coupledGroups.empty(); }
+    /** What LangevinHI needs of it: zero inertia about the line of collinear blobs, and so on. @throws OpenMMException */
+    void checkInertia(const BodySet& bodies) const;
+    /** The factors of one step for what no matrix couples: all zeros and ones for what one does. */
+    Thermostat bodyThermostat(int body, const BodyInertia& inertia, double kT, double h) const;
+    /** Likewise of a free particle; false if the fluid does not see it. */
+    bool freeThermostat(int freeParticle, double mass, double kT, double h, Thermostat& thermostat) const;
+
+    /**
+     * The fluid's part of LangevinHI: momenta of bodies and velocities of free particles over the time h at the present
+     * poses (Davidchack 2017, eq. 26). @return random numbers drawn
+     */
+    LoopResult relax(double h, double kT, const NoiseStream& noise, BodySet& bodies, const FreeParticles& freeParticles,
+                     const std::vector<OpenMM::Vec3>& positions, std::vector<OpenMM::Vec3>& velocities);
+
+    /** 6n x 6n, bodies only: free particles are force-free. */
+    Eigen::MatrixXd mobility(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions);
+    Eigen::MatrixXd friction(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions);
+    Eigen::VectorXd apply(const Eigen::VectorXd& wrenches, const BodySet& bodies,
+                          const std::vector<OpenMM::Vec3>& positions);
+
+    /** Whether two spheres overlap for a model that has no mobility then; names them in `what`. */
+    bool findOverlap(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions, std::string& what) const;
+
+    /** For describeEffects(). */
+    std::string describe() const;
+    int getNumGroups() const { return groups.size(); }
+    long long numProducts() const;
+    long long numMatrices() const;
+    long long numIterations = 0, numSquareRoots = 0;
+
+private:
+    struct Group {
+        std::unique_ptr<BodyMobility> mobility;
+        bool isThermostat = false;                 // its tensor is a Thermostat: nothing to be done here
+        double drag_t = 0, drag_r[3] = {0, 0, 0};  // then
+        bool solvesMatrixFree = false;
+        std::vector<int> freeIndex;        // of each element in FreeParticles, -1: a body
+        std::vector<int> firstZ, numLive;  // of each element: rows in Z, live axes of a body
+        int numZ = 0;
+        bool allLive = true;
+        std::vector<Pose> poses;
+        Eigen::VectorXd Z, chi;
+        Eigen::MatrixXd half, S;
+        FluidOrnsteinUhlenbeck process;
+        double constantH = -1;  // the step for which `decay` and `noise` hold
+        Eigen::MatrixXd decay, noise;
+        long long randomNumbers = 0;
+    };
+    void setPoses(Group& group, const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
+    void scaleToZ(Group& group, const BodySet& bodies, const FreeParticles& freeParticles, bool inverse);
+    void relaxGroup(Group& group, double h, double kT, const NoiseStream& noise, BodySet& bodies,
+                    const FreeParticles& freeParticles, const std::vector<OpenMM::Vec3>& positions,
+                    std::vector<OpenMM::Vec3>& velocities);
+
+    const MobilityForce force;
+    std::vector<std::unique_ptr<Group> > groups;
+    std::vector<Group*> coupledGroups;
+    std::vector<int> groupOfBody, groupOfFree;  // free: by place in FreeParticles, -1: not seen
+    PlatformLoops& loops;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

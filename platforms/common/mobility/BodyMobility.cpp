@@ -1,0 +1,235 @@
+#include "mobility/BodyMobility.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <cmath>
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+typedef Matrix<double, 6, 6> Matrix6d;
+
+/** Blobs nearer to a line than this, relative to the body's size, are on it: coordinates are rarely given to more digits. */
+const double lineTolerance = 1e-9;
+
+Matrix3d crossMatrix(const Vector3d& r) {
+    Matrix3d m;
+    m << 0, -r.z(), r.y(), r.z(), 0, -r.x(), -r.y(), r.x(), 0;
+    return m;
+}
+
+/** The twist about a line that leaves all sites where they are, or an empty vector if they are not on one line. */
+VectorXd twistAboutLine(const vector<Vector3d>& sites) {
+    Vector3d centre = Vector3d::Zero();
+    for (const Vector3d& s : sites) centre += s / sites.size();
+    MatrixXd spread(3, sites.size());
+    for (size_t i = 0; i < sites.size(); i++) spread.col(i) = sites[i] - centre;
+    const SelfAdjointEigenSolver<Matrix3d> solver(spread * spread.transpose());
+    const Vector3d line = solver.eigenvectors().col(2);
+    for (size_t i = 0; i < sites.size(); i++)
+        if (Vector3d(spread.col(i)).cross(line).norm() > lineTolerance * spread.norm()) return VectorXd();
+    VectorXd twist(6);
+    twist << -line.cross(centre), line;
+    return twist / twist.norm();
+}
+
+MatrixXd symmetricPower(const MatrixXd& matrix, double power) {
+    const SelfAdjointEigenSolver<MatrixXd> solver(matrix);
+    return solver.eigenvectors() * solver.eigenvalues().array().pow(power).matrix().asDiagonal() *
+           solver.eigenvectors().transpose();
+}
+
+}  // namespace
+
+Matrix6d twoRotations(const Matrix3d& A) {
+    Matrix6d both = Matrix6d::Zero();
+    both.topLeftCorner<3, 3>() = both.bottomRightCorner<3, 3>() = A;
+    return both;
+}
+
+BodyMobility::BodyMobility(const vector<FluidElement>& elements, const OperatorFactory& makeOperator, bool isConstant)
+    : elements(elements), constant(isConstant && elements.size() == 1 && !elements[0].isFree()) {
+    nullVectors.resize(elements.size());
+    B_body.resize(elements.size());
+    inverseB_body.resize(elements.size());
+    for (size_t e = 0; e < elements.size(); e++) {
+        const FluidElement& element = elements[e];
+        rows.push_back(numRows);
+        numRows += element.numRows();
+        firstParticle.push_back(particles.size());
+        for (size_t i = 0; i < element.particles.size(); i++)
+            particles.add(element.radii[i], element.isSphere(), element.particles[i], element.body);
+        if (!element.isFree() && (element.particles.size() != 1 || !element.sites[0].isZero(0))) identityK = false;
+        if (element.particles.size() > 1) nullVectors[e] = twistAboutLine(element.sites);
+        hasOwnTensors = hasOwnTensors || element.ownMobility.size() > 0;
+    }
+    positions.resize(particles.size());
+    if (particles.size() > 0) particleOperator = makeOperator(particles);
+    if (!constant)
+        for (size_t e = 0; e < elements.size(); e++) {
+            if (elements[e].ownMobility.size() == 0) continue;
+            FluidElement alone = elements[e];
+            alone.ownMobility.resize(0, 0);
+            BodyMobility model({alone}, makeOperator, true);
+            model.setPoses({Pose()});
+            B_body[e] = symmetricPower(elements[e].ownMobility, 0.5) * symmetricPower(model.mobility(), -0.5);
+            inverseB_body[e] = B_body[e].inverse();
+        }
+    if (constant) {
+        if (elements[0].ownMobility.size() > 0) {
+            constantMobility = elements[0].ownMobility;
+            constantFriction = constantMobility.inverse();
+        } else {
+            constant = false;
+            setPoses({Pose()});
+            constantMobility = mobility();
+            constantFriction = friction();
+            constant = true;
+        }
+    }
+}
+
+bool BodyMobility::prefersFriction() const {
+    return !identityK || (particleOperator && particleOperator->isMadeFromFriction());
+}
+
+void BodyMobility::setPoses(const vector<Pose>& newPoses) {
+    poses = newPoses;
+    mobilityIsKnown = frictionIsKnown = false;
+    if (constant) return;
+    for (size_t e = 0; e < elements.size(); e++)
+        for (size_t i = 0; i < elements[e].sites.size(); i++) {
+            const Vector3d r = poses[e].R + poses[e].A * elements[e].sites[i];
+            positions[firstParticle[e] + i] = OpenMM::Vec3(r.x(), r.y(), r.z());
+        }
+    particleOperator->setPositions(positions);
+}
+
+/** matrix = D(F) matrix D(F)^T, with the block-diagonal D of the factors turned into the lab frame (or of F^T). */
+void BodyMobility::congruence(MatrixXd& matrix, const vector<MatrixXd>& factors_body, bool transposed) const {
+    for (size_t e = 0; e < elements.size(); e++) {
+        if (factors_body[e].size() == 0) continue;
+        const Matrix6d turn = twoRotations(poses[e].A);
+        Matrix6d factor = turn * factors_body[e] * turn.transpose();
+        if (transposed) factor.transposeInPlace();
+        matrix.middleRows<6>(rows[e]) = (factor * matrix.middleRows<6>(rows[e])).eval();
+        matrix.middleCols<6>(rows[e]) = (matrix.middleCols<6>(rows[e]) * factor.transpose()).eval();
+    }
+}
+
+void BodyMobility::multiplyByFactors(MatrixXd& vectors, bool transposed) const {
+    for (size_t e = 0; e < elements.size(); e++) {
+        if (B_body[e].size() == 0) continue;
+        const Matrix6d turn = twoRotations(poses[e].A);
+        Matrix6d factor = turn * B_body[e] * turn.transpose();
+        if (transposed) factor.transposeInPlace();
+        vectors.middleRows<6>(rows[e]) = (factor * vectors.middleRows<6>(rows[e])).eval();
+    }
+}
+
+/** xi = K^T M^-1 K, before own tensors. */
+void BodyMobility::computeFriction() {
+    if (identityK) {
+        particleOperator->friction(xi);
+        return;
+    }
+    K.setZero(particles.numRows, numRows);
+    for (size_t e = 0; e < elements.size(); e++) {
+        const FluidElement& element = elements[e];
+        for (size_t i = 0; i < element.sites.size(); i++) {
+            const int row = particles.firstRow[firstParticle[e] + i], column = rows[e];
+            K.block<3, 3>(row, column).setIdentity();
+            if (element.isFree()) continue;
+            K.block<3, 3>(row, column + 3) = -crossMatrix(poses[e].A * element.sites[i]);
+            if (element.isSphere()) K.block<3, 3>(row + 3, column + 3).setIdentity();
+        }
+    }
+    if (particleOperator->isMadeFromFriction()) {
+        particleOperator->friction(M);
+        xi.noalias() = K.transpose() * M * K;
+    } else {
+        particleOperator->dense(M);
+        const LLT<Ref<MatrixXd> > factor(M);
+        if (factor.info() != Success)
+            throw OpenMM::OpenMMException(
+                "MobilityForce: the mobility matrix of " + to_string(particles.size()) +
+                " hydrodynamic particles is not positive definite; look for blobs at the same place");
+        factor.matrixL().solveInPlace(K);
+        xi.noalias() = K.transpose() * K;
+    }
+    xi = (0.5 * (xi + xi.transpose())).eval();
+}
+
+const MatrixXd& BodyMobility::friction() {
+    if (frictionIsKnown) return xi;
+    numMatrices++;
+    if (constant) {
+        const Matrix6d turn = twoRotations(poses[0].A);
+        xi = turn * constantFriction * turn.transpose();
+    } else {
+        computeFriction();
+        if (hasOwnTensors) congruence(xi, inverseB_body, true);
+    }
+    frictionIsKnown = true;
+    return xi;
+}
+
+const MatrixXd& BodyMobility::mobility() {
+    if (mobilityIsKnown) return N;
+    if (constant) {
+        numMatrices++;
+        const Matrix6d turn = twoRotations(poses[0].A);
+        N = turn * constantMobility * turn.transpose();
+    } else if (identityK) {
+        numMatrices++;
+        particleOperator->dense(N);
+        if (hasOwnTensors) congruence(N, B_body, false);
+    } else {
+        // Null vectors are given the friction `lift`, which is taken away again after the inversion: (xi + s n n^T)^-1 =
+        // xi^+ + n n^T / s for a unit null vector n.
+        scratch = friction();
+        const double lift = scratch.trace() / numRows;
+        vector<VectorXd> nulls(elements.size());
+        for (size_t e = 0; e < elements.size(); e++)
+            if (hasNullVector(e)) {
+                nulls[e] = twoRotations(poses[e].A) * nullVectors[e];
+                scratch.block<6, 6>(rows[e], rows[e]) += lift * nulls[e] * nulls[e].transpose();
+            }
+        const LLT<MatrixXd> factor(scratch);
+        if (factor.info() != Success)
+            throw OpenMM::OpenMMException(
+                "MobilityForce: the friction matrix of " + to_string(elements.size()) +
+                " bodies is not positive definite; look for blobs at the same place, or a body whose blobs are all at "
+                "one place");
+        N = factor.solve(MatrixXd::Identity(numRows, numRows));
+        for (size_t e = 0; e < elements.size(); e++)
+            if (hasNullVector(e)) N.block<6, 6>(rows[e], rows[e]) -= nulls[e] * nulls[e].transpose() / lift;
+        N = (0.5 * (N + N.transpose())).eval();
+    }
+    mobilityIsKnown = true;
+    return N;
+}
+
+void BodyMobility::apply(const MatrixXd& wrenches, MatrixXd& twists) {
+    if (constant || !isMatrixFree() || mobilityIsKnown) {
+        twists.noalias() = mobility() * wrenches;
+        return;
+    }
+    numProducts += wrenches.cols();
+    if (!hasOwnTensors) {
+        particleOperator->apply(wrenches, twists);
+        return;
+    }
+    scratch = wrenches;
+    multiplyByFactors(scratch, true);
+    particleOperator->apply(scratch, twists);
+    multiplyByFactors(twists, false);
+}
+
+}  // namespace RigidHIPlugin

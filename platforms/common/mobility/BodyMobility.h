@@ -1,0 +1,103 @@
+#ifndef RIGIDHI_BODY_MOBILITY_H_
+#define RIGIDHI_BODY_MOBILITY_H_
+
+#include <Eigen/Core>
+#include <functional>
+#include <memory>
+#include <vector>
+
+#include "mobility/MobilityOperator.h"
+
+namespace RigidHIPlugin {
+
+/** What the fluid sees of a body, or of a free particle. */
+struct FluidElement {
+    int body = -1;                       // index of the body, -1: a free particle
+    std::vector<int> particles;          // hydrodynamic particles, indices in the System
+    std::vector<Eigen::Vector3d> sites;  // their places in the body frame, nm from the body's origin
+    std::vector<double> radii;           // nm
+    Eigen::MatrixXd ownMobility;         // 6 x 6, body frame, or empty: setBodyMobility()
+
+    bool isFree() const { return body < 0; }
+    /** One hydrodynamic particle takes force and torque; those of a multiblob take forces only. */
+    bool isSphere() const { return !isFree() && particles.size() == 1; }
+    int numRows() const { return isFree() ? 3 : 6; }
+};
+
+/** Where a body is. */
+struct Pose {
+    Eigen::Vector3d R = Eigen::Vector3d::Zero();
+    Eigen::Matrix3d A = Eigen::Matrix3d::Identity();  // body frame to lab frame
+};
+
+/**
+ * The mobility of rigid bodies that feel each other, made from that of their particles: N = (K^T M^-1 K)^-1, where the rows
+ * of K give the velocities of the particles from V and W of their body (Westwood 2022, eqs. 7 to 10; DESIGN "what a blob
+ * carries").
+ *
+ * Rows: six a body (V, W about its origin; lab frame), then three a free particle, in the order of the elements.
+ * Where all blobs of a body are on a line, its friction has a null vector, rotation about the line, and its mobility is the
+ * pseudo-inverse. Own tensors enter by congruence: N = B N_model B^T, B = N_own^(1/2) N_alone^(-1/2).
+ */
+class BodyMobility {
+public:
+    typedef std::function<std::unique_ptr<MobilityOperator>(const HydrodynamicParticles&)> OperatorFactory;
+    /**
+     * @param elements      what feels each other
+     * @param makeOperator  makes the model's operator for given particles
+     * @param isConstant    the fluid is the same everywhere, so one body's tensor is constant in its own frame
+     */
+    BodyMobility(const std::vector<FluidElement>& elements, const OperatorFactory& makeOperator, bool isConstant);
+
+    const std::vector<FluidElement>& getElements() const { return elements; }
+    int getNumRows() const { return numRows; }
+    int firstRow(int element) const { return rows[element]; }
+    /** Whether the tensor is that of one body in a homogeneous fluid, known once for all in its own frame. */
+    bool isConstantInBodyFrame() const { return constant; }
+    /** Whether friction() is the matrix that costs less. */
+    bool prefersFriction() const;
+    /** The null vector of element's friction in its frame (unit length), if its blobs are on a line. */
+    bool hasNullVector(int element) const { return nullVectors[element].size() > 0; }
+    const Eigen::VectorXd& getNullVector_body(int element) const { return nullVectors[element]; }
+
+    /** One pose an element; a free particle's A is not used. @throws what the operator's setPositions() throws */
+    void setPoses(const std::vector<Pose>& poses);
+    /** N at the poses set last, computed when first asked for. */
+    const Eigen::MatrixXd& mobility();
+    /** Its (pseudo-)inverse, likewise. */
+    const Eigen::MatrixXd& friction();
+    /** twists = N wrenches; columns are cases of their own. */
+    void apply(const Eigen::MatrixXd& wrenches, Eigen::MatrixXd& twists);
+    /** Whether apply() needs no matrix over all bodies: spheres about their centres, without stresslets. */
+    bool isMatrixFree() const { return identityK && !particleOperator->isMadeFromFriction(); }
+
+    /** Matrices made (dense mobility or friction), products with M, for getStepStatistics(). */
+    long long numMatrices = 0, numProducts = 0;
+
+private:
+    void computeFriction();
+    void congruence(Eigen::MatrixXd& matrix, const std::vector<Eigen::MatrixXd>& factors_body, bool transposed) const;
+    void multiplyByFactors(Eigen::MatrixXd& vectors, bool transposed) const;
+
+    std::vector<FluidElement> elements;
+    std::vector<int> rows;
+    int numRows = 0;
+    bool constant = false, identityK = true, hasOwnTensors = false;
+    std::vector<Eigen::VectorXd> nullVectors;            // of elements, in the body frame; mostly empty
+    std::vector<Eigen::MatrixXd> B_body, inverseB_body;  // of elements with own tensors
+    std::unique_ptr<MobilityOperator> particleOperator;
+    HydrodynamicParticles particles;
+    std::vector<int> firstParticle;  // of each element
+
+    std::vector<Pose> poses;
+    std::vector<OpenMM::Vec3> positions;
+    Eigen::MatrixXd K, M, N, xi, constantMobility, constantFriction, scratch;
+    bool mobilityIsKnown = false, frictionIsKnown = false;
+};
+
+/** The 6 x 6 matrix diag(A, A) of a rotation. */
+Eigen::Matrix<double, 6, 6> twoRotations(const Eigen::Matrix3d& A);
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,19 @@
+#include "mobility/Models.h"
+
+#include "mobility/RotnePragerYamakawa.h"
+
+using namespace std;
+
+namespace RigidHIPlugin {
+
+unique_ptr<MobilityOperator> createScalarMobility(const MobilityForce& force, const HydrodynamicParticles& particles) {
+    switch (force.getModel()) {
+        case MobilityForce::StokesianDynamics: break;
+        // What does not feel others still feels itself: the blobs of one body make its tensor.
+        case MobilityForce::FreeDraining:
+        case MobilityForce::RotnePragerYamakawa: break;
+    }
+    return unique_ptr<MobilityOperator>(new RotnePragerYamakawa(particles, force.getViscosity()));
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,66 @@
+#include "mobility/SymmetricEigen.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <string>
+
+// OpenBLAS has LAPACK in it; its header would bring C++-hostile complex types.
+extern "C" {
+void dsyevd_(const char* job, const char* triangle, const int* n, double* a, const int* lda, double* w, double* work,
+             const int* lwork, int* iwork, const int* liwork, int* info);
+int openblas_get_num_threads();
+void openblas_set_num_threads(int threads);
+}
+
+namespace RigidHIPlugin {
+
+namespace {
+
+/** From this many rows on LAPACK is faster than Eigen (benchmarks/README.md). */
+const int lapackRows = 40;
+
+/** One BLAS thread while this lives, so that results do not depend on their number. */
+class OneBlasThread {
+public:
+    OneBlasThread() : before(openblas_get_num_threads()) {
+        if (before != 1) openblas_set_num_threads(1);
+    }
+    ~OneBlasThread() {
+        if (before != 1) openblas_set_num_threads(before);
+    }
+
+private:
+    const int before;
+};
+
+[[noreturn]] void reportFailure(int rows) {
+    throw OpenMM::OpenMMException(
+        "LangevinHI: the eigenvalues of a symmetric matrix of " + std::to_string(rows) +
+        " rows did not converge; look for non-finite positions or radii of very different size");
+}
+
+}  // namespace
+
+void SymmetricEigen::compute(const Eigen::MatrixXd& matrix) {
+    const int n = matrix.rows();
+    if (!matrix.allFinite()) reportFailure(n);
+    if (n < lapackRows) {
+        small.compute(matrix);
+        if (small.info() != Eigen::Success) reportFailure(n);
+        eigenvalues = small.eigenvalues();
+        eigenvectors = small.eigenvectors();
+        return;
+    }
+    const OneBlasThread single;
+    eigenvectors = matrix;
+    eigenvalues.resize(n);
+    const int realSize = 1 + 6 * n + 2 * n * n, integerSize = 3 + 5 * n;
+    if ((int)work.size() < realSize) work.resize(realSize);
+    if ((int)integerWork.size() < integerSize) integerWork.resize(integerSize);
+    int info = 0;
+    dsyevd_("V", "L", &n, eigenvectors.data(), &n, eigenvalues.data(), work.data(), &realSize, integerWork.data(),
+            &integerSize, &info);
+    if (info != 0) reportFailure(n);
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,337 @@
+"""MobilityForce: the Python face of the C++ class, with units, checked shapes and documentation."""
+import enum
+
+import numpy as np
+import openmm
+
+from . import _bindings, _copies, _units
+
+_Base = _bindings.MobilityForce
+_TENSOR = (6, 6)
+
+
+class Model(enum.IntEnum):
+    """The hydrodynamic models; also class attributes of MobilityForce."""
+
+    FreeDraining = _Base.FreeDraining
+    RotnePragerYamakawa = _Base.RotnePragerYamakawa
+    StokesianDynamics = _Base.StokesianDynamics
+
+
+class Boundary(enum.IntEnum):
+    """What bounds the fluid; also class attributes of MobilityForce."""
+
+    Unbounded = _Base.Unbounded
+
+
+class Solver(enum.IntEnum):
+    """How the linear algebra is done; also class attributes of MobilityForce."""
+
+    Auto = _Base.Auto
+    Dense = _Base.Dense
+    MatrixFree = _Base.MatrixFree
+
+
+def _where(method):
+    return 'MobilityForce.' + method
+
+
+class MobilityForce(_copies.Copies, _Base):
+    """How the fluid couples the bodies of a CustomRigidHIIntegrator: viscosity, hydrodynamic radii, model.
+
+    It adds no forces and no energy; the schemes with hydrodynamic interactions read it. Add one to the System with
+    ``system.addForce``, and give every particle of the System a hydrodynamic radius, in order, by :meth:`addParticle`.
+
+    A body with one hydrodynamic particle is a sphere, which takes force and torque. A body with several is a rigid
+    multiblob: its blobs carry forces only, and make its mobility N = (K^T M^-1 K)^-1, with the mobility M of the blobs and
+    the velocities K of the blobs from those of the body. Where all blobs of a body lie on a line, the fluid does not drive
+    its rotation about that line. A particle in no body with a radius takes a force only.
+
+    **Models** (:meth:`setModel`), least accurate first:
+
+    - ``FreeDraining``: no interaction between bodies: a sphere has its Stokes drag, a multiblob its own constant tensor.
+      Cost: linear in bodies.
+    - ``RotnePragerYamakawa`` (default): pairwise, unequal radii, overlap allowed; translation, rotation and their coupling
+      (Wajnryb et al., J. Fluid Mech. 731, R3, 2013). Relative error O((a/r)^4) for spheres; always positive definite.
+      Cost: quadratic in particles for each product.
+    - ``StokesianDynamics``: spheres with force, torque and stresslet, and pair lubrication from the exact two-sphere
+      resistance functions (Jeffrey and Onishi, J. Fluid Mech. 139, 261, 1984): exact for an isolated pair. Spheres must not
+      overlap; radii in ratios 0.1 to 10. Cost: cubic in bodies.
+
+    Wrong types are a TypeError, wrong shapes a ValueError, everything else that is refused an openmm.OpenMMException; each
+    names the object, the value, the bound and the remedy.
+
+    Examples
+    --------
+    >>> import openmmrigidhi
+    >>> from openmm import unit
+    >>> fluid = openmmrigidhi.MobilityForce()
+    >>> fluid.setViscosity(0.89e-3*unit.pascal*unit.second)
+    >>> fluid.addParticle(0.3*unit.nanometer)
+    0
+    """
+
+    FreeDraining = Model.FreeDraining
+    RotnePragerYamakawa = Model.RotnePragerYamakawa
+    StokesianDynamics = Model.StokesianDynamics
+    Unbounded = Boundary.Unbounded
+    Auto = Solver.Auto
+    Dense = Solver.Dense
+    MatrixFree = Solver.MatrixFree
+
+    _base = _Base
+    _generic = openmm.Force
+
+    def __repr__(self):
+        return (f'<MobilityForce: {self.getModel().name}, {self.getBoundary().name}, viscosity {self.getViscosity()}, '
+                f'{self.getNumParticles()} particles>')
+
+    @staticmethod
+    def cast(obj):
+        """Get a MobilityForce as what it is: ``system.getForce`` and deserialisation return a generic openmm.Force.
+
+        Parameters
+        ----------
+        obj : openmm.Force
+            the object; if it owned the C++ object, the result does from now on, and obj remains usable
+
+        Returns
+        -------
+        MobilityForce
+            obj itself if it is one already
+
+        Raises
+        ------
+        TypeError
+            if obj is anything else
+        """
+        return MobilityForce._castGeneric(obj)
+
+    # ---- Particles and fluid -----------------------------------------------------------------------------------------
+
+    def getNumParticles(self):
+        """Get the number of particles that were added."""
+        return super().getNumParticles()
+
+    def addParticle(self, radius):
+        """Add the next particle of the System.
+
+        Parameters
+        ----------
+        radius : float or Quantity
+            hydrodynamic radius, nm; 0: the fluid does not see the particle; not negative, finite
+
+        Returns
+        -------
+        int
+            index of the particle
+        """
+        return super().addParticle(self._number(radius, _units.LENGTH, 'addParticle', 'radius'))
+
+    def getParticleRadius(self, index):
+        """Get the hydrodynamic radius of a particle, a Quantity in nm."""
+        return _units.LENGTH.attach(super().getParticleRadius(self._index(index, 'getParticleRadius', 'index')))
+
+    def setParticleRadius(self, index, radius):
+        """Set the hydrodynamic radius of a particle, nm; :meth:`updateParametersInContext` hands it to a Context."""
+        super().setParticleRadius(self._index(index, 'setParticleRadius', 'index'),
+                                  self._number(radius, _units.LENGTH, 'setParticleRadius', 'radius'))
+
+    def getViscosity(self):
+        """Get the viscosity, a Quantity in dalton/(nm ps)."""
+        return _units.VISCOSITY.attach(super().getViscosity())
+
+    def setViscosity(self, eta):
+        """Set the viscosity; default: that of water at 298.15 K, 0.89 mPa s.
+
+        Parameters
+        ----------
+        eta : float or Quantity
+            dalton/(nm ps), or a quantity such as ``0.89e-3*unit.pascal*unit.second``; positive, finite
+        """
+        super().setViscosity(_units.viscosity(eta, _where('setViscosity'), 'eta'))
+
+    def getModel(self):
+        """Get the model, one of the class attributes FreeDraining, RotnePragerYamakawa, StokesianDynamics."""
+        return Model(super().getModel())
+
+    def setModel(self, model):
+        """Set the model (default RotnePragerYamakawa), one of the class attributes. Takes effect at Context creation."""
+        super().setModel(_units.constant(model, Model, _where('setModel'), 'model'))
+
+    def getBoundary(self):
+        """Get what bounds the fluid, one of the class attributes: Unbounded."""
+        return Boundary(super().getBoundary())
+
+    def setBoundary(self, boundary):
+        """Set what bounds the fluid (default Unbounded). Takes effect at Context creation."""
+        super().setBoundary(_units.constant(boundary, Boundary, _where('setBoundary'), 'boundary'))
+
+    def getLubrication(self):
+        """Get whether StokesianDynamics includes lubrication."""
+        return super().getLubrication()
+
+    def setLubrication(self, enabled):
+        """Set whether StokesianDynamics includes lubrication (default True). Other models have none."""
+        super().setLubrication(_units.boolean(enabled, _where('setLubrication'), 'enabled'))
+
+    def getMinimumGap(self):
+        """Get the smallest gap of StokesianDynamics, in mean radii."""
+        return super().getMinimumGap()
+
+    def setMinimumGap(self, gap):
+        """Set the smallest gap between spheres for StokesianDynamics, relative to the mean of their radii; default 0.
+
+        Smaller gaps, and overlaps, are treated as this one. With 0, a start with overlapping spheres is refused, and a step
+        after which spheres overlap is redone with new noise. Not negative, finite.
+        """
+        super().setMinimumGap(self._number(gap, _units.NONE, 'setMinimumGap', 'gap'))
+
+    def getSolver(self):
+        """Get how the linear algebra is done, one of the class attributes Auto, Dense, MatrixFree."""
+        return Solver(super().getSolver())
+
+    def setSolver(self, solver):
+        """Set how the linear algebra is done.
+
+        Parameters
+        ----------
+        solver : constant
+            Auto (default): by the number of bodies; Dense: matrices are formed and decomposed, memory quadratic and time cubic
+            in bodies; MatrixFree: Krylov methods to the solver tolerance, memory linear, time quadratic in particles
+        """
+        super().setSolver(_units.constant(solver, Solver, _where('setSolver'), 'solver'))
+
+    def getSolverTolerance(self):
+        """Get the relative tolerance of MatrixFree."""
+        return super().getSolverTolerance()
+
+    def setSolverTolerance(self, tolerance):
+        """Set the relative tolerance of MatrixFree (default 1e-6), from 1e-14 to 0.1.
+
+        In the norm of mass-weighted momenta one step differs from the Dense one by at most five times this, or an exception
+        says what was reached.
+        """
+        super().setSolverTolerance(self._number(tolerance, _units.NONE, 'setSolverTolerance', 'tolerance'))
+
+    # ---- Bodies ------------------------------------------------------------------------------------------------------
+
+    def setBodyMobility(self, body, mobility):
+        """Give a body a mobility tensor of its own, that of the body alone in the fluid.
+
+        FreeDraining takes it as it is; with RotnePragerYamakawa it is combined with the interactions by congruence,
+        N = B N_RPY B^T, B = N_own^(1/2) N_RPY,alone^(-1/2): exact for the body alone, right at large distances, positive
+        definite always.
+
+        Parameters
+        ----------
+        body : int
+            index of the body
+        mobility : array-like of shape (6, 6)
+            rows Vx Vy Vz Wx Wy Wz about the body's origin, columns Fx Fy Fz Tx Ty Tz; body frame, OpenMM's units; symmetric to
+            1e-9, positive definite
+        """
+        where = _where('setBodyMobility')
+        super().setBodyMobility(_units.integer(body, where, 'body'), _units.matrix(mobility, _TENSOR, where, 'mobility'))
+
+    def setBodyFriction(self, body, friction):
+        """Give a body a tensor of its own by its inverse, the friction tensor of shape (6, 6); see setBodyMobility."""
+        where = _where('setBodyFriction')
+        super().setBodyFriction(_units.integer(body, where, 'body'), _units.matrix(friction, _TENSOR, where, 'friction'))
+
+    def getBodyHasOwnTensor(self, body):
+        """Get whether a body has a tensor of its own."""
+        return super().getBodyHasOwnTensor(self._index(body, 'getBodyHasOwnTensor', 'body'))
+
+    def getBodyMobility(self, body):
+        """Get a body's own mobility tensor, an array of shape (6, 6). It is an error if it has none."""
+        return _units.array(super().getBodyMobility(self._index(body, 'getBodyMobility', 'body')), 6)
+
+    def getBodyFriction(self, body):
+        """Get a body's own friction tensor, an array of shape (6, 6). It is an error if it has none."""
+        return _units.array(super().getBodyFriction(self._index(body, 'getBodyFriction', 'body')), 6)
+
+    def clearBodyTensor(self, body):
+        """Take a body's own tensor away."""
+        super().clearBodyTensor(self._index(body, 'clearBodyTensor', 'body'))
+
+    def getBodiesWithOwnTensors(self):
+        """Get the indices of the bodies with tensors of their own, an array of int."""
+        return np.frombuffer(super().getBodiesWithOwnTensors(), dtype=np.intc)
+
+    def getGroups(self):
+        """Get the group of each body, an array of int; empty: all are in one."""
+        return np.frombuffer(super().getGroups(), dtype=np.intc)
+
+    def setGroups(self, groups):
+        """Set which bodies feel each other through the fluid: only those of one group.
+
+        So replicas of a scene run in one Context, at a cost linear in their number. Hydrodynamic particles that are in no body
+        belong to group 0.
+
+        Parameters
+        ----------
+        groups : sequence of int
+            a number from 0 up for each body, or empty: all feel each other
+        """
+        super().setGroups(_units.indices(groups, _where('setGroups'), 'groups'))
+
+    # ---- In a Context ------------------------------------------------------------------------------------------------
+
+    def updateParametersInContext(self, context):
+        """Hand changed parameters to a Context.
+
+        These are viscosity, radii, own tensors, lubrication, minimum gap, solver and tolerance. A radius may not change between
+        0 and not 0; model, boundary and groups need ``reinitialize``.
+        """
+        super().updateParametersInContext(context)
+
+    def getMobilityInContext(self, context):
+        """Get the mobility matrix of the bodies at their present poses.
+
+        Returns
+        -------
+        array of shape (6n, 6n)
+            rows per body Vx Vy Vz Wx Wy Wz about the body's origin, columns Fx Fy Fz Tx Ty Tz, lab frame, in OpenMM's units;
+            free particles are force-free
+        """
+        numbers = _units.array(super().getMobilityInContext(context))
+        return numbers.reshape(2*(int(np.sqrt(numbers.size)),))
+
+    def getFrictionInContext(self, context):
+        """Get the friction matrix of the bodies, the inverse of the mobility matrix, an array of shape (6n, 6n).
+
+        It is the pseudo-inverse for bodies whose blobs lie on a line.
+        """
+        numbers = _units.array(super().getFrictionInContext(context))
+        return numbers.reshape(2*(int(np.sqrt(numbers.size)),))
+
+    def applyMobilityInContext(self, context, wrenches):
+        """Get the velocities that forces and torques on the bodies would give without inertia.
+
+        Parameters
+        ----------
+        context : openmm.Context
+            a Context whose System has this Force
+        wrenches : array-like of shape (n, 6)
+            Fx Fy Fz Tx Ty Tz about each body's origin, lab frame, kJ/(mol nm) and kJ/mol
+
+        Returns
+        -------
+        array of shape (n, 6)
+            Vx Vy Vz Wx Wy Wz, nm/ps and rad/ps, lab frame
+        """
+        rows = _units.rows(wrenches, _units.NONE, 6, _where('applyMobilityInContext'), 'wrenches')
+        return _units.array(super().applyMobilityInContext(context, rows.reshape(-1)), 6)
+
+    def usesPeriodicBoundaryConditions(self):
+        """Get whether this Force makes the System periodic: False, the fluid is unbounded."""
+        return super().usesPeriodicBoundaryConditions()
+
+    @staticmethod
+    def _index(index, method, name):
+        return _units.integer(index, _where(method), name)
+
+    @staticmethod
+    def _number(value, dimension, method, name):
+        return _units.number(value, dimension, _where(method), name)
