@@ -305,6 +305,7 @@ public:
     void setBodyMobility(int body, const std::vector<double>& mobility);
     void setBodyFriction(int body, const std::vector<double>& friction);
     bool getBodyHasOwnTensor(int body) const;
+    bool getBodyTensorIsFriction(int body) const;
     std::vector<double> getBodyMobility(int body) const;
     std::vector<double> getBodyFriction(int body) const;
     void clearBodyTensor(int body);

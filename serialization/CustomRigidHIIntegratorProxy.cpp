@@ -2,13 +2,11 @@
 
 #include <openmm/Vec3.h>
 
-#include <algorithm>
-#include <map>
 #include <memory>
 #include <string>
 #include <vector>
 
-#include "StrictNode.h"
+#include "EnumNames.h"
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
 
 using namespace OpenMM;
@@ -21,29 +19,13 @@ namespace {
 typedef CustomRigidHIIntegrator Integrator;
 constexpr int formatVersion = 1;
 
-// Names, not numbers, so that files outlive a reordering of the enums.
-const map<string, Integrator::Scheme> schemes = {{"LangevinA", Integrator::LangevinA},
-                                                 {"LangevinB", Integrator::LangevinB},
-                                                 {"LangevinC", Integrator::LangevinC},
-                                                 {"GradientThermostat", Integrator::GradientThermostat},
-                                                 {"LangevinHI", Integrator::LangevinHI}};
-const map<string, Integrator::NoiseLaw> noiseLaws = {
+const EnumNames<Integrator::Scheme> schemes = {{"LangevinA", Integrator::LangevinA},
+                                               {"LangevinB", Integrator::LangevinB},
+                                               {"LangevinC", Integrator::LangevinC},
+                                               {"GradientThermostat", Integrator::GradientThermostat},
+                                               {"LangevinHI", Integrator::LangevinHI}};
+const EnumNames<Integrator::NoiseLaw> noiseLaws = {
     {"Gaussian", Integrator::Gaussian}, {"ThreePoint", Integrator::ThreePoint}, {"TwoPoint", Integrator::TwoPoint}};
-
-/** Every enumerator is in its table: the setters take no other values, and a test writes each of them. */
-template <class Enum>
-string nameOf(const map<string, Enum>& names, Enum value) {
-    return find_if(names.begin(), names.end(), [value](const auto& entry) { return entry.second == value; })->first;
-}
-
-template <class Enum>
-Enum valueOf(const map<string, Enum>& names, const StrictNode& node, const string& property) {
-    const auto entry = names.find(node.text(property));
-    if (entry != names.end()) return entry->second;
-    string known;
-    for (const auto& name : names) known += (known.empty() ? "" : ", ") + name.first;
-    node.wrongValue(property, "one of " + known);
-}
 
 void writeVector(SerializationNode& node, const Vec3& vector) {
     node.setDoubleProperty("x", vector[0]).setDoubleProperty("y", vector[1]).setDoubleProperty("z", vector[2]);

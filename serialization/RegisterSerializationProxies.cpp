@@ -3,7 +3,9 @@
 #include <typeinfo>
 
 #include "CustomRigidHIIntegratorProxy.h"
+#include "MobilityForceProxy.h"
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
+#include "openmmrigidhi/MobilityForce.h"
 #include "openmmrigidhi/internal/windowsExport.h"
 
 using namespace RigidHIPlugin;
@@ -15,4 +17,6 @@ using namespace RigidHIPlugin;
 extern "C" OPENMM_EXPORT_RIGIDHI void __attribute__((constructor)) registerRigidHISerializationProxies() {
     static const CustomRigidHIIntegratorProxy integratorProxy;
     OpenMM::SerializationProxy::registerProxy(typeid(CustomRigidHIIntegrator), &integratorProxy);
+    static const MobilityForceProxy mobilityProxy;
+    OpenMM::SerializationProxy::registerProxy(typeid(MobilityForce), &mobilityProxy);
 }

@@ -195,6 +195,10 @@ const MobilityForce::OwnTensor& MobilityForce::ownTensor(int body, const char* m
     return found->second;
 }
 
+bool MobilityForce::getBodyTensorIsFriction(int body) const {
+    return ownTensor(body, "getBodyTensorIsFriction()").isFriction;
+}
+
 vector<double> MobilityForce::getBodyMobility(int body) const {
     const OwnTensor& own = ownTensor(body, "getBodyMobility()");
     return own.isFriction ? inverse(own.values) : own.values;

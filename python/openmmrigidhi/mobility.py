@@ -243,6 +243,10 @@ class MobilityForce(_copies.Copies, _Base):
         """Get whether a body has a tensor of its own."""
         return super().getBodyHasOwnTensor(self._index(body, 'getBodyHasOwnTensor', 'body'))
 
+    def getBodyTensorIsFriction(self, body):
+        """Get whether a body's own tensor was given as friction. It is an error if it has none."""
+        return super().getBodyTensorIsFriction(self._index(body, 'getBodyTensorIsFriction', 'body'))
+
     def getBodyMobility(self, body):
         """Get a body's own mobility tensor, an array of shape (6, 6). It is an error if it has none."""
         return _units.array(super().getBodyMobility(self._index(body, 'getBodyMobility', 'body')), 6)

@@ -134,6 +134,8 @@ public:
     void setBodyFriction(int body, const std::vector<double>& friction);
     /** Get whether a body has a tensor of its own. */
     bool getBodyHasOwnTensor(int body) const { return ownTensors.count(body) > 0; }
+    /** Get whether a body's own tensor was given as friction. @throws OpenMMException if it has none */
+    bool getBodyTensorIsFriction(int body) const;
     /** Get a body's own mobility tensor, 36 numbers. @throws OpenMMException if it has none */
     std::vector<double> getBodyMobility(int body) const;
     /** Get a body's own friction tensor, 36 numbers. @throws OpenMMException if it has none */

@@ -1,0 +1,99 @@
+#include "MobilityForceProxy.h"
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "EnumNames.h"
+#include "openmmrigidhi/MobilityForce.h"
+
+using namespace OpenMM;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+const char* const className = "MobilityForce";
+constexpr int formatVersion = 1;
+
+const EnumNames<MobilityForce::Model> models = {{"FreeDraining", MobilityForce::FreeDraining},
+                                                {"RotnePragerYamakawa", MobilityForce::RotnePragerYamakawa},
+                                                {"StokesianDynamics", MobilityForce::StokesianDynamics}};
+const EnumNames<MobilityForce::Boundary> boundaries = {{"Unbounded", MobilityForce::Unbounded}};
+const EnumNames<MobilityForce::Solver> solvers = {
+    {"Auto", MobilityForce::Auto}, {"Dense", MobilityForce::Dense}, {"MatrixFree", MobilityForce::MatrixFree}};
+
+}  // namespace
+
+MobilityForceProxy::MobilityForceProxy() : SerializationProxy(className) {}
+
+void MobilityForceProxy::serialize(const void* object, SerializationNode& node) const {
+    const MobilityForce& force = *static_cast<const MobilityForce*>(object);
+    node.setIntProperty("version", formatVersion);
+    node.setIntProperty("forceGroup", force.getForceGroup());
+    node.setStringProperty("name", force.getName());
+    node.setDoubleProperty("viscosity", force.getViscosity());
+    node.setStringProperty("model", nameOf(models, force.getModel()));
+    node.setStringProperty("boundary", nameOf(boundaries, force.getBoundary()));
+    node.setBoolProperty("lubrication", force.getLubrication());
+    node.setDoubleProperty("minimumGap", force.getMinimumGap());
+    node.setStringProperty("solver", nameOf(solvers, force.getSolver()));
+    node.setDoubleProperty("solverTolerance", force.getSolverTolerance());
+    SerializationNode& particles = node.createChildNode("Particles");
+    particles.setIntProperty("count", force.getNumParticles());
+    for (int i = 0; i < force.getNumParticles(); i++)
+        particles.createChildNode("Particle").setDoubleProperty("radius", force.getParticleRadius(i));
+    SerializationNode& tensors = node.createChildNode("OwnMobilities");
+    const vector<int> bodies = force.getBodiesWithOwnTensors();
+    tensors.setIntProperty("count", bodies.size());
+    for (int body : bodies) {
+        const bool friction = force.getBodyTensorIsFriction(body);
+        SerializationNode& tensor = tensors.createChildNode("Tensor");
+        tensor.setIntProperty("body", body).setBoolProperty("friction", friction);
+        const vector<double> values = friction ? force.getBodyFriction(body) : force.getBodyMobility(body);
+        for (int k = 0; k < 36; k++) tensor.setDoubleProperty("v" + to_string(k), values[k]);
+    }
+    SerializationNode& groups = node.createChildNode("Groups");
+    groups.setIntProperty("count", force.getGroups().size());
+    for (int group : force.getGroups()) groups.createChildNode("Group").setIntProperty("group", group);
+}
+
+void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
+    const StrictNode node(root, className);
+    if (node.integer("version") != formatVersion) node.wrongValue("version", to_string(formatVersion));
+    unique_ptr<MobilityForce> force(new MobilityForce());
+    force->setForceGroup(node.integer("forceGroup"));
+    force->setName(node.text("name"));
+    force->setViscosity(node.number("viscosity"));
+    force->setModel(valueOf(models, node, "model"));
+    force->setBoundary(valueOf(boundaries, node, "boundary"));
+    force->setLubrication(node.boolean("lubrication"));
+    force->setMinimumGap(node.number("minimumGap"));
+    force->setSolver(valueOf(solvers, node, "solver"));
+    force->setSolverTolerance(node.number("solverTolerance"));
+    const StrictNode particles = node.child("Particles");
+    particles.checkChildren("count");
+    for (const SerializationNode& child : particles.children())
+        force->addParticle(StrictNode(child, className).number("radius"));
+    const StrictNode tensors = node.child("OwnMobilities");
+    tensors.checkChildren("count");
+    for (const SerializationNode& child : tensors.children()) {
+        const StrictNode tensor(child, className);
+        vector<double> values;
+        for (int k = 0; k < 36; k++) values.push_back(tensor.number("v" + to_string(k)));
+        if (tensor.boolean("friction"))
+            force->setBodyFriction(tensor.integer("body"), values);
+        else
+            force->setBodyMobility(tensor.integer("body"), values);
+    }
+    const StrictNode list = node.child("Groups");
+    list.checkChildren("count");
+    vector<int> groups;
+    for (const SerializationNode& child : list.children())
+        groups.push_back(StrictNode(child, className).integer("group"));
+    force->setGroups(groups);
+    return force.release();
+}
+
+}  // namespace RigidHIPlugin
