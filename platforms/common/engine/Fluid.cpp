@@ -32,6 +32,9 @@ Pose poseOf(const BodySet& bodies, int body) {
     return pose;
 }
 
+/** Up to this many rows Auto decomposes matrices, beyond it takes Lanczos (benchmarks/README.md). */
+const int largestDenseRows = 600;
+
 /** Rounding that a product of rotations leaves in a tensor. */
 const double isotropyTolerance = 1e-13;
 
@@ -157,7 +160,21 @@ Fluid::Fluid(const MobilityForce& forceToUse, const OpenMM::System& system,
             for (int k = 0; k < 3 && friction.rows() == 6; k++) group.drag_r[k] = friction(3 + k, 3 + k);
         }
         if (!group.isThermostat) coupledGroups.push_back(&group);
+        chooseSolver(group);
     }
+}
+
+/** Dense or matrix-free, by the number of rows only, so that a resumed run chooses the same. */
+void Fluid::chooseSolver(Group& group) const {
+    if (group.poses.size() == 1) return;
+    const bool possible = group.mobility->isMatrixFree() && group.allLive;
+    if (force.getSolver() == MobilityForce::MatrixFree && !possible)
+        fail("solver MatrixFree is there for RotnePragerYamakawa with bodies that have three non-zero moments, not for " +
+             string(group.allLive ? "this model" : "bodies with a zero moment") + "; use setSolver(Dense)");
+    group.solvesMatrixFree =
+        possible && (force.getSolver() == MobilityForce::MatrixFree ||
+                     (force.getSolver() == MobilityForce::Auto && group.numZ > largestDenseRows));
+    if (group.solvesMatrixFree) group.lanczos.reset(new Lanczos(force.getSolverTolerance()));
 }
 
 void Fluid::checkInertia(const BodySet& bodies) const {
@@ -246,12 +263,54 @@ void Fluid::scaleToZ(Group& group, const BodySet& bodies, const FreeParticles& f
         }
 }
 
+/** The same by Lanczos on S^-1 = T N T^T (T as in scaleToZ), of which products are enough. */
+void Fluid::relaxMatrixFree(Group& group, double h, double kT, const BodySet& bodies,
+                            const FreeParticles& freeParticles) {
+    const auto& elements = group.mobility->getElements();
+    // x -> T^T x, and velocities -> T velocities.
+    const auto scale = [&](const MatrixXd& from, MatrixXd& to, bool fromZ) {
+        to.resize(fromZ ? group.mobility->getNumRows() : group.numZ, from.cols());
+        for (size_t e = 0; e < elements.size(); e++) {
+            const int z = group.firstZ[e], row = group.mobility->firstRow(e);
+            if (elements[e].isFree()) {
+                to.middleRows<3>(fromZ ? row : z) =
+                    sqrt(freeParticles.mass(group.freeIndex[e])) * from.middleRows<3>(fromZ ? z : row);
+                continue;
+            }
+            const BodyInertia& inertia = bodies.inertia(elements[e].body);
+            const Vector3d roots(sqrt(inertia.moments[0]), sqrt(inertia.moments[1]), sqrt(inertia.moments[2]));
+            const Matrix3d turn = group.poses[e].A * roots.asDiagonal();
+            to.middleRows<3>(fromZ ? row : z) = sqrt(inertia.mass) * from.middleRows<3>(fromZ ? z : row);
+            if (fromZ)
+                to.middleRows<3>(row + 3).noalias() = turn * from.middleRows<3>(z + 3);
+            else
+                to.middleRows<3>(z + 3).noalias() = turn.transpose() * from.middleRows<3>(row + 3);
+        }
+    };
+    const auto multiply = [&](const MatrixXd& x, MatrixXd& y) {
+        scale(x, group.wrenches, true);
+        group.mobility->apply(group.wrenches, group.twists);
+        scale(group.twists, y, false);
+    };
+    vector<SpectralFunction> functions = {SpectralFunction::decay(h)};
+    group.columns.resize(group.numZ, kT > 0 ? 2 : 1);
+    group.columns.col(0) = group.Z;
+    if (kT > 0) {
+        group.columns.col(1) = sqrt(kT) * group.chi;
+        functions.push_back(SpectralFunction::decayNoise(h));
+    }
+    group.lanczos->apply(multiply, group.columns, functions, group.results, Lanczos::NormOfSum);
+    if (!group.lanczos->isIncrement(0)) group.Z.setZero();
+    for (int c = 0; c < group.results.cols(); c++) group.Z += group.results.col(c);
+    group.iterations += group.lanczos->getNumIterations();
+}
+
 void Fluid::relaxGroup(Group& group, double h, double kT, const NoiseStream& noise, BodySet& bodies,
                        const FreeParticles& freeParticles, const vector<OpenMM::Vec3>& positions,
                        vector<OpenMM::Vec3>& velocities) {
     const auto& elements = group.mobility->getElements();
     const bool constant = group.mobility->isConstantInBodyFrame();
-    group.randomNumbers = 0;
+    group.randomNumbers = group.iterations = 0;
     if (constant)
         group.poses[0] = poseOf(bodies, elements[0].body);
     else
@@ -310,6 +369,8 @@ void Fluid::relaxGroup(Group& group, double h, double kT, const NoiseStream& noi
             group.Z += sqrt(kT) * group.half.col(0);
         }
         group.Z.segment<3>(0) = (group.poses[0].A * group.Z.segment<3>(0)).eval();
+    } else if (group.solvesMatrixFree) {
+        relaxMatrixFree(group, h, kT, bodies, freeParticles);
     } else {
         // A dead axis makes S a part of K^(1/2) xi K^(1/2), whose inverse is not that part of the mobility.
         const bool inverse = group.allLive && !group.mobility->prefersFriction();
@@ -343,6 +404,7 @@ LoopResult Fluid::relax(double h, double kT, const NoiseStream& noise, BodySet& 
     for (const Group* group : coupledGroups) {
         result.randomNumbers += group->randomNumbers;
         numSquareRoots += kT > 0;
+        numIterations += group->iterations;
         result.finite = result.finite && group->Z.allFinite();
     }
     return result;
@@ -422,12 +484,28 @@ bool Fluid::findOverlap(const BodySet& bodies, const vector<OpenMM::Vec3>& posit
     return false;
 }
 
+int Fluid::numInteracting() const {
+    int sum = 0;
+    for (const auto& group : groups)
+        if (group->poses.size() > 1) sum += group->poses.size();
+    return sum;
+}
+
 string Fluid::describe() const {
-    int bodies = 0, free = 0;
+    const char* const models[] = {"FreeDraining", "RotnePragerYamakawa", "StokesianDynamics"};
+    int bodies = 0, free = 0, thermostats = 0, constant = 0, dense = 0, matrixFree = 0;
     for (int g : groupOfBody) bodies += g >= 0;
     for (int g : groupOfFree) free += g >= 0;
+    for (const auto& group : groups)
+        (group->isThermostat                          ? thermostats
+         : group->mobility->isConstantInBodyFrame()   ? constant
+         : group->solvesMatrixFree                    ? matrixFree
+                                                      : dense)++;
     ostringstream text;
-    text << bodies << " bodies and " << free << " free particles in " << groups.size() << " groups";
+    text << models[force.getModel()] << ", " << bodies << " bodies and " << free << " free particles; " << thermostats
+         << " alone with constant isotropic drag (no matrices), " << constant
+         << " alone with a constant tensor (computed once), " << dense << " groups with dense matrices, " << matrixFree
+         << " groups matrix-free";
     return text.str();
 }
 

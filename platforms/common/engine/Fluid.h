@@ -11,6 +11,7 @@
 #include "engine/FreeParticles.h"
 #include "engine/PlatformLoops.h"
 #include "mobility/BodyMobility.h"
+#include "mobility/Lanczos.h"
 #include "openmmrigidhi/MobilityForce.h"
 #include "rigidbody/BodySet.h"
 #include "schemes/FluidOrnsteinUhlenbeck.h"
@@ -64,6 +65,8 @@ public:
     /** For describeEffects(). */
     std::string describe() const;
     int getNumGroups() const { return groups.size(); }
+    /** Bodies and free particles that are not alone in their group. */
+    int numInteracting() const;
     long long numProducts() const;
     long long numMatrices() const;
     long long numIterations = 0, numSquareRoots = 0;
@@ -82,12 +85,16 @@ private:
         Eigen::VectorXd Z, chi;
         Eigen::MatrixXd half, S;
         FluidOrnsteinUhlenbeck process;
+        std::unique_ptr<Lanczos> lanczos;           // where matrix-free
+        Eigen::MatrixXd columns, results, wrenches, twists;
         double constantH = -1;  // the step for which `decay` and `noise` hold
         Eigen::MatrixXd decay, noise;
-        long long randomNumbers = 0;
+        long long randomNumbers = 0, iterations = 0;  // of the last step
     };
+    void chooseSolver(Group& group) const;
     void setPoses(Group& group, const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
     void scaleToZ(Group& group, const BodySet& bodies, const FreeParticles& freeParticles, bool inverse);
+    void relaxMatrixFree(Group& group, double h, double kT, const BodySet& bodies, const FreeParticles& freeParticles);
     void relaxGroup(Group& group, double h, double kT, const NoiseStream& noise, BodySet& bodies,
                     const FreeParticles& freeParticles, const std::vector<OpenMM::Vec3>& positions,
                     std::vector<OpenMM::Vec3>& velocities);

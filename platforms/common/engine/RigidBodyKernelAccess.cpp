@@ -177,15 +177,23 @@ map<string, string> RigidBodyKernel::getEffects(ContextImpl& context) {
     auto set = [&](const string& name, bool on, const string& why) { effects[name] = (on ? "on: " : "off: ") + why; };
     set("scheme", true, schemeName(integrator->getScheme()));
     set("momenta", momenta, momenta ? "the scheme has them" : "a scheme without momenta");
-    set("noise", T > 0 && (!momenta || gamma > 0 || Gamma > 0),
-        T == 0 ? "the temperature is 0: no random numbers are drawn"
-        : !momenta || gamma > 0 || Gamma > 0
-            ? "temperature " + number(T) + " K"
-            : string("all frictions are 0: no random numbers are drawn and energy is conserved"));
-    set("translational friction", momenta && gamma > 0,
-        !momenta ? string("a scheme without momenta") : "gamma up to " + number(gamma) + "/ps");
-    set("rotational friction", momenta && Gamma > 0,
-        !momenta ? string("a scheme without momenta") : "Gamma up to " + number(Gamma) + "/ps");
+    const bool hydrodynamic = integrator->getScheme() == CustomRigidHIIntegrator::LangevinHI;
+    const bool dissipates = !momenta || gamma > 0 || Gamma > 0 || hydrodynamic;
+    set("noise", T > 0 && dissipates,
+        T == 0 ? "the temperature is 0: no random numbers are drawn, no square roots taken"
+        : dissipates ? "temperature " + number(T) + " K"
+                     : string("all frictions are 0: no random numbers are drawn and energy is conserved"));
+    const bool rates = momenta && !hydrodynamic;
+    const string noRates = hydrodynamic ? "the fluid's friction takes its place" : "a scheme without momenta";
+    set("translational friction", rates && gamma > 0, rates ? "gamma up to " + number(gamma) + "/ps" : noRates);
+    set("rotational friction", rates && Gamma > 0, rates ? "Gamma up to " + number(Gamma) + "/ps" : noRates);
+    if (!fluidParameters) set("hydrodynamics", false, "the System has no MobilityForce");
+    if (fluidParameters) set("hydrodynamics", true, fluid ? fluid->describe() : "positions are not set yet");
+    set("hydrodynamic interactions", fluid && fluid->numInteracting() > 0,
+        !fluid ? string("the System has no MobilityForce")
+        : fluid->numInteracting() > 0
+            ? to_string(fluid->numInteracting()) + " bodies and free particles feel others through the fluid"
+            : string("nothing feels others through the fluid: every tensor is constant and known once for all"));
     set("rotation", general + linear > 0,
         to_string(general) + " bodies about three axes (symmetric splitting), " + to_string(linear) +
             " linear bodies (exact), " + to_string(points) + " without rotation" +
@@ -205,7 +213,7 @@ map<string, string> RigidBodyKernel::getEffects(ContextImpl& context) {
     // ones.
     const double slow = 0.1;
     int slowBodies = 0, firstSlow = -1;
-    for (int b = 0; bodiesAreBuilt && momenta && b < bodies.getNumBodies(); b++) {
+    for (int b = 0; bodiesAreBuilt && rates && b < bodies.getNumBodies(); b++) {
         const BodyInertia& inertia = bodies.inertia(b);
         const int live = inertia.isLive(0) + inertia.isLive(1) + inertia.isLive(2);
         if (inertia.isLive(2) && inertia.rotationalRate(2, 1.0) < slow / live && slowBodies++ == 0) firstSlow = b;
