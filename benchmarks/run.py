@@ -16,7 +16,8 @@ import openmmrigidhi
 from common import RESULTS, describeMachine, save
 
 HERE = pathlib.Path(__file__).parent
-PROGRAMS = {'BenchmarkFreeBodies': 'free_bodies', 'BenchmarkRandomNumbers': 'random_numbers', 'BenchmarkPoseFit': 'pose_fit'}
+PROGRAMS = {'BenchmarkFreeBodies': 'free_bodies', 'BenchmarkRandomNumbers': 'random_numbers', 'BenchmarkPoseFit': 'pose_fit',
+            'BenchmarkRotnePragerYamakawa': 'rotne_prager_yamakawa'}
 SCRIPTS = (['water_step.py'], ['water_step.py', '--no-cm-motion-removal'], ['water_step.py', '--threads', '1'],
            ['lammps_compare.py'])
 

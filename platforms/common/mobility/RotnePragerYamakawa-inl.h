@@ -26,6 +26,8 @@ namespace RIGIDHI_TARGET {
 // The scalar members of the family (besides those in Quaternion-inl.h).
 /** a b + c; packs round once where the machine can. */
 inline double multiplyAdd(double a, double b, double c) { return a * b + c; }
+/** c - a b, likewise. */
+inline double negativeMultiplyAdd(double a, double b, double c) { return c - a * b; }
 /** Lane by lane: a > b ? x : y. */
 inline double selectGreater(double a, double b, double x, double y) { return a > b ? x : y; }
 /** Whether a > b in every lane. */
@@ -103,6 +105,43 @@ inline PairMobility<Real> pairMobility(const Real& distance2, const Real& a_i, c
     m.rrI = selectGreater(distance2, contact2, m.rrI, near.rrI);
     m.rrR = selectGreater(distance2, contact2, m.rrR, near.rrR);
     return m;
+}
+
+/** v <- v + a b */
+template <class Real>
+inline void addMultiple(const Real& a, const Vector3<Real>& b, Vector3<Real>& v) {
+    v = {multiplyAdd(a, b.x, v.x), multiplyAdd(a, b.y, v.y), multiplyAdd(a, b.z, v.z)};
+}
+/** v <- v + a x b */
+template <class Real>
+inline void addCross(const Vector3<Real>& a, const Vector3<Real>& b, Vector3<Real>& v) {
+    v.x = negativeMultiplyAdd(a.z, b.y, multiplyAdd(a.y, b.z, v.x));
+    v.y = negativeMultiplyAdd(a.x, b.z, multiplyAdd(a.z, b.x, v.y));
+    v.z = negativeMultiplyAdd(a.y, b.x, multiplyAdd(a.x, b.y, v.z));
+}
+template <class Real>
+inline Real addedDot(const Vector3<Real>& a, const Vector3<Real>& b) {
+    return multiplyAdd(a.x, b.x, multiplyAdd(a.y, b.y, a.z * b.z));
+}
+
+/**
+ * Add what forces and torques on sphere j do to sphere i, times 8 pi eta, for several cases (columns) at once.
+ * Without targetTorque sphere i has no W, without sourceTorque sphere j has no T; these are not touched.
+ */
+template <int columns, bool targetTorque, bool sourceTorque, class Real>
+inline void addPairVelocities(const PairMobility<Real>& m, const Vector3<Real>& r, const Vector3<Real>* force,
+                              const Vector3<Real>* torque, Vector3<Real>* velocity, Vector3<Real>* omega) {
+    const Vector3<Real> rt = m.rt * r, tr = m.tr * r;
+    for (int c = 0; c < columns; c++) {
+        addMultiple(m.ttI, force[c], velocity[c]);
+        addMultiple(m.ttR * addedDot(r, force[c]), r, velocity[c]);
+        if (sourceTorque) addCross(torque[c], tr, velocity[c]);
+        if (targetTorque) addCross(force[c], rt, omega[c]);
+        if (sourceTorque && targetTorque) {
+            addMultiple(m.rrI, torque[c], omega[c]);
+            addMultiple(m.rrR * addedDot(r, torque[c]), r, omega[c]);
+        }
+    }
 }
 
 }  // namespace RIGIDHI_TARGET

@@ -57,13 +57,11 @@ void RotnePragerYamakawa::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& 
             const auto m = pairMobility(dot(r, r), particles.radii[i], particles.radii[j]);
             for (int column = 0; column < forces.cols(); column++) {
                 const Vector force = rows(forces, from, column);
-                addTo(velocities, row, column, m.ttI * force + m.ttR * dot(r, force) * r);
-                if (particles.hasTorque[i]) addTo(velocities, row + 3, column, m.rt * cross(force, r));
-                if (!particles.hasTorque[j]) continue;
-                const Vector torque = rows(forces, from + 3, column);
-                addTo(velocities, row, column, m.tr * cross(torque, r));
-                if (particles.hasTorque[i])
-                    addTo(velocities, row + 3, column, m.rrI * torque + m.rrR * dot(r, torque) * r);
+                const Vector torque = particles.hasTorque[j] ? rows(forces, from + 3, column) : Vector{0, 0, 0};
+                Vector velocity = {0, 0, 0}, omega = {0, 0, 0};
+                addPairVelocities<1, true, true>(m, r, &force, &torque, &velocity, &omega);
+                addTo(velocities, row, column, velocity);
+                if (particles.hasTorque[i]) addTo(velocities, row + 3, column, omega);
             }
         }
     }

@@ -38,6 +38,14 @@ HWY_INLINE Pack operator*(const Pack& a, const Pack& b) { return hn::Mul(a.v, b.
 HWY_INLINE Pack operator/(const Pack& a, const Pack& b) { return hn::Div(a.v, b.v); }
 HWY_INLINE Pack squareRoot(const Pack& a) { return hn::Sqrt(a.v); }
 HWY_INLINE Pack maximum(const Pack& a, const Pack& b) { return hn::Max(a.v, b.v); }
+HWY_INLINE Pack multiplyAdd(const Pack& a, const Pack& b, const Pack& c) { return hn::MulAdd(a.v, b.v, c.v); }
+HWY_INLINE Pack negativeMultiplyAdd(const Pack& a, const Pack& b, const Pack& c) {
+    return hn::NegMulAdd(a.v, b.v, c.v);
+}
+HWY_INLINE Pack selectGreater(const Pack& a, const Pack& b, const Pack& x, const Pack& y) {
+    return hn::IfThenElse(hn::Gt(a.v, b.v), x.v, y.v);
+}
+HWY_INLINE bool allGreater(const Pack& a, const Pack& b) { return hn::AllTrue(Doubles(), hn::Gt(a.v, b.v)); }
 HWY_INLINE void load(const double* from, Pack& x) { x.v = hn::LoadU(Doubles(), from); }
 HWY_INLINE void store(const Pack& x, double* to) { hn::StoreU(x.v, Doubles(), to); }
 HWY_INLINE int lanes(const Pack&) { return hn::Lanes(Doubles()); }

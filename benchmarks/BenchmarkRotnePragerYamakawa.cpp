@@ -1,0 +1,149 @@
+// What a product with the Rotne-Prager-Yamakawa mobility costs, for instruction sets, threads, columns and kinds of
+// particles; and its matrix. Suspensions at volume fraction 0.1, on a lattice with random displacements.
+
+#include <benchmark/benchmark.h>
+#include <openmm/internal/ThreadPool.h>
+
+#include <cmath>
+#include <map>
+#include <random>
+#include <string>
+
+#include "CpuRotnePragerYamakawa.h"
+#include "hwy/targets.h"
+#include "mobility/RotnePragerYamakawa.h"
+
+using namespace RigidHIPlugin;
+using OpenMM::ThreadPool;
+using OpenMM::Vec3;
+
+namespace {
+
+enum Kind { Spheres, Blobs, TouchingBlobs };
+
+struct Scene {
+    HydrodynamicParticles particles;
+    std::vector<Vec3> positions;
+    Scene(int n, Kind kind) {
+        // Blobs of multiblobs sit at twice their radius from their neighbours, in touch with many packs.
+        const double spacing = kind == TouchingBlobs ? 2 : std::cbrt(4 * M_PI / 3 / 0.1);
+        const double shift = kind == TouchingBlobs ? 0 : 0.5 * (spacing - 2) / std::sqrt(3.0);
+        const int edge = std::ceil(std::cbrt(n));
+        std::mt19937 random(1);
+        std::uniform_real_distribution<double> u(-shift, shift);
+        for (int i = 0; i < n; i++) {
+            particles.add(1, kind == Spheres, i, -1);
+            const Vec3 node(i % edge, i / edge % edge, i / edge / edge);
+            positions.push_back(spacing * node + (shift > 0 ? Vec3(u(random), u(random), u(random)) : Vec3()));
+        }
+    }
+};
+
+/** Let Highway use nothing better than a target. */
+const char* restrictTo(int64_t best) {
+    int64_t allowed = 0;
+    hwy::SetSupportedTargetsForTest(0);
+    for (int64_t target : {HWY_AVX3, HWY_AVX2, HWY_SSE4}) {
+        if (target == best) allowed = 0;
+        allowed |= target;
+    }
+    if (best != 0) hwy::SetSupportedTargetsForTest(allowed & hwy::SupportedTargets());
+    hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+    return best == HWY_SSE4 ? "SSE4" : best == HWY_AVX2 ? "AVX2" : "best";
+}
+
+CpuRotnePragerYamakawa::ForRanges onThreads(ThreadPool& pool) {
+    return [&pool](int count, const std::function<void(int, int)>& task) {
+        const int parts = pool.getNumThreads();
+        pool.execute([&](ThreadPool&, int thread) {
+            task(static_cast<int>((long long)count * thread / parts),
+                 static_cast<int>((long long)count * (thread + 1) / parts));
+        });
+        pool.waitForThreads();
+    };
+}
+
+void finish(benchmark::State& state, int n) {
+    const double pairs = static_cast<double>(n) * n * state.iterations();
+    state.counters["pairs"] = benchmark::Counter(pairs, benchmark::Counter::kIsRate);
+    state.counters["time_per_pair"] =
+        benchmark::Counter(pairs, benchmark::Counter::kIsRate | benchmark::Counter::kInvert);
+}
+
+void product(benchmark::State& state, Kind kind, int64_t target) {
+    const int n = state.range(0), columns = state.range(1), threads = state.range(2);
+    state.SetLabel(restrictTo(target));
+    ThreadPool pool(threads);
+    const Scene scene(n, kind);
+    CpuRotnePragerYamakawa M(scene.particles, 1.0, threads > 1 ? onThreads(pool) : CpuRotnePragerYamakawa::ForRanges());
+    M.setPositions(scene.positions);
+    const Eigen::MatrixXd forces = Eigen::MatrixXd::Random(M.getNumRows(), columns);
+    Eigen::MatrixXd velocities;
+    for (auto _ : state) {
+        M.apply(forces, velocities);
+        benchmark::DoNotOptimize(velocities.data());
+        benchmark::ClobberMemory();
+    }
+    finish(state, n);
+}
+#define PRODUCT(kind, target) \
+    BENCHMARK_CAPTURE(product, kind##_##target, kind, target)->Unit(benchmark::kMillisecond)->UseRealTime()
+const int64_t best = 0, AVX2 = HWY_AVX2, SSE4 = HWY_SSE4;
+PRODUCT(Spheres, best)
+    ->ArgNames({"n", "columns", "threads"})
+    ->Args({10, 1, 1})
+    ->Args({100, 1, 1})
+    ->Args({1000, 1, 1})
+    ->Args({1000, 2, 1})
+    ->Args({1000, 2, 2})
+    ->Args({1000, 4, 1})
+    ->Args({10000, 1, 2})
+    ->Args({10000, 2, 1})
+    ->Args({10000, 2, 2});
+PRODUCT(Blobs, best)->ArgNames({"n", "columns", "threads"})->Args({1000, 2, 1})->Args({10000, 2, 2});
+PRODUCT(TouchingBlobs, best)->ArgNames({"n", "columns", "threads"})->Args({1000, 2, 1});
+PRODUCT(Spheres, AVX2)->ArgNames({"n", "columns", "threads"})->Args({1000, 2, 1})->Args({10000, 2, 2});
+PRODUCT(Spheres, SSE4)->ArgNames({"n", "columns", "threads"})->Args({1000, 2, 1});
+
+void scalarProduct(benchmark::State& state) {
+    const Scene scene(state.range(0), Spheres);
+    RotnePragerYamakawa M(scene.particles, 1.0);
+    M.setPositions(scene.positions);
+    const Eigen::MatrixXd forces = Eigen::MatrixXd::Random(M.getNumRows(), 2);
+    Eigen::MatrixXd velocities;
+    for (auto _ : state) {
+        M.apply(forces, velocities);
+        benchmark::DoNotOptimize(velocities.data());
+        benchmark::ClobberMemory();
+    }
+    finish(state, state.range(0));
+}
+BENCHMARK(scalarProduct)->Arg(2)->Arg(10)->Arg(1000)->Unit(benchmark::kMillisecond);
+
+void matrix(benchmark::State& state) {
+    const int n = state.range(0), threads = state.range(1);
+    restrictTo(best);
+    ThreadPool pool(threads);
+    const Scene scene(n, Spheres);
+    CpuRotnePragerYamakawa M(scene.particles, 1.0, threads > 1 ? onThreads(pool) : CpuRotnePragerYamakawa::ForRanges());
+    M.setPositions(scene.positions);
+    Eigen::MatrixXd mobility;
+    for (auto _ : state) {
+        M.dense(mobility);
+        benchmark::DoNotOptimize(mobility.data());
+        benchmark::ClobberMemory();
+    }
+    finish(state, n);
+}
+BENCHMARK(matrix)
+    ->ArgNames({"n", "threads"})
+    ->Args({10, 1})
+    ->Args({100, 1})
+    ->Args({1000, 1})
+    ->Args({1000, 2})
+    ->Unit(benchmark::kMillisecond)
+    ->UseRealTime();
+
+}  // namespace
+
+BENCHMARK_MAIN();

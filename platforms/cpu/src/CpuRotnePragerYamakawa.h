@@ -1,0 +1,52 @@
+#ifndef RIGIDHI_CPU_ROTNE_PRAGER_YAMAKAWA_H_
+#define RIGIDHI_CPU_ROTNE_PRAGER_YAMAKAWA_H_
+
+#include <functional>
+
+#include "mobility/MobilityOperator.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * Rotne-Prager-Yamakawa mobility in unbounded fluid, with SIMD and threads (formulas, reference, limits:
+ * mobility/RotnePragerYamakawa-inl.h).
+ *
+ * Velocities of several particles are summed in the lanes of a pack, over all sources in a fixed order, so nothing is
+ * reduced over lanes or threads: results do not depend on the number of threads, nor on the width of packs where the
+ * machine can multiply and add in one rounding (from AVX2 on). They agree with RotnePragerYamakawa to rounding.
+ *
+ * Cost: n^2 pairs, one square root and one division each, shared by two columns at a time; pairs that overlap cost three
+ * times as much. Measured: benchmarks/README.md. Nothing is allocated after the first call of each method if the number
+ * of columns stays the same, unless threads are used. One object serves one caller at a time.
+ */
+class CpuRotnePragerYamakawa : public MobilityOperator {
+public:
+    /** Calls task(first, end) for ranges that cover 0 ... count - 1, on several threads. */
+    typedef std::function<void(int count, const std::function<void(int, int)>& task)> ForRanges;
+
+    /**
+     * @param forRanges  called only for work that pays for waking threads; it should divide any count. Empty: no threads.
+     */
+    CpuRotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity, ForRanges forRanges = {});
+    void setPositions(const std::vector<OpenMM::Vec3>& positions) override;
+    void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
+    void dense(Eigen::MatrixXd& mobility) const override;
+
+private:
+    template <class Task>
+    void split(int count, double pairs, const Task& task) const;
+
+    const ForRanges forRanges;
+    // Particles with torque come first, so that blocks of targets and ranges of sources are of one kind. Slots of targets
+    // are padded to whole blocks for each kind; sources are not.
+    int numSpheres, numSphereBlocks, numBlocks;
+    std::vector<int> particleOfSource, slotOfSource;
+    std::vector<int> rowOfSource, rowOfSlot;  // -1: padding
+    std::vector<double> x, y, z, radius;      // of slots
+    std::vector<double> sources;              // x, y, z, radius of each
+    mutable std::vector<double> loads;        // forces and torques, source by source, of the columns being multiplied
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

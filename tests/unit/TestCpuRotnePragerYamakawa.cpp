@@ -1,0 +1,139 @@
+// The Rotne-Prager-Yamakawa mobility with SIMD and threads against the scalar one.
+
+#include <openmm/internal/ThreadPool.h>
+
+#include <atomic>
+
+#include "CpuRotnePragerYamakawa.h"
+#include "TestSupport.h"
+#include "hwy/targets.h"
+#include "mobility/RotnePragerYamakawa.h"
+
+using namespace RigidHIPlugin;
+using namespace RigidHITest;
+using namespace OpenMM;
+using namespace std;
+using Eigen::MatrixXd;
+
+namespace {
+
+enum Kind { Spheres, Blobs, Mixed };
+
+struct Scene {
+    HydrodynamicParticles particles;
+    vector<Vec3> positions;
+};
+/** Dense: many overlaps, some particles inside others. Sparse: packs of all sorts. */
+Scene randomScene(int n, Kind kind, bool equalRadii, double size) {
+    mt19937 random(n + 1000 * kind);
+    uniform_real_distribution<double> u(0, 1);
+    Scene scene;
+    for (int i = 0; i < n; i++) {
+        scene.particles.add(equalRadii ? 0.8 : 0.2 + u(random), kind == Spheres || (kind == Mixed && u(random) < 0.5),
+                            i, -1);
+        scene.positions.push_back(size * Vec3(u(random), u(random), u(random)));
+    }
+    return scene;
+}
+
+struct Results {
+    MatrixXd dense, velocities;
+};
+Results results(const Scene& scene, const MatrixXd& forces, CpuRotnePragerYamakawa::ForRanges forRanges = {}) {
+    CpuRotnePragerYamakawa M(scene.particles, 0.7, forRanges);
+    M.setPositions(scene.positions);
+    Results r;
+    M.dense(r.dense);
+    M.apply(forces, r.velocities);
+    return r;
+}
+
+/** Run a test with every instruction set that this machine has. */
+template <class Test>
+void onEveryInstructionSet(Test test) {
+    for (int64_t target : {HWY_AVX3, HWY_AVX2, HWY_SSE4}) {
+        hwy::SetSupportedTargetsForTest(0);
+        if ((hwy::SupportedTargets() & target) == 0) continue;
+        hwy::SetSupportedTargetsForTest(target);
+        hwy::GetChosenTarget().Update(target);
+        SCOPED_TRACE(hwy::TargetName(target));
+        test(target);
+    }
+    hwy::SetSupportedTargetsForTest(0);
+    hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+}
+
+}  // namespace
+
+TEST(CpuRotnePragerYamakawa, AgreesWithTheScalarOne) {
+    onEveryInstructionSet([](int64_t) {
+        for (int n : {1, 2, 3, 7, 8, 9, 17, 100})
+            for (Kind kind : {Spheres, Blobs, Mixed})
+                for (bool equalRadii : {false, true})
+                    for (double size : {1.0, 10.0}) {
+                        const Scene scene = randomScene(n, kind, equalRadii, size);
+                        RotnePragerYamakawa reference(scene.particles, 0.7);
+                        reference.setPositions(scene.positions);
+                        MatrixXd dense;
+                        reference.dense(dense);
+                        const double scale = dense.cwiseAbs().maxCoeff();
+                        for (int columns : {1, 2, 5}) {
+                            const MatrixXd forces = MatrixXd::Random(scene.particles.numRows, columns);
+                            const Results r = results(scene, forces);
+                            ASSERT_LT((r.dense - dense).cwiseAbs().maxCoeff(), 1e-13 * scale) << n << " " << kind;
+                            ASSERT_EQ((r.dense - r.dense.transpose()).cwiseAbs().maxCoeff(), 0);
+                            MatrixXd velocities;
+                            reference.apply(forces, velocities);
+                            ASSERT_LT((r.velocities - velocities).cwiseAbs().maxCoeff(), 1e-12 * scale)
+                                << n << " " << kind;
+                        }
+                    }
+    });
+}
+
+TEST(CpuRotnePragerYamakawa, NeitherThreadsNorWidthOfPacksShow) {
+    // Enough pairs to wake threads.
+    const Scene scene = randomScene(401, Mixed, false, 20);
+    const MatrixXd forces = MatrixXd::Random(scene.particles.numRows, 3);
+    const Results alone = results(scene, forces);
+    for (int threads : {2, 3}) {
+        ThreadPool pool(threads);
+        atomic<int> ranges(0);
+        const Results r = results(scene, forces, [&](int count, const function<void(int, int)>& task) {
+            pool.execute([&](ThreadPool&, int thread) {
+                ranges++;
+                task(count * thread / threads, count * (thread + 1) / threads);
+            });
+            pool.waitForThreads();
+        });
+        EXPECT_EQ(ranges, 3 * threads);  // the matrix, two columns, one column
+        EXPECT_EQ((r.dense.array() != alone.dense.array()).count(), 0);
+        EXPECT_EQ((r.velocities.array() != alone.velocities.array()).count(), 0);
+    }
+    MatrixXd wide;
+    onEveryInstructionSet([&](int64_t target) {
+        if (target != HWY_AVX3 && target != HWY_AVX2) return;  // others round products before adding
+        const Results r = results(scene, forces);
+        EXPECT_EQ((r.velocities.array() != alone.velocities.array()).count(), 0);
+    });
+}
+
+TEST(CpuRotnePragerYamakawa, ColumnsDoNotShowInEachOther) {
+    const Scene scene = randomScene(30, Mixed, false, 5);
+    const MatrixXd forces = MatrixXd::Random(scene.particles.numRows, 3);
+    const MatrixXd together = results(scene, forces).velocities;
+    for (int c = 0; c < 3; c++)
+        EXPECT_EQ((results(scene, forces.col(c)).velocities - together.col(c)).cwiseAbs().maxCoeff(), 0);
+}
+
+TEST(CpuRotnePragerYamakawa, ParticlesAtOnePlace) {
+    Scene scene;
+    for (int i = 0; i < 3; i++) {
+        scene.particles.add(i < 2 ? 1 : 0.5, true, i, -1);
+        scene.positions.push_back(Vec3(1, 2, 3));
+    }
+    const MatrixXd M = results(scene, MatrixXd::Identity(18, 18)).dense;
+    ASSERT_TRUE(M.allFinite());
+    for (int i = 0; i < 18; i += 6)
+        for (int j = 0; j < 12; j += 6) EXPECT_NEAR(M(i, j), 1 / (6 * M_PI * 0.7), 1e-15);
+}
