@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "CpuBodyLoops.h"
+#include "CpuRotnePragerYamakawa.h"
 #include "mobility/Models.h"
 
 using namespace OpenMM;
@@ -43,7 +44,14 @@ public:
     }
     std::unique_ptr<MobilityOperator> createMobility(const MobilityForce& force, const HydrodynamicParticles& particles,
                                                      bool mayUseThreads) override {
-        return createScalarMobility(force, particles);
+        if (force.getModel() == MobilityForce::StokesianDynamics) return createScalarMobility(force, particles);
+        CpuRotnePragerYamakawa::ForRanges threads;
+        if (mayUseThreads)
+            threads = [this](int count, const std::function<void(int, int)>& task) {
+                split(count, 1, [&](int first, int end, int) { task(first, end); });
+            };
+        return std::unique_ptr<MobilityOperator>(
+            new CpuRotnePragerYamakawa(particles, force.getViscosity(), threads));
     }
     std::string describe() const override {
         return "CPU: " + std::to_string(pool.getNumThreads()) + " threads, " + std::to_string(simdWidth()) +
