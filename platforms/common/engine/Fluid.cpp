@@ -169,11 +169,12 @@ void Fluid::chooseSolver(Group& group) const {
     if (group.poses.size() == 1) return;
     const bool possible = group.mobility->isMatrixFree() && group.allLive;
     if (force.getSolver() == MobilityForce::MatrixFree && !possible)
-        fail("solver MatrixFree is there for RotnePragerYamakawa with bodies that have three non-zero moments, not for " +
-             string(group.allLive ? "this model" : "bodies with a zero moment") + "; use setSolver(Dense)");
-    group.solvesMatrixFree =
-        possible && (force.getSolver() == MobilityForce::MatrixFree ||
-                     (force.getSolver() == MobilityForce::Auto && group.numZ > largestDenseRows));
+        fail(
+            "solver MatrixFree is there for RotnePragerYamakawa with bodies that have three non-zero moments, not "
+            "for " +
+            string(group.allLive ? "this model" : "bodies with a zero moment") + "; use setSolver(Dense)");
+    group.solvesMatrixFree = possible && (force.getSolver() == MobilityForce::MatrixFree ||
+                                          (force.getSolver() == MobilityForce::Auto && group.numZ > largestDenseRows));
     if (group.solvesMatrixFree) group.lanczos.reset(new Lanczos(force.getSolverTolerance()));
 }
 
@@ -480,7 +481,26 @@ VectorXd Fluid::apply(const VectorXd& wrenches, const BodySet& bodies, const vec
     return result;
 }
 
-bool Fluid::findOverlap(const BodySet& bodies, const vector<OpenMM::Vec3>& positions, string& what) const {
+string Fluid::objection(const BodySet& bodies, const vector<OpenMM::Vec3>& positions) const {
+    vector<Pose> poses;
+    for (const auto& group : groups) {
+        if (!group->mobility->mayObject()) continue;
+        poses = group->poses;
+        const auto& elements = group->mobility->getElements();
+        for (size_t e = 0; e < elements.size(); e++)
+            if (elements[e].isFree())
+                poses[e].R = toEigen(positions[elements[e].particles[0]]);
+            else
+                poses[e] = poseOf(bodies, elements[e].body);
+        const string text = group->mobility->objection(poses);
+        if (!text.empty()) return text;
+    }
+    return {};
+}
+
+bool Fluid::mayObject() const {
+    for (const auto& group : groups)
+        if (group->mobility->mayObject()) return true;
     return false;
 }
 
@@ -497,10 +517,10 @@ string Fluid::describe() const {
     for (int g : groupOfBody) bodies += g >= 0;
     for (int g : groupOfFree) free += g >= 0;
     for (const auto& group : groups)
-        (group->isThermostat                          ? thermostats
-         : group->mobility->isConstantInBodyFrame()   ? constant
-         : group->solvesMatrixFree                    ? matrixFree
-                                                      : dense)++;
+        (group->isThermostat                        ? thermostats
+         : group->mobility->isConstantInBodyFrame() ? constant
+         : group->solvesMatrixFree                  ? matrixFree
+                                                    : dense)++;
     ostringstream text;
     text << models[force.getModel()] << ", " << bodies << " bodies and " << free << " free particles; " << thermostats
          << " alone with constant isotropic drag (no matrices), " << constant

@@ -59,8 +59,10 @@ public:
     Eigen::VectorXd apply(const Eigen::VectorXd& wrenches, const BodySet& bodies,
                           const std::vector<OpenMM::Vec3>& positions);
 
-    /** Whether two spheres overlap for a model that has no mobility then; names them in `what`. */
-    bool findOverlap(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions, std::string& what) const;
+    /** Why the model has no mobility at the present poses, naming particles; empty where it has one. */
+    std::string objection(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
+    /** Whether objection() can ever object. */
+    bool mayObject() const;
 
     /** For describeEffects(). */
     std::string describe() const;
@@ -85,7 +87,7 @@ private:
         Eigen::VectorXd Z, chi;
         Eigen::MatrixXd half, S;
         FluidOrnsteinUhlenbeck process;
-        std::unique_ptr<Lanczos> lanczos;           // where matrix-free
+        std::unique_ptr<Lanczos> lanczos;  // where matrix-free
         Eigen::MatrixXd columns, results, wrenches, twists;
         double constantH = -1;  // the step for which `decay` and `noise` hold
         Eigen::MatrixXd decay, noise;

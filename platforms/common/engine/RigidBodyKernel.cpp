@@ -500,20 +500,48 @@ void RigidBodyKernel::advance(ContextImpl& context) {
     settings.noise.attempt = 0;
     bodies.save(bodySnapshot);
     freeParticles->save(freeSnapshot, positions(), velocities());
-    try {
-        attemptStep(context);
-        rememberOtherParticles();
-    } catch (...) {
+    const auto putBack = [&] {
         bodies.restore(bodySnapshot);
         freeParticles->restore(freeSnapshot, positions(), velocities());
         writePoses(context);
+    };
+    try {
+        while (true) {
+            const string objection = attemptStep(context);
+            if (objection.empty()) break;
+            putBack();
+            counters.rejectedSteps++;
+            settings.noise.attempt++;
+            reportTooManyRejections(objection);
+        }
+        rememberOtherParticles();
+    } catch (...) {
+        putBack();
         throw;
     }
 }
 
-void RigidBodyKernel::attemptStep(ContextImpl& context) {
+/** A step that leads where the model has no mobility is redone with new noise, if that can help, and not for ever. */
+void RigidBodyKernel::reportTooManyRejections(const string& objection) const {
+    const string where = "step " + to_string(data.stepCount + 1) + ": " + objection;
+    if (settings.kT == 0)
+        fail(where +
+             "; at temperature 0 no other noise can help: take a smaller step, add a repulsion, or use "
+             "setMinimumGap() of the MobilityForce");
+    const int limit = integrator->getMaximumRejections();
+    if ((int)settings.noise.attempt > limit)
+        fail(where + "; the step was redone " + to_string(limit) +
+             " times in a row, as often as setMaximumRejections() allows: take a smaller step, add a stiffer "
+             "repulsion, or "
+             "use setMinimumGap() of the MobilityForce");
+}
+
+/** @return why the step must be redone, or an empty string */
+string RigidBodyKernel::attemptStep(ContextImpl& context) {
     const double tolerance = integrator->getConstraintTolerance();
+    const bool mayObject = settings.fluidCouplesBodies && fluid->mayObject();
     LoopResult result;
+    string objection;
     if (settings.fluidCouplesBodies)
         result = moveThroughFluid(tolerance);
     else {
@@ -521,15 +549,31 @@ void RigidBodyKernel::attemptStep(ContextImpl& context) {
         result.add(freeParticles->beforeForces(settings, *loops, positions(), velocities(), tolerance));
     }
     if (!result.finite) reportNonFinite("position");
+    counters.randomNumbers += result.randomNumbers;
+    if (mayObject) objection = fluid->objection(bodies, positions());
+    if (!objection.empty()) return objection;
     placeFreeVirtualSites(context);
 
     calculateForces(context);
     if (!freeParticles->gatherForces(*data.forces)) reportNonFinite("force");
 
-    result.add(runLoop(BodyLoop::AfterForces));
+    result = runLoop(BodyLoop::AfterForces);
     result.add(freeParticles->afterForces(settings, *loops, positions(), velocities(), tolerance));
     if (!result.finite) reportNonFinite("force");
     counters.randomNumbers += result.randomNumbers;
+    // The next step's friction is taken half a step ahead, which no noise of that step can change.
+    return mayObject ? objectionHalfAStepAhead(tolerance) : string();
+}
+
+string RigidBodyKernel::objectionHalfAStepAhead(double tolerance) {
+    bodies.save(aheadBodies);
+    freeParticles->save(aheadFree, positions(), velocities());
+    runLoop(BodyLoop::BeforeFriction);
+    freeParticles->beforeFriction(settings, *loops, positions(), velocities(), tolerance);
+    const string objection = fluid->objection(bodies, positions());
+    bodies.restore(aheadBodies);
+    freeParticles->restore(aheadFree, positions(), velocities());
+    return objection;
 }
 
 /** LangevinHI up to the force evaluation: half a step, the fluid at the poses there, the other half. */

@@ -106,7 +106,9 @@ private:
     void evaluateForces(OpenMM::ContextImpl& context);
     void calculateForces(OpenMM::ContextImpl& context);
     void advance(OpenMM::ContextImpl& context);
-    void attemptStep(OpenMM::ContextImpl& context);
+    std::string attemptStep(OpenMM::ContextImpl& context);
+    std::string objectionHalfAStepAhead(double tolerance);
+    void reportTooManyRejections(const std::string& objection) const;
     LoopResult moveThroughFluid(double tolerance);
     void buildFluid();
     Fluid& requireFluid(OpenMM::ContextImpl& context, const char* method);
@@ -149,8 +151,8 @@ private:
     std::vector<BodyState> drawnTwists;
     std::vector<OpenMM::Vec3> drawnVelocities;
 
-    BodySet::Snapshot bodySnapshot;
-    FreeParticles::Snapshot freeSnapshot;
+    BodySet::Snapshot bodySnapshot, aheadBodies;
+    FreeParticles::Snapshot freeSnapshot, aheadFree;
     // Plain numbers: a step must not allocate (getStepStatistics() gives them names).
     struct Counters {
         long long steps = 0, forceEvaluations = 0, randomNumbers = 0, rejectedSteps = 0;

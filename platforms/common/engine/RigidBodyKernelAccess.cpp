@@ -180,7 +180,7 @@ map<string, string> RigidBodyKernel::getEffects(ContextImpl& context) {
     const bool hydrodynamic = integrator->getScheme() == CustomRigidHIIntegrator::LangevinHI;
     const bool dissipates = !momenta || gamma > 0 || Gamma > 0 || hydrodynamic;
     set("noise", T > 0 && dissipates,
-        T == 0 ? "the temperature is 0: no random numbers are drawn, no square roots taken"
+        T == 0       ? "the temperature is 0: no random numbers are drawn, no square roots taken"
         : dissipates ? "temperature " + number(T) + " K"
                      : string("all frictions are 0: no random numbers are drawn and energy is conserved"));
     const bool rates = momenta && !hydrodynamic;

@@ -103,12 +103,23 @@ void BodyMobility::setPoses(const vector<Pose>& newPoses) {
     poses = newPoses;
     mobilityIsKnown = frictionIsKnown = false;
     if (constant) return;
+    placeParticles(poses, positions);
+    particleOperator->setPositions(positions);
+}
+
+void BodyMobility::placeParticles(const vector<Pose>& at, vector<OpenMM::Vec3>& places) const {
     for (size_t e = 0; e < elements.size(); e++)
         for (size_t i = 0; i < elements[e].sites.size(); i++) {
-            const Vector3d r = poses[e].R + poses[e].A * elements[e].sites[i];
-            positions[firstParticle[e] + i] = OpenMM::Vec3(r.x(), r.y(), r.z());
+            const Vector3d r = at[e].R + at[e].A * elements[e].sites[i];
+            places[firstParticle[e] + i] = OpenMM::Vec3(r.x(), r.y(), r.z());
         }
-    particleOperator->setPositions(positions);
+}
+
+string BodyMobility::objection(const vector<Pose>& at) const {
+    if (!mayObject()) return {};
+    vector<OpenMM::Vec3> places(particles.size());
+    placeParticles(at, places);
+    return particleOperator->objection(places);
 }
 
 /** matrix = D(F) matrix D(F)^T, with the block-diagonal D of the factors turned into the lab frame (or of F^T). */

@@ -62,6 +62,9 @@ public:
 
     /** One pose an element; a free particle's A is not used. @throws what the operator's setPositions() throws */
     void setPoses(const std::vector<Pose>& poses);
+    /** MobilityOperator::objection() and mayObject() for bodies. */
+    std::string objection(const std::vector<Pose>& poses) const;
+    bool mayObject() const { return particleOperator && particleOperator->mayObject(); }
     /** N at the poses set last, computed when first asked for. */
     const Eigen::MatrixXd& mobility();
     /** Its (pseudo-)inverse, likewise. */
@@ -75,6 +78,7 @@ public:
     long long numMatrices = 0, numProducts = 0;
 
 private:
+    void placeParticles(const std::vector<Pose>& poses, std::vector<OpenMM::Vec3>& positions) const;
     void computeFriction();
     void congruence(Eigen::MatrixXd& matrix, const std::vector<Eigen::MatrixXd>& factors_body, bool transposed) const;
     void multiplyByFactors(Eigen::MatrixXd& vectors, bool transposed) const;

@@ -55,6 +55,13 @@ public:
      * @throws OpenMMException, naming the particles, where the model has no mobility (overlap, beyond a wall)
      */
     virtual void setPositions(const std::vector<OpenMM::Vec3>& positions) = 0;
+    /**
+     * Why the model has no mobility at these positions (overlap, beyond a wall), naming the particles; empty where it has one.
+     * A step that leads to such positions is redone with new noise. Default: the model has one everywhere.
+     */
+    virtual std::string objection(const std::vector<OpenMM::Vec3>& positions) const { return {}; }
+    /** Whether objection() can ever object. */
+    virtual bool mayObject() const { return false; }
     /** velocities = M forces; every column is a case of its own. @param velocities  resized and overwritten */
     virtual void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const = 0;
     /** The matrix itself. Default: apply() to the identity. */

@@ -54,7 +54,7 @@ HWY_INLINE bool isFinite(const Pack& x) {
 }
 
 /** Sine and cosine of any argument. */
-HWY_NOINLINE void sincosOfLarge(const Pack& x, Pack& sine, Pack& cosine) {
+HWY_MAYBE_UNUSED static HWY_NOINLINE void sincosOfLarge(const Pack& x, Pack& sine, Pack& cosine) {
     // Highway's range reduction holds to 39000; needles spin faster than that.
     const double reducible = 30000;
     const Doubles d;
