@@ -279,7 +279,7 @@ struct LubricationConstants {
 };
 
 /** Where the expansion near contact replaces the solution, and is fitted to it: gaps in units of twice the reduced radius. */
-constexpr double nearContact = 3e-3, fitTo = 4e-2;
+constexpr double nearContact = 1e-3, fitTo = 4e-2;
 constexpr int numFitGaps = 20, fitPower = 6;
 
 /** 1, u, then u^k and u^k ln u for k = 2 ... fitPower: what is left of a lubrication expansion beside its singular terms. */
