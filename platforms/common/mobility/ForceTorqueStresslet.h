@@ -1,0 +1,30 @@
+#ifndef RIGIDHI_FORCE_TORQUE_STRESSLET_H_
+#define RIGIDHI_FORCE_TORQUE_STRESSLET_H_
+
+#include <openmm/Vec3.h>
+
+#include <Eigen/Core>
+#include <vector>
+
+namespace RigidHIPlugin {
+
+/**
+ * Mobility of rigid spheres whose surface tractions are a uniform force, a torque and a stresslet each ("FTS").
+ *
+ * Equation:  (U, Omega, E) = M (F, T, S), solved for the stresslets S that keep every sphere rigid, E = 0.
+ * Accuracy:  error of R of order (a/r)^6 relative for a pair; no lubrication. Blocks of force and torque are Rotne-Prager-Yamakawa's.
+ * Cost:      5 n stresslet rows by Cholesky: about 150 n^3 multiplications; 11 n rows squared of memory.
+ * Reference: Durlofsky, Brady and Bossis, J. Fluid Mech. 180:21 (1987); Faxén operators as in Kim and Karrila (1991), ch. 3, with both
+ *            spheres' a²/6 (force) and a²/10 (strain) terms kept. This is Galerkin's method on the single-layer equation, so M is
+ *            positive definite, and the friction never exceeds the exact one, for spheres that do not overlap.
+ * Limits:    pairs closer than contact are taken at contact along their line, which is no physical model of an overlap.
+ *
+ * @param viscosity  dalton/(nm ps)
+ * @return 6n x 6n, rows Vx Vy Vz Wx Wy Wz of each sphere about its centre, lab frame
+ */
+Eigen::MatrixXd forceTorqueStressletMobility(const std::vector<double>& radii,
+                                             const std::vector<OpenMM::Vec3>& positions, double viscosity);
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,198 @@
+#include "mobility/StokesianDynamics.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <sstream>
+
+#include "mobility/ForceTorqueStresslet.h"
+
+namespace RigidHIPlugin {
+
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using OpenMM::OpenMMException;
+using OpenMM::Vec3;
+
+namespace {
+
+std::string number(double value) {
+    std::ostringstream text;
+    text.precision(10);
+    text << value;
+    return text.str();
+}
+
+std::string nameOf(const HydrodynamicParticles& particles, int i) {
+    return "particle " + std::to_string(particles.systemIndex[i]) +
+           (particles.body[i] < 0 ? " (in no body)" : " (body " + std::to_string(particles.body[i]) + ")");
+}
+
+double distanceBetween(const Vec3& a, const Vec3& b) {
+    const Vec3 d = a - b;
+    return std::sqrt(d.dot(d));
+}
+
+/** Cholesky's factor of a matrix made for these particles. */
+MatrixXd choleskyFactor(const MatrixXd& matrix) {
+    const Eigen::LLT<MatrixXd> factor(matrix);
+    if (factor.info() != Eigen::Success)
+        throw OpenMMException(
+            "StokesianDynamics: the matrix of " + std::to_string(matrix.rows() / 6) +
+            " spheres is not positive definite; do spheres overlap by more than a minimum gap can bridge? Separate them, "
+            "use smaller time steps, or the model RotnePragerYamakawa");
+    return factor.matrixL();
+}
+
+MatrixXd inverseFromFactor(const MatrixXd& lower) {
+    MatrixXd inverse = MatrixXd::Identity(lower.rows(), lower.rows());
+    lower.triangularView<Eigen::Lower>().solveInPlace(inverse);
+    MatrixXd product(lower.rows(), lower.rows());
+    product.setZero();
+    product.selfadjointView<Eigen::Lower>().rankUpdate(inverse.transpose());
+    product.triangularView<Eigen::StrictlyUpper>() = product.transpose();
+    return product;
+}
+
+}  // namespace
+
+StokesianDynamics::StokesianDynamics(const HydrodynamicParticles& particles, double viscosity, bool lubrication,
+                                     double minimumGap)
+    : MobilityOperator(particles, viscosity), lubrication(lubrication), minimumGap(minimumGap) {
+    if (!(minimumGap >= 0 && minimumGap < 1))
+        throw OpenMMException("StokesianDynamics: the minimum gap is " + number(minimumGap) +
+                              " mean radii of a pair; it must be at least 0 (none) and below 1");
+    std::map<int, int> particleOfBody;
+    for (int i = 0; i < particles.size(); i++) {
+        if (!particles.hasTorque[i])
+            throw OpenMMException("StokesianDynamics is a model of spheres that rotate, and " + nameOf(particles, i) +
+                                  " has no torque; make it a body of its own, or use the model RotnePragerYamakawa");
+        const auto inserted = particleOfBody.emplace(particles.body[i], i);
+        if (particles.body[i] >= 0 && !inserted.second)
+            throw OpenMMException("StokesianDynamics is a model of single spheres, and body " +
+                                  std::to_string(particles.body[i]) + " has particles " +
+                                  std::to_string(particles.systemIndex[inserted.first->second]) + " and " +
+                                  std::to_string(particles.systemIndex[i]) +
+                                  " that the fluid sees; give all but one the radius 0, or use the model RotnePragerYamakawa");
+    }
+    std::vector<double> radii = particles.radii;
+    std::sort(radii.begin(), radii.end());
+    radii.erase(std::unique(radii.begin(), radii.end()), radii.end());
+    for (double radius : particles.radii)
+        kind.push_back(std::lower_bound(radii.begin(), radii.end(), radius) - radii.begin());
+    if (!lubrication) return;
+    if (!radii.empty() && radii.back() > TwoSphereResistance::maximumRatio * radii.front()) {
+        const auto extremes = std::minmax_element(particles.radii.begin(), particles.radii.end());
+        throw OpenMMException("StokesianDynamics: the radii " + number(*extremes.second) + " nm of " +
+                              nameOf(particles, extremes.second - particles.radii.begin()) + " and " +
+                              number(*extremes.first) + " nm of " +
+                              nameOf(particles, extremes.first - particles.radii.begin()) + " have the ratio " +
+                              number(*extremes.second / *extremes.first) + "; lubrication is known up to a ratio of " +
+                              number(TwoSphereResistance::maximumRatio) +
+                              ": turn it off by setLubrication(False), or use the model RotnePragerYamakawa");
+    }
+    std::vector<int> copies(radii.size());
+    for (int k : kind) copies[k]++;
+    tables.resize(radii.size());
+    for (size_t larger = 0; larger < radii.size(); larger++) {
+        tables[larger].resize(larger + 1);
+        for (size_t smaller = 0; smaller <= larger; smaller++)
+            if (smaller < larger || copies[larger] > 1)
+                tables[larger][smaller] = TwoSphereResistance::get(radii[smaller] / radii[larger]);
+    }
+}
+
+bool StokesianDynamics::overlaps(const std::vector<Vec3>& positions, int& i, int& j) const {
+    if (minimumGap > 0) return false;
+    for (i = 0; i < particles.size(); i++)
+        for (j = i + 1; j < particles.size(); j++)
+            if (distanceBetween(positions[i], positions[j]) <= particles.radii[i] + particles.radii[j]) return true;
+    return false;
+}
+
+void StokesianDynamics::setPositions(const std::vector<Vec3>& newPositions) {
+    int i, j;
+    if (overlaps(newPositions, i, j))
+        throw OpenMMException("StokesianDynamics: " + nameOf(particles, i) + " and " + nameOf(particles, j) +
+                              " overlap or touch: their distance is " +
+                              number(distanceBetween(newPositions[i], newPositions[j])) +
+                              " nm, the sum of their radii " + number(particles.radii[i] + particles.radii[j]) +
+                              " nm; separate them, allow it by setMinimumGap, or use the model RotnePragerYamakawa");
+    if (minimumGap > 0)
+        for (i = 0; i < particles.size(); i++)
+            for (j = i + 1; j < particles.size(); j++)
+                if (newPositions[i] == newPositions[j])
+                    throw OpenMMException("StokesianDynamics: " + nameOf(particles, i) + " and " + nameOf(particles, j) +
+                                          " are at the same place, so their line of centres has no direction; move one");
+    positions = newPositions;
+    farFieldMobility.resize(0, 0);
+    cachedFriction.resize(0, 0);
+    factor.resize(0, 0);
+}
+
+void StokesianDynamics::addLubrication(int i, int j, MatrixXd& friction) const {
+    if (particles.radii[i] < particles.radii[j]) std::swap(i, j);  // tables are for sphere 1 the larger
+    const double a[2] = {particles.radii[i], particles.radii[j]}, mean = (a[0] + a[1]) / 2;
+    const Vec3 toSecond = positions[j] - positions[i];
+    const double distance = std::sqrt(toSecond.dot(toSecond));
+    const double gap = std::max((distance - a[0] - a[1]) / mean, minimumGap);
+    const TwoSphereValues<double> f = tables[kind[i]][kind[j]]->correction(gap);
+
+    const Vector3d d = Vector3d(toSecond[0], toSecond[1], toSecond[2]) / distance;
+    const Matrix3d along = d * d.transpose(), across = Matrix3d::Identity() - along;
+    Matrix3d turn;  // T_i = B eps_ijk d_k U_j
+    turn << 0, d.z(), -d.y(), -d.z(), 0, d.x(), d.y(), -d.x(), 0;
+    const int row[2] = {particles.firstRow[i], particles.firstRow[j]};
+    for (int p = 0; p < 2; p++)
+        for (int q = 0; q < 2; q++) {
+            const double sum = a[p] + a[q], unit = M_PI * viscosity * sum;
+            friction.block<3, 3>(row[p], row[q]) += 3 * unit * (f[XA11 + p + q] * along + f[YA11 + p + q] * across);
+            friction.block<3, 3>(row[p] + 3, row[q] + 3) +=
+                unit * sum * sum * (f[XC11 + p + q] * along + f[YC11 + p + q] * across);
+            const Matrix3d torqueOfVelocity = unit * sum * f[YB11 + 2 * p + q] * turn;
+            friction.block<3, 3>(row[p] + 3, row[q]) += torqueOfVelocity;
+            friction.block<3, 3>(row[q], row[p] + 3) += torqueOfVelocity.transpose();
+        }
+}
+
+const MatrixXd& StokesianDynamics::frictionMatrix() const {
+    if (cachedFriction.rows() != particles.numRows) {
+        MatrixXd friction =
+            inverseFromFactor(choleskyFactor(forceTorqueStressletMobility(particles.radii, positions, viscosity)));
+        if (lubrication)
+            for (int i = 0; i < particles.size(); i++)
+                for (int j = 0; j < i; j++) addLubrication(i, j, friction);
+        cachedFriction.swap(friction);
+    }
+    return cachedFriction;
+}
+
+void StokesianDynamics::friction(MatrixXd& friction) const { friction = frictionMatrix(); }
+
+void StokesianDynamics::apply(const MatrixXd& forces, MatrixXd& velocities) const {
+    if (!lubrication) {
+        if (farFieldMobility.rows() != particles.numRows)
+            farFieldMobility = forceTorqueStressletMobility(particles.radii, positions, viscosity);
+        velocities = farFieldMobility * forces;
+        return;
+    }
+    if (factor.rows() != particles.numRows) factor = choleskyFactor(frictionMatrix());
+    velocities = forces;
+    factor.triangularView<Eigen::Lower>().solveInPlace(velocities);
+    factor.triangularView<Eigen::Lower>().transpose().solveInPlace(velocities);
+}
+
+void StokesianDynamics::dense(MatrixXd& mobility) const {
+    if (!lubrication)
+        apply(MatrixXd::Identity(particles.numRows, particles.numRows), mobility);
+    else {
+        if (factor.rows() != particles.numRows) factor = choleskyFactor(frictionMatrix());
+        mobility = inverseFromFactor(factor);
+    }
+}
+
+}  // namespace RigidHIPlugin

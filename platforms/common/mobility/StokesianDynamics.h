@@ -1,0 +1,61 @@
+#ifndef RIGIDHI_STOKESIAN_DYNAMICS_H_
+#define RIGIDHI_STOKESIAN_DYNAMICS_H_
+
+#include <memory>
+#include <vector>
+
+#include "mobility/MobilityOperator.h"
+#include "mobility/TwoSphereResistance.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * Rigid spheres in unbounded fluid: many-body far field of forces, torques and stresslets, and exact pair lubrication.
+ *
+ * Equation:  F = R U with R = M_FTS^-1 + sum over pairs (R_exact - R_FTS of the pair); without lubrication R = M_FTS^-1.
+ * Accuracy:  one sphere and two spheres are exact (1e-9); more lack multipoles beyond the stresslet that are not pairwise. Each pair's
+ *            term is positive semidefinite, because FTS is Galerkin's approximation from below, so R is positive definite.
+ *            Every pair has its term at every distance: R is a smooth function of the positions.
+ * Cost:      about 150 n^3 multiplications for M_FTS, 150 n^3 for its inverse, 70 n^3 to factorise R for apply(); 0.5 us a pair.
+ *            Construction: 0.1 s a new ratio of radii.
+ * Reference: Durlofsky, Brady and Bossis, J. Fluid Mech. 180:21 (1987); Davidchack et al. (2017), section 4.
+ * Limits:    spheres with torque, one in a body, ratios of radii up to 10. No overlap, unless there is a minimum gap.
+ *
+ * setPositions() only looks for overlaps; matrices are made when they are first asked for, which is not thread-safe.
+ */
+class StokesianDynamics : public MobilityOperator {
+public:
+    /**
+     * @param minimumGap  in mean radii of a pair: lubrication of a smaller gap, also of an overlap, is that of this gap (and the far field
+     *                    of an overlap is that of contact); 0: spheres that touch are an error
+     * @throws OpenMMException  for particles without torque, bodies of several particles, radii in too large a ratio, a bad minimum gap
+     */
+    StokesianDynamics(const HydrodynamicParticles& particles, double viscosity, bool lubrication, double minimumGap);
+
+    /** @throws OpenMMException, naming the particles, for spheres that touch or overlap while there is no minimum gap */
+    void setPositions(const std::vector<OpenMM::Vec3>& positions) override;
+    /** Whether setPositions() would refuse these positions, and the first such pair (not indices in the System). n²/2 distances. */
+    bool overlaps(const std::vector<OpenMM::Vec3>& positions, int& i, int& j) const;
+
+    void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
+    void dense(Eigen::MatrixXd& mobility) const override;
+    void friction(Eigen::MatrixXd& friction) const override;
+    bool isMadeFromFriction() const override { return lubrication; }
+
+private:
+    const Eigen::MatrixXd& frictionMatrix() const;
+    void addLubrication(int i, int j, Eigen::MatrixXd& friction) const;
+
+    const bool lubrication;
+    const double minimumGap;
+    std::vector<int> kind;                                         // of each particle: index of its radius among the distinct radii
+    std::vector<std::vector<std::shared_ptr<const TwoSphereResistance>>> tables;  // [kind of the larger][kind of the smaller]
+
+    std::vector<OpenMM::Vec3> positions;
+    // of these positions; empty until they are needed
+    mutable Eigen::MatrixXd farFieldMobility, cachedFriction, factor;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

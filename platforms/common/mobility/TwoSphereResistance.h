@@ -1,0 +1,80 @@
+#ifndef RIGIDHI_TWO_SPHERE_RESISTANCE_H_
+#define RIGIDHI_TWO_SPHERE_RESISTANCE_H_
+
+#include <Eigen/Core>
+#include <memory>
+
+namespace RigidHIPlugin {
+
+/**
+ * The scalar resistance functions of two spheres, scaled as by Jeffrey and Onishi (1984): A_ij by 3 pi eta (a_i + a_j), B_ij by
+ * pi eta (a_i + a_j)², C_ij by pi eta (a_i + a_j)³. X: along the line of centres, Y: across it. A_21 = A_12, C_21 = C_12.
+ */
+enum TwoSphereFunction {
+    XA11, XA12, XA22, YA11, YA12, YA22, YB11, YB12, YB21, YB22, XC11, XC12, XC22, YC11, YC12, YC22,
+    NumTwoSphereFunctions
+};
+template <class Real>
+using TwoSphereValues = Eigen::Array<Real, NumTwoSphereFunctions, 1>;
+
+/**
+ * The resistance functions of two spheres in unbounded fluid, without a table.
+ *
+ * Method:    u = x Q/2 + v with Q and v harmonic, expanded in bispherical coordinates. No slip on both spheres and div u = 0 are a block
+ *            tridiagonal system in the order n of the harmonics, for azimuthal order 0 (6 unknowns an n) and 1 (8); rotation
+ *            about the line of centres has closed coefficients. Exact but for truncation, which is below rounding.
+ * Accuracy:  of double 1e-12 relative at gap 1e-2, 1e-9 at 1e-4 (rounding grows as 1/gap); of long double 2000 times better.
+ * Cost:      about 25 sqrt(1/gap) orders; double 0.3 ms at gap 1e-1, 3 ms at 1e-3 for equal spheres.
+ * Reference: O'Neill, Mathematika 11:67 (1964) and Stimson and Jeffery (1926) for the coordinates; the equations are in the source.
+ *
+ * @param ratio  a_2/a_1
+ * @param gap    between the surfaces, in units of (a_1 + a_2)/2; > 0
+ */
+template <class Real>
+TwoSphereValues<Real> solveTwoSpheres(Real ratio, Real gap);
+extern template TwoSphereValues<double> solveTwoSpheres(double ratio, double gap);
+/** For checks at gaps where double has too few digits. */
+extern template TwoSphereValues<long double> solveTwoSpheres(long double ratio, long double gap);
+
+/** The same functions of two FTS spheres (ForceTorqueStresslet.h). */
+TwoSphereValues<double> forceTorqueStressletPair(double ratio, double gap);
+
+/**
+ * The resistance functions of two spheres of one ratio of radii, at any gap, quickly: as what FTS lacks, exact - FTS.
+ *
+ * Method:    with u = gap/(centre distance), singular terms G1/u + (G2 + G3 u) ln u of lubrication in closed form, plus one Chebyshev
+ *            series in u^(1/4), in which what is left, about u² ln u, is smooth enough. One expression for all gaps: no joints, infinitely
+ *            differentiable. Nodes too close for solveTwoSpheres() take an expansion in u and ln u fitted where it is precise.
+ * Accuracy:  1e-9 absolute, or relative to the function where it exceeds 1, for gaps from 0 to infinity; tests/unit/TestTwoSpheres.cpp.
+ * Cost:      construction 0.1 s, evaluation below 1 us. Immutable: threads may share one.
+ * Reference: Jeffrey and Onishi, J. Fluid Mech. 139:261 (1984), constants of the singular terms.
+ * Limits:    ratios from 0.1 to 10.
+ */
+class TwoSphereResistance {
+public:
+    static constexpr double maximumRatio = 10;
+
+    /** @param ratio  a_2/a_1, from 1/maximumRatio to maximumRatio @throws OpenMMException if it is not */
+    explicit TwoSphereResistance(double ratio);
+    /** One for each ratio, shared by all users in the process. */
+    static std::shared_ptr<const TwoSphereResistance> get(double ratio);
+
+    /** exact - FTS. @param gap  in units of the mean radius; > 0 */
+    TwoSphereValues<double> correction(double gap) const;
+    /** The functions themselves; slower, since it adds forceTorqueStressletPair(). */
+    TwoSphereValues<double> exact(double gap) const { return correction(gap) + forceTorqueStressletPair(ratio, gap); }
+
+private:
+    typedef TwoSphereValues<double> Values;
+    static constexpr int numCoefficients = 56;
+
+    Values singularTerms(double u) const;
+
+    double ratio;
+    Values inverseGap, logarithm, gapLogarithm;                              // G1, G2, G3
+    Eigen::Array<double, NumTwoSphereFunctions, numCoefficients> chebyshev;  // of what is left
+};
+
+}  // namespace RigidHIPlugin
+
+#endif
