@@ -85,7 +85,7 @@ private:
         Eigen::VectorXd Z, chi;
         Eigen::MatrixXd half, S;
         FluidOrnsteinUhlenbeck process;
-        std::unique_ptr<Lanczos> lanczos;  // where matrix-free
+        std::unique_ptr<Lanczos> lanczos;           // where matrix-free
         Eigen::MatrixXd columns, results, wrenches, twists;
         double constantH = -1;  // the step for which `decay` and `noise` hold
         Eigen::MatrixXd decay, noise;

@@ -506,9 +506,9 @@ void RigidBodyKernel::evaluateForces(ContextImpl& context) {
 void RigidBodyKernel::addBodyForces(ContextImpl& context, double time, double lookAhead) {
     const int groups = integrator->getIntegrationForceGroups();
     settings.forcesAreGathered = bodyForces.isOn(groups);
-    if (!settings.forcesAreGathered) return;
-    if (!bodyForces.add(context, bodies, groups, time, lookAhead)) reportNonFinite("force");
     bodyForcesTime = time;
+    if (settings.forcesAreGathered && !bodyForces.add(context, bodies, groups, time, lookAhead))
+        reportNonFinite("force");
 }
 
 /** The scheme: from valid forces to new positions, velocities and valid forces; or an exception and nothing changed. */
