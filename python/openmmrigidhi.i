@@ -13,9 +13,11 @@
 #include <cstring>
 #include <exception>
 
+#include "openmmrigidhi/CustomBodyForce.h"
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
 #include "openmmrigidhi/MobilityForce.h"
 
+using RigidHIPlugin::CustomBodyForce;
 using RigidHIPlugin::CustomRigidHIIntegrator;
 using RigidHIPlugin::MobilityForce;
 using RigidHIPlugin::QuaternionArray;
@@ -162,6 +164,15 @@ void setOpenMMException(const char* message) {
 }
 %typemap(out) OpenMM::Vec3 { $result = toBuffer(&$1, 1); }
 %typemap(out) std::string { $result = toPython($1); }
+%typemap(out) const std::string& { $result = toPython(*$1); }
+%typemap(in) const std::string& (std::string text) {
+    Py_ssize_t length = 0;
+    const char* utf8 = PyUnicode_Check($input) ? PyUnicode_AsUTF8AndSize($input, &length) : nullptr;
+    if (!utf8) SWIG_exception_fail(SWIG_TypeError, "openmmrigidhi: in method '$symname', argument $argnum is no text");
+    text.assign(utf8, length);
+    $1 = &text;
+}
+%typemap(freearg) const std::string& ""
 %typemap(out) std::map<std::string, int>, std::map<std::string, double>, std::map<std::string, std::string> {
     $result = toDictionary($1);
 }
@@ -181,6 +192,13 @@ void setOpenMMException(const char* message) {
 %typemap(argout) double& mass, double& gamma, double& Gamma {
     $result = SWIG_Python_AppendOutput($result, PyFloat_FromDouble(*$1));
 }
+%typemap(in, numinputs=0) int& bodyIndex (int value) "$1 = &value;"
+%typemap(in, numinputs=0) std::vector<double>& parameters (std::vector<double> value) "$1 = &value;"
+%typemap(argout) int& bodyIndex { $result = SWIG_Python_AppendOutput($result, PyLong_FromLong(*$1)); }
+%typemap(argout) std::vector<double>& parameters {
+    $result = SWIG_Python_AppendOutput($result, toBuffer($1->data(), $1->size()));
+}
+%typemap(argout) const std::vector<double>& parameters ""
 %typemap(argout) const std::vector<OpenMM::Vec3>& sitePositions, const OpenMM::Vec3& principalMoments,
                  const std::vector<int>& particles ""
 
@@ -324,6 +342,43 @@ public:
         /** The same object as what it is, or None if it is something else. Does not touch ownership. */
         static RigidHIPlugin::MobilityForce* _fromGeneric(OpenMM::Force* force) {
             return dynamic_cast<MobilityForce*>(force);
+        }
+    }
+};
+
+class CustomBodyForce : public OpenMM::Force {
+public:
+    CustomBodyForce(const std::string& fx, const std::string& fy, const std::string& fz, const std::string& tx,
+                    const std::string& ty, const std::string& tz);
+    ~CustomBodyForce();
+
+    const std::string& getExpression(const std::string& component) const;
+    void setExpression(const std::string& component, const std::string& expression);
+
+    int getNumPerBodyParameters() const;
+    int addPerBodyParameter(const std::string& name);
+    const std::string& getPerBodyParameterName(int index) const;
+    void setPerBodyParameterName(int index, const std::string& name);
+
+    int getNumGlobalParameters() const;
+    int addGlobalParameter(const std::string& name, double defaultValue);
+    const std::string& getGlobalParameterName(int index) const;
+    void setGlobalParameterName(int index, const std::string& name);
+    double getGlobalParameterDefaultValue(int index) const;
+    void setGlobalParameterDefaultValue(int index, double defaultValue);
+
+    int getNumBodies() const;
+    int addBody(int bodyIndex, const std::vector<double>& parameters);
+    void getBodyParameters(int index, int& bodyIndex, std::vector<double>& parameters) const;
+    void setBodyParameters(int index, int bodyIndex, const std::vector<double>& parameters);
+
+    void updateParametersInContext(OpenMM::Context& context);
+    bool usesPeriodicBoundaryConditions() const;
+
+    %extend {
+        /** The same object as what it is, or None if it is something else. Does not touch ownership. */
+        static RigidHIPlugin::CustomBodyForce* _fromGeneric(OpenMM::Force* force) {
+            return dynamic_cast<CustomBodyForce*>(force);
         }
     }
 };

@@ -2,8 +2,10 @@
 
 #include <typeinfo>
 
+#include "CustomBodyForceProxy.h"
 #include "CustomRigidHIIntegratorProxy.h"
 #include "MobilityForceProxy.h"
+#include "openmmrigidhi/CustomBodyForce.h"
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
 #include "openmmrigidhi/MobilityForce.h"
 #include "openmmrigidhi/internal/windowsExport.h"
@@ -19,4 +21,6 @@ extern "C" OPENMM_EXPORT_RIGIDHI void __attribute__((constructor)) registerRigid
     OpenMM::SerializationProxy::registerProxy(typeid(CustomRigidHIIntegrator), &integratorProxy);
     static const MobilityForceProxy mobilityProxy;
     OpenMM::SerializationProxy::registerProxy(typeid(MobilityForce), &mobilityProxy);
+    static const CustomBodyForceProxy bodyForceProxy;
+    OpenMM::SerializationProxy::registerProxy(typeid(CustomBodyForce), &bodyForceProxy);
 }

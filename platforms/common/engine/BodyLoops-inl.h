@@ -313,7 +313,7 @@ struct AfterForces {
     const StepSettings& settings;
     const ParticleArrays& arrays;
     bool operator()(BodyFlow<Real>& flow) const {
-        flow.gatherForces(arrays.forces);
+        if (!settings.forcesAreGathered) flow.gatherForces(arrays.forces);
         Scheme::afterForces(flow, settings.h);
         flow.storeMomenta();
         if (settings.hasMomenta()) flow.scatterVelocities(arrays.velocities, arrays.lastVelocities);

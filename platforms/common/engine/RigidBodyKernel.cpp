@@ -90,6 +90,8 @@ void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegr
     system = &context.getSystem();
     definitions = copyDefinitions(*integrator);
     stock = takeStock(context, *definitions);
+    bodyForces = BodyForces(context);
+    stock.velocityDependentForce = bodyForces.velocityDependence();
     checkScheme(*system, *definitions, stock);
     if (stock.mobilityForce) fluidParameters.reset(new MobilityForce(*stock.mobilityForce));
     loops = createLoops(context);
@@ -468,7 +470,13 @@ void RigidBodyKernel::step(ContextImpl& context) {
     takeInChanges(context, true);
     putMembersBack(context);
     userChangedState = false;
-    if (!forcesAreValid) evaluateForces(context);
+    if (bodyForces.usesTime() && bodyForcesTime != data.time) forcesAreValid = false;
+    if (!forcesAreValid)
+        evaluateForces(context);
+    else if (bodyForces.usesVelocities() && settings.forcesAreGathered) {
+        bodyForces.removeLast(bodies);
+        addBodyForces(context, data.time, 0);
+    }
     advance(context);
     data.time += settings.h;
     data.stepCount++;
@@ -490,7 +498,17 @@ void RigidBodyKernel::evaluateForces(ContextImpl& context) {
     const bool freeFinite = freeParticles->gatherForces(*data.forces);
     const bool bodiesFinite = runLoop(BodyLoop::GatherForces).finite;
     if (!freeFinite || !bodiesFinite) reportNonFinite("force");
+    addBodyForces(context, data.time, 0);
     forcesAreValid = true;
+}
+
+/** Add what CustomBodyForces give to the forces of the particles, which have been gathered. */
+void RigidBodyKernel::addBodyForces(ContextImpl& context, double time, double lookAhead) {
+    const int groups = integrator->getIntegrationForceGroups();
+    settings.forcesAreGathered = bodyForces.isOn(groups);
+    bodyForcesTime = time;
+    if (settings.forcesAreGathered && !bodyForces.add(context, bodies, groups, time, lookAhead))
+        reportNonFinite("force");
 }
 
 /** The scheme: from valid forces to new positions, velocities and valid forces; or an exception and nothing changed. */
@@ -516,6 +534,7 @@ void RigidBodyKernel::advance(ContextImpl& context) {
         }
         rememberOtherParticles();
     } catch (...) {
+        if (settings.forcesAreGathered) forcesAreValid = false;  // what velocities and time they belong to is lost
         putBack();
         throw;
     }
@@ -556,6 +575,13 @@ string RigidBodyKernel::attemptStep(ContextImpl& context) {
 
     calculateForces(context);
     if (!freeParticles->gatherForces(*data.forces)) reportNonFinite("force");
+    settings.forcesAreGathered = bodyForces.isOn(integrator->getIntegrationForceGroups());
+    if (settings.forcesAreGathered) {
+        if (!runLoop(BodyLoop::GatherForces).finite) reportNonFinite("force");
+        // The velocities at the end of the kick by h/2 that the Langevin schemes have after the forces: then the two kicks
+        // of a step are adjoint.
+        addBodyForces(context, data.time + settings.h, settings.h / 2);
+    }
 
     result = runLoop(BodyLoop::AfterForces);
     result.add(freeParticles->afterForces(settings, *loops, positions(), velocities(), tolerance));

@@ -14,6 +14,7 @@
 #include "engine/FreeParticles.h"
 #include "engine/PlatformLoops.h"
 #include "engine/SystemCheck.h"
+#include "forces/BodyForces.h"
 #include "openmmrigidhi/RigidHIKernels.h"
 #include "rigidbody/BodySet.h"
 #include "rigidbody/PoseFit.h"
@@ -105,6 +106,7 @@ private:
     void rememberOtherParticles();
     void evaluateForces(OpenMM::ContextImpl& context);
     void calculateForces(OpenMM::ContextImpl& context);
+    void addBodyForces(OpenMM::ContextImpl& context, double time, double lookAhead);
     void advance(OpenMM::ContextImpl& context);
     std::string attemptStep(OpenMM::ContextImpl& context);
     std::string objectionHalfAStepAhead(double tolerance);
@@ -130,6 +132,8 @@ private:
     // The fluid, if there is a MobilityForce; a copy of the latter as the user handed it over last.
     std::unique_ptr<MobilityForce> fluidParameters;
     std::unique_ptr<Fluid> fluid;
+    BodyForces bodyForces;
+    double bodyForcesTime = 0;  // of the forces that the bodies have
     StepSettings settings;
     int settingsVersion = -1;
     double settingsStepSize = 0;

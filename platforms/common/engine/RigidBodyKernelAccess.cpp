@@ -206,6 +206,8 @@ map<string, string> RigidBodyKernel::getEffects(ContextImpl& context) {
         stock.hasCMMotionRemover ? "the System has a CMMotionRemover" : "the System has no CMMotionRemover");
     set("barostat", !stock.barostat.empty(),
         stock.barostat.empty() ? "the System has none" : "the System has a " + stock.barostat);
+    const int groups = integrator->getIntegrationForceGroups();
+    set("body forces", bodyForces.isOn(groups), bodyForces.describe(groups));
     set("hydrodynamic interactions", false, "the scheme knows none");
     set("loops", true, loops->describe());
 

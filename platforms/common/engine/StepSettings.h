@@ -13,6 +13,7 @@ struct StepSettings {
     /** LangevinHI: some bodies feel each other, so that a step has a part before and one after the fluid's. */
     bool fluidCouplesBodies = false;
     NoiseStream noise;
+    bool forcesAreGathered = false;  // before AfterForces, with what CustomBodyForces add
     bool hasMomenta() const { return scheme != CustomRigidHIIntegrator::GradientThermostat; }
 };
 

@@ -185,6 +185,9 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
         }
     }
     if (scheme != CustomRigidHIIntegrator::GradientThermostat) return;
+    if (!stock.velocityDependentForce.empty())
+        refuse(stock.velocityDependentForce + ", depends on vx, vy or vz, but scheme " + name +
+               " has no velocities; use a Langevin scheme, or expressions without them");
     if (stock.numFreeConstraints > 0)
         refuse("the System has " + to_string(stock.numFreeConstraints) +
                " constraints between particles that are in no body; scheme GradientThermostat allows none: make rigid "

@@ -1,6 +1,7 @@
 #include "mobility/Models.h"
 
 #include "mobility/RotnePragerYamakawa.h"
+#include "mobility/StokesianDynamics.h"
 
 using namespace std;
 
@@ -8,7 +9,9 @@ namespace RigidHIPlugin {
 
 unique_ptr<MobilityOperator> createScalarMobility(const MobilityForce& force, const HydrodynamicParticles& particles) {
     switch (force.getModel()) {
-        case MobilityForce::StokesianDynamics: break;
+        case MobilityForce::StokesianDynamics:
+            return unique_ptr<MobilityOperator>(
+                new StokesianDynamics(particles, force.getViscosity(), force.getLubrication(), force.getMinimumGap()));
         // What does not feel others still feels itself: the blobs of one body make its tensor.
         case MobilityForce::FreeDraining:
         case MobilityForce::RotnePragerYamakawa: break;

@@ -2,6 +2,7 @@
 #define RIGIDHI_STOKESIAN_DYNAMICS_H_
 
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "mobility/MobilityOperator.h"
@@ -34,6 +35,8 @@ public:
 
     /** @throws OpenMMException, naming the particles, for spheres that touch or overlap while there is no minimum gap */
     void setPositions(const std::vector<OpenMM::Vec3>& positions) override;
+    std::string objection(const std::vector<OpenMM::Vec3>& positions) const override;
+    bool mayObject() const override { return minimumGap == 0; }
     /** Whether setPositions() would refuse these positions, and the first such pair (not indices in the System). n²/2 distances. */
     bool overlaps(const std::vector<OpenMM::Vec3>& positions, int& i, int& j) const;
 
@@ -48,8 +51,9 @@ private:
 
     const bool lubrication;
     const double minimumGap;
-    std::vector<int> kind;                                         // of each particle: index of its radius among the distinct radii
-    std::vector<std::vector<std::shared_ptr<const TwoSphereResistance>>> tables;  // [kind of the larger][kind of the smaller]
+    std::vector<int> kind;  // of each particle: index of its radius among the distinct radii
+    std::vector<std::vector<std::shared_ptr<const TwoSphereResistance>>>
+        tables;  // [kind of the larger][kind of the smaller]
 
     std::vector<OpenMM::Vec3> positions;
     // of these positions; empty until they are needed

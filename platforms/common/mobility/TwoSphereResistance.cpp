@@ -103,7 +103,8 @@ private:
                 atSphere(Y, Q, -(n - m) * (n - m + 1) / (2 * below), 0, (n + m + 1) * (n + m) / (2 * beyond));
                 e.right(Y + sphere, 2 * sphere) = 2 * root;
                 // spin about y: v_x - i v_y = 2 (z - z_centre) = 2 (x cosh(xi) - 1)/(h sinh(xi)), v_z = -rho e^{i phi}
-                const Real previous = n > 0 ? sqrt2 * decay(n - 1, sphere) : Real(0), next = sqrt2 * decay(n + 1, sphere);
+                const Real previous = n > 0 ? sqrt2 * decay(n - 1, sphere) : Real(0),
+                           next = sqrt2 * decay(n + 1, sphere);
                 e.right(W + sphere, 2 * sphere + 1) = next / beyond - previous / below;
                 e.right(Y + sphere, 2 * sphere + 1) =
                     2 * (cosine * (n * previous / below + (n + 1) * next / beyond) - sqrt2 * decay(n, sphere)) / sine;
@@ -234,8 +235,7 @@ TwoSphereValues<double> forceTorqueStressletPair(double ratio, double gap) {
     const double radius[2] = {1, ratio}, r = (1 + gap / 2) * (1 + ratio);
     const Eigen::Matrix<double, 12, 12> mobility =
         forceTorqueStressletMobility({1, ratio}, {OpenMM::Vec3(), OpenMM::Vec3(0, 0, -r)}, 1.0);
-    const Eigen::Matrix<double, 12, 12> resistance =
-        mobility.llt().solve(Eigen::Matrix<double, 12, 12>::Identity());
+    const Eigen::Matrix<double, 12, 12> resistance = mobility.llt().solve(Eigen::Matrix<double, 12, 12>::Identity());
     TwoSphereValues<double> f;
     for (int i = 0; i < 2; i++)
         for (int j = 0; j < 2; j++) {
@@ -309,7 +309,8 @@ TwoSphereResistance::TwoSphereResistance(double ratio) : ratio(ratio) {
     logarithm.setZero();
     gapLogarithm.setZero();
     const LubricationConstants one(ratio), two(1 / ratio);
-    const double sum = 1 + ratio, A12 = -2 / sum, B12 = -4 / (sum * sum), B21 = B12 * ratio * ratio, C12 = -8 / (sum * sum * sum);
+    const double sum = 1 + ratio, A12 = -2 / sum, B12 = -4 / (sum * sum), B21 = B12 * ratio * ratio,
+                 C12 = -8 / (sum * sum * sum);
     const auto set = [&](int function, double inverse, double log, double gapLog) {
         inverseGap[function] = inverse / 2;
         logarithm[function] = log;

@@ -11,7 +11,22 @@ namespace RigidHIPlugin {
  * pi eta (a_i + a_j)², C_ij by pi eta (a_i + a_j)³. X: along the line of centres, Y: across it. A_21 = A_12, C_21 = C_12.
  */
 enum TwoSphereFunction {
-    XA11, XA12, XA22, YA11, YA12, YA22, YB11, YB12, YB21, YB22, XC11, XC12, XC22, YC11, YC12, YC22,
+    XA11,
+    XA12,
+    XA22,
+    YA11,
+    YA12,
+    YA22,
+    YB11,
+    YB12,
+    YB21,
+    YB22,
+    XC11,
+    XC12,
+    XC22,
+    YC11,
+    YC12,
+    YC22,
     NumTwoSphereFunctions
 };
 template <class Real>

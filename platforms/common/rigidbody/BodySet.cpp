@@ -185,6 +185,12 @@ Vec3 BodySet::getForce_lab(int body) const { return read(force_lab, slotOfBody[b
 
 Vec3 BodySet::getTorque_lab(int body) const { return toLab(slotOfBody[body], read(torque_body, slotOfBody[body])); }
 
+void BodySet::addForceAndTorque_lab(int body, const Vec3& addedForce_lab, const Vec3& addedTorque_lab) {
+    const int slot = slotOfBody[body];
+    write(force_lab, slot, read(force_lab, slot) + addedForce_lab);
+    write(torque_body, slot, read(torque_body, slot) + toInnerBody(slot, addedTorque_lab));
+}
+
 Vec3 BodySet::getAngularVelocity_lab(int body) const {
     const int slot = slotOfBody[body];
     Vec3 omega = read(l, slot);

@@ -67,6 +67,8 @@ public:
     /** Force (lab) and torque (lab) on a body as last gathered. */
     OpenMM::Vec3 getForce_lab(int body) const;
     OpenMM::Vec3 getTorque_lab(int body) const;
+    /** Add to force and torque (lab). */
+    void addForceAndTorque_lab(int body, const OpenMM::Vec3& force_lab, const OpenMM::Vec3& torque_lab);
     /** Angular velocity in the lab frame from l, and back (components about dead axes are dropped). */
     OpenMM::Vec3 getAngularVelocity_lab(int body) const;
     void setAngularVelocity_lab(int body, const OpenMM::Vec3& omega_lab);

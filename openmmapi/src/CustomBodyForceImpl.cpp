@@ -1,0 +1,88 @@
+#include "openmmrigidhi/internal/CustomBodyForceImpl.h"
+
+#include <cxxabi.h>
+#include <openmm/OpenMMException.h>
+#include <openmm/internal/ContextImpl.h>
+
+#include <cstdlib>
+#include <typeinfo>
+
+#include "openmmrigidhi/CustomRigidHIIntegrator.h"
+
+using namespace OpenMM;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+[[noreturn]] void fail(const string& message) { throw OpenMMException("CustomBodyForce: " + message); }
+
+/** The name of an object's class, as in C++ but without its namespace. */
+template <class T>
+string className(const T& object) {
+    int status = 0;
+    char* demangled = abi::__cxa_demangle(typeid(object).name(), nullptr, nullptr, &status);
+    string name = demangled == nullptr ? typeid(object).name() : demangled;
+    free(demangled);
+    return name.substr(name.rfind(':') + 1);
+}
+
+/** The entries of a force, as two lists; checks that each has its parameters. */
+void copyEntries(const CustomBodyForce& force, int numParameters, vector<int>& bodies, vector<double>& parameters) {
+    bodies.clear();
+    parameters.clear();
+    for (int i = 0; i < force.getNumBodies(); i++) {
+        int body;
+        vector<double> values;
+        force.getBodyParameters(i, body, values);
+        if ((int)values.size() != numParameters)
+            fail("entry " + to_string(i) + " (body " + to_string(body) + ") has " + to_string(values.size()) +
+                 " parameters, but the force has " + to_string(numParameters) +
+                 " per-body parameters; give as many with addBody() or setBodyParameters()");
+        bodies.push_back(body);
+        parameters.insert(parameters.end(), values.begin(), values.end());
+    }
+}
+
+}  // namespace
+
+CustomBodyForceImpl::CustomBodyForceImpl(const CustomBodyForce& owner)
+    : owner(owner), numParameters(owner.getNumPerBodyParameters()) {}
+
+void CustomBodyForceImpl::initialize(ContextImpl& context) {
+    const Integrator& integrator = context.getIntegrator();
+    const auto* ours = dynamic_cast<const CustomRigidHIIntegrator*>(&integrator);
+    if (ours == nullptr)
+        fail("the Context's integrator is a " + className(integrator) +
+             ", which has no rigid bodies; a CustomBodyForce works under a CustomRigidHIIntegrator only: use that, or "
+             "remove "
+             "the force from the System");
+    copyEntries(owner, numParameters, bodies, parameters);
+    for (size_t i = 0; i < bodies.size(); i++)
+        if (bodies[i] >= ours->getNumRigidBodies())
+            fail("entry " + to_string(i) + ": body index " + to_string(bodies[i]) +
+                 " is out of range; the integrator has " + to_string(ours->getNumRigidBodies()) +
+                 " bodies, counted from 0: add the body to the integrator, or correct the index");
+}
+
+map<string, double> CustomBodyForceImpl::getDefaultParameters() {
+    map<string, double> parameters;
+    for (int i = 0; i < owner.getNumGlobalParameters(); i++)
+        parameters[owner.getGlobalParameterName(i)] = owner.getGlobalParameterDefaultValue(i);
+    return parameters;
+}
+
+void CustomBodyForceImpl::updateParametersInContext(ContextImpl& context) {
+    vector<int> newBodies;
+    vector<double> newParameters;
+    copyEntries(owner, numParameters, newBodies, newParameters);
+    if (newBodies != bodies)
+        fail(
+            "updateParametersInContext(): the force acts on other bodies than when the Context was created; only "
+            "parameters can be updated: call Context::reinitialize()");
+    parameters = newParameters;
+    context.systemChanged();
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,162 @@
+#include "forces/BodyForces.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <cmath>
+#include <set>
+
+#include "forces/Expression.h"
+#include "openmmrigidhi/internal/CustomBodyForceImpl.h"
+
+using namespace OpenMM;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+// Where variables are among the values of a force; parameters follow (CustomBodyForce::variableNames()).
+const int X = 0, Q = 3, V = 7, T = 10, firstParameter = 11;
+
+}  // namespace
+
+/** One CustomBodyForce. */
+struct BodyForces::Force {
+    int index;  // in the System
+    const CustomBodyForceImpl& impl;
+    int numPerBody;
+    vector<string> globals;
+    vector<double> values;           // of variables, per-body parameters, global parameters
+    vector<Expression> expressions;  // fx fy fz tx ty tz
+    bool isIn(int groups) const {
+        return (groups >> impl.getOwner().getForceGroup() & 1) != 0 && !impl.getBodies().empty();
+    }
+    bool uses(int first, int end) const {
+        for (const Expression& e : expressions)
+            for (int v = first; v < end; v++)
+                if (e.uses(v)) return true;
+        return false;
+    }
+};
+
+BodyForces::BodyForces() {}
+BodyForces::~BodyForces() {}
+BodyForces& BodyForces::operator=(BodyForces&&) = default;
+
+BodyForces::BodyForces(ContextImpl& context) {
+    const auto& impls = context.getForceImpls();
+    for (size_t i = 0; i < impls.size(); i++) {
+        const auto* impl = dynamic_cast<const CustomBodyForceImpl*>(impls[i]);
+        if (impl == nullptr) continue;
+        const CustomBodyForce& owner = impl->getOwner();
+        unique_ptr<Force> force(new Force{(int)i, *impl, owner.getNumPerBodyParameters(), {}, {}, {}});
+        vector<string> names = CustomBodyForce::variableNames();
+        for (int k = 0; k < owner.getNumPerBodyParameters(); k++) names.push_back(owner.getPerBodyParameterName(k));
+        for (int k = 0; k < owner.getNumGlobalParameters(); k++) {
+            force->globals.push_back(owner.getGlobalParameterName(k));
+            names.push_back(force->globals.back());
+        }
+        force->values.assign(names.size(), 0.0);
+        for (const string& component : CustomBodyForce::componentNames()) try {
+                force->expressions.emplace_back(owner.getExpression(component), names, force->values.data());
+            } catch (const OpenMMException& error) {
+                throw OpenMMException("CustomBodyForce: force " + to_string(i) + ": " + component + ": " +
+                                      error.what());
+            }
+        time = time || force->uses(T, T + 1);
+        velocities = velocities || force->uses(V, V + 3);
+        forces.push_back(move(force));
+    }
+}
+
+string BodyForces::velocityDependence() const {
+    for (const auto& force : forces)
+        if (force->uses(V, V + 3)) return "force " + to_string(force->index) + ", a CustomBodyForce";
+    return "";
+}
+
+bool BodyForces::isOn(int groups) const {
+    for (const auto& force : forces)
+        if (force->isIn(groups)) return true;
+    return false;
+}
+
+/** The velocities that expressions see: those after a kick of so long with the forces that the bodies have. */
+void BodyForces::setVelocities(const BodySet& bodies, double lookAhead) {
+    velocity.resize(bodies.getNumBodies());
+    for (int b = 0; b < bodies.getNumBodies(); b++) {
+        const int slot = bodies.slot(b);
+        for (int k = 0; k < 3; k++)
+            velocity[b][k] = bodies.inverseMass[slot] * (bodies.p[k][slot] + lookAhead * bodies.force_lab[k][slot]);
+    }
+}
+
+void BodyForces::addOnce(ContextImpl& context, BodySet& bodies, int groups, double t) {
+    const map<string, double>& globals = context.getParameters();
+    for (auto& force : forces) {
+        if (!force->isIn(groups)) continue;
+        double* values = force->values.data();
+        double* globalValues = values + firstParameter + force->numPerBody;
+        for (const string& name : force->globals) *globalValues++ = globals.at(name);
+        values[T] = t;
+        const double* parameters = force->impl.getParameters().data();
+        for (int b : force->impl.getBodies()) {
+            const BodyState state = bodies.getState(b);
+            for (int k = 0; k < 3; k++) values[X + k] = state.R[k];
+            for (int k = 0; k < 4; k++) values[Q + k] = state.q[k];
+            for (int k = 0; velocities && k < 3; k++) values[V + k] = velocity[b][k];
+            for (int k = 0; k < force->numPerBody; k++) values[firstParameter + k] = *parameters++;
+            Vec3 wrench[2];
+            for (int c = 0; c < 6; c++)
+                if (!force->expressions[c].isZero()) wrench[c / 3][c % 3] = force->expressions[c].evaluate();
+            bodies.addForceAndTorque_lab(b, wrench[0], wrench[1]);
+        }
+    }
+}
+
+bool BodyForces::add(ContextImpl& context, BodySet& bodies, int groups, double t, double lookAhead) {
+    if (velocities) {
+        for (int k = 0; k < 3; k++) {
+            force_lab[k] = bodies.force_lab[k];
+            torque_body[k] = bodies.torque_body[k];
+        }
+        setVelocities(bodies, 0);
+    }
+    addOnce(context, bodies, groups, t);
+    if (velocities && lookAhead != 0) {
+        // With the forces at the present velocities, velocities ahead are right to second order.
+        setVelocities(bodies, lookAhead);
+        removeLast(bodies);
+        addOnce(context, bodies, groups, t);
+    }
+    bool finite = true;
+    for (int k = 0; k < 3; k++)
+        for (size_t s = 0; s < bodies.bodyOfSlot.size(); s++)
+            finite = finite && isfinite(bodies.force_lab[k][s]) && isfinite(bodies.torque_body[k][s]);
+    return finite;
+}
+
+void BodyForces::removeLast(BodySet& bodies) const {
+    for (int k = 0; k < 3; k++) {
+        bodies.force_lab[k] = force_lab[k];
+        bodies.torque_body[k] = torque_body[k];
+    }
+}
+
+string BodyForces::describe(int groups) const {
+    if (forces.empty()) return "the System has no CustomBodyForce";
+    set<int> acted;
+    int on = 0;
+    for (const auto& force : forces)
+        if (force->isIn(groups)) {
+            on++;
+            acted.insert(force->impl.getBodies().begin(), force->impl.getBodies().end());
+        }
+    if (on == 0)
+        return "none of the " + to_string(forces.size()) +
+               " CustomBodyForce(s) has bodies and is in an integrated force group";
+    return to_string(acted.size()) + " bodies, " + to_string(on) + " CustomBodyForce(s)" +
+           (time ? ", depending on time" : "") + (velocities ? ", depending on velocities" : "");
+}
+
+}  // namespace RigidHIPlugin

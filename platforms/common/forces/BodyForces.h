@@ -1,0 +1,58 @@
+#ifndef RIGIDHI_BODY_FORCES_H_
+#define RIGIDHI_BODY_FORCES_H_
+
+#include <openmm/internal/ContextImpl.h>
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "rigidbody/BodySet.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * All CustomBodyForces of a Context, ready to be evaluated. A Context without any costs nothing: isOn() is false then, and
+ * nothing else needs to be called.
+ */
+class BodyForces {
+public:
+    BodyForces();
+    ~BodyForces();
+    /** Find the forces of a Context and compile their expressions. @throws OpenMMException for one that cannot be */
+    explicit BodyForces(OpenMM::ContextImpl& context);
+    BodyForces& operator=(BodyForces&&);
+
+    /** Whether any force of these groups acts on any body. */
+    bool isOn(int groups) const;
+    /** Whether any expression depends on time, or on velocities. */
+    bool usesTime() const { return time; }
+    bool usesVelocities() const { return velocities; }
+    /** Which force depends on velocities, for messages. */
+    std::string velocityDependence() const;
+    /**
+     * Add forces and torques to those that the bodies have.
+     *
+     * @param t         time, ps
+     * @param lookAhead velocities are those that the present momenta have after a kick of so long, ps; 0: the present ones
+     * @return whether all forces and torques are finite
+     */
+    bool add(OpenMM::ContextImpl& context, BodySet& bodies, int groups, double t, double lookAhead);
+    /** Go back to the forces and torques before the last add(). Only if usesVelocities(). */
+    void removeLast(BodySet& bodies) const;
+    /** For describeEffects(). */
+    std::string describe(int groups) const;
+
+private:
+    struct Force;
+    void setVelocities(const BodySet& bodies, double lookAhead);
+    void addOnce(OpenMM::ContextImpl& context, BodySet& bodies, int groups, double t);
+    std::vector<std::unique_ptr<Force> > forces;
+    bool time = false, velocities = false;
+    std::vector<double> force_lab[3], torque_body[3];  // of slots, before add()
+    std::vector<OpenMM::Vec3> velocity;                // of bodies, that expressions see
+};
+
+}  // namespace RigidHIPlugin
+
+#endif
