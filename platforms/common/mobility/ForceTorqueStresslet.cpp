@@ -31,8 +31,8 @@ Matrix3d crossProduct(const Vector3d& v) {
 
 /** What two spheres do to each other at centre distance r, direction n from j to i; in units of 1/(8 pi viscosity). */
 struct PairMobility {
-    Matrix3d tt, rt, rr;                    // of (F_j, T_j) on (U_i, Omega_i); the coupling of T_j to U_i equals rt
-    Eigen::Matrix<double, 3, 5> ts, rs;     // of S_j on (U_i, Omega_i)
+    Matrix3d tt, rt, rr;                 // of (F_j, T_j) on (U_i, Omega_i); the coupling of T_j to U_i equals rt
+    Eigen::Matrix<double, 3, 5> ts, rs;  // of S_j on (U_i, Omega_i)
     Eigen::Matrix<double, 3, 5> tsBackward, rsBackward;  // of S_i on (U_j, Omega_j)
     Eigen::Matrix<double, 5, 5> ss;
 

@@ -41,10 +41,10 @@ double distanceBetween(const Vec3& a, const Vec3& b) {
 MatrixXd choleskyFactor(const MatrixXd& matrix) {
     const Eigen::LLT<MatrixXd> factor(matrix);
     if (factor.info() != Eigen::Success)
-        throw OpenMMException(
-            "StokesianDynamics: the matrix of " + std::to_string(matrix.rows() / 6) +
-            " spheres is not positive definite; do spheres overlap by more than a minimum gap can bridge? Separate them, "
-            "use smaller time steps, or the model RotnePragerYamakawa");
+        throw OpenMMException("StokesianDynamics: the matrix of " + std::to_string(matrix.rows() / 6) +
+                              " spheres is not positive definite; do spheres overlap by more than a minimum gap can "
+                              "bridge? Separate them, "
+                              "use smaller time steps, or the model RotnePragerYamakawa");
     return factor.matrixL();
 }
 
@@ -73,11 +73,11 @@ StokesianDynamics::StokesianDynamics(const HydrodynamicParticles& particles, dou
                                   " has no torque; make it a body of its own, or use the model RotnePragerYamakawa");
         const auto inserted = particleOfBody.emplace(particles.body[i], i);
         if (particles.body[i] >= 0 && !inserted.second)
-            throw OpenMMException("StokesianDynamics is a model of single spheres, and body " +
-                                  std::to_string(particles.body[i]) + " has particles " +
-                                  std::to_string(particles.systemIndex[inserted.first->second]) + " and " +
-                                  std::to_string(particles.systemIndex[i]) +
-                                  " that the fluid sees; give all but one the radius 0, or use the model RotnePragerYamakawa");
+            throw OpenMMException(
+                "StokesianDynamics is a model of single spheres, and body " + std::to_string(particles.body[i]) +
+                " has particles " + std::to_string(particles.systemIndex[inserted.first->second]) + " and " +
+                std::to_string(particles.systemIndex[i]) +
+                " that the fluid sees; give all but one the radius 0, or use the model RotnePragerYamakawa");
     }
     std::vector<double> radii = particles.radii;
     std::sort(radii.begin(), radii.end());
@@ -126,8 +126,9 @@ void StokesianDynamics::setPositions(const std::vector<Vec3>& newPositions) {
         for (i = 0; i < particles.size(); i++)
             for (j = i + 1; j < particles.size(); j++)
                 if (newPositions[i] == newPositions[j])
-                    throw OpenMMException("StokesianDynamics: " + nameOf(particles, i) + " and " + nameOf(particles, j) +
-                                          " are at the same place, so their line of centres has no direction; move one");
+                    throw OpenMMException(
+                        "StokesianDynamics: " + nameOf(particles, i) + " and " + nameOf(particles, j) +
+                        " are at the same place, so their line of centres has no direction; move one");
     positions = newPositions;
     farFieldMobility.resize(0, 0);
     cachedFriction.resize(0, 0);

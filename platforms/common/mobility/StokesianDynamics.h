@@ -48,8 +48,9 @@ private:
 
     const bool lubrication;
     const double minimumGap;
-    std::vector<int> kind;                                         // of each particle: index of its radius among the distinct radii
-    std::vector<std::vector<std::shared_ptr<const TwoSphereResistance>>> tables;  // [kind of the larger][kind of the smaller]
+    std::vector<int> kind;  // of each particle: index of its radius among the distinct radii
+    std::vector<std::vector<std::shared_ptr<const TwoSphereResistance>>>
+        tables;  // [kind of the larger][kind of the smaller]
 
     std::vector<OpenMM::Vec3> positions;
     // of these positions; empty until they are needed

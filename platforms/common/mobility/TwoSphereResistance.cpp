@@ -103,7 +103,8 @@ private:
                 atSphere(Y, Q, -(n - m) * (n - m + 1) / (2 * below), 0, (n + m + 1) * (n + m) / (2 * beyond));
                 e.right(Y + sphere, 2 * sphere) = 2 * root;
                 // spin about y: v_x - i v_y = 2 (z - z_centre) = 2 (x cosh(xi) - 1)/(h sinh(xi)), v_z = -rho e^{i phi}
-                const Real previous = n > 0 ? sqrt2 * decay(n - 1, sphere) : Real(0), next = sqrt2 * decay(n + 1, sphere);
+                const Real previous = n > 0 ? sqrt2 * decay(n - 1, sphere) : Real(0),
+                           next = sqrt2 * decay(n + 1, sphere);
                 e.right(W + sphere, 2 * sphere + 1) = next / beyond - previous / below;
                 e.right(Y + sphere, 2 * sphere + 1) =
                     2 * (cosine * (n * previous / below + (n + 1) * next / beyond) - sqrt2 * decay(n, sphere)) / sine;
@@ -234,8 +235,7 @@ TwoSphereValues<double> forceTorqueStressletPair(double ratio, double gap) {
     const double radius[2] = {1, ratio}, r = (1 + gap / 2) * (1 + ratio);
     const Eigen::Matrix<double, 12, 12> mobility =
         forceTorqueStressletMobility({1, ratio}, {OpenMM::Vec3(), OpenMM::Vec3(0, 0, -r)}, 1.0);
-    const Eigen::Matrix<double, 12, 12> resistance =
-        mobility.llt().solve(Eigen::Matrix<double, 12, 12>::Identity());
+    const Eigen::Matrix<double, 12, 12> resistance = mobility.llt().solve(Eigen::Matrix<double, 12, 12>::Identity());
     TwoSphereValues<double> f;
     for (int i = 0; i < 2; i++)
         for (int j = 0; j < 2; j++) {
@@ -281,6 +281,8 @@ struct LubricationConstants {
 /** Where the expansion near contact replaces the solution, and is fitted to it: gaps in units of twice the reduced radius. */
 constexpr double nearContact = 1e-3, fitTo = 4e-2;
 constexpr int numFitGaps = 20, fitPower = 6;
+/** Beyond this gap what FTS lacks, of order (a/r)^6, is 1e-13 and below the rounding of the difference. */
+constexpr double farApart = 300;
 
 /** 1, u, then u^k and u^k ln u for k = 2 ... fitPower: what is left of a lubrication expansion beside its singular terms. */
 Eigen::Array<double, 2 * fitPower, 1> nearContactTerms(double u, double scale) {
@@ -309,7 +311,8 @@ TwoSphereResistance::TwoSphereResistance(double ratio) : ratio(ratio) {
     logarithm.setZero();
     gapLogarithm.setZero();
     const LubricationConstants one(ratio), two(1 / ratio);
-    const double sum = 1 + ratio, A12 = -2 / sum, B12 = -4 / (sum * sum), B21 = B12 * ratio * ratio, C12 = -8 / (sum * sum * sum);
+    const double sum = 1 + ratio, A12 = -2 / sum, B12 = -4 / (sum * sum), B21 = B12 * ratio * ratio,
+                 C12 = -8 / (sum * sum * sum);
     const auto set = [&](int function, double inverse, double log, double gapLog) {
         inverseGap[function] = inverse / 2;
         logarithm[function] = log;
@@ -335,6 +338,7 @@ TwoSphereResistance::TwoSphereResistance(double ratio) : ratio(ratio) {
     // what is left, exact - FTS - singular, at a gap where it can be solved for
     const auto remainder = [&](double u) -> Values {
         const double gap = relativeGap(u);
+        if (gap > farApart) return -singularTerms(u);
         return solveTwoSpheres(ratio, gap) - forceTorqueStressletPair(ratio, gap) - singularTerms(u);
     };
     const double reduced = 4 * ratio / (sum * sum);  // twice the reduced radius in mean radii
