@@ -90,8 +90,10 @@ TEST(TwoSpheres, TableAgainstSolutionAtEveryGap) {
         const TwoSphereResistance table(ratio);
         double worst = 0;
         for (double gap = 1e-4; gap < 1e3; gap *= 2.1) {
-            const TwoSphereValues<long double> solution = solveTwoSpheres<long double>(ratio, gap);
-            worst = max(worst, difference(table.exact(gap), solution.cast<double>()));
+            // double's rounding grows as 1/gap
+            const Values solution = gap < 0.01 ? Values(solveTwoSpheres<long double>(ratio, gap).cast<double>())
+                                               : solveTwoSpheres(ratio, gap);
+            worst = max(worst, difference(table.exact(gap), solution));
         }
         printf("ratio %g: largest error %.1e\n", ratio, worst);
         EXPECT_LT(worst, 5e-10);
@@ -117,15 +119,15 @@ TEST(TwoSpheres, LubricationLimits) {
 }
 
 TEST(TwoSpheres, ExchangeOfSpheres) {
-    for (double ratio : {1.0, 0.3, 0.1})
+    for (double ratio : {1.0, 0.3, 0.1}) {
+        const TwoSphereResistance table(ratio), other(1 / ratio);
         for (double gap : {1e-8, 1e-3, 0.1, 3.0, 100.0}) {
-            EXPECT_LT(
-                difference(TwoSphereResistance(ratio).exact(gap), exchanged(TwoSphereResistance(1 / ratio).exact(gap))),
-                1e-9);
-            if (gap >= 1e-3) {
-                EXPECT_LT(difference(solveTwoSpheres(ratio, gap), exchanged(solveTwoSpheres(1 / ratio, gap))), 1e-9);
+            EXPECT_LT(difference(table.exact(gap), exchanged(other.exact(gap))), 1e-9);
+            if (gap >= 1e-2) {
+                EXPECT_LT(difference(solveTwoSpheres(ratio, gap), exchanged(solveTwoSpheres(1 / ratio, gap))), 1e-11);
             }
         }
+    }
 }
 
 TEST(TwoSpheres, FarApart) {
