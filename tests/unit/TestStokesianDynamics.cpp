@@ -21,8 +21,8 @@ HydrodynamicParticles spheres(const vector<double>& radii) {
     return particles;
 }
 
-MatrixXd frictionOf(const vector<double>& radii, const vector<Vec3>& positions, bool lubrication = true, double minimumGap = 0,
-                    double viscosity = 1) {
+MatrixXd frictionOf(const vector<double>& radii, const vector<Vec3>& positions, bool lubrication = true,
+                    double minimumGap = 0, double viscosity = 1) {
     StokesianDynamics model(spheres(radii), viscosity, lubrication, minimumGap);
     model.setPositions(positions);
     MatrixXd friction;
@@ -40,7 +40,9 @@ MatrixXd scaled(const MatrixXd& friction, const vector<double>& radii) {
     return scale.asDiagonal() * friction * scale.asDiagonal();
 }
 
-VectorXd eigenvalues(const MatrixXd& m) { return Eigen::SelfAdjointEigenSolver<MatrixXd>(m, Eigen::EigenvaluesOnly).eigenvalues(); }
+VectorXd eigenvalues(const MatrixXd& m) {
+    return Eigen::SelfAdjointEigenSolver<MatrixXd>(m, Eigen::EigenvaluesOnly).eigenvalues();
+}
 
 Vec3 randomDirection(mt19937& generator) {
     normal_distribution<double> normal;
@@ -56,7 +58,8 @@ vector<Vec3> cluster(const vector<double>& radii, const vector<double>& gaps, mt
         const double gap = gaps[generator() % gaps.size()];
         const Vec3 trial = positions[next] + randomDirection(generator) * ((radii[i] + radii[next]) * (1 + gap / 2));
         bool free = true;
-        for (int j = 0; j < i; j++) free = free && (j == next || norm(trial - positions[j]) > (radii[i] + radii[j]) * (1 + 5e-7));
+        for (int j = 0; j < i; j++)
+            free = free && (j == next || norm(trial - positions[j]) > (radii[i] + radii[j]) * (1 + 5e-7));
         if (free) positions.push_back(trial);
     }
     return positions;
@@ -131,7 +134,8 @@ TEST(StokesianDynamics, IsolatedPairIsExact) {
             const auto element = [&](int i, int j, const Vec3& u, const Vec3& v, int torque, int spin) {
                 double sum = 0;
                 for (int k = 0; k < 3; k++)
-                    for (int l = 0; l < 3; l++) sum += u[k] * friction(row[i] + 3 * torque + k, row[j] + 3 * spin + l) * v[l];
+                    for (int l = 0; l < 3; l++)
+                        sum += u[k] * friction(row[i] + 3 * torque + k, row[j] + 3 * spin + l) * v[l];
                 return sum;
             };
             const double a[2] = {a1, a2};
@@ -164,7 +168,7 @@ TEST(StokesianDynamics, ForceAndTorqueBlocksFarApart) {
     EXPECT_NEAR(mobility(2, 8) * 8 * M_PI * r, 2 - 2 * squares / (3 * r * r), 2e-7);  // the stresslets' share is 3e-8
     EXPECT_NEAR(mobility(9, 3) * 16 * M_PI * r * r * r, -1, 1e-6);
     EXPECT_NEAR(mobility(11, 5) * 8 * M_PI * r * r * r, 1, 1e-6);
-    EXPECT_NEAR(mobility(3, 7) * 8 * M_PI * r * r, -(-1), 1e-6);  // Omega_0 = F_1 x n/(8 pi r²): y x z = x
+    EXPECT_NEAR(mobility(3, 7) * 8 * M_PI * r * r, 1, 1e-6);  // Omega_0 = F_1 x n/(8 pi r²): y x z = x
 }
 
 TEST(StokesianDynamics, MatricesAgreeAndAreSymmetric) {
@@ -212,7 +216,9 @@ TEST(StokesianDynamics, TurnsWithTheLaboratoryAndTheNumbering) {
         positions.push_back(threePositions[order[i]]);
         permutation.block<6, 6>(6 * i, 6 * order[i]).setIdentity();
     }
-    EXPECT_LT((frictionOf(radii, positions) - permutation * friction * permutation.transpose()).norm() / friction.norm(), 1e-13);
+    EXPECT_LT(
+        (frictionOf(radii, positions) - permutation * friction * permutation.transpose()).norm() / friction.norm(),
+        1e-13);
 }
 
 TEST(StokesianDynamics, LubricationIsPositiveSemidefinite) {
@@ -220,7 +226,8 @@ TEST(StokesianDynamics, LubricationIsPositiveSemidefinite) {
         const vector<double> radii = {1, ratio};
         for (double gap = 1e-6; gap < 20; gap *= 2) {
             const vector<Vec3> positions = {Vec3(), Vec3(0, 0, (1 + ratio) * (1 + gap / 2))};
-            const MatrixXd lubrication = scaled(frictionOf(radii, positions) - frictionOf(radii, positions, false), radii);
+            const MatrixXd lubrication =
+                scaled(frictionOf(radii, positions) - frictionOf(radii, positions, false), radii);
             const VectorXd values = eigenvalues(lubrication);
             EXPECT_GT(values[0], -1e-14 - 1e-15 * values[11]) << ratio << " " << gap;
         }
@@ -240,7 +247,8 @@ TEST(StokesianDynamics, PositiveDefiniteForRandomClusters) {
         smallest = min(smallest, value);
         ASSERT_GT(value, 1e-3) << sample;
         // Galerkin's far field is a bound from below, so what lubrication adds is positive
-        ASSERT_GT(eigenvalues(friction - scaled(frictionOf(radii, positions, false), radii))[0], -1e-14 * friction.norm());
+        ASSERT_GT(eigenvalues(friction - scaled(frictionOf(radii, positions, false), radii))[0],
+                  -1e-14 * friction.norm());
     }
     printf("smallest eigenvalue %g\n", smallest);
 }
@@ -269,7 +277,8 @@ TEST(StokesianDynamics, MinimumGap) {
     };
     EXPECT_LT((frictionOf(radii, at(0.03), true, minimumGap) - frictionOf(radii, at(0.03))).norm(), 1e-12);
     for (double gap : {0.01, 0.0, -0.1}) EXPECT_LT((lubrication(gap) - lubrication(minimumGap)).norm(), 1e-10) << gap;
-    EXPECT_LT((frictionOf(radii, at(-0.1), true, minimumGap) - frictionOf(radii, at(0), true, minimumGap)).norm(), 1e-10);
+    EXPECT_LT((frictionOf(radii, at(-0.1), true, minimumGap) - frictionOf(radii, at(0), true, minimumGap)).norm(),
+              1e-10);
     EXPECT_GT(eigenvalues(frictionOf(radii, at(-0.1), true, minimumGap))[0], 0.1);
     int i, j;
     EXPECT_FALSE(StokesianDynamics(spheres(radii), 1, true, minimumGap).overlaps(at(-0.1), i, j));
@@ -279,7 +288,8 @@ TEST(StokesianDynamics, RefusedOverlap) {
     for (bool lubrication : {true, false}) {
         StokesianDynamics model(spheres({1, 0.5, 0.5}), 1, lubrication, 0);
         int i = -1, j = -1;
-        const vector<Vec3> apart = {Vec3(), Vec3(2, 0, 0), Vec3(0, 2, 0)}, overlapping = {Vec3(), Vec3(2, 0, 0), Vec3(2, 0.9, 0)};
+        const vector<Vec3> apart = {Vec3(), Vec3(2, 0, 0), Vec3(0, 2, 0)},
+                           overlapping = {Vec3(), Vec3(2, 0, 0), Vec3(2, 0.9, 0)};
         EXPECT_FALSE(model.overlaps(apart, i, j));
         EXPECT_TRUE(model.overlaps(overlapping, i, j));
         EXPECT_EQ(i, 1);
@@ -289,14 +299,17 @@ TEST(StokesianDynamics, RefusedOverlap) {
         model.setPositions(apart);
         model.friction(before);
         expectError([&] { model.setPositions(overlapping); },
-                    {"particle 101 (body 1)", "particle 102 (body 2)", "overlap or touch: their distance is 0.9 nm", "sum of their radii 1 nm",
-                     "setMinimumGap", "RotnePragerYamakawa"});
+                    {"particle 101 (body 1)", "particle 102 (body 2)", "overlap or touch: their distance is 0.9 nm",
+                     "sum of their radii 1 nm", "setMinimumGap", "RotnePragerYamakawa"});
         model.friction(after);
         EXPECT_EQ((before - after).norm(), 0) << "the last good positions stay";
     }
     StokesianDynamics allowed(spheres({1, 0.5}), 1, true, 0.01);
-    expectError([&] { allowed.setPositions({Vec3(1, 1, 1), Vec3(1, 1, 1)}); },
-                {"particle 100 (body 0) and particle 101 (body 1)", "are at the same place, so their line"});
+    expectError(
+        [&] {
+            allowed.setPositions({Vec3(1, 1, 1), Vec3(1, 1, 1)});
+        },
+        {"particle 100 (body 0) and particle 101 (body 1)", "are at the same place, so their line"});
 }
 
 TEST(StokesianDynamics, RefusedParticles) {
@@ -305,15 +318,20 @@ TEST(StokesianDynamics, RefusedParticles) {
     };
     HydrodynamicParticles freeParticle = spheres({1}), twoInABody = spheres({1, 1});
     freeParticle.add(0.5, false, 7, -1);
-    expectError([&] { construct(freeParticle); }, {"is a model of spheres that rotate", "particle 7 (in no body)", "RotnePragerYamakawa"});
+    expectError([&] { construct(freeParticle); },
+                {"is a model of spheres that rotate", "particle 7 (in no body)", "RotnePragerYamakawa"});
     twoInABody.add(1, true, 9, 1);
     expectError([&] { construct(twoInABody); }, {"is a model of single spheres", "body 1 has particles 101 and 9"});
-    expectError([&] { construct(spheres({1, 0.05, 1.5})); },
-                {"the radii 1.5 nm of particle 102 (body 2) and 0.05 nm of particle 101 (body 1) have the ratio 30",
-                 "lubrication is known up to a ratio of 10", "setLubrication(False)"});
+    expectError(
+        [&] {
+            construct(spheres({1, 0.05, 1.5}));
+        },
+        {"the radii 1.5 nm of particle 102 (body 2) and 0.05 nm of particle 101 (body 1) have the ratio 30",
+         "lubrication is known up to a ratio of 10", "setLubrication(False)"});
     construct(spheres({1, 0.05}), false);
     for (double gap : {-0.1, 1.0, double(NAN)})
-        expectError([&] { construct(spheres({1}), true, gap); }, {"the minimum gap is ", "mean radii of a pair; it must be"});
+        expectError([&] { construct(spheres({1}), true, gap); },
+                    {"the minimum gap is ", "mean radii of a pair; it must be"});
 }
 
 TEST(StokesianDynamics, HopelessOverlapIsAnError) {

@@ -281,6 +281,8 @@ struct LubricationConstants {
 /** Where the expansion near contact replaces the solution, and is fitted to it: gaps in units of twice the reduced radius. */
 constexpr double nearContact = 1e-3, fitTo = 4e-2;
 constexpr int numFitGaps = 20, fitPower = 6;
+/** Beyond this gap what FTS lacks, of order (a/r)^6, is 1e-13 and below the rounding of the difference. */
+constexpr double farApart = 300;
 
 /** 1, u, then u^k and u^k ln u for k = 2 ... fitPower: what is left of a lubrication expansion beside its singular terms. */
 Eigen::Array<double, 2 * fitPower, 1> nearContactTerms(double u, double scale) {
@@ -336,6 +338,7 @@ TwoSphereResistance::TwoSphereResistance(double ratio) : ratio(ratio) {
     // what is left, exact - FTS - singular, at a gap where it can be solved for
     const auto remainder = [&](double u) -> Values {
         const double gap = relativeGap(u);
+        if (gap > farApart) return -singularTerms(u);
         return solveTwoSpheres(ratio, gap) - forceTorqueStressletPair(ratio, gap) - singularTerms(u);
     };
     const double reduced = 4 * ratio / (sum * sum);  // twice the reduced radius in mean radii

@@ -38,8 +38,8 @@ using TwoSphereValues = Eigen::Array<Real, NumTwoSphereFunctions, 1>;
  * Method:    u = x Q/2 + v with Q and v harmonic, expanded in bispherical coordinates. No slip on both spheres and div u = 0 are a block
  *            tridiagonal system in the order n of the harmonics, for azimuthal order 0 (6 unknowns an n) and 1 (8); rotation
  *            about the line of centres has closed coefficients. Exact but for truncation, which is below rounding.
- * Accuracy:  of double 1e-12 relative at gap 1e-2, 1e-9 at 1e-4 (rounding grows as 1/gap); of long double 2000 times better.
- * Cost:      about 25 sqrt(1/gap) orders; double 0.3 ms at gap 1e-1, 3 ms at 1e-3 for equal spheres.
+ * Accuracy:  of double 1e-13 at gap 1e-2, 1e-12 at 1e-3, 2e-11 at 1e-4 (rounding grows as 1/gap); of long double 2000 times better.
+ * Cost:      about 25/alpha orders, alpha = sqrt(gap) for equal spheres: 0.15 ms at gap 1e-1, 1.3 ms at 1e-3; ratio 10: 0.4 and 10 ms.
  * Reference: O'Neill, Mathematika 11:67 (1964) and Stimson and Jeffery (1926) for the coordinates; the equations are in the source.
  *
  * @param ratio  a_2/a_1
@@ -60,8 +60,9 @@ TwoSphereValues<double> forceTorqueStressletPair(double ratio, double gap);
  * Method:    with u = gap/(centre distance), singular terms G1/u + (G2 + G3 u) ln u of lubrication in closed form, plus one Chebyshev
  *            series in u^(1/4), in which what is left, about u² ln u, is smooth enough. One expression for all gaps: no joints, infinitely
  *            differentiable. Nodes too close for solveTwoSpheres() take an expansion in u and ln u fitted where it is precise.
- * Accuracy:  1e-9 absolute, or relative to the function where it exceeds 1, for gaps from 0 to infinity; tests/unit/TestTwoSpheres.cpp.
- * Cost:      construction 0.1 s, evaluation below 1 us. Immutable: threads may share one.
+ * Accuracy:  2e-10 (ratio 10), 2e-11 (equal spheres) near contact, 1e-12 at gaps above 1e-2; absolute, or relative to the function where it
+ *            exceeds 1. Checked at gaps of 1e-6 to 1e3 in tests/unit/TestTwoSpheres.cpp.
+ * Cost:      construction 0.03 s (equal) to 0.15 s (ratio 10), evaluation 0.3 us. Immutable: threads may share one.
  * Reference: Jeffrey and Onishi, J. Fluid Mech. 139:261 (1984), constants of the singular terms.
  * Limits:    ratios from 0.1 to 10.
  */
