@@ -208,7 +208,6 @@ map<string, string> RigidBodyKernel::getEffects(ContextImpl& context) {
         stock.barostat.empty() ? "the System has none" : "the System has a " + stock.barostat);
     const int groups = integrator->getIntegrationForceGroups();
     set("body forces", bodyForces.isOn(groups), bodyForces.describe(groups));
-    set("hydrodynamic interactions", false, "the scheme knows none");
     set("loops", true, loops->describe());
 
     // In water the three axes differ by a factor 3; here an axis relaxes ten times slower than the mean of the live
