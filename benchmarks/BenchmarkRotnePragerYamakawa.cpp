@@ -11,6 +11,7 @@
 
 #include "CpuRotnePragerYamakawa.h"
 #include "hwy/targets.h"
+#include "mobility/Lanczos.h"
 #include "mobility/RotnePragerYamakawa.h"
 
 using namespace RigidHIPlugin;
@@ -141,6 +142,35 @@ BENCHMARK(matrix)
     ->Args({100, 1})
     ->Args({1000, 1})
     ->Args({1000, 2})
+    ->Unit(benchmark::kMillisecond)
+    ->UseRealTime();
+
+/** What LangevinHI asks for in a step: exp(-Sh) z and sqrt(1 - exp(-2Sh)) chi, here for S^-1 = M. */
+void decayAndNoise(benchmark::State& state) {
+    const int n = state.range(0), threads = state.range(2);
+    const double tolerance = std::pow(10, -state.range(1)), h = 1.0 / (6 * M_PI);  // relaxation times of a sphere
+    restrictTo(best);
+    ThreadPool pool(threads);
+    const Scene scene(n, Spheres);
+    CpuRotnePragerYamakawa M(scene.particles, 1.0, threads > 1 ? onThreads(pool) : CpuRotnePragerYamakawa::ForRanges());
+    M.setPositions(scene.positions);
+    const Eigen::MatrixXd x = Eigen::MatrixXd::Random(M.getNumRows(), 2);
+    Eigen::MatrixXd result;
+    Lanczos lanczos(tolerance);
+    const auto product = [&](const Eigen::MatrixXd& in, Eigen::MatrixXd& out) { M.apply(in, out); };
+    const std::vector<SpectralFunction> functions = {SpectralFunction::decay(h), SpectralFunction::decayNoise(h)};
+    for (auto _ : state) lanczos.apply(product, x, functions, result, Lanczos::NormOfSum);
+    state.counters["products"] = lanczos.getNumProducts();
+    state.counters["iterations"] = lanczos.getNumIterations();
+}
+BENCHMARK(decayAndNoise)
+    ->ArgNames({"n", "digits", "threads"})
+    ->Args({10, 3, 1})
+    ->Args({100, 3, 1})
+    ->Args({100, 6, 1})
+    ->Args({1000, 3, 1})
+    ->Args({1000, 3, 2})
+    ->Args({10000, 3, 2})
     ->Unit(benchmark::kMillisecond)
     ->UseRealTime();
 

@@ -135,12 +135,10 @@ void Lanczos::evaluate(Column& column, const SpectralFunction& f) {
     Eigen::SelfAdjointEigenSolver<MatrixXd> solver;
     solver.computeFromTridiagonal(Eigen::Map<const VectorXd>(column.alpha.data(), k) / column.scale,
                                   Eigen::Map<const VectorXd>(column.beta.data(), k - 1) / column.scale);
-    if (solver.info() != Eigen::Success)
-        throw OpenMMException("MobilityForce: eigenvalues in the Lanczos iteration were not found");
     ritzValues = column.scale * solver.eigenvalues();
     column.smallest = ritzValues[0];
     column.largest = ritzValues[k - 1];
-    if (!(column.smallest > 0)) {
+    if (solver.info() != Eigen::Success || !(column.smallest > 0)) {
         std::ostringstream message;
         message << "MobilityForce: the mobility is not positive definite (eigenvalues from " << column.smallest
                 << " to " << column.largest << "); look for particles at the same place";
