@@ -1,4 +1,4 @@
-"""The C++ header, the SWIG interface and the Python class declare the same methods, parameters and constants."""
+"""The C++ headers, the SWIG interface and the Python classes declare the same methods, parameters and constants."""
 import inspect
 import re
 
@@ -6,24 +6,31 @@ import openmmrigidhi
 import pytest
 from conftest import read
 
-HEADER = 'openmmapi/include/openmmrigidhi/CustomRigidHIIntegrator.h'
 INTERFACE = 'python/openmmrigidhi.i'
-CLASS = 'CustomRigidHIIntegrator'
+#: Every public class; its header is named after it.
+CLASSES = ['CustomRigidHIIntegrator', 'MobilityForce']
 
 #: Names that C++ parameters by reference have as results in Python.
 RESULTS = {'getRigidBodyParameters': {'particles', 'mass', 'principalMoments', 'sitePositions'},
            'getBodyFriction': {'gamma', 'Gamma'}}
 #: Python methods beyond C++, each with its reason.
 PYTHON_ONLY = {'cast': 'OpenMM returns generic objects in Python only'}
+#: Setters that others undo or that have another getter, and why.
+WITHOUT_GETTER = {}
+INHERITED_GETTERS = {'getStepSize', 'getConstraintTolerance'}
+
+
+def header(cls):
+    return f'openmmapi/include/openmmrigidhi/{cls}.h'
 
 
 def without_comments(text):
     return re.sub(r'//[^\n]*', '', re.sub(r'/\*.*?\*/', '', text, flags=re.S))
 
 
-def class_body(text):
+def class_body(text, cls):
     """The text between the braces of the class."""
-    start = re.search(rf'class\s+(?:\w+\s+)?{CLASS}\s*:[^{{;]*{{', text).end()
+    start = re.search(rf'class\s+(?:\w+\s+)?{cls}\s*:[^{{;]*{{', text).end()
     depth, end = 1, start
     while depth > 0:
         depth += {'{': 1, '}': -1}.get(text[end], 0)
@@ -31,21 +38,23 @@ def class_body(text):
     return text[start:end-1]
 
 
-def public_part(name):
+def public_part(name, cls):
     text = read(name)
     # What is marked @private is not for users.
     text = re.sub(r'/\*\* @private.*?\*/.*?;', '', text, flags=re.S)
-    body = class_body(without_comments(text))
+    body = class_body(without_comments(text), cls)
     body = re.sub(r'%extend\s*{.*?\n    }', '', body, flags=re.S)
     return re.split(r'\b(?:protected|private)\s*:', body.split('public:', 1)[1])[0]
 
 
-def declarations(name):
+def declarations(name, cls):
     """Method declarations of the public part, in one form: 'int f(const A& a) const'."""
-    body = re.sub(r'enum\b.*?};', '', public_part(name), flags=re.S)
+    body = re.sub(r'enum\b.*?};', '', public_part(name, cls), flags=re.S)
+    # The bodies of one-line methods; what follows them is a declaration of its own.
+    body = re.sub(r'{[^{}]*}', ';', body)
     found = [' '.join(declaration.split()) for declaration in body.split(';')]
     found = [re.sub(r' override$', '', d).replace('RigidHIPlugin::', '').replace('( ', '(') for d in found]
-    return [d for d in found if '(' in d and f'{CLASS}(' not in d]
+    return [d for d in found if '(' in d and f'{cls}(' not in d]
 
 
 def method(declaration):
@@ -54,50 +63,65 @@ def method(declaration):
     return name, [parameter.split()[-1].lstrip('&*') for parameter in parameters.split(',') if parameter.strip()]
 
 
-def enumerators(name):
+def names(cls):
+    return {method(d)[0] for d in declarations(header(cls), cls)}
+
+
+def enumerators(name, cls):
     return {enum: re.findall(r'(\w+)\s*=\s*(\d+)', values)
-            for enum, values in re.findall(r'enum (\w+)\s*:\s*int\s*{(.*?)}', public_part(name), flags=re.S)}
+            for enum, values in re.findall(r'enum (\w+)\s*:\s*int\s*{(.*?)}', public_part(name, cls), flags=re.S)}
+
+
+def python_class(cls):
+    return getattr(openmmrigidhi, cls)
 
 
 def test_parsing_finds_the_methods():
-    names = {method(d)[0] for d in declarations(HEADER)}
-    assert {'addRigidBody', 'setBodyFriction', 'getBodyOrientations', 'step'} <= names
-    assert len(declarations(HEADER)) > 40
+    assert {'addRigidBody', 'setBodyFriction', 'getBodyOrientations', 'step'} <= names('CustomRigidHIIntegrator')
+    assert len(declarations(header('CustomRigidHIIntegrator'), 'CustomRigidHIIntegrator')) > 40
+    assert {'addParticle', 'getNumParticles', 'setLubrication', 'getMobilityInContext'} <= names('MobilityForce')
+    assert enumerators(header('MobilityForce'), 'MobilityForce')['Solver'] == [('Auto', '0'), ('Dense', '1'), ('MatrixFree', '2')]
 
 
-def test_interface_repeats_the_header():
-    header, interface = set(declarations(HEADER)), set(declarations(INTERFACE))
-    assert header - interface == set(), 'in the C++ header but not in the SWIG interface'
-    assert interface - header == set(), 'in the SWIG interface but not in the C++ header'
+def test_every_class_is_listed():
+    interface = without_comments(read(INTERFACE))
+    wrapped = set(re.findall(r'^class (\w+) : public', interface, flags=re.M))
+    assert wrapped == set(CLASSES), 'add the class to the lists of tests/lint'
 
 
-def test_constants_agree():
-    assert enumerators(HEADER) == enumerators(INTERFACE)
-    for constants in enumerators(HEADER).values():
+@pytest.mark.parametrize('cls', CLASSES)
+def test_interface_repeats_the_header(cls):
+    in_header, interface = set(declarations(header(cls), cls)), set(declarations(INTERFACE, cls))
+    assert in_header - interface == set(), 'in the C++ header but not in the SWIG interface'
+    assert interface - in_header == set(), 'in the SWIG interface but not in the C++ header'
+
+
+@pytest.mark.parametrize('cls', CLASSES)
+def test_constants_agree(cls):
+    assert enumerators(header(cls), cls) == enumerators(INTERFACE, cls)
+    for constants in enumerators(header(cls), cls).values():
         for name, value in constants:
-            assert int(getattr(openmmrigidhi.CustomRigidHIIntegrator, name)) == int(value)
+            assert int(getattr(python_class(cls), name)) == int(value)
 
 
-@pytest.mark.parametrize('declaration', declarations(HEADER))
-def test_python_class_has_the_method(declaration):
+@pytest.mark.parametrize('cls, declaration', [(cls, d) for cls in CLASSES for d in declarations(header(cls), cls)])
+def test_python_class_has_the_method(cls, declaration):
     name, parameters = method(declaration)
-    python = vars(openmmrigidhi.CustomRigidHIIntegrator).get(name)
+    python = vars(python_class(cls)).get(name)
     assert python is not None, f'{name} is not defined in the Python class: units would not be checked'
     expected = [p for p in parameters if p not in RESULTS.get(name, ())]
     assert list(inspect.signature(python).parameters)[1:][:len(expected)] == expected
 
 
-def test_python_methods_are_methods_of_the_header():
-    known = {method(d)[0] for d in declarations(HEADER)}
-    public = {name for name, value in vars(openmmrigidhi.CustomRigidHIIntegrator).items()
-              if not name.startswith('_') and callable(getattr(openmmrigidhi.CustomRigidHIIntegrator, name))
-              and not isinstance(value, int)}
-    assert public - known - set(PYTHON_ONLY) == set()
+@pytest.mark.parametrize('cls', CLASSES)
+def test_python_methods_are_methods_of_the_header(cls):
+    public = {name for name, value in vars(python_class(cls)).items()
+              if not name.startswith('_') and callable(getattr(python_class(cls), name)) and not isinstance(value, int)}
+    assert public - names(cls) - set(PYTHON_ONLY) == set()
 
 
-def test_every_setter_has_its_getter():
-    names = {method(d)[0] for d in declarations(HEADER)}
-    inherited = {'getStepSize', 'getConstraintTolerance'}
-    for name in names:
-        if name.startswith('set'):
-            assert 'get' + name[3:] in names | inherited, f'{name} has no getter'
+@pytest.mark.parametrize('cls', CLASSES)
+def test_every_setter_has_its_getter(cls):
+    for name in names(cls):
+        if name.startswith('set') and name not in WITHOUT_GETTER:
+            assert 'get' + name[3:] in names(cls) | INHERITED_GETTERS, f'{name} has no getter'

@@ -66,8 +66,8 @@ def test_docstring_names_every_parameter(name):
 
 # ---- Units ------------------------------------------------------------------------------------------------------------
 
-#: Getters whose results have no dimension, and why.
-WITHOUT_UNIT = {
+#: Getters whose results have no dimension, and why, class by class.
+WITHOUT_UNIT = {'CustomRigidHIIntegrator': {
     'getNumRigidBodies': 'a number of bodies',
     'getRigidBodyParticles': 'indices',
     'getRigidBodyIsExplicit': 'a truth value',
@@ -82,9 +82,25 @@ WITHOUT_UNIT = {
     'getStepStatistics': 'counters, and seconds that say so in their names',
     'getConstraintTolerance': 'relative',
     'getIntegrationForceGroups': 'a bit mask',
-}
+}, 'MobilityForce': {
+    'getNumParticles': 'a number of particles',
+    'getModel': 'a constant',
+    'getBoundary': 'a constant',
+    'getSolver': 'a constant',
+    'getLubrication': 'a truth value',
+    'getMinimumGap': 'relative to radii',
+    'getSolverTolerance': 'relative',
+    'getBodyHasOwnTensor': 'a truth value',
+    'getBodyTensorIsFriction': 'a truth value',
+    'getBodyMobility': 'a matrix of mixed dimension',
+    'getBodyFriction': 'a matrix of mixed dimension',
+    'getBodiesWithOwnTensors': 'indices',
+    'getGroups': 'labels',
+    'getMobilityInContext': 'a matrix of mixed dimension',
+    'getFrictionInContext': 'a matrix of mixed dimension',
+}}
 #: The unit of every other getter.
-UNITS = {
+UNITS = {'CustomRigidHIIntegrator': {
     'getTemperature': unit.kelvin, 'getStepSize': unit.picosecond,
     'getFriction': unit.picosecond**-1, 'getRotationalFriction': unit.picosecond**-1,
     'getBodyFriction': unit.picosecond**-1,
@@ -98,48 +114,69 @@ UNITS = {
     'computeRotationalKineticEnergies': unit.kilojoule_per_mole,
     'computeFreeParticleKineticEnergy': unit.kilojoule_per_mole,
     'computeSystemTemperature': unit.kelvin,
-}
+}, 'MobilityForce': {
+    'getViscosity': unit.dalton/(unit.nanometer*unit.picosecond),
+    'getParticleRadius': unit.nanometer,
+}}
 #: Arrays over bodies: their number of columns.
 COLUMNS = {'getBodyPositions': 3, 'getBodyOrientations': 4, 'getBodyVelocities': 3, 'getBodyAngularVelocities': 3,
            'getBodyForces': 3, 'getBodyTorques': 3}
+#: Matrices over bodies or of one: their number of rows and columns.
+SQUARES = {'getBodyMobility': 6, 'getMobilityInContext': 12, 'getFrictionInContext': 12}
 NEEDS_INDEX = {'getRigidBodyParameters', 'getRigidBodyParticles', 'getRigidBodyIsExplicit',
-               'getRigidBodyGeometryIsKnown', 'getBodyFriction', 'getBodyHasOwnFriction'}
+               'getRigidBodyGeometryIsKnown', 'getBodyFriction', 'getBodyHasOwnFriction', 'getParticleRadius',
+               'getBodyHasOwnTensor', 'getBodyTensorIsFriction', 'getBodyMobility'}
 
-GETTERS = sorted(name for name in dir(openmmrigidhi.CustomRigidHIIntegrator)
-                 if name.startswith(('get', 'compute')))
+#: All getters of all classes: (class, method).
+GETTERS = sorted((cls, name) for cls in UNITS for name in dir(getattr(openmmrigidhi, cls))
+                 if name.startswith(('get', 'compute')) and name in {**vars(getattr(openmmrigidhi, cls)), **WITHOUT_UNIT[cls]})
 
 
 @pytest.fixture(scope='module')
-def integrator():
+def scene():
+    """One object of each class, at work in a Context."""
     system = openmm.System()
+    fluid = openmmrigidhi.MobilityForce()
     for _ in range(6):
         system.addParticle(12)
+        fluid.addParticle(0.1)
+    system.addForce(fluid)
+    fluid.setBodyMobility(0, np.eye(6))
     integrator = openmmrigidhi.CustomRigidHIIntegrator(300, 0.001)
     integrator.addRigidBody([0, 1, 2])
     integrator.addRigidBody([3, 4, 5])
+    integrator.setScheme(integrator.LangevinHI)
     context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
     context.setPositions(np.random.default_rng(1).random((6, 3)))
     context.setVelocitiesToTemperature(300, 1)
     integrator.step(2)
-    yield integrator
-    del context
+    yield {'CustomRigidHIIntegrator': integrator, 'MobilityForce': fluid, 'context': context}
 
 
-def result(integrator, name):
-    return getattr(integrator, name)(*([0] if name in NEEDS_INDEX else []))
+def result(scene, cls, name):
+    arguments = [scene['context']] if name.endswith('InContext') else [0] if name in NEEDS_INDEX else []
+    return getattr(scene[cls], name)(*arguments)
 
 
-@pytest.mark.parametrize('name', GETTERS)
-def test_getter_is_listed(name):
-    if name == 'getNumRigidBodies' or name in vars(openmmrigidhi.CustomRigidHIIntegrator):
-        assert (name in UNITS) != (name in WITHOUT_UNIT), f'{name}: say in this file which unit it returns, or why none'
+def cases(table):
+    return sorted((cls, name) for cls in table for name in table[cls] if (cls, name) in GETTERS)
 
 
-@pytest.mark.parametrize('name', sorted(UNITS))
-def test_getter_returns_its_unit(integrator, name):
-    value = result(integrator, name)
+def test_every_class_is_listed():
+    from test_cpp_python_parity import CLASSES
+    assert set(UNITS) == set(WITHOUT_UNIT) == set(CLASSES)
+
+
+@pytest.mark.parametrize('cls, name', GETTERS)
+def test_getter_is_listed(cls, name):
+    assert (name in UNITS[cls]) != (name in WITHOUT_UNIT[cls]), f'{name}: say in this file which unit it returns, or why none'
+
+
+@pytest.mark.parametrize('cls, name', cases(UNITS))
+def test_getter_returns_its_unit(scene, cls, name):
+    value, expected_units = result(scene, cls, name), UNITS[cls][name]
     values = value if isinstance(value, tuple) else (value,)
-    units = UNITS[name] if isinstance(UNITS[name], tuple) else (UNITS[name],)*len(values)
+    units = expected_units if isinstance(expected_units, tuple) else (expected_units,)*len(values)
     assert len(values) == len(units)
     for one, expected in zip(values, units):
         if expected is None:
@@ -148,13 +185,19 @@ def test_getter_returns_its_unit(integrator, name):
             assert unit.is_quantity(one) and one.unit.conversion_factor_to(expected) == 1, f'{name} returned {one}'
 
 
-@pytest.mark.parametrize('name', sorted(set(WITHOUT_UNIT) & set(GETTERS)))
-def test_getter_returns_no_unit(integrator, name):
-    assert not unit.is_quantity(result(integrator, name))
+@pytest.mark.parametrize('cls, name', cases(WITHOUT_UNIT))
+def test_getter_returns_no_unit(scene, cls, name):
+    assert not unit.is_quantity(result(scene, cls, name))
 
 
 @pytest.mark.parametrize('name', sorted(COLUMNS))
-def test_arrays_have_one_row_a_body(integrator, name):
-    value = result(integrator, name)
+def test_arrays_have_one_row_a_body(scene, name):
+    value = result(scene, 'CustomRigidHIIntegrator', name)
     value = value._value if unit.is_quantity(value) else value
     assert isinstance(value, np.ndarray) and value.shape == (2, COLUMNS[name]) and value.dtype == np.float64
+
+
+@pytest.mark.parametrize('name', sorted(SQUARES))
+def test_matrices_are_square(scene, name):
+    value = result(scene, 'MobilityForce', name)
+    assert isinstance(value, np.ndarray) and value.shape == 2*(SQUARES[name],) and value.dtype == np.float64

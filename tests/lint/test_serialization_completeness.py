@@ -9,9 +9,14 @@ import pytest
 from openmm import unit
 
 Integrator = openmmrigidhi.CustomRigidHIIntegrator
+MobilityForce = openmmrigidhi.MobilityForce
+CLASSES = {'CustomRigidHIIntegrator': Integrator, 'MobilityForce': MobilityForce}
+
+#: A symmetric positive definite tensor without zeros.
+TENSOR = np.eye(6)/3 + 0.01*np.add.outer(np.arange(6)/7, np.arange(6)/7)
 
 #: For each setter, arguments that differ from the default. A new setter needs a line here, or one below.
-VALUES = {
+VALUES = {'CustomRigidHIIntegrator': {
     'setTemperature': (271.25,),
     'setStepSize': (0.00375,),
     'setConstraintTolerance': (3.5e-7,),
@@ -24,27 +29,55 @@ VALUES = {
     'setGradientRotationalRelaxationTime': (0.0019,),
     'setRandomNumberSeed': (-987654321,),
     'setPoseTolerance': (0.0123,),
+    'setMaximumRejections': (17,),
     'setBodyFriction': (1, 0.1, 1/3),
     'setRigidBodyParameters': (0, [4, 1, 3], 7/3, (0.1, 0.2, 0.25), [(0.1, 0, 1/3), (0, -0.2, 0), (0, 0, 0)]),
-}
-#: Setters of what a State or checkpoint holds, not the integrator's XML, and why.
-STATE = {
+}, 'MobilityForce': {
+    'setForceGroup': (7,),
+    'setName': ('fluid <1> & "2"',),
+    'setParticleRadius': (1, 1/3),
+    'setViscosity': (1000/3,),
+    'setModel': (MobilityForce.FreeDraining,),
+    'setLubrication': (False,),
+    'setMinimumGap': (1e-3/3,),
+    'setSolver': (MobilityForce.MatrixFree,),
+    'setSolverTolerance': (1e-5/3,),
+    'setBodyMobility': (3, TENSOR),
+    'setBodyFriction': (2, TENSOR),
+    'setGroups': ([3, 0, 3, 1],),
+}}
+#: Setters of what a State or checkpoint holds, not the XML, or with one value only; and why.
+ELSEWHERE = {'CustomRigidHIIntegrator': {
     'setBodyPositions': 'state of a Context', 'setBodyOrientations': 'state of a Context',
     'setBodyVelocities': 'state of a Context', 'setBodyAngularVelocities': 'state of a Context',
-}
-SETTERS = sorted(name for name in dir(Integrator) if name.startswith('set'))
+}, 'MobilityForce': {
+    'setBoundary': 'Unbounded is the only one; a second one needs a line above',
+}}
+#: Setters whose getter takes the first argument.
+INDEXED = {'setBodyFriction', 'setRigidBodyParameters', 'setParticleRadius', 'setBodyMobility'}
+SETTERS = sorted((cls, name) for cls in CLASSES for name in dir(CLASSES[cls]) if name.startswith('set'))
+PROPERTIES = sorted((cls, setter) for cls in VALUES for setter in VALUES[cls])
 
 
-def fresh():
+def fresh(cls):
+    if cls == 'MobilityForce':
+        fluid = MobilityForce()
+        fluid.addParticle(0.5)
+        fluid.addParticle(0.25)
+        return fluid
     integrator = Integrator(300, 0.001)
     integrator.addRigidBody([0, 1, 2], 5.0, (1, 1, 1), [(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0)])
     integrator.addRigidBody([5, 6, 7])
     return integrator
 
 
-def value(integrator, setter):
-    index = VALUES[setter][:1] if setter in ('setBodyFriction', 'setRigidBodyParameters') else ()
-    return getattr(integrator, 'get' + setter[3:])(*index)
+def value(thing, cls, setter):
+    """What the getter says; None if there is nothing to get yet."""
+    index = VALUES[cls][setter][:1] if setter in INDEXED else ()
+    try:
+        return getattr(thing, 'get' + setter[3:])(*index)
+    except openmm.OpenMMException:
+        return None
 
 
 def same(a, b):
@@ -55,50 +88,63 @@ def same(a, b):
     return np.array_equal(a, b)
 
 
-def through_xml(integrator):
-    return Integrator.cast(openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(integrator)))
+def through_xml(thing):
+    return type(thing).cast(openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(thing)))
 
 
-def through_pickle(integrator):
-    return pickle.loads(pickle.dumps(integrator))
+def through_pickle(thing):
+    return pickle.loads(pickle.dumps(thing))
 
 
-@pytest.mark.parametrize('setter', SETTERS)
-def test_setter_is_listed(setter):
-    assert (setter in VALUES) != (setter in STATE), f'{setter}: give it a value that is not the default in this file'
+def test_every_class_is_listed():
+    from test_cpp_python_parity import CLASSES as all_classes
+    assert set(VALUES) == set(ELSEWHERE) == set(CLASSES) == set(all_classes)
 
 
-@pytest.mark.parametrize('setter', sorted(VALUES))
+@pytest.mark.parametrize('cls, setter', SETTERS)
+def test_setter_is_listed(cls, setter):
+    assert (setter in VALUES[cls]) != (setter in ELSEWHERE[cls]), \
+        f'{setter}: give it a value that is not the default in this file'
+
+
+def test_a_boundary_that_is_not_the_default_is_not_forgotten():
+    assert len(type(MobilityForce.Unbounded)) == 1, 'move setBoundary to VALUES'
+
+
+@pytest.mark.parametrize('cls, setter', PROPERTIES)
 @pytest.mark.parametrize('through', [through_xml, copy.copy, copy.deepcopy, through_pickle])
-def test_value_survives(setter, through):
-    integrator = fresh()
-    default = value(integrator, setter)
-    getattr(integrator, setter)(*VALUES[setter])
-    changed = value(integrator, setter)
+def test_value_survives(cls, setter, through):
+    thing = fresh(cls)
+    default = value(thing, cls, setter)
+    getattr(thing, setter)(*VALUES[cls][setter])
+    changed = value(thing, cls, setter)
     assert not same(default, changed), f'{setter}: the value in this file is the default'
-    assert same(value(through(integrator), setter), changed)
+    assert same(value(through(thing), cls, setter), changed)
 
 
+@pytest.mark.parametrize('cls', VALUES)
 @pytest.mark.parametrize('through', [through_xml, copy.copy, copy.deepcopy, through_pickle])
-def test_all_together_survive_to_the_same_xml(through):
-    integrator = fresh()
-    for setter in sorted(VALUES):
-        getattr(integrator, setter)(*VALUES[setter])
-    xml = openmm.XmlSerializer.serialize(integrator)
-    assert openmm.XmlSerializer.serialize(through(integrator)) == xml
+def test_all_together_survive_to_the_same_xml(cls, through):
+    thing = fresh(cls)
+    for setter in sorted(VALUES[cls]):
+        getattr(thing, setter)(*VALUES[cls][setter])
+    xml = openmm.XmlSerializer.serialize(thing)
+    assert openmm.XmlSerializer.serialize(through(thing)) == xml
 
 
-@pytest.mark.parametrize('constants', ['Scheme', 'NoiseLaw'])
-def test_every_constant_survives(constants):
-    kind = type(Integrator.LangevinA if constants == 'Scheme' else Integrator.Gaussian)
+@pytest.mark.parametrize('cls, constants', [('CustomRigidHIIntegrator', 'Scheme'), ('CustomRigidHIIntegrator', 'NoiseLaw'),
+                                            ('MobilityForce', 'Model'), ('MobilityForce', 'Boundary'),
+                                            ('MobilityForce', 'Solver')])
+def test_every_constant_survives(cls, constants):
+    kind = type(getattr(fresh(cls), 'get' + constants)())
     for constant in kind:
-        integrator = fresh()
-        getattr(integrator, 'set' + constants)(constant)
-        assert getattr(through_xml(integrator), 'get' + constants)() is constant
+        thing = fresh(cls)
+        getattr(thing, 'set' + constants)(constant)
+        assert getattr(through_xml(thing), 'get' + constants)() is constant
 
 
 def test_bodies_survive():
-    integrator = fresh()
+    integrator = fresh('CustomRigidHIIntegrator')
     integrator.setBodyFriction(0, 2, 3)
     twin = through_xml(integrator)
     assert twin.getNumRigidBodies() == 2

@@ -529,14 +529,21 @@ string Fluid::describe() const {
     return text.str();
 }
 
+void Fluid::continueCounters(const Fluid& before) {
+    numIterations = before.numIterations;
+    numSquareRoots = before.numSquareRoots;
+    productsBefore = before.numProducts();
+    matricesBefore = before.numMatrices();
+}
+
 long long Fluid::numProducts() const {
-    long long sum = 0;
+    long long sum = productsBefore;
     for (const auto& group : groups) sum += group->mobility->numProducts;
     return sum;
 }
 
 long long Fluid::numMatrices() const {
-    long long sum = 0;
+    long long sum = matricesBefore;
     for (const auto& group : groups) sum += group->mobility->numMatrices;
     return sum;
 }

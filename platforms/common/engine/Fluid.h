@@ -72,6 +72,8 @@ public:
     long long numProducts() const;
     long long numMatrices() const;
     long long numIterations = 0, numSquareRoots = 0;
+    /** Count on from where another fluid of this Context stopped. */
+    void continueCounters(const Fluid& before);
 
 private:
     struct Group {
@@ -102,6 +104,7 @@ private:
                     std::vector<OpenMM::Vec3>& velocities);
 
     const MobilityForce force;
+    long long productsBefore = 0, matricesBefore = 0;  // of the fluids before this one in the Context
     std::vector<std::unique_ptr<Group> > groups;
     std::vector<Group*> coupledGroups;
     std::vector<int> groupOfBody, groupOfFree;  // free: by place in FreeParticles, -1: not seen

@@ -93,7 +93,11 @@ void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegr
     bodyForces = BodyForces(context);
     stock.velocityDependentForce = bodyForces.velocityDependence();
     checkScheme(*system, *definitions, stock);
-    if (stock.mobilityForce) fluidParameters.reset(new MobilityForce(*stock.mobilityForce));
+    if (stock.mobilityForce) {
+        // A copy: what the user sets later waits for updateParametersInContext().
+        fluidParameters.reset(new MobilityForce(*stock.mobilityForce));
+        stock.mobilityForce = fluidParameters.get();
+    }
     loops = createLoops(context);
     freeParticles.reset(new FreeParticles(*system, stock.freeParticles));
 

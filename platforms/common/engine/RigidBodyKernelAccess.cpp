@@ -190,7 +190,8 @@ map<string, string> RigidBodyKernel::getEffects(ContextImpl& context) {
     if (!fluidParameters) set("hydrodynamics", false, "the System has no MobilityForce");
     if (fluidParameters) set("hydrodynamics", true, fluid ? fluid->describe() : "positions are not set yet");
     set("hydrodynamic interactions", fluid && fluid->numInteracting() > 0,
-        !fluid ? string("the System has no MobilityForce")
+        !fluidParameters ? string("the System has no MobilityForce")
+        : !fluid         ? string("positions are not set yet")
         : fluid->numInteracting() > 0
             ? to_string(fluid->numInteracting()) + " bodies and free particles feel others through the fluid"
             : string("nothing feels others through the fluid: every tensor is constant and known once for all"));
@@ -275,14 +276,18 @@ void RigidBodyKernel::updateFluid(ContextImpl& context, const MobilityForce& for
                  "updateParametersInContext()" +
                  remedy);
     const unique_ptr<MobilityForce> before(new MobilityForce(*fluidParameters));
+    unique_ptr<Fluid> fluidBefore(move(fluid));
     *fluidParameters = force;
     if (!bodiesAreBuilt) return;
     try {
         buildFluid();
+        if (integrator->getScheme() == CustomRigidHIIntegrator::LangevinHI) fluid->checkInertia(bodies);
     } catch (...) {
         *fluidParameters = *before;
+        fluid = move(fluidBefore);
         throw;
     }
+    fluid->continueCounters(*fluidBefore);
     settingsVersion = -1;
 }
 

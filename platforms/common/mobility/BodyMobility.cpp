@@ -66,8 +66,16 @@ BodyMobility::BodyMobility(const vector<FluidElement>& elements, const OperatorF
         for (size_t i = 0; i < element.particles.size(); i++)
             particles.add(element.radii[i], element.isSphere(), element.particles[i], element.body);
         if (!element.isFree() && (element.particles.size() != 1 || !element.sites[0].isZero(0))) identityK = false;
-        if (element.particles.size() > 1) nullVectors[e] = twistAboutLine(element.sites);
-        hasOwnTensors = hasOwnTensors || element.ownMobility.size() > 0;
+        const bool hasOwnTensor = element.ownMobility.size() > 0;
+        hasOwnTensors = hasOwnTensors || hasOwnTensor;
+        // A tensor that is taken as it is holds the body about its line too.
+        if (element.particles.size() > 1 && !(constant && hasOwnTensor)) nullVectors[e] = twistAboutLine(element.sites);
+        if (hasOwnTensor && hasNullVector(e))
+            throw OpenMM::OpenMMException(
+                "MobilityForce: body " + to_string(element.body) +
+                " was given a tensor of its own, but its hydrodynamic particles lie on a line: the model has no "
+                "mobility about the line that the tensor could be combined with; give only one of them a radius, or "
+                "use FreeDraining");
     }
     positions.resize(particles.size());
     if (particles.size() > 0) particleOperator = makeOperator(particles);

@@ -44,6 +44,11 @@ private:
 void SymmetricEigen::compute(const Eigen::MatrixXd& matrix) {
     const int n = matrix.rows();
     if (!matrix.allFinite()) reportFailure(n);
+    if (n == 0) {
+        eigenvalues.resize(0);
+        eigenvectors.resize(0, 0);
+        return;
+    }
     if (n < lapackRows) {
         small.compute(matrix);
         if (small.info() != Eigen::Success) reportFailure(n);

@@ -34,6 +34,7 @@ void FluidOrnsteinUhlenbeck::decompose(const Eigen::MatrixXd& matrix, bool isInv
 void FluidOrnsteinUhlenbeck::step(double h, double kT, Eigen::VectorXd& Z, const Eigen::VectorXd& chi) {
     // Where nothing decays much, Z + (exp(-S h) - 1) Z keeps the digits of Z that V V^T Z would cost.
     const int n = rates.size();
+    if (n == 0) return;
     const bool weak = rates.maxCoeff() * h < 0.5;
     modes.noalias() = eigen.vectors().transpose() * Z;
     for (int i = 0; i < n; i++) modes[i] *= weak ? std::expm1(-rates[i] * h) : std::exp(-rates[i] * h);

@@ -3,6 +3,7 @@
 #include <openmm/internal/ThreadPool.h>
 
 #include <algorithm>
+#include <exception>
 #include <string>
 #include <vector>
 
@@ -50,8 +51,7 @@ public:
             threads = [this](int count, const std::function<void(int, int)>& task) {
                 split(count, 1, [&](int first, int end, int) { task(first, end); });
             };
-        return std::unique_ptr<MobilityOperator>(
-            new CpuRotnePragerYamakawa(particles, force.getViscosity(), threads));
+        return std::unique_ptr<MobilityOperator>(new CpuRotnePragerYamakawa(particles, force.getViscosity(), threads));
     }
     std::string describe() const override {
         return "CPU: " + std::to_string(pool.getNumThreads()) + " threads, " + std::to_string(simdWidth()) +
@@ -71,12 +71,20 @@ private:
             task(0, count, 0);
             return;
         }
+        // An exception must not leave a thread of the pool: the first part's goes to the caller.
+        std::vector<std::exception_ptr> errors(parts);
         pool.execute([&](ThreadPool&, int thread) {
             if (thread >= parts) return;
-            task(static_cast<int>((long long)count * thread / parts),
-                 static_cast<int>((long long)count * (thread + 1) / parts), thread);
+            try {
+                task(static_cast<int>((long long)count * thread / parts),
+                     static_cast<int>((long long)count * (thread + 1) / parts), thread);
+            } catch (...) {
+                errors[thread] = std::current_exception();
+            }
         });
         pool.waitForThreads();
+        for (const std::exception_ptr& error : errors)
+            if (error) std::rethrow_exception(error);
     }
     ThreadPool pool;
 };

@@ -1,0 +1,331 @@
+// What users may do wrong with a MobilityForce and LangevinHI: every call is an OpenMMException that names object, value,
+// bound and remedy. (tests/python/test_bad_input_fluid.py has wrong types and shapes.)
+
+#include <openmm/CMMotionRemover.h>
+#include <openmm/CustomExternalForce.h>
+#include <openmm/MonteCarloBarostat.h>
+#include <openmm/VerletIntegrator.h>
+
+#include <limits>
+
+#include "HydrodynamicSupport.h"
+
+using namespace OpenMM;
+using namespace RigidHITest;
+using namespace std;
+
+namespace {
+
+const double nan_ = numeric_limits<double>::quiet_NaN(), infinity = numeric_limits<double>::infinity();
+
+vector<double> unitTensor() { return rowsOf(MatrixXd::Identity(6, 6)); }
+
+/** Two spheres, ready to be spoilt. */
+struct Pair : FluidScene {
+    Pair() : FluidScene(0, 0.01) {
+        add(sphereKind(0.5));
+        add(sphereKind(0.5), Vec3(2, 0, 0));
+    }
+};
+
+/** Expect an error when the Context is created (or, where geometry is not known before, given positions). */
+void expectRefused(FluidScene& scene, const vector<string>& fragments) {
+    expectError([&] { scene.start(testPlatform()); }, fragments);
+}
+
+}  // namespace
+
+TEST(BadFluid, Settings) {
+    MobilityForce fluid;
+    for (double bad : {-0.1, nan_, infinity}) {
+        expectError([&] { fluid.addParticle(bad); }, {"particle 0: hydrodynamic radius is", "finite and not negative"});
+        expectError([&] { fluid.setMinimumGap(bad); }, {"setMinimumGap()", "mean radii; it must be finite and not"});
+    }
+    EXPECT_EQ(fluid.getNumParticles(), 0);
+    fluid.addParticle(0.5);
+    expectError([&] { fluid.setParticleRadius(0, -1); }, {"particle 0", "-1 nm"});
+    EXPECT_EQ(fluid.getParticleRadius(0), 0.5);
+    for (int index : {-1, 1}) {
+        expectError([&] { fluid.getParticleRadius(index); }, {"getParticleRadius(): particle index", "out of range"});
+        expectError([&] { fluid.setParticleRadius(index, 1); },
+                    {"setParticleRadius(): particle index", "out of range"});
+    }
+    for (double bad : {0.0, -1.0, nan_, infinity})
+        expectError([&] { fluid.setViscosity(bad); },
+                    {"setViscosity()", "dalton/(nm ps); it must be finite and positive"});
+    for (double bad : {0.0, 1e-15, 0.2, nan_, infinity, -1e-6})
+        expectError([&] { fluid.setSolverTolerance(bad); }, {"tolerance is", "it must be between 1e-14 and 0.1"});
+    for (int bad : {-1, 17}) {
+        expectError([&] { fluid.setModel(static_cast<MobilityForce::Model>(bad)); },
+                    {"model " + to_string(bad), "it must be one of FreeDraining, RotnePragerYamakawa"});
+        expectError([&] { fluid.setBoundary(static_cast<MobilityForce::Boundary>(bad)); },
+                    {"boundary " + to_string(bad) + " is unknown", "it must be Unbounded"});
+        expectError([&] { fluid.setSolver(static_cast<MobilityForce::Solver>(bad)); },
+                    {"solver " + to_string(bad), "it must be one of Auto, Dense, MatrixFree"});
+    }
+    expectError([&] { fluid.setGroups({0, 1, -2}); }, {"body 2", "its group is -2; groups are numbered from 0"});
+    EXPECT_TRUE(fluid.getGroups().empty());
+}
+
+TEST(BadFluid, Tensors) {
+    MobilityForce fluid;
+    for (bool friction : {false, true}) {
+        const auto set = [&](int body, const vector<double>& tensor) {
+            friction ? fluid.setBodyFriction(body, tensor) : fluid.setBodyMobility(body, tensor);
+        };
+        expectError([&] { set(-1, unitTensor()); }, {"body index -1 is negative; bodies are counted from 0"});
+        expectError([&] { set(0, vector<double>(35, 1)); }, {"body 0", "its tensor has 35 numbers; it must be 6 x 6"});
+        vector<double> tensor = unitTensor();
+        tensor[1] = nan_;
+        expectError([&] { set(3, tensor); }, {"body 3: its tensor has an entry nan", "all must be finite"});
+        tensor = unitTensor();
+        tensor[1] = 0.1;
+        expectError([&] { set(3, tensor); },
+                    {"its tensor is not symmetric", "(1, 0) and (0, 1) are 0 and 0.1", "agree to 1e-9"});
+        tensor[1] = tensor[6] = 1.5;
+        expectError([&] { set(3, tensor); }, {"its tensor is not positive definite; a body that moves dissipates"});
+        tensor = unitTensor();
+        tensor[35] = 0;
+        expectError([&] { set(3, tensor); }, {"not positive definite"});
+        tensor[35] = -1;
+        expectError([&] { set(3, tensor); }, {"not positive definite"});
+    }
+    EXPECT_FALSE(fluid.getBodyHasOwnTensor(3));
+    for (auto ask : {+[](MobilityForce& f) { f.getBodyMobility(3); }, +[](MobilityForce& f) { f.getBodyFriction(3); },
+                     +[](MobilityForce& f) { f.getBodyTensorIsFriction(3); }})
+        expectError([&] { ask(fluid); },
+                    {"body 3 has no tensor of its own; only those that were set can be asked for"});
+}
+
+TEST(BadFluid, RadiiAndGroupsOfAnotherNumber) {
+    Pair tooMany, tooFew, groups, tensor;
+    tooMany.fluid->addParticle(1);
+    expectRefused(tooMany, {"3 radii, but the System has 2", "call addParticle() once for each particle"});
+    tooFew.system.addParticle(0);
+    tooFew.positions.push_back(Vec3());
+    expectRefused(tooFew, {"2 radii, but the System has 3"});
+    groups.fluid->setGroups({0, 0, 1});
+    expectRefused(groups, {"setGroups() was given 3 groups, but the integrator has 2 bodies"});
+    tensor.fluid->setBodyMobility(2, unitTensor());
+    expectRefused(tensor, {"body 2 was given a tensor of its own, but the integrator has 2 bodies"});
+}
+
+TEST(BadFluid, BodiesAndParticlesThatTheFluidCannotTake) {
+    Pair unseen, massless, line;
+    unseen.fluid->setParticleRadius(1, 0);
+    expectRefused(unseen, {"body 1 has no particle with a hydrodynamic radius", "give at least one"});
+    massless.addFree(0, 0.4, Vec3(0, 3, 0));
+    expectRefused(massless, {"particle 2 has hydrodynamic radius 0.4", "is in no body and has no mass"});
+    BodyKind rod = rodKind();
+    rod.moments[2] = 0.01;
+    line.add(rod, Vec3(0, 5, 0));
+    expectRefused(line, {"body 2: its hydrodynamic particles lie on a line", "it has inertia about that line"});
+    // The line must be that of the dead axis, and go through the centre of mass.
+    Pair shifted, askew;
+    rod = rodKind();
+    for (Vec3& site : rod.sites) site += Vec3(0.1, 0, 0);
+    shifted.add(rod, Vec3(0, 5, 0));
+    expectRefused(shifted, {"lie on a line"});
+    rod = rodKind();
+    rod.moments = Vec3(0, 0.9, 0.9);
+    askew.add(rod, Vec3(0, 5, 0));
+    expectRefused(askew, {"lie on a line"});
+    // Free draining sees it as well.
+    Pair draining;
+    draining.fluid->setModel(MobilityForce::FreeDraining);
+    draining.add(rod, Vec3(0, 5, 0));
+    expectRefused(draining, {"lie on a line"});
+    // A tensor of its own has nothing about the line to be combined with.
+    Pair own;
+    own.add(rodKind(), Vec3(0, 5, 0));
+    own.fluid->setBodyFriction(2, unitTensor());
+    expectRefused(own, {"body 2 was given a tensor of its own", "lie on a line"});
+}
+
+TEST(BadFluid, BlobsAndSpheresAtOnePlace) {
+    Pair spheres;
+    spheres.start(testPlatform());
+    spheres.integrator.setBodyPositions({Vec3(1, 1, 1), Vec3(1, 1, 1)});
+    expectError([&] { spheres.integrator.step(1); }, {"not positive definite"});
+    expectError([&] { spheres.friction(); }, {"not positive definite", "at the same place"});
+    // The Context keeps its state, and goes on from another.
+    EXPECT_EQ(spheres.integrator.getBodyPositions()[0], Vec3(1, 1, 1));
+    spheres.integrator.setBodyPositions({Vec3(1, 1, 1), Vec3(3, 1, 1)});
+    spheres.integrator.step(1);
+    Pair twin;
+    BodyKind kind = boomerangKind();
+    kind.sites[1] = kind.sites[0];
+    kind.radii[1] = kind.radii[0];
+    twin.add(kind, Vec3(0, 5, 0));
+    twin.start(testPlatform());
+    expectError([&] { twin.integrator.step(1); }, {"not positive definite; look for blobs at the same place"});
+}
+
+TEST(BadFluid, ErrorsInOneOfManyGroupsReachTheUser) {
+    // They may arise on another thread.
+    FluidScene scene(0, 0.01);
+    vector<int> groups;
+    for (int g = 0; g < 6; g++)
+        for (int b = 0; b < 2; b++) {
+            scene.add(sphereKind(0.5), Vec3(5 * g, g == 5 ? 0 : 2 * b, 0));
+            groups.push_back(g);
+        }
+    scene.fluid->setGroups(groups);
+    scene.start(testPlatform(), 2);
+    expectError([&] { scene.integrator.step(1); }, {"not positive definite"});
+}
+
+TEST(BadFluid, Integrators) {
+    System system;
+    system.addParticle(1);
+    auto* fluid = new MobilityForce();
+    fluid->addParticle(1);
+    system.addForce(fluid);
+    VerletIntegrator verlet(0.001);
+    expectError([&] { Context context(system, verlet, testPlatform()); },
+                {"its integrator is not a CustomRigidHIIntegrator; other integrators would ignore the fluid"});
+    for (auto scheme : {CustomRigidHIIntegrator::LangevinA, CustomRigidHIIntegrator::LangevinB,
+                        CustomRigidHIIntegrator::LangevinC, CustomRigidHIIntegrator::GradientThermostat}) {
+        Pair pair;
+        pair.integrator.setScheme(scheme);
+        expectRefused(pair, {"the System has a MobilityForce, which scheme", "would ignore; use LangevinHI"});
+    }
+}
+
+TEST(BadFluid, OneMobilityForceExactly) {
+    Pair two, none;
+    auto* second = new MobilityForce();
+    for (int i = 0; i < 2; i++) second->addParticle(1);
+    two.system.addForce(second);
+    expectRefused(two, {"2 MobilityForces", "LangevinHI needs exactly one"});
+    none.system.removeForce(0);
+    expectRefused(none, {"0 MobilityForces", "LangevinHI needs exactly one; add a MobilityForce"});
+}
+
+TEST(BadFluid, ForcesThatDoNotGoWithIt) {
+    Pair moving, pressed;
+    moving.system.addForce(new CMMotionRemover());
+    expectRefused(moving, {"CMMotionRemover", "LangevinHI", "the fluid exchanges momentum with the bodies"});
+    pressed.system.addForce(new MonteCarloBarostat(1, 300));
+    expectRefused(pressed, {"a MonteCarloBarostat, which scheme LangevinHI does not support: the fluid is unbounded"});
+}
+
+TEST(BadFluid, ConstraintsOfFreeParticles) {
+    for (bool seen : {false, true}) {
+        Pair pair;
+        for (int i = 0; i < 2; i++) pair.addFree(1, seen && i == 1 ? 0.3 : 0, Vec3(0, 3 + 0.5 * i, 0));
+        pair.system.addConstraint(2, 3, 0.5);
+        if (seen)
+            expectRefused(pair, {"constraint 0 holds particle 3", "has a hydrodynamic radius", "set its radius to 0"});
+        else {
+            pair.start(testPlatform());
+            pair.integrator.step(1);
+        }
+    }
+}
+
+TEST(BadFluid, QuestionsWithoutAContextOrPositions) {
+    Pair pair, other;
+    other.start(testPlatform());
+    EXPECT_THROW(pair.fluid->getMobilityInContext(*other.context), OpenMMException);
+    EXPECT_THROW(pair.fluid->getFrictionInContext(*other.context), OpenMMException);
+    EXPECT_THROW(pair.fluid->applyMobilityInContext(*other.context, vector<double>(12)), OpenMMException);
+    EXPECT_THROW(pair.fluid->updateParametersInContext(*other.context), OpenMMException);
+    pair.context.reset(new Context(pair.system, pair.integrator, testPlatform()));
+    expectError([&] { pair.mobility(); }, {"getMobilityInContext() needs positions"});
+    expectError([&] { pair.friction(); }, {"getFrictionInContext() needs positions"});
+    expectError([&] { pair.fluid->applyMobilityInContext(*pair.context, vector<double>(12)); },
+                {"applyMobilityInContext() needs positions"});
+}
+
+TEST(BadFluid, QuestionsToAContextOfAnotherIntegratorAreErrors) {
+    // The Force is in no Context with this integrator.
+    System system;
+    system.addParticle(1);
+    VerletIntegrator verlet(0.001);
+    Context context(system, verlet, testPlatform());
+    MobilityForce fluid;
+    fluid.addParticle(1);
+    EXPECT_THROW(fluid.getMobilityInContext(context), OpenMMException);
+    EXPECT_THROW(fluid.updateParametersInContext(context), OpenMMException);
+    // Nor in one without any MobilityForce.
+    CustomRigidHIIntegrator integrator(300, 0.001);
+    Context own(system, integrator, testPlatform());
+    own.setPositions({Vec3()});
+    EXPECT_THROW(fluid.getMobilityInContext(own), OpenMMException);
+    EXPECT_THROW(fluid.updateParametersInContext(own), OpenMMException);
+}
+
+TEST(BadFluid, Wrenches) {
+    Pair pair;
+    pair.start(testPlatform());
+    for (int size : {0, 6, 11, 18})
+        expectError([&] { pair.fluid->applyMobilityInContext(*pair.context, vector<double>(size)); },
+                    {"was given " + to_string(size) + " numbers, but there are 2 bodies"});
+    vector<double> wrenches(12);
+    wrenches[7] = nan_;
+    expectError([&] { pair.fluid->applyMobilityInContext(*pair.context, wrenches); },
+                {"the wrench of body 1 is not finite"});
+}
+
+TEST(BadFluid, ChangesThatNeedANewContext) {
+    Pair pair;
+    pair.start(testPlatform());
+    const MatrixXd before = pair.mobility();
+    const auto update = [&] { pair.fluid->updateParametersInContext(*pair.context); };
+    pair.fluid->setModel(MobilityForce::FreeDraining);
+    expectError(update, {"the model or boundary of a MobilityForce cannot be changed by", "reinitialize"});
+    pair.fluid->setModel(MobilityForce::RotnePragerYamakawa);
+    pair.fluid->setGroups({0, 1});
+    expectError(update, {"the groups of a MobilityForce cannot be changed by"});
+    pair.fluid->setGroups({});
+    pair.fluid->setParticleRadius(0, 0);
+    expectError(update, {"particle 0: its hydrodynamic radius cannot change between 0 and a positive value"});
+    pair.fluid->setParticleRadius(0, 0.5);
+    pair.fluid->setBodyMobility(2, unitTensor());
+    expectError(update, {"body 2 was given a tensor of its own"});
+    pair.fluid->clearBodyTensor(2);
+    pair.fluid->addParticle(1);
+    expectError(update, {"the number of particles of a MobilityForce cannot be changed by"});
+    // A refused change leaves the Context as it was, able to go on.
+    EXPECT_EQ(pair.mobility(), before);
+    pair.integrator.step(2);
+    pair.integrator.setTemperature(10);
+    pair.integrator.step(2);
+}
+
+TEST(BadFluid, RefusedChangesLeaveTheFluidAsItWas) {
+    // Refused only after the new fluid was made: inertia is checked by the scheme.
+    FluidScene scene(0, 0.01);
+    scene.fluid->setModel(MobilityForce::FreeDraining);
+    BodyKind rod = rodKind();
+    rod.moments[2] = 0.1;
+    scene.add(rod);
+    scene.fluid->setBodyMobility(0, unitTensor());
+    scene.start(testPlatform());
+    scene.integrator.step(1);
+    const MatrixXd before = scene.mobility();
+    scene.fluid->clearBodyTensor(0);
+    expectError([&] { scene.fluid->updateParametersInContext(*scene.context); }, {"lie on a line"});
+    EXPECT_EQ(scene.mobility(), before);
+    scene.integrator.step(1);
+}
+
+TEST(BadFluid, StepsThatAreNotFiniteLeaveTheLastGoodState) {
+    FluidScene scene(0, 0.01);
+    scene.add(boomerangKind());
+    scene.add(sphereKind(0.5), Vec3(4, 0, 0));
+    auto* field = new CustomExternalForce("1/(x-100)^2*strength");
+    field->addGlobalParameter("strength", 1);
+    field->addParticle(0, {});
+    scene.system.addForce(field);
+    scene.start(testPlatform());
+    scene.integrator.step(2);
+    const auto before = positionsOf(*scene.context);
+    scene.context->setParameter("strength", 1e308);
+    scene.context->setParameter("strength", infinity);
+    expectError([&] { scene.integrator.step(1); }, {"non-finite"});
+    EXPECT_TRUE(sameBits(positionsOf(*scene.context), before));
+    scene.context->setParameter("strength", 1);
+    scene.integrator.step(1);
+}
