@@ -76,7 +76,7 @@ class Spheres:
         return self.integrator.getBodyPositions()._value
 
     def orientations(self):
-        return self.integrator.getBodyOrientations()._value
+        return self.integrator.getBodyOrientations()
 
     def velocities(self):
         return self.integrator.getBodyVelocities()._value
