@@ -1,6 +1,7 @@
 """CustomRigidHIIntegrator: the Python face of the C++ class, with units, checked shapes and documentation."""
 import enum
 
+import numpy as np
 import openmm
 
 from . import _bindings, _copies, _units

@@ -1,0 +1,180 @@
+"""What the four experiments share: the paper's reduced units, spheres in a fluid, statistics, where results came from.
+
+Reduced units of the paper (HYDROLIB's): sphere radius 1, viscosity 1/(4 pi), and a mass scale. They are used as if they were
+OpenMM's nm, ps, dalton, kJ/mol; kT becomes a temperature by OpenMM's gas constant. The Stokes friction of a sphere is then
+6 pi eta a = 1.5 and 8 pi eta a^3 = 2.
+"""
+import hashlib
+import json
+import os
+import pathlib
+import platform
+import subprocess
+import sys
+import time
+
+import numpy as np
+import openmm
+from openmm import unit
+from tqdm import tqdm
+
+import openmmrigidhi
+from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
+
+HERE = pathlib.Path(__file__).resolve().parent
+RESULTS = HERE/'results'
+VISCOSITY = 1/(4*np.pi)
+GAS_CONSTANT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
+
+
+# ---- Scenes ----------------------------------------------------------------------------------------------------------
+class Spheres:
+    """Spheres of radius 1, each a rigid body of its centre and, if asked for, a marker that the fluid does not see.
+
+    Forces are added to ``system`` before :meth:`start` makes the Context. The centre of sphere i is particle ``centre(i)``, its
+    marker ``marker(i)``.
+    """
+
+    def __init__(self, count, mass, moments, kT, step, model, lubrication=True, marker=None, seed=1):
+        self.count = count
+        self.kT = kT
+        self.marked = marker is not None
+        self.system = openmm.System()
+        self.integrator = CustomRigidHIIntegrator(kT/GAS_CONSTANT, step)
+        self.integrator.setScheme(CustomRigidHIIntegrator.LangevinHI)
+        self.integrator.setRandomNumberSeed(seed)
+        self.fluid = MobilityForce()
+        self.fluid.setViscosity(VISCOSITY)
+        self.fluid.setModel(model)
+        self.fluid.setLubrication(lubrication)
+        sites = [(0, 0, 0)] + ([tuple(marker)] if self.marked else [])
+        self.sites = np.array(sites, dtype=float)
+        for _ in range(count):
+            members = [self.system.addParticle(mass)]
+            self.fluid.addParticle(1.0)
+            if self.marked:
+                members.append(self.system.addParticle(0.0))
+                self.fluid.addParticle(0.0)
+            self.integrator.addRigidBody(members, mass, moments, self.sites)
+        self.system.addForce(self.fluid)
+        self.context = None
+
+    def centre(self, i):
+        return (1 + self.marked)*i
+
+    def marker(self, i):
+        return 2*i + 1
+
+    def start(self, positions, platformName='Reference'):
+        """Make the Context, with the spheres' centres at these positions in their body frames' orientation."""
+        openmmrigidhi.app.bindBodies(self.system, self.integrator)
+        properties = {'Threads': '1'} if platformName == 'CPU' else {}
+        self.context = openmm.Context(self.system, self.integrator, openmm.Platform.getPlatformByName(platformName), properties)
+        self.context.setPositions((np.asarray(positions)[:, None, :] + self.sites[None]).reshape(-1, 3))
+
+    def positions(self):
+        return self.integrator.getBodyPositions()._value
+
+    def orientations(self):
+        return self.integrator.getBodyOrientations()
+
+    def velocities(self):
+        return self.integrator.getBodyVelocities()._value
+
+    def angularVelocities(self):
+        return self.integrator.getBodyAngularVelocities()._value
+
+    def potentialEnergy(self):
+        return self.context.getState(getEnergy=True).getPotentialEnergy()._value
+
+
+def sample(integrator, samples, every, label, quiet=False):
+    """Step, and yield the number of each sample, with a progress bar."""
+    for k in tqdm(range(samples), desc=label, mininterval=2, disable=quiet):
+        integrator.step(every)
+        yield k
+
+
+# ---- Statistics --------------------------------------------------------------------------------------------------------
+def blockError(values, blockCounts=(64, 32, 16)):
+    """Standard error of the mean of a time series: the largest of those from averages over 64, 32 and 16 blocks."""
+    values = np.asarray(values, dtype=float)
+    errors = []
+    for blocks in blockCounts:
+        length = len(values)//blocks
+        if length:
+            means = values[:blocks*length].reshape(blocks, length, *values.shape[1:]).mean(1)
+            errors.append(means.std(0, ddof=1)/np.sqrt(blocks))
+    return np.max(errors, axis=0)
+
+
+def weightedFit(columns, y, errors):
+    """Weighted linear least squares: coefficients, their standard errors and chi^2 per degree of freedom."""
+    design = np.stack(columns, axis=1)/np.asarray(errors)[:, None]
+    covariance = np.linalg.inv(design.T @ design)
+    coefficients = covariance @ design.T @ (np.asarray(y)/errors)
+    freedom = len(y) - len(columns)
+    chi2 = np.sum((design @ coefficients - np.asarray(y)/errors)**2)/freedom if freedom else float('nan')
+    return coefficients, np.sqrt(np.diag(covariance)), float(chi2)
+
+
+# ---- Where results came from -------------------------------------------------------------------------------------------
+def provenance(arguments=None):
+    """Machine, versions, commit, checksum of the plugin, command line, date."""
+    def command(*words):
+        try:
+            return subprocess.run(words, cwd=HERE, capture_output=True, text=True, check=True).stdout.strip()
+        except (OSError, subprocess.CalledProcessError):
+            return 'unknown'
+    processor = 'unknown'
+    if os.path.exists('/proc/cpuinfo'):
+        with open('/proc/cpuinfo') as file:
+            processor = next((line.split(':', 1)[1].strip() for line in file if line.startswith('model name')), processor)
+    libraries = sorted((pathlib.Path(openmmrigidhi.__file__).parent/'lib').rglob('libOpenMMRigidHI*.so'))
+    digest = hashlib.sha256(b''.join(path.read_bytes() for path in libraries)).hexdigest()[:16] if libraries else 'unknown'
+    return {'script': pathlib.Path(sys.argv[0]).name, 'arguments': {k: str(v) for k, v in vars(arguments or object).items()
+                                                                   if k not in ('output', '__dict__', '__doc__')}
+            if arguments else {}, 'processor': processor, 'cores': os.cpu_count(), 'load': os.getloadavg(),
+            'system': platform.platform(), 'python': platform.python_version(), 'numpy': np.__version__,
+            'openmm': openmm.version.version, 'plugin_sha256': digest, 'commit': command('git', 'rev-parse', 'HEAD'),
+            'date': time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime())}
+
+
+def plain(value):
+    """Numbers and arrays as json writes them, rounded to what a double of a measurement can mean."""
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, (np.bool_, bool)):
+        return bool(value)
+    if isinstance(value, np.integer):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        return float(f'{value:.12g}')
+    return value
+
+
+def save(folder, name, data):
+    """Write a JSON; numbers to 12 digits."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder/name).write_text(json.dumps(plain(data), indent=1) + '\n')
+    print(f'wrote {folder/name}')
+
+
+def pyplot():
+    """matplotlib.pyplot that draws into files."""
+    import matplotlib
+    matplotlib.use('Agg')
+    import matplotlib.pyplot as plt
+    return plt
+
+
+def brackets(value, error):
+    """1.2345 with error 0.0012 as 1.2345(12)."""
+    if not (np.isfinite(error) and error > 0):
+        return f'{value:.6g}'
+    digits = max(0, 1 - int(np.floor(np.log10(error))))
+    return f'{value:.{digits}f}({round(error*10**digits)})'

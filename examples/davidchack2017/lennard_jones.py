@@ -1,0 +1,206 @@
+#!/usr/bin/env python3
+"""Davidchack 2017, Table S2, Figures S1 and S2: eight Lennard-Jones spheres with offset sites sample the Gibbs distribution.
+
+The sites attract each other (periodic box of 15, the paper's smooth cut-off); the fluid, unbounded, couples the spheres' centres
+where they are (unwrapped). No average at equilibrium may depend on the fluid, so FreeDraining and RotnePragerYamakawa must agree with
+each other and with Monte Carlo; what they differ from it by grows as h^2.
+
+Sixteen independent clusters share one Context: `MobilityForce.setGroups` keeps them apart in the fluid, interaction groups in the
+force. On the CPU platform with one thread this is ten times faster for each cluster than one cluster on Reference.
+
+    python3 lennard_jones.py              # about 20 minutes
+    python3 lennard_jones.py --long 8     # runs eight times as long
+    python3 lennard_jones.py --quick      # seconds: a smoke test
+"""
+import argparse
+import pathlib
+import time
+
+import numpy as np
+import openmm
+from common import RESULTS, Spheres, blockError, brackets, provenance, pyplot, sample, save, weightedFit
+from openmmrigidhi import MobilityForce
+
+SPHERES, BOX, SIGMA, MASS = 8, 15.0, 2.6, 5.0
+MOMENTS = (3.0, 2.0, 1.5)
+SITE = (0.2, 0.15, 0.0)
+CUTOFF = 2.5*SIGMA
+SWITCH = 0.9*CUTOFF
+MODELS = {'FreeDraining': MobilityForce.FreeDraining, 'RPY': MobilityForce.RotnePragerYamakawa}
+# (S3): u_LJ (1 - 10 z^3 + 15 z^4 - 6 z^5).
+POTENTIAL = (f'4*s6*(s6-1)*(1-step(r-{SWITCH})*z*z*z*(10-z*(15-6*z))); z=(r*r-{SWITCH**2})/{CUTOFF**2 - SWITCH**2}; '
+             f's6=s2*s2*s2; s2={SIGMA**2}/(r*r)')
+QUANTITIES = ('kT_t', 'kT_r1', 'kT_r2', 'kT_r3', 'U/N')
+#: Table S2, as (A0, error, E_A, error); and our own Monte Carlo for U/N, independent of any integrator (A0, error).
+PAPER = {0.1: {'kT_t': (0.100012, 1.4e-5, -0.06972, 1.1e-4), 'kT_r1': (0.100010, 1.8e-5, -0.00257, 1.5e-4),
+               'kT_r2': (0.099992, 1.4e-5, -0.00778, 1.2e-4), 'kT_r3': (0.100011, 1.2e-5, -0.01388, 1.1e-4),
+               'U/N': (-2.34352, 3e-5, -0.0098, 4e-4)},
+         0.2: {'kT_t': (0.20001, 2e-5, -0.1293, 5e-4), 'kT_r1': (0.19998, 3e-5, -0.0027, 7e-4),
+               'kT_r2': (0.20002, 2e-5, -0.0171, 6e-4), 'kT_r3': (0.19999, 3e-5, -0.0235, 5e-4),
+               'U/N': (-2.13921, 1.4e-4, -0.056, 3e-3)}}
+MONTE_CARLO = {0.1: (-2.34371, 1.6e-4), 0.2: (-2.13904, 3e-4)}
+#: The paper fits below these h^2.
+FIT_BELOW = {0.1: 0.1, 0.2: 0.06}
+SAMPLE_TIME = 0.2
+#: Time that each cluster runs before measurement, from the cube in which all start.
+EQUILIBRATION = 400.0
+
+
+def build(kT, step, model, clusters, seed):
+    """Clusters of eight spheres in one Context, each alone in the box and in the fluid."""
+    scene = Spheres(SPHERES*clusters, MASS, MOMENTS, kT, step, model, marker=SITE, seed=seed)
+    scene.system.setDefaultPeriodicBoxVectors((BOX, 0, 0), (0, BOX, 0), (0, 0, BOX))
+    scene.fluid.setGroups([i//SPHERES for i in range(SPHERES*clusters)])
+    lj = openmm.CustomNonbondedForce(POTENTIAL)
+    lj.setNonbondedMethod(openmm.CustomNonbondedForce.CutoffPeriodic)
+    lj.setCutoffDistance(CUTOFF)
+    for _ in range(scene.system.getNumParticles()):
+        lj.addParticle()
+    for c in range(clusters):
+        members = [scene.marker(i) for i in range(SPHERES*c, SPHERES*(c + 1))]
+        lj.addInteractionGroup(members, members)
+    scene.system.addForce(lj)
+    return scene
+
+
+def start(scene, clusters, platformName):
+    """Every cluster a cube, near the distance of least energy."""
+    side = 2**(1/6)*SIGMA
+    cube = side*np.array([(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+    scene.start(np.tile(cube, (clusters, 1)), platformName)
+
+
+def run(kT, step, modelName, duration, clusters, seed, platformName, equilibration=None, quiet=False):
+    """One run: means and standard errors of the five quantities. `duration` is the time of each cluster."""
+    began = time.time()
+    scene = build(kT, step, MODELS[modelName], clusters, seed)
+    start(scene, clusters, platformName)
+    label = f'kT {kT:g} h {step:g} {modelName}'
+    equilibration = EQUILIBRATION if equilibration is None else equilibration
+    for _ in sample(scene.integrator, 20, max(1, round(equilibration/step/20)), f'{label} (start)', quiet):
+        pass
+    every = max(1, round(SAMPLE_TIME/step))
+    count = SPHERES*clusters
+    rows = []
+    for _ in sample(scene.integrator, round(duration/step/every), every, label, quiet):
+        # Axis 1 of the paper has moment 3; ours are sorted, smallest moment first.
+        rotation = scene.integrator.computeRotationalKineticEnergies()._value[::-1]
+        translation = scene.integrator.computeTranslationalKineticEnergy()._value
+        rows.append([2*translation/(3*count), *(2*np.array(rotation)/count), scene.potentialEnergy()/count])
+    rows = np.array(rows)
+    mean, error = rows.mean(0), blockError(rows)
+    return {'kT': kT, 'h': step, 'model': modelName, 'clusters': clusters, 'time_per_cluster': duration, 'equilibration': equilibration,
+            'seed': seed, 'steps': int(len(rows)*every), 'samples': len(rows), 'seconds': time.time() - began,
+            'mean': dict(zip(QUANTITIES, mean)), 'error': dict(zip(QUANTITIES, error)),
+            'U/N_variance': float(rows[:, 4].var()*clusters)}
+
+
+def analyse(runs):
+    """Fits in h^2, the fitted order, agreement with Monte Carlo and between the models."""
+    result = {}
+    for kT in sorted({r['kT'] for r in runs}):
+        free = sorted((r for r in runs if r['kT'] == kT and r['model'] == 'FreeDraining'), key=lambda r: r['h'])
+        other = [r for r in runs if r['kT'] == kT and r['model'] != 'FreeDraining']
+        fitted = [r for r in free if r['h']**2 < FIT_BELOW[kT]]
+        h = np.array([r['h'] for r in fitted])
+        entry = {'fit': {}, 'order': {}}
+        for name in QUANTITIES:
+            y = np.array([r['mean'][name] for r in fitted])
+            e = np.array([r['error'][name] for r in fitted])
+            (a0, ea), (da0, dea), chi2 = weightedFit([np.ones_like(h), h**2], y, e)
+            entry['fit'][name] = {'A0': a0, 'A0_error': da0, 'E_A': ea, 'E_A_error': dea, 'chi2_per_dof': chi2,
+                                  'paper': dict(zip(('A0', 'A0_error', 'E_A', 'E_A_error'), PAPER[kT][name]))}
+            # Order: the exponent p of |A(h) - A(0)| = E h^p, with the exact A(0), from the points that are 5 sigma away.
+            exact, exactError = (kT, 0.0) if name != 'U/N' else MONTE_CARLO[kT]
+            big = [(x, abs(v - exact), np.hypot(s, exactError)) for x, v, s in zip(h, y, e)
+                   if abs(v - exact) > 5*np.hypot(s, exactError)]
+            if len(big) >= 3:
+                x, d, s = np.array(big).T
+                (p, _), (dp, _), _ = weightedFit([np.log(x), np.ones_like(x)], np.log(d), s/d)
+                entry['order'][name] = {'order': p, 'error': dp, 'points': len(big)}
+        small = [r for r in free if r['h'] <= 0.02]
+        if small:
+            (pooled,), (error,), chi2 = weightedFit([np.ones(len(small))], [r['mean']['U/N'] for r in small],
+                                                    np.array([r['error']['U/N'] for r in small]))
+            exact, exactError = MONTE_CARLO[kT]
+            entry['U/N_at_h_0.005_to_0.02'] = {
+                'each': [(r['h'], r['mean']['U/N'], r['error']['U/N'],
+                          (r['mean']['U/N'] - exact)/np.hypot(r['error']['U/N'], exactError)) for r in small],
+                'pooled': pooled, 'error': error, 'Monte_Carlo': exact, 'Monte_Carlo_error': exactError,
+                'z': (pooled - exact)/np.hypot(error, exactError)}
+        entry['models'] = []
+        for r in other:
+            same = [f for f in free if f['h'] == r['h']]
+            if same:
+                entry['models'].append({'h': r['h'], 'model': r['model'], **{
+                    f'z {name}': (r['mean'][name] - same[0]['mean'][name])/np.hypot(r['error'][name], same[0]['error'][name])
+                    for name in QUANTITIES}})
+        result[f'kT={kT:g}'] = entry
+    return result
+
+
+def draw(runs, analysis, path):
+    """Figures S1 and S2: every quantity against h^2."""
+    plt = pyplot()
+    temperatures = sorted({r['kT'] for r in runs})
+    figure, axes = plt.subplots(len(QUANTITIES), len(temperatures), figsize=(5.2*len(temperatures), 12), squeeze=False, sharex='col',
+                                constrained_layout=True)
+    for column, kT in enumerate(temperatures):
+        for row, name in enumerate(QUANTITIES):
+            ax = axes[row, column]
+            for model, style in (('FreeDraining', 'o'), ('RPY', 's')):
+                chosen = [r for r in runs if r['kT'] == kT and r['model'] == model]
+                ax.errorbar([r['h']**2 for r in chosen], [r['mean'][name] for r in chosen], [r['error'][name] for r in chosen],
+                            fmt=style, ms=4, mfc='none' if model == 'RPY' else None, label=model, capsize=2)
+            x = np.linspace(0, max(r['h'] for r in runs if r['kT'] == kT)**2, 50)
+            fit = analysis[f'kT={kT:g}']['fit'][name]
+            ax.plot(x, fit['A0'] + fit['E_A']*x, 'k--', lw=0.8, label='fit')
+            ax.plot(x, fit['paper']['A0'] + fit['paper']['E_A']*x, 'C3:', lw=1.2, label="paper's fit")
+            if name == 'U/N':
+                ax.errorbar([0], [MONTE_CARLO[kT][0]], [MONTE_CARLO[kT][1]], fmt='*', color='C2', ms=9, label='Monte Carlo')
+                ax.set_xlabel('$h^2$')
+            ax.set_ylabel(name)
+            ax.grid(alpha=0.3)
+        axes[0, column].set_title(f'kT = {kT:g}')
+        axes[-1, column].legend(fontsize=8)
+    figure.savefig(path, dpi=80)
+
+
+def plan(quick, factor):
+    """(kT, h, model, time of each cluster, clusters)."""
+    if quick:
+        return [(0.1, h, model, t, 8) for h, model, t in ((0.05, 'FreeDraining', 200.0), (0.2, 'FreeDraining', 800.0),
+                                                         (0.3, 'FreeDraining', 800.0), (0.2, 'RPY', 40.0))]
+    runs = []
+    # Lengths for standard errors of at most 1e-3 in U/N without HI (found in trial runs), as far as it is cheap with HI.
+    for kT, free, fluid, last in ((0.1, 2000.0, (250.0, 800.0, 800.0), 0.3), (0.2, 12500.0, (400.0, 1600.0, 5000.0), 0.24)):
+        for h in (0.2, 0.1, last, 0.15, 0.05, 0.02, 0.01, 0.005):
+            runs.append((kT, h, 'FreeDraining', factor*free*(8 if kT == 0.1 and h >= 0.1 else 2 if h >= 0.1 else 1), 16))
+        for h, t in zip((0.02, 0.1, 0.2), fluid):
+            runs.append((kT, h, 'RPY', factor*t, 16))
+    return runs
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--quick', action='store_true', help='seconds instead of minutes')
+    parser.add_argument('--long', type=float, default=1.0, metavar='FACTOR', help='multiply the length of every run')
+    parser.add_argument('--platform', default='CPU')
+    parser.add_argument('--seed', type=int, default=2017)
+    parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
+    args = parser.parse_args()
+
+    runs = []
+    for i, (kT, h, model, duration, clusters) in enumerate(plan(args.quick, args.long)):
+        runs.append(run(kT, h, model, duration, clusters, args.seed + i, args.platform, 100.0 if args.quick else None))
+        r = runs[-1]
+        print(f'kT {kT:g} h {h:g} {model}: ' + ', '.join(f'{n} {brackets(r["mean"][n], r["error"][n])}' for n in QUANTITIES) +
+              f'  [{r["seconds"]:.0f} s]', flush=True)
+        result = {'runs': runs, 'analysis': analyse(runs) if i >= 2 else {}, 'provenance': provenance(args)}
+        if i >= 2:
+            save(args.output, 'lennard_jones.json', result)
+    draw(runs, result['analysis'], args.output/'lennard_jones.png')
+
+
+if __name__ == '__main__':
+    main()

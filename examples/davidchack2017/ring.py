@@ -1,0 +1,297 @@
+#!/usr/bin/env python3
+"""Davidchack 2017, Figures 7 and 8: six spheres driven around a ring by a tangential force f and a torque tau.
+
+The force goes along the ring and has no energy, so it is a CustomBodyForce, like the torque; the radial well is there too. Asymptotic
+states are classified from the gaps between neighbours alone: steady (uniform, pairs, triplets, cluster) or periodic (5+1 drafting, pair
+drafting, in-phase or alternating triplets), with period, orbital speed and spin. The paper says only "smoothly truncated at 2.4" of
+the repulsion and nothing of the start: here a switch from 2.2 to 2.4 (`--truncation none`: without), and several random starts.
+
+    python3 ring.py                          # the paper's (f, tau), noise, phase diagram, animation
+    python3 ring.py --parts states noise     # some of: states noise diagram animation
+    python3 ring.py --quick                  # under a minute: one state
+"""
+import argparse
+import pathlib
+import time
+
+import numpy as np
+import openmm
+from common import RESULTS, Spheres, provenance, pyplot, sample, save
+from openmmrigidhi import CustomBodyForce, MobilityForce
+
+COUNT, MASS, MOMENT, RADIUS, KT, A = 6, 1.0, 0.4, 3.0, 10.0, 0.02
+SWITCH, CUTOFF = 2.2, 2.4
+MODELS = {'RPY': (MobilityForce.RotnePragerYamakawa, False), 'FTS': (MobilityForce.StokesianDynamics, False),
+          'FTS+lubrication': (MobilityForce.StokesianDynamics, True)}
+STEP, SPACING = 0.05, 0.1
+#: Rms deviation of the gaps, in rad, below which a state counts as steady.
+STEADY = 2e-3
+#: Shifted gaps match if they differ by less than this part of their fluctuation.
+MATCH = 0.06
+PARTS = ('states', 'noise', 'diagram', 'animation')
+#: f, tau, kind of start, time to settle, window, what the paper shows, and what an independent calculation
+#: found (period, orbital speed, spin), by model.
+STATES = (
+    ('Fig 7', 1.0, 0.0, 'random', 700.0, 300.0, '5+1 drafting',
+     {'RPY': (46.2, 0.3077, 0.1092), 'FTS+lubrication': (64.8, 0.2889, 0.1227)}),
+    ('Fig 8(a)', 1.2, -4.0, 'random', 700.0, 200.0, 'steady pairs',
+     {'RPY': (None, 0.2117, -1.6605), 'FTS+lubrication': (None, 0.1488, -1.4271)}),
+    ('Fig 8(b)', 1.2, -3.0, 'random', 2000.0, 500.0, 'pair drafting', {}),
+    ('Fig 8(c)', 0.4, -4.0, 'random', 1200.0, 400.0, 'in-phase triplets', {}),
+    ('Fig 8(c), start with theta(i+3) = theta(i) + pi', 0.4, -4.0, 'opposite', 1200.0, 400.0, 'in-phase triplets',
+     {'FTS+lubrication': (82.0, -0.054, None)}),
+    ('video f0tau-5', 0.0, -5.0, 'random', 1200.0, 400.0, 'drafting', {}))
+
+
+# ---- The scene ---------------------------------------------------------------------------------------------------------
+def angles(kind, rng):
+    """Start: random gaps of at least 0.72 rad (touching spheres: 0.68), or three such gaps twice (to 1e-3)."""
+    least = 0.72
+    if kind == 'opposite':
+        gaps = np.tile(least + rng.dirichlet(np.ones(3))*(np.pi - 3*least), 2)
+        return np.cumsum(gaps) + 1e-3*rng.standard_normal(COUNT)
+    return np.cumsum(least + rng.dirichlet(np.ones(COUNT))*(2*np.pi - COUNT*least))
+
+
+def build(f, tau, kT, model, truncation, start, seed, step=STEP):
+    """The ring in a Context, spheres at rest at the angles `start`."""
+    scene = Spheres(COUNT, MASS, 3*(MOMENT,), kT, step, MODELS[model][0], MODELS[model][1], seed=seed)
+    drive = CustomBodyForce('(-kt*(rho-R)*x-f*y)/rho; rho=sqrt(x*x+y*y)', '(-kt*(rho-R)*y+f*x)/rho; rho=sqrt(x*x+y*y)', '-kt*z',
+                            '0', '0', 'tau')
+    for name, value in (('kt', KT), ('R', RADIUS), ('f', f), ('tau', tau)):
+        drive.addGlobalParameter(name, value)
+    for i in range(COUNT):
+        drive.addBody(i, [])
+    scene.system.addForce(drive)
+    if truncation == 'none':
+        repulsion = openmm.CustomNonbondedForce(f'{A}/((r/2)^12-1)')
+        repulsion.setNonbondedMethod(openmm.CustomNonbondedForce.NoCutoff)
+    else:
+        repulsion = openmm.CustomNonbondedForce(f'{A}/((r/2)^12-1)*(1-step(r-{SWITCH})*z*z*z*(10-z*(15-6*z))); '
+                                                f'z=(r*r-{SWITCH**2})/{CUTOFF**2 - SWITCH**2}')
+        repulsion.setNonbondedMethod(openmm.CustomNonbondedForce.CutoffNonPeriodic)
+        repulsion.setCutoffDistance(CUTOFF)
+    for _ in range(COUNT):
+        repulsion.addParticle()
+    scene.system.addForce(repulsion)
+    scene.start(RADIUS*np.stack([np.cos(start), np.sin(start), np.zeros(COUNT)], axis=1))
+    return scene
+
+
+class Trajectory:
+    """Angles (unwrapped), spins, distances at equidistant times."""
+
+    def __init__(self, scene, window, label, quiet, orientations=False):
+        every = round(SPACING/scene.integrator.getStepSize()._value)
+        theta, spin, places, turns = [], [], [], []
+        for _ in sample(scene.integrator, round(window/SPACING), every, label, quiet):
+            r = scene.positions()
+            theta.append(np.arctan2(r[:, 1], r[:, 0]))
+            spin.append(scene.angularVelocities()[:, 2])
+            places.append(r)
+            if orientations:
+                turns.append(scene.orientations())
+        self.theta = np.unwrap(np.array(theta), axis=0)
+        self.spin, self.places, self.orientations = np.array(spin), np.array(places), np.array(turns)
+
+    def gaps(self):
+        """Gap of each sphere to the next anticlockwise, in the order around the ring."""
+        theta = self.theta[:, np.argsort(self.theta[0] % (2*np.pi))]
+        theta = theta - 2*np.pi*np.round((theta[0] - theta[0] % (2*np.pi))/(2*np.pi))
+        return np.diff(np.hstack([theta, theta[:, :1] + 2*np.pi]), axis=1)
+
+
+# ---- The classifier ----------------------------------------------------------------------------------------------------
+def mismatch(gaps, shift, lags):
+    """D_s(lag): rms of g_{k+s}(t+lag) - g_k(t) in units of the rms fluctuation of the gaps."""
+    deviation = gaps - gaps.mean(0)
+    fluctuation = np.sqrt(np.mean(deviation**2))
+    moved = np.roll(gaps, -shift, axis=1)
+    n = len(gaps)
+    return np.array([np.sqrt(np.mean((moved[lag:] - gaps[:n - lag])**2)) for lag in lags])/fluctuation
+
+
+def classify(gaps, steady=STEADY, match=MATCH):
+    """Name of the state, rms fluctuation of the gaps, period (None if there is none)."""
+    mean = gaps.mean(0)
+    fluctuation = float(np.sqrt(np.mean((gaps - mean)**2)))
+    if fluctuation < steady:
+        for shift, name in ((1, 'uniform'), (2, 'steady pairs'), (3, 'steady triplets')):
+            if np.sqrt(np.mean((np.roll(mean, shift) - mean)**2)) < 5*steady:
+                return name, fluctuation, None
+        return 'steady cluster', fluctuation, None
+    lags = np.arange(0, len(gaps)//2, 2)
+    zero = mismatch(gaps, 0, lags)
+    period, left = None, np.argmax(zero > 0.5)
+    if zero.max() > 0.5:
+        for k in range(left, len(lags) - 1):
+            if zero[k] < match and zero[k] <= zero[k - 1] and zero[k] <= zero[k + 1]:
+                period = float(SPACING*lags[k])
+                break
+    if mismatch(gaps, 3, [0])[0] < match:
+        return 'in-phase triplets', fluctuation, period
+    for shift, name in ((1, '5+1 drafting'), (2, 'pair drafting'), (3, 'alternating triplets')):
+        if mismatch(gaps, shift, lags).min() < match:
+            return name, fluctuation, period
+    return 'undecided', fluctuation, period
+
+
+def clusterSize(gaps, touching=0.85):
+    """Mean size of the largest cluster of spheres whose gaps are below `touching` (rad)."""
+    sizes = []
+    for g in gaps[::20] < touching:
+        best = run = 0
+        for near in np.concatenate([g, g]):
+            run = run + 1 if near else 0
+            best = max(best, run)
+        sizes.append(min(best, COUNT - 1) + 1)
+    return float(np.mean(sizes))
+
+
+def runState(f, tau, kT, model, truncation, kind, settle, window, seed, label, quiet=False, step=STEP, thresholds=(STEADY, MATCH)):
+    """Settle, follow, classify. If the state is undecided the run goes on, up to three windows."""
+    began = time.time()
+    scene = build(f, tau, kT, model, truncation, angles(kind, np.random.default_rng(seed)), seed, step)
+    for _ in sample(scene.integrator, 20, round(settle/step/20), f'{label} settle', quiet):
+        pass
+    for attempt in range(1, 4):
+        trajectory = Trajectory(scene, window, label, quiet)
+        gaps = trajectory.gaps()
+        state, fluctuation, period = classify(gaps, *thresholds)
+        if state != 'undecided':
+            break
+    orbit = (trajectory.theta[-1] - trajectory.theta[0]).mean()/(SPACING*(len(gaps) - 1))
+    places = trajectory.places
+    nearest = min(np.linalg.norm(places[:, i] - places[:, j], axis=1).min() for i in range(COUNT) for j in range(i))
+    return {'f': f, 'tau': tau, 'kT': kT, 'model': model, 'truncation': truncation, 'start': kind, 'seed': seed, 'h': step,
+            'settle': settle + window*(attempt - 1), 'window': window, 'state': state, 'fluctuation': fluctuation, 'period': period,
+            'orbital_speed': orbit, 'spin': float(trajectory.spin.mean()), 'smallest_gap': float(nearest - 2),
+            'mean_gaps': np.sort(gaps.mean(0)) if state.startswith('steady') else None,
+            'distances': sorted(2*RADIUS*np.sin(gaps.mean(0)/2)) if state.startswith('steady') else None,
+            'largest_out_of_plane': float(abs(places[:, :, 2]).max()), 'seconds': time.time() - began}
+
+
+# ---- Parts of the experiment -------------------------------------------------------------------------------------------
+def states(args):
+    rows = []
+    for name, f, tau, kind, settle, window, paper, reference in STATES:
+        for k in range(1 if args.quick else args.starts):
+            if args.quick and name != 'Fig 7':
+                continue
+            settle, window = (300.0, 120.0) if args.quick else (settle, window)
+            row = runState(f, tau, 0, args.model, args.truncation, kind, settle, window, args.seed + k, f'{name} {k + 1}')
+            row.update({'name': name, 'paper': paper, 'independent': reference.get(args.model)})
+            rows.append(row)
+            print(f'{name} f {f:g} tau {tau:g} start {k + 1}: {row["state"]}, period {row["period"]}, Om {row["orbital_speed"]:.4f}, '
+                  f'spin {row["spin"]:.4f}, smallest gap {row["smallest_gap"]:.3f}; paper: {paper}; independent {row["independent"]}  '
+                  f'[{row["seconds"]:.0f} s]', flush=True)
+    return rows
+
+
+def noise(args):
+    """Both of the paper's robust states with noise: how long they can still be told, by thresholds that grow with the noise."""
+    rows = []
+    for name, f, tau, _, settle, window, paper, _ in STATES[:2]:
+        for kT in (1e-5, 1e-4, 1e-3, 1e-2):
+            # The radial well alone gives angles a spread of sqrt(kT/kt)/R; along the ring gaps are an order softer.
+            thresholds = (max(STEADY, 10*np.sqrt(kT/KT)), min(0.6, MATCH + 20*np.sqrt(kT/KT)))
+            row = runState(f, tau, kT, args.model, args.truncation, 'random', settle, window, args.seed, f'{name} kT {kT:g}',
+                           thresholds=thresholds)
+            row.update({'name': name, 'paper': paper, 'thresholds': thresholds})
+            rows.append(row)
+            print(f'{name} kT {kT:g}: {row["state"]} (fluctuation {row["fluctuation"]:.3f}), Om {row["orbital_speed"]:.4f}, '
+                  f'spin {row["spin"]:.4f}', flush=True)
+    return rows
+
+
+def diagram(args):
+    """One random start at each point of a coarse grid."""
+    rows = []
+    for tau in args.tau:
+        for f in args.f:
+            if f == 0 and tau == 0:
+                continue
+            row = runState(f, tau, 0, args.model, args.truncation, 'random', 800.0, 300.0, args.seed, f'f {f:g} tau {tau:g}')
+            rows.append(row)
+            print(f'f {f:g} tau {tau:g}: {row["state"]}, Om {row["orbital_speed"]:.3f}', flush=True)
+    return rows
+
+
+COLOURS = {'5+1 drafting': 'C0', 'steady pairs': 'C1', 'pair drafting': 'C2', 'in-phase triplets': 'C3', 'alternating triplets': 'C4',
+           'uniform': 'C5', 'steady triplets': 'C6', 'steady cluster': 'C7', 'undecided': 'k'}
+
+
+def drawDiagram(rows, path):
+    plt = pyplot()
+    figure, ax = plt.subplots(figsize=(7, 5), constrained_layout=True)
+    for state, colour in COLOURS.items():
+        chosen = [r for r in rows if r['state'] == state]
+        if chosen:
+            ax.scatter([r['f'] for r in chosen], [r['tau'] for r in chosen], s=170, color=colour, label=state)
+    for r in rows:
+        ax.annotate(f'{r["orbital_speed"]:+.2f}', (r['f'], r['tau']), ha='center', va='bottom', fontsize=6, xytext=(0, 8),
+                    textcoords='offset points')
+    ax.set(xlabel='f', ylabel=r'$\tau$', title=f'{rows[0]["model"]}, one random start a point; numbers: orbital speed')
+    ax.legend(fontsize=8, bbox_to_anchor=(1.01, 1), loc='upper left')
+    figure.savefig(path, dpi=90)
+
+
+def animation(args, path):
+    """The paper's four states side by side."""
+    plt = pyplot()
+    from matplotlib.animation import FuncAnimation, PillowWriter
+    from matplotlib.patches import Circle, Wedge
+    shown = [s for s in STATES if s[0] in ('Fig 7', 'Fig 8(a)', 'Fig 8(b)') or s[3] == 'opposite']
+    records, names = [], []
+    for name, f, tau, kind, settle, *_ in shown:
+        scene = build(f, tau, 0, args.model, args.truncation, angles(kind, np.random.default_rng(args.seed)), args.seed)
+        for _ in sample(scene.integrator, 20, round(settle/STEP/20), f'animation {name}'):
+            pass
+        trajectory = Trajectory(scene, 96.0, f'animation {name}', False, orientations=True)
+        records.append(trajectory)
+        names.append(f'f = {f:g}, τ = {tau:g}')
+    figure, axes = plt.subplots(1, len(shown), figsize=(2.6*len(shown), 2.8), constrained_layout=True)
+    every = 12
+
+    def frame(k):
+        for ax, trajectory, name in zip(axes, records, names):
+            ax.clear()
+            ax.set(xlim=(-4.2, 4.2), ylim=(-4.2, 4.2), aspect='equal', xticks=[], yticks=[], title=name)
+            ax.add_patch(Circle((0, 0), RADIUS, fill=False, lw=0.5, color='0.6'))
+            for i in range(COUNT):
+                x, y, _ = trajectory.places[k*every, i]
+                q = trajectory.orientations[k*every, i]
+                turn = np.degrees(2*np.arctan2(q[3], q[0]))
+                ax.add_patch(Circle((x, y), 1, color='#9ecae1'))
+                ax.add_patch(Wedge((x, y), 1, turn, turn + 180, color='#08519c'))
+                ax.annotate(str(i + 1), (x, y), ha='center', va='center', fontsize=7, color='w')
+
+    FuncAnimation(figure, frame, frames=len(records[0].places)//every).save(path, writer=PillowWriter(fps=12), dpi=65)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--quick', action='store_true', help='one state, one start')
+    parser.add_argument('--parts', nargs='+', choices=PARTS, default=PARTS)
+    parser.add_argument('--model', default='FTS+lubrication', choices=MODELS)
+    parser.add_argument('--truncation', default='switch', choices=('switch', 'none'))
+    parser.add_argument('--starts', type=int, default=2, help='starts for each of the paper\'s states')
+    parser.add_argument('--f', type=float, nargs='+', default=[0, 0.4, 0.8, 1.2])
+    parser.add_argument('--tau', type=float, nargs='+', default=[-5, -4, -3, -2, -1, 0, 1, 2])
+    parser.add_argument('--seed', type=int, default=2017)
+    parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
+    args = parser.parse_args()
+    args.output.mkdir(parents=True, exist_ok=True)
+    suffix = args.model.replace('+', '_') + ('' if args.truncation == 'switch' else '_untruncated')
+    for part in ('states',) if args.quick else args.parts:
+        if part == 'animation':
+            animation(args, args.output/f'ring_{suffix}.gif')
+            continue
+        rows = {'states': states, 'noise': noise, 'diagram': diagram}[part](args)
+        save(args.output, f'ring_{part}_{suffix}.json', {'rows': rows, 'provenance': provenance(args)})
+        if part == 'diagram':
+            drawDiagram(rows, args.output/f'ring_diagram_{suffix}.png')
+
+
+if __name__ == '__main__':
+    main()
