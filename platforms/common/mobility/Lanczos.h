@@ -30,7 +30,7 @@ struct SpectralFunction {
  * Accuracy:  the error of a column, in the 2-norm, is at most five times `tolerance` times the norm of what is returned (or
  *            times 1e-140 of the column itself); if that cannot be reached, an error. The error is bounded, not guessed from
  *            how iterates move, so plateaus do no harm: see largestFactor(). What is guessed is how far eigenvalues reach
- *            beyond those of the Krylov space; with random vectors of 12 rows one in 36,000 was wrong, by 6 tolerances. At
+ *            beyond those of the Krylov space; of 36,000 cases with random vectors one, of 12 rows, was wrong: by 6 tolerances. At
  *            the dimension of the matrix, or of an invariant subspace, the result is exact but for rounding. Rounding,
  *            which ill-conditioned matrices magnify, is estimated too.
  *            A vector with hardly any component along an eigenvector that f magnifies can hide it from the Krylov space:

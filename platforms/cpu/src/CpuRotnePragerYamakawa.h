@@ -15,8 +15,8 @@ namespace RigidHIPlugin {
  * reduced over lanes or threads: results do not depend on the number of threads, nor on the width of packs where the
  * machine can multiply and add in one rounding (from AVX2 on). They agree with RotnePragerYamakawa to rounding.
  *
- * Cost: n^2 pairs, one square root and one division each, shared by two columns at a time; pairs that overlap cost three
- * times as much. Measured: benchmarks/README.md. Nothing is allocated after the first call of each method if the number
+ * Cost: n^2 pairs, one square root and one division each, shared by two columns at a time; packs in which a pair overlaps
+ * take a slower way. Measured: benchmarks/README.md. Nothing is allocated after the first call of each method if the number
  * of columns stays the same, unless threads are used. One object serves one caller at a time.
  */
 class CpuRotnePragerYamakawa : public MobilityOperator {
