@@ -332,7 +332,7 @@ TEST(BodyMobility, OwnTensorsOfSpheresAreTheSameWithAndWithoutMatrices) {
     elements[2].ownMobility = 0.03 * tensorWithoutSymmetry(2);
     const Scene scene(elements, 4, 3);
     BodyMobility byMatrix = scene.make(), byProducts = scene.make();
-    ASSERT_TRUE(byProducts.isMatrixFree());
+    ASSERT_TRUE(byProducts.canApplyMatrixFree());
     const MatrixXd wrenches = MatrixXd::Random(18, 2);
     MatrixXd twists;
     byProducts.apply(wrenches, twists);

@@ -34,6 +34,11 @@ Pose poseOf(const BodySet& bodies, int body) {
 
 /** Up to this many rows Auto decomposes matrices, beyond it takes Lanczos (benchmarks/README.md). */
 const int largestDenseRows = 600;
+/** Likewise for the particles of multiblobs, whose matrix is factorised. */
+const int largestDenseParticleRows = 1500;
+
+/** How much more exactly than the tolerance Lanczos' products are taken where they are solves themselves. */
+const double innerTolerance = 0.05;
 
 /** Rounding that a product of rotations leaves in a tensor. */
 const double isotropyTolerance = 1e-13;
@@ -142,7 +147,8 @@ Fluid::Fluid(const MobilityForce& forceToUse, const OpenMM::System& system,
                 groupOfFree[freeIndex] = groups.size() - 1;
             } else {
                 for (int k = 0; k < 3; k++) live += bodies.inertia(element.body).isLive(k);
-                group.allLive = group.allLive && live == 3;
+                const bool hasNull = group.mobility->hasNullVector(group.numLive.size());
+                group.deadAxesAreNull = group.deadAxesAreNull && live == (hasNull ? 2 : 3);
                 groupOfBody[element.body] = groups.size() - 1;
             }
             group.freeIndex.push_back(freeIndex);
@@ -167,14 +173,17 @@ Fluid::Fluid(const MobilityForce& forceToUse, const OpenMM::System& system,
 /** Dense or matrix-free, by the number of rows only, so that a resumed run chooses the same. */
 void Fluid::chooseSolver(Group& group) const {
     if (group.poses.size() == 1) return;
-    const bool possible = group.mobility->isMatrixFree() && group.allLive;
+    const bool possible = group.mobility->canApplyMatrixFree() && group.deadAxesAreNull;
     if (force.getSolver() == MobilityForce::MatrixFree && !possible)
         fail(
-            "solver MatrixFree is there for RotnePragerYamakawa with bodies that have three non-zero moments, not "
-            "for " +
-            string(group.allLive ? "this model" : "bodies with a zero moment") + "; use setSolver(Dense)");
+            "solver MatrixFree is there for RotnePragerYamakawa with bodies that the fluid and their moments let "
+            "rotate "
+            "about the same axes, not for " +
+            string(group.deadAxesAreNull ? "this model" : "spheres and blobs off a line with a zero moment") +
+            "; use setSolver(Dense)");
+    const bool large = group.numZ > largestDenseRows || group.mobility->getNumParticleRows() > largestDenseParticleRows;
     group.solvesMatrixFree = possible && (force.getSolver() == MobilityForce::MatrixFree ||
-                                          (force.getSolver() == MobilityForce::Auto && group.numZ > largestDenseRows));
+                                          (force.getSolver() == MobilityForce::Auto && large));
     if (group.solvesMatrixFree) group.lanczos.reset(new Lanczos(force.getSolverTolerance()));
 }
 
@@ -279,18 +288,21 @@ void Fluid::relaxMatrixFree(Group& group, double h, double kT, const BodySet& bo
                 continue;
             }
             const BodyInertia& inertia = bodies.inertia(elements[e].body);
-            const Vector3d roots(sqrt(inertia.moments[0]), sqrt(inertia.moments[1]), sqrt(inertia.moments[2]));
-            const Matrix3d turn = group.poses[e].A * roots.asDiagonal();
             to.middleRows<3>(fromZ ? row : z) = sqrt(inertia.mass) * from.middleRows<3>(fromZ ? z : row);
-            if (fromZ)
-                to.middleRows<3>(row + 3).noalias() = turn * from.middleRows<3>(z + 3);
-            else
-                to.middleRows<3>(z + 3).noalias() = turn.transpose() * from.middleRows<3>(row + 3);
+            if (fromZ) to.middleRows<3>(row + 3).setZero();
+            for (int k = 0, next = z + 3; k < 3; k++) {
+                if (!inertia.isLive(k)) continue;
+                const Vector3d axis = sqrt(inertia.moments[k]) * group.poses[e].A.col(k);
+                if (fromZ)
+                    to.middleRows<3>(row + 3).noalias() += axis * from.row(next++);
+                else
+                    to.row(next++).noalias() = axis.transpose() * from.middleRows<3>(row + 3);
+            }
         }
     };
     const auto multiply = [&](const MatrixXd& x, MatrixXd& y) {
         scale(x, group.wrenches, true);
-        group.mobility->apply(group.wrenches, group.twists);
+        group.mobility->applyMatrixFree(group.wrenches, innerTolerance * force.getSolverTolerance(), group.twists);
         scale(group.twists, y, false);
     };
     vector<SpectralFunction> functions = {SpectralFunction::decay(h)};
@@ -374,7 +386,7 @@ void Fluid::relaxGroup(Group& group, double h, double kT, const NoiseStream& noi
         relaxMatrixFree(group, h, kT, bodies, freeParticles);
     } else {
         // A dead axis makes S a part of K^(1/2) xi K^(1/2), whose inverse is not that part of the mobility.
-        const bool inverse = group.allLive && !group.mobility->prefersFriction();
+        const bool inverse = group.deadAxesAreNull && !group.mobility->prefersFriction();
         scaleToZ(group, bodies, freeParticles, inverse);
         group.process.decompose(group.S, inverse);
         group.process.step(h, kT, group.Z, group.chi);

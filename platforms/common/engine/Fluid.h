@@ -84,7 +84,8 @@ private:
         std::vector<int> freeIndex;        // of each element in FreeParticles, -1: a body
         std::vector<int> firstZ, numLive;  // of each element: rows in Z, live axes of a body
         int numZ = 0;
-        bool allLive = true;
+        // Whether bodies lack just those moments about whose axes the fluid does not hold them.
+        bool deadAxesAreNull = true;
         std::vector<Pose> poses;
         Eigen::VectorXd Z, chi;
         Eigen::MatrixXd half, S;

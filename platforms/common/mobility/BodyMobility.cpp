@@ -53,8 +53,30 @@ Matrix6d twoRotations(const Matrix3d& A) {
     return both;
 }
 
-BodyMobility::BodyMobility(const vector<FluidElement>& elements, const OperatorFactory& makeOperator, bool isConstant)
-    : elements(elements), constant(isConstant && elements.size() == 1 && !elements[0].isFree()) {
+MatrixXd rigidMotion(const FluidElement& element, const Matrix3d& A) {
+    const int rowsOfParticle = element.isSphere() ? 6 : 3;
+    MatrixXd K = MatrixXd::Zero(rowsOfParticle * element.sites.size(), element.numRows());
+    for (size_t i = 0; i < element.sites.size(); i++) {
+        K.block<3, 3>(rowsOfParticle * i, 0).setIdentity();
+        if (!element.isFree()) K.block<3, 3>(rowsOfParticle * i, 3) = -crossMatrix(A * element.sites[i]);
+        if (element.isSphere()) K.block<3, 3>(3, 3).setIdentity();
+    }
+    return K;
+}
+
+MatrixXd pseudoInverse(const MatrixXd& friction, const VectorXd& nullVector) {
+    MatrixXd lifted = friction;
+    const double lift = friction.trace() / friction.rows();
+    if (nullVector.size() > 0) lifted += lift * nullVector * nullVector.transpose();
+    MatrixXd inverse = lifted.llt().solve(MatrixXd::Identity(friction.rows(), friction.cols()));
+    if (nullVector.size() > 0) inverse -= nullVector * nullVector.transpose() / lift;
+    return 0.5 * (inverse + inverse.transpose());
+}
+
+BodyMobility::BodyMobility(const vector<FluidElement>& elements, const OperatorFactory& makeOperatorToUse,
+                           bool isConstant)
+    : elements(elements), constant(isConstant && elements.size() == 1 && !elements[0].isFree()),
+      makeOperator(makeOperatorToUse) {
     nullVectors.resize(elements.size());
     B_body.resize(elements.size());
     inverseB_body.resize(elements.size());
@@ -160,14 +182,8 @@ void BodyMobility::computeFriction() {
     }
     K.setZero(particles.numRows, numRows);
     for (size_t e = 0; e < elements.size(); e++) {
-        const FluidElement& element = elements[e];
-        for (size_t i = 0; i < element.sites.size(); i++) {
-            const int row = particles.firstRow[firstParticle[e] + i], column = rows[e];
-            K.block<3, 3>(row, column).setIdentity();
-            if (element.isFree()) continue;
-            K.block<3, 3>(row, column + 3) = -crossMatrix(poses[e].A * element.sites[i]);
-            if (element.isSphere()) K.block<3, 3>(row + 3, column + 3).setIdentity();
-        }
+        const MatrixXd own = rigidMotion(elements[e], poses[e].A);
+        K.block(particles.firstRow[firstParticle[e]], rows[e], own.rows(), own.cols()) = own;
     }
     if (particleOperator->isMadeFromFriction()) {
         particleOperator->friction(M);
@@ -236,19 +252,34 @@ const MatrixXd& BodyMobility::mobility() {
 }
 
 void BodyMobility::apply(const MatrixXd& wrenches, MatrixXd& twists) {
-    if (constant || !isMatrixFree() || mobilityIsKnown) {
+    const double tightTolerance = 1e-12;
+    const bool spheres = identityK && canApplyMatrixFree();
+    if (constant || !spheres || mobilityIsKnown)
         twists.noalias() = mobility() * wrenches;
-        return;
+    else
+        applyMatrixFree(wrenches, tightTolerance, twists);
+}
+
+void BodyMobility::applyMatrixFree(const MatrixXd& wrenches, double tolerance, MatrixXd& twists) {
+    const MatrixXd* forces = &wrenches;
+    if (hasOwnTensors) {
+        scratch = wrenches;
+        multiplyByFactors(scratch, true);
+        forces = &scratch;
     }
-    numProducts += wrenches.cols();
-    if (!hasOwnTensors) {
-        particleOperator->apply(wrenches, twists);
-        return;
+    if (identityK) {
+        particleOperator->apply(*forces, twists);
+        numProducts += wrenches.cols();
+    } else {
+        if (!multiblobSolver)
+            multiblobSolver.reset(
+                new MultiblobSolver(elements, rows, firstParticle, particles, nullVectors, makeOperator));
+        multiblobSolver->setPoses(poses);
+        const int iterations = multiblobSolver->apply(*particleOperator, *forces, tolerance, twists);
+        numSolverIterations += iterations;
+        numProducts += (iterations + 1) * wrenches.cols();
     }
-    scratch = wrenches;
-    multiplyByFactors(scratch, true);
-    particleOperator->apply(scratch, twists);
-    multiplyByFactors(twists, false);
+    if (hasOwnTensors) multiplyByFactors(twists, false);
 }
 
 }  // namespace RigidHIPlugin

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "mobility/MobilityOperator.h"
+#include "mobility/MultiblobSolver.h"
 
 namespace RigidHIPlugin {
 
@@ -51,6 +52,7 @@ public:
 
     const std::vector<FluidElement>& getElements() const { return elements; }
     int getNumRows() const { return numRows; }
+    int getNumParticleRows() const { return particles.numRows; }
     int firstRow(int element) const { return rows[element]; }
     /** Whether the tensor is that of one body in a homogeneous fluid, known once for all in its own frame. */
     bool isConstantInBodyFrame() const { return constant; }
@@ -69,13 +71,18 @@ public:
     const Eigen::MatrixXd& mobility();
     /** Its (pseudo-)inverse, likewise. */
     const Eigen::MatrixXd& friction();
-    /** twists = N wrenches; columns are cases of their own. */
+    /** twists = N wrenches; columns are cases of their own. Multiplies by N if that is known, else as applyMatrixFree(). */
     void apply(const Eigen::MatrixXd& wrenches, Eigen::MatrixXd& twists);
-    /** Whether apply() needs no matrix over all bodies: spheres about their centres, without stresslets. */
-    bool isMatrixFree() const { return identityK && !particleOperator->isMadeFromFriction(); }
+    /**
+     * twists = N wrenches without any matrix over all bodies: products with the particles' mobility, and MultiblobSolver where
+     * there are multiblobs. @param tolerance  relative, of the latter
+     */
+    void applyMatrixFree(const Eigen::MatrixXd& wrenches, double tolerance, Eigen::MatrixXd& twists);
+    /** Whether applyMatrixFree() is possible: the model has products. */
+    bool canApplyMatrixFree() const { return particleOperator && particleOperator->hasProducts(); }
 
     /** Matrices made (dense mobility or friction), products with M, for getStepStatistics(). */
-    long long numMatrices = 0, numProducts = 0;
+    long long numMatrices = 0, numProducts = 0, numSolverIterations = 0;
 
 private:
     void placeParticles(const std::vector<Pose>& poses, std::vector<OpenMM::Vec3>& positions) const;
@@ -90,6 +97,8 @@ private:
     std::vector<Eigen::VectorXd> nullVectors;            // of elements, in the body frame; mostly empty
     std::vector<Eigen::MatrixXd> B_body, inverseB_body;  // of elements with own tensors
     std::unique_ptr<MobilityOperator> particleOperator;
+    OperatorFactory makeOperator;
+    std::unique_ptr<MultiblobSolver> multiblobSolver;  // made when first needed
     HydrodynamicParticles particles;
     std::vector<int> firstParticle;  // of each element
 
@@ -99,6 +108,10 @@ private:
     bool mobilityIsKnown = false, frictionIsKnown = false;
 };
 
+/** K of one element: velocities of its hydrodynamic particles (and angular velocity of a sphere) from V and W. */
+Eigen::MatrixXd rigidMotion(const FluidElement& element, const Eigen::Matrix3d& A);
+/** The inverse of a friction matrix with at most one null vector (of unit length; or empty), pseudo-inverse then. */
+Eigen::MatrixXd pseudoInverse(const Eigen::MatrixXd& friction, const Eigen::VectorXd& nullVector);
 /** The 6 x 6 matrix diag(A, A) of a rotation. */
 Eigen::Matrix<double, 6, 6> twoRotations(const Eigen::Matrix3d& A);
 

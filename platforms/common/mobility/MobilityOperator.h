@@ -68,6 +68,8 @@ public:
     virtual void dense(Eigen::MatrixXd& mobility) const;
     /** Its inverse. Default: by Cholesky's factors of dense(). @throws OpenMMException if M is not positive definite */
     virtual void friction(Eigen::MatrixXd& friction) const;
+    /** Whether apply() needs no matrix, so that Krylov methods make sense. */
+    virtual bool hasProducts() const { return true; }
     /** Whether friction() costs less than dense(), so that callers who can use either should ask for friction. */
     virtual bool isMadeFromFriction() const { return false; }
 

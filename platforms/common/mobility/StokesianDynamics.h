@@ -43,6 +43,7 @@ public:
     void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
     void dense(Eigen::MatrixXd& mobility) const override;
     void friction(Eigen::MatrixXd& friction) const override;
+    bool hasProducts() const override { return false; }
     bool isMadeFromFriction() const override { return lubrication; }
 
 private:

@@ -1,0 +1,156 @@
+#include "mobility/MultiblobSolver.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <cmath>
+#include <sstream>
+
+#include "mobility/BodyMobility.h"
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+/** Far more than a mobility matrix needs, whose preconditioned condition number is tens. */
+const int maxIterations = 1000;
+
+}  // namespace
+
+MultiblobSolver::MultiblobSolver(const vector<FluidElement>& elements, const vector<int>& rows,
+                                 const vector<int>& firstParticle, const HydrodynamicParticles& particles,
+                                 const vector<VectorXd>& nullVectors, const OperatorFactory& makeOperator)
+    : rows(rows), turns(elements.size(), Matrix3d::Identity()) {
+    vector<shared_ptr<const Shape> > known;
+    for (size_t e = 0; e < elements.size(); e++) {
+        const FluidElement& element = elements[e];
+        blobRow.push_back(particles.firstRow[firstParticle[e]]);
+        numBlobRows.push_back((element.isSphere() ? 6 : 3) * element.particles.size());
+        numBlobRowsTotal += numBlobRows.back();
+        numRows += element.numRows();
+        shared_ptr<const Shape> found;
+        for (const auto& shape : known)
+            if (shape->isFree == element.isFree() && shape->isSphere == element.isSphere() &&
+                shape->radii == element.radii && shape->sites == element.sites)
+                found = shape;
+        if (!found) {
+            const shared_ptr<Shape> shape(new Shape());
+            shape->sites = element.sites;
+            shape->radii = element.radii;
+            shape->isFree = element.isFree();
+            shape->isSphere = element.isSphere();
+            HydrodynamicParticles own;
+            vector<OpenMM::Vec3> places;
+            for (size_t i = 0; i < element.sites.size(); i++) {
+                own.add(element.radii[i], element.isSphere(), element.particles[i], element.body);
+                places.push_back(OpenMM::Vec3(element.sites[i][0], element.sites[i][1], element.sites[i][2]));
+            }
+            const unique_ptr<MobilityOperator> alone = makeOperator(own);
+            alone->setPositions(places);
+            MatrixXd M;
+            alone->dense(M);
+            shape->M.compute(M);
+            if (shape->M.info() != Success)
+                throw OpenMM::OpenMMException(
+                    "MobilityForce: the mobility matrix of the " + to_string(element.sites.size()) + " blobs of body " +
+                    to_string(element.body) + " is not positive definite; look for blobs at the same place");
+            shape->K = rigidMotion(element, Matrix3d::Identity());
+            shape->MinvK = shape->M.solve(shape->K);
+            MatrixXd friction = shape->K.transpose() * shape->MinvK;
+            shape->N = pseudoInverse(friction, nullVectors[e]);
+            known.push_back(shape);
+            found = shape;
+        }
+        shapes.push_back(found);
+    }
+}
+
+void MultiblobSolver::setPoses(const vector<Pose>& poses) {
+    for (size_t e = 0; e < poses.size(); e++)
+        if (!shapes[e]->isFree) turns[e] = poses[e].A;
+}
+
+/** Vectors of blobs (or bodies) between the lab frame and the frames of their bodies. */
+void MultiblobSolver::turn(Rows kind, bool toBody, const MatrixXd& from, MatrixXd& to) const {
+    to.resize(from.rows(), from.cols());
+    for (size_t e = 0; e < shapes.size(); e++) {
+        const int first = kind == OfBlobs ? blobRow[e] : rows[e];
+        const int count = kind == OfBlobs ? numBlobRows[e] : shapes[e]->isFree ? 3 : 6;
+        for (int r = first; r < first + count; r += 3)
+            if (toBody)
+                to.middleRows<3>(r).noalias() = turns[e].transpose() * from.middleRows<3>(r);
+            else
+                to.middleRows<3>(r).noalias() = turns[e] * from.middleRows<3>(r);
+    }
+}
+
+/** direction = M~^-1 (residual - K U~) with K^T direction = 0, M~ the bodies' own matrices: U~ = N~ K^T M~^-1 residual. */
+void MultiblobSolver::project(const MatrixXd& from, MatrixXd& to, MatrixXd& twists) {
+    to.resize(from.rows(), from.cols());
+    twists.resize(numRows, from.cols());
+    for (size_t e = 0; e < shapes.size(); e++) {
+        const Shape& shape = *shapes[e];
+        const int first = blobRow[e], count = numBlobRows[e], row = rows[e], own = shape.isFree ? 3 : 6;
+        twists.middleRows(row, own).noalias() = shape.N * (shape.MinvK.transpose() * from.middleRows(first, count));
+        to.middleRows(first, count) =
+            shape.M.solve(from.middleRows(first, count) - shape.K * twists.middleRows(row, own));
+    }
+}
+
+void MultiblobSolver::multiply(const MobilityOperator& blobs, const MatrixXd& from, MatrixXd& to) {
+    turn(OfBlobs, false, from, lab);
+    blobs.apply(lab, labProduct);
+    turn(OfBlobs, true, labProduct, to);
+}
+
+int MultiblobSolver::apply(const MobilityOperator& blobs, const MatrixXd& wrenches, double tolerance,
+                           MatrixXd& twists) {
+    const int columns = wrenches.cols();
+    turn(OfBodies, true, wrenches, wrenches_body);
+    lambda.resize(numBlobRowsTotal, columns);
+    for (size_t e = 0; e < shapes.size(); e++)
+        lambda.middleRows(blobRow[e], numBlobRows[e]).noalias() =
+            shapes[e]->MinvK * (shapes[e]->N * wrenches_body.middleRows(rows[e], shapes[e]->isFree ? 3 : 6));
+    multiply(blobs, lambda, residual);
+    project(residual, preconditioned, twists_body);
+    direction = -preconditioned;
+    VectorXd gradient(columns), energy(columns);
+    int iteration = 0;
+    while (true) {
+        bool converged = true;
+        double worst = 0;
+        for (int c = 0; c < columns; c++) {
+            gradient[c] = residual.col(c).dot(preconditioned.col(c));
+            energy[c] = lambda.col(c).dot(residual.col(c));
+            if (!(gradient[c] <= tolerance * tolerance * energy[c])) converged = false;
+            if (energy[c] > 0) worst = max(worst, sqrt(abs(gradient[c]) / energy[c]));
+        }
+        if (converged) break;
+        if (iteration++ == maxIterations || !gradient.allFinite()) {
+            ostringstream text;
+            text << "MobilityForce: the solver of rigid multiblobs has a relative residual of " << worst << " after "
+                 << iteration << " iterations, above its tolerance " << tolerance
+                 << "; raise setSolverTolerance(), use setSolver(Dense), or look for bodies that overlap deeply";
+            throw OpenMM::OpenMMException(text.str());
+        }
+        multiply(blobs, direction, product);
+        for (int c = 0; c < columns; c++) {
+            const double curvature = direction.col(c).dot(product.col(c));
+            const double step = curvature > 0 ? gradient[c] / curvature : 0;
+            lambda.col(c) += step * direction.col(c);
+            residual.col(c) += step * product.col(c);
+        }
+        project(residual, preconditioned, twists_body);
+        for (int c = 0; c < columns; c++) {
+            const double next = residual.col(c).dot(preconditioned.col(c));
+            const double ratio = gradient[c] > 0 ? next / gradient[c] : 0;
+            direction.col(c) = ratio * direction.col(c) - preconditioned.col(c);
+        }
+    }
+    turn(OfBodies, false, twists_body, twists);
+    return iteration;
+}
+
+}  // namespace RigidHIPlugin

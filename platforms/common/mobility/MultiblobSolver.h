@@ -1,0 +1,70 @@
+#ifndef RIGIDHI_MULTIBLOB_SOLVER_H_
+#define RIGIDHI_MULTIBLOB_SOLVER_H_
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <functional>
+#include <memory>
+#include <vector>
+
+#include "mobility/MobilityOperator.h"
+
+namespace RigidHIPlugin {
+
+struct FluidElement;
+struct Pose;
+
+/**
+ * The motion of rigid multiblobs under given forces and torques, without a matrix over all blobs.
+ *
+ * Equation:  M lambda = K U, K^T lambda = F: the blob forces that keep bodies rigid and add up to F (Westwood 2022, eqs. 7-10).
+ * Method:    lambda minimises lambda^T M lambda / 2 under K^T lambda = F: conjugate gradients projected onto the constraint
+ *            (Gould, Hribar, Nocedal, SIAM J. Sci. Comput. 23, 1376 (2001)). The preconditioner is every body's own mobility
+ *            matrix, factorised once for bodies of one shape, in the body frame. U are the multipliers.
+ * Accuracy:  the energy norm of the error of lambda is below the tolerance times that of lambda, so every U F is right to its
+ *            square, and U in the norm of the friction to the tolerance; or an error.
+ * Cost:      an iteration has one product with M and one solve with each body's own matrix.
+ */
+class MultiblobSolver {
+public:
+    typedef std::function<std::unique_ptr<MobilityOperator>(const HydrodynamicParticles&)> OperatorFactory;
+    /**
+     * @param rows            first row of each element in F and U
+     * @param firstParticle   of each element
+     * @param nullVectors     of each element's friction in the body frame, or empty
+     */
+    MultiblobSolver(const std::vector<FluidElement>& elements, const std::vector<int>& rows,
+                    const std::vector<int>& firstParticle, const HydrodynamicParticles& particles,
+                    const std::vector<Eigen::VectorXd>& nullVectors, const OperatorFactory& makeOperator);
+    void setPoses(const std::vector<Pose>& poses);
+    /**
+     * twists = N wrenches, each column for itself. @throws OpenMMException with what was reached, if the tolerance is not
+     * @return iterations
+     */
+    int apply(const MobilityOperator& blobs, const Eigen::MatrixXd& wrenches, double tolerance,
+              Eigen::MatrixXd& twists);
+
+private:
+    /** What bodies of one shape share, in the body frame. */
+    struct Shape {
+        std::vector<Eigen::Vector3d> sites;
+        std::vector<double> radii;
+        bool isFree, isSphere;
+        Eigen::LLT<Eigen::MatrixXd> M;
+        Eigen::MatrixXd K, MinvK, N;
+    };
+    enum Rows { OfBlobs, OfBodies };
+    void turn(Rows kind, bool toBody, const Eigen::MatrixXd& from, Eigen::MatrixXd& to) const;
+    void project(const Eigen::MatrixXd& residual_body, Eigen::MatrixXd& direction_body, Eigen::MatrixXd& twists_body);
+    void multiply(const MobilityOperator& blobs, const Eigen::MatrixXd& lambda_body, Eigen::MatrixXd& result_body);
+
+    std::vector<int> rows, blobRow, numBlobRows;  // of elements
+    int numRows = 0, numBlobRowsTotal = 0;
+    std::vector<std::shared_ptr<const Shape> > shapes;
+    std::vector<Eigen::Matrix3d> turns;  // body to lab
+    Eigen::MatrixXd lambda, residual, direction, preconditioned, product, twists_body, wrenches_body, lab, labProduct;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif
