@@ -292,6 +292,9 @@ TEST(StokesianDynamics, RefusedOverlap) {
                            overlapping = {Vec3(), Vec3(2, 0, 0), Vec3(2, 0.9, 0)};
         EXPECT_FALSE(model.overlaps(apart, i, j));
         EXPECT_TRUE(model.overlaps(overlapping, i, j));
+        EXPECT_TRUE(model.mayObject());
+        EXPECT_EQ(model.objection(apart), "");
+        EXPECT_NE(model.objection(overlapping).find("overlap or touch"), string::npos);
         EXPECT_EQ(i, 1);
         EXPECT_EQ(j, 2);
         EXPECT_TRUE(model.overlaps({Vec3(), Vec3(1.5, 0, 0), Vec3(0, 2, 0)}, i, j)) << "contact";

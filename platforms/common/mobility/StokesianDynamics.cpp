@@ -116,25 +116,23 @@ bool StokesianDynamics::overlaps(const std::vector<Vec3>& positions, int& i, int
 
 std::string StokesianDynamics::objection(const std::vector<Vec3>& at) const {
     int i, j;
-    if (!overlaps(at, i, j)) return {};
-    return nameOf(particles, i) + " and " + nameOf(particles, j) + " overlap or touch: their distance is " +
-           number(distanceBetween(at[i], at[j])) + " nm, the sum of their radii " +
-           number(particles.radii[i] + particles.radii[j]) + " nm";
-}
-
-void StokesianDynamics::setPositions(const std::vector<Vec3>& newPositions) {
-    int i, j;
-    const std::string objected = objection(newPositions);
-    if (!objected.empty())
-        throw OpenMMException("StokesianDynamics: " + objected +
-                              "; separate them, allow it by setMinimumGap, or use the model RotnePragerYamakawa");
+    if (overlaps(at, i, j))
+        return "StokesianDynamics: " + nameOf(particles, i) + " and " + nameOf(particles, j) +
+               " overlap or touch: their distance is " + number(distanceBetween(at[i], at[j])) +
+               " nm, the sum of their radii " + number(particles.radii[i] + particles.radii[j]) +
+               " nm; separate them, allow it by setMinimumGap, or use the model RotnePragerYamakawa";
     if (minimumGap > 0)
         for (i = 0; i < particles.size(); i++)
             for (j = i + 1; j < particles.size(); j++)
-                if (newPositions[i] == newPositions[j])
-                    throw OpenMMException(
-                        "StokesianDynamics: " + nameOf(particles, i) + " and " + nameOf(particles, j) +
-                        " are at the same place, so their line of centres has no direction; move one");
+                if (at[i] == at[j])
+                    return "StokesianDynamics: " + nameOf(particles, i) + " and " + nameOf(particles, j) +
+                           " are at the same place, so their line of centres has no direction; move one";
+    return {};
+}
+
+void StokesianDynamics::setPositions(const std::vector<Vec3>& newPositions) {
+    const std::string problem = objection(newPositions);
+    if (!problem.empty()) throw OpenMMException(problem);
     positions = newPositions;
     farFieldMobility.resize(0, 0);
     cachedFriction.resize(0, 0);

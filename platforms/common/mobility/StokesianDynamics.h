@@ -36,8 +36,8 @@ public:
     /** @throws OpenMMException, naming the particles, for spheres that touch or overlap while there is no minimum gap */
     void setPositions(const std::vector<OpenMM::Vec3>& positions) override;
     std::string objection(const std::vector<OpenMM::Vec3>& positions) const override;
-    bool mayObject() const override { return minimumGap == 0; }
-    /** Whether setPositions() would refuse these positions, and the first such pair (not indices in the System). n²/2 distances. */
+    bool mayObject() const override { return true; }
+    /** Whether spheres touch or overlap while there is no minimum gap, and the first such pair (not indices in the System). n²/2 distances. */
     bool overlaps(const std::vector<OpenMM::Vec3>& positions, int& i, int& j) const;
 
     void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
