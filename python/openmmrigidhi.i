@@ -168,7 +168,7 @@ void setOpenMMException(const char* message) {
 %typemap(in) const std::string& (std::string text) {
     Py_ssize_t length = 0;
     const char* utf8 = PyUnicode_Check($input) ? PyUnicode_AsUTF8AndSize($input, &length) : nullptr;
-    if (!utf8) SWIG_exception_fail(SWIG_TypeError, "openmmrigidhi: in method '$symname', argument $argnum is no text");
+    if (!utf8) SWIG_exception_fail(SWIG_TypeError, "openmmrigidhi: expected text as argument $argnum of $symname");
     text.assign(utf8, length);
     $1 = &text;
 }

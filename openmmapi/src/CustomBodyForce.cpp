@@ -22,8 +22,8 @@ namespace {
 
 void checkIndex(int index, size_t count, const char* method, const string& what) {
     if (index < 0 || index >= (int)count)
-        fail(method, "index " + to_string(index) + " is out of range",
-             "there are " + to_string(count) + " " + what + ", counted from 0", "add it first or correct the index");
+        fail(method, "nothing has index " + to_string(index),
+             "this force has " + to_string(count) + " " + what + ", numbered from 0", "add it first, or name another");
 }
 
 void checkFinite(double value, const string& object, const string& quantity) {

@@ -61,9 +61,9 @@ void CustomBodyForceImpl::initialize(ContextImpl& context) {
     copyEntries(owner, numParameters, bodies, parameters);
     for (size_t i = 0; i < bodies.size(); i++)
         if (bodies[i] >= ours->getNumRigidBodies())
-            fail("entry " + to_string(i) + ": body index " + to_string(bodies[i]) +
-                 " is out of range; the integrator has " + to_string(ours->getNumRigidBodies()) +
-                 " bodies, counted from 0: add the body to the integrator, or correct the index");
+            fail("entry " + to_string(i) + " acts on body " + to_string(bodies[i]) + ", but the integrator's " +
+                 to_string(ours->getNumRigidBodies()) +
+                 " bodies are numbered from 0: add the body to the integrator, or correct the entry");
 }
 
 map<string, double> CustomBodyForceImpl::getDefaultParameters() {

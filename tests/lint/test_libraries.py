@@ -4,7 +4,8 @@ import subprocess
 import pytest
 
 #: Exported by the API library, after demangling: the public class, and what OpenMM runs when it loads the library.
-API_CLASSES = ('RigidHIPlugin::CustomRigidHIIntegrator', 'registerRigidHISerializationProxies')
+API_CLASSES = ('RigidHIPlugin::CustomRigidHIIntegrator', 'RigidHIPlugin::MobilityForce', 'RigidHIPlugin::CustomBodyForce',
+               'registerRigidHISerializationProxies')
 ENTRY_POINTS = {'registerPlatforms', 'registerKernelFactories'}
 #: Emitted by the compiler for templates and classes of the standard library and OpenMM that are used by value.
 FOREIGN = ('std::', 'OpenMM::', 'void std::', '__gnu_cxx::')

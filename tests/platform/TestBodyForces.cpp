@@ -373,8 +373,9 @@ TEST(BodyForces, Refusals) {
         scene.create();
     };
     EXPECT_NO_THROW(creation(none, 0, {1}));
-    expectError([&] { creation(none, 1, {1}); }, {"CustomBodyForce: entry 0: body index 1 is out of range",
-                                                  "the integrator has 1 bodies", "correct the index"});
+    expectError(
+        [&] { creation(none, 1, {1}); },
+        {"CustomBodyForce: entry 0 acts on body 1, but the integrator's 1 bodies are numbered", "correct the entry"});
     expectError([&] { creation(none, 0, {}); },
                 {"entry 0 (body 0) has 0 parameters", "the force has 1 per-body parameters", "addBody()"});
     expectError([&] { creation(none, 0, {1, 2}); }, {"entry 0 (body 0) has 2 parameters"});
@@ -447,8 +448,9 @@ TEST(BodyForces, SettersRefuse) {
     expectError([&] { force.setExpression("", "0"); }, {"component '' is unknown"});
     int body;
     vector<double> values;
-    expectError([&] { force.getBodyParameters(1, body, values); }, {"index 1 is out of range", "there are 1 entries"});
-    expectError([&] { force.setBodyParameters(-1, 0, {}); }, {"index -1 is out of range"});
-    expectError([&] { force.getGlobalParameterName(1); }, {"there are 1 global parameters"});
-    expectError([&] { force.getPerBodyParameterName(1); }, {"there are 1 per-body parameters"});
+    expectError([&] { force.getBodyParameters(1, body, values); },
+                {"nothing has index 1", "this force has 1 entries, numbered from 0", "add it first, or name another"});
+    expectError([&] { force.setBodyParameters(-1, 0, {}); }, {"nothing has index -1"});
+    expectError([&] { force.getGlobalParameterName(1); }, {"this force has 1 global parameters"});
+    expectError([&] { force.getPerBodyParameterName(1); }, {"this force has 1 per-body parameters"});
 }

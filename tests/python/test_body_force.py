@@ -109,7 +109,7 @@ def test_parameters_take_quantities_of_any_dimension(value, expected):
     (lambda f: f.addBody(0, ['a']), "addBody: parameter 0: got 'a'; it must be a number"),
     (lambda f: f.addBody(1.5), 'addBody: bodyIndex: got 1.5; it must be an integer'),
     (lambda f: f.setBodyParameters('0', 0), "setBodyParameters: index: got '0'; it must be an integer"),
-    (lambda f: super(CustomBodyForce, f).addPerBodyParameter(3), 'argument 2 is no text'),
+    (lambda f: super(CustomBodyForce, f).addPerBodyParameter(3), 'expected text as argument 2'),
 ])
 def test_wrong_types(action, message):
     with pytest.raises(TypeError, match=re.escape(message)):

@@ -170,7 +170,8 @@ TEST(Expression, RefusesWhatOpenMMRefuses) {
 TEST(Expression, IsAtLeastAsStrictAsOpenMM) {
     // OpenMM reads 1e as 0, 1.2.3 as 1.2 and 1e5.5 as 1e5.
     for (const string text : {"1e", "1e+", "1.2.3", "1e5.5", ".", "1e999"})
-        expectError([&] { ourValue(text, points[0]); }, {"expression \"" + text + "\"", "is no number"});
+        expectError([&] { ourValue(text, points[0]); },
+                    {"expression \"" + text + "\"", "is no number", "a number looks like 1, 0.5"});
 }
 
 /** Random expressions, of a grammar that makes all combinations of operators. */
@@ -257,7 +258,7 @@ TEST(Expression, ErrorsNameWhatIsWrong) {
     const vector<pair<string, vector<string> > > cases = {
         {"x+foo", {"there is no variable or parameter 'foo'", "there are x, y, z, k, long_name2", "correct the name"}},
         {"ln(x)", {"there is no function 'ln'", "select", "write the operator * if a product is meant"}},
-        {"min(x)", {"function 'min' has 1 arguments", "it takes 2"}},
+        {"min(x)", {"function 'min' has 1 arguments", "it takes 2", "write that many arguments"}},
         {"(x+1", {"a parenthesis is not closed before 'end'", "each '(' needs its ')'"}},
         {"x+", {"it ends too early", "an operand must follow there"}},
         {"x y", {"unexpected 'y'", "must end or go on with an operator"}},

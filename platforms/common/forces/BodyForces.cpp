@@ -57,12 +57,14 @@ BodyForces::BodyForces(ContextImpl& context) {
             names.push_back(force->globals.back());
         }
         force->values.assign(names.size(), 0.0);
-        for (const string& component : CustomBodyForce::componentNames()) try {
+        for (const string& component : CustomBodyForce::componentNames()) {
+            const string where = "CustomBodyForce: force " + to_string(i) + ": " + component + ": ";
+            try {
                 force->expressions.emplace_back(owner.getExpression(component), names, force->values.data());
             } catch (const OpenMMException& error) {
-                throw OpenMMException("CustomBodyForce: force " + to_string(i) + ": " + component + ": " +
-                                      error.what());
+                throw OpenMMException(where + error.what());
             }
+        }
         time = time || force->uses(T, T + 1);
         velocities = velocities || force->uses(V, V + 3);
         forces.push_back(move(force));

@@ -99,7 +99,8 @@ public:
     }
 
     [[noreturn]] void fail(const string& problem, const string& bound, const string& remedy) const {
-        throw OpenMM::OpenMMException("expression \"" + text + "\": " + problem + "; " + bound + ": " + remedy);
+        const string where = "expression \"" + text + "\": ";
+        throw OpenMM::OpenMMException(where + problem + "; " + bound + ": " + remedy);
     }
 
     vector<Node> nodes;
@@ -224,7 +225,7 @@ private:
             }
             if (given != expected)
                 fail("function '" + node.name + "' has " + to_string(given) + " arguments",
-                     "it takes " + to_string(expected), "give as many");
+                     "it takes " + to_string(expected), "write that many arguments");
             return add(node);
         }
         if (token.kind == Token::Operator && token.text == "-") {
