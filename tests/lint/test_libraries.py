@@ -8,7 +8,7 @@ API_CLASSES = ('RigidHIPlugin::CustomRigidHIIntegrator', 'RigidHIPlugin::Mobilit
                'registerRigidHISerializationProxies')
 ENTRY_POINTS = {'registerPlatforms', 'registerKernelFactories'}
 #: Emitted by the compiler for templates and classes of the standard library and OpenMM that are used by value.
-FOREIGN = ('std::', 'OpenMM::', 'void std::', '__gnu_cxx::')
+FOREIGN = ('std::', 'OpenMM::', 'void std::', '__gnu_cxx::', 'mu::')
 
 
 def exported(library):
