@@ -9,7 +9,7 @@ import openmm
 import pytest
 from openmm import unit
 
-from openmmrigidhi import CustomBodyForce, CustomRigidHIIntegrator
+from openmmrigidhi import CustomBodyForce, CustomRigidHIIntegrator, MobilityForce
 from scenes import dumbbells
 
 COMPONENTS = ('fx', 'fy', 'fz', 'tx', 'ty', 'tz')
@@ -242,3 +242,33 @@ def test_resume_through_files(tmp_path):
     other.step(30)
     assert np.array_equal(integrator.getBodyPositions()._value, other.getBodyPositions()._value)
     assert np.array_equal(integrator.getBodyForces()._value, other.getBodyForces()._value)
+
+
+@pytest.mark.parametrize('scheme, order', [('LangevinA', 1), ('LangevinB', 1), ('LangevinC', 2), ('LangevinHI', 2)])
+def test_order_with_velocities_and_friction(scheme, order):
+    """Self-convergence at T = 0: what the documentation promises, no less and no more."""
+    def run(stepSize):
+        system = openmm.System()
+        integrator = CustomRigidHIIntegrator(0, stepSize)
+        integrator.setScheme(getattr(CustomRigidHIIntegrator, scheme))
+        integrator.setFriction(0.5)
+        force = CustomBodyForce('-1.5*vx*sqrt(vx^2 + vy^2) + sin(3*t)', '-2*y', '0', '0', '0', '0')
+        fluid = MobilityForce()
+        fluid.setViscosity(0.2)
+        for body in range(2):
+            system.addParticle(2)
+            integrator.addRigidBody([body], 2, (1, 1, 1), [(0, 0, 0)])
+            force.addBody(body)
+            fluid.addParticle(0.3)
+        system.addForce(force)
+        if scheme == 'LangevinHI':
+            system.addForce(fluid)
+        context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+        context.setPositions([(0, 0, 0), (1, 0.5, 0)])
+        integrator.setBodyVelocities([(2, 1, 0), (0, 1, 1)])
+        integrator.step(round(2/stepSize))
+        return np.concatenate([integrator.getBodyPositions()._value, integrator.getBodyVelocities()._value])
+
+    results = [run(h) for h in (0.02, 0.01, 0.005)]
+    ratio = np.abs(results[0] - results[1]).max()/np.abs(results[1] - results[2]).max()
+    assert ratio == pytest.approx(2**order, rel=0.1)

@@ -30,7 +30,7 @@ namespace RigidHIPlugin {
  * force group is one of the integrator's. They have no energy: minimisers and barostats do not feel them.
  *
  * Velocities: the first half kick of a step uses those at its beginning, the second those that it leads to (predicted
- * once). That is weak order 2 with LangevinC, 1 with LangevinA and LangevinB (2 without friction).
+ * once). That is weak order 2 with LangevinC and LangevinHI, 1 with LangevinA and LangevinB (2 without friction).
  *
  * Every error is an OpenMMException that names the object, the value, the bound and the remedy.
  */
