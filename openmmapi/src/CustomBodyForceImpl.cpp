@@ -50,6 +50,8 @@ void copyEntries(const CustomBodyForce& force, int numParameters, vector<int>& b
 CustomBodyForceImpl::CustomBodyForceImpl(const CustomBodyForce& owner)
     : owner(owner), numParameters(owner.getNumPerBodyParameters()) {}
 
+const CustomBodyForce& CustomBodyForceImpl::getOwner() const { return owner; }
+
 void CustomBodyForceImpl::initialize(ContextImpl& context) {
     const Integrator& integrator = context.getIntegrator();
     const auto* ours = dynamic_cast<const CustomRigidHIIntegrator*>(&integrator);

@@ -19,7 +19,7 @@ class OPENMM_EXPORT_RIGIDHI CustomBodyForceImpl : public OpenMM::ForceImpl {
 public:
     explicit CustomBodyForceImpl(const CustomBodyForce& owner);
     void initialize(OpenMM::ContextImpl& context) override;
-    const CustomBodyForce& getOwner() const override { return owner; }
+    const CustomBodyForce& getOwner() const override;
     double calcForcesAndEnergy(OpenMM::ContextImpl& context, bool includeForces, bool includeEnergy,
                                int groups) override {
         return 0;
