@@ -71,11 +71,6 @@ vector<double> inverse(const vector<double>& matrix) {
     return result;
 }
 
-/** The integrator's kernel of a Context in which a MobilityForce is. */
-pair<IntegrateRigidBodiesKernel*, ContextImpl*> kernelOf(ContextImpl& context, const char* method) {
-    return {&dynamic_cast<CustomRigidHIIntegrator&>(context.getIntegrator()).getKernelForForces(method), &context};
-}
-
 }  // namespace
 
 MobilityForce::MobilityForce()
@@ -227,29 +222,32 @@ void MobilityForce::setGroups(const vector<int>& groups) {
 
 // ---- In a Context ----
 
-void MobilityForce::updateParametersInContext(Context& context) {
-    ContextImpl& impl = getContextImpl(context);
+IntegrateRigidBodiesKernel& MobilityForce::kernelIn(Context& context, const char* method) const {
     getImplInContext(context);  // throws if this Force is not in the Context
-    kernelOf(impl, "updateParametersInContext()").first->updateFluid(impl, *this);
+    return dynamic_cast<CustomRigidHIIntegrator&>(context.getIntegrator()).getKernelForForces(method);
+}
+
+void MobilityForce::updateParametersInContext(Context& context) {
+    kernelIn(context, "updateParametersInContext()").updateFluid(getContextImpl(context), *this);
 }
 
 vector<double> MobilityForce::getMobilityInContext(Context& context) const {
-    ContextImpl& impl = const_cast<MobilityForce*>(this)->getContextImpl(context);
-    return kernelOf(impl, "getMobilityInContext()").first->getMobility(impl);
+    IntegrateRigidBodiesKernel& kernel = kernelIn(context, "getMobilityInContext()");
+    return kernel.getMobility(const_cast<MobilityForce*>(this)->getContextImpl(context));
 }
 
 vector<double> MobilityForce::getFrictionInContext(Context& context) const {
-    ContextImpl& impl = const_cast<MobilityForce*>(this)->getContextImpl(context);
-    return kernelOf(impl, "getFrictionInContext()").first->getFriction(impl);
+    IntegrateRigidBodiesKernel& kernel = kernelIn(context, "getFrictionInContext()");
+    return kernel.getFriction(const_cast<MobilityForce*>(this)->getContextImpl(context));
 }
 
 vector<double> MobilityForce::applyMobilityInContext(Context& context, const vector<double>& wrenches) const {
-    ContextImpl& impl = const_cast<MobilityForce*>(this)->getContextImpl(context);
+    IntegrateRigidBodiesKernel& kernel = kernelIn(context, "applyMobilityInContext()");
     for (size_t i = 0; i < wrenches.size(); i++)
         if (!isfinite(wrenches[i]))
             fail("applyMobilityInContext()", "the wrench of body " + text(i / 6) + " is not finite",
                  "forces and torques must be finite", "give finite numbers");
-    return kernelOf(impl, "applyMobilityInContext()").first->applyMobility(impl, wrenches);
+    return kernel.applyMobility(const_cast<MobilityForce*>(this)->getContextImpl(context), wrenches);
 }
 
 ForceImpl* MobilityForce::createImpl() const { return new MobilityForceImpl(*this); }

@@ -8,7 +8,7 @@ from conftest import read
 
 INTERFACE = 'python/openmmrigidhi.i'
 #: Every public class; its header is named after it.
-CLASSES = ['CustomRigidHIIntegrator', 'MobilityForce']
+CLASSES = ['CustomBodyForce', 'CustomRigidHIIntegrator', 'MobilityForce']
 
 #: Names that C++ parameters by reference have as results in Python.
 RESULTS = {'getRigidBodyParameters': {'particles', 'mass', 'principalMoments', 'sitePositions'},

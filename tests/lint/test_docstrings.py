@@ -98,6 +98,15 @@ WITHOUT_UNIT = {'CustomRigidHIIntegrator': {
     'getGroups': 'labels',
     'getMobilityInContext': 'a matrix of mixed dimension',
     'getFrictionInContext': 'a matrix of mixed dimension',
+}, 'CustomBodyForce': {
+    'getExpression': 'text',
+    'getNumPerBodyParameters': 'a number of parameters',
+    'getPerBodyParameterName': 'text',
+    'getNumGlobalParameters': 'a number of parameters',
+    'getGlobalParameterName': 'text',
+    'getGlobalParameterDefaultValue': 'what the expressions make of it',
+    'getNumBodies': 'a number of bodies',
+    'getBodyParameters': 'an index, and what the expressions make of the parameters',
 }}
 #: The unit of every other getter.
 UNITS = {'CustomRigidHIIntegrator': {
@@ -117,6 +126,7 @@ UNITS = {'CustomRigidHIIntegrator': {
 }, 'MobilityForce': {
     'getViscosity': unit.dalton/(unit.nanometer*unit.picosecond),
     'getParticleRadius': unit.nanometer,
+}, 'CustomBodyForce': {
 }}
 #: Arrays over bodies: their number of columns.
 COLUMNS = {'getBodyPositions': 3, 'getBodyOrientations': 4, 'getBodyVelocities': 3, 'getBodyAngularVelocities': 3,
@@ -125,7 +135,8 @@ COLUMNS = {'getBodyPositions': 3, 'getBodyOrientations': 4, 'getBodyVelocities':
 SQUARES = {'getBodyMobility': 6, 'getMobilityInContext': 12, 'getFrictionInContext': 12}
 NEEDS_INDEX = {'getRigidBodyParameters', 'getRigidBodyParticles', 'getRigidBodyIsExplicit',
                'getRigidBodyGeometryIsKnown', 'getBodyFriction', 'getBodyHasOwnFriction', 'getParticleRadius',
-               'getBodyHasOwnTensor', 'getBodyTensorIsFriction', 'getBodyMobility'}
+               'getBodyHasOwnTensor', 'getBodyTensorIsFriction', 'getBodyMobility', 'getPerBodyParameterName',
+               'getGlobalParameterName', 'getGlobalParameterDefaultValue', 'getBodyParameters'}
 
 #: All getters of all classes: (class, method).
 GETTERS = sorted((cls, name) for cls in UNITS for name in dir(getattr(openmmrigidhi, cls))
@@ -142,6 +153,11 @@ def scene():
         fluid.addParticle(0.1)
     system.addForce(fluid)
     fluid.setBodyMobility(0, np.eye(6))
+    force = openmmrigidhi.CustomBodyForce('-k*x', 'g', '0', '0', '0', '0')
+    force.addGlobalParameter('k', 1)
+    force.addPerBodyParameter('g')
+    force.addBody(0, [1])
+    system.addForce(force)
     integrator = openmmrigidhi.CustomRigidHIIntegrator(300, 0.001)
     integrator.addRigidBody([0, 1, 2])
     integrator.addRigidBody([3, 4, 5])
@@ -150,11 +166,13 @@ def scene():
     context.setPositions(np.random.default_rng(1).random((6, 3)))
     context.setVelocitiesToTemperature(300, 1)
     integrator.step(2)
-    yield {'CustomRigidHIIntegrator': integrator, 'MobilityForce': fluid, 'context': context}
+    yield {'CustomRigidHIIntegrator': integrator, 'MobilityForce': fluid, 'CustomBodyForce': force,
+           'context': context}
 
 
 def result(scene, cls, name):
-    arguments = [scene['context']] if name.endswith('InContext') else [0] if name in NEEDS_INDEX else []
+    arguments = [scene['context']] if name.endswith('InContext') else ['fx'] if name == 'getExpression' else \
+        [0] if name in NEEDS_INDEX else []
     return getattr(scene[cls], name)(*arguments)
 
 

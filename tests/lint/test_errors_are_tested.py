@@ -19,15 +19,20 @@ UNREACHABLE = {
     'tried to create a kernel with unknown name': 'OpenMM asks a factory only for the kernels that were registered with it',
     'unknown C++ exception in': 'a guard against exceptions that are no std::exception; nothing throws them',
     'it must take what our own parser takes': 'a guard: our parser passes on nothing that muParser refuses',
+    ' needs a MobilityForce in the System': 'a guard: MobilityForce asks only after it has found itself in the Context',
     'its kind of virtual site is not known': 'OpenMM 7.7 has the four kinds that are supported; later ones have more',
 }
 #: Messages without words of their own: a piece of each, and the test that provokes it.
 INDISTINCT = {
     f' is {GAP} {GAP}it must be finite and positive': 'test_a_setting_that_must_be_positive',
+    f' is {GAP} {GAP}it must be finite and not negative': 'test_a_negative_or_non_finite_setting',
+    f'there are {GAP} bodies, counted from 0{GAP}add the body first': 'test_a_body_index_out_of_range',
     f'; it must be a {GAP}: use one of ': 'test_unknown_constants',
     f'a non-finite {GAP} was found': 'test_a_force_too_large_to_add_up',
     f'body {GAP}: particle {GAP} has a non-finite position; set': 'test_later_positions_that_are_not_finite',
     f"property '{GAP}' is '{GAP}'": 'test_damaged_xml_of_an_integrator',
+    f'gap is {GAP} mean radii': 'test_a_negative_minimum_gap',
+    f', argument {GAP} is None': 'test_wrenches',
 }
 
 
@@ -81,7 +86,7 @@ def cpp_sites():
                 continue  # the definition of such a function
             call = text[match.end()-1:balanced(text, match.end()-1)]
             message = re.sub(r'^(?:CustomRigidHIIntegrator|MobilityForce|CustomBodyForce): ', '', literals(call))
-            if len(message.replace(GAP, '')) < MINIMUM:
+            if len(re.sub(r'[^A-Za-z]', '', message)) < MINIMUM:
                 continue  # forwards a message that is written elsewhere
             yield f'{name}:{text.count(chr(10), 0, match.start()) + 1}', message
 

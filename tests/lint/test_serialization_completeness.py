@@ -10,7 +10,8 @@ from openmm import unit
 
 Integrator = openmmrigidhi.CustomRigidHIIntegrator
 MobilityForce = openmmrigidhi.MobilityForce
-CLASSES = {'CustomRigidHIIntegrator': Integrator, 'MobilityForce': MobilityForce}
+CustomBodyForce = openmmrigidhi.CustomBodyForce
+CLASSES = {'CustomRigidHIIntegrator': Integrator, 'MobilityForce': MobilityForce, 'CustomBodyForce': CustomBodyForce}
 
 #: A symmetric positive definite tensor without zeros.
 TENSOR = np.eye(6)/3 + 0.01*np.add.outer(np.arange(6)/7, np.arange(6)/7)
@@ -45,6 +46,14 @@ VALUES = {'CustomRigidHIIntegrator': {
     'setBodyMobility': (3, TENSOR),
     'setBodyFriction': (2, TENSOR),
     'setGroups': ([3, 0, 3, 1],),
+}, 'CustomBodyForce': {
+    'setForceGroup': (7,),
+    'setName': ('drive <1> & "2"',),
+    'setExpression': ('ty', 'k*step(x)/3'),
+    'setPerBodyParameterName': (0, 'h'),
+    'setGlobalParameterName': (0, 'stiffness'),
+    'setGlobalParameterDefaultValue': (0, 1/3),
+    'setBodyParameters': (0, 3, [1/3]),
 }}
 #: Setters of what a State or checkpoint holds, not the XML, or with one value only; and why.
 ELSEWHERE = {'CustomRigidHIIntegrator': {
@@ -52,9 +61,11 @@ ELSEWHERE = {'CustomRigidHIIntegrator': {
     'setBodyVelocities': 'state of a Context', 'setBodyAngularVelocities': 'state of a Context',
 }, 'MobilityForce': {
     'setBoundary': 'Unbounded is the only one; a second one needs a line above',
+}, 'CustomBodyForce': {
 }}
 #: Setters whose getter takes the first argument.
-INDEXED = {'setBodyFriction', 'setRigidBodyParameters', 'setParticleRadius', 'setBodyMobility'}
+INDEXED = {'setBodyFriction', 'setRigidBodyParameters', 'setParticleRadius', 'setBodyMobility', 'setExpression',
+           'setPerBodyParameterName', 'setGlobalParameterName', 'setGlobalParameterDefaultValue', 'setBodyParameters'}
 SETTERS = sorted((cls, name) for cls in CLASSES for name in dir(CLASSES[cls]) if name.startswith('set'))
 PROPERTIES = sorted((cls, setter) for cls in VALUES for setter in VALUES[cls])
 
@@ -65,6 +76,12 @@ def fresh(cls):
         fluid.addParticle(0.5)
         fluid.addParticle(0.25)
         return fluid
+    if cls == 'CustomBodyForce':
+        force = CustomBodyForce('-k*x', 'g', '0', '0', '0', '0')
+        force.addGlobalParameter('k', 1)
+        force.addPerBodyParameter('g')
+        force.addBody(0, [1])
+        return force
     integrator = Integrator(300, 0.001)
     integrator.addRigidBody([0, 1, 2], 5.0, (1, 1, 1), [(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0)])
     integrator.addRigidBody([5, 6, 7])

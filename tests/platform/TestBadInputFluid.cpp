@@ -158,7 +158,7 @@ TEST(BadFluid, BlobsAndSpheresAtOnePlace) {
     kind.radii[1] = kind.radii[0];
     twin.add(kind, Vec3(0, 5, 0));
     twin.start(testPlatform());
-    expectError([&] { twin.integrator.step(1); }, {"not positive definite; look for blobs at the same place"});
+    expectError([&] { twin.integrator.step(1); }, {"not positive definite; look for two blobs at one place"});
 }
 
 TEST(BadFluid, ErrorsInOneOfManyGroupsReachTheUser) {
@@ -173,6 +173,64 @@ TEST(BadFluid, ErrorsInOneOfManyGroupsReachTheUser) {
     scene.fluid->setGroups(groups);
     scene.start(testPlatform(), 2);
     expectError([&] { scene.integrator.step(1); }, {"not positive definite"});
+}
+
+TEST(BadFluid, WhatStokesianDynamicsCannotTake) {
+    Pair overlapping, tensor, multiblob, ratio, free;
+    for (Pair* pair : {&overlapping, &tensor, &multiblob, &ratio, &free})
+        pair->fluid->setModel(MobilityForce::StokesianDynamics);
+    overlapping.start(testPlatform());
+    overlapping.integrator.setBodyPositions({Vec3(), Vec3(0.9, 0, 0)});
+    for (const auto& action :
+         {function<void()>([&] { overlapping.mobility(); }), function<void()>([&] { overlapping.integrator.step(1); })})
+        expectError(action, {"body 0", "body 1", "; separate them, allow it by setMinimumGap"});
+    overlapping.integrator.setBodyPositions({Vec3(), Vec3(1.1, 0, 0)});
+    overlapping.integrator.step(1);
+    tensor.fluid->setBodyMobility(1, unitTensor());
+    expectRefused(tensor, {"body 1", "which model StokesianDynamics cannot take; use RotnePragerYamakawa"});
+    multiblob.add(boomerangKind(), Vec3(0, 4, 0));
+    expectRefused(multiblob, {"StokesianDynamics", "body 2"});
+    ratio.add(sphereKind(20), Vec3(0, 40, 0));
+    expectRefused(ratio, {"StokesianDynamics", "have the ratio 40"});
+    free.addFree(1, 0.5, Vec3(0, 4, 0));
+    expectRefused(free, {"StokesianDynamics is a model of spheres that rotate", "particle 2"});
+}
+
+TEST(BadFluid, MatrixFreeWhereItCannotBe) {
+    Pair multiblob, dead;
+    for (Pair* pair : {&multiblob, &dead}) pair->fluid->setSolver(MobilityForce::MatrixFree);
+    multiblob.add(boomerangKind(), Vec3(0, 4, 0));
+    expectRefused(multiblob, {"solver MatrixFree is there for RotnePragerYamakawa", "use setSolver(Dense)"});
+    dead.add({"linear sphere", 1, Vec3(1, 1, 0), {Vec3()}, {0.4}}, Vec3(0, 4, 0));
+    expectRefused(dead, {"solver MatrixFree", "bodies with a zero moment"});
+}
+
+TEST(BadFluid, StepsThatEndInOverlapUnderStokesianDynamics) {
+    // Pushed together so hard, in so thin a fluid, that the step ends in overlap whatever the noise.
+    for (double temperature : {0.0, 1e-6}) {
+        FluidScene scene(temperature, 0.1);
+        scene.fluid->setModel(MobilityForce::StokesianDynamics);
+        scene.fluid->setViscosity(1e-4);
+        for (double x : {-0.75, 0.75}) scene.add(sphereKind(0.5), Vec3(x, 0, 0));
+        auto* field = new CustomExternalForce("60*abs(x)");
+        for (int p = 0; p < 2; p++) field->addParticle(p, {});
+        scene.system.addForce(field);
+        scene.integrator.setMaximumRejections(7);
+        scene.start(testPlatform());
+        const auto before = positionsOf(*scene.context);
+        expectError(
+            [&] { scene.integrator.step(1); },
+            {temperature == 0 ? "at temperature 0 no other noise can help"
+                              : "the step was redone 7 times in a row, as often as setMaximumRejections() allows",
+             "body 0", "body 1"});
+        EXPECT_TRUE(sameBits(positionsOf(*scene.context), before));
+        EXPECT_EQ(scene.integrator.getNumRejectedSteps(), temperature == 0 ? 1 : 8);
+        // A smaller step resolves it.
+        scene.integrator.setStepSize(0.001);
+        scene.integrator.step(2);
+    }
+    CustomRigidHIIntegrator integrator(300, 0.001);
+    expectError([&] { integrator.setMaximumRejections(-1); }, {"the number is -1", "it must not be negative"});
 }
 
 TEST(BadFluid, Integrators) {

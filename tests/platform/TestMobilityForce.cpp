@@ -17,11 +17,13 @@ struct ModelCase {
     MobilityForce::Boundary boundary;
     bool takesOverlap;     // spheres may overlap
     bool takesMultiblobs;  // and bodies may have several blobs, or a sphere off their origin
+    bool takesFreeParticles;
     bool couplesBodies;
 };
 const vector<ModelCase> models = {
-    {"FreeDraining", MobilityForce::FreeDraining, MobilityForce::Unbounded, true, true, false},
-    {"RotnePragerYamakawa", MobilityForce::RotnePragerYamakawa, MobilityForce::Unbounded, true, true, true},
+    {"FreeDraining", MobilityForce::FreeDraining, MobilityForce::Unbounded, true, true, true, false},
+    {"RotnePragerYamakawa", MobilityForce::RotnePragerYamakawa, MobilityForce::Unbounded, true, true, true, true},
+    {"StokesianDynamics", MobilityForce::StokesianDynamics, MobilityForce::Unbounded, false, false, false, true},
 };
 void choose(FluidScene& scene, const ModelCase& model) {
     scene.fluid->setModel(model.model);
@@ -50,7 +52,7 @@ Configuration randomConfiguration(const FluidScene& scene, const ModelCase& mode
     mt19937 random(seed);
     const int n = scene.bodies.size();
     const double contact = model.takesMultiblobs ? 2 * largestExtent : 1.6;
-    return {randomPlaces(n, model.takesOverlap ? size : max(size, 2.5 * cbrt(n) * contact),
+    return {randomPlaces(n, model.takesOverlap ? size : max(size, 1.6 * cbrt(n) * contact),
                          model.takesOverlap ? 0 : contact, random),
             randomTurns(n, random)};
 }
@@ -254,7 +256,7 @@ TEST_P(EveryModel, ReferenceAndCpuAgree) {
             FluidScene scene;
             choose(scene, GetParam());
             addMixture(scene, GetParam(), 3);
-            if (GetParam().takesOverlap) scene.addFree(1, 0.4, Vec3(1, 1, 1));
+            if (GetParam().takesFreeParticles) scene.addFree(1, 0.4, Vec3(1, 1, 1));
             const Configuration c = randomConfiguration(scene, GetParam(), 9, seed);
             scene.start(platform(p == 0 ? "Reference" : "CPU"), 2);
             scene.pose(c.R, c.q);

@@ -121,6 +121,12 @@ def test_groups(fluid):
         fluid.setGroups([0, -1])
 
 
+def test_a_negative_minimum_gap(fluid):
+    for bad in (-1e-9, np.nan, np.inf):
+        with refused('setMinimumGap()', 'gap is', 'mean radii', 'finite and not negative', 'give a value from 0 up'):
+            fluid.setMinimumGap(bad)
+
+
 # ---- In a Context ------------------------------------------------------------------------------------------------------
 
 @pytest.fixture
@@ -148,7 +154,7 @@ def test_wrenches(scene):
             fluid.applyMobilityInContext(context, np.zeros((rows, 6)))
     with refused('the wrench of body 1 is not finite'):
         fluid.applyMobilityInContext(context, [[0]*6, [0, 0, np.inf, 0, 0, 0]])
-    with pytest.raises(TypeError):
+    with refused('argument 2 is None', error=TypeError):
         fluid.applyMobilityInContext(None, np.zeros((2, 6)))
 
 

@@ -11,6 +11,8 @@
 
 namespace RigidHIPlugin {
 
+class IntegrateRigidBodiesKernel;
+
 /**
  * How the fluid couples the bodies of a CustomRigidHIIntegrator: viscosity, hydrodynamic radii, model. It adds no forces
  * and no energy; the schemes with hydrodynamic interactions read it.
@@ -188,6 +190,7 @@ private:
     };
     void checkTensor(int body, const std::vector<double>& tensor, const char* method) const;
     const OwnTensor& ownTensor(int body, const char* method) const;
+    IntegrateRigidBodiesKernel& kernelIn(OpenMM::Context& context, const char* method) const;
     std::vector<double> radii;
     double viscosity, minimumGap, solverTolerance;
     Model model;

@@ -194,7 +194,7 @@ void BodyMobility::computeFriction() {
         if (factor.info() != Success)
             throw OpenMM::OpenMMException(
                 "MobilityForce: the mobility matrix of " + to_string(particles.size()) +
-                " hydrodynamic particles is not positive definite; look for blobs at the same place");
+                " hydrodynamic particles is not positive definite; look for two blobs at one place");
         factor.matrixL().solveInPlace(K);
         xi.noalias() = K.transpose() * K;
     }
