@@ -300,6 +300,7 @@ public:
     enum Solver : int { Auto = 0, Dense = 1, MatrixFree = 2 };
 
     MobilityForce();
+    ~MobilityForce();
 
     int getNumParticles() const;
     int addParticle(double radius);

@@ -77,6 +77,11 @@ MobilityForce::MobilityForce()
     : viscosity(viscosityOfWater), minimumGap(0), solverTolerance(1e-6), model(RotnePragerYamakawa),
       boundary(Unbounded), solver(Auto), lubrication(true) {}
 
+// Not inline, so that other libraries do not export them too.
+MobilityForce::~MobilityForce() {}
+
+bool MobilityForce::usesPeriodicBoundaryConditions() const { return false; }
+
 int MobilityForce::addParticle(double radius) {
     radii.push_back(0);
     try {

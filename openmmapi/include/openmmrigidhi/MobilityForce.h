@@ -62,6 +62,7 @@ public:
     };
 
     MobilityForce();
+    ~MobilityForce();
 
     /** Get the number of particles that were added. */
     int getNumParticles() const { return radii.size(); }
@@ -178,7 +179,7 @@ public:
      */
     std::vector<double> applyMobilityInContext(OpenMM::Context& context, const std::vector<double>& wrenches) const;
 
-    bool usesPeriodicBoundaryConditions() const override { return false; }
+    bool usesPeriodicBoundaryConditions() const override;
 
 protected:
     OpenMM::ForceImpl* createImpl() const override;
