@@ -20,6 +20,7 @@ struct ModelCase {
     bool takesFreeParticles;
     bool couplesBodies;
 };
+void PrintTo(const ModelCase& model, ostream* out) { *out << model.name; }  // for GoogleTest's messages
 const vector<ModelCase> models = {
     {"FreeDraining", MobilityForce::FreeDraining, MobilityForce::Unbounded, true, true, true, false},
     {"RotnePragerYamakawa", MobilityForce::RotnePragerYamakawa, MobilityForce::Unbounded, true, true, true, true},

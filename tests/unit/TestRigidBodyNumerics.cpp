@@ -217,6 +217,35 @@ TEST(PoseFit, TakesTheSmallestTurnWhereARotationIsOpen) {
     EXPECT_NEAR(norm(w - Vec3(1, 2, 3)), 0, 1e-14);
 }
 
+TEST(PoseFit, SitesOnASkewLineAreALine) {
+    // Rounding must not make them a body in space, whose third direction nothing fixes.
+    mt19937 generator(3);
+    uniform_real_distribution<double> u(-1, 1);
+    for (int trial = 0; trial < 2000; trial++) {
+        const Vec3 direction(u(generator), u(generator), u(generator)),
+            origin(u(generator), u(generator), u(generator));
+        vector<Vec3> sites;
+        vector<double> masses;
+        for (int i = 0; i < 2 + trial % 3; i++) {
+            sites.push_back(origin + direction * u(generator));
+            masses.push_back(trial % 2 ? 1 : pow(10, 3 * u(generator)));
+        }
+        const PoseFit fit({1, Vec3(1, 1, 1), sites}, masses, vector<bool>(sites.size(), false));
+        const QuaternionArray q = randomQuaternion(generator);
+        vector<Vec3> positions;
+        for (const Vec3& site : sites) positions.push_back(rotate(q, site));
+        BodyState state;
+        state.q = q;
+        int worst;
+        ASSERT_LT(fit.fitPose(positions, state, worst), 1e-13) << trial;
+        // An orientation that fits is kept, spin about the line and all.
+        for (int k = 0; k < 4; k++) ASSERT_NEAR(state.q[k], q[k], 1e-7) << trial;
+        Vec3 v, omega(1, 2, 3);
+        fit.fitTwist(positions, state, v, omega);
+        ASSERT_LT(norm(omega), 1e3) << trial;
+    }
+}
+
 TEST(PoseFit, AMasslessMarkerFixesTheOrientationOfASphere) {
     const BodyGeometry g = {10, Vec3(1, 1, 1), {Vec3(), Vec3(0.5, 0, 0)}};
     const PoseFit fit(g, {10, 0}, {false, false});

@@ -29,11 +29,11 @@ Eigen::Matrix3Xd scaledSites(const vector<Eigen::Vector3d>& sites, const vector<
 }
 
 int rankOf(const vector<Eigen::Vector3d>& sites, const vector<double>& weights) {
-    const Eigen::Matrix3d second = scaledSites(sites, weights) * scaledSites(sites, weights).transpose();
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(second);
-    const double largest = eigen.eigenvalues()[2];
-    if (largest <= 0) return 0;
-    return eigen.eigenvalues()[1] > rankTolerance * rankTolerance * largest ? 2 : 1;
+    // Not by eigenvalues of the second moments: their rounding is the square root of what singular values have.
+    const Eigen::JacobiSVD<Eigen::MatrixXd> svd(scaledSites(sites, weights));
+    const Eigen::VectorXd& values = svd.singularValues();  // descending, the lesser of 3 and the number of sites
+    if (values.size() == 0 || values[0] <= 0) return 0;
+    return values.size() > 1 && values[1] > rankTolerance * values[0] ? 2 : 1;
 }
 
 /** The smallest turn that takes the direction a to b. */
