@@ -86,16 +86,19 @@ void MultiblobSolver::turn(Rows kind, bool toBody, const MatrixXd& from, MatrixX
     }
 }
 
-/** direction = M~^-1 (residual - K U~) with K^T direction = 0, M~ the bodies' own matrices: U~ = N~ K^T M~^-1 residual. */
-void MultiblobSolver::project(const MatrixXd& from, MatrixXd& to, MatrixXd& twists) {
-    to.resize(from.rows(), from.cols());
-    twists.resize(numRows, from.cols());
+/**
+ * preconditioned = M~^-1 (residual - K u) with K^T preconditioned = 0, M~ the bodies' own matrices: u = N~ K^T M~^-1 residual. The
+ * residual hands K u over to the twists: one that goes to zero keeps its digits (Gould et al., section 5).
+ */
+void MultiblobSolver::project() {
+    preconditioned.resize(residual.rows(), residual.cols());
     for (size_t e = 0; e < shapes.size(); e++) {
         const Shape& shape = *shapes[e];
         const int first = blobRow[e], count = numBlobRows[e], row = rows[e], own = shape.isFree ? 3 : 6;
-        twists.middleRows(row, own).noalias() = shape.N * (shape.MinvK.transpose() * from.middleRows(first, count));
-        to.middleRows(first, count) =
-            shape.M.solve(from.middleRows(first, count) - shape.K * twists.middleRows(row, own));
+        const MatrixXd u = shape.N * (shape.MinvK.transpose() * residual.middleRows(first, count));
+        residual.middleRows(first, count).noalias() -= shape.K * u;
+        twists_body.middleRows(row, own) += u;
+        preconditioned.middleRows(first, count) = shape.M.solve(residual.middleRows(first, count));
     }
 }
 
@@ -114,7 +117,8 @@ int MultiblobSolver::apply(const MobilityOperator& blobs, const MatrixXd& wrench
         lambda.middleRows(blobRow[e], numBlobRows[e]).noalias() =
             shapes[e]->MinvK * (shapes[e]->N * wrenches_body.middleRows(rows[e], shapes[e]->isFree ? 3 : 6));
     multiply(blobs, lambda, residual);
-    project(residual, preconditioned, twists_body);
+    twists_body.setZero(numRows, columns);
+    project();
     direction = -preconditioned;
     VectorXd gradient(columns), energy(columns);
     int iteration = 0;
@@ -123,7 +127,7 @@ int MultiblobSolver::apply(const MobilityOperator& blobs, const MatrixXd& wrench
         double worst = 0;
         for (int c = 0; c < columns; c++) {
             gradient[c] = residual.col(c).dot(preconditioned.col(c));
-            energy[c] = lambda.col(c).dot(residual.col(c));
+            energy[c] = lambda.col(c).dot(residual.col(c)) + wrenches_body.col(c).dot(twists_body.col(c));
             if (!(gradient[c] <= tolerance * tolerance * energy[c])) converged = false;
             if (energy[c] > 0) worst = max(worst, sqrt(abs(gradient[c]) / energy[c]));
         }
@@ -142,7 +146,7 @@ int MultiblobSolver::apply(const MobilityOperator& blobs, const MatrixXd& wrench
             lambda.col(c) += step * direction.col(c);
             residual.col(c) += step * product.col(c);
         }
-        project(residual, preconditioned, twists_body);
+        project();
         for (int c = 0; c < columns; c++) {
             const double next = residual.col(c).dot(preconditioned.col(c));
             const double ratio = gradient[c] > 0 ? next / gradient[c] : 0;

@@ -55,7 +55,7 @@ private:
     };
     enum Rows { OfBlobs, OfBodies };
     void turn(Rows kind, bool toBody, const Eigen::MatrixXd& from, Eigen::MatrixXd& to) const;
-    void project(const Eigen::MatrixXd& residual_body, Eigen::MatrixXd& direction_body, Eigen::MatrixXd& twists_body);
+    void project();
     void multiply(const MobilityOperator& blobs, const Eigen::MatrixXd& lambda_body, Eigen::MatrixXd& result_body);
 
     std::vector<int> rows, blobRow, numBlobRows;  // of elements
