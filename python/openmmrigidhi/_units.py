@@ -8,6 +8,7 @@ import numbers
 import operator
 
 import numpy as np
+import openmm
 from openmm import unit
 
 
@@ -91,6 +92,14 @@ def boolean(value, where, name):
     if not isinstance(value, (bool, np.bool_)):
         raise TypeError(f'{where}: {name}: got {value!r}; it must be True or False: give one of them')
     return bool(value)
+
+
+def context(value, where):
+    """An openmm.Context, or TypeError: SWIG's own messages speak of null references."""
+    if not isinstance(value, openmm.Context):
+        raise TypeError(f'{where}: context: got {type(value).__name__}; it must be an openmm.Context: '
+                        'give the Context whose System has this Force')
+    return value
 
 
 def array(buffer, columns=None):

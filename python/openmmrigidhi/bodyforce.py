@@ -277,7 +277,7 @@ class CustomBodyForce(_copies.Copies, _Base):
         openmm.OpenMMException
             if this force is not in the Context, or acts on other bodies than when the Context was created
         """
-        super().updateParametersInContext(context)
+        super().updateParametersInContext(_units.context(context, _where('updateParametersInContext')))
 
     def usesPeriodicBoundaryConditions(self):
         """Get whether this force uses periodic boundary conditions: it does not, positions are unwrapped."""

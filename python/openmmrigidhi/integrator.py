@@ -224,7 +224,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         particles, mass, moments, sites = super().getRigidBodyParameters(self._index(index, 'getRigidBodyParameters'))
         return (np.frombuffer(particles, dtype=np.intc).tolist(), _units.MASS.attach(mass),
-                _units.MOMENT.attach(_array(moments)), _units.LENGTH.attach(_array(sites, 3)))
+                _units.MOMENT.attach(_units.array(moments)), _units.LENGTH.attach(_units.array(sites, 3)))
 
     def getRigidBodyParticles(self, index):
         """Get the indices of a body's particles, a list of int. Needs no Context.
@@ -269,9 +269,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     # ---- Settings ----------------------------------------------------------------------------------------------------
 
     def getScheme(self):
-        """Get the scheme, one of the class attributes LangevinA, LangevinB, LangevinC, GradientThermostat,
-        LangevinHI.
-        """
+        """Get the scheme: LangevinA, LangevinB, LangevinC, GradientThermostat or LangevinHI, class attributes."""
         return Scheme(super().getScheme())
 
     def setScheme(self, scheme):

@@ -133,7 +133,15 @@ class MobilityForce(_copies.Copies, _Base):
         return _units.LENGTH.attach(super().getParticleRadius(self._index(index, 'getParticleRadius', 'index')))
 
     def setParticleRadius(self, index, radius):
-        """Set the hydrodynamic radius of a particle, nm; :meth:`updateParametersInContext` hands it to a Context."""
+        """Set the hydrodynamic radius of a particle; :meth:`updateParametersInContext` hands it to a Context.
+
+        Parameters
+        ----------
+        index : int
+            index of the particle
+        radius : float or Quantity
+            nm; not negative, finite
+        """
         super().setParticleRadius(self._index(index, 'setParticleRadius', 'index'),
                                   self._number(radius, _units.LENGTH, 'setParticleRadius', 'radius'))
 
@@ -288,7 +296,7 @@ class MobilityForce(_copies.Copies, _Base):
         These are viscosity, radii, own tensors, lubrication, minimum gap, solver and tolerance. A radius may not change between
         0 and not 0; model, boundary and groups need ``reinitialize``.
         """
-        super().updateParametersInContext(context)
+        super().updateParametersInContext(_units.context(context, _where('updateParametersInContext')))
 
     def getMobilityInContext(self, context):
         """Get the mobility matrix of the bodies at their present poses.
@@ -299,7 +307,7 @@ class MobilityForce(_copies.Copies, _Base):
             rows per body Vx Vy Vz Wx Wy Wz about the body's origin, columns Fx Fy Fz Tx Ty Tz, lab frame, in OpenMM's units;
             free particles are force-free
         """
-        numbers = _units.array(super().getMobilityInContext(context))
+        numbers = _units.array(super().getMobilityInContext(_units.context(context, _where('getMobilityInContext'))))
         return numbers.reshape(2*(int(np.sqrt(numbers.size)),))
 
     def getFrictionInContext(self, context):
@@ -307,7 +315,7 @@ class MobilityForce(_copies.Copies, _Base):
 
         It is the pseudo-inverse for bodies whose blobs lie on a line.
         """
-        numbers = _units.array(super().getFrictionInContext(context))
+        numbers = _units.array(super().getFrictionInContext(_units.context(context, _where('getFrictionInContext'))))
         return numbers.reshape(2*(int(np.sqrt(numbers.size)),))
 
     def applyMobilityInContext(self, context, wrenches):
@@ -326,6 +334,7 @@ class MobilityForce(_copies.Copies, _Base):
             Vx Vy Vz Wx Wy Wz, nm/ps and rad/ps, lab frame
         """
         rows = _units.rows(wrenches, _units.NONE, 6, _where('applyMobilityInContext'), 'wrenches')
+        context = _units.context(context, _where('applyMobilityInContext'))
         return _units.array(super().applyMobilityInContext(context, rows.reshape(-1)), 6)
 
     def usesPeriodicBoundaryConditions(self):

@@ -82,6 +82,8 @@ WITHOUT_UNIT = {'CustomRigidHIIntegrator': {
     'getStepStatistics': 'counters, and seconds that say so in their names',
     'getConstraintTolerance': 'relative',
     'getIntegrationForceGroups': 'a bit mask',
+    'getMaximumRejections': 'a number',
+    'getNumRejectedSteps': 'a number',
 }, 'MobilityForce': {
     'getNumParticles': 'a number of particles',
     'getModel': 'a constant',

@@ -198,12 +198,12 @@ TEST(BadFluid, WhatStokesianDynamicsCannotTake) {
 }
 
 TEST(BadFluid, MatrixFreeWhereItCannotBe) {
-    Pair multiblob, dead;
-    for (Pair* pair : {&multiblob, &dead}) pair->fluid->setSolver(MobilityForce::MatrixFree);
-    multiblob.add(boomerangKind(), Vec3(0, 4, 0));
-    expectRefused(multiblob, {"solver MatrixFree is there for RotnePragerYamakawa", "use setSolver(Dense)"});
+    Pair model, dead;
+    for (Pair* pair : {&model, &dead}) pair->fluid->setSolver(MobilityForce::MatrixFree);
+    model.fluid->setModel(MobilityForce::StokesianDynamics);
+    expectRefused(model, {"solver MatrixFree is there for RotnePragerYamakawa", "this model", "use setSolver(Dense)"});
     dead.add({"linear sphere", 1, Vec3(1, 1, 0), {Vec3()}, {0.4}}, Vec3(0, 4, 0));
-    expectRefused(dead, {"solver MatrixFree", "bodies with a zero moment"});
+    expectRefused(dead, {"solver MatrixFree", "with a zero moment"});
 }
 
 TEST(BadFluid, StepsThatEndInOverlapUnderStokesianDynamics) {

@@ -944,6 +944,58 @@ TEST_P(EveryModel, ReferenceAndCpuTakeTheSameStep) {
     ends[0].expectNear(ends[1], 1e-11, GetParam().name);
 }
 
+TEST(LangevinHI, MatrixFreeIsDenseToFiveTimesTheTolerance) {
+    // One step from one state, in the norm of mass-weighted momenta.
+    double worst = 0;
+    for (bool multiblobs : {false, true})
+        for (double h : {1e-4, 0.03, 3.0})
+            for (double temperature : {0.0, T1})
+                for (double tolerance : {1e-3, 1e-6, 1e-9}) {
+                    VectorXd Z[2];
+                    for (bool matrixFree : {false, true}) {
+                        FluidScene scene(temperature, h);
+                        mt19937 random(5);
+                        for (int b = 0; b < 12; b++) {
+                            const Vec3 place(1.1 * (b % 3), 1.2 * (b / 3 % 2), 1.3 * (b / 6));
+                            const BodyKind kind = !multiblobs ? markedSphere(0.3 + 0.03 * b, 1 + b, Vec3(0.2, 0.3, 0.4))
+                                                  : b % 3 == 0 ? boomerangKind()
+                                                  : b % 3 == 1 ? rodKind()
+                                                               : sphereKind(0.4);
+                            scene.add(kind, place * (multiblobs ? 2.5 : 1), randomQuaternion(random));
+                        }
+                        scene.addFree(1.5, 0.4, Vec3(-1, -1, -1));
+                        scene.fluid->setSolver(matrixFree ? MobilityForce::MatrixFree : MobilityForce::Dense);
+                        scene.fluid->setSolverTolerance(tolerance);
+                        scene.start(testPlatform());
+                        // Slow, so that what the step turns does not show.
+                        VectorXd twists(72);
+                        normal_distribution<double> normal(0, 1e-3);
+                        for (double& x : twists) x = normal(random);
+                        setTwists(scene, twists, {Vec3(1e-3, 0, 2e-3)});
+                        scene.integrator.setTemperature(1e-6 * temperature);
+                        scene.integrator.step(1);
+                        const VectorXd end = twistsOf(scene);
+                        const auto q = scene.integrator.getBodyOrientations();
+                        Z[matrixFree] = end;
+                        for (int b = 0; b < 12; b++) {
+                            const BodyKind& kind = scene.bodies[b];
+                            Z[matrixFree].segment<3>(6 * b) *= sqrt(kind.mass);
+                            const Vector3d omega = rotationOf(q[b]).transpose() * end.segment<3>(6 * b + 3);
+                            for (int k = 0; k < 3; k++) Z[matrixFree][6 * b + 3 + k] = sqrt(kind.moments[k]) * omega[k];
+                        }
+                        Z[matrixFree].tail<3>() *= sqrt(1.5);
+                        EXPECT_EQ(counter(scene, "solverIterations") > 0, matrixFree);
+                    }
+                    // Of nothing but decayed momenta, the start's norm is the measure.
+                    const double scale = max(Z[0].norm(), temperature == 0 ? 5e-3 : 0.0);
+                    const double error = (Z[1] - Z[0]).norm() / scale / tolerance;
+                    EXPECT_LT(error, 5) << "h = " << h << ", kT = " << temperature << ", tolerance " << tolerance
+                                        << (multiblobs ? ", multiblobs" : ", spheres");
+                    worst = max(worst, error);
+                }
+    cout << "largest difference, in tolerances: " << worst << endl;
+}
+
 TEST(LangevinHI, OneHundredBodies) {
     FluidScene scene(T1, 0.01);
     for (int b = 0; b < 100; b++) scene.add(sphereKind(0.4), Vec3(b % 5, b / 5 % 5, b / 25));
