@@ -23,7 +23,10 @@ COUNT, MASS, MOMENT, RADIUS, KT, A = 6, 1.0, 0.4, 3.0, 10.0, 0.02
 SWITCH, CUTOFF = 2.2, 2.4
 MODELS = {'RPY': (MobilityForce.RotnePragerYamakawa, False), 'FTS': (MobilityForce.StokesianDynamics, False),
           'FTS+lubrication': (MobilityForce.StokesianDynamics, True)}
-STEP, SPACING = 0.05, 0.1
+# The paper's step (0.2 % off in the spin) for its states; spacing of samples.
+STEP, SPACING = 0.02, 0.1
+#: For the phase diagram and noise: 1 % off in the spin, 0.6 % in the orbital speed.
+COARSE_STEP = 0.05
 #: Rms deviation of the gaps, in rad, below which a state counts as steady.
 STEADY = 2e-3
 #: Shifted gaps match if they differ by less than this part of their fluctuation.
@@ -36,7 +39,7 @@ STATES = (
      {'RPY': (46.2, 0.3077, 0.1092), 'FTS+lubrication': (64.8, 0.2889, 0.1227)}),
     ('Fig 8(a)', 1.2, -4.0, 'random', 700.0, 200.0, 'steady pairs',
      {'RPY': (None, 0.2117, -1.6605), 'FTS+lubrication': (None, 0.1488, -1.4271)}),
-    ('Fig 8(b)', 1.2, -3.0, 'random', 2000.0, 500.0, 'pair drafting', {}),
+    ('Fig 8(b)', 1.2, -3.0, 'random', 4000.0, 950.0, 'pair drafting', {}),
     ('Fig 8(c)', 0.4, -4.0, 'random', 1200.0, 400.0, 'in-phase triplets', {}),
     ('Fig 8(c), start with theta(i+3) = theta(i) + pi', 0.4, -4.0, 'opposite', 1200.0, 400.0, 'in-phase triplets',
      {'FTS+lubrication': (82.0, -0.054, None)}),
@@ -136,16 +139,10 @@ def classify(gaps, steady=STEADY, match=MATCH):
     return 'undecided', fluctuation, period
 
 
-def clusterSize(gaps, touching=0.85):
-    """Mean size of the largest cluster of spheres whose gaps are below `touching` (rad)."""
-    sizes = []
-    for g in gaps[::20] < touching:
-        best = run = 0
-        for near in np.concatenate([g, g]):
-            run = run + 1 if near else 0
-            best = max(best, run)
-        sizes.append(min(best, COUNT - 1) + 1)
-    return float(np.mean(sizes))
+def neighbourDistances(places, theta):
+    """Mean distances of neighbours on the ring, sorted."""
+    order = np.argsort(theta[0] % (2*np.pi))
+    return np.sort([np.linalg.norm(places[:, i] - places[:, j], axis=1).mean() for i, j in zip(order, np.roll(order, -1))])
 
 
 def runState(f, tau, kT, model, truncation, kind, settle, window, seed, label, quiet=False, step=STEP, thresholds=(STEADY, MATCH)):
@@ -167,7 +164,7 @@ def runState(f, tau, kT, model, truncation, kind, settle, window, seed, label, q
             'settle': settle + window*(attempt - 1), 'window': window, 'state': state, 'fluctuation': fluctuation, 'period': period,
             'orbital_speed': orbit, 'spin': float(trajectory.spin.mean()), 'smallest_gap': float(nearest - 2),
             'mean_gaps': np.sort(gaps.mean(0)) if state.startswith('steady') else None,
-            'distances': sorted(2*RADIUS*np.sin(gaps.mean(0)/2)) if state.startswith('steady') else None,
+            'distances': neighbourDistances(places, trajectory.theta) if state.startswith('steady') else None,
             'largest_out_of_plane': float(abs(places[:, :, 2]).max()), 'seconds': time.time() - began}
 
 
@@ -178,8 +175,9 @@ def states(args):
         for k in range(1 if args.quick else args.starts):
             if args.quick and name != 'Fig 7':
                 continue
-            settle, window = (300.0, 120.0) if args.quick else (settle, window)
-            row = runState(f, tau, 0, args.model, args.truncation, kind, settle, window, args.seed + k, f'{name} {k + 1}')
+            settle, window = (300.0, 180.0) if args.quick else (settle, window)
+            row = runState(f, tau, 0, args.model, args.truncation, kind, settle, window, args.seed + k, f'{name} {k + 1}',
+                           step=COARSE_STEP if args.quick else STEP)
             row.update({'name': name, 'paper': paper, 'independent': reference.get(args.model)})
             rows.append(row)
             print(f'{name} f {f:g} tau {tau:g} start {k + 1}: {row["state"]}, period {row["period"]}, Om {row["orbital_speed"]:.4f}, '
@@ -196,7 +194,7 @@ def noise(args):
             # The radial well alone gives angles a spread of sqrt(kT/kt)/R; along the ring gaps are an order softer.
             thresholds = (max(STEADY, 10*np.sqrt(kT/KT)), min(0.6, MATCH + 20*np.sqrt(kT/KT)))
             row = runState(f, tau, kT, args.model, args.truncation, 'random', settle, window, args.seed, f'{name} kT {kT:g}',
-                           thresholds=thresholds)
+                           step=COARSE_STEP, thresholds=thresholds)
             row.update({'name': name, 'paper': paper, 'thresholds': thresholds})
             rows.append(row)
             print(f'{name} kT {kT:g}: {row["state"]} (fluctuation {row["fluctuation"]:.3f}), Om {row["orbital_speed"]:.4f}, '
@@ -211,7 +209,8 @@ def diagram(args):
         for f in args.f:
             if f == 0 and tau == 0:
                 continue
-            row = runState(f, tau, 0, args.model, args.truncation, 'random', 800.0, 300.0, args.seed, f'f {f:g} tau {tau:g}')
+            row = runState(f, tau, 0, args.model, args.truncation, 'random', 800.0, 300.0, args.seed, f'f {f:g} tau {tau:g}',
+                           step=COARSE_STEP)
             rows.append(row)
             print(f'f {f:g} tau {tau:g}: {row["state"]}, Om {row["orbital_speed"]:.3f}', flush=True)
     return rows
