@@ -145,16 +145,16 @@ def neighbourDistances(places, theta):
     return np.sort([np.linalg.norm(places[:, i] - places[:, j], axis=1).mean() for i, j in zip(order, np.roll(order, -1))])
 
 
-def runState(f, tau, kT, model, truncation, kind, settle, window, seed, label, quiet=False, step=STEP, thresholds=(STEADY, MATCH)):
-    """Settle, follow, classify. If the state is undecided the run goes on, up to three windows."""
+def runState(f, tau, kT, model, truncation, kind, settle, window, seed, label, quiet=False, step=STEP, attempts=3):
+    """Settle, follow, classify. If the state is undecided the run goes on, up to `attempts` windows."""
     began = time.time()
     scene = build(f, tau, kT, model, truncation, angles(kind, np.random.default_rng(seed)), seed, step)
     for _ in sample(scene.integrator, 20, round(settle/step/20), f'{label} settle', quiet):
         pass
-    for attempt in range(1, 4):
+    for attempt in range(1, attempts + 1):
         trajectory = Trajectory(scene, window, label, quiet)
         gaps = trajectory.gaps()
-        state, fluctuation, period = classify(gaps, *thresholds)
+        state, fluctuation, period = classify(gaps)
         if state != 'undecided':
             break
     orbit = (trajectory.theta[-1] - trajectory.theta[0]).mean()/(SPACING*(len(gaps) - 1))
@@ -162,8 +162,8 @@ def runState(f, tau, kT, model, truncation, kind, settle, window, seed, label, q
     nearest = min(np.linalg.norm(places[:, i] - places[:, j], axis=1).min() for i in range(COUNT) for j in range(i))
     return {'f': f, 'tau': tau, 'kT': kT, 'model': model, 'truncation': truncation, 'start': kind, 'seed': seed, 'h': step,
             'settle': settle + window*(attempt - 1), 'window': window, 'state': state, 'fluctuation': fluctuation, 'period': period,
+            'fingerprint': fingerprint(gaps), 'least_mismatch_by_one': float(mismatch(gaps, 1, np.arange(0, len(gaps)//2, 5)).min()),
             'orbital_speed': orbit, 'spin': float(trajectory.spin.mean()), 'smallest_gap': float(nearest - 2),
-            'mean_gaps': np.sort(gaps.mean(0)) if state.startswith('steady') else None,
             'distances': neighbourDistances(places, trajectory.theta) if state.startswith('steady') else None,
             'largest_out_of_plane': float(abs(places[:, :, 2]).max()), 'seconds': time.time() - began}
 
@@ -186,18 +186,33 @@ def states(args):
     return rows
 
 
+def fingerprint(gaps):
+    """What a noisy state is recognised by: the time-means of the sorted gaps, and the sorted time-means of the gaps.
+
+    The first tell the shapes apart that the ring goes through, the second whether every sphere keeps its place in them.
+    """
+    return np.concatenate([np.sort(gaps, axis=1).mean(0), np.sort(gaps.mean(0))])
+
+
 def noise(args):
-    """Both of the paper's robust states with noise: how long they can still be told, by thresholds that grow with the noise."""
-    rows = []
-    for name, f, tau, _, settle, window, paper, _ in STATES[:2]:
-        for kT in (1e-5, 1e-4, 1e-3, 1e-2):
-            # The radial well alone gives angles a spread of sqrt(kT/kt)/R; along the ring gaps are an order softer.
-            thresholds = (max(STEADY, 10*np.sqrt(kT/KT)), min(0.6, MATCH + 20*np.sqrt(kT/KT)))
+    """Both of the paper's robust states with noise: which of the two noiseless ones the run is nearer to, and is it still periodic?"""
+    rows, noiseless = [], {}
+    for kT in (0.0, 1e-5, 1e-4, 1e-3, 1e-2):
+        for name, f, tau, _, settle, window, paper, _ in STATES[:2]:
+            window *= 1 if kT < 1e-3 else 3
             row = runState(f, tau, kT, args.model, args.truncation, 'random', settle, window, args.seed, f'{name} kT {kT:g}',
-                           step=COARSE_STEP, thresholds=thresholds)
-            row.update({'name': name, 'paper': paper, 'thresholds': thresholds})
+                           step=COARSE_STEP, attempts=1)
+            mark = np.array(row['fingerprint'])
+            if kT == 0:
+                noiseless[row['state']] = mark
+            else:
+                row['by_classifier'] = row['state']
+                row['distances_to_noiseless'] = {state: float(np.sqrt(np.mean((mark - m)**2))) for state, m in noiseless.items()}
+                row['state'] = min(row['distances_to_noiseless'], key=row['distances_to_noiseless'].get)
+            row.update({'name': name, 'paper': paper})
             rows.append(row)
-            print(f'{name} kT {kT:g}: {row["state"]} (fluctuation {row["fluctuation"]:.3f}), Om {row["orbital_speed"]:.4f}, '
+            print(f'{name} kT {kT:g}: {row["state"]} (distances {row.get("distances_to_noiseless")}, fluctuation {row["fluctuation"]:.3f}, '
+                  f'mismatch after a shift by one {row["least_mismatch_by_one"]:.2f}), Om {row["orbital_speed"]:.4f}, '
                   f'spin {row["spin"]:.4f}', flush=True)
     return rows
 
