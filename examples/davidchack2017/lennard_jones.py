@@ -13,6 +13,7 @@ force. On the CPU platform with one thread this is ten times faster for each clu
     python3 lennard_jones.py --quick      # seconds: a smoke test
 """
 import argparse
+import json
 import pathlib
 import time
 
@@ -41,9 +42,10 @@ PAPER = {0.1: {'kT_t': (0.100012, 1.4e-5, -0.06972, 1.1e-4), 'kT_r1': (0.100010,
 MONTE_CARLO = {0.1: (-2.34371, 1.6e-4), 0.2: (-2.13904, 3e-4)}
 #: The paper fits below these h^2.
 FIT_BELOW = {0.1: 0.1, 0.2: 0.06}
-SAMPLE_TIME = 0.2
-#: Time that each cluster runs before measurement, from the cube in which all start.
-EQUILIBRATION = 400.0
+SAMPLE_TIME = 0.4
+#: Clusters start as cubes, freeze into one of several shapes and change shape seldom: so they first run this long at the step
+#: PREPARATION_STEP without hydrodynamic interactions, which is cheap and leads to the same distribution, then EQUILIBRATION as measured.
+PREPARATION, PREPARATION_STEP, EQUILIBRATION = 3000.0, 0.2, 50.0
 
 
 def build(kT, step, model, clusters, seed):
@@ -70,29 +72,56 @@ def start(scene, clusters, platformName):
     scene.start(np.tile(cube, (clusters, 1)), platformName)
 
 
-def run(kT, step, modelName, duration, clusters, seed, platformName, equilibration=None, quiet=False):
+def energies(scene, clusters):
+    """U/N of every cluster: OpenMM gives only their sum."""
+    q = scene.orientations()
+    w, v = q[:, :1], q[:, 1:]
+    turn = 2*np.cross(v, SITE)
+    sites = (scene.positions() + SITE + w*turn + np.cross(v, turn)).reshape(clusters, SPHERES, 3)
+    i, j = np.triu_indices(SPHERES, 1)
+    d = sites[:, i] - sites[:, j]
+    d -= BOX*np.round(d/BOX)
+    r2 = np.sum(d*d, axis=2)
+    s6 = (SIGMA**2/r2)**3
+    z = np.clip((r2 - SWITCH**2)/(CUTOFF**2 - SWITCH**2), 0, 1)
+    return np.sum(4*s6*(s6 - 1)*(1 - z**3*(10 - z*(15 - 6*z))), axis=1)/SPHERES
+
+
+def run(kT, step, modelName, duration, clusters, seed, platformName, preparation=PREPARATION, quiet=False):
     """One run: means and standard errors of the five quantities. `duration` is the time of each cluster."""
     began = time.time()
+    label = f'kT {kT:g} h {step:g} {modelName}'
+    first = build(kT, PREPARATION_STEP, MODELS['FreeDraining'], clusters, seed + 1000)
+    start(first, clusters, platformName)
+    for _ in sample(first.integrator, 20, round(preparation/PREPARATION_STEP/20), f'{label} (prepare)', quiet):
+        pass
     scene = build(kT, step, MODELS[modelName], clusters, seed)
     start(scene, clusters, platformName)
-    label = f'kT {kT:g} h {step:g} {modelName}'
-    equilibration = EQUILIBRATION if equilibration is None else equilibration
-    for _ in sample(scene.integrator, 20, max(1, round(equilibration/step/20)), f'{label} (start)', quiet):
-        pass
+    scene.integrator.setBodyPositions(first.positions())
+    scene.integrator.setBodyOrientations(first.orientations())
+    scene.integrator.setBodyVelocities(first.velocities())
+    scene.integrator.setBodyAngularVelocities(first.angularVelocities())
+    scene.integrator.step(round(EQUILIBRATION/step))
     every = max(1, round(SAMPLE_TIME/step))
     count = SPHERES*clusters
-    rows = []
+    rows, perCluster = [], []
     for _ in sample(scene.integrator, round(duration/step/every), every, label, quiet):
         # Axis 1 of the paper has moment 3; ours are sorted, smallest moment first.
         rotation = scene.integrator.computeRotationalKineticEnergies()._value[::-1]
         translation = scene.integrator.computeTranslationalKineticEnergy()._value
-        rows.append([2*translation/(3*count), *(2*np.array(rotation)/count), scene.potentialEnergy()/count])
+        perCluster.append(energies(scene, clusters))
+        rows.append([2*translation/(3*count), *(2*np.array(rotation)/count), perCluster[-1].mean()])
     rows = np.array(rows)
+    check = abs(perCluster[-1].mean() - scene.potentialEnergy()/count)
+    if check > 1e-5:
+        raise RuntimeError(f'U/N differs from OpenMM\'s by {check}')
     mean, error = rows.mean(0), blockError(rows)
-    return {'kT': kT, 'h': step, 'model': modelName, 'clusters': clusters, 'time_per_cluster': duration, 'equilibration': equilibration,
+    between = float(np.mean(perCluster, axis=0).std(ddof=1)/np.sqrt(clusters))
+    error[4] = max(error[4], between)
+    return {'kT': kT, 'h': step, 'model': modelName, 'clusters': clusters, 'time_per_cluster': duration, 'preparation': preparation,
             'seed': seed, 'steps': int(len(rows)*every), 'samples': len(rows), 'seconds': time.time() - began,
-            'mean': dict(zip(QUANTITIES, mean)), 'error': dict(zip(QUANTITIES, error)),
-            'U/N_variance': float(rows[:, 4].var()*clusters)}
+            'mean': dict(zip(QUANTITIES, mean)), 'error': dict(zip(QUANTITIES, error)), 'U/N_error_between_clusters': between,
+            'U/N_difference_to_OpenMM': check}
 
 
 def analyse(runs):
@@ -102,6 +131,8 @@ def analyse(runs):
         free = sorted((r for r in runs if r['kT'] == kT and r['model'] == 'FreeDraining'), key=lambda r: r['h'])
         other = [r for r in runs if r['kT'] == kT and r['model'] != 'FreeDraining']
         fitted = [r for r in free if r['h']**2 < FIT_BELOW[kT]]
+        if len(fitted) < 2:
+            continue
         h = np.array([r['h'] for r in fitted])
         entry = {'fit': {}, 'order': {}}
         for name in QUANTITIES:
@@ -173,7 +204,7 @@ def plan(quick, factor):
                                                          (0.3, 'FreeDraining', 800.0), (0.2, 'RPY', 40.0))]
     runs = []
     # Lengths for standard errors of at most 1e-3 in U/N without HI (found in trial runs), as far as it is cheap with HI.
-    for kT, free, fluid, last in ((0.1, 2000.0, (250.0, 800.0, 800.0), 0.3), (0.2, 12500.0, (400.0, 1600.0, 5000.0), 0.24)):
+    for kT, free, fluid, last in ((0.1, 2000.0, (250.0, 800.0, 800.0), 0.3), (0.2, 12500.0, (400.0, 1600.0, 4000.0), 0.24)):
         for h in (0.2, 0.1, last, 0.15, 0.05, 0.02, 0.01, 0.005):
             runs.append((kT, h, 'FreeDraining', factor*free*(8 if kT == 0.1 and h >= 0.1 else 2 if h >= 0.1 else 1), 16))
         for h, t in zip((0.02, 0.1, 0.2), fluid):
@@ -185,20 +216,25 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--quick', action='store_true', help='seconds instead of minutes')
     parser.add_argument('--long', type=float, default=1.0, metavar='FACTOR', help='multiply the length of every run')
+    parser.add_argument('--resume', action='store_true', help='keep the runs that the output folder has already')
     parser.add_argument('--platform', default='CPU')
     parser.add_argument('--seed', type=int, default=2017)
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     args = parser.parse_args()
 
+    known = {}
+    if args.resume and (args.output/'lennard_jones.json').exists():
+        for r in json.loads((args.output/'lennard_jones.json').read_text())['runs']:
+            known[r['kT'], r['h'], r['model'], r['time_per_cluster'], r['clusters'], r['seed']] = r
     runs = []
     for i, (kT, h, model, duration, clusters) in enumerate(plan(args.quick, args.long)):
-        runs.append(run(kT, h, model, duration, clusters, args.seed + i, args.platform, 100.0 if args.quick else None))
-        r = runs[-1]
+        r = known.get((kT, h, model, duration, clusters, args.seed + i)) or run(
+            kT, h, model, duration, clusters, args.seed + i, args.platform, 400.0 if args.quick else PREPARATION)
+        runs.append(r)
         print(f'kT {kT:g} h {h:g} {model}: ' + ', '.join(f'{n} {brackets(r["mean"][n], r["error"][n])}' for n in QUANTITIES) +
               f'  [{r["seconds"]:.0f} s]', flush=True)
-        result = {'runs': runs, 'analysis': analyse(runs) if i >= 2 else {}, 'provenance': provenance(args)}
-        if i >= 2:
-            save(args.output, 'lennard_jones.json', result)
+        result = {'runs': runs, 'analysis': analyse(runs), 'provenance': provenance(args)}
+        save(args.output, 'lennard_jones.json', result)
     draw(runs, result['analysis'], args.output/'lennard_jones.png')
 
 

@@ -110,20 +110,24 @@ class Pair:
             v, w = self.integrator.getBodyVelocities()._value, self.integrator.getBodyAngularVelocities()._value
             now = np.array([v[:, 2].mean(), (w[1, 1] - w[0, 1])/2])
             if np.all(abs(now - before) < STEADY*abs(now)):
-                return FORCE/now[0], now[1]/now[0], steps, (v, w)
+                return FORCE/now[0], now[1]/now[0], steps, np.stack([v, w])
             before = now
         raise RuntimeError(f'{label}: not steady after {steps} steps')
 
 
 def ladder(name, l, label, quiet):
-    """One rung at one separation: the steady state at every step size, the first from rest, each next from the one before."""
-    rows, state, began = [], None, time.time()
-    for h in STEPS:
+    """One rung at one separation: the steady state at every step size, the first from rest, each next from what those before let expect."""
+    rows, ends, began = [], [], time.time()
+    for k, h in enumerate(STEPS):
         pair = Pair(name, l, h)
-        if state is not None:
-            pair.integrator.setBodyVelocities(state[0])
-            pair.integrator.setBodyAngularVelocities(state[1])
-        drag, spin, steps, state = pair.settle(f'{label} h={h:g}', quiet)
+        if ends:
+            past = np.array(STEPS[:k])**2
+            expected = np.polyfit(past, np.array(ends).reshape(k, -1), min(k - 1, 2))
+            v, w = sum(c*h**(2*power) for power, c in enumerate(expected[::-1])).reshape(2, 2, 3)
+            pair.integrator.setBodyVelocities(v)
+            pair.integrator.setBodyAngularVelocities(w)
+        drag, spin, steps, end = pair.settle(f'{label} h={h:g}', quiet)
+        ends.append(end)
         rows.append((h, drag, spin, steps))
     h, drag, spin, _ = np.array(rows).T
     return {'h': h, 'F/U_h': drag, 'omega/U_h': spin, 'steps': [r[3] for r in rows], 'seconds': time.time() - began,

@@ -27,8 +27,8 @@ from common import RESULTS, Spheres, provenance, pyplot, sample, save
 from openmmrigidhi import MobilityForce
 
 #: m, I, kt, kr, the paper's kT, how long the correlations are followed, spacing of samples, running time.
-SETS = {'inertial (Figs 2, 3)': {'m': 1.0, 'I': 0.4, 'kt': 10.0, 'kr': 20.0, 'kT': 0.1, 'lag': 4.0, 'every': 0.05, 'time': 4e4},
-        'overdamped (Figs 4, 5)': {'m': 0.05, 'I': 0.02, 'kt': 0.5, 'kr': 1.0, 'kT': 0.005, 'lag': 20.0, 'every': 0.1, 'time': 1.2e5}}
+SETS = {'inertial (Figs 2, 3)': {'m': 1.0, 'I': 0.4, 'kt': 10.0, 'kr': 20.0, 'kT': 0.1, 'lag': 4.0, 'every': 0.05, 'time': 5e4},
+        'overdamped (Figs 4, 5)': {'m': 0.05, 'I': 0.02, 'kt': 0.5, 'kr': 1.0, 'kT': 0.005, 'lag': 20.0, 'every': 0.1, 'time': 1.7e5}}
 DISTANCES = (3.0, 3.5)
 MODELS = {'RPY': (MobilityForce.RotnePragerYamakawa, False), 'FTS': (MobilityForce.StokesianDynamics, False),
           'FTS+lubrication': (MobilityForce.StokesianDynamics, True)}
@@ -178,7 +178,7 @@ def measured(data, lags):
     return result, errors, variance
 
 
-def run(setName, R, kT, model, duration, seed, quiet=False):
+def run(setName, R, kT, model, duration, seed, minutes=np.inf, quiet=False):
     began = time.time()
     parameters = dict(SETS[setName], kT=kT)
     probe = build(parameters, R, model, 0.001, 1)
@@ -188,11 +188,16 @@ def run(setName, R, kT, model, duration, seed, quiet=False):
     scene = build(parameters, R, model, h, seed)
     label = f'{setName} R {R:g} kT {kT:g}'
     scene.integrator.step(round(40.0/h))
-    data = np.array([record(scene, R) for _ in sample(scene.integrator, round(duration/parameters['every']), every, label, quiet)])
+    data = []
+    for _ in sample(scene.integrator, round(duration/parameters['every']), every, label, quiet):
+        data.append(record(scene, R))
+        if len(data) % 1000 == 0 and time.time() - began > 60*minutes:
+            break
+    data = np.array(data)
     tcf, errors, variance = measured(data, len(times))
     difference = {n: tcf[n] - exact[n] for n in exact}
     z = {n: float(np.sqrt(np.mean((difference[n][1:]/errors[n][1:])**2))) for n in exact}
-    return {'set': setName, 'R': R, 'kT': kT, 'model': model, 'h': h, 'bias_of_this_step': bias, 'time': duration, 'seed': seed,
+    return {'set': setName, 'R': R, 'kT': kT, 'model': model, 'h': h, 'bias_of_this_step': bias, 'time': len(data)*parameters['every'], 'seed': seed,
             'seconds': time.time() - began, 'samples': len(data), 'spacing': parameters['every'],
             'variance_over_kT_by_K': {k: float(v*parameters['kr' if 'chi' in k else 'kt']/kT) for k, v in variance.items()},
             'largest_standard_error': largest(errors), 'largest_difference': {n: float(abs(d).max()) for n, d in difference.items()},
@@ -231,9 +236,10 @@ def draw(runs, folder):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--quick', action='store_true', help='seconds: R = 3, a fortieth of the time')
+    parser.add_argument('--quick', action='store_true', help='seconds: R = 3, about a hundredth of the time')
     parser.add_argument('--model', default='FTS+lubrication', choices=MODELS)
     parser.add_argument('--long', type=float, default=1.0, metavar='FACTOR', help='multiply the length of every run')
+    parser.add_argument('--minutes', type=float, default=np.inf, help='end a run after so long (at the paper\'s kT: a quarter of it)')
     parser.add_argument('--seed', type=int, default=2017)
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     args = parser.parse_args()
@@ -241,10 +247,11 @@ def main():
     runs = []
     name = 'trapped_spheres' + ('' if args.model == 'FTS+lubrication' else '_' + args.model) + '.json'
     for setName, parameters in SETS.items():
-        for R in DISTANCES[:1] if args.quick else DISTANCES:
-            for kT in (0.1*parameters['kT'],) if args.quick else (parameters['kT'], 0.1*parameters['kT']):
-                factor = (0.025 if args.quick else 1)*args.long
-                runs.append(run(setName, R, kT, args.model, factor*parameters['time'], args.seed + len(runs)))
+        for share in (0.1,) if args.quick else (0.1, 1.0):
+            for R in DISTANCES[:1] if args.quick else DISTANCES:
+                kT = share*parameters['kT']
+                duration = parameters['time']*(args.long if not args.quick else 0.02 if parameters['m'] == 1 else 0.007)
+                runs.append(run(setName, R, kT, args.model, duration, args.seed + len(runs), args.minutes*(1 if share < 1 else 0.25)))
                 r = runs[-1]
                 print(f'{setName} R {R:g} kT {kT:g}: h {r["h"]:g} (bias {r["bias_of_this_step"]:.1e}), largest error {r["largest_standard_error"]:.4f}, '
                       f'largest difference {max(r["largest_difference"].values()):.4f}, rms z {max(r["rms_z"].values()):.2f}  '

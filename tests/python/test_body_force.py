@@ -272,3 +272,21 @@ def test_order_with_velocities_and_friction(scheme, order):
     results = [run(h) for h in (0.02, 0.01, 0.005)]
     ratio = np.abs(results[0] - results[1]).max()/np.abs(results[1] - results[2]).max()
     assert ratio == pytest.approx(2**order, rel=0.1)
+
+
+@pytest.mark.parametrize('expression', ('-x', '-vx', 'cos(t)'))
+def test_one_force_evaluation_a_step(platform, expression):
+    """OpenMM takes the forces for changed after every updateContextState that a ForceImpl does not say is harmless."""
+    system = openmm.System()
+    system.addParticle(1.0)
+    force = CustomBodyForce(expression, '0', '0', '0', '0', '0')
+    force.addBody(0, [])
+    system.addForce(force)
+    integrator = CustomRigidHIIntegrator(0, 0.01)
+    integrator.addRigidBody([0], 1.0, (1, 1, 1), [(0, 0, 0)])
+    context = openmm.Context(system, integrator, platform)
+    context.setPositions([(0.1, 0, 0)])
+    integrator.step(1)
+    before = integrator.getStepStatistics()['forceEvaluations']
+    integrator.step(10)
+    assert integrator.getStepStatistics()['forceEvaluations'] - before == 10

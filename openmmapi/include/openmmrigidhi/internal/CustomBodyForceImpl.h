@@ -20,6 +20,8 @@ public:
     explicit CustomBodyForceImpl(const CustomBodyForce& owner);
     void initialize(OpenMM::ContextImpl& context) override;
     const CustomBodyForce& getOwner() const override;
+    /** Changes nothing; OpenMM's default says that forces are invalid, and every step would evaluate them twice. */
+    void updateContextState(OpenMM::ContextImpl& context, bool& forcesInvalid) override {}
     double calcForcesAndEnergy(OpenMM::ContextImpl& context, bool includeForces, bool includeEnergy,
                                int groups) override {
         return 0;

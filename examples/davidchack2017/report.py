@@ -1,0 +1,91 @@
+#!/usr/bin/env python3
+"""The tables of README.md, from the JSONs in results/ (printed as Markdown)."""
+import argparse
+import json
+import pathlib
+
+from common import RESULTS, brackets
+
+
+def lennardJones(data):
+    yield '| kT | quantity | A0 here | A0 paper | exact | E_A here | E_A paper | χ²/dof | order p of the error, fitted |'
+    yield '|---|---|---|---|---|---|---|---|---|'
+    for key, entry in data['analysis'].items():
+        kT = key.split('=')[1]
+        for name, fit in entry['fit'].items():
+            paper = fit['paper']
+            exact = kT if name != 'U/N' else brackets(entry['U/N_at_h_0.005_to_0.02']['Monte_Carlo'],
+                                                      entry['U/N_at_h_0.005_to_0.02']['Monte_Carlo_error'])
+            order = entry['order'].get(name)
+            yield (f'| {kT} | {name} | {brackets(fit["A0"], fit["A0_error"])} | {brackets(paper["A0"], paper["A0_error"])} | {exact} | '
+                   f'{brackets(fit["E_A"], fit["E_A_error"])} | {brackets(paper["E_A"], paper["E_A_error"])} | '
+                   f'{fit["chi2_per_dof"]:.1f} | {brackets(order["order"], order["error"]) if order else "–"} |')
+    yield ''
+    yield '| kT | model | h | U/N | z to Monte Carlo + paper\'s E_A h² | z of U/N to free draining, same h | largest abs z of the temperatures, same h |'
+    yield '|---|---|---|---|---|---|---|'
+    for r in data['runs']:
+        entry = data['analysis'].get(f'kT={r["kT"]:g}')
+        if not entry:
+            continue
+        pool, constant = entry['U/N_at_h_0.005_to_0.02'], entry['fit']['U/N']['paper']['E_A']
+        z = (r['mean']['U/N'] - pool['Monte_Carlo'] - constant*r['h']**2)/(r['error']['U/N']**2 + pool['Monte_Carlo_error']**2)**0.5
+        pair = next((m for m in entry['models'] if m['h'] == r['h'] and m['model'] == r['model']), None)
+        yield (f'| {r["kT"]:g} | {r["model"]} | {r["h"]:g} | {brackets(r["mean"]["U/N"], r["error"]["U/N"])} | {z:+.1f} | ' +
+               (f'{pair["z U/N"]:+.1f} | {max(abs(v) for k, v in pair.items() if k.startswith("z kT")):.1f} |' if pair else ' | |'))
+
+
+def sedimenting(data):
+    for key, column in (('F/U', 0), ('omega/U', 2)):
+        names = list(data['models'])
+        yield f'| l/a | {key} exact | paper (num) | ' + ' | '.join(names) + ' |'
+        yield '|---'*(3 + len(names)) + '|'
+        for s, exact in data['exact'].items():
+            yield (f'| {s} | {exact[key]:.9f} | {exact["paper"][column]/exact[key] - 1:+.1e} | ' +
+                   ' | '.join(f'{data["models"][n][s]["relative_error"][key]:+.1e}' if s in data['models'][n] else '–' for n in names) + ' |')
+        yield ''
+
+
+def trapped(data):
+    yield ('| set | R | kT | h | bias of h | time | largest standard error | largest difference (function) | rms z: least, median, greatest of ten | '
+           '⟨x²⟩kt/kT | ⟨χ²⟩kr/kT |')
+    yield '|---'*11 + '|'
+    for r in data['runs']:
+        worst = max(r['largest_difference'], key=r['largest_difference'].get)
+        z, v = sorted(r['rms_z'].values()), r['variance_over_kT_by_K']
+        yield (f'| {r["set"].split()[0]} | {r["R"]:g} | {r["kT"]:g} | {r["h"]:g} | {r["bias_of_this_step"]:.4f} | {r["time"]:.3g} | '
+               f'{r["largest_standard_error"]:.4f} | {r["largest_difference"][worst]:.4f} ({worst}) | {z[0]:.2f}, {z[len(z)//2]:.2f}, {z[-1]:.2f} | '
+               f'{(v["x"] + v["z"])/2:.4f} | {(v["chiy"] + v["chiz"])/2:.4f} |')
+
+
+def ring(data):
+    yield '| (f, τ), truncation | start | paper | here | period | orbital speed Ω | spin | smallest gap | independent (period, Ω, spin) |'
+    yield '|---'*9 + '|'
+    for r in data['rows']:
+        number = '–' if r['period'] is None else f'{r["period"]:.1f}'
+        yield (f'| ({r["f"]:g}, {r["tau"]:g}), {r["truncation"]} | {r["start"]} | {r.get("paper", "")} | {r["state"]} | {number} | '
+               f'{r["orbital_speed"]:+.4f} | {r["spin"]:+.4f} | {r["smallest_gap"]:.3f} | '
+               f'{", ".join("–" if v is None else str(v) for v in r["independent"]) if r.get("independent") else "–"} |')
+
+
+def noise(data):
+    yield '| start as | kT | nearer to | distance (rad) to it, to the other | mismatch after a shift by one | Ω | spin |'
+    yield '|---'*7 + '|'
+    for r in data['rows']:
+        d = sorted(r['distances_to_noiseless'].values()) if r['kT'] else None
+        yield (f'| ({r["f"]:g}, {r["tau"]:g}) | {r["kT"]:g} | {r["state"]} | {f"{d[0]:.3f}, {d[1]:.3f}" if d else "–"} | '
+               f'{r["least_mismatch_by_one"]:.2f} | {r["orbital_speed"]:+.4f} | {r["spin"]:+.4f} |')
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--input', type=pathlib.Path, default=RESULTS)
+    folder = parser.parse_args().input
+    for pattern, table in (('lennard_jones.json', lennardJones), ('sedimenting_spheres.json', sedimenting),
+                           ('trapped_spheres*.json', trapped), ('ring_states_*.json', ring), ('ring_noise_*.json', noise)):
+        for path in sorted(folder.glob(pattern)):
+            print(f'\n**{path.stem}**\n')
+            print('\n'.join(table(json.loads(path.read_text()))))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,119 @@
+"""The scripts of examples/davidchack2017 run, shortened, and the physics in what they write is right."""
+import json
+import pathlib
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+FOLDER = pathlib.Path(__file__).resolve().parents[2]/'examples'/'davidchack2017'
+
+
+def run(script, folder):
+    """Run a script with --quick; what it wrote, by file name."""
+    finished = subprocess.run([sys.executable, str(FOLDER/script), '--quick', '--output', str(folder)], capture_output=True, text=True,
+                              timeout=600)
+    assert finished.returncode == 0, finished.stdout + finished.stderr
+    for picture in folder.glob('*.png'):
+        assert picture.stat().st_size > 5000
+    written = {path.name: json.loads(path.read_text()) for path in folder.glob('*.json')}
+    for data in written.values():
+        assert {'processor', 'openmm', 'commit', 'plugin_sha256', 'arguments'} <= set(data['provenance'])
+    return written
+
+
+def test_sedimenting_spheres(tmp_path):
+    result = run('sedimenting_spheres.py', tmp_path)['sedimenting_spheres.json']
+    exact = result['exact']['3']
+    # Two independent computations of the exact answer.
+    assert exact['F/U_fundamental_solutions'] == pytest.approx(1.1840839517, rel=1e-9)
+    assert exact['omega/U_fundamental_solutions'] == pytest.approx(0.064558335059, rel=1e-9)
+    # What each rung misses at l = 3, computed independently to the digits given.
+    for model, drag, spin in (('RPY', -1.35e-3, 1.76e-2), ('FTS', -9.45e-4, 1.8e-4), ('multiblob 12', 4.2e-5, -7.9e-3)):
+        error = result['models'][model]['3']['relative_error']
+        assert error['F/U'] == pytest.approx(drag, abs=1e-5), model
+        assert error['omega/U'] == pytest.approx(spin, abs=2e-4), model
+    row = result['models']['FTS+lubrication']['3']
+    assert abs(row['relative_error']['F/U']) < 1e-5 and abs(row['relative_error']['omega/U']) < 3e-4
+    # Order 2: the error of U falls as h^2 (0.04, 0.03, 0.02, 0.01), to the h^4 term.
+    h, drag = np.array(row['h']), np.array(row['F/U_h'])
+    order = np.polyfit(np.log(h[:4]), np.log(abs(drag[:4] - row['F/U'])), 1)[0]
+    assert order == pytest.approx(2, abs=0.02)
+
+
+def test_trapped_spheres(tmp_path):
+    runs = run('trapped_spheres.py', tmp_path)['trapped_spheres.json']['runs']
+    assert len(runs) == 2
+    for r in runs:
+        assert r['bias_of_this_step'] < 0.002
+        # Ten functions, each an average of squares over many correlated lags: 3 is far out for a chi^2 with a few degrees of freedom.
+        print(r['set'], r['rms_z'])
+        assert max(r['rms_z'].values()) < 3
+        assert max(r['largest_difference'].values()) < 6*r['largest_standard_error']
+    # The theory against numbers computed independently (exact pair friction, inertial set, R = 3): value and time of extremes.
+    theory, times = runs[0]['theory'], np.array(runs[0]['times'])
+    for name, value, time in (('z1 z2', -0.22006, 0.93), ('x1 x2', -0.11039, 0.94), ('x1 chiy2', 0.03437, 0.61),
+                              ('x1 chiy1', 0.00791, 0.57), ('chiy1 chiy2', 0.00896, 0.41), ('chiz1 chiz2', -0.01657, 0.41)):
+        curve = np.array(theory[name])
+        k = np.argmax(np.sign(value)*curve)
+        # The extremes lie between samples 0.05 apart: at most half a percent lower there.
+        assert curve[k] == pytest.approx(value, abs=0.006*abs(value)), name
+        assert times[k] == pytest.approx(time, abs=0.03), name
+
+
+def test_ring(tmp_path):
+    row, = run('ring.py', tmp_path)['ring_states_FTS_lubrication.json']['rows']
+    assert row['state'] == '5+1 drafting'
+    # Independent: 64.8, 0.2889, 0.1227, 0.287; the coarse step of the quick mode is off by 0.1 %.
+    assert row['period'] == pytest.approx(64.8, abs=0.3)
+    assert row['orbital_speed'] == pytest.approx(0.2889, abs=0.001)
+    assert row['spin'] == pytest.approx(0.1227, abs=0.001)
+    assert row['smallest_gap'] == pytest.approx(0.287, abs=0.003)
+    assert row['largest_out_of_plane'] < 1e-10
+
+
+def test_ring_classifier():
+    """The classifier names made-up gaps of every kind."""
+    sys.path.insert(0, str(FOLDER))
+    try:
+        import ring
+    finally:
+        sys.path.remove(str(FOLDER))
+    t = np.arange(4000)*ring.SPACING
+    period = 60.0
+
+    def wave(phase, harmonic=1):
+        return np.sin(2*np.pi*harmonic*(t/period + phase)) + 0.4*np.sin(4*np.pi*harmonic*(t/period + phase))
+
+    def gaps(phases):
+        return np.pi/3 + 0.2*np.stack([wave(p) for p in phases], axis=1)
+
+    def steady(values):
+        return np.tile(values, (4000, 1))
+
+    assert ring.classify(steady(6*[np.pi/3]))[0] == 'uniform'
+    assert ring.classify(steady(3*[0.8, 1.2]))[0] == 'steady pairs'
+    assert ring.classify(steady(2*[0.8, 0.9, 1.4]))[0] == 'steady triplets'
+    assert ring.classify(steady([0.8, 0.8, 0.8, 0.8, 0.8, 2.3]))[0] == 'steady cluster'
+    state, _, found = ring.classify(gaps(np.arange(6)/6))
+    assert state == '5+1 drafting' and found == pytest.approx(period, abs=0.3)
+    assert ring.classify(gaps(2*[0, 0.1, 0.5]))[0] == 'in-phase triplets'
+    # A shift by two gaps is a third of a period, but odd and even gaps differ.
+    odd = np.pi/3 + np.stack([0.2*wave(k/6) if k % 2 else 0.1*wave(k/6, 2) for k in range(6)], axis=1)
+    assert ring.classify(odd)[0] == 'pair drafting'
+    triplets = np.pi/3 + np.stack([0.2*wave(k//3/2 + 0.1*(k % 3), 1 + k % 3) for k in range(6)], axis=1)
+    triplets[:, [2, 5]] += 0.1*np.stack([np.sin(2*np.pi*t/period), -np.sin(2*np.pi*t/period)], axis=1)
+    assert ring.classify(triplets)[0] == 'alternating triplets'
+
+
+def test_lennard_jones(tmp_path):
+    result = run('lennard_jones.py', tmp_path)['lennard_jones.json']
+    # Monte Carlo, plus the paper's error constant (below 0.001 at these steps), within 4.5 standard errors: a false alarm in 1e5.
+    for r in result['runs']:
+        expected = -2.34371 - 0.0098*r['h']**2
+        z = (r['mean']['U/N'] - expected)/np.hypot(r['error']['U/N'], 4e-4)
+        print(r['model'], r['h'], z)
+        assert abs(z) < 4.5
+        for name, constant in (('kT_t', -0.0697), ('kT_r1', 0), ('kT_r2', -0.006), ('kT_r3', -0.014)):
+            assert r['mean'][name] == pytest.approx(0.1 + constant*r['h']**2, abs=5*r['error'][name] + 3e-4), name
