@@ -7,7 +7,7 @@
 #include <map>
 #include <sstream>
 
-#include "mobility/RotnePragerYamakawa.h"
+#include "mobility/Models.h"
 #include "rigidbody/EigenVec3.h"
 #include "rigidbody/Quaternion-inl.h"
 
@@ -524,7 +524,6 @@ int Fluid::numInteracting() const {
 }
 
 string Fluid::describe() const {
-    const char* const models[] = {"FreeDraining", "RotnePragerYamakawa", "StokesianDynamics"};
     int bodies = 0, free = 0, thermostats = 0, constant = 0, dense = 0, matrixFree = 0;
     for (int g : groupOfBody) bodies += g >= 0;
     for (int g : groupOfFree) free += g >= 0;
@@ -534,8 +533,8 @@ string Fluid::describe() const {
          : group->solvesMatrixFree                  ? matrixFree
                                                     : dense)++;
     ostringstream text;
-    text << models[force.getModel()] << ", " << bodies << " bodies and " << free << " free particles; " << thermostats
-         << " alone with constant isotropic drag (no matrices), " << constant
+    text << modelName(force.getModel()) << ", " << bodies << " bodies and " << free << " free particles; "
+         << thermostats << " alone with constant isotropic drag (no matrices), " << constant
          << " alone with a constant tensor (computed once), " << dense << " groups with dense matrices, " << matrixFree
          << " groups matrix-free";
     return text.str();

@@ -19,4 +19,13 @@ unique_ptr<MobilityOperator> createScalarMobility(const MobilityForce& force, co
     return unique_ptr<MobilityOperator>(new RotnePragerYamakawa(particles, force.getViscosity()));
 }
 
+const char* modelName(MobilityForce::Model model) {
+    switch (model) {
+        case MobilityForce::FreeDraining: return "FreeDraining";
+        case MobilityForce::RotnePragerYamakawa: return "RotnePragerYamakawa";
+        case MobilityForce::StokesianDynamics: return "StokesianDynamics";
+    }
+    return "";
+}
+
 }  // namespace RigidHIPlugin

@@ -11,6 +11,8 @@ namespace RigidHIPlugin {
 /** The operator of a MobilityForce's model, the readable one of one thread. A new model is entered here. */
 std::unique_ptr<MobilityOperator> createScalarMobility(const MobilityForce& force,
                                                        const HydrodynamicParticles& particles);
+/** The name of a model, for describeEffects(). */
+const char* modelName(MobilityForce::Model model);
 
 }  // namespace RigidHIPlugin
 

@@ -45,7 +45,9 @@ public:
     }
     std::unique_ptr<MobilityOperator> createMobility(const MobilityForce& force, const HydrodynamicParticles& particles,
                                                      bool mayUseThreads) override {
-        if (force.getModel() == MobilityForce::StokesianDynamics) return createScalarMobility(force, particles);
+        // Models without an operator of this platform's own run with the common one.
+        if (force.getModel() != MobilityForce::FreeDraining && force.getModel() != MobilityForce::RotnePragerYamakawa)
+            return createScalarMobility(force, particles);
         CpuRotnePragerYamakawa::ForRanges threads;
         if (mayUseThreads)
             threads = [this](int count, const std::function<void(int, int)>& task) {
