@@ -1,0 +1,109 @@
+// Spheres that come to overlap under StokesianDynamics, which has no mobility then.
+
+#include <openmm/CustomExternalForce.h>
+
+#include <iostream>
+#include <sstream>
+
+#include "TestSupport.h"
+#include "openmmrigidhi/MobilityForce.h"
+
+using namespace OpenMM;
+using namespace RigidHITest;
+using namespace std;
+using RigidHIPlugin::MobilityForce;
+
+namespace {
+
+/** Two unit spheres on the x axis at a gap, pushed together by a force. */
+struct Pair {
+    Pair(double gap, double push, double temperature, double h, double minimumGap = 0, double mass = 1, int seed = 3)
+        : integrator(temperature, h), force(new MobilityForce()) {
+        auto* pushing = new CustomExternalForce("side*push*x");
+        pushing->addPerParticleParameter("side");
+        pushing->addGlobalParameter("push", push);
+        for (int i = 0; i < 2; i++) {
+            integrator.addRigidBody({system.addParticle(mass)}, mass, Vec3(0.4, 0.4, 0.4) * mass, {Vec3()});
+            force->addParticle(1);
+            pushing->addParticle(i, {i == 0 ? -1.0 : 1.0});
+        }
+        force->setModel(MobilityForce::StokesianDynamics);
+        force->setViscosity(1 / (4 * M_PI));
+        force->setMinimumGap(minimumGap);
+        system.addForce(force);
+        system.addForce(pushing);
+        integrator.setScheme(CustomRigidHIIntegrator::LangevinHI);
+        integrator.setRandomNumberSeed(seed);
+        context.reset(new Context(system, integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 1)));
+        context->setPositions({Vec3(-1 - gap / 2, 0, 0), Vec3(1 + gap / 2, 0, 0)});
+    }
+    double gap() {
+        const vector<Vec3> x = positionsOf(*context);
+        return norm(x[1] - x[0]) - 2;
+    }
+    System system;
+    CustomRigidHIIntegrator integrator;
+    MobilityForce* force;
+    unique_ptr<Context> context;
+};
+
+}  // namespace
+
+TEST(Overlap, AnOverlappingStartIsRefusedWithThePairNamed) {
+    Pair pair(-0.1, 0, 300, 0.01);
+    expectError([&] { pair.integrator.step(1); }, {"particle 0 (body 0)", "particle 1 (body 1)", "overlap", "1.9 nm"});
+    expectError([&] { pair.force->getMobilityInContext(*pair.context); }, {"overlap", "setMinimumGap"});
+    EXPECT_NEAR(pair.gap(), -0.1, 1e-12);
+}
+
+TEST(Overlap, StepsAreRedoneWithNewNoiseAndCounted) {
+    // At kT = 1, unit mass and this step a free flight is a tenth of a radius: overlaps are common.
+    Pair pair(0.3, 20, 1 / boltzmann, 0.1);
+    int rejected = 0;
+    for (int i = 0; i < 3000; i++) {
+        pair.integrator.step(1);
+        ASSERT_GT(pair.gap(), 0);
+    }
+    rejected = pair.integrator.getNumRejectedSteps();
+    EXPECT_GT(rejected, 10);
+    EXPECT_EQ(pair.integrator.getStepStatistics()["steps"], 3000);
+    cout << rejected << " of 3000 steps were redone" << endl;
+}
+
+TEST(Overlap, RejectionsResumeBitForBit) {
+    Pair whole(0.3, 5, 1 / boltzmann, 0.1), resumed(0.3, 5, 1 / boltzmann, 0.1);
+    whole.integrator.step(500);
+    stringstream saved;
+    whole.context->createCheckpoint(saved);
+    whole.integrator.step(500);
+    ASSERT_GT(whole.integrator.getNumRejectedSteps(), 0);
+    resumed.context->loadCheckpoint(saved);
+    resumed.integrator.step(500);
+    EXPECT_TRUE(sameBits(positionsOf(*whole.context), positionsOf(*resumed.context)));
+    EXPECT_TRUE(sameBits(velocitiesOf(*whole.context), velocitiesOf(*resumed.context)));
+}
+
+TEST(Overlap, WithoutNoiseOrPatienceItIsAnError) {
+    // Heavy spheres on a collision course: no friction stops them within a step.
+    Pair cold(0.5, 0, 0, 0.1, 0, 1000);
+    cold.integrator.setBodyVelocities({Vec3(3, 0, 0), Vec3(-3, 0, 0)});
+    const auto collide = [](Pair& pair) { pair.integrator.step(50); };
+    expectError([&] { collide(cold); }, {"step ", "overlap", "temperature 0", "smaller step"});
+    EXPECT_GT(cold.gap(), 0);
+    Pair warm(0.5, 0, 300, 0.1, 0, 1000);
+    warm.integrator.setBodyVelocities({Vec3(3, 0, 0), Vec3(-3, 0, 0)});
+    warm.integrator.setMaximumRejections(7);
+    expectError([&] { collide(warm); }, {"7 times in a row", "setMaximumRejections()"});
+    EXPECT_GT(warm.gap(), 0);
+    EXPECT_EQ(warm.integrator.getNumRejectedSteps(), 8);
+    expectError([&] { warm.integrator.setMaximumRejections(-1); }, {"setMaximumRejections()", "-1"});
+}
+
+TEST(Overlap, AMinimumGapLetsSpheresThrough) {
+    Pair pair(0.3, 5, 1 / boltzmann, 0.1, 1e-3);
+    pair.integrator.step(1000);
+    EXPECT_EQ(pair.integrator.getNumRejectedSteps(), 0);
+    Pair start(-0.2, 0, 300, 0.01, 1e-2);
+    start.integrator.step(10);
+    EXPECT_TRUE(isfinite(start.gap()));
+}
