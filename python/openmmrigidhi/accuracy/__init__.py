@@ -7,13 +7,23 @@ From the shell, ``python3 -m openmmrigidhi.accuracy --help``; from Python::
     result = accuracy.StepSizeStudy(scene, ['LangevinC', 'LangevinMiddle'], [0.002, 0.004, 0.006, 0.008]).run(budget=1200)
     print(result.recommend('potential_energy:0.5%'))
     result.write('accuracy', wanted=['potential_energy:0.5%'])
+
+The same for models of the fluid::
+
+    result = accuracy.LadderStudy(scene).run()
+    print(result.recommend('mobility:1%'))
 """
-from . import methods, observables, scenes, statistics
+from . import methods, mobilities, observables, rungs, scenes, statistics
+from .ladder import LadderStudy
+from .ladderresult import LadderResult
 from .methods import Method
+from .mobilities import MobilityObservable
 from .observables import Observable
 from .result import Recommendation, Reference, StudyResult
+from .rungs import Rung
 from .scenes import Scene
 from .study import Knob, Setting, StepSizeStudy, Study
 
 __all__ = ['StepSizeStudy', 'StudyResult', 'Recommendation', 'Reference', 'Scene', 'Method', 'Observable', 'Study', 'Knob',
-           'Setting', 'scenes', 'methods', 'observables', 'statistics']
+           'Setting', 'LadderStudy', 'LadderResult', 'Rung', 'MobilityObservable', 'scenes', 'methods', 'observables', 'mobilities',
+           'rungs', 'statistics']

@@ -3,20 +3,25 @@ import argparse
 import sys
 import time
 
-from . import methods, observables, scenes
+from . import ladderreport, methods, mobilities, observables, rungs, scenes
+from .ladder import LadderStudy
+from .ladderresult import LadderResult
 from .report import summaryText
-from .result import StudyResult
+from .result import StudyResult, splitWanted
 from .study import StepSizeStudy
 
 DESCRIPTION = '''Measure, on this machine, what accuracy costs: the error of observables against ns/day, for step sizes and schemes, beside
 OpenMM's LangevinMiddleIntegrator with constraints. Writes results.csv, results.json, error_*.png and report.html, and names the
-cheapest setting for a wanted error, or says that there is none.'''
+cheapest setting for a wanted error, or says that there is none. With --ladder the same for models of the fluid: the error of
+the mobility against time per step, from free draining to lubrication (docs/hydrodynamic_ladder.md).'''
 
 EPILOG = '''examples:
   python3 -m openmmrigidhi.accuracy --scene water --budget 1800 --wanted-error potential_energy:0.5%
   python3 -m openmmrigidhi.accuracy --scene trap --platform Reference --length 20 --methods LangevinB LangevinC
   python3 -m openmmrigidhi.accuracy --system system.xml --state state.xml --integrator integrator.xml --steps 2,4,6
   python3 -m openmmrigidhi.accuracy --scene mymodule:makeScene --observables potential_energy mymodule:endToEnd
+  python3 -m openmmrigidhi.accuracy --ladder --wanted-error mobility:1%
+  python3 -m openmmrigidhi.accuracy --ladder --scene mymodule:makeScene --wanted-error sedimentation:1%,mobility:5%
   python3 -m openmmrigidhi.accuracy --from accuracy/results.json --wanted-error potential_energy:0.2%'''
 
 
@@ -25,12 +30,12 @@ def parser():
     result = argparse.ArgumentParser(prog='python3 -m openmmrigidhi.accuracy', description=DESCRIPTION, epilog=EPILOG,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     scene = result.add_argument_group('scene')
-    scene.add_argument('--scene', default=None, help='water (default), trap, or module:function that returns a Scene, '
+    scene.add_argument('--scene', default=None, help='water (default), trap; with --ladder pairs (default), suspension; or module:function that returns a Scene, '
                        '(system, state or positions, integrator) or (system, topology, positions, integrator)')
     scene.add_argument('--system', help='System as XML: your own scene, with --state and --integrator')
     scene.add_argument('--state', help='State as XML: the start, which should be equilibrated')
     scene.add_argument('--integrator', help='CustomRigidHIIntegrator as XML: says what the bodies, temperature and frictions are')
-    scene.add_argument('--bodies', type=int, help='number of molecules of water (216), or of bodies in trap (400)')
+    scene.add_argument('--bodies', type=int, help='number of molecules of water (216), or of bodies in trap (400) or suspension (12)')
     scene.add_argument('--temperature', type=float, help='K, of a built-in scene')
     scene.add_argument('--gamma', type=float, help='translational friction of a built-in scene and of LangevinMiddle, 1/ps')
     scene.add_argument('--Gamma', type=float, help='rotational friction of a built-in scene, 1/ps')
@@ -39,7 +44,7 @@ def parser():
                       help=f'among {", ".join(methods.BUILT_IN)}; with step sizes of its own in fs, e.g. GradientThermostat:1,2,3,4 '
                       '(default: LangevinC LangevinMiddle)')
     what.add_argument('--steps', metavar='FS', help='step sizes of all methods in fs, e.g. 1,2,4,6,8 (default: the scene\'s)')
-    what.add_argument('--observables', nargs='+', default=list(observables.DEFAULT), metavar='NAME',
+    what.add_argument('--observables', nargs='+', default=None, metavar='NAME',
                       help=f'among {", ".join(observables.BUILT_IN)}, energy_group_N, or module:function of the Context '
                       '(default: energy and temperatures)')
     what.add_argument('--wanted-error', nargs='+', default=[], metavar='NAME:ERROR',
@@ -47,12 +52,19 @@ def parser():
                       'all be met')
     what.add_argument('--reference', nargs='+', default=[], metavar='NAME=VALUE[+-ERROR]',
                       help='a known average, used instead of the extrapolation to step 0')
+    ladder = result.add_argument_group('the hydrodynamic ladder')
+    ladder.add_argument('--ladder', action='store_true', help='compare models of the fluid instead of step sizes; the scene has spheres and '
+                        f'a MobilityForce. Observables: {", ".join(mobilities.BUILT_IN)}, or module:function of the MobilitySample')
+    ladder.add_argument('--rungs', nargs='+', default=list(rungs.DEFAULT), metavar='NAME',
+                        help=f'among {", ".join(rungs.RUNGS)} (default: all but multiblob642 and those with +self)')
+    ladder.add_argument('--gaps', metavar='RADII', help='of pairs, between the surfaces, in radii, e.g. 0.01,0.1,1,10')
+    ladder.add_argument('--ladder-reference', metavar='NAME', help='the rung that others are compared with (default: the best)')
     how = result.add_argument_group('how it is measured')
     how.add_argument('--budget', type=float, default=600, help='seconds for the measurement; run lengths are planned from it (600)')
     how.add_argument('--length', type=float, help='ps for every setting, instead of a budget')
     how.add_argument('--equilibration', type=float, help='ps left out at the start of each run')
     how.add_argument('--rounds', type=int, default=20, help='number of turns (20)')
-    how.add_argument('--platform', default='CPU', choices=['CPU', 'Reference'])
+    how.add_argument('--platform', choices=['CPU', 'Reference'], help='(CPU; with --ladder the faster of the two)')
     how.add_argument('--threads', type=int, default=1, help='of the CPU platform (1)')
     how.add_argument('--jobs', type=int, default=1, help='runs at the same time; times are then measured afterwards, alone (1)')
     how.add_argument('--clock', default='wall', choices=['wall', 'cpu'],
@@ -81,6 +93,10 @@ def main(arguments=None):
     """
     options = parser().parse_args(arguments)
     try:
+        if options.ladder or (options.source and LadderResult.isOne(options.source)):
+            return _ladder(options)
+        options.platform = options.platform or 'CPU'
+        options.observables = options.observables or list(observables.DEFAULT)
         result = StudyResult.fromJson(options.source) if options.source else _measure(options)
         # Wrong names are found before anything is written.
         for item in options.wanted_error:
@@ -97,6 +113,54 @@ def main(arguments=None):
         print('\n' + text)
     print('\nWritten: ' + ', '.join(paths))
     return 0
+
+
+def _ladder(options):
+    """The hydrodynamic ladder, whole."""
+    if options.source:
+        result = LadderResult.fromJson(options.source)
+    else:
+        names = [mobilities.byName(name).name for name in options.observables or mobilities.DEFAULT]
+        for item in options.wanted_error:
+            splitWanted(item, names, 'mobility:1%')
+        scene = _sphereScene(options)
+        study = LadderStudy(scene, options.rungs, options.observables or mobilities.DEFAULT, options.ladder_reference,
+                            (options.platform,) if options.platform else ('Reference', 'CPU'), options.threads, seed=options.seed)
+        with _Bar(options.quiet, 'run') as bar:
+            result = study.run(options.rounds, progress=bar.study)
+    answers = [result.recommend(item) for item in options.wanted_error]
+    paths = result.write(options.output, options.wanted_error)
+    print(ladderreport.textTable(result))
+    for text in ladderreport.summary(result, answers, options.wanted_error):
+        print('\n' + text)
+    print('\nWritten: ' + ', '.join(paths))
+    return 0
+
+
+def _sphereScene(options):
+    files = (options.system, options.state, options.integrator)
+    name = options.scene or 'pairs'
+    if any(files) or name not in scenes.OF_SPHERES:
+        if options.gaps:
+            raise ValueError('--gaps: got it with a scene of its own; gaps are those of pairs: leave out one of the two')
+        if not any(files) and ':' not in name:
+            raise ValueError(f'--scene: got {name!r} with --ladder; it must be one of {", ".join(scenes.OF_SPHERES)}, or '
+                             'module:function: choose among these')
+        return _scene(options, None)
+    if name == 'pairs':
+        return scenes.pairs(_gaps(options.gaps)) if options.gaps else scenes.pairs()
+    given = {key: getattr(options, key) for key in ('bodies', 'temperature') if getattr(options, key) is not None}
+    return scenes.suspension(seed=options.seed, **given)
+
+
+def _gaps(text):
+    try:
+        values = [float(part) for part in text.split(',')]
+    except ValueError:
+        values = []
+    if not values or min(values) <= 0:
+        raise ValueError(f'--gaps: got {text!r}; gaps are positive numbers in radii with commas between: write e.g. 0.01,0.1,1')
+    return values
 
 
 def _measure(options):
@@ -175,8 +239,9 @@ def _scene(options, bar):
 class _Bar:
     """Two progress bars, one after the other: making the scene, and the study."""
 
-    def __init__(self, quiet):
+    def __init__(self, quiet, unit='step'):
         self.quiet = quiet
+        self.unit = unit
         self.bar = None
         self.stage = None
         self.last = 0.0
@@ -198,7 +263,7 @@ class _Bar:
         if self.stage != stage:
             from tqdm import tqdm
             self._close()
-            self.bar = tqdm(total=total, unit='step', unit_scale=True, smoothing=0.02, mininterval=0.5)
+            self.bar = tqdm(total=total, unit=self.unit, unit_scale=self.unit == 'step', smoothing=0.02, mininterval=0.5)
             self.stage = stage
         now = time.monotonic()
         if now - self.last > 0.5 or done >= total:

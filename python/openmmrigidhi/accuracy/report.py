@@ -96,14 +96,7 @@ def draw(result, observable, wanted=()):
     -------
     bytes
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    # Not pyplot: no window system, no global state.
-    figure = Figure(figsize=(12.5, 5.6), layout='constrained')
-    FigureCanvasAgg(figure)
-    left, right = figure.subplots(1, 2, width_ratios=(1.35, 1)) if _newMatplotlib() else figure.subplots(
-        1, 2, gridspec_kw={'width_ratios': (1.35, 1)})
+    figure, left, right = twoPanels(f'{result.observables[observable]["label"].capitalize()}, {result.scene["name"]}')
     reference = result.references[observable]
     relative = reference.value != 0
     scale = 100/abs(reference.value) if relative else 1.0
@@ -111,15 +104,39 @@ def draw(result, observable, wanted=()):
         result.observables[observable]['unit']
     _drawErrors(left, result, observable, scale, sign, wanted)
     _drawMeans(right, result, observable, reference, wanted)
-    figure.suptitle(f'{result.observables[observable]["label"].capitalize()}, {result.scene["name"]}', fontsize=13)
+    return png(figure, f'Error of {observable}')
+
+
+def png(figure, title):
+    """A figure as PNG, bytes.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    title : str
+        in its metadata
+    """
     buffer = io.BytesIO()
-    figure.savefig(buffer, format='png', dpi=110, metadata={'Title': f'Error of {observable}', 'Software': None})
+    figure.savefig(buffer, format='png', dpi=110, metadata={'Title': title, 'Software': None})
     return buffer.getvalue()
 
 
-def _newMatplotlib():
-    import matplotlib
-    return tuple(int(x) for x in matplotlib.__version__.split('.')[:2]) >= (3, 6)
+def twoPanels(title):
+    """An empty figure with two panels side by side, the left one wider: (figure, left, right).
+
+    Parameters
+    ----------
+    title : str
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    # Not pyplot: no window system, no global state.
+    figure = Figure(figsize=(12.5, 5.6), layout='constrained')
+    FigureCanvasAgg(figure)
+    left, right = figure.subplots(1, 2, gridspec_kw={'width_ratios': (1.35, 1)})
+    figure.suptitle(title, fontsize=13)
+    return figure, left, right
 
 
 def _drawErrors(axes, result, observable, scale, unit, wanted):
@@ -179,7 +196,7 @@ def _drawErrors(axes, result, observable, scale, unit, wanted):
     axes.set_title('Error against speed: down and to the right is better', fontsize=10.5)
     axes.grid(True, which='major', alpha=0.35)
     axes.grid(True, which='minor', alpha=0.12)
-    _plainTicks(axes)
+    plainTicks(axes)
     axes.plot([], [], marker='o', mfc='white', color='grey', ls='', label='not distinguishable from 0')
     axes.legend(loc='best', fontsize=9, framealpha=0.9,
                 title=f'bars: {100*result.confidence:g} % confidence (error), 16–84 % (speed)', title_fontsize=8)
@@ -190,7 +207,8 @@ def _platform(result):
     return f'{result.provenance.get("platform")} platform, {threads} thread{"" if threads == 1 else "s"}'
 
 
-def _plainTicks(axes):
+def plainTicks(axes):
+    """Numbers such as 0.2 and 50 on logarithmic axes, a list of them that is not too long."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
     for axis in (axes.xaxis, axes.yaxis):
         low, high = axis.get_view_interval()
@@ -342,9 +360,7 @@ def page(result, answers, comparisons, pictures, baseline):
     str
     """
     escape = html.escape
-    parts = ['<!DOCTYPE html>', '<html lang="en"><head><meta charset="utf-8"><title>What accuracy costs: '
-             f'{escape(result.scene["name"])}</title><style>{_CSS}</style></head><body>',
-             f'<h1>What accuracy costs: {escape(result.scene["name"])}</h1>', f'<p>{escape(result.scene["description"])}.</p>',
+    parts = [f'<h1>What accuracy costs: {escape(result.scene["name"])}</h1>', f'<p>{escape(result.scene["description"])}.</p>',
              '<h2>In words</h2>']
     texts = summaryText(result, answers, comparisons, baseline)
     parts += [f'<p class="answer">{escape(text)}</p>' for text in texts[:len(answers)]]
@@ -360,16 +376,69 @@ def page(result, answers, comparisons, pictures, baseline):
         about = result.observables[observable]
         parts.append(f'<h3>{escape(about["label"].capitalize())}</h3>')
         if observable in pictures:
-            picture = base64.b64encode(pictures[observable]).decode()
-            parts.append(f'<img alt="Error of {escape(about["label"])} against ns/day" src="data:image/png;base64,{picture}">')
+            parts.append(picture(pictures[observable], f'Error of {about["label"]} against ns/day'))
         parts.append(_table(result, observable))
     parts.append('<h2>How it was measured</h2>')
     parts += [f'<p>{escape(text)}</p>' for text in _howText(result)]
-    parts.append('<details><summary>Machine, versions, seed</summary><table>')
-    for key, value in _flatten(result.provenance):
-        parts.append(f'<tr><td>{escape(key)}</td><td class="t">{escape(str(value))}</td></tr>')
-    parts.append('</table></details></body></html>')
-    return '\n'.join(parts) + '\n'
+    return document(f'What accuracy costs: {result.scene["name"]}', parts + [machineTable(result.provenance)])
+
+
+def document(title, parts):
+    """An HTML page that loads nothing from elsewhere.
+
+    Parameters
+    ----------
+    title : str
+    parts : list of str
+        HTML of the body
+
+    Returns
+    -------
+    str
+    """
+    return '\n'.join(['<!DOCTYPE html>', f'<html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>'
+                      f'<style>{_CSS}</style></head><body>', *parts, '</body></html>']) + '\n'
+
+
+def picture(content, text):
+    """A PNG within a page.
+
+    Parameters
+    ----------
+    content : bytes
+    text : str
+        what it shows, for those who do not see it
+    """
+    return f'<img alt="{html.escape(text)}" src="data:image/png;base64,{base64.b64encode(content).decode()}">'
+
+
+def table(head, rows):
+    """An HTML table.
+
+    Parameters
+    ----------
+    head : sequence of str
+    rows : sequence of sequence of str
+
+    Returns
+    -------
+    str
+    """
+    def line(tag, cells):
+        return '<tr>' + ''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in cells) + '</tr>'
+    return '\n'.join(['<table>', line('th', head), *(line('td', row) for row in rows), '</table>'])
+
+
+def machineTable(provenance):
+    """Machine, versions and the like, folded.
+
+    Parameters
+    ----------
+    provenance : dict
+    """
+    rows = ''.join(f'<tr><td>{html.escape(key)}</td><td class="t">{html.escape(str(value))}</td></tr>'
+                   for key, value in _flatten(provenance))
+    return f'<details><summary>Machine, versions, seed</summary><table>{rows}</table></details>'
 
 
 def _flatten(data):

@@ -166,6 +166,52 @@ def _float(value):
     return None if value is None else float(value)
 
 
+def splitWanted(wanted, names, example):
+    """Wanted errors from text, as (observable, amount as written, its number).
+
+    Parameters
+    ----------
+    wanted : str, or sequence of str
+        "observable:0.5%" or "observable:0.2"; several with commas
+    names : collection of str
+        the observables there are
+    example : str
+        for error messages
+
+    Returns
+    -------
+    list of (str, str, float)
+    """
+    items = wanted.split(',') if isinstance(wanted, str) else list(wanted)
+    result = []
+    for item in items:
+        name, _, amount = item.strip().rpartition(':')
+        if name not in names:
+            raise ValueError(f'wanted error: got {item!r}; the observable must be one of {", ".join(names)}: write e.g. {example}')
+        try:
+            value = float(amount.rstrip('%'))
+        except ValueError:
+            value = math.nan
+        if not value > 0 or not math.isfinite(value):
+            raise ValueError(f'wanted error: got {item!r}; the error must be a positive number or percentage: '
+                             f'write e.g. {example}')
+        result.append((name, amount, value))
+    return result
+
+
+def writeJson(path, data):
+    """Write JSON, lists of numbers on one line.
+
+    Parameters
+    ----------
+    path : str
+    data : dict
+    """
+    text = re.sub(r'\[[^\[\]{}"]*\]', lambda match: ' '.join(match.group().split()), json.dumps(data, indent=1))
+    with open(path, 'w') as file:
+        file.write(text + '\n')
+
+
 @dataclass
 class Wanted:
     """A wanted error: |mean - reference| <= tolerance (observable's unit), as given by text."""
@@ -285,20 +331,8 @@ class StudyResult:
         -------
         list of Wanted
         """
-        items = wanted.split(',') if isinstance(wanted, str) else list(wanted)
         result = []
-        for item in items:
-            name, _, amount = item.strip().rpartition(':')
-            if name not in self.observables:
-                raise ValueError(f'wanted error: got {item!r}; the observable must be one of {", ".join(self.observables)}: '
-                                 'write e.g. potential_energy:0.5%')
-            try:
-                value = float(amount.rstrip('%'))
-            except ValueError:
-                value = math.nan
-            if not value > 0 or not math.isfinite(value):
-                raise ValueError(f'wanted error: got {item!r}; the error must be a positive number or percentage: '
-                                 'write e.g. potential_energy:0.5%')
+        for name, amount, value in splitWanted(wanted, self.observables, 'potential_energy:0.5%'):
             if amount.endswith('%'):
                 reference = self.references.get(name)
                 value *= abs(reference.value)/100 if reference is not None else math.nan
@@ -499,11 +533,7 @@ class StudyResult:
 
     def writeJson(self, path, **extra):
         """Write everything as JSON; extra entries are added at the top level."""
-        text = json.dumps(dict(self.asDict(), **extra), indent=1)
-        # Lists of numbers on one line.
-        text = re.sub(r'\[[^\[\]{}"]*\]', lambda match: ' '.join(match.group().split()), text)
-        with open(path, 'w') as file:
-            file.write(text + '\n')
+        writeJson(path, dict(self.asDict(), **extra))
 
     @staticmethod
     def fromJson(path):

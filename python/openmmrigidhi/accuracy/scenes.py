@@ -10,6 +10,7 @@ from openmm import unit
 
 from .. import app
 from ..integrator import CustomRigidHIIntegrator
+from ..mobility import MobilityForce
 from .bodytable import BodyTable
 
 GAS_CONSTANT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
@@ -95,7 +96,7 @@ class Scene:
         """A fresh copy of the template integrator."""
         return CustomRigidHIIntegrator.cast(openmm.XmlSerializer.deserialize(self._integratorXml))
 
-    def makeContext(self, integrator, platform, properties, seed):
+    def makeContext(self, integrator, platform, properties, seed, system=None):
         """A Context of this scene at its start. Velocities that the scene does not give are drawn at its temperature.
 
         Parameters
@@ -106,8 +107,10 @@ class Scene:
             of the platform
         seed : int
             of the velocities
+        system : openmm.System, optional
+            instead of the scene's own, with the same particles
         """
-        context = openmm.Context(self.system, integrator, platform, properties)
+        context = openmm.Context(self.system if system is None else system, integrator, platform, properties)
         context.setPeriodicBoxVectors(*self.boxVectors)
         context.setPositions(self.positions)
         if self.velocities is None:
@@ -312,6 +315,126 @@ def trap(bodies=400, temperature=300.0, gamma=10.0, Gamma=20.0, frequency=100.0,
                  stepSizes=[0.1/frequency*k for k in (2, 4, 6, 8, 10, 12)])
 
 
+def spheres(centres, radii=1.0, temperature=300.0, viscosity=None, stepSize=0.001, density=1000.0, force=None, name='spheres',
+            description=''):
+    """Spheres in a fluid, each a body of one particle.
+
+    Parameters
+    ----------
+    centres : array-like of shape (n, 3)
+        nm
+    radii : float or array-like of shape (n,)
+        hydrodynamic, nm
+    temperature : float
+        K
+    viscosity : float, optional
+        dalton/(nm ps); default: that of water
+    stepSize : float
+        ps
+    density : float
+        kg/m^3, for masses and moments
+    force : array-like of shape (3,), optional
+        on every sphere, kJ/(mol nm)
+    name, description : str
+
+    Returns
+    -------
+    Scene
+    """
+    centres = np.asarray(centres, float)
+    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(temperature, stepSize)
+    integrator.setScheme(CustomRigidHIIntegrator.LangevinHI)
+    if viscosity is not None:
+        fluid.setViscosity(viscosity)
+    for radius in np.broadcast_to(radii, len(centres)):
+        mass = density*0.602214076*4/3*np.pi*radius**3
+        integrator.addRigidBody([system.addParticle(mass)], mass, (0.4*mass*radius**2,)*3, np.zeros((1, 3)))
+        fluid.addParticle(float(radius))
+    if force is not None:
+        weight = openmm.CustomExternalForce('-(fx*x+fy*y+fz*z)')
+        for letter, value in zip('xyz', force):
+            weight.addGlobalParameter('f' + letter, float(value))
+        for k in range(len(centres)):
+            weight.addParticle(k)
+        system.addForce(weight)
+    system.addForce(fluid)
+    return Scene(system, centres, integrator, name, description)
+
+
+def pair(gap, ratio=1.0, temperature=1e-9):
+    """Two spheres side by side, along x, the first of radius 1 nm, in water.
+
+    Parameters
+    ----------
+    gap : float
+        between the surfaces, in radii of the first
+    ratio : float
+        radius of the second over that of the first
+    temperature : float
+        K; so low by default that the spheres stay where they are while steps are timed
+
+    Returns
+    -------
+    Scene
+    """
+    return spheres([(0, 0, 0), (1 + ratio + gap, 0, 0)], (1.0, ratio), temperature, name='pair',
+                   description='two spheres' + (' of equal radii' if ratio == 1 else f' with radii in ratio {ratio:g}')
+                   + ', the forces of settling across their line of centres')
+
+
+def pairs(gaps=(0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10), ratio=1.0):
+    """Pairs of spheres over gaps, for :class:`openmmrigidhi.accuracy.LadderStudy`.
+
+    Parameters
+    ----------
+    gaps : sequence of float
+        between the surfaces, in radii of the first
+    ratio : float
+        radius of the second over that of the first
+
+    Returns
+    -------
+    dict
+        gap -> Scene
+    """
+    return {float(gap): pair(gap, ratio) for gap in gaps}
+
+
+def suspension(bodies=12, fraction=0.1, radius=1.0, leastGap=0.02, temperature=300.0, seed=1):
+    """Spheres of one size at random places without overlap, within a sphere, in water, settling.
+
+    Parameters
+    ----------
+    bodies : int
+    fraction : float
+        of the volume; up to about 0.3
+    radius : float
+        nm
+    leastGap : float
+        between surfaces, in radii
+    temperature : float
+        K
+    seed : int
+
+    Returns
+    -------
+    Scene
+    """
+    rng = np.random.default_rng(seed)
+    outer = radius*(bodies/fraction)**(1/3)
+    centres = []
+    for _ in range(100000*bodies):
+        if len(centres) == bodies:
+            break
+        point = rng.uniform(-outer, outer, 3)
+        if np.linalg.norm(point) <= outer and all(np.linalg.norm(point - other) >= (2 + leastGap)*radius for other in centres):
+            centres.append(point)
+    else:
+        raise ValueError(f'suspension: fraction: got {fraction}; {bodies} spheres found no room by chance: choose a smaller one')
+    return spheres(centres, radius, temperature, force=(0, 0, -1), name=f'suspension{bodies}',
+                   description=f'{bodies} spheres at random in a larger sphere, volume fraction {fraction:g}, settling in water')
+
+
 def _rotationMatrices(q):
     w, x, y, z = q.T
     return np.stack([np.stack([1-2*(y*y+z*z), 2*(x*y-w*z), 2*(x*z+w*y)], -1),
@@ -378,5 +501,6 @@ def importObject(specification, what):
                          'or run in its directory') from error
 
 
-#: Scenes by name, for the command line.
+#: Scenes by name, for the command line; those for the hydrodynamic ladder.
 BUILT_IN = {'water': water, 'trap': trap}
+OF_SPHERES = {'pairs': pairs, 'suspension': suspension}

@@ -273,12 +273,8 @@ class Study:
         return f'{setting.method.name} {self.knob.format(setting.value)}'
 
     def _provenance(self, began, rounds, jobs):
-        return {
-            'finished': time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime()),
-            'wall_seconds': round(time.perf_counter() - began, 1), 'rounds': rounds, 'jobs': jobs, 'seed': self.seed,
-            'platform': self.platform, 'threads': self.threads if self.platform == 'CPU' else 1, 'clock': self.clock,
-            'load_at_end': _load(), 'processor': _processor(), 'processors': os.cpu_count(), 'system': machine.system(),
-            'architecture': machine.machine(), 'versions': _versions()}
+        return {'rounds': rounds, 'jobs': jobs, 'seed': self.seed, 'platform': self.platform,
+                'threads': self.threads if self.platform == 'CPU' else 1, 'clock': self.clock, **provenance(began)}
 
     def _evaluate(self, runs, refusals, provenance):
         self.records = runs
@@ -394,6 +390,23 @@ class _Meter:
             if self.report is not None:
                 self.report(self.done, self.total, text)
         return count
+
+
+def provenance(began):
+    """When, on which machine and with which versions something was measured.
+
+    Parameters
+    ----------
+    began : float
+        time.perf_counter() at its start
+
+    Returns
+    -------
+    dict
+    """
+    return {'finished': time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime()), 'wall_seconds': round(time.perf_counter() - began, 1),
+            'load_at_end': _load(), 'processor': _processor(), 'processors': os.cpu_count(), 'system': machine.system(),
+            'architecture': machine.machine(), 'versions': _versions()}
 
 
 def _load():

@@ -3,7 +3,7 @@ from .bodies import addRigidResidues, addRigidWater, bindBodies
 from .bodystates import BodyStates, RigidBodyReporter, readBodyStates
 from .minimizer import MinimizationResult, minimize
 from .reporters import StateDataReporter
-from .shapes import sphereShell
+from .shapes import multiblobSphere, sphereShell
 
 __all__ = ['addRigidWater', 'addRigidResidues', 'bindBodies', 'minimize', 'MinimizationResult', 'RigidBodyReporter',
-           'readBodyStates', 'BodyStates', 'StateDataReporter', 'sphereShell']
+           'readBodyStates', 'BodyStates', 'StateDataReporter', 'sphereShell', 'multiblobSphere']

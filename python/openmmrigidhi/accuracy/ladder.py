@@ -1,0 +1,243 @@
+"""The hydrodynamic ladder: how wrong each model of the fluid is for a scene of spheres, and what a step with it costs."""
+import time
+
+import numpy as np
+import openmm
+
+from . import mobilities
+from . import rungs as rungsModule
+from .ladderresult import LadderResult
+from .measurement import NOT_APPLICABLE, STABLE
+from .rungs import Spheres
+from .scenes import Scene
+from .study import provenance
+
+#: What StokesianDynamics with lubrication is off by for at most two spheres: the tests of the pair's resistance functions allow
+#: that much, and none was found to be further off.
+PAIR_ERROR = 1e-9
+
+
+class LadderStudy:
+    """Error of the mobility, and of what follows from it, against time per step, for models of the fluid.
+
+    The mobility of the scene's spheres at its start is computed with every rung and compared with the best of them (see
+    :meth:`referenceRung`), and steps of LangevinHI are timed.
+
+    Parameters
+    ----------
+    scene : Scene, or dict from float to Scene
+        one scene, or several along a parameter, such as :func:`openmmrigidhi.accuracy.scenes.pairs` over gaps
+    rungs : sequence of str or Rung
+        among FreeDraining, RPY, FTS, multiblob12, multiblob42, multiblob162, multiblob642, FTS+lubrication, and multiblobs with
+        +self, whose single spheres have Stokes' tensor
+    observables : sequence of str, MobilityObservable or callable
+        see :func:`openmmrigidhi.accuracy.mobilities.byName`
+    reference : str, optional
+        the rung that the others are compared with; default: the best
+    platforms : sequence of str
+        each rung is timed on all of them, and the faster counts
+    threads : int
+        of the CPU platform
+    parameter : str
+        what the keys of a dict of scenes are
+    seed : int
+        of the noise in the steps that are timed
+
+    Examples
+    --------
+    >>> from openmmrigidhi import accuracy
+    >>> study = accuracy.LadderStudy(accuracy.scenes.pairs([0.1, 1.0]), ['RPY', 'FTS', 'FTS+lubrication'], ['sedimentation'])
+    >>> print(study.run(rounds=1).recommend('sedimentation:0.5%').setting['rung'])
+    FTS+lubrication
+    """
+
+    def __init__(self, scene, rungs=rungsModule.DEFAULT, observables=mobilities.DEFAULT, reference=None,
+                 platforms=('Reference', 'CPU'), threads=1, parameter='gap', seed=1):
+        self.scenes = {0.0: scene} if isinstance(scene, Scene) else dict(sorted(scene.items()))
+        if not self.scenes:
+            raise ValueError('LadderStudy: scene: there is none in the dict; there must be at least one: add it')
+        self.isSweep = not isinstance(scene, Scene)
+        self.parameter = parameter
+        self.rungs = [rungsModule.byName(name) for name in rungs]
+        self.observables = [mobilities.byName(name) for name in observables]
+        for what, things in (('rungs', self.rungs), ('observables', self.observables)):
+            names = [thing.name for thing in things]
+            if len(set(names)) < len(names) or not names:
+                raise ValueError(f'LadderStudy: {what}: got {names}; at least one is needed, and each only once: correct the list')
+        self.reference = None if reference is None else rungsModule.byName(reference)
+        self.platforms = tuple(platforms)
+        self.threads = threads
+        self.seed = seed
+
+    def _properties(self, platform):
+        return {'Threads': str(self.threads)} if platform == 'CPU' else {}
+
+    def referenceRung(self, available):
+        """The best of the rungs, and those whose distance to it tells how good it is itself.
+
+        StokesianDynamics with lubrication if it can be used: it is exact for a pair, and what it lacks for more spheres are
+        many-body terms. Else the multiblob with the most blobs. The second opinions are the finest multiblobs besides, as they are
+        and with Stokes' tensor for each sphere alone: single spheres are better with it, and the coupling of rotation and
+        translation without.
+
+        Parameters
+        ----------
+        available : dict
+            rung name -> (Rung, MobilitySample) of those that could be computed
+
+        Returns
+        -------
+        (Rung, list of Rung)
+        """
+        candidates = [rung for rung, _ in available.values()]
+        if self.reference is not None:
+            best = self.reference
+            if best.name not in available:
+                raise ValueError(f'LadderStudy: reference: {best.name} cannot be used on this scene: choose another one')
+        else:
+            offered = [rung for rung in candidates if rung in self.rungs]
+            best = max(offered or candidates, key=lambda rung: (rung.isBest, rung.blobs, rung.exactAlone, rung.model))
+        others = [rung for rung in candidates if rung.blobs and rung.blobs != best.blobs]
+        finest = max((rung.blobs for rung in others), default=0)
+        return best, [rung for rung in others if rung.blobs == finest]
+
+    def run(self, rounds=5, seconds=0.05, progress=None):
+        """Compute and time everything.
+
+        Parameters
+        ----------
+        rounds : int
+            in which the rungs take turns
+        seconds : float
+            for each rung in a round
+        progress : callable, optional
+            called with (done, total, text)
+
+        Returns
+        -------
+        LadderResult
+        """
+        began = time.perf_counter()
+        # Second opinions on the best rung are computed even if nobody asked for them as rungs.
+        extra = self._secondOpinions()
+        total, done = len(self.scenes)*(len(self.rungs) + len(extra)) + 2*len(self.rungs), 0
+        rows, references, messages = [], {}, {}
+
+        def count(text):
+            nonlocal done
+            done += 1
+            if progress is not None:
+                progress(done, total, text)
+
+        for value, scene in self.scenes.items():
+            spheres, samples = Spheres(scene), {}
+            for rung in [*self.rungs, *extra]:
+                try:
+                    fluid, _, context = spheres.makeContext(rung, self.platforms[-1], self._properties(self.platforms[-1]))
+                    samples[rung.name] = rung, spheres.sample(fluid, context)
+                    del context
+                except (openmm.OpenMMException, ValueError) as error:
+                    messages[value, rung.name] = str(error)
+                count(f'{rung.name} {self.parameter} {value:g}' if self.isSweep else rung.name)
+            if not samples:
+                raise ValueError('LadderStudy: none of the rungs can be used on this scene: ' + '; '.join(messages.values()))
+            references[value] = self._compare(value, spheres, samples, messages, rows)
+        middle = list(self.scenes)[len(self.scenes)//2]
+        costs = self._time(Spheres(self.scenes[middle]), rounds, seconds, count)
+        for row in rows:
+            row.update({key: costs.get(row['rung'], {}).get(key) for key in
+                        ('seconds_step', 'seconds_low', 'seconds_high', 'seconds_forces', 'platform', 'solver')})
+        scene = self.scenes[middle]
+        about = {'name': self.parameter + 's of ' + scene.name if self.isSweep else scene.name, 'description': scene.description,
+                 'bodies': len(scene.bodies), 'temperature': scene.temperature, 'timed_at': middle if self.isSweep else None}
+        return LadderResult(about, self.parameter if self.isSweep else None, rows, references,
+                            {o.name: {'label': o.label, 'description': o.description} for o in self.observables},
+                            {rung.name: rung.description for rung in self.rungs},
+                            {'rounds': rounds, 'threads': self.threads, 'seed': self.seed, 'platforms': ', '.join(self.platforms),
+                             **provenance(began)})
+
+    def _secondOpinions(self):
+        """Rungs that are computed, but not offered: the finest multiblob with exact single spheres."""
+        if all(len(scene.bodies) <= 2 for scene in self.scenes.values()):
+            return []
+        counts = sorted({rung.blobs for rung in self.rungs})
+        best = max(self.rungs, key=lambda rung: (rung.isBest, rung.blobs)) if self.reference is None else self.reference
+        finest = max((n for n in counts if n != best.blobs), default=0)
+        own = {rung.name for rung in self.rungs}
+        return [rung for rung in rungsModule.RUNGS.values() if rung.blobs == finest > 0 and rung.exactAlone and rung.name not in own]
+
+    def _compare(self, value, spheres, samples, messages, rows):
+        """Add the rows of one scene; returns what is known about its reference."""
+        best, seconds = self.referenceRung(samples)
+        exact = best.isBest and len(spheres.radii) <= 2
+        reference = {'rung': best.name, 'exact': exact, 'seconds': [] if exact else [rung.name for rung in seconds],
+                     'believed': {}}
+        for observable in self.observables:
+            values = {name: observable.measure(sample) for name, (_, sample) in samples.items()}
+            right = values[best.name]
+            distances = [observable.compare(values[rung.name], right) for rung in seconds]
+            # Each of the distances has both errors in it, so the smallest says most.
+            reference['believed'][observable.name] = PAIR_ERROR if exact else min(
+                (abs(distance) for distance in distances if distance is not None), default=None)
+            for rung in self.rungs:
+                error = observable.compare(values[rung.name], right) if rung.name in values else None
+                measured = values.get(rung.name)
+                rows.append({'parameter': value, 'rung': rung.name, 'observable': observable.name,
+                             'status': STABLE if rung.name in values else NOT_APPLICABLE,
+                             'message': messages.get((value, rung.name), ''),
+                             'value': None if measured is None else float(measured if np.ndim(measured) == 0 else
+                                                                          np.linalg.norm(measured)),
+                             'error': error, 'believed': reference['believed'][observable.name],
+                             'is_reference': rung.name == best.name})
+        return reference
+
+    def _time(self, spheres, rounds, seconds, count):
+        """Seconds a step of each rung on its faster platform: medians over rounds in which all take turns."""
+        runs, forces = [], {p: spheres.secondsOfForces(p, self._properties(p)) for p in self.platforms}
+        for rung in self.rungs:
+            for platform in self.platforms:
+                try:
+                    _, integrator, context = spheres.makeContext(rung, platform, self._properties(platform), self.seed)
+                    integrator.step(1)
+                    one = _own(integrator)
+                    integrator.step(1)
+                    one = _own(integrator) - one
+                    runs.append((rung, platform, integrator, context, min(1000, max(1, round(seconds/max(one, 1e-7)))), []))
+                except (openmm.OpenMMException, ValueError):
+                    continue
+            count(f'timing {rung.name}')
+        rng = np.random.default_rng(self.seed)
+        broken = set()
+        for turn in range(rounds):
+            for i in rng.permutation(len(runs)):
+                rung, platform, integrator, _, steps, times = runs[i]
+                # Two rounds are enough for what takes seconds.
+                if i in broken or (turn >= 2 and times[-1]*steps > 20*seconds):
+                    continue
+                try:
+                    spheres.reset(integrator)
+                    before = _own(integrator)
+                    integrator.step(steps)
+                    times.append((_own(integrator) - before)/steps)
+                except openmm.OpenMMException:
+                    broken.add(i)
+        costs = {}
+        for rung in self.rungs:
+            for i, (other, platform, integrator, _, _, times) in enumerate(runs):
+                if other is not rung or not times:
+                    continue
+                low, middle, high = np.percentile(times, [16, 50, 84]) + forces[platform]
+                if rung.name not in costs or middle < costs[rung.name]['seconds_step']:
+                    effect = integrator.getEffects().get('hydrodynamics', '')
+                    costs[rung.name] = {'seconds_step': float(middle), 'seconds_low': float(low), 'seconds_high': float(high),
+                                        'seconds_forces': forces[platform], 'platform': platform,
+                                        'solver': 'matrix-free' if ' 0 groups matrix-free' not in effect else
+                                        'dense' if ' 0 groups with dense' not in effect else 'none'}
+            count(f'timing {rung.name}')
+        return costs
+
+
+def _own(integrator):
+    """Seconds so far in steps, but for the forces."""
+    statistics = integrator.getStepStatistics()
+    return statistics['seconds_mobility'] + statistics['seconds_scheme']

@@ -1,0 +1,285 @@
+"""Files of the hydrodynamic ladder: CSV, JSON, pictures, and one HTML page that needs nothing else."""
+import html
+import os
+import re
+
+import numpy as np
+
+from .ladderresult import duration, percent
+from .measurement import STABLE
+from .report import document, machineTable, picture, plainTicks, png, table, twoPanels
+
+COLOURS = {'FreeDraining': '#7F7F7F', 'RPY': '#E69F00', 'FTS': '#D55E00', 'multiblob12': '#9ECAE1', 'multiblob42': '#4292C6',
+           'multiblob162': '#08519C', 'multiblob642': '#08204C', 'FTS+lubrication': '#009E73'}
+MARKERS = {'FreeDraining': 'x', 'RPY': 's', 'FTS': '^', 'multiblob12': 'v', 'multiblob42': 'D', 'multiblob162': 'o',
+           'multiblob642': 'P', 'FTS+lubrication': '*'}
+#: Smaller errors are drawn here.
+FLOOR = 1e-9
+
+
+def _style(rung):
+    base = rung.replace('+self', '')
+    return {'color': COLOURS.get(base, '#CC79A7'), 'marker': MARKERS.get(base, 'h'), 'ls': ':' if base != rung else '-'}
+
+
+def write(result, directory, wanted=()):
+    """Write all files into a directory.
+
+    Parameters
+    ----------
+    result : LadderResult
+    directory, wanted
+        see LadderResult.write()
+
+    Returns
+    -------
+    list of str
+        paths of the files
+    """
+    os.makedirs(directory, exist_ok=True)
+    wanted = [wanted] if isinstance(wanted, str) else list(wanted)
+    answers = [result.recommend(item) for item in wanted]
+    paths = [os.path.join(directory, name) for name in ('ladder.csv', 'ladder.json', 'ladder.html')]
+    result.writeCsv(paths[0])
+    result.writeJson(paths[1], recommendations=[{'wanted': [vars(each) for each in answer.wanted], 'verdict': answer.verdict,
+                                                 'setting': answer.setting, 'text': answer.text, 'candidates': answer.candidates}
+                                                for answer in answers])
+    pictures = {}
+    for observable in result.observables:
+        if result.select(observable):
+            pictures[observable] = draw(result, observable, wanted)
+            path = os.path.join(directory, f'ladder_{re.sub("[^A-Za-z0-9_]", "_", observable)}.png')
+            with open(path, 'wb') as file:
+                file.write(pictures[observable])
+            paths.append(path)
+    with open(paths[2], 'w') as file:
+        file.write(page(result, answers, wanted, pictures))
+    return paths
+
+
+def draw(result, observable, wanted=()):
+    """Errors against the parameter, and against time per step, a PNG. For a single scene: errors as bars, and against time.
+
+    Parameters
+    ----------
+    result : LadderResult
+    observable : str
+    wanted : sequence of str
+        wanted errors; those of this observable are drawn as lines
+
+    Returns
+    -------
+    bytes
+    """
+    figure, left, right = twoPanels(f'{result.observables[observable]["label"].capitalize()}, {result.scene["name"]}')
+    lines = [each for item in wanted for each in result.parseWanted(item) if each.observable == observable]
+    (_drawSweep if result.parameter else _drawBars)(left, result, observable)
+    _drawCost(right, result, observable)
+    for axes in (left, right):
+        for item in lines:
+            if result.parameter or axes is right:
+                axes.axhline(item.tolerance, color='black', ls='--', lw=1)
+    return png(figure, f'Error of {observable}')
+
+
+def _size(row):
+    return max(abs(row['error']), FLOOR)
+
+
+def _drawSweep(axes, result, observable):
+    for rung in result.rungs:
+        rows = [row for row in result.select(observable, rung)]
+        if rows and not all(row['is_reference'] for row in rows):
+            axes.plot([row['parameter'] for row in rows], [_size(row) for row in rows], label=rung, ms=5, lw=1.4, **_style(rung))
+        elif rows:
+            axes.plot([], [], label=f'{rung}: the reference' + (', exact to 1e-9' if all(
+                entry['exact'] for entry in result.references.values()) else ''), ms=9, **dict(_style(rung), ls=''))
+    axes.set_xscale('log')
+    axes.set_yscale('log')
+    axes.set_xlabel('gap between the surfaces, radii' if result.parameter == 'gap' else result.parameter)
+    axes.set_ylabel('|relative error|')
+    axes.grid(True, which='major', alpha=0.35)
+    axes.legend(fontsize=8.5)
+
+
+def _drawBars(axes, result, observable):
+    rows = {row['rung']: row for row in result.select(observable)}
+    names = [name for name in result.rungs if name in rows]
+    sizes = [_size(rows[name]) for name in names]
+    believed = next((rows[name]['believed'] for name in names if rows[name]['is_reference']), None)
+    shown = [size if not rows[name]['is_reference'] else believed or FLOOR for name, size in zip(names, sizes)]
+    axes.barh(range(len(names)), shown, color=[_style(name)['color'] for name in names],
+              hatch=['//' if rows[name]['is_reference'] else '' for name in names], alpha=0.85)
+    axes.set_yticks(range(len(names)), [f'{name}\n(believed)' if rows[name]['is_reference'] else name for name in names], fontsize=9)
+    for k, size in enumerate(shown):
+        axes.annotate(' ' + percent(size), (size, k), va='center', fontsize=9)
+    axes.set_xscale('log')
+    axes.set_xlim(min(shown)/3, max(shown)*8)
+    axes.set_xlabel('|relative error|')
+    if believed:
+        axes.axvspan(axes.get_xlim()[0], believed, color='black', alpha=0.08, lw=0)
+    axes.invert_yaxis()
+
+
+def _drawCost(axes, result, observable):
+    values = sorted(result.references)
+    chosen = sorted({values[round(k)] for k in np.linspace(0, len(values) - 1, 4)}) if result.parameter else values
+    fills = np.linspace(1, 0.25, len(chosen))
+    for rung in result.rungs:
+        rows = {row['parameter']: row for row in result.select(observable, rung)}
+        seconds, style = result.seconds(rung), _style(rung)
+        if seconds is None or not rows or all(row['is_reference'] for row in rows.values()):
+            continue
+        for value, fill in zip(chosen, fills):
+            if value in rows:
+                axes.plot(1e3*seconds, _size(rows[value]), marker=style['marker'], color=style['color'], alpha=fill, ms=8, ls='')
+        sizes = [_size(rows[v]) for v in chosen if v in rows]
+        axes.plot([1e3*seconds]*2, [min(sizes), max(sizes)], color=style['color'], lw=0.8, alpha=0.6)
+        axes.annotate(rung, (1e3*seconds, max(sizes)), textcoords='offset points', xytext=(4, 7), fontsize=8.5)
+    best = next(iter(result.references.values()))['rung']
+    if result.seconds(best) is not None:
+        axes.axvline(1e3*result.seconds(best), color=_style(best)['color'], lw=1.2, ls='-.')
+        axes.annotate(f'{best} (reference)', (1e3*result.seconds(best), 0.98), xycoords=('data', 'axes fraction'), rotation=90,
+                      fontsize=8.5, ha='left', va='top')
+        believed = [row['believed'] for row in result.select(observable, best) if row['is_reference']]
+        if not result.parameter and believed and believed[0]:
+            axes.plot(1e3*result.seconds(best), believed[0], marker='*', ms=13, mfc='white', color=_style(best)['color'], ls='')
+    axes.set_xscale('log')
+    axes.set_yscale('log')
+    low, high = axes.get_xlim()
+    axes.set_xlim(low/1.3, high*3)
+    plainTicks(axes)
+    axes.set_xlabel('ms per LangevinHI step (faster platform, forces included)')
+    axes.set_ylabel('|relative error|')
+    if len(chosen) > 1:
+        axes.set_title(f'full to pale: {result.parameter} ' + ', '.join(f'{value:g}' for value in chosen), fontsize=9.5)
+    axes.grid(True, which='major', alpha=0.35)
+
+
+def textTable(result):
+    """Largest errors of all rungs over the scenes, in per cent, and times, as text.
+
+    Parameters
+    ----------
+    result : LadderResult
+    """
+    names = [name for name in result.observables if result.select(name)]
+    width = max(22, *(len(name) + 2 for name in names))
+    lines = ['error in %' + (f', the largest over {result.parameter}s' if result.parameter else ''),
+             f'{"rung":<18}{"a step":>10}  {"on":<10}' + ''.join(f'{name:>{width}}' for name in names)]
+    for rung in result.rungs:
+        row = next(row for row in result.rows if row['rung'] == rung)
+        line = f'{rung:<18}{duration(row["seconds_step"]) if row["seconds_step"] else "":>10}  {row["platform"] or "":<10}'
+        for name in names:
+            rows = result.select(name, rung)
+            line += f'{"reference" if rows and all(r["is_reference"] for r in rows) else percent(max((abs(r["error"]) for r in rows), default=None)):>{width}}'
+        lines.append(line)
+    return '\n'.join(lines)
+
+
+def summary(result, answers, wanted):
+    """Everything that is to be said in plain words.
+
+    Parameters
+    ----------
+    result : LadderResult
+    answers : list of Recommendation
+    wanted : sequence of str
+        what the answers are to
+
+    Returns
+    -------
+    list of str
+        paragraphs, the answers first
+    """
+    lines = [answer.text for answer in answers] + [result.referenceText()]
+    for item in wanted if result.parameter else ():
+        parts = [f'{rung}: ' + ('nowhere' if value is None else f'from {value:g}') for rung, value in result.goodDownTo(item).items()]
+        lines.append(f'Where {item} is met, by {result.parameter}: {"; ".join(parts)}.')
+    refused = {row['rung']: row['message'] for row in result.rows if row['status'] != STABLE}
+    lines += [f'{rung} cannot be used: {message}' for rung, message in refused.items()]
+    return lines
+
+
+def page(result, answers, wanted, pictures):
+    """One HTML page with everything in it; nothing is loaded from elsewhere.
+
+    Parameters
+    ----------
+    result : LadderResult
+    answers : list of Recommendation
+    wanted : sequence of str
+    pictures : dict
+        observable -> PNG, bytes
+
+    Returns
+    -------
+    str
+    """
+    title = f'What hydrodynamic accuracy costs: {result.scene["name"]}'
+    parts = [f'<h1>{html.escape(title)}</h1>', f'<p>{html.escape(result.scene["description"])}.</p>', '<h2>In words</h2>']
+    texts = summary(result, answers, wanted)
+    parts += [f'<p class="answer">{html.escape(text)}</p>' for text in texts[:len(answers)]]
+    parts += [f'<p>{html.escape(text)}</p>' for text in texts[len(answers):]]
+    if not answers:
+        parts.append('<p>No wanted error was given; with one (for example mobility:1%) this page names the cheapest model.</p>')
+    parts += ['<h2>Time</h2>', costTable(result), '<h2>Errors</h2>']
+    for observable, about in result.observables.items():
+        if observable not in pictures:
+            parts.append(f'<p>{html.escape(about["label"].capitalize())}: has no meaning here.</p>')
+            continue
+        parts += [f'<h3>{html.escape(about["label"].capitalize())}</h3>', f'<p>{html.escape(about["description"])}.</p>',
+                  picture(pictures[observable], f'Error of {about["label"]} by model'), errorTable(result, observable)]
+    parts += ['<h2>How it was measured</h2>', f'<p>{html.escape(howText(result))}</p>', machineTable(result.provenance)]
+    return document(title, parts)
+
+
+def costTable(result):
+    """Times per step, an HTML table.
+
+    Parameters
+    ----------
+    result : LadderResult
+    """
+    rows = []
+    for rung, description in result.rungs.items():
+        row = next(row for row in result.rows if row['rung'] == rung)
+        times = [duration(row[key]) if row[key] is not None else '' for key in ('seconds_step', 'seconds_low', 'seconds_high')]
+        rows.append((rung, description, times[0], f'{times[1]} – {times[2]}' if times[0] else '', row['platform'] or '',
+                     row['solver'] or ''))
+    return table(('rung', 'what', 'a step', '16 – 84 %', 'faster on', 'matrices'), rows)
+
+
+def errorTable(result, observable):
+    """Relative errors by scene and rung, an HTML table.
+
+    Parameters
+    ----------
+    result : LadderResult
+    observable : str
+    """
+    def cell(value, rung):
+        row = next(row for row in result.rows if (row['parameter'], row['rung'], row['observable']) == (value, rung, observable))
+        if row['is_reference']:
+            return 'reference' + ('' if row['believed'] is None else f' (± {percent(row["believed"])})')
+        return '' if row['error'] is None else f'{row["error"]:+.2e}'
+    return table((result.parameter or 'scene', *result.rungs),
+                 [(f'{value:g}' if result.parameter else result.scene['name'], *(cell(value, rung) for rung in result.rungs))
+                  for value in result.references])
+
+
+def howText(result):
+    """How it was measured, in words.
+
+    Parameters
+    ----------
+    result : LadderResult
+    """
+    text = ('Errors are relative: (value - reference)/|reference|; for matrices and several velocities the norm of the difference over '
+            f'that of the reference. Times are for a step of LangevinHI with noise at {result.scene["temperature"]:g} K, medians over '
+            f'{result.provenance.get("rounds")} rounds in which the models took turns; on the faster of '
+            f'{result.provenance.get("platforms")} ({result.provenance.get("threads")} thread(s)); the spheres were moved by noise '
+            'alone, and what the scene\'s own forces take in a step was added.')
+    if result.scene.get('timed_at') is not None:
+        text += f' They were taken at {result.parameter} {result.scene["timed_at"]:g}: they hardly depend on it.'
+    return text

@@ -1,0 +1,275 @@
+"""What the hydrodynamic ladder found: errors and times of the models, and the cheapest one for a wanted error."""
+import csv
+import json
+
+from .measurement import STABLE
+from .result import NONE, RECOMMENDED, UNDECIDED, Recommendation, Wanted, splitWanted, writeJson
+
+COLUMNS = ('parameter', 'rung', 'observable', 'status', 'value', 'error', 'believed', 'is_reference', 'seconds_step', 'seconds_low',
+           'seconds_high', 'seconds_forces', 'platform', 'solver', 'message')
+FORMAT = 'openmmrigidhi.accuracy.ladder 1'
+
+
+class LadderResult:
+    """Rows of rungs and observables, the references, and how it was measured.
+
+    Attributes
+    ----------
+    rows : list of dict
+        one per scene, rung and observable. Keys: parameter (0 for a single scene), rung, observable, status ('stable' or 'not
+        applicable'), message, value (arrays: their norm), error (relative to the reference rung), believed (error of the reference
+        rung itself, or None if nothing tells), is_reference, seconds_step (of LangevinHI, the scene's forces included; median
+        over rounds), seconds_low and _high (16 and 84 %), seconds_forces (what of it the scene's forces take), platform (the
+        faster one), solver
+    references : dict
+        parameter -> dict with rung, exact (whether it is exact but for rounding), seconds (rungs whose distance tells how good it
+        is), believed (observable -> relative error of the reference itself)
+    parameter : str or None
+        what distinguishes the scenes; None for a single one
+    """
+
+    def __init__(self, scene, parameter, rows, references, observables, rungs, provenance):
+        self.scene = scene
+        self.parameter = parameter
+        self.rows = rows
+        self.references = references
+        self.observables = observables
+        self.rungs = rungs
+        self.provenance = provenance
+
+    # ---- Questions ---------------------------------------------------------------------------------------------------
+
+    def select(self, observable, rung=None):
+        """Rows of one observable that have an error, by ascending parameter.
+
+        Parameters
+        ----------
+        observable : str
+        rung : str, optional
+            only of this rung
+
+        Returns
+        -------
+        list of dict
+        """
+        return sorted((row for row in self.rows if row['observable'] == observable and rung in (None, row['rung'])
+                       and row['error'] is not None), key=lambda row: row['parameter'])
+
+    def seconds(self, rung):
+        """Seconds a step of a rung, or None.
+
+        Parameters
+        ----------
+        rung : str
+        """
+        return next((row['seconds_step'] for row in self.rows if row['rung'] == rung), None)
+
+    def parseWanted(self, wanted):
+        """Wanted errors from text.
+
+        Parameters
+        ----------
+        wanted : str, or sequence of str
+            "mobility:1%" or "mobility:0.01", relative both; several with commas
+
+        Returns
+        -------
+        list of result.Wanted
+        """
+        return [Wanted(name, value/100 if amount.endswith('%') else value, f'{amount} of {self.observables[name]["label"]}')
+                for name, amount, value in splitWanted(wanted, self.observables, 'mobility:1%')]
+
+    @staticmethod
+    def judge(row, tolerance):
+        """Whether an error meets a tolerance: 'yes', 'no', 'undecided' or 'n/a'.
+
+        The reference is itself off by what is believed of it, so that the error is known to that only.
+
+        Parameters
+        ----------
+        row : dict
+        tolerance : float
+            relative
+        """
+        if row['error'] is None:
+            return 'n/a'
+        size, own = abs(row['error']), row['believed']
+        if own is None:
+            return 'undecided'
+        if size + own <= tolerance:
+            return 'yes'
+        return 'no' if size - own > tolerance else 'undecided'
+
+    def recommend(self, wanted):
+        """The cheapest rung whose errors are below the wanted ones in every scene.
+
+        Parameters
+        ----------
+        wanted : str or sequence of str
+            see :meth:`parseWanted`
+
+        Returns
+        -------
+        result.Recommendation
+            its setting and candidates have rung, seconds_step, platform, error (the largest of the first observable) and
+            verdict
+        """
+        wanted = self.parseWanted(wanted)
+        candidates = []
+        for rung in self.rungs:
+            rows = [row for row in self.rows if row['rung'] == rung]
+            verdicts = [self.judge(row, item.tolerance) if row['status'] == STABLE else 'no'
+                        for item in wanted for row in rows if row['observable'] == item.observable]
+            if self.seconds(rung) is None or not verdicts:
+                continue
+            errors = [abs(row['error']) for row in rows if row['observable'] == wanted[0].observable and row['error'] is not None]
+            candidates.append({'rung': rung, 'seconds_step': self.seconds(rung), 'platform': rows[0]['platform'],
+                               'error': max(errors, default=None),
+                               'verdict': next((v for v in ('no', 'n/a', 'undecided') if v in verdicts), 'yes')})
+        candidates.sort(key=lambda candidate: candidate['seconds_step'])
+        return self._conclude(candidates, wanted)
+
+    def _conclude(self, candidates, wanted):
+        aim = 'For an error of at most ' + ' and '.join(item.text for item in wanted)
+        if self.parameter:
+            values = [f'{value:g}' for value in self.references]
+            aim += f', {self.parameter}s {values[0]} to {values[-1]}'
+        best = next((c for c in candidates if c['verdict'] == 'yes'), None)
+        undecided = [c for c in candidates if c['verdict'] == 'undecided']
+        if best is not None:
+            text = (f'{aim}: {best["rung"]}, {duration(best["seconds_step"])} a step on {best["platform"]}, error '
+                    f'{percent(best["error"])}. It is the cheapest that meets this.')
+            faster = [c['rung'] for c in undecided if c['seconds_step'] < best['seconds_step']]
+            if faster:
+                text += f' Faster, but closer to the limit than the reference is known: {", ".join(faster)}.'
+            return Recommendation(RECOMMENDED, best, text, candidates, None, wanted)
+        if undecided or (candidates and all(c['verdict'] == 'n/a' for c in candidates)):
+            text = f'{aim}: cannot tell. '
+            text += (f'{", ".join(c["rung"] for c in undecided)} may meet it, but the reference itself is not known to that: add a finer '
+                     'multiblob.' if undecided else 'This observable has no meaning here.')
+            return Recommendation(UNDECIDED, None, text, candidates, None, wanted)
+        text = f'{aim}: none of these. Every model that was measured misses it'
+        least = min((c for c in candidates if c['error'] is not None), key=lambda c: c['error'], default=None)
+        text += f'; the most accurate is {least["rung"]} with {percent(least["error"])}.' if least else '.'
+        return Recommendation(NONE, None, text, candidates, None, wanted)
+
+    def goodDownTo(self, wanted):
+        """For several scenes: from which parameter upward each rung meets a wanted error.
+
+        Parameters
+        ----------
+        wanted : str
+
+        Returns
+        -------
+        dict
+            rung -> the smallest parameter from which on all scenes meet it, or None if not even the last does
+        """
+        result = {}
+        items = self.parseWanted(wanted)
+        for rung in self.rungs:
+            result[rung] = None
+            for value in sorted(self.references, reverse=True):
+                rows = {row['observable']: row for row in self.rows if row['rung'] == rung and row['parameter'] == value}
+                if any(self.judge(rows[item.observable], item.tolerance) != 'yes' for item in items):
+                    break
+                result[rung] = value
+        return result
+
+    def referenceText(self):
+        """What the errors are compared with, and how good that is, in words."""
+        names = {entry['rung'] for entry in self.references.values()}
+        entry = next(iter(self.references.values()))
+        if all(each['exact'] for each in self.references.values()):
+            return f'Compared with {", ".join(sorted(names))}, which is exact for a pair of spheres, to 1e-9.'
+        text = f'Compared with {", ".join(sorted(names))}, the best rung that could be used here. '
+        if not entry['seconds']:
+            return text + 'How wrong that is itself is not known: nothing else was computed that could tell.'
+        parts = [f'{self.observables[name]["label"]} {percent(value)}' for name, value in entry['believed'].items() if value is not None]
+        return text + (f'It is believed to be off itself by no more than its distance to {" or ".join(entry["seconds"])}, in which both errors are: '
+                       + '; '.join(parts) + '.')
+
+    # ---- Files -------------------------------------------------------------------------------------------------------
+
+    def asDict(self):
+        """Everything, for JSON."""
+        return {'format': FORMAT, 'scene': self.scene, 'parameter': self.parameter, 'observables': self.observables, 'rungs': self.rungs,
+                'provenance': self.provenance,
+                'references': [{'parameter': value, **entry} for value, entry in self.references.items()], 'rows': self.rows}
+
+    def writeJson(self, path, **extra):
+        """Write everything as JSON; extra entries are added at the top level."""
+        writeJson(path, dict(self.asDict(), **extra))
+
+    @staticmethod
+    def isOne(path):
+        """Whether a file is what writeJson() wrote (and not another result of openmmrigidhi.accuracy).
+
+        Parameters
+        ----------
+        path : str
+        """
+        with open(path) as file:
+            return json.load(file).get('format') == FORMAT
+
+    @staticmethod
+    def fromJson(path):
+        """Read what writeJson() wrote."""
+        with open(path) as file:
+            data = json.load(file)
+        references = {entry.pop('parameter'): entry for entry in data['references']}
+        return LadderResult(data['scene'], data['parameter'], data['rows'], references, data['observables'], data['rungs'],
+                            data['provenance'])
+
+    def writeCsv(self, path):
+        """Write the table as CSV, one row per scene, rung and observable."""
+        with open(path, 'w', newline='') as file:
+            writer = csv.writer(file, lineterminator='\n')
+            writer.writerow(COLUMNS)
+            for row in self.rows:
+                writer.writerow(['' if row[key] is None else f'{row[key]:.8g}' if isinstance(row[key], float) else row[key]
+                                 for key in COLUMNS])
+
+    def write(self, directory, wanted=()):
+        """Write ladder.csv, ladder.json, pictures and ladder.html into a directory.
+
+        Parameters
+        ----------
+        directory : str
+            made if it does not exist
+        wanted : sequence of str
+            wanted errors, each answered on its own
+
+        Returns
+        -------
+        list of str
+            paths of the files
+        """
+        from .ladderreport import write
+        return write(self, directory, wanted)
+
+
+def duration(seconds):
+    """Seconds for people.
+
+    Parameters
+    ----------
+    seconds : float
+    """
+    for unit, scale in (('s', 1), ('ms', 1e-3), ('us', 1e-6)):
+        if seconds >= scale or unit == 'us':
+            return f'{seconds/scale:.3g} {unit}'
+    return ''
+
+
+def percent(error):
+    """A relative error for people.
+
+    Parameters
+    ----------
+    error : float or None
+    """
+    if error is None:
+        return 'n/a'
+    error = 100*abs(error)
+    return f'{error:.0f} %' if error >= 10 else f'{error:.2g} %' if error >= 1e-3 or error == 0 else f'{error:.1e} %'

@@ -1,0 +1,175 @@
+"""What the hydrodynamic ladder compares: the mobility matrix, and numbers that follow from it for given forces."""
+import numpy as np
+from openmm import unit
+
+from .scenes import importObject
+
+
+class MobilitySample:
+    """The mobility of a scene's spheres at its start, by one rung of the ladder.
+
+    Attributes
+    ----------
+    mobility : array of shape (6n, 6n)
+        rows per body Vx Vy Vz Wx Wy Wz about the spheres' centres, lab frame, OpenMM's units
+    centres : array of shape (n, 3)
+        of the spheres, nm
+    radii : array of shape (n,)
+        nm
+    viscosity : float
+        dalton/(nm ps)
+    forces, torques : arrays of shape (n, 3)
+        of the scene on its bodies at the start, about the spheres' centres
+    """
+
+    def __init__(self, mobility, centres, radii, viscosity, forces, torques):
+        self.mobility = mobility
+        self.centres = centres
+        self.radii = radii
+        self.viscosity = viscosity
+        self.forces = forces
+        self.torques = torques
+
+    def twists(self, forces, torques=0.0):
+        """Velocities and angular velocities that forces and torques on the bodies give, two arrays of shape (n, 3).
+
+        Parameters
+        ----------
+        forces, torques : array-like that can be broadcast to shape (n, 3)
+        """
+        wrenches = np.empty((len(self.radii), 6))
+        wrenches[:, :3], wrenches[:, 3:] = forces, torques
+        twists = (self.mobility @ wrenches.ravel()).reshape(-1, 6)
+        return twists[:, :3], twists[:, 3:]
+
+
+class MobilityObservable:
+    """A number or an array that follows from the mobility.
+
+    Parameters
+    ----------
+    name : str
+        in tables, on the command line, in file names
+    label : str
+        in pictures
+    measure : callable
+        MobilitySample -> float or array, or None where it has no meaning
+    compare : callable, optional
+        (value, value of the reference) -> relative error; default: (x - r)/|r|, and for arrays norm(x - r)/norm(r)
+    description : str
+    """
+
+    def __init__(self, name, label, measure, compare=None, description=''):
+        self.name = name
+        self.label = label
+        self.measure = measure
+        self.compare = compare or _relative
+        self.description = description
+
+
+def _relative(value, reference):
+    """None where there is nothing to divide by."""
+    if value is None or reference is None:
+        return None
+    difference, size = np.asarray(value) - np.asarray(reference), np.linalg.norm(reference)
+    if size == 0:
+        return None
+    return float(difference/size if difference.ndim == 0 else np.linalg.norm(difference)/size)
+
+
+def _scaled(sample):
+    """Divided by the roots of Stokes' mobilities of the spheres alone: no units, 1 on the diagonal for distant spheres."""
+    eta, a = sample.viscosity, sample.radii
+    alone = np.stack([1/(6*np.pi*eta*a)]*3 + [1/(8*np.pi*eta*a**3)]*3, axis=1).ravel()
+    return sample.mobility/np.sqrt(np.outer(alone, alone))
+
+
+def _worst(value, reference):
+    """Largest |w^T N w/(w^T N_ref w) - 1| over all wrenches w."""
+    inverse = np.linalg.inv(np.linalg.cholesky(reference))
+    return float(np.abs(np.linalg.eigvalsh(inverse @ value @ inverse.T) - 1).max())
+
+
+def _sedimentation(sample):
+    return float(sample.twists((0, 0, 1))[0][:, 2].mean())
+
+
+def _rotationTranslation(sample):
+    velocities, angular = sample.twists((0, 0, 1))
+    return angular/velocities[:, 2].mean() if len(sample.radii) > 1 else None
+
+
+def _relativeMobility(sample):
+    n = len(sample.radii)
+    if n < 2:
+        return None
+    i, j = np.triu_indices(n, 1)
+    gaps = np.linalg.norm(sample.centres[i] - sample.centres[j], axis=1) - sample.radii[i] - sample.radii[j]
+    i, j = i[gaps.argmin()], j[gaps.argmin()]
+    normal = sample.centres[j] - sample.centres[i]
+    normal /= np.linalg.norm(normal)
+    forces = np.zeros((n, 3))
+    forces[i], forces[j] = -normal, normal
+    velocities, _ = sample.twists(forces)
+    return float((velocities[j] - velocities[i]) @ normal)
+
+
+def _ownForces(sample):
+    if not (sample.forces.any() or sample.torques.any()):
+        return None
+    velocities, angular = sample.twists(sample.forces, sample.torques)
+    return np.concatenate([velocities, sample.radii[:, None]*angular], axis=1)
+
+
+class _UserFunction:
+    def __init__(self, function):
+        self.function = function
+
+    def __call__(self, sample):
+        value = self.function(sample)
+        return value.value_in_unit_system(unit.md_unit_system) if unit.is_quantity(value) else value
+
+
+#: Observables by name.
+BUILT_IN = {observable.name: observable for observable in (
+    MobilityObservable('mobility', 'mobility matrix', _scaled,
+                       description='Frobenius norm of the error of the mobility matrix over that of the matrix, both divided by the '
+                       'roots of the Stokes mobilities of the spheres alone'),
+    MobilityObservable('sedimentation', 'settling velocity', _sedimentation,
+                       description='mean velocity along z under the same force along z on every body'),
+    MobilityObservable('relative_mobility', 'mobility along the line of centres of the closest pair', _relativeMobility,
+                       description='relative velocity of the two spheres with the smallest gap when they are pulled apart'),
+    MobilityObservable('rotation_translation', 'rotation per settling velocity', _rotationTranslation,
+                       description='angular velocities of all bodies over their mean velocity, under the same force along z on every '
+                       'body; norm'),
+    MobilityObservable('own_forces', "velocities under the scene's own forces", _ownForces,
+                       description="velocities, and radii times angular velocities, under the scene's forces at its start; norm"),
+    MobilityObservable('worst_wrench', 'mobility of the worst forces and torques', _scaled, _worst,
+                       'largest relative error of the power that forces and torques spend on the fluid, over all of them'),
+)}
+#: What is compared if nothing is asked for.
+DEFAULT = ('mobility', 'sedimentation', 'relative_mobility', 'rotation_translation', 'own_forces')
+
+
+def byName(name):
+    """An observable by its name on the command line.
+
+    Parameters
+    ----------
+    name : str or MobilityObservable or callable
+        a built-in name; "module:function" or a function of the MobilitySample that returns a number or an array
+
+    Returns
+    -------
+    MobilityObservable
+    """
+    if isinstance(name, MobilityObservable):
+        return name
+    if callable(name):
+        return MobilityObservable(name.__name__, name.__name__, _UserFunction(name), description='given by the user')
+    if name in BUILT_IN:
+        return BUILT_IN[name]
+    if ':' in name:
+        return byName(importObject(name, 'observable'))
+    raise ValueError(f'observable of mobility: got {name!r}; it must be one of {", ".join(BUILT_IN)}, or module:function: '
+                     'correct the name')
