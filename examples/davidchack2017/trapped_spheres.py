@@ -12,11 +12,13 @@ covariance Sigma: so the bias of a step size is known before anything is run, an
 At the paper's kT the traps are not quite linear (kr/kT = 200: a few 1e-3 in the rotational curves), so each set is also run at a tenth
 of it. Estimators use what is symmetric: the mirror z -> -z, which exchanges the spheres, and <a(t)b(0)> = <b(t)a(0)>.
 
-    python3 trapped_spheres.py               # minutes
+    python3 trapped_spheres.py               # 5 minutes for the inertial set, an hour for the overdamped one
+    python3 trapped_spheres.py --sets overdamped --keep     # one set, the other's runs kept
     python3 trapped_spheres.py --model RPY   # other hydrodynamics, other curves
     python3 trapped_spheres.py --quick       # seconds
 """
 import argparse
+import json
 import pathlib
 import time
 
@@ -238,6 +240,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--quick', action='store_true', help='seconds: R = 3, about a hundredth of the time')
     parser.add_argument('--model', default='FTS+lubrication', choices=MODELS)
+    parser.add_argument('--sets', nargs='+', default=['inertial', 'overdamped'], choices=['inertial', 'overdamped'])
+    parser.add_argument('--keep', action='store_true', help='keep the runs of other sets that the output folder has')
     parser.add_argument('--long', type=float, default=1.0, metavar='FACTOR', help='multiply the length of every run')
     parser.add_argument('--minutes', type=float, default=np.inf, help='end a run after so long (at the paper\'s kT: a quarter of it)')
     parser.add_argument('--seed', type=int, default=2017)
@@ -246,12 +250,17 @@ def main():
 
     runs = []
     name = 'trapped_spheres' + ('' if args.model == 'FTS+lubrication' else '_' + args.model) + '.json'
+    if args.keep and (args.output/name).exists():
+        runs = [r for r in json.loads((args.output/name).read_text())['runs'] if r['set'].split()[0] not in args.sets]
     for setName, parameters in SETS.items():
+        if setName.split()[0] not in args.sets:
+            continue
         for share in (0.1,) if args.quick else (0.1, 1.0):
             for R in DISTANCES[:1] if args.quick else DISTANCES:
                 kT = share*parameters['kT']
                 duration = parameters['time']*(args.long if not args.quick else 0.02 if parameters['m'] == 1 else 0.007)
-                runs.append(run(setName, R, kT, args.model, duration, args.seed + len(runs), args.minutes*(1 if share < 1 else 0.25)))
+                runs.append(run(setName, R, kT, args.model, duration, args.seed + len(runs),
+                                args.minutes*(1 if share < 1 else 0.25)))
                 r = runs[-1]
                 print(f'{setName} R {R:g} kT {kT:g}: h {r["h"]:g} (bias {r["bias_of_this_step"]:.1e}), largest error {r["largest_standard_error"]:.4f}, '
                       f'largest difference {max(r["largest_difference"].values()):.4f}, rms z {max(r["rms_z"].values()):.2f}  '
