@@ -260,8 +260,8 @@ def animation(args, path):
     shown = [s for s in STATES if s[0] in ('Fig 7', 'Fig 8(a)', 'Fig 8(b)') or s[3] == 'opposite']
     records, names = [], []
     for name, f, tau, kind, settle, *_ in shown:
-        scene = build(f, tau, 0, args.model, args.truncation, angles(kind, np.random.default_rng(args.seed)), args.seed)
-        for _ in sample(scene.integrator, 20, round(settle/STEP/20), f'animation {name}'):
+        scene = build(f, tau, 0, args.model, args.truncation, angles(kind, np.random.default_rng(args.seed)), args.seed, COARSE_STEP)
+        for _ in sample(scene.integrator, 20, round(min(settle, 2000)/COARSE_STEP/20), f'animation {name}'):
             pass
         trajectory = Trajectory(scene, 96.0, f'animation {name}', False, orientations=True)
         records.append(trajectory)
