@@ -33,16 +33,17 @@ STEADY = 2e-3
 MATCH = 0.06
 PARTS = ('states', 'noise', 'diagram', 'animation')
 #: f, tau, kind of start, time to settle, window, what the paper shows, and what an independent calculation
-#: found (period, orbital speed, spin), by model.
+#: found (period, orbital speed, spin), by model and truncation.
 STATES = (
     ('Fig 7', 1.0, 0.0, 'random', 700.0, 300.0, '5+1 drafting',
-     {'RPY': (46.2, 0.3077, 0.1092), 'FTS+lubrication': (64.8, 0.2889, 0.1227)}),
+     {('RPY', 'switch'): (46.2, 0.3077, 0.1092), ('FTS+lubrication', 'switch'): (64.8, 0.2889, 0.1227)}),
     ('Fig 8(a)', 1.2, -4.0, 'random', 700.0, 200.0, 'steady pairs',
-     {'RPY': (None, 0.2117, -1.6605), 'FTS+lubrication': (None, 0.1488, -1.4271)}),
+     {('RPY', 'switch'): (None, 0.2117, -1.6605), ('FTS+lubrication', 'switch'): (None, 0.1488, -1.4271),
+      ('FTS+lubrication', 'none'): (None, 0.1488, -1.4271)}),
     ('Fig 8(b)', 1.2, -3.0, 'random', 4000.0, 950.0, 'pair drafting', {}),
     ('Fig 8(c)', 0.4, -4.0, 'random', 1200.0, 400.0, 'in-phase triplets', {}),
     ('Fig 8(c), start with theta(i+3) = theta(i) + pi', 0.4, -4.0, 'opposite', 1200.0, 400.0, 'in-phase triplets',
-     {'FTS+lubrication': (82.0, -0.054, None)}),
+     {('FTS+lubrication', 'none'): (82.0, -0.054, None)}),
     ('video f0tau-5', 0.0, -5.0, 'random', 1200.0, 400.0, 'drafting', {}))
 
 
@@ -178,7 +179,7 @@ def states(args):
             settle, window = (300.0, 180.0) if args.quick else (settle, window)
             row = runState(f, tau, 0, args.model, args.truncation, kind, settle, window, args.seed + k, f'{name} {k + 1}',
                            step=COARSE_STEP if args.quick else STEP)
-            row.update({'name': name, 'paper': paper, 'independent': reference.get(args.model)})
+            row.update({'name': name, 'paper': paper, 'independent': reference.get((args.model, args.truncation))})
             rows.append(row)
             print(f'{name} f {f:g} tau {tau:g} start {k + 1}: {row["state"]}, period {row["period"]}, Om {row["orbital_speed"]:.4f}, '
                   f'spin {row["spin"]:.4f}, smallest gap {row["smallest_gap"]:.3f}; paper: {paper}; independent {row["independent"]}  '
@@ -245,7 +246,8 @@ def drawDiagram(rows, path):
     for r in rows:
         ax.annotate(f'{r["orbital_speed"]:+.2f}', (r['f'], r['tau']), ha='center', va='bottom', fontsize=6, xytext=(0, 8),
                     textcoords='offset points')
-    ax.set(xlabel='f', ylabel=r'$\tau$', title=f'{rows[0]["model"]}, one random start a point; numbers: orbital speed')
+    ax.set(xlabel='f', ylabel=r'$\tau$', ylim=(min(r['tau'] for r in rows) - 0.5, max(r['tau'] for r in rows) + 0.9))
+    ax.set_title(f'{rows[0]["model"]}, one random start at each point; numbers: orbital speed', fontsize=9)
     ax.legend(fontsize=8, bbox_to_anchor=(1.01, 1), loc='upper left')
     figure.savefig(path, dpi=90)
 
@@ -258,8 +260,8 @@ def animation(args, path):
     shown = [s for s in STATES if s[0] in ('Fig 7', 'Fig 8(a)', 'Fig 8(b)') or s[3] == 'opposite']
     records, names = [], []
     for name, f, tau, kind, settle, *_ in shown:
-        scene = build(f, tau, 0, args.model, args.truncation, angles(kind, np.random.default_rng(args.seed)), args.seed)
-        for _ in sample(scene.integrator, 20, round(settle/STEP/20), f'animation {name}'):
+        scene = build(f, tau, 0, args.model, args.truncation, angles(kind, np.random.default_rng(args.seed)), args.seed, COARSE_STEP)
+        for _ in sample(scene.integrator, 20, round(min(settle, 2000)/COARSE_STEP/20), f'animation {name}'):
             pass
         trajectory = Trajectory(scene, 96.0, f'animation {name}', False, orientations=True)
         records.append(trajectory)

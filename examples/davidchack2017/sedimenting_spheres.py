@@ -116,7 +116,7 @@ class Pair:
 
 
 def ladder(name, l, label, quiet):
-    """One rung at one separation: the steady state at every step size, the first from rest, each next from what those before let expect."""
+    """One rung at one separation, steady at every step size: the first from rest, each next from what those before let expect."""
     rows, ends, began = [], [], time.time()
     for k, h in enumerate(STEPS):
         pair = Pair(name, l, h)
@@ -142,7 +142,7 @@ def draw(result, path):
     for ax, key in zip(top, ('F/U', 'omega/U')):
         for k, name in enumerate(names):
             rows = result['models'][name]
-            ax.loglog([SEPARATIONS[s] - 2 for s in rows], [max(1e-9, abs(rows[s]['relative_error'][key])) for s in rows], 'o-',
+            ax.loglog([SEPARATIONS[s] - 2 for s in rows], [max(1e-12, abs(rows[s]['relative_error'][key])) for s in rows], 'o-',
                       ms=4, color=f'C{k}', label=name)
         column = 0 if key == 'F/U' else 2
         exact = result['exact']
@@ -158,6 +158,7 @@ def draw(result, path):
             row = result['models'][name][shown]
             ax.plot(np.array(row['h'])**2, np.array(row[key + '_h'])/row[key] - 1, 'o-', ms=4, color=f'C{k}')
         ax.set(xlabel='$h^2$', ylabel=f'{key}: relative difference to h = 0', title=f'l/a = {shown}')
+        ax.locator_params(axis='x', nbins=5)
         ax.grid(alpha=0.3)
     figure.savefig(path, dpi=90)
 
