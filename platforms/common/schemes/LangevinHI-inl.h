@@ -8,6 +8,7 @@
 // Order:     weak 2.   Cost: one force evaluation and one friction evaluation a step.
 // Reference: Davidchack, Ouldridge, Tretyakov, J. Chem. Phys. 147, 224103 (2017), eq. 27; the free rotation is the symmetric
 //            one of Davidchack 2015, eq. 18.
+// Limits:    any friction; no inertia about axes about which the fluid does not hold a body.
 // Noise:     acts on momenta, friction depends on poses: Ito's and Stratonovich's readings coincide, no drift term is due.
 
 #if defined(RIGIDHI_LANGEVIN_HI_INL_H_) == defined(HWY_TARGET_TOGGLE)
