@@ -52,7 +52,9 @@ MultiblobSolver::MultiblobSolver(const vector<FluidElement>& elements, const vec
             MatrixXd M;
             alone->dense(M);
             shape->M.compute(M);
-            if (shape->M.info() != Success)
+            // Two blobs at one place leave a pivot of rounding, of either sign.
+            const double smallestCondition = 1e-14;
+            if (shape->M.info() != Success || !(shape->M.rcond() > smallestCondition))
                 throw OpenMM::OpenMMException(
                     "MobilityForce: the mobility matrix of the " + to_string(element.sites.size()) + " blobs of body " +
                     to_string(element.body) + " is not positive definite; look for blobs at the same place");
