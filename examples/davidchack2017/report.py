@@ -81,7 +81,7 @@ def main():
     parser.add_argument('--input', type=pathlib.Path, default=RESULTS)
     folder = parser.parse_args().input
     for pattern, table in (('lennard_jones.json', lennardJones), ('sedimenting_spheres.json', sedimenting),
-                           ('trapped_spheres*.json', trapped), ('ring_states_*.json', ring), ('ring_noise_*.json', noise)):
+                           ('trapped_spheres.json', trapped), ('ring_states_*.json', ring), ('ring_noise_*.json', noise)):
         for path in sorted(folder.glob(pattern)):
             print(f'\n**{path.stem}**\n')
             print('\n'.join(table(json.loads(path.read_text()))))
