@@ -73,7 +73,7 @@ def noise(data):
     for r in data['rows']:
         d = sorted(r['distances_to_noiseless'].values()) if r['kT'] else None
         yield (f'| ({r["f"]:g}, {r["tau"]:g}) | {r["kT"]:g} | {r["state"]} | {f"{d[0]:.3f}, {d[1]:.3f}" if d else "–"} | '
-               f'{r["least_mismatch_by_one"]:.2f} | {r["orbital_speed"]:+.4f} | {r["spin"]:+.4f} |')
+               f'{"–" if r["name"] == "Fig 8(a)" else format(r["least_mismatch_by_one"], ".2f")} | {r["orbital_speed"]:+.4f} | {r["spin"]:+.4f} |')
 
 
 def main():

@@ -8,7 +8,7 @@ import pytest
 from conftest import ROOT, cpp_files, git_files, read
 
 TEXT = ('.h', '.cpp', '.py', '.i', '.md', '.txt', '.json', '.cmake', '.sh', '.ini', '.html', '')
-BINARY = ('.png', '.dcd', '.h5', '.npz', '.pdf', '.gz')
+BINARY = ('.png', '.gif', '.dcd', '.h5', '.npz', '.pdf', '.gz')
 SCHEMES = git_files('platforms/common/schemes/*-inl.h')
 PUBLIC_HEADERS = git_files('openmmapi/include/*.h')
 
