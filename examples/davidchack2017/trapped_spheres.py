@@ -232,8 +232,9 @@ def draw(runs, folder):
     panels = (('x1 x1', 'z1 z1'), ('x1 x2', 'z1 z2'), ('x1 chiy2', 'x1 chiy1'), ('chiy1 chiy1', 'chiz1 chiz1'),
               ('chiy1 chiy2', 'chiz1 chiz2'))
     for setName in sorted({r['set'] for r in runs}):
-        chosen = [r for r in runs if r['set'] == setName and r['kT'] == SETS[setName]['kT']] or \
-                 [r for r in runs if r['set'] == setName]
+        # The longest run of each distance.
+        chosen = [max((r for r in runs if r['set'] == setName and r['R'] == R), key=lambda r: r['time'])
+                  for R in sorted({r['R'] for r in runs if r['set'] == setName})]
         figure, axes = plt.subplots(len(chosen), len(panels), figsize=(20, 3.8*len(chosen)), squeeze=False, constrained_layout=True)
         for ax, r in zip(axes, chosen):
             t = np.array(r['times'])
