@@ -4,6 +4,7 @@ import json
 import os
 import pathlib
 import platform
+import time
 
 import numpy as np
 import openmm
@@ -67,3 +68,71 @@ def waterBox(molecules, density=989.85):
     modeller = app.Modeller(topology, np.array(positions)*unit.nanometer)
     modeller.addExtraParticles(forceField)
     return modeller.topology, modeller.positions
+
+
+def spheresAtRandom(count, fraction=0.1, seed=1):
+    """Centres of spheres of radius 1 around a cubic lattice, without overlap: (count, 3)."""
+    spacing = (4*np.pi/3/fraction)**(1/3)
+    side = int(np.ceil(count**(1/3) - 1e-9))
+    cells = np.array(list(np.ndindex(side, side, side)))[:count]
+    # Displaced so far that neighbours have a gap of at least 0.02.
+    reach = (spacing - 2.02)/2
+    return spacing*cells + np.random.default_rng(seed).uniform(-reach, reach, (count, 3))
+
+
+def fluidScene(centres, model=None, blobs=0, temperature=300, rate_step=1.0, free=False, solver=None, tolerance=None, lubrication=True,
+               scheme=None, platform='CPU', threads=1, density=1000.0):
+    """Spheres of radius 1 nm in water: (integrator, Context, what it runs in). rate_step: Stokes friction over mass, times step.
+
+    blobs: of each sphere, a multiblob then; free: spheres that are no bodies and do not rotate; scheme: default LangevinHI,
+    any other is without a fluid.
+    """
+    from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
+    fluid, system = MobilityForce(), openmm.System()
+    mass = density*0.602214076*4/3*np.pi
+    step = rate_step*mass/(6*np.pi*fluid.getViscosity()._value)
+    integrator = CustomRigidHIIntegrator(temperature, step)
+    integrator.setScheme(CustomRigidHIIntegrator.LangevinHI if scheme is None else scheme)
+    integrator.setRandomNumberSeed(1)
+    sites, radius = np.zeros((1, 3)), 1.0
+    if blobs:
+        sites, radius = (x._value for x in openmmrigidhi.app.multiblobSphere(blobs, 1.0))
+    positions = []
+    for centre in centres:
+        members = [system.addParticle(mass if free else 0.0) for _ in sites]
+        for _ in sites:
+            fluid.addParticle(radius)
+        if not free:
+            integrator.addRigidBody(members, mass, (0.4*mass,)*3, sites)
+        positions.extend(centre + sites)
+    if model is not None:
+        fluid.setModel(model)
+    if solver is not None:
+        fluid.setSolver(solver)
+    if tolerance is not None:
+        fluid.setSolverTolerance(tolerance)
+    fluid.setLubrication(lubrication)
+    if scheme is None:
+        system.addForce(fluid)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platform),
+                             {'Threads': str(threads)} if platform == 'CPU' else {})
+    context.setPositions(positions)
+    context.setVelocitiesToTemperature(300, 1)
+    return integrator, context
+
+
+def ownSeconds(integrator, steps, threads=1):
+    """Seconds a step, forces apart: seconds_mobility + seconds_scheme of the next steps. With one thread the process's CPU time, if
+    that is less: both are upper bounds, and on a busy machine the clock goes on while others compute.
+    """
+    before, cpu = integrator.getStepStatistics(), time.process_time()
+    integrator.step(steps)
+    cpu, after = time.process_time() - cpu, integrator.getStepStatistics()
+    wall = sum(after[key] - before[key] for key in ('seconds_mobility', 'seconds_scheme'))
+    return (min(wall, cpu) if threads == 1 else wall)/steps
+
+
+def stepsFor(integrator, seconds):
+    """How many steps take that long. Makes a few steps."""
+    integrator.step(2)
+    return int(min(2000, max(1, round(seconds/max(1e-7, ownSeconds(integrator, 1))))))

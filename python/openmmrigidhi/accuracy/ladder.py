@@ -8,20 +8,48 @@ from . import mobilities
 from . import rungs as rungsModule
 from .ladderresult import LadderResult
 from .measurement import NOT_APPLICABLE, STABLE
-from .rungs import Spheres
+from .rungs import BEST, Spheres
 from .scenes import Scene
 from .study import provenance
 
 #: What StokesianDynamics with lubrication is off by for at most two spheres: the tests of the pair's resistance functions allow
 #: that much, and none was found to be further off.
 PAIR_ERROR = 1e-9
+#: Seconds of a step on the CPU platform above which Reference is not tried.
+LONG_STEP = 0.01
+
+
+def remainder(distances):
+    """How far the finest multiblob is believed to be from the limit of many blobs.
+
+    The number of blobs grows fourfold from rung to rung. If the last difference is q times the one before, those to come sum up to
+    q/(1 - q) times the last; q is taken as at least 1/2, what error proportional to the spacing of the blobs gives.
+
+    Parameters
+    ----------
+    distances : list of float
+        of the coarser multiblobs to the finest, coarsest first
+
+    Returns
+    -------
+    float or None
+        relative; None if there are fewer than two, or differences do not shrink
+    """
+    if len(distances) < 2 or None in distances:
+        return None
+    before, last = distances[-2] - distances[-1], distances[-1]
+    if last == 0:
+        return 0.0
+    # With several numbers in an array or signs that change, the difference before is not less than the triangle has it.
+    q = max(0.5, last/max(abs(before), 1e-300))
+    return last*q/(1 - q) if q < 0.9 else None
 
 
 class LadderStudy:
     """Error of the mobility, and of what follows from it, against time per step, for models of the fluid.
 
     The mobility of the scene's spheres at its start is computed with every rung and compared with the best of them (see
-    :meth:`referenceRung`), and steps of LangevinHI are timed.
+    :meth:`chooseReference`), and steps of LangevinHI are timed.
 
     Parameters
     ----------
@@ -37,7 +65,7 @@ class LadderStudy:
     platforms : sequence of str
         each rung is timed on all of them, and the faster counts
     threads : int
-        of the CPU platform
+        of the CPU platform; with one, time is the process's CPU time where other programs make the clock show more
     parameter : str
         what the keys of a dict of scenes are
     seed : int
@@ -72,34 +100,50 @@ class LadderStudy:
     def _properties(self, platform):
         return {'Threads': str(self.threads)} if platform == 'CPU' else {}
 
-    def referenceRung(self, available):
-        """The best of the rungs, and those whose distance to it tells how good it is itself.
+    def chooseReference(self, observable, values):
+        """What the rungs are compared with for one observable, and how wrong that is believed to be.
 
-        StokesianDynamics with lubrication if it can be used: it is exact for a pair, and what it lacks for more spheres are
-        many-body terms. Else the multiblob with the most blobs. The second opinions are the finest multiblobs besides, as they are
-        and with Stokes' tensor for each sphere alone: single spheres are better with it, and the coupling of rotation and
-        translation without.
+        For at most two spheres, StokesianDynamics with lubrication, which is exact. For more, it lacks many-body terms, and
+        multiblobs lack resolution where spheres nearly touch. So the multiblob with the most blobs is the reference where
+        multiblobs have converged (see :func:`remainder`) to less than half of its distance to StokesianDynamics; elsewhere that
+        is, and is believed to be off by no more than its distance to the finest multiblobs (as they are, and with Stokes' tensor
+        for each sphere alone), since that has both errors in it.
 
         Parameters
         ----------
-        available : dict
-            rung name -> (Rung, MobilitySample) of those that could be computed
+        observable : MobilityObservable
+        values : dict
+            rung name -> value, of those that could be computed
 
         Returns
         -------
-        (Rung, list of Rung)
+        dict
+            rung (name), believed (relative error, or None if nothing tells), seconds (names of the rungs that tell)
         """
-        candidates = [rung for rung, _ in available.values()]
+        known = [rungsModule.byName(name) for name in values]
+        own = [rung for rung in self.rungs if rung.name in values]
+
+        def distance(rung, other):
+            found = observable.compare(values[rung.name], values[other.name])
+            return None if found is None else abs(found)
+
         if self.reference is not None:
+            if self.reference.name not in values:
+                raise ValueError(f'LadderStudy: reference: {self.reference.name} cannot be used on this scene: choose another one')
             best = self.reference
-            if best.name not in available:
-                raise ValueError(f'LadderStudy: reference: {best.name} cannot be used on this scene: choose another one')
         else:
-            offered = [rung for rung in candidates if rung in self.rungs]
-            best = max(offered or candidates, key=lambda rung: (rung.isBest, rung.blobs, rung.exactAlone, rung.model))
-        others = [rung for rung in candidates if rung.blobs and rung.blobs != best.blobs]
-        finest = max((rung.blobs for rung in others), default=0)
-        return best, [rung for rung in others if rung.blobs == finest]
+            best = max(own or known, key=lambda rung: (rung.isBest, rung.blobs, rung.exactAlone, rung.model))
+        plain = sorted((rung for rung in own if rung.blobs and not rung.exactAlone), key=lambda rung: rung.blobs)
+        converged = remainder([distance(rung, plain[-1]) for rung in plain[:-1]]) if plain else None
+        if best.isBest and self.reference is None and converged is not None and converged < 0.5*distance(best, plain[-1]):
+            best = plain[-1]
+        if plain and best == plain[-1]:
+            return {'rung': best.name, 'believed': converged, 'seconds': [rung.name for rung in plain[:-1]]}
+        finest = max((rung.blobs for rung in known if rung.blobs != best.blobs), default=0)
+        seconds = [rung for rung in known if rung.blobs == finest > 0]
+        # The smallest of the distances says most.
+        distances = [d for d in (distance(rung, best) for rung in seconds) if d is not None]
+        return {'rung': best.name, 'believed': min(distances, default=None), 'seconds': [rung.name for rung in seconds]}
 
     def run(self, rounds=5, seconds=0.05, progress=None):
         """Compute and time everything.
@@ -168,17 +212,13 @@ class LadderStudy:
 
     def _compare(self, value, spheres, samples, messages, rows):
         """Add the rows of one scene; returns what is known about its reference."""
-        best, seconds = self.referenceRung(samples)
-        exact = best.isBest and len(spheres.radii) <= 2
-        reference = {'rung': best.name, 'exact': exact, 'seconds': [] if exact else [rung.name for rung in seconds],
-                     'believed': {}}
+        exact = self.reference is None and BEST in samples and len(spheres.radii) <= 2
+        reference = {'exact': exact, 'observables': {}}
         for observable in self.observables:
             values = {name: observable.measure(sample) for name, (_, sample) in samples.items()}
-            right = values[best.name]
-            distances = [observable.compare(values[rung.name], right) for rung in seconds]
-            # Each of the distances has both errors in it, so the smallest says most.
-            reference['believed'][observable.name] = PAIR_ERROR if exact else min(
-                (abs(distance) for distance in distances if distance is not None), default=None)
+            chosen = {'rung': BEST, 'believed': PAIR_ERROR, 'seconds': []} if exact else self.chooseReference(observable, values)
+            reference['observables'][observable.name] = chosen
+            right = values[chosen['rung']]
             for rung in self.rungs:
                 error = observable.compare(values[rung.name], right) if rung.name in values else None
                 measured = values.get(rung.name)
@@ -187,21 +227,22 @@ class LadderStudy:
                              'message': messages.get((value, rung.name), ''),
                              'value': None if measured is None else float(measured if np.ndim(measured) == 0 else
                                                                           np.linalg.norm(measured)),
-                             'error': error, 'believed': reference['believed'][observable.name],
-                             'is_reference': rung.name == best.name})
+                             'error': error, 'believed': chosen['believed'], 'is_reference': rung.name == chosen['rung']})
         return reference
 
     def _time(self, spheres, rounds, seconds, count):
         """Seconds a step of each rung on its faster platform: medians over rounds in which all take turns."""
         runs, forces = [], {p: spheres.secondsOfForces(p, self._properties(p)) for p in self.platforms}
         for rung in self.rungs:
-            for platform in self.platforms:
+            one = 0.0
+            # Reference gains by less overhead; with long steps it cannot win.
+            for platform in sorted(self.platforms):
+                if platform == 'Reference' and one > LONG_STEP:
+                    continue
                 try:
                     _, integrator, context = spheres.makeContext(rung, platform, self._properties(platform), self.seed)
                     integrator.step(1)
-                    one = _own(integrator)
-                    integrator.step(1)
-                    one = _own(integrator) - one
+                    one = self._ownSeconds(integrator, 1)
                     runs.append((rung, platform, integrator, context, min(1000, max(1, round(seconds/max(one, 1e-7)))), []))
                 except (openmm.OpenMMException, ValueError):
                     continue
@@ -216,9 +257,7 @@ class LadderStudy:
                     continue
                 try:
                     spheres.reset(integrator)
-                    before = _own(integrator)
-                    integrator.step(steps)
-                    times.append((_own(integrator) - before)/steps)
+                    times.append(self._ownSeconds(integrator, steps))
                 except openmm.OpenMMException:
                     broken.add(i)
         costs = {}
@@ -236,8 +275,10 @@ class LadderStudy:
             count(f'timing {rung.name}')
         return costs
 
-
-def _own(integrator):
-    """Seconds so far in steps, but for the forces."""
-    statistics = integrator.getStepStatistics()
-    return statistics['seconds_mobility'] + statistics['seconds_scheme']
+    def _ownSeconds(self, integrator, steps):
+        """Seconds a step but for the forces: by the clock, or the process's CPU time if that is less, as other programs disturb it."""
+        before, cpu = integrator.getStepStatistics(), time.process_time()
+        integrator.step(steps)
+        cpu, after = time.process_time() - cpu, integrator.getStepStatistics()
+        wall = sum(after[key] - before[key] for key in ('seconds_mobility', 'seconds_scheme'))
+        return (min(wall, cpu) if self.threads == 1 else wall)/steps

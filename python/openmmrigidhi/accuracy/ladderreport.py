@@ -135,12 +135,13 @@ def _drawCost(axes, result, observable):
                 axes.plot(1e3*seconds, _size(rows[value]), marker=style['marker'], color=style['color'], alpha=fill, ms=8, ls='')
         sizes = [_size(rows[v]) for v in chosen if v in rows]
         axes.plot([1e3*seconds]*2, [min(sizes), max(sizes)], color=style['color'], lw=0.8, alpha=0.6)
-        axes.annotate(rung, (1e3*seconds, max(sizes)), textcoords='offset points', xytext=(4, 7), fontsize=8.5)
-    best = next(iter(result.references.values()))['rung']
+        if not result.parameter:   # else the other panel has a legend
+            axes.annotate(rung, (1e3*seconds, max(sizes)), textcoords='offset points', xytext=(4, 7), fontsize=8.5)
+    best = next(iter(result.references.values()))['observables'][observable]['rung']
     if result.seconds(best) is not None:
         axes.axvline(1e3*result.seconds(best), color=_style(best)['color'], lw=1.2, ls='-.')
-        axes.annotate(f'{best} (reference)', (1e3*result.seconds(best), 0.98), xycoords=('data', 'axes fraction'), rotation=90,
-                      fontsize=8.5, ha='left', va='top')
+        axes.annotate(f'{best} (reference)', (1e3*result.seconds(best), 0.02), xycoords=('data', 'axes fraction'), rotation=90,
+                      fontsize=8.5, ha='left', va='bottom')
         believed = [row['believed'] for row in result.select(observable, best) if row['is_reference']]
         if not result.parameter and believed and believed[0]:
             axes.plot(1e3*result.seconds(best), believed[0], marker='*', ms=13, mfc='white', color=_style(best)['color'], ls='')
@@ -278,7 +279,7 @@ def howText(result):
     text = ('Errors are relative: (value - reference)/|reference|; for matrices and several velocities the norm of the difference over '
             f'that of the reference. Times are for a step of LangevinHI with noise at {result.scene["temperature"]:g} K, medians over '
             f'{result.provenance.get("rounds")} rounds in which the models took turns; on the faster of '
-            f'{result.provenance.get("platforms")} ({result.provenance.get("threads")} thread(s)); the spheres were moved by noise '
+            f'{result.provenance.get("platforms")} ({result.provenance.get("threads")} thread(s); with one thread CPU time, if less than by the clock); the spheres were moved by noise '
             'alone, and what the scene\'s own forces take in a step was added.')
     if result.scene.get('timed_at') is not None:
         text += f' They were taken at {result.parameter} {result.scene["timed_at"]:g}: they hardly depend on it.'

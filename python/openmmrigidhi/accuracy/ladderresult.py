@@ -4,6 +4,7 @@ import json
 
 from .measurement import STABLE
 from .result import NONE, RECOMMENDED, UNDECIDED, Recommendation, Wanted, splitWanted, writeJson
+from .rungs import BEST
 
 COLUMNS = ('parameter', 'rung', 'observable', 'status', 'value', 'error', 'believed', 'is_reference', 'seconds_step', 'seconds_low',
            'seconds_high', 'seconds_forces', 'platform', 'solver', 'message')
@@ -22,8 +23,8 @@ class LadderResult:
         over rounds), seconds_low and _high (16 and 84 %), seconds_forces (what of it the scene's forces take), platform (the
         faster one), solver
     references : dict
-        parameter -> dict with rung, exact (whether it is exact but for rounding), seconds (rungs whose distance tells how good it
-        is), believed (observable -> relative error of the reference itself)
+        parameter -> dict with exact (whether it is exact but for rounding) and observables: name -> dict with rung, believed (relative
+        error of the reference itself, or None) and seconds (the rungs that tell)
     parameter : str or None
         what distinguishes the scenes; None for a single one
     """
@@ -178,16 +179,20 @@ class LadderResult:
 
     def referenceText(self):
         """What the errors are compared with, and how good that is, in words."""
-        names = {entry['rung'] for entry in self.references.values()}
+        if all(entry['exact'] for entry in self.references.values()):
+            return f'Compared with {BEST}, which is exact for a pair of spheres, to 1e-9.'
+        parts = []
         entry = next(iter(self.references.values()))
-        if all(each['exact'] for each in self.references.values()):
-            return f'Compared with {", ".join(sorted(names))}, which is exact for a pair of spheres, to 1e-9.'
-        text = f'Compared with {", ".join(sorted(names))}, the best rung that could be used here. '
-        if not entry['seconds']:
-            return text + 'How wrong that is itself is not known: nothing else was computed that could tell.'
-        parts = [f'{self.observables[name]["label"]} {percent(value)}' for name, value in entry['believed'].items() if value is not None]
-        return text + (f'It is believed to be off itself by no more than its distance to {" or ".join(entry["seconds"])}, in which both errors are: '
-                       + '; '.join(parts) + '.')
+        for name, chosen in entry['observables'].items():
+            if not self.select(name):
+                continue
+            others = " and ".join(chosen['seconds'])
+            how = ('nothing that was computed tells how wrong that is itself' if chosen['believed'] is None else
+                   f'believed to be off by {percent(chosen["believed"])}, by how {others} approach it' if chosen['rung'] != BEST else
+                   f'believed to be off by no more than {percent(chosen["believed"])}, its distance to {others}')
+            parts.append(f'{self.observables[name]["label"]}: {chosen["rung"]}, {how}')
+        where = f' ({self.parameter} {next(iter(self.references)):g})' if self.parameter else ''
+        return f'Compared with the best rung that could be used here, by observable{where}. {"; ".join(parts)}.'
 
     # ---- Files -------------------------------------------------------------------------------------------------------
 
