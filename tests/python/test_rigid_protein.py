@@ -29,6 +29,18 @@ def test_diffusion_of_a_protein():
     assert 'constant tensor' in result['effects']['hydrodynamics'] and '7 alone' in result['effects']['hydrodynamics']
 
 
+def test_diffusion_at_a_step_that_is_far_too_long():
+    """
+    At 0.5 ps, four relaxation times of the fastest mode, the scheme diffuses by x coth x too much, x = h/2 tau (docs/THEORY.md): up to a factor
+    of two, here measured to 4 %. The right tensor is then out of the question, by hundreds in chi^2.
+    """
+    example = load()
+    result, _ = example.diffusion(copies=7, step=0.5, sample=0.5, total=11200, blockTime=100.0, seed=2, quiet=True)
+    wrong, right = (result['against_kT_mobility' + name]['chi2'] for name in ('', '_at_this_step'))
+    print(f'chi2 {right:.1f} of 21 against the theory at this step, {wrong:.0f} without it')
+    assert right < 60 and wrong > 300
+
+
 def test_the_tensor_about_other_points_and_its_centre():
     """A sphere's tensor seen from a point beside it: the centre of diffusion is the sphere's centre again."""
     example = load()
