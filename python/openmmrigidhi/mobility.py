@@ -228,8 +228,8 @@ class MobilityForce(_copies.Copies, _Base):
         """Give a body a mobility tensor of its own, that of the body alone in the fluid.
 
         FreeDraining takes it as it is; with RotnePragerYamakawa it is combined with the interactions by congruence,
-        N = B N_RPY B^T, B = N_own^(1/2) N_RPY,alone^(-1/2): exact for the body alone, right at large distances, positive
-        definite always.
+        N = B N_RPY B^T, B = N_own^(1/2) N_RPY,alone^(-1/2): exact for the body alone, positive definite always.
+        Interactions are scaled by B on both sides: give the particles radii whose own tensor is near the one given.
 
         Parameters
         ----------

@@ -101,6 +101,7 @@ def test_constants_agree(cls):
     assert enumerators(header(cls), cls) == enumerators(INTERFACE, cls)
     for constants in enumerators(header(cls), cls).values():
         for name, value in constants:
+            assert name in vars(python_class(cls)), f'{name} is not a class attribute of the Python class'
             assert int(getattr(python_class(cls), name)) == int(value)
 
 

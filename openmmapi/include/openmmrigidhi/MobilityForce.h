@@ -126,7 +126,7 @@ public:
      * Give a body a mobility tensor of its own: its velocity and angular velocity (about its origin) from force and torque,
      * when alone in the fluid, body frame. FreeDraining takes it as it is; with RotnePragerYamakawa it is combined with the
      * interactions by congruence, N = B N_RPY B^T, B = N_own^(1/2) N_RPY,alone^(-1/2): exact for a body alone,
-     * right at large distances, positive definite always.
+     * positive definite always. Interactions are scaled by B on both sides: give the particles radii whose own tensor is near it.
      *
      * @param body      index of the body
      * @param mobility  36 numbers, rows Vx Vy Vz Wx Wy Wz, columns Fx Fy Fz Tx Ty Tz, body frame; nm/ps per kJ/(mol nm), ...
