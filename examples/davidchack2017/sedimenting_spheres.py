@@ -27,8 +27,6 @@ PAPER = {'10': (1.3946988, 1.3946984, 0.006973076, 0.006973573), '4': (1.2551892
          '25/12': (1.0756197, 1.0450674, 0.09772490, 0.12515166)}
 #: Solved by boundary collocation with Lamb's solution (40 to 120 harmonics), independently of this package and of the paper.
 COLLOCATION = {'10': (1.3947015340, 0.006973274431), '3': (1.1840839517, 0.064558335059), '25/12': (1.0756206190, 0.097726919137)}
-#: Translational hydrodynamic radius of a shell of geometric radius 1 with blobs that touch.
-SHELL_RADIUS = {12: 1.262447, 42: 1.122022, 162: 1.052965}
 MODELS = ('RPY', 'FTS', 'FTS+lubrication', 'multiblob 12', 'multiblob 42', 'multiblob 162')
 #: Steady: the velocities change by less than this (relative) in the time SETTLE.
 STEADY, SETTLE = 1e-10, 0.25
@@ -87,8 +85,7 @@ class Pair:
 
     @staticmethod
     def _shells(n, centres, step):
-        shell = openmmrigidhi.app.sphereShell(n, 1/SHELL_RADIUS[n])._value
-        blob = 0.5*np.min(np.linalg.norm(shell[:, None] - shell[None], axis=2) + 10*np.eye(n))
+        shell, blob = (x._value for x in openmmrigidhi.app.multiblobSphere(n, 1))
         system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(0, step)
         integrator.setScheme(CustomRigidHIIntegrator.LangevinHI)
         fluid.setViscosity(VISCOSITY)

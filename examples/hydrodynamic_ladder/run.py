@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """The hydrodynamic ladder for two spheres over gaps, and for a suspension: errors of the models and what a step with them costs.
 
-    python3 run.py            # about a quarter of an hour, nearly all for shells of 162 and 642 blobs
-    python3 run.py --quick    # a minute: no such shells
+    python3 run.py            # a minute or two, nearly all for shells of 162 and 642 blobs
+    python3 run.py --quick    # without these
 """
 import argparse
 import pathlib
@@ -13,7 +13,7 @@ from tqdm import tqdm
 RESULTS = pathlib.Path(__file__).parent/'results'
 RUNGS = ('FreeDraining', 'RPY', 'FTS', 'multiblob12', 'multiblob42', 'multiblob162', 'multiblob642', 'FTS+lubrication')
 OBSERVABLES = ('mobility', 'sedimentation', 'relative_mobility', 'rotation_translation', 'worst_wrench')
-#: No committed picture is needed of everything.
+#: Drawn as lines, and answered.
 WANTED = {'pairs': ['mobility:5%', 'sedimentation:1%', 'rotation_translation:5%', 'relative_mobility:10%'],
           'suspension': ['mobility:5%', 'mobility:1%', 'sedimentation:1%', 'own_forces:0.1%']}
 
@@ -25,7 +25,7 @@ def scenes():
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--quick', action='store_true', help='a minute: no shells of 162 and 642 blobs')
+    parser.add_argument('--quick', action='store_true', help='no shells of 162 and 642 blobs')
     parser.add_argument('--rounds', type=int, default=20)
     parser.add_argument('--only', choices=('pairs', 'suspension'))
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)

@@ -23,7 +23,8 @@ def remainder(distances):
     """How far the finest multiblob is believed to be from the limit of many blobs.
 
     The number of blobs grows fourfold from rung to rung. If the last difference is q times the one before, those to come sum up to
-    q/(1 - q) times the last; q is taken as at least 1/2, what error proportional to the spacing of the blobs gives.
+    q/(1 - q) times the last. q is taken as at least 1/2, which an error proportional to the spacing of the blobs gives; and the last
+    as at least a quarter of the one before, which an error proportional to its square gives: less may be chance.
 
     Parameters
     ----------
@@ -38,9 +39,9 @@ def remainder(distances):
     if len(distances) < 2 or None in distances:
         return None
     before, last = distances[-2] - distances[-1], distances[-1]
+    last = max(last, abs(before)/4)
     if last == 0:
         return 0.0
-    # With several numbers in an array or signs that change, the difference before is not less than the triangle has it.
     q = max(0.5, last/max(abs(before), 1e-300))
     return last*q/(1 - q) if q < 0.9 else None
 

@@ -8,6 +8,7 @@ import numpy as np
 from .ladderresult import duration, percent
 from .measurement import STABLE
 from .report import document, machineTable, picture, plainTicks, png, table, twoPanels
+from .rungs import BEST
 
 COLOURS = {'FreeDraining': '#7F7F7F', 'RPY': '#E69F00', 'FTS': '#D55E00', 'multiblob12': '#9ECAE1', 'multiblob42': '#4292C6',
            'multiblob162': '#08519C', 'multiblob642': '#08204C', 'FTS+lubrication': '#009E73'}
@@ -140,11 +141,14 @@ def _drawCost(axes, result, observable):
     best = next(iter(result.references.values()))['observables'][observable]['rung']
     if result.seconds(best) is not None:
         axes.axvline(1e3*result.seconds(best), color=_style(best)['color'], lw=1.2, ls='-.')
-        axes.annotate(f'{best} (reference)', (1e3*result.seconds(best), 0.02), xycoords=('data', 'axes fraction'), rotation=90,
-                      fontsize=8.5, ha='left', va='bottom')
         believed = [row['believed'] for row in result.select(observable, best) if row['is_reference']]
         if not result.parameter and believed and believed[0]:
             axes.plot(1e3*result.seconds(best), believed[0], marker='*', ms=13, mfc='white', color=_style(best)['color'], ls='')
+            axes.annotate(f'{best} (believed)', (1e3*result.seconds(best), believed[0]), textcoords='offset points', xytext=(4, 9),
+                          ha='left' if best == BEST else 'right', fontsize=8.5)
+        else:
+            axes.annotate(f'{best} (reference)', (1e3*result.seconds(best), 0.02), xycoords=('data', 'axes fraction'), rotation=90,
+                          fontsize=8.5, ha='left', va='bottom')
     axes.set_xscale('log')
     axes.set_yscale('log')
     low, high = axes.get_xlim()

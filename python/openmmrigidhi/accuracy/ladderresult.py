@@ -112,8 +112,8 @@ class LadderResult:
         Returns
         -------
         result.Recommendation
-            its setting and candidates have rung, seconds_step, platform, error (the largest of the first observable) and
-            verdict
+            its setting and candidates have rung, seconds_step, platform, error (the largest of the first observable),
+            bound (the largest error with what is believed of the reference's) and verdict
         """
         wanted = self.parseWanted(wanted)
         candidates = []
@@ -124,8 +124,10 @@ class LadderResult:
             if self.seconds(rung) is None or not verdicts:
                 continue
             errors = [abs(row['error']) for row in rows if row['observable'] == wanted[0].observable and row['error'] is not None]
+            bounds = [abs(row['error']) + row['believed'] for row in rows if row['observable'] in [item.observable for item in wanted]
+                      and row['error'] is not None and row['believed'] is not None]
             candidates.append({'rung': rung, 'seconds_step': self.seconds(rung), 'platform': rows[0]['platform'],
-                               'error': max(errors, default=None),
+                               'error': max(errors, default=None), 'bound': max(bounds, default=None),
                                'verdict': next((v for v in ('no', 'n/a', 'undecided') if v in verdicts), 'yes')})
         candidates.sort(key=lambda candidate: candidate['seconds_step'])
         return self._conclude(candidates, wanted)
@@ -138,8 +140,8 @@ class LadderResult:
         best = next((c for c in candidates if c['verdict'] == 'yes'), None)
         undecided = [c for c in candidates if c['verdict'] == 'undecided']
         if best is not None:
-            text = (f'{aim}: {best["rung"]}, {duration(best["seconds_step"])} a step on {best["platform"]}, error '
-                    f'{percent(best["error"])}. It is the cheapest that meets this.')
+            text = (f'{aim}: {best["rung"]}, {duration(best["seconds_step"])} a step on {best["platform"]}, error at '
+                    f'most {percent(best["bound"])}. It is the cheapest that meets this.')
             faster = [c['rung'] for c in undecided if c['seconds_step'] < best['seconds_step']]
             if faster:
                 text += f' Faster, but closer to the limit than the reference is known: {", ".join(faster)}.'
