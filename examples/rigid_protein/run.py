@@ -12,7 +12,7 @@ By the Green-Kubo relation the running sum
 
 rises over the ballistic time (the slowest relaxation, m D/kT = 0.7 ps) to the 6 x 6 diffusion tensor about the centre of mass.
 
-    python3 run.py --output results      # about 10 minutes on one core
+    python3 run.py --output results      # 4 minutes on one core
     python3 run.py --mobility            # matrices only: two proteins at several distances; blobs that carry torques too
 """
 import argparse
