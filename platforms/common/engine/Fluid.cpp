@@ -32,8 +32,8 @@ Pose poseOf(const BodySet& bodies, int body) {
     return pose;
 }
 
-/** Up to this many rows Auto decomposes matrices, beyond it takes Lanczos (benchmarks/README.md). */
-const int largestDenseRows = 600;
+/** Up to this many rows Auto decomposes matrices, beyond it takes Lanczos: 30 spheres, where this wins at the default tolerance. */
+const int largestDenseRows = 180;
 /** Likewise for the particles of multiblobs, whose matrix is factorised. */
 const int largestDenseParticleRows = 1500;
 
