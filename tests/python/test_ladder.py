@@ -349,3 +349,24 @@ def test_command_line_of_a_scene(tmp_path, monkeypatch):
 def test_wrong_arguments(arguments, message):
     status, _, error = run('--ladder', *arguments)
     assert status == 2 and message in error
+
+
+def test_what_cannot_be_timed_is_said():
+    study = accuracy.LadderStudy(accuracy.scenes.pair(0.5), ['RPY', 'FTS+lubrication'], ['mobility'], platforms=('Reference',))
+    make = accuracy.rungs.Spheres.makeContext
+    calls = []
+
+    def fail(self, rung, *arguments):
+        calls.append(rung.name)
+        if rung.name == 'RPY' and calls.count('RPY') == 2:
+            raise openmm.OpenMMException('no step today')
+        return make(self, rung, *arguments)
+    accuracy.rungs.Spheres.makeContext = fail
+    try:
+        result = study.run(rounds=1, seconds=0.001)
+    finally:
+        accuracy.rungs.Spheres.makeContext = make
+    row = result.select('mobility', 'RPY')[0]
+    assert row['seconds_step'] is None and row['message'] == 'not timed on Reference: no step today'
+    assert 'RPY: not timed on Reference: no step today' in ladderreport.summary(result, [], [])
+    assert [c['rung'] for c in result.recommend('mobility:99%').candidates] == ['FTS+lubrication']

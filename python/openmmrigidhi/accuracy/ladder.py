@@ -17,6 +17,8 @@ from .study import provenance
 PAIR_ERROR = 1e-9
 #: Seconds of a step on the CPU platform above which Reference is not tried.
 LONG_STEP = 0.01
+#: Seconds of a step that is measured once only.
+VERY_LONG_STEP = 2.0
 
 
 def remainder(distances):
@@ -188,8 +190,9 @@ class LadderStudy:
                 raise ValueError('LadderStudy: none of the rungs can be used on this scene: ' + '; '.join(messages.values()))
             references[value] = self._compare(value, spheres, samples, messages, rows)
         middle = list(self.scenes)[len(self.scenes)//2]
-        costs = self._time(Spheres(self.scenes[middle]), rounds, seconds, count)
+        costs, problems = self._time(Spheres(self.scenes[middle]), rounds, seconds, count)
         for row in rows:
+            row['message'] = row['message'] or problems.get(row['rung'], '')
             row.update({key: costs.get(row['rung'], {}).get(key) for key in
                         ('seconds_step', 'seconds_low', 'seconds_high', 'seconds_forces', 'platform', 'solver')})
         scene = self.scenes[middle]
@@ -232,8 +235,8 @@ class LadderStudy:
         return reference
 
     def _time(self, spheres, rounds, seconds, count):
-        """Seconds a step of each rung on its faster platform: medians over rounds in which all take turns."""
-        runs, forces = [], {p: spheres.secondsOfForces(p, self._properties(p)) for p in self.platforms}
+        """Seconds a step of each rung on its faster platform, medians over rounds in which all take turns; and what went wrong."""
+        runs, problems, forces = [], {}, {p: spheres.secondsOfForces(p, self._properties(p)) for p in self.platforms}
         for rung in self.rungs:
             one = 0.0
             # Reference gains by less overhead; with long steps it cannot win.
@@ -244,23 +247,25 @@ class LadderStudy:
                     _, integrator, context = spheres.makeContext(rung, platform, self._properties(platform), self.seed)
                     integrator.step(1)
                     one = self._ownSeconds(integrator, 1)
-                    runs.append((rung, platform, integrator, context, min(1000, max(1, round(seconds/max(one, 1e-7)))), []))
-                except (openmm.OpenMMException, ValueError):
-                    continue
+                    runs.append((rung, platform, integrator, context, min(1000, max(1, round(seconds/max(one, 1e-7)))),
+                                 [one] if one > VERY_LONG_STEP else []))
+                except (openmm.OpenMMException, ValueError) as error:
+                    problems.setdefault(rung.name, f'not timed on {platform}: {error}')
             count(f'timing {rung.name}')
         rng = np.random.default_rng(self.seed)
         broken = set()
         for turn in range(rounds):
             for i in rng.permutation(len(runs)):
                 rung, platform, integrator, _, steps, times = runs[i]
-                # Two rounds are enough for what takes seconds.
-                if i in broken or (turn >= 2 and times[-1]*steps > 20*seconds):
+                # Two rounds are enough for what takes long, and the trial for what takes seconds.
+                if i in broken or (turn >= 2 and times[-1]*steps > 20*seconds) or (times and times[0] > VERY_LONG_STEP):
                     continue
                 try:
                     spheres.reset(integrator)
                     times.append(self._ownSeconds(integrator, steps))
-                except openmm.OpenMMException:
+                except openmm.OpenMMException as error:
                     broken.add(i)
+                    problems.setdefault(rung.name, f'not timed to the end on {platform}: {error}')
         costs = {}
         for rung in self.rungs:
             for i, (other, platform, integrator, _, _, times) in enumerate(runs):
@@ -274,7 +279,7 @@ class LadderStudy:
                                         'solver': 'matrix-free' if ' 0 groups matrix-free' not in effect else
                                         'dense' if ' 0 groups with dense' not in effect else 'none'}
             count(f'timing {rung.name}')
-        return costs
+        return costs, problems
 
     def _ownSeconds(self, integrator, steps):
         """Seconds a step but for the forces: by the clock, or the process's CPU time if that is less, as other programs disturb it."""

@@ -144,7 +144,7 @@ def _drawCost(axes, result, observable):
         believed = [row['believed'] for row in result.select(observable, best) if row['is_reference']]
         if not result.parameter and believed and believed[0]:
             axes.plot(1e3*result.seconds(best), believed[0], marker='*', ms=13, mfc='white', color=_style(best)['color'], ls='')
-            axes.annotate(f'{best} (believed)', (1e3*result.seconds(best), believed[0]), textcoords='offset points', xytext=(4, 9),
+            axes.annotate(f'{best} (believed)', (1e3*result.seconds(best), believed[0]), textcoords='offset points', xytext=(4, 9 if best == BEST else 22),
                           ha='left' if best == BEST else 'right', fontsize=8.5)
         else:
             axes.annotate(f'{best} (reference)', (1e3*result.seconds(best), 0.02), xycoords=('data', 'axes fraction'), rotation=90,
@@ -201,8 +201,9 @@ def summary(result, answers, wanted):
     for item in wanted if result.parameter else ():
         parts = [f'{rung}: ' + ('nowhere' if value is None else f'from {value:g}') for rung, value in result.goodDownTo(item).items()]
         lines.append(f'Where {item} is met, by {result.parameter}: {"; ".join(parts)}.')
-    refused = {row['rung']: row['message'] for row in result.rows if row['status'] != STABLE}
-    lines += [f'{rung} cannot be used: {message}' for rung, message in refused.items()]
+    remarks = {(row['rung'], row['status']): row['message'] for row in result.rows if row['message']}
+    lines += [f'{rung}{"" if status == STABLE else " cannot be used"}: {message}'
+              for (rung, status), message in remarks.items()]
     return lines
 
 

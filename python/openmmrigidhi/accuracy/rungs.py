@@ -187,7 +187,7 @@ class Spheres:
         """
         rows = 3*len(self.radii)*rung.blobs
         if rows > LARGEST_ROWS:
-            raise ValueError(f'{rung.name}: {rows//3} blobs; their matrix would have {rows} rows, and at most {LARGEST_ROWS} are '
+            raise ValueError(f'{rows//3} blobs in all; their matrix would have {rows} rows, and at most {LARGEST_ROWS} are '
                              'computed: choose fewer blobs or spheres')
         system, fluid, integrator = openmm.System(), MobilityForce(), self._integrator(seed)
         fluid.setViscosity(self.viscosity)
