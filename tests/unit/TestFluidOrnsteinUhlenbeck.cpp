@@ -14,6 +14,8 @@ using Eigen::VectorXd;
 
 namespace {
 
+const RigidHIPlugin::OneBlasThread singleBlasThread;  // as callers of SymmetricEigen must
+
 typedef Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic> MatrixXl;
 typedef Eigen::Matrix<long double, Eigen::Dynamic, 1> VectorXl;
 

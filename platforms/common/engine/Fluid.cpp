@@ -37,6 +37,9 @@ const int largestDenseRows = 180;
 /** Likewise for the particles of multiblobs, whose matrix is factorised. */
 const int largestDenseParticleRows = 1500;
 
+/** Groups are spread over threads where they cost more than waking these, about 1e-4 s (benchmarks/README.md). */
+const double worthThreads = 1e6, operationsOfConstantTensor = 1000;
+
 /** How much more exactly than the tolerance Lanczos' products are taken where they are solves themselves. */
 const double innerTolerance = 0.05;
 
@@ -167,6 +170,11 @@ Fluid::Fluid(const MobilityForce& forceToUse, const OpenMM::System& system,
         }
         if (!group.isThermostat) coupledGroups.push_back(&group);
         chooseSolver(group);
+        const double rows = group.numZ, particleRows = group.mobility->getNumParticleRows();
+        if (!group.isThermostat)
+            operationsPerStep += group.mobility->isConstantInBodyFrame()
+                                     ? operationsOfConstantTensor
+                                     : 20 * rows * rows * rows + particleRows * particleRows * particleRows / 3;
     }
 }
 
@@ -410,9 +418,14 @@ void Fluid::relaxGroup(Group& group, double h, double kT, const NoiseStream& noi
 LoopResult Fluid::relax(double h, double kT, const NoiseStream& noise, BodySet& bodies,
                         const FreeParticles& freeParticles, const vector<OpenMM::Vec3>& positions,
                         vector<OpenMM::Vec3>& velocities) {
-    loops.forTasks(coupledGroups.size(), [&](int i) {
+    const OneBlasThread single;
+    const auto task = [&](int i) {
         relaxGroup(*coupledGroups[i], h, kT, noise, bodies, freeParticles, positions, velocities);
-    });
+    };
+    if (operationsPerStep > worthThreads)
+        loops.forTasks(coupledGroups.size(), task);
+    else
+        for (size_t i = 0; i < coupledGroups.size(); i++) task(i);
     LoopResult result;
     for (const Group* group : coupledGroups) {
         result.randomNumbers += group->randomNumbers;
@@ -485,7 +498,10 @@ VectorXd Fluid::apply(const VectorXd& wrenches, const BodySet& bodies, const vec
         for (size_t e = 0; e < elements.size(); e++)
             if (!elements[e].isFree())
                 f.middleRows<6>(group->mobility->firstRow(e)) = wrenches.segment<6>(6 * elements[e].body);
-        group->mobility->apply(f, u);
+        if (group->solvesMatrixFree)
+            group->mobility->applyMatrixFree(f, force.getSolverTolerance(), u);
+        else
+            group->mobility->apply(f, u);
         for (size_t e = 0; e < elements.size(); e++)
             if (!elements[e].isFree())
                 result.segment<6>(6 * elements[e].body) = u.middleRows<6>(group->mobility->firstRow(e));

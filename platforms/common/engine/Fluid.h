@@ -108,6 +108,7 @@ private:
     long long productsBefore = 0, matricesBefore = 0;  // of the fluids before this one in the Context
     std::vector<std::unique_ptr<Group> > groups;
     std::vector<Group*> coupledGroups;
+    double operationsPerStep = 0;               // of these, roughly
     std::vector<int> groupOfBody, groupOfFree;  // free: by place in FreeParticles, -1: not seen
     PlatformLoops& loops;
 };

@@ -19,20 +19,6 @@ namespace {
 /** From this many rows on LAPACK is faster than Eigen (benchmarks/README.md). */
 const int lapackRows = 40;
 
-/** One BLAS thread while this lives, so that results do not depend on their number. */
-class OneBlasThread {
-public:
-    OneBlasThread() : before(openblas_get_num_threads()) {
-        if (before != 1) openblas_set_num_threads(1);
-    }
-    ~OneBlasThread() {
-        if (before != 1) openblas_set_num_threads(before);
-    }
-
-private:
-    const int before;
-};
-
 [[noreturn]] void reportFailure(int rows) {
     throw OpenMM::OpenMMException(
         "LangevinHI: the eigenvalues of a symmetric matrix of " + std::to_string(rows) +
@@ -40,6 +26,14 @@ private:
 }
 
 }  // namespace
+
+OneBlasThread::OneBlasThread() : before(openblas_get_num_threads()) {
+    if (before != 1) openblas_set_num_threads(1);
+}
+
+OneBlasThread::~OneBlasThread() {
+    if (before != 1) openblas_set_num_threads(before);
+}
 
 void SymmetricEigen::compute(const Eigen::MatrixXd& matrix) {
     const int n = matrix.rows();
@@ -56,7 +50,6 @@ void SymmetricEigen::compute(const Eigen::MatrixXd& matrix) {
         eigenvectors = small.eigenvectors();
         return;
     }
-    const OneBlasThread single;
     eigenvectors = matrix;
     eigenvalues.resize(n);
     const int realSize = 1 + 6 * n + 2 * n * n, integerSize = 3 + 5 * n;
