@@ -387,7 +387,7 @@ TEST(RotnePragerYamakawaWall, CrossingPositiveDefinite) {
 TEST(RotnePragerYamakawaWall, RefusesParticlesThatReachThroughTheWall) {
     Scene scene;
     scene.height = 2;
-    scene.particles.add(0.25, true, 4, 1);
+    scene.particles.add(0.25, true, 4, 0);
     scene.particles.add(0.5, false, 17, -1);
     const vector<Vec3> good = {Vec3(0, 0, 2.25), Vec3(0, 0, 2.5)}, low = {Vec3(0, 0, 2.25), Vec3(0, 0, 2.375)},
                        lower = {Vec3(0, 0, 2.125), Vec3(0, 0, 3)}, on = {Vec3(0, 0, 2), Vec3(0, 0, 3)},
@@ -402,11 +402,11 @@ TEST(RotnePragerYamakawaWall, RefusesParticlesThatReachThroughTheWall) {
                                      "setWallRejection(Crossing)"};
     expectError([&] { overlap.setPositions(low); }, inNoBody);
     for (const string& text : inNoBody) EXPECT_NE(overlap.objection(low).find(text), string::npos);
-    EXPECT_NE(overlap.objection(lower).find("particle 4 (body 1) has its centre 0.125 nm above"), string::npos);
+    EXPECT_NE(overlap.objection(lower).find("particle 4 (body 0) has its centre 0.125 nm above"), string::npos);
     for (const auto& positions : {on, behind, nowhere}) EXPECT_NE(overlap.objection(positions), "");
     expectError(
         [&] { crossing.setPositions(on); },
-        {"particle 4 (body 1) has its centre 0 nm above the wall at z = 2 nm, where a particle (this one of radius "
+        {"particle 4 (body 0) has its centre 0 nm above the wall at z = 2 nm, where a particle (this one of radius "
          "0.25 nm) has no mobility; move it above the wall, or use smaller time steps"});
     EXPECT_NE(crossing.objection(behind).find("particle 17 (in no body) has its centre -0.5 nm above"), string::npos);
     EXPECT_NE(crossing.objection(nowhere), "");

@@ -41,10 +41,25 @@ struct Pair {
     Pair(const Vec3& r_i, const Vec3& r_j, double a_i, double a_j)
         : r{r_i[0] - r_j[0], r_i[1] - r_j[1], r_i[2] - r_j[2]}, free(pairMobility(dot(r, r), a_i, a_j)),
           wall(wallMobility(r, r_i[2], r_j[2], a_i, a_j)) {}
+    /** Add what forces and torques on j do to i, for particles with torque or without. */
     template <int columns>
-    void addVelocities(const Vector* force, const Vector* torque, Vector* velocity, Vector* omega) const {
-        addPairVelocities<columns, true, true>(free, r, force, torque, velocity, omega);
-        addWallVelocities<columns, true, true>(wall, force, torque, velocity, omega);
+    void addVelocities(bool torque_i, bool torque_j, const Vector* force, const Vector* torque, Vector* velocity,
+                       Vector* omega) const {
+        if (torque_i && torque_j)
+            add<columns, true, true>(force, torque, velocity, omega);
+        else if (torque_i)
+            add<columns, true, false>(force, torque, velocity, omega);
+        else if (torque_j)
+            add<columns, false, true>(force, torque, velocity, omega);
+        else
+            add<columns, false, false>(force, torque, velocity, omega);
+    }
+
+private:
+    template <int columns, bool targetTorque, bool sourceTorque>
+    void add(const Vector* force, const Vector* torque, Vector* velocity, Vector* omega) const {
+        addPairVelocities<columns, targetTorque, sourceTorque>(free, r, force, torque, velocity, omega);
+        addWallVelocities<columns, targetTorque, sourceTorque>(wall, force, torque, velocity, omega);
     }
 };
 
@@ -99,17 +114,19 @@ void RotnePragerYamakawaWall::apply(const Eigen::MatrixXd& forces, Eigen::Matrix
     const double scale = 1 / (8 * M_PI * viscosity);
     for (int i = 0; i < particles.size(); i++) {
         const int row = particles.firstRow[i];
+        const bool torque_i = particles.hasTorque[i];
         for (int j = 0; j < particles.size(); j++) {
             const int from = particles.firstRow[j];
+            const bool torque_j = particles.hasTorque[j];
             const double factor = scale * weights[i] * weights[j];
             const Pair pair(positions[i], positions[j], particles.radii[i], particles.radii[j]);
             for (int column = 0; column < forces.cols(); column++) {
                 const Vector force = rows(forces, from, column, factor);
-                const Vector torque = particles.hasTorque[j] ? rows(forces, from + 3, column, factor) : Vector{0, 0, 0};
+                const Vector torque = torque_j ? rows(forces, from + 3, column, factor) : Vector{0, 0, 0};
                 Vector velocity = {0, 0, 0}, omega = {0, 0, 0};
-                pair.addVelocities<1>(&force, &torque, &velocity, &omega);
+                pair.addVelocities<1>(torque_i, torque_j, &force, &torque, &velocity, &omega);
                 addTo(velocities, row, column, velocity);
-                if (particles.hasTorque[i]) addTo(velocities, row + 3, column, omega);
+                if (torque_i) addTo(velocities, row + 3, column, omega);
             }
         }
     }
@@ -122,15 +139,20 @@ void RotnePragerYamakawaWall::dense(Eigen::MatrixXd& mobility) const {
     const Vector force[6] = {x, y, z, zero, zero, zero}, torque[6] = {zero, zero, zero, x, y, z};
     for (int j = 0; j < particles.size(); j++) {
         const int column = particles.firstRow[j];
+        const bool torque_j = particles.hasTorque[j];
         for (int i = j; i < particles.size(); i++) {
             const int row = particles.firstRow[i];
+            const bool torque_i = particles.hasTorque[i];
             const double factor = scale * weights[i] * weights[j];
+            const Pair pair(positions[i], positions[j], particles.radii[i], particles.radii[j]);
             Vector velocity[6] = {zero, zero, zero, zero, zero, zero}, omega[6] = {zero, zero, zero, zero, zero, zero};
-            Pair(positions[i], positions[j], particles.radii[i], particles.radii[j])
-                .addVelocities<6>(force, torque, velocity, omega);
-            for (int c = 0; c < (particles.hasTorque[j] ? 6 : 3); c++) {
+            if (torque_j)
+                pair.addVelocities<6>(torque_i, true, force, torque, velocity, omega);
+            else
+                pair.addVelocities<3>(torque_i, false, force, torque, velocity, omega);
+            for (int c = 0; c < (torque_j ? 6 : 3); c++) {
                 place(mobility, row, column + c, factor, velocity[c]);
-                if (particles.hasTorque[i]) place(mobility, row + 3, column + c, factor, omega[c]);
+                if (torque_i) place(mobility, row + 3, column + c, factor, omega[c]);
             }
         }
     }
