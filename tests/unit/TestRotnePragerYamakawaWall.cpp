@@ -305,7 +305,7 @@ TEST(RotnePragerYamakawaWall, FarFromTheWall) {
 }
 
 TEST(RotnePragerYamakawaWall, DriftOfARigidBody) {
-    // div N of three blobs, force-only, that turn about the first one's place on average: computed elsewhere.
+    // div N of a body of three blobs (rows about the tracked point): computed elsewhere, good to the digits.
     const vector<Vector3d> blobs = {{-1, 0, 2.5}, {1.2, 0.5, 2.8}, {0.2, -1.4, 3.6}};
     const Vector3d point(0, 0, 2.5);
     VectorXd expected(6);

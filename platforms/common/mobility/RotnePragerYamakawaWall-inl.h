@@ -13,7 +13,7 @@
 // Reference: Blake, Proc. Camb. Phil. Soc. 70, 303 (1971); Swan, Brady, Phys. Fluids 19, 113306 (2007), there for equal radii.
 // Limits:    z_i >= a_i, z_j >= a_j; the spheres may overlap each other (the average of the image over a sphere is the same).
 //            Added to the free mobility the whole matrix is symmetric positive definite. No lubrication with the wall: at
-//            contact a sphere's mobility is a quarter of the free one across the wall, and not 0.
+//            contact a sphere moves towards it with a quarter of the free mobility, where the true one is 0.
 
 #if defined(RIGIDHI_ROTNE_PRAGER_YAMAKAWA_WALL_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_ROTNE_PRAGER_YAMAKAWA_WALL_INL_H_
