@@ -1,0 +1,162 @@
+#include "mobility/RotnePragerYamakawaWall.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+
+#include "mobility/RotnePragerYamakawaWall-inl.h"
+
+using namespace OpenMM;
+
+namespace RigidHIPlugin {
+
+using namespace scalar;
+
+namespace {
+
+typedef Vector3<double> Vector;
+
+/** Rows `row` ... row + 2 of a column, times a factor. */
+Vector rows(const Eigen::MatrixXd& m, int row, int column, double factor) {
+    return {factor * m(row, column), factor * m(row + 1, column), factor * m(row + 2, column)};
+}
+void addTo(Eigen::MatrixXd& m, int row, int column, const Vector& v) {
+    m(row, column) += v.x;
+    m(row + 1, column) += v.y;
+    m(row + 2, column) += v.z;
+}
+void place(Eigen::MatrixXd& m, int row, int column, double factor, const Vector& v) {
+    m(row, column) = factor * v.x;
+    m(row + 1, column) = factor * v.y;
+    m(row + 2, column) = factor * v.z;
+}
+
+/** Particle i as seen from particle j, in free fluid and by way of the wall. */
+struct Pair {
+    Vector r;
+    PairMobility<double> free;
+    WallMobility<double> wall;
+    Pair(const Vec3& r_i, const Vec3& r_j, double a_i, double a_j)
+        : r{r_i[0] - r_j[0], r_i[1] - r_j[1], r_i[2] - r_j[2]}, free(pairMobility(dot(r, r), a_i, a_j)),
+          wall(wallMobility(r, r_i[2], r_j[2], a_i, a_j)) {}
+    /** Add what forces and torques on j do to i, for particles with torque or without. */
+    template <int columns>
+    void addVelocities(bool torque_i, bool torque_j, const Vector* force, const Vector* torque, Vector* velocity,
+                       Vector* omega) const {
+        if (torque_i && torque_j)
+            add<columns, true, true>(force, torque, velocity, omega);
+        else if (torque_i)
+            add<columns, true, false>(force, torque, velocity, omega);
+        else if (torque_j)
+            add<columns, false, true>(force, torque, velocity, omega);
+        else
+            add<columns, false, false>(force, torque, velocity, omega);
+    }
+
+private:
+    template <int columns, bool targetTorque, bool sourceTorque>
+    void add(const Vector* force, const Vector* torque, Vector* velocity, Vector* omega) const {
+        addPairVelocities<columns, targetTorque, sourceTorque>(free, r, force, torque, velocity, omega);
+        addWallVelocities<columns, targetTorque, sourceTorque>(wall, force, torque, velocity, omega);
+    }
+};
+
+std::string number(double value) {
+    std::ostringstream text;
+    text.precision(10);
+    text << value;
+    return text.str();
+}
+
+}  // namespace
+
+RotnePragerYamakawaWall::RotnePragerYamakawaWall(const HydrodynamicParticles& particles, double viscosity,
+                                                 double wallHeight, bool crossingAllowed)
+    : MobilityOperator(particles, viscosity), wallHeight(wallHeight), crossingAllowed(crossingAllowed),
+      positions(particles.size()), weights(particles.size()) {
+    if (!std::isfinite(wallHeight))
+        throw OpenMMException("MobilityForce: the height of the no-slip wall is " + number(wallHeight) +
+                              " nm; it must be finite");
+}
+
+std::string RotnePragerYamakawaWall::objection(const std::vector<Vec3>& at) const {
+    for (int i = 0; i < particles.size(); i++) {
+        const double z = at[i][2] - wallHeight, radius = particles.radii[i];
+        if (crossingAllowed ? z > 0 : z >= radius) continue;
+        const std::string where =
+            "RotnePragerYamakawa above a wall: particle " + std::to_string(particles.systemIndex[i]) +
+            (particles.body[i] < 0 ? " (in no body)" : " (body " + std::to_string(particles.body[i]) + ")") +
+            " has its centre " + number(z) + " nm above the wall at z = " + number(wallHeight) + " nm";
+        if (crossingAllowed)
+            return where + ", where a particle (this one of radius " + number(radius) +
+                   " nm) has no mobility; move it above the wall, or use smaller time steps";
+        return where + ", less than its radius, " + number(radius) +
+               " nm; move it up, use smaller time steps, or allow it by setWallRejection(Crossing)";
+    }
+    return {};
+}
+
+void RotnePragerYamakawaWall::setPositions(const std::vector<Vec3>& newPositions) {
+    const std::string problem = objection(newPositions);
+    if (!problem.empty()) throw OpenMMException(problem);
+    for (int i = 0; i < particles.size(); i++) {
+        const double z = newPositions[i][2] - wallHeight, radius = particles.radii[i];
+        positions[i] = Vec3(newPositions[i][0], newPositions[i][1], std::max(z, radius));
+        weights[i] = std::min(z / radius, 1.0);
+    }
+}
+
+void RotnePragerYamakawaWall::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const {
+    velocities.resize(particles.numRows, forces.cols());
+    velocities.setZero();
+    const double scale = 1 / (8 * M_PI * viscosity);
+    for (int i = 0; i < particles.size(); i++) {
+        const int row = particles.firstRow[i];
+        const bool torque_i = particles.hasTorque[i];
+        for (int j = 0; j < particles.size(); j++) {
+            const int from = particles.firstRow[j];
+            const bool torque_j = particles.hasTorque[j];
+            const double factor = scale * weights[i] * weights[j];
+            const Pair pair(positions[i], positions[j], particles.radii[i], particles.radii[j]);
+            for (int column = 0; column < forces.cols(); column++) {
+                const Vector force = rows(forces, from, column, factor);
+                const Vector torque = torque_j ? rows(forces, from + 3, column, factor) : Vector{0, 0, 0};
+                Vector velocity = {0, 0, 0}, omega = {0, 0, 0};
+                pair.addVelocities<1>(torque_i, torque_j, &force, &torque, &velocity, &omega);
+                addTo(velocities, row, column, velocity);
+                if (torque_i) addTo(velocities, row + 3, column, omega);
+            }
+        }
+    }
+}
+
+void RotnePragerYamakawaWall::dense(Eigen::MatrixXd& mobility) const {
+    mobility.resize(particles.numRows, particles.numRows);
+    const double scale = 1 / (8 * M_PI * viscosity);
+    const Vector x = {1, 0, 0}, y = {0, 1, 0}, z = {0, 0, 1}, zero = {0, 0, 0};
+    const Vector force[6] = {x, y, z, zero, zero, zero}, torque[6] = {zero, zero, zero, x, y, z};
+    for (int j = 0; j < particles.size(); j++) {
+        const int column = particles.firstRow[j];
+        const bool torque_j = particles.hasTorque[j];
+        for (int i = j; i < particles.size(); i++) {
+            const int row = particles.firstRow[i];
+            const bool torque_i = particles.hasTorque[i];
+            const double factor = scale * weights[i] * weights[j];
+            const Pair pair(positions[i], positions[j], particles.radii[i], particles.radii[j]);
+            Vector velocity[6] = {zero, zero, zero, zero, zero, zero}, omega[6] = {zero, zero, zero, zero, zero, zero};
+            if (torque_j)
+                pair.addVelocities<6>(torque_i, true, force, torque, velocity, omega);
+            else
+                pair.addVelocities<3>(torque_i, false, force, torque, velocity, omega);
+            for (int c = 0; c < (torque_j ? 6 : 3); c++) {
+                place(mobility, row, column + c, factor, velocity[c]);
+                if (torque_i) place(mobility, row + 3, column + c, factor, omega[c]);
+            }
+        }
+    }
+    mobility.triangularView<Eigen::StrictlyUpper>() = mobility.transpose();
+}
+
+}  // namespace RigidHIPlugin
