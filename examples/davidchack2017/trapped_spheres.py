@@ -18,7 +18,9 @@ of it. Estimators use what is symmetric: the mirror z -> -z, which exchanges the
     python3 trapped_spheres.py --quick       # seconds
 """
 import argparse
+import concurrent.futures
 import json
+import multiprocessing
 import pathlib
 import time
 
@@ -27,6 +29,7 @@ import openmm
 import scipy.linalg
 from common import RESULTS, Spheres, provenance, pyplot, sample, save
 from openmmrigidhi import MobilityForce
+from tqdm import tqdm
 
 #: m, I, kt, kr, the paper's kT, how long the correlations are followed, spacing of samples, running time.
 SETS = {'inertial (Figs 2, 3)': {'m': 1.0, 'I': 0.4, 'kt': 10.0, 'kr': 20.0, 'kT': 0.1, 'lag': 4.0, 'every': 0.05, 'time': 5e4},
@@ -262,29 +265,44 @@ def main():
     parser.add_argument('--bias-only', action='store_true', help='only the bias of the step sizes')
     parser.add_argument('--long', type=float, default=1.0, metavar='FACTOR', help='multiply the length of every run')
     parser.add_argument('--minutes', type=float, default=np.inf, help='end a run after so long (at the paper\'s kT: a quarter of it)')
+    parser.add_argument('--distances', nargs='+', type=float, default=DISTANCES)
+    parser.add_argument('--shares', nargs='+', type=float, default=(0.1, 1.0), help="temperatures, in those of the paper")
+    parser.add_argument('--jobs', type=int, default=1, help='runs at a time')
     parser.add_argument('--seed', type=int, default=2017)
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     args = parser.parse_args()
 
-    runs = []
     name = 'trapped_spheres' + ('' if args.model == 'FTS+lubrication' else '_' + args.model) + '.json'
     saveBiases(args)
-    if args.keep and (args.output/name).exists():
-        runs = [r for r in json.loads((args.output/name).read_text())['runs'] if r['set'].split()[0] not in args.sets]
+    todo = []
     for setName, parameters in SETS.items():
         if setName.split()[0] not in args.sets or args.bias_only:
             continue
-        for share in (0.1,) if args.quick else (0.1, 1.0):
-            for R in DISTANCES[:1] if args.quick else DISTANCES:
-                kT = share*parameters['kT']
-                duration = parameters['time']*(args.long if not args.quick else 0.02 if parameters['m'] == 1 else 0.007)
-                runs.append(run(setName, R, kT, args.model, duration, args.seed + len(runs),
-                                args.minutes*(1 if share < 1 else 0.25)))
-                r = runs[-1]
-                print(f'{setName} R {R:g} kT {kT:g}: h {r["h"]:g} (bias {r["bias_of_this_step"]:.1e}), largest error {r["largest_standard_error"]:.4f}, '
-                      f'largest difference {max(r["largest_difference"].values()):.4f}, rms z {max(r["rms_z"].values()):.2f}  '
-                      f'[{r["seconds"]:.0f} s]', flush=True)
-                save(args.output, name, {'runs': runs, 'provenance': provenance(args)})
+        duration = parameters['time']*(args.long if not args.quick else 0.02 if parameters['m'] == 1 else 0.007)
+        for share in args.shares if not args.quick else (0.1,):
+            for R in args.distances if not args.quick else DISTANCES[:1]:
+                todo.append((setName, R, share*parameters['kT'], args.model, duration, args.seed + 100*len(todo),
+                             args.minutes*(1 if share < 1 else 0.25), args.jobs > 1))
+    runs = []
+    if args.keep and (args.output/name).exists():
+        again = {task[:3] for task in todo}
+        runs = [r for r in json.loads((args.output/name).read_text())['runs'] if (r['set'], r['R'], r['kT']) not in again]
+
+    def finish(r):
+        runs.append(r)
+        runs.sort(key=lambda r: (list(SETS).index(r['set']), r['kT'], r['R']))
+        print(f'{r["set"]} R {r["R"]:g} kT {r["kT"]:g}: h {r["h"]:g} (bias {r["bias_of_this_step"]:.1e}), largest error '
+              f'{r["largest_standard_error"]:.4f}, largest difference {max(r["largest_difference"].values()):.4f}, '
+              f'rms z {max(r["rms_z"].values()):.2f}  [{r["seconds"]:.0f} s]', flush=True)
+        save(args.output, name, {'runs': runs, 'provenance': provenance(args)})
+
+    if args.jobs > 1:
+        with concurrent.futures.ProcessPoolExecutor(args.jobs, multiprocessing.get_context('spawn')) as pool:
+            for done in tqdm(concurrent.futures.as_completed([pool.submit(run, *task) for task in todo]), total=len(todo)):
+                finish(done.result())
+    else:
+        for task in todo:
+            finish(run(*task))
     if runs:
         draw(runs, args.output)
 
