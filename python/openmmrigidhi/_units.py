@@ -148,6 +148,28 @@ def vector(value, dimension, where, name):
     return array
 
 
+def sequence(values, dimension, where, name):
+    """An (n,) array of floats in the dimension's unit."""
+    array = _floats(values, dimension, where, name)
+    if array.ndim != 1:
+        raise ValueError(f'{where}: {name}: got an array of shape {array.shape}; it must be a plain sequence of numbers: '
+                         'give one number per item')
+    return array
+
+
+def frames(values, dimension, columns, where, name):
+    """A (T, n, columns) array of finite floats in the dimension's unit: a trajectory of n bodies."""
+    array = _floats(values, dimension, where, name)
+    if array.ndim != 3 or array.shape[2] != columns or array.size == 0:
+        raise ValueError(f'{where}: {name}: got an array of shape {array.shape}; a trajectory must have the shape '
+                         f'(frames, bodies, {columns}): reshape it')
+    if not np.all(np.isfinite(array)):
+        frame, body, _ = np.argwhere(~np.isfinite(array))[0]
+        raise ValueError(f'{where}: {name}: frame {frame}, body {body}: the trajectory holds {array[frame, body]}; all numbers must '
+                         'be finite: leave out what follows a run that blew up')
+    return array
+
+
 def _floats(values, dimension, where, name):
     stripped = _strip_leaves(values, dimension, where, name)
     try:

@@ -285,7 +285,7 @@ def test_scenes_that_are_not_of_spheres():
         system.addParticle(1.0)
         fluid.addParticle(0.5)
 
-    for work, message in ((lambda s, i, f: f.setParticleRadius(1, 0.1), 'body 0 has 2 hydrodynamic particles'),
+    for work, message in ((lambda s, i, f: f.setParticleRadius(1, 0.1), 'body 0 has 2 hydrodynamic particles; it must be a sphere'),
                           (lambda s, i, f: s.removeForce(1), 'the System has 0 MobilityForces'),
                           (addFree, 'a particle that is in no body has a hydrodynamic radius'),
                           (lambda s, i, f: f.setBodyMobility(0, np.eye(6)), 'a body has a tensor of its own')):

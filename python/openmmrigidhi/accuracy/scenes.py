@@ -9,6 +9,7 @@ import openmm.app
 from openmm import unit
 
 from .. import app
+from .._quaternions import rotationMatrices
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from .bodytable import BodyTable
@@ -304,7 +305,7 @@ def trap(bodies=400, temperature=300.0, gamma=10.0, Gamma=20.0, frequency=100.0,
     rng = np.random.default_rng(seed)
     centres = rng.normal(scale=math.sqrt(kT/masses.sum())/frequency, size=(bodies, 1, 3))
     quaternions = rng.normal(size=(bodies, 4))
-    rotations = _rotationMatrices(quaternions/np.linalg.norm(quaternions, axis=1, keepdims=True))
+    rotations = rotationMatrices(quaternions/np.linalg.norm(quaternions, axis=1, keepdims=True))
     positions = (centres + np.einsum('bij,kj->bki', rotations, shape)).reshape(-1, 3)
     inWell, inField = 1.5*kT, -field*kT*(1/math.tanh(field) - 1/field)
     return Scene(system, positions, integrator, 'trap',
@@ -433,13 +434,6 @@ def suspension(bodies=12, fraction=0.1, radius=1.0, leastGap=0.02, temperature=3
         raise ValueError(f'suspension: fraction: got {fraction}; {bodies} spheres found no room by chance: choose a smaller one')
     return spheres(centres, radius, temperature, force=(0, 0, -1), name=f'suspension{bodies}',
                    description=f'{bodies} spheres at random in a larger sphere, volume fraction {fraction:g}, settling in water')
-
-
-def _rotationMatrices(q):
-    w, x, y, z = q.T
-    return np.stack([np.stack([1-2*(y*y+z*z), 2*(x*y-w*z), 2*(x*z+w*y)], -1),
-                     np.stack([2*(x*y+w*z), 1-2*(x*x+z*z), 2*(y*z-w*x)], -1),
-                     np.stack([2*(x*z-w*y), 2*(y*z+w*x), 1-2*(x*x+y*y)], -1)], -2)
 
 
 def fromFiles(system, state, integrator):

@@ -1,9 +1,11 @@
 """What an OpenMM script with rigid bodies needs beside the integrator: builders, a minimiser, reporters, shapes."""
-from .bodies import addRigidResidues, addRigidWater, bindBodies
+from .blobfiles import readClones, readVertexFile, writeClones
+from .bodies import addRigidMultiblob, addRigidResidues, addRigidWater, bindBodies
 from .bodystates import BodyStates, RigidBodyReporter, readBodyStates
 from .minimizer import MinimizationResult, minimize
 from .reporters import StateDataReporter
-from .shapes import multiblobSphere, sphereShell
+from .shapes import boomerang, cylinder, icosahedron, multiblobSphere, rod, sphereShell, tetramer
 
-__all__ = ['addRigidWater', 'addRigidResidues', 'bindBodies', 'minimize', 'MinimizationResult', 'RigidBodyReporter',
-           'readBodyStates', 'BodyStates', 'StateDataReporter', 'sphereShell', 'multiblobSphere']
+__all__ = ['addRigidWater', 'addRigidResidues', 'addRigidMultiblob', 'bindBodies', 'minimize', 'MinimizationResult', 'RigidBodyReporter',
+           'readBodyStates', 'BodyStates', 'StateDataReporter', 'sphereShell', 'multiblobSphere', 'rod', 'cylinder', 'boomerang',
+           'tetramer', 'icosahedron', 'readVertexFile', 'readClones', 'writeClones']

@@ -1,7 +1,10 @@
 """Making bodies of residues, and telling OpenMM that a body is one molecule."""
+import numpy as np
 import openmm
 
+from .. import _units
 from ..integrator import CustomRigidHIIntegrator
+from ..mobility import MobilityForce
 
 #: Residue names that mean water in PDB files and in the force fields that OpenMM, Amber, CHARMM and GROMACS ship.
 WATER_NAMES = ('HOH', 'WAT', 'H2O', 'SOL', 'DOD', 'SPC', 'SPCE', 'TIP3', 'TIP3P', 'TP3', 'TIP4', 'TIP4P', 'TP4', 'T4P',
@@ -87,6 +90,80 @@ def _checkConstraints(residues, system):
             raise ValueError(f'addRigidResidues: residue {residue.name} {residue.id}: particles {missing[0][1]} and '
                              f'{missing[0][0]} have no constraint; the constraints must fix its shape: create the System '
                              'with rigidWater=True, or pass no system to take the shape from the first positions')
+
+
+def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, mass=0, principalMoments=(0, 0, 0),
+                      particleMasses=None):
+    """Add particles to a System and a MobilityForce, and make them one rigid body of an integrator.
+
+    Call it body by body before the Context is created, while System and MobilityForce have the same number of particles.
+    If an argument is refused nothing has been added.
+
+    Parameters
+    ----------
+    system : openmm.System
+        gets one particle for each site
+    integrator : CustomRigidHIIntegrator
+        gets the body, with explicit geometry
+    mobilityForce : MobilityForce
+        gets the particles' radii; add it to the System yourself, before or after
+    sitePositions : array-like or Quantity of shape (n, 3)
+        position of each particle in the body frame, nm, as the builders of shapes return them. The frame's origin is the tracking
+        point; schemes with momenta need it at the centre of mass, and principal axes.
+    radii : float, or sequence or Quantity of shape (n,)
+        hydrodynamic radius of all particles or of each, nm; 0: a marker that the fluid does not see
+    mass : float or Quantity
+        mass of the body, dalton; 0 will do for overdamped schemes
+    principalMoments : Vec3, sequence or Quantity of shape (3,)
+        principal moments of inertia about the body axes, dalton nm^2; 0 will do for overdamped schemes
+    particleMasses : sequence or Quantity of shape (n,), optional
+        masses that OpenMM sees, dalton; None: equal shares of the body's mass
+
+    Returns
+    -------
+    int
+        index of the body. Its particles are the System's last ones; ``integrator.getRigidBodyParticles`` gives their indices.
+
+    Raises
+    ------
+    TypeError
+        for arguments of another kind or dimension
+    ValueError
+        for another number of radii or masses than of sites, negative or non-finite ones, or if the MobilityForce and the System have
+        different numbers of particles
+    openmm.OpenMMException
+        as in CustomRigidHIIntegrator.addRigidBody
+    """
+    where = 'addRigidMultiblob'
+    integrator = CustomRigidHIIntegrator.cast(integrator)
+    mobilityForce = MobilityForce.cast(mobilityForce)
+    sites = _units.rows(sitePositions, _units.LENGTH, 3, where, 'sitePositions')
+    radii = _perSite(radii, _units.LENGTH, len(sites), where, 'radii')
+    mass = _units.number(mass, _units.MASS, where, 'mass')
+    masses = None if particleMasses is None else _perSite(particleMasses, _units.MASS, len(sites), where, 'particleMasses')
+    first = system.getNumParticles()
+    if mobilityForce.getNumParticles() != first:
+        raise ValueError(f'{where}: mobilityForce: it has {mobilityForce.getNumParticles()} particles and the System {first}; '
+                         'the numbers must agree before a body is added: add what is missing')
+    # First what checks most: if it throws, nothing has been added.
+    body = integrator.addRigidBody(range(first, first + len(sites)), mass, principalMoments, sites)
+    for particleMass, radius in zip(masses or len(sites)*[mass/len(sites)], radii):
+        system.addParticle(particleMass)
+        mobilityForce.addParticle(radius)
+    return body
+
+
+def _perSite(values, dimension, count, where, name):
+    """One number for each site, finite and not negative; a single one is for all."""
+    try:
+        numbers = np.full(count, _units.number(values, dimension, where, name))
+    except TypeError:
+        numbers = _units.sequence(values, dimension, where, name)
+    if numbers.shape != (count,):
+        raise ValueError(f'{where}: {name}: got {len(numbers)} for {count} sites; give one for all, or one for each')
+    if not np.all((0 <= numbers) & (numbers < np.inf)):
+        raise ValueError(f'{where}: {name}: got {numbers.tolist()}; each must be finite, and none below 0: correct them')
+    return numbers.tolist()
 
 
 def bindBodies(system, integrator):

@@ -8,6 +8,7 @@ import openmm
 from openmm import unit
 
 from .. import _units
+from .._quaternions import rotationMatrices
 from ..integrator import CustomRigidHIIntegrator
 
 #: Within one run of L-BFGS, how far coordinates may move: a chart of rotation vectors is good up to about a radian.
@@ -153,7 +154,7 @@ class _Scene:
         state = self.context.getState(getEnergy=True, getForces=True, groups=self.groups)
         forces = state.getForces(asNumpy=True)._value
         siteForces = forces[self.siteParticle]
-        arms = np.einsum('sij,sj->si', _rotationMatrices(q)[self.siteBody], self.sites)
+        arms = np.einsum('sij,sj->si', rotationMatrices(q)[self.siteBody], self.sites)
         return (state.getPotentialEnergy()._value, self._sumOverBodies(siteForces),
                 self._sumOverBodies(np.cross(arms, siteForces)), forces[self.free])
 
@@ -325,14 +326,6 @@ class _Search:
             raise _Finished()
         if np.any(np.abs(y) >= 0.999*self._limits()):
             raise _Recentre()
-
-
-def _rotationMatrices(q):
-    """Matrices (n, 3, 3) of unit quaternions (n, 4)."""
-    w, x, y, z = q.T
-    return np.stack([np.stack([1 - 2*(y*y + z*z), 2*(x*y - w*z), 2*(x*z + w*y)], axis=-1),
-                     np.stack([2*(x*y + w*z), 1 - 2*(x*x + z*z), 2*(y*z - w*x)], axis=-1),
-                     np.stack([2*(x*z - w*y), 2*(y*z + w*x), 1 - 2*(x*x + y*y)], axis=-1)], axis=-2)
 
 
 def _turned(rotations, q):

@@ -42,6 +42,142 @@ def sphereShell(n, radius):
     return _units.LENGTH.attach(radius*vertices)
 
 
+def rod(n, spacing):
+    """Get blobs in a row along the x axis.
+
+    Parameters
+    ----------
+    n : int
+        number of blobs, at least 2
+    spacing : float or Quantity
+        distance between neighbours, nm
+
+    Returns
+    -------
+    Quantity of shape (n, 3)
+        nm, from the lowest x up, about the rod's centre. The blobs are on a line: the fluid does not drive rotation about it.
+    """
+    n = _atLeast(2, n, 'rod', 'n')
+    spacing = _positiveLength(spacing, 'rod', 'spacing')
+    points = np.zeros((n, 3))
+    points[:, 0] = spacing*(np.arange(n) - (n - 1)/2)
+    return _units.LENGTH.attach(points)
+
+
+def cylinder(radius, length, spacing, closed=True):
+    """Get blobs on the surface of a cylinder about the x axis: staggered rings, and rings that fill the two ends.
+
+    Parameters
+    ----------
+    radius : float or Quantity
+        geometric radius, on which the side's blobs lie, nm
+    length : float or Quantity
+        distance between the two end planes, on which blobs lie, nm
+    spacing : float or Quantity
+        about the distance between neighbours, nm; the rings divide length and circumference evenly
+    closed : bool
+        fill the ends; without, the cylinder is a tube that lets the fluid through
+
+    Returns
+    -------
+    Quantity of shape (n, 3)
+        nm, about the cylinder's centre: the side from the lowest x up, then the end at low x, then that at high x
+    """
+    radius = _positiveLength(radius, 'cylinder', 'radius')
+    length = _positiveLength(length, 'cylinder', 'length')
+    spacing = _positiveLength(spacing, 'cylinder', 'spacing')
+    around = max(3, round(2*np.pi*radius/spacing))
+    heights = length*np.linspace(-0.5, 0.5, max(1, round(length/spacing)) + 1)
+    rings = [_ring(x, radius, around, (k % 2)/2) for k, x in enumerate(heights)]
+    if _units.boolean(closed, 'cylinder', 'closed'):
+        inner = radius*np.arange(round(radius/spacing))/max(1, round(radius/spacing))
+        rings += [_ring(x, r, max(1, round(2*np.pi*r/spacing)), 0) for x in (heights[0], heights[-1]) for r in inner[::-1]]
+    return _units.LENGTH.attach(np.concatenate(rings))
+
+
+def _ring(x, radius, n, turn):
+    """n points on a circle about the x axis, turned by a part of the angle between neighbours."""
+    angles = 2*np.pi*(np.arange(n) + turn)/n
+    return np.stack([np.full(n, x), radius*np.cos(angles), radius*np.sin(angles)], axis=1)
+
+
+def boomerang(spacing, blobsPerArm=7):
+    """Get blobs of a right-angled boomerang, that of Delong, Balboa Usabiaga and Donev 2015 with 15 blobs.
+
+    Theirs has spacing 0.3 um and blobs of radius 0.265*sqrt(1.5) um.
+
+    Parameters
+    ----------
+    spacing : float or Quantity
+        distance between neighbours, nm
+    blobsPerArm : int
+        number of blobs in each arm besides the one at the cross point
+
+    Returns
+    -------
+    Quantity of shape (2*blobsPerArm + 1, 3)
+        nm, about the cross point, with arms along +x and +y: from the tip on the x axis over the cross point (row blobsPerArm) to the
+        tip on the y axis. The bisector is the direction (1, 1, 0).
+    """
+    spacing = _positiveLength(spacing, 'boomerang', 'spacing')
+    blobsPerArm = _atLeast(1, blobsPerArm, 'boomerang', 'blobsPerArm')
+    steps = np.arange(-blobsPerArm, blobsPerArm + 1)
+    return _units.LENGTH.attach(spacing*np.stack([np.maximum(0, -steps), np.maximum(0, steps), 0*steps], axis=1))
+
+
+def tetramer(spacing):
+    """Get four blobs at the corners of a regular tetrahedron.
+
+    Parameters
+    ----------
+    spacing : float or Quantity
+        distance between any two, nm
+
+    Returns
+    -------
+    Quantity of shape (4, 3)
+        nm, about the tetrahedron's centre: three of equal z < 0, the first of which has y = 0 and x > 0, then one on the +z axis
+    """
+    spacing = _positiveLength(spacing, 'tetramer', 'spacing')
+    base = _ring(-spacing/np.sqrt(24), spacing/np.sqrt(3), 3, 0)[:, [1, 2, 0]]
+    return _units.LENGTH.attach(np.concatenate([base, [(0, 0, spacing*np.sqrt(3/8))]]))
+
+
+def icosahedron(radius):
+    """Get twelve blobs at the vertices of a regular icosahedron, two of them on the z axis.
+
+    It is :func:`sphereShell` of 12 points, turned: a corner on an axis is what Delong, Balboa Usabiaga and Donev 2015 hang a weight on.
+
+    Parameters
+    ----------
+    radius : float or Quantity
+        distance of the vertices from the centre, nm
+
+    Returns
+    -------
+    Quantity of shape (12, 3)
+        nm, about the icosahedron's centre: the vertex on +z, five of equal z > 0, five of equal z < 0, the vertex on -z
+    """
+    radius = _positiveLength(radius, 'icosahedron', 'radius')
+    z, r = radius/np.sqrt(5), 2*radius/np.sqrt(5)
+    rings = [_ring(z, r, 5, 0)[:, [1, 2, 0]], _ring(-z, r, 5, 0.5)[:, [1, 2, 0]]]
+    return _units.LENGTH.attach(np.concatenate([[(0, 0, radius)], *rings, [(0, 0, -radius)]]))
+
+
+def _positiveLength(value, where, name):
+    value = _units.number(value, _units.LENGTH, where, name)
+    if not 0 < value < np.inf:
+        raise ValueError(f'{where}: {name}: got the length {value} nm; a shape needs a finite one above 0: give a positive length')
+    return value
+
+
+def _atLeast(fewest, value, where, name):
+    value = _units.integer(value, where, name)
+    if value < fewest:
+        raise ValueError(f'{where}: {name}: got {value} blobs; a shape of this kind needs at least {fewest}: give a larger number')
+    return value
+
+
 def _icosahedron():
     golden = (1 + np.sqrt(5))/2
     vertices = np.array([(-1, golden, 0), (1, golden, 0), (-1, -golden, 0), (1, -golden, 0),

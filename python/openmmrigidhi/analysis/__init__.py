@@ -1,0 +1,12 @@
+"""What trajectories and mobilities of rigid bodies say: mean square displacements, diffusion coefficients, hydrodynamic centres.
+
+Equation numbers are those of Delong, Balboa Usabiaga, Donev 2015, J. Chem. Phys. 143, 144107.
+"""
+from .displacements import MeanSquareDisplacement, planarAngleMSD, rotationalMSD, translationalMSD
+from .diffusion import DiffusionCoefficient, gravitationalHeight, longTimeDiffusion, shortTimeDiffusion
+from .mobilities import (centerOfHydrodynamicStress, centerOfMobility, mobilityAboutPoint, mobilityInBodyFrame, planarAngleMobility,
+                         planarCenterOfHydrodynamicStress)
+
+__all__ = ['translationalMSD', 'rotationalMSD', 'planarAngleMSD', 'MeanSquareDisplacement', 'shortTimeDiffusion',
+           'longTimeDiffusion', 'DiffusionCoefficient', 'mobilityAboutPoint', 'mobilityInBodyFrame', 'centerOfMobility',
+           'centerOfHydrodynamicStress', 'planarCenterOfHydrodynamicStress', 'planarAngleMobility', 'gravitationalHeight']

@@ -1,0 +1,292 @@
+"""Mean square displacements of rigid bodies, with errors from blocks of the trajectory."""
+import dataclasses
+
+import numpy as np
+from openmm import unit
+
+from .. import _units
+from .._quaternions import conjugate, product, rotationMatrices
+
+#: Quaternions may be off unit length by the rounding of single precision.
+_NORM_TOLERANCE = 1e-6
+_DEFAULT_LAGS = 50
+
+
+@dataclasses.dataclass
+class MeanSquareDisplacement:
+    """A mean square displacement as a function of lag time.
+
+    Attributes
+    ----------
+    lagTimes : Quantity of shape (lags,)
+        lag times, ps
+    mean : Quantity or array of shape (lags, 3, 3) or (lags,)
+        the tensor <d_i d_j> of displacements d (or <d^2> of a scalar one): nm^2, without unit for rotations (rad^2)
+    error : as mean
+        its standard error, from the spread of the blocks
+    blocks : Quantity or array of shape (blocks,) + shape of mean
+        the same of each block of the trajectory; mean is the mean of these
+    """
+
+    lagTimes: unit.Quantity
+    mean: object
+    error: object
+    blocks: object
+
+    @property
+    def parallel(self):
+        """The sum of the xx and yy components, for motion along a wall or in a plane."""
+        return self.component((1, 1, 0))
+
+    @property
+    def perpendicular(self):
+        """The zz component, for motion normal to a wall."""
+        return self.component((0, 0, 1))
+
+    @property
+    def trace(self):
+        """The sum of the xx, yy and zz components."""
+        return self.component((1, 1, 1))
+
+    def component(self, weights):
+        """Get a weighted sum of components of the tensor, with an error that knows their correlation.
+
+        Parameters
+        ----------
+        weights : array-like of shape (3,) or (3, 3)
+            weights of xx, yy and zz, or of all components
+
+        Returns
+        -------
+        MeanSquareDisplacement
+            with one number for each lag time
+
+        Raises
+        ------
+        ValueError
+            for weights of another shape, or if this is one number for each lag time already
+        """
+        weights = np.array(weights, dtype=float)
+        if weights.shape == (3,):
+            weights = np.diag(weights)
+        blocks, attach = _withoutUnit(self.blocks)
+        if blocks.ndim != 4 or weights.shape != (3, 3):
+            raise ValueError(f'component: weights of shape {weights.shape} for a mean square displacement of shape {blocks.shape[1:]}; '
+                             'there must be 3 or 3 x 3 weights for a tensor: nothing is left to choose from in a scalar one')
+        return _summarise(self.lagTimes, np.einsum('blij,ij->bl', blocks, weights), attach)
+
+
+def translationalMSD(positions, orientations, frameInterval, trackingPoint, lags=None, numBlocks=10, bodyFrame=False,
+                     independentBodies=False):
+    """Get the mean square displacement of a point of rigid bodies.
+
+    Which point is tracked matters at short times and not at long ones. At short times the tensor is 2 kT N_tt times the lag time, with
+    the translational mobility N_tt about that point; at all times if it is the centre of mobility of an isolated body (eq. 67).
+    All pairs of frames within a block are averaged over, and all bodies.
+
+    Parameters
+    ----------
+    positions : array-like or Quantity of shape (frames, bodies, 3)
+        origins of the bodies at equal intervals, unwrapped, nm
+    orientations : array-like of shape (frames, bodies, 4)
+        unit quaternions (w, x, y, z), body frame to lab frame
+    frameInterval : float or Quantity
+        time between frames, ps
+    trackingPoint : Vec3, sequence or Quantity of shape (3,)
+        the point in the body frame, nm; (0, 0, 0) is the body's origin
+    lags : sequence of int, optional
+        lag times as numbers of frames, from 0 to less than a block's; None: about 50, from 1 to a quarter of a block in equal ratios
+    numBlocks : int
+        number of blocks of the trajectory in time. A block should be longer than all relaxation times and several times the largest
+        lag, or else errors come out too small. Frames that fill no block are left out at the start.
+    bodyFrame : bool
+        resolve displacements along the body axes of the earlier frame instead of the lab's
+    independentBodies : bool
+        count each body's blocks for themselves: right for replicas that do not interact, which may then do with numBlocks=1
+
+    Returns
+    -------
+    MeanSquareDisplacement
+        a tensor, nm^2
+
+    Raises
+    ------
+    TypeError, ValueError
+        for arrays of other shapes, dimensions or lengths, lags that do not fit into a block, or fewer than two blocks
+    """
+    where = 'translationalMSD'
+    q = _orientations(orientations, where)
+    R = _units.frames(positions, _units.LENGTH, 3, where, 'positions')
+    if R.shape[:2] != q.shape[:2]:
+        raise ValueError(f'{where}: positions: there are {R.shape[0]} frames of {R.shape[1]} bodies, but the orientations are '
+                         f'{q.shape[0]} frames of {q.shape[1]}: give both from one trajectory')
+    point = _units.vector(trackingPoint, _units.LENGTH, where, 'trackingPoint')
+    A = rotationMatrices(q)
+    blocks = _Blocks(len(R), R.shape[1], frameInterval, lags, numBlocks, independentBodies, where)
+    tracked = blocks.cut(R + A @ point)
+    axes = blocks.cut(A) if _units.boolean(bodyFrame, where, 'bodyFrame') else None
+
+    def displacements(lag):
+        d = tracked[:, lag:] - tracked[:, :blocks.length - lag]
+        return d if axes is None else np.einsum('btnji,btnj->btni', axes[:, :blocks.length - lag], d)
+
+    return blocks.average(displacements, lambda values: unit.Quantity(values, unit.nanometer**2))
+
+
+def rotationalMSD(orientations, frameInterval, lags=None, numBlocks=10, bodyFrame=False, independentBodies=False):
+    """Get the rotational mean square displacement of rigid bodies (eqs. 20-22).
+
+    The rotational displacement between two frames is u = 1/2 sum_i u_i(0) x u_i(t) over the body axes u_i, which is sin(angle) times the
+    axis of the rotation between them. At short times its tensor is 2 kT N_rr times the lag time; for free rotation it tends to 1/6
+    of the unit matrix.
+
+    Parameters
+    ----------
+    orientations : array-like of shape (frames, bodies, 4)
+        unit quaternions (w, x, y, z) at equal intervals, body frame to lab frame
+    frameInterval : float or Quantity
+        time between frames, ps
+    lags : sequence of int, optional
+        as in :func:`translationalMSD`
+    numBlocks : int
+        as in :func:`translationalMSD`
+    bodyFrame : bool
+        resolve displacements along the body axes instead of the lab's
+    independentBodies : bool
+        as in :func:`translationalMSD`
+
+    Returns
+    -------
+    MeanSquareDisplacement
+        a tensor without unit
+
+    Raises
+    ------
+    TypeError, ValueError
+        as in :func:`translationalMSD`
+    """
+    where = 'rotationalMSD'
+    q = _orientations(orientations, where)
+    blocks = _Blocks(len(q), q.shape[1], frameInterval, lags, numBlocks, independentBodies, where)
+    q = blocks.cut(q)
+    bodyFrame = _units.boolean(bodyFrame, where, 'bodyFrame')
+
+    def displacements(lag):
+        earlier, later = q[:, :blocks.length - lag], q[:, lag:]
+        turn = product(conjugate(earlier), later) if bodyFrame else product(later, conjugate(earlier))
+        return 2*turn[..., :1]*turn[..., 1:]  # (cos, sin axis)(angle/2) to sin(angle) axis
+
+    return blocks.average(displacements, lambda values: values)
+
+
+def planarAngleMSD(orientations, frameInterval, bodyVector, lags=None, numBlocks=10, independentBodies=False):
+    """Get the mean square displacement of the angle of a body vector's projection onto the xy plane.
+
+    The angle is followed from frame to frame through full turns; a change by more than half a turn between frames would be taken for
+    one the other way round. It is undefined where the vector is along z: of bodies that flip this quantity says little.
+
+    Parameters
+    ----------
+    orientations : array-like of shape (frames, bodies, 4)
+        unit quaternions (w, x, y, z) at equal intervals, body frame to lab frame
+    frameInterval : float or Quantity
+        time between frames, ps
+    bodyVector : Vec3 or sequence of shape (3,)
+        the vector in the body frame, of any length but 0; a boomerang's bisector, say
+    lags : sequence of int, optional
+        as in :func:`translationalMSD`
+    numBlocks : int
+        as in :func:`translationalMSD`
+    independentBodies : bool
+        as in :func:`translationalMSD`
+
+    Returns
+    -------
+    MeanSquareDisplacement
+        one number for each lag time, rad^2
+
+    Raises
+    ------
+    TypeError, ValueError
+        as in :func:`translationalMSD`, and for a vector of length 0
+    """
+    where = 'planarAngleMSD'
+    q = _orientations(orientations, where)
+    vector = _units.vector(bodyVector, _units.NONE, where, 'bodyVector')
+    if not 0 < np.linalg.norm(vector) < np.inf:
+        raise ValueError(f'{where}: bodyVector: got {vector}; its length must be finite and positive to have a direction: '
+                         'give another vector')
+    blocks = _Blocks(len(q), q.shape[1], frameInterval, lags, numBlocks, independentBodies, where)
+    projected = rotationMatrices(q)[..., :2, :] @ vector
+    angle = blocks.cut(np.unwrap(np.arctan2(projected[..., 1], projected[..., 0]), axis=0))
+    return blocks.average(lambda lag: angle[:, lag:] - angle[:, :blocks.length - lag], lambda values: values)
+
+
+class _Blocks:
+    """A trajectory cut into blocks of equal length in time, and the averages over them."""
+
+    def __init__(self, frames, bodies, frameInterval, lags, numBlocks, independentBodies, where):
+        self.interval = _units.number(frameInterval, _units.TIME, where, 'frameInterval')
+        if not 0 < self.interval < np.inf:
+            raise ValueError(f'{where}: frameInterval: got {self.interval} ps; the time between frames must be finite and positive: '
+                             'give a value above 0')
+        self.number = _units.integer(numBlocks, where, 'numBlocks')
+        self.independent = _units.boolean(independentBodies, where, 'independentBodies')
+        if self.number < 1 or self.number*(bodies if self.independent else 1) < 2:
+            raise ValueError(f'{where}: numBlocks: got {self.number}; errors need at least two blocks: give 2 or more')
+        self.length = frames//self.number
+        self.skipped = frames - self.length*self.number
+        if self.length < 2:
+            raise ValueError(f'{where}: {frames} frames are too few for {self.number} blocks, which need 2 frames each: '
+                             'give a longer trajectory or fewer blocks')
+        if lags is None:
+            lags = np.unique(np.rint(np.geomspace(1, max(1, self.length//4), _DEFAULT_LAGS)).astype(int))
+        self.lags = _units.indices(lags, where, 'lags')
+        for lag in self.lags:
+            if not 0 <= lag < self.length:
+                raise ValueError(f'{where}: lags: got a lag of {lag} frames; it must be from 0 to {self.length - 1}, less than a block: '
+                                 'give smaller lags or fewer blocks')
+
+    def cut(self, values):
+        """Values (frames, ...) as (blocks, frames of a block, ...)."""
+        return values[self.skipped:].reshape((self.number, self.length) + values.shape[1:])
+
+    def average(self, displacements, attach):
+        """The mean square displacement; displacements(lag) gives those of a lag as (blocks, pairs, bodies[, 3])."""
+        rows = []
+        for lag in self.lags:
+            d = displacements(lag)
+            vector = d if d.ndim == 4 else d[..., None]
+            squares = np.einsum('btni,btnj->bnij', vector, vector)/d.shape[1]
+            squares = squares.reshape(-1, *squares.shape[2:]) if self.independent else squares.mean(axis=1)
+            rows.append(squares if d.ndim == 4 else squares[:, 0, 0])
+        lagTimes = _units.TIME.attach(self.interval*self.lags)
+        return _summarise(lagTimes, np.stack(rows, axis=1), attach)
+
+
+def _summarise(lagTimes, blocks, attach):
+    """A MeanSquareDisplacement of these blocks."""
+    mean, error = meanAndError(blocks)
+    return MeanSquareDisplacement(lagTimes, attach(mean), attach(error), attach(blocks))
+
+
+def meanAndError(blocks):
+    """Mean over the first axis and its standard error."""
+    return blocks.mean(axis=0), blocks.std(axis=0, ddof=1)/np.sqrt(len(blocks))
+
+
+def _withoutUnit(values):
+    """The numbers of a Quantity or array, and what gives numbers its unit back."""
+    if not unit.is_quantity(values):
+        return values, lambda numbers: numbers
+    return values._value, lambda numbers: unit.Quantity(numbers, values.unit)
+
+
+def _orientations(orientations, where):
+    q = _units.frames(orientations, _units.NONE, 4, where, 'orientations')
+    norms = np.linalg.norm(q, axis=-1)
+    if np.max(np.abs(norms - 1)) > _NORM_TOLERANCE:
+        frame, body = np.unravel_index(np.argmax(np.abs(norms - 1)), norms.shape)
+        raise ValueError(f'{where}: orientations: frame {frame}, body {body}: a quaternion has length {norms[frame, body]:.8g}; '
+                         'orientations must be unit quaternions (w, x, y, z): normalise them')
+    return q/norms[..., None]
