@@ -20,3 +20,10 @@ def product(p, q):
 def conjugate(q):
     """The inverse rotations."""
     return q*np.array([1, -1, -1, -1])
+
+
+def rotate(q, v):
+    """Vectors v turned by unit quaternions q, without their matrices."""
+    u = q[..., 1:]
+    t = 2*np.cross(u, v)
+    return v + q[..., :1]*t + np.cross(u, t)

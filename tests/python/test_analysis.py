@@ -3,6 +3,7 @@ import re
 
 import numpy as np
 import openmm
+import openmm.app
 import pytest
 from openmm import unit
 
@@ -100,6 +101,29 @@ def test_frames_beyond_whole_blocks_are_left_out_at_the_start():
     assert np.all(numbers(analysis.translationalMSD(R, still(23), 1, (0, 0, 0), numBlocks=4).mean, NM2) == 0)
 
 
+def test_from_a_file_of_body_states(tmp_path):
+    """What RigidBodyReporter wrote goes in as it is read: a body without forces moves along a straight line."""
+    system, integrator = openmm.System(), openmmrigidhi.CustomRigidHIIntegrator(0, 0.002)
+    for _ in range(2):
+        system.addParticle(10)
+    integrator.addRigidBody([0, 1])
+    integrator.setFriction(0)
+    integrator.setRotationalFriction(0)
+    topology = openmm.app.Topology()
+    residue = topology.addResidue('AB', topology.addChain())
+    for name in 'AB':
+        topology.addAtom(name, None, residue)
+    simulation = openmm.app.Simulation(topology, system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    simulation.context.setPositions([(0, 0, 0), (0.1, 0, 0)])
+    simulation.context.setVelocities([(1, 2, 0), (1, 2, 0)])
+    simulation.reporters.append(app.RigidBodyReporter(tmp_path / 'states.h5', 5))
+    simulation.step(100)
+    states = app.readBodyStates(tmp_path / 'states.h5')
+    msd = analysis.translationalMSD(states.positions, states.orientations, states.time[1] - states.time[0], (0, 0, 0), [1, 3], 2)
+    assert np.allclose(numbers(msd.lagTimes, unit.picosecond), [0.01, 0.03])
+    assert np.allclose(numbers(msd.parallel.mean, NM2), 5*np.array([0.01, 0.03])**2, rtol=1e-6)
+
+
 def test_default_lags():
     times = analysis.rotationalMSD(still(10000), 2).lagTimes._value
     assert times[0] == 2 and times[-1] == 500 and 35 <= len(times) <= 50 and np.all(np.diff(times) > 0)
@@ -136,6 +160,16 @@ def test_free_diffusion(freeDiffusion, independent):
     assert trace.value._value == pytest.approx(np.trace(short.value._value))
     # Independent components: errors add in squares.
     assert trace.error._value == pytest.approx(np.sqrt(np.sum(trueError**2)), rel=4/np.sqrt(2*(short.degrees + 1)))
+
+
+def test_errors_of_overlapping_lags(freeDiffusion):
+    """The variance of a one-dimensional mean over K overlapping lags of n steps (Qian, Sheetz, Elson 1991) is exact."""
+    msd = analysis.translationalMSD(freeDiffusion, still(1000, 100), 0.5, (0, 0, 0), lags=[1, 3, 10, 24], numBlocks=20,
+                                    independentBodies=True).component((1, 0, 0))
+    n = np.array([1, 3, 10, 24])
+    K = 50 - n
+    relative = np.sqrt((4*n**2*K + 2*K + n - n**3)/(3*n*K**2)/2000)
+    assert np.allclose(numbers(msd.error, NM2), relative*2*0.01*0.5*n, rtol=0.12)  # squares have heavy tails
 
 
 def test_free_rotation_overshoots_and_saturates():
@@ -272,6 +306,22 @@ def test_planar_angle_mobility(boomerang):
     equation93 = R[2, 2] - alpha*(2*v[0]*v[2]*R[0, 2] + 2*v[1]*v[2]*R[1, 2]) + \
         alpha**2*v[2]**2*(v[0]**2*R[0, 0] + v[1]**2*R[1, 1] + 2*R[0, 1]*v[0]*v[1])
     assert analysis.planarAngleMobility(M, 5*v) == pytest.approx(equation93, rel=1e-12)
+
+
+def test_the_planar_angle_diffuses_with_its_mobility(boomerang):
+    """Many short steps from one tilted orientation."""
+    D = KT*SECONDS*analysis.mobilityInBodyFrame(boomerang, (1, 0, 0, 0))[3:, 3:]  # rad^2/s
+    q = np.empty((2, 40000, 4))
+    q[0] = turns(np.array([0.5, -0.6, 0.4]))
+    steps = np.random.default_rng(7).normal(size=(40000, 3)) @ np.linalg.cholesky(2*D*1e-4).T
+    q[1] = product(q[0], turns(steps))
+    msd = analysis.planarAngleMSD(q, 1e-4, BISECTOR, [1], numBlocks=1, independentBodies=True)
+    found = analysis.shortTimeDiffusion(msd)
+    inLab = analysis.mobilityInBodyFrame(boomerang, q[0, 0]*(-1, 1, 1, 1))  # the inverse turn
+    expected = KT*SECONDS*analysis.planarAngleMobility(inLab, rotationMatrices(q[0, 0]) @ BISECTOR)
+    assert abs(expected/D[2, 2] - 1) > 0.2
+    assert found.value._value == pytest.approx(expected, abs=4*found.error._value)
+    assert found.error._value == pytest.approx(expected*np.sqrt(2/40000), rel=0.05)
 
 
 @pytest.fixture(scope='module')

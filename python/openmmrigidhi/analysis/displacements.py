@@ -5,7 +5,7 @@ import numpy as np
 from openmm import unit
 
 from .. import _units
-from .._quaternions import conjugate, product, rotationMatrices
+from .._quaternions import conjugate, product, rotate
 
 #: Quaternions may be off unit length by the rounding of single precision.
 _NORM_TOLERANCE = 1e-6
@@ -121,14 +121,13 @@ def translationalMSD(positions, orientations, frameInterval, trackingPoint, lags
         raise ValueError(f'{where}: positions: there are {R.shape[0]} frames of {R.shape[1]} bodies, but the orientations are '
                          f'{q.shape[0]} frames of {q.shape[1]}: give both from one trajectory')
     point = _units.vector(trackingPoint, _units.LENGTH, where, 'trackingPoint')
-    A = rotationMatrices(q)
     blocks = _Blocks(len(R), R.shape[1], frameInterval, lags, numBlocks, independentBodies, where)
-    tracked = blocks.cut(R + A @ point)
-    axes = blocks.cut(A) if _units.boolean(bodyFrame, where, 'bodyFrame') else None
+    tracked = blocks.cut(R + rotate(q, point))
+    toBody = blocks.cut(conjugate(q)) if _units.boolean(bodyFrame, where, 'bodyFrame') else None
 
     def displacements(lag):
         d = tracked[:, lag:] - tracked[:, :blocks.length - lag]
-        return d if axes is None else np.einsum('btnji,btnj->btni', axes[:, :blocks.length - lag], d)
+        return d if toBody is None else rotate(toBody[:, :blocks.length - lag], d)
 
     return blocks.average(displacements, lambda values: unit.Quantity(values, unit.nanometer**2))
 
@@ -217,7 +216,7 @@ def planarAngleMSD(orientations, frameInterval, bodyVector, lags=None, numBlocks
         raise ValueError(f'{where}: bodyVector: got {vector}; its length must be finite and positive to have a direction: '
                          'give another vector')
     blocks = _Blocks(len(q), q.shape[1], frameInterval, lags, numBlocks, independentBodies, where)
-    projected = rotationMatrices(q)[..., :2, :] @ vector
+    projected = rotate(q, vector)
     angle = blocks.cut(np.unwrap(np.arctan2(projected[..., 1], projected[..., 0]), axis=0))
     return blocks.average(lambda lag: angle[:, lag:] - angle[:, :blocks.length - lag], lambda values: values)
 
