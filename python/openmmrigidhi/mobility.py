@@ -45,7 +45,7 @@ class MobilityForce(_copies.Copies, _Base):
     A body with one hydrodynamic particle is a sphere, which takes force and torque. A body with several is a rigid
     multiblob: its blobs carry forces only, and make its mobility N = (K^T M^-1 K)^-1, with the mobility M of the blobs and
     the velocities K of the blobs from those of the body. Where all blobs of a body lie on a line, the fluid does not drive
-    its rotation about that line. A particle in no body with a radius takes a force only.
+    its rotation about that line, and a torque about it beyond rounding is an error. A particle in no body with a radius takes a force only.
 
     **Models** (:meth:`setModel`), least accurate first:
 

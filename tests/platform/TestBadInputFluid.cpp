@@ -397,3 +397,31 @@ TEST(BadFluid, StepsThatAreNotFiniteLeaveTheLastGoodState) {
     scene.context->setParameter("strength", 1);
     scene.integrator.step(1);
 }
+
+TEST(BadFluid, TorquesAboutTheLineOfARod) {
+    // Neither the fluid nor inertia resists a turn about the line: the marker off the line, which the fluid does not see, is pulled.
+    Pair rod;
+    BodyKind marked = rodKind();
+    marked.sites.push_back(Vec3(0.3, 0, 0.2));
+    marked.radii.push_back(0);
+    rod.add(marked, Vec3(0, 5, 0));
+    const int body = 2;
+    auto* pull = new CustomExternalForce("-pull*y");
+    pull->addGlobalParameter("pull", 0);
+    pull->addParticle(rod.particles[body].back(), {});
+    rod.system.addForce(pull);
+    rod.start(testPlatform());
+    rod.integrator.step(2);
+    const vector<Vec3> before = positionsOf(*rod.context);
+    rod.context->setParameter("pull", 1);
+    expectError([&] { rod.integrator.step(1); },
+                {"body " + to_string(body) + ": a torque of", "about the line of its hydrodynamic particles"});
+    EXPECT_TRUE(sameBits(before, positionsOf(*rod.context)));
+    vector<double> wrenches(6 * (body + 1), 0.0);
+    wrenches[6 * body + 5] = 1;  // the rod lies along z
+    expectError([&] { rod.fluid->applyMobilityInContext(*rod.context, wrenches); },
+                {"body " + to_string(body) + ": a torque of 1 kJ/mol", "off the line"});
+    wrenches[6 * body + 5] = 0;
+    wrenches[6 * body + 3] = 1;
+    EXPECT_GT(rod.fluid->applyMobilityInContext(*rod.context, wrenches)[6 * body + 3], 0);
+}

@@ -20,7 +20,7 @@ class IntegrateRigidBodiesKernel;
  * Every particle of the System is given a hydrodynamic radius, in order, by addParticle(); 0: the fluid does not see it. A
  * body with one hydrodynamic particle is a sphere, which takes force and torque; a body with several is a rigid multiblob,
  * whose blobs carry forces only and together make the body's mobility N = (K^T M^-1 K)^-1. Where all blobs of a body lie on
- * a line, the fluid does not drive its rotation about that line. A particle in no body with a radius takes a force only.
+ * a line, the fluid does not drive its rotation about that line, and a torque about it beyond rounding is an error. A particle in no body with a radius takes a force only.
  *
  * Units are OpenMM's. Every error is an OpenMMException that names the object, the value, the bound and the remedy.
  */

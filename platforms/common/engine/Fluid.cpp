@@ -37,6 +37,9 @@ const int largestDenseRows = 180;
 /** Likewise for the particles of multiblobs, whose matrix is factorised. */
 const int largestDenseParticleRows = 1500;
 
+/** Forces on sites of a line give a torque about it of about 1e-16 of force times size. */
+const double torqueTolerance = 1e-9;
+
 /** Groups are spread over threads where they cost more than waking these, about 1e-4 s (benchmarks/README.md). */
 const double worthThreads = 1e6, operationsOfConstantTensor = 1000;
 
@@ -151,6 +154,7 @@ Fluid::Fluid(const MobilityForce& forceToUse, const OpenMM::System& system,
             } else {
                 for (int k = 0; k < 3; k++) live += bodies.inertia(element.body).isLive(k);
                 const bool hasNull = group.mobility->hasNullVector(group.numLive.size());
+                group.hasNullVectors = group.hasNullVectors || hasNull;
                 group.deadAxesAreNull = group.deadAxesAreNull && live == (hasNull ? 2 : 3);
                 groupOfBody[element.body] = groups.size() - 1;
             }
@@ -211,6 +215,41 @@ void Fluid::checkInertia(const BodySet& bodies) const {
                 fail("body " + to_string(elements[e].body) +
                      ": its hydrodynamic particles lie on a line, about which the fluid does not hold it, but it has "
                      "inertia about that line; give it a zero moment about the line, or more particles off the line");
+        }
+    }
+}
+
+/** The power of a wrench on the twist about the line, relative to what rounding of forces at the sites leaves. */
+void Fluid::checkTorque(const Group& group, int e, const VectorXd& wrench_body) const {
+    if (!group.mobility->hasNullVector(e)) return;
+    const FluidElement& element = group.mobility->getElements()[e];
+    const double power = group.mobility->getNullVector_body(e).dot(wrench_body);
+    double size = 0;
+    for (const Vector3d& site : element.sites) size = max(size, site.norm());
+    const double scale = wrench_body.tail<3>().norm() + size * wrench_body.head<3>().norm();
+    if (abs(power) <= torqueTolerance * scale) return;
+    ostringstream text;
+    text << "body " << element.body << ": a torque of " << power
+         << " kJ/mol acts about the line of its hydrodynamic particles, where neither the fluid nor inertia resists; "
+            "it must be "
+            "0 within 1e-9 of force times size and torque: remove it, or give the body hydrodynamic particles off the "
+            "line";
+    fail(text.str());
+}
+
+void Fluid::checkTorques(const BodySet& bodies) const {
+    VectorXd wrench(6);
+    for (const auto& group : groups) {
+        if (!group->hasNullVectors) continue;
+        const auto& elements = group->mobility->getElements();
+        for (size_t e = 0; e < elements.size(); e++) {
+            if (!group->mobility->hasNullVector(e)) continue;
+            const int s = bodies.slot(elements[e].body);
+            const Pose pose = poseOf(bodies, elements[e].body);
+            wrench.head<3>() =
+                pose.A.transpose() * Vector3d(bodies.force_lab[0][s], bodies.force_lab[1][s], bodies.force_lab[2][s]);
+            wrench.tail<3>() = Vector3d(bodies.torque_body[0][s], bodies.torque_body[1][s], bodies.torque_body[2][s]);
+            checkTorque(*group, e, wrench);
         }
     }
 }
@@ -496,8 +535,11 @@ VectorXd Fluid::apply(const VectorXd& wrenches, const BodySet& bodies, const vec
         const auto& elements = group->mobility->getElements();
         f.setZero(group->mobility->getNumRows(), 1);
         for (size_t e = 0; e < elements.size(); e++)
-            if (!elements[e].isFree())
-                f.middleRows<6>(group->mobility->firstRow(e)) = wrenches.segment<6>(6 * elements[e].body);
+            if (!elements[e].isFree()) {
+                const Eigen::Matrix<double, 6, 1> wrench = wrenches.segment<6>(6 * elements[e].body);
+                f.middleRows<6>(group->mobility->firstRow(e)) = wrench;
+                if (group->hasNullVectors) checkTorque(*group, e, twoRotations(group->poses[e].A).transpose() * wrench);
+            }
         if (group->solvesMatrixFree)
             group->mobility->applyMatrixFree(f, force.getSolverTolerance(), u);
         else

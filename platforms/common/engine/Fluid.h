@@ -41,6 +41,11 @@ public:
     bool couplesBodies() const { return !coupledGroups.empty(); }
     /** What LangevinHI needs of it: zero inertia about the line of collinear blobs, and so on. @throws OpenMMException */
     void checkInertia(const BodySet& bodies) const;
+    /**
+     * Forces as last gathered must not turn bodies about the line of their collinear blobs, where neither fluid nor inertia resists.
+     * @throws OpenMMException naming the body, beyond rounding
+     */
+    void checkTorques(const BodySet& bodies) const;
     /** The factors of one step for what no matrix couples: all zeros and ones for what one does. */
     Thermostat bodyThermostat(int body, const BodyInertia& inertia, double kT, double h) const;
     /** Likewise of a free particle; false if the fluid does not see it. */
@@ -86,6 +91,7 @@ private:
         int numZ = 0;
         // Whether bodies lack just those moments about whose axes the fluid does not hold them.
         bool deadAxesAreNull = true;
+        bool hasNullVectors = false;
         std::vector<Pose> poses;
         Eigen::VectorXd Z, chi;
         Eigen::MatrixXd half, S;
@@ -97,6 +103,7 @@ private:
         long long randomNumbers = 0, iterations = 0;  // of the last step
     };
     void chooseSolver(Group& group) const;
+    void checkTorque(const Group& group, int element, const Eigen::VectorXd& wrench_body) const;
     void setPoses(Group& group, const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
     void scaleToZ(Group& group, const BodySet& bodies, const FreeParticles& freeParticles, bool inverse);
     void relaxMatrixFree(Group& group, double h, double kT, const BodySet& bodies, const FreeParticles& freeParticles);
