@@ -141,8 +141,8 @@ Fluid::Fluid(const MobilityForce& forceToUse, const OpenMM::System& system,
         Group& group = *groups.back();
         group.mobility.reset(new BodyMobility(
             entry.second,
-            [&](const HydrodynamicParticles& particles) {
-                return loops.createMobility(force, particles, !severalGroups);
+            [this, severalGroups](const HydrodynamicParticles& particles) {
+                return this->loops.createMobility(this->force, particles, !severalGroups);
             },
             force.getBoundary() == MobilityForce::Unbounded));
         for (const FluidElement& element : group.mobility->getElements()) {
@@ -516,6 +516,7 @@ MatrixXd Fluid::friction(const BodySet& bodies, const vector<OpenMM::Vec3>& posi
         for (size_t e = 0; e < elements.size(); e++)
             for (int i = 0; i < elements[e].numRows(); i++)
                 (elements[e].isFree() ? freeRows : bodyRows).push_back(group->mobility->firstRow(e) + i);
+        if (bodyRows.empty()) continue;
         MatrixXd xi = group->mobility->friction();
         const MatrixXd coupling = xi(freeRows, bodyRows);
         const MatrixXd schur =
