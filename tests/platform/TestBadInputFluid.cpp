@@ -398,6 +398,27 @@ TEST(BadFluid, StepsThatAreNotFiniteLeaveTheLastGoodState) {
     scene.integrator.step(1);
 }
 
+TEST(BadFluid, ForcesAlongARodThatCancelAreNoTorque) {
+    // Their wrench is nothing but rounding, in any direction: it must not be taken for a torque about the line.
+    for (int seed = 0; seed < 20; seed++) {
+        Pair rod;
+        mt19937 generator(seed);
+        const QuaternionArray q = randomQuaternion(generator);
+        const Vec3 line = rotate(q, Vec3(0, 0, 1)) * 137.0;
+        rod.add(rodKind(), Vec3(0.3, 5, 0.7), q);
+        auto* stretch = new CustomExternalForce("-side*(fx*x+fy*y+fz*z)");
+        stretch->addPerParticleParameter("side");
+        stretch->addGlobalParameter("fx", line[0]);
+        stretch->addGlobalParameter("fy", line[1]);
+        stretch->addGlobalParameter("fz", line[2]);
+        stretch->addParticle(rod.particles[2].front(), {-1.0});
+        stretch->addParticle(rod.particles[2].back(), {1.0});
+        rod.system.addForce(stretch);
+        rod.start(testPlatform());
+        rod.integrator.step(20);
+    }
+}
+
 TEST(BadFluid, TorquesAboutTheLineOfARod) {
     // Neither the fluid nor inertia resists a turn about the line: the marker off the line, which the fluid does not see, is pulled.
     Pair rod;

@@ -62,17 +62,16 @@ bool isThermostatTensor(const MatrixXd& friction) {
 }  // namespace
 
 Fluid::Fluid(const MobilityForce& forceToUse, const OpenMM::System& system,
-             const vector<vector<int> >& particlesOfBodies, const vector<BodyGeometry>& geometries,
+             const vector<vector<int> >& particlesOfBodiesToUse, const vector<BodyGeometry>& geometries,
              const BodySet& bodies, const FreeParticles& freeParticles, PlatformLoops& loops)
-    : force(forceToUse), loops(loops) {
+    : force(forceToUse), particlesOfBodies(particlesOfBodiesToUse), loops(loops) {
     const int numBodies = particlesOfBodies.size();
     const bool freeDraining = force.getModel() == MobilityForce::FreeDraining;
     if (force.getNumParticles() != system.getNumParticles())
         fail("it has " + to_string(force.getNumParticles()) + " radii, but the System has " +
              to_string(system.getNumParticles()) +
              " particles; call addParticle() once for each particle of the System, with radius 0 where the fluid does "
-             "not "
-             "see it");
+             "not see it");
     const vector<int>& labels = force.getGroups();
     if (!labels.empty() && (int)labels.size() != numBodies)
         fail("setGroups() was given " + to_string(labels.size()) + " groups, but the integrator has " +
@@ -220,24 +219,25 @@ void Fluid::checkInertia(const BodySet& bodies) const {
 }
 
 /** The power of a wrench on the twist about the line, relative to what rounding of forces at the sites leaves. */
-void Fluid::checkTorque(const Group& group, int e, const VectorXd& wrench_body) const {
+void Fluid::checkTorque(const Group& group, int e, const VectorXd& wrench_body, double siteForces) const {
     if (!group.mobility->hasNullVector(e)) return;
     const FluidElement& element = group.mobility->getElements()[e];
     const double power = group.mobility->getNullVector_body(e).dot(wrench_body);
     double size = 0;
     for (const Vector3d& site : element.sites) size = max(size, site.norm());
-    const double scale = wrench_body.tail<3>().norm() + size * wrench_body.head<3>().norm();
+    // Site forces may cancel in the wrench, but not in its rounding.
+    const double scale = wrench_body.tail<3>().norm() + size * (wrench_body.head<3>().norm() + siteForces);
     if (abs(power) <= torqueTolerance * scale) return;
     ostringstream text;
     text << "body " << element.body << ": a torque of " << power
          << " kJ/mol acts about the line of its hydrodynamic particles, where neither the fluid nor inertia resists; "
-            "it must be "
-            "0 within 1e-9 of force times size and torque: remove it, or give the body hydrodynamic particles off the "
+            "it must be 0 "
+            "within 1e-9 of force times size and torque: remove it, or give the body hydrodynamic particles off the "
             "line";
     fail(text.str());
 }
 
-void Fluid::checkTorques(const BodySet& bodies) const {
+void Fluid::checkTorques(const BodySet& bodies, const vector<OpenMM::Vec3>& forces) const {
     VectorXd wrench(6);
     for (const auto& group : groups) {
         if (!group->hasNullVectors) continue;
@@ -249,7 +249,9 @@ void Fluid::checkTorques(const BodySet& bodies) const {
             wrench.head<3>() =
                 pose.A.transpose() * Vector3d(bodies.force_lab[0][s], bodies.force_lab[1][s], bodies.force_lab[2][s]);
             wrench.tail<3>() = Vector3d(bodies.torque_body[0][s], bodies.torque_body[1][s], bodies.torque_body[2][s]);
-            checkTorque(*group, e, wrench);
+            double siteForces = 0;
+            for (int p : particlesOfBodies[elements[e].body]) siteForces += sqrt(forces[p].dot(forces[p]));
+            checkTorque(*group, e, wrench, siteForces);
         }
     }
 }
@@ -539,7 +541,8 @@ VectorXd Fluid::apply(const VectorXd& wrenches, const BodySet& bodies, const vec
             if (!elements[e].isFree()) {
                 const Eigen::Matrix<double, 6, 1> wrench = wrenches.segment<6>(6 * elements[e].body);
                 f.middleRows<6>(group->mobility->firstRow(e)) = wrench;
-                if (group->hasNullVectors) checkTorque(*group, e, twoRotations(group->poses[e].A).transpose() * wrench);
+                if (group->hasNullVectors)
+                    checkTorque(*group, e, twoRotations(group->poses[e].A).transpose() * wrench, 0);
             }
         if (group->solvesMatrixFree)
             group->mobility->applyMatrixFree(f, force.getSolverTolerance(), u);

@@ -43,9 +43,10 @@ public:
     void checkInertia(const BodySet& bodies) const;
     /**
      * Forces as last gathered must not turn bodies about the line of their collinear blobs, where neither fluid nor inertia resists.
+     * @param forces  on all particles, whose size says what rounding is
      * @throws OpenMMException naming the body, beyond rounding
      */
-    void checkTorques(const BodySet& bodies) const;
+    void checkTorques(const BodySet& bodies, const std::vector<OpenMM::Vec3>& forces) const;
     /** The factors of one step for what no matrix couples: all zeros and ones for what one does. */
     Thermostat bodyThermostat(int body, const BodyInertia& inertia, double kT, double h) const;
     /** Likewise of a free particle; false if the fluid does not see it. */
@@ -103,7 +104,7 @@ private:
         long long randomNumbers = 0, iterations = 0;  // of the last step
     };
     void chooseSolver(Group& group) const;
-    void checkTorque(const Group& group, int element, const Eigen::VectorXd& wrench_body) const;
+    void checkTorque(const Group& group, int element, const Eigen::VectorXd& wrench_body, double siteForces) const;
     void setPoses(Group& group, const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
     void scaleToZ(Group& group, const BodySet& bodies, const FreeParticles& freeParticles, bool inverse);
     void relaxMatrixFree(Group& group, double h, double kT, const BodySet& bodies, const FreeParticles& freeParticles);
@@ -115,7 +116,8 @@ private:
     long long productsBefore = 0, matricesBefore = 0;  // of the fluids before this one in the Context
     std::vector<std::unique_ptr<Group> > groups;
     std::vector<Group*> coupledGroups;
-    double operationsPerStep = 0;               // of these, roughly
+    double operationsPerStep = 0;  // of these, roughly
+    std::vector<std::vector<int> > particlesOfBodies;
     std::vector<int> groupOfBody, groupOfFree;  // free: by place in FreeParticles, -1: not seen
     PlatformLoops& loops;
 };

@@ -590,7 +590,7 @@ string RigidBodyKernel::attemptStep(ContextImpl& context) {
     result = runLoop(BodyLoop::AfterForces);
     result.add(freeParticles->afterForces(settings, *loops, positions(), velocities(), tolerance));
     if (!result.finite) reportNonFinite("force");
-    if (settings.fluidCouplesBodies) fluid->checkTorques(bodies);
+    if (settings.fluidCouplesBodies) fluid->checkTorques(bodies, *data.forces);
     counters.randomNumbers += result.randomNumbers;
     // The next step's friction is taken half a step ahead, which no noise of that step can change.
     return mayObject ? objectionHalfAStepAhead(tolerance) : string();
