@@ -19,7 +19,7 @@ FreeParticles::FreeParticles(const System& system, const vector<int>& particles)
     for (int p : particles) {
         isFree[p] = true;
         masses.push_back(system.getParticleMass(p));
-        inverseMasses[p] = 1 / masses.back();
+        inverseMasses[p] = masses.back() > 0 ? 1 / masses.back() : 0;
     }
     // The Context's own constraints would also hold every rigid body's, so give OpenMM's algorithms a System of ours.
     constraintSystem.reset(new System());
@@ -184,6 +184,7 @@ void schemeBeforeForces(const StepSettings& settings, Flow& flow) {
         case CustomRigidHIIntegrator::LangevinHI: return scalar::LangevinHI::beforeForces(flow, settings.h);
         case CustomRigidHIIntegrator::GradientThermostat:
             return scalar::GradientThermostat::beforeForces(flow, settings.h);
+        default: break;
     }
 }
 
@@ -196,6 +197,7 @@ void schemeAfterForces(const StepSettings& settings, Flow& flow) {
         case CustomRigidHIIntegrator::LangevinHI: return scalar::LangevinHI::afterForces(flow, settings.h);
         case CustomRigidHIIntegrator::GradientThermostat:
             return scalar::GradientThermostat::afterForces(flow, settings.h);
+        default: break;
     }
 }
 

@@ -53,14 +53,19 @@ Matrix6d twoRotations(const Matrix3d& A) {
     return both;
 }
 
-MatrixXd rigidMotion(const FluidElement& element, const Matrix3d& A) {
-    const int rowsOfParticle = element.isSphere() ? 6 : 3;
-    MatrixXd K = MatrixXd::Zero(rowsOfParticle * element.sites.size(), element.numRows());
-    for (size_t i = 0; i < element.sites.size(); i++) {
-        K.block<3, 3>(rowsOfParticle * i, 0).setIdentity();
-        if (!element.isFree()) K.block<3, 3>(rowsOfParticle * i, 3) = -crossMatrix(A * element.sites[i]);
-        if (element.isSphere()) K.block<3, 3>(3, 3).setIdentity();
+/** K of one element at a place in a larger matrix of zeros. */
+static void placeRigidMotion(const FluidElement& element, const Matrix3d& A, MatrixXd& K, int row, int column) {
+    for (const Vector3d& site : element.sites) {
+        K.block<3, 3>(row, column).setIdentity();
+        if (!element.isFree()) K.block<3, 3>(row, column + 3) = -crossMatrix(A * site);
+        if (element.isSphere()) K.block<3, 3>(row + 3, column + 3).setIdentity();
+        row += 3;
     }
+}
+
+MatrixXd rigidMotion(const FluidElement& element, const Matrix3d& A) {
+    MatrixXd K = MatrixXd::Zero((element.isSphere() ? 6 : 3) * element.sites.size(), element.numRows());
+    placeRigidMotion(element, A, K, 0, 0);
     return K;
 }
 
@@ -76,7 +81,7 @@ MatrixXd pseudoInverse(const MatrixXd& friction, const VectorXd& nullVector) {
 BodyMobility::BodyMobility(const vector<FluidElement>& elements, const OperatorFactory& makeOperatorToUse,
                            bool isConstant)
     : elements(elements), constant(isConstant && elements.size() == 1 && !elements[0].isFree()),
-      makeOperator(makeOperatorToUse) {
+      aloneInUniformFluid(isConstant && elements.size() == 1), makeOperator(makeOperatorToUse) {
     nullVectors.resize(elements.size());
     B_body.resize(elements.size());
     inverseB_body.resize(elements.size());
@@ -129,12 +134,15 @@ bool BodyMobility::prefersFriction() const {
     return !identityK || (particleOperator && particleOperator->isMadeFromFriction());
 }
 
-void BodyMobility::setPoses(const vector<Pose>& newPoses) {
+void BodyMobility::setPoses(const vector<Pose>& newPoses, bool nearby) {
     poses = newPoses;
     mobilityIsKnown = frictionIsKnown = false;
     if (constant) return;
     placeParticles(poses, positions);
-    particleOperator->setPositions(positions);
+    if (nearby)
+        particleOperator->setPositionsNearby(positions);
+    else
+        particleOperator->setPositions(positions);
 }
 
 void BodyMobility::placeParticles(const vector<Pose>& at, vector<OpenMM::Vec3>& places) const {
@@ -164,11 +172,11 @@ void BodyMobility::congruence(MatrixXd& matrix, const vector<MatrixXd>& factors_
     }
 }
 
-void BodyMobility::multiplyByFactors(MatrixXd& vectors, bool transposed) const {
+void BodyMobility::multiplyByFactors(MatrixXd& vectors, const vector<MatrixXd>& factors_body, bool transposed) const {
     for (size_t e = 0; e < elements.size(); e++) {
-        if (B_body[e].size() == 0) continue;
+        if (factors_body[e].size() == 0) continue;
         const Matrix6d turn = twoRotations(poses[e].A);
-        Matrix6d factor = turn * B_body[e] * turn.transpose();
+        Matrix6d factor = turn * factors_body[e] * turn.transpose();
         if (transposed) factor.transposeInPlace();
         vectors.middleRows<6>(rows[e]) = (factor * vectors.middleRows<6>(rows[e])).eval();
     }
@@ -180,11 +188,7 @@ void BodyMobility::computeFriction() {
         particleOperator->friction(xi);
         return;
     }
-    K.setZero(particles.numRows, numRows);
-    for (size_t e = 0; e < elements.size(); e++) {
-        const MatrixXd own = rigidMotion(elements[e], poses[e].A);
-        K.block(particles.firstRow[firstParticle[e]], rows[e], own.rows(), own.cols()) = own;
-    }
+    fillK(poses, K);
     if (particleOperator->isMadeFromFriction()) {
         particleOperator->friction(M);
         xi.noalias() = K.transpose() * M * K;
@@ -251,6 +255,29 @@ const MatrixXd& BodyMobility::mobility() {
     return N;
 }
 
+MultiblobSolver& BodyMobility::getMultiblobSolver() {
+    if (!multiblobSolver)
+        multiblobSolver.reset(new MultiblobSolver(elements, rows, firstParticle, particles, nullVectors, makeOperator));
+    multiblobSolver->setPoses(poses);
+    return *multiblobSolver;
+}
+
+/** K of all elements; without allocation if it has its size already. */
+void BodyMobility::fillK(const vector<Pose>& at, MatrixXd& matrix) const {
+    matrix.setZero(particles.numRows, numRows);
+    for (size_t e = 0; e < elements.size(); e++)
+        placeRigidMotion(elements[e], at[e].A, matrix, particles.firstRow[firstParticle[e]], rows[e]);
+}
+
+double BodyMobility::length(int e) const {
+    const FluidElement& element = elements[e];
+    double longest = 0;
+    for (size_t i = 0; i < element.sites.size(); i++)
+        for (size_t k = 0; k <= i; k++)
+            longest = max(longest, (element.sites[i] - element.sites[k]).norm() + element.radii[i] + element.radii[k]);
+    return longest > 0 ? longest : 1;
+}
+
 void BodyMobility::apply(const MatrixXd& wrenches, MatrixXd& twists) {
     const double tightTolerance = 1e-12;
     const bool spheres = identityK && canApplyMatrixFree();
@@ -264,22 +291,18 @@ void BodyMobility::applyMatrixFree(const MatrixXd& wrenches, double tolerance, M
     const MatrixXd* forces = &wrenches;
     if (hasOwnTensors) {
         scratch = wrenches;
-        multiplyByFactors(scratch, true);
+        multiplyByFactors(scratch, B_body, true);
         forces = &scratch;
     }
     if (identityK) {
         particleOperator->apply(*forces, twists);
         numProducts += wrenches.cols();
     } else {
-        if (!multiblobSolver)
-            multiblobSolver.reset(
-                new MultiblobSolver(elements, rows, firstParticle, particles, nullVectors, makeOperator));
-        multiblobSolver->setPoses(poses);
-        const int iterations = multiblobSolver->apply(*particleOperator, *forces, tolerance, twists);
+        const int iterations = getMultiblobSolver().apply(*particleOperator, *forces, tolerance, twists);
         numSolverIterations += iterations;
         numProducts += (iterations + 1) * wrenches.cols();
     }
-    if (hasOwnTensors) multiplyByFactors(twists, false);
+    if (hasOwnTensors) multiplyByFactors(twists, B_body, false);
 }
 
 }  // namespace RigidHIPlugin

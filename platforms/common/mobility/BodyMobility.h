@@ -62,11 +62,16 @@ public:
     bool hasNullVector(int element) const { return nullVectors[element].size() > 0; }
     const Eigen::VectorXd& getNullVector_body(int element) const { return nullVectors[element]; }
 
-    /** One pose an element; a free particle's A is not used. @throws what the operator's setPositions() throws */
-    void setPoses(const std::vector<Pose>& poses);
+    /**
+     * One pose an element; a free particle's A is not used. @throws what the operator's setPositions() throws
+     *
+     * @param nearby  these are a small displacement from accepted ones: setPositionsNearby() of the operator
+     */
+    void setPoses(const std::vector<Pose>& poses, bool nearby = false);
     /** MobilityOperator::objection() and mayObject() for bodies. */
     std::string objection(const std::vector<Pose>& poses) const;
     bool mayObject() const { return particleOperator && particleOperator->mayObject(); }
+    bool reachesBeyond() const { return particleOperator && particleOperator->reachesBeyond(); }
     /** N at the poses set last, computed when first asked for. */
     const Eigen::MatrixXd& mobility();
     /** Its (pseudo-)inverse, likewise. */
@@ -81,19 +86,29 @@ public:
     /** Whether applyMatrixFree() is possible: the model has products. */
     bool canApplyMatrixFree() const { return particleOperator && particleOperator->hasProducts(); }
 
+    /** Whether there is one element only in a fluid that is the same everywhere. */
+    bool isAloneInUniformFluid() const { return aloneInUniformFluid; }
+    /** The solver behind applyMatrixFree() at the poses set last. */
+    MultiblobSolver& getMultiblobSolver();
+    /** Longest distance between points of the element's particles, nm: what finite differences scale translations with. */
+    double length(int element) const;
+
     /** Matrices made (dense mobility or friction), products with M, for getStepStatistics(). */
     long long numMatrices = 0, numProducts = 0, numSolverIterations = 0;
 
 private:
+    friend class MobilityProblem;
+    void fillK(const std::vector<Pose>& poses, Eigen::MatrixXd& K) const;
     void placeParticles(const std::vector<Pose>& poses, std::vector<OpenMM::Vec3>& positions) const;
     void computeFriction();
     void congruence(Eigen::MatrixXd& matrix, const std::vector<Eigen::MatrixXd>& factors_body, bool transposed) const;
-    void multiplyByFactors(Eigen::MatrixXd& vectors, bool transposed) const;
+    void multiplyByFactors(Eigen::MatrixXd& vectors, const std::vector<Eigen::MatrixXd>& factors_body,
+                           bool transposed) const;
 
     std::vector<FluidElement> elements;
     std::vector<int> rows;
     int numRows = 0;
-    bool constant = false, identityK = true, hasOwnTensors = false;
+    bool constant = false, identityK = true, hasOwnTensors = false, aloneInUniformFluid = false;
     std::vector<Eigen::VectorXd> nullVectors;            // of elements, in the body frame; mostly empty
     std::vector<Eigen::MatrixXd> B_body, inverseB_body;  // of elements with own tensors
     std::unique_ptr<MobilityOperator> particleOperator;
