@@ -69,12 +69,28 @@ MatrixXd rigidMotion(const FluidElement& element, const Matrix3d& A) {
     return K;
 }
 
-MatrixXd pseudoInverse(const MatrixXd& friction, const VectorXd& nullVector) {
+void removeTurnAboutLine(const Matrix<double, 6, 1>& n, Ref<MatrixXd> twists) {
+    const Vector3d line = n.tail<3>();
+    for (int c = 0; c < twists.cols(); c++)
+        twists.col(c) -= line.dot(twists.col(c).tail<3>()) / line.squaredNorm() * n;
+}
+
+void removeTorqueAboutLine(const Matrix<double, 6, 1>& n, Ref<MatrixXd> wrenches) {
+    const Vector3d line = n.tail<3>();
+    for (int c = 0; c < wrenches.cols(); c++)
+        wrenches.col(c).tail<3>() -= n.dot(wrenches.col(c)) / line.squaredNorm() * line;
+}
+
+MatrixXd generalisedInverse(const MatrixXd& friction, const VectorXd& nullVector) {
     MatrixXd lifted = friction;
     const double lift = friction.trace() / friction.rows();
     if (nullVector.size() > 0) lifted += lift * nullVector * nullVector.transpose();
     MatrixXd inverse = lifted.llt().solve(MatrixXd::Identity(friction.rows(), friction.cols()));
-    if (nullVector.size() > 0) inverse -= nullVector * nullVector.transpose() / lift;
+    if (nullVector.size() > 0) {
+        removeTurnAboutLine(nullVector, inverse);
+        inverse.transposeInPlace();
+        removeTurnAboutLine(nullVector, inverse);
+    }
     return 0.5 * (inverse + inverse.transpose());
 }
 
@@ -230,8 +246,7 @@ const MatrixXd& BodyMobility::mobility() {
         particleOperator->dense(N);
         if (hasOwnTensors) congruence(N, B_body, false);
     } else {
-        // Null vectors are given the friction `lift`, which is taken away again after the inversion: (xi + s n n^T)^-1 =
-        // xi^+ + n n^T / s for a unit null vector n.
+        // Null vectors n are given the friction `lift`, which Q takes away again after the inversion: Q n = 0.
         scratch = friction();
         const double lift = scratch.trace() / numRows;
         vector<VectorXd> nulls(elements.size());
@@ -248,7 +263,13 @@ const MatrixXd& BodyMobility::mobility() {
                 "one place");
         N = factor.solve(MatrixXd::Identity(numRows, numRows));
         for (size_t e = 0; e < elements.size(); e++)
-            if (hasNullVector(e)) N.block<6, 6>(rows[e], rows[e]) -= nulls[e] * nulls[e].transpose() / lift;
+            if (hasNullVector(e)) {
+                removeTurnAboutLine(nulls[e], N.middleRows<6>(rows[e]));
+                MatrixXd own = N.block<6, 6>(rows[e], rows[e]).transpose();
+                removeTurnAboutLine(nulls[e], own);
+                N.middleCols<6>(rows[e]) = N.middleRows<6>(rows[e]).transpose().eval();
+                N.block<6, 6>(rows[e], rows[e]) = own;
+            }
         N = (0.5 * (N + N.transpose())).eval();
     }
     mobilityIsKnown = true;

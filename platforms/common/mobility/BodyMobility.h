@@ -37,8 +37,9 @@ struct Pose {
  * carries").
  *
  * Rows: six a body (V, W about its origin; lab frame), then three a free particle, in the order of the elements.
- * Where all blobs of a body are on a line, its friction has a null vector, rotation about the line, and its mobility is the
- * pseudo-inverse. Own tensors enter by congruence: N = B N_model B^T, B = N_own^(1/2) N_alone^(-1/2).
+ * Where all blobs of a body are on a line, its friction has a null vector n, rotation about the line, and its mobility is the symmetric
+ * generalised inverse (xi N xi = xi, N xi N = N) whose twists do not turn the body about the line, W.line = 0. For an origin on the
+ * line that is the pseudo-inverse; elsewhere the latter would depend on the origin and on units, and this does not. Own tensors enter by congruence: N = B N_model B^T, B = N_own^(1/2) N_alone^(-1/2).
  */
 class BodyMobility {
 public:
@@ -125,8 +126,17 @@ private:
 
 /** K of one element: velocities of its hydrodynamic particles (and angular velocity of a sphere) from V and W. */
 Eigen::MatrixXd rigidMotion(const FluidElement& element, const Eigen::Matrix3d& A);
-/** The inverse of a friction matrix with at most one null vector (of unit length; or empty), pseudo-inverse then. */
-Eigen::MatrixXd pseudoInverse(const Eigen::MatrixXd& friction, const Eigen::VectorXd& nullVector);
+/**
+ * The inverse of a body's friction matrix, 6 x 6, with at most one null vector (of unit length; or empty): then the generalised
+ * inverse that BodyMobility describes.
+ */
+Eigen::MatrixXd generalisedInverse(const Eigen::MatrixXd& friction, const Eigen::VectorXd& nullVector);
+/**
+ * Q twists, in place: the multiple of the null twist n = (V, line) subtracted that makes them not turn about the line; and Q^T wrenches: the
+ * torque about the line subtracted that makes them do no work on n. Columns are cases of their own.
+ */
+void removeTurnAboutLine(const Eigen::Matrix<double, 6, 1>& nullVector, Eigen::Ref<Eigen::MatrixXd> twists);
+void removeTorqueAboutLine(const Eigen::Matrix<double, 6, 1>& nullVector, Eigen::Ref<Eigen::MatrixXd> wrenches);
 /** The 6 x 6 matrix diag(A, A) of a rotation. */
 Eigen::Matrix<double, 6, 6> twoRotations(const Eigen::Matrix3d& A);
 

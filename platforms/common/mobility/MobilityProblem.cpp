@@ -22,7 +22,7 @@ MobilityProblem::MobilityProblem(BodyMobility& bodies, bool matrixFree, double t
         hasNull = hasNull || bodies.hasNullVector(e);
         if (bodySlips || bodies.identityK) continue;
         const MatrixXd K = rigidMotion(elements[e], Matrix3d::Identity());
-        nearest_body[e] = pseudoInverse(K.transpose() * K, bodies.nullVectors[e]) * K.transpose();
+        nearest_body[e] = generalisedInverse(K.transpose() * K, bodies.nullVectors[e]) * K.transpose();
     }
     if (bodies.constant) {
         bodies.setPoses({Pose()});
@@ -80,14 +80,12 @@ void MobilityProblem::factorise() {
     factoriseFriction();
 }
 
-void MobilityProblem::removeNullTwists(MatrixXd& vectors) const {
+/** Call action(n, rows) for each body with a null twist n, with its rows of these vectors. */
+template <class Action>
+void MobilityProblem::forNullTwists(MatrixXd& vectors, Action action) const {
     if (!hasNull) return;
     for (size_t e = 0; e < bodies.elements.size(); e++)
-        if (bodies.hasNullVector(e)) {
-            const Vector6d n = nullVector(e);
-            auto own = vectors.middleRows<6>(bodies.rows[e]);
-            own -= (n * (n.transpose() * own)).eval();
-        }
+        if (bodies.hasNullVector(e)) action(nullVector(e), vectors.middleRows<6>(bodies.rows[e]));
 }
 
 void MobilityProblem::solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) {
@@ -119,13 +117,13 @@ void MobilityProblem::solve(const MatrixXd& wrenches, const MatrixXd& slips, Mat
                 M.matrixL().solveInPlace(halfSlips);
                 twists.noalias() += LK.transpose() * halfSlips;
             }
+            forNullTwists(twists, removeTorqueAboutLine);
             xi.solveInPlace(twists);
-            removeNullTwists(twists);
+            forNullTwists(twists, removeTurnAboutLine);
             halfForces.noalias() = LK * twists;  // L^T lambda
             if (withSlips) halfForces -= halfSlips;
             return;
         }
-        removeNullTwists(twists);
     }
     lambda = wrenches;  // K = 1
     if (withSlips) twists += slips;
@@ -154,7 +152,8 @@ void MobilityProblem::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
             M.matrixU().solveInPlace(wrench);
         } else
             wrench.noalias() = xi.matrixL() * W;
-        removeNullTwists(wrench);
+        // The lift along n, which is no friction.
+        forNullTwists(wrench, [](const Vector6d& n, auto own) { own -= (n * (n.transpose() * own)).eval(); });
         return;
     }
     const vector<SpectralFunction> functions(W.cols(), SpectralFunction::inverseSquareRoot());

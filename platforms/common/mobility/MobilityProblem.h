@@ -72,7 +72,8 @@ public:
 private:
     void factorise();
     void factoriseFriction();
-    void removeNullTwists(Eigen::MatrixXd& vectors) const;
+    template <class Action>
+    void forNullTwists(Eigen::MatrixXd& vectors, Action action) const;
     /** Null vector of an element in the lab frame; only where it has one. */
     Eigen::Matrix<double, 6, 1> nullVector(int element) const;
 

@@ -61,7 +61,7 @@ MultiblobSolver::MultiblobSolver(const vector<FluidElement>& elements, const vec
             shape->K = rigidMotion(element, Matrix3d::Identity());
             shape->MinvK = shape->M.solve(shape->K);
             MatrixXd friction = shape->K.transpose() * shape->MinvK;
-            shape->N = pseudoInverse(friction, nullVectors[e]);
+            shape->N = generalisedInverse(friction, nullVectors[e]);
             known.push_back(shape);
             found = shape;
         }
