@@ -26,6 +26,8 @@ const EnumNames<Integrator::Scheme> schemes = {{"LangevinA", Integrator::Langevi
                                                {"LangevinHI", Integrator::LangevinHI}};
 const EnumNames<Integrator::NoiseLaw> noiseLaws = {
     {"Gaussian", Integrator::Gaussian}, {"ThreePoint", Integrator::ThreePoint}, {"TwoPoint", Integrator::TwoPoint}};
+const EnumNames<Integrator::WallRejection> wallRejections = {{"Overlap", Integrator::Overlap},
+                                                             {"Crossing", Integrator::Crossing}};
 
 void writeVector(SerializationNode& node, const Vec3& vector) {
     node.setDoubleProperty("x", vector[0]).setDoubleProperty("y", vector[1]).setDoubleProperty("z", vector[2]);
@@ -107,6 +109,7 @@ void CustomRigidHIIntegratorProxy::serialize(const void* object, SerializationNo
     node.setIntProperty("randomSeed", integrator.getRandomNumberSeed());
     node.setDoubleProperty("poseTolerance", integrator.getPoseTolerance());
     node.setIntProperty("maximumRejections", integrator.getMaximumRejections());
+    node.setStringProperty("wallRejection", nameOf(wallRejections, integrator.getWallRejection()));
     SerializationNode& bodies = node.createChildNode("RigidBodies");
     bodies.setIntProperty("count", integrator.getNumRigidBodies());
     for (int i = 0; i < integrator.getNumRigidBodies(); i++)
@@ -129,6 +132,7 @@ void* CustomRigidHIIntegratorProxy::deserialize(const SerializationNode& root) c
     integrator->setPoseTolerance(node.number("poseTolerance"));
     // Not in files of version 0.1.
     if (node.has("maximumRejections")) integrator->setMaximumRejections(node.integer("maximumRejections"));
+    if (node.has("wallRejection")) integrator->setWallRejection(valueOf(wallRejections, node, "wallRejection"));
     const StrictNode bodies = node.child("RigidBodies");
     bodies.checkChildren("count");
     for (const SerializationNode& body : bodies.children())

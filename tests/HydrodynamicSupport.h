@@ -2,7 +2,8 @@
 #define RIGIDHI_HYDRODYNAMIC_SUPPORT_H_
 
 // What hydrodynamic tests compare with: Rotne-Prager-Yamakawa tensors and rigid multiblobs written down a second time, by
-// the textbook and without regard for speed. Nothing here uses platforms/common.
+// the textbook and without regard for speed. Nothing here uses platforms/common, but for what a wall adds, which
+// TestRotnePragerYamakawaWall compares with averages of Blake's solution over spheres.
 
 #include <Eigen/Dense>
 #include <cmath>
@@ -11,6 +12,7 @@
 #include <vector>
 
 #include "TestSupport.h"
+#include "mobility/RotnePragerYamakawaWall.h"
 #include "openmmrigidhi/MobilityForce.h"
 
 namespace RigidHITest {
@@ -86,7 +88,9 @@ struct LabBody {
 /** Friction K^T M^-1 K, and mobility: its Moore-Penrose inverse, with one null direction for each body on a line. */
 struct IndependentMobility {
     MatrixXd friction, mobility;
-    IndependentMobility(const std::vector<LabBody>& bodies, double eta) {
+    /** @param wall  if there is one */
+    IndependentMobility(const std::vector<LabBody>& bodies, double eta,
+                        const RigidHIPlugin::NoSlipPlane* wall = nullptr) {
         int particleRows = 0, bodyRows = 0, lines = 0;
         for (const LabBody& body : bodies) {
             particleRows += body.radii.size() * (body.isSphere() ? 6 : 3);
@@ -113,6 +117,19 @@ struct IndependentMobility {
                 row += size;
             }
             bodyRow += body.rows();
+        }
+        if (wall) {
+            RigidHIPlugin::HydrodynamicParticles particles;
+            std::vector<Vec3> places;
+            for (const LabBody& body : bodies)
+                for (size_t i = 0; i < body.radii.size(); i++) {
+                    particles.add(body.radii[i], body.isSphere(), places.size(), -1);
+                    const Vector3d r = body.R + body.offsets[i];
+                    places.push_back(Vec3(r[0], r[1], r[2]));
+                }
+            RigidHIPlugin::RotnePragerYamakawaWall above(particles, eta, *wall);
+            above.setPositions(places);
+            above.dense(M);
         }
         friction = K.transpose() * M.fullPivLu().solve(K);
         friction = (0.5 * (friction + friction.transpose())).eval();
@@ -267,7 +284,14 @@ struct FluidScene {
         }
         return result;
     }
-    IndependentMobility expected() { return IndependentMobility(labBodies(), fluid->getViscosity()); }
+    /** Of RotnePragerYamakawa. */
+    IndependentMobility expected(const std::vector<LabBody>& bodies) {
+        const RigidHIPlugin::NoSlipPlane wall(fluid->getWallHeight(),
+                                              integrator.getWallRejection() == CustomRigidHIIntegrator::Crossing);
+        return IndependentMobility(bodies, fluid->getViscosity(),
+                                   fluid->getBoundary() == MobilityForce::NoSlipWall ? &wall : nullptr);
+    }
+    IndependentMobility expected() { return expected(labBodies()); }
 
 private:
     std::vector<Vec3> places;

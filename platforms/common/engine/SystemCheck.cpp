@@ -12,6 +12,7 @@
 #include <set>
 #include <typeinfo>
 
+#include "mobility/Models.h"
 #include "openmmrigidhi/MobilityForce.h"
 
 using namespace OpenMM;
@@ -137,6 +138,26 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
     return stock;
 }
 
+void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& integrator) {
+    const auto fail = [](const string& message) { throw OpenMMException("MobilityForce: " + message); };
+    if (!hasBoundary(force.getModel(), force.getBoundary())) {
+        string models;
+        for (int m = MobilityForce::FreeDraining; m <= MobilityForce::StokesianDynamics; m++)
+            if (hasBoundary(MobilityForce::Model(m), force.getBoundary()))
+                models += (models.empty() ? "" : " or ") + string(modelName(MobilityForce::Model(m)));
+        fail(string("boundary ") + boundaryName(force.getBoundary()) + " is there for the model " + models +
+             ", not for " + modelName(force.getModel()) + "; use setModel(" + models + ") or setBoundary(Unbounded)");
+    }
+    if (force.getBoundary() == MobilityForce::NoSlipWall && force.getSphereWallMobility() == MobilityForce::BestKnown &&
+        integrator.getWallRejection() == CustomRigidHIIntegrator::Crossing)
+        fail(
+            "sphere-wall mobility BestKnown is that of spheres outside the wall, so it does not go with the wall "
+            "rejection "
+            "Crossing; use setWallRejection(Overlap) or setSphereWallMobility(FromModel)");
+    if (force.getBoundary() == MobilityForce::NoSlipWall && force.getSphereWallMobility() == MobilityForce::BestKnown)
+        fail("sphere-wall mobility BestKnown is not there yet; use setSphereWallMobility(FromModel)");
+}
+
 void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator, const SystemInventory& stock) {
     const CustomRigidHIIntegrator::Scheme scheme = integrator.getScheme();
     const string name = schemeName(scheme);
@@ -169,7 +190,7 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
                 "the force");
         if (!stock.barostat.empty())
             refuse("the System has a " + stock.barostat + ", which scheme " + name +
-                   " does not support: the fluid is unbounded; remove the barostat, or use LangevinC");
+                   " does not support: the fluid is not periodic; remove the barostat, or use LangevinC");
         for (int i = 0; i < system.getNumConstraints(); i++) {
             int a, b;
             double distance;

@@ -73,10 +73,10 @@ MatrixXd pseudoInverse(const MatrixXd& friction, const VectorXd& nullVector) {
     return 0.5 * (inverse + inverse.transpose());
 }
 
-BodyMobility::BodyMobility(const vector<FluidElement>& elements, const OperatorFactory& makeOperatorToUse,
-                           bool isConstant)
+BodyMobility::BodyMobility(const vector<FluidElement>& elements, const OperatorFactory& makeOperator, bool isConstant,
+                           const OperatorFactory& makeUnboundedToUse)
     : elements(elements), constant(isConstant && elements.size() == 1 && !elements[0].isFree()),
-      makeOperator(makeOperatorToUse) {
+      makeUnbounded(makeUnboundedToUse ? makeUnboundedToUse : makeOperator) {
     nullVectors.resize(elements.size());
     B_body.resize(elements.size());
     inverseB_body.resize(elements.size());
@@ -106,7 +106,7 @@ BodyMobility::BodyMobility(const vector<FluidElement>& elements, const OperatorF
             if (elements[e].ownMobility.size() == 0) continue;
             FluidElement alone = elements[e];
             alone.ownMobility.resize(0, 0);
-            BodyMobility model({alone}, makeOperator, true);
+            BodyMobility model({alone}, makeUnbounded, true);
             model.setPoses({Pose()});
             B_body[e] = symmetricPower(elements[e].ownMobility, 0.5) * symmetricPower(model.mobility(), -0.5);
             inverseB_body[e] = B_body[e].inverse();
@@ -273,7 +273,7 @@ void BodyMobility::applyMatrixFree(const MatrixXd& wrenches, double tolerance, M
     } else {
         if (!multiblobSolver)
             multiblobSolver.reset(
-                new MultiblobSolver(elements, rows, firstParticle, particles, nullVectors, makeOperator));
+                new MultiblobSolver(elements, rows, firstParticle, particles, nullVectors, makeUnbounded));
         multiblobSolver->setPoses(poses);
         const int iterations = multiblobSolver->apply(*particleOperator, *forces, tolerance, twists);
         numSolverIterations += iterations;
