@@ -218,6 +218,7 @@ public:
         EulerMaruyama = 5, FixmanMidpoint = 6, RandomFiniteDifference = 7, TractionEulerMaruyama = 8, TrapezoidalSlip = 9,
         DriftCorrectorFD = 10, DriftCorrectorRFD = 11 };
     enum NoiseLaw : int { Gaussian = 0, ThreePoint = 1, TwoPoint = 2 };
+    enum WallRejection : int { Overlap = 0, Crossing = 1 };
 
     CustomRigidHIIntegrator(double temperature, double stepSize);
     ~CustomRigidHIIntegrator();
@@ -257,6 +258,8 @@ public:
     void setRandomNumberSeed(int seed);
     double getPoseTolerance() const;
     void setPoseTolerance(double tolerance);
+    WallRejection getWallRejection() const;
+    void setWallRejection(WallRejection rejection);
     int getMaximumRejections() const;
     void setMaximumRejections(int number);
     double getFiniteDifferenceStep() const;
@@ -300,7 +303,8 @@ public:
 class MobilityForce : public OpenMM::Force {
 public:
     enum Model : int { FreeDraining = 0, RotnePragerYamakawa = 1, StokesianDynamics = 2 };
-    enum Boundary : int { Unbounded = 0 };
+    enum Boundary : int { Unbounded = 0, NoSlipWall = 1 };
+    enum SphereWallMobility : int { FromModel = 0, BestKnown = 1 };
     enum Solver : int { Auto = 0, Dense = 1, MatrixFree = 2 };
 
     MobilityForce();
@@ -316,6 +320,10 @@ public:
     void setModel(Model model);
     Boundary getBoundary() const;
     void setBoundary(Boundary boundary);
+    double getWallHeight() const;
+    void setWallHeight(double height);
+    SphereWallMobility getSphereWallMobility() const;
+    void setSphereWallMobility(SphereWallMobility mobility);
     bool getLubrication() const;
     void setLubrication(bool enabled);
     double getMinimumGap() const;

@@ -33,6 +33,8 @@ const EnumNames<Integrator::Scheme> schemes = {{"LangevinA", Integrator::Langevi
                                                {"DriftCorrectorRFD", Integrator::DriftCorrectorRFD}};
 const EnumNames<Integrator::NoiseLaw> noiseLaws = {
     {"Gaussian", Integrator::Gaussian}, {"ThreePoint", Integrator::ThreePoint}, {"TwoPoint", Integrator::TwoPoint}};
+const EnumNames<Integrator::WallRejection> wallRejections = {{"Overlap", Integrator::Overlap},
+                                                             {"Crossing", Integrator::Crossing}};
 
 void writeVector(SerializationNode& node, const Vec3& vector) {
     node.setDoubleProperty("x", vector[0]).setDoubleProperty("y", vector[1]).setDoubleProperty("z", vector[2]);
@@ -115,6 +117,7 @@ void CustomRigidHIIntegratorProxy::serialize(const void* object, SerializationNo
     node.setDoubleProperty("poseTolerance", integrator.getPoseTolerance());
     node.setIntProperty("maximumRejections", integrator.getMaximumRejections());
     node.setDoubleProperty("finiteDifferenceStep", integrator.getFiniteDifferenceStep());
+    node.setStringProperty("wallRejection", nameOf(wallRejections, integrator.getWallRejection()));
     SerializationNode& bodies = node.createChildNode("RigidBodies");
     bodies.setIntProperty("count", integrator.getNumRigidBodies());
     for (int i = 0; i < integrator.getNumRigidBodies(); i++)
@@ -138,6 +141,7 @@ void* CustomRigidHIIntegratorProxy::deserialize(const SerializationNode& root) c
     // Not in files of version 0.1.
     if (node.has("maximumRejections")) integrator->setMaximumRejections(node.integer("maximumRejections"));
     if (node.has("finiteDifferenceStep")) integrator->setFiniteDifferenceStep(node.number("finiteDifferenceStep"));
+    if (node.has("wallRejection")) integrator->setWallRejection(valueOf(wallRejections, node, "wallRejection"));
     const StrictNode bodies = node.child("RigidBodies");
     bodies.checkChildren("count");
     for (const SerializationNode& body : bodies.children())

@@ -20,7 +20,10 @@ constexpr int formatVersion = 1;
 const EnumNames<MobilityForce::Model> models = {{"FreeDraining", MobilityForce::FreeDraining},
                                                 {"RotnePragerYamakawa", MobilityForce::RotnePragerYamakawa},
                                                 {"StokesianDynamics", MobilityForce::StokesianDynamics}};
-const EnumNames<MobilityForce::Boundary> boundaries = {{"Unbounded", MobilityForce::Unbounded}};
+const EnumNames<MobilityForce::Boundary> boundaries = {{"Unbounded", MobilityForce::Unbounded},
+                                                       {"NoSlipWall", MobilityForce::NoSlipWall}};
+const EnumNames<MobilityForce::SphereWallMobility> sphereWallMobilities = {{"FromModel", MobilityForce::FromModel},
+                                                                           {"BestKnown", MobilityForce::BestKnown}};
 const EnumNames<MobilityForce::Solver> solvers = {
     {"Auto", MobilityForce::Auto}, {"Dense", MobilityForce::Dense}, {"MatrixFree", MobilityForce::MatrixFree}};
 
@@ -36,6 +39,8 @@ void MobilityForceProxy::serialize(const void* object, SerializationNode& node) 
     node.setDoubleProperty("viscosity", force.getViscosity());
     node.setStringProperty("model", nameOf(models, force.getModel()));
     node.setStringProperty("boundary", nameOf(boundaries, force.getBoundary()));
+    node.setDoubleProperty("wallHeight", force.getWallHeight());
+    node.setStringProperty("sphereWallMobility", nameOf(sphereWallMobilities, force.getSphereWallMobility()));
     node.setBoolProperty("lubrication", force.getLubrication());
     node.setDoubleProperty("minimumGap", force.getMinimumGap());
     node.setStringProperty("solver", nameOf(solvers, force.getSolver()));
@@ -68,6 +73,10 @@ void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
     force->setViscosity(node.number("viscosity"));
     force->setModel(valueOf(models, node, "model"));
     force->setBoundary(valueOf(boundaries, node, "boundary"));
+    // The walls are not in older files.
+    if (node.has("wallHeight")) force->setWallHeight(node.number("wallHeight"));
+    if (node.has("sphereWallMobility"))
+        force->setSphereWallMobility(valueOf(sphereWallMobilities, node, "sphereWallMobility"));
     force->setLubrication(node.boolean("lubrication"));
     force->setMinimumGap(node.number("minimumGap"));
     force->setSolver(valueOf(solvers, node, "solver"));

@@ -2,7 +2,8 @@
 #define RIGIDHI_HYDRODYNAMIC_SUPPORT_H_
 
 // What hydrodynamic tests compare with: Rotne-Prager-Yamakawa tensors and rigid multiblobs written down a second time, by
-// the textbook and without regard for speed. Nothing here uses platforms/common.
+// the textbook and without regard for speed. Nothing here uses platforms/common, but for what a wall adds, which
+// TestRotnePragerYamakawaWall compares with averages of Blake's solution over spheres.
 
 #include <Eigen/Dense>
 #include <Eigen/Geometry>
@@ -12,6 +13,7 @@
 #include <vector>
 
 #include "TestSupport.h"
+#include "mobility/RotnePragerYamakawaWall.h"
 #include "openmmrigidhi/MobilityForce.h"
 
 namespace RigidHITest {
@@ -87,7 +89,9 @@ struct LabBody {
 /** Friction K^T M^-1 K, and mobility: its inverse on the twists that do not turn bodies on a line about that line. */
 struct IndependentMobility {
     MatrixXd friction, mobility;
-    IndependentMobility(const std::vector<LabBody>& bodies, double eta) {
+    /** @param wall  if there is one */
+    IndependentMobility(const std::vector<LabBody>& bodies, double eta,
+                        const RigidHIPlugin::NoSlipPlane* wall = nullptr) {
         int particleRows = 0, bodyRows = 0;
         for (const LabBody& body : bodies) {
             particleRows += body.radii.size() * (body.isSphere() ? 6 : 3);
@@ -114,6 +118,19 @@ struct IndependentMobility {
             }
             bodyRow += body.rows();
         }
+        if (wall) {
+            RigidHIPlugin::HydrodynamicParticles particles;
+            std::vector<Vec3> places;
+            for (const LabBody& body : bodies)
+                for (size_t i = 0; i < body.radii.size(); i++) {
+                    particles.add(body.radii[i], body.isSphere(), places.size(), -1);
+                    const Vector3d r = body.R + body.offsets[i];
+                    places.push_back(Vec3(r[0], r[1], r[2]));
+                }
+            RigidHIPlugin::RotnePragerYamakawaWall above(particles, eta, *wall);
+            above.setPositions(places);
+            above.dense(M);
+        }
         friction = K.transpose() * M.fullPivLu().solve(K);
         friction = (0.5 * (friction + friction.transpose())).eval();
         MatrixXd allowed = MatrixXd::Identity(bodyRows, bodyRows);  // columns span these twists
@@ -122,7 +139,8 @@ struct IndependentMobility {
             for (int i = 0; i < body.rows(); i++) allowed.col(column + i) = VectorXd::Unit(bodyRows, first + i);
             column += body.rows();
             if (body.isLine()) {
-                const Vector3d line = (body.offsets.back() - body.offsets[0]).normalized(), across = line.unitOrthogonal();
+                const Vector3d line = (body.offsets.back() - body.offsets[0]).normalized(),
+                               across = line.unitOrthogonal();
                 allowed.col(column - 3).segment(first + 3, 3) = across;
                 allowed.col(column - 2).segment(first + 3, 3) = line.cross(across);
                 column--;
@@ -278,7 +296,14 @@ struct FluidScene {
         }
         return result;
     }
-    IndependentMobility expected() { return IndependentMobility(labBodies(), fluid->getViscosity()); }
+    /** Of RotnePragerYamakawa. */
+    IndependentMobility expected(const std::vector<LabBody>& bodies) {
+        const RigidHIPlugin::NoSlipPlane wall(fluid->getWallHeight(),
+                                              integrator.getWallRejection() == CustomRigidHIIntegrator::Crossing);
+        return IndependentMobility(bodies, fluid->getViscosity(),
+                                   fluid->getBoundary() == MobilityForce::NoSlipWall ? &wall : nullptr);
+    }
+    IndependentMobility expected() { return expected(labBodies()); }
 
 private:
     std::vector<Vec3> places;

@@ -83,9 +83,9 @@ void checkVectors(const vector<Vec3>& rows, int bodies, const char* method, cons
 }  // namespace
 
 CustomRigidHIIntegrator::CustomRigidHIIntegrator(double temperature, double stepSize)
-    : scheme(LangevinC), noiseLaw(Gaussian), friction(1), rotationalFriction(1), gradientTime(0.004),
-      gradientRotationalTime(0.001), poseTolerance(1e-3), finiteDifferenceStep(0), randomSeed(0), settingsVersion(0), maximumRejections(100),
-      hasKernel(false) {
+    : scheme(LangevinC), noiseLaw(Gaussian), wallRejection(Overlap), friction(1), rotationalFriction(1),
+      gradientTime(0.004), gradientRotationalTime(0.001), poseTolerance(1e-3), finiteDifferenceStep(0), randomSeed(0),
+      settingsVersion(0), maximumRejections(100), hasKernel(false) {
     setTemperature(temperature);
     setStepSize(stepSize);
     setConstraintTolerance(1e-5);
@@ -353,6 +353,16 @@ void CustomRigidHIIntegrator::setFiniteDifferenceStep(double relative) {
         fail("setFiniteDifferenceStep()", "the relative step is " + text(relative),
              "it must not be above " + text(largest), "1e-5 is right for most; 0 chooses by the solver");
     finiteDifferenceStep = relative;
+    settingsVersion++;
+}
+
+CustomRigidHIIntegrator::WallRejection CustomRigidHIIntegrator::getWallRejection() const { return wallRejection; }
+
+void CustomRigidHIIntegrator::setWallRejection(WallRejection rejection) {
+    if (rejection < Overlap || rejection > Crossing)
+        fail("setWallRejection()", "wall rejection " + text(static_cast<int>(rejection)) + " is unknown",
+             "it must be one of Overlap, Crossing", "use the class constants");
+    wallRejection = rejection;
     settingsVersion++;
 }
 

@@ -74,8 +74,8 @@ vector<double> inverse(const vector<double>& matrix) {
 }  // namespace
 
 MobilityForce::MobilityForce()
-    : viscosity(viscosityOfWater), minimumGap(0), solverTolerance(1e-6), model(RotnePragerYamakawa),
-      boundary(Unbounded), solver(Auto), lubrication(true) {}
+    : viscosity(viscosityOfWater), minimumGap(0), solverTolerance(1e-6), wallHeight(0), model(RotnePragerYamakawa),
+      boundary(Unbounded), sphereWallMobility(FromModel), solver(Auto), lubrication(true) {}
 
 // Not inline, so that other libraries do not export them too.
 MobilityForce::~MobilityForce() {}
@@ -125,10 +125,23 @@ void MobilityForce::setModel(Model model) {
 }
 
 void MobilityForce::setBoundary(Boundary boundary) {
-    if (boundary != Unbounded)
-        fail("setBoundary()", "boundary " + text(static_cast<int>(boundary)) + " is unknown", "it must be Unbounded",
-             "use the class constant");
+    if (boundary < Unbounded || boundary > NoSlipWall)
+        fail("setBoundary()", "boundary " + text(static_cast<int>(boundary)) + " is unknown",
+             "it must be one of Unbounded, NoSlipWall", "use the class constants");
     this->boundary = boundary;
+}
+
+void MobilityForce::setWallHeight(double height) {
+    if (!isfinite(height))
+        fail("setWallHeight()", "height is " + text(height) + " nm", "it must be finite", "give the z of the wall");
+    wallHeight = height;
+}
+
+void MobilityForce::setSphereWallMobility(SphereWallMobility mobility) {
+    if (mobility < FromModel || mobility > BestKnown)
+        fail("setSphereWallMobility()", "sphere-wall mobility " + text(static_cast<int>(mobility)) + " is unknown",
+             "it must be one of FromModel, BestKnown", "use the class constants");
+    sphereWallMobility = mobility;
 }
 
 void MobilityForce::setMinimumGap(double gap) {

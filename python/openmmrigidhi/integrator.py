@@ -34,6 +34,13 @@ class NoiseLaw(enum.IntEnum):
     TwoPoint = _Base.TwoPoint
 
 
+class WallRejection(enum.IntEnum):
+    """Which steps through a wall are redone; also class attributes of CustomRigidHIIntegrator."""
+
+    Overlap = _Base.Overlap
+    Crossing = _Base.Crossing
+
+
 def _where(method):
     return 'CustomRigidHIIntegrator.' + method
 
@@ -126,6 +133,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     Gaussian = NoiseLaw.Gaussian
     ThreePoint = NoiseLaw.ThreePoint
     TwoPoint = NoiseLaw.TwoPoint
+    Overlap = WallRejection.Overlap
+    Crossing = WallRejection.Crossing
 
     def __init__(self, temperature, stepSize):
         super().__init__(_units.number(temperature, _units.TEMPERATURE, 'CustomRigidHIIntegrator', 'temperature'),
@@ -433,6 +442,25 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         super().setFiniteDifferenceStep(self._number(relative, _units.NONE, 'setFiniteDifferenceStep', 'relative'))
 
+    def getWallRejection(self):
+        """Get which steps through a wall are redone, one of the class attributes Overlap, Crossing."""
+        return WallRejection(super().getWallRejection())
+
+    def setWallRejection(self, rejection):
+        """Set which steps are redone with new noise where a MobilityForce has the boundary NoSlipWall.
+
+        A start that would be redone is an error. May be changed between steps; takes effect at once.
+
+        Parameters
+        ----------
+        rejection : constant
+            Overlap (default): those after which a hydrodynamic particle is nearer to the wall than its radius a, which
+            repulsions that diverge at contact need; Crossing: those after which its centre is behind the wall. Under Crossing,
+            particles with their centre at 0 < z < a above the wall have the mobility of contact, times z/a for their velocities
+            and once more for the forces on them: continuous, positive definite
+        """
+        super().setWallRejection(_units.constant(rejection, WallRejection, _where('setWallRejection'), 'rejection'))
+
     def getMaximumRejections(self):
         """Get how often in a row a step may be redone."""
         return super().getMaximumRejections()
@@ -440,7 +468,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def setMaximumRejections(self, number):
         """Set how often in a row a step may be redone with new noise; default 100, not negative; more is an error.
 
-        Steps are redone when spheres overlap under MobilityForce.StokesianDynamics.
+        Steps are redone when spheres overlap under MobilityForce.StokesianDynamics, or particles come too near to a wall
+        (:meth:`setWallRejection`).
         """
         super().setMaximumRejections(_units.integer(number, _where('setMaximumRejections'), 'number'))
 

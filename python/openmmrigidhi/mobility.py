@@ -22,6 +22,14 @@ class Boundary(enum.IntEnum):
     """What bounds the fluid; also class attributes of MobilityForce."""
 
     Unbounded = _Base.Unbounded
+    NoSlipWall = _Base.NoSlipWall
+
+
+class SphereWallMobility(enum.IntEnum):
+    """What a single sphere above a wall moves like; also class attributes of MobilityForce."""
+
+    FromModel = _Base.FromModel
+    BestKnown = _Base.BestKnown
 
 
 class Solver(enum.IntEnum):
@@ -58,6 +66,13 @@ class MobilityForce(_copies.Copies, _Base):
       resistance functions (Jeffrey and Onishi, J. Fluid Mech. 139, 261, 1984): exact for an isolated pair. Spheres must not
       overlap; radii in ratios 0.1 to 10. Cost: cubic in bodies.
 
+    **Boundaries** (:meth:`setBoundary`):
+
+    - ``Unbounded`` (default): fluid at rest at infinity.
+    - ``NoSlipWall``: fluid above the plane z = :meth:`setWallHeight`, at rest on it; RotnePragerYamakawa only, by Blake's image
+      (Swan and Brady, Phys. Fluids 19, 113306, 2007), positive definite where no particle reaches through the wall. What happens
+      where one does, :meth:`CustomRigidHIIntegrator.setWallRejection` says. Cost: two to three times that of Unbounded.
+
     Wrong types are a TypeError, wrong shapes a ValueError, everything else that is refused an openmm.OpenMMException; each
     names the object, the value, the bound and the remedy.
 
@@ -75,6 +90,9 @@ class MobilityForce(_copies.Copies, _Base):
     RotnePragerYamakawa = Model.RotnePragerYamakawa
     StokesianDynamics = Model.StokesianDynamics
     Unbounded = Boundary.Unbounded
+    NoSlipWall = Boundary.NoSlipWall
+    FromModel = SphereWallMobility.FromModel
+    BestKnown = SphereWallMobility.BestKnown
     Auto = Solver.Auto
     Dense = Solver.Dense
     MatrixFree = Solver.MatrixFree
@@ -168,12 +186,51 @@ class MobilityForce(_copies.Copies, _Base):
         super().setModel(_units.constant(model, Model, _where('setModel'), 'model'))
 
     def getBoundary(self):
-        """Get what bounds the fluid, one of the class attributes: Unbounded."""
+        """Get what bounds the fluid, one of the class attributes Unbounded, NoSlipWall."""
         return Boundary(super().getBoundary())
 
     def setBoundary(self, boundary):
-        """Set what bounds the fluid (default Unbounded). Takes effect at Context creation."""
+        """Set what bounds the fluid.
+
+        Parameters
+        ----------
+        boundary : constant
+            Unbounded (default), or NoSlipWall: fluid above the plane z = :meth:`setWallHeight`, with the model
+            RotnePragerYamakawa. Takes effect at Context creation
+        """
         super().setBoundary(_units.constant(boundary, Boundary, _where('setBoundary'), 'boundary'))
+
+    def getWallHeight(self):
+        """Get the z of the NoSlipWall, a Quantity in nm."""
+        return _units.LENGTH.attach(super().getWallHeight())
+
+    def setWallHeight(self, height):
+        """Set the z of the NoSlipWall; other boundaries ignore it. Takes effect at Context creation.
+
+        Parameters
+        ----------
+        height : float or Quantity
+            nm; finite; default 0
+        """
+        super().setWallHeight(self._number(height, _units.LENGTH, 'setWallHeight', 'height'))
+
+    def getSphereWallMobility(self):
+        """Get what a single sphere above a NoSlipWall moves like, one of the class attributes FromModel, BestKnown."""
+        return SphereWallMobility(super().getSphereWallMobility())
+
+    def setSphereWallMobility(self, mobility):
+        """Set what a single sphere above a NoSlipWall moves like; other boundaries ignore it. Takes effect at Context creation.
+
+        Parameters
+        ----------
+        mobility : constant
+            FromModel (default): without lubrication, so that at contact a quarter of the free mobility towards the wall is left;
+            BestKnown: like a rigid sphere alone above the wall, at every gap (Delong et al., J. Chem. Phys. 143, 144107, 2015,
+            eqs. 94 to 97, corrected; with rotation from a resolved sphere), other spheres by congruence: for bodies of one
+            sphere and free particles. It needs the wall rejection Overlap
+        """
+        super().setSphereWallMobility(
+            _units.constant(mobility, SphereWallMobility, _where('setSphereWallMobility'), 'mobility'))
 
     def getLubrication(self):
         """Get whether StokesianDynamics includes lubrication."""
@@ -225,7 +282,7 @@ class MobilityForce(_copies.Copies, _Base):
     # ---- Bodies ------------------------------------------------------------------------------------------------------
 
     def setBodyMobility(self, body, mobility):
-        """Give a body a mobility tensor of its own, that of the body alone in the fluid.
+        """Give a body a mobility tensor of its own, that of the body alone in unbounded fluid.
 
         FreeDraining takes it as it is; with RotnePragerYamakawa it is combined with the interactions by congruence,
         N = B N_RPY B^T, B = N_own^(1/2) N_RPY,alone^(-1/2): exact for the body alone, positive definite always.
@@ -294,7 +351,7 @@ class MobilityForce(_copies.Copies, _Base):
         """Hand changed parameters to a Context.
 
         These are viscosity, radii, own tensors, lubrication, minimum gap, solver and tolerance. A radius may not change between
-        0 and not 0; model, boundary and groups need ``reinitialize``.
+        0 and not 0; model, boundary, wall height, sphere-wall mobility and groups need ``reinitialize``.
         """
         super().updateParametersInContext(_units.context(context, _where('updateParametersInContext')))
 
@@ -338,7 +395,7 @@ class MobilityForce(_copies.Copies, _Base):
         return _units.array(super().applyMobilityInContext(context, rows.reshape(-1)), 6)
 
     def usesPeriodicBoundaryConditions(self):
-        """Get whether this Force makes the System periodic: False, the fluid is unbounded."""
+        """Get whether this Force makes the System periodic: False, no boundary is periodic."""
         return super().usesPeriodicBoundaryConditions()
 
     @staticmethod

@@ -83,11 +83,13 @@ WITHOUT_UNIT = {'CustomRigidHIIntegrator': {
     'getConstraintTolerance': 'relative',
     'getIntegrationForceGroups': 'a bit mask',
     'getMaximumRejections': 'a number',
+    'getWallRejection': 'a constant',
     'getNumRejectedSteps': 'a number',
 }, 'MobilityForce': {
     'getNumParticles': 'a number of particles',
     'getModel': 'a constant',
     'getBoundary': 'a constant',
+    'getSphereWallMobility': 'a constant',
     'getSolver': 'a constant',
     'getLubrication': 'a truth value',
     'getMinimumGap': 'relative to radii',
@@ -127,7 +129,7 @@ UNITS = {'CustomRigidHIIntegrator': {
     'computeSystemTemperature': unit.kelvin,
 }, 'MobilityForce': {
     'getViscosity': unit.dalton/(unit.nanometer*unit.picosecond),
-    'getParticleRadius': unit.nanometer,
+    'getParticleRadius': unit.nanometer, 'getWallHeight': unit.nanometer,
 }, 'CustomBodyForce': {
 }}
 #: Arrays over bodies: their number of columns.

@@ -31,6 +31,7 @@ VALUES = {'CustomRigidHIIntegrator': {
     'setRandomNumberSeed': (-987654321,),
     'setPoseTolerance': (0.0123,),
     'setMaximumRejections': (17,),
+    'setWallRejection': (Integrator.Crossing,),
     'setBodyFriction': (1, 0.1, 1/3),
     'setRigidBodyParameters': (0, [4, 1, 3], 7/3, (0.1, 0.2, 0.25), [(0.1, 0, 1/3), (0, -0.2, 0), (0, 0, 0)]),
 }, 'MobilityForce': {
@@ -39,6 +40,9 @@ VALUES = {'CustomRigidHIIntegrator': {
     'setParticleRadius': (1, 1/3),
     'setViscosity': (1000/3,),
     'setModel': (MobilityForce.FreeDraining,),
+    'setBoundary': (MobilityForce.NoSlipWall,),
+    'setWallHeight': (-4/3,),
+    'setSphereWallMobility': (MobilityForce.BestKnown,),
     'setLubrication': (False,),
     'setMinimumGap': (1e-3/3,),
     'setSolver': (MobilityForce.MatrixFree,),
@@ -60,7 +64,6 @@ ELSEWHERE = {'CustomRigidHIIntegrator': {
     'setBodyPositions': 'state of a Context', 'setBodyOrientations': 'state of a Context',
     'setBodyVelocities': 'state of a Context', 'setBodyAngularVelocities': 'state of a Context',
 }, 'MobilityForce': {
-    'setBoundary': 'Unbounded is the only one; a second one needs a line above',
 }, 'CustomBodyForce': {
 }}
 #: Setters whose getter takes the first argument.
@@ -124,10 +127,6 @@ def test_setter_is_listed(cls, setter):
         f'{setter}: give it a value that is not the default in this file'
 
 
-def test_a_boundary_that_is_not_the_default_is_not_forgotten():
-    assert len(type(MobilityForce.Unbounded)) == 1, 'move setBoundary to VALUES'
-
-
 @pytest.mark.parametrize('cls, setter', PROPERTIES)
 @pytest.mark.parametrize('through', [through_xml, copy.copy, copy.deepcopy, through_pickle])
 def test_value_survives(cls, setter, through):
@@ -150,8 +149,9 @@ def test_all_together_survive_to_the_same_xml(cls, through):
 
 
 @pytest.mark.parametrize('cls, constants', [('CustomRigidHIIntegrator', 'Scheme'), ('CustomRigidHIIntegrator', 'NoiseLaw'),
+                                            ('CustomRigidHIIntegrator', 'WallRejection'),
                                             ('MobilityForce', 'Model'), ('MobilityForce', 'Boundary'),
-                                            ('MobilityForce', 'Solver')])
+                                            ('MobilityForce', 'SphereWallMobility'), ('MobilityForce', 'Solver')])
 def test_every_constant_survives(cls, constants):
     kind = type(getattr(fresh(cls), 'get' + constants)())
     for constant in kind:

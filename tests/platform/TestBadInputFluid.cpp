@@ -60,7 +60,7 @@ TEST(BadFluid, Settings) {
         expectError([&] { fluid.setModel(static_cast<MobilityForce::Model>(bad)); },
                     {"model " + to_string(bad), "it must be one of FreeDraining, RotnePragerYamakawa"});
         expectError([&] { fluid.setBoundary(static_cast<MobilityForce::Boundary>(bad)); },
-                    {"boundary " + to_string(bad) + " is unknown", "it must be Unbounded"});
+                    {"boundary " + to_string(bad) + " is unknown", "it must be one of Unbounded, NoSlipWall"});
         expectError([&] { fluid.setSolver(static_cast<MobilityForce::Solver>(bad)); },
                     {"solver " + to_string(bad), "it must be one of Auto, Dense, MatrixFree"});
     }
@@ -275,7 +275,8 @@ TEST(BadFluid, ForcesThatDoNotGoWithIt) {
     auto* periodic = new HarmonicBondForce();  // or OpenMM refuses the barostat first
     periodic->setUsesPeriodicBoundaryConditions(true);
     pressed.system.addForce(periodic);
-    expectRefused(pressed, {"a MonteCarloBarostat, which scheme LangevinHI does not support: the fluid is unbounded"});
+    expectRefused(pressed,
+                  {"a MonteCarloBarostat, which scheme LangevinHI does not support: the fluid is not periodic"});
 }
 
 TEST(BadFluid, ConstraintsOfFreeParticles) {

@@ -21,12 +21,20 @@ const double T1 = 1 / boltzmann;  // the temperature with kT = 1
 struct ModelCase {
     string name;
     MobilityForce::Model model;
+    MobilityForce::Boundary boundary;
     bool takesMultiblobs, takesFreeParticles;
 };
 void PrintTo(const ModelCase& model, ostream* out) { *out << model.name; }  // for GoogleTest's messages
-const vector<ModelCase> models = {{"FreeDraining", MobilityForce::FreeDraining, true, true},
-                                  {"RotnePragerYamakawa", MobilityForce::RotnePragerYamakawa, true, true},
-                                  {"StokesianDynamics", MobilityForce::StokesianDynamics, false, false}};
+const vector<ModelCase> models = {
+    {"FreeDraining", MobilityForce::FreeDraining, MobilityForce::Unbounded, true, true},
+    {"RotnePragerYamakawa", MobilityForce::RotnePragerYamakawa, MobilityForce::Unbounded, true, true},
+    {"StokesianDynamics", MobilityForce::StokesianDynamics, MobilityForce::Unbounded, false, false},
+    {"RotnePragerYamakawaWall", MobilityForce::RotnePragerYamakawa, MobilityForce::NoSlipWall, true, true}};
+void choose(FluidScene& scene, const ModelCase& model) {
+    scene.fluid->setModel(model.model);
+    scene.fluid->setBoundary(model.boundary);
+    scene.fluid->setWallHeight(-2.1);  // just below all of addAllKinds()
+}
 
 class EveryModel : public testing::TestWithParam<ModelCase> {};
 INSTANTIATE_TEST_SUITE_P(LangevinHI, EveryModel, testing::ValuesIn(models),
@@ -303,7 +311,7 @@ MatrixXd fullFriction(FluidScene& scene, MobilityForce::Model model) {
     for (const LabBody& body : bodies) rows += body.rows();
     MatrixXd friction = MatrixXd::Zero(rows, rows);
     for (const LabBody& body : bodies) {
-        friction.block(row, row, body.rows(), body.rows()) = IndependentMobility({body}, 0.6).friction;
+        friction.block(row, row, body.rows(), body.rows()) = scene.expected({body}).friction;
         row += body.rows();
     }
     return friction;
@@ -316,7 +324,7 @@ TEST_P(EveryModel, OneStepResponseIsTheExponentialOfFrictionOverInertia) {
         for (double h : {1e-4, 0.05, 1.0}) {
             if (free && !GetParam().takesFreeParticles) continue;
             FluidScene scene(0, h);
-            scene.fluid->setModel(GetParam().model);
+            choose(scene, GetParam());
             addAllKinds(scene, GetParam().takesMultiblobs);
             if (free)
                 for (double radius : {0.35, 0.5}) scene.addFree(1.3, radius, Vec3(-2, 2 * radius, 1));
@@ -394,7 +402,7 @@ TEST_P(EveryModel, OneStepNoiseHasTheCovarianceOfTheory) {
     const double smallT = 1e-12 * T1;
     for (double h : {0.01, 0.5}) {
         FluidScene scene(smallT, h);
-        scene.fluid->setModel(GetParam().model);
+        choose(scene, GetParam());
         addAllKinds(scene, GetParam().takesMultiblobs);
         if (GetParam().takesFreeParticles) scene.addFree(1.3, 0.35, Vec3(-2, 1, 1));
         scene.start(testPlatform());
@@ -470,7 +478,7 @@ TEST(LangevinHI, ASedimentingPairFallsAsItsMobilitySays) {
 TEST_P(EveryModel, TrajectoriesConvergeWithOrderTwo) {
     const auto end = [&](double h) {
         FluidScene scene(0, h);
-        scene.fluid->setModel(GetParam().model);
+        choose(scene, GetParam());
         addAllKinds(scene, GetParam().takesMultiblobs);
         scene.addFree(1, GetParam().takesFreeParticles ? 0.4 : 0, Vec3(-2, 0, 0));
         addField(scene.system, "0.6*(x-1)^2+0.4*(y-1)^2+0.5*(z-1)^2+sin(2*x)*y");
@@ -774,7 +782,7 @@ double counter(FluidScene& scene, const string& name) { return scene.integrator.
 
 TEST_P(EveryModel, RandomNumbersAreCountedExactly) {
     FluidScene scene(0, 0.01);
-    scene.fluid->setModel(GetParam().model);
+    choose(scene, GetParam());
     addAllKinds(scene, GetParam().takesMultiblobs);
     scene.addFree(1, GetParam().takesFreeParticles ? 0.4 : 0, Vec3(-2, 0, 0));
     scene.addFree(1, 0, Vec3(-2, 2, 0));
@@ -931,7 +939,7 @@ TEST_P(EveryModel, ReferenceAndCpuTakeTheSameStep) {
     vector<Snapshot> ends;
     for (const char* name : {"Reference", "CPU"}) {
         FluidScene scene(T1, 0.01);
-        scene.fluid->setModel(GetParam().model);
+        choose(scene, GetParam());
         addAllKinds(scene, GetParam().takesMultiblobs);
         scene.addFree(1, GetParam().takesFreeParticles ? 0.4 : 0, Vec3(-2, 0, 0));
         scene.addFree(1, 0, Vec3(-2, 2, 0));
@@ -1021,7 +1029,7 @@ TEST(LangevinHI, FullFiveHundredBodies) {
 
 TEST_P(EveryModel, ResumesBitForBit) {
     const auto make = [&](FluidScene& scene, bool start) {
-        scene.fluid->setModel(GetParam().model);
+        choose(scene, GetParam());
         addAllKinds(scene, GetParam().takesMultiblobs);
         addAllKinds(scene, false, Vec3(0, 0, 7));
         scene.addFree(1, GetParam().takesFreeParticles ? 0.4 : 0, Vec3(-2, 0, 0));
@@ -1069,7 +1077,7 @@ TEST_P(EveryModel, ChangedParametersActFromTheNextStepOn) {
     FluidScene changed(T1, 0.02), started(T1, 0.02);
     stringstream checkpoint;
     for (FluidScene* scene : {&changed, &started}) {
-        scene->fluid->setModel(GetParam().model);
+        choose(*scene, GetParam());
         addAllKinds(*scene, GetParam().takesMultiblobs);
         addField(scene->system, "x^2+y^2+z^2+x*y");
         if (scene == &started) scene->fluid->setViscosity(1.2);

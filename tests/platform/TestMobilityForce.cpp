@@ -25,11 +25,17 @@ const vector<ModelCase> models = {
     {"FreeDraining", MobilityForce::FreeDraining, MobilityForce::Unbounded, true, true, true, false},
     {"RotnePragerYamakawa", MobilityForce::RotnePragerYamakawa, MobilityForce::Unbounded, true, true, true, true},
     {"StokesianDynamics", MobilityForce::StokesianDynamics, MobilityForce::Unbounded, false, false, false, true},
+    {"RotnePragerYamakawaWall", MobilityForce::RotnePragerYamakawa, MobilityForce::NoSlipWall, true, true, true, true},
 };
+/** Below all particles of the mixture where origins have z >= 0. */
+const double wallHeight = -2;
 void choose(FluidScene& scene, const ModelCase& model) {
     scene.fluid->setModel(model.model);
     scene.fluid->setBoundary(model.boundary);
+    scene.fluid->setWallHeight(wallHeight);
 }
+/** So far from the scene that no more is left of a wall than a radius divided by the distance. */
+void removeWall(FluidScene& scene, double distance = 1e18) { scene.fluid->setWallHeight(-distance); }
 
 /** Spheres of unequal radii, and where the model takes them multiblobs and rods. */
 void addMixture(FluidScene& scene, const ModelCase& model, int copies = 1) {
@@ -118,9 +124,11 @@ TEST_P(EveryModel, TurnsAndMovesWithTheScene) {
         scene.pose(c.R, c.q);
         const MatrixXd before = scene.mobility();
         mt19937 random(100 + seed);
-        const QuaternionArray turn = randomQuaternion(random);
+        // At a wall only turns and moves that leave it where it is.
+        const bool atWall = GetParam().boundary == MobilityForce::NoSlipWall;
+        const QuaternionArray turn = atWall ? QuaternionArray{{0.6, 0, 0, -0.8}} : randomQuaternion(random);
         Configuration moved = c;
-        for (Vec3& R : moved.R) R = rotate(turn, R) + Vec3(3, -7, 11);
+        for (Vec3& R : moved.R) R = rotate(turn, R) + Vec3(3, -7, atWall ? 0 : 11);
         for (QuaternionArray& q : moved.q) q = product(turn, q);
         scene.pose(moved.R, moved.q);
         EXPECT_LT(difference(scene.mobility(), turned(before, rotationOf(turn))), 1e-11);
@@ -156,6 +164,7 @@ TEST_P(EveryModel, OneSphereHasStokesDrag) {
     for (double radius : {1e-3, 0.7, 40.0}) {
         FluidScene scene;
         choose(scene, GetParam());
+        removeWall(scene);
         scene.fluid->setViscosity(2.5);
         scene.add(sphereKind(radius));
         scene.start(testPlatform());
@@ -174,6 +183,7 @@ TEST_P(EveryModel, BodiesAloneHaveTheTensorOfTheirBlobs) {
             mt19937 random(seed);
             FluidScene scene;
             choose(scene, GetParam());
+            removeWall(scene);
             scene.add(kind, Vec3(1, 2, 3), randomQuaternion(random));
             scene.start(testPlatform());
             EXPECT_LT(difference(scene.mobility(), scene.expected().mobility), 1e-11) << kind.name;
@@ -185,6 +195,7 @@ TEST_P(EveryModel, FarAwayIsThatOfAPointForce) {
     const double R = 300, eta = 0.6;
     FluidScene scene;
     choose(scene, GetParam());
+    removeWall(scene, 1e9);
     addMixture(scene, GetParam());
     const int n = scene.bodies.size();
     const Vec3 direction(0.48, -0.6, 0.64);
@@ -229,6 +240,7 @@ TEST_P(EveryModel, ScalesWithLengthsAndViscosity) {
         addMixture(scene, GetParam());
         FluidScene scaled;
         choose(scaled, GetParam());
+        scaled.fluid->setWallHeight(s * wallHeight);
         scaled.fluid->setViscosity(i == 2 ? 0.6 * scale : 0.6);
         c = randomConfiguration(scene, GetParam(), 8, 2);
         for (size_t b = 0; b < scene.bodies.size(); b++) {

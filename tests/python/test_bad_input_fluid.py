@@ -25,7 +25,7 @@ def fluid():
 
 @pytest.mark.parametrize('bad', ['0.5', None, [0.5], True, 1j, np.array([0.5])])
 def test_numbers(fluid, bad):
-    for method in (fluid.addParticle, fluid.setViscosity, fluid.setMinimumGap, fluid.setSolverTolerance):
+    for method in (fluid.addParticle, fluid.setViscosity, fluid.setMinimumGap, fluid.setSolverTolerance, fluid.setWallHeight):
         with refused('MobilityForce.' + method.__name__, 'it must be a number', error=TypeError):
             method(bad)
     assert fluid.getNumParticles() == 1
@@ -36,6 +36,7 @@ def test_numbers(fluid, bad):
     ('setViscosity', 5*unit.nanometer, 'it must be dalton/(nm ps)'),
     ('setViscosity', 1*unit.pascal, 'it must be dalton/(nm ps)'),
     ('setMinimumGap', 0.1*unit.nanometer, 'it must be a plain number'),
+    ('setWallHeight', 1*unit.picosecond, 'it must be nm'),
     ('setSolverTolerance', 1e-6*unit.kelvin, 'it must be a plain number'),
 ])
 def test_dimensions(fluid, method, bad, expected):

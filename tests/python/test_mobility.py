@@ -29,6 +29,9 @@ def everything():
     fluid.setModel(MobilityForce.StokesianDynamics)
     fluid.setLubrication(False)
     fluid.setMinimumGap(1e-3/3)
+    fluid.setBoundary(MobilityForce.NoSlipWall)
+    fluid.setWallHeight(-4/3)
+    fluid.setSphereWallMobility(MobilityForce.BestKnown)
     fluid.setSolver(MobilityForce.MatrixFree)
     fluid.setSolverTolerance(1e-5/3)
     fluid.setBodyMobility(4, tensor(1)/3)
@@ -44,7 +47,8 @@ def assertSame(a, b):
     assert a.getNumParticles() == b.getNumParticles()
     for i in range(a.getNumParticles()):
         assert a.getParticleRadius(i) == b.getParticleRadius(i)
-    for name in ('Viscosity', 'Model', 'Boundary', 'Lubrication', 'MinimumGap', 'Solver', 'SolverTolerance', 'ForceGroup', 'Name'):
+    for name in ('Viscosity', 'Model', 'Boundary', 'WallHeight', 'SphereWallMobility', 'Lubrication', 'MinimumGap', 'Solver',
+                 'SolverTolerance', 'ForceGroup', 'Name'):
         assert getattr(a, 'get' + name)() == getattr(b, 'get' + name)(), name
     assert np.array_equal(a.getBodiesWithOwnTensors(), b.getBodiesWithOwnTensors())
     for body in a.getBodiesWithOwnTensors():
@@ -81,6 +85,7 @@ def test_defaults():
     assert fluid.getModel() is MobilityForce.RotnePragerYamakawa and fluid.getBoundary() is MobilityForce.Unbounded
     assert fluid.getSolver() is MobilityForce.Auto and fluid.getSolverTolerance() == 1e-6
     assert fluid.getLubrication() is True and fluid.getMinimumGap() == 0
+    assert fluid.getWallHeight() == 0*unit.nanometer and fluid.getSphereWallMobility() is MobilityForce.FromModel
     assert fluid.getViscosity()._value == pytest.approx(0.89e-3*PASCAL_SECOND, rel=1e-14)
     assert len(fluid.getGroups()) == 0 and len(fluid.getBodiesWithOwnTensors()) == 0
     assert not fluid.usesPeriodicBoundaryConditions()
@@ -109,7 +114,7 @@ def test_radii_in_any_unit():
         assert fluid.getParticleRadius(i)._value == pytest.approx(0.25, rel=1e-12)
 
 
-@pytest.mark.parametrize('name', ['Model', 'Boundary', 'Solver'])
+@pytest.mark.parametrize('name', ['Model', 'Boundary', 'SphereWallMobility', 'Solver'])
 def test_every_constant_comes_back(name):
     kind = type(getattr(MobilityForce(), 'get' + name)())
     for constant in kind:

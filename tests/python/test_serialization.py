@@ -35,9 +35,11 @@ PROPERTIES = [
     ('setRandomNumberSeed', 'getRandomNumberSeed', -2**31),
     ('setPoseTolerance', 'getPoseTolerance', 0.01/3*unit.nanometer),
     ('setMaximumRejections', 'getMaximumRejections', 17),
+    ('setWallRejection', 'getWallRejection', CustomRigidHIIntegrator.Crossing),
 ]
-#: What files of earlier versions do not have: the default then.
-NEWER = {'maximumRejections'}
+#: What files of earlier versions do not have: the getter, and the default.
+NEWER = {'maximumRejections': ('getMaximumRejections', 100),
+         'wallRejection': ('getWallRejection', CustomRigidHIIntegrator.Overlap)}
 
 
 def make():
@@ -248,7 +250,8 @@ def test_a_missing_property_is_refused_by_name(attribute):
     damaged, count = re.subn(rf' {attribute}="[^"]*"', '', xml())
     assert count > 0
     if attribute in NEWER:
-        assert CustomRigidHIIntegrator.cast(openmm.XmlSerializer.deserialize(damaged)).getMaximumRejections() == 100
+        getter, default = NEWER[attribute]
+        assert getattr(CustomRigidHIIntegrator.cast(openmm.XmlSerializer.deserialize(damaged)), getter)() == default
         return
     if attribute in ('friction', 'rotationalFriction'):
         damaged = re.sub(rf'(<RigidBody [^>]*) {attribute}="[^"]*"', r'\1', xml())

@@ -41,7 +41,8 @@ struct Scene {
     }
     BodyMobility::OperatorFactory factory() const {
         return [this](const HydrodynamicParticles& particles) {
-            return wall ? unique_ptr<MobilityOperator>(new RotnePragerYamakawaWall(particles, viscosity, 0, false))
+            return wall ? unique_ptr<MobilityOperator>(
+                              new RotnePragerYamakawaWall(particles, viscosity, NoSlipPlane(0, false)))
                         : unique_ptr<MobilityOperator>(new RotnePragerYamakawa(particles, viscosity));
         };
     }
@@ -255,8 +256,7 @@ TEST(OverdampedSchemes, Covariance) {
             if (scheme == Integrator::DriftCorrectorFD) continue;  // its noise is that of the other one
             SCOPED_TRACE(scene.name + ", " + overdampedScheme(Integrator::Scheme(scheme)).name);
             const int own = scene.matrixFree ? samples / 4 : samples;
-            const MatrixXd found =
-                average(Integrator::Scheme(scheme), scene, h, kT, own).covariance / (2 * kT * h);
+            const MatrixXd found = average(Integrator::Scheme(scheme), scene, h, kT, own).covariance / (2 * kT * h);
             for (int i = 0; i < N.rows(); i++)
                 for (int k = 0; k <= i; k++)
                     EXPECT_LT(abs(found(i, k) - N(i, k)),

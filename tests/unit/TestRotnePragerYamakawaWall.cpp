@@ -30,7 +30,7 @@ struct Scene {
         positions.push_back(position);
     }
     RotnePragerYamakawaWall mobility(double viscosity) const {
-        RotnePragerYamakawaWall M(particles, viscosity, height, crossing);
+        RotnePragerYamakawaWall M(particles, viscosity, NoSlipPlane(height, crossing));
         M.setPositions(positions);
         return M;
     }
@@ -392,7 +392,8 @@ TEST(RotnePragerYamakawaWall, RefusesParticlesThatReachThroughTheWall) {
     const vector<Vec3> good = {Vec3(0, 0, 2.25), Vec3(0, 0, 2.5)}, low = {Vec3(0, 0, 2.25), Vec3(0, 0, 2.375)},
                        lower = {Vec3(0, 0, 2.125), Vec3(0, 0, 3)}, on = {Vec3(0, 0, 2), Vec3(0, 0, 3)},
                        behind = {Vec3(0, 0, 3), Vec3(0, 0, 1.5)}, nowhere = {Vec3(0, 0, 3), Vec3(0, 0, NAN)};
-    RotnePragerYamakawaWall overlap(scene.particles, 1, 2, false), crossing(scene.particles, 1, 2, true);
+    RotnePragerYamakawaWall overlap(scene.particles, 1, NoSlipPlane(2, false)),
+        crossing(scene.particles, 1, NoSlipPlane(2, true));
     EXPECT_TRUE(overlap.mayObject());
     EXPECT_TRUE(crossing.mayObject());
     EXPECT_EQ(overlap.objection(good), "");
@@ -421,6 +422,5 @@ TEST(RotnePragerYamakawaWall, RefusesParticlesThatReachThroughTheWall) {
 
 TEST(RotnePragerYamakawaWall, RefusesAWallNowhere) {
     for (double height : {double(NAN), double(INFINITY)})
-        expectError([&] { RotnePragerYamakawaWall(HydrodynamicParticles(), 1, height, false); },
-                    {"the height of the no-slip wall is ", "it must be finite"});
+        expectError([&] { NoSlipPlane(height, false); }, {"the height of the no-slip wall is ", "it must be finite"});
 }

@@ -95,6 +95,17 @@ public:
         /** +-1 with probability 1/2 each (eq. 31): enough for weak order 1 (GradientThermostat). */
         TwoPoint = 2
     };
+    /** Which steps through a MobilityForce::NoSlipWall are redone with new noise. */
+    enum WallRejection : int {
+        /** Those after which a hydrodynamic particle is nearer to the wall than its radius (default). */
+        Overlap = 0,
+        /**
+         * Those after which the centre of a hydrodynamic particle is on the wall or behind it. Particles of radius a with their
+         * centre at 0 < z < a above the wall have the mobility of contact, times z/a for their velocities and once more for the
+         * forces on them.
+         */
+        Crossing = 1
+    };
 
     /**
      * @param temperature  temperature of the heat bath, K; 0: no noise at all
@@ -224,11 +235,18 @@ public:
      * @throws OpenMMException if not positive and finite
      */
     void setPoseTolerance(double tolerance);
+    /** Get which steps through a wall are redone. */
+    WallRejection getWallRejection() const;
+    /**
+     * Set which steps are redone where a MobilityForce has the boundary NoSlipWall (default Overlap, which repulsions that
+     * diverge at contact need). A start that would be redone is an error. May be changed between steps; takes effect at once.
+     */
+    void setWallRejection(WallRejection rejection);
     /** Get how often in a row a step may be redone. */
     int getMaximumRejections() const;
     /**
      * Set how often in a row a step may be redone with new noise (spheres that overlap under
-     * MobilityForce::StokesianDynamics); default 100. More is an error.
+     * MobilityForce::StokesianDynamics; setWallRejection()); default 100. More is an error.
      * @throws OpenMMException if negative
      */
     void setMaximumRejections(int number);
@@ -354,6 +372,7 @@ private:
 
     Scheme scheme;
     NoiseLaw noiseLaw;
+    WallRejection wallRejection;
     double temperature, friction, rotationalFriction, gradientTime, gradientRotationalTime, poseTolerance,
         finiteDifferenceStep;
     int randomSeed, settingsVersion, maximumRejections;

@@ -49,7 +49,25 @@ public:
     /** What bounds the fluid. */
     enum Boundary : int {
         /** Nothing: fluid at rest at infinity. */
-        Unbounded = 0
+        Unbounded = 0,
+        /**
+         * A plane z = setWallHeight() on which the fluid is at rest; the fluid is above it. RotnePragerYamakawa only: its
+         * mobility with Blake's image, all blocks, unequal radii (Swan and Brady, Phys. Fluids 19, 113306, 2007); positive
+         * definite where no particle reaches through the wall. CustomRigidHIIntegrator::setWallRejection() says what happens
+         * where one does. Cost: two to three times that of Unbounded.
+         */
+        NoSlipWall = 1
+    };
+    /** What a single sphere above a NoSlipWall moves like. */
+    enum SphereWallMobility : int {
+        /** As the model says, which has no lubrication: at contact a quarter of the free mobility towards the wall is left. */
+        FromModel = 0,
+        /**
+         * Like a rigid sphere alone above the wall, at every gap: mobilities towards and along the wall from Delong et al.,
+         * J. Chem. Phys. 143, 144107 (2015), eqs. 94 to 97, corrected (docs/THEORY.md), those with rotation from a resolved
+         * sphere. Other spheres by congruence. For bodies of one sphere and free particles; multiblobs stay as the model says.
+         */
+        BestKnown = 1
     };
     /** How the linear algebra is done. */
     enum Solver : int {
@@ -94,6 +112,22 @@ public:
     Boundary getBoundary() const { return boundary; }
     /** Set what bounds the fluid (default Unbounded). Takes effect at Context creation or reinitialize(). */
     void setBoundary(Boundary boundary);
+    /** Get the height of the NoSlipWall, nm. */
+    double getWallHeight() const { return wallHeight; }
+    /**
+     * Set the z of the NoSlipWall, nm (default 0); other boundaries ignore it. Takes effect at Context creation or
+     * reinitialize().
+     *
+     * @throws OpenMMException if not finite
+     */
+    void setWallHeight(double height);
+    /** Get what a single sphere above a NoSlipWall moves like. */
+    SphereWallMobility getSphereWallMobility() const { return sphereWallMobility; }
+    /**
+     * Set what a single sphere above a NoSlipWall moves like (default FromModel); other boundaries ignore it. Takes effect at
+     * Context creation or reinitialize(). BestKnown needs the wall rejection Overlap.
+     */
+    void setSphereWallMobility(SphereWallMobility mobility);
     /** Get whether StokesianDynamics includes lubrication. */
     bool getLubrication() const { return lubrication; }
     /** Set whether StokesianDynamics includes lubrication (default true; other models have none). */
@@ -124,7 +158,7 @@ public:
 
     /**
      * Give a body a mobility tensor of its own: its velocity and angular velocity (about its origin) from force and torque,
-     * when alone in the fluid, body frame. FreeDraining takes it as it is; with RotnePragerYamakawa it is combined with the
+     * when alone in unbounded fluid, body frame. FreeDraining takes it as it is; with RotnePragerYamakawa it is combined with the
      * interactions by congruence, N = B N_RPY B^T, B = N_own^(1/2) N_RPY,alone^(-1/2): exact for a body alone,
      * positive definite always. Interactions are scaled by B on both sides: give the particles radii whose own tensor is near it.
      *
@@ -161,7 +195,7 @@ public:
 
     /**
      * Hand changed viscosity, radii, own tensors, lubrication, minimum gap, solver and tolerance to a Context. A radius may
-     * not change between 0 and not 0; model, boundary and groups need reinitialize().
+     * not change between 0 and not 0; model, boundary, wall height, sphere-wall mobility and groups need reinitialize().
      */
     void updateParametersInContext(OpenMM::Context& context);
     /**
@@ -193,9 +227,10 @@ private:
     const OwnTensor& ownTensor(int body, const char* method) const;
     IntegrateRigidBodiesKernel& kernelIn(OpenMM::Context& context, const char* method) const;
     std::vector<double> radii;
-    double viscosity, minimumGap, solverTolerance;
+    double viscosity, minimumGap, solverTolerance, wallHeight;
     Model model;
     Boundary boundary;
+    SphereWallMobility sphereWallMobility;
     Solver solver;
     bool lubrication;
     std::map<int, OwnTensor> ownTensors;

@@ -58,10 +58,11 @@ bool isThermostatTensor(const MatrixXd& friction) {
 
 }  // namespace
 
-Fluid::Fluid(const MobilityForce& forceToUse, const OpenMM::System& system,
-             const vector<vector<int> >& particlesOfBodiesToUse, const vector<BodyGeometry>& geometries,
-             const BodySet& bodies, const FreeParticles& freeParticles, PlatformLoops& loops)
-    : force(forceToUse), particlesOfBodies(particlesOfBodiesToUse), loops(loops) {
+Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejection wallRejection,
+             const OpenMM::System& system, const vector<vector<int> >& particlesOfBodiesToUse,
+             const vector<BodyGeometry>& geometries, const BodySet& bodies, const FreeParticles& freeParticles,
+             PlatformLoops& loops)
+    : force(forceToUse), wallRejection(wallRejection), particlesOfBodies(particlesOfBodiesToUse), loops(loops) {
     const int numBodies = particlesOfBodies.size();
     const bool freeDraining = force.getModel() == MobilityForce::FreeDraining;
     if (force.getNumParticles() != system.getNumParticles())
@@ -132,15 +133,20 @@ Fluid::Fluid(const MobilityForce& forceToUse, const OpenMM::System& system,
     groupOfBody.assign(numBodies, -1);
     groupOfFree.assign(freeParticles.getNumParticles(), -1);
     const bool severalGroups = elementsOfGroup.size() > 1;
+    const auto factory = [this, severalGroups](MobilityForce::Boundary boundary) -> BodyMobility::OperatorFactory {
+        shared_ptr<MobilityForce> description(new MobilityForce(force));
+        description->setBoundary(boundary);
+        return [this, description, severalGroups](const HydrodynamicParticles& particles) {
+            return this->loops.createMobility(*description, this->wallRejection == CustomRigidHIIntegrator::Crossing,
+                                              particles, !severalGroups);
+        };
+    };
+    const bool unbounded = force.getBoundary() == MobilityForce::Unbounded;
+    const auto makeOperator = factory(force.getBoundary()), makeUnbounded = factory(MobilityForce::Unbounded);
     for (auto& entry : elementsOfGroup) {
         groups.emplace_back(new Group());
         Group& group = *groups.back();
-        group.mobility.reset(new BodyMobility(
-            entry.second,
-            [this, severalGroups](const HydrodynamicParticles& particles) {
-                return this->loops.createMobility(this->force, particles, !severalGroups);
-            },
-            force.getBoundary() == MobilityForce::Unbounded));
+        group.mobility.reset(new BodyMobility(entry.second, makeOperator, unbounded, makeUnbounded));
         for (const FluidElement& element : group.mobility->getElements()) {
             int live = 0, freeIndex = -1;
             if (element.isFree()) {
@@ -161,7 +167,7 @@ Fluid::Fluid(const MobilityForce& forceToUse, const OpenMM::System& system,
         }
         group.poses.resize(group.freeIndex.size());
         // One element alone: a constant tensor, perhaps so simple that it is a thermostat.
-        if (group.freeIndex.size() == 1 && force.getBoundary() == MobilityForce::Unbounded) {
+        if (group.freeIndex.size() == 1 && unbounded) {
             group.mobility->setPoses({Pose()});
             const MatrixXd& friction = group.mobility->friction();
             group.isThermostat = isThermostatTensor(friction);
@@ -180,15 +186,14 @@ Fluid::Fluid(const MobilityForce& forceToUse, const OpenMM::System& system,
 
 /** Dense or matrix-free, by the number of rows only, so that a resumed run chooses the same. */
 void Fluid::chooseSolver(Group& group) const {
-    if (group.poses.size() == 1) return;
+    if (group.isThermostat || group.mobility->isConstantInBodyFrame()) return;
     const bool wanted = force.getSolver() == MobilityForce::MatrixFree;
     if (wanted && !group.mobility->canApplyMatrixFree())
         fail("solver MatrixFree is there for RotnePragerYamakawa, not for " + string(modelName(force.getModel())) +
              "; use setSolver(Dense)");
     const auto takes = [&](int rows) {
         const bool large = rows > largestDenseRows || group.mobility->getNumParticleRows() > largestDenseParticleRows;
-        return group.mobility->canApplyMatrixFree() &&
-               (wanted || (force.getSolver() == MobilityForce::Auto && large));
+        return group.mobility->canApplyMatrixFree() && (wanted || (force.getSolver() == MobilityForce::Auto && large));
     };
     group.overdampedMatrixFree = takes(group.mobility->getNumRows());
     group.solvesMatrixFree = group.deadAxesAreNull && takes(group.numZ);
@@ -199,7 +204,8 @@ void Fluid::checkInertia(const BodySet& bodies) const {
     for (const auto& group : groups) {
         if (group->poses.size() > 1 && force.getSolver() == MobilityForce::MatrixFree && !group->solvesMatrixFree)
             fail(
-                "solver MatrixFree is there for bodies that the fluid and their moments let rotate about the same axes, "
+                "solver MatrixFree is there for bodies that the fluid and their moments let rotate about the same "
+                "axes, "
                 "not for spheres and blobs off a line with a zero moment; use setSolver(Dense)");
         const auto& elements = group->mobility->getElements();
         for (size_t e = 0; e < elements.size(); e++) {
@@ -596,8 +602,13 @@ string Fluid::describe() const {
          : group->solvesMatrixFree                  ? matrixFree
                                                     : dense)++;
     ostringstream text;
-    text << modelName(force.getModel()) << ", " << bodies << " bodies and " << free << " free particles; "
-         << thermostats << " alone with constant isotropic drag (no matrices), " << constant
+    text << modelName(force.getModel());
+    if (force.getBoundary() == MobilityForce::NoSlipWall)
+        text << " above a no-slip wall at z = " << force.getWallHeight()
+             << " nm (steps are redone after which a particle "
+             << (wallRejection == CustomRigidHIIntegrator::Crossing ? "has its centre behind it)" : "overlaps it)");
+    text << ", " << bodies << " bodies and " << free << " free particles; " << thermostats
+         << " alone with constant isotropic drag (no matrices), " << constant
          << " alone with a constant tensor (computed once), " << dense << " groups with dense matrices, " << matrixFree
          << " groups matrix-free";
     return text.str();

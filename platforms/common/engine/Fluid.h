@@ -33,14 +33,17 @@ enum class OverdampedPart { Predict, Correct };
 class Fluid {
 public:
     /**
+     * @param wallRejection  whether surfaces of particles may reach through a wall
      * @throws OpenMMException for radii that are not one per particle, a body without hydrodynamic particles, tensors and
      *         groups of other numbers of bodies, and what the model refuses
      */
-    Fluid(const MobilityForce& force, const OpenMM::System& system,
-          const std::vector<std::vector<int> >& particlesOfBodies, const std::vector<BodyGeometry>& geometries,
-          const BodySet& bodies, const FreeParticles& freeParticles, PlatformLoops& loops);
+    Fluid(const MobilityForce& force, CustomRigidHIIntegrator::WallRejection wallRejection,
+          const OpenMM::System& system, const std::vector<std::vector<int> >& particlesOfBodies,
+          const std::vector<BodyGeometry>& geometries, const BodySet& bodies, const FreeParticles& freeParticles,
+          PlatformLoops& loops);
 
     const MobilityForce& getForce() const { return force; }
+    CustomRigidHIIntegrator::WallRejection getWallRejection() const { return wallRejection; }
     /** Whether a matrix couples anything, so that relax() has something to do. */
     bool couplesBodies() const { return !coupledGroups.empty(); }
     /** What LangevinHI needs of it: zero inertia about the line of collinear blobs, and so on. @throws OpenMMException */
@@ -69,8 +72,7 @@ public:
      * @return random numbers drawn, whether the new poses are finite
      */
     LoopResult runOverdamped(OverdampedPart part, const OverdampedScheme& scheme, const StepSettings& settings,
-                             BodySet& bodies, const FreeParticles& freeParticles,
-                             std::vector<OpenMM::Vec3>& positions);
+                             BodySet& bodies, const FreeParticles& freeParticles, std::vector<OpenMM::Vec3>& positions);
 
     /** 6n x 6n, bodies only: free particles are force-free. */
     Eigen::MatrixXd mobility(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions);
@@ -134,6 +136,7 @@ private:
     static constexpr double worthThreads = 1e6, operationsOfConstantTensor = 1000;
 
     const MobilityForce force;
+    const CustomRigidHIIntegrator::WallRejection wallRejection;
     long long productsBefore = 0, matricesBefore = 0;  // of the fluids before this one in the Context
     std::vector<std::unique_ptr<Group> > groups;
     std::vector<Group*> coupledGroups;

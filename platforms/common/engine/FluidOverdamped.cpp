@@ -88,10 +88,12 @@ LoopResult Fluid::runOverdamped(OverdampedPart part, const OverdampedScheme& sch
     double operations = 0;
     for (auto& group : groups) {
         if (!group->move)
-            group->move.reset(new OverdampedMove(*group->mobility, group->overdampedMatrixFree, force.getSolverTolerance()));
+            group->move.reset(
+                new OverdampedMove(*group->mobility, group->overdampedMatrixFree, force.getSolverTolerance()));
         const double rows = group->mobility->getNumRows(), particleRows = group->mobility->getNumParticleRows();
-        operations += group->mobility->isConstantInBodyFrame() ? operationsOfConstantTensor
-                                                               : rows * rows * rows + particleRows * particleRows * particleRows;
+        operations += group->mobility->isConstantInBodyFrame()
+                          ? operationsOfConstantTensor
+                          : rows * rows * rows + particleRows * particleRows * particleRows;
     }
     OverdampedStep step;
     step.h = settings.h;
@@ -104,7 +106,7 @@ LoopResult Fluid::runOverdamped(OverdampedPart part, const OverdampedScheme& sch
         const long long roots = problem.numSquareRoots, iterations = group.mobility->numSolverIterations;
         if (part == OverdampedPart::Predict) {
             OverdampedStep own = step;
-            own.difference = settings.difference > 0       ? settings.difference
+            own.difference = settings.difference > 0      ? settings.difference
                              : group.overdampedMatrixFree ? max(denseDifference, cbrt(force.getSolverTolerance()))
                                                           : denseDifference;
             setStart(group, bodies, positions);

@@ -97,6 +97,7 @@ void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegr
         // A copy: what the user sets later waits for updateParametersInContext().
         fluidParameters.reset(new MobilityForce(*stock.mobilityForce));
         stock.mobilityForce = fluidParameters.get();
+        checkBoundary(*fluidParameters, *integrator);
     }
     loops = createLoops(context);
     freeParticles.reset(new FreeParticles(*system, stock.freeParticles));
@@ -178,7 +179,8 @@ void RigidBodyKernel::buildFluid() {
     vector<vector<int> > particles;
     for (int b = 0; b < definitions->getNumRigidBodies(); b++)
         particles.push_back(definitions->getRigidBodyParticles(b));
-    fluid.reset(new Fluid(*fluidParameters, *system, particles, geometries, bodies, *freeParticles, *loops));
+    fluid.reset(new Fluid(*fluidParameters, integrator->getWallRejection(), *system, particles, geometries, bodies,
+                          *freeParticles, *loops));
 }
 
 /** Geometries that come from positions. */
@@ -218,6 +220,7 @@ void RigidBodyKernel::updateSettings() {
     if (settingsVersion == integrator->getSettingsVersion() && settingsStepSize == h) return;
     definitions->setScheme(integrator->getScheme());
     checkScheme(*system, *definitions, stock);
+    adoptWallRejection();
     settings.scheme = integrator->getScheme();
     settings.h = h;
     settings.noise.law = static_cast<NoiseStream::Law>(integrator->getNoiseLaw());
@@ -561,15 +564,12 @@ void RigidBodyKernel::advance(ContextImpl& context) {
 void RigidBodyKernel::reportTooManyRejections(const string& objection) const {
     const string where = "step " + to_string(data.stepCount + 1) + ": " + objection;
     if (settings.kT == 0)
-        fail(where +
-             "; at temperature 0 no other noise can help: take a smaller step, add a repulsion, or use "
-             "setMinimumGap() of the MobilityForce");
+        fail(where + "; at temperature 0 no other noise can help: take a smaller step, or add a repulsion");
     const int limit = integrator->getMaximumRejections();
     if ((int)settings.noise.attempt > limit)
         fail(where + "; the step was redone " + to_string(limit) +
-             " times in a row, as often as setMaximumRejections() allows: take a smaller step, add a stiffer "
-             "repulsion, or "
-             "use setMinimumGap() of the MobilityForce");
+             " times in a row, as often as setMaximumRejections() allows: take a smaller step, or add a stiffer "
+             "repulsion");
 }
 
 /** @return why the step must be redone, or an empty string */
@@ -625,8 +625,8 @@ string RigidBodyKernel::attemptOverdampedStep(ContextImpl& context) {
 
 string RigidBodyKernel::goOverdamped(ContextImpl& context, OverdampedPart part) {
     const double start = now();
-    const LoopResult result = fluid->runOverdamped(part, overdampedScheme(settings.scheme), settings, bodies,
-                                                   *freeParticles, positions());
+    const LoopResult result =
+        fluid->runOverdamped(part, overdampedScheme(settings.scheme), settings, bodies, *freeParticles, positions());
     counters.seconds_mobility += now() - start;
     counters.randomNumbers += result.randomNumbers;
     if (!result.finite) reportNonFinite("position");
@@ -653,6 +653,11 @@ LoopResult RigidBodyKernel::moveThroughFluid(double tolerance) {
     LoopResult result = runLoop(BodyLoop::BeforeFriction);
     result.add(freeParticles->beforeFriction(settings, *loops, positions(), velocities(), tolerance));
     if (!result.finite) reportNonFinite("position");
+    // After a good step this is known to be empty; here what users set is judged.
+    const string objection = fluid->objection(bodies, positions());
+    if (!objection.empty())
+        fail("step " + to_string(data.stepCount + 1) +
+             ": half a step ahead, where the friction is taken: " + objection);
     const double start = now();
     result.add(
         fluid->relax(settings.h, settings.kT, settings.noise, bodies, *freeParticles, positions(), velocities()));

@@ -116,6 +116,8 @@ private:
     void reportTooManyRejections(const std::string& objection) const;
     LoopResult moveThroughFluid(double tolerance);
     void buildFluid();
+    void rebuildFluid();
+    void adoptWallRejection();
     Fluid& requireFluid(OpenMM::ContextImpl& context, const char* method);
     [[noreturn]] void reportNonFinite(const char* what);
     bool bodyMembersDiffer(int body, const std::vector<OpenMM::Vec3>& a, const std::vector<OpenMM::Vec3>& b) const;

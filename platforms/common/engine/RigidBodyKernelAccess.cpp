@@ -257,6 +257,7 @@ Fluid& RigidBodyKernel::requireFluid(ContextImpl& context, const char* method) {
     requirePositions(method);
     takeInChanges(context);
     if (!fluid) fail(string(method) + " needs a MobilityForce in the System");
+    adoptWallRejection();
     return *fluid;
 }
 
@@ -265,6 +266,12 @@ void RigidBodyKernel::updateFluid(ContextImpl& context, const MobilityForce& for
     const string remedy = "; call reinitialize(preserveState=True) on the Context";
     if (force.getModel() != fluidParameters->getModel() || force.getBoundary() != fluidParameters->getBoundary())
         fail("the model or boundary of a MobilityForce cannot be changed by updateParametersInContext()" + remedy);
+    if (force.getWallHeight() != fluidParameters->getWallHeight() ||
+        force.getSphereWallMobility() != fluidParameters->getSphereWallMobility())
+        fail(
+            "the wall height or sphere-wall mobility of a MobilityForce cannot be changed by "
+            "updateParametersInContext()" +
+            remedy);
     if (force.getGroups() != fluidParameters->getGroups())
         fail("the groups of a MobilityForce cannot be changed by updateParametersInContext()" + remedy);
     if (force.getNumParticles() != fluidParameters->getNumParticles())
@@ -276,19 +283,37 @@ void RigidBodyKernel::updateFluid(ContextImpl& context, const MobilityForce& for
                  "updateParametersInContext()" +
                  remedy);
     const unique_ptr<MobilityForce> before(new MobilityForce(*fluidParameters));
-    unique_ptr<Fluid> fluidBefore(move(fluid));
     *fluidParameters = force;
     if (!bodiesAreBuilt) return;
     try {
+        rebuildFluid();
+    } catch (...) {
+        *fluidParameters = *before;
+        throw;
+    }
+}
+
+/** The fluid from changed parameters, or an exception and the fluid as it was. */
+void RigidBodyKernel::rebuildFluid() {
+    unique_ptr<Fluid> before(move(fluid));
+    try {
+        checkBoundary(*fluidParameters, *integrator);
         buildFluid();
         if (integrator->getScheme() == CustomRigidHIIntegrator::LangevinHI) fluid->checkInertia(bodies);
     } catch (...) {
-        *fluidParameters = *before;
-        fluid = move(fluidBefore);
+        fluid = move(before);
         throw;
     }
-    fluid->continueCounters(*fluidBefore);
+    fluid->continueCounters(*before);
     settingsVersion = -1;
+}
+
+/** The wall rejection is the integrator's and may change between steps, but operators are made for one. */
+void RigidBodyKernel::adoptWallRejection() {
+    if (!fluid || fluid->getForce().getBoundary() != MobilityForce::NoSlipWall ||
+        fluid->getWallRejection() == integrator->getWallRejection())
+        return;
+    rebuildFluid();
 }
 
 namespace {

@@ -13,6 +13,7 @@
 #include <typeinfo>
 
 #include "engine/StepSettings.h"
+#include "mobility/Models.h"
 #include "openmmrigidhi/MobilityForce.h"
 #include "schemes/OverdampedSchemes.h"
 
@@ -146,6 +147,26 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
     return stock;
 }
 
+void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& integrator) {
+    const auto fail = [](const string& message) { throw OpenMMException("MobilityForce: " + message); };
+    if (!hasBoundary(force.getModel(), force.getBoundary())) {
+        string models;
+        for (int m = MobilityForce::FreeDraining; m <= MobilityForce::StokesianDynamics; m++)
+            if (hasBoundary(MobilityForce::Model(m), force.getBoundary()))
+                models += (models.empty() ? "" : " or ") + string(modelName(MobilityForce::Model(m)));
+        fail(string("boundary ") + boundaryName(force.getBoundary()) + " is there for the model " + models +
+             ", not for " + modelName(force.getModel()) + "; use setModel(" + models + ") or setBoundary(Unbounded)");
+    }
+    if (force.getBoundary() == MobilityForce::NoSlipWall && force.getSphereWallMobility() == MobilityForce::BestKnown &&
+        integrator.getWallRejection() == CustomRigidHIIntegrator::Crossing)
+        fail(
+            "sphere-wall mobility BestKnown is that of spheres outside the wall, so it does not go with the wall "
+            "rejection "
+            "Crossing; use setWallRejection(Overlap) or setSphereWallMobility(FromModel)");
+    if (force.getBoundary() == MobilityForce::NoSlipWall && force.getSphereWallMobility() == MobilityForce::BestKnown)
+        fail("sphere-wall mobility BestKnown is not there yet; use setSphereWallMobility(FromModel)");
+}
+
 /** What depends on inertia: schemes with momenta need it everywhere, and GradientThermostat in its rates. */
 static void checkMasses(const System& system, const CustomRigidHIIntegrator& integrator, const SystemInventory& stock,
                         const string& name) {
@@ -165,7 +186,8 @@ static void checkMasses(const System& system, const CustomRigidHIIntegrator& int
     }
     for (int p : stock.freeParticles)
         if (system.getParticleMass(p) == 0)
-            refuse(particleText(p) + " has hydrodynamic radius " + to_string(stock.mobilityForce->getParticleRadius(p)) +
+            refuse(particleText(p) + " has hydrodynamic radius " +
+                   to_string(stock.mobilityForce->getParticleRadius(p)) +
                    " nm but is in no body and has no mass, which scheme " + name +
                    " needs; give it a mass, make it part of a body, or give it radius 0");
 }
@@ -175,7 +197,8 @@ static void checkOverdamped(const SystemInventory& stock, const string& name) {
     for (int p : stock.freeParticles)
         if (!seenByFluid(stock, p))
             refuse(particleText(p) + " is in no body and has hydrodynamic radius 0, so scheme " + name +
-                   " has no mobility for it; give it a radius with MobilityForce.addParticle(), make it part of a body, or "
+                   " has no mobility for it; give it a radius with MobilityForce.addParticle(), make it part of a "
+                   "body, or "
                    "give it mass 0 to hold it where it is");
 }
 
@@ -220,7 +243,7 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
                 "the force");
         if (!stock.barostat.empty())
             refuse("the System has a " + stock.barostat + ", which scheme " + name +
-                   " does not support: the fluid is unbounded; remove the barostat, or use LangevinC");
+                   " does not support: the fluid is not periodic; remove the barostat, or use LangevinC");
         for (int i = 0; i < system.getNumConstraints(); i++) {
             int a, b;
             double distance;

@@ -35,6 +35,9 @@ SystemInventory takeStock(const OpenMM::ContextImpl& context, const CustomRigidH
 /** Check what depends on the scheme (it may change between steps). */
 void checkScheme(const OpenMM::System& system, const CustomRigidHIIntegrator& integrator, const SystemInventory& stock);
 
+/** Check that a MobilityForce's model has its boundary, and that its options and the integrator's go together. */
+void checkBoundary(const class MobilityForce& force, const CustomRigidHIIntegrator& integrator);
+
 /** The name of a scheme, as in Python. */
 std::string schemeName(CustomRigidHIIntegrator::Scheme scheme);
 

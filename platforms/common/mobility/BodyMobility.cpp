@@ -71,8 +71,7 @@ MatrixXd rigidMotion(const FluidElement& element, const Matrix3d& A) {
 
 void removeTurnAboutLine(const Matrix<double, 6, 1>& n, Ref<MatrixXd> twists) {
     const Vector3d line = n.tail<3>();
-    for (int c = 0; c < twists.cols(); c++)
-        twists.col(c) -= line.dot(twists.col(c).tail<3>()) / line.squaredNorm() * n;
+    for (int c = 0; c < twists.cols(); c++) twists.col(c) -= line.dot(twists.col(c).tail<3>()) / line.squaredNorm() * n;
 }
 
 void removeTorqueAboutLine(const Matrix<double, 6, 1>& n, Ref<MatrixXd> wrenches) {
@@ -94,10 +93,11 @@ MatrixXd generalisedInverse(const MatrixXd& friction, const VectorXd& nullVector
     return 0.5 * (inverse + inverse.transpose());
 }
 
-BodyMobility::BodyMobility(const vector<FluidElement>& elements, const OperatorFactory& makeOperatorToUse,
-                           bool isConstant)
+BodyMobility::BodyMobility(const vector<FluidElement>& elements, const OperatorFactory& makeOperator, bool isConstant,
+                           const OperatorFactory& makeUnboundedToUse)
     : elements(elements), constant(isConstant && elements.size() == 1 && !elements[0].isFree()),
-      aloneInUniformFluid(isConstant && elements.size() == 1), makeOperator(makeOperatorToUse) {
+      aloneInUniformFluid(isConstant && elements.size() == 1),
+      makeUnbounded(makeUnboundedToUse ? makeUnboundedToUse : makeOperator) {
     nullVectors.resize(elements.size());
     B_body.resize(elements.size());
     inverseB_body.resize(elements.size());
@@ -127,7 +127,7 @@ BodyMobility::BodyMobility(const vector<FluidElement>& elements, const OperatorF
             if (elements[e].ownMobility.size() == 0) continue;
             FluidElement alone = elements[e];
             alone.ownMobility.resize(0, 0);
-            BodyMobility model({alone}, makeOperator, true);
+            BodyMobility model({alone}, makeUnbounded, true);
             model.setPoses({Pose()});
             B_body[e] = symmetricPower(elements[e].ownMobility, 0.5) * symmetricPower(model.mobility(), -0.5);
             inverseB_body[e] = B_body[e].inverse();
@@ -278,7 +278,8 @@ const MatrixXd& BodyMobility::mobility() {
 
 MultiblobSolver& BodyMobility::getMultiblobSolver() {
     if (!multiblobSolver)
-        multiblobSolver.reset(new MultiblobSolver(elements, rows, firstParticle, particles, nullVectors, makeOperator));
+        multiblobSolver.reset(
+            new MultiblobSolver(elements, rows, firstParticle, particles, nullVectors, makeUnbounded));
     multiblobSolver->setPoses(poses);
     return *multiblobSolver;
 }

@@ -39,7 +39,9 @@ struct Pose {
  * Rows: six a body (V, W about its origin; lab frame), then three a free particle, in the order of the elements.
  * Where all blobs of a body are on a line, its friction has a null vector n, rotation about the line, and its mobility is the symmetric
  * generalised inverse (xi N xi = xi, N xi N = N) whose twists do not turn the body about the line, W.line = 0. For an origin on the
- * line that is the pseudo-inverse; elsewhere the latter would depend on the origin and on units, and this does not. Own tensors enter by congruence: N = B N_model B^T, B = N_own^(1/2) N_alone^(-1/2).
+ * line that is the pseudo-inverse; elsewhere the latter would depend on the origin and on units, and this does not.
+ * Own tensors enter by congruence: N = B N_model B^T, B = N_own^(1/2) N_alone^(-1/2), alone in unbounded fluid: at a wall a
+ * body's own tensor then feels the wall as the model's does.
  */
 class BodyMobility {
 public:
@@ -48,8 +50,10 @@ public:
      * @param elements      what feels each other
      * @param makeOperator  makes the model's operator for given particles
      * @param isConstant    the fluid is the same everywhere, so one body's tensor is constant in its own frame
+     * @param makeUnbounded makes the model's operator in unbounded fluid; empty: makeOperator does
      */
-    BodyMobility(const std::vector<FluidElement>& elements, const OperatorFactory& makeOperator, bool isConstant);
+    BodyMobility(const std::vector<FluidElement>& elements, const OperatorFactory& makeOperator, bool isConstant,
+                 const OperatorFactory& makeUnbounded = {});
 
     const std::vector<FluidElement>& getElements() const { return elements; }
     int getNumRows() const { return numRows; }
@@ -113,7 +117,7 @@ private:
     std::vector<Eigen::VectorXd> nullVectors;            // of elements, in the body frame; mostly empty
     std::vector<Eigen::MatrixXd> B_body, inverseB_body;  // of elements with own tensors
     std::unique_ptr<MobilityOperator> particleOperator;
-    OperatorFactory makeOperator;
+    OperatorFactory makeUnbounded;
     std::unique_ptr<MultiblobSolver> multiblobSolver;  // made when first needed
     HydrodynamicParticles particles;
     std::vector<int> firstParticle;  // of each element

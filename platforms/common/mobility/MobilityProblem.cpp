@@ -66,9 +66,10 @@ void MobilityProblem::factorise() {
     bodies.particleOperator->dense(scratch);
     M.compute(scratch);
     if (M.info() != Success)
-        throw OpenMM::OpenMMException("MobilityForce: the mobility matrix of " + to_string(bodies.particles.size()) +
-                                      " hydrodynamic particles is not positive definite; look for particles at the same "
-                                      "place");
+        throw OpenMM::OpenMMException(
+            "MobilityForce: the mobility matrix of " + to_string(bodies.particles.size()) +
+            " hydrodynamic particles is not positive definite; look for particles at the same "
+            "place");
     if (bodies.identityK) {
         isFactorised = true;
         return;

@@ -1,13 +1,15 @@
 #include "mobility/Models.h"
 
 #include "mobility/RotnePragerYamakawa.h"
+#include "mobility/RotnePragerYamakawaWall.h"
 #include "mobility/StokesianDynamics.h"
 
 using namespace std;
 
 namespace RigidHIPlugin {
 
-unique_ptr<MobilityOperator> createScalarMobility(const MobilityForce& force, const HydrodynamicParticles& particles) {
+unique_ptr<MobilityOperator> createScalarMobility(const MobilityForce& force, bool crossingAllowed,
+                                                  const HydrodynamicParticles& particles) {
     switch (force.getModel()) {
         case MobilityForce::StokesianDynamics:
             return unique_ptr<MobilityOperator>(
@@ -15,6 +17,12 @@ unique_ptr<MobilityOperator> createScalarMobility(const MobilityForce& force, co
         // What does not feel others still feels itself: the blobs of one body make its tensor.
         case MobilityForce::FreeDraining:
         case MobilityForce::RotnePragerYamakawa: break;
+    }
+    switch (force.getBoundary()) {
+        case MobilityForce::NoSlipWall:
+            return unique_ptr<MobilityOperator>(new RotnePragerYamakawaWall(
+                particles, force.getViscosity(), NoSlipPlane(force.getWallHeight(), crossingAllowed)));
+        case MobilityForce::Unbounded: break;
     }
     return unique_ptr<MobilityOperator>(new RotnePragerYamakawa(particles, force.getViscosity()));
 }
@@ -26,6 +34,22 @@ const char* modelName(MobilityForce::Model model) {
         case MobilityForce::StokesianDynamics: return "StokesianDynamics";
     }
     return "";
+}
+
+const char* boundaryName(MobilityForce::Boundary boundary) {
+    switch (boundary) {
+        case MobilityForce::Unbounded: return "Unbounded";
+        case MobilityForce::NoSlipWall: return "NoSlipWall";
+    }
+    return "";
+}
+
+bool hasBoundary(MobilityForce::Model model, MobilityForce::Boundary boundary) {
+    switch (boundary) {
+        case MobilityForce::Unbounded: return true;
+        case MobilityForce::NoSlipWall: return model == MobilityForce::RotnePragerYamakawa;
+    }
+    return false;
 }
 
 }  // namespace RigidHIPlugin

@@ -21,7 +21,7 @@ const int maxIterations = 1000;
 
 MultiblobSolver::MultiblobSolver(const vector<FluidElement>& elements, const vector<int>& rows,
                                  const vector<int>& firstParticle, const HydrodynamicParticles& particles,
-                                 const vector<VectorXd>& nullVectors, const OperatorFactory& makeOperator)
+                                 const vector<VectorXd>& nullVectors, const OperatorFactory& makeUnbounded)
     : rows(rows), turns(elements.size(), Matrix3d::Identity()) {
     vector<shared_ptr<const Shape> > known;
     for (size_t e = 0; e < elements.size(); e++) {
@@ -47,7 +47,7 @@ MultiblobSolver::MultiblobSolver(const vector<FluidElement>& elements, const vec
                 own.add(element.radii[i], element.isSphere(), element.particles[i], element.body);
                 places.push_back(OpenMM::Vec3(element.sites[i][0], element.sites[i][1], element.sites[i][2]));
             }
-            const unique_ptr<MobilityOperator> alone = makeOperator(own);
+            const unique_ptr<MobilityOperator> alone = makeUnbounded(own);
             alone->setPositions(places);
             MatrixXd M;
             alone->dense(M);
@@ -144,7 +144,8 @@ int MultiblobSolver::solve(const MobilityOperator& blobs, const MatrixXd& wrench
         double worst = 0;
         for (int c = 0; c < columns; c++) {
             gradient[c] = residual.col(c).dot(preconditioned.col(c));
-            energy[c] = lambda.col(c).dot(residual.col(c)) + wrenches_body.col(c).dot(twists_body.col(c)) + slipEnergy[c];
+            energy[c] =
+                lambda.col(c).dot(residual.col(c)) + wrenches_body.col(c).dot(twists_body.col(c)) + slipEnergy[c];
             if (withSlips) energy[c] -= lambda.col(c).dot(slips_body.col(c));
             if (!(gradient[c] <= tolerance * tolerance * energy[c])) converged = false;
             if (energy[c] > 0) worst = max(worst, sqrt(abs(gradient[c]) / energy[c]));

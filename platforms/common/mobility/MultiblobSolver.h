@@ -34,10 +34,11 @@ public:
      * @param rows            first row of each element in F and U
      * @param firstParticle   of each element
      * @param nullVectors     of each element's friction in the body frame, or empty
+     * @param makeUnbounded   makes the blobs' operator in unbounded fluid, from which the preconditioner comes
      */
     MultiblobSolver(const std::vector<FluidElement>& elements, const std::vector<int>& rows,
                     const std::vector<int>& firstParticle, const HydrodynamicParticles& particles,
-                    const std::vector<Eigen::VectorXd>& nullVectors, const OperatorFactory& makeOperator);
+                    const std::vector<Eigen::VectorXd>& nullVectors, const OperatorFactory& makeUnbounded);
     void setPoses(const std::vector<Pose>& poses);
     /**
      * twists = N wrenches, each column for itself. @throws OpenMMException with what was reached, if the tolerance is not
@@ -78,8 +79,8 @@ private:
     int numRows = 0, numBlobRowsTotal = 0;
     std::vector<std::shared_ptr<const Shape> > shapes;
     std::vector<Eigen::Matrix3d> turns;  // body to lab
-    Eigen::MatrixXd lambda, residual, direction, preconditioned, product, twists_body, wrenches_body, slips_body, scaled, lab,
-        labProduct;
+    Eigen::MatrixXd lambda, residual, direction, preconditioned, product, twists_body, wrenches_body, slips_body,
+        scaled, lab, labProduct;
 };
 
 }  // namespace RigidHIPlugin

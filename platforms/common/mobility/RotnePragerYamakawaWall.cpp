@@ -1,10 +1,6 @@
 #include "mobility/RotnePragerYamakawaWall.h"
 
-#include <openmm/OpenMMException.h>
-
-#include <algorithm>
 #include <cmath>
-#include <sstream>
 
 #include "mobility/RotnePragerYamakawaWall-inl.h"
 
@@ -63,48 +59,25 @@ private:
     }
 };
 
-std::string number(double value) {
-    std::ostringstream text;
-    text.precision(10);
-    text << value;
-    return text.str();
-}
-
 }  // namespace
 
-RotnePragerYamakawaWall::RotnePragerYamakawaWall(const HydrodynamicParticles& particles, double viscosity,
-                                                 double wallHeight, bool crossingAllowed)
-    : MobilityOperator(particles, viscosity), wallHeight(wallHeight), crossingAllowed(crossingAllowed),
-      positions(particles.size()), weights(particles.size()) {
-    if (!std::isfinite(wallHeight))
-        throw OpenMMException("MobilityForce: the height of the no-slip wall is " + number(wallHeight) +
-                              " nm; it must be finite");
-}
-
-std::string RotnePragerYamakawaWall::objection(const std::vector<Vec3>& at) const {
-    for (int i = 0; i < particles.size(); i++) {
-        const double z = at[i][2] - wallHeight, radius = particles.radii[i];
-        if (crossingAllowed ? z > 0 : z >= radius) continue;
-        const std::string where =
-            "RotnePragerYamakawa above a wall: particle " + std::to_string(particles.systemIndex[i]) +
-            (particles.body[i] < 0 ? " (in no body)" : " (body " + std::to_string(particles.body[i]) + ")") +
-            " has its centre " + number(z) + " nm above the wall at z = " + number(wallHeight) + " nm";
-        if (crossingAllowed)
-            return where + ", where a particle (this one of radius " + number(radius) +
-                   " nm) has no mobility; move it above the wall, or use smaller time steps";
-        return where + ", less than its radius, " + number(radius) +
-               " nm; move it up, use smaller time steps, or allow it by setWallRejection(Crossing)";
-    }
-    return {};
-}
-
 void RotnePragerYamakawaWall::setPositions(const std::vector<Vec3>& newPositions) {
-    const std::string problem = objection(newPositions);
-    if (!problem.empty()) throw OpenMMException(problem);
+    wall.check(particles, newPositions);
     for (int i = 0; i < particles.size(); i++) {
-        const double z = newPositions[i][2] - wallHeight, radius = particles.radii[i];
-        positions[i] = Vec3(newPositions[i][0], newPositions[i][1], std::max(z, radius));
-        weights[i] = std::min(z / radius, 1.0);
+        const double z = newPositions[i][2], radius = particles.radii[i];
+        positions[i] = Vec3(newPositions[i][0], newPositions[i][1], wall.heightOver(z, radius));
+        weights[i] = wall.weight(z, radius);
+    }
+}
+
+void RotnePragerYamakawaWall::setPositionsNearby(const std::vector<Vec3>& newPositions) {
+    if (!wall.reachesBeyond()) {
+        setPositions(newPositions);
+        return;
+    }
+    for (int i = 0; i < particles.size(); i++) {
+        positions[i] = Vec3(newPositions[i][0], newPositions[i][1], newPositions[i][2] - wall.getHeight());
+        weights[i] = 1;
     }
 }
 

@@ -96,7 +96,8 @@ void OverdampedMove::drawForParticles(uint32_t purpose, Vectors& numbers) {
     const HydrodynamicParticles& particles = problem.getParticles();
     numbers.resize(particles.numRows, 1);
     for (int i = 0; i < particles.size(); i++)
-        drawNumbers(purpose, particles.systemIndex[i], particles.hasTorque[i] ? 6 : 3, &numbers(particles.firstRow[i], 0));
+        drawNumbers(purpose, particles.systemIndex[i], particles.hasTorque[i] ? 6 : 3,
+                    &numbers(particles.firstRow[i], 0));
 }
 
 void OverdampedMove::thermalWrench(Draw draw, Vectors& wrench) {

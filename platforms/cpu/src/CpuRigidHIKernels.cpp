@@ -43,11 +43,12 @@ public:
             for (int i = first; i < end; i++) task(i);
         });
     }
-    std::unique_ptr<MobilityOperator> createMobility(const MobilityForce& force, const HydrodynamicParticles& particles,
+    std::unique_ptr<MobilityOperator> createMobility(const MobilityForce& force, bool crossingAllowed,
+                                                     const HydrodynamicParticles& particles,
                                                      bool mayUseThreads) override {
         // Models without an operator of this platform's own run with the common one.
-        if (force.getModel() != MobilityForce::FreeDraining && force.getModel() != MobilityForce::RotnePragerYamakawa)
-            return createScalarMobility(force, particles);
+        if (force.getModel() == MobilityForce::StokesianDynamics || force.getBoundary() != MobilityForce::Unbounded)
+            return createScalarMobility(force, crossingAllowed, particles);
         CpuRotnePragerYamakawa::ForRanges threads;
         if (mayUseThreads)
             threads = [this](int count, const std::function<void(int, int)>& task) {

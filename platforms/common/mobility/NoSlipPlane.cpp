@@ -1,0 +1,65 @@
+#include "mobility/NoSlipPlane.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+/** A body's pose puts its particles at z to some roundings of the larger of z, the wall's height and the body's size. */
+const double touchTolerance = 1e-12;
+
+string number(double value) {
+    ostringstream text;
+    text.precision(10);
+    text << value;
+    return text.str();
+}
+
+}  // namespace
+
+string particleAndBody(const HydrodynamicParticles& particles, int i) {
+    return "particle " + to_string(particles.systemIndex[i]) +
+           (particles.body[i] < 0 ? " (in no body)" : " (body " + to_string(particles.body[i]) + ")");
+}
+
+NoSlipPlane::NoSlipPlane(double height, bool crossingAllowed) : height(height), crossingAllowed(crossingAllowed) {
+    if (!isfinite(height))
+        throw OpenMM::OpenMMException("MobilityForce: the height of the no-slip wall is " + number(height) +
+                                      " nm; it must be finite");
+}
+
+string NoSlipPlane::objection(const HydrodynamicParticles& particles, const vector<OpenMM::Vec3>& positions) const {
+    for (int i = 0; i < particles.size(); i++) {
+        const double z = positions[i][2] - height, radius = particles.radii[i];
+        const double rounding = touchTolerance * max(abs(positions[i][2]), abs(height));
+        if (crossingAllowed ? z > 0 : z >= radius - rounding) continue;
+        const string where = "NoSlipWall: " + particleAndBody(particles, i) + " has its centre " + number(z) +
+                             " nm above the wall at z = " + number(height) + " nm";
+        if (crossingAllowed)
+            return where + ", where a particle (this one of radius " + number(radius) +
+                   " nm) has no mobility; move it above the wall, or use smaller time steps";
+        return where + ", less than its radius, " + number(radius) +
+               " nm; move it up, use smaller time steps, or allow it by setWallRejection(Crossing)";
+    }
+    return {};
+}
+
+void NoSlipPlane::check(const HydrodynamicParticles& particles, const vector<OpenMM::Vec3>& positions) const {
+    const string problem = objection(particles, positions);
+    if (!problem.empty()) throw OpenMM::OpenMMException("MobilityForce: " + problem);
+}
+
+double NoSlipPlane::heightOver(double z, double radius) const { return max(z - height, radius); }
+
+double NoSlipPlane::weight(double z, double radius) const {
+    return crossingAllowed ? min((z - height) / radius, 1.0) : 1.0;
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,329 @@
+// A no-slip wall by the public API: published values, nothing lost near contact, rejected steps, what is refused, equilibrium.
+
+#include <openmm/CustomExternalForce.h>
+#include <openmm/serialization/XmlSerializer.h>
+
+#include <sstream>
+
+#include "HydrodynamicSupport.h"
+
+using namespace OpenMM;
+using namespace RigidHITest;
+using namespace std;
+
+namespace {
+
+const double T1 = 1 / boltzmann;  // the temperature with kT = 1
+
+struct WallScene : FluidScene {
+    explicit WallScene(double height = 0, double temperature = 0, double h = 0.01) : FluidScene(temperature, h) {
+        fluid->setBoundary(MobilityForce::NoSlipWall);
+        fluid->setWallHeight(height);
+    }
+};
+
+/** The smallest eigenvalue in units in which every diagonal entry is 1. */
+double smallestEigenvalue(const MatrixXd& M) {
+    const VectorXd d = M.diagonal().cwiseSqrt().cwiseInverse();
+    return Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * M * d.asDiagonal()).eigenvalues()[0];
+}
+
+/** The lowest point of the blobs of a kind, its origin at 0. */
+double lowestPoint(const BodyKind& kind, const QuaternionArray& q) {
+    double lowest = INFINITY;
+    for (size_t i = 0; i < kind.sites.size(); i++)
+        if (kind.radii[i] > 0) lowest = min(lowest, rotate(q, kind.sites[i])[2] - kind.radii[i]);
+    return lowest;
+}
+
+}  // namespace
+
+// ---- Mobilities ----
+
+TEST(Wall, ValuesOfOneSphere) {
+    // Swan and Brady 2007; the sphere rolls along the wall that it is pulled along.
+    const double a = 0.7, eta = 2.5, height = -1.3;
+    for (double u : {1.0, 0.8, 0.3}) {
+        WallScene scene(height);
+        scene.fluid->setViscosity(eta);
+        scene.add(sphereKind(a), Vec3(3, -2, height + a / u));
+        scene.start(testPlatform());
+        const double t = 1 / (6 * M_PI * eta * a), r = 1 / (8 * M_PI * eta * a * a * a);
+        MatrixXd expected = MatrixXd::Zero(6, 6);
+        expected.diagonal() << Vector3d::Constant(t * (1 - 9 * u / 16 + pow(u, 3) / 8 - pow(u, 5) / 16)),
+            Vector3d::Constant(r * (1 - 5 * pow(u, 3) / 16));
+        expected(2, 2) = t * (1 - 9 * u / 8 + pow(u, 3) / 2 - pow(u, 5) / 8);
+        expected(5, 5) = r * (1 - pow(u, 3) / 8);
+        expected(4, 0) = expected(0, 4) = 3 * pow(u, 4) / 32 * t / a;
+        expected(3, 1) = expected(1, 3) = -expected(4, 0);
+        EXPECT_LT(difference(scene.mobility(), expected), 1e-13) << u;
+    }
+}
+
+TEST(Wall, ValuesOfTwoSpheres) {
+    // Computed elsewhere (equal to the code of Delong et al. 2015), for a = 1, eta = 1/(6 pi).
+    WallScene scene;
+    scene.fluid->setViscosity(1 / (6 * M_PI));
+    scene.add(sphereKind(1), Vec3(0, 0, 1.2));
+    scene.add(sphereKind(1), Vec3(2.5, 1, 3));
+    scene.start(testPlatform());
+    Matrix3d tt, rt, rr;
+    tt << 0.1563498397, 0.0399050815, 0.0959610869, 0.0399050815, 0.0725491686, 0.0383844348, 0.0104756178,
+        0.0041902471, 0.0076203779;
+    rt << -0.0098960427, -0.0348598456, -0.0010756279, 0.0556415353, 0.0098960427, 0.0026890697, -0.0160350448,
+        0.0400876120, 0;
+    rr << -0.0026775858, 0.0051614653, 0.0180264142, 0.0051614653, -0.0135166629, 0.0072105657, 0.0103826096,
+        0.0041530439, -0.0042110697;
+    const MatrixXd N = scene.mobility();
+    EXPECT_LT((N.block(0, 6, 3, 3) - tt).cwiseAbs().maxCoeff(), 1e-10);
+    EXPECT_LT((N.block(3, 6, 3, 3) - rt).cwiseAbs().maxCoeff(), 1e-10);
+    EXPECT_LT((N.block(3, 9, 3, 3) - rr).cwiseAbs().maxCoeff(), 1e-10);
+    EXPECT_LT((N - N.transpose()).cwiseAbs().maxCoeff(), 1e-15);
+}
+
+TEST(Wall, MixturesOfBodiesAndFreeParticles) {
+    for (int seed = 0; seed < 6; seed++) {
+        WallScene scene(0.4);
+        for (const BodyKind& kind :
+             {sphereKind(0.5), boomerangKind(), rodKind(),
+              BodyKind{"sphere off the origin", 1, Vec3(0.3, 0.5, 0.6), {Vec3(0.2, 0.1, -0.4)}, {0.7}}})
+            scene.add(kind);
+        if (seed % 2)
+            for (double radius : {0.3, 0.0, 0.6}) scene.addFree(1, radius, Vec3(2 * radius, 0.3, 0.4 + radius));
+        scene.start(testPlatform());
+        mt19937 random(seed);
+        uniform_real_distribution<double> u(0, 1);
+        vector<QuaternionArray> q = randomTurns(4, random);
+        vector<Vec3> R = randomPlaces(4, seed < 3 ? 4 : 1.5, 0, random);
+        for (int b = 0; b < 4; b++)  // touching, near, anywhere
+            R[b][2] = 0.4 - lowestPoint(scene.bodies[b], q[b]) + (b == seed % 4 ? 0 : u(random));
+        scene.pose(R, q);
+        const MatrixXd expected = scene.expected().mobility.topLeftCorner(24, 24);
+        EXPECT_LT(difference(scene.mobility(), expected), 1e-10) << "scene " << seed;
+        EXPECT_LT(difference(expected * scene.friction() * expected, expected), 1e-9) << "scene " << seed;
+    }
+}
+
+TEST(Wall, PositiveDefiniteAtTheWall) {
+    // Overlapping bodies, some of them touching the wall or reaching through it as far as Crossing lets them.
+    for (auto rejection : {CustomRigidHIIntegrator::Overlap, CustomRigidHIIntegrator::Crossing}) {
+        const bool crossing = rejection == CustomRigidHIIntegrator::Crossing;
+        WallScene scene(-0.7);
+        scene.integrator.setWallRejection(rejection);
+        for (const BodyKind& kind : {sphereKind(0.5), sphereKind(0.9), boomerangKind(), sphereKind(0.2)})
+            scene.add(kind);
+        mt19937 random(3);
+        uniform_real_distribution<double> u(0, 1);
+        double smallest = INFINITY;
+        for (int trial = 0; trial < 400; trial++) {
+            vector<QuaternionArray> q = randomTurns(4, random);
+            vector<Vec3> R = randomPlaces(4, trial % 2 ? 1 : 4, 0, random);
+            for (int b = 0; b < 4; b++) {
+                // Under Crossing no centre may be behind: the smallest blob of each kind says how far it may sink.
+                const double depth =
+                    crossing ? 0.9 * *min_element(scene.bodies[b].radii.begin(), scene.bodies[b].radii.end()) : 0;
+                R[b][2] = -0.7 - lowestPoint(scene.bodies[b], q[b]) - depth + (u(random) < 0.4 ? 0 : 2 * u(random));
+            }
+            if (trial == 0) scene.start(testPlatform());
+            scene.pose(R, q);
+            const MatrixXd N = scene.mobility();
+            ASSERT_LT((N - N.transpose()).cwiseAbs().maxCoeff(), 1e-15 * N.cwiseAbs().maxCoeff());
+            smallest = min(smallest, smallestEigenvalue(N));
+            ASSERT_GT(smallest, 0) << trial;
+        }
+        cout << "smallest eigenvalue " << smallest << endl;
+    }
+}
+
+// ---- Particles at the wall's limit ----
+
+TEST(Wall, AStartAtContactIsNoOverlap) {
+    // Turned bodies whose lowest blob touches: rounding puts it to either side of contact.
+    mt19937 random(8);
+    for (double height : {0.0, 0.1, -37.3, 1e4}) {
+        WallScene scene(height);
+        scene.add(boomerangKind());
+        scene.add(sphereKind(0.3), Vec3(5, 0, 0));
+        int below = 0;
+        for (int trial = 0; trial < 30; trial++) {
+            const vector<QuaternionArray> q = randomTurns(2, random);
+            const vector<Vec3> R = {Vec3(0, 0, height - lowestPoint(scene.bodies[0], q[0])), Vec3(5, 0, height + 0.3)};
+            if (trial == 0) scene.start(testPlatform());
+            scene.pose(R, q);
+            for (const LabBody& body : scene.labBodies())
+                for (size_t i = 0; i < body.radii.size(); i++)
+                    below += body.R[2] + body.offsets[i][2] - height < body.radii[i];
+            EXPECT_GT(smallestEigenvalue(scene.mobility()), 0);
+        }
+        EXPECT_GT(below, 0) << height;
+        // More than rounding is an overlap.
+        scene.pose({Vec3(0, 0, height + 9), Vec3(5, 0, height + 0.3 * (1 - 1e-9) - 1e-11 * abs(height))},
+                   {{{1, 0, 0, 0}}, {{1, 0, 0, 0}}});
+        expectError([&] { scene.mobility(); }, {"particle 5 (body 1)", "less than its radius, 0.3 nm"});
+    }
+}
+
+TEST(Wall, AStartBelowTheLimitNamesParticleAndBody) {
+    for (auto rejection : {CustomRigidHIIntegrator::Overlap, CustomRigidHIIntegrator::Crossing}) {
+        WallScene scene(2);
+        scene.integrator.setWallRejection(rejection);
+        scene.add(sphereKind(0.5), Vec3(0, 0, 3));
+        scene.add(boomerangKind(), Vec3(4, 0, 5));
+        scene.addFree(1, 0.25, Vec3(0, 4, 3));
+        scene.start(testPlatform());
+        scene.mobility();
+        const bool crossing = rejection == CustomRigidHIIntegrator::Crossing;
+        const string sign = crossing ? "-" : "";
+        const double z = crossing ? 1.875 : 2.125;
+        const vector<string> remedy =
+            crossing ? vector<string>{"no mobility; move it above the wall, or use smaller time steps"}
+                     : vector<string>{"less than its radius", "setWallRejection(Crossing)"};
+        const auto expectNamed = [&](const string& particle) {
+            vector<string> fragments = {particle + " has its centre " + sign + "0.125 nm above the wall at z = 2 nm"};
+            fragments.insert(fragments.end(), remedy.begin(), remedy.end());
+            expectError([&] { scene.mobility(); }, fragments);
+            expectError([&] { scene.friction(); }, fragments);
+            expectError([&] { scene.fluid->applyMobilityInContext(*scene.context, vector<double>(12)); }, fragments);
+            expectError([&] { scene.integrator.step(1); }, fragments);
+        };
+        const vector<QuaternionArray> q(2, {{1, 0, 0, 0}});
+        scene.pose({Vec3(0, 0, z), Vec3(4, 0, 5)}, q);
+        expectNamed("particle 0 (body 0)");
+        scene.pose({Vec3(0, 0, 3), Vec3(4, 0, z)}, q);
+        expectNamed("particle 1 (body 1)");
+        scene.pose({Vec3(0, 0, 3), Vec3(4, 0, 5)}, q);
+        auto x = positionsOf(*scene.context);
+        x[6][2] = z;
+        scene.context->setPositions(x);
+        expectNamed("particle 6 (in no body)");
+        x[6][2] = 3;
+        scene.context->setPositions(x);
+        scene.integrator.step(1);
+    }
+}
+
+TEST(Wall, RejectionActsAtOnceAndIsTheIntegrators) {
+    WallScene scene;
+    scene.add(sphereKind(0.5), Vec3(0, 0, 0.6));
+    scene.add(sphereKind(0.4), Vec3(2, 0, 1));
+    scene.start(testPlatform());
+    scene.integrator.step(1);
+    scene.pose({Vec3(0, 0, 0.25), Vec3(2, 0, 1)}, vector<QuaternionArray>(2, {{1, 0, 0, 0}}));
+    expectError([&] { scene.mobility(); }, {"setWallRejection(Crossing)"});
+    const double products = scene.integrator.getStepStatistics().at("mobilityProducts");
+    scene.integrator.setWallRejection(CustomRigidHIIntegrator::Crossing);
+    // M at contact, halved twice.
+    const MatrixXd crossing = scene.mobility();
+    EXPECT_LT(difference(crossing, scene.expected().mobility), 1e-13);
+    EXPECT_NEAR(crossing(2, 2) * 6 * M_PI * 0.6 * 0.5, 0.25 * (1 - 9.0 / 8 + 0.5 - 1.0 / 8), 1e-15);
+    scene.integrator.step(1);
+    EXPECT_GT(scene.integrator.getStepStatistics().at("mobilityProducts"), products);  // counters go on
+    scene.integrator.setWallRejection(CustomRigidHIIntegrator::Overlap);
+    expectError([&] { scene.integrator.step(1); }, {"particle 0 (body 0)"});
+    scene.integrator.setWallRejection(CustomRigidHIIntegrator::Crossing);
+    scene.integrator.step(1);
+}
+
+TEST(Wall, StepsThroughTheWallAreRedone) {
+    // Pressed to the wall so hard that many steps would end in it. Nothing is ever found beyond the limit.
+    for (auto rejection : {CustomRigidHIIntegrator::Overlap, CustomRigidHIIntegrator::Crossing})
+        for (bool multiblob : {false, true}) {
+            const double height = 1.5, limit = rejection == CustomRigidHIIntegrator::Overlap ? 1 : 0;
+            WallScene scene(height, T1, 0.1);
+            scene.integrator.setWallRejection(rejection);
+            scene.add(multiblob ? boomerangKind() : sphereKind(0.5), Vec3(0, 0, height + (multiblob ? 2.2 : 0.6)));
+            auto* weight = new CustomExternalForce("4*z");
+            weight->addParticle(0, vector<double>());
+            scene.system.addForce(weight);
+            scene.start(testPlatform());
+            for (int i = 0; i < 1500; i++) {
+                scene.integrator.step(1);
+                const auto x = positionsOf(*scene.context);
+                for (size_t p = 0; p < x.size(); p++)
+                    ASSERT_GE(x[p][2] - height, limit * scene.fluid->getParticleRadius(p) - 1e-11);
+            }
+            cout << scene.integrator.getNumRejectedSteps() << " of 1500 steps were redone" << endl;
+            EXPECT_GT(scene.integrator.getNumRejectedSteps(), 10);
+        }
+}
+
+TEST(Wall, RejectionsThatDoNotHelp) {
+    // Pushed so hard that no noise helps; without noise; and so hard that the wall is reached before any noise acts.
+    for (double force : {30.0, 1000.0})
+        for (double temperature : {0.0, 1e-6}) {
+            WallScene scene(0, temperature, 0.1);
+            scene.fluid->setViscosity(1e-4);
+            scene.add(sphereKind(0.5), Vec3(0, 0, 0.6));
+            auto* push = new CustomExternalForce(to_string(force) + "*z");
+            push->addParticle(0, vector<double>());
+            scene.system.addForce(push);
+            scene.integrator.setMaximumRejections(5);
+            scene.start(testPlatform());
+            const auto before = positionsOf(*scene.context);
+            expectError([&] { scene.integrator.step(1); },
+                        {force > 100 ? "half a step ahead, where the friction is taken: "
+                         : temperature == 0
+                             ? "at temperature 0 no other noise can help: take a smaller step, or add a repulsion"
+                             : "5 times in a row",
+                         "step 1: ", "particle 0 (body 0)", "above the wall at z = 0 nm"});
+            EXPECT_TRUE(sameBits(positionsOf(*scene.context), before));
+        }
+}
+
+// ---- What is refused ----
+
+TEST(Wall, ModelsWithoutAWall) {
+    for (auto model : {MobilityForce::FreeDraining, MobilityForce::StokesianDynamics}) {
+        WallScene scene;
+        scene.fluid->setModel(model);
+        scene.add(sphereKind(0.5), Vec3(0, 0, 3));
+        expectError([&] { scene.start(testPlatform()); },
+                    {"boundary NoSlipWall is there for the model RotnePragerYamakawa, not for ",
+                     model == MobilityForce::FreeDraining ? "FreeDraining; use" : "StokesianDynamics; use",
+                     "setModel(RotnePragerYamakawa) or setBoundary(Unbounded)"});
+    }
+}
+
+TEST(Wall, SettingsOutOfBounds) {
+    MobilityForce fluid;
+    for (double bad : {double(NAN), double(INFINITY), -double(INFINITY)})
+        expectError([&] { fluid.setWallHeight(bad); }, {"setWallHeight(): height is ", "give the z of the wall"});
+    CustomRigidHIIntegrator integrator(300, 0.001);
+    for (int bad : {-1, 2}) {
+        expectError([&] { fluid.setSphereWallMobility(static_cast<MobilityForce::SphereWallMobility>(bad)); },
+                    {"sphere-wall mobility " + to_string(bad) + " is unknown", "FromModel, BestKnown"});
+        expectError([&] { integrator.setWallRejection(static_cast<CustomRigidHIIntegrator::WallRejection>(bad)); },
+                    {"wall rejection " + to_string(bad) + " is unknown", "Overlap, Crossing"});
+    }
+    EXPECT_EQ(fluid.getWallHeight(), 0);
+    EXPECT_EQ(integrator.getWallRejection(), CustomRigidHIIntegrator::Overlap);
+}
+
+TEST(Wall, SphereWallMobilityBestKnown) {
+    for (auto rejection : {CustomRigidHIIntegrator::Overlap, CustomRigidHIIntegrator::Crossing}) {
+        WallScene scene;
+        scene.fluid->setSphereWallMobility(MobilityForce::BestKnown);
+        scene.integrator.setWallRejection(rejection);
+        scene.add(sphereKind(0.5), Vec3(0, 0, 3));
+        expectError([&] { scene.start(testPlatform()); },
+                    {rejection == CustomRigidHIIntegrator::Crossing ? "it does not go with the wall rejection Crossing"
+                                                                    : "BestKnown is not there yet"});
+    }
+}
+
+TEST(Wall, WhatNeedsReinitialize) {
+    WallScene scene;
+    scene.add(sphereKind(0.5), Vec3(0, 0, 1));
+    scene.start(testPlatform());
+    const MatrixXd before = scene.mobility();
+    const auto update = [&] { scene.fluid->updateParametersInContext(*scene.context); };
+    scene.fluid->setBoundary(MobilityForce::Unbounded);
+    expectError(update, {"the model or boundary of a MobilityForce cannot be changed", "reinitialize"});
+    scene.fluid->setBoundary(MobilityForce::NoSlipWall);
+    scene.fluid->setWallHeight(-1);
+    expectError(update,
+                {"the wall height or sphere-wall mobility of a MobilityForce cannot be changed", "reinitialize"});
+    EXPECT_EQ(scene.mobility(), before);
+    scene.context->reinitialize(true);
+    EXPECT_GT(scene.mobility()(2, 2), 1.2 * before(2, 2));
+}
