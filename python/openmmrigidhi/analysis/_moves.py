@@ -1,5 +1,6 @@
 """Metropolis moves of rigid bodies: what may move, by how much, and where a wall is."""
 import numpy as np
+from openmm import unit
 
 from .. import _units
 from .._quaternions import product
@@ -127,6 +128,18 @@ def thermalEnergy(temperature, where):
     if not 0 < temperature < np.inf:
         raise ValueError(f'{where}: temperature: got {temperature} K; a Boltzmann distribution needs a finite one above 0: set it')
     return _units.GAS_CONSTANT*temperature
+
+
+def plainEnergies(values, where):
+    """What an energyFunction returned, kJ/mol, as an array."""
+    if unit.is_quantity(values):
+        values = _units.ENERGY.strip(values, where, 'energyFunction')
+    return np.asarray(values, dtype=float)
+
+
+def isNoEnergy(energies):
+    """Where energies are no numbers, or -infinity."""
+    return np.isnan(energies) | (energies == -np.inf)
 
 
 def generator(seed, where):

@@ -295,11 +295,11 @@ class GibbsBoltzmannSampler:
             self._context.computeVirtualSites()
         energy = self._context.getState(getEnergy=True, groups=self._groups).getPotentialEnergy()._value
         if self._energyFunction is not None:
-            more = self._energyFunction(R, q)
-            if np.ndim(more) or np.isnan(more) or more == -np.inf:
-                raise ValueError(f'GibbsBoltzmannSampler: energyFunction: it returned {more!r}; it must return one number, kJ/mol, or '
+            more = _moves.plainEnergies(self._energyFunction(R, q), 'GibbsBoltzmannSampler')
+            if more.ndim or _moves.isNoEnergy(more):
+                raise ValueError(f'GibbsBoltzmannSampler: energyFunction: it returned {more.tolist()}; it must return one number, kJ/mol, or '
                                  'infinity where a pose is forbidden: sum over bodies')
-            energy += more
+            energy += float(more)
         return energy
 
     def _handBack(self):

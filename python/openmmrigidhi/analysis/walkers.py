@@ -1,5 +1,6 @@
 """Gibbs-Boltzmann Monte Carlo of one rigid body with an energy written in NumPy, many independent walkers at a time."""
 import numpy as np
+from openmm import unit
 
 from .. import _units
 from .._quaternions import rotate, rotationMatrices
@@ -185,11 +186,11 @@ class WalkerSampler:
         return self._wall.allows(R[:, 2:] + rotationMatrices(q)[:, 2] @ self._sites.T)
 
     def _energiesOf(self, R, q):
-        energies = np.asarray(self._energyFunction(R, q), dtype=float)
+        energies = _moves.plainEnergies(self._energyFunction(R, q), 'WalkerSampler')
         if energies.shape != (len(R),):
             raise ValueError(f'WalkerSampler: energyFunction: it returned an array of shape {energies.shape} for {len(R)} poses; it must '
                              'return one energy for each: sum over the rest')
-        bad = np.isnan(energies) | (energies == -np.inf)
+        bad = _moves.isNoEnergy(energies)
         if np.any(bad):
             k = np.argmax(bad)
             raise ValueError(f'WalkerSampler: energyFunction: it returned {energies[k]} kJ/mol at position {R[k]} nm, orientation {q[k]}; '
@@ -199,7 +200,7 @@ class WalkerSampler:
 
 def _perWalker(values, dimension, columns, count, where, name):
     """One row for each walker; a single row is for all."""
-    rows = np.shape(values._value if _units.unit.is_quantity(values) else values)
+    rows = np.shape(values._value if unit.is_quantity(values) else values)
     if len(rows) == 1:
         if columns == 3:
             return np.tile(_units.vector(values, dimension, where, name), (count, 1))
