@@ -358,7 +358,7 @@ def test_further_energy():
     dipole.addGlobalParameter('E', 3*KT)
     dipole.addBody(0, [])
     scene.system.addForce(dipole)
-    with refused('energyFunction: the System has a CustomBodyForce', 'give the potential of its forces and torques'):
+    with refused('energyFunction: there is a CustomBodyForce', 'give the potential of its forces and torques'):
         analysis.GibbsBoltzmannSampler(scene.bind())
     samples = scene.sample(sweeps=2500, energyFunction=lambda R, q: -3*KT*rotationMatrices(q[0])[0, 2], coordinates='rotation')
     check(samples.average(axis(samples, 2)[:, 0, 0]), 1/np.tanh(3) - 1/3, 0.1)

@@ -84,7 +84,7 @@ class GibbsBoltzmannSampler:
         self._kT = _moves.thermalEnergy(self._integrator.getTemperature() if temperature is None else temperature, where)
         self._energyFunction = energyFunction
         if energyFunction is None and _forces(system, CustomBodyForce):
-            raise ValueError(f'{where}: energyFunction: the System has a CustomBodyForce, which has no energy; sampling needs one: give '
+            raise ValueError(f'{where}: energyFunction: there is a CustomBodyForce, which has no energy; sampling needs one: give '
                              'the potential of its forces and torques, or zero where they have none')
         if moves not in _MOVES:
             raise ValueError(f'{where}: moves: got {moves!r}; it must be "single" or "all": choose one')
