@@ -3,6 +3,7 @@ import numpy as np
 
 from .. import _units
 from .._quaternions import rotate
+from .._systems import forcesOf, hydrodynamicRadii
 from ..bodyforce import CustomBodyForce
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
@@ -83,7 +84,7 @@ class GibbsBoltzmannSampler:
         self._groups = self._integrator.getIntegrationForceGroups()
         self._kT = _moves.thermalEnergy(self._integrator.getTemperature() if temperature is None else temperature, where)
         self._energyFunction = energyFunction
-        if energyFunction is None and _forces(system, CustomBodyForce):
+        if energyFunction is None and forcesOf(system, CustomBodyForce):
             raise ValueError(f'{where}: energyFunction: there is a CustomBodyForce, which has no energy; sampling needs one: give '
                              'the potential of its forces and torques, or zero where they have none')
         if moves not in _MOVES:
@@ -92,8 +93,8 @@ class GibbsBoltzmannSampler:
         self._motion = _moves.Motion(coordinates, rotationAxis, where)
         self.seed, self._random = _moves.generator(seed, where)
         self._takeBodies(trackingPoints, where)
-        fluids = _forces(system, MobilityForce)
-        radii = self._radiiOf(radii, fluids, where)
+        fluids = forcesOf(system, MobilityForce)
+        radii = hydrodynamicRadii(system, radii, where)
         self._bodies = self._chosen(bodies, range(len(self._firstSite) - 1), where, 'bodies')
         self._free = self._chosen(freeParticles, self._movableParticles(system, radii), where, 'freeParticles')
         self._checkConstraints(system, where)
@@ -120,14 +121,6 @@ class GibbsBoltzmannSampler:
         self._owners = np.repeat(np.arange(count), np.diff(self._firstSite))
         self._points = np.zeros((count, 3)) if trackingPoints is None else \
             _units.rows(trackingPoints, _units.LENGTH, 3, where, 'trackingPoints', count)
-
-    def _radiiOf(self, radii, fluids, where):
-        count = self._context.getSystem().getNumParticles()
-        if radii is not None:
-            return np.array(_units.perSite(radii, _units.LENGTH, count, where, 'radii'))
-        if fluids:
-            return np.array([fluids[0].getParticleRadius(i)._value for i in range(count)])
-        return np.zeros(count)
 
     @staticmethod
     def _chosen(chosen, possible, where, name):
@@ -309,14 +302,3 @@ class GibbsBoltzmannSampler:
             self._context.computeVirtualSites()
         self._integrator.setBodyPositions(self._positions)
         self._integrator.setBodyOrientations(self._orientations)
-
-
-def _forces(system, kind):
-    """The System's forces of a class of ours."""
-    found = []
-    for force in system.getForces():
-        try:
-            found.append(kind.cast(force))
-        except TypeError:
-            pass
-    return found
