@@ -33,7 +33,7 @@ class BodyReporter:
         for an interval that is no integer above 0
     """
 
-    _needsPositions = False
+    _needsPositions = _needsVelocities = False
 
     def __init__(self, file, reportInterval, append):
         self._file = os.fspath(file)
@@ -46,9 +46,9 @@ class BodyReporter:
         self._started = False
 
     def describeNextReport(self, simulation):
-        """Tell the Simulation when the next report is due, and whether it needs positions, unwrapped."""
+        """Tell the Simulation when the next report is due, and what of the particles it needs; positions unwrapped."""
         steps = self._reportInterval - simulation.currentStep % self._reportInterval
-        return steps, self._needsPositions, False, False, False, False if self._needsPositions else None
+        return steps, self._needsPositions, self._needsVelocities, False, False, False if self._needsPositions else None
 
     def report(self, simulation, state):
         """Write one frame."""
