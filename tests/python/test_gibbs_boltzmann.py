@@ -1,9 +1,10 @@
 """Gibbs-Boltzmann Monte Carlo against closed forms and quadrature.
 
 Every comparison of a mean is by z = (mean - exact)/(standard error) with fixed seeds. Its bound, from Student's t, is exceeded by chance 7
-times in a million, and there are some sixty comparisons. Sample sizes are chosen such that the errors are well below what a wrong measure would do: without the
-factor sin^2(angle/2) of Haar's measure, or with a proposal that is not symmetric, the orientations below are off by 1 to 10 %.
+times in a million, and there are some sixty comparisons.
+Sizes of samples make the errors much smaller than what a move that is not symmetric, a wrong wall or a wrong tracking point would do.
 """
+import doctest
 import re
 
 import numpy as np
@@ -18,6 +19,7 @@ from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, analysis, app
 from openmmrigidhi._quaternions import rotationMatrices
 from openmmrigidhi.accuracy.statistics import quantile
 from openmmrigidhi.analysis import _moves
+from openmmrigidhi.analysis import walkers as walkersModule
 
 KT = (unit.MOLAR_GAS_CONSTANT_R*300*unit.kelvin).value_in_unit(unit.kilojoule_per_mole)
 FALSE_ALARMS = 7e-6
@@ -82,6 +84,18 @@ def test_sizes_of_moves_change_in_burn_in_only():
     assert first.stepSizes['rotation'] == np.pi and first.acceptance['rotation'] == 1   # nothing depends on orientations
 
 
+def test_progress_is_shown_if_wanted(capsys):
+    sampler = analysis.WalkerSampler(lambda R, q: 0*R[:, 0], 300, 2, (0, 0, 0))
+    sampler.burnIn(3, progress=True)
+    sampler.sample(3, progress=False)
+    shown = capsys.readouterr().err
+    assert 'burn-in' in shown and '3/3' in shown and 'sampling' not in shown
+
+
+def test_the_example_in_the_documentation():
+    assert doctest.testmod(walkersModule).attempted > 0 == doctest.testmod(walkersModule).failed
+
+
 # ---- Walkers against closed forms ------------------------------------------------------------------------------------
 
 @pytest.mark.parametrize('rejection, lowest', [('Overlap', 0.7), ('Crossing', 0.2)])
@@ -138,6 +152,17 @@ def test_turning_about_a_point_far_from_the_origin_changes_no_distribution():
     check(samples.average(n[..., 2]), 1/np.tanh(3) - 1/3, 0.01)
     check(samples.average(R[..., 0]*n[..., 0]), 0)
     assert 0.3 < samples.acceptance['rotation'] < 0.5
+
+
+def test_the_tracking_point_stays_where_it_is():
+    point = np.array([0.4, -0.3, 0.5])
+    samples = walkers(lambda R, q: 0*R[:, 0], count=20, position=(1, 2, 3), coordinates='rotation', trackingPoint=point)
+    there = samples.positions._value + rotationMatrices(samples.orientations) @ point
+    assert np.allclose(there, (1.4, 1.7, 3.5), rtol=0, atol=1e-12) and samples.positions._value.std() > 0.1
+    points = np.array([(0.1, 0.2, 0.1), (0, -0.3, 0)])
+    samples = Scene().sample(sweeps=100, coordinates='rotation', trackingPoints=points)
+    there = samples.positions._value + np.einsum('sbij,bj->sbi', rotationMatrices(samples.orientations), points)
+    assert np.allclose(there, points + [(0, 0, 0), (0, 0, 3)], rtol=0, atol=1e-12) and samples.positions._value.std(axis=0).max() > 0.1
 
 
 def test_turning_about_one_axis_only():

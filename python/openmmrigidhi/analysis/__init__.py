@@ -14,5 +14,5 @@ from .walkers import WalkerSampler
 
 __all__ = ['translationalMSD', 'rotationalMSD', 'planarAngleMSD', 'MeanSquareDisplacement', 'shortTimeDiffusion',
            'longTimeDiffusion', 'DiffusionCoefficient', 'mobilityAboutPoint', 'mobilityInBodyFrame', 'centerOfMobility',
-           'centerOfHydrodynamicStress', 'planarCenterOfHydrodynamicStress', 'planarAngleMobility', 'gravitationalHeight', 'GibbsBoltzmannSampler',
-           'WalkerSampler', 'PoseSamples']
+           'centerOfHydrodynamicStress', 'planarCenterOfHydrodynamicStress', 'planarAngleMobility', 'gravitationalHeight',
+           'GibbsBoltzmannSampler', 'WalkerSampler', 'PoseSamples']

@@ -11,4 +11,5 @@ from .trajectories import Trajectory
 
 __all__ = ['addRigidWater', 'addRigidResidues', 'addRigidMultiblob', 'bindBodies', 'minimize', 'MinimizationResult', 'RigidBodyReporter',
            'readBodyStates', 'BodyStates', 'StateDataReporter', 'sphereShell', 'multiblobSphere', 'rod', 'cylinder', 'boomerang',
-           'tetramer', 'icosahedron', 'readVertexFile', 'readClones', 'writeClones', 'GsdReporter', 'readGsd', 'H5mdReporter', 'readH5md', 'Trajectory']
+           'tetramer', 'icosahedron', 'readVertexFile', 'readClones', 'writeClones',
+           'GsdReporter', 'readGsd', 'H5mdReporter', 'readH5md', 'Trajectory']

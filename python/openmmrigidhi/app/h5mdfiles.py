@@ -69,9 +69,9 @@ class H5mdReporter(BodyReporter):
 
     Notes
     -----
-    The file is closed between reports, so that it can be read while the run goes on and is whole if the run is killed between reports. A
-    frame that was half written, when the disk was full say, is ignored by readH5md and overwritten by append. Killed within the few
-    milliseconds of a report HDF5 may leave a file that cannot be opened.
+    The file is closed between reports, so that it can be read while the run goes on and is whole if the run is killed between reports; that
+    costs about a millisecond a report. A frame that was half written, when the disk was full say, is ignored by readH5md and overwritten by
+    append. Killed within the few milliseconds of a report HDF5 may leave a file that cannot be opened.
     """
 
     def __init__(self, file, reportInterval, append=False, velocities=False, blobs=False, types=None, radii=None, author=None):

@@ -203,5 +203,5 @@ class BodyScene:
 
 
 def rowsBefore(steps, step):
-    """How many frames of a file come before the first new one, at this step: a resumed run replaces the others."""
+    """Get how many frames of a file, with these steps, come before the first new one, at this step: a resumed run replaces the others."""
     return int(np.searchsorted(steps, step))
