@@ -28,9 +28,9 @@ def refused(*pieces, error=ValueError):
 class Scene:
     """Two dumbbells of two blobs, a sphere off its origin, and a free blob; all drift and turn, in a box of 4 nm or none."""
 
-    def __init__(self, periodic=None, bodies=3, velocity=30.0, fluid=False, ball=(0.1, 0.2, 0)):
+    def __init__(self, periodic=None, bodies=3, velocity=30.0, fluid=False, ball=(0.1, 0.2, 0), tail=(0, 0, 0.5)):
         self.system, self.fluid, self.integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(0, 0.01)
-        sites = [[(-0.3, 0, 0), (0.3, 0.1, 0), (0, 0, 0.5)]]*2 + [[ball, (0, 0, 0.4)]]
+        sites = [[(-0.3, 0, 0), (0.3, 0.1, 0), end] for end in ((0, 0, 0.5), tail)] + [[ball, (0, 0, 0.4)]]
         radii = [[0.25, 0.35, 0.1 if fluid else 0]]*2 + [[0.5, 0]]
         for k in range(bodies):
             app.addRigidMultiblob(self.system, self.integrator, self.fluid, sites[k], radii[k], 10 + k, (3, 4, 5))
@@ -272,6 +272,15 @@ def test_a_sphere_at_its_origin_is_a_sphere(tmp_path):
     plain.run(app.GsdReporter(tmp_path/'y.gsd', 1), 1)
     with gsd.hoomd.open(str(tmp_path/'y.gsd'), 'rb') as file:
         assert not any(file[0].particles.type_shapes) and file[0].particles.types == ['body0', 'body1']
+
+
+@pytest.mark.parametrize('options, radii', [({}, [0.2]*8 + [0]), ({'tail': (0, 0, 0.51)}, [0.2]*8 + [0]), ({}, [0.2]*4 + [0.3]*4 + [0])],
+                         ids=['alike', 'other sites', 'other radii'])
+def test_bodies_of_one_shape_are_of_one_type(tmp_path, options, radii):
+    alike = not options and len(set(radii[:6])) == 1
+    scene = Scene(**options)
+    scene.run(app.H5mdReporter(tmp_path/'x.h5', 1, radii=radii), 1)
+    assert app.readH5md(tmp_path/'x.h5').types == (['body0', 'body0', 'body1'] if alike else ['body0', 'body1', 'body2'])
 
 
 def test_radii_of_the_fluid_are_taken(tmp_path):
