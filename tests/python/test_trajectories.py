@@ -200,6 +200,16 @@ def test_the_structure_is_that_of_h5md(tmp_path, periodic):
         assert bodies['species'][:].tolist() == [0, 0, 1]
 
 
+def test_an_author_is_found(tmp_path, monkeypatch):
+    def nobody():
+        raise KeyError('uid not found')
+    for name, login in (('grace', lambda: 'grace'), ('unknown', nobody)):
+        monkeypatch.setattr('getpass.getuser', login)
+        Scene().run(app.H5mdReporter(tmp_path/'x.h5', 1), 1)
+        with h5py.File(tmp_path/'x.h5') as file:
+            assert text(file['h5md/author'].attrs['name']) == name
+
+
 def test_the_documented_layouts_are_there(tmp_path):
     from openmmrigidhi.app import gsdfiles, h5mdfiles
     scene = Scene(TRICLINIC)

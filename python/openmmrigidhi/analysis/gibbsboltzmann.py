@@ -22,7 +22,7 @@ class GibbsBoltzmannSampler:
 
     Cost of a trial: one evaluation of the Context's energy (1 us or less of OpenMM's own on the Reference platform, 50 us on CPU) and
     some 40 us of Python. A sweep is one trial of each kind for every body. For one body with an energy that NumPy can write,
-    :class:`WalkerSampler` is fifty times faster.
+    :class:`WalkerSampler` is a hundred times faster.
 
     Parameters
     ----------

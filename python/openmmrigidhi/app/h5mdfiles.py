@@ -59,7 +59,7 @@ class H5mdReporter(BodyReporter):
     radii : sequence or Quantity of shape (particles of the System,), optional
         radius of each particle, nm, 0 for none; None: those of the MobilityForce, if there is one
     author : str, optional
-        name of the person responsible, which H5MD wants; None: the user's login name
+        name of the person responsible, which H5MD wants; None: the user's login name, or "unknown"
 
     Raises
     ------
@@ -79,7 +79,7 @@ class H5mdReporter(BodyReporter):
         self._velocities = _units.boolean(velocities, self._name, 'velocities')
         self._needsPositions = self._blobs = _units.boolean(blobs, self._name, 'blobs')
         self._types, self._radii = types, radii
-        self._author = getpass.getuser() if author is None else author
+        self._author = _login() if author is None else author
 
     def _start(self, simulation, integrator):
         import h5py
@@ -324,6 +324,14 @@ def _conversion(data, length, time, file):
                          f'{"length" if time == 0 else "time" if length == 0 and time == 1 else "velocity"} made of '
                          f'{", ".join(_SYMBOLS)}: convert the file')
     return factor
+
+
+def _login():
+    """The user's login name; in a container there may be none."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return 'unknown'
 
 
 def _text(text):
