@@ -212,9 +212,7 @@ void BodyMobility::computeFriction() {
         particleOperator->dense(M);
         const LLT<Ref<MatrixXd> > factor(M);
         if (factor.info() != Success)
-            throw OpenMM::OpenMMException(
-                "MobilityForce: the mobility matrix of " + to_string(particles.size()) +
-                " hydrodynamic particles is not positive definite; look for two blobs at one place");
+            refuseIndefiniteMobility(particles.size());
         factor.matrixL().solveInPlace(K);
         xi.noalias() = K.transpose() * K;
     }
@@ -257,10 +255,7 @@ const MatrixXd& BodyMobility::mobility() {
             }
         const LLT<MatrixXd> factor(scratch);
         if (factor.info() != Success)
-            throw OpenMM::OpenMMException(
-                "MobilityForce: the friction matrix of " + to_string(elements.size()) +
-                " bodies is not positive definite; look for blobs at the same place, or a body whose blobs are all at "
-                "one place");
+            refuseIndefiniteFriction(elements.size());
         N = factor.solve(MatrixXd::Identity(numRows, numRows));
         for (size_t e = 0; e < elements.size(); e++)
             if (hasNullVector(e)) {

@@ -50,8 +50,7 @@ void MobilityProblem::factoriseFriction() {
     }
     xi.compute(scratch);
     if (xi.info() != Success)
-        throw OpenMM::OpenMMException("MobilityForce: the friction matrix of " + to_string(bodies.elements.size()) +
-                                      " bodies is not positive definite; look for particles at the same place");
+        refuseIndefiniteFriction(bodies.elements.size());
     isFactorised = true;
 }
 
@@ -66,10 +65,7 @@ void MobilityProblem::factorise() {
     bodies.particleOperator->dense(scratch);
     M.compute(scratch);
     if (M.info() != Success)
-        throw OpenMM::OpenMMException(
-            "MobilityForce: the mobility matrix of " + to_string(bodies.particles.size()) +
-            " hydrodynamic particles is not positive definite; look for particles at the same "
-            "place");
+        refuseIndefiniteMobility(bodies.particles.size());
     if (bodies.identityK) {
         isFactorised = true;
         return;

@@ -6,7 +6,7 @@
 
 namespace RigidHIPlugin {
 
-/** A scheme without momenta, as the engine sees it. Each is written down in a file of its own, schemes/<name>.h. */
+/** A scheme without momenta, as the engine sees it. Each is written down in a file of its own, in this folder. */
 struct OverdampedScheme {
     const char* name;
     /** Whether predict() needs forces at the start of the step, and correct() forces in between. */
