@@ -48,9 +48,7 @@ void MobilityProblem::factoriseFriction() {
                 scratch.block<6, 6>(bodies.rows[e], bodies.rows[e]) += lift * n * n.transpose();
             }
     }
-    xi.compute(scratch);
-    if (xi.info() != Success)
-        refuseIndefiniteFriction(bodies.elements.size());
+    if (!xi.compute(scratch)) refuseIndefiniteFriction(bodies.elements.size());
     isFactorised = true;
 }
 
@@ -63,15 +61,13 @@ void MobilityProblem::factorise() {
     }
     bodies.numMatrices++;
     bodies.particleOperator->dense(scratch);
-    M.compute(scratch);
-    if (M.info() != Success)
-        refuseIndefiniteMobility(bodies.particles.size());
+    if (!M.compute(scratch)) refuseIndefiniteMobility(bodies.particles.size());
     if (bodies.identityK) {
         isFactorised = true;
         return;
     }
     bodies.fillK(bodies.poses, LK);
-    M.matrixL().solveInPlace(LK);
+    M.solveL(LK);
     scratch.setZero(bodies.numRows, bodies.numRows);
     scratch.selfadjointView<Lower>().rankUpdate(LK.transpose());
     factoriseFriction();
@@ -103,19 +99,19 @@ void MobilityProblem::solve(const MatrixXd& wrenches, const MatrixXd& slips, Mat
         factorise();
         if (bodySlips) {
             twists = wrenches;
-            xi.solveInPlace(twists);
+            xi.solve(twists);
         } else if (bodies.identityK) {
-            halfForces.noalias() = M.matrixU() * wrenches;
-            twists.noalias() = M.matrixL() * halfForces;
+            halfForces.noalias() = M.U() * wrenches;
+            twists.noalias() = M.L() * halfForces;
         } else {
             twists = wrenches;
             if (withSlips) {
                 halfSlips = slips;
-                M.matrixL().solveInPlace(halfSlips);
+                M.solveL(halfSlips);
                 twists.noalias() += LK.transpose() * halfSlips;
             }
             forNullTwists(twists, removeTorqueAboutLine);
-            xi.solveInPlace(twists);
+            xi.solve(twists);
             forNullTwists(twists, removeTurnAboutLine);
             halfForces.noalias() = LK * twists;  // L^T lambda
             if (withSlips) halfForces -= halfSlips;
@@ -133,7 +129,7 @@ void MobilityProblem::getBlobForces(MatrixXd& result) {
         bodies.multiblobSolver->getBlobForces(result);
     else {
         result = halfForces;
-        M.matrixU().solveInPlace(result);
+        M.solveU(result);
     }
 }
 
@@ -142,13 +138,13 @@ void MobilityProblem::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
     if (!matrixFree) {
         if (!bodies.constant) factorise();
         if (bodies.constant) {
-            wrench.noalias() = xi.matrixL() * W;
+            wrench.noalias() = xi.L() * W;
             wrench = (twoRotations(bodies.poses[0].A) * wrench).eval();
         } else if (!bodySlips && bodies.identityK) {
             wrench = W;
-            M.matrixU().solveInPlace(wrench);
+            M.solveU(wrench);
         } else
-            wrench.noalias() = xi.matrixL() * W;
+            wrench.noalias() = xi.L() * W;
         // The lift along n, which is no friction.
         forNullTwists(wrench, [](const Vector6d& n, auto own) { own -= (n * (n.transpose() * own)).eval(); });
         return;
@@ -177,7 +173,7 @@ void MobilityProblem::thermalSlip(const MatrixXd& W, MatrixXd& slips) {
     numSquareRoots++;
     if (!matrixFree) {
         factorise();
-        slips.noalias() = M.matrixL() * W;
+        slips.noalias() = M.L() * W;
         return;
     }
     const vector<SpectralFunction> functions(W.cols(), SpectralFunction::squareRoot());

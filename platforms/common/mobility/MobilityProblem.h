@@ -1,12 +1,12 @@
 #ifndef RIGIDHI_MOBILITY_PROBLEM_H_
 #define RIGIDHI_MOBILITY_PROBLEM_H_
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <memory>
 #include <vector>
 
 #include "mobility/BodyMobility.h"
+#include "mobility/CholeskyFactor.h"
 #include "mobility/Lanczos.h"
 
 namespace RigidHIPlugin {
@@ -82,8 +82,8 @@ private:
     const double tolerance;
     bool bodySlips, hasNull = false;
     bool isFactorised = false;
-    Eigen::LLT<Eigen::MatrixXd> M, xi;  // factors, dense; of one constant body xi in its own frame
-    Eigen::MatrixXd LK;                 // L^-1 K
+    CholeskyFactor M, xi;  // factors, dense; of one constant body xi in its own frame
+    Eigen::MatrixXd LK;    // L^-1 K
     Eigen::MatrixXd scratch, halfSlips, halfForces, lambda;
     std::vector<Eigen::MatrixXd> nearest_body;  // (K^T K)^-1 K^T of elements, body frame
     std::vector<Pose> here;
