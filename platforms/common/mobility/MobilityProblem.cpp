@@ -133,6 +133,23 @@ void MobilityProblem::getBlobForces(MatrixXd& result) {
     }
 }
 
+/** result = f(M) W, or f of the scaled M of MultiblobSolver where there are multiblobs. */
+void MobilityProblem::applyRoot(const SpectralFunction& f, const MatrixXd& W, MatrixXd& result) {
+    const vector<SpectralFunction> functions(W.cols(), f);
+    const MobilityOperator& blobs = *bodies.particleOperator;
+    MultiblobSolver* solver = bodies.identityK ? nullptr : &bodies.getMultiblobSolver();
+    lanczos.apply(
+        [&](const MatrixXd& x, MatrixXd& y) {
+            if (solver)
+                solver->multiplyScaled(blobs, x, y);
+            else
+                blobs.apply(x, y);
+        },
+        W, functions, result);
+    bodies.numProducts += lanczos.getNumProducts();
+    bodies.numSolverIterations += lanczos.getNumIterations();
+}
+
 void MobilityProblem::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
     numSquareRoots++;
     if (!matrixFree) {
@@ -149,17 +166,8 @@ void MobilityProblem::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
         forNullTwists(wrench, [](const Vector6d& n, auto own) { own -= (n * (n.transpose() * own)).eval(); });
         return;
     }
-    const vector<SpectralFunction> functions(W.cols(), SpectralFunction::inverseSquareRoot());
-    MobilityOperator& op = *bodies.particleOperator;
-    if (bodies.identityK) {
-        lanczos.apply([&](const MatrixXd& x, MatrixXd& y) { op.apply(x, y); }, W, functions, wrench);
-    } else {
-        MultiblobSolver& solver = bodies.getMultiblobSolver();
-        lanczos.apply([&](const MatrixXd& x, MatrixXd& y) { solver.multiplyScaled(op, x, y); }, W, functions, scratch);
-        solver.wrenchesFromScaled(scratch, wrench);
-    }
-    bodies.numProducts += lanczos.getNumProducts();
-    bodies.numSolverIterations += lanczos.getNumIterations();
+    applyRoot(SpectralFunction::inverseSquareRoot(), W, bodies.identityK ? wrench : scratch);
+    if (!bodies.identityK) bodies.getMultiblobSolver().wrenchesFromScaled(scratch, wrench);
     // N = B N_model B^T, so a wrench on the bodies is B^-T times one in the model.
     if (bodies.hasOwnTensors) bodies.multiplyByFactors(wrench, bodies.inverseB_body, true);
 }
@@ -176,17 +184,8 @@ void MobilityProblem::thermalSlip(const MatrixXd& W, MatrixXd& slips) {
         slips.noalias() = M.L() * W;
         return;
     }
-    const vector<SpectralFunction> functions(W.cols(), SpectralFunction::squareRoot());
-    MobilityOperator& op = *bodies.particleOperator;
-    if (bodies.identityK) {
-        lanczos.apply([&](const MatrixXd& x, MatrixXd& y) { op.apply(x, y); }, W, functions, slips);
-    } else {
-        MultiblobSolver& solver = bodies.getMultiblobSolver();
-        lanczos.apply([&](const MatrixXd& x, MatrixXd& y) { solver.multiplyScaled(op, x, y); }, W, functions, scratch);
-        solver.slipsFromScaled(scratch, slips);
-    }
-    bodies.numProducts += lanczos.getNumProducts();
-    bodies.numSolverIterations += lanczos.getNumIterations();
+    applyRoot(SpectralFunction::squareRoot(), W, bodies.identityK ? slips : scratch);
+    if (!bodies.identityK) bodies.getMultiblobSolver().slipsFromScaled(scratch, slips);
 }
 
 void MobilityProblem::multiplyNearby(const vector<Pose>& poses, const MatrixXd& forces, MatrixXd& slips) {

@@ -72,6 +72,7 @@ public:
 private:
     void factorise();
     void factoriseFriction();
+    void applyRoot(const SpectralFunction& f, const Eigen::MatrixXd& W, Eigen::MatrixXd& result);
     template <class Action>
     void forNullTwists(Eigen::MatrixXd& vectors, Action action) const;
     /** Null vector of an element in the lab frame; only where it has one. */
