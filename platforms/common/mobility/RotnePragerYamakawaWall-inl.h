@@ -118,6 +118,77 @@ inline void addWallVelocities(const WallMobility<Real>& m, const Vector3<Real>* 
     }
 }
 
+/** The blocks of the matrix for a pair: velocities (t) and angular velocities (r) of i from forces and torques on j. */
+template <class Real>
+struct PairBlocks {
+    Real tt[3][3], rt[3][3], tr[3][3], rr[3][3];
+};
+
+/** Blocks of the free mobility, times `scale`; those of particles without torque are left alone. */
+template <bool targetTorque, bool sourceTorque, class Real>
+inline void fillPairBlocks(const PairMobility<Real>& m, const Vector3<Real>& r, const Real& scale,
+                           PairBlocks<Real>& blocks) {
+    const Real zero(0.0), v[3] = {r.x, r.y, r.z};
+    // Products are formed in the same way in mirrored places.
+    const auto symmetric = [&](const Real& identity, const Real& outer, Real(&block)[3][3]) {
+        for (int a = 0; a < 3; a++) {
+            block[a][a] = scale * (identity + outer * (v[a] * v[a]));
+            for (int b = 0; b < a; b++) block[a][b] = block[b][a] = scale * (outer * (v[a] * v[b]));
+        }
+    };
+    const auto crossing = [&](const Real& factor, Real(&block)[3][3]) {
+        const Real x = scale * (factor * r.x), y = scale * (factor * r.y), z = scale * (factor * r.z);
+        const Real rows[3][3] = {{zero, z, zero - y}, {zero - z, zero, x}, {y, zero - x, zero}};
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++) block[a][b] = rows[a][b];
+    };
+    symmetric(m.ttI, m.ttR, blocks.tt);
+    if (targetTorque) crossing(m.rt, blocks.rt);
+    if (sourceTorque) crossing(m.tr, blocks.tr);
+    if (targetTorque && sourceTorque) symmetric(m.rrI, m.rrR, blocks.rr);
+}
+
+/** Add what the wall makes of them: addWallVelocities() for unit forces and torques. */
+template <bool targetTorque, bool sourceTorque, class Real>
+inline void addWallBlocks(const WallMobility<Real>& m, const Real& scale, PairBlocks<Real>& blocks) {
+    const Vector3<Real>& R = m.R;
+    const Real zero(0.0), v[3] = {R.x, R.y, R.z};
+    const Real cubes[3] = {scale * (m.cube * R.x), scale * (m.cube * R.y), scale * (m.cube * R.z)};
+    const Real crossed[3][3] = {
+        {zero, zero - cubes[2], cubes[1]}, {cubes[2], zero, zero - cubes[0]}, {zero - cubes[1], cubes[0], zero}};
+    for (int b = 0; b < 3; b++) {
+        const bool normal = b == 2;
+        const Real mirrored = normal ? zero - scale : scale;  // F' = +-e_b
+        const Real along = mirrored * (normal ? multiplyAdd(m.RR, v[b], m.Re) : m.RR * v[b]);
+        for (int a = 0; a < 3; a++) blocks.tt[a][b] = multiplyAdd(along, v[a], blocks.tt[a][b]);
+        blocks.tt[b][b] = multiplyAdd(mirrored, m.I, blocks.tt[b][b]);
+        blocks.tt[2][b] = multiplyAdd(mirrored, normal ? multiplyAdd(m.eR, v[b], m.ee) : m.eR * v[b], blocks.tt[2][b]);
+        if (targetTorque) {
+            const Real turning = mirrored * (normal ? multiplyAdd(m.rtRR, v[b], m.rtRe) : m.rtRR * v[b]);
+            for (int a = 0; a < 3; a++)
+                blocks.rt[a][b] = normal ? blocks.rt[a][b] - crossed[a][b] : blocks.rt[a][b] + crossed[a][b];
+            blocks.rt[0][b] = negativeMultiplyAdd(turning, R.y, blocks.rt[0][b]);
+            blocks.rt[1][b] = multiplyAdd(turning, R.x, blocks.rt[1][b]);
+            if (b == 0) blocks.rt[1][b] = multiplyAdd(scale, m.rtI, blocks.rt[1][b]);
+            if (b == 1) blocks.rt[0][b] = negativeMultiplyAdd(scale, m.rtI, blocks.rt[0][b]);
+        }
+        if (!sourceTorque) continue;
+        const Real Rt = b == 0 ? scale * R.y : b == 1 ? zero - scale * R.x : zero;  // R.(e x T)
+        for (int a = 0; a < 3; a++)
+            blocks.tr[a][b] = blocks.tr[a][b] + negativeMultiplyAdd(m.trRR * Rt, v[a], crossed[a][b]);
+        blocks.tr[2][b] = negativeMultiplyAdd(m.tre, Rt, blocks.tr[2][b]);
+        if (b == 0) blocks.tr[1][b] = negativeMultiplyAdd(scale, m.trI, blocks.tr[1][b]);
+        if (b == 1) blocks.tr[0][b] = multiplyAdd(scale, m.trI, blocks.tr[0][b]);
+        if (!targetTorque) continue;
+        const Real RT = m.fifth * (scale * v[b]), around = m.fifth * Rt;
+        for (int a = 0; a < 3; a++) blocks.rr[a][b] = multiplyAdd(Real(-0.5) * RT, v[a], blocks.rr[a][b]);
+        blocks.rr[b][b] = multiplyAdd(scale, m.rrI, blocks.rr[b][b]);
+        blocks.rr[0][b] = multiplyAdd(around, R.y, blocks.rr[0][b]);
+        blocks.rr[1][b] = negativeMultiplyAdd(around, R.x, blocks.rr[1][b]);
+        blocks.rr[2][b] = multiplyAdd(RT, R.z, blocks.rr[2][b]);
+    }
+}
+
 }  // namespace RIGIDHI_TARGET
 }  // namespace RigidHIPlugin
 
