@@ -211,35 +211,35 @@ HWY_INLINE void fillPack(const Arrays& arrays, int slot, int first, int j) {
     if (targetTorque && sourceTorque) storeBlock(arrays, slot, first, 3, column + 3, blocks.rr);
 }
 
-/** Source j with itself and all targets after it: each pair is one source's. */
-template <class Pairs, bool sourceTorque>
-HWY_NOINLINE void fillColumns(const Arrays& arrays, int j) {
-    const int width = lanes(Pack(0.0)), spheres = arrays.numSphereBlocks * Arrays::blockSize;
-    const int end = arrays.numBlocks * Arrays::blockSize, own = arrays.slotOfSource[j];
-    for (int slot = own / width * width; slot < end; slot += width) {
-        const int first = own > slot ? own - slot : 0;
-        if (slot < spheres)
-            fillPack<Pairs, true, sourceTorque>(arrays, slot, first, j);
-        else
-            fillPack<Pairs, false, sourceTorque>(arrays, slot, first, j);
-    }
-}
-
+/** Source j with a pack of targets, but for those before j, whose pairs with j are theirs. */
 template <class Pairs>
-void fillColumns(const Arrays& arrays, int j) {
-    if (j < arrays.numSpheres)
-        fillColumns<Pairs, true>(arrays, j);
-    else
-        fillColumns<Pairs, false>(arrays, j);
+HWY_NOINLINE void fillPack(const Arrays& arrays, int slot, int j) {
+    const int own = arrays.slotOfSource[j], first = own > slot ? own - slot : 0;
+    if (first >= lanes(Pack(0.0))) return;
+    if (slot >= arrays.numSphereBlocks * Arrays::blockSize)
+        j < arrays.numSpheres ? fillPack<Pairs, false, true>(arrays, slot, first, j)
+                              : fillPack<Pairs, false, false>(arrays, slot, first, j);
+    else  // spheres come first, so j is one
+        fillPack<Pairs, true, true>(arrays, slot, first, j);
 }
 
-/** The matrix, but for symmetry, has these pairs of sources: the k-th and the k-th last, which together are the same work. */
+/** Some sources with themselves and all targets after them, in tiles, so that mirrored places stay in the cache. */
+template <class Pairs>
+void fillTiles(const Arrays& arrays, int tile) {
+    const int width = lanes(Pack(0.0)), firstSource = tile * Arrays::blockSize;
+    const int endSource = HWY_MIN(firstSource + Arrays::blockSize, arrays.numSources);
+    const int end = arrays.numBlocks * Arrays::blockSize;
+    for (int slot = arrays.slotOfSource[firstSource] / width * width; slot < end; slot += width)
+        for (int j = firstSource; j < endSource; j++) fillPack<Pairs>(arrays, slot, j);
+}
+
+/** The matrix, in pairs of tiles: the k-th and the k-th last, which together are the same work for all k. */
 void fillMatrix(const Arrays& arrays, int firstPair, int endPair) {
-    const auto fill = arrays.hasWall ? fillColumns<WallPairs> : fillColumns<FreePairs>;
+    const auto fill = arrays.hasWall ? fillTiles<WallPairs> : fillTiles<FreePairs>;
+    const int tiles = (arrays.numSources + Arrays::blockSize - 1) / Arrays::blockSize;
     for (int k = firstPair; k < endPair; k++) {
-        const int last = arrays.numSources - 1 - k;
         fill(arrays, k);
-        if (last != k) fill(arrays, last);
+        if (tiles - 1 - k != k) fill(arrays, tiles - 1 - k);
     }
 }
 
@@ -359,9 +359,10 @@ void CpuRotnePragerYamakawa::apply(const Eigen::MatrixXd& forces, Eigen::MatrixX
 void CpuRotnePragerYamakawa::dense(Eigen::MatrixXd& mobility) const {
     mobility.resize(particles.numRows, particles.numRows);
     const RotnePragerYamakawaArrays arrays = this->arrays(mobility.data());
-    split((particles.size() + 1) / 2, static_cast<double>(particles.size()) * particles.size(),
-          [&arrays](int first, int end) { HWY_DYNAMIC_DISPATCH(fillMatrix)
-                                          (arrays, first, end); });
+    const int tiles = (particles.size() + BodySet::blockSize - 1) / BodySet::blockSize;
+    split((tiles + 1) / 2, static_cast<double>(particles.size()) * particles.size(), [&arrays](int first, int end) {
+        HWY_DYNAMIC_DISPATCH(fillMatrix)(arrays, first, end);
+    });
 }
 
 }  // namespace RigidHIPlugin
