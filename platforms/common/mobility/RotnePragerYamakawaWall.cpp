@@ -75,7 +75,7 @@ void RotnePragerYamakawaWall::apply(const Eigen::MatrixXd& forces, Eigen::Matrix
         for (int j = 0; j < particles.size(); j++) {
             const int from = particles.firstRow[j];
             const bool torque_j = particles.hasTorque[j];
-            const double factor = scale * weights[i] * weights[j];
+            const double factor = scale * (weights[i] * weights[j]);
             const Pair pair(positions[i], positions[j], particles.radii[i], particles.radii[j]);
             for (int column = 0; column < forces.cols(); column++) {
                 const Vector force = rows(forces, from, column, factor);
@@ -91,10 +91,10 @@ void RotnePragerYamakawaWall::apply(const Eigen::MatrixXd& forces, Eigen::Matrix
 
 namespace {
 
-/** Place the blocks of i and j, and their transposes in the mirrored place; of i itself, the lower triangle in both. */
-void place(Eigen::MatrixXd& m, int row, int column, const double (&block)[3][3], bool lowerOnly) {
+/** A block, and its transpose in the mirrored place. */
+void place(Eigen::MatrixXd& m, int row, int column, const double (&block)[3][3]) {
     for (int a = 0; a < 3; a++)
-        for (int b = 0; b < (lowerOnly ? a + 1 : 3); b++) m(row + a, column + b) = m(column + b, row + a) = block[a][b];
+        for (int b = 0; b < 3; b++) m(row + a, column + b) = m(column + b, row + a) = block[a][b];
 }
 
 template <bool torque_i, bool torque_j>
@@ -102,11 +102,10 @@ void placePair(Eigen::MatrixXd& m, int row, int column, const Pair& pair, double
     PairBlocks<double> blocks;
     fillPairBlocks<torque_i, torque_j>(pair.free, pair.r, factor, blocks);
     addWallBlocks<torque_i, torque_j>(pair.wall, factor, blocks);
-    const bool itself = row == column;
-    place(m, row, column, blocks.tt, itself);
-    if (torque_i) place(m, row + 3, column, blocks.rt, false);
-    if (torque_j && !itself) place(m, row, column + 3, blocks.tr, false);
-    if (torque_i && torque_j) place(m, row + 3, column + 3, blocks.rr, itself);
+    place(m, row, column, blocks.tt);
+    if (torque_i) place(m, row + 3, column, blocks.rt);
+    if (torque_j) place(m, row, column + 3, blocks.tr);
+    if (torque_i && torque_j) place(m, row + 3, column + 3, blocks.rr);
 }
 
 }  // namespace
@@ -118,7 +117,7 @@ void RotnePragerYamakawaWall::dense(Eigen::MatrixXd& mobility) const {
         const int column = particles.firstRow[j];
         for (int i = j; i < particles.size(); i++) {
             const int row = particles.firstRow[i];
-            const double factor = scale * weights[i] * weights[j];
+            const double factor = scale * (weights[i] * weights[j]);
             const Pair pair(positions[i], positions[j], particles.radii[i], particles.radii[j]);
             if (particles.hasTorque[i])
                 particles.hasTorque[j] ? placePair<true, true>(mobility, row, column, pair, factor)

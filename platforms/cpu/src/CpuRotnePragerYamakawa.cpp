@@ -178,68 +178,60 @@ void multiplyBlocks(const Arrays& arrays, int firstBlock, int endBlock) {
                        : multiply<FreePairs, 2>(arrays, firstBlock, endBlock);
 }
 
-/** A block of each lane from `first` on, and its transpose in the mirrored place: so the matrix is symmetric to the last bit. */
-HWY_INLINE void storeBlock(const Arrays& arrays, int slot, int first, int row, int column, const Pack (&block)[3][3]) {
-    double out[3][3][Arrays::blockSize];
-    for (int a = 0; a < 3; a++)
-        for (int b = 0; b < 3; b++) store(block[a][b], out[a][b]);
-    const size_t n = arrays.numRows;
-    for (int lane = first; lane < lanes(block[0][0]); lane++) {
-        if (arrays.rowOfSlot[slot + lane] < 0) return;
-        const size_t to = arrays.rowOfSlot[slot + lane] + row;
-        for (int a = 0; a < 3; a++)
-            for (int b = 0; b < 3; b++)
-                arrays.result[n * (column + b) + to + a] = arrays.result[n * (to + a) + column + b] = out[a][b][lane];
+/** Rows of a pack of targets in one column of the matrix. */
+template <int count>
+HWY_INLINE void storeColumn(const Arrays& arrays, int slot, int column, const Pack (&rows)[count]) {
+    double out[count][Arrays::blockSize];
+    for (int k = 0; k < count; k++) store(rows[k], out[k]);
+    double* to = arrays.result + static_cast<size_t>(arrays.numRows) * column;
+    for (int lane = 0; lane < lanes(rows[0]); lane++) {
+        const int first = arrays.rowOfSlot[slot + lane];
+        if (first < 0) return;
+        for (int k = 0; k < count; k++) to[first + k] = out[k][lane];
     }
 }
 
-/** Blocks of source j with a pack of targets, from lane `first` on. */
+/** Blocks of a pack of targets and source j. They are so formed that the matrix is symmetric to the last bit. */
 template <class Pairs, bool targetTorque, bool sourceTorque>
-HWY_INLINE void fillPack(const Arrays& arrays, int slot, int first, int j) {
+HWY_INLINE void fillPack(const Arrays& arrays, int slot, int j) {
     const Targets targets(arrays, slot);
     const Pairs pairs(targets, arrays.sources + 4 * j);
-    Pack scale;
-    load(arrays.weight + slot, scale);
-    scale = Pack(arrays.scale * arrays.weight[arrays.slotOfSource[j]]) * scale;
-    PairBlocks<Pack> blocks;
-    pairs.template fillBlocks<targetTorque, sourceTorque>(scale, blocks);
+    Pack weight;
+    load(arrays.weight + slot, weight);
+    PairBlocks<Pack> m;
+    pairs.template fillBlocks<targetTorque, sourceTorque>(
+        Pack(arrays.scale) * (weight * Pack(arrays.weight[arrays.slotOfSource[j]])), m);
     const int column = arrays.rowOfSource[j];
-    storeBlock(arrays, slot, first, 0, column, blocks.tt);
-    if (sourceTorque) storeBlock(arrays, slot, first, 0, column + 3, blocks.tr);
-    // After tr, whose transpose this is where j meets itself.
-    if (targetTorque) storeBlock(arrays, slot, first, 3, column, blocks.rt);
-    if (targetTorque && sourceTorque) storeBlock(arrays, slot, first, 3, column + 3, blocks.rr);
+    for (int b = 0; b < 3; b++) {
+        if (targetTorque) {
+            storeColumn<6>(arrays, slot, column + b,
+                           {m.tt[0][b], m.tt[1][b], m.tt[2][b], m.rt[0][b], m.rt[1][b], m.rt[2][b]});
+            if (sourceTorque)
+                storeColumn<6>(arrays, slot, column + 3 + b,
+                               {m.tr[0][b], m.tr[1][b], m.tr[2][b], m.rr[0][b], m.rr[1][b], m.rr[2][b]});
+        } else {
+            storeColumn<3>(arrays, slot, column + b, {m.tt[0][b], m.tt[1][b], m.tt[2][b]});
+            if (sourceTorque) storeColumn<3>(arrays, slot, column + 3 + b, {m.tr[0][b], m.tr[1][b], m.tr[2][b]});
+        }
+    }
 }
 
-/** Source j with a pack of targets, but for those before j, whose pairs with j are theirs. */
-template <class Pairs>
-HWY_NOINLINE void fillPack(const Arrays& arrays, int slot, int j) {
-    const int own = arrays.slotOfSource[j], first = own > slot ? own - slot : 0;
-    if (first >= lanes(Pack(0.0))) return;
-    if (slot >= arrays.numSphereBlocks * Arrays::blockSize)
-        j < arrays.numSpheres ? fillPack<Pairs, false, true>(arrays, slot, first, j)
-                              : fillPack<Pairs, false, false>(arrays, slot, first, j);
-    else  // spheres come first, so j is one
-        fillPack<Pairs, true, true>(arrays, slot, first, j);
-}
-
-/** Some sources with themselves and all targets after them, in tiles, so that mirrored places stay in the cache. */
-template <class Pairs>
-void fillTiles(const Arrays& arrays, int tile) {
-    const int width = lanes(Pack(0.0)), firstSource = tile * Arrays::blockSize;
-    const int endSource = HWY_MIN(firstSource + Arrays::blockSize, arrays.numSources);
+template <class Pairs, bool sourceTorque>
+HWY_NOINLINE void fillColumns(const Arrays& arrays, int j) {
+    const int width = lanes(Pack(0.0)), spheres = arrays.numSphereBlocks * Arrays::blockSize;
     const int end = arrays.numBlocks * Arrays::blockSize;
-    for (int slot = arrays.slotOfSource[firstSource] / width * width; slot < end; slot += width)
-        for (int j = firstSource; j < endSource; j++) fillPack<Pairs>(arrays, slot, j);
+    for (int slot = 0; slot < spheres; slot += width) fillPack<Pairs, true, sourceTorque>(arrays, slot, j);
+    for (int slot = spheres; slot < end; slot += width) fillPack<Pairs, false, sourceTorque>(arrays, slot, j);
 }
 
-/** The matrix, in pairs of tiles: the k-th and the k-th last, which together are the same work for all k. */
-void fillMatrix(const Arrays& arrays, int firstPair, int endPair) {
-    const auto fill = arrays.hasWall ? fillTiles<WallPairs> : fillTiles<FreePairs>;
-    const int tiles = (arrays.numSources + Arrays::blockSize - 1) / Arrays::blockSize;
-    for (int k = firstPair; k < endPair; k++) {
-        fill(arrays, k);
-        if (tiles - 1 - k != k) fill(arrays, tiles - 1 - k);
+/** Columns of the matrix that belong to some sources. */
+void fillMatrix(const Arrays& arrays, int firstSource, int endSource) {
+    const bool wall = arrays.hasWall;
+    for (int j = firstSource; j < endSource; j++) {
+        const bool torque = j < arrays.numSpheres;
+        (wall     ? torque ? fillColumns<WallPairs, true> : fillColumns<WallPairs, false>
+             : torque ? fillColumns<FreePairs, true>
+                  : fillColumns<FreePairs, false>)(arrays, j);
     }
 }
 
@@ -359,8 +351,7 @@ void CpuRotnePragerYamakawa::apply(const Eigen::MatrixXd& forces, Eigen::MatrixX
 void CpuRotnePragerYamakawa::dense(Eigen::MatrixXd& mobility) const {
     mobility.resize(particles.numRows, particles.numRows);
     const RotnePragerYamakawaArrays arrays = this->arrays(mobility.data());
-    const int tiles = (particles.size() + BodySet::blockSize - 1) / BodySet::blockSize;
-    split((tiles + 1) / 2, static_cast<double>(particles.size()) * particles.size(), [&arrays](int first, int end) {
+    split(particles.size(), static_cast<double>(particles.size()) * particles.size(), [&arrays](int first, int end) {
         HWY_DYNAMIC_DISPATCH(fillMatrix)(arrays, first, end);
     });
 }
