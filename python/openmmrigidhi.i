@@ -214,7 +214,9 @@ namespace RigidHIPlugin {
 
 class CustomRigidHIIntegrator : public OpenMM::Integrator {
 public:
-    enum Scheme : int { LangevinA = 0, LangevinB = 1, LangevinC = 2, GradientThermostat = 3, LangevinHI = 4 };
+    enum Scheme : int { LangevinA = 0, LangevinB = 1, LangevinC = 2, GradientThermostat = 3, LangevinHI = 4,
+        EulerMaruyama = 5, FixmanMidpoint = 6, RandomFiniteDifference = 7, TractionEulerMaruyama = 8, TrapezoidalSlip = 9,
+        DriftCorrectorFD = 10, DriftCorrectorRFD = 11 };
     enum NoiseLaw : int { Gaussian = 0, ThreePoint = 1, TwoPoint = 2 };
     enum WallRejection : int { Overlap = 0, Crossing = 1 };
 
@@ -260,6 +262,8 @@ public:
     void setWallRejection(WallRejection rejection);
     int getMaximumRejections() const;
     void setMaximumRejections(int number);
+    double getFiniteDifferenceStep() const;
+    void setFiniteDifferenceStep(double relative);
     int getNumRejectedSteps() const;
     void setStepSize(double size);
     void setConstraintTolerance(double tolerance);

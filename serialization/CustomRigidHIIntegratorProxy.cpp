@@ -23,7 +23,14 @@ const EnumNames<Integrator::Scheme> schemes = {{"LangevinA", Integrator::Langevi
                                                {"LangevinB", Integrator::LangevinB},
                                                {"LangevinC", Integrator::LangevinC},
                                                {"GradientThermostat", Integrator::GradientThermostat},
-                                               {"LangevinHI", Integrator::LangevinHI}};
+                                               {"LangevinHI", Integrator::LangevinHI},
+                                               {"EulerMaruyama", Integrator::EulerMaruyama},
+                                               {"FixmanMidpoint", Integrator::FixmanMidpoint},
+                                               {"RandomFiniteDifference", Integrator::RandomFiniteDifference},
+                                               {"TractionEulerMaruyama", Integrator::TractionEulerMaruyama},
+                                               {"TrapezoidalSlip", Integrator::TrapezoidalSlip},
+                                               {"DriftCorrectorFD", Integrator::DriftCorrectorFD},
+                                               {"DriftCorrectorRFD", Integrator::DriftCorrectorRFD}};
 const EnumNames<Integrator::NoiseLaw> noiseLaws = {
     {"Gaussian", Integrator::Gaussian}, {"ThreePoint", Integrator::ThreePoint}, {"TwoPoint", Integrator::TwoPoint}};
 const EnumNames<Integrator::WallRejection> wallRejections = {{"Overlap", Integrator::Overlap},
@@ -109,6 +116,7 @@ void CustomRigidHIIntegratorProxy::serialize(const void* object, SerializationNo
     node.setIntProperty("randomSeed", integrator.getRandomNumberSeed());
     node.setDoubleProperty("poseTolerance", integrator.getPoseTolerance());
     node.setIntProperty("maximumRejections", integrator.getMaximumRejections());
+    node.setDoubleProperty("finiteDifferenceStep", integrator.getFiniteDifferenceStep());
     node.setStringProperty("wallRejection", nameOf(wallRejections, integrator.getWallRejection()));
     SerializationNode& bodies = node.createChildNode("RigidBodies");
     bodies.setIntProperty("count", integrator.getNumRigidBodies());
@@ -132,6 +140,7 @@ void* CustomRigidHIIntegratorProxy::deserialize(const SerializationNode& root) c
     integrator->setPoseTolerance(node.number("poseTolerance"));
     // Not in files of version 0.1.
     if (node.has("maximumRejections")) integrator->setMaximumRejections(node.integer("maximumRejections"));
+    if (node.has("finiteDifferenceStep")) integrator->setFiniteDifferenceStep(node.number("finiteDifferenceStep"));
     if (node.has("wallRejection")) integrator->setWallRejection(valueOf(wallRejections, node, "wallRejection"));
     const StrictNode bodies = node.child("RigidBodies");
     bodies.checkChildren("count");

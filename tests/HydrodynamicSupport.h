@@ -6,6 +6,7 @@
 // TestRotnePragerYamakawaWall compares with averages of Blake's solution over spheres.
 
 #include <Eigen/Dense>
+#include <Eigen/Geometry>
 #include <cmath>
 #include <memory>
 #include <random>
@@ -85,17 +86,16 @@ struct LabBody {
     }
 };
 
-/** Friction K^T M^-1 K, and mobility: its Moore-Penrose inverse, with one null direction for each body on a line. */
+/** Friction K^T M^-1 K, and mobility: its inverse on the twists that do not turn bodies on a line about that line. */
 struct IndependentMobility {
     MatrixXd friction, mobility;
     /** @param wall  if there is one */
     IndependentMobility(const std::vector<LabBody>& bodies, double eta,
                         const RigidHIPlugin::NoSlipPlane* wall = nullptr) {
-        int particleRows = 0, bodyRows = 0, lines = 0;
+        int particleRows = 0, bodyRows = 0;
         for (const LabBody& body : bodies) {
             particleRows += body.radii.size() * (body.isSphere() ? 6 : 3);
             bodyRows += body.rows();
-            lines += body.isLine();
         }
         MatrixXd M = MatrixXd::Zero(particleRows, particleRows), K = MatrixXd::Zero(particleRows, bodyRows);
         int row = 0, bodyRow = 0;
@@ -133,10 +133,22 @@ struct IndependentMobility {
         }
         friction = K.transpose() * M.fullPivLu().solve(K);
         friction = (0.5 * (friction + friction.transpose())).eval();
-        const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(friction);
-        VectorXd inverse = eigen.eigenvalues().cwiseInverse();
-        inverse.head(lines).setZero();
-        mobility = eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose();
+        MatrixXd allowed = MatrixXd::Identity(bodyRows, bodyRows);  // columns span these twists
+        int first = 0, column = 0;
+        for (const LabBody& body : bodies) {
+            for (int i = 0; i < body.rows(); i++) allowed.col(column + i) = VectorXd::Unit(bodyRows, first + i);
+            column += body.rows();
+            if (body.isLine()) {
+                const Vector3d line = (body.offsets.back() - body.offsets[0]).normalized(),
+                               across = line.unitOrthogonal();
+                allowed.col(column - 3).segment(first + 3, 3) = across;
+                allowed.col(column - 2).segment(first + 3, 3) = line.cross(across);
+                column--;
+            }
+            first += body.rows();
+        }
+        allowed.conservativeResize(bodyRows, column);
+        mobility = allowed * (allowed.transpose() * friction * allowed).fullPivLu().solve(allowed.transpose());
     }
 };
 

@@ -84,8 +84,8 @@ void checkVectors(const vector<Vec3>& rows, int bodies, const char* method, cons
 
 CustomRigidHIIntegrator::CustomRigidHIIntegrator(double temperature, double stepSize)
     : scheme(LangevinC), noiseLaw(Gaussian), wallRejection(Overlap), friction(1), rotationalFriction(1),
-      gradientTime(0.004), gradientRotationalTime(0.001), poseTolerance(1e-3), randomSeed(0), settingsVersion(0),
-      maximumRejections(100), hasKernel(false) {
+      gradientTime(0.004), gradientRotationalTime(0.001), poseTolerance(1e-3), finiteDifferenceStep(0), randomSeed(0),
+      settingsVersion(0), maximumRejections(100), hasKernel(false) {
     setTemperature(temperature);
     setStepSize(stepSize);
     setConstraintTolerance(1e-5);
@@ -241,9 +241,11 @@ int CustomRigidHIIntegrator::getSettingsVersion() const { return settingsVersion
 CustomRigidHIIntegrator::Scheme CustomRigidHIIntegrator::getScheme() const { return scheme; }
 
 void CustomRigidHIIntegrator::setScheme(Scheme scheme) {
-    if (scheme < LangevinA || scheme > LangevinHI)
+    if (scheme < LangevinA || scheme > DriftCorrectorRFD)
         fail("setScheme()", "scheme " + text(static_cast<int>(scheme)) + " is unknown",
-             "it must be one of LangevinA, LangevinB, LangevinC, GradientThermostat, LangevinHI",
+             "it must be one of LangevinA, LangevinB, LangevinC, GradientThermostat, LangevinHI, EulerMaruyama, "
+             "FixmanMidpoint, RandomFiniteDifference, TractionEulerMaruyama, TrapezoidalSlip, DriftCorrectorFD, "
+             "DriftCorrectorRFD",
              "use the class constants");
     this->scheme = scheme;
     settingsVersion++;
@@ -339,6 +341,18 @@ double CustomRigidHIIntegrator::getPoseTolerance() const { return poseTolerance;
 void CustomRigidHIIntegrator::setPoseTolerance(double tolerance) {
     checkPositive(tolerance, "setPoseTolerance()", "pose tolerance", "nm");
     poseTolerance = tolerance;
+    settingsVersion++;
+}
+
+double CustomRigidHIIntegrator::getFiniteDifferenceStep() const { return finiteDifferenceStep; }
+
+void CustomRigidHIIntegrator::setFiniteDifferenceStep(double relative) {
+    checkNonNegative(relative, "setFiniteDifferenceStep()", "relative step", "body lengths");
+    const double largest = 0.1;
+    if (relative > largest)
+        fail("setFiniteDifferenceStep()", "the relative step is " + text(relative),
+             "it must not be above " + text(largest), "1e-5 is right for most; 0 chooses by the solver");
+    finiteDifferenceStep = relative;
     settingsVersion++;
 }
 
@@ -485,8 +499,8 @@ double CustomRigidHIIntegrator::computeKineticEnergy() {
 
 double CustomRigidHIIntegrator::computeSystemTemperature() {
     requireContext("computeSystemTemperature()");
-    if (scheme == GradientThermostat)
-        fail("computeSystemTemperature()", "the scheme is GradientThermostat", "a temperature needs momenta",
+    if (scheme == GradientThermostat || scheme >= EulerMaruyama)
+        fail("computeSystemTemperature()", "the scheme has no momenta", "a temperature needs momenta",
              "use a Langevin scheme, or report n/a as openmmrigidhi.app.StateDataReporter does");
     const int degrees = getDegreesOfFreedom()["total"];
     if (degrees <= 0)

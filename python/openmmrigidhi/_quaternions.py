@@ -10,10 +10,20 @@ def rotationMatrices(q):
                      np.stack([2*(x*z - w*y), 2*(y*z + w*x), 1 - 2*(x*x + y*y)], axis=-1)], axis=-2)
 
 
+def cross(u, v):
+    """Cross products; numpy's own takes five times as long for a few vectors."""
+    a, b, c = u[..., 0], u[..., 1], u[..., 2]
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    first = b*z - c*y
+    result = np.empty(first.shape + (3,))
+    result[..., 0], result[..., 1], result[..., 2] = first, c*x - a*z, a*y - b*x
+    return result
+
+
 def product(p, q):
     """Products p q: the rotation q, then p."""
     w = p[..., :1]*q[..., :1] - np.sum(p[..., 1:]*q[..., 1:], axis=-1, keepdims=True)
-    v = p[..., :1]*q[..., 1:] + q[..., :1]*p[..., 1:] + np.cross(p[..., 1:], q[..., 1:])
+    v = p[..., :1]*q[..., 1:] + q[..., :1]*p[..., 1:] + cross(p[..., 1:], q[..., 1:])
     return np.concatenate([w, v], axis=-1)
 
 
@@ -25,5 +35,5 @@ def conjugate(q):
 def rotate(q, v):
     """Vectors v turned by unit quaternions q, without their matrices."""
     u = q[..., 1:]
-    t = 2*np.cross(u, v)
-    return v + q[..., :1]*t + np.cross(u, t)
+    t = 2*cross(u, v)
+    return v + q[..., :1]*t + cross(u, t)

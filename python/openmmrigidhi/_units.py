@@ -46,6 +46,8 @@ VISCOSITY = Dimension('dalton/(nm ps)', unit.dalton/(unit.nanometer*unit.picosec
 ENERGY = Dimension('kJ/mol', unit.kilojoule_per_mole)
 # 1 Pa s in dalton/(nm ps); Avogadro's constant is exact since 2019.
 PASCAL_SECOND = 602214.076
+# k_B per mole, kJ/(mol K).
+GAS_CONSTANT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
 NONE = Dimension('a plain number', unit.dimensionless)
 
 
@@ -155,6 +157,19 @@ def sequence(values, dimension, where, name):
         raise ValueError(f'{where}: {name}: got an array of shape {array.shape}; it must be a plain sequence of numbers: '
                          'give one number per item')
     return array
+
+
+def perSite(values, dimension, count, where, name):
+    """A list of one number for each site, finite and not negative; a single one is for all."""
+    try:
+        numbers_ = np.full(count, number(values, dimension, where, name))
+    except TypeError:
+        numbers_ = sequence(values, dimension, where, name)
+    if numbers_.shape != (count,):
+        raise ValueError(f'{where}: {name}: got {len(numbers_)} for {count} sites; give one for all, or one for each')
+    if not np.all((0 <= numbers_) & (numbers_ < np.inf)):
+        raise ValueError(f'{where}: {name}: got {numbers_.tolist()}; each must be finite, and none below 0: correct them')
+    return numbers_.tolist()
 
 
 def frames(values, dimension, columns, where, name):

@@ -17,6 +17,13 @@ class Scheme(enum.IntEnum):
     LangevinC = _Base.LangevinC
     GradientThermostat = _Base.GradientThermostat
     LangevinHI = _Base.LangevinHI
+    EulerMaruyama = _Base.EulerMaruyama
+    FixmanMidpoint = _Base.FixmanMidpoint
+    RandomFiniteDifference = _Base.RandomFiniteDifference
+    TractionEulerMaruyama = _Base.TractionEulerMaruyama
+    TrapezoidalSlip = _Base.TrapezoidalSlip
+    DriftCorrectorFD = _Base.DriftCorrectorFD
+    DriftCorrectorRFD = _Base.DriftCorrectorRFD
 
 
 class NoiseLaw(enum.IntEnum):
@@ -70,6 +77,23 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
       of a fluid that couples the bodies; a :class:`MobilityForce` in the System describes the fluid. Weak order 2; one force
       and one friction evaluation a step.
 
+    Schemes without momenta in a fluid ("overdamped"), for poses Q, the mobility N(Q) of the :class:`MobilityForce` and wrenches F,
+
+        dQ = N F dt + kT div N dt + sqrt(2 kT) N^(1/2) dW,
+
+    move orientations by rotations only; bodies need no mass, and their origin may be any point. All are of weak order 1 and differ in
+    how they make the stochastic drift kT div N, in cost and in their error at finite steps (Delong, Balboa Usabiaga, Donev, J. Chem.
+    Phys. 143, 144107 (2015); Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017); Westwood, Delmotte,
+    Keaveny, J. Comput. Phys. 467, 111437 (2022)):
+
+    - ``EulerMaruyama`` (Delong, eq. 37) omits the drift: wrong wherever the mobility depends on poses. Order 1 at T = 0.
+    - ``FixmanMidpoint`` (Delong, eqs. 41, 44): forces at t and t + h/2, two mobility problems. Order 2 at T = 0.
+    - ``RandomFiniteDifference`` (Delong, eqs. 48, 51): forces at t, two mobility problems.
+    - ``TractionEulerMaruyama`` (Sprinkle): forces at t, two mobility problems at one configuration.
+    - ``TrapezoidalSlip`` (Sprinkle): forces at t and t + h, two mobility problems. Order 2 at T = 0.
+    - ``DriftCorrectorFD``, ``DriftCorrectorRFD`` (Westwood, eqs. 37 to 44; the generalised drifter-corrector with finite differences or
+      random ones): forces at t + h/2, one mobility problem; 2 + 6n or 3 square roots of the particles' mobility.
+
     Body axis k relaxes at the rate Gamma_k = Gamma / (I_k sum_j 1/I_j): on an elongated body the thick axes are hardly
     thermostatted by Gamma, and :meth:`describeEffects` names such bodies.
 
@@ -99,6 +123,13 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     LangevinC = Scheme.LangevinC
     GradientThermostat = Scheme.GradientThermostat
     LangevinHI = Scheme.LangevinHI
+    EulerMaruyama = Scheme.EulerMaruyama
+    FixmanMidpoint = Scheme.FixmanMidpoint
+    RandomFiniteDifference = Scheme.RandomFiniteDifference
+    TractionEulerMaruyama = Scheme.TractionEulerMaruyama
+    TrapezoidalSlip = Scheme.TrapezoidalSlip
+    DriftCorrectorFD = Scheme.DriftCorrectorFD
+    DriftCorrectorRFD = Scheme.DriftCorrectorRFD
     Gaussian = NoiseLaw.Gaussian
     ThreePoint = NoiseLaw.ThreePoint
     TwoPoint = NoiseLaw.TwoPoint
@@ -278,7 +309,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     # ---- Settings ----------------------------------------------------------------------------------------------------
 
     def getScheme(self):
-        """Get the scheme: LangevinA, LangevinB, LangevinC, GradientThermostat or LangevinHI, class attributes."""
+        """Get the scheme, one of the class attributes that :meth:`setScheme` takes."""
         return Scheme(super().getScheme())
 
     def setScheme(self, scheme):
@@ -287,7 +318,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Parameters
         ----------
         scheme : constant
-            one of the class attributes LangevinA, LangevinB, LangevinC, GradientThermostat, LangevinHI
+            one of the class attributes LangevinA, LangevinB, LangevinC, GradientThermostat, LangevinHI, EulerMaruyama,
+            FixmanMidpoint, RandomFiniteDifference, TractionEulerMaruyama, TrapezoidalSlip, DriftCorrectorFD, DriftCorrectorRFD
         """
         super().setScheme(_units.constant(scheme, Scheme, _where('setScheme'), 'scheme'))
 
@@ -397,6 +429,18 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         particle and distance.
         """
         super().setPoseTolerance(self._number(tolerance, _units.LENGTH, 'setPoseTolerance', 'tolerance'))
+
+    def getFiniteDifferenceStep(self):
+        """Get the relative finite-difference step; 0: chosen by the solver."""
+        return super().getFiniteDifferenceStep()
+
+    def setFiniteDifferenceStep(self, relative):
+        """Set the step delta of the finite differences of the schemes without momenta, relative; from 0 to 0.1.
+
+        Bodies are displaced by delta times their length (the longest distance of points on their particles) and turned by delta
+        radians. 0 (default): 1e-5 with dense matrices; max(1e-5, tolerance**(1/3)) matrix-free, whose errors differences magnify.
+        """
+        super().setFiniteDifferenceStep(self._number(relative, _units.NONE, 'setFiniteDifferenceStep', 'relative'))
 
     def getWallRejection(self):
         """Get which steps through a wall are redone, one of the class attributes Overlap, Crossing."""

@@ -214,7 +214,7 @@ def test_a_force_too_large_to_add_up():
 
 def test_a_temperature_without_momenta(scene):
     scene.start().integrator.setScheme(Integrator.GradientThermostat)
-    with refused('computeSystemTemperature(): the scheme is GradientThermostat', 'a temperature needs momenta'):
+    with refused('computeSystemTemperature(): the scheme has no momenta', 'a temperature needs momenta'):
         scene.integrator.computeSystemTemperature()
 
 

@@ -25,6 +25,13 @@ PROPERTIES = [
     ('setScheme', 'getScheme', CustomRigidHIIntegrator.LangevinC),
     ('setScheme', 'getScheme', CustomRigidHIIntegrator.GradientThermostat),
     ('setScheme', 'getScheme', CustomRigidHIIntegrator.LangevinHI),
+    ('setScheme', 'getScheme', CustomRigidHIIntegrator.EulerMaruyama),
+    ('setScheme', 'getScheme', CustomRigidHIIntegrator.FixmanMidpoint),
+    ('setScheme', 'getScheme', CustomRigidHIIntegrator.RandomFiniteDifference),
+    ('setScheme', 'getScheme', CustomRigidHIIntegrator.TractionEulerMaruyama),
+    ('setScheme', 'getScheme', CustomRigidHIIntegrator.TrapezoidalSlip),
+    ('setScheme', 'getScheme', CustomRigidHIIntegrator.DriftCorrectorFD),
+    ('setScheme', 'getScheme', CustomRigidHIIntegrator.DriftCorrectorRFD),
     ('setNoiseLaw', 'getNoiseLaw', CustomRigidHIIntegrator.Gaussian),
     ('setNoiseLaw', 'getNoiseLaw', CustomRigidHIIntegrator.ThreePoint),
     ('setNoiseLaw', 'getNoiseLaw', CustomRigidHIIntegrator.TwoPoint),
@@ -36,9 +43,11 @@ PROPERTIES = [
     ('setPoseTolerance', 'getPoseTolerance', 0.01/3*unit.nanometer),
     ('setMaximumRejections', 'getMaximumRejections', 17),
     ('setWallRejection', 'getWallRejection', CustomRigidHIIntegrator.Crossing),
+    ('setFiniteDifferenceStep', 'getFiniteDifferenceStep', 1e-4/3),
 ]
 #: What files of earlier versions do not have: the getter, and the default.
 NEWER = {'maximumRejections': ('getMaximumRejections', 100),
+         'finiteDifferenceStep': ('getFiniteDifferenceStep', 0),
          'wallRejection': ('getWallRejection', CustomRigidHIIntegrator.Overlap)}
 
 

@@ -34,7 +34,13 @@ typedef std::array<double, 4> QuaternionArray;
  *     momentum and Gamma on its angular momentum, and noise of temperature T. C is the recommended one.
  *   - GradientThermostat (eq. 30): weak order 1, no momenta;
  * and of Davidchack, Ouldridge, Tretyakov, J. Chem. Phys. 147, 224103 (2017):
- *   - LangevinHI (eq. 27): Langevin C with hydrodynamic interactions, which a MobilityForce in the System describes.
+ *   - LangevinHI (eq. 27): Langevin C with hydrodynamic interactions, which a MobilityForce in the System describes;
+ * and, without momenta, Brownian dynamics dQ/dt = N F + sqrt(2 kT) N^(1/2) dW/dt + kT div N with the mobility N of a MobilityForce, all weak
+ * order 1, of Delong, Balboa Usabiaga, Donev, J. Chem. Phys. 143, 144107 (2015), Sprinkle, Balboa Usabiaga, Patankar, Donev,
+ * J. Chem. Phys. 147, 244103 (2017), and Westwood, Delmotte, Keaveny, J. Comput. Phys. 467, 111437 (2022):
+ *   - EulerMaruyama, FixmanMidpoint, RandomFiniteDifference, TractionEulerMaruyama, TrapezoidalSlip, DriftCorrectorFD,
+ *     DriftCorrectorRFD. They differ in how they make the stochastic drift kT div N (EulerMaruyama omits it), in their cost and in their
+ *     error at finite steps. Bodies need no mass, and their origin may be any point.
  *
  * The rotational friction of the Langevin schemes relaxes body axis l at the rate Gamma / (I_l sum_k 1/I_k), the sum over
  * axes with a non-zero moment: on an elongated body the thick axes are hardly thermostatted.
@@ -58,7 +64,27 @@ public:
          * Davidchack 2017, eq. 27: Langevin C with the friction of a fluid that couples the bodies. Needs a MobilityForce, whose
          * tensors take the place of setFriction() for all particles with a hydrodynamic radius. Weak order 2.
          */
-        LangevinHI = 4
+        LangevinHI = 4,
+        /**
+         * Delong 2015, eq. 37: omits the stochastic drift, so where the mobility depends on poses (walls, other bodies) it samples a wrong
+         * distribution, which a warning says. Order 1 at temperature 0. One force evaluation, one mobility problem a step.
+         */
+        EulerMaruyama = 5,
+        /** Delong 2015, eqs. 41 and 44. Weak order 1, order 2 at temperature 0. Two force evaluations, two mobility problems. */
+        FixmanMidpoint = 6,
+        /** Delong 2015, eqs. 48 and 51. Weak order 1. One force evaluation, two mobility problems. */
+        RandomFiniteDifference = 7,
+        /** Sprinkle 2017. Weak order 1. One force evaluation, two mobility problems at one configuration. */
+        TractionEulerMaruyama = 8,
+        /** Sprinkle 2017. Weak order 1, order 2 at temperature 0. Two force evaluations, two mobility problems. */
+        TrapezoidalSlip = 9,
+        /**
+         * Westwood 2022, eqs. 37 to 44, the divergence by finite differences (eq. 39). Weak order 1. One force evaluation and mobility
+         * problem; square roots of the mobility: two, and six more a body.
+         */
+        DriftCorrectorFD = 10,
+        /** The same with random finite differences (eq. 40): three square roots. */
+        DriftCorrectorRFD = 11
     };
     /** The law of the random numbers; all have mean 0 and variance 1. */
     enum NoiseLaw : int {
@@ -224,6 +250,15 @@ public:
      * @throws OpenMMException if negative
      */
     void setMaximumRejections(int number);
+    /** Get the relative finite-difference step; 0: chosen by the solver. */
+    double getFiniteDifferenceStep() const;
+    /**
+     * Set the step delta of the finite differences of the schemes without momenta, relative: bodies are displaced by delta times their
+     * length (the longest distance of points on their particles) and turned by delta radians. 0 (default): 1e-5 with dense
+     * matrices, max(1e-5, tolerance^(1/3)) matrix-free, whose errors it magnifies.
+     * @throws OpenMMException if negative, above 0.1 or not finite
+     */
+    void setFiniteDifferenceStep(double relative);
     /** Get how many steps were redone since the Context was created. Needs a Context. */
     int getNumRejectedSteps() const;
     /** @throws OpenMMException if the size is not positive and finite */
@@ -338,7 +373,8 @@ private:
     Scheme scheme;
     NoiseLaw noiseLaw;
     WallRejection wallRejection;
-    double temperature, friction, rotationalFriction, gradientTime, gradientRotationalTime, poseTolerance;
+    double temperature, friction, rotationalFriction, gradientTime, gradientRotationalTime, poseTolerance,
+        finiteDifferenceStep;
     int randomSeed, settingsVersion, maximumRejections;
     mutable std::vector<Body> bodies;
     /** Which body each particle is in, so that adding n bodies costs O(n). */

@@ -371,7 +371,7 @@ inline LoopResult runBodyLoop(BodyLoop loop, BodySet& bodies, const StepSettings
             return runSchemeLoop<Real, LangevinC>(loop, bodies, settings, arrays, firstBlock, endBlock);
         case CustomRigidHIIntegrator::LangevinHI:
             return runSchemeLoop<Real, LangevinHI>(loop, bodies, settings, arrays, firstBlock, endBlock);
-        case CustomRigidHIIntegrator::GradientThermostat: break;
+        default: break;  // schemes without momenta in a fluid do not come here: FluidOverdamped.cpp
     }
     return runSchemeLoop<Real, GradientThermostat>(loop, bodies, settings, arrays, firstBlock, endBlock);
 }

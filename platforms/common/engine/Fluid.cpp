@@ -40,9 +40,6 @@ const int largestDenseParticleRows = 1500;
 /** Forces on sites of a line give a torque about it of about 1e-16 of force times size. */
 const double torqueTolerance = 1e-9;
 
-/** Groups are spread over threads where they cost more than waking these, about 1e-4 s (benchmarks/README.md). */
-const double worthThreads = 1e6, operationsOfConstantTensor = 1000;
-
 /** How much more exactly than the tolerance Lanczos' products are taken where they are solves themselves. */
 const double innerTolerance = 0.05;
 
@@ -190,22 +187,26 @@ Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejec
 /** Dense or matrix-free, by the number of rows only, so that a resumed run chooses the same. */
 void Fluid::chooseSolver(Group& group) const {
     if (group.isThermostat || group.mobility->isConstantInBodyFrame()) return;
-    const bool possible = group.mobility->canApplyMatrixFree() && group.deadAxesAreNull;
-    if (force.getSolver() == MobilityForce::MatrixFree && !possible)
-        fail(
-            "solver MatrixFree is there for RotnePragerYamakawa with bodies that the fluid and their moments let "
-            "rotate "
-            "about the same axes, not for " +
-            string(group.deadAxesAreNull ? "this model" : "spheres and blobs off a line with a zero moment") +
-            "; use setSolver(Dense)");
-    const bool large = group.numZ > largestDenseRows || group.mobility->getNumParticleRows() > largestDenseParticleRows;
-    group.solvesMatrixFree = possible && (force.getSolver() == MobilityForce::MatrixFree ||
-                                          (force.getSolver() == MobilityForce::Auto && large));
+    const bool wanted = force.getSolver() == MobilityForce::MatrixFree;
+    if (wanted && !group.mobility->canApplyMatrixFree())
+        fail("solver MatrixFree is there for RotnePragerYamakawa, not for " + string(modelName(force.getModel())) +
+             "; use setSolver(Dense)");
+    const auto takes = [&](int rows) {
+        const bool large = rows > largestDenseRows || group.mobility->getNumParticleRows() > largestDenseParticleRows;
+        return group.mobility->canApplyMatrixFree() && (wanted || (force.getSolver() == MobilityForce::Auto && large));
+    };
+    group.overdampedMatrixFree = takes(group.mobility->getNumRows());
+    group.solvesMatrixFree = group.deadAxesAreNull && takes(group.numZ);
     if (group.solvesMatrixFree) group.lanczos.reset(new Lanczos(force.getSolverTolerance()));
 }
 
 void Fluid::checkInertia(const BodySet& bodies) const {
     for (const auto& group : groups) {
+        if (group->poses.size() > 1 && force.getSolver() == MobilityForce::MatrixFree && !group->solvesMatrixFree)
+            fail(
+                "solver MatrixFree is there for bodies that the fluid and their moments let rotate about the same "
+                "axes, "
+                "not for spheres and blobs off a line with a zero moment; use setSolver(Dense)");
         const auto& elements = group->mobility->getElements();
         for (size_t e = 0; e < elements.size(); e++) {
             if (!group->mobility->hasNullVector(e)) continue;

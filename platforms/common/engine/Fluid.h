@@ -15,9 +15,13 @@
 #include "openmmrigidhi/MobilityForce.h"
 #include "rigidbody/BodySet.h"
 #include "schemes/FluidOrnsteinUhlenbeck.h"
+#include "schemes/OverdampedSchemes.h"
 #include "schemes/Thermostat.h"
 
 namespace RigidHIPlugin {
+
+/** The two parts of a step without momenta, before and after the forces in between. */
+enum class OverdampedPart { Predict, Correct };
 
 /**
  * The fluid of one Context: who feels whom (groups), each group's mobility, and what it does to momenta.
@@ -62,6 +66,14 @@ public:
     LoopResult relax(double h, double kT, const NoiseStream& noise, BodySet& bodies, const FreeParticles& freeParticles,
                      const std::vector<OpenMM::Vec3>& positions, std::vector<OpenMM::Vec3>& velocities);
 
+    /**
+     * A part of a step of a scheme without momenta: from the poses that bodies and free particles have, and the forces as last
+     * gathered, to new poses. After a step that is given up, bring poses and forces back before the next Predict.
+     * @return random numbers drawn, whether the new poses are finite
+     */
+    LoopResult runOverdamped(OverdampedPart part, const OverdampedScheme& scheme, const StepSettings& settings,
+                             BodySet& bodies, const FreeParticles& freeParticles, std::vector<OpenMM::Vec3>& positions);
+
     /** 6n x 6n, bodies only: free particles are force-free. */
     Eigen::MatrixXd mobility(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions);
     Eigen::MatrixXd friction(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions);
@@ -104,16 +116,24 @@ private:
         Eigen::MatrixXd columns, results, wrenches, twists;
         double constantH = -1;  // the step for which `decay` and `noise` hold
         Eigen::MatrixXd decay, noise;
-        long long randomNumbers = 0, iterations = 0;  // of the last step
+        std::unique_ptr<OverdampedMove> move;  // made at the first step without momenta
+        bool overdampedMatrixFree = false, isFinite = true;
+        long long randomNumbers = 0, iterations = 0, squareRoots = 0;  // of the last step
     };
     void chooseSolver(Group& group) const;
     void checkTorque(const Group& group, int element, const Eigen::VectorXd& wrench_body, double siteForces) const;
+    void setStart(Group& group, const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
+    void takeForces(Group& group, const BodySet& bodies, const FreeParticles& freeParticles) const;
+    bool writePresent(const Group& group, BodySet& bodies, std::vector<OpenMM::Vec3>& positions) const;
     void setPoses(Group& group, const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
     void scaleToZ(Group& group, const BodySet& bodies, const FreeParticles& freeParticles, bool inverse);
     void relaxMatrixFree(Group& group, double h, double kT, const BodySet& bodies, const FreeParticles& freeParticles);
     void relaxGroup(Group& group, double h, double kT, const NoiseStream& noise, BodySet& bodies,
                     const FreeParticles& freeParticles, const std::vector<OpenMM::Vec3>& positions,
                     std::vector<OpenMM::Vec3>& velocities);
+
+    /** Groups are spread over threads where they cost more than waking these, about 1e-4 s (benchmarks/README.md). */
+    static constexpr double worthThreads = 1e6, operationsOfConstantTensor = 1000;
 
     const MobilityForce force;
     const CustomRigidHIIntegrator::WallRejection wallRejection;

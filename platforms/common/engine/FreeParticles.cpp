@@ -19,7 +19,7 @@ FreeParticles::FreeParticles(const System& system, const vector<int>& particles)
     for (int p : particles) {
         isFree[p] = true;
         masses.push_back(system.getParticleMass(p));
-        inverseMasses[p] = 1 / masses.back();
+        inverseMasses[p] = masses.back() > 0 ? 1 / masses.back() : 0;
     }
     // The Context's own constraints would also hold every rigid body's, so give OpenMM's algorithms a System of ours.
     constraintSystem.reset(new System());
@@ -42,8 +42,14 @@ FreeParticles::~FreeParticles() = default;
 
 void FreeParticles::setThermostats(const vector<Thermostat>& perParticle) {
     thermostats = perParticle;
-    numWithNoise = 0;
-    for (const Thermostat& t : thermostats) numWithNoise += t.hasNoise();
+    // The fluid draws for those that it couples itself: nothing is drawn twice.
+    noisyParticles.clear();
+    noiseOf.assign(particles.size(), -1);
+    for (size_t i = 0; i < particles.size(); i++)
+        if (thermostats[i].hasNoise()) {
+            noiseOf[i] = noisyParticles.size();
+            noisyParticles.push_back(particles[i]);
+        }
 }
 
 bool FreeParticles::gatherForces(const vector<Vec3>& contextForces) {
@@ -107,9 +113,11 @@ public:
         each([&](int i, int p) { velocities[p] *= owner.thermostats[i].decay_p; });
     }
     void addNoise(int draw) {
-        if (owner.numWithNoise == 0) return;
+        if (owner.noisyParticles.empty()) return;
         drawNoise(draw);
-        each([&](int i, int p) { velocities[p] += xi(i) * (owner.thermostats[i].noise_p * owner.inverseMasses[p]); });
+        each([&](int i, int p) {
+            if (owner.noiseOf[i] >= 0) velocities[p] += xi(i) * (owner.thermostats[i].noise_p * owner.inverseMasses[p]);
+        });
         constrainVelocities();
     }
     void ornsteinUhlenbeck(int draw) {
@@ -117,10 +125,10 @@ public:
         addNoise(draw);
     }
     void gradientMove(int draw) {
-        if (owner.numWithNoise > 0) drawNoise(draw);
+        if (!owner.noisyParticles.empty()) drawNoise(draw);
         each([&](int i, int p) {
             positions[p] += owner.forces[i] * owner.thermostats[i].move_R;
-            if (owner.numWithNoise > 0) positions[p] += xi(i) * owner.thermostats[i].noise_R;
+            if (owner.noiseOf[i] >= 0) positions[p] += xi(i) * owner.thermostats[i].noise_R;
         });
     }
     LoopResult result() const {
@@ -147,13 +155,16 @@ private:
             owner.constraints->applyToVelocities(positions, velocities, owner.inverseMasses, tolerance);
     }
     void drawNoise(int draw) {
-        const int count = owner.particles.size();
+        const int count = owner.noisyParticles.size();
         owner.noise.resize(3 * count);
         loops.fillNoise(settings.noise, draw == 0 ? NoiseStream::FreeFirstDraw : NoiseStream::FreeSecondDraw,
-                        owner.particles.data(), count, owner.noise.data());
-        randomNumbers += 3 * owner.numWithNoise;
+                        owner.noisyParticles.data(), count, owner.noise.data());
+        randomNumbers += 3 * count;
     }
-    Vec3 xi(int i) const { return Vec3(owner.noise[3 * i], owner.noise[3 * i + 1], owner.noise[3 * i + 2]); }
+    Vec3 xi(int i) const {
+        const double* numbers = &owner.noise[3 * owner.noiseOf[i]];
+        return Vec3(numbers[0], numbers[1], numbers[2]);
+    }
     FreeParticles& owner;
     const StepSettings& settings;
     PlatformLoops& loops;
@@ -173,6 +184,7 @@ void schemeBeforeForces(const StepSettings& settings, Flow& flow) {
         case CustomRigidHIIntegrator::LangevinHI: return scalar::LangevinHI::beforeForces(flow, settings.h);
         case CustomRigidHIIntegrator::GradientThermostat:
             return scalar::GradientThermostat::beforeForces(flow, settings.h);
+        default: break;
     }
 }
 
@@ -185,6 +197,7 @@ void schemeAfterForces(const StepSettings& settings, Flow& flow) {
         case CustomRigidHIIntegrator::LangevinHI: return scalar::LangevinHI::afterForces(flow, settings.h);
         case CustomRigidHIIntegrator::GradientThermostat:
             return scalar::GradientThermostat::afterForces(flow, settings.h);
+        default: break;
     }
 }
 

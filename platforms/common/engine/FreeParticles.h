@@ -59,7 +59,7 @@ private:
     std::vector<int> particles;
     std::vector<double> masses;
     std::vector<Thermostat> thermostats;
-    int numWithNoise = 0;
+    std::vector<int> noisyParticles, noiseOf;  // those with noise; of each particle its place among them, or -1
     std::vector<OpenMM::Vec3> forces;
     std::vector<double> noise;
     int numConstraints = 0;

@@ -43,7 +43,7 @@ Thermostat schemeCoefficients(CustomRigidHIIntegrator::Scheme scheme, const Body
         case CustomRigidHIIntegrator::LangevinB: return scalar::LangevinB::coefficients(body, bath, h);
         case CustomRigidHIIntegrator::LangevinC: return scalar::LangevinC::coefficients(body, bath, h);
         case CustomRigidHIIntegrator::LangevinHI: return scalar::LangevinHI::coefficients(body, bath, h);
-        case CustomRigidHIIntegrator::GradientThermostat: break;
+        default: break;
     }
     return scalar::GradientThermostat::coefficients(body, bath, h);
 }
@@ -231,7 +231,12 @@ void RigidBodyKernel::updateSettings() {
     const bool hydrodynamic = settings.scheme == CustomRigidHIIntegrator::LangevinHI;
     if (hydrodynamic) fluid->checkInertia(bodies);
     settings.kT = bath.kT;
+    settings.difference = integrator->getFiniteDifferenceStep();
     settings.fluidCouplesBodies = hydrodynamic && fluid->couplesBodies();
+    settingsVersion = integrator->getSettingsVersion();
+    settingsStepSize = h;
+    printWarnings();
+    if (isOverdamped(settings.scheme)) return;
     for (auto& block : bodies.blocks) block.hasNoise = false;
     for (int b = 0; b < bodies.getNumBodies(); b++) {
         integrator->getBodyFriction(b, bath.gamma, bath.Gamma);
@@ -247,8 +252,9 @@ void RigidBodyKernel::updateSettings() {
         if (hydrodynamic) fluid->freeThermostat(i, point.mass, bath.kT, h, free.back());
     }
     freeParticles->setThermostats(free);
-    settingsVersion = integrator->getSettingsVersion();
-    settingsStepSize = h;
+}
+
+void RigidBodyKernel::printWarnings() {
     for (const string& warning : warnings())
         if (printedWarnings.insert(warning).second) cerr << "Warning: CustomRigidHIIntegrator: " << warning << endl;
 }
@@ -270,7 +276,11 @@ vector<string> RigidBodyKernel::warnings() const {
         if (turn > resolutionLimit && unresolved++ == 0) firstUnresolved = b;
         worst = max(worst, turn);
     }
-    if (unresolved > 0 && integrator->getScheme() != CustomRigidHIIntegrator::GradientThermostat)
+    if (integrator->getScheme() == CustomRigidHIIntegrator::EulerMaruyama && kT > 0)
+        result.push_back(
+            "EulerMaruyama omits the stochastic drift kT div N: where the mobility depends on poses it samples a wrong "
+            "distribution; use RandomFiniteDifference, FixmanMidpoint, TrapezoidalSlip or DriftCorrectorRFD");
+    if (unresolved > 0 && schemeHasMomenta(integrator->getScheme()))
         result.push_back("the step of " + number(h) + " ps does not resolve the rotation of " + to_string(unresolved) +
                          " bodies, the first of them body " + to_string(firstUnresolved) +
                          " (h sqrt(kT I2 I3/I1) (1/I2 - 1/I3) is up to " + number(worst) + ", above " +
@@ -478,7 +488,9 @@ void RigidBodyKernel::step(ContextImpl& context) {
     putMembersBack(context);
     userChangedState = false;
     if (bodyForces.usesTime() && bodyForcesTime != data.time) forcesAreValid = false;
-    if (!forcesAreValid)
+    if (isOverdamped(settings.scheme)) {
+        if (!forcesAreValid && overdampedScheme(settings.scheme).forcesAtStart) evaluateForces(context);
+    } else if (!forcesAreValid)
         evaluateForces(context);
     else if (bodyForces.usesVelocities() && settings.forcesAreGathered) {
         bodyForces.removeLast(bodies);
@@ -532,7 +544,8 @@ void RigidBodyKernel::advance(ContextImpl& context) {
     };
     try {
         while (true) {
-            const string objection = attemptStep(context);
+            const string objection =
+                isOverdamped(settings.scheme) ? attemptOverdampedStep(context) : attemptStep(context);
             if (objection.empty()) break;
             putBack();
             counters.rejectedSteps++;
@@ -594,6 +607,34 @@ string RigidBodyKernel::attemptStep(ContextImpl& context) {
     counters.randomNumbers += result.randomNumbers;
     // The next step's friction is taken half a step ahead, which no noise of that step can change.
     return mayObject ? objectionHalfAStepAhead(tolerance) : string();
+}
+
+/** A step without momenta: predict, forces in between where the scheme has them, correct. @return as attemptStep() */
+string RigidBodyKernel::attemptOverdampedStep(ContextImpl& context) {
+    const OverdampedScheme& scheme = overdampedScheme(settings.scheme);
+    if (scheme.forcesAtStart) fluid->checkTorques(bodies, *data.forces);
+    string objection = goOverdamped(context, OverdampedPart::Predict);
+    if (!scheme.forcesInBetween || !objection.empty()) return objection;
+    calculateForces(context);
+    if (!freeParticles->gatherForces(*data.forces)) reportNonFinite("force");
+    if (!runLoop(BodyLoop::GatherForces).finite) reportNonFinite("force");
+    addBodyForces(context, data.time + scheme.timeOfForces(settings.h), 0);
+    fluid->checkTorques(bodies, *data.forces);
+    return goOverdamped(context, OverdampedPart::Correct);
+}
+
+string RigidBodyKernel::goOverdamped(ContextImpl& context, OverdampedPart part) {
+    const double start = now();
+    const LoopResult result =
+        fluid->runOverdamped(part, overdampedScheme(settings.scheme), settings, bodies, *freeParticles, positions());
+    counters.seconds_mobility += now() - start;
+    counters.randomNumbers += result.randomNumbers;
+    if (!result.finite) reportNonFinite("position");
+    runLoop(BodyLoop::ScatterPositions);
+    forcesAreValid = false;
+    const string objection = fluid->mayObject() ? fluid->objection(bodies, positions()) : string();
+    if (objection.empty()) placeFreeVirtualSites(context);
+    return objection;
 }
 
 string RigidBodyKernel::objectionHalfAStepAhead(double tolerance) {

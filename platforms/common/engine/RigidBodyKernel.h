@@ -90,6 +90,7 @@ private:
     LoopResult runLoop(BodyLoop loop);
 
     void updateSettings();
+    void printWarnings();
     std::vector<std::string> warnings() const;
     void recordGeometry(int body, const BodyGeometry& geometry);
     void buildBodies();
@@ -109,6 +110,8 @@ private:
     void addBodyForces(OpenMM::ContextImpl& context, double time, double lookAhead);
     void advance(OpenMM::ContextImpl& context);
     std::string attemptStep(OpenMM::ContextImpl& context);
+    std::string attemptOverdampedStep(OpenMM::ContextImpl& context);
+    std::string goOverdamped(OpenMM::ContextImpl& context, OverdampedPart part);
     std::string objectionHalfAStepAhead(double tolerance);
     void reportTooManyRejections(const std::string& objection) const;
     LoopResult moveThroughFluid(double tolerance);

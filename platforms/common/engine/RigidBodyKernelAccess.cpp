@@ -127,26 +127,26 @@ double RigidBodyKernel::getPoseResidual(ContextImpl& context) {
 }
 
 double RigidBodyKernel::computeTranslationalKineticEnergy(ContextImpl& context) {
-    if (integrator->getScheme() == CustomRigidHIIntegrator::GradientThermostat || !positionsAreSet) return 0;
+    if (!schemeHasMomenta(integrator->getScheme()) || !positionsAreSet) return 0;
     takeInVelocitiesIfChanged(context);
     return bodies.translationalKineticEnergy();
 }
 
 Vec3 RigidBodyKernel::computeRotationalKineticEnergies(ContextImpl& context) {
-    if (integrator->getScheme() == CustomRigidHIIntegrator::GradientThermostat || !positionsAreSet) return Vec3();
+    if (!schemeHasMomenta(integrator->getScheme()) || !positionsAreSet) return Vec3();
     takeInVelocitiesIfChanged(context);
     return bodies.rotationalKineticEnergies();
 }
 
 double RigidBodyKernel::computeFreeParticleKineticEnergy(ContextImpl& context) {
-    if (integrator->getScheme() == CustomRigidHIIntegrator::GradientThermostat) return 0;
+    if (!schemeHasMomenta(integrator->getScheme())) return 0;
     return freeParticles->kineticEnergy(velocities());
 }
 
 map<string, int> RigidBodyKernel::getDegreesOfFreedom(ContextImpl& context) {
     map<string, int> dof = {{"translational", 0}, {"rotational1", 0}, {"rotational2", 0}, {"rotational3", 0},
                             {"free", 0},          {"removed", 0},     {"total", 0}};
-    if (integrator->getScheme() == CustomRigidHIIntegrator::GradientThermostat) return dof;
+    if (!schemeHasMomenta(integrator->getScheme())) return dof;
     requireGeometry(context);
     dof["translational"] = 3 * bodies.getNumBodies();
     for (int b = 0; b < bodies.getNumBodies(); b++)
@@ -160,7 +160,7 @@ map<string, int> RigidBodyKernel::getDegreesOfFreedom(ContextImpl& context) {
 
 map<string, string> RigidBodyKernel::getEffects(ContextImpl& context) {
     if (!bodiesAreBuilt && positionsAreSet) takeInChanges(context);
-    const bool momenta = integrator->getScheme() != CustomRigidHIIntegrator::GradientThermostat;
+    const bool momenta = schemeHasMomenta(integrator->getScheme());
     const double T = integrator->getTemperature();
     double gamma = integrator->getFriction(), Gamma = 0, ownGamma, ownRotational;
     int general = 0, linear = 0, points = 0;
@@ -177,7 +177,7 @@ map<string, string> RigidBodyKernel::getEffects(ContextImpl& context) {
     auto set = [&](const string& name, bool on, const string& why) { effects[name] = (on ? "on: " : "off: ") + why; };
     set("scheme", true, schemeName(integrator->getScheme()));
     set("momenta", momenta, momenta ? "the scheme has them" : "a scheme without momenta");
-    const bool hydrodynamic = integrator->getScheme() == CustomRigidHIIntegrator::LangevinHI;
+    const bool hydrodynamic = isHydrodynamic(integrator->getScheme());
     const bool dissipates = !momenta || gamma > 0 || Gamma > 0 || hydrodynamic;
     set("noise", T > 0 && dissipates,
         T == 0       ? "the temperature is 0: no random numbers are drawn, no square roots taken"
@@ -358,7 +358,7 @@ vector<Vec3> RigidBodyKernel::drawVelocities(ContextImpl& context, double temper
     NoiseStream noise;
     noise.seed = drawSeed;
     const double kT = BOLTZ * temperature;
-    const bool momenta = integrator->getScheme() != CustomRigidHIIntegrator::GradientThermostat;
+    const bool momenta = schemeHasMomenta(integrator->getScheme());
     if (!momenta) return drawnVelocities;
     for (int b = 0; b < bodies.getNumBodies(); b++) {
         double z[6];

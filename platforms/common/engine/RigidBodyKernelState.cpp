@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstring>
 #include <iostream>
+#include <limits>
 #include <sstream>
 
 #include "engine/RigidBodyKernel.h"
@@ -85,7 +86,7 @@ void RigidBodyKernel::adoptState(const SavedState& saved) {
             BodyGeometry own;
             vector<int> particles;
             definitions->getRigidBodyParameters(b, particles, own.mass, own.moments, own.sites);
-            double difference = abs(g.mass - own.mass) / own.mass;
+            double difference = abs(g.mass - own.mass) / max(own.mass, numeric_limits<double>::min());
             for (size_t i = 0; i < g.sites.size(); i++)
                 for (int k = 0; k < 3; k++) difference = max(difference, abs(g.sites[i][k] - own.sites[i][k]));
             if (!(difference < integrator->getPoseTolerance()))

@@ -6,6 +6,18 @@
 
 namespace RigidHIPlugin {
 
+/** Without momenta, in a fluid: what DESIGN calls overdamped; schemes/OverdampedMove.h. */
+inline bool isOverdamped(CustomRigidHIIntegrator::Scheme scheme) {
+    return scheme >= CustomRigidHIIntegrator::EulerMaruyama;
+}
+inline bool schemeHasMomenta(CustomRigidHIIntegrator::Scheme scheme) {
+    return scheme != CustomRigidHIIntegrator::GradientThermostat && !isOverdamped(scheme);
+}
+/** Whether a scheme needs a MobilityForce. */
+inline bool isHydrodynamic(CustomRigidHIIntegrator::Scheme scheme) {
+    return scheme == CustomRigidHIIntegrator::LangevinHI || isOverdamped(scheme);
+}
+
 /** What the loops over bodies need to know about one step. */
 struct StepSettings {
     CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::LangevinC;
@@ -14,7 +26,8 @@ struct StepSettings {
     bool fluidCouplesBodies = false;
     NoiseStream noise;
     bool forcesAreGathered = false;  // before AfterForces, with what CustomBodyForces add
-    bool hasMomenta() const { return scheme != CustomRigidHIIntegrator::GradientThermostat; }
+    double difference = 0;           // setFiniteDifferenceStep()
+    bool hasMomenta() const { return schemeHasMomenta(scheme); }
 };
 
 /** The Context's arrays, three doubles a particle, and the copies of what this plugin wrote to them last. */

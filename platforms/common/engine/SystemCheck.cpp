@@ -12,8 +12,10 @@
 #include <set>
 #include <typeinfo>
 
+#include "engine/StepSettings.h"
 #include "mobility/Models.h"
 #include "openmmrigidhi/MobilityForce.h"
+#include "schemes/OverdampedSchemes.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -69,6 +71,11 @@ void checkMolecules(const ContextImpl& context, const CustomRigidHIIntegrator& i
     }
 }
 
+bool seenByFluid(const SystemInventory& stock, int particle) {
+    return stock.mobilityForce && particle < stock.mobilityForce->getNumParticles() &&
+           stock.mobilityForce->getParticleRadius(particle) > 0;
+}
+
 }  // namespace
 
 string schemeName(CustomRigidHIIntegrator::Scheme scheme) {
@@ -78,8 +85,8 @@ string schemeName(CustomRigidHIIntegrator::Scheme scheme) {
         case CustomRigidHIIntegrator::LangevinC: return "LangevinC";
         case CustomRigidHIIntegrator::GradientThermostat: return "GradientThermostat";
         case CustomRigidHIIntegrator::LangevinHI: return "LangevinHI";
+        default: return overdampedScheme(scheme).name;
     }
-    return "unknown";
 }
 
 SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegrator& integrator) {
@@ -87,6 +94,11 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
     const int numParticles = system.getNumParticles();
     SystemInventory stock;
     stock.bodyOfParticle.assign(numParticles, -1);
+    for (int i = 0; i < system.getNumForces(); i++)
+        if (auto* mobility = dynamic_cast<const MobilityForce*>(&system.getForce(i))) {
+            stock.mobilityForce = mobility;
+            stock.numMobilityForces++;
+        }
     for (int b = 0; b < integrator.getNumRigidBodies(); b++)
         for (int p : integrator.getRigidBodyParticles(b)) {
             if (p >= numParticles)
@@ -99,7 +111,8 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
         if (system.isVirtualSite(p)) stock.virtualSites.push_back(p);
         if (stock.bodyOfParticle[p] >= 0) continue;
         stock.otherParticles.push_back(p);
-        if (system.getParticleMass(p) > 0) stock.freeParticles.push_back(p);
+        if (system.getParticleMass(p) > 0 || (seenByFluid(stock, p) && !system.isVirtualSite(p)))
+            stock.freeParticles.push_back(p);
         if (system.isVirtualSite(p)) stock.hasFreeVirtualSites = true;
     }
     checkTies(system, stock.bodyOfParticle);
@@ -120,10 +133,6 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
             refuse("force " + to_string(i) +
                    ", an AndersenThermostat, changes velocities of single particles and so "
                    "breaks rigid bodies; remove it: this integrator is a thermostat itself");
-        if (auto* mobility = dynamic_cast<const MobilityForce*>(&force)) {
-            stock.mobilityForce = mobility;
-            stock.numMobilityForces++;
-        }
         if (dynamic_cast<const CMMotionRemover*>(&force)) stock.hasCMMotionRemover = true;
         if (dynamic_cast<const MonteCarloBarostat*>(&force)) stock.barostat = "MonteCarloBarostat";
         if (dynamic_cast<const MonteCarloAnisotropicBarostat*>(&force))
@@ -156,9 +165,9 @@ void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& in
             "Crossing; use setWallRejection(Overlap) or setSphereWallMobility(FromModel)");
 }
 
-void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator, const SystemInventory& stock) {
-    const CustomRigidHIIntegrator::Scheme scheme = integrator.getScheme();
-    const string name = schemeName(scheme);
+/** What depends on inertia: schemes with momenta need it everywhere, and GradientThermostat in its rates. */
+static void checkMasses(const System& system, const CustomRigidHIIntegrator& integrator, const SystemInventory& stock,
+                        const string& name) {
     for (int b = 0; b < integrator.getNumRigidBodies(); b++) {
         double mass = 0;
         if (integrator.getRigidBodyIsExplicit(b)) {
@@ -173,14 +182,58 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
                    " needs a positive mass; give its particles masses in the System, or add it with explicit mass, "
                    "moments and site positions");
     }
-    const bool hydrodynamic = scheme == CustomRigidHIIntegrator::LangevinHI;
+    for (int p : stock.freeParticles)
+        if (system.getParticleMass(p) == 0)
+            refuse(particleText(p) + " has hydrodynamic radius " +
+                   to_string(stock.mobilityForce->getParticleRadius(p)) +
+                   " nm but is in no body and has no mass, which scheme " + name +
+                   " needs; give it a mass, make it part of a body, or give it radius 0");
+}
+
+/** Everything that moves must be held by the fluid alone. */
+static void checkOverdamped(const SystemInventory& stock, const string& name) {
+    for (int p : stock.freeParticles)
+        if (!seenByFluid(stock, p))
+            refuse(particleText(p) + " is in no body and has hydrodynamic radius 0, so scheme " + name +
+                   " has no mobility for it; give it a radius with MobilityForce.addParticle(), make it part of a "
+                   "body, or "
+                   "give it mass 0 to hold it where it is");
+}
+
+/** What a scheme without velocities cannot serve. */
+static void checkNoMomenta(const SystemInventory& stock, const string& name, const string& instead) {
+    if (!stock.velocityDependentForce.empty())
+        refuse(stock.velocityDependentForce + ", depends on vx, vy or vz, but scheme " + name +
+               " has no velocities; use a Langevin scheme, or expressions without them");
+    if (stock.numFreeConstraints > 0)
+        refuse("the System has " + to_string(stock.numFreeConstraints) +
+               " constraints between particles that are in no body; scheme " + name +
+               " allows none: make rigid groups bodies, or use " + instead);
+    if (stock.hasCMMotionRemover)
+        refuse("the System has a CMMotionRemover, but scheme " + name +
+               " has no momenta to remove; create the System with removeCMMotion=False, or remove the force");
+    if (!stock.barostat.empty())
+        refuse("the System has a " + stock.barostat +
+               ", which is supported with the schemes LangevinA, LangevinB and LangevinC only, not with " + name +
+               "; change the scheme or remove the barostat");
+}
+
+void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator, const SystemInventory& stock) {
+    const CustomRigidHIIntegrator::Scheme scheme = integrator.getScheme();
+    const string name = schemeName(scheme);
+    const bool hydrodynamic = isHydrodynamic(scheme);
     if (hydrodynamic && stock.numMobilityForces != 1)
         refuse("the System has " + to_string(stock.numMobilityForces) + " MobilityForces, but scheme " + name +
                " needs exactly one; add a MobilityForce to the System, or keep only one");
     if (!hydrodynamic && stock.numMobilityForces > 0)
         refuse("the System has a MobilityForce, which scheme " + name +
-               " would ignore; use LangevinHI, or remove the MobilityForce");
-    if (hydrodynamic) {
+               " would ignore; use LangevinHI or a scheme without momenta, or remove the MobilityForce");
+    if (isOverdamped(scheme))
+        checkOverdamped(stock, name);
+    else
+        checkMasses(system, integrator, stock, name);
+    if (!schemeHasMomenta(scheme)) checkNoMomenta(stock, name, hydrodynamic ? "LangevinHI" : "LangevinC");
+    if (scheme == CustomRigidHIIntegrator::LangevinHI) {
         if (stock.hasCMMotionRemover)
             refuse(
                 "the System has a CMMotionRemover, but with scheme " + name +
@@ -203,22 +256,6 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
                         "its radius to 0");
         }
     }
-    if (scheme != CustomRigidHIIntegrator::GradientThermostat) return;
-    if (!stock.velocityDependentForce.empty())
-        refuse(stock.velocityDependentForce + ", depends on vx, vy or vz, but scheme " + name +
-               " has no velocities; use a Langevin scheme, or expressions without them");
-    if (stock.numFreeConstraints > 0)
-        refuse("the System has " + to_string(stock.numFreeConstraints) +
-               " constraints between particles that are in no body; scheme GradientThermostat allows none: make rigid "
-               "groups bodies, or use LangevinC");
-    if (stock.hasCMMotionRemover)
-        refuse(
-            "the System has a CMMotionRemover, but scheme GradientThermostat has no momenta to remove; create the "
-            "System with removeCMMotion=False, or remove the force");
-    if (!stock.barostat.empty())
-        refuse("the System has a " + stock.barostat +
-               ", which is supported with the schemes LangevinA, LangevinB and LangevinC only, not with "
-               "GradientThermostat; change the scheme or remove the barostat");
 }
 
 }  // namespace RigidHIPlugin

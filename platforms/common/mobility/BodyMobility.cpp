@@ -53,29 +53,50 @@ Matrix6d twoRotations(const Matrix3d& A) {
     return both;
 }
 
-MatrixXd rigidMotion(const FluidElement& element, const Matrix3d& A) {
-    const int rowsOfParticle = element.isSphere() ? 6 : 3;
-    MatrixXd K = MatrixXd::Zero(rowsOfParticle * element.sites.size(), element.numRows());
-    for (size_t i = 0; i < element.sites.size(); i++) {
-        K.block<3, 3>(rowsOfParticle * i, 0).setIdentity();
-        if (!element.isFree()) K.block<3, 3>(rowsOfParticle * i, 3) = -crossMatrix(A * element.sites[i]);
-        if (element.isSphere()) K.block<3, 3>(3, 3).setIdentity();
+/** K of one element at a place in a larger matrix of zeros. */
+static void placeRigidMotion(const FluidElement& element, const Matrix3d& A, MatrixXd& K, int row, int column) {
+    for (const Vector3d& site : element.sites) {
+        K.block<3, 3>(row, column).setIdentity();
+        if (!element.isFree()) K.block<3, 3>(row, column + 3) = -crossMatrix(A * site);
+        if (element.isSphere()) K.block<3, 3>(row + 3, column + 3).setIdentity();
+        row += 3;
     }
+}
+
+MatrixXd rigidMotion(const FluidElement& element, const Matrix3d& A) {
+    MatrixXd K = MatrixXd::Zero((element.isSphere() ? 6 : 3) * element.sites.size(), element.numRows());
+    placeRigidMotion(element, A, K, 0, 0);
     return K;
 }
 
-MatrixXd pseudoInverse(const MatrixXd& friction, const VectorXd& nullVector) {
+void removeTurnAboutLine(const Matrix<double, 6, 1>& n, Ref<MatrixXd> twists) {
+    const Vector3d line = n.tail<3>();
+    for (int c = 0; c < twists.cols(); c++) twists.col(c) -= line.dot(twists.col(c).tail<3>()) / line.squaredNorm() * n;
+}
+
+void removeTorqueAboutLine(const Matrix<double, 6, 1>& n, Ref<MatrixXd> wrenches) {
+    const Vector3d line = n.tail<3>();
+    for (int c = 0; c < wrenches.cols(); c++)
+        wrenches.col(c).tail<3>() -= n.dot(wrenches.col(c)) / line.squaredNorm() * line;
+}
+
+MatrixXd generalisedInverse(const MatrixXd& friction, const VectorXd& nullVector) {
     MatrixXd lifted = friction;
     const double lift = friction.trace() / friction.rows();
     if (nullVector.size() > 0) lifted += lift * nullVector * nullVector.transpose();
     MatrixXd inverse = lifted.llt().solve(MatrixXd::Identity(friction.rows(), friction.cols()));
-    if (nullVector.size() > 0) inverse -= nullVector * nullVector.transpose() / lift;
+    if (nullVector.size() > 0) {
+        removeTurnAboutLine(nullVector, inverse);
+        inverse.transposeInPlace();
+        removeTurnAboutLine(nullVector, inverse);
+    }
     return 0.5 * (inverse + inverse.transpose());
 }
 
 BodyMobility::BodyMobility(const vector<FluidElement>& elements, const OperatorFactory& makeOperator, bool isConstant,
                            const OperatorFactory& makeUnboundedToUse)
     : elements(elements), constant(isConstant && elements.size() == 1 && !elements[0].isFree()),
+      aloneInUniformFluid(isConstant && elements.size() == 1),
       makeUnbounded(makeUnboundedToUse ? makeUnboundedToUse : makeOperator) {
     nullVectors.resize(elements.size());
     B_body.resize(elements.size());
@@ -129,12 +150,15 @@ bool BodyMobility::prefersFriction() const {
     return !identityK || (particleOperator && particleOperator->isMadeFromFriction());
 }
 
-void BodyMobility::setPoses(const vector<Pose>& newPoses) {
+void BodyMobility::setPoses(const vector<Pose>& newPoses, bool nearby) {
     poses = newPoses;
     mobilityIsKnown = frictionIsKnown = false;
     if (constant) return;
     placeParticles(poses, positions);
-    particleOperator->setPositions(positions);
+    if (nearby)
+        particleOperator->setPositionsNearby(positions);
+    else
+        particleOperator->setPositions(positions);
 }
 
 void BodyMobility::placeParticles(const vector<Pose>& at, vector<OpenMM::Vec3>& places) const {
@@ -164,11 +188,11 @@ void BodyMobility::congruence(MatrixXd& matrix, const vector<MatrixXd>& factors_
     }
 }
 
-void BodyMobility::multiplyByFactors(MatrixXd& vectors, bool transposed) const {
+void BodyMobility::multiplyByFactors(MatrixXd& vectors, const vector<MatrixXd>& factors_body, bool transposed) const {
     for (size_t e = 0; e < elements.size(); e++) {
-        if (B_body[e].size() == 0) continue;
+        if (factors_body[e].size() == 0) continue;
         const Matrix6d turn = twoRotations(poses[e].A);
-        Matrix6d factor = turn * B_body[e] * turn.transpose();
+        Matrix6d factor = turn * factors_body[e] * turn.transpose();
         if (transposed) factor.transposeInPlace();
         vectors.middleRows<6>(rows[e]) = (factor * vectors.middleRows<6>(rows[e])).eval();
     }
@@ -180,11 +204,7 @@ void BodyMobility::computeFriction() {
         particleOperator->friction(xi);
         return;
     }
-    K.setZero(particles.numRows, numRows);
-    for (size_t e = 0; e < elements.size(); e++) {
-        const MatrixXd own = rigidMotion(elements[e], poses[e].A);
-        K.block(particles.firstRow[firstParticle[e]], rows[e], own.rows(), own.cols()) = own;
-    }
+    fillK(poses, K);
     if (particleOperator->isMadeFromFriction()) {
         particleOperator->friction(M);
         xi.noalias() = K.transpose() * M * K;
@@ -192,9 +212,7 @@ void BodyMobility::computeFriction() {
         particleOperator->dense(M);
         const LLT<Ref<MatrixXd> > factor(M);
         if (factor.info() != Success)
-            throw OpenMM::OpenMMException(
-                "MobilityForce: the mobility matrix of " + to_string(particles.size()) +
-                " hydrodynamic particles is not positive definite; look for two blobs at one place");
+            refuseIndefiniteMobility(particles.size());
         factor.matrixL().solveInPlace(K);
         xi.noalias() = K.transpose() * K;
     }
@@ -226,8 +244,7 @@ const MatrixXd& BodyMobility::mobility() {
         particleOperator->dense(N);
         if (hasOwnTensors) congruence(N, B_body, false);
     } else {
-        // Null vectors are given the friction `lift`, which is taken away again after the inversion: (xi + s n n^T)^-1 =
-        // xi^+ + n n^T / s for a unit null vector n.
+        // Null vectors n are given the friction `lift`, which Q takes away again after the inversion: Q n = 0.
         scratch = friction();
         const double lift = scratch.trace() / numRows;
         vector<VectorXd> nulls(elements.size());
@@ -238,17 +255,44 @@ const MatrixXd& BodyMobility::mobility() {
             }
         const LLT<MatrixXd> factor(scratch);
         if (factor.info() != Success)
-            throw OpenMM::OpenMMException(
-                "MobilityForce: the friction matrix of " + to_string(elements.size()) +
-                " bodies is not positive definite; look for blobs at the same place, or a body whose blobs are all at "
-                "one place");
+            refuseIndefiniteFriction(elements.size());
         N = factor.solve(MatrixXd::Identity(numRows, numRows));
         for (size_t e = 0; e < elements.size(); e++)
-            if (hasNullVector(e)) N.block<6, 6>(rows[e], rows[e]) -= nulls[e] * nulls[e].transpose() / lift;
+            if (hasNullVector(e)) {
+                removeTurnAboutLine(nulls[e], N.middleRows<6>(rows[e]));
+                MatrixXd own = N.block<6, 6>(rows[e], rows[e]).transpose();
+                removeTurnAboutLine(nulls[e], own);
+                N.middleCols<6>(rows[e]) = N.middleRows<6>(rows[e]).transpose().eval();
+                N.block<6, 6>(rows[e], rows[e]) = own;
+            }
         N = (0.5 * (N + N.transpose())).eval();
     }
     mobilityIsKnown = true;
     return N;
+}
+
+MultiblobSolver& BodyMobility::getMultiblobSolver() {
+    if (!multiblobSolver)
+        multiblobSolver.reset(
+            new MultiblobSolver(elements, rows, firstParticle, particles, nullVectors, makeUnbounded));
+    multiblobSolver->setPoses(poses);
+    return *multiblobSolver;
+}
+
+/** K of all elements; without allocation if it has its size already. */
+void BodyMobility::fillK(const vector<Pose>& at, MatrixXd& matrix) const {
+    matrix.setZero(particles.numRows, numRows);
+    for (size_t e = 0; e < elements.size(); e++)
+        placeRigidMotion(elements[e], at[e].A, matrix, particles.firstRow[firstParticle[e]], rows[e]);
+}
+
+double BodyMobility::length(int e) const {
+    const FluidElement& element = elements[e];
+    double longest = 0;
+    for (size_t i = 0; i < element.sites.size(); i++)
+        for (size_t k = 0; k <= i; k++)
+            longest = max(longest, (element.sites[i] - element.sites[k]).norm() + element.radii[i] + element.radii[k]);
+    return longest > 0 ? longest : 1;
 }
 
 void BodyMobility::apply(const MatrixXd& wrenches, MatrixXd& twists) {
@@ -264,22 +308,18 @@ void BodyMobility::applyMatrixFree(const MatrixXd& wrenches, double tolerance, M
     const MatrixXd* forces = &wrenches;
     if (hasOwnTensors) {
         scratch = wrenches;
-        multiplyByFactors(scratch, true);
+        multiplyByFactors(scratch, B_body, true);
         forces = &scratch;
     }
     if (identityK) {
         particleOperator->apply(*forces, twists);
         numProducts += wrenches.cols();
     } else {
-        if (!multiblobSolver)
-            multiblobSolver.reset(
-                new MultiblobSolver(elements, rows, firstParticle, particles, nullVectors, makeUnbounded));
-        multiblobSolver->setPoses(poses);
-        const int iterations = multiblobSolver->apply(*particleOperator, *forces, tolerance, twists);
+        const int iterations = getMultiblobSolver().apply(*particleOperator, *forces, tolerance, twists);
         numSolverIterations += iterations;
         numProducts += (iterations + 1) * wrenches.cols();
     }
-    if (hasOwnTensors) multiplyByFactors(twists, false);
+    if (hasOwnTensors) multiplyByFactors(twists, B_body, false);
 }
 
 }  // namespace RigidHIPlugin

@@ -37,9 +37,11 @@ struct Pose {
  * carries").
  *
  * Rows: six a body (V, W about its origin; lab frame), then three a free particle, in the order of the elements.
- * Where all blobs of a body are on a line, its friction has a null vector, rotation about the line, and its mobility is the
- * pseudo-inverse. Own tensors enter by congruence: N = B N_model B^T, B = N_own^(1/2) N_alone^(-1/2), alone in unbounded
- * fluid: at a wall a body's own tensor then feels the wall as the model's does.
+ * Where all blobs of a body are on a line, its friction has a null vector n, rotation about the line, and its mobility is the symmetric
+ * generalised inverse (xi N xi = xi, N xi N = N) whose twists do not turn the body about the line, W.line = 0. For an origin on the
+ * line that is the pseudo-inverse; elsewhere the latter would depend on the origin and on units, and this does not.
+ * Own tensors enter by congruence: N = B N_model B^T, B = N_own^(1/2) N_alone^(-1/2), alone in unbounded fluid: at a wall a
+ * body's own tensor then feels the wall as the model's does.
  */
 class BodyMobility {
 public:
@@ -65,11 +67,16 @@ public:
     bool hasNullVector(int element) const { return nullVectors[element].size() > 0; }
     const Eigen::VectorXd& getNullVector_body(int element) const { return nullVectors[element]; }
 
-    /** One pose an element; a free particle's A is not used. @throws what the operator's setPositions() throws */
-    void setPoses(const std::vector<Pose>& poses);
+    /**
+     * One pose an element; a free particle's A is not used. @throws what the operator's setPositions() throws
+     *
+     * @param nearby  these are a small displacement from accepted ones: setPositionsNearby() of the operator
+     */
+    void setPoses(const std::vector<Pose>& poses, bool nearby = false);
     /** MobilityOperator::objection() and mayObject() for bodies. */
     std::string objection(const std::vector<Pose>& poses) const;
     bool mayObject() const { return particleOperator && particleOperator->mayObject(); }
+    bool reachesBeyond() const { return particleOperator && particleOperator->reachesBeyond(); }
     /** N at the poses set last, computed when first asked for. */
     const Eigen::MatrixXd& mobility();
     /** Its (pseudo-)inverse, likewise. */
@@ -84,19 +91,29 @@ public:
     /** Whether applyMatrixFree() is possible: the model has products. */
     bool canApplyMatrixFree() const { return particleOperator && particleOperator->hasProducts(); }
 
+    /** Whether there is one element only in a fluid that is the same everywhere. */
+    bool isAloneInUniformFluid() const { return aloneInUniformFluid; }
+    /** The solver behind applyMatrixFree() at the poses set last. */
+    MultiblobSolver& getMultiblobSolver();
+    /** Longest distance between points of the element's particles, nm: what finite differences scale translations with. */
+    double length(int element) const;
+
     /** Matrices made (dense mobility or friction), products with M, for getStepStatistics(). */
     long long numMatrices = 0, numProducts = 0, numSolverIterations = 0;
 
 private:
+    friend class MobilityProblem;
+    void fillK(const std::vector<Pose>& poses, Eigen::MatrixXd& K) const;
     void placeParticles(const std::vector<Pose>& poses, std::vector<OpenMM::Vec3>& positions) const;
     void computeFriction();
     void congruence(Eigen::MatrixXd& matrix, const std::vector<Eigen::MatrixXd>& factors_body, bool transposed) const;
-    void multiplyByFactors(Eigen::MatrixXd& vectors, bool transposed) const;
+    void multiplyByFactors(Eigen::MatrixXd& vectors, const std::vector<Eigen::MatrixXd>& factors_body,
+                           bool transposed) const;
 
     std::vector<FluidElement> elements;
     std::vector<int> rows;
     int numRows = 0;
-    bool constant = false, identityK = true, hasOwnTensors = false;
+    bool constant = false, identityK = true, hasOwnTensors = false, aloneInUniformFluid = false;
     std::vector<Eigen::VectorXd> nullVectors;            // of elements, in the body frame; mostly empty
     std::vector<Eigen::MatrixXd> B_body, inverseB_body;  // of elements with own tensors
     std::unique_ptr<MobilityOperator> particleOperator;
@@ -113,8 +130,17 @@ private:
 
 /** K of one element: velocities of its hydrodynamic particles (and angular velocity of a sphere) from V and W. */
 Eigen::MatrixXd rigidMotion(const FluidElement& element, const Eigen::Matrix3d& A);
-/** The inverse of a friction matrix with at most one null vector (of unit length; or empty), pseudo-inverse then. */
-Eigen::MatrixXd pseudoInverse(const Eigen::MatrixXd& friction, const Eigen::VectorXd& nullVector);
+/**
+ * The inverse of a body's friction matrix, 6 x 6, with at most one null vector (of unit length; or empty): then the generalised
+ * inverse that BodyMobility describes.
+ */
+Eigen::MatrixXd generalisedInverse(const Eigen::MatrixXd& friction, const Eigen::VectorXd& nullVector);
+/**
+ * Q twists, in place: the multiple of the null twist n = (V, line) subtracted that makes them not turn about the line; and Q^T wrenches: the
+ * torque about the line subtracted that makes them do no work on n. Columns are cases of their own.
+ */
+void removeTurnAboutLine(const Eigen::Matrix<double, 6, 1>& nullVector, Eigen::Ref<Eigen::MatrixXd> twists);
+void removeTorqueAboutLine(const Eigen::Matrix<double, 6, 1>& nullVector, Eigen::Ref<Eigen::MatrixXd> wrenches);
 /** The 6 x 6 matrix diag(A, A) of a rotation. */
 Eigen::Matrix<double, 6, 6> twoRotations(const Eigen::Matrix3d& A);
 

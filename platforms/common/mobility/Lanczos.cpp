@@ -39,6 +39,9 @@ SpectralFunction SpectralFunction::decayNoise(double h) {
 SpectralFunction SpectralFunction::squareRoot() {
     return {[](double x) { return std::sqrt(x); }, {}};
 }
+SpectralFunction SpectralFunction::inverseSquareRoot() {
+    return {[](double x) { return 1 / std::sqrt(x); }, {}};
+}
 
 Lanczos::Lanczos(double tolerance, int maxIterations) : tolerance(tolerance), maxIterations(maxIterations) {}
 

@@ -19,6 +19,8 @@ struct SpectralFunction {
     static SpectralFunction decayNoise(double h);
     /** sqrt(x) */
     static SpectralFunction squareRoot();
+    /** 1/sqrt(x) */
+    static SpectralFunction inverseSquareRoot();
 };
 
 /**

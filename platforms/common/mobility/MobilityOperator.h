@@ -34,6 +34,11 @@ struct HydrodynamicParticles {
     }
 };
 
+/** @throws OpenMMException  always: the mobility matrix of so many particles is not positive definite, and where to look */
+[[noreturn]] void refuseIndefiniteMobility(int numParticles);
+/** Likewise the friction matrix of so many bodies. */
+[[noreturn]] void refuseIndefiniteFriction(int numBodies);
+
 /**
  * How the fluid couples particles: velocities = M(positions) forces. A new model is one class with setPositions() and
  * apply(); what it can do better than by the defaults it overrides.
@@ -55,6 +60,13 @@ public:
      * @throws OpenMMException, naming the particles, where the model has no mobility (overlap, beyond a wall)
      */
     virtual void setPositions(const std::vector<OpenMM::Vec3>& positions) = 0;
+    /**
+     * Likewise for a finite difference, a small way from accepted positions: where these touch the limit of what the model
+     * accepts, the small way may lead beyond. A model whose formulas hold there too takes them. Default: setPositions().
+     */
+    virtual void setPositionsNearby(const std::vector<OpenMM::Vec3>& positions) { setPositions(positions); }
+    /** Whether that takes positions to which objection() objects. */
+    virtual bool reachesBeyond() const { return false; }
     /**
      * Why the model has no mobility at these positions (overlap, beyond a wall), naming the particles; empty where it has one.
      * A step that leads to such positions is redone with new noise. Default: the model has one everywhere.

@@ -61,7 +61,7 @@ MultiblobSolver::MultiblobSolver(const vector<FluidElement>& elements, const vec
             shape->K = rigidMotion(element, Matrix3d::Identity());
             shape->MinvK = shape->M.solve(shape->K);
             MatrixXd friction = shape->K.transpose() * shape->MinvK;
-            shape->N = pseudoInverse(friction, nullVectors[e]);
+            shape->N = generalisedInverse(friction, nullVectors[e]);
             known.push_back(shape);
             found = shape;
         }
@@ -112,13 +112,28 @@ void MultiblobSolver::multiply(const MobilityOperator& blobs, const MatrixXd& fr
 
 int MultiblobSolver::apply(const MobilityOperator& blobs, const MatrixXd& wrenches, double tolerance,
                            MatrixXd& twists) {
+    return solve(blobs, wrenches, MatrixXd(), tolerance, twists);
+}
+
+int MultiblobSolver::solve(const MobilityOperator& blobs, const MatrixXd& wrenches, const MatrixXd& slips,
+                           double tolerance, MatrixXd& twists) {
     const int columns = wrenches.cols();
+    const bool withSlips = slips.size() > 0;
+    VectorXd slipEnergy = VectorXd::Zero(columns);
+    if (withSlips) {
+        turn(OfBlobs, true, slips, slips_body);
+        for (size_t e = 0; e < shapes.size(); e++) {
+            const auto own = slips_body.middleRows(blobRow[e], numBlobRows[e]);
+            slipEnergy += own.cwiseProduct(shapes[e]->M.solve(own)).colwise().sum().transpose();
+        }
+    }
     turn(OfBodies, true, wrenches, wrenches_body);
     lambda.resize(numBlobRowsTotal, columns);
     for (size_t e = 0; e < shapes.size(); e++)
         lambda.middleRows(blobRow[e], numBlobRows[e]).noalias() =
             shapes[e]->MinvK * (shapes[e]->N * wrenches_body.middleRows(rows[e], shapes[e]->isFree ? 3 : 6));
     multiply(blobs, lambda, residual);
+    if (withSlips) residual += slips_body;
     twists_body.setZero(numRows, columns);
     project();
     direction = -preconditioned;
@@ -129,7 +144,9 @@ int MultiblobSolver::apply(const MobilityOperator& blobs, const MatrixXd& wrench
         double worst = 0;
         for (int c = 0; c < columns; c++) {
             gradient[c] = residual.col(c).dot(preconditioned.col(c));
-            energy[c] = lambda.col(c).dot(residual.col(c)) + wrenches_body.col(c).dot(twists_body.col(c));
+            energy[c] =
+                lambda.col(c).dot(residual.col(c)) + wrenches_body.col(c).dot(twists_body.col(c)) + slipEnergy[c];
+            if (withSlips) energy[c] -= lambda.col(c).dot(slips_body.col(c));
             if (!(gradient[c] <= tolerance * tolerance * energy[c])) converged = false;
             if (energy[c] > 0) worst = max(worst, sqrt(abs(gradient[c]) / energy[c]));
         }
@@ -157,6 +174,38 @@ int MultiblobSolver::apply(const MobilityOperator& blobs, const MatrixXd& wrench
     }
     turn(OfBodies, false, twists_body, twists);
     return iteration;
+}
+
+void MultiblobSolver::getBlobForces(MatrixXd& lambda_lab) const { turn(OfBlobs, false, lambda, lambda_lab); }
+
+void MultiblobSolver::multiplyScaled(const MobilityOperator& blobs, const MatrixXd& x, MatrixXd& y) {
+    scaled.resize(x.rows(), x.cols());
+    for (size_t e = 0; e < shapes.size(); e++)
+        scaled.middleRows(blobRow[e], numBlobRows[e]) =
+            shapes[e]->M.matrixU().solve(x.middleRows(blobRow[e], numBlobRows[e]));
+    multiply(blobs, scaled, y);
+    for (size_t e = 0; e < shapes.size(); e++) {
+        auto own = y.middleRows(blobRow[e], numBlobRows[e]);
+        shapes[e]->M.matrixL().solveInPlace(own);
+    }
+}
+
+void MultiblobSolver::slipsFromScaled(const MatrixXd& x, MatrixXd& slips_lab) {
+    scaled.resize(x.rows(), x.cols());
+    for (size_t e = 0; e < shapes.size(); e++)
+        scaled.middleRows(blobRow[e], numBlobRows[e]) =
+            shapes[e]->M.matrixL() * x.middleRows(blobRow[e], numBlobRows[e]);
+    turn(OfBlobs, false, scaled, slips_lab);
+}
+
+void MultiblobSolver::wrenchesFromScaled(const MatrixXd& x, MatrixXd& wrenches_lab) {
+    scaled.resize(numRows, x.cols());
+    for (size_t e = 0; e < shapes.size(); e++) {
+        const Shape& shape = *shapes[e];
+        const MatrixXd forces = shape.M.matrixU().solve(x.middleRows(blobRow[e], numBlobRows[e]));
+        scaled.middleRows(rows[e], shape.isFree ? 3 : 6).noalias() = shape.K.transpose() * forces;
+    }
+    turn(OfBodies, false, scaled, wrenches_lab);
 }
 
 }  // namespace RigidHIPlugin

@@ -17,12 +17,14 @@ struct Pose;
 /**
  * The motion of rigid multiblobs under given forces and torques, without a matrix over all blobs.
  *
- * Equation:  M lambda = K U, K^T lambda = F: the blob forces that keep bodies rigid and add up to F (Westwood 2022, eqs. 7-10).
- * Method:    lambda minimises lambda^T M lambda / 2 under K^T lambda = F: conjugate gradients projected onto the constraint
+ * Equation:  M lambda + s = K U, K^T lambda = F: the blob forces that keep bodies rigid in spite of the slips s (random velocities of
+ *            blobs), and add up to F; so U = N (F + K^T M^-1 s) (Westwood 2022, eqs. 7-10, 33-36).
+ * Method:    lambda minimises lambda^T M lambda / 2 + lambda^T s under K^T lambda = F: conjugate gradients projected onto the constraint
  *            (Gould, Hribar, Nocedal, SIAM J. Sci. Comput. 23, 1376 (2001)). The preconditioner is every body's own mobility
  *            matrix, factorised once for bodies of one shape, in the body frame. U are the multipliers.
  * Accuracy:  the energy norm of the error of lambda is below the tolerance times that of lambda, so every U F is right to its
- *            square, and U in the norm of the friction to the tolerance; or an error.
+ *            square, and U in the norm of the friction to the tolerance; or an error. With slips the tolerance is relative to
+ *            both together: the square root of lambda^T M lambda + s^T M~^-1 s, M~ the bodies' own matrices.
  * Cost:      an iteration has one product with M and one solve with each body's own matrix.
  */
 class MultiblobSolver {
@@ -44,6 +46,20 @@ public:
      */
     int apply(const MobilityOperator& blobs, const Eigen::MatrixXd& wrenches, double tolerance,
               Eigen::MatrixXd& twists);
+    /** Likewise with slips of the blobs (lab frame; as many columns; empty: none), twists = N (wrenches + K^T M^-1 slips). */
+    int solve(const MobilityOperator& blobs, const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips,
+              double tolerance, Eigen::MatrixXd& twists);
+    /** The blob forces of the last solve, lab frame. */
+    void getBlobForces(Eigen::MatrixXd& lambda_lab) const;
+
+    // With M~ = L L^T in the body frame, T the turn to the lab: the well-conditioned S = L^-1 T^T M T L^-T stands for M, so that
+    // s = T L S^(1/2) W has the covariance M, and K^T T L^-T S^(-1/2) W that of the friction K^T M^-1 K.
+    /** y = S x */
+    void multiplyScaled(const MobilityOperator& blobs, const Eigen::MatrixXd& x, Eigen::MatrixXd& y);
+    /** slips = T L x */
+    void slipsFromScaled(const Eigen::MatrixXd& x, Eigen::MatrixXd& slips_lab);
+    /** wrenches = K^T T L^-T x */
+    void wrenchesFromScaled(const Eigen::MatrixXd& x, Eigen::MatrixXd& wrenches_lab);
 
 private:
     /** What bodies of one shape share, in the body frame. */
@@ -63,7 +79,8 @@ private:
     int numRows = 0, numBlobRowsTotal = 0;
     std::vector<std::shared_ptr<const Shape> > shapes;
     std::vector<Eigen::Matrix3d> turns;  // body to lab
-    Eigen::MatrixXd lambda, residual, direction, preconditioned, product, twists_body, wrenches_body, lab, labProduct;
+    Eigen::MatrixXd lambda, residual, direction, preconditioned, product, twists_body, wrenches_body, slips_body,
+        scaled, lab, labProduct;
 };
 
 }  // namespace RigidHIPlugin

@@ -36,6 +36,8 @@ public:
     /** A particle's entry of B. */
     double weight(double z, double radius) const;
     double getHeight() const { return height; }
+    /** Whether formulas hold a little below contact too, as finite differences from there need it: not where velocities are damped. */
+    bool reachesBeyond() const { return !crossingAllowed; }
 
 private:
     const double height;

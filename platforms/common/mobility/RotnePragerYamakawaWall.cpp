@@ -65,6 +65,17 @@ void RotnePragerYamakawaWall::setPositions(const std::vector<Vec3>& newPositions
     }
 }
 
+void RotnePragerYamakawaWall::setPositionsNearby(const std::vector<Vec3>& newPositions) {
+    if (!wall.reachesBeyond()) {
+        setPositions(newPositions);
+        return;
+    }
+    for (int i = 0; i < particles.size(); i++) {
+        positions[i] = Vec3(newPositions[i][0], newPositions[i][1], newPositions[i][2] - wall.getHeight());
+        weights[i] = 1;
+    }
+}
+
 void RotnePragerYamakawaWall::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const {
     velocities.resize(particles.numRows, forces.cols());
     velocities.setZero();

@@ -19,6 +19,8 @@ public:
     RotnePragerYamakawaWall(const HydrodynamicParticles& particles, double viscosity, const NoSlipPlane& wall)
         : MobilityOperator(particles, viscosity), wall(wall), positions(particles.size()), weights(particles.size()) {}
     void setPositions(const std::vector<OpenMM::Vec3>& positions) override;
+    void setPositionsNearby(const std::vector<OpenMM::Vec3>& positions) override;
+    bool reachesBeyond() const override { return wall.reachesBeyond(); }
     std::string objection(const std::vector<OpenMM::Vec3>& positions) const override {
         return wall.objection(particles, positions);
     }

@@ -17,7 +17,17 @@ namespace RigidHIPlugin {
 struct NoiseStream {
     enum Law { Gaussian = 0, ThreePoint = 1, TwoPoint = 2 };
     /** What a number is for. Schemes with two draws a step use both Draw purposes. */
-    enum Purpose { FirstDraw = 0, SecondDraw = 1, FreeFirstDraw = 2, FreeSecondDraw = 3, Velocities = 4 };
+    enum Purpose {
+        FirstDraw = 0,
+        SecondDraw = 1,
+        FreeFirstDraw = 2,
+        FreeSecondDraw = 3,
+        Velocities = 4,
+        FiniteDifference = 5,
+        FreeFiniteDifference = 6,
+        ParticleFirstDraw = 7,
+        ParticleSecondDraw = 8
+    };
 
     uint32_t seed = 1;
     int64_t step = 0;

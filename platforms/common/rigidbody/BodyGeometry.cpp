@@ -66,8 +66,16 @@ BodyGeometryBuilder::BodyGeometryBuilder(const System& system, const vector<int>
         } else if (!system.isVirtualSite(particles[i]))
             hasOtherMassless = true;
     }
+    if (massive.empty()) {
+        // A body without mass, for schemes without momenta: its frame is that of equal weights.
+        massless = true;
+        fixedByConstraints = hasOtherMassless = false;
+        for (size_t i = 0; i < particles.size(); i++)
+            if (!system.isVirtualSite(particles[i])) massive.push_back(i);
+        masses.assign(massive.size(), 1.0);
+        return;
+    }
     const int n = massive.size();
-    if (n == 0) return;  // refused elsewhere, with the remedy
     distances.assign(n, vector<double>(n, 0.0));
     for (int c = 0; c < system.getNumConstraints(); c++) {
         int a, b;
@@ -150,8 +158,10 @@ BodyGeometry BodyGeometryBuilder::build(const vector<Vec3>& positions) const {
     const PrincipalFrame frame(masses, shape);
 
     BodyGeometry geometry;
-    geometry.mass = frame.mass;
-    geometry.moments = frame.moments;
+    if (!massless) {
+        geometry.mass = frame.mass;
+        geometry.moments = frame.moments;
+    }
     geometry.sites.resize(particles.size());
     map<int, Vec3> siteOfParticle;
     for (size_t i = 0; i < massive.size(); i++)

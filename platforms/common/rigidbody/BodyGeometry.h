@@ -29,7 +29,8 @@ BodyInertia liveInertia(double mass, const OpenMM::Vec3& moments);
  *
  * The massive members' shape comes from the System's constraints where these fix it (one pair, a triangle, or all pairs),
  * else from positions; virtual sites come from their definitions; other massless members from positions. The body frame has
- * its origin at the centre of mass and its axes along the principal axes, smallest moment first.
+ * its origin at the centre of mass and its axes along the principal axes, smallest moment first. A body of massless members
+ * has the frame of equal weights, and no inertia.
  */
 class BodyGeometryBuilder {
 public:
@@ -51,7 +52,7 @@ private:
     std::vector<int> massive;  // places in `particles`
     std::vector<double> masses;
     std::vector<std::vector<double> > distances;
-    bool fixedByConstraints, hasOtherMassless;
+    bool fixedByConstraints, hasOtherMassless, massless = false;
 };
 
 /**

@@ -8,13 +8,13 @@ import openmm
 import openmm.app
 from openmm import unit
 
-from .. import app
+from .. import _units, app
 from .._quaternions import rotationMatrices
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from .bodytable import BodyTable
 
-GAS_CONSTANT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
+GAS_CONSTANT = _units.GAS_CONSTANT
 
 
 class Scene:

@@ -2,10 +2,14 @@
 from .blobfiles import readClones, readVertexFile, writeClones
 from .bodies import addRigidMultiblob, addRigidResidues, addRigidWater, bindBodies
 from .bodystates import BodyStates, RigidBodyReporter, readBodyStates
+from .gsdfiles import GsdReporter, readGsd
+from .h5mdfiles import H5mdReporter, readH5md
 from .minimizer import MinimizationResult, minimize
 from .reporters import StateDataReporter
 from .shapes import boomerang, cylinder, icosahedron, multiblobSphere, rod, sphereShell, tetramer
+from .trajectories import Trajectory
 
 __all__ = ['addRigidWater', 'addRigidResidues', 'addRigidMultiblob', 'bindBodies', 'minimize', 'MinimizationResult', 'RigidBodyReporter',
            'readBodyStates', 'BodyStates', 'StateDataReporter', 'sphereShell', 'multiblobSphere', 'rod', 'cylinder', 'boomerang',
-           'tetramer', 'icosahedron', 'readVertexFile', 'readClones', 'writeClones']
+           'tetramer', 'icosahedron', 'readVertexFile', 'readClones', 'writeClones',
+           'GsdReporter', 'readGsd', 'H5mdReporter', 'readH5md', 'Trajectory']

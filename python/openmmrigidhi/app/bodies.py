@@ -1,5 +1,4 @@
 """Making bodies of residues, and telling OpenMM that a body is one molecule."""
-import numpy as np
 import openmm
 
 from .. import _units
@@ -138,9 +137,9 @@ def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, m
     integrator = CustomRigidHIIntegrator.cast(integrator)
     mobilityForce = MobilityForce.cast(mobilityForce)
     sites = _units.rows(sitePositions, _units.LENGTH, 3, where, 'sitePositions')
-    radii = _perSite(radii, _units.LENGTH, len(sites), where, 'radii')
+    radii = _units.perSite(radii, _units.LENGTH, len(sites), where, 'radii')
     mass = _units.number(mass, _units.MASS, where, 'mass')
-    masses = None if particleMasses is None else _perSite(particleMasses, _units.MASS, len(sites), where, 'particleMasses')
+    masses = None if particleMasses is None else _units.perSite(particleMasses, _units.MASS, len(sites), where, 'particleMasses')
     first = system.getNumParticles()
     if mobilityForce.getNumParticles() != first:
         raise ValueError(f'{where}: mobilityForce: it has {mobilityForce.getNumParticles()} particles and the System {first}; '
@@ -151,19 +150,6 @@ def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, m
         system.addParticle(particleMass)
         mobilityForce.addParticle(radius)
     return body
-
-
-def _perSite(values, dimension, count, where, name):
-    """One number for each site, finite and not negative; a single one is for all."""
-    try:
-        numbers = np.full(count, _units.number(values, dimension, where, name))
-    except TypeError:
-        numbers = _units.sequence(values, dimension, where, name)
-    if numbers.shape != (count,):
-        raise ValueError(f'{where}: {name}: got {len(numbers)} for {count} sites; give one for all, or one for each')
-    if not np.all((0 <= numbers) & (numbers < np.inf)):
-        raise ValueError(f'{where}: {name}: got {numbers.tolist()}; each must be finite, and none below 0: correct them')
-    return numbers.tolist()
 
 
 def bindBodies(system, integrator):

@@ -25,7 +25,7 @@ import numpy as np
 from openmm import unit
 
 from .. import _units
-from ..integrator import CustomRigidHIIntegrator
+from .trajectories import BodyReporter, rowsBefore
 
 _FORMAT = 'openmmrigidhi body states'
 _VERSION = 1
@@ -63,7 +63,7 @@ class BodyStates:
         return len(self.step)
 
 
-class RigidBodyReporter:
+class RigidBodyReporter(BodyReporter):
     """Writes the states of all bodies to an HDF5 file every so many steps (layout in openmmrigidhi.app.bodystates).
 
     Parameters
@@ -84,25 +84,10 @@ class RigidBodyReporter:
     """
 
     def __init__(self, file, reportInterval, append=False):
-        self._file = os.fspath(file)
-        self._reportInterval = _units.integer(reportInterval, 'RigidBodyReporter', 'reportInterval')
-        if self._reportInterval <= 0:
-            raise ValueError(f'RigidBodyReporter: reportInterval: got {self._reportInterval}; it must be positive: '
-                             'give a number of steps')
-        self._append = append
-        self._started = False
+        super().__init__(file, reportInterval, append)
 
-    def describeNextReport(self, simulation):
-        """Tell the Simulation when the next report is due; it needs nothing of the State but time and box."""
-        steps = self._reportInterval - simulation.currentStep % self._reportInterval
-        return steps, False, False, False, False, None
-
-    def report(self, simulation, state):
-        """Write one frame."""
+    def _write(self, simulation, state, integrator):
         import h5py
-        integrator = CustomRigidHIIntegrator.cast(simulation.context.getIntegrator())
-        if not self._started:
-            self._start(integrator, simulation.currentStep)
         frame = {
             'time': state.getTime(), 'step': simulation.currentStep,
             'positions': integrator.getBodyPositions(), 'orientations': integrator.getBodyOrientations(),
@@ -115,19 +100,18 @@ class RigidBodyReporter:
                 file[name].resize(count + 1, axis=0)
                 file[name][count] = dimension.strip(value, name, name) if unit.is_quantity(value) else value
 
-    def _start(self, integrator, step):
+    def _start(self, simulation, integrator):
         import h5py
         definition = _definition(integrator)
-        if self._append and os.path.exists(self._file):
+        if self._continues():
             with h5py.File(self._file, 'r+') as file:
                 _checkSameBodies(file, definition, self._file)
-                kept = int(np.searchsorted(file['step'][:_numFrames(file)], step))
+                kept = rowsBefore(file['step'][:_numFrames(file)], simulation.currentStep)
                 for name in _FRAME_DATA:
                     file[name].resize(kept, axis=0)
         else:
             with h5py.File(self._file, 'w') as file:
                 _create(file, definition)
-        self._started = True
 
 
 def readBodyStates(file):

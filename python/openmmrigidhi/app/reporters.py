@@ -2,12 +2,11 @@
 import functools
 
 import openmm.app
-from openmm import unit
 
+from .. import _units
 from ..integrator import CustomRigidHIIntegrator
 
 _NOT_AVAILABLE = 'n/a'
-_GAS_CONSTANT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
 
 
 class StateDataReporter(openmm.app.StateDataReporter):
@@ -79,7 +78,7 @@ class StateDataReporter(openmm.app.StateDataReporter):
 
 def _temperature(energy, degrees):
     """2 E/(k_B n) in K for an energy in kJ/mol, or n/a for no degrees of freedom."""
-    return 2*energy/(_GAS_CONSTANT*degrees) if degrees > 0 else _NOT_AVAILABLE
+    return 2*energy/(_units.GAS_CONSTANT*degrees) if degrees > 0 else _NOT_AVAILABLE
 
 
 def _massFractionOfBodies(integrator, system):

@@ -1,0 +1,140 @@
+// Fluid: steps without momenta.
+
+#include <cmath>
+
+#include "engine/Fluid.h"
+#include "mobility/SymmetricEigen.h"
+#include "rigidbody/EigenVec3.h"
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+/** The default of setFiniteDifferenceStep(): rounding of 1e-16 against the error of the difference. */
+const double denseDifference = 1e-5;
+
+}  // namespace
+
+/** Where a group's elements are, as a scheme's start. */
+void Fluid::setStart(Group& group, const BodySet& bodies, const vector<OpenMM::Vec3>& positions) const {
+    const auto& elements = group.mobility->getElements();
+    for (size_t e = 0; e < elements.size(); e++) {
+        OverdampedMove::Place& place = group.move->start[e];
+        if (elements[e].isFree()) {
+            place.R = toEigen(positions[elements[e].particles[0]]);
+            continue;
+        }
+        const int s = bodies.slot(elements[e].body);
+        place.R = Vector3d(bodies.R[0][s], bodies.R[1][s], bodies.R[2][s]);
+        place.q = {bodies.q[0][s], bodies.q[1][s], bodies.q[2][s], bodies.q[3][s]};
+    }
+}
+
+/** Forces and torques as last gathered, at the poses that the bodies have. */
+void Fluid::takeForces(Group& group, const BodySet& bodies, const FreeParticles& freeParticles) const {
+    const auto& elements = group.mobility->getElements();
+    for (size_t e = 0; e < elements.size(); e++) {
+        double* to = &group.move->force(group.mobility->firstRow(e), 0);
+        if (elements[e].isFree()) {
+            const OpenMM::Vec3 force = freeParticles.getForce(group.freeIndex[e]);
+            for (int k = 0; k < 3; k++) to[k] = force[k];
+            continue;
+        }
+        const int s = bodies.slot(elements[e].body);
+        const scalar::Rotation<double> turn({bodies.q[0][s], bodies.q[1][s], bodies.q[2][s], bodies.q[3][s]});
+        const auto torque_lab =
+            turn.toLab({bodies.torque_body[0][s], bodies.torque_body[1][s], bodies.torque_body[2][s]});
+        for (int k = 0; k < 3; k++) to[k] = bodies.force_lab[k][s];
+        to[3] = torque_lab.x;
+        to[4] = torque_lab.y;
+        to[5] = torque_lab.z;
+    }
+}
+
+/** The scheme's present poses become the bodies'. Forces stay those of where they were evaluated, in the lab. */
+bool Fluid::writePresent(const Group& group, BodySet& bodies, vector<OpenMM::Vec3>& positions) const {
+    const auto& elements = group.mobility->getElements();
+    double sum = 0;
+    for (size_t e = 0; e < elements.size(); e++) {
+        const OverdampedMove::Place& place = group.move->present[e];
+        sum += place.R.sum();
+        if (elements[e].isFree()) {
+            positions[elements[e].particles[0]] = toVec3(place.R);
+            continue;
+        }
+        const int s = bodies.slot(elements[e].body);
+        const scalar::Rotation<double> before({bodies.q[0][s], bodies.q[1][s], bodies.q[2][s], bodies.q[3][s]});
+        const auto torque_body = scalar::Rotation<double>(place.q).toBody(
+            before.toLab({bodies.torque_body[0][s], bodies.torque_body[1][s], bodies.torque_body[2][s]}));
+        for (int k = 0; k < 3; k++) bodies.R[k][s] = place.R[k];
+        bodies.q[0][s] = place.q.w;
+        bodies.q[1][s] = place.q.x;
+        bodies.q[2][s] = place.q.y;
+        bodies.q[3][s] = place.q.z;
+        bodies.torque_body[0][s] = torque_body.x;
+        bodies.torque_body[1][s] = torque_body.y;
+        bodies.torque_body[2][s] = torque_body.z;
+        sum += place.q.w + place.q.x + place.q.y + place.q.z;
+    }
+    return isfinite(sum);
+}
+
+LoopResult Fluid::runOverdamped(OverdampedPart part, const OverdampedScheme& scheme, const StepSettings& settings,
+                                BodySet& bodies, const FreeParticles& freeParticles, vector<OpenMM::Vec3>& positions) {
+    const OneBlasThread single;
+    double operations = 0;
+    for (auto& group : groups) {
+        if (!group->move)
+            group->move.reset(
+                new OverdampedMove(*group->mobility, group->overdampedMatrixFree, force.getSolverTolerance()));
+        const double rows = group->mobility->getNumRows(), particleRows = group->mobility->getNumParticleRows();
+        operations += group->mobility->isConstantInBodyFrame()
+                          ? operationsOfConstantTensor
+                          : rows * rows * rows + particleRows * particleRows * particleRows;
+    }
+    OverdampedStep step;
+    step.h = settings.h;
+    step.kT = settings.kT;
+    step.noise = settings.noise;
+    const auto task = [&](int i) {
+        Group& group = *groups[i];
+        OverdampedMove& move = *group.move;
+        MobilityProblem& problem = move.getProblem();
+        const long long roots = problem.numSquareRoots, iterations = group.mobility->numSolverIterations;
+        if (part == OverdampedPart::Predict) {
+            OverdampedStep own = step;
+            own.difference = settings.difference > 0      ? settings.difference
+                             : group.overdampedMatrixFree ? max(denseDifference, cbrt(force.getSolverTolerance()))
+                                                          : denseDifference;
+            setStart(group, bodies, positions);
+            move.begin(own);
+            if (scheme.forcesAtStart) takeForces(group, bodies, freeParticles);
+            scheme.predict(move);
+        } else {
+            move.randomNumbers = 0;
+            takeForces(group, bodies, freeParticles);
+            scheme.correct(move);
+        }
+        group.isFinite = writePresent(group, bodies, positions);
+        group.randomNumbers = move.randomNumbers;
+        group.squareRoots = problem.numSquareRoots - roots;
+        group.iterations = group.mobility->numSolverIterations - iterations;
+    };
+    if (groups.size() > 1 && operations > worthThreads)
+        loops.forTasks(groups.size(), task);
+    else
+        for (size_t i = 0; i < groups.size(); i++) task(i);
+    LoopResult result;
+    for (const auto& group : groups) {
+        result.randomNumbers += group->randomNumbers;
+        result.finite = result.finite && group->isFinite;
+        numSquareRoots += group->squareRoots;
+        numIterations += group->iterations;
+    }
+    return result;
+}
+
+}  // namespace RigidHIPlugin

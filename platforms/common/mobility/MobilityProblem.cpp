@@ -1,0 +1,285 @@
+#include "mobility/MobilityProblem.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <Eigen/Geometry>
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+typedef Matrix<double, 6, 1> Vector6d;
+
+MobilityProblem::MobilityProblem(BodyMobility& bodies, bool matrixFree, double tolerance)
+    : bodies(bodies), matrixFree(matrixFree), tolerance(tolerance),
+      bodySlips(bodies.constant || bodies.hasOwnTensors || !bodies.particleOperator ||
+                bodies.particleOperator->isMadeFromFriction()),
+      lanczos(tolerance) {
+    const auto& elements = bodies.getElements();
+    nearest_body.resize(elements.size());
+    for (size_t e = 0; e < elements.size(); e++) {
+        hasNull = hasNull || bodies.hasNullVector(e);
+        if (bodySlips || bodies.identityK) continue;
+        const MatrixXd K = rigidMotion(elements[e], Matrix3d::Identity());
+        nearest_body[e] = generalisedInverse(K.transpose() * K, bodies.nullVectors[e]) * K.transpose();
+    }
+    if (bodies.constant) {
+        bodies.setPoses({Pose()});
+        scratch = bodies.friction();
+        factoriseFriction();
+    }
+}
+
+Vector6d MobilityProblem::nullVector(int e) const { return twoRotations(bodies.poses[e].A) * bodies.nullVectors[e]; }
+
+void MobilityProblem::setPoses(const vector<Pose>& poses, bool nearby) {
+    bodies.setPoses(poses, nearby);
+    if (!bodies.constant) isFactorised = false;
+}
+
+/** The friction of bodies, in the lower triangle of `scratch`, lifted along null twists, as its Cholesky factor. */
+void MobilityProblem::factoriseFriction() {
+    if (hasNull) {
+        const double lift = scratch.trace() / scratch.rows();
+        for (size_t e = 0; e < bodies.elements.size(); e++)
+            if (bodies.hasNullVector(e)) {
+                const Vector6d n = nullVector(e);
+                scratch.block<6, 6>(bodies.rows[e], bodies.rows[e]) += lift * n * n.transpose();
+            }
+    }
+    xi.compute(scratch);
+    if (xi.info() != Success)
+        refuseIndefiniteFriction(bodies.elements.size());
+    isFactorised = true;
+}
+
+void MobilityProblem::factorise() {
+    if (isFactorised) return;
+    if (bodySlips) {
+        scratch = bodies.friction();
+        factoriseFriction();
+        return;
+    }
+    bodies.numMatrices++;
+    bodies.particleOperator->dense(scratch);
+    M.compute(scratch);
+    if (M.info() != Success)
+        refuseIndefiniteMobility(bodies.particles.size());
+    if (bodies.identityK) {
+        isFactorised = true;
+        return;
+    }
+    bodies.fillK(bodies.poses, LK);
+    M.matrixL().solveInPlace(LK);
+    scratch.setZero(bodies.numRows, bodies.numRows);
+    scratch.selfadjointView<Lower>().rankUpdate(LK.transpose());
+    factoriseFriction();
+}
+
+/** Call action(n, rows) for each body with a null twist n, with its rows of these vectors. */
+template <class Action>
+void MobilityProblem::forNullTwists(MatrixXd& vectors, Action action) const {
+    if (!hasNull) return;
+    for (size_t e = 0; e < bodies.elements.size(); e++)
+        if (bodies.hasNullVector(e)) action(nullVector(e), vectors.middleRows<6>(bodies.rows[e]));
+}
+
+void MobilityProblem::solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) {
+    const bool withSlips = slips.size() > 0;
+    if (bodies.constant) {
+        twists.noalias() = bodies.mobility() * wrenches;
+    } else if (matrixFree) {
+        if (bodySlips || bodies.identityK) {
+            bodies.applyMatrixFree(wrenches, tolerance, twists);
+        } else {
+            MultiblobSolver& solver = bodies.getMultiblobSolver();
+            const int iterations = solver.solve(*bodies.particleOperator, wrenches, slips, tolerance, twists);
+            bodies.numSolverIterations += iterations;
+            bodies.numProducts += (iterations + 1) * wrenches.cols();
+            return;
+        }
+    } else {
+        factorise();
+        if (bodySlips) {
+            twists = wrenches;
+            xi.solveInPlace(twists);
+        } else if (bodies.identityK) {
+            halfForces.noalias() = M.matrixU() * wrenches;
+            twists.noalias() = M.matrixL() * halfForces;
+        } else {
+            twists = wrenches;
+            if (withSlips) {
+                halfSlips = slips;
+                M.matrixL().solveInPlace(halfSlips);
+                twists.noalias() += LK.transpose() * halfSlips;
+            }
+            forNullTwists(twists, removeTorqueAboutLine);
+            xi.solveInPlace(twists);
+            forNullTwists(twists, removeTurnAboutLine);
+            halfForces.noalias() = LK * twists;  // L^T lambda
+            if (withSlips) halfForces -= halfSlips;
+            return;
+        }
+    }
+    lambda = wrenches;  // K = 1
+    if (withSlips) twists += slips;
+}
+
+void MobilityProblem::getBlobForces(MatrixXd& result) {
+    if (bodySlips || bodies.identityK)
+        result = lambda;
+    else if (matrixFree)
+        bodies.multiblobSolver->getBlobForces(result);
+    else {
+        result = halfForces;
+        M.matrixU().solveInPlace(result);
+    }
+}
+
+void MobilityProblem::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
+    numSquareRoots++;
+    if (!matrixFree) {
+        if (!bodies.constant) factorise();
+        if (bodies.constant) {
+            wrench.noalias() = xi.matrixL() * W;
+            wrench = (twoRotations(bodies.poses[0].A) * wrench).eval();
+        } else if (!bodySlips && bodies.identityK) {
+            wrench = W;
+            M.matrixU().solveInPlace(wrench);
+        } else
+            wrench.noalias() = xi.matrixL() * W;
+        // The lift along n, which is no friction.
+        forNullTwists(wrench, [](const Vector6d& n, auto own) { own -= (n * (n.transpose() * own)).eval(); });
+        return;
+    }
+    const vector<SpectralFunction> functions(W.cols(), SpectralFunction::inverseSquareRoot());
+    MobilityOperator& op = *bodies.particleOperator;
+    if (bodies.identityK) {
+        lanczos.apply([&](const MatrixXd& x, MatrixXd& y) { op.apply(x, y); }, W, functions, wrench);
+    } else {
+        MultiblobSolver& solver = bodies.getMultiblobSolver();
+        lanczos.apply([&](const MatrixXd& x, MatrixXd& y) { solver.multiplyScaled(op, x, y); }, W, functions, scratch);
+        solver.wrenchesFromScaled(scratch, wrench);
+    }
+    bodies.numProducts += lanczos.getNumProducts();
+    bodies.numSolverIterations += lanczos.getNumIterations();
+    // N = B N_model B^T, so a wrench on the bodies is B^-T times one in the model.
+    if (bodies.hasOwnTensors) bodies.multiplyByFactors(wrench, bodies.inverseB_body, true);
+}
+
+void MobilityProblem::thermalSlip(const MatrixXd& W, MatrixXd& slips) {
+    if (bodySlips) {
+        thermalWrench(W, halfSlips);
+        solve(halfSlips, slips);
+        return;
+    }
+    numSquareRoots++;
+    if (!matrixFree) {
+        factorise();
+        slips.noalias() = M.matrixL() * W;
+        return;
+    }
+    const vector<SpectralFunction> functions(W.cols(), SpectralFunction::squareRoot());
+    MobilityOperator& op = *bodies.particleOperator;
+    if (bodies.identityK) {
+        lanczos.apply([&](const MatrixXd& x, MatrixXd& y) { op.apply(x, y); }, W, functions, slips);
+    } else {
+        MultiblobSolver& solver = bodies.getMultiblobSolver();
+        lanczos.apply([&](const MatrixXd& x, MatrixXd& y) { solver.multiplyScaled(op, x, y); }, W, functions, scratch);
+        solver.slipsFromScaled(scratch, slips);
+    }
+    bodies.numProducts += lanczos.getNumProducts();
+    bodies.numSolverIterations += lanczos.getNumIterations();
+}
+
+void MobilityProblem::multiplyNearby(const vector<Pose>& poses, const MatrixXd& forces, MatrixXd& slips) {
+    here = bodies.poses;
+    bodies.setPoses(poses, true);
+    if (bodySlips) {
+        if (matrixFree)
+            bodies.applyMatrixFree(forces, tolerance, slips);
+        else
+            slips.noalias() = bodies.mobility() * forces;
+    } else {
+        bodies.particleOperator->apply(forces, slips);
+        bodies.numProducts += forces.cols();
+    }
+    bodies.setPoses(here);
+}
+
+void MobilityProblem::rigidSlips(const vector<Pose>& poses, const MatrixXd& twists, MatrixXd& slips) const {
+    if (bodySlips || bodies.identityK) {
+        slips = twists;
+        return;
+    }
+    slips.resize(bodies.particles.numRows, twists.cols());
+    for (size_t e = 0; e < bodies.elements.size(); e++) {
+        const FluidElement& element = bodies.elements[e];
+        int row = bodies.particles.firstRow[bodies.firstParticle[e]];
+        for (const Vector3d& site : element.sites) {
+            const Vector3d r = poses[e].A * site;
+            for (int c = 0; c < twists.cols(); c++) {
+                const auto own = twists.col(c).segment(bodies.rows[e], element.numRows());
+                slips.col(c).segment<3>(row) = own.head<3>();
+                if (element.isFree()) continue;
+                slips.col(c).segment<3>(row) += Vector3d(own.tail<3>()).cross(r);
+                if (element.isSphere()) slips.col(c).segment<3>(row + 3) = own.tail<3>();
+            }
+            row += element.isSphere() ? 6 : 3;
+        }
+    }
+}
+
+void MobilityProblem::totalWrenches(const vector<Pose>& poses, const MatrixXd& forces, MatrixXd& wrenches) const {
+    if (bodySlips || bodies.identityK) {
+        wrenches = forces;
+        return;
+    }
+    wrenches.setZero(bodies.numRows, forces.cols());
+    for (size_t e = 0; e < bodies.elements.size(); e++) {
+        const FluidElement& element = bodies.elements[e];
+        int row = bodies.particles.firstRow[bodies.firstParticle[e]];
+        for (const Vector3d& site : element.sites) {
+            const Vector3d r = poses[e].A * site;
+            for (int c = 0; c < forces.cols(); c++) {
+                const Vector3d force = forces.col(c).segment<3>(row);
+                wrenches.col(c).segment<3>(bodies.rows[e]) += force;
+                if (element.isFree()) continue;
+                wrenches.col(c).segment<3>(bodies.rows[e] + 3) += r.cross(force);
+                if (element.isSphere())
+                    wrenches.col(c).segment<3>(bodies.rows[e] + 3) += forces.col(c).segment<3>(row + 3);
+            }
+            row += element.isSphere() ? 6 : 3;
+        }
+    }
+}
+
+void MobilityProblem::nearestTwists(const MatrixXd& slips, MatrixXd& twists) const {
+    if (bodySlips || bodies.identityK) {
+        twists = slips;
+        return;
+    }
+    twists.setZero(bodies.numRows, slips.cols());
+    for (size_t e = 0; e < bodies.elements.size(); e++) {
+        const MatrixXd& nearest = nearest_body[e];
+        const Matrix3d& A = bodies.poses[e].A;
+        const int first = bodies.particles.firstRow[bodies.firstParticle[e]];
+        for (int c = 0; c < slips.cols(); c++) {
+            auto own = twists.col(c).segment(bodies.rows[e], bodies.elements[e].numRows());
+            for (int r = 0; r < nearest.cols(); r += 3)
+                own.noalias() += nearest.middleCols<3>(r) * (A.transpose() * slips.col(c).segment<3>(first + r));
+            for (int r = 0; r < own.size(); r += 3) own.segment<3>(r) = (A * own.segment<3>(r)).eval();
+        }
+    }
+}
+
+Vector3d MobilityProblem::uniformDivergence() const {
+    Vector3d sum = Vector3d::Zero();
+    if (!bodies.constant) return sum;
+    const Matrix3d coupling = bodies.constantMobility.topRightCorner<3, 3>();
+    for (int k = 0; k < 3; k++) sum += Vector3d::Unit(k).cross(Vector3d(coupling.col(k)));
+    return bodies.poses[0].A * sum;
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,83 @@
+// The generalised drifter-corrector (gDC), with finite differences (DriftCorrectorFD) or random ones (DriftCorrectorRFD).
+//
+// Equation:  dQ/dt = N F + sqrt(2 kT) N^(1/2) dW/dt + kT div N, N = (K^T M^-1 K)^-1, N^(1/2) = N K^T M^-1 M^(1/2) (Westwood 2022, eqs. 26, 36).
+// Method:    Westwood 2022, eqs. 37 to 44, with v = sqrt(2 kT/h) M^(1/2) W of the same W throughout:
+//            V~ = (K^T K)^-1 K^T v at Q^n,   nu = 1 + (h/2) div V~,   Q^m = Rotate(Q^n, h V~/2),
+//            U = N (F + K^T M^-1 v) at Q^m,   Q^{n+1} = Rotate(Q^n, nu h U).
+//            FD:  div V~ = sum_i (V~_i(Q^n + delta e_i) - V~_i) / delta, one-sided (eq. 39; error O(delta), CORRECTIONS 18);
+//            RFD: div V~ = W~.(V~(Q^n + delta W~) - V~) / delta (eq. 40). Translations are displaced by delta times the body's length.
+// Order:     weak 1; 1 at T = 0 (the mid-point follows the noise only).
+// Cost:      one force evaluation (at t + h/2), one solve; square roots of M: two, and one for each row of the twists (FD) or one (RFD).
+// Limits:    as random finite differences. Square roots must be smooth: Cholesky's factor, or Lanczos' to its tolerance, with a delta to match.
+
+#ifndef RIGIDHI_DRIFT_CORRECTOR_H_
+#define RIGIDHI_DRIFT_CORRECTOR_H_
+
+#include "schemes/OverdampedMove.h"
+
+namespace RigidHIPlugin {
+
+template <bool randomDifferences>
+struct DriftCorrector {
+    static constexpr bool forcesAtStart = false, forcesInBetween = true;
+    static double timeOfForces(double h) { return h / 2; }
+    static void predict(OverdampedMove& m) {
+        m.scale = 1;  // nu
+        if (m.kT == 0) {
+            m.U.setZero(m.getNumRows(), 1);
+        } else {
+            m.drawForSlips(OverdampedMove::First);
+            m.atStart();
+            velocities(m, m.U);
+            // One body in a uniform fluid: V~ turns with it, and div V~ = 0.
+            if (!m.driftIsKnown()) m.scale += 0.5 * m.h * divergence(m);
+        }
+        m.goFromStart(m.h / 2, m.U);
+    }
+    static void correct(OverdampedMove& m) {
+        m.atPresent();
+        if (m.kT == 0)
+            m.solve(m.force, m.U);
+        else {
+            m.thermalSlip(m.slip);
+            m.slip *= std::sqrt(2 * m.kT / m.h);
+            m.solve(m.force, m.slip, m.U);
+        }
+        m.goFromStart(m.scale * m.h, m.U);
+    }
+
+private:
+    /** V~ at the poses where m is. */
+    static void velocities(OverdampedMove& m, OverdampedMove::Vectors& twists) {
+        m.thermalSlip(m.slip);
+        m.slip *= std::sqrt(2 * m.kT / m.h);
+        m.nearestTwists(m.slip, twists);
+    }
+    static double divergence(OverdampedMove& m) {
+        double delta = m.differenceStep();
+        if (randomDifferences) {
+            m.drawDirections();
+            m.displace(delta, m.displaced);
+            m.at(m.displaced);
+            velocities(m, m.difference);
+            m.difference -= m.U;
+            return m.directions.col(0).dot(m.difference.col(0)) / delta;
+        }
+        double sum = 0;
+        for (int i = 0; i < m.getNumRows(); i++) {
+            double step = delta;
+            m.displaceAlong(i, step, m.displaced);
+            m.at(m.displaced);
+            velocities(m, m.difference);
+            sum += (m.difference(i, 0) - m.U(i, 0)) / (step * m.lengthOfRow(i));
+        }
+        return sum;
+    }
+};
+
+typedef DriftCorrector<false> DriftCorrectorFD;
+typedef DriftCorrector<true> DriftCorrectorRFD;
+
+}  // namespace RigidHIPlugin
+
+#endif

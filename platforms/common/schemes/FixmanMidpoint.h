@@ -1,0 +1,44 @@
+// Fixman's midpoint scheme.
+//
+// Equation:  dQ/dt = N F + sqrt(2 kT) N o N^(-1/2) dW/dt: what is before o is taken at the mid-point, what is after it at the start of the
+//            step, which makes the stochastic drift kT div N (Delong 2015, eq. 38).
+// Method:    Delong 2015, eqs. 41 and 44, with (N^(-1/2))^n = N^-1 N^(1/2) (CORRECTIONS: not its transpose):
+//            predictor  U = N F + sqrt(4 kT/h) N^(1/2) W_1,  Q^{n+1/2} = Rotate(Q^n, h U/2);
+//            corrector  U = N F + sqrt(kT/h) N (N^(-1/2))^n (W_1 + W_2) at Q^{n+1/2},  Q^{n+1} = Rotate(Q^n, h U).
+// Order:     weak 1 (2 for linear equations with constant noise); 2 at T = 0.
+// Cost:      two force evaluations (the second at t + h/2), two mobility problems, two square roots a step.
+
+#ifndef RIGIDHI_FIXMAN_MIDPOINT_H_
+#define RIGIDHI_FIXMAN_MIDPOINT_H_
+
+#include "schemes/OverdampedMove.h"
+
+namespace RigidHIPlugin {
+
+struct FixmanMidpoint {
+    static constexpr bool forcesAtStart = true, forcesInBetween = true;
+    static double timeOfForces(double h) { return h / 2; }
+    static void predict(OverdampedMove& m) {
+        m.atStart();
+        m.total = m.force;
+        if (m.kT > 0) {
+            m.thermalWrench(OverdampedMove::First, m.noise);
+            m.total += std::sqrt(4 * m.kT / m.h) * m.noise;
+            m.thermalWrench(OverdampedMove::Second, m.noise2);
+            m.noise += m.noise2;
+        }
+        m.solve(m.total, m.U);
+        m.goFromStart(m.h / 2, m.U);
+    }
+    static void correct(OverdampedMove& m) {
+        m.atPresent();
+        m.total = m.force;
+        if (m.kT > 0) m.total += std::sqrt(m.kT / m.h) * m.noise;
+        m.solve(m.total, m.U);
+        m.goFromStart(m.h, m.U);
+    }
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

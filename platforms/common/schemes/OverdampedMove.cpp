@@ -1,0 +1,207 @@
+#include "schemes/OverdampedMove.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <cmath>
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+Matrix3d rotationOf(const scalar::Quaternion<double>& q) {
+    const scalar::Rotation<double> turn(q);
+    Matrix3d A;
+    for (int k = 0; k < 3; k++) A.row(k) = Vector3d(turn.row[k].x, turn.row[k].y, turn.row[k].z);
+    return A;
+}
+
+/** Rotate(q, turn): by |turn| about turn, lab frame. */
+scalar::Quaternion<double> rotated(const scalar::Quaternion<double>& q, const Vector3d& turn) {
+    return scalar::exponential(scalar::Vector3<double>{0.5 * turn.x(), 0.5 * turn.y(), 0.5 * turn.z()}) * q;
+}
+
+/** How often a finite difference is tried with a tenth of its step, where the model has no mobility at its ends. */
+const int maxShrinks = 3;
+
+}  // namespace
+
+OverdampedMove::OverdampedMove(BodyMobility& bodies, bool matrixFree, double tolerance)
+    : problem(bodies, matrixFree, tolerance) {
+    const auto& elements = bodies.getElements();
+    start.resize(elements.size());
+    present = start;
+    poses.resize(elements.size());
+    for (size_t e = 0; e < elements.size(); e++)
+        for (int i = 0; i < elements[e].numRows(); i++) lengths.push_back(i < 3 ? bodies.length(e) : 1);
+    force.setZero(bodies.getNumRows(), 1);
+}
+
+void OverdampedMove::begin(const OverdampedStep& step) {
+    h = step.h;
+    kT = step.kT;
+    stream = step.noise;
+    differenceStep_ = step.difference;
+    randomNumbers = 0;
+    present = start;
+}
+
+void OverdampedMove::setProblem(const vector<Place>& places) {
+    for (size_t e = 0; e < places.size(); e++) {
+        poses[e].R = places[e].R;
+        poses[e].A = rotationOf(places[e].q);
+    }
+    problem.setPoses(poses);
+}
+
+void OverdampedMove::atStart() { setProblem(start); }
+
+void OverdampedMove::goFromStart(double t, const Vectors& twists) {
+    const auto& elements = problem.getElements();
+    for (size_t e = 0; e < start.size(); e++) {
+        const int row = problem.getBodies().firstRow(e);
+        present[e].R = start[e].R + t * twists.col(0).segment<3>(row);
+        if (elements[e].isFree()) continue;
+        present[e].q = rotated(start[e].q, t * twists.col(0).segment<3>(row + 3));
+        scalar::renormalise(present[e].q);
+    }
+}
+
+void OverdampedMove::atPresent() { setProblem(present); }
+
+// ---- Random numbers
+
+void OverdampedMove::drawNumbers(uint32_t purpose, uint32_t index, int count, double* numbers) {
+    double unused;
+    for (int k = 0; k < count; k += 2)
+        stream.pair(purpose, index, k / 2, numbers[k], k + 1 < count ? numbers[k + 1] : unused);
+    randomNumbers += count;
+}
+
+void OverdampedMove::drawForBodies(uint32_t purpose, uint32_t freePurpose, Vectors& numbers) {
+    const auto& elements = problem.getElements();
+    numbers.resize(problem.getNumRows(), 1);
+    for (size_t e = 0; e < elements.size(); e++) {
+        double* to = &numbers(problem.getBodies().firstRow(e), 0);
+        if (elements[e].isFree())
+            drawNumbers(freePurpose, elements[e].particles[0], 3, to);
+        else
+            drawNumbers(purpose, elements[e].body, 6, to);
+    }
+}
+
+void OverdampedMove::drawForParticles(uint32_t purpose, Vectors& numbers) {
+    const HydrodynamicParticles& particles = problem.getParticles();
+    numbers.resize(particles.numRows, 1);
+    for (int i = 0; i < particles.size(); i++)
+        drawNumbers(purpose, particles.systemIndex[i], particles.hasTorque[i] ? 6 : 3,
+                    &numbers(particles.firstRow[i], 0));
+}
+
+void OverdampedMove::thermalWrench(Draw draw, Vectors& wrench) {
+    if (problem.wrenchNoiseIsOfBodies())
+        drawForBodies(draw == First ? NoiseStream::FirstDraw : NoiseStream::SecondDraw,
+                      draw == First ? NoiseStream::FreeFirstDraw : NoiseStream::FreeSecondDraw, W);
+    else
+        drawForParticles(draw == First ? NoiseStream::ParticleFirstDraw : NoiseStream::ParticleSecondDraw, W);
+    problem.thermalWrench(W, wrench);
+}
+
+void OverdampedMove::drawForSlips(Draw draw) {
+    if (problem.slipsAreOfBodies() && problem.wrenchNoiseIsOfBodies())
+        drawForBodies(draw == First ? NoiseStream::FirstDraw : NoiseStream::SecondDraw,
+                      draw == First ? NoiseStream::FreeFirstDraw : NoiseStream::FreeSecondDraw, W_slip);
+    else
+        drawForParticles(draw == First ? NoiseStream::ParticleFirstDraw : NoiseStream::ParticleSecondDraw, W_slip);
+}
+
+// ---- Finite differences
+
+void OverdampedMove::addUniformDrift(double factor, Vectors& twists) const {
+    if (!problem.getElements()[0].isFree()) twists.col(0).head<3>() += factor * problem.uniformDivergence();
+}
+
+void OverdampedMove::drawDirections() {
+    drawForBodies(NoiseStream::FiniteDifference, NoiseStream::FreeFiniteDifference, directions);
+    for (int i = 0; i < directions.rows(); i++) directions(i, 0) /= lengths[i];
+}
+
+void OverdampedMove::displaceBy(double step, int onlyRow, vector<Pose>& to) const {
+    const auto& elements = problem.getElements();
+    to.resize(start.size());
+    for (size_t e = 0; e < start.size(); e++) {
+        const int row = problem.getBodies().firstRow(e), count = elements[e].numRows();
+        double move[6] = {0, 0, 0, 0, 0, 0};
+        for (int i = 0; i < count; i++) {
+            const double length = lengths[row + i];
+            // directions are W~ / L, displacements step L W~.
+            if (onlyRow < 0)
+                move[i] = step * directions(row + i, 0) * length * length;
+            else if (onlyRow == row + i)
+                move[i] = step * length;
+        }
+        to[e].R = start[e].R + Vector3d(move[0], move[1], move[2]);
+        if (count == 6) to[e].A = rotationOf(rotated(start[e].q, Vector3d(move[3], move[4], move[5])));
+    }
+}
+
+bool OverdampedMove::isAccepted(const vector<Pose>& at) const {
+    const BodyMobility& bodies = problem.getBodies();
+    return !bodies.mayObject() || bodies.reachesBeyond() || bodies.objection(at).empty();
+}
+
+void OverdampedMove::failToDisplace(const vector<Pose>& at) const {
+    throw OpenMM::OpenMMException(
+        "the finite difference of the stochastic drift leads where the model has no mobility, both ways: " +
+        problem.getBodies().objection(at) + "; use a smaller setFiniteDifferenceStep(), or FixmanMidpoint");
+}
+
+void OverdampedMove::displaceAlong(int row, double& step, vector<Pose>& to) const {
+    for (int shrink = 0; shrink <= maxShrinks; shrink++, step *= 0.1)
+        for (int side = 0; side < 2; side++, step = -step) {
+            displaceBy(step, row, to);
+            if (isAccepted(to)) return;
+        }
+    failToDisplace(to);
+}
+
+void OverdampedMove::displace(double& step, vector<Pose>& to) const { displaceAlong(-1, step, to); }
+
+void OverdampedMove::displaceBothWays(double& step) {
+    for (int shrink = 0; shrink <= maxShrinks; shrink++, step *= 0.1) {
+        displaceBy(0.5 * step, -1, forward);
+        displaceBy(-0.5 * step, -1, backward);
+        if (isAccepted(forward) && isAccepted(backward)) return;
+    }
+    // One-sided, where one side only is in the model's domain.
+    for (double sign : {1.0, -1.0}) {
+        displaceBy(sign * step, -1, forward);
+        displaceBy(0, -1, backward);
+        if (sign < 0) swap(forward, backward);
+        if (isAccepted(forward) && isAccepted(backward)) return;
+    }
+    failToDisplace(forward);
+}
+
+void OverdampedMove::drawTractions(Vectors& forces, Vectors& slips) {
+    problem.getBlobForces(lambda);
+    if (lambda.cols() > 1) lambda = lambda.col(0).eval();
+    centralStep = differenceStep_;
+    displaceBothWays(centralStep);
+    problem.totalWrenches(backward, lambda, forces);
+    problem.totalWrenches(forward, lambda, backwardVectors);
+    forces = ((forces - backwardVectors) / centralStep).eval();
+    problem.multiplyNearby(forward, lambda, slips);
+    problem.multiplyNearby(backward, lambda, backwardVectors);
+    slips = ((slips - backwardVectors) / centralStep).eval();
+}
+
+void OverdampedMove::rigidSlipDifference(const Vectors& twists, Vectors& slips) {
+    problem.rigidSlips(forward, twists, slips);
+    problem.rigidSlips(backward, twists, backwardVectors);
+    slips = ((slips - backwardVectors) / centralStep).eval();
+}
+
+}  // namespace RigidHIPlugin

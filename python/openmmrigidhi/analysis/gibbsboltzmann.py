@@ -1,0 +1,304 @@
+"""Gibbs-Boltzmann Monte Carlo of rigid bodies under the forces of an OpenMM Context."""
+import numpy as np
+
+from .. import _units
+from .._quaternions import rotate
+from .._systems import forcesOf, hydrodynamicRadii
+from ..bodyforce import CustomBodyForce
+from ..integrator import CustomRigidHIIntegrator
+from ..mobility import MobilityForce
+from . import _moves
+from .samples import PoseSamples
+
+_MOVES = ('single', 'all')
+
+
+class GibbsBoltzmannSampler:
+    """Samples poses of all rigid bodies of a Context, and its free particles, from exp(-U/kT): what dynamics must reproduce.
+
+    Metropolis moves with respect to the measure dR times Haar's on SO(3) for each body (and dr for each free particle), at constant
+    box. U is the potential energy of the Context's forces in the integrator's force groups, plus energyFunction. Momenta, fluid and
+    scheme do not matter: the distribution is that of every right scheme as its step tends to 0.
+
+    Cost of a trial: one evaluation of the Context's energy (1 us or less of OpenMM's own on the Reference platform, 50 us on CPU) and
+    some 40 us of Python. A sweep is one trial of each kind for every body. For one body with an energy that NumPy can write,
+    :class:`WalkerSampler` is a hundred times faster.
+
+    Parameters
+    ----------
+    context : openmm.Context
+        with a CustomRigidHIIntegrator, and positions, at which the sampler starts. It is left at the last sample
+    temperature : float or Quantity, optional
+        K; None: the integrator's
+    energyFunction : callable, optional
+        ``energyFunction(positions, orientations)``: further energy, kJ/mol, of arrays (n, 3) in nm and (n, 4), unit quaternions
+        (w, x, y, z) body frame to lab frame, of all bodies. Infinity forbids what it is given. A System with a CustomBodyForce,
+        which has no energy, needs it
+    wallHeight : float or Quantity, optional
+        height z of a hard wall, nm; None: that of a MobilityForce with a no-slip wall, else no wall
+    radii : sequence or Quantity of shape (particles of the System,), optional
+        what the wall stops, nm; particles of radius 0 do not feel it; None: the radii of the MobilityForce
+    rejection : str or constant, optional
+        "Overlap": every particle with a radius must have z - wallHeight >= its radius; "Crossing": z - wallHeight > 0; None: what the
+        integrator's wall rejection says, or else "Overlap"
+    coordinates : sequence of str
+        what is sampled: any of "x", "y", "z", "rotation"
+    rotationAxis : Vec3 or sequence of shape (3,), optional
+        turn about this axis of the lab only; None: about all
+    trackingPoints : array-like or Quantity of shape (bodies, 3), optional
+        the point of each body about which it is turned, body frame, nm; None: the origins. They change how fast samples become
+        independent, nothing else
+    bodies : sequence of int, optional
+        which bodies move; None: all
+    freeParticles : sequence of int, optional
+        which free particles move; None: all that have a mass or a radius, but no virtual sites
+    moves : str
+        "single": every trial moves one body or free particle; "all": all at once, for few or strongly coupled ones
+    seed : int
+        of the random numbers; 0: a fresh one
+
+    Attributes
+    ----------
+    seed : int
+        the seed that is used
+
+    Raises
+    ------
+    TypeError, ValueError
+        for arguments of wrong dimension or shape, a start that the wall forbids or that has an infinite energy, a CustomBodyForce
+        without energyFunction, constraints on a free particle that is to move
+
+    Notes
+    -----
+    Coordinates that nothing confines, such as x and y over a plain wall, wander off without end and without harm to the others.
+    Spheres that StokesianDynamics keeps from overlapping must be kept so by a force, or by an infinite energyFunction.
+    """
+
+    def __init__(self, context, temperature=None, energyFunction=None, wallHeight=None, radii=None, rejection=None,
+                 coordinates=_moves.COORDINATES, rotationAxis=None, trackingPoints=None, bodies=None, freeParticles=None,
+                 moves='single', seed=0):
+        where = 'GibbsBoltzmannSampler'
+        self._context = _units.context(context, where)
+        system = context.getSystem()
+        self._integrator = CustomRigidHIIntegrator.cast(context.getIntegrator())
+        self._groups = self._integrator.getIntegrationForceGroups()
+        self._kT = _moves.thermalEnergy(self._integrator.getTemperature() if temperature is None else temperature, where)
+        self._energyFunction = energyFunction
+        if energyFunction is None and forcesOf(system, CustomBodyForce):
+            raise ValueError(f'{where}: energyFunction: there is a CustomBodyForce, which has no energy; sampling needs one: give '
+                             'the potential of its forces and torques, or zero where they have none')
+        if moves not in _MOVES:
+            raise ValueError(f'{where}: moves: got {moves!r}; it must be "single" or "all": choose one')
+        self._together = moves == 'all'
+        self._motion = _moves.Motion(coordinates, rotationAxis, where)
+        self.seed, self._random = _moves.generator(seed, where)
+        self._takeBodies(trackingPoints, where)
+        fluids = forcesOf(system, MobilityForce)
+        radii = hydrodynamicRadii(system, radii, where)
+        self._bodies = self._chosen(bodies, range(len(self._firstSite) - 1), where, 'bodies')
+        self._free = self._chosen(freeParticles, self._movableParticles(system, radii), where, 'freeParticles')
+        self._checkConstraints(system, where)
+        self._wall = self._wallOf(wallHeight, radii, rejection, fluids, where)
+        self._virtualSites = any(system.isVirtualSite(i) for i in set(range(system.getNumParticles())) - set(self._members.tolist()))
+        self._places = context.getState(getPositions=True).getPositions(asNumpy=True)._value.copy()
+        self._adoptPoses()
+        self._checkStart(where)
+        extent = float(np.linalg.norm(self._sites, axis=1).max(initial=0))
+        extent = extent or float(radii.max(initial=0)) or 1.0
+        self._steps = _moves.stepSizes(self._motion.kinds if len(self._bodies) else [], len(self._bodies), extent)
+        if len(self._free) and self._motion.along.any():
+            self._steps['free'] = _moves.stepSizes(['translation'], len(self._free), extent)['translation']
+
+    # ---- What there is -----------------------------------------------------------------------------------------------
+
+    def _takeBodies(self, trackingPoints, where):
+        """Members, sites and owners of all bodies, body after body."""
+        definitions = [self._integrator.getRigidBodyParameters(i) for i in range(self._integrator.getNumRigidBodies())]
+        count = len(definitions)
+        self._firstSite = np.cumsum([0] + [len(particles) for particles, _, _, _ in definitions])
+        self._members = np.array([i for particles, _, _, _ in definitions for i in particles], dtype=int)
+        self._sites = np.concatenate([np.empty((0, 3))] + [sites._value for _, _, _, sites in definitions])
+        self._owners = np.repeat(np.arange(count), np.diff(self._firstSite))
+        self._points = np.zeros((count, 3)) if trackingPoints is None else \
+            _units.rows(trackingPoints, _units.LENGTH, 3, where, 'trackingPoints', count)
+
+    @staticmethod
+    def _chosen(chosen, possible, where, name):
+        possible = [int(i) for i in possible]
+        if chosen is None:
+            return np.array(possible, dtype=int)
+        chosen = _units.indices(chosen, where, name).astype(int)
+        wrong = [int(i) for i in chosen if i not in possible]
+        if wrong or len(set(chosen.tolist())) < len(chosen):
+            raise ValueError(f'{where}: {name}: got {chosen.tolist()}; each must be one of the {len(possible)} that can move, and be there '
+                             f'once: take out {wrong or "repetitions"}')
+        return chosen
+
+    def _movableParticles(self, system, radii):
+        inBodies = set(self._members.tolist())
+        return [i for i in range(system.getNumParticles()) if i not in inBodies and not system.isVirtualSite(i)
+                and (system.getParticleMass(i)._value > 0 or radii[i] > 0)]
+
+    def _checkConstraints(self, system, where):
+        moving = set(self._free.tolist())
+        for k in range(system.getNumConstraints()):
+            i, j, _ = system.getConstraintParameters(k)
+            if i in moving or j in moving:
+                raise ValueError(f'{where}: freeParticles: a constraint holds the free particles {i} and {j}; moves of one by one would '
+                                 'break it: make them a body, or leave them out')
+
+    def _wallOf(self, height, radii, rejection, fluids, where):
+        if height is None and fluids and hasattr(fluids[0], 'getWallHeight') and fluids[0].getBoundary().name == 'NoSlipWall':
+            height = fluids[0].getWallHeight()
+        if height is None:
+            return None
+        if not np.any(radii > 0):
+            raise ValueError(f'{where}: radii: there is a wall, but every radius is 0; it would stop nothing: give radii, or add a '
+                             'MobilityForce')
+        if rejection is None:
+            ask = getattr(self._integrator, 'getWallRejection', None)
+            rejection = _moves.OVERLAP if ask is None else ask()
+        return _moves.Wall(_units.number(height, _units.LENGTH, where, 'wallHeight'), radii, rejection, where)
+
+    def _adoptPoses(self):
+        """Take the poses of the Context, and put the members where they say."""
+        self._positions = self._integrator.getBodyPositions()._value.copy()
+        self._orientations = self._integrator.getBodyOrientations().copy()
+        self._places[self._members] = self._membersAt(slice(None), self._positions, self._orientations)
+
+    def _checkStart(self, where):
+        if self._wall is not None and not self._wall.allows(self._places[:, 2]):
+            low = int(np.argmin(self._places[:, 2] - self._wall.limits))
+            owner = self._owners[self._members == low]
+            raise ValueError(f'{where}: context: particle {low} ({f"body {owner[0]}" if len(owner) else "free"}) is at '
+                             f'z = {self._places[low, 2]} nm, where the wall allows {self._wall.limits[low]} nm or more; a start must be '
+                             'allowed: set higher positions')
+        self._energy = self._evaluate(self._positions, self._orientations)
+        if not np.isfinite(self._energy):
+            raise ValueError(f'{where}: context: the energy at the start is {self._energy} kJ/mol; a start must have a finite one: set '
+                             'other positions')
+
+    # ---- Sampling ----------------------------------------------------------------------------------------------------
+
+    def burnIn(self, sweeps, progress=None):
+        """Move towards equilibrium, and adapt the sizes of the moves to an acceptance of 0.4.
+
+        Parameters
+        ----------
+        sweeps : int
+            number of sweeps, of one trial of each kind for every body and free particle (one for all together with moves="all"); many
+            autocorrelation times, and some hundreds for the sizes
+        progress : bool, optional
+            show a progress bar; None: on a terminal only
+        """
+        sweeps = _moves.positive(sweeps, 'burnIn', 'sweeps')
+        try:
+            for _ in _moves.progressBar(range(sweeps), 'burn-in', progress):
+                self._sweep(adapt=True)
+        finally:
+            self._handBack()
+
+    def sample(self, numSamples, interval=1, progress=None):
+        """Sample poses, with moves of fixed sizes, beginning where the last call ended.
+
+        Parameters
+        ----------
+        numSamples : int
+            number of samples. All are kept in memory, 56 bytes a body each
+        interval : int
+            sweeps between samples
+        progress : bool, optional
+            as in :meth:`burnIn`
+
+        Returns
+        -------
+        PoseSamples
+            acceptance and stepSizes of "free" are those of the free particles
+        """
+        count, interval = _moves.positive(numSamples, 'sample', 'numSamples'), _moves.positive(interval, 'sample', 'interval')
+        for steps in self._steps.values():
+            steps.forget()
+        R, q = np.empty((count,) + self._positions.shape), np.empty((count,) + self._orientations.shape)
+        free, energies = np.empty((count, len(self._free), 3)), np.empty(count)
+        try:
+            for sweep in _moves.progressBar(range(count*interval), 'sampling', progress):
+                self._sweep(adapt=False)
+                if (sweep + 1) % interval == 0:
+                    k = sweep//interval
+                    R[k], q[k], free[k] = self._positions, self._orientations, self._places[self._free]
+                    energies[k] = self._energy
+        finally:
+            self._handBack()
+        return PoseSamples(_units.LENGTH.attach(R), q, _units.ENERGY.attach(energies), _units.LENGTH.attach(free),
+                           {kind: steps.acceptance for kind, steps in self._steps.items()},
+                           {kind: steps.sizes.copy() for kind, steps in self._steps.items()}, False)
+
+    def _sweep(self, adapt):
+        for kind, steps in self._steps.items():
+            count = len(steps.sizes)
+            for which in [np.arange(count)] if self._together else np.arange(count)[:, None]:
+                trial = self._tryFree if kind == 'free' else self._tryBodies
+                steps.count(which, 1, trial(kind, which, steps.sizes[which]), adapt)
+
+    def _tryBodies(self, kind, which, sizes):
+        """Move some of the moving bodies, if Metropolis accepts it; whether it did."""
+        bodies = self._bodies[which]
+        R, q = self._positions.copy(), self._orientations.copy()
+        if kind == 'translation':
+            R[bodies] += self._motion.translations(self._random, sizes)
+        else:
+            q[bodies] = _moves.turned(self._motion.rotations(self._random, sizes), q[bodies])
+            points = self._points[bodies]
+            if points.any():
+                R[bodies] += rotate(self._orientations[bodies], points) - rotate(q[bodies], points)
+        sites = slice(self._firstSite[bodies[0]], self._firstSite[bodies[0] + 1]) if len(bodies) == 1 else slice(None)
+        members = self._members[sites]
+        if not self._accept(members, self._membersAt(sites, R, q), R, q):
+            return False
+        self._positions, self._orientations = R, q
+        return True
+
+    def _tryFree(self, _, which, sizes):
+        particles = self._free[which]
+        moved = self._places[particles] + self._motion.translations(self._random, sizes)
+        return self._accept(particles, moved, self._positions, self._orientations)
+
+    def _accept(self, particles, places, R, q):
+        """Put particles to places if Metropolis accepts it; whether it did."""
+        if self._wall is not None and not self._wall.allows(places[:, 2], self._wall.limits[particles]):
+            return False
+        before = self._places[particles]
+        self._places[particles] = places
+        energy = self._evaluate(R, q)
+        # -log of a uniform number is an exponential one, and needs no care with large differences.
+        if energy - self._energy <= self._kT*self._random.standard_exponential():
+            self._energy = energy
+            return True
+        self._places[particles] = before
+        return False
+
+    def _membersAt(self, sites, R, q):
+        owners = self._owners[sites]
+        return R[owners] + rotate(q[owners], self._sites[sites])
+
+    def _evaluate(self, R, q):
+        """The energy, kJ/mol, with the particles at self._places; OpenMM has NaN for what is beyond numbers, which nothing accepts."""
+        self._context.setPositions(self._places)
+        if self._virtualSites:
+            self._context.computeVirtualSites()
+        energy = self._context.getState(getEnergy=True, groups=self._groups).getPotentialEnergy()._value
+        if self._energyFunction is not None:
+            more = _moves.plainEnergies(self._energyFunction(R, q), 'GibbsBoltzmannSampler')
+            if more.ndim or _moves.isNoEnergy(more):
+                raise ValueError(f'GibbsBoltzmannSampler: energyFunction: it returned {more.tolist()}; it must return one number, kJ/mol, or '
+                                 'infinity where a pose is forbidden: sum over bodies')
+            energy += float(more)
+        return energy
+
+    def _handBack(self):
+        """Leave the Context at the last accepted configuration, with poses exact to the last bit."""
+        self._context.setPositions(self._places)
+        if self._virtualSites:
+            self._context.computeVirtualSites()
+        self._integrator.setBodyPositions(self._positions)
+        self._integrator.setBodyOrientations(self._orientations)

@@ -1,0 +1,208 @@
+"""Gibbs-Boltzmann Monte Carlo of one rigid body with an energy written in NumPy, many independent walkers at a time."""
+import numpy as np
+from openmm import unit
+
+from .. import _units
+from .._quaternions import rotate, rotationMatrices
+from . import _moves
+from .samples import PoseSamples
+
+
+class WalkerSampler:
+    """Samples poses of one rigid body from exp(-U/kT), by many independent walkers that move at once.
+
+    Metropolis moves, one translation and one rotation a sweep, with respect to the measure dR times Haar's on SO(3): the distribution
+    that Brownian dynamics with the right stochastic drift has. The energy is a function of arrays of poses, so that a trial of a
+    walker costs about a microsecond. For interacting bodies and OpenMM's forces see :class:`GibbsBoltzmannSampler`.
+
+    Parameters
+    ----------
+    energyFunction : callable
+        ``energyFunction(positions, orientations)`` gets arrays (k, 3) in nm and (k, 4), unit quaternions (w, x, y, z) body frame to lab
+        frame, of those walkers whose trial the wall allows, and returns (k,) energies in kJ/mol; infinity forbids a pose
+    temperature : float or Quantity
+        K
+    numWalkers : int
+        number of walkers; errors come from their spread, so dozens at least
+    position : Vec3, sequence or Quantity of shape (3,) or (numWalkers, 3)
+        where the body's origin begins, nm
+    orientation : sequence of shape (4,) or (numWalkers, 4)
+        how it is turned to begin with; default: not at all
+    sitePositions : array-like or Quantity of shape (m, 3), optional
+        places of the body's blobs in its frame, nm: what a wall stops
+    radii : float, or sequence or Quantity of shape (m,), optional
+        their radii, nm; those of radius 0 do not feel the wall
+    wallHeight : float or Quantity, optional
+        height z of a hard wall, nm; None: no wall
+    rejection : str
+        "Overlap": every blob must have z - wallHeight >= its radius; "Crossing": z - wallHeight > 0
+    coordinates : sequence of str
+        what is sampled: any of "x", "y", "z", "rotation". Nothing holds a body along the wall; without x and y it stays above its start
+    rotationAxis : Vec3 or sequence of shape (3,), optional
+        turn about this axis of the lab only; None: about all
+    trackingPoint : Vec3, sequence or Quantity of shape (3,)
+        the point of the body about which it is turned, body frame, nm. It changes how fast samples become independent, nothing else
+    seed : int
+        of the random numbers; 0: a fresh one
+
+    Attributes
+    ----------
+    seed : int
+        the seed that is used
+
+    Raises
+    ------
+    TypeError, ValueError
+        for arguments of wrong dimension or shape, a start that the wall forbids, or a start with an infinite energy
+
+    Examples
+    --------
+    A sphere of radius 1 nm over a wall, with a weight of 1 kT/nm: its mean height is 2 nm.
+
+    >>> import openmmrigidhi
+    >>> kT = 8.31446261815324e-3*300
+    >>> sampler = openmmrigidhi.analysis.WalkerSampler(lambda R, q: kT*R[:, 2], 300, 200, (0, 0, 2), sitePositions=[(0, 0, 0)], radii=1,
+    ...                                                wallHeight=0, coordinates=['z'], seed=1)
+    >>> sampler.burnIn(200)
+    >>> samples = sampler.sample(100, interval=5)
+    >>> height = samples.average(samples.positions[:, :, 2])
+    >>> abs(height.mean - 2) < 4*height.standardError
+    True
+    """
+
+    def __init__(self, energyFunction, temperature, numWalkers, position, orientation=(1, 0, 0, 0), sitePositions=None, radii=None,
+                 wallHeight=None, rejection='Overlap', coordinates=_moves.COORDINATES, rotationAxis=None, trackingPoint=(0, 0, 0),
+                 seed=0):
+        where = 'WalkerSampler'
+        self._energyFunction = energyFunction
+        self._kT = _moves.thermalEnergy(temperature, where)
+        count = _moves.positive(numWalkers, where, 'numWalkers')
+        self._positions = _perWalker(position, _units.LENGTH, 3, count, where, 'position')
+        q = _perWalker(orientation, _units.NONE, 4, count, where, 'orientation')
+        norms = np.linalg.norm(q, axis=1, keepdims=True)
+        if not np.all(np.abs(norms - 1) < 1e-3):
+            raise ValueError(f'{where}: orientation: got {orientation!r}; quaternions must have the length 1 to be rotations: normalise them')
+        self._orientations = q/norms
+        sites = np.zeros((1, 3)) if sitePositions is None else _units.rows(sitePositions, _units.LENGTH, 3, where, 'sitePositions')
+        self._sites = sites
+        self._wall = None
+        if wallHeight is not None:
+            if radii is None or sitePositions is None:
+                raise ValueError(f'{where}: wallHeight: there is a wall, but no sitePositions or no radii; it must be known what the wall '
+                                 'stops: give both')
+            radii = np.array(_units.perSite(radii, _units.LENGTH, len(sites), where, 'radii'))
+            self._wall = _moves.Wall(_units.number(wallHeight, _units.LENGTH, where, 'wallHeight'), radii, rejection, where)
+        self._motion = _moves.Motion(coordinates, rotationAxis, where)
+        self._point = _units.vector(trackingPoint, _units.LENGTH, where, 'trackingPoint')
+        self.seed, self._random = _moves.generator(seed, where)
+        extent = np.linalg.norm(sites, axis=1).max() + (0 if self._wall is None else radii.max())
+        self._steps = _moves.stepSizes(self._motion.kinds, 1, extent or 1)
+        self._checkStart(where)
+
+    def _checkStart(self, where):
+        allowed = self._allowed(self._positions, self._orientations)
+        if not np.all(allowed):
+            walker = np.argmin(allowed)
+            raise ValueError(f'{where}: position: walker {walker} begins at {self._positions[walker]} nm, where the wall stops one of its '
+                             'blobs; a start must be allowed: begin higher up')
+        self._energies = self._energiesOf(self._positions, self._orientations)
+        if not np.all(np.isfinite(self._energies)):
+            walker = np.argmin(np.isfinite(self._energies))
+            raise ValueError(f'{where}: energyFunction: it is {self._energies[walker]} at the start of walker {walker}; there it must be '
+                             'finite: begin elsewhere')
+
+    def burnIn(self, sweeps, progress=None):
+        """Move towards equilibrium, and adapt the sizes of the moves to an acceptance of 0.4.
+
+        Parameters
+        ----------
+        sweeps : int
+            number of sweeps, of one trial of each kind for every walker; many autocorrelation times, and some hundreds for the sizes
+        progress : bool, optional
+            show a progress bar; None: on a terminal only
+        """
+        for _ in _moves.progressBar(range(_moves.positive(sweeps, 'burnIn', 'sweeps')), 'burn-in', progress):
+            self._sweep(adapt=True)
+
+    def sample(self, numSamples, interval=1, progress=None):
+        """Sample poses, with moves of fixed sizes.
+
+        Parameters
+        ----------
+        numSamples : int
+            number of samples of every walker. All are kept in memory, 64 bytes each
+        interval : int
+            sweeps between samples
+        progress : bool, optional
+            as in :meth:`burnIn`
+
+        Returns
+        -------
+        PoseSamples
+        """
+        count, interval = _moves.positive(numSamples, 'sample', 'numSamples'), _moves.positive(interval, 'sample', 'interval')
+        for steps in self._steps.values():
+            steps.forget()
+        walkers = len(self._positions)
+        R, q, energies = np.empty((count, walkers, 3)), np.empty((count, walkers, 4)), np.empty((count, walkers))
+        for sweep in _moves.progressBar(range(count*interval), 'sampling', progress):
+            self._sweep(adapt=False)
+            if (sweep + 1) % interval == 0:
+                k = sweep//interval
+                R[k], q[k], energies[k] = self._positions, self._orientations, self._energies
+        return PoseSamples(_units.LENGTH.attach(R), q, _units.ENERGY.attach(energies), _units.LENGTH.attach(np.empty((count, 0, 3))),
+                           {kind: steps.acceptance for kind, steps in self._steps.items()},
+                           {kind: steps.sizes.copy() for kind, steps in self._steps.items()}, True)
+
+    def _sweep(self, adapt):
+        for kind, steps in self._steps.items():
+            sizes = np.broadcast_to(steps.sizes, len(self._positions))
+            if kind == 'translation':
+                R, q = self._positions + self._motion.translations(self._random, sizes), self._orientations
+            else:
+                q = _moves.turned(self._motion.rotations(self._random, sizes), self._orientations)
+                R = self._positions
+                if self._point.any():
+                    R = R + rotate(self._orientations, self._point) - rotate(q, self._point)
+            accepted = self._decide(R, q)
+            steps.count(0, len(R), accepted, adapt)
+
+    def _decide(self, R, q):
+        """Accept or reject each walker's trial; the number of those accepted."""
+        energies = np.full(len(R), np.inf)
+        allowed = self._allowed(R, q)
+        if np.any(allowed):
+            energies[allowed] = self._energiesOf(R[allowed], q[allowed])
+        # -log of a uniform number is an exponential one, and needs no care with large differences.
+        accepted = energies - self._energies <= self._kT*self._random.standard_exponential(len(R))
+        self._energies = np.where(accepted, energies, self._energies)
+        self._positions = np.where(accepted[:, None], R, self._positions)
+        self._orientations = np.where(accepted[:, None], q, self._orientations)
+        return np.count_nonzero(accepted)
+
+    def _allowed(self, R, q):
+        if self._wall is None:
+            return np.ones(len(R), dtype=bool)
+        return self._wall.allows(R[:, 2:] + rotationMatrices(q)[:, 2] @ self._sites.T)
+
+    def _energiesOf(self, R, q):
+        energies = _moves.plainEnergies(self._energyFunction(R, q), 'WalkerSampler')
+        if energies.shape != (len(R),):
+            raise ValueError(f'WalkerSampler: energyFunction: it returned an array of shape {energies.shape} for {len(R)} poses; it must '
+                             'return one energy for each: sum over the rest')
+        bad = _moves.isNoEnergy(energies)
+        if np.any(bad):
+            k = np.argmax(bad)
+            raise ValueError(f'WalkerSampler: energyFunction: it returned {energies[k]} kJ/mol at position {R[k]} nm, orientation {q[k]}; '
+                             'energies must be numbers, or infinity where a pose is forbidden: give a wall or correct the function')
+        return energies
+
+
+def _perWalker(values, dimension, columns, count, where, name):
+    """One row for each walker; a single row is for all."""
+    rows = np.shape(values._value if unit.is_quantity(values) else values)
+    if len(rows) == 1:
+        if columns == 3:
+            return np.tile(_units.vector(values, dimension, where, name), (count, 1))
+        values = [values]*count
+    return _units.rows(values, dimension, columns, where, name, count)

@@ -1,0 +1,309 @@
+"""Trajectories of rigid bodies as GSD files (schema "hoomd"), which OVITO, HOOMD-blue, freud and others read.
+
+What is written (n bodies, m blobs; single precision but for times):
+
+    application                            "openmm-rigidhi <version>; nm, ps, dalton": the units of the file
+    configuration/step, box
+    particles/position, image              bodies' origins, wrapped into the box centred at 0, and the images that unwrap them; then blobs
+    particles/orientation                  unit quaternions (w, x, y, z), body frame to lab frame
+    particles/types, typeid, type_shapes   types of bodies, drawn as unions of their spheres
+    particles/mass, moment_inertia         dalton, dalton nm^2 about the body axes
+    particles/diameter, body               with blobs: body is each body's own index, that of its body for a blob, -1 for a free one
+    particles/velocity, angmom             if wanted: nm/ps, and HOOMD's quaternion 2 q (0, L_body)
+    log/openmmrigidhi/time_ps              double
+    log/openmmrigidhi/periodic             0 or 1
+
+Without periodic boundaries the box is a cube about the origin, with an edge that is a power of 2 nm, large enough for all that is in it.
+"""
+import os
+
+import numpy as np
+
+from .. import _loading, _units
+from .._quaternions import conjugate, product, rotate
+from .trajectories import BodyReporter, BodyScene, Trajectory, rowsBefore
+
+_SCHEMA, _SCHEMA_VERSION = 'hoomd', [1, 4]
+_TIME, _PERIODIC = 'openmmrigidhi/time_ps', 'openmmrigidhi/periodic'
+_BLOB = 'blob'
+
+
+class GsdReporter(BodyReporter):
+    """Writes the poses of all bodies to a GSD file every so many steps, in single precision; needs the Python package gsd.
+
+    Parameters
+    ----------
+    file : str or path
+        name of the file
+    reportInterval : int
+        number of steps between frames
+    append : bool
+        continue an existing file of as many bodies and blobs of the same types. Frames at or after the step of the first new one are
+        dropped, by copying the others, so that a run that is resumed from a checkpoint leaves the file of the uninterrupted run. A file
+        that does not exist is created. Without append an existing file is replaced.
+    velocities : bool
+        also write velocities and angular momenta
+    blobs : bool
+        also write the hydrodynamic particles as particles, which are then what is drawn. Without, bodies are drawn as unions of spheres
+    types : sequence of str, optional
+        a name of the type of each body; None: bodies of equal sites and radii are body0, body1, ...
+    radii : sequence or Quantity of shape (particles of the System,), optional
+        radius of each particle, nm, 0 for none; None: those of the MobilityForce, if there is one
+
+    Raises
+    ------
+    ImportError
+        without the package gsd
+    TypeError, ValueError
+        for bad arguments; at the first report also if types or radii do not fit the bodies, or the file to continue holds others
+
+    Notes
+    -----
+    The file is closed between reports, and its index is written after the data: it can be read while the run goes on, and whenever the run
+    is killed it holds all frames that were finished. A report takes about a millisecond.
+    """
+
+    def __init__(self, file, reportInterval, append=False, velocities=False, blobs=False, types=None, radii=None):
+        super().__init__(file, reportInterval, append)
+        _gsd()
+        self._velocities = _units.boolean(velocities, self._name, 'velocities')
+        self._needsPositions = self._blobs = _units.boolean(blobs, self._name, 'blobs')
+        self._needsVelocities = self._blobs and self._velocities
+        self._types, self._radii = types, radii
+
+    def _start(self, simulation, integrator):
+        self._scene = BodyScene(integrator, simulation.system, self._types, self._radii, self._blobs, self._name)
+        self._constants = _constants(self._scene)
+        # How far sites reach beyond the origins.
+        self._reach = max([float(np.linalg.norm(sites, axis=1).max(initial=0)) for sites in self._scene.sites] + [0.0])
+        self._reach += float(self._scene.radii.max(initial=0))
+        if self._continues():
+            self._resume(simulation.currentStep)
+        else:
+            _open(self._file, 'w').close()
+
+    def _write(self, simulation, state, integrator):
+        hoomd = _gsd()
+        R, q = integrator.getBodyPositions()._value, integrator.getBodyOrientations()
+        if self._blobs:
+            R = np.concatenate([R, state.getPositions(asNumpy=True)._value[self._scene.blobs]])
+        frame = (getattr(hoomd, 'Frame', None) or hoomd.Snapshot)()
+        frame.configuration.step = simulation.currentStep
+        box = _periodicBox(state.getPeriodicBoxVectors(asNumpy=True)._value) if self._scene.periodic else \
+            _enclosingBox(R, self._reach)
+        frame.configuration.box = box
+        particles = frame.particles
+        particles.N = len(R)
+        particles.position, particles.image = _wrap(R, box)
+        particles.orientation = self._padded(q, (1, 0, 0, 0))
+        if self._velocities:
+            v, omega = integrator.getBodyVelocities()._value, integrator.getBodyAngularVelocities()._value
+            momenta = self._scene.moments*rotate(conjugate(q), omega)
+            particles.angmom = self._padded(2*product(q, np.concatenate([np.zeros((len(q), 1)), momenta], axis=1)), (0, 0, 0, 0))
+            if self._blobs:
+                v = np.concatenate([v, state.getVelocities(asNumpy=True)._value[self._scene.blobs]])
+            particles.velocity = v
+        frame.log[_TIME] = np.array([state.getTime()._value])
+        frame.log[_PERIODIC] = np.array([self._scene.periodic], dtype=np.uint8)
+        with _open(self._file, 'r+') as file:
+            if len(file) == 0:
+                for name, value in self._constants.items():
+                    setattr(particles, name, value)
+            file.append(frame)
+
+    def _padded(self, values, default):
+        """Values of the bodies, followed by the default for each blob."""
+        return np.concatenate([values, np.tile(default, (len(self._scene.blobs), 1))])
+
+    def _resume(self, step):
+        """Check that the file holds the same, and drop its frames from this step on."""
+        with _open(self._file, 'r') as file:
+            frames = len(file)
+            if frames:
+                self._checkSame(file[0].particles)
+            kept = rowsBefore([_step(file.file, k) for k in range(frames)], step)
+            if kept < frames:
+                _copyFrames(file.file, self._file + '.part', kept)
+        if kept < frames:
+            os.replace(self._file + '.part', self._file)
+
+    def _checkSame(self, there):
+        bodies = _bodiesOf(there)
+        count, blobs = len(self._scene), len(self._scene.blobs)
+        if len(bodies) != count or there.N - len(bodies) != blobs:
+            raise ValueError(f'{self._name}: {self._file}: it holds {len(bodies)} bodies and {there.N - len(bodies)} blobs, what is to be '
+                             f'appended {count} and {blobs}; every frame must have as many: use the same options, or write to another file')
+        for name, wanted in (('types', self._constants['types']), ('typeid', self._constants['typeid'].tolist())):
+            found = [entry if isinstance(entry, str) else int(entry) for entry in getattr(there, name)]
+            if found != list(wanted):
+                raise ValueError(f'{self._name}: {self._file}: {name} is {found}, what is to be appended has {list(wanted)}; bodies must be '
+                                 'of the same types in the same order: give those types, or write to another file')
+
+
+def readGsd(file, stepSize=None):
+    """Read poses of rigid bodies from a GSD file, of GsdReporter or of another program that knows orientations.
+
+    Parameters
+    ----------
+    file : str or path
+        name of the file
+    stepSize : float or Quantity, optional
+        time between steps, ps, for files of programs that write no times
+
+    Returns
+    -------
+    Trajectory
+        lengths, times and masses are taken to be in nm, ps and dalton. Angular velocities are zero about axes without inertia
+
+    Raises
+    ------
+    ImportError
+        without the package gsd
+    ValueError
+        if the file has no frames or no times, or the number of particles changes
+    RuntimeError
+        from gsd, if it is no GSD file of schema "hoomd"
+    """
+    with _open(os.fspath(file), 'r') as handle:
+        if len(handle) == 0:
+            raise ValueError(f'readGsd: {file}: it has no frames; there is nothing to read: run longer')
+        first = handle[0]
+        if stepSize is None and _TIME not in first.log:
+            raise ValueError(f'readGsd: {file}: it holds steps, but no times; these must be known: give stepSize')
+        bodies = _bodiesOf(first.particles)
+        columns = [_readFrame(frame, first, bodies, k, file) for k, frame in enumerate(handle)]
+    names = ('step', 'time', 'box', 'R', 'q', 'v', 'omega')
+    step, time, box, R, q, v, omega = (np.array([column[name] for column in columns]) for name in names)
+    if stepSize is not None:
+        time = step*_units.number(stepSize, _units.TIME, 'readGsd', 'stepSize')
+    particles = first.particles
+    blobs = np.setdiff1d(np.arange(particles.N), bodies)
+    moves = v.any() or omega.any()
+    return Trajectory(_units.TIME.attach(time), step, _units.LENGTH.attach(R[:, bodies]), q,
+                      _units.VELOCITY.attach(v) if moves else None, _units.ANGULAR_VELOCITY.attach(omega) if moves else None,
+                      _units.LENGTH.attach(box) if _isPeriodic(first) else None,
+                      [particles.types[k] for k in particles.typeid[bodies]],
+                      _units.LENGTH.attach(R[:, blobs]) if len(blobs) else None,
+                      _units.LENGTH.attach(particles.diameter[blobs].astype(float)/2) if len(blobs) else None,
+                      particles.body[blobs] if len(blobs) else None)
+
+
+def _readFrame(frame, first, bodies, k, file):
+    """One frame in double precision, positions unwrapped."""
+    particles = frame.particles
+    if particles.N != first.particles.N:
+        raise ValueError(f'readGsd: {file}: frame {k} has {particles.N} particles, frame 0 has {first.particles.N}; their number must not '
+                         'change: split the file')
+    box = _vectors(frame.configuration.box)
+    q, angmom = particles.orientation[bodies].astype(float), particles.angmom[bodies].astype(float)
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    moments = particles.moment_inertia[bodies].astype(float)
+    momenta = 0.5*product(conjugate(q), angmom)[:, 1:]
+    spins = np.divide(momenta, moments, out=np.zeros_like(momenta), where=moments > 0)
+    return {'step': int(frame.configuration.step), 'time': float(frame.log[_TIME][0]) if _TIME in frame.log else 0.0, 'box': box,
+            'R': particles.position.astype(float) + (particles.image @ box if _isPeriodic(first) else 0), 'q': q,
+            'v': particles.velocity[bodies].astype(float), 'omega': rotate(q, spins)}
+
+
+def _isPeriodic(frame):
+    """Files of other programs, HOOMD's above all, are periodic."""
+    return bool(frame.log[_PERIODIC][0]) if _PERIODIC in frame.log else True
+
+
+def _bodiesOf(particles):
+    """Indices of particles that are bodies: all, or where HOOMD's "body" tells constituents, the central ones."""
+    body = np.asarray(particles.body)
+    return np.flatnonzero(body == np.arange(len(body))) if np.any(body >= 0) else np.arange(len(body))
+
+
+def _constants(scene):
+    """What does not change with time, as attributes of gsd's particles."""
+    radii = np.unique(scene.radii[scene.blobs])
+    largest = np.array([scene.spheres(body)[1].max(initial=0) for body in range(len(scene))])
+    first = [int(np.argmax(scene.typeIndices == kind)) for kind in range(len(scene.typeNames))]
+    shapes = [{} if len(scene.blobs) else _shape(*scene.spheres(body)) for body in first]
+    count = len(scene)
+    return {
+        'types': scene.typeNames + [f'{_BLOB}{k}' for k in range(len(radii))],
+        'typeid': np.concatenate([scene.typeIndices, len(scene.typeNames) + np.searchsorted(radii, scene.radii[scene.blobs])]),
+        'type_shapes': shapes + [{'type': 'Sphere', 'diameter': float(2*radius)} for radius in radii],
+        'mass': np.concatenate([scene.masses, np.zeros(len(scene.blobs))]),
+        'moment_inertia': np.concatenate([scene.moments, np.zeros((len(scene.blobs), 3))]),
+        'diameter': 2*np.concatenate([largest, scene.radii[scene.blobs]]),
+        'body': np.concatenate([np.arange(count), scene.blobBodies]) if len(scene.blobs) else np.full(count, -1),
+    }
+
+
+def _shape(centers, radii):
+    """GSD's description of a body made of spheres."""
+    if not len(radii):
+        return {}
+    if len(radii) == 1 and not centers.any():
+        return {'type': 'Sphere', 'diameter': float(2*radii[0])}
+    return {'type': 'SphereUnion', 'centers': centers.tolist(), 'diameters': (2*radii).tolist()}
+
+
+def _periodicBox(vectors):
+    """lx, ly, lz, xy, xz, yz of OpenMM's reduced box vectors, as rounded in the file."""
+    (ax, _, _), (bx, by, _), (cx, cy, cz) = vectors
+    return np.array([ax, by, cz, bx/by, cx/cz, cy/cz], dtype=np.float32)
+
+
+def _enclosingBox(positions, reach):
+    """A cube about the origin for a System without periodic boundaries."""
+    edge = 2**np.ceil(np.log2(max(1.0, 2*(np.abs(positions).max() + reach))))
+    return np.array([edge, edge, edge, 0, 0, 0], dtype=np.float32)
+
+
+def _vectors(box):
+    """Rows a, b, c of a GSD box, in double precision."""
+    lx, ly, lz, xy, xz, yz = np.asarray(box, dtype=float)
+    return np.array([[lx, 0, 0], [xy*ly, ly, 0], [xz*lz, yz*lz, lz]])
+
+
+def _wrap(positions, box):
+    """Positions in the box as the file has it, centred at 0, and images: positions = wrapped + images @ vectors."""
+    vectors = _vectors(box)
+    images = np.floor(positions @ np.linalg.inv(vectors) + 0.5)
+    return (positions - images @ vectors).astype(np.float32), images.astype(np.int32)
+
+
+def _gsd():
+    """The module gsd.hoomd; not everybody has it."""
+    try:
+        import gsd.hoomd
+    except ImportError as error:
+        raise ImportError(f'GSD files need the Python package gsd ({error}); install the Debian package python3-gsd, or use H5mdReporter') \
+            from error
+    return gsd.hoomd
+
+
+def _open(name, mode):
+    """A gsd.hoomd.HOOMDTrajectory; mode "r", "r+" or "w"."""
+    hoomd = _gsd()
+    import gsd.fl
+    # Version 3 renamed the modes.
+    version = getattr(gsd, '__version__', None) or gsd.version.version
+    mode = mode if int(version.split('.')[0]) >= 3 else {'r': 'rb', 'r+': 'rb+', 'w': 'wb'}[mode]
+    file = gsd.fl.open(name=name, mode=mode, application=f'openmm-rigidhi {_loading.version}; nm, ps, dalton', schema=_SCHEMA,
+                         schema_version=_SCHEMA_VERSION)
+    return hoomd.HOOMDTrajectory(file)
+
+
+def _step(file, frame):
+    """Step of a frame; what a frame lacks is as in frame 0, and there 0."""
+    for k in (frame, 0):
+        if file.chunk_exists(frame=k, name='configuration/step'):
+            return int(file.read_chunk(frame=k, name='configuration/step')[0])
+    return 0
+
+
+def _copyFrames(source, name, count):
+    """Copy the first frames to another file, chunk by chunk."""
+    with _open(name, 'w') as target:
+        chunks = source.find_matching_chunk_names('')
+        for frame in range(count):
+            for chunk in chunks:
+                if source.chunk_exists(frame=frame, name=chunk):
+                    target.file.write_chunk(chunk, source.read_chunk(frame=frame, name=chunk))
+            target.file.end_frame()

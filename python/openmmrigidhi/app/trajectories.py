@@ -1,0 +1,207 @@
+"""What files of body trajectories share: the reporters' frame, what a scene is made of, and what readers return."""
+import dataclasses
+import os
+
+import numpy as np
+from openmm import unit
+
+from .. import _units
+from .._systems import hydrodynamicRadii
+from ..integrator import CustomRigidHIIntegrator
+
+#: Bodies whose sites and radii agree to this, nm, are of one type.
+_SAME_SHAPE = 1e-6
+#: Times of frames at equal intervals may be off by the rounding of single precision.
+_EVEN_FRAMES = 1e-6
+
+
+class BodyReporter:
+    """What reporters of body states have in common; use one of RigidBodyReporter, GsdReporter, H5mdReporter.
+
+    Parameters
+    ----------
+    file : str or path
+        name of the file
+    reportInterval : int
+        number of steps between frames
+    append : bool
+        continue an existing file
+
+    Raises
+    ------
+    TypeError, ValueError
+        for an interval that is no integer above 0
+    """
+
+    _needsPositions = _needsVelocities = False
+
+    def __init__(self, file, reportInterval, append):
+        self._file = os.fspath(file)
+        self._name = type(self).__name__
+        self._reportInterval = _units.integer(reportInterval, self._name, 'reportInterval')
+        if self._reportInterval <= 0:
+            raise ValueError(f'{self._name}: reportInterval: got {self._reportInterval}; it must be positive: '
+                             'give a number of steps')
+        self._append = append
+        self._started = False
+
+    def describeNextReport(self, simulation):
+        """Tell the Simulation when the next report is due, and what of the particles it needs; positions unwrapped."""
+        steps = self._reportInterval - simulation.currentStep % self._reportInterval
+        return steps, self._needsPositions, self._needsVelocities, False, False, False if self._needsPositions else None
+
+    def report(self, simulation, state):
+        """Write one frame."""
+        integrator = CustomRigidHIIntegrator.cast(simulation.context.getIntegrator())
+        if not self._started:
+            self._start(simulation, integrator)
+            self._started = True
+        self._write(simulation, state, integrator)
+
+    def _continues(self):
+        """Whether there is a file to continue."""
+        return self._append and os.path.exists(self._file)
+
+
+@dataclasses.dataclass
+class Trajectory:
+    """What a trajectory file holds: T frames of n bodies.
+
+    Attributes
+    ----------
+    time : Quantity of shape (T,)
+        ps
+    step : array of shape (T,)
+        step numbers
+    positions : Quantity of shape (T, n, 3)
+        origins of the bodies, lab frame, unwrapped, nm
+    orientations : array of shape (T, n, 4)
+        unit quaternions (w, x, y, z), body frame to lab frame
+    velocities, angularVelocities : Quantity of shape (T, n, 3), or None
+        nm/ps and rad/ps, lab frame; None if the file has none
+    boxVectors : Quantity of shape (T, 3, 3), or None
+        rows a, b, c, nm; None without periodic boundaries
+    types : list of str
+        name of each body's type
+    blobPositions : Quantity of shape (T, m, 3), or None
+        the hydrodynamic particles, nm; None if the file has none
+    blobRadii : Quantity of shape (m,), or None
+        their radii, nm
+    blobBodies : array of shape (m,), or None
+        the body that each belongs to; -1: a free particle
+    """
+
+    time: unit.Quantity
+    step: np.ndarray
+    positions: unit.Quantity
+    orientations: np.ndarray
+    velocities: unit.Quantity = None
+    angularVelocities: unit.Quantity = None
+    boxVectors: unit.Quantity = None
+    types: list = None
+    blobPositions: unit.Quantity = None
+    blobRadii: unit.Quantity = None
+    blobBodies: np.ndarray = None
+
+    def __len__(self):
+        return len(self.step)
+
+    @property
+    def frameInterval(self):
+        """The time between frames, Quantity in ps, as the functions of openmmrigidhi.analysis need it.
+
+        Raises
+        ------
+        ValueError
+            if there are fewer than two frames, or they are not at equal intervals
+        """
+        times = self.time.value_in_unit(unit.picosecond)
+        if len(times) < 2:
+            raise ValueError(f'Trajectory.frameInterval: there are {len(times)} frames; an interval needs at least two: run longer')
+        interval = (times[-1] - times[0])/(len(times) - 1)
+        gaps = np.diff(times)
+        worst = int(np.argmax(np.abs(gaps - interval)))
+        if abs(gaps[worst] - interval) > _EVEN_FRAMES*max(abs(interval), abs(times[-1])):
+            raise ValueError(f'Trajectory.frameInterval: frames {worst} and {worst + 1} are {gaps[worst]:g} ps apart, on average it is '
+                             f'{interval:g} ps; frames must be at equal intervals: take a part of the trajectory')
+        return _units.TIME.attach(interval)
+
+
+class BodyScene:
+    """The bodies of an integrator as trajectory files describe them: types, radii, blobs.
+
+    Parameters
+    ----------
+    integrator : CustomRigidHIIntegrator
+        bound to a Context whose positions are set
+    system : openmm.System
+        gives radii, by its MobilityForce, and periodic boundaries
+    types : sequence of str or None
+        a name for each body; None: bodies of equal sites and radii get one name
+    radii : sequence or Quantity or None
+        radius of each particle of the System, nm; None: those of the MobilityForce
+    blobs : bool
+        whether particles with a radius are wanted
+    where : str
+        who asks, for error messages
+    """
+
+    def __init__(self, integrator, system, types, radii, blobs, where):
+        definitions = [integrator.getRigidBodyParameters(i) for i in range(integrator.getNumRigidBodies())]
+        if not definitions:
+            raise ValueError(f'{where}: the integrator has no rigid bodies; there is nothing to write: add them before')
+        self.particles = [particles for particles, _, _, _ in definitions]
+        self.masses = np.array([mass._value for _, mass, _, _ in definitions])
+        self.moments = np.array([moments._value for _, _, moments, _ in definitions])
+        self.sites = [sites._value for _, _, _, sites in definitions]
+        self.radii = hydrodynamicRadii(system, radii, where)
+        self.periodic = system.usesPeriodicBoundaryConditions()
+        self.typeNames, self.typeIndices = self._types(types, where)
+        owner = {particle: body for body, particles in enumerate(self.particles) for particle in particles}
+        self.blobs = np.flatnonzero(self.radii > 0) if blobs else np.empty(0, dtype=int)
+        if blobs and not len(self.blobs):
+            raise ValueError(f'{where}: blobs: no particle has a radius; blobs need one: give radii, or add a MobilityForce')
+        self.blobBodies = np.array([owner.get(int(particle), -1) for particle in self.blobs], dtype=int)
+
+    def __len__(self):
+        return len(self.particles)
+
+    def spheres(self, body):
+        """Places (m, 3) in the body frame and radii (m,) of a body's particles that have a radius, nm."""
+        radii = self.radii[self.particles[body]]
+        return self.sites[body][radii > 0], radii[radii > 0]
+
+    def _types(self, types, where):
+        """Names of types, and the type of each body; bodies of a type have one shape."""
+        if types is None:
+            names, representatives, indices = [], [], []
+            for body in range(len(self)):
+                found = next((k for k, other in enumerate(representatives) if self._alike(body, other)), None)
+                if found is None:
+                    found = len(names)
+                    names.append(f'body{found}')
+                    representatives.append(body)
+                indices.append(found)
+            return names, np.array(indices)
+        types = list(types)
+        if len(types) != len(self) or not all(isinstance(name, str) and name and name.isascii() for name in types):
+            raise ValueError(f'{where}: types: got {types} for {len(self)} bodies; there must be one for each, of ASCII characters: '
+                             'correct them')
+        names = list(dict.fromkeys(types))
+        indices = np.array([names.index(name) for name in types])
+        for body, kind in enumerate(indices):
+            first = int(np.argmax(indices == kind))
+            if not self._alike(body, first):
+                raise ValueError(f'{where}: types: bodies {first} and {body} are both {names[kind]!r}, but have different sites or radii; '
+                                 'a type has one shape: give them different names')
+        return names, indices
+
+    def _alike(self, one, other):
+        a, b = self.sites[one], self.sites[other]
+        return a.shape == b.shape and np.allclose(a, b, rtol=0, atol=_SAME_SHAPE) and \
+            np.allclose(self.radii[self.particles[one]], self.radii[self.particles[other]], rtol=0, atol=_SAME_SHAPE)
+
+
+def rowsBefore(steps, step):
+    """Get how many frames of a file, with these steps, come before the first new one, at this step: a resumed run replaces the others."""
+    return int(np.searchsorted(steps, step))

@@ -1,0 +1,526 @@
+// Schemes without momenta by the public API: order without noise, exact averages, effects and counters, resume, what is refused.
+// The drift and the covariance of one step: unit/TestOverdampedSchemes.cpp.
+
+#include <openmm/CMMotionRemover.h>
+#include <openmm/CustomExternalForce.h>
+#include <openmm/VirtualSite.h>
+#include <openmm/serialization/XmlSerializer.h>
+
+#include <sstream>
+
+#include "HydrodynamicSupport.h"
+#include "openmmrigidhi/CustomBodyForce.h"
+
+using namespace OpenMM;
+using namespace RigidHITest;
+using RigidHIPlugin::CustomBodyForce;
+using namespace std;
+
+namespace {
+
+typedef CustomRigidHIIntegrator RigidHI;
+typedef RigidHI::Scheme Scheme;
+
+const double T1 = 1 / boltzmann;  // the temperature with kT = 1
+
+struct Named {
+    Scheme scheme;
+    string name;
+    int order;   // at temperature 0
+    int forces;  // evaluations a step
+};
+const vector<Named> schemes = {{RigidHI::EulerMaruyama, "EulerMaruyama", 1, 1},
+                               {RigidHI::FixmanMidpoint, "FixmanMidpoint", 2, 2},
+                               {RigidHI::RandomFiniteDifference, "RandomFiniteDifference", 1, 1},
+                               {RigidHI::TractionEulerMaruyama, "TractionEulerMaruyama", 1, 1},
+                               {RigidHI::TrapezoidalSlip, "TrapezoidalSlip", 2, 2},
+                               {RigidHI::DriftCorrectorFD, "DriftCorrectorFD", 1, 1},
+                               {RigidHI::DriftCorrectorRFD, "DriftCorrectorRFD", 1, 1}};
+
+/** Bodies and free particles without masses. */
+struct OverdampedScene : FluidScene {
+    explicit OverdampedScene(Scheme scheme, double temperature = 0, double h = 0.01) : FluidScene(temperature, h) {
+        integrator.setScheme(scheme);
+    }
+    void addMassless(BodyKind kind, const Vec3& R = Vec3(), const QuaternionArray& q = {{1, 0, 0, 0}}) {
+        kind.mass = 0;
+        kind.moments = Vec3();
+        add(kind, R, q);
+    }
+    void addWells(const string& energy) {
+        auto* field = new CustomExternalForce(energy);
+        for (int i = 0; i < system.getNumParticles(); i++) field->addParticle(i, vector<double>());
+        system.addForce(field);
+    }
+    /** Multiblob, sphere off its origin, rod and free particle in wells, above a wall or not. */
+    void addMixture(bool wall) {
+        addMassless(boomerangKind(), Vec3(0, 0, 4), randomTurn(1));
+        BodyKind sphere = sphereKind(0.8);
+        sphere.sites[0] = Vec3(0.1, 0, -0.2);
+        addMassless(sphere, Vec3(3, 0.5, 3.5), randomTurn(2));
+        addFree(0, 0.5, Vec3(-2.5, 1, 4));
+        // On its line a torque of the wells would be refused.
+        if (wall) {
+            fluid->setBoundary(MobilityForce::NoSlipWall);
+            fluid->setWallHeight(0.3);
+        }
+        addWells("2*(x-1)^2 + (y+1)^2 + 0.5*(z-4)^4 + 0.3*x*y");
+    }
+    static QuaternionArray randomTurn(int seed) {
+        mt19937 random(seed);
+        return randomQuaternion(random);
+    }
+    VectorXd state() {
+        vector<double> numbers;
+        for (const Vec3& x : positionsOf(*context))
+            for (int k = 0; k < 3; k++) numbers.push_back(x[k]);
+        return Eigen::Map<VectorXd>(numbers.data(), numbers.size());
+    }
+};
+
+}  // namespace
+
+// ---- Without noise ----
+
+TEST(Overdamped, OrderWithoutNoise) {
+    // Against a step 32 times finer by a second-order scheme, whose own error is 1e-3 of theirs.
+    const double total = 1.6;
+    const int steps = 64;
+    for (bool wall : {false, true}) {
+        OverdampedScene fine(RigidHI::FixmanMidpoint, 0, total / (32 * steps));
+        fine.addMixture(wall);
+        fine.start(testPlatform());
+        fine.integrator.step(32 * steps);
+        for (const Named& s : schemes) {
+            double error[2];
+            for (int k = 0; k < 2; k++) {
+                OverdampedScene scene(s.scheme, 0, total / (steps << k));
+                scene.addMixture(wall);
+                scene.start(testPlatform());
+                scene.integrator.step(steps << k);
+                error[k] = (scene.state() - fine.state()).norm();
+                const auto statistics = scene.integrator.getStepStatistics();
+                EXPECT_EQ(statistics.at("randomNumbers"), 0) << s.name;
+                EXPECT_EQ(statistics.at("squareRoots"), 0) << s.name;
+                EXPECT_EQ(statistics.at("forceEvaluations"), s.forces * (steps << k)) << s.name;
+                // One matrix for each of the configurations where forces act.
+                EXPECT_EQ(statistics.at("mobilityProducts"), s.forces * (steps << k)) << s.name;
+            }
+            EXPECT_NEAR(log2(error[0] / error[1]), s.order, 0.15) << s.name << " wall " << wall;
+        }
+    }
+}
+
+TEST(Overdamped, TimeDependentForcesAreTakenWhereTheSchemesTakeThem) {
+    // A sphere under sin(w t): the exact path, with errors of the scheme's order.
+    const double w = 3, total = 1;
+    for (const Named& s : schemes) {
+        double error[2];
+        for (int k = 0; k < 2; k++) {
+            const int steps = 100 << k;
+            OverdampedScene scene(s.scheme, 0, total / steps);
+            scene.addMassless(sphereKind(1));
+            auto* drive = new CustomBodyForce("sin(3*t)", "0", "0", "0", "0", "cos(3*t)");
+            drive->addBody(0, {});
+            scene.system.addForce(drive);
+            scene.start(testPlatform());
+            scene.integrator.step(steps);
+            const double mu = 1 / (6 * M_PI * scene.fluid->getViscosity());
+            error[k] = abs(scene.integrator.getBodyPositions()[0][0] - mu * (1 - cos(w * total)) / w);
+        }
+        // The mid-point forces of the drift-corrector make it order 2 here.
+        const int order = s.scheme >= RigidHI::DriftCorrectorFD ? 2 : s.order;
+        EXPECT_NEAR(log2(error[0] / error[1]), order, 0.1) << s.name;
+    }
+}
+
+TEST(Overdamped, VelocityIsMobilityTimesForce) {
+    for (const Named& s : schemes) {
+        const double h = 1e-7;
+        OverdampedScene scene(s.scheme, 0, h);
+        scene.addMixture(true);
+        scene.addMassless(rodKind(), Vec3(0, -3, 5), OverdampedScene::randomTurn(5));
+        scene.start(testPlatform());
+        const MatrixXd N = scene.mobility();
+        const auto R = scene.integrator.getBodyPositions();
+        scene.integrator.step(1);
+        VectorXd wrenches(18);
+        const auto f = scene.integrator.getBodyForces(), t = scene.integrator.getBodyTorques();
+        for (int b = 0; b < 3; b++) wrenches.segment(6 * b, 6) << toEigen(f[b]), toEigen(t[b]);
+        const VectorXd twists = N * wrenches;
+        // The free particle's force acts on the others too, so compare with a scene in which it is immobile.
+        OverdampedScene alone(s.scheme, 0, h);
+        alone.addMassless(boomerangKind(), Vec3(0, 0, 4), OverdampedScene::randomTurn(1));
+        alone.addWells("2*(x-1)^2 + (y+1)^2 + 0.5*(z-4)^4 + 0.3*x*y");
+        alone.start(testPlatform());
+        const MatrixXd N1 = alone.mobility();
+        const auto R1 = alone.integrator.getBodyPositions();
+        alone.integrator.step(1);
+        VectorXd wrench(6);
+        wrench << toEigen(alone.integrator.getBodyForces()[0]), toEigen(alone.integrator.getBodyTorques()[0]);
+        const Vector3d moved = toEigen(alone.integrator.getBodyPositions()[0] - R1[0]) / h;
+        EXPECT_LT((moved - (N1 * wrench).head(3)).norm(), 1e-6 * moved.norm()) << s.name;
+        EXPECT_TRUE(isfinite(twists.norm()));
+    }
+}
+
+// ---- Averages ----
+
+TEST(Overdamped, DipoleInAField) {
+    // U = -k n_z in units of kT: <n_z> = coth k - 1/k. The body sits about a point off its centre of mobility, so N couples.
+    const double k = 2, exact = 1 / tanh(k) - 1 / k;
+    for (const Named& s : schemes) {
+        if (s.scheme == RigidHI::EulerMaruyama) continue;
+        OverdampedScene scene(s.scheme, T1, 0.02);
+        const int replicas = 50, steps = 2000, discard = 300;
+        vector<int> groups;
+        // n = (2(q1q3+q0q2), 2(q2q3-q0q1), ...), torque = k n x e_z = k (n_y, -n_x, 0).
+        auto* field = new CustomBodyForce("-0.5*x", "-0.5*y", "-0.5*z", "2*2*(q2*q3-q0*q1)", "-2*2*(q1*q3+q0*q2)", "0");
+        for (int i = 0; i < replicas; i++) {
+            scene.addMassless(boomerangKind(), Vec3(), OverdampedScene::randomTurn(i));
+            field->addBody(i, {});
+            groups.push_back(i);
+        }
+        scene.fluid->setGroups(groups);
+        scene.fluid->setViscosity(0.2);
+        scene.system.addForce(field);
+        scene.start(testPlatform());
+        scene.integrator.step(discard);
+        vector<double> means(replicas, 0.0);
+        for (int i = 0; i < steps; i++) {
+            scene.integrator.step(1);
+            const auto q = scene.integrator.getBodyOrientations();
+            for (int b = 0; b < replicas; b++) means[b] += rotate(q[b], Vec3(0, 0, 1))[2] / steps;
+        }
+        // Bodies are independent. Weak order 1: a bias of 0.01 at this step.
+        Estimate found = estimate(means);
+        expectMean(s.name, found, exact);
+        EXPECT_LT(found.error, 0.03);
+    }
+}
+
+// ---- Effects ----
+
+TEST(Overdamped, AConstantMobilityHasNoDifferences) {
+    for (const Named& s : schemes) {
+        OverdampedScene scene(s.scheme, T1);
+        scene.addMassless(boomerangKind());
+        scene.start(testPlatform());
+        const auto before = scene.integrator.getStepStatistics();
+        scene.integrator.step(10);
+        const auto after = scene.integrator.getStepStatistics();
+        const double numbers = after.at("randomNumbers") - before.at("randomNumbers");
+        EXPECT_EQ(numbers, s.scheme == RigidHI::FixmanMidpoint ? 120 : 60) << s.name;
+        EXPECT_EQ(scene.integrator.getEffects().at("momenta").substr(0, 3), "off");
+        EXPECT_EQ(scene.integrator.computeTranslationalKineticEnergy(), 0);
+    }
+}
+
+TEST(Overdamped, GroupsDoNotFeelEachOther) {
+    // Two groups far apart in the list but at one place move as each of them alone: at T = 0.
+    for (const Named& s : schemes) {
+        OverdampedScene both(s.scheme), one(s.scheme);
+        both.addMassless(boomerangKind(), Vec3(0, 0, 1), OverdampedScene::randomTurn(1));
+        both.addMassless(sphereKind(0.6), Vec3(1.5, 2, 1));
+        both.addMassless(boomerangKind(), Vec3(0.1, 0, 1), OverdampedScene::randomTurn(1));
+        both.fluid->setGroups({0, 0, 7});
+        both.addWells("(x-1)^2+y^2+z^4");
+        one.addMassless(boomerangKind(), Vec3(0.1, 0, 1), OverdampedScene::randomTurn(1));
+        one.addWells("(x-1)^2+y^2+z^4");
+        both.start(testPlatform());
+        one.start(testPlatform());
+        both.integrator.step(5);
+        one.integrator.step(5);
+        EXPECT_LT(norm(both.integrator.getBodyPositions()[2] - one.integrator.getBodyPositions()[0]), 1e-12) << s.name;
+    }
+}
+
+TEST(Overdamped, MatrixFreeIsDenseWithoutNoise) {
+    for (const Named& s : schemes) {
+        VectorXd states[2];
+        for (int k = 0; k < 2; k++) {
+            OverdampedScene scene(s.scheme, 0, 0.05);
+            scene.addMixture(true);
+            scene.fluid->setSolver(k == 0 ? MobilityForce::Dense : MobilityForce::MatrixFree);
+            scene.fluid->setSolverTolerance(1e-7);
+            scene.start(testPlatform());
+            const VectorXd before = scene.state();
+            scene.integrator.step(1);
+            states[k] = scene.state() - before;
+        }
+        EXPECT_LT((states[0] - states[1]).norm(), 5e-7 * states[0].norm()) << s.name;
+    }
+}
+
+// ---- Living with OpenMM ----
+
+TEST(Overdamped, ResumesBitForBit) {
+    for (const Named& s : schemes) {
+        OverdampedScene whole(s.scheme, 300), part(s.scheme, 300);
+        for (OverdampedScene* scene : {&whole, &part}) {
+            scene->addMixture(true);
+            scene->start(testPlatform());
+        }
+        whole.integrator.step(12);
+        part.integrator.step(5);
+        stringstream checkpoint;
+        part.context->createCheckpoint(checkpoint);
+        part.integrator.step(3);
+        part.context->loadCheckpoint(checkpoint);
+        part.integrator.step(7);
+        EXPECT_EQ((whole.state() - part.state()).cwiseAbs().maxCoeff(), 0) << s.name;
+
+        // An XML integrator carries scheme, finite-difference step and bodies.
+        whole.integrator.setFiniteDifferenceStep(3e-4);
+        unique_ptr<RigidHI> copy(XmlSerializer::clone(whole.integrator));
+        EXPECT_EQ(copy->getScheme(), s.scheme);
+        EXPECT_EQ(copy->getFiniteDifferenceStep(), 3e-4);
+    }
+}
+
+TEST(Overdamped, SchemeMayChangeBetweenSteps) {
+    OverdampedScene scene(RigidHI::TrapezoidalSlip, 300);
+    scene.addMixture(false);
+    scene.start(testPlatform());
+    for (const Named& s : schemes) {
+        scene.integrator.setScheme(s.scheme);
+        scene.integrator.step(2);
+    }
+    EXPECT_EQ(scene.integrator.getStepStatistics().at("steps"), 14);
+    EXPECT_TRUE(isfinite(scene.state().norm()));
+}
+
+TEST(Overdamped, MasslessBodiesFromPositions) {
+    // The body frame is the principal frame of equal weights, its origin the centroid; inertia is zero.
+    OverdampedScene scene(RigidHI::RandomFiniteDifference, 300);
+    const vector<Vec3> places = {Vec3(0, 0, 0), Vec3(2, 0, 0), Vec3(0, 1.5, 0), Vec3(0.3, 0, 1)};
+    vector<int> members;
+    for (const Vec3& x : places) {
+        members.push_back(scene.system.addParticle(0));
+        scene.fluid->addParticle(0.5);
+        scene.positions.push_back(x);
+    }
+    scene.integrator.addRigidBody(members);
+    scene.start(testPlatform());
+    Vec3 centroid;
+    for (const Vec3& x : places) centroid += x * 0.25;
+    EXPECT_LT(norm(scene.integrator.getBodyPositions()[0] - centroid), 1e-14);
+    scene.integrator.step(20);
+    const auto x = positionsOf(*scene.context);
+    for (int i = 0; i < 4; i++)
+        for (int j = 0; j < i; j++) EXPECT_NEAR(norm(x[i] - x[j]), norm(places[i] - places[j]), 1e-12);
+    // Another scheme needs masses, of free particles too.
+    scene.integrator.setScheme(RigidHI::LangevinHI);
+    expectError([&] { scene.integrator.step(1); }, {"body 0 has mass 0", "LangevinHI needs a positive mass"});
+}
+
+// ---- What is refused ----
+
+TEST(Overdamped, Refused) {
+    for (const Named& s : schemes) {
+        OverdampedScene unseen(s.scheme), remover(s.scheme), barostat(s.scheme), velocities(s.scheme),
+            constraint(s.scheme);
+        unseen.addMixture(false);
+        unseen.addFree(5, 0, Vec3(0, 9, 9));
+        expectError(
+            [&] { unseen.start(testPlatform()); },
+            {"particle", "is in no body and has hydrodynamic radius 0, so scheme " + s.name, "mass 0 to hold it"});
+        remover.addMixture(false);
+        remover.system.addForce(new CMMotionRemover());
+        expectError([&] { remover.start(testPlatform()); }, {"CMMotionRemover", s.name, "no momenta to remove"});
+        velocities.addMixture(false);
+        auto* drag = new CustomBodyForce("-vx", "0", "0", "0", "0", "0");
+        drag->addBody(0, {});
+        velocities.system.addForce(drag);
+        expectError([&] { velocities.start(testPlatform()); },
+                    {"depends on vx, vy or vz", s.name + " has no velocities"});
+        constraint.addMixture(false);
+        constraint.addFree(1, 0.2, Vec3(9, 9, 9));
+        constraint.addFree(1, 0.2, Vec3(9, 9, 8));
+        constraint.system.addConstraint(constraint.freeParticles[1], constraint.freeParticles[2], 1);
+        expectError([&] { constraint.start(testPlatform()); },
+                    {"constraints between particles that are in no body", s.name});
+
+        System system;
+        system.addParticle(1);
+        RigidHI integrator(300, 0.01);
+        integrator.setScheme(s.scheme);
+        integrator.addRigidBody({0}, 0, Vec3(), {Vec3()});
+        expectError([&] { Context context(system, integrator, testPlatform()); },
+                    {"0 MobilityForces, but scheme " + s.name + " needs exactly one"});
+    }
+}
+
+TEST(Overdamped, LangevinNeedsMassesOfFreeParticles) {
+    FluidScene scene;
+    scene.add(sphereKind(1));
+    scene.addFree(0, 0.4, Vec3(0, 5, 0));
+    expectError([&] { scene.start(testPlatform()); },
+                {"particle 1 has hydrodynamic radius 0.4", "which scheme LangevinHI needs; give it a mass"});
+    // A virtual site is moved by others.
+    OverdampedScene site(RigidHI::EulerMaruyama);
+    site.addMassless(sphereKind(1));
+    site.addFree(0, 0.5, Vec3(3, 0, 0));
+    site.addFree(0, 0.5, Vec3(4, 0, 0));
+    site.addFree(0, 0.5, Vec3(3.5, 0, 0));
+    site.system.setVirtualSite(3, new OpenMM::TwoParticleAverageSite(1, 2, 0.5, 0.5));
+    expectError([&] { site.start(testPlatform()); },
+                {"particle 3 has hydrodynamic radius 0.5", "is in no body and has no mass; make it part of a body"});
+}
+
+TEST(Overdamped, Settings) {
+    RigidHI integrator(300, 0.01);
+    EXPECT_EQ(integrator.getFiniteDifferenceStep(), 0);
+    for (double bad : {-1e-3, 0.2, double(NAN)})
+        expectError([&] { integrator.setFiniteDifferenceStep(bad); }, {"setFiniteDifferenceStep()", "relative step"});
+    expectError([&] { integrator.setFiniteDifferenceStep(0.2); }, {"must not be above 0.1"});
+    expectError([&] { integrator.setScheme(Scheme(12)); }, {"scheme 12 is unknown", "DriftCorrectorRFD"});
+}
+
+TEST(Overdamped, BlobsAtOnePlace) {
+    for (const Named& s : schemes) {
+        OverdampedScene scene(s.scheme, T1);
+        BodyKind kind = boomerangKind();
+        kind.sites[1] = kind.sites[0];
+        kind.radii[1] = kind.radii[0];
+        scene.addMassless(kind);
+        scene.addMassless(sphereKind(0.3), Vec3(5, 0, 0));
+        scene.start(testPlatform());
+        expectError([&] { scene.integrator.step(1); },
+                    {"hydrodynamic particles is not positive definite; look for particles at the same place"});
+        // Of different radii they have a mobility, but nothing holds the body about any axis.
+        OverdampedScene concentric(s.scheme, T1);
+        kind = boomerangKind();
+        kind.sites = {Vec3(), Vec3()};
+        kind.radii = {0.5, 0.8};
+        concentric.addMassless(kind);
+        concentric.addMassless(sphereKind(0.3), Vec3(5, 0, 0));
+        concentric.start(testPlatform());
+        expectError([&] { concentric.integrator.step(1); },
+                    {"the friction matrix of 2 bodies is not positive definite", "blobs are all at one place"});
+    }
+}
+
+/** Spheres on all sides of each other, nearer than any finite difference. */
+TEST(Overdamped, FiniteDifferencesThatLeadNowhere) {
+    for (Scheme scheme : {RigidHI::RandomFiniteDifference, RigidHI::TractionEulerMaruyama, RigidHI::TrapezoidalSlip,
+                          RigidHI::DriftCorrectorRFD}) {
+        OverdampedScene scene(scheme, T1, 1e-12);
+        scene.fluid->setModel(MobilityForce::StokesianDynamics);
+        scene.integrator.setFiniteDifferenceStep(0.1);
+        const double d = 2 + 1e-7;
+        for (const Vec3& x :
+             {Vec3(0, 0, 0), Vec3(1, 1, 0), Vec3(1, 0, 1), Vec3(0, 1, 1), Vec3(2, 0, 0), Vec3(-1, 1, 0)})
+            scene.addMassless(sphereKind(1), x * (d / sqrt(2.0)));
+        scene.start(testPlatform());
+        expectError([&] { scene.integrator.step(1); },
+                    {"finite difference of the stochastic drift leads where the model has no mobility, both ways",
+                     "use a smaller setFiniteDifferenceStep()"});
+    }
+}
+
+TEST(Overdamped, ATorqueAboutARodsLine) {
+    for (const Named& s : schemes) {
+        OverdampedScene scene(s.scheme);
+        scene.addMassless(rodKind());
+        scene.addMassless(sphereKind(0.3), Vec3(3, 0, 0));
+        auto* twist = new CustomBodyForce("0", "0", "0", "0", "0", "0.1");
+        twist->addBody(0, {});
+        scene.system.addForce(twist);
+        scene.start(testPlatform());
+        expectError([&] { scene.integrator.step(1); },
+                    {"body 0: a torque of", "about the line of its hydrodynamic particles"});
+    }
+}
+
+// ---- At a wall ----
+
+TEST(Overdamped, StartsInContactWithTheWall) {
+    for (const Named& s : schemes) {
+        for (bool crossing : {false, true}) {
+            OverdampedScene scene(s.scheme, T1, 1e-3);
+            scene.fluid->setBoundary(MobilityForce::NoSlipWall);
+            scene.integrator.setWallRejection(crossing ? RigidHI::Crossing : RigidHI::Overlap);
+            scene.addMassless(sphereKind(0.7), Vec3(0, 0, 0.7));
+            scene.addMassless(rodKind(), Vec3(3, 0, 0.5), {{sqrt(0.5), 0, sqrt(0.5), 0}});
+            scene.addMassless(sphereKind(0.7), Vec3(0, 1.2, 0.7));
+            scene.start(testPlatform());
+            scene.integrator.step(200);
+            const auto x = positionsOf(*scene.context);
+            for (int i = 0; i < scene.system.getNumParticles(); i++)
+                EXPECT_GE(x[i][2], crossing ? 0 : scene.fluid->getParticleRadius(i) * (1 - 1e-12)) << s.name;
+            if (!crossing) {
+                EXPECT_GT(scene.integrator.getNumRejectedSteps(), 0) << s.name;
+            }
+        }
+    }
+}
+
+TEST(Overdamped, StepsThroughTheWallWithoutNoiseAreAnError) {
+    for (const Named& s : schemes) {
+        OverdampedScene scene(s.scheme, 0, 100);
+        scene.fluid->setBoundary(MobilityForce::NoSlipWall);
+        scene.addMassless(sphereKind(0.7), Vec3(0, 0, 1.5));
+        scene.addWells("5*z");
+        scene.start(testPlatform());
+        const VectorXd before = scene.state();
+        expectError([&] { scene.integrator.step(1); },
+                    {"particle 0 (body 0)", "at temperature 0 no other noise can help"});
+        EXPECT_EQ((scene.state() - before).norm(), 0) << s.name;  // the last good state stays
+    }
+}
+
+TEST(Overdamped, StiffStepsEndInAnErrorThatNamesTheBody) {
+    OverdampedScene scene(RigidHI::RandomFiniteDifference, T1, 50);
+    scene.fluid->setBoundary(MobilityForce::NoSlipWall);
+    scene.integrator.setMaximumRejections(5);
+    scene.addMassless(boomerangKind(), Vec3(0, 0, 8));
+    scene.addWells("500*z");
+    scene.start(testPlatform());
+    expectError([&] { scene.integrator.step(1); },
+                {"(body 0)", "the step was redone 5 times in a row", "take a smaller step"});
+}
+
+/** The mean height of a sphere above a wall: exp(-U/kT) with the drift, exp(-U/kT)/mu_perp without it. */
+TEST(Overdamped, HeightAboveAWall) {
+    const double a = 1, g = 1, repulsion = 10, decay = 3;
+    double sum[2] = {0, 0}, first[2] = {0, 0};
+    for (double z = a + 0.0005; z < 25; z += 0.001) {
+        const double u = a / z, weight = exp(-g * z - repulsion * exp(-decay * (z - a)));
+        const double mu = 1 - 9 * u / 8 + pow(u, 3) / 2 - pow(u, 5) / 8;
+        for (int k = 0; k < 2; k++) {
+            sum[k] += k == 0 ? weight : weight / mu;
+            first[k] += z * (k == 0 ? weight : weight / mu);
+        }
+    }
+    const double right = first[0] / sum[0], withoutDrift = first[1] / sum[1];
+    EXPECT_GT(right - withoutDrift, 0.15);
+    for (Scheme scheme : {RigidHI::EulerMaruyama, RigidHI::RandomFiniteDifference, RigidHI::TrapezoidalSlip}) {
+        OverdampedScene scene(scheme, T1, 0.05);
+        const int replicas = 100, steps = 3000, discard = 300;
+        vector<int> groups;
+        for (int i = 0; i < replicas; i++) {
+            scene.addMassless(sphereKind(a), Vec3(0, 0, right + 0.01 * i));
+            groups.push_back(i);
+        }
+        scene.fluid->setGroups(groups);
+        scene.fluid->setViscosity(1 / (6 * M_PI));
+        scene.fluid->setBoundary(MobilityForce::NoSlipWall);
+        scene.addWells("z + 10*exp(-3*(z-1))");
+        scene.start(testPlatform());
+        scene.integrator.step(discard);
+        vector<double> means(replicas, 0.0);
+        for (int i = 0; i < steps / 10; i++) {
+            scene.integrator.step(10);
+            const auto R = scene.integrator.getBodyPositions();
+            for (int b = 0; b < replicas; b++) means[b] += R[b][2] / (steps / 10);
+        }
+        // Relaxation takes about 10 time units, so every replica has about 8 independent heights of standard deviation 1.
+        const Estimate found = estimate(means);
+        EXPECT_LT(found.error, 0.05);
+        expectMean("height", found, scheme == RigidHI::EulerMaruyama ? withoutDrift : right);
+        if (scheme == RigidHI::EulerMaruyama) {
+            EXPECT_GT(right - found.mean, 5 * found.error);
+        }
+    }
+}

@@ -1,0 +1,290 @@
+// One step of the schemes without momenta: stochastic drift, covariance, order without noise.
+
+#include <Eigen/Geometry>
+
+#include "HydrodynamicSupport.h"
+#include "TestSupport.h"
+#include "mobility/RotnePragerYamakawa.h"
+#include "mobility/RotnePragerYamakawaWall.h"
+#include "schemes/OverdampedSchemes.h"
+
+using namespace RigidHIPlugin;
+using namespace RigidHITest;
+using namespace std;
+
+namespace {
+
+typedef CustomRigidHIIntegrator Integrator;
+typedef scalar::Quaternion<double> Quaternion;
+
+FluidElement element(int body, const vector<Vector3d>& sites, const vector<double>& radii) {
+    FluidElement e;
+    e.body = body;
+    e.sites = sites;
+    e.radii = radii;
+    for (size_t i = 0; i < sites.size(); i++) e.particles.push_back(10 * (body + 1) + i);
+    return e;
+}
+
+/** Bodies at places, as the schemes see them. */
+struct Scene {
+    string name;
+    vector<FluidElement> elements;
+    vector<Vector3d> R;
+    vector<Quaternion> q;
+    bool wall = false, matrixFree = false;
+    double viscosity = 1 / (6 * M_PI);
+    void add(const FluidElement& e, const Vector3d& at, const Vector3d& turn = Vector3d::Zero()) {
+        elements.push_back(e);
+        R.push_back(at);
+        q.push_back(scalar::exponential(scalar::Vector3<double>{turn.x() / 2, turn.y() / 2, turn.z() / 2}));
+    }
+    BodyMobility::OperatorFactory factory() const {
+        return [this](const HydrodynamicParticles& particles) {
+            return wall ? unique_ptr<MobilityOperator>(
+                              new RotnePragerYamakawaWall(particles, viscosity, NoSlipPlane(0, false)))
+                        : unique_ptr<MobilityOperator>(new RotnePragerYamakawa(particles, viscosity));
+        };
+    }
+    unique_ptr<BodyMobility> mobility() const {
+        return unique_ptr<BodyMobility>(new BodyMobility(elements, factory(), !wall));
+    }
+};
+
+const vector<Vector3d> threeBlobs = {{-1, 0, 0}, {1.2, 0.5, 0.3}, {0.2, -1.4, 1.1}};
+
+Scene boomerangAtWall() {
+    Scene s;
+    s.name = "three blobs above a wall";
+    s.wall = true;
+    s.add(element(0, threeBlobs, {1, 1, 1}), {0, 0, 2.5});
+    return s;
+}
+Scene threeBodiesAtWall() {
+    Scene s;
+    s.name = "multiblob, sphere and free particle above a wall";
+    s.wall = true;
+    s.add(element(0, threeBlobs, {1, 0.8, 1}), {0, 0, 2.2}, {0.3, 0.1, -0.5});
+    s.add(element(1, {{0.1, 0, 0.2}}, {0.9}), {2.6, 1.6, 1.5}, {0, 1, 0.3});
+    s.add(element(-1, {{0, 0, 0}}, {0.6}), {-0.6, 1.9, 1.0});
+    return s;
+}
+Scene rodsUnbounded() {
+    Scene s;
+    s.name = "two rods and a sphere, unbounded";
+    s.add(element(0, {{0, 0, -1}, {0, 0, 0.2}, {0, 0, 1.2}}, {0.7, 0.7, 0.7}), {0, 0, 0}, {0.5, 0.2, 0});
+    s.add(element(1, {{0.3, -1, 0}, {0.3, 1, 0}}, {0.8, 0.6}), {1.9, 0.4, 0.5}, {0.1, -0.6, 0.9});
+    s.add(element(2, {{0, 0, 0}}, {0.7}), {0.2, 2.0, 0.3});
+    return s;
+}
+Scene aloneOffCentre() {
+    Scene s;
+    s.name = "one body about a point that is not its centre of mobility, unbounded";
+    s.add(element(0, threeBlobs, {1, 1, 1}), {0, 0, 0}, {0.2, 0.7, -0.4});
+    return s;
+}
+Scene matrixFree(Scene s) {
+    s.name += ", matrix-free";
+    s.matrixFree = true;
+    return s;
+}
+
+Matrix3d rotationMatrix(const Quaternion& q) { return Eigen::Quaterniond(q.w, q.x, q.y, q.z).toRotationMatrix(); }
+
+/** N where the twist vector `u` leads from the scene's places. */
+MatrixXd mobilityAt(const Scene& scene, BodyMobility& bodies, const VectorXd& u) {
+    vector<Pose> poses(scene.elements.size());
+    for (size_t e = 0; e < poses.size(); e++) {
+        const int row = bodies.firstRow(e);
+        poses[e].R = scene.R[e] + u.segment<3>(row);
+        poses[e].A = rotationMatrix(scene.q[e]);
+        if (scene.elements[e].isFree()) continue;
+        const Vector3d turn = u.segment<3>(row + 3);
+        if (turn.norm() > 0) poses[e].A = Eigen::AngleAxisd(turn.norm(), turn.normalized()).matrix() * poses[e].A;
+    }
+    bodies.setPoses(poses);
+    return bodies.mobility();
+}
+
+/** div N = sum_k d_k N_ik by central differences; rows of twists, rotations by turning about lab axes. */
+VectorXd divergence(const Scene& scene) {
+    const auto bodies = scene.mobility();
+    const int n = bodies->getNumRows();
+    const double delta = 1e-4;
+    VectorXd sum = VectorXd::Zero(n);
+    for (int k = 0; k < n; k++) {
+        const VectorXd u = delta * VectorXd::Unit(n, k);
+        sum += (mobilityAt(scene, *bodies, u).col(k) - mobilityAt(scene, *bodies, -u).col(k)) / (2 * delta);
+    }
+    return sum;
+}
+
+/** What one step does, as a twist times time: translations, and rotation vectors in the lab frame. */
+VectorXd increment(const OverdampedMove& move, const BodyMobility& bodies) {
+    VectorXd u = VectorXd::Zero(bodies.getNumRows());
+    for (size_t e = 0; e < move.start.size(); e++) {
+        const int row = bodies.firstRow(e);
+        u.segment<3>(row) = move.present[e].R - move.start[e].R;
+        if (bodies.getElements()[e].isFree()) continue;
+        const Quaternion d = move.present[e].q * scalar::conjugate(move.start[e].q);
+        const Eigen::AngleAxisd turn(Eigen::Quaterniond(d.w, d.x, d.y, d.z));
+        u.segment<3>(row + 3) = turn.angle() * turn.axis();
+    }
+    return u;
+}
+
+/**
+ * The part of order sqrt(h) of a step, from the same random numbers: its mean is 0, so what a step does less this has the same mean
+ * with a far smaller variance.
+ */
+VectorXd leadingNoise(Integrator::Scheme scheme, const Scene& scene, OverdampedMove& move) {
+    MatrixXd wrench, second, slips, u;
+    const MatrixXd none = MatrixXd::Zero(move.getNumRows(), 1);
+    move.atStart();
+    if (scheme >= Integrator::TrapezoidalSlip) {
+        move.drawForSlips(OverdampedMove::First);
+        move.thermalSlip(slips);
+        slips *= sqrt(2 * move.kT / move.h);
+        move.solve(none, slips, u);
+    } else {
+        move.thermalWrench(OverdampedMove::First, wrench);
+        wrench *= sqrt(2 * move.kT / move.h);
+        if (scheme == Integrator::FixmanMidpoint) {
+            move.thermalWrench(OverdampedMove::Second, second);
+            wrench = wrench / sqrt(2.0) + sqrt(move.kT / move.h) * second;
+        }
+        move.solve(wrench, u);
+    }
+    return move.h * u.col(0);
+}
+
+struct Averages {
+    VectorXd mean, error;  // of the increments less the leading noise
+    MatrixXd covariance;   // of the increments
+};
+
+Averages average(Integrator::Scheme scheme, const Scene& scene, double h, double kT, int samples) {
+    const OverdampedScheme& steps = overdampedScheme(scheme);
+    const auto bodies = scene.mobility();
+    OverdampedMove move(*bodies, scene.matrixFree, 1e-8);
+    for (size_t e = 0; e < scene.elements.size(); e++) {
+        move.start[e].R = scene.R[e];
+        move.start[e].q = scene.q[e];
+    }
+    OverdampedStep step;
+    step.h = h;
+    step.kT = kT;
+    step.difference = scene.matrixFree ? 3e-3 : 1e-5;
+    step.noise.seed = 4711;
+    const int n = bodies->getNumRows();
+    VectorXd sum = VectorXd::Zero(n), squares = VectorXd::Zero(n);
+    MatrixXd products = MatrixXd::Zero(n, n);
+    for (int i = 0; i < samples; i++) {
+        step.noise.step = i;
+        move.begin(step);
+        steps.predict(move);
+        if (steps.forcesInBetween) steps.correct(move);
+        const VectorXd u = increment(move, *bodies);
+        const VectorXd rest = u - leadingNoise(scheme, scene, move);
+        sum += rest;
+        squares += rest.cwiseAbs2();
+        products += u * u.transpose();
+    }
+    Averages result;
+    result.mean = sum / samples;
+    result.error = ((squares / samples - result.mean.cwiseAbs2()) / samples).cwiseMax(0).cwiseSqrt();
+    result.covariance = products / samples;
+    return result;
+}
+
+const Integrator::Scheme consistent[] = {Integrator::FixmanMidpoint,        Integrator::RandomFiniteDifference,
+                                         Integrator::TractionEulerMaruyama, Integrator::TrapezoidalSlip,
+                                         Integrator::DriftCorrectorFD,      Integrator::DriftCorrectorRFD};
+
+/** What the standard error of n samples is of the drift's norm, times sqrt(n): 1 to 40 by scheme and scene, measured. */
+int samplesFor(Integrator::Scheme scheme, int base) {
+    return scheme == Integrator::DriftCorrectorRFD ? 8 * base : base;
+}
+
+/**
+ * The mean increment is kT h div N. The rest after the leading noise is of order h with odd powers of sqrt(h) of zero mean, so at this h the
+ * bias is h kT N/a^2 = 1e-4 of the drift. Enough samples for a standard error below a tenth of the drift's norm; 5 standard errors
+ * for all components of all schemes and scenes (about 250 numbers: 1e-4 of failing by chance).
+ */
+void checkDrift(const Scene& scene, int samples, double error = 0.1) {
+    const double h = 1e-4, kT = 1.3;
+    const VectorXd expected = kT * h * divergence(scene);
+    const double size = expected.norm();
+    ASSERT_GT(size, 0);
+    for (Integrator::Scheme scheme : consistent) {
+        const Averages found = average(scheme, scene, h, kT, samplesFor(scheme, samples));
+        SCOPED_TRACE(scene.name + ", " + overdampedScheme(scheme).name);
+        EXPECT_LT(found.error.norm(), error * size);
+        for (int i = 0; i < expected.size(); i++)
+            EXPECT_LT(abs(found.mean[i] - expected[i]), 5 * found.error[i] + 1e-3 * size) << "row " << i;
+    }
+    // A scheme that omits the drift fails, by far.
+    const Averages found = average(Integrator::EulerMaruyama, scene, h, kT, 100);
+    EXPECT_GT((found.mean - expected).norm(), 0.99 * size);
+}
+
+}  // namespace
+
+TEST(OverdampedSchemes, DriftOfThreeBlobsAboveAWall) {
+    const Scene scene = boomerangAtWall();
+    // Independent values: REFERENCE VALUES 7.
+    const double reference[6] = {0.02606396, -0.0487483, 0.35555906, 0.00676236, 0.00126031, 0.00062502};
+    const VectorXd found = divergence(scene);
+    for (int i = 0; i < 6; i++) EXPECT_NEAR(found[i], reference[i], 2e-8);
+    checkDrift(scene, 3000);
+}
+
+TEST(OverdampedSchemes, DriftOfThreeBodiesAboveAWall) { checkDrift(threeBodiesAtWall(), 4000); }
+TEST(OverdampedSchemes, DriftOfRodsUnbounded) { checkDrift(rodsUnbounded(), 16000); }
+TEST(OverdampedSchemes, DriftOfOneBodyAboutAnyPoint) { checkDrift(aloneOffCentre(), 2000); }
+/** Less exactly, for it takes a millisecond a step: that the iterations do what the factors do is what is to be seen. */
+TEST(OverdampedSchemes, DriftMatrixFree) { checkDrift(matrixFree(rodsUnbounded()), 600, 0.5); }
+
+/** Increments have the covariance 2 kT h N: 5 standard errors, that of a product being sqrt(N_ii N_jj + N_ij^2). */
+TEST(OverdampedSchemes, Covariance) {
+    const double h = 1e-6, kT = 0.8;
+    const int samples = 4000;
+    for (const Scene& scene : {threeBodiesAtWall(), rodsUnbounded(), aloneOffCentre(), matrixFree(rodsUnbounded())}) {
+        const auto bodies = scene.mobility();
+        const MatrixXd N = mobilityAt(scene, *bodies, VectorXd::Zero(bodies->getNumRows()));
+        for (int scheme = Integrator::EulerMaruyama; scheme <= Integrator::DriftCorrectorRFD; scheme++) {
+            if (scheme == Integrator::DriftCorrectorFD) continue;  // its noise is that of the other one
+            SCOPED_TRACE(scene.name + ", " + overdampedScheme(Integrator::Scheme(scheme)).name);
+            const int own = scene.matrixFree ? samples / 4 : samples;
+            const MatrixXd found = average(Integrator::Scheme(scheme), scene, h, kT, own).covariance / (2 * kT * h);
+            for (int i = 0; i < N.rows(); i++)
+                for (int k = 0; k <= i; k++)
+                    EXPECT_LT(abs(found(i, k) - N(i, k)),
+                              5 * sqrt((N(i, i) * N(k, k) + N(i, k) * N(i, k)) / own) + 1e-12)
+                        << i << " " << k;
+        }
+    }
+}
+
+/** Nothing turns a rod about its line, wherever its origin. */
+TEST(OverdampedSchemes, NoNoiseAboutARodsLine) {
+    const Scene scene = rodsUnbounded();
+    for (bool matrixFree : {false, true}) {
+        const auto bodies = scene.mobility();
+        OverdampedMove move(*bodies, matrixFree, 1e-10);
+        for (size_t e = 0; e < scene.elements.size(); e++) {
+            move.start[e].R = scene.R[e];
+            move.start[e].q = scene.q[e];
+        }
+        OverdampedStep step;
+        step.h = 1e-3;
+        step.kT = 1;
+        move.begin(step);
+        overdampedScheme(Integrator::EulerMaruyama).predict(move);
+        for (int e = 0; e < 2; e++) {
+            const Vector3d line = rotationMatrix(scene.q[e]) * bodies->getNullVector_body(e).tail<3>().normalized();
+            const Vector3d W = move.U.col(0).segment<3>(bodies->firstRow(e) + 3);
+            EXPECT_LT(abs(W.dot(line)), 1e-12 * W.norm());
+        }
+    }
+}
