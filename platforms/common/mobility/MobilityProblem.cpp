@@ -142,7 +142,7 @@ void MobilityProblem::getBlobForces(MatrixXd& result) {
 }
 
 void MobilityProblem::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
-    numSquareRoots++;
+    if (!bodies.constant) numSquareRoots++;
     if (!matrixFree) {
         if (!bodies.constant) factorise();
         if (bodies.constant) {
