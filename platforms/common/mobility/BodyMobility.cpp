@@ -219,11 +219,11 @@ void BodyMobility::computeFriction() {
 
 const MatrixXd& BodyMobility::friction() {
     if (frictionIsKnown) return xi;
-    numMatrices++;
     if (constant) {
         const Matrix6d turn = twoRotations(poses[0].A);
         xi = turn * constantFriction * turn.transpose();
     } else {
+        numMatrices++;
         computeFriction();
         if (hasOwnTensors) congruence(xi, inverseB_body, true);
     }
@@ -234,7 +234,6 @@ const MatrixXd& BodyMobility::friction() {
 const MatrixXd& BodyMobility::mobility() {
     if (mobilityIsKnown) return N;
     if (constant) {
-        numMatrices++;
         const Matrix6d turn = twoRotations(poses[0].A);
         N = turn * constantMobility * turn.transpose();
     } else if (identityK) {

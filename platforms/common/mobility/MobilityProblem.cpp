@@ -151,7 +151,7 @@ void MobilityProblem::applyRoot(const SpectralFunction& f, const MatrixXd& W, Ma
 }
 
 void MobilityProblem::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
-    numSquareRoots++;
+    if (!bodies.constant) numSquareRoots++;
     if (!matrixFree) {
         if (!bodies.constant) factorise();
         if (bodies.constant) {

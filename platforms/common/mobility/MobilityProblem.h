@@ -67,6 +67,7 @@ public:
     /** div N of a body alone in a uniform fluid, lab frame: e_k x N_VW e_k, summed; no rotational part. Else an error. */
     Eigen::Vector3d uniformDivergence() const;
 
+    /** Square roots taken; that of a constant tensor is known once for all. */
     long long numSquareRoots = 0;
 
 private:
