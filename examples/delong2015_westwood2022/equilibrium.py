@@ -65,7 +65,11 @@ class Equilibrium:
         flat = self.probability.ravel()
         cumulative = np.cumsum(flat)
         chosen = np.searchsorted(cumulative, random.random(count)*cumulative[-1])
-        k, m = np.unravel_index(np.minimum(chosen, len(flat) - 1), self.probability.shape)
+        return self.poses(*np.unravel_index(np.minimum(chosen, len(flat) - 1), self.probability.shape), random)
+
+    def poses(self, k, m, random):
+        """Poses of these heights and directions of the grid, with a random turn about z."""
+        count = len(k)
         up = self.up[m]
         # Body to lab: rows are the lab's axes in the body frame.
         side = np.cross(up, np.where(abs(up[:, :1]) < 0.7, (1.0, 0, 0), (0, 1.0, 0)))
@@ -84,6 +88,27 @@ def rotationalPlateau(equilibrium, random, pairs=200000):
     u = 2*turn[:, 3:]*turn[:, :3]
     planar, normal = (u[:, 0]**2 + u[:, 1]**2)/2, u[:, 2]**2
     return {name: (float(v.mean()), float(v.std()/np.sqrt(pairs))) for name, v in (('xx', planar), ('zz', normal))}
+
+
+def withoutDrift(equilibrium, replicas, random, rounds=20):
+    """What a scheme without the stochastic drift tends to, exp(-U/kT)/mu(h), with the mean of N_zz at each height for mu.
+
+    Exact if N_zz depends on the height alone and is not coupled to rotation, as for a sphere; else an estimate. Heights are taken where
+    there is any probability, as many as there are replicas.
+    """
+    marginal = equilibrium.probability.sum(1)
+    rows = np.flatnonzero(marginal > 1e-12*marginal.max())
+    rows = rows[np.linspace(0, len(rows) - 1, replicas.count).round().astype(int)]
+    total = np.zeros(len(rows))
+    for _ in range(rounds):
+        R, q = np.empty((len(rows), 3)), np.empty((len(rows), 4))
+        for k, row in enumerate(rows):
+            R[k], q[k] = [values[0] for values in equilibrium.poses(np.array([row]), random.choice(
+                len(equilibrium.up), 1, p=equilibrium.probability[row]/marginal[row]), random)]
+        replicas.place(R, q)
+        total += replicas.mobilities()[:, 2, 2]
+    P, mean = equilibrium.reweighted(lambda h: rounds/np.interp(h, equilibrium.h[rows], total))
+    return {'P': np.round(P, 8), 'mean h': mean}
 
 
 def averageMobility(equilibrium, replicas, functions, random, rounds):

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 from openmmrigidhi import analysis
-from scenes import Replicas
+from scenes import Replicas, provenance, save
 
 #: The wanted relative standard error of each mean, and chi^2 per bin of each histogram; else this many minutes a scheme.
 WANTED_ERROR, WANTED_CHI2, MINUTES = 0.005, 1.5, 60.0
@@ -38,10 +38,12 @@ class Plan:
     """
 
     def __init__(self, name, body, equilibrium, scheme, step, every, frames, settle, observables, msd=None, lags=(1,), replicas=64,
-                 platform='Reference', seed=2015):
+                 platform='Reference', seed=2015, labels=None,
+                 lateFrom=None):
         self.name, self.body, self.equilibrium, self.scheme, self.step = name, body, equilibrium, scheme, step
         self.every, self.frames, self.settle, self.observables = every, frames, settle, observables
         self.msd, self.lags, self.replicas, self.platform, self.seed = msd or {}, np.unique(np.rint(lags).astype(int)), replicas, platform, seed
+        self.labels, self.lateFrom = labels or {}, lateFrom
         self.edges = {'h': equilibrium.heightEdges, 'theta': equilibrium.thetaEdges}
         self.exact = {'h': equilibrium.heightBins(), 'theta': equilibrium.thetaBins()}
 
@@ -125,12 +127,22 @@ class Tally:
             held += p
         mine, exact = np.add.reduceat(counts, starts, axis=1), np.add.reduceat(exact, starts)
         error = mine.std(0, ddof=1)/np.sqrt(len(mine))
-        return float(np.mean(((mine.mean(0) - exact)/error)**2)), len(starts)
+        seen = error > 0
+        return float(np.mean(((mine.mean(0) - exact)[seen]/error[seen])**2)), int(seen.sum())
 
     def displacement(self, name):
         """Mean square displacement by lag, and standard errors."""
         mine = self.arrays['msd ' + name]/self.chunks
         return mine.mean(0), mine.std(0, ddof=1)/np.sqrt(len(mine))
+
+    def lateSlope(self, name, since):
+        """Half the slope of a displacement along two axes (a quarter of xx + yy), from lags of at least this time: mean and standard error."""
+        lag = self.plan.lags*self.plan.step*self.plan.every
+        late = lag >= since
+        if late.sum() < 2:
+            return float('nan'), float('nan')
+        mine = np.polyfit(lag[late], (self.arrays['msd ' + name][:, late]/self.chunks).T, 1)[0]/4
+        return float(mine.mean()), float(mine.std(ddof=1)/np.sqrt(len(mine)))
 
     def l2(self, key):
         """Distance of the density from the exact one, sqrt(integral (p - p0)^2): as it is, the part that noise makes, and without it."""
@@ -148,6 +160,12 @@ class Tally:
         return self.worstError() <= WANTED_ERROR, all(self.chi2(key)[0] <= WANTED_CHI2 for key in self.plan.edges)
 
 
+def finished(tally):
+    """Whether there is nothing left to run for; Euler-Maruyama's bins can never agree."""
+    errors, bins = tally.reached()
+    return errors and (bins or tally.plan.scheme == 'EulerMaruyama')
+
+
 def run(plan, folder, minutes=MINUTES, keep=False, quiet=False):
     """Run until the wanted errors and chi^2 are reached, or for so many minutes, those of kept parts included; the Tally."""
     tally = Tally(plan)
@@ -155,7 +173,7 @@ def run(plan, folder, minutes=MINUTES, keep=False, quiet=False):
     fresh = not (keep and path.exists())
     if not fresh:
         tally.load(path)
-    if (all(tally.reached()) if tally.chunks else False) or tally.seconds >= 60*minutes:
+    if (tally.chunks and finished(tally)) or tally.seconds >= 60*minutes:
         return tally
     numbers = tally.arrays['numbers']
     numbers[5] += 1
@@ -192,7 +210,7 @@ def run(plan, folder, minutes=MINUTES, keep=False, quiet=False):
             bar.set_postfix_str(f'worst error {100*tally.worstError():.2f} %, chi2/bin ' +
                                 ', '.join(f'{tally.chi2(key)[0]:.1f}' for key in plan.edges), refresh=False)
             tally.save(path)
-            if all(tally.reached()):
+            if finished(tally):
                 break
     return tally
 
@@ -213,6 +231,8 @@ def summary(tally):
         l2 = tally.l2(key)
         found['histograms'][key] = {'edges': edges, 'P': np.round(P, 8), 'error': np.round(error, 8), 'exact': np.round(plan.exact[key], 8),
                                     'chi2_per_bin': chi2, 'bins_of_chi2': count, 'L2': l2[0], 'L2_of_noise': l2[1], 'L2_without_noise': l2[2]}
+    if plan.lateFrom is not None:
+        found['late_slopes'] = {name: tally.lateSlope(name, plan.lateFrom) for name in plan.msd if name.startswith('parallel')}
     for name in plan.msd:
         mean, error = tally.displacement(name)
         found['msd'][name] = {'lag': plan.lags*plan.step*plan.every, 'mean': mean, 'error': error}
@@ -227,6 +247,17 @@ def criterion(entry, minutes=MINUTES):
         'error only' if entry['reached_error'] else 'chi² only' if entry['reached_chi2'] else 'neither'
     full = '' if ended == 'both' else f'; {entry["seconds"]/60:.1f} of {minutes:.0f} minutes'
     return f'{ended} ({error}; {chi2}{full})'
+
+
+def drive(plans, data, args, name):
+    """Run all; the JSON is written after each. The order in it is that of the plans."""
+    data['runs'] = []
+    for plan in plans:
+        tally = run(plan, args.output, 0.02 if args.quick else args.minutes, args.keep)
+        data['runs'].append(dict(summary(tally), **plan.labels))
+        print(f'{plan.name}: {criterion(data["runs"][-1])}', flush=True)
+        data['provenance'] = provenance(args)
+        save(args.output, name, data)
 
 
 # ---- Mean square displacements, by replica ---------------------------------------------------------------------------------

@@ -16,6 +16,8 @@ from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.append(str(HERE.parent))
+from recording import brackets, provenance, pyplot, save  # noqa: E402, F401
+
 RESULTS = HERE/'results'
 KT = 1.0
 TEMPERATURE = KT/unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
@@ -55,7 +57,7 @@ class Body:
 class Replicas:
     """Many independent copies of one body in one Context: bodies of different groups do not feel each other through the fluid."""
 
-    def __init__(self, body, count, scheme, step, seed=1, boundary='NoSlipWall', platform='Reference', sphereWall='FromModel'):
+    def __init__(self, body, count, scheme, step, seed=1, boundary='NoSlipWall', platform='Reference'):
         self.body = body
         self.count = count
         self.system = openmm.System()
@@ -65,7 +67,6 @@ class Replicas:
         self.fluid = MobilityForce()
         self.fluid.setViscosity(body.viscosity*KT)
         self.fluid.setBoundary(getattr(MobilityForce, boundary))
-        self.fluid.setSphereWallMobility(getattr(MobilityForce, sphereWall))
         push = openmm.CustomExternalForce('w*z + s*A/(z-A)*exp(-(z-A)/B)')
         push.addGlobalParameter('A', body.contact)
         push.addGlobalParameter('B', body.debye)

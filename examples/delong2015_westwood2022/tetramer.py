@@ -15,10 +15,9 @@ import pathlib
 
 import numpy as np
 import runs
-from equilibrium import Equilibrium, aboutPoint, averageMobility, rotationalPlateau
+from equilibrium import Equilibrium, aboutPoint, averageMobility, rotationalPlateau, withoutDrift
 from openmmrigidhi import app
-from scenes import RESULTS, Body, Replicas
-from recording import provenance, pyplot, save
+from scenes import RESULTS, Body, Replicas, pyplot
 
 SCHEMES = ('EulerMaruyama', 'FixmanMidpoint', 'RandomFiniteDifference', 'DriftCorrectorRFD')
 #: Figure 3's step; Figure 4 has 0.136.
@@ -44,7 +43,7 @@ def exact(equilibrium, rounds, random):
         'slope vertex': lambda N, A, h: 2*aboutPoint(N, A, b.sites[3])[:, [0, 1], [0, 1]].sum(1),
         'rotation xx': lambda N, A, h: N[:, 3, 3] + N[:, 4, 4]}, random, rounds)
     return {'mean h': height, 'gravitational height': variance**0.5, 'mean cos theta': equilibrium.average(lambda h, u: u[:, 2] + 0*h),
-            'mobility averages (mean, error)': mobility, 'rotational plateau (mean, error)': rotationalPlateau(equilibrium, random)}
+            'without drift': withoutDrift(equilibrium, replicas, random), 'mobility averages (mean, error)': mobility, 'rotational plateau (mean, error)': rotationalPlateau(equilibrium, random)}
 
 
 def plans(args):
@@ -74,6 +73,7 @@ def draw(data, folder):
         width, middle = np.diff(edges), (edges[1:] + edges[:-1])/2
         if not k:
             axes[0, 0].plot(middle, np.array(h['exact'])/width, 'k-', lw=1, label='quadrature')
+            axes[0, 0].plot(middle, np.array(data['exact']['without drift']['P'])/width, 'k:', lw=1, label='exp(-U/kT)/⟨μ⊥⟩(h)')
         axes[0, 0].errorbar(middle, np.array(h['P'])/width, np.array(h['error'])/width, fmt='.', ms=5, color=f'C{k}', label=r['scheme'])
         if r['scheme'] == 'EulerMaruyama':
             continue
@@ -108,12 +108,7 @@ def main():
     args = parser.parse_args()
     equilibrium, todo = plans(args)
     data = {'paper': PAPER, 'exact': exact(equilibrium, 20 if args.quick else 1000, np.random.default_rng(args.seed)), 'runs': []}
-    for plan in todo:
-        tally = runs.run(plan, args.output, 0.02 if args.quick else args.minutes, args.keep)
-        data['runs'].append(runs.summary(tally))
-        print(f'{plan.name}: {runs.criterion(data["runs"][-1])}', flush=True)
-        data['provenance'] = provenance(args)
-        save(args.output, 'tetramer.json', data)
+    runs.drive(todo, data, args, 'tetramer.json')
     draw(data, args.output)
 
 
