@@ -18,7 +18,7 @@ import numpy as np
 import runs
 from equilibrium import Equilibrium, aboutPoint, averageMobility
 from openmmrigidhi import analysis, app
-from scenes import RESULTS, Body, Replicas, pyplot
+from walls import RESULTS, Body, Replicas, pyplot
 
 SCHEMES = ('RandomFiniteDifference', 'FixmanMidpoint')
 GRAVITIES = (1, 10, 20)

@@ -18,7 +18,7 @@ import numpy as np
 import runs
 from equilibrium import Equilibrium, averageMobility, rotationalPlateau, withoutDrift
 from openmmrigidhi import app
-from scenes import RESULTS, Body, Replicas, pyplot
+from walls import RESULTS, Body, Replicas, pyplot
 
 SCHEMES = ('EulerMaruyama', 'FixmanMidpoint', 'RandomFiniteDifference', 'DriftCorrectorRFD')
 RADIUS, BLOB = 0.5, 0.175

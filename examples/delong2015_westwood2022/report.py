@@ -5,7 +5,7 @@ import json
 import pathlib
 
 import runs
-from scenes import RESULTS, brackets
+from walls import RESULTS, brackets
 
 
 def distributions(data, label=None):

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 from openmmrigidhi import analysis
-from scenes import Replicas, provenance, save
+from walls import Replicas, provenance, save
 
 #: The wanted relative standard error of each mean, and chi^2 per bin of each histogram; else this many minutes a scheme.
 WANTED_ERROR, WANTED_CHI2, MINUTES = 0.005, 1.5, 60.0
@@ -173,7 +173,7 @@ def run(plan, folder, minutes=MINUTES, keep=False, quiet=False):
     fresh = not (keep and path.exists())
     if not fresh:
         tally.load(path)
-    if (tally.chunks and finished(tally)) or tally.seconds >= 60*minutes:
+    if tally.chunks and (finished(tally) or tally.seconds >= 60*minutes):
         return tally
     numbers = tally.arrays['numbers']
     numbers[5] += 1
@@ -196,7 +196,7 @@ def run(plan, folder, minutes=MINUTES, keep=False, quiet=False):
             replicas.integrator.step(min(1000, settle))
             advance()
         redone = replicas.integrator.getNumRejectedSteps()
-        while tally.seconds < 60*minutes:
+        while not tally.chunks or tally.seconds < 60*minutes:
             R, q = np.empty((plan.frames, plan.replicas, 3)), np.empty((plan.frames, plan.replicas, 4))
             for k in range(plan.frames):
                 replicas.integrator.step(plan.every)
@@ -253,7 +253,7 @@ def drive(plans, data, args, name):
     """Run all; the JSON is written after each. The order in it is that of the plans."""
     data['runs'] = []
     for plan in plans:
-        tally = run(plan, args.output, 0.02 if args.quick else args.minutes, args.keep)
+        tally = run(plan, args.output, 0 if args.quick else args.minutes, args.keep)
         data['runs'].append(dict(summary(tally), **plan.labels))
         print(f'{plan.name}: {criterion(data["runs"][-1])}', flush=True)
         data['provenance'] = provenance(args)
@@ -282,7 +282,7 @@ def planarAngle(vector):
 
 
 def addOptions(parser):
-    parser.add_argument('--quick', action='store_true', help='seconds: a few chunks of few replicas')
+    parser.add_argument('--quick', action='store_true', help='seconds: one chunk of few replicas')
     parser.add_argument('--minutes', type=float, default=MINUTES, help='end a run after so long, kept parts included (%(default)s)')
     parser.add_argument('--keep', action='store_true', help='go on with what results/kept has')
     parser.add_argument('--schemes', nargs='+', help='only these')

@@ -17,7 +17,7 @@ import numpy as np
 import runs
 from equilibrium import Equilibrium, aboutPoint, averageMobility, rotationalPlateau, withoutDrift
 from openmmrigidhi import app
-from scenes import RESULTS, Body, Replicas, pyplot
+from walls import RESULTS, Body, Replicas, pyplot
 
 SCHEMES = ('EulerMaruyama', 'FixmanMidpoint', 'RandomFiniteDifference', 'DriftCorrectorRFD')
 #: Figure 3's step; Figure 4 has 0.136.
