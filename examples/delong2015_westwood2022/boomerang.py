@@ -11,14 +11,12 @@ and of the bisector's angle in the plane. Heights of the cross point and tilts a
 
 Units: um and s as nm and ps, kT = 1; water at 300 K: eta = 8.9e-4 Pa s, kT/eta = 4.65387 um^3/s.
 """
-import argparse
-import pathlib
-
 import numpy as np
+import pictures
 import runs
 from equilibrium import Equilibrium, aboutPoint, averageMobility
 from openmmrigidhi import analysis, app
-from walls import RESULTS, Body, Replicas, pyplot
+from walls import Body, Replicas, pyplot
 
 SCHEMES = ('RandomFiniteDifference', 'FixmanMidpoint')
 GRAVITIES = (1, 10, 20)
@@ -122,51 +120,35 @@ def draw(data, folder):
     gravities = sorted({r['g'] for r in data['runs']})
     figure, axes = plt.subplots(3, len(gravities), figsize=(6*len(gravities), 13), constrained_layout=True, squeeze=False)
     for column, g in zip(axes.T, gravities):
-        exact = data['table'][str(g)] if str(g) in data['table'] else data['table'][g]
-        for k, r in enumerate(r for r in data['runs'] if r['g'] == g):
-            for j, name in enumerate(('parallel cross point', 'parallel tip', 'parallel CoH')):
-                m = r['msd'][name]
-                column[0].errorbar(m['lag'], m['mean'], m['error'], fmt='os'[k], ms=4, mfc='none', color=f'C{j}', label=f'{name}, {r["scheme"]}')
-                if not k:
-                    slope = 4*exact['averages (mean, error)'][f'chi_2D {name[9:]}'][0]
-                    column[0].plot(m['lag'], slope*np.array(m['lag']), '-', color=f'C{j}', lw=1, label=f'4 χ t (eq. 68), {name[9:]}')
-            m = r['msd']['perpendicular tip']
-            column[0].errorbar(m['lag'], m['mean'], m['error'], fmt='os'[k], ms=4, mfc='none', color='C3', label=f'perpendicular tip, {r["scheme"]}')
-            m = r['msd']['planar angle']
-            column[1].errorbar(m['lag'], m['mean'], m['error'], fmt='os'[k], ms=4, mfc='none', color=f'C{k}', label=r['scheme'])
-            h = r['histograms']['h']
-            edges = np.array(h['edges'])
-            width, middle = np.diff(edges), (edges[1:] + edges[:-1])/2
-            if not k:
-                column[2].plot(middle, np.array(h['exact'])/width, 'k-', lw=1, label='quadrature')
-            column[2].errorbar(middle, np.array(h['P'])/width, np.array(h['error'])/width, fmt='.', color=f'C{k}', label=r['scheme'])
+        exact, entries = data['table'][g], [r for r in data['runs'] if r['g'] == g]
+        names = [r['scheme'] for r in entries]
+        pictures.displacements(column[0], entries, ('parallel cross point', 'parallel tip', 'parallel CoH', 'perpendicular tip'),
+                               ('C0', 'C1', 'C2', 'C3'))
+        lag = np.array(entries[0]['msd']['parallel CoH']['lag'])
+        for colour, name in (('C0', 'cross point'), ('C1', 'tip'), ('C2', 'CoH')):
+            column[0].plot(lag, 4*exact['averages (mean, error)'][f'chi_2D {name}'][0]*lag, '-', color=colour, lw=1, label=f'4 χ t (eq. 68), {name}')
         column[0].axhline(2*exact['h_g of a tip']**2, color='C3', ls=':', label='2 h_g², tip')
-        column[0].set(title=f'Figure 8, g = {g:g}', xlabel='t / s', ylabel='MSD / μm²', xscale='log', yscale='log')
-        column[1].set(title='Figure 9: angle in the plane', xlabel='t / s', ylabel='MSD / rad²')
-        column[2].set(title='height of the cross point', xlabel='h / μm', ylabel='P(h) μm')
-        for axis in column:
-            axis.legend(fontsize=6)
+        pictures.displacements(column[1], entries, ('planar angle',))
+        pictures.densities(column[2], entries, 'h', names)
+        pictures.finish(column[0], f'Figure 8, g = {g:g}', 't / s', 'MSD / μm²', 'xy')
+        pictures.finish(column[1], 'Figure 9: angle in the plane', 't / s', 'MSD / rad²')
+        pictures.finish(column[2], 'height of the cross point', 'h / μm', 'P(h) μm')
     figure.savefig(folder/'boomerang.png', dpi=70)
     plt.close(figure)
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    runs.addOptions(parser)
-    parser.add_argument('--gravities', nargs='+', type=int, default=GRAVITIES, choices=GRAVITIES)
-    parser.add_argument('--table-only', action='store_true', help='only Table 1')
-    parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
-    args = parser.parse_args()
+    def add(parser):
+        parser.add_argument('--gravities', nargs='+', type=int, default=GRAVITIES, choices=GRAVITIES)
+        parser.add_argument('--rounds', type=int, default=2000, help='128 poses each, for Table 1')
+
+    args = runs.arguments(__doc__, add)
     bulk = centres()
     equilibria, todo = plans(args, bulk)
     random = np.random.default_rng(args.seed)
     data = {'paper: chi_2D, chi_2D/chi_3D, chi_theta, h_g, sphere': PAPER, 'bulk': bulk, 'cut-off': CUTOFF,
-            'table': {g: table(e, bulk, 20 if args.quick else 800, random) for g, e in equilibria.items()}}
-    for g, row in data['table'].items():
-        print(g, {k: v for k, v in row.items()})
-    if not args.table_only:
-        runs.drive(todo, data, args, 'boomerang.json')
-        draw(data, args.output)
+            'table': {g: table(e, bulk, 20 if args.quick else args.rounds, random) for g, e in equilibria.items()}}
+    draw(runs.drive(todo, data, args, 'boomerang.json'), args.output)
 
 
 if __name__ == '__main__':

@@ -11,14 +11,12 @@ scheme and both drift-correctors for 36 replicas of 30000 diffusive times.
 
 Units: blob radius 1 (and spacing 1), kT = 1, diffusive time 6 pi eta a^3/kT = 1.
 """
-import argparse
-import pathlib
-
 import numpy as np
+import pictures
 import runs
 from equilibrium import Equilibrium
 from openmmrigidhi import app
-from walls import RESULTS, Body, pyplot
+from walls import Body, pyplot
 
 SCHEMES = ('EulerMaruyama', 'FixmanMidpoint', 'RandomFiniteDifference', 'TractionEulerMaruyama', 'TrapezoidalSlip', 'DriftCorrectorFD',
            'DriftCorrectorRFD')
@@ -50,41 +48,28 @@ def plans(args):
 def draw(data, folder):
     plt = pyplot()
     figure, axes = plt.subplots(2, 2, figsize=(14, 10), constrained_layout=True)
-    names = [s for s in SCHEMES if any(r['scheme'] == s for r in data['runs'])]
     largest = max(r['step'] for r in data['runs'])
+    names = [s for s in SCHEMES if any(r['scheme'] == s for r in data['runs'])]
     for row, key, label in ((axes[0], 'h', 'h / a'), (axes[1], 'theta', 'θ')):
+        atLargest = [r for r in data['runs'] if r['step'] == largest]
+        pictures.densities(row[0], atLargest, key, [r['scheme'] for r in atLargest])
         for k, name in enumerate(names):
             mine = sorted((r for r in data['runs'] if r['scheme'] == name), key=lambda r: r['step'])
-            steps = [r['step'] for r in mine]
-            errors = [r['histograms'][key] for r in mine]
+            steps, errors = [r['step'] for r in mine], [r['histograms'][key] for r in mine]
             row[1].plot(steps, [h['L2'] for h in errors], 'o-', color=f'C{k}', label=name)
             row[1].plot(steps, [h['L2_of_noise'] for h in errors], ':', color=f'C{k}', lw=1)
-            if steps[-1] == largest:
-                h = errors[-1]
-                edges = np.array(h['edges'])
-                width, middle = np.diff(edges), (edges[1:] + edges[:-1])/2
-                if not k:
-                    row[0].plot(middle, np.array(h['exact'])/width, 'k-', lw=1, label='quadrature')
-                row[0].plot(middle, np.array(h['P'])/width, '.', ms=4, color=f'C{k}', label=name)
-        row[0].set(title=f'step {largest:g} τ', xlabel=label, ylabel=f'P({"h" if key == "h" else "θ"})')
-        row[1].set(title='points: L2 distance; dotted: what noise makes of it', xlabel='step / τ', ylabel='L2 distance', yscale='log')
-        for axis in row:
-            axis.legend(fontsize=7)
+        pictures.finish(row[0], f'step {largest:g} τ', label, 'density')
+        pictures.finish(row[1], 'points: L2 distance; dotted: what noise makes of it', 'step / τ', 'L2 distance', 'y')
     axes[0, 0].set_xlim(1, 30)
     figure.savefig(folder/'boomerang_steps.png', dpi=75)
     plt.close(figure)
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    runs.addOptions(parser)
-    parser.add_argument('--steps', nargs='+', type=float, default=STEPS)
-    parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
-    args = parser.parse_args()
+    args = runs.arguments(__doc__, lambda parser: parser.add_argument('--steps', nargs='+', type=float, default=STEPS))
     equilibrium, todo = plans(args)
     data = {'paper': {'time_of_all_replicas': PAPER_TIME}}
-    runs.drive(todo, data, args, 'boomerang_steps.json')
-    draw(data, args.output)
+    draw(runs.drive(todo, data, args, 'boomerang_steps.json'), args.output)
 
 
 if __name__ == '__main__':

@@ -11,14 +11,12 @@ sphere (best-known) say.
 
 Units: the paper's length (sphere radius a_I = 0.5), kT = 1, time 6 pi eta a_I^3/kT = 1.
 """
-import argparse
-import pathlib
-
 import numpy as np
+import pictures
 import runs
 from equilibrium import Equilibrium, averageMobility, rotationalPlateau, withoutDrift
 from openmmrigidhi import app
-from walls import RESULTS, Body, Replicas, pyplot
+from walls import Body, Replicas, pyplot
 
 SCHEMES = ('EulerMaruyama', 'FixmanMidpoint', 'RandomFiniteDifference', 'DriftCorrectorRFD')
 RADIUS, BLOB = 0.5, 0.175
@@ -81,49 +79,33 @@ def plans(args):
 def draw(data, folder):
     plt = pyplot()
     figure, axes = plt.subplots(2, 2, figsize=(13, 9), constrained_layout=True)
-    e = data['exact']
-    for k, r in enumerate(data['runs']):
-        for axis, key in ((axes[0, 0], 'h'), (axes[0, 1], 'theta')):
-            h = r['histograms'][key]
-            edges = np.array(h['edges'])
-            width, middle = np.diff(edges), (edges[1:] + edges[:-1])/2
-            if not k:
-                axis.plot(middle, np.array(h['exact'])/width, 'k-', lw=1, label='exact')
-                if key == 'h':
-                    axis.plot(middle, np.array(e['without drift']['P'])/width, 'k:', lw=1, label='exp(-U/kT)/μ⊥(h)')
-            axis.errorbar(middle, np.array(h['P'])/width, np.array(h['error'])/width, fmt='.', ms=5, color=f'C{k}', label=r['scheme'])
-        if r['scheme'] == 'EulerMaruyama':
-            continue
-        for axis, names in ((axes[1, 0], ('parallel', 'perpendicular')), (axes[1, 1], ('rotation xx', 'rotation zz'))):
-            for name, marker in zip(names, 'os'):
-                m = r['msd'][name]
-                axis.errorbar(m['lag'], m['mean'], m['error'], fmt=marker, ms=4, mfc='none', color=f'C{k}', label=f'{name}, {r["scheme"]}')
-    lag = np.array(data['runs'][-1]['msd']['parallel']['lag'])
+    entries, e = data['runs'], data['exact']
+    names = [r['scheme'] for r in entries]
+    pictures.densities(axes[0, 0], entries, 'h', names)
+    pictures.withoutDrift(axes[0, 0], entries[0], e, 'exp(-U/kT)/μ⊥(h)')
+    pictures.densities(axes[0, 1], entries, 'theta', names)
+    right = [r for r in entries if r['scheme'] != 'EulerMaruyama']
+    pictures.displacements(axes[1, 0], right, ('parallel', 'perpendicular'))
+    pictures.displacements(axes[1, 1], right, ('rotation xx', 'rotation zz'))
+    lag = np.array(entries[0]['msd']['parallel']['lag'])
     for slope, style, label in ((e['slopes (mean, error)']['parallel'][0], '-', 'icosahedron'), (e['slopes of the sphere']['parallel'], '--', 'sphere')):
         axes[1, 0].plot(lag, slope*lag, 'k' + style, lw=1, label=f'4 kT⟨N∥⟩ t, {label}')
     axes[1, 0].axhline(2*e['gravitational height']**2, color='k', ls=':', lw=1, label='2 var h (eq. 69)')
     for name in ('xx', 'zz'):
         axes[1, 1].axhline(e['rotational plateau (mean, error)'][name][0], color='k', ls='--', lw=1, label=f'eq. 71, {name}')
-    for axis, title, x, y in ((axes[0, 0], 'Figure 6, left', 'h', 'P(h)'), (axes[0, 1], 'Figure 6, right', 'θ', 'P(θ)'),
-                              (axes[1, 0], 'Figure 7, left', 't', 'MSD'), (axes[1, 1], 'Figure 7, right: rotational', 't', 'MSD')):
-        axis.set(title=title, xlabel=x, ylabel=y)
-        axis.legend(fontsize=7)
-    for axis in axes[1]:
-        axis.set_xscale('log')
-    axes[1, 0].set_yscale('log')
+    pictures.finish(axes[0, 0], 'Figure 6, left', 'h', 'P(h)')
+    pictures.finish(axes[0, 1], 'Figure 6, right', 'θ', 'P(θ)')
+    pictures.finish(axes[1, 0], 'Figure 7, left', 't', 'MSD', 'xy')
+    pictures.finish(axes[1, 1], 'Figure 7, right: rotational', 't', 'MSD', 'x')
     figure.savefig(folder/'icosahedron.png', dpi=80)
     plt.close(figure)
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    runs.addOptions(parser)
-    parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
-    args = parser.parse_args()
+    args = runs.arguments(__doc__)
     equilibrium, todo = plans(args)
     data = {'paper': PAPER, 'exact': exact(equilibrium, 20 if args.quick else 1000, np.random.default_rng(args.seed))}
-    runs.drive(todo, data, args, 'icosahedron.json')
-    draw(data, args.output)
+    draw(runs.drive(todo, data, args, 'icosahedron.json'), args.output)
 
 
 if __name__ == '__main__':

@@ -10,13 +10,13 @@ from walls import RESULTS, brackets
 
 def distributions(data, label=None):
     names = list(data['runs'][0]['means'])
-    yield f'| {label + " | " if label else ""}scheme | ' + ' | '.join(f'⟨{n}⟩ | exact | z' for n in names) + ' | redone steps | μs a step and body | reached |'
-    yield '|---'*(4 + 3*len(names) + bool(label)) + '|'
+    yield f'| {label + " | " if label else ""}scheme | step | ' + ' | '.join(f'⟨{n}⟩ | exact | z' for n in names) + ' | redone steps | μs a step and body | reached |'
+    yield '|---'*(5 + 3*len(names) + bool(label)) + '|'
     for r in data['runs']:
         cells = []
         for m in r['means'].values():
             cells.append(f'{brackets(m["mean"], m["error"])} | {m["exact"]:.5g} | {(m["mean"] - m["exact"])/m["error"]:+.1f}')
-        yield (f'| {str(r[label]) + " | " if label else ""}{r["scheme"]} | ' + ' | '.join(cells) +
+        yield (f'| {str(r[label]) + " | " if label else ""}{r["scheme"]} | {r["step"]:.3g} | ' + ' | '.join(cells) +
                f' | {r["redone_per_step_and_body"]:.1e} | {r["us_per_step_and_body"]:.0f} | {runs.criterion(r)} |')
 
 
@@ -25,33 +25,34 @@ def firstSlope(r, name):
     return brackets(m['mean'][0]/m['lag'][0], m['error'][0]/m['lag'][0])
 
 
+def slopes(data, rows, last):
+    """Slopes of displacements from the first lag, and what they should be: rows are (label, name, cells)."""
+    entries = [r for r in data['runs'] if r['step'] == data['runs'][0]['step']]
+    yield ''
+    yield '| slope of the MSD at t = 0 | ' + ' | '.join(f'{r["scheme"]}, first lag' for r in entries) + f' | {last} |'
+    yield '|---'*(3 + len(entries)) + '|'
+    for label, name, cells in rows:
+        yield f'| {label} | ' + ' | '.join(firstSlope(r, name) for r in entries) + f' | {cells} |'
+
+
 def tetramer(data):
+    e, paper = data['exact'], data['paper']
     yield from distributions(data)
-    e = data['exact']
     yield ''
-    yield (f'Quadrature: mean height {e["mean h"]:.5f}, gravitational height {e["gravitational height"]:.5f} (paper: {data["paper"]["gravitational height"]}); '
+    yield (f'Quadrature: mean height {e["mean h"]:.5f}, gravitational height {e["gravitational height"]:.5f} (paper: {paper["gravitational height"]}); '
            f'exp(−U/kT)/⟨μ⊥⟩(h) would have the mean {e["without drift"]["mean h"]:.3f}.')
-    yield ''
-    yield '| slope of the parallel MSD at t = 0 | ' + ' | '.join(f'{r["scheme"]}, first lag' for r in data['runs']) + ' | 2 kT⟨Nxx+Nyy⟩ | paper |'
-    yield '|---'*(3 + len(data['runs'])) + '|'
-    for name in ('centre', 'vertex'):
-        yield (f'| {name} | ' + ' | '.join(firstSlope(r, f'{name} parallel') for r in data['runs']) +
-               f' | {brackets(*e["mobility averages (mean, error)"][f"slope {name}"])} | {data["paper"][f"slope {name}"]} |')
+    yield from slopes(data, [(name, f'{name} parallel', f'{brackets(*e["mobility averages (mean, error)"][f"slope {name}"])} | {paper[f"slope {name}"]}')
+                             for name in ('centre', 'vertex')], '2 kT⟨Nxx+Nyy⟩ | paper')
 
 
 def icosahedron(data):
-    yield from distributions(data)
     e = data['exact']
+    yield from distributions(data)
     yield ''
     yield (f'Exact: mean height {e["mean h"]:.5f}, gravitational height {e["gravitational height"]:.5f} (paper: {data["paper"]["gravitational height"]:.2f}); '
            f'exp(−U/kT)/μ⊥(h) has the mean {e["without drift"]["mean h"]:.4f}.')
-    yield ''
-    yield '| slope of the MSD at t = 0 | ' + ' | '.join(f'{r["scheme"]}, first lag' for r in data['runs']) + ' | kT⟨N⟩, icosahedron | sphere (95–97) |'
-    yield '|---'*(3 + len(data['runs'])) + '|'
-    for name in ('parallel', 'perpendicular', 'rotation xx', 'rotation zz'):
-        ball = e['slopes of the sphere'].get(name)
-        yield (f'| {name} | ' + ' | '.join(firstSlope(r, name) for r in data['runs']) +
-               f' | {brackets(*e["slopes (mean, error)"][name])} | {f"{ball:.4f}" if ball else "–"} |')
+    yield from slopes(data, [(name, name, f'{brackets(*e["slopes (mean, error)"][name])} | {e["slopes of the sphere"][name]:.4f}')
+                             for name in ('parallel', 'perpendicular')], 'kT⟨N⟩, icosahedron | sphere (95–97)')
 
 
 def boomerang(data):
@@ -75,7 +76,7 @@ def boomerang(data):
     yield '| g | scheme | half the slope, CoH: first lag | from 5 s on | ⟨χ_2D⟩ | tip: first lag | from 5 s | cross point: first lag | from 5 s |'
     yield '|---'*9 + '|'
     for r in data['runs']:
-        late = {n: brackets(*r['late_slopes'][n]) for n in r['late_slopes']}
+        late = {n: brackets(*v) if v else '–' for n, v in r['late_slopes'].items()}
         first = {n: brackets(r['msd'][n]['mean'][0]/r['msd'][n]['lag'][0]/4, r['msd'][n]['error'][0]/r['msd'][n]['lag'][0]/4) for n in late}
         chi = data['table'][str(r['g'])]['averages (mean, error)']['chi_2D CoH']
         yield (f'| {r["g"]} | {r["scheme"]} | {first["parallel CoH"]} | {late["parallel CoH"]} | {brackets(*chi)} | {first["parallel tip"]} | '

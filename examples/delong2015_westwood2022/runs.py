@@ -5,21 +5,24 @@ over chunks are kept in results/kept/NAME.npz with the last poses, which are all
 there with new random numbers. Replicas are independent, so errors come from the spread of their own averages, whatever the correlation
 in time.
 """
+import argparse
 import json
+import pathlib
 import time
 import warnings
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from scipy.stats import f
 from tqdm import tqdm
 
 from openmmrigidhi import analysis
-from walls import Replicas, provenance, save
+from walls import RESULTS, Replicas, provenance, save
 
 #: The wanted relative standard error of each mean, and chi^2 per bin of each histogram; else this many minutes a scheme.
 WANTED_ERROR, WANTED_CHI2, MINUTES = 0.005, 1.5, 60.0
 #: Bins are merged until each holds this much, or neither their errors nor their law are good for chi^2.
-LEAST_IN_BIN = 0.01
+LEAST_IN_BIN, LEAST_FOR_TEST = 0.01, 0.05
 
 
 class Plan:
@@ -116,16 +119,37 @@ class Tally:
         mine = self.arrays['count ' + key]/self.frames
         return mine.mean(0), mine.std(0, ddof=1)/np.sqrt(len(mine))
 
-    def chi2(self, key):
-        """chi^2 per bin against the exact probabilities, of bins merged to at least LEAST_IN_BIN, and the number of bins."""
+    def merged(self, key, least):
+        """Each replica's probabilities of bins merged to hold at least this much, and the exact ones."""
         exact, counts = self.plan.exact[key], self.arrays['count ' + key]/self.frames
         starts, held = [0], 0.0
         for k, p in enumerate(exact):
-            if held >= LEAST_IN_BIN and exact[k:].sum() >= LEAST_IN_BIN:
+            if held >= least and exact[k:].sum() >= least:
                 starts.append(k)
                 held = 0.0
             held += p
-        mine, exact = np.add.reduceat(counts, starts, axis=1), np.add.reduceat(exact, starts)
+        return np.add.reduceat(counts, starts, axis=1), np.add.reduceat(exact, starts)
+
+    def significance(self, key):
+        """The probability that the exact distribution differs so much from a run of this length, all bins together.
+
+        Neighbouring bins' errors are correlated, so chi^2 per bin scatters widely about 1; this is Hotelling's test with their covariance from
+        the replicas, for bins merged to at least LEAST_FOR_TEST. The last bin follows from the others. None if there are too few
+        replicas or frames.
+        """
+        mine, exact = self.merged(key, LEAST_FOR_TEST)
+        n, bins = len(mine), len(exact) - 1
+        if n <= bins + 1:
+            return float('nan')
+        difference = (mine.mean(0) - exact)[:-1]
+        covariance = np.cov(mine[:, :-1].T)/n
+        if np.linalg.matrix_rank(covariance) < bins:
+            return None
+        return float(f.sf(difference @ np.linalg.solve(covariance, difference)*(n - bins)/(bins*(n - 1)), bins, n - bins))
+
+    def chi2(self, key):
+        """chi^2 per bin against the exact probabilities, of bins merged to at least LEAST_IN_BIN, and the number of bins."""
+        mine, exact = self.merged(key, LEAST_IN_BIN)
         error = mine.std(0, ddof=1)/np.sqrt(len(mine))
         seen = error > 0
         return float(np.mean(((mine.mean(0) - exact)[seen]/error[seen])**2)), int(seen.sum())
@@ -136,11 +160,11 @@ class Tally:
         return mine.mean(0), mine.std(0, ddof=1)/np.sqrt(len(mine))
 
     def lateSlope(self, name, since):
-        """Half the slope of a displacement along two axes (a quarter of xx + yy), from lags of at least this time: mean and standard error."""
+        """Half the slope of a displacement along two axes (a quarter of xx + yy), from lags of at least this time: mean and standard error, or None."""
         lag = self.plan.lags*self.plan.step*self.plan.every
         late = lag >= since
         if late.sum() < 2:
-            return float('nan'), float('nan')
+            return None
         mine = np.polyfit(lag[late], (self.arrays['msd ' + name][:, late]/self.chunks).T, 1)[0]/4
         return float(mine.mean()), float(mine.std(ddof=1)/np.sqrt(len(mine)))
 
@@ -221,7 +245,7 @@ def summary(tally):
     errors, bins = tally.reached()
     found = {'scheme': plan.scheme, 'step': plan.step, 'replicas': plan.replicas, 'spacing': plan.step*plan.every, 'frames': int(frames),
              'steps': int(steps), 'time_of_all_replicas': steps*plan.step*plan.replicas, 'settled': plan.settle, 'seconds': seconds,
-             'us_per_step_and_body': 1e6*seconds/(steps*plan.replicas), 'redone_steps': int(redone),
+             'us_per_step_and_body': 1e6*seconds/((steps + round(plan.settle/plan.step))*plan.replicas), 'redone_steps': int(redone),
              'redone_per_step_and_body': redone/(steps*plan.replicas), 'seed': plan.seed, 'times_begun': int(begun), 'platform': plan.platform,
              'worst_relative_error': tally.worstError(), 'reached_error': errors, 'reached_chi2': bins,
              'means': {name: {'mean': m, 'error': e, 'exact': x} for name, (m, e, x) in tally.means().items()}, 'histograms': {}, 'msd': {}}
@@ -230,7 +254,8 @@ def summary(tally):
         chi2, count = tally.chi2(key)
         l2 = tally.l2(key)
         found['histograms'][key] = {'edges': edges, 'P': np.round(P, 8), 'error': np.round(error, 8), 'exact': np.round(plan.exact[key], 8),
-                                    'chi2_per_bin': chi2, 'bins_of_chi2': count, 'L2': l2[0], 'L2_of_noise': l2[1], 'L2_without_noise': l2[2]}
+                                    'chi2_per_bin': chi2, 'bins_of_chi2': count,
+                                    'significance': tally.significance(key), 'L2': l2[0], 'L2_of_noise': l2[1], 'L2_without_noise': l2[2]}
     if plan.lateFrom is not None:
         found['late_slopes'] = {name: tally.lateSlope(name, plan.lateFrom) for name in plan.msd if name.startswith('parallel')}
     for name in plan.msd:
@@ -241,16 +266,30 @@ def summary(tally):
 
 def criterion(entry, minutes=MINUTES):
     """In words: which of the wanted things a run reached."""
-    chi2 = '; '.join(f'chi²/bin {key} {h["chi2_per_bin"]:.1f}' for key, h in entry['histograms'].items())
+    chi2 = ', '.join(f'{"h" if key == "h" else "θ"} χ² {h["chi2_per_bin"]:.1f} p {"–" if h["significance"] is None else format(h["significance"], ".2g")}' for key, h in entry['histograms'].items())
     error = f'{100*entry["worst_relative_error"]:.2f} %'
     ended = 'both' if entry['reached_error'] and entry['reached_chi2'] else \
-        'error only' if entry['reached_error'] else 'chi² only' if entry['reached_chi2'] else 'neither'
-    full = '' if ended == 'both' else f'; {entry["seconds"]/60:.1f} of {minutes:.0f} minutes'
-    return f'{ended} ({error}; {chi2}{full})'
+        'error' if entry['reached_error'] else 'χ²' if entry['reached_chi2'] else 'neither'
+    full = '' if ended == 'both' else f', {entry["seconds"]/60:.1f} of {minutes:.0f} min'
+    return f'{ended} ({error}, {chi2}{full})'
+
+
+def arguments(description, add=None):
+    """The command line; add(parser) adds what a script has besides."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--quick', action='store_true', help='seconds: one chunk of few replicas')
+    parser.add_argument('--minutes', type=float, default=MINUTES, help='end a run after so long, kept parts included (%(default)s)')
+    parser.add_argument('--keep', action='store_true', help='go on with what results/kept has')
+    parser.add_argument('--schemes', nargs='+', help='only these')
+    parser.add_argument('--seed', type=int, default=2015)
+    parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
+    if add:
+        add(parser)
+    return parser.parse_args()
 
 
 def drive(plans, data, args, name):
-    """Run all; the JSON is written after each. The order in it is that of the plans."""
+    """Run all; the JSON is written after each. Returns its data."""
     data['runs'] = []
     for plan in plans:
         tally = run(plan, args.output, 0 if args.quick else args.minutes, args.keep)
@@ -258,6 +297,7 @@ def drive(plans, data, args, name):
         print(f'{plan.name}: {criterion(data["runs"][-1])}', flush=True)
         data['provenance'] = provenance(args)
         save(args.output, name, data)
+    return data
 
 
 # ---- Mean square displacements, by replica ---------------------------------------------------------------------------------
@@ -279,11 +319,3 @@ def rotational(weights):
 def planarAngle(vector):
     """Of the angle of a body vector's projection onto the wall."""
     return lambda R, q, interval, lags: analysis.planarAngleMSD(q, interval, vector, lags, 1, independentBodies=True)
-
-
-def addOptions(parser):
-    parser.add_argument('--quick', action='store_true', help='seconds: one chunk of few replicas')
-    parser.add_argument('--minutes', type=float, default=MINUTES, help='end a run after so long, kept parts included (%(default)s)')
-    parser.add_argument('--keep', action='store_true', help='go on with what results/kept has')
-    parser.add_argument('--schemes', nargs='+', help='only these')
-    parser.add_argument('--seed', type=int, default=2015)
