@@ -58,8 +58,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     is a TypeError, a wrong shape a ValueError, everything else that is refused an openmm.OpenMMException; each names the
     object, the value, the bound and the remedy.
 
-    **Schemes** (:meth:`setScheme`), all of Davidchack, Ouldridge, Tretyakov, J. Chem. Phys. 142, 144114 (2015), one force
-    evaluation a step each. LangevinA, B and C discretise, for a body with live axes l (those with a moment; here and
+    **Schemes** (:meth:`setScheme`). Of Davidchack, Ouldridge, Tretyakov, J. Chem. Phys. 142, 144114 (2015), with one force
+    evaluation a step each: LangevinA, B and C discretise, for a body with live axes l (those with a moment; here and
     below sums run over them) and M = 4 / sum_k 1/I_k,
 
         dR = p/m dt,   dp = f dt - gamma p dt + sqrt(2 m gamma kT) dw,
@@ -81,16 +81,17 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
         dQ = N F dt + kT div N dt + sqrt(2 kT) N^(1/2) dW,
 
-    move orientations by rotations only; bodies need no mass, and their origin may be any point. All are of weak order 1 and differ in
-    how they make the stochastic drift kT div N, in cost and in their error at finite steps (Delong, Balboa Usabiaga, Donev, J. Chem.
+    move orientations by rotations only; bodies need no mass, and their origin may be any point. All but EulerMaruyama are of weak order
+    1; they differ in how they make the stochastic drift kT div N, in cost and in their error at finite steps (Delong, Balboa Usabiaga, Donev, J. Chem.
     Phys. 143, 144107 (2015); Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017); Westwood, Delmotte,
     Keaveny, J. Comput. Phys. 467, 111437 (2022)):
 
-    - ``EulerMaruyama`` (Delong, eq. 37) omits the drift: wrong wherever the mobility depends on poses. Order 1 at T = 0.
+    - ``EulerMaruyama`` (Delong, eq. 37) omits the drift: wrong wherever the mobility depends on poses, and a warning says so. Forces at t,
+      one mobility problem. Order 1 at T = 0, like all without another remark.
     - ``FixmanMidpoint`` (Delong, eqs. 41, 44): forces at t and t + h/2, two mobility problems. Order 2 at T = 0.
     - ``RandomFiniteDifference`` (Delong, eqs. 48, 51): forces at t, two mobility problems.
     - ``TractionEulerMaruyama`` (Sprinkle): forces at t, two mobility problems at one configuration.
-    - ``TrapezoidalSlip`` (Sprinkle): forces at t and t + h, two mobility problems. Order 2 at T = 0.
+    - ``TrapezoidalSlip`` (Sprinkle): forces at t and t + h, three mobility problems at two configurations. Order 2 at T = 0.
     - ``DriftCorrectorFD``, ``DriftCorrectorRFD`` (Westwood, eqs. 37 to 44; the generalised drifter-corrector with finite differences or
       random ones): forces at t + h/2, one mobility problem; 2 + 6n or 3 square roots of the particles' mobility.
 
@@ -494,6 +495,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def getBodyPositions(self):
         """Get the positions of the bodies' origins: Quantity of shape (n, 3), nm, lab frame, unwrapped.
 
+        The origin is the centre of mass; under schemes without momenta in a fluid any point, the tracking point.
+
         Needs a Context whose positions are set, as do all methods of this section.
         """
         return _units.LENGTH.attach(_units.array(super().getBodyPositions(), 3))
@@ -503,7 +506,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return _units.array(super().getBodyOrientations(), 4)
 
     def getBodyVelocities(self):
-        """Get the velocities of the bodies' origins: Quantity of shape (n, 3), nm/ps, lab frame."""
+        """Get the velocities of the bodies' origins: Quantity of shape (n, 3), nm/ps, lab frame; as set, for schemes without momenta."""
         return _units.VELOCITY.attach(_units.array(super().getBodyVelocities(), 3))
 
     def getBodyAngularVelocities(self):
@@ -634,7 +637,14 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return super().describeEffects()
 
     def getEffects(self):
-        """Get which effects are on, and why: a dict from name to "on: reason" or "off: reason". Needs a Context."""
+        """Get which effects are on, and why. Needs a Context.
+
+        Returns
+        -------
+        dict
+            from name to "on: reason" or "off: reason": scheme, momenta, noise, "stochastic drift", "finite differences", hydrodynamics,
+            "hydrodynamic interactions", rotation, frictions, "free particles", "body forces", barostat, warnings and others
+        """
         return super().getEffects()
 
     def getStepStatistics(self):
@@ -652,7 +662,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def step(self, steps):
         """Advance the simulation.
 
-        Cost: one evaluation of the Context's forces a step. Other Python threads run meanwhile, and Ctrl-C stops it
+        Cost: one evaluation of the Context's forces a step; two with FixmanMidpoint and TrapezoidalSlip. Other Python threads run meanwhile, and Ctrl-C stops it
         between steps.
 
         Parameters

@@ -163,8 +163,9 @@ TEST(BadFluid, BlobsAndSpheresAtOnePlace) {
         twin.start(testPlatform());
         twin.integrator.setBodyVelocities({Vec3(1, 0, 0), Vec3(), Vec3()});  // of what is at rest no product is taken
         expectError([&] { twin.integrator.step(1); },
-                    {solver == MobilityForce::Dense ? "hydrodynamic particles is not positive definite; look for particles at the same place"
-                                                    : " blobs of body 2 is not positive definite; look for blobs"});
+                    {solver == MobilityForce::Dense
+                         ? "hydrodynamic particles is not positive definite; look for particles at the same place"
+                         : " blobs of body 2 is not positive definite; look for blobs"});
     }
 }
 
@@ -207,7 +208,8 @@ TEST(BadFluid, MatrixFreeWhereItCannotBe) {
     Pair model, dead;
     for (Pair* pair : {&model, &dead}) pair->fluid->setSolver(MobilityForce::MatrixFree);
     model.fluid->setModel(MobilityForce::StokesianDynamics);
-    expectRefused(model, {"solver MatrixFree is there for RotnePragerYamakawa", "not for StokesianDynamics", "use setSolver(Dense)"});
+    expectRefused(model, {"solver MatrixFree is there for RotnePragerYamakawa", "not for StokesianDynamics",
+                          "use setSolver(Dense)"});
     dead.add({"linear sphere", 1, Vec3(1, 1, 0), {Vec3()}, {0.4}}, Vec3(0, 4, 0));
     expectRefused(dead, {"solver MatrixFree", "with a zero moment"});
 }

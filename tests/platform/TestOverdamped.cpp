@@ -524,3 +524,33 @@ TEST(Overdamped, HeightAboveAWall) {
         }
     }
 }
+
+/** Two hundred bodies above a wall, spheres and multiblobs mixed, a fifth of the area covered. */
+TEST(Overdamped, TwoHundredBodiesAboveAWall) {
+    const int n = 200;
+    const double spacing = 4;  // a square lattice of discs of radius 1: pi/16 of the area
+    for (const Named& s : schemes) {
+        if (s.scheme == RigidHI::DriftCorrectorFD) continue;  // 1200 square roots a step
+        OverdampedScene scene(s.scheme, T1, 0.02);
+        scene.fluid->setBoundary(MobilityForce::NoSlipWall);
+        scene.fluid->setViscosity(1 / (6 * M_PI));
+        scene.fluid->setSolver(MobilityForce::MatrixFree);
+        scene.fluid->setSolverTolerance(1e-3);
+        BodyKind tetramer = {"tetramer", 0, Vec3(), {}, {0.5, 0.5, 0.5, 0.5}};
+        for (const Vec3& v : {Vec3(1, 1, 1), Vec3(1, -1, -1), Vec3(-1, 1, -1), Vec3(-1, -1, 1)})
+            tetramer.sites.push_back(v * (0.5 / sqrt(2.0)));
+        for (int i = 0; i < n; i++)
+            scene.addMassless(i % 4 ? sphereKind(1) : tetramer, Vec3(spacing * (i % 15), spacing * (i / 15), 1.6),
+                              OverdampedScene::randomTurn(i));
+        scene.addWells("z + 10*exp(-3*(z-0.6))");
+        scene.start(testPlatform(), 2);
+        const VectorXd before = scene.state();
+        scene.integrator.step(2);
+        const VectorXd moved = scene.state() - before;
+        EXPECT_TRUE(moved.allFinite()) << s.name;
+        // Each coordinate's variance is at most 2 kT t/(6 pi eta a), a >= 0.5, and turning adds as much again.
+        EXPECT_LT(moved.cwiseAbs().maxCoeff(), 6 * sqrt(2 * 0.04 * 2 * 2)) << s.name;
+        EXPECT_GT(moved.squaredNorm() / moved.size(), 0.01) << s.name;
+        EXPECT_GT(scene.integrator.getStepStatistics().at("solverIterations"), 0) << s.name;
+    }
+}

@@ -1,4 +1,4 @@
-"""Only the effects that a scene calls for: the counters of getStepStatistics() prove what was not done (DESIGN 5)."""
+"""Only the effects that a scene calls for: the counters of getStepStatistics() prove what was not done."""
 import numpy as np
 import openmm
 import pytest

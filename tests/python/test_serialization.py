@@ -281,7 +281,7 @@ def test_a_property_that_is_no_number_or_name_is_refused(attribute, garbage):
     ('temperature="300"', 'temperature="-300"', 'temperature is -300'),
     ('temperature="300"', 'temperature="nan"', 'temperature is nan'),
     ('stepSize=".002"', 'stepSize="0"', 'step size is 0'),
-    ('scheme="LangevinC"', 'scheme="LangevinD"', 'one of GradientThermostat, LangevinA'),
+    ('scheme="LangevinC"', 'scheme="LangevinD"', 'one of DriftCorrectorFD, DriftCorrectorRFD'),
     ('noiseLaw="Gaussian"', 'noiseLaw="2"', 'one of Gaussian, ThreePoint'),
     ('randomSeed="0"', 'randomSeed="99999999999"', "property 'randomSeed'"),
     ('index="4"', 'index="7"', 'particle 7 is already in body 0'),

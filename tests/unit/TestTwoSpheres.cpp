@@ -22,7 +22,7 @@ struct Reference {
 };
 
 /**
- * Equal spheres: boundary collocation with Lamb's solution (docs: REFERENCE_VALUES.md, section 1). Unequal: Jeffrey and Onishi's power series
+ * Equal spheres: boundary collocation with Lamb's solution. Unequal: Jeffrey and Onishi's power series
  * in 1/s, by their recursions, 110 to 130 terms without any resummation (converged to 1e-13 at these distances), and again by least squares
  * of Lamb's solutions about both centres on 150 points a meridian, 45 to 50 harmonics: both agree to the digits given.
  */

@@ -28,7 +28,7 @@ public:
     static std::string Name() { return "IntegrateRigidBodies"; }
     IntegrateRigidBodiesKernel(const std::string& name, const OpenMM::Platform& platform)
         : OpenMM::KernelImpl(name, platform) {}
-    /** Check the System against the integrator (throws what DESIGN calls "refused") and set up. */
+    /** Check the System against the integrator (throws where it is refused) and set up. */
     virtual void initialize(OpenMM::ContextImpl& context, const CustomRigidHIIntegrator& integrator) = 0;
     /** Take one step. */
     virtual void step(OpenMM::ContextImpl& context) = 0;

@@ -592,25 +592,32 @@ int Fluid::numInteracting() const {
     return sum;
 }
 
-string Fluid::describe() const {
+int Fluid::numCollinear() const {
+    int sum = 0;
+    for (const auto& group : groups)
+        for (size_t e = 0; e < group->poses.size(); e++) sum += group->mobility->hasNullVector(e);
+    return sum;
+}
+
+string Fluid::describe(bool overdamped) const {
     int bodies = 0, free = 0, thermostats = 0, constant = 0, dense = 0, matrixFree = 0;
     for (int g : groupOfBody) bodies += g >= 0;
     for (int g : groupOfFree) free += g >= 0;
     for (const auto& group : groups)
-        (group->isThermostat                        ? thermostats
-         : group->mobility->isConstantInBodyFrame() ? constant
-         : group->solvesMatrixFree                  ? matrixFree
-                                                    : dense)++;
+        (group->isThermostat && !overdamped                                     ? thermostats
+         : group->mobility->isConstantInBodyFrame()                             ? constant
+         : (overdamped ? group->overdampedMatrixFree : group->solvesMatrixFree) ? matrixFree
+                                                                                : dense)++;
     ostringstream text;
     text << modelName(force.getModel());
     if (force.getBoundary() == MobilityForce::NoSlipWall)
         text << " above a no-slip wall at z = " << force.getWallHeight()
              << " nm (steps are redone after which a particle "
              << (wallRejection == CustomRigidHIIntegrator::Crossing ? "has its centre behind it)" : "overlaps it)");
-    text << ", " << bodies << " bodies and " << free << " free particles; " << thermostats
-         << " alone with constant isotropic drag (no matrices), " << constant
-         << " alone with a constant tensor (computed once), " << dense << " groups with dense matrices, " << matrixFree
-         << " groups matrix-free";
+    text << ", " << bodies << " bodies and " << free << " free particles; ";
+    if (!overdamped) text << thermostats << " alone with constant isotropic drag (no matrices), ";
+    text << constant << " alone with a constant tensor (computed once), " << dense << " groups with dense matrices, "
+         << matrixFree << " groups matrix-free";
     return text.str();
 }
 

@@ -4,6 +4,7 @@
 #include <openmm/System.h>
 
 #include <Eigen/Core>
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -85,8 +86,13 @@ public:
     /** Whether objection() can ever object. */
     bool mayObject() const;
 
-    /** For describeEffects(). */
-    std::string describe() const;
+    /** For describeEffects(): what the fluid is, and how many groups are solved in which way. */
+    std::string describe(bool overdamped) const;
+    /** Likewise of a scheme without momenta: "stochastic drift" and "finite differences". */
+    std::map<std::string, std::string> describeDrift(const OverdampedScheme& scheme, double kT, double difference);
+    /** Bodies whose hydrodynamic particles are on a line, about which the fluid does not turn them. */
+    int numCollinear() const;
+    bool isUniform() const { return force.getBoundary() == MobilityForce::Unbounded; }
     int getNumGroups() const { return groups.size(); }
     /** Bodies and free particles that are not alone in their group. */
     int numInteracting() const;
@@ -122,6 +128,8 @@ private:
     };
     void chooseSolver(Group& group) const;
     void checkTorque(const Group& group, int element, const Eigen::VectorXd& wrench_body, double siteForces) const;
+    OverdampedMove& moveOf(Group& group) const;
+    double differenceOf(const Group& group, double wanted) const;
     void setStart(Group& group, const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
     void takeForces(Group& group, const BodySet& bodies, const FreeParticles& freeParticles) const;
     bool writePresent(const Group& group, BodySet& bodies, std::vector<OpenMM::Vec3>& positions) const;

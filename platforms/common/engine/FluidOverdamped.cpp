@@ -1,6 +1,7 @@
 // Fluid: steps without momenta.
 
 #include <cmath>
+#include <sstream>
 
 #include "engine/Fluid.h"
 #include "mobility/SymmetricEigen.h"
@@ -16,7 +17,71 @@ namespace {
 /** The default of setFiniteDifferenceStep(): rounding of 1e-16 against the error of the difference. */
 const double denseDifference = 1e-5;
 
+/** Drifts below this part of mobility/length are rounding of a body's symmetry. */
+const double zeroDrift = 1e-12;
+
 }  // namespace
+
+OverdampedMove& Fluid::moveOf(Group& group) const {
+    if (!group.move)
+        group.move.reset(new OverdampedMove(*group.mobility, group.overdampedMatrixFree, force.getSolverTolerance()));
+    return *group.move;
+}
+
+/** The finite-difference step: as set, or by the errors of what is differenced. */
+double Fluid::differenceOf(const Group& group, double wanted) const {
+    if (wanted > 0) return wanted;
+    return group.overdampedMatrixFree ? max(denseDifference, cbrt(force.getSolverTolerance())) : denseDifference;
+}
+
+map<string, string> Fluid::describeDrift(const OverdampedScheme& scheme, double kT, double difference) {
+    int zero = 0, known = 0, others = 0;
+    double smallest = 0, largest = 0;
+    for (auto& group : groups) {
+        const MobilityProblem& problem = moveOf(*group).getProblem();
+        if (!problem.isUniform()) {
+            const double step = differenceOf(*group, difference);
+            smallest = others == 0 ? step : min(smallest, step);
+            largest = max(largest, step);
+            others++;
+        } else if (group->mobility->isConstantInBodyFrame() &&
+                   problem.uniformDivergence().norm() >
+                       zeroDrift * group->mobility->mobility()(0, 0) / group->mobility->length(0))
+            known++;
+        else
+            zero++;
+    }
+    const string uniform = "every body is alone in a uniform fluid";
+    const auto count = [](int n) { return to_string(n) + (n == 1 ? " group of bodies" : " groups of bodies"); };
+    ostringstream drift, differences;
+    if (kT == 0)
+        drift << "off: the temperature is 0";
+    else if (known + others == 0)
+        drift << "off: " << uniform << ", and it is 0 about their origins";
+    else if (!*scheme.drift)
+        drift << "off: " << scheme.name << " omits it, so averages are wrong for " << count(known + others);
+    else {
+        const int asWritten = scheme.hasDifferences ? others : known + others;
+        drift << "on: ";
+        if (asWritten > 0) drift << scheme.drift << " for " << count(asWritten);
+        if (asWritten < known + others)
+            drift << (asWritten > 0 ? ", " : "") << "without differences for " << count(known)
+                  << " alone in a uniform fluid";
+    }
+    if (kT > 0 && known + others > 0 && zero > 0) drift << "; it is 0 for " << count(zero);
+    if (!scheme.hasDifferences)
+        differences << "off: the scheme has none";
+    else if (kT == 0)
+        differences << "off: the temperature is 0";
+    else if (others == 0)
+        differences << "off: " << uniform << ", whose divergence is known";
+    else {
+        differences << "on: steps of " << smallest;
+        if (largest > smallest) differences << " (dense) and " << largest << " (matrix-free)";
+        differences << " body lengths, and radians";
+    }
+    return {{"stochastic drift", drift.str()}, {"finite differences", differences.str()}};
+}
 
 /** Where a group's elements are, as a scheme's start. */
 void Fluid::setStart(Group& group, const BodySet& bodies, const vector<OpenMM::Vec3>& positions) const {
@@ -87,9 +152,7 @@ LoopResult Fluid::runOverdamped(OverdampedPart part, const OverdampedScheme& sch
     const OneBlasThread single;
     double operations = 0;
     for (auto& group : groups) {
-        if (!group->move)
-            group->move.reset(
-                new OverdampedMove(*group->mobility, group->overdampedMatrixFree, force.getSolverTolerance()));
+        moveOf(*group);
         const double rows = group->mobility->getNumRows(), particleRows = group->mobility->getNumParticleRows();
         operations += group->mobility->isConstantInBodyFrame()
                           ? operationsOfConstantTensor
@@ -106,9 +169,7 @@ LoopResult Fluid::runOverdamped(OverdampedPart part, const OverdampedScheme& sch
         const long long roots = problem.numSquareRoots, iterations = group.mobility->numSolverIterations;
         if (part == OverdampedPart::Predict) {
             OverdampedStep own = step;
-            own.difference = settings.difference > 0      ? settings.difference
-                             : group.overdampedMatrixFree ? max(denseDifference, cbrt(force.getSolverTolerance()))
-                                                          : denseDifference;
+            own.difference = differenceOf(group, settings.difference);
             setStart(group, bodies, positions);
             move.begin(own);
             if (scheme.forcesAtStart) takeForces(group, bodies, freeParticles);

@@ -177,7 +177,8 @@ map<string, string> RigidBodyKernel::getEffects(ContextImpl& context) {
     auto set = [&](const string& name, bool on, const string& why) { effects[name] = (on ? "on: " : "off: ") + why; };
     set("scheme", true, schemeName(integrator->getScheme()));
     set("momenta", momenta, momenta ? "the scheme has them" : "a scheme without momenta");
-    const bool hydrodynamic = isHydrodynamic(integrator->getScheme());
+    const bool hydrodynamic = isHydrodynamic(integrator->getScheme()),
+               overdamped = isOverdamped(integrator->getScheme());
     const bool dissipates = !momenta || gamma > 0 || Gamma > 0 || hydrodynamic;
     set("noise", T > 0 && dissipates,
         T == 0       ? "the temperature is 0: no random numbers are drawn, no square roots taken"
@@ -188,19 +189,43 @@ map<string, string> RigidBodyKernel::getEffects(ContextImpl& context) {
     set("translational friction", rates && gamma > 0, rates ? "gamma up to " + number(gamma) + "/ps" : noRates);
     set("rotational friction", rates && Gamma > 0, rates ? "Gamma up to " + number(Gamma) + "/ps" : noRates);
     if (!fluidParameters) set("hydrodynamics", false, "the System has no MobilityForce");
-    if (fluidParameters) set("hydrodynamics", true, fluid ? fluid->describe() : "positions are not set yet");
+    if (fluidParameters) set("hydrodynamics", true, fluid ? fluid->describe(overdamped) : "positions are not set yet");
     set("hydrodynamic interactions", fluid && fluid->numInteracting() > 0,
         !fluidParameters ? string("the System has no MobilityForce")
         : !fluid         ? string("positions are not set yet")
         : fluid->numInteracting() > 0
             ? to_string(fluid->numInteracting()) + " bodies and free particles feel others through the fluid"
+        : !fluid->isUniform()
+            ? string("nothing feels others through the fluid, but everything feels the wall")
             : string("nothing feels others through the fluid: every tensor is constant and known once for all"));
-    set("rotation", general + linear > 0,
-        to_string(general) + " bodies about three axes (symmetric splitting), " + to_string(linear) +
-            " linear bodies (exact), " + to_string(points) + " without rotation" +
-            (bodiesAreBuilt ? "" : " (positions are not set yet)"));
+    if (overdamped && fluid) {
+        const double kT = BOLTZ * T;
+        for (const auto& effect :
+             fluid->describeDrift(overdampedScheme(integrator->getScheme()), kT, integrator->getFiniteDifferenceStep()))
+            effects.insert(effect);
+    } else {
+        set("stochastic drift", false,
+            overdamped ? "positions are not set yet"
+            : momenta  ? "the scheme has momenta, which relax while the friction changes: what makes it is there "
+                         "without a term of its own"
+                       : "the mobility does not depend on poses");
+        set("finite differences", false, overdamped ? "positions are not set yet" : "the scheme has none");
+    }
+    if (overdamped)
+        set("rotation", definitions->getNumRigidBodies() > 0,
+            to_string(definitions->getNumRigidBodies()) +
+                " bodies, each turned in the lab by its angular velocity times the step" +
+                (fluid ? "; " + to_string(fluid->numCollinear()) +
+                             " of them have their blobs on a line and do not turn about it"
+                       : string("; positions are not set yet")));
+    else
+        set("rotation", general + linear > 0,
+            to_string(general) + " bodies about three axes (symmetric splitting), " + to_string(linear) +
+                " linear bodies (exact), " + to_string(points) + " without rotation" +
+                (bodiesAreBuilt ? "" : " (positions are not set yet)"));
     set("free particles", freeParticles->getNumParticles() > 0,
-        to_string(freeParticles->getNumParticles()) + " massive particles are in no body");
+        to_string(freeParticles->getNumParticles()) +
+            (overdamped ? " particles that the fluid sees are in no body" : " massive particles are in no body"));
     set("constraints of free particles", freeParticles->getNumConstraints() > 0,
         to_string(freeParticles->getNumConstraints()) + " constraints");
     set("centre-of-mass motion removal", stock.hasCMMotionRemover,

@@ -6,7 +6,7 @@
 
 namespace RigidHIPlugin {
 
-/** Without momenta, in a fluid: what DESIGN calls overdamped; schemes/OverdampedMove.h. */
+/** Without momenta, in a fluid; schemes/OverdampedMove.h. */
 inline bool isOverdamped(CustomRigidHIIntegrator::Scheme scheme) {
     return scheme >= CustomRigidHIIntegrator::EulerMaruyama;
 }

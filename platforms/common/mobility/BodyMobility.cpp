@@ -210,10 +210,8 @@ void BodyMobility::computeFriction() {
         xi.noalias() = K.transpose() * M * K;
     } else {
         particleOperator->dense(M);
-        const LLT<Ref<MatrixXd> > factor(M);
-        if (factor.info() != Success)
-            refuseIndefiniteMobility(particles.size());
-        factor.matrixL().solveInPlace(K);
+        if (!factor.compute(M)) refuseIndefiniteMobility(particles.size());
+        factor.solveL(K);
         xi.noalias() = K.transpose() * K;
     }
     xi = (0.5 * (xi + xi.transpose())).eval();
@@ -221,11 +219,11 @@ void BodyMobility::computeFriction() {
 
 const MatrixXd& BodyMobility::friction() {
     if (frictionIsKnown) return xi;
-    numMatrices++;
     if (constant) {
         const Matrix6d turn = twoRotations(poses[0].A);
         xi = turn * constantFriction * turn.transpose();
     } else {
+        numMatrices++;
         computeFriction();
         if (hasOwnTensors) congruence(xi, inverseB_body, true);
     }
@@ -236,7 +234,6 @@ const MatrixXd& BodyMobility::friction() {
 const MatrixXd& BodyMobility::mobility() {
     if (mobilityIsKnown) return N;
     if (constant) {
-        numMatrices++;
         const Matrix6d turn = twoRotations(poses[0].A);
         N = turn * constantMobility * turn.transpose();
     } else if (identityK) {
@@ -254,8 +251,7 @@ const MatrixXd& BodyMobility::mobility() {
                 scratch.block<6, 6>(rows[e], rows[e]) += lift * nulls[e] * nulls[e].transpose();
             }
         const LLT<MatrixXd> factor(scratch);
-        if (factor.info() != Success)
-            refuseIndefiniteFriction(elements.size());
+        if (factor.info() != Success) refuseIndefiniteFriction(elements.size());
         N = factor.solve(MatrixXd::Identity(numRows, numRows));
         for (size_t e = 0; e < elements.size(); e++)
             if (hasNullVector(e)) {

@@ -6,6 +6,7 @@
 #include <memory>
 #include <vector>
 
+#include "mobility/CholeskyFactor.h"
 #include "mobility/MobilityOperator.h"
 #include "mobility/MultiblobSolver.h"
 
@@ -33,8 +34,8 @@ struct Pose {
 
 /**
  * The mobility of rigid bodies that feel each other, made from that of their particles: N = (K^T M^-1 K)^-1, where the rows
- * of K give the velocities of the particles from V and W of their body (Westwood 2022, eqs. 7 to 10; DESIGN "what a blob
- * carries").
+ * of K give the velocities of the particles from V and W of their body (Westwood 2022, eqs. 7 to 10).
+ * A sphere carries force and torque, the blobs of a multiblob forces only.
  *
  * Rows: six a body (V, W about its origin; lab frame), then three a free particle, in the order of the elements.
  * Where all blobs of a body are on a line, its friction has a null vector n, rotation about the line, and its mobility is the symmetric
@@ -98,7 +99,7 @@ public:
     /** Longest distance between points of the element's particles, nm: what finite differences scale translations with. */
     double length(int element) const;
 
-    /** Matrices made (dense mobility or friction), products with M, for getStepStatistics(). */
+    /** Matrices made (dense mobility or friction; turning a constant one is not making it), products with M, for getStepStatistics(). */
     long long numMatrices = 0, numProducts = 0, numSolverIterations = 0;
 
 private:
@@ -124,6 +125,7 @@ private:
 
     std::vector<Pose> poses;
     std::vector<OpenMM::Vec3> positions;
+    CholeskyFactor factor;
     Eigen::MatrixXd K, M, N, xi, constantMobility, constantFriction, scratch;
     bool mobilityIsKnown = false, frictionIsKnown = false;
 };

@@ -4,7 +4,7 @@
 // Method:    Westwood 2022, eqs. 37 to 44, with v = sqrt(2 kT/h) M^(1/2) W of the same W throughout:
 //            V~ = (K^T K)^-1 K^T v at Q^n,   nu = 1 + (h/2) div V~,   Q^m = Rotate(Q^n, h V~/2),
 //            U = N (F + K^T M^-1 v) at Q^m,   Q^{n+1} = Rotate(Q^n, nu h U).
-//            FD:  div V~ = sum_i (V~_i(Q^n + delta e_i) - V~_i) / delta, one-sided (eq. 39; error O(delta), CORRECTIONS 18);
+//            FD:  div V~ = sum_i (V~_i(Q^n + delta e_i) - V~_i) / delta, one-sided (eq. 39; error O(delta));
 //            RFD: div V~ = W~.(V~(Q^n + delta W~) - V~) / delta (eq. 40). Translations are displaced by delta times the body's length.
 // Order:     weak 1; 1 at T = 0 (the mid-point follows the noise only).
 // Cost:      one force evaluation (at t + h/2), one solve; square roots of M: two, and one for each row of the twists (FD) or one (RFD).
@@ -19,6 +19,8 @@ namespace RigidHIPlugin {
 
 template <bool randomDifferences>
 struct DriftCorrector {
+    static constexpr const char* drift = "by the mobility at the mid-point and the divergence of slips";
+    static constexpr bool hasDifferences = true;
     static constexpr bool forcesAtStart = false, forcesInBetween = true;
     static double timeOfForces(double h) { return h / 2; }
     static void predict(OverdampedMove& m) {

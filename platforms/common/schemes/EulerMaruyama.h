@@ -13,6 +13,8 @@
 namespace RigidHIPlugin {
 
 struct EulerMaruyama {
+    static constexpr const char* drift = "";
+    static constexpr bool hasDifferences = false;
     static constexpr bool forcesAtStart = true, forcesInBetween = false;
     /** total = F + sqrt(2 kT/h) N^(-1/2) W: N total is the velocity without drift. */
     static void sumUpWrenches(OverdampedMove& m) {
@@ -20,6 +22,18 @@ struct EulerMaruyama {
         if (m.kT == 0) return;
         m.thermalWrench(OverdampedMove::First, m.noise);
         m.total += std::sqrt(2 * m.kT / m.h) * m.noise;
+    }
+    /**
+     * U = N total + kT div N at the start, where the drift is known without differences.
+     * @return whether it is: if not, `total` is ready, and nothing else is done
+     */
+    static bool findVelocity(OverdampedMove& m) {
+        m.atStart();
+        sumUpWrenches(m);
+        if (m.kT > 0 && !m.driftIsKnown()) return false;
+        m.solve(m.total, m.U);
+        if (m.kT > 0) m.addUniformDrift(m.kT, m.U);
+        return true;
     }
     static void predict(OverdampedMove& m) {
         m.atStart();

@@ -2,7 +2,7 @@
 //
 // Equation:  dQ/dt = N F + sqrt(2 kT) N o N^(-1/2) dW/dt: what is before o is taken at the mid-point, what is after it at the start of the
 //            step, which makes the stochastic drift kT div N (Delong 2015, eq. 38).
-// Method:    Delong 2015, eqs. 41 and 44, with (N^(-1/2))^n = N^-1 N^(1/2) (CORRECTIONS: not its transpose):
+// Method:    Delong 2015, eqs. 41 and 44, with (N^(-1/2))^n = N^-1 N^(1/2) (not its transpose: docs/THEORY.md, corrections):
 //            predictor  U = N F + sqrt(4 kT/h) N^(1/2) W_1,  Q^{n+1/2} = Rotate(Q^n, h U/2);
 //            corrector  U = N F + sqrt(kT/h) N (N^(-1/2))^n (W_1 + W_2) at Q^{n+1/2},  Q^{n+1} = Rotate(Q^n, h U).
 // Order:     weak 1 (2 for linear equations with constant noise); 2 at T = 0.
@@ -16,6 +16,8 @@
 namespace RigidHIPlugin {
 
 struct FixmanMidpoint {
+    static constexpr const char* drift = "by the mobility at the mid-point";
+    static constexpr bool hasDifferences = false;
     static constexpr bool forcesAtStart = true, forcesInBetween = true;
     static double timeOfForces(double h) { return h / 2; }
     static void predict(OverdampedMove& m) {

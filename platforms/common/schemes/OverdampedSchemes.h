@@ -9,6 +9,10 @@ namespace RigidHIPlugin {
 /** A scheme without momenta, as the engine sees it. Each is written down in a file of its own, in this folder. */
 struct OverdampedScheme {
     const char* name;
+    /** How it makes the stochastic drift, for describeEffects(); empty: it omits it. */
+    const char* drift;
+    /** Whether it takes finite differences, where the divergence of the mobility is not known. */
+    bool hasDifferences;
     /** Whether predict() needs forces at the start of the step, and correct() forces in between. */
     bool forcesAtStart, forcesInBetween;
     /** Forces in between are taken at the time t + this. */

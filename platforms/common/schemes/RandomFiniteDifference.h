@@ -3,7 +3,7 @@
 // Equation:  dQ/dt = N F + sqrt(2 kT) N^(1/2) dW/dt + kT div N (Delong 2015, eq. 34).
 // Method:    U = N F + sqrt(2 kT/h) N^(1/2) W + (kT/delta) (N(Q~) - N) W~,  Q~ = Rotate(Q^n, delta W~);  Q^{n+1} = Rotate(Q^n, h U): Delong
 //            2015, eqs. 48 and 51. Translations are displaced by delta times the body's length, and their part of W~ as a wrench
-//            divided by it (CORRECTIONS 17).
+//            divided by it.
 // Order:     weak 1; 1 at T = 0.   Bias of the drift: O(delta^2), its odd powers vanish on average.
 // Cost:      one force evaluation, two mobility problems (one matrix-free solve has two columns), one square root a step.
 // Limits:    where the mobility is that of one body in a uniform fluid, its divergence is known and taken instead.
@@ -16,14 +16,11 @@
 namespace RigidHIPlugin {
 
 struct RandomFiniteDifference {
+    static constexpr const char* drift = "by a random finite difference of the mobility";
+    static constexpr bool hasDifferences = true;
     static constexpr bool forcesAtStart = true, forcesInBetween = false;
     static void predict(OverdampedMove& m) {
-        m.atStart();
-        EulerMaruyama::sumUpWrenches(m);
-        if (m.kT == 0 || m.driftIsKnown()) {
-            m.solve(m.total, m.U);
-            if (m.kT > 0) m.addUniformDrift(m.kT, m.U);
-        } else {
+        if (!EulerMaruyama::findVelocity(m)) {
             m.drawDirections();
             m.both.resize(m.getNumRows(), 2);
             m.both << m.total, m.directions;

@@ -6,7 +6,7 @@
 //            Rotate(Q^n, +-delta W~/2),
 //              F_D = -(kT/delta) (K^T(Q+) - K^T(Q-)) lambda,   s_D = (kT/delta) [(M(Q+) - M(Q-)) lambda - (K(Q+) - K(Q-)) U_R],
 //              U = N (F + F_D + K^T M^-1 s_D) + sqrt(2 kT/h) N^(1/2) W,   Q^{n+1} = Rotate(Q^n, h U):
-//            Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017), as in CORRECTIONS.
+//            Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017); docs/THEORY.md.
 // Order:     weak 1; 1 at T = 0.   Bias of the drift: O(delta^2).
 // Cost:      one force evaluation, two solves at one configuration, two products with M, one square root a step.
 // Limits:    as random finite differences.
@@ -19,14 +19,11 @@
 namespace RigidHIPlugin {
 
 struct TractionEulerMaruyama {
+    static constexpr const char* drift = "by random finite differences along which blob forces are kept";
+    static constexpr bool hasDifferences = true;
     static constexpr bool forcesAtStart = true, forcesInBetween = false;
     static void predict(OverdampedMove& m) {
-        m.atStart();
-        EulerMaruyama::sumUpWrenches(m);
-        if (m.kT == 0 || m.driftIsKnown()) {
-            m.solve(m.total, m.U);
-            if (m.kT > 0) m.addUniformDrift(m.kT, m.U);
-        } else {
+        if (!EulerMaruyama::findVelocity(m)) {
             m.drawDirections();
             m.solve(m.directions, m.U_random);
             m.drawTractions(m.forceDifference, m.slip);

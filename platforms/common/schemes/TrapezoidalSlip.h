@@ -5,7 +5,7 @@
 //            s = sqrt(2 kT/h) M^(1/2) W at Q^n;
 //            predictor  U^n = N (F + K^T M^-1 s),  Q* = Rotate(Q^n, h U^n);
 //            corrector  U* = N* (F* + 2 F_D + K*^T M*^-1 (s + 2 s_D)),  Q^{n+1} = Rotate(Q^n, h (U^n + U*)/2):
-//            Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017), as in CORRECTIONS.
+//            Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017); docs/THEORY.md.
 // Order:     weak 1; 2 at T = 0.   Bias of the drift: O(delta^2).
 // Cost:      two force evaluations (the second at t + h), three solves at two configurations, two products with M, one square root a step.
 // Limits:    as random finite differences.
@@ -18,6 +18,9 @@
 namespace RigidHIPlugin {
 
 struct TrapezoidalSlip {
+    static constexpr const char* drift =
+        "by random finite differences along which blob forces are kept, and the mobility at the end of the step";
+    static constexpr bool hasDifferences = true;
     static constexpr bool forcesAtStart = true, forcesInBetween = true;
     static double timeOfForces(double h) { return h; }
     static void predict(OverdampedMove& m) {

@@ -1,0 +1,219 @@
+"""The schemes without momenta through Python: constants, settings, units, warnings, effects. Numbers: tests/platform/TestOverdamped.cpp."""
+import copy
+
+import numpy as np
+import openmm
+import pytest
+from openmm import unit
+
+from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, app
+
+# How each makes the stochastic drift, as getEffects() says it; and whether by finite differences.
+SCHEMES = {'FixmanMidpoint': ('by the mobility at the mid-point', False),
+           'RandomFiniteDifference': ('by a random finite difference of the mobility', True),
+           'TractionEulerMaruyama': ('by random finite differences along which blob forces are kept', True),
+           'TrapezoidalSlip': ('by random finite differences along which blob forces are kept, and', True),
+           'DriftCorrectorFD': ('by the mobility at the mid-point and the divergence of slips', True),
+           'DriftCorrectorRFD': ('by the mobility at the mid-point and the divergence of slips', True)}
+ALL = ('EulerMaruyama', *SCHEMES)
+
+
+def scene(scheme, temperature=300, wall=False, bodies=1, groups=None, sites=None, solver=MobilityForce.Auto, stepSize=0.001, context=True):
+    """Massless boomerangs of five blobs about their cross points: (integrator, Context or System)."""
+    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(temperature, stepSize)
+    integrator.setScheme(getattr(CustomRigidHIIntegrator, scheme))
+    integrator.setRandomNumberSeed(3)
+    sites = np.asarray(app.boomerang(0.9, 2)._value if sites is None else sites)
+    positions = []
+    for body in range(bodies):
+        app.addRigidMultiblob(system, integrator, fluid, sites, 0.5)
+        positions.extend(sites + (4*body, 0, 3))
+    if wall:
+        fluid.setBoundary(MobilityForce.NoSlipWall)
+    if groups is not None:
+        fluid.setGroups(groups)
+    fluid.setSolver(solver)
+    system.addForce(fluid)
+    if not context:
+        return integrator, system
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions(positions)
+    return integrator, context
+
+
+@pytest.mark.parametrize('name', ALL)
+def test_constants(name):
+    """A scheme is a class attribute, and survives copies and XML."""
+    integrator = CustomRigidHIIntegrator(300, 0.001)
+    scheme = getattr(CustomRigidHIIntegrator, name)
+    integrator.setScheme(scheme)
+    assert integrator.getScheme() is scheme and scheme.name == name
+    read = openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(integrator))
+    assert CustomRigidHIIntegrator.cast(read).getScheme() is scheme
+    assert CustomRigidHIIntegrator.cast(copy.copy(integrator)).getScheme() is scheme
+
+
+def test_constants_are_different():
+    assert sorted(int(getattr(CustomRigidHIIntegrator, name)) for name in ALL) == list(range(5, 12))
+    with pytest.raises((TypeError, openmm.OpenMMException), match='scheme'):
+        CustomRigidHIIntegrator(300, 0.001).setScheme(12)
+
+
+def test_finite_difference_step():
+    integrator = CustomRigidHIIntegrator(300, 0.001)
+    assert integrator.getFiniteDifferenceStep() == 0
+    for good in (0, 1e-6, 0.1, 1e-4*unit.dimensionless, 1e-3*unit.nanometer/unit.nanometer):
+        integrator.setFiniteDifferenceStep(good)
+        assert integrator.getFiniteDifferenceStep() == getattr(good, '_value', good)
+    for wrong in ('small', None, [1e-5], 1e-5*unit.nanometer, 1e-5*unit.radian*unit.picosecond):
+        with pytest.raises(TypeError, match='setFiniteDifferenceStep'):
+            integrator.setFiniteDifferenceStep(wrong)
+    for outside in (-1e-5, 0.11, np.inf, np.nan):
+        with pytest.raises(openmm.OpenMMException, match='setFiniteDifferenceStep.*relative'):
+            integrator.setFiniteDifferenceStep(outside)
+    assert integrator.getFiniteDifferenceStep() == 1e-3
+
+
+@pytest.mark.parametrize('name', ALL)
+def test_run_with_units(name):
+    """Micrometres, seconds and pascals: the body moves as far in a step as its mobility says, and stays rigid."""
+    integrator, system = scene(name, wall=True, sites=app.boomerang(0.3*unit.micrometer, 2)._value, stepSize=0.001*unit.second,
+                               context=False)
+    fluid = MobilityForce.cast(system.getForce(0))
+    fluid.setViscosity(8.9e-4*unit.pascal*unit.second)
+    for particle in range(system.getNumParticles()):
+        fluid.setParticleRadius(particle, 0.15*unit.micrometer)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    start = np.asarray(app.boomerang(0.3*unit.micrometer, 2)._value) + (0, 0, 3000)
+    squares = []
+    for _ in range(100):
+        context.setPositions(start)
+        integrator.step(1)
+        squares.append((integrator.getBodyPositions()/unit.micrometer)[0] - (0, 0, 3))
+    positions = context.getState(getPositions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+    between = positions[:, None] - positions[None]
+    assert np.allclose((between**2).sum(axis=2), ((start[:, None] - start[None])**2).sum(axis=2), rtol=1e-10)
+    context.setPositions(start)
+    mobility = fluid.getMobilityInContext(context)[:3, :3]
+    expected = 2*1e9*300*8.31446261815324e-3*np.trace(mobility)*1e-6           # um^2
+    measured = np.mean(np.square(squares).sum(axis=1))
+    # A step's square has a standard deviation of 1.1 of its mean (the drifter-corrector's, measured; others' 0.82), so this is 4.5 standard errors.
+    print(measured/expected)
+    assert abs(measured/expected - 1) < 0.5
+    assert not integrator.getBodyVelocities()._value.any() and integrator.getDegreesOfFreedom()['total'] == 0
+
+
+def warningsOf(scheme_, temperature, capfd):
+    """What is printed on standard error while steps, step sizes and schemes change to and fro."""
+    capfd.readouterr()
+    integrator, context = scene(scheme_, temperature, wall=True)
+    for stepSize in (0.001, 0.0005, 0.001):
+        integrator.setStepSize(stepSize)
+        integrator.step(2)
+        integrator.setScheme(CustomRigidHIIntegrator.FixmanMidpoint)
+        integrator.step(1)
+        integrator.setScheme(getattr(CustomRigidHIIntegrator, scheme_))
+    assert context.getState().getStepCount() == 9
+    return capfd.readouterr().err
+
+
+def test_euler_maruyama_warns_once(capfd):
+    """Once for a Context; not where nothing is omitted."""
+    warning = 'EulerMaruyama omits the stochastic drift kT div N'
+    assert warningsOf('EulerMaruyama', 300, capfd).count(warning) == 1
+    assert warningsOf('EulerMaruyama', 300, capfd).count(warning) == 1
+    assert warningsOf('EulerMaruyama', 0, capfd) == ''
+
+
+@pytest.mark.parametrize('name', SCHEMES)
+def test_other_schemes_do_not_warn(name, capfd):
+    assert warningsOf(name, 300, capfd) == ''
+
+
+@pytest.mark.parametrize('name', SCHEMES)
+def test_effects_of_the_drift(name):
+    """What is on and why is what the counters say."""
+    how, hasDifferences = SCHEMES[name]
+    integrator, _ = scene(name, wall=True)
+    effects = integrator.getEffects()
+    print(integrator.describeEffects())
+    assert effects['stochastic drift'].startswith('on: ' + how) and effects['stochastic drift'].endswith('for 1 group of bodies')
+    assert effects['finite differences'] == ('on: steps of 1e-05 body lengths, and radians' if hasDifferences else 'off: the scheme has none')
+    assert effects['hydrodynamic interactions'] == 'off: nothing feels others through the fluid, but everything feels the wall'
+    assert effects['noise'] == 'on: temperature 300 K' and effects['momenta'].startswith('off')
+    assert '1 groups with dense matrices' in effects['hydrodynamics'] and effects['rotation'].startswith('on: 1 bodies')
+    integrator.step(2)
+    assert integrator.getEffects() == effects
+    integrator.setFiniteDifferenceStep(2e-4)
+    assert not hasDifferences or integrator.getEffects()['finite differences'] == 'on: steps of 0.0002 body lengths, and radians'
+    integrator.setTemperature(0)
+    cold = integrator.getEffects()
+    assert cold['stochastic drift'] == 'off: the temperature is 0' and cold['noise'].startswith('off')
+
+
+@pytest.mark.parametrize('name', SCHEMES)
+def test_effects_of_constant_mobility(name):
+    """One body in unbounded fluid: no differences; and no drift about its centre of mobility."""
+    hasDifferences = SCHEMES[name][1]
+    integrator, context = scene(name, bodies=2, groups=[0, 1])
+    offCentre = integrator.getEffects()
+    assert context
+    assert offCentre['stochastic drift'] == ('on: without differences for 2 groups of bodies alone in a uniform fluid' if hasDifferences
+                                             else 'on: by the mobility at the mid-point for 2 groups of bodies')
+    assert offCentre['finite differences'].startswith('off')
+    integrator, _ = scene(name, sites=[(0, 0, -0.6), (0, 0, 0.6)])
+    rod = integrator.getEffects()
+    assert rod['stochastic drift'] == 'off: every body is alone in a uniform fluid, and it is 0 about their origins'
+    assert '1 of them have their blobs on a line' in rod['rotation'] and '1 alone with a constant tensor' in rod['hydrodynamics']
+    before = integrator.getStepStatistics()
+    integrator.step(5)
+    after = integrator.getStepStatistics()
+    assert after['mobilityProducts'] == before['mobilityProducts'] and after['squareRoots'] == 0
+
+
+def test_effects_of_euler_maruyama():
+    integrator, _ = scene('EulerMaruyama', bodies=2)
+    effects = integrator.getEffects()
+    assert effects['stochastic drift'] == 'off: EulerMaruyama omits it, so averages are wrong for 1 group of bodies'
+    assert effects['warnings'].startswith('on: EulerMaruyama omits the stochastic drift')
+    assert effects['hydrodynamic interactions'].startswith('on: 2 bodies')
+
+
+def test_effects_matrix_free():
+    """The finite-difference step grows with the solver's tolerance: the cube root of 1e-6."""
+    integrator, _ = scene('RandomFiniteDifference', bodies=2, solver=MobilityForce.MatrixFree)
+    effects = integrator.getEffects()
+    assert effects['finite differences'] == 'on: steps of 0.01 body lengths, and radians'
+    assert '1 groups matrix-free' in effects['hydrodynamics']
+
+
+def test_effects_of_other_schemes():
+    """Drift and differences are named for all schemes, and off where momenta or constant mobilities do without them."""
+    integrator = CustomRigidHIIntegrator(300, 0.001)
+    system = openmm.System()
+    system.addParticle(1)
+    integrator.addRigidBody([0], 1, (1, 1, 1), [(0, 0, 0)])
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions([(0, 0, 0)])
+    assert integrator.getEffects()['stochastic drift'].startswith('off: the scheme has momenta')
+    integrator.setScheme(CustomRigidHIIntegrator.GradientThermostat)
+    assert integrator.getEffects()['stochastic drift'] == 'off: the mobility does not depend on poses'
+    assert integrator.getEffects()['finite differences'] == 'off: the scheme has none'
+
+
+def test_effects_before_positions():
+    """Bodies whose geometry the positions define."""
+    integrator, system = scene('TrapezoidalSlip', wall=True, context=False)
+    again = CustomRigidHIIntegrator(300, 0.001)
+    again.setScheme(integrator.getScheme())
+    again.addRigidBody(range(system.getNumParticles()))
+    context = openmm.Context(system, again, openmm.Platform.getPlatformByName('Reference'))
+    assert context and again.getEffects()['stochastic drift'] == 'off: positions are not set yet'
+
+
+def test_temperature_is_not_available():
+    integrator, _ = scene('FixmanMidpoint')
+    integrator.step(1)
+    assert integrator.computeTranslationalKineticEnergy()._value == 0
+    with pytest.raises(openmm.OpenMMException, match='momenta'):
+        integrator.computeSystemTemperature()
