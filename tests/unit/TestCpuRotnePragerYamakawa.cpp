@@ -150,6 +150,31 @@ TEST(CpuRotnePragerYamakawa, ObjectsToTheSamePositions) {
         expectError([&] { M.setPositions(scene.positions); }, {problem});
     }
     EXPECT_FALSE(CpuRotnePragerYamakawa(HydrodynamicParticles(), 1).mayObject());
+    EXPECT_FALSE(CpuRotnePragerYamakawa(HydrodynamicParticles(), 1).reachesBeyond());
+}
+
+TEST(CpuRotnePragerYamakawa, ReachesAsFarBeyondContact) {
+    for (Bounds bounds : {Wall, Crossing}) {
+        Scene scene = randomScene(9, Mixed, false, 3, bounds);
+        CpuRotnePragerYamakawa M(scene.particles, 0.7, {}, scene.wall);
+        const auto reference = scene.reference();
+        EXPECT_EQ(M.reachesBeyond(), bounds == Wall);
+        EXPECT_EQ(reference->reachesBeyond(), bounds == Wall);
+        scene.positions[5][2] = scene.wall->getHeight() + (bounds == Wall ? 1 : 0.5) * scene.particles.radii[5] - 1e-6;
+        MatrixXd dense, expected;
+        M.setPositionsNearby(scene.positions);
+        M.dense(dense);
+        reference->setPositionsNearby(scene.positions);
+        reference->dense(expected);
+        EXPECT_LT((dense - expected).cwiseAbs().maxCoeff(), 1e-13 * expected.maxCoeff());
+        // Another time, as ever.
+        scene.positions[5][2] += 1e-3;
+        M.setPositions(scene.positions);
+        reference->setPositions(scene.positions);
+        M.dense(dense);
+        reference->dense(expected);
+        EXPECT_LT((dense - expected).cwiseAbs().maxCoeff(), 1e-13 * expected.maxCoeff());
+    }
 }
 
 TEST(CpuRotnePragerYamakawa, ColumnsDoNotShowInEachOther) {

@@ -281,12 +281,23 @@ std::string CpuRotnePragerYamakawa::objection(const std::vector<OpenMM::Vec3>& p
 
 void CpuRotnePragerYamakawa::setPositions(const std::vector<OpenMM::Vec3>& positions) {
     if (wall) wall->check(particles, positions);
+    place(positions, false);
+}
+
+void CpuRotnePragerYamakawa::setPositionsNearby(const std::vector<OpenMM::Vec3>& positions) {
+    if (reachesBeyond())
+        place(positions, true);
+    else
+        setPositions(positions);
+}
+
+void CpuRotnePragerYamakawa::place(const std::vector<OpenMM::Vec3>& positions, bool nearby) {
     for (int j = 0; j < particles.size(); j++) {
         OpenMM::Vec3 r = positions[particleOfSource[j]];
         if (wall) {
             const double radius = sources[4 * j + 3];
-            weight[slotOfSource[j]] = wall->weight(r[2], radius);
-            r[2] = wall->heightOver(r[2], radius);
+            weight[slotOfSource[j]] = nearby ? 1 : wall->weight(r[2], radius);
+            r[2] = nearby ? r[2] - wall->getHeight() : wall->heightOver(r[2], radius);
         }
         for (int k = 0; k < 3; k++) sources[4 * j + k] = r[k];
         x[slotOfSource[j]] = r[0];

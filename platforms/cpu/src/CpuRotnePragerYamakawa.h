@@ -33,6 +33,8 @@ public:
     CpuRotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity, ForRanges forRanges = {},
                            const std::optional<NoSlipPlane>& wall = {});
     void setPositions(const std::vector<OpenMM::Vec3>& positions) override;
+    void setPositionsNearby(const std::vector<OpenMM::Vec3>& positions) override;
+    bool reachesBeyond() const override { return wall && wall->reachesBeyond(); }
     std::string objection(const std::vector<OpenMM::Vec3>& positions) const override;
     bool mayObject() const override { return wall.has_value(); }
     void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
@@ -42,6 +44,7 @@ private:
     template <class Task>
     void split(int count, double pairs, const Task& task) const;
 
+    void place(const std::vector<OpenMM::Vec3>& positions, bool nearby);
     struct RotnePragerYamakawaArrays arrays(double* result) const;
 
     const ForRanges forRanges;
