@@ -42,7 +42,8 @@ def plans(args):
     return e, [runs.Plan(f'steps_{scheme}_{step:g}', b, e, scheme, step, round(SPACING/step), 20 if args.quick else 250,
                          10 if args.quick else SETTLE, observables, replicas=8 if args.quick else 36, platform='CPU',
                          seed=args.seed + 7*k + round(1000*step))
-               for step in sorted(args.steps, reverse=True)[:1 if args.quick else None] for k, scheme in enumerate(SCHEMES) if not args.schemes or scheme in args.schemes]
+               for step in sorted(args.steps, reverse=True)[:1 if args.quick else None] for k, scheme in enumerate(SCHEMES)
+               if not args.schemes or scheme in args.schemes]
 
 
 def draw(data, folder):

@@ -140,7 +140,7 @@ class Tally:
         mine, exact = self.merged(key, LEAST_FOR_TEST)
         n, bins = len(mine), len(exact) - 1
         if n <= bins + 1:
-            return float('nan')
+            return None
         difference = (mine.mean(0) - exact)[:-1]
         covariance = np.cov(mine[:, :-1].T)/n
         if np.linalg.matrix_rank(covariance) < bins:
@@ -266,7 +266,11 @@ def summary(tally):
 
 def criterion(entry, minutes=MINUTES):
     """In words: which of the wanted things a run reached."""
-    chi2 = ', '.join(f'{"h" if key == "h" else "θ"} χ² {h["chi2_per_bin"]:.1f} p {"–" if h["significance"] is None else format(h["significance"], ".2g")}' for key, h in entry['histograms'].items())
+    chi2 = []
+    for key, h in entry['histograms'].items():
+        p = '–' if h['significance'] is None else format(h['significance'], '.2g')
+        chi2.append(f'{"h" if key == "h" else "θ"} χ² {h["chi2_per_bin"]:.1f} p {p}')
+    chi2 = ', '.join(chi2)
     error = f'{100*entry["worst_relative_error"]:.2f} %'
     ended = 'both' if entry['reached_error'] and entry['reached_chi2'] else \
         'error' if entry['reached_error'] else 'χ²' if entry['reached_chi2'] else 'neither'
