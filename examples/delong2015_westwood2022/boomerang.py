@@ -45,7 +45,7 @@ def body(g):
 
 def centres():
     """Distances from the cross point to the centres of hydrodynamic stress and of mobility, and chi_3D, all in bulk."""
-    replicas = Replicas(body(1), 1, 'EulerMaruyama', STEP, boundary='Unbounded')
+    replicas = Replicas(body(1), 1, 'RandomFiniteDifference', STEP, boundary='Unbounded')
     N = replicas.mobilities()
     axes = np.array([BISECTOR, (-BISECTOR[1], BISECTOR[0], 0), (0, 0, 1)])
     CoH, CoM = analysis.planarCenterOfHydrodynamicStress(N[0])._value, analysis.centerOfMobility(N[0])._value
@@ -72,9 +72,8 @@ def planar(N, A):
     return np.einsum('ni,nij,nj->n', gradient, N[:, 3:, 3:], gradient), np.sqrt(square)
 
 
-def table(equilibrium, bulk, rounds, random):
+def table(equilibrium, bulk, poses, random):
     """Table 1 at one weight."""
-    replicas = Replicas(equilibrium.body, 128, 'EulerMaruyama', STEP)
     points = {'CoH': bulk['CoH']*BISECTOR, 'CoM': bulk['CoM']*BISECTOR, 'cross point': np.zeros(3), 'tip': equilibrium.body.sites[0]}
 
     def cut(N, A, h):
@@ -84,7 +83,7 @@ def table(equilibrium, bulk, rounds, random):
     functions = {f'chi_2D {name}': (lambda N, A, h, p=p: aboutPoint(N, A, p)[:, [0, 1], [0, 1]].mean(1)) for name, p in points.items()}
     functions.update({'chi_theta where sine > cut-off, else 0': cut, 'fraction above cut-off': lambda N, A, h: (planar(N, A)[1] > CUTOFF)*1.0,
                       'D_rot zz': lambda N, A, h: N[:, 5, 5]})
-    means = averageMobility(equilibrium, replicas, functions, random, rounds)
+    means = averageMobility(equilibrium, functions, random, poses)
     truncated, fraction = means['chi_theta where sine > cut-off, else 0'], means['fraction above cut-off']
     tip = equilibrium.body.sites[0]
     z = equilibrium.average(lambda h, u: h + u @ tip)
@@ -97,7 +96,7 @@ def table(equilibrium, bulk, rounds, random):
 
 def plans(args, bulk):
     made, equilibria = [], {}
-    for g in args.gravities:
+    for g in GRAVITIES:
         b = body(g)
         equilibria[g] = e = Equilibrium(b, np.linspace(0.3, TOP[g], 61), ANGLES)
         tip = b.sites[0]
@@ -111,7 +110,7 @@ def plans(args, bulk):
         made += [runs.Plan(f'boomerang_g{g:g}_{scheme}', b, e, scheme, STEP, 5, frames, 1 if args.quick else SETTLE[g], observables, msd,
                            np.geomspace(1, frames//2, 24), 8 if args.quick else 64, 'CPU', seed=args.seed + 7*k + 100*g, labels={'g': g},
                            lateFrom=LATE)
-                 for k, scheme in enumerate(SCHEMES) if not args.schemes or scheme in args.schemes]
+                 for k, scheme in enumerate(SCHEMES)]
     return equilibria, made
 
 
@@ -140,15 +139,15 @@ def draw(data, folder):
 def main():
     def add(parser):
         parser.add_argument('--gravities', nargs='+', type=int, default=GRAVITIES, choices=GRAVITIES)
-        parser.add_argument('--rounds', type=int, default=2000, help='128 poses each, for Table 1')
+        parser.add_argument('--poses', type=int, default=256000, help='independent poses for Table 1')
 
     args = runs.arguments(__doc__, add)
     bulk = centres()
     equilibria, todo = plans(args, bulk)
     random = np.random.default_rng(args.seed)
     data = {'paper: chi_2D, chi_2D/chi_3D, chi_theta, h_g, sphere': PAPER, 'bulk': bulk, 'cut-off': CUTOFF,
-            'table': {g: table(e, bulk, 20 if args.quick else args.rounds, random) for g, e in equilibria.items()}}
-    draw(runs.drive(todo, data, args, 'boomerang.json'), args.output)
+            'table': {g: table(e, bulk, 2560 if args.quick else args.poses, random) for g, e in equilibria.items()}}
+    draw(runs.drive(todo, data, args, 'boomerang.json', lambda plan: plan.labels['g'] in args.gravities), args.output)
 
 
 if __name__ == '__main__':

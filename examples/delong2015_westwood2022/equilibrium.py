@@ -6,6 +6,7 @@ equally spaced azimuths; all smooth, so the integrals of bins are good to many d
 """
 import numpy as np
 from scipy.spatial.transform import Rotation
+from walls import Replicas
 
 POINTS_PER_BIN = 4
 
@@ -90,15 +91,16 @@ def rotationalPlateau(equilibrium, random, pairs=200000):
     return {name: (float(v.mean()), float(v.std()/np.sqrt(pairs))) for name, v in (('xx', planar), ('zz', normal))}
 
 
-def withoutDrift(equilibrium, replicas, random, rounds=20):
+def withoutDrift(equilibrium, random, heights=96, rounds=20):
     """What a scheme without the stochastic drift tends to, exp(-U/kT)/mu(h), with the mean of N_zz at each height for mu.
 
-    Exact if N_zz depends on the height alone and is not coupled to rotation, as for a sphere; else an estimate. Heights are taken where
-    there is any probability, as many as there are replicas.
+    Exact if N_zz depends on the height alone and is not coupled to rotation, as for a sphere; else an estimate. So many heights are taken where
+    there is any probability, and interpolated between.
     """
+    replicas = Replicas(equilibrium.body, heights, 'RandomFiniteDifference', 1.0)
     marginal = equilibrium.probability.sum(1)
     rows = np.flatnonzero(marginal > 1e-12*marginal.max())
-    rows = rows[np.linspace(0, len(rows) - 1, replicas.count).round().astype(int)]
+    rows = rows[np.linspace(0, len(rows) - 1, heights).round().astype(int)]
     total = np.zeros(len(rows))
     for _ in range(rounds):
         R, q = np.empty((len(rows), 3)), np.empty((len(rows), 4))
@@ -111,18 +113,20 @@ def withoutDrift(equilibrium, replicas, random, rounds=20):
     return {'P': np.round(P, 8), 'mean h': mean}
 
 
-def averageMobility(equilibrium, replicas, functions, random, rounds):
-    """Means and standard errors of functions of the mobility over the distribution.
+def averageMobility(equilibrium, functions, random, poses, atATime=32):
+    """Means and standard errors of functions of the mobility over the distribution, from so many independent poses.
 
     functions maps names to f(N (n, 6, 6) times kT in the lab frame, A (n, 3, 3) body to lab, heights (n,)) -> (n,).
     """
+    replicas = Replicas(equilibrium.body, atATime, 'RandomFiniteDifference', 1.0)
     values = {name: [] for name in functions}
-    for _ in range(rounds):
-        R, q = equilibrium.draw(random, replicas.count)
-        replicas.place(R, q)
-        N, A = replicas.mobilities(), Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_matrix()
-        for name, f in functions.items():
-            values[name].append(f(N, A, R[:, 2]))
+    R, q = equilibrium.draw(random, poses//atATime*atATime)
+    for k in range(0, len(R), atATime):
+        part = slice(k, k + atATime)
+        replicas.place(R[part], q[part])
+        N, A = replicas.mobilities(), Rotation.from_quat(q[part][:, [1, 2, 3, 0]]).as_matrix()
+        for name, function in functions.items():
+            values[name].append(function(N, A, R[part, 2]))
     values = {name: np.concatenate(v) for name, v in values.items()}
     return {name: (float(v.mean()), float(v.std(ddof=1)/np.sqrt(len(v)))) for name, v in values.items()}
 

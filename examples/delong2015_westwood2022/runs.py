@@ -140,7 +140,7 @@ class Tally:
         mine, exact = self.merged(key, LEAST_FOR_TEST)
         n, bins = len(mine), len(exact) - 1
         if n <= bins + 1:
-            return float('nan')
+            return None
         difference = (mine.mean(0) - exact)[:-1]
         covariance = np.cov(mine[:, :-1].T)/n
         if np.linalg.matrix_rank(covariance) < bins:
@@ -190,10 +190,14 @@ def finished(tally):
     return errors and (bins or tally.plan.scheme == 'EulerMaruyama')
 
 
+def keptFile(plan, folder):
+    return folder/'kept'/f'{plan.name}.npz'
+
+
 def run(plan, folder, minutes=MINUTES, keep=False, quiet=False):
     """Run until the wanted errors and chi^2 are reached, or for so many minutes, those of kept parts included; the Tally."""
     tally = Tally(plan)
-    path = folder/'kept'/f'{plan.name}.npz'
+    path = keptFile(plan, folder)
     fresh = not (keep and path.exists())
     if not fresh:
         tally.load(path)
@@ -266,7 +270,11 @@ def summary(tally):
 
 def criterion(entry, minutes=MINUTES):
     """In words: which of the wanted things a run reached."""
-    chi2 = ', '.join(f'{"h" if key == "h" else "θ"} χ² {h["chi2_per_bin"]:.1f} p {"–" if h["significance"] is None else format(h["significance"], ".2g")}' for key, h in entry['histograms'].items())
+    chi2 = []
+    for key, h in entry['histograms'].items():
+        p = '–' if h['significance'] is None else format(h['significance'], '.2g')
+        chi2.append(f'{"h" if key == "h" else "θ"} χ² {h["chi2_per_bin"]:.1f} p {p}')
+    chi2 = ', '.join(chi2)
     error = f'{100*entry["worst_relative_error"]:.2f} %'
     ended = 'both' if entry['reached_error'] and entry['reached_chi2'] else \
         'error' if entry['reached_error'] else 'χ²' if entry['reached_chi2'] else 'neither'
@@ -280,7 +288,7 @@ def arguments(description, add=None):
     parser.add_argument('--quick', action='store_true', help='seconds: one chunk of few replicas')
     parser.add_argument('--minutes', type=float, default=MINUTES, help='end a run after so long, kept parts included (%(default)s)')
     parser.add_argument('--keep', action='store_true', help='go on with what results/kept has')
-    parser.add_argument('--schemes', nargs='+', help='only these')
+    parser.add_argument('--schemes', nargs='+', help='run only these; with --keep, what is kept of the others stays')
     parser.add_argument('--seed', type=int, default=2015)
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     if add:
@@ -288,11 +296,20 @@ def arguments(description, add=None):
     return parser.parse_args()
 
 
-def drive(plans, data, args, name):
-    """Run all; the JSON is written after each. Returns its data."""
+def drive(plans, data, args, name, wanted=lambda plan: True):
+    """Run those plans that are wanted and whose scheme is; the JSON is written after each. Returns its data.
+
+    Of the others what is kept, if anything, goes into the JSON as it is.
+    """
     data['runs'] = []
     for plan in plans:
-        tally = run(plan, args.output, 0 if args.quick else args.minutes, args.keep)
+        if wanted(plan) and (not args.schemes or plan.scheme in args.schemes):
+            tally = run(plan, args.output, 0 if args.quick else args.minutes, args.keep)
+        elif args.keep and keptFile(plan, args.output).exists():
+            tally = Tally(plan)
+            tally.load(keptFile(plan, args.output))
+        else:
+            continue
         data['runs'].append(dict(summary(tally), **plan.labels))
         print(f'{plan.name}: {criterion(data["runs"][-1])}', flush=True)
         data['provenance'] = provenance(args)
