@@ -31,6 +31,7 @@ VALUES = {'CustomRigidHIIntegrator': {
     'setRandomNumberSeed': (-987654321,),
     'setPoseTolerance': (0.0123,),
     'setMaximumRejections': (17,),
+    'setFiniteDifferenceStep': (3e-4,),
     'setWallRejection': (Integrator.Crossing,),
     'setBodyFriction': (1, 0.1, 1/3),
     'setRigidBodyParameters': (0, [4, 1, 3], 7/3, (0.1, 0.2, 0.25), [(0.1, 0, 1/3), (0, -0.2, 0), (0, 0, 0)]),

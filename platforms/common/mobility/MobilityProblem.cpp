@@ -50,8 +50,10 @@ void MobilityProblem::factoriseFriction() {
     }
     xi.compute(scratch);
     if (xi.info() != Success)
-        throw OpenMM::OpenMMException("MobilityForce: the friction matrix of " + to_string(bodies.elements.size()) +
-                                      " bodies is not positive definite; look for particles at the same place");
+        throw OpenMM::OpenMMException(
+            "MobilityForce: the friction of " + to_string(bodies.elements.size()) +
+            " bodies has no square root, so some motion of theirs meets no resistance; look for a "
+            "body whose hydrodynamic particles are all at one place");
     isFactorised = true;
 }
 
@@ -68,8 +70,8 @@ void MobilityProblem::factorise() {
     if (M.info() != Success)
         throw OpenMM::OpenMMException(
             "MobilityForce: the mobility matrix of " + to_string(bodies.particles.size()) +
-            " hydrodynamic particles is not positive definite; look for particles at the same "
-            "place");
+            " blobs and spheres has no square root, for it is not positive definite; look for two of one radius at the "
+            "same place");
     if (bodies.identityK) {
         isFactorised = true;
         return;
