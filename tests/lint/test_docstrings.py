@@ -83,7 +83,7 @@ WITHOUT_UNIT = {'CustomRigidHIIntegrator': {
     'getConstraintTolerance': 'relative',
     'getIntegrationForceGroups': 'a bit mask',
     'getMaximumRejections': 'a number',
-    'getFiniteDifferenceStep': 'a number',
+    'getFiniteDifferenceStep': 'relative',
     'getWallRejection': 'a constant',
     'getNumRejectedSteps': 'a number',
 }, 'MobilityForce': {

@@ -31,6 +31,7 @@ VALUES = {'CustomRigidHIIntegrator': {
     'setRandomNumberSeed': (-987654321,),
     'setPoseTolerance': (0.0123,),
     'setMaximumRejections': (17,),
+    'setFiniteDifferenceStep': (3e-4,),
     'setWallRejection': (Integrator.Crossing,),
     'setFiniteDifferenceStep': (1e-4/3,),
     'setBodyFriction': (1, 0.1, 1/3),

@@ -129,7 +129,8 @@ TEST(Overdamped, TimeDependentForcesAreTakenWhereTheSchemesTakeThem) {
             error[k] = abs(scene.integrator.getBodyPositions()[0][0] - mu * (1 - cos(w * total)) / w);
         }
         // The mid-point forces of the drift-corrector make it order 2 here.
-        const int order = s.scheme >= RigidHI::DriftCorrectorFD ? 2 : s.order;
+        const bool isMidpoint = s.scheme == RigidHI::DriftCorrectorFD || s.scheme == RigidHI::DriftCorrectorRFD;
+        const int order = isMidpoint ? 2 : s.order;
         EXPECT_NEAR(log2(error[0] / error[1]), order, 0.1) << s.name;
     }
 }
@@ -286,7 +287,7 @@ TEST(Overdamped, SchemeMayChangeBetweenSteps) {
         scene.integrator.setScheme(s.scheme);
         scene.integrator.step(2);
     }
-    EXPECT_EQ(scene.integrator.getStepStatistics().at("steps"), 14);
+    EXPECT_EQ(scene.integrator.getStepStatistics().at("steps"), 2 * schemes.size());
     EXPECT_TRUE(isfinite(scene.state().norm()));
 }
 

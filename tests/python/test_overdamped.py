@@ -217,3 +217,45 @@ def test_temperature_is_not_available():
     assert integrator.computeTranslationalKineticEnergy()._value == 0
     with pytest.raises(openmm.OpenMMException, match='momenta'):
         integrator.computeSystemTemperature()
+
+
+def atOnePlace(sites, radii, bodies=1):
+    """Bodies at one place above a wall: (integrator, Context)."""
+    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(300, 0.001)
+    integrator.setScheme(CustomRigidHIIntegrator.RandomFiniteDifference)
+    fluid.setBoundary(MobilityForce.NoSlipWall)
+    for _ in range(bodies):
+        app.addRigidMultiblob(system, integrator, fluid, sites, radii)
+    system.addForce(fluid)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions(np.tile(np.asarray(sites) + (0, 0, 3), (bodies, 1)))
+    return integrator, context
+
+
+def test_blobs_at_one_place():
+    """Two blobs of one radius would move alike under any forces; concentric ones of two radii do not resist rotation."""
+    integrator, context = atOnePlace([(0, 0, 0), (1, 0, 0), (0, 1, 0)], 0.5, bodies=2)
+    with pytest.raises(openmm.OpenMMException, match='6 hydrodynamic particles is not positive definite; look for particles at the same place'):
+        integrator.step(1)
+    assert context.getState().getStepCount() == 0
+    integrator, context = atOnePlace([(0, 0, 0), (0, 0, 0)], (0.5, 0.3))
+    with pytest.raises(openmm.OpenMMException, match='is not positive definite; look for a body whose blobs are all at one place'):
+        integrator.step(1)
+    assert context.getState().getStepCount() == 0
+
+
+def test_a_virtual_site_with_a_radius():
+    """Outside a body nothing says how the fluid would move it."""
+    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(300, 0.001)
+    integrator.setScheme(CustomRigidHIIntegrator.FixmanMidpoint)
+    for _ in range(3):
+        system.addParticle(0)
+        fluid.addParticle(0.4)
+    system.setVirtualSite(2, openmm.TwoParticleAverageSite(0, 1, 0.5, 0.5))
+    system.addForce(fluid)
+    context = None
+    with pytest.raises(openmm.OpenMMException, match='particle 2 has hydrodynamic radius 0.4.* is a virtual site in no body, which the fluid'):
+        context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+        context.setPositions([(0, 0, 0), (2, 0, 0), (1, 0, 0)])
+        integrator.step(1)
+    assert context is None or context.getState().getStepCount() == 0

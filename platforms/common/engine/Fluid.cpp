@@ -127,8 +127,10 @@ Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejec
         for (int p : particles) known[p] = true;
     for (int p = 0; p < system.getNumParticles(); p++)
         if (force.getParticleRadius(p) > 0 && !known[p])
-            fail("particle " + to_string(p) + " has hydrodynamic radius " + to_string(force.getParticleRadius(p)) +
-                 " nm but is in no body and has no mass; make it part of a body, or give it radius 0");
+            fail(
+                "particle " + to_string(p) + " has hydrodynamic radius " + to_string(force.getParticleRadius(p)) +
+                " nm but is a virtual site in no body, which the fluid cannot move; make it part of a body, or give it "
+                "radius 0");
 
     groupOfBody.assign(numBodies, -1);
     groupOfFree.assign(freeParticles.getNumParticles(), -1);
