@@ -502,7 +502,7 @@ TEST(Overdamped, StrongGravity) {
 
 /** Shape and unit quaternion after ten million steps. */
 TEST(Overdamped, LongTenMillionStepsOfABoomerang) {
-    OverdampedScene scene(RigidHI::RandomFiniteDifference, T1, 0.5);
+    OverdampedScene scene(RigidHI::RandomFiniteDifference, T1, 0.1);
     addBoomerang(scene, 1);
     scene.start(testPlatform());
     const auto before = positionsOf(*scene.context);
