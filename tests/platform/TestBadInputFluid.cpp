@@ -207,7 +207,8 @@ TEST(BadFluid, MatrixFreeWhereItCannotBe) {
     Pair model, dead;
     for (Pair* pair : {&model, &dead}) pair->fluid->setSolver(MobilityForce::MatrixFree);
     model.fluid->setModel(MobilityForce::StokesianDynamics);
-    expectRefused(model, {"solver MatrixFree is there for RotnePragerYamakawa", "not for StokesianDynamics", "use setSolver(Dense)"});
+    expectRefused(model, {"solver MatrixFree is there for RotnePragerYamakawa", "not for StokesianDynamics",
+                          "use setSolver(Dense)"});
     dead.add({"linear sphere", 1, Vec3(1, 1, 0), {Vec3()}, {0.4}}, Vec3(0, 4, 0));
     expectRefused(dead, {"solver MatrixFree", "with a zero moment"});
 }
