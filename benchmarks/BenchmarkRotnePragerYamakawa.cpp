@@ -1,11 +1,13 @@
 // What a product with the Rotne-Prager-Yamakawa mobility costs, for instruction sets, threads, columns and kinds of
-// particles; and its matrix. Suspensions at volume fraction 0.1, on a lattice with random displacements.
+// particles, in unbounded fluid and above a wall; and its matrix. Suspensions at volume fraction 0.1, on a lattice with random
+// displacements.
 
 #include <benchmark/benchmark.h>
 #include <openmm/internal/ThreadPool.h>
 
 #include <cmath>
 #include <map>
+#include <optional>
 #include <random>
 #include <string>
 
@@ -13,6 +15,7 @@
 #include "hwy/targets.h"
 #include "mobility/Lanczos.h"
 #include "mobility/RotnePragerYamakawa.h"
+#include "mobility/RotnePragerYamakawaWall.h"
 
 using namespace RigidHIPlugin;
 using OpenMM::ThreadPool;
@@ -20,11 +23,12 @@ using OpenMM::Vec3;
 
 namespace {
 
-enum Kind { Spheres, Blobs, TouchingBlobs };
+enum Kind { Spheres, Blobs, TouchingBlobs, SpheresAtWall, BlobsAtWall };
 
 struct Scene {
     HydrodynamicParticles particles;
     std::vector<Vec3> positions;
+    std::optional<NoSlipPlane> wall;
     Scene(int n, Kind kind) {
         // Blobs of multiblobs sit at twice their radius from their neighbours, in touch with many packs.
         const double spacing = kind == TouchingBlobs ? 2 : std::cbrt(4 * M_PI / 3 / 0.1);
@@ -33,10 +37,14 @@ struct Scene {
         std::mt19937 random(1);
         std::uniform_real_distribution<double> u(-shift, shift);
         for (int i = 0; i < n; i++) {
-            particles.add(1, kind == Spheres, i, -1);
+            particles.add(1, kind == Spheres || kind == SpheresAtWall, i, -1);
             const Vec3 node(i % edge, i / edge % edge, i / edge / edge);
             positions.push_back(spacing * node + (shift > 0 ? Vec3(u(random), u(random), u(random)) : Vec3()));
         }
+        if (kind == SpheresAtWall || kind == BlobsAtWall) wall.emplace(-1.01 - shift, false);
+    }
+    CpuRotnePragerYamakawa mobility(const CpuRotnePragerYamakawa::ForRanges& forRanges) const {
+        return CpuRotnePragerYamakawa(particles, 1.0, forRanges, wall);
     }
 };
 
@@ -76,7 +84,7 @@ void product(benchmark::State& state, Kind kind, int64_t target) {
     state.SetLabel(restrictTo(target));
     ThreadPool pool(threads);
     const Scene scene(n, kind);
-    CpuRotnePragerYamakawa M(scene.particles, 1.0, threads > 1 ? onThreads(pool) : CpuRotnePragerYamakawa::ForRanges());
+    CpuRotnePragerYamakawa M = scene.mobility(threads > 1 ? onThreads(pool) : CpuRotnePragerYamakawa::ForRanges());
     M.setPositions(scene.positions);
     const Eigen::MatrixXd forces = Eigen::MatrixXd::Random(M.getNumRows(), columns);
     Eigen::MatrixXd velocities;
@@ -103,6 +111,12 @@ PRODUCT(Spheres, best)
     ->Args({10000, 2, 2});
 PRODUCT(Blobs, best)->ArgNames({"n", "columns", "threads"})->Args({1000, 2, 1})->Args({10000, 2, 2});
 PRODUCT(TouchingBlobs, best)->ArgNames({"n", "columns", "threads"})->Args({1000, 2, 1});
+PRODUCT(SpheresAtWall, best)
+    ->ArgNames({"n", "columns", "threads"})
+    ->Args({1000, 1, 1})
+    ->Args({1000, 2, 1})
+    ->Args({1000, 2, 2});
+PRODUCT(BlobsAtWall, best)->ArgNames({"n", "columns", "threads"})->Args({1000, 2, 1});
 PRODUCT(Spheres, AVX2)->ArgNames({"n", "columns", "threads"})->Args({1000, 2, 1})->Args({10000, 2, 2});
 PRODUCT(Spheres, SSE4)->ArgNames({"n", "columns", "threads"})->Args({1000, 2, 1});
 
@@ -121,12 +135,12 @@ void scalarProduct(benchmark::State& state) {
 }
 BENCHMARK(scalarProduct)->Arg(2)->Arg(10)->Arg(1000)->Unit(benchmark::kMillisecond);
 
-void matrix(benchmark::State& state) {
+void matrix(benchmark::State& state, Kind kind) {
     const int n = state.range(0), threads = state.range(1);
     restrictTo(best);
     ThreadPool pool(threads);
-    const Scene scene(n, Spheres);
-    CpuRotnePragerYamakawa M(scene.particles, 1.0, threads > 1 ? onThreads(pool) : CpuRotnePragerYamakawa::ForRanges());
+    const Scene scene(n, kind);
+    CpuRotnePragerYamakawa M = scene.mobility(threads > 1 ? onThreads(pool) : CpuRotnePragerYamakawa::ForRanges());
     M.setPositions(scene.positions);
     Eigen::MatrixXd mobility;
     for (auto _ : state) {
@@ -136,7 +150,7 @@ void matrix(benchmark::State& state) {
     }
     finish(state, n);
 }
-BENCHMARK(matrix)
+BENCHMARK_CAPTURE(matrix, Spheres, Spheres)
     ->ArgNames({"n", "threads"})
     ->Args({10, 1})
     ->Args({100, 1})
@@ -145,6 +159,34 @@ BENCHMARK(matrix)
     ->Unit(benchmark::kMillisecond)
     ->UseRealTime();
 
+BENCHMARK_CAPTURE(matrix, SpheresAtWall, SpheresAtWall)
+    ->ArgNames({"n", "threads"})
+    ->Args({10, 1})
+    ->Args({1000, 1})
+    ->Unit(benchmark::kMillisecond)
+    ->UseRealTime();
+
+/** The blobs of one multiblob, one pair at a time, as the Reference platform does. */
+template <class Operator, class... Wall>
+void scalarMatrix(benchmark::State& state, const Wall&... wall) {
+    const Scene scene(state.range(0), BlobsAtWall);
+    Operator M(scene.particles, 1.0, wall...);
+    M.setPositions(scene.positions);
+    Eigen::MatrixXd mobility;
+    for (auto _ : state) {
+        M.dense(mobility);
+        benchmark::DoNotOptimize(mobility.data());
+        benchmark::ClobberMemory();
+    }
+    finish(state, state.range(0));
+}
+void scalarBlobs(benchmark::State& state) { scalarMatrix<RotnePragerYamakawa>(state); }
+void scalarBlobsAtWall(benchmark::State& state) {
+    scalarMatrix<RotnePragerYamakawaWall>(state, *Scene(1, BlobsAtWall).wall);
+}
+BENCHMARK(scalarBlobs)->Arg(15)->Unit(benchmark::kMicrosecond);
+BENCHMARK(scalarBlobsAtWall)->Arg(15)->Unit(benchmark::kMicrosecond);
+
 /** What LangevinHI asks for in a step: exp(-Sh) z and sqrt(1 - exp(-2Sh)) chi, here for S^-1 = M. */
 void decayAndNoise(benchmark::State& state) {
     const int n = state.range(0), threads = state.range(2);
@@ -152,7 +194,7 @@ void decayAndNoise(benchmark::State& state) {
     restrictTo(best);
     ThreadPool pool(threads);
     const Scene scene(n, Spheres);
-    CpuRotnePragerYamakawa M(scene.particles, 1.0, threads > 1 ? onThreads(pool) : CpuRotnePragerYamakawa::ForRanges());
+    CpuRotnePragerYamakawa M = scene.mobility(threads > 1 ? onThreads(pool) : CpuRotnePragerYamakawa::ForRanges());
     M.setPositions(scene.positions);
     const Eigen::MatrixXd x = Eigen::MatrixXd::Random(M.getNumRows(), 2);
     Eigen::MatrixXd result;

@@ -1,17 +1,11 @@
-"""What the four experiments share: the paper's reduced units, spheres in a fluid, statistics, where results came from.
+"""What the four experiments share: the paper's reduced units, spheres in a fluid, statistics.
 
 Reduced units of the paper (HYDROLIB's): sphere radius 1, viscosity 1/(4 pi), and a mass scale. They are used as if they were
 OpenMM's nm, ps, dalton, kJ/mol; kT becomes a temperature by OpenMM's gas constant. The Stokes friction of a sphere is then
 6 pi eta a = 1.5 and 8 pi eta a^3 = 2.
 """
-import hashlib
-import json
-import os
 import pathlib
-import platform
-import subprocess
 import sys
-import time
 
 import numpy as np
 import openmm
@@ -22,6 +16,9 @@ import openmmrigidhi
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 
 HERE = pathlib.Path(__file__).resolve().parent
+sys.path.append(str(HERE.parent))
+from recording import brackets, provenance, pyplot, save  # noqa: E402, F401
+
 RESULTS = HERE/'results'
 VISCOSITY = 1/(4*np.pi)
 GAS_CONSTANT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
@@ -116,65 +113,3 @@ def weightedFit(columns, y, errors):
     freedom = len(y) - len(columns)
     chi2 = np.sum((design @ coefficients - np.asarray(y)/errors)**2)/freedom if freedom else float('nan')
     return coefficients, np.sqrt(np.diag(covariance)), float(chi2)
-
-
-# ---- Where results came from -------------------------------------------------------------------------------------------
-def provenance(arguments=None):
-    """Machine, versions, commit, checksum of the plugin, command line, date."""
-    def command(*words):
-        try:
-            return subprocess.run(words, cwd=HERE, capture_output=True, text=True, check=True).stdout.strip()
-        except (OSError, subprocess.CalledProcessError):
-            return 'unknown'
-    processor = 'unknown'
-    if os.path.exists('/proc/cpuinfo'):
-        with open('/proc/cpuinfo') as file:
-            processor = next((line.split(':', 1)[1].strip() for line in file if line.startswith('model name')), processor)
-    libraries = sorted((pathlib.Path(openmmrigidhi.__file__).parent/'lib').rglob('libOpenMMRigidHI*.so'))
-    digest = hashlib.sha256(b''.join(path.read_bytes() for path in libraries)).hexdigest()[:16] if libraries else 'unknown'
-    return {'script': pathlib.Path(sys.argv[0]).name, 'arguments': {k: str(v) for k, v in vars(arguments or object).items()
-                                                                   if k not in ('output', '__dict__', '__doc__')}
-            if arguments else {}, 'processor': processor, 'cores': os.cpu_count(), 'load': os.getloadavg(),
-            'system': platform.platform(), 'python': platform.python_version(), 'numpy': np.__version__,
-            'openmm': openmm.version.version, 'plugin_sha256': digest, 'commit': command('git', 'rev-parse', 'HEAD'),
-            'date': time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime())}
-
-
-def plain(value):
-    """Numbers and arrays as json writes them, rounded to what a double of a measurement can mean."""
-    if isinstance(value, dict):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(v) for v in value]
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, (np.bool_, bool)):
-        return bool(value)
-    if isinstance(value, np.integer):
-        return int(value)
-    if isinstance(value, (float, np.floating)):
-        return float(f'{value:.12g}')
-    return value
-
-
-def save(folder, name, data):
-    """Write a JSON; numbers to 12 digits."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder/name).write_text(json.dumps(plain(data), indent=1) + '\n')
-    print(f'wrote {folder/name}')
-
-
-def pyplot():
-    """matplotlib.pyplot that draws into files."""
-    import matplotlib
-    matplotlib.use('Agg')
-    import matplotlib.pyplot as plt
-    return plt
-
-
-def brackets(value, error):
-    """1.2345 with error 0.0012 as 1.2345(12)."""
-    if not (np.isfinite(error) and error > 0):
-        return f'{value:.6g}'
-    digits = max(0, 1 - int(np.floor(np.log10(error))))
-    return f'{value:.{digits}f}({round(error*10**digits)})'

@@ -5,10 +5,10 @@ The sites attract each other (periodic box of 15, the paper's smooth cut-off); t
 where they are (unwrapped). No average at equilibrium may depend on the fluid, so FreeDraining and RotnePragerYamakawa must agree with
 each other and with Monte Carlo; what they differ from it by grows as h^2.
 
-Sixteen independent clusters share one Context: `MobilityForce.setGroups` keeps them apart in the fluid, interaction groups in the
-force. On the CPU platform with one thread this is ten times faster for each cluster than one cluster on Reference.
+Sixteen independent clusters (32 with RPY) share one Context: `MobilityForce.setGroups` keeps them apart in the fluid, interaction
+groups in the force. On the CPU platform with one thread this is ten times faster for each cluster than one cluster on Reference.
 
-    python3 lennard_jones.py              # about 20 minutes
+    python3 lennard_jones.py              # about an hour and a half, most of it for RPY at kT = 0.2, h = 0.02
     python3 lennard_jones.py --long 8     # runs eight times as long
     python3 lennard_jones.py --quick      # seconds: a smoke test
 """
@@ -203,12 +203,14 @@ def plan(quick, factor):
         return [(0.1, h, model, t, 8) for h, model, t in ((0.05, 'FreeDraining', 200.0), (0.2, 'FreeDraining', 800.0),
                                                          (0.3, 'FreeDraining', 800.0), (0.2, 'RPY', 40.0))]
     runs = []
-    # Lengths for standard errors of at most 1e-3 in U/N without HI (found in trial runs), as far as it is cheap with HI.
-    for kT, free, fluid, last in ((0.1, 2000.0, (250.0, 800.0, 800.0), 0.3), (0.2, 12500.0, (400.0, 1600.0, 4000.0), 0.24)):
+    # Lengths for standard errors of at most 1e-3 in U/N: in trial runs error^2 x time x clusters was about 0.024 (kT = 0.1) and
+    # 0.19 (0.2), whatever the step and the model, but 0.34 at kT = 0.2, h = 0.01.
+    for kT, free, fluid, last in ((0.1, 2000.0, 1200.0, 0.3), (0.2, 12500.0, 8500.0, 0.24)):
         for h in (0.2, 0.1, last, 0.15, 0.05, 0.02, 0.01, 0.005):
-            runs.append((kT, h, 'FreeDraining', factor*free*(8 if kT == 0.1 and h >= 0.1 else 2 if h >= 0.1 else 1), 16))
-        for h, t in zip((0.02, 0.1, 0.2), fluid):
-            runs.append((kT, h, 'RPY', factor*t, 16))
+            longer = 8 if kT == 0.1 and h >= 0.1 else 2.4 if kT == 0.2 and h == 0.01 else 2 if h >= 0.1 else 1
+            runs.append((kT, h, 'FreeDraining', factor*free*longer, 16))
+        for h in (0.02, 0.1, 0.2):
+            runs.append((kT, h, 'RPY', factor*fluid, 32))
     return runs
 
 
@@ -216,26 +218,28 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--quick', action='store_true', help='seconds instead of minutes')
     parser.add_argument('--long', type=float, default=1.0, metavar='FACTOR', help='multiply the length of every run')
-    parser.add_argument('--resume', action='store_true', help='keep the runs that the output folder has already')
+    parser.add_argument('--resume', action='store_true', help='keep the runs that the output folder has already; run what is missing or shorter')
     parser.add_argument('--platform', default='CPU')
     parser.add_argument('--seed', type=int, default=2017)
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     args = parser.parse_args()
 
-    known = {}
+    runs = {}
     if args.resume and (args.output/'lennard_jones.json').exists():
-        for r in json.loads((args.output/'lennard_jones.json').read_text())['runs']:
-            known[r['kT'], r['h'], r['model'], r['time_per_cluster'], r['clusters'], r['seed']] = r
-    runs = []
-    for i, (kT, h, model, duration, clusters) in enumerate(plan(args.quick, args.long)):
-        r = known.get((kT, h, model, duration, clusters, args.seed + i)) or run(
-            kT, h, model, duration, clusters, args.seed + i, args.platform, 400.0 if args.quick else PREPARATION)
-        runs.append(r)
+        runs = {(r['kT'], r['h'], r['model']): r for r in json.loads((args.output/'lennard_jones.json').read_text())['runs']}
+    todo = [(*task, args.seed + i) for i, task in enumerate(plan(args.quick, args.long))]
+    order = [task[:3] for task in todo]
+    # The cheapest first; an older run that is to be longer stays until its successor is there.
+    for kT, h, model, duration, clusters, seed in sorted(todo, key=lambda t: t[3]/t[1]*t[4]*(60 if t[2] == 'RPY' else 1)):
+        r = runs.get((kT, h, model))
+        if r is None or (r['time_per_cluster'], r['clusters'], r['seed']) != (duration, clusters, seed):
+            r = runs[kT, h, model] = run(kT, h, model, duration, clusters, seed, args.platform, 400.0 if args.quick else PREPARATION)
         print(f'kT {kT:g} h {h:g} {model}: ' + ', '.join(f'{n} {brackets(r["mean"][n], r["error"][n])}' for n in QUANTITIES) +
               f'  [{r["seconds"]:.0f} s]', flush=True)
-        result = {'runs': runs, 'analysis': analyse(runs), 'provenance': provenance(args)}
+        done = [runs[key] for key in order if key in runs]
+        result = {'runs': done, 'analysis': analyse(done), 'provenance': provenance(args)}
         save(args.output, 'lennard_jones.json', result)
-    draw(runs, result['analysis'], args.output/'lennard_jones.png')
+    draw(done, result['analysis'], args.output/'lennard_jones.png')
 
 
 if __name__ == '__main__':

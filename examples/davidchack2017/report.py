@@ -57,14 +57,46 @@ def trapped(data):
                f'{(v["x"] + v["z"])/2:.4f} | {(v["chiy"] + v["chiz"])/2:.4f} |')
 
 
+def spread(values, digits, sign=''):
+    """Mean of what several starts gave, and half the range if the digits show it."""
+    half = (max(values) - min(values))/2
+    return f'{sum(values)/len(values):{sign}.{digits}f}' + (f' ± {half:.{digits}f}' if half >= 10**-digits else '')
+
+
 def ring(data):
     yield '| (f, τ), truncation | start | paper | here | period | orbital speed Ω | spin | smallest gap | independent (period, Ω, spin) |'
     yield '|---'*9 + '|'
+    cases, states = {}, {}
     for r in data['rows']:
-        number = '–' if r['period'] is None else f'{r["period"]:.1f}'
-        yield (f'| ({r["f"]:g}, {r["tau"]:g}), {r["truncation"]} | {r["start"]} | {r.get("paper", "")} | {r["state"]} | {number} | '
-               f'{r["orbital_speed"]:+.4f} | {r["spin"]:+.4f} | {r["smallest_gap"]:.3f} | '
-               f'{", ".join("–" if v is None else str(v) for v in r["independent"]) if r.get("independent") else "–"} |')
+        case = r['f'], r['tau'], r['start']
+        cases.setdefault(case, []).append(r)
+        states.setdefault(case, {}).setdefault(r['state'], []).append(r)
+    for case, rows in cases.items():
+        for state, same in sorted(states[case].items(), key=lambda s: -len(s[1])):
+            r = same[0]
+            periods = [q['period'] for q in same if q['period'] is not None]
+            yield (f'| ({r["f"]:g}, {r["tau"]:g}), {r["truncation"]} | {r["start"]} | {r.get("paper", "")} | {state} ({len(same)} of {len(rows)}) | '
+                   f'{spread(periods, 1) if periods else "–"} | {spread([q["orbital_speed"] for q in same], 4, "+")} | '
+                   f'{spread([q["spin"] for q in same], 4, "+")} | {spread([q["smallest_gap"] for q in same], 3)} | '
+                   f'{", ".join("–" if v is None else str(v) for v in r["independent"]) if r.get("independent") else "–"} |')
+
+
+def diagram(data):
+    """What the starts at each point led to, where they differ or no state was found."""
+    points = {}
+    for r in data['rows']:
+        points.setdefault((r['f'], r['tau']), []).append(r)
+    counts = {}
+    for r in data['rows']:
+        counts[r['state']] = counts.get(r['state'], 0) + 1
+    alike = sum(len({r['state'] for r in rows}) == 1 for rows in points.values())
+    yield (f'{len(data["rows"])} runs at {len(points)} points, at {alike} of which all starts agree: ' +
+           ', '.join(f'{name} {n}' for name, n in sorted(counts.items(), key=lambda c: -c[1])))
+    for (f, tau), rows in sorted(points.items()):
+        names = [r['state'] for r in rows]
+        if 'undecided' in names:
+            last = max(r['settle'] + r['window'] for r in rows)
+            yield f'- ({f:g}, {tau:g}): {", ".join(names)}; followed to t = {last:.0f}'
 
 
 def noise(data):
@@ -81,7 +113,8 @@ def main():
     parser.add_argument('--input', type=pathlib.Path, default=RESULTS)
     folder = parser.parse_args().input
     for pattern, table in (('lennard_jones.json', lennardJones), ('sedimenting_spheres.json', sedimenting),
-                           ('trapped_spheres.json', trapped), ('ring_states_*.json', ring), ('ring_noise_*.json', noise)):
+                           ('trapped_spheres.json', trapped), ('ring_states_*.json', ring), ('ring_noise_*.json', noise),
+                           ('ring_diagram_*.json', diagram)):
         for path in sorted(folder.glob(pattern)):
             print(f'\n**{path.stem}**\n')
             print('\n'.join(table(json.loads(path.read_text()))))

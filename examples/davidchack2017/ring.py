@@ -6,11 +6,13 @@ states are classified from the gaps between neighbours alone: steady (uniform, p
 drafting, in-phase or alternating triplets), with period, orbital speed and spin. The paper says only "smoothly truncated at 2.4" of
 the repulsion and nothing of the start: here a switch from 2.2 to 2.4 (`--truncation none`: without), and several random starts.
 
-    python3 ring.py                          # the paper's (f, tau), noise, phase diagram, animation
+    python3 ring.py                          # the paper's (f, tau), noise, phase diagram, animation: an hour
     python3 ring.py --parts states noise     # some of: states noise diagram animation
+    python3 ring.py --model RPY --keep       # other hydrodynamics; keep the runs that are there and do what is missing
     python3 ring.py --quick                  # under a minute: one state
 """
 import argparse
+import json
 import pathlib
 import time
 
@@ -31,6 +33,8 @@ COARSE_STEP = 0.05
 STEADY = 2e-3
 #: Shifted gaps match if they differ by less than this part of their fluctuation.
 MATCH = 0.06
+#: The phase diagram's times to settle and to follow at f = 1 or tau = 4; where both are smaller, everything is slower.
+SETTLE, WINDOW = 800.0, 300.0
 PARTS = ('states', 'noise', 'diagram', 'animation')
 #: f, tau, kind of start, time to settle, window, what the paper shows, and what an independent calculation
 #: found (period, orbital speed, spin), by model and truncation.
@@ -170,21 +174,37 @@ def runState(f, tau, kT, model, truncation, kind, settle, window, seed, label, q
 
 
 # ---- Parts of the experiment -------------------------------------------------------------------------------------------
-def states(args):
-    rows = []
-    for name, f, tau, kind, settle, window, paper, reference in STATES:
-        for k in range(1 if args.quick else args.starts):
-            if args.quick and name != 'Fig 7':
-                continue
-            settle, window = (300.0, 180.0) if args.quick else (settle, window)
-            row = runState(f, tau, 0, args.model, args.truncation, kind, settle, window, args.seed + k, f'{name} {k + 1}',
-                           step=COARSE_STEP if args.quick else STEP)
-            row.update({'name': name, 'paper': paper, 'independent': reference.get((args.model, args.truncation))})
-            rows.append(row)
-            print(f'{name} f {f:g} tau {tau:g} start {k + 1}: {row["state"]}, period {row["period"]}, Om {row["orbital_speed"]:.4f}, '
-                  f'spin {row["spin"]:.4f}, smallest gap {row["smallest_gap"]:.3f}; paper: {paper}; independent {row["independent"]}  '
-                  f'[{row["seconds"]:.0f} s]', flush=True)
-    return rows
+def resumed(args, path, tasks):
+    """Do the runs of `tasks`, (arguments of runState, more entries of the row); with --keep only those that the file lacks.
+
+    The file is written after each run; rows that it has beyond the tasks stay.
+    """
+    def key(row):
+        return tuple(row[k] for k in ('f', 'tau', 'start', 'seed', 'h'))
+
+    rows = {key(r): r for r in json.loads(path.read_text())['rows']} if args.keep and path.exists() else {}
+    for arguments, more in tasks:
+        run = dict(arguments, start=arguments['kind'], h=arguments['step'])
+        if key(run) not in rows:
+            row = rows[key(run)] = {**runState(**arguments), **more}
+            save(path.parent, path.name, {'rows': list(rows.values()), 'provenance': provenance(args)})
+            print(f'f {row["f"]:g} tau {row["tau"]:g} seed {row["seed"]}: {row["state"]}, period {row["period"]}, '
+                  f'Om {row["orbital_speed"]:.4f}, spin {row["spin"]:.4f}, smallest gap {row["smallest_gap"]:.3f} '
+                  f'{more}  [{row["seconds"]:.0f} s]', flush=True)
+    return list(rows.values())
+
+
+def states(args, path):
+    tasks = []
+    for k in range(1 if args.quick else args.starts):
+        for name, f, tau, kind, settle, window, paper, reference in STATES[:1] if args.quick else STATES:
+            if args.quick:
+                settle, window = 300.0, 180.0
+            tasks.append(({'f': f, 'tau': tau, 'kT': 0, 'model': args.model, 'truncation': args.truncation, 'kind': kind,
+                           'settle': settle, 'window': window, 'seed': args.seed + k, 'label': f'{name} {k + 1}',
+                           'step': COARSE_STEP if args.quick else STEP},
+                          {'name': name, 'paper': paper, 'independent': reference.get((args.model, args.truncation))}))
+    return resumed(args, path, tasks)
 
 
 def fingerprint(gaps):
@@ -195,7 +215,7 @@ def fingerprint(gaps):
     return np.concatenate([np.sort(gaps, axis=1).mean(0), np.sort(gaps.mean(0))])
 
 
-def noise(args):
+def noise(args, path):
     """Both of the paper's robust states with noise: which of the two noiseless ones the run is nearer to, and is it still periodic?"""
     rows, noiseless = [], {}
     for kT in (0.0, 1e-5, 1e-4, 1e-3, 1e-2):
@@ -215,21 +235,24 @@ def noise(args):
             print(f'{name} kT {kT:g}: {row["state"]} (distances {row.get("distances_to_noiseless")}, fluctuation {row["fluctuation"]:.3f}, '
                   f'mismatch after a shift by one {row["least_mismatch_by_one"]:.2f}), Om {row["orbital_speed"]:.4f}, '
                   f'spin {row["spin"]:.4f}', flush=True)
+    save(path.parent, path.name, {'rows': rows, 'provenance': provenance(args)})
     return rows
 
 
-def diagram(args):
-    """One random start at each point of a coarse grid."""
-    rows = []
-    for tau in args.tau:
-        for f in args.f:
-            if f == 0 and tau == 0:
-                continue
-            row = runState(f, tau, 0, args.model, args.truncation, 'random', 800.0, 300.0, args.seed, f'f {f:g} tau {tau:g}',
-                           step=COARSE_STEP)
-            rows.append(row)
-            print(f'f {f:g} tau {tau:g}: {row["state"]}, Om {row["orbital_speed"]:.3f}', flush=True)
-    return rows
+def diagram(args, path):
+    """Random starts at each point of a grid, all points for one start after the other."""
+    tasks = []
+    for k in range(args.diagram_starts):
+        for tau in args.tau:
+            for f in args.f:
+                if f == 0 and tau == 0:
+                    continue
+                slower = 1/np.clip(max(f, abs(tau)/4), 0.25, 1)
+                tasks.append(({'f': f, 'tau': tau, 'kT': 0, 'model': args.model, 'truncation': args.truncation, 'kind': 'random',
+                               'settle': SETTLE*slower, 'window': WINDOW*slower, 'seed': args.seed + k,
+                               'label': f'f {f:g} tau {tau:g} {k + 1}', 'quiet': True, 'step': COARSE_STEP,
+                               'attempts': args.attempts}, {}))
+    return resumed(args, path, tasks)
 
 
 COLOURS = {'5+1 drafting': 'C0', 'steady pairs': 'C1', 'pair drafting': 'C2', 'in-phase triplets': 'C3', 'alternating triplets': 'C4',
@@ -237,19 +260,29 @@ COLOURS = {'5+1 drafting': 'C0', 'steady pairs': 'C1', 'pair drafting': 'C2', 'i
 
 
 def drawDiagram(rows, path):
+    """A disc at each (f, tau), with a sector for each start."""
     plt = pyplot()
-    figure, ax = plt.subplots(figsize=(7, 5), constrained_layout=True)
-    for state, colour in COLOURS.items():
-        chosen = [r for r in rows if r['state'] == state]
-        if chosen:
-            ax.scatter([r['f'] for r in chosen], [r['tau'] for r in chosen], s=170, color=colour, label=state)
-    for r in rows:
-        ax.annotate(f'{r["orbital_speed"]:+.2f}', (r['f'], r['tau']), ha='center', va='bottom', fontsize=6, xytext=(0, 8),
-                    textcoords='offset points')
-    ax.set(xlabel='f', ylabel=r'$\tau$', ylim=(min(r['tau'] for r in rows) - 0.5, max(r['tau'] for r in rows) + 0.9))
-    ax.set_title(f'{rows[0]["model"]}, one random start at each point; numbers: orbital speed', fontsize=9)
+    figure, ax = plt.subplots(figsize=(9, 8), constrained_layout=True)
+    named = set()
+    for f, tau in sorted({(r['f'], r['tau']) for r in rows}):
+        here = sorted((r for r in rows if (r['f'], r['tau']) == (f, tau)), key=lambda r: list(COLOURS).index(r['state']))
+        for k, r in enumerate(here):
+            turn = 2*np.pi*np.linspace(k, k + 1, 20)/len(here)
+            sector = np.stack([np.sin(turn), np.cos(turn)], axis=1)
+            if len(here) > 1:
+                sector = np.vstack([[0, 0], sector])
+            # matplotlib scales a marker to its largest coordinate.
+            ax.scatter([f], [tau], marker=sector, s=330*abs(sector).max()**2, color=COLOURS[r['state']], lw=0,
+                       label=None if r['state'] in named else r['state'])
+            named.add(r['state'])
+        ax.annotate(f'{np.mean([r["orbital_speed"] for r in here]):+.2f}', (f, tau), ha='center', va='center', fontsize=6, color='w')
+    ax.set(xlabel='f', ylabel=r'$\tau$')
+    ax.margins(0.06)
+    count = max(sum((r['f'], r['tau']) == (q['f'], q['tau']) for r in rows) for q in rows)
+    ax.set_title(f'{rows[0]["model"]}, {count} random start{"s" if count > 1 else ""} at each point; numbers: mean orbital speed', fontsize=10)
     ax.legend(fontsize=8, bbox_to_anchor=(1.01, 1), loc='upper left')
-    figure.savefig(path, dpi=90)
+    figure.savefig(path, dpi=80)
+    plt.close(figure)
 
 
 def animation(args, path):
@@ -291,9 +324,12 @@ def main():
     parser.add_argument('--parts', nargs='+', choices=PARTS, default=PARTS)
     parser.add_argument('--model', default='FTS+lubrication', choices=MODELS)
     parser.add_argument('--truncation', default='switch', choices=('switch', 'none'))
-    parser.add_argument('--starts', type=int, default=2, help='starts for each of the paper\'s states')
-    parser.add_argument('--f', type=float, nargs='+', default=[0, 0.4, 0.8, 1.2])
-    parser.add_argument('--tau', type=float, nargs='+', default=[-5, -4, -3, -2, -1, 0, 1, 2])
+    parser.add_argument('--starts', type=int, default=3, help='starts for each of the paper\'s states')
+    parser.add_argument('--diagram-starts', type=int, default=3, help='starts at each point of the phase diagram')
+    parser.add_argument('--attempts', type=int, default=12, help='windows that an undecided run of the diagram is followed for')
+    parser.add_argument('--keep', action='store_true', help='keep the states and points that the output folder has; do what is missing')
+    parser.add_argument('--f', type=float, nargs='+', default=[0, 0.2, 0.4, 0.6, 0.8, 1, 1.2])
+    parser.add_argument('--tau', type=float, nargs='+', default=[k/2 for k in range(-10, 5)])
     parser.add_argument('--seed', type=int, default=2017)
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     args = parser.parse_args()
@@ -303,8 +339,7 @@ def main():
         if part == 'animation':
             animation(args, args.output/f'ring_{suffix}.gif')
             continue
-        rows = {'states': states, 'noise': noise, 'diagram': diagram}[part](args)
-        save(args.output, f'ring_{part}_{suffix}.json', {'rows': rows, 'provenance': provenance(args)})
+        rows = {'states': states, 'noise': noise, 'diagram': diagram}[part](args, args.output/f'ring_{part}_{suffix}.json')
         if part == 'diagram':
             drawDiagram(rows, args.output/f'ring_diagram_{suffix}.png')
 

@@ -261,7 +261,7 @@ def main():
     parser.add_argument('--quick', action='store_true', help='seconds: R = 3, about a hundredth of the time')
     parser.add_argument('--model', default='FTS+lubrication', choices=MODELS)
     parser.add_argument('--sets', nargs='+', default=['inertial', 'overdamped'], choices=['inertial', 'overdamped'])
-    parser.add_argument('--keep', action='store_true', help='keep the runs of other sets that the output folder has')
+    parser.add_argument('--keep', action='store_true', help='keep the runs that the output folder has until they are done anew')
     parser.add_argument('--bias-only', action='store_true', help='only the bias of the step sizes')
     parser.add_argument('--long', type=float, default=1.0, metavar='FACTOR', help='multiply the length of every run')
     parser.add_argument('--minutes', type=float, default=np.inf, help='end a run after so long (at the paper\'s kT: a quarter of it)')
@@ -285,11 +285,11 @@ def main():
                              args.minutes*(1 if share < 1 else 0.25), args.jobs > 1))
     runs = []
     if args.keep and (args.output/name).exists():
-        again = {task[:3] for task in todo}
-        runs = [r for r in json.loads((args.output/name).read_text())['runs'] if (r['set'], r['R'], r['kT']) not in again]
+        runs = json.loads((args.output/name).read_text())['runs']
 
     def finish(r):
-        runs.append(r)
+        # A kept run goes only when its successor is there: an interrupted series loses nothing.
+        runs[:] = [k for k in runs if (k['set'], k['R'], k['kT']) != (r['set'], r['R'], r['kT'])] + [r]
         runs.sort(key=lambda r: (list(SETS).index(r['set']), r['kT'], r['R']))
         print(f'{r["set"]} R {r["R"]:g} kT {r["kT"]:g}: h {r["h"]:g} (bias {r["bias_of_this_step"]:.1e}), largest error '
               f'{r["largest_standard_error"]:.4f}, largest difference {max(r["largest_difference"].values()):.4f}, '

@@ -33,6 +33,7 @@ VALUES = {'CustomRigidHIIntegrator': {
     'setMaximumRejections': (17,),
     'setFiniteDifferenceStep': (3e-4,),
     'setWallRejection': (Integrator.Crossing,),
+    'setFiniteDifferenceStep': (1e-4/3,),
     'setBodyFriction': (1, 0.1, 1/3),
     'setRigidBodyParameters': (0, [4, 1, 3], 7/3, (0.1, 0.2, 0.25), [(0.1, 0, 1/3), (0, -0.2, 0), (0, 0, 0)]),
 }, 'MobilityForce': {

@@ -163,8 +163,9 @@ TEST(BadFluid, BlobsAndSpheresAtOnePlace) {
         twin.start(testPlatform());
         twin.integrator.setBodyVelocities({Vec3(1, 0, 0), Vec3(), Vec3()});  // of what is at rest no product is taken
         expectError([&] { twin.integrator.step(1); },
-                    {solver == MobilityForce::Dense ? "not positive definite; look for two blobs at one place"
-                                                    : " blobs of body 2 is not positive definite; look for blobs"});
+                    {solver == MobilityForce::Dense
+                         ? "hydrodynamic particles is not positive definite; look for particles at the same place"
+                         : " blobs of body 2 is not positive definite; look for blobs"});
     }
 }
 

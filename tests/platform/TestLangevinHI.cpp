@@ -23,17 +23,21 @@ struct ModelCase {
     MobilityForce::Model model;
     MobilityForce::Boundary boundary;
     bool takesMultiblobs, takesFreeParticles;
+    MobilityForce::SphereWallMobility sphereWall = MobilityForce::FromModel;
 };
 void PrintTo(const ModelCase& model, ostream* out) { *out << model.name; }  // for GoogleTest's messages
 const vector<ModelCase> models = {
     {"FreeDraining", MobilityForce::FreeDraining, MobilityForce::Unbounded, true, true},
     {"RotnePragerYamakawa", MobilityForce::RotnePragerYamakawa, MobilityForce::Unbounded, true, true},
     {"StokesianDynamics", MobilityForce::StokesianDynamics, MobilityForce::Unbounded, false, false},
-    {"RotnePragerYamakawaWall", MobilityForce::RotnePragerYamakawa, MobilityForce::NoSlipWall, true, true}};
+    {"RotnePragerYamakawaWall", MobilityForce::RotnePragerYamakawa, MobilityForce::NoSlipWall, true, true},
+    {"BestKnownAtTheWall", MobilityForce::RotnePragerYamakawa, MobilityForce::NoSlipWall, true, false,
+     MobilityForce::BestKnown}};
 void choose(FluidScene& scene, const ModelCase& model) {
     scene.fluid->setModel(model.model);
     scene.fluid->setBoundary(model.boundary);
     scene.fluid->setWallHeight(-2.1);  // just below all of addAllKinds()
+    scene.fluid->setSphereWallMobility(model.sphereWall);
 }
 
 class EveryModel : public testing::TestWithParam<ModelCase> {};
@@ -302,11 +306,12 @@ MatrixXd expectedResponse(const MatrixXd& friction, const MatrixXd& inverse, dou
 
 MatrixXd squareRoot(const MatrixXd& m) { return Eigen::SelfAdjointEigenSolver<MatrixXd>(m).operatorSqrt(); }
 
-MatrixXd fullFriction(FluidScene& scene, MobilityForce::Model model) {
+MatrixXd fullFriction(FluidScene& scene, const ModelCase& model) {
     const auto bodies = scene.labBodies();
-    if (model == MobilityForce::RotnePragerYamakawa) return scene.expected().friction;
+    if (model.model == MobilityForce::RotnePragerYamakawa && model.sphereWall == MobilityForce::FromModel)
+        return scene.expected().friction;
     // Others have unit tests of their matrices, and no free particles.
-    if (model != MobilityForce::FreeDraining) return scene.friction();
+    if (model.model != MobilityForce::FreeDraining) return scene.friction();
     int rows = 0, row = 0;
     for (const LabBody& body : bodies) rows += body.rows();
     MatrixXd friction = MatrixXd::Zero(rows, rows);
@@ -329,7 +334,7 @@ TEST_P(EveryModel, OneStepResponseIsTheExponentialOfFrictionOverInertia) {
             if (free)
                 for (double radius : {0.35, 0.5}) scene.addFree(1.3, radius, Vec3(-2, 2 * radius, 1));
             scene.start(testPlatform());
-            const MatrixXd expected = expectedResponse(fullFriction(scene, GetParam().model), inverseInertia(scene), h);
+            const MatrixXd expected = expectedResponse(fullFriction(scene, GetParam()), inverseInertia(scene), h);
             EXPECT_LT(difference(measuredResponse(scene, 1e-5), expected), 1e-8) << "h = " << h;
         }
 }
@@ -406,7 +411,7 @@ TEST_P(EveryModel, OneStepNoiseHasTheCovarianceOfTheory) {
         addAllKinds(scene, GetParam().takesMultiblobs);
         if (GetParam().takesFreeParticles) scene.addFree(1.3, 0.35, Vec3(-2, 1, 1));
         scene.start(testPlatform());
-        const MatrixXd inverse = inverseInertia(scene), friction = fullFriction(scene, GetParam().model);
+        const MatrixXd inverse = inverseInertia(scene), friction = fullFriction(scene, GetParam());
         const MatrixXd E = exponential(-h * inverse * friction);
         const MatrixXd covariance = inverse - E * inverse * E.transpose();
         const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(covariance);

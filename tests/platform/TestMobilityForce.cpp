@@ -19,6 +19,7 @@ struct ModelCase {
     bool takesMultiblobs;  // and bodies may have several blobs, or a sphere off their origin
     bool takesFreeParticles;
     bool couplesBodies;
+    MobilityForce::SphereWallMobility sphereWall = MobilityForce::FromModel;
 };
 void PrintTo(const ModelCase& model, ostream* out) { *out << model.name; }  // for GoogleTest's messages
 const vector<ModelCase> models = {
@@ -26,6 +27,8 @@ const vector<ModelCase> models = {
     {"RotnePragerYamakawa", MobilityForce::RotnePragerYamakawa, MobilityForce::Unbounded, true, true, true, true},
     {"StokesianDynamics", MobilityForce::StokesianDynamics, MobilityForce::Unbounded, false, false, false, true},
     {"RotnePragerYamakawaWall", MobilityForce::RotnePragerYamakawa, MobilityForce::NoSlipWall, true, true, true, true},
+    {"BestKnownAtTheWall", MobilityForce::RotnePragerYamakawa, MobilityForce::NoSlipWall, true, true, true, true,
+     MobilityForce::BestKnown},
 };
 /** Below all particles of the mixture where origins have z >= 0. */
 const double wallHeight = -2;
@@ -33,6 +36,7 @@ void choose(FluidScene& scene, const ModelCase& model) {
     scene.fluid->setModel(model.model);
     scene.fluid->setBoundary(model.boundary);
     scene.fluid->setWallHeight(wallHeight);
+    scene.fluid->setSphereWallMobility(model.sphereWall);
 }
 /** So far from the scene that no more is left of a wall than a radius divided by the distance. */
 void removeWall(FluidScene& scene, double distance = 1e18) { scene.fluid->setWallHeight(-distance); }

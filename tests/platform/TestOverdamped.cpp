@@ -3,7 +3,7 @@
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>
-#include <openmm/MonteCarloBarostat.h>
+#include <openmm/VirtualSite.h>
 #include <openmm/serialization/XmlSerializer.h>
 
 #include <sstream>
@@ -310,7 +310,7 @@ TEST(Overdamped, MasslessBodiesFromPositions) {
     const auto x = positionsOf(*scene.context);
     for (int i = 0; i < 4; i++)
         for (int j = 0; j < i; j++) EXPECT_NEAR(norm(x[i] - x[j]), norm(places[i] - places[j]), 1e-12);
-    // Another scheme needs masses.
+    // Another scheme needs masses, of free particles too.
     scene.integrator.setScheme(RigidHI::LangevinHI);
     expectError([&] { scene.integrator.step(1); }, {"body 0 has mass 0", "LangevinHI needs a positive mass"});
 }
@@ -352,6 +352,23 @@ TEST(Overdamped, Refused) {
     }
 }
 
+TEST(Overdamped, LangevinNeedsMassesOfFreeParticles) {
+    FluidScene scene;
+    scene.add(sphereKind(1));
+    scene.addFree(0, 0.4, Vec3(0, 5, 0));
+    expectError([&] { scene.start(testPlatform()); },
+                {"particle 1 has hydrodynamic radius 0.4", "which scheme LangevinHI needs; give it a mass"});
+    // A virtual site is moved by others.
+    OverdampedScene site(RigidHI::EulerMaruyama);
+    site.addMassless(sphereKind(1));
+    site.addFree(0, 0.5, Vec3(3, 0, 0));
+    site.addFree(0, 0.5, Vec3(4, 0, 0));
+    site.addFree(0, 0.5, Vec3(3.5, 0, 0));
+    site.system.setVirtualSite(3, new OpenMM::TwoParticleAverageSite(1, 2, 0.5, 0.5));
+    expectError([&] { site.start(testPlatform()); },
+                {"particle 3 has hydrodynamic radius 0.5", "is in no body and has no mass; make it part of a body"});
+}
+
 TEST(Overdamped, Settings) {
     RigidHI integrator(300, 0.01);
     EXPECT_EQ(integrator.getFiniteDifferenceStep(), 0);
@@ -359,6 +376,48 @@ TEST(Overdamped, Settings) {
         expectError([&] { integrator.setFiniteDifferenceStep(bad); }, {"setFiniteDifferenceStep()", "relative step"});
     expectError([&] { integrator.setFiniteDifferenceStep(0.2); }, {"must not be above 0.1"});
     expectError([&] { integrator.setScheme(Scheme(12)); }, {"scheme 12 is unknown", "DriftCorrectorRFD"});
+}
+
+TEST(Overdamped, BlobsAtOnePlace) {
+    for (const Named& s : schemes) {
+        OverdampedScene scene(s.scheme, T1);
+        BodyKind kind = boomerangKind();
+        kind.sites[1] = kind.sites[0];
+        kind.radii[1] = kind.radii[0];
+        scene.addMassless(kind);
+        scene.addMassless(sphereKind(0.3), Vec3(5, 0, 0));
+        scene.start(testPlatform());
+        expectError([&] { scene.integrator.step(1); },
+                    {"hydrodynamic particles is not positive definite; look for particles at the same place"});
+        // Of different radii they have a mobility, but nothing holds the body about any axis.
+        OverdampedScene concentric(s.scheme, T1);
+        kind = boomerangKind();
+        kind.sites = {Vec3(), Vec3()};
+        kind.radii = {0.5, 0.8};
+        concentric.addMassless(kind);
+        concentric.addMassless(sphereKind(0.3), Vec3(5, 0, 0));
+        concentric.start(testPlatform());
+        expectError([&] { concentric.integrator.step(1); },
+                    {"the friction matrix of 2 bodies is not positive definite", "blobs are all at one place"});
+    }
+}
+
+/** Spheres on all sides of each other, nearer than any finite difference. */
+TEST(Overdamped, FiniteDifferencesThatLeadNowhere) {
+    for (Scheme scheme : {RigidHI::RandomFiniteDifference, RigidHI::TractionEulerMaruyama, RigidHI::TrapezoidalSlip,
+                          RigidHI::DriftCorrectorRFD}) {
+        OverdampedScene scene(scheme, T1, 1e-12);
+        scene.fluid->setModel(MobilityForce::StokesianDynamics);
+        scene.integrator.setFiniteDifferenceStep(0.1);
+        const double d = 2 + 1e-7;
+        for (const Vec3& x :
+             {Vec3(0, 0, 0), Vec3(1, 1, 0), Vec3(1, 0, 1), Vec3(0, 1, 1), Vec3(2, 0, 0), Vec3(-1, 1, 0)})
+            scene.addMassless(sphereKind(1), x * (d / sqrt(2.0)));
+        scene.start(testPlatform());
+        expectError([&] { scene.integrator.step(1); },
+                    {"finite difference of the stochastic drift leads where the model has no mobility, both ways",
+                     "use a smaller setFiniteDifferenceStep()"});
+    }
 }
 
 TEST(Overdamped, ATorqueAboutARodsLine) {
@@ -464,5 +523,35 @@ TEST(Overdamped, HeightAboveAWall) {
         if (scheme == RigidHI::EulerMaruyama) {
             EXPECT_GT(right - found.mean, 5 * found.error);
         }
+    }
+}
+
+/** Two hundred bodies above a wall, spheres and multiblobs mixed, a fifth of the area covered. */
+TEST(Overdamped, TwoHundredBodiesAboveAWall) {
+    const int n = 200;
+    const double spacing = 4;  // a square lattice of discs of radius 1: pi/16 of the area
+    for (const Named& s : schemes) {
+        if (s.scheme == RigidHI::DriftCorrectorFD) continue;  // 1200 square roots a step
+        OverdampedScene scene(s.scheme, T1, 0.02);
+        scene.fluid->setBoundary(MobilityForce::NoSlipWall);
+        scene.fluid->setViscosity(1 / (6 * M_PI));
+        scene.fluid->setSolver(MobilityForce::MatrixFree);
+        scene.fluid->setSolverTolerance(1e-3);
+        BodyKind tetramer = {"tetramer", 0, Vec3(), {}, {0.5, 0.5, 0.5, 0.5}};
+        for (const Vec3& v : {Vec3(1, 1, 1), Vec3(1, -1, -1), Vec3(-1, 1, -1), Vec3(-1, -1, 1)})
+            tetramer.sites.push_back(v * (0.5 / sqrt(2.0)));
+        for (int i = 0; i < n; i++)
+            scene.addMassless(i % 4 ? sphereKind(1) : tetramer, Vec3(spacing * (i % 15), spacing * (i / 15), 1.6),
+                              OverdampedScene::randomTurn(i));
+        scene.addWells("z + 10*exp(-3*(z-0.6))");
+        scene.start(testPlatform(), 2);
+        const VectorXd before = scene.state();
+        scene.integrator.step(2);
+        const VectorXd moved = scene.state() - before;
+        EXPECT_TRUE(moved.allFinite()) << s.name;
+        // Each coordinate's variance is at most 2 kT t/(6 pi eta a), a >= 0.5, and turning adds as much again.
+        EXPECT_LT(moved.cwiseAbs().maxCoeff(), 6 * sqrt(2 * 0.04 * 2 * 2)) << s.name;
+        EXPECT_GT(moved.squaredNorm() / moved.size(), 0.01) << s.name;
+        EXPECT_GT(scene.integrator.getStepStatistics().at("solverIterations"), 0) << s.name;
     }
 }

@@ -299,16 +299,24 @@ TEST(Wall, SettingsOutOfBounds) {
     EXPECT_EQ(integrator.getWallRejection(), CustomRigidHIIntegrator::Overlap);
 }
 
-TEST(Wall, SphereWallMobilityBestKnown) {
-    for (auto rejection : {CustomRigidHIIntegrator::Overlap, CustomRigidHIIntegrator::Crossing}) {
-        WallScene scene;
-        scene.fluid->setSphereWallMobility(MobilityForce::BestKnown);
-        scene.integrator.setWallRejection(rejection);
-        scene.add(sphereKind(0.5), Vec3(0, 0, 3));
-        expectError([&] { scene.start(testPlatform()); },
-                    {rejection == CustomRigidHIIntegrator::Crossing ? "it does not go with the wall rejection Crossing"
-                                                                    : "BestKnown is not there yet"});
-    }
+TEST(Wall, BestKnownDoesNotGoWithCrossing) {
+    const vector<string> fragments = {"sphere-wall mobility BestKnown",
+                                      "it does not go with the wall rejection Crossing",
+                                      "setWallRejection(Overlap) or setSphereWallMobility(FromModel)"};
+    WallScene scene;
+    scene.fluid->setSphereWallMobility(MobilityForce::BestKnown);
+    scene.integrator.setWallRejection(CustomRigidHIIntegrator::Crossing);
+    scene.add(sphereKind(0.5), Vec3(0, 0, 3));
+    expectError([&] { scene.start(testPlatform()); }, fragments);
+    scene.integrator.setWallRejection(CustomRigidHIIntegrator::Overlap);
+    scene.start(testPlatform());
+    const MatrixXd before = scene.mobility();
+    scene.integrator.setWallRejection(CustomRigidHIIntegrator::Crossing);
+    expectError([&] { scene.mobility(); }, fragments);
+    expectError([&] { scene.integrator.step(1); }, fragments);
+    scene.integrator.setWallRejection(CustomRigidHIIntegrator::Overlap);
+    EXPECT_EQ(scene.mobility(), before);
+    scene.integrator.step(1);
 }
 
 TEST(Wall, WhatNeedsReinitialize) {
@@ -326,4 +334,274 @@ TEST(Wall, WhatNeedsReinitialize) {
     EXPECT_EQ(scene.mobility(), before);
     scene.context->reinitialize(true);
     EXPECT_GT(scene.mobility()(2, 2), 1.2 * before(2, 2));
+}
+
+// ---- Best known ----
+
+TEST(Wall, BestKnownMobilityOfOneSphere) {
+    // Delong et al. 2015, eqs. 95 to 97 (in the first two h is the gap), and exact values with rotation (tools/).
+    const struct {
+        double gap, along, across, turnAlong, turnNormal, rolling;
+    } rows[] = {{0.01, 0.296664, 0.02060 / 2.0906, 0.45228199, 0.84513430, 0.03654131},
+                {0.1, 0.423682, 0.26 / 2.96, 0.68955449, 0.89520325, 0.02703135},
+                {1, 0.721436, 8.0 / 17, 0.95991472, 0.98432259, 0.00348818}};
+    const double a = 0.6, eta = 1.7, height = 2.5;
+    for (const auto& row : rows)
+        for (bool free : {false, true}) {
+            WallScene scene(height);
+            scene.fluid->setSphereWallMobility(MobilityForce::BestKnown);
+            scene.fluid->setViscosity(eta);
+            scene.add(sphereKind(a), Vec3(1, 1, height + a * (1 + row.gap)));
+            if (free) scene.addFree(1, 1e-9, Vec3(0, 0, height + 1e5));  // too small and far to matter
+            scene.start(testPlatform());
+            const MatrixXd N = scene.mobility() * 6 * M_PI * eta * a;
+            EXPECT_NEAR(N(0, 0), row.along, 1e-6);
+            EXPECT_NEAR(N(2, 2), row.across, 1e-6);
+            EXPECT_NEAR(N(3, 3) * a * a * 4 / 3, row.turnAlong, 1e-6);
+            EXPECT_NEAR(N(5, 5) * a * a * 4 / 3, row.turnNormal, 1e-6);
+            EXPECT_NEAR(N(4, 0) * a, row.rolling, 1e-6);
+            EXPECT_NEAR(N(3, 1) * a, -row.rolling, 1e-6);
+        }
+}
+
+TEST(Wall, BestKnownIsACongruenceOfTheModel) {
+    // Spheres far from each other at one height: scaled by the same factors as the sphere alone.
+    WallScene model, best;
+    best.fluid->setSphereWallMobility(MobilityForce::BestKnown);
+    MatrixXd N[2];
+    for (WallScene* scene : {&model, &best}) {
+        scene->add(sphereKind(0.5), Vec3(0, 0, 0.55));
+        scene->add(sphereKind(0.8), Vec3(3, 1, 2));
+        scene->add(boomerangKind(), Vec3(-3, 0, 1));
+        scene->start(testPlatform());
+        N[scene == &best] = scene->mobility();
+    }
+    // Across: no mixing with other components, so that factors are ratios of diagonals.
+    const auto factor = [&](int row) { return sqrt(N[1](row, row) / N[0](row, row)); };
+    EXPECT_LT(factor(2), 0.8);
+    EXPECT_NEAR(N[1](2, 8), factor(2) * factor(8) * N[0](2, 8), 1e-15);
+    EXPECT_NEAR(N[1](5, 11), factor(5) * factor(11) * N[0](5, 11), 1e-15);
+    EXPECT_NEAR(factor(14), 1, 1e-3);  // a multiblob feels only that the others move less
+    EXPECT_GT(smallestEigenvalue(N[1]), 0.1);
+}
+
+TEST(Wall, BestKnownRefusesContact) {
+    WallScene scene;
+    scene.fluid->setSphereWallMobility(MobilityForce::BestKnown);
+    scene.add(sphereKind(0.5), Vec3(0, 0, 0.5));
+    scene.add(boomerangKind(), Vec3(5, 0, 0.5));  // the lowest blobs touch, which the model takes
+    scene.start(testPlatform());
+    const vector<string> fragments = {"particle 0 (body 0) touches the wall", "BestKnown", "move it up"};
+    expectError([&] { scene.mobility(); }, fragments);
+    expectError([&] { scene.integrator.step(1); }, fragments);
+    scene.pose({Vec3(0, 0, 0.5 + 1e-9), Vec3(5, 0, 0.5)}, vector<QuaternionArray>(2, {{1, 0, 0, 0}}));
+    const MatrixXd N = scene.mobility();
+    EXPECT_NEAR(N(2, 2) * 6 * M_PI * 0.6 * 0.5 / 2e-9, 1, 1e-5);  // but for the neighbour
+    EXPECT_GT(smallestEigenvalue(N), 0);
+}
+
+// ---- Beside other features ----
+
+TEST(Wall, OwnTensorsAreThoseOfUnboundedFluid) {
+    const MatrixXd own = tensorWithoutSymmetry(5);
+    for (double gap : {1e9, 0.3}) {
+        WallScene scene, plain, bulk;
+        bulk.fluid->setBoundary(MobilityForce::Unbounded);
+        for (WallScene* s : {&scene, &plain, &bulk}) s->add(boomerangKind(), Vec3(0, 0, 0.5 + gap));
+        scene.fluid->setBodyMobility(0, rowsOf(own));
+        for (WallScene* s : {&scene, &plain, &bulk}) s->start(testPlatform());
+        const auto power = [](const MatrixXd& m, double p) {
+            const Eigen::SelfAdjointEigenSolver<MatrixXd> e(m);
+            return MatrixXd(e.eigenvectors() * e.eigenvalues().array().pow(p).matrix().asDiagonal() *
+                            e.eigenvectors().transpose());
+        };
+        // Roots depend on the axes' order inside as little as on the frame.
+        const MatrixXd B = power(own, 0.5) * power(bulk.mobility(), -0.5);
+        EXPECT_LT(difference(scene.mobility(), B * plain.mobility() * B.transpose()), 1e-10) << gap;
+        if (gap > 1) {
+            EXPECT_LT(difference(scene.mobility(), own), 1e-8);
+        }
+    }
+}
+
+TEST(Wall, OneBodyIsNotConstantInItsFrame) {
+    // What is taken once in unbounded fluid is taken anew in every step here; also of a sphere, and of a free particle.
+    for (int kind = 0; kind < 3; kind++) {
+        WallScene scene(0, T1, 0.001);
+        if (kind == 2)
+            scene.addFree(1, 0.5, Vec3(0, 0, 0.6));
+        else
+            scene.add(kind == 0 ? sphereKind(0.5) : boomerangKind(), Vec3(0, 0, 0.6));
+        scene.start(testPlatform());
+        scene.integrator.step(10);
+        const auto before = scene.integrator.getStepStatistics();
+        EXPECT_GE(before.at("mobilityProducts"), 10) << kind;
+        EXPECT_EQ(before.at("squareRoots"), 10) << kind;
+        EXPECT_NE(scene.integrator.describeEffects().find("above a no-slip wall at z = 0 nm"), string::npos);
+        if (kind == 2) continue;
+        const MatrixXd low = scene.mobility();
+        scene.pose({Vec3(0, 0, 5)}, {{{1, 0, 0, 0}}});
+        EXPECT_GT(scene.mobility()(2, 2), 1.5 * low(2, 2)) << kind;
+    }
+}
+
+TEST(Wall, TwoContextsAtDifferentWalls) {
+    WallScene low(-1), high(0.5);
+    for (WallScene* scene : {&low, &high}) {
+        scene->add(sphereKind(0.4), Vec3(0, 0, 1));
+        scene->start(testPlatform());
+    }
+    const MatrixXd a = low.mobility(), b = high.mobility();
+    EXPECT_GT(difference(a, b), 0.1);
+    high.integrator.setWallRejection(CustomRigidHIIntegrator::Crossing);
+    high.pose({Vec3(0, 0, 0.6)}, {{{1, 0, 0, 0}}});
+    high.mobility();
+    EXPECT_EQ(low.mobility(), a);
+}
+
+TEST(Wall, MatrixFreeIsDense) {
+    // One step from one state, in the norm of momenta over roots of masses; blobs at the wall.
+    const double tolerance = 1e-6;
+    for (bool bestKnown : {false, true})
+        for (double h : {1e-3, 0.3}) {
+            VectorXd Z[2];
+            for (bool matrixFree : {false, true}) {
+                WallScene scene(0, 1e-8 * T1, h);
+                scene.fluid->setSphereWallMobility(bestKnown ? MobilityForce::BestKnown : MobilityForce::FromModel);
+                scene.fluid->setSolver(matrixFree ? MobilityForce::MatrixFree : MobilityForce::Dense);
+                scene.fluid->setSolverTolerance(tolerance);
+                mt19937 random(5);
+                for (int b = 0; b < 8; b++) {
+                    const BodyKind kind = b % 3 == 0 ? boomerangKind() : b % 3 == 1 ? rodKind() : sphereKind(0.4);
+                    const QuaternionArray q = randomQuaternion(random);
+                    scene.add(kind, Vec3(2.5 * (b % 3), 2.5 * (b / 3), 1e-3 - lowestPoint(kind, q)), q);
+                }
+                scene.addFree(1.5, 0.4, Vec3(-1, -1, 0.45));
+                scene.start(testPlatform());
+                scene.integrator.step(1);
+                EXPECT_EQ(scene.integrator.getStepStatistics().at("solverIterations") > 0, matrixFree);
+                Z[matrixFree].resize(6 * 8 + 3);
+                const auto V = scene.integrator.getBodyVelocities(), W = scene.integrator.getBodyAngularVelocities();
+                const auto q = scene.integrator.getBodyOrientations();
+                for (int b = 0; b < 8; b++) {
+                    const BodyKind& kind = scene.bodies[b];
+                    Z[matrixFree].segment<3>(6 * b) = sqrt(kind.mass) * toEigen(V[b]);
+                    const Vector3d omega = rotationOf(q[b]).transpose() * toEigen(W[b]);
+                    for (int k = 0; k < 3; k++) Z[matrixFree][6 * b + 3 + k] = sqrt(kind.moments[k]) * omega[k];
+                }
+                Z[matrixFree].tail<3>() = sqrt(1.5) * toEigen(velocitiesOf(*scene.context).back());
+            }
+            EXPECT_LT((Z[1] - Z[0]).norm(), 5 * tolerance * Z[0].norm()) << "h = " << h;
+            EXPECT_GT((Z[1] - Z[0]).norm(), 0);
+        }
+}
+
+// ---- Equilibrium ----
+
+namespace {
+
+/** Of every body: 3 kT for each nm of height of its blobs' centre; of every blob 10 kT exp(-gap/0.4 nm). */
+const double weight = 3, repulsion = 10, range = 0.4;
+double blobEnergy(double z, double radius, int blobs) {
+    return weight / blobs * z + repulsion * exp(-(z - radius) / range);
+}
+
+/** Averages by quadrature over height and the vertical as the body sees it, with all blobs above the wall at 0. */
+map<string, double> gibbs(const BodyKind& kind) {
+    const int heights = 200, rings = 24;
+    const double highest = 6;  // in units of 0.03, so that cells end where "near" does
+    double norm_ = 0;
+    map<string, double> mean;
+    for (int i = 0; i < rings; i++)
+        for (int k = 0; k < 2 * rings; k++) {
+            // Uniform in n_z by mid-points; even spacing around.
+            const double nz = (2 * i + 1.0) / rings - 1, s = sqrt(1 - nz * nz), angle = (k + 0.5) * M_PI / rings;
+            const Vec3 n(s * cos(angle), s * sin(angle), nz);
+            double lowest = INFINITY;
+            for (size_t b = 0; b < kind.sites.size(); b++)
+                if (kind.radii[b] > 0) lowest = min(lowest, kind.sites[b].dot(n) - kind.radii[b]);
+            for (int j = 0; j < heights; j++) {
+                const double above = (j + 0.5) * highest / heights, z = above - lowest;
+                double U = 0;
+                for (size_t b = 0; b < kind.sites.size(); b++)
+                    if (kind.radii[b] > 0) U += blobEnergy(z + kind.sites[b].dot(n), kind.radii[b], kind.sites.size());
+                const double p = exp(-U);
+                norm_ += p;
+                mean["height"] += p * z;
+                mean["height^2"] += p * z * z;
+                mean["near"] += p * (above < 0.6);
+                for (int c = 0; c < 3; c++) mean["n_" + to_string(c) + "^2"] += p * n[c] * n[c];
+                mean["n_0"] += p * n[0];
+            }
+        }
+    for (auto& entry : mean) entry.second /= norm_;
+    return mean;
+}
+
+}  // namespace
+
+TEST(Wall, HeightsFollowGibbsAndVelocitiesMaxwell) {
+    // LangevinHI needs no drift term, however the friction depends on height and orientation. Replicas are groups. Were friction
+    // and noise not taken at the same place, P would have a factor like the inverse mobility, which would lower the sphere's
+    // mean height by 4 %: five standard errors.
+    const double h = 0.05;
+    for (bool multiblob : {false, true})
+        for (bool bestKnown : {false, true}) {
+            if (multiblob && bestKnown) continue;
+            WallScene scene(0, T1, h);
+            if (bestKnown) scene.fluid->setSphereWallMobility(MobilityForce::BestKnown);
+            const BodyKind kind = multiblob ? boomerangKind() : sphereKind(0.5, 1, 0.3);
+            auto* field = new CustomExternalForce("w*z+A*exp(-(z-a)/b)");
+            field->addGlobalParameter("w", weight / kind.sites.size());
+            field->addGlobalParameter("A", repulsion);
+            field->addGlobalParameter("b", range);
+            field->addPerParticleParameter("a");
+            const int copies = multiblob ? 100 : 200;
+            mt19937 random(4);
+            vector<int> groups;
+            for (int c = 0; c < copies; c++) {
+                const QuaternionArray q = randomQuaternion(random);
+                scene.add(kind, Vec3(0, 0, 0.7 - lowestPoint(kind, q)), q);
+                for (size_t i = 0; i < kind.radii.size(); i++)
+                    field->addParticle(scene.particles.back()[i], {kind.radii[i]});
+                groups.push_back(c);
+            }
+            scene.system.addForce(field);
+            scene.fluid->setGroups(groups);
+            scene.start(testPlatform(), 2);
+            scene.context->setVelocitiesToTemperature(T1, 5);
+            scene.integrator.step(100);
+            map<string, vector<double> > sums;
+            const int samples = 60;
+            for (int s = 0; s < samples; s++) {
+                scene.integrator.step(10);
+                const auto R = scene.integrator.getBodyPositions(), V = scene.integrator.getBodyVelocities(),
+                           W = scene.integrator.getBodyAngularVelocities();
+                const auto q = scene.integrator.getBodyOrientations();
+                for (int c = 0; c < copies; c++) {
+                    const auto add = [&](const string& what, double value) {
+                        vector<double>& of = sums[what];
+                        of.resize(copies);
+                        of[c] += value / samples;
+                    };
+                    add("height", R[c][2]);
+                    add("height^2", R[c][2] * R[c][2]);
+                    add("near", R[c][2] + lowestPoint(kind, q[c]) < 0.6);
+                    const Matrix3d A = rotationOf(q[c]);
+                    const Vector3d omega = A.transpose() * toEigen(W[c]);
+                    for (int k = 0; k < 3; k++) {
+                        if (multiblob) add("n_" + to_string(k) + "^2", A(2, k) * A(2, k));
+                        add("m v^2 of " + to_string(k), kind.mass * V[c][k] * V[c][k]);
+                        add("I omega^2 of " + to_string(k), kind.moments[k] * omega[k] * omega[k]);
+                    }
+                    if (multiblob) add("n_0", A(2, 0));
+                }
+            }
+            const map<string, double> expected = gibbs(kind);
+            cout << (multiblob ? "boomerang, " : "sphere, ") << scene.integrator.getNumRejectedSteps()
+                 << " rejections\n";
+            EXPECT_LT(scene.integrator.getNumRejectedSteps(), 30);
+            for (const auto& sum : sums)
+                expectMean(sum.first, estimate(sum.second), expected.count(sum.first) ? expected.at(sum.first) : 1);
+        }
 }

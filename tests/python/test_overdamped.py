@@ -235,11 +235,11 @@ def atOnePlace(sites, radii, bodies=1):
 def test_blobs_at_one_place():
     """Two blobs of one radius would move alike under any forces; concentric ones of two radii do not resist rotation."""
     integrator, context = atOnePlace([(0, 0, 0), (1, 0, 0), (0, 1, 0)], 0.5, bodies=2)
-    with pytest.raises(openmm.OpenMMException, match='6 blobs and spheres has no square root, for it is not positive definite'):
+    with pytest.raises(openmm.OpenMMException, match='6 hydrodynamic particles is not positive definite; look for particles at the same place'):
         integrator.step(1)
     assert context.getState().getStepCount() == 0
     integrator, context = atOnePlace([(0, 0, 0), (0, 0, 0)], (0.5, 0.3))
-    with pytest.raises(openmm.OpenMMException, match='no square root, so some motion of theirs meets no resistance'):
+    with pytest.raises(openmm.OpenMMException, match='is not positive definite; look for a body whose blobs are all at one place'):
         integrator.step(1)
     assert context.getState().getStepCount() == 0
 

@@ -25,6 +25,13 @@ PROPERTIES = [
     ('setScheme', 'getScheme', CustomRigidHIIntegrator.LangevinC),
     ('setScheme', 'getScheme', CustomRigidHIIntegrator.GradientThermostat),
     ('setScheme', 'getScheme', CustomRigidHIIntegrator.LangevinHI),
+    ('setScheme', 'getScheme', CustomRigidHIIntegrator.EulerMaruyama),
+    ('setScheme', 'getScheme', CustomRigidHIIntegrator.FixmanMidpoint),
+    ('setScheme', 'getScheme', CustomRigidHIIntegrator.RandomFiniteDifference),
+    ('setScheme', 'getScheme', CustomRigidHIIntegrator.TractionEulerMaruyama),
+    ('setScheme', 'getScheme', CustomRigidHIIntegrator.TrapezoidalSlip),
+    ('setScheme', 'getScheme', CustomRigidHIIntegrator.DriftCorrectorFD),
+    ('setScheme', 'getScheme', CustomRigidHIIntegrator.DriftCorrectorRFD),
     ('setNoiseLaw', 'getNoiseLaw', CustomRigidHIIntegrator.Gaussian),
     ('setNoiseLaw', 'getNoiseLaw', CustomRigidHIIntegrator.ThreePoint),
     ('setNoiseLaw', 'getNoiseLaw', CustomRigidHIIntegrator.TwoPoint),
@@ -36,9 +43,11 @@ PROPERTIES = [
     ('setPoseTolerance', 'getPoseTolerance', 0.01/3*unit.nanometer),
     ('setMaximumRejections', 'getMaximumRejections', 17),
     ('setWallRejection', 'getWallRejection', CustomRigidHIIntegrator.Crossing),
+    ('setFiniteDifferenceStep', 'getFiniteDifferenceStep', 1e-4/3),
 ]
 #: What files of earlier versions do not have: the getter, and the default.
 NEWER = {'maximumRejections': ('getMaximumRejections', 100),
+         'finiteDifferenceStep': ('getFiniteDifferenceStep', 0),
          'wallRejection': ('getWallRejection', CustomRigidHIIntegrator.Overlap)}
 
 
@@ -272,7 +281,7 @@ def test_a_property_that_is_no_number_or_name_is_refused(attribute, garbage):
     ('temperature="300"', 'temperature="-300"', 'temperature is -300'),
     ('temperature="300"', 'temperature="nan"', 'temperature is nan'),
     ('stepSize=".002"', 'stepSize="0"', 'step size is 0'),
-    ('scheme="LangevinC"', 'scheme="LangevinD"', 'one of GradientThermostat, LangevinA'),
+    ('scheme="LangevinC"', 'scheme="LangevinD"', 'one of DriftCorrectorFD, DriftCorrectorRFD'),
     ('noiseLaw="Gaussian"', 'noiseLaw="2"', 'one of Gaussian, ThreePoint'),
     ('randomSeed="0"', 'randomSeed="99999999999"', "property 'randomSeed'"),
     ('index="4"', 'index="7"', 'particle 7 is already in body 0'),

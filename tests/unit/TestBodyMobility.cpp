@@ -380,7 +380,7 @@ TEST(BodyMobility, OwnTensorsOfRodsCannotBeCombinedWithNeighbours) {
 TEST(BodyMobility, BlobsAtOnePlaceAreAnError) {
     const Scene scene({element({{0, 0, 0}, {0, 0, 0}, {0, 1, 0}}, {1, 1, 1}), kinds()[0].element}, 6, 1);
     expectError([&] { scene.make().friction(); },
-                {"8 hydrodynamic particles is not positive", "look for two blobs at one place"});
+                {"8 hydrodynamic particles is not positive", "look for particles at the same place"});
     const Scene spheres({element({{0, 0, 0}}, {1}), element({{0, 0, 0}}, {1})}, 0, 1);
     expectError([&] { spheres.make().friction(); },
                 {"2 hydrodynamic particles is not positive definite; look for particles at the same place"});

@@ -9,6 +9,7 @@
 #include "TestSupport.h"
 #include "hwy/targets.h"
 #include "mobility/RotnePragerYamakawa.h"
+#include "mobility/RotnePragerYamakawaWall.h"
 
 using namespace RigidHIPlugin;
 using namespace RigidHITest;
@@ -20,12 +21,21 @@ namespace {
 
 enum Kind { Spheres, Blobs, Mixed };
 
+/** Wall: near contact for the lowest. Crossing: through which a good part of the particles reach. */
+enum Bounds { Unbounded, Wall, Crossing };
+
 struct Scene {
     HydrodynamicParticles particles;
     vector<Vec3> positions;
+    optional<NoSlipPlane> wall;
+
+    unique_ptr<MobilityOperator> reference() const {
+        if (wall) return unique_ptr<MobilityOperator>(new RotnePragerYamakawaWall(particles, 0.7, *wall));
+        return unique_ptr<MobilityOperator>(new RotnePragerYamakawa(particles, 0.7));
+    }
 };
 /** Dense: many overlaps, some particles inside others. Sparse: packs of all sorts. */
-Scene randomScene(int n, Kind kind, bool equalRadii, double size) {
+Scene randomScene(int n, Kind kind, bool equalRadii, double size, Bounds bounds = Unbounded) {
     mt19937 random(n + 1000 * kind);
     uniform_real_distribution<double> u(0, 1);
     Scene scene;
@@ -34,6 +44,8 @@ Scene randomScene(int n, Kind kind, bool equalRadii, double size) {
                             i, -1);
         scene.positions.push_back(size * Vec3(u(random), u(random), u(random)));
     }
+    if (bounds == Wall) scene.wall.emplace(-1.2, false);
+    if (bounds == Crossing) scene.wall.emplace(-0.01, true);
     return scene;
 }
 
@@ -41,7 +53,7 @@ struct Results {
     MatrixXd dense, velocities;
 };
 Results results(const Scene& scene, const MatrixXd& forces, CpuRotnePragerYamakawa::ForRanges forRanges = {}) {
-    CpuRotnePragerYamakawa M(scene.particles, 0.7, forRanges);
+    CpuRotnePragerYamakawa M(scene.particles, 0.7, forRanges, scene.wall);
     M.setPositions(scene.positions);
     Results r;
     M.dense(r.dense);
@@ -70,31 +82,32 @@ TEST(CpuRotnePragerYamakawa, AgreesWithTheScalarOne) {
     onEveryInstructionSet([](int64_t) {
         for (int n : {1, 2, 3, 7, 8, 9, 17, 100})
             for (Kind kind : {Spheres, Blobs, Mixed})
-                for (bool equalRadii : {false, true})
-                    for (double size : {1.0, 10.0}) {
-                        const Scene scene = randomScene(n, kind, equalRadii, size);
-                        RotnePragerYamakawa reference(scene.particles, 0.7);
-                        reference.setPositions(scene.positions);
-                        MatrixXd dense;
-                        reference.dense(dense);
-                        const double scale = dense.cwiseAbs().maxCoeff();
-                        for (int columns : {1, 2, 5}) {
-                            const MatrixXd forces = MatrixXd::Random(scene.particles.numRows, columns);
-                            const Results r = results(scene, forces);
-                            ASSERT_LT((r.dense - dense).cwiseAbs().maxCoeff(), 1e-13 * scale) << n << " " << kind;
-                            ASSERT_EQ((r.dense - r.dense.transpose()).cwiseAbs().maxCoeff(), 0);
-                            MatrixXd velocities;
-                            reference.apply(forces, velocities);
-                            ASSERT_LT((r.velocities - velocities).cwiseAbs().maxCoeff(), 1e-12 * scale)
-                                << n << " " << kind;
-                        }
+                for (int variant = 0; variant < 12; variant++) {
+                    const Scene scene =
+                        randomScene(n, kind, variant % 2, variant / 2 % 2 ? 10 : 1, Bounds(variant / 4));
+                    const auto reference = scene.reference();
+                    reference->setPositions(scene.positions);
+                    MatrixXd dense;
+                    reference->dense(dense);
+                    const double scale = dense.cwiseAbs().maxCoeff();
+                    for (int columns : {1, 2, 5}) {
+                        const MatrixXd forces = MatrixXd::Random(scene.particles.numRows, columns);
+                        const Results r = results(scene, forces);
+                        ASSERT_LT((r.dense - dense).cwiseAbs().maxCoeff(), 1e-13 * scale) << n << " " << kind;
+                        ASSERT_EQ((r.dense - r.dense.transpose()).cwiseAbs().maxCoeff(), 0);
+                        MatrixXd velocities;
+                        reference->apply(forces, velocities);
+                        ASSERT_LT((r.velocities - velocities).cwiseAbs().maxCoeff(), 1e-12 * scale) << n << " " << kind;
                     }
+                }
     });
 }
 
-TEST(CpuRotnePragerYamakawa, NeitherThreadsNorWidthOfPacksShow) {
+namespace {
+
+void expectNeitherThreadsNorWidthOfPacks(Bounds bounds) {
     // Enough pairs to wake threads.
-    const Scene scene = randomScene(401, Mixed, false, 20);
+    const Scene scene = randomScene(401, Mixed, false, 20, bounds);
     const MatrixXd forces = MatrixXd::Random(scene.particles.numRows, 3);
     const Results alone = results(scene, forces);
     for (int threads : {2, 3}) {
@@ -116,6 +129,52 @@ TEST(CpuRotnePragerYamakawa, NeitherThreadsNorWidthOfPacksShow) {
         const Results r = results(scene, forces);
         EXPECT_EQ((r.velocities.array() != alone.velocities.array()).count(), 0);
     });
+}
+
+}  // namespace
+
+TEST(CpuRotnePragerYamakawa, NeitherThreadsNorWidthOfPacksShow) {
+    for (Bounds bounds : {Unbounded, Wall, Crossing}) expectNeitherThreadsNorWidthOfPacks(bounds);
+}
+
+TEST(CpuRotnePragerYamakawa, ObjectsToTheSamePositions) {
+    for (Bounds bounds : {Wall, Crossing}) {
+        Scene scene = randomScene(9, Mixed, true, 3, bounds);
+        CpuRotnePragerYamakawa M(scene.particles, 0.7, {}, scene.wall);
+        EXPECT_TRUE(M.mayObject());
+        M.setPositions(scene.positions);
+        scene.positions[5][2] = bounds == Wall ? -0.5 : -0.02;
+        const string problem = scene.reference()->objection(scene.positions);
+        EXPECT_NE(problem.find("particle 5 "), string::npos);
+        EXPECT_EQ(M.objection(scene.positions), problem);
+        expectError([&] { M.setPositions(scene.positions); }, {problem});
+    }
+    EXPECT_FALSE(CpuRotnePragerYamakawa(HydrodynamicParticles(), 1).mayObject());
+    EXPECT_FALSE(CpuRotnePragerYamakawa(HydrodynamicParticles(), 1).reachesBeyond());
+}
+
+TEST(CpuRotnePragerYamakawa, ReachesAsFarBeyondContact) {
+    for (Bounds bounds : {Wall, Crossing}) {
+        Scene scene = randomScene(9, Mixed, false, 3, bounds);
+        CpuRotnePragerYamakawa M(scene.particles, 0.7, {}, scene.wall);
+        const auto reference = scene.reference();
+        EXPECT_EQ(M.reachesBeyond(), bounds == Wall);
+        EXPECT_EQ(reference->reachesBeyond(), bounds == Wall);
+        scene.positions[5][2] = scene.wall->getHeight() + (bounds == Wall ? 1 : 0.5) * scene.particles.radii[5] - 1e-6;
+        MatrixXd dense, expected;
+        M.setPositionsNearby(scene.positions);
+        M.dense(dense);
+        reference->setPositionsNearby(scene.positions);
+        reference->dense(expected);
+        EXPECT_LT((dense - expected).cwiseAbs().maxCoeff(), 1e-13 * expected.maxCoeff());
+        // Another time, as ever.
+        scene.positions[5][2] += 1e-3;
+        M.setPositions(scene.positions);
+        reference->setPositions(scene.positions);
+        M.dense(dense);
+        reference->dense(expected);
+        EXPECT_LT((dense - expected).cwiseAbs().maxCoeff(), 1e-13 * expected.maxCoeff());
+    }
 }
 
 TEST(CpuRotnePragerYamakawa, ColumnsDoNotShowInEachOther) {

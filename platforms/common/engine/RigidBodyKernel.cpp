@@ -655,9 +655,13 @@ LoopResult RigidBodyKernel::moveThroughFluid(double tolerance) {
     if (!result.finite) reportNonFinite("position");
     // After a good step this is known to be empty; here what users set is judged.
     const string objection = fluid->objection(bodies, positions());
-    if (!objection.empty())
-        fail("step " + to_string(data.stepCount + 1) +
-             ": half a step ahead, where the friction is taken: " + objection);
+    if (!objection.empty()) {
+        bodies.restore(bodySnapshot);
+        freeParticles->restore(freeSnapshot, positions(), velocities());
+        const string atStart = fluid->objection(bodies, positions());
+        fail("step " + to_string(data.stepCount + 1) + ": " +
+             (atStart.empty() ? "half a step ahead, where the friction is taken: " + objection : atStart));
+    }
     const double start = now();
     result.add(
         fluid->relax(settings.h, settings.kT, settings.noise, bodies, *freeParticles, positions(), velocities()));

@@ -163,8 +163,6 @@ void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& in
             "sphere-wall mobility BestKnown is that of spheres outside the wall, so it does not go with the wall "
             "rejection "
             "Crossing; use setWallRejection(Overlap) or setSphereWallMobility(FromModel)");
-    if (force.getBoundary() == MobilityForce::NoSlipWall && force.getSphereWallMobility() == MobilityForce::BestKnown)
-        fail("sphere-wall mobility BestKnown is not there yet; use setSphereWallMobility(FromModel)");
 }
 
 /** What depends on inertia: schemes with momenta need it everywhere, and GradientThermostat in its rates. */

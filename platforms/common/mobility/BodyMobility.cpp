@@ -210,12 +210,8 @@ void BodyMobility::computeFriction() {
         xi.noalias() = K.transpose() * M * K;
     } else {
         particleOperator->dense(M);
-        const LLT<Ref<MatrixXd> > factor(M);
-        if (factor.info() != Success)
-            throw OpenMM::OpenMMException(
-                "MobilityForce: the mobility matrix of " + to_string(particles.size()) +
-                " hydrodynamic particles is not positive definite; look for two blobs at one place");
-        factor.matrixL().solveInPlace(K);
+        if (!factor.compute(M)) refuseIndefiniteMobility(particles.size());
+        factor.solveL(K);
         xi.noalias() = K.transpose() * K;
     }
     xi = (0.5 * (xi + xi.transpose())).eval();
@@ -255,11 +251,7 @@ const MatrixXd& BodyMobility::mobility() {
                 scratch.block<6, 6>(rows[e], rows[e]) += lift * nulls[e] * nulls[e].transpose();
             }
         const LLT<MatrixXd> factor(scratch);
-        if (factor.info() != Success)
-            throw OpenMM::OpenMMException(
-                "MobilityForce: the friction matrix of " + to_string(elements.size()) +
-                " bodies is not positive definite; look for blobs at the same place, or a body whose blobs are all at "
-                "one place");
+        if (factor.info() != Success) refuseIndefiniteFriction(elements.size());
         N = factor.solve(MatrixXd::Identity(numRows, numRows));
         for (size_t e = 0; e < elements.size(); e++)
             if (hasNullVector(e)) {

@@ -6,6 +6,7 @@
 #include <memory>
 #include <vector>
 
+#include "mobility/CholeskyFactor.h"
 #include "mobility/MobilityOperator.h"
 #include "mobility/MultiblobSolver.h"
 
@@ -124,6 +125,7 @@ private:
 
     std::vector<Pose> poses;
     std::vector<OpenMM::Vec3> positions;
+    CholeskyFactor factor;
     Eigen::MatrixXd K, M, N, xi, constantMobility, constantFriction, scratch;
     bool mobilityIsKnown = false, frictionIsKnown = false;
 };

@@ -34,6 +34,11 @@ struct HydrodynamicParticles {
     }
 };
 
+/** @throws OpenMMException  always: the mobility matrix of so many particles is not positive definite, and where to look */
+[[noreturn]] void refuseIndefiniteMobility(int numParticles);
+/** Likewise the friction matrix of so many bodies. */
+[[noreturn]] void refuseIndefiniteFriction(int numBodies);
+
 /**
  * How the fluid couples particles: velocities = M(positions) forces. A new model is one class with setPositions() and
  * apply(); what it can do better than by the defaults it overrides.

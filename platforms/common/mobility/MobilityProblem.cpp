@@ -48,12 +48,7 @@ void MobilityProblem::factoriseFriction() {
                 scratch.block<6, 6>(bodies.rows[e], bodies.rows[e]) += lift * n * n.transpose();
             }
     }
-    xi.compute(scratch);
-    if (xi.info() != Success)
-        throw OpenMM::OpenMMException(
-            "MobilityForce: the friction of " + to_string(bodies.elements.size()) +
-            " bodies has no square root, so some motion of theirs meets no resistance; look for a "
-            "body whose hydrodynamic particles are all at one place");
+    if (!xi.compute(scratch)) refuseIndefiniteFriction(bodies.elements.size());
     isFactorised = true;
 }
 
@@ -66,18 +61,13 @@ void MobilityProblem::factorise() {
     }
     bodies.numMatrices++;
     bodies.particleOperator->dense(scratch);
-    M.compute(scratch);
-    if (M.info() != Success)
-        throw OpenMM::OpenMMException(
-            "MobilityForce: the mobility matrix of " + to_string(bodies.particles.size()) +
-            " blobs and spheres has no square root, for it is not positive definite; look for two of one radius at the "
-            "same place");
+    if (!M.compute(scratch)) refuseIndefiniteMobility(bodies.particles.size());
     if (bodies.identityK) {
         isFactorised = true;
         return;
     }
     bodies.fillK(bodies.poses, LK);
-    M.matrixL().solveInPlace(LK);
+    M.solveL(LK);
     scratch.setZero(bodies.numRows, bodies.numRows);
     scratch.selfadjointView<Lower>().rankUpdate(LK.transpose());
     factoriseFriction();
@@ -109,19 +99,19 @@ void MobilityProblem::solve(const MatrixXd& wrenches, const MatrixXd& slips, Mat
         factorise();
         if (bodySlips) {
             twists = wrenches;
-            xi.solveInPlace(twists);
+            xi.solve(twists);
         } else if (bodies.identityK) {
-            halfForces.noalias() = M.matrixU() * wrenches;
-            twists.noalias() = M.matrixL() * halfForces;
+            halfForces.noalias() = M.U() * wrenches;
+            twists.noalias() = M.L() * halfForces;
         } else {
             twists = wrenches;
             if (withSlips) {
                 halfSlips = slips;
-                M.matrixL().solveInPlace(halfSlips);
+                M.solveL(halfSlips);
                 twists.noalias() += LK.transpose() * halfSlips;
             }
             forNullTwists(twists, removeTorqueAboutLine);
-            xi.solveInPlace(twists);
+            xi.solve(twists);
             forNullTwists(twists, removeTurnAboutLine);
             halfForces.noalias() = LK * twists;  // L^T lambda
             if (withSlips) halfForces -= halfSlips;
@@ -139,8 +129,25 @@ void MobilityProblem::getBlobForces(MatrixXd& result) {
         bodies.multiblobSolver->getBlobForces(result);
     else {
         result = halfForces;
-        M.matrixU().solveInPlace(result);
+        M.solveU(result);
     }
+}
+
+/** result = f(M) W, or f of the scaled M of MultiblobSolver where there are multiblobs. */
+void MobilityProblem::applyRoot(const SpectralFunction& f, const MatrixXd& W, MatrixXd& result) {
+    const vector<SpectralFunction> functions(W.cols(), f);
+    const MobilityOperator& blobs = *bodies.particleOperator;
+    MultiblobSolver* solver = bodies.identityK ? nullptr : &bodies.getMultiblobSolver();
+    lanczos.apply(
+        [&](const MatrixXd& x, MatrixXd& y) {
+            if (solver)
+                solver->multiplyScaled(blobs, x, y);
+            else
+                blobs.apply(x, y);
+        },
+        W, functions, result);
+    bodies.numProducts += lanczos.getNumProducts();
+    bodies.numSolverIterations += lanczos.getNumIterations();
 }
 
 void MobilityProblem::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
@@ -148,28 +155,19 @@ void MobilityProblem::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
     if (!matrixFree) {
         if (!bodies.constant) factorise();
         if (bodies.constant) {
-            wrench.noalias() = xi.matrixL() * W;
+            wrench.noalias() = xi.L() * W;
             wrench = (twoRotations(bodies.poses[0].A) * wrench).eval();
         } else if (!bodySlips && bodies.identityK) {
             wrench = W;
-            M.matrixU().solveInPlace(wrench);
+            M.solveU(wrench);
         } else
-            wrench.noalias() = xi.matrixL() * W;
+            wrench.noalias() = xi.L() * W;
         // The lift along n, which is no friction.
         forNullTwists(wrench, [](const Vector6d& n, auto own) { own -= (n * (n.transpose() * own)).eval(); });
         return;
     }
-    const vector<SpectralFunction> functions(W.cols(), SpectralFunction::inverseSquareRoot());
-    MobilityOperator& op = *bodies.particleOperator;
-    if (bodies.identityK) {
-        lanczos.apply([&](const MatrixXd& x, MatrixXd& y) { op.apply(x, y); }, W, functions, wrench);
-    } else {
-        MultiblobSolver& solver = bodies.getMultiblobSolver();
-        lanczos.apply([&](const MatrixXd& x, MatrixXd& y) { solver.multiplyScaled(op, x, y); }, W, functions, scratch);
-        solver.wrenchesFromScaled(scratch, wrench);
-    }
-    bodies.numProducts += lanczos.getNumProducts();
-    bodies.numSolverIterations += lanczos.getNumIterations();
+    applyRoot(SpectralFunction::inverseSquareRoot(), W, bodies.identityK ? wrench : scratch);
+    if (!bodies.identityK) bodies.getMultiblobSolver().wrenchesFromScaled(scratch, wrench);
     // N = B N_model B^T, so a wrench on the bodies is B^-T times one in the model.
     if (bodies.hasOwnTensors) bodies.multiplyByFactors(wrench, bodies.inverseB_body, true);
 }
@@ -183,20 +181,11 @@ void MobilityProblem::thermalSlip(const MatrixXd& W, MatrixXd& slips) {
     numSquareRoots++;
     if (!matrixFree) {
         factorise();
-        slips.noalias() = M.matrixL() * W;
+        slips.noalias() = M.L() * W;
         return;
     }
-    const vector<SpectralFunction> functions(W.cols(), SpectralFunction::squareRoot());
-    MobilityOperator& op = *bodies.particleOperator;
-    if (bodies.identityK) {
-        lanczos.apply([&](const MatrixXd& x, MatrixXd& y) { op.apply(x, y); }, W, functions, slips);
-    } else {
-        MultiblobSolver& solver = bodies.getMultiblobSolver();
-        lanczos.apply([&](const MatrixXd& x, MatrixXd& y) { solver.multiplyScaled(op, x, y); }, W, functions, scratch);
-        solver.slipsFromScaled(scratch, slips);
-    }
-    bodies.numProducts += lanczos.getNumProducts();
-    bodies.numSolverIterations += lanczos.getNumIterations();
+    applyRoot(SpectralFunction::squareRoot(), W, bodies.identityK ? slips : scratch);
+    if (!bodies.identityK) bodies.getMultiblobSolver().slipsFromScaled(scratch, slips);
 }
 
 void MobilityProblem::multiplyNearby(const vector<Pose>& poses, const MatrixXd& forces, MatrixXd& slips) {

@@ -1,12 +1,12 @@
 #ifndef RIGIDHI_MOBILITY_PROBLEM_H_
 #define RIGIDHI_MOBILITY_PROBLEM_H_
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <memory>
 #include <vector>
 
 #include "mobility/BodyMobility.h"
+#include "mobility/CholeskyFactor.h"
 #include "mobility/Lanczos.h"
 
 namespace RigidHIPlugin {
@@ -73,6 +73,7 @@ public:
 private:
     void factorise();
     void factoriseFriction();
+    void applyRoot(const SpectralFunction& f, const Eigen::MatrixXd& W, Eigen::MatrixXd& result);
     template <class Action>
     void forNullTwists(Eigen::MatrixXd& vectors, Action action) const;
     /** Null vector of an element in the lab frame; only where it has one. */
@@ -83,8 +84,8 @@ private:
     const double tolerance;
     bool bodySlips, hasNull = false;
     bool isFactorised = false;
-    Eigen::LLT<Eigen::MatrixXd> M, xi;  // factors, dense; of one constant body xi in its own frame
-    Eigen::MatrixXd LK;                 // L^-1 K
+    CholeskyFactor M, xi;  // factors, dense; of one constant body xi in its own frame
+    Eigen::MatrixXd LK;    // L^-1 K
     Eigen::MatrixXd scratch, halfSlips, halfForces, lambda;
     std::vector<Eigen::MatrixXd> nearest_body;  // (K^T K)^-1 K^T of elements, body frame
     std::vector<Pose> here;

@@ -2,6 +2,7 @@
 
 #include "mobility/RotnePragerYamakawa.h"
 #include "mobility/RotnePragerYamakawaWall.h"
+#include "mobility/SphereWall.h"
 #include "mobility/StokesianDynamics.h"
 
 using namespace std;
@@ -20,11 +21,23 @@ unique_ptr<MobilityOperator> createScalarMobility(const MobilityForce& force, bo
     }
     switch (force.getBoundary()) {
         case MobilityForce::NoSlipWall:
-            return unique_ptr<MobilityOperator>(new RotnePragerYamakawaWall(
-                particles, force.getViscosity(), NoSlipPlane(force.getWallHeight(), crossingAllowed)));
+            return withSphereWallMobility(force, particles,
+                                          unique_ptr<MobilityOperator>(new RotnePragerYamakawaWall(
+                                              particles, force.getViscosity(), planeOf(force, crossingAllowed))));
         case MobilityForce::Unbounded: break;
     }
     return unique_ptr<MobilityOperator>(new RotnePragerYamakawa(particles, force.getViscosity()));
+}
+
+NoSlipPlane planeOf(const MobilityForce& force, bool crossingAllowed) {
+    return NoSlipPlane(force.getWallHeight(), crossingAllowed);
+}
+
+unique_ptr<MobilityOperator> withSphereWallMobility(const MobilityForce& force, const HydrodynamicParticles& particles,
+                                                    unique_ptr<MobilityOperator> model) {
+    if (force.getSphereWallMobility() == MobilityForce::FromModel) return model;
+    return unique_ptr<MobilityOperator>(
+        new SphereWallCongruence(particles, force.getViscosity(), planeOf(force, false), move(model)));
 }
 
 const char* modelName(MobilityForce::Model model) {

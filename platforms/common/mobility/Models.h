@@ -3,7 +3,7 @@
 
 #include <memory>
 
-#include "mobility/MobilityOperator.h"
+#include "mobility/NoSlipPlane.h"
 #include "openmmrigidhi/MobilityForce.h"
 
 namespace RigidHIPlugin {
@@ -15,6 +15,12 @@ namespace RigidHIPlugin {
  */
 std::unique_ptr<MobilityOperator> createScalarMobility(const MobilityForce& force, bool crossingAllowed,
                                                        const HydrodynamicParticles& particles);
+/** The plane of a MobilityForce with the boundary NoSlipWall. */
+NoSlipPlane planeOf(const MobilityForce& force, bool crossingAllowed);
+/** An operator above that plane, with what setSphereWallMobility() asks for. */
+std::unique_ptr<MobilityOperator> withSphereWallMobility(const MobilityForce& force,
+                                                         const HydrodynamicParticles& particles,
+                                                         std::unique_ptr<MobilityOperator> model);
 /** The names of a model and of a boundary, for describeEffects() and messages. */
 const char* modelName(MobilityForce::Model model);
 const char* boundaryName(MobilityForce::Boundary boundary);

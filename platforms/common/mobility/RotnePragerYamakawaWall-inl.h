@@ -38,6 +38,7 @@ template <class Real>
 struct WallMobility {
     Vector3<Real> R;
     Real I, RR, Re, eR, ee, rtRR, rtRe, rtI, trI, trRR, tre, rrI, cube, fifth;
+    Real rtRolling, trRolling, rte;  // for addWallBlocks()
 };
 
 /**
@@ -56,8 +57,8 @@ inline WallMobility<Real> wallMobility(const Vector3<Real>& r, const Real& z_i, 
 
     // H, d_z H and d_z^2 H enter with these factors.
     const Real first = multiplyAdd(Real(2.0) * z_i, z_j, third);
-    const Real second = Real(2.0 / 3.0) * multiplyAdd(z_i, square_j, z_j * square_i);
-    const Real fourth = Real(2.0 / 9.0) * square_i * square_j;
+    const Real second = Real(2.0 / 3.0) * (z_i * square_j + z_j * square_i);  // the same for the pair swapped
+    const Real fourth = Real(2.0 / 9.0) * (square_i * square_j);
     const Real secondZ = second * Zp2, fourthP = fourth * p2;
     m.I = p3 * (Real(3.0) * secondZ - first + fourthP * (Real(3.0) - Real(15.0) * Z2p2)) - p;
     m.RR = p5 * (Real(3.0) * first - Real(15.0) * secondZ + fourthP * (Real(105.0) * Z2p2 - Real(15.0))) - p3;
@@ -71,11 +72,14 @@ inline WallMobility<Real> wallMobility(const Vector3<Real>& r, const Real& z_i, 
 
     m.cube = p3;
     m.tre = Real(2.0) * square_i * p5;
-    m.rtRe = Real(2.0) * (p3 + square_j * p5);
+    m.rte = Real(2.0) * square_j * p5;
+    m.rtRe = Real(2.0) * p3 + m.rte;
     m.rtRR = p5 * (Real(6.0) * z_j - Real(10.0) * square_j * Zp2);
     m.trRR = p5 * (Real(6.0) * z_i - Real(10.0) * square_i * Zp2);
     m.rtI = Real(0.0) - gradient_j;
     m.trI = Real(2.0) * Z * p3 - gradient_i;
+    m.rtRolling = Z * p3 - gradient_j;
+    m.trRolling = Z * p3 - gradient_i;
     m.fifth = Real(3.0) * p5;
     m.rrI = p3 * (Real(0.5) - Real(3.0) * Z2p2);
     return m;
@@ -115,6 +119,92 @@ inline void addWallVelocities(const WallMobility<Real>& m, const Vector3<Real>* 
                 omega[c].z = multiplyAdd(RT, R.z, omega[c].z);
             }
         }
+    }
+}
+
+/** The blocks of the matrix for a pair: velocities (t) and angular velocities (r) of i from forces and torques on j. */
+template <class Real>
+struct PairBlocks {
+    Real tt[3][3], rt[3][3], tr[3][3], rr[3][3];
+};
+
+/** Blocks of the free mobility, times `scale`; those of particles without torque are left alone. */
+template <bool targetTorque, bool sourceTorque, class Real>
+inline void fillPairBlocks(const PairMobility<Real>& m, const Vector3<Real>& r, const Real& scale,
+                           PairBlocks<Real>& blocks) {
+    const Real zero(0.0), v[3] = {r.x, r.y, r.z};
+    // Products are formed in the same way in mirrored places.
+    const auto symmetric = [&](const Real& identity, const Real& outer, Real(&block)[3][3]) {
+        for (int a = 0; a < 3; a++) {
+            block[a][a] = scale * (identity + outer * (v[a] * v[a]));
+            for (int b = 0; b < a; b++) block[a][b] = block[b][a] = scale * (outer * (v[a] * v[b]));
+        }
+    };
+    const auto crossing = [&](const Real& factor, Real(&block)[3][3]) {
+        const Real x = scale * (factor * r.x), y = scale * (factor * r.y), z = scale * (factor * r.z);
+        const Real rows[3][3] = {{zero, z, zero - y}, {zero - z, zero, x}, {y, zero - x, zero}};
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++) block[a][b] = rows[a][b];
+    };
+    symmetric(m.ttI, m.ttR, blocks.tt);
+    if (targetTorque) crossing(m.rt, blocks.rt);
+    if (sourceTorque) crossing(m.tr, blocks.tr);
+    if (targetTorque && sourceTorque) symmetric(m.rrI, m.rrR, blocks.rr);
+}
+
+/**
+ * Add what the wall makes of them, times `scale`: addWallVelocities() for unit forces and torques. Places that are mirrored
+ * in the matrix (of the pair swapped, where x and y change signs) are formed in the same way, so they agree to the last bit.
+ */
+template <bool targetTorque, bool sourceTorque, class Real>
+inline void addWallBlocks(const WallMobility<Real>& m, const Real& scale, PairBlocks<Real>& blocks) {
+    const Real &x = m.R.x, &y = m.R.y, &Z = m.R.z;
+    const Real xx = x * x, yy = y * y, xy = x * y;
+    const auto add = [&](Real& entry, const Real& value) { entry = entry + scale * value; };
+    const auto subtract = [&](Real& entry, const Real& value) { entry = entry - scale * value; };
+    add(blocks.tt[0][0], multiplyAdd(m.RR, xx, m.I));
+    add(blocks.tt[1][1], multiplyAdd(m.RR, yy, m.I));
+    add(blocks.tt[0][1], m.RR * xy);
+    add(blocks.tt[1][0], m.RR * xy);
+    const Real up = multiplyAdd(m.RR, Z, m.eR), across = multiplyAdd(m.RR, Z, m.Re);
+    add(blocks.tt[2][0], up * x);
+    add(blocks.tt[2][1], up * y);
+    subtract(blocks.tt[0][2], across * x);
+    subtract(blocks.tt[1][2], across * y);
+    subtract(blocks.tt[2][2], multiplyAdd(multiplyAdd(m.RR, Z, m.Re + m.eR), Z, m.I + m.ee));
+    if (targetTorque) {
+        const Real tilting = multiplyAdd(m.rtRR, Z, m.rte + m.cube);
+        subtract(blocks.rt[0][0], m.rtRR * xy);
+        add(blocks.rt[1][1], m.rtRR * xy);
+        add(blocks.rt[1][0], multiplyAdd(m.rtRR, xx, m.rtRolling));
+        subtract(blocks.rt[0][1], multiplyAdd(m.rtRR, yy, m.rtRolling));
+        subtract(blocks.rt[2][0], m.cube * y);
+        add(blocks.rt[2][1], m.cube * x);
+        add(blocks.rt[0][2], tilting * y);
+        subtract(blocks.rt[1][2], tilting * x);
+    }
+    if (sourceTorque) {
+        const Real tilting = multiplyAdd(m.trRR, Z, m.tre + m.cube);
+        subtract(blocks.tr[0][0], m.trRR * xy);
+        add(blocks.tr[1][1], m.trRR * xy);
+        add(blocks.tr[0][1], multiplyAdd(m.trRR, xx, m.trRolling));
+        subtract(blocks.tr[1][0], multiplyAdd(m.trRR, yy, m.trRolling));
+        add(blocks.tr[0][2], m.cube * y);
+        subtract(blocks.tr[1][2], m.cube * x);
+        subtract(blocks.tr[2][0], tilting * y);
+        add(blocks.tr[2][1], tilting * x);
+    }
+    if (targetTorque && sourceTorque) {
+        const Real half = Real(0.5) * m.fifth, tilting = half * Z;
+        add(blocks.rr[0][0], multiplyAdd(m.fifth, yy, negativeMultiplyAdd(half, xx, m.rrI)));
+        add(blocks.rr[1][1], multiplyAdd(m.fifth, xx, negativeMultiplyAdd(half, yy, m.rrI)));
+        subtract(blocks.rr[0][1], Real(1.5) * m.fifth * xy);
+        subtract(blocks.rr[1][0], Real(1.5) * m.fifth * xy);
+        add(blocks.rr[2][0], tilting * x);
+        add(blocks.rr[2][1], tilting * y);
+        subtract(blocks.rr[0][2], tilting * x);
+        subtract(blocks.rr[1][2], tilting * y);
+        add(blocks.rr[2][2], multiplyAdd(tilting, Z, m.rrI));
     }
 }
 

@@ -23,11 +23,6 @@ void addTo(Eigen::MatrixXd& m, int row, int column, const Vector& v) {
     m(row + 1, column) += v.y;
     m(row + 2, column) += v.z;
 }
-void place(Eigen::MatrixXd& m, int row, int column, double factor, const Vector& v) {
-    m(row, column) = factor * v.x;
-    m(row + 1, column) = factor * v.y;
-    m(row + 2, column) = factor * v.z;
-}
 
 /** Particle i as seen from particle j, in free fluid and by way of the wall. */
 struct Pair {
@@ -91,7 +86,7 @@ void RotnePragerYamakawaWall::apply(const Eigen::MatrixXd& forces, Eigen::Matrix
         for (int j = 0; j < particles.size(); j++) {
             const int from = particles.firstRow[j];
             const bool torque_j = particles.hasTorque[j];
-            const double factor = scale * weights[i] * weights[j];
+            const double factor = scale * (weights[i] * weights[j]);
             const Pair pair(positions[i], positions[j], particles.radii[i], particles.radii[j]);
             for (int column = 0; column < forces.cols(); column++) {
                 const Vector force = rows(forces, from, column, factor);
@@ -105,31 +100,44 @@ void RotnePragerYamakawaWall::apply(const Eigen::MatrixXd& forces, Eigen::Matrix
     }
 }
 
+namespace {
+
+/** A block, and its transpose in the mirrored place. */
+void place(Eigen::MatrixXd& m, int row, int column, const double (&block)[3][3]) {
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++) m(row + a, column + b) = m(column + b, row + a) = block[a][b];
+}
+
+template <bool torque_i, bool torque_j>
+void placePair(Eigen::MatrixXd& m, int row, int column, const Pair& pair, double factor) {
+    PairBlocks<double> blocks;
+    fillPairBlocks<torque_i, torque_j>(pair.free, pair.r, factor, blocks);
+    addWallBlocks<torque_i, torque_j>(pair.wall, factor, blocks);
+    place(m, row, column, blocks.tt);
+    if (torque_i) place(m, row + 3, column, blocks.rt);
+    if (torque_j) place(m, row, column + 3, blocks.tr);
+    if (torque_i && torque_j) place(m, row + 3, column + 3, blocks.rr);
+}
+
+}  // namespace
+
 void RotnePragerYamakawaWall::dense(Eigen::MatrixXd& mobility) const {
     mobility.resize(particles.numRows, particles.numRows);
     const double scale = 1 / (8 * M_PI * viscosity);
-    const Vector x = {1, 0, 0}, y = {0, 1, 0}, z = {0, 0, 1}, zero = {0, 0, 0};
-    const Vector force[6] = {x, y, z, zero, zero, zero}, torque[6] = {zero, zero, zero, x, y, z};
     for (int j = 0; j < particles.size(); j++) {
         const int column = particles.firstRow[j];
-        const bool torque_j = particles.hasTorque[j];
         for (int i = j; i < particles.size(); i++) {
             const int row = particles.firstRow[i];
-            const bool torque_i = particles.hasTorque[i];
-            const double factor = scale * weights[i] * weights[j];
+            const double factor = scale * (weights[i] * weights[j]);
             const Pair pair(positions[i], positions[j], particles.radii[i], particles.radii[j]);
-            Vector velocity[6] = {zero, zero, zero, zero, zero, zero}, omega[6] = {zero, zero, zero, zero, zero, zero};
-            if (torque_j)
-                pair.addVelocities<6>(torque_i, true, force, torque, velocity, omega);
+            if (particles.hasTorque[i])
+                particles.hasTorque[j] ? placePair<true, true>(mobility, row, column, pair, factor)
+                                       : placePair<true, false>(mobility, row, column, pair, factor);
             else
-                pair.addVelocities<3>(torque_i, false, force, torque, velocity, omega);
-            for (int c = 0; c < (torque_j ? 6 : 3); c++) {
-                place(mobility, row, column + c, factor, velocity[c]);
-                if (torque_i) place(mobility, row + 3, column + c, factor, omega[c]);
-            }
+                particles.hasTorque[j] ? placePair<false, true>(mobility, row, column, pair, factor)
+                                       : placePair<false, false>(mobility, row, column, pair, factor);
         }
     }
-    mobility.triangularView<Eigen::StrictlyUpper>() = mobility.transpose();
 }
 
 }  // namespace RigidHIPlugin

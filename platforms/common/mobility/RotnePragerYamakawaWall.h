@@ -11,7 +11,7 @@ namespace RigidHIPlugin {
  *
  * Particles may overlap each other. Two of one radius at the same place (crossing: above each other, both with centres below
  * their radius) make the matrix singular, not indefinite.
- * Cost: two to three times that of unbounded fluid; dense() about four times.
+ * Cost: two to three times that of unbounded fluid; dense() about twice.
  * Nothing is allocated after the first call of each method, if the number of columns stays the same.
  */
 class RotnePragerYamakawaWall : public MobilityOperator {

@@ -23,6 +23,18 @@ struct EulerMaruyama {
         m.thermalWrench(OverdampedMove::First, m.noise);
         m.total += std::sqrt(2 * m.kT / m.h) * m.noise;
     }
+    /**
+     * U = N total + kT div N at the start, where the drift is known without differences.
+     * @return whether it is: if not, `total` is ready, and nothing else is done
+     */
+    static bool findVelocity(OverdampedMove& m) {
+        m.atStart();
+        sumUpWrenches(m);
+        if (m.kT > 0 && !m.driftIsKnown()) return false;
+        m.solve(m.total, m.U);
+        if (m.kT > 0) m.addUniformDrift(m.kT, m.U);
+        return true;
+    }
     static void predict(OverdampedMove& m) {
         m.atStart();
         sumUpWrenches(m);

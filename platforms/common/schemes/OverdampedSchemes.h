@@ -6,7 +6,7 @@
 
 namespace RigidHIPlugin {
 
-/** A scheme without momenta, as the engine sees it. Each is written down in a file of its own, schemes/EulerMaruyama.h and its neighbours. */
+/** A scheme without momenta, as the engine sees it. Each is written down in a file of its own, in this folder. */
 struct OverdampedScheme {
     const char* name;
     /** How it makes the stochastic drift, for describeEffects(); empty: it omits it. */

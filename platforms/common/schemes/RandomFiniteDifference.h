@@ -20,12 +20,7 @@ struct RandomFiniteDifference {
     static constexpr bool hasDifferences = true;
     static constexpr bool forcesAtStart = true, forcesInBetween = false;
     static void predict(OverdampedMove& m) {
-        m.atStart();
-        EulerMaruyama::sumUpWrenches(m);
-        if (m.kT == 0 || m.driftIsKnown()) {
-            m.solve(m.total, m.U);
-            if (m.kT > 0) m.addUniformDrift(m.kT, m.U);
-        } else {
+        if (!EulerMaruyama::findVelocity(m)) {
             m.drawDirections();
             m.both.resize(m.getNumRows(), 2);
             m.both << m.total, m.directions;

@@ -23,12 +23,7 @@ struct TractionEulerMaruyama {
     static constexpr bool hasDifferences = true;
     static constexpr bool forcesAtStart = true, forcesInBetween = false;
     static void predict(OverdampedMove& m) {
-        m.atStart();
-        EulerMaruyama::sumUpWrenches(m);
-        if (m.kT == 0 || m.driftIsKnown()) {
-            m.solve(m.total, m.U);
-            if (m.kT > 0) m.addUniformDrift(m.kT, m.U);
-        } else {
+        if (!EulerMaruyama::findVelocity(m)) {
             m.drawDirections();
             m.solve(m.directions, m.U_random);
             m.drawTractions(m.forceDifference, m.slip);

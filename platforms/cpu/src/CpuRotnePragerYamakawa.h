@@ -2,18 +2,20 @@
 #define RIGIDHI_CPU_ROTNE_PRAGER_YAMAKAWA_H_
 
 #include <functional>
+#include <optional>
 
-#include "mobility/MobilityOperator.h"
+#include "mobility/NoSlipPlane.h"
 
 namespace RigidHIPlugin {
 
 /**
- * Rotne-Prager-Yamakawa mobility in unbounded fluid, with SIMD and threads (formulas, reference, limits:
- * mobility/RotnePragerYamakawa-inl.h).
+ * Rotne-Prager-Yamakawa mobility in unbounded fluid or above a no-slip wall, with SIMD and threads (formulas, reference, limits:
+ * mobility/RotnePragerYamakawa-inl.h, mobility/RotnePragerYamakawaWall-inl.h; at the wall: mobility/NoSlipPlane.h).
  *
  * Velocities of several particles are summed in the lanes of a pack, over all sources in a fixed order, so nothing is
  * reduced over lanes or threads: results do not depend on the number of threads, nor on the width of packs where the
- * machine can multiply and add in one rounding (from AVX2 on). They agree with RotnePragerYamakawa to rounding.
+ * machine can multiply and add in one rounding (from AVX2 on). They agree with RotnePragerYamakawa and
+ * RotnePragerYamakawaWall to rounding.
  *
  * Cost: n^2 pairs, one square root and one division each, shared by two columns at a time; packs in which a pair overlaps
  * take a slower way. Measured: benchmarks/README.md. Nothing is allocated after the first call of each method if the number
@@ -26,9 +28,15 @@ public:
 
     /**
      * @param forRanges  called only for work that pays for waking threads; it should divide any count. Empty: no threads.
+     * @param wall       if there is one
      */
-    CpuRotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity, ForRanges forRanges = {});
+    CpuRotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity, ForRanges forRanges = {},
+                           const std::optional<NoSlipPlane>& wall = {});
     void setPositions(const std::vector<OpenMM::Vec3>& positions) override;
+    void setPositionsNearby(const std::vector<OpenMM::Vec3>& positions) override;
+    bool reachesBeyond() const override { return wall && wall->reachesBeyond(); }
+    std::string objection(const std::vector<OpenMM::Vec3>& positions) const override;
+    bool mayObject() const override { return wall.has_value(); }
     void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
     void dense(Eigen::MatrixXd& mobility) const override;
 
@@ -36,15 +44,20 @@ private:
     template <class Task>
     void split(int count, double pairs, const Task& task) const;
 
+    void place(const std::vector<OpenMM::Vec3>& positions, bool nearby);
+    struct RotnePragerYamakawaArrays arrays(double* result) const;
+
     const ForRanges forRanges;
+    const std::optional<NoSlipPlane> wall;
     // Particles with torque come first, so that blocks of targets and ranges of sources are of one kind. Slots of targets
     // are padded to whole blocks for each kind; sources are not.
     int numSpheres, numSphereBlocks, numBlocks;
     std::vector<int> particleOfSource, slotOfSource;
     std::vector<int> rowOfSource, rowOfSlot;  // -1: padding
     std::vector<double> x, y, z, radius;      // of slots
-    std::vector<double> sources;              // x, y, z, radius of each
-    mutable std::vector<double> loads;        // forces and torques, source by source, of the columns being multiplied
+    std::vector<double> weight;         // of slots: what velocities and forces are multiplied by, 1 without a wall
+    std::vector<double> sources;        // x, y, z, radius of each
+    mutable std::vector<double> loads;  // forces and torques, source by source, of the columns being multiplied
 };
 
 }  // namespace RigidHIPlugin

@@ -1,0 +1,142 @@
+"""The Gibbs-Boltzmann distribution of one body above a wall, by quadrature over its height and orientation.
+
+With nothing that depends on x, y or the turn about z, a pose is the height h of the origin and u, the lab's z axis in the body frame:
+dR dq becomes dh du. The grid: Gauss-Legendre points within bins of h and of theta, the angle between the body's z axis and the lab's, and
+equally spaced azimuths; all smooth, so the integrals of bins are good to many digits.
+"""
+import numpy as np
+from scipy.spatial.transform import Rotation
+from walls import Replicas
+
+POINTS_PER_BIN = 4
+
+
+def panels(edges, points=POINTS_PER_BIN):
+    """Gauss-Legendre points and weights in each interval between edges, flattened."""
+    x, w = np.polynomial.legendre.leggauss(points)
+    half = np.diff(edges)/2
+    middle = (edges[1:] + edges[:-1])/2
+    return (middle[:, None] + half[:, None]*x).ravel(), (half[:, None]*w).ravel()
+
+
+class Equilibrium:
+    """Probabilities of bins, averages, and poses drawn from the distribution.
+
+    heightEdges are bins of the height of the body's origin; beyond the last one the grid goes on to where nothing is left.
+    """
+
+    def __init__(self, body, heightEdges, thetaEdges, azimuths=48):
+        self.body = body
+        self.heightEdges, self.thetaEdges = np.asarray(heightEdges, float), np.asarray(thetaEdges, float)
+        # Below the bins no site is allowed or they begin at the wall; above, 60 decay lengths of the weight.
+        top = self.heightEdges[-1] + 60/body.weights.sum()
+        beyond = np.linspace(self.heightEdges[-1], top, 120)[1:]
+        h, wh = panels(np.concatenate([self.heightEdges, beyond]))
+        theta, wt = panels(self.thetaEdges)
+        phi = 2*np.pi*(np.arange(azimuths) + 0.5)/azimuths
+        t, p = [a.ravel() for a in np.meshgrid(theta, phi, indexing='ij')]
+        self.h, self.theta = h, t
+        self.up = np.stack([np.sin(t)*np.cos(p), np.sin(t)*np.sin(p), np.cos(t)], axis=1)
+        weights = np.repeat(wt*np.sin(theta), azimuths)
+        offsets = self.up @ body.sites.T
+        density = np.empty((len(h), len(t)))
+        for k, height in enumerate(h):
+            density[k] = wh[k]*weights*np.exp(-body.energies(height + offsets))
+        self.probability = density/density.sum()
+
+    def heightBins(self):
+        marginal = self.probability.sum(1).reshape(-1, POINTS_PER_BIN).sum(1)
+        return marginal[:len(self.heightEdges) - 1]
+
+    def thetaBins(self):
+        return self.probability.sum(0).reshape(len(self.thetaEdges) - 1, -1).sum(1)
+
+    def average(self, function):
+        """The mean of function(height of the origin, up), which gets arrays (k, 1) and (m, 3) and returns (k, m) or what broadcasts."""
+        return float((self.probability*function(self.h[:, None], self.up)).sum())
+
+    def reweighted(self, factorOfHeight):
+        """Height bins and mean height of the density times a function of the height alone."""
+        marginal = self.probability.sum(1)*factorOfHeight(self.h)
+        marginal /= marginal.sum()
+        return marginal.reshape(-1, POINTS_PER_BIN).sum(1)[:len(self.heightEdges) - 1], float(marginal @ self.h)
+
+    def draw(self, random, count):
+        """Independent poses: positions (count, 3) with x = y = 0, and quaternions (count, 4) with a random turn about z."""
+        flat = self.probability.ravel()
+        cumulative = np.cumsum(flat)
+        chosen = np.searchsorted(cumulative, random.random(count)*cumulative[-1])
+        return self.poses(*np.unravel_index(np.minimum(chosen, len(flat) - 1), self.probability.shape), random)
+
+    def poses(self, k, m, random):
+        """Poses of these heights and directions of the grid, with a random turn about z."""
+        count = len(k)
+        up = self.up[m]
+        # Body to lab: rows are the lab's axes in the body frame.
+        side = np.cross(up, np.where(abs(up[:, :1]) < 0.7, (1.0, 0, 0), (0, 1.0, 0)))
+        side /= np.linalg.norm(side, axis=1, keepdims=True)
+        frames = Rotation.from_matrix(np.stack([side, np.cross(up, side), up], axis=1))
+        turned = Rotation.from_rotvec(random.uniform(0, 2*np.pi, count)[:, None]*(0, 0, 1.0))*frames
+        positions = np.zeros((count, 3))
+        positions[:, 2] = self.h[k]
+        return positions, turned.as_quat()[:, [3, 0, 1, 2]]
+
+
+def rotationalPlateau(equilibrium, random, pairs=200000):
+    """The rotational mean square displacement at long times, eq. 71: mean and standard error of xx (or yy) and zz."""
+    first, second = (Rotation.from_quat(equilibrium.draw(random, pairs)[1][:, [1, 2, 3, 0]]) for _ in range(2))
+    turn = (second*first.inv()).as_quat()
+    u = 2*turn[:, 3:]*turn[:, :3]
+    planar, normal = (u[:, 0]**2 + u[:, 1]**2)/2, u[:, 2]**2
+    return {name: (float(v.mean()), float(v.std()/np.sqrt(pairs))) for name, v in (('xx', planar), ('zz', normal))}
+
+
+def withoutDrift(equilibrium, random, heights=96, rounds=20):
+    """What a scheme without the stochastic drift tends to, exp(-U/kT)/mu(h), with the mean of N_zz at each height for mu.
+
+    Exact if N_zz depends on the height alone and is not coupled to rotation, as for a sphere; else an estimate. So many heights are taken where
+    there is any probability, and interpolated between.
+    """
+    replicas = Replicas(equilibrium.body, heights, 'RandomFiniteDifference', 1.0)
+    marginal = equilibrium.probability.sum(1)
+    rows = np.flatnonzero(marginal > 1e-12*marginal.max())
+    rows = rows[np.linspace(0, len(rows) - 1, heights).round().astype(int)]
+    total = np.zeros(len(rows))
+    for _ in range(rounds):
+        R, q = np.empty((len(rows), 3)), np.empty((len(rows), 4))
+        for k, row in enumerate(rows):
+            R[k], q[k] = [values[0] for values in equilibrium.poses(np.array([row]), random.choice(
+                len(equilibrium.up), 1, p=equilibrium.probability[row]/marginal[row]), random)]
+        replicas.place(R, q)
+        total += replicas.mobilities()[:, 2, 2]
+    P, mean = equilibrium.reweighted(lambda h: rounds/np.interp(h, equilibrium.h[rows], total))
+    return {'P': np.round(P, 8), 'mean h': mean}
+
+
+def averageMobility(equilibrium, functions, random, poses, atATime=32):
+    """Means and standard errors of functions of the mobility over the distribution, from so many independent poses.
+
+    functions maps names to f(N (n, 6, 6) times kT in the lab frame, A (n, 3, 3) body to lab, heights (n,)) -> (n,).
+    """
+    replicas = Replicas(equilibrium.body, atATime, 'RandomFiniteDifference', 1.0)
+    values = {name: [] for name in functions}
+    R, q = equilibrium.draw(random, poses//atATime*atATime)
+    for k in range(0, len(R), atATime):
+        part = slice(k, k + atATime)
+        replicas.place(R[part], q[part])
+        N, A = replicas.mobilities(), Rotation.from_quat(q[part][:, [1, 2, 3, 0]]).as_matrix()
+        for name, function in functions.items():
+            values[name].append(function(N, A, R[part, 2]))
+    values = {name: np.concatenate(v) for name, v in values.items()}
+    return {name: (float(v.mean()), float(v.std(ddof=1)/np.sqrt(len(v)))) for name, v in values.items()}
+
+
+def aboutPoint(N, A, point):
+    """The translational block (n, 3, 3) about another point of the body, body frame (eq. 61)."""
+    r = A @ np.asarray(point)
+    cross = np.zeros((len(N), 3, 3))
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -r[:, 2], r[:, 1], -r[:, 0]
+    cross -= cross.transpose(0, 2, 1)
+    # V' = V + W x r = V - [r] W, so K = (1, -[r]) and N' = K N K^T.
+    K = np.concatenate([np.broadcast_to(np.eye(3), cross.shape), -cross], axis=2)
+    return K @ N @ K.transpose(0, 2, 1)

@@ -1,0 +1,34 @@
+#ifndef RIGIDHI_CHOLESKY_FACTOR_H_
+#define RIGIDHI_CHOLESKY_FACTOR_H_
+
+#include <Eigen/Core>
+
+namespace RigidHIPlugin {
+
+/**
+ * A = L L^T of a symmetric positive definite matrix: by Eigen where it is small, else by LAPACK, which takes half the time
+ * (benchmarks/README.md). Nothing is allocated after the first matrix of a size.
+ */
+class CholeskyFactor {
+public:
+    /** @param matrix  its lower triangle is read. @return whether it is positive definite */
+    bool compute(const Eigen::MatrixXd& matrix);
+    auto L() const { return factor.triangularView<Eigen::Lower>(); }
+    auto U() const { return factor.transpose().triangularView<Eigen::Upper>(); }
+    /** x <- L^-1 x */
+    void solveL(Eigen::MatrixXd& x) const;
+    /** x <- L^-T x */
+    void solveU(Eigen::MatrixXd& x) const;
+    /** x <- A^-1 x */
+    void solve(Eigen::MatrixXd& x) const {
+        solveL(x);
+        solveU(x);
+    }
+
+private:
+    Eigen::MatrixXd factor;  // in the lower triangle
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

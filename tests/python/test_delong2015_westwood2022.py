@@ -1,0 +1,108 @@
+"""The scripts of examples/delong2015_westwood2022 run, shortened; their theory against independent numbers; kept runs go on."""
+import json
+import pathlib
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+FOLDER = pathlib.Path(__file__).resolve().parents[2]/'examples'/'delong2015_westwood2022'
+
+
+def run(script, folder):
+    """Run a script with --quick; what it wrote."""
+    finished = subprocess.run([sys.executable, str(FOLDER/f'{script}.py'), '--quick', '--output', str(folder)], capture_output=True,
+                              text=True, timeout=600)
+    assert finished.returncode == 0, finished.stdout + finished.stderr
+    assert (folder/f'{script}.png').stat().st_size > 5000
+    data = json.loads((folder/f'{script}.json').read_text())
+    assert {'processor', 'openmm', 'commit', 'plugin_sha256', 'arguments'} <= set(data['provenance'])
+    for entry in data['runs']:
+        assert (folder/'kept').is_dir() and entry['frames'] > 0
+        # Replicas are independent; one chunk is short, so errors are large but honest. 6 of them: 1e-4 at 7 degrees of freedom, fixed seeds.
+        for mean in entry['means'].values():
+            assert abs(mean['mean'] - mean['exact']) < 6*mean['error'], (entry['scheme'], mean)
+    return data
+
+
+def near(pair, value, ownError=0.0):
+    """A mean with its standard error agrees with an independent one."""
+    return abs(pair[0] - value) < 4*np.hypot(pair[1], ownError)
+
+
+def test_tetramer(tmp_path):
+    exact = run('tetramer', tmp_path)['exact']
+    # Independent Monte Carlo and quadrature.
+    assert exact['mean h'] == pytest.approx(5.94362, abs=1e-5)
+    assert exact['gravitational height'] == pytest.approx(1.74775, abs=1e-5)
+    slopes = exact['mobility averages (mean, error)']
+    assert near(slopes['slope centre'], 1.3411, 0.0004) and near(slopes['slope vertex'], 2.2102, 0.0008)
+    # Without the drift the body sits lower, where it is slower, by much more than the examples' errors of 0.5 %.
+    assert exact['without drift']['mean h'] < 0.97*exact['mean h']
+
+
+def test_icosahedron(tmp_path):
+    data = run('icosahedron', tmp_path)
+    h = np.linspace(0.5, 12, 400001)[1:]
+    density = np.exp(-2.5*h - 10/(h - 0.5)*np.exp(-(h - 0.5)/0.5))
+    assert data['exact']['mean h'] == pytest.approx(h @ density/density.sum(), rel=1e-6)
+    # P(theta) ~ sin theta exp(k cos theta): the mean of the cosine is coth k - 1/k.
+    k = 1.09375
+    assert data['exact']['mean cos theta'] == pytest.approx(1/np.tanh(k) - 1/k, rel=1e-9)
+    theta = np.array(data['runs'][0]['histograms']['theta']['edges'])
+    assert np.allclose(data['runs'][0]['histograms']['theta']['exact'], -np.diff(np.exp(k*np.cos(theta)))/(2*np.sinh(k)), atol=1e-8)
+
+
+def test_boomerang(tmp_path):
+    data = run('boomerang', tmp_path)
+    bulk, row = data['bulk'], data['table']['1']
+    assert bulk['CoH'] == pytest.approx(1.0749, abs=1e-4) and bulk['CoM'] == pytest.approx(0.9609, abs=1e-4)
+    assert bulk['chi_3D'] == pytest.approx(0.26961, abs=1e-5)
+    # About the centre of mobility, along the bisector, in the plane, normal; then rotation.
+    assert np.allclose(bulk['D about CoM: bisector, in plane, normal'], (0.26895, 0.29665, 0.24323), atol=1e-5)
+    assert np.allclose(bulk['D_rot: bisector, in plane, normal'], (0.13384, 0.42711, 0.11552), atol=1e-5)
+    # The strength 23.08 has two digits fewer than these numbers: 1e-4.
+    assert row['mean h/a'] == pytest.approx(10.85443, rel=1e-4) and row['cos2 theta'] == pytest.approx(0.37016, abs=1e-5)
+    averages = row['averages (mean, error)']
+    assert near(averages['chi_2D CoH'], 0.22752, 0.00009) and near(averages['chi_2D CoM'], 0.22531, 0.00009)
+    assert near(averages['chi_2D cross point'], 0.3848, 0.0003) and near(averages['chi_2D tip'], 0.4459, 0.0003)
+
+
+def test_boomerang_steps(tmp_path):
+    means = run('boomerang_steps', tmp_path)['runs'][0]['means']
+    assert means['h']['exact'] == pytest.approx(11.00216, abs=2e-5) and means['cos²θ']['exact'] == pytest.approx(0.37376, abs=1e-5)
+
+
+def test_kept_runs_go_on(tmp_path, monkeypatch):
+    """A second run adds to the first with new random numbers; other settings are refused."""
+    # Modules of the tests may have the same names.
+    for name in ('runs', 'equilibrium', 'walls', 'tetramer'):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.syspath_prepend(str(FOLDER))
+    import runs
+    import tetramer
+    from equilibrium import Equilibrium
+
+    body = tetramer.body()
+    equilibrium = Equilibrium(body, np.linspace(1.5, 16.5, 11), np.linspace(0, np.pi, 7), 8)
+    observables = {'h': (lambda h, A: h, None)}
+
+    def plan(step):
+        return runs.Plan('trial', body, equilibrium, 'RandomFiniteDifference', step, 2, 5, 0, observables,
+                         {'parallel': runs.parallel((0, 0, 0))}, [1, 2], 4)
+
+    first = runs.run(plan(0.05), tmp_path, 0, quiet=True)
+    assert first.chunks == 1 and first.frames == 5 and np.all(first.arrays['count h'].sum(1) == 5)
+    # Nothing is left of the time: the same again, from the file.
+    same = runs.run(plan(0.05), tmp_path, 0, keep=True, quiet=True)
+    assert all(np.array_equal(same.arrays[key], first.arrays[key]) for key in first.arrays)
+    monkeypatch.setattr(runs, 'finished', lambda tally: tally.chunks >= 2)
+    second = runs.run(plan(0.05), tmp_path, 60, keep=True, quiet=True)
+    assert second.chunks == 2 and second.frames == 10 and second.arrays['numbers'][5] == 2
+    # It began where the first ended: the height's sum grows by frames near there, not by those of a fresh start.
+    added = (second.arrays['sum h'] - first.arrays['sum h'])/5
+    assert np.all(abs(added - first.arrays['positions'][:, 2]) < 2) and not np.array_equal(second.arrays['msd parallel'],
+                                                                                          2*first.arrays['msd parallel'])
+    with pytest.raises(SystemExit, match='made with other settings'):
+        runs.run(plan(0.06), tmp_path, 60, keep=True, quiet=True)

@@ -1,0 +1,196 @@
+// The best known mobility of a sphere above a wall: against exact values, at both ends, and as a congruence of many spheres.
+
+#include <Eigen/Dense>
+#include <random>
+
+#include "TestSupport.h"
+#include "mobility/RotnePragerYamakawaWall.h"
+#include "mobility/SphereWall.h"
+
+using namespace RigidHIPlugin;
+using namespace OpenMM;
+using namespace std;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+using RigidHITest::expectError;
+
+namespace {
+
+/**
+ * Exact, by tools/sphere_wall_mobility.py (bispherical coordinates; at cosh 1 radii it has the resistance 1.5675 along the wall that
+ * Goldman, Cox and Brenner print), in units of the free mobilities: V along, V across, W along, W normal, a W from F.
+ */
+const double exact[][6] = {
+    {0.001, 0.22054656, 0.00099765, 0.32611529, 0.83399731, 0.03507902},
+    {0.003, 0.25117421, 0.00298091, 0.37672306, 0.83706369, 0.03633388},
+    {0.01, 0.29611765, 0.00981391, 0.45228199, 0.84513430, 0.03654131},
+    {0.03, 0.35310278, 0.02855845, 0.54789176, 0.86126496, 0.03435111},
+    {0.035, 0.36276244, 0.03308566, 0.56382486, 0.86453377, 0.03375275},
+    {0.1, 0.44304988, 0.08726645, 0.68955449, 0.89520325, 0.02703135},
+    {0.3, 0.56040871, 0.21688588, 0.83911839, 0.94098466, 0.01517681},
+    {1, 0.72321218, 0.47046966, 0.95991472, 0.98432259, 0.00348818},
+    {3, 0.86061783, 0.72453057, 0.99510268, 0.99804669, 0.00028416},
+    {10, 0.94894526, 0.89806654, 0.99976518, 0.99990609, 0.00000586},
+};
+
+double determinant(const SphereWallMobility& m) { return m.along * m.turnAlong - m.rolling * m.rolling; }
+
+struct Scene {
+    HydrodynamicParticles particles;
+    vector<Vec3> positions;
+    NoSlipPlane wall{-0.3, false};
+
+    void add(double radius, bool torque, int body, double x, double y, double gap) {
+        particles.add(radius, torque, particles.size(), body);
+        positions.push_back(Vec3(x, y, wall.getHeight() + radius + gap));
+    }
+    SphereWallCongruence best() const {
+        return SphereWallCongruence(particles, 1, wall,
+                                    unique_ptr<MobilityOperator>(new RotnePragerYamakawaWall(particles, 1, wall)));
+    }
+    MatrixXd dense() const {
+        SphereWallCongruence M = best();
+        M.setPositions(positions);
+        MatrixXd matrix;
+        M.dense(matrix);
+        return matrix;
+    }
+};
+
+}  // namespace
+
+TEST(SphereWallMobility, RotationIsExactTranslationThatOfThePaper) {
+    for (const auto& row : exact) {
+        const double gap = row[0];
+        const SphereWallMobility m = SphereWallMobility::bestKnown(gap);
+        EXPECT_NEAR(m.turnAlong / 0.75, row[3], 3e-7) << gap;
+        EXPECT_NEAR(m.turnNormal / 0.75, row[4], 3e-7) << gap;
+        EXPECT_NEAR(m.rolling, row[5], 3e-7) << gap;
+        // What the source says of the errors of eqs. 95 to 97.
+        EXPECT_NEAR(m.across / row[2], 1, 0.007) << gap;
+        EXPECT_NEAR(m.along / row[1], 1, gap < 0.04 ? 0.009 : 0.044) << gap;
+    }
+    // Eqs. 95, 96, 97 by hand, h of the first two being the gap.
+    EXPECT_NEAR(SphereWallMobility::bestKnown(0.5).across, 2.5 / 8, 1e-15);
+    EXPECT_NEAR(SphereWallMobility::bestKnown(0.03).along, 0.3559, 5e-5);
+    const double u = 0.5;
+    EXPECT_NEAR(SphereWallMobility::bestKnown(1).along,
+                1 - 9 * u / 16 + u * u * u / 8 - 45 * pow(u, 4) / 256 - pow(u, 5) / 16, 1e-15);
+}
+
+TEST(SphereWallMobility, EndsContinuityAndPositivity) {
+    SphereWallMobility before = SphereWallMobility::bestKnown(1e-15);
+    for (double gap = 1e-15; gap < 1e9; gap *= 1.001) {
+        const SphereWallMobility m = SphereWallMobility::bestKnown(gap);
+        ASSERT_GT(determinant(m), 0.5 * m.along * m.turnAlong) << gap;
+        ASSERT_GT(min({m.along, m.across, m.turnAlong, m.turnNormal}), 0) << gap;
+        ASSERT_LE(max({m.along, m.across, m.turnAlong / 0.75, m.turnNormal / 0.75}), 1) << gap;
+        // All but rolling rise with the gap, by no more than it does; a jump would be 0.1 % here at most.
+        for (auto member : {&SphereWallMobility::along, &SphereWallMobility::across, &SphereWallMobility::turnAlong,
+                            &SphereWallMobility::turnNormal}) {
+            ASSERT_GE(m.*member, before.*member * (1 - 1e-14)) << gap;
+            ASSERT_LE(m.*member, before.*member * 1.0012) << gap;
+        }
+        before = m;
+    }
+    // Contact: lubrication. Across like the gap, along and turning like 1/ln (Goldman, Cox, Brenner 1967).
+    const double gap = 1e-14, l = log(gap);
+    const SphereWallMobility near = SphereWallMobility::bestKnown(gap);
+    EXPECT_NEAR(near.across / gap, 1, 1e-12);
+    const double force = 0.9588 - 8 * l / 15, torque = 0.1895 + l / 10, turning = 0.3817 - 2 * l / 5,
+                 all = force * turning - 4 * torque * torque / 3;
+    EXPECT_NEAR(near.along / (turning / all), 1, 1e-3);
+    EXPECT_NEAR(near.turnAlong / (0.75 * force / all), 1, 1e-3);
+    EXPECT_NEAR(near.rolling / (-torque / all), 1, 1e-3);
+    EXPECT_NEAR(near.turnNormal / 0.75 * 1.2020569, 1, 1e-6);  // zeta(3)
+    // Far away: the model's. Eq. 95 falls behind by 1/24 of the distance's inverse.
+    const double far = 1e4;
+    const SphereWallMobility away = SphereWallMobility::bestKnown(far),
+                             model = SphereWallMobility::rotnePragerYamakawa(1 / (1 + far));
+    EXPECT_NEAR(away.across, model.across, 0.05 / far);
+    EXPECT_NEAR(away.along, model.along, 1e-12);
+    EXPECT_NEAR(away.turnAlong, model.turnAlong, 1e-14);
+    EXPECT_NEAR(away.turnNormal, model.turnNormal, 1e-14);
+    EXPECT_NEAR(away.rolling / model.rolling, 1, 1e-3);
+}
+
+TEST(SphereWallCongruence, OneSphereIsAsBestKnown) {
+    for (double radius : {0.4, 3.0})
+        for (double gap : {1e-9, 0.02, 0.033, 0.5, 20.0}) {
+            Scene scene;
+            scene.add(radius, true, 0, 1, 2, gap * radius);
+            Scene free;
+            free.add(radius, false, -1, 1, 2, gap * radius);
+            // Positions are known to a rounding of the height, which is much for the narrowest gap.
+            const double z = scene.positions[0][2] - scene.wall.getHeight();
+            const SphereWallMobility m = SphereWallMobility::bestKnown((z - radius) / radius);
+            MatrixXd expected = MatrixXd::Zero(6, 6);
+            expected.diagonal() << m.along, m.along, m.across, m.turnAlong / (radius * radius),
+                m.turnAlong / (radius * radius), m.turnNormal / (radius * radius);
+            expected(4, 0) = expected(0, 4) = m.rolling / radius;
+            expected(3, 1) = expected(1, 3) = -m.rolling / radius;
+            expected /= 6 * M_PI * radius;
+            EXPECT_LT((scene.dense() - expected).cwiseAbs().maxCoeff(), 1e-13 * expected.maxCoeff()) << gap;
+            EXPECT_LT((free.dense() - expected.topLeftCorner(3, 3)).cwiseAbs().maxCoeff(), 1e-13 * expected(0, 0));
+        }
+}
+
+TEST(SphereWallCongruence, IsSymmetricPositiveDefiniteAndItsProductsAreTheMatrix) {
+    mt19937 random(2);
+    uniform_real_distribution<double> u(0, 1);
+    double smallest = INFINITY;
+    for (int trial = 0; trial < 1000; trial++) {
+        Scene scene;
+        const int n = 2 + trial % 6;
+        const double size = trial % 3 == 0 ? 1 : trial % 3 == 1 ? 3 : 10;
+        for (int i = 0; i < n; i++) {
+            const double radius = 0.2 + 1.8 * u(random);
+            const int kind = 3 * u(random);  // a sphere, a free particle, a blob of a multiblob
+            scene.add(radius, kind == 0, kind == 1 ? -1 : i, size * u(random), size * u(random),
+                      u(random) < 0.4 ? radius * pow(10, -12 * u(random)) : size * u(random));
+        }
+        const MatrixXd M = scene.dense();
+        ASSERT_EQ((M - M.transpose()).cwiseAbs().maxCoeff(), 0);
+        const VectorXd d = M.diagonal().cwiseSqrt().cwiseInverse();
+        smallest = min(smallest,
+                       Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * M * d.asDiagonal()).eigenvalues()[0]);
+        ASSERT_GT(smallest, 0) << trial;
+        MatrixXd products;
+        const MatrixXd forces = MatrixXd::Random(M.rows(), 3);
+        SphereWallCongruence best = scene.best();
+        best.setPositions(scene.positions);
+        best.apply(forces, products);
+        ASSERT_LT((products - M * forces).cwiseAbs().maxCoeff(), 1e-13 * M.maxCoeff() * M.rows()) << trial;
+        best.friction(products);
+        ASSERT_LT((d.asDiagonal() * (M * products * M - M) * d.asDiagonal()).cwiseAbs().maxCoeff(), 1e-9) << trial;
+    }
+    cout << "smallest eigenvalue " << smallest << endl;
+}
+
+TEST(SphereWallCongruence, BlobsStayAsTheModelSays) {
+    Scene scene;
+    for (int i = 0; i < 3; i++) scene.add(0.5, false, 7, i, 0.2 * i, 0.1 * i);  // one touches
+    RotnePragerYamakawaWall model(scene.particles, 1, scene.wall);
+    model.setPositions(scene.positions);
+    MatrixXd expected;
+    model.dense(expected);
+    EXPECT_EQ((scene.dense() - expected).cwiseAbs().maxCoeff(), 0);
+}
+
+TEST(SphereWallCongruence, SpheresMustNotTouchTheWall) {
+    Scene scene;
+    scene.add(0.5, true, 2, 0, 0, 0.1);
+    scene.add(0.5, false, -1, 3, 0, 0);
+    SphereWallCongruence best = scene.best();
+    EXPECT_TRUE(best.mayObject());
+    for (double rounding : {0.0, 1e-14}) {
+        scene.positions[1][2] = 0.2 - rounding;
+        expectError([&] { best.setPositions(scene.positions); },
+                    {"particle 1 (in no body) touches the wall, where a sphere cannot move by BestKnown",
+                     "setSphereWallMobility(FromModel)"});
+    }
+    scene.positions[1][2] = 0.19;
+    EXPECT_NE(best.objection(scene.positions).find("less than its radius, 0.5 nm"), string::npos);
+    scene.positions[1][2] = 0.2 + 1e-9;
+    EXPECT_EQ(best.objection(scene.positions), "");
+}
