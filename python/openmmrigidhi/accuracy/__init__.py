@@ -12,13 +12,19 @@ The same for models of the fluid::
 
     result = accuracy.LadderStudy(scene).run()
     print(result.recommend('mobility:1%'))
+
+Schemes without momenta, and LangevinHI at high friction, for bodies above a wall::
+
+    result = accuracy.OverdampedStudy(accuracy.overdamped.boomerang()).run(budget=1200)
+    print(result.recommend('height:2%'))
 """
-from . import methods, mobilities, observables, rungs, scenes, statistics
+from . import methods, mobilities, observables, overdamped, rungs, scenes, statistics
 from .ladder import LadderStudy
 from .ladderresult import LadderResult
 from .methods import Method
 from .mobilities import MobilityObservable
 from .observables import Observable
+from .overdamped import OverdampedStudy, WallScene
 from .result import Recommendation, Reference, StudyResult
 from .rungs import Rung
 from .scenes import Scene
@@ -26,4 +32,4 @@ from .study import Knob, Setting, StepSizeStudy, Study
 
 __all__ = ['StepSizeStudy', 'StudyResult', 'Recommendation', 'Reference', 'Scene', 'Method', 'Observable', 'Study', 'Knob',
            'Setting', 'LadderStudy', 'LadderResult', 'Rung', 'MobilityObservable', 'scenes', 'methods', 'observables', 'mobilities',
-           'rungs', 'statistics']
+           'rungs', 'statistics', 'OverdampedStudy', 'WallScene', 'overdamped']

@@ -3,7 +3,7 @@ import argparse
 import sys
 import time
 
-from . import ladderreport, methods, mobilities, observables, rungs, scenes
+from . import ladderreport, methods, mobilities, observables, overdamped, rungs, scenes
 from .ladder import LadderStudy
 from .ladderresult import LadderResult
 from .report import summaryText
@@ -13,7 +13,8 @@ from .study import StepSizeStudy
 DESCRIPTION = '''Measure, on this machine, what accuracy costs: the error of observables against ns/day, for step sizes and schemes, beside
 OpenMM's LangevinMiddleIntegrator with constraints. Writes results.csv, results.json, error_*.png and report.html, and names the
 cheapest setting for a wanted error, or says that there is none. With --ladder the same for models of the fluid: the error of
-the mobility against time per step, from free draining to lubrication (docs/hydrodynamic_ladder.md).'''
+the mobility against time per step, from free draining to lubrication (docs/hydrodynamic_ladder.md). With --overdamped the schemes
+without momenta and LangevinHI at high friction, for bodies above a wall (docs/overdamped_accuracy.md).'''
 
 EPILOG = '''examples:
   python3 -m openmmrigidhi.accuracy --scene water --budget 1800 --wanted-error potential_energy:0.5%
@@ -22,6 +23,7 @@ EPILOG = '''examples:
   python3 -m openmmrigidhi.accuracy --scene mymodule:makeScene --observables potential_energy mymodule:endToEnd
   python3 -m openmmrigidhi.accuracy --ladder --wanted-error mobility:1%
   python3 -m openmmrigidhi.accuracy --ladder --scene mymodule:makeScene --wanted-error sedimentation:1%,mobility:5%
+  python3 -m openmmrigidhi.accuracy --overdamped --wanted-error height:1%,repulsion:5%
   python3 -m openmmrigidhi.accuracy --from accuracy/results.json --wanted-error potential_energy:0.2%'''
 
 
@@ -30,23 +32,23 @@ def parser():
     result = argparse.ArgumentParser(prog='python3 -m openmmrigidhi.accuracy', description=DESCRIPTION, epilog=EPILOG,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     scene = result.add_argument_group('scene')
-    scene.add_argument('--scene', default=None, help='water (default), trap; with --ladder pairs (default), suspension; or module:function that returns a Scene, '
+    scene.add_argument('--scene', default=None, help='water (default), trap; with --ladder pairs (default), suspension; with --overdamped boomerang (default), suspension; or module:function that returns a Scene, '
                        '(system, state or positions, integrator) or (system, topology, positions, integrator)')
     scene.add_argument('--system', help='System as XML: your own scene, with --state and --integrator')
     scene.add_argument('--state', help='State as XML: the start, which should be equilibrated')
     scene.add_argument('--integrator', help='CustomRigidHIIntegrator as XML: says what the bodies, temperature and frictions are')
-    scene.add_argument('--bodies', type=int, help='number of molecules of water (216), or of bodies in trap (400) or suspension (12)')
+    scene.add_argument('--bodies', type=int, help='number of molecules of water (216), or of bodies in trap (400), suspension (12; 16 with --overdamped) or boomerang (32 replicas)')
     scene.add_argument('--temperature', type=float, help='K, of a built-in scene')
     scene.add_argument('--gamma', type=float, help='translational friction of a built-in scene and of LangevinMiddle, 1/ps')
     scene.add_argument('--Gamma', type=float, help='rotational friction of a built-in scene, 1/ps')
     what = result.add_argument_group('what is compared')
-    what.add_argument('--methods', nargs='+', default=['LangevinC', 'LangevinMiddle'], metavar='NAME[:STEPS]',
+    what.add_argument('--methods', nargs='+', default=None, metavar='NAME[:STEPS]',
                       help=f'among {", ".join(methods.BUILT_IN)}; with step sizes of its own in fs, e.g. GradientThermostat:1,2,3,4 '
-                      '(default: LangevinC LangevinMiddle)')
-    what.add_argument('--steps', metavar='FS', help='step sizes of all methods in fs, e.g. 1,2,4,6,8 (default: the scene\'s)')
+                      f'(default: LangevinC LangevinMiddle); with --overdamped among {", ".join(overdamped.METHODS)}, steps in tau_D (default: all)')
+    what.add_argument('--steps', metavar='FS', help='step sizes of all methods in fs (with --overdamped in tau_D), e.g. 1,2,4,6,8 (default: the scene\'s)')
     what.add_argument('--observables', nargs='+', default=None, metavar='NAME',
                       help=f'among {", ".join(observables.BUILT_IN)}, energy_group_N, or module:function of the Context '
-                      '(default: energy and temperatures)')
+                      f'(default: energy and temperatures); with --overdamped among {", ".join(overdamped.OBSERVABLES)} (default: all)')
     what.add_argument('--wanted-error', nargs='+', default=[], metavar='NAME:ERROR',
                       help='e.g. potential_energy:0.5%%, or potential_energy:0.2 in its unit; several in one word, with commas, must '
                       'all be met')
@@ -59,12 +61,14 @@ def parser():
                         help=f'among {", ".join(rungs.RUNGS)} (default: all but multiblob642 and those with +self)')
     ladder.add_argument('--gaps', metavar='RADII', help='of pairs, between the surfaces, in radii, e.g. 0.01,0.1,1,10')
     ladder.add_argument('--ladder-reference', metavar='NAME', help='the rung that others are compared with (default: the best)')
+    road = result.add_argument_group('the overdamped limit')
+    road.add_argument('--overdamped', action='store_true', help='compare the schemes without momenta and LangevinHI at high friction')
     how = result.add_argument_group('how it is measured')
     how.add_argument('--budget', type=float, default=600, help='seconds for the measurement; run lengths are planned from it (600)')
-    how.add_argument('--length', type=float, help='ps for every setting, instead of a budget')
-    how.add_argument('--equilibration', type=float, help='ps left out at the start of each run')
+    how.add_argument('--length', type=float, help='ps (with --overdamped tau_D) for every setting, instead of a budget')
+    how.add_argument('--equilibration', type=float, help='ps (with --overdamped tau_D) left out at the start of each run')
     how.add_argument('--rounds', type=int, default=20, help='number of turns (20)')
-    how.add_argument('--platform', choices=['CPU', 'Reference'], help='(CPU; with --ladder the faster of the two)')
+    how.add_argument('--platform', choices=['CPU', 'Reference'], help='(CPU; with --ladder the faster of the two; with --overdamped Reference)')
     how.add_argument('--threads', type=int, default=1, help='of the CPU platform (1)')
     how.add_argument('--jobs', type=int, default=1, help='runs at the same time; times are then measured afterwards, alone (1)')
     how.add_argument('--clock', default='wall', choices=['wall', 'cpu'],
@@ -72,7 +76,7 @@ def parser():
     how.add_argument('--seed', type=int, default=1)
     out = result.add_argument_group('output')
     out.add_argument('--output', default='accuracy', help='directory (accuracy)')
-    out.add_argument('--baseline', default='LangevinMiddle', help='method that speeds are compared with (LangevinMiddle)')
+    out.add_argument('--baseline', help='method that speeds are compared with (LangevinMiddle; with --overdamped TrapezoidalSlip)')
     out.add_argument('--from', dest='source', metavar='RESULTS.JSON', help='measure nothing: report again from an earlier result')
     out.add_argument('--quiet', action='store_true', help='no progress bar')
     return result
@@ -95,9 +99,14 @@ def main(arguments=None):
     try:
         if options.ladder or (options.source and LadderResult.isOne(options.source)):
             return _ladder(options)
-        options.platform = options.platform or 'CPU'
-        options.observables = options.observables or list(observables.DEFAULT)
-        result = StudyResult.fromJson(options.source) if options.source else _measure(options)
+        options.baseline = options.baseline or ('TrapezoidalSlip' if options.overdamped else 'LangevinMiddle')
+        if options.overdamped and not options.source:
+            result = _overdamped(options)
+        else:
+            options.platform = options.platform or 'CPU'
+            options.observables = options.observables or list(observables.DEFAULT)
+            options.methods = options.methods or ['LangevinC', 'LangevinMiddle']
+            result = StudyResult.fromJson(options.source) if options.source else _measure(options)
         # Wrong names are found before anything is written.
         for item in options.wanted_error:
             result.parseWanted(item)
@@ -113,6 +122,40 @@ def main(arguments=None):
         print('\n' + text)
     print('\nWritten: ' + ', '.join(paths))
     return 0
+
+
+def _overdamped(options):
+    """The study of the overdamped limit."""
+    name = options.scene or 'boomerang'
+    if name not in overdamped.SCENES or options.system or options.state or options.integrator:
+        raise ValueError(f'--scene: got {name!r} with --overdamped; it must be one of {", ".join(overdamped.SCENES)}, without --system, --state and '
+                         '--integrator: choose one of these')
+    found, steps = [], {}
+    for text in options.methods or overdamped.METHODS:
+        method, _, own = text.partition(':')
+        found.append(overdamped.byName(method).name)
+        steps[method] = _numbers(own or options.steps, 'tau_D') if own or options.steps else None
+    names = options.observables or list(overdamped.OBSERVABLES)
+    for item in options.wanted_error:
+        splitWanted(item, names, 'height:1%')
+    given = {} if options.bodies is None else {'replicas' if name == 'boomerang' else 'bodies': options.bodies}
+    scene = overdamped.SCENES[name](seed=options.seed, **given)
+    study = overdamped.OverdampedStudy(scene, found, {method: own for method, own in steps.items() if own}, names,
+                                       platform=options.platform or 'Reference', threads=options.threads, seed=options.seed,
+                                       clock=options.clock)
+    with _Bar(options.quiet) as bar:
+        return study.run(options.budget, None if options.length is None else options.length*scene.timeUnit,
+                         (30 if options.equilibration is None else options.equilibration)*scene.timeUnit, options.rounds, options.jobs, bar.study)
+
+
+def _numbers(text, unit):
+    try:
+        values = [float(part) for part in text.split(',')]
+    except ValueError:
+        values = []
+    if not values or min(values) <= 0:
+        raise ValueError(f'step sizes: got {text!r}; they must be positive numbers in {unit} with commas between: write e.g. 2,4,6')
+    return values
 
 
 def _ladder(options):
@@ -193,13 +236,7 @@ def _methods(options):
 
 
 def _fs(text):
-    try:
-        values = [float(part)/1000 for part in text.split(',')]
-    except ValueError:
-        values = []
-    if not values or min(values) <= 0:
-        raise ValueError(f'step sizes: got {text!r}; they must be positive numbers in fs with commas between: write e.g. 2,4,6')
-    return values
+    return [value/1000 for value in _numbers(text, 'fs')]
 
 
 def _reference(text, names):
@@ -289,11 +326,11 @@ def _table(result):
         'reference is 0']
     short = [name.replace('temperature', 'T').replace('potential_energy', 'U').replace('translational', 'trans')
              .replace('rotational', 'rot') for name in names]
-    lines.append(f'{"method":<20}{result.knob.label + "/" + result.knob.unit:>10}{"ns/day":>10}' + ''.join(f'{n:>20}' for n in short))
+    lines.append(f'{"method":<20}{result.knob.label + "/" + result.knob.unit:>10}{result.knob.speedUnit:>10}' + ''.join(f'{n:>20}' for n in short))
     for key in dict.fromkeys((row['method'], row['value']) for row in result.rows):
         rows = {row['observable']: row for row in result.rows if (row['method'], row['value']) == key}
         first = next(iter(rows.values()))
-        line = f'{key[0]:<20}{key[1]*result.knob.scale:>10.4g}' + ('%10.3g' % first['ns_per_day'] if first['ns_per_day'] else f'{"":>10}')
+        line = f'{key[0]:<20}{key[1]*result.knob.scale:>10.4g}' + ('%10.3g' % (first['ns_per_day']*result.knob.speedScale) if first['ns_per_day'] else f'{"":>10}')
         if first['status'] != 'stable':
             lines.append(line + f'  {first["status"]} {first["message"]}'[:100])
             continue

@@ -80,6 +80,8 @@ class Run:
                            for observable in observables if observable.setup is not None}
             start = self.context.getState(getEnergy=True).getPotentialEnergy()._value
             particles = sum(scene.system.getParticleMass(i)._value > 0 for i in range(scene.system.getNumParticles()))
+            # Bodies may have no masses at all.
+            particles = max(particles, 2*len(scene.bodies))
             kT = GAS_CONSTANT*scene.temperature
             self.largestEnergy = start + (EXPLOSION_FACTOR*1.5*particles + EXPLOSION_MARGIN)*kT
         except (openmm.OpenMMException, ValueError) as error:

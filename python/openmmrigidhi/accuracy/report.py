@@ -12,9 +12,13 @@ from .measurement import STABLE, UNSTABLE
 
 #: Colour-blind safe (Okabe and Ito), one per method; methods of the user's own take the rest in turn.
 COLOURS = {'LangevinC': '#0072B2', 'LangevinMiddle': '#D55E00', 'LangevinB': '#009E73', 'LangevinA': '#E69F00',
-           'GradientThermostat': '#CC79A7'}
+           'GradientThermostat': '#CC79A7', 'EulerMaruyama': '#999999', 'FixmanMidpoint': '#E69F00', 'RandomFiniteDifference': '#56B4E9',
+           'TractionEulerMaruyama': '#B8A800', 'TrapezoidalSlip': '#0072B2', 'DriftCorrectorFD': '#CC79A7', 'DriftCorrectorRFD': '#882255',
+           'LangevinHI(0.3)': '#009E73', 'LangevinHI(1)': '#D55E00', 'LangevinHI(3)': '#000000'}
 SPARE_COLOURS = ('#56B4E9', '#000000', '#7F7F7F', '#8C564B')
-MARKERS = {'LangevinC': 'o', 'LangevinMiddle': 's', 'LangevinB': '^', 'LangevinA': 'v', 'GradientThermostat': 'D'}
+MARKERS = {'LangevinC': 'o', 'LangevinMiddle': 's', 'LangevinB': '^', 'LangevinA': 'v', 'GradientThermostat': 'D',
+           'EulerMaruyama': 'X', 'FixmanMidpoint': '^', 'RandomFiniteDifference': 's', 'TractionEulerMaruyama': 'v', 'TrapezoidalSlip': 'o',
+           'DriftCorrectorFD': '<', 'DriftCorrectorRFD': '>', 'LangevinHI(0.3)': 'D', 'LangevinHI(1)': 'P', 'LangevinHI(3)': '*'}
 COLUMNS = ('method', 'knob', 'value', 'step_size', 'status', 'ns_per_day', 'ns_per_day_low', 'ns_per_day_high', 'ns_per_cpu_day',
            'observable', 'mean', 'standard_error', 'error', 'error_standard_error', 'error_low', 'error_high',
            'relative_error', 'tau', 'samples', 'length', 'equilibration', 'drift', 'seed', 'note', 'message')
@@ -83,7 +87,7 @@ def _style(result):
 
 
 def draw(result, observable, wanted=()):
-    """Error against ns/day beside the means against the knob, a PNG.
+    """Error against speed beside the means against the knob, a PNG.
 
     Parameters
     ----------
@@ -154,14 +158,14 @@ def _drawErrors(axes, result, observable, scale, unit, wanted):
         mine = [row for row in rows if row['method'] == method]
         known = []
         for row in mine:
-            size, x = abs(row['error'])*scale, row['ns_per_day']
+            size, x = abs(row['error'])*scale, row['ns_per_day']*result.knob.speedScale
             low, high = row['error_low']*scale, row['error_high']*scale
             smallest = 0 if low <= 0 <= high else min(abs(low), abs(high))
             largest = max(abs(low), abs(high))
             resolved = smallest > 0
             y = max(size, floor)
             axes.plot([x, x], [max(smallest, floor*0.7), largest], color=colour, lw=1.4, alpha=0.8, zorder=2)
-            axes.plot([row['ns_per_day_low'], row['ns_per_day_high']], [y, y], color=colour, lw=1.0, alpha=0.6, zorder=2)
+            axes.plot([row[key]*result.knob.speedScale for key in ('ns_per_day_low', 'ns_per_day_high')], [y, y], color=colour, lw=1.0, alpha=0.6, zorder=2)
             axes.plot(x, y, marker=marker, ms=7, color=colour, mfc=colour if resolved else 'white', mew=1.4, zorder=4, ls='')
             axes.annotate(result.knob.format(row['value']), (x, y), xytext=(6, 5), textcoords='offset points', fontsize=8.5,
                           color=colour, zorder=5)
@@ -174,7 +178,7 @@ def _drawErrors(axes, result, observable, scale, unit, wanted):
         for k, (value, step) in enumerate(dead):
             rates = result._stepsPerSecond(observable, method, step)
             if len(rates):
-                x = step*np.median(rates)*86.4
+                x = step*np.median(rates)*86.4*result.knob.speedScale
                 axes.plot(x, top*1.9, marker='x', ms=9, mew=2.2, color=colour, zorder=4)
                 axes.annotate(result.knob.format(value), (x, top*1.9), xytext=(0, -15), ha='center', textcoords='offset points',
                               fontsize=8.5, color=colour)
@@ -190,7 +194,7 @@ def _drawErrors(axes, result, observable, scale, unit, wanted):
     axes.set_ylim(floor*0.6, top*3)
     left, right = axes.get_xlim()
     axes.set_xlim(left, right*1.12)
-    axes.set_xlabel('ns/day' + (' (CPU time)' if result.provenance.get('clock') == 'cpu' else '')
+    axes.set_xlabel(result.knob.speedUnit + (' (CPU time)' if result.provenance.get('clock') == 'cpu' else '')
                     + f'   [{_platform(result)}]')
     axes.set_ylabel(f'|error|, {unit}')
     axes.set_title('Error against speed: down and to the right is better', fontsize=10.5)
@@ -274,17 +278,18 @@ def comparisonText(result, comparison, baseline):
     """
     lines = []
     for method, entry in comparison.items():
-        step = f'{entry["step"]*1000:.2f} fs'
+        scale, speed = result.knob.scale, result.knob.speed(entry['ns_per_day'])
+        step = f'{entry["step"]*scale:.3g} {result.knob.unit}'
         if entry['capped']:
             text = (f'{method}: its error is still below the wanted one at its largest stable step, {step}: at least '
-                    f'{entry["ns_per_day"]:.3g} ns/day')
+                    f'{speed}')
         else:
             text = (f'{method}: reaches the wanted error at a step of {step} '
-                    f'({entry["step_low"]*1000:.2f} to {entry["step_high"]*1000:.2f}): {entry["ns_per_day"]:.3g} ns/day')
+                    f'({entry["step_low"]*scale:.3g} to {entry["step_high"]*scale:.3g}): {speed}')
         if entry['ratio'] is not None and method != baseline:
             # The baseline may be good for larger steps than were measured, or the method.
             bound = {(False, True): 'at most ', (True, False): 'at least '}.get((entry['capped'], comparison[baseline]['capped']), '')
-            text += (f'; {bound}{entry["ratio"]:.2f} times the ns/day of {baseline} ({entry["ratio_low"]:.2f} to '
+            text += (f'; {bound}{entry["ratio"]:.2f} times the {result.knob.speedUnit} of {baseline} ({entry["ratio_low"]:.2f} to '
                      f'{entry["ratio_high"]:.2f})')
         lines.append(text + '.')
     return lines
@@ -376,7 +381,7 @@ def page(result, answers, comparisons, pictures, baseline):
         about = result.observables[observable]
         parts.append(f'<h3>{escape(about["label"].capitalize())}</h3>')
         if observable in pictures:
-            parts.append(picture(pictures[observable], f'Error of {about["label"]} against ns/day'))
+            parts.append(picture(pictures[observable], f'Error of {about["label"]} against {result.knob.speedUnit}'))
         parts.append(_table(result, observable))
     parts.append('<h2>How it was measured</h2>')
     parts += [f'<p>{escape(text)}</p>' for text in _howText(result)]
@@ -450,22 +455,23 @@ def _flatten(data):
 
 
 def _comparisonTable(result, wanted, comparison, baseline):
-    cells = ['<table><tr><th>at ' + html.escape(wanted) + '</th><th>step, fs</th><th>95 %</th><th>steps/s</th><th>ns/day</th>'
+    cells = ['<table><tr><th>at ' + html.escape(wanted) + f'</th><th>step, {result.knob.unit}</th><th>95 %</th><th>steps/s</th><th>{result.knob.speedUnit}</th>'
              '<th>95 %</th><th>times ' + html.escape(baseline) + '</th><th>95 %</th></tr>'.replace('95', f'{100*result.confidence:g}')]
     for method, entry in comparison.items():
         atLeast = '&ge; ' if entry['capped'] else ''
         ratio = ('', '') if entry['ratio'] is None else (f'{entry["ratio"]:.2f}',
                                                          f'{entry["ratio_low"]:.2f} – {entry["ratio_high"]:.2f}')
-        cells.append(f'<tr><td>{html.escape(method)}</td><td>{atLeast}{entry["step"]*1000:.2f}</td>'
-                     f'<td>{entry["step_low"]*1000:.2f} – {entry["step_high"]*1000:.2f}</td><td>{entry["steps_per_second"]:.1f}</td>'
-                     f'<td>{atLeast}{entry["ns_per_day"]:.3g}</td><td>{entry["ns_per_day_low"]:.3g} – {entry["ns_per_day_high"]:.3g}</td>'
+        low, middle, high = (f'{entry[key]*result.knob.scale:.3g}' for key in ('step_low', 'step', 'step_high'))
+        slow, speed, fast = (f'{entry[key]*result.knob.speedScale:.3g}' for key in ('ns_per_day_low', 'ns_per_day', 'ns_per_day_high'))
+        cells.append(f'<tr><td>{html.escape(method)}</td><td>{atLeast}{middle}</td><td>{low} – {high}</td>'
+                     f'<td>{entry["steps_per_second"]:.1f}</td><td>{atLeast}{speed}</td><td>{slow} – {fast}</td>'
                      f'<td>{ratio[0]}</td><td>{ratio[1]}</td></tr>')
     return '\n'.join(cells) + '</table>'
 
 
 def _table(result, observable):
     unit = result.observables[observable]['unit']
-    head = ('method', f'{result.knob.label}, {result.knob.unit}', 'ns/day', f'mean, {unit}', '± (1 sigma)', f'error, {unit}',
+    head = ('method', f'{result.knob.label}, {result.knob.unit}', result.knob.speedUnit, f'mean, {unit}', '± (1 sigma)', f'error, {unit}',
             f'{100*result.confidence:g} % interval', 'error, %', 'tau, ps', 'length, ps', 'note')
     lines = ['<table><tr>' + ''.join(f'<th>{html.escape(cell)}</th>' for cell in head) + '</tr>']
     for row in result.rows:
@@ -473,7 +479,8 @@ def _table(result, observable):
             continue
         note = row['note'] if row['status'] == STABLE else f'{row["status"]}: {row["message"]}'
         interval = '' if row['error'] is None else f'{row["error_low"]:.3g} … {row["error_high"]:.3g}'
-        cells = [row['method'], f'{row["value"]*result.knob.scale:g}', _number(row['ns_per_day'], '.3g'), _number(row['mean'], '.6g'),
+        speed = None if row['ns_per_day'] is None else row['ns_per_day']*result.knob.speedScale
+        cells = [row['method'], f'{row["value"]*result.knob.scale:g}', _number(speed, '.3g'), _number(row['mean'], '.6g'),
                  _number(row['standard_error'], '.2g'), _number(row['error'], '.3g'), interval,
                  _number(None if row['relative_error'] is None else 100*row['relative_error'], '.3f'), _number(row['tau'], '.2g'),
                  _number(row['length'], '.4g') if row['status'] == STABLE else '']
@@ -489,7 +496,7 @@ def _number(value, form):
 def _howText(result):
     provenance = result.provenance
     lines = [f'{_platform(result)}, {provenance.get("rounds")} rounds in which the '
-             'settings took turns in a random order. ns/day is the median over rounds of the integration steps alone '
+             f'settings took turns in a random order. {result.knob.speedUnit} is the median over rounds of the integration steps alone '
              f'({provenance.get("clock")} time).',
              'Standard errors are from block averages with blocks of 20 integrated autocorrelation times; intervals use '
              "Student's t with the number of blocks."]

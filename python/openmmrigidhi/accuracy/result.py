@@ -122,6 +122,9 @@ def summarise(knob, runs, observables, clock):
 def _series(record, observable):
     """The samples as an array, or None where there is no average to take."""
     series = np.array(record.series.get(observable.name, []), dtype=float)
+    # What compares with the sample before has nothing to compare the first with.
+    if len(series) > 1 and np.isnan(series[0]) and np.isfinite(series[1:]).all():
+        series = series[1:]
     return series if record.status == STABLE and len(series) >= 2 and np.isfinite(series).all() else None
 
 
@@ -398,7 +401,7 @@ class StudyResult:
         undecided = [c for c in candidates if c['verdict'] == 'undecided']
         if best is not None:
             faster = [c for c in undecided if c['ns_per_day'] > best['ns_per_day']]
-            text = (f'For an error of at most {aim}: {self._name(best)}, {_digits(best["ns_per_day"])} ns/day. It is the cheapest '
+            text = (f'For an error of at most {aim}: {self._name(best)}, {self.knob.speed(best["ns_per_day"])}. It is the cheapest '
                     f'setting that meets this with {sure}.')
             factor = None
             if faster:
@@ -431,7 +434,7 @@ class StudyResult:
                 continue
             own = next((c for c in candidates if c['method'] == method and c['verdict'] == 'yes'), None)
             if own is not None:
-                parts.append(f'{self._name(own)} ({_digits(own["ns_per_day"])} ns/day, {best["ns_per_day"]/own["ns_per_day"]:.2f} '
+                parts.append(f'{self._name(own)} ({self.knob.speed(own["ns_per_day"])}, {best["ns_per_day"]/own["ns_per_day"]:.2f} '
                              'times slower)')
         return f' The best of the other methods that meet it: {"; ".join(parts)}.' if parts else ''
 
@@ -523,7 +526,8 @@ class StudyResult:
         """Everything, for JSON. The rounds' speeds are the same for all observables and are listed once."""
         speeds = {(row['method'], row['value']): row['speeds'] for row in self.rows}
         return {'format': 'openmmrigidhi.accuracy 1', 'confidence': self.confidence,
-                'knob': {'name': self.knob.name, 'label': self.knob.label, 'unit': self.knob.unit, 'scale': self.knob.scale},
+                'knob': {'name': self.knob.name, 'label': self.knob.label, 'unit': self.knob.unit, 'scale': self.knob.scale,
+                         'speedUnit': self.knob.speedUnit, 'speedScale': self.knob.speedScale},
                 'scene': self.scene, 'orders': self.orders, 'observables': self.observables, 'refusals': self.refusals,
                 'provenance': self.provenance,
                 'references': {name: reference.asDict() for name, reference in self.references.items()},
@@ -574,11 +578,6 @@ class StudyResult:
         """
         from .report import write
         return write(self, directory, wanted, baseline)
-
-
-def _digits(value):
-    """Three significant digits without an exponent."""
-    return f'{value:.3g}' if value < 1000 else f'{value:.0f}'
 
 
 def _longer(factor):

@@ -43,16 +43,27 @@ class Knob:
         for people
     scale : float
         internal value times scale = value in that unit
+    speedUnit : str
+        unit of speeds, for people
+    speedScale : float
+        ns/day times speedScale = speed in that unit
     """
 
     name: str
     label: str
     unit: str
     scale: float = 1.0
+    speedUnit: str = 'ns/day'
+    speedScale: float = 1.0
 
     def format(self, value):
         """A value for people, with its unit."""
         return f'{value*self.scale:.6g} {self.unit}'.strip()
+
+    def speed(self, nsPerDay):
+        """A speed for people, with its unit: three digits, without an exponent."""
+        value = nsPerDay*self.speedScale
+        return f'{value:.3g} {self.speedUnit}' if value < 1000 else f'{value:.0f} {self.speedUnit}'
 
 
 STEP_SIZE = Knob('step_size', 'step', 'fs', 1000.0)
