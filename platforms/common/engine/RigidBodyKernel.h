@@ -109,7 +109,7 @@ private:
     void addBodyForces(OpenMM::ContextImpl& context, double time, double lookAhead);
     void advance(OpenMM::ContextImpl& context);
     std::string attemptStep(OpenMM::ContextImpl& context);
-    std::string objectionHalfAStepAhead(double tolerance);
+    std::string objectionHalfAStepAhead(OpenMM::ContextImpl& context, double tolerance);
     void reportTooManyRejections(const std::string& objection) const;
     LoopResult moveThroughFluid(double tolerance);
     void buildFluid();
