@@ -366,7 +366,7 @@ TEST(Overdamped, LangevinNeedsMassesOfFreeParticles) {
     site.addFree(0, 0.5, Vec3(3.5, 0, 0));
     site.system.setVirtualSite(3, new OpenMM::TwoParticleAverageSite(1, 2, 0.5, 0.5));
     expectError([&] { site.start(testPlatform()); },
-                {"particle 3 has hydrodynamic radius 0.5", "is in no body and has no mass; make it part of a body"});
+                {"particle 3 has hydrodynamic radius 0.5", "is a virtual site in no body, which the fluid cannot move"});
 }
 
 TEST(Overdamped, Settings) {
