@@ -249,7 +249,7 @@ class _Pen:
             self.move = np.clip(self.move*math.exp(0.1*(self.sweep() - 0.4)), 1e-3, 2)
 
 
-def suspension(bodies=16, weight=10*WEIGHT, blobsPerArm=2, radius=9.0, sweeps=1000, systems=100, seed=1):
+def suspension(bodies=16, weight=10*WEIGHT, blobsPerArm=2, radius=9.0, sweeps=500, systems=60, seed=1):
     """Interacting boomerangs above a wall, held together by a round pen: fluid and soft repulsion couple them.
 
     Parameters
@@ -333,7 +333,7 @@ def measure(R, q, sites):
 
 
 class _Average:
-    """An observable averaged over the bodies of a Context."""
+    """An observable of each replica, or averaged over the bodies of the only one."""
 
     def __init__(self, name):
         self.name = name
@@ -341,7 +341,8 @@ class _Average:
     def __call__(self, sample):
         scene = sample.scene
         R, q = sample.rigid.getBodyPositions()._value, sample.rigid.getBodyOrientations()
-        return float(measure(R, q, scene.sites)[self.name].mean())
+        values = measure(R, q, scene.sites)[self.name]
+        return values if scene.replicas > 1 else float(values.mean())
 
 
 class _Last:
@@ -357,7 +358,8 @@ class _Displacement:
     def __call__(self, sample, last):
         R, q = sample.rigid.getBodyPositions()._value, sample.rigid.getBodyOrientations()
         before, last.heights = last.heights, measure(R, q, sample.scene.sites)['height']
-        return math.nan if before is None else float(((last.heights - before)**2).mean())
+        values = np.full(len(R), np.nan) if before is None else (last.heights - before)**2
+        return values if sample.scene.replicas > 1 else float(values.mean())
 
 
 OBSERVABLES = {observable.name: observable for observable in (
