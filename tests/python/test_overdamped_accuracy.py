@@ -9,7 +9,7 @@ import pytest
 import scipy.integrate
 
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
-from openmmrigidhi.accuracy import cli, overdamped
+from openmmrigidhi.accuracy import cli, overdamped, statistics
 from openmmrigidhi.accuracy.scenes import GAS_CONSTANT
 
 KT = GAS_CONSTANT*overdamped.TEMPERATURE
@@ -164,3 +164,19 @@ def test_command_line(tmp_path):
 def test_wrong_arguments(arguments, message, capsys):
     assert cli.main(['--overdamped', '--quiet', *arguments]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_errors_come_from_replicas():
+    """However long the samples of a replica remember: coverage of the true mean by the interval of one standard error."""
+    rng = np.random.default_rng(11)
+    inside, cases = 0, 400
+    for _ in range(cases):
+        series = 3 + rng.normal(size=(1, 20)) + 0.1*rng.normal(size=(30, 20))        # correlated for ever
+        found = statistics.replicaStatistics(series)
+        inside += abs(found.mean - 3) < found.standardError
+        assert found.degrees == 19 and found.isTrusted
+    # Student's t with 19 degrees: 67 %, with a standard error of 2.3 %; 4.5 of these.
+    print(inside/cases)
+    assert abs(inside/cases - 0.67) < 0.105
+    few = statistics.replicaStatistics(rng.normal(size=(400, 3)))
+    assert few.degrees > 19 and few.standardError == pytest.approx(1/np.sqrt(1200), rel=0.5)

@@ -3,6 +3,7 @@ import math
 import time
 from dataclasses import dataclass, field
 
+import numpy as np
 import openmm
 
 from .observables import Sample
@@ -21,7 +22,7 @@ class Record:
     Attributes
     ----------
     series : dict
-        observable name -> list of samples
+        observable name -> list of samples, each a number or an array over independent replicas
     timings : list of (steps, wall seconds, CPU seconds)
         one entry per round; integration steps only, without the sampling
     status : str
@@ -143,7 +144,7 @@ class Run:
         for observable in self.observables:
             extra = self.extras.get(observable.name)
             value = observable.measure(sample) if extra is None else observable.measure(sample, extra)
-            if math.isinf(value):
+            if np.isinf(value).any():
                 raise Explosion(f'{observable.name} has become infinite')
             self.record.series[observable.name].append(value)
 

@@ -9,7 +9,6 @@ import openmm
 
 from .. import app
 from .._quaternions import product, rotationMatrices
-from ..analysis import WalkerSampler, mobilityAboutPoint
 from ..integrator import CustomRigidHIIntegrator, Scheme
 from ..mobility import MobilityForce
 from .methods import Method
@@ -86,6 +85,7 @@ def _bulkMobility(sites):
     context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
     context.setPositions(sites)
     N = fluid.getMobilityInContext(context)
+    from ..analysis import mobilityAboutPoint  # here, for analysis takes its statistics from this package
     return mobilityAboutPoint(N, (0, 0, 0))
 
 
@@ -177,6 +177,7 @@ def boomerang(replicas=32, weight=10*WEIGHT, blobsPerArm=7, seed=1):
         gaps = (R[:, 2:] + vertical @ sites.T)/RADIUS - 1
         return kT*(weight*R[:, 2]/RADIUS + (REPULSION/gaps*np.exp(-2*gaps)).sum(axis=1))
 
+    from ..analysis import WalkerSampler  # here, as above
     walkers = WalkerSampler(energy, TEMPERATURE, replicas, (0, 0, 10*RADIUS), sitePositions=sites, radii=RADIUS, wallHeight=0,
                             coordinates=['z', 'rotation'], seed=seed)
     walkers.burnIn(1000)
@@ -249,7 +250,7 @@ class _Pen:
             self.move = np.clip(self.move*math.exp(0.1*(self.sweep() - 0.4)), 1e-3, 2)
 
 
-def suspension(bodies=16, weight=10*WEIGHT, blobsPerArm=2, radius=9.0, sweeps=1000, systems=100, seed=1):
+def suspension(bodies=16, weight=10*WEIGHT, blobsPerArm=2, radius=9.0, sweeps=500, systems=60, seed=1):
     """Interacting boomerangs above a wall, held together by a round pen: fluid and soft repulsion couple them.
 
     Parameters
@@ -333,7 +334,7 @@ def measure(R, q, sites):
 
 
 class _Average:
-    """An observable averaged over the bodies of a Context."""
+    """An observable of each replica, or averaged over the bodies of the only one."""
 
     def __init__(self, name):
         self.name = name
@@ -341,7 +342,8 @@ class _Average:
     def __call__(self, sample):
         scene = sample.scene
         R, q = sample.rigid.getBodyPositions()._value, sample.rigid.getBodyOrientations()
-        return float(measure(R, q, scene.sites)[self.name].mean())
+        values = measure(R, q, scene.sites)[self.name]
+        return values if scene.replicas > 1 else float(values.mean())
 
 
 class _Last:
@@ -357,7 +359,8 @@ class _Displacement:
     def __call__(self, sample, last):
         R, q = sample.rigid.getBodyPositions()._value, sample.rigid.getBodyOrientations()
         before, last.heights = last.heights, measure(R, q, sample.scene.sites)['height']
-        return math.nan if before is None else float(((last.heights - before)**2).mean())
+        values = np.full(len(R), np.nan) if before is None else (last.heights - before)**2
+        return values if sample.scene.replicas > 1 else float(values.mean())
 
 
 OBSERVABLES = {observable.name: observable for observable in (

@@ -19,6 +19,8 @@ SPARE_COLOURS = ('#56B4E9', '#000000', '#7F7F7F', '#8C564B')
 MARKERS = {'LangevinC': 'o', 'LangevinMiddle': 's', 'LangevinB': '^', 'LangevinA': 'v', 'GradientThermostat': 'D',
            'EulerMaruyama': 'X', 'FixmanMidpoint': '^', 'RandomFiniteDifference': 's', 'TractionEulerMaruyama': 'v', 'TrapezoidalSlip': 'o',
            'DriftCorrectorFD': '<', 'DriftCorrectorRFD': '>', 'LangevinHI(0.3)': 'D', 'LangevinHI(1)': 'P', 'LangevinHI(3)': '*'}
+#: More than these need a legend of several columns.
+MANY_METHODS = 6
 COLUMNS = ('method', 'knob', 'value', 'step_size', 'status', 'ns_per_day', 'ns_per_day_low', 'ns_per_day_high', 'ns_per_cpu_day',
            'observable', 'mean', 'standard_error', 'error', 'error_standard_error', 'error_low', 'error_high',
            'relative_error', 'tau', 'samples', 'length', 'equilibration', 'drift', 'seed', 'note', 'message')
@@ -86,6 +88,11 @@ def _style(result):
     return {method: (COLOURS.get(method) or next(spare), MARKERS.get(method, 'P')) for method in result.methods()}
 
 
+def _sentence(text):
+    """With a capital at the start, and nothing else changed."""
+    return text[:1].upper() + text[1:]
+
+
 def draw(result, observable, wanted=()):
     """Error against speed beside the means against the knob, a PNG.
 
@@ -100,7 +107,7 @@ def draw(result, observable, wanted=()):
     -------
     bytes
     """
-    figure, left, right = twoPanels(f'{result.observables[observable]["label"].capitalize()}, {result.scene["name"]}')
+    figure, left, right = twoPanels(f'{_sentence(result.observables[observable]["label"])}, {result.scene["name"]}')
     reference = result.references[observable]
     relative = reference.value != 0
     scale = 100/abs(reference.value) if relative else 1.0
@@ -202,7 +209,12 @@ def _drawErrors(axes, result, observable, scale, unit, wanted):
     axes.grid(True, which='minor', alpha=0.12)
     plainTicks(axes)
     axes.plot([], [], marker='o', mfc='white', color='grey', ls='', label='not distinguishable from 0')
-    axes.legend(loc='best', fontsize=9, framealpha=0.9,
+    many = len(result.methods()) > MANY_METHODS
+    if many:
+        # Room for the legend above all points.
+        low, high = axes.get_ylim()
+        axes.set_ylim(low, high*(high/low)**0.45)
+    axes.legend(loc='upper center' if many else 'best', ncol=3 if many else 1, fontsize=8 if many else 9, framealpha=0.9,
                 title=f'bars: {100*result.confidence:g} % confidence (error), 16–84 % (speed)', title_fontsize=8)
 
 
@@ -379,7 +391,7 @@ def page(result, answers, comparisons, pictures, baseline):
     parts.append('<h2>Pictures and tables</h2>')
     for observable in result.observables:
         about = result.observables[observable]
-        parts.append(f'<h3>{escape(about["label"].capitalize())}</h3>')
+        parts.append(f'<h3>{escape(_sentence(about["label"]))}</h3>')
         if observable in pictures:
             parts.append(picture(pictures[observable], f'Error of {about["label"]} against {result.knob.speedUnit}'))
         parts.append(_table(result, observable))
@@ -508,7 +520,7 @@ def _howText(result):
         if reference.fit is not None:
             dropped = [f'{method} {result.knob.format(value)}' for (method, value), used in zip(reference.points, reference.fit.used)
                        if not used]
-            lines.append(f'{result.observables[name]["label"].capitalize()}: A0 = {reference.value:.6g} ± {reference.standardError:.2g} '
+            lines.append(f'{_sentence(result.observables[name]["label"])}: A0 = {reference.value:.6g} ± {reference.standardError:.2g} '
                          f'{result.observables[name]["unit"]}, chi2 = {reference.fit.chi2:.1f} for {reference.fit.degrees} degrees of '
                          f'freedom' + (f', without {", ".join(dropped)}' if dropped else '')
                          + (f'; {reference.fit.note}' if reference.fit.note else '') + '.')

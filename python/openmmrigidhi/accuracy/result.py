@@ -8,7 +8,7 @@ from typing import Any, Optional
 import numpy as np
 
 from .measurement import STABLE
-from .statistics import autocorrelationTime, errorCurve, quantile, seriesStatistics
+from .statistics import autocorrelationTime, errorCurve, quantile, replicaStatistics, seriesStatistics
 
 SECONDS_PER_DAY = 86400
 RECOMMENDED, NONE, UNDECIDED = 'recommended', 'none of these', 'cannot tell'
@@ -112,7 +112,7 @@ def summarise(knob, runs, observables, clock):
         for setting, record, _ in runs:
             series = _series(record, observable)
             if series is not None:
-                taus.setdefault(setting.method.name, []).append(autocorrelationTime(series)*record.samplesAt)
+                taus.setdefault(setting.method.name, []).append(autocorrelationTime(_overReplicas(series))*record.samplesAt)
         typical = {method: float(np.median(values)) for method, values in taus.items()}
         for setting, record, seed in runs:
             rows.append(_row(knob, setting, record, observable, seed, clock, typical.get(setting.method.name, 0.0)))
@@ -123,9 +123,13 @@ def _series(record, observable):
     """The samples as an array, or None where there is no average to take."""
     series = np.array(record.series.get(observable.name, []), dtype=float)
     # What compares with the sample before has nothing to compare the first with.
-    if len(series) > 1 and np.isnan(series[0]) and np.isfinite(series[1:]).all():
+    if len(series) > 1 and np.isnan(series[0]).all() and np.isfinite(series[1:]).all():
         series = series[1:]
     return series if record.status == STABLE and len(series) >= 2 and np.isfinite(series).all() else None
+
+
+def _overReplicas(series):
+    return series if series.ndim == 1 else series.mean(axis=1)
 
 
 def _row(knob, setting, record, observable, seed, clock, typicalTau):
@@ -146,7 +150,8 @@ def _row(knob, setting, record, observable, seed, clock, typicalTau):
             row['note'] = ('too few samples' if len(samples) < 2 else
                            'n/a' if np.isnan(samples).all() else 'sometimes not a number')
         return row
-    summary = seriesStatistics(series, typicalTau/record.samplesAt)
+    summary = (seriesStatistics if series.ndim == 1 else replicaStatistics)(series, typicalTau/record.samplesAt)
+    series = _overReplicas(series)
     row.update(mean=summary.mean, standard_error=summary.standardError, degrees=summary.degrees,
                tau=summary.tau*record.samplesAt, samples=summary.samples, drift=_drift(series, summary))
     if not summary.isTrusted:

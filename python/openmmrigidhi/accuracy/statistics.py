@@ -119,6 +119,33 @@ def seriesStatistics(series, leastTau=0.0):
     return SeriesStatistics(float(used.mean()), float(means.std(ddof=1)/np.sqrt(blocks)), blocks - 1, tau, n, length)
 
 
+def replicaStatistics(series, leastTau=0.0):
+    """Mean over independent replicas, and its standard error from their spread.
+
+    What correlations there are in time does not matter. With fewer than 10 replicas their spread is hardly known, and the error is that of
+    :func:`seriesStatistics` of their mean.
+
+    Parameters
+    ----------
+    series : array-like of shape (n, replicas)
+        equally spaced samples of each, n >= 2
+    leastTau : float
+        as in seriesStatistics()
+
+    Returns
+    -------
+    SeriesStatistics
+        degrees: replicas less 1; tau: the mean of the replicas'; samples: n
+    """
+    series = np.asarray(series, dtype=float)
+    if series.shape[1] < FEWEST_TRUSTED_BLOCKS:
+        return seriesStatistics(series.mean(axis=1), leastTau)
+    n, replicas = series.shape
+    means = series.mean(axis=0)
+    tau = float(np.mean([autocorrelationTime(each) for each in series.T]))
+    return SeriesStatistics(float(means.mean()), float(means.std(ddof=1)/np.sqrt(replicas)), replicas - 1, tau, n, n)
+
+
 def quantile(confidence, degrees, sided=2):
     """How many standard errors a confidence interval reaches, by Student's t.
 
