@@ -26,7 +26,7 @@ STEPS = (0.3, 0.2, 0.1)
 SPACING = 0.6
 HEIGHTS, ANGLES = np.linspace(1, 41, 81), np.linspace(0, np.pi, 31)
 #: Heights relax in 4 D/v^2 = 400 with the body's diffusion D = 0.3 and sedimentation v = 0.18 D.
-SETTLE = 1500
+SETTLE = 1000
 PAPER_TIME = 36*30000.0
 
 

@@ -45,6 +45,8 @@ class Equilibrium:
         for k, height in enumerate(h):
             density[k] = wh[k]*weights*np.exp(-body.energies(height + offsets))
         self.probability = density/density.sum()
+        #: Above it lies 1e-9 of the distribution.
+        self.ceiling = self.h[np.searchsorted(np.cumsum(self.probability.sum(1)), 1 - 1e-9)]
 
     def heightBins(self):
         marginal = self.probability.sum(1).reshape(-1, POINTS_PER_BIN).sum(1)

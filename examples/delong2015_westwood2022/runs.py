@@ -8,10 +8,12 @@ in time.
 import argparse
 import json
 import pathlib
+import re
 import time
 import warnings
 
 import numpy as np
+import openmm
 from scipy.spatial.transform import Rotation
 from scipy.stats import f
 from tqdm import tqdm
@@ -65,7 +67,8 @@ class Tally:
         self.plan = plan
         n = plan.replicas
         self.arrays = {'positions': np.zeros((n, 3)), 'orientations': np.zeros((n, 4)),
-                       'numbers': np.zeros(6)}  # chunks, frames, steps, redone steps, seconds, times begun
+                       'numbers': np.zeros(6),  # chunks, frames, steps, redone steps, seconds, times begun
+                       'restarted': np.zeros(n, dtype=np.int64)}
         for key, edges in plan.edges.items():
             self.arrays['count ' + key] = np.zeros((n, len(edges) - 1), dtype=np.int64)
         for name in plan.observables:
@@ -83,7 +86,7 @@ class Tally:
                 raise SystemExit(f'{path}: it was made with other settings than those asked for; remove it to begin anew, or run without '
                                  f'--keep.\n  kept: {kept["settings"]}\n  now:  {self.plan.settings()}')
             for key in self.arrays:
-                self.arrays[key] = kept[key]
+                self.arrays[key] = kept[key] if key in kept else self.arrays[key]
 
     def save(self, path):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -190,6 +193,34 @@ def finished(tally):
     return errors and (bins or tally.plan.scheme == 'EulerMaruyama')
 
 
+def restart(replicas, tally, bodies, random):
+    """Give these replicas new poses of the Boltzmann distribution, where they are along the wall."""
+    R, q = replicas.poses()
+    fresh = tally.plan.equilibrium.draw(random, len(bodies))
+    R[bodies, 2], q[bodies] = fresh[0][:, 2], fresh[1]
+    replicas.place(R, q)
+    tally.arrays['restarted'][bodies] += 1
+
+
+def step(replicas, tally, steps, random):
+    """Step all replicas; those that are stuck at the wall or thrown from it begin anew, and are counted.
+
+    A blob that comes to lie all but in contact is pushed by a force beyond what the step resolves: high up, or through the wall on the other side of
+    the body, whatever the noise. The papers discard such runs. High up is above where 1e-9 of the distribution lies.
+    """
+    try:
+        replicas.integrator.step(steps)
+    except openmm.OpenMMException as error:
+        stuck = re.search(r'\(body (\d+)\).*redone', str(error), re.S)
+        if not stuck:
+            raise
+        restart(replicas, tally, [int(stuck.group(1))], random)
+        step(replicas, tally, steps, random)
+    thrown = np.flatnonzero(replicas.poses()[0][:, 2] > tally.plan.equilibrium.ceiling)
+    if len(thrown):
+        restart(replicas, tally, thrown, random)
+
+
 def keptFile(plan, folder):
     return folder/'kept'/f'{plan.name}.npz'
 
@@ -207,8 +238,9 @@ def run(plan, folder, minutes=MINUTES, keep=False, quiet=False):
     numbers[5] += 1
     with warnings.catch_warnings():
         replicas = Replicas(plan.body, plan.replicas, plan.scheme, plan.step, seed=plan.seed + 100003*int(numbers[5]), platform=plan.platform)
+    random = np.random.default_rng(plan.seed + int(numbers[5]))
     if fresh:
-        replicas.place(*plan.equilibrium.draw(np.random.default_rng(plan.seed), plan.replicas))
+        replicas.place(*plan.equilibrium.draw(random, plan.replicas))
     else:
         replicas.place(tally.arrays['positions'], tally.arrays['orientations'])
     began = time.time()
@@ -221,13 +253,13 @@ def run(plan, folder, minutes=MINUTES, keep=False, quiet=False):
             began = now
             bar.update(min(bar.total, round(tally.seconds)) - bar.n)
         for _ in range(-(-settle//1000)):
-            replicas.integrator.step(min(1000, settle))
+            step(replicas, tally, min(1000, settle), random)
             advance()
         redone = replicas.integrator.getNumRejectedSteps()
         while not tally.chunks or tally.seconds < 60*minutes:
             R, q = np.empty((plan.frames, plan.replicas, 3)), np.empty((plan.frames, plan.replicas, 4))
             for k in range(plan.frames):
-                replicas.integrator.step(plan.every)
+                step(replicas, tally, plan.every, random)
                 R[k], q[k] = replicas.poses()
             tally.add(R, q)
             numbers[2] += plan.frames*plan.every
@@ -250,7 +282,7 @@ def summary(tally):
     found = {'scheme': plan.scheme, 'step': plan.step, 'replicas': plan.replicas, 'spacing': plan.step*plan.every, 'frames': int(frames),
              'steps': int(steps), 'time_of_all_replicas': steps*plan.step*plan.replicas, 'settled': plan.settle, 'seconds': seconds,
              'us_per_step_and_body': 1e6*seconds/((steps + round(plan.settle/plan.step))*plan.replicas), 'redone_steps': int(redone),
-             'redone_per_step_and_body': redone/(steps*plan.replicas), 'seed': plan.seed, 'times_begun': int(begun), 'platform': plan.platform,
+             'redone_per_step_and_body': redone/(steps*plan.replicas), 'restarted': int(tally.arrays['restarted'].sum()), 'seed': plan.seed, 'times_begun': int(begun), 'platform': plan.platform,
              'worst_relative_error': tally.worstError(), 'reached_error': errors, 'reached_chi2': bins,
              'means': {name: {'mean': m, 'error': e, 'exact': x} for name, (m, e, x) in tally.means().items()}, 'histograms': {}, 'msd': {}}
     for key, edges in plan.edges.items():

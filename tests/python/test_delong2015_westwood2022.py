@@ -75,11 +75,9 @@ def test_boomerang_steps(tmp_path):
     assert means['h']['exact'] == pytest.approx(11.00216, abs=2e-5) and means['cos²θ']['exact'] == pytest.approx(0.37376, abs=1e-5)
 
 
-def test_kept_runs_go_on(tmp_path, monkeypatch):
-    """A second run adds to the first with new random numbers; other settings are refused."""
-    # Modules of the tests may have the same names.
-    for name in ('runs', 'equilibrium', 'walls', 'tetramer'):
-        monkeypatch.delitem(sys.modules, name, raising=False)
+@pytest.fixture
+def plan(monkeypatch):
+    """Makes plans of short runs of the tetramer with a given step; plan.runs is the module."""
     monkeypatch.syspath_prepend(str(FOLDER))
     import runs
     import tetramer
@@ -87,12 +85,31 @@ def test_kept_runs_go_on(tmp_path, monkeypatch):
 
     body = tetramer.body()
     equilibrium = Equilibrium(body, np.linspace(1.5, 16.5, 11), np.linspace(0, np.pi, 7), 8)
-    observables = {'h': (lambda h, A: h, None)}
 
-    def plan(step):
-        return runs.Plan('trial', body, equilibrium, 'RandomFiniteDifference', step, 2, 5, 0, observables,
+    def make(step):
+        return runs.Plan('trial', body, equilibrium, 'RandomFiniteDifference', step, 2, 5, 0, {'h': (lambda h, A: h, None)},
                          {'parallel': runs.parallel((0, 0, 0))}, [1, 2], 4)
 
+    make.runs = runs
+    return make
+
+
+def test_replicas_that_the_wall_throws_begin_anew(plan):
+    runs, wanted = plan.runs, plan(0.05)
+    tally, replicas = runs.Tally(wanted), runs.Replicas(wanted.body, 4, wanted.scheme, wanted.step)
+    R, q = wanted.equilibrium.draw(np.random.default_rng(1), 4)
+    # Three blobs a thousandth of a radius from contact: a force of 6e7 kT/a.
+    R[2], q[2] = (3.0, 4.0, 1.001 - wanted.body.sites[0, 2]), (1, 0, 0, 0)
+    replicas.place(R, q)
+    runs.step(replicas, tally, 1, np.random.default_rng(2))
+    assert tally.arrays['restarted'].tolist() == [0, 0, 1, 0]
+    after = replicas.poses()[0]
+    assert 2 < after[2, 2] < wanted.equilibrium.ceiling and np.all(abs(after[[0, 1, 3], 2] - R[[0, 1, 3], 2]) < 2)
+
+
+def test_kept_runs_go_on(tmp_path, monkeypatch, plan):
+    """A second run adds to the first with new random numbers; other settings are refused."""
+    runs = plan.runs
     first = runs.run(plan(0.05), tmp_path, 0, quiet=True)
     assert first.chunks == 1 and first.frames == 5 and np.all(first.arrays['count h'].sum(1) == 5)
     # Nothing is left of the time: the same again, from the file.
