@@ -106,7 +106,7 @@ def plans(args, bulk):
                'perpendicular tip': runs.perpendicular(tip), 'planar angle': runs.planarAngle(BISECTOR)}
         frames = 40 if args.quick else 1200
         made += [runs.Plan(f'boomerang_g{g:g}_{scheme}', b, e, scheme, STEP, 5, frames, 1 if args.quick else SETTLE[g], observables, msd,
-                           np.geomspace(1, frames//2, 24), 8 if args.quick else 64, 'CPU', seed=args.seed + 7*k + 100*g, labels={'g': g},
+                           np.geomspace(1, frames//2, 24), 32 if args.quick else 64, 'CPU', seed=args.seed + 7*k + 100*g, labels={'g': g},
                            lateFrom=LATE)
                  for k, scheme in enumerate(SCHEMES)]
     return equilibria, made

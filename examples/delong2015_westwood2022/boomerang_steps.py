@@ -40,7 +40,7 @@ def plans(args):
     observables = {'h': (lambda h, A: h, e.average(lambda h, u: h + 0*u[:, 2])),
                    'cos²θ': (lambda h, A: A[..., 2, 2]**2, e.average(lambda h, u: u[:, 2]**2 + 0*h))}
     return e, [runs.Plan(f'steps_{scheme}_{step:g}', b, e, scheme, step, round(SPACING/step), 20 if args.quick else 250,
-                         10 if args.quick else SETTLE, observables, replicas=8 if args.quick else 36, platform='CPU',
+                         10 if args.quick else SETTLE, observables, replicas=32 if args.quick else 36, platform='CPU',
                          seed=args.seed + 7*k + round(1000*step))
                for step in STEPS[:1 if args.quick else None] for k, scheme in enumerate(SCHEMES)]
 

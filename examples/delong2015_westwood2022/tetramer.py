@@ -60,7 +60,7 @@ def plans(args):
         if not (args.quick and step != STEP):
             name = f'tetramer_{scheme}' + ('' if step == STEP else f'_{step:g}')
             made.append(runs.Plan(name, b, equilibrium, scheme, step, round(5*STEP/step), frames, 10 if args.quick else 300, observables, msd,
-                                  np.geomspace(1, frames//2, 22), 16 if args.quick else 64, seed=args.seed + 7*k))
+                                  np.geomspace(1, frames//2, 22), 32 if args.quick else 64, seed=args.seed + 7*k))
     return equilibrium, made
 
 

@@ -20,7 +20,7 @@ def run(script, folder):
     assert {'processor', 'openmm', 'commit', 'plugin_sha256', 'arguments'} <= set(data['provenance'])
     for entry in data['runs']:
         assert (folder/'kept').is_dir() and entry['frames'] > 0
-        # Replicas are independent; one chunk is short, so errors are large but honest. 6 of them: 1e-4 at 7 degrees of freedom, fixed seeds.
+        # Replicas are independent; one chunk is short, so errors are large. 6 of them: 1e-6 with 31 degrees of freedom; fixed seeds.
         for mean in entry['means'].values():
             assert abs(mean['mean'] - mean['exact']) < 6*mean['error'], (entry['scheme'], mean)
     return data
