@@ -84,12 +84,10 @@ def table(equilibrium, bulk, poses, random):
     functions.update({'chi_theta where sine > cut-off, else 0': cut, 'fraction above cut-off': lambda N, A, h: (planar(N, A)[1] > CUTOFF)*1.0,
                       'D_rot zz': lambda N, A, h: N[:, 5, 5]})
     means = averageMobility(equilibrium, functions, random, poses)
-    truncated, fraction = means['chi_theta where sine > cut-off, else 0'], means['fraction above cut-off']
     tip = equilibrium.body.sites[0]
     z = equilibrium.average(lambda h, u: h + u @ tip)
     height = equilibrium.average(lambda h, u: (h + u @ tip - z)**2)**0.5
     return {'averages (mean, error)': means, 'chi_2D/chi_3D': means['chi_2D CoH'][0]/bulk['chi_3D'],
-            'chi_theta of those above the cut-off (mean, error)': (truncated[0]/fraction[0], truncated[1]/fraction[0]),
             'h_g of a tip': height, 'sphere at h_g': sphereRatio(height), 'mean h/a': equilibrium.average(lambda h, u: h + 0*u[:, 2])/A,
             'cos2 theta': equilibrium.average(lambda h, u: u[:, 2]**2 + 0*h)}
 
@@ -139,7 +137,7 @@ def draw(data, folder):
 def main():
     def add(parser):
         parser.add_argument('--gravities', nargs='+', type=int, default=GRAVITIES, choices=GRAVITIES)
-        parser.add_argument('--poses', type=int, default=256000, help='independent poses for Table 1')
+        parser.add_argument('--poses', type=int, default=128000, help='independent poses for Table 1')
 
     args = runs.arguments(__doc__, add)
     bulk = centres()

@@ -6,9 +6,11 @@ equally spaced azimuths; all smooth, so the integrals of bins are good to many d
 """
 import numpy as np
 from scipy.spatial.transform import Rotation
-from walls import Replicas
+from openmmrigidhi import analysis
+from walls import KT, TEMPERATURE, Replicas
 
 POINTS_PER_BIN = 4
+SWEEPS_OFF_GRID = 20
 
 
 def panels(edges, points=POINTS_PER_BIN):
@@ -62,11 +64,24 @@ class Equilibrium:
         return marginal.reshape(-1, POINTS_PER_BIN).sum(1)[:len(self.heightEdges) - 1], float(marginal @ self.h)
 
     def draw(self, random, count):
-        """Independent poses: positions (count, 3) with x = y = 0, and quaternions (count, 4) with a random turn about z."""
+        """Independent poses: positions (count, 3) with x = y = 0, and quaternions (count, 4) with a random turn about z.
+
+        Points of the grid are drawn, and moved off it by some Monte Carlo moves, which leave the distribution as it is: averages of functions that
+        are not smooth would else see the grid.
+        """
         flat = self.probability.ravel()
         cumulative = np.cumsum(flat)
         chosen = np.searchsorted(cumulative, random.random(count)*cumulative[-1])
-        return self.poses(*np.unravel_index(np.minimum(chosen, len(flat) - 1), self.probability.shape), random)
+        R, q = self.poses(*np.unravel_index(np.minimum(chosen, len(flat) - 1), self.probability.shape), random)
+        sampler = analysis.WalkerSampler(self._energies, TEMPERATURE, count, R, q, coordinates=('z', 'rotation'),
+                                         seed=int(random.integers(1, 2**31 - 1)))
+        sampler.burnIn(SWEEPS_OFF_GRID, progress=False)
+        samples = sampler.sample(1, progress=False)
+        return samples.positions._value[0], samples.orientations[0]
+
+    def _energies(self, R, q):
+        up = Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_matrix()[:, 2]
+        return KT*self.body.energies(R[:, 2:] + up @ self.body.sites.T)
 
     def poses(self, k, m, random):
         """Poses of these heights and directions of the grid, with a random turn about z."""
@@ -82,7 +97,7 @@ class Equilibrium:
         return positions, turned.as_quat()[:, [3, 0, 1, 2]]
 
 
-def rotationalPlateau(equilibrium, random, pairs=200000):
+def rotationalPlateau(equilibrium, random, pairs=100000):
     """The rotational mean square displacement at long times, eq. 71: mean and standard error of xx (or yy) and zz."""
     first, second = (Rotation.from_quat(equilibrium.draw(random, pairs)[1][:, [1, 2, 3, 0]]) for _ in range(2))
     turn = (second*first.inv()).as_quat()

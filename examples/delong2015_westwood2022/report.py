@@ -61,14 +61,14 @@ def boomerang(data):
            f'{", ".join(f"{v:.5f}" for v in bulk["D about CoM: bisector, in plane, normal"])} μm²/s and rotational '
            f'{", ".join(f"{v:.5f}" for v in bulk["D_rot: bisector, in plane, normal"])} rad²/s (along the bisector, in the plane, normal).')
     yield ''
-    yield '| g | χ_2D (CoH) | CoM | cross point | tip | paper | χ_2D/χ_3D | paper | χ_θ, sine > 0.3 | left out | paper | h_g of a tip | paper | sphere | paper |'
+    yield '| g | χ_2D (CoH) | CoM | cross point | tip | paper | χ_2D/χ_3D | paper | χ_θ of sine > 0.3 | poses left out | paper | h_g of a tip | paper | sphere | paper |'
     yield '|---'*15 + '|'
     for g, row in data['table'].items():
         paper = data['paper: chi_2D, chi_2D/chi_3D, chi_theta, h_g, sphere'][g]
         chi = {k[7:]: brackets(*v) for k, v in row['averages (mean, error)'].items() if k.startswith('chi_2D')}
         left = 1 - row['averages (mean, error)']['fraction above cut-off'][0]
         yield (f'| {g} | {chi["CoH"]} | {chi["CoM"]} | {chi["cross point"]} | {chi["tip"]} | {paper[0]} | {row["chi_2D/chi_3D"]:.4f} | {paper[1]} | '
-               f'{brackets(*row["chi_theta of those above the cut-off (mean, error)"])} | {100*left:.2f} % | {paper[2]} | {row["h_g of a tip"]:.4f} | {paper[3]} | '
+               f'{brackets(*row["averages (mean, error)"]["chi_theta where sine > cut-off, else 0"])} | {100*left:.2f} % | {paper[2]} | {row["h_g of a tip"]:.4f} | {paper[3]} | '
                f'{row["sphere at h_g"]:.4f} | {paper[4]} |')
     yield ''
     yield from distributions(data, 'g')

@@ -245,7 +245,7 @@ def run(plan, folder, minutes=MINUTES, keep=False, quiet=False):
 
 def summary(tally):
     """What the JSON holds of a run."""
-    plan, (chunks, frames, steps, redone, seconds, begun) = tally.plan, tally.arrays['numbers']
+    plan, (_, frames, steps, redone, seconds, begun) = tally.plan, tally.arrays['numbers']
     errors, bins = tally.reached()
     found = {'scheme': plan.scheme, 'step': plan.step, 'replicas': plan.replicas, 'spacing': plan.step*plan.every, 'frames': int(frames),
              'steps': int(steps), 'time_of_all_replicas': steps*plan.step*plan.replicas, 'settled': plan.settle, 'seconds': seconds,

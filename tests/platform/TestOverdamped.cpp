@@ -457,6 +457,69 @@ TEST(Overdamped, StartsInContactWithTheWall) {
     }
 }
 
+namespace {
+
+/** Delong's boomerang above a wall: lengths in radii of its blobs, kT = 1, its weight g * 0.18. */
+void addBoomerang(OverdampedScene& scene, double g) {
+    const double spacing = 0.3 / 0.324557;
+    BodyKind kind = {"boomerang of 15 blobs", 0, Vec3(), {}, vector<double>(15, 1.0)};
+    for (int i = 7; i > 0; i--) kind.sites.push_back(Vec3(i * spacing, 0, 0));
+    for (int i = 0; i < 8; i++) kind.sites.push_back(Vec3(0, i * spacing, 0));
+    scene.fluid->setBoundary(MobilityForce::NoSlipWall);
+    scene.fluid->setViscosity(1 / (6 * M_PI));
+    scene.addMassless(kind, Vec3(0, 0, 4), OverdampedScene::randomTurn(3));
+    scene.addWells(to_string(0.18 * g / 15) + "*z + 23.08/max(z-1, 1e-9)*exp(-2*(z-1))");
+}
+
+/** The largest change of a distance between members, and the lowest member. */
+void expectIntact(OverdampedScene& scene, const vector<Vec3>& before, double tolerance) {
+    const auto x = positionsOf(*scene.context);
+    double lowest = INFINITY, largest = 0;
+    for (size_t i = 0; i < x.size(); i++) {
+        lowest = min(lowest, x[i][2]);
+        for (size_t j = 0; j < i; j++) largest = max(largest, abs(norm(x[i] - x[j]) - norm(before[i] - before[j])));
+    }
+    EXPECT_GE(lowest, 1 - 1e-12);
+    EXPECT_LT(largest, tolerance);
+}
+
+}  // namespace
+
+/** A hundred times the weight presses the boomerang on the wall, where steps are ten times too long for the repulsion. */
+TEST(Overdamped, StrongGravity) {
+    for (const Named& s : schemes) {
+        if (s.scheme == RigidHI::DriftCorrectorFD) continue;  // as the other, at three times the cost
+        OverdampedScene scene(s.scheme, T1, 0.05);
+        addBoomerang(scene, 100);
+        scene.integrator.setMaximumRejections(10000);
+        scene.start(testPlatform());
+        const auto before = positionsOf(*scene.context);
+        scene.integrator.step(1000);
+        expectIntact(scene, before, 1e-11);
+        EXPECT_LT(scene.integrator.getBodyPositions()[0][2], 12) << s.name;
+    }
+}
+
+/** Shape and unit quaternion after ten million steps. */
+TEST(Overdamped, LongTenMillionStepsOfABoomerang) {
+    OverdampedScene scene(RigidHI::RandomFiniteDifference, T1, 0.1);
+    addBoomerang(scene, 1);
+    scene.start(testPlatform());
+    const auto before = positionsOf(*scene.context);
+    double height = 0;
+    const int samples = 10000;
+    for (int i = 0; i < samples; i++) {
+        scene.integrator.step(1000);
+        height += scene.integrator.getBodyPositions()[0][2] / samples;
+    }
+    expectIntact(scene, before, 1e-11);
+    const auto q = scene.integrator.getBodyOrientations()[0];
+    EXPECT_NEAR(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3], 1, 1e-14);
+    cout << "mean height of the cross point " << height << ", exact 10.854; rejected "
+         << scene.integrator.getNumRejectedSteps() << endl;
+    EXPECT_NEAR(height, 10.854, 0.2);
+}
+
 TEST(Overdamped, StepsThroughTheWallWithoutNoiseAreAnError) {
     for (const Named& s : schemes) {
         OverdampedScene scene(s.scheme, 0, 100);

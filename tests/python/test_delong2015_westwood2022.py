@@ -66,6 +66,7 @@ def test_boomerang(tmp_path):
     assert row['mean h/a'] == pytest.approx(10.85443, rel=1e-4) and row['cos2 theta'] == pytest.approx(0.37016, abs=1e-5)
     averages = row['averages (mean, error)']
     assert near(averages['chi_2D CoH'], 0.22752, 0.00009) and near(averages['chi_2D CoM'], 0.22531, 0.00009)
+    assert near(averages['chi_theta where sine > cut-off, else 0'], 0.476, 0.004)
     assert near(averages['chi_2D cross point'], 0.3848, 0.0003) and near(averages['chi_2D tip'], 0.4459, 0.0003)
 
 

@@ -6,6 +6,7 @@
 #include "TestSupport.h"
 #include "mobility/RotnePragerYamakawa.h"
 #include "mobility/RotnePragerYamakawaWall.h"
+#include "mobility/SphereWall.h"
 #include "schemes/OverdampedSchemes.h"
 
 using namespace RigidHIPlugin;
@@ -32,7 +33,7 @@ struct Scene {
     vector<FluidElement> elements;
     vector<Vector3d> R;
     vector<Quaternion> q;
-    bool wall = false, matrixFree = false;
+    bool wall = false, matrixFree = false, bestKnown = false;
     double viscosity = 1 / (6 * M_PI);
     void add(const FluidElement& e, const Vector3d& at, const Vector3d& turn = Vector3d::Zero()) {
         elements.push_back(e);
@@ -41,8 +42,12 @@ struct Scene {
     }
     BodyMobility::OperatorFactory factory() const {
         return [this](const HydrodynamicParticles& particles) {
-            return wall ? unique_ptr<MobilityOperator>(
-                              new RotnePragerYamakawaWall(particles, viscosity, NoSlipPlane(0, false)))
+            const NoSlipPlane plane(0, false);
+            if (bestKnown)
+                return unique_ptr<MobilityOperator>(new SphereWallCongruence(
+                    particles, viscosity, plane,
+                    unique_ptr<MobilityOperator>(new RotnePragerYamakawaWall(particles, viscosity, plane))));
+            return wall ? unique_ptr<MobilityOperator>(new RotnePragerYamakawaWall(particles, viscosity, plane))
                         : unique_ptr<MobilityOperator>(new RotnePragerYamakawa(particles, viscosity));
         };
     }
@@ -75,6 +80,14 @@ Scene rodsUnbounded() {
     s.add(element(0, {{0, 0, -1}, {0, 0, 0.2}, {0, 0, 1.2}}, {0.7, 0.7, 0.7}), {0, 0, 0}, {0.5, 0.2, 0});
     s.add(element(1, {{0.3, -1, 0}, {0.3, 1, 0}}, {0.8, 0.6}), {1.9, 0.4, 0.5}, {0.1, -0.6, 0.9});
     s.add(element(2, {{0, 0, 0}}, {0.7}), {0.2, 2.0, 0.3});
+    return s;
+}
+Scene lubricatedSpheres() {
+    Scene s;
+    s.name = "two spheres above a wall, best known mobilities";
+    s.wall = s.bestKnown = true;
+    s.add(element(0, {{0, 0, 0}}, {1}), {0, 0, 1.2});
+    s.add(element(1, {{0, 0, 0}}, {0.8}), {1.9, 0.4, 1.5}, {0.1, 0.4, 0});
     return s;
 }
 Scene aloneOffCentre() {
@@ -240,6 +253,7 @@ TEST(OverdampedSchemes, DriftOfThreeBlobsAboveAWall) {
 }
 
 TEST(OverdampedSchemes, DriftOfThreeBodiesAboveAWall) { checkDrift(threeBodiesAtWall(), 4000); }
+TEST(OverdampedSchemes, DriftOfLubricatedSpheres) { checkDrift(lubricatedSpheres(), 4000); }
 TEST(OverdampedSchemes, DriftOfRodsUnbounded) { checkDrift(rodsUnbounded(), 16000); }
 TEST(OverdampedSchemes, DriftOfOneBodyAboutAnyPoint) { checkDrift(aloneOffCentre(), 2000); }
 /** Less exactly, for it takes a millisecond a step: that the iterations do what the factors do is what is to be seen. */

@@ -37,6 +37,9 @@ const int largestDenseRows = 180;
 /** Likewise for the particles of multiblobs, whose matrix is factorised. */
 const int largestDenseParticleRows = 1500;
 
+/** For schemes without momenta, whose iterations are few: 8 boomerangs of 15 blobs, where both take as long at the default tolerance. */
+const int largestDenseOverdampedRows = 360;
+
 /** Forces on sites of a line give a torque about it of about 1e-16 of force times size. */
 const double torqueTolerance = 1e-9;
 
@@ -193,12 +196,13 @@ void Fluid::chooseSolver(Group& group) const {
     if (wanted && !group.mobility->canApplyMatrixFree())
         fail("solver MatrixFree is there for RotnePragerYamakawa, not for " + string(modelName(force.getModel())) +
              "; use setSolver(Dense)");
-    const auto takes = [&](int rows) {
-        const bool large = rows > largestDenseRows || group.mobility->getNumParticleRows() > largestDenseParticleRows;
+    const auto takes = [&](bool large) {
         return group.mobility->canApplyMatrixFree() && (wanted || (force.getSolver() == MobilityForce::Auto && large));
     };
-    group.overdampedMatrixFree = takes(group.mobility->getNumRows());
-    group.solvesMatrixFree = group.deadAxesAreNull && takes(group.numZ);
+    const int particleRows = group.mobility->getNumParticleRows();
+    group.overdampedMatrixFree = takes(particleRows > largestDenseOverdampedRows);
+    group.solvesMatrixFree =
+        group.deadAxesAreNull && takes(group.numZ > largestDenseRows || particleRows > largestDenseParticleRows);
     if (group.solvesMatrixFree) group.lanczos.reset(new Lanczos(force.getSolverTolerance()));
 }
 

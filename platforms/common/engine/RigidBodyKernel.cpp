@@ -606,7 +606,7 @@ string RigidBodyKernel::attemptStep(ContextImpl& context) {
     if (settings.fluidCouplesBodies) fluid->checkTorques(bodies, *data.forces);
     counters.randomNumbers += result.randomNumbers;
     // The next step's friction is taken half a step ahead, which no noise of that step can change.
-    return mayObject ? objectionHalfAStepAhead(tolerance) : string();
+    return mayObject ? objectionHalfAStepAhead(context, tolerance) : string();
 }
 
 /** A step without momenta: predict, forces in between where the scheme has them, correct. @return as attemptStep() */
@@ -637,7 +637,12 @@ string RigidBodyKernel::goOverdamped(ContextImpl& context, OverdampedPart part) 
     return objection;
 }
 
-string RigidBodyKernel::objectionHalfAStepAhead(double tolerance) {
+string RigidBodyKernel::objectionHalfAStepAhead(ContextImpl& context, double tolerance) {
+    if (bodyForces.usesVelocities() && settings.forcesAreGathered) {
+        // The next step starts with forces for the velocities that the bodies have now, not for the predicted ones.
+        bodyForces.removeLast(bodies);
+        addBodyForces(context, data.time + settings.h, 0);
+    }
     bodies.save(aheadBodies);
     freeParticles->save(aheadFree, positions(), velocities());
     runLoop(BodyLoop::BeforeFriction);

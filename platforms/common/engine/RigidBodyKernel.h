@@ -112,7 +112,7 @@ private:
     std::string attemptStep(OpenMM::ContextImpl& context);
     std::string attemptOverdampedStep(OpenMM::ContextImpl& context);
     std::string goOverdamped(OpenMM::ContextImpl& context, OverdampedPart part);
-    std::string objectionHalfAStepAhead(double tolerance);
+    std::string objectionHalfAStepAhead(OpenMM::ContextImpl& context, double tolerance);
     void reportTooManyRejections(const std::string& objection) const;
     LoopResult moveThroughFluid(double tolerance);
     void buildFluid();
