@@ -29,7 +29,7 @@ def main():
         if arguments.only not in (None, name):
             continue
         scene = overdamped.SCENES[name]()
-        # For 16 bodies the 96 square roots a step of DriftCorrectorFD would take most of the time.
+        # For 16 bodies the 98 square roots a step of DriftCorrectorFD would take most of the time.
         methods = [method for method in overdamped.METHODS if name == 'boomerang' or method != 'DriftCorrectorFD']
         study = overdamped.OverdampedStudy(scene, methods, {method: inertial.get(method, without) for method in methods}, clock='cpu')
         with tqdm(desc=name) as bar:
