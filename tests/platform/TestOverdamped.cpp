@@ -365,8 +365,8 @@ TEST(Overdamped, LangevinNeedsMassesOfFreeParticles) {
     site.addFree(0, 0.5, Vec3(4, 0, 0));
     site.addFree(0, 0.5, Vec3(3.5, 0, 0));
     site.system.setVirtualSite(3, new OpenMM::TwoParticleAverageSite(1, 2, 0.5, 0.5));
-    expectError([&] { site.start(testPlatform()); },
-                {"particle 3 has hydrodynamic radius 0.5", "is a virtual site in no body, which the fluid cannot move"});
+    expectError([&] { site.start(testPlatform()); }, {"particle 3 has hydrodynamic radius 0.5",
+                                                      "is a virtual site in no body, which the fluid cannot move"});
 }
 
 TEST(Overdamped, Settings) {
@@ -586,6 +586,25 @@ TEST(Overdamped, HeightAboveAWall) {
         if (scheme == RigidHI::EulerMaruyama) {
             EXPECT_GT(right - found.mean, 5 * found.error);
         }
+    }
+}
+
+/** Default finite differences must not lead long bodies near the wall through it, however coarse the tolerance. */
+TEST(Overdamped, CoarseTolerancesNearTheWall) {
+    for (const Named& s : schemes) {
+        OverdampedScene scene(s.scheme, T1, 1e-3);
+        scene.fluid->setBoundary(MobilityForce::NoSlipWall);
+        scene.fluid->setViscosity(1 / (6 * M_PI));
+        scene.fluid->setSolver(MobilityForce::MatrixFree);
+        scene.fluid->setSolverTolerance(1e-3);
+        BodyKind rod = {"long rod of two rows", 0, Vec3(), {}, vector<double>(12, 0.6)};
+        for (int i = 0; i < 12; i++) rod.sites.push_back(Vec3(i / 2, i % 2, 0));
+        for (int i = 0; i < 6; i++) scene.addMassless(rod, Vec3(8 * (i % 2), 3 * (i / 2), 1.0));
+        scene.start(testPlatform());
+        const VectorXd before = scene.state();
+        scene.integrator.step(s.scheme == RigidHI::DriftCorrectorFD ? 2 : 10);
+        // 10 steps of 1e-3: a blob's standard deviation is below sqrt(2 0.01) (1 + turning).
+        EXPECT_LT((scene.state() - before).cwiseAbs().maxCoeff(), 6 * sqrt(0.02) * 2) << s.name;
     }
 }
 

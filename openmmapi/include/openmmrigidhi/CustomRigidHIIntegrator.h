@@ -255,7 +255,8 @@ public:
     /**
      * Set the step delta of the finite differences of the schemes without momenta, relative: bodies are displaced by delta times their
      * length (the longest distance of points on their particles) and turned by delta radians. 0 (default): 1e-5 with dense
-     * matrices, max(1e-5, tolerance^(1/3)) matrix-free, whose errors it magnifies.
+     * matrices and in TractionEulerMaruyama and TrapezoidalSlip; matrix-free in the others, which difference results of iterations,
+     * tolerance^(1/3) between 1e-5 and 1e-2, with iterations to a tenth of the tolerance.
      * @throws OpenMMException if negative, above 0.1 or not finite
      */
     void setFiniteDifferenceStep(double relative);

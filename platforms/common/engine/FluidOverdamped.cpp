@@ -17,6 +17,10 @@ namespace {
 /** The default of setFiniteDifferenceStep(): rounding of 1e-16 against the error of the difference. */
 const double denseDifference = 1e-5;
 
+/** Of iterative solves of a tolerance t the difference is wrong by t/step, beside step^2: t^(1/3), and not so large that bodies leave the
+ * neighbourhood in which the mobility is smooth, with solves to a part of the tolerance. */
+const double largestDifference = 1e-2, toleranceOfDifferences = 0.1;
+
 /** Drifts below this part of mobility/length are rounding of a body's symmetry. */
 const double zeroDrift = 1e-12;
 
@@ -29,9 +33,10 @@ OverdampedMove& Fluid::moveOf(Group& group) const {
 }
 
 /** The finite-difference step: as set, or by the errors of what is differenced. */
-double Fluid::differenceOf(const Group& group, double wanted) const {
+double Fluid::differenceOf(const Group& group, const OverdampedScheme& scheme, double wanted) const {
     if (wanted > 0) return wanted;
-    return group.overdampedMatrixFree ? max(denseDifference, cbrt(force.getSolverTolerance())) : denseDifference;
+    if (!group.overdampedMatrixFree || !scheme.differencesOfSolves) return denseDifference;
+    return min(largestDifference, max(denseDifference, cbrt(force.getSolverTolerance())));
 }
 
 map<string, string> Fluid::describeDrift(const OverdampedScheme& scheme, double kT, double difference) {
@@ -40,7 +45,7 @@ map<string, string> Fluid::describeDrift(const OverdampedScheme& scheme, double 
     for (auto& group : groups) {
         const MobilityProblem& problem = moveOf(*group).getProblem();
         if (!problem.isUniform()) {
-            const double step = differenceOf(*group, difference);
+            const double step = differenceOf(*group, scheme, difference);
             smallest = others == 0 ? step : min(smallest, step);
             largest = max(largest, step);
             others++;
@@ -169,7 +174,9 @@ LoopResult Fluid::runOverdamped(OverdampedPart part, const OverdampedScheme& sch
         const long long roots = problem.numSquareRoots, iterations = group.mobility->numSolverIterations;
         if (part == OverdampedPart::Predict) {
             OverdampedStep own = step;
-            own.difference = differenceOf(group, settings.difference);
+            own.difference = differenceOf(group, scheme, settings.difference);
+            problem.setTolerance(force.getSolverTolerance() *
+                                 (scheme.differencesOfSolves ? toleranceOfDifferences : 1));
             setStart(group, bodies, positions);
             move.begin(own);
             if (scheme.forcesAtStart) takeForces(group, bodies, freeParticles);

@@ -169,6 +169,13 @@ void BodyMobility::placeParticles(const vector<Pose>& at, vector<OpenMM::Vec3>& 
         }
 }
 
+bool BodyMobility::acceptsNearby(const vector<Pose>& at) const {
+    if (!mayObject()) return true;
+    vector<OpenMM::Vec3> places(particles.size());
+    placeParticles(at, places);
+    return particleOperator->acceptsNearby(places);
+}
+
 string BodyMobility::objection(const vector<Pose>& at) const {
     if (!mayObject()) return {};
     vector<OpenMM::Vec3> places(particles.size());

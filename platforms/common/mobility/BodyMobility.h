@@ -77,7 +77,8 @@ public:
     /** MobilityOperator::objection() and mayObject() for bodies. */
     std::string objection(const std::vector<Pose>& poses) const;
     bool mayObject() const { return particleOperator && particleOperator->mayObject(); }
-    bool reachesBeyond() const { return particleOperator && particleOperator->reachesBeyond(); }
+    /** MobilityOperator::acceptsNearby() for bodies. */
+    bool acceptsNearby(const std::vector<Pose>& poses) const;
     /** N at the poses set last, computed when first asked for. */
     const Eigen::MatrixXd& mobility();
     /** Its (pseudo-)inverse, likewise. */

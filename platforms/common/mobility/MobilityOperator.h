@@ -65,8 +65,10 @@ public:
      * accepts, the small way may lead beyond. A model whose formulas hold there too takes them. Default: setPositions().
      */
     virtual void setPositionsNearby(const std::vector<OpenMM::Vec3>& positions) { setPositions(positions); }
-    /** Whether that takes positions to which objection() objects. */
-    virtual bool reachesBeyond() const { return false; }
+    /** Whether that takes these positions. Default: those to which objection() does not object. */
+    virtual bool acceptsNearby(const std::vector<OpenMM::Vec3>& positions) const {
+        return !mayObject() || objection(positions).empty();
+    }
     /**
      * Why the model has no mobility at these positions (overlap, beyond a wall), naming the particles; empty where it has one.
      * A step that leads to such positions is redone with new noise. Default: the model has one everywhere.

@@ -15,7 +15,7 @@ MobilityProblem::MobilityProblem(BodyMobility& bodies, bool matrixFree, double t
     : bodies(bodies), matrixFree(matrixFree), tolerance(tolerance),
       bodySlips(bodies.constant || bodies.hasOwnTensors || !bodies.particleOperator ||
                 bodies.particleOperator->isMadeFromFriction()),
-      lanczos(tolerance) {
+      lanczos(new Lanczos(tolerance)) {
     const auto& elements = bodies.getElements();
     nearest_body.resize(elements.size());
     for (size_t e = 0; e < elements.size(); e++) {
@@ -32,6 +32,12 @@ MobilityProblem::MobilityProblem(BodyMobility& bodies, bool matrixFree, double t
 }
 
 Vector6d MobilityProblem::nullVector(int e) const { return twoRotations(bodies.poses[e].A) * bodies.nullVectors[e]; }
+
+void MobilityProblem::setTolerance(double relative) {
+    if (relative == tolerance) return;
+    tolerance = relative;
+    lanczos.reset(new Lanczos(tolerance));
+}
 
 void MobilityProblem::setPoses(const vector<Pose>& poses, bool nearby) {
     bodies.setPoses(poses, nearby);
@@ -138,7 +144,7 @@ void MobilityProblem::applyRoot(const SpectralFunction& f, const MatrixXd& W, Ma
     const vector<SpectralFunction> functions(W.cols(), f);
     const MobilityOperator& blobs = *bodies.particleOperator;
     MultiblobSolver* solver = bodies.identityK ? nullptr : &bodies.getMultiblobSolver();
-    lanczos.apply(
+    lanczos->apply(
         [&](const MatrixXd& x, MatrixXd& y) {
             if (solver)
                 solver->multiplyScaled(blobs, x, y);
@@ -146,8 +152,8 @@ void MobilityProblem::applyRoot(const SpectralFunction& f, const MatrixXd& W, Ma
                 blobs.apply(x, y);
         },
         W, functions, result);
-    bodies.numProducts += lanczos.getNumProducts();
-    bodies.numSolverIterations += lanczos.getNumIterations();
+    bodies.numProducts += lanczos->getNumProducts();
+    bodies.numSolverIterations += lanczos->getNumIterations();
 }
 
 void MobilityProblem::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {

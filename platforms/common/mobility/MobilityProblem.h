@@ -33,6 +33,8 @@ public:
     /** @param tolerance  relative, of the matrix-free way */
     MobilityProblem(BodyMobility& bodies, bool matrixFree, double tolerance);
 
+    /** Of the matrix-free way, relative. */
+    void setTolerance(double relative);
     /** @param nearby  the poses are a small displacement of accepted ones: MobilityOperator::setPositionsNearby() */
     void setPoses(const std::vector<Pose>& poses, bool nearby = false);
     /** Whether N is the same at all poses, but for the turn of one body. */
@@ -81,7 +83,7 @@ private:
 
     BodyMobility& bodies;
     const bool matrixFree;
-    const double tolerance;
+    double tolerance;
     bool bodySlips, hasNull = false;
     bool isFactorised = false;
     CholeskyFactor M, xi;  // factors, dense; of one constant body xi in its own frame
@@ -89,7 +91,7 @@ private:
     Eigen::MatrixXd scratch, halfSlips, halfForces, lambda;
     std::vector<Eigen::MatrixXd> nearest_body;  // (K^T K)^-1 K^T of elements, body frame
     std::vector<Pose> here;
-    Lanczos lanczos;
+    std::unique_ptr<Lanczos> lanczos;
     const Eigen::MatrixXd noSlips;
 };
 

@@ -51,6 +51,14 @@ string NoSlipPlane::objection(const HydrodynamicParticles& particles, const vect
     return {};
 }
 
+bool NoSlipPlane::acceptsNearby(const HydrodynamicParticles& particles, const vector<OpenMM::Vec3>& positions) const {
+    if (!reachesBeyond()) return objection(particles, positions).empty();
+    const double beyond = 0.01;  // of a radius: the matrix is still positive definite there
+    for (int i = 0; i < particles.size(); i++)
+        if (!(positions[i][2] - height >= (1 - beyond) * particles.radii[i])) return false;
+    return true;
+}
+
 void NoSlipPlane::check(const HydrodynamicParticles& particles, const vector<OpenMM::Vec3>& positions) const {
     const string problem = objection(particles, positions);
     if (!problem.empty()) throw OpenMM::OpenMMException("MobilityForce: " + problem);

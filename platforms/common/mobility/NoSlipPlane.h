@@ -38,6 +38,7 @@ public:
     double getHeight() const { return height; }
     /** Whether formulas hold a little below contact too, as finite differences from there need it: not where velocities are damped. */
     bool reachesBeyond() const { return !crossingAllowed; }
+    bool acceptsNearby(const HydrodynamicParticles& particles, const std::vector<OpenMM::Vec3>& positions) const;
 
 private:
     const double height;

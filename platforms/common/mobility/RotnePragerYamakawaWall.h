@@ -20,7 +20,9 @@ public:
         : MobilityOperator(particles, viscosity), wall(wall), positions(particles.size()), weights(particles.size()) {}
     void setPositions(const std::vector<OpenMM::Vec3>& positions) override;
     void setPositionsNearby(const std::vector<OpenMM::Vec3>& positions) override;
-    bool reachesBeyond() const override { return wall.reachesBeyond(); }
+    bool acceptsNearby(const std::vector<OpenMM::Vec3>& positions) const override {
+        return wall.acceptsNearby(particles, positions);
+    }
     std::string objection(const std::vector<OpenMM::Vec3>& positions) const override {
         return wall.objection(particles, positions);
     }

@@ -147,10 +147,7 @@ void OverdampedMove::displaceBy(double step, int onlyRow, vector<Pose>& to) cons
     }
 }
 
-bool OverdampedMove::isAccepted(const vector<Pose>& at) const {
-    const BodyMobility& bodies = problem.getBodies();
-    return !bodies.mayObject() || bodies.reachesBeyond() || bodies.objection(at).empty();
-}
+bool OverdampedMove::isAccepted(const vector<Pose>& at) const { return problem.getBodies().acceptsNearby(at); }
 
 void OverdampedMove::failToDisplace(const vector<Pose>& at) const {
     throw OpenMM::OpenMMException(

@@ -13,6 +13,8 @@ struct OverdampedScheme {
     const char* drift;
     /** Whether it takes finite differences, where the divergence of the mobility is not known. */
     bool hasDifferences;
+    /** Whether what is differenced comes from matrix-free iterations, whose errors the difference magnifies. */
+    bool differencesOfSolves;
     /** Whether predict() needs forces at the start of the step, and correct() forces in between. */
     bool forcesAtStart, forcesInBetween;
     /** Forces in between are taken at the time t + this. */

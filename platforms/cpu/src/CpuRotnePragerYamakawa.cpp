@@ -285,7 +285,7 @@ void CpuRotnePragerYamakawa::setPositions(const std::vector<OpenMM::Vec3>& posit
 }
 
 void CpuRotnePragerYamakawa::setPositionsNearby(const std::vector<OpenMM::Vec3>& positions) {
-    if (reachesBeyond())
+    if (wall && wall->reachesBeyond())
         place(positions, true);
     else
         setPositions(positions);

@@ -34,7 +34,9 @@ public:
                            const std::optional<NoSlipPlane>& wall = {});
     void setPositions(const std::vector<OpenMM::Vec3>& positions) override;
     void setPositionsNearby(const std::vector<OpenMM::Vec3>& positions) override;
-    bool reachesBeyond() const override { return wall && wall->reachesBeyond(); }
+    bool acceptsNearby(const std::vector<OpenMM::Vec3>& positions) const override {
+        return !wall || wall->acceptsNearby(particles, positions);
+    }
     std::string objection(const std::vector<OpenMM::Vec3>& positions) const override;
     bool mayObject() const override { return wall.has_value(); }
     void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
