@@ -150,7 +150,7 @@ TEST(CpuRotnePragerYamakawa, ObjectsToTheSamePositions) {
         expectError([&] { M.setPositions(scene.positions); }, {problem});
     }
     EXPECT_FALSE(CpuRotnePragerYamakawa(HydrodynamicParticles(), 1).mayObject());
-    EXPECT_FALSE(CpuRotnePragerYamakawa(HydrodynamicParticles(), 1).reachesBeyond());
+    EXPECT_TRUE(CpuRotnePragerYamakawa(HydrodynamicParticles(), 1).acceptsNearby({}));
 }
 
 TEST(CpuRotnePragerYamakawa, ReachesAsFarBeyondContact) {
@@ -158,9 +158,15 @@ TEST(CpuRotnePragerYamakawa, ReachesAsFarBeyondContact) {
         Scene scene = randomScene(9, Mixed, false, 3, bounds);
         CpuRotnePragerYamakawa M(scene.particles, 0.7, {}, scene.wall);
         const auto reference = scene.reference();
-        EXPECT_EQ(M.reachesBeyond(), bounds == Wall);
-        EXPECT_EQ(reference->reachesBeyond(), bounds == Wall);
-        scene.positions[5][2] = scene.wall->getHeight() + (bounds == Wall ? 1 : 0.5) * scene.particles.radii[5] - 1e-6;
+        // At most a hundredth of a radius below contact; with crossing allowed, wherever there is a mobility.
+        const double a = scene.particles.radii[5], height = scene.wall->getHeight();
+        for (double z : {0.98 * a, 0.995 * a, -0.01 * a}) {
+            scene.positions[5][2] = height + z;
+            const bool accepted = bounds == Wall ? z > 0.99 * a : z > 0;
+            EXPECT_EQ(M.acceptsNearby(scene.positions), accepted) << z;
+            EXPECT_EQ(reference->acceptsNearby(scene.positions), accepted) << z;
+        }
+        scene.positions[5][2] = height + (bounds == Wall ? 1 : 0.5) * a - 1e-6;
         MatrixXd dense, expected;
         M.setPositionsNearby(scene.positions);
         M.dense(dense);
