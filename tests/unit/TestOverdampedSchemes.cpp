@@ -7,6 +7,7 @@
 #include "mobility/RotnePragerYamakawa.h"
 #include "mobility/RotnePragerYamakawaWall.h"
 #include "mobility/SphereWall.h"
+#include "mobility/StokesianDynamics.h"
 #include "schemes/OverdampedSchemes.h"
 
 using namespace RigidHIPlugin;
@@ -33,7 +34,7 @@ struct Scene {
     vector<FluidElement> elements;
     vector<Vector3d> R;
     vector<Quaternion> q;
-    bool wall = false, matrixFree = false, bestKnown = false;
+    bool wall = false, matrixFree = false, bestKnown = false, stokesian = false;
     double viscosity = 1 / (6 * M_PI);
     void add(const FluidElement& e, const Vector3d& at, const Vector3d& turn = Vector3d::Zero()) {
         elements.push_back(e);
@@ -42,6 +43,7 @@ struct Scene {
     }
     BodyMobility::OperatorFactory factory() const {
         return [this](const HydrodynamicParticles& particles) {
+            if (stokesian) return unique_ptr<MobilityOperator>(new StokesianDynamics(particles, viscosity, true, 0));
             const NoSlipPlane plane(0, false);
             if (bestKnown)
                 return unique_ptr<MobilityOperator>(new SphereWallCongruence(
@@ -88,6 +90,31 @@ Scene lubricatedSpheres() {
     s.wall = s.bestKnown = true;
     s.add(element(0, {{0, 0, 0}}, {1}), {0, 0, 1.2});
     s.add(element(1, {{0, 0, 0}}, {0.8}), {1.9, 0.4, 1.5}, {0.1, 0.4, 0});
+    return s;
+}
+/** A tensor without any symmetry but its own, in the units of these scenes. */
+MatrixXd ownTensor(int seed) {
+    const MatrixXd m = tensorWithoutSymmetry(seed);
+    return m / (m.trace() / 6);
+}
+/** Own tensors by congruence: N = B N_RPY B^T, B not symmetric. */
+Scene ownTensors() {
+    Scene s;
+    s.name = "multiblob and sphere with own tensors beside a multiblob, unbounded";
+    s.add(element(0, threeBlobs, {1, 0.8, 1}), {0, 0, 0}, {0.3, 0.1, -0.5});
+    s.elements.back().ownMobility = ownTensor(1);
+    s.add(element(1, {{0.1, 0, 0.2}}, {0.9}), {2.6, 1.6, 0.5}, {0, 1, 0.3});
+    s.elements.back().ownMobility = ownTensor(2);
+    s.add(element(2, threeBlobs, {0.7, 0.8, 0.6}), {-0.6, 3.2, 1.0}, {1, 0, 0});
+    return s;
+}
+Scene stokesianSpheres() {
+    Scene s;
+    s.name = "three spheres with lubrication, one off its body's origin";
+    s.stokesian = true;
+    s.add(element(0, {{0, 0, 0}}, {1}), {0, 0, 0});
+    s.add(element(1, {{0.2, 0, -0.1}}, {0.8}), {1.9, 0.4, 0.5}, {0.1, 0.4, 0});
+    s.add(element(2, {{0, 0, 0}}, {0.9}), {0.3, 2.1, 0.4});
     return s;
 }
 Scene aloneOffCentre() {
@@ -254,6 +281,9 @@ TEST(OverdampedSchemes, DriftOfThreeBlobsAboveAWall) {
 
 TEST(OverdampedSchemes, DriftOfThreeBodiesAboveAWall) { checkDrift(threeBodiesAtWall(), 4000); }
 TEST(OverdampedSchemes, DriftOfLubricatedSpheres) { checkDrift(lubricatedSpheres(), 4000); }
+TEST(OverdampedSchemes, DriftWithOwnTensors) { checkDrift(ownTensors(), 6000); }
+TEST(OverdampedSchemes, DriftWithOwnTensorsMatrixFree) { checkDrift(matrixFree(ownTensors()), 400, 0.6); }
+TEST(OverdampedSchemes, DriftWithLubrication) { checkDrift(stokesianSpheres(), 4000); }
 TEST(OverdampedSchemes, DriftOfRodsUnbounded) { checkDrift(rodsUnbounded(), 16000); }
 TEST(OverdampedSchemes, DriftOfOneBodyAboutAnyPoint) { checkDrift(aloneOffCentre(), 2000); }
 /** Less exactly, for it takes a millisecond a step: that the iterations do what the factors do is what is to be seen. */
@@ -263,7 +293,8 @@ TEST(OverdampedSchemes, DriftMatrixFree) { checkDrift(matrixFree(rodsUnbounded()
 TEST(OverdampedSchemes, Covariance) {
     const double h = 1e-6, kT = 0.8;
     const int samples = 4000;
-    for (const Scene& scene : {threeBodiesAtWall(), rodsUnbounded(), aloneOffCentre(), matrixFree(rodsUnbounded())}) {
+    for (const Scene& scene : {threeBodiesAtWall(), rodsUnbounded(), aloneOffCentre(), matrixFree(rodsUnbounded()),
+                               ownTensors(), matrixFree(ownTensors()), stokesianSpheres()}) {
         const auto bodies = scene.mobility();
         const MatrixXd N = mobilityAt(scene, *bodies, VectorXd::Zero(bodies->getNumRows()));
         for (int scheme = Integrator::EulerMaruyama; scheme <= Integrator::DriftCorrectorRFD; scheme++) {

@@ -208,7 +208,8 @@ void Fluid::chooseSolver(Group& group) const {
 
 void Fluid::checkInertia(const BodySet& bodies) const {
     for (const auto& group : groups) {
-        if (group->poses.size() > 1 && force.getSolver() == MobilityForce::MatrixFree && !group->solvesMatrixFree)
+        const bool needsSolver = !group->isThermostat && !group->mobility->isConstantInBodyFrame();
+        if (needsSolver && force.getSolver() == MobilityForce::MatrixFree && !group->solvesMatrixFree)
             fail(
                 "solver MatrixFree is there for bodies that the fluid and their moments let rotate about the same "
                 "axes, "
@@ -507,6 +508,7 @@ void scatterBlocks(const MatrixXd& from, const BodyMobility& mobility, MatrixXd&
 }  // namespace
 
 MatrixXd Fluid::mobility(const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
+    const OneBlasThread single;
     MatrixXd result = MatrixXd::Zero(6 * groupOfBody.size(), 6 * groupOfBody.size());
     for (auto& group : groups) {
         setPoses(*group, bodies, positions);
@@ -516,6 +518,7 @@ MatrixXd Fluid::mobility(const BodySet& bodies, const vector<OpenMM::Vec3>& posi
 }
 
 MatrixXd Fluid::friction(const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
+    const OneBlasThread single;
     MatrixXd result = MatrixXd::Zero(6 * groupOfBody.size(), 6 * groupOfBody.size());
     for (auto& group : groups) {
         setPoses(*group, bodies, positions);
@@ -544,6 +547,7 @@ MatrixXd Fluid::friction(const BodySet& bodies, const vector<OpenMM::Vec3>& posi
 }
 
 VectorXd Fluid::apply(const VectorXd& wrenches, const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
+    const OneBlasThread single;
     VectorXd result = VectorXd::Zero(wrenches.size());
     MatrixXd f, u;
     for (auto& group : groups) {

@@ -32,10 +32,16 @@ OverdampedMove& Fluid::moveOf(Group& group) const {
     return *group.move;
 }
 
+/** Whether a scheme differences what iterations give, to a tolerance only. */
+bool Fluid::differencesSolves(const Group& group, const OverdampedScheme& scheme) const {
+    if (!group.overdampedMatrixFree) return false;
+    return scheme.differencesOfSolves || (scheme.hasDifferences && group.move->getProblem().productsAreSolves());
+}
+
 /** The finite-difference step: as set, or by the errors of what is differenced. */
 double Fluid::differenceOf(const Group& group, const OverdampedScheme& scheme, double wanted) const {
     if (wanted > 0) return wanted;
-    if (!group.overdampedMatrixFree || !scheme.differencesOfSolves) return denseDifference;
+    if (!differencesSolves(group, scheme)) return denseDifference;
     return min(largestDifference, max(denseDifference, cbrt(force.getSolverTolerance())));
 }
 
@@ -176,7 +182,7 @@ LoopResult Fluid::runOverdamped(OverdampedPart part, const OverdampedScheme& sch
             OverdampedStep own = step;
             own.difference = differenceOf(group, scheme, settings.difference);
             problem.setTolerance(force.getSolverTolerance() *
-                                 (scheme.differencesOfSolves ? toleranceOfDifferences : 1));
+                                 (differencesSolves(group, scheme) ? toleranceOfDifferences : 1));
             setStart(group, bodies, positions);
             move.begin(own);
             if (scheme.forcesAtStart) takeForces(group, bodies, freeParticles);

@@ -40,6 +40,8 @@ public:
     /** Whether N is the same at all poses, but for the turn of one body. */
     bool isUniform() const { return bodies.isAloneInUniformFluid(); }
     bool isMatrixFree() const { return matrixFree; }
+    /** Whether multiplyNearby() iterates: where slips are of multiblobs as bodies (own tensors), matrix-free. */
+    bool productsAreSolves() const { return matrixFree && bodySlips && !bodies.identityK; }
     int getNumRows() const { return bodies.getNumRows(); }
     bool slipsAreOfBodies() const { return bodySlips; }
     int getNumSlipRows() const { return bodySlips ? bodies.getNumRows() : bodies.getNumParticleRows(); }
