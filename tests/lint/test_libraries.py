@@ -48,7 +48,9 @@ def test_api_library_exports_the_public_classes(package_directory):
 def test_platform_library_exports_its_entry_points(platform_library):
     symbols = exported(platform_library)
     assert ENTRY_POINTS <= set(symbols)
-    assert unexpected([symbol for symbol in symbols if symbol not in ENTRY_POINTS], ()) == []
+    # Copies of the API's classes are implicitly defined, so the compiler may emit them wherever they are used.
+    copies = {f'{name}::{name.split("::")[1]}({name} const&)' for name in API_CLASSES[:-1]}
+    assert unexpected([symbol for symbol in symbols if symbol not in ENTRY_POINTS | copies], ()) == []
 
 
 def test_platform_library_needs_the_api_library(platform_library):

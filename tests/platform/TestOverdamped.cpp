@@ -589,6 +589,22 @@ TEST(Overdamped, HeightAboveAWall) {
     }
 }
 
+/** What has neither mass nor radius stays where it is, and what has a radius moves. */
+TEST(Overdamped, ParticlesWithoutMassAndRadiusDoNotMove) {
+    for (const Named& s : schemes) {
+        OverdampedScene scene(s.scheme, T1);
+        scene.addFree(0, 0, Vec3(1, 2, 3));
+        scene.addFree(0, 0.5, Vec3(5, 0, 0));
+        scene.addMassless(sphereKind(0.6));
+        scene.addWells("x^2+y^2+z^2");
+        scene.start(testPlatform());
+        scene.integrator.step(5);
+        const auto x = positionsOf(*scene.context);
+        EXPECT_EQ(norm(x[0] - Vec3(1, 2, 3)), 0) << s.name;
+        EXPECT_GT(norm(x[1] - Vec3(5, 0, 0)), 0) << s.name;
+    }
+}
+
 /** Default finite differences must not lead long bodies near the wall through it, however coarse the tolerance. */
 TEST(Overdamped, CoarseTolerancesNearTheWall) {
     for (const Named& s : schemes) {

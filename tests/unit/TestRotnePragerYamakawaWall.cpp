@@ -241,6 +241,26 @@ TEST(RotnePragerYamakawaWall, SymmetricPositiveDefinite) {
     cout << "smallest eigenvalue " << smallest << ", largest asymmetry " << asymmetry << endl;
 }
 
+/** As far below contact as finite differences may go. */
+TEST(RotnePragerYamakawaWall, NearbyPositionsPositiveDefinite) {
+    mt19937 random(4);
+    double smallest = INFINITY;
+    for (int trial = 0; trial < 1000; trial++) {
+        Scene scene = randomScene(random, 2 + trial % 6, trial % 3 == 0 ? 1 : trial % 3 == 1 ? 3 : 8);
+        for (int i = 0; i < scene.particles.size(); i++)
+            if (i % 2 == trial % 2) scene.positions[i][2] = scene.height + 0.9901 * scene.particles.radii[i];
+        RotnePragerYamakawaWall M(scene.particles, 1, NoSlipPlane(scene.height, false));
+        ASSERT_EQ(M.acceptsNearby(scene.positions), true);
+        ASSERT_NE(M.objection(scene.positions), "");
+        M.setPositionsNearby(scene.positions);
+        MatrixXd dense;
+        M.dense(dense);
+        smallest = min(smallest, smallestEigenvalue(dense));
+        ASSERT_GT(smallest, 0) << trial;
+    }
+    cout << "smallest eigenvalue " << smallest << endl;
+}
+
 TEST(RotnePragerYamakawaWall, ApplyIsTheMatrix) {
     mt19937 random(3);
     for (int n : {1, 2, 5, 12})
