@@ -19,8 +19,8 @@ const int lapackRows = 32, lapackColumns = 4;
 
 }  // namespace
 
-bool CholeskyFactor::compute(const Eigen::MatrixXd& matrix) {
-    factor = matrix;
+bool CholeskyFactor::compute(Eigen::MatrixXd& matrix) {
+    factor.swap(matrix);
     const int n = matrix.rows();
     if (n < lapackRows) {
         const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd> > small(factor);

@@ -26,7 +26,7 @@ MobilityProblem::MobilityProblem(BodyMobility& bodies, bool matrixFree, double t
     }
     if (bodies.constant) {
         bodies.setPoses({Pose()});
-        scratch = bodies.friction();
+        friction = bodies.friction();
         factoriseFriction();
     }
 }
@@ -44,38 +44,38 @@ void MobilityProblem::setPoses(const vector<Pose>& poses, bool nearby) {
     if (!bodies.constant) isFactorised = false;
 }
 
-/** The friction of bodies, in the lower triangle of `scratch`, lifted along null twists, as its Cholesky factor. */
+/** The friction of bodies, in the lower triangle of `friction`, lifted along null twists, as its Cholesky factor. */
 void MobilityProblem::factoriseFriction() {
     if (hasNull) {
-        const double lift = scratch.trace() / scratch.rows();
+        const double lift = friction.trace() / friction.rows();
         for (size_t e = 0; e < bodies.elements.size(); e++)
             if (bodies.hasNullVector(e)) {
                 const Vector6d n = nullVector(e);
-                scratch.block<6, 6>(bodies.rows[e], bodies.rows[e]) += lift * n * n.transpose();
+                friction.block<6, 6>(bodies.rows[e], bodies.rows[e]) += lift * n * n.transpose();
             }
     }
-    if (!xi.compute(scratch)) refuseIndefiniteFriction(bodies.elements.size());
+    if (!xi.compute(friction)) refuseIndefiniteFriction(bodies.elements.size());
     isFactorised = true;
 }
 
 void MobilityProblem::factorise() {
     if (isFactorised) return;
     if (bodySlips) {
-        scratch = bodies.friction();
+        friction = bodies.friction();
         factoriseFriction();
         return;
     }
     bodies.numMatrices++;
-    bodies.particleOperator->dense(scratch);
-    if (!M.compute(scratch)) refuseIndefiniteMobility(bodies.particles.size());
+    bodies.particleOperator->dense(mobility);
+    if (!M.compute(mobility)) refuseIndefiniteMobility(bodies.particles.size());
     if (bodies.identityK) {
         isFactorised = true;
         return;
     }
     bodies.fillK(bodies.poses, LK);
     M.solveL(LK);
-    scratch.setZero(bodies.numRows, bodies.numRows);
-    scratch.selfadjointView<Lower>().rankUpdate(LK.transpose());
+    friction.setZero(bodies.numRows, bodies.numRows);
+    friction.selfadjointView<Lower>().rankUpdate(LK.transpose());
     factoriseFriction();
 }
 
