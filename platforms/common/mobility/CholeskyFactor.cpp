@@ -21,7 +21,7 @@ const int lapackRows = 32, lapackColumns = 4;
 
 bool CholeskyFactor::compute(Eigen::MatrixXd& matrix) {
     factor.swap(matrix);
-    const int n = matrix.rows();
+    const int n = factor.rows();
     if (n < lapackRows) {
         const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd> > small(factor);
         return small.info() == Eigen::Success;
