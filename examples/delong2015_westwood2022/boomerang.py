@@ -14,7 +14,7 @@ Units: um and s as nm and ps, kT = 1; water at 300 K: eta = 8.9e-4 Pa s, kT/eta 
 import numpy as np
 import pictures
 import runs
-from equilibrium import Equilibrium, aboutPoint, averageMobility
+from equilibrium import Equilibrium, aboutPoint, averageMobility, sphereMobilities
 from openmmrigidhi import analysis, app
 from walls import Body, Replicas, pyplot
 
@@ -56,12 +56,9 @@ def centres():
 
 
 def sphereRatio(height):
-    """<mu_par>/mu_0 (eqs. 96, 97) of a sphere with the blobs' radius whose gap to the wall is exponentially distributed about this mean."""
+    """<mu_par>/mu_0 of a sphere with the blobs' radius whose gap to the wall is exponentially distributed about this mean."""
     x, w = np.polynomial.laguerre.laggauss(60)
-    gap = x*height/A
-    u, log = 1/(1 + gap), np.log(gap)
-    near = -2*(log - 0.9543)/(log**2 - 3.188*log + 1.591)
-    return float(w @ np.where(gap <= 0.03, near, 1 - 9*u/16 + u**3/8 - 45*u**4/256 - u**5/16))
+    return float(w @ sphereMobilities(A + x*height, A, 1/(6*np.pi*A))[:, 0, 0])
 
 
 def planar(N, A):

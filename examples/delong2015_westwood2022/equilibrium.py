@@ -7,7 +7,7 @@ equally spaced azimuths; all smooth, so the integrals of bins are good to many d
 import numpy as np
 from scipy.spatial.transform import Rotation
 from openmmrigidhi import analysis
-from walls import KT, TEMPERATURE, Replicas
+from walls import KT, TEMPERATURE, Body, Replicas
 
 POINTS_PER_BIN = 4
 SWEEPS_OFF_GRID = 20
@@ -157,3 +157,14 @@ def aboutPoint(N, A, point):
     # V' = V + W x r = V - [r] W, so K = (1, -[r]) and N' = K N K^T.
     K = np.concatenate([np.broadcast_to(np.eye(3), cross.shape), -cross], axis=2)
     return K @ N @ K.transpose(0, 2, 1)
+
+
+def sphereMobilities(heights, radius, viscosity):
+    """Mobilities times kT (n, 6, 6) of a sphere with its centre at these heights, by the best known formulas (setSphereWallMobility)."""
+    sphere = Body('sphere', np.zeros((1, 3)), np.array([radius]), np.zeros(1), np.array([], int), 0.0, radius, 1.0, viscosity)
+    replicas = Replicas(sphere, len(heights), 'RandomFiniteDifference', 1.0, bestKnown=True)
+    positions = np.zeros((len(heights), 3))
+    # At contact there is none.
+    positions[:, 2] = np.maximum(heights, radius*(1 + 1e-9))
+    replicas.place(positions, np.broadcast_to((1.0, 0, 0, 0), (len(heights), 4)))
+    return replicas.mobilities()

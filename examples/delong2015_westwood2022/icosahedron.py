@@ -14,7 +14,7 @@ Units: the paper's length (sphere radius a_I = 0.5), kT = 1, time 6 pi eta a_I^3
 import numpy as np
 import pictures
 import runs
-from equilibrium import Equilibrium, averageMobility, rotationalPlateau, withoutDrift
+from equilibrium import Equilibrium, averageMobility, rotationalPlateau, sphereMobilities, withoutDrift
 from openmmrigidhi import app
 from walls import Body, pyplot
 
@@ -38,28 +38,18 @@ def body():
     return Body('icosahedron', sites, radii, weights, np.array([12]), 20.0, RADIUS, RADIUS, VISCOSITY)
 
 
-def sphereMobility(h):
-    """Best-known mobilities of a sphere at height h of its centre, over that far away: parallel (eqs. 96, 97), perpendicular (eq. 95).
-
-    The gap h - a is meant in (95) and (96), and (96) lacks a minus sign as printed.
-    """
-    gap, u = np.maximum(h/RADIUS - 1, 1e-12), RADIUS/h
-    log = np.log(gap)
-    near = -2*(log - 0.9543)/(log**2 - 3.188*log + 1.591)
-    far = 1 - 9*u/16 + u**3/8 - 45*u**4/256 - u**5/16
-    return np.where(gap <= 0.03, near, far), (6*gap**2 + 2*gap)/(6*gap**2 + 9*gap + 2)
-
-
 def exact(equilibrium, poses, random):
     height = equilibrium.average(lambda h, u: h + 0*u[:, 2])
     functions = {'parallel': lambda N, A, h: 2*(N[:, 0, 0] + N[:, 1, 1]), 'perpendicular': lambda N, A, h: 2*N[:, 2, 2],
                  'rotation xx': lambda N, A, h: N[:, 3, 3] + N[:, 4, 4], 'rotation zz': lambda N, A, h: 2*N[:, 5, 5]}
-    free = 1/(6*np.pi*VISCOSITY*RADIUS)
+    # The sphere's depend on the height alone.
+    marginal = equilibrium.probability.sum(1)
+    seen = marginal > 1e-12
+    N = sphereMobilities(equilibrium.h[seen], RADIUS, VISCOSITY)
     return {'mean h': height, 'gravitational height': equilibrium.average(lambda h, u: (h - height)**2 + 0*u[:, 2])**0.5,
             'mean cos theta': equilibrium.average(lambda h, u: u[:, 2] + 0*h), 'without drift': withoutDrift(equilibrium, random),
             'slopes (mean, error)': averageMobility(equilibrium, functions, random, poses),
-            'slopes of the sphere': {name: factor*free*equilibrium.average(lambda h, u: sphereMobility(h)[k] + 0*u[:, 2])
-                                     for k, (name, factor) in enumerate((('parallel', 4), ('perpendicular', 2)))},
+            'slopes of the sphere': {name: float(marginal[seen] @ function(N, None, None)) for name, function in functions.items()},
             'rotational plateau (mean, error)': rotationalPlateau(equilibrium, random)}
 
 
@@ -71,14 +61,7 @@ def plans(args):
                    'cosθ': (lambda h, A: A[..., 2, 2], equilibrium.average(lambda h, u: u[:, 2] + 0*h))}
     msd = {'parallel': runs.parallel((0, 0, 0)), 'perpendicular': runs.perpendicular((0, 0, 0)),
            'rotation xx': runs.rotational((0.5, 0.5, 0)), 'rotation zz': runs.rotational((0, 0, 1))}
-    frames = 40 if args.quick else 600
-    made = []
-    for k, (scheme, step) in enumerate(CASES):
-        if not (args.quick and step != STEP):
-            name = f'icosahedron_{scheme}' + ('' if step == STEP else f'_{step:g}')
-            made.append(runs.Plan(name, b, equilibrium, scheme, step, round(SPACING/step), frames, 1 if args.quick else 30, observables, msd,
-                                  np.geomspace(1, frames//2, 22), 32 if args.quick else 64, seed=args.seed + 7*k))
-    return equilibrium, made
+    return equilibrium, runs.plansOfCases(args, 'icosahedron', CASES, STEP, b, equilibrium, SPACING, 1 if args.quick else 30, observables, msd)
 
 
 def draw(data, folder):
@@ -96,6 +79,8 @@ def draw(data, folder):
     for slope, style, label in ((e['slopes (mean, error)']['parallel'][0], '-', 'icosahedron'), (e['slopes of the sphere']['parallel'], '--', 'sphere')):
         axes[1, 0].plot(lag, slope*lag, 'k' + style, lw=1, label=f'4 kT⟨N∥⟩ t, {label}')
     axes[1, 0].axhline(2*e['gravitational height']**2, color='k', ls=':', lw=1, label='2 var h (eq. 69)')
+    for name, style in (('xx', '-'), ('zz', ':')):
+        axes[1, 1].plot(lag[:6], e['slopes of the sphere'][f'rotation {name}']*lag[:6], 'k' + style, lw=1, label=f'slope of the sphere, {name}')
     for name in ('xx', 'zz'):
         axes[1, 1].axhline(e['rotational plateau (mean, error)'][name][0], color='k', ls='--', lw=1, label=f'eq. 71, {name}')
     pictures.finish(axes[0, 0], 'Figure 6, left', 'h', 'P(h)')

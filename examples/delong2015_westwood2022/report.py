@@ -52,7 +52,7 @@ def icosahedron(data):
     yield (f'Exact: mean height {e["mean h"]:.5f}, gravitational height {e["gravitational height"]:.5f} (paper: {data["paper"]["gravitational height"]:.2f}); '
            f'exp(−U/kT)/μ⊥(h) has the mean {e["without drift"]["mean h"]:.4f}.')
     yield from slopes(data, [(name, name, f'{brackets(*e["slopes (mean, error)"][name])} | {e["slopes of the sphere"][name]:.4f}')
-                             for name in ('parallel', 'perpendicular')], 'kT⟨N⟩, icosahedron | sphere (95–97)')
+                             for name in ('parallel', 'perpendicular', 'rotation xx', 'rotation zz')], 'kT⟨N⟩, icosahedron | sphere (best known)')
 
 
 def boomerang(data):

@@ -328,6 +328,17 @@ def arguments(description, add=None):
     return parser.parse_args()
 
 
+def plansOfCases(args, name, cases, usualStep, body, equilibrium, spacing, settle, observables, msd):
+    """A plan of 64 replicas for each (scheme, step) of cases; --quick takes those of the usual step only, with fewer replicas and frames."""
+    frames = 40 if args.quick else 600
+    made = []
+    for k, (scheme, step) in enumerate(cases):
+        if not (args.quick and step != usualStep):
+            made.append(Plan(f'{name}_{scheme}' + ('' if step == usualStep else f'_{step:g}'), body, equilibrium, scheme, step, round(spacing/step),
+                             frames, settle, observables, msd, np.geomspace(1, frames//2, 22), 32 if args.quick else 64, seed=args.seed + 7*k))
+    return made
+
+
 def drive(plans, data, args, name, wanted=lambda plan: True):
     """Run those plans that are wanted and whose scheme is; the JSON is written after each. Returns its data.
 

@@ -54,14 +54,7 @@ def plans(args):
     msd = {'centre parallel': runs.parallel((0, 0, 0)), 'vertex parallel': runs.parallel(b.sites[3]),
            'centre perpendicular': runs.perpendicular((0, 0, 0)), 'rotation xx': runs.rotational((0.5, 0.5, 0)),
            'rotation zz': runs.rotational((0, 0, 1))}
-    frames = 40 if args.quick else 600
-    made = []
-    for k, (scheme, step) in enumerate(CASES):
-        if not (args.quick and step != STEP):
-            name = f'tetramer_{scheme}' + ('' if step == STEP else f'_{step:g}')
-            made.append(runs.Plan(name, b, equilibrium, scheme, step, round(5*STEP/step), frames, 10 if args.quick else 300, observables, msd,
-                                  np.geomspace(1, frames//2, 22), 32 if args.quick else 64, seed=args.seed + 7*k))
-    return equilibrium, made
+    return equilibrium, runs.plansOfCases(args, 'tetramer', CASES, STEP, b, equilibrium, 5*STEP, 10 if args.quick else 300, observables, msd)
 
 
 def draw(data, folder):

@@ -57,7 +57,7 @@ class Body:
 class Replicas:
     """Many independent copies of one body in one Context: bodies of different groups do not feel each other through the fluid."""
 
-    def __init__(self, body, count, scheme, step, seed=1, boundary='NoSlipWall', platform='Reference'):
+    def __init__(self, body, count, scheme, step, seed=1, boundary='NoSlipWall', platform='Reference', bestKnown=False):
         self.body = body
         self.count = count
         self.system = openmm.System()
@@ -67,6 +67,8 @@ class Replicas:
         self.fluid = MobilityForce()
         self.fluid.setViscosity(body.viscosity*KT)
         self.fluid.setBoundary(getattr(MobilityForce, boundary))
+        if bestKnown:
+            self.fluid.setSphereWallMobility(MobilityForce.BestKnown)
         push = openmm.CustomExternalForce('w*z + s*A/(z-A)*exp(-(z-A)/B)')
         push.addGlobalParameter('A', body.contact)
         push.addGlobalParameter('B', body.debye)

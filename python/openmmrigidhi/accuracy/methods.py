@@ -31,7 +31,7 @@ class Method:
     description: str = ''
 
 
-class _Rigid:
+class RigidScheme:
     """Makes the scene's own integrator with one of the plugin's schemes."""
 
     def __init__(self, scheme):
@@ -57,10 +57,10 @@ def _notHeldByConstraints(scene):
 
 #: The methods that are known by name.
 BUILT_IN = {method.name: method for method in (
-    Method('LangevinA', _Rigid(CustomRigidHIIntegrator.LangevinA), 2, None, 'Davidchack 2015, eq. 20'),
-    Method('LangevinB', _Rigid(CustomRigidHIIntegrator.LangevinB), 2, None, 'Davidchack 2015, eq. 27'),
-    Method('LangevinC', _Rigid(CustomRigidHIIntegrator.LangevinC), 2, None, 'Davidchack 2015, eq. 28'),
-    Method('GradientThermostat', _Rigid(CustomRigidHIIntegrator.GradientThermostat), 1, None, 'Davidchack 2015, eq. 30'),
+    Method('LangevinA', RigidScheme(CustomRigidHIIntegrator.LangevinA), 2, None, 'Davidchack 2015, eq. 20'),
+    Method('LangevinB', RigidScheme(CustomRigidHIIntegrator.LangevinB), 2, None, 'Davidchack 2015, eq. 27'),
+    Method('LangevinC', RigidScheme(CustomRigidHIIntegrator.LangevinC), 2, None, 'Davidchack 2015, eq. 28'),
+    Method('GradientThermostat', RigidScheme(CustomRigidHIIntegrator.GradientThermostat), 1, None, 'Davidchack 2015, eq. 30'),
     Method('LangevinMiddle', _langevinMiddle, 2, _notHeldByConstraints,
            "OpenMM's LangevinMiddleIntegrator, bodies held by constraints (SETTLE for water), friction gamma"),
 )}

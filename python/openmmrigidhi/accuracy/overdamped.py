@@ -11,7 +11,7 @@ from .. import app
 from .._quaternions import product, rotationMatrices
 from ..integrator import CustomRigidHIIntegrator, Scheme
 from ..mobility import MobilityForce
-from .methods import Method
+from .methods import Method, RigidScheme
 from .observables import Observable
 from .scenes import GAS_CONSTANT, Scene
 from .study import Knob, StepSizeStudy
@@ -372,20 +372,6 @@ OBSERVABLES = {observable.name: observable for observable in (
 CONSISTENT = SCHEMES[1:]
 
 
-class _Overdamped:
-    """The scene's massless bodies with one of the schemes without momenta."""
-
-    def __init__(self, scheme):
-        self.scheme = scheme
-
-    def __call__(self, scene, stepSize, seed):
-        integrator = scene.makeIntegrator()
-        integrator.setScheme(self.scheme)
-        integrator.setStepSize(stepSize)
-        integrator.setRandomNumberSeed(seed)
-        return integrator
-
-
 class _Inertial:
     """LangevinHI with the masses and moments that relax at a given rate times the step, in unbounded fluid."""
 
@@ -404,7 +390,7 @@ class _Inertial:
 
 
 #: All methods by name. At a fixed rate times step the masses shrink with the step, and the error is of first order.
-METHODS = {**{name: Method(name, _Overdamped(getattr(Scheme, name)), 1, None, 'without momenta') for name in SCHEMES},
+METHODS = {**{name: Method(name, RigidScheme(getattr(Scheme, name)), 1, None, 'without momenta') for name in SCHEMES},
            **{name: Method(name, _Inertial(rate), 1, None, f'masses such that momenta relax in {1/rate:.3g} steps')
               for name, rate in INERTIA.items()}}
 
