@@ -198,7 +198,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
             the largest counts as zero: no rotation, noise or energy about that axis.
         sitePositions : array-like or Quantity of shape (n, 3), optional
             position of each particle in the body frame, nm; its origin is the centre of mass and its axes are the
-            principal axes
+            principal axes. Schemes without momenta in a fluid take any origin (the tracking point) and axes, and 0 for
+            mass and moments
 
         Returns
         -------

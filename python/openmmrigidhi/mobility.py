@@ -262,7 +262,7 @@ class MobilityForce(_copies.Copies, _Base):
         Parameters
         ----------
         solver : constant
-            Auto (default): by the number of bodies; Dense: matrices are formed and decomposed, memory quadratic and time cubic
+            Auto (default): by the numbers of rows of the matrices; Dense: matrices are formed and decomposed, memory quadratic and time cubic
             in bodies; MatrixFree: Krylov methods to the solver tolerance, memory linear, time quadratic in particles
         """
         super().setSolver(_units.constant(solver, Solver, _where('setSolver'), 'solver'))
@@ -336,7 +336,7 @@ class MobilityForce(_copies.Copies, _Base):
         """Set which bodies feel each other through the fluid: only those of one group.
 
         So replicas of a scene run in one Context, at a cost linear in their number. Hydrodynamic particles that are in no body
-        belong to group 0.
+        belong to group 0. A step that one group must redo (at a wall, for overlap) is redone for all.
 
         Parameters
         ----------

@@ -23,7 +23,7 @@ typedef std::array<double, 4> QuaternionArray;
  *
  * Particles of the System are grouped into bodies with addRigidBody(); all other particles ("free particles") are
  * integrated beside them with the same scheme, as point particles. The state of a body is
- *   - R: position of the body's origin (its centre of mass), nm, lab frame,
+ *   - R: position of the body's origin (its centre of mass; without momenta in a fluid any point), nm, lab frame,
  *   - q: unit quaternion (w, x, y, z), body frame to lab frame,
  *   - p: momentum, amu nm/ps, lab frame,
  *   - l: angular momentum, amu nm^2/ps, body frame.
@@ -138,7 +138,8 @@ public:
      * @param principalMoments  principal moments of inertia about the body axes x, y, z, amu nm^2, in any order. A moment
      *                          below 1e-13 of the largest counts as zero: no rotation, noise or energy about that axis.
      * @param sitePositions     position of each particle in the body frame, nm; its origin is the centre of mass and its
-     *                          axes are the principal axes
+     *                          axes are the principal axes. Schemes without momenta in a fluid take any origin (the tracking
+     *                          point) and axes, and 0 for mass and moments
      * @return index of the body
      * @throws OpenMMException as above; for a negative or non-finite mass or moment; for moments that violate the triangle
      *         inequality; for another number of sites than of particles

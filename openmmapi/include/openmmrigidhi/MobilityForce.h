@@ -71,7 +71,7 @@ public:
     };
     /** How the linear algebra is done. */
     enum Solver : int {
-        /** Dense or matrix-free, by the number of bodies (default). */
+        /** Dense or matrix-free, by the numbers of rows of the matrices, never by a clock (default). */
         Auto = 0,
         /** Matrices are formed and decomposed. Memory quadratic, time cubic in bodies. */
         Dense = 1,
@@ -186,7 +186,8 @@ public:
     const std::vector<int>& getGroups() const { return groups; }
     /**
      * Set which bodies feel each other through the fluid: only those of one group (replicas of a scene in one Context, at a
-     * cost linear in groups). Default, or empty: all. Hydrodynamic particles that are in no body belong to group 0.
+     * cost linear in groups). Default, or empty: all. Hydrodynamic particles that are in no body belong to group 0. A step that
+     * one group must redo (at a wall, for overlap) is redone for all.
      *
      * @param groups  a number from 0 up for each body
      * @throws OpenMMException if one is negative

@@ -88,8 +88,8 @@ private:
     double tolerance;
     bool bodySlips, hasNull = false;
     bool isFactorised = false;
-    CholeskyFactor M, xi;  // factors, dense; of one constant body xi in its own frame
-    Eigen::MatrixXd LK;    // L^-1 K
+    CholeskyFactor M, xi;                // factors, dense; of one constant body xi in its own frame
+    Eigen::MatrixXd LK;                  // L^-1 K
     Eigen::MatrixXd mobility, friction;  // before they are factorised
     Eigen::MatrixXd scratch, halfSlips, halfForces, lambda;
     std::vector<Eigen::MatrixXd> nearest_body;  // (K^T K)^-1 K^T of elements, body frame

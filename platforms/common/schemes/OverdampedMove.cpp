@@ -188,17 +188,17 @@ void OverdampedMove::drawTractions(Vectors& forces, Vectors& slips) {
     centralStep = differenceStep_;
     displaceBothWays(centralStep);
     problem.totalWrenches(backward, lambda, forces);
-    problem.totalWrenches(forward, lambda, backwardVectors);
-    forces = ((forces - backwardVectors) / centralStep).eval();
+    problem.totalWrenches(forward, lambda, atOtherEnd);
+    forces = ((forces - atOtherEnd) / centralStep).eval();
     problem.multiplyNearby(forward, lambda, slips);
-    problem.multiplyNearby(backward, lambda, backwardVectors);
-    slips = ((slips - backwardVectors) / centralStep).eval();
+    problem.multiplyNearby(backward, lambda, atOtherEnd);
+    slips = ((slips - atOtherEnd) / centralStep).eval();
 }
 
 void OverdampedMove::rigidSlipDifference(const Vectors& twists, Vectors& slips) {
     problem.rigidSlips(forward, twists, slips);
-    problem.rigidSlips(backward, twists, backwardVectors);
-    slips = ((slips - backwardVectors) / centralStep).eval();
+    problem.rigidSlips(backward, twists, atOtherEnd);
+    slips = ((slips - atOtherEnd) / centralStep).eval();
 }
 
 }  // namespace RigidHIPlugin

@@ -121,7 +121,7 @@ private:
     std::vector<double> lengths;  // of rows
     std::vector<Pose> poses, forward, backward;
     double centralStep = 0;  // between these two
-    Vectors lambda, backwardVectors;
+    Vectors lambda, atOtherEnd;
     Vectors W, W_slip;
     NoiseStream stream;
     double differenceStep_ = 0;
