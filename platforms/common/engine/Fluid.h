@@ -129,7 +129,7 @@ private:
     void chooseSolver(Group& group) const;
     void checkTorque(const Group& group, int element, const Eigen::VectorXd& wrench_body, double siteForces) const;
     OverdampedMove& moveOf(Group& group) const;
-    bool differencesSolves(const Group& group, const OverdampedScheme& scheme) const;
+    bool differencesIterate(const Group& group, const OverdampedScheme& scheme) const;
     double differenceOf(const Group& group, const OverdampedScheme& scheme, double wanted) const;
     void setStart(Group& group, const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
     void takeForces(Group& group, const BodySet& bodies, const FreeParticles& freeParticles) const;

@@ -17,7 +17,7 @@ namespace {
 /** The default of setFiniteDifferenceStep(): rounding of 1e-16 against the error of the difference. */
 const double denseDifference = 1e-5;
 
-/** Of iterative solves of a tolerance t the difference is wrong by t/step, beside step^2: t^(1/3), and not so large that bodies leave the
+/** Of iterations of a tolerance t the difference is wrong by t/step, beside step^2: t^(1/3), and not so large that bodies leave the
  * neighbourhood in which the mobility is smooth, with solves to a part of the tolerance. */
 const double largestDifference = 1e-2, toleranceOfDifferences = 0.1;
 
@@ -33,15 +33,20 @@ OverdampedMove& Fluid::moveOf(Group& group) const {
 }
 
 /** Whether a scheme differences what iterations give, to a tolerance only. */
-bool Fluid::differencesSolves(const Group& group, const OverdampedScheme& scheme) const {
-    if (!group.overdampedMatrixFree) return false;
-    return scheme.differencesOfSolves || (scheme.hasDifferences && group.move->getProblem().productsAreSolves());
+bool Fluid::differencesIterate(const Group& group, const OverdampedScheme& scheme) const {
+    const MobilityProblem& problem = group.move->getProblem();
+    switch (scheme.differenced) {
+        case Differenced::Products: return problem.productsIterate();
+        case Differenced::Solves: return problem.solvesIterate();
+        case Differenced::Roots: return problem.rootsIterate();
+        default: return false;
+    }
 }
 
 /** The finite-difference step: as set, or by the errors of what is differenced. */
 double Fluid::differenceOf(const Group& group, const OverdampedScheme& scheme, double wanted) const {
     if (wanted > 0) return wanted;
-    if (!differencesSolves(group, scheme)) return denseDifference;
+    if (!differencesIterate(group, scheme)) return denseDifference;
     return min(largestDifference, max(denseDifference, cbrt(force.getSolverTolerance())));
 }
 
@@ -72,7 +77,7 @@ map<string, string> Fluid::describeDrift(const OverdampedScheme& scheme, double 
     else if (!*scheme.drift)
         drift << "off: " << scheme.name << " omits it, so averages are wrong for " << count(known + others);
     else {
-        const int asWritten = scheme.hasDifferences ? others : known + others;
+        const int asWritten = scheme.differenced != Differenced::Nothing ? others : known + others;
         drift << "on: ";
         if (asWritten > 0) drift << scheme.drift << " for " << count(asWritten);
         if (asWritten < known + others)
@@ -80,7 +85,7 @@ map<string, string> Fluid::describeDrift(const OverdampedScheme& scheme, double 
                   << " alone in a uniform fluid";
     }
     if (kT > 0 && known + others > 0 && zero > 0) drift << "; it is 0 for " << count(zero);
-    if (!scheme.hasDifferences)
+    if (scheme.differenced == Differenced::Nothing)
         differences << "off: the scheme has none";
     else if (kT == 0)
         differences << "off: the temperature is 0";
@@ -182,7 +187,7 @@ LoopResult Fluid::runOverdamped(OverdampedPart part, const OverdampedScheme& sch
             OverdampedStep own = step;
             own.difference = differenceOf(group, scheme, settings.difference);
             problem.setTolerance(force.getSolverTolerance() *
-                                 (differencesSolves(group, scheme) ? toleranceOfDifferences : 1));
+                                 (differencesIterate(group, scheme) ? toleranceOfDifferences : 1));
             setStart(group, bodies, positions);
             move.begin(own);
             if (scheme.forcesAtStart) takeForces(group, bodies, freeParticles);

@@ -24,6 +24,16 @@ MobilityProblem::MobilityProblem(BodyMobility& bodies, bool matrixFree, double t
         const MatrixXd K = rigidMotion(elements[e], Matrix3d::Identity());
         nearest_body[e] = generalisedInverse(K.transpose() * K, bodies.nullVectors[e]) * K.transpose();
     }
+    if (bodies.identityK) {
+        const HydrodynamicParticles& particles = bodies.particles;
+        ownScale.resize(particles.numRows);
+        for (int i = 0; i < particles.size(); i++) {
+            const double a = particles.radii[i];
+            ownScale.segment<3>(particles.firstRow[i]).setConstant(sqrt(a));
+            if (particles.hasTorque[i])
+                ownScale.segment<3>(particles.firstRow[i] + 3).setConstant(sqrt(4.0 / 3.0 * a * a * a));
+        }
+    }
     if (bodies.constant) {
         bodies.setPoses({Pose()});
         friction = bodies.friction();
@@ -139,17 +149,20 @@ void MobilityProblem::getBlobForces(MatrixXd& result) {
     }
 }
 
-/** result = f(M) W, or f of the scaled M of MultiblobSolver where there are multiblobs. */
+/** result = f(S) W for a matrix S that stands for M: that of MultiblobSolver, or ownScale M ownScale for K = 1. */
 void MobilityProblem::applyRoot(const SpectralFunction& f, const MatrixXd& W, MatrixXd& result) {
     const vector<SpectralFunction> functions(W.cols(), f);
     const MobilityOperator& blobs = *bodies.particleOperator;
     MultiblobSolver* solver = bodies.identityK ? nullptr : &bodies.getMultiblobSolver();
     lanczos->apply(
         [&](const MatrixXd& x, MatrixXd& y) {
-            if (solver)
+            if (solver) {
                 solver->multiplyScaled(blobs, x, y);
-            else
-                blobs.apply(x, y);
+                return;
+            }
+            scaled = ownScale.asDiagonal() * x;
+            blobs.apply(scaled, y);
+            y = ownScale.asDiagonal() * y;
         },
         W, functions, result);
     bodies.numProducts += lanczos->getNumProducts();
@@ -172,8 +185,11 @@ void MobilityProblem::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
         forNullTwists(wrench, [](const Vector6d& n, auto own) { own -= (n * (n.transpose() * own)).eval(); });
         return;
     }
-    applyRoot(SpectralFunction::inverseSquareRoot(), W, bodies.identityK ? wrench : scratch);
-    if (!bodies.identityK) bodies.getMultiblobSolver().wrenchesFromScaled(scratch, wrench);
+    applyRoot(SpectralFunction::inverseSquareRoot(), W, scratch);
+    if (bodies.identityK)
+        wrench = ownScale.asDiagonal() * scratch;
+    else
+        bodies.getMultiblobSolver().wrenchesFromScaled(scratch, wrench);
     // N = B N_model B^T, so a wrench on the bodies is B^-T times one in the model.
     if (bodies.hasOwnTensors) bodies.multiplyByFactors(wrench, bodies.inverseB_body, true);
 }
@@ -190,8 +206,11 @@ void MobilityProblem::thermalSlip(const MatrixXd& W, MatrixXd& slips) {
         slips.noalias() = M.L() * W;
         return;
     }
-    applyRoot(SpectralFunction::squareRoot(), W, bodies.identityK ? slips : scratch);
-    if (!bodies.identityK) bodies.getMultiblobSolver().slipsFromScaled(scratch, slips);
+    applyRoot(SpectralFunction::squareRoot(), W, scratch);
+    if (bodies.identityK)
+        slips = ownScale.cwiseInverse().asDiagonal() * scratch;
+    else
+        bodies.getMultiblobSolver().slipsFromScaled(scratch, slips);
 }
 
 void MobilityProblem::multiplyNearby(const vector<Pose>& poses, const MatrixXd& forces, MatrixXd& slips) {

@@ -22,7 +22,8 @@ namespace RigidHIPlugin {
  * Slips:     live on hydrodynamic particles, three rows each, six for a sphere. Where there is no M (one body with a constant tensor,
  *            own tensors, models made from friction) they live on the bodies: K = 1, M = N.
  * Dense:     Cholesky's factors of M and of the friction, once a configuration, when first needed.
- * Matrix-free: MultiblobSolver for U and Lanczos for the noise, on the bodies' own scale; to the tolerance.
+ * Matrix-free: MultiblobSolver for U and Lanczos for the noise, to the tolerance. Lanczos sees M scaled by the particles' own
+ *            mobilities (multiblobs: own matrices), so that neither units nor unequal radii matter.
  * A collinear body's null twist has no noise and no velocity.
  *
  * Columns of wrenches, slips and twists are cases of their own. Nothing is allocated after the first call with as many columns,
@@ -40,8 +41,10 @@ public:
     /** Whether N is the same at all poses, but for the turn of one body. */
     bool isUniform() const { return bodies.isAloneInUniformFluid(); }
     bool isMatrixFree() const { return matrixFree; }
-    /** Whether multiplyNearby() iterates: where slips are of multiblobs as bodies (own tensors), matrix-free. */
-    bool productsAreSolves() const { return matrixFree && bodySlips && !bodies.identityK; }
+    /** Whether these iterate, and so are right to the tolerance only: multiplyNearby(), solve(), the thermal vectors. */
+    bool productsIterate() const { return matrixFree && bodySlips && !bodies.identityK; }
+    bool solvesIterate() const { return matrixFree && !bodies.identityK; }
+    bool rootsIterate() const { return matrixFree; }
     int getNumRows() const { return bodies.getNumRows(); }
     bool slipsAreOfBodies() const { return bodySlips; }
     int getNumSlipRows() const { return bodySlips ? bodies.getNumRows() : bodies.getNumParticleRows(); }
@@ -91,7 +94,8 @@ private:
     CholeskyFactor M, xi;                // factors, dense; of one constant body xi in its own frame
     Eigen::MatrixXd LK;                  // L^-1 K
     Eigen::MatrixXd mobility, friction;  // before they are factorised
-    Eigen::MatrixXd scratch, halfSlips, halfForces, lambda;
+    Eigen::VectorXd ownScale;  // of rows, where K = 1: about the root of a particle's own friction over 6 pi viscosity
+    Eigen::MatrixXd scratch, scaled, halfSlips, halfForces, lambda;
     std::vector<Eigen::MatrixXd> nearest_body;  // (K^T K)^-1 K^T of elements, body frame
     std::vector<Pose> here;
     std::unique_ptr<Lanczos> lanczos;

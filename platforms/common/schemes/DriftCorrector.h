@@ -20,7 +20,7 @@ namespace RigidHIPlugin {
 template <bool randomDifferences>
 struct DriftCorrector {
     static constexpr const char* drift = "by the mobility at the mid-point and the divergence of slips";
-    static constexpr bool hasDifferences = true, differencesOfSolves = true;
+    static constexpr Differenced differenced = Differenced::Roots;
     static constexpr bool forcesAtStart = false, forcesInBetween = true;
     static double timeOfForces(double h) { return h / 2; }
     static void predict(OverdampedMove& m) {

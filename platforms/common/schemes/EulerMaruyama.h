@@ -14,7 +14,7 @@ namespace RigidHIPlugin {
 
 struct EulerMaruyama {
     static constexpr const char* drift = "";
-    static constexpr bool hasDifferences = false, differencesOfSolves = false;
+    static constexpr Differenced differenced = Differenced::Nothing;
     static constexpr bool forcesAtStart = true, forcesInBetween = false;
     /** total = F + sqrt(2 kT/h) N^(-1/2) W: N total is the velocity without drift. */
     static void sumUpWrenches(OverdampedMove& m) {

@@ -17,7 +17,7 @@ namespace RigidHIPlugin {
 
 struct FixmanMidpoint {
     static constexpr const char* drift = "by the mobility at the mid-point";
-    static constexpr bool hasDifferences = false, differencesOfSolves = false;
+    static constexpr Differenced differenced = Differenced::Nothing;
     static constexpr bool forcesAtStart = true, forcesInBetween = true;
     static double timeOfForces(double h) { return h / 2; }
     static void predict(OverdampedMove& m) {

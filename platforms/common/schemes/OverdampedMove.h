@@ -17,6 +17,9 @@ struct OverdampedStep {
     NoiseStream noise;
 };
 
+/** What a scheme takes finite differences of: of what comes from iterations, they magnify the errors. */
+enum class Differenced { Nothing, Products, Solves, Roots };
+
 /**
  * One group of bodies on its way through a step without momenta: the moves that schemes are made of.
  *

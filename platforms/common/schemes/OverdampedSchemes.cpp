@@ -13,15 +13,9 @@ namespace {
 
 template <class Scheme>
 OverdampedScheme entry(const char* name) {
-    OverdampedScheme scheme = {name,
-                               Scheme::drift,
-                               Scheme::hasDifferences,
-                               Scheme::differencesOfSolves,
-                               Scheme::forcesAtStart,
-                               Scheme::forcesInBetween,
-                               nullptr,
-                               &Scheme::predict,
-                               &Scheme::correct};
+    OverdampedScheme scheme = {
+        name,    Scheme::drift,    Scheme::differenced, Scheme::forcesAtStart, Scheme::forcesInBetween,
+        nullptr, &Scheme::predict, &Scheme::correct};
     if constexpr (Scheme::forcesInBetween) scheme.timeOfForces = &Scheme::timeOfForces;
     return scheme;
 }

@@ -11,10 +11,8 @@ struct OverdampedScheme {
     const char* name;
     /** How it makes the stochastic drift, for describeEffects(); empty: it omits it. */
     const char* drift;
-    /** Whether it takes finite differences, where the divergence of the mobility is not known. */
-    bool hasDifferences;
-    /** Whether what is differenced comes from matrix-free iterations, whose errors the difference magnifies. */
-    bool differencesOfSolves;
+    /** What it takes finite differences of, where the divergence of the mobility is not known. */
+    Differenced differenced;
     /** Whether predict() needs forces at the start of the step, and correct() forces in between. */
     bool forcesAtStart, forcesInBetween;
     /** Forces in between are taken at the time t + this. */

@@ -17,7 +17,7 @@ namespace RigidHIPlugin {
 
 struct RandomFiniteDifference {
     static constexpr const char* drift = "by a random finite difference of the mobility";
-    static constexpr bool hasDifferences = true, differencesOfSolves = true;
+    static constexpr Differenced differenced = Differenced::Solves;
     static constexpr bool forcesAtStart = true, forcesInBetween = false;
     static void predict(OverdampedMove& m) {
         if (!EulerMaruyama::findVelocity(m)) {

@@ -20,7 +20,7 @@ namespace RigidHIPlugin {
 
 struct TractionEulerMaruyama {
     static constexpr const char* drift = "by random finite differences along which blob forces are kept";
-    static constexpr bool hasDifferences = true, differencesOfSolves = false;
+    static constexpr Differenced differenced = Differenced::Products;
     static constexpr bool forcesAtStart = true, forcesInBetween = false;
     static void predict(OverdampedMove& m) {
         if (!EulerMaruyama::findVelocity(m)) {

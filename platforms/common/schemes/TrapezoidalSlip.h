@@ -20,7 +20,7 @@ namespace RigidHIPlugin {
 struct TrapezoidalSlip {
     static constexpr const char* drift =
         "by random finite differences along which blob forces are kept, and the mobility at the end of the step";
-    static constexpr bool hasDifferences = true, differencesOfSolves = false;
+    static constexpr Differenced differenced = Differenced::Products;
     static constexpr bool forcesAtStart = true, forcesInBetween = true;
     static double timeOfForces(double h) { return h; }
     static void predict(OverdampedMove& m) {
