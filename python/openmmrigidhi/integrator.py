@@ -440,8 +440,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """Set the step delta of the finite differences of the schemes without momenta, relative; from 0 to 0.1.
 
         Bodies are displaced by delta times their length (the longest distance of points on their particles) and turned by delta
-        radians. 0 (default): 1e-5 with dense matrices and in TractionEulerMaruyama and TrapezoidalSlip; matrix-free in the others, which
-        difference results of iterations, tolerance**(1/3) between 1e-5 and 1e-2, with iterations to a tenth of the tolerance.
+        radians. 0 (default): 1e-5, but where results of matrix-free iterations are differenced (RandomFiniteDifference with multiblobs,
+        DriftCorrectorFD and DriftCorrectorRFD) tolerance**(1/3) between 1e-5 and 1e-2, with iterations to a tenth of the tolerance.
         """
         super().setFiniteDifferenceStep(self._number(relative, _units.NONE, 'setFiniteDifferenceStep', 'relative'))
 

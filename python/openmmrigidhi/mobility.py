@@ -274,8 +274,10 @@ class MobilityForce(_copies.Copies, _Base):
     def setSolverTolerance(self, tolerance):
         """Set the relative tolerance of MatrixFree (default 1e-6), from 1e-14 to 0.1.
 
-        In the norm of mass-weighted momenta one step differs from the Dense one by at most five times this, or an exception
-        says what was reached.
+        LangevinHI: in the norm of mass-weighted momenta one step differs from the Dense one by at most five times this. Schemes without
+        momenta: velocities that belong to forces have at most this error in the norm of the friction, random ones at most five times
+        this in the norm of velocities over the roots of the particles' (multiblobs: bodies') own mobilities. Or an exception says
+        what was reached.
         """
         super().setSolverTolerance(self._number(tolerance, _units.NONE, 'setSolverTolerance', 'tolerance'))
 

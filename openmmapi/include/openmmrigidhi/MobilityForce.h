@@ -149,8 +149,10 @@ public:
     /** Get the relative tolerance of MatrixFree. */
     double getSolverTolerance() const { return solverTolerance; }
     /**
-     * Set the relative tolerance of MatrixFree (default 1e-6): in the norm of mass-weighted momenta, one step differs from
-     * the Dense one by at most five times this, or an exception says what was reached.
+     * Set the relative tolerance of MatrixFree (default 1e-6). LangevinHI: in the norm of mass-weighted momenta, one step differs from
+     * the Dense one by at most five times this. Schemes without momenta: velocities that belong to forces have at most this error in the norm
+     * of the friction, random ones at most five times this in the norm of velocities over the roots of the particles' (multiblobs:
+     * bodies') own mobilities. Or an exception says what was reached.
      *
      * @throws OpenMMException if not between 1e-14 and 0.1
      */
