@@ -50,7 +50,7 @@ Scene randomScene(int n, Kind kind, bool equalRadii, double size, Bounds bounds 
 }
 
 struct Results {
-    MatrixXd dense, velocities;
+    MatrixXd dense, velocities, rough;
 };
 Results results(const Scene& scene, const MatrixXd& forces, CpuRotnePragerYamakawa::ForRanges forRanges = {}) {
     CpuRotnePragerYamakawa M(scene.particles, 0.7, forRanges, scene.wall);
@@ -58,6 +58,7 @@ Results results(const Scene& scene, const MatrixXd& forces, CpuRotnePragerYamaka
     Results r;
     M.dense(r.dense);
     M.apply(forces, r.velocities);
+    M.applyRoughly(forces, r.rough);
     return r;
 }
 
@@ -120,9 +121,10 @@ void expectNeitherThreadsNorWidthOfPacks(Bounds bounds) {
             });
             pool.waitForThreads();
         });
-        EXPECT_EQ(ranges, 3 * threads);  // the matrix, two columns, one column
+        EXPECT_EQ(ranges, 5 * threads);  // the matrix, two columns, one column, twice
         EXPECT_EQ((r.dense.array() != alone.dense.array()).count(), 0);
         EXPECT_EQ((r.velocities.array() != alone.velocities.array()).count(), 0);
+        EXPECT_EQ((r.rough.array() != alone.rough.array()).count(), 0);
     }
     onEveryInstructionSet([&](int64_t target) {
         if (target != HWY_AVX3 && target != HWY_AVX2) return;  // others round products before adding
@@ -135,6 +137,50 @@ void expectNeitherThreadsNorWidthOfPacks(Bounds bounds) {
 
 TEST(CpuRotnePragerYamakawa, NeitherThreadsNorWidthOfPacksShow) {
     for (Bounds bounds : {Unbounded, Wall, Crossing}) expectNeitherThreadsNorWidthOfPacks(bounds);
+}
+
+TEST(CpuRotnePragerYamakawa, RoughProductsAreRightToSixDigits) {
+    onEveryInstructionSet([](int64_t) {
+        for (int n : {1, 9, 33, 100})
+            for (Kind kind : {Spheres, Blobs, Mixed})
+                for (int variant = 0; variant < 12; variant++) {
+                    const Scene scene =
+                        randomScene(n, kind, variant % 2, variant / 2 % 2 ? 10 : 1, Bounds(variant / 4));
+                    CpuRotnePragerYamakawa M(scene.particles, 0.7, {}, scene.wall);
+                    M.setPositions(scene.positions);
+                    MatrixXd dense, exact, rough;
+                    M.dense(dense);
+                    // From below, by the power method.
+                    Eigen::VectorXd v = Eigen::VectorXd::Ones(dense.rows()).normalized();
+                    for (int k = 0; k < 20; k++) v = (dense * v).normalized();
+                    const double norm = (dense * v).norm();
+                    for (double unit : {1.0, 1e-50, 1e50}) {
+                        const MatrixXd forces = unit * MatrixXd::Random(scene.particles.numRows, 3);
+                        M.apply(forces, exact);
+                        M.applyRoughly(forces, rough);
+                        for (int c = 0; c < forces.cols(); c++)
+                            ASSERT_LT((rough - exact).col(c).norm(),
+                                      MobilityOperator::roughError * norm * forces.col(c).norm())
+                                << n << " " << kind << " " << variant;
+                        ASSERT_GT((rough - exact).norm(), 0);  // else this tests nothing
+                    }
+                }
+    });
+}
+
+TEST(CpuRotnePragerYamakawa, RoughProductsAreExactForRadiiBeyondFloats) {
+    for (double unit : {1e-6, 1e6}) {
+        Scene scene = randomScene(20, Mixed, false, 10);
+        for (auto& a : scene.particles.radii) a *= unit;
+        for (auto& r : scene.positions) r *= unit;
+        CpuRotnePragerYamakawa M(scene.particles, 0.7);
+        M.setPositions(scene.positions);
+        const MatrixXd forces = MatrixXd::Random(scene.particles.numRows, 2);
+        MatrixXd exact, rough;
+        M.apply(forces, exact);
+        M.applyRoughly(forces, rough);
+        EXPECT_EQ((exact.array() != rough.array()).count(), 0);
+    }
 }
 
 TEST(CpuRotnePragerYamakawa, ObjectsToTheSamePositions) {

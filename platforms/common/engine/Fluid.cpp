@@ -363,10 +363,13 @@ void Fluid::relaxMatrixFree(Group& group, double h, double kT, const BodySet& bo
             }
         }
     };
-    const auto multiply = [&](const MatrixXd& x, MatrixXd& y) {
-        scale(x, group.wrenches, true);
-        group.mobility->applyMatrixFree(group.wrenches, innerTolerance * force.getSolverTolerance(), group.twists);
-        scale(group.twists, y, false);
+    const auto product = [&](double toleranceOfProducts) {
+        return [&, toleranceOfProducts](const MatrixXd& x, MatrixXd& y) {
+            scale(x, group.wrenches, true);
+            group.mobility->applyMatrixFree(group.wrenches, innerTolerance * force.getSolverTolerance(), group.twists,
+                                            toleranceOfProducts);
+            scale(group.twists, y, false);
+        };
     };
     vector<SpectralFunction> functions = {SpectralFunction::decay(h)};
     group.columns.resize(group.numZ, kT > 0 ? 2 : 1);
@@ -375,7 +378,8 @@ void Fluid::relaxMatrixFree(Group& group, double h, double kT, const BodySet& bo
         group.columns.col(1) = sqrt(kT) * group.chi;
         functions.push_back(SpectralFunction::decayNoise(h));
     }
-    group.lanczos->apply(multiply, group.columns, functions, group.results, Lanczos::NormOfSum);
+    group.lanczos->apply(product(0), group.columns, functions, group.results, Lanczos::NormOfSum,
+                         product(force.getSolverTolerance()));
     if (!group.lanczos->isIncrement(0)) group.Z.setZero();
     for (int c = 0; c < group.results.cols(); c++) group.Z += group.results.col(c);
     group.iterations += group.lanczos->getNumIterations();

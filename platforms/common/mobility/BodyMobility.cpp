@@ -307,7 +307,8 @@ void BodyMobility::apply(const MatrixXd& wrenches, MatrixXd& twists) {
         applyMatrixFree(wrenches, tightTolerance, twists);
 }
 
-void BodyMobility::applyMatrixFree(const MatrixXd& wrenches, double tolerance, MatrixXd& twists) {
+void BodyMobility::applyMatrixFree(const MatrixXd& wrenches, double tolerance, MatrixXd& twists,
+                                   double toleranceOfProducts) {
     const MatrixXd* forces = &wrenches;
     if (hasOwnTensors) {
         scratch = wrenches;
@@ -315,7 +316,7 @@ void BodyMobility::applyMatrixFree(const MatrixXd& wrenches, double tolerance, M
         forces = &scratch;
     }
     if (identityK) {
-        particleOperator->apply(*forces, twists);
+        particleOperator->applyFor(toleranceOfProducts, *forces, twists);
         numProducts += wrenches.cols();
     } else {
         const int iterations = getMultiblobSolver().apply(*particleOperator, *forces, tolerance, twists);

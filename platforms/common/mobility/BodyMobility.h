@@ -87,9 +87,13 @@ public:
     void apply(const Eigen::MatrixXd& wrenches, Eigen::MatrixXd& twists);
     /**
      * twists = N wrenches without any matrix over all bodies: products with the particles' mobility, and MultiblobSolver where
-     * there are multiblobs. @param tolerance  relative, of the latter
+     * there are multiblobs.
+     *
+     * @param tolerance            relative, of the latter
+     * @param toleranceOfProducts  of the former, as of MobilityOperator::applyFor(); 0: exact
      */
-    void applyMatrixFree(const Eigen::MatrixXd& wrenches, double tolerance, Eigen::MatrixXd& twists);
+    void applyMatrixFree(const Eigen::MatrixXd& wrenches, double tolerance, Eigen::MatrixXd& twists,
+                         double toleranceOfProducts = 0);
     /** Whether applyMatrixFree() is possible: the model has products. */
     bool canApplyMatrixFree() const { return particleOperator && particleOperator->hasProducts(); }
 

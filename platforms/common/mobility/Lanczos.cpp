@@ -7,6 +7,8 @@
 #include <cmath>
 #include <sstream>
 
+#include "mobility/MobilityOperator.h"
+
 using namespace OpenMM;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
@@ -18,7 +20,7 @@ namespace {
 // Rounding errors of the iteration are those of a matrix that differs from A by this share of its norm (full
 // reorthogonalisation is backward stable), and of a result that differs by this share. TestLanczos compares with errors
 // seen; with 4, and without the second share, one case in twenty exceeded its estimate.
-const double backwardError = 8 * DBL_EPSILON;
+const double roundingError = 8 * DBL_EPSILON;
 
 /** (f(a) - f(b))/(a - b), and f'(a) for a = b. */
 double slope(const std::function<double(double)>& f, double a, double f_a, double b, double f_b) {
@@ -46,9 +48,25 @@ SpectralFunction SpectralFunction::inverseSquareRoot() {
 Lanczos::Lanczos(double tolerance, int maxIterations) : tolerance(tolerance), maxIterations(maxIterations) {}
 
 void Lanczos::apply(const Product& multiply, const MatrixXd& x, const std::vector<SpectralFunction>& functions,
-                    MatrixXd& result, Measure measure) {
-    const int n = x.rows(), count = x.cols();
+                    MatrixXd& result, Measure measure, const Product& rough) {
     numProducts = numIterations = 0;
+    isRough = rough && tolerance >= MobilityOperator::leastRoughTolerance;
+    if (isRough) {
+        backwardError = MobilityOperator::roughError;
+        try {
+            iterate(rough, x, functions, result, measure);
+            return;
+        } catch (const TooRough&) {
+        }
+    }
+    isRough = false;
+    backwardError = roundingError;
+    iterate(multiply, x, functions, result, measure);
+}
+
+void Lanczos::iterate(const Product& multiply, const MatrixXd& x, const std::vector<SpectralFunction>& functions,
+                      MatrixXd& result, Measure measure) {
+    const int n = x.rows(), count = x.cols();
     result.setZero(n, count);
     columns.resize(count);
     int active = 0;
@@ -79,6 +97,7 @@ void Lanczos::apply(const Product& multiply, const MatrixXd& x, const std::vecto
                 column.active = false;
                 active--;
             } else if (last) {
+                if (isRough) throw TooRough();
                 std::ostringstream message;
                 message << "MobilityForce: after " << k << " products the Lanczos iteration is at a relative error of "
                         << column.error << ", above the tolerance of " << tolerance
@@ -142,6 +161,7 @@ void Lanczos::evaluate(Column& column, const SpectralFunction& f) {
     column.smallest = ritzValues[0];
     column.largest = ritzValues[k - 1];
     if (solver.info() != Eigen::Success || !(column.smallest > 0)) {
+        if (isRough) throw TooRough();
         std::ostringstream message;
         message << "MobilityForce: the mobility is not positive definite (eigenvalues from " << column.smallest
                 << " to " << column.largest << "); look for particles at the same place";
@@ -230,6 +250,7 @@ bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure mea
         return false;
     }
     if (!roundingIsSmall(norm)) {
+        if (isRough) throw TooRough();
         std::ostringstream message;
         message << "MobilityForce: the tolerance of " << tolerance << " cannot be reached: rounding makes an error of "
                 << column.error << " with a mobility whose eigenvalues go from " << column.smallest << " to "

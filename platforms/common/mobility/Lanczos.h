@@ -41,6 +41,9 @@ struct SpectralFunction {
  *            ten eigensystems of tridiagonal k x k matrices.
  * Reference: Saad, SIAM J. Numer. Anal. 29, 209 (1992); Chow, Saad, SIAM J. Sci. Comput. 36, A588 (2014).
  *
+ * Rough products, if there are any, are tried first where the tolerance allows, and their errors are counted with rounding; if that
+ * makes too much of them, all is done again with exact ones.
+ *
  * No clock and no random numbers: the same input gives the same bits.
  */
 class Lanczos {
@@ -61,11 +64,12 @@ public:
      * `tolerance` times the norm of the sum of all results. Increments and columns without `minusOne` are always relative to
      * themselves.
      *
+     * @param rough  if not empty: products as of MobilityOperator::applyRoughly()
      * @throws OpenMMException  tolerance not reached in maxIterations or because of rounding (with what was reached and what
      *                          helps); A not positive definite; numbers that are not finite
      */
     void apply(const Product& multiply, const Eigen::MatrixXd& x, const std::vector<SpectralFunction>& functions,
-               Eigen::MatrixXd& result, Measure measure = OwnNorm);
+               Eigen::MatrixXd& result, Measure measure = OwnNorm, const Product& rough = Product());
 
     bool isIncrement(int column) const { return columns[column].form == Increment; }
     /** Error relative to what the tolerance is relative to, as estimated when the column was finished. */
@@ -76,6 +80,10 @@ public:
     int getNumIterations() const { return numIterations; }
 
 private:
+    /** Rough products will not do. */
+    struct TooRough {};
+    void iterate(const Product& multiply, const Eigen::MatrixXd& x, const std::vector<SpectralFunction>& functions,
+                 Eigen::MatrixXd& result, Measure measure);
     enum Form { Value, Increment };
     /** f(A) x or (f - 1)(A) x for x of length 1, as far as it is known. */
     struct Iterate {
@@ -111,6 +119,8 @@ private:
     Eigen::VectorXd ritzValues, overlap;
     Eigen::MatrixXd input, output;
     int numProducts = 0, numIterations = 0;
+    bool isRough = false;  // the present attempt
+    double backwardError = 0;
 };
 
 }  // namespace RigidHIPlugin

@@ -78,6 +78,19 @@ public:
     virtual bool mayObject() const { return false; }
     /** velocities = M forces; every column is a case of its own. @param velocities  resized and overwritten */
     virtual void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const = 0;
+    /** As apply(), right to `roughError` of the norm of M times that of the forces, where that takes less time. Default: apply(). */
+    virtual void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const {
+        apply(forces, velocities);
+    }
+    /** The error of applyRoughly(), and the tolerances of iterations that can do with it. */
+    static constexpr double roughError = 1e-6, leastRoughTolerance = 5e-5;
+    /** Either, for an iteration of this relative tolerance. */
+    void applyFor(double tolerance, const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const {
+        if (tolerance >= leastRoughTolerance)
+            applyRoughly(forces, velocities);
+        else
+            apply(forces, velocities);
+    }
     /** The matrix itself. Default: apply() to the identity. */
     virtual void dense(Eigen::MatrixXd& mobility) const;
     /** Its inverse. Default: by Cholesky's factors of dense(). @throws OpenMMException if M is not positive definite */

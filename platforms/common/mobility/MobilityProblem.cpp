@@ -154,17 +154,18 @@ void MobilityProblem::applyRoot(const SpectralFunction& f, const MatrixXd& W, Ma
     const vector<SpectralFunction> functions(W.cols(), f);
     const MobilityOperator& blobs = *bodies.particleOperator;
     MultiblobSolver* solver = bodies.identityK ? nullptr : &bodies.getMultiblobSolver();
-    lanczos->apply(
-        [&](const MatrixXd& x, MatrixXd& y) {
+    const auto product = [&](double productTolerance) {
+        return [&, productTolerance](const MatrixXd& x, MatrixXd& y) {
             if (solver) {
-                solver->multiplyScaled(blobs, x, y);
+                solver->multiplyScaled(blobs, productTolerance, x, y);
                 return;
             }
             scaled = ownScale.asDiagonal() * x;
-            blobs.apply(scaled, y);
+            blobs.applyFor(productTolerance, scaled, y);
             y = ownScale.asDiagonal() * y;
-        },
-        W, functions, result);
+        };
+    };
+    lanczos->apply(product(0), W, functions, result, Lanczos::OwnNorm, product(tolerance));
     bodies.numProducts += lanczos->getNumProducts();
     bodies.numSolverIterations += lanczos->getNumIterations();
 }

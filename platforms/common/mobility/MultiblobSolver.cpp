@@ -16,6 +16,8 @@ namespace {
 
 /** Far more than a mobility matrix needs, whose preconditioned condition number is tens. */
 const int maxIterations = 1000;
+/** With rough products; then it is tried with exact ones. */
+const int maxRoughIterations = 100;
 
 }  // namespace
 
@@ -104,9 +106,9 @@ void MultiblobSolver::project() {
     }
 }
 
-void MultiblobSolver::multiply(const MobilityOperator& blobs, const MatrixXd& from, MatrixXd& to) {
+void MultiblobSolver::multiply(const MobilityOperator& blobs, double tolerance, const MatrixXd& from, MatrixXd& to) {
     turn(OfBlobs, false, from, lab);
-    blobs.apply(lab, labProduct);
+    blobs.applyFor(tolerance, lab, labProduct);
     turn(OfBlobs, true, labProduct, to);
 }
 
@@ -117,6 +119,17 @@ int MultiblobSolver::apply(const MobilityOperator& blobs, const MatrixXd& wrench
 
 int MultiblobSolver::solve(const MobilityOperator& blobs, const MatrixXd& wrenches, const MatrixXd& slips,
                            double tolerance, MatrixXd& twists) {
+    if (tolerance >= MobilityOperator::leastRoughTolerance) {
+        const int iterations = iterate(blobs, wrenches, slips, tolerance, true, twists);
+        if (iterations <= maxRoughIterations) return iterations;
+    }
+    return iterate(blobs, wrenches, slips, tolerance, false, twists);
+}
+
+/** @return iterations; if products are rough, more than the most there may be if it does not converge */
+int MultiblobSolver::iterate(const MobilityOperator& blobs, const MatrixXd& wrenches, const MatrixXd& slips,
+                             double tolerance, bool rough, MatrixXd& twists) {
+    const double forProducts = rough ? tolerance : 0;
     const int columns = wrenches.cols();
     const bool withSlips = slips.size() > 0;
     VectorXd slipEnergy = VectorXd::Zero(columns);
@@ -132,7 +145,7 @@ int MultiblobSolver::solve(const MobilityOperator& blobs, const MatrixXd& wrench
     for (size_t e = 0; e < shapes.size(); e++)
         lambda.middleRows(blobRow[e], numBlobRows[e]).noalias() =
             shapes[e]->MinvK * (shapes[e]->N * wrenches_body.middleRows(rows[e], shapes[e]->isFree ? 3 : 6));
-    multiply(blobs, lambda, residual);
+    multiply(blobs, forProducts, lambda, residual);
     if (withSlips) residual += slips_body;
     twists_body.setZero(numRows, columns);
     project();
@@ -151,6 +164,7 @@ int MultiblobSolver::solve(const MobilityOperator& blobs, const MatrixXd& wrench
             if (energy[c] > 0) worst = max(worst, sqrt(abs(gradient[c]) / energy[c]));
         }
         if (converged) break;
+        if (rough && (iteration == maxRoughIterations || !gradient.allFinite())) return maxRoughIterations + 1;
         if (iteration++ == maxIterations || !gradient.allFinite()) {
             ostringstream text;
             text << "MobilityForce: the solver of rigid multiblobs has a relative residual of " << worst << " after "
@@ -158,7 +172,7 @@ int MultiblobSolver::solve(const MobilityOperator& blobs, const MatrixXd& wrench
                  << "; raise setSolverTolerance(), use setSolver(Dense), or look for bodies that overlap deeply";
             throw OpenMM::OpenMMException(text.str());
         }
-        multiply(blobs, direction, product);
+        multiply(blobs, forProducts, direction, product);
         for (int c = 0; c < columns; c++) {
             const double curvature = direction.col(c).dot(product.col(c));
             const double step = curvature > 0 ? gradient[c] / curvature : 0;
@@ -178,12 +192,12 @@ int MultiblobSolver::solve(const MobilityOperator& blobs, const MatrixXd& wrench
 
 void MultiblobSolver::getBlobForces(MatrixXd& lambda_lab) const { turn(OfBlobs, false, lambda, lambda_lab); }
 
-void MultiblobSolver::multiplyScaled(const MobilityOperator& blobs, const MatrixXd& x, MatrixXd& y) {
+void MultiblobSolver::multiplyScaled(const MobilityOperator& blobs, double tolerance, const MatrixXd& x, MatrixXd& y) {
     scaled.resize(x.rows(), x.cols());
     for (size_t e = 0; e < shapes.size(); e++)
         scaled.middleRows(blobRow[e], numBlobRows[e]) =
             shapes[e]->M.matrixU().solve(x.middleRows(blobRow[e], numBlobRows[e]));
-    multiply(blobs, scaled, y);
+    multiply(blobs, tolerance, scaled, y);
     for (size_t e = 0; e < shapes.size(); e++) {
         auto own = y.middleRows(blobRow[e], numBlobRows[e]);
         shapes[e]->M.matrixL().solveInPlace(own);

@@ -25,7 +25,8 @@ struct Pose;
  * Accuracy:  the energy norm of the error of lambda is below the tolerance times that of lambda, so every U F is right to its
  *            square, and U in the norm of the friction to the tolerance; or an error. With slips the tolerance is relative to
  *            both together: the square root of lambda^T M lambda + s^T M~^-1 s, M~ the bodies' own matrices.
- * Cost:      an iteration has one product with M and one solve with each body's own matrix.
+ * Cost:      an iteration has one product with M and one solve with each body's own matrix. Products are rough ones where the
+ *            tolerance allows (MobilityOperator::applyFor); if that does not converge, exact ones.
  */
 class MultiblobSolver {
 public:
@@ -54,8 +55,8 @@ public:
 
     // With M~ = L L^T in the body frame, T the turn to the lab: the well-conditioned S = L^-1 T^T M T L^-T stands for M, so that
     // s = T L S^(1/2) W has the covariance M, and K^T T L^-T S^(-1/2) W that of the friction K^T M^-1 K.
-    /** y = S x */
-    void multiplyScaled(const MobilityOperator& blobs, const Eigen::MatrixXd& x, Eigen::MatrixXd& y);
+    /** y = S x; `tolerance` as of MobilityOperator::applyFor(). */
+    void multiplyScaled(const MobilityOperator& blobs, double tolerance, const Eigen::MatrixXd& x, Eigen::MatrixXd& y);
     /** slips = T L x */
     void slipsFromScaled(const Eigen::MatrixXd& x, Eigen::MatrixXd& slips_lab);
     /** wrenches = K^T T L^-T x */
@@ -73,7 +74,10 @@ private:
     enum Rows { OfBlobs, OfBodies };
     void turn(Rows kind, bool toBody, const Eigen::MatrixXd& from, Eigen::MatrixXd& to) const;
     void project();
-    void multiply(const MobilityOperator& blobs, const Eigen::MatrixXd& lambda_body, Eigen::MatrixXd& result_body);
+    void multiply(const MobilityOperator& blobs, double tolerance, const Eigen::MatrixXd& lambda_body,
+                  Eigen::MatrixXd& result_body);
+    int iterate(const MobilityOperator& blobs, const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips,
+                double tolerance, bool rough, Eigen::MatrixXd& twists);
 
     std::vector<int> rows, blobRow, numBlobRows;  // of elements
     int numRows = 0, numBlobRowsTotal = 0;

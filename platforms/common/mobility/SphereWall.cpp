@@ -178,6 +178,13 @@ void SphereWallCongruence::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd&
     multiply(velocities, false);
 }
 
+void SphereWallCongruence::applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const {
+    scaled = forces;
+    multiply(scaled, true);
+    model->applyRoughly(scaled, velocities);
+    multiply(velocities, false);
+}
+
 void SphereWallCongruence::dense(Eigen::MatrixXd& mobility) const {
     model->dense(mobility);
     multiply(mobility, false);

@@ -46,6 +46,7 @@ public:
     std::string objection(const std::vector<OpenMM::Vec3>& positions) const override;
     bool mayObject() const override { return true; }
     void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
+    void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
     void dense(Eigen::MatrixXd& mobility) const override;
     bool hasProducts() const override { return model->hasProducts(); }
 

@@ -40,9 +40,17 @@ public:
     std::string objection(const std::vector<OpenMM::Vec3>& positions) const override;
     bool mayObject() const override { return wall.has_value(); }
     void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
+    /**
+     * In single precision, but for differences of positions, overlapping pairs, and sums over more than 64 particles: in about half
+     * the time. In double precision if radii are not between 1e-4 and 1e4 nm. Results do not depend on the number of threads, but
+     * on the width of packs.
+     */
+    void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
     void dense(Eigen::MatrixXd& mobility) const override;
 
 private:
+    template <class Number>
+    void multiply(const Eigen::MatrixXd& forces, std::vector<Number>& buffer, Eigen::MatrixXd& velocities) const;
     template <class Task>
     void split(int count, double pairs, const Task& task) const;
 
@@ -60,6 +68,8 @@ private:
     std::vector<double> weight;         // of slots: what velocities and forces are multiplied by, 1 without a wall
     std::vector<double> sources;        // x, y, z, radius of each
     mutable std::vector<double> loads;  // forces and torques, source by source, of the columns being multiplied
+    mutable std::vector<float> singleLoads;
+    bool fitsSingle;
 };
 
 }  // namespace RigidHIPlugin

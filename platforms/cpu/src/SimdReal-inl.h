@@ -26,6 +26,8 @@ typedef hn::Vec<Doubles> DoubleVec;
 typedef hn::Vec<Words> WordVec;
 
 struct Pack {
+    typedef double Scalar;
+    static const int packs = 1;
     DoubleVec v;
     Pack() = default;
     explicit Pack(double x) : v(hn::Set(Doubles(), x)) {}
@@ -51,6 +53,56 @@ HWY_INLINE void store(const Pack& x, double* to) { hn::StoreU(x.v, Doubles(), to
 HWY_INLINE int lanes(const Pack&) { return hn::Lanes(Doubles()); }
 HWY_INLINE bool isFinite(const Pack& x) {
     return hn::AllTrue(Doubles(), hn::Eq(hn::Sub(x.v, x.v), hn::Zero(Doubles())));
+}
+
+/** Floats, as many as fit where the doubles of a Pack do: of two packs, for sums of which six digits are enough. */
+#if HWY_TARGET == HWY_SCALAR
+typedef hn::Rebind<float, Doubles> Floats;
+#else
+typedef hn::Repartition<float, Doubles> Floats;
+#endif
+struct SinglePack {
+    typedef float Scalar;
+    static const int packs = HWY_TARGET == HWY_SCALAR ? 1 : 2;
+    hn::Vec<Floats> v;
+    SinglePack() = default;
+    explicit SinglePack(double x) : v(hn::Set(Floats(), static_cast<float>(x))) {}
+    SinglePack(hn::Vec<Floats> v) : v(v) {}
+};
+HWY_INLINE SinglePack operator+(const SinglePack& a, const SinglePack& b) { return hn::Add(a.v, b.v); }
+HWY_INLINE SinglePack operator-(const SinglePack& a, const SinglePack& b) { return hn::Sub(a.v, b.v); }
+HWY_INLINE SinglePack operator*(const SinglePack& a, const SinglePack& b) { return hn::Mul(a.v, b.v); }
+HWY_INLINE SinglePack operator/(const SinglePack& a, const SinglePack& b) { return hn::Div(a.v, b.v); }
+HWY_INLINE SinglePack squareRoot(const SinglePack& a) { return hn::Sqrt(a.v); }
+HWY_INLINE SinglePack multiplyAdd(const SinglePack& a, const SinglePack& b, const SinglePack& c) {
+    return hn::MulAdd(a.v, b.v, c.v);
+}
+HWY_INLINE SinglePack negativeMultiplyAdd(const SinglePack& a, const SinglePack& b, const SinglePack& c) {
+    return hn::NegMulAdd(a.v, b.v, c.v);
+}
+HWY_INLINE bool allGreater(const SinglePack& a, const SinglePack& b) { return hn::AllTrue(Floats(), hn::Gt(a.v, b.v)); }
+HWY_INLINE void round(const Pack (&x)[1], Pack& to) { to = x[0]; }
+/** What is too large for a float becomes 1e30: times 0, as a factor of the distance 0 is, it must not make a NaN. */
+HWY_INLINE void round(const Pack (&x)[SinglePack::packs], SinglePack& to) {
+    const Doubles d;
+    const auto bounded = [&](const Pack& a) { return hn::Clamp(a.v, hn::Set(d, -1e30), hn::Set(d, 1e30)); };
+#if HWY_TARGET == HWY_SCALAR
+    to.v = hn::DemoteTo(Floats(), bounded(x[0]));
+#else
+    const hn::Half<Floats> half;
+    to.v = hn::Combine(Floats(), hn::DemoteTo(half, bounded(x[1])), hn::DemoteTo(half, bounded(x[0])));
+#endif
+}
+/** sum += x */
+HWY_INLINE void addTo(const SinglePack& x, Pack* sum) {
+    const Doubles d;
+#if HWY_TARGET == HWY_SCALAR
+    sum[0].v = hn::Add(sum[0].v, hn::PromoteTo(d, x.v));
+#else
+    const hn::Half<Floats> half;
+    sum[0].v = hn::Add(sum[0].v, hn::PromoteTo(d, hn::LowerHalf(half, x.v)));
+    sum[1].v = hn::Add(sum[1].v, hn::PromoteTo(d, hn::UpperHalf(half, x.v)));
+#endif
 }
 
 /** Sine and cosine of any argument. */
