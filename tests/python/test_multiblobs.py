@@ -194,6 +194,8 @@ def test_files_that_are_not_there(tmp_path):
             read(tmp_path / 'missing')
     with refused('line 2', 'x y z radius'):
         app.readVertexFile(write(tmp_path / 'no.vertex', '1\n0 0 0\n'), radii=True)
+    with refused("negative.vertex, line 3: found the radius -0.5; a blob's radius is 0 or more"):
+        app.readVertexFile(write(tmp_path / 'negative.vertex', '2\n0 0 0 0\n1 0 0 -0.5\n'), radii=True)
     with refused('radii: got 1; it must be True or False', error=TypeError):
         app.readVertexFile(tmp_path / 'no.vertex', radii=1)
 

@@ -517,6 +517,12 @@ def test_files_that_are_no_h5md(tmp_path):
         file.create_group('h5md').attrs['version'] = [1, 1]
     with refused('group: None is not there; the groups are none'):
         app.readH5md(tmp_path/'x.h5')
+    (tmp_path/'text.h5').write_text('frames')
+    for read in (app.readH5md, app.readBodyStates):
+        with refused('text.h5: it is no HDF5 file'):
+            read(tmp_path/'text.h5')
+        with pytest.raises(FileNotFoundError):
+            read(tmp_path/'missing.h5')
 
 
 def test_gsd_of_other_programs(tmp_path):

@@ -38,12 +38,16 @@ def readVertexFile(file, radii=False):
     Raises
     ------
     ValueError
-        if the file is no vertex file, with its name, the line, what was found there and what was expected
+        if the file is no vertex file, with its name, the line, what was found there and what was expected, or if a radius that is
+        asked for is negative
     OSError
         if there is no such file
     """
     radii = _units.boolean(radii, 'readVertexFile', 'radii')
     rows = _readRows(file, (4,) if radii else (3, 4), 'x y z radius' if radii else 'x y z', 'blobs')
+    for line, values in rows:
+        if radii and values[3] < 0:
+            raise ValueError(f"{os.fspath(file)}, line {line}: found the radius {values[3]:g}; a blob's radius is 0 or more: correct the row")
     rows = np.array([values for _, values in rows])
     return (rows[:, :3].copy(), rows[:, 3].copy()) if radii else rows
 

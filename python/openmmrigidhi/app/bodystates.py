@@ -19,13 +19,12 @@ is its attribute "unit"):
 """
 import dataclasses
 import itertools
-import os
 
 import numpy as np
 from openmm import unit
 
 from .. import _units
-from .trajectories import BodyReporter, rowsBefore
+from .trajectories import BodyReporter, openHdf5, rowsBefore
 
 _FORMAT = 'openmmrigidhi body states'
 _VERSION = 1
@@ -104,7 +103,7 @@ class RigidBodyReporter(BodyReporter):
         import h5py
         definition = _definition(integrator)
         if self._continues():
-            with h5py.File(self._file, 'r+') as file:
+            with openHdf5(self._file, 'r+') as file:
                 _checkSameBodies(file, definition, self._file)
                 kept = rowsBefore(file['step'][:_numFrames(file)], simulation.currentStep)
                 for name in _FRAME_DATA:
@@ -134,8 +133,7 @@ def readBodyStates(file):
     ValueError
         if the file is no body-state file of a known version
     """
-    import h5py
-    with h5py.File(os.fspath(file), 'r') as handle:
+    with openHdf5(file, 'r') as handle:
         _checkFormat(handle, file)
         count = _numFrames(handle)
         frames = {name: _withUnit(handle[name][:count], dimension) for name, (_, _, dimension) in _FRAME_DATA.items()}

@@ -19,13 +19,12 @@ module "units" (n bodies, T frames, s sites in all bodies, m blobs; doubles unle
 H5MD 1.1 has no name for orientations; "orientation" is that of its proposal 104.
 """
 import getpass
-import os
 import re
 
 import numpy as np
 
 from .. import _loading, _units
-from .trajectories import BodyReporter, BodyScene, Trajectory, rowsBefore
+from .trajectories import BodyReporter, BodyScene, Trajectory, openHdf5, rowsBefore
 
 _VERSION = (1, 1)
 _UNITS_VERSION = (1, 0)
@@ -85,7 +84,7 @@ class H5mdReporter(BodyReporter):
         import h5py
         scene = self._scene = BodyScene(integrator, simulation.system, self._types, self._radii, self._blobs, self._name)
         if self._continues():
-            with h5py.File(self._file, 'r+') as file:
+            with openHdf5(self._file, 'r+') as file:
                 self._checkSame(file, scene)
                 bodies = file['particles'][_BODIES]
                 kept = rowsBefore(bodies['position/step'][:_numFrames(file)], simulation.currentStep)
@@ -220,8 +219,7 @@ def readH5md(file, group=None):
         if the file is no H5MD file of version 1, has no such group, no position, orientation or time there, or units that are no lengths or
         times
     """
-    import h5py
-    with h5py.File(os.fspath(file), 'r') as handle:
+    with openHdf5(file, 'r') as handle:
         version = handle['h5md'].attrs.get('version') if 'h5md' in handle else None
         if version is None or version[0] != _VERSION[0]:
             raise ValueError(f'readH5md: {file}: its H5MD version is {version}; it must be 1.x: give an H5MD file')

@@ -202,6 +202,23 @@ class BodyScene:
             np.allclose(self.radii[self.particles[one]], self.radii[self.particles[other]], rtol=0, atol=_SAME_SHAPE)
 
 
+def openHdf5(file, mode):
+    """Open an existing HDF5 file, with mode "r" or "r+"; h5py's own error for another kind of file does not name it.
+
+    Raises
+    ------
+    ValueError
+        if the file is there and is no HDF5 file
+    OSError
+        if there is no such file
+    """
+    import h5py
+    name = os.fspath(file)
+    if os.path.isfile(name) and not h5py.is_hdf5(name):
+        raise ValueError(f'{name}: it is no HDF5 file, which this one must be: give another file')
+    return h5py.File(name, mode)
+
+
 def rowsBefore(steps, step):
     """Get how many frames of a file, with these steps, come before the first new one, at this step: a resumed run replaces the others."""
     return int(np.searchsorted(steps, step))
