@@ -17,7 +17,7 @@ namespace RigidHIPlugin {
  * machine can multiply and add in one rounding (from AVX2 on). They agree with RotnePragerYamakawa and
  * RotnePragerYamakawaWall to rounding.
  *
- * Cost: n^2 pairs, one square root and one division each, shared by two columns at a time; packs in which a pair overlaps
+ * Cost: n^2 pairs, one square root and one division each (above a wall two), shared by two columns at a time; packs in which a pair overlaps
  * take a slower way. Measured: benchmarks/README.md. Nothing is allocated after the first call of each method if the number
  * of columns stays the same, unless threads are used. One object serves one caller at a time.
  */
