@@ -469,7 +469,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return super().getMaximumRejections()
 
     def setMaximumRejections(self, number):
-        """Set how often in a row a step may be redone with new noise; default 100, not negative; more is an error.
+        """Set how often in a row a step may be redone with new noise: 0 to 65535, default 100; more is an error.
 
         Steps are redone when spheres overlap under MobilityForce.StokesianDynamics, or particles come too near to a wall
         (:meth:`setWallRejection`).

@@ -248,7 +248,7 @@ public:
     /**
      * Set how often in a row a step may be redone with new noise (spheres that overlap under
      * MobilityForce::StokesianDynamics; setWallRejection()); default 100. More is an error.
-     * @throws OpenMMException if negative
+     * @throws OpenMMException if negative or above 65535, as many attempts as have random numbers of their own
      */
     void setMaximumRejections(int number);
     /** Get the relative finite-difference step; 0: chosen by the solver. */
@@ -261,7 +261,7 @@ public:
      * @throws OpenMMException if negative, above 0.1 or not finite
      */
     void setFiniteDifferenceStep(double relative);
-    /** Get how many steps were redone since the Context was created. Needs a Context. */
+    /** Get how many steps were redone since the Context was created, at most 2^31 - 1. Needs a Context. */
     int getNumRejectedSteps() const;
     /** @throws OpenMMException if the size is not positive and finite */
     void setStepSize(double size) override;
