@@ -477,7 +477,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         super().setMaximumRejections(_units.integer(number, _where('setMaximumRejections'), 'number'))
 
     def getNumRejectedSteps(self):
-        """Get how many steps were redone since the Context was created. Needs a Context."""
+        """Get how many steps were redone since the Context was created, at most 2**31 - 1. Needs a Context."""
         return super().getNumRejectedSteps()
 
     def setStepSize(self, size):
