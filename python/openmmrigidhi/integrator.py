@@ -336,7 +336,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         ----------
         law : constant
             Gaussian (default); ThreePoint: 0 with probability 2/3, +-sqrt(3) with 1/6 each (eq. 21), enough for weak
-            order 2; TwoPoint: +-1 with probability 1/2 each (eq. 31), enough for GradientThermostat (weak order 1)
+            order 2; TwoPoint: +-1 with probability 1/2 each (eq. 31), enough for weak order 1: GradientThermostat and
+            the schemes without momenta in a fluid
         """
         super().setNoiseLaw(_units.constant(law, NoiseLaw, _where('setNoiseLaw'), 'law'))
 

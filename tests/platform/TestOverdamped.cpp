@@ -588,9 +588,15 @@ TEST(Overdamped, HeightAboveAWall) {
     }
     const double right = first[0] / sum[0], withoutDrift = first[1] / sum[1];
     EXPECT_GT(right - withoutDrift, 0.15);
-    for (const Named& s : schemes) {
-        const Scheme scheme = s.scheme;
+    vector<pair<Scheme, RigidHI::NoiseLaw> > cases;
+    for (const Named& s : schemes) cases.push_back({s.scheme, RigidHI::Gaussian});
+    for (Scheme scheme : {RigidHI::FixmanMidpoint, RigidHI::RandomFiniteDifference, RigidHI::TrapezoidalSlip})
+        cases.push_back({scheme, RigidHI::TwoPoint});
+    for (const auto& [scheme, law] : cases) {
+        const string name = schemes[scheme - RigidHI::EulerMaruyama].name + ", noise law " + to_string(law);
+        SCOPED_TRACE(name);
         OverdampedScene scene(scheme, T1, 0.05);
+        scene.integrator.setNoiseLaw(law);
         const int replicas = 100, steps = 3000, discard = 300;
         vector<int> groups;
         for (int i = 0; i < replicas; i++) {
@@ -612,7 +618,7 @@ TEST(Overdamped, HeightAboveAWall) {
         // Relaxation takes about 10 time units, so every replica has about 8 independent heights of standard deviation 1.
         const Estimate found = estimate(means);
         EXPECT_LT(found.error, 0.05);
-        expectMean(s.name + ", height", found, scheme == RigidHI::EulerMaruyama ? withoutDrift : right);
+        expectMean(name + ", height", found, scheme == RigidHI::EulerMaruyama ? withoutDrift : right);
         if (scheme == RigidHI::EulerMaruyama) {
             EXPECT_GT(right - found.mean, 5 * found.error);
         } else {

@@ -92,7 +92,7 @@ public:
         Gaussian = 0,
         /** 0 with probability 2/3, +-sqrt(3) with 1/6 each (Davidchack 2015, eq. 21): enough for weak order 2. */
         ThreePoint = 1,
-        /** +-1 with probability 1/2 each (eq. 31): enough for weak order 1 (GradientThermostat). */
+        /** +-1 with probability 1/2 each (eq. 31): enough for weak order 1 (GradientThermostat, the schemes of a fluid without momenta). */
         TwoPoint = 2
     };
     /** Which steps through a MobilityForce::NoSlipWall are redone with new noise. */
@@ -184,7 +184,7 @@ public:
     void setScheme(Scheme scheme);
     /** Get the law of the random numbers. */
     NoiseLaw getNoiseLaw() const;
-    /** Set the law of the random numbers (default Gaussian). TwoPoint suffices only for GradientThermostat. */
+    /** Set the law of the random numbers (default Gaussian). TwoPoint suffices only for the schemes without momenta, of weak order 1. */
     void setNoiseLaw(NoiseLaw law);
 
     /** Get the temperature, K. */
