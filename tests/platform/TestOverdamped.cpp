@@ -563,6 +563,29 @@ TEST(Overdamped, StepsThroughTheWallWithoutNoiseAreAnError) {
     }
 }
 
+/** What is wrong with a start is said of it, not of the step: also by schemes that take no mobility there. */
+TEST(Overdamped, StartsBelowTheWallAreNamed) {
+    for (const Named& s : schemes)
+        for (double temperature : {0.0, T1}) {
+            OverdampedScene scene(s.scheme, temperature, 1e-3);
+            scene.fluid->setBoundary(MobilityForce::NoSlipWall);
+            scene.addMassless(sphereKind(0.7), Vec3(0, 0, 2));
+            scene.addMassless(boomerangKind(), Vec3(5, 0, 0.3));
+            scene.start(testPlatform());
+            string message;
+            try {
+                scene.integrator.step(1);
+            } catch (const exception& e) {
+                message = e.what();
+            }
+            SCOPED_TRACE(s.name + ": " + message);
+            EXPECT_NE(message.find("(body 1) has its centre"), string::npos);
+            EXPECT_EQ(message.find("no other noise can help"), string::npos);
+            EXPECT_EQ(message.find("times in a row"), string::npos);
+            EXPECT_EQ(scene.integrator.getNumRejectedSteps(), 0);
+        }
+}
+
 TEST(Overdamped, StiffStepsEndInAnErrorThatNamesTheBody) {
     OverdampedScene scene(RigidHI::RandomFiniteDifference, T1, 50);
     scene.fluid->setBoundary(MobilityForce::NoSlipWall);
