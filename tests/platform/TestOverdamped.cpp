@@ -612,8 +612,10 @@ TEST(Overdamped, HeightAboveAWall) {
     const double right = first[0] / sum[0], withoutDrift = first[1] / sum[1];
     EXPECT_GT(right - withoutDrift, 0.15);
     vector<pair<Scheme, RigidHI::NoiseLaw> > cases;
-    for (const Named& s : schemes) cases.push_back({s.scheme, RigidHI::Gaussian});
-    for (Scheme scheme : {RigidHI::FixmanMidpoint, RigidHI::RandomFiniteDifference, RigidHI::TrapezoidalSlip})
+    for (const Named& s : schemes)
+        if (s.scheme != RigidHI::DriftCorrectorFD)  // as the other, at three times the cost
+            cases.push_back({s.scheme, RigidHI::Gaussian});
+    for (Scheme scheme : {RigidHI::FixmanMidpoint, RigidHI::RandomFiniteDifference})
         cases.push_back({scheme, RigidHI::TwoPoint});
     for (const auto& [scheme, law] : cases) {
         const string name = schemes[scheme - RigidHI::EulerMaruyama].name + ", noise law " + to_string(law);
