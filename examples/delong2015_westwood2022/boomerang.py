@@ -14,7 +14,7 @@ Units: um and s as nm and ps, kT = 1; water at 300 K: eta = 8.9e-4 Pa s, kT/eta 
 import numpy as np
 import pictures
 import runs
-from equilibrium import Equilibrium, aboutPoint, averageMobility, sphereMobilities
+from equilibrium import Equilibrium, averageMobility, sphereMobilities
 from openmmrigidhi import analysis, app
 from walls import Body, Replicas, pyplot
 
@@ -49,7 +49,7 @@ def centres():
     N = replicas.mobilities()
     axes = np.array([BISECTOR, (-BISECTOR[1], BISECTOR[0], 0), (0, 0, 1)])
     CoH, CoM = analysis.planarCenterOfHydrodynamicStress(N[0])._value, analysis.centerOfMobility(N[0])._value
-    about = aboutPoint(N, np.eye(3)[None], CoM)[0]
+    about = analysis.mobilityAboutPoint(N[0], CoM)[:3, :3]
     return {'CoH': float(CoH @ BISECTOR), 'CoM': float(CoM @ BISECTOR), 'chi_3D': float(np.trace(about)/3),
             'D about CoM: bisector, in plane, normal': np.diag(axes @ about @ axes.T),
             'D_rot: bisector, in plane, normal': np.diag(axes @ N[0, 3:, 3:] @ axes.T)}
@@ -61,24 +61,18 @@ def sphereRatio(height):
     return float(w @ sphereMobilities(A + x*height, A, 1/(6*np.pi*A))[:, 0, 0])
 
 
-def planar(N, A):
-    """Eq. 93 for each body, and the sine of the bisector's angle to the vertical."""
-    v = A @ BISECTOR
-    square = v[:, 0]**2 + v[:, 1]**2
-    gradient = np.stack([-v[:, 0]*v[:, 2]/square, -v[:, 1]*v[:, 2]/square, np.ones(len(v))], axis=1)
-    return np.einsum('ni,nij,nj->n', gradient, N[:, 3:, 3:], gradient), np.sqrt(square)
-
-
 def table(equilibrium, bulk, poses, random):
     """Table 1 at one weight."""
     points = {'CoH': bulk['CoH']*BISECTOR, 'CoM': bulk['CoM']*BISECTOR, 'cross point': np.zeros(3), 'tip': equilibrium.body.sites[0]}
 
-    def cut(N, A, h):
-        chi, sine = planar(N, A)
-        return np.where(sine > CUTOFF, chi, 0)
+    def isAbove(A):
+        """Whether the sine of the bisector's angle to the vertical is."""
+        return np.hypot(*(A @ BISECTOR)[:, :2].T) > CUTOFF
 
-    functions = {f'chi_2D {name}': (lambda N, A, h, p=p: aboutPoint(N, A, p)[:, [0, 1], [0, 1]].mean(1)) for name, p in points.items()}
-    functions.update({'chi_theta where sine > cut-off, else 0': cut, 'fraction above cut-off': lambda N, A, h: (planar(N, A)[1] > CUTOFF)*1.0,
+    functions = {f'chi_2D {name}': (lambda N, A, h, p=p: analysis.mobilityAboutPoint(N, A @ p)[:, [0, 1], [0, 1]].mean(1))
+                 for name, p in points.items()}
+    functions.update({'chi_theta where sine > cut-off, else 0': lambda N, A, h: isAbove(A)*analysis.planarAngleMobility(N, A @ BISECTOR),
+                      'fraction above cut-off': lambda N, A, h: isAbove(A)*1.0,
                       'D_rot zz': lambda N, A, h: N[:, 5, 5]})
     means = averageMobility(equilibrium, functions, random, poses)
     tip = equilibrium.body.sites[0]

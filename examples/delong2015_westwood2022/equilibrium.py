@@ -148,17 +148,6 @@ def averageMobility(equilibrium, functions, random, poses, atATime=32):
     return {name: (float(v.mean()), float(v.std(ddof=1)/np.sqrt(len(v)))) for name, v in values.items()}
 
 
-def aboutPoint(N, A, point):
-    """The translational block (n, 3, 3) about another point of the body, body frame (eq. 61)."""
-    r = A @ np.asarray(point)
-    cross = np.zeros((len(N), 3, 3))
-    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -r[:, 2], r[:, 1], -r[:, 0]
-    cross -= cross.transpose(0, 2, 1)
-    # V' = V + W x r = V - [r] W, so K = (1, -[r]) and N' = K N K^T.
-    K = np.concatenate([np.broadcast_to(np.eye(3), cross.shape), -cross], axis=2)
-    return K @ N @ K.transpose(0, 2, 1)
-
-
 def sphereMobilities(heights, radius, viscosity):
     """Mobilities times kT (n, 6, 6) of a sphere with its centre at these heights, by the best known formulas (setSphereWallMobility)."""
     sphere = Body('sphere', np.zeros((1, 3)), np.array([radius]), np.zeros(1), np.array([], int), 0.0, radius, 1.0, viscosity)

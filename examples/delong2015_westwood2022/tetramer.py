@@ -13,8 +13,8 @@ Units: blob radius a = 1, kT = 1, time 6 pi eta a^3/kT = 1.
 import numpy as np
 import pictures
 import runs
-from equilibrium import Equilibrium, aboutPoint, averageMobility, rotationalPlateau, withoutDrift
-from openmmrigidhi import app
+from equilibrium import Equilibrium, averageMobility, rotationalPlateau, withoutDrift
+from openmmrigidhi import analysis, app
 from walls import Body, pyplot
 
 #: Figure 3's step; Figure 4 has 0.136.
@@ -39,7 +39,7 @@ def exact(equilibrium, poses, random):
     variance = equilibrium.average(lambda h, u: (h - height)**2 + 0*u[:, 2])
     mobility = averageMobility(equilibrium, {
         'slope centre': lambda N, A, h: 2*(N[:, 0, 0] + N[:, 1, 1]),
-        'slope vertex': lambda N, A, h: 2*aboutPoint(N, A, b.sites[3])[:, [0, 1], [0, 1]].sum(1),
+        'slope vertex': lambda N, A, h: 2*analysis.mobilityAboutPoint(N, A @ b.sites[3])[:, [0, 1], [0, 1]].sum(1),
         'rotation xx': lambda N, A, h: N[:, 3, 3] + N[:, 4, 4]}, random, poses)
     return {'mean h': height, 'gravitational height': variance**0.5, 'mean cos theta': equilibrium.average(lambda h, u: u[:, 2] + 0*h),
             'without drift': withoutDrift(equilibrium, random), 'mobility averages (mean, error)': mobility, 'rotational plateau (mean, error)': rotationalPlateau(equilibrium, random)}

@@ -369,9 +369,12 @@ void CustomRigidHIIntegrator::setWallRejection(WallRejection rejection) {
 int CustomRigidHIIntegrator::getMaximumRejections() const { return maximumRejections; }
 
 void CustomRigidHIIntegrator::setMaximumRejections(int number) {
-    if (number < 0)
-        fail("setMaximumRejections()", "the number is " + text(number), "it must not be negative",
-             "give a value from 0 up");
+    // Random numbers depend on the attempt through 16 bits of their counter (platforms/common/random/CounterNoise.h).
+    const int most = 65535;
+    if (number < 0 || number > most)
+        fail("setMaximumRejections()", "the number is " + text(number),
+             "it must be from 0 to " + text(most) + ", as many attempts as have random numbers of their own",
+             "give a value in this range, and where steps are redone so often a smaller step");
     maximumRejections = number;
     settingsVersion++;
 }

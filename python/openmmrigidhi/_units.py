@@ -110,11 +110,12 @@ def array(buffer, columns=None):
     return numbers_ if columns is None else numbers_.reshape(-1, columns)
 
 
-def matrix(values, shape, where, name):
-    """A matrix of mixed dimension: plain numbers of a fixed shape."""
+def matrix(values, shape, where, name, stack=False):
+    """A matrix of mixed dimension: plain numbers of a fixed shape; with `stack` also n of them."""
     result = _floats(values, NONE, where, name)
-    if result.shape != shape:
-        raise ValueError(f'{where}: {name}: got an array of shape {result.shape}; the shape must be {shape}: '
+    if result.shape != shape and not (stack and result.shape[1:] == shape):
+        either = f'{shape} or {("n", *shape)}'.replace("'", '') if stack else f'{shape}'
+        raise ValueError(f'{where}: {name}: got an array of shape {result.shape}; the shape must be {either}: '
                          "give plain numbers in OpenMM's units")
     return result
 
@@ -147,6 +148,16 @@ def vector(value, dimension, where, name):
     if array.shape != (3,):
         raise ValueError(f'{where}: {name}: got an array of shape {array.shape}; the shape must be (3,): '
                          'give three numbers')
+    return array
+
+
+def oneOrEach(values, dimension, columns, items, where, name):
+    """An array (columns,) for all of a stack of items, or (n, columns) for each of them; items is None if there is only one, for any n."""
+    array = _floats(values, dimension, where, name)
+    count = 'n' if items is None else items
+    if array.shape != (columns,) and not (array.ndim == 2 and array.shape[1] == columns and items in (None, len(array))):
+        raise ValueError(f'{where}: {name}: got an array of shape {array.shape}; the shape must be ({columns},), for all matrices, '
+                         f'or ({count}, {columns}), for each: give rows of {columns} numbers')
     return array
 
 

@@ -336,7 +336,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         ----------
         law : constant
             Gaussian (default); ThreePoint: 0 with probability 2/3, +-sqrt(3) with 1/6 each (eq. 21), enough for weak
-            order 2; TwoPoint: +-1 with probability 1/2 each (eq. 31), enough for GradientThermostat (weak order 1)
+            order 2; TwoPoint: +-1 with probability 1/2 each (eq. 31), enough for weak order 1: GradientThermostat and
+            the schemes without momenta in a fluid
         """
         super().setNoiseLaw(_units.constant(law, NoiseLaw, _where('setNoiseLaw'), 'law'))
 
@@ -469,7 +470,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return super().getMaximumRejections()
 
     def setMaximumRejections(self, number):
-        """Set how often in a row a step may be redone with new noise; default 100, not negative; more is an error.
+        """Set how often in a row a step may be redone with new noise: 0 to 65535, default 100; more is an error.
 
         Steps are redone when spheres overlap under MobilityForce.StokesianDynamics, or particles come too near to a wall
         (:meth:`setWallRejection`).
@@ -477,7 +478,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         super().setMaximumRejections(_units.integer(number, _where('setMaximumRejections'), 'number'))
 
     def getNumRejectedSteps(self):
-        """Get how many steps were redone since the Context was created. Needs a Context."""
+        """Get how many steps were redone since the Context was created, at most 2**31 - 1. Needs a Context."""
         return super().getNumRejectedSteps()
 
     def setStepSize(self, size):

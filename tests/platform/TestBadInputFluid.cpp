@@ -239,7 +239,11 @@ TEST(BadFluid, StepsThatEndInOverlapUnderStokesianDynamics) {
         scene.integrator.step(2);
     }
     CustomRigidHIIntegrator integrator(300, 0.001);
-    expectError([&] { integrator.setMaximumRejections(-1); }, {"the number is -1", "it must not be negative"});
+    for (int bad : {-1, 65536})
+        expectError([&] { integrator.setMaximumRejections(bad); },
+                    {"the number is " + to_string(bad), "it must be from 0 to 65535"});
+    integrator.setMaximumRejections(65535);
+    EXPECT_EQ(integrator.getMaximumRejections(), 65535);
 }
 
 TEST(BadFluid, Integrators) {

@@ -52,19 +52,36 @@ struct OverdampedScene : FluidScene {
         for (int i = 0; i < system.getNumParticles(); i++) field->addParticle(i, vector<double>());
         system.addForce(field);
     }
-    /** Multiblob, sphere off its origin, rod and free particle in wells, above a wall or not. */
-    void addMixture(bool wall) {
+    /** Multiblob, sphere off its origin, rod or not, free particle or not, all in wells, above a wall or not. */
+    void addMixture(bool wall, bool rod = false, bool free = true) {
         addMassless(boomerangKind(), Vec3(0, 0, 4), randomTurn(1));
         BodyKind sphere = sphereKind(0.8);
         sphere.sites[0] = Vec3(0.1, 0, -0.2);
         addMassless(sphere, Vec3(3, 0.5, 3.5), randomTurn(2));
-        addFree(0, 0.5, Vec3(-2.5, 1, 4));
-        // On its line a torque of the wells would be refused.
+        if (rod) addMassless(rodKind(), Vec3(0, -3, 5), randomTurn(5));
+        if (free) addFree(0, 0.5, Vec3(-2.5, 1, 4));
         if (wall) {
             fluid->setBoundary(MobilityForce::NoSlipWall);
             fluid->setWallHeight(0.3);
         }
         addWells("2*(x-1)^2 + (y+1)^2 + 0.5*(z-4)^4 + 0.3*x*y");
+    }
+    /** Forces and torques of the mixture's wells, differentiated by hand. */
+    static VectorXd wrenchesOfWells(const vector<LabBody>& bodies) {
+        int row = 0;
+        for (const LabBody& body : bodies) row += body.rows();
+        VectorXd wrenches = VectorXd::Zero(row);
+        row = 0;
+        for (const LabBody& body : bodies) {
+            for (const Vector3d& offset : body.offsets) {
+                const Vector3d x = body.R + offset;
+                const Vector3d f(-4 * (x[0] - 1) - 0.3 * x[1], -2 * (x[1] + 1) - 0.3 * x[0], -2 * pow(x[2] - 4, 3));
+                wrenches.segment<3>(row) += f;
+                if (!body.isFree) wrenches.segment<3>(row + 3) += offset.cross(f);
+            }
+            row += body.rows();
+        }
+        return wrenches;
     }
     static QuaternionArray randomTurn(int seed) {
         mt19937 random(seed);
@@ -136,32 +153,44 @@ TEST(Overdamped, TimeDependentForcesAreTakenWhereTheSchemesTakeThem) {
 }
 
 TEST(Overdamped, VelocityIsMobilityTimesForce) {
+    // Every row, within the O(h) by which velocities change during the step. getMobilityInContext() has no rows of free particles, and
+    // the forces on these act on bodies too: so the mobility is the independent one, which is compared with the other where that is all.
+    const double h = 1e-7;
     for (const Named& s : schemes) {
-        const double h = 1e-7;
-        OverdampedScene scene(s.scheme, 0, h);
-        scene.addMixture(true);
-        scene.addMassless(rodKind(), Vec3(0, -3, 5), OverdampedScene::randomTurn(5));
-        scene.start(testPlatform());
-        const MatrixXd N = scene.mobility();
-        const auto R = scene.integrator.getBodyPositions();
-        scene.integrator.step(1);
-        VectorXd wrenches(18);
-        const auto f = scene.integrator.getBodyForces(), t = scene.integrator.getBodyTorques();
-        for (int b = 0; b < 3; b++) wrenches.segment(6 * b, 6) << toEigen(f[b]), toEigen(t[b]);
-        const VectorXd twists = N * wrenches;
-        // The free particle's force acts on the others too, so compare with a scene in which it is immobile.
-        OverdampedScene alone(s.scheme, 0, h);
-        alone.addMassless(boomerangKind(), Vec3(0, 0, 4), OverdampedScene::randomTurn(1));
-        alone.addWells("2*(x-1)^2 + (y+1)^2 + 0.5*(z-4)^4 + 0.3*x*y");
-        alone.start(testPlatform());
-        const MatrixXd N1 = alone.mobility();
-        const auto R1 = alone.integrator.getBodyPositions();
-        alone.integrator.step(1);
-        VectorXd wrench(6);
-        wrench << toEigen(alone.integrator.getBodyForces()[0]), toEigen(alone.integrator.getBodyTorques()[0]);
-        const Vector3d moved = toEigen(alone.integrator.getBodyPositions()[0] - R1[0]) / h;
-        EXPECT_LT((moved - (N1 * wrench).head(3)).norm(), 1e-6 * moved.norm()) << s.name;
-        EXPECT_TRUE(isfinite(twists.norm()));
+        for (bool wall : {false, true}) {
+            for (bool free : {false, true}) {
+                SCOPED_TRACE(s.name + (wall ? ", wall" : "") + (free ? ", free particle" : ""));
+                OverdampedScene scene(s.scheme, 0, h);
+                scene.addMixture(wall, true, free);
+                scene.start(testPlatform());
+                const auto bodies = scene.labBodies();
+                const MatrixXd N = scene.expected(bodies).mobility;
+                if (!free) {
+                    EXPECT_LT(difference(scene.mobility(), N), 1e-11);
+                }
+                const VectorXd twists = N * OverdampedScene::wrenchesOfWells(bodies);
+                const auto R = scene.integrator.getBodyPositions();
+                const auto q = scene.integrator.getBodyOrientations();
+                const auto x = positionsOf(*scene.context);
+                scene.integrator.step(1);
+                const auto R1 = scene.integrator.getBodyPositions();
+                const auto q1 = scene.integrator.getBodyOrientations();
+                VectorXd found(twists.size());
+                for (size_t b = 0; b < R.size(); b++) {
+                    const Eigen::AngleAxisd turn(rotationOf(q1[b]) * rotationOf(q[b]).transpose());
+                    found.segment(6 * b, 6) << toEigen(R1[b] - R[b]) / h, turn.angle() / h * turn.axis();
+                }
+                if (free) {
+                    const int p = scene.freeParticles[0];
+                    found.tail(3) = toEigen(positionsOf(*scene.context)[p] - x[p]) / h;
+                }
+                for (int i = 0; i < found.size(); i++)
+                    EXPECT_NEAR(found[i], twists[i], 1e-6 * twists.norm()) << "row " << i;
+                // Nothing here is so small that it would pass as zero.
+                for (int i = 0; i < found.size(); i += 3)
+                    EXPECT_GT(twists.segment(i, 3).norm(), 1e-2 * twists.norm()) << "row " << i;
+            }
+        }
     }
 }
 
@@ -534,6 +563,29 @@ TEST(Overdamped, StepsThroughTheWallWithoutNoiseAreAnError) {
     }
 }
 
+/** What is wrong with a start is said of it, not of the step: also by schemes that take no mobility there. */
+TEST(Overdamped, StartsBelowTheWallAreNamed) {
+    for (const Named& s : schemes)
+        for (double temperature : {0.0, T1}) {
+            OverdampedScene scene(s.scheme, temperature, 1e-3);
+            scene.fluid->setBoundary(MobilityForce::NoSlipWall);
+            scene.addMassless(sphereKind(0.7), Vec3(0, 0, 2));
+            scene.addMassless(boomerangKind(), Vec3(5, 0, 0.3));
+            scene.start(testPlatform());
+            string message;
+            try {
+                scene.integrator.step(1);
+            } catch (const exception& e) {
+                message = e.what();
+            }
+            SCOPED_TRACE(s.name + ": " + message);
+            EXPECT_NE(message.find("(body 1) has its centre"), string::npos);
+            EXPECT_EQ(message.find("no other noise can help"), string::npos);
+            EXPECT_EQ(message.find("times in a row"), string::npos);
+            EXPECT_EQ(scene.integrator.getNumRejectedSteps(), 0);
+        }
+}
+
 TEST(Overdamped, StiffStepsEndInAnErrorThatNamesTheBody) {
     OverdampedScene scene(RigidHI::RandomFiniteDifference, T1, 50);
     scene.fluid->setBoundary(MobilityForce::NoSlipWall);
@@ -559,8 +611,17 @@ TEST(Overdamped, HeightAboveAWall) {
     }
     const double right = first[0] / sum[0], withoutDrift = first[1] / sum[1];
     EXPECT_GT(right - withoutDrift, 0.15);
-    for (Scheme scheme : {RigidHI::EulerMaruyama, RigidHI::RandomFiniteDifference, RigidHI::TrapezoidalSlip}) {
+    vector<pair<Scheme, RigidHI::NoiseLaw> > cases;
+    for (const Named& s : schemes)
+        if (s.scheme != RigidHI::DriftCorrectorFD)  // as the other, at three times the cost
+            cases.push_back({s.scheme, RigidHI::Gaussian});
+    for (Scheme scheme : {RigidHI::FixmanMidpoint, RigidHI::RandomFiniteDifference})
+        cases.push_back({scheme, RigidHI::TwoPoint});
+    for (const auto& [scheme, law] : cases) {
+        const string name = schemes[scheme - RigidHI::EulerMaruyama].name + ", noise law " + to_string(law);
+        SCOPED_TRACE(name);
         OverdampedScene scene(scheme, T1, 0.05);
+        scene.integrator.setNoiseLaw(law);
         const int replicas = 100, steps = 3000, discard = 300;
         vector<int> groups;
         for (int i = 0; i < replicas; i++) {
@@ -582,9 +643,11 @@ TEST(Overdamped, HeightAboveAWall) {
         // Relaxation takes about 10 time units, so every replica has about 8 independent heights of standard deviation 1.
         const Estimate found = estimate(means);
         EXPECT_LT(found.error, 0.05);
-        expectMean("height", found, scheme == RigidHI::EulerMaruyama ? withoutDrift : right);
+        expectMean(name + ", height", found, scheme == RigidHI::EulerMaruyama ? withoutDrift : right);
         if (scheme == RigidHI::EulerMaruyama) {
             EXPECT_GT(right - found.mean, 5 * found.error);
+        } else {
+            EXPECT_GT(found.mean - withoutDrift, 5 * found.error);
         }
     }
 }

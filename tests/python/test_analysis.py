@@ -297,6 +297,20 @@ def test_mobility_in_the_body_frame():
     assert np.allclose(analysis.mobilityInBodyFrame(inLab, -3*q), expected, rtol=0, atol=1e-10*np.abs(expected).max())
 
 
+def test_stacks_of_mobilities_are_the_matrices_one_by_one():
+    random = np.random.default_rng(3)
+    N = np.stack([mobility(SHAPES[shape], 0.8, orientation=turns(random.normal(size=3))) for shape in ('boomerang', 'skew', 'tetramer')])
+    for function, rows in ((analysis.mobilityAboutPoint, random.normal(size=(3, 3))), (analysis.mobilityInBodyFrame, random.normal(size=(3, 4))),
+                           (analysis.planarAngleMobility, random.normal(size=(3, 3)))):
+        for mobilities, values in ((N, rows), (N, rows[0]), (N[0], rows)):
+            expected = [function(m, v) for m, v in zip(np.broadcast_to(mobilities, N.shape), np.broadcast_to(values, rows.shape))]
+            found = function(mobilities, values)
+            assert found.shape == np.shape(expected) and np.allclose(found, expected, rtol=1e-12, atol=1e-14*np.abs(expected).max())
+        assert function(N[:0], rows[:0]).shape == (0, *np.shape(expected)[1:])
+    assert isinstance(analysis.planarAngleMobility(N[0], (1, 0, 0)), float)
+    assert np.allclose(analysis.mobilityAboutPoint(N, rows*unit.angstrom), analysis.mobilityAboutPoint(N, rows/10), rtol=1e-12)
+
+
 def test_planar_angle_mobility(boomerang):
     assert analysis.planarAngleMobility(boomerang, BISECTOR) == pytest.approx(boomerang[5, 5])
     M = mobility(SHAPES['skew'], 0.8)
@@ -453,8 +467,28 @@ def test_bad_mobilities():
         analysis.planarCenterOfHydrodynamicStress(np.diag([1.0, 1, 1, 1, 1, 0]))
     with refused('mobilityAboutPoint: shift: got a quantity in picosecond', error=TypeError):
         analysis.mobilityAboutPoint(good, (0, 0, 1)*unit.picosecond)
-    for bad in ((1, 0, 0), (0, 0, 0, 0)):
-        with refused('mobilityInBodyFrame: orientation: got', 'it must be four numbers w, x, y, z, not all 0'):
+    for bad in ((0, 0, 0, 0), [(1, 0, 0, 0), (0, 0, 0, 0)]):
+        with refused('mobilityInBodyFrame: orientation: got [0. 0. 0. 0.]', 'it must be four numbers w, x, y, z, not all 0'):
             analysis.mobilityInBodyFrame(good, bad)
-    with refused('planarAngleMobility: direction: got [0. 0. 1.]; a direction along z has no angle'):
-        analysis.planarAngleMobility(good, (0, 0, 1))
+    for bad in ((0, 0, 1), [(1, 0, 0), (0, 0, 1)]):
+        with refused('planarAngleMobility: direction: got [0. 0. 1.]; a direction along z has no angle'):
+            analysis.planarAngleMobility(good, bad)
+
+
+def test_bad_stacks_of_mobilities():
+    good, row = np.diag([2.0, 2, 2, 1, 1, 1]), {'shift': (0, 0, 1), 'orientation': (1, 0, 0, 0), 'direction': (1, 0, 0)}
+    for function, name in ((analysis.mobilityAboutPoint, 'shift'), (analysis.mobilityInBodyFrame, 'orientation'),
+                           (analysis.planarAngleMobility, 'direction')):
+        columns = len(row[name])
+        # One bad matrix among good ones; small ones are judged by their own size.
+        lopsided = np.stack([1e6*good, good])
+        lopsided[1, 0, 1] = 1
+        with refused(f'{function.__name__}: N: a mobility must be symmetric'):
+            function(lopsided, row[name])
+        for bad in (np.eye(12), np.ones((2, 2, 6, 6)), np.ones((2, 6, 5))):
+            with refused(f'{function.__name__}: N: got an array of shape {bad.shape}; the shape must be (6, 6) or (n, 6, 6)'):
+                function(bad, row[name])
+        for N, bad, count in ((good, row[name][1:], 'n'), ([good, good], 3*[row[name]], 2), ([good, good], [[row[name]]], 2)):
+            with refused(f'{function.__name__}: {name}: got an array of shape {np.shape(bad)}',
+                         f'the shape must be ({columns},), for all matrices, or ({count}, {columns}), for each'):
+                function(N, bad)

@@ -103,6 +103,15 @@ def test_a_setting_that_must_be_positive(integrator, setter, value):
         getattr(integrator, setter)(value)
 
 
+@pytest.mark.parametrize('number', [-1, 65536, 2**31 - 1])
+def test_more_rejections_than_have_random_numbers(integrator, number):
+    with refused('setMaximumRejections()', f'the number is {number}', 'it must be from 0 to 65535, as many attempts', 'a smaller step'):
+        integrator.setMaximumRejections(number)
+    assert integrator.getMaximumRejections() == 100
+    integrator.setMaximumRejections(65535)
+    assert integrator.getMaximumRejections() == 65535
+
+
 def test_unknown_constants(integrator):
     with refused('setScheme()', 'scheme 17 is unknown', 'it must be one of LangevinA'):
         integrator.setScheme(17)

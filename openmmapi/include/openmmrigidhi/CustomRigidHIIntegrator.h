@@ -92,7 +92,7 @@ public:
         Gaussian = 0,
         /** 0 with probability 2/3, +-sqrt(3) with 1/6 each (Davidchack 2015, eq. 21): enough for weak order 2. */
         ThreePoint = 1,
-        /** +-1 with probability 1/2 each (eq. 31): enough for weak order 1 (GradientThermostat). */
+        /** +-1 with probability 1/2 each (eq. 31): enough for weak order 1 (GradientThermostat, the schemes of a fluid without momenta). */
         TwoPoint = 2
     };
     /** Which steps through a MobilityForce::NoSlipWall are redone with new noise. */
@@ -184,7 +184,7 @@ public:
     void setScheme(Scheme scheme);
     /** Get the law of the random numbers. */
     NoiseLaw getNoiseLaw() const;
-    /** Set the law of the random numbers (default Gaussian). TwoPoint suffices only for GradientThermostat. */
+    /** Set the law of the random numbers (default Gaussian). TwoPoint suffices only for the schemes without momenta, of weak order 1. */
     void setNoiseLaw(NoiseLaw law);
 
     /** Get the temperature, K. */
@@ -248,7 +248,7 @@ public:
     /**
      * Set how often in a row a step may be redone with new noise (spheres that overlap under
      * MobilityForce::StokesianDynamics; setWallRejection()); default 100. More is an error.
-     * @throws OpenMMException if negative
+     * @throws OpenMMException if negative or above 65535, as many attempts as have random numbers of their own
      */
     void setMaximumRejections(int number);
     /** Get the relative finite-difference step; 0: chosen by the solver. */
@@ -261,7 +261,7 @@ public:
      * @throws OpenMMException if negative, above 0.1 or not finite
      */
     void setFiniteDifferenceStep(double relative);
-    /** Get how many steps were redone since the Context was created. Needs a Context. */
+    /** Get how many steps were redone since the Context was created, at most 2^31 - 1. Needs a Context. */
     int getNumRejectedSteps() const;
     /** @throws OpenMMException if the size is not positive and finite */
     void setStepSize(double size) override;

@@ -3,7 +3,9 @@
 #include <openmm/OpenMMException.h>
 #include <openmm/reference/SimTKOpenMMRealType.h>
 
+#include <algorithm>
 #include <cmath>
+#include <limits>
 #include <sstream>
 
 #include "engine/RigidBodyKernel.h"
@@ -370,7 +372,10 @@ vector<double> RigidBodyKernel::applyMobility(ContextImpl& context, const vector
     return vector<double>(twists.data(), twists.data() + twists.size());
 }
 
-int RigidBodyKernel::getNumRejectedSteps(ContextImpl&) { return counters.rejectedSteps; }
+int RigidBodyKernel::getNumRejectedSteps(ContextImpl&) {
+    // The public type is int, the counter is not: a long run stays at the largest number instead of becoming negative.
+    return static_cast<int>(min<long long>(counters.rejectedSteps, numeric_limits<int>::max()));
+}
 
 vector<Vec3> RigidBodyKernel::drawVelocities(ContextImpl& context, double temperature, int drawSeed) {
     requirePositions("setVelocitiesToTemperature()");

@@ -31,6 +31,7 @@ struct NoiseStream {
 
     uint32_t seed = 1;
     int64_t step = 0;
+    /** Below 2^16: CustomRigidHIIntegrator::setMaximumRejections() sees to it. */
     uint32_t attempt = 0;
     Law law = Gaussian;
 

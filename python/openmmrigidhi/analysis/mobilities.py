@@ -2,7 +2,7 @@
 
 Mobilities are 6 x 6 matrices of plain numbers in OpenMM's units, rows Vx Vy Vz Wx Wy Wz, columns Fx Fy Fz Tx Ty Tz, as
 MobilityForce.getMobilityInContext returns them: N[6*i:6*i+6, 6*i:6*i+6] is that of body i. Points are relative to that about which the
-mobility is given, and in the same frame.
+mobility is given, and in the same frame. What does not look for a point takes stacks of mobilities too, of n bodies or configurations.
 """
 import numpy as np
 
@@ -18,14 +18,14 @@ def mobilityAboutPoint(N, shift):
 
     Parameters
     ----------
-    N : array-like of shape (6, 6)
-        mobility about a point of the body
-    shift : Vec3, sequence or Quantity of shape (3,)
-        from that point to the new one, in the frame of N, nm
+    N : array-like of shape (6, 6) or (n, 6, 6)
+        mobility about a point of the body, or n of them
+    shift : Vec3, sequence or Quantity of shape (3,) or (n, 3)
+        from that point to the new one, in the frame of N, nm; one for all mobilities, or one for each
 
     Returns
     -------
-    array of shape (6, 6)
+    array of shape (6, 6), or (n, 6, 6) if N or shift are n
         velocity of the new point and angular velocity, for a force and the torque about the new point
 
     Raises
@@ -33,10 +33,11 @@ def mobilityAboutPoint(N, shift):
     TypeError, ValueError
         if N is no symmetric matrix of finite numbers of this shape, or shift no three lengths
     """
-    N = _mobility(N, 'mobilityAboutPoint')
-    transfer = np.eye(6)
-    transfer[:3, 3:] = -_cross(_units.vector(shift, _units.LENGTH, 'mobilityAboutPoint', 'shift'))  # V + W x shift
-    return transfer @ N @ transfer.T
+    N = _mobility(N, 'mobilityAboutPoint', stack=True)
+    shift = _oneOrEach(shift, _units.LENGTH, 3, N, 'mobilityAboutPoint', 'shift')
+    transfer = np.tile(np.eye(6), shift.shape[:-1] + (1, 1))
+    transfer[..., :3, 3:] = -_cross(shift)  # V + W x shift
+    return transfer @ N @ transfer.swapaxes(-1, -2)
 
 
 def mobilityInBodyFrame(N, orientation):
@@ -44,14 +45,14 @@ def mobilityInBodyFrame(N, orientation):
 
     Parameters
     ----------
-    N : array-like of shape (6, 6)
-        mobility in the lab frame
-    orientation : sequence of shape (4,)
-        unit quaternion (w, x, y, z), body frame to lab frame, of any length but 0
+    N : array-like of shape (6, 6) or (n, 6, 6)
+        mobility in the lab frame, or n of them
+    orientation : sequence of shape (4,) or (n, 4)
+        unit quaternion (w, x, y, z), body frame to lab frame, of any length but 0; one for all mobilities, or one for each
 
     Returns
     -------
-    array of shape (6, 6)
+    array of shape (6, 6), or (n, 6, 6) if N or orientation are n
         velocities and forces along the body axes
 
     Raises
@@ -59,13 +60,17 @@ def mobilityInBodyFrame(N, orientation):
     TypeError, ValueError
         if N is no symmetric matrix of finite numbers of this shape, or orientation no quaternion
     """
-    N = _mobility(N, 'mobilityInBodyFrame')
-    q = _units.sequence(orientation, _units.NONE, 'mobilityInBodyFrame', 'orientation')
-    if q.shape != (4,) or not 0 < np.linalg.norm(q) < np.inf:
-        raise ValueError(f'mobilityInBodyFrame: orientation: got {q}; it must be four numbers w, x, y, z, not all 0: '
-                         'give one row of getBodyOrientations()')
-    turn = np.kron(np.eye(2), rotationMatrices(q/np.linalg.norm(q)).T)
-    return turn @ N @ turn.T
+    N = _mobility(N, 'mobilityInBodyFrame', stack=True)
+    q = _oneOrEach(orientation, _units.NONE, 4, N, 'mobilityInBodyFrame', 'orientation')
+    length = np.linalg.norm(q, axis=-1, keepdims=True)
+    good = (0 < length) & (length < np.inf)
+    if not np.all(good):
+        raise ValueError(f'mobilityInBodyFrame: orientation: got {_first(~good[..., 0], q)}; it must be four numbers w, x, y, z, not all 0: '
+                         'give rows of getBodyOrientations()')
+    A = rotationMatrices(q/length)
+    turn = np.zeros(A.shape[:-2] + (6, 6))
+    turn[..., :3, :3] = turn[..., 3:, 3:] = A.swapaxes(-1, -2)
+    return turn @ N @ turn.swapaxes(-1, -2)
 
 
 def centerOfMobility(N):
@@ -168,14 +173,14 @@ def planarAngleMobility(N, direction):
 
     Parameters
     ----------
-    N : array-like of shape (6, 6)
-        mobility in the lab frame
-    direction : Vec3 or sequence of shape (3,)
-        the direction in the lab frame, of any length
+    N : array-like of shape (6, 6) or (n, 6, 6)
+        mobility in the lab frame, or n of them
+    direction : Vec3 or sequence of shape (3,) or (n, 3)
+        the direction in the lab frame, of any length; one for all mobilities, or one for each
 
     Returns
     -------
-    float
+    float, or array of shape (n,) if N or direction are n
         rad^2/ps per kJ/mol
 
     Raises
@@ -183,13 +188,16 @@ def planarAngleMobility(N, direction):
     TypeError, ValueError
         if N is no symmetric matrix of finite numbers of this shape, or direction is along z
     """
-    N = _mobility(N, 'planarAngleMobility')
-    v = _units.vector(direction, _units.NONE, 'planarAngleMobility', 'direction')
-    square = v[0]**2 + v[1]**2
-    if not 0 < square < np.inf:
-        raise ValueError(f'planarAngleMobility: direction: got {v}; a direction along z has no angle in the xy plane: leave it out')
-    gradient = np.array([-v[0]*v[2]/square, -v[1]*v[2]/square, 1])  # of the angle with respect to a small rotation
-    return float(gradient @ N[3:, 3:] @ gradient)
+    N = _mobility(N, 'planarAngleMobility', stack=True)
+    v = _oneOrEach(direction, _units.NONE, 3, N, 'planarAngleMobility', 'direction')
+    x, y, z = np.moveaxis(v, -1, 0)
+    square = x**2 + y**2
+    good = (0 < square) & (square < np.inf)
+    if not np.all(good):
+        raise ValueError(f'planarAngleMobility: direction: got {_first(~good, v)}; a direction along z has no angle in the xy plane: leave it out')
+    gradient = np.stack([-x*z/square, -y*z/square, np.ones_like(x)], axis=-1)  # of the angle with respect to a small rotation
+    result = np.einsum('...i,...ij,...j->...', gradient, N[..., 3:, 3:], gradient)
+    return result if result.ndim else float(result)
 
 
 def _centerOfMobility(N, where):
@@ -205,17 +213,30 @@ def _centerOfMobility(N, where):
 
 
 def _cross(r):
-    """The matrix [r] with [r] a = r x a."""
-    return np.array([[0, -r[2], r[1]], [r[2], 0, -r[0]], [-r[1], r[0], 0]])
+    """The matrices [r] (..., 3, 3) with [r] a = r x a."""
+    x, y, z = np.moveaxis(r, -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack([np.stack([zero, -z, y], axis=-1), np.stack([z, zero, -x], axis=-1), np.stack([-y, x, zero], axis=-1)], axis=-2)
 
 
-def _mobility(N, where):
-    """A checked mobility, made exactly symmetric."""
-    N = _units.matrix(N, (6, 6), where, 'N')
+def _first(bad, rows):
+    """The first row of an array (..., columns) that is bad."""
+    return rows[bad][0] if rows.ndim > 1 else rows
+
+
+def _oneOrEach(values, dimension, columns, N, where, name):
+    """Checked rows of numbers for mobilities (..., 6, 6): one for all, or one for each."""
+    return _units.oneOrEach(values, dimension, columns, len(N) if N.ndim == 3 else None, where, name)
+
+
+def _mobility(N, where, stack=False):
+    """A checked mobility, made exactly symmetric; with `stack` also (n, 6, 6), each for itself."""
+    N = _units.matrix(N, (6, 6), where, 'N', stack)
+    transposed = N.swapaxes(-1, -2)
     # Translational and rotational parts have scales of their own: lengths may have any unit.
-    translation, rotation = np.max(np.abs(np.diag(N)[:3])), np.max(np.abs(np.diag(N)[3:]))
-    size = np.sqrt(np.outer(np.repeat([translation, rotation], 3), np.repeat([translation, rotation], 3)))
-    if not (np.all(np.isfinite(N)) and np.all(np.abs(N - N.T) <= _SYMMETRY_TOLERANCE*size)):
+    diagonal = np.abs(np.diagonal(N, axis1=-2, axis2=-1))
+    scale = np.sqrt(np.repeat(np.stack([diagonal[..., :3].max(-1), diagonal[..., 3:].max(-1)], axis=-1), 3, axis=-1))
+    if not (np.all(np.isfinite(N)) and np.all(np.abs(N - transposed) <= _SYMMETRY_TOLERANCE*scale[..., :, None]*scale[..., None, :])):
         raise ValueError(f'{where}: N: a mobility must be symmetric, with finite numbers, and is not: give rows Vx Vy Vz Wx Wy Wz and '
                          'columns Fx Fy Fz Tx Ty Tz of one body')
-    return (N + N.T)/2
+    return (N + transposed)/2
