@@ -49,13 +49,13 @@ struct ReplicaScene : FluidScene {
     void addSpheres(int n, double height) {
         for (int i = 0; i < n; i++) addReplica(sphereKind(1), height);
     }
-    void begin() {
-        auto* weight = new CustomExternalForce("z");
+    void begin(int threadCount = 1, const string& energy = "z") {
+        auto* weight = new CustomExternalForce(energy);
         for (int p = 0; p < system.getNumParticles(); p++)
             if (!system.isVirtualSite(p)) weight->addParticle(p, vector<double>());
         system.addForce(weight);
         fluid->setGroups(groups);
-        start(testPlatform());
+        start(testPlatform(), threadCount);
     }
     vector<int> groups;
 };
@@ -82,7 +82,7 @@ TEST(OverdampedReplicas, AStepIsRedoneByThoseThatMust) {
         cout << s.name << ": " << perReplica << " of the replicas' steps were redone, " << most << " in one step; "
              << forces << " force evaluations a step" << endl;
         EXPECT_GT(perReplica, 0.05) << s.name;
-        EXPECT_LT(perReplica, 0.3) << s.name;
+        EXPECT_LT(perReplica, 0.35) << s.name;
         // The limit is one replica's: together they redo more.
         EXPECT_GT(most, limit) << s.name;
         if (s.forcesInBetween) {
@@ -95,10 +95,10 @@ TEST(OverdampedReplicas, AStepIsRedoneByThoseThatMust) {
 
 /** What one replica does, bit for bit, depends neither on what others redo nor on whether there are any. */
 TEST(OverdampedReplicas, AReplicaDoesNotFeelWhatOthersRedo) {
-    const int n = 24, steps = 60;
+    const int n = 24, steps = 100;
     for (const Named& s : schemes) {
         // All near the wall; number 0 with free particles, which belong to its group, alone; all but these and one replica far up.
-        ReplicaScene all(s.scheme), alone(s.scheme), othersHigh(s.scheme);
+        ReplicaScene all(s.scheme, T1, 0.1), alone(s.scheme, T1, 0.1), othersHigh(s.scheme, T1, 0.1);
         int vsite = 0;
         for (ReplicaScene* scene : {&all, &alone, &othersHigh}) {
             scene->addReplica(boomerangKind(), 3);
@@ -109,7 +109,7 @@ TEST(OverdampedReplicas, AReplicaDoesNotFeelWhatOthersRedo) {
             scene->fluid->addParticle(0);
             scene->positions.push_back(Vec3());
             if (scene != &alone) scene->addSpheres(n - 1, scene == &all ? 1.5 : 1000);
-            scene->begin();
+            scene->begin(1, "z + 0.02*z^2");
         }
         const int replica = n / 2;
         auto R = othersHigh.integrator.getBodyPositions();
@@ -130,9 +130,18 @@ TEST(OverdampedReplicas, AReplicaDoesNotFeelWhatOthersRedo) {
                       othersHigh.integrator.getBodyOrientations()[replica]);
             ASSERT_LT(norm(x[vsite] - (x[free[0]] * 0.25 + x[free[1]] * 0.75)), 1e-12) << s.name;
         }
+        // Forces are those of where the scheme took them last, whether it asked for them again or not.
+        EXPECT_TRUE(sameBits({all.integrator.getBodyForces()[0], all.integrator.getBodyTorques()[0]},
+                             {alone.integrator.getBodyForces()[0], alone.integrator.getBodyTorques()[0]}))
+            << s.name;
+        EXPECT_TRUE(
+            sameBits({all.integrator.getBodyForces()[replica]}, {othersHigh.integrator.getBodyForces()[replica]}))
+            << s.name;
         // It can fail: number 0, this replica and many others were redone.
         const int byFirst = alone.integrator.getNumRejectedSteps(), byTwo = othersHigh.integrator.getNumRejectedSteps();
         EXPECT_GT(byFirst, 3) << s.name;
+        cout << s.name << ": redone by the first " << byFirst << ", with the replica " << byTwo << ", by all "
+             << all.integrator.getNumRejectedSteps() << endl;
         EXPECT_GT(byTwo, byFirst) << s.name;
         EXPECT_GT(all.integrator.getNumRejectedSteps(), byTwo + 5 * n) << s.name;
     }
@@ -214,6 +223,25 @@ TEST(OverdampedReplicas, ARejectionThatDoesNotHelpRestoresAll) {
             scene.integrator.setBodyPositions(R);
             scene.integrator.step(1);
         }
+}
+
+/** Groups large enough to be spread over threads: the same steps are redone, and lead to the same places. */
+TEST(OverdampedReplicas, ThreadsDoNotMatter) {
+    for (const Named& s : schemes) {
+        vector<Vec3> places[2];
+        int rejections[2];
+        for (int k = 0; k < 2; k++) {
+            ReplicaScene scene(s.scheme);
+            for (int i = 0; i < 16; i++) scene.addReplica(boomerangKind(), 3);
+            scene.begin(k == 0 ? 1 : 4);
+            scene.integrator.step(8);
+            places[k] = positionsOf(*scene.context);
+            rejections[k] = scene.integrator.getNumRejectedSteps();
+        }
+        EXPECT_TRUE(sameBits(places[0], places[1])) << s.name;
+        EXPECT_EQ(rejections[0], rejections[1]) << s.name;
+        EXPECT_GT(rejections[0], 5) << s.name;
+    }
 }
 
 /** As often as all are redone, a run that is resumed is the uninterrupted one. */
