@@ -473,12 +473,15 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """Set how often in a row a step may be redone with new noise: 0 to 65535, default 100; more is an error.
 
         Steps are redone when spheres overlap under MobilityForce.StokesianDynamics, or particles come too near to a wall
-        (:meth:`setWallRejection`).
+        (:meth:`setWallRejection`). Without momenta each group of :meth:`MobilityForce.setGroups` may be redone so often.
         """
         super().setMaximumRejections(_units.integer(number, _where('setMaximumRejections'), 'number'))
 
     def getNumRejectedSteps(self):
-        """Get how many steps were redone since the Context was created, at most 2**31 - 1. Needs a Context."""
+        """Get how many steps were redone since the Context was created, at most 2**31 - 1. Needs a Context.
+
+        Without momenta every group of :meth:`MobilityForce.setGroups` counts its own.
+        """
         return super().getNumRejectedSteps()
 
     def setStepSize(self, size):

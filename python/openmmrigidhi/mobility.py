@@ -338,7 +338,11 @@ class MobilityForce(_copies.Copies, _Base):
         """Set which bodies feel each other through the fluid: only those of one group.
 
         So replicas of a scene run in one Context, at a cost linear in their number. Hydrodynamic particles that are in no body
-        belong to group 0. A step that one group must redo (at a wall, for overlap) is redone for all.
+        belong to group 0.
+
+        Groups are meant to be independent: without momenta, a step that one must redo (at a wall, for overlap) is redone for it
+        alone, and what the others do is the same bit for bit. OpenMM forces between groups break that: in schemes with forces in
+        between, these may have felt poses that were rejected. LangevinHI redoes a step for all groups.
 
         Parameters
         ----------

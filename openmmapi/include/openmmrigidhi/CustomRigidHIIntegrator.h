@@ -247,7 +247,8 @@ public:
     int getMaximumRejections() const;
     /**
      * Set how often in a row a step may be redone with new noise (spheres that overlap under
-     * MobilityForce::StokesianDynamics; setWallRejection()); default 100. More is an error.
+     * MobilityForce::StokesianDynamics; setWallRejection()); default 100. More is an error. Without momenta each group of
+     * MobilityForce::setGroups() may be redone so often.
      * @throws OpenMMException if negative or above 65535, as many attempts as have random numbers of their own
      */
     void setMaximumRejections(int number);
@@ -261,7 +262,10 @@ public:
      * @throws OpenMMException if negative, above 0.1 or not finite
      */
     void setFiniteDifferenceStep(double relative);
-    /** Get how many steps were redone since the Context was created, at most 2^31 - 1. Needs a Context. */
+    /**
+     * Get how many steps were redone since the Context was created, at most 2^31 - 1; without momenta every group of
+     * MobilityForce::setGroups() counts its own. Needs a Context.
+     */
     int getNumRejectedSteps() const;
     /** @throws OpenMMException if the size is not positive and finite */
     void setStepSize(double size) override;

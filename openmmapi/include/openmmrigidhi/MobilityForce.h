@@ -188,8 +188,11 @@ public:
     const std::vector<int>& getGroups() const { return groups; }
     /**
      * Set which bodies feel each other through the fluid: only those of one group (replicas of a scene in one Context, at a
-     * cost linear in groups). Default, or empty: all. Hydrodynamic particles that are in no body belong to group 0. A step that
-     * one group must redo (at a wall, for overlap) is redone for all.
+     * cost linear in groups). Default, or empty: all. Hydrodynamic particles that are in no body belong to group 0.
+     *
+     * Groups are meant to be independent: without momenta, a step that one must redo (at a wall, for overlap) is redone for it alone,
+     * and what the others do is the same bit for bit. OpenMM forces between groups break that: in schemes with forces in between,
+     * these may have felt poses that were rejected. LangevinHI redoes a step for all groups.
      *
      * @param groups  a number from 0 up for each body
      * @throws OpenMMException if one is negative

@@ -577,20 +577,23 @@ VectorXd Fluid::apply(const VectorXd& wrenches, const BodySet& bodies, const vec
 }
 
 string Fluid::objection(const BodySet& bodies, const vector<OpenMM::Vec3>& positions) const {
-    vector<Pose> poses;
     for (const auto& group : groups) {
-        if (!group->mobility->mayObject()) continue;
-        poses = group->poses;
-        const auto& elements = group->mobility->getElements();
-        for (size_t e = 0; e < elements.size(); e++)
-            if (elements[e].isFree())
-                poses[e].R = toEigen(positions[elements[e].particles[0]]);
-            else
-                poses[e] = poseOf(bodies, elements[e].body);
-        const string text = group->mobility->objection(poses);
+        const string text = objection(*group, bodies, positions);
         if (!text.empty()) return text;
     }
     return {};
+}
+
+string Fluid::objection(const Group& group, const BodySet& bodies, const vector<OpenMM::Vec3>& positions) const {
+    if (!group.mobility->mayObject()) return {};
+    vector<Pose> poses = group.poses;
+    const auto& elements = group.mobility->getElements();
+    for (size_t e = 0; e < elements.size(); e++)
+        if (elements[e].isFree())
+            poses[e].R = toEigen(positions[elements[e].particles[0]]);
+        else
+            poses[e] = poseOf(bodies, elements[e].body);
+    return group.mobility->objection(poses);
 }
 
 bool Fluid::mayObject() const {

@@ -23,6 +23,8 @@ namespace RigidHIPlugin {
 
 /** The two parts of a step without momenta, before and after the forces in between. */
 enum class OverdampedPart { Predict, Correct };
+/** How far a group has come in it: which part is next, or none. */
+enum class OverdampedStage { Start, Predicted, Corrected };
 
 /**
  * The fluid of one Context: who feels whom (groups), each group's mobility, and what it does to momenta.
@@ -67,13 +69,29 @@ public:
     LoopResult relax(double h, double kT, const NoiseStream& noise, BodySet& bodies, const FreeParticles& freeParticles,
                      const std::vector<OpenMM::Vec3>& positions, std::vector<OpenMM::Vec3>& velocities);
 
+    /** A step without momenta begins: every group is at its start, for its first attempt. */
+    void beginOverdamped();
     /**
-     * A part of a step of a scheme without momenta: from the poses that bodies and free particles have, and the forces as last
-     * gathered, to new poses. After a step that is given up, bring poses and forces back before the next Predict.
+     * A part of the step, for the groups that are to take it: Predict of those at their start, from the poses that bodies and free
+     * particles have and the forces as last gathered, to where the scheme ends or wants forces; Correct of those there, with these
+     * forces, to the end, to which groups that had reached it before return.
      * @return random numbers drawn, whether the new poses are finite
      */
     LoopResult runOverdamped(OverdampedPart part, const OverdampedScheme& scheme, const StepSettings& settings,
                              BodySet& bodies, const FreeParticles& freeParticles, std::vector<OpenMM::Vec3>& positions);
+    struct Rejections {
+        int number = 0;         // of groups
+        int attempts = 0;       // most in a row of one of them
+        std::string objection;  // to the first with so many
+    };
+    /**
+     * Groups that the last part led to where the model has no mobility go back, by themselves, to the start of the step (poses and forces)
+     * for their next attempt.
+     */
+    Rejections takeBackRejected(const BodySet::Snapshot& bodiesAtStart, const FreeParticles::Snapshot& freeAtStart,
+                                BodySet& bodies, FreeParticles& freeParticles, std::vector<OpenMM::Vec3>& positions);
+    /** Groups at the end of their step go to where its forces in between were evaluated, while others are to be corrected. */
+    void showInBetween(BodySet& bodies, std::vector<OpenMM::Vec3>& positions) const;
 
     /** 6n x 6n, bodies only: free particles are force-free. */
     Eigen::MatrixXd mobility(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions);
@@ -124,6 +142,10 @@ private:
         Eigen::MatrixXd decay, noise;
         std::unique_ptr<OverdampedMove> move;  // made at the first step without momenta
         bool overdampedMatrixFree = false, isFinite = true;
+        OverdampedStage stage = OverdampedStage::Start;
+        uint32_t attempt = 0;                                          // of the present step
+        std::string objection;                                         // to where the last part led
+        std::vector<OverdampedMove::Place> inBetween;                  // where Predict led
         long long randomNumbers = 0, iterations = 0, squareRoots = 0;  // of the last step
     };
     void chooseSolver(Group& group) const;
@@ -133,7 +155,9 @@ private:
     double differenceOf(const Group& group, const OverdampedScheme& scheme, double wanted) const;
     void setStart(Group& group, const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
     void takeForces(Group& group, const BodySet& bodies, const FreeParticles& freeParticles) const;
-    bool writePresent(const Group& group, BodySet& bodies, std::vector<OpenMM::Vec3>& positions) const;
+    bool writePlaces(const Group& group, const std::vector<OverdampedMove::Place>& places, BodySet& bodies,
+                     std::vector<OpenMM::Vec3>& positions) const;
+    std::string objection(const Group& group, const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
     void setPoses(Group& group, const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
     void scaleToZ(Group& group, const BodySet& bodies, const FreeParticles& freeParticles, bool inverse);
     void relaxMatrixFree(Group& group, double h, double kT, const BodySet& bodies, const FreeParticles& freeParticles);

@@ -135,12 +135,13 @@ void Fluid::takeForces(Group& group, const BodySet& bodies, const FreeParticles&
     }
 }
 
-/** The scheme's present poses become the bodies'. Forces stay those of where they were evaluated, in the lab. */
-bool Fluid::writePresent(const Group& group, BodySet& bodies, vector<OpenMM::Vec3>& positions) const {
+/** A scheme's poses become the bodies'. Forces stay those of where they were evaluated, in the lab. */
+bool Fluid::writePlaces(const Group& group, const vector<OverdampedMove::Place>& places, BodySet& bodies,
+                        vector<OpenMM::Vec3>& positions) const {
     const auto& elements = group.mobility->getElements();
     double sum = 0;
     for (size_t e = 0; e < elements.size(); e++) {
-        const OverdampedMove::Place& place = group.move->present[e];
+        const OverdampedMove::Place& place = places[e];
         sum += place.R.sum();
         if (elements[e].isFree()) {
             positions[elements[e].particles[0]] = toVec3(place.R);
@@ -163,12 +164,24 @@ bool Fluid::writePresent(const Group& group, BodySet& bodies, vector<OpenMM::Vec
     return isfinite(sum);
 }
 
+void Fluid::beginOverdamped() {
+    for (auto& group : groups) {
+        group->stage = OverdampedStage::Start;
+        group->attempt = 0;
+        group->objection.clear();
+    }
+}
+
 LoopResult Fluid::runOverdamped(OverdampedPart part, const OverdampedScheme& scheme, const StepSettings& settings,
                                 BodySet& bodies, const FreeParticles& freeParticles, vector<OpenMM::Vec3>& positions) {
     const OneBlasThread single;
+    const OverdampedStage from = part == OverdampedPart::Predict ? OverdampedStage::Start : OverdampedStage::Predicted;
     double operations = 0;
     for (auto& group : groups) {
         moveOf(*group);
+        group->isFinite = true;
+        group->randomNumbers = group->squareRoots = group->iterations = 0;
+        if (group->stage != from) continue;
         const double rows = group->mobility->getNumRows(), particleRows = group->mobility->getNumParticleRows();
         operations += group->mobility->isConstantInBodyFrame()
                           ? operationsOfConstantTensor
@@ -181,10 +194,15 @@ LoopResult Fluid::runOverdamped(OverdampedPart part, const OverdampedScheme& sch
     const auto task = [&](int i) {
         Group& group = *groups[i];
         OverdampedMove& move = *group.move;
+        if (group.stage != from) {
+            if (part == OverdampedPart::Correct) writePlaces(group, move.present, bodies, positions);
+            return;
+        }
         MobilityProblem& problem = move.getProblem();
         const long long roots = problem.numSquareRoots, iterations = group.mobility->numSolverIterations;
         if (part == OverdampedPart::Predict) {
             OverdampedStep own = step;
+            own.noise.attempt = group.attempt;
             own.difference = differenceOf(group, scheme, settings.difference);
             problem.setTolerance(force.getSolverTolerance() *
                                  (differencesIterate(group, scheme) ? toleranceOfDifferences : 1));
@@ -192,12 +210,16 @@ LoopResult Fluid::runOverdamped(OverdampedPart part, const OverdampedScheme& sch
             move.begin(own);
             if (scheme.forcesAtStart) takeForces(group, bodies, freeParticles);
             scheme.predict(move);
+            if (scheme.forcesInBetween) group.inBetween = move.present;
+            group.stage = OverdampedStage::Predicted;
         } else {
             move.randomNumbers = 0;
             takeForces(group, bodies, freeParticles);
             scheme.correct(move);
+            group.stage = OverdampedStage::Corrected;
         }
-        group.isFinite = writePresent(group, bodies, positions);
+        group.isFinite = writePlaces(group, move.present, bodies, positions);
+        if (group.isFinite) group.objection = objection(group, bodies, positions);
         group.randomNumbers = move.randomNumbers;
         group.squareRoots = problem.numSquareRoots - roots;
         group.iterations = group.mobility->numSolverIterations - iterations;
@@ -214,6 +236,35 @@ LoopResult Fluid::runOverdamped(OverdampedPart part, const OverdampedScheme& sch
         numIterations += group->iterations;
     }
     return result;
+}
+
+Fluid::Rejections Fluid::takeBackRejected(const BodySet::Snapshot& bodiesAtStart,
+                                          const FreeParticles::Snapshot& freeAtStart, BodySet& bodies,
+                                          FreeParticles& freeParticles, vector<OpenMM::Vec3>& positions) {
+    Rejections result;
+    for (auto& group : groups) {
+        if (group->objection.empty()) continue;
+        const auto& elements = group->mobility->getElements();
+        for (size_t e = 0; e < elements.size(); e++)
+            if (elements[e].isFree())
+                freeParticles.restore(freeAtStart, group->freeIndex[e], positions);
+            else
+                bodies.restore(bodiesAtStart, elements[e].body);
+        group->stage = OverdampedStage::Start;
+        group->attempt++;
+        result.number++;
+        if ((int)group->attempt > result.attempts) {
+            result.attempts = group->attempt;
+            result.objection = group->objection;
+        }
+        group->objection.clear();
+    }
+    return result;
+}
+
+void Fluid::showInBetween(BodySet& bodies, vector<OpenMM::Vec3>& positions) const {
+    for (const auto& group : groups)
+        if (group->stage == OverdampedStage::Corrected) writePlaces(*group, group->inBetween, bodies, positions);
 }
 
 }  // namespace RigidHIPlugin

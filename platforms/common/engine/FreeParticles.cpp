@@ -86,6 +86,11 @@ void FreeParticles::restore(const Snapshot& snapshot, vector<Vec3>& positions, v
     }
 }
 
+void FreeParticles::restore(const Snapshot& snapshot, int i, vector<Vec3>& positions) {
+    forces[i] = snapshot.forces[i];
+    positions[particles[i]] = snapshot.positions[i];
+}
+
 /** The moves that schemes are made of, for all free particles; velocities take the place of momenta. */
 class FreeParticles::Flow {
 public:

@@ -53,6 +53,8 @@ public:
     void save(Snapshot& snapshot, const std::vector<OpenMM::Vec3>& positions,
               const std::vector<OpenMM::Vec3>& velocities) const;
     void restore(const Snapshot& snapshot, std::vector<OpenMM::Vec3>& positions, std::vector<OpenMM::Vec3>& velocities);
+    /** Position and force of one of them. */
+    void restore(const Snapshot& snapshot, int i, std::vector<OpenMM::Vec3>& positions);
 
 private:
     class Flow;

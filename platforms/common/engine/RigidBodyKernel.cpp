@@ -33,9 +33,6 @@ bool sameBits(const vector<Vec3>& a, const vector<Vec3>& b) {
     return a.size() == b.size() && memcmp(a.data(), b.data(), a.size() * sizeof(Vec3)) == 0;
 }
 
-/** Seconds since an arbitrary point. */
-double now() { return chrono::duration<double>(chrono::steady_clock::now().time_since_epoch()).count(); }
-
 Thermostat schemeCoefficients(CustomRigidHIIntegrator::Scheme scheme, const BodyInertia& body, const HeatBath& bath,
                               double h) {
     switch (scheme) {
@@ -473,6 +470,10 @@ void RigidBodyKernel::rememberOtherParticles() {
 // ---------------------------------------------------------------------------------------------------------------------
 // Stepping
 
+double RigidBodyKernel::now() {
+    return chrono::duration<double>(chrono::steady_clock::now().time_since_epoch()).count();
+}
+
 void RigidBodyKernel::step(ContextImpl& context) {
     requirePositions("step()");
     if (bodiesAreBuilt) updateSettings();
@@ -543,14 +544,14 @@ void RigidBodyKernel::advance(ContextImpl& context) {
         writePoses(context);
     };
     try {
-        while (true) {
-            const string objection =
-                isOverdamped(settings.scheme) ? attemptOverdampedStep(context) : attemptStep(context);
+        if (isOverdamped(settings.scheme)) takeOverdampedStep(context);
+        while (!isOverdamped(settings.scheme)) {
+            const string objection = attemptStep(context);
             if (objection.empty()) break;
             putBack();
             counters.rejectedSteps++;
             settings.noise.attempt++;
-            reportTooManyRejections(objection);
+            reportTooManyRejections(objection, settings.noise.attempt);
         }
         rememberOtherParticles();
     } catch (...) {
@@ -560,16 +561,19 @@ void RigidBodyKernel::advance(ContextImpl& context) {
     }
 }
 
-/** A step that leads where the model has no mobility is redone with new noise, if that can help, and not for ever. */
-void RigidBodyKernel::reportTooManyRejections(const string& objection) const {
-    const string where = "step " + to_string(data.stepCount + 1) + ": " + objection;
+/** A step that leads where the model has no mobility is redone with new noise, if that can help, and not for ever. What was rejected is
+ * to be at its start again. */
+void RigidBodyKernel::reportTooManyRejections(const string& objection, int attempts) {
+    const int limit = integrator->getMaximumRejections();
+    if (settings.kT > 0 && attempts <= limit) return;
+    const string step = "step " + to_string(data.stepCount + 1) + ": ", where = step + objection;
+    // Schemes that ask for no mobility at the start have not refused it.
+    const string atStart = fluid->objection(bodies, positions());
+    if (!atStart.empty()) fail(step + "it starts where the model has no mobility: " + atStart);
     if (settings.kT == 0)
         fail(where + "; at temperature 0 no other noise can help: take a smaller step, or add a repulsion");
-    const int limit = integrator->getMaximumRejections();
-    if ((int)settings.noise.attempt > limit)
-        fail(where + "; the step was redone " + to_string(limit) +
-             " times in a row, as often as setMaximumRejections() allows: take a smaller step, or add a stiffer "
-             "repulsion");
+    fail(where + "; the step was redone " + to_string(limit) +
+         " times in a row, as often as setMaximumRejections() allows: take a smaller step, or add a stiffer repulsion");
 }
 
 /** @return why the step must be redone, or an empty string */
@@ -607,34 +611,6 @@ string RigidBodyKernel::attemptStep(ContextImpl& context) {
     counters.randomNumbers += result.randomNumbers;
     // The next step's friction is taken half a step ahead, which no noise of that step can change.
     return mayObject ? objectionHalfAStepAhead(context, tolerance) : string();
-}
-
-/** A step without momenta: predict, forces in between where the scheme has them, correct. @return as attemptStep() */
-string RigidBodyKernel::attemptOverdampedStep(ContextImpl& context) {
-    const OverdampedScheme& scheme = overdampedScheme(settings.scheme);
-    if (scheme.forcesAtStart) fluid->checkTorques(bodies, *data.forces);
-    string objection = goOverdamped(context, OverdampedPart::Predict);
-    if (!scheme.forcesInBetween || !objection.empty()) return objection;
-    calculateForces(context);
-    if (!freeParticles->gatherForces(*data.forces)) reportNonFinite("force");
-    if (!runLoop(BodyLoop::GatherForces).finite) reportNonFinite("force");
-    addBodyForces(context, data.time + scheme.timeOfForces(settings.h), 0);
-    fluid->checkTorques(bodies, *data.forces);
-    return goOverdamped(context, OverdampedPart::Correct);
-}
-
-string RigidBodyKernel::goOverdamped(ContextImpl& context, OverdampedPart part) {
-    const double start = now();
-    const LoopResult result =
-        fluid->runOverdamped(part, overdampedScheme(settings.scheme), settings, bodies, *freeParticles, positions());
-    counters.seconds_mobility += now() - start;
-    counters.randomNumbers += result.randomNumbers;
-    if (!result.finite) reportNonFinite("position");
-    runLoop(BodyLoop::ScatterPositions);
-    forcesAreValid = false;
-    const string objection = fluid->mayObject() ? fluid->objection(bodies, positions()) : string();
-    if (objection.empty()) placeFreeVirtualSites(context);
-    return objection;
 }
 
 string RigidBodyKernel::objectionHalfAStepAhead(ContextImpl& context, double tolerance) {

@@ -89,6 +89,8 @@ private:
     ParticleArrays arrays();
     LoopResult runLoop(BodyLoop loop);
 
+    /** Seconds since an arbitrary point. */
+    static double now();
     void updateSettings();
     void printWarnings();
     std::vector<std::string> warnings() const;
@@ -110,10 +112,11 @@ private:
     void addBodyForces(OpenMM::ContextImpl& context, double time, double lookAhead);
     void advance(OpenMM::ContextImpl& context);
     std::string attemptStep(OpenMM::ContextImpl& context);
-    std::string attemptOverdampedStep(OpenMM::ContextImpl& context);
-    std::string goOverdamped(OpenMM::ContextImpl& context, OverdampedPart part);
+    void takeOverdampedStep(OpenMM::ContextImpl& context);
+    bool goOverdamped(OverdampedPart part);
+    void scatterOverdamped(OpenMM::ContextImpl& context);
     std::string objectionHalfAStepAhead(OpenMM::ContextImpl& context, double tolerance);
-    void reportTooManyRejections(const std::string& objection) const;
+    void reportTooManyRejections(const std::string& objection, int attempts);
     LoopResult moveThroughFluid(double tolerance);
     void buildFluid();
     void rebuildFluid();

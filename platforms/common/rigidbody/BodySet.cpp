@@ -252,4 +252,13 @@ void BodySet::restore(const Snapshot& snapshot) {
     for (int k = 0; k < 4; k++, from += n) copy(from, from + n, q[k].begin());
 }
 
+void BodySet::restore(const Snapshot& snapshot, int body) {
+    const size_t n = bodyOfSlot.size();
+    const int s = slot(body);
+    const double* from = snapshot.values.data() + s;
+    for (auto* group : {R, p, l, force_lab, torque_body})
+        for (int k = 0; k < 3; k++, from += n) group[k][s] = *from;
+    for (int k = 0; k < 4; k++, from += n) q[k][s] = *from;
+}
+
 }  // namespace RigidHIPlugin

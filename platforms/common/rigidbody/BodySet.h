@@ -84,6 +84,8 @@ public:
     };
     void save(Snapshot& snapshot) const;
     void restore(const Snapshot& snapshot);
+    /** Likewise of one body. */
+    void restore(const Snapshot& snapshot, int body);
 
     // Arrays over slots; [3] and [4] are components. l and torque_body are in the inner body frame.
     std::vector<double> R[3], q[4], p[3], l[3], force_lab[3], torque_body[3];
