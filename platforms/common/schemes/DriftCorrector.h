@@ -25,11 +25,11 @@ struct DriftCorrector {
     static double timeOfForces(double h) { return h / 2; }
     static void predict(OverdampedMove& m) {
         m.scale = 1;  // nu
-        m.atStart();  // without noise nothing is taken here, but a start without mobility is refused as such
         if (m.kT == 0) {
             m.U.setZero(m.getNumRows(), 1);
         } else {
             m.drawForSlips(OverdampedMove::First);
+            m.atStart();
             velocities(m, m.U);
             // One body in a uniform fluid: V~ turns with it, and div V~ = 0.
             if (!m.driftIsKnown()) m.scale += 0.5 * m.h * divergence(m);
