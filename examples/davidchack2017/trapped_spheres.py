@@ -199,6 +199,11 @@ def measured(data, lags):
     return result, errors, variance
 
 
+def seedOf(first, setName, R, share):
+    """A seed of its own for each run, whichever others are run: with one seed, temperatures would differ by scale alone."""
+    return first + 1000*list(SETS).index(setName) + round(100*share) + round(10*R)
+
+
 def run(setName, R, kT, model, duration, seed, minutes=np.inf, quiet=False):
     began = time.time()
     parameters = dict(SETS[setName], kT=kT)
@@ -281,7 +286,7 @@ def main():
         duration = parameters['time']*(args.long if not args.quick else 0.02 if parameters['m'] == 1 else 0.007)
         for share in args.shares if not args.quick else (0.1,):
             for R in args.distances if not args.quick else DISTANCES[:1]:
-                todo.append((setName, R, share*parameters['kT'], args.model, duration, args.seed + 100*len(todo),
+                todo.append((setName, R, share*parameters['kT'], args.model, duration, seedOf(args.seed, setName, R, share),
                              args.minutes*(1 if share < 1 else 0.25), args.jobs > 1))
     runs = []
     if args.keep and (args.output/name).exists():
