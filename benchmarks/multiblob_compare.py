@@ -13,6 +13,7 @@ import os
 
 os.environ['OPENBLAS_NUM_THREADS'] = '1'
 import argparse  # noqa: E402  (one thread of BLAS must be said before numpy comes)
+import importlib.metadata  # noqa: E402
 import math  # noqa: E402
 import pathlib  # noqa: E402
 import subprocess  # noqa: E402
@@ -84,8 +85,8 @@ def main():
         print('Skipped: give the folder of RigidMultiblobsWall, with multi_bodies/multi_bodies.py in it, by --code.')
         return
     try:
-        import numba
-    except ImportError:
+        numba = importlib.metadata.version('numba')
+    except importlib.metadata.PackageNotFoundError:
         print('Skipped: RigidMultiblobsWall needs numba (python3-numba).')
         return
     code, rows, machine = arguments.code.resolve(), [], describeMachine()
@@ -102,7 +103,7 @@ def main():
             rows.append(row)
             tqdm.tqdm.write(f'  {count:3} at {apart} um {ours:24} theirs {show(row["their_ms_step"])} ms, ours {show(row["our_ms_step"])} ms, '
                             f'ratio {show(row["ratio"], 1)}')
-    save(arguments.output, 'multiblob_compare.json', machine, {'rounds': arguments.rounds, 'numba': numba.__version__, 'rows': rows})
+    save(arguments.output, 'multiblob_compare.json', machine, {'rounds': arguments.rounds, 'numba': numba, 'rows': rows})
 
 
 if __name__ == '__main__':
