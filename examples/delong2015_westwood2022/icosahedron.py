@@ -80,7 +80,7 @@ def draw(data, folder):
         axes[1, 0].plot(lag, slope*lag, 'k' + style, lw=1, label=f'4 kT⟨N∥⟩ t, {label}')
     axes[1, 0].axhline(2*e['gravitational height']**2, color='k', ls=':', lw=1, label='2 var h (eq. 69)')
     for name, style in (('xx', '-'), ('zz', ':')):
-        axes[1, 1].plot(lag[:6], e['slopes of the sphere'][f'rotation {name}']*lag[:6], 'k' + style, lw=1, label=f'slope of the sphere, {name}')
+        axes[1, 1].plot(lag[:2], e['slopes of the sphere'][f'rotation {name}']*lag[:2], 'k' + style, lw=1, label=f'slope of the sphere, {name}')
     for name in ('xx', 'zz'):
         axes[1, 1].axhline(e['rotational plateau (mean, error)'][name][0], color='k', ls='--', lw=1, label=f'eq. 71, {name}')
     pictures.finish(axes[0, 0], 'Figure 6, left', 'h', 'P(h)')
