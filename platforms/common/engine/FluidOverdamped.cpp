@@ -204,8 +204,9 @@ LoopResult Fluid::runOverdamped(OverdampedPart part, const OverdampedScheme& sch
             OverdampedStep own = step;
             own.noise.attempt = group.attempt;
             own.difference = differenceOf(group, scheme, settings.difference);
-            problem.setTolerance(force.getSolverTolerance() *
-                                 (differencesIterate(group, scheme) ? toleranceOfDifferences : 1));
+            const bool iterate = differencesIterate(group, scheme);
+            problem.setTolerance(force.getSolverTolerance() * (iterate ? toleranceOfDifferences : 1),
+                                 iterate && own.difference < largestDifference);
             setStart(group, bodies, positions);
             move.begin(own);
             if (scheme.forcesAtStart) takeForces(group, bodies, freeParticles);

@@ -544,15 +544,15 @@ void RigidBodyKernel::advance(ContextImpl& context) {
         writePoses(context);
     };
     try {
-        if (isOverdamped(settings.scheme)) takeOverdampedStep(context);
-        while (!isOverdamped(settings.scheme)) {
-            const string objection = attemptStep(context);
-            if (objection.empty()) break;
-            putBack();
-            counters.rejectedSteps++;
-            settings.noise.attempt++;
-            reportTooManyRejections(objection, settings.noise.attempt);
-        }
+        if (isOverdamped(settings.scheme))
+            takeOverdampedStep(context);
+        else
+            for (string objection; !(objection = attemptStep(context)).empty();) {
+                putBack();
+                counters.rejectedSteps++;
+                settings.noise.attempt++;
+                reportTooManyRejections(objection, settings.noise.attempt);
+            }
         rememberOtherParticles();
     } catch (...) {
         if (settings.forcesAreGathered) forcesAreValid = false;  // what velocities and time they belong to is lost

@@ -139,6 +139,7 @@ void Lanczos::extend(Column& column, const VectorXd& product) {
         alpha += overlap[k - 1];
     }
     const double beta = w.norm();
+    if (!std::isfinite(alpha + beta) && isRough) throw TooRough();
     if (!std::isfinite(alpha + beta))
         throw OpenMMException("MobilityForce: a product with the mobility is not finite; look at the positions");
     column.alpha.push_back(alpha);

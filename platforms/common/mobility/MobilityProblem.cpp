@@ -12,7 +12,7 @@ namespace RigidHIPlugin {
 typedef Matrix<double, 6, 1> Vector6d;
 
 MobilityProblem::MobilityProblem(BodyMobility& bodies, bool matrixFree, double tolerance)
-    : bodies(bodies), matrixFree(matrixFree), tolerance(tolerance),
+    : bodies(bodies), matrixFree(matrixFree), tolerance(tolerance), toleranceOfProducts(tolerance),
       bodySlips(bodies.constant || bodies.hasOwnTensors || !bodies.particleOperator ||
                 bodies.particleOperator->isMadeFromFriction()),
       lanczos(new Lanczos(tolerance)) {
@@ -43,7 +43,8 @@ MobilityProblem::MobilityProblem(BodyMobility& bodies, bool matrixFree, double t
 
 Vector6d MobilityProblem::nullVector(int e) const { return twoRotations(bodies.poses[e].A) * bodies.nullVectors[e]; }
 
-void MobilityProblem::setTolerance(double relative) {
+void MobilityProblem::setTolerance(double relative, bool exactProducts) {
+    toleranceOfProducts = exactProducts ? 0 : relative;
     if (relative == tolerance) return;
     tolerance = relative;
     lanczos.reset(new Lanczos(tolerance));
@@ -106,7 +107,8 @@ void MobilityProblem::solve(const MatrixXd& wrenches, const MatrixXd& slips, Mat
             bodies.applyMatrixFree(wrenches, tolerance, twists);
         } else {
             MultiblobSolver& solver = bodies.getMultiblobSolver();
-            const int iterations = solver.solve(*bodies.particleOperator, wrenches, slips, tolerance, twists);
+            const int iterations = solver.solve(*bodies.particleOperator, wrenches, slips, tolerance,
+                                                toleranceOfProducts, twists);
             bodies.numSolverIterations += iterations;
             bodies.numProducts += (iterations + 1) * wrenches.cols();
             return;
@@ -165,7 +167,8 @@ void MobilityProblem::applyRoot(const SpectralFunction& f, const MatrixXd& W, Ma
             y = ownScale.asDiagonal() * y;
         };
     };
-    lanczos->apply(product(0), W, functions, result, Lanczos::OwnNorm, product(tolerance));
+    lanczos->apply(product(0), W, functions, result, Lanczos::OwnNorm,
+                   toleranceOfProducts > 0 ? Lanczos::Product(product(toleranceOfProducts)) : Lanczos::Product());
     bodies.numProducts += lanczos->getNumProducts();
     bodies.numSolverIterations += lanczos->getNumIterations();
 }

@@ -34,8 +34,11 @@ public:
     /** @param tolerance  relative, of the matrix-free way */
     MobilityProblem(BodyMobility& bodies, bool matrixFree, double tolerance);
 
-    /** Of the matrix-free way, relative. */
-    void setTolerance(double relative);
+    /**
+     * Of the matrix-free way, relative. Exact products: as small finite differences of what iterates want them, which would magnify
+     * rounding of single precision; else as MobilityOperator::applyFor().
+     */
+    void setTolerance(double relative, bool exactProducts = false);
     /** @param nearby  the poses are a small displacement of accepted ones: MobilityOperator::setPositionsNearby() */
     void setPoses(const std::vector<Pose>& poses, bool nearby = false);
     /** Whether N is the same at all poses, but for the turn of one body. */
@@ -88,7 +91,7 @@ private:
 
     BodyMobility& bodies;
     const bool matrixFree;
-    double tolerance;
+    double tolerance, toleranceOfProducts;
     bool bodySlips, hasNull = false;
     bool isFactorised = false;
     CholeskyFactor M, xi;                // factors, dense; of one constant body xi in its own frame

@@ -114,22 +114,24 @@ void MultiblobSolver::multiply(const MobilityOperator& blobs, double tolerance, 
 
 int MultiblobSolver::apply(const MobilityOperator& blobs, const MatrixXd& wrenches, double tolerance,
                            MatrixXd& twists) {
-    return solve(blobs, wrenches, MatrixXd(), tolerance, twists);
+    return solve(blobs, wrenches, MatrixXd(), tolerance, tolerance, twists);
 }
 
 int MultiblobSolver::solve(const MobilityOperator& blobs, const MatrixXd& wrenches, const MatrixXd& slips,
-                           double tolerance, MatrixXd& twists) {
-    if (tolerance >= MobilityOperator::leastRoughTolerance) {
+                           double tolerance, double toleranceOfProducts, MatrixXd& twists) {
+    int inVain = 0;
+    if (toleranceOfProducts >= MobilityOperator::leastRoughTolerance) {
         const int iterations = iterate(blobs, wrenches, slips, tolerance, true, twists);
         if (iterations <= maxRoughIterations) return iterations;
+        inVain = iterations;
     }
-    return iterate(blobs, wrenches, slips, tolerance, false, twists);
+    return inVain + iterate(blobs, wrenches, slips, tolerance, false, twists);
 }
 
 /** @return iterations; if products are rough, more than the most there may be if it does not converge */
 int MultiblobSolver::iterate(const MobilityOperator& blobs, const MatrixXd& wrenches, const MatrixXd& slips,
                              double tolerance, bool rough, MatrixXd& twists) {
-    const double forProducts = rough ? tolerance : 0;
+    const double forProducts = rough ? MobilityOperator::leastRoughTolerance : 0;
     const int columns = wrenches.cols();
     const bool withSlips = slips.size() > 0;
     VectorXd slipEnergy = VectorXd::Zero(columns);

@@ -47,9 +47,13 @@ public:
      */
     int apply(const MobilityOperator& blobs, const Eigen::MatrixXd& wrenches, double tolerance,
               Eigen::MatrixXd& twists);
-    /** Likewise with slips of the blobs (lab frame; as many columns; empty: none), twists = N (wrenches + K^T M^-1 slips). */
+    /**
+     * Likewise with slips of the blobs (lab frame; as many columns; empty: none), twists = N (wrenches + K^T M^-1 slips).
+     *
+     * @param toleranceOfProducts  as of MobilityOperator::applyFor(); 0: exact
+     */
     int solve(const MobilityOperator& blobs, const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips,
-              double tolerance, Eigen::MatrixXd& twists);
+              double tolerance, double toleranceOfProducts, Eigen::MatrixXd& twists);
     /** The blob forces of the last solve, lab frame. */
     void getBlobForces(Eigen::MatrixXd& lambda_lab) const;
 
