@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "StrictNode.h"
 #include "openmmrigidhi/CustomBodyForce.h"
+#include "openmmrigidhi/internal/StrictNode.h"
 
 using namespace OpenMM;
 using namespace std;

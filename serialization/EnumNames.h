@@ -5,7 +5,7 @@
 #include <map>
 #include <string>
 
-#include "StrictNode.h"
+#include "openmmrigidhi/internal/StrictNode.h"
 
 namespace RigidHIPlugin {
 

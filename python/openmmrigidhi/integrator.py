@@ -182,7 +182,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         massive members if these fix it (two members: one constraint; three: a triangle; more: all pairs, with the
         handedness from the first positions), and virtual sites from their definitions; otherwise from the first positions
         given to the Context, and is kept until :meth:`resetBodyGeometry`. Mass and inertia come from the System's masses.
-        The body frame has its origin at the centre of mass and its axes along the principal axes, the smallest moment
+        The System wins: constraints and masses that were changed take effect at reinitialize(), also over those of a saved
+        state, whose positions and velocities go on. The body frame has its origin at the centre of mass and its axes along the principal axes, the smallest moment
         first.
 
         With mass, principalMoments and sitePositions, these override the System's masses, which then serve OpenMM only.
@@ -290,7 +291,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def setRigidBodyParameters(self, index, particles, mass, principalMoments, sitePositions):
         """Replace the definition of a body by an explicit one.
 
-        Takes effect at the next Context creation or reinitialize(). Parameters and errors as in :meth:`addRigidBody`.
+        Takes effect at the next Context creation or reinitialize(); a state that was saved with another mass, other moments
+        or sites is refused, also by ``reinitialize(preserveState=True)``. Parameters and errors as in :meth:`addRigidBody`.
         """
         where = _where('setRigidBodyParameters')
         super().setRigidBodyParameters(self._index(index, 'setRigidBodyParameters'),
@@ -416,8 +418,10 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def setRandomNumberSeed(self, seed):
         """Set the seed, an int.
 
-        0 (default): each Context draws a fresh one, which is saved with checkpoints and States. A change takes effect at
-        the next Context creation or reinitialize().
+        0 (default): each Context draws a fresh one. The seed in use is saved with checkpoints and States, and goes on where
+        one is loaded, and so after ``reinitialize(preserveState=True)``. A change takes effect at the next Context creation, or
+        a ``reinitialize()`` that preserves nothing; then ``setState`` of a State without integrator parameters brings the
+        positions back.
         """
         super().setRandomNumberSeed(_units.integer(seed, _where('setRandomNumberSeed'), 'seed'))
 

@@ -302,11 +302,11 @@ TEST(Resume, ForeignAndDamagedStatesAreRefused) {
     string damaged = bytes;
     damaged[bytes.size() - 50] ^= 1;
     expectError([&] { load(damaged); }, {"check sum does not match", "use another checkpoint"});
-    const size_t mark = bytes.rfind("RIGIDHI1");
+    const size_t mark = bytes.rfind("RIGIDHI2");
     ASSERT_NE(mark, string::npos);
     damaged = bytes;
     damaged[mark] = 'X';
-    expectError([&] { load(damaged); }, {"not written by this version of this integrator"});
+    expectError([&] { load(damaged); }, {"not written by this integrator"});
     damaged = bytes;
     for (int i = 0; i < 8; i++) damaged[mark + 8 + i] = '\xff';
     expectError([&] { load(damaged); }, {"header is damaged"});

@@ -10,7 +10,7 @@ import openmmrigidhi
 
 Integrator = openmmrigidhi.CustomRigidHIIntegrator
 SHAPE = np.array([(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1)])
-MARK = b'RIGIDHI1'  # where this plugin's part of a checkpoint begins
+MARK = b'RIGIDHI2'  # where this plugin's part of a checkpoint begins
 
 
 def refused(*pieces, error=openmm.OpenMMException):
@@ -84,7 +84,7 @@ def test_damaged_xml_names_element_and_remedy(xml):
 def test_a_foreign_checkpoint(platform):
     context, _ = make(platform)
     foreign, _ = make(platform, integrator=openmm.LangevinMiddleIntegrator(300, 1, 0.001))
-    with refused('the checkpoint was not written by this version of this integrator', 'use one that was, or a State'):
+    with refused('the checkpoint was not written by this integrator', 'use one that was, or a State'):
         context.loadCheckpoint(foreign.createCheckpoint())
 
 
@@ -136,8 +136,8 @@ def test_a_state_without_integrator_parameters_serves(platform):
 
 def test_a_state_of_another_version(platform):
     context, _ = make(platform)
-    with refused('the State has version 7', 'of the body state, but this library reads version 1'):
-        load_xml(context, re.sub('(<RigidBodyState[^>]*) version="1"', r'\1 version="7"', state_xml(context)))
+    with refused('the State has version 7', 'of the body state, but this library reads versions 1 and 2'):
+        load_xml(context, re.sub('(<RigidBodyState[^>]*) version="2"', r'\1 version="7"', state_xml(context)))
 
 
 @pytest.mark.parametrize('pattern, replacement', [

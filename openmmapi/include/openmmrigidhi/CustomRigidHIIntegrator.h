@@ -121,7 +121,8 @@ public:
      * The shape comes from the constraints among the massive members if these fix it (two members: one constraint; three:
      * a triangle; more: all pairs, with the handedness from the first positions), and virtual sites from their definitions;
      * otherwise from the first positions given to the Context, and is kept until resetBodyGeometry(). Mass and inertia come
-     * from the System's masses. The body frame has its origin at the centre of mass and its axes along the principal axes,
+     * from the System's masses. The System wins: constraints and masses that were changed take effect at reinitialize(), also
+     * over those of a saved state, whose positions and velocities go on. The body frame has its origin at the centre of mass and its axes along the principal axes,
      * the smallest moment first.
      *
      * @param particles  indices of the particles, virtual sites included
@@ -167,7 +168,8 @@ public:
     /** Get whether mass, moments and sites of a body are known. */
     bool getRigidBodyGeometryIsKnown(int index) const;
     /**
-     * Replace the definition of a body by an explicit one. Takes effect at the next Context creation or reinitialize().
+     * Replace the definition of a body by an explicit one. Takes effect at the next Context creation or reinitialize(); a state
+     * that was saved with another mass, other moments or sites is refused, also by reinitialize(preserveState = true).
      * Parameters and errors as in addRigidBody().
      */
     void setRigidBodyParameters(int index, const std::vector<int>& particles, double mass,
@@ -224,8 +226,10 @@ public:
     /** Get the seed as it was set (0: fresh for each Context). */
     int getRandomNumberSeed() const;
     /**
-     * Set the seed. 0 (default): each Context draws a fresh one, which is saved with checkpoints and States. A change takes
-     * effect at the next Context creation or reinitialize().
+     * Set the seed. 0 (default): each Context draws a fresh one. The seed in use is saved with checkpoints and States, and goes
+     * on where one is loaded, and so after reinitialize(preserveState = true). A change takes effect at the next Context
+     * creation, or a reinitialize() that preserves nothing; then a State without integrator parameters brings the
+     * positions back.
      */
     void setRandomNumberSeed(int seed);
     /** Get the pose tolerance, nm. */

@@ -99,23 +99,27 @@ void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegr
     loops = createLoops(context);
     freeParticles.reset(new FreeParticles(*system, stock.freeParticles));
 
-    const double unset = numeric_limits<double>::quiet_NaN();
-    lastPositions.assign(system->getNumParticles(), Vec3(unset, unset, unset));
+    lastPositions.assign(system->getNumParticles(), unsetVec3);
     lastVelocities = lastPositions;
 
     geometries.resize(definitions->getNumRigidBodies());
     bool allKnown = true;
     for (int b = 0; b < definitions->getNumRigidBodies(); b++) {
+        const bool known = definitions->getRigidBodyGeometryIsKnown(b);
+        vector<int> particles = definitions->getRigidBodyParticles(b);
+        BodyGeometry& g = geometries[b];
+        if (known) definitions->getRigidBodyParameters(b, particles, g.mass, g.moments, g.sites);
         if (!definitions->getRigidBodyIsExplicit(b)) {
-            BodyGeometryBuilder builder(*system, definitions->getRigidBodyParticles(b), "body " + to_string(b));
-            if (!builder.needsPositions()) {
-                geometries[b] = builder.build({});
-                recordGeometry(b, geometries[b]);
+            // The System wins: a known shape is kept only as far as the System leaves it open, and with the System's masses.
+            const BodyGeometryBuilder builder(*system, definitions->getRigidBodyParticles(b), "body " + to_string(b));
+            if (known || !builder.needsPositions()) {
+                g = builder.update(g);
+                recordGeometry(b, g);
             }
         }
         allKnown = allKnown && definitions->getRigidBodyGeometryIsKnown(b);
     }
-    if (allKnown) buildBodies();
+    if (allKnown) buildBodies(geometries);
 
     seed = integrator->getRandomNumberSeed();
     while (seed == 0) seed = random_device()();
@@ -130,16 +134,19 @@ void RigidBodyKernel::recordGeometry(int b, const BodyGeometry& g) {
         integrator->recordBodyGeometry(b, g.mass, g.moments, g.sites);
 }
 
-/** All geometries are recorded: make the arrays. States stay at the origin until positions are taken in. */
-void RigidBodyKernel::buildBodies() {
+/**
+ * Make everything that stands on the geometries of the bodies, or throw and leave it as it was. States stay at the origin until positions
+ * are taken in.
+ */
+void RigidBodyKernel::buildBodies(const vector<BodyGeometry>& newGeometries) {
     const int n = definitions->getNumRigidBodies();
     vector<vector<int> > particles(n);
     vector<vector<double> > siteMasses(n);
     vector<vector<bool> > carriesForce(n);
-    fits.clear();
+    vector<PoseFit> newFits;
     for (int b = 0; b < n; b++) {
-        BodyGeometry& g = geometries[b];
-        definitions->getRigidBodyParameters(b, particles[b], g.mass, g.moments, g.sites);
+        const BodyGeometry& g = newGeometries[b];
+        particles[b] = definitions->getRigidBodyParticles(b);
         vector<double> masses;
         vector<bool> isVirtual;
         map<int, Vec3> siteOfParticle;
@@ -161,42 +168,63 @@ void RigidBodyKernel::buildBodies() {
                      " nm from where the System's virtual site puts it, more than the pose tolerance " +
                      number(integrator->getPoseTolerance()) + " nm; mend the site position or the virtual site");
         }
-        fits.emplace_back(g, masses, isVirtual);
-        if (fits.back().massesMakeTheBody(g, masses)) siteMasses[b] = masses;
+        newFits.emplace_back(g, masses, isVirtual);
+        if (newFits.back().massesMakeTheBody(g, masses)) siteMasses[b] = masses;
     }
-    bodies = BodySet(geometries, particles, siteMasses, carriesForce);
-    buildFluid();
+    BodySet newBodies(newGeometries, particles, siteMasses, carriesForce);
+    unique_ptr<Fluid> newFluid = makeFluid(newGeometries, newBodies);
+    if (fluid) newFluid->continueCounters(*fluid);
+    vector<BodyGeometry> present = newGeometries;
+    const auto exchange = [&] {
+        swap(geometries, present);
+        swap(fits, newFits);
+        swap(bodies, newBodies);
+        swap(fluid, newFluid);
+        settingsVersion = -1;
+    };
+    const bool wereBuilt = bodiesAreBuilt;
+    exchange();
     bodiesAreBuilt = true;
-    settingsVersion = -1;
-    updateSettings();
+    try {
+        updateSettings();
+    } catch (...) {
+        exchange();
+        bodiesAreBuilt = wereBuilt;
+        throw;
+    }
 }
 
-void RigidBodyKernel::buildFluid() {
-    if (!fluidParameters) return;
+unique_ptr<Fluid> RigidBodyKernel::makeFluid(const vector<BodyGeometry>& ofBodies, const BodySet& arrays) {
+    if (!fluidParameters) return nullptr;
     vector<vector<int> > particles;
     for (int b = 0; b < definitions->getNumRigidBodies(); b++)
         particles.push_back(definitions->getRigidBodyParticles(b));
-    fluid.reset(new Fluid(*fluidParameters, integrator->getWallRejection(), *system, particles, geometries, bodies,
-                          *freeParticles, *loops));
+    return unique_ptr<Fluid>(new Fluid(*fluidParameters, integrator->getWallRejection(), *system, particles, ofBodies,
+                                       arrays, *freeParticles, *loops));
 }
 
-/** Geometries that come from positions. */
+/** Geometries that come from positions. They are known when everything that stands on them does. */
 void RigidBodyKernel::deriveGeometries() {
-    for (int b = 0; b < definitions->getNumRigidBodies(); b++)
-        if (!definitions->getRigidBodyGeometryIsKnown(b)) {
-            const BodyGeometryBuilder builder(*system, definitions->getRigidBodyParticles(b), "body " + to_string(b));
-            const BodyGeometry g = builder.build(positions());
-            recordGeometry(b, g);
-        }
-    buildBodies();
+    vector<BodyGeometry> derived = geometries;
+    vector<int> found;
+    for (int b = 0; b < definitions->getNumRigidBodies(); b++) {
+        if (definitions->getRigidBodyGeometryIsKnown(b)) continue;
+        const vector<int>& particles = definitions->getRigidBodyParticles(b);
+        vector<Vec3> members;
+        for (int p : particles) members.push_back(positions()[p]);
+        derived[b] = BodyGeometryBuilder(*system, particles, "body " + to_string(b)).build(members);
+        found.push_back(b);
+    }
+    buildBodies(derived);
+    for (int b : found) recordGeometry(b, derived[b]);
 }
 
 void RigidBodyKernel::resetBodyGeometry(ContextImpl& context) {
     definitions->resetBodyGeometry();
     bodiesAreBuilt = forcesAreValid = compareByHash = false;
+    loaded.reset();
     // What was taken in belongs to the old geometry.
-    const double unset = numeric_limits<double>::quiet_NaN();
-    lastPositions.assign(lastPositions.size(), Vec3(unset, unset, unset));
+    lastPositions.assign(lastPositions.size(), unsetVec3);
     lastVelocities = lastPositions;
     userChangedState = true;
 }
@@ -309,7 +337,15 @@ bool RigidBodyKernel::bodyMembersDiffer(int body, const vector<Vec3>& a, const v
 
 void RigidBodyKernel::stateChanged(ContextImpl& context, State::DataType changed) {
     forcesAreValid = false;
-    if (changed == State::Positions) positionsAreSet = true;
+    if (changed == State::Positions) {
+        positionsAreSet = true;
+        if (compareByHash) {
+            // The positions of a checkpoint come after its bodies. Where they contradict, positions count.
+            compareByHash = false;
+            checkPosesAgainstPositions(*loaded);
+            compareByHash = true;
+        }
+    }
     if (changed == State::Positions || changed == State::Velocities) userChangedState = true;
     if (changed == State::Velocities && !drawnTwists.empty()) {
         // setVelocitiesToTemperature(): particle velocities cannot tell the spin of one-site or linear bodies, so take
@@ -340,9 +376,12 @@ void RigidBodyKernel::takeInChanges(ContextImpl& context, bool stepping) {
     }
     if (compareByHash) {
         // A state was loaded. Where the Context's arrays are those it was saved with, it stands as it is.
-        if (hashOf(positions()) == expectedPositions) lastPositions = positions();
-        if (hashOf(velocities()) == expectedVelocities) lastVelocities = velocities();
+        if (hashOf(positions()) == loaded->positionsHash) lastPositions = positions();
+        if (hashOf(velocities()) == loaded->velocitiesHash) lastVelocities = velocities();
+        for (int b : bodiesOfOtherDefinition)
+            for (int p : definitions->getRigidBodyParticles(b)) lastPositions[p] = lastVelocities[p] = unsetVec3;
         compareByHash = false;
+        loaded.reset();
         membersNeedPuttingBack = true;
     }
     if (!sameBits(positions(), lastPositions)) takeInPositions();

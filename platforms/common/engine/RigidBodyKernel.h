@@ -13,6 +13,7 @@
 #include "engine/Fluid.h"
 #include "engine/FreeParticles.h"
 #include "engine/PlatformLoops.h"
+#include "engine/SavedState.h"
 #include "engine/SystemCheck.h"
 #include "forces/BodyForces.h"
 #include "openmmrigidhi/RigidHIKernels.h"
@@ -72,17 +73,10 @@ protected:
     virtual std::unique_ptr<PlatformLoops> createLoops(OpenMM::ContextImpl& context) = 0;
 
 private:
-    /** What makes a resumed run the same as the uninterrupted one. */
-    struct SavedState {
-        uint32_t seed = 0;
-        int64_t stepNumber = 0;
-        bool hasBodies = false;  // positions were set, so the following is filled
-        uint64_t positionsHash = 0, velocitiesHash = 0;
-        std::vector<BodyGeometry> geometries;
-        std::vector<std::array<double, 13> > bodies;
-    };
     SavedState collectState(OpenMM::ContextImpl& context);
     void adoptState(const SavedState& saved);
+    void checkAgainstDefinition(int body, const BodyGeometry& saved) const;
+    void checkPosesAgainstPositions(const SavedState& saved);
 
     std::vector<OpenMM::Vec3>& positions() { return *data.positions; }
     std::vector<OpenMM::Vec3>& velocities() { return *data.velocities; }
@@ -95,7 +89,7 @@ private:
     void printWarnings();
     std::vector<std::string> warnings() const;
     void recordGeometry(int body, const BodyGeometry& geometry);
-    void buildBodies();
+    void buildBodies(const std::vector<BodyGeometry>& newGeometries);
     void deriveGeometries();
     void takeInChanges(OpenMM::ContextImpl& context, bool stepping = false);
     void takeInPositions();
@@ -118,7 +112,7 @@ private:
     std::string objectionHalfAStepAhead(OpenMM::ContextImpl& context, double tolerance);
     void reportTooManyRejections(const std::string& objection, int attempts);
     LoopResult moveThroughFluid(double tolerance);
-    void buildFluid();
+    std::unique_ptr<Fluid> makeFluid(const std::vector<BodyGeometry>& ofBodies, const BodySet& arrays);
     void rebuildFluid();
     void adoptWallRejection();
     Fluid& requireFluid(OpenMM::ContextImpl& context, const char* method);
@@ -134,7 +128,7 @@ private:
     std::unique_ptr<PlatformLoops> loops;
     SystemInventory stock;
     BodySet bodies;
-    std::vector<BodyGeometry> geometries;
+    std::vector<BodyGeometry> geometries;  // of the bodies whose geometry is known
     std::vector<PoseFit> fits;
     std::unique_ptr<FreeParticles> freeParticles;
     // The fluid, if there is a MobilityForce; a copy of the latter as the user handed it over last.
@@ -156,9 +150,10 @@ private:
     // What this kernel wrote to the Context last, to notice what others did.
     std::vector<OpenMM::Vec3> lastPositions, lastVelocities;
     OpenMM::Vec3 lastBox[3];
-    // After loading a state: compare by hash instead, once.
+    // After loading a state: compare by hash instead, once; but fit bodies whose definition is another than the saved one.
     bool compareByHash = false;
-    uint64_t expectedPositions = 0, expectedVelocities = 0;
+    std::unique_ptr<SavedState> loaded;
+    std::vector<int> bodiesOfOtherDefinition;
     // Twists drawn by drawVelocities(), for the setVelocities() that follows.
     std::vector<BodyState> drawnTwists;
     std::vector<OpenMM::Vec3> drawnVelocities;

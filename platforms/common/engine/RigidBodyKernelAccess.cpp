@@ -325,7 +325,7 @@ void RigidBodyKernel::rebuildFluid() {
     unique_ptr<Fluid> before(move(fluid));
     try {
         checkBoundary(*fluidParameters, *integrator);
-        buildFluid();
+        fluid = makeFluid(geometries, bodies);
         if (integrator->getScheme() == CustomRigidHIIntegrator::LangevinHI) fluid->checkInertia(bodies);
     } catch (...) {
         fluid = move(before);

@@ -4,13 +4,11 @@
 #include <openmm/serialization/SerializationNode.h>
 
 #include <cmath>
-#include <cstring>
-#include <iostream>
-#include <limits>
 #include <sstream>
 
 #include "engine/RigidBodyKernel.h"
 #include "engine/StateHash.h"
+#include "rigidbody/EigenVec3.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -21,37 +19,25 @@ namespace {
 
 [[noreturn]] void fail(const string& message) { throw OpenMMException("CustomRigidHIIntegrator: " + message); }
 
-const char checkpointMark[8] = {'R', 'I', 'G', 'I', 'D', 'H', 'I', '1'};
-const int stateVersion = 1;
-const char* const valueNames[13] = {"Rx", "Ry", "Rz", "qw", "qx", "qy", "qz", "px", "py", "pz", "lx", "ly", "lz"};
+/** Masses and moments that agree to this are the same number, computed or printed in another way. */
+const double definitionTolerance = 1e-9;
 
-template <class T>
-void put(string& bytes, const T& value) {
-    bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
+bool agree(double a, double b, double scale) {
+    return abs(a - b) <= definitionTolerance * max(a, b) + zeroMomentFraction * scale;
 }
 
-/** Reads values from bytes and notices their end. */
-class ByteReader {
-public:
-    explicit ByteReader(const string& bytes) : bytes(bytes) {}
-    template <class T>
-    T get() {
-        T value;
-        if (at + sizeof value > bytes.size())
-            fail("the checkpoint is corrupt: it ends too early; use another checkpoint");
-        memcpy(&value, bytes.data() + at, sizeof value);
-        at += sizeof value;
-        return value;
-    }
+string text(double x) {
+    ostringstream stream;
+    stream.precision(10);
+    stream << x;
+    return stream.str();
+}
 
-private:
-    const string& bytes;
-    size_t at = 0;
-};
+string text(const Vec3& v) { return "(" + text(v[0]) + ", " + text(v[1]) + ", " + text(v[2]) + ")"; }
 
 }  // namespace
 
-RigidBodyKernel::SavedState RigidBodyKernel::collectState(ContextImpl& context) {
+SavedState RigidBodyKernel::collectState(ContextImpl& context) {
     SavedState saved;
     saved.seed = seed;
     saved.stepNumber = stepNumber;
@@ -60,185 +46,133 @@ RigidBodyKernel::SavedState RigidBodyKernel::collectState(ContextImpl& context) 
     saved.hasBodies = true;
     saved.positionsHash = hashOf(positions());
     saved.velocitiesHash = hashOf(velocities());
-    saved.geometries = geometries;
-    for (int b = 0; b < bodies.getNumBodies(); b++) saved.bodies.push_back(bodies.getStoredState(b));
+    for (int b = 0; b < bodies.getNumBodies(); b++) {
+        const BodyState state = bodies.getState(b);
+        SavedBody body;
+        body.geometry = geometries[b];
+        body.R = state.R;
+        body.q = state.q;
+        body.velocity = geometries[b].mass > 0 ? state.p / geometries[b].mass : Vec3();
+        body.omega_lab = bodies.getAngularVelocity_lab(b);
+        body.stored = bodies.getStoredState(b);
+        saved.bodies.push_back(body);
+    }
     return saved;
 }
 
+/** An explicit body's definition is the integrator's; a state that was saved with another one is not its state. */
+void RigidBodyKernel::checkAgainstDefinition(int b, const BodyGeometry& saved) const {
+    const BodyGeometry& own = geometries[b];
+    string difference;
+    const double largest = max(own.moments[0], max(own.moments[1], own.moments[2]));
+    bool sameMoments = true;
+    for (int k = 0; k < 3; k++) sameMoments = sameMoments && agree(saved.moments[k], own.moments[k], largest);
+    if (!agree(saved.mass, own.mass, 0))
+        difference = "mass " + text(saved.mass) + " instead of " + text(own.mass) + " amu";
+    else if (!sameMoments)
+        difference = "moments " + text(saved.moments) + " instead of " + text(own.moments) + " amu nm^2";
+    for (size_t i = 0; i < own.sites.size() && difference.empty(); i++) {
+        const Vec3 off = saved.sites[i] - own.sites[i];
+        if (!(sqrt(off.dot(off)) <= integrator->getPoseTolerance()))
+            difference = "particle " + to_string(definitions->getRigidBodyParticles(b)[i]) + " at " +
+                         text(saved.sites[i]) + " instead of " + text(own.sites[i]) + " nm";
+    }
+    if (difference.empty()) return;
+    fail("body " + to_string(b) + " was saved with another shape or mass than this integrator gives it: " + difference +
+         "; load the state into the integrator it was saved with, or (after setRigidBodyParameters()) call "
+         "reinitialize() without preserveState and set positions and velocities again");
+}
+
+/**
+ * What is saved goes on, bit for bit where a body's definition is the saved one. The System wins for bodies that were added by their
+ * particles: what it now says of their masses and constraints holds, and pose and twist are fitted to the saved positions and velocities.
+ * If anything is refused, everything stays as it was.
+ */
 void RigidBodyKernel::adoptState(const SavedState& saved) {
     const int n = definitions->getNumRigidBodies();
     if (saved.hasBodies) {
         if ((int)saved.bodies.size() != n)
             fail("the saved state has " + to_string(saved.bodies.size()) + " bodies, but this integrator has " +
                  to_string(n) + "; load it into an integrator with the same bodies");
+        vector<BodyGeometry> now = geometries;
+        vector<int> others;
         for (int b = 0; b < n; b++) {
-            const BodyGeometry& g = saved.geometries[b];
-            if (g.sites.size() != definitions->getRigidBodyParticles(b).size())
+            const BodyGeometry& g = saved.bodies[b].geometry;
+            const vector<int>& particles = definitions->getRigidBodyParticles(b);
+            if (g.sites.size() != particles.size())
                 fail("body " + to_string(b) + ": the saved state has " + to_string(g.sites.size()) +
-                     " particles for it, but this integrator has " +
-                     to_string(definitions->getRigidBodyParticles(b).size()) +
+                     " particles for it, but this integrator has " + to_string(particles.size()) +
                      "; load it into an integrator with the same bodies");
-            for (double x : saved.bodies[b])
-                if (!isfinite(x))
-                    fail("body " + to_string(b) +
-                         ": the saved state is corrupt: it has a non-finite number; use another");
-            if (!definitions->getRigidBodyIsExplicit(b)) continue;
-            BodyGeometry own;
-            vector<int> particles;
-            definitions->getRigidBodyParameters(b, particles, own.mass, own.moments, own.sites);
-            double difference = abs(g.mass - own.mass) / max(own.mass, numeric_limits<double>::min());
-            for (size_t i = 0; i < g.sites.size(); i++)
-                for (int k = 0; k < 3; k++) difference = max(difference, abs(g.sites[i][k] - own.sites[i][k]));
-            if (!(difference < integrator->getPoseTolerance()))
-                fail("body " + to_string(b) +
-                     " was saved with another shape or mass than this integrator gives it; load "
-                     "the state into the integrator it was saved with");
+            if (definitions->getRigidBodyIsExplicit(b))
+                checkAgainstDefinition(b, g);
+            else
+                now[b] = BodyGeometryBuilder(*system, particles, "body " + to_string(b)).update(g);
+            if (!sameGeometry(now[b], g)) others.push_back(b);
         }
-        for (int b = 0; b < n; b++)
-            if (!definitions->getRigidBodyIsExplicit(b)) recordGeometry(b, saved.geometries[b]);
-        buildBodies();
-        for (int b = 0; b < n; b++) bodies.setStoredState(b, saved.bodies[b]);
+        if (positionsAreSet) checkPosesAgainstPositions(saved);
+        buildBodies(now);
+        for (int b = 0; b < n; b++) {
+            if (!definitions->getRigidBodyIsExplicit(b)) recordGeometry(b, now[b]);
+            bodies.setStoredState(b, saved.bodies[b].stored);
+        }
+        for (int b : others) {
+            BodyState state;
+            state.R = saved.bodies[b].R;
+            state.q = saved.bodies[b].q;
+            state.p = saved.bodies[b].velocity * now[b].mass;
+            bodies.setState(b, state);
+            bodies.setAngularVelocity_lab(b, saved.bodies[b].omega_lab);
+        }
         compareByHash = true;
-        expectedPositions = saved.positionsHash;
-        expectedVelocities = saved.velocitiesHash;
+        loaded.reset(new SavedState(saved));
+        bodiesOfOtherDefinition = others;
         forcesAreValid = false;
         // Arrays that are not the saved ones count as changed by the user.
-        lastPositions.assign(lastPositions.size(), Vec3(NAN, NAN, NAN));
+        lastPositions.assign(lastPositions.size(), unsetVec3);
         lastVelocities = lastPositions;
     }
     seed = saved.seed;
     stepNumber = saved.stepNumber;
 }
 
-void RigidBodyKernel::createCheckpoint(ContextImpl& context, ostream& stream) {
-    const SavedState saved = collectState(context);
-    string bytes;
-    put(bytes, saved.seed);
-    put(bytes, saved.stepNumber);
-    put(bytes, (int32_t)saved.hasBodies);
-    put(bytes, saved.positionsHash);
-    put(bytes, saved.velocitiesHash);
-    put(bytes, (int32_t)saved.bodies.size());
+/** Where the Context's positions are those of a saved state, its poses must be theirs: else it was damaged or edited. */
+void RigidBodyKernel::checkPosesAgainstPositions(const SavedState& saved) {
+    if (hashOf(positions()) != saved.positionsHash) return;
     for (size_t b = 0; b < saved.bodies.size(); b++) {
-        put(bytes, saved.bodies[b]);
-        const BodyGeometry& g = saved.geometries[b];
-        put(bytes, g.mass);
-        put(bytes, g.moments);
-        put(bytes, (int32_t)g.sites.size());
-        for (const Vec3& s : g.sites) put(bytes, s);
+        const SavedBody& body = saved.bodies[b];
+        const Eigen::Quaterniond q(body.q[0], body.q[1], body.q[2], body.q[3]);
+        const vector<int>& particles = definitions->getRigidBodyParticles(b);
+        for (size_t i = 0; i < particles.size(); i++) {
+            // Virtual sites follow the others, and may not have done so yet.
+            if (system->isVirtualSite(particles[i])) continue;
+            const Vec3 place = body.R + toVec3(q * toEigen(body.geometry.sites[i])),
+                       off = positions()[particles[i]] - place;
+            const double distance = sqrt(off.dot(off)), tolerance = integrator->getPoseTolerance();
+            if (!(distance <= tolerance))
+                fail("body " + to_string(b) + ": the saved state is corrupt: particle " + to_string(particles[i]) +
+                     " is " + text(distance) + " nm from where the saved pose puts it, more than the pose tolerance " +
+                     text(tolerance) + " nm; use another");
+        }
     }
-    stream.write(checkpointMark, sizeof checkpointMark);
-    const uint64_t length = bytes.size(), hash = hashOf(bytes);
-    stream.write(reinterpret_cast<const char*>(&length), sizeof length);
-    stream.write(reinterpret_cast<const char*>(&hash), sizeof hash);
-    stream.write(bytes.data(), bytes.size());
 }
 
-void RigidBodyKernel::loadCheckpoint(ContextImpl& context, istream& stream) {
-    char mark[sizeof checkpointMark];
-    stream.read(mark, sizeof mark);
-    if (!stream || memcmp(mark, checkpointMark, sizeof mark) != 0)
-        fail("the checkpoint was not written by this version of this integrator; use one that was, or a State");
-    uint64_t length = 0, hash = 0;
-    stream.read(reinterpret_cast<char*>(&length), sizeof length);
-    stream.read(reinterpret_cast<char*>(&hash), sizeof hash);
-    const uint64_t implausible = uint64_t(1) << 40;
-    if (!stream || length > implausible)
-        fail("the checkpoint is corrupt: its header is damaged; use another checkpoint");
-    string bytes;
-    // Read in pieces, so that a damaged length cannot ask for all the memory.
-    char piece[65536];
-    while (bytes.size() < length) {
-        stream.read(piece, min<uint64_t>(sizeof piece, length - bytes.size()));
-        if (stream.gcount() == 0) fail("the checkpoint is corrupt: it ends too early; use another checkpoint");
-        bytes.append(piece, stream.gcount());
-    }
-    if (hashOf(bytes) != hash) fail("the checkpoint is corrupt: its check sum does not match; use another checkpoint");
-    ByteReader reader(bytes);
-    SavedState saved;
-    saved.seed = reader.get<uint32_t>();
-    saved.stepNumber = reader.get<int64_t>();
-    saved.hasBodies = reader.get<int32_t>();
-    saved.positionsHash = reader.get<uint64_t>();
-    saved.velocitiesHash = reader.get<uint64_t>();
-    const int n = reader.get<int32_t>();
-    for (int b = 0; b < n; b++) {
-        saved.bodies.push_back(reader.get<array<double, 13> >());
-        BodyGeometry g;
-        g.mass = reader.get<double>();
-        g.moments = reader.get<Vec3>();
-        const int sites = reader.get<int32_t>();
-        for (int i = 0; i < sites; i++) g.sites.push_back(reader.get<Vec3>());
-        saved.geometries.push_back(g);
-    }
-    adoptState(saved);
-}
+void RigidBodyKernel::createCheckpoint(ContextImpl& context, ostream& stream) { collectState(context).write(stream); }
 
-void RigidBodyKernel::serialize(ContextImpl& context, SerializationNode& node) {
-    const SavedState saved = collectState(context);
-    SerializationNode& root = node.createChildNode("RigidBodyState");
-    root.setIntProperty("version", stateVersion);
-    root.setLongProperty("seed", saved.seed);
-    root.setLongProperty("stepNumber", saved.stepNumber);
-    if (!saved.hasBodies) return;
-    root.setStringProperty("positionsHash", to_string(saved.positionsHash));
-    root.setStringProperty("velocitiesHash", to_string(saved.velocitiesHash));
-    SerializationNode& list = root.createChildNode("Bodies");
-    for (size_t b = 0; b < saved.bodies.size(); b++) {
-        SerializationNode& body = list.createChildNode("Body");
-        for (int k = 0; k < 13; k++) body.setDoubleProperty(valueNames[k], saved.bodies[b][k]);
-        const BodyGeometry& g = saved.geometries[b];
-        body.setDoubleProperty("mass", g.mass);
-        body.setDoubleProperty("I1", g.moments[0])
-            .setDoubleProperty("I2", g.moments[1])
-            .setDoubleProperty("I3", g.moments[2]);
-        for (const Vec3& s : g.sites)
-            body.createChildNode("Site").setDoubleProperty("x", s[0]).setDoubleProperty("y", s[1]).setDoubleProperty(
-                "z", s[2]);
-    }
-}
+void RigidBodyKernel::loadCheckpoint(ContextImpl& context, istream& stream) { adoptState(SavedState::read(stream)); }
+
+void RigidBodyKernel::serialize(ContextImpl& context, SerializationNode& node) { collectState(context).write(node); }
 
 void RigidBodyKernel::deserialize(ContextImpl& context, const SerializationNode& node) {
     // A State that was saved under an integrator without parameters carries none: its positions and velocities serve.
     if (node.getChildren().empty() && node.getProperties().empty()) return;
-    const SerializationNode* root = nullptr;
     for (const SerializationNode& child : node.getChildren())
-        if (child.getName() == "RigidBodyState") root = &child;
-    if (root == nullptr)
-        fail(
-            "the State's integrator parameters belong to another integrator; save it without them (in Python: "
-            "getState(getIntegratorParameters=False)), or load it under the integrator it was saved with");
-    if (root->getIntProperty("version", 0) != stateVersion)
-        fail("the State has version " + root->getStringProperty("version", "none") +
-             " of the body state, but this library "
-             "reads version " +
-             to_string(stateVersion) + "; load it with the library it was saved with");
-    SavedState saved;
-    try {
-        saved.seed = root->getLongProperty("seed");
-        saved.stepNumber = root->getLongProperty("stepNumber");
-        saved.hasBodies = root->hasProperty("positionsHash");
-        if (saved.hasBodies) {
-            saved.positionsHash = stoull(root->getStringProperty("positionsHash"));
-            saved.velocitiesHash = stoull(root->getStringProperty("velocitiesHash"));
-            for (const SerializationNode& body : root->getChildNode("Bodies").getChildren()) {
-                array<double, 13> values;
-                for (int k = 0; k < 13; k++) values[k] = body.getDoubleProperty(valueNames[k]);
-                saved.bodies.push_back(values);
-                BodyGeometry g;
-                g.mass = body.getDoubleProperty("mass");
-                g.moments =
-                    Vec3(body.getDoubleProperty("I1"), body.getDoubleProperty("I2"), body.getDoubleProperty("I3"));
-                for (const SerializationNode& site : body.getChildren())
-                    g.sites.push_back(
-                        Vec3(site.getDoubleProperty("x"), site.getDoubleProperty("y"), site.getDoubleProperty("z")));
-                saved.geometries.push_back(g);
-            }
+        if (child.getName() == "RigidBodyState") {
+            adoptState(SavedState::read(child));
+            return;
         }
-    } catch (const std::exception& e) {
-        fail(string("the State's integrator parameters are corrupt (") + e.what() + "); use another State");
-    }
-    adoptState(saved);
+    fail(
+        "the State's integrator parameters belong to another integrator; save it without them (in Python: "
+        "getState(getIntegratorParameters=False)), or load it under the integrator it was saved with");
 }
 
 }  // namespace RigidHIPlugin

@@ -4,6 +4,7 @@
 #include <openmm/Vec3.h>
 
 #include <cstdint>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -15,6 +16,10 @@ inline uint64_t hashOf(const std::string& bytes) {
     for (unsigned char c : bytes) hash = (hash ^ c) * 0x100000001b3u;
     return hash;
 }
+
+/** What no array holds: different from everything, so it counts as changed. */
+const OpenMM::Vec3 unsetVec3(std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::quiet_NaN(),
+                             std::numeric_limits<double>::quiet_NaN());
 
 /** Recognises an array of positions or velocities after a checkpoint or State was loaded. */
 inline uint64_t hashOf(const std::vector<OpenMM::Vec3>& v) {

@@ -44,6 +44,11 @@ struct PrincipalFrame {
 
 bool isFinite(const Vec3& v) { return isfinite(v[0]) && isfinite(v[1]) && isfinite(v[2]); }
 
+/** How exactly a shape has the lengths of its constraints, relative: six digits are what force fields give. */
+const double constraintTolerance = 1e-6;
+/** Where a virtual site is, relative to the body's size: far above rounding. */
+const double virtualSiteTolerance = 1e-9;
+
 }  // namespace
 
 BodyInertia liveInertia(double mass, const Vec3& moments) {
@@ -52,6 +57,32 @@ BodyInertia liveInertia(double mass, const Vec3& moments) {
     const double largest = max(moments[0], max(moments[1], moments[2]));
     for (int k = 0; k < 3; k++) inertia.moments[k] = moments[k] > zeroMomentFraction * largest ? moments[k] : 0;
     return inertia;
+}
+
+bool massesMake(const BodyGeometry& geometry, const vector<double>& masses) {
+    const double tolerance = 1e-10;
+    const BodyInertia live = liveInertia(geometry.mass, geometry.moments);
+    const double largest = max(live.moments[0], max(live.moments[1], live.moments[2]));
+    double total = 0;
+    Vec3 centre;
+    Eigen::Matrix3d second = Eigen::Matrix3d::Zero();
+    for (size_t i = 0; i < masses.size(); i++) {
+        const Eigen::Vector3d site = toEigen(geometry.sites[i]);
+        total += masses[i];
+        centre += geometry.sites[i] * masses[i];
+        second += masses[i] * site * site.transpose();
+    }
+    if (abs(total - geometry.mass) > tolerance * geometry.mass) return false;
+    for (int k = 0; k < 3; k++) {
+        const int a = (k + 1) % 3, b = (k + 2) % 3;
+        const double moment = second(a, a) + second(b, b);
+        if (abs(moment - live.moments[k]) > tolerance * (live.isLive(k) ? live.moments[k] : largest)) return false;
+        // Off-diagonal elements couple two axes: measure them by both.
+        if (second(a, b) * second(a, b) > tolerance * tolerance * max(live.moments[a], tolerance * largest) *
+                                              max(live.moments[b], tolerance * largest))
+            return false;
+    }
+    return centre.dot(centre) <= tolerance * tolerance * largest * total;
 }
 
 BodyGeometryBuilder::BodyGeometryBuilder(const System& system, const vector<int>& particles, const string& name)
@@ -96,7 +127,7 @@ bool BodyGeometryBuilder::needsPositions() const {
 }
 
 /** Coordinates, about the centre of mass, with the given distances; mirrored to fit the positions where that matters. */
-vector<Vec3> BodyGeometryBuilder::shapeFromDistances(const vector<Vec3>& positions) const {
+vector<Vec3> BodyGeometryBuilder::shapeFromDistances(const vector<Vec3>& members) const {
     const int n = massive.size();
     vector<Vec3> x(n);
     const string remedy = "; mend the System's constraints, or give the body explicit site positions";
@@ -128,7 +159,7 @@ vector<Vec3> BodyGeometryBuilder::shapeFromDistances(const vector<Vec3>& positio
     for (int i = 0; i < n; i++)
         for (int j = 0; j < i; j++) {
             const Vec3 d = x[i] - x[j];
-            if (abs(sqrt(d.dot(d)) - distances[i][j]) > 1e-6 * distances[i][j])
+            if (abs(sqrt(d.dot(d)) - distances[i][j]) > constraintTolerance * distances[i][j])
                 throw OpenMMException("CustomRigidHIIntegrator: " + name + ": the constraints between particles " +
                                       to_string(particles[massive[i]]) + " and " + to_string(particles[massive[j]]) +
                                       " and the others cannot be satisfied in three dimensions" + remedy);
@@ -136,25 +167,54 @@ vector<Vec3> BodyGeometryBuilder::shapeFromDistances(const vector<Vec3>& positio
     double handedness = 0;  // of the positions against the coordinates: sign of det sum x y^T
     Eigen::Matrix3d correlation = Eigen::Matrix3d::Zero();
     Vec3 centre;
-    for (int i = 0; i < n; i++) centre += positions[particles[massive[i]]] / n;
-    for (int i = 0; i < n; i++)
-        correlation += toEigen(positions[particles[massive[i]]] - centre) * toEigen(x[i]).transpose();
+    for (int i = 0; i < n; i++) centre += members[massive[i]] / n;
+    for (int i = 0; i < n; i++) correlation += toEigen(members[massive[i]] - centre) * toEigen(x[i]).transpose();
     handedness = correlation.determinant();
     if (handedness < 0)
         for (Vec3& v : x) v[2] = -v[2];
     return x;
 }
 
-BodyGeometry BodyGeometryBuilder::build(const vector<Vec3>& positions) const {
+bool BodyGeometryBuilder::agrees(const BodyGeometry& known) const {
+    if (massless ? known.mass != 0 : known.mass == 0) return false;
+    vector<double> all(particles.size(), 0.0);
+    for (size_t i = 0; i < massive.size() && !massless; i++) all[massive[i]] = masses[i];
+    if (!massless && !massesMake(known, all)) return false;
+    for (size_t i = 0; i < massive.size() && fixedByConstraints && !massless; i++)
+        for (size_t j = 0; j < i; j++) {
+            const Vec3 d = known.sites[massive[i]] - known.sites[massive[j]];
+            if (abs(sqrt(d.dot(d)) - distances[i][j]) > constraintTolerance * distances[i][j]) return false;
+        }
+    map<int, Vec3> siteOfParticle;
+    double size = 0;
+    for (size_t i = 0; i < particles.size(); i++) {
+        siteOfParticle[particles[i]] = known.sites[i];
+        size = max(size, sqrt(known.sites[i].dot(known.sites[i])));
+    }
+    for (size_t i = 0; i < particles.size(); i++) {
+        if (!system.isVirtualSite(particles[i])) continue;
+        const Vec3 off = known.sites[i] - virtualSitePosition(system, particles[i],
+                                                              [&](int parent) { return siteOfParticle.at(parent); });
+        if (!(sqrt(off.dot(off)) <= virtualSiteTolerance * size)) return false;
+    }
+    return true;
+}
+
+BodyGeometry BodyGeometryBuilder::update(const BodyGeometry& known) const {
+    if (!needsPositions()) return build({});
+    return agrees(known) ? known : build(known.sites);
+}
+
+BodyGeometry BodyGeometryBuilder::build(const vector<Vec3>& members) const {
     if (needsPositions())
-        for (int p : particles)
-            if (!system.isVirtualSite(p) && !isFinite(positions[p]))
-                throw OpenMMException("CustomRigidHIIntegrator: " + name + ": particle " + to_string(p) +
+        for (size_t i = 0; i < particles.size(); i++)
+            if (!system.isVirtualSite(particles[i]) && !isFinite(members[i]))
+                throw OpenMMException("CustomRigidHIIntegrator: " + name + ": particle " + to_string(particles[i]) +
                                       " has a non-finite position; set finite positions before stepping");
     vector<Vec3> actual(massive.size());
     if (needsPositions())
-        for (size_t i = 0; i < massive.size(); i++) actual[i] = positions[particles[massive[i]]];
-    const vector<Vec3> shape = fixedByConstraints && massive.size() > 1 ? shapeFromDistances(positions) : actual;
+        for (size_t i = 0; i < massive.size(); i++) actual[i] = members[massive[i]];
+    const vector<Vec3> shape = fixedByConstraints && massive.size() > 1 ? shapeFromDistances(members) : actual;
     const PrincipalFrame frame(masses, shape);
 
     BodyGeometry geometry;
@@ -179,8 +239,7 @@ BodyGeometry BodyGeometryBuilder::build(const vector<Vec3>& positions) const {
         const Eigen::Matrix3d toBody = svd.matrixU() * fix * svd.matrixV().transpose();
         for (size_t i = 0; i < particles.size(); i++)
             if (system.getParticleMass(particles[i]) == 0 && !system.isVirtualSite(particles[i]))
-                siteOfParticle[particles[i]] = geometry.sites[i] =
-                    toVec3(toBody * toEigen(positions[particles[i]] - centre));
+                siteOfParticle[particles[i]] = geometry.sites[i] = toVec3(toBody * toEigen(members[i] - centre));
     }
     for (size_t i = 0; i < particles.size(); i++)
         if (system.isVirtualSite(particles[i]))

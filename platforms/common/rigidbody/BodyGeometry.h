@@ -25,6 +25,12 @@ constexpr double zeroMomentFraction = 1e-13;
 BodyInertia liveInertia(double mass, const OpenMM::Vec3& moments);
 
 /**
+ * Whether point masses at the sites have the mass and moments of a geometry, its origin as their centre and its axes as principal
+ * axes, to 1e-10: far above rounding, far below any intended difference.
+ */
+bool massesMake(const BodyGeometry& geometry, const std::vector<double>& masses);
+
+/**
  * The shape, mass and inertia of a body that was given by its particles alone.
  *
  * The massive members' shape comes from the System's constraints where these fix it (one pair, a triangle, or all pairs),
@@ -39,13 +45,19 @@ public:
     /** Whether positions are needed, or the System alone fixes the geometry. */
     bool needsPositions() const;
     /**
-     * @param positions  positions of all particles of the System, nm; not looked at unless needsPositions()
+     * @param members  positions of the body's particles in any frame, nm; not looked at unless needsPositions()
      * @throws OpenMMException if constraints cannot be satisfied, or positions are not finite
      */
-    BodyGeometry build(const std::vector<OpenMM::Vec3>& positions) const;
+    BodyGeometry build(const std::vector<OpenMM::Vec3>& members) const;
+    /**
+     * The geometry by the System as it is now, of a body whose shape was found earlier: the known one to the last bit where the System
+     * still says the same; otherwise built anew, with the known sites as positions.
+     */
+    BodyGeometry update(const BodyGeometry& known) const;
 
 private:
-    std::vector<OpenMM::Vec3> shapeFromDistances(const std::vector<OpenMM::Vec3>& positions) const;
+    bool agrees(const BodyGeometry& known) const;
+    std::vector<OpenMM::Vec3> shapeFromDistances(const std::vector<OpenMM::Vec3>& members) const;
     const OpenMM::System& system;
     const std::vector<int>& particles;
     std::string name;

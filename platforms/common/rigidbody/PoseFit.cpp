@@ -92,22 +92,7 @@ PoseFit::PoseFit(const BodyGeometry& geometry, const vector<double>& masses, con
 }
 
 bool PoseFit::massesMakeTheBody(const BodyGeometry& geometry, const vector<double>& masses) const {
-    const double tolerance = 1e-10;  // far above rounding, far below any intended difference
-    if (weights != masses || abs(totalWeight - geometry.mass) > tolerance * geometry.mass) return false;
-    const BodyInertia live = liveInertia(geometry.mass, geometry.moments);
-    const double largest = max(live.moments[0], max(live.moments[1], live.moments[2]));
-    Eigen::Matrix3d second = Eigen::Matrix3d::Zero();
-    for (size_t i = 0; i < sites.size(); i++) second += weights[i] * sites[i] * sites[i].transpose();
-    for (int k = 0; k < 3; k++) {
-        const int a = (k + 1) % 3, b = (k + 2) % 3;
-        const double moment = second(a, a) + second(b, b);
-        if (abs(moment - live.moments[k]) > tolerance * (live.isLive(k) ? live.moments[k] : largest)) return false;
-        // Off-diagonal elements couple two axes: measure them by both.
-        if (second(a, b) * second(a, b) > tolerance * tolerance * max(live.moments[a], tolerance * largest) *
-                                              max(live.moments[b], tolerance * largest))
-            return false;
-    }
-    return totalWeight * centre_body.squaredNorm() <= tolerance * tolerance * largest || sites.size() == 1;
+    return weights == masses && massesMake(geometry, masses);
 }
 
 double PoseFit::fitPose(const vector<Vec3>& positions, BodyState& state, int& worst) const {

@@ -6,6 +6,7 @@
 
 #include <charconv>
 #include <string>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -25,7 +26,11 @@ public:
         return node.getStringProperty(property);
     }
     double number(const std::string& property) const { return parse<double>(property, "a number"); }
-    int integer(const std::string& property) const { return parse<int>(property, "an integer"); }
+    /** @tparam T  int by default; a longer or an unsigned type takes its own range */
+    template <class T = int>
+    T integer(const std::string& property) const {
+        return parse<T>(property, std::is_unsigned<T>::value ? "an integer from 0 up" : "an integer");
+    }
     bool boolean(const std::string& property) const {
         const int value = integer(property);
         if (value != 0 && value != 1) wrongValue(property, "0 or 1");
@@ -44,6 +49,7 @@ public:
             fail("it has " + std::to_string(found) + " elements",
                  "there must be " + std::to_string(expected) + " as its property '" + countProperty + "' says");
     }
+    const std::string& name() const { return node.getName(); }
     bool has(const std::string& property) const { return node.hasProperty(property); }
     const std::vector<OpenMM::SerializationNode>& children() const { return node.getChildren(); }
 
