@@ -3,6 +3,7 @@
 #include <openmm/VirtualSite.h>
 
 #include "HydrodynamicSupport.h"
+#include "mobility/Models.h"
 
 using namespace OpenMM;
 using namespace RigidHITest;
@@ -369,6 +370,59 @@ TEST_P(EveryModel, ChangedParametersReachTheContext) {
     }
     smaller.start(testPlatform());
     EXPECT_LT(difference(scene.mobility(), smaller.mobility()), 1e-12);
+}
+
+TEST(EveryEnumerator, RunsTheOperatorOfItsNameOnThisPlatform) {
+    vector<MatrixXd> known;
+    for (int m = 0; *RigidHIPlugin::modelName(MobilityForce::Model(m)); m++)
+        for (int b = 0; *RigidHIPlugin::boundaryName(MobilityForce::Boundary(b)); b++) {
+            const auto model = MobilityForce::Model(m);
+            const auto boundary = MobilityForce::Boundary(b);
+            const string name = string(RigidHIPlugin::modelName(model)) + ", " + RigidHIPlugin::boundaryName(boundary);
+            FluidScene scene;
+            scene.fluid->setModel(model);
+            scene.fluid->setBoundary(boundary);
+            scene.add(sphereKind(0.5), Vec3(0, 0, 1));
+            scene.add(sphereKind(0.8), Vec3(0.9, 0.8, 1.7));
+            if (!RigidHIPlugin::hasBoundary(model, boundary)) {
+                EXPECT_THROW(scene.start(testPlatform()), OpenMMException) << name;
+                continue;
+            }
+            scene.start(testPlatform());
+            const MatrixXd N = scene.mobility();
+            RigidHIPlugin::HydrodynamicParticles particles;
+            particles.add(0.5, true, 0, 0);
+            particles.add(0.8, true, 1, 1);
+            const auto common = RigidHIPlugin::createMobility(*scene.fluid, false, particles);
+            common->setPositions(scene.positions);
+            MatrixXd M;
+            common->dense(M);
+            // Without interaction every body is in a fluid of its own.
+            if (model == MobilityForce::FreeDraining)
+                M.topRightCorner(6, 6).setZero(), M.bottomLeftCorner(6, 6).setZero();
+            EXPECT_LT(difference(N, M), 1e-12) << name << " is not what the common operator makes";
+            for (const MatrixXd& other : known)
+                EXPECT_GT(difference(N, other), 1e-6) << name << " runs as another model";
+            known.push_back(N);
+            const auto isThis = [&](const ModelCase& c) { return c.model == model && c.boundary == boundary; };
+            EXPECT_TRUE(any_of(models.begin(), models.end(), isThis)) << name << " is not in the table of models";
+        }
+    EXPECT_GE(known.size(), 4u);
+}
+
+TEST(EveryEnumerator, OthersAreRefused) {
+    const auto badModel = static_cast<MobilityForce::Model>(3);
+    const auto badBoundary = static_cast<MobilityForce::Boundary>(-1);
+    expectError([&] { RigidHIPlugin::checkOperator(badModel, MobilityForce::Unbounded); },
+                {"nothing computes model 3 with boundary Unbounded"});
+    expectError([&] { RigidHIPlugin::checkOperator(MobilityForce::RotnePragerYamakawa, badBoundary); },
+                {"model RotnePragerYamakawa with boundary -1"});
+    // Not the operator of unbounded fluid without a word.
+    MobilityForce fluid;
+    fluid.setModel(MobilityForce::StokesianDynamics);
+    fluid.setBoundary(MobilityForce::NoSlipWall);
+    expectError([&] { RigidHIPlugin::createMobility(fluid, false, {}); },
+                {"nothing computes model StokesianDynamics with boundary NoSlipWall"});
 }
 
 TEST(FreeDraining, IsTheBodiesOneByOne) {
