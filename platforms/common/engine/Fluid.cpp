@@ -8,6 +8,7 @@
 #include <sstream>
 
 #include "mobility/Models.h"
+#include "mobility/OneBlasThread.h"
 #include "rigidbody/EigenVec3.h"
 #include "rigidbody/Quaternion-inl.h"
 
@@ -66,6 +67,7 @@ Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejec
              const vector<BodyGeometry>& geometries, const BodySet& bodies, const FreeParticles& freeParticles,
              PlatformLoops& loops)
     : force(forceToUse), wallRejection(wallRejection), particlesOfBodies(particlesOfBodiesToUse), loops(loops) {
+    const OneBlasThread single;  // constant tensors are computed here
     const int numBodies = particlesOfBodies.size();
     const bool freeDraining = force.getModel() == MobilityForce::FreeDraining;
     if (force.getNumParticles() != system.getNumParticles())
