@@ -578,6 +578,16 @@ VectorXd Fluid::apply(const VectorXd& wrenches, const BodySet& bodies, const vec
     return result;
 }
 
+VectorXd Fluid::applyToBlobs(const VectorXd& forces, const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
+    const OneBlasThread single;
+    VectorXd result = VectorXd::Zero(forces.size());
+    for (auto& group : groups) {
+        setPoses(*group, bodies, positions);
+        group->mobility->applyToParticles(forces, result);
+    }
+    return result;
+}
+
 string Fluid::objection(const BodySet& bodies, const vector<OpenMM::Vec3>& positions) const {
     for (const auto& group : groups) {
         const string text = objection(*group, bodies, positions);
