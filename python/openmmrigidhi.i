@@ -349,6 +349,7 @@ public:
     std::vector<double> getMobilityInContext(OpenMM::Context& context) const;
     std::vector<double> getFrictionInContext(OpenMM::Context& context) const;
     std::vector<double> applyMobilityInContext(OpenMM::Context& context, const std::vector<double>& wrenches) const;
+    std::vector<double> applyBlobMobilityInContext(OpenMM::Context& context, const std::vector<double>& forces) const;
     bool usesPeriodicBoundaryConditions() const;
 
     %extend {

@@ -268,6 +268,15 @@ vector<double> MobilityForce::applyMobilityInContext(Context& context, const vec
     return kernel.applyMobility(const_cast<MobilityForce*>(this)->getContextImpl(context), wrenches);
 }
 
+vector<double> MobilityForce::applyBlobMobilityInContext(Context& context, const vector<double>& forces) const {
+    IntegrateRigidBodiesKernel& kernel = kernelIn(context, "applyBlobMobilityInContext()");
+    for (size_t i = 0; i < forces.size(); i++)
+        if (!isfinite(forces[i]))
+            fail("applyBlobMobilityInContext()", "the force on particle " + text(i / 3) + " is not finite",
+                 "forces on blobs must be finite", "give finite numbers");
+    return kernel.applyBlobMobility(const_cast<MobilityForce*>(this)->getContextImpl(context), forces);
+}
+
 ForceImpl* MobilityForce::createImpl() const { return new MobilityForceImpl(*this); }
 
 void MobilityForceImpl::initialize(ContextImpl& context) {

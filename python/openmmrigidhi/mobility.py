@@ -400,6 +400,32 @@ class MobilityForce(_copies.Copies, _Base):
         context = _units.context(context, _where('applyMobilityInContext'))
         return _units.array(super().applyMobilityInContext(context, rows.reshape(-1)), 6)
 
+    def applyBlobMobilityInContext(self, context, forces):
+        """Get the velocities that forces on the hydrodynamic particles would give if each of them were free.
+
+        This is the mobility of blobs, without the rigidity of bodies: blobs, spheres and free particles where they are at present.
+        Spheres (one particle in a body) feel no torque, and their angular velocities are not given. Particles feel each other as bodies
+        do: those of one group of :meth:`setGroups`, or under FreeDraining those of one body. Tensors of :meth:`setBodyMobility` and
+        :meth:`setBodyFriction` belong to bodies and have no effect. Nothing is solved for: the cost is that of one product with the
+        model's matrix for each group, whatever the solver (StokesianDynamics makes its matrix).
+
+        Parameters
+        ----------
+        context : openmm.Context
+            a Context whose System has this Force
+        forces : array-like or Quantity of shape (particles, 3)
+            one finite row for each particle of the System, kJ/(mol nm), lab frame; those on particles that the fluid does not see
+            count not
+
+        Returns
+        -------
+        Quantity of shape (particles, 3)
+            velocities, nm/ps, lab frame; 0 for particles that the fluid does not see
+        """
+        rows = _units.rows(forces, _units.FORCE, 3, _where('applyBlobMobilityInContext'), 'forces')
+        context = _units.context(context, _where('applyBlobMobilityInContext'))
+        return _units.VELOCITY.attach(_units.array(super().applyBlobMobilityInContext(context, rows.reshape(-1)), 3))
+
     def usesPeriodicBoundaryConditions(self):
         """Get whether this Force makes the System periodic: False, no boundary is periodic."""
         return super().usesPeriodicBoundaryConditions()

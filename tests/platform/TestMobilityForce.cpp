@@ -3,6 +3,7 @@
 #include <openmm/VirtualSite.h>
 
 #include "HydrodynamicSupport.h"
+#include "mobility/Models.h"
 
 using namespace OpenMM;
 using namespace RigidHITest;
@@ -369,6 +370,153 @@ TEST_P(EveryModel, ChangedParametersReachTheContext) {
     }
     smaller.start(testPlatform());
     EXPECT_LT(difference(scene.mobility(), smaller.mobility()), 1e-12);
+}
+
+TEST(EveryEnumerator, RunsTheOperatorOfItsNameOnThisPlatform) {
+    vector<MatrixXd> known;
+    for (int m = 0; *RigidHIPlugin::modelName(MobilityForce::Model(m)); m++)
+        for (int b = 0; *RigidHIPlugin::boundaryName(MobilityForce::Boundary(b)); b++) {
+            const auto model = MobilityForce::Model(m);
+            const auto boundary = MobilityForce::Boundary(b);
+            const string name = string(RigidHIPlugin::modelName(model)) + ", " + RigidHIPlugin::boundaryName(boundary);
+            FluidScene scene;
+            scene.fluid->setModel(model);
+            scene.fluid->setBoundary(boundary);
+            scene.add(sphereKind(0.5), Vec3(0, 0, 1));
+            scene.add(sphereKind(0.8), Vec3(0.9, 0.8, 1.7));
+            if (!RigidHIPlugin::hasBoundary(model, boundary)) {
+                EXPECT_THROW(scene.start(testPlatform()), OpenMMException) << name;
+                continue;
+            }
+            scene.start(testPlatform());
+            const MatrixXd N = scene.mobility();
+            RigidHIPlugin::HydrodynamicParticles particles;
+            particles.add(0.5, true, 0, 0);
+            particles.add(0.8, true, 1, 1);
+            const auto common = RigidHIPlugin::createMobility(*scene.fluid, false, particles);
+            common->setPositions(scene.positions);
+            MatrixXd M;
+            common->dense(M);
+            // Without interaction every body is in a fluid of its own.
+            if (model == MobilityForce::FreeDraining)
+                M.topRightCorner(6, 6).setZero(), M.bottomLeftCorner(6, 6).setZero();
+            EXPECT_LT(difference(N, M), 1e-12) << name << " is not what the common operator makes";
+            for (const MatrixXd& other : known)
+                EXPECT_GT(difference(N, other), 1e-6) << name << " runs as another model";
+            known.push_back(N);
+            const auto isThis = [&](const ModelCase& c) { return c.model == model && c.boundary == boundary; };
+            EXPECT_TRUE(any_of(models.begin(), models.end(), isThis)) << name << " is not in the table of models";
+        }
+    EXPECT_GE(known.size(), 4u);
+}
+
+TEST(EveryEnumerator, OthersAreRefused) {
+    const auto badModel = static_cast<MobilityForce::Model>(17);
+    const auto badBoundary = static_cast<MobilityForce::Boundary>(-1);
+    expectError([&] { RigidHIPlugin::checkOperator(badModel, MobilityForce::Unbounded); },
+                {"nothing computes model 17 with boundary Unbounded"});
+    expectError([&] { RigidHIPlugin::checkOperator(MobilityForce::RotnePragerYamakawa, badBoundary); },
+                {"model RotnePragerYamakawa with boundary -1"});
+    // Not the operator of unbounded fluid without a word.
+    MobilityForce fluid;
+    fluid.setModel(MobilityForce::StokesianDynamics);
+    fluid.setBoundary(MobilityForce::NoSlipWall);
+    expectError([&] { RigidHIPlugin::createMobility(fluid, false, {}); },
+                {"nothing computes model StokesianDynamics with boundary NoSlipWall"});
+}
+
+namespace {
+
+/** Three rows a particle of the System. */
+VectorXd blobVelocities(FluidScene& scene, const VectorXd& forces) {
+    const vector<double> v =
+        scene.fluid->applyBlobMobilityInContext(*scene.context, {forces.data(), forces.data() + forces.size()});
+    return Eigen::Map<const VectorXd>(v.data(), v.size());
+}
+
+/** Likewise by Rotne, Prager and Yamakawa, written down independently. @param labels  who feels whom, a number a particle */
+VectorXd expectedBlobVelocities(FluidScene& scene, const vector<int>& labels, const VectorXd& forces) {
+    const auto x = positionsOf(*scene.context);
+    const int n = x.size();
+    const double height = scene.fluid->getWallHeight();
+    VectorXd v = VectorXd::Zero(3 * n);
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++) {
+            const double a = scene.fluid->getParticleRadius(i), b = scene.fluid->getParticleRadius(j);
+            if (a == 0 || b == 0 || labels[i] != labels[j]) continue;
+            Matrix3d M = pairOfSpheres(a, b, toEigen(x[i] - x[j]), scene.fluid->getViscosity()).topLeftCorner(3, 3);
+            if (scene.fluid->getBoundary() == MobilityForce::NoSlipWall) {
+                RigidHIPlugin::HydrodynamicParticles pair;
+                pair.add(a, false, 0, -1);
+                if (i != j) pair.add(b, false, 1, -1);
+                RigidHIPlugin::RotnePragerYamakawaWall above(pair, scene.fluid->getViscosity(),
+                                                             RigidHIPlugin::NoSlipPlane(height, false));
+                above.setPositions(i == j ? vector<Vec3>{x[i]} : vector<Vec3>{x[i], x[j]});
+                MatrixXd both;
+                above.dense(both);
+                M = both.topRightCorner(3, 3);
+            }
+            v.segment<3>(3 * i) += M * forces.segment<3>(3 * j);
+        }
+    return v;
+}
+
+}  // namespace
+
+TEST_P(EveryModel, BlobsMoveByTheParticlesMobility) {
+    const ModelCase& model = GetParam();
+    if (model.model == MobilityForce::StokesianDynamics || model.sphereWall == MobilityForce::BestKnown)
+        GTEST_SKIP() << "other than pairs: see SpheresMoveByTheirTranslation";
+    for (auto solver : {MobilityForce::Dense, MobilityForce::MatrixFree}) {
+        FluidScene scene;
+        choose(scene, model);
+        scene.fluid->setSolver(solver);
+        addMixture(scene, model, 2);
+        const int n = scene.bodies.size();
+        vector<int> groups, labels;
+        for (int b = 0; b < n; b++) {
+            groups.push_back(b % 3 == 0);
+            // Under FreeDraining only the blobs of one body feel each other.
+            for (size_t i = 0; i < scene.particles[b].size(); i++)
+                labels.push_back(model.couplesBodies ? groups[b] : b + 1);
+        }
+        // Free particles are in group 0, but for one that the fluid does not see.
+        for (int i = 0; i < 3; i++) {
+            scene.addFree(1, i == 1 ? 0 : 0.3, Vec3(1.1 * i, 7, 1));
+            labels.push_back(model.couplesBodies ? 0 : n + 1 + i);
+        }
+        scene.fluid->setGroups(groups);
+        // A tensor of its own is that of the body, not of its blobs.
+        scene.fluid->setBodyMobility(3, rowsOf(tensorWithoutSymmetry(1)));
+        scene.start(testPlatform());
+        const Configuration c = randomConfiguration(scene, model, 6, 1);
+        scene.pose(c.R, c.q);
+        const VectorXd forces = VectorXd::Random(3 * scene.positions.size());
+        const VectorXd v = blobVelocities(scene, forces), expected = expectedBlobVelocities(scene, labels, forces);
+        EXPECT_LT(difference(v, expected), 1e-12);
+        for (size_t p = 0; p < scene.positions.size(); p++)
+            EXPECT_EQ(v.segment<3>(3 * p).isZero(0), scene.fluid->getParticleRadius(p) == 0) << "particle " << p;
+    }
+}
+
+TEST_P(EveryModel, SpheresMoveByTheirTranslation) {
+    FluidScene scene;
+    choose(scene, GetParam());
+    for (double radius : {0.5, 0.8, 0.6}) scene.add(sphereKind(radius));
+    scene.start(testPlatform());
+    for (int seed = 0; seed < 3; seed++) {
+        const Configuration c = randomConfiguration(scene, GetParam(), 3, seed);
+        scene.pose(c.R, c.q);
+        const VectorXd forces = VectorXd::Random(9);
+        const MatrixXd N = scene.mobility();
+        VectorXd expected = VectorXd::Zero(9);
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                expected.segment<3>(3 * i) += N.block<3, 3>(6 * i, 6 * j) * forces.segment<3>(3 * j);
+        EXPECT_LT(difference(blobVelocities(scene, forces), expected), 1e-12);
+        // The question leaves nothing behind.
+        EXPECT_EQ(scene.mobility(), N);
+    }
 }
 
 TEST(FreeDraining, IsTheBodiesOneByOne) {

@@ -157,6 +157,26 @@ def test_wrenches(scene):
         fluid.applyMobilityInContext(context, [[0]*6, [0, 0, np.inf, 0, 0, 0]])
 
 
+def test_forces_on_blobs(scene):
+    system, fluid, integrator, platform = scene
+    context = openmm.Context(system, integrator, platform)
+    with refused('applyBlobMobilityInContext() needs positions'):
+        fluid.applyBlobMobilityInContext(context, np.zeros((2, 3)))
+    context.setPositions([(0, 0, 0), (2, 0, 0)])
+    for bad in (np.zeros(6), np.zeros((2, 6))):
+        with refused('MobilityForce.applyBlobMobilityInContext: forces', 'the shape must be (n, 3)', error=ValueError):
+            fluid.applyBlobMobilityInContext(context, bad)
+    with refused('MobilityForce.applyBlobMobilityInContext: forces', error=TypeError):
+        fluid.applyBlobMobilityInContext(context, np.zeros((2, 3))*unit.kilojoule_per_mole)
+    for rows in (0, 1, 3):
+        with refused('applyBlobMobilityInContext()', f'{3*rows} numbers, but the System has 2 particles', 'give 3 numbers for each of them'):
+            fluid.applyBlobMobilityInContext(context, np.zeros((rows, 3)))
+    with refused('the force on particle 1 is not finite; forces on blobs must be finite'):
+        fluid.applyBlobMobilityInContext(context, [[0]*3, [0, 0, np.inf]])
+    with refused('applyBlobMobilityInContext: context: got', error=TypeError):
+        fluid.applyBlobMobilityInContext(None, np.zeros((2, 3)))
+
+
 def test_questions_too_early(scene):
     system, fluid, integrator, platform = scene
     for wrong in (None, system, integrator):

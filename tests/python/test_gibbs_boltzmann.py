@@ -270,6 +270,28 @@ def test_bins_of_a_histogram():
     assert np.allclose(errors, [1/3, 1/6, 1/3])   # half the difference of the two walkers
 
 
+def correlated(samples, n, seed=8):
+    """A series each of whose bins has an autocorrelation time of its own."""
+    random = np.random.default_rng(seed)
+    x = random.normal(size=(samples, n))
+    for k in range(1, samples):
+        x[k] = 0.95*x[k - 1] + np.sqrt(1 - 0.95**2)*x[k]
+    return x
+
+
+@pytest.mark.parametrize('independent, n', [(False, 1), (False, 3), (True, 1), (True, 3)])
+def test_averages_are_those_of_all_samples(independent, n):
+    """Bins that cover everything have probabilities that add up to 1, and averages are linear, however many blocks each has."""
+    x = correlated(300, n)
+    samples = poses(x, independent)
+    edges = np.array([-10, -1, -0.3, 0, 0.5, 1.5, 10])
+    probabilities, errors = samples.histogram(x, edges)
+    assert np.allclose(probabilities, np.histogram(x, edges)[0]/x.size, rtol=0, atol=1e-14)
+    assert abs(probabilities.sum() - 1) < 1e-14 and np.all(errors > 0)
+    assert samples.average(x).mean == pytest.approx(x.mean(), rel=0, abs=1e-14)
+    assert samples.average(x**2).mean + samples.average(1 - x**2).mean == pytest.approx(1, rel=1e-14)
+
+
 # ---- Bodies in a Context ---------------------------------------------------------------------------------------------
 
 class Scene:

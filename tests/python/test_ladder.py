@@ -304,7 +304,7 @@ def test_wrong_studies():
     with pytest.raises(ValueError, match='found no room by chance'):
         accuracy.scenes.suspension(4, 2.0)
     with pytest.raises(ValueError, match='the numbers of blobs with a known hydrodynamic radius'):
-        openmmrigidhi.app.multiblobSphere(2562, 1)
+        openmmrigidhi.app.multiblobSphere(1000, 1)
 
 
 # ---- Command line ---------------------------------------------------------------------------------------------------------

@@ -256,6 +256,19 @@ def test_matrices_have_their_shapes(platform):
     assert np.array_equal(scene.fluid.applyMobilityInContext(scene.context, wrenches.tolist()), twists)
 
 
+def test_velocities_of_blobs(platform):
+    scene = Spheres(platform)
+    forces = np.random.default_rng(2).normal(size=(3, 3))
+    velocities = scene.fluid.applyBlobMobilityInContext(scene.context, forces)
+    assert velocities.unit == unit.nanometer/unit.picosecond and velocities._value.shape == (3, 3)
+    mobility = scene.fluid.getMobilityInContext(scene.context)
+    translation = mobility.reshape(3, 6, 3, 6)[:, :3, :, :3].reshape(9, 9)
+    assert np.allclose(velocities._value.ravel(), translation @ forces.ravel(), rtol=1e-12, atol=1e-15)
+    # kcal/(mol A) are units of force too, and lists of rows are arrays.
+    other = scene.fluid.applyBlobMobilityInContext(scene.context, forces.tolist()*unit.kilocalorie_per_mole/unit.angstrom)
+    assert np.allclose(other._value, 41.84*velocities._value, rtol=1e-13, atol=0)
+
+
 def test_no_bodies(platform):
     system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(300, 0.001)
     for i in range(2):

@@ -4,6 +4,7 @@ import re
 import numpy as np
 import openmm
 import pytest
+import scipy.sparse.linalg
 import scipy.spatial
 from openmm import unit
 
@@ -101,6 +102,35 @@ def test_system_integrator_and_fluid_are_kept_in_step(platform):
     N = fluid.getMobilityInContext(context)
     # Two spheres of 0.5 nm far apart; the radius for translation is that of the multiblob's definition.
     assert N[0, 0] == pytest.approx(N[6, 6], rel=3e-3)
+
+
+@pytest.mark.parametrize('n, rotation', [(12, 0.02464), (42, 0.01793), (162, 0.00548), (642, 0.00125), (2562, 0.00017)])
+def test_radii_of_shells(n, rotation):
+    """Conjugate gradients with products of blobs: a shell of hydrodynamic radius 0.7 nm has the Stokes drag of a sphere."""
+    R, eta = 0.7, 2.0
+    centres, blob = (x._value for x in app.multiblobSphere(n, R))
+    system, integrator, fluid = empty()
+    for _ in range(n):
+        system.addParticle(1)
+        fluid.addParticle(blob)
+    fluid.setViscosity(eta)
+    system.addForce(fluid)
+    integrator.setScheme(integrator.LangevinHI)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('CPU'))
+    context.setPositions(centres)
+
+    def product(forces):
+        return fluid.applyBlobMobilityInContext(context, forces.reshape(n, 3))._value.ravel()
+
+    def drag(velocities):
+        """velocities . forces: its error is the square of that of the residual."""
+        forces, status = scipy.sparse.linalg.cg(scipy.sparse.linalg.LinearOperator((3*n, 3*n), product), velocities.ravel(), tol=1e-5, atol=0)
+        assert status == 0
+        return forces @ velocities.ravel()
+
+    assert drag(np.tile((1.0, 0, 0), (n, 1)))/(6*np.pi*eta) == pytest.approx(R, rel=1e-6)
+    turning = (drag(np.cross((0, 0, 1.0), centres))/(8*np.pi*eta))**(1/3)
+    assert 1 - turning/R == pytest.approx(rotation, abs=1e-5)
 
 
 def test_massless_bodies():

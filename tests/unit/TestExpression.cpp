@@ -236,6 +236,25 @@ TEST(Expression, LongAndDeepOnes) {
     EXPECT_EQ(ourValue(doubling + "; a60=x", values), ldexp(0.5, 60));
 }
 
+TEST(Expression, ChainsOfDefinitionsMayBeLong) {
+    // Each in one of the ways a definition may stand in the next: neither depth nor time grows faster than the text.
+    const int links = 15000;
+    string counting = "a0", nested = "a0", wide = "0", later;
+    for (int i = 0; i < links; i++) {
+        const string name = "a" + to_string(i), next = "a" + to_string(i + 1);
+        counting += "; " + name + "=" + next + "+1";
+        nested += "; " + name + "=max(0, -(-(" + next + "))^1)";
+        wide += "+" + name;
+        later += "; " + name + "=x*" + to_string(i);
+    }
+    const string end = "; a" + to_string(links) + "=x";
+    const vector<double> values = {0.5, 2, 3, 4, 5};
+    EXPECT_EQ(ourValue(counting + end, values), links + 0.5);
+    EXPECT_EQ(ourValue(nested + end, values), 0.5);
+    EXPECT_EQ(ourValue(wide + later, values), 0.25 * links * (links - 1.0));
+    expectError([&] { ourValue(counting, values); }, {"there is no variable or parameter 'a15000'"});
+}
+
 TEST(Expression, FollowsItsValuesAndKnowsWhatItUses) {
     vector<double> values = {1, 2, 3, 4, 5};
     Expression e("a*x + 0*y; a=2*z; b=k", names, values.data());

@@ -4,6 +4,7 @@
 #include <iostream>
 
 #include "TestSupport.h"
+#include "mobility/OneBlasThread.h"
 #include "schemes/FluidOrnsteinUhlenbeck.h"
 
 using namespace RigidHIPlugin;

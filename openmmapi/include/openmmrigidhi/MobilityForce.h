@@ -218,6 +218,17 @@ public:
      * @return 6 numbers per body, Vx Vy Vz Wx Wy Wz
      */
     std::vector<double> applyMobilityInContext(OpenMM::Context& context, const std::vector<double>& wrenches) const;
+    /**
+     * Get the velocities that forces on the hydrodynamic particles would give if each of them were free: the mobility of blobs, without
+     * the rigidity of bodies. Blobs, spheres and free particles are where they are at present; spheres (one particle in a body) feel
+     * no torque, and their angular velocities are not given. Particles feel each other as bodies do: those of one group of setGroups(), or
+     * under FreeDraining those of one body. Tensors of setBodyMobility() and setBodyFriction() belong to bodies and have no effect.
+     * Nothing is solved for: one product with the model's matrix for each group, whatever the solver (StokesianDynamics makes its matrix).
+     *
+     * @param forces  3 numbers for each particle of the System, Fx Fy Fz, lab frame; those on particles that the fluid does not see count not
+     * @return 3 numbers for each particle of the System, Vx Vy Vz; 0 for those that the fluid does not see
+     */
+    std::vector<double> applyBlobMobilityInContext(OpenMM::Context& context, const std::vector<double>& forces) const;
 
     bool usesPeriodicBoundaryConditions() const override;
 

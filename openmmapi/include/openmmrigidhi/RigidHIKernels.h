@@ -68,6 +68,7 @@ public:
     virtual std::vector<double> getMobility(OpenMM::ContextImpl& context) = 0;
     virtual std::vector<double> getFriction(OpenMM::ContextImpl& context) = 0;
     virtual std::vector<double> applyMobility(OpenMM::ContextImpl& context, const std::vector<double>& wrenches) = 0;
+    virtual std::vector<double> applyBlobMobility(OpenMM::ContextImpl& context, const std::vector<double>& forces) = 0;
     virtual int getNumRejectedSteps(OpenMM::ContextImpl& context) = 0;
 
     virtual void createCheckpoint(OpenMM::ContextImpl& context, std::ostream& stream) = 0;

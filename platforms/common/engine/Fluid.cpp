@@ -8,6 +8,7 @@
 #include <sstream>
 
 #include "mobility/Models.h"
+#include "mobility/OneBlasThread.h"
 #include "rigidbody/EigenVec3.h"
 #include "rigidbody/Quaternion-inl.h"
 
@@ -66,6 +67,7 @@ Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejec
              const vector<BodyGeometry>& geometries, const BodySet& bodies, const FreeParticles& freeParticles,
              PlatformLoops& loops)
     : force(forceToUse), wallRejection(wallRejection), particlesOfBodies(particlesOfBodiesToUse), loops(loops) {
+    const OneBlasThread single;  // constant tensors are computed here
     const int numBodies = particlesOfBodies.size();
     const bool freeDraining = force.getModel() == MobilityForce::FreeDraining;
     if (force.getNumParticles() != system.getNumParticles())
@@ -572,6 +574,16 @@ VectorXd Fluid::apply(const VectorXd& wrenches, const BodySet& bodies, const vec
         for (size_t e = 0; e < elements.size(); e++)
             if (!elements[e].isFree())
                 result.segment<6>(6 * elements[e].body) = u.middleRows<6>(group->mobility->firstRow(e));
+    }
+    return result;
+}
+
+VectorXd Fluid::applyToBlobs(const VectorXd& forces, const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
+    const OneBlasThread single;
+    VectorXd result = VectorXd::Zero(forces.size());
+    for (auto& group : groups) {
+        setPoses(*group, bodies, positions);
+        group->mobility->applyToParticles(forces, result);
     }
     return result;
 }

@@ -99,6 +99,10 @@ public:
     Eigen::VectorXd apply(const Eigen::VectorXd& wrenches, const BodySet& bodies,
                           const std::vector<OpenMM::Vec3>& positions);
 
+    /** Velocities of all particles of the System, three rows each, from forces on them, without rigidity. */
+    Eigen::VectorXd applyToBlobs(const Eigen::VectorXd& forces, const BodySet& bodies,
+                                 const std::vector<OpenMM::Vec3>& positions);
+
     /** Why the model has no mobility at the present poses, naming particles; empty where it has one. */
     std::string objection(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
     /** Whether objection() can ever object. */

@@ -4,7 +4,7 @@
 #include <sstream>
 
 #include "engine/Fluid.h"
-#include "mobility/SymmetricEigen.h"
+#include "mobility/OneBlasThread.h"
 #include "rigidbody/EigenVec3.h"
 
 using namespace Eigen;

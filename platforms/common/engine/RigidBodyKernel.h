@@ -62,6 +62,7 @@ public:
     std::vector<double> getMobility(OpenMM::ContextImpl& context) override;
     std::vector<double> getFriction(OpenMM::ContextImpl& context) override;
     std::vector<double> applyMobility(OpenMM::ContextImpl& context, const std::vector<double>& wrenches) override;
+    std::vector<double> applyBlobMobility(OpenMM::ContextImpl& context, const std::vector<double>& forces) override;
     int getNumRejectedSteps(OpenMM::ContextImpl& context) override;
     void createCheckpoint(OpenMM::ContextImpl& context, std::ostream& stream) override;
     void loadCheckpoint(OpenMM::ContextImpl& context, std::istream& stream) override;

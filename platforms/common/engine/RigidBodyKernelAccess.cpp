@@ -372,6 +372,17 @@ vector<double> RigidBodyKernel::applyMobility(ContextImpl& context, const vector
     return vector<double>(twists.data(), twists.data() + twists.size());
 }
 
+vector<double> RigidBodyKernel::applyBlobMobility(ContextImpl& context, const vector<double>& forces) {
+    Fluid& there = requireFluid(context, "applyBlobMobilityInContext()");
+    const int particles = context.getSystem().getNumParticles();
+    if ((int)forces.size() != 3 * particles)
+        fail("applyBlobMobilityInContext() was given " + to_string(forces.size()) + " numbers, but the System has " +
+             to_string(particles) + " particles; give 3 numbers for each of them, whether the fluid sees it or not");
+    const Eigen::VectorXd velocities =
+        there.applyToBlobs(Eigen::Map<const Eigen::VectorXd>(forces.data(), forces.size()), bodies, positions());
+    return vector<double>(velocities.data(), velocities.data() + velocities.size());
+}
+
 int RigidBodyKernel::getNumRejectedSteps(ContextImpl&) {
     // The public type is int, the counter is not: a long run stays at the largest number instead of becoming negative.
     return static_cast<int>(min<long long>(counters.rejectedSteps, numeric_limits<int>::max()));

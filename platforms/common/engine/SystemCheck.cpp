@@ -151,7 +151,7 @@ void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& in
     const auto fail = [](const string& message) { throw OpenMMException("MobilityForce: " + message); };
     if (!hasBoundary(force.getModel(), force.getBoundary())) {
         string models;
-        for (int m = MobilityForce::FreeDraining; m <= MobilityForce::StokesianDynamics; m++)
+        for (int m = 0; *modelName(MobilityForce::Model(m)); m++)
             if (hasBoundary(MobilityForce::Model(m), force.getBoundary()))
                 models += (models.empty() ? "" : " or ") + string(modelName(MobilityForce::Model(m)));
         fail(string("boundary ") + boundaryName(force.getBoundary()) + " is there for the model " + models +

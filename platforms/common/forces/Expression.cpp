@@ -7,8 +7,8 @@
 #include <cctype>
 #include <charconv>
 #include <cmath>
-#include <deque>
 #include <map>
+#include <string_view>
 
 using namespace std;
 
@@ -81,10 +81,10 @@ class Parser {
 public:
     explicit Parser(const string& text) : text(text) {
         // The last definition comes first: each may use those to its right.
-        string primary = text;
-        for (size_t at = primary.find_last_of(';'); at != string::npos; at = primary.find_last_of(';')) {
-            const string piece = trimmed(primary.substr(at + 1));
-            primary = primary.substr(0, at);
+        string_view rest = this->text;
+        for (size_t at = rest.rfind(';'); at != string::npos; at = rest.rfind(';')) {
+            const string piece = trimmed(string(rest.substr(at + 1)));
+            rest = rest.substr(0, at);
             if (piece.empty()) continue;
             const size_t equals = piece.find('=');
             const string name = equals == string::npos ? "" : trimmed(piece.substr(0, equals));
@@ -95,7 +95,7 @@ public:
             definitions.push_back(root);
             definitionOfName[name] = definitions.size() - 1;
         }
-        root = parse(primary);
+        root = parse(string(rest));
     }
 
     [[noreturn]] void fail(const string& problem, const string& bound, const string& remedy) const {
@@ -259,64 +259,127 @@ struct Expression::Piece {
 
 namespace {
 
-/** Writes what the parser found for muParser. */
+/**
+ * Writes what the parser found for muParser.
+ *
+ * A chain of definitions may be as long as memory allows, so what is being written is on a stack of our own. The cost is
+ * linear in the text: each piece's parser knows only what that piece uses.
+ */
 template <class Piece>
 class Compiler {
 public:
     Compiler(const Parser& parser, const vector<string>& names, const double* values,
              vector<unique_ptr<Piece> >& pieces, vector<bool>& used)
         : parser(parser), names(names), values(values), pieces(pieces), used(used),
-          pieceOfDefinition(parser.definitions.size(), -1) {}
+          pieceOfDefinition(parser.definitions.size(), -1) {
+        for (size_t i = 0; i < names.size(); i++) indexOfName.emplace(names[i], i);
+    }
+
+    /** The last piece becomes the value of everything. */
+    void compile() { addPiece(write(parser.root)); }
+
+private:
+    /** A node whose operands are being written, from left to right. */
+    struct Writing {
+        explicit Writing(const Node& node) : node(&node) {}
+        const Node* node;
+        size_t numWritten = 0;
+        string text;
+    };
+
+    string write(int root) {
+        vector<Writing> unfinished = {Writing(parser.nodes[root])};
+        while (true) {
+            const int operand = nextOperand(unfinished.back());
+            if (operand >= 0) {
+                unfinished.emplace_back(parser.nodes[operand]);
+                continue;
+            }
+            const string written = finish(unfinished.back());
+            unfinished.pop_back();
+            if (unfinished.empty()) return written;
+            takeOperand(unfinished.back(), written);
+        }
+    }
+
+    /** The node that is to be written before a node goes on, or -1. */
+    int nextOperand(const Writing& now) const {
+        const Node& node = *now.node;
+        if (node.kind == Node::Definition)
+            return pieceOfDefinition[node.definition] < 0 ? parser.definitions[node.definition] : -1;
+        return now.numWritten < node.operands.size() ? node.operands[now.numWritten] : -1;
+    }
+
+    void takeOperand(Writing& now, const string& operand) {
+        const Node& node = *now.node;
+        if (node.kind == Node::Definition)
+            pieceOfDefinition[node.definition] = addPiece(operand);
+        else if (now.numWritten == 0)
+            now.text = operand;
+        else if (node.kind == Node::Function)
+            now.text += "," + operand;
+        else {
+            now.text = "(" + now.text + node.name[now.numWritten - 1] + operand + ")";
+            shorten(now.text);
+        }
+        now.numWritten++;
+    }
+
+    string finish(Writing& now) {
+        const Node& node = *now.node;
+        switch (node.kind) {
+            case Node::Number: constants.push_back(node.value); return "c" + to_string(constants.size() - 1);
+            case Node::Name: return "v" + to_string(findName(node.name));
+            case Node::Definition: return "p" + to_string(pieceOfDefinition[node.definition]);
+            case Node::Negation: now.text = "(-" + now.text + ")"; break;
+            case Node::Function: now.text = "f_" + node.name + "(" + now.text + ")"; break;
+            case Node::Chain: break;
+        }
+        shorten(now.text);
+        return move(now.text);
+    }
+
+    void shorten(string& text) {
+        if (text.size() > longText) text = "p" + to_string(addPiece(text));
+    }
 
     /** Add a piece that computes a text. @return its index */
     int addPiece(const string& text) {
         unique_ptr<Piece> piece(new Piece());
         mu::Parser& p = piece->parser;
-        for (const auto& f : functions1) p.DefineFun("f_" + f.first, f.second);
-        for (const auto& f : functions2) p.DefineFun("f_" + f.first, f.second);
-        p.DefineFun("f_select", select);
-        // muParser only reads through these pointers: there are no assignments.
-        for (size_t i = 0; i < names.size(); i++)
-            if (used[i]) p.DefineVar("v" + to_string(i), const_cast<double*>(values + i));
-        for (size_t i = 0; i < constants.size(); i++) p.DefineConst("c" + to_string(i), constants[i]);
-        for (size_t i = 0; i < pieces.size(); i++) p.DefineVar("p" + to_string(i), &pieces[i]->result);
+        p.ClearFun();
+        for (size_t i = 0; i < text.size();) {
+            const char kind = text[i];
+            const size_t start = i++;
+            if (kind == 'f') {
+                while (text[i] != '(') i++;
+                define(p, text.substr(start, i - start));
+            } else if (kind == 'v' || kind == 'c' || kind == 'p') {
+                while (i < text.size() && isDigit(text[i])) i++;
+                const string name = text.substr(start, i - start);
+                const int index = stoi(name.substr(1));
+                // muParser only reads through these pointers: there are no assignments.
+                if (kind == 'v') p.DefineVar(name, const_cast<double*>(values + index));
+                if (kind == 'c') p.DefineConst(name, constants[index]);
+                if (kind == 'p') p.DefineVar(name, &pieces[index]->result);
+            }
+        }
         p.SetExpr(text);
         piece->result = p.Eval();
         pieces.push_back(move(piece));
         return pieces.size() - 1;
     }
 
-    string write(int index) {
-        const Node& node = parser.nodes[index];
-        string result;
-        switch (node.kind) {
-            case Node::Number: constants.push_back(node.value); return "c" + to_string(constants.size() - 1);
-            case Node::Name: return "v" + to_string(findName(node.name));
-            case Node::Definition: {
-                int& piece = pieceOfDefinition[node.definition];
-                if (piece < 0) piece = addPiece(write(parser.definitions[node.definition]));
-                return "p" + to_string(piece);
-            }
-            case Node::Negation: result = "(-" + write(node.operands[0]) + ")"; break;
-            case Node::Function:
-                for (int operand : node.operands) result += (result.empty() ? "" : ",") + write(operand);
-                result = "f_" + node.name + "(" + result + ")";
-                break;
-            case Node::Chain:
-                result = write(node.operands[0]);
-                for (size_t i = 0; i < node.name.size(); i++) {
-                    result = "(" + result + node.name[i] + write(node.operands[i + 1]) + ")";
-                    if (result.size() > longText) result = "p" + to_string(addPiece(result));
-                }
-        }
-        if (result.size() > longText) result = "p" + to_string(addPiece(result));
-        return result;
+    void define(mu::Parser& p, const string& function) {
+        const string name = function.substr(string("f_").size());
+        if (functions1.count(name)) p.DefineFun(function, functions1.at(name));
+        if (functions2.count(name)) p.DefineFun(function, functions2.at(name));
+        if (name == "select") p.DefineFun(function, select);
     }
 
-private:
     int findName(const string& name) {
-        const auto found = find(names.begin(), names.end(), name);
-        if (found == names.end()) {
+        const auto found = indexOfName.find(name);
+        if (found == indexOfName.end()) {
             string known;
             for (const string& n : names) known += (known.empty() ? "" : ", ") + n;
             if (parser.definitionOfName.count(name))
@@ -325,8 +388,8 @@ private:
             parser.fail("there is no variable or parameter '" + name + "'", "there are " + known,
                         "correct the name, or add a parameter or a definition of this name");
         }
-        used[found - names.begin()] = true;
-        return found - names.begin();
+        used[found->second] = true;
+        return found->second;
     }
 
     const Parser& parser;
@@ -334,6 +397,7 @@ private:
     const double* values;
     vector<unique_ptr<Piece> >& pieces;
     vector<bool>& used;
+    map<string, int> indexOfName;
     vector<int> pieceOfDefinition;
     vector<double> constants;
 };
@@ -345,7 +409,7 @@ Expression::Expression(const string& text, const vector<string>& names, const do
     const Parser parser(text);
     Compiler<Piece> compiler(parser, names, values, pieces, used);
     try {
-        compiler.addPiece(compiler.write(parser.root));
+        compiler.compile();
     } catch (const mu::Parser::exception_type& error) {
         parser.fail("muParser: " + error.GetMsg(), "it must take what our own parser takes", "report this text");
     }

@@ -326,4 +326,20 @@ void BodyMobility::applyMatrixFree(const MatrixXd& wrenches, double tolerance, M
     if (hasOwnTensors) multiplyByFactors(twists, B_body, false);
 }
 
+void BodyMobility::applyToParticles(const VectorXd& forces, VectorXd& velocities) {
+    if (particles.size() == 0) return;
+    if (constant) {
+        // Where the tensor is known, setPoses() has no need of the particles.
+        placeParticles(poses, positions);
+        particleOperator->setPositions(positions);
+    }
+    MatrixXd f = MatrixXd::Zero(particles.numRows, 1), u;
+    for (int i = 0; i < particles.size(); i++)
+        f.middleRows<3>(particles.firstRow[i]) = forces.segment<3>(3 * particles.systemIndex[i]);
+    particleOperator->apply(f, u);
+    numProducts += particleOperator->hasProducts();
+    for (int i = 0; i < particles.size(); i++)
+        velocities.segment<3>(3 * particles.systemIndex[i]) = u.middleRows<3>(particles.firstRow[i]);
+}
+
 }  // namespace RigidHIPlugin

@@ -94,6 +94,11 @@ public:
      */
     void applyMatrixFree(const Eigen::MatrixXd& wrenches, double tolerance, Eigen::MatrixXd& twists,
                          double toleranceOfProducts = 0);
+    /**
+     * velocities = M forces of the elements' particles at the poses set last, as if each were free: three rows for each particle of the
+     * System, of which those of these particles are read and written. Spheres take no torque; own tensors have no part in it.
+     */
+    void applyToParticles(const Eigen::VectorXd& forces, Eigen::VectorXd& velocities);
     /** Whether applyMatrixFree() is possible: the model has products. */
     bool canApplyMatrixFree() const { return particleOperator && particleOperator->hasProducts(); }
 

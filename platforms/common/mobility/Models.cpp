@@ -1,5 +1,9 @@
 #include "mobility/Models.h"
 
+#include <openmm/OpenMMException.h>
+
+#include <string>
+
 #include "mobility/RotnePragerYamakawa.h"
 #include "mobility/RotnePragerYamakawaWall.h"
 #include "mobility/SphereWall.h"
@@ -9,35 +13,65 @@ using namespace std;
 
 namespace RigidHIPlugin {
 
-unique_ptr<MobilityOperator> createScalarMobility(const MobilityForce& force, bool crossingAllowed,
-                                                  const HydrodynamicParticles& particles) {
+namespace {
+
+[[noreturn]] void refuse(MobilityForce::Model model, MobilityForce::Boundary boundary) {
+    const auto text = [](const char* name, int value) { return *name ? string(name) : to_string(value); };
+    throw OpenMM::OpenMMException("MobilityForce: nothing computes model " + text(modelName(model), model) +
+                                  " with boundary " + text(boundaryName(boundary), boundary) +
+                                  "; choose a model and a boundary that it has by setModel() and setBoundary()");
+}
+
+/** An operator above the wall, with what setSphereWallMobility() asks for. */
+unique_ptr<MobilityOperator> withSphereWallMobility(const MobilityForce& force, const HydrodynamicParticles& particles,
+                                                    unique_ptr<MobilityOperator> model) {
+    switch (force.getSphereWallMobility()) {
+        case MobilityForce::FromModel: return model;
+        case MobilityForce::BestKnown:
+            return unique_ptr<MobilityOperator>(new SphereWallCongruence(
+                particles, force.getViscosity(), NoSlipPlane(force.getWallHeight(), false), move(model)));
+    }
+    refuse(force.getModel(), force.getBoundary());
+}
+
+unique_ptr<MobilityOperator> rotnePragerYamakawa(const MobilityForce& force, bool crossingAllowed,
+                                                 const HydrodynamicParticles& particles, const PlatformOperators& own) {
+    const double eta = force.getViscosity();
+    switch (force.getBoundary()) {
+        case MobilityForce::Unbounded:
+            if (own.rotnePragerYamakawa) return own.rotnePragerYamakawa(particles, eta, {});
+            return unique_ptr<MobilityOperator>(new RotnePragerYamakawa(particles, eta));
+        case MobilityForce::NoSlipWall: {
+            const NoSlipPlane wall(force.getWallHeight(), crossingAllowed);
+            return withSphereWallMobility(
+                force, particles,
+                own.rotnePragerYamakawa
+                    ? own.rotnePragerYamakawa(particles, eta, wall)
+                    : unique_ptr<MobilityOperator>(new RotnePragerYamakawaWall(particles, eta, wall)));
+        }
+    }
+    refuse(force.getModel(), force.getBoundary());
+}
+
+}  // namespace
+
+// No default in these switches: the compiler then names those that do not know a new model or boundary.
+unique_ptr<MobilityOperator> createMobility(const MobilityForce& force, bool crossingAllowed,
+                                            const HydrodynamicParticles& particles, const PlatformOperators& own) {
+    checkOperator(force.getModel(), force.getBoundary());
     switch (force.getModel()) {
         case MobilityForce::StokesianDynamics:
             return unique_ptr<MobilityOperator>(
                 new StokesianDynamics(particles, force.getViscosity(), force.getLubrication(), force.getMinimumGap()));
         // What does not feel others still feels itself: the blobs of one body make its tensor.
         case MobilityForce::FreeDraining:
-        case MobilityForce::RotnePragerYamakawa: break;
+        case MobilityForce::RotnePragerYamakawa: return rotnePragerYamakawa(force, crossingAllowed, particles, own);
     }
-    switch (force.getBoundary()) {
-        case MobilityForce::NoSlipWall:
-            return withSphereWallMobility(force, particles,
-                                          unique_ptr<MobilityOperator>(new RotnePragerYamakawaWall(
-                                              particles, force.getViscosity(), planeOf(force, crossingAllowed))));
-        case MobilityForce::Unbounded: break;
-    }
-    return unique_ptr<MobilityOperator>(new RotnePragerYamakawa(particles, force.getViscosity()));
+    refuse(force.getModel(), force.getBoundary());
 }
 
-NoSlipPlane planeOf(const MobilityForce& force, bool crossingAllowed) {
-    return NoSlipPlane(force.getWallHeight(), crossingAllowed);
-}
-
-unique_ptr<MobilityOperator> withSphereWallMobility(const MobilityForce& force, const HydrodynamicParticles& particles,
-                                                    unique_ptr<MobilityOperator> model) {
-    if (force.getSphereWallMobility() == MobilityForce::FromModel) return model;
-    return unique_ptr<MobilityOperator>(
-        new SphereWallCongruence(particles, force.getViscosity(), planeOf(force, false), move(model)));
+void checkOperator(MobilityForce::Model model, MobilityForce::Boundary boundary) {
+    if (!hasBoundary(model, boundary)) refuse(model, boundary);
 }
 
 const char* modelName(MobilityForce::Model model) {
@@ -59,7 +93,7 @@ const char* boundaryName(MobilityForce::Boundary boundary) {
 
 bool hasBoundary(MobilityForce::Model model, MobilityForce::Boundary boundary) {
     switch (boundary) {
-        case MobilityForce::Unbounded: return true;
+        case MobilityForce::Unbounded: return *modelName(model) != 0;
         case MobilityForce::NoSlipWall: return model == MobilityForce::RotnePragerYamakawa;
     }
     return false;

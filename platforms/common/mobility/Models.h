@@ -1,27 +1,34 @@
 #ifndef RIGIDHI_MODELS_H_
 #define RIGIDHI_MODELS_H_
 
+#include <functional>
 #include <memory>
+#include <optional>
 
 #include "mobility/NoSlipPlane.h"
 #include "openmmrigidhi/MobilityForce.h"
 
 namespace RigidHIPlugin {
 
+/** What a platform makes itself because it has something faster; where it gives nothing, the readable operators of one thread serve. */
+struct PlatformOperators {
+    /** RotnePragerYamakawa, above the wall if there is one. */
+    std::function<std::unique_ptr<MobilityOperator>(const HydrodynamicParticles& particles, double viscosity,
+                                                    const std::optional<NoSlipPlane>& wall)>
+        rotnePragerYamakawa;
+};
 /**
- * The operator of a MobilityForce's model and boundary, the readable one of one thread. A new model is entered here.
+ * The operator of a MobilityForce's model and boundary, on every platform. A new model is entered here.
  *
  * @param crossingAllowed  whether surfaces of particles may reach through a wall
+ * @throws OpenMMException as checkOperator(), and what the model refuses
  */
-std::unique_ptr<MobilityOperator> createScalarMobility(const MobilityForce& force, bool crossingAllowed,
-                                                       const HydrodynamicParticles& particles);
-/** The plane of a MobilityForce with the boundary NoSlipWall. */
-NoSlipPlane planeOf(const MobilityForce& force, bool crossingAllowed);
-/** An operator above that plane, with what setSphereWallMobility() asks for. */
-std::unique_ptr<MobilityOperator> withSphereWallMobility(const MobilityForce& force,
-                                                         const HydrodynamicParticles& particles,
-                                                         std::unique_ptr<MobilityOperator> model);
-/** The names of a model and of a boundary, for describeEffects() and messages. */
+std::unique_ptr<MobilityOperator> createMobility(const MobilityForce& force, bool crossingAllowed,
+                                                 const HydrodynamicParticles& particles,
+                                                 const PlatformOperators& own = {});
+/** @throws OpenMMException for a model or boundary that is none of the enumerators, and for a boundary that the model has not */
+void checkOperator(MobilityForce::Model model, MobilityForce::Boundary boundary);
+/** The names of a model and of a boundary, for describeEffects() and messages; empty for values that are no enumerators. */
 const char* modelName(MobilityForce::Model model);
 const char* boundaryName(MobilityForce::Boundary boundary);
 /** Whether a model has a boundary. A new boundary is entered here. */

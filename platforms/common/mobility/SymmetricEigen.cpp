@@ -8,8 +8,6 @@
 extern "C" {
 void dsyevd_(const char* job, const char* triangle, const int* n, double* a, const int* lda, double* w, double* work,
              const int* lwork, int* iwork, const int* liwork, int* info);
-int openblas_get_num_threads();
-void openblas_set_num_threads(int threads);
 }
 
 namespace RigidHIPlugin {
@@ -26,14 +24,6 @@ const int lapackRows = 40;
 }
 
 }  // namespace
-
-OneBlasThread::OneBlasThread() : before(openblas_get_num_threads()) {
-    if (before != 1) openblas_set_num_threads(1);
-}
-
-OneBlasThread::~OneBlasThread() {
-    if (before != 1) openblas_set_num_threads(before);
-}
 
 void SymmetricEigen::compute(const Eigen::MatrixXd& matrix) {
     const int n = matrix.rows();

@@ -7,21 +7,6 @@
 namespace RigidHIPlugin {
 
 /**
- * One BLAS thread in the whole process while this lives, so that results do not depend on their number. To be made by the
- * thread that starts a step, not inside of tasks that run at the same time.
- */
-class OneBlasThread {
-public:
-    OneBlasThread();
-    ~OneBlasThread();
-    OneBlasThread(const OneBlasThread&) = delete;
-    OneBlasThread& operator=(const OneBlasThread&) = delete;
-
-private:
-    const int before;
-};
-
-/**
  * matrix = V diag(values) V^T of a symmetric matrix: by Eigen where it is small, else by LAPACK's divide and conquer
  * (dsyevd; callers hold a OneBlasThread), which is faster from a few tens of rows on. Cost about 9 n^3 flops.
  */

@@ -46,20 +46,17 @@ public:
     std::unique_ptr<MobilityOperator> createMobility(const MobilityForce& force, bool crossingAllowed,
                                                      const HydrodynamicParticles& particles,
                                                      bool mayUseThreads) override {
-        // Models without an operator of this platform's own run with the common one.
-        if (force.getModel() == MobilityForce::StokesianDynamics)
-            return createScalarMobility(force, crossingAllowed, particles);
         CpuRotnePragerYamakawa::ForRanges threads;
         if (mayUseThreads)
             threads = [this](int count, const std::function<void(int, int)>& task) {
                 split(count, 1, [&](int first, int end, int) { task(first, end); });
             };
-        if (force.getBoundary() == MobilityForce::Unbounded)
-            return std::unique_ptr<MobilityOperator>(
-                new CpuRotnePragerYamakawa(particles, force.getViscosity(), threads));
-        return withSphereWallMobility(force, particles,
-                                      std::unique_ptr<MobilityOperator>(new CpuRotnePragerYamakawa(
-                                          particles, force.getViscosity(), threads, planeOf(force, crossingAllowed))));
+        PlatformOperators own;
+        own.rotnePragerYamakawa = [&](const HydrodynamicParticles& seen, double viscosity,
+                                      const std::optional<NoSlipPlane>& wall) {
+            return std::unique_ptr<MobilityOperator>(new CpuRotnePragerYamakawa(seen, viscosity, threads, wall));
+        };
+        return RigidHIPlugin::createMobility(force, crossingAllowed, particles, own);
     }
     std::string describe() const override {
         return "CPU: " + std::to_string(pool.getNumThreads()) + " threads, " + std::to_string(simdWidth()) +

@@ -25,7 +25,7 @@ public:
     }
     std::unique_ptr<MobilityOperator> createMobility(const MobilityForce& force, bool crossingAllowed,
                                                      const HydrodynamicParticles& particles, bool) override {
-        return createScalarMobility(force, crossingAllowed, particles);
+        return RigidHIPlugin::createMobility(force, crossingAllowed, particles);
     }
     std::string describe() const override { return "Reference: one thread, one body at a time"; }
 };

@@ -48,15 +48,17 @@ class Rung:
 
 
 BEST = 'FTS+lubrication'
+#: Numbers of blobs of shells. A pair of the next larger ones would take minutes for each matrix.
+SHELLS = (12, 42, 162, 642)
 #: By name, in the order of pictures.
 RUNGS = {rung.name: rung for rung in (
     Rung('FreeDraining', MobilityForce.FreeDraining, description='Stokes drag, no interaction'),
     Rung('RPY', MobilityForce.RotnePragerYamakawa, description='Rotne-Prager-Yamakawa with rotation'),
     Rung('FTS', MobilityForce.StokesianDynamics, False, description='force, torque, stresslet; no lubrication'),
     *(Rung(f'multiblob{n}', MobilityForce.RotnePragerYamakawa, blobs=n, description=f'shells of {n} blobs')
-      for n in app.shapes.SHELL_RADII),
+      for n in SHELLS),
     *(Rung(f'multiblob{n}+self', MobilityForce.RotnePragerYamakawa, blobs=n, exactAlone=True,
-           description=f"shells of {n} blobs, each sphere's own tensor set to Stokes'") for n in app.shapes.SHELL_RADII),
+           description=f"shells of {n} blobs, each sphere's own tensor set to Stokes'") for n in SHELLS),
     Rung(BEST, MobilityForce.StokesianDynamics, description='force, torque, stresslet and pair lubrication'),
 )}
 DEFAULT = ('FreeDraining', 'RPY', 'FTS', 'multiblob12', 'multiblob42', 'multiblob162', BEST)

@@ -43,7 +43,7 @@ class PoseSamples:
         return len(self.orientations)
 
     def average(self, values):
-        """Get the mean of an observable and its standard error.
+        """Get the mean of an observable over all samples and its standard error.
 
         Of interacting bodies the error is that of block averages over many autocorrelation times; of walkers it comes from the spread
         of the walkers' own means, which are independent whatever the autocorrelation.
@@ -106,11 +106,12 @@ class PoseSamples:
         return values
 
     def _statistics(self, values):
-        if not self.independent:
-            return seriesStatistics(values.reshape(len(self), -1).mean(axis=1))
+        if not self.independent or values.shape[1] < 2:
+            series = values.reshape(len(self), -1).mean(axis=1)
+            # The error is that of whole blocks, whose length is the observable's own; the mean is that of all samples, so that
+            # means of several observables go together: probabilities of bins add up to 1.
+            return dataclasses.replace(seriesStatistics(series), mean=float(series.mean()))
         samples, walkers = values.shape
-        if walkers < 2:
-            return seriesStatistics(values[:, 0])
         means = values.mean(axis=0)
         error, variance = means.std(ddof=1)/np.sqrt(walkers), values.var()
         # error^2 = 2 tau var/(all samples), as for a series.

@@ -5,8 +5,8 @@ from .. import _units
 
 #: How often an icosahedron's faces are divided into four for each number of vertices, 10*4^k + 2.
 _SUBDIVISIONS = {12: 0, 42: 1, 162: 2, 642: 3, 2562: 4}
-#: Hydrodynamic radius for translation of a shell of geometric radius 1 with blobs that touch.
-SHELL_RADII = {12: 1.262447, 42: 1.122022, 162: 1.052965, 642: 1.023940}
+#: Hydrodynamic radius for translation of a shell of geometric radius 1 with blobs that touch, by tools/shell_radii.py.
+SHELL_RADII = {12: 1.262447, 42: 1.122022, 162: 1.052965, 642: 1.023940, 2562: 1.011270}
 
 
 def sphereShell(n, radius):
@@ -192,13 +192,13 @@ def _icosahedron():
 def multiblobSphere(n, radius):
     """Get a sphere as a rigid multiblob: a shell whose hydrodynamic radius for translation is that of the sphere.
 
-    The blobs' radius is half their smallest distance. The hydrodynamic radius for rotation is smaller, by 2.5, 1.8, 0.55 and 0.13 %
-    for 12, 42, 162 and 642 blobs.
+    The blobs' radius is half their smallest distance. The hydrodynamic radius for rotation is smaller, by 2.5, 1.8, 0.55, 0.13
+    and 0.02 % for 12, 42, 162, 642 and 2562 blobs.
 
     Parameters
     ----------
     n : int
-        number of blobs: 12, 42, 162 or 642
+        number of blobs: 12, 42, 162, 642 or 2562
     radius : float or Quantity
         hydrodynamic radius of the sphere, nm
 
