@@ -273,7 +273,8 @@ vector<string> RigidBodyKernel::warnings() const {
         if (turn > resolutionLimit && unresolved++ == 0) firstUnresolved = b;
         worst = max(worst, turn);
     }
-    if (integrator->getScheme() == CustomRigidHIIntegrator::EulerMaruyama && kT > 0)
+    if (integrator->getScheme() == CustomRigidHIIntegrator::EulerMaruyama && kT > 0 && fluid &&
+        fluid->hasStochasticDrift())
         result.push_back(
             "EulerMaruyama omits the stochastic drift kT div N: where the mobility depends on poses it samples a wrong "
             "distribution; use RandomFiniteDifference, FixmanMidpoint, TrapezoidalSlip or DriftCorrectorRFD");
