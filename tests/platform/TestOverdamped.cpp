@@ -341,12 +341,13 @@ TEST(Overdamped, DriftIsOffOnlyWhereItIsZero) {
 }
 
 TEST(Overdamped, SpheresOnASpringHaveTheirDistance) {
-    // Two unequal spheres on a spring of energy k r^2/2: <r^2> = 3 kT/k, where they overlap and their mobility changes most. The mobility at the
-    // mid-point without the divergence of slips, or the other way round, is 10 % off.
+    // Two unequal spheres on a spring of energy k r^2/2: <r^2> = 3 kT/k, where they overlap and their mobility changes most. Square roots at
+    // the mid-point without the divergence of slips are 8 % off. The other schemes are one of these here.
     const double k = 3, exact = 3 / k;
-    for (const Named& s : schemes) {
-        OverdampedScene scene(s.scheme, T1, 0.02);
-        const int replicas = 60, steps = 1500, discard = 100;
+    for (Scheme scheme :
+         {RigidHI::EulerMaruyama, RigidHI::FixmanMidpoint, RigidHI::TrapezoidalSlip, RigidHI::DriftCorrectorRFD}) {
+        OverdampedScene scene(scheme, T1, 0.04);
+        const int replicas = 100, steps = 1500, discard = 50;
         vector<int> groups;
         auto* spring = new OpenMM::HarmonicBondForce();
         for (int i = 0; i < replicas; i++) {
@@ -369,9 +370,10 @@ TEST(Overdamped, SpheresOnASpringHaveTheirDistance) {
                 means[b] += r.dot(r) / steps;
             }
         }
+        // Weak order 1: a bias of 2 % of Euler's method.
         Estimate found = estimate(means);
-        expectMean(s.name, found, exact);
-        EXPECT_LT(found.error, 0.02 * exact);
+        expectMean(schemes[scheme - RigidHI::EulerMaruyama].name, found, exact);
+        EXPECT_LT(found.error, 0.013 * exact);
     }
 }
 
