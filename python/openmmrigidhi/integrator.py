@@ -86,7 +86,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     Phys. 143, 144107 (2015); Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017); Westwood, Delmotte,
     Keaveny, J. Comput. Phys. 467, 111437 (2022)):
 
-    - ``EulerMaruyama`` (Delong, eq. 37) omits the drift: wrong wherever the mobility depends on poses, and a warning says so. Forces at t,
+    - ``EulerMaruyama`` (Delong, eq. 37) omits the drift: wrong wherever div N is not 0, and a warning says so. Forces at t,
       one mobility problem. Order 1 at T = 0, like all without another remark.
     - ``FixmanMidpoint`` (Delong, eqs. 41, 44): forces at t and t + h/2, two mobility problems. Order 2 at T = 0.
     - ``RandomFiniteDifference`` (Delong, eqs. 48, 51): forces at t, two mobility problems.
@@ -94,6 +94,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     - ``TrapezoidalSlip`` (Sprinkle): forces at t and t + h, three mobility problems at two configurations. Order 2 at T = 0.
     - ``DriftCorrectorFD``, ``DriftCorrectorRFD`` (Westwood, eqs. 37 to 44; the generalised drifter-corrector with finite differences or
       random ones): forces at t + h/2, one mobility problem; 2 + 6n or 3 square roots of the particles' mobility.
+
+    Spheres (bodies of one hydrodynamic particle at their origin) and free particles in unbounded fluid under FreeDraining or
+    RotnePragerYamakawa have div N = 0: all schemes leave out what makes the drift, and EulerMaruyama is right.
 
     Body axis k relaxes at the rate Gamma_k = Gamma / (I_k sum_j 1/I_j): on an elongated body the thick axes are hardly
     thermostatted by Gamma, and :meth:`describeEffects` names such bodies.

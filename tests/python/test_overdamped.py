@@ -125,6 +125,38 @@ def test_euler_maruyama_warns_once(capfd):
     assert warningsOf('EulerMaruyama', 0, capfd) == ''
 
 
+@pytest.mark.parametrize('platform', ['Reference', 'CPU'])
+@pytest.mark.parametrize('case, warns', [('spheres', False), ('free draining', False), ('free', False), ('alone', False), ('wall', True), ('off its origin', True),
+                                         ('lubrication', True), ('alone off its centre', True)])
+def test_euler_maruyama_warns_where_it_is_wrong(case, warns, platform, capfd):
+    """Where div N = 0 nothing is omitted: spheres in an unbounded fluid, a body alone about its centre of mobility."""
+    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(300, 0.001)
+    integrator.setScheme(CustomRigidHIIntegrator.EulerMaruyama)
+    sites = {'off its origin': [(0.1, 0, 0)], 'alone': [(-1, 0, 0), (1, 0, 0)], 'alone off its centre': [(0, 0, 0), (1, 0.5, 0), (0, 1, 0)]}.get(case, [(0, 0, 0)])
+    positions = []
+    for body in range(1 if case.startswith('alone') else 3):
+        if case == 'free':
+            system.addParticle(0)
+            fluid.addParticle(0.5 + 0.1*body)
+        else:
+            app.addRigidMultiblob(system, integrator, fluid, sites, 0.5 + 0.1*body)
+        positions.extend(np.array(sites) + (1.5*body, 0, 3))
+    if case == 'wall':
+        fluid.setBoundary(MobilityForce.NoSlipWall)
+    if case == 'free draining':
+        fluid.setModel(MobilityForce.FreeDraining)
+    if case == 'lubrication':
+        fluid.setModel(MobilityForce.StokesianDynamics)
+    system.addForce(fluid)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platform))
+    context.setPositions(positions)
+    integrator.step(1)
+    printed = capfd.readouterr().err
+    assert ('EulerMaruyama omits the stochastic drift' in printed) == warns, printed
+    assert integrator.getEffects()['warnings'].startswith('on' if warns else 'off')
+    assert integrator.getEffects()['stochastic drift'].startswith('off: EulerMaruyama omits it' if warns else 'off: ')
+
+
 @pytest.mark.parametrize('name', SCHEMES)
 def test_other_schemes_do_not_warn(name, capfd):
     assert warningsOf(name, 300, capfd) == ''

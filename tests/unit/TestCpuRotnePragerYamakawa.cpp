@@ -248,3 +248,12 @@ TEST(CpuRotnePragerYamakawa, ParticlesAtOnePlace) {
     for (int i = 0; i < 18; i += 6)
         for (int j = 0; j < 12; j += 6) EXPECT_NEAR(M(i, j), 1 / (6 * M_PI * 0.7), 1e-15);
 }
+
+TEST(CpuRotnePragerYamakawa, HasNoDivergenceWhereTheScalarOneHasNone) {
+    for (Bounds bounds : {Unbounded, Wall, Crossing}) {
+        const Scene scene = randomScene(5, Mixed, false, 3, bounds);
+        const CpuRotnePragerYamakawa M(scene.particles, 0.7, {}, scene.wall);
+        EXPECT_EQ(M.isDivergenceFree(), scene.reference()->isDivergenceFree());
+        EXPECT_EQ(M.isDivergenceFree(), bounds == Unbounded);
+    }
+}

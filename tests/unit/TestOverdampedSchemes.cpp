@@ -118,6 +118,17 @@ Scene stokesianSpheres() {
     s.add(element(2, {{0, 0, 0}}, {0.9}), {0.3, 2.1, 0.4});
     return s;
 }
+/** Unequal ones, overlapping and one inside another, a free particle. */
+Scene spheresUnbounded() {
+    Scene s;
+    s.name = "spheres and a free particle, unbounded";
+    s.add(element(0, {{0, 0, 0}}, {1}), {0, 0, 0}, {0.5, 0.2, 0});
+    s.add(element(1, {{0, 0, 0}}, {0.6}), {1.1, 0.4, -0.5}, {0.1, 0.4, 0});
+    s.add(element(2, {{0, 0, 0}}, {0.8}), {-1.4, 1.7, 0.4});
+    s.add(element(3, {{0, 0, 0}}, {0.3}), {0.4, -0.1, 0.2});
+    s.add(element(-1, {{0, 0, 0}}, {0.5}), {0.2, 1.3, 0.3});
+    return s;
+}
 Scene aloneOffCentre() {
     Scene s;
     s.name = "one body about a point that is not its centre of mobility, unbounded";
@@ -305,6 +316,76 @@ TEST(OverdampedSchemes, DriftOfOneBodyAboutAnyPoint) { checkDrift(aloneOffCentre
 /** Row by row less exactly, for it takes a millisecond a step: that the iterations do what the factors do is what is to be seen. */
 TEST(OverdampedSchemes, DriftMatrixFree) { checkDrift(matrixFree(rodsUnbounded()), 1000, 0.4); }
 
+/** div N = 0 wherever bodies say so, to what differences leave of it; where they do not, it is 1e4 times larger. */
+TEST(OverdampedSchemes, DivergenceIsZeroWhereItIsSaidToBe) {
+    mt19937 random(5);
+    uniform_real_distribution<double> u(0, 1);
+    for (int k = 0; k < 20; k++) {
+        Scene scene;
+        scene.viscosity = 1;
+        const auto place = [&](double size) { return Vector3d(size * u(random), size * u(random), size * u(random)); };
+        for (int i = 0; i < 6; i++) {
+            const bool isFree = u(random) < 0.3;
+            scene.add(element(isFree ? -1 : i, {{0, 0, 0}}, {0.4 + 1.1 * u(random)}), place(k % 2 ? 3 : 6), place(3));
+        }
+        const auto bodies = scene.mobility();
+        EXPECT_TRUE(bodies->isDivergenceFree());
+        const double largest = mobilityAt(scene, *bodies, VectorXd::Zero(bodies->getNumRows())).maxCoeff();
+        // Third derivatives are up to the inverse cube of a radius here, and differences wrong by a sixth of 1e-8 of them.
+        EXPECT_LT(divergence(scene).cwiseAbs().maxCoeff(), 1e-7 * largest) << k;
+    }
+    for (const Scene& scene :
+         {threeBodiesAtWall(), rodsUnbounded(), lubricatedSpheres(), ownTensors(), stokesianSpheres()})
+        EXPECT_FALSE(scene.mobility()->isDivergenceFree()) << scene.name;
+    Scene offOrigin = spheresUnbounded();
+    offOrigin.elements[0].sites[0] = Vector3d(0.1, 0, 0);
+    EXPECT_FALSE(offOrigin.mobility()->isDivergenceFree());
+    // Spheres with a wall or lubrication have one.
+    EXPECT_GT(divergence(lubricatedSpheres()).norm(), 1e-3);
+    Scene lubrication = stokesianSpheres();
+    lubrication.elements[1].sites[0].setZero();
+    EXPECT_GT(divergence(lubrication).norm(), 1e-3);
+}
+
+/**
+ * Without drift a step has the mean 0, and without forces the schemes but FixmanMidpoint are their leading noise and nothing else. What the
+ * mid-point alone, or the divergence of slips alone, would do is 1e-2 of kT h here: kT h sum_jk (d_j L_ik) L_jk, L the root.
+ */
+TEST(OverdampedSchemes, SpheresUnboundedHaveNoDrift) {
+    const double h = 1e-4, kT = 1.3;
+    for (Scene scene : {spheresUnbounded(), matrixFree(spheresUnbounded())}) {
+        const auto bodies = scene.mobility();
+        const int n = bodies->getNumRows();
+        const auto root = [&](const VectorXd& u) { return MatrixXd(mobilityAt(scene, *bodies, u).llt().matrixL()); };
+        const double delta = 1e-4;
+        const MatrixXd L = root(VectorXd::Zero(n));
+        VectorXd halfDrift = VectorXd::Zero(n);
+        for (int j = 0; j < n; j++) {
+            const VectorXd u = delta * VectorXd::Unit(n, j);
+            halfDrift += (root(u) - root(-u)) / (2 * delta) * L.row(j).transpose();
+        }
+        const double size = kT * h * halfDrift.norm();
+        ASSERT_GT(size, 1e-2 * kT * h);
+        for (int scheme = Integrator::EulerMaruyama; scheme <= Integrator::DriftCorrectorRFD; scheme++) {
+            const bool isFixman = scheme == Integrator::FixmanMidpoint;
+            const Averages found = average(Integrator::Scheme(scheme), scene, h, kT,
+                                           !isFixman          ? 10
+                                           : scene.matrixFree ? 500
+                                                              : 20000,
+                                           halfDrift.normalized());
+            SCOPED_TRACE(scene.name + ", " + overdampedScheme(Integrator::Scheme(scheme)).name);
+            if (!isFixman) {
+                // Iterations are right to 1e-8 of the noise.
+                const double noise = sqrt(2 * kT * h * L.squaredNorm());
+                EXPECT_LT(found.mean.norm(), (scene.matrixFree ? 1e-7 : 1e-12) * noise);
+                continue;
+            }
+            EXPECT_LT(found.alongError, (scene.matrixFree ? 0.5 : 0.1) * size);
+            for (int i = 0; i < n; i++) EXPECT_LT(abs(found.mean[i]), 5 * found.error[i]) << "row " << i;
+        }
+    }
+}
+
 namespace {
 
 /** Increments have the covariance 2 kT h N: 5 standard errors, that of a normal product being sqrt(N_ii N_jj + N_ij^2). */
@@ -331,7 +412,7 @@ void checkCovariance(const Scene& scene) {
 
 TEST(OverdampedSchemes, Covariance) {
     for (const Scene& scene : {threeBodiesAtWall(), rodsUnbounded(), aloneOffCentre(), matrixFree(rodsUnbounded()),
-                               ownTensors(), matrixFree(ownTensors()), stokesianSpheres()})
+                               ownTensors(), matrixFree(ownTensors()), stokesianSpheres(), spheresUnbounded()})
         checkCovariance(scene);
 }
 

@@ -40,7 +40,8 @@ typedef std::array<double, 4> QuaternionArray;
  * J. Chem. Phys. 147, 244103 (2017), and Westwood, Delmotte, Keaveny, J. Comput. Phys. 467, 111437 (2022):
  *   - EulerMaruyama, FixmanMidpoint, RandomFiniteDifference, TractionEulerMaruyama, TrapezoidalSlip, DriftCorrectorFD,
  *     DriftCorrectorRFD. They differ in how they make the stochastic drift kT div N (EulerMaruyama omits it), in their cost and in their
- *     error at finite steps. Bodies need no mass, and their origin may be any point.
+ *     error at finite steps. Bodies need no mass, and their origin may be any point. Spheres about their centres and free particles in
+ *     unbounded fluid (FreeDraining, RotnePragerYamakawa) have div N = 0: what makes the drift is left out there.
  *
  * The rotational friction of the Langevin schemes relaxes body axis l at the rate Gamma / (I_l sum_k 1/I_k), the sum over
  * axes with a non-zero moment: on an elongated body the thick axes are hardly thermostatted.
@@ -66,7 +67,7 @@ public:
          */
         LangevinHI = 4,
         /**
-         * Delong 2015, eq. 37: omits the stochastic drift, so where the mobility depends on poses (walls, other bodies) it samples a wrong
+         * Delong 2015, eq. 37: omits the stochastic drift, so where that is not 0 (walls, multiblobs, lubrication) it samples a wrong
          * distribution, which a warning says. Order 1 at temperature 0. One force evaluation, one mobility problem a step.
          */
         EulerMaruyama = 5,

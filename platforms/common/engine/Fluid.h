@@ -111,7 +111,10 @@ public:
     /** For describeEffects(): what the fluid is, and how many groups are solved in which way. */
     std::string describe(bool overdamped) const;
     /** Likewise of a scheme without momenta: "stochastic drift" and "finite differences". */
-    std::map<std::string, std::string> describeDrift(const OverdampedScheme& scheme, double kT, double difference);
+    std::map<std::string, std::string> describeDrift(const OverdampedScheme& scheme, double kT,
+                                                     double difference) const;
+    /** Whether div N is not 0 somewhere, so that a scheme without momenta that omits it is wrong. */
+    bool hasStochasticDrift() const;
     /** Bodies whose hydrodynamic particles are on a line, about which the fluid does not turn them. */
     int numCollinear() const;
     bool isUniform() const { return force.getBoundary() == MobilityForce::Unbounded; }
@@ -152,6 +155,14 @@ private:
         std::vector<OverdampedMove::Place> inBetween;                  // where Predict led
         long long randomNumbers = 0, iterations = 0, squareRoots = 0;  // of the last step
     };
+    /** Groups by what their stochastic drift is. */
+    struct Drifts {
+        std::vector<const Group*> differenced;  // by finite differences, where the scheme has them
+        int known = 0, zero = 0,
+            ofSpheres = 0;  // alone in a uniform fluid; so, and 0; 0 for spheres that feel each other
+        int numNotZero() const { return differenced.size() + known; }
+    };
+    Drifts findDrifts() const;
     void chooseSolver(Group& group) const;
     void checkTorque(const Group& group, int element, const Eigen::VectorXd& wrench_body, double siteForces) const;
     OverdampedMove& moveOf(Group& group) const;

@@ -35,6 +35,7 @@ OverdampedMove& Fluid::moveOf(Group& group) const {
 /** Whether a scheme differences what iterations give, to a tolerance only. */
 bool Fluid::differencesIterate(const Group& group, const OverdampedScheme& scheme) const {
     const MobilityProblem& problem = group.move->getProblem();
+    if (group.move->driftIsKnown()) return false;
     switch (scheme.differenced) {
         case Differenced::Products: return problem.productsIterate();
         case Differenced::Solves: return problem.solvesIterate();
@@ -50,30 +51,48 @@ double Fluid::differenceOf(const Group& group, const OverdampedScheme& scheme, d
     return min(largestDifference, max(denseDifference, cbrt(force.getSolverTolerance())));
 }
 
-map<string, string> Fluid::describeDrift(const OverdampedScheme& scheme, double kT, double difference) {
-    int zero = 0, known = 0, others = 0;
-    double smallest = 0, largest = 0;
+Fluid::Drifts Fluid::findDrifts() const {
+    Drifts drifts;
     for (auto& group : groups) {
-        const MobilityProblem& problem = moveOf(*group).getProblem();
-        if (!problem.isUniform()) {
-            const double step = differenceOf(*group, scheme, difference);
-            smallest = others == 0 ? step : min(smallest, step);
-            largest = max(largest, step);
-            others++;
-        } else if (group->mobility->isConstantInBodyFrame() &&
-                   problem.uniformDivergence().norm() >
-                       zeroDrift * group->mobility->mobility()(0, 0) / group->mobility->length(0))
-            known++;
+        const OverdampedMove& move = moveOf(*group);
+        const MobilityProblem& problem = group->move->getProblem();
+        if (!move.driftIsKnown())
+            drifts.differenced.push_back(group.get());
+        else if (move.driftIsZero())
+            drifts.ofSpheres++;
+        else if (group->mobility->isConstantInBodyFrame() &&
+                 problem.uniformDivergence().norm() >
+                     zeroDrift * group->mobility->mobility()(0, 0) / group->mobility->length(0))
+            drifts.known++;
         else
-            zero++;
+            drifts.zero++;
     }
-    const string uniform = "every body is alone in a uniform fluid";
+    return drifts;
+}
+
+bool Fluid::hasStochasticDrift() const { return findDrifts().numNotZero() > 0; }
+
+map<string, string> Fluid::describeDrift(const OverdampedScheme& scheme, double kT, double difference) const {
+    const Drifts drifts = findDrifts();
+    const int others = drifts.differenced.size(), known = drifts.known, zero = drifts.zero + drifts.ofSpheres;
+    double smallest = 0, largest = 0;
+    for (const Group* group : drifts.differenced) {
+        const double step = differenceOf(*group, scheme, difference);
+        smallest = smallest == 0 ? step : min(smallest, step);
+        largest = max(largest, step);
+    }
+    const string uniform = "every body is alone in a uniform fluid",
+                 spheres = "the mobility of spheres in an unbounded fluid has no divergence",
+                 alone = ", and other bodies are alone in a uniform fluid";
     const auto count = [](int n) { return to_string(n) + (n == 1 ? " group of bodies" : " groups of bodies"); };
     ostringstream drift, differences;
     if (kT == 0)
         drift << "off: the temperature is 0";
     else if (known + others == 0)
-        drift << "off: " << uniform << ", and it is 0 about their origins";
+        drift << "off: "
+              << (drifts.ofSpheres == 0 ? uniform + ", and it is 0 about their origins"
+                  : drifts.zero == 0    ? spheres
+                                        : spheres + alone + ", where it is 0 about their origins");
     else if (!*scheme.drift)
         drift << "off: " << scheme.name << " omits it, so averages are wrong for " << count(known + others);
     else {
@@ -90,7 +109,10 @@ map<string, string> Fluid::describeDrift(const OverdampedScheme& scheme, double 
     else if (kT == 0)
         differences << "off: the temperature is 0";
     else if (others == 0)
-        differences << "off: " << uniform << ", whose divergence is known";
+        differences << "off: "
+                    << (drifts.ofSpheres == 0              ? uniform + ", whose divergence is known"
+                        : drifts.ofSpheres == zero + known ? spheres
+                                                           : spheres + alone + ", whose divergence is known");
     else {
         differences << "on: steps of " << smallest;
         if (largest > smallest) differences << " (dense) and " << largest << " (matrix-free)";

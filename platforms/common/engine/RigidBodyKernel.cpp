@@ -301,10 +301,11 @@ vector<string> RigidBodyKernel::warnings() const {
         if (turn > resolutionLimit && unresolved++ == 0) firstUnresolved = b;
         worst = max(worst, turn);
     }
-    if (integrator->getScheme() == CustomRigidHIIntegrator::EulerMaruyama && kT > 0)
+    if (integrator->getScheme() == CustomRigidHIIntegrator::EulerMaruyama && kT > 0 && fluid &&
+        fluid->hasStochasticDrift())
         result.push_back(
-            "EulerMaruyama omits the stochastic drift kT div N: where the mobility depends on poses it samples a wrong "
-            "distribution; use RandomFiniteDifference, FixmanMidpoint, TrapezoidalSlip or DriftCorrectorRFD");
+            "EulerMaruyama omits the stochastic drift kT div N, which is not 0 here, and samples a wrong distribution; "
+            "use RandomFiniteDifference, FixmanMidpoint, TrapezoidalSlip or DriftCorrectorRFD");
     if (unresolved > 0 && schemeHasMomenta(integrator->getScheme()))
         result.push_back("the step of " + number(h) + " ps does not resolve the rotation of " + to_string(unresolved) +
                          " bodies, the first of them body " + to_string(firstUnresolved) +

@@ -104,6 +104,13 @@ public:
 
     /** Whether there is one element only in a fluid that is the same everywhere. */
     bool isAloneInUniformFluid() const { return aloneInUniformFluid; }
+    /**
+     * Whether div N = 0 at all poses: spheres about their centres do not feel how they are turned, so the divergence is that of the
+     * particles' mobility.
+     */
+    bool isDivergenceFree() const {
+        return identityK && !hasOwnTensors && particleOperator && particleOperator->isDivergenceFree();
+    }
     /** The solver behind applyMatrixFree() at the poses set last. */
     MultiblobSolver& getMultiblobSolver();
     /** Longest distance between points of the element's particles, nm: what finite differences scale translations with. */

@@ -97,6 +97,11 @@ public:
     virtual void friction(Eigen::MatrixXd& friction) const;
     /** Whether apply() needs no matrix, so that Krylov methods make sense. */
     virtual bool hasProducts() const { return true; }
+    /**
+     * Whether sum_j dM_ij/dx_j = 0 wherever the particles are, as for averages of a flow without sources over spheres in a fluid without
+     * walls. Spheres and free particles then have no stochastic drift. Default: no.
+     */
+    virtual bool isDivergenceFree() const { return false; }
     /** Whether friction() costs less than dense(), so that callers who can use either should ask for friction. */
     virtual bool isMadeFromFriction() const { return false; }
 

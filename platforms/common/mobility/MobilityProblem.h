@@ -43,6 +43,8 @@ public:
     void setPoses(const std::vector<Pose>& poses, bool nearby = false);
     /** Whether N is the same at all poses, but for the turn of one body. */
     bool isUniform() const { return bodies.isAloneInUniformFluid(); }
+    /** Whether div N = 0 at all poses. Then K = 1, and slips are twists wherever the bodies are. */
+    bool isDivergenceFree() const { return bodies.isDivergenceFree(); }
     bool isMatrixFree() const { return matrixFree; }
     /** Whether these iterate, and so are right to the tolerance only: multiplyNearby(), solve(), the thermal vectors. */
     bool productsIterate() const { return matrixFree && bodySlips && !bodies.identityK; }

@@ -6,6 +6,7 @@
 //
 // Method:    surface averages of the Stokeslet over both spheres: far apart, overlapping, one inside the other. The whole
 //            matrix is positive definite for all positions; continuous; symmetric (tr of a pair is rt of the pair swapped).
+//            Its divergence with respect to positions is 0, as the Stokeslet's: docs/THEORY.md.
 // Reference: Rotne, Prager, J. Chem. Phys. 50, 4831 (1969); Yamakawa, ibid. 53, 436 (1970); overlapping and unequal:
 //            Zuk et al., J. Fluid Mech. 741, R5 (2014).
 // Limits:    pairwise; spheres nearly in contact have no lubrication. At one place and of one radius, spheres cannot move

@@ -19,6 +19,7 @@ public:
     void setPositions(const std::vector<OpenMM::Vec3>& positions) override;
     void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
     void dense(Eigen::MatrixXd& mobility) const override;
+    bool isDivergenceFree() const override { return true; }
 
 private:
     std::vector<OpenMM::Vec3> positions;

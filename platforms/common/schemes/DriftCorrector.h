@@ -8,6 +8,9 @@
 //            RFD: div V~ = W~.(V~(Q^n + delta W~) - V~) / delta (eq. 40). Translations are displaced by delta times the body's length.
 // Order:     weak 1; 1 at T = 0 (the mid-point follows the noise only).
 // Cost:      one force evaluation (at t + h/2), one solve; square roots of M: two, and one for each row of the twists (FD) or one (RFD).
+// Zero drift: spheres in an unbounded fluid (K = 1, div N = 0) have v of Q^n at Q^m too, and nu = 1: U = N F + v. The mid-point of the noise
+//            alone would make the drift kT (d_j A_ik) A_jk, A = M^(1/2), and nu alone kT A_ik d_j A_jk; these cancel without being 0. One square root.
+//            A body alone in a uniform fluid: div V~ = 0, nu = 1; v turns with the body, which makes its drift.
 // Limits:    as random finite differences. Square roots must be smooth: Cholesky's factor, or Lanczos' to its tolerance, with a delta to match.
 
 #ifndef RIGIDHI_DRIFT_CORRECTOR_H_
@@ -31,7 +34,7 @@ struct DriftCorrector {
             m.drawForSlips(OverdampedMove::First);
             m.atStart();
             velocities(m, m.U);
-            // One body in a uniform fluid: V~ turns with it, and div V~ = 0.
+            // Known: for one body in a uniform fluid V~ turns with it and div V~ = 0; spheres without drift keep V~ in correct().
             if (!m.driftIsKnown()) m.scale += 0.5 * m.h * divergence(m);
         }
         m.goFromStart(m.h / 2, m.U);
@@ -41,8 +44,10 @@ struct DriftCorrector {
         if (m.kT == 0)
             m.solve(m.force, m.U);
         else {
-            m.thermalSlip(m.slip);
-            m.slip *= std::sqrt(2 * m.kT / m.h);
+            if (!m.driftIsZero()) {
+                m.thermalSlip(m.slip);
+                m.slip *= std::sqrt(2 * m.kT / m.h);
+            }
             m.solve(m.force, m.slip, m.U);
         }
         m.goFromStart(m.scale * m.h, m.U);

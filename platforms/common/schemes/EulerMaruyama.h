@@ -2,7 +2,8 @@
 //
 // Equation:  dQ/dt = N F + sqrt(2 kT) N^(1/2) dW/dt + kT div N (Delong 2015, eq. 34), without its last term, the stochastic drift.
 // Method:    U = N F + sqrt(2 kT/h) N^(1/2) W;  Q^{n+1} = Rotate(Q^n, h U): Delong 2015, eq. 37.
-// Order:     none where N depends on poses: it samples exp(-U/kT)/N instead of exp(-U/kT); weak 1 where N is constant, 1 at T = 0.
+// Order:     weak 1 where div N = 0 (constant N; spheres in an unbounded fluid); elsewhere none: it samples exp(-U/kT)/N instead of
+//            exp(-U/kT). 1 at T = 0.
 // Cost:      one force evaluation, one mobility problem and one square root a step.
 
 #ifndef RIGIDHI_EULER_MARUYAMA_H_
@@ -32,7 +33,7 @@ struct EulerMaruyama {
         sumUpWrenches(m);
         if (m.kT > 0 && !m.driftIsKnown()) return false;
         m.solve(m.total, m.U);
-        if (m.kT > 0) m.addUniformDrift(m.kT, m.U);
+        if (m.kT > 0) m.addKnownDrift(m.kT, m.U);
         return true;
     }
     static void predict(OverdampedMove& m) {

@@ -6,7 +6,8 @@
 //            predictor  U = N F + sqrt(4 kT/h) N^(1/2) W_1,  Q^{n+1/2} = Rotate(Q^n, h U/2);
 //            corrector  U = N F + sqrt(kT/h) N (N^(-1/2))^n (W_1 + W_2) at Q^{n+1/2},  Q^{n+1} = Rotate(Q^n, h U).
 // Order:     weak 1 (2 for linear equations with constant noise); 2 at T = 0.
-// Cost:      two force evaluations (the second at t + h/2), two mobility problems, two square roots a step.
+// Cost:      two force evaluations (the second at t + h/2), two mobility problems, two square roots a step. It has no terms for the drift, so
+//            none is left out where div N = 0: mid-point and both square roots are what its order needs.
 
 #ifndef RIGIDHI_FIXMAN_MIDPOINT_H_
 #define RIGIDHI_FIXMAN_MIDPOINT_H_

@@ -119,8 +119,9 @@ void OverdampedMove::drawForSlips(Draw draw) {
 
 // ---- Finite differences
 
-void OverdampedMove::addUniformDrift(double factor, Vectors& twists) const {
-    if (!problem.getElements()[0].isFree()) twists.col(0).head<3>() += factor * problem.uniformDivergence();
+void OverdampedMove::addKnownDrift(double factor, Vectors& twists) const {
+    if (problem.isUniform() && !problem.getElements()[0].isFree())
+        twists.col(0).head<3>() += factor * problem.uniformDivergence();
 }
 
 void OverdampedMove::drawDirections() {

@@ -69,10 +69,12 @@ public:
     /** M^(1/2) W: of covariance M. */
     void thermalSlip(Vectors& slips) { problem.thermalSlip(W_slip, slips); }
 
-    /** Whether div N is 0 or known without differences; then addUniformDrift() adds it. */
-    bool driftIsKnown() const { return problem.isUniform(); }
+    /** Whether div N is 0 or known without differences; then addKnownDrift() adds it. */
+    bool driftIsKnown() const { return problem.isUniform() || problem.isDivergenceFree(); }
+    /** Whether it is 0 while N changes with poses: spheres. What makes a drift by noise at other poses is then to be left out. */
+    bool driftIsZero() const { return !problem.isUniform() && problem.isDivergenceFree(); }
     /** U += factor div N, where that is known. */
-    void addUniformDrift(double factor, Vectors& twists) const;
+    void addKnownDrift(double factor, Vectors& twists) const;
     /**
      * Random directions for finite differences: W~ of unit covariance, whose displacements delta W~ are lengths through each body's
      * length L, and which as wrenches are divided by it: `directions` = (W~_t / L, W~_r).

@@ -8,7 +8,8 @@
 //            Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017); docs/THEORY.md.
 // Order:     weak 1; 2 at T = 0.   Bias of the drift: O(delta^2).
 // Cost:      two force evaluations (the second at t + h), three solves at two configurations, two products with M, one square root a step.
-// Limits:    as random finite differences.
+// Limits:    as random finite differences. Where the divergence is known or 0, kT div N takes the place of F_D and s_D: two solves, no
+//            products, no directions. Of spheres K = 1, and s is no other at Q*: the average over both ends makes no drift either.
 
 #ifndef RIGIDHI_TRAPEZOIDAL_SLIP_H_
 #define RIGIDHI_TRAPEZOIDAL_SLIP_H_
@@ -34,7 +35,7 @@ struct TrapezoidalSlip {
             if (m.driftIsKnown()) {
                 m.solve(m.force, m.slip, m.U_start);
                 m.drift.setZero(m.getNumRows(), 1);
-                m.addUniformDrift(m.kT, m.drift);
+                m.addKnownDrift(m.kT, m.drift);
             } else {
                 // The solves for F + s and for the random wrench in one.
                 m.drawDirections();

@@ -47,6 +47,7 @@ public:
      */
     void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
     void dense(Eigen::MatrixXd& mobility) const override;
+    bool isDivergenceFree() const override { return !wall; }
 
 private:
     template <class Number>
