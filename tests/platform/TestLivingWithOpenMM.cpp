@@ -10,8 +10,11 @@
 #include <openmm/VirtualSite.h>
 
 #include "TestSupport.h"
+#include "openmmrigidhi/CustomBodyForce.h"
+#include "openmmrigidhi/MobilityForce.h"
 
 using namespace OpenMM;
+using namespace RigidHIPlugin;
 using namespace RigidHITest;
 using namespace std;
 
@@ -368,6 +371,151 @@ TEST(Others, ParametersBoxAndForceGroupsAreSeenAtOnce) {
     context.setVelocities({Vec3()});
     integrator.step(1);
     EXPECT_EQ(integrator.getBodyVelocities()[0][0], 0);
+}
+
+namespace {
+
+/** Two waters and a free particle under several forces, of which every setting can be changed between steps. */
+struct ChangeableScene {
+    System system;
+    CustomRigidHIIntegrator integrator;
+    CustomExternalForce* well = new CustomExternalForce("strength*k*(x^2+2*y^2+x*z)");
+    HarmonicBondForce* bond = new HarmonicBondForce();
+    NonbondedForce* nonbonded = new NonbondedForce();
+    CustomBodyForce* push = new CustomBodyForce("a*pull", "0", "0", "0", "0", "0.1*a");
+    unique_ptr<Context> context;
+
+    explicit ChangeableScene(CustomRigidHIIntegrator::Scheme scheme) : integrator(0, 0.002) {
+        integrator.setScheme(scheme);
+        auto* fluid = new MobilityForce();
+        Shape water = waterShape();
+        vector<Vec3> positions;
+        for (int b = 0; b < 2; b++) {
+            addBodies(system, integrator, water, 1);
+            for (int i = 0; i < 3; i++) {
+                system.addConstraint(3 * b + i, 3 * b + (i + 1) % 3, norm(water.sites[i] - water.sites[(i + 1) % 3]));
+                positions.push_back(water.sites[i] + Vec3(0.4 * b, 0.1, 0.2));
+                fluid->addParticle(i == 0 ? 0.1 : 0);
+            }
+        }
+        system.addParticle(3.0);
+        fluid->addParticle(0.1);
+        positions.push_back(Vec3(1.1, 0.2, 0.3));
+        well->addGlobalParameter("strength", 1.0);
+        well->addPerParticleParameter("k");
+        well->setForceGroup(3);
+        push->addPerBodyParameter("a");
+        push->addGlobalParameter("pull", 1.0);
+        for (int p = 0; p < 7; p++) {
+            well->addParticle(p, {1.0});
+            nonbonded->addParticle(0.1 * (p - 3), 0.1, 0.1);
+        }
+        for (int b = 0; b < 2; b++) push->addBody(b, {3.0});
+        bond->addBond(0, 6, 0.3, 10);
+        bond->setUsesPeriodicBoundaryConditions(true);
+        system.setDefaultPeriodicBoxVectors(Vec3(4, 0, 0), Vec3(0, 4, 0), Vec3(0, 0, 4));
+        for (Force* force : {(Force*)well, (Force*)bond, (Force*)nonbonded, (Force*)push}) system.addForce(force);
+        if (scheme == CustomRigidHIIntegrator::LangevinHI || scheme >= CustomRigidHIIntegrator::EulerMaruyama)
+            system.addForce(fluid);
+        else
+            delete fluid;
+        context.reset(new Context(system, integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 1)));
+        context->setPositions(positions);
+        integrator.step(2);
+    }
+};
+
+using SceneAction = function<void(ChangeableScene&)>;
+
+struct Change {
+    string name;
+    SceneAction make, prepare = [](ChangeableScene&) {};
+};
+
+vector<Change> changesOfForces() {
+    const SceneAction onlyGroup0 = [](ChangeableScene& s) {
+        s.integrator.setIntegrationForceGroups(1);
+        s.integrator.step(1);
+    };
+    const SceneAction ewaldInGroup0 = [onlyGroup0](ChangeableScene& s) {
+        s.nonbonded->setNonbondedMethod(NonbondedForce::Ewald);
+        s.nonbonded->setCutoffDistance(1.0);
+        s.context->reinitialize(true);
+        onlyGroup0(s);
+    };
+    return {
+        {"integration force groups", [](ChangeableScene& s) { s.integrator.setIntegrationForceGroups(~(1 << 3)); }},
+        {"force group of an OpenMM force", [](ChangeableScene& s) { s.well->setForceGroup(0); }, onlyGroup0},
+        {"force group of a body force", [](ChangeableScene& s) { s.push->setForceGroup(7); }, onlyGroup0},
+        {"reciprocal-space group", [](ChangeableScene& s) { s.nonbonded->setReciprocalSpaceForceGroup(5); },
+         ewaldInGroup0},
+        {"direct space", [](ChangeableScene& s) { s.nonbonded->setIncludeDirectSpace(false); }, ewaldInGroup0},
+        {"force group and reinitialize()",
+         [](ChangeableScene& s) {
+             s.integrator.setIntegrationForceGroups(~(1 << 5));
+             s.well->setForceGroup(5);
+             s.context->reinitialize(true);
+         }},
+        {"global parameter", [](ChangeableScene& s) { s.context->setParameter("strength", 3.0); }},
+        {"global parameter of a body force", [](ChangeableScene& s) { s.context->setParameter("pull", 3.0); }},
+        {"parameters of particles",
+         [](ChangeableScene& s) {
+             for (int p = 0; p < 7; p++) s.well->setParticleParameters(p, p, {2.0});
+             s.well->updateParametersInContext(*s.context);
+         }},
+        {"parameters of bonds",
+         [](ChangeableScene& s) {
+             s.bond->setBondParameters(0, 0, 6, 0.2, 300);
+             s.bond->updateParametersInContext(*s.context);
+         }},
+        {"charges",
+         [](ChangeableScene& s) {
+             for (int p = 0; p < 7; p++) s.nonbonded->setParticleParameters(p, 0.2 * (p - 3), 0.1, 0.1);
+             s.nonbonded->updateParametersInContext(*s.context);
+         }},
+        {"parameters of bodies",
+         [](ChangeableScene& s) {
+             s.push->setBodyParameters(0, 0, {9.0});
+             s.push->updateParametersInContext(*s.context);
+         }},
+        {"box",
+         [](ChangeableScene& s) { s.context->setPeriodicBoxVectors(Vec3(1.2, 0, 0), Vec3(0, 2, 0), Vec3(0, 0, 2)); }},
+    };
+}
+
+}  // namespace
+
+TEST(Others, TheNextStepHasTheForcesOfTheNewSettings) {
+    // As an integrator that evaluates all forces in every step: here one that is told that its positions are new ones.
+    for (auto scheme : {CustomRigidHIIntegrator::LangevinC, CustomRigidHIIntegrator::GradientThermostat,
+                        CustomRigidHIIntegrator::LangevinHI, CustomRigidHIIntegrator::FixmanMidpoint})
+        for (const Change& change : changesOfForces()) {
+            ChangeableScene kept(scheme), anew(scheme), unchanged(scheme);
+            for (ChangeableScene* scene : {&kept, &anew, &unchanged}) change.prepare(*scene);
+            change.make(kept);
+            change.make(anew);
+            anew.context->setPositions(positionsOf(*anew.context));
+            for (ChangeableScene* scene : {&kept, &anew, &unchanged}) scene->integrator.step(1);
+            EXPECT_TRUE(sameBits(positionsOf(*kept.context), positionsOf(*anew.context)))
+                << change.name << ", scheme " << scheme;
+            EXPECT_TRUE(sameBits(velocitiesOf(*kept.context), velocitiesOf(*anew.context)))
+                << change.name << ", scheme " << scheme;
+            EXPECT_FALSE(sameBits(positionsOf(*anew.context), positionsOf(*unchanged.context)))
+                << change.name << " changes nothing here";
+        }
+}
+
+TEST(Others, LookingAtForcesOfOtherGroupsChangesNothing) {
+    for (auto scheme : {CustomRigidHIIntegrator::LangevinC, CustomRigidHIIntegrator::GradientThermostat,
+                        CustomRigidHIIntegrator::LangevinHI, CustomRigidHIIntegrator::FixmanMidpoint}) {
+        ChangeableScene looked(scheme), left(scheme);
+        looked.context->getState(State::Forces | State::Energy, false, 1 << 3);
+        looked.integrator.setIntegrationForceGroups(looked.integrator.getIntegrationForceGroups());
+        for (ChangeableScene* scene : {&looked, &left}) scene->integrator.step(2);
+        EXPECT_TRUE(sameBits(positionsOf(*looked.context), positionsOf(*left.context))) << "scheme " << scheme;
+        EXPECT_EQ(looked.integrator.getStepStatistics().at("forceEvaluations"),
+                  left.integrator.getStepStatistics().at("forceEvaluations"));
+    }
 }
 
 TEST(Others, OpenMMsMinimiserWorksOnConstrainedBodies) {

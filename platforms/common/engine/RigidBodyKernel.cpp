@@ -489,6 +489,7 @@ void RigidBodyKernel::step(ContextImpl& context) {
     putMembersBack(context);
     userChangedState = false;
     if (bodyForces.usesTime() && bodyForcesTime != data.time) forcesAreValid = false;
+    if (forceChoice.changed(*system, integrator->getIntegrationForceGroups())) forcesAreValid = false;
     if (isOverdamped(settings.scheme)) {
         if (!forcesAreValid && overdampedScheme(settings.scheme).forcesAtStart) evaluateForces(context);
     } else if (!forcesAreValid)

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "engine/Fluid.h"
+#include "engine/ForceChoice.h"
 #include "engine/FreeParticles.h"
 #include "engine/PlatformLoops.h"
 #include "engine/SystemCheck.h"
@@ -141,6 +142,7 @@ private:
     std::unique_ptr<MobilityForce> fluidParameters;
     std::unique_ptr<Fluid> fluid;
     BodyForces bodyForces;
+    ForceChoice forceChoice;
     double bodyForcesTime = 0;  // of the forces that the bodies have
     StepSettings settings;
     int settingsVersion = -1;
