@@ -313,6 +313,89 @@ TEST(BadFluid, QuestionsWithoutAContextOrPositions) {
                 {"applyMobilityInContext() needs positions"});
 }
 
+namespace {
+
+/** Two bodies of two particles, whose shapes come from the first positions. */
+struct Shapeless {
+    System system;
+    MobilityForce* fluid = new MobilityForce();
+    CustomRigidHIIntegrator integrator{0, 0.01};
+    explicit Shapeless(bool multiblobs = true) {
+        system.addForce(fluid);
+        integrator.setScheme(CustomRigidHIIntegrator::FixmanMidpoint);
+        for (int p = 0; p < 4; p++) {
+            system.addParticle(1.0);
+            fluid->addParticle(multiblobs || p % 2 == 0 ? 0.5 : 0);
+        }
+        for (int b = 0; b < 2; b++) integrator.addRigidBody({2 * b, 2 * b + 1});
+    }
+};
+
+}  // namespace
+
+TEST(BadFluid, WhatNeedsNoPositionsIsRefusedBeforeThem) {
+    const struct {
+        bool multiblobs;
+        function<void(MobilityForce&)> spoil;
+        vector<string> fragments;
+    } cases[] = {
+        {true, [](MobilityForce& f) { f.addParticle(1); }, {"5 radii, but the System has 4"}},
+        {true, [](MobilityForce& f) { f.setGroups({0}); }, {"setGroups() was given 1 groups"}},
+        {true, [](MobilityForce& f) { f.setBodyMobility(2, unitTensor()); }, {"body 2 was given a tensor of its own"}},
+        {false, [](MobilityForce& f) { f.setParticleRadius(2, 0); }, {"body 1 has no particle with a hydrodynamic"}},
+        {true,
+         [](MobilityForce& f) { f.setModel(MobilityForce::StokesianDynamics); },
+         {"a model of spheres that rotate"}},
+        {false,
+         [](MobilityForce& f) {
+             f.setModel(MobilityForce::StokesianDynamics);
+             f.setSolver(MobilityForce::MatrixFree);
+         },
+         {"solver MatrixFree is there for", "not for StokesianDynamics"}},
+        {false,
+         [](MobilityForce& f) {
+             f.setModel(MobilityForce::StokesianDynamics);
+             f.setParticleRadius(0, 20);
+         },
+         {"have the ratio 40"}},
+        {false,
+         [](MobilityForce& f) {
+             f.setModel(MobilityForce::StokesianDynamics);
+             f.setBodyMobility(0, unitTensor());
+         },
+         {"StokesianDynamics cannot take"}},
+        {true,
+         [](MobilityForce& f) {
+             f.setModel(MobilityForce::StokesianDynamics);
+             f.setBoundary(MobilityForce::NoSlipWall);
+         },
+         {"boundary NoSlipWall is there for"}},
+    };
+    for (const auto& c : cases) {
+        Shapeless scene(c.multiblobs);
+        c.spoil(*scene.fluid);
+        expectError([&] { Context context(scene.system, scene.integrator, testPlatform()); }, c.fragments);
+    }
+}
+
+TEST(BadFluid, ParametersHandedOverBeforePositionsAreChecked) {
+    Shapeless scene(false);
+    scene.fluid->setModel(MobilityForce::StokesianDynamics);
+    Context context(scene.system, scene.integrator, testPlatform());
+    const auto update = [&] { scene.fluid->updateParametersInContext(context); };
+    scene.fluid->setSolver(MobilityForce::MatrixFree);
+    expectError(update, {"solver MatrixFree is there for"});
+    scene.fluid->setSolver(MobilityForce::Dense);
+    scene.fluid->setParticleRadius(0, 20);
+    expectError(update, {"have the ratio 40"});
+    scene.fluid->setParticleRadius(0, 0.5);
+    scene.fluid->setBodyMobility(1, unitTensor());
+    expectError(update, {"StokesianDynamics cannot take"});
+    // The Context has the parameters that it was created with.
+    context.setPositions({Vec3(), Vec3(0.5, 0, 0), Vec3(0, 3, 0), Vec3(0.5, 3, 0)});
+    scene.integrator.step(1);
+}
+
 TEST(BadFluid, QuestionsToAContextOfAnotherIntegratorAreErrors) {
     // The Force is in no Context with this integrator.
     System system;

@@ -319,6 +319,43 @@ TEST(Wall, BestKnownDoesNotGoWithCrossing) {
     scene.integrator.step(1);
 }
 
+TEST(Wall, BestKnownAndCrossingAreRefusedWhereverTheyMeet) {
+    // The shape comes from the first positions, so that the fluid is made there.
+    const vector<string> fragments = {"BestKnown", "it does not go with the wall rejection Crossing"};
+    WallScene scene;
+    scene.fluid->setSphereWallMobility(MobilityForce::BestKnown);
+    for (int p = 0; p < 3; p++) {
+        scene.system.addParticle(1.0);
+        scene.fluid->addParticle(0.3);
+    }
+    scene.integrator.addRigidBody({0, 1, 2});
+    scene.context.reset(new Context(scene.system, scene.integrator, testPlatform()));
+    scene.integrator.setWallRejection(CustomRigidHIIntegrator::Crossing);
+    scene.context->setPositions({Vec3(0, 0, 2), Vec3(0.5, 0, 2), Vec3(0, 0.6, 2)});
+    expectError([&] { scene.integrator.step(1); }, fragments);
+    expectError([&] { scene.integrator.getBodyPositions(); }, fragments);
+    expectError([&] { scene.mobility(); }, fragments);
+    expectError([&] { scene.fluid->updateParametersInContext(*scene.context); }, fragments);
+    scene.integrator.setWallRejection(CustomRigidHIIntegrator::Overlap);
+    scene.integrator.step(1);
+}
+
+TEST(Wall, BestKnownWithoutAWallIsRefused) {
+    const vector<string> fragments = {"sphere-wall mobility BestKnown", "boundary Unbounded", "setBoundary(NoSlipWall)",
+                                      "setSphereWallMobility(FromModel)"};
+    for (auto model :
+         {MobilityForce::RotnePragerYamakawa, MobilityForce::FreeDraining, MobilityForce::StokesianDynamics}) {
+        FluidScene scene;
+        scene.fluid->setModel(model);
+        scene.fluid->setSphereWallMobility(MobilityForce::BestKnown);
+        scene.add(sphereKind(0.5), Vec3(0, 0, 3));
+        expectError([&] { Context context(scene.system, scene.integrator, testPlatform()); }, fragments);
+        scene.fluid->setSphereWallMobility(MobilityForce::FromModel);
+        scene.start(testPlatform());
+        scene.integrator.step(1);
+    }
+}
+
 TEST(Wall, WhatNeedsReinitialize) {
     WallScene scene;
     scene.add(sphereKind(0.5), Vec3(0, 0, 1));

@@ -94,7 +94,6 @@ void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegr
         // A copy: what the user sets later waits for updateParametersInContext().
         fluidParameters.reset(new MobilityForce(*stock.mobilityForce));
         stock.mobilityForce = fluidParameters.get();
-        checkBoundary(*fluidParameters, *integrator);
     }
     loops = createLoops(context);
     freeParticles.reset(new FreeParticles(*system, stock.freeParticles));
@@ -115,7 +114,10 @@ void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegr
         }
         allKnown = allKnown && definitions->getRigidBodyGeometryIsKnown(b);
     }
-    if (allKnown) buildBodies();
+    if (allKnown)
+        buildBodies();
+    else if (fluidParameters)
+        checkFluid(*fluidParameters);
 
     seed = integrator->getRandomNumberSeed();
     while (seed == 0) seed = random_device()();
@@ -171,13 +173,25 @@ void RigidBodyKernel::buildBodies() {
     updateSettings();
 }
 
-void RigidBodyKernel::buildFluid() {
-    if (!fluidParameters) return;
+vector<vector<int> > RigidBodyKernel::particlesOfBodies() const {
     vector<vector<int> > particles;
     for (int b = 0; b < definitions->getNumRigidBodies(); b++)
         particles.push_back(definitions->getRigidBodyParticles(b));
-    fluid.reset(new Fluid(*fluidParameters, integrator->getWallRejection(), *system, particles, geometries, bodies,
-                          *freeParticles, *loops));
+    return particles;
+}
+
+/** What can be said of a fluid before the shapes of all bodies are known. */
+void RigidBodyKernel::checkFluid(const MobilityForce& force) const {
+    checkBoundary(force, *integrator);
+    Fluid::check(force, integrator->getWallRejection(), *system, particlesOfBodies(), *freeParticles, *loops);
+}
+
+void RigidBodyKernel::buildFluid() {
+    if (!fluidParameters) return;
+    // The wall rejection is the integrator's, and may have been set since the Context was created.
+    checkBoundary(*fluidParameters, *integrator);
+    fluid.reset(new Fluid(*fluidParameters, integrator->getWallRejection(), *system, particlesOfBodies(), geometries,
+                          bodies, *freeParticles, *loops));
 }
 
 /** Geometries that come from positions. */

@@ -119,6 +119,8 @@ private:
     std::string objectionHalfAStepAhead(OpenMM::ContextImpl& context, double tolerance);
     void reportTooManyRejections(const std::string& objection, int attempts);
     LoopResult moveThroughFluid(double tolerance);
+    std::vector<std::vector<int> > particlesOfBodies() const;
+    void checkFluid(const MobilityForce& force) const;
     void buildFluid();
     void rebuildFluid();
     void adoptWallRejection();

@@ -309,9 +309,13 @@ void RigidBodyKernel::updateFluid(ContextImpl& context, const MobilityForce& for
                  ": its hydrodynamic radius cannot change between 0 and a positive value by "
                  "updateParametersInContext()" +
                  remedy);
+    if (!bodiesAreBuilt) {
+        checkFluid(force);
+        *fluidParameters = force;
+        return;
+    }
     const unique_ptr<MobilityForce> before(new MobilityForce(*fluidParameters));
     *fluidParameters = force;
-    if (!bodiesAreBuilt) return;
     try {
         rebuildFluid();
     } catch (...) {
@@ -324,7 +328,6 @@ void RigidBodyKernel::updateFluid(ContextImpl& context, const MobilityForce& for
 void RigidBodyKernel::rebuildFluid() {
     unique_ptr<Fluid> before(move(fluid));
     try {
-        checkBoundary(*fluidParameters, *integrator);
         buildFluid();
         if (integrator->getScheme() == CustomRigidHIIntegrator::LangevinHI) fluid->checkInertia(bodies);
     } catch (...) {

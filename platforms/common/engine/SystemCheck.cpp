@@ -157,8 +157,12 @@ void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& in
         fail(string("boundary ") + boundaryName(force.getBoundary()) + " is there for the model " + models +
              ", not for " + modelName(force.getModel()) + "; use setModel(" + models + ") or setBoundary(Unbounded)");
     }
-    if (force.getBoundary() == MobilityForce::NoSlipWall && force.getSphereWallMobility() == MobilityForce::BestKnown &&
-        integrator.getWallRejection() == CustomRigidHIIntegrator::Crossing)
+    if (force.getSphereWallMobility() != MobilityForce::BestKnown) return;
+    if (force.getBoundary() != MobilityForce::NoSlipWall)
+        fail(string("sphere-wall mobility BestKnown is for the boundary NoSlipWall, but the boundary ") +
+             boundaryName(force.getBoundary()) +
+             " has no wall; use setBoundary(NoSlipWall) or setSphereWallMobility(FromModel)");
+    if (integrator.getWallRejection() == CustomRigidHIIntegrator::Crossing)
         fail(
             "sphere-wall mobility BestKnown is that of spheres outside the wall, so it does not go with the wall "
             "rejection "

@@ -93,11 +93,19 @@ MatrixXd generalisedInverse(const MatrixXd& friction, const VectorXd& nullVector
     return 0.5 * (inverse + inverse.transpose());
 }
 
+HydrodynamicParticles particlesOf(const vector<FluidElement>& elements) {
+    HydrodynamicParticles particles;
+    for (const FluidElement& element : elements)
+        for (size_t i = 0; i < element.particles.size(); i++)
+            particles.add(element.radii[i], element.isSphere(), element.particles[i], element.body);
+    return particles;
+}
+
 BodyMobility::BodyMobility(const vector<FluidElement>& elements, const OperatorFactory& makeOperator, bool isConstant,
                            const OperatorFactory& makeUnboundedToUse)
     : elements(elements), constant(isConstant && elements.size() == 1 && !elements[0].isFree()),
       aloneInUniformFluid(isConstant && elements.size() == 1),
-      makeUnbounded(makeUnboundedToUse ? makeUnboundedToUse : makeOperator) {
+      makeUnbounded(makeUnboundedToUse ? makeUnboundedToUse : makeOperator), particles(particlesOf(elements)) {
     nullVectors.resize(elements.size());
     B_body.resize(elements.size());
     inverseB_body.resize(elements.size());
@@ -105,9 +113,7 @@ BodyMobility::BodyMobility(const vector<FluidElement>& elements, const OperatorF
         const FluidElement& element = elements[e];
         rows.push_back(numRows);
         numRows += element.numRows();
-        firstParticle.push_back(particles.size());
-        for (size_t i = 0; i < element.particles.size(); i++)
-            particles.add(element.radii[i], element.isSphere(), element.particles[i], element.body);
+        firstParticle.push_back(e == 0 ? 0 : firstParticle.back() + elements[e - 1].particles.size());
         if (!element.isFree() && (element.particles.size() != 1 || !element.sites[0].isZero(0))) identityK = false;
         const bool hasOwnTensor = element.ownMobility.size() > 0;
         hasOwnTensors = hasOwnTensors || hasOwnTensor;

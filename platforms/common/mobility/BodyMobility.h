@@ -26,6 +26,9 @@ struct FluidElement {
     int numRows() const { return isFree() ? 3 : 6; }
 };
 
+/** The hydrodynamic particles of elements, in their order. */
+HydrodynamicParticles particlesOf(const std::vector<FluidElement>& elements);
+
 /** Where a body is. */
 struct Pose {
     Eigen::Vector3d R = Eigen::Vector3d::Zero();
