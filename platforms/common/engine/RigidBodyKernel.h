@@ -105,6 +105,10 @@ private:
     void takeInTwist(int body);
     void requirePositions(const char* what) const;
     void putMembersBack(OpenMM::ContextImpl& context);
+    bool massesAreTheSystems() const;
+    bool momentumIsOursToRemove() const;
+    void undoRemovalFromParticles();
+    void removeMomentum();
     void writePoses(OpenMM::ContextImpl& context);
     void placeFreeVirtualSites(OpenMM::ContextImpl& context);
     void rememberOtherParticles();
@@ -159,6 +163,7 @@ private:
 
     // What this kernel wrote to the Context last, to notice what others did.
     std::vector<OpenMM::Vec3> lastPositions, lastVelocities;
+    std::vector<OpenMM::Vec3> velocitiesBeforeRemoval;  // where momentumIsOursToRemove()
     OpenMM::Vec3 lastBox[3];
     // After loading a state: compare by hash instead, once.
     bool compareByHash = false;

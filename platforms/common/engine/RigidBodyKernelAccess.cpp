@@ -154,7 +154,8 @@ map<string, int> RigidBodyKernel::getDegreesOfFreedom(ContextImpl& context) {
     for (int b = 0; b < bodies.getNumBodies(); b++)
         for (int k = 0; k < 3; k++) dof["rotational" + to_string(k + 1)] += bodies.inertia(b).isLive(k);
     dof["free"] = 3 * freeParticles->getNumParticles() - freeParticles->getNumConstraints();
-    dof["removed"] = stock.hasCMMotionRemover ? 3 : 0;
+    const bool anythingMoves = dof["translational"] + dof["free"] > 0;
+    dof["removed"] = stock.hasCMMotionRemover && anythingMoves ? 3 : 0;
     dof["total"] = dof["translational"] + dof["rotational1"] + dof["rotational2"] + dof["rotational3"] + dof["free"] -
                    dof["removed"];
     return dof;
@@ -231,7 +232,11 @@ map<string, string> RigidBodyKernel::getEffects(ContextImpl& context) {
     set("constraints of free particles", freeParticles->getNumConstraints() > 0,
         to_string(freeParticles->getNumConstraints()) + " constraints");
     set("centre-of-mass motion removal", stock.hasCMMotionRemover,
-        stock.hasCMMotionRemover ? "the System has a CMMotionRemover" : "the System has no CMMotionRemover");
+        !stock.hasCMMotionRemover ? "the System has no CMMotionRemover"
+        : massesAreTheSystems()   ? "the System has a CMMotionRemover"
+                                  : "the System has a CMMotionRemover; what is removed is the bodies' own momentum, "
+                                    "since not all their masses "
+                                    "are the System's");
     set("barostat", !stock.barostat.empty(),
         stock.barostat.empty() ? "the System has none" : "the System has a " + stock.barostat);
     const int groups = integrator->getIntegrationForceGroups();

@@ -133,7 +133,10 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
             refuse("force " + to_string(i) +
                    ", an AndersenThermostat, changes velocities of single particles and so "
                    "breaks rigid bodies; remove it: this integrator is a thermostat itself");
-        if (dynamic_cast<const CMMotionRemover*>(&force)) stock.hasCMMotionRemover = true;
+        if (auto* remover = dynamic_cast<const CMMotionRemover*>(&force)) {
+            stock.hasCMMotionRemover = true;
+            stock.removalFrequencies.push_back(remover->getFrequency());
+        }
         if (dynamic_cast<const MonteCarloBarostat*>(&force)) stock.barostat = "MonteCarloBarostat";
         if (dynamic_cast<const MonteCarloAnisotropicBarostat*>(&force))
             stock.barostat = "MonteCarloAnisotropicBarostat";
