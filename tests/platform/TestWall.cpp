@@ -356,6 +356,22 @@ TEST(Wall, BestKnownWithoutAWallIsRefused) {
     }
 }
 
+TEST(Wall, BlobsAboveEachOtherThatAreBothLiftedToContact) {
+    // Crossing takes blobs below contact for blobs at contact: those above each other are then at one place.
+    for (double x : {0.0, 0.1}) {
+        WallScene scene;
+        scene.integrator.setWallRejection(CustomRigidHIIntegrator::Crossing);
+        scene.add({"blobs", 1, Vec3(1, 1, 1), {Vec3(0, 0, 0.2), Vec3(x, 0, 0.5), Vec3(1, 0, 1)}, {0.6, 0.6, 0.6}});
+        scene.start(testPlatform());
+        if (x > 0) {
+            scene.integrator.step(1);
+            continue;
+        }
+        expectError([&] { scene.integrator.step(1); }, {"particle 0 (body 0) and particle 1 (body 0)", "same place"});
+        expectError([&] { scene.mobility(); }, {"particle 0 (body 0) and particle 1 (body 0)"});
+    }
+}
+
 TEST(Wall, WhatNeedsReinitialize) {
     WallScene scene;
     scene.add(sphereKind(0.5), Vec3(0, 0, 1));

@@ -107,8 +107,8 @@ void MobilityProblem::solve(const MatrixXd& wrenches, const MatrixXd& slips, Mat
             bodies.applyMatrixFree(wrenches, tolerance, twists);
         } else {
             MultiblobSolver& solver = bodies.getMultiblobSolver();
-            const int iterations = solver.solve(*bodies.particleOperator, wrenches, slips, tolerance,
-                                                toleranceOfProducts, twists);
+            const int iterations =
+                solver.solve(*bodies.particleOperator, wrenches, slips, tolerance, toleranceOfProducts, twists);
             bodies.numSolverIterations += iterations;
             bodies.numProducts += (iterations + 1) * wrenches.cols();
             return;
