@@ -622,7 +622,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         dict
             "translational"; "rotational1", "rotational2", "rotational3": bodies that can rotate about the axis of their
             smallest, middle, largest moment; "free": of free particles less their constraints; "removed": 3 with a
-            CMMotionRemover; "total". All 0 for schemes without momenta.
+            CMMotionRemover, under which the momentum of bodies and free particles is removed, whether or not the bodies'
+            masses are the System's; "total". All 0 for schemes without momenta.
         """
         return super().getDegreesOfFreedom()
 

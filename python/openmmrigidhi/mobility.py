@@ -219,7 +219,7 @@ class MobilityForce(_copies.Copies, _Base):
         return SphereWallMobility(super().getSphereWallMobility())
 
     def setSphereWallMobility(self, mobility):
-        """Set what a single sphere above a NoSlipWall moves like; other boundaries ignore it. Takes effect at Context creation.
+        """Set what a single sphere above a NoSlipWall moves like. Takes effect at Context creation.
 
         Parameters
         ----------
@@ -227,7 +227,7 @@ class MobilityForce(_copies.Copies, _Base):
             FromModel (default): without lubrication, so that at contact a quarter of the free mobility towards the wall is left;
             BestKnown: like a rigid sphere alone above the wall, at every gap (Delong et al., J. Chem. Phys. 143, 144107, 2015,
             eqs. 94 to 97, corrected; with rotation from a resolved sphere), other spheres by congruence: for bodies of one
-            sphere and free particles. It needs the wall rejection Overlap
+            sphere and free particles. It needs a wall and the wall rejection Overlap: without them no Context is created
         """
         super().setSphereWallMobility(
             _units.constant(mobility, SphereWallMobility, _where('setSphereWallMobility'), 'mobility'))

@@ -8,10 +8,17 @@
 #include <openmm/MonteCarloBarostat.h>
 #include <openmm/NonbondedForce.h>
 #include <openmm/VirtualSite.h>
+#include <openmm/internal/ContextImpl.h>
+#include <openmm/internal/ForceImpl.h>
+
+#include <numeric>
 
 #include "TestSupport.h"
+#include "openmmrigidhi/CustomBodyForce.h"
+#include "openmmrigidhi/MobilityForce.h"
 
 using namespace OpenMM;
+using namespace RigidHIPlugin;
 using namespace RigidHITest;
 using namespace std;
 
@@ -368,6 +375,325 @@ TEST(Others, ParametersBoxAndForceGroupsAreSeenAtOnce) {
     context.setVelocities({Vec3()});
     integrator.step(1);
     EXPECT_EQ(integrator.getBodyVelocities()[0][0], 0);
+}
+
+namespace {
+
+/** A Force of another plugin that changes the velocity of one particle before every step. */
+class Kick : public Force {
+public:
+    Kick(int particle, const Vec3& change) : particle(particle), change(change) {}
+    bool usesPeriodicBoundaryConditions() const override { return false; }
+
+protected:
+    struct Impl : ForceImpl {
+        const Kick& owner;
+        explicit Impl(const Kick& owner) : owner(owner) {}
+        void initialize(ContextImpl&) override {}
+        const Force& getOwner() const override { return owner; }
+        void updateContextState(ContextImpl& context, bool&) override {
+            vector<Vec3> v;
+            context.getVelocities(v);
+            v[owner.particle] += owner.change;
+            context.setVelocities(v);
+        }
+        double calcForcesAndEnergy(ContextImpl&, bool, bool, int) override { return 0; }
+        map<string, double> getDefaultParameters() override { return {}; }
+        vector<string> getKernelNames() override { return {}; }
+    };
+    ForceImpl* createImpl() const override { return new Impl(*this); }
+
+private:
+    const int particle;
+    const Vec3 change;
+};
+
+/** Bodies whose masses are not those of their particles, in every way, without forces. */
+struct OddMasses {
+    System system;
+    CustomRigidHIIntegrator integrator{0, 0.001};
+    vector<Vec3> positions;
+    vector<double> masses;  // of the bodies
+    unique_ptr<Context> context;
+    void add(const vector<double>& systemMasses, double mass, const Vec3& moments, const vector<Vec3>& sites) {
+        vector<int> members;
+        for (size_t i = 0; i < sites.size(); i++) {
+            members.push_back(system.addParticle(systemMasses[i]));
+            positions.push_back(sites[i] + Vec3(2.0 * masses.size(), 0, 0));
+        }
+        masses.push_back(mass);
+        if (moments == Vec3())
+            integrator.addRigidBody(members);
+        else
+            integrator.addRigidBody(members, mass, moments, sites);
+    }
+    OddMasses(int frequency, Force* other = nullptr) {
+        integrator.setFriction(0);
+        integrator.setRotationalFriction(0);
+        const vector<Vec3> pair = {Vec3(-0.1, 0, 0), Vec3(0.2, 0, 0)},
+                           three = {Vec3(-0.1, 0, 0), Vec3(0.2, 0.1, 0), Vec3(0, 0, 0.3)};
+        add({1, 1}, 100, Vec3(0.9, 1, 1.1), pair);          // heavier than in the System
+        add({1, 1}, 1, Vec3(0.9, 1, 1.1), pair);            // lighter
+        add({0, 0, 0}, 20, Vec3(1, 2, 3), three);           // without mass in the System
+        add({1, 7, 2}, 10, Vec3(1, 2, 3), three);           // the same mass, its centre elsewhere
+        add({5, 0, 3}, 8, Vec3(1, 2, 3), three);            // a marker without mass
+        add({5, 0}, 5, Vec3(), {Vec3(), Vec3(0.2, 0, 0)});  // likewise, where only the marker can tell a spin
+        add({3}, 4, Vec3(0.3, 0.4, 0.5), {Vec3()});         // one site that rotates
+        add({16, 1, 1}, 18, Vec3(), waterShape().sites);    // the System's masses
+        add({2, 2}, 4, Vec3(), {Vec3(-0.1, 0, 0), Vec3(0.1, 0.1, 0)});  // two sites, likewise
+        system.addParticle(7.0);
+        system.addParticle(0.0);
+        for (double y : {5.0, 6.0}) positions.push_back(Vec3(0, y, 0));
+        if (frequency > 0) system.addForce(new CMMotionRemover(frequency));
+        if (other) system.addForce(other);
+        context.reset(new Context(system, integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 1)));
+        context->setPositions(positions);
+        push();
+    }
+    /** Velocities with a momentum. */
+    void push() {
+        mt19937 generator(4);
+        normal_distribution<double> normal(0.5, 1);
+        vector<Vec3> v(masses.size()), omega, ofParticles(positions.size());
+        for (Vec3& x : v) x = Vec3(normal(generator), normal(generator), normal(generator));
+        omega = v;
+        ofParticles[positions.size() - 2] = Vec3(-1, 2, 3);
+        context->setVelocities(ofParticles);
+        integrator.setBodyVelocities(v);
+        integrator.setBodyAngularVelocities(omega);
+    }
+    Vec3 freeVelocity() { return velocitiesOf(*context)[positions.size() - 2]; }
+    Vec3 momentum() {
+        Vec3 p = freeVelocity() * 7.0;
+        const auto v = integrator.getBodyVelocities();
+        for (size_t b = 0; b < masses.size(); b++) p += v[b] * masses[b];
+        return p;
+    }
+    double totalMass() const { return accumulate(masses.begin(), masses.end(), 7.0); }
+};
+
+}  // namespace
+
+TEST(Others, CMMotionRemoverRemovesTheMomentumOfBodiesWithMassesOfTheirOwn) {
+    OddMasses removed(1), free(0);
+    EXPECT_EQ(removed.integrator.getDegreesOfFreedom().at("removed"), 3);
+    EXPECT_EQ(free.integrator.getDegreesOfFreedom().at("removed"), 0);
+    const double mass = free.totalMass();
+    const Vec3 drift = free.momentum() / mass;
+    EXPECT_GT(norm(drift), 0.5);
+    for (int steps : {1, 4}) {
+        for (OddMasses* scene : {&removed, &free}) scene->integrator.step(steps);
+        EXPECT_LT(norm(removed.momentum()), 1e-12 * mass);
+        // All velocities are changed by the same, so rotation is not, nor what particles say of it.
+        const auto v = removed.integrator.getBodyVelocities(), v0 = free.integrator.getBodyVelocities(),
+                   omega = removed.integrator.getBodyAngularVelocities(),
+                   omega0 = free.integrator.getBodyAngularVelocities();
+        for (size_t b = 0; b < v.size(); b++) {
+            EXPECT_LT(norm(v[b] - v0[b] + drift), 1e-12) << "body " << b;
+            EXPECT_LT(norm(omega[b] - omega0[b]), 1e-11) << "body " << b;
+        }
+        EXPECT_LT(norm(removed.freeVelocity() - free.freeVelocity() + drift), 1e-12);
+    }
+    EXPECT_NE(removed.integrator.getEffects().at("centre-of-mass motion removal").find("bodies' own"), string::npos);
+}
+
+TEST(Others, CMMotionRemoverActsWhenItIsDue) {
+    OddMasses scene(3);
+    const double mass = scene.totalMass();
+    const Vec3 pushed = scene.momentum();
+    for (int step = 0; step < 7; step++) {
+        scene.push();
+        scene.integrator.step(1);
+        EXPECT_LT(norm(scene.momentum() - (step % 3 == 0 ? Vec3() : pushed)), 1e-12 * mass) << "step " << step;
+    }
+}
+
+TEST(Others, WhatAnotherForceDoesToVelocitiesIsNotTakenForTheRemovers) {
+    const int water = 7, freeParticle = 21;
+    const Vec3 kick(1, -2, 3);
+    OddMasses scene(1, new Kick(freeParticle, kick));
+    const Vec3 before = scene.freeVelocity() - scene.integrator.getBodyVelocities()[water];
+    scene.integrator.step(1);
+    EXPECT_LT(norm(scene.freeVelocity() - scene.integrator.getBodyVelocities()[water] - before - kick), 1e-12);
+    EXPECT_LT(norm(scene.momentum()), 1e-12 * scene.totalMass());
+}
+
+TEST(Others, EquipartitionOfTwoBodiesUnderACMMotionRemover) {
+    // Masses of 100 and 1 Da on System masses of 1 Da. Along each axis the relative velocity has the variance kT/mu, that of
+    // the centre of mass what noise of the step after the removal leaves: kT (1 - exp(-2 gamma h))/M.
+    System system;
+    const double gamma = 20, h = 0.002, kT = boltzmann * 300, masses[] = {100, 1};
+    CustomRigidHIIntegrator integrator(300, h);
+    for (int b = 0; b < 2; b++) {
+        for (int i = 0; i < 2; i++) system.addParticle(1.0);
+        integrator.addRigidBody({2 * b, 2 * b + 1}, masses[b], Vec3(1, 1, 1), {Vec3(-0.1, 0, 0), Vec3(0.1, 0, 0)});
+    }
+    integrator.setFriction(gamma);
+    integrator.setRotationalFriction(gamma);
+    integrator.setRandomNumberSeed(5);
+    system.addForce(new CMMotionRemover());
+    Context context(system, integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 1));
+    context.setPositions({Vec3(-0.1, 0, 0), Vec3(0.1, 0, 0), Vec3(-0.1, 1, 0), Vec3(0.1, 1, 0)});
+    const int samples = 2000, interval = 40;  // exp(-40 gamma h) = 0.2: their squares are independent within 4 per cent
+    vector<double> relative[3], centre[3];
+    for (int s = 0; s < samples; s++) {
+        integrator.step(interval);
+        const auto v = integrator.getBodyVelocities();
+        const Vec3 w = v[0] - v[1], V = (v[0] * 100 + v[1]) / 101;
+        for (int k = 0; k < 3; k++) {
+            relative[k].push_back(100.0 / 101 * w[k] * w[k] / kT);
+            centre[k].push_back(101 * V[k] * V[k] / kT);
+        }
+    }
+    for (int k = 0; k < 3; k++) {
+        expectMean("relative motion, axis " + to_string(k), estimate(relative[k]), 1);
+        expectMean("centre of mass, axis " + to_string(k), estimate(centre[k]), -expm1(-2 * gamma * h));
+    }
+}
+
+namespace {
+
+/** Two waters and a free particle under several forces, of which every setting can be changed between steps. */
+struct ChangeableScene {
+    System system;
+    CustomRigidHIIntegrator integrator;
+    CustomExternalForce* well = new CustomExternalForce("strength*k*(x^2+2*y^2+x*z)");
+    HarmonicBondForce* bond = new HarmonicBondForce();
+    NonbondedForce* nonbonded = new NonbondedForce();
+    CustomBodyForce* push = new CustomBodyForce("a*pull", "0", "0", "0", "0", "0.1*a");
+    unique_ptr<Context> context;
+
+    explicit ChangeableScene(CustomRigidHIIntegrator::Scheme scheme) : integrator(0, 0.002) {
+        integrator.setScheme(scheme);
+        auto* fluid = new MobilityForce();
+        Shape water = waterShape();
+        vector<Vec3> positions;
+        for (int b = 0; b < 2; b++) {
+            addBodies(system, integrator, water, 1);
+            for (int i = 0; i < 3; i++) {
+                system.addConstraint(3 * b + i, 3 * b + (i + 1) % 3, norm(water.sites[i] - water.sites[(i + 1) % 3]));
+                positions.push_back(water.sites[i] + Vec3(0.4 * b, 0.1, 0.2));
+                fluid->addParticle(i == 0 ? 0.1 : 0);
+            }
+        }
+        system.addParticle(3.0);
+        fluid->addParticle(0.1);
+        positions.push_back(Vec3(1.1, 0.2, 0.3));
+        well->addGlobalParameter("strength", 1.0);
+        well->addPerParticleParameter("k");
+        well->setForceGroup(3);
+        push->addPerBodyParameter("a");
+        push->addGlobalParameter("pull", 1.0);
+        for (int p = 0; p < 7; p++) {
+            well->addParticle(p, {1.0});
+            nonbonded->addParticle(0.1 * (p - 3), 0.1, 0.1);
+        }
+        for (int b = 0; b < 2; b++) push->addBody(b, {3.0});
+        bond->addBond(0, 6, 0.3, 10);
+        bond->setUsesPeriodicBoundaryConditions(true);
+        system.setDefaultPeriodicBoxVectors(Vec3(4, 0, 0), Vec3(0, 4, 0), Vec3(0, 0, 4));
+        for (Force* force : {(Force*)well, (Force*)bond, (Force*)nonbonded, (Force*)push}) system.addForce(force);
+        if (scheme == CustomRigidHIIntegrator::LangevinHI || scheme >= CustomRigidHIIntegrator::EulerMaruyama)
+            system.addForce(fluid);
+        else
+            delete fluid;
+        context.reset(new Context(system, integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 1)));
+        context->setPositions(positions);
+        integrator.step(2);
+    }
+};
+
+using SceneAction = function<void(ChangeableScene&)>;
+
+struct Change {
+    string name;
+    SceneAction make, prepare = [](ChangeableScene&) {};
+};
+
+vector<Change> changesOfForces() {
+    const SceneAction onlyGroup0 = [](ChangeableScene& s) {
+        s.integrator.setIntegrationForceGroups(1);
+        s.integrator.step(1);
+    };
+    const SceneAction ewaldInGroup0 = [onlyGroup0](ChangeableScene& s) {
+        s.nonbonded->setNonbondedMethod(NonbondedForce::Ewald);
+        s.nonbonded->setCutoffDistance(1.0);
+        s.context->reinitialize(true);
+        onlyGroup0(s);
+    };
+    return {
+        {"integration force groups", [](ChangeableScene& s) { s.integrator.setIntegrationForceGroups(~(1 << 3)); }},
+        {"force group of an OpenMM force", [](ChangeableScene& s) { s.well->setForceGroup(0); }, onlyGroup0},
+        {"force group of a body force", [](ChangeableScene& s) { s.push->setForceGroup(7); }, onlyGroup0},
+        {"reciprocal-space group", [](ChangeableScene& s) { s.nonbonded->setReciprocalSpaceForceGroup(5); },
+         ewaldInGroup0},
+        {"direct space", [](ChangeableScene& s) { s.nonbonded->setIncludeDirectSpace(false); }, ewaldInGroup0},
+        {"force group and reinitialize()",
+         [](ChangeableScene& s) {
+             s.integrator.setIntegrationForceGroups(~(1 << 5));
+             s.well->setForceGroup(5);
+             s.context->reinitialize(true);
+         }},
+        {"global parameter", [](ChangeableScene& s) { s.context->setParameter("strength", 3.0); }},
+        {"global parameter of a body force", [](ChangeableScene& s) { s.context->setParameter("pull", 3.0); }},
+        {"parameters of particles",
+         [](ChangeableScene& s) {
+             for (int p = 0; p < 7; p++) s.well->setParticleParameters(p, p, {2.0});
+             s.well->updateParametersInContext(*s.context);
+         }},
+        {"parameters of bonds",
+         [](ChangeableScene& s) {
+             s.bond->setBondParameters(0, 0, 6, 0.2, 300);
+             s.bond->updateParametersInContext(*s.context);
+         }},
+        {"charges",
+         [](ChangeableScene& s) {
+             for (int p = 0; p < 7; p++) s.nonbonded->setParticleParameters(p, 0.2 * (p - 3), 0.1, 0.1);
+             s.nonbonded->updateParametersInContext(*s.context);
+         }},
+        {"parameters of bodies",
+         [](ChangeableScene& s) {
+             s.push->setBodyParameters(0, 0, {9.0});
+             s.push->updateParametersInContext(*s.context);
+         }},
+        {"box",
+         [](ChangeableScene& s) { s.context->setPeriodicBoxVectors(Vec3(1.2, 0, 0), Vec3(0, 2, 0), Vec3(0, 0, 2)); }},
+    };
+}
+
+}  // namespace
+
+TEST(Others, TheNextStepHasTheForcesOfTheNewSettings) {
+    // As an integrator that evaluates all forces in every step: here one that is told that its positions are new ones.
+    for (auto scheme : {CustomRigidHIIntegrator::LangevinC, CustomRigidHIIntegrator::GradientThermostat,
+                        CustomRigidHIIntegrator::LangevinHI, CustomRigidHIIntegrator::FixmanMidpoint})
+        for (const Change& change : changesOfForces()) {
+            ChangeableScene kept(scheme), anew(scheme), unchanged(scheme);
+            for (ChangeableScene* scene : {&kept, &anew, &unchanged}) change.prepare(*scene);
+            change.make(kept);
+            change.make(anew);
+            anew.context->setPositions(positionsOf(*anew.context));
+            for (ChangeableScene* scene : {&kept, &anew, &unchanged}) scene->integrator.step(1);
+            EXPECT_TRUE(sameBits(positionsOf(*kept.context), positionsOf(*anew.context)))
+                << change.name << ", scheme " << scheme;
+            EXPECT_TRUE(sameBits(velocitiesOf(*kept.context), velocitiesOf(*anew.context)))
+                << change.name << ", scheme " << scheme;
+            EXPECT_FALSE(sameBits(positionsOf(*anew.context), positionsOf(*unchanged.context)))
+                << change.name << " changes nothing here";
+        }
+}
+
+TEST(Others, LookingAtForcesOfOtherGroupsChangesNothing) {
+    for (auto scheme : {CustomRigidHIIntegrator::LangevinC, CustomRigidHIIntegrator::GradientThermostat,
+                        CustomRigidHIIntegrator::LangevinHI, CustomRigidHIIntegrator::FixmanMidpoint}) {
+        ChangeableScene looked(scheme), left(scheme);
+        looked.context->getState(State::Forces | State::Energy, false, 1 << 3);
+        looked.integrator.setIntegrationForceGroups(looked.integrator.getIntegrationForceGroups());
+        for (ChangeableScene* scene : {&looked, &left}) scene->integrator.step(2);
+        EXPECT_TRUE(sameBits(positionsOf(*looked.context), positionsOf(*left.context))) << "scheme " << scheme;
+        EXPECT_EQ(looked.integrator.getStepStatistics().at("forceEvaluations"),
+                  left.integrator.getStepStatistics().at("forceEvaluations"));
+    }
 }
 
 TEST(Others, OpenMMsMinimiserWorksOnConstrainedBodies) {

@@ -198,6 +198,6 @@ TEST(MatrixFree, BlobsAtOnePlaceAreNamed) {
                 context.setPositions(positions);
                 integrator.step(1);
             },
-            {"not positive definite", "place"});
+            {"particle 2 (body 0) and particle 3 (body 0)", "at the same place"});
     }
 }

@@ -538,30 +538,6 @@ TEST(Overdamped, Settings) {
     expectError([&] { integrator.setScheme(Scheme(12)); }, {"scheme 12 is unknown", "DriftCorrectorRFD"});
 }
 
-TEST(Overdamped, BlobsAtOnePlace) {
-    for (const Named& s : schemes) {
-        OverdampedScene scene(s.scheme, T1);
-        BodyKind kind = boomerangKind();
-        kind.sites[1] = kind.sites[0];
-        kind.radii[1] = kind.radii[0];
-        scene.addMassless(kind);
-        scene.addMassless(sphereKind(0.3), Vec3(5, 0, 0));
-        scene.start(testPlatform());
-        expectError([&] { scene.integrator.step(1); },
-                    {"hydrodynamic particles is not positive definite; look for particles at the same place"});
-        // Of different radii they have a mobility, but nothing holds the body about any axis.
-        OverdampedScene concentric(s.scheme, T1);
-        kind = boomerangKind();
-        kind.sites = {Vec3(), Vec3()};
-        kind.radii = {0.5, 0.8};
-        concentric.addMassless(kind);
-        concentric.addMassless(sphereKind(0.3), Vec3(5, 0, 0));
-        concentric.start(testPlatform());
-        expectError([&] { concentric.integrator.step(1); },
-                    {"the friction matrix of 2 bodies is not positive definite", "blobs are all at one place"});
-    }
-}
-
 /** Spheres on all sides of each other, nearer than any finite difference. */
 TEST(Overdamped, FiniteDifferencesThatLeadNowhere) {
     for (Scheme scheme : {RigidHI::RandomFiniteDifference, RigidHI::TractionEulerMaruyama, RigidHI::TrapezoidalSlip,

@@ -319,6 +319,59 @@ TEST(Wall, BestKnownDoesNotGoWithCrossing) {
     scene.integrator.step(1);
 }
 
+TEST(Wall, BestKnownAndCrossingAreRefusedWhereverTheyMeet) {
+    // The shape comes from the first positions, so that the fluid is made there.
+    const vector<string> fragments = {"BestKnown", "it does not go with the wall rejection Crossing"};
+    WallScene scene;
+    scene.fluid->setSphereWallMobility(MobilityForce::BestKnown);
+    for (int p = 0; p < 3; p++) {
+        scene.system.addParticle(1.0);
+        scene.fluid->addParticle(0.3);
+    }
+    scene.integrator.addRigidBody({0, 1, 2});
+    scene.context.reset(new Context(scene.system, scene.integrator, testPlatform()));
+    scene.integrator.setWallRejection(CustomRigidHIIntegrator::Crossing);
+    scene.context->setPositions({Vec3(0, 0, 2), Vec3(0.5, 0, 2), Vec3(0, 0.6, 2)});
+    expectError([&] { scene.integrator.step(1); }, fragments);
+    expectError([&] { scene.integrator.getBodyPositions(); }, fragments);
+    expectError([&] { scene.mobility(); }, fragments);
+    expectError([&] { scene.fluid->updateParametersInContext(*scene.context); }, fragments);
+    scene.integrator.setWallRejection(CustomRigidHIIntegrator::Overlap);
+    scene.integrator.step(1);
+}
+
+TEST(Wall, BestKnownWithoutAWallIsRefused) {
+    const vector<string> fragments = {"sphere-wall mobility BestKnown", "boundary Unbounded", "setBoundary(NoSlipWall)",
+                                      "setSphereWallMobility(FromModel)"};
+    for (auto model :
+         {MobilityForce::RotnePragerYamakawa, MobilityForce::FreeDraining, MobilityForce::StokesianDynamics}) {
+        FluidScene scene;
+        scene.fluid->setModel(model);
+        scene.fluid->setSphereWallMobility(MobilityForce::BestKnown);
+        scene.add(sphereKind(0.5), Vec3(0, 0, 3));
+        expectError([&] { Context context(scene.system, scene.integrator, testPlatform()); }, fragments);
+        scene.fluid->setSphereWallMobility(MobilityForce::FromModel);
+        scene.start(testPlatform());
+        scene.integrator.step(1);
+    }
+}
+
+TEST(Wall, BlobsAboveEachOtherThatAreBothLiftedToContact) {
+    // Crossing takes blobs below contact for blobs at contact: those above each other are then at one place.
+    for (double x : {0.0, 0.1}) {
+        WallScene scene;
+        scene.integrator.setWallRejection(CustomRigidHIIntegrator::Crossing);
+        scene.add({"blobs", 1, Vec3(1, 1, 1), {Vec3(0, 0, 0.2), Vec3(x, 0, 0.5), Vec3(1, 0, 1)}, {0.6, 0.6, 0.6}});
+        scene.start(testPlatform());
+        if (x > 0) {
+            scene.integrator.step(1);
+            continue;
+        }
+        expectError([&] { scene.integrator.step(1); }, {"particle 0 (body 0) and particle 1 (body 0)", "same place"});
+        expectError([&] { scene.mobility(); }, {"particle 0 (body 0) and particle 1 (body 0)"});
+    }
+}
+
 TEST(Wall, WhatNeedsReinitialize) {
     WallScene scene;
     scene.add(sphereKind(0.5), Vec3(0, 0, 1));

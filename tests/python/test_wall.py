@@ -96,6 +96,9 @@ def test_files_of_earlier_versions_have_no_wall():
     assert count == 2
     twin = MobilityForce.cast(openmm.XmlSerializer.deserialize(xml))
     assert twin.getWallHeight()._value == 0 and twin.getSphereWallMobility() is MobilityForce.FromModel
+    # BestKnown without a wall is refused by a Context only: what a file holds can be read, and mended.
+    whole = MobilityForce.cast(openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(fluid)))
+    assert whole.getBoundary() is MobilityForce.Unbounded and whole.getSphereWallMobility() is MobilityForce.BestKnown
     damaged = openmm.XmlSerializer.serialize(fluid).replace('"BestKnown"', '"Best"')
     with pytest.raises(openmm.OpenMMException, match="it must be one of BestKnown, FromModel"):
         openmm.XmlSerializer.deserialize(damaged)

@@ -379,9 +379,55 @@ TEST(BodyMobility, OwnTensorsOfRodsCannotBeCombinedWithNeighbours) {
 
 TEST(BodyMobility, BlobsAtOnePlaceAreAnError) {
     const Scene scene({element({{0, 0, 0}, {0, 0, 0}, {0, 1, 0}}, {1, 1, 1}), kinds()[0].element}, 6, 1);
-    expectError([&] { scene.make().friction(); },
-                {"8 hydrodynamic particles is not positive", "look for particles at the same place"});
+    expectError([&] { scene.make(); }, {"particle 0 (body 0) and particle 1 (body 0)", "are at the same place"});
     const Scene spheres({element({{0, 0, 0}}, {1}), element({{0, 0, 0}}, {1})}, 0, 1);
-    expectError([&] { spheres.make().friction(); },
-                {"2 hydrodynamic particles is not positive definite; look for particles at the same place"});
+    expectError([&] { spheres.make().friction(); }, {"are at the same place: 0 nm apart"});
+}
+
+namespace {
+
+/** What no model of ours gives: -1, as mobility and as friction. */
+class Indefinite : public MobilityOperator {
+public:
+    Indefinite(const HydrodynamicParticles& particles, bool friction)
+        : MobilityOperator(particles, eta), fromFriction(friction) {}
+    void setPositions(const vector<Vec3>&) override {}
+    void apply(const MatrixXd& forces, MatrixXd& velocities) const override { velocities = -forces; }
+    void friction(MatrixXd& friction) const override {
+        if (fromFriction)
+            friction = -MatrixXd::Identity(particles.numRows, particles.numRows);
+        else
+            MobilityOperator::friction(friction);
+    }
+    bool isMadeFromFriction() const override { return fromFriction; }
+
+private:
+    const bool fromFriction;
+};
+
+}  // namespace
+
+TEST(BodyMobility, ModelsThatAreNotPositiveDefiniteAreAnError) {
+    for (const FluidElement& body : {kinds()[0].element, kinds()[2].element})
+        for (bool friction : {false, true}) {
+            BodyMobility mobility(
+                {body},
+                [&](const HydrodynamicParticles& particles) {
+                    return unique_ptr<MobilityOperator>(new Indefinite(particles, friction));
+                },
+                false, makeRpy);
+            mobility.setPoses({Pose()});
+            const bool multiblob = body.particles.size() > 1;
+            if (!friction)
+                expectError([&] { mobility.friction(); },
+                            {"hydrodynamic particles is not positive definite; look for particles at the same place"});
+            else if (multiblob)
+                expectError([&] { mobility.mobility(); },
+                            {"the friction matrix of 1 bodies is not positive definite", "blobs are all at one place"});
+        }
+    BodyMobility alone({kinds()[0].element}, makeRpy, false, [](const HydrodynamicParticles& particles) {
+        return unique_ptr<MobilityOperator>(new Indefinite(particles, false));
+    });
+    alone.setPoses({Pose()});
+    expectError([&] { alone.getMultiblobSolver(); }, {"blobs of body 0 is not positive definite; look for blobs"});
 }

@@ -315,7 +315,8 @@ public:
     /**
      * Get the numbers of kinetic degrees of freedom: "translational", "rotational1", "rotational2", "rotational3" (bodies
      * that can rotate about the axis of their smallest, middle, largest moment), "free" (free particles less their
-     * constraints), "removed" (3 with a CMMotionRemover), "total". All 0 for schemes without momenta. Needs a Context.
+     * constraints), "removed" (3 with a CMMotionRemover, under which the momentum of bodies and free particles is removed,
+     * whether or not the bodies' masses are the System's), "total". All 0 for schemes without momenta. Needs a Context.
      */
     std::map<std::string, int> getDegreesOfFreedom() const;
     /**

@@ -124,8 +124,8 @@ public:
     /** Get what a single sphere above a NoSlipWall moves like. */
     SphereWallMobility getSphereWallMobility() const { return sphereWallMobility; }
     /**
-     * Set what a single sphere above a NoSlipWall moves like (default FromModel); other boundaries ignore it. Takes effect at
-     * Context creation or reinitialize(). BestKnown needs the wall rejection Overlap.
+     * Set what a single sphere above a NoSlipWall moves like (default FromModel). Takes effect at Context creation or
+     * reinitialize(). BestKnown needs a wall and the wall rejection Overlap: without them no Context is created.
      */
     void setSphereWallMobility(SphereWallMobility mobility);
     /** Get whether StokesianDynamics includes lubrication. */

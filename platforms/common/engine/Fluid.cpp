@@ -62,12 +62,16 @@ bool isThermostatTensor(const MatrixXd& friction) {
 
 }  // namespace
 
-Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejection wallRejection,
-             const OpenMM::System& system, const vector<vector<int> >& particlesOfBodiesToUse,
-             const vector<BodyGeometry>& geometries, const BodySet& bodies, const FreeParticles& freeParticles,
-             PlatformLoops& loops)
-    : force(forceToUse), wallRejection(wallRejection), particlesOfBodies(particlesOfBodiesToUse), loops(loops) {
-    const OneBlasThread single;  // constant tensors are computed here
+namespace {
+
+typedef map<int, vector<FluidElement> > ElementsOfGroups;
+
+/**
+ * Who feels whom, in the order of the groups' labels; without interaction every body is a group of its own. Elements lack
+ * what needs the shapes of bodies: sites and own tensors.
+ */
+ElementsOfGroups groupElements(const MobilityForce& force, const OpenMM::System& system,
+                               const vector<vector<int> >& particlesOfBodies, const FreeParticles& freeParticles) {
     const int numBodies = particlesOfBodies.size();
     const bool freeDraining = force.getModel() == MobilityForce::FreeDraining;
     if (force.getNumParticles() != system.getNumParticles())
@@ -90,44 +94,31 @@ Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejec
                 "FreeDraining");
     }
 
-    // Groups in the order of their labels; without interaction every body is one of its own.
-    map<int, vector<FluidElement> > elementsOfGroup;
+    ElementsOfGroups groups;
     int nextGroup = 0;
     for (int b = 0; b < numBodies; b++) {
         FluidElement element;
         element.body = b;
-        for (size_t i = 0; i < particlesOfBodies[b].size(); i++) {
-            const int p = particlesOfBodies[b][i];
+        for (int p : particlesOfBodies[b]) {
             if (force.getParticleRadius(p) == 0) continue;
             element.particles.push_back(p);
-            element.sites.push_back(toEigen(bodies.toInner(b, geometries[b].sites[i])));
             element.radii.push_back(force.getParticleRadius(p));
         }
-        if (force.getBodyHasOwnTensor(b)) {
-            const vector<double> user = force.getBodyMobility(b);
-            Matrix3d toInner;
-            for (int k = 0; k < 3; k++)
-                toInner.col(k) = toEigen(bodies.toInner(b, OpenMM::Vec3(k == 0, k == 1, k == 2)));
-            const Matrix<double, 6, 6> turn = twoRotations(toInner);
-            element.ownMobility = turn * Map<const Matrix<double, 6, 6, RowMajor> >(user.data()) * turn.transpose();
-        }
-        if (element.particles.empty() && !(freeDraining && element.ownMobility.size() > 0))
+        if (element.particles.empty() && !(freeDraining && force.getBodyHasOwnTensor(b)))
             fail("body " + to_string(b) +
                  " has no particle with a hydrodynamic radius, so the fluid would not see it; give at least one of its "
                  "particles a radius above 0");
-        elementsOfGroup[freeDraining ? nextGroup++ : labels.empty() ? 0 : labels[b]].push_back(element);
+        groups[freeDraining ? nextGroup++ : labels.empty() ? 0 : labels[b]].push_back(element);
     }
-    for (int i = 0; i < freeParticles.getNumParticles(); i++) {
-        const int p = freeParticles.getParticles()[i];
+    vector<char> known(system.getNumParticles(), false);
+    for (int p : freeParticles.getParticles()) {
+        known[p] = true;
         if (force.getParticleRadius(p) == 0) continue;
         FluidElement element;
         element.particles = {p};
-        element.sites = {Vector3d::Zero()};
         element.radii = {force.getParticleRadius(p)};
-        elementsOfGroup[freeDraining ? nextGroup++ : 0].push_back(element);
+        groups[freeDraining ? nextGroup++ : 0].push_back(element);
     }
-    vector<char> known(system.getNumParticles(), false);
-    for (int p : freeParticles.getParticles()) known[p] = true;
     for (const vector<int>& particles : particlesOfBodies)
         for (int p : particles) known[p] = true;
     for (int p = 0; p < system.getNumParticles(); p++)
@@ -136,9 +127,69 @@ Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejec
                 "particle " + to_string(p) + " has hydrodynamic radius " + to_string(force.getParticleRadius(p)) +
                 " nm but is a virtual site in no body, which the fluid cannot move; make it part of a body, or give it "
                 "radius 0");
+    return groups;
+}
+
+/** Add the sites of particles, and what the body's own tensor is in the inner frame. */
+void addShape(FluidElement& element, const MobilityForce& force, const vector<vector<int> >& particlesOfBodies,
+              const vector<BodyGeometry>& geometries, const BodySet& bodies) {
+    if (element.isFree()) {
+        element.sites = {Vector3d::Zero()};
+        return;
+    }
+    const int b = element.body;
+    for (size_t i = 0; i < particlesOfBodies[b].size(); i++)
+        if (force.getParticleRadius(particlesOfBodies[b][i]) > 0)
+            element.sites.push_back(toEigen(bodies.toInner(b, geometries[b].sites[i])));
+    if (!force.getBodyHasOwnTensor(b)) return;
+    const vector<double> user = force.getBodyMobility(b);
+    Matrix3d toInner;
+    for (int k = 0; k < 3; k++) toInner.col(k) = toEigen(bodies.toInner(b, OpenMM::Vec3(k == 0, k == 1, k == 2)));
+    const Matrix<double, 6, 6> turn = twoRotations(toInner);
+    element.ownMobility = turn * Map<const Matrix<double, 6, 6, RowMajor> >(user.data()) * turn.transpose();
+}
+
+/** Whether one element has the fluid for itself, so that its tensor is constant and nothing is ever solved. */
+bool isAlone(const MobilityForce& force, size_t numElements) {
+    return numElements == 1 && force.getBoundary() == MobilityForce::Unbounded;
+}
+
+[[noreturn]] void refuseMatrixFree(const MobilityForce& force) {
+    fail("solver MatrixFree is there for RotnePragerYamakawa, not for " + string(modelName(force.getModel())) +
+         "; use setSolver(Dense)");
+}
+
+}  // namespace
+
+void Fluid::check(const MobilityForce& force, CustomRigidHIIntegrator::WallRejection wallRejection,
+                  const OpenMM::System& system, const vector<vector<int> >& particlesOfBodies,
+                  const FreeParticles& freeParticles, PlatformLoops& loops) {
+    for (const auto& entry : groupElements(force, system, particlesOfBodies, freeParticles)) {
+        const HydrodynamicParticles particles = particlesOf(entry.second);
+        if (particles.size() == 0) continue;
+        const auto model =
+            loops.createMobility(force, wallRejection == CustomRigidHIIntegrator::Crossing, particles, false);
+        if (force.getSolver() == MobilityForce::MatrixFree && !model->hasProducts() &&
+            !isAlone(force, entry.second.size()))
+            refuseMatrixFree(force);
+    }
+}
+
+Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejection wallRejection,
+             const OpenMM::System& system, const vector<vector<int> >& particlesOfBodiesToUse,
+             const vector<BodyGeometry>& geometries, const BodySet& bodies, const FreeParticles& freeParticles,
+             PlatformLoops& loops)
+    : force(forceToUse), wallRejection(wallRejection), particlesOfBodies(particlesOfBodiesToUse), loops(loops) {
+    const OneBlasThread single;  // constant tensors are computed here
+    const int numBodies = particlesOfBodies.size();
+    ElementsOfGroups elementsOfGroup = groupElements(force, system, particlesOfBodies, freeParticles);
+    for (auto& entry : elementsOfGroup)
+        for (FluidElement& element : entry.second) addShape(element, force, particlesOfBodies, geometries, bodies);
 
     groupOfBody.assign(numBodies, -1);
     groupOfFree.assign(freeParticles.getNumParticles(), -1);
+    vector<int> indexOfFree(system.getNumParticles(), -1);
+    for (int i = 0; i < freeParticles.getNumParticles(); i++) indexOfFree[freeParticles.getParticles()[i]] = i;
     const bool severalGroups = elementsOfGroup.size() > 1;
     const auto factory = [this, severalGroups](MobilityForce::Boundary boundary) -> BodyMobility::OperatorFactory {
         shared_ptr<MobilityForce> description(new MobilityForce(force));
@@ -157,8 +208,7 @@ Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejec
         for (const FluidElement& element : group.mobility->getElements()) {
             int live = 0, freeIndex = -1;
             if (element.isFree()) {
-                const vector<int>& all = freeParticles.getParticles();
-                freeIndex = find(all.begin(), all.end(), element.particles[0]) - all.begin();
+                freeIndex = indexOfFree[element.particles[0]];
                 groupOfFree[freeIndex] = groups.size() - 1;
             } else {
                 for (int k = 0; k < 3; k++) live += bodies.inertia(element.body).isLive(k);
@@ -174,7 +224,7 @@ Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejec
         }
         group.poses.resize(group.freeIndex.size());
         // One element alone: a constant tensor, perhaps so simple that it is a thermostat.
-        if (group.freeIndex.size() == 1 && unbounded) {
+        if (isAlone(force, group.freeIndex.size())) {
             group.mobility->setPoses({Pose()});
             const MatrixXd& friction = group.mobility->friction();
             group.isThermostat = isThermostatTensor(friction);
@@ -195,9 +245,7 @@ Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejec
 void Fluid::chooseSolver(Group& group) const {
     if (group.isThermostat || group.mobility->isConstantInBodyFrame()) return;
     const bool wanted = force.getSolver() == MobilityForce::MatrixFree;
-    if (wanted && !group.mobility->canApplyMatrixFree())
-        fail("solver MatrixFree is there for RotnePragerYamakawa, not for " + string(modelName(force.getModel())) +
-             "; use setSolver(Dense)");
+    if (wanted && !group.mobility->canApplyMatrixFree()) refuseMatrixFree(force);
     const auto takes = [&](bool large) {
         return group.mobility->canApplyMatrixFree() && (wanted || (force.getSolver() == MobilityForce::Auto && large));
     };

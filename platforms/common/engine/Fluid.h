@@ -45,6 +45,14 @@ public:
           const std::vector<BodyGeometry>& geometries, const BodySet& bodies, const FreeParticles& freeParticles,
           PlatformLoops& loops);
 
+    /**
+     * What the constructor refuses, as far as that does not depend on the shapes of bodies.
+     * @throws OpenMMException likewise
+     */
+    static void check(const MobilityForce& force, CustomRigidHIIntegrator::WallRejection wallRejection,
+                      const OpenMM::System& system, const std::vector<std::vector<int> >& particlesOfBodies,
+                      const FreeParticles& freeParticles, PlatformLoops& loops);
+
     const MobilityForce& getForce() const { return force; }
     CustomRigidHIIntegrator::WallRejection getWallRejection() const { return wallRejection; }
     /** Whether a matrix couples anything, so that relax() has something to do. */

@@ -94,7 +94,6 @@ void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegr
         // A copy: what the user sets later waits for updateParametersInContext().
         fluidParameters.reset(new MobilityForce(*stock.mobilityForce));
         stock.mobilityForce = fluidParameters.get();
-        checkBoundary(*fluidParameters, *integrator);
     }
     loops = createLoops(context);
     freeParticles.reset(new FreeParticles(*system, stock.freeParticles));
@@ -119,7 +118,10 @@ void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegr
         }
         allKnown = allKnown && definitions->getRigidBodyGeometryIsKnown(b);
     }
-    if (allKnown) buildBodies(geometries);
+    if (allKnown)
+        buildBodies(geometries);
+    else if (fluidParameters)
+        checkFluid(*fluidParameters);
 
     seed = integrator->getRandomNumberSeed();
     while (seed == 0) seed = random_device()();
@@ -194,13 +196,25 @@ void RigidBodyKernel::buildBodies(const vector<BodyGeometry>& newGeometries) {
     }
 }
 
-unique_ptr<Fluid> RigidBodyKernel::makeFluid(const vector<BodyGeometry>& ofBodies, const BodySet& arrays) {
-    if (!fluidParameters) return nullptr;
+vector<vector<int> > RigidBodyKernel::particlesOfBodies() const {
     vector<vector<int> > particles;
     for (int b = 0; b < definitions->getNumRigidBodies(); b++)
         particles.push_back(definitions->getRigidBodyParticles(b));
-    return unique_ptr<Fluid>(new Fluid(*fluidParameters, integrator->getWallRejection(), *system, particles, ofBodies,
-                                       arrays, *freeParticles, *loops));
+    return particles;
+}
+
+/** What can be said of a fluid before the shapes of all bodies are known. */
+void RigidBodyKernel::checkFluid(const MobilityForce& force) const {
+    checkBoundary(force, *integrator);
+    Fluid::check(force, integrator->getWallRejection(), *system, particlesOfBodies(), *freeParticles, *loops);
+}
+
+unique_ptr<Fluid> RigidBodyKernel::makeFluid(const vector<BodyGeometry>& ofBodies, const BodySet& arrays) {
+    if (!fluidParameters) return nullptr;
+    // The wall rejection is the integrator's, and may have been set since the Context was created.
+    checkBoundary(*fluidParameters, *integrator);
+    return unique_ptr<Fluid>(new Fluid(*fluidParameters, integrator->getWallRejection(), *system, particlesOfBodies(),
+                                       ofBodies, arrays, *freeParticles, *loops));
 }
 
 /** Geometries that come from positions. They are known when everything that stands on them does. */
@@ -484,6 +498,70 @@ void RigidBodyKernel::putMembersBack(ContextImpl& context) {
     membersNeedPuttingBack = velocitiesNeedPuttingBack = false;
 }
 
+// ---------------------------------------------------------------------------------------------------------------------
+// Momentum under a CMMotionRemover
+//
+// OpenMM's remover takes the momentum of the particles by the System's masses, and shifts the velocities of those with mass.
+// That is right for bodies that these masses make. For others it would be another momentum, and a shift of some members
+// only would turn the body. So where there are any the remover's work is undone, and done with the masses of the bodies.
+
+bool RigidBodyKernel::massesAreTheSystems() const {
+    for (const auto& block : bodies.blocks)
+        if (!block.massesMakeTheBodies) return false;
+    return true;
+}
+
+/** Whether a CMMotionRemover is due at this step that would be wrong. */
+bool RigidBodyKernel::momentumIsOursToRemove() const {
+    bool due = false;
+    for (int frequency : stock.removalFrequencies) due = due || data.stepCount % frequency == 0;
+    return due && !massesAreTheSystems();
+}
+
+/** Give particles the velocities they had before OpenMM's remover, if it alone has changed them since. */
+void RigidBodyKernel::undoRemovalFromParticles() {
+    const double rounding = 1e-12;  // of a few operations, beside velocities
+    Vec3 shift;
+    double mass = 0, largest = 0;
+    for (size_t p = 0; p < velocitiesBeforeRemoval.size(); p++) {
+        const Vec3& v = velocitiesBeforeRemoval[p];
+        const double m = system->getParticleMass(p);
+        shift += v * m;
+        mass += m;
+        largest = max(largest, abs(v[0]) + abs(v[1]) + abs(v[2]));
+    }
+    if (mass > 0) shift /= mass;
+    for (size_t p = 0; p < velocitiesBeforeRemoval.size(); p++) {
+        const Vec3 change = velocities()[p] - velocitiesBeforeRemoval[p],
+                   unexplained = system->getParticleMass(p) > 0 ? change + shift : change;
+        // Another Force has changed velocities too: its part cannot be told from the remover's, so both are kept.
+        if (!(unexplained.dot(unexplained) <= rounding * rounding * largest * largest)) return;
+    }
+    velocities() = velocitiesBeforeRemoval;
+}
+
+/** Shift all velocities alike, so that the momentum of bodies and free particles is 0: rotation stays as it is. */
+void RigidBodyKernel::removeMomentum() {
+    Vec3 momentum;
+    double mass = 0;
+    for (int b = 0; b < bodies.getNumBodies(); b++) {
+        const int s = bodies.slot(b);
+        momentum += Vec3(bodies.p[0][s], bodies.p[1][s], bodies.p[2][s]);
+        mass += bodies.inertia(b).mass;
+    }
+    for (int i = 0; i < freeParticles->getNumParticles(); i++) {
+        momentum += velocities()[freeParticles->getParticles()[i]] * freeParticles->mass(i);
+        mass += freeParticles->mass(i);
+    }
+    if (mass == 0) return;
+    const Vec3 shift = momentum / mass;
+    for (int b = 0; b < bodies.getNumBodies(); b++)
+        for (int k = 0; k < 3; k++) bodies.p[k][bodies.slot(b)] -= shift[k] * bodies.inertia(b).mass;
+    for (int p : freeParticles->getParticles()) velocities()[p] -= shift;
+    runLoop(BodyLoop::ScatterVelocities);
+    for (int p : freeParticles->getParticles()) lastVelocities[p] = velocities()[p];
+}
+
 /** Write poses and twists to the Context's particles. */
 void RigidBodyKernel::writePoses(ContextImpl& context) {
     runLoop(BodyLoop::ScatterPositions);
@@ -523,12 +601,20 @@ void RigidBodyKernel::step(ContextImpl& context) {
         putMembersBack(context);
         userChangedState = false;
     }
+    const bool removesMomentum = momentumIsOursToRemove();
+    if (removesMomentum) {
+        takeInChanges(context, true);
+        velocitiesBeforeRemoval = velocities();
+    }
     if (context.updateContextState()) forcesAreValid = false;
     const double start = now(), elsewhere = counters.seconds_forces + counters.seconds_mobility;
+    if (removesMomentum) undoRemovalFromParticles();
     takeInChanges(context, true);
     putMembersBack(context);
+    if (removesMomentum) removeMomentum();
     userChangedState = false;
     if (bodyForces.usesTime() && bodyForcesTime != data.time) forcesAreValid = false;
+    if (forceChoice.changed(*system, integrator->getIntegrationForceGroups())) forcesAreValid = false;
     if (isOverdamped(settings.scheme)) {
         if (!forcesAreValid && overdampedScheme(settings.scheme).forcesAtStart) evaluateForces(context);
     } else if (!forcesAreValid)

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "engine/Fluid.h"
+#include "engine/ForceChoice.h"
 #include "engine/FreeParticles.h"
 #include "engine/PlatformLoops.h"
 #include "engine/SavedState.h"
@@ -99,6 +100,10 @@ private:
     void takeInTwist(int body);
     void requirePositions(const char* what) const;
     void putMembersBack(OpenMM::ContextImpl& context);
+    bool massesAreTheSystems() const;
+    bool momentumIsOursToRemove() const;
+    void undoRemovalFromParticles();
+    void removeMomentum();
     void writePoses(OpenMM::ContextImpl& context);
     void placeFreeVirtualSites(OpenMM::ContextImpl& context);
     void rememberOtherParticles();
@@ -114,6 +119,8 @@ private:
     void reportTooManyRejections(const std::string& objection, int attempts);
     LoopResult moveThroughFluid(double tolerance);
     std::unique_ptr<Fluid> makeFluid(const std::vector<BodyGeometry>& ofBodies, const BodySet& arrays);
+    std::vector<std::vector<int> > particlesOfBodies() const;
+    void checkFluid(const MobilityForce& force) const;
     void rebuildFluid();
     void adoptWallRejection();
     Fluid& requireFluid(OpenMM::ContextImpl& context, const char* method);
@@ -136,6 +143,7 @@ private:
     std::unique_ptr<MobilityForce> fluidParameters;
     std::unique_ptr<Fluid> fluid;
     BodyForces bodyForces;
+    ForceChoice forceChoice;
     double bodyForcesTime = 0;  // of the forces that the bodies have
     StepSettings settings;
     int settingsVersion = -1;
@@ -150,6 +158,7 @@ private:
 
     // What this kernel wrote to the Context last, to notice what others did.
     std::vector<OpenMM::Vec3> lastPositions, lastVelocities;
+    std::vector<OpenMM::Vec3> velocitiesBeforeRemoval;  // where momentumIsOursToRemove()
     OpenMM::Vec3 lastBox[3];
     // After loading a state: compare by hash instead, once; but fit bodies whose definition is another than the saved one.
     bool compareByHash = false;

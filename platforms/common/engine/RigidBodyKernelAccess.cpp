@@ -154,7 +154,8 @@ map<string, int> RigidBodyKernel::getDegreesOfFreedom(ContextImpl& context) {
     for (int b = 0; b < bodies.getNumBodies(); b++)
         for (int k = 0; k < 3; k++) dof["rotational" + to_string(k + 1)] += bodies.inertia(b).isLive(k);
     dof["free"] = 3 * freeParticles->getNumParticles() - freeParticles->getNumConstraints();
-    dof["removed"] = stock.hasCMMotionRemover ? 3 : 0;
+    const bool anythingMoves = dof["translational"] + dof["free"] > 0;
+    dof["removed"] = stock.hasCMMotionRemover && anythingMoves ? 3 : 0;
     dof["total"] = dof["translational"] + dof["rotational1"] + dof["rotational2"] + dof["rotational3"] + dof["free"] -
                    dof["removed"];
     return dof;
@@ -231,7 +232,11 @@ map<string, string> RigidBodyKernel::getEffects(ContextImpl& context) {
     set("constraints of free particles", freeParticles->getNumConstraints() > 0,
         to_string(freeParticles->getNumConstraints()) + " constraints");
     set("centre-of-mass motion removal", stock.hasCMMotionRemover,
-        stock.hasCMMotionRemover ? "the System has a CMMotionRemover" : "the System has no CMMotionRemover");
+        !stock.hasCMMotionRemover ? "the System has no CMMotionRemover"
+        : massesAreTheSystems()   ? "the System has a CMMotionRemover"
+                                  : "the System has a CMMotionRemover; what is removed is the bodies' own momentum, "
+                                    "since not all their masses "
+                                    "are the System's");
     set("barostat", !stock.barostat.empty(),
         stock.barostat.empty() ? "the System has none" : "the System has a " + stock.barostat);
     const int groups = integrator->getIntegrationForceGroups();
@@ -309,9 +314,13 @@ void RigidBodyKernel::updateFluid(ContextImpl& context, const MobilityForce& for
                  ": its hydrodynamic radius cannot change between 0 and a positive value by "
                  "updateParametersInContext()" +
                  remedy);
+    if (!bodiesAreBuilt) {
+        checkFluid(force);
+        *fluidParameters = force;
+        return;
+    }
     const unique_ptr<MobilityForce> before(new MobilityForce(*fluidParameters));
     *fluidParameters = force;
-    if (!bodiesAreBuilt) return;
     try {
         rebuildFluid();
     } catch (...) {
@@ -324,7 +333,6 @@ void RigidBodyKernel::updateFluid(ContextImpl& context, const MobilityForce& for
 void RigidBodyKernel::rebuildFluid() {
     unique_ptr<Fluid> before(move(fluid));
     try {
-        checkBoundary(*fluidParameters, *integrator);
         fluid = makeFluid(geometries, bodies);
         if (integrator->getScheme() == CustomRigidHIIntegrator::LangevinHI) fluid->checkInertia(bodies);
     } catch (...) {

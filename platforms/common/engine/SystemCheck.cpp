@@ -133,7 +133,10 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
             refuse("force " + to_string(i) +
                    ", an AndersenThermostat, changes velocities of single particles and so "
                    "breaks rigid bodies; remove it: this integrator is a thermostat itself");
-        if (dynamic_cast<const CMMotionRemover*>(&force)) stock.hasCMMotionRemover = true;
+        if (auto* remover = dynamic_cast<const CMMotionRemover*>(&force)) {
+            stock.hasCMMotionRemover = true;
+            stock.removalFrequencies.push_back(remover->getFrequency());
+        }
         if (dynamic_cast<const MonteCarloBarostat*>(&force)) stock.barostat = "MonteCarloBarostat";
         if (dynamic_cast<const MonteCarloAnisotropicBarostat*>(&force))
             stock.barostat = "MonteCarloAnisotropicBarostat";
@@ -157,8 +160,12 @@ void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& in
         fail(string("boundary ") + boundaryName(force.getBoundary()) + " is there for the model " + models +
              ", not for " + modelName(force.getModel()) + "; use setModel(" + models + ") or setBoundary(Unbounded)");
     }
-    if (force.getBoundary() == MobilityForce::NoSlipWall && force.getSphereWallMobility() == MobilityForce::BestKnown &&
-        integrator.getWallRejection() == CustomRigidHIIntegrator::Crossing)
+    if (force.getSphereWallMobility() != MobilityForce::BestKnown) return;
+    if (force.getBoundary() != MobilityForce::NoSlipWall)
+        fail(string("sphere-wall mobility BestKnown is for the boundary NoSlipWall, but the boundary ") +
+             boundaryName(force.getBoundary()) +
+             " has no wall; use setBoundary(NoSlipWall) or setSphereWallMobility(FromModel)");
+    if (integrator.getWallRejection() == CustomRigidHIIntegrator::Crossing)
         fail(
             "sphere-wall mobility BestKnown is that of spheres outside the wall, so it does not go with the wall "
             "rejection "

@@ -19,8 +19,9 @@ struct SystemInventory {
     bool hasFreeVirtualSites = false;
     int numFreeConstraints = 0;
     bool hasCMMotionRemover = false;
-    std::string barostat;                // its class name, or empty
-    std::string velocityDependentForce;  // a CustomBodyForce whose expressions use velocities, or empty
+    std::vector<int> removalFrequencies;  // of every CMMotionRemover, steps
+    std::string barostat;                 // its class name, or empty
+    std::string velocityDependentForce;   // a CustomBodyForce whose expressions use velocities, or empty
     const class MobilityForce* mobilityForce = nullptr;
     int numMobilityForces = 0;
 };

@@ -5,6 +5,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <cmath>
+#include <sstream>
 
 using namespace Eigen;
 using namespace std;
@@ -93,11 +94,19 @@ MatrixXd generalisedInverse(const MatrixXd& friction, const VectorXd& nullVector
     return 0.5 * (inverse + inverse.transpose());
 }
 
+HydrodynamicParticles particlesOf(const vector<FluidElement>& elements) {
+    HydrodynamicParticles particles;
+    for (const FluidElement& element : elements)
+        for (size_t i = 0; i < element.particles.size(); i++)
+            particles.add(element.radii[i], element.isSphere(), element.particles[i], element.body);
+    return particles;
+}
+
 BodyMobility::BodyMobility(const vector<FluidElement>& elements, const OperatorFactory& makeOperator, bool isConstant,
                            const OperatorFactory& makeUnboundedToUse)
     : elements(elements), constant(isConstant && elements.size() == 1 && !elements[0].isFree()),
       aloneInUniformFluid(isConstant && elements.size() == 1),
-      makeUnbounded(makeUnboundedToUse ? makeUnboundedToUse : makeOperator) {
+      makeUnbounded(makeUnboundedToUse ? makeUnboundedToUse : makeOperator), particles(particlesOf(elements)) {
     nullVectors.resize(elements.size());
     B_body.resize(elements.size());
     inverseB_body.resize(elements.size());
@@ -105,14 +114,15 @@ BodyMobility::BodyMobility(const vector<FluidElement>& elements, const OperatorF
         const FluidElement& element = elements[e];
         rows.push_back(numRows);
         numRows += element.numRows();
-        firstParticle.push_back(particles.size());
-        for (size_t i = 0; i < element.particles.size(); i++)
-            particles.add(element.radii[i], element.isSphere(), element.particles[i], element.body);
+        firstParticle.push_back(e == 0 ? 0 : firstParticle.back() + elements[e - 1].particles.size());
         if (!element.isFree() && (element.particles.size() != 1 || !element.sites[0].isZero(0))) identityK = false;
         const bool hasOwnTensor = element.ownMobility.size() > 0;
         hasOwnTensors = hasOwnTensors || hasOwnTensor;
         // A tensor that is taken as it is holds the body about its line too.
-        if (element.particles.size() > 1 && !(constant && hasOwnTensor)) nullVectors[e] = twistAboutLine(element.sites);
+        if (element.particles.size() > 1 && !(constant && hasOwnTensor)) {
+            checkSites(e);
+            nullVectors[e] = twistAboutLine(element.sites);
+        }
         if (hasOwnTensor && hasNullVector(e))
             throw OpenMM::OpenMMException(
                 "MobilityForce: body " + to_string(element.body) +
@@ -121,6 +131,7 @@ BodyMobility::BodyMobility(const vector<FluidElement>& elements, const OperatorF
                 "use FreeDraining");
     }
     positions.resize(particles.size());
+    placesInFormulas.resize(particles.size());
     if (particles.size() > 0) particleOperator = makeOperator(particles);
     if (!constant)
         for (size_t e = 0; e < elements.size(); e++) {
@@ -150,15 +161,44 @@ bool BodyMobility::prefersFriction() const {
     return !identityK || (particleOperator && particleOperator->isMadeFromFriction());
 }
 
+/** The sites of a body's blobs are constant: this is known once for all. */
+void BodyMobility::checkSites(int e) {
+    const HydrodynamicParticles own = particlesOf({elements[e]});
+    vector<OpenMM::Vec3> places;
+    for (const Vector3d& site : elements[e].sites) places.push_back(OpenMM::Vec3(site.x(), site.y(), site.z()));
+    coincidence.check(own, places, 1);
+    // Blobs of different radii at one place have a mobility, but forces on them cannot turn the body.
+    double largestRadius = 0, size = 0;
+    for (size_t i = 0; i < places.size(); i++) {
+        largestRadius = max(largestRadius, elements[e].radii[i]);
+        size = max(size, (elements[e].sites[i] - elements[e].sites[0]).norm());
+    }
+    if (size > CoincidenceCheck::bound * largestRadius) return;
+    ostringstream text;
+    text << "MobilityForce: body " << elements[e].body << ": its " << places.size()
+         << " hydrodynamic particles are all at one place, within " << size
+         << " nm; blobs that are nearer than 1e-6 of their radius, here " << CoincidenceCheck::bound * largestRadius
+         << " nm, do not resist rotation: give all but one the radius 0, which makes the body a sphere, or other sites";
+    throw OpenMM::OpenMMException(text.str());
+}
+
+void BodyMobility::checkPlaces() {
+    const double roomForRounding = 0.5;
+    for (int i = 0; i < particles.size(); i++) placesInFormulas[i] = particleOperator->placeInFormulas(i, positions[i]);
+    coincidence.check(particles, placesInFormulas, roomForRounding);
+}
+
 void BodyMobility::setPoses(const vector<Pose>& newPoses, bool nearby) {
     poses = newPoses;
     mobilityIsKnown = frictionIsKnown = false;
     if (constant) return;
     placeParticles(poses, positions);
-    if (nearby)
+    if (nearby) {
         particleOperator->setPositionsNearby(positions);
-    else
-        particleOperator->setPositions(positions);
+        return;
+    }
+    particleOperator->setPositions(positions);
+    checkPlaces();
 }
 
 void BodyMobility::placeParticles(const vector<Pose>& at, vector<OpenMM::Vec3>& places) const {

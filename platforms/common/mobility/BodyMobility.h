@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "mobility/CholeskyFactor.h"
+#include "mobility/CoincidenceCheck.h"
 #include "mobility/MobilityOperator.h"
 #include "mobility/MultiblobSolver.h"
 
@@ -25,6 +26,9 @@ struct FluidElement {
     bool isSphere() const { return !isFree() && particles.size() == 1; }
     int numRows() const { return isFree() ? 3 : 6; }
 };
+
+/** The hydrodynamic particles of elements, in their order. */
+HydrodynamicParticles particlesOf(const std::vector<FluidElement>& elements);
 
 /** Where a body is. */
 struct Pose {
@@ -69,7 +73,8 @@ public:
     const Eigen::VectorXd& getNullVector_body(int element) const { return nullVectors[element]; }
 
     /**
-     * One pose an element; a free particle's A is not used. @throws what the operator's setPositions() throws
+     * One pose an element; a free particle's A is not used. @throws what the operator's setPositions() throws, and for two
+     * particles of one radius at one place
      *
      * @param nearby  these are a small displacement from accepted ones: setPositionsNearby() of the operator
      */
@@ -123,6 +128,8 @@ private:
     friend class MobilityProblem;
     void fillK(const std::vector<Pose>& poses, Eigen::MatrixXd& K) const;
     void placeParticles(const std::vector<Pose>& poses, std::vector<OpenMM::Vec3>& positions) const;
+    void checkSites(int element);
+    void checkPlaces();
     void computeFriction();
     void congruence(Eigen::MatrixXd& matrix, const std::vector<Eigen::MatrixXd>& factors_body, bool transposed) const;
     void multiplyByFactors(Eigen::MatrixXd& vectors, const std::vector<Eigen::MatrixXd>& factors_body,
@@ -141,7 +148,8 @@ private:
     std::vector<int> firstParticle;  // of each element
 
     std::vector<Pose> poses;
-    std::vector<OpenMM::Vec3> positions;
+    std::vector<OpenMM::Vec3> positions, placesInFormulas;
+    CoincidenceCheck coincidence;
     CholeskyFactor factor;
     Eigen::MatrixXd K, M, N, xi, constantMobility, constantFriction, scratch;
     bool mobilityIsKnown = false, frictionIsKnown = false;

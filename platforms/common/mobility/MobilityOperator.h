@@ -70,6 +70,11 @@ public:
         return !mayObject() || objection(positions).empty();
     }
     /**
+     * Where the formulas take a particle to be: two of one radius at one such place make the matrix singular. Default: where it
+     * is. A wall through which surfaces reach lifts particles to contact.
+     */
+    virtual OpenMM::Vec3 placeInFormulas(int particle, const OpenMM::Vec3& position) const { return position; }
+    /**
      * Why the model has no mobility at these positions (overlap, beyond a wall), naming the particles; empty where it has one.
      * A step that leads to such positions is redone with new noise. Default: the model has one everywhere.
      */

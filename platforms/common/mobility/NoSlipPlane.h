@@ -33,6 +33,10 @@ public:
     void check(const HydrodynamicParticles& particles, const std::vector<OpenMM::Vec3>& positions) const;
     /** The height over the wall at which formulas hold, at least the radius. */
     double heightOver(double z, double radius) const;
+    /** A particle lifted to contact, if its surface reaches through the wall. */
+    OpenMM::Vec3 placeInFormulas(const OpenMM::Vec3& position, double radius) const {
+        return OpenMM::Vec3(position[0], position[1], height + heightOver(position[2], radius));
+    }
     /** A particle's entry of B. */
     double weight(double z, double radius) const;
     double getHeight() const { return height; }

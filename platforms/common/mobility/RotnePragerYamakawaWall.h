@@ -27,6 +27,9 @@ public:
         return wall.objection(particles, positions);
     }
     bool mayObject() const override { return true; }
+    OpenMM::Vec3 placeInFormulas(int i, const OpenMM::Vec3& position) const override {
+        return wall.placeInFormulas(position, particles.radii[i]);
+    }
     void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
     void dense(Eigen::MatrixXd& mobility) const override;
 

@@ -39,6 +39,9 @@ public:
     }
     std::string objection(const std::vector<OpenMM::Vec3>& positions) const override;
     bool mayObject() const override { return wall.has_value(); }
+    OpenMM::Vec3 placeInFormulas(int i, const OpenMM::Vec3& position) const override {
+        return wall ? wall->placeInFormulas(position, particles.radii[i]) : position;
+    }
     void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
     /**
      * In single precision, but for differences of positions, overlapping pairs, and sums over more than 64 particles: in about half
