@@ -16,6 +16,7 @@
 #include "openmmrigidhi/CustomBodyForce.h"
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
 #include "openmmrigidhi/MobilityForce.h"
+#include "openmmrigidhi/SchemeTraits.h"
 
 using RigidHIPlugin::CustomBodyForce;
 using RigidHIPlugin::CustomRigidHIIntegrator;
@@ -204,6 +205,25 @@ void setOpenMMException(const char* message) {
 
 %constant const char* version = RIGIDHI_VERSION;
 
+%include "openmmrigidhi/internal/SchemeList.h"
+%inline %{
+/* The table of schemes: name, number, momenta, needs a fluid, overdamped, weak order, order at T = 0, forces a step, what is differenced,
+ * drift, description. */
+PyObject* schemeTable() {
+    static const char* const differenced[] = {"", "products", "solves", "square roots"};
+    PyObject* table = PyList_New(0);
+    for (const RigidHIPlugin::SchemeTraits& t : RigidHIPlugin::schemeTable) {
+        PyObject* row = Py_BuildValue("(siOOOiiisss)", t.name, static_cast<int>(t.scheme), t.hasMomenta ? Py_True : Py_False,
+                                      t.needsFluid() ? Py_True : Py_False, t.isOverdamped() ? Py_True : Py_False, t.weakOrder,
+                                      t.coldOrder, t.forces, differenced[static_cast<int>(t.differenced)], t.drift,
+                                      t.description);
+        PyList_Append(table, row);
+        Py_DECREF(row);
+    }
+    return table;
+}
+%}
+
 // ---- Classes: the declarations of the C++ header, word for word ------------------------------------------------------
 
 namespace OpenMM {
@@ -214,9 +234,11 @@ namespace RigidHIPlugin {
 
 class CustomRigidHIIntegrator : public OpenMM::Integrator {
 public:
-    enum Scheme : int { LangevinA = 0, LangevinB = 1, LangevinC = 2, GradientThermostat = 3, LangevinHI = 4,
-        EulerMaruyama = 5, FixmanMidpoint = 6, RandomFiniteDifference = 7, TractionEulerMaruyama = 8, TrapezoidalSlip = 9,
-        DriftCorrectorFD = 10, DriftCorrectorRFD = 11 };
+    enum Scheme : int {
+#define RIGIDHI_ROW(name, ...) name,
+        RIGIDHI_SCHEMES(RIGIDHI_ROW)
+#undef RIGIDHI_ROW
+    };
     enum NoiseLaw : int { Gaussian = 0, ThreePoint = 1, TwoPoint = 2 };
     enum WallRejection : int { Overlap = 0, Crossing = 1 };
 

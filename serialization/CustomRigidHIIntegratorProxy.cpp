@@ -8,6 +8,7 @@
 
 #include "EnumNames.h"
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
+#include "openmmrigidhi/SchemeTraits.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -19,18 +20,13 @@ namespace {
 typedef CustomRigidHIIntegrator Integrator;
 constexpr int formatVersion = 1;
 
-const EnumNames<Integrator::Scheme> schemes = {{"LangevinA", Integrator::LangevinA},
-                                               {"LangevinB", Integrator::LangevinB},
-                                               {"LangevinC", Integrator::LangevinC},
-                                               {"GradientThermostat", Integrator::GradientThermostat},
-                                               {"LangevinHI", Integrator::LangevinHI},
-                                               {"EulerMaruyama", Integrator::EulerMaruyama},
-                                               {"FixmanMidpoint", Integrator::FixmanMidpoint},
-                                               {"RandomFiniteDifference", Integrator::RandomFiniteDifference},
-                                               {"TractionEulerMaruyama", Integrator::TractionEulerMaruyama},
-                                               {"TrapezoidalSlip", Integrator::TrapezoidalSlip},
-                                               {"DriftCorrectorFD", Integrator::DriftCorrectorFD},
-                                               {"DriftCorrectorRFD", Integrator::DriftCorrectorRFD}};
+EnumNames<Integrator::Scheme> namesOfSchemes() {
+    EnumNames<Integrator::Scheme> names;
+    for (const SchemeTraits& traits : schemeTable) names[traits.name] = traits.scheme;
+    return names;
+}
+
+const EnumNames<Integrator::Scheme> schemes = namesOfSchemes();
 const EnumNames<Integrator::NoiseLaw> noiseLaws = {
     {"Gaussian", Integrator::Gaussian}, {"ThreePoint", Integrator::ThreePoint}, {"TwoPoint", Integrator::TwoPoint}};
 const EnumNames<Integrator::WallRejection> wallRejections = {{"Overlap", Integrator::Overlap},

@@ -1,5 +1,7 @@
 #include "TestSupport.h"
 
+#include "openmmrigidhi/SchemeTraits.h"
+
 #include <openmm/reference/SimTKOpenMMRealType.h>
 
 #include <cstring>
@@ -26,6 +28,20 @@ Platform& platform(const string& name) {
 map<string, string> threads(const string& platformName, int count) {
     if (platformName != "CPU") return {};
     return {{"Threads", to_string(count)}};
+}
+
+vector<CustomRigidHIIntegrator::Scheme> thermostats() {
+    vector<CustomRigidHIIntegrator::Scheme> found;
+    for (const RigidHIPlugin::SchemeTraits& traits : RigidHIPlugin::schemeTable)
+        if (!traits.needsFluid()) found.push_back(traits.scheme);
+    return found;
+}
+
+vector<CustomRigidHIIntegrator::Scheme> thermostatsWithMomenta() {
+    vector<CustomRigidHIIntegrator::Scheme> found;
+    for (const CustomRigidHIIntegrator::Scheme scheme : thermostats())
+        if (RigidHIPlugin::traitsOf(scheme).hasMomenta) found.push_back(scheme);
+    return found;
 }
 
 Estimate estimate(const vector<double>& samples) {

@@ -31,6 +31,10 @@ OpenMM::Platform& platform(const std::string& name);
 /** Properties of a Context with this many threads on the CPU platform. */
 std::map<std::string, std::string> threads(const std::string& platformName, int count);
 
+/** Schemes that no fluid takes part in; those of them that have momenta. */
+std::vector<CustomRigidHIIntegrator::Scheme> thermostats();
+std::vector<CustomRigidHIIntegrator::Scheme> thermostatsWithMomenta();
+
 /** Mean and standard error of the mean. */
 struct Estimate {
     double mean = 0, error = 0;

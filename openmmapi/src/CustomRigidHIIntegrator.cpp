@@ -6,10 +6,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <sstream>
 #include <unordered_set>
 
 #include "openmmrigidhi/RigidHIKernels.h"
+#include "openmmrigidhi/SchemeTraits.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -241,12 +243,12 @@ int CustomRigidHIIntegrator::getSettingsVersion() const { return settingsVersion
 CustomRigidHIIntegrator::Scheme CustomRigidHIIntegrator::getScheme() const { return scheme; }
 
 void CustomRigidHIIntegrator::setScheme(Scheme scheme) {
-    if (scheme < LangevinA || scheme > DriftCorrectorRFD)
-        fail("setScheme()", "scheme " + text(static_cast<int>(scheme)) + " is unknown",
-             "it must be one of LangevinA, LangevinB, LangevinC, GradientThermostat, LangevinHI, EulerMaruyama, "
-             "FixmanMidpoint, RandomFiniteDifference, TractionEulerMaruyama, TrapezoidalSlip, DriftCorrectorFD, "
-             "DriftCorrectorRFD",
+    if (scheme < 0 || scheme >= static_cast<int>(size(schemeTable))) {
+        string names;
+        for (const SchemeTraits& traits : schemeTable) names += (names.empty() ? "" : ", ") + string(traits.name);
+        fail("setScheme()", "scheme " + text(static_cast<int>(scheme)) + " is unknown", "it must be one of " + names,
              "use the class constants");
+    }
     this->scheme = scheme;
     settingsVersion++;
 }
@@ -502,7 +504,7 @@ double CustomRigidHIIntegrator::computeKineticEnergy() {
 
 double CustomRigidHIIntegrator::computeSystemTemperature() {
     requireContext("computeSystemTemperature()");
-    if (scheme == GradientThermostat || scheme >= EulerMaruyama)
+    if (!traitsOf(scheme).hasMomenta)
         fail("computeSystemTemperature()", "the scheme has no momenta", "a temperature needs momenta",
              "use a Langevin scheme, or report n/a as openmmrigidhi.app.StateDataReporter does");
     const int degrees = getDegreesOfFreedom()["total"];

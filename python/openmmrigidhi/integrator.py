@@ -4,26 +4,10 @@ import enum
 import numpy as np
 import openmm
 
-from . import _bindings, _copies, _units
+from . import _bindings, _copies, _schemes, _units
+from ._schemes import Scheme
 
 _Base = _bindings.CustomRigidHIIntegrator
-
-
-class Scheme(enum.IntEnum):
-    """The time-stepping schemes; also class attributes of CustomRigidHIIntegrator."""
-
-    LangevinA = _Base.LangevinA
-    LangevinB = _Base.LangevinB
-    LangevinC = _Base.LangevinC
-    GradientThermostat = _Base.GradientThermostat
-    LangevinHI = _Base.LangevinHI
-    EulerMaruyama = _Base.EulerMaruyama
-    FixmanMidpoint = _Base.FixmanMidpoint
-    RandomFiniteDifference = _Base.RandomFiniteDifference
-    TractionEulerMaruyama = _Base.TractionEulerMaruyama
-    TrapezoidalSlip = _Base.TrapezoidalSlip
-    DriftCorrectorFD = _Base.DriftCorrectorFD
-    DriftCorrectorRFD = _Base.DriftCorrectorRFD
 
 
 class NoiseLaw(enum.IntEnum):
@@ -65,17 +49,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         dR = p/m dt,   dp = f dt - gamma p dt + sqrt(2 m gamma kT) dw,
         dl_k = (l x omega)_k dt + tau_k dt - Gamma_k l_k dt + sqrt(M Gamma kT/2) dW_k,   Gamma_k = Gamma M / (4 I_k)
 
-    - ``LangevinA`` (eq. 20): Hamiltonian step with noise between two half steps of damping. Weak order 2. Breaks down
-      above gamma ~ 100/ps, Gamma ~ 200/ps.
-    - ``LangevinB`` (eq. 27): half an exact Ornstein-Uhlenbeck step, Hamiltonian step, half an Ornstein-Uhlenbeck step
-      ("OBABO"). Weak order 2.
-    - ``LangevinC`` (eq. 28, default): half a Hamiltonian step, Ornstein-Uhlenbeck step, half a Hamiltonian step
-      ("BAOAB"). Weak order 2; the most accurate of the three for configurational averages.
-    - ``GradientThermostat`` (eq. 30): Brownian dynamics without momenta,
-      dR = upsilon/m f dt + sqrt(2 upsilon kT/m) dw, and likewise for q. Weak order 1.
-    - ``LangevinHI`` (Davidchack, Ouldridge, Tretyakov, J. Chem. Phys. 147, 224103 (2017), eq. 27): LangevinC with the friction
-      of a fluid that couples the bodies; a :class:`MobilityForce` in the System describes the fluid. Weak order 2; one force
-      and one friction evaluation a step.
+    @thermostats@
 
     Schemes without momenta in a fluid ("overdamped"), for poses Q, the mobility N(Q) of the :class:`MobilityForce` and wrenches F,
 
@@ -86,17 +60,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     Phys. 143, 144107 (2015); Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017); Westwood, Delmotte,
     Keaveny, J. Comput. Phys. 467, 111437 (2022)):
 
-    - ``EulerMaruyama`` (Delong, eq. 37) omits the drift: wrong wherever div N is not 0, and a warning says so. Forces at t,
-      one mobility problem. Order 1 at T = 0, like all without another remark.
-    - ``FixmanMidpoint`` (Delong, eqs. 41, 44): forces at t and t + h/2, two mobility problems. Order 2 at T = 0.
-    - ``RandomFiniteDifference`` (Delong, eqs. 48, 51): forces at t, two mobility problems.
-    - ``TractionEulerMaruyama`` (Sprinkle): forces at t, two mobility problems at one configuration.
-    - ``TrapezoidalSlip`` (Sprinkle): forces at t and t + h, three mobility problems at two configurations. Order 2 at T = 0.
-    - ``DriftCorrectorFD``, ``DriftCorrectorRFD`` (Westwood, eqs. 37 to 44; the generalised drifter-corrector with finite differences or
-      random ones): forces at t + h/2, one mobility problem; 2 + 6n or 3 square roots of the particles' mobility.
-
-    Spheres (bodies of one hydrodynamic particle at their origin) and free particles in unbounded fluid under FreeDraining or
-    RotnePragerYamakawa have div N = 0: all schemes leave out what makes the drift, and EulerMaruyama is right.
+    @overdamped@
 
     Body axis k relaxes at the rate Gamma_k = Gamma / (I_k sum_j 1/I_j): on an elongated body the thick axes are hardly
     thermostatted by Gamma, and :meth:`describeEffects` names such bodies.
@@ -122,18 +86,6 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     0
     """
 
-    LangevinA = Scheme.LangevinA
-    LangevinB = Scheme.LangevinB
-    LangevinC = Scheme.LangevinC
-    GradientThermostat = Scheme.GradientThermostat
-    LangevinHI = Scheme.LangevinHI
-    EulerMaruyama = Scheme.EulerMaruyama
-    FixmanMidpoint = Scheme.FixmanMidpoint
-    RandomFiniteDifference = Scheme.RandomFiniteDifference
-    TractionEulerMaruyama = Scheme.TractionEulerMaruyama
-    TrapezoidalSlip = Scheme.TrapezoidalSlip
-    DriftCorrectorFD = Scheme.DriftCorrectorFD
-    DriftCorrectorRFD = Scheme.DriftCorrectorRFD
     Gaussian = NoiseLaw.Gaussian
     ThreePoint = NoiseLaw.ThreePoint
     TwoPoint = NoiseLaw.TwoPoint
@@ -325,8 +277,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Parameters
         ----------
         scheme : constant
-            one of the class attributes LangevinA, LangevinB, LangevinC, GradientThermostat, LangevinHI, EulerMaruyama,
-            FixmanMidpoint, RandomFiniteDifference, TractionEulerMaruyama, TrapezoidalSlip, DriftCorrectorFD, DriftCorrectorRFD
+            one of the class attributes of that name (:class:`Scheme` lists them), such as ``integrator.LangevinC``
         """
         super().setScheme(_units.constant(scheme, Scheme, _where('setScheme'), 'scheme'))
 
@@ -697,3 +648,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
             super().step(stepsBetweenSignals)
             steps -= stepsBetweenSignals
         super().step(steps)
+
+
+CustomRigidHIIntegrator.__doc__ = (CustomRigidHIIntegrator.__doc__.replace('@thermostats@', _schemes.bullets(False))
+                                   .replace('@overdamped@', _schemes.bullets(True)))
+for _scheme in Scheme:
+    setattr(CustomRigidHIIntegrator, _scheme.name, _scheme)

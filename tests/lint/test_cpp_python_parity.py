@@ -67,9 +67,17 @@ def names(cls):
     return {method(d)[0] for d in declarations(header(cls), cls)}
 
 
+def schemes():
+    """Names and numbers in the one list of schemes."""
+    names = re.findall(r'^    ROW\((\w+),', read('openmmapi/include/openmmrigidhi/internal/SchemeList.h'), flags=re.M)
+    return [(name, str(number)) for number, name in enumerate(names)]
+
+
 def enumerators(name, cls):
-    return {enum: re.findall(r'(\w+)\s*=\s*(\d+)', values)
-            for enum, values in re.findall(r'enum (\w+)\s*:\s*int\s*{(.*?)}', public_part(name, cls), flags=re.S)}
+    found = {}
+    for enum, values in re.findall(r'enum (\w+)\s*:\s*int\s*{(.*?)}', public_part(name, cls), flags=re.S):
+        found[enum] = schemes() if 'RIGIDHI_SCHEMES' in values else re.findall(r'(\w+)\s*=\s*(\d+)', values)
+    return found
 
 
 def python_class(cls):
@@ -80,6 +88,7 @@ def test_parsing_finds_the_methods():
     assert {'addRigidBody', 'setBodyFriction', 'getBodyOrientations', 'step'} <= names('CustomRigidHIIntegrator')
     assert len(declarations(header('CustomRigidHIIntegrator'), 'CustomRigidHIIntegrator')) > 40
     assert {'addParticle', 'getNumParticles', 'setLubrication', 'getMobilityInContext'} <= names('MobilityForce')
+    assert ('LangevinC', '2') in enumerators(header('CustomRigidHIIntegrator'), 'CustomRigidHIIntegrator')['Scheme']
     assert enumerators(header('MobilityForce'), 'MobilityForce')['Solver'] == [('Auto', '0'), ('Dense', '1'), ('MatrixFree', '2')]
 
 

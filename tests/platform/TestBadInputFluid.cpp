@@ -343,8 +343,7 @@ TEST(BadFluid, Integrators) {
     VerletIntegrator verlet(0.001);
     expectError([&] { Context context(system, verlet, testPlatform()); },
                 {"its integrator is not a CustomRigidHIIntegrator; other integrators would ignore the fluid"});
-    for (auto scheme : {CustomRigidHIIntegrator::LangevinA, CustomRigidHIIntegrator::LangevinB,
-                        CustomRigidHIIntegrator::LangevinC, CustomRigidHIIntegrator::GradientThermostat}) {
+    for (auto scheme : thermostats()) {
         Pair pair;
         pair.integrator.setScheme(scheme);
         expectRefused(pair, {"the System has a MobilityForce, which scheme", "would ignore; use LangevinHI"});

@@ -284,8 +284,7 @@ TEST(BodyForces, SetTimeCountsForForcesKept) {
 }
 
 TEST(BodyForces, ResumeBitForBit) {
-    for (const auto scheme : {RigidIntegrator::LangevinA, RigidIntegrator::LangevinB, RigidIntegrator::LangevinC,
-                              RigidIntegrator::GradientThermostat})
+    for (const auto scheme : thermostats())
         for (const bool throughState : {false, true})
             for (const int at : {1, 7}) {
                 vector<vector<double> > results;

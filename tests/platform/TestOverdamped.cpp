@@ -13,10 +13,14 @@
 
 #include "HydrodynamicSupport.h"
 #include "openmmrigidhi/CustomBodyForce.h"
+#include "openmmrigidhi/SchemeTraits.h"
 
 using namespace OpenMM;
 using namespace RigidHITest;
 using RigidHIPlugin::CustomBodyForce;
+using RigidHIPlugin::schemeTable;
+using RigidHIPlugin::SchemeTraits;
+using RigidHIPlugin::traitsOf;
 using namespace std;
 
 namespace {
@@ -32,13 +36,14 @@ struct Named {
     int order;   // at temperature 0
     int forces;  // evaluations a step
 };
-const vector<Named> schemes = {{RigidHI::EulerMaruyama, "EulerMaruyama", 1, 1},
-                               {RigidHI::FixmanMidpoint, "FixmanMidpoint", 2, 2},
-                               {RigidHI::RandomFiniteDifference, "RandomFiniteDifference", 1, 1},
-                               {RigidHI::TractionEulerMaruyama, "TractionEulerMaruyama", 1, 1},
-                               {RigidHI::TrapezoidalSlip, "TrapezoidalSlip", 2, 2},
-                               {RigidHI::DriftCorrectorFD, "DriftCorrectorFD", 1, 1},
-                               {RigidHI::DriftCorrectorRFD, "DriftCorrectorRFD", 1, 1}};
+/** Those of the kind Overdamped. */
+vector<Named> overdampedSchemes() {
+    vector<Named> found;
+    for (const SchemeTraits& traits : schemeTable)
+        if (traits.isOverdamped()) found.push_back({traits.scheme, traits.name, traits.coldOrder, traits.forces});
+    return found;
+}
+const vector<Named> schemes = overdampedSchemes();
 
 /** Bodies and free particles without masses. */
 struct OverdampedScene : FluidScene {
@@ -372,7 +377,7 @@ TEST(Overdamped, SpheresOnASpringHaveTheirDistance) {
         }
         // Weak order 1: a bias of 2 % of Euler's method.
         Estimate found = estimate(means);
-        expectMean(schemes[scheme - RigidHI::EulerMaruyama].name, found, exact);
+        expectMean(string(traitsOf(scheme).name), found, exact);
         EXPECT_LT(found.error, 0.013 * exact);
     }
 }
@@ -535,7 +540,9 @@ TEST(Overdamped, Settings) {
     for (double bad : {-1e-3, 0.2, double(NAN)})
         expectError([&] { integrator.setFiniteDifferenceStep(bad); }, {"setFiniteDifferenceStep()", "relative step"});
     expectError([&] { integrator.setFiniteDifferenceStep(0.2); }, {"must not be above 0.1"});
-    expectError([&] { integrator.setScheme(Scheme(12)); }, {"scheme 12 is unknown", "DriftCorrectorRFD"});
+    const int beyond = size(schemeTable);
+    expectError([&] { integrator.setScheme(Scheme(beyond)); },
+                {"scheme " + to_string(beyond) + " is unknown", "DriftCorrectorRFD"});
 }
 
 /** Spheres on all sides of each other, nearer than any finite difference. */
@@ -724,7 +731,7 @@ TEST(Overdamped, HeightAboveAWall) {
     for (Scheme scheme : {RigidHI::FixmanMidpoint, RigidHI::RandomFiniteDifference})
         cases.push_back({scheme, RigidHI::TwoPoint});
     for (const auto& [scheme, law] : cases) {
-        const string name = schemes[scheme - RigidHI::EulerMaruyama].name + ", noise law " + to_string(law);
+        const string name = string(traitsOf(scheme).name) + ", noise law " + to_string(law);
         SCOPED_TRACE(name);
         OverdampedScene scene(scheme, T1, 0.05);
         scene.integrator.setNoiseLaw(law);

@@ -7,6 +7,7 @@
 
 #include "HydrodynamicSupport.h"
 #include "openmmrigidhi/CustomBodyForce.h"
+#include "schemes/OverdampedSchemes.h"
 
 using namespace OpenMM;
 using namespace RigidHITest;
@@ -25,13 +26,15 @@ struct Named {
     string name;
     bool forcesInBetween;
 };
-const vector<Named> schemes = {{RigidHI::EulerMaruyama, "EulerMaruyama", false},
-                               {RigidHI::FixmanMidpoint, "FixmanMidpoint", true},
-                               {RigidHI::RandomFiniteDifference, "RandomFiniteDifference", false},
-                               {RigidHI::TractionEulerMaruyama, "TractionEulerMaruyama", false},
-                               {RigidHI::TrapezoidalSlip, "TrapezoidalSlip", true},
-                               {RigidHI::DriftCorrectorFD, "DriftCorrectorFD", true},
-                               {RigidHI::DriftCorrectorRFD, "DriftCorrectorRFD", true}};
+vector<Named> overdampedSchemes() {
+    vector<Named> found;
+    for (const RigidHIPlugin::SchemeTraits& traits : RigidHIPlugin::schemeTable)
+        if (traits.isOverdamped())
+            found.push_back(
+                {traits.scheme, traits.name, RigidHIPlugin::overdampedScheme(traits.scheme).numStages() > 1});
+    return found;
+}
+const vector<Named> schemes = overdampedSchemes();
 
 /** Massless bodies of mobility about 1 above a wall at z = 0, under a weight of 1 on each particle. */
 struct ReplicaScene : FluidScene {

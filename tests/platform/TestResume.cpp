@@ -133,8 +133,7 @@ struct Trajectory {
 
 TEST(Resume, TwentyStepsAreTenAndTen) {
     Scene scene(!onCpu());
-    for (auto scheme :
-         {CustomRigidHIIntegrator::LangevinA, CustomRigidHIIntegrator::LangevinB, CustomRigidHIIntegrator::LangevinC}) {
+    for (auto scheme : thermostatsWithMomenta()) {
         Trajectory one(scene, 5, 2, true, scheme), two(scene, 5, 2, true, scheme);
         one.integrator->step(20);
         two.integrator->step(10);
@@ -148,8 +147,7 @@ TEST(Resume, TwentyStepsAreTenAndTen) {
 TEST(Resume, CheckpointsAndStatesContinueTheRunAtAnyStep) {
     Scene scene(!onCpu());
     mt19937 generator(1);
-    for (auto scheme :
-         {CustomRigidHIIntegrator::LangevinA, CustomRigidHIIntegrator::LangevinB, CustomRigidHIIntegrator::LangevinC}) {
+    for (auto scheme : thermostatsWithMomenta()) {
         Trajectory whole(scene, 0, 2, true, scheme);  // seed 0: a fresh one, which must be saved
         for (int part = 0; part < 4; part++) {
             whole.integrator->step(1 + generator() % 7);

@@ -165,7 +165,7 @@ TEST(Schemes, DipolesInAFieldReachTheLangevinFunction) {
     // <n_z> = coth k - 1/k, any scheme, an asymmetric body, a direction that is no principal axis.
     const double k = 2;
     Vec3 direction(0.6, 0.48, 0.64);
-    for (Scheme scheme : {A, B, C, Gradient}) {
+    for (Scheme scheme : thermostats()) {
         // The gradient thermostat is of order 1: a smaller step keeps its bias below the statistical error.
         const double h = scheme == Gradient ? 0.005 : 0.02;
         Dipoles dipoles(scheme, h, Vec3(2.5, 1.0, 1.9), direction, k, scheme == Gradient ? 500 : 1000);
@@ -236,7 +236,7 @@ TEST(Schemes, IsotropicRotationalDiffusionOfTheGradientThermostat) {
 }
 
 TEST(Schemes, EquipartitionPerAxis) {
-    for (Scheme scheme : {A, B, C}) {
+    for (Scheme scheme : thermostatsWithMomenta()) {
         System system;
         CustomRigidHIIntegrator integrator(300, 0.002);
         const int copies = 500;
@@ -295,7 +295,7 @@ TEST(Schemes, WithoutFrictionNoRandomNumberIsDrawnAndEnergyIsConserved) {
 }
 
 TEST(Schemes, AtZeroTemperatureNoRandomNumberIsDrawn) {
-    for (Scheme scheme : {A, B, C, Gradient}) {
+    for (Scheme scheme : thermostats()) {
         Trap trap(scheme, 0.01, waterShape(), 20, 1.0);
         trap.integrator.setTemperature(0);
         trap.integrator.step(50);
@@ -312,7 +312,7 @@ TEST(Schemes, AtZeroTemperatureNoRandomNumberIsDrawn) {
 
 TEST(Schemes, TrajectoriesWithFrictionConvergeWithOrderTwo) {
     // T = 0: the deterministic part, with friction and torques; the gradient thermostat is of order 1.
-    for (Scheme scheme : {A, B, C, Gradient}) {
+    for (Scheme scheme : thermostats()) {
         auto end = [&](double h) {
             Dipoles dipoles(scheme, h, Vec3(2.5, 1.0, 1.9), Vec3(0.6, 0.48, 0.64), 3.0, 8);
             dipoles.integrator.setTemperature(0);
@@ -336,7 +336,7 @@ TEST(Schemes, TrajectoriesWithFrictionConvergeWithOrderTwo) {
 
 TEST(Schemes, ReferenceAndCpuTakeTheSameStep) {
     // Same seed, same numbers: after one step they differ by rounding only, noise included.
-    for (Scheme scheme : {A, B, C, Gradient}) {
+    for (Scheme scheme : thermostats()) {
         vector<Vec3> positions[2], velocities[2];
         for (int p = 0; p < 2; p++) {
             const string name = p == 0 ? "Reference" : "CPU";

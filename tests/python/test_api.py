@@ -142,7 +142,7 @@ def test_constructor_refuses_bad_values():
 
 # ---- Constants -------------------------------------------------------------------------------------------------------
 
-@pytest.mark.parametrize('name', ['LangevinA', 'LangevinB', 'LangevinC', 'GradientThermostat'])
+@pytest.mark.parametrize('name', [scheme.name for scheme in openmmrigidhi.integrator.Scheme])
 def test_schemes_are_class_constants(name):
     integrator = make()
     integrator.setScheme(getattr(CustomRigidHIIntegrator, name))

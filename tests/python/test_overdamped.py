@@ -7,14 +7,10 @@ import pytest
 from openmm import unit
 
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, app
+from openmmrigidhi.integrator import Scheme
 
-# How each makes the stochastic drift, as getEffects() says it; and whether by finite differences.
-SCHEMES = {'FixmanMidpoint': ('by the mobility at the mid-point', False),
-           'RandomFiniteDifference': ('by a random finite difference of the mobility', True),
-           'TractionEulerMaruyama': ('by random finite differences along which blob forces are kept', True),
-           'TrapezoidalSlip': ('by random finite differences along which blob forces are kept, and', True),
-           'DriftCorrectorFD': ('by the mobility at the mid-point and the divergence of slips', True),
-           'DriftCorrectorRFD': ('by the mobility at the mid-point and the divergence of slips', True)}
+#: How each makes the stochastic drift, as getEffects() says it; and whether by finite differences.
+SCHEMES = {s.name: (s.traits.drift, s.traits.differenced != '') for s in Scheme if s.traits.isOverdamped and s.traits.drift}
 ALL = ('EulerMaruyama', *SCHEMES)
 
 

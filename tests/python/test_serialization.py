@@ -10,6 +10,7 @@ import pytest
 from openmm import unit
 
 from openmmrigidhi import CustomRigidHIIntegrator
+from openmmrigidhi.integrator import Scheme
 from scenes import WaterBox, dumbbells
 
 SITES = [(0, 0, -1/30), (0.1, 1/7, 0.1)]
@@ -20,18 +21,7 @@ PROPERTIES = [
     ('setStepSize', 'getStepSize', 0.001/3*unit.picosecond),
     ('setConstraintTolerance', 'getConstraintTolerance', 1e-7/3),
     ('setIntegrationForceGroups', 'getIntegrationForceGroups', 5),
-    ('setScheme', 'getScheme', CustomRigidHIIntegrator.LangevinA),
-    ('setScheme', 'getScheme', CustomRigidHIIntegrator.LangevinB),
-    ('setScheme', 'getScheme', CustomRigidHIIntegrator.LangevinC),
-    ('setScheme', 'getScheme', CustomRigidHIIntegrator.GradientThermostat),
-    ('setScheme', 'getScheme', CustomRigidHIIntegrator.LangevinHI),
-    ('setScheme', 'getScheme', CustomRigidHIIntegrator.EulerMaruyama),
-    ('setScheme', 'getScheme', CustomRigidHIIntegrator.FixmanMidpoint),
-    ('setScheme', 'getScheme', CustomRigidHIIntegrator.RandomFiniteDifference),
-    ('setScheme', 'getScheme', CustomRigidHIIntegrator.TractionEulerMaruyama),
-    ('setScheme', 'getScheme', CustomRigidHIIntegrator.TrapezoidalSlip),
-    ('setScheme', 'getScheme', CustomRigidHIIntegrator.DriftCorrectorFD),
-    ('setScheme', 'getScheme', CustomRigidHIIntegrator.DriftCorrectorRFD),
+    *[('setScheme', 'getScheme', scheme) for scheme in Scheme],
     ('setNoiseLaw', 'getNoiseLaw', CustomRigidHIIntegrator.Gaussian),
     ('setNoiseLaw', 'getNoiseLaw', CustomRigidHIIntegrator.ThreePoint),
     ('setNoiseLaw', 'getNoiseLaw', CustomRigidHIIntegrator.TwoPoint),

@@ -19,6 +19,13 @@ namespace {
 typedef CustomRigidHIIntegrator Integrator;
 typedef scalar::Quaternion<double> Quaternion;
 
+const vector<Integrator::Scheme> overdampedSchemes = [] {
+    vector<Integrator::Scheme> found;
+    for (const SchemeTraits& traits : schemeTable)
+        if (traits.isOverdamped()) found.push_back(traits.scheme);
+    return found;
+}();
+
 FluidElement element(int body, const vector<Vector3d>& sites, const vector<double>& radii) {
     FluidElement e;
     e.body = body;
@@ -219,7 +226,8 @@ struct Averages {
 /** @param direction  for Averages::along */
 Averages average(Integrator::Scheme scheme, const Scene& scene, double h, double kT, int samples,
                  const VectorXd& direction) {
-    const OverdampedScheme& steps = overdampedScheme(scheme);
+    const OverdampedEntry& entry = overdampedScheme(scheme);
+    const unique_ptr<OverdampedScheme> steps = entry.make();
     const auto bodies = scene.mobility();
     OverdampedMove move(*bodies, scene.matrixFree, 1e-8);
     for (size_t e = 0; e < scene.elements.size(); e++) {
@@ -239,8 +247,7 @@ Averages average(Integrator::Scheme scheme, const Scene& scene, double h, double
     for (int i = 0; i < samples; i++) {
         step.noise.step = i;
         move.begin(step);
-        steps.predict(move);
-        if (steps.forcesInBetween) steps.correct(move);
+        for (int stage = 0; stage < entry.numStages(); stage++) steps->run(stage, move);
         const VectorXd u = increment(move, *bodies);
         const VectorXd rest = u - leadingNoise(scheme, scene, move);
         sum += rest;
@@ -259,9 +266,13 @@ Averages average(Integrator::Scheme scheme, const Scene& scene, double h, double
     return result;
 }
 
-const Integrator::Scheme consistent[] = {Integrator::FixmanMidpoint,        Integrator::RandomFiniteDifference,
-                                         Integrator::TractionEulerMaruyama, Integrator::TrapezoidalSlip,
-                                         Integrator::DriftCorrectorFD,      Integrator::DriftCorrectorRFD};
+/** Those that make the drift. */
+const vector<Integrator::Scheme> consistent = [] {
+    vector<Integrator::Scheme> found;
+    for (const Integrator::Scheme scheme : overdampedSchemes)
+        if (!traitsOf(scheme).omitsDrift()) found.push_back(scheme);
+    return found;
+}();
 
 /** What the standard error of n samples is of the drift's norm, times sqrt(n): 1 to 40 by scheme and scene, measured. */
 int samplesFor(Integrator::Scheme scheme, int base) {
@@ -283,7 +294,7 @@ void checkDrift(const Scene& scene, int samples, double error = 0.1) {
     ASSERT_GT(size, 0);
     for (Integrator::Scheme scheme : consistent) {
         const Averages found = average(scheme, scene, h, kT, samplesFor(scheme, samples), expected / size);
-        SCOPED_TRACE(scene.name + ", " + overdampedScheme(scheme).name);
+        SCOPED_TRACE(scene.name + ", " + traitsOf(scheme).name);
         EXPECT_LT(found.alongError, 0.1 * size);
         EXPECT_LT(abs(found.along - size), 5 * found.alongError + 1e-3 * size);
         EXPECT_LT(found.error.norm(), error * size);
@@ -366,14 +377,14 @@ TEST(OverdampedSchemes, SpheresUnboundedHaveNoDrift) {
         }
         const double size = kT * h * halfDrift.norm();
         ASSERT_GT(size, 1e-2 * kT * h);
-        for (int scheme = Integrator::EulerMaruyama; scheme <= Integrator::DriftCorrectorRFD; scheme++) {
+        for (const Integrator::Scheme scheme : overdampedSchemes) {
             const bool isFixman = scheme == Integrator::FixmanMidpoint;
-            const Averages found = average(Integrator::Scheme(scheme), scene, h, kT,
+            const Averages found = average(scheme, scene, h, kT,
                                            !isFixman          ? 10
                                            : scene.matrixFree ? 500
                                                               : 20000,
                                            halfDrift.normalized());
-            SCOPED_TRACE(scene.name + ", " + overdampedScheme(Integrator::Scheme(scheme)).name);
+            SCOPED_TRACE(scene.name + ", " + traitsOf(scheme).name);
             if (!isFixman) {
                 // Iterations are right to 1e-8 of the noise.
                 const double noise = sqrt(2 * kT * h * L.squaredNorm());
@@ -394,12 +405,11 @@ void checkCovariance(const Scene& scene) {
     const int samples = scene.matrixFree ? 1000 : 4000;
     const auto bodies = scene.mobility();
     const MatrixXd N = mobilityAt(scene, *bodies, VectorXd::Zero(bodies->getNumRows()));
-    for (int scheme = Integrator::EulerMaruyama; scheme <= Integrator::DriftCorrectorRFD; scheme++) {
+    for (const Integrator::Scheme scheme : overdampedSchemes) {
         if (scheme == Integrator::DriftCorrectorFD) continue;  // its noise is that of the other one
-        SCOPED_TRACE(scene.name + ", " + overdampedScheme(Integrator::Scheme(scheme)).name);
+        SCOPED_TRACE(scene.name + ", " + traitsOf(scheme).name);
         const MatrixXd found =
-            average(Integrator::Scheme(scheme), scene, h, kT, samples, VectorXd::Zero(N.rows())).covariance /
-            (2 * kT * h);
+            average(scheme, scene, h, kT, samples, VectorXd::Zero(N.rows())).covariance / (2 * kT * h);
         for (int i = 0; i < N.rows(); i++)
             for (int k = 0; k <= i; k++)
                 EXPECT_LT(abs(found(i, k) - N(i, k)),
@@ -447,10 +457,10 @@ TEST(OverdampedSchemes, NoNoiseAboutARodsLine) {
         step.h = 1e-3;
         step.kT = 1;
         move.begin(step);
-        overdampedScheme(Integrator::EulerMaruyama).predict(move);
+        overdampedScheme(Integrator::EulerMaruyama).make()->run(0, move);
         for (int e = 0; e < 2; e++) {
             const Vector3d line = rotationMatrix(scene.q[e]) * bodies->getNullVector_body(e).tail<3>().normalized();
-            const Vector3d W = move.U.col(0).segment<3>(bodies->firstRow(e) + 3);
+            const Vector3d W = increment(move, *bodies).segment<3>(bodies->firstRow(e) + 3);
             EXPECT_LT(abs(W.dot(line)), 1e-12 * W.norm());
         }
     }

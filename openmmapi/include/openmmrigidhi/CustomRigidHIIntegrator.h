@@ -11,6 +11,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "openmmrigidhi/internal/SchemeList.h"
 #include "openmmrigidhi/internal/windowsExport.h"
 
 namespace RigidHIPlugin {
@@ -51,41 +52,15 @@ typedef std::array<double, 4> QuaternionArray;
  */
 class OPENMM_EXPORT_RIGIDHI CustomRigidHIIntegrator : public OpenMM::Integrator {
 public:
-    /** The time-stepping scheme. */
+    /**
+     * The time-stepping scheme: LangevinA, LangevinB, LangevinC (default), GradientThermostat, LangevinHI, EulerMaruyama,
+     * FixmanMidpoint, RandomFiniteDifference, TractionEulerMaruyama, TrapezoidalSlip, DriftCorrectorFD, DriftCorrectorRFD, numbered
+     * from 0. internal/SchemeList.h says what each is; SchemeTraits.h has that as a table.
+     */
     enum Scheme : int {
-        /** Davidchack 2015, eq. 20: Hamiltonian + noise, damping outside. Warns above gamma 100/ps or Gamma 200/ps. */
-        LangevinA = 0,
-        /** Davidchack 2015, eq. 27: half Ornstein-Uhlenbeck, Hamiltonian step, half Ornstein-Uhlenbeck ("OBABO"). */
-        LangevinB = 1,
-        /** Davidchack 2015, eq. 28: half Hamiltonian step, Ornstein-Uhlenbeck, half Hamiltonian step ("BAOAB"). */
-        LangevinC = 2,
-        /** Davidchack 2015, eq. 30: Brownian (gradient) dynamics without momenta. */
-        GradientThermostat = 3,
-        /**
-         * Davidchack 2017, eq. 27: Langevin C with the friction of a fluid that couples the bodies. Needs a MobilityForce, whose
-         * tensors take the place of setFriction() for all particles with a hydrodynamic radius. Weak order 2.
-         */
-        LangevinHI = 4,
-        /**
-         * Delong 2015, eq. 37: omits the stochastic drift, so where that is not 0 (walls, multiblobs, lubrication) it samples a wrong
-         * distribution, which a warning says. Order 1 at temperature 0. One force evaluation, one mobility problem a step.
-         */
-        EulerMaruyama = 5,
-        /** Delong 2015, eqs. 41 and 44. Weak order 1, order 2 at temperature 0. Two force evaluations, two mobility problems. */
-        FixmanMidpoint = 6,
-        /** Delong 2015, eqs. 48 and 51. Weak order 1. One force evaluation, two mobility problems. */
-        RandomFiniteDifference = 7,
-        /** Sprinkle 2017. Weak order 1. One force evaluation, two mobility problems at one configuration. */
-        TractionEulerMaruyama = 8,
-        /** Sprinkle 2017. Weak order 1, order 2 at temperature 0. Two force evaluations, two mobility problems. */
-        TrapezoidalSlip = 9,
-        /**
-         * Westwood 2022, eqs. 37 to 44, the divergence by finite differences (eq. 39). Weak order 1. One force evaluation and mobility
-         * problem; square roots of the mobility: two, and six more a body.
-         */
-        DriftCorrectorFD = 10,
-        /** The same with random finite differences (eq. 40): three square roots. */
-        DriftCorrectorRFD = 11
+#define RIGIDHI_ROW(name, ...) name,
+        RIGIDHI_SCHEMES(RIGIDHI_ROW)
+#undef RIGIDHI_ROW
     };
     /** The law of the random numbers; all have mean 0 and variance 1. */
     enum NoiseLaw : int {

@@ -14,11 +14,7 @@
 #include "rigidbody/BodySet.h"
 #include "rigidbody/FreeRotor-inl.h"
 #include "rigidbody/Quaternion-inl.h"
-#include "schemes/GradientThermostat-inl.h"
-#include "schemes/LangevinA-inl.h"
-#include "schemes/LangevinB-inl.h"
-#include "schemes/LangevinC-inl.h"
-#include "schemes/LangevinHI-inl.h"
+#include "schemes/Thermostats-inl.h"
 
 namespace RigidHIPlugin {
 namespace RIGIDHI_TARGET {
@@ -282,11 +278,11 @@ struct BeforeForces {
 };
 
 /** The part of a step before the fluid changes momenta, where this needs poses in between: new poses. */
-template <class Real>
+template <class Real, class Scheme>
 struct BeforeFriction {
     const StepSettings& settings;
     bool operator()(BodyFlow<Real>& flow) const {
-        LangevinHI::beforeFriction(flow, settings.h);
+        Scheme::beforeFriction(flow, settings.h);
         flow.storePose();
         flow.storeMomenta();
         return flow.poseIsFinite();
@@ -294,12 +290,12 @@ struct BeforeFriction {
 };
 
 /** From there to new positions of the particles. */
-template <class Real>
+template <class Real, class Scheme>
 struct AfterFriction {
     const StepSettings& settings;
     const ParticleArrays& arrays;
     bool operator()(BodyFlow<Real>& flow) const {
-        LangevinHI::afterFriction(flow, settings.h);
+        Scheme::afterFriction(flow, settings.h);
         flow.storePose();
         flow.storeMomenta();
         flow.scatterPositions(arrays.positions, arrays.lastPositions);
@@ -344,36 +340,34 @@ struct SchemelessLoop {
     }
 };
 
-template <class Real, class Scheme>
-inline LoopResult runSchemeLoop(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
-                                const ParticleArrays& arrays, int firstBlock, int endBlock) {
-    if (loop == BodyLoop::BeforeForces)
-        return forEachBody<Real>(bodies, settings, firstBlock, endBlock, BeforeForces<Real, Scheme>{settings, arrays});
-    return forEachBody<Real>(bodies, settings, firstBlock, endBlock, AfterForces<Real, Scheme>{settings, arrays});
-}
-
 /** Run one loop over a range of blocks. */
 template <class Real>
 inline LoopResult runBodyLoop(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
                               const ParticleArrays& arrays, int firstBlock, int endBlock) {
-    if (loop == BodyLoop::BeforeFriction)
-        return forEachBody<Real>(bodies, settings, firstBlock, endBlock, BeforeFriction<Real>{settings});
-    if (loop == BodyLoop::AfterFriction)
-        return forEachBody<Real>(bodies, settings, firstBlock, endBlock, AfterFriction<Real>{settings, arrays});
-    if (loop != BodyLoop::BeforeForces && loop != BodyLoop::AfterForces)
-        return forEachBody<Real>(bodies, settings, firstBlock, endBlock, SchemelessLoop<Real>{loop, bodies, arrays});
-    switch (settings.scheme) {
-        case CustomRigidHIIntegrator::LangevinA:
-            return runSchemeLoop<Real, LangevinA>(loop, bodies, settings, arrays, firstBlock, endBlock);
-        case CustomRigidHIIntegrator::LangevinB:
-            return runSchemeLoop<Real, LangevinB>(loop, bodies, settings, arrays, firstBlock, endBlock);
-        case CustomRigidHIIntegrator::LangevinC:
-            return runSchemeLoop<Real, LangevinC>(loop, bodies, settings, arrays, firstBlock, endBlock);
-        case CustomRigidHIIntegrator::LangevinHI:
-            return runSchemeLoop<Real, LangevinHI>(loop, bodies, settings, arrays, firstBlock, endBlock);
-        default: break;  // schemes without momenta in a fluid do not come here: FluidOverdamped.cpp
+    const auto run = [&](auto action) { return forEachBody<Real>(bodies, settings, firstBlock, endBlock, action); };
+    switch (loop) {
+        case BodyLoop::BeforeForces:
+            return withThermostat(settings.scheme, [&](auto scheme) {
+                return run(BeforeForces<Real, decltype(scheme)>{settings, arrays});
+            });
+        case BodyLoop::AfterForces:
+            return withThermostat(settings.scheme, [&](auto scheme) {
+                return run(AfterForces<Real, decltype(scheme)>{settings, arrays});
+            });
+        case BodyLoop::BeforeFriction:
+            return withFluidThermostat(
+                settings.scheme, [&](auto scheme) { return run(BeforeFriction<Real, decltype(scheme)>{settings}); });
+        case BodyLoop::AfterFriction:
+            return withFluidThermostat(settings.scheme, [&](auto scheme) {
+                return run(AfterFriction<Real, decltype(scheme)>{settings, arrays});
+            });
+        case BodyLoop::GatherForces:
+        case BodyLoop::ScatterPositions:
+        case BodyLoop::ScatterVelocities:
+        case BodyLoop::TakeInVelocities:
+        case BodyLoop::TakeInAndScatterVelocities: break;
     }
-    return runSchemeLoop<Real, GradientThermostat>(loop, bodies, settings, arrays, firstBlock, endBlock);
+    return run(SchemelessLoop<Real>{loop, bodies, arrays});
 }
 
 /** Fill xi with three numbers for each of `count` particles (their indices are in `index`). */

@@ -698,11 +698,15 @@ string Fluid::describe(bool overdamped) const {
     return text.str();
 }
 
-void Fluid::continueCounters(const Fluid& before) {
+void Fluid::continueFrom(Fluid& before) {
     numIterations = before.numIterations;
     numSquareRoots = before.numSquareRoots;
     productsBefore = before.numProducts();
     matricesBefore = before.numMatrices();
+    overdampedScheme_ = before.overdampedScheme_;
+    for (size_t g = 0; g < groups.size() && groups.size() == before.groups.size(); g++)
+        if (groups[g]->mobility->getNumRows() == before.groups[g]->mobility->getNumRows())
+            groups[g]->scheme = move(before.groups[g]->scheme);
 }
 
 long long Fluid::numProducts() const {

@@ -11,6 +11,7 @@
 
 #include "engine/FreeParticles.h"
 #include "engine/PlatformLoops.h"
+#include "engine/SavedState.h"
 #include "mobility/BodyMobility.h"
 #include "mobility/Lanczos.h"
 #include "openmmrigidhi/MobilityForce.h"
@@ -20,11 +21,6 @@
 #include "schemes/Thermostat.h"
 
 namespace RigidHIPlugin {
-
-/** The two parts of a step without momenta, before and after the forces in between. */
-enum class OverdampedPart { Predict, Correct };
-/** How far a group has come in it: which part is next, or none. */
-enum class OverdampedStage { Start, Predicted, Corrected };
 
 /**
  * The fluid of one Context: who feels whom (groups), each group's mobility, and what it does to momenta.
@@ -78,15 +74,16 @@ public:
                      const std::vector<OpenMM::Vec3>& positions, std::vector<OpenMM::Vec3>& velocities);
 
     /** A step without momenta begins: every group is at its start, for its first attempt. */
-    void beginOverdamped();
+    void beginOverdamped(CustomRigidHIIntegrator::Scheme scheme);
+    /** The stage that is next: of groups that were redone, an earlier one. The scheme's number of stages if there is none. */
+    int nextStage() const;
     /**
-     * A part of the step, for the groups that are to take it: Predict of those at their start, from the poses that bodies and free
-     * particles have and the forces as last gathered, to where the scheme ends or wants forces; Correct of those there, with these
-     * forces, to the end, to which groups that had reached it before return.
+     * A stage of the step, for the groups whose next one it is: from the poses that bodies and free particles have, and the forces as last
+     * gathered if the stage wants any, to where the next stage wants forces, or to the end. Groups that are further return to where they were.
      * @return random numbers drawn, whether the new poses are finite
      */
-    LoopResult runOverdamped(OverdampedPart part, const OverdampedScheme& scheme, const StepSettings& settings,
-                             BodySet& bodies, const FreeParticles& freeParticles, std::vector<OpenMM::Vec3>& positions);
+    LoopResult runStage(int stage, const StepSettings& settings, BodySet& bodies, const FreeParticles& freeParticles,
+                        std::vector<OpenMM::Vec3>& positions);
     struct Rejections {
         int number = 0;         // of groups
         int attempts = 0;       // most in a row of one of them
@@ -98,8 +95,14 @@ public:
      */
     Rejections takeBackRejected(const BodySet::Snapshot& bodiesAtStart, const FreeParticles::Snapshot& freeAtStart,
                                 BodySet& bodies, FreeParticles& freeParticles, std::vector<OpenMM::Vec3>& positions);
-    /** Groups at the end of their step go to where its forces in between were evaluated, while others are to be corrected. */
-    void showInBetween(BodySet& bodies, std::vector<OpenMM::Vec3>& positions) const;
+    /** Groups that are further go to where their forces of a stage were evaluated, while others are to have theirs. */
+    void showStage(int stage, BodySet& bodies, std::vector<OpenMM::Vec3>& positions) const;
+    /** What the scheme keeps between steps (OverdampedScheme::memory()): as it was when the step began; forgotten; to be saved. */
+    void restoreMemory();
+    void forgetMemory();
+    SchemeMemory getMemory() const;
+    /** @throws OpenMMException if it is not of these groups; another scheme's is left out */
+    void setMemory(const SchemeMemory& memory, CustomRigidHIIntegrator::Scheme scheme);
 
     /** 6n x 6n, bodies only: free particles are force-free. */
     Eigen::MatrixXd mobility(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions);
@@ -119,8 +122,7 @@ public:
     /** For describeEffects(): what the fluid is, and how many groups are solved in which way. */
     std::string describe(bool overdamped) const;
     /** Likewise of a scheme without momenta: "stochastic drift" and "finite differences". */
-    std::map<std::string, std::string> describeDrift(const OverdampedScheme& scheme, double kT,
-                                                     double difference) const;
+    std::map<std::string, std::string> describeDrift(const SchemeTraits& scheme, double kT, double difference) const;
     /** Whether div N is not 0 somewhere, so that a scheme without momenta that omits it is wrong. */
     bool hasStochasticDrift() const;
     /** Bodies whose hydrodynamic particles are on a line, about which the fluid does not turn them. */
@@ -132,8 +134,8 @@ public:
     long long numProducts() const;
     long long numMatrices() const;
     long long numIterations = 0, numSquareRoots = 0;
-    /** Count on from where another fluid of this Context stopped. */
-    void continueCounters(const Fluid& before);
+    /** Go on from where another fluid of this Context stopped: counters, and what the scheme keeps between steps. */
+    void continueFrom(Fluid& before);
 
 private:
     struct Group {
@@ -157,11 +159,13 @@ private:
         Eigen::MatrixXd decay, noise;
         std::unique_ptr<OverdampedMove> move;  // made at the first step without momenta
         bool overdampedMatrixFree = false, isFinite = true;
-        OverdampedStage stage = OverdampedStage::Start;
-        uint32_t attempt = 0;                                          // of the present step
-        std::string objection;                                         // to where the last part led
-        std::vector<OverdampedMove::Place> inBetween;                  // where Predict led
-        long long randomNumbers = 0, iterations = 0, squareRoots = 0;  // of the last step
+        std::unique_ptr<OverdampedScheme> scheme;
+        std::vector<Eigen::MatrixXd> memoryAtStart;
+        int stage = 0;                                                    // stages of the present step that are done
+        uint32_t attempt = 0;                                             // of the present step
+        std::string objection;                                            // to where the last part led
+        std::vector<std::vector<OverdampedMove::Place> > placesOfForces;  // where those of each stage are evaluated
+        long long randomNumbers = 0, iterations = 0, squareRoots = 0;     // of the last step
     };
     /** Groups by what their stochastic drift is. */
     struct Drifts {
@@ -174,8 +178,10 @@ private:
     void chooseSolver(Group& group) const;
     void checkTorque(const Group& group, int element, const Eigen::VectorXd& wrench_body, double siteForces) const;
     OverdampedMove& moveOf(Group& group) const;
-    bool differencesIterate(const Group& group, const OverdampedScheme& scheme) const;
-    double differenceOf(const Group& group, const OverdampedScheme& scheme, double wanted) const;
+    OverdampedScheme& schemeOf(Group& group) const;
+    void restoreMemory(Group& group) const;
+    bool differencesIterate(const Group& group, const SchemeTraits& scheme) const;
+    double differenceOf(const Group& group, const SchemeTraits& scheme, double wanted) const;
     void setStart(Group& group, const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
     void takeForces(Group& group, const BodySet& bodies, const FreeParticles& freeParticles) const;
     bool writePlaces(const Group& group, const std::vector<OverdampedMove::Place>& places, BodySet& bodies,
@@ -193,6 +199,8 @@ private:
 
     const MobilityForce force;
     const CustomRigidHIIntegrator::WallRejection wallRejection;
+    CustomRigidHIIntegrator::Scheme overdampedScheme_ =
+        CustomRigidHIIntegrator::EulerMaruyama;        // of the groups' schemes
     long long productsBefore = 0, matricesBefore = 0;  // of the fluids before this one in the Context
     std::vector<std::unique_ptr<Group> > groups;
     std::vector<Group*> coupledGroups;

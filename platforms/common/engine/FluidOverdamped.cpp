@@ -1,5 +1,7 @@
 // Fluid: steps without momenta.
 
+#include <openmm/OpenMMException.h>
+
 #include <cmath>
 #include <sstream>
 
@@ -33,7 +35,7 @@ OverdampedMove& Fluid::moveOf(Group& group) const {
 }
 
 /** Whether a scheme differences what iterations give, to a tolerance only. */
-bool Fluid::differencesIterate(const Group& group, const OverdampedScheme& scheme) const {
+bool Fluid::differencesIterate(const Group& group, const SchemeTraits& scheme) const {
     const MobilityProblem& problem = group.move->getProblem();
     if (group.move->driftIsKnown()) return false;
     switch (scheme.differenced) {
@@ -45,7 +47,7 @@ bool Fluid::differencesIterate(const Group& group, const OverdampedScheme& schem
 }
 
 /** The finite-difference step: as set, or by the errors of what is differenced. */
-double Fluid::differenceOf(const Group& group, const OverdampedScheme& scheme, double wanted) const {
+double Fluid::differenceOf(const Group& group, const SchemeTraits& scheme, double wanted) const {
     if (wanted > 0) return wanted;
     if (!differencesIterate(group, scheme)) return denseDifference;
     return min(largestDifference, max(denseDifference, cbrt(force.getSolverTolerance())));
@@ -72,7 +74,7 @@ Fluid::Drifts Fluid::findDrifts() const {
 
 bool Fluid::hasStochasticDrift() const { return findDrifts().numNotZero() > 0; }
 
-map<string, string> Fluid::describeDrift(const OverdampedScheme& scheme, double kT, double difference) const {
+map<string, string> Fluid::describeDrift(const SchemeTraits& scheme, double kT, double difference) const {
     const Drifts drifts = findDrifts();
     const int others = drifts.differenced.size(), known = drifts.known, zero = drifts.zero + drifts.ofSpheres;
     double smallest = 0, largest = 0;
@@ -186,24 +188,43 @@ bool Fluid::writePlaces(const Group& group, const vector<OverdampedMove::Place>&
     return isfinite(sum);
 }
 
-void Fluid::beginOverdamped() {
+OverdampedScheme& Fluid::schemeOf(Group& group) const {
+    if (!group.scheme) group.scheme = overdampedScheme(overdampedScheme_).make();
+    return *group.scheme;
+}
+
+void Fluid::beginOverdamped(CustomRigidHIIntegrator::Scheme scheme) {
     for (auto& group : groups) {
-        group->stage = OverdampedStage::Start;
+        if (scheme != overdampedScheme_) group->scheme.reset();
+        group->stage = 0;
         group->attempt = 0;
         group->objection.clear();
     }
+    overdampedScheme_ = scheme;
+    for (auto& group : groups) {
+        const auto memory = schemeOf(*group).memory();
+        group->memoryAtStart.resize(memory.size());
+        for (size_t i = 0; i < memory.size(); i++) group->memoryAtStart[i] = *memory[i];
+        group->placesOfForces.resize(overdampedScheme(scheme).numStages());
+    }
 }
 
-LoopResult Fluid::runOverdamped(OverdampedPart part, const OverdampedScheme& scheme, const StepSettings& settings,
-                                BodySet& bodies, const FreeParticles& freeParticles, vector<OpenMM::Vec3>& positions) {
+int Fluid::nextStage() const {
+    int next = overdampedScheme(overdampedScheme_).numStages();
+    for (const auto& group : groups) next = min(next, group->stage);
+    return next;
+}
+
+LoopResult Fluid::runStage(int stage, const StepSettings& settings, BodySet& bodies, const FreeParticles& freeParticles,
+                           vector<OpenMM::Vec3>& positions) {
     const OneBlasThread single;
-    const OverdampedStage from = part == OverdampedPart::Predict ? OverdampedStage::Start : OverdampedStage::Predicted;
+    const OverdampedEntry& entry = overdampedScheme(settings.scheme);
     double operations = 0;
     for (auto& group : groups) {
         moveOf(*group);
         group->isFinite = true;
         group->randomNumbers = group->squareRoots = group->iterations = 0;
-        if (group->stage != from) continue;
+        if (group->stage != stage) continue;
         const double rows = group->mobility->getNumRows(), particleRows = group->mobility->getNumParticleRows();
         operations += group->mobility->isConstantInBodyFrame()
                           ? operationsOfConstantTensor
@@ -216,31 +237,27 @@ LoopResult Fluid::runOverdamped(OverdampedPart part, const OverdampedScheme& sch
     const auto task = [&](int i) {
         Group& group = *groups[i];
         OverdampedMove& move = *group.move;
-        if (group.stage != from) {
-            if (part == OverdampedPart::Correct) writePlaces(group, move.present, bodies, positions);
+        if (group.stage != stage) {
+            if (stage > 0) writePlaces(group, move.present, bodies, positions);
             return;
         }
         MobilityProblem& problem = move.getProblem();
         const long long roots = problem.numSquareRoots, iterations = group.mobility->numSolverIterations;
-        if (part == OverdampedPart::Predict) {
+        move.randomNumbers = 0;
+        if (stage == 0) {
             OverdampedStep own = step;
             own.noise.attempt = group.attempt;
-            own.difference = differenceOf(group, scheme, settings.difference);
-            const bool iterate = differencesIterate(group, scheme);
+            own.difference = differenceOf(group, settings.traits(), settings.difference);
+            const bool iterate = differencesIterate(group, settings.traits());
             problem.setTolerance(force.getSolverTolerance() * (iterate ? toleranceOfDifferences : 1),
                                  iterate && own.difference < largestDifference);
             setStart(group, bodies, positions);
             move.begin(own);
-            if (scheme.forcesAtStart) takeForces(group, bodies, freeParticles);
-            scheme.predict(move);
-            if (scheme.forcesInBetween) group.inBetween = move.present;
-            group.stage = OverdampedStage::Predicted;
-        } else {
-            move.randomNumbers = 0;
-            takeForces(group, bodies, freeParticles);
-            scheme.correct(move);
-            group.stage = OverdampedStage::Corrected;
         }
+        if (entry.needsForces(stage)) takeForces(group, bodies, freeParticles);
+        group.scheme->run(stage, move);
+        group.stage++;
+        if (group.stage < entry.numStages()) group.placesOfForces[group.stage] = move.present;
         group.isFinite = writePlaces(group, move.present, bodies, positions);
         if (group.isFinite) group.objection = objection(group, bodies, positions);
         group.randomNumbers = move.randomNumbers;
@@ -273,8 +290,9 @@ Fluid::Rejections Fluid::takeBackRejected(const BodySet::Snapshot& bodiesAtStart
                 freeParticles.restore(freeAtStart, group->freeIndex[e], positions);
             else
                 bodies.restore(bodiesAtStart, elements[e].body);
-        group->stage = OverdampedStage::Start;
+        group->stage = 0;
         group->attempt++;
+        restoreMemory(*group);
         result.number++;
         if ((int)group->attempt > result.attempts) {
             result.attempts = group->attempt;
@@ -285,9 +303,51 @@ Fluid::Rejections Fluid::takeBackRejected(const BodySet::Snapshot& bodiesAtStart
     return result;
 }
 
-void Fluid::showInBetween(BodySet& bodies, vector<OpenMM::Vec3>& positions) const {
+void Fluid::showStage(int stage, BodySet& bodies, vector<OpenMM::Vec3>& positions) const {
     for (const auto& group : groups)
-        if (group->stage == OverdampedStage::Corrected) writePlaces(*group, group->inBetween, bodies, positions);
+        if (group->stage > stage) writePlaces(*group, group->placesOfForces[stage], bodies, positions);
+}
+
+void Fluid::restoreMemory(Group& group) const {
+    if (!group.scheme) return;
+    const auto memory = group.scheme->memory();
+    for (size_t i = 0; i < memory.size() && i < group.memoryAtStart.size(); i++) *memory[i] = group.memoryAtStart[i];
+}
+
+void Fluid::restoreMemory() {
+    for (auto& group : groups) restoreMemory(*group);
+}
+
+void Fluid::forgetMemory() {
+    for (auto& group : groups)
+        if (group->scheme)
+            for (MatrixXd* vectors : group->scheme->memory()) vectors->resize(0, 0);
+}
+
+SchemeMemory Fluid::getMemory() const {
+    SchemeMemory saved;
+    for (const auto& group : groups) {
+        if (!group->scheme) continue;
+        vector<MatrixXd> own;
+        for (MatrixXd* vectors : group->scheme->memory()) own.push_back(*vectors);
+        if (!own.empty()) saved.groups.push_back(own);
+    }
+    if (!saved.groups.empty()) saved.scheme = traitsOf(overdampedScheme_).name;
+    return saved;
+}
+
+void Fluid::setMemory(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) {
+    forgetMemory();
+    if (saved.groups.empty() || saved.scheme != traitsOf(scheme).name) return;
+    beginOverdamped(scheme);
+    for (size_t g = 0; g < groups.size(); g++) {
+        const auto memory = schemeOf(*groups[g]).memory();
+        if (saved.groups.size() != groups.size() || saved.groups[g].size() != memory.size())
+            throw OpenMM::OpenMMException(
+                "CustomRigidHIIntegrator: the saved state's memory of scheme " + saved.scheme +
+                " is that of other bodies; load it into an integrator with the same bodies and groups");
+        for (size_t i = 0; i < memory.size(); i++) *memory[i] = saved.groups[g][i];
+    }
 }
 
 }  // namespace RigidHIPlugin

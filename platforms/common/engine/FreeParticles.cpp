@@ -178,61 +178,31 @@ private:
     long long randomNumbers = 0;
 };
 
-namespace {
-
-template <class Flow>
-void schemeBeforeForces(const StepSettings& settings, Flow& flow) {
-    switch (settings.scheme) {
-        case CustomRigidHIIntegrator::LangevinA: return scalar::LangevinA::beforeForces(flow, settings.h);
-        case CustomRigidHIIntegrator::LangevinB: return scalar::LangevinB::beforeForces(flow, settings.h);
-        case CustomRigidHIIntegrator::LangevinC: return scalar::LangevinC::beforeForces(flow, settings.h);
-        case CustomRigidHIIntegrator::LangevinHI: return scalar::LangevinHI::beforeForces(flow, settings.h);
-        case CustomRigidHIIntegrator::GradientThermostat:
-            return scalar::GradientThermostat::beforeForces(flow, settings.h);
-        default: break;
-    }
-}
-
-template <class Flow>
-void schemeAfterForces(const StepSettings& settings, Flow& flow) {
-    switch (settings.scheme) {
-        case CustomRigidHIIntegrator::LangevinA: return scalar::LangevinA::afterForces(flow, settings.h);
-        case CustomRigidHIIntegrator::LangevinB: return scalar::LangevinB::afterForces(flow, settings.h);
-        case CustomRigidHIIntegrator::LangevinC: return scalar::LangevinC::afterForces(flow, settings.h);
-        case CustomRigidHIIntegrator::LangevinHI: return scalar::LangevinHI::afterForces(flow, settings.h);
-        case CustomRigidHIIntegrator::GradientThermostat:
-            return scalar::GradientThermostat::afterForces(flow, settings.h);
-        default: break;
-    }
-}
-
-}  // namespace
-
 LoopResult FreeParticles::beforeForces(const StepSettings& settings, PlatformLoops& loops, vector<Vec3>& positions,
                                        vector<Vec3>& velocities, double tolerance) {
     Flow flow(*this, settings, loops, positions, velocities, tolerance);
-    schemeBeforeForces(settings, flow);
+    scalar::withThermostat(settings.scheme, [&](auto scheme) { scheme.beforeForces(flow, settings.h); });
     return flow.result();
 }
 
 LoopResult FreeParticles::beforeFriction(const StepSettings& settings, PlatformLoops& loops, vector<Vec3>& positions,
                                          vector<Vec3>& velocities, double tolerance) {
     Flow flow(*this, settings, loops, positions, velocities, tolerance);
-    scalar::LangevinHI::beforeFriction(flow, settings.h);
+    scalar::withFluidThermostat(settings.scheme, [&](auto scheme) { scheme.beforeFriction(flow, settings.h); });
     return flow.result();
 }
 
 LoopResult FreeParticles::afterFriction(const StepSettings& settings, PlatformLoops& loops, vector<Vec3>& positions,
                                         vector<Vec3>& velocities, double tolerance) {
     Flow flow(*this, settings, loops, positions, velocities, tolerance);
-    scalar::LangevinHI::afterFriction(flow, settings.h);
+    scalar::withFluidThermostat(settings.scheme, [&](auto scheme) { scheme.afterFriction(flow, settings.h); });
     return flow.result();
 }
 
 LoopResult FreeParticles::afterForces(const StepSettings& settings, PlatformLoops& loops, vector<Vec3>& positions,
                                       vector<Vec3>& velocities, double tolerance) {
     Flow flow(*this, settings, loops, positions, velocities, tolerance);
-    schemeAfterForces(settings, flow);
+    scalar::withThermostat(settings.scheme, [&](auto scheme) { scheme.afterForces(flow, settings.h); });
     return flow.result();
 }
 

@@ -12,11 +12,7 @@
 #include <sstream>
 
 #include "engine/StateHash.h"
-#include "schemes/GradientThermostat-inl.h"
-#include "schemes/LangevinA-inl.h"
-#include "schemes/LangevinB-inl.h"
-#include "schemes/LangevinC-inl.h"
-#include "schemes/LangevinHI-inl.h"
+#include "schemes/Thermostats-inl.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -35,14 +31,7 @@ bool sameBits(const vector<Vec3>& a, const vector<Vec3>& b) {
 
 Thermostat schemeCoefficients(CustomRigidHIIntegrator::Scheme scheme, const BodyInertia& body, const HeatBath& bath,
                               double h) {
-    switch (scheme) {
-        case CustomRigidHIIntegrator::LangevinA: return scalar::LangevinA::coefficients(body, bath, h);
-        case CustomRigidHIIntegrator::LangevinB: return scalar::LangevinB::coefficients(body, bath, h);
-        case CustomRigidHIIntegrator::LangevinC: return scalar::LangevinC::coefficients(body, bath, h);
-        case CustomRigidHIIntegrator::LangevinHI: return scalar::LangevinHI::coefficients(body, bath, h);
-        default: break;
-    }
-    return scalar::GradientThermostat::coefficients(body, bath, h);
+    return scalar::withThermostat(scheme, [&](auto named) { return named.coefficients(body, bath, h); });
 }
 
 string number(double x) {
@@ -175,7 +164,7 @@ void RigidBodyKernel::buildBodies(const vector<BodyGeometry>& newGeometries) {
     }
     BodySet newBodies(newGeometries, particles, siteMasses, carriesForce);
     unique_ptr<Fluid> newFluid = makeFluid(newGeometries, newBodies);
-    if (fluid) newFluid->continueCounters(*fluid);
+    if (fluid) newFluid->continueFrom(*fluid);
     vector<BodyGeometry> present = newGeometries;
     const auto exchange = [&] {
         swap(geometries, present);
@@ -267,7 +256,7 @@ void RigidBodyKernel::updateSettings() {
     bath.kT = BOLTZ * integrator->getTemperature();
     bath.upsilon = integrator->getGradientRelaxationTime();
     bath.Upsilon = integrator->getGradientRotationalRelaxationTime();
-    const bool hydrodynamic = settings.scheme == CustomRigidHIIntegrator::LangevinHI;
+    const bool hydrodynamic = settings.traits().kind == SchemeKind::FluidThermostat;
     if (hydrodynamic) fluid->checkInertia(bodies);
     settings.kT = bath.kT;
     settings.difference = integrator->getFiniteDifferenceStep();
@@ -275,7 +264,7 @@ void RigidBodyKernel::updateSettings() {
     settingsVersion = integrator->getSettingsVersion();
     settingsStepSize = h;
     printWarnings();
-    if (isOverdamped(settings.scheme)) return;
+    if (settings.traits().isOverdamped()) return;
     for (auto& block : bodies.blocks) block.hasNoise = false;
     for (int b = 0; b < bodies.getNumBodies(); b++) {
         integrator->getBodyFriction(b, bath.gamma, bath.Gamma);
@@ -301,7 +290,8 @@ void RigidBodyKernel::printWarnings() {
 vector<string> RigidBodyKernel::warnings() const {
     vector<string> result;
     const double kT = BOLTZ * integrator->getTemperature(), h = integrator->getStepSize();
-    const bool langevinA = integrator->getScheme() == CustomRigidHIIntegrator::LangevinA;
+    const SchemeTraits& traits = traitsOf(integrator->getScheme());
+    const bool langevinA = traits.scheme == CustomRigidHIIntegrator::LangevinA;
     int unresolved = 0, firstUnresolved = -1;
     double worst = 0, largestGamma = integrator->getFriction(), largestRotational = integrator->getRotationalFriction();
     for (int b = 0; b < bodies.getNumBodies(); b++) {
@@ -315,12 +305,11 @@ vector<string> RigidBodyKernel::warnings() const {
         if (turn > resolutionLimit && unresolved++ == 0) firstUnresolved = b;
         worst = max(worst, turn);
     }
-    if (integrator->getScheme() == CustomRigidHIIntegrator::EulerMaruyama && kT > 0 && fluid &&
-        fluid->hasStochasticDrift())
-        result.push_back(
-            "EulerMaruyama omits the stochastic drift kT div N, which is not 0 here, and samples a wrong distribution; "
-            "use RandomFiniteDifference, FixmanMidpoint, TrapezoidalSlip or DriftCorrectorRFD");
-    if (unresolved > 0 && schemeHasMomenta(integrator->getScheme()))
+    if (traits.omitsDrift() && kT > 0 && fluid && fluid->hasStochasticDrift())
+        result.push_back(string(traits.name) +
+                         " omits the stochastic drift kT div N, which is not 0 here, and samples a wrong distribution; "
+                         "use RandomFiniteDifference, FixmanMidpoint, TrapezoidalSlip or DriftCorrectorRFD");
+    if (unresolved > 0 && traits.hasMomenta)
         result.push_back("the step of " + number(h) + " ps does not resolve the rotation of " + to_string(unresolved) +
                          " bodies, the first of them body " + to_string(firstUnresolved) +
                          " (h sqrt(kT I2 I3/I1) (1/I2 - 1/I3) is up to " + number(worst) + ", above " +
@@ -442,6 +431,7 @@ void RigidBodyKernel::takeInPositions() {
         membersNeedPuttingBack = true;
     }
     for (auto& bodyAndState : fitted) bodies.setState(bodyAndState.first, bodyAndState.second);
+    if (fluid) fluid->forgetMemory();
     lastPositions = positions();
     forcesAreValid = false;
     // The twist is what the particles' velocities say at the new pose.
@@ -615,8 +605,8 @@ void RigidBodyKernel::step(ContextImpl& context) {
     userChangedState = false;
     if (bodyForces.usesTime() && bodyForcesTime != data.time) forcesAreValid = false;
     if (forceChoice.changed(*system, integrator->getIntegrationForceGroups())) forcesAreValid = false;
-    if (isOverdamped(settings.scheme)) {
-        if (!forcesAreValid && overdampedScheme(settings.scheme).forcesAtStart) evaluateForces(context);
+    if (settings.traits().isOverdamped()) {
+        if (!forcesAreValid && overdampedScheme(settings.scheme).needsForces(0)) evaluateForces(context);
     } else if (!forcesAreValid)
         evaluateForces(context);
     else if (bodyForces.usesVelocities() && settings.forcesAreGathered) {
@@ -665,12 +655,13 @@ void RigidBodyKernel::advance(ContextImpl& context) {
     bodies.save(bodySnapshot);
     freeParticles->save(freeSnapshot, positions(), velocities());
     const auto putBack = [&] {
+        if (fluid) fluid->restoreMemory();
         bodies.restore(bodySnapshot);
         freeParticles->restore(freeSnapshot, positions(), velocities());
         writePoses(context);
     };
     try {
-        if (isOverdamped(settings.scheme))
+        if (settings.traits().isOverdamped())
             takeOverdampedStep(context);
         else
             for (string objection; !(objection = attemptStep(context)).empty();) {

@@ -113,7 +113,7 @@ private:
     void advance(OpenMM::ContextImpl& context);
     std::string attemptStep(OpenMM::ContextImpl& context);
     void takeOverdampedStep(OpenMM::ContextImpl& context);
-    bool goOverdamped(OverdampedPart part);
+    void runStage(int stage);
     void scatterOverdamped(OpenMM::ContextImpl& context);
     std::string objectionHalfAStepAhead(OpenMM::ContextImpl& context, double tolerance);
     void reportTooManyRejections(const std::string& objection, int attempts);

@@ -68,6 +68,7 @@ void RigidBodyKernel::setBodyPositions(ContextImpl& context, const vector<Vec3>&
         state.R = rows[b];
         bodies.setState(b, state);
     }
+    if (fluid) fluid->forgetMemory();
     writePoses(context);
     forcesAreValid = false;
 }
@@ -86,6 +87,7 @@ void RigidBodyKernel::setBodyOrientations(ContextImpl& context, const vector<Qua
         bodies.setState(b, state);
         bodies.setAngularVelocity_lab(b, omega_lab);
     }
+    if (fluid) fluid->forgetMemory();
     writePoses(context);
     forcesAreValid = false;
 }
@@ -129,26 +131,26 @@ double RigidBodyKernel::getPoseResidual(ContextImpl& context) {
 }
 
 double RigidBodyKernel::computeTranslationalKineticEnergy(ContextImpl& context) {
-    if (!schemeHasMomenta(integrator->getScheme()) || !positionsAreSet) return 0;
+    if (!traitsOf(integrator->getScheme()).hasMomenta || !positionsAreSet) return 0;
     takeInVelocitiesIfChanged(context);
     return bodies.translationalKineticEnergy();
 }
 
 Vec3 RigidBodyKernel::computeRotationalKineticEnergies(ContextImpl& context) {
-    if (!schemeHasMomenta(integrator->getScheme()) || !positionsAreSet) return Vec3();
+    if (!traitsOf(integrator->getScheme()).hasMomenta || !positionsAreSet) return Vec3();
     takeInVelocitiesIfChanged(context);
     return bodies.rotationalKineticEnergies();
 }
 
 double RigidBodyKernel::computeFreeParticleKineticEnergy(ContextImpl& context) {
-    if (!schemeHasMomenta(integrator->getScheme())) return 0;
+    if (!traitsOf(integrator->getScheme()).hasMomenta) return 0;
     return freeParticles->kineticEnergy(velocities());
 }
 
 map<string, int> RigidBodyKernel::getDegreesOfFreedom(ContextImpl& context) {
     map<string, int> dof = {{"translational", 0}, {"rotational1", 0}, {"rotational2", 0}, {"rotational3", 0},
                             {"free", 0},          {"removed", 0},     {"total", 0}};
-    if (!schemeHasMomenta(integrator->getScheme())) return dof;
+    if (!traitsOf(integrator->getScheme()).hasMomenta) return dof;
     requireGeometry(context);
     dof["translational"] = 3 * bodies.getNumBodies();
     for (int b = 0; b < bodies.getNumBodies(); b++)
@@ -163,7 +165,7 @@ map<string, int> RigidBodyKernel::getDegreesOfFreedom(ContextImpl& context) {
 
 map<string, string> RigidBodyKernel::getEffects(ContextImpl& context) {
     if (!bodiesAreBuilt && positionsAreSet) takeInChanges(context);
-    const bool momenta = schemeHasMomenta(integrator->getScheme());
+    const bool momenta = traitsOf(integrator->getScheme()).hasMomenta;
     const double T = integrator->getTemperature();
     double gamma = integrator->getFriction(), Gamma = 0, ownGamma, ownRotational;
     int general = 0, linear = 0, points = 0;
@@ -178,10 +180,10 @@ map<string, string> RigidBodyKernel::getEffects(ContextImpl& context) {
         }
     map<string, string> effects;
     auto set = [&](const string& name, bool on, const string& why) { effects[name] = (on ? "on: " : "off: ") + why; };
-    set("scheme", true, schemeName(integrator->getScheme()));
+    set("scheme", true, traitsOf(integrator->getScheme()).name);
     set("momenta", momenta, momenta ? "the scheme has them" : "a scheme without momenta");
-    const bool hydrodynamic = isHydrodynamic(integrator->getScheme()),
-               overdamped = isOverdamped(integrator->getScheme());
+    const bool hydrodynamic = traitsOf(integrator->getScheme()).needsFluid(),
+               overdamped = traitsOf(integrator->getScheme()).isOverdamped();
     const bool dissipates = !momenta || gamma > 0 || Gamma > 0 || hydrodynamic;
     set("noise", T > 0 && dissipates,
         T == 0       ? "the temperature is 0: no random numbers are drawn, no square roots taken"
@@ -204,7 +206,7 @@ map<string, string> RigidBodyKernel::getEffects(ContextImpl& context) {
     if (overdamped && fluid) {
         const double kT = BOLTZ * T;
         for (const auto& effect :
-             fluid->describeDrift(overdampedScheme(integrator->getScheme()), kT, integrator->getFiniteDifferenceStep()))
+             fluid->describeDrift(traitsOf(integrator->getScheme()), kT, integrator->getFiniteDifferenceStep()))
             effects.insert(effect);
     } else {
         set("stochastic drift", false,
@@ -334,12 +336,12 @@ void RigidBodyKernel::rebuildFluid() {
     unique_ptr<Fluid> before(move(fluid));
     try {
         fluid = makeFluid(geometries, bodies);
-        if (integrator->getScheme() == CustomRigidHIIntegrator::LangevinHI) fluid->checkInertia(bodies);
+        if (traitsOf(integrator->getScheme()).kind == SchemeKind::FluidThermostat) fluid->checkInertia(bodies);
     } catch (...) {
         fluid = move(before);
         throw;
     }
-    fluid->continueCounters(*before);
+    fluid->continueFrom(*before);
     settingsVersion = -1;
 }
 
@@ -407,7 +409,7 @@ vector<Vec3> RigidBodyKernel::drawVelocities(ContextImpl& context, double temper
     NoiseStream noise;
     noise.seed = drawSeed;
     const double kT = BOLTZ * temperature;
-    const bool momenta = schemeHasMomenta(integrator->getScheme());
+    const bool momenta = traitsOf(integrator->getScheme()).hasMomenta;
     if (!momenta) return drawnVelocities;
     for (int b = 0; b < bodies.getNumBodies(); b++) {
         double z[6];

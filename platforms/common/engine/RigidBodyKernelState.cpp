@@ -57,6 +57,7 @@ SavedState RigidBodyKernel::collectState(ContextImpl& context) {
         body.stored = bodies.getStoredState(b);
         saved.bodies.push_back(body);
     }
+    if (fluid) saved.memory = fluid->getMemory();
     return saved;
 }
 
@@ -123,6 +124,7 @@ void RigidBodyKernel::adoptState(const SavedState& saved) {
             bodies.setState(b, state);
             bodies.setAngularVelocity_lab(b, saved.bodies[b].omega_lab);
         }
+        if (fluid) fluid->setMemory(saved.memory, integrator->getScheme());
         compareByHash = true;
         loaded.reset(new SavedState(saved));
         bodiesOfOtherDefinition = others;

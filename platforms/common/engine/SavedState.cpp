@@ -129,6 +129,18 @@ public:
         at += sizeof value;
         return value;
     }
+    /** A count that the rest of the bytes can hold, so that a damaged one cannot ask for all the memory. */
+    int count() {
+        const int32_t n = get<int32_t>();
+        if (n < 0 || static_cast<size_t>(n) > bytes.size() - at)
+            fail("the checkpoint is corrupt: it says that " + to_string(n) + " items follow; use another checkpoint");
+        return n;
+    }
+    string characters(int n) {
+        string result = bytes.substr(at, n);
+        at += n;
+        return result;
+    }
     void end() const {
         if (at != bytes.size())
             fail("the checkpoint is corrupt: there are " + to_string(bytes.size() - at) +
@@ -139,6 +151,56 @@ private:
     const string& bytes;
     size_t at = 0;
 };
+
+SchemeMemory readMemory(ByteReader& reader) {
+    SchemeMemory memory;
+    memory.scheme = reader.characters(reader.count());
+    memory.groups.resize(reader.count());
+    for (auto& group : memory.groups) {
+        group.resize(reader.count());
+        for (Eigen::MatrixXd& vectors : group) {
+            const int rows = reader.count(), columns = reader.count();
+            vector<double> values;
+            for (int64_t i = 0; i < int64_t(rows) * columns; i++) values.push_back(reader.get<double>());
+            vectors = Eigen::Map<Eigen::MatrixXd>(values.data(), rows, columns);
+        }
+    }
+    return memory;
+}
+
+void writeMemory(SerializationNode& root, const SchemeMemory& memory) {
+    if (memory.groups.empty()) return;
+    SerializationNode& node = root.createChildNode("SchemeMemory");
+    node.setStringProperty("scheme", memory.scheme);
+    for (const auto& group : memory.groups) {
+        SerializationNode& list = node.createChildNode("Group");
+        for (const Eigen::MatrixXd& vectors : group) {
+            SerializationNode& values = list.createChildNode("Vectors");
+            values.setIntProperty("rows", vectors.rows()).setIntProperty("columns", vectors.cols());
+            for (int i = 0; i < vectors.size(); i++)
+                values.createChildNode("Value").setDoubleProperty("value", vectors.data()[i]);
+        }
+    }
+}
+
+SchemeMemory readMemory(const StrictNode& node) {
+    SchemeMemory memory;
+    memory.scheme = node.text("scheme");
+    for (const SerializationNode& list : node.children()) {
+        memory.groups.emplace_back();
+        for (const SerializationNode& child : list.getChildren()) {
+            const StrictNode vectors(child, "State");
+            const int rows = vectors.integer("rows"), columns = vectors.integer("columns");
+            vector<double> values;
+            for (const SerializationNode& value : child.getChildren())
+                values.push_back(StrictNode(value, "State").number("value"));
+            if (rows < 0 || columns < 0 || int64_t(rows) * columns != (int64_t)values.size())
+                vectors.wrongValue("rows", "the number of values over that of columns");
+            memory.groups.back().push_back(Eigen::Map<Eigen::MatrixXd>(values.data(), rows, columns));
+        }
+    }
+    return memory;
+}
 
 Vec3 readVector(const StrictNode& node, const string& prefix) {
     return Vec3(node.number(prefix + axisNames[0]), node.number(prefix + axisNames[1]),
@@ -179,6 +241,8 @@ SavedState readNode(const StrictNode& root, int fileVersion) {
     saved.velocitiesHash = root.integer<uint64_t>("velocitiesHash");
     for (const SerializationNode& body : root.child("Bodies").children())
         saved.bodies.push_back(readBody(StrictNode(body, "State"), fileVersion));
+    for (const SerializationNode& child : root.children())
+        if (child.getName() == "SchemeMemory") saved.memory = readMemory(StrictNode(child, "State"));
     return saved;
 }
 
@@ -209,6 +273,17 @@ void SavedState::write(ostream& checkpoint) const {
         put(bytes, body.geometry.moments);
         put(bytes, (int32_t)body.geometry.sites.size());
         for (const Vec3& site : body.geometry.sites) put(bytes, site);
+    }
+    put(bytes, (int32_t)memory.scheme.size());
+    bytes += memory.scheme;
+    put(bytes, (int32_t)memory.groups.size());
+    for (const auto& group : memory.groups) {
+        put(bytes, (int32_t)group.size());
+        for (const Eigen::MatrixXd& vectors : group) {
+            put(bytes, (int32_t)vectors.rows());
+            put(bytes, (int32_t)vectors.cols());
+            for (int i = 0; i < vectors.size(); i++) put(bytes, vectors.data()[i]);
+        }
     }
     checkpoint.write(checkpointMark, sizeof checkpointMark);
     checkpoint.put(static_cast<char>('0' + version));
@@ -266,6 +341,7 @@ SavedState SavedState::read(istream& checkpoint) {
         for (int i = 0; i < sites; i++) body.geometry.sites.push_back(reader.get<Vec3>());
         saved.bodies.push_back(body);
     }
+    saved.memory = readMemory(reader);
     reader.end();
     check(saved);
     checkUserStates(saved);
@@ -297,6 +373,7 @@ void SavedState::write(SerializationNode& node) const {
         for (int k = 0; k < 6; k++) exact.setDoubleProperty(momentumNames[k], saved.stored[7 + k]);
         for (const Vec3& site : g.sites) writeVector(body.createChildNode("Site"), "", site);
     }
+    writeMemory(root, memory);
 }
 
 SavedState SavedState::read(const SerializationNode& node) {

@@ -4,9 +4,11 @@
 #include <openmm/Vec3.h>
 #include <openmm/serialization/SerializationNode.h>
 
+#include <Eigen/Core>
 #include <array>
 #include <cstdint>
 #include <iosfwd>
+#include <string>
 #include <vector>
 
 #include "rigidbody/BodyGeometry.h"
@@ -23,6 +25,12 @@ struct SavedBody {
     std::array<double, 13> stored = {};
 };
 
+/** What a scheme without momenta keeps between steps, for each group of bodies (OverdampedScheme::memory()). */
+struct SchemeMemory {
+    std::string scheme;  // its name
+    std::vector<std::vector<Eigen::MatrixXd> > groups;
+};
+
 /** What makes a resumed run the same as the uninterrupted one, as checkpoints and States hold it. */
 struct SavedState {
     uint32_t seed = 0;
@@ -30,6 +38,7 @@ struct SavedState {
     bool hasBodies = false;  // positions were set, so the following is filled
     uint64_t positionsHash = 0, velocitiesHash = 0;
     std::vector<SavedBody> bodies;
+    SchemeMemory memory;  // mostly empty
 
     /** Version 2. Readers take a number for a number only, and throw an OpenMMException for what cannot be the state of bodies. */
     void write(std::ostream& checkpoint) const;

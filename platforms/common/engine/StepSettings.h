@@ -1,22 +1,10 @@
 #ifndef RIGIDHI_STEP_SETTINGS_H_
 #define RIGIDHI_STEP_SETTINGS_H_
 
-#include "openmmrigidhi/CustomRigidHIIntegrator.h"
+#include "openmmrigidhi/SchemeTraits.h"
 #include "random/CounterNoise.h"
 
 namespace RigidHIPlugin {
-
-/** Without momenta, in a fluid; schemes/OverdampedMove.h. */
-inline bool isOverdamped(CustomRigidHIIntegrator::Scheme scheme) {
-    return scheme >= CustomRigidHIIntegrator::EulerMaruyama;
-}
-inline bool schemeHasMomenta(CustomRigidHIIntegrator::Scheme scheme) {
-    return scheme != CustomRigidHIIntegrator::GradientThermostat && !isOverdamped(scheme);
-}
-/** Whether a scheme needs a MobilityForce. */
-inline bool isHydrodynamic(CustomRigidHIIntegrator::Scheme scheme) {
-    return scheme == CustomRigidHIIntegrator::LangevinHI || isOverdamped(scheme);
-}
 
 /** What the loops over bodies need to know about one step. */
 struct StepSettings {
@@ -27,7 +15,8 @@ struct StepSettings {
     NoiseStream noise;
     bool forcesAreGathered = false;  // before AfterForces, with what CustomBodyForces add
     double difference = 0;           // setFiniteDifferenceStep()
-    bool hasMomenta() const { return schemeHasMomenta(scheme); }
+    const SchemeTraits& traits() const { return traitsOf(scheme); }
+    bool hasMomenta() const { return traits().hasMomenta; }
 };
 
 /** The Context's arrays, three doubles a particle, and the copies of what this plugin wrote to them last. */

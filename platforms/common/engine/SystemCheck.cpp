@@ -15,7 +15,6 @@
 #include "engine/StepSettings.h"
 #include "mobility/Models.h"
 #include "openmmrigidhi/MobilityForce.h"
-#include "schemes/OverdampedSchemes.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -77,17 +76,6 @@ bool seenByFluid(const SystemInventory& stock, int particle) {
 }
 
 }  // namespace
-
-string schemeName(CustomRigidHIIntegrator::Scheme scheme) {
-    switch (scheme) {
-        case CustomRigidHIIntegrator::LangevinA: return "LangevinA";
-        case CustomRigidHIIntegrator::LangevinB: return "LangevinB";
-        case CustomRigidHIIntegrator::LangevinC: return "LangevinC";
-        case CustomRigidHIIntegrator::GradientThermostat: return "GradientThermostat";
-        case CustomRigidHIIntegrator::LangevinHI: return "LangevinHI";
-        default: return overdampedScheme(scheme).name;
-    }
-}
 
 SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegrator& integrator) {
     const System& system = context.getSystem();
@@ -227,20 +215,21 @@ static void checkNoMomenta(const SystemInventory& stock, const string& name, con
 
 void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator, const SystemInventory& stock) {
     const CustomRigidHIIntegrator::Scheme scheme = integrator.getScheme();
-    const string name = schemeName(scheme);
-    const bool hydrodynamic = isHydrodynamic(scheme);
+    const SchemeTraits& traits = traitsOf(scheme);
+    const string name = traits.name;
+    const bool hydrodynamic = traits.needsFluid();
     if (hydrodynamic && stock.numMobilityForces != 1)
         refuse("the System has " + to_string(stock.numMobilityForces) + " MobilityForces, but scheme " + name +
                " needs exactly one; add a MobilityForce to the System, or keep only one");
     if (!hydrodynamic && stock.numMobilityForces > 0)
         refuse("the System has a MobilityForce, which scheme " + name +
                " would ignore; use LangevinHI or a scheme without momenta, or remove the MobilityForce");
-    if (isOverdamped(scheme))
+    if (traits.isOverdamped())
         checkOverdamped(stock, name);
     else
         checkMasses(system, integrator, stock, name);
-    if (!schemeHasMomenta(scheme)) checkNoMomenta(stock, name, hydrodynamic ? "LangevinHI" : "LangevinC");
-    if (scheme == CustomRigidHIIntegrator::LangevinHI) {
+    if (!traits.hasMomenta) checkNoMomenta(stock, name, hydrodynamic ? "LangevinHI" : "LangevinC");
+    if (traits.kind == SchemeKind::FluidThermostat) {
         if (stock.hasCMMotionRemover)
             refuse(
                 "the System has a CMMotionRemover, but with scheme " + name +

@@ -39,9 +39,6 @@ void checkScheme(const OpenMM::System& system, const CustomRigidHIIntegrator& in
 /** Check that a MobilityForce's model has its boundary, and that its options and the integrator's go together. */
 void checkBoundary(const class MobilityForce& force, const CustomRigidHIIntegrator& integrator);
 
-/** The name of a scheme, as in Python. */
-std::string schemeName(CustomRigidHIIntegrator::Scheme scheme);
-
 }  // namespace RigidHIPlugin
 
 #endif

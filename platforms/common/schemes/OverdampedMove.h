@@ -17,14 +17,10 @@ struct OverdampedStep {
     NoiseStream noise;
 };
 
-/** What a scheme takes finite differences of: of what comes from iterations, they magnify the errors. */
-enum class Differenced { Nothing, Products, Solves, Roots };
-
 /**
  * One group of bodies on its way through a step without momenta: the moves that schemes are made of.
  *
- * A scheme is a struct with `predict`, from the poses Q^n to those where forces are evaluated next (or to the end), and
- * `correct`, the rest. Vectors are columns of a MatrixXd: wrenches (force, torque about the origin) and twists (V, W) have six rows a
+ * Schemes (OverdampedScheme.h) are written in these. Vectors are columns of a MatrixXd: wrenches (force, torque about the origin) and twists (V, W) have six rows a
  * body and three a free particle, lab frame. Orientations move by rotations only: q <- exp(W t/2) q (Delong 2015, eq. 13).
  */
 class OverdampedMove {
@@ -51,12 +47,6 @@ public:
     double h = 0, kT = 0;
     /** Forces and torques where they were evaluated last. */
     Vectors force;
-    /** Vectors for schemes to keep between and within their parts. */
-    Vectors total, U, U_start, U_random, noise, noise2, slip, difference, forceDifference, drift;
-    Vectors both, U_both, slips_both;  // two columns
-    double scale = 1;
-    std::vector<Pose> displaced;
-
     /** U = N F, or with slips N (F + K^T M^-1 s), at the present poses. */
     void solve(const Vectors& wrenches, Vectors& twists) { problem.solve(wrenches, twists); }
     void solve(const Vectors& wrenches, const Vectors& slips, Vectors& twists) {

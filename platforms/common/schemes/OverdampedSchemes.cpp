@@ -1,37 +1,32 @@
 #include "schemes/OverdampedSchemes.h"
 
-#include "schemes/DriftCorrector.h"
-#include "schemes/EulerMaruyama.h"
-#include "schemes/FixmanMidpoint.h"
-#include "schemes/RandomFiniteDifference.h"
-#include "schemes/TractionEulerMaruyama.h"
-#include "schemes/TrapezoidalSlip.h"
+#include "schemes/AllOverdamped.h"
+
+using namespace std;
 
 namespace RigidHIPlugin {
 
 namespace {
 
 template <class Scheme>
-OverdampedScheme entry(const char* name) {
-    OverdampedScheme scheme = {
-        name,    Scheme::drift,    Scheme::differenced, Scheme::forcesAtStart, Scheme::forcesInBetween,
-        nullptr, &Scheme::predict, &Scheme::correct};
-    if constexpr (Scheme::forcesInBetween) scheme.timeOfForces = &Scheme::timeOfForces;
-    return scheme;
+OverdampedEntry entry() {
+    return {vector<double>(Scheme::forcesAt.begin(), Scheme::forcesAt.end()),
+            []() { return unique_ptr<OverdampedScheme>(new Scheme()); }};
 }
 
 }  // namespace
 
-const OverdampedScheme& overdampedScheme(CustomRigidHIIntegrator::Scheme scheme) {
-    // In the order of CustomRigidHIIntegrator::Scheme.
-    static const OverdampedScheme schemes[] = {entry<EulerMaruyama>("EulerMaruyama"),
-                                               entry<FixmanMidpoint>("FixmanMidpoint"),
-                                               entry<RandomFiniteDifference>("RandomFiniteDifference"),
-                                               entry<TractionEulerMaruyama>("TractionEulerMaruyama"),
-                                               entry<TrapezoidalSlip>("TrapezoidalSlip"),
-                                               entry<DriftCorrectorFD>("DriftCorrectorFD"),
-                                               entry<DriftCorrectorRFD>("DriftCorrectorRFD")};
-    return schemes[scheme - CustomRigidHIIntegrator::EulerMaruyama];
+const OverdampedEntry& overdampedScheme(CustomRigidHIIntegrator::Scheme scheme) {
+    // By number; others have an empty entry.
+    static const OverdampedEntry entries[] = {
+#define RIGIDHI_ENTRY_Thermostat(name) OverdampedEntry()
+#define RIGIDHI_ENTRY_FluidThermostat(name) OverdampedEntry()
+#define RIGIDHI_ENTRY_Overdamped(name) entry<name>()
+#define RIGIDHI_ROW(name, kind, ...) RIGIDHI_ENTRY_##kind(name),
+        RIGIDHI_SCHEMES(RIGIDHI_ROW)
+#undef RIGIDHI_ROW
+    };
+    return entries[scheme];
 }
 
 }  // namespace RigidHIPlugin

@@ -1,28 +1,25 @@
 #ifndef RIGIDHI_OVERDAMPED_SCHEMES_H_
 #define RIGIDHI_OVERDAMPED_SCHEMES_H_
 
-#include "openmmrigidhi/CustomRigidHIIntegrator.h"
-#include "schemes/OverdampedMove.h"
+#include <memory>
+#include <vector>
+
+#include "openmmrigidhi/SchemeTraits.h"
+#include "schemes/OverdampedScheme.h"
 
 namespace RigidHIPlugin {
 
-/** A scheme without momenta, as the engine sees it. Each is written down in a file of its own, in this folder. */
-struct OverdampedScheme {
-    const char* name;
-    /** How it makes the stochastic drift, for describeEffects(); empty: it omits it. */
-    const char* drift;
-    /** What it takes finite differences of, where the divergence of the mobility is not known. */
-    Differenced differenced;
-    /** Whether predict() needs forces at the start of the step, and correct() forces in between. */
-    bool forcesAtStart, forcesInBetween;
-    /** Forces in between are taken at the time t + this. */
-    double (*timeOfForces)(double h);
-    void (*predict)(OverdampedMove&);
-    void (*correct)(OverdampedMove&);
+/** How the engine runs a scheme of the kind Overdamped. */
+struct OverdampedEntry {
+    std::vector<double> forcesAt;  // OverdampedScheme
+    std::unique_ptr<OverdampedScheme> (*make)();
+
+    int numStages() const { return forcesAt.size(); }
+    bool needsForces(int stage) const { return forcesAt[stage] >= 0; }
 };
 
-/** The entry of a scheme that isOverdamped(). */
-const OverdampedScheme& overdampedScheme(CustomRigidHIIntegrator::Scheme scheme);
+/** The entry of a scheme of the kind Overdamped: all files of schemes/overdamped, found by CMake. */
+const OverdampedEntry& overdampedScheme(CustomRigidHIIntegrator::Scheme scheme);
 
 }  // namespace RigidHIPlugin
 

@@ -1,6 +1,6 @@
 // Langevin C.
 //
-// Equation:  as Langevin A (schemes/LangevinA-inl.h).
+// Equation:  as Langevin A (schemes/thermostats/LangevinA-inl.h).
 // Method:    half a step of the Hamiltonian system, a step of the exact Ornstein-Uhlenbeck process, half a step of the
 //            Hamiltonian system again ("BAOAB").
 // Order:     weak 2; configurational averages are the most accurate of the three.   Cost: one force evaluation a step.

@@ -12,30 +12,32 @@
 #ifndef RIGIDHI_RANDOM_FINITE_DIFFERENCE_H_
 #define RIGIDHI_RANDOM_FINITE_DIFFERENCE_H_
 
-#include "schemes/EulerMaruyama.h"
+#include "schemes/overdamped/EulerMaruyama.h"
 
 namespace RigidHIPlugin {
 
-struct RandomFiniteDifference {
-    static constexpr const char* drift = "by a random finite difference of the mobility";
-    static constexpr Differenced differenced = Differenced::Solves;
-    static constexpr bool forcesAtStart = true, forcesInBetween = false;
-    static void predict(OverdampedMove& m) {
-        if (!EulerMaruyama::findVelocity(m)) {
+class RandomFiniteDifference : public EulerMaruyama {
+public:
+    void run(int, OverdampedMove& m) override {
+        if (!findVelocity(m)) {
             m.drawDirections();
-            m.both.resize(m.getNumRows(), 2);
-            m.both << m.total, m.directions;
-            m.solve(m.both, m.U_both);
+            both.resize(m.getNumRows(), 2);
+            both << total, m.directions;
+            m.solve(both, U_both);
             double delta = m.differenceStep();
-            m.displace(delta, m.displaced);
-            m.at(m.displaced);
-            m.solve(m.directions, m.difference);
-            m.difference -= m.U_both.col(1);
-            m.U = m.U_both.col(0) + (m.kT / delta) * m.difference;
+            m.displace(delta, displaced);
+            m.at(displaced);
+            m.solve(m.directions, difference);
+            difference -= U_both.col(1);
+            U = U_both.col(0) + (m.kT / delta) * difference;
         }
-        m.goFromStart(m.h, m.U);
+        m.goFromStart(m.h, U);
     }
-    static void correct(OverdampedMove&) {}
+
+private:
+    Vectors both, U_both;  // two columns
+    Vectors difference;
+    std::vector<Pose> displaced;
 };
 
 }  // namespace RigidHIPlugin

@@ -12,34 +12,39 @@
 #ifndef RIGIDHI_FIXMAN_MIDPOINT_H_
 #define RIGIDHI_FIXMAN_MIDPOINT_H_
 
-#include "schemes/OverdampedMove.h"
+#include <array>
+#include <cmath>
+
+#include "schemes/OverdampedScheme.h"
 
 namespace RigidHIPlugin {
 
-struct FixmanMidpoint {
-    static constexpr const char* drift = "by the mobility at the mid-point";
-    static constexpr Differenced differenced = Differenced::Nothing;
-    static constexpr bool forcesAtStart = true, forcesInBetween = true;
-    static double timeOfForces(double h) { return h / 2; }
-    static void predict(OverdampedMove& m) {
+class FixmanMidpoint : public OverdampedScheme {
+public:
+    static constexpr std::array<double, 2> forcesAt = {0, 0.5};
+    void run(int stage, OverdampedMove& m) override { stage == 0 ? predict(m) : correct(m); }
+
+private:
+    void predict(OverdampedMove& m) {
         m.atStart();
-        m.total = m.force;
+        total = m.force;
         if (m.kT > 0) {
-            m.thermalWrench(OverdampedMove::First, m.noise);
-            m.total += std::sqrt(4 * m.kT / m.h) * m.noise;
-            m.thermalWrench(OverdampedMove::Second, m.noise2);
-            m.noise += m.noise2;
+            m.thermalWrench(OverdampedMove::First, noise);
+            total += std::sqrt(4 * m.kT / m.h) * noise;
+            m.thermalWrench(OverdampedMove::Second, noise2);
+            noise += noise2;
         }
-        m.solve(m.total, m.U);
-        m.goFromStart(m.h / 2, m.U);
+        m.solve(total, U);
+        m.goFromStart(m.h / 2, U);
     }
-    static void correct(OverdampedMove& m) {
+    void correct(OverdampedMove& m) {
         m.atPresent();
-        m.total = m.force;
-        if (m.kT > 0) m.total += std::sqrt(m.kT / m.h) * m.noise;
-        m.solve(m.total, m.U);
-        m.goFromStart(m.h, m.U);
+        total = m.force;
+        if (m.kT > 0) total += std::sqrt(m.kT / m.h) * noise;
+        m.solve(total, U);
+        m.goFromStart(m.h, U);
     }
+    Vectors total, noise, noise2, U;
 };
 
 }  // namespace RigidHIPlugin

@@ -14,28 +14,28 @@
 #ifndef RIGIDHI_TRACTION_EULER_MARUYAMA_H_
 #define RIGIDHI_TRACTION_EULER_MARUYAMA_H_
 
-#include "schemes/EulerMaruyama.h"
+#include "schemes/overdamped/EulerMaruyama.h"
 
 namespace RigidHIPlugin {
 
-struct TractionEulerMaruyama {
-    static constexpr const char* drift = "by random finite differences along which blob forces are kept";
-    static constexpr Differenced differenced = Differenced::Products;
-    static constexpr bool forcesAtStart = true, forcesInBetween = false;
-    static void predict(OverdampedMove& m) {
-        if (!EulerMaruyama::findVelocity(m)) {
+class TractionEulerMaruyama : public EulerMaruyama {
+public:
+    void run(int, OverdampedMove& m) override {
+        if (!findVelocity(m)) {
             m.drawDirections();
-            m.solve(m.directions, m.U_random);
-            m.drawTractions(m.forceDifference, m.slip);
-            m.rigidSlipDifference(m.U_random, m.difference);
-            m.slip -= m.difference;
-            m.total += m.kT * m.forceDifference;
-            m.slip *= m.kT;
-            m.solve(m.total, m.slip, m.U);
+            m.solve(m.directions, U_random);
+            m.drawTractions(forceDifference, slip);
+            m.rigidSlipDifference(U_random, difference);
+            slip -= difference;
+            total += m.kT * forceDifference;
+            slip *= m.kT;
+            m.solve(total, slip, U);
         }
-        m.goFromStart(m.h, m.U);
+        m.goFromStart(m.h, U);
     }
-    static void correct(OverdampedMove&) {}
+
+private:
+    Vectors U_random, forceDifference, slip, difference;
 };
 
 }  // namespace RigidHIPlugin

@@ -14,57 +14,62 @@
 #ifndef RIGIDHI_TRAPEZOIDAL_SLIP_H_
 #define RIGIDHI_TRAPEZOIDAL_SLIP_H_
 
-#include "schemes/OverdampedMove.h"
+#include <array>
+#include <cmath>
+
+#include "schemes/OverdampedScheme.h"
 
 namespace RigidHIPlugin {
 
-struct TrapezoidalSlip {
-    static constexpr const char* drift =
-        "by random finite differences along which blob forces are kept, and the mobility at the end of the step";
-    static constexpr Differenced differenced = Differenced::Products;
-    static constexpr bool forcesAtStart = true, forcesInBetween = true;
-    static double timeOfForces(double h) { return h; }
-    static void predict(OverdampedMove& m) {
+class TrapezoidalSlip : public OverdampedScheme {
+public:
+    static constexpr std::array<double, 2> forcesAt = {0, 1};
+    void run(int stage, OverdampedMove& m) override { stage == 0 ? predict(m) : correct(m); }
+
+private:
+    void predict(OverdampedMove& m) {
         m.atStart();
         if (m.kT == 0) {
-            m.solve(m.force, m.U_start);
+            m.solve(m.force, U_start);
         } else {
             m.drawForSlips(OverdampedMove::First);
-            m.thermalSlip(m.slip);
-            m.slip *= std::sqrt(2 * m.kT / m.h);
+            m.thermalSlip(slip);
+            slip *= std::sqrt(2 * m.kT / m.h);
             if (m.driftIsKnown()) {
-                m.solve(m.force, m.slip, m.U_start);
-                m.drift.setZero(m.getNumRows(), 1);
-                m.addKnownDrift(m.kT, m.drift);
+                m.solve(m.force, slip, U_start);
+                drift.setZero(m.getNumRows(), 1);
+                m.addKnownDrift(m.kT, drift);
             } else {
                 // The solves for F + s and for the random wrench in one.
                 m.drawDirections();
-                m.both.resize(m.getNumRows(), 2);
-                m.both << m.directions, m.force;
-                m.slips_both.setZero(m.slip.rows(), 2);
-                m.slips_both.col(1) = m.slip;
-                m.solve(m.both, m.slips_both, m.U_both);
-                m.U_start = m.U_both.col(1);
-                m.drawTractions(m.forceDifference, m.difference);
-                m.slip += 2 * m.kT * m.difference;
+                both.resize(m.getNumRows(), 2);
+                both << m.directions, m.force;
+                slips_both.setZero(slip.rows(), 2);
+                slips_both.col(1) = slip;
+                m.solve(both, slips_both, U_both);
+                U_start = U_both.col(1);
+                m.drawTractions(forceDifference, difference);
+                slip += 2 * m.kT * difference;
             }
         }
-        m.goFromStart(m.h, m.U_start);
+        m.goFromStart(m.h, U_start);
     }
-    static void correct(OverdampedMove& m) {
+    void correct(OverdampedMove& m) {
         m.atPresent();
         if (m.kT == 0) {
-            m.solve(m.force, m.U);
+            m.solve(m.force, U);
         } else if (m.driftIsKnown()) {
-            m.solve(m.force, m.slip, m.U);
-            m.U += 2 * m.drift;
+            m.solve(m.force, slip, U);
+            U += 2 * drift;
         } else {
-            m.total = m.force + 2 * m.kT * m.forceDifference;
-            m.solve(m.total, m.slip, m.U);
+            total = m.force + 2 * m.kT * forceDifference;
+            m.solve(total, slip, U);
         }
-        m.U = (0.5 * (m.U + m.U_start)).eval();
-        m.goFromStart(m.h, m.U);
+        U = (0.5 * (U + U_start)).eval();
+        m.goFromStart(m.h, U);
     }
+    Vectors total, U, U_start, slip, difference, forceDifference, drift;
+    Vectors both, U_both, slips_both;  // two columns
 };
 
 }  // namespace RigidHIPlugin

@@ -16,70 +16,77 @@
 #ifndef RIGIDHI_DRIFT_CORRECTOR_H_
 #define RIGIDHI_DRIFT_CORRECTOR_H_
 
-#include "schemes/OverdampedMove.h"
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include "schemes/OverdampedScheme.h"
 
 namespace RigidHIPlugin {
 
 template <bool randomDifferences>
-struct DriftCorrector {
-    static constexpr const char* drift = "by the mobility at the mid-point and the divergence of slips";
-    static constexpr Differenced differenced = Differenced::Roots;
-    static constexpr bool forcesAtStart = false, forcesInBetween = true;
-    static double timeOfForces(double h) { return h / 2; }
-    static void predict(OverdampedMove& m) {
-        m.scale = 1;  // nu
+class DriftCorrector : public OverdampedScheme {
+public:
+    static constexpr std::array<double, 2> forcesAt = {noForces, 0.5};
+    void run(int stage, OverdampedMove& m) override { stage == 0 ? predict(m) : correct(m); }
+
+private:
+    void predict(OverdampedMove& m) {
+        scale = 1;  // nu
         if (m.kT == 0) {
-            m.U.setZero(m.getNumRows(), 1);
+            U.setZero(m.getNumRows(), 1);
         } else {
             m.drawForSlips(OverdampedMove::First);
             m.atStart();
-            velocities(m, m.U);
+            velocities(m, U);
             // Known: for one body in a uniform fluid V~ turns with it and div V~ = 0; spheres without drift keep V~ in correct().
-            if (!m.driftIsKnown()) m.scale += 0.5 * m.h * divergence(m);
+            if (!m.driftIsKnown()) scale += 0.5 * m.h * divergence(m);
         }
-        m.goFromStart(m.h / 2, m.U);
+        m.goFromStart(m.h / 2, U);
     }
-    static void correct(OverdampedMove& m) {
+    void correct(OverdampedMove& m) {
         m.atPresent();
         if (m.kT == 0)
-            m.solve(m.force, m.U);
+            m.solve(m.force, U);
         else {
             if (!m.driftIsZero()) {
-                m.thermalSlip(m.slip);
-                m.slip *= std::sqrt(2 * m.kT / m.h);
+                m.thermalSlip(slip);
+                slip *= std::sqrt(2 * m.kT / m.h);
             }
-            m.solve(m.force, m.slip, m.U);
+            m.solve(m.force, slip, U);
         }
-        m.goFromStart(m.scale * m.h, m.U);
+        m.goFromStart(scale * m.h, U);
     }
 
-private:
     /** V~ at the poses where m is. */
-    static void velocities(OverdampedMove& m, OverdampedMove::Vectors& twists) {
-        m.thermalSlip(m.slip);
-        m.slip *= std::sqrt(2 * m.kT / m.h);
-        m.nearestTwists(m.slip, twists);
+    void velocities(OverdampedMove& m, Vectors& twists) {
+        m.thermalSlip(slip);
+        slip *= std::sqrt(2 * m.kT / m.h);
+        m.nearestTwists(slip, twists);
     }
-    static double divergence(OverdampedMove& m) {
+    double divergence(OverdampedMove& m) {
         double delta = m.differenceStep();
         if (randomDifferences) {
             m.drawDirections();
-            m.displace(delta, m.displaced);
-            m.at(m.displaced);
-            velocities(m, m.difference);
-            m.difference -= m.U;
-            return m.directions.col(0).dot(m.difference.col(0)) / delta;
+            m.displace(delta, displaced);
+            m.at(displaced);
+            velocities(m, difference);
+            difference -= U;
+            return m.directions.col(0).dot(difference.col(0)) / delta;
         }
         double sum = 0;
         for (int i = 0; i < m.getNumRows(); i++) {
             double step = delta;
-            m.displaceAlong(i, step, m.displaced);
-            m.at(m.displaced);
-            velocities(m, m.difference);
-            sum += (m.difference(i, 0) - m.U(i, 0)) / (step * m.lengthOfRow(i));
+            m.displaceAlong(i, step, displaced);
+            m.at(displaced);
+            velocities(m, difference);
+            sum += (difference(i, 0) - U(i, 0)) / (step * m.lengthOfRow(i));
         }
         return sum;
     }
+    Vectors U, slip, difference;
+    std::vector<Pose> displaced;
+    double scale = 1;  // nu
 };
 
 typedef DriftCorrector<false> DriftCorrectorFD;

@@ -9,40 +9,44 @@
 #ifndef RIGIDHI_EULER_MARUYAMA_H_
 #define RIGIDHI_EULER_MARUYAMA_H_
 
-#include "schemes/OverdampedMove.h"
+#include <array>
+#include <cmath>
+
+#include "schemes/OverdampedScheme.h"
 
 namespace RigidHIPlugin {
 
-struct EulerMaruyama {
-    static constexpr const char* drift = "";
-    static constexpr Differenced differenced = Differenced::Nothing;
-    static constexpr bool forcesAtStart = true, forcesInBetween = false;
+class EulerMaruyama : public OverdampedScheme {
+public:
+    static constexpr std::array<double, 1> forcesAt = {0};
+    void run(int, OverdampedMove& m) override {
+        m.atStart();
+        sumUpWrenches(m);
+        m.solve(total, U);
+        m.goFromStart(m.h, U);
+    }
+
+protected:
     /** total = F + sqrt(2 kT/h) N^(-1/2) W: N total is the velocity without drift. */
-    static void sumUpWrenches(OverdampedMove& m) {
-        m.total = m.force;
+    void sumUpWrenches(OverdampedMove& m) {
+        total = m.force;
         if (m.kT == 0) return;
-        m.thermalWrench(OverdampedMove::First, m.noise);
-        m.total += std::sqrt(2 * m.kT / m.h) * m.noise;
+        m.thermalWrench(OverdampedMove::First, noise);
+        total += std::sqrt(2 * m.kT / m.h) * noise;
     }
     /**
      * U = N total + kT div N at the start, where the drift is known without differences.
      * @return whether it is: if not, `total` is ready, and nothing else is done
      */
-    static bool findVelocity(OverdampedMove& m) {
+    bool findVelocity(OverdampedMove& m) {
         m.atStart();
         sumUpWrenches(m);
         if (m.kT > 0 && !m.driftIsKnown()) return false;
-        m.solve(m.total, m.U);
-        if (m.kT > 0) m.addKnownDrift(m.kT, m.U);
+        m.solve(total, U);
+        if (m.kT > 0) m.addKnownDrift(m.kT, U);
         return true;
     }
-    static void predict(OverdampedMove& m) {
-        m.atStart();
-        sumUpWrenches(m);
-        m.solve(m.total, m.U);
-        m.goFromStart(m.h, m.U);
-    }
-    static void correct(OverdampedMove&) {}
+    Vectors total, noise, U;
 };
 
 }  // namespace RigidHIPlugin

@@ -1,6 +1,6 @@
 // Langevin B.
 //
-// Equation:  as Langevin A (schemes/LangevinA-inl.h).
+// Equation:  as Langevin A (schemes/thermostats/LangevinA-inl.h).
 // Method:    half a step of the exact Ornstein-Uhlenbeck process, a step of the Hamiltonian system, half a step of the
 //            process again ("OBABO").
 // Order:     weak 2; kinetic temperatures are the most accurate of the three.   Cost: one force evaluation a step.
