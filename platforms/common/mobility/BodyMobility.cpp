@@ -300,8 +300,7 @@ double BodyMobility::length(int e) const {
 
 void BodyMobility::apply(const MatrixXd& wrenches, MatrixXd& twists) {
     const double tightTolerance = 1e-12;
-    const bool spheres = identityK && canApplyMatrixFree();
-    if (constant || !spheres || mobilityIsKnown)
+    if (constant || !multipliesWithoutIterations() || mobilityIsKnown)
         twists.noalias() = mobility() * wrenches;
     else
         applyMatrixFree(wrenches, tightTolerance, twists);
@@ -324,6 +323,20 @@ void BodyMobility::applyMatrixFree(const MatrixXd& wrenches, double tolerance, M
         numProducts += (iterations + 1) * wrenches.cols();
     }
     if (hasOwnTensors) multiplyByFactors(twists, B_body, false);
+}
+
+MatrixXd BodyMobility::mobilityByIterations(double tolerance) {
+    // So many columns share what products compute of each pair; more take memory only.
+    const int batch = 24;
+    MatrixXd result(numRows, numRows), wrenches, twists;
+    for (int first = 0; first < numRows; first += batch) {
+        const int count = min(batch, numRows - first);
+        wrenches.setZero(numRows, count);
+        wrenches.middleRows(first, count).setIdentity();
+        applyMatrixFree(wrenches, tolerance, twists);
+        result.middleCols(first, count) = twists;
+    }
+    return 0.5 * (result + result.transpose());
 }
 
 }  // namespace RigidHIPlugin
