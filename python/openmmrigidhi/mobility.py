@@ -225,9 +225,10 @@ class MobilityForce(_copies.Copies, _Base):
         ----------
         mobility : constant
             FromModel (default): without lubrication, so that at contact a quarter of the free mobility towards the wall is left;
-            BestKnown: like a rigid sphere alone above the wall, at every gap (Delong et al., J. Chem. Phys. 143, 144107, 2015,
-            eqs. 94 to 97, corrected; with rotation from a resolved sphere), other spheres by congruence: for bodies of one
-            sphere and free particles. It needs the wall rejection Overlap
+            BestKnown: like a rigid sphere alone above the wall, at every gap, to 3e-8 (exact solutions: along the wall Dean, O'Neill, 1963,
+            and O'Neill, 1964, towards it Brenner, 1961, about the normal Jeffery, 1915; eqs. 94 to 97 of Delong et al., J. Chem. Phys.
+            143, 144107, 2015, approximate them), other spheres by congruence: for bodies of one sphere and free particles. It needs the
+            wall rejection Overlap
         """
         super().setSphereWallMobility(
             _units.constant(mobility, SphereWallMobility, _where('setSphereWallMobility'), 'mobility'))

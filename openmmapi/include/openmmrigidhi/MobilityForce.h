@@ -63,9 +63,11 @@ public:
         /** As the model says, which has no lubrication: at contact a quarter of the free mobility towards the wall is left. */
         FromModel = 0,
         /**
-         * Like a rigid sphere alone above the wall, at every gap: mobilities towards and along the wall from Delong et al.,
-         * J. Chem. Phys. 143, 144107 (2015), eqs. 94 to 97, corrected (docs/THEORY.md), those with rotation from a resolved
-         * sphere. Other spheres by congruence. For bodies of one sphere and free particles; multiblobs stay as the model says.
+         * Like a rigid sphere alone above the wall, at every gap, to 3e-8: the exact solutions of Dean and O'Neill, Mathematika 10, 13
+         * (1963), and O'Neill, ibid. 11, 67 (1964), along the wall, of Brenner, Chem. Eng. Sci. 16, 242 (1961), towards it, and of
+         * Jeffery, Proc. Lond. Math. Soc. 14, 327 (1915), about the normal. Delong et al., J. Chem. Phys. 143, 144107 (2015),
+         * eqs. 94 to 97, approximate them to 4.4 %. Other spheres by congruence. For bodies of one sphere and free particles; multiblobs stay
+         * as the model says.
          */
         BestKnown = 1
     };
