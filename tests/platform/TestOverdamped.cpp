@@ -519,6 +519,43 @@ TEST(Overdamped, ColumnsOfManyBlobs) {
     EXPECT_LT(difference(N[1].bottomRightCorner(3, 3), N[0].bottomRightCorner(3, 3)), tolerance);
 }
 
+TEST(Overdamped, SmallDifferencesOfIterationsAreNotRounding) {
+    // At this tolerance products within iterations may be in single precision, whose 1e-7 a finite-difference step of 1e-6 would make 6 to 16 % of
+    // the drift. In a step so long that noise is nothing beside it, the drift is that of exact matrices, from the same random directions.
+    const double h = 1e9, tolerance = 1e-3;
+    const auto velocities = [&](Scheme scheme, MobilityForce::Solver solver, double solverTolerance) {
+        OverdampedScene scene(scheme, 300, h);
+        for (int b = 0; b < 6; b++)
+            scene.addMassless(boomerangKind(), Vec3(2.5 * (b % 2), 2.7 * (b / 2), 0.3 * b),
+                              OverdampedScene::randomTurn(b));
+        scene.fluid->setSolver(solver);
+        scene.fluid->setSolverTolerance(solverTolerance);
+        scene.integrator.setFiniteDifferenceStep(1e-6);
+        scene.start(testPlatform());
+        const auto before = scene.integrator.getBodyPositions();
+        scene.integrator.step(1);
+        const auto after = scene.integrator.getBodyPositions();
+        // Translations only: bodies turn too often.
+        VectorXd result(3 * before.size());
+        for (size_t b = 0; b < before.size(); b++) result.segment(3 * b, 3) = toEigen(after[b] - before[b]) / h;
+        return result;
+    };
+    // Differences are of iterations to a tenth of the tolerance. Dense roots have other noise, so the drift-corrector is compared with fine iterations;
+    // its divergence is less exact than its roots.
+    const struct {
+        Scheme scheme;
+        MobilityForce::Solver exactSolver;
+        double bound;
+    } cases[] = {{RigidHI::RandomFiniteDifference, MobilityForce::Dense, tolerance},
+                 {RigidHI::DriftCorrectorRFD, MobilityForce::MatrixFree, 50 * tolerance}};
+    for (const auto& c : cases) {
+        const VectorXd exact = velocities(c.scheme, c.exactSolver, 1e-9),
+                       found = velocities(c.scheme, MobilityForce::MatrixFree, tolerance);
+        EXPECT_GT((found - exact).norm(), 0);
+        EXPECT_LT((found - exact).norm(), c.bound * exact.norm()) << c.scheme;
+    }
+}
+
 // ---- Living with OpenMM ----
 
 TEST(Overdamped, ResumesBitForBit) {
