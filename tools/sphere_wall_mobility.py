@@ -4,16 +4,16 @@
 Exact values: the Stokes flow around a sphere that moves or turns parallel to the wall, in bispherical coordinates with the
 ansatz of Dean, O'Neill, Mathematika 10, 13 (1963) and O'Neill, Mathematika 11, 67 (1964): pressure Q cos(phi) and velocities from
 harmonic U0, U2, W; here by collocation of the boundary conditions and of div u = 0 on both surfaces. About the normal: Jeffery,
-Proc. Lond. Math. Soc. 14, 327 (1915), a sum. Towards the wall (to judge eq. 95 of Delong et al. 2015): Brenner, Chem. Eng. Sci. 16,
-242 (1961), a sum.
+Proc. Lond. Math. Soc. 14, 327 (1915), a sum. Towards the wall: Brenner, Chem. Eng. Sci. 16, 242 (1961), a sum.
 
 Fits: with u = a/h and the gap's logarithm, leading terms of both ends prescribed (Goldman, Cox, Brenner, Chem. Eng. Sci. 22, 637,
-1967). Prints the arrays for the source, the errors of the fits, values for tests, and the errors of eqs. 95 to 97.
+1967; towards the wall Cox, Brenner, Chem. Eng. Sci. 22, 1753, 1967). Prints the arrays for the source, the errors of the fits, of mobilities
+made of them, values for tests, and the errors of the approximations in Delong et al. 2015, eqs. 95 to 97.
 """
 import numpy as np
 
-#: coefficient at contact of ln(1 - u), power of u, first coefficient far away of each function
-SHAPES = {'Ft': (-8/15, 1, 9/16), 'Tt': (1/10, 4, -3/32), 'Tr': (-2/5, 3, 5/16), 'Tz': (0, 3, 1/8)}
+#: coefficient at contact of 1/gap and of ln(1 - u), power of u, first coefficient far away (but for that of 1/gap) of each function
+SHAPES = {'Ft': (0, -8/15, 1, 9/16), 'Tt': (0, 1/10, 4, -3/32), 'Tr': (0, -2/5, 3, 5/16), 'Tz': (0, 0, 3, 1/8), 'Fz': (1, -1/5, 1, 1/8)}
 POWERS, LOGARITHMS = 10, 4
 
 
@@ -134,35 +134,64 @@ def towards_wall(gap):
     return 4/3*np.sinh(alpha)*np.sum(n*(n + 1)/((2*n - 1)*(2*n + 3))*(ratio - 1))
 
 
-def fit(name, gaps, values):
-    """Coefficients of f = [1 or 0] + u^power (sum p_k u^k + ln(1 - u) sum l_k (1 - u)^k), both p_0 and l_0 prescribed."""
-    contact, power, far = SHAPES[name]
+def basis(name, gaps):
+    """What is prescribed, and the functions whose coefficients are fitted."""
+    pole, contact, power, far = SHAPES[name]
     u = 1/(1 + gaps)
     logarithm = np.log(gaps*u)
     start = 0 if name == 'Tt' else 1
-    basis = [u**(power + k) for k in range(1, POWERS)] + [u**power*logarithm*(1 - u)**k for k in range(1, LOGARITHMS)]
-    rest = values - start - u**power*(far + contact*logarithm)
-    scale = 1/np.abs(values)
-    if name == 'Tt':
-        scale = 1/(np.abs(values) + 1e-3)
-    solution = np.linalg.lstsq(np.array(basis).T*scale[:, None], rest*scale, rcond=None)[0]
-    # ln(1 - u) = -u - ... of the logarithms must not change what was prescribed far away: it starts one power higher.
-    powers, logarithms = np.append(far, solution[:POWERS-1]), np.append(contact, solution[POWERS-1:])
-    error = np.max(np.abs((np.array(basis).T @ solution - rest)*scale))
-    return powers, logarithms, error
+    prescribed = start + pole/gaps + u**power*(far + contact*logarithm)
+    return prescribed, np.array([u**(power + k) for k in range(1, POWERS)] + [u**power*logarithm*(1 - u)**k for k in range(1, LOGARITHMS)]).T
+
+
+def fit(name, gaps, values):
+    """Coefficients of f = [1 or 0] + [1/gap] + u^power (sum p_k u^k + ln(1 - u) sum l_k (1 - u)^k), both p_0 and l_0 prescribed."""
+    prescribed, functions = basis(name, gaps)
+    scale = 1/(np.abs(values) + (1e-3 if name == 'Tt' else 0))
+    return np.linalg.lstsq(functions*scale[:, None], (values - prescribed)*scale, rcond=None)[0]
+
+
+def fitted(name, solution, gaps):
+    prescribed, functions = basis(name, gaps)
+    return prescribed + functions @ solution
+
+
+def along(Ft, Tt, Tr):
+    """V along the wall from a force, W from a torque, a W from a force, over the mobilities of free fluid."""
+    determinant = Ft*Tr - 4/3*Tt**2
+    return Tr/determinant, Ft/determinant, -Tt/determinant
+
+
+def exactAt(gaps):
+    values = dict(zip(('Ft', 'Tt', 'Tr'), np.array([parallel(gap) for gap in gaps]).T))
+    values['Tz'] = np.array([about_normal(gap) for gap in gaps])
+    return values
 
 
 def main():
     gaps = np.concatenate([np.geomspace(3e-4, 0.1, 30), np.geomspace(0.12, 50, 40)])
-    exact = dict(zip(('Ft', 'Tt', 'Tr'), np.array([parallel(gap) for gap in gaps]).T))
-    exact['Tz'] = np.array([about_normal(gap) for gap in gaps])
+    wide = np.geomspace(1e-6, 1e3, 200)  # the sum towards the wall holds at any gap
+    exact, solutions = exactAt(gaps), {}
+    between = np.sqrt(gaps[1:]*gaps[:-1])
+    exactBetween = exactAt(between)
+    exactBetween['Fz'] = np.array([towards_wall(gap) for gap in np.sqrt(wide[1:]*wide[:-1])])
     for name in SHAPES:
-        powers, logarithms, error = fit(name, gaps, exact[name])
+        at, values = (wide, np.array([towards_wall(gap) for gap in wide])) if name == 'Fz' else (gaps, exact[name])
+        solutions[name] = solution = fit(name, at, values)
+        # ln(1 - u) = -u - ... of the logarithms must not change what was prescribed far away: it starts one power higher.
+        _, contact, _, far = SHAPES[name]
+        powers, logarithms = np.append(far, solution[:POWERS-1]), np.append(contact, solution[POWERS-1:])
+        check = exactBetween[name]
+        error = np.max(np.abs(fitted(name, solution, np.sqrt(at[1:]*at[:-1])) - check)/(np.abs(check) + (1e-3 if name == 'Tt' else 0)))
         print(f'// {name}: relative error {error:.1e}')
         print('{' + ', '.join(f'{c:.12g}' for c in powers) + '}, {' + ', '.join(f'{c:.12g}' for c in logarithms) + '}')
+    names = ('Ft', 'Tt', 'Tr')
+    for what, found, right in zip(('V along', 'W along', 'a W from F'), along(*(fitted(n, solutions[n], between) for n in names)),
+                                  along(*(exactBetween[n] for n in names))):
+        print(f'// {what}: error {np.max(np.abs(found - right)):.1e}, relative {np.max(np.abs(found/right - 1)):.1e}')
     print('\n// gap, then mobilities: V along, V towards the wall over that of free fluid; W along, W about the normal over free; '
           'a W along from F over V of free fluid; errors of eqs. 95, 96, 97')
-    for gap in (1e-3, 0.003, 0.01, 0.03, 0.035, 0.1, 0.3, 1, 3, 10):
+    for gap in (1e-3, 0.003, 0.01, 0.03, 0.035, 0.1, 0.13, 0.3, 1, 3, 10):
         Ft, Tt, Tr = parallel(gap)
         determinant = Ft*Tr - 4/3*Tt**2
         across, u, l = 1/towards_wall(gap), 1/(1 + gap), np.log(gap)

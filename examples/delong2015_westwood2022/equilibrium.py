@@ -149,7 +149,7 @@ def averageMobility(equilibrium, functions, random, poses, atATime=32):
 
 
 def sphereMobilities(heights, radius, viscosity):
-    """Mobilities times kT (n, 6, 6) of a sphere with its centre at these heights, by the best known formulas (setSphereWallMobility)."""
+    """Mobilities times kT (n, 6, 6) of a sphere with its centre at these heights, by the exact mobility (setSphereWallMobility)."""
     sphere = Body('sphere', np.zeros((1, 3)), np.array([radius]), np.zeros(1), np.array([], int), 0.0, radius, 1.0, viscosity)
     replicas = Replicas(sphere, len(heights), 'RandomFiniteDifference', 1.0, bestKnown=True)
     positions = np.zeros((len(heights), 3))

@@ -608,7 +608,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         -------
         dict
             from name to "on: reason" or "off: reason": scheme, momenta, noise, "stochastic drift", "finite differences", hydrodynamics,
-            "hydrodynamic interactions", rotation, frictions, "free particles", "body forces", barostat, warnings and others
+            "hydrodynamic interactions", "mobilities asked for", rotation, frictions, "free particles", "body forces", barostat, warnings and others
         """
         return super().getEffects()
 

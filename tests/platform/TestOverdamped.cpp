@@ -418,6 +418,149 @@ TEST(Overdamped, MatrixFreeIsDenseWithoutNoise) {
     }
 }
 
+namespace {
+
+/** Two multiblobs, a rod and a sphere above a wall, with or without masses. */
+struct AnswerScene : FluidScene {
+    AnswerScene(bool massive, MobilityForce::Solver solver, double tolerance) {
+        integrator.setScheme(massive ? RigidHI::LangevinHI : RigidHI::FixmanMidpoint);
+        vector<BodyKind> kinds = {boomerangKind(), boomerangKind(), rodKind(), sphereKind(0.6)};
+        for (size_t b = 0; b < kinds.size(); b++) {
+            if (!massive) {
+                kinds[b].mass = 0;
+                kinds[b].moments = Vec3();
+            }
+            add(kinds[b], Vec3(2.5 * b, 0.4 * b, 3), OverdampedScene::randomTurn(b));
+        }
+        addFree(massive ? 1 : 0, 0.5, Vec3(1, 3, 2));
+        fluid->setBoundary(MobilityForce::NoSlipWall);
+        fluid->setSolver(solver);
+        fluid->setSolverTolerance(tolerance);
+        start(testPlatform());
+    }
+    vector<double> twists() {
+        vector<double> wrenches(24);
+        for (int i = 0; i < 24; i++) wrenches[i] = sin(1 + i);
+        // Nothing resists a torque about the rod's line.
+        for (int i = 15; i < 18; i++) wrenches[i] = 0;
+        return fluid->applyMobilityInContext(*context, wrenches);
+    }
+};
+
+}  // namespace
+
+TEST(Overdamped, AnswersDoNotDependOnMasses) {
+    for (auto solver : {MobilityForce::Auto, MobilityForce::Dense, MobilityForce::MatrixFree}) {
+        const double tolerance = 1e-3;
+        AnswerScene massless(false, solver, tolerance), massive(true, solver, tolerance);
+        const auto found = massless.twists();
+        // To the rounding of the turn to the axes of inertia: so both go the same way.
+        const auto withMasses = massive.twists();
+        for (int i = 0; i < 24; i++) EXPECT_NEAR(found[i], withMasses[i], 1e-12);
+        for (AnswerScene* scene : {&massless, &massive}) {
+            const string effect = scene->integrator.getEffects().at("mobilities asked for");
+            EXPECT_EQ(effect,
+                      solver == MobilityForce::MatrixFree
+                          ? "on: applyMobilityInContext() does 1 group by iterations to 0.001; "
+                            "getMobilityInContext() 1 group by dense matrices; getFrictionInContext() 1 group by "
+                            "dense matrices"
+                          : "on: applyMobilityInContext() does 1 group by dense matrices; "
+                            "getMobilityInContext() 1 group by dense matrices; getFrictionInContext() 1 group by "
+                            "dense matrices");
+        }
+        // Iterations are right to the tolerance in the norm of the friction, and do stop there.
+        AnswerScene exact(false, MobilityForce::Dense, tolerance);
+        const auto expected = exact.twists();
+        const VectorXd error =
+            Eigen::Map<const VectorXd>(found.data(), 24) - Eigen::Map<const VectorXd>(expected.data(), 24);
+        const double norm = Eigen::Map<const VectorXd>(expected.data(), 24).norm();
+        EXPECT_LT(error.norm(), 5 * tolerance * norm);
+        EXPECT_EQ(error.norm() > 1e-9 * norm, solver == MobilityForce::MatrixFree);
+    }
+}
+
+TEST(Overdamped, EffectsSayHowQuestionsAreAnswered) {
+    OverdampedScene spheres(RigidHI::FixmanMidpoint);
+    spheres.addMassless(sphereKind(1));
+    spheres.addMassless(sphereKind(0.6), Vec3(3, 0, 0));
+    spheres.addMassless(boomerangKind(), Vec3(0, 5, 0));
+    spheres.fluid->setGroups({0, 0, 1});
+    spheres.start(testPlatform());
+    EXPECT_EQ(spheres.integrator.getEffects().at("mobilities asked for"),
+              "on: applyMobilityInContext() does 1 group by a constant tensor, 1 group by products without a matrix; "
+              "getMobilityInContext() 1 group by a constant tensor, 1 group by dense matrices; getFrictionInContext() "
+              "1 group "
+              "by a constant tensor, 1 group by dense matrices");
+}
+
+TEST(Overdamped, ColumnsOfManyBlobs) {
+    // A block of 864 blobs above a wall. Whether its mobility is made by iterations depends on the platform, its numbers only to the tolerance.
+    const double tolerance = 1e-4;
+    MatrixXd N[2];
+    for (int k = 0; k < 2; k++) {
+        OverdampedScene scene(RigidHI::FixmanMidpoint);
+        BodyKind block = {"block", 0, Vec3(), {}, {}};
+        for (int i = 0; i < 864; i++) {
+            block.sites.push_back(Vec3(i % 12 - 5.5, i / 12 % 12 - 5.5, i / 144 - 2.3));
+            block.radii.push_back(0.5);
+        }
+        scene.addMassless(block, Vec3(0, 0, 9));
+        scene.fluid->setBoundary(MobilityForce::NoSlipWall);
+        scene.fluid->setSolver(k == 0 ? MobilityForce::Dense : MobilityForce::MatrixFree);
+        scene.fluid->setSolverTolerance(tolerance);
+        scene.start(testPlatform());
+        N[k] = scene.mobility();
+        const bool byColumns = k == 1 && testPlatform().getName() == "CPU";
+        EXPECT_NE(scene.integrator.getEffects()
+                      .at("mobilities asked for")
+                      .find(byColumns ? "getMobilityInContext() 1 group by iterations to 0.0001, column by column;"
+                                      : "getMobilityInContext() 1 group by dense matrices;"),
+                  string::npos);
+        EXPECT_EQ(N[k], N[k].transpose().eval());
+        EXPECT_EQ(k == 1 && difference(N[1], N[0]) > 0, byColumns);
+    }
+    // Rows of rotations are smaller by the length of the body.
+    EXPECT_LT(difference(N[1].topLeftCorner(3, 3), N[0].topLeftCorner(3, 3)), tolerance);
+    EXPECT_LT(difference(N[1].bottomRightCorner(3, 3), N[0].bottomRightCorner(3, 3)), tolerance);
+}
+
+TEST(Overdamped, SmallDifferencesOfIterationsAreNotRounding) {
+    // At this tolerance products within iterations may be in single precision, whose 1e-7 a finite-difference step of 1e-6 would make 6 to 16 % of
+    // the drift. In a step so long that noise is nothing beside it, the drift is that of exact matrices, from the same random directions.
+    const double h = 1e9, tolerance = 1e-3;
+    const auto velocities = [&](Scheme scheme, MobilityForce::Solver solver, double solverTolerance) {
+        OverdampedScene scene(scheme, 300, h);
+        for (int b = 0; b < 6; b++)
+            scene.addMassless(boomerangKind(), Vec3(2.5 * (b % 2), 2.7 * (b / 2), 0.3 * b),
+                              OverdampedScene::randomTurn(b));
+        scene.fluid->setSolver(solver);
+        scene.fluid->setSolverTolerance(solverTolerance);
+        scene.integrator.setFiniteDifferenceStep(1e-6);
+        scene.start(testPlatform());
+        const auto before = scene.integrator.getBodyPositions();
+        scene.integrator.step(1);
+        const auto after = scene.integrator.getBodyPositions();
+        // Translations only: bodies turn too often.
+        VectorXd result(3 * before.size());
+        for (size_t b = 0; b < before.size(); b++) result.segment(3 * b, 3) = toEigen(after[b] - before[b]) / h;
+        return result;
+    };
+    // Differences are of iterations to a tenth of the tolerance. Dense roots have other noise, so the drift-corrector is compared with fine iterations;
+    // its divergence is less exact than its roots.
+    const struct {
+        Scheme scheme;
+        MobilityForce::Solver exactSolver;
+        double bound;
+    } cases[] = {{RigidHI::RandomFiniteDifference, MobilityForce::Dense, tolerance},
+                 {RigidHI::DriftCorrectorRFD, MobilityForce::MatrixFree, 50 * tolerance}};
+    for (const auto& c : cases) {
+        const VectorXd exact = velocities(c.scheme, c.exactSolver, 1e-9),
+                       found = velocities(c.scheme, MobilityForce::MatrixFree, tolerance);
+        EXPECT_GT((found - exact).norm(), 0);
+        EXPECT_LT((found - exact).norm(), c.bound * exact.norm()) << c.scheme;
+    }
+}
+
 // ---- Living with OpenMM ----
 
 TEST(Overdamped, ResumesBitForBit) {

@@ -392,12 +392,12 @@ TEST(Wall, WhatNeedsReinitialize) {
 // ---- Best known ----
 
 TEST(Wall, BestKnownMobilityOfOneSphere) {
-    // Delong et al. 2015, eqs. 95 to 97 (in the first two h is the gap), and exact values with rotation (tools/).
+    // Exact values, by tools/sphere_wall_mobility.py.
     const struct {
         double gap, along, across, turnAlong, turnNormal, rolling;
-    } rows[] = {{0.01, 0.296664, 0.02060 / 2.0906, 0.45228199, 0.84513430, 0.03654131},
-                {0.1, 0.423682, 0.26 / 2.96, 0.68955449, 0.89520325, 0.02703135},
-                {1, 0.721436, 8.0 / 17, 0.95991472, 0.98432259, 0.00348818}};
+    } rows[] = {{0.01, 0.29611765, 0.00981391, 0.45228199, 0.84513430, 0.03654131},
+                {0.1, 0.44304988, 0.08726645, 0.68955449, 0.89520325, 0.02703135},
+                {1, 0.72321218, 0.47046966, 0.95991472, 0.98432259, 0.00348818}};
     const double a = 0.6, eta = 1.7, height = 2.5;
     for (const auto& row : rows)
         for (bool free : {false, true}) {

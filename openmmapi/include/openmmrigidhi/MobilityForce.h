@@ -63,9 +63,11 @@ public:
         /** As the model says, which has no lubrication: at contact a quarter of the free mobility towards the wall is left. */
         FromModel = 0,
         /**
-         * Like a rigid sphere alone above the wall, at every gap: mobilities towards and along the wall from Delong et al.,
-         * J. Chem. Phys. 143, 144107 (2015), eqs. 94 to 97, corrected (docs/THEORY.md), those with rotation from a resolved
-         * sphere. Other spheres by congruence. For bodies of one sphere and free particles; multiblobs stay as the model says.
+         * Like a rigid sphere alone above the wall, at every gap, to 3e-8: the exact solutions of Dean and O'Neill, Mathematika 10, 13
+         * (1963), and O'Neill, ibid. 11, 67 (1964), along the wall, of Brenner, Chem. Eng. Sci. 16, 242 (1961), towards it, and of
+         * Jeffery, Proc. Lond. Math. Soc. 14, 327 (1915), about the normal. Delong et al., J. Chem. Phys. 143, 144107 (2015),
+         * eqs. 94 to 97, approximate them to 4.4 %. Other spheres by congruence. For bodies of one sphere and free particles; multiblobs stay
+         * as the model says.
          */
         BestKnown = 1
     };
@@ -144,7 +146,12 @@ public:
     void setMinimumGap(double gap);
     /** Get how the linear algebra is done. */
     Solver getSolver() const { return solver; }
-    /** Set how the linear algebra is done (default Auto). */
+    /**
+     * Set how the linear algebra is done (default Auto). With LangevinHI the same seed gives the same step either way, to the tolerance.
+     * In schemes without momenta Dense and MatrixFree take different square roots of other random numbers: noise of the same law, but
+     * for the same seed other trajectories. So Auto, which goes by the number of rows, has other noise for a larger scene.
+     * applyMobilityInContext() goes the same way, whatever masses there are; CustomRigidHIIntegrator::getEffects() says which.
+     */
     void setSolver(Solver solver);
     /** Get the relative tolerance of MatrixFree. */
     double getSolverTolerance() const { return solverTolerance; }
@@ -207,12 +214,15 @@ public:
     /**
      * Get the mobility matrix of the bodies at their present poses: 6n x 6n numbers, row after row; rows per body Vx Vy Vz
      * Wx Wy Wz about the body's origin, columns Fx Fy Fz Tx Ty Tz, lab frame, OpenMM units. Free particles are force-free.
+     * By dense matrices; MatrixFree iterates column by column, to its tolerance, where that takes less time: bodies of 850 blobs and more
+     * on the CPU platform, 3500 on Reference. CustomRigidHIIntegrator::getEffects() says which way it goes ("mobilities asked for").
      */
     std::vector<double> getMobilityInContext(OpenMM::Context& context) const;
-    /** Get its inverse, the friction matrix (pseudo-inverse for bodies whose blobs are on a line). */
+    /** Get its inverse, the friction matrix (pseudo-inverse for bodies whose blobs are on a line). Always by dense matrices. */
     std::vector<double> getFrictionInContext(OpenMM::Context& context) const;
     /**
-     * Get the velocities that forces and torques on the bodies would give without inertia: mobility times wrenches.
+     * Get the velocities that forces and torques on the bodies would give without inertia: mobility times wrenches. Dense or
+     * matrix-free as setSolver() says; of spheres always a product, without a matrix and to rounding.
      *
      * @param wrenches  6 numbers per body, Fx Fy Fz Tx Ty Tz about the body's origin, lab frame
      * @return 6 numbers per body, Vx Vy Vz Wx Wy Wz

@@ -251,6 +251,10 @@ void Fluid::chooseSolver(Group& group) const {
     };
     const int particleRows = group.mobility->getNumParticleRows();
     group.overdampedMatrixFree = takes(particleRows > largestDenseOverdampedRows);
+    // What users ask for knows no inertia: as with the masses that go with the fluid, whatever the bodies have.
+    int rows = group.mobility->getNumRows();
+    for (size_t e = 0; e < group.mobility->getElements().size(); e++) rows -= group.mobility->hasNullVector(e);
+    group.answersMatrixFree = takes(rows > largestDenseRows || particleRows > largestDenseParticleRows);
     group.solvesMatrixFree =
         group.deadAxesAreNull && takes(group.numZ > largestDenseRows || particleRows > largestDenseParticleRows);
     if (group.solvesMatrixFree) group.lanczos.reset(new Lanczos(force.getSolverTolerance()));
@@ -566,7 +570,9 @@ MatrixXd Fluid::mobility(const BodySet& bodies, const vector<OpenMM::Vec3>& posi
     MatrixXd result = MatrixXd::Zero(6 * groupOfBody.size(), 6 * groupOfBody.size());
     for (auto& group : groups) {
         setPoses(*group, bodies, positions);
-        scatterBlocks(group->mobility->mobility(), *group->mobility, result);
+        scatterBlocks(answersByColumns(*group) ? group->mobility->mobilityByIterations(force.getSolverTolerance())
+                                               : group->mobility->mobility(),
+                      *group->mobility, result);
     }
     return result;
 }
@@ -615,7 +621,7 @@ VectorXd Fluid::apply(const VectorXd& wrenches, const BodySet& bodies, const vec
                 if (group->hasNullVectors)
                     checkTorque(*group, e, twoRotations(group->poses[e].A).transpose() * wrench, 0);
             }
-        if (group->solvesMatrixFree)
+        if (group->answersMatrixFree)
             group->mobility->applyMatrixFree(f, force.getSolverTolerance(), u);
         else
             group->mobility->apply(f, u);
@@ -696,6 +702,38 @@ string Fluid::describe(bool overdamped) const {
     text << constant << " alone with a constant tensor (computed once), " << dense << " groups with dense matrices, "
          << matrixFree << " groups matrix-free";
     return text.str();
+}
+
+string Fluid::describeAnswers() const {
+    int constant = 0, dense = 0, products = 0, iterations = 0, columns = 0;
+    for (const auto& group : groups) {
+        columns += answersByColumns(*group);
+        (group->mobility->isConstantInBodyFrame()         ? constant
+         : group->mobility->multipliesWithoutIterations() ? products
+         : group->answersMatrixFree                       ? iterations
+                                                          : dense)++;
+    }
+    const auto list = [](const vector<pair<int, string> >& ways) {
+        string all;
+        for (const auto& way : ways)
+            if (way.first > 0)
+                all += (all.empty() ? "" : ", ") + to_string(way.first) + (way.first == 1 ? " group " : " groups ") +
+                       way.second;
+        return all.empty() ? string("no groups") : all;
+    };
+    ostringstream tolerance;
+    tolerance << "by iterations to " << force.getSolverTolerance();
+    const string known = "by a constant tensor", matrices = "by dense matrices";
+    return "applyMobilityInContext() does " +
+           list({{constant, known},
+                 {products, "by products without a matrix"},
+                 {iterations, tolerance.str()},
+                 {dense, matrices}}) +
+           "; getMobilityInContext() " +
+           list({{constant, known},
+                 {columns, tolerance.str() + ", column by column"},
+                 {int(groups.size()) - constant - columns, matrices}}) +
+           "; getFrictionInContext() " + list({{constant, known}, {int(groups.size()) - constant, matrices}});
 }
 
 void Fluid::continueFrom(Fluid& before) {

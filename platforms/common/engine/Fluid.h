@@ -121,6 +121,8 @@ public:
 
     /** For describeEffects(): what the fluid is, and how many groups are solved in which way. */
     std::string describe(bool overdamped) const;
+    /** Likewise: by which way mobility(), friction() and apply() are answered, whatever the scheme. */
+    std::string describeAnswers() const;
     /** Likewise of a scheme without momenta: "stochastic drift" and "finite differences". */
     std::map<std::string, std::string> describeDrift(const SchemeTraits& scheme, double kT, double difference) const;
     /** Whether div N is not 0 somewhere, so that a scheme without momenta that omits it is wrong. */
@@ -142,9 +144,10 @@ private:
         std::unique_ptr<BodyMobility> mobility;
         bool isThermostat = false;                 // its tensor is a Thermostat: nothing to be done here
         double drag_t = 0, drag_r[3] = {0, 0, 0};  // then
-        bool solvesMatrixFree = false;
-        std::vector<int> freeIndex;        // of each element in FreeParticles, -1: a body
-        std::vector<int> firstZ, numLive;  // of each element: rows in Z, live axes of a body
+        bool solvesMatrixFree = false;             // in relax()
+        bool answersMatrixFree = false;            // in apply()
+        std::vector<int> freeIndex;                // of each element in FreeParticles, -1: a body
+        std::vector<int> firstZ, numLive;          // of each element: rows in Z, live axes of a body
         int numZ = 0;
         // Whether bodies lack just those moments about whose axes the fluid does not hold them.
         bool deadAxesAreNull = true;
@@ -176,6 +179,9 @@ private:
     };
     Drifts findDrifts() const;
     void chooseSolver(Group& group) const;
+    bool answersByColumns(const Group& group) const {
+        return group.answersMatrixFree && group.mobility->isWorthIterations();
+    }
     void checkTorque(const Group& group, int element, const Eigen::VectorXd& wrench_body, double siteForces) const;
     OverdampedMove& moveOf(Group& group) const;
     OverdampedScheme& schemeOf(Group& group) const;

@@ -195,6 +195,10 @@ map<string, string> RigidBodyKernel::getEffects(ContextImpl& context) {
     set("rotational friction", rates && Gamma > 0, rates ? "Gamma up to " + number(Gamma) + "/ps" : noRates);
     if (!fluidParameters) set("hydrodynamics", false, "the System has no MobilityForce");
     if (fluidParameters) set("hydrodynamics", true, fluid ? fluid->describe(overdamped) : "positions are not set yet");
+    set("mobilities asked for", fluidParameters != nullptr,
+        !fluidParameters ? string("the System has no MobilityForce")
+        : fluid          ? fluid->describeAnswers()
+                         : string("positions are not set yet"));
     set("hydrodynamic interactions", fluid && fluid->numInteracting() > 0,
         !fluidParameters ? string("the System has no MobilityForce")
         : !fluid         ? string("positions are not set yet")

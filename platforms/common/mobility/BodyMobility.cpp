@@ -340,8 +340,7 @@ double BodyMobility::length(int e) const {
 
 void BodyMobility::apply(const MatrixXd& wrenches, MatrixXd& twists) {
     const double tightTolerance = 1e-12;
-    const bool spheres = identityK && canApplyMatrixFree();
-    if (constant || !spheres || mobilityIsKnown)
+    if (constant || !multipliesWithoutIterations() || mobilityIsKnown)
         twists.noalias() = mobility() * wrenches;
     else
         applyMatrixFree(wrenches, tightTolerance, twists);
@@ -380,6 +379,20 @@ void BodyMobility::applyToParticles(const VectorXd& forces, VectorXd& velocities
     numProducts += particleOperator->hasProducts();
     for (int i = 0; i < particles.size(); i++)
         velocities.segment<3>(3 * particles.systemIndex[i]) = u.middleRows<3>(particles.firstRow[i]);
+}
+
+MatrixXd BodyMobility::mobilityByIterations(double tolerance) {
+    // So many columns share what products compute of each pair; more take memory only.
+    const int batch = 24;
+    MatrixXd result(numRows, numRows), wrenches, twists;
+    for (int first = 0; first < numRows; first += batch) {
+        const int count = min(batch, numRows - first);
+        wrenches.setZero(numRows, count);
+        wrenches.middleRows(first, count).setIdentity();
+        applyMatrixFree(wrenches, tolerance, twists);
+        result.middleCols(first, count) = twists;
+    }
+    return 0.5 * (result + result.transpose());
 }
 
 }  // namespace RigidHIPlugin

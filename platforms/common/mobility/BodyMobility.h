@@ -106,6 +106,15 @@ public:
     void applyToParticles(const Eigen::VectorXd& forces, Eigen::VectorXd& velocities);
     /** Whether applyMatrixFree() is possible: the model has products. */
     bool canApplyMatrixFree() const { return particleOperator && particleOperator->hasProducts(); }
+    /** Whether that has no iterations, and so no error: spheres. Then apply() does the same. */
+    bool multipliesWithoutIterations() const { return identityK && canApplyMatrixFree(); }
+    /** Whether mobilityByIterations() takes less time than mobility(). By numbers of rows only, so that it is so on any machine. */
+    bool isWorthIterations() const {
+        return canApplyMatrixFree() && !identityK &&
+               getNumParticleRows() > particleOperator->rowsWorthIterations() * numRows;
+    }
+    /** N by applyMatrixFree() to its columns, to a relative tolerance, and symmetric. */
+    Eigen::MatrixXd mobilityByIterations(double tolerance);
 
     /** Whether there is one element only in a fluid that is the same everywhere. */
     bool isAloneInUniformFluid() const { return aloneInUniformFluid; }

@@ -2,7 +2,6 @@
 
 #include <openmm/OpenMMException.h>
 
-#include <algorithm>
 #include <cmath>
 
 using namespace std;
@@ -12,11 +11,11 @@ namespace RigidHIPlugin {
 namespace {
 
 /**
- * A resistance function of one sphere, start + u^power (sum_k powers_k u^k + ln(1 - u) sum_k logarithms_k (1 - u)^k), with the
- * leading terms of both ends exact; made by tools/sphere_wall_mobility.py.
+ * A resistance function of one sphere, start + pole/gap + u^power (sum_k powers_k u^k + ln(1 - u) sum_k logarithms_k (1 - u)^k), with
+ * the leading terms of both ends exact; made by tools/sphere_wall_mobility.py. Errors are those between the points of the fit.
  */
 struct ResistanceFit {
-    double start;
+    double start, pole;
     int power;
     array<double, 10> powers;
     array<double, 4> logarithms;
@@ -26,37 +25,47 @@ struct ResistanceFit {
         double sum = 0, logarithmic = 0;
         for (size_t k = powers.size(); k-- > 0;) sum = sum * u + powers[k];
         for (size_t k = logarithms.size(); k-- > 0;) logarithmic = logarithmic * rest + logarithms[k];
-        return start + pow(u, power) * (sum + log(rest) * logarithmic);
+        return start + pole / gap + pow(u, power) * (sum + log(rest) * logarithmic);
     }
 };
 
 /** Force from moving along the wall over 6 pi eta a; relative error 4e-9. */
 const ResistanceFit moving = {1,
+                              0,
                               1,
                               {0.5625, -2.50413843293, 3.24613243634, -1.55094535568, 0.22687668775, -0.0368669722395,
                                -0.0392193581998, 0.0852621098334, -0.0469063274578, 0.0115989906837},
                               {-8.0 / 15, -0.703929326209, -0.850214077053, -0.733072984524}};
 /** Torque from moving over 8 pi eta a^2; error 2e-7 of its largest value. */
 const ResistanceFit coupling = {0,
+                                0,
                                 4,
                                 {-0.09375, 5.4303645829, -10.2019277675, 5.76008087791, -0.465724313095,
                                  -0.351245155238, 0.369699585537, -0.442671296769, 0.268857229337, -0.0807313098384},
                                 {0.1, 0.571602442913, 1.8211001125, 2.90261891978}};
 /** Torque from turning about an axis along the wall over 8 pi eta a^3; relative error 2e-8. */
 const ResistanceFit turning = {1,
+                               0,
                                3,
                                {0.3125, -13.8041835667, 25.222347999, -14.0195572787, 0.760276115961, 1.93928653647,
                                 -2.64208373715, 2.73365557553, -1.52384269531, 0.392493887677},
                                {-0.4, -1.72755541093, -4.61583996735, -7.06183688695}};
 /** The same about the normal; relative error 3e-8. */
 const ResistanceFit spinning = {1,
+                                0,
                                 3,
                                 {0.125, 7.49681414384, -15.3816831936, 9.08861254337, -0.338471643427, -1.88011217181,
                                  2.66923835405, -2.6760618356, 1.46557270717, -0.36685213772},
                                 {0, 0.499737181655, 2.3429770614, 4.65521588051}};
 
-/** Gaps over the radius between which eq. 96 of Delong et al. passes over into eq. 97; they cross at 0.0323. */
-const double nearEnd = 0.03, farStart = 0.035;
+/** Force from moving towards the wall over 6 pi eta a; relative error 8e-10 for gaps from 1e-6 to 1e3. */
+const ResistanceFit approaching = {
+    1,
+    1,
+    1,
+    {0.125, -0.520967794739, 0.533158498767, -0.249469445393, 0.183655099606, -0.109886234973, -0.0277442602601,
+     0.05160059398, -0.00955507334377, -0.00451062312776},
+    {-0.2, -0.247288328454, -0.262564991369, -0.0767399741612}};
 
 typedef array<array<double, 2>, 2> Matrix2;
 
@@ -80,16 +89,11 @@ SphereWallMobility SphereWallMobility::rotnePragerYamakawa(double u) {
 }
 
 SphereWallMobility SphereWallMobility::bestKnown(double gap) {
-    const double u = 1 / (1 + gap), u2 = u * u, l = log(gap);
-    const double eq96 = -2 * (l - 0.9543) / (l * l - 3.188 * l + 1.591);
-    const double eq97 = 1 - 9 * u / 16 + u * u2 / 8 - 45 * u2 * u2 / 256 - u * u2 * u2 / 16;
-    const double t = min(1.0, max(0.0, (gap - nearEnd) / (farStart - nearEnd))), passage = t * t * (3 - 2 * t);
-    SphereWallMobility m;
-    // Eq. 96 has poles far from where it holds.
-    m.along = passage == 1 ? eq97 : passage * eq97 + (1 - passage) * eq96;
-    m.across = (6 * gap * gap + 2 * gap) / (6 * gap * gap + 9 * gap + 2);
     const double tt = moving(gap), rt = coupling(gap), rr = turning(gap);
     const double determinant = tt * rr - 4 * rt * rt / 3;
+    SphereWallMobility m;
+    m.along = rr / determinant;
+    m.across = 1 / approaching(gap);
     m.turnAlong = 0.75 * tt / determinant;
     m.rolling = -rt / determinant;
     m.turnNormal = 0.75 / spinning(gap);

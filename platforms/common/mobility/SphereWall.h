@@ -21,10 +21,11 @@ struct SphereWallMobility {
     /** @param u  radius over height of the centre, in (0, 1] */
     static SphereWallMobility rotnePragerYamakawa(double u);
     /**
-     * Of a rigid sphere. Across: Delong et al., J. Chem. Phys. 143, 144107 (2015), eq. 95, with the gap as its h: within 0.7 % of
-     * Brenner's series. Along: eq. 96, with the gap as its h and the sign corrected, for gaps up to 0.03 a; eq. 97, above 0.035 a;
-     * a smooth passage between, near where they cross. Eq. 97 is up to 4.4 % low, at 0.1 a; eq. 96 up to 0.9 % high.
-     * With rotation: fits of the exact resistances, relative error 2e-7; eq. 96 is their limit at contact.
+     * Of a rigid sphere: fits of the exact resistances, the inverse of their 2 x 2 block along the wall. Errors at most 3e-8 of the mobilities
+     * of free fluid (towards the wall 1e-9 of its own), at any gap.
+     * Reference: along the wall Dean, O'Neill, Mathematika 10, 13 (1963) and O'Neill, ibid. 11, 67 (1964); towards it Brenner, Chem. Eng.
+     * Sci. 16, 242 (1961); about the normal Jeffery, Proc. Lond. Math. Soc. 14, 327 (1915). Delong et al., J. Chem. Phys. 143, 144107
+     * (2015), eqs. 94 to 97, are approximations of them.
      *
      * @param gap  between surfaces, in radii, above 0
      */

@@ -51,6 +51,7 @@ public:
     void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
     void dense(Eigen::MatrixXd& mobility) const override;
     bool isDivergenceFree() const override { return !wall; }
+    double rowsWorthIterations() const override { return 425; }
 
 private:
     template <class Number>
