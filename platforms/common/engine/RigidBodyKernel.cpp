@@ -96,7 +96,7 @@ void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegr
         stock.mobilityForce = fluidParameters.get();
     }
     loops = createLoops(context);
-    freeParticles.reset(new FreeParticles(*system, stock.freeParticles));
+    freeParticles.reset(new FreeParticles(*system, stock.freeParticles, *data.constraints));
 
     const double unset = numeric_limits<double>::quiet_NaN();
     lastPositions.assign(system->getNumParticles(), Vec3(unset, unset, unset));
@@ -104,9 +104,11 @@ void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegr
 
     geometries.resize(definitions->getNumRigidBodies());
     bool allKnown = true;
+    const ConstraintsOfParticles constraints(*system);
     for (int b = 0; b < definitions->getNumRigidBodies(); b++) {
         if (!definitions->getRigidBodyIsExplicit(b)) {
-            BodyGeometryBuilder builder(*system, definitions->getRigidBodyParticles(b), "body " + to_string(b));
+            BodyGeometryBuilder builder(*system, constraints, definitions->getRigidBodyParticles(b),
+                                        "body " + to_string(b));
             if (!builder.needsPositions()) {
                 geometries[b] = builder.build({});
                 recordGeometry(b, geometries[b]);
@@ -196,9 +198,11 @@ void RigidBodyKernel::buildFluid() {
 
 /** Geometries that come from positions. */
 void RigidBodyKernel::deriveGeometries() {
+    const ConstraintsOfParticles constraints(*system);
     for (int b = 0; b < definitions->getNumRigidBodies(); b++)
         if (!definitions->getRigidBodyGeometryIsKnown(b)) {
-            const BodyGeometryBuilder builder(*system, definitions->getRigidBodyParticles(b), "body " + to_string(b));
+            const BodyGeometryBuilder builder(*system, constraints, definitions->getRigidBodyParticles(b),
+                                              "body " + to_string(b));
             const BodyGeometry g = builder.build(positions());
             recordGeometry(b, g);
         }
