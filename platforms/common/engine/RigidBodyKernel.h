@@ -38,6 +38,7 @@ public:
     void stateChanged(OpenMM::ContextImpl& context, OpenMM::State::DataType changed) override;
     void resetBodyGeometry(OpenMM::ContextImpl& context) override;
     void requireGeometry(OpenMM::ContextImpl& context) override;
+    int getNumBodies() const override { return definitions->getNumRigidBodies(); }
     std::vector<OpenMM::Vec3> getBodyPositions(OpenMM::ContextImpl& context) override;
     std::vector<QuaternionArray> getBodyOrientations(OpenMM::ContextImpl& context) override;
     std::vector<OpenMM::Vec3> getBodyVelocities(OpenMM::ContextImpl& context) override;

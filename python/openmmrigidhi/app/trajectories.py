@@ -147,7 +147,7 @@ class BodyScene:
     """
 
     def __init__(self, integrator, system, types, radii, blobs, where):
-        definitions = [integrator.getRigidBodyParameters(i) for i in range(integrator.getNumRigidBodies())]
+        definitions = [integrator.getRigidBodyParameters(i) for i in range(integrator.getNumRigidBodiesInContext())]
         if not definitions:
             raise ValueError(f'{where}: the integrator has no rigid bodies; there is nothing to write: add them before')
         self.particles = [particles for particles, _, _, _ in definitions]
