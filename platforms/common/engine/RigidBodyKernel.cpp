@@ -270,12 +270,13 @@ void RigidBodyKernel::updateSettings() {
 }
 
 void RigidBodyKernel::printWarnings() {
-    for (const string& warning : warnings())
-        if (printedWarnings.insert(warning).second) cerr << "Warning: CustomRigidHIIntegrator: " << warning << endl;
+    for (const auto& warning : warnings())
+        if (printedWarnings.insert(warning.first).second)
+            cerr << "Warning: CustomRigidHIIntegrator: " << warning.second << endl;
 }
 
-vector<string> RigidBodyKernel::warnings() const {
-    vector<string> result;
+map<RigidBodyKernel::WarningCause, string> RigidBodyKernel::warnings() const {
+    map<WarningCause, string> result;
     const double kT = BOLTZ * integrator->getTemperature(), h = integrator->getStepSize();
     const bool langevinA = integrator->getScheme() == CustomRigidHIIntegrator::LangevinA;
     int unresolved = 0, firstUnresolved = -1;
@@ -292,19 +293,20 @@ vector<string> RigidBodyKernel::warnings() const {
         worst = max(worst, turn);
     }
     if (integrator->getScheme() == CustomRigidHIIntegrator::EulerMaruyama && kT > 0)
-        result.push_back(
+        result[WarningCause::OmittedDrift] =
             "EulerMaruyama omits the stochastic drift kT div N: where the mobility depends on poses it samples a wrong "
-            "distribution; use RandomFiniteDifference, FixmanMidpoint, TrapezoidalSlip or DriftCorrectorRFD");
+            "distribution; use RandomFiniteDifference, FixmanMidpoint, TrapezoidalSlip or DriftCorrectorRFD";
     if (unresolved > 0 && schemeHasMomenta(integrator->getScheme()))
-        result.push_back("the step of " + number(h) + " ps does not resolve the rotation of " + to_string(unresolved) +
-                         " bodies, the first of them body " + to_string(firstUnresolved) +
-                         " (h sqrt(kT I2 I3/I1) (1/I2 - 1/I3) is up to " + number(worst) + ", above " +
-                         number(resolutionLimit) + "): their temperature will be wrong; take a step of " +
-                         number(h * resolutionLimit / worst) + " ps or less");
+        result[WarningCause::UnresolvedRotation] =
+            "the step of " + number(h) + " ps does not resolve the rotation of " + to_string(unresolved) +
+            " bodies, the first of them body " + to_string(firstUnresolved) +
+            " (h sqrt(kT I2 I3/I1) (1/I2 - 1/I3) is up to " + number(worst) + ", above " + number(resolutionLimit) +
+            "): their temperature will be wrong; take a step of " + number(h * resolutionLimit / worst) + " ps or less";
     if (langevinA && (largestGamma > langevinAGammaLimit || largestRotational > langevinARotationalLimit))
-        result.push_back("LangevinA breaks down at large friction (gamma " + number(largestGamma) +
-                         "/ps, limit about " + number(langevinAGammaLimit) + "; Gamma " + number(largestRotational) +
-                         "/ps, limit about " + number(langevinARotationalLimit) + "); use LangevinB or LangevinC");
+        result[WarningCause::LargeFriction] = "LangevinA breaks down at large friction (gamma " + number(largestGamma) +
+                                              "/ps, limit about " + number(langevinAGammaLimit) + "; Gamma " +
+                                              number(largestRotational) + "/ps, limit about " +
+                                              number(langevinARotationalLimit) + "); use LangevinB or LangevinC";
     return result;
 }
 

@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <set>
 #include <string>
@@ -95,7 +96,9 @@ private:
     static double now();
     void updateSettings();
     void printWarnings();
-    std::vector<std::string> warnings() const;
+    /** What the user should know about the settings. A cause is told once, though its numbers may change from step to step. */
+    enum class WarningCause { OmittedDrift, UnresolvedRotation, LargeFriction };
+    std::map<WarningCause, std::string> warnings() const;
     void recordGeometry(int body, const BodyGeometry& geometry);
     void buildBodies();
     void deriveGeometries();
@@ -154,7 +157,7 @@ private:
     StepSettings settings;
     int settingsVersion = -1;
     double settingsStepSize = 0;
-    std::set<std::string> printedWarnings;
+    std::set<WarningCause> printedWarnings;
     bool positionsAreSet = false, bodiesAreBuilt = false, forcesAreValid = false, membersNeedPuttingBack = false;
     bool velocitiesNeedPuttingBack = false;
     bool userChangedState = false;

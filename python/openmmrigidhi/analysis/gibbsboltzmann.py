@@ -70,6 +70,9 @@ class GibbsBoltzmannSampler:
 
     Notes
     -----
+    Bodies need no masses. A Context of bodies without any, as :func:`openmmrigidhi.app.addRigidMultiblob` adds them, needs a scheme without
+    momenta, such as ``FixmanMidpoint``, and the MobilityForce that goes with it.
+
     Coordinates that nothing confines, such as x and y over a plain wall, wander off without end and without harm to the others.
     Spheres that StokesianDynamics keeps from overlapping must be kept so by a force, or by an infinite energyFunction.
     """
