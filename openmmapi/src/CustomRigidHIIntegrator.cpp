@@ -71,14 +71,20 @@ void checkMoments(const Vec3& moments, const string& object) {
              "no distribution of mass has these moments, correct them");
 }
 
-void checkRows(size_t rows, int bodies, const char* method) {
-    if (rows != static_cast<size_t>(bodies))
-        fail(method, "got " + text(rows) + " rows", "there must be one for each of the " + text(bodies) + " bodies",
-             "give that many");
+/** @param bodies  of the Context. @param known  to the integrator, which may have been given more since */
+void checkRows(size_t rows, int bodies, int known, const char* method) {
+    if (rows == static_cast<size_t>(bodies)) return;
+    if (known != bodies)
+        fail(method, "got " + text(rows) + " rows",
+             "the Context has " + text(bodies) + " bodies, the integrator " + text(known) +
+                 ", since those that were added later wait for the next Context",
+             "give one row for each of the Context's, or call reinitialize() on it first");
+    fail(method, "got " + text(rows) + " rows", "there must be one for each of the " + text(bodies) + " bodies",
+         "give that many");
 }
 
-void checkVectors(const vector<Vec3>& rows, int bodies, const char* method, const string& quantity) {
-    checkRows(rows.size(), bodies, method);
+void checkVectors(const vector<Vec3>& rows, int bodies, int known, const char* method, const string& quantity) {
+    checkRows(rows.size(), bodies, known, method);
     for (size_t i = 0; i < rows.size(); i++) checkFinite(rows[i], bodyName(i), quantity);
 }
 
@@ -165,6 +171,10 @@ int CustomRigidHIIntegrator::addRigidBody(const vector<int>& particles, double m
 }
 
 int CustomRigidHIIntegrator::getNumRigidBodies() const { return bodies.size(); }
+
+int CustomRigidHIIntegrator::getNumRigidBodiesInContext() const {
+    return boundKernel("getNumRigidBodiesInContext()").getNumBodies();
+}
 
 void CustomRigidHIIntegrator::getRigidBodyParameters(int index, vector<int>& particles, double& mass,
                                                      Vec3& principalMoments, vector<Vec3>& sitePositions) const {
@@ -433,14 +443,14 @@ vector<Vec3> CustomRigidHIIntegrator::getBodyAngularVelocities() const {
 
 void CustomRigidHIIntegrator::setBodyPositions(const vector<Vec3>& positions) {
     IntegrateRigidBodiesKernel& bound = boundKernel("setBodyPositions()");
-    checkVectors(positions, getNumRigidBodies(), "setBodyPositions()", "position");
+    checkVectors(positions, bound.getNumBodies(), getNumRigidBodies(), "setBodyPositions()", "position");
     bound.setBodyPositions(*context, positions);
 }
 
 void CustomRigidHIIntegrator::setBodyOrientations(const vector<QuaternionArray>& orientations) {
     constexpr double lengthTolerance = 1e-3;
     IntegrateRigidBodiesKernel& bound = boundKernel("setBodyOrientations()");
-    checkRows(orientations.size(), getNumRigidBodies(), "setBodyOrientations()");
+    checkRows(orientations.size(), bound.getNumBodies(), getNumRigidBodies(), "setBodyOrientations()");
     vector<QuaternionArray> unit(orientations);
     for (size_t i = 0; i < unit.size(); i++) {
         QuaternionArray& q = unit[i];
@@ -456,13 +466,14 @@ void CustomRigidHIIntegrator::setBodyOrientations(const vector<QuaternionArray>&
 
 void CustomRigidHIIntegrator::setBodyVelocities(const vector<Vec3>& velocities) {
     IntegrateRigidBodiesKernel& bound = boundKernel("setBodyVelocities()");
-    checkVectors(velocities, getNumRigidBodies(), "setBodyVelocities()", "velocity");
+    checkVectors(velocities, bound.getNumBodies(), getNumRigidBodies(), "setBodyVelocities()", "velocity");
     bound.setBodyVelocities(*context, velocities);
 }
 
 void CustomRigidHIIntegrator::setBodyAngularVelocities(const vector<Vec3>& angularVelocities) {
     IntegrateRigidBodiesKernel& bound = boundKernel("setBodyAngularVelocities()");
-    checkVectors(angularVelocities, getNumRigidBodies(), "setBodyAngularVelocities()", "angular velocity");
+    checkVectors(angularVelocities, bound.getNumBodies(), getNumRigidBodies(), "setBodyAngularVelocities()",
+                 "angular velocity");
     bound.setBodyAngularVelocities(*context, angularVelocities);
 }
 

@@ -193,6 +193,13 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """Get the number of rigid bodies."""
         return super().getNumRigidBodies()
 
+    def getNumRigidBodiesInContext(self):
+        """Get the number of rigid bodies of the bound Context: those that there were when it was created.
+
+        Bodies that are added later wait for the next Context or `reinitialize()`. Needs a Context.
+        """
+        return super().getNumRigidBodiesInContext()
+
     def getRigidBodyParameters(self, index):
         """Get the definition of a body.
 
@@ -519,7 +526,16 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
                                                     'setBodyAngularVelocities', 'angularVelocities'))
 
     def _rows(self, values, dimension, columns, method, name):
-        return _units.rows(values, dimension, columns, _where(method), name, self.getNumRigidBodies())
+        known = count = self.getNumRigidBodies()
+        try:
+            count = self.getNumRigidBodiesInContext()
+        except openmm.OpenMMException:
+            pass                                                 # there is no Context, which the method itself will say
+        remedy = 'give one row per item'
+        if count != known:
+            remedy = (f'the Context has {count} bodies, the integrator {known}, since those that were added later wait for the next '
+                      'Context; give one row for each of the Context\'s, or call reinitialize() on it first')
+        return _units.rows(values, dimension, columns, _where(method), name, count, remedy)
 
     def getBodyForces(self):
         """Get the total forces on the bodies at the last force evaluation of the last step.

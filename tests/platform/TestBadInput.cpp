@@ -117,6 +117,18 @@ TEST_F(BadInput, RowsOfBodyStates) {
     expectError([&] { integrator.setBodyOrientations({{{2, 0, 0, 0}}}); }, {"body 0", "length 2", "(w, x, y, z)"});
     expectError([&] { integrator.setBodyOrientations({{{nan_, 0, 0, 0}}}); }, {"body 0", "normalise it"});
     integrator.step(1);
+    // A body that is added now is not one of the Context's.
+    integrator.addRigidBody({3});
+    EXPECT_EQ(integrator.getNumRigidBodies(), 2);
+    EXPECT_EQ(integrator.getNumRigidBodiesInContext(), 1);
+    const vector<Vec3> R = integrator.getBodyPositions();
+    integrator.setBodyPositions(R);
+    const vector<string> fragments = {"got 2 rows; the Context has 1 bodies, the integrator 2", "call reinitialize()"};
+    expectError([&] { integrator.setBodyPositions({Vec3(), Vec3()}); }, fragments);
+    expectError([&] { integrator.setBodyVelocities({Vec3(), Vec3()}); }, fragments);
+    expectError([&] { integrator.setBodyAngularVelocities({Vec3(), Vec3()}); }, fragments);
+    expectError([&] { integrator.setBodyOrientations({{{1, 0, 0, 0}}, {{1, 0, 0, 0}}}); }, fragments);
+    integrator.step(1);
 }
 
 }  // namespace

@@ -7,10 +7,12 @@
 #include <openmm/LocalEnergyMinimizer.h>
 #include <openmm/MonteCarloBarostat.h>
 #include <openmm/NonbondedForce.h>
+#include <openmm/VerletIntegrator.h>
 #include <openmm/VirtualSite.h>
 #include <openmm/internal/ContextImpl.h>
 #include <openmm/internal/ForceImpl.h>
 
+#include <chrono>
 #include <numeric>
 
 #include "TestSupport.h"
@@ -534,7 +536,7 @@ TEST(Others, EquipartitionOfTwoBodiesUnderACMMotionRemover) {
     system.addForce(new CMMotionRemover());
     Context context(system, integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 1));
     context.setPositions({Vec3(-0.1, 0, 0), Vec3(0.1, 0, 0), Vec3(-0.1, 1, 0), Vec3(0.1, 1, 0)});
-    const int samples = 2000, interval = 40;  // exp(-40 gamma h) = 0.2: their squares are independent within 4 per cent
+    const int samples = 1000, interval = 40;  // exp(-40 gamma h) = 0.2: their squares are independent within 4 per cent
     vector<double> relative[3], centre[3];
     for (int s = 0; s < samples; s++) {
         integrator.step(interval);
@@ -779,6 +781,52 @@ TEST(Others, BodiesAcrossPeriodicBoundariesStayWhole) {
     box.context->setPositions(state.getPositions());
     box.integrator.step(5);
     EXPECT_LT(box.integrator.getPoseResidual(), 1e-12);
+}
+
+TEST(Others, CreatingAContextCostsNoMoreABodyInALargerSystem) {
+    // Four times as many bodies took thirteen times as long when each looked at the constraints of all.
+    const auto seconds = [](int copies, bool constrained) {
+        System system;
+        CustomRigidHIIntegrator integrator(300, 0.001);
+        const Shape water = waterShape();
+        addBodies(system, integrator, water, copies);
+        for (int p = 0; constrained && p < 3 * copies; p++)
+            system.addConstraint(p, p % 3 == 2 ? p - 2 : p + 1, norm(water.sites[p % 3] - water.sites[(p + 1) % 3]));
+        double least = INFINITY;
+        for (int repeat = 0; repeat < 3; repeat++) {
+            const auto start = chrono::steady_clock::now();
+            Context context(system, integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 1));
+            least = min(least, chrono::duration<double>(chrono::steady_clock::now() - start).count());
+        }
+        return least;
+    };
+    for (bool constrained : {true, false}) {
+        const double few = seconds(2000, constrained), many = seconds(8000, constrained);
+        cout << "2000 bodies: " << few << " s, 8000: " << many << " s" << endl;
+        EXPECT_LT(many, 8 * few);
+    }
+}
+
+TEST(Others, ConstraintsOfFreeParticlesArePreparedOnce) {
+    // OpenMM takes quadratic time to prepare those that are no water; doing it again for us took as long.
+    System system;
+    const int molecules = 1500;
+    for (int m = 0; m < molecules; m++) {
+        for (int i = 0; i < 4; i++) system.addParticle(1);
+        for (int i = 0; i < 3; i++) system.addConstraint(4 * m + i, 4 * m + i + 1, 0.1);
+    }
+    CustomRigidHIIntegrator integrator(300, 0.001);
+    VerletIntegrator verlet(0.001);
+    double least[2] = {INFINITY, INFINITY};
+    for (int repeat = 0; repeat < 5; repeat++)
+        for (int own : {0, 1}) {
+            const auto start = chrono::steady_clock::now();
+            Context context(system, own ? (Integrator&)integrator : verlet, testPlatform(),
+                            threads(RIGIDHI_TEST_PLATFORM, 1));
+            least[own] = min(least[own], chrono::duration<double>(chrono::steady_clock::now() - start).count());
+        }
+    cout << "Verlet " << least[0] << " s, this one " << least[1] << " s" << endl;
+    EXPECT_LT(least[1], 1.5 * least[0]);
 }
 
 TEST(Others, SystemsWithoutBodiesAndWithImmobileParticlesRun) {

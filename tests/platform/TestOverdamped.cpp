@@ -688,6 +688,26 @@ TEST(Overdamped, Settings) {
                 {"scheme " + to_string(beyond) + " is unknown", "DriftCorrectorRFD"});
 }
 
+TEST(Overdamped, MessagesNameTheToleranceThatWasSet) {
+    // What is differenced is solved to a tenth of it.
+    int seen = 0;
+    for (const Named& s : schemes) {
+        OverdampedScene scene(s.scheme, T1);
+        for (int b = 0; b < 4; b++) scene.addMassless(boomerangKind(), Vec3(1.2 * b, 0, 0));
+        scene.fluid->setSolver(MobilityForce::MatrixFree);
+        scene.fluid->setSolverTolerance(1e-14);
+        scene.start(testPlatform());
+        try {
+            scene.integrator.step(5);
+        } catch (const OpenMM::OpenMMException& error) {
+            cout << s.name << ": " << error.what() << endl;
+            EXPECT_NE(string(error.what()).find("the tolerance of 1e-14"), string::npos) << error.what();
+            seen++;
+        }
+    }
+    EXPECT_GT(seen, 0);
+}
+
 /** Spheres on all sides of each other, nearer than any finite difference. */
 TEST(Overdamped, FiniteDifferencesThatLeadNowhere) {
     for (Scheme scheme : {RigidHI::RandomFiniteDifference, RigidHI::TractionEulerMaruyama, RigidHI::TrapezoidalSlip,

@@ -44,7 +44,8 @@ def test_an_index_beyond_the_system(platform):
 
 @pytest.mark.parametrize('scheme', [scheme for scheme in openmmrigidhi.integrator.Scheme if not scheme.traits.needsFluid])
 def test_a_massless_body(platform, scheme):
-    with refused('body 0 has mass 0', f'scheme {scheme.name} needs a positive mass', 'add it with explicit mass'):
+    with refused('body 0 has mass 0', f'scheme {scheme.name} needs a positive mass', 'add it with explicit mass',
+                 'a scheme without momenta such as FixmanMidpoint, with a MobilityForce'):
         openmm.Context(system_of(0, 0), integrator_of([0, 1], scheme=scheme), platform)
     integrator = Integrator(300, 0.001)
     integrator.setScheme(scheme)

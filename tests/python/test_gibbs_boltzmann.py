@@ -581,3 +581,19 @@ def test_bad_samples():
         samples.histogram(np.zeros(10), [1, 1])
     with refused('numSamples: got 0'):
         analysis.GibbsBoltzmannSampler(Scene().bind()).sample(0)
+
+
+def test_bodies_without_mass_need_a_scheme_without_momenta():
+    """The Context refuses them by name, with the way out, and the sampler takes them there."""
+    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(300, 0.01)
+    app.addRigidMultiblob(system, integrator, fluid, [(-0.5, 0, 0), (0.5, 0, 0), (0, 0.5, 0)], 0.4)
+    platform = openmm.Platform.getPlatformByName('Reference')
+    with refused('body 0 has mass 0', 'a scheme without momenta such as FixmanMidpoint, with a MobilityForce: that serves Monte Carlo too',
+                 error=openmm.OpenMMException):
+        openmm.Context(system, integrator, platform)
+    integrator.setScheme(integrator.FixmanMidpoint)
+    system.addForce(fluid)
+    context = openmm.Context(system, integrator, platform)
+    context.setPositions([(-0.5, 0, 0), (0.5, 0, 0), (0, 0.5, 0)])
+    sampler = analysis.GibbsBoltzmannSampler(context, coordinates=['rotation'], seed=1)
+    assert sampler.sample(3).orientations.shape == (3, 1, 4)

@@ -93,3 +93,22 @@ def test_free_draining_multiblobs_are_computed_once(platform):
 def test_one_sphere_needs_no_root_of_a_matrix(platform):
     done = counted(*scene(platform, MobilityForce.RotnePragerYamakawa, 300, bodies=1))
     assert done['squareRoots'] == 0 and done['randomNumbers'] == STEPS*6
+
+
+def test_a_warning_is_printed_once_for_its_cause(capfd):
+    """Temperatures and steps that change from run to run, as in annealing, change the numbers in it and nothing else."""
+    system = openmm.System()
+    system.addParticle(1)
+    integrator = CustomRigidHIIntegrator(300, 0.1)
+    integrator.addRigidBody([0], 1, (1e-4, 1, 1), [(0, 0, 0)])
+    integrator.setScheme(integrator.LangevinA)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions([(0, 0, 0)])
+    for k in range(10):
+        integrator.setTemperature(300 + k)
+        integrator.setStepSize(0.1 + 0.01*k)
+        integrator.setFriction(200 + k)
+        integrator.step(1)
+    printed = capfd.readouterr().err
+    assert printed.count('does not resolve the rotation') == 1 and printed.count('LangevinA breaks down') == 1
+    assert 'gamma 209' in integrator.getEffects()['warnings']

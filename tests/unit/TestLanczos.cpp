@@ -250,6 +250,13 @@ TEST(Lanczos, Errors) {
     expectFragment(solve(indefinite, 1e-9, 100, root), "is not positive definite (eigenvalues from -0.0");
     const KnownMatrix hopeless = {spectrum(random, Logarithmic, 40, 1e14), MatrixXd()};
     expectFragment(solve(hopeless, 1e-9, 100, SpectralFunction::decay(1e-20)), "rounding makes an error of");
+    // What is said to be out of reach is what the user asked for.
+    const auto part = [&](const KnownMatrix& matrix, const SpectralFunction& f, int most) {
+        return messageOf([&] { Lanczos(1e-15, most, 1e-14).apply(matrix.product(), x, {f}, result); });
+    };
+    expectFragment(part(hopeless, SpectralFunction::decay(1e-20), 100),
+                   "the tolerance of 1e-14, of which an iteration may take 1e-15, cannot be reached");
+    expectFragment(part(A, root, 10), "above the tolerance of 1e-14, of which an iteration may take 1e-15,");
     KnownMatrix broken = A;
     broken.values[0] = NAN;
     expectFragment(solve(broken, 1e-9, 100, root), "a product with the mobility is not finite");

@@ -117,7 +117,7 @@ TEST(BodyGeometry, WaterFromItsConstraints) {
     system.addConstraint(1, 2, 0.15139006545);
     system.setVirtualSite(3, new ThreeParticleAverageSite(0, 1, 2, 0.7866, 0.1067, 0.1067));
     const vector<int> particles = {0, 1, 2, 3};
-    const BodyGeometryBuilder builder(system, particles, "body 0");
+    const BodyGeometryBuilder builder(system, ConstraintsOfParticles(system), particles, "body 0");
     ASSERT_FALSE(builder.needsPositions());
     const BodyGeometry g = builder.build({});
     EXPECT_NEAR(g.mass, 18.0154, 1e-12);
@@ -153,7 +153,7 @@ TEST(BodyGeometry, AllPairsOfAChiralBodyKeepItsHandedness) {
         }
         for (int i = 0; i < 5; i++)
             for (int j = 0; j < i; j++) system.addConstraint(i, j, norm(shape.sites[i] - shape.sites[j]));
-        const BodyGeometryBuilder builder(system, particles, "body 0");
+        const BodyGeometryBuilder builder(system, ConstraintsOfParticles(system), particles, "body 0");
         ASSERT_TRUE(builder.needsPositions());
         const BodyGeometry g = builder.build(positions);
         for (int i = 0; i < 5; i++)
@@ -171,7 +171,8 @@ TEST(PoseFit, RecoversPosesOfEveryShape) {
         System system;
         vector<int> particles;
         for (double m : shape.masses) particles.push_back(system.addParticle(m));
-        const BodyGeometry g = BodyGeometryBuilder(system, particles, "body 0").build(shape.sites);
+        const BodyGeometry g =
+            BodyGeometryBuilder(system, ConstraintsOfParticles(system), particles, "body 0").build(shape.sites);
         const PoseFit fit(g, shape.masses, vector<bool>(particles.size(), false));
         for (int trial = 0; trial < 200; trial++) {
             const QuaternionArray q = randomQuaternion(generator);

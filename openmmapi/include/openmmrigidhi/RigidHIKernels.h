@@ -38,6 +38,8 @@ public:
     virtual void resetBodyGeometry(OpenMM::ContextImpl& context) = 0;
     /** Make sure that all geometries are known; throws if positions were not set. */
     virtual void requireGeometry(OpenMM::ContextImpl& context) = 0;
+    /** Bodies of the Context; the integrator may have been given more since. */
+    virtual int getNumBodies() const = 0;
 
     virtual std::vector<OpenMM::Vec3> getBodyPositions(OpenMM::ContextImpl& context) = 0;
     virtual std::vector<QuaternionArray> getBodyOrientations(OpenMM::ContextImpl& context) = 0;

@@ -205,6 +205,7 @@ Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejec
         groups.emplace_back(new Group());
         Group& group = *groups.back();
         group.mobility.reset(new BodyMobility(entry.second, makeOperator, unbounded, makeUnbounded));
+        group.mobility->wantedTolerance = force.getSolverTolerance();
         for (const FluidElement& element : group.mobility->getElements()) {
             int live = 0, freeIndex = -1;
             if (element.isFree()) {

@@ -12,7 +12,7 @@ using namespace std;
 
 namespace RigidHIPlugin {
 
-FreeParticles::FreeParticles(const System& system, const vector<int>& particles)
+FreeParticles::FreeParticles(const System& system, const vector<int>& particles, ReferenceConstraints& ofContext)
     : particles(particles), thermostats(particles.size()), forces(particles.size()) {
     vector<bool> isFree(system.getNumParticles(), false);
     inverseMasses.assign(system.getNumParticles(), 0.0);
@@ -21,21 +21,28 @@ FreeParticles::FreeParticles(const System& system, const vector<int>& particles)
         masses.push_back(system.getParticleMass(p));
         inverseMasses[p] = masses.back() > 0 ? 1 / masses.back() : 0;
     }
+    const auto forEach = [&](auto action) {
+        for (int i = 0; i < system.getNumConstraints(); i++) {
+            int a, b;
+            double distance;
+            system.getConstraintParameters(i, a, b, distance);
+            if (isFree[a] && isFree[b]) action(a, b, distance);
+        }
+    };
+    forEach([&](int, int, double) { numConstraints++; });
+    if (numConstraints == 0) return;
+    // To make OpenMM's algorithm takes a time that is quadratic in constraints: where there are no others, the Context's serves.
+    constraints = &ofContext;
+    if (numConstraints == system.getNumConstraints()) return;
     // The Context's own constraints would also hold every rigid body's, so give OpenMM's algorithms a System of ours.
     constraintSystem.reset(new System());
     for (int i = 0; i < system.getNumParticles(); i++) constraintSystem->addParticle(system.getParticleMass(i));
-    for (int i = 0; i < system.getNumConstraints(); i++) {
-        int a, b;
-        double distance;
-        system.getConstraintParameters(i, a, b, distance);
-        if (isFree[a] && isFree[b]) constraintSystem->addConstraint(a, b, distance);
-    }
-    numConstraints = constraintSystem->getNumConstraints();
-    if (numConstraints == 0) return;
+    forEach([&](int a, int b, double distance) { constraintSystem->addConstraint(a, b, distance); });
     for (int i = 0; i < system.getNumForces(); i++)  // they help the constraint matrix to converge
         if (auto* angles = dynamic_cast<const HarmonicAngleForce*>(&system.getForce(i)))
             constraintSystem->addForce(new HarmonicAngleForce(*angles));
-    constraints.reset(new ReferenceConstraints(*constraintSystem));
+    ownConstraints.reset(new ReferenceConstraints(*constraintSystem));
+    constraints = ownConstraints.get();
 }
 
 FreeParticles::~FreeParticles() = default;

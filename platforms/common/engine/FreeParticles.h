@@ -23,8 +23,12 @@ namespace RigidHIPlugin {
 class FreeParticles {
 public:
     FreeParticles() = default;
-    /** @param particles  indices of the massive particles that are in no body */
-    FreeParticles(const OpenMM::System& system, const std::vector<int>& particles);
+    /**
+     * @param particles    indices of the massive particles that are in no body
+     * @param ofContext    OpenMM's constraints of the whole System, which outlive this object
+     */
+    FreeParticles(const OpenMM::System& system, const std::vector<int>& particles,
+                  OpenMM::ReferenceConstraints& ofContext);
     ~FreeParticles();
     int getNumParticles() const { return particles.size(); }
     int getNumConstraints() const { return numConstraints; }
@@ -66,7 +70,8 @@ private:
     std::vector<double> noise;
     int numConstraints = 0;
     std::unique_ptr<OpenMM::System> constraintSystem;
-    std::unique_ptr<OpenMM::ReferenceConstraints> constraints;
+    std::unique_ptr<OpenMM::ReferenceConstraints> ownConstraints;
+    OpenMM::ReferenceConstraints* constraints = nullptr;  // these, or the Context's
     std::vector<double> inverseMasses;  // of all particles of the System; 0 where constraints must not act
     std::vector<OpenMM::Vec3> before, after;
 };

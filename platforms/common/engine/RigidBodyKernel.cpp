@@ -85,13 +85,14 @@ void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegr
         stock.mobilityForce = fluidParameters.get();
     }
     loops = createLoops(context);
-    freeParticles.reset(new FreeParticles(*system, stock.freeParticles));
+    freeParticles.reset(new FreeParticles(*system, stock.freeParticles, *data.constraints));
 
     lastPositions.assign(system->getNumParticles(), unsetVec3);
     lastVelocities = lastPositions;
 
     geometries.resize(definitions->getNumRigidBodies());
     bool allKnown = true;
+    constraints.reset(new ConstraintsOfParticles(*system));
     for (int b = 0; b < definitions->getNumRigidBodies(); b++) {
         const bool known = definitions->getRigidBodyGeometryIsKnown(b);
         vector<int> particles = definitions->getRigidBodyParticles(b);
@@ -99,7 +100,8 @@ void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegr
         if (known) definitions->getRigidBodyParameters(b, particles, g.mass, g.moments, g.sites);
         if (!definitions->getRigidBodyIsExplicit(b)) {
             // The System wins: a known shape is kept only as far as the System leaves it open, and with the System's masses.
-            const BodyGeometryBuilder builder(*system, definitions->getRigidBodyParticles(b), "body " + to_string(b));
+            const BodyGeometryBuilder builder(*system, *constraints, definitions->getRigidBodyParticles(b),
+                                              "body " + to_string(b));
             if (known || !builder.needsPositions()) {
                 g = builder.update(g);
                 recordGeometry(b, g);
@@ -215,7 +217,7 @@ void RigidBodyKernel::deriveGeometries() {
         const vector<int>& particles = definitions->getRigidBodyParticles(b);
         vector<Vec3> members;
         for (int p : particles) members.push_back(positions()[p]);
-        derived[b] = BodyGeometryBuilder(*system, particles, "body " + to_string(b)).build(members);
+        derived[b] = BodyGeometryBuilder(*system, *constraints, particles, "body " + to_string(b)).build(members);
         found.push_back(b);
     }
     buildBodies(derived);
@@ -283,12 +285,13 @@ void RigidBodyKernel::updateSettings() {
 }
 
 void RigidBodyKernel::printWarnings() {
-    for (const string& warning : warnings())
-        if (printedWarnings.insert(warning).second) cerr << "Warning: CustomRigidHIIntegrator: " << warning << endl;
+    for (const auto& warning : warnings())
+        if (printedWarnings.insert(warning.first).second)
+            cerr << "Warning: CustomRigidHIIntegrator: " << warning.second << endl;
 }
 
-vector<string> RigidBodyKernel::warnings() const {
-    vector<string> result;
+map<RigidBodyKernel::WarningCause, string> RigidBodyKernel::warnings() const {
+    map<WarningCause, string> result;
     const double kT = BOLTZ * integrator->getTemperature(), h = integrator->getStepSize();
     const SchemeTraits& traits = traitsOf(integrator->getScheme());
     const bool langevinA = traits.scheme == CustomRigidHIIntegrator::LangevinA;
@@ -306,19 +309,21 @@ vector<string> RigidBodyKernel::warnings() const {
         worst = max(worst, turn);
     }
     if (traits.omitsDrift() && kT > 0 && fluid && fluid->hasStochasticDrift())
-        result.push_back(string(traits.name) +
-                         " omits the stochastic drift kT div N, which is not 0 here, and samples a wrong distribution; "
-                         "use RandomFiniteDifference, FixmanMidpoint, TrapezoidalSlip or DriftCorrectorRFD");
+        result[WarningCause::OmittedDrift] =
+            string(traits.name) +
+            " omits the stochastic drift kT div N, which is not 0 here, and samples a wrong distribution; use "
+            "RandomFiniteDifference, FixmanMidpoint, TrapezoidalSlip or DriftCorrectorRFD";
     if (unresolved > 0 && traits.hasMomenta)
-        result.push_back("the step of " + number(h) + " ps does not resolve the rotation of " + to_string(unresolved) +
-                         " bodies, the first of them body " + to_string(firstUnresolved) +
-                         " (h sqrt(kT I2 I3/I1) (1/I2 - 1/I3) is up to " + number(worst) + ", above " +
-                         number(resolutionLimit) + "): their temperature will be wrong; take a step of " +
-                         number(h * resolutionLimit / worst) + " ps or less");
+        result[WarningCause::UnresolvedRotation] =
+            "the step of " + number(h) + " ps does not resolve the rotation of " + to_string(unresolved) +
+            " bodies, the first of them body " + to_string(firstUnresolved) +
+            " (h sqrt(kT I2 I3/I1) (1/I2 - 1/I3) is up to " + number(worst) + ", above " + number(resolutionLimit) +
+            "): their temperature will be wrong; take a step of " + number(h * resolutionLimit / worst) + " ps or less";
     if (langevinA && (largestGamma > langevinAGammaLimit || largestRotational > langevinARotationalLimit))
-        result.push_back("LangevinA breaks down at large friction (gamma " + number(largestGamma) +
-                         "/ps, limit about " + number(langevinAGammaLimit) + "; Gamma " + number(largestRotational) +
-                         "/ps, limit about " + number(langevinARotationalLimit) + "); use LangevinB or LangevinC");
+        result[WarningCause::LargeFriction] = "LangevinA breaks down at large friction (gamma " + number(largestGamma) +
+                                              "/ps, limit about " + number(langevinAGammaLimit) + "; Gamma " +
+                                              number(largestRotational) + "/ps, limit about " +
+                                              number(langevinARotationalLimit) + "); use LangevinB or LangevinC";
     return result;
 }
 

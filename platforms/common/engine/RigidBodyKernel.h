@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <set>
 #include <string>
@@ -39,6 +40,7 @@ public:
     void stateChanged(OpenMM::ContextImpl& context, OpenMM::State::DataType changed) override;
     void resetBodyGeometry(OpenMM::ContextImpl& context) override;
     void requireGeometry(OpenMM::ContextImpl& context) override;
+    int getNumBodies() const override { return definitions->getNumRigidBodies(); }
     std::vector<OpenMM::Vec3> getBodyPositions(OpenMM::ContextImpl& context) override;
     std::vector<QuaternionArray> getBodyOrientations(OpenMM::ContextImpl& context) override;
     std::vector<OpenMM::Vec3> getBodyVelocities(OpenMM::ContextImpl& context) override;
@@ -89,7 +91,9 @@ private:
     static double now();
     void updateSettings();
     void printWarnings();
-    std::vector<std::string> warnings() const;
+    /** What the user should know about the settings. A cause is told once, though its numbers may change from step to step. */
+    enum class WarningCause { OmittedDrift, UnresolvedRotation, LargeFriction };
+    std::map<WarningCause, std::string> warnings() const;
     void recordGeometry(int body, const BodyGeometry& geometry);
     void buildBodies(const std::vector<BodyGeometry>& newGeometries);
     void deriveGeometries();
@@ -135,6 +139,7 @@ private:
     std::unique_ptr<CustomRigidHIIntegrator> definitions;
     std::unique_ptr<PlatformLoops> loops;
     SystemInventory stock;
+    std::unique_ptr<ConstraintsOfParticles> constraints;
     BodySet bodies;
     std::vector<BodyGeometry> geometries;  // of the bodies whose geometry is known
     std::vector<PoseFit> fits;
@@ -148,7 +153,7 @@ private:
     StepSettings settings;
     int settingsVersion = -1;
     double settingsStepSize = 0;
-    std::set<std::string> printedWarnings;
+    std::set<WarningCause> printedWarnings;
     bool positionsAreSet = false, bodiesAreBuilt = false, forcesAreValid = false, membersNeedPuttingBack = false;
     bool velocitiesNeedPuttingBack = false;
     bool userChangedState = false;

@@ -264,7 +264,7 @@ map<string, string> RigidBodyKernel::getEffects(ContextImpl& context) {
                               ": their thick axes relax at Gamma/(I sum 1/I), less than a tenth of the mean rate");
     string all;
     if (bodiesAreBuilt)
-        for (const string& w : warnings()) all += (all.empty() ? "" : "; ") + w;
+        for (const auto& w : warnings()) all += (all.empty() ? "" : "; ") + w.second;
     set("warnings", !all.empty(), all.empty() ? "none" : all);
     return effects;
 }

@@ -107,7 +107,7 @@ void RigidBodyKernel::adoptState(const SavedState& saved) {
             if (definitions->getRigidBodyIsExplicit(b))
                 checkAgainstDefinition(b, g);
             else
-                now[b] = BodyGeometryBuilder(*system, particles, "body " + to_string(b)).update(g);
+                now[b] = BodyGeometryBuilder(*system, *constraints, particles, "body " + to_string(b)).update(g);
             if (!sameGeometry(now[b], g)) others.push_back(b);
         }
         if (positionsAreSet) checkPosesAgainstPositions(saved);

@@ -173,9 +173,12 @@ static void checkMasses(const System& system, const CustomRigidHIIntegrator& int
         } else
             for (int p : integrator.getRigidBodyParticles(b)) mass += system.getParticleMass(p);
         if (mass == 0)
-            refuse(bodyText(b) + " has mass 0, but scheme " + name +
-                   " needs a positive mass; give its particles masses in the System, or add it with explicit mass, "
-                   "moments and site positions");
+            refuse(
+                bodyText(b) + " has mass 0, but scheme " + name +
+                " needs a positive mass; give its particles masses in the System, add it with explicit mass, moments "
+                "and "
+                "site positions, or choose a scheme without momenta such as FixmanMidpoint, with a MobilityForce: that "
+                "serves Monte Carlo too");
     }
     for (int p : stock.freeParticles)
         if (system.getParticleMass(p) == 0)

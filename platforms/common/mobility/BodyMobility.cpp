@@ -318,6 +318,7 @@ MultiblobSolver& BodyMobility::getMultiblobSolver() {
     if (!multiblobSolver)
         multiblobSolver.reset(
             new MultiblobSolver(elements, rows, firstParticle, particles, nullVectors, makeUnbounded));
+    multiblobSolver->wantedTolerance = wantedTolerance;
     multiblobSolver->setPoses(poses);
     return *multiblobSolver;
 }

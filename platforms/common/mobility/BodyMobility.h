@@ -130,6 +130,8 @@ public:
     /** Longest distance between points of the element's particles, nm: what finite differences scale translations with. */
     double length(int element) const;
 
+    /** The tolerance that the user has set, for messages of iterations, which may be left a part of it. 0: not known. */
+    double wantedTolerance = 0;
     /** Matrices made (dense mobility or friction; turning a constant one is not making it), products with M, for getStepStatistics(). */
     long long numMatrices = 0, numProducts = 0, numSolverIterations = 0;
 

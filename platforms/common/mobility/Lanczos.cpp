@@ -45,7 +45,8 @@ SpectralFunction SpectralFunction::inverseSquareRoot() {
     return {[](double x) { return 1 / std::sqrt(x); }, {}};
 }
 
-Lanczos::Lanczos(double tolerance, int maxIterations) : tolerance(tolerance), maxIterations(maxIterations) {}
+Lanczos::Lanczos(double tolerance, int maxIterations, double wanted)
+    : tolerance(tolerance), maxIterations(maxIterations), wanted(wanted) {}
 
 void Lanczos::apply(const Product& multiply, const MatrixXd& x, const std::vector<SpectralFunction>& functions,
                     MatrixXd& result, Measure measure, const Product& rough) {
@@ -100,7 +101,7 @@ void Lanczos::iterate(const Product& multiply, const MatrixXd& x, const std::vec
                 if (isRough) throw TooRough();
                 std::ostringstream message;
                 message << "MobilityForce: after " << k << " products the Lanczos iteration is at a relative error of "
-                        << column.error << ", above the tolerance of " << tolerance
+                        << column.error << ", above " << toleranceText(tolerance, wanted)
                         << "; raise the tolerance (setSolverTolerance) or use the solver Dense";
                 throw OpenMMException(message.str());
             }
@@ -253,8 +254,8 @@ bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure mea
     if (!roundingIsSmall(norm)) {
         if (isRough) throw TooRough();
         std::ostringstream message;
-        message << "MobilityForce: the tolerance of " << tolerance << " cannot be reached: rounding makes an error of "
-                << column.error << " with a mobility whose eigenvalues go from " << column.smallest << " to "
+        message << "MobilityForce: " << toleranceText(tolerance, wanted)
+                << " cannot be reached: rounding makes an error of " << column.error << " with a mobility whose eigenvalues go from " << column.smallest << " to "
                 << column.largest
                 << "; raise the tolerance (setSolverTolerance), or change radii, masses or step size that differ by so "
                    "much";

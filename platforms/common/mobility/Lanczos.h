@@ -53,8 +53,12 @@ public:
     /** What the tolerance is relative to: each column's own norm, or (not for increments, see apply()) that of their sum. */
     enum Measure { OwnNorm, NormOfSum };
 
-    /** @param maxIterations  bounds memory and time; at the matrix's dimension results are exact */
-    explicit Lanczos(double tolerance, int maxIterations = 1000);
+    static constexpr int defaultIterations = 1000;
+    /**
+     * @param maxIterations  bounds memory and time; at the matrix's dimension results are exact
+     * @param wanted         the tolerance that the user has set, for messages, if only a part of it is left for this; else 0
+     */
+    explicit Lanczos(double tolerance, int maxIterations = defaultIterations, double wanted = 0);
 
     /**
      * result.col(c) = f_c(A) x.col(c), or (f_c - 1)(A) x.col(c) if f_c has `minusOne` and this is smaller, which
@@ -115,6 +119,7 @@ private:
 
     const double tolerance;
     const int maxIterations;
+    const double wanted;
     std::vector<Column> columns;  // kept from call to call, for their memory
     Eigen::VectorXd ritzValues, overlap;
     Eigen::MatrixXd input, output;

@@ -3,6 +3,7 @@
 #include <openmm/OpenMMException.h>
 
 #include <Eigen/Cholesky>
+#include <sstream>
 
 namespace RigidHIPlugin {
 
@@ -15,6 +16,13 @@ void refuseIndefiniteMobility(int numParticles) {
 void refuseIndefiniteFriction(int numBodies) {
     throw OpenMM::OpenMMException("MobilityForce: the friction matrix of " + std::to_string(numBodies) +
                                   " bodies is not positive definite; look for a body whose blobs are all at one place");
+}
+
+std::string toleranceText(double tolerance, double wanted) {
+    std::ostringstream text;
+    text << "the tolerance of " << (wanted > 0 ? wanted : tolerance);
+    if (wanted > 0 && wanted != tolerance) text << ", of which an iteration may take " << tolerance << ",";
+    return text.str();
 }
 
 void MobilityOperator::dense(Eigen::MatrixXd& mobility) const {

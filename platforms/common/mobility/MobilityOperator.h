@@ -38,6 +38,12 @@ struct HydrodynamicParticles {
 [[noreturn]] void refuseIndefiniteMobility(int numParticles);
 /** Likewise the friction matrix of so many bodies. */
 [[noreturn]] void refuseIndefiniteFriction(int numBodies);
+/**
+ * A tolerance in a message: the one that the user has set, and the part of it that is left for an iteration.
+ *
+ * @param wanted  the former; 0: it is the iteration's own
+ */
+std::string toleranceText(double tolerance, double wanted);
 
 /**
  * How the fluid couples particles: velocities = M(positions) forces. A new model is one class with setPositions() and

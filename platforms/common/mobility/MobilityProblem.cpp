@@ -47,7 +47,7 @@ void MobilityProblem::setTolerance(double relative, bool exactProducts) {
     toleranceOfProducts = exactProducts ? 0 : relative;
     if (relative == tolerance) return;
     tolerance = relative;
-    lanczos.reset(new Lanczos(tolerance));
+    lanczos.reset(new Lanczos(tolerance, Lanczos::defaultIterations, bodies.wantedTolerance));
 }
 
 void MobilityProblem::setPoses(const vector<Pose>& poses, bool nearby) {

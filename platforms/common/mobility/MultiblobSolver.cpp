@@ -170,7 +170,7 @@ int MultiblobSolver::iterate(const MobilityOperator& blobs, const MatrixXd& wren
         if (iteration++ == maxIterations || !gradient.allFinite()) {
             ostringstream text;
             text << "MobilityForce: the solver of rigid multiblobs has a relative residual of " << worst << " after "
-                 << iteration << " iterations, above its tolerance " << tolerance
+                 << iteration << " iterations, above " << toleranceText(tolerance, wantedTolerance)
                  << "; raise setSolverTolerance(), use setSolver(Dense), or look for bodies that overlap deeply";
             throw OpenMM::OpenMMException(text.str());
         }

@@ -41,6 +41,8 @@ public:
                     const std::vector<int>& firstParticle, const HydrodynamicParticles& particles,
                     const std::vector<Eigen::VectorXd>& nullVectors, const OperatorFactory& makeUnbounded);
     void setPoses(const std::vector<Pose>& poses);
+    /** What the user has set, for messages: solves may be wanted to a part of it. 0: not known. */
+    double wantedTolerance = 0;
     /**
      * twists = N wrenches, each column for itself. @throws OpenMMException with what was reached, if the tolerance is not
      * @return iterations

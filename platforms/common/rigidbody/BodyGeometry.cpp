@@ -4,7 +4,9 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <functional>
 #include <map>
+#include <numeric>
 
 #include "rigidbody/EigenVec3.h"
 
@@ -85,7 +87,25 @@ bool massesMake(const BodyGeometry& geometry, const vector<double>& masses) {
     return centre.dot(centre) <= tolerance * tolerance * largest * total;
 }
 
-BodyGeometryBuilder::BodyGeometryBuilder(const System& system, const vector<int>& particles, const string& name)
+ConstraintsOfParticles::ConstraintsOfParticles(const System& system) : first(system.getNumParticles() + 1, 0) {
+    const auto forEnds = [&](auto action) {
+        for (int c = 0; c < system.getNumConstraints(); c++) {
+            int a, b;
+            double distance;
+            system.getConstraintParameters(c, a, b, distance);
+            action(a, c);
+            action(b, c);
+        }
+    };
+    forEnds([&](int particle, int) { first[particle + 1]++; });
+    partial_sum(first.begin(), first.end(), first.begin());
+    constraints.resize(first.back());
+    vector<int> next(first);
+    forEnds([&](int particle, int constraint) { constraints[next[particle]++] = constraint; });
+}
+
+BodyGeometryBuilder::BodyGeometryBuilder(const System& system, const ConstraintsOfParticles& constraints,
+                                         const vector<int>& particles, const string& name)
     : system(system), particles(particles), name(name), fixedByConstraints(true), hasOtherMassless(false) {
     map<int, int> placeOfParticle;
     for (size_t i = 0; i < particles.size(); i++) {
@@ -106,19 +126,24 @@ BodyGeometryBuilder::BodyGeometryBuilder(const System& system, const vector<int>
         masses.assign(massive.size(), 1.0);
         return;
     }
-    const int n = massive.size();
+    const size_t n = massive.size();
+    map<pair<int, int>, double> distanceOf;  // of pairs, the larger place first
+    for (const auto& place : placeOfParticle)
+        constraints.forEach(place.first, [&](int c) {
+            int a, b;
+            double distance;
+            system.getConstraintParameters(c, a, b, distance);
+            const auto ia = placeOfParticle.find(a), ib = placeOfParticle.find(b);
+            if (ia == placeOfParticle.end() || ib == placeOfParticle.end() || distance == 0) return;
+            distanceOf[minmax(ia->second, ib->second, greater<int>())] = distance;
+        });
+    // The matrix of a large body would be larger than all the rest: it is made only where all of it is known.
+    fixedByConstraints = distanceOf.size() == n * (n - 1) / 2;
+    if (!fixedByConstraints) return;
     distances.assign(n, vector<double>(n, 0.0));
-    for (int c = 0; c < system.getNumConstraints(); c++) {
-        int a, b;
-        double distance;
-        system.getConstraintParameters(c, a, b, distance);
-        const auto ia = placeOfParticle.find(a), ib = placeOfParticle.find(b);
-        if (ia == placeOfParticle.end() || ib == placeOfParticle.end()) continue;
-        distances[ia->second][ib->second] = distances[ib->second][ia->second] = distance;
-    }
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j < i; j++)
-            if (distances[i][j] == 0) fixedByConstraints = false;
+    for (const auto& entry : distanceOf)
+        distances[entry.first.first][entry.first.second] = distances[entry.first.second][entry.first.first] =
+            entry.second;
 }
 
 bool BodyGeometryBuilder::needsPositions() const {

@@ -24,6 +24,20 @@ constexpr double zeroMomentFraction = 1e-13;
 /** The inertia that the schemes use: moments that count as zero set to zero. */
 BodyInertia liveInertia(double mass, const OpenMM::Vec3& moments);
 
+/** The constraints of a System, by particle: bodies ask for their own, and each is looked at a few times only. */
+class ConstraintsOfParticles {
+public:
+    explicit ConstraintsOfParticles(const OpenMM::System& system);
+    /** Call action(index of the constraint) for those that hold a particle, in ascending order. */
+    template <class Action>
+    void forEach(int particle, Action action) const {
+        for (int i = first[particle]; i < first[particle + 1]; i++) action(constraints[i]);
+    }
+
+private:
+    std::vector<int> first, constraints;  // those of particle p are from first[p] to before first[p + 1]
+};
+
 /**
  * Whether point masses at the sites have the mass and moments of a geometry, its origin as their centre and its axes as principal
  * axes, to 1e-10: far above rounding, far below any intended difference.
@@ -40,8 +54,12 @@ bool massesMake(const BodyGeometry& geometry, const std::vector<double>& masses)
  */
 class BodyGeometryBuilder {
 public:
-    /** @param name  what to call the body in error messages, such as "body 3" */
-    BodyGeometryBuilder(const OpenMM::System& system, const std::vector<int>& particles, const std::string& name);
+    /**
+     * @param constraints  those of the System, one object for all bodies
+     * @param name         what to call the body in error messages, such as "body 3"
+     */
+    BodyGeometryBuilder(const OpenMM::System& system, const ConstraintsOfParticles& constraints,
+                        const std::vector<int>& particles, const std::string& name);
     /** Whether positions are needed, or the System alone fixes the geometry. */
     bool needsPositions() const;
     /**
@@ -63,7 +81,7 @@ private:
     std::string name;
     std::vector<int> massive;  // places in `particles`
     std::vector<double> masses;
-    std::vector<std::vector<double> > distances;
+    std::vector<std::vector<double> > distances;  // between massive members, if constraints fix all of them
     bool fixedByConstraints, hasOtherMassless, massless = false;
 };
 

@@ -70,6 +70,9 @@ class GibbsBoltzmannSampler:
 
     Notes
     -----
+    Bodies need no masses. A Context of bodies without any, as :func:`openmmrigidhi.app.addRigidMultiblob` adds them, needs a scheme without
+    momenta, such as ``FixmanMidpoint``, and the MobilityForce that goes with it.
+
     Coordinates that nothing confines, such as x and y over a plain wall, wander off without end and without harm to the others.
     Spheres that StokesianDynamics keeps from overlapping must be kept so by a force, or by an infinite energyFunction.
     """
@@ -113,7 +116,7 @@ class GibbsBoltzmannSampler:
 
     def _takeBodies(self, trackingPoints, where):
         """Members, sites and owners of all bodies, body after body."""
-        definitions = [self._integrator.getRigidBodyParameters(i) for i in range(self._integrator.getNumRigidBodies())]
+        definitions = [self._integrator.getRigidBodyParameters(i) for i in range(self._integrator.getNumRigidBodiesInContext())]
         count = len(definitions)
         self._firstSite = np.cumsum([0] + [len(particles) for particles, _, _, _ in definitions])
         self._members = np.array([i for particles, _, _, _ in definitions for i in particles], dtype=int)

@@ -24,7 +24,7 @@ import numpy as np
 from openmm import unit
 
 from .. import _units
-from .trajectories import BodyReporter, openHdf5, rowsBefore
+from .trajectories import BodyReporter, openHdf5, readingFrom, rowsBefore
 
 _FORMAT = 'openmmrigidhi body states'
 _VERSION = 1
@@ -103,7 +103,7 @@ class RigidBodyReporter(BodyReporter):
         import h5py
         definition = _definition(integrator)
         if self._continues():
-            with openHdf5(self._file, 'r+') as file:
+            with readingFrom(self._file, 'RigidBodyReporter:'), openHdf5(self._file, 'r+') as file:
                 _checkSameBodies(file, definition, self._file)
                 kept = rowsBefore(file['step'][:_numFrames(file)], simulation.currentStep)
                 for name in _FRAME_DATA:
@@ -133,19 +133,27 @@ def readBodyStates(file):
     ValueError
         if the file is no body-state file of a known version
     """
-    with openHdf5(file, 'r') as handle:
-        _checkFormat(handle, file)
-        count = _numFrames(handle)
-        frames = {name: _withUnit(handle[name][:count], dimension) for name, (_, _, dimension) in _FRAME_DATA.items()}
-        bodies = handle['bodies']
-        first = bodies['firstParticle'][:]
-        particles, sites = bodies['particles'][:], bodies['sitePositions'][:]
-        spans = list(zip(first[:-1], first[1:]))
-        return BodyStates(**frames,
-                          mass=_units.MASS.attach(bodies['mass'][:]),
-                          principalMoments=_units.MOMENT.attach(bodies['principalMoments'][:]),
-                          particles=[particles[a:b].tolist() for a, b in spans],
-                          sitePositions=[_units.LENGTH.attach(sites[a:b]) for a, b in spans])
+    with readingFrom(file, 'readBodyStates:'), openHdf5(file, 'r') as handle:
+        return _readStates(handle, file)
+
+
+def _readStates(handle, file):
+    _checkFormat(handle, file)
+    count = _numFrames(handle)
+    frames = {name: handle[name][:count] for name in _FRAME_DATA}
+    bodies = handle['bodies']
+    first = bodies['firstParticle'][:]
+    particles, sites = bodies['particles'][:], bodies['sitePositions'][:]
+    spans = list(zip(first[:-1], first[1:]))
+    for name, (shape, _, _) in _FRAME_DATA.items():
+        if frames[name].shape != (count, *shape(len(spans))):
+            raise ValueError(f'readBodyStates: {file}: {name} has the shape {frames[name].shape}; with {count} frames of {len(spans)} bodies '
+                             f'it must be {(count, *shape(len(spans)))}: the file is damaged, restore it from a copy')
+    return BodyStates(**{name: _withUnit(values, _FRAME_DATA[name][2]) for name, values in frames.items()},
+                      mass=_units.MASS.attach(bodies['mass'][:]),
+                      principalMoments=_units.MOMENT.attach(bodies['principalMoments'][:]),
+                      particles=[particles[a:b].tolist() for a, b in spans],
+                      sitePositions=[_units.LENGTH.attach(sites[a:b]) for a, b in spans])
 
 
 def _withUnit(array, dimension):
@@ -159,7 +167,7 @@ def _numFrames(file):
 
 def _definition(integrator):
     """The data sets of /bodies, with their units."""
-    bodies = [integrator.getRigidBodyParameters(i) for i in range(integrator.getNumRigidBodies())]
+    bodies = [integrator.getRigidBodyParameters(i) for i in range(integrator.getNumRigidBodiesInContext())]
     counts = [len(particles) for particles, _, _, _ in bodies]
     return {
         'mass': (np.array([mass._value for _, mass, _, _ in bodies], dtype='f8'), _units.MASS),

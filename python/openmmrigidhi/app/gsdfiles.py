@@ -21,7 +21,7 @@ import numpy as np
 
 from .. import _loading, _units
 from .._quaternions import conjugate, product, rotate
-from .trajectories import BodyReporter, BodyScene, Trajectory, rowsBefore
+from .trajectories import BodyReporter, BodyScene, Trajectory, readingFrom, rowsBefore
 
 _SCHEMA, _SCHEMA_VERSION = 'hoomd', [1, 4]
 _TIME, _PERIODIC = 'openmmrigidhi/time_ps', 'openmmrigidhi/periodic'
@@ -117,8 +117,9 @@ class GsdReporter(BodyReporter):
 
     def _resume(self, step):
         """Check that the file holds the same, and drop its frames from this step on."""
-        with _open(self._file, 'r') as file:
+        with readingFrom(self._file, f'{self._name}:'), _open(self._file, 'r') as file:
             frames = len(file)
+            _checkSizes(file.file, self._file)
             if frames:
                 self._checkSame(file[0].particles)
             kept = rowsBefore([_step(file.file, k) for k in range(frames)], step)
@@ -160,11 +161,18 @@ def readGsd(file, stepSize=None):
     ImportError
         without the package gsd
     ValueError
-        if the file has no frames or no times, or the number of particles changes
-    RuntimeError
-        from gsd, if it is no GSD file of schema "hoomd"
+        if the file has no frames or no times, if the number of particles changes, if it is no GSD file of schema "hoomd", or if it is damaged
     """
+    if stepSize is not None:
+        stepSize = _units.number(stepSize, _units.TIME, 'readGsd', 'stepSize')
+    _gsd()
+    with readingFrom(file, 'readGsd:'):
+        return _readTrajectory(file, stepSize)
+
+
+def _readTrajectory(file, stepSize):
     with _open(os.fspath(file), 'r') as handle:
+        _checkSizes(handle.file, file)
         if len(handle) == 0:
             raise ValueError(f'readGsd: {file}: it has no frames; there is nothing to read: run longer')
         first = handle[0]
@@ -175,7 +183,7 @@ def readGsd(file, stepSize=None):
     names = ('step', 'time', 'box', 'R', 'q', 'v', 'omega')
     step, time, box, R, q, v, omega = (np.array([column[name] for column in columns]) for name in names)
     if stepSize is not None:
-        time = step*_units.number(stepSize, _units.TIME, 'readGsd', 'stepSize')
+        time = step*stepSize
     particles = first.particles
     blobs = np.setdiff1d(np.arange(particles.N), bodies)
     moves = v.any() or omega.any()
@@ -288,6 +296,17 @@ def _open(name, mode):
     file = gsd.fl.open(name=name, mode=mode, application=f'openmm-rigidhi {_loading.version}; nm, ps, dalton', schema=_SCHEMA,
                          schema_version=_SCHEMA_VERSION)
     return hoomd.HOOMDTrajectory(file)
+
+
+def _checkSizes(file, name):
+    """The numbers of particles that frames claim to have: gsd makes arrays for so many before it looks for them."""
+    for k in range(file.nframes):
+        if not file.chunk_exists(frame=k, name='particles/N'):
+            continue
+        count = int(file.read_chunk(frame=k, name='particles/N')[0])
+        if count > os.path.getsize(name):
+            raise ValueError(f'readGsd: {name}: frame {k} has {count} particles; in a file of {os.path.getsize(name)} bytes there is no room '
+                             'for them: the file is damaged, restore it from a copy')
 
 
 def _step(file, frame):

@@ -24,7 +24,7 @@ import re
 import numpy as np
 
 from .. import _loading, _units
-from .trajectories import BodyReporter, BodyScene, Trajectory, openHdf5, rowsBefore
+from .trajectories import BodyReporter, BodyScene, Trajectory, openHdf5, readingFrom, rowsBefore
 
 _VERSION = (1, 1)
 _UNITS_VERSION = (1, 0)
@@ -84,7 +84,7 @@ class H5mdReporter(BodyReporter):
         import h5py
         scene = self._scene = BodyScene(integrator, simulation.system, self._types, self._radii, self._blobs, self._name)
         if self._continues():
-            with openHdf5(self._file, 'r+') as file:
+            with readingFrom(self._file, 'H5mdReporter:'), openHdf5(self._file, 'r+') as file:
                 self._checkSame(file, scene)
                 bodies = file['particles'][_BODIES]
                 kept = rowsBefore(bodies['position/step'][:_numFrames(file)], simulation.currentStep)
@@ -217,9 +217,11 @@ def readH5md(file, group=None):
     ------
     ValueError
         if the file is no H5MD file of version 1, has no such group, no position, orientation or time there, or units that are no lengths or
-        times
+        times, or if it is damaged
     """
-    with openHdf5(file, 'r') as handle:
+    if group is not None and not isinstance(group, str):
+        raise TypeError(f'readH5md: group: got {group!r}; it must be a name or None: give the name of a group below /particles')
+    with readingFrom(file, 'readH5md:'), openHdf5(file, 'r') as handle:
         version = handle['h5md'].attrs.get('version') if 'h5md' in handle else None
         if version is None or version[0] != _VERSION[0]:
             raise ValueError(f'readH5md: {file}: its H5MD version is {version}; it must be 1.x: give an H5MD file')
@@ -248,6 +250,10 @@ def _readGroup(handle, bodies, group, file):
     if 'image' in bodies and edges is not None:
         image = bodies['image']
         positions = positions + ((image['value'][:count] if 'value' in image else image[:])*periodic) @ edges
+    orientations = np.asarray(bodies['orientation/value'][:count], dtype=float)
+    if positions.ndim != 3 or positions.shape[2] != 3 or orientations.shape != (*positions.shape[:2], 4):
+        raise ValueError(f'readH5md: {file}: /particles/{group}: positions have the shape {positions.shape}, orientations {orientations.shape}; '
+                         'these must be (frames, bodies, 3) and (frames, bodies, 4): choose another group, or restore the file from a copy')
     velocities, angular = (_values(bodies, name, length, -1, count, file)
                            for name, length in (('velocity', 1), ('angular_velocity', 0)))
     types = None
@@ -259,8 +265,7 @@ def _readGroup(handle, bodies, group, file):
     hasBlobs = blobs is not None and group == _BODIES and 'radius' in blobs and 'body' in blobs
     blobPositions = _values(blobs, 'position', 1, 0, count, file) if hasBlobs else None
     return Trajectory(_units.TIME.attach(time), step, _units.LENGTH.attach(positions),
-                      np.asarray(bodies['orientation/value'][:count], dtype=float),
-                      _attach(_units.VELOCITY, velocities), _attach(_units.ANGULAR_VELOCITY, angular), _attach(_units.LENGTH, edges), types,
+                      orientations, _attach(_units.VELOCITY, velocities), _attach(_units.ANGULAR_VELOCITY, angular), _attach(_units.LENGTH, edges), types,
                       _attach(_units.LENGTH, blobPositions),
                       _attach(_units.LENGTH, blobs['radius'][:]*_conversion(blobs['radius'], 1, 0, file) if hasBlobs else None),
                       blobs['body'][:] if hasBlobs else None)

@@ -1,4 +1,5 @@
 """What files of body trajectories share: the reporters' frame, what a scene is made of, and what readers return."""
+import contextlib
 import dataclasses
 import os
 
@@ -11,6 +12,8 @@ from ..integrator import CustomRigidHIIntegrator
 
 #: Bodies whose sites and radii agree to this, nm, are of one type.
 _SAME_SHAPE = 1e-6
+#: No compression of HDF5's makes data smaller than by this factor.
+_MOST_COMPRESSED = 1100
 #: Times of frames at equal intervals may be off by the rounding of single precision.
 _EVEN_FRAMES = 1e-6
 
@@ -147,7 +150,7 @@ class BodyScene:
     """
 
     def __init__(self, integrator, system, types, radii, blobs, where):
-        definitions = [integrator.getRigidBodyParameters(i) for i in range(integrator.getNumRigidBodies())]
+        definitions = [integrator.getRigidBodyParameters(i) for i in range(integrator.getNumRigidBodiesInContext())]
         if not definitions:
             raise ValueError(f'{where}: the integrator has no rigid bodies; there is nothing to write: add them before')
         self.particles = [particles for particles, _, _, _ in definitions]
@@ -216,7 +219,39 @@ def openHdf5(file, mode):
     name = os.fspath(file)
     if os.path.isfile(name) and not h5py.is_hdf5(name):
         raise ValueError(f'{name}: it is no HDF5 file, which this one must be: give another file')
-    return h5py.File(name, mode)
+    opened = h5py.File(name, mode)
+
+    def checkSize(path, item):
+        # HDF5 gives what was never written as zeros: a damaged shape would fill the memory.
+        if isinstance(item, h5py.Dataset) and item.nbytes > _MOST_COMPRESSED*os.path.getsize(name):
+            raise ValueError(f'{name}: data set {path} has the shape {item.shape}, {item.nbytes:.3g} bytes; in a file of '
+                             f'{os.path.getsize(name)} bytes there is no room for it: the file is damaged, restore it from a copy')
+    try:
+        opened.visititems(checkSize)
+    except BaseException:
+        opened.close()
+        raise
+    return opened
+
+
+@contextlib.contextmanager
+def readingFrom(file, what):
+    """Whatever a library raises while it reads a damaged file becomes a ValueError that names the file.
+
+    Messages of ours, which name it already, pass, and what the system says of files that are missing or may not be read.
+    """
+    name = os.fspath(file)
+    with open(name, 'rb'):
+        pass                                                     # libraries have errors of their own for that
+    try:
+        yield
+    except ImportError:
+        raise
+    except Exception as error:
+        if type(error) is ValueError and name in str(error):
+            raise
+        raise ValueError(f'{what} {name}: it is damaged, or of another kind ({type(error).__name__}: {str(error)[:200]}); it must be whole: '
+                         'restore it from a copy, or write it anew') from error
 
 
 def rowsBefore(steps, step):
