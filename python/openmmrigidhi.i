@@ -249,7 +249,7 @@ public:
     int addRigidBody(const std::vector<int>& particles, double mass, const OpenMM::Vec3& principalMoments,
                      const std::vector<OpenMM::Vec3>& sitePositions);
     int getNumRigidBodies() const;
-    int getNumRigidBodiesInContext() const;
+    int getNumRigidBodiesOfContext() const;
     void getRigidBodyParameters(int index, std::vector<int>& particles, double& mass, OpenMM::Vec3& principalMoments,
                                 std::vector<OpenMM::Vec3>& sitePositions) const;
     const std::vector<int>& getRigidBodyParticles(int index) const;

@@ -7,6 +7,8 @@ Whoever moves code without changing what it computes records before, and compare
     PYTHONPATH=build/python tools/trajectories.py record after.npz
     tools/trajectories.py compare before.npz after.npz
 
+Record both in one environment: OPENBLAS_CORETYPE, say, changes last bits of the scenes themselves.
+
 Scenes: every scheme; water, free particles with constraints, spheres, multiblobs, lines, own tensors, walls, replicas, dense and
 matrix-free solvers, rejected steps, CustomBodyForce with velocities and time, a barostat; on Reference, on CPU with one thread, and
 on CPU with two threads where OpenMM's own forces do not depend on their number. Each trajectory is resumed from a checkpoint in its

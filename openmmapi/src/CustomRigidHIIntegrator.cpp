@@ -172,8 +172,8 @@ int CustomRigidHIIntegrator::addRigidBody(const vector<int>& particles, double m
 
 int CustomRigidHIIntegrator::getNumRigidBodies() const { return bodies.size(); }
 
-int CustomRigidHIIntegrator::getNumRigidBodiesInContext() const {
-    return boundKernel("getNumRigidBodiesInContext()").getNumBodies();
+int CustomRigidHIIntegrator::getNumRigidBodiesOfContext() const {
+    return boundKernel("getNumRigidBodiesOfContext()").getNumBodies();
 }
 
 void CustomRigidHIIntegrator::getRigidBodyParameters(int index, vector<int>& particles, double& mass,

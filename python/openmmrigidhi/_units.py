@@ -130,7 +130,7 @@ def indices(values, where, name):
     return np.array([integer(value, where, name) for value in values], dtype=np.intc)
 
 
-def rows(values, dimension, columns, where, name, count=None, remedy='give one row per item'):
+def rows(values, dimension, columns, where, name, count=None):
     """An (n, columns) array of floats in the dimension's unit; n is checked if it is given."""
     array = _floats(values, dimension, where, name)
     expected = f'({"n" if count is None else count}, {columns})'
@@ -138,7 +138,7 @@ def rows(values, dimension, columns, where, name, count=None, remedy='give one r
         return np.empty((0, columns))
     if array.ndim != 2 or array.shape[1] != columns or (count is not None and len(array) != count):
         raise ValueError(f'{where}: {name}: got an array of shape {array.shape}; the shape must be {expected}: '
-                         f'{remedy}')
+                         'give one row per item')
     return array
 
 

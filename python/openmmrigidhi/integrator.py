@@ -193,12 +193,12 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """Get the number of rigid bodies."""
         return super().getNumRigidBodies()
 
-    def getNumRigidBodiesInContext(self):
+    def getNumRigidBodiesOfContext(self):
         """Get the number of rigid bodies of the bound Context: those that there were when it was created.
 
         Bodies that are added later wait for the next Context or `reinitialize()`. Needs a Context.
         """
-        return super().getNumRigidBodiesInContext()
+        return super().getNumRigidBodiesOfContext()
 
     def getRigidBodyParameters(self, index):
         """Get the definition of a body.
@@ -528,14 +528,17 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def _rows(self, values, dimension, columns, method, name):
         known = count = self.getNumRigidBodies()
         try:
-            count = self.getNumRigidBodiesInContext()
+            count = self.getNumRigidBodiesOfContext()
         except openmm.OpenMMException:
             pass                                                 # there is no Context, which the method itself will say
-        remedy = 'give one row per item'
-        if count != known:
-            remedy = (f'the Context has {count} bodies, the integrator {known}, since those that were added later wait for the next '
-                      'Context; give one row for each of the Context\'s, or call reinitialize() on it first')
-        return _units.rows(values, dimension, columns, _where(method), name, count, remedy)
+        if count == known:
+            return _units.rows(values, dimension, columns, _where(method), name, count)
+        result = _units.rows(values, dimension, columns, _where(method), name)
+        if len(result) != count:
+            raise ValueError(f'{_where(method)}: {name}: got {len(result)} rows; {count} of the integrator\'s {known} bodies are there, the '
+                             'others were added after the Context was created: give a row for each that is there, or reinitialize the '
+                             'Context')
+        return result
 
     def getBodyForces(self):
         """Get the total forces on the bodies at the last force evaluation of the last step.

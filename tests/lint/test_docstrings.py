@@ -69,6 +69,7 @@ def test_docstring_names_every_parameter(name):
 #: Getters whose results have no dimension, and why, class by class.
 WITHOUT_UNIT = {'CustomRigidHIIntegrator': {
     'getNumRigidBodies': 'a number of bodies',
+    'getNumRigidBodiesOfContext': 'a number of bodies',
     'getRigidBodyParticles': 'indices',
     'getRigidBodyIsExplicit': 'a truth value',
     'getRigidBodyGeometryIsKnown': 'a truth value',

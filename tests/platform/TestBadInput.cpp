@@ -120,10 +120,11 @@ TEST_F(BadInput, RowsOfBodyStates) {
     // A body that is added now is not one of the Context's.
     integrator.addRigidBody({3});
     EXPECT_EQ(integrator.getNumRigidBodies(), 2);
-    EXPECT_EQ(integrator.getNumRigidBodiesInContext(), 1);
+    EXPECT_EQ(integrator.getNumRigidBodiesOfContext(), 1);
     const vector<Vec3> R = integrator.getBodyPositions();
     integrator.setBodyPositions(R);
-    const vector<string> fragments = {"got 2 rows; the Context has 1 bodies, the integrator 2", "call reinitialize()"};
+    const vector<string> fragments = {"got 2 rows; the Context has 1 bodies, the integrator 2",
+                                      "those that were added later wait for the next Context", "call reinitialize()"};
     expectError([&] { integrator.setBodyPositions({Vec3(), Vec3()}); }, fragments);
     expectError([&] { integrator.setBodyVelocities({Vec3(), Vec3()}); }, fragments);
     expectError([&] { integrator.setBodyAngularVelocities({Vec3(), Vec3()}); }, fragments);

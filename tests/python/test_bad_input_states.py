@@ -232,13 +232,14 @@ def test_bodies_that_were_added_later_wait_for_the_next_context(scene):
     """What the Context gives has a row for each of its bodies, and can be set again."""
     integrator, context = scene.start().integrator, scene.context
     integrator.addRigidBody([6], 1, (1, 1, 1), [(0, 0, 0)])
-    assert integrator.getNumRigidBodies() == 3 and integrator.getNumRigidBodiesInContext() == 2
+    assert integrator.getNumRigidBodies() == 3 and integrator.getNumRigidBodiesOfContext() == 2
     for name in ('BodyPositions', 'BodyOrientations', 'BodyVelocities', 'BodyAngularVelocities'):
         values = getattr(integrator, 'get' + name)()
         getattr(integrator, 'set' + name)(values)
         rows = np.concatenate([np.asarray(getattr(values, '_value', values))]*2)[:3]
-        with refused('set' + name, 'got an array of shape (3,', 'the Context has 2 bodies, the integrator 3', 'reinitialize()', error=ValueError):
+        with refused('set' + name, 'got 3 rows; 2 of the integrator', '3 bodies are there',
+                     'others were added after the Context was created', 'or reinitialize the Context', error=ValueError):
             getattr(integrator, 'set' + name)(rows)
     openmmrigidhi.app.minimize(context, maxIterations=1)
     context.reinitialize(preserveState=False)
-    assert integrator.getNumRigidBodiesInContext() == 3
+    assert integrator.getNumRigidBodiesOfContext() == 3

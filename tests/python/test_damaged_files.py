@@ -105,7 +105,7 @@ def test_shapes_that_do_not_fit(files, tmp_path):
             del file[path]
             file.create_dataset(path, shape, 'f8', chunks=True)
         return copy
-    with pytest.raises(ValueError, match=r'positions has the shape \(3, 1, 3\); with 3 frames of 2 bodies'):
+    with pytest.raises(ValueError, match=r'positions has the shape \(3, 1, 3\); with 3 frames of 2 bodies it must be \(3, 2, 3\)'):
         tools.readBodyStates(spoil('bodies.h5', 'positions', (3, 1, 3)))
     with pytest.raises(ValueError, match=r'positions have the shape \(3, 2, 3\), orientations \(3, 1, 4\)'):
         tools.readH5md(spoil('trajectory.h5md', 'particles/bodies/orientation/value', (3, 1, 4)))

@@ -100,13 +100,13 @@ def test_a_warning_is_printed_once_for_its_cause(capfd):
     system = openmm.System()
     system.addParticle(1)
     integrator = CustomRigidHIIntegrator(300, 0.1)
-    integrator.addRigidBody([0], 1, (1e-4, 1, 1), [(0, 0, 0)])
+    integrator.addRigidBody([0], 1, (0.3, 0.8, 1), [(0, 0, 0)])
     integrator.setScheme(integrator.LangevinA)
     context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
     context.setPositions([(0, 0, 0)])
     for k in range(10):
         integrator.setTemperature(300 + k)
-        integrator.setStepSize(0.1 + 0.01*k)
+        integrator.setStepSize(1 + 0.1*k)
         integrator.setFriction(200 + k)
         integrator.step(1)
     printed = capfd.readouterr().err

@@ -129,7 +129,7 @@ public:
      * Get the number of rigid bodies of the bound Context: those that there were when it was created. Bodies that are added
      * later wait for the next Context or reinitialize(). Needs a Context.
      */
-    int getNumRigidBodiesInContext() const;
+    int getNumRigidBodiesOfContext() const;
     /**
      * Get the definition of a body. For a body without explicit geometry this needs a Context whose positions are set
      * (or a geometry that was read from XML): earlier it throws.

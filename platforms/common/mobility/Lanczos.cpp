@@ -255,8 +255,8 @@ bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure mea
         if (isRough) throw TooRough();
         std::ostringstream message;
         message << "MobilityForce: " << toleranceText(tolerance, wanted)
-                << " cannot be reached: rounding makes an error of " << column.error << " with a mobility whose eigenvalues go from " << column.smallest << " to "
-                << column.largest
+                << " cannot be reached: rounding makes an error of " << column.error
+                << " with a mobility whose eigenvalues go from " << column.smallest << " to " << column.largest
                 << "; raise the tolerance (setSolverTolerance), or change radii, masses or step size that differ by so "
                    "much";
         throw OpenMMException(message.str());

@@ -116,7 +116,7 @@ class GibbsBoltzmannSampler:
 
     def _takeBodies(self, trackingPoints, where):
         """Members, sites and owners of all bodies, body after body."""
-        definitions = [self._integrator.getRigidBodyParameters(i) for i in range(self._integrator.getNumRigidBodiesInContext())]
+        definitions = [self._integrator.getRigidBodyParameters(i) for i in range(self._integrator.getNumRigidBodiesOfContext())]
         count = len(definitions)
         self._firstSite = np.cumsum([0] + [len(particles) for particles, _, _, _ in definitions])
         self._members = np.array([i for particles, _, _, _ in definitions for i in particles], dtype=int)

@@ -167,7 +167,7 @@ def _numFrames(file):
 
 def _definition(integrator):
     """The data sets of /bodies, with their units."""
-    bodies = [integrator.getRigidBodyParameters(i) for i in range(integrator.getNumRigidBodiesInContext())]
+    bodies = [integrator.getRigidBodyParameters(i) for i in range(integrator.getNumRigidBodiesOfContext())]
     counts = [len(particles) for particles, _, _, _ in bodies]
     return {
         'mass': (np.array([mass._value for _, mass, _, _ in bodies], dtype='f8'), _units.MASS),

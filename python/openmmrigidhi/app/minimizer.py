@@ -103,7 +103,7 @@ class _Scene:
         self.x = self._allPositions()[self.free]
 
     def _readBodies(self, system):
-        bodies = [self.integrator.getRigidBodyParameters(i) for i in range(self.integrator.getNumRigidBodiesInContext())]
+        bodies = [self.integrator.getRigidBodyParameters(i) for i in range(self.integrator.getNumRigidBodiesOfContext())]
         self.numBodies = len(bodies)
         self.members = np.array(list(itertools.chain.from_iterable(body[0] for body in bodies)), dtype=int)
         sites = np.concatenate([body[3]._value for body in bodies] or [np.empty((0, 3))])

@@ -83,7 +83,7 @@ def _temperature(energy, degrees):
 
 def _massFractionOfBodies(integrator, system):
     """The bodies' share of the mass of everything that moves."""
-    bodies = [integrator.getRigidBodyParameters(i) for i in range(integrator.getNumRigidBodiesInContext())]
+    bodies = [integrator.getRigidBodyParameters(i) for i in range(integrator.getNumRigidBodiesOfContext())]
     members = {particle for body in bodies for particle in body[0]}
     massOfBodies = sum(body[1]._value for body in bodies)
     massOfFree = sum(system.getParticleMass(i)._value for i in range(system.getNumParticles()) if i not in members)

@@ -150,7 +150,7 @@ class BodyScene:
     """
 
     def __init__(self, integrator, system, types, radii, blobs, where):
-        definitions = [integrator.getRigidBodyParameters(i) for i in range(integrator.getNumRigidBodiesInContext())]
+        definitions = [integrator.getRigidBodyParameters(i) for i in range(integrator.getNumRigidBodiesOfContext())]
         if not definitions:
             raise ValueError(f'{where}: the integrator has no rigid bodies; there is nothing to write: add them before')
         self.particles = [particles for particles, _, _, _ in definitions]
