@@ -6,6 +6,7 @@ import numpy as np
 import openmm
 
 from .. import app
+from .._systems import forcesOf
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from .mobilities import MobilitySample
@@ -137,11 +138,11 @@ class Spheres:
 
     @staticmethod
     def _fluid(system):
-        found = [force for force in system.getForces() if isinstance(force, openmm.Force) and _isFluid(force)]
+        found = forcesOf(system, MobilityForce)
         if len(found) != 1:
             raise ValueError(f'the hydrodynamic ladder: the System has {len(found)} MobilityForces; it must have one, which gives the '
                              'radii and the viscosity: add it')
-        return MobilityForce.cast(found[0])
+        return found[0]
 
     def _start(self, platform, properties):
         integrator = self.scene.makeIntegrator()
@@ -261,11 +262,3 @@ class Spheres:
         if self.arms.any():
             mobility = shift @ mobility @ shift.T
         return MobilitySample(mobility, self.centres, self.radii, self.viscosity, self.forces, self.torques)
-
-
-def _isFluid(force):
-    try:
-        MobilityForce.cast(force)
-        return True
-    except TypeError:
-        return False
