@@ -6,7 +6,7 @@ import numpy as np
 import openmm
 
 from .. import app
-from .._systems import forcesOf
+from .._systems import BodyDefinitions, forcesOf
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from .mobilities import MobilitySample
@@ -123,10 +123,10 @@ class Spheres:
         fluid.setBoundary(MobilityForce.Unbounded)
         self._system = system
         integrator, context = self._start('Reference', {})
-        parameters = [integrator.getRigidBodyParameters(i) for i in range(integrator.getNumRigidBodies())]
-        self.inertia = [(mass._value, moments._value) for _, mass, moments, _ in parameters]
-        self.sites = np.array([sites._value[particles.index(found[0])]
-                               for (particles, _, _, sites), found in zip(parameters, members)])
+        bodies = BodyDefinitions(integrator)
+        self.inertia = list(zip(bodies.masses.tolist(), bodies.moments.tolist()))
+        self.sites = np.array([sites[particles.index(found[0])]
+                               for particles, sites, found in zip(bodies.particles, bodies.sites, members)])
         self.positions, self.orientations = integrator.getBodyPositions()._value, integrator.getBodyOrientations()
         integrator.step(1)
         self.centres = np.array([context.getState(getPositions=True).getPositions(asNumpy=True)._value[found[0]]

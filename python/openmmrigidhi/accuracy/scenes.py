@@ -495,6 +495,34 @@ def importObject(specification, what):
                          'or run in its directory') from error
 
 
+def findObservable(name, kind, builtIn, fromFunction):
+    """An observable by what a user may give for it.
+
+    Parameters
+    ----------
+    name : str, callable or of this kind
+        one as it is; a function; a built-in name; "module:name" of any of these
+    kind : type
+        of observables
+    builtIn : dict
+        name -> observable
+    fromFunction : callable
+        function -> observable
+
+    Returns
+    -------
+    of this kind, or None
+        None for any other name
+    """
+    if isinstance(name, kind):
+        return name
+    if callable(name):
+        return fromFunction(name)
+    if name in builtIn:
+        return builtIn[name]
+    return findObservable(importObject(name, 'observable'), kind, builtIn, fromFunction) if ':' in name else None
+
+
 def platformProperties(platform, threads):
     """Properties of a Context.
 
