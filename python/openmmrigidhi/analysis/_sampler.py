@@ -18,8 +18,8 @@ class Sampler:
         Parameters
         ----------
         sweeps : int
-            number of sweeps, of one trial of each kind for everything that moves by itself; many autocorrelation times, and some hundreds
-            for the sizes
+            number of sweeps, of one trial of each kind for every walker, or for every body and free particle (one for all together with
+            moves="all"); many autocorrelation times, and some hundreds for the sizes
         progress : bool, optional
             show a progress bar; None: on a terminal only
         """
