@@ -1,4 +1,5 @@
-"""What the examples share: where results came from, JSONs, pictures, numbers with errors."""
+"""What the examples share: where results came from, JSONs, pictures, tables, numbers with errors."""
+import argparse
 import hashlib
 import json
 import os
@@ -75,3 +76,23 @@ def brackets(value, error):
         return f'{value:.6g}'
     digits = max(0, 1 - int(np.floor(np.log10(error))))
     return f'{value:.{digits}f}({round(error*10**digits)})'
+
+
+def printTables(description, results, tables):
+    """The command line of a report: print the tables that there are results for as Markdown.
+
+    Parameters
+    ----------
+    description : str
+    results : pathlib.Path
+        where the JSONs are, if --input does not say something else
+    tables : sequence of (str, callable)
+        pattern of the names of JSONs, and what yields the lines of their table
+    """
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument('--input', type=pathlib.Path, default=results)
+    folder = parser.parse_args().input
+    for pattern, table in tables:
+        for path in sorted(folder.glob(pattern)):
+            print(f'\n**{path.stem}**\n')
+            print('\n'.join(table(json.loads(path.read_text()))))

@@ -17,7 +17,7 @@ from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.append(str(HERE.parent))
-from recording import brackets, provenance, pyplot, save  # noqa: E402, F401
+from recording import brackets, printTables, provenance, pyplot, save  # noqa: E402, F401
 
 RESULTS = HERE/'results'
 VISCOSITY = 1/(4*np.pi)

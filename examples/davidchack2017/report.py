@@ -1,10 +1,6 @@
 #!/usr/bin/env python3
 """The tables of README.md, from the JSONs in results/ (printed as Markdown)."""
-import argparse
-import json
-import pathlib
-
-from common import RESULTS, brackets
+from common import RESULTS, brackets, printTables
 
 
 def lennardJones(data):
@@ -108,17 +104,7 @@ def noise(data):
                f'{"–" if r["name"] == "Fig 8(a)" else format(r["least_mismatch_by_one"], ".2f")} | {r["orbital_speed"]:+.4f} | {r["spin"]:+.4f} |')
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--input', type=pathlib.Path, default=RESULTS)
-    folder = parser.parse_args().input
-    for pattern, table in (('lennard_jones.json', lennardJones), ('sedimenting_spheres.json', sedimenting),
-                           ('trapped_spheres.json', trapped), ('ring_states_*.json', ring), ('ring_noise_*.json', noise),
-                           ('ring_diagram_*.json', diagram)):
-        for path in sorted(folder.glob(pattern)):
-            print(f'\n**{path.stem}**\n')
-            print('\n'.join(table(json.loads(path.read_text()))))
-
-
 if __name__ == '__main__':
-    main()
+    printTables(__doc__, RESULTS, (('lennard_jones.json', lennardJones), ('sedimenting_spheres.json', sedimenting),
+                                   ('trapped_spheres.json', trapped), ('ring_states_*.json', ring), ('ring_noise_*.json', noise),
+                                   ('ring_diagram_*.json', diagram)))

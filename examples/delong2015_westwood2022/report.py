@@ -1,11 +1,7 @@
 #!/usr/bin/env python3
 """The tables of README.md, from the JSONs in results/ (printed as Markdown)."""
-import argparse
-import json
-import pathlib
-
 import runs
-from walls import RESULTS, brackets
+from walls import RESULTS, brackets, printTables
 
 
 def distributions(data, label=None):
@@ -100,16 +96,6 @@ def runs_order(scheme):
     return SCHEMES.index(scheme)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--input', type=pathlib.Path, default=RESULTS)
-    folder = parser.parse_args().input
-    for name, table in (('tetramer', tetramer), ('icosahedron', icosahedron), ('boomerang', boomerang), ('boomerang_steps', steps)):
-        path = folder/f'{name}.json'
-        if path.exists():
-            print(f'\n**{name}**\n')
-            print('\n'.join(table(json.loads(path.read_text()))))
-
-
 if __name__ == '__main__':
-    main()
+    printTables(__doc__, RESULTS, (('tetramer.json', tetramer), ('icosahedron.json', icosahedron), ('boomerang.json', boomerang),
+                                   ('boomerang_steps.json', steps)))

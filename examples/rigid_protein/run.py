@@ -17,10 +17,8 @@ rises over the ballistic time (the slowest relaxation, m D/kT = 0.7 ps) to the 6
 """
 import argparse
 import json
-import os
 import pathlib
-import platform
-import subprocess
+import sys
 import time
 
 import numpy as np
@@ -31,10 +29,12 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from tqdm import tqdm
 
-import openmmrigidhi
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 
 HERE = pathlib.Path(__file__).resolve().parent
+sys.path.append(str(HERE.parent))
+from recording import provenance, pyplot  # noqa: E402
+
 STRUCTURE = HERE/'1aki_ca.pdb'
 BLOB_RADIUS = 0.61           # nm, one bead a residue: Ortega et al., Biophys. J. 101, 892 (2011)
 TEMPERATURE = 298.15         # K
@@ -270,22 +270,9 @@ def torqueCarryingBlobs():
 
 
 # ---- Results -----------------------------------------------------------------------------------------------------------------
-def provenance():
-    """Machine, versions, commit, date."""
-    try:
-        commit = subprocess.run(['git', 'rev-parse', 'HEAD'], cwd=HERE, capture_output=True, text=True, check=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        commit = 'unknown'
-    return {'openmm': openmm.version.version, 'python': platform.python_version(), 'numpy': np.__version__, 'cores': os.cpu_count(),
-            'system': platform.platform(), 'load': os.getloadavg(), 'commit': commit,
-            'date': time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime())}
-
-
 def draw(result, running, path):
     """Running sums per axis against kT times mobility, and all 21 entries."""
-    import matplotlib
-    matplotlib.use('Agg')
-    import matplotlib.pyplot as plt
+    plt = pyplot()
     figure, (left, middle, right) = plt.subplots(1, 3, figsize=(13, 4), constrained_layout=True)
     t = result['sample_ps']*np.arange(running.shape[1])
     mean, error = running.mean(0), running.std(0, ddof=1)/np.sqrt(len(running))
@@ -328,13 +315,13 @@ def main():
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
     if args.mobility:
-        result = {'pairs': pair(), 'torque_carrying_blobs_cm2_per_s_and_per_s': torqueCarryingBlobs(), 'provenance': provenance()}
+        result = {'pairs': pair(), 'torque_carrying_blobs_cm2_per_s_and_per_s': torqueCarryingBlobs(), 'provenance': provenance(args)}
         (args.output/'mobility.json').write_text(json.dumps(result, indent=1) + '\n')
         print(json.dumps(result, indent=1))
         return
     result, running = diffusion(args.copies, args.step, args.sample, args.window, total=args.total, platformName=args.platform,
                                 seed=args.seed)
-    result['provenance'] = provenance()
+    result['provenance'] = provenance(args)
     (args.output/'rigid_protein.json').write_text(json.dumps(result, indent=1) + '\n')
     draw(result, running, args.output/'rigid_protein.png')
     print(json.dumps({key: result[key] for key in ('averages_cm2_per_s_and_per_s', 'relaxation_times_ps', 'against_kT_mobility',

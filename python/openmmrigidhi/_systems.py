@@ -1,4 +1,4 @@
-"""What a System says about this package's Forces."""
+"""What a System says about this package's Forces, and an integrator about its bodies."""
 import numpy as np
 
 from . import _units
@@ -23,3 +23,37 @@ def hydrodynamicRadii(system, radii, where):
         return np.array(_units.perSite(radii, _units.LENGTH, count, where, 'radii'))
     fluids = forcesOf(system, MobilityForce)
     return np.array([fluids[0].getParticleRadius(i)._value for i in range(count)]) if fluids else np.zeros(count)
+
+
+class BodyDefinitions:
+    """What the bodies of an integrator are, whose geometry is known.
+
+    Attributes
+    ----------
+    particles : list of list of int
+        of each body
+    masses : array of shape (n,)
+        dalton
+    moments : array of shape (n, 3)
+        dalton nm^2, about the body axes
+    sites : list of array of shape (particles of the body, 3)
+        nm, body frame
+    members, places, owners : array of shape (m,), (m, 3) and (m,)
+        particles and sites of all bodies, body after body, and which body each belongs to
+    first : array of shape (n + 1,)
+        where each body begins in these
+    """
+
+    def __init__(self, integrator):
+        definitions = [integrator.getRigidBodyParameters(i) for i in range(integrator.getNumRigidBodiesOfContext())]
+        self.particles = [particles for particles, _, _, _ in definitions]
+        self.masses = np.array([mass._value for _, mass, _, _ in definitions], dtype=float)
+        self.moments = np.array([moments._value for _, _, moments, _ in definitions], dtype=float).reshape(-1, 3)
+        self.sites = [sites._value for _, _, _, sites in definitions]
+        self.members = np.array([i for particles in self.particles for i in particles], dtype=int)
+        self.places = np.concatenate([np.empty((0, 3)), *self.sites])
+        self.first = np.cumsum([0] + [len(particles) for particles in self.particles])
+        self.owners = np.repeat(np.arange(len(self)), np.diff(self.first))
+
+    def __len__(self):
+        return len(self.particles)

@@ -62,6 +62,11 @@ def number(value, dimension, where, name):
     return float(value)
 
 
+def plain(value):
+    """The numbers of a Quantity in OpenMM's units, whatever its dimension; anything else as it is."""
+    return value.value_in_unit_system(unit.md_unit_system) if unit.is_quantity(value) else value
+
+
 def viscosity(value, where, name):
     """A float in dalton/(nm ps) from a number in that unit, or a quantity in any unit of viscosity, also a molar one."""
     pascal_second = unit.pascal*unit.second

@@ -4,6 +4,7 @@ Statistical tests have fixed seeds and print z; the limit of 4.5 is passed by ch
 """
 import csv
 import html.parser
+import io
 import json
 import math
 import os
@@ -11,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import unittest
+import unittest.mock
 
 import numpy as np
 import openmm
@@ -503,6 +505,21 @@ class TestCommandLine(unittest.TestCase):
                     sys.stderr = standard
                 file.seek(0)
                 self.assertIn(message, file.read())
+
+    def testAWrongAmountIsRefusedBeforeAnythingIsMeasured(self):
+        with unittest.mock.patch.object(accuracy.StepSizeStudy, 'run', side_effect=AssertionError('it was measured')), \
+                unittest.mock.patch('sys.stderr', io.StringIO()) as error:
+            self.assertEqual(cli.main(['--scene', 'trap', '--bodies', '2', '--platform', 'Reference', '--wanted-error',
+                                       'potential_energy:much', '--quiet']), 2)
+        self.assertIn('the error must be a positive number or percentage', error.getvalue())
+
+    def testAResultOfAnotherKindIsRefused(self):
+        with tempfile.TemporaryDirectory() as directory:
+            path = os.path.join(directory, 'results.json')
+            syntheticResult(TestAdvice.errors, 0.01).writeJson(path)
+            self.assertTrue(StudyResult.isOne(path))
+            with self.assertRaisesRegex(ValueError, 'no result of openmmrigidhi.accuracy that a LadderResult wrote'):
+                accuracy.LadderResult.fromJson(path)
 
 
 if __name__ == '__main__':

@@ -359,11 +359,33 @@ def test_checkpoints_with_a_forged_check_sum(platform):
         assert np.isfinite(places(context)).all()
     assert refusals > 50  # of 150: the three leading bytes of eight
     for edit, piece in ((lambda body: body + b'\0', 'there are 1 bytes after its end'), (lambda body: body[:-8], 'it ends too early'),
-                        (lambda body: b'', 'it ends too early'), (lambda body: body[:32] + b'\xff\xff\xff\xff', 'it says to hold -1 bodies')):
+                        (lambda body: b'', 'it ends too early'), (lambda body: body[:32] + b'\xff\xff\xff\xff', 'it says to hold -1 bodies'),
+                        (lambda body: body[:-4] + b'\xff\xff\xff\xff', 'it says that -1 items follow; use another')):
         with refused('the checkpoint is corrupt', piece):
             context.loadCheckpoint(forged(checkpoint, edit))
     context.loadCheckpoint(forged(checkpoint, lambda body: None))
     assert np.array_equal(twist(integrator), motion)
+    integrator.step(1)
+
+
+def test_memory_of_a_scheme_that_is_not_of_these_bodies(platform):
+    """What a scheme keeps between steps belongs to groups of bodies; none of ours keeps anything, so it is written by hand."""
+    system, fluid = openmm.System(), MobilityForce()
+    integrator = CustomRigidHIIntegrator(300, 0.001)
+    integrator.setScheme(CustomRigidHIIntegrator.FixmanMidpoint)
+    system.addParticle(0)
+    fluid.addParticle(0.1)
+    system.addForce(fluid)
+    integrator.addRigidBody([0], 0, (0, 0, 0), [(0, 0, 0)])
+    context = openmm.Context(system, integrator, platform)
+    context.setPositions([(0, 0, 0)])
+    integrator.step(1)
+    xml = stateXml(context)
+    for memory, pieces in (('<Group><Vectors rows="2" columns="1"/></Group>', ["property 'rows' is '2'", 'it must be the number of values over that of columns']),
+                           ('<Group/><Group/>', ["the saved state's memory of scheme FixmanMidpoint is that of other bodies"])):
+        with refused(*pieces):
+            load(context, xml.replace('</RigidBodyState>', f'<SchemeMemory scheme="FixmanMidpoint">{memory}</SchemeMemory></RigidBodyState>'))
+    load(context, xml.replace('</RigidBodyState>', '<SchemeMemory scheme="FixmanMidpoint"><Group/></SchemeMemory></RigidBodyState>'))
     integrator.step(1)
 
 

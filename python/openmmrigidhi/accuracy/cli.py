@@ -3,11 +3,11 @@ import argparse
 import sys
 import time
 
-from . import ladderreport, methods, mobilities, observables, overdamped, rungs, scenes
+from . import methods, mobilities, observables, overdamped, rungs, scenes
+from ._results import splitWanted
 from .ladder import LadderStudy
 from .ladderresult import LadderResult
-from .report import summaryText
-from .result import StudyResult, splitWanted
+from .result import StudyResult
 from .study import StepSizeStudy
 
 DESCRIPTION = '''Measure, on this machine, what accuracy costs: the error of observables against ns/day, for step sizes and schemes, beside
@@ -97,31 +97,40 @@ def main(arguments=None):
     """
     options = parser().parse_args(arguments)
     try:
-        if options.ladder or (options.source and LadderResult.isOne(options.source)):
-            return _ladder(options)
-        options.baseline = options.baseline or ('TrapezoidalSlip' if options.overdamped else 'LangevinMiddle')
-        if options.overdamped and not options.source:
-            result = _overdamped(options)
+        if options.source:
+            result = (LadderResult if LadderResult.isOne(options.source) else StudyResult).fromJson(options.source)
         else:
-            options.platform = options.platform or 'CPU'
-            options.observables = options.observables or list(observables.DEFAULT)
-            options.methods = options.methods or ['LangevinC', 'LangevinMiddle']
-            result = StudyResult.fromJson(options.source) if options.source else _measure(options)
-        # Wrong names are found before anything is written.
-        for item in options.wanted_error:
-            result.parseWanted(item)
-        paths = result.write(options.output, options.wanted_error, options.baseline)
-        answers = [result.recommend(item) for item in options.wanted_error]
-        single = list(dict.fromkeys(part.strip() for item in options.wanted_error for part in item.split(',')))
-        comparisons = {item: result.compareAt(item, options.baseline) for item in single}
+            result = (_ladder if options.ladder else _overdamped if options.overdamped else _stepSizes)(options)
+        if isinstance(result, LadderResult):
+            report = result.report(options.wanted_error)
+        else:
+            report = result.report(options.wanted_error, options.baseline or ('TrapezoidalSlip' if options.overdamped else 'LangevinMiddle'))
+        paths = report.write(options.output)
     except (ValueError, TypeError, OSError) as error:
         print(f'error: {error}', file=sys.stderr)
         return 2
-    print(_table(result))
-    for text in summaryText(result, answers, comparisons, options.baseline):
+    print(report.textTable())
+    for text in report.paragraphs():
         print('\n' + text)
     print('\nWritten: ' + ', '.join(paths))
     return 0
+
+
+# ---- The studies -----------------------------------------------------------------------------------------------------
+
+def _stepSizes(options):
+    """The study of step sizes."""
+    options.platform = options.platform or 'CPU'
+    found, steps = _methods(options.methods or ['LangevinC', 'LangevinMiddle'], methods.byName, options.steps, 'fs')
+    steps = {name: [h/1000 for h in own] for name, own in steps.items()}
+    asked = options.observables or observables.DEFAULT
+    names = [observables.byName(name).name for name in asked]
+    _checkWanted(options, names, 'potential_energy:0.5%')
+    references = dict(_reference(text, names) for text in options.reference)
+    with _Bar(options.quiet) as bar:
+        study = StepSizeStudy(_scene(options, bar), found, steps, references, observables=asked, platform=options.platform,
+                              threads=options.threads, seed=options.seed, clock=options.clock)
+        return study.run(options.budget, options.length, options.equilibration, options.rounds, options.jobs, bar.study)
 
 
 def _overdamped(options):
@@ -130,54 +139,57 @@ def _overdamped(options):
     if name not in overdamped.SCENES or options.system or options.state or options.integrator:
         raise ValueError(f'--scene: got {name!r} with --overdamped; it must be one of {", ".join(overdamped.SCENES)}, without --system, --state and '
                          '--integrator: choose one of these')
-    found, steps = [], {}
-    for text in options.methods or overdamped.METHODS:
-        method, _, own = text.partition(':')
-        found.append(overdamped.byName(method).name)
-        steps[method] = _numbers(own or options.steps, 'tau_D') if own or options.steps else None
+    found, steps = _methods(options.methods or overdamped.METHODS, overdamped.byName, options.steps, 'tau_D')
     names = options.observables or list(overdamped.OBSERVABLES)
-    for item in options.wanted_error:
-        splitWanted(item, names, 'height:1%')
+    _checkWanted(options, names, 'height:1%')
     given = {} if options.bodies is None else {'replicas' if name == 'boomerang' else 'bodies': options.bodies}
     scene = overdamped.SCENES[name](seed=options.seed, **given)
-    study = overdamped.OverdampedStudy(scene, found, {method: own for method, own in steps.items() if own}, names,
-                                       platform=options.platform or 'Reference', threads=options.threads, seed=options.seed,
-                                       clock=options.clock)
+    study = overdamped.OverdampedStudy(scene, [method.name for method in found], steps, names, platform=options.platform or 'Reference',
+                                       threads=options.threads, seed=options.seed, clock=options.clock)
     with _Bar(options.quiet) as bar:
         return study.run(options.budget, None if options.length is None else options.length*scene.timeUnit,
                          (30 if options.equilibration is None else options.equilibration)*scene.timeUnit, options.rounds, options.jobs, bar.study)
 
 
-def _numbers(text, unit):
+def _ladder(options):
+    """The hydrodynamic ladder."""
+    asked = options.observables or mobilities.DEFAULT
+    _checkWanted(options, [mobilities.byName(name).name for name in asked], 'mobility:1%')
+    study = LadderStudy(_sphereScene(options), options.rungs, asked, options.ladder_reference,
+                        (options.platform,) if options.platform else ('Reference', 'CPU'), options.threads, seed=options.seed)
+    with _Bar(options.quiet, 'run') as bar:
+        return study.run(options.rounds, progress=bar.study)
+
+
+# ---- What the arguments mean -----------------------------------------------------------------------------------------
+
+def _checkWanted(options, names, example):
+    """Wrong wishes are found before anything is measured."""
+    for item in options.wanted_error:
+        splitWanted(item, names, example)
+
+
+def _methods(texts, byName, common, unit):
+    """Methods, and the step sizes of those that have some of their own, or of all if there are common ones; in that unit."""
+    found, steps = [], {}
+    for text in texts:
+        name, _, own = text.partition(':')
+        found.append(byName(name))
+        if own or common:
+            steps[name] = _positives(own or common)
+            if not steps[name]:
+                raise ValueError(f'step sizes: got {own or common!r}; they must be positive numbers in {unit} with commas between: write '
+                                 'e.g. 2,4,6')
+    return found, steps
+
+
+def _positives(text):
+    """Positive numbers with commas between, or an empty list if that is not what they are."""
     try:
         values = [float(part) for part in text.split(',')]
     except ValueError:
-        values = []
-    if not values or min(values) <= 0:
-        raise ValueError(f'step sizes: got {text!r}; they must be positive numbers in {unit} with commas between: write e.g. 2,4,6')
-    return values
-
-
-def _ladder(options):
-    """The hydrodynamic ladder, whole."""
-    if options.source:
-        result = LadderResult.fromJson(options.source)
-    else:
-        names = [mobilities.byName(name).name for name in options.observables or mobilities.DEFAULT]
-        for item in options.wanted_error:
-            splitWanted(item, names, 'mobility:1%')
-        scene = _sphereScene(options)
-        study = LadderStudy(scene, options.rungs, options.observables or mobilities.DEFAULT, options.ladder_reference,
-                            (options.platform,) if options.platform else ('Reference', 'CPU'), options.threads, seed=options.seed)
-        with _Bar(options.quiet, 'run') as bar:
-            result = study.run(options.rounds, progress=bar.study)
-    answers = [result.recommend(item) for item in options.wanted_error]
-    paths = result.write(options.output, options.wanted_error)
-    print(ladderreport.textTable(result))
-    for text in ladderreport.summary(result, answers, options.wanted_error):
-        print('\n' + text)
-    print('\nWritten: ' + ', '.join(paths))
-    return 0
+        return []
+    return values if min(values) > 0 else []
 
 
 def _sphereScene(options):
@@ -191,52 +203,12 @@ def _sphereScene(options):
                              'module:function: choose among these')
         return _scene(options, None)
     if name == 'pairs':
-        return scenes.pairs(_gaps(options.gaps)) if options.gaps else scenes.pairs()
+        gaps = _positives(options.gaps) if options.gaps else None
+        if gaps == []:
+            raise ValueError(f'--gaps: got {options.gaps!r}; gaps are positive numbers in radii with commas between: write e.g. 0.01,0.1,1')
+        return scenes.pairs(gaps) if gaps else scenes.pairs()
     given = {key: getattr(options, key) for key in ('bodies', 'temperature') if getattr(options, key) is not None}
     return scenes.suspension(seed=options.seed, **given)
-
-
-def _gaps(text):
-    try:
-        values = [float(part) for part in text.split(',')]
-    except ValueError:
-        values = []
-    if not values or min(values) <= 0:
-        raise ValueError(f'--gaps: got {text!r}; gaps are positive numbers in radii with commas between: write e.g. 0.01,0.1,1')
-    return values
-
-
-def _measure(options):
-    methodList, steps = _methods(options)
-    names = [observables.byName(name).name for name in options.observables]
-    for item in options.wanted_error:
-        for part in item.split(','):
-            if part.strip().rpartition(':')[0] not in names:
-                raise ValueError(f'--wanted-error: got {part.strip()!r}, which is not measured; name one of {", ".join(names)} and a limit: '
-                                 'write e.g. potential_energy:0.5%')
-    references = dict(_reference(text, names) for text in options.reference)
-    common = _fs(options.steps) if options.steps else None
-    with _Bar(options.quiet) as bar:
-        scene = _scene(options, bar)
-        stepSizes = dict.fromkeys((m.name for m in methodList), common or scene.stepSizes)
-        stepSizes.update(steps)
-        study = StepSizeStudy(scene, methodList, stepSizes, references, observables=options.observables, platform=options.platform,
-                              threads=options.threads, seed=options.seed, clock=options.clock)
-        return study.run(options.budget, options.length, options.equilibration, options.rounds, options.jobs, bar.study)
-
-
-def _methods(options):
-    found, steps = [], {}
-    for text in options.methods:
-        name, _, own = text.partition(':')
-        found.append(methods.byName(name))
-        if own:
-            steps[name] = _fs(own)
-    return found, steps
-
-
-def _fs(text):
-    return [value/1000 for value in _numbers(text, 'fs')]
 
 
 def _reference(text, names):
@@ -316,30 +288,3 @@ class _Bar:
     def study(self, done, total, text):
         """For Study.run()."""
         self._show('study', done, total, text)
-
-
-def _table(result):
-    """Errors of all settings, a column for each observable, in per cent where that has a meaning."""
-    names = list(result.observables)
-    lines = ['error in % of the reference (± 1 sigma)' if all(
-        result.references[n].value for n in names if n in result.references) else 'relative errors in %; absolute where the '
-        'reference is 0']
-    short = [name.replace('temperature', 'T').replace('potential_energy', 'U').replace('translational', 'trans')
-             .replace('rotational', 'rot') for name in names]
-    lines.append(f'{"method":<20}{result.knob.label + "/" + result.knob.unit:>10}{result.knob.speedUnit:>10}' + ''.join(f'{n:>20}' for n in short))
-    for key in dict.fromkeys((row['method'], row['value']) for row in result.rows):
-        rows = {row['observable']: row for row in result.rows if (row['method'], row['value']) == key}
-        first = next(iter(rows.values()))
-        line = f'{key[0]:<20}{key[1]*result.knob.scale:>10.4g}' + ('%10.3g' % (first['ns_per_day']*result.knob.speedScale) if first['ns_per_day'] else f'{"":>10}')
-        if first['status'] != 'stable':
-            lines.append(line + f'  {first["status"]} {first["message"]}'[:100])
-            continue
-        for name in names:
-            row = rows[name]
-            if row['error'] is None:
-                line += f'{row["note"] if row["note"] == "n/a" else "-":>20}'
-            else:
-                scale = 100/abs(result.references[name].value) if result.references[name].value else 1
-                line += f'{row["error"]*scale:>12.3f} ± {row["error_standard_error"]*scale:<5.3f}'
-        lines.append(line)
-    return '\n'.join(lines)

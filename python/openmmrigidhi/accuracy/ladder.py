@@ -6,11 +6,11 @@ import openmm
 
 from . import mobilities
 from . import rungs as rungsModule
+from ._results import provenance
 from .ladderresult import LadderResult
 from .measurement import NOT_APPLICABLE, STABLE
 from .rungs import BEST, Spheres
-from .scenes import Scene
-from .study import provenance
+from .scenes import Scene, platformProperties
 
 #: What StokesianDynamics with lubrication is off by for at most two spheres: the tests of the pair's resistance functions allow
 #: that much, and none was found to be further off.
@@ -100,9 +100,6 @@ class LadderStudy:
         self.threads = threads
         self.seed = seed
 
-    def _properties(self, platform):
-        return {'Threads': str(self.threads)} if platform == 'CPU' else {}
-
     def chooseReference(self, observable, values):
         """What the rungs are compared with for one observable, and how wrong that is believed to be.
 
@@ -180,7 +177,7 @@ class LadderStudy:
             spheres, samples = Spheres(scene), {}
             for rung in [*self.rungs, *extra]:
                 try:
-                    fluid, _, context = spheres.makeContext(rung, self.platforms[-1], self._properties(self.platforms[-1]))
+                    fluid, _, context = spheres.makeContext(rung, self.platforms[-1], platformProperties(self.platforms[-1], self.threads))
                     samples[rung.name] = rung, spheres.sample(fluid, context)
                     del context
                 except (openmm.OpenMMException, ValueError) as error:
@@ -236,7 +233,7 @@ class LadderStudy:
 
     def _time(self, spheres, rounds, seconds, count):
         """Seconds a step of each rung on its faster platform, medians over rounds in which all take turns; and what went wrong."""
-        runs, problems, forces = [], {}, {p: spheres.secondsOfForces(p, self._properties(p)) for p in self.platforms}
+        runs, problems, forces = [], {}, {p: spheres.secondsOfForces(p, platformProperties(p, self.threads)) for p in self.platforms}
         for rung in self.rungs:
             one = 0.0
             # Reference gains by less overhead; with long steps it cannot win.
@@ -244,7 +241,7 @@ class LadderStudy:
                 if platform == 'Reference' and one > LONG_STEP:
                     continue
                 try:
-                    _, integrator, context = spheres.makeContext(rung, platform, self._properties(platform), self.seed)
+                    _, integrator, context = spheres.makeContext(rung, platform, platformProperties(platform, self.threads), self.seed)
                     integrator.step(1)
                     one = self._ownSeconds(integrator, 1)
                     runs.append((rung, platform, integrator, context, min(1000, max(1, round(seconds/max(one, 1e-7)))),

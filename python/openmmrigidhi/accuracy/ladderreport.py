@@ -1,13 +1,10 @@
-"""Files of the hydrodynamic ladder: CSV, JSON, pictures, and one HTML page that needs nothing else."""
+"""What a LadderResult says: errors of the models against time per step, in words, pictures, tables and one HTML page."""
 import html
-import os
-import re
 
 import numpy as np
 
-from .ladderresult import duration, percent
+from ._pages import Report, paragraph, picture, plainTicks, sentence, table
 from .measurement import STABLE
-from .report import document, machineTable, picture, plainTicks, png, table, twoPanels
 from .rungs import BEST
 
 COLOURS = {'FreeDraining': '#7F7F7F', 'RPY': '#E69F00', 'FTS': '#D55E00', 'multiblob12': '#9ECAE1', 'multiblob42': '#4292C6',
@@ -18,69 +15,78 @@ MARKERS = {'FreeDraining': 'x', 'RPY': 's', 'FTS': '^', 'multiblob12': 'v', 'mul
 FLOOR = 1e-9
 
 
+class LadderReport(Report):
+    """The report of a LadderResult.
+
+    Parameters
+    ----------
+    result : LadderResult
+    wanted : str, or sequence of str
+        wanted errors, each answered on its own
+    """
+
+    FILES, PICTURE = ('ladder.csv', 'ladder.json', 'ladder.html'), 'ladder'
+    TITLE, CHOICE, EXAMPLE = 'What hydrodynamic accuracy costs', 'model', 'mobility:1%'
+
+    def textTable(self):
+        """As the function."""
+        return textTable(self.result)
+
+    def paragraphs(self):
+        """Everything that is to be said in plain words, the answers first."""
+        return summary(self.result, self.answers, self.wanted)
+
+    def panels(self, left, right, observable, limits):
+        """Errors against the parameter, for a single scene as bars; beside errors against time per step.
+
+        Parameters
+        ----------
+        left, right : matplotlib.axes.Axes
+        observable : str
+        limits : list of Wanted
+            drawn as lines
+        """
+        (_drawSweep if self.result.parameter else _drawBars)(left, self.result, observable)
+        _drawCost(right, self.result, observable)
+        for axes in (left, right) if self.result.parameter else (right,):
+            for item in limits:
+                axes.axhline(item.tolerance, color='black', ls='--', lw=1)
+
+    def body(self, pictures):
+        """What the page has besides words: HTML.
+
+        Parameters
+        ----------
+        pictures : dict
+            observable -> PNG
+        """
+        parts = ['<h2>Time</h2>', costTable(self.result), '<h2>Errors</h2>']
+        for observable, about in self.result.observables.items():
+            if observable not in pictures:
+                parts.append(paragraph(f'{sentence(about["label"])}: has no meaning here.'))
+                continue
+            parts += [f'<h3>{html.escape(sentence(about["label"]))}</h3>', paragraph(about['description'] + '.'),
+                      picture(pictures[observable], f'Error of {about["label"]} by model'), errorTable(self.result, observable)]
+        return parts
+
+    def how(self):
+        """How it was measured, paragraphs."""
+        scene, provenance = self.result.scene, self.result.provenance
+        text = ('Errors are relative: (value - reference)/|reference|; for matrices and several velocities the norm of the difference over '
+                f'that of the reference. Times are for a step of LangevinHI with noise at {scene["temperature"]:g} K, medians over '
+                f'{provenance.get("rounds")} rounds in which the models took turns; on the faster of {provenance.get("platforms")} '
+                f'({provenance.get("threads")} thread(s); with one thread CPU time, if less than by the clock); the spheres were moved by '
+                'noise alone, and what the scene\'s own forces take in a step was added.')
+        if scene.get('timed_at') is not None:
+            text += f' They were taken at {self.result.parameter} {scene["timed_at"]:g}: they hardly depend on it.'
+        return [text]
+
+
+# ---- Pictures --------------------------------------------------------------------------------------------------------
+
 def _style(rung):
     base = rung.replace('+self', '')
     return {'color': COLOURS.get(base, '#CC79A7'), 'marker': MARKERS.get(base, 'h'), 'ls': ':' if base != rung else '-'}
-
-
-def write(result, directory, wanted=()):
-    """Write all files into a directory.
-
-    Parameters
-    ----------
-    result : LadderResult
-    directory, wanted
-        see LadderResult.write()
-
-    Returns
-    -------
-    list of str
-        paths of the files
-    """
-    os.makedirs(directory, exist_ok=True)
-    wanted = [wanted] if isinstance(wanted, str) else list(wanted)
-    answers = [result.recommend(item) for item in wanted]
-    paths = [os.path.join(directory, name) for name in ('ladder.csv', 'ladder.json', 'ladder.html')]
-    result.writeCsv(paths[0])
-    result.writeJson(paths[1], recommendations=[{'wanted': [vars(each) for each in answer.wanted], 'verdict': answer.verdict,
-                                                 'setting': answer.setting, 'text': answer.text, 'candidates': answer.candidates}
-                                                for answer in answers])
-    pictures = {}
-    for observable in result.observables:
-        if result.select(observable):
-            pictures[observable] = draw(result, observable, wanted)
-            path = os.path.join(directory, f'ladder_{re.sub("[^A-Za-z0-9_]", "_", observable)}.png')
-            with open(path, 'wb') as file:
-                file.write(pictures[observable])
-            paths.append(path)
-    with open(paths[2], 'w') as file:
-        file.write(page(result, answers, wanted, pictures))
-    return paths
-
-
-def draw(result, observable, wanted=()):
-    """Errors against the parameter, and against time per step, a PNG. For a single scene: errors as bars, and against time.
-
-    Parameters
-    ----------
-    result : LadderResult
-    observable : str
-    wanted : sequence of str
-        wanted errors; those of this observable are drawn as lines
-
-    Returns
-    -------
-    bytes
-    """
-    figure, left, right = twoPanels(f'{result.observables[observable]["label"].capitalize()}, {result.scene["name"]}')
-    lines = [each for item in wanted for each in result.parseWanted(item) if each.observable == observable]
-    (_drawSweep if result.parameter else _drawBars)(left, result, observable)
-    _drawCost(right, result, observable)
-    for axes in (left, right):
-        for item in lines:
-            if result.parameter or axes is right:
-                axes.axhline(item.tolerance, color='black', ls='--', lw=1)
-    return png(figure, f'Error of {observable}')
 
 
 def _size(row):
@@ -161,6 +167,34 @@ def _drawCost(axes, result, observable):
     axes.grid(True, which='major', alpha=0.35)
 
 
+# ---- Words and tables ------------------------------------------------------------------------------------------------
+
+def duration(seconds):
+    """Seconds for people.
+
+    Parameters
+    ----------
+    seconds : float
+    """
+    for unit, scale in (('s', 1), ('ms', 1e-3), ('us', 1e-6)):
+        if seconds >= scale or unit == 'us':
+            return f'{seconds/scale:.3g} {unit}'
+    return ''
+
+
+def percent(error):
+    """A relative error for people.
+
+    Parameters
+    ----------
+    error : float or None
+    """
+    if error is None:
+        return 'n/a'
+    error = 100*abs(error)
+    return f'{error:.0f} %' if error >= 10 else f'{error:.2g} %' if error >= 1e-3 or error == 0 else f'{error:.1e} %'
+
+
 def textTable(result):
     """Largest errors of all rungs over the scenes, in per cent, and times, as text.
 
@@ -207,39 +241,6 @@ def summary(result, answers, wanted):
     return lines
 
 
-def page(result, answers, wanted, pictures):
-    """One HTML page with everything in it; nothing is loaded from elsewhere.
-
-    Parameters
-    ----------
-    result : LadderResult
-    answers : list of Recommendation
-    wanted : sequence of str
-    pictures : dict
-        observable -> PNG, bytes
-
-    Returns
-    -------
-    str
-    """
-    title = f'What hydrodynamic accuracy costs: {result.scene["name"]}'
-    parts = [f'<h1>{html.escape(title)}</h1>', f'<p>{html.escape(result.scene["description"])}.</p>', '<h2>In words</h2>']
-    texts = summary(result, answers, wanted)
-    parts += [f'<p class="answer">{html.escape(text)}</p>' for text in texts[:len(answers)]]
-    parts += [f'<p>{html.escape(text)}</p>' for text in texts[len(answers):]]
-    if not answers:
-        parts.append('<p>No wanted error was given; with one (for example mobility:1%) this page names the cheapest model.</p>')
-    parts += ['<h2>Time</h2>', costTable(result), '<h2>Errors</h2>']
-    for observable, about in result.observables.items():
-        if observable not in pictures:
-            parts.append(f'<p>{html.escape(about["label"].capitalize())}: has no meaning here.</p>')
-            continue
-        parts += [f'<h3>{html.escape(about["label"].capitalize())}</h3>', f'<p>{html.escape(about["description"])}.</p>',
-                  picture(pictures[observable], f'Error of {about["label"]} by model'), errorTable(result, observable)]
-    parts += ['<h2>How it was measured</h2>', f'<p>{html.escape(howText(result))}</p>', machineTable(result.provenance)]
-    return document(title, parts)
-
-
 def costTable(result):
     """Times per step, an HTML table.
 
@@ -272,20 +273,3 @@ def errorTable(result, observable):
     return table((result.parameter or 'scene', *result.rungs),
                  [(f'{value:g}' if result.parameter else result.scene['name'], *(cell(value, rung) for rung in result.rungs))
                   for value in result.references])
-
-
-def howText(result):
-    """How it was measured, in words.
-
-    Parameters
-    ----------
-    result : LadderResult
-    """
-    text = ('Errors are relative: (value - reference)/|reference|; for matrices and several velocities the norm of the difference over '
-            f'that of the reference. Times are for a step of LangevinHI with noise at {result.scene["temperature"]:g} K, medians over '
-            f'{result.provenance.get("rounds")} rounds in which the models took turns; on the faster of '
-            f'{result.provenance.get("platforms")} ({result.provenance.get("threads")} thread(s); with one thread CPU time, if less than by the clock); the spheres were moved by noise '
-            'alone, and what the scene\'s own forces take in a step was added.')
-    if result.scene.get('timed_at') is not None:
-        text += f' They were taken at {result.parameter} {result.scene["timed_at"]:g}: they hardly depend on it.'
-    return text

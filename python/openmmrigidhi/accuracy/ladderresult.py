@@ -1,17 +1,11 @@
 """What the hydrodynamic ladder found: errors and times of the models, and the cheapest one for a wanted error."""
-import csv
-import json
-
+from ._results import NONE, RECOMMENDED, UNDECIDED, Recommendation, Result, Wanted, decide, splitWanted, worst
+from .ladderreport import LadderReport, duration, percent
 from .measurement import STABLE
-from .result import NONE, RECOMMENDED, UNDECIDED, Recommendation, Wanted, splitWanted, writeJson
 from .rungs import BEST
 
-COLUMNS = ('parameter', 'rung', 'observable', 'status', 'value', 'error', 'believed', 'is_reference', 'seconds_step', 'seconds_low',
-           'seconds_high', 'seconds_forces', 'platform', 'solver', 'message')
-FORMAT = 'openmmrigidhi.accuracy.ladder 1'
 
-
-class LadderResult:
+class LadderResult(Result):
     """Rows of rungs and observables, the references, and how it was measured.
 
     Attributes
@@ -28,6 +22,10 @@ class LadderResult:
     parameter : str or None
         what distinguishes the scenes; None for a single one
     """
+
+    FORMAT = 'openmmrigidhi.accuracy.ladder 1'
+    COLUMNS = ('parameter', 'rung', 'observable', 'status', 'value', 'error', 'believed', 'is_reference', 'seconds_step', 'seconds_low',
+               'seconds_high', 'seconds_forces', 'platform', 'solver', 'message')
 
     def __init__(self, scene, parameter, rows, references, observables, rungs, provenance):
         self.scene = scene
@@ -75,7 +73,7 @@ class LadderResult:
 
         Returns
         -------
-        list of result.Wanted
+        list of Wanted
         """
         return [Wanted(name, value/100 if amount.endswith('%') else value, f'{amount} of {self.observables[name]["label"]}')
                 for name, amount, value in splitWanted(wanted, self.observables, 'mobility:1%')]
@@ -111,7 +109,7 @@ class LadderResult:
 
         Returns
         -------
-        result.Recommendation
+        Recommendation
             its setting and candidates have rung, seconds_step, platform, error (the largest of the first observable),
             bound (the largest error with what is believed of the reference's) and verdict
         """
@@ -128,7 +126,7 @@ class LadderResult:
                       and row['error'] is not None and row['believed'] is not None]
             candidates.append({'rung': rung, 'seconds_step': self.seconds(rung), 'platform': rows[0]['platform'],
                                'error': max(errors, default=None), 'bound': max(bounds, default=None),
-                               'verdict': next((v for v in ('no', 'n/a', 'undecided') if v in verdicts), 'yes')})
+                               'verdict': worst(verdicts)})
         candidates.sort(key=lambda candidate: candidate['seconds_step'])
         return self._conclude(candidates, wanted)
 
@@ -137,24 +135,22 @@ class LadderResult:
         if self.parameter:
             values = [f'{value:g}' for value in self.references]
             aim += f', {self.parameter}s {values[0]} to {values[-1]}'
-        best = next((c for c in candidates if c['verdict'] == 'yes'), None)
-        undecided = [c for c in candidates if c['verdict'] == 'undecided']
-        if best is not None:
+        verdict, best, undecided = decide(candidates)
+        if verdict == RECOMMENDED:
             text = (f'{aim}: {best["rung"]}, {duration(best["seconds_step"])} a step on {best["platform"]}, error at '
                     f'most {percent(best["bound"])}. It is the cheapest that meets this.')
             faster = [c['rung'] for c in undecided if c['seconds_step'] < best['seconds_step']]
             if faster:
                 text += f' Faster, but closer to the limit than the reference is known: {", ".join(faster)}.'
-            return Recommendation(RECOMMENDED, best, text, candidates, None, wanted)
-        if undecided or (candidates and all(c['verdict'] == 'n/a' for c in candidates)):
+        elif verdict == UNDECIDED:
             text = f'{aim}: cannot tell. '
             text += (f'{", ".join(c["rung"] for c in undecided)} may meet it, but the reference itself is not known to that: add a finer '
                      'multiblob.' if undecided else 'This observable has no meaning here.')
-            return Recommendation(UNDECIDED, None, text, candidates, None, wanted)
-        text = f'{aim}: none of these. Every model that was measured misses it'
-        least = min((c for c in candidates if c['error'] is not None), key=lambda c: c['error'], default=None)
-        text += f'; the most accurate is {least["rung"]} with {percent(least["error"])}.' if least else '.'
-        return Recommendation(NONE, None, text, candidates, None, wanted)
+        else:
+            least = min((c for c in candidates if c['error'] is not None), key=lambda c: c['error'], default=None)
+            text = (f'{aim}: {NONE}. Every model that was measured misses it'
+                    + (f'; the most accurate is {least["rung"]} with {percent(least["error"])}.' if least else '.'))
+        return Recommendation(verdict, best, text, candidates, None, wanted)
 
     def goodDownTo(self, wanted):
         """For several scenes: from which parameter upward each rung meets a wanted error.
@@ -200,42 +196,34 @@ class LadderResult:
 
     def asDict(self):
         """Everything, for JSON."""
-        return {'format': FORMAT, 'scene': self.scene, 'parameter': self.parameter, 'observables': self.observables, 'rungs': self.rungs,
+        return {'format': self.FORMAT, 'scene': self.scene, 'parameter': self.parameter, 'observables': self.observables, 'rungs': self.rungs,
                 'provenance': self.provenance,
                 'references': [{'parameter': value, **entry} for value, entry in self.references.items()], 'rows': self.rows}
 
-    def writeJson(self, path, **extra):
-        """Write everything as JSON; extra entries are added at the top level."""
-        writeJson(path, dict(self.asDict(), **extra))
-
-    @staticmethod
-    def isOne(path):
-        """Whether a file is what writeJson() wrote (and not another result of openmmrigidhi.accuracy).
+    @classmethod
+    def fromDict(cls, data):
+        """From what asDict() returned.
 
         Parameters
         ----------
-        path : str
+        data : dict
         """
-        with open(path) as file:
-            return json.load(file).get('format') == FORMAT
-
-    @staticmethod
-    def fromJson(path):
-        """Read what writeJson() wrote."""
-        with open(path) as file:
-            data = json.load(file)
         references = {entry.pop('parameter'): entry for entry in data['references']}
-        return LadderResult(data['scene'], data['parameter'], data['rows'], references, data['observables'], data['rungs'],
-                            data['provenance'])
+        return cls(data['scene'], data['parameter'], data['rows'], references, data['observables'], data['rungs'], data['provenance'])
 
-    def writeCsv(self, path):
-        """Write the table as CSV, one row per scene, rung and observable."""
-        with open(path, 'w', newline='') as file:
-            writer = csv.writer(file, lineterminator='\n')
-            writer.writerow(COLUMNS)
-            for row in self.rows:
-                writer.writerow(['' if row[key] is None else f'{row[key]:.8g}' if isinstance(row[key], float) else row[key]
-                                 for key in COLUMNS])
+    def report(self, wanted=()):
+        """What is to be said and shown: the files of :meth:`write`, textTable() and paragraphs().
+
+        Parameters
+        ----------
+        wanted : sequence of str
+            wanted errors, each answered on its own
+
+        Returns
+        -------
+        ladderreport.LadderReport
+        """
+        return LadderReport(self, wanted)
 
     def write(self, directory, wanted=()):
         """Write ladder.csv, ladder.json, pictures and ladder.html into a directory.
@@ -252,31 +240,4 @@ class LadderResult:
         list of str
             paths of the files
         """
-        from .ladderreport import write
-        return write(self, directory, wanted)
-
-
-def duration(seconds):
-    """Seconds for people.
-
-    Parameters
-    ----------
-    seconds : float
-    """
-    for unit, scale in (('s', 1), ('ms', 1e-3), ('us', 1e-6)):
-        if seconds >= scale or unit == 'us':
-            return f'{seconds/scale:.3g} {unit}'
-    return ''
-
-
-def percent(error):
-    """A relative error for people.
-
-    Parameters
-    ----------
-    error : float or None
-    """
-    if error is None:
-        return 'n/a'
-    error = 100*abs(error)
-    return f'{error:.0f} %' if error >= 10 else f'{error:.2g} %' if error >= 1e-3 or error == 0 else f'{error:.1e} %'
+        return self.report(wanted).write(directory)

@@ -1,4 +1,4 @@
-"""One run of one setting: samples, times, and what to do when it blows up."""
+"""One run of one setting: samples, times, what to do when it blows up; and the rows of a table that runs make."""
 import math
 import time
 from dataclasses import dataclass, field
@@ -8,11 +8,15 @@ import openmm
 
 from .observables import Sample
 from .scenes import GAS_CONSTANT
+from .statistics import autocorrelationTime, replicaStatistics, seriesStatistics
 
 STABLE, UNSTABLE, NOT_APPLICABLE = 'stable', 'unstable', 'not applicable'
 #: A run has exploded when its potential energy is above that of the start by this many times the thermal kinetic energy
 #: dof/2 kT; to which comes this many kT, for scenes of few bodies (probability at equilibrium below exp(-40)).
 EXPLOSION_FACTOR, EXPLOSION_MARGIN = 10, 40
+SECONDS_PER_DAY = 86400
+#: Halves of a run whose means differ by more than this many standard errors are called drifting.
+DRIFT_LIMIT = 4
 
 
 @dataclass
@@ -168,3 +172,92 @@ class Run:
                 Sample(self.scene, self.context).kineticEnergies
             samples += 1
         return (time.perf_counter() - began)/((samples - 1)*self.stepsPerSample) if self.isAlive else None
+
+
+# ---- Rows ------------------------------------------------------------------------------------------------------------
+
+def summarise(knob, runs, observables, clock):
+    """The rows of all settings.
+
+    Block lengths are 20 autocorrelation times, of the run itself or the median over the runs of its method, whichever is
+    longer: a run that happens to look less correlated than its neighbours would otherwise get too small an error.
+
+    Parameters
+    ----------
+    knob : Knob
+    runs : list of (Setting, Record, seed)
+    observables : list of Observable
+    clock : str
+        'wall' or 'cpu'
+
+    Returns
+    -------
+    list of dict
+        see StudyResult.rows
+    """
+    rows = []
+    for observable in observables:
+        taus = {}
+        for setting, record, _ in runs:
+            series = _series(record, observable)
+            if series is not None:
+                taus.setdefault(setting.method.name, []).append(autocorrelationTime(_overReplicas(series))*record.samplesAt)
+        typical = {method: float(np.median(values)) for method, values in taus.items()}
+        for setting, record, seed in runs:
+            rows.append(_row(knob, setting, record, observable, seed, clock, typical.get(setting.method.name, 0.0)))
+    return rows
+
+
+def _series(record, observable):
+    """The samples as an array, or None where there is no average to take."""
+    series = np.array(record.series.get(observable.name, []), dtype=float)
+    # What compares with the sample before has nothing to compare the first with.
+    if len(series) > 1 and np.isnan(series[0]).all() and np.isfinite(series[1:]).all():
+        series = series[1:]
+    return series if record.status == STABLE and len(series) >= 2 and np.isfinite(series).all() else None
+
+
+def _overReplicas(series):
+    return series if series.ndim == 1 else series.mean(axis=1)
+
+
+def _row(knob, setting, record, observable, seed, clock, typicalTau):
+    speeds = [steps*setting.stepSize/1000*SECONDS_PER_DAY/(wall if clock == 'wall' else cpu)
+              for steps, wall, cpu in record.timings if (wall if clock == 'wall' else cpu) > 0]
+    cpuSpeeds = [steps*setting.stepSize/1000*SECONDS_PER_DAY/cpu for steps, wall, cpu in record.timings if cpu > 0]
+    low, middle, high = np.percentile(speeds, [16, 50, 84]) if speeds else (None, None, None)
+    row = {'method': setting.method.name, 'knob': knob.name, 'value': setting.value, 'step_size': setting.stepSize,
+           'status': record.status, 'message': record.message, 'ns_per_day': _float(middle), 'ns_per_day_low': _float(low),
+           'ns_per_day_high': _float(high), 'ns_per_cpu_day': _float(np.median(cpuSpeeds)) if cpuSpeeds else None,
+           'speeds': [float(x) for x in speeds], 'length': record.length, 'equilibration': record.equilibration,
+           'seed': seed, 'observable': observable.name, 'mean': None, 'standard_error': None, 'degrees': None, 'tau': None,
+           'samples': 0, 'drift': None, 'note': ''}
+    series = _series(record, observable)
+    if series is None:
+        samples = record.series.get(observable.name, [])
+        if record.status == STABLE:
+            row['note'] = ('too few samples' if len(samples) < 2 else
+                           'n/a' if np.isnan(samples).all() else 'sometimes not a number')
+        return row
+    summary = (seriesStatistics if series.ndim == 1 else replicaStatistics)(series, typicalTau/record.samplesAt)
+    series = _overReplicas(series)
+    row.update(mean=summary.mean, standard_error=summary.standardError, degrees=summary.degrees,
+               tau=summary.tau*record.samplesAt, samples=summary.samples, drift=_drift(series, summary))
+    if not summary.isTrusted:
+        row['note'] = 'few independent samples'
+    elif row['drift'] is not None and abs(row['drift']) > DRIFT_LIMIT:
+        row['note'] = 'drifts'
+    return row
+
+
+def _drift(series, summary):
+    """Difference of the two halves' means in standard errors, or None."""
+    half = len(series)//2
+    if half < 2 or summary.standardError == 0:
+        return None
+    # Each half has half the samples: the difference has twice the standard error of the whole.
+    return float((series[half:].mean() - series[:half].mean())/(2*summary.standardError))
+
+
+def _float(value):
+    return None if value is None else float(value)

@@ -1,8 +1,8 @@
 """What the hydrodynamic ladder compares: the mobility matrix, and numbers that follow from it for given forces."""
 import numpy as np
-from openmm import unit
 
-from .scenes import importObject
+from .. import _units
+from .scenes import findObservable
 
 
 class MobilitySample:
@@ -126,8 +126,7 @@ class _UserFunction:
         self.function = function
 
     def __call__(self, sample):
-        value = self.function(sample)
-        return value.value_in_unit_system(unit.md_unit_system) if unit.is_quantity(value) else value
+        return _units.plain(self.function(sample))
 
 
 #: Observables by name.
@@ -163,13 +162,9 @@ def byName(name):
     -------
     MobilityObservable
     """
-    if isinstance(name, MobilityObservable):
-        return name
-    if callable(name):
-        return MobilityObservable(name.__name__, name.__name__, _UserFunction(name), description='given by the user')
-    if name in BUILT_IN:
-        return BUILT_IN[name]
-    if ':' in name:
-        return byName(importObject(name, 'observable'))
-    raise ValueError(f'observable of mobility: got {name!r}; it must be one of {", ".join(BUILT_IN)}, or module:function: '
-                     'correct the name')
+    found = findObservable(name, MobilityObservable, BUILT_IN, lambda function: MobilityObservable(
+        function.__name__, function.__name__, _UserFunction(function), description='given by the user'))
+    if found is None:
+        raise ValueError(f'observable of mobility: got {name!r}; it must be one of {", ".join(BUILT_IN)}, or module:function: '
+                         'correct the name')
+    return found

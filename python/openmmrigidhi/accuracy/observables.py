@@ -3,10 +3,10 @@ from functools import cached_property
 
 import numpy as np
 import openmm
-from openmm import unit
 
+from .. import _units
 from ..integrator import CustomRigidHIIntegrator
-from .scenes import GAS_CONSTANT, importObject
+from .scenes import GAS_CONSTANT, findObservable
 
 
 class Sample:
@@ -181,10 +181,7 @@ class _UserFunction:
         self.function = function
 
     def __call__(self, sample):
-        value = self.function(sample.context)
-        if unit.is_quantity(value):
-            value = value.value_in_unit_system(unit.md_unit_system)
-        return float(value)
+        return float(_units.plain(self.function(sample.context)))
 
 
 #: Observables by name.
@@ -218,20 +215,19 @@ def byName(name):
     -------
     Observable
     """
-    if isinstance(name, Observable):
-        return name
-    if callable(name):
-        exact = getattr(name, 'exact', None)
-        return Observable(name.__name__, name.__name__, getattr(name, 'unit', ''), _UserFunction(name),
-                          None if exact is None else _Constant(exact))
-    if name in BUILT_IN:
-        return BUILT_IN[name]
+    found = findObservable(name, Observable, BUILT_IN, _fromFunction)
+    if found is not None:
+        return found
     if name.startswith('energy_group_') and name[13:].isdigit() and int(name[13:]) < 32:
         return Observable(name, f'energy of force group {name[13:]} per body', 'kJ/mol', _GroupEnergy(int(name[13:])))
-    if ':' in name:
-        return byName(importObject(name, 'observable'))
     raise ValueError(f'observable: got {name!r}; it must be one of {", ".join(BUILT_IN)}, energy_group_0 to '
                      'energy_group_31, or module:function: correct the name')
+
+
+def _fromFunction(function):
+    exact = getattr(function, 'exact', None)
+    return Observable(function.__name__, function.__name__, getattr(function, 'unit', ''), _UserFunction(function),
+                      None if exact is None else _Constant(exact))
 
 
 class _Constant:

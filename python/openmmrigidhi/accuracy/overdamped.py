@@ -9,8 +9,10 @@ import openmm
 
 from .. import app
 from .._quaternions import product, rotationMatrices
+from ..analysis import WalkerSampler, mobilityAboutPoint
 from ..integrator import CustomRigidHIIntegrator, Scheme
 from ..mobility import MobilityForce
+from .measurement import SECONDS_PER_DAY
 from .methods import Method, RigidScheme
 from .observables import Observable
 from .scenes import GAS_CONSTANT, Scene
@@ -20,13 +22,34 @@ from .study import Knob, StepSizeStudy
 SPACING, REPULSION, WEIGHT = 0.3/0.324557, 23.08, 0.18
 #: Water, dalton/(nm ps); temperature, K; radius of a blob, nm. Results in units of a and tau_D do not depend on these.
 VISCOSITY, TEMPERATURE, RADIUS = 536.0, 300.0, 1.0
-SECONDS_PER_DAY = 86400
 #: Of the suspension, kT: pair repulsion at contact of two blobs, stiffness of the pen (times (distance beyond)^2).
 PAIR, PEN = 10.0, 2.5
 #: Relaxation rate times step of LangevinHI, by name. Diffusion is exaggerated by x coth x, x half of it: 0.7 %, 8 %, 66 %.
 INERTIA = {'LangevinHI(0.3)': 0.3, 'LangevinHI(1)': 1.0, 'LangevinHI(3)': 3.0}
 SCHEMES = ('EulerMaruyama', 'FixmanMidpoint', 'RandomFiniteDifference', 'TractionEulerMaruyama', 'TrapezoidalSlip', 'DriftCorrectorFD',
            'DriftCorrectorRFD')
+
+
+def picoseconds(h):
+    """A time in ps.
+
+    Parameters
+    ----------
+    h : float
+        in units of tau_D
+    """
+    return h*6*math.pi*VISCOSITY*RADIUS**3/(GAS_CONSTANT*TEMPERATURE)
+
+
+def wallRepulsion(gaps):
+    """Energy of blobs in the repulsion by the wall, kT.
+
+    Parameters
+    ----------
+    gaps : ndarray
+        between blobs and wall, blob radii
+    """
+    return REPULSION/gaps*np.exp(-2*gaps)
 
 
 class WallScene(Scene):
@@ -47,8 +70,7 @@ class WallScene(Scene):
     """
 
     def __init__(self, system, positions, integrator, sites, replicas, **kwargs):
-        kT = GAS_CONSTANT*TEMPERATURE
-        self.timeUnit = 6*math.pi*VISCOSITY*RADIUS**3/kT
+        self.timeUnit = picoseconds(1)
         self.sites, self.replicas, self.cross = sites, replicas, len(sites)//2
         N = _bulkMobility(sites)
         self.frictions = 3/np.trace(N[:3, :3]), 1/np.diag(N)[3:]
@@ -85,7 +107,6 @@ def _bulkMobility(sites):
     context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
     context.setPositions(sites)
     N = fluid.getMobilityInContext(context)
-    from ..analysis import mobilityAboutPoint  # here, for analysis takes its statistics from this package
     return mobilityAboutPoint(N, (0, 0, 0))
 
 
@@ -141,7 +162,7 @@ def quadrature(sites, weight, orientations=32):
         offsets = vertical @ sites.T
         z = above[None, :] + 1 - offsets.min(axis=1)[:, None]
         gaps = z[:, :, None] + offsets[:, None, :] - 1
-        repulsion = (REPULSION/gaps*np.exp(-2*gaps)).sum(axis=2)
+        repulsion = wallRepulsion(gaps).sum(axis=2)
         probability = part*steps*np.exp(-weight*z - repulsion)
         for k, value in enumerate((1, z + offsets[:, [len(sites)//2]], cosine*cosine, repulsion)):
             sums[k] += (probability*value).sum()
@@ -175,9 +196,8 @@ def boomerang(replicas=32, weight=10*WEIGHT, blobsPerArm=7, seed=1):
     def energy(R, q):
         vertical = rotationMatrices(q)[:, 2, :]
         gaps = (R[:, 2:] + vertical @ sites.T)/RADIUS - 1
-        return kT*(weight*R[:, 2]/RADIUS + (REPULSION/gaps*np.exp(-2*gaps)).sum(axis=1))
+        return kT*(weight*R[:, 2]/RADIUS + wallRepulsion(gaps).sum(axis=1))
 
-    from ..analysis import WalkerSampler  # here, as above
     walkers = WalkerSampler(energy, TEMPERATURE, replicas, (0, 0, 10*RADIUS), sitePositions=sites, radii=RADIUS, wallHeight=0,
                             coordinates=['z', 'rotation'], seed=seed)
     walkers.burnIn(1000)
@@ -187,7 +207,7 @@ def boomerang(replicas=32, weight=10*WEIGHT, blobsPerArm=7, seed=1):
                      description=f'{replicas} independent boomerangs of {len(sites)} blobs above a wall, weight {weight:.4g} kT/a, repulsion '
                      f'{REPULSION} kT a/d exp(-2 d/a) at gaps d; exact averages by quadrature',
                      exact=quadrature(sites/RADIUS, weight),
-                     stepSizes=[h*6*math.pi*VISCOSITY*RADIUS**3/kT for h in (0.025, 0.05, 0.1, 0.2)])
+                     stepSizes=[picoseconds(h) for h in (0.025, 0.05, 0.1, 0.2)])
 
 
 class _Pen:
@@ -213,7 +233,7 @@ class _Pen:
         inside = gaps.min(axis=1) > 0
         gaps = np.where(inside[:, None], gaps, 1)
         beyond = np.maximum(0, np.hypot(blobs[..., 0], blobs[..., 1]) - self.radius)
-        energy = (self.weight*blobs[..., 2]).mean(axis=1) + (REPULSION/gaps*np.exp(-2*gaps) + PEN*beyond**2).sum(axis=1)
+        energy = (self.weight*blobs[..., 2]).mean(axis=1) + (wallRepulsion(gaps) + PEN*beyond**2).sum(axis=1)
         separations = blobs[:, :, None, :] - others[:, None, :, :]
         distances = np.sqrt(np.einsum('skmi,skmi->skm', separations, separations))
         energy += PAIR*np.exp(-3*(distances - 2)).sum(axis=(1, 2))
@@ -299,7 +319,7 @@ def suspension(bodies=16, weight=10*WEIGHT, blobsPerArm=2, radius=9.0, sweeps=50
     scene = WallScene(system, sampler.blobs[0].reshape(-1, 3)*RADIUS, integrator, sites, 1, name=f'boomerangs{bodies}',
                       description=f'{bodies} boomerangs of {len(sites)} blobs above a wall in a pen of radius {radius:g} a, weight {weight:.4g} '
                       f'kT/a, which repel each other softly; averages by Monte Carlo ({systems} systems, {sweeps} sweeps)',
-                      stepSizes=[h*6*math.pi*VISCOSITY*RADIUS**3/kT for h in (0.02, 0.05, 0.1)])
+                      stepSizes=[picoseconds(h) for h in (0.02, 0.05, 0.1)])
     # Systems are independent: their spread is the error.
     scene.sampled = {name: (float(values.mean()), float(values.std(ddof=1)/math.sqrt(systems))) for name, values in sums.items()}
     return scene
@@ -330,7 +350,7 @@ def measure(R, q, sites):
     vertical = rotationMatrices(q.reshape(-1, 4))[:, 2, :].reshape(q.shape[:-1] + (3,))
     heights = (R[..., 2:] + vertical @ sites.T)/RADIUS
     gaps = heights - 1
-    return {'height': heights[..., len(sites)//2], 'cos2': vertical[..., 2]**2, 'repulsion': (REPULSION/gaps*np.exp(-2*gaps)).sum(axis=-1)}
+    return {'height': heights[..., len(sites)//2], 'cos2': vertical[..., 2]**2, 'repulsion': wallRepulsion(gaps).sum(axis=-1)}
 
 
 class _Average:

@@ -1,21 +1,57 @@
 """What a study found: a table with errors, the cheapest setting for a wanted error, and how methods compare."""
-import json
 import math
-import re
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Optional
 
 import numpy as np
 
-from .measurement import STABLE
-from .statistics import autocorrelationTime, errorCurve, quantile, replicaStatistics, seriesStatistics
+from ._results import NONE, RECOMMENDED, UNDECIDED, Recommendation, Result, Wanted, decide, splitWanted, worst
+from .measurement import SECONDS_PER_DAY, STABLE
+from .report import StudyReport
+from .statistics import Extrapolation, errorCurve, quantile
 
-SECONDS_PER_DAY = 86400
-RECOMMENDED, NONE, UNDECIDED = 'recommended', 'none of these', 'cannot tell'
-#: Halves of a run whose means differ by more than this many standard errors are called drifting.
-DRIFT_LIMIT = 4
 #: Above this, "run N times longer" is no advice.
 LARGEST_FACTOR = 1000
+
+
+@dataclass(frozen=True)
+class Knob:
+    """What is turned along a curve.
+
+    Parameters
+    ----------
+    name : str
+        column name
+    label : str
+        for people
+    unit : str
+        for people
+    scale : float
+        internal value times scale = value in that unit
+    speedUnit : str
+        unit of speeds, for people
+    speedScale : float
+        ns/day times speedScale = speed in that unit
+    """
+
+    name: str
+    label: str
+    unit: str
+    scale: float = 1.0
+    speedUnit: str = 'ns/day'
+    speedScale: float = 1.0
+
+    def format(self, value):
+        """A value for people, with its unit."""
+        return f'{value*self.scale:.6g} {self.unit}'.strip()
+
+    def speed(self, nsPerDay):
+        """A speed for people, with its unit: three digits, without an exponent."""
+        value = nsPerDay*self.speedScale
+        return f'{value:.3g} {self.speedUnit}' if value < 1000 else f'{value:.0f} {self.speedUnit}'
+
+
+STEP_SIZE = Knob('step_size', 'step', 'fs', 1000.0)
 
 
 @dataclass
@@ -75,7 +111,6 @@ class Reference:
         data : dict
             what asDict() returned
         """
-        from .statistics import Extrapolation
         fit, points = None, []
         if 'fit' in data:
             old = data['fit']
@@ -87,179 +122,7 @@ class Reference:
         return Reference(observable, data['value'], data['standard_error'], data['kind'], fit, points)
 
 
-def summarise(knob, runs, observables, clock):
-    """The rows of all settings.
-
-    Block lengths are 20 autocorrelation times, of the run itself or the median over the runs of its method, whichever is
-    longer: a run that happens to look less correlated than its neighbours would otherwise get too small an error.
-
-    Parameters
-    ----------
-    knob : Knob
-    runs : list of (Setting, Record, seed)
-    observables : list of Observable
-    clock : str
-        'wall' or 'cpu'
-
-    Returns
-    -------
-    list of dict
-        see StudyResult.rows
-    """
-    rows = []
-    for observable in observables:
-        taus = {}
-        for setting, record, _ in runs:
-            series = _series(record, observable)
-            if series is not None:
-                taus.setdefault(setting.method.name, []).append(autocorrelationTime(_overReplicas(series))*record.samplesAt)
-        typical = {method: float(np.median(values)) for method, values in taus.items()}
-        for setting, record, seed in runs:
-            rows.append(_row(knob, setting, record, observable, seed, clock, typical.get(setting.method.name, 0.0)))
-    return rows
-
-
-def _series(record, observable):
-    """The samples as an array, or None where there is no average to take."""
-    series = np.array(record.series.get(observable.name, []), dtype=float)
-    # What compares with the sample before has nothing to compare the first with.
-    if len(series) > 1 and np.isnan(series[0]).all() and np.isfinite(series[1:]).all():
-        series = series[1:]
-    return series if record.status == STABLE and len(series) >= 2 and np.isfinite(series).all() else None
-
-
-def _overReplicas(series):
-    return series if series.ndim == 1 else series.mean(axis=1)
-
-
-def _row(knob, setting, record, observable, seed, clock, typicalTau):
-    speeds = [steps*setting.stepSize/1000*SECONDS_PER_DAY/(wall if clock == 'wall' else cpu)
-              for steps, wall, cpu in record.timings if (wall if clock == 'wall' else cpu) > 0]
-    cpuSpeeds = [steps*setting.stepSize/1000*SECONDS_PER_DAY/cpu for steps, wall, cpu in record.timings if cpu > 0]
-    low, middle, high = np.percentile(speeds, [16, 50, 84]) if speeds else (None, None, None)
-    row = {'method': setting.method.name, 'knob': knob.name, 'value': setting.value, 'step_size': setting.stepSize,
-           'status': record.status, 'message': record.message, 'ns_per_day': _float(middle), 'ns_per_day_low': _float(low),
-           'ns_per_day_high': _float(high), 'ns_per_cpu_day': _float(np.median(cpuSpeeds)) if cpuSpeeds else None,
-           'speeds': [float(x) for x in speeds], 'length': record.length, 'equilibration': record.equilibration,
-           'seed': seed, 'observable': observable.name, 'mean': None, 'standard_error': None, 'degrees': None, 'tau': None,
-           'samples': 0, 'drift': None, 'note': ''}
-    series = _series(record, observable)
-    if series is None:
-        samples = record.series.get(observable.name, [])
-        if record.status == STABLE:
-            row['note'] = ('too few samples' if len(samples) < 2 else
-                           'n/a' if np.isnan(samples).all() else 'sometimes not a number')
-        return row
-    summary = (seriesStatistics if series.ndim == 1 else replicaStatistics)(series, typicalTau/record.samplesAt)
-    series = _overReplicas(series)
-    row.update(mean=summary.mean, standard_error=summary.standardError, degrees=summary.degrees,
-               tau=summary.tau*record.samplesAt, samples=summary.samples, drift=_drift(series, summary))
-    if not summary.isTrusted:
-        row['note'] = 'few independent samples'
-    elif row['drift'] is not None and abs(row['drift']) > DRIFT_LIMIT:
-        row['note'] = 'drifts'
-    return row
-
-
-def _drift(series, summary):
-    """Difference of the two halves' means in standard errors, or None."""
-    half = len(series)//2
-    if half < 2 or summary.standardError == 0:
-        return None
-    # Each half has half the samples: the difference has twice the standard error of the whole.
-    return float((series[half:].mean() - series[:half].mean())/(2*summary.standardError))
-
-
-def _float(value):
-    return None if value is None else float(value)
-
-
-def splitWanted(wanted, names, example):
-    """Wanted errors from text, as (observable, amount as written, its number).
-
-    Parameters
-    ----------
-    wanted : str, or sequence of str
-        "observable:0.5%" or "observable:0.2"; several with commas
-    names : collection of str
-        the observables there are
-    example : str
-        for error messages
-
-    Returns
-    -------
-    list of (str, str, float)
-    """
-    items = wanted.split(',') if isinstance(wanted, str) else list(wanted)
-    result = []
-    for item in items:
-        name, _, amount = item.strip().rpartition(':')
-        if name not in names:
-            raise ValueError(f'wanted error: got {item!r}; the observable must be one of {", ".join(names)}: write e.g. {example}')
-        try:
-            value = float(amount.rstrip('%'))
-        except ValueError:
-            value = math.nan
-        if not value > 0 or not math.isfinite(value):
-            raise ValueError(f'wanted error: got {item!r}; the error must be a positive number or percentage: '
-                             f'write e.g. {example}')
-        result.append((name, amount, value))
-    return result
-
-
-def writeJson(path, data):
-    """Write JSON, lists of numbers on one line.
-
-    Parameters
-    ----------
-    path : str
-    data : dict
-    """
-    text = re.sub(r'\[[^\[\]{}"]*\]', lambda match: ' '.join(match.group().split()), json.dumps(data, indent=1))
-    with open(path, 'w') as file:
-        file.write(text + '\n')
-
-
-@dataclass
-class Wanted:
-    """A wanted error: |mean - reference| <= tolerance (observable's unit), as given by text."""
-
-    observable: str
-    tolerance: float
-    text: str
-
-
-@dataclass
-class Recommendation:
-    """The answer to "what is the cheapest setting with this error?".
-
-    Attributes
-    ----------
-    verdict : str
-        'recommended', 'none of these' or 'cannot tell'
-    setting : dict or None
-        method, value, step_size (ps), ns_per_day of the recommended setting
-    text : str
-        one paragraph in plain words
-    candidates : list of dict
-        every stable setting, fastest first: method, value, ns_per_day, verdict ('yes', 'no', 'undecided', 'n/a'), likely (whether
-        the errors as measured meet the wish), factor (how many times longer to run for a decision, or None)
-    factor : float or None
-        how many times longer a run would settle an undecided answer, or find out about a faster setting
-    """
-
-    verdict: str
-    setting: Optional[dict]
-    text: str
-    candidates: list
-    factor: Optional[float]
-    wanted: list
-
-    def __str__(self):
-        return self.text
-
-
-class StudyResult:
+class StudyResult(Result):
     """Rows of settings and observables, the references, and how it was measured.
 
     Attributes
@@ -275,6 +138,11 @@ class StudyResult:
     confidence : float
         of all intervals; 0.95
     """
+
+    FORMAT = 'openmmrigidhi.accuracy 1'
+    COLUMNS = ('method', 'knob', 'value', 'step_size', 'status', 'ns_per_day', 'ns_per_day_low', 'ns_per_day_high', 'ns_per_cpu_day',
+               'observable', 'mean', 'standard_error', 'error', 'error_standard_error', 'error_low', 'error_high',
+               'relative_error', 'tau', 'samples', 'length', 'equilibration', 'drift', 'seed', 'note', 'message')
 
     def __init__(self, knob, scene, rows, references, orders, observables, refusals, provenance, confidence=0.95):
         self.knob = knob
@@ -364,6 +232,8 @@ class StudyResult:
         Returns
         -------
         Recommendation
+            its setting and candidates have method, value, step_size (ps), ns_per_day, verdict, likely (whether the errors as measured
+            meet the wish) and factor (how many times longer to run for a decision, or None)
         """
         confidence = self.confidence if confidence is None else confidence
         wanted = self.parseWanted(wanted)
@@ -374,7 +244,7 @@ class StudyResult:
             if first['status'] != STABLE or first['ns_per_day'] is None:
                 continue
             verdicts = [self._judge(rows[item.observable], item, confidence) for item in wanted]
-            verdict = next((v for v in ('no', 'n/a', 'undecided') if v in [each[0] for each in verdicts]), 'yes')
+            verdict = worst([each[0] for each in verdicts])
             factor = max((each[1] for each in verdicts if each[0] == 'undecided'), default=None)
             likely = all(each[2] for each in verdicts)
             candidates.append({'method': key[0], 'value': key[1], 'step_size': first['step_size'],
@@ -400,36 +270,30 @@ class StudyResult:
         return 'undecided', (longer/gap)**2 if gap > 0 else math.inf, likely
 
     def _conclude(self, candidates, wanted, confidence):
-        aim = ' and '.join(item.text for item in wanted)
+        text = f'For an error of at most {" and ".join(item.text for item in wanted)}: '
         sure = f'{100*confidence:g} % confidence'
-        best = next((c for c in candidates if c['verdict'] == 'yes'), None)
-        undecided = [c for c in candidates if c['verdict'] == 'undecided']
-        if best is not None:
+        verdict, best, undecided = decide(candidates)
+        factor = None
+        if verdict == RECOMMENDED:
+            text += f'{self._name(best)}, {self.knob.speed(best["ns_per_day"])}. It is the cheapest setting that meets this with {sure}.'
             faster = [c for c in undecided if c['ns_per_day'] > best['ns_per_day']]
-            text = (f'For an error of at most {aim}: {self._name(best)}, {self.knob.speed(best["ns_per_day"])}. It is the cheapest '
-                    f'setting that meets this with {sure}.')
-            factor = None
             if faster:
                 factor = min(c['factor'] for c in faster)
                 text += (f' Faster settings that may or may not meet it: {", ".join(self._name(c) for c in faster)}; '
                          + _longer(factor) + '.')
-            others = self._bestOfOthers(candidates, best)
-            return Recommendation(RECOMMENDED, best, text + others, candidates, factor, wanted)
-        if undecided:
+            text += self._bestOfOthers(candidates, best)
+        elif undecided:
             # One that is decided in favour is an answer; if none looks like it, all must be decided.
             likely = [c['factor'] for c in undecided if c['likely']]
             factor = min(likely) if likely else max(c['factor'] for c in undecided)
-            text = (f'For an error of at most {aim}: cannot tell. The statistics do not suffice for '
-                    f'{", ".join(self._name(c) for c in undecided)}; {_longer(factor)}.')
-            return Recommendation(UNDECIDED, None, text, candidates, factor, wanted)
-        if candidates and all(c['verdict'] == 'n/a' for c in candidates):
-            text = (f'For an error of at most {aim}: cannot tell. There is nothing to compare with: no exact value, and too few '
-                    'stable settings for an extrapolation; add smaller steps.')
-            return Recommendation(UNDECIDED, None, text, candidates, None, wanted)
-        text = f'For an error of at most {aim}: none of these. '
-        text += (f'Every stable setting misses it with {sure}; smaller steps may do.' if candidates
-                 else 'No setting was stable; smaller steps may be.')
-        return Recommendation(NONE, None, text, candidates, None, wanted)
+            text += (f'cannot tell. The statistics do not suffice for {", ".join(self._name(c) for c in undecided)}; {_longer(factor)}.')
+        elif verdict == UNDECIDED:
+            text += ('cannot tell. There is nothing to compare with: no exact value, and too few stable settings for an extrapolation; add '
+                     'smaller steps.')
+        else:
+            text += f'{NONE}. ' + (f'Every stable setting misses it with {sure}; smaller steps may do.' if candidates
+                                   else 'No setting was stable; smaller steps may be.')
+        return Recommendation(verdict, best, text, candidates, factor, wanted)
 
     def _bestOfOthers(self, candidates, best):
         """What the other methods reach, in words."""
@@ -493,7 +357,7 @@ class StudyResult:
             curve = errorCurve([row['step_size'] for row in rows], errors[mine], np.maximum(sigmas[mine], 1e-300),
                                resampled[:, mine], self.orders[method], item.tolerance, max(row['step_size'] for row in rows))
             step, steps = curve.stepFor(item.tolerance)
-            rate = self._stepsPerSecond(item.observable, method, step)
+            rate = self.stepsPerSecond(item.observable, method, step)
             rates = np.median(rate[:shared][picks], axis=1)
             perNs = SECONDS_PER_DAY/1000
             curves[method] = {'step': step, 'capped': bool(step >= curve.largest), 'ns_per_day': step*np.median(rate)*perNs,
@@ -512,10 +376,21 @@ class StudyResult:
                 entry['ratio_low'], entry['ratio_high'] = float(low), float(high)
         return {method: curves[method] for method in self.methods() if method in curves}
 
-    def _stepsPerSecond(self, observable, method, step):
-        """Steps per second in each round at a step size (ps), interpolated between the measured ones around it.
+    def stepsPerSecond(self, observable, method, step):
+        """Steps per second in each round at a step size, interpolated between the measured ones around it.
 
         A step costs nearly the same whatever its size: larger ones rebuild neighbour lists more often.
+
+        Parameters
+        ----------
+        observable, method : str
+        step : float
+            ps
+
+        Returns
+        -------
+        ndarray of shape (rounds,)
+            empty if the method has no stable setting
         """
         rows = [row for row in self.select(observable, method) if row['speeds']]
         if not rows:
@@ -530,9 +405,7 @@ class StudyResult:
     def asDict(self):
         """Everything, for JSON. The rounds' speeds are the same for all observables and are listed once."""
         speeds = {(row['method'], row['value']): row['speeds'] for row in self.rows}
-        return {'format': 'openmmrigidhi.accuracy 1', 'confidence': self.confidence,
-                'knob': {'name': self.knob.name, 'label': self.knob.label, 'unit': self.knob.unit, 'scale': self.knob.scale,
-                         'speedUnit': self.knob.speedUnit, 'speedScale': self.knob.speedScale},
+        return {'format': self.FORMAT, 'confidence': self.confidence, 'knob': asdict(self.knob),
                 'scene': self.scene, 'orders': self.orders, 'observables': self.observables, 'refusals': self.refusals,
                 'provenance': self.provenance,
                 'references': {name: reference.asDict() for name, reference in self.references.items()},
@@ -540,29 +413,34 @@ class StudyResult:
                 'ns_per_day_of_rounds': [{'method': method, 'value': value, 'speeds': [float(f'{x:.6g}') for x in values]}
                                          for (method, value), values in speeds.items()]}
 
-    def writeJson(self, path, **extra):
-        """Write everything as JSON; extra entries are added at the top level."""
-        writeJson(path, dict(self.asDict(), **extra))
+    @classmethod
+    def fromDict(cls, data):
+        """From what asDict() returned.
 
-    @staticmethod
-    def fromJson(path):
-        """Read what writeJson() wrote."""
-        from .study import Knob
-        with open(path) as file:
-            data = json.load(file)
-        if not str(data.get('format', '')).startswith('openmmrigidhi.accuracy'):
-            raise ValueError(f'{path}: it is no result of openmmrigidhi.accuracy: give a results.json')
+        Parameters
+        ----------
+        data : dict
+        """
         speeds = {(entry['method'], entry['value']): entry['speeds'] for entry in data['ns_per_day_of_rounds']}
         for row in data['rows']:
             row['speeds'] = speeds[row['method'], row['value']]
         references = {name: Reference.fromDict(name, entry) for name, entry in data['references'].items()}
-        return StudyResult(Knob(**data['knob']), data['scene'], data['rows'], references, data['orders'], data['observables'],
-                           data['refusals'], data['provenance'], data['confidence'])
+        return cls(Knob(**data['knob']), data['scene'], data['rows'], references, data['orders'], data['observables'],
+                   data['refusals'], data['provenance'], data['confidence'])
 
-    def writeCsv(self, path):
-        """Write the table as CSV, one row per setting and observable."""
-        from .report import writeCsv
-        writeCsv(self, path)
+    def report(self, wanted=(), baseline='LangevinMiddle'):
+        """What is to be said and shown: the files of :meth:`write`, textTable() and paragraphs().
+
+        Parameters
+        ----------
+        wanted, baseline
+            as for :meth:`write`
+
+        Returns
+        -------
+        report.StudyReport
+        """
+        return StudyReport(self, wanted, baseline)
 
     def write(self, directory, wanted=(), baseline='LangevinMiddle'):
         """Write results.csv, results.json, pictures and report.html into a directory.
@@ -581,8 +459,7 @@ class StudyResult:
         list of str
             paths of the files
         """
-        from .report import write
-        return write(self, directory, wanted, baseline)
+        return self.report(wanted, baseline).write(directory)
 
 
 def _longer(factor):

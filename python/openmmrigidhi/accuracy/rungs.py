@@ -6,6 +6,7 @@ import numpy as np
 import openmm
 
 from .. import app
+from .._systems import BodyDefinitions, forcesOf
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from .mobilities import MobilitySample
@@ -122,10 +123,10 @@ class Spheres:
         fluid.setBoundary(MobilityForce.Unbounded)
         self._system = system
         integrator, context = self._start('Reference', {})
-        parameters = [integrator.getRigidBodyParameters(i) for i in range(integrator.getNumRigidBodies())]
-        self.inertia = [(mass._value, moments._value) for _, mass, moments, _ in parameters]
-        self.sites = np.array([sites._value[particles.index(found[0])]
-                               for (particles, _, _, sites), found in zip(parameters, members)])
+        bodies = BodyDefinitions(integrator)
+        self.inertia = list(zip(bodies.masses.tolist(), bodies.moments.tolist()))
+        self.sites = np.array([sites[particles.index(found[0])]
+                               for particles, sites, found in zip(bodies.particles, bodies.sites, members)])
         self.positions, self.orientations = integrator.getBodyPositions()._value, integrator.getBodyOrientations()
         integrator.step(1)
         self.centres = np.array([context.getState(getPositions=True).getPositions(asNumpy=True)._value[found[0]]
@@ -137,11 +138,11 @@ class Spheres:
 
     @staticmethod
     def _fluid(system):
-        found = [force for force in system.getForces() if isinstance(force, openmm.Force) and _isFluid(force)]
+        found = forcesOf(system, MobilityForce)
         if len(found) != 1:
             raise ValueError(f'the hydrodynamic ladder: the System has {len(found)} MobilityForces; it must have one, which gives the '
                              'radii and the viscosity: add it')
-        return MobilityForce.cast(found[0])
+        return found[0]
 
     def _start(self, platform, properties):
         integrator = self.scene.makeIntegrator()
@@ -261,11 +262,3 @@ class Spheres:
         if self.arms.any():
             mobility = shift @ mobility @ shift.T
         return MobilitySample(mobility, self.centres, self.radii, self.viscosity, self.forces, self.torques)
-
-
-def _isFluid(force):
-    try:
-        MobilityForce.cast(force)
-        return True
-    except TypeError:
-        return False

@@ -227,7 +227,7 @@ def water(molecules=216, temperature=298.15, gamma=5.0, Gamma=10.0, density=995.
     integrator.setFriction(20)
     integrator.setRotationalFriction(40)
     context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platform),
-                             {'Threads': str(threads)} if threads and platform == 'CPU' else {})
+                             platformProperties(platform, threads))
     context.setPositions(positions)
     openmm.LocalEnergyMinimizer.minimize(context, 10, 200)
     context.setVelocitiesToTemperature(temperature, seed)
@@ -493,6 +493,46 @@ def importObject(specification, what):
     except (ImportError, AttributeError) as error:
         raise ValueError(f'{what}: got {specification!r}, which cannot be imported ({error}): put the module on PYTHONPATH '
                          'or run in its directory') from error
+
+
+def findObservable(name, kind, builtIn, fromFunction):
+    """An observable by what a user may give for it.
+
+    Parameters
+    ----------
+    name : str, callable or of this kind
+        one as it is; a function; a built-in name; "module:name" of any of these
+    kind : type
+        of observables
+    builtIn : dict
+        name -> observable
+    fromFunction : callable
+        function -> observable
+
+    Returns
+    -------
+    of this kind, or None
+        None for any other name
+    """
+    if isinstance(name, kind):
+        return name
+    if callable(name):
+        return fromFunction(name)
+    if name in builtIn:
+        return builtIn[name]
+    return findObservable(importObject(name, 'observable'), kind, builtIn, fromFunction) if ':' in name else None
+
+
+def platformProperties(platform, threads):
+    """Properties of a Context.
+
+    Parameters
+    ----------
+    platform : str
+    threads : int or None
+        of the CPU platform; None: as many as OpenMM chooses
+    """
+    return {'Threads': str(threads)} if threads is not None and platform == 'CPU' else {}
 
 
 #: Scenes by name, for the command line; those for the hydrodynamic ladder.

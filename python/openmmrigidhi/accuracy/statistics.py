@@ -1,4 +1,4 @@
-"""Means of correlated samples with honest errors, and the extrapolation of a step-size study to step 0.
+"""The extrapolation of a step-size study to step 0, and curves of errors; means of series and their errors are those of analysis.series.
 
 Only numpy and scipy: no OpenMM, so that every rule here can be tested on synthetic numbers.
 """
@@ -7,143 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.stats
 
-#: Sokal's window: the autocorrelation is summed up to this many autocorrelation times.
-WINDOW = 5
-#: A block is at least this many autocorrelation times long. Neighbouring blocks are then correlated so little that the
-#: variance of their mean is underestimated by about tau/block = 5 %, the standard error by 2.5 %.
-BLOCK_LENGTH_IN_TAU = 20
-#: With fewer blocks than this a mean is reported, but flagged: its error is hardly known.
-FEWEST_TRUSTED_BLOCKS = 10
+from ..analysis.series import SeriesStatistics, autocorrelationTime, replicaStatistics, seriesStatistics  # noqa: F401
+
 #: Errors up to this many times the wanted one are fitted by a polynomial in the step.
 RANGE_IN_TOLERANCES = 2
 #: A fit whose chi^2 would be exceeded with a smaller probability than this is not believed.
 SMALLEST_FIT_PROBABILITY = 0.01
-
-
-@dataclass
-class SeriesStatistics:
-    """The mean of a series of correlated samples.
-
-    Attributes
-    ----------
-    mean : float
-        the mean
-    standardError : float
-        its standard error (one sigma), from block averages
-    degrees : int
-        degrees of freedom of that standard error: number of blocks less 1
-    tau : float
-        integrated autocorrelation time 1/2 + sum_k rho(k), in samples; 0.5 for independent samples
-    samples : int
-        number of samples
-    blockLength : int
-        samples in a block
-    """
-
-    mean: float
-    standardError: float
-    degrees: int
-    tau: float
-    samples: int
-    blockLength: int
-
-    @property
-    def effectiveSamples(self):
-        """How many independent samples would give the same error."""
-        return self.samples/(2*self.tau)
-
-    @property
-    def isTrusted(self):
-        """Whether there are blocks enough to believe the standard error."""
-        return self.degrees + 1 >= FEWEST_TRUSTED_BLOCKS
-
-
-def autocorrelationTime(series):
-    """Integrated autocorrelation time of a series, by Sokal's automatic window.
-
-    Parameters
-    ----------
-    series : array-like of shape (n,)
-        equally spaced samples
-
-    Returns
-    -------
-    float
-        tau = 1/2 + sum_{k=1}^{W} rho(k), in samples, with the smallest W >= 5 tau(W); at least 0.5. The variance of the
-        mean is 2 tau var/n. 0.5 for a constant series.
-    """
-    series = np.asarray(series, dtype=float)
-    n = len(series)
-    deviation = series - series.mean()
-    scale = np.abs(series).max() if n else 0
-    if n < 4 or np.abs(deviation).max() <= 1e-14*scale:
-        return 0.5
-    size = 1 << (2*n - 1).bit_length()
-    spectrum = np.fft.rfft(deviation, size)
-    correlation = np.fft.irfft(spectrum*spectrum.conj(), size)[:n]
-    # Divided by n, not n - k: the noise at long lags is damped.
-    rho = correlation/correlation[0]
-    tau = 0.5 + np.concatenate([[0], np.cumsum(rho[1:])])
-    inside = np.arange(n) >= WINDOW*tau
-    window = np.argmax(inside) if inside.any() else n - 1
-    return max(0.5, float(tau[window]))
-
-
-def seriesStatistics(series, leastTau=0.0):
-    """Mean of a correlated series, and its standard error from block averages with automatic block length.
-
-    The block length is 20 autocorrelation times (:func:`autocorrelationTime`), but never so long that fewer than
-    5 blocks are left. Samples that do not fill a block are left out at the start, where they are least equilibrated.
-
-    Parameters
-    ----------
-    series : array-like of shape (n,)
-        equally spaced samples, n >= 2
-    leastTau : float
-        take the autocorrelation time, in samples, to be at least this: what similar runs have
-
-    Returns
-    -------
-    SeriesStatistics
-    """
-    series = np.asarray(series, dtype=float)
-    n = len(series)
-    if n < 2:
-        raise ValueError(f'seriesStatistics: got {n} samples; at least 2 are needed: run longer')
-    tau = max(autocorrelationTime(series), leastTau)
-    length = int(np.ceil(BLOCK_LENGTH_IN_TAU*tau)) if tau > 0.5 else 1
-    length = max(1, min(length, n//5))
-    blocks = n//length
-    used = series[n - blocks*length:]
-    means = used.reshape(blocks, length).mean(axis=1)
-    return SeriesStatistics(float(used.mean()), float(means.std(ddof=1)/np.sqrt(blocks)), blocks - 1, tau, n, length)
-
-
-def replicaStatistics(series, leastTau=0.0):
-    """Mean over independent replicas, and its standard error from their spread.
-
-    What correlations there are in time does not matter. With fewer than 10 replicas their spread is hardly known, and the error is that of
-    :func:`seriesStatistics` of their mean.
-
-    Parameters
-    ----------
-    series : array-like of shape (n, replicas)
-        equally spaced samples of each, n >= 2
-    leastTau : float
-        as in seriesStatistics()
-
-    Returns
-    -------
-    SeriesStatistics
-        degrees: replicas less 1; tau: the mean of the replicas'; samples: n
-    """
-    series = np.asarray(series, dtype=float)
-    if series.shape[1] < FEWEST_TRUSTED_BLOCKS:
-        return seriesStatistics(series.mean(axis=1), leastTau)
-    n, replicas = series.shape
-    means = series.mean(axis=0)
-    tau = float(np.mean([autocorrelationTime(each) for each in series.T]))
-    return SeriesStatistics(float(means.mean()), float(means.std(ddof=1)/np.sqrt(replicas)), replicas - 1, tau, n, n)
 
 
 def quantile(confidence, degrees, sided=2):

@@ -7,8 +7,6 @@ step size. A study of another knob (hydrodynamic model, solver tolerance, grid s
 import concurrent.futures
 import math
 import multiprocessing
-import os
-import platform as machine
 import time
 import zlib
 from dataclasses import dataclass
@@ -18,55 +16,17 @@ import openmm
 
 from . import methods as methodsModule
 from . import observables as observablesModule
-from .measurement import STABLE, Run
+from ._results import beginning, provenance
+from .measurement import STABLE, Run, summarise
 from .methods import Method
-from .result import Reference, StudyResult, summarise
+from .result import STEP_SIZE, Knob, Reference, StudyResult  # noqa: F401  (a study is where people look for its knob)
+from .scenes import platformProperties, water
 from .statistics import Point, extrapolate
 
 #: Samples below which a run is too short for any statement.
 FEWEST_SAMPLES = 20
 #: Rounds that are made even if the budget is over: a median needs three.
 FEWEST_ROUNDS = 3
-
-
-@dataclass(frozen=True)
-class Knob:
-    """What is turned along a curve.
-
-    Parameters
-    ----------
-    name : str
-        column name
-    label : str
-        for people
-    unit : str
-        for people
-    scale : float
-        internal value times scale = value in that unit
-    speedUnit : str
-        unit of speeds, for people
-    speedScale : float
-        ns/day times speedScale = speed in that unit
-    """
-
-    name: str
-    label: str
-    unit: str
-    scale: float = 1.0
-    speedUnit: str = 'ns/day'
-    speedScale: float = 1.0
-
-    def format(self, value):
-        """A value for people, with its unit."""
-        return f'{value*self.scale:.6g} {self.unit}'.strip()
-
-    def speed(self, nsPerDay):
-        """A speed for people, with its unit: three digits, without an exponent."""
-        value = nsPerDay*self.speedScale
-        return f'{value:.3g} {self.speedUnit}' if value < 1000 else f'{value:.0f} {self.speedUnit}'
-
-
-STEP_SIZE = Knob('step_size', 'step', 'fs', 1000.0)
 
 
 @dataclass(frozen=True)
@@ -131,7 +91,8 @@ class Study:
         seed : int
         """
         integrator = setting.method.makeIntegrator(self.scene, setting.stepSize, seed)
-        return self.scene.makeContext(integrator, openmm.Platform.getPlatformByName(self.platform), self._properties(), seed)
+        return self.scene.makeContext(integrator, openmm.Platform.getPlatformByName(self.platform),
+                                      platformProperties(self.platform, self.threads), seed)
 
     def reference(self, observable, rows):
         """What the means of an observable are compared with, a Reference or None; rows: its rows of stable settings."""
@@ -139,9 +100,6 @@ class Study:
         return None if exact is None else Reference(observable.name, exact, 0.0, 'exact')
 
     # ---- The run -----------------------------------------------------------------------------------------------------
-
-    def _properties(self):
-        return {'Threads': str(self.threads)} if self.platform == 'CPU' else {}
 
     def settingSeed(self, setting):
         """The seed of a setting: of the study's seed, the method's name and the value, nothing else."""
@@ -151,7 +109,7 @@ class Study:
     def _makeRun(self, setting):
         return Run(self.scene, self.observables, lambda: self.makeContext(setting, self.settingSeed(setting)),
                    setting.stepSize, self.scene.sampleInterval, openmm.Platform.getPlatformByName(self.platform),
-                   self._properties())
+                   platformProperties(self.platform, self.threads))
 
     def run(self, budget=600.0, length=None, equilibration=None, rounds=20, jobs=1, progress=None):
         """Measure.
@@ -181,7 +139,7 @@ class Study:
         StudyResult
         """
         began = time.perf_counter()
-        provenance = {'started': time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime()), 'load_at_start': _load()}
+        about = beginning()
         settings = self.settings()
         runs, refusals = [], {}
         for setting in settings:
@@ -201,8 +159,8 @@ class Study:
             done = self._inTurn(runs, lengths, left, rounds, deadline, meter)
         else:
             done = self._inParallel(runs, lengths, left, jobs, meter)
-        provenance.update(self._provenance(began, rounds if jobs > 1 else done, jobs))
-        return self._evaluate([(setting, run.record) for setting, run in runs], refusals, provenance)
+        about.update(self._provenance(began, rounds if jobs > 1 else done, jobs))
+        return self._evaluate([(setting, run.record) for setting, run in runs], refusals, about)
 
     def _plan(self, runs, cost, budget, length, equilibration, jobs, rounds):
         """Lengths of all runs and of their equilibration, ps; whole sample intervals, equal parts for all rounds."""
@@ -287,7 +245,7 @@ class Study:
         return {'rounds': rounds, 'jobs': jobs, 'seed': self.seed, 'platform': self.platform,
                 'threads': self.threads if self.platform == 'CPU' else 1, 'clock': self.clock, **provenance(began)}
 
-    def _evaluate(self, runs, refusals, provenance):
+    def _evaluate(self, runs, refusals, about):
         self.records = runs
         rows = summarise(self.knob, [(setting, record, self.settingSeed(setting)) for setting, record in runs],
                          self.observables, self.clock)
@@ -302,7 +260,7 @@ class Study:
                  'particles': self.scene.system.getNumParticles(), 'temperature': self.scene.temperature,
                  'friction': self.scene.friction, 'rotational_friction': self.scene.rotationalFriction}
         return StudyResult(self.knob, scene, rows, references, orders,
-                           {o.name: {'label': o.label, 'unit': o.unit} for o in self.observables}, refusals, provenance)
+                           {o.name: {'label': o.label, 'unit': o.unit} for o in self.observables}, refusals, about)
 
 
 def _wholeRun(study, setting, length, left):
@@ -346,8 +304,7 @@ class StepSizeStudy(Study):
     knob = STEP_SIZE
 
     def __init__(self, scene=None, methods=('LangevinC', 'LangevinMiddle'), stepSizes=None, references=None, **kwargs):
-        from . import scenes
-        super().__init__(scenes.water() if scene is None else scene, methods, **kwargs)
+        super().__init__(water() if scene is None else scene, methods, **kwargs)
         self.stepSizes = stepSizes
         self.references = dict(references or {})
         for setting in self.settings():
@@ -401,43 +358,3 @@ class _Meter:
             if self.report is not None:
                 self.report(self.done, self.total, text)
         return count
-
-
-def provenance(began):
-    """When, on which machine and with which versions something was measured.
-
-    Parameters
-    ----------
-    began : float
-        time.perf_counter() at its start
-
-    Returns
-    -------
-    dict
-    """
-    return {'finished': time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime()), 'wall_seconds': round(time.perf_counter() - began, 1),
-            'load_at_end': _load(), 'processor': _processor(), 'processors': os.cpu_count(), 'system': machine.system(),
-            'architecture': machine.machine(), 'versions': _versions()}
-
-
-def _load():
-    return [round(x, 2) for x in os.getloadavg()] if hasattr(os, 'getloadavg') else None
-
-
-def _processor():
-    try:
-        with open('/proc/cpuinfo') as file:
-            for line in file:
-                if line.startswith('model name'):
-                    return line.split(':', 1)[1].strip()
-    except OSError:
-        pass
-    return machine.processor()
-
-
-def _versions():
-    import scipy
-
-    import openmmrigidhi
-    return {'openmmrigidhi': openmmrigidhi.__version__, 'openmm': openmm.version.full_version,
-            'python': machine.python_version(), 'numpy': np.__version__, 'scipy': scipy.__version__}

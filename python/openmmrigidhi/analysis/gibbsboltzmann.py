@@ -3,17 +3,17 @@ import numpy as np
 
 from .. import _units
 from .._quaternions import rotate
-from .._systems import forcesOf, hydrodynamicRadii
+from .._systems import BodyDefinitions, forcesOf, hydrodynamicRadii
 from ..bodyforce import CustomBodyForce
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from . import _moves
-from .samples import PoseSamples
+from ._sampler import Sampler
 
 _MOVES = ('single', 'all')
 
 
-class GibbsBoltzmannSampler:
+class GibbsBoltzmannSampler(Sampler):
     """Samples poses of all rigid bodies of a Context, and its free particles, from exp(-U/kT): what dynamics must reproduce.
 
     Metropolis moves with respect to the measure dR times Haar's on SO(3) for each body (and dr for each free particle), at constant
@@ -116,14 +116,10 @@ class GibbsBoltzmannSampler:
 
     def _takeBodies(self, trackingPoints, where):
         """Members, sites and owners of all bodies, body after body."""
-        definitions = [self._integrator.getRigidBodyParameters(i) for i in range(self._integrator.getNumRigidBodiesOfContext())]
-        count = len(definitions)
-        self._firstSite = np.cumsum([0] + [len(particles) for particles, _, _, _ in definitions])
-        self._members = np.array([i for particles, _, _, _ in definitions for i in particles], dtype=int)
-        self._sites = np.concatenate([np.empty((0, 3))] + [sites._value for _, _, _, sites in definitions])
-        self._owners = np.repeat(np.arange(count), np.diff(self._firstSite))
-        self._points = np.zeros((count, 3)) if trackingPoints is None else \
-            _units.rows(trackingPoints, _units.LENGTH, 3, where, 'trackingPoints', count)
+        bodies = BodyDefinitions(self._integrator)
+        self._firstSite, self._members, self._sites, self._owners = bodies.first, bodies.members, bodies.places, bodies.owners
+        self._points = np.zeros((len(bodies), 3)) if trackingPoints is None else \
+            _units.rows(trackingPoints, _units.LENGTH, 3, where, 'trackingPoints', len(bodies))
 
     @staticmethod
     def _chosen(chosen, possible, where, name):
@@ -183,58 +179,8 @@ class GibbsBoltzmannSampler:
 
     # ---- Sampling ----------------------------------------------------------------------------------------------------
 
-    def burnIn(self, sweeps, progress=None):
-        """Move towards equilibrium, and adapt the sizes of the moves to an acceptance of 0.4.
-
-        Parameters
-        ----------
-        sweeps : int
-            number of sweeps, of one trial of each kind for every body and free particle (one for all together with moves="all"); many
-            autocorrelation times, and some hundreds for the sizes
-        progress : bool, optional
-            show a progress bar; None: on a terminal only
-        """
-        sweeps = _moves.positive(sweeps, 'burnIn', 'sweeps')
-        try:
-            for _ in _moves.progressBar(range(sweeps), 'burn-in', progress):
-                self._sweep(adapt=True)
-        finally:
-            self._handBack()
-
-    def sample(self, numSamples, interval=1, progress=None):
-        """Sample poses, with moves of fixed sizes, beginning where the last call ended.
-
-        Parameters
-        ----------
-        numSamples : int
-            number of samples. All are kept in memory, 56 bytes a body each
-        interval : int
-            sweeps between samples
-        progress : bool, optional
-            as in :meth:`burnIn`
-
-        Returns
-        -------
-        PoseSamples
-            acceptance and stepSizes of "free" are those of the free particles
-        """
-        count, interval = _moves.positive(numSamples, 'sample', 'numSamples'), _moves.positive(interval, 'sample', 'interval')
-        for steps in self._steps.values():
-            steps.forget()
-        R, q = np.empty((count,) + self._positions.shape), np.empty((count,) + self._orientations.shape)
-        free, energies = np.empty((count, len(self._free), 3)), np.empty(count)
-        try:
-            for sweep in _moves.progressBar(range(count*interval), 'sampling', progress):
-                self._sweep(adapt=False)
-                if (sweep + 1) % interval == 0:
-                    k = sweep//interval
-                    R[k], q[k], free[k] = self._positions, self._orientations, self._places[self._free]
-                    energies[k] = self._energy
-        finally:
-            self._handBack()
-        return PoseSamples(_units.LENGTH.attach(R), q, _units.ENERGY.attach(energies), _units.LENGTH.attach(free),
-                           {kind: steps.acceptance for kind, steps in self._steps.items()},
-                           {kind: steps.sizes.copy() for kind, steps in self._steps.items()}, False)
+    def _present(self):
+        return self._positions, self._orientations, self._energy, self._places[self._free]
 
     def _sweep(self, adapt):
         for kind, steps in self._steps.items():

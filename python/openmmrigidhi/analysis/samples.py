@@ -5,7 +5,7 @@ import numpy as np
 from openmm import unit
 
 from .. import _units
-from ..accuracy.statistics import SeriesStatistics, seriesStatistics
+from .series import SeriesStatistics, seriesStatistics
 
 
 @dataclasses.dataclass
@@ -55,7 +55,7 @@ class PoseSamples:
 
         Returns
         -------
-        openmmrigidhi.accuracy.statistics.SeriesStatistics
+        openmmrigidhi.analysis.series.SeriesStatistics
             mean and standardError in the values' unit; tau, the integrated autocorrelation time in samples; degrees; effectiveSamples;
             isTrusted: whether there were blocks enough
 

@@ -5,10 +5,10 @@ from openmm import unit
 from .. import _units
 from .._quaternions import rotate, rotationMatrices
 from . import _moves
-from .samples import PoseSamples
+from ._sampler import Sampler
 
 
-class WalkerSampler:
+class WalkerSampler(Sampler):
     """Samples poses of one rigid body from exp(-U/kT), by many independent walkers that move at once.
 
     Metropolis moves, one translation and one rotation a sweep, with respect to the measure dR times Haar's on SO(3): the distribution
@@ -70,6 +70,8 @@ class WalkerSampler:
     True
     """
 
+    _INDEPENDENT = True
+
     def __init__(self, energyFunction, temperature, numWalkers, position, orientation=(1, 0, 0, 0), sitePositions=None, radii=None,
                  wallHeight=None, rejection='Overlap', coordinates=_moves.COORDINATES, rotationAxis=None, trackingPoint=(0, 0, 0),
                  seed=0):
@@ -111,48 +113,8 @@ class WalkerSampler:
             raise ValueError(f'{where}: energyFunction: it is {self._energies[walker]} at the start of walker {walker}; there it must be '
                              'finite: begin elsewhere')
 
-    def burnIn(self, sweeps, progress=None):
-        """Move towards equilibrium, and adapt the sizes of the moves to an acceptance of 0.4.
-
-        Parameters
-        ----------
-        sweeps : int
-            number of sweeps, of one trial of each kind for every walker; many autocorrelation times, and some hundreds for the sizes
-        progress : bool, optional
-            show a progress bar; None: on a terminal only
-        """
-        for _ in _moves.progressBar(range(_moves.positive(sweeps, 'burnIn', 'sweeps')), 'burn-in', progress):
-            self._sweep(adapt=True)
-
-    def sample(self, numSamples, interval=1, progress=None):
-        """Sample poses, with moves of fixed sizes.
-
-        Parameters
-        ----------
-        numSamples : int
-            number of samples of every walker. All are kept in memory, 64 bytes each
-        interval : int
-            sweeps between samples
-        progress : bool, optional
-            as in :meth:`burnIn`
-
-        Returns
-        -------
-        PoseSamples
-        """
-        count, interval = _moves.positive(numSamples, 'sample', 'numSamples'), _moves.positive(interval, 'sample', 'interval')
-        for steps in self._steps.values():
-            steps.forget()
-        walkers = len(self._positions)
-        R, q, energies = np.empty((count, walkers, 3)), np.empty((count, walkers, 4)), np.empty((count, walkers))
-        for sweep in _moves.progressBar(range(count*interval), 'sampling', progress):
-            self._sweep(adapt=False)
-            if (sweep + 1) % interval == 0:
-                k = sweep//interval
-                R[k], q[k], energies[k] = self._positions, self._orientations, self._energies
-        return PoseSamples(_units.LENGTH.attach(R), q, _units.ENERGY.attach(energies), _units.LENGTH.attach(np.empty((count, 0, 3))),
-                           {kind: steps.acceptance for kind, steps in self._steps.items()},
-                           {kind: steps.sizes.copy() for kind, steps in self._steps.items()}, True)
+    def _present(self):
+        return self._positions, self._orientations, self._energies, np.empty((0, 3))
 
     def _sweep(self, adapt):
         for kind, steps in self._steps.items():

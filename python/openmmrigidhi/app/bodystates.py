@@ -18,13 +18,13 @@ is its attribute "unit"):
     /bodies/firstParticle      (n+1,) int32  where each body's particles begin in the two above
 """
 import dataclasses
-import itertools
 
 import numpy as np
 from openmm import unit
 
 from .. import _units
-from .trajectories import BodyReporter, openHdf5, readingFrom, rowsBefore
+from .._systems import BodyDefinitions
+from .trajectories import Hdf5Reporter, addSeries, numFrames, openHdf5, readingFrom
 
 _FORMAT = 'openmmrigidhi body states'
 _VERSION = 1
@@ -39,7 +39,6 @@ _FRAME_DATA = {
     'angularVelocities': (lambda n: (n, 3), 'f8', _units.ANGULAR_VELOCITY),
     'boxVectors': (lambda n: (3, 3), 'f8', _units.LENGTH),
 }
-_BYTES_PER_CHUNK = 2**16
 
 
 @dataclasses.dataclass
@@ -62,7 +61,7 @@ class BodyStates:
         return len(self.step)
 
 
-class RigidBodyReporter(BodyReporter):
+class RigidBodyReporter(Hdf5Reporter):
     """Writes the states of all bodies to an HDF5 file every so many steps (layout in openmmrigidhi.app.bodystates).
 
     Parameters
@@ -85,32 +84,40 @@ class RigidBodyReporter(BodyReporter):
     def __init__(self, file, reportInterval, append=False):
         super().__init__(file, reportInterval, append)
 
-    def _write(self, simulation, state, integrator):
-        import h5py
-        frame = {
-            'time': state.getTime(), 'step': simulation.currentStep,
-            'positions': integrator.getBodyPositions(), 'orientations': integrator.getBodyOrientations(),
-            'velocities': integrator.getBodyVelocities(), 'angularVelocities': integrator.getBodyAngularVelocities(),
-            'boxVectors': state.getPeriodicBoxVectors(asNumpy=True)}
-        with h5py.File(self._file, 'r+') as file:
-            count = _numFrames(file)
-            for name, value in frame.items():
-                dimension = _FRAME_DATA[name][2]
-                file[name].resize(count + 1, axis=0)
-                file[name][count] = dimension.strip(value, name, name) if unit.is_quantity(value) else value
+    def _frame(self, simulation, state, integrator):
+        return {
+            'time': state.getTime()._value, 'step': simulation.currentStep,
+            'positions': integrator.getBodyPositions()._value, 'orientations': integrator.getBodyOrientations(),
+            'velocities': integrator.getBodyVelocities()._value, 'angularVelocities': integrator.getBodyAngularVelocities()._value,
+            'boxVectors': state.getPeriodicBoxVectors(asNumpy=True)._value}
 
-    def _start(self, simulation, integrator):
-        import h5py
-        definition = _definition(integrator)
-        if self._continues():
-            with readingFrom(self._file, 'RigidBodyReporter:'), openHdf5(self._file, 'r+') as file:
-                _checkSameBodies(file, definition, self._file)
-                kept = rowsBefore(file['step'][:_numFrames(file)], simulation.currentStep)
-                for name in _FRAME_DATA:
-                    file[name].resize(kept, axis=0)
-        else:
-            with h5py.File(self._file, 'w') as file:
-                _create(file, definition)
+    def _describe(self, simulation, integrator):
+        bodies = BodyDefinitions(integrator)
+        #: The data sets of /bodies, with their dimensions.
+        self._bodies = {'mass': (bodies.masses, _units.MASS), 'principalMoments': (bodies.moments, _units.MOMENT),
+                        'particles': (bodies.members.astype('i4'), _units.NONE), 'sitePositions': (bodies.places, _units.LENGTH),
+                        'firstParticle': (bodies.first.astype('i4'), _units.NONE)}
+
+    def _create(self, file):
+        file.attrs['format'] = _FORMAT
+        file.attrs['version'] = _VERSION
+        count = len(self._bodies['mass'][0])
+        for name, (shape, kind, dimension) in _FRAME_DATA.items():
+            addSeries(file, name, shape(count), kind).attrs['unit'] = _label(dimension)
+        for name, (values, dimension) in self._bodies.items():
+            file.create_dataset('bodies/' + name, data=values).attrs['unit'] = _label(dimension)
+
+    def _checkSame(self, file):
+        _checkFormat(file, self._file)
+        for entry in ('particles', 'firstParticle'):
+            if not np.array_equal(file['bodies'][entry][:], self._bodies[entry][0]):
+                raise ValueError(f'RigidBodyReporter: {self._file}: it holds other bodies ({len(file["bodies/mass"])}) than the '
+                                 f'integrator ({len(self._bodies["mass"][0])}); to append they must be the same: '
+                                 'write to another file')
+
+    @staticmethod
+    def _series(file):
+        return [file[name] for name in _FRAME_DATA]
 
 
 def readBodyStates(file):
@@ -139,7 +146,7 @@ def readBodyStates(file):
 
 def _readStates(handle, file):
     _checkFormat(handle, file)
-    count = _numFrames(handle)
+    count = numFrames(RigidBodyReporter._series(handle))
     frames = {name: handle[name][:count] for name in _FRAME_DATA}
     bodies = handle['bodies']
     first = bodies['firstParticle'][:]
@@ -160,37 +167,8 @@ def _withUnit(array, dimension):
     return array if dimension is _units.NONE else dimension.attach(array)
 
 
-def _numFrames(file):
-    """Complete frames: a run that was killed while it wrote may have extended some data sets only."""
-    return min(len(file[name]) for name in _FRAME_DATA)
-
-
-def _definition(integrator):
-    """The data sets of /bodies, with their units."""
-    bodies = [integrator.getRigidBodyParameters(i) for i in range(integrator.getNumRigidBodiesOfContext())]
-    counts = [len(particles) for particles, _, _, _ in bodies]
-    return {
-        'mass': (np.array([mass._value for _, mass, _, _ in bodies], dtype='f8'), _units.MASS),
-        'principalMoments': (np.array([m._value for _, _, m, _ in bodies], dtype='f8').reshape(-1, 3), _units.MOMENT),
-        'particles': (np.array(list(itertools.chain.from_iterable(p for p, _, _, _ in bodies)), dtype='i4'), _units.NONE),
-        'sitePositions': (np.concatenate([s._value for _, _, _, s in bodies] or [np.empty((0, 3))]), _units.LENGTH),
-        'firstParticle': (np.cumsum([0] + counts).astype('i4'), _units.NONE),
-    }
-
-
-def _create(file, definition):
-    file.attrs['format'] = _FORMAT
-    file.attrs['version'] = _VERSION
-    count = len(definition['mass'][0])
-    for name, (shape, dtype, dimension) in _FRAME_DATA.items():
-        frame = shape(count)
-        framesPerChunk = max(1, _BYTES_PER_CHUNK//(8*max(1, int(np.prod(frame)))))
-        data = file.create_dataset(name, (0,) + frame, dtype, maxshape=(None,) + frame,
-                                   chunks=(framesPerChunk,) + tuple(max(1, size) for size in frame))
-        data.attrs['unit'] = '' if dimension is _units.NONE else dimension.label
-    for name, (values, dimension) in definition.items():
-        file.create_dataset('bodies/' + name, data=values).attrs['unit'] = \
-            '' if dimension is _units.NONE else dimension.label
+def _label(dimension):
+    return '' if dimension is _units.NONE else dimension.label
 
 
 def _checkFormat(file, name):
@@ -198,12 +176,3 @@ def _checkFormat(file, name):
     if found != _FORMAT or version != _VERSION:
         raise ValueError(f"{name}: format '{found}' version {version}; it must be '{_FORMAT}' version {_VERSION}: "
                          'give a file that a RigidBodyReporter wrote')
-
-
-def _checkSameBodies(file, definition, name):
-    _checkFormat(file, name)
-    for entry in ('particles', 'firstParticle'):
-        if not np.array_equal(file['bodies'][entry][:], definition[entry][0]):
-            raise ValueError(f'RigidBodyReporter: {name}: it holds other bodies ({len(file["bodies/mass"])}) than the '
-                             f'integrator ({len(definition["mass"][0])}); to append they must be the same: '
-                             'write to another file')

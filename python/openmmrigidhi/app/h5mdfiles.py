@@ -24,11 +24,10 @@ import re
 import numpy as np
 
 from .. import _loading, _units
-from .trajectories import BodyReporter, BodyScene, Trajectory, openHdf5, readingFrom, rowsBefore
+from .trajectories import BodyScene, Hdf5Reporter, Trajectory, addSeries, numFrames, openHdf5, readingFrom
 
 _VERSION = (1, 1)
 _UNITS_VERSION = (1, 0)
-_BYTES_PER_CHUNK = 2**16
 _BODIES, _BLOBS = 'bodies', 'blobs'
 #: Symbols of H5MD's unit strings that we know: power of length, power of time, value in nm and ps.
 _SYMBOLS = {'m': (1, 0, 1e9), 'mm': (1, 0, 1e6), 'um': (1, 0, 1e3), 'nm': (1, 0, 1.0), 'pm': (1, 0, 1e-3), 'Ang': (1, 0, 0.1),
@@ -36,7 +35,7 @@ _SYMBOLS = {'m': (1, 0, 1e9), 'mm': (1, 0, 1e6), 'um': (1, 0, 1e3), 'nm': (1, 0,
             'fs': (0, 1, 1e-3), 'rad': (0, 0, 1.0)}
 
 
-class H5mdReporter(BodyReporter):
+class H5mdReporter(Hdf5Reporter):
     """Writes the poses of all bodies to an H5MD file every so many steps, in double precision: bit for bit what the bodies have.
 
     Parameters
@@ -73,6 +72,8 @@ class H5mdReporter(BodyReporter):
     append. Killed within the few milliseconds of a report HDF5 may leave a file that cannot be opened.
     """
 
+    _STEPS = f'particles/{_BODIES}/position/step'
+
     def __init__(self, file, reportInterval, append=False, velocities=False, blobs=False, types=None, radii=None, author=None):
         super().__init__(file, reportInterval, append)
         self._velocities = _units.boolean(velocities, self._name, 'velocities')
@@ -80,22 +81,10 @@ class H5mdReporter(BodyReporter):
         self._types, self._radii = types, radii
         self._author = _login() if author is None else author
 
-    def _start(self, simulation, integrator):
-        import h5py
-        scene = self._scene = BodyScene(integrator, simulation.system, self._types, self._radii, self._blobs, self._name)
-        if self._continues():
-            with readingFrom(self._file, 'H5mdReporter:'), openHdf5(self._file, 'r+') as file:
-                self._checkSame(file, scene)
-                bodies = file['particles'][_BODIES]
-                kept = rowsBefore(bodies['position/step'][:_numFrames(file)], simulation.currentStep)
-                for data in _timeData(file):
-                    data.resize(kept, axis=0)
-        else:
-            with h5py.File(self._file, 'w') as file:
-                self._create(file, scene)
+    def _describe(self, simulation, integrator):
+        self._scene = BodyScene(integrator, simulation.system, self._types, self._radii, self._blobs, self._name)
 
-    def _write(self, simulation, state, integrator):
-        import h5py
+    def _frame(self, simulation, state, integrator):
         frame = {'bodies/position/value': integrator.getBodyPositions()._value,
                  'bodies/orientation/value': integrator.getBodyOrientations()}
         if self._velocities:
@@ -109,17 +98,17 @@ class H5mdReporter(BodyReporter):
         # Last, because readers go by their length.
         frame['bodies/position/time'] = state.getTime()._value
         frame['bodies/position/step'] = simulation.currentStep
-        with h5py.File(self._file, 'r+') as file:
-            count = _numFrames(file)
-            for name, value in frame.items():
-                data = file['particles'][name]
-                data.resize(count + 1, axis=0)
-                data[count] = value
+        return {f'particles/{name}': value for name, value in frame.items()}
+
+    @staticmethod
+    def _series(file):
+        return _timeData(file)
 
     # ---- Layout ------------------------------------------------------------------------------------------------------
 
-    def _create(self, file, scene):
+    def _create(self, file):
         import h5py
+        scene = self._scene
         root = file.create_group('h5md')
         root.attrs['version'] = np.array(_VERSION, dtype='i4')
         root.create_group('author').attrs['name'] = _text(self._author)
@@ -146,11 +135,10 @@ class H5mdReporter(BodyReporter):
             _constant(blobs, 'radius', scene.radii[scene.blobs], 'nm')
             _constant(blobs, 'body', scene.blobBodies.astype('i4'), None)
         own = file.create_group('parameters').create_group(_BODIES)
-        particles = np.concatenate(scene.particles).astype('i4')
-        _constant(own, 'particle', particles, None)
-        _constant(own, 'site_position', np.concatenate(scene.sites), 'nm')
-        _constant(own, 'site_radius', scene.radii[particles], 'nm')
-        _constant(own, 'first_site', np.cumsum([0] + [len(sites) for sites in scene.sites]).astype('i4'), None)
+        _constant(own, 'particle', scene.members.astype('i4'), None)
+        _constant(own, 'site_position', scene.places, 'nm')
+        _constant(own, 'site_radius', scene.radii[scene.members], 'nm')
+        _constant(own, 'first_site', scene.first.astype('i4'), None)
 
     def _addBox(self, group, scene):
         box = group.create_group('box')
@@ -163,8 +151,7 @@ class H5mdReporter(BodyReporter):
     def _addElement(group, name, shape, unitString, like=None):
         """An element that changes with time; all but the first have its step and time by hard links."""
         element = group.create_group(name)
-        rows = max(1, _BYTES_PER_CHUNK//(8*max(1, int(np.prod(shape)))))
-        value = element.create_dataset('value', (0,) + shape, 'f8', maxshape=(None,) + shape, chunks=(rows,) + shape)
+        value = addSeries(element, 'value', shape)
         if unitString is not None:
             value.attrs['unit'] = _text(unitString)
         like = like or (group['position'] if name != 'position' else None)
@@ -174,16 +161,17 @@ class H5mdReporter(BodyReporter):
         element.create_dataset('step', (0,), 'i8', maxshape=(None,), chunks=(1024,))
         element.create_dataset('time', (0,), 'f8', maxshape=(None,), chunks=(1024,)).attrs['unit'] = _text('ps')
 
-    def _checkSame(self, file, scene):
+    def _checkSame(self, file):
         """A file is continued with the same bodies and the same data."""
+        scene = self._scene
         own = file.get('parameters/bodies')
         if own is None or f'particles/{_BODIES}/position' not in file:
             raise ValueError(f'{self._name}: {self._file}: it has no /parameters/bodies; to append it must be a file of this reporter: '
                              'write to another file')
         first = own['first_site'][:]
-        if len(first) != len(scene) + 1 or not np.array_equal(own['particle'][:], np.concatenate(scene.particles)):
+        if len(first) != len(scene) + 1 or not np.array_equal(own['particle'][:], scene.members):
             raise ValueError(f'{self._name}: {self._file}: it is of {len(first) - 1} bodies with {first[-1]} particles, the integrator has '
-                             f'{len(scene)} with {sum(map(len, scene.particles))}; to append they must be the same bodies: write to '
+                             f'{len(scene)} with {len(scene.members)}; to append they must be the same bodies: write to '
                              'another file')
         there = {'velocities': f'particles/{_BODIES}/velocity' in file, 'blobs': f'particles/{_BLOBS}' in file,
                  'periodic boundaries': f'particles/{_BODIES}/box/edges' in file}
@@ -240,7 +228,7 @@ def _readGroup(handle, bodies, group, file):
     for name in ('position', 'orientation'):
         if name not in bodies or 'value' not in bodies[name]:
             raise ValueError(f'readH5md: {file}: /particles/{group} has no {name} that changes with time; poses need it: choose another group')
-    count = min(len(data) for data in _timeData(handle, bodies))
+    count = numFrames(_timeData(handle, bodies))
     step, time = _axis(bodies['position'], 'step', count), _axis(bodies['position'], 'time', count)
     if time is None:
         raise ValueError(f'readH5md: {file}: /particles/{group}/position has no time, only steps; trajectories need times: write them')
@@ -360,8 +348,3 @@ def _timeData(file, within=None):
                     if name in element and element[name].shape:
                         found[h5py.h5o.get_info(element[name].id).addr] = element[name]
     return list(found.values())
-
-
-def _numFrames(file):
-    """Complete frames: a run that was killed while it wrote may have extended some data sets only."""
-    return min(len(data) for data in _timeData(file))

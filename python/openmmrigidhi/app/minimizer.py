@@ -1,6 +1,5 @@
 """Energy minimisation with rigid bodies as units."""
 import dataclasses
-import itertools
 import warnings
 
 import numpy as np
@@ -9,6 +8,7 @@ from openmm import unit
 
 from .. import _units
 from .._quaternions import rotationMatrices
+from .._systems import BodyDefinitions
 from ..integrator import CustomRigidHIIntegrator
 
 #: Within one run of L-BFGS, how far coordinates may move: a chart of rotation vectors is good up to about a radian.
@@ -103,14 +103,11 @@ class _Scene:
         self.x = self._allPositions()[self.free]
 
     def _readBodies(self, system):
-        bodies = [self.integrator.getRigidBodyParameters(i) for i in range(self.integrator.getNumRigidBodiesOfContext())]
-        self.numBodies = len(bodies)
-        self.members = np.array(list(itertools.chain.from_iterable(body[0] for body in bodies)), dtype=int)
-        sites = np.concatenate([body[3]._value for body in bodies] or [np.empty((0, 3))])
-        bodyOf = np.repeat(np.arange(len(bodies)), [len(body[0]) for body in bodies])
+        bodies = BodyDefinitions(self.integrator)
+        self.numBodies, self.members = len(bodies), bodies.members
         # OpenMM has added a virtual site's force to its parents when we see it.
         real = np.array([not system.isVirtualSite(int(i)) for i in self.members], dtype=bool)
-        self.sites, self.siteBody, self.siteParticle = sites[real], bodyOf[real], self.members[real]
+        self.sites, self.siteBody, self.siteParticle = bodies.places[real], bodies.owners[real], self.members[real]
         distance = np.sqrt(self._sumOverBodies((self.sites**2).sum(axis=1)) /
                            np.maximum(1, np.bincount(self.siteBody, minlength=self.numBodies)))
         # A body without extent feels no torque; any length serves.

@@ -4,6 +4,7 @@ import functools
 import openmm.app
 
 from .. import _units
+from .._systems import BodyDefinitions
 from ..integrator import CustomRigidHIIntegrator
 
 _NOT_AVAILABLE = 'n/a'
@@ -83,8 +84,8 @@ def _temperature(energy, degrees):
 
 def _massFractionOfBodies(integrator, system):
     """The bodies' share of the mass of everything that moves."""
-    bodies = [integrator.getRigidBodyParameters(i) for i in range(integrator.getNumRigidBodiesOfContext())]
-    members = {particle for body in bodies for particle in body[0]}
-    massOfBodies = sum(body[1]._value for body in bodies)
+    bodies = BodyDefinitions(integrator)
+    members = set(bodies.members.tolist())
+    massOfBodies = sum(bodies.masses.tolist())
     massOfFree = sum(system.getParticleMass(i)._value for i in range(system.getNumParticles()) if i not in members)
     return massOfBodies/(massOfBodies + massOfFree) if massOfBodies > 0 else 0

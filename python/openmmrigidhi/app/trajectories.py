@@ -7,13 +7,15 @@ import numpy as np
 from openmm import unit
 
 from .. import _units
-from .._systems import hydrodynamicRadii
+from .._systems import BodyDefinitions, hydrodynamicRadii
 from ..integrator import CustomRigidHIIntegrator
 
 #: Bodies whose sites and radii agree to this, nm, are of one type.
 _SAME_SHAPE = 1e-6
 #: No compression of HDF5's makes data smaller than by this factor.
 _MOST_COMPRESSED = 1100
+#: Of HDF5 data sets with one row a frame.
+_BYTES_PER_CHUNK = 2**16
 #: Times of frames at equal intervals may be off by the rounding of single precision.
 _EVEN_FRAMES = 1e-6
 
@@ -64,6 +66,71 @@ class BodyReporter:
     def _continues(self):
         """Whether there is a file to continue."""
         return self._append and os.path.exists(self._file)
+
+
+class Hdf5Reporter(BodyReporter):
+    """What reporters into HDF5 files have in common. A kind says what it records: _describe, _create, _checkSame, _series, _frame.
+
+    Parameters
+    ----------
+    file, reportInterval, append
+        as in BodyReporter
+    """
+
+    #: The data set of step numbers.
+    _STEPS = 'step'
+
+    def _start(self, simulation, integrator):
+        import h5py
+        self._describe(simulation, integrator)
+        if self._continues():
+            with readingFrom(self._file, f'{self._name}:'), openHdf5(self._file, 'r+') as file:
+                self._checkSame(file)
+                kept = rowsBefore(file[self._STEPS][:numFrames(self._series(file))], simulation.currentStep)
+                for data in self._series(file):
+                    data.resize(kept, axis=0)
+        else:
+            with h5py.File(self._file, 'w') as file:
+                self._create(file)
+
+    def _write(self, simulation, state, integrator):
+        import h5py
+        frame = self._frame(simulation, state, integrator)
+        with h5py.File(self._file, 'r+') as file:
+            count = numFrames(self._series(file))
+            for name, value in frame.items():
+                file[name].resize(count + 1, axis=0)
+                file[name][count] = value
+
+
+def addSeries(group, name, shape, kind='f8'):
+    """Add a data set without rows yet, one for each frame, of arrays of a shape.
+
+    Parameters
+    ----------
+    group : h5py.Group
+    name : str
+    shape : tuple of int
+    kind : str
+        of the numbers, of 8 bytes
+
+    Returns
+    -------
+    h5py.Dataset
+    """
+    rows = max(1, _BYTES_PER_CHUNK//(8*max(1, int(np.prod(shape)))))
+    return group.create_dataset(name, (0,) + shape, kind, maxshape=(None,) + shape, chunks=(rows,) + tuple(max(1, size) for size in shape))
+
+
+def numFrames(series):
+    """Get the number of complete frames: a run that was killed while it wrote may have extended some data sets only.
+
+    Parameters
+    ----------
+    series : sequence of h5py.Dataset
+        with one row a frame
+    """
+    return min(map(len, series))
 
 
 @dataclasses.dataclass
@@ -130,7 +197,7 @@ class Trajectory:
         return _units.TIME.attach(interval)
 
 
-class BodyScene:
+class BodyScene(BodyDefinitions):
     """The bodies of an integrator as trajectory files describe them: types, radii, blobs.
 
     Parameters
@@ -150,24 +217,17 @@ class BodyScene:
     """
 
     def __init__(self, integrator, system, types, radii, blobs, where):
-        definitions = [integrator.getRigidBodyParameters(i) for i in range(integrator.getNumRigidBodiesOfContext())]
-        if not definitions:
+        super().__init__(integrator)
+        if not len(self):
             raise ValueError(f'{where}: the integrator has no rigid bodies; there is nothing to write: add them before')
-        self.particles = [particles for particles, _, _, _ in definitions]
-        self.masses = np.array([mass._value for _, mass, _, _ in definitions])
-        self.moments = np.array([moments._value for _, _, moments, _ in definitions])
-        self.sites = [sites._value for _, _, _, sites in definitions]
         self.radii = hydrodynamicRadii(system, radii, where)
         self.periodic = system.usesPeriodicBoundaryConditions()
         self.typeNames, self.typeIndices = self._types(types, where)
-        owner = {particle: body for body, particles in enumerate(self.particles) for particle in particles}
+        owner = dict(zip(self.members.tolist(), self.owners.tolist()))
         self.blobs = np.flatnonzero(self.radii > 0) if blobs else np.empty(0, dtype=int)
         if blobs and not len(self.blobs):
             raise ValueError(f'{where}: blobs: no particle has a radius; blobs need one: give radii, or add a MobilityForce')
         self.blobBodies = np.array([owner.get(int(particle), -1) for particle in self.blobs], dtype=int)
-
-    def __len__(self):
-        return len(self.particles)
 
     def spheres(self, body):
         """Places (m, 3) in the body frame and radii (m,) of a body's particles that have a radius, nm."""

@@ -11,6 +11,7 @@
 // Zero drift: spheres in an unbounded fluid (K = 1, div N = 0) have v of Q^n at Q^m too, and nu = 1: U = N F + v. The mid-point of the noise
 //            alone would make the drift kT (d_j A_ik) A_jk, A = M^(1/2), and nu alone kT A_ik d_j A_jk; these cancel without being 0. One square root.
 //            A body alone in a uniform fluid: div V~ = 0, nu = 1; v turns with the body, which makes its drift.
+// Reference: Westwood, Delmotte, Keaveny, J. Comput. Phys. 467, 111437 (2022), eqs. 37 to 44.
 // Limits:    as random finite differences. Square roots must be smooth: Cholesky's factor, or Lanczos' to its tolerance, with a delta to match.
 
 #ifndef RIGIDHI_DRIFT_CORRECTOR_H_

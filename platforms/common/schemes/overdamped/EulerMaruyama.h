@@ -5,6 +5,8 @@
 // Order:     weak 1 where div N = 0 (constant N; spheres in an unbounded fluid); elsewhere none: it samples exp(-U/kT)/N instead of
 //            exp(-U/kT). 1 at T = 0.
 // Cost:      one force evaluation, one mobility problem and one square root a step.
+// Reference: Delong, Balboa Usabiaga, Donev, J. Chem. Phys. 143, 144107 (2015), eq. 37.
+// Limits:    right averages only where div N = 0.
 
 #ifndef RIGIDHI_EULER_MARUYAMA_H_
 #define RIGIDHI_EULER_MARUYAMA_H_

@@ -8,6 +8,8 @@
 // Order:     weak 1 (2 for linear equations with constant noise); 2 at T = 0.
 // Cost:      two force evaluations (the second at t + h/2), two mobility problems, two square roots a step. It has no terms for the drift, so
 //            none is left out where div N = 0: mid-point and both square roots are what its order needs.
+// Reference: Delong, Balboa Usabiaga, Donev, J. Chem. Phys. 143, 144107 (2015), eqs. 41 and 44.
+// Limits:    two square roots a step.
 
 #ifndef RIGIDHI_FIXMAN_MIDPOINT_H_
 #define RIGIDHI_FIXMAN_MIDPOINT_H_

@@ -6,6 +6,7 @@
 //            divided by it.
 // Order:     weak 1; 1 at T = 0.   Bias of the drift: O(delta^2), its odd powers vanish on average.
 // Cost:      one force evaluation, two mobility problems (one matrix-free solve has two columns), one square root a step.
+// Reference: Delong, Balboa Usabiaga, Donev, J. Chem. Phys. 143, 144107 (2015), eqs. 48 and 51.
 // Limits:    where the divergence is known (one body in a uniform fluid) or 0 (spheres in an unbounded fluid), it is taken instead of the
 //            difference: one mobility problem, no directions W~. If it is 0 this is EulerMaruyama.
 

@@ -9,6 +9,7 @@
 //            Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017); docs/THEORY.md.
 // Order:     weak 1; 1 at T = 0.   Bias of the drift: O(delta^2).
 // Cost:      one force evaluation, two solves at one configuration, two products with M, one square root a step.
+// Reference: Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017).
 // Limits:    as random finite differences: where the divergence is known or 0, one solve, no products, no directions.
 
 #ifndef RIGIDHI_TRACTION_EULER_MARUYAMA_H_

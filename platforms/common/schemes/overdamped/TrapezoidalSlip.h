@@ -8,6 +8,7 @@
 //            Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017); docs/THEORY.md.
 // Order:     weak 1; 2 at T = 0.   Bias of the drift: O(delta^2).
 // Cost:      two force evaluations (the second at t + h), three solves at two configurations, two products with M, one square root a step.
+// Reference: Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017).
 // Limits:    as random finite differences. Where the divergence is known or 0, kT div N takes the place of F_D and s_D: two solves, no
 //            products, no directions. Of spheres K = 1, and s is no other at Q*: the average over both ends makes no drift either.
 

@@ -1,0 +1,165 @@
+"""How the reports of all studies are made: pictures, and one HTML page that needs nothing else."""
+import base64
+import html
+import io
+import os
+import re
+
+import numpy as np
+
+
+class Report:
+    """What is to be said and shown about a result, for some wanted errors, and its files.
+
+    A kind of report has the texts and panels of its study: textTable(), paragraphs(), panels(), body(), how().
+
+    Parameters
+    ----------
+    result : Result
+    wanted : str, or sequence of str
+        wanted errors, each answered on its own
+    """
+
+    #: Names of the CSV, the JSON and the page; how the names of pictures begin.
+    FILES, PICTURE = (), ''
+    #: Of the page, before the scene's name; what is chosen for a wanted error, and an example of one.
+    TITLE, CHOICE, EXAMPLE = '', '', ''
+    #: What the JSON keeps of an answer.
+    ANSWER = ('verdict', 'setting', 'text', 'candidates')
+
+    def __init__(self, result, wanted=()):
+        self.result = result
+        self.wanted = [wanted] if isinstance(wanted, str) else list(wanted)
+        self.answers = [result.recommend(item) for item in self.wanted]
+        #: Several observables in one wish share an answer; here they are one by one.
+        self.single = list(dict.fromkeys(part.strip() for item in self.wanted for part in item.split(',')))
+
+    def write(self, directory):
+        """Write all files into a directory, which is made if it does not exist; returns their paths."""
+        os.makedirs(directory, exist_ok=True)
+        paths = [os.path.join(directory, name) for name in self.FILES]
+        self.result.writeCsv(paths[0])
+        self.result.writeJson(paths[1], **self.extras())
+        pictures = {}
+        for observable in self.result.observables:
+            if any(row['error'] is not None for row in self.result.select(observable)):
+                pictures[observable] = self.draw(observable)
+                path = os.path.join(directory, f'{self.PICTURE}_{re.sub("[^A-Za-z0-9_]", "_", observable)}.png')
+                with open(path, 'wb') as file:
+                    file.write(pictures[observable])
+                paths.append(path)
+        with open(paths[2], 'w') as file:
+            file.write(self.page(pictures))
+        return paths
+
+    def extras(self):
+        """What the JSON has besides the result."""
+        return {'recommendations': [{'wanted': [vars(each) for each in answer.wanted], **{key: getattr(answer, key) for key in self.ANSWER}}
+                                    for answer in self.answers]}
+
+    def limits(self, observable):
+        """The wanted errors of one observable."""
+        return [each for item in self.single for each in self.result.parseWanted(item) if each.observable == observable]
+
+    def draw(self, observable):
+        """The picture of an observable, a PNG."""
+        figure, left, right = twoPanels(f'{sentence(self.result.observables[observable]["label"])}, {self.result.scene["name"]}')
+        self.panels(left, right, observable, self.limits(observable))
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format='png', dpi=110, metadata={'Title': f'Error of {observable}', 'Software': None})
+        return buffer.getvalue()
+
+    def page(self, pictures):
+        """One HTML page with everything in it; nothing is loaded from elsewhere. pictures: observable -> PNG."""
+        title, texts = f'{self.TITLE}: {self.result.scene["name"]}', self.paragraphs()
+        parts = [f'<h1>{html.escape(title)}</h1>', paragraph(self.result.scene['description'] + '.'), '<h2>In words</h2>']
+        parts += [f'<p class="answer">{html.escape(text)}</p>' for text in texts[:len(self.answers)]]
+        parts += map(paragraph, texts[len(self.answers):])
+        if not self.answers:
+            parts.append(paragraph(f'No wanted error was given; with one (for example {self.EXAMPLE}) this page names the cheapest {self.CHOICE}.'))
+        parts += self.body(pictures)
+        parts += ['<h2>How it was measured</h2>', *map(paragraph, self.how()), '<details><summary>Machine, versions, seed</summary>'
+                  + table(None, _flatten(self.result.provenance), notes=True) + '</details>']
+        return '\n'.join(['<!DOCTYPE html>', f'<html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>'
+                          f'<style>{_CSS}</style></head><body>', *parts, '</body></html>']) + '\n'
+
+
+# ---- Pictures --------------------------------------------------------------------------------------------------------
+
+def twoPanels(title):
+    """An empty figure with two panels side by side, the left one wider: (figure, left, right)."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    # Not pyplot: no window system, no global state.
+    figure = Figure(figsize=(12.5, 5.6), layout='constrained')
+    FigureCanvasAgg(figure)
+    left, right = figure.subplots(1, 2, gridspec_kw={'width_ratios': (1.35, 1)})
+    figure.suptitle(title, fontsize=13)
+    return figure, left, right
+
+
+def plainTicks(axes):
+    """Numbers such as 0.2 and 50 on logarithmic axes, a list of them that is not too long."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    for axis in (axes.xaxis, axes.yaxis):
+        low, high = axis.get_view_interval()
+        decades = np.log10(high/low)
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades < 2.5 else (1,), numticks=20))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f'{value:g}'))
+        axis.set_minor_formatter(NullFormatter())
+
+
+# ---- HTML ------------------------------------------------------------------------------------------------------------
+
+_CSS = '''body{font:15px/1.5 sans-serif;max-width:1150px;margin:2em auto;padding:0 1em;color:#222}
+img{max-width:100%}table{border-collapse:collapse;font-size:13px;margin:1em 0}td,th{border:1px solid #ccc;padding:2px 8px;text-align:right}
+th{background:#f0f0f0}td:first-child,th:first-child,td.t{text-align:left}tr.bad td{color:#999}.answer{background:#eef5fb;border-left:5px
+solid #0072B2;padding:.6em 1em;margin:.6em 0}summary{cursor:pointer;font-weight:bold}'''
+
+
+def sentence(text):
+    """With a capital at the start, and nothing else changed."""
+    return text[:1].upper() + text[1:]
+
+
+def number(value, form):
+    """A number as text, empty where there is none."""
+    return '' if value is None else format(value, form)
+
+
+def paragraph(text):
+    """A paragraph of plain text."""
+    return f'<p>{html.escape(text)}</p>'
+
+
+def picture(content, text):
+    """A PNG within a page; the text says what it shows, for those who do not see it."""
+    return f'<img alt="{html.escape(text)}" src="data:image/png;base64,{base64.b64encode(content).decode()}">'
+
+
+def table(head, rows, notes=False, pale=()):
+    """A table of texts.
+
+    Parameters
+    ----------
+    head : sequence of str, or None
+    rows : iterable of sequence of str
+    notes : bool
+        the last column is for words
+    pale : collection of int
+        rows that are grey
+    """
+    def line(tag, cells, shade=''):
+        tags = [tag]*(len(cells) - notes) + [f'{tag} class="t"' if tag == 'td' else tag]*notes
+        return f'<tr{shade}>' + ''.join(f'<{opening}>{html.escape(cell)}</{tag}>' for opening, cell in zip(tags, cells)) + '</tr>'
+    return '\n'.join(['<table>', *([line('th', head)] if head else ()),
+                      *(line('td', row, ' class="bad"' if k in pale else '') for k, row in enumerate(rows)), '</table>'])
+
+
+def _flatten(data):
+    for key, value in data.items():
+        if isinstance(value, dict):
+            yield from ((f'{key}: {name}', str(each)) for name, each in value.items())
+        else:
+            yield key, str(value)

@@ -1,0 +1,229 @@
+"""What the results of all studies share: wanted errors and the answers to them, the machine they are from, CSV and JSON."""
+import csv
+import json
+import math
+import os
+import platform
+import re
+import time
+from dataclasses import dataclass
+from typing import Optional
+
+import numpy as np
+import openmm
+import scipy
+
+from .. import _loading
+
+RECOMMENDED, NONE, UNDECIDED = 'recommended', 'none of these', 'cannot tell'
+
+
+# ---- Wanted errors and answers ---------------------------------------------------------------------------------------
+
+@dataclass
+class Wanted:
+    """A wanted error: |mean - reference| <= tolerance (observable's unit), as given by text."""
+
+    observable: str
+    tolerance: float
+    text: str
+
+
+@dataclass
+class Recommendation:
+    """The answer to "what is the cheapest setting with this error?".
+
+    Attributes
+    ----------
+    verdict : str
+        'recommended', 'none of these' or 'cannot tell'
+    setting : dict or None
+        the candidate that is recommended
+    text : str
+        one paragraph in plain words
+    candidates : list of dict
+        every setting that can be used, fastest first, with its verdict ('yes', 'no', 'undecided', 'n/a') and what recommend() says
+    factor : float or None
+        how many times longer a run would settle an undecided answer, or find out about a faster setting
+    """
+
+    verdict: str
+    setting: Optional[dict]
+    text: str
+    candidates: list
+    factor: Optional[float]
+    wanted: list
+
+    def __str__(self):
+        return self.text
+
+
+def splitWanted(wanted, names, example):
+    """Wanted errors from text, as (observable, amount as written, its number).
+
+    Parameters
+    ----------
+    wanted : str, or sequence of str
+        "observable:0.5%" or "observable:0.2"; several with commas
+    names : collection of str
+        the observables there are
+    example : str
+        for error messages
+
+    Returns
+    -------
+    list of (str, str, float)
+    """
+    items = wanted.split(',') if isinstance(wanted, str) else list(wanted)
+    result = []
+    for item in items:
+        name, _, amount = item.strip().rpartition(':')
+        if name not in names:
+            raise ValueError(f'wanted error: got {item.strip()!r}, which is not measured; name one that is: the observable must be one of '
+                             f'{", ".join(names)}, as in {example}')
+        try:
+            value = float(amount.rstrip('%'))
+        except ValueError:
+            value = math.nan
+        if not value > 0 or not math.isfinite(value):
+            raise ValueError(f'wanted error: got {item!r}; the error must be a positive number or percentage: '
+                             f'write e.g. {example}')
+        result.append((name, amount, value))
+    return result
+
+
+def worst(verdicts):
+    """The verdict about a setting from those about what is wanted of it: 'no' before 'n/a' before 'undecided' before 'yes'."""
+    return next((verdict for verdict in ('no', 'n/a', 'undecided') if verdict in verdicts), 'yes')
+
+
+def decide(candidates):
+    """The verdict, the cheapest candidate that will do or None, and those that may; candidates are by ascending cost."""
+    best = next((candidate for candidate in candidates if candidate['verdict'] == 'yes'), None)
+    undecided = [candidate for candidate in candidates if candidate['verdict'] == 'undecided']
+    meaningless = candidates and all(candidate['verdict'] == 'n/a' for candidate in candidates)
+    return RECOMMENDED if best is not None else UNDECIDED if undecided or meaningless else NONE, best, undecided
+
+
+# ---- Files -----------------------------------------------------------------------------------------------------------
+
+class Result:
+    """Rows of a table, and how it was measured. A kind of result has an asDict() and a fromDict(), recommend() and report().
+
+    Attributes
+    ----------
+    rows : list of dict
+        one per setting and observable
+    observables : dict
+        name -> dict with label
+    scene : dict
+        with name and description
+    provenance : dict
+        what provenance() returned, and the settings of the study
+    """
+
+    #: What its JSON is called there; the columns of its CSV.
+    FORMAT, COLUMNS = '', ()
+
+    def writeJson(self, path, **extra):
+        """Write everything as JSON; extra entries are added at the top level.
+
+        Parameters
+        ----------
+        path : str
+        """
+        # Lists of numbers are on one line.
+        text = re.sub(r'\[[^\[\]{}"]*\]', lambda match: ' '.join(match.group().split()), json.dumps(dict(self.asDict(), **extra), indent=1))
+        with open(path, 'w') as file:
+            file.write(text + '\n')
+
+    @classmethod
+    def isOne(cls, path):
+        """Whether a file is what writeJson() wrote (and not another result of openmmrigidhi.accuracy).
+
+        Parameters
+        ----------
+        path : str
+        """
+        return _read(path).get('format') == cls.FORMAT
+
+    @classmethod
+    def fromJson(cls, path):
+        """Read what writeJson() wrote.
+
+        Parameters
+        ----------
+        path : str
+
+        Raises
+        ------
+        ValueError
+            if that did not write it
+        """
+        data = _read(path)
+        if data.get('format') != cls.FORMAT:
+            raise ValueError(f'{path}: it is no result of openmmrigidhi.accuracy that a {cls.__name__} wrote: give the file of such a study')
+        return cls.fromDict(data)
+
+    def writeCsv(self, path):
+        """Write the table as CSV, one line per row; empty cells where there is no number.
+
+        Parameters
+        ----------
+        path : str
+        """
+        with open(path, 'w', newline='') as file:
+            writer = csv.writer(file, lineterminator='\n')
+            writer.writerow(self.COLUMNS)
+            for row in self.rows:
+                writer.writerow(['' if row.get(key) is None else f'{row[key]:.8g}' if isinstance(row[key], float) else row[key]
+                                 for key in self.COLUMNS])
+
+
+def _read(path):
+    with open(path) as file:
+        return json.load(file)
+
+
+# ---- The machine -----------------------------------------------------------------------------------------------------
+
+def beginning():
+    """When a measurement began, and how busy the machine was."""
+    return {'started': _now(), 'load_at_start': _load()}
+
+
+def provenance(began):
+    """When, on which machine and with which versions something was measured.
+
+    Parameters
+    ----------
+    began : float
+        time.perf_counter() at its start
+
+    Returns
+    -------
+    dict
+    """
+    return {'finished': _now(), 'wall_seconds': round(time.perf_counter() - began, 1), 'load_at_end': _load(), 'processor': _processor(),
+            'processors': os.cpu_count(), 'system': platform.system(), 'architecture': platform.machine(),
+            'versions': {'openmmrigidhi': _loading.version, 'openmm': openmm.version.full_version, 'python': platform.python_version(),
+                         'numpy': np.__version__, 'scipy': scipy.__version__}}
+
+
+def _now():
+    return time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime())
+
+
+def _load():
+    return [round(x, 2) for x in os.getloadavg()] if hasattr(os, 'getloadavg') else None
+
+
+def _processor():
+    try:
+        with open('/proc/cpuinfo') as file:
+            for line in file:
+                if line.startswith('model name'):
+                    return line.split(':', 1)[1].strip()
+    except OSError:
+        pass
+    return platform.processor()
