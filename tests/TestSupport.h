@@ -28,6 +28,10 @@ extern const double boltzmann;
 
 /** Load the plugin (once) and give a platform by name. */
 OpenMM::Platform& platform(const std::string& name);
+/** What the program tests, where it is made of a file in platform/: "Reference" or "CPU". */
+std::string testPlatformName();
+inline OpenMM::Platform& testPlatform() { return platform(testPlatformName()); }
+inline bool onCpu() { return testPlatformName() == "CPU"; }
 /** Properties of a Context with this many threads on the CPU platform. */
 std::map<std::string, std::string> threads(const std::string& platformName, int count);
 
@@ -80,12 +84,5 @@ std::vector<Vec3> velocitiesOf(OpenMM::Context& context);
 bool sameBits(const std::vector<Vec3>& a, const std::vector<Vec3>& b);
 
 }  // namespace RigidHITest
-
-#ifdef RIGIDHI_TEST_PLATFORM
-namespace RigidHITest {
-inline OpenMM::Platform& testPlatform() { return platform(RIGIDHI_TEST_PLATFORM); }
-inline bool onCpu() { return std::string(RIGIDHI_TEST_PLATFORM) == "CPU"; }
-}  // namespace RigidHITest
-#endif
 
 #endif

@@ -1049,7 +1049,7 @@ TEST_P(EveryModel, ResumesBitForBit) {
             scene.context->setVelocitiesToTemperature(T1, 3);
         } else
             scene.context.reset(
-                new Context(scene.system, scene.integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 1)));
+                new Context(scene.system, scene.integrator, testPlatform(), threads(testPlatformName(), 1)));
     };
     FluidScene once(T1, 0.02), twice(T1, 0.02), third(T1, 0.02), fourth(T1, 0.02);
     make(once, true);

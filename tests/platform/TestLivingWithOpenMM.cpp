@@ -69,7 +69,7 @@ struct WaterBox {
         integrator.setRandomNumberSeed(3);
     }
     void start() {
-        context.reset(new Context(system, integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 2)));
+        context.reset(new Context(system, integrator, testPlatform(), threads(testPlatformName(), 2)));
         context->setPositions(positions);
     }
 };
@@ -149,7 +149,7 @@ TEST(FreeParticles, ConstrainedFlexibleMoleculesKeepTheirConstraintsAndTemperatu
     integrator.setFriction(10);
     integrator.setConstraintTolerance(1e-8);
     integrator.setRandomNumberSeed(10);
-    Context context(system, integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 2));
+    Context context(system, integrator, testPlatform(), threads(testPlatformName(), 2));
     context.setPositions(positions);
     context.setVelocitiesToTemperature(300, 4);
     const auto dof = integrator.getDegreesOfFreedom();
@@ -448,7 +448,7 @@ struct OddMasses {
         for (double y : {5.0, 6.0}) positions.push_back(Vec3(0, y, 0));
         if (frequency > 0) system.addForce(new CMMotionRemover(frequency));
         if (other) system.addForce(other);
-        context.reset(new Context(system, integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 1)));
+        context.reset(new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
         context->setPositions(positions);
         push();
     }
@@ -534,7 +534,7 @@ TEST(Others, EquipartitionOfTwoBodiesUnderACMMotionRemover) {
     integrator.setRotationalFriction(gamma);
     integrator.setRandomNumberSeed(5);
     system.addForce(new CMMotionRemover());
-    Context context(system, integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 1));
+    Context context(system, integrator, testPlatform(), threads(testPlatformName(), 1));
     context.setPositions({Vec3(-0.1, 0, 0), Vec3(0.1, 0, 0), Vec3(-0.1, 1, 0), Vec3(0.1, 1, 0)});
     const int samples = onCpu() ? 200 : 1000,
               interval = 40;  // exp(-40 gamma h) = 0.2: their squares are independent within 4 per cent
@@ -600,7 +600,7 @@ struct ChangeableScene {
             system.addForce(fluid);
         else
             delete fluid;
-        context.reset(new Context(system, integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 1)));
+        context.reset(new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
         context->setPositions(positions);
         integrator.step(2);
     }
@@ -796,7 +796,7 @@ TEST(Others, CreatingAContextCostsNoMoreABodyInALargerSystem) {
         double least = INFINITY;
         for (int repeat = 0; repeat < 3; repeat++) {
             const auto start = chrono::steady_clock::now();
-            Context context(system, integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 1));
+            Context context(system, integrator, testPlatform(), threads(testPlatformName(), 1));
             least = min(least, chrono::duration<double>(chrono::steady_clock::now() - start).count());
         }
         return least;
@@ -823,7 +823,7 @@ TEST(Others, ConstraintsOfFreeParticlesArePreparedOnce) {
         for (int own : {0, 1}) {
             const auto start = chrono::steady_clock::now();
             Context context(system, own ? (Integrator&)integrator : verlet, testPlatform(),
-                            threads(RIGIDHI_TEST_PLATFORM, 1));
+                            threads(testPlatformName(), 1));
             least[own] = min(least[own], chrono::duration<double>(chrono::steady_clock::now() - start).count());
         }
     cout << "Verlet " << least[0] << " s, this one " << least[1] << " s" << endl;

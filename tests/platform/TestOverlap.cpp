@@ -36,7 +36,7 @@ struct Pair {
         system.addForce(pushing);
         integrator.setScheme(CustomRigidHIIntegrator::LangevinHI);
         integrator.setRandomNumberSeed(seed);
-        context.reset(new Context(system, integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 1)));
+        context.reset(new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
         context->setPositions({Vec3(-1 - gap / 2, 0, 0), Vec3(1 + gap / 2, 0, 0)});
     }
     double gap() {

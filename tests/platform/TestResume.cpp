@@ -120,8 +120,7 @@ struct Trajectory {
                CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::LangevinC)
         : integrator(scene.makeIntegrator(seed)) {
         integrator->setScheme(scheme);
-        context.reset(
-            new Context(scene.system, *integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, threadCount)));
+        context.reset(new Context(scene.system, *integrator, testPlatform(), threads(testPlatformName(), threadCount)));
         if (!start) return;
         context->setPositions(scene.positions);
         context->setVelocitiesToTemperature(300, 9);

@@ -38,7 +38,7 @@ struct Trap {
         system.addForce(well);
         integrator.setScheme(scheme);
         integrator.setRandomNumberSeed(1234);
-        context.reset(new Context(system, integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 1)));
+        context.reset(new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
         context->setPositions(positions);
         if (scheme != Gradient) context->setVelocitiesToTemperature(T1, 5);
     }
@@ -140,7 +140,7 @@ struct Dipoles {
         system.addForce(field);
         integrator.setScheme(scheme);
         integrator.setRandomNumberSeed(77);
-        context.reset(new Context(system, integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 1)));
+        context.reset(new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
         mt19937 generator(8);
         vector<QuaternionArray> q;
         for (int i = 0; i < copies; i++) q.push_back(randomQuaternion(generator));
@@ -246,7 +246,7 @@ TEST(Schemes, EquipartitionPerAxis) {
         integrator.setFriction(5);
         integrator.setRotationalFriction(10);
         integrator.setRandomNumberSeed(3);
-        Context context(system, integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 1));
+        Context context(system, integrator, testPlatform(), threads(testPlatformName(), 1));
         context.setPositions(randomPoses(water, copies, 1, 2));
         // Ten times the slowest relaxation time: 1/gamma = 0.2 ps; the slowest axis relaxes at about 1.9/ps: 5.3 ps.
         integrator.step(2700);

@@ -24,7 +24,7 @@ void checkShape(const Shape& shape, int copies, int steps) {
     system.addForce(force);
     integrator.setRandomNumberSeed(31);
     integrator.setFriction(2);
-    Context context(system, integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 2));
+    Context context(system, integrator, testPlatform(), threads(testPlatformName(), 2));
     // Axis-aligned first, then random orientations.
     vector<Vec3> positions = randomPoses(shape, copies, 0.01, 7);
     for (size_t s = 0; s < shape.sites.size(); s++) positions[s] = shape.sites[s];
@@ -99,7 +99,7 @@ TEST(Shapes, ExplicitMomentsInEveryAxisOrder) {
         }
         integrator.setRotationalFriction(2e9);
         integrator.setRandomNumberSeed(4);
-        Context context(system, integrator, testPlatform(), threads(RIGIDHI_TEST_PLATFORM, 1));
+        Context context(system, integrator, testPlatform(), threads(testPlatformName(), 1));
         context.setPositions(randomPoses({"", {1, 1}, {site, site * -1}}, copies, 1, 3));
         integrator.step(2500);
         vector<double> energies[3];
