@@ -1,7 +1,7 @@
 #ifndef RIGIDHI_CPU_KERNELS_H_
 #define RIGIDHI_CPU_KERNELS_H_
 
-#include "engine/RigidBodyKernel.h"
+#include "context/RigidBodyKernel.h"
 
 namespace RigidHIPlugin {
 
