@@ -11,8 +11,8 @@ namespace RigidHIPlugin {
 /** The arrays of OpenMM's Reference and CPU platforms: the Context's own, so there is nothing to pull or push. */
 class ReferenceArrays : public ContextArrays {
 public:
-    ReferenceArrays(OpenMM::ContextImpl& context, OpenMM::ReferencePlatform::PlatformData& data)
-        : ContextArrays(*data.positions, *data.velocities, *data.forces), context(context), data(data) {}
+    explicit ReferenceArrays(OpenMM::ContextImpl& context)
+        : ReferenceArrays(context, *static_cast<OpenMM::ReferencePlatform::PlatformData*>(context.getPlatformData())) {}
     void pullPositions() override {}
     void pullVelocities() override {}
     void pullForces() override {}
@@ -27,6 +27,8 @@ public:
     OpenMM::ReferenceConstraints* constraints() override { return data.constraints; }
 
 private:
+    ReferenceArrays(OpenMM::ContextImpl& context, OpenMM::ReferencePlatform::PlatformData& data)
+        : ContextArrays(*data.positions, *data.velocities, *data.forces), context(context), data(data) {}
     OpenMM::ContextImpl& context;
     OpenMM::ReferencePlatform::PlatformData& data;
 };

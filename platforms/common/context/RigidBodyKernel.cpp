@@ -6,7 +6,6 @@
 
 #include "context/Effects.h"
 #include "context/Messages.h"
-#include "context/ReferenceArrays.h"
 #include "context/Resuming.h"
 
 using namespace OpenMM;
@@ -14,12 +13,8 @@ using namespace std;
 
 namespace RigidHIPlugin {
 
-RigidBodyKernel::RigidBodyKernel(const string& name, const Platform& platform, ReferencePlatform::PlatformData& data)
-    : IntegrateRigidBodiesKernel(name, platform), data(data) {}
-
 void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegrator& integrator) {
-    unique_ptr<ContextArrays> arrays(new ReferenceArrays(context, data));
-    scene.reset(new Scene(context, integrator, move(arrays), createLoops(context)));
+    scene.reset(new Scene(context, integrator, createArrays(context), createLoops(context)));
     mirror.reset(new ContextMirror(*scene));
     access.reset(new BodyAccess(*scene, *mirror));
     stepper.reset(new Stepper(context, *scene, *mirror));

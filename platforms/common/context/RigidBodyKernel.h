@@ -1,8 +1,6 @@
 #ifndef RIGIDHI_RIGID_BODY_KERNEL_H_
 #define RIGIDHI_RIGID_BODY_KERNEL_H_
 
-#include <openmm/reference/ReferencePlatform.h>
-
 #include <map>
 #include <memory>
 #include <string>
@@ -19,8 +17,7 @@ namespace RigidHIPlugin {
 /** The integrator's kernel, but for the loops that platforms do in their own way: it hands on to those who do the work. */
 class RigidBodyKernel : public IntegrateRigidBodiesKernel {
 public:
-    RigidBodyKernel(const std::string& name, const OpenMM::Platform& platform,
-                    OpenMM::ReferencePlatform::PlatformData& data);
+    using IntegrateRigidBodiesKernel::IntegrateRigidBodiesKernel;
     void initialize(OpenMM::ContextImpl& context, const CustomRigidHIIntegrator& integrator) override;
     void step(OpenMM::ContextImpl& context) override;
     void stateChanged(OpenMM::ContextImpl& context, OpenMM::State::DataType changed) override;
@@ -59,11 +56,12 @@ public:
     void deserialize(OpenMM::ContextImpl& context, const OpenMM::SerializationNode& node) override;
 
 protected:
-    /** The platform's loops; called once, from initialize(). */
+    /** Where the platform keeps particles; called once, from initialize(). */
+    virtual std::unique_ptr<ContextArrays> createArrays(OpenMM::ContextImpl& context) = 0;
+    /** The platform's loops; likewise. */
     virtual std::unique_ptr<PlatformLoops> createLoops(OpenMM::ContextImpl& context) = 0;
 
 private:
-    OpenMM::ReferencePlatform::PlatformData& data;
     std::unique_ptr<Scene> scene;
     std::unique_ptr<ContextMirror> mirror;
     std::unique_ptr<BodyAccess> access;

@@ -11,6 +11,7 @@ public:
     using RigidBodyKernel::RigidBodyKernel;
 
 protected:
+    std::unique_ptr<ContextArrays> createArrays(OpenMM::ContextImpl& context) override;
     std::unique_ptr<PlatformLoops> createLoops(OpenMM::ContextImpl& context) override;
 };
 
