@@ -12,7 +12,7 @@ using namespace std;
 
 namespace RigidHIPlugin {
 
-FreeParticles::FreeParticles(const System& system, const vector<int>& particles, ReferenceConstraints& ofContext)
+FreeParticles::FreeParticles(const System& system, const vector<int>& particles, ReferenceConstraints* ofContext)
     : particles(particles), thermostats(particles.size()), forces(particles.size()) {
     vector<bool> isFree(system.getNumParticles(), false);
     inverseMasses.assign(system.getNumParticles(), 0.0);
@@ -32,8 +32,8 @@ FreeParticles::FreeParticles(const System& system, const vector<int>& particles,
     forEach([&](int, int, double) { numConstraints++; });
     if (numConstraints == 0) return;
     // To make OpenMM's algorithm takes a time that is quadratic in constraints: where there are no others, the Context's serves.
-    constraints = &ofContext;
-    if (numConstraints == system.getNumConstraints()) return;
+    constraints = ofContext;
+    if (constraints && numConstraints == system.getNumConstraints()) return;
     // The Context's own constraints would also hold every rigid body's, so give OpenMM's algorithms a System of ours.
     constraintSystem.reset(new System());
     for (int i = 0; i < system.getNumParticles(); i++) constraintSystem->addParticle(system.getParticleMass(i));

@@ -25,10 +25,10 @@ public:
     FreeParticles() = default;
     /**
      * @param particles    indices of the massive particles that are in no body
-     * @param ofContext    OpenMM's constraints of the whole System, which outlive this object
+     * @param ofContext    OpenMM's constraints of the whole System, which outlive this object; null: there are none
      */
     FreeParticles(const OpenMM::System& system, const std::vector<int>& particles,
-                  OpenMM::ReferenceConstraints& ofContext);
+                  OpenMM::ReferenceConstraints* ofContext);
     ~FreeParticles();
     int getNumParticles() const { return particles.size(); }
     int getNumConstraints() const { return numConstraints; }

@@ -12,8 +12,7 @@ namespace RigidHIPlugin {
 class CpuRigidHIKernelFactory : public KernelFactory {
 public:
     KernelImpl* createKernelImpl(std::string name, const Platform& platform, ContextImpl& context) const override {
-        auto& data = *static_cast<ReferencePlatform::PlatformData*>(context.getPlatformData());
-        if (name == IntegrateRigidBodiesKernel::Name()) return new CpuIntegrateRigidBodiesKernel(name, platform, data);
+        if (name == IntegrateRigidBodiesKernel::Name()) return new CpuIntegrateRigidBodiesKernel(name, platform);
         throw OpenMMException("OpenMMRigidHICPU: tried to create a kernel with unknown name '" + name + "'");
     }
 };

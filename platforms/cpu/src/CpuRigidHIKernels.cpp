@@ -9,6 +9,7 @@
 
 #include "CpuBodyLoops.h"
 #include "CpuRotnePragerYamakawa.h"
+#include "context/ReferenceArrays.h"
 #include "mobility/Models.h"
 
 using namespace OpenMM;
@@ -95,6 +96,10 @@ private:
 };
 
 }  // namespace
+
+std::unique_ptr<ContextArrays> CpuIntegrateRigidBodiesKernel::createArrays(ContextImpl& context) {
+    return std::unique_ptr<ContextArrays>(new ReferenceArrays(context));
+}
 
 std::unique_ptr<PlatformLoops> CpuIntegrateRigidBodiesKernel::createLoops(ContextImpl& context) {
     const int threads = std::stoi(getPlatform().getPropertyValue(context.getOwner(), "Threads"));

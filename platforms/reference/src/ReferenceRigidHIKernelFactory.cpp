@@ -12,9 +12,7 @@ namespace RigidHIPlugin {
 class ReferenceRigidHIKernelFactory : public KernelFactory {
 public:
     KernelImpl* createKernelImpl(std::string name, const Platform& platform, ContextImpl& context) const override {
-        auto& data = *static_cast<ReferencePlatform::PlatformData*>(context.getPlatformData());
-        if (name == IntegrateRigidBodiesKernel::Name())
-            return new ReferenceIntegrateRigidBodiesKernel(name, platform, data);
+        if (name == IntegrateRigidBodiesKernel::Name()) return new ReferenceIntegrateRigidBodiesKernel(name, platform);
         throw OpenMMException("OpenMMRigidHIReference: tried to create a kernel with unknown name '" + name + "'");
     }
 };

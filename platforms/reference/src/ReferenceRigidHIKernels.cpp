@@ -1,5 +1,6 @@
 #include "ReferenceRigidHIKernels.h"
 
+#include "context/ReferenceArrays.h"
 #include "engine/BodyLoops-inl.h"
 #include "mobility/Models.h"
 
@@ -31,6 +32,10 @@ public:
 };
 
 }  // namespace
+
+std::unique_ptr<ContextArrays> ReferenceIntegrateRigidBodiesKernel::createArrays(ContextImpl& context) {
+    return std::unique_ptr<ContextArrays>(new ReferenceArrays(context));
+}
 
 std::unique_ptr<PlatformLoops> ReferenceIntegrateRigidBodiesKernel::createLoops(ContextImpl& context) {
     return std::unique_ptr<PlatformLoops>(new ReferenceLoops());

@@ -1,7 +1,7 @@
 #ifndef RIGIDHI_REFERENCE_KERNELS_H_
 #define RIGIDHI_REFERENCE_KERNELS_H_
 
-#include "engine/RigidBodyKernel.h"
+#include "context/RigidBodyKernel.h"
 
 namespace RigidHIPlugin {
 
@@ -11,6 +11,7 @@ public:
     using RigidBodyKernel::RigidBodyKernel;
 
 protected:
+    std::unique_ptr<ContextArrays> createArrays(OpenMM::ContextImpl& context) override;
     std::unique_ptr<PlatformLoops> createLoops(OpenMM::ContextImpl& context) override;
 };
 

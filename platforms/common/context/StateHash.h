@@ -4,6 +4,7 @@
 #include <openmm/Vec3.h>
 
 #include <cstdint>
+#include <cstring>
 #include <limits>
 #include <string>
 #include <vector>
@@ -33,6 +34,11 @@ inline uint64_t hashOf(const std::vector<OpenMM::Vec3>& v) {
             hash ^= hash >> 29;  // FNV alone does not carry high bits down
         }
     return hash;
+}
+
+/** Whether two arrays are the same to the last bit. */
+inline bool sameBits(const std::vector<OpenMM::Vec3>& a, const std::vector<OpenMM::Vec3>& b) {
+    return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(OpenMM::Vec3)) == 0;
 }
 
 }  // namespace RigidHIPlugin

@@ -1,4 +1,4 @@
-#include "engine/SavedState.h"
+#include "context/SavedState.h"
 
 #include <openmm/OpenMMException.h>
 
@@ -8,7 +8,7 @@
 #include <numeric>
 #include <sstream>
 
-#include "engine/StateHash.h"
+#include "context/StateHash.h"
 #include "openmmrigidhi/internal/StrictNode.h"
 #include "rigidbody/BodySet.h"
 

@@ -1,4 +1,4 @@
-#include "engine/SystemCheck.h"
+#include "context/SystemCheck.h"
 
 #include <openmm/AndersenThermostat.h>
 #include <openmm/CMMotionRemover.h>

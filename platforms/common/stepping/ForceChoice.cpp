@@ -1,4 +1,4 @@
-#include "engine/ForceChoice.h"
+#include "stepping/ForceChoice.h"
 
 #include <openmm/NonbondedForce.h>
 #include <openmm/System.h>

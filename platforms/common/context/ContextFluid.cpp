@@ -1,0 +1,99 @@
+#include "context/ContextFluid.h"
+
+#include <string>
+
+#include "context/Messages.h"
+#include "context/Scene.h"
+
+using namespace OpenMM;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+ContextFluid::ContextFluid(Scene& scene, const MobilityForce* inSystem) : scene(scene) {
+    if (inSystem) parameters.reset(new MobilityForce(*inSystem));
+}
+
+void ContextFluid::check(const MobilityForce& force) const {
+    checkBoundary(force, scene.integrator);
+    Fluid::check(force, scene.integrator.getWallRejection(), scene.system, scene.definitions.particlesOfBodies(),
+                 *scene.freeParticles, *scene.loops);
+}
+
+void ContextFluid::check() const {
+    if (parameters) check(*parameters);
+}
+
+unique_ptr<Fluid> ContextFluid::make(const vector<BodyGeometry>& geometries, const BodySet& bodies) const {
+    if (!parameters) return nullptr;
+    // The wall rejection is the integrator's, and may have been set since the Context was created.
+    checkBoundary(*parameters, scene.integrator);
+    return unique_ptr<Fluid>(new Fluid(*parameters, scene.integrator.getWallRejection(), scene.system,
+                                       scene.definitions.particlesOfBodies(), geometries, bodies, *scene.freeParticles,
+                                       *scene.loops));
+}
+
+unique_ptr<Fluid> ContextFluid::make(const BodyDefinitions::Bodies& bodies) {
+    unique_ptr<Fluid> result = make(bodies.geometries, bodies.set);
+    if (fluid) result->continueFrom(*fluid);
+    return result;
+}
+
+void ContextFluid::rebuild() {
+    unique_ptr<Fluid> before(move(fluid));
+    try {
+        fluid = make(scene.definitions.geometries(), scene.bodies);
+        if (traitsOf(scene.integrator.getScheme()).kind == SchemeKind::FluidThermostat)
+            fluid->checkInertia(scene.bodies);
+    } catch (...) {
+        fluid = move(before);
+        throw;
+    }
+    fluid->continueFrom(*before);
+    scene.settings.forget();
+}
+
+void ContextFluid::adoptWallRejection() {
+    if (!fluid || fluid->getForce().getBoundary() != MobilityForce::NoSlipWall ||
+        fluid->getWallRejection() == scene.integrator.getWallRejection())
+        return;
+    rebuild();
+}
+
+void ContextFluid::update(const MobilityForce& force) {
+    if (!parameters) fail("updateParametersInContext() needs a MobilityForce in the System");
+    const string remedy = "; call reinitialize(preserveState=True) on the Context";
+    if (force.getModel() != parameters->getModel() || force.getBoundary() != parameters->getBoundary())
+        fail("the model or boundary of a MobilityForce cannot be changed by updateParametersInContext()" + remedy);
+    if (force.getWallHeight() != parameters->getWallHeight() ||
+        force.getSphereWallMobility() != parameters->getSphereWallMobility())
+        fail(
+            "the wall height or sphere-wall mobility of a MobilityForce cannot be changed by "
+            "updateParametersInContext()" +
+            remedy);
+    if (force.getGroups() != parameters->getGroups())
+        fail("the groups of a MobilityForce cannot be changed by updateParametersInContext()" + remedy);
+    if (force.getNumParticles() != parameters->getNumParticles())
+        fail("the number of particles of a MobilityForce cannot be changed by updateParametersInContext()" + remedy);
+    for (int p = 0; p < force.getNumParticles(); p++)
+        if ((force.getParticleRadius(p) > 0) != (parameters->getParticleRadius(p) > 0))
+            fail("particle " + to_string(p) +
+                 ": its hydrodynamic radius cannot change between 0 and a positive value by "
+                 "updateParametersInContext()" +
+                 remedy);
+    if (!scene.isBuilt()) {
+        check(force);
+        *parameters = force;
+        return;
+    }
+    const unique_ptr<MobilityForce> before(new MobilityForce(*parameters));
+    *parameters = force;
+    try {
+        rebuild();
+    } catch (...) {
+        *parameters = *before;
+        throw;
+    }
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,244 @@
+#include "context/ContextMirror.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <map>
+#include <utility>
+
+#include "context/Messages.h"
+#include "context/Resuming.h"
+#include "context/StateHash.h"
+
+using namespace OpenMM;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+ContextMirror::ContextMirror(Scene& scene)
+    : scene(scene), lastPositions(scene.system.getNumParticles(), unsetVec3), lastVelocities(lastPositions) {}
+
+LoopResult ContextMirror::run(BodyLoop loop) {
+    static_assert(sizeof(Vec3) == 3 * sizeof(double), "the loops take arrays of Vec3 as arrays of doubles");
+    ContextArrays& arrays = *scene.arrays;
+    return scene.loops->run(
+        loop, scene.bodies, scene.settings,
+        {&arrays.positions()[0][0], &arrays.velocities()[0][0], reinterpret_cast<const double*>(arrays.forces().data()),
+         &lastPositions[0][0], &lastVelocities[0][0]});
+}
+
+void ContextMirror::requirePositions(const char* what) const {
+    if (!positionsAreSet) fail(string(what) + " needs positions: call setPositions() on the Context first");
+}
+
+void ContextMirror::forgetWritten() {
+    loaded.reset();
+    lastPositions.assign(lastPositions.size(), unsetVec3);
+    lastVelocities = lastPositions;
+    setSinceStep = true;
+}
+
+void ContextMirror::positionsWereSet() {
+    positionsAreSet = true;
+    if (loaded) {
+        // The positions of a checkpoint come after its bodies. Where they contradict, positions count.
+        unique_ptr<Loaded> judged(move(loaded));
+        scene.arrays->pullPositions();
+        checkPosesAgainstPositions(scene, judged->saved);
+        loaded = move(judged);
+    }
+    setSinceStep = true;
+}
+
+void ContextMirror::velocitiesWereSet() {
+    setSinceStep = true;
+    scene.arrays->pullVelocities();
+    // OpenMM then applies velocity constraints; what they change is taken in as usual.
+    if (drawn.takeIn(scene)) lastVelocities = scene.arrays->velocities();
+}
+
+void ContextMirror::stateWasLoaded(const SavedState& saved, const vector<int>& toBeFitted) {
+    // Arrays that are not the saved ones count as changed by the user.
+    lastPositions.assign(lastPositions.size(), unsetVec3);
+    lastVelocities = lastPositions;
+    loaded.reset(new Loaded{saved, toBeFitted});
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Taking in what others did to the Context
+
+void ContextMirror::takeInChanges(bool stepping) {
+    ContextArrays& arrays = *scene.arrays;
+    arrays.pullPositions();
+    arrays.pullVelocities();
+    if (!scene.isBuilt()) scene.buildFromPositions();
+    Vec3 box[3];
+    arrays.getBox(box);
+    if (memcmp(box, lastBox, sizeof box) != 0) {
+        scene.noteChange();
+        memcpy(lastBox, box, sizeof box);
+    }
+    if (loaded) takeInLoaded();
+    if (!sameBits(arrays.positions(), lastPositions)) takeInPositions();
+    if (!sameBits(arrays.velocities(), lastVelocities)) takeInVelocities(stepping && scene.settings.hasMomenta());
+}
+
+void ContextMirror::takeInVelocitiesIfChanged() {
+    if (scene.isBuilt() && !loaded) {
+        scene.arrays->pullVelocities();
+        if (sameBits(scene.arrays->velocities(), lastVelocities)) return;
+    }
+    takeInChanges();
+}
+
+/** A state was loaded. Where the Context's arrays are those it was saved with, it stands as it is. */
+void ContextMirror::takeInLoaded() {
+    const vector<Vec3>&positions = scene.arrays->positions(), &velocities = scene.arrays->velocities();
+    if (hashOf(positions) == loaded->saved.positionsHash) lastPositions = positions;
+    if (hashOf(velocities) == loaded->saved.velocitiesHash) lastVelocities = velocities;
+    for (int b : loaded->toBeFitted)
+        for (int p : scene.definitions.particles(b)) lastPositions[p] = lastVelocities[p] = unsetVec3;
+    loaded.reset();
+    owed = Owed::Poses;
+}
+
+bool ContextMirror::bodyMembersDiffer(int body, const vector<Vec3>& a, const vector<Vec3>& b) const {
+    for (int p : scene.definitions.particles(body))
+        if (memcmp(&a[p], &b[p], sizeof(Vec3)) != 0) return true;
+    return false;
+}
+
+/** The state of a body with the pose that fits the positions of its members. */
+BodyState ContextMirror::fitted(int b, double& residual) const {
+    const vector<int>& particles = scene.definitions.particles(b);
+    vector<Vec3> members;
+    for (int p : particles) {
+        members.push_back(scene.arrays->positions()[p]);
+        if (!isFinite(members.back()))
+            fail("body " + to_string(b) + ": particle " + to_string(p) +
+                 " has a non-finite position; set finite positions");
+    }
+    // Virtual sites follow their parents, and users often leave them behind: they are put in place, not judged.
+    map<int, Vec3> positionOf;
+    for (size_t i = 0; i < particles.size(); i++) positionOf[particles[i]] = members[i];
+    for (size_t i = 0; i < particles.size(); i++)
+        if (scene.system.isVirtualSite(particles[i]))
+            members[i] =
+                virtualSitePosition(scene.system, particles[i], [&](int parent) { return positionOf.at(parent); });
+    BodyState state = scene.bodies.getState(b);
+    int worst = 0;
+    const double distance = scene.definitions.fit(b).fitPose(members, state, worst),
+                 tolerance = scene.integrator.getPoseTolerance();
+    if (!(distance <= tolerance))
+        fail("body " + to_string(b) + ": particle " + to_string(particles[worst]) + " is " + number(distance) +
+             " nm from its place in the body, more than the pose tolerance " + number(tolerance) +
+             " nm; give positions that fit the body's shape: whole molecules, not wrapped across the periodic box; "
+             "where constraints define the shape, call applyConstraints() on the Context, elsewhere minimise with "
+             "openmmrigidhi.app.minimize(); raise setPoseTolerance(), or call resetBodyGeometry() if the shape "
+             "itself has changed");
+    residual = max(residual, distance);
+    return state;
+}
+
+void ContextMirror::takeInPositions() {
+    vector<pair<int, BodyState> > changed;
+    double residual = 0;
+    for (int b = 0; b < scene.bodies.getNumBodies(); b++)
+        if (bodyMembersDiffer(b, scene.arrays->positions(), lastPositions))
+            changed.emplace_back(b, fitted(b, residual));
+    if (!changed.empty()) {
+        poseResidual = residual;
+        owed = Owed::Poses;
+    }
+    for (auto& bodyAndState : changed) scene.bodies.setState(bodyAndState.first, bodyAndState.second);
+    if (scene.fluid) scene.fluid->forgetMemory();
+    lastPositions = scene.arrays->positions();
+    scene.noteChange();
+    // The twist is what the particles' velocities say at the new pose.
+    for (auto& bodyAndState : changed) takeInTwist(bodyAndState.first);
+}
+
+/** @param putBack  whether particle velocities may become those of rigid bodies now, or only when a step starts */
+void ContextMirror::takeInVelocities(bool putBack) {
+    const vector<Vec3>& velocities = scene.arrays->velocities();
+    double sum = 0;
+    for (const Vec3& v : velocities) sum += v[0] + v[1] + v[2];
+    for (int p = 0; !isfinite(sum) && p < (int)velocities.size(); p++)
+        if (!isFinite(velocities[p])) {
+            const int body = scene.stock.bodyOfParticle[p];
+            fail("particle " + to_string(p) + (body >= 0 ? " of body " + to_string(body) : "") +
+                 " has a non-finite velocity; set finite velocities");
+        }
+    // A CMMotionRemover changes all velocities at every step: most bodies take the fast way, in one pass.
+    run(putBack ? BodyLoop::TakeInAndScatterVelocities : BodyLoop::TakeInVelocities);
+    if (putBack) scene.arrays->pushVelocities();
+    bool slowBodies = false;
+    for (int b = 0; b < scene.bodies.getNumBodies(); b++) {
+        if (scene.bodies.blocks[scene.bodies.slot(b) / BodySet::blockSize].massesMakeTheBodies) continue;
+        slowBodies = true;
+        if (bodyMembersDiffer(b, velocities, lastVelocities)) takeInTwist(b);
+    }
+    if (putBack && !slowBodies)
+        for (int p : scene.stock.otherParticles) lastVelocities[p] = velocities[p];
+    else {
+        lastVelocities = velocities;
+        owed = max(owed, Owed::Twists);
+    }
+}
+
+void ContextMirror::takeInTwist(int b) {
+    BodySet& bodies = scene.bodies;
+    vector<Vec3> members;
+    for (int p : scene.definitions.particles(b)) members.push_back(scene.arrays->velocities()[p]);
+    Vec3 velocity, omega_lab = bodies.getAngularVelocity_lab(b);
+    BodyState state = bodies.getState(b);
+    scene.definitions.fit(b).fitTwist(members, state, velocity, omega_lab);
+    state.p = velocity * bodies.inertia(b).mass;
+    bodies.setState(b, state);
+    bodies.setAngularVelocity_lab(b, omega_lab);
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Writing to the Context
+
+void ContextMirror::putMembersBack() {
+    if (owed == Owed::Poses)
+        writePoses();
+    else if (owed == Owed::Twists && scene.settings.hasMomenta())
+        writeTwists();
+    owed = Owed::Nothing;
+}
+
+void ContextMirror::writePoses() {
+    run(BodyLoop::ScatterPositions);
+    if (scene.settings.hasMomenta()) run(BodyLoop::ScatterVelocities);
+    placeFreeVirtualSites();
+    rememberOtherParticles();
+    scene.arrays->pushPositions();
+    scene.arrays->pushVelocities();
+}
+
+void ContextMirror::writeTwists() {
+    run(BodyLoop::ScatterVelocities);
+    scene.arrays->pushVelocities();
+}
+
+void ContextMirror::rememberFreeVelocities() {
+    for (int p : scene.freeParticles->getParticles()) lastVelocities[p] = scene.arrays->velocities()[p];
+}
+
+void ContextMirror::placeFreeVirtualSites() {
+    if (!scene.stock.hasFreeVirtualSites) return;
+    scene.arrays->computeVirtualSites();
+    // OpenMM has placed those in bodies too, differing by rounding: that is no change by others.
+    for (int p : scene.stock.virtualSites) lastPositions[p] = scene.arrays->positions()[p];
+}
+
+void ContextMirror::rememberOtherParticles() {
+    for (int p : scene.stock.otherParticles) {
+        lastPositions[p] = scene.arrays->positions()[p];
+        lastVelocities[p] = scene.arrays->velocities()[p];
+    }
+}
+
+}  // namespace RigidHIPlugin

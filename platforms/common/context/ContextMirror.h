@@ -1,0 +1,98 @@
+#ifndef RIGIDHI_CONTEXT_MIRROR_H_
+#define RIGIDHI_CONTEXT_MIRROR_H_
+
+#include <memory>
+#include <vector>
+
+#include "context/DrawnVelocities.h"
+#include "context/SavedState.h"
+#include "context/Scene.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * Bodies and the Context's particles as mirror images: writes poses and twists to particles, notices what others did to these, and takes
+ * it in.
+ *
+ * OpenMM does not tell everything that happens to particles. So the mirror keeps what it wrote last, and compares bits.
+ */
+class ContextMirror {
+public:
+    explicit ContextMirror(Scene& scene);
+
+    /** Others have set positions or velocities. */
+    void positionsWereSet();
+    void velocitiesWereSet();
+    bool hasPositions() const { return positionsAreSet; }
+    /** @throws OpenMMException if positions were never set */
+    void requirePositions(const char* what) const;
+    /** Geometries were reset: everything is to be taken in anew. */
+    void forgetWritten();
+
+    /** Bring poses and twists up to date with the Context's positions, velocities and box. */
+    void takeInChanges(bool stepping = false);
+    /** Likewise, but not because of positions: a barostat asks for the energy of trial positions. */
+    void takeInVelocitiesIfChanged();
+    /** A step starts: members that others moved within the tolerance go back to their places. */
+    void putMembersBack();
+    /** Whether a step must take in and put back before Forces that change the state (barostats) see it. */
+    bool awaitsTakingIn() const { return setSinceStep || loaded || !scene.isBuilt(); }
+    /** A step has taken in what others did. */
+    void stepTookIn() { setSinceStep = false; }
+    /** How far the farthest member was from its place when poses were fitted last, nm. */
+    double getPoseResidual() const { return poseResidual; }
+
+    /** Run a loop over all bodies. What it writes to particles counts as written by the mirror. */
+    LoopResult run(BodyLoop loop);
+    /** Write poses and twists to the Context's particles. */
+    void writePoses();
+    void writeTwists();
+    /** Velocities of free particles that were changed beside the twists count as written by the mirror. */
+    void rememberFreeVelocities();
+    /** New positions are complete: virtual sites in bodies are placed with them, OpenMM places the others. */
+    void placeFreeVirtualSites();
+    /** A step has moved the particles that are in no body. */
+    void rememberOtherParticles();
+
+    /** setVelocitiesToTemperature(): velocities for all particles, whose twists are kept for the velocitiesWereSet() that follows. */
+    std::vector<OpenMM::Vec3> drawVelocities(double temperature, int seed) {
+        return drawn.draw(scene, temperature, seed);
+    }
+
+    /**
+     * A saved state has become that of the bodies. It stands where the Context's arrays turn out to be those it was saved with, but for
+     * the bodies in the list: these are fitted.
+     */
+    void stateWasLoaded(const SavedState& saved, const std::vector<int>& toBeFitted);
+
+private:
+    /** Not yet compared with the Context's arrays: OpenMM restores arrays and parameters in different orders. */
+    struct Loaded {
+        SavedState saved;
+        std::vector<int> toBeFitted;
+    };
+    /** What particles are to be given when the next step starts. */
+    enum class Owed { Nothing, Twists, Poses };
+
+    void takeInLoaded();
+    void takeInPositions();
+    void takeInVelocities(bool putBack);
+    void takeInTwist(int body);
+    BodyState fitted(int body, double& residual) const;
+    bool bodyMembersDiffer(int body, const std::vector<OpenMM::Vec3>& a, const std::vector<OpenMM::Vec3>& b) const;
+
+    Scene& scene;
+    // What the mirror wrote or took in last. Entries that are unset count as changed.
+    std::vector<OpenMM::Vec3> lastPositions, lastVelocities;
+    OpenMM::Vec3 lastBox[3];
+    std::unique_ptr<Loaded> loaded;
+    DrawnVelocities drawn;
+    Owed owed = Owed::Nothing;
+    bool positionsAreSet = false;  // ever, by others
+    bool setSinceStep = false;     // positions, velocities or geometries, by users
+    double poseResidual = 0;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,31 @@
+#ifndef RIGIDHI_DRAWN_VELOCITIES_H_
+#define RIGIDHI_DRAWN_VELOCITIES_H_
+
+#include <vector>
+
+#include "rigidbody/BodySet.h"
+
+namespace RigidHIPlugin {
+
+class Scene;
+
+/**
+ * setVelocitiesToTemperature(): OpenMM asks for velocities of particles, and then sets them. These cannot tell the spin of one-site or
+ * linear bodies, so the twists that were drawn are kept until then.
+ */
+class DrawnVelocities {
+public:
+    /** Draw twists of bodies and velocities of free particles. @return velocities of all particles */
+    std::vector<OpenMM::Vec3> draw(Scene& scene, double temperature, int seed);
+    /** Velocities have been set. @return whether they are those that were drawn: then the twists are the bodies' now */
+    bool takeIn(Scene& scene);
+
+private:
+    // Empty unless draw() was the last that happened to velocities.
+    std::vector<BodyState> twists;
+    std::vector<OpenMM::Vec3> velocities;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

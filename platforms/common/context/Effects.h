@@ -1,0 +1,22 @@
+#ifndef RIGIDHI_EFFECTS_H_
+#define RIGIDHI_EFFECTS_H_
+
+#include <map>
+#include <string>
+
+namespace RigidHIPlugin {
+
+class Scene;
+
+/** getEffects(): which effects are on or off in a scene, and why. */
+std::map<std::string, std::string> findEffects(const Scene& scene);
+
+/** Degrees of freedom of schemes with momenta, by kind; 0 for others. The geometries of all bodies must be known. */
+std::map<std::string, int> countDegreesOfFreedom(const Scene& scene);
+
+/** getStepStatistics(). */
+std::map<std::string, double> nameCounters(const Scene& scene);
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,126 @@
+#include "context/RigidBodyKernel.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "context/Effects.h"
+#include "context/Messages.h"
+#include "context/Resuming.h"
+
+using namespace OpenMM;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegrator& integrator) {
+    scene.reset(new Scene(context, integrator, createArrays(context), createLoops(context)));
+    mirror.reset(new ContextMirror(*scene));
+    access.reset(new BodyAccess(*scene, *mirror));
+    stepper.reset(new Stepper(context, *scene, *mirror));
+}
+
+void RigidBodyKernel::step(ContextImpl&) { stepper->takeStep(); }
+
+void RigidBodyKernel::stateChanged(ContextImpl&, State::DataType changed) {
+    scene->noteChange();
+    if (changed == State::Positions) mirror->positionsWereSet();
+    if (changed == State::Velocities) mirror->velocitiesWereSet();
+}
+
+void RigidBodyKernel::resetBodyGeometry(ContextImpl&) {
+    scene->resetGeometry();
+    mirror->forgetWritten();
+}
+
+void RigidBodyKernel::requireGeometry(ContextImpl&) { access->requireGeometry(); }
+
+vector<Vec3> RigidBodyKernel::getBodyPositions(ContextImpl&) { return access->getPositions(); }
+
+vector<QuaternionArray> RigidBodyKernel::getBodyOrientations(ContextImpl&) { return access->getOrientations(); }
+
+vector<Vec3> RigidBodyKernel::getBodyVelocities(ContextImpl&) { return access->getVelocities(); }
+
+vector<Vec3> RigidBodyKernel::getBodyAngularVelocities(ContextImpl&) { return access->getAngularVelocities(); }
+
+void RigidBodyKernel::setBodyPositions(ContextImpl&, const vector<Vec3>& rows) { access->setPositions(rows); }
+
+void RigidBodyKernel::setBodyOrientations(ContextImpl&, const vector<QuaternionArray>& rows) {
+    access->setOrientations(rows);
+}
+
+void RigidBodyKernel::setBodyVelocities(ContextImpl&, const vector<Vec3>& rows) { access->setVelocities(rows); }
+
+void RigidBodyKernel::setBodyAngularVelocities(ContextImpl&, const vector<Vec3>& rows) {
+    access->setAngularVelocities(rows);
+}
+
+vector<Vec3> RigidBodyKernel::getBodyForces(ContextImpl&) { return access->getForces(); }
+
+vector<Vec3> RigidBodyKernel::getBodyTorques(ContextImpl&) { return access->getTorques(); }
+
+double RigidBodyKernel::getPoseResidual(ContextImpl&) { return access->getPoseResidual(); }
+
+double RigidBodyKernel::computeTranslationalKineticEnergy(ContextImpl&) { return access->translationalKineticEnergy(); }
+
+Vec3 RigidBodyKernel::computeRotationalKineticEnergies(ContextImpl&) { return access->rotationalKineticEnergies(); }
+
+double RigidBodyKernel::computeFreeParticleKineticEnergy(ContextImpl&) { return access->freeParticleKineticEnergy(); }
+
+map<string, int> RigidBodyKernel::getDegreesOfFreedom(ContextImpl&) {
+    if (traitsOf(scene->integrator.getScheme()).hasMomenta) access->requireGeometry();
+    return countDegreesOfFreedom(*scene);
+}
+
+map<string, string> RigidBodyKernel::getEffects(ContextImpl&) {
+    if (!scene->isBuilt() && mirror->hasPositions()) mirror->takeInChanges();
+    return findEffects(*scene);
+}
+
+string RigidBodyKernel::describeEffects(ContextImpl& context) {
+    string text;
+    for (const auto& effect : getEffects(context)) text += effect.first + " is " + effect.second + "\n";
+    return text;
+}
+
+map<string, double> RigidBodyKernel::getStepStatistics(ContextImpl&) { return nameCounters(*scene); }
+
+int RigidBodyKernel::getNumRejectedSteps(ContextImpl&) {
+    // The public type is int, the counter is not: a long run stays at the largest number instead of becoming negative.
+    return static_cast<int>(min<long long>(scene->counters.rejectedSteps, numeric_limits<int>::max()));
+}
+
+vector<Vec3> RigidBodyKernel::drawVelocities(ContextImpl&, double temperature, int seed) {
+    mirror->requirePositions("setVelocitiesToTemperature()");
+    if (!(temperature >= 0) || !isfinite(temperature))
+        fail("setVelocitiesToTemperature(): the temperature is " + number(temperature) +
+             " K; it must be 0 or positive and finite");
+    mirror->takeInChanges();
+    return mirror->drawVelocities(temperature, seed);
+}
+
+void RigidBodyKernel::updateFluid(ContextImpl&, const MobilityForce& force) { scene->fluid.update(force); }
+
+vector<double> RigidBodyKernel::getMobility(ContextImpl&) { return access->getMobility(); }
+
+vector<double> RigidBodyKernel::getFriction(ContextImpl&) { return access->getFriction(); }
+
+vector<double> RigidBodyKernel::applyMobility(ContextImpl&, const vector<double>& wrenches) {
+    return access->applyMobility(wrenches);
+}
+
+vector<double> RigidBodyKernel::applyBlobMobility(ContextImpl&, const vector<double>& forces) {
+    return access->applyBlobMobility(forces);
+}
+
+void RigidBodyKernel::createCheckpoint(ContextImpl&, ostream& stream) { collectState(*scene, *mirror).write(stream); }
+
+void RigidBodyKernel::loadCheckpoint(ContextImpl&, istream& stream) {
+    adoptState(SavedState::read(stream), *scene, *mirror);
+}
+
+void RigidBodyKernel::serialize(ContextImpl&, SerializationNode& node) { collectState(*scene, *mirror).write(node); }
+
+void RigidBodyKernel::deserialize(ContextImpl&, const SerializationNode& node) { adoptState(node, *scene, *mirror); }
+
+}  // namespace RigidHIPlugin

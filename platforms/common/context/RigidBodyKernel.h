@@ -1,0 +1,73 @@
+#ifndef RIGIDHI_RIGID_BODY_KERNEL_H_
+#define RIGIDHI_RIGID_BODY_KERNEL_H_
+
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "context/BodyAccess.h"
+#include "context/ContextMirror.h"
+#include "context/Scene.h"
+#include "openmmrigidhi/RigidHIKernels.h"
+#include "stepping/Stepper.h"
+
+namespace RigidHIPlugin {
+
+/** The integrator's kernel, but for the loops that platforms do in their own way: it hands on to those who do the work. */
+class RigidBodyKernel : public IntegrateRigidBodiesKernel {
+public:
+    using IntegrateRigidBodiesKernel::IntegrateRigidBodiesKernel;
+    void initialize(OpenMM::ContextImpl& context, const CustomRigidHIIntegrator& integrator) override;
+    void step(OpenMM::ContextImpl& context) override;
+    void stateChanged(OpenMM::ContextImpl& context, OpenMM::State::DataType changed) override;
+    void resetBodyGeometry(OpenMM::ContextImpl& context) override;
+    void requireGeometry(OpenMM::ContextImpl& context) override;
+    int getNumBodies() const override { return scene->definitions.getNumBodies(); }
+    std::vector<OpenMM::Vec3> getBodyPositions(OpenMM::ContextImpl& context) override;
+    std::vector<QuaternionArray> getBodyOrientations(OpenMM::ContextImpl& context) override;
+    std::vector<OpenMM::Vec3> getBodyVelocities(OpenMM::ContextImpl& context) override;
+    std::vector<OpenMM::Vec3> getBodyAngularVelocities(OpenMM::ContextImpl& context) override;
+    void setBodyPositions(OpenMM::ContextImpl& context, const std::vector<OpenMM::Vec3>& positions) override;
+    void setBodyOrientations(OpenMM::ContextImpl& context, const std::vector<QuaternionArray>& orientations) override;
+    void setBodyVelocities(OpenMM::ContextImpl& context, const std::vector<OpenMM::Vec3>& velocities) override;
+    void setBodyAngularVelocities(OpenMM::ContextImpl& context,
+                                  const std::vector<OpenMM::Vec3>& angularVelocities) override;
+    std::vector<OpenMM::Vec3> getBodyForces(OpenMM::ContextImpl& context) override;
+    std::vector<OpenMM::Vec3> getBodyTorques(OpenMM::ContextImpl& context) override;
+    double getPoseResidual(OpenMM::ContextImpl& context) override;
+    double computeTranslationalKineticEnergy(OpenMM::ContextImpl& context) override;
+    OpenMM::Vec3 computeRotationalKineticEnergies(OpenMM::ContextImpl& context) override;
+    double computeFreeParticleKineticEnergy(OpenMM::ContextImpl& context) override;
+    std::map<std::string, int> getDegreesOfFreedom(OpenMM::ContextImpl& context) override;
+    std::map<std::string, std::string> getEffects(OpenMM::ContextImpl& context) override;
+    std::string describeEffects(OpenMM::ContextImpl& context) override;
+    std::map<std::string, double> getStepStatistics(OpenMM::ContextImpl& context) override;
+    std::vector<OpenMM::Vec3> drawVelocities(OpenMM::ContextImpl& context, double temperature, int seed) override;
+    void updateFluid(OpenMM::ContextImpl& context, const MobilityForce& force) override;
+    std::vector<double> getMobility(OpenMM::ContextImpl& context) override;
+    std::vector<double> getFriction(OpenMM::ContextImpl& context) override;
+    std::vector<double> applyMobility(OpenMM::ContextImpl& context, const std::vector<double>& wrenches) override;
+    std::vector<double> applyBlobMobility(OpenMM::ContextImpl& context, const std::vector<double>& forces) override;
+    int getNumRejectedSteps(OpenMM::ContextImpl& context) override;
+    void createCheckpoint(OpenMM::ContextImpl& context, std::ostream& stream) override;
+    void loadCheckpoint(OpenMM::ContextImpl& context, std::istream& stream) override;
+    void serialize(OpenMM::ContextImpl& context, OpenMM::SerializationNode& node) override;
+    void deserialize(OpenMM::ContextImpl& context, const OpenMM::SerializationNode& node) override;
+
+protected:
+    /** Where the platform keeps particles; called once, from initialize(). */
+    virtual std::unique_ptr<ContextArrays> createArrays(OpenMM::ContextImpl& context) = 0;
+    /** The platform's loops; likewise. */
+    virtual std::unique_ptr<PlatformLoops> createLoops(OpenMM::ContextImpl& context) = 0;
+
+private:
+    std::unique_ptr<Scene> scene;
+    std::unique_ptr<ContextMirror> mirror;
+    std::unique_ptr<BodyAccess> access;
+    std::unique_ptr<Stepper> stepper;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,56 @@
+#ifndef RIGIDHI_SAVED_STATE_H_
+#define RIGIDHI_SAVED_STATE_H_
+
+#include <openmm/Vec3.h>
+#include <openmm/serialization/SerializationNode.h>
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <iosfwd>
+#include <string>
+#include <vector>
+
+#include "rigidbody/BodyGeometry.h"
+
+namespace RigidHIPlugin {
+
+/** One body of a saved state. */
+struct SavedBody {
+    BodyGeometry geometry;
+    /** What users mean, in the body frame of the user: this stays true if the body's definition is another when it is read. */
+    OpenMM::Vec3 R, velocity, omega_lab;       // nm, nm/ps, rad/ps
+    std::array<double, 4> q = {{1, 0, 0, 0}};  // (w, x, y, z), body to lab
+    /** BodySet::getStoredState(): what resumes bit for bit where the definition is the same. */
+    std::array<double, 13> stored = {};
+};
+
+/** What a scheme without momenta keeps between steps, for each group of bodies (OverdampedScheme::memory()). */
+struct SchemeMemory {
+    std::string scheme;  // its name
+    std::vector<std::vector<Eigen::MatrixXd> > groups;
+};
+
+/** What makes a resumed run the same as the uninterrupted one, as checkpoints and States hold it. */
+struct SavedState {
+    uint32_t seed = 0;
+    int64_t stepNumber = 0;
+    bool hasBodies = false;  // positions were set, so the following is filled
+    uint64_t positionsHash = 0, velocitiesHash = 0;
+    std::vector<SavedBody> bodies;
+    SchemeMemory memory;  // mostly empty
+
+    /** Version 2. Readers take a number for a number only, and throw an OpenMMException for what cannot be the state of bodies. */
+    void write(std::ostream& checkpoint) const;
+    void write(OpenMM::SerializationNode& node) const;
+    static SavedState read(std::istream& checkpoint);
+    /** Version 1 too, which had no user frame. */
+    static SavedState read(const OpenMM::SerializationNode& node);
+};
+
+/** Whether two geometries are the same to the last bit. */
+bool sameGeometry(const BodyGeometry& a, const BodyGeometry& b);
+
+}  // namespace RigidHIPlugin
+
+#endif

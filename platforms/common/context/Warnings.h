@@ -1,0 +1,17 @@
+#ifndef RIGIDHI_WARNINGS_H_
+#define RIGIDHI_WARNINGS_H_
+
+#include <map>
+#include <string>
+
+namespace RigidHIPlugin {
+
+class Scene;
+
+/** What the user should know about the settings. A cause is told once, though its numbers may change from step to step. */
+enum class WarningCause { OmittedDrift, UnresolvedRotation, LargeFriction };
+std::map<WarningCause, std::string> findWarnings(const Scene& scene);
+
+}  // namespace RigidHIPlugin
+
+#endif

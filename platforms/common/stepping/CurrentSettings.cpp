@@ -1,0 +1,74 @@
+#include "stepping/CurrentSettings.h"
+
+#include <openmm/reference/SimTKOpenMMRealType.h>
+
+#include <iostream>
+
+#include "context/Scene.h"
+#include "schemes/Thermostats-inl.h"
+
+using namespace OpenMM;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+Thermostat schemeCoefficients(CustomRigidHIIntegrator::Scheme scheme, const BodyInertia& body, const HeatBath& bath,
+                              double h) {
+    return scalar::withThermostat(scheme, [&](auto named) { return named.coefficients(body, bath, h); });
+}
+
+}  // namespace
+
+void CurrentSettings::update(Scene& scene) {
+    const CustomRigidHIIntegrator& integrator = scene.integrator;
+    const pair<int, double> wanted(integrator.getSettingsVersion(), integrator.getStepSize());
+    if (takenOver == wanted) return;
+    checkScheme(scene.system, scene.definitions.underPresentScheme(), scene.stock);
+    scene.fluid.adoptWallRejection();
+    scheme = integrator.getScheme();
+    h = integrator.getStepSize();
+    noise.law = static_cast<NoiseStream::Law>(integrator.getNoiseLaw());
+    const bool hydrodynamic = traits().kind == SchemeKind::FluidThermostat;
+    if (hydrodynamic) scene.fluid->checkInertia(scene.bodies);
+    kT = BOLTZ * integrator.getTemperature();
+    difference = integrator.getFiniteDifferenceStep();
+    fluidCouplesBodies = hydrodynamic && scene.fluid->couplesBodies();
+    takenOver = wanted;
+    printWarnings(scene);
+    if (!traits().isOverdamped()) setThermostats(scene);
+}
+
+void CurrentSettings::setThermostats(Scene& scene) {
+    const CustomRigidHIIntegrator& integrator = scene.integrator;
+    const bool hydrodynamic = traits().kind == SchemeKind::FluidThermostat;
+    HeatBath bath;
+    bath.kT = kT;
+    bath.upsilon = integrator.getGradientRelaxationTime();
+    bath.Upsilon = integrator.getGradientRotationalRelaxationTime();
+    BodySet& bodies = scene.bodies;
+    for (auto& block : bodies.blocks) block.hasNoise = false;
+    for (int b = 0; b < bodies.getNumBodies(); b++) {
+        integrator.getBodyFriction(b, bath.gamma, bath.Gamma);
+        bodies.setThermostat(b, hydrodynamic ? scene.fluid->bodyThermostat(b, bodies.inertia(b), kT, h)
+                                             : schemeCoefficients(scheme, bodies.inertia(b), bath, h));
+    }
+    bath.gamma = integrator.getFriction();
+    vector<Thermostat> free;
+    for (int i = 0; i < scene.freeParticles->getNumParticles(); i++) {
+        BodyInertia point;
+        point.mass = scene.freeParticles->mass(i);
+        free.push_back(schemeCoefficients(scheme, point, bath, h));
+        if (hydrodynamic) scene.fluid->freeThermostat(i, point.mass, kT, h, free.back());
+    }
+    scene.freeParticles->setThermostats(free);
+}
+
+void CurrentSettings::printWarnings(const Scene& scene) {
+    for (const auto& warning : findWarnings(scene))
+        if (printed.insert(warning.first).second)
+            cerr << "Warning: CustomRigidHIIntegrator: " << warning.second << endl;
+}
+
+}  // namespace RigidHIPlugin

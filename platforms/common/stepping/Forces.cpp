@@ -1,0 +1,69 @@
+#include "stepping/Forces.h"
+
+#include "schemes/OverdampedSchemes.h"
+#include "stepping/NonFinite.h"
+
+using namespace OpenMM;
+
+namespace RigidHIPlugin {
+
+void Forces::prepare() {
+    const StepSettings& settings = scene.settings;
+    const double time = scene.arrays->getTime();
+    if (scene.bodyForces.usesTime() && bodyForcesTime != time) drop();
+    if (choice.changed(scene.system, scene.integrator.getIntegrationForceGroups())) drop();
+    const bool overdamped = settings.traits().isOverdamped();
+    if (overdamped && !overdampedScheme(settings.scheme).needsForces(0)) return;
+    if (!areCurrent()) {
+        evaluate(time);
+        evaluatedAfter = scene.numChanges();
+    } else if (!overdamped)
+        renewVelocityDependent(time);
+}
+
+void Forces::calculate() {
+    const double start = StepCounters::now();
+    scene.arrays->pushPositions();
+    context.calcForcesAndEnergy(true, false, scene.integrator.getIntegrationForceGroups());
+    scene.arrays->pullForces();
+    scene.counters.seconds_forces += StepCounters::now() - start;
+    scene.counters.forceEvaluations++;
+}
+
+void Forces::evaluate(double time) {
+    calculate();
+    const bool freeFinite = scene.freeParticles->gatherForces(scene.arrays->forces());
+    const bool bodiesFinite = mirror.run(BodyLoop::GatherForces).finite;
+    if (!freeFinite || !bodiesFinite) reportNonFinite(scene, "force");
+    addBodyForces(time, 0);
+}
+
+void Forces::evaluateForAfterForces(double time, double lookAhead) {
+    calculate();
+    if (!scene.freeParticles->gatherForces(scene.arrays->forces())) reportNonFinite(scene, "force");
+    scene.settings.forcesAreGathered = scene.bodyForces.isOn(scene.integrator.getIntegrationForceGroups());
+    if (!scene.settings.forcesAreGathered) return;
+    if (!mirror.run(BodyLoop::GatherForces).finite) reportNonFinite(scene, "force");
+    addBodyForces(time, lookAhead);
+}
+
+void Forces::addBodyForces(double time, double lookAhead) {
+    const int groups = scene.integrator.getIntegrationForceGroups();
+    scene.settings.forcesAreGathered = scene.bodyForces.isOn(groups);
+    bodyForcesTime = time;
+    if (scene.settings.forcesAreGathered && !scene.bodyForces.add(context, scene.bodies, groups, time, lookAhead))
+        reportNonFinite(scene, "force");
+}
+
+void Forces::renewVelocityDependent(double time) {
+    if (!scene.bodyForces.usesVelocities() || !scene.settings.forcesAreGathered) return;
+    scene.bodyForces.removeLast(scene.bodies);
+    addBodyForces(time, 0);
+}
+
+void Forces::stepFailed() {
+    // What velocities and time those of CustomBodyForces belong to is lost.
+    if (scene.settings.forcesAreGathered) drop();
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,13 @@
+#ifndef RIGIDHI_NON_FINITE_H_
+#define RIGIDHI_NON_FINITE_H_
+
+namespace RigidHIPlugin {
+
+class Scene;
+
+/** A step met a force, position or velocity that is not finite. @throws OpenMMException naming the body or particle */
+[[noreturn]] void reportNonFinite(Scene& scene, const char* what);
+
+}  // namespace RigidHIPlugin
+
+#endif

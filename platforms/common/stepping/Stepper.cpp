@@ -1,0 +1,66 @@
+#include "stepping/Stepper.h"
+
+using namespace OpenMM;
+
+namespace RigidHIPlugin {
+
+Stepper::Stepper(ContextImpl& context, Scene& scene, ContextMirror& mirror)
+    : context(context), scene(scene), mirror(mirror), momentum(scene, mirror), forces(context, scene, mirror),
+      start(scene, mirror), rejections(scene), plain({scene, mirror, forces, start, rejections}),
+      withFluid({scene, mirror, forces, start, rejections}), overdamped({scene, mirror, forces, start, rejections}) {}
+
+void Stepper::takeStep() {
+    mirror.requirePositions("step()");
+    if (scene.isBuilt()) scene.updateSettings();
+    if (mirror.awaitsTakingIn()) takeInChanges();  // before Forces that change the state (barostats) see it
+    const bool removesMomentum = momentum.isOurs();
+    if (removesMomentum) {
+        mirror.takeInChanges(true);
+        momentum.begin();
+    }
+    if (context.updateContextState()) scene.noteChange();
+    StepCounters& counters = scene.counters;
+    const double begin = StepCounters::now(), elsewhere = counters.seconds_forces + counters.seconds_mobility;
+    if (removesMomentum) momentum.undo();
+    takeInChanges();
+    if (removesMomentum) momentum.remove();
+    forces.prepare();
+    advance();
+    counters.steps++;
+    counters.seconds_scheme +=
+        StepCounters::now() - begin - (counters.seconds_forces + counters.seconds_mobility - elsewhere);
+}
+
+void Stepper::takeInChanges() {
+    mirror.takeInChanges(true);
+    mirror.putMembersBack();
+    mirror.stepTookIn();
+}
+
+Step& Stepper::kindOfStep() {
+    if (scene.settings.traits().isOverdamped()) return overdamped;
+    if (scene.settings.fluidCouplesBodies) return withFluid;
+    return plain;
+}
+
+/** The scheme: from the forces with which it begins to new positions and velocities; or an exception and nothing changed. */
+void Stepper::advance() {
+    scene.settings.noise.attempt = 0;
+    start.save();
+    try {
+        kindOfStep().take();
+        mirror.rememberOtherParticles();
+    } catch (...) {
+        forces.stepFailed();
+        start.putBack();
+        throw;
+    }
+    ContextArrays& arrays = *scene.arrays;
+    arrays.pushPositions();
+    arrays.pushVelocities();
+    arrays.setTime(arrays.getTime() + scene.settings.h);
+    arrays.setStepCount(arrays.getStepCount() + 1);
+    scene.settings.noise.step++;
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,103 @@
+// Arrays that are copies on the host: a whole kernel on them takes the steps of the one whose arrays are the Context's own.
+
+#include <openmm/CMMotionRemover.h>
+#include <openmm/CustomExternalForce.h>
+#include <openmm/KernelFactory.h>
+#include <openmm/VirtualSite.h>
+#include <openmm/internal/ContextImpl.h>
+
+#include "TestSupport.h"
+#include "context/KernelArrays.h"
+#include "context/RigidBodyKernel.h"
+#include "engine/BodyLoops-inl.h"
+#include "mobility/Models.h"
+
+using namespace OpenMM;
+using namespace RigidHIPlugin;
+using namespace RigidHITest;
+using namespace std;
+
+namespace {
+
+class ScalarLoops : public PlatformLoops {
+public:
+    LoopResult run(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
+                   const ParticleArrays& arrays) override {
+        return scalar::runBodyLoop<double>(loop, bodies, settings, arrays, 0, bodies.getNumBlocks());
+    }
+    void fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count, double* xi) override {
+        scalar::fillNoise<double>(noise, purpose, index, count, xi);
+    }
+    void forRanges(int count, const function<void(int, int)>& task) override { task(0, count); }
+    void forTasks(int count, const function<void(int)>& task) override {
+        for (int i = 0; i < count; i++) task(i);
+    }
+    unique_ptr<MobilityOperator> createMobility(const MobilityForce& force, bool crossing,
+                                                const HydrodynamicParticles& particles, bool) override {
+        return RigidHIPlugin::createMobility(force, crossing, particles);
+    }
+    string describe() const override { return "copies"; }
+};
+
+class KernelOnCopies : public RigidBodyKernel {
+public:
+    using RigidBodyKernel::RigidBodyKernel;
+
+protected:
+    unique_ptr<ContextArrays> createArrays(ContextImpl& context) override {
+        return unique_ptr<ContextArrays>(new KernelArrays(context));
+    }
+    unique_ptr<PlatformLoops> createLoops(ContextImpl&) override {
+        return unique_ptr<PlatformLoops>(new ScalarLoops());
+    }
+};
+
+class FactoryOfCopies : public KernelFactory {
+public:
+    KernelImpl* createKernelImpl(string name, const Platform& platform, ContextImpl&) const override {
+        return new KernelOnCopies(name, platform);
+    }
+};
+
+/** Waters with a massless marker, free particles with a constraint, forces, a CMMotionRemover; changed by the user half-way. */
+vector<Vec3> trajectory(CustomRigidHIIntegrator::Scheme scheme) {
+    System system;
+    CustomRigidHIIntegrator integrator(300, 0.002);
+    integrator.setScheme(scheme);
+    integrator.setRandomNumberSeed(5);
+    const bool momenta = traitsOf(scheme).hasMomenta;
+    addBodies(system, integrator, waterShape(), 3);
+    vector<Vec3> start = randomPoses(waterShape(), 3, 0.5, 7);
+    const int first = system.addParticle(12), second = system.addParticle(momenta ? 1 : 0),
+              site = system.addParticle(0);
+    if (momenta) system.addConstraint(first, second, 0.1);
+    system.setVirtualSite(site, new TwoParticleAverageSite(first, second, 0.5, 0.5));
+    for (double x : {0.0, 0.1, 0.05}) start.emplace_back(x, 2.0, 0.0);
+    auto* field = new CustomExternalForce("20*(x^2+1.3*(y-1)^2+0.7*z^2)");
+    for (int p = 0; p < system.getNumParticles(); p++) field->addParticle(p);
+    system.addForce(field);
+    if (momenta) system.addForce(new CMMotionRemover());
+    Context context(system, integrator, platform("Reference"));
+    context.setPositions(start);
+    if (momenta) context.setVelocitiesToTemperature(300, 3);
+    integrator.step(5);
+    vector<Vec3> moved = positionsOf(context);
+    for (Vec3& x : moved) x += Vec3(0.01, 0, 0);
+    context.setPositions(moved);
+    integrator.step(5);
+    vector<Vec3> result = positionsOf(context), velocities = velocitiesOf(context);
+    result.insert(result.end(), velocities.begin(), velocities.end());
+    for (const Vec3& x : integrator.getBodyPositions()) result.push_back(x);
+    result.emplace_back(context.getState(0).getTime(), 0, 0);
+    return result;
+}
+
+}  // namespace
+
+TEST(KernelArrays, StepsOnCopiesAreThoseOnTheContextsOwnArrays) {
+    vector<vector<Vec3> > own, copies;
+    for (auto scheme : thermostats()) own.push_back(trajectory(scheme));
+    platform("Reference").registerKernelFactory(IntegrateRigidBodiesKernel::Name(), new FactoryOfCopies());
+    for (auto scheme : thermostats()) copies.push_back(trajectory(scheme));
+    for (size_t i = 0; i < own.size(); i++) EXPECT_TRUE(sameBits(own[i], copies[i])) << "scheme " << i;
+}
