@@ -13,8 +13,8 @@ namespace {
 
 const double eta = 0.7;
 
-unique_ptr<MobilityOperator> makeRpy(const HydrodynamicParticles& particles) {
-    return unique_ptr<MobilityOperator>(new RotnePragerYamakawa(particles, eta));
+unique_ptr<MobilityModel> makeRpy(const HydrodynamicParticles& particles) {
+    return unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, eta));
 }
 
 FluidElement element(const vector<Vector3d>& sites, const vector<double>& radii) {
@@ -387,22 +387,41 @@ TEST(BodyMobility, BlobsAtOnePlaceAreAnError) {
 namespace {
 
 /** What no model of ours gives: -1, as mobility and as friction. */
-class Indefinite : public MobilityOperator {
+class Indefinite : public MobilityModel {
 public:
-    Indefinite(const HydrodynamicParticles& particles, bool friction)
-        : MobilityOperator(particles, eta), fromFriction(friction) {}
-    void setPositions(const vector<Vec3>&) override {}
-    void apply(const MatrixXd& forces, MatrixXd& velocities) const override { velocities = -forces; }
-    void friction(MatrixXd& friction) const override {
-        if (fromFriction)
-            friction = -MatrixXd::Identity(particles.numRows, particles.numRows);
-        else
-            MobilityOperator::friction(friction);
-    }
+    Indefinite(const HydrodynamicParticles& particles, bool friction, bool alone)
+        : MobilityModel(particles, eta), fromFriction(friction), alone(alone) {}
+    const char* name() const override { return "Indefinite"; }
     bool isMadeFromFriction() const override { return fromFriction; }
+    void ownMobility(const HydrodynamicParticles& body, const vector<Vec3>& sites, MatrixXd& mobility) const override {
+        if (alone)
+            mobility = -MatrixXd::Identity(body.numRows, body.numRows);
+        else
+            MobilityModel::ownMobility(body, sites, mobility);
+    }
+
+protected:
+    unique_ptr<MobilityAt> makePlace() const override { return unique_ptr<MobilityAt>(new Place(*this)); }
 
 private:
-    const bool fromFriction;
+    class Place : public MobilityAt {
+    public:
+        explicit Place(const Indefinite& model) : MobilityAt(model), fromFriction(model.fromFriction) {}
+        void apply(const MatrixXd& forces, MatrixXd& velocities) override { velocities = -forces; }
+        void friction(MatrixXd& friction) override {
+            if (fromFriction)
+                friction = -MatrixXd::Identity(particles.numRows, particles.numRows);
+            else
+                MobilityAt::friction(friction);
+        }
+
+    protected:
+        void moveTo(const Placement&, bool) override {}
+
+    private:
+        const bool fromFriction;
+    };
+    const bool fromFriction, alone;
 };
 
 }  // namespace
@@ -410,12 +429,9 @@ private:
 TEST(BodyMobility, ModelsThatAreNotPositiveDefiniteAreAnError) {
     for (const FluidElement& body : {kinds()[0].element, kinds()[2].element})
         for (bool friction : {false, true}) {
-            BodyMobility mobility(
-                {body},
-                [&](const HydrodynamicParticles& particles) {
-                    return unique_ptr<MobilityOperator>(new Indefinite(particles, friction));
-                },
-                false, makeRpy);
+            BodyMobility mobility({body}, [&](const HydrodynamicParticles& particles) {
+                return unique_ptr<MobilityModel>(new Indefinite(particles, friction, false));
+            });
             mobility.setPoses({Pose()});
             const bool multiblob = body.particles.size() > 1;
             if (!friction)
@@ -425,8 +441,8 @@ TEST(BodyMobility, ModelsThatAreNotPositiveDefiniteAreAnError) {
                 expectError([&] { mobility.mobility(); },
                             {"the friction matrix of 1 bodies is not positive definite", "blobs are all at one place"});
         }
-    BodyMobility alone({kinds()[0].element}, makeRpy, false, [](const HydrodynamicParticles& particles) {
-        return unique_ptr<MobilityOperator>(new Indefinite(particles, false));
+    BodyMobility alone({kinds()[0].element}, [](const HydrodynamicParticles& particles) {
+        return unique_ptr<MobilityModel>(new Indefinite(particles, false, true));
     });
     alone.setPoses({Pose()});
     expectError([&] { alone.getMultiblobSolver(); }, {"blobs of body 0 is not positive definite; look for blobs"});

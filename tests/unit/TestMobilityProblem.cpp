@@ -30,12 +30,9 @@ struct Spheres {
             pose.A = Matrix3d::Identity();
             poses.push_back(pose);
         }
-        bodies.reset(new BodyMobility(
-            elements,
-            [](const HydrodynamicParticles& particles) {
-                return unique_ptr<MobilityOperator>(new RotnePragerYamakawa(particles, 1));
-            },
-            true));
+        bodies.reset(new BodyMobility(elements, [](const HydrodynamicParticles& particles) {
+            return unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, 1));
+        }));
         bodies->setPoses(poses);
     }
 };

@@ -49,20 +49,20 @@ struct Scene {
         R.push_back(at);
         q.push_back(scalar::exponential(scalar::Vector3<double>{turn.x() / 2, turn.y() / 2, turn.z() / 2}));
     }
-    BodyMobility::OperatorFactory factory() const {
+    BodyMobility::ModelFactory factory() const {
         return [this](const HydrodynamicParticles& particles) {
-            if (stokesian) return unique_ptr<MobilityOperator>(new StokesianDynamics(particles, viscosity, true, 0));
+            if (stokesian) return unique_ptr<MobilityModel>(new StokesianDynamics(particles, viscosity, true, 0));
             const NoSlipPlane plane(0, false);
             if (bestKnown)
-                return unique_ptr<MobilityOperator>(new SphereWallCongruence(
+                return unique_ptr<MobilityModel>(new SphereWallCongruence(
                     particles, viscosity, plane,
-                    unique_ptr<MobilityOperator>(new RotnePragerYamakawaWall(particles, viscosity, plane))));
-            return wall ? unique_ptr<MobilityOperator>(new RotnePragerYamakawaWall(particles, viscosity, plane))
-                        : unique_ptr<MobilityOperator>(new RotnePragerYamakawa(particles, viscosity));
+                    unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, viscosity, plane))));
+            return wall ? unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, viscosity, plane))
+                        : unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, viscosity));
         };
     }
     unique_ptr<BodyMobility> mobility() const {
-        return unique_ptr<BodyMobility>(new BodyMobility(elements, factory(), !wall));
+        return unique_ptr<BodyMobility>(new BodyMobility(elements, factory()));
     }
 };
 

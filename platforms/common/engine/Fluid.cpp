@@ -149,11 +149,6 @@ void addShape(FluidElement& element, const MobilityForce& force, const vector<ve
     element.ownMobility = turn * Map<const Matrix<double, 6, 6, RowMajor> >(user.data()) * turn.transpose();
 }
 
-/** Whether one element has the fluid for itself, so that its tensor is constant and nothing is ever solved. */
-bool isAlone(const MobilityForce& force, size_t numElements) {
-    return numElements == 1 && force.getBoundary() == MobilityForce::Unbounded;
-}
-
 [[noreturn]] void refuseMatrixFree(const MobilityForce& force) {
     fail("solver MatrixFree is there for RotnePragerYamakawa, not for " + string(modelName(force.getModel())) +
          "; use setSolver(Dense)");
@@ -169,8 +164,9 @@ void Fluid::check(const MobilityForce& force, CustomRigidHIIntegrator::WallRejec
         if (particles.size() == 0) continue;
         const auto model =
             loops.createMobility(force, wallRejection == CustomRigidHIIntegrator::Crossing, particles, false);
-        if (force.getSolver() == MobilityForce::MatrixFree && !model->hasProducts() &&
-            !isAlone(force, entry.second.size()))
+        // Of one element in a uniform fluid the tensor is constant, so that nothing is ever solved.
+        const bool isAlone = entry.second.size() == 1 && model->isHomogeneous() && model->isIsotropic();
+        if (force.getSolver() == MobilityForce::MatrixFree && !model->hasProducts() && !isAlone)
             refuseMatrixFree(force);
     }
 }
@@ -191,20 +187,14 @@ Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejec
     vector<int> indexOfFree(system.getNumParticles(), -1);
     for (int i = 0; i < freeParticles.getNumParticles(); i++) indexOfFree[freeParticles.getParticles()[i]] = i;
     const bool severalGroups = elementsOfGroup.size() > 1;
-    const auto factory = [this, severalGroups](MobilityForce::Boundary boundary) -> BodyMobility::OperatorFactory {
-        shared_ptr<MobilityForce> description(new MobilityForce(force));
-        description->setBoundary(boundary);
-        return [this, description, severalGroups](const HydrodynamicParticles& particles) {
-            return this->loops.createMobility(*description, this->wallRejection == CustomRigidHIIntegrator::Crossing,
-                                              particles, !severalGroups);
-        };
+    const auto makeModel = [&](const HydrodynamicParticles& particles) {
+        return this->loops.createMobility(force, this->wallRejection == CustomRigidHIIntegrator::Crossing, particles,
+                                          !severalGroups);
     };
-    const bool unbounded = force.getBoundary() == MobilityForce::Unbounded;
-    const auto makeOperator = factory(force.getBoundary()), makeUnbounded = factory(MobilityForce::Unbounded);
     for (auto& entry : elementsOfGroup) {
         groups.emplace_back(new Group());
         Group& group = *groups.back();
-        group.mobility.reset(new BodyMobility(entry.second, makeOperator, unbounded, makeUnbounded));
+        group.mobility.reset(new BodyMobility(entry.second, makeModel));
         group.mobility->wantedTolerance = force.getSolverTolerance();
         for (const FluidElement& element : group.mobility->getElements()) {
             int live = 0, freeIndex = -1;
@@ -225,7 +215,7 @@ Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejec
         }
         group.poses.resize(group.freeIndex.size());
         // One element alone: a constant tensor, perhaps so simple that it is a thermostat.
-        if (isAlone(force, group.freeIndex.size())) {
+        if (group.mobility->isAloneInUniformFluid()) {
             group.mobility->setPoses({Pose()});
             const MatrixXd& friction = group.mobility->friction();
             group.isThermostat = isThermostatTensor(friction);
@@ -661,6 +651,10 @@ string Fluid::objection(const Group& group, const BodySet& bodies, const vector<
         else
             poses[e] = poseOf(bodies, elements[e].body);
     return group.mobility->objection(poses);
+}
+
+void Fluid::setBox(const BoxVectors& box) {
+    for (auto& group : groups) group->mobility->setBox(box);
 }
 
 bool Fluid::mayObject() const {

@@ -114,6 +114,8 @@ public:
     Eigen::VectorXd applyToBlobs(const Eigen::VectorXd& forces, const BodySet& bodies,
                                  const std::vector<OpenMM::Vec3>& positions);
 
+    /** The vectors of the Context's periodic box, from now on; zeros, as at first: there is none. */
+    void setBox(const BoxVectors& box);
     /** Why the model has no mobility at the present poses, naming particles; empty where it has one. */
     std::string objection(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
     /** Whether objection() can ever object. */

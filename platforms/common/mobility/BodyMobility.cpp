@@ -7,6 +7,8 @@
 #include <cmath>
 #include <sstream>
 
+#include "rigidbody/EigenVec3.h"
+
 using namespace Eigen;
 using namespace std;
 
@@ -102,11 +104,12 @@ HydrodynamicParticles particlesOf(const vector<FluidElement>& elements) {
     return particles;
 }
 
-BodyMobility::BodyMobility(const vector<FluidElement>& elements, const OperatorFactory& makeOperator, bool isConstant,
-                           const OperatorFactory& makeUnboundedToUse)
-    : elements(elements), constant(isConstant && elements.size() == 1 && !elements[0].isFree()),
-      aloneInUniformFluid(isConstant && elements.size() == 1),
-      makeUnbounded(makeUnboundedToUse ? makeUnboundedToUse : makeOperator), particles(particlesOf(elements)) {
+BodyMobility::BodyMobility(const vector<FluidElement>& elements, const ModelFactory& makeModel, bool mayBeConstant)
+    : elements(elements), particles(particlesOf(elements)) {
+    if (particles.size() > 0) model = makeModel(particles);
+    aloneInUniformFluid =
+        mayBeConstant && elements.size() == 1 && (!model || (model->isHomogeneous() && model->isIsotropic()));
+    constant = aloneInUniformFluid && !elements[0].isFree();
     nullVectors.resize(elements.size());
     B_body.resize(elements.size());
     inverseB_body.resize(elements.size());
@@ -130,17 +133,12 @@ BodyMobility::BodyMobility(const vector<FluidElement>& elements, const OperatorF
                 "mobility about the line that the tensor could be combined with; give only one of them a radius, or "
                 "use FreeDraining");
     }
-    positions.resize(particles.size());
+    placement.positions.resize(particles.size());
     placesInFormulas.resize(particles.size());
-    if (particles.size() > 0) particleOperator = makeOperator(particles);
     if (!constant)
         for (size_t e = 0; e < elements.size(); e++) {
             if (elements[e].ownMobility.size() == 0) continue;
-            FluidElement alone = elements[e];
-            alone.ownMobility.resize(0, 0);
-            BodyMobility model({alone}, makeUnbounded, true);
-            model.setPoses({Pose()});
-            B_body[e] = symmetricPower(elements[e].ownMobility, 0.5) * symmetricPower(model.mobility(), -0.5);
+            B_body[e] = symmetricPower(elements[e].ownMobility, 0.5) * symmetricPower(ownModelMobility(e), -0.5);
             inverseB_body[e] = B_body[e].inverse();
         }
     if (constant) {
@@ -157,8 +155,23 @@ BodyMobility::BodyMobility(const vector<FluidElement>& elements, const OperatorF
     }
 }
 
-bool BodyMobility::prefersFriction() const {
-    return !identityK || (particleOperator && particleOperator->isMadeFromFriction());
+bool BodyMobility::prefersFriction() const { return !identityK || (model && model->isMadeFromFriction()); }
+
+/** What the model makes of a body by itself in unbounded fluid, body frame. */
+MatrixXd BodyMobility::ownModelMobility(int e) const {
+    const FluidElement& element = elements[e];
+    vector<OpenMM::Vec3> sites;
+    for (const Vector3d& site : element.sites) sites.push_back(toVec3(site));
+    MatrixXd M;
+    model->ownMobility(particlesOf({element}), sites, M);
+    if (element.particles.size() == 1 && element.sites[0].isZero(0)) return M;
+    MatrixXd K = rigidMotion(element, Matrix3d::Identity());
+    CholeskyFactor factor;
+    if (!factor.compute(M)) refuseIndefiniteMobility(element.particles.size());
+    factor.solveL(K);
+    MatrixXd xi(6, 6);
+    xi.noalias() = K.transpose() * K;
+    return generalisedInverse(0.5 * (xi + xi.transpose()), VectorXd());
 }
 
 /** The sites of a body's blobs are constant: this is known once for all. */
@@ -184,7 +197,7 @@ void BodyMobility::checkSites(int e) {
 
 void BodyMobility::checkPlaces() {
     const double roomForRounding = 0.5;
-    for (int i = 0; i < particles.size(); i++) placesInFormulas[i] = particleOperator->placeInFormulas(i, positions[i]);
+    for (int i = 0; i < particles.size(); i++) placesInFormulas[i] = model->placeInFormulas(i, placement.positions[i]);
     coincidence.check(particles, placesInFormulas, roomForRounding);
 }
 
@@ -192,35 +205,43 @@ void BodyMobility::setPoses(const vector<Pose>& newPoses, bool nearby) {
     poses = newPoses;
     mobilityIsKnown = frictionIsKnown = false;
     if (constant) return;
-    placeParticles(poses, positions);
+    placeParticles(poses, placement);
     if (nearby) {
-        particleOperator->setPositionsNearby(positions);
+        model->placeNear(here, placement);
         return;
     }
-    particleOperator->setPositions(positions);
+    model->place(here, placement);
     checkPlaces();
 }
 
-void BodyMobility::placeParticles(const vector<Pose>& at, vector<OpenMM::Vec3>& places) const {
+MobilityAt& BodyMobility::particlesNearby(const vector<Pose>& at) {
+    placeParticles(at, placement);
+    model->placeNear(elsewhere, placement);
+    return *elsewhere;
+}
+
+void BodyMobility::placeParticles(const vector<Pose>& at, Placement& to) const {
+    to.box = box;
     for (size_t e = 0; e < elements.size(); e++)
         for (size_t i = 0; i < elements[e].sites.size(); i++) {
             const Vector3d r = at[e].R + at[e].A * elements[e].sites[i];
-            places[firstParticle[e] + i] = OpenMM::Vec3(r.x(), r.y(), r.z());
+            to.positions[firstParticle[e] + i] = OpenMM::Vec3(r.x(), r.y(), r.z());
         }
 }
 
+Placement BodyMobility::placementOf(const vector<Pose>& at) const {
+    Placement result;
+    result.positions.resize(particles.size());
+    placeParticles(at, result);
+    return result;
+}
+
 bool BodyMobility::acceptsNearby(const vector<Pose>& at) const {
-    if (!mayObject()) return true;
-    vector<OpenMM::Vec3> places(particles.size());
-    placeParticles(at, places);
-    return particleOperator->acceptsNearby(places);
+    return !mayObject() || model->acceptsNearby(placementOf(at));
 }
 
 string BodyMobility::objection(const vector<Pose>& at) const {
-    if (!mayObject()) return {};
-    vector<OpenMM::Vec3> places(particles.size());
-    placeParticles(at, places);
-    return particleOperator->objection(places);
+    return mayObject() ? model->objection(placementOf(at)) : string();
 }
 
 /** matrix = D(F) matrix D(F)^T, with the block-diagonal D of the factors turned into the lab frame (or of F^T). */
@@ -248,15 +269,15 @@ void BodyMobility::multiplyByFactors(MatrixXd& vectors, const vector<MatrixXd>& 
 /** xi = K^T M^-1 K, before own tensors. */
 void BodyMobility::computeFriction() {
     if (identityK) {
-        particleOperator->friction(xi);
+        here->friction(xi);
         return;
     }
     fillK(poses, K);
-    if (particleOperator->isMadeFromFriction()) {
-        particleOperator->friction(M);
+    if (model->isMadeFromFriction()) {
+        here->friction(M);
         xi.noalias() = K.transpose() * M * K;
     } else {
-        particleOperator->dense(M);
+        here->dense(M);
         if (!factor.compute(M)) refuseIndefiniteMobility(particles.size());
         factor.solveL(K);
         xi.noalias() = K.transpose() * K;
@@ -285,7 +306,7 @@ const MatrixXd& BodyMobility::mobility() {
         N = turn * constantMobility * turn.transpose();
     } else if (identityK) {
         numMatrices++;
-        particleOperator->dense(N);
+        here->dense(N);
         if (hasOwnTensors) congruence(N, B_body, false);
     } else {
         // Null vectors n are given the friction `lift`, which Q takes away again after the inversion: Q n = 0.
@@ -316,8 +337,7 @@ const MatrixXd& BodyMobility::mobility() {
 
 MultiblobSolver& BodyMobility::getMultiblobSolver() {
     if (!multiblobSolver)
-        multiblobSolver.reset(
-            new MultiblobSolver(elements, rows, firstParticle, particles, nullVectors, makeUnbounded));
+        multiblobSolver.reset(new MultiblobSolver(elements, rows, firstParticle, particles, nullVectors, *model));
     multiblobSolver->wantedTolerance = wantedTolerance;
     multiblobSolver->setPoses(poses);
     return *multiblobSolver;
@@ -356,10 +376,10 @@ void BodyMobility::applyMatrixFree(const MatrixXd& wrenches, double tolerance, M
         forces = &scratch;
     }
     if (identityK) {
-        particleOperator->applyFor(toleranceOfProducts, *forces, twists);
+        here->applyFor(toleranceOfProducts, *forces, twists);
         numProducts += wrenches.cols();
     } else {
-        const int iterations = getMultiblobSolver().apply(*particleOperator, *forces, tolerance, twists);
+        const int iterations = getMultiblobSolver().apply(*here, *forces, tolerance, twists);
         numSolverIterations += iterations;
         numProducts += (iterations + 1) * wrenches.cols();
     }
@@ -370,14 +390,14 @@ void BodyMobility::applyToParticles(const VectorXd& forces, VectorXd& velocities
     if (particles.size() == 0) return;
     if (constant) {
         // Where the tensor is known, setPoses() has no need of the particles.
-        placeParticles(poses, positions);
-        particleOperator->setPositions(positions);
+        placeParticles(poses, placement);
+        model->place(here, placement);
     }
     MatrixXd f = MatrixXd::Zero(particles.numRows, 1), u;
     for (int i = 0; i < particles.size(); i++)
         f.middleRows<3>(particles.firstRow[i]) = forces.segment<3>(3 * particles.systemIndex[i]);
-    particleOperator->apply(f, u);
-    numProducts += particleOperator->hasProducts();
+    here->apply(f, u);
+    numProducts += model->hasProducts();
     for (int i = 0; i < particles.size(); i++)
         velocities.segment<3>(3 * particles.systemIndex[i]) = u.middleRows<3>(particles.firstRow[i]);
 }

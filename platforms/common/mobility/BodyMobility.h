@@ -8,7 +8,7 @@
 
 #include "mobility/CholeskyFactor.h"
 #include "mobility/CoincidenceCheck.h"
-#include "mobility/MobilityOperator.h"
+#include "mobility/MobilityModel.h"
 #include "mobility/MultiblobSolver.h"
 
 namespace RigidHIPlugin {
@@ -50,15 +50,13 @@ struct Pose {
  */
 class BodyMobility {
 public:
-    typedef std::function<std::unique_ptr<MobilityOperator>(const HydrodynamicParticles&)> OperatorFactory;
+    typedef std::function<std::unique_ptr<MobilityModel>(const HydrodynamicParticles&)> ModelFactory;
     /**
      * @param elements      what feels each other
-     * @param makeOperator  makes the model's operator for given particles
-     * @param isConstant    the fluid is the same everywhere, so one body's tensor is constant in its own frame
-     * @param makeUnbounded makes the model's operator in unbounded fluid; empty: makeOperator does
+     * @param makeModel     makes the model of given particles
+     * @param mayBeConstant false: the tensor of a body that is alone in a uniform fluid is made anew at every pose too
      */
-    BodyMobility(const std::vector<FluidElement>& elements, const OperatorFactory& makeOperator, bool isConstant,
-                 const OperatorFactory& makeUnbounded = {});
+    BodyMobility(const std::vector<FluidElement>& elements, const ModelFactory& makeModel, bool mayBeConstant = true);
 
     const std::vector<FluidElement>& getElements() const { return elements; }
     int getNumRows() const { return numRows; }
@@ -73,16 +71,18 @@ public:
     const Eigen::VectorXd& getNullVector_body(int element) const { return nullVectors[element]; }
 
     /**
-     * One pose an element; a free particle's A is not used. @throws what the operator's setPositions() throws, and for two
-     * particles of one radius at one place
+     * One pose an element; a free particle's A is not used. @throws what the model's at() throws, and for two particles of one radius at
+     * one place
      *
-     * @param nearby  these are a small displacement from accepted ones: setPositionsNearby() of the operator
+     * @param nearby  these are a small displacement from accepted ones: near() of the model
      */
     void setPoses(const std::vector<Pose>& poses, bool nearby = false);
-    /** MobilityOperator::objection() and mayObject() for bodies. */
+    /** The vectors of the periodic box, from the next poses on; zeros: there is none. */
+    void setBox(const BoxVectors& vectors) { box = vectors; }
+    /** MobilityModel::objection() and mayObject() for bodies. */
     std::string objection(const std::vector<Pose>& poses) const;
-    bool mayObject() const { return particleOperator && particleOperator->mayObject(); }
-    /** MobilityOperator::acceptsNearby() for bodies. */
+    bool mayObject() const { return model && model->mayObject(); }
+    /** MobilityModel::acceptsNearby() for bodies. */
     bool acceptsNearby(const std::vector<Pose>& poses) const;
     /** N at the poses set last, computed when first asked for. */
     const Eigen::MatrixXd& mobility();
@@ -95,7 +95,7 @@ public:
      * there are multiblobs.
      *
      * @param tolerance            relative, of the latter
-     * @param toleranceOfProducts  of the former, as of MobilityOperator::applyFor(); 0: exact
+     * @param toleranceOfProducts  of the former, as of MobilityAt::applyFor(); 0: exact
      */
     void applyMatrixFree(const Eigen::MatrixXd& wrenches, double tolerance, Eigen::MatrixXd& twists,
                          double toleranceOfProducts = 0);
@@ -105,13 +105,12 @@ public:
      */
     void applyToParticles(const Eigen::VectorXd& forces, Eigen::VectorXd& velocities);
     /** Whether applyMatrixFree() is possible: the model has products. */
-    bool canApplyMatrixFree() const { return particleOperator && particleOperator->hasProducts(); }
+    bool canApplyMatrixFree() const { return model && model->hasProducts(); }
     /** Whether that has no iterations, and so no error: spheres. Then apply() does the same. */
     bool multipliesWithoutIterations() const { return identityK && canApplyMatrixFree(); }
     /** Whether mobilityByIterations() takes less time than mobility(). By numbers of rows only, so that it is so on any machine. */
     bool isWorthIterations() const {
-        return canApplyMatrixFree() && !identityK &&
-               getNumParticleRows() > particleOperator->rowsWorthIterations() * numRows;
+        return canApplyMatrixFree() && !identityK && getNumParticleRows() > model->rowsWorthIterations() * numRows;
     }
     /** N by applyMatrixFree() to its columns, to a relative tolerance, and symmetric. */
     Eigen::MatrixXd mobilityByIterations(double tolerance);
@@ -122,9 +121,7 @@ public:
      * Whether div N = 0 at all poses: spheres about their centres do not feel how they are turned, so the divergence is that of the
      * particles' mobility.
      */
-    bool isDivergenceFree() const {
-        return identityK && !hasOwnTensors && particleOperator && particleOperator->isDivergenceFree();
-    }
+    bool isDivergenceFree() const { return identityK && !hasOwnTensors && model && model->isDivergenceFree(); }
     /** The solver behind applyMatrixFree() at the poses set last. */
     MultiblobSolver& getMultiblobSolver();
     /** Longest distance between points of the element's particles, nm: what finite differences scale translations with. */
@@ -138,7 +135,11 @@ public:
 private:
     friend class MobilityProblem;
     void fillK(const std::vector<Pose>& poses, Eigen::MatrixXd& K) const;
-    void placeParticles(const std::vector<Pose>& poses, std::vector<OpenMM::Vec3>& positions) const;
+    void placeParticles(const std::vector<Pose>& poses, Placement& placement) const;
+    Placement placementOf(const std::vector<Pose>& poses) const;
+    /** The particles' mobility at poses a small displacement away, beside that at the poses set last. */
+    MobilityAt& particlesNearby(const std::vector<Pose>& poses);
+    Eigen::MatrixXd ownModelMobility(int element) const;
     void checkSites(int element);
     void checkPlaces();
     void computeFriction();
@@ -152,14 +153,16 @@ private:
     bool constant = false, identityK = true, hasOwnTensors = false, aloneInUniformFluid = false;
     std::vector<Eigen::VectorXd> nullVectors;            // of elements, in the body frame; mostly empty
     std::vector<Eigen::MatrixXd> B_body, inverseB_body;  // of elements with own tensors
-    std::unique_ptr<MobilityOperator> particleOperator;
-    OperatorFactory makeUnbounded;
-    std::unique_ptr<MultiblobSolver> multiblobSolver;  // made when first needed
+    std::unique_ptr<const MobilityModel> model;          // of all particles; none: no particles
+    std::unique_ptr<MultiblobSolver> multiblobSolver;    // made when first needed
     HydrodynamicParticles particles;
     std::vector<int> firstParticle;  // of each element
 
     std::vector<Pose> poses;
-    std::vector<OpenMM::Vec3> positions, placesInFormulas;
+    BoxVectors box = {};
+    Placement placement;
+    std::unique_ptr<MobilityAt> here, elsewhere;  // the particles' mobility; made when first needed
+    std::vector<OpenMM::Vec3> placesInFormulas;
     CoincidenceCheck coincidence;
     CholeskyFactor factor;
     Eigen::MatrixXd K, M, N, xi, constantMobility, constantFriction, scratch;

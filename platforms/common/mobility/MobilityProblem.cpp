@@ -13,8 +13,7 @@ typedef Matrix<double, 6, 1> Vector6d;
 
 MobilityProblem::MobilityProblem(BodyMobility& bodies, bool matrixFree, double tolerance)
     : bodies(bodies), matrixFree(matrixFree), tolerance(tolerance), toleranceOfProducts(tolerance),
-      bodySlips(bodies.constant || bodies.hasOwnTensors || !bodies.particleOperator ||
-                bodies.particleOperator->isMadeFromFriction()),
+      bodySlips(bodies.constant || bodies.hasOwnTensors || !bodies.model || bodies.model->isMadeFromFriction()),
       lanczos(new Lanczos(tolerance)) {
     const auto& elements = bodies.getElements();
     nearest_body.resize(elements.size());
@@ -77,7 +76,7 @@ void MobilityProblem::factorise() {
         return;
     }
     bodies.numMatrices++;
-    bodies.particleOperator->dense(mobility);
+    bodies.here->dense(mobility);
     if (!M.compute(mobility)) refuseIndefiniteMobility(bodies.particles.size());
     if (bodies.identityK) {
         isFactorised = true;
@@ -107,8 +106,7 @@ void MobilityProblem::solve(const MatrixXd& wrenches, const MatrixXd& slips, Mat
             bodies.applyMatrixFree(wrenches, tolerance, twists);
         } else {
             MultiblobSolver& solver = bodies.getMultiblobSolver();
-            const int iterations =
-                solver.solve(*bodies.particleOperator, wrenches, slips, tolerance, toleranceOfProducts, twists);
+            const int iterations = solver.solve(*bodies.here, wrenches, slips, tolerance, toleranceOfProducts, twists);
             bodies.numSolverIterations += iterations;
             bodies.numProducts += (iterations + 1) * wrenches.cols();
             return;
@@ -154,7 +152,7 @@ void MobilityProblem::getBlobForces(MatrixXd& result) {
 /** result = f(S) W for a matrix S that stands for M: that of MultiblobSolver, or ownScale M ownScale for K = 1. */
 void MobilityProblem::applyRoot(const SpectralFunction& f, const MatrixXd& W, MatrixXd& result) {
     const vector<SpectralFunction> functions(W.cols(), f);
-    const MobilityOperator& blobs = *bodies.particleOperator;
+    MobilityAt& blobs = *bodies.here;
     MultiblobSolver* solver = bodies.identityK ? nullptr : &bodies.getMultiblobSolver();
     const auto product = [&](double productTolerance) {
         return [&, productTolerance](const MatrixXd& x, MatrixXd& y) {
@@ -218,17 +216,17 @@ void MobilityProblem::thermalSlip(const MatrixXd& W, MatrixXd& slips) {
 }
 
 void MobilityProblem::multiplyNearby(const vector<Pose>& poses, const MatrixXd& forces, MatrixXd& slips) {
+    if (!bodySlips) {
+        bodies.particlesNearby(poses).apply(forces, slips);
+        bodies.numProducts += forces.cols();
+        return;
+    }
     here = bodies.poses;
     bodies.setPoses(poses, true);
-    if (bodySlips) {
-        if (matrixFree)
-            bodies.applyMatrixFree(forces, tolerance, slips);
-        else
-            slips.noalias() = bodies.mobility() * forces;
-    } else {
-        bodies.particleOperator->apply(forces, slips);
-        bodies.numProducts += forces.cols();
-    }
+    if (matrixFree)
+        bodies.applyMatrixFree(forces, tolerance, slips);
+    else
+        slips.noalias() = bodies.mobility() * forces;
     bodies.setPoses(here);
 }
 

@@ -36,10 +36,10 @@ public:
 
     /**
      * Of the matrix-free way, relative. Exact products: as small finite differences of what iterates want them, which would magnify
-     * rounding of single precision; else as MobilityOperator::applyFor().
+     * rounding of single precision; else as MobilityAt::applyFor().
      */
     void setTolerance(double relative, bool exactProducts = false);
-    /** @param nearby  the poses are a small displacement of accepted ones: MobilityOperator::setPositionsNearby() */
+    /** @param nearby  the poses are a small displacement of accepted ones: MobilityModel::near() */
     void setPoses(const std::vector<Pose>& poses, bool nearby = false);
     /** Whether N is the same at all poses, but for the turn of one body. */
     bool isUniform() const { return bodies.isAloneInUniformFluid(); }

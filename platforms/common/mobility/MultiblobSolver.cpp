@@ -23,7 +23,7 @@ const int maxRoughIterations = 100;
 
 MultiblobSolver::MultiblobSolver(const vector<FluidElement>& elements, const vector<int>& rows,
                                  const vector<int>& firstParticle, const HydrodynamicParticles& particles,
-                                 const vector<VectorXd>& nullVectors, const OperatorFactory& makeUnbounded)
+                                 const vector<VectorXd>& nullVectors, const MobilityModel& model)
     : rows(rows), turns(elements.size(), Matrix3d::Identity()) {
     vector<shared_ptr<const Shape> > known;
     for (size_t e = 0; e < elements.size(); e++) {
@@ -49,10 +49,8 @@ MultiblobSolver::MultiblobSolver(const vector<FluidElement>& elements, const vec
                 own.add(element.radii[i], element.isSphere(), element.particles[i], element.body);
                 places.push_back(OpenMM::Vec3(element.sites[i][0], element.sites[i][1], element.sites[i][2]));
             }
-            const unique_ptr<MobilityOperator> alone = makeUnbounded(own);
-            alone->setPositions(places);
             MatrixXd M;
-            alone->dense(M);
+            model.ownMobility(own, places, M);
             shape->M.compute(M);
             // Two blobs at one place leave a pivot of rounding, of either sign.
             const double smallestCondition = 1e-14;
@@ -106,21 +104,20 @@ void MultiblobSolver::project() {
     }
 }
 
-void MultiblobSolver::multiply(const MobilityOperator& blobs, double tolerance, const MatrixXd& from, MatrixXd& to) {
+void MultiblobSolver::multiply(MobilityAt& blobs, double tolerance, const MatrixXd& from, MatrixXd& to) {
     turn(OfBlobs, false, from, lab);
     blobs.applyFor(tolerance, lab, labProduct);
     turn(OfBlobs, true, labProduct, to);
 }
 
-int MultiblobSolver::apply(const MobilityOperator& blobs, const MatrixXd& wrenches, double tolerance,
-                           MatrixXd& twists) {
+int MultiblobSolver::apply(MobilityAt& blobs, const MatrixXd& wrenches, double tolerance, MatrixXd& twists) {
     return solve(blobs, wrenches, MatrixXd(), tolerance, tolerance, twists);
 }
 
-int MultiblobSolver::solve(const MobilityOperator& blobs, const MatrixXd& wrenches, const MatrixXd& slips,
-                           double tolerance, double toleranceOfProducts, MatrixXd& twists) {
+int MultiblobSolver::solve(MobilityAt& blobs, const MatrixXd& wrenches, const MatrixXd& slips, double tolerance,
+                           double toleranceOfProducts, MatrixXd& twists) {
     int inVain = 0;
-    if (toleranceOfProducts >= MobilityOperator::leastRoughTolerance) {
+    if (toleranceOfProducts >= MobilityAt::leastRoughTolerance) {
         const int iterations = iterate(blobs, wrenches, slips, tolerance, true, twists);
         if (iterations <= maxRoughIterations) return iterations;
         inVain = iterations;
@@ -129,9 +126,9 @@ int MultiblobSolver::solve(const MobilityOperator& blobs, const MatrixXd& wrench
 }
 
 /** @return iterations; if products are rough, more than the most there may be if it does not converge */
-int MultiblobSolver::iterate(const MobilityOperator& blobs, const MatrixXd& wrenches, const MatrixXd& slips,
-                             double tolerance, bool rough, MatrixXd& twists) {
-    const double forProducts = rough ? MobilityOperator::leastRoughTolerance : 0;
+int MultiblobSolver::iterate(MobilityAt& blobs, const MatrixXd& wrenches, const MatrixXd& slips, double tolerance,
+                             bool rough, MatrixXd& twists) {
+    const double forProducts = rough ? MobilityAt::leastRoughTolerance : 0;
     const int columns = wrenches.cols();
     const bool withSlips = slips.size() > 0;
     VectorXd slipEnergy = VectorXd::Zero(columns);
@@ -194,7 +191,7 @@ int MultiblobSolver::iterate(const MobilityOperator& blobs, const MatrixXd& wren
 
 void MultiblobSolver::getBlobForces(MatrixXd& lambda_lab) const { turn(OfBlobs, false, lambda, lambda_lab); }
 
-void MultiblobSolver::multiplyScaled(const MobilityOperator& blobs, double tolerance, const MatrixXd& x, MatrixXd& y) {
+void MultiblobSolver::multiplyScaled(MobilityAt& blobs, double tolerance, const MatrixXd& x, MatrixXd& y) {
     scaled.resize(x.rows(), x.cols());
     for (size_t e = 0; e < shapes.size(); e++)
         scaled.middleRows(blobRow[e], numBlobRows[e]) =
