@@ -27,7 +27,6 @@ struct Spheres {
             elements.push_back(e);
             Pose pose;
             pose.R = unit * Vector3d(3.2 * (i % 3), 3.1 * (i / 3), 0.4 * i);
-            pose.A = Matrix3d::Identity();
             poses.push_back(pose);
         }
         bodies.reset(new BodyMobility(elements, [](const HydrodynamicParticles& particles) {

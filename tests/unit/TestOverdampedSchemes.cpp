@@ -156,10 +156,11 @@ MatrixXd mobilityAt(const Scene& scene, BodyMobility& bodies, const VectorXd& u)
     for (size_t e = 0; e < poses.size(); e++) {
         const int row = bodies.firstRow(e);
         poses[e].R = scene.R[e] + u.segment<3>(row);
-        poses[e].A = rotationMatrix(scene.q[e]);
+        poses[e].q = scene.q[e];
         if (scene.elements[e].isFree()) continue;
         const Vector3d turn = u.segment<3>(row + 3);
-        if (turn.norm() > 0) poses[e].A = Eigen::AngleAxisd(turn.norm(), turn.normalized()).matrix() * poses[e].A;
+        poses[e].q =
+            scalar::exponential(scalar::Vector3<double>{turn.x() / 2, turn.y() / 2, turn.z() / 2}) * scene.q[e];
     }
     bodies.setPoses(poses);
     return bodies.mobility();

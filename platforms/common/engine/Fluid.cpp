@@ -7,10 +7,10 @@
 #include <map>
 #include <sstream>
 
+#include "engine/BodyPoses.h"
 #include "mobility/Models.h"
 #include "mobility/OneBlasThread.h"
 #include "rigidbody/EigenVec3.h"
-#include "rigidbody/Quaternion-inl.h"
 
 using namespace Eigen;
 using namespace std;
@@ -20,18 +20,6 @@ namespace RigidHIPlugin {
 namespace {
 
 [[noreturn]] void fail(const string& message) { throw OpenMM::OpenMMException("MobilityForce: " + message); }
-
-Pose poseOf(const BodySet& bodies, int body) {
-    const int s = bodies.slot(body);
-    Pose pose;
-    pose.R = Vector3d(bodies.R[0][s], bodies.R[1][s], bodies.R[2][s]);
-    const scalar::Rotation<double> turn({bodies.q[0][s], bodies.q[1][s], bodies.q[2][s], bodies.q[3][s]});
-    for (int k = 0; k < 3; k++) {
-        const auto column = turn.toLab({double(k == 0), double(k == 1), double(k == 2)});
-        pose.A.col(k) = Vector3d(column.x, column.y, column.z);
-    }
-    return pose;
-}
 
 /** Up to this many rows Auto decomposes matrices, beyond it takes Lanczos: 30 spheres, where this wins at the default tolerance. */
 const int largestDenseRows = 180;
@@ -304,9 +292,9 @@ void Fluid::checkTorques(const BodySet& bodies, const vector<OpenMM::Vec3>& forc
         for (size_t e = 0; e < elements.size(); e++) {
             if (!group->mobility->hasNullVector(e)) continue;
             const int s = bodies.slot(elements[e].body);
-            const Pose pose = poseOf(bodies, elements[e].body);
+            const Matrix3d A = poseOf(bodies, elements[e].body).rotation();
             wrench.head<3>() =
-                pose.A.transpose() * Vector3d(bodies.force_lab[0][s], bodies.force_lab[1][s], bodies.force_lab[2][s]);
+                A.transpose() * Vector3d(bodies.force_lab[0][s], bodies.force_lab[1][s], bodies.force_lab[2][s]);
             wrench.tail<3>() = Vector3d(bodies.torque_body[0][s], bodies.torque_body[1][s], bodies.torque_body[2][s]);
             double siteForces = 0;
             for (int p : particlesOfBodies[elements[e].body]) siteForces += sqrt(forces[p].dot(forces[p]));
@@ -370,9 +358,10 @@ void Fluid::scaleToZ(Group& group, const BodySet& bodies, const FreeParticles& f
                 group.S.middleCols<3>(z) = weight(mass) * group.half.middleCols<3>(row);
             if (elements[e].isFree()) continue;
             const BodyInertia& inertia = bodies.inertia(elements[e].body);
+            const Matrix3d& A = group.mobility->getTurn(e);
             for (int k = 0, next = z + 3; k < 3; k++) {
                 if (!inertia.isLive(k)) continue;
-                const Vector3d axis = weight(inertia.moments[k]) * group.poses[e].A.col(k);
+                const Vector3d axis = weight(inertia.moments[k]) * A.col(k);
                 if (pass == 0)
                     group.half.row(next++).noalias() = axis.transpose() * matrix.middleRows<3>(row + 3);
                 else
@@ -400,7 +389,7 @@ void Fluid::relaxMatrixFree(Group& group, double h, double kT, const BodySet& bo
             if (fromZ) to.middleRows<3>(row + 3).setZero();
             for (int k = 0, next = z + 3; k < 3; k++) {
                 if (!inertia.isLive(k)) continue;
-                const Vector3d axis = sqrt(inertia.moments[k]) * group.poses[e].A.col(k);
+                const Vector3d axis = sqrt(inertia.moments[k]) * group.mobility->getTurn(e).col(k);
                 if (fromZ)
                     to.middleRows<3>(row + 3).noalias() += axis * from.row(next++);
                 else
@@ -441,6 +430,8 @@ void Fluid::relaxGroup(Group& group, double h, double kT, const NoiseStream& noi
     else
         setPoses(group, bodies, positions);
 
+    const Matrix3d A = constant ? group.poses[0].rotation() : Matrix3d();
+
     // Z = K^(1/2) (p, l). One body's constant process is known in its own frame, so its p is turned there.
     group.Z.resize(group.numZ);
     group.chi.resize(group.numZ);
@@ -471,20 +462,17 @@ void Fluid::relaxGroup(Group& group, double h, double kT, const NoiseStream& noi
             group.Z[next++] = bodies.l[k][s] / sqrt(inertia.moments[k]);
         }
         if (constant) {
-            group.Z.segment<3>(z) = (group.poses[e].A.transpose() * group.Z.segment<3>(z)).eval();
-            group.chi.segment<3>(z) = (group.poses[e].A.transpose() * group.chi.segment<3>(z)).eval();
+            group.Z.segment<3>(z) = (A.transpose() * group.Z.segment<3>(z)).eval();
+            group.chi.segment<3>(z) = (A.transpose() * group.chi.segment<3>(z)).eval();
         }
     }
 
     if (constant) {
         if (group.constantH != h) {
-            const Matrix3d turned = group.poses[0].A;
-            group.poses[0].A.setIdentity();
-            group.mobility->setPoses(group.poses);
+            group.mobility->setPoses({Pose()});
             scaleToZ(group, bodies, freeParticles, false);
             group.process.decompose(group.S, false);
             group.process.matrices(h, group.decay, group.noise);
-            group.poses[0].A = turned;
             group.constantH = h;
         }
         group.half.noalias() = group.decay * group.Z;
@@ -493,7 +481,7 @@ void Fluid::relaxGroup(Group& group, double h, double kT, const NoiseStream& noi
             group.half.noalias() = group.noise * group.chi;
             group.Z += sqrt(kT) * group.half.col(0);
         }
-        group.Z.segment<3>(0) = (group.poses[0].A * group.Z.segment<3>(0)).eval();
+        group.Z.segment<3>(0) = (A * group.Z.segment<3>(0)).eval();
     } else if (group.solvesMatrixFree) {
         relaxMatrixFree(group, h, kT, bodies, freeParticles);
     } else {
@@ -610,7 +598,7 @@ VectorXd Fluid::apply(const VectorXd& wrenches, const BodySet& bodies, const vec
                 const Eigen::Matrix<double, 6, 1> wrench = wrenches.segment<6>(6 * elements[e].body);
                 f.middleRows<6>(group->mobility->firstRow(e)) = wrench;
                 if (group->hasNullVectors)
-                    checkTorque(*group, e, twoRotations(group->poses[e].A).transpose() * wrench, 0);
+                    checkTorque(*group, e, twoRotations(group->mobility->getTurn(e)).transpose() * wrench, 0);
             }
         if (group->answersMatrixFree)
             group->mobility->applyMatrixFree(f, force.getSolverTolerance(), u);

@@ -166,11 +166,11 @@ private:
         bool overdampedMatrixFree = false, isFinite = true;
         std::unique_ptr<OverdampedScheme> scheme;
         std::vector<Eigen::MatrixXd> memoryAtStart;
-        int stage = 0;                                                    // stages of the present step that are done
-        uint32_t attempt = 0;                                             // of the present step
-        std::string objection;                                            // to where the last part led
-        std::vector<std::vector<OverdampedMove::Place> > placesOfForces;  // where those of each stage are evaluated
-        long long randomNumbers = 0, iterations = 0, squareRoots = 0;     // of the last step
+        int stage = 0;                                                 // stages of the present step that are done
+        uint32_t attempt = 0;                                          // of the present step
+        std::string objection;                                         // to where the last part led
+        std::vector<std::vector<Pose> > placesOfForces;                // where those of each stage are evaluated
+        long long randomNumbers = 0, iterations = 0, squareRoots = 0;  // of the last step
     };
     /** Groups by what their stochastic drift is. */
     struct Drifts {
@@ -192,7 +192,7 @@ private:
     double differenceOf(const Group& group, const SchemeTraits& scheme, double wanted) const;
     void setStart(Group& group, const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
     void takeForces(Group& group, const BodySet& bodies, const FreeParticles& freeParticles) const;
-    bool writePlaces(const Group& group, const std::vector<OverdampedMove::Place>& places, BodySet& bodies,
+    bool writePlaces(const Group& group, const std::vector<Pose>& places, BodySet& bodies,
                      std::vector<OpenMM::Vec3>& positions) const;
     std::string objection(const Group& group, const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
     void setPoses(Group& group, const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;

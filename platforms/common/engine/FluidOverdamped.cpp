@@ -5,6 +5,7 @@
 #include <cmath>
 #include <sstream>
 
+#include "engine/BodyPoses.h"
 #include "engine/Fluid.h"
 #include "mobility/OneBlasThread.h"
 #include "rigidbody/EigenVec3.h"
@@ -127,14 +128,11 @@ map<string, string> Fluid::describeDrift(const SchemeTraits& scheme, double kT, 
 void Fluid::setStart(Group& group, const BodySet& bodies, const vector<OpenMM::Vec3>& positions) const {
     const auto& elements = group.mobility->getElements();
     for (size_t e = 0; e < elements.size(); e++) {
-        OverdampedMove::Place& place = group.move->start[e];
-        if (elements[e].isFree()) {
+        Pose& place = group.move->start[e];
+        if (elements[e].isFree())
             place.R = toEigen(positions[elements[e].particles[0]]);
-            continue;
-        }
-        const int s = bodies.slot(elements[e].body);
-        place.R = Vector3d(bodies.R[0][s], bodies.R[1][s], bodies.R[2][s]);
-        place.q = {bodies.q[0][s], bodies.q[1][s], bodies.q[2][s], bodies.q[3][s]};
+        else
+            place = poseOf(bodies, elements[e].body);
     }
 }
 
@@ -160,12 +158,12 @@ void Fluid::takeForces(Group& group, const BodySet& bodies, const FreeParticles&
 }
 
 /** A scheme's poses become the bodies'. Forces stay those of where they were evaluated, in the lab. */
-bool Fluid::writePlaces(const Group& group, const vector<OverdampedMove::Place>& places, BodySet& bodies,
+bool Fluid::writePlaces(const Group& group, const vector<Pose>& places, BodySet& bodies,
                         vector<OpenMM::Vec3>& positions) const {
     const auto& elements = group.mobility->getElements();
     double sum = 0;
     for (size_t e = 0; e < elements.size(); e++) {
-        const OverdampedMove::Place& place = places[e];
+        const Pose& place = places[e];
         sum += place.R.sum();
         if (elements[e].isFree()) {
             positions[elements[e].particles[0]] = toVec3(place.R);

@@ -10,8 +10,8 @@
 
 namespace RigidHIPlugin {
 
-struct FluidElement;
-struct Pose;
+class NullTwists;
+class RigidMotion;
 
 /**
  * The motion of rigid multiblobs under given forces and torques, without a matrix over all blobs.
@@ -29,16 +29,10 @@ struct Pose;
  */
 class MultiblobSolver {
 public:
-    /**
-     * @param rows            first row of each element in F and U
-     * @param firstParticle   of each element
-     * @param nullVectors     of each element's friction in the body frame, or empty
-     * @param model           whose mobility of a body by itself makes the preconditioner
-     */
-    MultiblobSolver(const std::vector<FluidElement>& elements, const std::vector<int>& rows,
-                    const std::vector<int>& firstParticle, const HydrodynamicParticles& particles,
-                    const std::vector<Eigen::VectorXd>& nullVectors, const MobilityModel& model);
-    void setPoses(const std::vector<Pose>& poses);
+    /** @param model  whose mobility of a body by itself makes the preconditioner */
+    MultiblobSolver(const RigidMotion& motion, const NullTwists& nullTwists, const MobilityModel& model);
+    /** Rotations of the bodies; a free particle's is not used. */
+    void setTurns(const std::vector<Eigen::Matrix3d>& turns);
     /** What the user has set, for messages: solves may be wanted to a part of it. 0: not known. */
     double wantedTolerance = 0;
     /**
