@@ -84,12 +84,13 @@ void product(benchmark::State& state, Kind kind, int64_t target) {
     state.SetLabel(restrictTo(target));
     ThreadPool pool(threads);
     const Scene scene(n, kind);
-    CpuRotnePragerYamakawa M = scene.mobility(threads > 1 ? onThreads(pool) : CpuRotnePragerYamakawa::ForRanges());
-    M.setPositions(scene.positions);
-    const Eigen::MatrixXd forces = Eigen::MatrixXd::Random(M.getNumRows(), columns);
+    const CpuRotnePragerYamakawa model =
+        scene.mobility(threads > 1 ? onThreads(pool) : CpuRotnePragerYamakawa::ForRanges());
+    const auto M = model.at({scene.positions});
+    const Eigen::MatrixXd forces = Eigen::MatrixXd::Random(scene.particles.numRows, columns);
     Eigen::MatrixXd velocities;
     for (auto _ : state) {
-        M.apply(forces, velocities);
+        M->apply(forces, velocities);
         benchmark::DoNotOptimize(velocities.data());
         benchmark::ClobberMemory();
     }
@@ -122,12 +123,12 @@ PRODUCT(Spheres, SSE4)->ArgNames({"n", "columns", "threads"})->Args({1000, 2, 1}
 
 void scalarProduct(benchmark::State& state) {
     const Scene scene(state.range(0), Spheres);
-    RotnePragerYamakawa M(scene.particles, 1.0);
-    M.setPositions(scene.positions);
-    const Eigen::MatrixXd forces = Eigen::MatrixXd::Random(M.getNumRows(), 2);
+    const RotnePragerYamakawa model(scene.particles, 1.0);
+    const auto M = model.at({scene.positions});
+    const Eigen::MatrixXd forces = Eigen::MatrixXd::Random(scene.particles.numRows, 2);
     Eigen::MatrixXd velocities;
     for (auto _ : state) {
-        M.apply(forces, velocities);
+        M->apply(forces, velocities);
         benchmark::DoNotOptimize(velocities.data());
         benchmark::ClobberMemory();
     }
@@ -140,11 +141,12 @@ void matrix(benchmark::State& state, Kind kind) {
     restrictTo(best);
     ThreadPool pool(threads);
     const Scene scene(n, kind);
-    CpuRotnePragerYamakawa M = scene.mobility(threads > 1 ? onThreads(pool) : CpuRotnePragerYamakawa::ForRanges());
-    M.setPositions(scene.positions);
+    const CpuRotnePragerYamakawa model =
+        scene.mobility(threads > 1 ? onThreads(pool) : CpuRotnePragerYamakawa::ForRanges());
+    const auto M = model.at({scene.positions});
     Eigen::MatrixXd mobility;
     for (auto _ : state) {
-        M.dense(mobility);
+        M->dense(mobility);
         benchmark::DoNotOptimize(mobility.data());
         benchmark::ClobberMemory();
     }
@@ -167,14 +169,14 @@ BENCHMARK_CAPTURE(matrix, SpheresAtWall, SpheresAtWall)
     ->UseRealTime();
 
 /** The blobs of one multiblob, one pair at a time, as the Reference platform does. */
-template <class Operator, class... Wall>
+template <class Model, class... Wall>
 void scalarMatrix(benchmark::State& state, const Wall&... wall) {
     const Scene scene(state.range(0), BlobsAtWall);
-    Operator M(scene.particles, 1.0, wall...);
-    M.setPositions(scene.positions);
+    const Model model(scene.particles, 1.0, wall...);
+    const auto M = model.at({scene.positions});
     Eigen::MatrixXd mobility;
     for (auto _ : state) {
-        M.dense(mobility);
+        M->dense(mobility);
         benchmark::DoNotOptimize(mobility.data());
         benchmark::ClobberMemory();
     }
@@ -194,12 +196,13 @@ void decayAndNoise(benchmark::State& state) {
     restrictTo(best);
     ThreadPool pool(threads);
     const Scene scene(n, Spheres);
-    CpuRotnePragerYamakawa M = scene.mobility(threads > 1 ? onThreads(pool) : CpuRotnePragerYamakawa::ForRanges());
-    M.setPositions(scene.positions);
-    const Eigen::MatrixXd x = Eigen::MatrixXd::Random(M.getNumRows(), 2);
+    const CpuRotnePragerYamakawa model =
+        scene.mobility(threads > 1 ? onThreads(pool) : CpuRotnePragerYamakawa::ForRanges());
+    const auto M = model.at({scene.positions});
+    const Eigen::MatrixXd x = Eigen::MatrixXd::Random(scene.particles.numRows, 2);
     Eigen::MatrixXd result;
     Lanczos lanczos(tolerance);
-    const auto product = [&](const Eigen::MatrixXd& in, Eigen::MatrixXd& out) { M.apply(in, out); };
+    const auto product = [&](const Eigen::MatrixXd& in, Eigen::MatrixXd& out) { M->apply(in, out); };
     const std::vector<SpectralFunction> functions = {SpectralFunction::decay(h), SpectralFunction::decayNoise(h)};
     for (auto _ : state) lanczos.apply(product, x, functions, result, Lanczos::NormOfSum);
     state.counters["products"] = lanczos.getNumProducts();

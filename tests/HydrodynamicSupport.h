@@ -128,8 +128,7 @@ struct IndependentMobility {
                     places.push_back(Vec3(r[0], r[1], r[2]));
                 }
             RigidHIPlugin::RotnePragerYamakawaWall above(particles, eta, *wall);
-            above.setPositions(places);
-            above.dense(M);
+            above.at({places})->dense(M);
         }
         friction = K.transpose() * M.fullPivLu().solve(K);
         friction = (0.5 * (friction + friction.transpose())).eval();

@@ -394,9 +394,8 @@ TEST(EveryEnumerator, RunsTheOperatorOfItsNameOnThisPlatform) {
             particles.add(0.5, true, 0, 0);
             particles.add(0.8, true, 1, 1);
             const auto common = RigidHIPlugin::createMobility(*scene.fluid, false, particles);
-            common->setPositions(scene.positions);
             MatrixXd M;
-            common->dense(M);
+            common->at({scene.positions})->dense(M);
             // Without interaction every body is in a fluid of its own.
             if (model == MobilityForce::FreeDraining)
                 M.topRightCorner(6, 6).setZero(), M.bottomLeftCorner(6, 6).setZero();
@@ -451,9 +450,8 @@ VectorXd expectedBlobVelocities(FluidScene& scene, const vector<int>& labels, co
                 if (i != j) pair.add(b, false, 1, -1);
                 RigidHIPlugin::RotnePragerYamakawaWall above(pair, scene.fluid->getViscosity(),
                                                              RigidHIPlugin::NoSlipPlane(height, false));
-                above.setPositions(i == j ? vector<Vec3>{x[i]} : vector<Vec3>{x[i], x[j]});
                 MatrixXd both;
-                above.dense(both);
+                above.at({i == j ? vector<Vec3>{x[i]} : vector<Vec3>{x[i], x[j]}})->dense(both);
                 M = both.topRightCorner(3, 3);
             }
             v.segment<3>(3 * i) += M * forces.segment<3>(3 * j);

@@ -13,8 +13,8 @@ namespace {
 
 const double eta = 0.7;
 
-unique_ptr<MobilityOperator> makeRpy(const HydrodynamicParticles& particles) {
-    return unique_ptr<MobilityOperator>(new RotnePragerYamakawa(particles, eta));
+unique_ptr<MobilityModel> makeRpy(const HydrodynamicParticles& particles) {
+    return unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, eta));
 }
 
 FluidElement element(const vector<Vector3d>& sites, const vector<double>& radii) {
@@ -64,7 +64,7 @@ struct Scene {
             Pose pose;
             pose.R = Vector3d(u(random), u(random), u(random));
             const QuaternionArray q = randomQuaternion(random);
-            pose.A = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
+            pose.q = {q[0], q[1], q[2], q[3]};
             poses.push_back(pose);
         }
     }
@@ -75,7 +75,7 @@ struct Scene {
             body.R = poses[e].R;
             body.radii = elements[e].radii;
             body.isFree = elements[e].isFree();
-            for (const Vector3d& s : elements[e].sites) body.offsets.push_back(poses[e].A * s);
+            for (const Vector3d& s : elements[e].sites) body.offsets.push_back(poses[e].rotation() * s);
             bodies.push_back(body);
         }
         return IndependentMobility(bodies, eta);
@@ -194,7 +194,7 @@ TEST(BodyMobility, NothingHoldsRodsAboutTheirLine) {
         const Scene scene({kind.element, kinds()[0].element}, 6, 4);
         BodyMobility measured = scene.make();
         if (!measured.hasNullVector(0)) continue;
-        const VectorXd null = twoRotations(scene.poses[0].A) * measured.getNullVector_body(0);
+        const VectorXd null = twoRotations(scene.poses[0].rotation()) * measured.getNullVector_body(0);
         EXPECT_NEAR(null.norm(), 1, 1e-15);
         EXPECT_LT((measured.friction().leftCols(6) * null).norm(), 1e-13 * measured.friction().norm()) << kind.name;
         // Neither a torque about the line moves it nor does anything turn it about the line, wherever the origin.
@@ -215,7 +215,7 @@ TEST(BodyMobility, ABodyTurnedAndMovedHasItsTensorTurnedOnly) {
         home.setPoses({Pose()});
         const Scene scene({kind.element}, 100, 9);
         away.setPoses(scene.poses);
-        EXPECT_LT(difference(away.mobility(), turned(home.mobility(), scene.poses[0].A)), 1e-12) << kind.name;
+        EXPECT_LT(difference(away.mobility(), turned(home.mobility(), scene.poses[0].rotation())), 1e-12) << kind.name;
     }
 }
 
@@ -293,7 +293,7 @@ TEST(BodyMobility, OwnTensorsOfABodyAloneAreTaken) {
         e.ownMobility = tensorWithoutSymmetry(3);
         const Scene scene({e}, 4, 2);
         BodyMobility measured = scene.make();
-        const MatrixXd expected = turned(e.ownMobility, scene.poses[0].A);
+        const MatrixXd expected = turned(e.ownMobility, scene.poses[0].rotation());
         EXPECT_LT(difference(measured.mobility(), expected), 1e-13) << kind.name;
         EXPECT_LT(difference(measured.friction(), expected.inverse()), 1e-12) << kind.name;
         MatrixXd twists;
@@ -315,7 +315,7 @@ TEST(BodyMobility, OwnTensorsEnterByCongruence) {
                 alone.poses = {Pose()};
                 const MatrixXd B_body =
                     squareRoot(scene.elements[e].ownMobility) * inverseRoot(alone.expected().mobility);
-                B.block(row, row, 6, 6) = turned(B_body, scene.poses[e].A);
+                B.block(row, row, 6, 6) = turned(B_body, scene.poses[e].rotation());
                 // The factor turns with the body: D B D^T.
             }
             const MatrixXd expected = B * model * B.transpose();
@@ -366,7 +366,8 @@ TEST(BodyMobility, OwnTensorsAreExactFarAwayAndPositiveNearby) {
     BodyMobility measured = far.make();
     const MatrixXd N = measured.mobility();
     for (int e = 0; e < 2; e++)
-        EXPECT_LT(difference(N.block(6 * e, 6 * e, 6, 6), turned(far.elements[e].ownMobility, far.poses[e].A)), 1e-6);
+        EXPECT_LT(difference(N.block(6 * e, 6 * e, 6, 6), turned(far.elements[e].ownMobility, far.poses[e].rotation())),
+                  1e-6);
 }
 
 TEST(BodyMobility, OwnTensorsOfRodsCannotBeCombinedWithNeighbours) {
@@ -387,22 +388,41 @@ TEST(BodyMobility, BlobsAtOnePlaceAreAnError) {
 namespace {
 
 /** What no model of ours gives: -1, as mobility and as friction. */
-class Indefinite : public MobilityOperator {
+class Indefinite : public MobilityModel {
 public:
-    Indefinite(const HydrodynamicParticles& particles, bool friction)
-        : MobilityOperator(particles, eta), fromFriction(friction) {}
-    void setPositions(const vector<Vec3>&) override {}
-    void apply(const MatrixXd& forces, MatrixXd& velocities) const override { velocities = -forces; }
-    void friction(MatrixXd& friction) const override {
-        if (fromFriction)
-            friction = -MatrixXd::Identity(particles.numRows, particles.numRows);
-        else
-            MobilityOperator::friction(friction);
-    }
+    Indefinite(const HydrodynamicParticles& particles, bool friction, bool alone)
+        : MobilityModel(particles, eta), fromFriction(friction), alone(alone) {}
+    const char* name() const override { return "Indefinite"; }
     bool isMadeFromFriction() const override { return fromFriction; }
+    void ownMobility(const HydrodynamicParticles& body, const vector<Vec3>& sites, MatrixXd& mobility) const override {
+        if (alone)
+            mobility = -MatrixXd::Identity(body.numRows, body.numRows);
+        else
+            MobilityModel::ownMobility(body, sites, mobility);
+    }
+
+protected:
+    unique_ptr<MobilityAt> makePlace() const override { return unique_ptr<MobilityAt>(new Place(*this)); }
 
 private:
-    const bool fromFriction;
+    class Place : public MobilityAt {
+    public:
+        explicit Place(const Indefinite& model) : MobilityAt(model), fromFriction(model.fromFriction) {}
+        void apply(const MatrixXd& forces, MatrixXd& velocities) override { velocities = -forces; }
+        void friction(MatrixXd& friction) override {
+            if (fromFriction)
+                friction = -MatrixXd::Identity(particles.numRows, particles.numRows);
+            else
+                MobilityAt::friction(friction);
+        }
+
+    protected:
+        void moveTo(const Placement&, bool) override {}
+
+    private:
+        const bool fromFriction;
+    };
+    const bool fromFriction, alone;
 };
 
 }  // namespace
@@ -410,12 +430,9 @@ private:
 TEST(BodyMobility, ModelsThatAreNotPositiveDefiniteAreAnError) {
     for (const FluidElement& body : {kinds()[0].element, kinds()[2].element})
         for (bool friction : {false, true}) {
-            BodyMobility mobility(
-                {body},
-                [&](const HydrodynamicParticles& particles) {
-                    return unique_ptr<MobilityOperator>(new Indefinite(particles, friction));
-                },
-                false, makeRpy);
+            BodyMobility mobility({body}, [&](const HydrodynamicParticles& particles) {
+                return unique_ptr<MobilityModel>(new Indefinite(particles, friction, false));
+            });
             mobility.setPoses({Pose()});
             const bool multiblob = body.particles.size() > 1;
             if (!friction)
@@ -425,8 +442,8 @@ TEST(BodyMobility, ModelsThatAreNotPositiveDefiniteAreAnError) {
                 expectError([&] { mobility.mobility(); },
                             {"the friction matrix of 1 bodies is not positive definite", "blobs are all at one place"});
         }
-    BodyMobility alone({kinds()[0].element}, makeRpy, false, [](const HydrodynamicParticles& particles) {
-        return unique_ptr<MobilityOperator>(new Indefinite(particles, false));
+    BodyMobility alone({kinds()[0].element}, [](const HydrodynamicParticles& particles) {
+        return unique_ptr<MobilityModel>(new Indefinite(particles, false, true));
     });
     alone.setPoses({Pose()});
     expectError([&] { alone.getMultiblobSolver(); }, {"blobs of body 0 is not positive definite; look for blobs"});

@@ -20,9 +20,8 @@ HydrodynamicParticles freeParticles(const vector<double>& radii, bool torque = f
 /** The smallest eigenvalue of the matrix of two particles in units in which every diagonal entry is 1. */
 double smallestEigenvalue(double distance, double otherRadius, bool torque) {
     RotnePragerYamakawa model(freeParticles({1, otherRadius}, torque), 1);
-    model.setPositions({Vec3(), Vec3(0.6, 0, 0.8) * distance});
     MatrixXd M;
-    model.dense(M);
+    model.at({{Vec3(), Vec3(0.6, 0, 0.8) * distance}})->dense(M);
     const VectorXd d = M.diagonal().cwiseSqrt().cwiseInverse();
     return Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * M * d.asDiagonal()).eigenvalues()[0];
 }

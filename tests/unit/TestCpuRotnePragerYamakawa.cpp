@@ -29,9 +29,9 @@ struct Scene {
     vector<Vec3> positions;
     optional<NoSlipPlane> wall;
 
-    unique_ptr<MobilityOperator> reference() const {
-        if (wall) return unique_ptr<MobilityOperator>(new RotnePragerYamakawaWall(particles, 0.7, *wall));
-        return unique_ptr<MobilityOperator>(new RotnePragerYamakawa(particles, 0.7));
+    unique_ptr<MobilityModel> reference() const {
+        if (wall) return unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, 0.7, *wall));
+        return unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, 0.7));
     }
 };
 /** Dense: many overlaps, some particles inside others. Sparse: packs of all sorts. */
@@ -54,11 +54,11 @@ struct Results {
 };
 Results results(const Scene& scene, const MatrixXd& forces, CpuRotnePragerYamakawa::ForRanges forRanges = {}) {
     CpuRotnePragerYamakawa M(scene.particles, 0.7, forRanges, scene.wall);
-    M.setPositions(scene.positions);
+    const auto at = M.at({scene.positions});
     Results r;
-    M.dense(r.dense);
-    M.apply(forces, r.velocities);
-    M.applyRoughly(forces, r.rough);
+    at->dense(r.dense);
+    at->apply(forces, r.velocities);
+    at->applyRoughly(forces, r.rough);
     return r;
 }
 
@@ -86,8 +86,8 @@ TEST(CpuRotnePragerYamakawa, AgreesWithTheScalarOne) {
                 for (int variant = 0; variant < 12; variant++) {
                     const Scene scene =
                         randomScene(n, kind, variant % 2, variant / 2 % 2 ? 10 : 1, Bounds(variant / 4));
-                    const auto reference = scene.reference();
-                    reference->setPositions(scene.positions);
+                    const auto model = scene.reference();
+                    const auto reference = model->at({scene.positions});
                     MatrixXd dense;
                     reference->dense(dense);
                     const double scale = dense.cwiseAbs().maxCoeff();
@@ -146,21 +146,21 @@ TEST(CpuRotnePragerYamakawa, RoughProductsAreRightToSixDigits) {
                 for (int variant = 0; variant < 12; variant++) {
                     const Scene scene =
                         randomScene(n, kind, variant % 2, variant / 2 % 2 ? 10 : 1, Bounds(variant / 4));
-                    CpuRotnePragerYamakawa M(scene.particles, 0.7, {}, scene.wall);
-                    M.setPositions(scene.positions);
+                    const CpuRotnePragerYamakawa model(scene.particles, 0.7, {}, scene.wall);
+                    const auto M = model.at({scene.positions});
                     MatrixXd dense, exact, rough;
-                    M.dense(dense);
+                    M->dense(dense);
                     // From below, by the power method.
                     Eigen::VectorXd v = Eigen::VectorXd::Ones(dense.rows()).normalized();
                     for (int k = 0; k < 20; k++) v = (dense * v).normalized();
                     const double norm = (dense * v).norm();
                     for (double unit : {1.0, 1e-50, 1e50}) {
                         const MatrixXd forces = unit * MatrixXd::Random(scene.particles.numRows, 3);
-                        M.apply(forces, exact);
-                        M.applyRoughly(forces, rough);
+                        M->apply(forces, exact);
+                        M->applyRoughly(forces, rough);
                         for (int c = 0; c < forces.cols(); c++)
                             ASSERT_LT((rough - exact).col(c).norm(),
-                                      MobilityOperator::roughError * norm * forces.col(c).norm())
+                                      MobilityAt::roughError * norm * forces.col(c).norm())
                                 << n << " " << kind << " " << variant;
                         ASSERT_GT((rough - exact).norm(), 0);  // else this tests nothing
                     }
@@ -173,12 +173,12 @@ TEST(CpuRotnePragerYamakawa, RoughProductsAreExactForRadiiBeyondFloats) {
         Scene scene = randomScene(20, Mixed, false, 10);
         for (auto& a : scene.particles.radii) a *= unit;
         for (auto& r : scene.positions) r *= unit;
-        CpuRotnePragerYamakawa M(scene.particles, 0.7);
-        M.setPositions(scene.positions);
+        const CpuRotnePragerYamakawa model(scene.particles, 0.7);
+        const auto M = model.at({scene.positions});
         const MatrixXd forces = MatrixXd::Random(scene.particles.numRows, 2);
         MatrixXd exact, rough;
-        M.apply(forces, exact);
-        M.applyRoughly(forces, rough);
+        M->apply(forces, exact);
+        M->applyRoughly(forces, rough);
         EXPECT_EQ((exact.array() != rough.array()).count(), 0);
     }
 }
@@ -188,12 +188,12 @@ TEST(CpuRotnePragerYamakawa, ObjectsToTheSamePositions) {
         Scene scene = randomScene(9, Mixed, true, 3, bounds);
         CpuRotnePragerYamakawa M(scene.particles, 0.7, {}, scene.wall);
         EXPECT_TRUE(M.mayObject());
-        M.setPositions(scene.positions);
+        M.at({scene.positions});
         scene.positions[5][2] = bounds == Wall ? -0.5 : -0.02;
-        const string problem = scene.reference()->objection(scene.positions);
+        const string problem = scene.reference()->objection({scene.positions});
         EXPECT_NE(problem.find("particle 5 "), string::npos);
-        EXPECT_EQ(M.objection(scene.positions), problem);
-        expectError([&] { M.setPositions(scene.positions); }, {problem});
+        EXPECT_EQ(M.objection({scene.positions}), problem);
+        expectError([&] { M.at({scene.positions}); }, {problem});
     }
     EXPECT_FALSE(CpuRotnePragerYamakawa(HydrodynamicParticles(), 1).mayObject());
     EXPECT_TRUE(CpuRotnePragerYamakawa(HydrodynamicParticles(), 1).acceptsNearby({}));
@@ -209,23 +209,24 @@ TEST(CpuRotnePragerYamakawa, ReachesAsFarBeyondContact) {
         for (double z : {0.98 * a, 0.995 * a, -0.01 * a}) {
             scene.positions[5][2] = height + z;
             const bool accepted = bounds == Wall ? z > 0.99 * a : z > 0;
-            EXPECT_EQ(M.acceptsNearby(scene.positions), accepted) << z;
-            EXPECT_EQ(reference->acceptsNearby(scene.positions), accepted) << z;
+            EXPECT_EQ(M.acceptsNearby({scene.positions}), accepted) << z;
+            EXPECT_EQ(reference->acceptsNearby({scene.positions}), accepted) << z;
         }
         scene.positions[5][2] = height + (bounds == Wall ? 1 : 0.5) * a - 1e-6;
         MatrixXd dense, expected;
-        M.setPositionsNearby(scene.positions);
-        M.dense(dense);
-        reference->setPositionsNearby(scene.positions);
-        reference->dense(expected);
+        const auto nearby = M.near({scene.positions});
+        nearby->dense(dense);
+        reference->near({scene.positions})->dense(expected);
         EXPECT_LT((dense - expected).cwiseAbs().maxCoeff(), 1e-13 * expected.maxCoeff());
-        // Another time, as ever.
+        // Another place at the same time, as ever.
+        const MatrixXd before = dense;
         scene.positions[5][2] += 1e-3;
-        M.setPositions(scene.positions);
-        reference->setPositions(scene.positions);
-        M.dense(dense);
-        reference->dense(expected);
+        M.at({scene.positions})->dense(dense);
+        reference->at({scene.positions})->dense(expected);
         EXPECT_LT((dense - expected).cwiseAbs().maxCoeff(), 1e-13 * expected.maxCoeff());
+        EXPECT_GT((dense - before).norm(), 0);
+        nearby->dense(dense);
+        EXPECT_EQ((dense - before).norm(), 0);
     }
 }
 

@@ -293,9 +293,8 @@ TEST(Lanczos, SuspensionsOfSpheres) {
                 if (accepted) positions[i] = trial;
             }
         RotnePragerYamakawa mobility(particles, 1 / (6 * M_PI));
-        mobility.setPositions(positions);
         MatrixXd N;
-        mobility.dense(N);
+        mobility.at({positions})->dense(N);
         VectorXd root(6 * n);
         for (int row = 0; row < 6 * n; row++) root[row] = row % 6 < 3 ? 1 : sqrt(0.4);
         const MatrixXd S = root.asDiagonal() * N * root.asDiagonal();

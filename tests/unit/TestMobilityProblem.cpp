@@ -27,15 +27,11 @@ struct Spheres {
             elements.push_back(e);
             Pose pose;
             pose.R = unit * Vector3d(3.2 * (i % 3), 3.1 * (i / 3), 0.4 * i);
-            pose.A = Matrix3d::Identity();
             poses.push_back(pose);
         }
-        bodies.reset(new BodyMobility(
-            elements,
-            [](const HydrodynamicParticles& particles) {
-                return unique_ptr<MobilityOperator>(new RotnePragerYamakawa(particles, 1));
-            },
-            true));
+        bodies.reset(new BodyMobility(elements, [](const HydrodynamicParticles& particles) {
+            return unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, 1));
+        }));
         bodies->setPoses(poses);
     }
 };

@@ -49,20 +49,20 @@ struct Scene {
         R.push_back(at);
         q.push_back(scalar::exponential(scalar::Vector3<double>{turn.x() / 2, turn.y() / 2, turn.z() / 2}));
     }
-    BodyMobility::OperatorFactory factory() const {
+    BodyMobility::ModelFactory factory() const {
         return [this](const HydrodynamicParticles& particles) {
-            if (stokesian) return unique_ptr<MobilityOperator>(new StokesianDynamics(particles, viscosity, true, 0));
+            if (stokesian) return unique_ptr<MobilityModel>(new StokesianDynamics(particles, viscosity, true, 0));
             const NoSlipPlane plane(0, false);
             if (bestKnown)
-                return unique_ptr<MobilityOperator>(new SphereWallCongruence(
+                return unique_ptr<MobilityModel>(new SphereWallCongruence(
                     particles, viscosity, plane,
-                    unique_ptr<MobilityOperator>(new RotnePragerYamakawaWall(particles, viscosity, plane))));
-            return wall ? unique_ptr<MobilityOperator>(new RotnePragerYamakawaWall(particles, viscosity, plane))
-                        : unique_ptr<MobilityOperator>(new RotnePragerYamakawa(particles, viscosity));
+                    unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, viscosity, plane))));
+            return wall ? unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, viscosity, plane))
+                        : unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, viscosity));
         };
     }
     unique_ptr<BodyMobility> mobility() const {
-        return unique_ptr<BodyMobility>(new BodyMobility(elements, factory(), !wall));
+        return unique_ptr<BodyMobility>(new BodyMobility(elements, factory()));
     }
 };
 
@@ -156,10 +156,11 @@ MatrixXd mobilityAt(const Scene& scene, BodyMobility& bodies, const VectorXd& u)
     for (size_t e = 0; e < poses.size(); e++) {
         const int row = bodies.firstRow(e);
         poses[e].R = scene.R[e] + u.segment<3>(row);
-        poses[e].A = rotationMatrix(scene.q[e]);
+        poses[e].q = scene.q[e];
         if (scene.elements[e].isFree()) continue;
         const Vector3d turn = u.segment<3>(row + 3);
-        if (turn.norm() > 0) poses[e].A = Eigen::AngleAxisd(turn.norm(), turn.normalized()).matrix() * poses[e].A;
+        poses[e].q =
+            scalar::exponential(scalar::Vector3<double>{turn.x() / 2, turn.y() / 2, turn.z() / 2}) * scene.q[e];
     }
     bodies.setPoses(poses);
     return bodies.mobility();

@@ -32,9 +32,8 @@ struct Scene {
     vector<Vec3> positions;
     MatrixXd dense(double viscosity = 1) const {
         RotnePragerYamakawa M(particles, viscosity);
-        M.setPositions(positions);
         MatrixXd mobility;
-        M.dense(mobility);
+        M.at({positions})->dense(mobility);
         return mobility;
     }
     void add(double radius, bool torque, const Vec3& position) {
@@ -154,12 +153,12 @@ TEST(RotnePragerYamakawa, ApplyIsTheMatrix) {
     for (int n : {1, 2, 5, 12})
         for (int columns : {1, 2, 3}) {
             const Scene scene = randomScene(random, n, 3);
-            RotnePragerYamakawa M(scene.particles, 0.6);
-            M.setPositions(scene.positions);
+            const RotnePragerYamakawa model(scene.particles, 0.6);
+            const auto M = model.at({scene.positions});
             MatrixXd dense, velocities;
-            M.dense(dense);
-            const MatrixXd forces = MatrixXd::Random(M.getNumRows(), columns);
-            M.apply(forces, velocities);
+            M->dense(dense);
+            const MatrixXd forces = MatrixXd::Random(scene.particles.numRows, columns);
+            M->apply(forces, velocities);
             const double scale = dense.cwiseAbs().maxCoeff();
             EXPECT_LT((velocities - dense * forces).cwiseAbs().maxCoeff(), 1e-14 * scale);
         }

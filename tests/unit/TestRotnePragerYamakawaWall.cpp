@@ -29,27 +29,24 @@ struct Scene {
         particles.add(radius, torque, particles.size(), body);
         positions.push_back(position);
     }
-    RotnePragerYamakawaWall mobility(double viscosity) const {
-        RotnePragerYamakawaWall M(particles, viscosity, NoSlipPlane(height, crossing));
-        M.setPositions(positions);
-        return M;
+    RotnePragerYamakawaWall model(double viscosity) const {
+        return RotnePragerYamakawaWall(particles, viscosity, NoSlipPlane(height, crossing));
     }
     MatrixXd dense(double viscosity = 1) const {
         MatrixXd matrix;
-        mobility(viscosity).dense(matrix);
+        model(viscosity).at({positions})->dense(matrix);
         return matrix;
     }
     /** By apply(), which computes all blocks by themselves. */
     MatrixXd applied(double viscosity = 1) const {
         MatrixXd matrix;
-        mobility(viscosity).apply(MatrixXd::Identity(particles.numRows, particles.numRows), matrix);
+        model(viscosity).at({positions})->apply(MatrixXd::Identity(particles.numRows, particles.numRows), matrix);
         return matrix;
     }
     MatrixXd unbounded(double viscosity = 1) const {
         RotnePragerYamakawa M(particles, viscosity);
-        M.setPositions(positions);
         MatrixXd matrix;
-        M.dense(matrix);
+        M.at({positions})->dense(matrix);
         return matrix;
     }
 };
@@ -250,11 +247,10 @@ TEST(RotnePragerYamakawaWall, NearbyPositionsPositiveDefinite) {
         for (int i = 0; i < scene.particles.size(); i++)
             if (i % 2 == trial % 2) scene.positions[i][2] = scene.height + 0.9901 * scene.particles.radii[i];
         RotnePragerYamakawaWall M(scene.particles, 1, NoSlipPlane(scene.height, false));
-        ASSERT_EQ(M.acceptsNearby(scene.positions), true);
-        ASSERT_NE(M.objection(scene.positions), "");
-        M.setPositionsNearby(scene.positions);
+        ASSERT_EQ(M.acceptsNearby({scene.positions}), true);
+        ASSERT_NE(M.objection({scene.positions}), "");
         MatrixXd dense;
-        M.dense(dense);
+        M.near({scene.positions})->dense(dense);
         smallest = min(smallest, smallestEigenvalue(dense));
         ASSERT_GT(smallest, 0) << trial;
     }
@@ -267,16 +263,17 @@ TEST(RotnePragerYamakawaWall, ApplyIsTheMatrix) {
         for (int columns : {1, 2, 3})
             for (double lowest : {0.0, -0.9}) {
                 const Scene scene = randomScene(random, n, 3, lowest);
-                const auto M = scene.mobility(0.6);
+                const auto model = scene.model(0.6);
+                const auto M = model.at({scene.positions});
                 MatrixXd dense, velocities;
-                M.dense(dense);
-                const MatrixXd forces = MatrixXd::Random(M.getNumRows(), columns);
-                M.apply(forces, velocities);
+                M->dense(dense);
+                const MatrixXd forces = MatrixXd::Random(scene.particles.numRows, columns);
+                M->apply(forces, velocities);
                 EXPECT_LT(largest(velocities - dense * forces), 3e-14 * largest(dense));
                 // Again, into the same places.
                 const double* place = velocities.data();
                 const MatrixXd first = velocities;
-                M.apply(forces, velocities);
+                M->apply(forces, velocities);
                 EXPECT_EQ(largest(velocities - first), 0);
                 EXPECT_EQ(velocities.data(), place);
             }
@@ -416,27 +413,27 @@ TEST(RotnePragerYamakawaWall, RefusesParticlesThatReachThroughTheWall) {
         crossing(scene.particles, 1, NoSlipPlane(2, true));
     EXPECT_TRUE(overlap.mayObject());
     EXPECT_TRUE(crossing.mayObject());
-    EXPECT_EQ(overlap.objection(good), "");
-    for (const auto& positions : {good, low, lower}) EXPECT_EQ(crossing.objection(positions), "");
+    EXPECT_EQ(overlap.objection({good}), "");
+    for (const auto& positions : {good, low, lower}) EXPECT_EQ(crossing.objection({positions}), "");
     const vector<string> inNoBody = {"particle 17 (in no body) has its centre 0.375 nm above the wall at z = 2 nm",
                                      "less than its radius, 0.5 nm; move it up, use smaller time steps, or allow it by "
                                      "setWallRejection(Crossing)"};
-    expectError([&] { overlap.setPositions(low); }, inNoBody);
-    for (const string& text : inNoBody) EXPECT_NE(overlap.objection(low).find(text), string::npos);
-    EXPECT_NE(overlap.objection(lower).find("particle 4 (body 0) has its centre 0.125 nm above"), string::npos);
-    for (const auto& positions : {on, behind, nowhere}) EXPECT_NE(overlap.objection(positions), "");
+    expectError([&] { overlap.at({low}); }, inNoBody);
+    for (const string& text : inNoBody) EXPECT_NE(overlap.objection({low}).find(text), string::npos);
+    EXPECT_NE(overlap.objection({lower}).find("particle 4 (body 0) has its centre 0.125 nm above"), string::npos);
+    for (const auto& positions : {on, behind, nowhere}) EXPECT_NE(overlap.objection({positions}), "");
     expectError(
-        [&] { crossing.setPositions(on); },
+        [&] { crossing.at({on}); },
         {"particle 4 (body 0) has its centre 0 nm above the wall at z = 2 nm, where a particle (this one of radius "
          "0.25 nm) has no mobility; move it above the wall, or use smaller time steps"});
-    EXPECT_NE(crossing.objection(behind).find("particle 17 (in no body) has its centre -0.5 nm above"), string::npos);
-    EXPECT_NE(crossing.objection(nowhere), "");
+    EXPECT_NE(crossing.objection({behind}).find("particle 17 (in no body) has its centre -0.5 nm above"), string::npos);
+    EXPECT_NE(crossing.objection({nowhere}), "");
     // What was refused leaves the last good positions.
-    overlap.setPositions(good);
+    auto place = overlap.at({good});
     MatrixXd before, after;
-    overlap.dense(before);
-    EXPECT_THROW(overlap.setPositions(low), OpenMMException);
-    overlap.dense(after);
+    place->dense(before);
+    EXPECT_THROW(overlap.place(place, {low}), OpenMMException);
+    place->dense(after);
     EXPECT_EQ(largest(after - before), 0);
 }
 

@@ -47,13 +47,11 @@ struct Scene {
     }
     SphereWallCongruence best() const {
         return SphereWallCongruence(particles, 1, wall,
-                                    unique_ptr<MobilityOperator>(new RotnePragerYamakawaWall(particles, 1, wall)));
+                                    unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, 1, wall)));
     }
     MatrixXd dense() const {
-        SphereWallCongruence M = best();
-        M.setPositions(positions);
         MatrixXd matrix;
-        M.dense(matrix);
+        best().at({positions})->dense(matrix);
         return matrix;
     }
 };
@@ -183,11 +181,11 @@ TEST(SphereWallCongruence, IsSymmetricPositiveDefiniteAndItsProductsAreTheMatrix
         ASSERT_GT(smallest, 0) << trial;
         MatrixXd products;
         const MatrixXd forces = MatrixXd::Random(M.rows(), 3);
-        SphereWallCongruence best = scene.best();
-        best.setPositions(scene.positions);
-        best.apply(forces, products);
+        const SphereWallCongruence model = scene.best();
+        const auto best = model.at({scene.positions});
+        best->apply(forces, products);
         ASSERT_LT((products - M * forces).cwiseAbs().maxCoeff(), 1e-13 * M.maxCoeff() * M.rows()) << trial;
-        best.friction(products);
+        best->friction(products);
         ASSERT_LT((d.asDiagonal() * (M * products * M - M) * d.asDiagonal()).cwiseAbs().maxCoeff(), 1e-9) << trial;
     }
     cout << "smallest eigenvalue " << smallest << endl;
@@ -197,9 +195,8 @@ TEST(SphereWallCongruence, BlobsStayAsTheModelSays) {
     Scene scene;
     for (int i = 0; i < 3; i++) scene.add(0.5, false, 7, i, 0.2 * i, 0.1 * i);  // one touches
     RotnePragerYamakawaWall model(scene.particles, 1, scene.wall);
-    model.setPositions(scene.positions);
     MatrixXd expected;
-    model.dense(expected);
+    model.at({scene.positions})->dense(expected);
     EXPECT_EQ((scene.dense() - expected).cwiseAbs().maxCoeff(), 0);
 }
 
@@ -211,12 +208,12 @@ TEST(SphereWallCongruence, SpheresMustNotTouchTheWall) {
     EXPECT_TRUE(best.mayObject());
     for (double rounding : {0.0, 1e-14}) {
         scene.positions[1][2] = 0.2 - rounding;
-        expectError([&] { best.setPositions(scene.positions); },
+        expectError([&] { best.at({scene.positions}); },
                     {"particle 1 (in no body) touches the wall, where a sphere cannot move by BestKnown",
                      "setSphereWallMobility(FromModel)"});
     }
     scene.positions[1][2] = 0.19;
-    EXPECT_NE(best.objection(scene.positions).find("less than its radius, 0.5 nm"), string::npos);
+    EXPECT_NE(best.objection({scene.positions}).find("less than its radius, 0.5 nm"), string::npos);
     scene.positions[1][2] = 0.2 + 1e-9;
-    EXPECT_EQ(best.objection(scene.positions), "");
+    EXPECT_EQ(best.objection({scene.positions}), "");
 }

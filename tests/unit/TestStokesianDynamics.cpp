@@ -24,9 +24,8 @@ HydrodynamicParticles spheres(const vector<double>& radii) {
 MatrixXd frictionOf(const vector<double>& radii, const vector<Vec3>& positions, bool lubrication = true,
                     double minimumGap = 0, double viscosity = 1) {
     StokesianDynamics model(spheres(radii), viscosity, lubrication, minimumGap);
-    model.setPositions(positions);
     MatrixXd friction;
-    model.friction(friction);
+    model.at({positions})->friction(friction);
     return friction;
 }
 
@@ -74,10 +73,10 @@ TEST(StokesianDynamics, SingleSphere) {
     for (bool lubrication : {true, false}) {
         StokesianDynamics model(spheres({0.7}), 1.3, lubrication, 0);
         EXPECT_EQ(model.isMadeFromFriction(), lubrication);
-        model.setPositions({Vec3(1, 2, 3)});
+        const auto at = model.at({{Vec3(1, 2, 3)}});
         MatrixXd friction, mobility;
-        model.friction(friction);
-        model.dense(mobility);
+        at->friction(friction);
+        at->dense(mobility);
         VectorXd expected(6);
         expected << VectorXd::Constant(3, 6 * M_PI * 1.3 * 0.7), VectorXd::Constant(3, 8 * M_PI * 1.3 * pow(0.7, 3));
         EXPECT_LT((friction - MatrixXd(expected.asDiagonal())).cwiseAbs().maxCoeff(), 1e-13);
@@ -95,11 +94,10 @@ TEST(StokesianDynamics, TwoSedimentingSpheres) {
                           Case{25.0 / 12, 1.0756206190, 0.097726919137, -7.9e-3, 1.2e-1, 0.05}})
         for (bool lubrication : {true, false}) {
             StokesianDynamics model(spheres({1, 1}), 1 / (4 * M_PI), lubrication, 0);
-            model.setPositions({Vec3(), Vec3(c.l, 0, 0)});
             VectorXd force = VectorXd::Zero(12);
             force[2] = force[8] = -1;
             MatrixXd velocity;
-            model.apply(force, velocity);
+            model.at({{Vec3(), Vec3(c.l, 0, 0)}})->apply(force, velocity);
             const double forceRatio = -1 / velocity(2), omega = velocity(4) / velocity(2);
             EXPECT_NEAR(velocity(8), velocity(2), 1e-14);
             EXPECT_NEAR(velocity(10), -velocity(4), 1e-14);
@@ -160,9 +158,8 @@ TEST(StokesianDynamics, ForceAndTorqueBlocksFarApart) {
     const vector<double> radii = {1, 0.6};
     const double r = 200;
     StokesianDynamics model(spheres(radii), 1, true, 0);
-    model.setPositions({Vec3(0, 0, r), Vec3()});
     MatrixXd mobility;
-    model.dense(mobility);
+    model.at({{Vec3(0, 0, r), Vec3()}})->dense(mobility);
     const double squares = 1.36, tolerance = 1e-9;
     EXPECT_NEAR(mobility(0, 6) * 8 * M_PI * r, 1 + squares / (3 * r * r), tolerance);
     EXPECT_NEAR(mobility(2, 8) * 8 * M_PI * r, 2 - 2 * squares / (3 * r * r), 2e-7);  // the stresslets' share is 3e-8
@@ -175,14 +172,15 @@ TEST(StokesianDynamics, MatricesAgreeAndAreSymmetric) {
     for (bool lubrication : {true, false}) {
         StokesianDynamics model(spheres(threeRadii), 0.9, lubrication, 0);
         MatrixXd friction, mobility, velocities;
+        unique_ptr<MobilityAt> at;
         for (int visit = 0; visit < 2; visit++) {  // nothing is left of earlier positions
             vector<Vec3> positions = threePositions;
             if (visit == 0) positions[1] *= 3;
-            model.setPositions(positions);
-            model.dense(mobility);
-            model.friction(friction);
+            model.place(at, {positions});
+            at->dense(mobility);
+            at->friction(friction);
             const MatrixXd forces = MatrixXd::Random(18, 2);
-            model.apply(forces, velocities);
+            at->apply(forces, velocities);
             EXPECT_LT((friction - friction.transpose()).norm() / friction.norm(), 1e-14);
             EXPECT_LT((mobility - mobility.transpose()).norm() / mobility.norm(), 1e-14);
             EXPECT_LT((friction * mobility - MatrixXd::Identity(18, 18)).norm(), 1e-12);
@@ -293,24 +291,24 @@ TEST(StokesianDynamics, RefusedOverlap) {
         EXPECT_FALSE(model.overlaps(apart, i, j));
         EXPECT_TRUE(model.overlaps(overlapping, i, j));
         EXPECT_TRUE(model.mayObject());
-        EXPECT_EQ(model.objection(apart), "");
-        EXPECT_NE(model.objection(overlapping).find("overlap or touch"), string::npos);
+        EXPECT_EQ(model.objection({apart}), "");
+        EXPECT_NE(model.objection({overlapping}).find("overlap or touch"), string::npos);
         EXPECT_EQ(i, 1);
         EXPECT_EQ(j, 2);
         EXPECT_TRUE(model.overlaps({Vec3(), Vec3(1.5, 0, 0), Vec3(0, 2, 0)}, i, j)) << "contact";
         MatrixXd before, after;
-        model.setPositions(apart);
-        model.friction(before);
-        expectError([&] { model.setPositions(overlapping); },
+        auto place = model.at({apart});
+        place->friction(before);
+        expectError([&] { model.place(place, {overlapping}); },
                     {"particle 101 (body 1)", "particle 102 (body 2)", "overlap or touch: their distance is 0.9 nm",
                      "sum of their radii 1 nm", "setMinimumGap", "RotnePragerYamakawa"});
-        model.friction(after);
+        place->friction(after);
         EXPECT_EQ((before - after).norm(), 0) << "the last good positions stay";
     }
     StokesianDynamics allowed(spheres({1, 0.5}), 1, true, 0.01);
     expectError(
         [&] {
-            allowed.setPositions({Vec3(1, 1, 1), Vec3(1, 1, 1)});
+            allowed.at({{Vec3(1, 1, 1), Vec3(1, 1, 1)}});
         },
         {"particle 100 (body 0) and particle 101 (body 1)", "are at the same place, so their line"});
 }

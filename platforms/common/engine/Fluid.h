@@ -9,9 +9,9 @@
 #include <string>
 #include <vector>
 
+#include "context/SavedState.h"
 #include "engine/FreeParticles.h"
 #include "engine/PlatformLoops.h"
-#include "engine/SavedState.h"
 #include "mobility/BodyMobility.h"
 #include "mobility/Lanczos.h"
 #include "openmmrigidhi/MobilityForce.h"
@@ -37,7 +37,7 @@ public:
      *         groups of other numbers of bodies, and what the model refuses
      */
     Fluid(const MobilityForce& force, CustomRigidHIIntegrator::WallRejection wallRejection,
-          const OpenMM::System& system, const std::vector<std::vector<int> >& particlesOfBodies,
+          const OpenMM::System& system, const std::vector<std::vector<int>>& particlesOfBodies,
           const std::vector<BodyGeometry>& geometries, const BodySet& bodies, const FreeParticles& freeParticles,
           PlatformLoops& loops);
 
@@ -46,7 +46,7 @@ public:
      * @throws OpenMMException likewise
      */
     static void check(const MobilityForce& force, CustomRigidHIIntegrator::WallRejection wallRejection,
-                      const OpenMM::System& system, const std::vector<std::vector<int> >& particlesOfBodies,
+                      const OpenMM::System& system, const std::vector<std::vector<int>>& particlesOfBodies,
                       const FreeParticles& freeParticles, PlatformLoops& loops);
 
     const MobilityForce& getForce() const { return force; }
@@ -114,6 +114,8 @@ public:
     Eigen::VectorXd applyToBlobs(const Eigen::VectorXd& forces, const BodySet& bodies,
                                  const std::vector<OpenMM::Vec3>& positions);
 
+    /** The vectors of the Context's periodic box, from now on; zeros, as at first: there is none. */
+    void setBox(const BoxVectors& box);
     /** Why the model has no mobility at the present poses, naming particles; empty where it has one. */
     std::string objection(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
     /** Whether objection() can ever object. */
@@ -140,19 +142,13 @@ public:
     void continueFrom(Fluid& before);
 
 private:
-    struct Group {
-        std::unique_ptr<BodyMobility> mobility;
-        bool isThermostat = false;                 // its tensor is a Thermostat: nothing to be done here
-        double drag_t = 0, drag_r[3] = {0, 0, 0};  // then
-        bool solvesMatrixFree = false;             // in relax()
-        bool answersMatrixFree = false;            // in apply()
-        std::vector<int> freeIndex;                // of each element in FreeParticles, -1: a body
-        std::vector<int> firstZ, numLive;          // of each element: rows in Z, live axes of a body
+    /** What LangevinHI needs of a group. */
+    struct Relaxation {
+        std::vector<int> firstZ, numLive;  // of each element: rows in Z, live axes of a body
         int numZ = 0;
         // Whether bodies lack just those moments about whose axes the fluid does not hold them.
         bool deadAxesAreNull = true;
-        bool hasNullVectors = false;
-        std::vector<Pose> poses;
+        bool solvesMatrixFree = false;
         Eigen::VectorXd Z, chi;
         Eigen::MatrixXd half, S;
         FluidOrnsteinUhlenbeck process;
@@ -160,15 +156,32 @@ private:
         Eigen::MatrixXd columns, results, wrenches, twists;
         double constantH = -1;  // the step for which `decay` and `noise` hold
         Eigen::MatrixXd decay, noise;
+    };
+    /** What a scheme without momenta needs of it. */
+    struct Overdamped {
+        bool matrixFree = false;
         std::unique_ptr<OverdampedMove> move;  // made at the first step without momenta
-        bool overdampedMatrixFree = false, isFinite = true;
         std::unique_ptr<OverdampedScheme> scheme;
         std::vector<Eigen::MatrixXd> memoryAtStart;
-        int stage = 0;                                                    // stages of the present step that are done
-        uint32_t attempt = 0;                                             // of the present step
-        std::string objection;                                            // to where the last part led
-        std::vector<std::vector<OverdampedMove::Place> > placesOfForces;  // where those of each stage are evaluated
-        long long randomNumbers = 0, iterations = 0, squareRoots = 0;     // of the last step
+        int stage = 0;                                  // stages of the present step that are done
+        uint32_t attempt = 0;                           // of the present step
+        std::string objection;                          // to where the last part led
+        bool isFinite = true;                           // where it led
+        std::vector<std::vector<Pose>> placesOfForces;  // where those of each stage are evaluated
+        long long squareRoots = 0;                      // of the last part
+    };
+    /** What feels each other. */
+    struct Group {
+        std::unique_ptr<BodyMobility> mobility;
+        std::vector<int> freeIndex;  // of each element in FreeParticles, -1: a body
+        std::vector<Pose> poses;
+        bool hasNullVectors = false;
+        bool isThermostat = false;                 // its tensor is a Thermostat: nothing to be done here
+        double drag_t = 0, drag_r[3] = {0, 0, 0};  // then
+        bool answersMatrixFree = false;            // in apply()
+        Relaxation relaxation;
+        Overdamped overdamped;
+        long long randomNumbers = 0, iterations = 0;  // of the last step
     };
     /** Groups by what their stochastic drift is. */
     struct Drifts {
@@ -190,7 +203,7 @@ private:
     double differenceOf(const Group& group, const SchemeTraits& scheme, double wanted) const;
     void setStart(Group& group, const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
     void takeForces(Group& group, const BodySet& bodies, const FreeParticles& freeParticles) const;
-    bool writePlaces(const Group& group, const std::vector<OverdampedMove::Place>& places, BodySet& bodies,
+    bool writePlaces(const Group& group, const std::vector<Pose>& places, BodySet& bodies,
                      std::vector<OpenMM::Vec3>& positions) const;
     std::string objection(const Group& group, const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
     void setPoses(Group& group, const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
@@ -208,10 +221,10 @@ private:
     CustomRigidHIIntegrator::Scheme overdampedScheme_ =
         CustomRigidHIIntegrator::EulerMaruyama;        // of the groups' schemes
     long long productsBefore = 0, matricesBefore = 0;  // of the fluids before this one in the Context
-    std::vector<std::unique_ptr<Group> > groups;
+    std::vector<std::unique_ptr<Group>> groups;
     std::vector<Group*> coupledGroups;
     double operationsPerStep = 0;  // of these, roughly
-    std::vector<std::vector<int> > particlesOfBodies;
+    std::vector<std::vector<int>> particlesOfBodies;
     std::vector<int> groupOfBody, groupOfFree;  // free: by place in FreeParticles, -1: not seen
     PlatformLoops& loops;
 };

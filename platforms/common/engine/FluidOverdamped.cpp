@@ -5,6 +5,7 @@
 #include <cmath>
 #include <sstream>
 
+#include "engine/BodyPoses.h"
 #include "engine/Fluid.h"
 #include "mobility/OneBlasThread.h"
 #include "rigidbody/EigenVec3.h"
@@ -29,15 +30,16 @@ const double zeroDrift = 1e-12;
 }  // namespace
 
 OverdampedMove& Fluid::moveOf(Group& group) const {
-    if (!group.move)
-        group.move.reset(new OverdampedMove(*group.mobility, group.overdampedMatrixFree, force.getSolverTolerance()));
-    return *group.move;
+    if (!group.overdamped.move)
+        group.overdamped.move.reset(
+            new OverdampedMove(*group.mobility, group.overdamped.matrixFree, force.getSolverTolerance()));
+    return *group.overdamped.move;
 }
 
 /** Whether a scheme differences what iterations give, to a tolerance only. */
 bool Fluid::differencesIterate(const Group& group, const SchemeTraits& scheme) const {
-    const MobilityProblem& problem = group.move->getProblem();
-    if (group.move->driftIsKnown()) return false;
+    const MobilityProblem& problem = group.overdamped.move->getProblem();
+    if (group.overdamped.move->driftIsKnown()) return false;
     switch (scheme.differenced) {
         case Differenced::Products: return problem.productsIterate();
         case Differenced::Solves: return problem.solvesIterate();
@@ -57,7 +59,7 @@ Fluid::Drifts Fluid::findDrifts() const {
     Drifts drifts;
     for (auto& group : groups) {
         const OverdampedMove& move = moveOf(*group);
-        const MobilityProblem& problem = group->move->getProblem();
+        const MobilityProblem& problem = group->overdamped.move->getProblem();
         if (!move.driftIsKnown())
             drifts.differenced.push_back(group.get());
         else if (move.driftIsZero())
@@ -127,14 +129,11 @@ map<string, string> Fluid::describeDrift(const SchemeTraits& scheme, double kT, 
 void Fluid::setStart(Group& group, const BodySet& bodies, const vector<OpenMM::Vec3>& positions) const {
     const auto& elements = group.mobility->getElements();
     for (size_t e = 0; e < elements.size(); e++) {
-        OverdampedMove::Place& place = group.move->start[e];
-        if (elements[e].isFree()) {
+        Pose& place = group.overdamped.move->start[e];
+        if (elements[e].isFree())
             place.R = toEigen(positions[elements[e].particles[0]]);
-            continue;
-        }
-        const int s = bodies.slot(elements[e].body);
-        place.R = Vector3d(bodies.R[0][s], bodies.R[1][s], bodies.R[2][s]);
-        place.q = {bodies.q[0][s], bodies.q[1][s], bodies.q[2][s], bodies.q[3][s]};
+        else
+            place = poseOf(bodies, elements[e].body);
     }
 }
 
@@ -142,7 +141,7 @@ void Fluid::setStart(Group& group, const BodySet& bodies, const vector<OpenMM::V
 void Fluid::takeForces(Group& group, const BodySet& bodies, const FreeParticles& freeParticles) const {
     const auto& elements = group.mobility->getElements();
     for (size_t e = 0; e < elements.size(); e++) {
-        double* to = &group.move->force(group.mobility->firstRow(e), 0);
+        double* to = &group.overdamped.move->force(group.mobility->firstRow(e), 0);
         if (elements[e].isFree()) {
             const OpenMM::Vec3 force = freeParticles.getForce(group.freeIndex[e]);
             for (int k = 0; k < 3; k++) to[k] = force[k];
@@ -160,12 +159,12 @@ void Fluid::takeForces(Group& group, const BodySet& bodies, const FreeParticles&
 }
 
 /** A scheme's poses become the bodies'. Forces stay those of where they were evaluated, in the lab. */
-bool Fluid::writePlaces(const Group& group, const vector<OverdampedMove::Place>& places, BodySet& bodies,
+bool Fluid::writePlaces(const Group& group, const vector<Pose>& places, BodySet& bodies,
                         vector<OpenMM::Vec3>& positions) const {
     const auto& elements = group.mobility->getElements();
     double sum = 0;
     for (size_t e = 0; e < elements.size(); e++) {
-        const OverdampedMove::Place& place = places[e];
+        const Pose& place = places[e];
         sum += place.R.sum();
         if (elements[e].isFree()) {
             positions[elements[e].particles[0]] = toVec3(place.R);
@@ -189,29 +188,29 @@ bool Fluid::writePlaces(const Group& group, const vector<OverdampedMove::Place>&
 }
 
 OverdampedScheme& Fluid::schemeOf(Group& group) const {
-    if (!group.scheme) group.scheme = overdampedScheme(overdampedScheme_).make();
-    return *group.scheme;
+    if (!group.overdamped.scheme) group.overdamped.scheme = overdampedScheme(overdampedScheme_).make();
+    return *group.overdamped.scheme;
 }
 
 void Fluid::beginOverdamped(CustomRigidHIIntegrator::Scheme scheme) {
     for (auto& group : groups) {
-        if (scheme != overdampedScheme_) group->scheme.reset();
-        group->stage = 0;
-        group->attempt = 0;
-        group->objection.clear();
+        if (scheme != overdampedScheme_) group->overdamped.scheme.reset();
+        group->overdamped.stage = 0;
+        group->overdamped.attempt = 0;
+        group->overdamped.objection.clear();
     }
     overdampedScheme_ = scheme;
     for (auto& group : groups) {
         const auto memory = schemeOf(*group).memory();
-        group->memoryAtStart.resize(memory.size());
-        for (size_t i = 0; i < memory.size(); i++) group->memoryAtStart[i] = *memory[i];
-        group->placesOfForces.resize(overdampedScheme(scheme).numStages());
+        group->overdamped.memoryAtStart.resize(memory.size());
+        for (size_t i = 0; i < memory.size(); i++) group->overdamped.memoryAtStart[i] = *memory[i];
+        group->overdamped.placesOfForces.resize(overdampedScheme(scheme).numStages());
     }
 }
 
 int Fluid::nextStage() const {
     int next = overdampedScheme(overdampedScheme_).numStages();
-    for (const auto& group : groups) next = min(next, group->stage);
+    for (const auto& group : groups) next = min(next, group->overdamped.stage);
     return next;
 }
 
@@ -222,9 +221,9 @@ LoopResult Fluid::runStage(int stage, const StepSettings& settings, BodySet& bod
     double operations = 0;
     for (auto& group : groups) {
         moveOf(*group);
-        group->isFinite = true;
-        group->randomNumbers = group->squareRoots = group->iterations = 0;
-        if (group->stage != stage) continue;
+        group->overdamped.isFinite = true;
+        group->randomNumbers = group->overdamped.squareRoots = group->iterations = 0;
+        if (group->overdamped.stage != stage) continue;
         const double rows = group->mobility->getNumRows(), particleRows = group->mobility->getNumParticleRows();
         operations += group->mobility->isConstantInBodyFrame()
                           ? operationsOfConstantTensor
@@ -236,8 +235,8 @@ LoopResult Fluid::runStage(int stage, const StepSettings& settings, BodySet& bod
     step.noise = settings.noise;
     const auto task = [&](int i) {
         Group& group = *groups[i];
-        OverdampedMove& move = *group.move;
-        if (group.stage != stage) {
+        OverdampedMove& move = *group.overdamped.move;
+        if (group.overdamped.stage != stage) {
             if (stage > 0) writePlaces(group, move.present, bodies, positions);
             return;
         }
@@ -246,7 +245,7 @@ LoopResult Fluid::runStage(int stage, const StepSettings& settings, BodySet& bod
         move.randomNumbers = 0;
         if (stage == 0) {
             OverdampedStep own = step;
-            own.noise.attempt = group.attempt;
+            own.noise.attempt = group.overdamped.attempt;
             own.difference = differenceOf(group, settings.traits(), settings.difference);
             const bool iterate = differencesIterate(group, settings.traits());
             problem.setTolerance(force.getSolverTolerance() * (iterate ? toleranceOfDifferences : 1),
@@ -255,13 +254,14 @@ LoopResult Fluid::runStage(int stage, const StepSettings& settings, BodySet& bod
             move.begin(own);
         }
         if (entry.needsForces(stage)) takeForces(group, bodies, freeParticles);
-        group.scheme->run(stage, move);
-        group.stage++;
-        if (group.stage < entry.numStages()) group.placesOfForces[group.stage] = move.present;
-        group.isFinite = writePlaces(group, move.present, bodies, positions);
-        if (group.isFinite) group.objection = objection(group, bodies, positions);
+        group.overdamped.scheme->run(stage, move);
+        group.overdamped.stage++;
+        if (group.overdamped.stage < entry.numStages())
+            group.overdamped.placesOfForces[group.overdamped.stage] = move.present;
+        group.overdamped.isFinite = writePlaces(group, move.present, bodies, positions);
+        if (group.overdamped.isFinite) group.overdamped.objection = objection(group, bodies, positions);
         group.randomNumbers = move.randomNumbers;
-        group.squareRoots = problem.numSquareRoots - roots;
+        group.overdamped.squareRoots = problem.numSquareRoots - roots;
         group.iterations = group.mobility->numSolverIterations - iterations;
     };
     if (groups.size() > 1 && operations > worthThreads)
@@ -271,8 +271,8 @@ LoopResult Fluid::runStage(int stage, const StepSettings& settings, BodySet& bod
     LoopResult result;
     for (const auto& group : groups) {
         result.randomNumbers += group->randomNumbers;
-        result.finite = result.finite && group->isFinite;
-        numSquareRoots += group->squareRoots;
+        result.finite = result.finite && group->overdamped.isFinite;
+        numSquareRoots += group->overdamped.squareRoots;
         numIterations += group->iterations;
     }
     return result;
@@ -283,35 +283,37 @@ Fluid::Rejections Fluid::takeBackRejected(const BodySet::Snapshot& bodiesAtStart
                                           FreeParticles& freeParticles, vector<OpenMM::Vec3>& positions) {
     Rejections result;
     for (auto& group : groups) {
-        if (group->objection.empty()) continue;
+        if (group->overdamped.objection.empty()) continue;
         const auto& elements = group->mobility->getElements();
         for (size_t e = 0; e < elements.size(); e++)
             if (elements[e].isFree())
                 freeParticles.restore(freeAtStart, group->freeIndex[e], positions);
             else
                 bodies.restore(bodiesAtStart, elements[e].body);
-        group->stage = 0;
-        group->attempt++;
+        group->overdamped.stage = 0;
+        group->overdamped.attempt++;
         restoreMemory(*group);
         result.number++;
-        if ((int)group->attempt > result.attempts) {
-            result.attempts = group->attempt;
-            result.objection = group->objection;
+        if ((int)group->overdamped.attempt > result.attempts) {
+            result.attempts = group->overdamped.attempt;
+            result.objection = group->overdamped.objection;
         }
-        group->objection.clear();
+        group->overdamped.objection.clear();
     }
     return result;
 }
 
 void Fluid::showStage(int stage, BodySet& bodies, vector<OpenMM::Vec3>& positions) const {
     for (const auto& group : groups)
-        if (group->stage > stage) writePlaces(*group, group->placesOfForces[stage], bodies, positions);
+        if (group->overdamped.stage > stage)
+            writePlaces(*group, group->overdamped.placesOfForces[stage], bodies, positions);
 }
 
 void Fluid::restoreMemory(Group& group) const {
-    if (!group.scheme) return;
-    const auto memory = group.scheme->memory();
-    for (size_t i = 0; i < memory.size() && i < group.memoryAtStart.size(); i++) *memory[i] = group.memoryAtStart[i];
+    if (!group.overdamped.scheme) return;
+    const auto memory = group.overdamped.scheme->memory();
+    for (size_t i = 0; i < memory.size() && i < group.overdamped.memoryAtStart.size(); i++)
+        *memory[i] = group.overdamped.memoryAtStart[i];
 }
 
 void Fluid::restoreMemory() {
@@ -320,16 +322,16 @@ void Fluid::restoreMemory() {
 
 void Fluid::forgetMemory() {
     for (auto& group : groups)
-        if (group->scheme)
-            for (MatrixXd* vectors : group->scheme->memory()) vectors->resize(0, 0);
+        if (group->overdamped.scheme)
+            for (MatrixXd* vectors : group->overdamped.scheme->memory()) vectors->resize(0, 0);
 }
 
 SchemeMemory Fluid::getMemory() const {
     SchemeMemory saved;
     for (const auto& group : groups) {
-        if (!group->scheme) continue;
+        if (!group->overdamped.scheme) continue;
         vector<MatrixXd> own;
-        for (MatrixXd* vectors : group->scheme->memory()) own.push_back(*vectors);
+        for (MatrixXd* vectors : group->overdamped.scheme->memory()) own.push_back(*vectors);
         if (!own.empty()) saved.groups.push_back(own);
     }
     if (!saved.groups.empty()) saved.scheme = traitsOf(overdampedScheme_).name;

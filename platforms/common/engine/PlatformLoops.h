@@ -5,7 +5,7 @@
 #include <memory>
 
 #include "engine/StepSettings.h"
-#include "mobility/MobilityOperator.h"
+#include "mobility/MobilityModel.h"
 #include "openmmrigidhi/MobilityForce.h"
 #include "rigidbody/BodySet.h"
 
@@ -25,14 +25,14 @@ public:
     /** Call task(i) for i = 0 ... count - 1, each large enough for a thread of its own; several may run at the same time. */
     virtual void forTasks(int count, const std::function<void(int)>& task) = 0;
     /**
-     * The operator of a MobilityForce's model and boundary for particles that feel each other.
+     * The model of a MobilityForce, with its boundary, for particles that feel each other.
      *
      * @param crossingAllowed  whether surfaces of particles may reach through a wall
-     * @param mayUseThreads    false for operators that are used inside of forTasks()
+     * @param mayUseThreads    false for models that are used inside of forTasks()
      */
-    virtual std::unique_ptr<MobilityOperator> createMobility(const MobilityForce& force, bool crossingAllowed,
-                                                             const HydrodynamicParticles& particles,
-                                                             bool mayUseThreads) = 0;
+    virtual std::unique_ptr<MobilityModel> createMobility(const MobilityForce& force, bool crossingAllowed,
+                                                          const HydrodynamicParticles& particles,
+                                                          bool mayUseThreads) = 0;
     /** How the loops run, for describeEffects(). */
     virtual std::string describe() const = 0;
 };

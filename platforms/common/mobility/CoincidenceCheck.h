@@ -4,7 +4,7 @@
 #include <utility>
 #include <vector>
 
-#include "mobility/MobilityOperator.h"
+#include "mobility/MobilityModel.h"
 
 namespace RigidHIPlugin {
 

@@ -7,7 +7,7 @@
 #include <cmath>
 #include <sstream>
 
-#include "mobility/MobilityOperator.h"
+#include "mobility/MobilityModel.h"
 
 using namespace OpenMM;
 using Eigen::MatrixXd;
@@ -51,9 +51,9 @@ Lanczos::Lanczos(double tolerance, int maxIterations, double wanted)
 void Lanczos::apply(const Product& multiply, const MatrixXd& x, const std::vector<SpectralFunction>& functions,
                     MatrixXd& result, Measure measure, const Product& rough) {
     numProducts = numIterations = 0;
-    isRough = rough && tolerance >= MobilityOperator::leastRoughTolerance;
+    isRough = rough && tolerance >= MobilityAt::leastRoughTolerance;
     if (isRough) {
-        backwardError = MobilityOperator::roughError;
+        backwardError = MobilityAt::roughError;
         try {
             iterate(rough, x, functions, result, measure);
             return;

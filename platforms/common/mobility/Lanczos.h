@@ -68,7 +68,7 @@ public:
      * `tolerance` times the norm of the sum of all results. Increments and columns without `minusOne` are always relative to
      * themselves.
      *
-     * @param rough  if not empty: products as of MobilityOperator::applyRoughly()
+     * @param rough  if not empty: products as of MobilityAt::applyRoughly()
      * @throws OpenMMException  tolerance not reached in maxIterations or because of rounding (with what was reached and what
      *                          helps); A not positive definite; numbers that are not finite
      */

@@ -9,23 +9,19 @@ using namespace std;
 
 namespace RigidHIPlugin {
 
-typedef Matrix<double, 6, 1> Vector6d;
-
 MobilityProblem::MobilityProblem(BodyMobility& bodies, bool matrixFree, double tolerance)
     : bodies(bodies), matrixFree(matrixFree), tolerance(tolerance), toleranceOfProducts(tolerance),
-      bodySlips(bodies.constant || bodies.hasOwnTensors || !bodies.particleOperator ||
-                bodies.particleOperator->isMadeFromFriction()),
+      bodySlips(bodies.constant || bodies.hasOwnTensors || !bodies.model || bodies.model->isMadeFromFriction()),
       lanczos(new Lanczos(tolerance)) {
     const auto& elements = bodies.getElements();
     nearest_body.resize(elements.size());
     for (size_t e = 0; e < elements.size(); e++) {
-        hasNull = hasNull || bodies.hasNullVector(e);
-        if (bodySlips || bodies.identityK) continue;
-        const MatrixXd K = rigidMotion(elements[e], Matrix3d::Identity());
-        nearest_body[e] = generalisedInverse(K.transpose() * K, bodies.nullVectors[e]) * K.transpose();
+        if (bodySlips || bodies.motion.isIdentity()) continue;
+        const MatrixXd K = bodies.motion.ofElement_body(e);
+        nearest_body[e] = generalisedInverse(K.transpose() * K, bodies.nullTwists.inBody(e)) * K.transpose();
     }
-    if (bodies.identityK) {
-        const HydrodynamicParticles& particles = bodies.particles;
+    if (bodies.motion.isIdentity()) {
+        const HydrodynamicParticles& particles = getParticles();
         ownScale.resize(particles.numRows);
         for (int i = 0; i < particles.size(); i++) {
             const double a = particles.radii[i];
@@ -41,8 +37,6 @@ MobilityProblem::MobilityProblem(BodyMobility& bodies, bool matrixFree, double t
     }
 }
 
-Vector6d MobilityProblem::nullVector(int e) const { return twoRotations(bodies.poses[e].A) * bodies.nullVectors[e]; }
-
 void MobilityProblem::setTolerance(double relative, bool exactProducts) {
     toleranceOfProducts = exactProducts ? 0 : relative;
     if (relative == tolerance) return;
@@ -57,15 +51,8 @@ void MobilityProblem::setPoses(const vector<Pose>& poses, bool nearby) {
 
 /** The friction of bodies, in the lower triangle of `friction`, lifted along null twists, as its Cholesky factor. */
 void MobilityProblem::factoriseFriction() {
-    if (hasNull) {
-        const double lift = friction.trace() / friction.rows();
-        for (size_t e = 0; e < bodies.elements.size(); e++)
-            if (bodies.hasNullVector(e)) {
-                const Vector6d n = nullVector(e);
-                friction.block<6, 6>(bodies.rows[e], bodies.rows[e]) += lift * n * n.transpose();
-            }
-    }
-    if (!xi.compute(friction)) refuseIndefiniteFriction(bodies.elements.size());
+    bodies.nullTwists.lift(bodies.turns, friction);
+    if (!xi.compute(friction)) refuseIndefiniteFriction(getElements().size());
     isFactorised = true;
 }
 
@@ -77,25 +64,17 @@ void MobilityProblem::factorise() {
         return;
     }
     bodies.numMatrices++;
-    bodies.particleOperator->dense(mobility);
-    if (!M.compute(mobility)) refuseIndefiniteMobility(bodies.particles.size());
-    if (bodies.identityK) {
+    bodies.here->dense(mobility);
+    if (!M.compute(mobility)) refuseIndefiniteMobility(getParticles().size());
+    if (bodies.motion.isIdentity()) {
         isFactorised = true;
         return;
     }
-    bodies.fillK(bodies.poses, LK);
+    bodies.motion.fill(bodies.turns, LK);
     M.solveL(LK);
-    friction.setZero(bodies.numRows, bodies.numRows);
+    friction.setZero(getNumRows(), getNumRows());
     friction.selfadjointView<Lower>().rankUpdate(LK.transpose());
     factoriseFriction();
-}
-
-/** Call action(n, rows) for each body with a null twist n, with its rows of these vectors. */
-template <class Action>
-void MobilityProblem::forNullTwists(MatrixXd& vectors, Action action) const {
-    if (!hasNull) return;
-    for (size_t e = 0; e < bodies.elements.size(); e++)
-        if (bodies.hasNullVector(e)) action(nullVector(e), vectors.middleRows<6>(bodies.rows[e]));
 }
 
 void MobilityProblem::solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) {
@@ -103,12 +82,11 @@ void MobilityProblem::solve(const MatrixXd& wrenches, const MatrixXd& slips, Mat
     if (bodies.constant) {
         twists.noalias() = bodies.mobility() * wrenches;
     } else if (matrixFree) {
-        if (bodySlips || bodies.identityK) {
+        if (bodySlips || bodies.motion.isIdentity()) {
             bodies.applyMatrixFree(wrenches, tolerance, twists);
         } else {
             MultiblobSolver& solver = bodies.getMultiblobSolver();
-            const int iterations =
-                solver.solve(*bodies.particleOperator, wrenches, slips, tolerance, toleranceOfProducts, twists);
+            const int iterations = solver.solve(*bodies.here, wrenches, slips, tolerance, toleranceOfProducts, twists);
             bodies.numSolverIterations += iterations;
             bodies.numProducts += (iterations + 1) * wrenches.cols();
             return;
@@ -118,7 +96,7 @@ void MobilityProblem::solve(const MatrixXd& wrenches, const MatrixXd& slips, Mat
         if (bodySlips) {
             twists = wrenches;
             xi.solve(twists);
-        } else if (bodies.identityK) {
+        } else if (bodies.motion.isIdentity()) {
             halfForces.noalias() = M.U() * wrenches;
             twists.noalias() = M.L() * halfForces;
         } else {
@@ -128,9 +106,9 @@ void MobilityProblem::solve(const MatrixXd& wrenches, const MatrixXd& slips, Mat
                 M.solveL(halfSlips);
                 twists.noalias() += LK.transpose() * halfSlips;
             }
-            forNullTwists(twists, removeTorqueAboutLine);
+            bodies.nullTwists.removeTorques(bodies.turns, twists);
             xi.solve(twists);
-            forNullTwists(twists, removeTurnAboutLine);
+            bodies.nullTwists.removeTurns(bodies.turns, twists);
             halfForces.noalias() = LK * twists;  // L^T lambda
             if (withSlips) halfForces -= halfSlips;
             return;
@@ -141,7 +119,7 @@ void MobilityProblem::solve(const MatrixXd& wrenches, const MatrixXd& slips, Mat
 }
 
 void MobilityProblem::getBlobForces(MatrixXd& result) {
-    if (bodySlips || bodies.identityK)
+    if (bodySlips || bodies.motion.isIdentity())
         result = lambda;
     else if (matrixFree)
         bodies.multiblobSolver->getBlobForces(result);
@@ -154,8 +132,8 @@ void MobilityProblem::getBlobForces(MatrixXd& result) {
 /** result = f(S) W for a matrix S that stands for M: that of MultiblobSolver, or ownScale M ownScale for K = 1. */
 void MobilityProblem::applyRoot(const SpectralFunction& f, const MatrixXd& W, MatrixXd& result) {
     const vector<SpectralFunction> functions(W.cols(), f);
-    const MobilityOperator& blobs = *bodies.particleOperator;
-    MultiblobSolver* solver = bodies.identityK ? nullptr : &bodies.getMultiblobSolver();
+    MobilityAt& blobs = *bodies.here;
+    MultiblobSolver* solver = bodies.motion.isIdentity() ? nullptr : &bodies.getMultiblobSolver();
     const auto product = [&](double productTolerance) {
         return [&, productTolerance](const MatrixXd& x, MatrixXd& y) {
             if (solver) {
@@ -179,18 +157,17 @@ void MobilityProblem::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
         if (!bodies.constant) factorise();
         if (bodies.constant) {
             wrench.noalias() = xi.L() * W;
-            wrench = (twoRotations(bodies.poses[0].A) * wrench).eval();
-        } else if (!bodySlips && bodies.identityK) {
+            wrench = (twoRotations(bodies.turns[0]) * wrench).eval();
+        } else if (!bodySlips && bodies.motion.isIdentity()) {
             wrench = W;
             M.solveU(wrench);
         } else
             wrench.noalias() = xi.L() * W;
-        // The lift along n, which is no friction.
-        forNullTwists(wrench, [](const Vector6d& n, auto own) { own -= (n * (n.transpose() * own)).eval(); });
+        bodies.nullTwists.removeLift(bodies.turns, wrench);
         return;
     }
     applyRoot(SpectralFunction::inverseSquareRoot(), W, scratch);
-    if (bodies.identityK)
+    if (bodies.motion.isIdentity())
         wrench = ownScale.asDiagonal() * scratch;
     else
         bodies.getMultiblobSolver().wrenchesFromScaled(scratch, wrench);
@@ -211,86 +188,57 @@ void MobilityProblem::thermalSlip(const MatrixXd& W, MatrixXd& slips) {
         return;
     }
     applyRoot(SpectralFunction::squareRoot(), W, scratch);
-    if (bodies.identityK)
+    if (bodies.motion.isIdentity())
         slips = ownScale.cwiseInverse().asDiagonal() * scratch;
     else
         bodies.getMultiblobSolver().slipsFromScaled(scratch, slips);
 }
 
 void MobilityProblem::multiplyNearby(const vector<Pose>& poses, const MatrixXd& forces, MatrixXd& slips) {
+    if (!bodySlips) {
+        bodies.particlesNearby(poses).apply(forces, slips);
+        bodies.numProducts += forces.cols();
+        return;
+    }
     here = bodies.poses;
     bodies.setPoses(poses, true);
-    if (bodySlips) {
-        if (matrixFree)
-            bodies.applyMatrixFree(forces, tolerance, slips);
-        else
-            slips.noalias() = bodies.mobility() * forces;
-    } else {
-        bodies.particleOperator->apply(forces, slips);
-        bodies.numProducts += forces.cols();
-    }
+    if (matrixFree)
+        bodies.applyMatrixFree(forces, tolerance, slips);
+    else
+        slips.noalias() = bodies.mobility() * forces;
     bodies.setPoses(here);
 }
 
 void MobilityProblem::rigidSlips(const vector<Pose>& poses, const MatrixXd& twists, MatrixXd& slips) const {
-    if (bodySlips || bodies.identityK) {
+    if (bodySlips || bodies.motion.isIdentity()) {
         slips = twists;
         return;
     }
-    slips.resize(bodies.particles.numRows, twists.cols());
-    for (size_t e = 0; e < bodies.elements.size(); e++) {
-        const FluidElement& element = bodies.elements[e];
-        int row = bodies.particles.firstRow[bodies.firstParticle[e]];
-        for (const Vector3d& site : element.sites) {
-            const Vector3d r = poses[e].A * site;
-            for (int c = 0; c < twists.cols(); c++) {
-                const auto own = twists.col(c).segment(bodies.rows[e], element.numRows());
-                slips.col(c).segment<3>(row) = own.head<3>();
-                if (element.isFree()) continue;
-                slips.col(c).segment<3>(row) += Vector3d(own.tail<3>()).cross(r);
-                if (element.isSphere()) slips.col(c).segment<3>(row + 3) = own.tail<3>();
-            }
-            row += element.isSphere() ? 6 : 3;
-        }
-    }
+    setTurns(poses, turns);
+    bodies.motion.slips(turns, twists, slips);
 }
 
 void MobilityProblem::totalWrenches(const vector<Pose>& poses, const MatrixXd& forces, MatrixXd& wrenches) const {
-    if (bodySlips || bodies.identityK) {
+    if (bodySlips || bodies.motion.isIdentity()) {
         wrenches = forces;
         return;
     }
-    wrenches.setZero(bodies.numRows, forces.cols());
-    for (size_t e = 0; e < bodies.elements.size(); e++) {
-        const FluidElement& element = bodies.elements[e];
-        int row = bodies.particles.firstRow[bodies.firstParticle[e]];
-        for (const Vector3d& site : element.sites) {
-            const Vector3d r = poses[e].A * site;
-            for (int c = 0; c < forces.cols(); c++) {
-                const Vector3d force = forces.col(c).segment<3>(row);
-                wrenches.col(c).segment<3>(bodies.rows[e]) += force;
-                if (element.isFree()) continue;
-                wrenches.col(c).segment<3>(bodies.rows[e] + 3) += r.cross(force);
-                if (element.isSphere())
-                    wrenches.col(c).segment<3>(bodies.rows[e] + 3) += forces.col(c).segment<3>(row + 3);
-            }
-            row += element.isSphere() ? 6 : 3;
-        }
-    }
+    setTurns(poses, turns);
+    bodies.motion.wrenches(turns, forces, wrenches);
 }
 
 void MobilityProblem::nearestTwists(const MatrixXd& slips, MatrixXd& twists) const {
-    if (bodySlips || bodies.identityK) {
+    if (bodySlips || bodies.motion.isIdentity()) {
         twists = slips;
         return;
     }
-    twists.setZero(bodies.numRows, slips.cols());
-    for (size_t e = 0; e < bodies.elements.size(); e++) {
+    twists.setZero(getNumRows(), slips.cols());
+    for (size_t e = 0; e < nearest_body.size(); e++) {
         const MatrixXd& nearest = nearest_body[e];
-        const Matrix3d& A = bodies.poses[e].A;
-        const int first = bodies.particles.firstRow[bodies.firstParticle[e]];
+        const Matrix3d& A = bodies.turns[e];
+        const int first = bodies.motion.firstParticleRow(e);
         for (int c = 0; c < slips.cols(); c++) {
-            auto own = twists.col(c).segment(bodies.rows[e], bodies.elements[e].numRows());
+            auto own = twists.col(c).segment(bodies.firstRow(e), getElements()[e].numRows());
             for (int r = 0; r < nearest.cols(); r += 3)
                 own.noalias() += nearest.middleCols<3>(r) * (A.transpose() * slips.col(c).segment<3>(first + r));
             for (int r = 0; r < own.size(); r += 3) own.segment<3>(r) = (A * own.segment<3>(r)).eval();
@@ -303,7 +251,7 @@ Vector3d MobilityProblem::uniformDivergence() const {
     if (!bodies.constant) return sum;
     const Matrix3d coupling = bodies.constantMobility.topRightCorner<3, 3>();
     for (int k = 0; k < 3; k++) sum += Vector3d::Unit(k).cross(Vector3d(coupling.col(k)));
-    return bodies.poses[0].A * sum;
+    return bodies.turns[0] * sum;
 }
 
 }  // namespace RigidHIPlugin

@@ -36,10 +36,10 @@ public:
 
     /**
      * Of the matrix-free way, relative. Exact products: as small finite differences of what iterates want them, which would magnify
-     * rounding of single precision; else as MobilityOperator::applyFor().
+     * rounding of single precision; else as MobilityAt::applyFor().
      */
     void setTolerance(double relative, bool exactProducts = false);
-    /** @param nearby  the poses are a small displacement of accepted ones: MobilityOperator::setPositionsNearby() */
+    /** @param nearby  the poses are a small displacement of accepted ones: MobilityModel::near() */
     void setPoses(const std::vector<Pose>& poses, bool nearby = false);
     /** Whether N is the same at all poses, but for the turn of one body. */
     bool isUniform() const { return bodies.isAloneInUniformFluid(); }
@@ -47,15 +47,15 @@ public:
     bool isDivergenceFree() const { return bodies.isDivergenceFree(); }
     bool isMatrixFree() const { return matrixFree; }
     /** Whether these iterate, and so are right to the tolerance only: multiplyNearby(), solve(), the thermal vectors. */
-    bool productsIterate() const { return matrixFree && bodySlips && !bodies.identityK; }
-    bool solvesIterate() const { return matrixFree && !bodies.identityK; }
+    bool productsIterate() const { return matrixFree && bodySlips && !bodies.motion.isIdentity(); }
+    bool solvesIterate() const { return matrixFree && !bodies.motion.isIdentity(); }
     bool rootsIterate() const { return matrixFree; }
     int getNumRows() const { return bodies.getNumRows(); }
     bool slipsAreOfBodies() const { return bodySlips; }
     int getNumSlipRows() const { return bodySlips ? bodies.getNumRows() : bodies.getNumParticleRows(); }
     /** Rows of W for a thermal wrench: those of the bodies, or (matrix-free) of the particles. */
     bool wrenchNoiseIsOfBodies() const { return !matrixFree; }
-    const HydrodynamicParticles& getParticles() const { return bodies.particles; }
+    const HydrodynamicParticles& getParticles() const { return bodies.motion.getParticles(); }
     const std::vector<FluidElement>& getElements() const { return bodies.getElements(); }
     const BodyMobility& getBodies() const { return bodies; }
 
@@ -86,15 +86,11 @@ private:
     void factorise();
     void factoriseFriction();
     void applyRoot(const SpectralFunction& f, const Eigen::MatrixXd& W, Eigen::MatrixXd& result);
-    template <class Action>
-    void forNullTwists(Eigen::MatrixXd& vectors, Action action) const;
-    /** Null vector of an element in the lab frame; only where it has one. */
-    Eigen::Matrix<double, 6, 1> nullVector(int element) const;
 
     BodyMobility& bodies;
     const bool matrixFree;
     double tolerance, toleranceOfProducts;
-    bool bodySlips, hasNull = false;
+    bool bodySlips;
     bool isFactorised = false;
     CholeskyFactor M, xi;                // factors, dense; of one constant body xi in its own frame
     Eigen::MatrixXd LK;                  // L^-1 K
@@ -103,6 +99,7 @@ private:
     Eigen::MatrixXd scratch, scaled, halfSlips, halfForces, lambda;
     std::vector<Eigen::MatrixXd> nearest_body;  // (K^T K)^-1 K^T of elements, body frame
     std::vector<Pose> here;
+    mutable std::vector<Eigen::Matrix3d> turns;  // of poses that are asked about
     std::unique_ptr<Lanczos> lanczos;
     const Eigen::MatrixXd noSlips;
 };

@@ -22,32 +22,31 @@ namespace {
                                   "; choose a model and a boundary that it has by setModel() and setBoundary()");
 }
 
-/** An operator above the wall, with what setSphereWallMobility() asks for. */
-unique_ptr<MobilityOperator> withSphereWallMobility(const MobilityForce& force, const HydrodynamicParticles& particles,
-                                                    unique_ptr<MobilityOperator> model) {
+/** A model above the wall, with what setSphereWallMobility() asks for. */
+unique_ptr<MobilityModel> withSphereWallMobility(const MobilityForce& force, const HydrodynamicParticles& particles,
+                                                 unique_ptr<MobilityModel> model) {
     switch (force.getSphereWallMobility()) {
         case MobilityForce::FromModel: return model;
         case MobilityForce::BestKnown:
-            return unique_ptr<MobilityOperator>(new SphereWallCongruence(
+            return unique_ptr<MobilityModel>(new SphereWallCongruence(
                 particles, force.getViscosity(), NoSlipPlane(force.getWallHeight(), false), move(model)));
     }
     refuse(force.getModel(), force.getBoundary());
 }
 
-unique_ptr<MobilityOperator> rotnePragerYamakawa(const MobilityForce& force, bool crossingAllowed,
-                                                 const HydrodynamicParticles& particles, const PlatformOperators& own) {
+unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force, bool crossingAllowed,
+                                              const HydrodynamicParticles& particles, const PlatformModels& own) {
     const double eta = force.getViscosity();
     switch (force.getBoundary()) {
         case MobilityForce::Unbounded:
             if (own.rotnePragerYamakawa) return own.rotnePragerYamakawa(particles, eta, {});
-            return unique_ptr<MobilityOperator>(new RotnePragerYamakawa(particles, eta));
+            return unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, eta));
         case MobilityForce::NoSlipWall: {
             const NoSlipPlane wall(force.getWallHeight(), crossingAllowed);
             return withSphereWallMobility(
                 force, particles,
-                own.rotnePragerYamakawa
-                    ? own.rotnePragerYamakawa(particles, eta, wall)
-                    : unique_ptr<MobilityOperator>(new RotnePragerYamakawaWall(particles, eta, wall)));
+                own.rotnePragerYamakawa ? own.rotnePragerYamakawa(particles, eta, wall)
+                                        : unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, eta, wall)));
         }
     }
     refuse(force.getModel(), force.getBoundary());
@@ -56,12 +55,12 @@ unique_ptr<MobilityOperator> rotnePragerYamakawa(const MobilityForce& force, boo
 }  // namespace
 
 // No default in these switches: the compiler then names those that do not know a new model or boundary.
-unique_ptr<MobilityOperator> createMobility(const MobilityForce& force, bool crossingAllowed,
-                                            const HydrodynamicParticles& particles, const PlatformOperators& own) {
+unique_ptr<MobilityModel> createMobility(const MobilityForce& force, bool crossingAllowed,
+                                         const HydrodynamicParticles& particles, const PlatformModels& own) {
     checkOperator(force.getModel(), force.getBoundary());
     switch (force.getModel()) {
         case MobilityForce::StokesianDynamics:
-            return unique_ptr<MobilityOperator>(
+            return unique_ptr<MobilityModel>(
                 new StokesianDynamics(particles, force.getViscosity(), force.getLubrication(), force.getMinimumGap()));
         // What does not feel others still feels itself: the blobs of one body make its tensor.
         case MobilityForce::FreeDraining:

@@ -10,22 +10,21 @@
 
 namespace RigidHIPlugin {
 
-/** What a platform makes itself because it has something faster; where it gives nothing, the readable operators of one thread serve. */
-struct PlatformOperators {
+/** What a platform makes itself because it has something faster; where it gives nothing, the readable models of one thread serve. */
+struct PlatformModels {
     /** RotnePragerYamakawa, above the wall if there is one. */
-    std::function<std::unique_ptr<MobilityOperator>(const HydrodynamicParticles& particles, double viscosity,
-                                                    const std::optional<NoSlipPlane>& wall)>
+    std::function<std::unique_ptr<MobilityModel>(const HydrodynamicParticles& particles, double viscosity,
+                                                 const std::optional<NoSlipPlane>& wall)>
         rotnePragerYamakawa;
 };
 /**
- * The operator of a MobilityForce's model and boundary, on every platform. A new model is entered here.
+ * The model of a MobilityForce, with its boundary, on every platform. A new model is entered here.
  *
  * @param crossingAllowed  whether surfaces of particles may reach through a wall
  * @throws OpenMMException as checkOperator(), and what the model refuses
  */
-std::unique_ptr<MobilityOperator> createMobility(const MobilityForce& force, bool crossingAllowed,
-                                                 const HydrodynamicParticles& particles,
-                                                 const PlatformOperators& own = {});
+std::unique_ptr<MobilityModel> createMobility(const MobilityForce& force, bool crossingAllowed,
+                                              const HydrodynamicParticles& particles, const PlatformModels& own = {});
 /** @throws OpenMMException for a model or boundary that is none of the enumerators, and for a boundary that the model has not */
 void checkOperator(MobilityForce::Model model, MobilityForce::Boundary boundary);
 /** The names of a model and of a boundary, for describeEffects() and messages; empty for values that are no enumerators. */

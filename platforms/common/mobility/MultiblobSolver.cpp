@@ -5,7 +5,8 @@
 #include <cmath>
 #include <sstream>
 
-#include "mobility/BodyMobility.h"
+#include "mobility/NullTwists.h"
+#include "mobility/RigidMotion.h"
 
 using namespace Eigen;
 using namespace std;
@@ -21,17 +22,15 @@ const int maxRoughIterations = 100;
 
 }  // namespace
 
-MultiblobSolver::MultiblobSolver(const vector<FluidElement>& elements, const vector<int>& rows,
-                                 const vector<int>& firstParticle, const HydrodynamicParticles& particles,
-                                 const vector<VectorXd>& nullVectors, const OperatorFactory& makeUnbounded)
-    : rows(rows), turns(elements.size(), Matrix3d::Identity()) {
+MultiblobSolver::MultiblobSolver(const RigidMotion& motion, const NullTwists& nullTwists, const MobilityModel& model)
+    : numRows(motion.getNumRows()), numBlobRowsTotal(motion.getParticles().numRows),
+      turns(motion.getElements().size(), Matrix3d::Identity()) {
     vector<shared_ptr<const Shape> > known;
-    for (size_t e = 0; e < elements.size(); e++) {
-        const FluidElement& element = elements[e];
-        blobRow.push_back(particles.firstRow[firstParticle[e]]);
-        numBlobRows.push_back((element.isSphere() ? 6 : 3) * element.particles.size());
-        numBlobRowsTotal += numBlobRows.back();
-        numRows += element.numRows();
+    for (size_t e = 0; e < turns.size(); e++) {
+        const FluidElement& element = motion.getElements()[e];
+        rows.push_back(motion.firstRow(e));
+        blobRow.push_back(motion.firstParticleRow(e));
+        numBlobRows.push_back(element.numParticleRows());
         shared_ptr<const Shape> found;
         for (const auto& shape : known)
             if (shape->isFree == element.isFree() && shape->isSphere == element.isSphere() &&
@@ -43,16 +42,8 @@ MultiblobSolver::MultiblobSolver(const vector<FluidElement>& elements, const vec
             shape->radii = element.radii;
             shape->isFree = element.isFree();
             shape->isSphere = element.isSphere();
-            HydrodynamicParticles own;
-            vector<OpenMM::Vec3> places;
-            for (size_t i = 0; i < element.sites.size(); i++) {
-                own.add(element.radii[i], element.isSphere(), element.particles[i], element.body);
-                places.push_back(OpenMM::Vec3(element.sites[i][0], element.sites[i][1], element.sites[i][2]));
-            }
-            const unique_ptr<MobilityOperator> alone = makeUnbounded(own);
-            alone->setPositions(places);
             MatrixXd M;
-            alone->dense(M);
+            model.ownMobility(particlesOf({element}), sitesOf(element), M);
             shape->M.compute(M);
             // Two blobs at one place leave a pivot of rounding, of either sign.
             const double smallestCondition = 1e-14;
@@ -60,10 +51,10 @@ MultiblobSolver::MultiblobSolver(const vector<FluidElement>& elements, const vec
                 throw OpenMM::OpenMMException(
                     "MobilityForce: the mobility matrix of the " + to_string(element.sites.size()) + " blobs of body " +
                     to_string(element.body) + " is not positive definite; look for blobs at the same place");
-            shape->K = rigidMotion(element, Matrix3d::Identity());
+            shape->K = motion.ofElement_body(e);
             shape->MinvK = shape->M.solve(shape->K);
             MatrixXd friction = shape->K.transpose() * shape->MinvK;
-            shape->N = generalisedInverse(friction, nullVectors[e]);
+            shape->N = generalisedInverse(friction, nullTwists.inBody(e));
             known.push_back(shape);
             found = shape;
         }
@@ -71,9 +62,9 @@ MultiblobSolver::MultiblobSolver(const vector<FluidElement>& elements, const vec
     }
 }
 
-void MultiblobSolver::setPoses(const vector<Pose>& poses) {
-    for (size_t e = 0; e < poses.size(); e++)
-        if (!shapes[e]->isFree) turns[e] = poses[e].A;
+void MultiblobSolver::setTurns(const vector<Matrix3d>& ofBodies) {
+    for (size_t e = 0; e < turns.size(); e++)
+        if (!shapes[e]->isFree) turns[e] = ofBodies[e];
 }
 
 /** Vectors of blobs (or bodies) between the lab frame and the frames of their bodies. */
@@ -106,21 +97,20 @@ void MultiblobSolver::project() {
     }
 }
 
-void MultiblobSolver::multiply(const MobilityOperator& blobs, double tolerance, const MatrixXd& from, MatrixXd& to) {
+void MultiblobSolver::multiply(MobilityAt& blobs, double tolerance, const MatrixXd& from, MatrixXd& to) {
     turn(OfBlobs, false, from, lab);
     blobs.applyFor(tolerance, lab, labProduct);
     turn(OfBlobs, true, labProduct, to);
 }
 
-int MultiblobSolver::apply(const MobilityOperator& blobs, const MatrixXd& wrenches, double tolerance,
-                           MatrixXd& twists) {
+int MultiblobSolver::apply(MobilityAt& blobs, const MatrixXd& wrenches, double tolerance, MatrixXd& twists) {
     return solve(blobs, wrenches, MatrixXd(), tolerance, tolerance, twists);
 }
 
-int MultiblobSolver::solve(const MobilityOperator& blobs, const MatrixXd& wrenches, const MatrixXd& slips,
-                           double tolerance, double toleranceOfProducts, MatrixXd& twists) {
+int MultiblobSolver::solve(MobilityAt& blobs, const MatrixXd& wrenches, const MatrixXd& slips, double tolerance,
+                           double toleranceOfProducts, MatrixXd& twists) {
     int inVain = 0;
-    if (toleranceOfProducts >= MobilityOperator::leastRoughTolerance) {
+    if (toleranceOfProducts >= MobilityAt::leastRoughTolerance) {
         const int iterations = iterate(blobs, wrenches, slips, tolerance, true, twists);
         if (iterations <= maxRoughIterations) return iterations;
         inVain = iterations;
@@ -129,9 +119,9 @@ int MultiblobSolver::solve(const MobilityOperator& blobs, const MatrixXd& wrench
 }
 
 /** @return iterations; if products are rough, more than the most there may be if it does not converge */
-int MultiblobSolver::iterate(const MobilityOperator& blobs, const MatrixXd& wrenches, const MatrixXd& slips,
-                             double tolerance, bool rough, MatrixXd& twists) {
-    const double forProducts = rough ? MobilityOperator::leastRoughTolerance : 0;
+int MultiblobSolver::iterate(MobilityAt& blobs, const MatrixXd& wrenches, const MatrixXd& slips, double tolerance,
+                             bool rough, MatrixXd& twists) {
+    const double forProducts = rough ? MobilityAt::leastRoughTolerance : 0;
     const int columns = wrenches.cols();
     const bool withSlips = slips.size() > 0;
     VectorXd slipEnergy = VectorXd::Zero(columns);
@@ -194,7 +184,7 @@ int MultiblobSolver::iterate(const MobilityOperator& blobs, const MatrixXd& wren
 
 void MultiblobSolver::getBlobForces(MatrixXd& lambda_lab) const { turn(OfBlobs, false, lambda, lambda_lab); }
 
-void MultiblobSolver::multiplyScaled(const MobilityOperator& blobs, double tolerance, const MatrixXd& x, MatrixXd& y) {
+void MultiblobSolver::multiplyScaled(MobilityAt& blobs, double tolerance, const MatrixXd& x, MatrixXd& y) {
     scaled.resize(x.rows(), x.cols());
     for (size_t e = 0; e < shapes.size(); e++)
         scaled.middleRows(blobRow[e], numBlobRows[e]) =

@@ -3,16 +3,15 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
-#include <functional>
 #include <memory>
 #include <vector>
 
-#include "mobility/MobilityOperator.h"
+#include "mobility/MobilityModel.h"
 
 namespace RigidHIPlugin {
 
-struct FluidElement;
-struct Pose;
+class NullTwists;
+class RigidMotion;
 
 /**
  * The motion of rigid multiblobs under given forces and torques, without a matrix over all blobs.
@@ -26,43 +25,35 @@ struct Pose;
  *            square, and U in the norm of the friction to the tolerance; or an error. With slips the tolerance is relative to
  *            both together: the square root of lambda^T M lambda + s^T M~^-1 s, M~ the bodies' own matrices.
  * Cost:      an iteration has one product with M and one solve with each body's own matrix. Products are rough ones where the
- *            tolerance allows (MobilityOperator::applyFor); if that does not converge, exact ones.
+ *            tolerance allows (MobilityAt::applyFor); if that does not converge, exact ones.
  */
 class MultiblobSolver {
 public:
-    typedef std::function<std::unique_ptr<MobilityOperator>(const HydrodynamicParticles&)> OperatorFactory;
-    /**
-     * @param rows            first row of each element in F and U
-     * @param firstParticle   of each element
-     * @param nullVectors     of each element's friction in the body frame, or empty
-     * @param makeUnbounded   makes the blobs' operator in unbounded fluid, from which the preconditioner comes
-     */
-    MultiblobSolver(const std::vector<FluidElement>& elements, const std::vector<int>& rows,
-                    const std::vector<int>& firstParticle, const HydrodynamicParticles& particles,
-                    const std::vector<Eigen::VectorXd>& nullVectors, const OperatorFactory& makeUnbounded);
-    void setPoses(const std::vector<Pose>& poses);
+    /** @param model  whose mobility of a body by itself makes the preconditioner */
+    MultiblobSolver(const RigidMotion& motion, const NullTwists& nullTwists, const MobilityModel& model);
+    /** Rotations of the bodies; a free particle's is not used. */
+    void setTurns(const std::vector<Eigen::Matrix3d>& turns);
     /** What the user has set, for messages: solves may be wanted to a part of it. 0: not known. */
     double wantedTolerance = 0;
     /**
      * twists = N wrenches, each column for itself. @throws OpenMMException with what was reached, if the tolerance is not
      * @return iterations
      */
-    int apply(const MobilityOperator& blobs, const Eigen::MatrixXd& wrenches, double tolerance,
-              Eigen::MatrixXd& twists);
+    int apply(MobilityAt& blobs, const Eigen::MatrixXd& wrenches, double tolerance, Eigen::MatrixXd& twists);
     /**
      * Likewise with slips of the blobs (lab frame; as many columns; empty: none), twists = N (wrenches + K^T M^-1 slips).
      *
-     * @param toleranceOfProducts  as of MobilityOperator::applyFor(); 0: exact
+     * @param toleranceOfProducts  as of MobilityAt::applyFor(); 0: exact
      */
-    int solve(const MobilityOperator& blobs, const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips,
-              double tolerance, double toleranceOfProducts, Eigen::MatrixXd& twists);
+    int solve(MobilityAt& blobs, const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips, double tolerance,
+              double toleranceOfProducts, Eigen::MatrixXd& twists);
     /** The blob forces of the last solve, lab frame. */
     void getBlobForces(Eigen::MatrixXd& lambda_lab) const;
 
     // With M~ = L L^T in the body frame, T the turn to the lab: the well-conditioned S = L^-1 T^T M T L^-T stands for M, so that
     // s = T L S^(1/2) W has the covariance M, and K^T T L^-T S^(-1/2) W that of the friction K^T M^-1 K.
-    /** y = S x; `tolerance` as of MobilityOperator::applyFor(). */
-    void multiplyScaled(const MobilityOperator& blobs, double tolerance, const Eigen::MatrixXd& x, Eigen::MatrixXd& y);
+    /** y = S x; `tolerance` as of MobilityAt::applyFor(). */
+    void multiplyScaled(MobilityAt& blobs, double tolerance, const Eigen::MatrixXd& x, Eigen::MatrixXd& y);
     /** slips = T L x */
     void slipsFromScaled(const Eigen::MatrixXd& x, Eigen::MatrixXd& slips_lab);
     /** wrenches = K^T T L^-T x */
@@ -80,10 +71,10 @@ private:
     enum Rows { OfBlobs, OfBodies };
     void turn(Rows kind, bool toBody, const Eigen::MatrixXd& from, Eigen::MatrixXd& to) const;
     void project();
-    void multiply(const MobilityOperator& blobs, double tolerance, const Eigen::MatrixXd& lambda_body,
+    void multiply(MobilityAt& blobs, double tolerance, const Eigen::MatrixXd& lambda_body,
                   Eigen::MatrixXd& result_body);
-    int iterate(const MobilityOperator& blobs, const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips,
-                double tolerance, bool rough, Eigen::MatrixXd& twists);
+    int iterate(MobilityAt& blobs, const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips, double tolerance,
+                bool rough, Eigen::MatrixXd& twists);
 
     std::vector<int> rows, blobRow, numBlobRows;  // of elements
     int numRows = 0, numBlobRowsTotal = 0;

@@ -59,11 +59,6 @@ bool NoSlipPlane::acceptsNearby(const HydrodynamicParticles& particles, const ve
     return true;
 }
 
-void NoSlipPlane::check(const HydrodynamicParticles& particles, const vector<OpenMM::Vec3>& positions) const {
-    const string problem = objection(particles, positions);
-    if (!problem.empty()) throw OpenMM::OpenMMException("MobilityForce: " + problem);
-}
-
 double NoSlipPlane::heightOver(double z, double radius) const { return max(z - height, radius); }
 
 double NoSlipPlane::weight(double z, double radius) const {

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "mobility/MobilityOperator.h"
+#include "mobility/MobilityModel.h"
 
 namespace RigidHIPlugin {
 
@@ -29,8 +29,6 @@ public:
     NoSlipPlane(double height, bool crossingAllowed);
     /** Why a particle may not be where it is, naming the first; empty if all may. */
     std::string objection(const HydrodynamicParticles& particles, const std::vector<OpenMM::Vec3>& positions) const;
-    /** @throws OpenMMException with the objection, if there is one */
-    void check(const HydrodynamicParticles& particles, const std::vector<OpenMM::Vec3>& positions) const;
     /** The height over the wall at which formulas hold, at least the radius. */
     double heightOver(double z, double radius) const;
     /** A particle lifted to contact, if its surface reaches through the wall. */

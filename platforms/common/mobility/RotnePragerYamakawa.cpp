@@ -39,14 +39,20 @@ void placeCross(Eigen::MatrixXd& m, int row, int column, double factor, const Ve
         for (int j = 0; j < 3; j++) m(row + i, column + j) = m(column + j, row + i) = block[i][j];
 }
 
-}  // namespace
+class Place : public MobilityAt {
+public:
+    using MobilityAt::MobilityAt;
+    void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
+    void dense(Eigen::MatrixXd& mobility) override;
 
-RotnePragerYamakawa::RotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity)
-    : MobilityOperator(particles, viscosity) {}
+protected:
+    void moveTo(const Placement& placement, bool) override { positions = placement.positions; }
 
-void RotnePragerYamakawa::setPositions(const std::vector<Vec3>& newPositions) { positions = newPositions; }
+private:
+    std::vector<Vec3> positions;
+};
 
-void RotnePragerYamakawa::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const {
+void Place::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
     velocities.resize(particles.numRows, forces.cols());
     velocities.setZero();
     for (int i = 0; i < particles.size(); i++) {
@@ -68,7 +74,7 @@ void RotnePragerYamakawa::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& 
     velocities *= 1 / (8 * M_PI * viscosity);
 }
 
-void RotnePragerYamakawa::dense(Eigen::MatrixXd& mobility) const {
+void Place::dense(Eigen::MatrixXd& mobility) {
     mobility.resize(particles.numRows, particles.numRows);
     const double scale = 1 / (8 * M_PI * viscosity);
     for (int i = 0; i < particles.size(); i++) {
@@ -84,6 +90,12 @@ void RotnePragerYamakawa::dense(Eigen::MatrixXd& mobility) const {
                 placeSymmetric(mobility, row + 3, column + 3, scale * m.rrI, scale * m.rrR, r);
         }
     }
+}
+
+}  // namespace
+
+std::unique_ptr<MobilityAt> RotnePragerYamakawa::makePlace() const {
+    return std::unique_ptr<MobilityAt>(new Place(*this));
 }
 
 }  // namespace RigidHIPlugin

@@ -1,7 +1,7 @@
 #ifndef RIGIDHI_ROTNE_PRAGER_YAMAKAWA_H_
 #define RIGIDHI_ROTNE_PRAGER_YAMAKAWA_H_
 
-#include "mobility/MobilityOperator.h"
+#include "mobility/MobilityModel.h"
 
 namespace RigidHIPlugin {
 
@@ -11,18 +11,18 @@ namespace RigidHIPlugin {
  *
  * Accepts all positions. Two particles of one radius at the same place make the matrix singular, not indefinite.
  * Cost: one square root and about 60 operations a pair, apply() once per pair and 40 operations more for each column.
- * Nothing is allocated after the first call of each method, if the number of columns stays the same.
+ * Nothing is allocated after the first call of each method of a place, if the number of columns stays the same.
  */
-class RotnePragerYamakawa : public MobilityOperator {
+class RotnePragerYamakawa : public MobilityModel {
 public:
-    RotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity);
-    void setPositions(const std::vector<OpenMM::Vec3>& positions) override;
-    void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
-    void dense(Eigen::MatrixXd& mobility) const override;
+    using MobilityModel::MobilityModel;
+    const char* name() const override { return "RotnePragerYamakawa"; }
+    bool isHomogeneous() const override { return true; }
+    bool isIsotropic() const override { return true; }
     bool isDivergenceFree() const override { return true; }
 
-private:
-    std::vector<OpenMM::Vec3> positions;
+protected:
+    std::unique_ptr<MobilityAt> makePlace() const override;
 };
 
 }  // namespace RigidHIPlugin

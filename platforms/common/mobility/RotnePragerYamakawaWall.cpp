@@ -54,29 +54,32 @@ private:
     }
 };
 
-}  // namespace
+class Place : public MobilityAt {
+public:
+    Place(const MobilityModel& model, const NoSlipPlane& wall)
+        : MobilityAt(model), wall(wall), positions(particles.size()), weights(particles.size()) {}
+    void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
+    void dense(Eigen::MatrixXd& mobility) override;
 
-void RotnePragerYamakawaWall::setPositions(const std::vector<Vec3>& newPositions) {
-    wall.check(particles, newPositions);
+protected:
+    void moveTo(const Placement& placement, bool nearby) override;
+
+private:
+    const NoSlipPlane& wall;
+    std::vector<Vec3> positions;  // z from the wall, at least the radius
+    std::vector<double> weights;  // B
+};
+
+void Place::moveTo(const Placement& placement, bool nearby) {
     for (int i = 0; i < particles.size(); i++) {
-        const double z = newPositions[i][2], radius = particles.radii[i];
-        positions[i] = Vec3(newPositions[i][0], newPositions[i][1], wall.heightOver(z, radius));
-        weights[i] = wall.weight(z, radius);
+        const Vec3& r = placement.positions[i];
+        const double radius = particles.radii[i];
+        positions[i] = Vec3(r[0], r[1], nearby ? r[2] - wall.getHeight() : wall.heightOver(r[2], radius));
+        weights[i] = nearby ? 1 : wall.weight(r[2], radius);
     }
 }
 
-void RotnePragerYamakawaWall::setPositionsNearby(const std::vector<Vec3>& newPositions) {
-    if (!wall.reachesBeyond()) {
-        setPositions(newPositions);
-        return;
-    }
-    for (int i = 0; i < particles.size(); i++) {
-        positions[i] = Vec3(newPositions[i][0], newPositions[i][1], newPositions[i][2] - wall.getHeight());
-        weights[i] = 1;
-    }
-}
-
-void RotnePragerYamakawaWall::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const {
+void Place::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
     velocities.resize(particles.numRows, forces.cols());
     velocities.setZero();
     const double scale = 1 / (8 * M_PI * viscosity);
@@ -100,8 +103,6 @@ void RotnePragerYamakawaWall::apply(const Eigen::MatrixXd& forces, Eigen::Matrix
     }
 }
 
-namespace {
-
 /** A block, and its transpose in the mirrored place. */
 void place(Eigen::MatrixXd& m, int row, int column, const double (&block)[3][3]) {
     for (int a = 0; a < 3; a++)
@@ -119,9 +120,7 @@ void placePair(Eigen::MatrixXd& m, int row, int column, const Pair& pair, double
     if (torque_i && torque_j) place(m, row + 3, column + 3, blocks.rr);
 }
 
-}  // namespace
-
-void RotnePragerYamakawaWall::dense(Eigen::MatrixXd& mobility) const {
+void Place::dense(Eigen::MatrixXd& mobility) {
     mobility.resize(particles.numRows, particles.numRows);
     const double scale = 1 / (8 * M_PI * viscosity);
     for (int j = 0; j < particles.size(); j++) {
@@ -138,6 +137,12 @@ void RotnePragerYamakawaWall::dense(Eigen::MatrixXd& mobility) const {
                                        : placePair<false, false>(mobility, row, column, pair, factor);
         }
     }
+}
+
+}  // namespace
+
+std::unique_ptr<MobilityAt> RotnePragerYamakawaWall::makePlace() const {
+    return std::unique_ptr<MobilityAt>(new Place(*this, wall));
 }
 
 }  // namespace RigidHIPlugin

@@ -12,31 +12,30 @@ namespace RigidHIPlugin {
  * Particles may overlap each other. Two of one radius at the same place (crossing: above each other, both with centres below
  * their radius) make the matrix singular, not indefinite.
  * Cost: two to three times that of unbounded fluid; dense() about twice.
- * Nothing is allocated after the first call of each method, if the number of columns stays the same.
+ * Nothing is allocated after the first call of each method of a place, if the number of columns stays the same.
  */
-class RotnePragerYamakawaWall : public MobilityOperator {
+class RotnePragerYamakawaWall : public MobilityModel {
 public:
     RotnePragerYamakawaWall(const HydrodynamicParticles& particles, double viscosity, const NoSlipPlane& wall)
-        : MobilityOperator(particles, viscosity), wall(wall), positions(particles.size()), weights(particles.size()) {}
-    void setPositions(const std::vector<OpenMM::Vec3>& positions) override;
-    void setPositionsNearby(const std::vector<OpenMM::Vec3>& positions) override;
-    bool acceptsNearby(const std::vector<OpenMM::Vec3>& positions) const override {
-        return wall.acceptsNearby(particles, positions);
+        : MobilityModel(particles, viscosity), wall(wall) {}
+    const char* name() const override { return "RotnePragerYamakawa"; }
+    bool acceptsNearby(const Placement& placement) const override {
+        return wall.acceptsNearby(particles, placement.positions);
     }
-    std::string objection(const std::vector<OpenMM::Vec3>& positions) const override {
-        return wall.objection(particles, positions);
+    std::string objection(const Placement& placement) const override {
+        return wall.objection(particles, placement.positions);
     }
     bool mayObject() const override { return true; }
     OpenMM::Vec3 placeInFormulas(int i, const OpenMM::Vec3& position) const override {
         return wall.placeInFormulas(position, particles.radii[i]);
     }
-    void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
-    void dense(Eigen::MatrixXd& mobility) const override;
+
+protected:
+    std::unique_ptr<MobilityAt> makePlace() const override;
+    bool holdsNearby() const override { return wall.reachesBeyond(); }
 
 private:
     const NoSlipPlane wall;
-    std::vector<OpenMM::Vec3> positions;  // z from the wall, at least the radius
-    std::vector<double> weights;          // B
 };
 
 }  // namespace RigidHIPlugin

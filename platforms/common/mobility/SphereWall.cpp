@@ -100,33 +100,19 @@ SphereWallMobility SphereWallMobility::bestKnown(double gap) {
     return m;
 }
 
-SphereWallCongruence::SphereWallCongruence(const HydrodynamicParticles& particles, double viscosity,
-                                           const NoSlipPlane& wall, unique_ptr<MobilityOperator> model)
-    : MobilityOperator(particles, viscosity), wall(wall), model(move(model)), factors(particles.size()) {}
+namespace {
 
-string SphereWallCongruence::objection(const vector<OpenMM::Vec3>& positions) const {
-    const string problem = model->objection(positions);
-    if (!problem.empty()) return problem;
-    for (int i = 0; i < particles.size(); i++)
-        if (isSingleSphere(i) && !(wall.heightOver(positions[i][2], particles.radii[i]) > particles.radii[i]))
-            return "NoSlipWall: " + particleAndBody(particles, i) +
-                   " touches the wall, where a sphere cannot move by BestKnown; move it up, use smaller time steps, or "
-                   "setSphereWallMobility(FromModel)";
-    return {};
+bool isSingleSphere(const HydrodynamicParticles& particles, int i) {
+    return particles.hasTorque[i] || particles.body[i] < 0;
 }
 
-void SphereWallCongruence::setPositions(const vector<OpenMM::Vec3>& positions) {
-    const string problem = objection(positions);
-    if (!problem.empty()) throw OpenMM::OpenMMException("MobilityForce: " + problem);
-    model->setPositions(positions);
-    for (int i = 0; i < particles.size(); i++)
-        if (isSingleSphere(i)) {
-            const double radius = particles.radii[i];
-            factors[i] = factorAt((wall.heightOver(positions[i][2], radius) - radius) / radius, particles.hasTorque[i]);
-        }
-}
+/** B of a particle: V_x and a W_y from F_x and T_y/a, the others as SphereWallMobility says. */
+struct Factor {
+    double across = 1, turnNormal = 1;
+    double along[2][2] = {{1, 0}, {0, 1}};
+};
 
-SphereWallCongruence::Factor SphereWallCongruence::factorAt(double gap, bool withTorque) {
+Factor factorAt(double gap, bool withTorque) {
     const SphereWallMobility best = SphereWallMobility::bestKnown(gap),
                              model = SphereWallMobility::rotnePragerYamakawa(1 / (1 + gap));
     Factor B;
@@ -145,10 +131,42 @@ SphereWallCongruence::Factor SphereWallCongruence::factorAt(double gap, bool wit
     return B;
 }
 
+class Place : public MobilityAt {
+public:
+    Place(const SphereWallCongruence& congruence, const NoSlipPlane& wall, const MobilityModel& model)
+        : MobilityAt(congruence), wall(wall), model(model), factors(particles.size()) {}
+    void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
+    void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
+    void dense(Eigen::MatrixXd& mobility) override;
+
+protected:
+    void moveTo(const Placement& placement, bool nearby) override;
+
+private:
+    /** rows -> B rows, or B^T rows. */
+    template <class Rows>
+    void multiply(Rows&& rows, bool transposed) const;
+
+    const NoSlipPlane& wall;
+    const MobilityModel& model;
+    unique_ptr<MobilityAt> inner;
+    vector<Factor> factors;
+    Eigen::MatrixXd scaled;
+};
+
+void Place::moveTo(const Placement& placement, bool) {
+    model.place(inner, placement);
+    for (int i = 0; i < particles.size(); i++)
+        if (isSingleSphere(particles, i)) {
+            const double radius = particles.radii[i], z = placement.positions[i][2];
+            factors[i] = factorAt((wall.heightOver(z, radius) - radius) / radius, particles.hasTorque[i]);
+        }
+}
+
 template <class Rows>
-void SphereWallCongruence::multiply(Rows&& rows, bool transposed) const {
+void Place::multiply(Rows&& rows, bool transposed) const {
     for (int i = 0; i < particles.size(); i++) {
-        if (!isSingleSphere(i)) continue;
+        if (!isSingleSphere(particles, i)) continue;
         const Factor& B = factors[i];
         const int row = particles.firstRow[i];
         const double a = particles.radii[i];
@@ -175,26 +193,49 @@ void SphereWallCongruence::multiply(Rows&& rows, bool transposed) const {
     }
 }
 
-void SphereWallCongruence::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const {
+void Place::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
     scaled = forces;
     multiply(scaled, true);
-    model->apply(scaled, velocities);
+    inner->apply(scaled, velocities);
     multiply(velocities, false);
 }
 
-void SphereWallCongruence::applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const {
+void Place::applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
     scaled = forces;
     multiply(scaled, true);
-    model->applyRoughly(scaled, velocities);
+    inner->applyRoughly(scaled, velocities);
     multiply(velocities, false);
 }
 
-void SphereWallCongruence::dense(Eigen::MatrixXd& mobility) const {
-    model->dense(mobility);
+void Place::dense(Eigen::MatrixXd& mobility) {
+    inner->dense(mobility);
     multiply(mobility, false);
     auto columns = mobility.transpose();
     multiply(columns, false);
     mobility.triangularView<Eigen::StrictlyUpper>() = mobility.transpose();
+}
+
+}  // namespace
+
+SphereWallCongruence::SphereWallCongruence(const HydrodynamicParticles& particles, double viscosity,
+                                           const NoSlipPlane& wall, unique_ptr<MobilityModel> model)
+    : MobilityModel(particles, viscosity), wall(wall), model(move(model)) {}
+
+string SphereWallCongruence::objection(const Placement& placement) const {
+    const string problem = model->objection(placement);
+    if (!problem.empty()) return problem;
+    const vector<OpenMM::Vec3>& positions = placement.positions;
+    for (int i = 0; i < particles.size(); i++)
+        if (isSingleSphere(particles, i) &&
+            !(wall.heightOver(positions[i][2], particles.radii[i]) > particles.radii[i]))
+            return "NoSlipWall: " + particleAndBody(particles, i) +
+                   " touches the wall, where a sphere cannot move by BestKnown; move it up, use smaller time steps, or "
+                   "setSphereWallMobility(FromModel)";
+    return {};
+}
+
+unique_ptr<MobilityAt> SphereWallCongruence::makePlace() const {
+    return unique_ptr<MobilityAt>(new Place(*this, wall, *model));
 }
 
 }  // namespace RigidHIPlugin

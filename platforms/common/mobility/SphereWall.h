@@ -33,40 +33,31 @@ struct SphereWallMobility {
 };
 
 /**
- * Gives the spheres and free particles of another operator above a wall the best known mobility of a single one: M -> B M B^T,
+ * Gives the spheres and free particles of another model above a wall the best known mobility of a single one: M -> B M B^T,
  * B_i = N_i^(1/2) M_ii^(-1/2), with N_i as best known and M_ii of Rotne-Prager-Yamakawa, both at the height of i and with lengths in its
  * radius. Exact for one sphere; symmetric and positive definite always; interactions are scaled by B on both sides. Blobs of
  * multiblobs stay as they are. Reference: as SphereWallMobility. Limits: gaps above 0, wider than rounding.
- * Cost: linear in particles, beside that of the other operator; the dense matrix quadratic.
+ * Cost: linear in particles, beside that of the other model; the dense matrix quadratic.
  */
-class SphereWallCongruence : public MobilityOperator {
+class SphereWallCongruence : public MobilityModel {
 public:
     SphereWallCongruence(const HydrodynamicParticles& particles, double viscosity, const NoSlipPlane& wall,
-                         std::unique_ptr<MobilityOperator> model);
-    void setPositions(const std::vector<OpenMM::Vec3>& positions) override;
-    std::string objection(const std::vector<OpenMM::Vec3>& positions) const override;
+                         std::unique_ptr<MobilityModel> model);
+    const char* name() const override { return model->name(); }
+    std::string objection(const Placement& placement) const override;
     bool mayObject() const override { return true; }
-    void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
-    void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
-    void dense(Eigen::MatrixXd& mobility) const override;
     bool hasProducts() const override { return model->hasProducts(); }
+    void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
+                     Eigen::MatrixXd& mobility) const override {
+        model->ownMobility(body, sites, mobility);
+    }
+
+protected:
+    std::unique_ptr<MobilityAt> makePlace() const override;
 
 private:
-    /** B of a particle: V_x and a W_y from F_x and T_y/a, the others as SphereWallMobility says. */
-    struct Factor {
-        double across = 1, turnNormal = 1;
-        double along[2][2] = {{1, 0}, {0, 1}};
-    };
-    bool isSingleSphere(int i) const { return particles.hasTorque[i] || particles.body[i] < 0; }
-    static Factor factorAt(double gap, bool withTorque);
-    /** rows -> B rows, or B^T rows. */
-    template <class Rows>
-    void multiply(Rows&& rows, bool transposed) const;
-
     const NoSlipPlane wall;
-    const std::unique_ptr<MobilityOperator> model;
-    std::vector<Factor> factors;
-    mutable Eigen::MatrixXd scaled;
+    const std::unique_ptr<MobilityModel> model;
 };
 
 }  // namespace RigidHIPlugin

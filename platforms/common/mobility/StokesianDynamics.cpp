@@ -62,7 +62,7 @@ MatrixXd inverseFromFactor(const MatrixXd& lower) {
 
 StokesianDynamics::StokesianDynamics(const HydrodynamicParticles& particles, double viscosity, bool lubrication,
                                      double minimumGap)
-    : MobilityOperator(particles, viscosity), lubrication(lubrication), minimumGap(minimumGap) {
+    : MobilityModel(particles, viscosity), lubrication(lubrication), minimumGap(minimumGap) {
     if (!(minimumGap >= 0 && minimumGap < 1))
         throw OpenMMException("StokesianDynamics: the minimum gap is " + number(minimumGap) +
                               " mean radii of a pair; it must be at least 0 (none) and below 1");
@@ -114,7 +114,8 @@ bool StokesianDynamics::overlaps(const std::vector<Vec3>& positions, int& i, int
     return false;
 }
 
-std::string StokesianDynamics::objection(const std::vector<Vec3>& at) const {
+std::string StokesianDynamics::objection(const Placement& placement) const {
+    const std::vector<Vec3>& at = placement.positions;
     int i, j;
     if (overlaps(at, i, j))
         return "StokesianDynamics: " + nameOf(particles, i) + " and " + nameOf(particles, j) +
@@ -130,16 +131,7 @@ std::string StokesianDynamics::objection(const std::vector<Vec3>& at) const {
     return {};
 }
 
-void StokesianDynamics::setPositions(const std::vector<Vec3>& newPositions) {
-    const std::string problem = objection(newPositions);
-    if (!problem.empty()) throw OpenMMException(problem);
-    positions = newPositions;
-    farFieldMobility.resize(0, 0);
-    cachedFriction.resize(0, 0);
-    factor.resize(0, 0);
-}
-
-void StokesianDynamics::addLubrication(int i, int j, MatrixXd& friction) const {
+void StokesianDynamics::addLubrication(const std::vector<Vec3>& positions, int i, int j, MatrixXd& friction) const {
     if (particles.radii[i] < particles.radii[j]) std::swap(i, j);  // tables are for sphere 1 the larger
     const double a[2] = {particles.radii[i], particles.radii[j]}, mean = (a[0] + a[1]) / 2;
     const Vec3 toSecond = positions[j] - positions[i];
@@ -164,22 +156,49 @@ void StokesianDynamics::addLubrication(int i, int j, MatrixXd& friction) const {
         }
 }
 
-const MatrixXd& StokesianDynamics::frictionMatrix() const {
+namespace {
+
+class Place : public MobilityAt {
+public:
+    explicit Place(const StokesianDynamics& model) : MobilityAt(model), model(model) {}
+    void apply(const MatrixXd& forces, MatrixXd& velocities) override;
+    void dense(MatrixXd& mobility) override;
+    void friction(MatrixXd& friction) override;
+
+protected:
+    void moveTo(const Placement& placement, bool) override;
+
+private:
+    const MatrixXd& frictionMatrix();
+
+    const StokesianDynamics& model;
+    std::vector<Vec3> positions;
+    MatrixXd farFieldMobility, cachedFriction, factor;  // empty until they are needed
+};
+
+void Place::moveTo(const Placement& placement, bool) {
+    positions = placement.positions;
+    farFieldMobility.resize(0, 0);
+    cachedFriction.resize(0, 0);
+    factor.resize(0, 0);
+}
+
+const MatrixXd& Place::frictionMatrix() {
     if (cachedFriction.rows() != particles.numRows) {
         MatrixXd friction =
             inverseFromFactor(choleskyFactor(forceTorqueStressletMobility(particles.radii, positions, viscosity)));
-        if (lubrication)
+        if (model.hasLubrication())
             for (int i = 0; i < particles.size(); i++)
-                for (int j = 0; j < i; j++) addLubrication(i, j, friction);
+                for (int j = 0; j < i; j++) model.addLubrication(positions, i, j, friction);
         cachedFriction.swap(friction);
     }
     return cachedFriction;
 }
 
-void StokesianDynamics::friction(MatrixXd& friction) const { friction = frictionMatrix(); }
+void Place::friction(MatrixXd& friction) { friction = frictionMatrix(); }
 
-void StokesianDynamics::apply(const MatrixXd& forces, MatrixXd& velocities) const {
-    if (!lubrication) {
+void Place::apply(const MatrixXd& forces, MatrixXd& velocities) {
+    if (!model.hasLubrication()) {
         if (farFieldMobility.rows() != particles.numRows)
             farFieldMobility = forceTorqueStressletMobility(particles.radii, positions, viscosity);
         velocities = farFieldMobility * forces;
@@ -191,13 +210,19 @@ void StokesianDynamics::apply(const MatrixXd& forces, MatrixXd& velocities) cons
     factor.triangularView<Eigen::Lower>().transpose().solveInPlace(velocities);
 }
 
-void StokesianDynamics::dense(MatrixXd& mobility) const {
-    if (!lubrication)
+void Place::dense(MatrixXd& mobility) {
+    if (!model.hasLubrication())
         apply(MatrixXd::Identity(particles.numRows, particles.numRows), mobility);
     else {
         if (factor.rows() != particles.numRows) factor = choleskyFactor(frictionMatrix());
         mobility = inverseFromFactor(factor);
     }
+}
+
+}  // namespace
+
+std::unique_ptr<MobilityAt> StokesianDynamics::makePlace() const {
+    return std::unique_ptr<MobilityAt>(new Place(*this));
 }
 
 }  // namespace RigidHIPlugin

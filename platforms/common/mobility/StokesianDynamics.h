@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "mobility/MobilityOperator.h"
+#include "mobility/MobilityModel.h"
 #include "mobility/TwoSphereResistance.h"
 
 namespace RigidHIPlugin {
@@ -22,9 +22,9 @@ namespace RigidHIPlugin {
  * Reference: Durlofsky, Brady and Bossis, J. Fluid Mech. 180:21 (1987); Davidchack et al. (2017), section 4.
  * Limits:    spheres with torque, one in a body, ratios of radii up to 10. No overlap, unless there is a minimum gap.
  *
- * setPositions() only looks for overlaps; matrices are made when they are first asked for, which is not thread-safe.
+ * Placing only looks for overlaps; matrices are made when a place is first asked for them.
  */
-class StokesianDynamics : public MobilityOperator {
+class StokesianDynamics : public MobilityModel {
 public:
     /**
      * @param minimumGap  in mean radii of a pair: lubrication of a smaller gap, also of an overlap, is that of this gap (and the far field
@@ -33,32 +33,29 @@ public:
      */
     StokesianDynamics(const HydrodynamicParticles& particles, double viscosity, bool lubrication, double minimumGap);
 
-    /** @throws OpenMMException, naming the particles, for spheres that touch or overlap while there is no minimum gap */
-    void setPositions(const std::vector<OpenMM::Vec3>& positions) override;
-    std::string objection(const std::vector<OpenMM::Vec3>& positions) const override;
+    const char* name() const override { return "StokesianDynamics"; }
+    std::string objection(const Placement& placement) const override;
     bool mayObject() const override { return true; }
     /** Whether spheres touch or overlap while there is no minimum gap, and the first such pair (not indices in the System). n²/2 distances. */
     bool overlaps(const std::vector<OpenMM::Vec3>& positions, int& i, int& j) const;
 
-    void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
-    void dense(Eigen::MatrixXd& mobility) const override;
-    void friction(Eigen::MatrixXd& friction) const override;
+    bool isHomogeneous() const override { return true; }
+    bool isIsotropic() const override { return true; }
     bool hasProducts() const override { return false; }
     bool isMadeFromFriction() const override { return lubrication; }
+    bool hasLubrication() const { return lubrication; }
+    /** Add the pair's lubrication at these positions to the friction of all particles. */
+    void addLubrication(const std::vector<OpenMM::Vec3>& positions, int i, int j, Eigen::MatrixXd& friction) const;
+
+protected:
+    std::unique_ptr<MobilityAt> makePlace() const override;
 
 private:
-    const Eigen::MatrixXd& frictionMatrix() const;
-    void addLubrication(int i, int j, Eigen::MatrixXd& friction) const;
-
     const bool lubrication;
     const double minimumGap;
     std::vector<int> kind;  // of each particle: index of its radius among the distinct radii
     std::vector<std::vector<std::shared_ptr<const TwoSphereResistance>>>
         tables;  // [kind of the larger][kind of the smaller]
-
-    std::vector<OpenMM::Vec3> positions;
-    // of these positions; empty until they are needed
-    mutable Eigen::MatrixXd farFieldMobility, cachedFriction, factor;
 };
 
 }  // namespace RigidHIPlugin

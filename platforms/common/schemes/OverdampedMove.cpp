@@ -11,13 +11,6 @@ namespace RigidHIPlugin {
 
 namespace {
 
-Matrix3d rotationOf(const scalar::Quaternion<double>& q) {
-    const scalar::Rotation<double> turn(q);
-    Matrix3d A;
-    for (int k = 0; k < 3; k++) A.row(k) = Vector3d(turn.row[k].x, turn.row[k].y, turn.row[k].z);
-    return A;
-}
-
 /** Rotate(q, turn): by |turn| about turn, lab frame. */
 scalar::Quaternion<double> rotated(const scalar::Quaternion<double>& q, const Vector3d& turn) {
     return scalar::exponential(scalar::Vector3<double>{0.5 * turn.x(), 0.5 * turn.y(), 0.5 * turn.z()}) * q;
@@ -33,7 +26,6 @@ OverdampedMove::OverdampedMove(BodyMobility& bodies, bool matrixFree, double tol
     const auto& elements = bodies.getElements();
     start.resize(elements.size());
     present = start;
-    poses.resize(elements.size());
     for (size_t e = 0; e < elements.size(); e++)
         for (int i = 0; i < elements[e].numRows(); i++) lengths.push_back(i < 3 ? bodies.length(e) : 1);
     force.setZero(bodies.getNumRows(), 1);
@@ -48,16 +40,6 @@ void OverdampedMove::begin(const OverdampedStep& step) {
     present = start;
 }
 
-void OverdampedMove::setProblem(const vector<Place>& places) {
-    for (size_t e = 0; e < places.size(); e++) {
-        poses[e].R = places[e].R;
-        poses[e].A = rotationOf(places[e].q);
-    }
-    problem.setPoses(poses);
-}
-
-void OverdampedMove::atStart() { setProblem(start); }
-
 void OverdampedMove::goFromStart(double t, const Vectors& twists) {
     const auto& elements = problem.getElements();
     for (size_t e = 0; e < start.size(); e++) {
@@ -68,8 +50,6 @@ void OverdampedMove::goFromStart(double t, const Vectors& twists) {
         scalar::renormalise(present[e].q);
     }
 }
-
-void OverdampedMove::atPresent() { setProblem(present); }
 
 // ---- Random numbers
 
@@ -144,7 +124,7 @@ void OverdampedMove::displaceBy(double step, int onlyRow, vector<Pose>& to) cons
                 move[i] = step * length;
         }
         to[e].R = start[e].R + Vector3d(move[0], move[1], move[2]);
-        if (count == 6) to[e].A = rotationOf(rotated(start[e].q, Vector3d(move[3], move[4], move[5])));
+        if (count == 6) to[e].q = rotated(start[e].q, Vector3d(move[3], move[4], move[5]));
     }
 }
 

@@ -6,7 +6,7 @@
 
 #include "mobility/MobilityProblem.h"
 #include "random/CounterNoise.h"
-#include "rigidbody/Quaternion-inl.h"
+#include "rigidbody/Pose.h"
 
 namespace RigidHIPlugin {
 
@@ -33,12 +33,8 @@ public:
     OverdampedMove(BodyMobility& bodies, bool matrixFree, double tolerance);
 
     // ---- The engine's side
-    /** Where a step starts: R and q of the elements are to be set in `start` before. */
-    struct Place {
-        Eigen::Vector3d R = Eigen::Vector3d::Zero();
-        scalar::Quaternion<double> q = {1, 0, 0, 0};
-    };
-    std::vector<Place> start, present;
+    /** Where a step starts, to be set before, and where it is. */
+    std::vector<Pose> start, present;
     void begin(const OverdampedStep& step);
     MobilityProblem& getProblem() { return problem; }
     long long randomNumbers = 0;  // of this step
@@ -93,8 +89,8 @@ public:
     double lengthOfRow(int row) const { return lengths[row]; }
     int getNumRows() const { return problem.getNumRows(); }
     /** Do everything at the start, at the present poses, or at displaced ones from now on. */
-    void atStart();
-    void atPresent();
+    void atStart() { problem.setPoses(start); }
+    void atPresent() { problem.setPoses(present); }
     void at(const std::vector<Pose>& poses) { problem.setPoses(poses, true); }
     /** Move to Q^n + t U: Rotate(q, t W). */
     void goFromStart(double t, const Vectors& twists);
@@ -107,14 +103,13 @@ private:
     void displaceBy(double step, int onlyRow, std::vector<Pose>& poses) const;
     bool isAccepted(const std::vector<Pose>& poses) const;
     [[noreturn]] void failToDisplace(const std::vector<Pose>& poses) const;
-    void setProblem(const std::vector<Place>& places);
     void drawForBodies(uint32_t purpose, uint32_t freePurpose, Vectors& W);
     void drawForParticles(uint32_t purpose, Vectors& W);
     void drawNumbers(uint32_t purpose, uint32_t index, int count, double* numbers);
 
     MobilityProblem problem;
     std::vector<double> lengths;  // of rows
-    std::vector<Pose> poses, forward, backward;
+    std::vector<Pose> forward, backward;
     double centralStep = 0;  // between these two
     Vectors lambda, atOtherEnd;
     Vectors W, W_slip;

@@ -44,18 +44,17 @@ public:
             for (int i = first; i < end; i++) task(i);
         });
     }
-    std::unique_ptr<MobilityOperator> createMobility(const MobilityForce& force, bool crossingAllowed,
-                                                     const HydrodynamicParticles& particles,
-                                                     bool mayUseThreads) override {
+    std::unique_ptr<MobilityModel> createMobility(const MobilityForce& force, bool crossingAllowed,
+                                                  const HydrodynamicParticles& particles, bool mayUseThreads) override {
         CpuRotnePragerYamakawa::ForRanges threads;
         if (mayUseThreads)
             threads = [this](int count, const std::function<void(int, int)>& task) {
                 split(count, 1, [&](int first, int end, int) { task(first, end); });
             };
-        PlatformOperators own;
+        PlatformModels own;
         own.rotnePragerYamakawa = [&](const HydrodynamicParticles& seen, double viscosity,
                                       const std::optional<NoSlipPlane>& wall) {
-            return std::unique_ptr<MobilityOperator>(new CpuRotnePragerYamakawa(seen, viscosity, threads, wall));
+            return std::unique_ptr<MobilityModel>(new CpuRotnePragerYamakawa(seen, viscosity, threads, wall));
         };
         return RigidHIPlugin::createMobility(force, crossingAllowed, particles, own);
     }

@@ -17,7 +17,7 @@
 #define RIGIDHI_CPU_ROTNE_PRAGER_YAMAKAWA_ARRAYS_
 namespace RigidHIPlugin {
 
-/** What the loops see of a CpuRotnePragerYamakawa. */
+/** What the loops see of a CpuRotnePragerYamakawaAt. */
 struct RotnePragerYamakawaArrays {
     static const int blockSize = 16;            // of the widest pack, floats in AVX-512
     const double *x, *y, *z, *radius, *weight;  // of target slots; z from the wall, if there is one
@@ -348,7 +348,7 @@ HWY_EXPORT(fillMatrix);
 
 CpuRotnePragerYamakawa::CpuRotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity,
                                                ForRanges forRanges, const std::optional<NoSlipPlane>& wall)
-    : MobilityOperator(particles, viscosity), forRanges(forRanges), wall(wall) {
+    : MobilityModel(particles, viscosity), forRanges(forRanges), wall(wall) {
     const int blockSize = RotnePragerYamakawaArrays::blockSize;
     for (bool spheres : {true, false}) {
         for (int i = 0; i < particles.size(); i++) {
@@ -365,67 +365,66 @@ CpuRotnePragerYamakawa::CpuRotnePragerYamakawa(const HydrodynamicParticles& part
             numSphereBlocks = numBlocks;
         }
     }
-    // Padding is far from everything, so that it never takes the way of overlaps, and no power of it is infinite.
-    const double farAway = 1e30;
-    for (auto* v : {&x, &y, &z}) v->assign(rowOfSlot.size(), farAway);
     radius.assign(rowOfSlot.size(), 1.0);
-    weight.assign(rowOfSlot.size(), 1.0);
-    sources.resize(4 * particles.size());
-    for (int j = 0; j < particles.size(); j++)
-        radius[slotOfSource[j]] = sources[4 * j + 3] = particles.radii[particleOfSource[j]];
+    for (int j = 0; j < particles.size(); j++) radius[slotOfSource[j]] = particles.radii[particleOfSource[j]];
     // The fifth power of an inverse distance, up to a thousand times these, is a float.
     const double smallest = 1e-4, largest = 1e4;
     fitsSingle = true;
     for (double a : particles.radii) fitsSingle = fitsSingle && a >= smallest && a <= largest;
 }
 
-std::string CpuRotnePragerYamakawa::objection(const std::vector<OpenMM::Vec3>& positions) const {
-    return wall ? wall->objection(particles, positions) : std::string();
+void CpuRotnePragerYamakawa::ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
+                                         Eigen::MatrixXd& mobility) const {
+    CpuRotnePragerYamakawa(body, viscosity, forRanges).at({sites})->dense(mobility);
 }
 
-void CpuRotnePragerYamakawa::setPositions(const std::vector<OpenMM::Vec3>& positions) {
-    if (wall) wall->check(particles, positions);
-    place(positions, false);
+std::unique_ptr<MobilityAt> CpuRotnePragerYamakawa::makePlace() const {
+    return std::unique_ptr<MobilityAt>(new CpuRotnePragerYamakawaAt(*this));
 }
 
-void CpuRotnePragerYamakawa::setPositionsNearby(const std::vector<OpenMM::Vec3>& positions) {
-    if (wall && wall->reachesBeyond())
-        place(positions, true);
-    else
-        setPositions(positions);
+CpuRotnePragerYamakawaAt::CpuRotnePragerYamakawaAt(const CpuRotnePragerYamakawa& model)
+    : MobilityAt(model), model(model) {
+    // Padding is far from everything, so that it never takes the way of overlaps, and no power of it is infinite.
+    const double farAway = 1e30;
+    for (auto* v : {&x, &y, &z}) v->assign(model.rowOfSlot.size(), farAway);
+    weight.assign(model.rowOfSlot.size(), 1.0);
+    sources.resize(4 * particles.size());
+    for (int j = 0; j < particles.size(); j++) sources[4 * j + 3] = particles.radii[model.particleOfSource[j]];
 }
 
-void CpuRotnePragerYamakawa::place(const std::vector<OpenMM::Vec3>& positions, bool nearby) {
+void CpuRotnePragerYamakawaAt::moveTo(const Placement& placement, bool nearby) {
+    const auto& wall = model.wall;
     for (int j = 0; j < particles.size(); j++) {
-        OpenMM::Vec3 r = positions[particleOfSource[j]];
+        OpenMM::Vec3 r = placement.positions[model.particleOfSource[j]];
+        const int slot = model.slotOfSource[j];
         if (wall) {
             const double radius = sources[4 * j + 3];
-            weight[slotOfSource[j]] = nearby ? 1 : wall->weight(r[2], radius);
+            weight[slot] = nearby ? 1 : wall->weight(r[2], radius);
             r[2] = nearby ? r[2] - wall->getHeight() : wall->heightOver(r[2], radius);
         }
         for (int k = 0; k < 3; k++) sources[4 * j + k] = r[k];
-        x[slotOfSource[j]] = r[0];
-        y[slotOfSource[j]] = r[1];
-        z[slotOfSource[j]] = r[2];
+        x[slot] = r[0];
+        y[slot] = r[1];
+        z[slot] = r[2];
     }
 }
 
-RotnePragerYamakawaArrays CpuRotnePragerYamakawa::arrays(double* result) const {
+RotnePragerYamakawaArrays CpuRotnePragerYamakawaAt::arrays(double* result) const {
     RotnePragerYamakawaArrays a = {};
     a.x = x.data();
     a.y = y.data();
     a.z = z.data();
-    a.radius = radius.data();
+    a.radius = model.radius.data();
     a.weight = weight.data();
-    a.rowOfSlot = rowOfSlot.data();
-    a.numSphereBlocks = numSphereBlocks;
-    a.numBlocks = numBlocks;
+    a.rowOfSlot = model.rowOfSlot.data();
+    a.numSphereBlocks = model.numSphereBlocks;
+    a.numBlocks = model.numBlocks;
     a.sources = sources.data();
-    a.rowOfSource = rowOfSource.data();
-    a.slotOfSource = slotOfSource.data();
-    a.numSpheres = numSpheres;
+    a.rowOfSource = model.rowOfSource.data();
+    a.slotOfSource = model.slotOfSource.data();
+    a.numSpheres = model.numSpheres;
     a.numSources = particles.size();
-    a.hasWall = wall.has_value();
+    a.hasWall = model.wall.has_value();
     a.scale = 1 / (8 * M_PI * viscosity);
     a.result = result;
     a.numRows = particles.numRows;
@@ -433,29 +432,29 @@ RotnePragerYamakawaArrays CpuRotnePragerYamakawa::arrays(double* result) const {
 }
 
 template <class Task>
-void CpuRotnePragerYamakawa::split(int count, double pairs, const Task& task) const {
+void CpuRotnePragerYamakawaAt::split(int count, double pairs, const Task& task) const {
     // Waking a thread takes 10 to 90 microseconds (benchmarks/README.md), a pair one or two nanoseconds.
     const double pairsThatPay = 1e5;
-    if (forRanges && pairs >= pairsThatPay)
-        forRanges(count, task);
+    if (model.forRanges && pairs >= pairsThatPay)
+        model.forRanges(count, task);
     else
         task(0, count);
 }
 
-void CpuRotnePragerYamakawa::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const {
+void CpuRotnePragerYamakawaAt::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
     multiply(forces, loads, velocities);
 }
 
-void CpuRotnePragerYamakawa::applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const {
-    if (fitsSingle)
+void CpuRotnePragerYamakawaAt::applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
+    if (model.fitsSingle)
         multiply(forces, singleLoads, velocities);
     else
         multiply(forces, loads, velocities);
 }
 
 template <class Number>
-void CpuRotnePragerYamakawa::multiply(const Eigen::MatrixXd& forces, std::vector<Number>& buffer,
-                                      Eigen::MatrixXd& velocities) const {
+void CpuRotnePragerYamakawaAt::multiply(const Eigen::MatrixXd& forces, std::vector<Number>& buffer,
+                                        Eigen::MatrixXd& velocities) const {
     velocities.resize(particles.numRows, forces.cols());
     buffer.resize(2 * particles.numRows);
     RotnePragerYamakawaArrays arrays = this->arrays(nullptr);
@@ -473,9 +472,9 @@ void CpuRotnePragerYamakawa::multiply(const Eigen::MatrixXd& forces, std::vector
         Number* to = buffer.data();
         for (int j = 0; j < particles.size(); j++)
             for (int c = column; c < column + arrays.columns; c++)
-                for (int k = 0; k < (j < numSpheres ? 6 : 3); k++)
-                    *to++ = weight[slotOfSource[j]] * (forces(rowOfSource[j] + k, c) / unit);
-        split(numBlocks, static_cast<double>(particles.size()) * particles.size() * arrays.columns,
+                for (int k = 0; k < (j < model.numSpheres ? 6 : 3); k++)
+                    *to++ = weight[model.slotOfSource[j]] * (forces(model.rowOfSource[j] + k, c) / unit);
+        split(model.numBlocks, static_cast<double>(particles.size()) * particles.size() * arrays.columns,
               [&arrays](int first, int end) {
                   HWY_DYNAMIC_DISPATCH(multiplyBlocks)
                   (arrays, first, end);
@@ -483,7 +482,7 @@ void CpuRotnePragerYamakawa::multiply(const Eigen::MatrixXd& forces, std::vector
     }
 }
 
-void CpuRotnePragerYamakawa::dense(Eigen::MatrixXd& mobility) const {
+void CpuRotnePragerYamakawaAt::dense(Eigen::MatrixXd& mobility) {
     mobility.resize(particles.numRows, particles.numRows);
     const RotnePragerYamakawaArrays arrays = this->arrays(mobility.data());
     split(particles.size(), static_cast<double>(particles.size()) * particles.size(), [&arrays](int first, int end) {

@@ -18,10 +18,10 @@ namespace RigidHIPlugin {
  * RotnePragerYamakawaWall to rounding.
  *
  * Cost: n^2 pairs, one square root and one division each (above a wall two), shared by two columns at a time; packs in which a pair overlaps
- * take a slower way. Measured: benchmarks/README.md. Nothing is allocated after the first call of each method if the number
- * of columns stays the same, unless threads are used. One object serves one caller at a time.
+ * take a slower way. Measured: benchmarks/README.md. Nothing is allocated after the first call of each method of a place if the number
+ * of columns stays the same, unless threads are used.
  */
-class CpuRotnePragerYamakawa : public MobilityOperator {
+class CpuRotnePragerYamakawa : public MobilityModel {
 public:
     /** Calls task(first, end) for ranges that cover 0 ... count - 1, on several threads. */
     typedef std::function<void(int count, const std::function<void(int, int)>& task)> ForRanges;
@@ -32,35 +32,30 @@ public:
      */
     CpuRotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity, ForRanges forRanges = {},
                            const std::optional<NoSlipPlane>& wall = {});
-    void setPositions(const std::vector<OpenMM::Vec3>& positions) override;
-    void setPositionsNearby(const std::vector<OpenMM::Vec3>& positions) override;
-    bool acceptsNearby(const std::vector<OpenMM::Vec3>& positions) const override {
-        return !wall || wall->acceptsNearby(particles, positions);
+    const char* name() const override { return "RotnePragerYamakawa"; }
+    bool acceptsNearby(const Placement& placement) const override {
+        return !wall || wall->acceptsNearby(particles, placement.positions);
     }
-    std::string objection(const std::vector<OpenMM::Vec3>& positions) const override;
+    std::string objection(const Placement& placement) const override {
+        return wall ? wall->objection(particles, placement.positions) : std::string();
+    }
     bool mayObject() const override { return wall.has_value(); }
     OpenMM::Vec3 placeInFormulas(int i, const OpenMM::Vec3& position) const override {
         return wall ? wall->placeInFormulas(position, particles.radii[i]) : position;
     }
-    void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
-    /**
-     * In single precision, but for differences of positions, overlapping pairs, and sums over more than 64 particles: in about half
-     * the time. In double precision if radii are not between 1e-4 and 1e4 nm. Results do not depend on the number of threads, but
-     * on the width of packs.
-     */
-    void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) const override;
-    void dense(Eigen::MatrixXd& mobility) const override;
+    bool isHomogeneous() const override { return !wall; }
+    bool isIsotropic() const override { return !wall; }
     bool isDivergenceFree() const override { return !wall; }
     double rowsWorthIterations() const override { return 425; }
+    void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
+                     Eigen::MatrixXd& mobility) const override;
+
+protected:
+    std::unique_ptr<MobilityAt> makePlace() const override;
+    bool holdsNearby() const override { return wall && wall->reachesBeyond(); }
 
 private:
-    template <class Number>
-    void multiply(const Eigen::MatrixXd& forces, std::vector<Number>& buffer, Eigen::MatrixXd& velocities) const;
-    template <class Task>
-    void split(int count, double pairs, const Task& task) const;
-
-    void place(const std::vector<OpenMM::Vec3>& positions, bool nearby);
-    struct RotnePragerYamakawaArrays arrays(double* result) const;
+    friend class CpuRotnePragerYamakawaAt;
 
     const ForRanges forRanges;
     const std::optional<NoSlipPlane> wall;
@@ -69,12 +64,39 @@ private:
     int numSpheres, numSphereBlocks, numBlocks;
     std::vector<int> particleOfSource, slotOfSource;
     std::vector<int> rowOfSource, rowOfSlot;  // -1: padding
-    std::vector<double> x, y, z, radius;      // of slots
-    std::vector<double> weight;         // of slots: what velocities and forces are multiplied by, 1 without a wall
-    std::vector<double> sources;        // x, y, z, radius of each
-    mutable std::vector<double> loads;  // forces and torques, source by source, of the columns being multiplied
-    mutable std::vector<float> singleLoads;
+    std::vector<double> radius;               // of slots
     bool fitsSingle;
+};
+
+/** It at a placement. */
+class CpuRotnePragerYamakawaAt : public MobilityAt {
+public:
+    explicit CpuRotnePragerYamakawaAt(const CpuRotnePragerYamakawa& model);
+    void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
+    /**
+     * In single precision, but for differences of positions, overlapping pairs, and sums over more than 64 particles: in about half
+     * the time. In double precision if radii are not between 1e-4 and 1e4 nm. Results do not depend on the number of threads, but
+     * on the width of packs.
+     */
+    void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
+    void dense(Eigen::MatrixXd& mobility) override;
+
+protected:
+    void moveTo(const Placement& placement, bool nearby) override;
+
+private:
+    template <class Number>
+    void multiply(const Eigen::MatrixXd& forces, std::vector<Number>& buffer, Eigen::MatrixXd& velocities) const;
+    template <class Task>
+    void split(int count, double pairs, const Task& task) const;
+    struct RotnePragerYamakawaArrays arrays(double* result) const;
+
+    const CpuRotnePragerYamakawa& model;
+    std::vector<double> x, y, z;     // of slots
+    std::vector<double> weight;      // of slots: what velocities and forces are multiplied by, 1 without a wall
+    std::vector<double> sources;     // x, y, z, radius of each
+    std::vector<double> loads;       // forces and torques, source by source, of the columns being multiplied
+    std::vector<float> singleLoads;  // likewise
 };
 
 }  // namespace RigidHIPlugin

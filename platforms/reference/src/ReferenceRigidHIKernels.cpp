@@ -24,8 +24,8 @@ public:
     void forTasks(int count, const std::function<void(int)>& task) override {
         for (int i = 0; i < count; i++) task(i);
     }
-    std::unique_ptr<MobilityOperator> createMobility(const MobilityForce& force, bool crossingAllowed,
-                                                     const HydrodynamicParticles& particles, bool) override {
+    std::unique_ptr<MobilityModel> createMobility(const MobilityForce& force, bool crossingAllowed,
+                                                  const HydrodynamicParticles& particles, bool) override {
         return RigidHIPlugin::createMobility(force, crossingAllowed, particles);
     }
     std::string describe() const override { return "Reference: one thread, one body at a time"; }

@@ -1,1 +1,0 @@
-#include "context/SavedState.h"  // where it lies now

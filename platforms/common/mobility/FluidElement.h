@@ -1,0 +1,33 @@
+#ifndef RIGIDHI_FLUID_ELEMENT_H_
+#define RIGIDHI_FLUID_ELEMENT_H_
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "mobility/MobilityModel.h"
+
+namespace RigidHIPlugin {
+
+/** What the fluid sees of a body, or of a free particle. */
+struct FluidElement {
+    int body = -1;                       // index of the body, -1: a free particle
+    std::vector<int> particles;          // hydrodynamic particles, indices in the System
+    std::vector<Eigen::Vector3d> sites;  // their places in the body frame, nm from the body's origin
+    std::vector<double> radii;           // nm
+    Eigen::MatrixXd ownMobility;         // 6 x 6, body frame, or empty: setBodyMobility()
+
+    bool isFree() const { return body < 0; }
+    /** One hydrodynamic particle takes force and torque; those of a multiblob take forces only. */
+    bool isSphere() const { return !isFree() && particles.size() == 1; }
+    int numRows() const { return isFree() ? 3 : 6; }
+    int numParticleRows() const { return (isSphere() ? 6 : 3) * particles.size(); }
+};
+
+/** The hydrodynamic particles of elements, in their order. */
+HydrodynamicParticles particlesOf(const std::vector<FluidElement>& elements);
+/** Where those of one element are in its own frame. */
+std::vector<OpenMM::Vec3> sitesOf(const FluidElement& element);
+
+}  // namespace RigidHIPlugin
+
+#endif

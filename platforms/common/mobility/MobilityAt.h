@@ -1,0 +1,75 @@
+#ifndef RIGIDHI_MOBILITY_AT_H_
+#define RIGIDHI_MOBILITY_AT_H_
+
+#include <openmm/Vec3.h>
+
+#include <Eigen/Core>
+#include <array>
+#include <vector>
+
+#include "random/CounterNoise.h"
+
+namespace RigidHIPlugin {
+
+struct HydrodynamicParticles;
+class MobilityModel;
+
+/** The vectors of a periodic box, nm; zeros: there is none. */
+typedef std::array<OpenMM::Vec3, 3> BoxVectors;
+
+/** Where the particles of a model are. */
+struct Placement {
+    std::vector<OpenMM::Vec3> positions;  // nm, not wrapped, one per hydrodynamic particle
+    BoxVectors box = {};
+};
+
+/**
+ * A mobility model at one placement: velocities = M forces. Models make them (MobilityModel::at()); several may live at once. What is
+ * cached lives as long as the place. One place serves one caller at a time.
+ *
+ * All matrices are in the lab frame, with rows as HydrodynamicParticles says, in nm/(ps kJ/mol/nm) and so on. The matrix is
+ * symmetric positive definite at every placement to which the model does not object.
+ */
+class MobilityAt {
+public:
+    explicit MobilityAt(const MobilityModel& model);
+    virtual ~MobilityAt() {}
+    /** velocities = M forces; every column is a case of its own. @param velocities  resized and overwritten */
+    virtual void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) = 0;
+    /** As apply(), right to `roughError` of the norm of M times that of the forces, where that takes less time. Default: apply(). */
+    virtual void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) { apply(forces, velocities); }
+    /** The error of applyRoughly(), and the tolerances of iterations that can do with it. */
+    static constexpr double roughError = 1e-6, leastRoughTolerance = 5e-5;
+    /** Either, for an iteration of this relative tolerance. */
+    void applyFor(double tolerance, const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
+        if (tolerance >= leastRoughTolerance)
+            applyRoughly(forces, velocities);
+        else
+            apply(forces, velocities);
+    }
+    /** The matrix itself. Default: apply() to the identity. */
+    virtual void dense(Eigen::MatrixXd& mobility);
+    /** Its inverse. Default: by Cholesky's factors of dense(). @throws OpenMMException if M is not positive definite */
+    virtual void friction(Eigen::MatrixXd& friction);
+    /**
+     * Random velocities of covariance M, one column, from the model's own random field.
+     *
+     * @return whether the model has one (MobilityModel::hasOwnRandomField()). Default: no, so that roots of M are taken
+     */
+    virtual bool draw(const NoiseStream& noise, uint32_t purpose, Eigen::MatrixXd& slips) { return false; }
+
+protected:
+    friend class MobilityModel;
+    /**
+     * Be at this placement from now on, to which the model does not object, or (nearby) which it accepts as a small way from such a one.
+     * What was cached is to be forgotten, memory kept.
+     */
+    virtual void moveTo(const Placement& placement, bool nearby) = 0;
+
+    const HydrodynamicParticles& particles;
+    const double viscosity;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

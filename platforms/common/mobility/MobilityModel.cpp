@@ -1,0 +1,80 @@
+#include "mobility/MobilityModel.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <Eigen/Cholesky>
+#include <sstream>
+
+#include "mobility/RotnePragerYamakawa.h"
+
+namespace RigidHIPlugin {
+
+void refuseIndefiniteMobility(int numParticles) {
+    throw OpenMM::OpenMMException(
+        "MobilityForce: the mobility matrix of " + std::to_string(numParticles) +
+        " hydrodynamic particles is not positive definite; look for particles at the same place");
+}
+
+void refuseIndefiniteFriction(int numBodies) {
+    throw OpenMM::OpenMMException("MobilityForce: the friction matrix of " + std::to_string(numBodies) +
+                                  " bodies is not positive definite; look for a body whose blobs are all at one place");
+}
+
+std::string toleranceText(double tolerance, double wanted) {
+    std::ostringstream text;
+    text << "the tolerance of " << (wanted > 0 ? wanted : tolerance);
+    if (wanted > 0 && wanted != tolerance) text << ", of which an iteration may take " << tolerance << ",";
+    return text.str();
+}
+
+MobilityAt::MobilityAt(const MobilityModel& model) : particles(model.getParticles()), viscosity(model.getViscosity()) {}
+
+void MobilityAt::dense(Eigen::MatrixXd& mobility) {
+    apply(Eigen::MatrixXd::Identity(particles.numRows, particles.numRows), mobility);
+}
+
+void MobilityAt::friction(Eigen::MatrixXd& friction) {
+    Eigen::MatrixXd mobility;
+    dense(mobility);
+    const Eigen::LLT<Eigen::MatrixXd> factor(mobility);
+    if (factor.info() != Eigen::Success) refuseIndefiniteMobility(particles.size());
+    friction = factor.solve(Eigen::MatrixXd::Identity(particles.numRows, particles.numRows));
+    friction = (0.5 * (friction + friction.transpose())).eval();
+}
+
+std::unique_ptr<MobilityAt> MobilityModel::at(const Placement& placement) const {
+    std::unique_ptr<MobilityAt> made;
+    place(made, placement);
+    return made;
+}
+
+std::unique_ptr<MobilityAt> MobilityModel::near(const Placement& placement) const {
+    std::unique_ptr<MobilityAt> made;
+    placeNear(made, placement);
+    return made;
+}
+
+void MobilityModel::place(std::unique_ptr<MobilityAt>& at, const Placement& placement) const {
+    if (mayObject()) {
+        const std::string problem = objection(placement);
+        if (!problem.empty()) throw OpenMM::OpenMMException("MobilityForce: " + problem);
+    }
+    if (!at) at = makePlace();
+    at->moveTo(placement, false);
+}
+
+void MobilityModel::placeNear(std::unique_ptr<MobilityAt>& at, const Placement& placement) const {
+    if (!holdsNearby()) {
+        place(at, placement);
+        return;
+    }
+    if (!at) at = makePlace();
+    at->moveTo(placement, true);
+}
+
+void MobilityModel::ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
+                                Eigen::MatrixXd& mobility) const {
+    RotnePragerYamakawa(body, viscosity).at({sites})->dense(mobility);
+}
+
+}  // namespace RigidHIPlugin

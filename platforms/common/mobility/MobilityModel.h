@@ -1,0 +1,147 @@
+#ifndef RIGIDHI_MOBILITY_MODEL_H_
+#define RIGIDHI_MOBILITY_MODEL_H_
+
+#include <Eigen/Core>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "mobility/MobilityAt.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * The hydrodynamic particles that feel each other, in the order of their rows. What does not change in a step.
+ *
+ * A particle with torque (a sphere) has six rows, force then torque (velocity then angular velocity); one without (a blob of
+ * a rigid multiblob, or a free particle) has three.
+ */
+struct HydrodynamicParticles {
+    std::vector<double> radii;     // nm
+    std::vector<char> hasTorque;   // whether the particle has rows for torque and angular velocity
+    std::vector<int> firstRow;     // of each particle
+    std::vector<int> systemIndex;  // index in the System, for messages
+    std::vector<int> body;         // body it is in, -1: a free particle
+    int numRows = 0;
+
+    int size() const { return radii.size(); }
+    void add(double radius, bool torque, int particle, int inBody) {
+        radii.push_back(radius);
+        hasTorque.push_back(torque);
+        firstRow.push_back(numRows);
+        systemIndex.push_back(particle);
+        body.push_back(inBody);
+        numRows += torque ? 6 : 3;
+    }
+};
+
+/** @throws OpenMMException  always: the mobility matrix of so many particles is not positive definite, and where to look */
+[[noreturn]] void refuseIndefiniteMobility(int numParticles);
+/** Likewise the friction matrix of so many bodies. */
+[[noreturn]] void refuseIndefiniteFriction(int numBodies);
+/**
+ * A tolerance in a message: the one that the user has set, and the part of it that is left for an iteration.
+ *
+ * @param wanted  the former; 0: it is the iteration's own
+ */
+std::string toleranceText(double tolerance, double wanted);
+
+/**
+ * How the fluid couples particles: what does not depend on where they are. Immutable, so that any number of places may be asked at
+ * once, by several threads.
+ *
+ * A new model is two classes: this one, with name() and makePlace(), and its MobilityAt, with apply(); what it can do better than by the
+ * defaults it overrides.
+ */
+class MobilityModel {
+public:
+    /** @param viscosity  dalton/(nm ps) */
+    MobilityModel(const HydrodynamicParticles& particles, double viscosity)
+        : particles(particles), viscosity(viscosity) {}
+    virtual ~MobilityModel() {}
+    const HydrodynamicParticles& getParticles() const { return particles; }
+    double getViscosity() const { return viscosity; }
+    /** The model in messages: that of setModel(). */
+    virtual const char* name() const = 0;
+
+    // ---- The model at a place
+    /**
+     * The mobility of one configuration. The model must outlive it.
+     *
+     * @throws OpenMMException with the objection(), if there is one
+     */
+    std::unique_ptr<MobilityAt> at(const Placement& placement) const;
+    /**
+     * Likewise for a finite difference, a small way from an accepted placement: where that touches the limit of what the model accepts, the
+     * small way may lead beyond. A model whose formulas hold there too (holdsNearby()) takes it.
+     */
+    std::unique_ptr<MobilityAt> near(const Placement& placement) const;
+    /**
+     * at() and near() with the memory of a place that this model has made before; null at first. What was cached is forgotten. If the model
+     * objects, the place stays as it was.
+     */
+    void place(std::unique_ptr<MobilityAt>& at, const Placement& placement) const;
+    void placeNear(std::unique_ptr<MobilityAt>& at, const Placement& placement) const;
+
+    // ---- Where it has a mobility
+    /**
+     * Why the model has no mobility at this placement (overlap, beyond a wall), naming the particles; empty where it has one.
+     * A step that leads there is redone with new noise. Default: the model has one everywhere.
+     */
+    virtual std::string objection(const Placement& placement) const { return {}; }
+    /** Whether objection() can ever object. */
+    virtual bool mayObject() const { return false; }
+    /** Whether near() takes this placement. Default: where there is no objection(). */
+    virtual bool acceptsNearby(const Placement& placement) const {
+        return !mayObject() || objection(placement).empty();
+    }
+    /**
+     * Where the formulas take a particle to be: two of one radius at one such place make the matrix singular. Default: where it
+     * is. A wall through which surfaces reach lifts particles to contact.
+     */
+    virtual OpenMM::Vec3 placeInFormulas(int particle, const OpenMM::Vec3& position) const { return position; }
+
+    // ---- Traits
+    /** Whether the mobility of particles stays the same when all are shifted alike: not next to a wall. Default: no. */
+    virtual bool isHomogeneous() const { return false; }
+    /** Whether it turns with the particles: neither next to a wall nor in a periodic box. Default: no. */
+    virtual bool isIsotropic() const { return false; }
+    /** Whether MobilityAt::apply() needs no matrix, so that Krylov methods make sense. */
+    virtual bool hasProducts() const { return true; }
+    /** Whether MobilityAt::friction() costs less than dense(), so that callers who can use either should ask for friction. */
+    virtual bool isMadeFromFriction() const { return false; }
+    /**
+     * Whether sum_j dM_ij/dx_j = 0 wherever the particles are, as for averages of a flow without sources over spheres in a fluid without
+     * walls. Spheres and free particles then have no stochastic drift. Default: no.
+     */
+    virtual bool isDivergenceFree() const { return false; }
+    /** Whether MobilityAt::draw() gives slips of the model's own random field. */
+    virtual bool hasOwnRandomField() const { return false; }
+    /**
+     * The mobility of bodies takes less time by iterations, column by column, than by a factor of dense() if there are more rows of
+     * particles than this for each row of bodies. The ratio of both times is proportional to it. Measured on one thread with shells of 642
+     * blobs near a wall, at a tolerance of 1e-6.
+     */
+    virtual double rowsWorthIterations() const { return 1750; }
+
+    // ---- A body by itself
+    /**
+     * The matrix of one body's particles alone in unbounded fluid, at their sites in its frame: where preconditioners and own tensors start
+     * from. Default: that of RotnePragerYamakawa, in which a sphere has its Stokes drag.
+     */
+    virtual void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
+                             Eigen::MatrixXd& mobility) const;
+
+protected:
+    /** A place without particles yet, for this model. */
+    virtual std::unique_ptr<MobilityAt> makePlace() const = 0;
+    /** Whether formulas hold a little beyond what objection() allows, as finite differences from there need it. */
+    virtual bool holdsNearby() const { return false; }
+
+    const HydrodynamicParticles particles;
+    const double viscosity;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,53 @@
+#ifndef RIGIDHI_NULL_TWISTS_H_
+#define RIGIDHI_NULL_TWISTS_H_
+
+#include <Eigen/Core>
+#include <vector>
+
+namespace RigidHIPlugin {
+
+/**
+ * The null vectors of the friction of bodies whose particles are on a line: a twist n = (V, line) that leaves all of them where they are;
+ * and the symmetric generalised inverse N of a friction xi with such null vectors (xi N xi = xi, N xi N = N) whose twists do not turn bodies
+ * about their lines, W.line = 0. For an origin on the line that is the pseudo-inverse; elsewhere the latter would depend on the origin and on
+ * units, and this does not (THEORY.md).
+ *
+ * Method: the friction is lifted along n before it is inverted or factorised, and what is of the lift removed from results.
+ */
+class NullTwists {
+public:
+    /** @param rows  first row of each element in twists and wrenches */
+    explicit NullTwists(const std::vector<int>& rows) : rows(rows), twists_body(rows.size()) {}
+    /** Look for the null twist of an element from its sites, and keep it. */
+    void find(int element, const std::vector<Eigen::Vector3d>& sites);
+    bool has(int element) const { return twists_body[element].size() > 0; }
+    bool any() const { return hasAny; }
+    /** In the body frame, of unit length; empty if there is none. */
+    const Eigen::VectorXd& inBody(int element) const { return twists_body[element]; }
+
+    /** Add friction along the null twists, as much as the mean of the others, to the matrix of all bodies. */
+    void lift(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& friction) const;
+    /** Of the inverse of a lifted friction: the generalised inverse. */
+    void project(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& inverse) const;
+    /** Subtract from twists what turns bodies about their lines. Columns are cases of their own. */
+    void removeTurns(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& twists) const;
+    /** Subtract from wrenches the torque that does work on the null twists. */
+    void removeTorques(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& wrenches) const;
+    /** Subtract from wrenches what is along the null twists, as of random ones made with a lifted friction. */
+    void removeLift(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& wrenches) const;
+
+private:
+    template <class Action>
+    void forEach(const std::vector<Eigen::Matrix3d>& turns, const Action& action) const;
+
+    const std::vector<int> rows;
+    std::vector<Eigen::VectorXd> twists_body;
+    bool hasAny = false;
+};
+
+/** The generalised inverse of one body's friction in its own frame, with at most one null vector (of unit length; or empty). */
+Eigen::MatrixXd generalisedInverse(const Eigen::MatrixXd& friction, const Eigen::VectorXd& nullVector);
+
+}  // namespace RigidHIPlugin
+
+#endif

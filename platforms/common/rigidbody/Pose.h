@@ -1,0 +1,27 @@
+#ifndef RIGIDHI_POSE_H_
+#define RIGIDHI_POSE_H_
+
+#include <Eigen/Core>
+
+#include "rigidbody/Quaternion-inl.h"
+
+namespace RigidHIPlugin {
+
+/** The matrix of a unit quaternion. */
+inline Eigen::Matrix3d rotationOf(const scalar::Quaternion<double>& q) {
+    const scalar::Rotation<double> turn(q);
+    Eigen::Matrix3d A;
+    for (int k = 0; k < 3; k++) A.row(k) = Eigen::Vector3d(turn.row[k].x, turn.row[k].y, turn.row[k].z);
+    return A;
+}
+
+/** Where a body is and how it is turned. */
+struct Pose {
+    Eigen::Vector3d R = Eigen::Vector3d::Zero();
+    scalar::Quaternion<double> q = {1, 0, 0, 0};  // body frame to lab frame
+    Eigen::Matrix3d rotation() const { return rotationOf(q); }
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,174 @@
+// Models and their mobility at several placements at once.
+
+#include <Eigen/Geometry>
+
+#include "CpuRotnePragerYamakawa.h"
+#include "TestSupport.h"
+#include "mobility/BodyMobility.h"
+#include "mobility/RotnePragerYamakawa.h"
+#include "mobility/RotnePragerYamakawaWall.h"
+#include "mobility/SphereWall.h"
+#include "mobility/StokesianDynamics.h"
+
+using namespace RigidHIPlugin;
+using namespace RigidHITest;
+using namespace OpenMM;
+using namespace std;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+
+namespace {
+
+const double eta = 0.7;
+
+HydrodynamicParticles threeSpheres() {
+    HydrodynamicParticles particles;
+    for (int i = 0; i < 3; i++) particles.add(0.4 + 0.1 * i, true, i, i);
+    return particles;
+}
+
+struct Case {
+    string name;
+    unique_ptr<MobilityModel> model;
+    bool atWall;
+};
+
+vector<Case> cases(const HydrodynamicParticles& particles) {
+    const NoSlipPlane wall(0, false);
+    vector<Case> all;
+    const auto add = [&](const string& name, MobilityModel* model, bool atWall) {
+        all.push_back({name, unique_ptr<MobilityModel>(model), atWall});
+    };
+    add("RotnePragerYamakawa", new RotnePragerYamakawa(particles, eta), false);
+    add("RotnePragerYamakawaWall", new RotnePragerYamakawaWall(particles, eta, wall), true);
+    add("BestKnown",
+        new SphereWallCongruence(particles, eta, wall,
+                                 unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, eta, wall))),
+        true);
+    add("CpuRotnePragerYamakawa", new CpuRotnePragerYamakawa(particles, eta), false);
+    add("CpuRotnePragerYamakawa at a wall", new CpuRotnePragerYamakawa(particles, eta, {}, wall), true);
+    add("StokesianDynamics", new StokesianDynamics(particles, eta, true, 0), false);
+    add("StokesianDynamics without lubrication", new StokesianDynamics(particles, eta, false, 0), false);
+    return all;
+}
+
+const Placement first = {{Vec3(0, 0, 1), Vec3(1.2, 0, 1.5), Vec3(0, 1.3, 0.9)}},
+                second = {{Vec3(0.3, 0, 2), Vec3(1.9, 0, 0.8), Vec3(0, 1.6, 1.9)}};
+
+struct Answers {
+    MatrixXd dense, friction, products;
+    explicit Answers(MobilityAt& at) {
+        at.dense(dense);
+        at.friction(friction);
+        at.apply(MatrixXd::Identity(dense.rows(), dense.rows()), products);
+    }
+    bool operator==(const Answers& other) const {
+        return dense == other.dense && friction == other.friction && products == other.products;
+    }
+};
+
+}  // namespace
+
+TEST(MobilityModel, SeveralPlacesLiveAtOnce) {
+    for (const Case& c : cases(threeSpheres())) {
+        const auto a = c.model->at(first), b = c.model->near(second);
+        const Answers atFirst(*a), atSecond(*b);
+        EXPECT_FALSE(atFirst == atSecond) << c.name;
+        EXPECT_TRUE(atFirst == Answers(*a)) << c.name;
+        // The memory of a place, lent to another: nothing of the first is left.
+        auto lent = c.model->at(first);
+        Answers unused(*lent);
+        const MobilityAt* memory = lent.get();
+        c.model->place(lent, second);
+        EXPECT_EQ(lent.get(), memory) << c.name;
+        EXPECT_TRUE(atSecond == Answers(*lent)) << c.name;
+        EXPECT_TRUE(atFirst == Answers(*a)) << c.name;
+    }
+}
+
+TEST(MobilityModel, TraitsAreWhatTheMatricesDo) {
+    // Shifted sideways and upwards; turned about an axis along the wall.
+    const Eigen::Matrix3d Q = Eigen::AngleAxisd(0.4, Vector3d(1, 2, 0).normalized()).matrix();
+    const double eps = 1e-11;
+    for (const Case& c : cases(threeSpheres())) {
+        Placement shifted = first, turned = first;
+        for (Vec3& r : shifted.positions) r += Vec3(0.3, -0.2, 0.7);
+        for (Vec3& r : turned.positions) {
+            const Vector3d t = Q * Vector3d(r[0], r[1], r[2] - 1);
+            r = Vec3(t[0], t[1], t[2] + 3);
+        }
+        const MatrixXd M = Answers(*c.model->at(first)).dense;
+        MatrixXd Q6 = MatrixXd::Zero(M.rows(), M.rows());
+        for (int i = 0; i < M.rows(); i += 3) Q6.block<3, 3>(i, i) = Q;
+        const double shift = (Answers(*c.model->at(shifted)).dense - M).norm() / M.norm();
+        const double turn = (Answers(*c.model->at(turned)).dense - Q6 * M * Q6.transpose()).norm() / M.norm();
+        EXPECT_EQ(shift < eps, c.model->isHomogeneous()) << c.name << " " << shift;
+        EXPECT_EQ(turn < eps, c.model->isIsotropic()) << c.name << " " << turn;
+        EXPECT_EQ(c.model->isHomogeneous(), !c.atWall);
+        MatrixXd slips;
+        EXPECT_EQ(c.model->at(first)->draw(NoiseStream(), NoiseStream::FirstDraw, slips), c.model->hasOwnRandomField());
+        EXPECT_NE(string(c.model->name()), "");
+    }
+}
+
+TEST(MobilityModel, ABodyByItselfIsThatOfUnboundedFluid) {
+    HydrodynamicParticles body;
+    const vector<Vec3> sites = {Vec3(), Vec3(0.5, 0.1, -3), Vec3(0.2, -0.8, 0.4)};
+    for (size_t i = 0; i < sites.size(); i++) body.add(0.3 + 0.1 * i, false, i, 0);
+    MatrixXd expected, own;
+    RotnePragerYamakawa(body, eta).at({sites})->dense(expected);
+    for (const Case& c : cases(threeSpheres())) {
+        c.model->ownMobility(body, sites, own);
+        EXPECT_LT((own - expected).cwiseAbs().maxCoeff(), 1e-14 * expected.maxCoeff()) << c.name;
+    }
+}
+
+namespace {
+
+/** Stokes drag over 1 + the volume of the box. */
+class InABox : public MobilityModel {
+public:
+    using MobilityModel::MobilityModel;
+    const char* name() const override { return "InABox"; }
+    bool mayObject() const override { return true; }
+    string objection(const Placement& placement) const override { return placement.box[0][0] < 0 ? "no box" : ""; }
+
+protected:
+    unique_ptr<MobilityAt> makePlace() const override { return unique_ptr<MobilityAt>(new Place(*this)); }
+
+private:
+    class Place : public MobilityAt {
+    public:
+        using MobilityAt::MobilityAt;
+        void apply(const MatrixXd& forces, MatrixXd& velocities) override { velocities = forces / (1 + volume); }
+
+    protected:
+        void moveTo(const Placement& p, bool) override { volume = p.box[0][0] * p.box[1][1] * p.box[2][2]; }
+
+    private:
+        double volume = 0;
+    };
+};
+
+}  // namespace
+
+TEST(MobilityModel, TheBoxComesWithThePoses) {
+    FluidElement sphere;
+    sphere.body = 0;
+    sphere.particles = {0};
+    sphere.sites = {Vector3d::Zero()};
+    sphere.radii = {1};
+    BodyMobility bodies({sphere}, [](const HydrodynamicParticles& particles) {
+        return unique_ptr<MobilityModel>(new InABox(particles, eta));
+    });
+    bodies.setPoses({Pose()});
+    EXPECT_EQ(bodies.mobility()(0, 0), 1);
+    bodies.setBox({Vec3(2, 0, 0), Vec3(0, 3, 0), Vec3(0, 0, 4)});
+    EXPECT_EQ(bodies.mobility()(0, 0), 1) << "at poses set before";
+    bodies.setPoses({Pose()});
+    EXPECT_EQ(bodies.mobility()(0, 0), 1.0 / 25);
+    EXPECT_EQ(bodies.objection({Pose()}), "");
+    bodies.setBox({Vec3(-1, 0, 0), Vec3(), Vec3()});
+    EXPECT_EQ(bodies.objection({Pose()}), "no box");
+    EXPECT_FALSE(bodies.acceptsNearby({Pose()}));
+}
