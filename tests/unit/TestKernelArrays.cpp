@@ -32,8 +32,8 @@ public:
     void forTasks(int count, const function<void(int)>& task) override {
         for (int i = 0; i < count; i++) task(i);
     }
-    unique_ptr<MobilityOperator> createMobility(const MobilityForce& force, bool crossing,
-                                                const HydrodynamicParticles& particles, bool) override {
+    unique_ptr<MobilityModel> createMobility(const MobilityForce& force, bool crossing,
+                                             const HydrodynamicParticles& particles, bool) override {
         return RigidHIPlugin::createMobility(force, crossing, particles);
     }
     string describe() const override { return "copies"; }

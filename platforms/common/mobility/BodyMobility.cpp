@@ -115,8 +115,13 @@ void BodyMobility::checkSites(int e) {
 void BodyMobility::checkPlaces() {
     const double roomForRounding = 0.5;
     const HydrodynamicParticles& particles = motion.getParticles();
-    for (int i = 0; i < particles.size(); i++) placesInFormulas[i] = model->placeInFormulas(i, placement.positions[i]);
-    coincidence.check(particles, placesInFormulas, roomForRounding);
+    bool lifted = false;
+    for (int i = 0; i < particles.size(); i++) {
+        placesInFormulas[i] = model->placeInFormulas(i, placement.positions[i]);
+        lifted = lifted || placesInFormulas[i] != placement.positions[i];
+    }
+    // Blobs of one body alone keep their distances, which are known.
+    if (getElements().size() > 1 || lifted) coincidence.check(particles, placesInFormulas, roomForRounding);
 }
 
 void BodyMobility::setPoses(const vector<Pose>& newPoses, bool nearby) {
