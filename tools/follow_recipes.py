@@ -186,7 +186,7 @@ def main(argv=None):
                                             f'from openmmrigidhi import *\nassert {expression}', str(copy.build / 'python')])
     finished = copy.test(recipes.programs)
     if finished.returncode != 0:
-        print(finished.stdout[-12000:])
+        print(re.sub(r'^ *(Start +\d+:|\d+/\d+ Test .* Passed ).*\n', '', finished.stdout, flags=re.M)[-12000:])
         raise RecipeError('the tests fail with what the recipes made')
 
     spoiled = dict(recipes.files)
