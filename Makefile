@@ -10,7 +10,7 @@ RUNTIME := OpenMMRigidHIReference OpenMMRigidHICPU RigidHIPythonPackage
 SOURCES = $(shell git ls-files --cached --others --exclude-standard '*.h' '*.cpp')
 PYTHONPATH_BUILD = PYTHONPATH="$(CURDIR)/$(BUILD)/python$${PYTHONPATH:+:$$PYTHONPATH}"
 
-.PHONY: help deps configure build demo test test-cpp test-python test-full install sanitize tsan lint format docs benchmark clean
+.PHONY: help deps configure build demo test test-cpp test-python test-full install sanitize tsan lint recipes format docs benchmark clean
 
 help:
 	@echo "make build              release build; importable package in $(BUILD)/python"
@@ -21,6 +21,7 @@ help:
 	@echo "make sanitize           quick C++ tests under the address and undefined-behaviour sanitizers"
 	@echo "make tsan               quick C++ tests under the thread sanitizer"
 	@echo "make lint               checks of the sources, the documentation and the built libraries"
+	@echo "make recipes            follow the recipes of CONTRIBUTING.md in a copy, and test what they make"
 	@echo "make format             clang-format all C++ files"
 	@echo "make docs               C++ reference by Doxygen into $(BUILD)/docs"
 	@echo "make benchmark          C++ benchmarks"
@@ -76,6 +77,9 @@ tsan: deps
 
 lint: build
 	$(PYTHONPATH_BUILD) $(PYTHON) -m pytest tests/lint
+
+recipes: deps
+	$(PYTHON) tools/follow_recipes.py --jobs $(JOBS)
 
 format: deps
 	clang-format -i $(SOURCES)

@@ -14,6 +14,7 @@
 #include "HydrodynamicSupport.h"
 #include "openmmrigidhi/CustomBodyForce.h"
 #include "openmmrigidhi/SchemeTraits.h"
+#include "schemes/OverdampedSchemes.h"
 
 using namespace OpenMM;
 using namespace RigidHITest;
@@ -153,9 +154,8 @@ TEST(Overdamped, TimeDependentForcesAreTakenWhereTheSchemesTakeThem) {
             const double mu = 1 / (6 * M_PI * scene.fluid->getViscosity());
             error[k] = abs(scene.integrator.getBodyPositions()[0][0] - mu * (1 - cos(w * total)) / w);
         }
-        // The mid-point forces of the drift-corrector make it order 2 here.
-        const bool isMidpoint = s.scheme == RigidHI::DriftCorrectorFD || s.scheme == RigidHI::DriftCorrectorRFD;
-        const int order = isMidpoint ? 2 : s.order;
+        // Mid-point forces, as the drift-corrector's, make order 2 here.
+        const int order = RigidHIPlugin::overdampedScheme(s.scheme).forcesAt.back() == 0.5 ? 2 : s.order;
         EXPECT_NEAR(log2(error[0] / error[1]), order, 0.1) << s.name;
     }
 }
@@ -293,7 +293,7 @@ TEST(Overdamped, SpheresInUnboundedFluidHaveNoDriftTerms) {
             EXPECT_EQ(statistics.at("squareRoots"), (isFixman ? 2 : 1) * steps);
             EXPECT_EQ(statistics.at("forceEvaluations"), s.forces * steps);
             // One matrix at the start, and one where forces are taken in between.
-            const bool inBetween = s.order == 2 || s.scheme >= RigidHI::DriftCorrectorFD;
+            const bool inBetween = RigidHIPlugin::overdampedScheme(s.scheme).numStages() > 1;
             if (solver == MobilityForce::Dense) {
                 EXPECT_EQ(statistics.at("mobilityProducts"), (inBetween ? 2 : 1) * steps);
                 EXPECT_EQ(statistics.at("solverIterations"), 0);

@@ -1,0 +1,209 @@
+"""Follow the recipes of CONTRIBUTING.md to the letter, in a copy of the sources, and run what they promise (`make recipes`).
+
+The pages' code blocks are written where the page says, the copy is built, and the tests that run over all schemes and models must pass with the
+new ones on both platforms. Then every recipe's example is spoiled as its page says, and a test must notice: otherwise nothing had tested it.
+The copy and its build stay in build/recipes, so that only what changed is built the next time.
+
+A page says in comments, which readers do not see, what a recipe does. Before a code block, which may not be empty:
+    <!-- recipe: create FILE -->           the block is the file
+    <!-- recipe: add to the list in FILE -->    lines of a macro: the line before them gets its backslash
+    <!-- recipe: in FILE before TEXT -->   the block goes before the one line of the file that has this text; likewise `after`
+Anywhere:
+    <!-- recipe: test NAME NAME -->        test programs, as files in tests/unit or tests/platform are named, that must pass
+    <!-- recipe: python EXPRESSION -->     is true after `from openmmrigidhi import *`
+    <!-- recipe: spoil FILE: OLD -> NEW, seen by NAME -->   so spoiled, this test program must fail, on both platforms
+"""
+import argparse
+import pathlib
+import re
+import subprocess
+import sys
+import time
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+PAGES = ('CONTRIBUTING.md', 'tests/recipes/AdamsBashforth.md')
+RUNTIME = ('OpenMMRigidHIReference', 'OpenMMRigidHICPU', 'RigidHIPythonPackage')
+
+
+class RecipeError(Exception):
+    """A recipe that cannot be followed, or does not do what it promises."""
+
+
+def tracked_files():
+    """What the repository has, and what is new and not ignored: path -> bytes."""
+    listed = subprocess.run(['git', 'ls-files', '-z', '--cached', '--others', '--exclude-standard'], cwd=ROOT, check=True,
+                            capture_output=True).stdout.decode().split('\0')
+    return {name: (ROOT / name).read_bytes() for name in listed if name and (ROOT / name).is_file()}
+
+
+class Recipes:
+    """What all recipes of all pages make of the sources."""
+
+    def __init__(self, files):
+        self.files = files
+        self.programs, self.expressions, self.spoils = [], [], []
+        self.steps = 0
+
+    def follow(self, page):
+        text = self.text(page)
+        for found in re.finditer(r'^<!-- recipe: (.*?) -->\n(?:```\w+\n(.*?)^```$)?', text, flags=re.S | re.M):
+            try:
+                self.do(' '.join(found[1].split()), found[2])
+            except RecipeError as error:
+                raise RecipeError(f'{page}, line {text.count(chr(10), 0, found.start()) + 1}: {error}') from None
+            self.steps += 1
+        if text.count('<!-- recipe:') != len(re.findall(r'^<!-- recipe: .*? -->$', text, flags=re.S | re.M)):
+            raise RecipeError(f'{page}: a comment that begins with "recipe:" must be alone on its lines')
+
+    def text(self, name):
+        if name not in self.files:
+            raise RecipeError(f'there is no {name}')
+        return self.files[name].decode()
+
+    def do(self, step, block):
+        verbs = ((r'create (\S+)', self.create), (r'add to the list in (\S+)', self.add_to_list), (r'in (\S+) (before|after) (.+)', self.insert),
+                 (r'test (.+)', self.test), (r'python (.+)', self.python), (r'spoil (\S+): (.+) -> (.+), seen by (\S+)', self.spoil))
+        for pattern, action in verbs:
+            words = re.fullmatch(pattern, step)
+            if words is None:
+                continue
+            needs_block = action in (self.create, self.add_to_list, self.insert)
+            if needs_block != (block is not None) or block == '':
+                raise RecipeError(f'"{step}" {"needs a code block after it" if needs_block else "takes no code block"}')
+            action(*words.groups(), *([block] if needs_block else []))
+            return
+        raise RecipeError(f'"{step}" is no step; tools/follow_recipes.py lists them')
+
+    def create(self, name, block):
+        if name in self.files:
+            raise RecipeError(f'{name} is there already')
+        self.files[name] = block.encode()
+
+    def add_to_list(self, name, block):
+        lines = self.text(name).split('\n')
+        rows = [k for k, line in enumerate(lines) if k > 0 and lines[k - 1].endswith('\\')]
+        if not rows:
+            raise RecipeError(f'{name} has no list')
+        lines[rows[-1]] += ' \\'
+        lines[rows[-1] + 1:rows[-1] + 1] = block.rstrip('\n').split('\n')
+        self.files[name] = '\n'.join(lines).encode()
+
+    def insert(self, name, where, text, block):
+        lines = self.text(name).split('\n')
+        places = [k for k, line in enumerate(lines) if text in line]
+        if len(places) != 1:
+            raise RecipeError(f'{len(places)} lines of {name} have "{text}", not one')
+        at = places[0] + (where == 'after')
+        lines[at:at] = block.rstrip('\n').split('\n')
+        self.files[name] = '\n'.join(lines).encode()
+
+    def programs_of(self, name):
+        if f'tests/unit/{name}.cpp' in self.files:
+            return [name]
+        if f'tests/platform/{name}.cpp' in self.files:
+            return [name.replace('Test', 'Test' + platform, 1) for platform in ('Reference', 'CPU')]
+        raise RecipeError(f'there is no test program {name}')
+
+    def test(self, names):
+        for name in names.split():
+            self.programs += [program for program in self.programs_of(name) if program not in self.programs]
+
+    def python(self, expression):
+        self.expressions.append(expression)
+
+    def spoil(self, name, old, new, program):
+        if self.text(name).count(old) != 1:
+            raise RecipeError(f'{name} has "{old}" {self.text(name).count(old)} times, not once')
+        self.spoils.append((name, old, new, self.programs_of(program)))
+
+
+def write_copy(files, folder):
+    """Make the folder hold these files and no others. A file that is the same is not written, for it would be compiled again."""
+    for path in folder.rglob('*'):
+        if path.is_file() and str(path.relative_to(folder)) not in files:
+            path.unlink()
+    for name, content in files.items():
+        path = folder / name
+        if path.exists() and path.read_bytes() == content:
+            continue
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+        path.chmod((ROOT / name).stat().st_mode if (ROOT / name).exists() else 0o644)
+
+
+class Copy:
+    """The copy of the sources and its build."""
+
+    def __init__(self, folder, python, jobs):
+        self.sources, self.build, self.python, self.jobs = folder / 'sources', folder / 'build', python, str(jobs)
+
+    def run(self, what, command, **settings):
+        start = time.monotonic()
+        print(f'-- {what}', flush=True)
+        finished = subprocess.run(command, cwd=self.sources, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, **settings)
+        print(f'   {time.monotonic() - start:.0f} s', flush=True)
+        return finished
+
+    def must(self, what, command, **settings):
+        finished = self.run(what, command, **settings)
+        if finished.returncode != 0:
+            print(finished.stdout[-12000:])
+            raise RecipeError(f'{what}: failed')
+
+    def configure(self):
+        self.must('configure', ['cmake', '--preset', 'release', '-B', str(self.build), f'-DPython3_EXECUTABLE={self.python}'])
+
+    def make(self, targets):
+        self.must('build', ['cmake', '--build', str(self.build), '--parallel', self.jobs, '--target', *targets])
+
+    def test(self, programs, **settings):
+        return self.run('run ' + ' '.join(programs), [
+            'ctest', '--test-dir', str(self.build), '-L', 'quick', '-R', rf'^({"|".join(programs)})\.', '--no-tests=error', '--output-on-failure',
+            '--parallel', self.jobs], **settings)
+
+
+def main(argv=None):
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('--folder', type=pathlib.Path, default=ROOT / 'build/recipes', help='of the copy and its build')
+    parser.add_argument('--jobs', type=int, default=1)
+    parser.add_argument('--check', action='store_true', help='only whether all steps can be followed; build nothing')
+    arguments = parser.parse_args(argv)
+    recipes = Recipes(tracked_files())
+    for page in PAGES:
+        recipes.follow(page)
+    if not recipes.spoils:
+        raise RecipeError('no page has a recipe')
+    print(f'-- followed {recipes.steps} steps on {len(PAGES)} pages')
+    if arguments.check:
+        return
+
+    copy = Copy(arguments.folder.resolve(), sys.executable, arguments.jobs)
+    write_copy(recipes.files, copy.sources)
+    copy.configure()
+    copy.make([*RUNTIME, *recipes.programs])
+    for expression in recipes.expressions:
+        copy.must(f'Python: {expression}', [sys.executable, '-c', f'import sys; sys.path.insert(0, sys.argv[1])\n'
+                                            f'from openmmrigidhi import *\nassert {expression}', str(copy.build / 'python')])
+    finished = copy.test(recipes.programs)
+    if finished.returncode != 0:
+        print(re.sub(r'^ *(Start +\d+:|\d+/\d+ Test .* Passed ).*\n', '', finished.stdout, flags=re.M)[-12000:])
+        raise RecipeError('the tests fail with what the recipes made')
+
+    spoiled = dict(recipes.files)
+    for name, old, new, _ in recipes.spoils:
+        spoiled[name] = spoiled[name].decode().replace(old, new).encode()
+    write_copy(spoiled, copy.sources)
+    seen_by = [program for *_, programs in recipes.spoils for program in programs]
+    copy.make([*RUNTIME[:2], *seen_by])
+    unseen = [program for program in seen_by if copy.test([program]).returncode == 0]
+    write_copy(recipes.files, copy.sources)
+    if unseen:
+        raise RecipeError('these tests do not notice that the example is spoiled: ' + ', '.join(unseen))
+    print('All recipes work.')
+
+
+if __name__ == '__main__':
+    try:
+        main()
+    except RecipeError as error:
+        sys.exit(f'follow_recipes.py: {error}')
