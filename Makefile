@@ -6,7 +6,7 @@ PREFIX ?= /usr/local
 JOBS ?= $(shell nproc)
 BUILD := build
 # What runs: the platforms' libraries and the Python package with its bindings.
-RUNTIME := OpenMMRigidHIReference OpenMMRigidHICPU RigidHIPythonPackage
+RUNTIME := OpenMMRigidHIReference OpenMMRigidHICPU OpenMMRigidHIAny RigidHIPythonPackage
 SOURCES = $(shell git ls-files --cached --others --exclude-standard '*.h' '*.cpp')
 PYTHONPATH_BUILD = PYTHONPATH="$(CURDIR)/$(BUILD)/python$${PYTHONPATH:+:$$PYTHONPATH}"
 

@@ -5,7 +5,7 @@
 #include <numeric>
 #include <vector>
 
-#include "CpuBodyLoops.h"
+#include "host/SimdBodyLoops.h"
 #include "random/CounterNoise.h"
 
 using namespace RigidHIPlugin;

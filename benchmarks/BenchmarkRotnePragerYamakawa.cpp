@@ -11,11 +11,11 @@
 #include <random>
 #include <string>
 
-#include "CpuRotnePragerYamakawa.h"
 #include "hwy/targets.h"
-#include "mobility/Lanczos.h"
-#include "mobility/RotnePragerYamakawa.h"
-#include "mobility/RotnePragerYamakawaWall.h"
+#include "linearalgebra/Lanczos.h"
+#include "mobility/models/rotneprager/CpuRotnePragerYamakawa.h"
+#include "mobility/models/rotneprager/RotnePragerYamakawa.h"
+#include "mobility/models/wall/RotnePragerYamakawaWall.h"
 
 using namespace RigidHIPlugin;
 using OpenMM::ThreadPool;

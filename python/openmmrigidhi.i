@@ -241,6 +241,7 @@ public:
     };
     enum NoiseLaw : int { Gaussian = 0, ThreePoint = 1, TwoPoint = 2 };
     enum WallRejection : int { Overlap = 0, Crossing = 1 };
+    enum DriftCorrectorScaling : int { SlipOnly = 0, Whole = 1 };
 
     CustomRigidHIIntegrator(double temperature, double stepSize);
     ~CustomRigidHIIntegrator();
@@ -283,6 +284,10 @@ public:
     void setPoseTolerance(double tolerance);
     WallRejection getWallRejection() const;
     void setWallRejection(WallRejection rejection);
+    DriftCorrectorScaling getDriftCorrectorScaling() const;
+    void setDriftCorrectorScaling(DriftCorrectorScaling scaling);
+    int getNumHostThreads() const;
+    void setNumHostThreads(int number);
     int getMaximumRejections() const;
     void setMaximumRejections(int number);
     double getFiniteDifferenceStep() const;
@@ -325,8 +330,13 @@ public:
 
 class MobilityForce : public OpenMM::Force {
 public:
-    enum Model : int { FreeDraining = 0, RotnePragerYamakawa = 1, StokesianDynamics = 2 };
-    enum Boundary : int { Unbounded = 0, NoSlipWall = 1 };
+    enum Model : int {
+        FreeDraining = 0,
+        RotnePragerYamakawa = 1,
+        StokesianDynamics = 2,
+        ForceCoupling = 3
+    };
+    enum Boundary : int { Unbounded = 0, NoSlipWall = 1, Periodic = 2 };
     enum SphereWallMobility : int { FromModel = 0, BestKnown = 1 };
     enum Solver : int { Auto = 0, Dense = 1, MatrixFree = 2 };
 
@@ -355,6 +365,8 @@ public:
     void setSolver(Solver solver);
     double getSolverTolerance() const;
     void setSolverTolerance(double tolerance);
+    double getGridSpacing() const;
+    void setGridSpacing(double spacing);
 
     void setBodyMobility(int body, const std::vector<double>& mobility);
     void setBodyFriction(int body, const std::vector<double>& friction);

@@ -31,6 +31,8 @@ const EnumNames<Integrator::NoiseLaw> noiseLaws = {
     {"Gaussian", Integrator::Gaussian}, {"ThreePoint", Integrator::ThreePoint}, {"TwoPoint", Integrator::TwoPoint}};
 const EnumNames<Integrator::WallRejection> wallRejections = {{"Overlap", Integrator::Overlap},
                                                              {"Crossing", Integrator::Crossing}};
+const EnumNames<Integrator::DriftCorrectorScaling> driftCorrectorScalings = {{"SlipOnly", Integrator::SlipOnly},
+                                                                             {"Whole", Integrator::Whole}};
 
 void writeVector(SerializationNode& node, const Vec3& vector) {
     node.setDoubleProperty("x", vector[0]).setDoubleProperty("y", vector[1]).setDoubleProperty("z", vector[2]);
@@ -112,8 +114,11 @@ void CustomRigidHIIntegratorProxy::serialize(const void* object, SerializationNo
     node.setIntProperty("randomSeed", integrator.getRandomNumberSeed());
     node.setDoubleProperty("poseTolerance", integrator.getPoseTolerance());
     node.setIntProperty("maximumRejections", integrator.getMaximumRejections());
+    node.setIntProperty("numHostThreads", integrator.getNumHostThreads());
     node.setDoubleProperty("finiteDifferenceStep", integrator.getFiniteDifferenceStep());
     node.setStringProperty("wallRejection", nameOf(wallRejections, integrator.getWallRejection()));
+    node.setStringProperty("driftCorrectorScaling",
+                           nameOf(driftCorrectorScalings, integrator.getDriftCorrectorScaling()));
     SerializationNode& bodies = node.createChildNode("RigidBodies");
     bodies.setIntProperty("count", integrator.getNumRigidBodies());
     for (int i = 0; i < integrator.getNumRigidBodies(); i++)
@@ -135,9 +140,12 @@ void* CustomRigidHIIntegratorProxy::deserialize(const SerializationNode& root) c
     integrator->setRandomNumberSeed(node.integer("randomSeed"));
     integrator->setPoseTolerance(node.number("poseTolerance"));
     // Not in files of version 0.1.
+    if (node.has("numHostThreads")) integrator->setNumHostThreads(node.integer("numHostThreads"));
     if (node.has("maximumRejections")) integrator->setMaximumRejections(node.integer("maximumRejections"));
     if (node.has("finiteDifferenceStep")) integrator->setFiniteDifferenceStep(node.number("finiteDifferenceStep"));
     if (node.has("wallRejection")) integrator->setWallRejection(valueOf(wallRejections, node, "wallRejection"));
+    if (node.has("driftCorrectorScaling"))
+        integrator->setDriftCorrectorScaling(valueOf(driftCorrectorScalings, node, "driftCorrectorScaling"));
     const StrictNode bodies = node.child("RigidBodies");
     bodies.checkChildren("count");
     for (const SerializationNode& body : bodies.children())

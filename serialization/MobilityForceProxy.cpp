@@ -6,6 +6,7 @@
 
 #include "EnumNames.h"
 #include "openmmrigidhi/MobilityForce.h"
+#include "openmmrigidhi/internal/ModelNames.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -17,11 +18,14 @@ namespace {
 const char* const className = "MobilityForce";
 constexpr int formatVersion = 1;
 
-const EnumNames<MobilityForce::Model> models = {{"FreeDraining", MobilityForce::FreeDraining},
-                                                {"RotnePragerYamakawa", MobilityForce::RotnePragerYamakawa},
-                                                {"StokesianDynamics", MobilityForce::StokesianDynamics}};
-const EnumNames<MobilityForce::Boundary> boundaries = {{"Unbounded", MobilityForce::Unbounded},
-                                                       {"NoSlipWall", MobilityForce::NoSlipWall}};
+template <class Enum, size_t count>
+EnumNames<Enum> namesOf(const char* const (&list)[count]) {
+    EnumNames<Enum> names;
+    for (size_t i = 0; i < count; i++) names[list[i]] = static_cast<Enum>(i);
+    return names;
+}
+const EnumNames<MobilityForce::Model> models = namesOf<MobilityForce::Model>(modelNames);
+const EnumNames<MobilityForce::Boundary> boundaries = namesOf<MobilityForce::Boundary>(boundaryNames);
 const EnumNames<MobilityForce::SphereWallMobility> sphereWallMobilities = {{"FromModel", MobilityForce::FromModel},
                                                                            {"BestKnown", MobilityForce::BestKnown}};
 const EnumNames<MobilityForce::Solver> solvers = {
@@ -45,6 +49,7 @@ void MobilityForceProxy::serialize(const void* object, SerializationNode& node) 
     node.setDoubleProperty("minimumGap", force.getMinimumGap());
     node.setStringProperty("solver", nameOf(solvers, force.getSolver()));
     node.setDoubleProperty("solverTolerance", force.getSolverTolerance());
+    node.setDoubleProperty("gridSpacing", force.getGridSpacing());
     SerializationNode& particles = node.createChildNode("Particles");
     particles.setIntProperty("count", force.getNumParticles());
     for (int i = 0; i < force.getNumParticles(); i++)
@@ -81,6 +86,8 @@ void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
     force->setMinimumGap(node.number("minimumGap"));
     force->setSolver(valueOf(solvers, node, "solver"));
     force->setSolverTolerance(node.number("solverTolerance"));
+    // Nor are grids.
+    if (node.has("gridSpacing")) force->setGridSpacing(node.number("gridSpacing"));
     const StrictNode particles = node.child("Particles");
     particles.checkChildren("count");
     for (const SerializationNode& child : particles.children())

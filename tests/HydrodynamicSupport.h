@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "TestSupport.h"
-#include "mobility/RotnePragerYamakawaWall.h"
+#include "mobility/models/wall/RotnePragerYamakawaWall.h"
 #include "openmmrigidhi/MobilityForce.h"
 
 namespace RigidHITest {
@@ -91,6 +91,7 @@ struct FluidScene {
     std::vector<std::vector<int> > particles;  // of each body
     std::vector<int> freeParticles;
     std::vector<Vec3> positions;  // of all particles
+    double side = 13;             // of the cubic box of a periodic fluid; before start()
 
     explicit FluidScene(double temperature = 0, double h = 0.01) : integrator(temperature, h) {
         system.addForce(fluid);
@@ -100,6 +101,8 @@ struct FluidScene {
     }
     void add(const BodyKind& kind, const Vec3& R = Vec3(), const QuaternionArray& q = {{1, 0, 0, 0}});
     void addFree(double mass, double radius, const Vec3& x);
+    /** The box and bonds of a periodic fluid; start() calls it. */
+    void bind();
     void start(OpenMM::Platform& platform, int threadCount = 1);
     /** Move all bodies. */
     void pose(const std::vector<Vec3>& R, const std::vector<QuaternionArray>& q) {
@@ -110,6 +113,7 @@ struct FluidScene {
     MatrixXd friction();
     /** What the fluid sees, bodies first, at the present poses. */
     std::vector<LabBody> labBodies();
+    bool isPeriodic() const { return fluid->getBoundary() == MobilityForce::Periodic; }
     /** Of RotnePragerYamakawa. */
     IndependentMobility expected(const std::vector<LabBody>& bodies);
     IndependentMobility expected();

@@ -4,6 +4,7 @@
 
 #include <openmm/reference/SimTKOpenMMRealType.h>
 
+#include <cstdlib>
 #include <cstring>
 #include <iostream>
 
@@ -17,12 +18,19 @@ const double boltzmann = BOLTZ;
 Platform& platform(const string& name) {
     static bool loaded = [] {
         Platform::loadPluginsFromDirectory(Platform::getDefaultPluginsDirectory());  // OpenMM's own CPU platform
-        for (const char* p : {"Reference", "CPU"})
+        for (const char* p : {"Reference", "CPU", "Any"})
             Platform::loadPluginLibrary(string(RIGIDHI_PLUGIN_DIR) + "/libOpenMMRigidHI" + p + ".so");
         return true;
     }();
     (void)loaded;
-    return Platform::getPlatformByName(name);
+    Platform& found = Platform::getPlatformByName(name);
+    if (name == "OpenCL") found.setPropertyDefaultValue("Precision", testPrecision());
+    return found;
+}
+
+string testPrecision() {
+    const char* precision = getenv("RIGIDHI_TEST_PRECISION");
+    return precision ? precision : "double";
 }
 
 map<string, string> threads(const string& platformName, int count) {

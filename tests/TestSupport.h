@@ -28,10 +28,29 @@ extern const double boltzmann;
 
 /** Load the plugin (once) and give a platform by name. */
 OpenMM::Platform& platform(const std::string& name);
-/** What the program tests, where it is made of a file in platform/: "Reference" or "CPU". */
+/** What the program tests, where it is made of a file in platform/: "Reference", "CPU" or "OpenCL". */
 std::string testPlatformName();
 inline OpenMM::Platform& testPlatform() { return platform(testPlatformName()); }
 inline bool onCpu() { return testPlatformName() == "CPU"; }
+/** Whether forces are a device's, and particles are copied to and from it. */
+inline bool onDevice() { return testPlatformName() == "OpenCL"; }
+/** "double" but for device platforms, whose precision the environment variable RIGIDHI_TEST_PRECISION says. */
+std::string testPrecision();
+/** Whether OpenMM's forces are computed in single precision. */
+inline bool hasSingleForces() { return onCpu() || testPrecision() != "double"; }
+/**
+ * The tolerance of a comparison on this platform: as given on Reference and CPU, elsewhere not below what its numbers can tell.
+ *
+ * @param scale     the size of what is compared, positions or velocities that were read from the Context
+ */
+double readTolerance(double tolerance, double scale);
+/** Likewise of what follows from forces. @param scale  their size, in the units of what is compared */
+double forceTolerance(double tolerance, double scale);
+/** The test's promise is not that of platforms which keep particles on a device. */
+#define SKIP_ON_DEVICES(reason) \
+    if (RigidHITest::onDevice()) GTEST_SKIP() << reason
+#define SKIP_ON_SINGLE_PRECISION_DEVICES(reason) \
+    if (RigidHITest::onDevice() && RigidHITest::testPrecision() != "double") GTEST_SKIP() << reason
 /** Properties of a Context with this many threads on the CPU platform. */
 std::map<std::string, std::string> threads(const std::string& platformName, int count);
 

@@ -22,7 +22,7 @@ import time
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 PAGES = ('CONTRIBUTING.md', 'tests/recipes/AdamsBashforth.md')
-RUNTIME = ('OpenMMRigidHIReference', 'OpenMMRigidHICPU', 'RigidHIPythonPackage')
+RUNTIME = ('OpenMMRigidHIReference', 'OpenMMRigidHICPU', 'OpenMMRigidHIAny', 'RigidHIPythonPackage')
 
 
 class RecipeError(Exception):

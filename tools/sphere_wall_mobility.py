@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Fit the resistance of a sphere above a no-slip wall that platforms/common/mobility/SphereWall.cpp holds.
+"""Fit the resistance of a sphere above a no-slip wall that platforms/common/mobility/models/wall/SphereWall.cpp holds.
 
 Exact values: the Stokes flow around a sphere that moves or turns parallel to the wall, in bispherical coordinates with the
 ansatz of Dean, O'Neill, Mathematika 10, 13 (1963) and O'Neill, Mathematika 11, 67 (1964): pressure Q cos(phi) and velocities from

@@ -4,9 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 
 #include "openmmrigidhi/internal/CustomBodyForceImpl.h"
+#include "openmmrigidhi/internal/Messages.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -28,9 +28,7 @@ void checkIndex(int index, size_t count, const char* method, const string& what)
 
 void checkFinite(double value, const string& object, const string& quantity) {
     if (isfinite(value)) return;
-    ostringstream text;
-    text << value;
-    fail(object, quantity + " is " + text.str(), "parameters must be finite", "give a finite value");
+    fail(object, quantity + " is " + number(value), "parameters must be finite", "give a finite value");
 }
 
 int componentIndex(const string& component, const char* method) {

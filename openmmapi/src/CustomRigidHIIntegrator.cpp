@@ -7,11 +7,11 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
-#include <sstream>
 #include <unordered_set>
 
 #include "openmmrigidhi/RigidHIKernels.h"
 #include "openmmrigidhi/SchemeTraits.h"
+#include "openmmrigidhi/internal/Messages.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -28,14 +28,6 @@ constexpr double triangleTolerance = 1e-9;
 /** All messages have this one form: object, its value, the bound it breaks, and the remedy. */
 [[noreturn]] void fail(const string& object, const string& problem, const string& bound, const string& remedy) {
     throw OpenMMException("CustomRigidHIIntegrator: " + object + ": " + problem + "; " + bound + ": " + remedy);
-}
-
-template <class T>
-string text(const T& value) {
-    ostringstream stream;
-    stream.precision(12);
-    stream << value;
-    return stream.str();
 }
 
 string bodyName(int index) { return "body " + text(index); }
@@ -91,9 +83,10 @@ void checkVectors(const vector<Vec3>& rows, int bodies, int known, const char* m
 }  // namespace
 
 CustomRigidHIIntegrator::CustomRigidHIIntegrator(double temperature, double stepSize)
-    : scheme(LangevinC), noiseLaw(Gaussian), wallRejection(Overlap), friction(1), rotationalFriction(1),
-      gradientTime(0.004), gradientRotationalTime(0.001), poseTolerance(1e-3), finiteDifferenceStep(0), randomSeed(0),
-      settingsVersion(0), maximumRejections(100), hasKernel(false) {
+    : scheme(LangevinC), noiseLaw(Gaussian), wallRejection(Overlap), driftCorrectorScaling(SlipOnly), friction(1),
+      rotationalFriction(1), gradientTime(0.004), gradientRotationalTime(0.001), poseTolerance(1e-3),
+      finiteDifferenceStep(0), randomSeed(0), settingsVersion(0), maximumRejections(100), numHostThreads(0),
+      hasKernel(false) {
     setTemperature(temperature);
     setStepSize(stepSize);
     setConstraintTolerance(1e-5);
@@ -356,6 +349,17 @@ void CustomRigidHIIntegrator::setPoseTolerance(double tolerance) {
     settingsVersion++;
 }
 
+int CustomRigidHIIntegrator::getNumHostThreads() const { return numHostThreads; }
+
+void CustomRigidHIIntegrator::setNumHostThreads(int number) {
+    const int most = 1024;
+    if (number < 0 || number > most)
+        fail("setNumHostThreads()", "the number is " + text(number), "it must be from 0 to " + text(most),
+             "give the number of processors that this Context may use, or 0 for OpenMM's default");
+    numHostThreads = number;
+    settingsVersion++;
+}
+
 double CustomRigidHIIntegrator::getFiniteDifferenceStep() const { return finiteDifferenceStep; }
 
 void CustomRigidHIIntegrator::setFiniteDifferenceStep(double relative) {
@@ -375,6 +379,18 @@ void CustomRigidHIIntegrator::setWallRejection(WallRejection rejection) {
         fail("setWallRejection()", "wall rejection " + text(static_cast<int>(rejection)) + " is unknown",
              "it must be one of Overlap, Crossing", "use the class constants");
     wallRejection = rejection;
+    settingsVersion++;
+}
+
+CustomRigidHIIntegrator::DriftCorrectorScaling CustomRigidHIIntegrator::getDriftCorrectorScaling() const {
+    return driftCorrectorScaling;
+}
+
+void CustomRigidHIIntegrator::setDriftCorrectorScaling(DriftCorrectorScaling scaling) {
+    if (scaling < SlipOnly || scaling > Whole)
+        fail("setDriftCorrectorScaling()", "scaling " + text(static_cast<int>(scaling)) + " is unknown",
+             "it must be one of SlipOnly, Whole", "use the class constants");
+    driftCorrectorScaling = scaling;
     settingsVersion++;
 }
 
@@ -578,7 +594,7 @@ vector<string> CustomRigidHIIntegrator::getKernelNames() {
         string failures;
         for (const string& failure : Platform::getPluginLoadFailures()) failures += "\n  " + failure;
         fail("getKernelNames()", "no platform has its kernels",
-             "libOpenMMRigidHIReference.so and libOpenMMRigidHICPU.so must be loaded",
+             "libOpenMMRigidHIReference.so, libOpenMMRigidHICPU.so and libOpenMMRigidHIAny.so must be loaded",
              "call Platform::loadPluginsFromDirectory() with their directory (importing openmmrigidhi does it)." +
                  (failures.empty() ? string(" OpenMM reports no plugin that failed to load.")
                                    : " OpenMM reports plugins that failed to load:" + failures));
@@ -617,7 +633,7 @@ void CustomRigidHIIntegrator::step(int steps) {
     IntegrateRigidBodiesKernel& bound = boundKernel("step()");
     if (steps < 0)
         fail("step()", "the number of steps is " + text(steps), "it must not be negative", "give a value from 0 up");
-    for (int i = 0; i < steps; i++) bound.step(*context);
+    bound.step(*context, steps);
 }
 
 }  // namespace RigidHIPlugin

@@ -4,12 +4,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 #include <string>
 
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
 #include "openmmrigidhi/RigidHIKernels.h"
+#include "openmmrigidhi/internal/Messages.h"
 #include "openmmrigidhi/internal/MobilityForceImpl.h"
+#include "openmmrigidhi/internal/ModelNames.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -21,14 +22,6 @@ namespace {
 /** All messages have this one form: object, its value, the bound it breaks, and the remedy. */
 [[noreturn]] void fail(const string& object, const string& problem, const string& bound, const string& remedy) {
     throw OpenMMException("MobilityForce: " + object + ": " + problem + "; " + bound + ": " + remedy);
-}
-
-template <class T>
-string text(const T& value) {
-    ostringstream stream;
-    stream.precision(12);
-    stream << value;
-    return stream.str();
 }
 
 /** Water at 298.15 K: 0.89 mPa s, in dalton/(nm ps). */
@@ -74,13 +67,13 @@ vector<double> inverse(const vector<double>& matrix) {
 }  // namespace
 
 MobilityForce::MobilityForce()
-    : viscosity(viscosityOfWater), minimumGap(0), solverTolerance(1e-6), wallHeight(0), model(RotnePragerYamakawa),
-      boundary(Unbounded), sphereWallMobility(FromModel), solver(Auto), lubrication(true) {}
+    : viscosity(viscosityOfWater), minimumGap(0), solverTolerance(1e-6), gridSpacing(0), wallHeight(0),
+      model(RotnePragerYamakawa), boundary(Unbounded), sphereWallMobility(FromModel), solver(Auto), lubrication(true) {}
 
 // Not inline, so that other libraries do not export them too.
 MobilityForce::~MobilityForce() {}
 
-bool MobilityForce::usesPeriodicBoundaryConditions() const { return false; }
+bool MobilityForce::usesPeriodicBoundaryConditions() const { return boundary == Periodic; }
 
 int MobilityForce::addParticle(double radius) {
     radii.push_back(0);
@@ -118,16 +111,16 @@ void MobilityForce::setViscosity(double eta) {
 }
 
 void MobilityForce::setModel(Model model) {
-    if (model < FreeDraining || model > StokesianDynamics)
+    if (model < 0 || model >= numberOf(modelNames))
         fail("setModel()", "model " + text(static_cast<int>(model)) + " is unknown",
-             "it must be one of FreeDraining, RotnePragerYamakawa, StokesianDynamics", "use the class constants");
+             "it must be one of " + listOf(modelNames), "use the class constants");
     this->model = model;
 }
 
 void MobilityForce::setBoundary(Boundary boundary) {
-    if (boundary < Unbounded || boundary > NoSlipWall)
+    if (boundary < 0 || boundary >= numberOf(boundaryNames))
         fail("setBoundary()", "boundary " + text(static_cast<int>(boundary)) + " is unknown",
-             "it must be one of Unbounded, NoSlipWall", "use the class constants");
+             "it must be one of " + listOf(boundaryNames), "use the class constants");
     this->boundary = boundary;
 }
 
@@ -163,6 +156,13 @@ void MobilityForce::setSolverTolerance(double tolerance) {
         fail("setSolverTolerance()", "tolerance is " + text(tolerance), "it must be between 1e-14 and 0.1",
              "give a relative tolerance such as 1e-6");
     solverTolerance = tolerance;
+}
+
+void MobilityForce::setGridSpacing(double spacing) {
+    if (!isfinite(spacing) || spacing < 0)
+        fail("setGridSpacing()", "spacing is " + text(spacing) + " nm", "it must be finite and not negative",
+             "give a length, or 0 for the spacing that the solver tolerance wants");
+    gridSpacing = spacing;
 }
 
 // ---- Tensors and groups ----

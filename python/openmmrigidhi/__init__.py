@@ -3,7 +3,7 @@
     import openmm, openmmrigidhi
     integrator = openmmrigidhi.CustomRigidHIIntegrator(300*unit.kelvin, 4*unit.femtosecond)
     openmmrigidhi.app.addRigidWater(integrator, topology)
-    simulation = openmm.app.Simulation(topology, system, integrator)
+    simulation = openmm.app.Simulation(topology, system, integrator, openmm.Platform.getPlatformByName('CPU'))
 
 Importing this package loads the plugin's libraries into OpenMM, from its own directory lib/plugins; no environment
 variable is needed. A library that does not load is an ImportError that says which, from where, and why.

@@ -6,6 +6,8 @@ import openmm
 _DIRECTORY = os.path.dirname(os.path.abspath(__file__))
 _PLUGIN_DIRECTORY = os.path.join(_DIRECTORY, 'lib', 'plugins')
 _KERNEL = 'IntegrateRigidBodies'
+#: Serves every platform that is there when it is loaded, or loaded again.
+_FOR_ANY_PLATFORM = 'libOpenMMRigidHIAny.so'
 
 version = None
 
@@ -44,6 +46,8 @@ def _plugin_libraries():
 def checkPlatform(platform):
     """Check that a platform can run this plugin's integrator, and say why if it cannot.
 
+    A platform that was loaded after this package gets our kernels now.
+
     OpenMM's own message when a Context is created on a platform without our kernels ("Specified a Platform for a Context
     which does not support all required kernels") gives no cause.
 
@@ -58,6 +62,9 @@ def checkPlatform(platform):
         if OpenMM has no such platform, or the platform lacks our kernels
     """
     name = platform if isinstance(platform, str) else platform.getName()
+    late = os.path.join(_PLUGIN_DIRECTORY, _FOR_ANY_PLATFORM)
+    if os.path.exists(late):
+        openmm.Platform.loadPluginLibrary(late)
     present = [openmm.Platform.getPlatform(i) for i in range(openmm.Platform.getNumPlatforms())]
     names = [p.getName() for p in present]
     able = [p.getName() for p in present if p.supportsKernels([_KERNEL])]
@@ -70,5 +77,5 @@ def checkPlatform(platform):
     if name not in names:
         raise openmm.OpenMMException(f"openmmrigidhi: platform '{name}': OpenMM has none of this name; it must be one "
                                      f'that is loaded: load its plugin first. {background}')
-    raise openmm.OpenMMException(f"openmmrigidhi: platform '{name}': it has no kernels of this plugin; it must be "
-                                 f"Reference or CPU: use one of these. {background}")
+    raise openmm.OpenMMException(f"openmmrigidhi: platform '{name}': it has no kernels of this plugin; its "
+                                 f"library must be loaded: use one of {', '.join(able) or 'none'}, or install the package anew. {background}")

@@ -25,6 +25,13 @@ class WallRejection(enum.IntEnum):
     Crossing = _Base.Crossing
 
 
+class DriftCorrectorScaling(enum.IntEnum):
+    """What the drift factor of DriftCorrectorFD and DriftCorrectorRFD multiplies; also class attributes of CustomRigidHIIntegrator."""
+
+    SlipOnly = _Base.SlipOnly
+    Whole = _Base.Whole
+
+
 def _where(method):
     return 'CustomRigidHIIntegrator.' + method
 
@@ -91,6 +98,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     TwoPoint = NoiseLaw.TwoPoint
     Overlap = WallRejection.Overlap
     Crossing = WallRejection.Crossing
+    SlipOnly = DriftCorrectorScaling.SlipOnly
+    Whole = DriftCorrectorScaling.Whole
 
     def __init__(self, temperature, stepSize):
         super().__init__(_units.number(temperature, _units.TEMPERATURE, 'CustomRigidHIIntegrator', 'temperature'),
@@ -411,6 +420,20 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         super().setFiniteDifferenceStep(self._number(relative, _units.NONE, 'setFiniteDifferenceStep', 'relative'))
 
+    def getNumHostThreads(self):
+        """Get the number of threads of the host as it was set (0: OpenMM's default)."""
+        return super().getNumHostThreads()
+
+    def setNumHostThreads(self, number):
+        """Set with how many threads bodies, fluid and noise are computed on platforms other than Reference and CPU: 0 to 1024.
+
+        There forces are computed on a device, and all else on the host. 0 (default): as OpenMM's CPU platform does by default,
+        ``OPENMM_CPU_THREADS`` or as many as there are processors. A change takes effect at the next Context creation or
+        ``reinitialize()``. Reference has one thread, and on the CPU platform its own property "Threads" holds, whatever is set
+        here. Results do not depend on the number.
+        """
+        super().setNumHostThreads(_units.integer(number, _where('setNumHostThreads'), 'number'))
+
     def getWallRejection(self):
         """Get which steps through a wall are redone, one of the class attributes Overlap, Crossing."""
         return WallRejection(super().getWallRejection())
@@ -429,6 +452,25 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
             and once more for the forces on them: continuous, positive definite
         """
         super().setWallRejection(_units.constant(rejection, WallRejection, _where('setWallRejection'), 'rejection'))
+
+    def getDriftCorrectorScaling(self):
+        """Get what the drift factor of DriftCorrectorFD and DriftCorrectorRFD multiplies, one of the class attributes SlipOnly, Whole."""
+        return DriftCorrectorScaling(super().getDriftCorrectorScaling())
+
+    def setDriftCorrectorScaling(self, scaling):
+        """Set what the drift factor nu = 1 + (h/2) div V of DriftCorrectorFD and DriftCorrectorRFD multiplies.
+
+        It is one number for all bodies of a group. It fluctuates about 1 by the step times the divergence of the random velocities, more
+        the more bodies there are; where it does so by more than 0.3 a warning says so. May be changed between steps.
+
+        Parameters
+        ----------
+        scaling : constant
+            SlipOnly (default): the slips in the mobility problem, U = N (F + nu K^T M^-1 v), of the same weak order, without noise on
+            what forces do; Whole: the whole step, as in Westwood 2022, eq. 44
+        """
+        super().setDriftCorrectorScaling(_units.constant(scaling, DriftCorrectorScaling, _where('setDriftCorrectorScaling'),
+                                                         'scaling'))
 
     def getMaximumRejections(self):
         """Get how often in a row a step may be redone."""

@@ -16,6 +16,7 @@ class Model(enum.IntEnum):
     FreeDraining = _Base.FreeDraining
     RotnePragerYamakawa = _Base.RotnePragerYamakawa
     StokesianDynamics = _Base.StokesianDynamics
+    ForceCoupling = _Base.ForceCoupling
 
 
 class Boundary(enum.IntEnum):
@@ -23,6 +24,7 @@ class Boundary(enum.IntEnum):
 
     Unbounded = _Base.Unbounded
     NoSlipWall = _Base.NoSlipWall
+    Periodic = _Base.Periodic
 
 
 class SphereWallMobility(enum.IntEnum):
@@ -64,7 +66,10 @@ class MobilityForce(_copies.Copies, _Base):
       Cost: quadratic in particles for each product.
     - ``StokesianDynamics``: spheres with force, torque and stresslet, and pair lubrication from the exact two-sphere
       resistance functions (Jeffrey and Onishi, J. Fluid Mech. 139, 261, 1984): exact for an isolated pair. Spheres must not
-      overlap; radii in ratios 0.1 to 10. Cost: cubic in bodies.
+      overlap; radii in ratios 0.1 to 10. Unbounded or Periodic. Cost: cubic in bodies.
+    - ``ForceCoupling``: like RotnePragerYamakawa, with forces and torques spread by Gaussians in place of surfaces (Maxey and
+      Patel, Int. J. Multiphase Flow 27, 1603, 2001; Lomholt and Maxey, J. Comput. Phys. 184, 381, 2003); Periodic only.
+      Cost: as the box on a grid (from 300 rows on, or MatrixFree: Yeo and Maxey, J. Comput. Phys. 229, 2401, 2010), else dense.
 
     **Boundaries** (:meth:`setBoundary`):
 
@@ -72,6 +77,11 @@ class MobilityForce(_copies.Copies, _Base):
     - ``NoSlipWall``: fluid above the plane z = :meth:`setWallHeight`, at rest on it; RotnePragerYamakawa only, by Blake's image
       (Swan and Brady, Phys. Fluids 19, 113306, 2007), positive definite where no particle reaches through the wall. What happens
       where one does, :meth:`CustomRigidHIIntegrator.setWallRejection` says. Cost: two to three times that of Unbounded.
+    - ``Periodic``: the periodic box of the Context, triclinic ones too, as it is at each step. Particles feel all images of all others
+      and of themselves. The mean velocity of fluid and bodies is zero; net forces are allowed: a uniform force density balances
+      them. RotnePragerYamakawa, StokesianDynamics and ForceCoupling, by lattice sums to 1e-13 of own mobilities and dense matrices: up to
+      12000 rows (2000 spheres, 4000 blobs), StokesianDynamics up to 1000 spheres; ForceCoupling also on a grid, of any number, in boxes
+      with edges along the axes. A body must be shorter than the shortest lattice vector.
 
     Wrong types are a TypeError, wrong shapes a ValueError, everything else that is refused an openmm.OpenMMException; each
     names the object, the value, the bound and the remedy.
@@ -89,8 +99,10 @@ class MobilityForce(_copies.Copies, _Base):
     FreeDraining = Model.FreeDraining
     RotnePragerYamakawa = Model.RotnePragerYamakawa
     StokesianDynamics = Model.StokesianDynamics
+    ForceCoupling = Model.ForceCoupling
     Unbounded = Boundary.Unbounded
     NoSlipWall = Boundary.NoSlipWall
+    Periodic = Boundary.Periodic
     FromModel = SphereWallMobility.FromModel
     BestKnown = SphereWallMobility.BestKnown
     Auto = Solver.Auto
@@ -178,7 +190,7 @@ class MobilityForce(_copies.Copies, _Base):
         super().setViscosity(_units.viscosity(eta, _where('setViscosity'), 'eta'))
 
     def getModel(self):
-        """Get the model, one of the class attributes FreeDraining, RotnePragerYamakawa, StokesianDynamics."""
+        """Get the model, one of the class attributes FreeDraining, RotnePragerYamakawa, StokesianDynamics, ForceCoupling."""
         return Model(super().getModel())
 
     def setModel(self, model):
@@ -186,7 +198,7 @@ class MobilityForce(_copies.Copies, _Base):
         super().setModel(_units.constant(model, Model, _where('setModel'), 'model'))
 
     def getBoundary(self):
-        """Get what bounds the fluid, one of the class attributes Unbounded, NoSlipWall."""
+        """Get what bounds the fluid, one of the class attributes Unbounded, NoSlipWall, Periodic."""
         return Boundary(super().getBoundary())
 
     def setBoundary(self, boundary):
@@ -196,7 +208,8 @@ class MobilityForce(_copies.Copies, _Base):
         ----------
         boundary : constant
             Unbounded (default), or NoSlipWall: fluid above the plane z = :meth:`setWallHeight`, with the model
-            RotnePragerYamakawa. Takes effect at Context creation
+            RotnePragerYamakawa; or Periodic: the Context's periodic box, with all models but FreeDraining (ForceCoupling has no
+            other boundary). Takes effect at Context creation
         """
         super().setBoundary(_units.constant(boundary, Boundary, _where('setBoundary'), 'boundary'))
 
@@ -288,6 +301,23 @@ class MobilityForce(_copies.Copies, _Base):
         what was reached.
         """
         super().setSolverTolerance(self._number(tolerance, _units.NONE, 'setSolverTolerance', 'tolerance'))
+
+    def getGridSpacing(self):
+        """Get the largest spacing of the nodes of a grid, in nm; 0: as the solver tolerance wants."""
+        return _units.LENGTH.attach(super().getGridSpacing())
+
+    def setGridSpacing(self, spacing):
+        """Set the largest spacing of the nodes where a fluid is on a grid: ForceCoupling with the boundary Periodic, MatrixFree.
+
+        The grid has the next number of nodes without prime factors above 7.
+
+        Parameters
+        ----------
+        spacing : float or Quantity
+            nm; 0 (default): so that products have the solver tolerance. Another spacing means another tolerance of products, which
+            ``CustomRigidHIIntegrator.describeEffects`` says
+        """
+        super().setGridSpacing(self._number(spacing, _units.LENGTH, 'setGridSpacing', 'spacing'))
 
     # ---- Bodies ------------------------------------------------------------------------------------------------------
 
@@ -440,7 +470,7 @@ class MobilityForce(_copies.Copies, _Base):
         return _units.VELOCITY.attach(_units.array(super().applyBlobMobilityInContext(context, rows.reshape(-1)), 3))
 
     def usesPeriodicBoundaryConditions(self):
-        """Get whether this Force makes the System periodic: False, no boundary is periodic."""
+        """Get whether this Force makes the System periodic: whether the boundary is Periodic."""
         return super().usesPeriodicBoundaryConditions()
 
     @staticmethod

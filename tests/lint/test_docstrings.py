@@ -84,8 +84,9 @@ WITHOUT_UNIT = {'CustomRigidHIIntegrator': {
     'getConstraintTolerance': 'relative',
     'getIntegrationForceGroups': 'a bit mask',
     'getMaximumRejections': 'a number',
+    'getNumHostThreads': 'a number',
     'getFiniteDifferenceStep': 'relative',
-    'getWallRejection': 'a constant',
+    'getWallRejection': 'a constant', 'getDriftCorrectorScaling': 'a constant',
     'getNumRejectedSteps': 'a number',
 }, 'MobilityForce': {
     'getNumParticles': 'a number of particles',
@@ -131,7 +132,7 @@ UNITS = {'CustomRigidHIIntegrator': {
     'computeSystemTemperature': unit.kelvin,
 }, 'MobilityForce': {
     'getViscosity': unit.dalton/(unit.nanometer*unit.picosecond),
-    'getParticleRadius': unit.nanometer, 'getWallHeight': unit.nanometer,
+    'getParticleRadius': unit.nanometer, 'getWallHeight': unit.nanometer, 'getGridSpacing': unit.nanometer,
 }, 'CustomBodyForce': {
 }}
 #: Arrays over bodies: their number of columns.

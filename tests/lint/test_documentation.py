@@ -58,7 +58,8 @@ def test_every_public_method_is_in_a_guide_or_documented_reference():
     known |= set(dir(openmmrigidhi.CustomBodyForce)) | set(dir(openmmrigidhi.MobilityForce))
     for page in ('README.md', 'docs/USER_GUIDE.md', 'docs/CONVENTIONS.md', 'docs/THEORY.md'):
         for name in re.findall(r'`(?:openmmrigidhi\.app\.)?((?:get|set|compute|addRigid)\w+)\(?', read(page)):
-            openmms = {'setPositions', 'setVelocities', 'setVelocitiesToTemperature', 'setState', 'getState'}
+            openmms = {'setPositions', 'setVelocities', 'setVelocitiesToTemperature', 'setState', 'getState',
+                       'setPeriodicBoxVectors', 'setDefaultPeriodicBoxVectors'}
             assert name in known | openmms or name.startswith('setIntegration'), f'{page} names {name}'
 
 

@@ -36,6 +36,8 @@ for name in ("Reference", "CPU"):
                              openmm.Platform.getPlatformByName(name))
     context.setPositions([(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0)])
     context.getIntegrator().step(10)
+for i in range(openmm.Platform.getNumPlatforms()):
+    openmmrigidhi.checkPlatform(openmm.Platform.getPlatform(i))
 import openmmrigidhi.app
 print(openmmrigidhi.__file__)
 '''

@@ -7,7 +7,7 @@ import pytest
 API_CLASSES = ('RigidHIPlugin::CustomRigidHIIntegrator', 'RigidHIPlugin::MobilityForce', 'RigidHIPlugin::CustomBodyForce',
                'registerRigidHISerializationProxies')
 #: Exported for the platforms' libraries: state that the process has once.
-SHARED_STATE = ('RigidHIPlugin::blasThreads()',)
+SHARED_STATE = ('RigidHIPlugin::blasThreads()', 'RigidHIPlugin::fourierPlanner()')
 ENTRY_POINTS = {'registerPlatforms', 'registerKernelFactories'}
 #: Emitted by the compiler for templates and classes of the standard library and OpenMM that are used by value.
 FOREIGN = ('std::', 'OpenMM::', 'void std::', '__gnu_cxx::', 'mu::')
@@ -23,7 +23,7 @@ def needed(library):
     return [line.split('[')[1].rstrip(']') for line in listing.splitlines() if '(NEEDED)' in line]
 
 
-@pytest.fixture(params=['Reference', 'CPU'])
+@pytest.fixture(params=['Reference', 'CPU', 'Any'])
 def platform_library(request, package_directory):
     return package_directory / 'lib' / 'plugins' / f'libOpenMMRigidHI{request.param}.so'
 

@@ -369,7 +369,7 @@ TEST(BadFluid, ForcesThatDoNotGoWithIt) {
     periodic->setUsesPeriodicBoundaryConditions(true);
     pressed.system.addForce(periodic);
     expectRefused(pressed,
-                  {"a MonteCarloBarostat, which scheme LangevinHI does not support: the fluid is not periodic"});
+                  {"a MonteCarloBarostat, which scheme LangevinHI does not support: the fluid has no pressure"});
 }
 
 TEST(BadFluid, ConstraintsOfFreeParticles) {
@@ -457,6 +457,20 @@ TEST(BadFluid, WhatNeedsNoPositionsIsRefusedBeforeThem) {
              f.setBoundary(MobilityForce::NoSlipWall);
          },
          {"boundary NoSlipWall is there for"}},
+        {true,
+         [](MobilityForce& f) { f.setModel(MobilityForce::ForceCoupling); },
+         {"boundary Unbounded is there for the model FreeDraining or RotnePragerYamakawa or StokesianDynamics",
+          "not for ForceCoupling; use setModel(", "or setBoundary(Periodic)"}},
+        {true,
+         [](MobilityForce& f) {
+             f.setModel(MobilityForce::ForceCoupling);
+             f.setBoundary(MobilityForce::NoSlipWall);
+         },
+         {"boundary NoSlipWall is there for the model RotnePragerYamakawa, not for ForceCoupling",
+          "or setBoundary(Periodic)"}},
+        {true,
+         [](MobilityForce& f) { f.setBoundary(MobilityForce::Periodic); },
+         {"body 0", "are in different molecules", "bindBodies"}},
     };
     for (const auto& c : cases) {
         Shapeless scene(c.multiblobs);

@@ -32,7 +32,10 @@ const vector<ModelCase> models = {
     {"StokesianDynamics", MobilityForce::StokesianDynamics, MobilityForce::Unbounded, false, false},
     {"RotnePragerYamakawaWall", MobilityForce::RotnePragerYamakawa, MobilityForce::NoSlipWall, true, true},
     {"BestKnownAtTheWall", MobilityForce::RotnePragerYamakawa, MobilityForce::NoSlipWall, true, false,
-     MobilityForce::BestKnown}};
+     MobilityForce::BestKnown},
+    {"RotnePragerYamakawaPeriodic", MobilityForce::RotnePragerYamakawa, MobilityForce::Periodic, true, false},
+    {"StokesianDynamicsPeriodic", MobilityForce::StokesianDynamics, MobilityForce::Periodic, false, false},
+    {"ForceCouplingPeriodic", MobilityForce::ForceCoupling, MobilityForce::Periodic, false, false}};
 void choose(FluidScene& scene, const ModelCase& model) {
     scene.fluid->setModel(model.model);
     scene.fluid->setBoundary(model.boundary);
@@ -308,7 +311,8 @@ MatrixXd squareRoot(const MatrixXd& m) { return Eigen::SelfAdjointEigenSolver<Ma
 
 MatrixXd fullFriction(FluidScene& scene, const ModelCase& model) {
     const auto bodies = scene.labBodies();
-    if (model.model == MobilityForce::RotnePragerYamakawa && model.sphereWall == MobilityForce::FromModel)
+    if (model.model == MobilityForce::RotnePragerYamakawa && model.sphereWall == MobilityForce::FromModel &&
+        !scene.isPeriodic())
         return scene.expected().friction;
     // Others have unit tests of their matrices, and no free particles.
     if (model.model != MobilityForce::FreeDraining) return scene.friction();
@@ -335,7 +339,7 @@ TEST_P(EveryModel, OneStepResponseIsTheExponentialOfFrictionOverInertia) {
                 for (double radius : {0.35, 0.5}) scene.addFree(1.3, radius, Vec3(-2, 2 * radius, 1));
             scene.start(testPlatform());
             const MatrixXd expected = expectedResponse(fullFriction(scene, GetParam()), inverseInertia(scene), h);
-            EXPECT_LT(difference(measuredResponse(scene, 1e-5), expected), 1e-8) << "h = " << h;
+            EXPECT_LT(difference(measuredResponse(scene, 1e-5), expected), readTolerance(1e-8, 1)) << "h = " << h;
         }
 }
 
@@ -358,7 +362,8 @@ TEST(LangevinHI, OneStepOfABodyAloneAndOfPairs) {
                 scene.add(kinds[b], Vec3(1.7 * b, 0.4 * b, 0), randomQuaternion(random));
             scene.start(testPlatform());
             const MatrixXd expected = expectedResponse(scene.expected().friction, inverseInertia(scene), h);
-            EXPECT_LT(difference(measuredResponse(scene, 1e-5), expected), 1e-8) << kinds[0].name << ", h = " << h;
+            EXPECT_LT(difference(measuredResponse(scene, 1e-5), expected), readTolerance(1e-8, 1))
+                << kinds[0].name << ", h = " << h;
         }
 }
 
@@ -370,7 +375,7 @@ TEST(LangevinHI, AChangedStepSizeIsHonoured) {
     for (double h : {0.1, 0.03, 0.1}) {
         scene.integrator.setStepSize(h);
         const MatrixXd expected = expectedResponse(scene.expected().friction, inverseInertia(scene), h);
-        EXPECT_LT(difference(measuredResponse(scene, 1e-5), expected), 1e-8);
+        EXPECT_LT(difference(measuredResponse(scene, 1e-5), expected), readTolerance(1e-8, 1));
     }
 }
 
@@ -415,7 +420,8 @@ TEST_P(EveryModel, OneStepNoiseHasTheCovarianceOfTheory) {
         const MatrixXd E = exponential(-h * inverse * friction);
         const MatrixXd covariance = inverse - E * inverse * E.transpose();
         const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(covariance);
-        const int rows = covariance.rows(), n = 3000;
+        // Steps with lattice sums take longer; their noise is made as that of other dense matrices.
+        const int rows = covariance.rows(), n = scene.isPeriodic() ? 300 : 3000;
         int dead = 0;
         while (eigen.eigenvalues()[dead] < 1e-10 * eigen.eigenvalues()[rows - 1]) dead++;
         EXPECT_EQ(dead, GetParam().takesMultiblobs ? 5 : 4);  // two linear bodies or one, a point
@@ -910,8 +916,8 @@ TEST(LangevinHI, VirtualSitesFollowTheirBodies) {
     const auto x = positionsOf(context);
     for (int b = 0; b < 3; b++) {
         const Vec3* p = &x[4 * b];
-        EXPECT_LT(norm(p[3] - p[0] * 0.6 - p[1] * 0.2 - p[2] * 0.2), 1e-12);
-        EXPECT_NEAR(norm(p[1] - p[0]), 0.09572, 1e-12);
+        EXPECT_LT(norm(p[3] - p[0] * 0.6 - p[1] * 0.2 - p[2] * 0.2), readTolerance(1e-12, 1));
+        EXPECT_NEAR(norm(p[1] - p[0]), 0.09572, readTolerance(1e-12, 1));
     }
 }
 
@@ -1047,9 +1053,11 @@ TEST_P(EveryModel, ResumesBitForBit) {
         if (start) {
             scene.start(testPlatform(), 2);
             scene.context->setVelocitiesToTemperature(T1, 3);
-        } else
-            scene.context.reset(
-                new Context(scene.system, scene.integrator, testPlatform(), threads(testPlatformName(), 1)));
+            return;
+        }
+        scene.bind();
+        scene.context.reset(
+            new Context(scene.system, scene.integrator, testPlatform(), threads(testPlatformName(), 1)));
     };
     FluidScene once(T1, 0.02), twice(T1, 0.02), third(T1, 0.02), fourth(T1, 0.02);
     make(once, true);

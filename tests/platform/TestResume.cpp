@@ -198,6 +198,7 @@ TEST(Resume, TheGradientThermostatContinuesToo) {
 }
 
 TEST(Resume, AStateSavedBeforeMembersWerePutBackContinuesTheSame) {
+    SKIP_ON_SINGLE_PRECISION_DEVICES("poses of members off their places are fitted anew, to places that were rounded");
     Scene scene(!onCpu());
     Trajectory whole(scene, 5, 1, true);
     whole.integrator->step(3);
@@ -224,7 +225,7 @@ TEST(Resume, PositionsSetAfterLoadingAreNotIgnored) {
     for (Vec3& x : shifted) x += Vec3(0, 0, 0.5);
     const double before = resumed.integrator->getBodyPositions()[0][2];
     resumed.context->setPositions(shifted);
-    EXPECT_NEAR(resumed.integrator->getBodyPositions()[0][2], before + 0.5, 1e-12);
+    EXPECT_NEAR(resumed.integrator->getBodyPositions()[0][2], before + 0.5, readTolerance(1e-12, 1));
 }
 
 TEST(Resume, TheNumberOfThreadsDoesNotMatter) {

@@ -57,7 +57,7 @@ void checkShape(const Shape& shape, int copies, int steps) {
     }
     const vector<Vec3> end = positionsOf(context);
     for (const Vec3& x : end) ASSERT_TRUE(isfinite(x[0] + x[1] + x[2])) << shape.name;
-    EXPECT_LT(largestDistortion(end, shape, copies), rigidity) << shape.name;
+    EXPECT_LT(largestDistortion(end, shape, copies), readTolerance(rigidity, 10)) << shape.name;
     const double kT = boltzmann * 300;
     for (int k = 0; k < 3; k++) {
         const int live = dof.at("rotational" + to_string(k + 1));
@@ -79,6 +79,7 @@ TEST(Shapes, AreRigidFiniteAndThermal) {
 }
 
 TEST(Shapes, FullAThousandOrientationsAHundredThousandSteps) {
+    SKIP_ON_SINGLE_PRECISION_DEVICES("shapes are found from places that are rounded to 1e-4 nm at these distances");
     for (const Shape& shape : allShapes()) checkShape(shape, shape.sites.size() > 100 ? 50 : 1000, 100000);
 }
 

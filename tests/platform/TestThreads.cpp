@@ -5,7 +5,7 @@
 #include <thread>
 
 #include "HydrodynamicSupport.h"
-#include "mobility/OneBlasThread.h"
+#include "linearalgebra/OneBlasThread.h"
 
 extern "C" {
 int openblas_get_num_threads();

@@ -89,7 +89,8 @@ TEST(Wall, MixturesOfBodiesAndFreeParticles) {
               BodyKind{"sphere off the origin", 1, Vec3(0.3, 0.5, 0.6), {Vec3(0.2, 0.1, -0.4)}, {0.7}}})
             scene.add(kind);
         if (seed % 2)
-            for (double radius : {0.3, 0.0, 0.6}) scene.addFree(1, radius, Vec3(2 * radius, 0.3, 0.4 + radius));
+            for (double radius : {0.3, 0.0, 0.6})
+                scene.addFree(1, radius, Vec3(2 * radius, 0.3, 0.4 + radius + readTolerance(0, 1)));
         scene.start(testPlatform());
         mt19937 random(seed);
         uniform_real_distribution<double> u(0, 1);
@@ -280,7 +281,9 @@ TEST(Wall, ModelsWithoutAWall) {
         expectError([&] { scene.start(testPlatform()); },
                     {"boundary NoSlipWall is there for the model RotnePragerYamakawa, not for ",
                      model == MobilityForce::FreeDraining ? "FreeDraining; use" : "StokesianDynamics; use",
-                     "setModel(RotnePragerYamakawa) or setBoundary(Unbounded)"});
+                     model == MobilityForce::FreeDraining
+                         ? "setModel(RotnePragerYamakawa) or setBoundary(Unbounded)"
+                         : "setModel(RotnePragerYamakawa) or setBoundary(Unbounded or Periodic)"});
     }
 }
 
@@ -456,6 +459,7 @@ TEST(Wall, BestKnownRefusesContact) {
 // ---- Beside other features ----
 
 TEST(Wall, OwnTensorsAreThoseOfUnboundedFluid) {
+    SKIP_ON_SINGLE_PRECISION_DEVICES("members 1e9 nm above the wall have no distance from each other there");
     const MatrixXd own = tensorWithoutSymmetry(5);
     for (double gap : {1e9, 0.3}) {
         WallScene scene, plain, bulk;

@@ -112,6 +112,15 @@ def test_more_rejections_than_have_random_numbers(integrator, number):
     assert integrator.getMaximumRejections() == 65535
 
 
+@pytest.mark.parametrize('number', [-1, 1025, -2**31])
+def test_more_threads_than_machines_have(integrator, number):
+    with refused('setNumHostThreads()', f'the number is {number}', 'it must be from 0 to 1024', '0 for OpenMM'):
+        integrator.setNumHostThreads(number)
+    assert integrator.getNumHostThreads() == 0
+    integrator.setNumHostThreads(1024)
+    assert integrator.getNumHostThreads() == 1024
+
+
 def test_unknown_constants(integrator):
     with refused('setScheme()', 'scheme 17 is unknown', 'it must be one of LangevinA'):
         integrator.setScheme(17)

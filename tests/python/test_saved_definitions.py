@@ -2,6 +2,7 @@
 import json
 import pathlib
 import re
+import struct
 
 import numpy as np
 import openmm
@@ -358,7 +359,8 @@ def test_checkpoints_with_a_forged_check_sum(platform):
         integrator.step(1)
         assert np.isfinite(places(context)).all()
     assert refusals > 50  # of 150: the three leading bytes of eight
-    for edit, piece in ((lambda body: body + b'\0', 'there are 1 bytes after its end'), (lambda body: body[:-8], 'it ends too early'),
+    for edit, piece in ((lambda body: body + struct.pack('<ddi', 1e-7, 1e-7, 0) + b'\0', 'there are 1 bytes after its end'),
+                        (lambda body: body + b'\0', 'it ends too early'), (lambda body: body[:-8], 'it ends too early'),
                         (lambda body: b'', 'it ends too early'), (lambda body: body[:32] + b'\xff\xff\xff\xff', 'it says to hold -1 bodies'),
                         (lambda body: body[:-4] + b'\xff\xff\xff\xff', 'it says that -1 items follow; use another')):
         with refused('the checkpoint is corrupt', piece):
@@ -382,11 +384,48 @@ def test_memory_of_a_scheme_that_is_not_of_these_bodies(platform):
     integrator.step(1)
     xml = stateXml(context)
     for memory, pieces in (('<Group><Vectors rows="2" columns="1"/></Group>', ["property 'rows' is '2'", 'it must be the number of values over that of columns']),
-                           ('<Group/><Group/>', ["the saved state's memory of scheme FixmanMidpoint is that of other bodies"])):
+                           ('<Group/><Group/>', ["the saved state's memory of scheme FixmanMidpoint is damaged, or that of other bodies"]),
+                           ('<Group><Vectors rows="0" columns="0"/></Group>', ['is damaged, or that of other bodies'])):
+        before = integrator.getBodyPositions()._value, integrator.getBodyOrientations()
         with refused(*pieces):
             load(context, xml.replace('</RigidBodyState>', f'<SchemeMemory scheme="FixmanMidpoint">{memory}</SchemeMemory></RigidBodyState>'))
+        assert np.array_equal(integrator.getBodyPositions()._value, before[0]) and np.array_equal(integrator.getBodyOrientations(), before[1])
     load(context, xml.replace('</RigidBodyState>', '<SchemeMemory scheme="FixmanMidpoint"><Group/></SchemeMemory></RigidBodyState>'))
     integrator.step(1)
+
+
+def test_memory_that_a_scheme_cannot_have(platform):
+    """The name is that of the present scheme, which is none of those that keep anything."""
+    context, integrator = versionOne(platform)
+    xml = stateXml(context).replace('</RigidBodyState>', '<SchemeMemory scheme="LangevinC"><Group/></SchemeMemory></RigidBodyState>')
+    load(context, xml)  # without a fluid there is nobody to remember
+    integrator.step(1)
+    system, fluid = openmm.System(), MobilityForce()
+    langevin = CustomRigidHIIntegrator(300, 0.001)
+    langevin.setScheme(CustomRigidHIIntegrator.LangevinHI)
+    system.addParticle(20)
+    fluid.addParticle(0.1)
+    system.addForce(fluid)
+    langevin.addRigidBody([0], 20, (1, 1, 1), [(0, 0, 0)])
+    context = openmm.Context(system, langevin, platform)
+    context.setPositions([(0, 0, 0)])
+    langevin.step(1)
+    with refused("the saved state's memory of scheme LangevinHI is damaged"):
+        load(context, stateXml(context).replace('</RigidBodyState>', '<SchemeMemory scheme="LangevinHI"><Group/></SchemeMemory></RigidBodyState>'))
+    langevin.step(1)
+
+
+def test_states_hold_what_users_mean(platform):
+    """The numbers in the file are those of the getters, in the user's frame, whatever the order of the moments."""
+    context, integrator = explicitBody(platform, moments=(2.5, 1, 2))
+    start(context, integrator)
+    xml = stateXml(context)
+    body = re.search(r'<Body ([^>]*)>', xml).group(1)
+    values = {name: float(value) for name, value in re.findall(r'(\w+)="([^"]*)"', body)}
+    assert [values['R' + axis] for axis in 'xyz'] == integrator.getBodyPositions()._value[0].tolist()
+    assert [values['q' + axis] for axis in 'wxyz'] == integrator.getBodyOrientations()[0].tolist()
+    assert [values['v' + axis] for axis in 'xyz'] == pytest.approx([0.3, 0.2, 0.1], rel=1e-14)
+    assert [values['w' + axis] for axis in 'xyz'] == pytest.approx([3, -4, 5], rel=1e-13)
 
 
 # ---- First positions ----------------------------------------------------------------------------------------------------

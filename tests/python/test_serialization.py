@@ -32,12 +32,16 @@ PROPERTIES = [
     ('setRandomNumberSeed', 'getRandomNumberSeed', -2**31),
     ('setPoseTolerance', 'getPoseTolerance', 0.01/3*unit.nanometer),
     ('setMaximumRejections', 'getMaximumRejections', 17),
+    ('setNumHostThreads', 'getNumHostThreads', 3),
     ('setWallRejection', 'getWallRejection', CustomRigidHIIntegrator.Crossing),
+    ('setDriftCorrectorScaling', 'getDriftCorrectorScaling', CustomRigidHIIntegrator.Whole),
     ('setFiniteDifferenceStep', 'getFiniteDifferenceStep', 1e-4/3),
 ]
 #: What files of earlier versions do not have: the getter, and the default.
 NEWER = {'maximumRejections': ('getMaximumRejections', 100),
+         'numHostThreads': ('getNumHostThreads', 0),
          'finiteDifferenceStep': ('getFiniteDifferenceStep', 0),
+         'driftCorrectorScaling': ('getDriftCorrectorScaling', CustomRigidHIIntegrator.SlipOnly),
          'wallRejection': ('getWallRejection', CustomRigidHIIntegrator.Overlap)}
 
 

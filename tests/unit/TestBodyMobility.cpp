@@ -1,9 +1,9 @@
 // Rigid multiblobs, spheres and free particles together, against an independent dense computation.
 
+#include "CoupledBodiesSupport.h"
 #include "HydrodynamicSupport.h"
 #include "TestSupport.h"
-#include "mobility/BodyMobility.h"
-#include "mobility/RotnePragerYamakawa.h"
+#include "mobility/models/rotneprager/RotnePragerYamakawa.h"
 
 using namespace RigidHIPlugin;
 using namespace RigidHITest;
@@ -80,21 +80,21 @@ struct Scene {
         }
         return IndependentMobility(bodies, eta);
     }
-    BodyMobility make(bool isConstant = true) const {
-        BodyMobility result(elements, makeRpy, isConstant);
+    TestedBodies make(bool isConstant = true) const {
+        TestedBodies result(elements, makeRpy, isConstant);
         result.setPoses(poses);
         return result;
     }
 };
 
-void expectSame(const string& name, BodyMobility& measured, const IndependentMobility& expected) {
+void expectSame(const string& name, TestedBodies& measured, const IndependentMobility& expected) {
     EXPECT_LT(difference(measured.friction(), expected.friction), 1e-12) << name;
     EXPECT_LT(difference(measured.mobility(), expected.mobility), 1e-11) << name;
     EXPECT_LT(difference(measured.mobility().transpose(), measured.mobility()), 1e-15) << name;
     EXPECT_LT(difference(measured.friction().transpose(), measured.friction()), 1e-15) << name;
     const MatrixXd wrenches = MatrixXd::Random(expected.mobility.rows(), 3);
     MatrixXd twists;
-    measured.apply(wrenches, twists);
+    measured.multiply(wrenches, twists);
     EXPECT_LT(difference(twists, expected.mobility * wrenches), 1e-11) << name;
 }
 
@@ -145,8 +145,8 @@ TEST(BodyMobility, OneBodyOfEachKind) {
         for (bool constant : {false, true})
             for (int seed = 0; seed < 3; seed++) {
                 const Scene scene({kind.element}, 5, seed);
-                BodyMobility measured = scene.make(constant);
-                EXPECT_EQ(measured.isConstantInBodyFrame(), constant && !kind.element.isFree());
+                TestedBodies measured = scene.make(constant);
+                EXPECT_EQ(measured->isConstantInBodyFrame(), constant && !kind.element.isFree());
                 expectSame(kind.name + (constant ? ", constant" : ""), measured, scene.expected());
             }
 }
@@ -157,7 +157,7 @@ TEST(BodyMobility, EachKindWithEachOther) {
         for (const Named& b : all)
             for (int seed = 0; seed < 2; seed++) {
                 const Scene scene({a.element, b.element}, 6, seed);
-                BodyMobility measured = scene.make();
+                TestedBodies measured = scene.make();
                 expectSame(a.name + " with " + b.name, measured, scene.expected());
             }
 }
@@ -170,7 +170,7 @@ TEST(BodyMobility, MixturesOfAllKinds) {
     }
     for (int seed = 0; seed < 10; seed++) {
         const Scene scene(elements, 12, seed);
-        BodyMobility measured = scene.make();
+        TestedBodies measured = scene.make();
         expectSame("mixture " + to_string(seed), measured, scene.expected());
     }
 }
@@ -179,22 +179,22 @@ TEST(BodyMobility, RowsFollowTheElements) {
     const auto all = kinds();
     vector<FluidElement> elements;
     for (const Named& kind : all) elements.push_back(kind.element);
-    BodyMobility measured = Scene(elements, 5, 1).make();
+    TestedBodies measured = Scene(elements, 5, 1).make();
     int row = 0;
     for (size_t e = 0; e < all.size(); e++) {
-        EXPECT_EQ(measured.firstRow(e), row);
+        EXPECT_EQ(measured->firstRow(e), row);
         row += all[e].element.numRows();
-        EXPECT_EQ(measured.hasNullVector(e), all[e].name.find("rod") == 0 || all[e].name == "dimer") << all[e].name;
+        EXPECT_EQ(measured->hasNullVector(e), all[e].name.find("rod") == 0 || all[e].name == "dimer") << all[e].name;
     }
-    EXPECT_EQ(measured.getNumRows(), row);
+    EXPECT_EQ(measured->getNumRows(), row);
 }
 
 TEST(BodyMobility, NothingHoldsRodsAboutTheirLine) {
     for (const Named& kind : kinds()) {
         const Scene scene({kind.element, kinds()[0].element}, 6, 4);
-        BodyMobility measured = scene.make();
-        if (!measured.hasNullVector(0)) continue;
-        const VectorXd null = twoRotations(scene.poses[0].rotation()) * measured.getNullVector_body(0);
+        TestedBodies measured = scene.make();
+        if (!measured->hasNullVector(0)) continue;
+        const VectorXd null = twoRotations(scene.poses[0].rotation()) * measured->getNullVector_body(0);
         EXPECT_NEAR(null.norm(), 1, 1e-15);
         EXPECT_LT((measured.friction().leftCols(6) * null).norm(), 1e-13 * measured.friction().norm()) << kind.name;
         // Neither a torque about the line moves it nor does anything turn it about the line, wherever the origin.
@@ -211,7 +211,7 @@ TEST(BodyMobility, NothingHoldsRodsAboutTheirLine) {
 TEST(BodyMobility, ABodyTurnedAndMovedHasItsTensorTurnedOnly) {
     for (const Named& kind : kinds()) {
         if (kind.element.isFree()) continue;
-        BodyMobility home({kind.element}, makeRpy, false), away({kind.element}, makeRpy, false);
+        TestedBodies home({kind.element}, makeRpy, false), away({kind.element}, makeRpy, false);
         home.setPoses({Pose()});
         const Scene scene({kind.element}, 100, 9);
         away.setPoses(scene.poses);
@@ -223,7 +223,7 @@ TEST(BodyMobility, PosesMayBeSetManyTimes) {
     vector<FluidElement> elements = {kinds()[0].element, kinds()[2].element, kinds()[4].element};
     for (bool one : {true, false}) {
         if (one) elements.resize(1);
-        BodyMobility measured(elements, makeRpy, true);
+        TestedBodies measured(elements, makeRpy, true);
         for (int seed = 0; seed < 3; seed++) {
             const Scene scene(elements, 7, seed);
             measured.setPoses(scene.poses);
@@ -236,16 +236,16 @@ TEST(BodyMobility, PosesMayBeSetManyTimes) {
 
 TEST(BodyMobility, MatricesAreMadeOncePerPose) {
     const Scene scene({kinds()[0].element, kinds()[2].element}, 7, 0);
-    BodyMobility measured = scene.make();
-    const long long before = measured.numMatrices;
+    TestedBodies measured = scene.make();
+    const long long before = measured.byMatrices().getCosts().matrices;
     measured.friction();
     measured.friction();
     measured.mobility();
-    EXPECT_EQ(measured.numMatrices - before, 1);
+    EXPECT_EQ(measured.byMatrices().getCosts().matrices - before, 1);
     measured.setPoses(scene.poses);
     measured.mobility();
     measured.friction();
-    EXPECT_EQ(measured.numMatrices - before, 2);
+    EXPECT_EQ(measured.byMatrices().getCosts().matrices - before, 2);
 }
 
 TEST(BodyMobility, ShellsHaveTheirHydrodynamicRadii) {
@@ -257,7 +257,7 @@ TEST(BodyMobility, ShellsHaveTheirHydrodynamicRadii) {
         double spacing = INFINITY;
         for (size_t i = 0; i < blobs.size(); i++)
             for (size_t k = 0; k < i; k++) spacing = min(spacing, (blobs[i] - blobs[k]).norm());
-        BodyMobility shell({element(blobs, vector<double>(blobs.size(), spacing / 2))}, makeRpy, true);
+        TestedBodies shell({element(blobs, vector<double>(blobs.size(), spacing / 2))}, makeRpy, true);
         shell.setPoses({Pose()});
         const MatrixXd& N = shell.mobility();
         EXPECT_NEAR(1 / (6 * M_PI * eta * N(0, 0)), translational[level], 1e-6);
@@ -292,12 +292,12 @@ TEST(BodyMobility, OwnTensorsOfABodyAloneAreTaken) {
         FluidElement e = kind.element;
         e.ownMobility = tensorWithoutSymmetry(3);
         const Scene scene({e}, 4, 2);
-        BodyMobility measured = scene.make();
+        TestedBodies measured = scene.make();
         const MatrixXd expected = turned(e.ownMobility, scene.poses[0].rotation());
         EXPECT_LT(difference(measured.mobility(), expected), 1e-13) << kind.name;
         EXPECT_LT(difference(measured.friction(), expected.inverse()), 1e-12) << kind.name;
         MatrixXd twists;
-        measured.apply(MatrixXd::Identity(6, 6), twists);
+        measured.multiply(MatrixXd::Identity(6, 6), twists);
         EXPECT_LT(difference(twists, expected), 1e-13) << kind.name;
     }
 }
@@ -306,11 +306,11 @@ TEST(BodyMobility, OwnTensorsEnterByCongruence) {
     for (int owners : {1, 2, 4})
         for (int seed = 0; seed < 3; seed++) {
             Scene scene = ownTensorScene(owners, 8, seed);
-            BodyMobility measured = scene.make();
+            TestedBodies measured = scene.make();
             const MatrixXd model = scene.expected().mobility;
             MatrixXd B = MatrixXd::Identity(model.rows(), model.cols());
             for (int e = 0; e < owners; e++) {
-                const int row = measured.firstRow(e);
+                const int row = measured->firstRow(e);
                 Scene alone({scene.elements[e]}, 1, 0);
                 alone.poses = {Pose()};
                 const MatrixXd B_body =
@@ -323,23 +323,23 @@ TEST(BodyMobility, OwnTensorsEnterByCongruence) {
             EXPECT_LT(difference(measured.friction(), expected.inverse()), 1e-10);
             const MatrixXd wrenches = MatrixXd::Random(model.rows(), 2);
             MatrixXd twists;
-            measured.apply(wrenches, twists);
+            measured.multiply(wrenches, twists);
             EXPECT_LT(difference(twists, expected * wrenches), 1e-11);
         }
 }
 
 TEST(BodyMobility, OwnTensorsOfSpheresAreTheSameWithAndWithoutMatrices) {
-    // Spheres about their centres take apply()'s path through the particles' operator.
+    // Spheres about their centres are answered by products with the particles' mobility.
     vector<FluidElement> elements(3, kinds()[2].element);
     elements[0].ownMobility = 0.05 * tensorWithoutSymmetry(1);
     elements[2].ownMobility = 0.03 * tensorWithoutSymmetry(2);
     const Scene scene(elements, 4, 3);
-    BodyMobility byMatrix = scene.make(), byProducts = scene.make();
-    ASSERT_TRUE(byProducts.canApplyMatrixFree());
+    TestedBodies byMatrix = scene.make(), byProducts = scene.make();
+    ASSERT_TRUE(byProducts->hasProducts());
     const MatrixXd wrenches = MatrixXd::Random(18, 2);
     MatrixXd twists;
-    byProducts.apply(wrenches, twists);
-    EXPECT_EQ(byProducts.numProducts, 2);
+    byProducts.multiply(wrenches, twists);
+    EXPECT_EQ(byProducts.byProducts().getCosts().products, 2);
     EXPECT_LT(difference(twists, byMatrix.mobility() * wrenches), 1e-13);
     EXPECT_LT(difference(byMatrix.friction(), byMatrix.mobility().inverse()), 1e-11);
 }
@@ -349,7 +349,7 @@ TEST(BodyMobility, OwnTensorsAreExactFarAwayAndPositiveNearby) {
     for (int trial = 0; trial < 300; trial++) {
         const double size = trial % 3 == 0 ? 1 : trial % 3 == 1 ? 3 : 10;
         Scene scene = ownTensorScene(4, size, trial);
-        BodyMobility measured = scene.make();
+        TestedBodies measured = scene.make();
         const MatrixXd N = measured.mobility();
         const VectorXd d = N.diagonal().cwiseSqrt().cwiseInverse();
         const double least =
@@ -363,7 +363,7 @@ TEST(BodyMobility, OwnTensorsAreExactFarAwayAndPositiveNearby) {
     far.poses[1].R += Vector3d(2e4, 0, 0);
     far.elements.resize(2);
     far.poses.resize(2);
-    BodyMobility measured = far.make();
+    TestedBodies measured = far.make();
     const MatrixXd N = measured.mobility();
     for (int e = 0; e < 2; e++)
         EXPECT_LT(difference(N.block(6 * e, 6 * e, 6, 6), turned(far.elements[e].ownMobility, far.poses[e].rotation())),
@@ -430,7 +430,7 @@ private:
 TEST(BodyMobility, ModelsThatAreNotPositiveDefiniteAreAnError) {
     for (const FluidElement& body : {kinds()[0].element, kinds()[2].element})
         for (bool friction : {false, true}) {
-            BodyMobility mobility({body}, [&](const HydrodynamicParticles& particles) {
+            TestedBodies mobility({body}, [&](const HydrodynamicParticles& particles) {
                 return unique_ptr<MobilityModel>(new Indefinite(particles, friction, false));
             });
             mobility.setPoses({Pose()});
@@ -442,9 +442,11 @@ TEST(BodyMobility, ModelsThatAreNotPositiveDefiniteAreAnError) {
                 expectError([&] { mobility.mobility(); },
                             {"the friction matrix of 1 bodies is not positive definite", "blobs are all at one place"});
         }
-    BodyMobility alone({kinds()[0].element}, [](const HydrodynamicParticles& particles) {
+    TestedBodies alone({kinds()[0].element}, [](const HydrodynamicParticles& particles) {
         return unique_ptr<MobilityModel>(new Indefinite(particles, false, true));
     });
-    alone.setPoses({Pose()});
-    expectError([&] { alone.getMultiblobSolver(); }, {"blobs of body 0 is not positive definite; look for blobs"});
+    alone.byProducts().setPoses({Pose()});
+    MatrixXd twists;
+    expectError([&] { alone.byProducts().multiply(MatrixXd::Zero(6, 1), twists); },
+                {"blobs of body 0 is not positive definite; look for blobs"});
 }

@@ -3,7 +3,7 @@
 #include "HydrodynamicSupport.h"
 #include "TestSupport.h"
 #include "mobility/CoincidenceCheck.h"
-#include "mobility/RotnePragerYamakawa.h"
+#include "mobility/models/rotneprager/RotnePragerYamakawa.h"
 
 using namespace RigidHIPlugin;
 using namespace RigidHITest;

@@ -1,15 +1,15 @@
 // The Rotne-Prager-Yamakawa mobility with SIMD and threads against the scalar one.
 
 #include <openmm/internal/ThreadPool.h>
-#include "SimdTargets.h"  // must precede Highway
+#include "host/SimdTargets.h"  // must precede Highway
 
 #include <atomic>
 
-#include "CpuRotnePragerYamakawa.h"
 #include "TestSupport.h"
 #include "hwy/targets.h"
-#include "mobility/RotnePragerYamakawa.h"
-#include "mobility/RotnePragerYamakawaWall.h"
+#include "mobility/models/rotneprager/CpuRotnePragerYamakawa.h"
+#include "mobility/models/rotneprager/RotnePragerYamakawa.h"
+#include "mobility/models/wall/RotnePragerYamakawaWall.h"
 
 using namespace RigidHIPlugin;
 using namespace RigidHITest;

@@ -4,7 +4,7 @@
 #include <iostream>
 
 #include "TestSupport.h"
-#include "mobility/OneBlasThread.h"
+#include "linearalgebra/OneBlasThread.h"
 #include "schemes/FluidOrnsteinUhlenbeck.h"
 
 using namespace RigidHIPlugin;

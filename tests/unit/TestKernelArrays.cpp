@@ -10,8 +10,7 @@
 #include "TestSupport.h"
 #include "context/KernelArrays.h"
 #include "context/RigidBodyKernel.h"
-#include "engine/BodyLoops-inl.h"
-#include "mobility/Models.h"
+#include "host/ScalarLoops.h"
 
 using namespace OpenMM;
 using namespace RigidHIPlugin;
@@ -20,43 +19,13 @@ using namespace std;
 
 namespace {
 
-class ScalarLoops : public PlatformLoops {
-public:
-    LoopResult run(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
-                   const ParticleArrays& arrays) override {
-        return scalar::runBodyLoop<double>(loop, bodies, settings, arrays, 0, bodies.getNumBlocks());
-    }
-    void fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count, double* xi) override {
-        scalar::fillNoise<double>(noise, purpose, index, count, xi);
-    }
-    void forRanges(int count, const function<void(int, int)>& task) override { task(0, count); }
-    void forTasks(int count, const function<void(int)>& task) override {
-        for (int i = 0; i < count; i++) task(i);
-    }
-    unique_ptr<MobilityModel> createMobility(const MobilityForce& force, bool crossing,
-                                             const HydrodynamicParticles& particles, bool) override {
-        return RigidHIPlugin::createMobility(force, crossing, particles);
-    }
-    string describe() const override { return "copies"; }
-};
-
-class KernelOnCopies : public RigidBodyKernel {
-public:
-    using RigidBodyKernel::RigidBodyKernel;
-
-protected:
-    unique_ptr<ContextArrays> createArrays(ContextImpl& context) override {
-        return unique_ptr<ContextArrays>(new KernelArrays(context));
-    }
-    unique_ptr<PlatformLoops> createLoops(ContextImpl&) override {
-        return unique_ptr<PlatformLoops>(new ScalarLoops());
-    }
-};
-
 class FactoryOfCopies : public KernelFactory {
 public:
     KernelImpl* createKernelImpl(string name, const Platform& platform, ContextImpl&) const override {
-        return new KernelOnCopies(name, platform);
+        PlatformParts parts;
+        parts.arrays = [](ContextImpl& context) { return unique_ptr<ContextArrays>(new KernelArrays(context)); };
+        parts.loops = [](ContextImpl&) { return unique_ptr<PlatformLoops>(new ScalarLoops()); };
+        return new RigidBodyKernel(name, platform, parts);
     }
 };
 

@@ -1,11 +1,11 @@
 // Functions of matrices times vectors by Lanczos: the promised accuracy, hard spectra, errors, suspensions of spheres.
 
-#include "mobility/Lanczos.h"
+#include "linearalgebra/Lanczos.h"
 
 #include <Eigen/Dense>
 
 #include "TestSupport.h"
-#include "mobility/RotnePragerYamakawa.h"
+#include "mobility/models/rotneprager/RotnePragerYamakawa.h"
 
 using namespace RigidHIPlugin;
 using namespace RigidHITest;

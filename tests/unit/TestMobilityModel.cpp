@@ -2,13 +2,15 @@
 
 #include <Eigen/Geometry>
 
-#include "CpuRotnePragerYamakawa.h"
+#include "CoupledBodiesSupport.h"
 #include "TestSupport.h"
-#include "mobility/BodyMobility.h"
-#include "mobility/RotnePragerYamakawa.h"
-#include "mobility/RotnePragerYamakawaWall.h"
-#include "mobility/SphereWall.h"
-#include "mobility/StokesianDynamics.h"
+#include "mobility/models/periodic/PeriodicMobility.h"
+#include "mobility/models/periodic/PeriodicStokesianDynamics.h"
+#include "mobility/models/rotneprager/CpuRotnePragerYamakawa.h"
+#include "mobility/models/rotneprager/RotnePragerYamakawa.h"
+#include "mobility/models/stokesian/StokesianDynamics.h"
+#include "mobility/models/wall/RotnePragerYamakawaWall.h"
+#include "mobility/models/wall/SphereWall.h"
 
 using namespace RigidHIPlugin;
 using namespace RigidHITest;
@@ -30,14 +32,14 @@ HydrodynamicParticles threeSpheres() {
 struct Case {
     string name;
     unique_ptr<MobilityModel> model;
-    bool atWall;
+    bool atWall, inBox = false;
 };
 
 vector<Case> cases(const HydrodynamicParticles& particles) {
     const NoSlipPlane wall(0, false);
     vector<Case> all;
-    const auto add = [&](const string& name, MobilityModel* model, bool atWall) {
-        all.push_back({name, unique_ptr<MobilityModel>(model), atWall});
+    const auto add = [&](const string& name, MobilityModel* model, bool atWall, bool inBox = false) {
+        all.push_back({name, unique_ptr<MobilityModel>(model), atWall, inBox});
     };
     add("RotnePragerYamakawa", new RotnePragerYamakawa(particles, eta), false);
     add("RotnePragerYamakawaWall", new RotnePragerYamakawaWall(particles, eta, wall), true);
@@ -49,11 +51,18 @@ vector<Case> cases(const HydrodynamicParticles& particles) {
     add("CpuRotnePragerYamakawa at a wall", new CpuRotnePragerYamakawa(particles, eta, {}, wall), true);
     add("StokesianDynamics", new StokesianDynamics(particles, eta, true, 0), false);
     add("StokesianDynamics without lubrication", new StokesianDynamics(particles, eta, false, 0), false);
+    add("PeriodicRotnePragerYamakawa", new PeriodicRotnePragerYamakawa(particles, eta), false, true);
+    add("PeriodicForceCoupling", new PeriodicForceCoupling(particles, eta), false, true);
+    add("PeriodicStokesianDynamics", new PeriodicStokesianDynamics(particles, eta, true, 0), false, true);
+    add("PeriodicStokesianDynamics without lubrication", new PeriodicStokesianDynamics(particles, eta, false, 0), false,
+        true);
     return all;
 }
 
-const Placement first = {{Vec3(0, 0, 1), Vec3(1.2, 0, 1.5), Vec3(0, 1.3, 0.9)}},
-                second = {{Vec3(0.3, 0, 2), Vec3(1.9, 0, 0.8), Vec3(0, 1.6, 1.9)}};
+// The box is triclinic, for those that have one.
+const BoxVectors box = {Vec3(4, 0, 0), Vec3(1, 4.5, 0), Vec3(-0.7, 0.9, 3.8)};
+const Placement first = {{Vec3(0, 0, 1), Vec3(1.2, 0, 1.5), Vec3(0, 1.3, 0.9)}, box},
+                second = {{Vec3(0.3, 0, 2), Vec3(1.9, 0, 0.8), Vec3(0, 1.6, 1.9)}, box};
 
 struct Answers {
     MatrixXd dense, friction, products;
@@ -105,8 +114,10 @@ TEST(MobilityModel, TraitsAreWhatTheMatricesDo) {
         EXPECT_EQ(shift < eps, c.model->isHomogeneous()) << c.name << " " << shift;
         EXPECT_EQ(turn < eps, c.model->isIsotropic()) << c.name << " " << turn;
         EXPECT_EQ(c.model->isHomogeneous(), !c.atWall);
-        MatrixXd slips;
-        EXPECT_EQ(c.model->at(first)->draw(NoiseStream(), NoiseStream::FirstDraw, slips), c.model->hasOwnRandomField());
+        EXPECT_EQ(c.model->isIsotropic(), !c.atWall && !c.inBox);
+        unique_ptr<RandomField> field;
+        c.model->drawField(NoiseStream(), NoiseStream::FirstDraw, first.box, field);
+        EXPECT_EQ(field != nullptr, c.model->hasOwnRandomField());
         EXPECT_NE(string(c.model->name()), "");
     }
 }
@@ -119,6 +130,16 @@ TEST(MobilityModel, ABodyByItselfIsThatOfUnboundedFluid) {
     RotnePragerYamakawa(body, eta).at({sites})->dense(expected);
     for (const Case& c : cases(threeSpheres())) {
         c.model->ownMobility(body, sites, own);
+        if (string(c.model->name()) == "ForceCoupling") {
+            // By Gaussians: as in a box so large that images count no more.
+            const double L = 1e15;
+            PeriodicForceCoupling(body, eta)
+                .at({sites, {Vec3(L, 0, 0), Vec3(0, L, 0), Vec3(0, 0, L)}})
+                ->dense(expected);
+            EXPECT_LT((own - expected).cwiseAbs().maxCoeff(), 1e-14 * expected.maxCoeff()) << c.name;
+            RotnePragerYamakawa(body, eta).at({sites})->dense(expected);
+            continue;
+        }
         EXPECT_LT((own - expected).cwiseAbs().maxCoeff(), 1e-14 * expected.maxCoeff()) << c.name;
     }
 }
@@ -158,17 +179,17 @@ TEST(MobilityModel, TheBoxComesWithThePoses) {
     sphere.particles = {0};
     sphere.sites = {Vector3d::Zero()};
     sphere.radii = {1};
-    BodyMobility bodies({sphere}, [](const HydrodynamicParticles& particles) {
+    TestedBodies bodies({sphere}, [](const HydrodynamicParticles& particles) {
         return unique_ptr<MobilityModel>(new InABox(particles, eta));
     });
     bodies.setPoses({Pose()});
     EXPECT_EQ(bodies.mobility()(0, 0), 1);
-    bodies.setBox({Vec3(2, 0, 0), Vec3(0, 3, 0), Vec3(0, 0, 4)});
+    bodies->setBox({Vec3(2, 0, 0), Vec3(0, 3, 0), Vec3(0, 0, 4)});
     EXPECT_EQ(bodies.mobility()(0, 0), 1) << "at poses set before";
     bodies.setPoses({Pose()});
     EXPECT_EQ(bodies.mobility()(0, 0), 1.0 / 25);
-    EXPECT_EQ(bodies.objection({Pose()}), "");
-    bodies.setBox({Vec3(-1, 0, 0), Vec3(), Vec3()});
-    EXPECT_EQ(bodies.objection({Pose()}), "no box");
-    EXPECT_FALSE(bodies.acceptsNearby({Pose()}));
+    EXPECT_EQ(bodies.byMatrices().objection({Pose()}), "");
+    bodies->setBox({Vec3(-1, 0, 0), Vec3(), Vec3()});
+    EXPECT_EQ(bodies.byMatrices().objection({Pose()}), "no box");
+    EXPECT_FALSE(bodies.byMatrices().acceptsNearby({Pose()}));
 }

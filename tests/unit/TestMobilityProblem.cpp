@@ -1,9 +1,12 @@
-// Noise of the mobility problem, without matrices: covariance, and what units and radii do to its accuracy.
+// Noise of the mobility problem: covariance without matrices, and what units and radii do to its accuracy; the model's own random field.
 
+#include "CoupledBodiesSupport.h"
 #include "HydrodynamicSupport.h"
+#include "RandomFieldModel.h"
 #include "TestSupport.h"
-#include "mobility/MobilityProblem.h"
-#include "mobility/RotnePragerYamakawa.h"
+#include "mobility/models/forcecoupling/ForceCouplingGrid.h"
+#include "mobility/models/rotneprager/RotnePragerYamakawa.h"
+#include "schemes/OverdampedMove.h"
 
 using namespace RigidHIPlugin;
 using namespace RigidHITest;
@@ -15,8 +18,8 @@ namespace {
 struct Spheres {
     vector<FluidElement> elements;
     vector<Pose> poses;
-    unique_ptr<BodyMobility> bodies;
-    explicit Spheres(double unit) {
+    unique_ptr<TestedBodies> bodies;
+    Spheres(double unit, double tolerance) {
         for (int i = 0; i < 9; i++) {
             FluidElement e;
             const bool isFree = i == 8;
@@ -29,9 +32,10 @@ struct Spheres {
             pose.R = unit * Vector3d(3.2 * (i % 3), 3.1 * (i / 3), 0.4 * i);
             poses.push_back(pose);
         }
-        bodies.reset(new BodyMobility(elements, [](const HydrodynamicParticles& particles) {
+        const auto model = [](const HydrodynamicParticles& particles) {
             return unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, 1));
-        }));
+        };
+        bodies.reset(new TestedBodies(elements, model, true, tolerance));
         bodies->setPoses(poses);
     }
 };
@@ -40,14 +44,13 @@ struct Spheres {
 
 TEST(MobilityProblem, NoiseOfSpheresHasItsCovarianceInAnyUnit) {
     for (double unit : {1e-3, 1.0, 1e3}) {
-        Spheres spheres(unit);
-        const int n = spheres.bodies->getNumRows();
+        const double tolerance = 1e-3;
+        Spheres spheres(unit, tolerance);
+        const int n = (*spheres.bodies)->getNumRows();
         // What entries are measured in: 1/length, 1/length^2, 1/length^3.
         VectorXd scale(n);
         for (int r = 0; r < n; r++) scale[r] = pow(unit, r % 6 < 3 ? 0.5 : 1.5);
-        const double tolerance = 1e-3;
-        MobilityProblem problem(*spheres.bodies, true, tolerance);
-        problem.setPoses(spheres.poses);
+        BodyMobility& problem = spheres.bodies->byProducts();
         MatrixXd slips, wrenches;
         // The symmetric root, column by column, each to five tolerances: so the covariance to ten.
         problem.thermalSlip(MatrixXd::Identity(n, n), slips);
@@ -62,16 +65,15 @@ TEST(MobilityProblem, NoiseOfSpheresHasItsCovarianceInAnyUnit) {
 }
 
 TEST(MobilityProblem, UnitsChangeNothingButNumbers) {
-    Spheres small(1), large(1e3);
-    const int n = small.bodies->getNumRows();
+    Spheres small(1, 1e-3), large(1e3, 1e-3);
+    const int n = (*small.bodies)->getNumRows();
     const VectorXd W = VectorXd::LinSpaced(n, -1, 2).array().sin();
     const auto noise = [&](Spheres& spheres, int& iterations) {
-        MobilityProblem problem(*spheres.bodies, true, 1e-3);
-        problem.setPoses(spheres.poses);
+        BodyMobility& problem = spheres.bodies->byProducts();
         MatrixXd slips;
-        const long long before = spheres.bodies->numSolverIterations;
+        const long long before = problem.getCosts().iterations;
         problem.thermalSlip(W, slips);
-        iterations = spheres.bodies->numSolverIterations - before;
+        iterations = problem.getCosts().iterations - before;
         return VectorXd(slips);
     };
     int iterationsSmall, iterationsLarge;
@@ -80,4 +82,215 @@ TEST(MobilityProblem, UnitsChangeNothingButNumbers) {
     for (int r = 0; r < n; r++) b[r] *= pow(1e3, r % 6 < 3 ? 0.5 : 1.5);
     EXPECT_LT((a - b).norm(), 1e-10 * a.norm());
     EXPECT_EQ(iterationsSmall, iterationsLarge);
+}
+
+// ---- A random field of the model's own
+
+namespace {
+
+/** Two multiblobs, a sphere and a free particle in a fluid with a random field. */
+struct InAField {
+    vector<FluidElement> elements;
+    vector<Pose> poses, others;
+    unique_ptr<TestedBodies> bodies;
+    RandomFieldModel* model = nullptr;
+    InAField() {
+        const vector<vector<Vector3d> > sites = {
+            {{-1, 0, 0}, {1.2, 0.5, 0.3}, {0.2, -1.4, 1.1}}, {{0, 0, 0}}, {{0, 0, -1}, {0, 0, 1.1}}, {{0, 0, 0}}};
+        for (int i = 0; i < 4; i++) {
+            FluidElement e;
+            e.body = i == 3 ? -1 : i;
+            e.sites = sites[i];
+            e.radii.assign(sites[i].size(), 0.5);
+            for (size_t k = 0; k < sites[i].size(); k++) e.particles.push_back(3 * i + k);
+            elements.push_back(e);
+            Pose pose;
+            pose.R = Vector3d(2.9 * (i % 2), 2.7 * (i / 2), 0.4 * i);
+            pose.q = scalar::exponential(scalar::Vector3<double>{0.3 * i, 0.2, -0.1 * i});
+            poses.push_back(pose);
+            pose.R += Vector3d(0.2, -0.1 * i, 0.3);
+            others.push_back(pose);
+        }
+        bodies.reset(new TestedBodies(
+            elements,
+            [&](const HydrodynamicParticles& particles) {
+                model = new RandomFieldModel(particles);
+                return unique_ptr<MobilityModel>(model);
+            },
+            true, 1e-10));
+    }
+    Placement placement(const vector<Pose>& at) const {
+        vector<Matrix3d> turns;
+        setTurns(at, turns);
+        Placement result;
+        (*bodies)->getMotion().place(at, turns, result);
+        return result;
+    }
+    /** Slips of each wave alone, as a strategy gives them: what random numbers are multiplied by. */
+    MatrixXd response(BodyMobility& mobility) const {
+        MatrixXd result(mobility.getSlipSpace().getNumRows(), model->numWaves()), slips;
+        unique_ptr<RandomField> field;
+        for (int w = 0; w < model->numWaves(); w++) {
+            RandomFieldModel::onlyWave = w;
+            EXPECT_TRUE(mobility.drawField(NoiseStream(), NoiseStream::ParticleFirstDraw, field));
+            mobility.slipsOf(*field, slips);
+            EXPECT_EQ(slips.cols(), 1);
+            result.col(w) = slips;
+        }
+        RandomFieldModel::onlyWave = -1;
+        return result;
+    }
+};
+
+}  // namespace
+
+TEST(MobilityProblem, SlipsOfTheModelsOwnFieldHaveTheCovarianceM) {
+    InAField scene;
+    for (BodyMobility* mobility : {&scene.bodies->byMatrices(), &scene.bodies->byProducts()}) {
+        mobility->setPoses(scene.poses);
+        const MatrixXd B = scene.response(*mobility);
+        MatrixXd M;
+        scene.model->at(scene.placement(scene.poses))->dense(M);
+        EXPECT_LT(difference(B * B.transpose(), M), 1e-14);
+        // The twists that they make of bodies have the covariance N, and no body turns about its line.
+        MatrixXd U;
+        mobility->solve(MatrixXd::Zero((*scene.bodies)->getNumRows(), B.cols()), B, U);
+        scene.bodies->setPoses(scene.poses);
+        EXPECT_LT(difference(U * U.transpose(), scene.bodies->mobility()), 1e-9);
+        EXPECT_EQ(mobility->getCosts().roots, 0);
+    }
+}
+
+TEST(MobilityProblem, OneFieldIsLookedAtAtSeveralPlaces) {
+    InAField scene;
+    for (BodyMobility* mobility : {&scene.bodies->byMatrices(), &scene.bodies->byProducts()}) {
+        mobility->setPoses(scene.poses);
+        const MatrixXd here = scene.response(*mobility);
+        mobility->setPoses(scene.others, true);
+        const MatrixXd there = scene.response(*mobility);
+        // Covariances between the flows at all pairs of centres, from a formula that knows no field.
+        const Placement a = scene.placement(scene.poses), b = scene.placement(scene.others);
+        const HydrodynamicParticles& particles = scene.model->getParticles();
+        const MatrixXd both = here * there.transpose();
+        for (int i = 0; i < particles.size(); i++)
+            for (int k = 0; k < particles.size(); k++)
+                EXPECT_LT((both.block<3, 3>(particles.firstRow[i], particles.firstRow[k]) -
+                           scene.model->covariance(RigidHITest::toEigen(a.positions[i]),
+                                                   RigidHITest::toEigen(b.positions[k])))
+                              .norm(),
+                          1e-13 * both.norm());
+    }
+}
+
+/** What schemes without momenta draw: the field, of which no root is taken; the same at any poses until the next drawing. */
+TEST(MobilityProblem, SchemesTakeTheModelsOwnField) {
+    InAField scene;
+    BodyMobility& mobility = scene.bodies->byMatrices();
+    OverdampedMove move(mobility);
+    move.start = scene.poses;
+    OverdampedStep step;
+    step.h = step.kT = 1;
+    step.noise.seed = 5;
+    move.begin(step);
+    MatrixXd first, away, again, other, expected;
+    move.drawForSlips(OverdampedMove::First);
+    EXPECT_EQ(move.randomNumbers, scene.model->numWaves());
+    move.atStart();
+    move.thermalSlip(first);
+    move.at(scene.others);
+    move.thermalSlip(away);
+    move.atStart();
+    move.thermalSlip(again);
+    EXPECT_TRUE(first == again);
+    unique_ptr<RandomField> field;
+    scene.model->drawField(step.noise, NoiseStream::ParticleFirstDraw, BoxVectors(), field);
+    field->slipsAt(scene.placement(scene.poses), false, expected);
+    EXPECT_TRUE(first == expected);
+    field->slipsAt(scene.placement(scene.others), false, expected);
+    EXPECT_TRUE(away == expected);
+    move.drawForSlips(OverdampedMove::Second);
+    move.thermalSlip(other);
+    EXPECT_GT(difference(first, other), 0.1);
+    EXPECT_EQ(mobility.getCosts().roots, 0);
+}
+
+/** A body with a tensor of its own has slips of its own: roots are taken, although the model has a field. */
+TEST(MobilityProblem, OwnTensorsHaveNoField) {
+    InAField scene;
+    scene.elements.pop_back();
+    scene.elements.pop_back();
+    scene.poses.resize(2);
+    scene.elements[0].ownMobility = tensorWithoutSymmetry(1);
+    TestedBodies bodies(scene.elements, [&](const HydrodynamicParticles& particles) {
+        return unique_ptr<MobilityModel>(new RandomFieldModel(particles));
+    });
+    bodies.setPoses(scene.poses);
+    unique_ptr<RandomField> field;
+    EXPECT_FALSE(bodies.byMatrices().drawField(NoiseStream(), NoiseStream::ParticleFirstDraw, field));
+    MatrixXd slips;
+    bodies.byMatrices().thermalSlip(MatrixXd::Identity(12, 12), slips);
+    EXPECT_LT(difference(slips * slips.transpose(), bodies.mobility()), 1e-12);
+}
+
+namespace {
+
+/** Turned by a rotation vector in the lab. */
+scalar::Quaternion<double> turned(const scalar::Quaternion<double>& q, const Vector3d& by) {
+    return scalar::exponential(scalar::Vector3<double>{by.x() / 2, by.y() / 2, by.z() / 2}) * q;
+}
+
+}  // namespace
+
+TEST(MobilityProblem, TheDivergenceOfAFieldIsThatOfItsTwists) {
+    // Against central differences of one coordinate of one body after the other: multiblobs about points far from their middle, whose divergence is made
+    // of gradients; with a sphere about such a point, of differences of all bodies at once.
+    for (bool withSphere : {false, true}) {
+        vector<FluidElement> elements;
+        vector<Pose> poses;
+        for (int i = 0; i < 3; i++) {
+            FluidElement e;
+            e.body = i;
+            e.sites = {Vector3d(0.3, -0.1, 0.2), Vector3d(0.9, 0.4, 0), Vector3d(-0.2, 0.8, 0.5)};
+            e.radii = {0.4, 0.3, 0.5};
+            if (withSphere && i == 2) {
+                e.sites.resize(1);
+                e.radii.resize(1);
+            }
+            for (size_t k = 0; k < e.sites.size(); k++) e.particles.push_back(3 * i + k);
+            elements.push_back(e);
+            Pose pose;
+            pose.R = Vector3d(1.7 * i, -0.8 * i, 4 * i);
+            pose.q = turned(pose.q, Vector3d(0.4 * i, 1, -0.3));
+            poses.push_back(pose);
+        }
+        const shared_ptr<GridFluid> fluid(new PlainGridFluid());
+        TestedBodies bodies(elements, [&](const HydrodynamicParticles& particles) {
+            return unique_ptr<MobilityModel>(new ForceCouplingGrid(particles, 1, 1e-6, 0, fluid));
+        });
+        bodies->setBox({Vec3(5, 0, 0), Vec3(0, 5.5, 0), Vec3(0, 0, 6)});
+        BodyMobility& mobility = bodies.byProducts();
+        mobility.setPoses(poses);
+        unique_ptr<RandomField> field;
+        ASSERT_TRUE(mobility.drawField(NoiseStream(), NoiseStream::ParticleFirstDraw, field));
+        const double divergence = mobility.divergenceOf(*field), delta = 1e-5;
+        double expected = 0, size = 0;
+        MatrixXd slips, twists;
+        for (int row = 0; row < bodies->getNumRows(); row++)
+            for (int side : {1, -1}) {
+                vector<Pose> moved = poses;
+                Vector3d step = Vector3d::Unit(row % 3) * side * delta;
+                if (row % 6 < 3)
+                    moved[row / 6].R += step;
+                else
+                    moved[row / 6].q = turned(moved[row / 6].q, step);
+                mobility.setPoses(moved, true);
+                mobility.slipsOf(*field, slips);
+                mobility.nearestTwists(slips, twists);
+                expected += side * twists(row, 0) / (2 * delta);
+                size = max(size, abs(twists(row, 0)));
+            }
+        // Rounding of 1e-16 and the third derivative are both below 1e-9.
+        EXPECT_NEAR(divergence, expected, 1e-7 * size) << withSphere;
+        EXPECT_GT(abs(expected), 1e-3 * size);
+    }
 }

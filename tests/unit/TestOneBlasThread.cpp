@@ -3,7 +3,7 @@
 #include <memory>
 
 #include "TestSupport.h"
-#include "mobility/OneBlasThread.h"
+#include "linearalgebra/OneBlasThread.h"
 
 extern "C" {
 int openblas_get_num_threads();

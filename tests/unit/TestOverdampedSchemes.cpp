@@ -2,12 +2,15 @@
 
 #include <Eigen/Geometry>
 
+#include "CoupledBodiesSupport.h"
 #include "HydrodynamicSupport.h"
+#include "RandomFieldModel.h"
 #include "TestSupport.h"
-#include "mobility/RotnePragerYamakawa.h"
-#include "mobility/RotnePragerYamakawaWall.h"
-#include "mobility/SphereWall.h"
-#include "mobility/StokesianDynamics.h"
+#include "mobility/models/periodic/PeriodicMobility.h"
+#include "mobility/models/rotneprager/RotnePragerYamakawa.h"
+#include "mobility/models/stokesian/StokesianDynamics.h"
+#include "mobility/models/wall/RotnePragerYamakawaWall.h"
+#include "mobility/models/wall/SphereWall.h"
 #include "schemes/OverdampedSchemes.h"
 
 using namespace RigidHIPlugin;
@@ -42,16 +45,20 @@ struct Scene {
     vector<Vector3d> R;
     vector<Quaternion> q;
     NoiseStream::Law law = NoiseStream::Gaussian;
-    bool wall = false, matrixFree = false, bestKnown = false, stokesian = false;
+    bool wall = false, matrixFree = false, bestKnown = false, stokesian = false, field = false, inBox = false,
+         gaussians = false;
     double viscosity = 1 / (6 * M_PI);
     void add(const FluidElement& e, const Vector3d& at, const Vector3d& turn = Vector3d::Zero()) {
         elements.push_back(e);
         R.push_back(at);
         q.push_back(scalar::exponential(scalar::Vector3<double>{turn.x() / 2, turn.y() / 2, turn.z() / 2}));
     }
-    BodyMobility::ModelFactory factory() const {
+    CoupledBodies::ModelFactory factory() const {
         return [this](const HydrodynamicParticles& particles) {
             if (stokesian) return unique_ptr<MobilityModel>(new StokesianDynamics(particles, viscosity, true, 0));
+            if (field) return unique_ptr<MobilityModel>(new RandomFieldModel(particles));
+            if (inBox && gaussians) return unique_ptr<MobilityModel>(new PeriodicForceCoupling(particles, viscosity));
+            if (inBox) return unique_ptr<MobilityModel>(new PeriodicRotnePragerYamakawa(particles, viscosity));
             const NoSlipPlane plane(0, false);
             if (bestKnown)
                 return unique_ptr<MobilityModel>(new SphereWallCongruence(
@@ -61,8 +68,10 @@ struct Scene {
                         : unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, viscosity));
         };
     }
-    unique_ptr<BodyMobility> mobility() const {
-        return unique_ptr<BodyMobility>(new BodyMobility(elements, factory()));
+    TestedBodies mobility() const {
+        TestedBodies bodies(elements, factory(), true, 1e-8);
+        if (inBox) bodies->setBox({OpenMM::Vec3(5, 0, 0), OpenMM::Vec3(1, 5.5, 0), OpenMM::Vec3(-2, 0.5, 6)});
+        return bodies;
     }
 };
 
@@ -136,6 +145,14 @@ Scene spheresUnbounded() {
     s.add(element(-1, {{0, 0, 0}}, {0.5}), {0.2, 1.3, 0.3});
     return s;
 }
+Scene blobsInAField() {
+    Scene s;
+    s.name = "three blobs and a free particle in a fluid with a random field";
+    s.field = true;
+    s.add(element(0, threeBlobs, {1, 0.8, 1}), {0, 0, 0}, {0.3, 0.1, -0.5});
+    s.add(element(-1, {{0, 0, 0}}, {0.6}), {-0.6, 1.9, 1.0});
+    return s;
+}
 Scene aloneOffCentre() {
     Scene s;
     s.name = "one body about a point that is not its centre of mobility, unbounded";
@@ -151,10 +168,10 @@ Scene matrixFree(Scene s) {
 Matrix3d rotationMatrix(const Quaternion& q) { return Eigen::Quaterniond(q.w, q.x, q.y, q.z).toRotationMatrix(); }
 
 /** N where the twist vector `u` leads from the scene's places. */
-MatrixXd mobilityAt(const Scene& scene, BodyMobility& bodies, const VectorXd& u) {
+MatrixXd mobilityAt(const Scene& scene, TestedBodies& bodies, const VectorXd& u) {
     vector<Pose> poses(scene.elements.size());
     for (size_t e = 0; e < poses.size(); e++) {
-        const int row = bodies.firstRow(e);
+        const int row = bodies->firstRow(e);
         poses[e].R = scene.R[e] + u.segment<3>(row);
         poses[e].q = scene.q[e];
         if (scene.elements[e].isFree()) continue;
@@ -168,19 +185,19 @@ MatrixXd mobilityAt(const Scene& scene, BodyMobility& bodies, const VectorXd& u)
 
 /** div N = sum_k d_k N_ik by central differences; rows of twists, rotations by turning about lab axes. */
 VectorXd divergence(const Scene& scene) {
-    const auto bodies = scene.mobility();
+    auto bodies = scene.mobility();
     const int n = bodies->getNumRows();
     const double delta = 1e-4;
     VectorXd sum = VectorXd::Zero(n);
     for (int k = 0; k < n; k++) {
         const VectorXd u = delta * VectorXd::Unit(n, k);
-        sum += (mobilityAt(scene, *bodies, u).col(k) - mobilityAt(scene, *bodies, -u).col(k)) / (2 * delta);
+        sum += (mobilityAt(scene, bodies, u).col(k) - mobilityAt(scene, bodies, -u).col(k)) / (2 * delta);
     }
     return sum;
 }
 
 /** What one step does, as a twist times time: translations, and rotation vectors in the lab frame. */
-VectorXd increment(const OverdampedMove& move, const BodyMobility& bodies) {
+VectorXd increment(const OverdampedMove& move, const CoupledBodies& bodies) {
     VectorXd u = VectorXd::Zero(bodies.getNumRows());
     for (size_t e = 0; e < move.start.size(); e++) {
         const int row = bodies.firstRow(e);
@@ -198,13 +215,13 @@ struct Steps {
     const Scene& scene;
     const OverdampedEntry& entry;
     const unique_ptr<OverdampedScheme> scheme;
-    const unique_ptr<BodyMobility> bodies;
+    TestedBodies bodies;
     OverdampedMove move;
     OverdampedStep step;
 
     Steps(Integrator::Scheme s, const Scene& scene, double kT)
         : scene(scene), entry(overdampedScheme(s)), scheme(entry.make()), bodies(scene.mobility()),
-          move(*bodies, scene.matrixFree, 1e-8) {
+          move(scene.matrixFree ? bodies.byProducts() : bodies.byMatrices()) {
         for (size_t e = 0; e < scene.elements.size(); e++) {
             move.start[e].R = scene.R[e];
             move.start[e].q = scene.q[e];
@@ -334,6 +351,7 @@ TEST(OverdampedSchemes, DriftOfThreeBodiesAboveAWall) { checkDrift(threeBodiesAt
 TEST(OverdampedSchemes, DriftOfLubricatedSpheres) { checkDrift(lubricatedSpheres()); }
 TEST(OverdampedSchemes, DriftWithOwnTensors) { checkDrift(ownTensors()); }
 TEST(OverdampedSchemes, DriftWithOwnTensorsMatrixFree) { checkDrift(matrixFree(ownTensors()), 0.4); }
+TEST(OverdampedSchemes, DriftWithARandomField) { checkDrift(blobsInAField(), 0.4); }
 TEST(OverdampedSchemes, DriftWithLubrication) { checkDrift(stokesianSpheres()); }
 TEST(OverdampedSchemes, DriftOfRodsUnbounded) { checkDrift(rodsUnbounded()); }
 TEST(OverdampedSchemes, DriftOfOneBodyAboutAnyPoint) { checkDrift(aloneOffCentre()); }
@@ -347,14 +365,16 @@ TEST(OverdampedSchemes, DivergenceIsZeroWhereItIsSaidToBe) {
     for (int k = 0; k < 20; k++) {
         Scene scene;
         scene.viscosity = 1;
+        scene.inBox = k % 4 == 3;
+        scene.gaussians = k % 8 == 3;
         const auto place = [&](double size) { return Vector3d(size * u(random), size * u(random), size * u(random)); };
         for (int i = 0; i < 6; i++) {
             const bool isFree = u(random) < 0.3;
             scene.add(element(isFree ? -1 : i, {{0, 0, 0}}, {0.4 + 1.1 * u(random)}), place(k % 2 ? 3 : 6), place(3));
         }
-        const auto bodies = scene.mobility();
+        auto bodies = scene.mobility();
         EXPECT_TRUE(bodies->isDivergenceFree());
-        const double largest = mobilityAt(scene, *bodies, VectorXd::Zero(bodies->getNumRows())).maxCoeff();
+        const double largest = mobilityAt(scene, bodies, VectorXd::Zero(bodies->getNumRows())).maxCoeff();
         // Third derivatives are up to the inverse cube of a radius here, and differences wrong by a sixth of 1e-8 of them.
         EXPECT_LT(divergence(scene).cwiseAbs().maxCoeff(), 1e-7 * largest) << k;
     }
@@ -378,9 +398,9 @@ TEST(OverdampedSchemes, DivergenceIsZeroWhereItIsSaidToBe) {
 TEST(OverdampedSchemes, SpheresUnboundedHaveNoDrift) {
     const double h = 1e-4, kT = 1.3;
     for (Scene scene : {spheresUnbounded(), matrixFree(spheresUnbounded())}) {
-        const auto bodies = scene.mobility();
+        auto bodies = scene.mobility();
         const int n = bodies->getNumRows();
-        const auto root = [&](const VectorXd& u) { return MatrixXd(mobilityAt(scene, *bodies, u).llt().matrixL()); };
+        const auto root = [&](const VectorXd& u) { return MatrixXd(mobilityAt(scene, bodies, u).llt().matrixL()); };
         const double delta = 1e-4;
         const MatrixXd L = root(VectorXd::Zero(n));
         VectorXd halfDrift = VectorXd::Zero(n);
@@ -416,8 +436,8 @@ namespace {
 void checkCovariance(const Scene& scene) {
     const double h = 1e-6, kT = 0.8;
     const int samples = scene.matrixFree ? 1000 : 4000;
-    const auto bodies = scene.mobility();
-    const MatrixXd N = mobilityAt(scene, *bodies, VectorXd::Zero(bodies->getNumRows()));
+    auto bodies = scene.mobility();
+    const MatrixXd N = mobilityAt(scene, bodies, VectorXd::Zero(bodies->getNumRows()));
     for (const Integrator::Scheme scheme : overdampedSchemes) {
         if (scheme == Integrator::DriftCorrectorFD) continue;  // its noise is that of the other one
         SCOPED_TRACE(scene.name + ", " + traitsOf(scheme).name);
@@ -464,8 +484,10 @@ TEST(OverdampedSchemes, DiscreteNoiseHasTheSameDriftAndCovariance) {
 TEST(OverdampedSchemes, NoNoiseAboutARodsLine) {
     const Scene scene = rodsUnbounded();
     for (bool matrixFree : {false, true}) {
-        const auto bodies = scene.mobility();
-        OverdampedMove move(*bodies, matrixFree, 1e-10);
+        auto bodies = scene.mobility();
+        BodyMobility& mobility = matrixFree ? bodies.byProducts() : bodies.byMatrices();
+        mobility.setTolerance(1e-10);
+        OverdampedMove move(mobility);
         for (size_t e = 0; e < scene.elements.size(); e++) {
             move.start[e].R = scene.R[e];
             move.start[e].q = scene.q[e];

@@ -1,7 +1,7 @@
 // Counter-based random numbers: Random123's known answers, the SIMD stream against the scalar one, moments of the laws.
 
-#include "CpuBodyLoops.h"
 #include "TestSupport.h"
+#include "host/SimdBodyLoops.h"
 #include "random/CounterNoise.h"
 
 using namespace RigidHIPlugin;

@@ -6,7 +6,7 @@
 #include <unsupported/Eigen/MatrixFunctions>
 
 #include "TestSupport.h"
-#include "engine/BodyLoops-inl.h"
+#include "host/BodyLoops-inl.h"
 #include "rigidbody/BodyGeometry.h"
 #include "rigidbody/PoseFit.h"
 

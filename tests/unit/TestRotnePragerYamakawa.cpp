@@ -5,8 +5,8 @@
 #include <random>
 
 #include "TestSupport.h"
-#include "mobility/RotnePragerYamakawa-inl.h"
-#include "mobility/RotnePragerYamakawa.h"
+#include "mobility/models/rotneprager/RotnePragerYamakawa-inl.h"
+#include "mobility/models/rotneprager/RotnePragerYamakawa.h"
 
 using namespace RigidHIPlugin;
 using namespace RigidHIPlugin::scalar;

@@ -5,8 +5,8 @@
 #include <random>
 
 #include "TestSupport.h"
-#include "mobility/RotnePragerYamakawa.h"
-#include "mobility/RotnePragerYamakawaWall.h"
+#include "mobility/models/rotneprager/RotnePragerYamakawa.h"
+#include "mobility/models/wall/RotnePragerYamakawaWall.h"
 
 using namespace RigidHIPlugin;
 using namespace OpenMM;

@@ -4,8 +4,8 @@
 #include <random>
 
 #include "TestSupport.h"
-#include "mobility/RotnePragerYamakawaWall.h"
-#include "mobility/SphereWall.h"
+#include "mobility/models/wall/RotnePragerYamakawaWall.h"
+#include "mobility/models/wall/SphereWall.h"
 
 using namespace RigidHIPlugin;
 using namespace OpenMM;

@@ -3,8 +3,8 @@
 #include <Eigen/Dense>
 
 #include "TestSupport.h"
-#include "mobility/ForceTorqueStresslet.h"
-#include "mobility/StokesianDynamics.h"
+#include "mobility/models/stokesian/ForceTorqueStresslet.h"
+#include "mobility/models/stokesian/StokesianDynamics.h"
 
 using namespace OpenMM;
 using namespace RigidHIPlugin;

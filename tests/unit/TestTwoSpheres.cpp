@@ -3,8 +3,8 @@
 #include <Eigen/Dense>
 
 #include "TestSupport.h"
-#include "mobility/ForceTorqueStresslet.h"
-#include "mobility/TwoSphereResistance.h"
+#include "mobility/models/stokesian/ForceTorqueStresslet.h"
+#include "mobility/models/stokesian/TwoSphereResistance.h"
 
 using namespace OpenMM;
 using namespace RigidHIPlugin;

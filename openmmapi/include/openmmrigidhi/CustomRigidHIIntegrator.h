@@ -82,6 +82,13 @@ public:
          */
         Crossing = 1
     };
+    /** What the drift factor nu = 1 + (h/2) div V of DriftCorrectorFD and DriftCorrectorRFD multiplies: one number for all bodies of a group. */
+    enum DriftCorrectorScaling : int {
+        /** The slips in the mobility problem: U = N (F + nu K^T M^-1 v) (default). Of the same weak order, without noise on what forces do. */
+        SlipOnly = 0,
+        /** The whole step, as in Westwood 2022, eq. 44: U = nu N (F + K^T M^-1 v). */
+        Whole = 1
+    };
 
     /**
      * @param temperature  temperature of the heat bath, K; 0: no noise at all
@@ -221,6 +228,16 @@ public:
      * @throws OpenMMException if not positive and finite
      */
     void setPoseTolerance(double tolerance);
+    /** Get the number of threads of the host as it was set (0: OpenMM's default). */
+    int getNumHostThreads() const;
+    /**
+     * Set with how many threads bodies, fluid and noise are computed where the platform is another than Reference and CPU, whose forces
+     * then are on a device and all else on the host. 0 (default): as OpenMM's CPU platform does by default, OPENMM_CPU_THREADS or as
+     * many as there are processors. A change takes effect at the next Context creation or reinitialize(). Reference has one thread,
+     * and on the CPU platform its own property "Threads" holds, whatever is set here.
+     * @throws OpenMMException if not from 0 to 1024
+     */
+    void setNumHostThreads(int number);
     /** Get which steps through a wall are redone. */
     WallRejection getWallRejection() const;
     /**
@@ -228,6 +245,13 @@ public:
      * diverge at contact need). A start that would be redone is an error. May be changed between steps; takes effect at once.
      */
     void setWallRejection(WallRejection rejection);
+    /** Get what the drift factor of DriftCorrectorFD and DriftCorrectorRFD multiplies. */
+    DriftCorrectorScaling getDriftCorrectorScaling() const;
+    /**
+     * Set what the drift factor nu of DriftCorrectorFD and DriftCorrectorRFD multiplies (default SlipOnly). It fluctuates about 1 by the step times the divergence
+     * of the random velocities, more the more bodies a group has; where it does so by more than 0.3 a warning says so. May be changed between steps.
+     */
+    void setDriftCorrectorScaling(DriftCorrectorScaling scaling);
     /** Get how often in a row a step may be redone. */
     int getMaximumRejections() const;
     /**
@@ -365,9 +389,10 @@ private:
     Scheme scheme;
     NoiseLaw noiseLaw;
     WallRejection wallRejection;
+    DriftCorrectorScaling driftCorrectorScaling;
     double temperature, friction, rotationalFriction, gradientTime, gradientRotationalTime, poseTolerance,
         finiteDifferenceStep;
-    int randomSeed, settingsVersion, maximumRejections;
+    int randomSeed, settingsVersion, maximumRejections, numHostThreads;
     mutable std::vector<Body> bodies;
     /** Which body each particle is in, so that adding n bodies costs O(n). */
     std::unordered_map<int, int> bodyOfParticle;

@@ -42,9 +42,16 @@ public:
         /**
          * Spheres with force, torque and stresslet, and pair lubrication from the exact two-sphere resistance functions
          * (Jeffrey and Onishi, J. Fluid Mech. 139, 261, 1984): exact for an isolated pair at every gap. Spheres must not
-         * overlap; ratios of radii 0.1 to 10. Cost: cubic in bodies.
+         * overlap; ratios of radii 0.1 to 10. Unbounded or Periodic. Cost: cubic in bodies.
          */
-        StokesianDynamics = 2
+        StokesianDynamics = 2,
+        /**
+         * Force coupling (Maxey and Patel, Int. J. Multiphase Flow 27, 1603, 2001; Lomholt and Maxey, J. Comput. Phys. 184, 381, 2003):
+         * like RotnePragerYamakawa, with forces and torques spread by Gaussians in place of surfaces; periodic fluids only. Unequal
+         * radii and overlap allowed; always positive definite. Accuracy as RotnePragerYamakawa's. From 300 rows on, or with MatrixFree, on a
+         * grid (Yeo and Maxey, J. Comput. Phys. 229, 2401, 2010), to the solver tolerance and at a cost that grows as the box; else dense.
+         */
+        ForceCoupling = 3
     };
     /** What bounds the fluid. */
     enum Boundary : int {
@@ -56,7 +63,14 @@ public:
          * definite where no particle reaches through the wall. CustomRigidHIIntegrator::setWallRejection() says what happens
          * where one does. Cost: two to three times that of Unbounded.
          */
-        NoSlipWall = 1
+        NoSlipWall = 1,
+        /**
+         * The periodic box of the Context, triclinic ones too, as it is at each step: particles feel all images of all others and of
+         * themselves. The mean velocity of fluid and bodies is zero, and net forces are allowed: a uniform force density balances them.
+         * RotnePragerYamakawa, StokesianDynamics and ForceCoupling, by lattice sums to 1e-13 of own mobilities and dense matrices: up to 12000
+         * rows (2000 spheres, 4000 blobs), StokesianDynamics up to 1000 spheres; ForceCoupling on a grid has no such limit, but boxes with edges along the axes. A body must be shorter than the shortest lattice vector.
+         */
+        Periodic = 2
     };
     /** What a single sphere above a NoSlipWall moves like. */
     enum SphereWallMobility : int {
@@ -164,6 +178,16 @@ public:
      * @throws OpenMMException if not between 1e-14 and 0.1
      */
     void setSolverTolerance(double tolerance);
+    /** Get the largest spacing of the nodes of a grid, nm; 0: as the solver tolerance wants. */
+    double getGridSpacing() const { return gridSpacing; }
+    /**
+     * Set the largest spacing of the nodes where a fluid is on a grid (ForceCoupling with the boundary Periodic, MatrixFree), nm; the grid has the next number
+     * of nodes without prime factors above 7. 0 (default): so that products have the solver tolerance. Another spacing means another
+     * tolerance of products, which CustomRigidHIIntegrator::describeEffects() says.
+     *
+     * @throws OpenMMException if negative or not finite
+     */
+    void setGridSpacing(double spacing);
 
     /**
      * Give a body a mobility tensor of its own: its velocity and angular velocity (about its origin) from force and torque,
@@ -240,6 +264,10 @@ public:
      */
     std::vector<double> applyBlobMobilityInContext(OpenMM::Context& context, const std::vector<double>& forces) const;
 
+    /**
+     * Get whether the fluid is periodic. OpenMM then has a box, and bodies that OpenMM does not know to be molecules are refused at
+     * Context creation.
+     */
     bool usesPeriodicBoundaryConditions() const override;
 
 protected:
@@ -254,7 +282,7 @@ private:
     const OwnTensor& ownTensor(int body, const char* method) const;
     IntegrateRigidBodiesKernel& kernelIn(OpenMM::Context& context, const char* method) const;
     std::vector<double> radii;
-    double viscosity, minimumGap, solverTolerance, wallHeight;
+    double viscosity, minimumGap, solverTolerance, gridSpacing, wallHeight;
     Model model;
     Boundary boundary;
     SphereWallMobility sphereWallMobility;

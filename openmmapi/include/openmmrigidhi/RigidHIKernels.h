@@ -30,8 +30,8 @@ public:
         : OpenMM::KernelImpl(name, platform) {}
     /** Check the System against the integrator (throws where it is refused) and set up. */
     virtual void initialize(OpenMM::ContextImpl& context, const CustomRigidHIIntegrator& integrator) = 0;
-    /** Take one step. */
-    virtual void step(OpenMM::ContextImpl& context) = 0;
+    /** Take this many steps. */
+    virtual void step(OpenMM::ContextImpl& context, int steps) = 0;
     /** The user changed something through the Context. */
     virtual void stateChanged(OpenMM::ContextImpl& context, OpenMM::State::DataType changed) = 0;
     /** Implicit geometries were forgotten: derive them from the present positions when next needed. */

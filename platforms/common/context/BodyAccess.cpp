@@ -161,6 +161,7 @@ Fluid& BodyAccess::prepareFluid(const char* method) {
     prepare(method);
     if (!scene.fluid) fail(string(method) + " needs a MobilityForce in the System");
     scene.fluid.adoptWallRejection();
+    scene.fluid.adoptBox();
     return *scene.fluid.get();
 }
 

@@ -3,7 +3,11 @@
 
 #include <openmm/Vec3.h>
 
+#include <algorithm>
+#include <cmath>
 #include <vector>
+
+#include "context/Rounding.h"
 
 namespace OpenMM {
 class ReferenceConstraints;
@@ -15,8 +19,8 @@ namespace RigidHIPlugin {
  * Where positions, velocities, forces, box, time and step count of a Context lie: the one way to them.
  *
  * Everybody works on the arrays that this hands out, in double precision on the host. They are the Context's own, or copies that are pulled
- * from it and pushed to it. What nobody else has changed since the last push keeps its bits when it is pulled, whatever the precision
- * of the platform. So whoever compares bits sees what others did, and only that.
+ * from it and pushed to it. What nobody else has changed since the last push, by more than the rounding of the platform, keeps its bits when
+ * it is pulled. So whoever compares bits sees what others did, and only that.
  */
 class ContextArrays {
 public:
@@ -32,8 +36,36 @@ public:
     /** Give the Context what the arrays hold. */
     virtual void pushPositions() = 0;
     virtual void pushVelocities() = 0;
+    /** Give it positions of which OpenMM is to compute forces, which may be those of periodic images; pushPositions() later gives the others. */
+    virtual void pushPositionsForForces() { pushPositions(); }
+
+    /**
+     * A user's step(n) begins and ends. In between others touch the Context only where a step lets them, so that arrays which are copies
+     * need not be pulled again, and need not be pushed before somebody can look. The end pushes what is owed, also after an error.
+     */
+    virtual void beginSteps() {}
+    virtual void endSteps() {}
+    /** A step within these two is complete: others may look at positions and velocities, now or when the steps have ended. */
+    virtual void pushEndOfStep() {}
+    /** Around ContextImpl::updateContextState(), where Forces look at positions and velocities and change them. */
+    virtual void beforeForcesAct() {}
+    /** @param movedParticles  what updateContextState() returned: whether forces that were known are invalid now */
+    virtual void afterForcesActed(bool movedParticles) {}
+
+    /** How far a number that the platform gives back may be from the one it was given. */
+    virtual Rounding rounding() const { return Rounding(); }
+    /** Whether a CMMotionRemover acts at the steps that its frequency names, and in double precision. */
+    virtual bool removesMomentumExactly() const { return true; }
 
     virtual void getBox(OpenMM::Vec3 (&box)[3]) const = 0;
+    /** The longest edge of the box: where positions are rounded, as much as that may have been added to them. */
+    double longestEdge() const {
+        OpenMM::Vec3 box[3];
+        getBox(box);
+        double longest = 0;
+        for (const OpenMM::Vec3& edge : box) longest = std::max(longest, std::sqrt(edge.dot(edge)));
+        return longest;
+    }
     virtual double getTime() const = 0;
     virtual void setTime(double time) = 0;
     virtual long long getStepCount() const = 0;

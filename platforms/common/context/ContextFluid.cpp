@@ -28,9 +28,25 @@ unique_ptr<Fluid> ContextFluid::make(const vector<BodyGeometry>& geometries, con
     if (!parameters) return nullptr;
     // The wall rejection is the integrator's, and may have been set since the Context was created.
     checkBoundary(*parameters, scene.integrator);
-    return unique_ptr<Fluid>(new Fluid(*parameters, scene.integrator.getWallRejection(), scene.system,
-                                       scene.definitions.particlesOfBodies(), geometries, bodies, *scene.freeParticles,
-                                       *scene.loops));
+    unique_ptr<Fluid> made(new Fluid(*parameters, scene.integrator.getWallRejection(), scene.system,
+                                     scene.definitions.particlesOfBodies(), geometries, bodies, *scene.freeParticles,
+                                     *scene.loops));
+    made->setBox(scene.getBox());
+    return made;
+}
+
+void ContextFluid::takeBox() {
+    if (!fluid || !fluid->isPeriodic()) return;
+    const BoxVectors box = scene.getBox();
+    if (fluid->getBox() == box) return;
+    fluid->setBox(box);
+    // What a scheme keeps for its next step belongs to the box that was.
+    fluid->forgetMemory();
+}
+
+void ContextFluid::adoptBox() {
+    takeBox();
+    if (fluid) fluid->checkBox();
 }
 
 unique_ptr<Fluid> ContextFluid::make(const BodyDefinitions::Bodies& bodies) {

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "context/BodyDefinitions.h"
-#include "engine/Fluid.h"
+#include "fluid/Fluid.h"
 
 namespace RigidHIPlugin {
 
@@ -32,6 +32,10 @@ public:
     void exchange(std::unique_ptr<Fluid>& other) { swap(fluid, other); }
     /** updateParametersInContext(). If anything is refused, everything stays as it was. */
     void update(const MobilityForce& force);
+    /** The box is the Context's and may change between steps. */
+    void takeBox();
+    /** Likewise, before the fluid is used. @throws OpenMMException if a body does not fit into it */
+    void adoptBox();
     /** The wall rejection is the integrator's and may change between steps, but a Fluid is made for one. */
     void adoptWallRejection();
 

@@ -78,6 +78,7 @@ void ContextMirror::takeInChanges(bool stepping) {
         scene.noteChange();
         memcpy(lastBox, box, sizeof box);
     }
+    if (stepping) scene.fluid.adoptBox();
     if (loaded) takeInLoaded();
     if (!sameBits(arrays.positions(), lastPositions)) takeInPositions();
     if (!sameBits(arrays.velocities(), lastVelocities)) takeInVelocities(stepping && scene.settings.hasMomenta());
@@ -94,12 +95,51 @@ void ContextMirror::takeInVelocitiesIfChanged() {
 /** A state was loaded. Where the Context's arrays are those it was saved with, it stands as it is. */
 void ContextMirror::takeInLoaded() {
     const vector<Vec3>&positions = scene.arrays->positions(), &velocities = scene.arrays->velocities();
-    if (hashOf(positions) == loaded->saved.positionsHash) lastPositions = positions;
-    if (hashOf(velocities) == loaded->saved.velocitiesHash) lastVelocities = velocities;
+    const Rounding rounding = loaded->saved.rounding + scene.arrays->rounding();
+    if (hashOf(positions) == loaded->saved.positionsHash)
+        lastPositions = positions;
+    else if (!rounding.isExact())
+        keepWhatAgrees(*loaded, rounding, true);
+    if (hashOf(velocities) == loaded->saved.velocitiesHash)
+        lastVelocities = velocities;
+    else if (!rounding.isExact() && scene.settings.hasMomenta())
+        keepWhatAgrees(*loaded, rounding, false);
     for (int b : loaded->toBeFitted)
         for (int p : scene.definitions.particles(b)) lastPositions[p] = lastVelocities[p] = unsetVec3;
     loaded.reset();
     owed = Owed::Poses;
+}
+
+/**
+ * Arrays that a platform has rounded since they were saved: bodies and free particles whose numbers agree with it go on from the saved doubles.
+ *
+ * @param positions  these, or else velocities
+ */
+void ContextMirror::keepWhatAgrees(const Loaded& loaded, const Rounding& rounding, bool positions) {
+    vector<Vec3>&array = positions ? scene.arrays->positions() : scene.arrays->velocities(),
+    &last = positions ? lastPositions : lastVelocities;
+    const double relative = positions ? rounding.positions : rounding.velocities,
+                 beside = positions ? scene.arrays->longestEdge() : 0;
+    const vector<Vec3> now = array;
+    // Virtual sites follow their parents.
+    const auto agrees = [&](int p, const Vec3& saved) {
+        return scene.system.isVirtualSite(p) || isRounded(now[p], saved, relative, beside);
+    };
+    run(positions ? BodyLoop::ScatterPositions : BodyLoop::ScatterVelocities);
+    for (int b = 0; b < scene.bodies.getNumBodies(); b++) {
+        const vector<int>& particles = scene.definitions.particles(b);
+        if (all_of(particles.begin(), particles.end(), [&](int p) { return agrees(p, array[p]); })) continue;
+        for (int p : particles) {
+            array[p] = now[p];
+            last[p] = unsetVec3;
+        }
+    }
+    for (const SavedParticle& particle : loaded.saved.particles) {
+        const int p = particle.index;
+        if (p < 0 || p >= (int)now.size() || scene.stock.bodyOfParticle[p] >= 0) continue;
+        const Vec3& saved = positions ? particle.position : particle.velocity;
+        if (agrees(p, saved)) array[p] = last[p] = saved;
+    }
 }
 
 bool ContextMirror::bodyMembersDiffer(int body, const vector<Vec3>& a, const vector<Vec3>& b) const {

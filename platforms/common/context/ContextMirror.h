@@ -75,6 +75,7 @@ private:
     enum class Owed { Nothing, Twists, Poses };
 
     void takeInLoaded();
+    void keepWhatAgrees(const Loaded& loaded, const Rounding& rounding, bool positions);
     void takeInPositions();
     void takeInVelocities(bool putBack);
     void takeInTwist(int body);

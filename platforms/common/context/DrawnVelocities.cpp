@@ -3,6 +3,7 @@
 #include <openmm/reference/SimTKOpenMMRealType.h>
 
 #include <cmath>
+#include <cstring>
 
 #include "context/Messages.h"
 #include "context/Scene.h"
@@ -50,7 +51,12 @@ vector<Vec3> DrawnVelocities::draw(Scene& scene, double temperature, int seed) {
 }
 
 bool DrawnVelocities::takeIn(Scene& scene) {
-    const bool areThose = !twists.empty() && sameBits(scene.arrays->velocities(), velocities);
+    vector<Vec3>& read = scene.arrays->velocities();
+    const double rounding = scene.arrays->rounding().velocities;
+    bool areThose = !twists.empty() && read.size() == velocities.size();
+    for (size_t p = 0; areThose && p < read.size(); p++)
+        areThose = memcmp(&read[p], &velocities[p], sizeof(Vec3)) == 0 || isRounded(read[p], velocities[p], rounding);
+    if (areThose) read = velocities;
     BodySet& bodies = scene.bodies;
     for (int b = 0; areThose && b < bodies.getNumBodies(); b++) {
         BodyState state = bodies.getState(b);

@@ -12,113 +12,162 @@ using namespace std;
 
 namespace RigidHIPlugin {
 
-map<string, string> findEffects(const Scene& scene) {
-    const CustomRigidHIIntegrator& integrator = scene.integrator;
-    const BodySet& bodies = scene.bodies;
-    const ContextFluid& fluid = scene.fluid;
-    const bool hasFluidForce = fluid.getParameters() != nullptr;
-    const bool momenta = traitsOf(integrator.getScheme()).hasMomenta;
-    const double T = integrator.getTemperature();
-    double gamma = integrator.getFriction(), Gamma = 0, ownGamma, ownRotational;
-    int general = 0, linear = 0, points = 0;
-    if (scene.isBuilt())
-        for (int b = 0; b < bodies.getNumBodies(); b++) {
+namespace {
+
+/** One member a subject; each says of its effects whether they are on, and why. */
+class EffectFinder {
+public:
+    EffectFinder(const Scene& scene, const string& platform)
+        : scene(scene), platform(platform), scheme(traitsOf(scene.integrator.getScheme())), fluid(scene.fluid),
+          temperature(scene.integrator.getTemperature()) {
+        const CustomRigidHIIntegrator& integrator = scene.integrator;
+        gamma = integrator.getFriction();
+        for (int b = 0; scene.isBuilt() && b < scene.bodies.getNumBodies(); b++) {
+            double ownGamma, ownRotational;
             integrator.getBodyFriction(b, ownGamma, ownRotational);
             gamma = max(gamma, ownGamma);
             Gamma = max(Gamma, ownRotational);
-            (bodies.rotor(b) == RotorKind::General  ? general
-             : bodies.rotor(b) == RotorKind::Linear ? linear
-                                                    : points)++;
         }
-    map<string, string> effects;
-    auto set = [&](const string& name, bool on, const string& why) { effects[name] = (on ? "on: " : "off: ") + why; };
-    set("scheme", true, traitsOf(integrator.getScheme()).name);
-    set("momenta", momenta, momenta ? "the scheme has them" : "a scheme without momenta");
-    const bool hydrodynamic = traitsOf(integrator.getScheme()).needsFluid(),
-               overdamped = traitsOf(integrator.getScheme()).isOverdamped();
-    const bool dissipates = !momenta || gamma > 0 || Gamma > 0 || hydrodynamic;
-    set("noise", T > 0 && dissipates,
-        T == 0       ? "the temperature is 0: no random numbers are drawn, no square roots taken"
-        : dissipates ? "temperature " + number(T) + " K"
-                     : string("all frictions are 0: no random numbers are drawn and energy is conserved"));
-    const bool rates = momenta && !hydrodynamic;
-    const string noRates = hydrodynamic ? "the fluid's friction takes its place" : "a scheme without momenta";
-    set("translational friction", rates && gamma > 0, rates ? "gamma up to " + number(gamma) + "/ps" : noRates);
-    set("rotational friction", rates && Gamma > 0, rates ? "Gamma up to " + number(Gamma) + "/ps" : noRates);
-    if (!hasFluidForce) set("hydrodynamics", false, "the System has no MobilityForce");
-    if (hasFluidForce) set("hydrodynamics", true, fluid ? fluid->describe(overdamped) : "positions are not set yet");
-    set("mobilities asked for", hasFluidForce,
-        !hasFluidForce ? string("the System has no MobilityForce")
-        : fluid        ? fluid->describeAnswers()
-                       : string("positions are not set yet"));
-    set("hydrodynamic interactions", fluid && fluid->numInteracting() > 0,
-        !hasFluidForce ? string("the System has no MobilityForce")
-        : !fluid       ? string("positions are not set yet")
-        : fluid->numInteracting() > 0
-            ? to_string(fluid->numInteracting()) + " bodies and free particles feel others through the fluid"
-        : !fluid->isUniform()
-            ? string("nothing feels others through the fluid, but everything feels the wall")
-            : string("nothing feels others through the fluid: every tensor is constant and known once for all"));
-    if (overdamped && fluid) {
-        const double kT = BOLTZ * T;
-        for (const auto& effect :
-             fluid->describeDrift(traitsOf(integrator.getScheme()), kT, integrator.getFiniteDifferenceStep()))
-            effects.insert(effect);
-    } else {
-        set("stochastic drift", false,
-            overdamped ? "positions are not set yet"
-            : momenta  ? "the scheme has momenta, which relax while the friction changes: what makes it is there "
-                         "without a term of its own"
-                       : "the mobility does not depend on poses");
-        set("finite differences", false, overdamped ? "positions are not set yet" : "the scheme has none");
     }
-    if (overdamped)
-        set("rotation", scene.definitions.getNumBodies() > 0,
-            to_string(scene.definitions.getNumBodies()) +
-                " bodies, each turned in the lab by its angular velocity times the step" +
-                (fluid ? "; " + to_string(fluid->numCollinear()) +
-                             " of them have their blobs on a line and do not turn about it"
-                       : string("; positions are not set yet")));
-    else
+    map<string, string> find() {
+        findScheme();
+        findFluid();
+        findDrift();
+        findRotation();
+        findSystem();
+        findWeakThermostats();
+        string all;
+        if (scene.isBuilt())
+            for (const auto& w : findWarnings(scene)) all += (all.empty() ? "" : "; ") + w.second;
+        set("warnings", !all.empty(), all.empty() ? "none" : all);
+        return effects;
+    }
+
+private:
+    void set(const string& name, bool on, const string& why) { effects[name] = (on ? "on: " : "off: ") + why; }
+
+    /** What the scheme does, with which noise and friction. */
+    void findScheme() {
+        set("scheme", true, scheme.name);
+        set("loops", true, platform + ": " + scene.loops->describe());
+        const bool momenta = scheme.hasMomenta, hydrodynamic = scheme.needsFluid();
+        set("momenta", momenta, momenta ? "the scheme has them" : "a scheme without momenta");
+        const bool dissipates = !momenta || gamma > 0 || Gamma > 0 || hydrodynamic;
+        set("noise", temperature > 0 && dissipates,
+            temperature == 0 ? "the temperature is 0: no random numbers are drawn, no square roots taken"
+            : dissipates     ? "temperature " + number(temperature) + " K"
+                             : string("all frictions are 0: no random numbers are drawn and energy is conserved"));
+        const string noRates = hydrodynamic ? "the fluid's friction takes its place" : "a scheme without momenta";
+        set("translational friction", hasRates() && gamma > 0,
+            hasRates() ? "gamma up to " + number(gamma) + "/ps" : noRates);
+        set("rotational friction", hasRates() && Gamma > 0,
+            hasRates() ? "Gamma up to " + number(Gamma) + "/ps" : noRates);
+    }
+
+    /** Who feels whom through which fluid. */
+    void findFluid() {
+        const bool hasForce = fluid.getParameters() != nullptr;
+        const string missing = hasForce ? "positions are not set yet" : "the System has no MobilityForce";
+        set("hydrodynamics", hasForce, fluid ? fluid->describe(scheme.isOverdamped()) : missing);
+        set("mobilities asked for", hasForce, fluid ? fluid->describeAnswers() : missing);
+        const int interacting = fluid ? fluid->numInteracting() : 0;
+        set("hydrodynamic interactions", interacting > 0,
+            !fluid            ? missing
+            : interacting > 0 ? to_string(interacting) + " bodies and free particles feel others through the fluid"
+            : !fluid->isUniform()
+                ? string("nothing feels others through the fluid, but everything feels ") +
+                      (fluid->isPeriodic() ? "its own images" : "the wall")
+                : string("nothing feels others through the fluid: every tensor is constant and known once for all"));
+    }
+
+    /** Drift of schemes without momenta, and how it is found. */
+    void findDrift() {
+        if (scheme.isOverdamped() && fluid) {
+            for (const auto& effect :
+                 fluid->describeDrift(scheme, BOLTZ * temperature, scene.integrator.getFiniteDifferenceStep()))
+                effects.insert(effect);
+            return;
+        }
+        set("stochastic drift", false,
+            scheme.isOverdamped() ? "positions are not set yet"
+            : scheme.hasMomenta   ? "the scheme has momenta, which relax while the friction changes: what makes it is "
+                                    "there without a term of its own"
+                                  : "the mobility does not depend on poses");
+        set("finite differences", false, scheme.isOverdamped() ? "positions are not set yet" : "the scheme has none");
+    }
+
+    void findRotation() {
+        if (scheme.isOverdamped()) {
+            set("rotation", scene.definitions.getNumBodies() > 0,
+                to_string(scene.definitions.getNumBodies()) +
+                    " bodies, each turned in the lab by its angular velocity times the step" +
+                    (fluid ? "; " + to_string(fluid->numCollinear()) +
+                                 " of them have their blobs on a line and do not turn about it"
+                           : string("; positions are not set yet")));
+            return;
+        }
+        int general = 0, linear = 0, points = 0;
+        for (int b = 0; scene.isBuilt() && b < scene.bodies.getNumBodies(); b++)
+            (scene.bodies.rotor(b) == RotorKind::General  ? general
+             : scene.bodies.rotor(b) == RotorKind::Linear ? linear
+                                                          : points)++;
         set("rotation", general + linear > 0,
             to_string(general) + " bodies about three axes (symmetric splitting), " + to_string(linear) +
                 " linear bodies (exact), " + to_string(points) + " without rotation" +
                 (scene.isBuilt() ? "" : " (positions are not set yet)"));
-    set("free particles", scene.freeParticles->getNumParticles() > 0,
-        to_string(scene.freeParticles->getNumParticles()) +
-            (overdamped ? " particles that the fluid sees are in no body" : " massive particles are in no body"));
-    set("constraints of free particles", scene.freeParticles->getNumConstraints() > 0,
-        to_string(scene.freeParticles->getNumConstraints()) + " constraints");
-    set("centre-of-mass motion removal", scene.stock.hasCMMotionRemover,
-        !scene.stock.hasCMMotionRemover ? "the System has no CMMotionRemover"
-        : massesAreTheSystems(scene)    ? "the System has a CMMotionRemover"
-                                     : "the System has a CMMotionRemover; what is removed is the bodies' own momentum, "
-                                       "since not all their masses "
-                                       "are the System's");
-    set("barostat", !scene.stock.barostat.empty(),
-        scene.stock.barostat.empty() ? "the System has none" : "the System has a " + scene.stock.barostat);
-    const int groups = integrator.getIntegrationForceGroups();
-    set("body forces", scene.bodyForces.isOn(groups), scene.bodyForces.describe(groups));
-    set("loops", true, scene.loops->describe());
-
-    // In water the three axes differ by a factor 3; here an axis relaxes ten times slower than the mean of the live
-    // ones.
-    const double slow = 0.1;
-    int slowBodies = 0, firstSlow = -1;
-    for (int b = 0; scene.isBuilt() && rates && b < bodies.getNumBodies(); b++) {
-        const BodyInertia& inertia = bodies.inertia(b);
-        const int live = inertia.isLive(0) + inertia.isLive(1) + inertia.isLive(2);
-        if (inertia.isLive(2) && inertia.rotationalRate(2, 1.0) < slow / live && slowBodies++ == 0) firstSlow = b;
     }
-    set("weakly thermostatted axes", slowBodies > 0,
-        slowBodies == 0 ? string("no body is that elongated")
-                        : to_string(slowBodies) + " elongated bodies, the first of them body " + to_string(firstSlow) +
-                              ": their thick axes relax at Gamma/(I sum 1/I), less than a tenth of the mean rate");
-    string all;
-    if (scene.isBuilt())
-        for (const auto& w : findWarnings(scene)) all += (all.empty() ? "" : "; ") + w.second;
-    set("warnings", !all.empty(), all.empty() ? "none" : all);
-    return effects;
+
+    /** What the System has beside bodies. */
+    void findSystem() {
+        const int numFree = scene.freeParticles->getNumParticles(),
+                  constraints = scene.freeParticles->getNumConstraints();
+        set("free particles", numFree > 0,
+            to_string(numFree) + (scheme.isOverdamped() ? " particles that the fluid sees are in no body"
+                                                        : " massive particles are in no body"));
+        set("constraints of free particles", constraints > 0, to_string(constraints) + " constraints");
+        set("centre-of-mass motion removal", scene.stock.hasCMMotionRemover,
+            !scene.stock.hasCMMotionRemover ? "the System has no CMMotionRemover"
+            : massesAreTheSystems(scene)    ? "the System has a CMMotionRemover"
+                                            : "the System has a CMMotionRemover; what is removed is the bodies' own "
+                                              "momentum, since not all their masses are the System's");
+        set("barostat", !scene.stock.barostat.empty(),
+            scene.stock.barostat.empty() ? "the System has none" : "the System has a " + scene.stock.barostat);
+        const int groups = scene.integrator.getIntegrationForceGroups();
+        set("body forces", scene.bodyForces.isOn(groups), scene.bodyForces.describe(groups));
+    }
+
+    /** In water the three axes differ by a factor 3; here an axis relaxes ten times slower than the mean of the live ones. */
+    void findWeakThermostats() {
+        const double slow = 0.1;
+        int slowBodies = 0, firstSlow = -1;
+        for (int b = 0; scene.isBuilt() && hasRates() && b < scene.bodies.getNumBodies(); b++) {
+            const BodyInertia& inertia = scene.bodies.inertia(b);
+            const int live = inertia.isLive(0) + inertia.isLive(1) + inertia.isLive(2);
+            if (inertia.isLive(2) && inertia.rotationalRate(2, 1.0) < slow / live && slowBodies++ == 0) firstSlow = b;
+        }
+        set("weakly thermostatted axes", slowBodies > 0,
+            slowBodies == 0
+                ? string("no body is that elongated")
+                : to_string(slowBodies) + " elongated bodies, the first of them body " + to_string(firstSlow) +
+                      ": their thick axes relax at Gamma/(I sum 1/I), less than a tenth of the mean rate");
+    }
+
+    /** Whether friction is a rate of the integrator's. */
+    bool hasRates() const { return scheme.hasMomenta && !scheme.needsFluid(); }
+
+    const Scene& scene;
+    const string platform;
+    const SchemeTraits& scheme;
+    const ContextFluid& fluid;
+    const double temperature;
+    double gamma = 0, Gamma = 0;  // largest of all bodies
+    map<string, string> effects;
+};
+
+}  // namespace
+
+map<string, string> findEffects(const Scene& scene, const string& platform) {
+    return EffectFinder(scene, platform).find();
 }
 
 map<string, int> countDegreesOfFreedom(const Scene& scene) {
@@ -148,7 +197,7 @@ map<string, double> nameCounters(const Scene& scene) {
             {"seconds_forces", scene.counters.seconds_forces},
             {"seconds_mobility", scene.counters.seconds_mobility},
             {"seconds_scheme", scene.counters.seconds_scheme},
-            {"seconds_fft", 0}};
+            {"seconds_fft", fluid ? fluid->getSecondsOfTransforms() : 0}};
 }
 
 }  // namespace RigidHIPlugin

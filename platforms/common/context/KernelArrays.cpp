@@ -1,9 +1,18 @@
 #include "context/KernelArrays.h"
 
+#include <openmm/OpenMMException.h>
 #include <openmm/Platform.h>
 #include <openmm/kernels.h>
 
+#include <algorithm>
+#include <cmath>
 #include <cstring>
+#include <limits>
+#include <string>
+
+#include "context/Messages.h"
+#include "context/StateHash.h"
+#include "rigidbody/VirtualSitePosition.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -12,22 +21,50 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Entries that are others than at the last reading are taken over. */
-void takeChanged(const vector<Vec3>& now, vector<Vec3>& last, vector<Vec3>& own) {
+/** Device platforms have fixed-point forces below 2^31 kJ/(mol nm): NaN and what is larger come back as about that. */
+const double largestForce = 2e9;
+
+/** OpenMM's device platforms tell their precision by a property; a platform without it is taken to keep doubles. */
+Rounding roundingOf(ContextImpl& context) {
+    const Platform& platform = context.getPlatform();
+    const vector<string>& names = platform.getPropertyNames();
+    if (find(names.begin(), names.end(), "Precision") == names.end()) return Rounding();
+    const string precision = platform.getPropertyValue(context.getOwner(), "Precision");
+    // Positions are wrapped and unwrapped when the platform sorts particles: three roundings of half a unit, and as much as margin.
+    const double few = 4, single = few * pow(2, -24), dual = few * pow(2, -53);
+    Rounding rounding;
+    rounding.positions = precision == "double" ? dual : single;  // "mixed" sorts in single precision
+    rounding.velocities = precision == "single" ? single : dual;
+    return rounding;
+}
+
+/** Entries that are others than the platform was given are taken over. */
+void takeChanged(const vector<Vec3>& now, double rounding, double beside, vector<Vec3>& shown, vector<Vec3>& own) {
+    if (sameBits(now, shown)) return;
     for (size_t p = 0; p < now.size(); p++)
-        if (memcmp(&now[p], &last[p], sizeof(Vec3)) != 0) own[p] = now[p];
-    last = now;
+        if (memcmp(&now[p], &shown[p], sizeof(Vec3)) != 0 && !isRounded(now[p], shown[p], rounding, beside))
+            own[p] = shown[p] = now[p];
 }
 
 }  // namespace
 
 KernelArrays::KernelArrays(ContextImpl& context)
-    : ContextArrays(ownPositions, ownVelocities, ownForces), context(context),
-      handle(context.getPlatform().createKernel(UpdateStateDataKernel::Name(), context)) {
-    kernel().initialize(context.getSystem());
-    const int n = context.getSystem().getNumParticles();
-    for (auto* array : {&ownPositions, &ownVelocities, &ownForces, &readPositions, &readVelocities, &read})
+    : ContextArrays(ownPositions, ownVelocities, ownForces), context(context), sizes(0.001),
+      buffers(context.getPlatform().createKernel(IntegrateVerletStepKernel::Name(), context)),
+      handle(context.getPlatform().createKernel(UpdateStateDataKernel::Name(), context)),
+      rounding_(roundingOf(context)), isPeriodic(context.getSystem().usesPeriodicBoundaryConditions()),
+      acting(context.getSystem()) {
+    const System& system = context.getSystem();
+    buffers.getAs<IntegrateVerletStepKernel>().initialize(system, sizes);
+    kernel().initialize(system);
+    const int n = system.getNumParticles();
+    for (auto* array :
+         {&ownPositions, &ownVelocities, &ownForces, &read, &positionsThere.shown, &velocitiesThere.shown})
         array->resize(n);
+    for (int p = 0; p < n; p++)
+        if (system.isVirtualSite(p)) virtualSites.push_back(p);
+    const double coarse = 1e-10;
+    if (isPeriodic && rounding_.positions > coarse) images.reset(new PeriodicImages(context));
 }
 
 UpdateStateDataKernel& KernelArrays::kernel() const {
@@ -35,25 +72,114 @@ UpdateStateDataKernel& KernelArrays::kernel() const {
 }
 
 void KernelArrays::pullPositions() {
+    if (inSteps && positionsThere.isKnown) return;
     kernel().getPositions(context, read);
-    takeChanged(read, readPositions, ownPositions);
+    transfers_.positionsPulled++;
+    positionsThere.isImage = false;  // steps end with positions themselves, and Forces act on these
+    takeChanged(read, rounding_.positions, isPeriodic ? longestEdge() : 0, positionsThere.shown, ownPositions);
+    positionsThere.isShown = positionsThere.isKnown = true;
 }
 
 void KernelArrays::pullVelocities() {
+    if (inSteps && velocitiesThere.isKnown) return;
     kernel().getVelocities(context, read);
-    takeChanged(read, readVelocities, ownVelocities);
+    transfers_.velocitiesPulled++;
+    takeChanged(read, rounding_.velocities, 0, velocitiesThere.shown, ownVelocities);
+    velocitiesThere.isShown = velocitiesThere.isKnown = true;
 }
 
-void KernelArrays::pullForces() { kernel().getForces(context, ownForces); }
+void KernelArrays::pullForces() {
+    kernel().getForces(context, ownForces);
+    transfers_.forcesPulled++;
+    for (Vec3& force : ownForces)
+        for (int k = 0; k < 3; k++)
+            if (!(abs(force[k]) < largestForce)) force[k] = numeric_limits<double>::quiet_NaN();
+}
+
+/** Platforms that sort particles by place have crashed on places that are none. */
+void KernelArrays::requireFinite(const vector<Vec3>& array, const char* what) const {
+    double sum = 0;
+    for (const Vec3& x : array) sum += x[0] + x[1] + x[2];
+    if (isfinite(sum)) return;
+    for (size_t p = 0; p < array.size(); p++)
+        if (!isFinite(array[p]))
+            fail("particle " + to_string(p) + " has a non-finite " + what + ", which platform " +
+                 context.getPlatform().getName() + " cannot be given; set finite positions and velocities");
+}
+
+void KernelArrays::give(const vector<Vec3>& positions) {
+    requireFinite(positions, "position");
+    kernel().setPositions(context, positions);
+    transfers_.positionsPushed++;
+    positionsThere.shown = ownPositions;
+    positionsThere.isShown = true;
+}
 
 void KernelArrays::pushPositions() {
-    kernel().setPositions(context, ownPositions);
-    kernel().getPositions(context, readPositions);
+    if (positionsThere.isShown && !positionsThere.isImage && sameBits(ownPositions, positionsThere.shown)) return;
+    give(ownPositions);
+    positionsThere.isImage = false;
+}
+
+void KernelArrays::pushPositionsForForces() {
+    Vec3 box[3];
+    getBox(box);
+    if (!images || !images->find(ownPositions, box, imagePositions)) return pushPositions();
+    if (positionsThere.isShown && positionsThere.isImage && sameBits(ownPositions, positionsThere.shown)) return;
+    give(imagePositions);
+    positionsThere.isImage = true;
 }
 
 void KernelArrays::pushVelocities() {
+    if (inSteps && !velocitiesAreActedOn()) return;  // nobody looks at them before the steps end
+    if (velocitiesThere.isShown && sameBits(ownVelocities, velocitiesThere.shown)) return;
+    requireFinite(ownVelocities, "velocity");
     kernel().setVelocities(context, ownVelocities);
-    kernel().getVelocities(context, readVelocities);
+    transfers_.velocitiesPushed++;
+    velocitiesThere.shown = ownVelocities;
+    velocitiesThere.isShown = true;
+}
+
+void KernelArrays::beginSteps() {
+    inSteps = true;
+    positionsThere.isKnown = velocitiesThere.isKnown = false;
+}
+
+void KernelArrays::endSteps() {
+    inSteps = false;
+    // Arrays that were never pulled hold nothing.
+    if (positionsThere.isKnown) pushPositions();
+    if (velocitiesThere.isKnown) pushVelocities();
+}
+
+void KernelArrays::pushEndOfStep() {
+    if (!inSteps || positionsAreActedOn())
+        pushPositions();  // else the next force evaluation does, or the end of the steps
+    pushVelocities();
+}
+
+void KernelArrays::beforeForcesAct() {
+    // What others did before is to be told from what Forces do.
+    if (velocitiesAreActedOn() || acting.removers) pullVelocities();
+    if (!positionsAreActedOn()) return;
+    pullPositions();
+    pushPositions();
+    getBox(boxBefore);
+}
+
+void KernelArrays::afterForcesActed(bool movedParticles) {
+    if (velocitiesAreActedOn())
+        velocitiesThere.isKnown = false;
+    else if (acting.removers)
+        velocitiesThere.isShown = false;
+    if (!positionsAreActedOn()) return;
+    Vec3 box[3];
+    getBox(box);
+    if (movedParticles || memcmp(box, boxBefore, sizeof box) != 0)
+        positionsThere.isKnown = false;
+    else
+        // A barostat whose move is rejected may leave molecules shifted by the box, which is no motion.
+        positionsThere.isShown = false;
 }
 
 double KernelArrays::getTime() const { return kernel().getTime(context); }
@@ -65,9 +191,8 @@ long long KernelArrays::getStepCount() const { return kernel().getStepCount(cont
 void KernelArrays::setStepCount(long long count) { kernel().setStepCount(context, count); }
 
 void KernelArrays::computeVirtualSites() {
-    pushPositions();
-    context.computeVirtualSites();
-    pullPositions();
+    for (int p : virtualSites)
+        ownPositions[p] = virtualSitePosition(context.getSystem(), p, [&](int parent) { return ownPositions[parent]; });
 }
 
 }  // namespace RigidHIPlugin

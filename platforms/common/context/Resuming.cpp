@@ -23,15 +23,6 @@ bool agree(double a, double b, double scale) {
     return abs(a - b) <= definitionTolerance * max(a, b) + zeroMomentFraction * scale;
 }
 
-string text(double x) {
-    ostringstream stream;
-    stream.precision(10);
-    stream << x;
-    return stream.str();
-}
-
-string text(const Vec3& v) { return "(" + text(v[0]) + ", " + text(v[1]) + ", " + text(v[2]) + ")"; }
-
 /** An explicit body's definition is the integrator's; a state that was saved with another one is not its state. */
 void checkAgainstDefinition(const Scene& scene, int b, const BodyGeometry& saved) {
     const BodyGeometry& own = scene.definitions.geometries()[b];
@@ -82,6 +73,7 @@ void adoptBodies(const SavedState& saved, Scene& scene, ContextMirror& mirror) {
         scene.arrays->pullPositions();
         checkPosesAgainstPositions(scene, saved);
     }
+    if (scene.fluid) scene.fluid->checkMemory(saved.memory, scene.integrator.getScheme());
     scene.build(now);
     BodySet& bodies = scene.bodies;
     for (int b = 0; b < n; b++) {
@@ -124,6 +116,10 @@ SavedState collectState(Scene& scene, ContextMirror& mirror) {
         saved.bodies.push_back(body);
     }
     if (scene.fluid) saved.memory = scene.fluid->getMemory();
+    saved.rounding = scene.arrays->rounding();
+    if (!saved.rounding.isExact())
+        for (int p : scene.stock.otherParticles)
+            saved.particles.push_back({p, scene.arrays->positions()[p], scene.arrays->velocities()[p]});
     return saved;
 }
 

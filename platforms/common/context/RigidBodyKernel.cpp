@@ -14,13 +14,13 @@ using namespace std;
 namespace RigidHIPlugin {
 
 void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegrator& integrator) {
-    scene.reset(new Scene(context, integrator, createArrays(context), createLoops(context)));
+    scene.reset(new Scene(context, integrator, parts.arrays(context), parts.loops(context)));
     mirror.reset(new ContextMirror(*scene));
     access.reset(new BodyAccess(*scene, *mirror));
     stepper.reset(new Stepper(context, *scene, *mirror));
 }
 
-void RigidBodyKernel::step(ContextImpl&) { stepper->takeStep(); }
+void RigidBodyKernel::step(ContextImpl&, int steps) { stepper->takeSteps(steps); }
 
 void RigidBodyKernel::stateChanged(ContextImpl&, State::DataType changed) {
     scene->noteChange();
@@ -74,7 +74,8 @@ map<string, int> RigidBodyKernel::getDegreesOfFreedom(ContextImpl&) {
 
 map<string, string> RigidBodyKernel::getEffects(ContextImpl&) {
     if (!scene->isBuilt() && mirror->hasPositions()) mirror->takeInChanges();
-    return findEffects(*scene);
+    scene->fluid.takeBox();
+    return findEffects(*scene, getPlatform().getName());
 }
 
 string RigidBodyKernel::describeEffects(ContextImpl& context) {

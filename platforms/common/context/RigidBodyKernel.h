@@ -1,6 +1,7 @@
 #ifndef RIGIDHI_RIGID_BODY_KERNEL_H_
 #define RIGIDHI_RIGID_BODY_KERNEL_H_
 
+#include <functional>
 #include <map>
 #include <memory>
 #include <string>
@@ -14,12 +15,21 @@
 
 namespace RigidHIPlugin {
 
-/** The integrator's kernel, but for the loops that platforms do in their own way: it hands on to those who do the work. */
+/** What platforms do each in their own way. Both are called once for each Context. */
+struct PlatformParts {
+    /** Where the platform keeps particles. */
+    std::function<std::unique_ptr<ContextArrays>(OpenMM::ContextImpl& context)> arrays;
+    /** How it loops over bodies. */
+    std::function<std::unique_ptr<PlatformLoops>(OpenMM::ContextImpl& context)> loops;
+};
+
+/** The integrator's kernel of every platform: it hands on to those who do the work. */
 class RigidBodyKernel : public IntegrateRigidBodiesKernel {
 public:
-    using IntegrateRigidBodiesKernel::IntegrateRigidBodiesKernel;
+    RigidBodyKernel(const std::string& name, const OpenMM::Platform& platform, const PlatformParts& parts)
+        : IntegrateRigidBodiesKernel(name, platform), parts(parts) {}
     void initialize(OpenMM::ContextImpl& context, const CustomRigidHIIntegrator& integrator) override;
-    void step(OpenMM::ContextImpl& context) override;
+    void step(OpenMM::ContextImpl& context, int steps) override;
     void stateChanged(OpenMM::ContextImpl& context, OpenMM::State::DataType changed) override;
     void resetBodyGeometry(OpenMM::ContextImpl& context) override;
     void requireGeometry(OpenMM::ContextImpl& context) override;
@@ -55,13 +65,8 @@ public:
     void serialize(OpenMM::ContextImpl& context, OpenMM::SerializationNode& node) override;
     void deserialize(OpenMM::ContextImpl& context, const OpenMM::SerializationNode& node) override;
 
-protected:
-    /** Where the platform keeps particles; called once, from initialize(). */
-    virtual std::unique_ptr<ContextArrays> createArrays(OpenMM::ContextImpl& context) = 0;
-    /** The platform's loops; likewise. */
-    virtual std::unique_ptr<PlatformLoops> createLoops(OpenMM::ContextImpl& context) = 0;
-
 private:
+    const PlatformParts parts;
     std::unique_ptr<Scene> scene;
     std::unique_ptr<ContextMirror> mirror;
     std::unique_ptr<BodyAccess> access;

@@ -1,13 +1,12 @@
 #include "context/SavedState.h"
 
-#include <openmm/OpenMMException.h>
-
 #include <cmath>
 #include <cstring>
 #include <iostream>
 #include <numeric>
 #include <sstream>
 
+#include "context/Messages.h"
 #include "context/StateHash.h"
 #include "openmmrigidhi/internal/StrictNode.h"
 #include "rigidbody/BodySet.h"
@@ -19,8 +18,6 @@ namespace RigidHIPlugin {
 
 namespace {
 
-[[noreturn]] void fail(const string& message) { throw OpenMMException("CustomRigidHIIntegrator: " + message); }
-
 const int version = 2;
 const char checkpointMark[7] = {'R', 'I', 'G', 'I', 'D', 'H', 'I'};  // and the version's digit
 const char* const quaternionNames[4] = {"qw", "qx", "qy", "qz"};
@@ -29,15 +26,6 @@ const char* const axisNames[3] = {"x", "y", "z"};
 
 /** How far a quaternion's length, and numbers that belong to the same motion, may be from where they must be: rounding. */
 const double consistencyTolerance = 1e-9;
-
-string text(double x) {
-    ostringstream stream;
-    stream.precision(12);
-    stream << x;
-    return stream.str();
-}
-
-bool isFinite(const Vec3& v) { return isfinite(v[0]) && isfinite(v[1]) && isfinite(v[2]); }
 
 /** The user's side of stored numbers, by the moments that they were stored with. */
 void deriveUserStates(vector<SavedBody>& bodies) {
@@ -65,6 +53,15 @@ void deriveUserStates(vector<SavedBody>& bodies) {
 void check(const SavedState& saved) {
     if (saved.stepNumber < 0)
         fail("the saved state is corrupt: its step number " + to_string(saved.stepNumber) + " is below 0; use another");
+    const double coarsest = 1e-3;  // single precision is finer
+    for (double rounding : {saved.rounding.positions, saved.rounding.velocities})
+        if (!(rounding >= 0 && rounding <= coarsest))
+            fail("the saved state is corrupt: its platform's rounding " + text(rounding) + " is not from 0 to " +
+                 text(coarsest) + "; use another");
+    for (const SavedParticle& particle : saved.particles)
+        if (!isFinite(particle.position) || !isFinite(particle.velocity))
+            fail("the saved state is corrupt: particle " + to_string(particle.index) +
+                 ", which is in no body, has infinite or undefined numbers; use another");
     for (size_t b = 0; b < saved.bodies.size(); b++) {
         const SavedBody& body = saved.bodies[b];
         const string corrupt = "body " + to_string(b) + ": the saved state is corrupt: ";
@@ -141,6 +138,7 @@ public:
         at += n;
         return result;
     }
+    bool isAtEnd() const { return at == bytes.size(); }
     void end() const {
         if (at != bytes.size())
             fail("the checkpoint is corrupt: there are " + to_string(bytes.size() - at) +
@@ -231,6 +229,15 @@ SavedBody readBody(const StrictNode& node, int fileVersion) {
     return body;
 }
 
+void readRounded(const StrictNode& node, SavedState& saved) {
+    saved.rounding.positions = node.number("positions");
+    saved.rounding.velocities = node.number("velocities");
+    for (const SerializationNode& child : node.children()) {
+        const StrictNode particle(child, "State");
+        saved.particles.push_back({particle.integer("index"), readVector(particle, ""), readVector(particle, "v")});
+    }
+}
+
 SavedState readNode(const StrictNode& root, int fileVersion) {
     SavedState saved;
     saved.seed = root.integer<uint32_t>("seed");
@@ -242,7 +249,10 @@ SavedState readNode(const StrictNode& root, int fileVersion) {
     for (const SerializationNode& body : root.child("Bodies").children())
         saved.bodies.push_back(readBody(StrictNode(body, "State"), fileVersion));
     for (const SerializationNode& child : root.children())
-        if (child.getName() == "SchemeMemory") saved.memory = readMemory(StrictNode(child, "State"));
+        if (child.getName() == "SchemeMemory")
+            saved.memory = readMemory(StrictNode(child, "State"));
+        else if (child.getName() == "RoundedPlatform")
+            readRounded(StrictNode(child, "State"), saved);
     return saved;
 }
 
@@ -283,6 +293,15 @@ void SavedState::write(ostream& checkpoint) const {
             put(bytes, (int32_t)vectors.rows());
             put(bytes, (int32_t)vectors.cols());
             for (int i = 0; i < vectors.size(); i++) put(bytes, vectors.data()[i]);
+        }
+    }
+    if (!rounding.isExact()) {
+        put(bytes, rounding);
+        put(bytes, (int32_t)particles.size());
+        for (const SavedParticle& particle : particles) {
+            put(bytes, (int32_t)particle.index);
+            put(bytes, particle.position);
+            put(bytes, particle.velocity);
         }
     }
     checkpoint.write(checkpointMark, sizeof checkpointMark);
@@ -342,6 +361,15 @@ SavedState SavedState::read(istream& checkpoint) {
         saved.bodies.push_back(body);
     }
     saved.memory = readMemory(reader);
+    if (!reader.isAtEnd()) {
+        saved.rounding = reader.get<Rounding>();
+        saved.particles.resize(reader.count());
+        for (SavedParticle& particle : saved.particles) {
+            particle.index = reader.get<int32_t>();
+            particle.position = reader.get<Vec3>();
+            particle.velocity = reader.get<Vec3>();
+        }
+    }
     reader.end();
     check(saved);
     checkUserStates(saved);
@@ -374,6 +402,15 @@ void SavedState::write(SerializationNode& node) const {
         for (const Vec3& site : g.sites) writeVector(body.createChildNode("Site"), "", site);
     }
     writeMemory(root, memory);
+    if (rounding.isExact()) return;
+    SerializationNode& rest = root.createChildNode("RoundedPlatform");
+    rest.setDoubleProperty("positions", rounding.positions).setDoubleProperty("velocities", rounding.velocities);
+    for (const SavedParticle& particle : particles) {
+        SerializationNode& child = rest.createChildNode("Particle");
+        child.setIntProperty("index", particle.index);
+        writeVector(child, "", particle.position);
+        writeVector(child, "v", particle.velocity);
+    }
 }
 
 SavedState SavedState::read(const SerializationNode& node) {

@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "context/Rounding.h"
 #include "rigidbody/BodyGeometry.h"
 
 namespace RigidHIPlugin {
@@ -31,6 +32,12 @@ struct SchemeMemory {
     std::vector<std::vector<Eigen::MatrixXd> > groups;
 };
 
+/** A particle in no body, in the doubles of the host. */
+struct SavedParticle {
+    int index = 0;
+    OpenMM::Vec3 position, velocity;
+};
+
 /** What makes a resumed run the same as the uninterrupted one, as checkpoints and States hold it. */
 struct SavedState {
     uint32_t seed = 0;
@@ -39,6 +46,12 @@ struct SavedState {
     uint64_t positionsHash = 0, velocitiesHash = 0;
     std::vector<SavedBody> bodies;
     SchemeMemory memory;  // mostly empty
+    /**
+     * Of the platform it was saved on, whose arrays hold particles no better than this. Where it rounds, those in no body are saved
+     * here too: bodies and they go on from their doubles if the arrays agree.
+     */
+    Rounding rounding;
+    std::vector<SavedParticle> particles;
 
     /** Version 2. Readers take a number for a number only, and throw an OpenMMException for what cannot be the state of bodies. */
     void write(std::ostream& checkpoint) const;

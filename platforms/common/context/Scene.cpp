@@ -55,6 +55,12 @@ void Scene::buildFromPositions() {
     for (int b : found) definitions.record(b, geometries[b]);
 }
 
+BoxVectors Scene::getBox() const {
+    Vec3 box[3];
+    arrays->getBox(box);
+    return {box[0], box[1], box[2]};
+}
+
 void Scene::resetGeometry() {
     definitions.reset();
     built = false;

@@ -11,12 +11,12 @@
 #include "context/ContextArrays.h"
 #include "context/ContextFluid.h"
 #include "context/SystemCheck.h"
-#include "engine/FreeParticles.h"
-#include "engine/PlatformLoops.h"
 #include "forces/BodyForces.h"
+#include "host/PlatformLoops.h"
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
 #include "rigidbody/BodySet.h"
 #include "stepping/CurrentSettings.h"
+#include "stepping/FreeParticles.h"
 #include "stepping/StepCounters.h"
 
 namespace RigidHIPlugin {
@@ -42,6 +42,9 @@ public:
     bool isBuilt() const { return built; }
     /** Recompute what depends on settings, if any was changed. */
     void updateSettings() { settings.update(*this); }
+
+    /** The Context's periodic box at present. */
+    BoxVectors getBox() const;
 
     /** Forces that were evaluated before do not serve any more: others changed positions, box or parameters. */
     void noteChange() { changes++; }

@@ -12,9 +12,9 @@
 #include <set>
 #include <typeinfo>
 
-#include "engine/StepSettings.h"
 #include "mobility/Models.h"
 #include "openmmrigidhi/MobilityForce.h"
+#include "stepping/StepSettings.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -141,12 +141,16 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
 void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& integrator) {
     const auto fail = [](const string& message) { throw OpenMMException("MobilityForce: " + message); };
     if (!hasBoundary(force.getModel(), force.getBoundary())) {
-        string models;
+        string models, boundaries;
         for (int m = 0; *modelName(MobilityForce::Model(m)); m++)
             if (hasBoundary(MobilityForce::Model(m), force.getBoundary()))
                 models += (models.empty() ? "" : " or ") + string(modelName(MobilityForce::Model(m)));
+        for (int b = 0; *boundaryName(MobilityForce::Boundary(b)); b++)
+            if (hasBoundary(force.getModel(), MobilityForce::Boundary(b)))
+                boundaries += (boundaries.empty() ? "" : " or ") + string(boundaryName(MobilityForce::Boundary(b)));
         fail(string("boundary ") + boundaryName(force.getBoundary()) + " is there for the model " + models +
-             ", not for " + modelName(force.getModel()) + "; use setModel(" + models + ") or setBoundary(Unbounded)");
+             ", not for " + modelName(force.getModel()) + "; use setModel(" + models + ") or setBoundary(" +
+             boundaries + ")");
     }
     if (force.getSphereWallMobility() != MobilityForce::BestKnown) return;
     if (force.getBoundary() != MobilityForce::NoSlipWall)
@@ -240,7 +244,8 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
                 "the force");
         if (!stock.barostat.empty())
             refuse("the System has a " + stock.barostat + ", which scheme " + name +
-                   " does not support: the fluid is not periodic; remove the barostat, or use LangevinC");
+                   " does not support: the fluid has no pressure that could balance it; remove the barostat, or use "
+                   "LangevinC");
         for (int i = 0; i < system.getNumConstraints(); i++) {
             int a, b;
             double distance;

@@ -57,6 +57,13 @@ map<WarningCause, string> findWarnings(const Scene& scene) {
                                               "/ps, limit about " + number(langevinAGammaLimit) + "; Gamma " +
                                               number(largestRotational) + "/ps, limit about " +
                                               number(langevinARotationalLimit) + "); use LangevinB or LangevinC";
+    const double spread = scene.fluid ? scene.fluid->getDriftFactorSpread() : 0;
+    if (traits.isOverdamped() && spread > driftFactorLimit)
+        result[WarningCause::DriftFactorSpread] =
+            "the drift factor nu of " + string(traits.name) + " fluctuates by " + number(spread) + " about 1, above " +
+            number(driftFactorLimit) +
+            ", so that the step is too large for the drift; take a smaller step, or RandomFiniteDifference or "
+            "TrapezoidalSlip";
     return result;
 }
 

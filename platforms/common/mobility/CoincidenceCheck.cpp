@@ -6,7 +6,7 @@
 #include <cmath>
 #include <sstream>
 
-#include "mobility/NoSlipPlane.h"
+#include "mobility/models/wall/NoSlipPlane.h"
 
 using namespace std;
 

@@ -7,8 +7,6 @@
 #include <array>
 #include <vector>
 
-#include "random/CounterNoise.h"
-
 namespace RigidHIPlugin {
 
 struct HydrodynamicParticles;
@@ -51,12 +49,6 @@ public:
     virtual void dense(Eigen::MatrixXd& mobility);
     /** Its inverse. Default: by Cholesky's factors of dense(). @throws OpenMMException if M is not positive definite */
     virtual void friction(Eigen::MatrixXd& friction);
-    /**
-     * Random velocities of covariance M, one column, from the model's own random field.
-     *
-     * @return whether the model has one (MobilityModel::hasOwnRandomField()). Default: no, so that roots of M are taken
-     */
-    virtual bool draw(const NoiseStream& noise, uint32_t purpose, Eigen::MatrixXd& slips) { return false; }
 
 protected:
     friend class MobilityModel;

@@ -5,7 +5,7 @@
 #include <Eigen/Cholesky>
 #include <sstream>
 
-#include "mobility/RotnePragerYamakawa.h"
+#include "mobility/models/rotneprager/RotnePragerYamakawa.h"
 
 namespace RigidHIPlugin {
 

@@ -7,6 +7,8 @@
 #include <vector>
 
 #include "mobility/MobilityAt.h"
+#include "mobility/RandomField.h"
+#include "random/CounterNoise.h"
 
 namespace RigidHIPlugin {
 
@@ -83,6 +85,16 @@ public:
     void place(std::unique_ptr<MobilityAt>& at, const Placement& placement) const;
     void placeNear(std::unique_ptr<MobilityAt>& at, const Placement& placement) const;
 
+    // ---- Noise
+    /**
+     * Draw the model's own random field, where it has one (hasOwnRandomField()); without, nothing is done.
+     *
+     * @param purpose  of the random numbers: with the noise's seed and step it says which they are
+     * @param field    that of an earlier draw of this model, whose memory is taken, or null
+     */
+    virtual void drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
+                           std::unique_ptr<RandomField>& field) const {}
+
     // ---- Where it has a mobility
     /**
      * Why the model has no mobility at this placement (overlap, beyond a wall), naming the particles; empty where it has one.
@@ -108,6 +120,10 @@ public:
     virtual bool isIsotropic() const { return false; }
     /** Whether MobilityAt::apply() needs no matrix, so that Krylov methods make sense. */
     virtual bool hasProducts() const { return true; }
+    /** Whether dense() is products with the columns of the identity, so that it serves few rows only. Default: no. */
+    virtual bool isMatrixFree() const { return false; }
+    /** Whether near() keeps something of the placement before, as the nodes of a grid that a particle sees. Default: no. */
+    virtual bool isAnchored() const { return false; }
     /** Whether MobilityAt::friction() costs less than dense(), so that callers who can use either should ask for friction. */
     virtual bool isMadeFromFriction() const { return false; }
     /**
@@ -115,7 +131,7 @@ public:
      * walls. Spheres and free particles then have no stochastic drift. Default: no.
      */
     virtual bool isDivergenceFree() const { return false; }
-    /** Whether MobilityAt::draw() gives slips of the model's own random field. */
+    /** Whether drawField() gives noise that costs less than square roots of M. Default: no, so that roots are taken. */
     virtual bool hasOwnRandomField() const { return false; }
     /**
      * The mobility of bodies takes less time by iterations, column by column, than by a factor of dense() if there are more rows of
@@ -123,6 +139,14 @@ public:
      * blobs near a wall, at a tolerance of 1e-6.
      */
     virtual double rowsWorthIterations() const { return 1750; }
+
+    // ---- The box, and the grid in it
+    /** @throws OpenMMException  if the model cannot have such a box, naming it and the remedy. Default: it can */
+    virtual void checkBox(const BoxVectors& box) const {}
+    /** What is to be said of the model in a box, for describeEffects(). Default: nothing. */
+    virtual std::string describe(const BoxVectors& box) const { return {}; }
+    /** Seconds spent in Fourier transforms so far, with those of models that share a grid. */
+    virtual double getSecondsOfTransforms() const { return 0; }
 
     // ---- A body by itself
     /**

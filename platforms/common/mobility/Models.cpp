@@ -4,10 +4,14 @@
 
 #include <string>
 
-#include "mobility/RotnePragerYamakawa.h"
-#include "mobility/RotnePragerYamakawaWall.h"
-#include "mobility/SphereWall.h"
-#include "mobility/StokesianDynamics.h"
+#include "mobility/models/forcecoupling/ForceCouplingGrid.h"
+#include "mobility/models/periodic/PeriodicMobility.h"
+#include "mobility/models/periodic/PeriodicStokesianDynamics.h"
+#include "mobility/models/rotneprager/RotnePragerYamakawa.h"
+#include "mobility/models/stokesian/StokesianDynamics.h"
+#include "mobility/models/wall/RotnePragerYamakawaWall.h"
+#include "mobility/models/wall/SphereWall.h"
+#include "openmmrigidhi/internal/ModelNames.h"
 
 using namespace std;
 
@@ -48,8 +52,26 @@ unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force, bool c
                 own.rotnePragerYamakawa ? own.rotnePragerYamakawa(particles, eta, wall)
                                         : unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, eta, wall)));
         }
+        case MobilityForce::Periodic: return unique_ptr<MobilityModel>(new PeriodicRotnePragerYamakawa(particles, eta));
     }
     refuse(force.getModel(), force.getBoundary());
+}
+
+/** Up to this many rows Auto takes lattice sums and matrices, beyond it a grid: where both take as long for a product at the default tolerance. */
+const int largestDenseLatticeRows = 300;
+
+unique_ptr<MobilityModel> forceCoupling(const MobilityForce& force, const HydrodynamicParticles& particles,
+                                        const PlatformModels& own) {
+    bool onGrid = false;
+    switch (force.getSolver()) {
+        case MobilityForce::Dense: break;
+        case MobilityForce::MatrixFree: onGrid = true; break;
+        case MobilityForce::Auto: onGrid = particles.numRows > largestDenseLatticeRows; break;
+    }
+    if (!onGrid) return unique_ptr<MobilityModel>(new PeriodicForceCoupling(particles, force.getViscosity()));
+    return unique_ptr<MobilityModel>(
+        new ForceCouplingGrid(particles, force.getViscosity(), force.getSolverTolerance(), force.getGridSpacing(),
+                              own.gridFluid ? own.gridFluid() : shared_ptr<GridFluid>(new PlainGridFluid())));
 }
 
 }  // namespace
@@ -60,8 +82,12 @@ unique_ptr<MobilityModel> createMobility(const MobilityForce& force, bool crossi
     checkOperator(force.getModel(), force.getBoundary());
     switch (force.getModel()) {
         case MobilityForce::StokesianDynamics:
+            if (force.getBoundary() == MobilityForce::Periodic)
+                return unique_ptr<MobilityModel>(new PeriodicStokesianDynamics(
+                    particles, force.getViscosity(), force.getLubrication(), force.getMinimumGap()));
             return unique_ptr<MobilityModel>(
                 new StokesianDynamics(particles, force.getViscosity(), force.getLubrication(), force.getMinimumGap()));
+        case MobilityForce::ForceCoupling: return forceCoupling(force, particles, own);
         // What does not feel others still feels itself: the blobs of one body make its tensor.
         case MobilityForce::FreeDraining:
         case MobilityForce::RotnePragerYamakawa: return rotnePragerYamakawa(force, crossingAllowed, particles, own);
@@ -73,27 +99,17 @@ void checkOperator(MobilityForce::Model model, MobilityForce::Boundary boundary)
     if (!hasBoundary(model, boundary)) refuse(model, boundary);
 }
 
-const char* modelName(MobilityForce::Model model) {
-    switch (model) {
-        case MobilityForce::FreeDraining: return "FreeDraining";
-        case MobilityForce::RotnePragerYamakawa: return "RotnePragerYamakawa";
-        case MobilityForce::StokesianDynamics: return "StokesianDynamics";
-    }
-    return "";
-}
+const char* modelName(MobilityForce::Model model) { return nameIn(modelNames, model); }
 
-const char* boundaryName(MobilityForce::Boundary boundary) {
-    switch (boundary) {
-        case MobilityForce::Unbounded: return "Unbounded";
-        case MobilityForce::NoSlipWall: return "NoSlipWall";
-    }
-    return "";
-}
+const char* boundaryName(MobilityForce::Boundary boundary) { return nameIn(boundaryNames, boundary); }
 
 bool hasBoundary(MobilityForce::Model model, MobilityForce::Boundary boundary) {
     switch (boundary) {
-        case MobilityForce::Unbounded: return *modelName(model) != 0;
+        case MobilityForce::Unbounded: return *modelName(model) != 0 && model != MobilityForce::ForceCoupling;
         case MobilityForce::NoSlipWall: return model == MobilityForce::RotnePragerYamakawa;
+        case MobilityForce::Periodic:
+            return model == MobilityForce::RotnePragerYamakawa || model == MobilityForce::StokesianDynamics ||
+                   model == MobilityForce::ForceCoupling;
     }
     return false;
 }

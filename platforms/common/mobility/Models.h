@@ -5,7 +5,8 @@
 #include <memory>
 #include <optional>
 
-#include "mobility/NoSlipPlane.h"
+#include "mobility/models/forcecoupling/GridFluid.h"
+#include "mobility/models/wall/NoSlipPlane.h"
 #include "openmmrigidhi/MobilityForce.h"
 
 namespace RigidHIPlugin {
@@ -16,6 +17,8 @@ struct PlatformModels {
     std::function<std::unique_ptr<MobilityModel>(const HydrodynamicParticles& particles, double viscosity,
                                                  const std::optional<NoSlipPlane>& wall)>
         rotnePragerYamakawa;
+    /** The fluid of a grid, which models of several groups may share. */
+    std::function<std::shared_ptr<GridFluid>()> gridFluid;
 };
 /**
  * The model of a MobilityForce, with its boundary, on every platform. A new model is entered here.

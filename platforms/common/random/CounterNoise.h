@@ -26,7 +26,8 @@ struct NoiseStream {
         FiniteDifference = 5,
         FreeFiniteDifference = 6,
         ParticleFirstDraw = 7,
-        ParticleSecondDraw = 8
+        ParticleSecondDraw = 8,
+        RandomField = 9
     };
 
     uint32_t seed = 1;
@@ -34,6 +35,8 @@ struct NoiseStream {
     /** Below 2^16: CustomRigidHIIntegrator::setMaximumRejections() sees to it. */
     uint32_t attempt = 0;
     Law law = Gaussian;
+    /** Which of several random fields in one Context, each with its own numbers for the same modes; 0 for everything else. */
+    uint32_t field = 0;
 
     /** The counter of one block of two numbers. */
     r123::Philox4x32::ctr_type counter(uint32_t purpose, uint32_t index, uint32_t block) const {
@@ -48,7 +51,7 @@ struct NoiseStream {
 
     /** Two independent numbers of mean 0 and variance 1. */
     void pair(uint32_t purpose, uint32_t index, uint32_t block, double& a, double& b) const {
-        const auto bits = r123::Philox4x32()(counter(purpose, index, block), {{seed, keyWord}});
+        const auto bits = r123::Philox4x32()(counter(purpose, index, block), {{seed, keyWord + field}});
         const double u = uniform(bits[0], bits[1]), v = uniform(bits[2], bits[3]);
         if (law == Gaussian) {  // Box and Muller; 1 - u is in (0, 1]
             const double radius = std::sqrt(-2.0 * std::log(1.0 - u));
@@ -59,6 +62,14 @@ struct NoiseStream {
             a = discrete(u);
             b = discrete(v);
         }
+    }
+    // Of a mode of a random field on a grid, with the integer wave numbers |nx|, |ny| < 4096, 0 <= nz < 4096: the arguments of pair().
+    static uint32_t indexOfMode(int nx, int ny, int nz) {
+        return static_cast<uint32_t>(nx + 4096) << 19 | static_cast<uint32_t>(ny + 4096) << 6 |
+               static_cast<uint32_t>(nz) >> 6;
+    }
+    static uint32_t blockOfMode(int nz, int component) {
+        return (static_cast<uint32_t>(nz) & 63u) << 2 | static_cast<uint32_t>(component);
     }
     /** Uniform in [0, 1), 52 bits. */
     static double uniform(uint32_t low, uint32_t high) {

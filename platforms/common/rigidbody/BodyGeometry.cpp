@@ -8,6 +8,7 @@
 #include <map>
 #include <numeric>
 
+#include "openmmrigidhi/internal/Messages.h"
 #include "rigidbody/EigenVec3.h"
 
 using namespace OpenMM;
@@ -43,8 +44,6 @@ struct PrincipalFrame {
     Vec3 toBody(const Vec3& x) const { return toVec3(axes.transpose() * toEigen(x - centre)); }
     Vec3 toOutside(const Vec3& s) const { return toVec3(axes * toEigen(s)) + centre; }
 };
-
-bool isFinite(const Vec3& v) { return isfinite(v[0]) && isfinite(v[1]) && isfinite(v[2]); }
 
 /** How exactly a shape has the lengths of its constraints, relative: six digits are what force fields give. */
 const double constraintTolerance = 1e-6;

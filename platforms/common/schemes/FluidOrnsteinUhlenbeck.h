@@ -3,7 +3,7 @@
 
 #include <Eigen/Core>
 
-#include "mobility/SymmetricEigen.h"
+#include "linearalgebra/SymmetricEigen.h"
 
 namespace RigidHIPlugin {
 

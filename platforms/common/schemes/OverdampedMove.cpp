@@ -21,8 +21,8 @@ const int maxShrinks = 3;
 
 }  // namespace
 
-OverdampedMove::OverdampedMove(BodyMobility& bodies, bool matrixFree, double tolerance)
-    : problem(bodies, matrixFree, tolerance) {
+OverdampedMove::OverdampedMove(BodyMobility& mobility) : mobility(mobility) {
+    const CoupledBodies& bodies = mobility.getBodies();
     const auto& elements = bodies.getElements();
     start.resize(elements.size());
     present = start;
@@ -32,18 +32,21 @@ OverdampedMove::OverdampedMove(BodyMobility& bodies, bool matrixFree, double tol
 }
 
 void OverdampedMove::begin(const OverdampedStep& step) {
+    // The spread of drift factors belongs to a step size and a temperature.
+    if (h != step.h || kT != step.kT) driftFactorSquares = numDriftFactors = 0;
     h = step.h;
     kT = step.kT;
     stream = step.noise;
     differenceStep_ = step.difference;
+    driftFactorScalesAll_ = step.driftFactorScalesAll;
     randomNumbers = 0;
     present = start;
 }
 
 void OverdampedMove::goFromStart(double t, const Vectors& twists) {
-    const auto& elements = problem.getElements();
+    const auto& elements = mobility.getBodies().getElements();
     for (size_t e = 0; e < start.size(); e++) {
-        const int row = problem.getBodies().firstRow(e);
+        const int row = mobility.getBodies().firstRow(e);
         present[e].R = start[e].R + t * twists.col(0).segment<3>(row);
         if (elements[e].isFree()) continue;
         present[e].q = rotated(start[e].q, t * twists.col(0).segment<3>(row + 3));
@@ -61,10 +64,10 @@ void OverdampedMove::drawNumbers(uint32_t purpose, uint32_t index, int count, do
 }
 
 void OverdampedMove::drawForBodies(uint32_t purpose, uint32_t freePurpose, Vectors& numbers) {
-    const auto& elements = problem.getElements();
-    numbers.resize(problem.getNumRows(), 1);
+    const auto& elements = mobility.getBodies().getElements();
+    numbers.resize(getNumRows(), 1);
     for (size_t e = 0; e < elements.size(); e++) {
-        double* to = &numbers(problem.getBodies().firstRow(e), 0);
+        double* to = &numbers(mobility.getBodies().firstRow(e), 0);
         if (elements[e].isFree())
             drawNumbers(freePurpose, elements[e].particles[0], 3, to);
         else
@@ -73,7 +76,7 @@ void OverdampedMove::drawForBodies(uint32_t purpose, uint32_t freePurpose, Vecto
 }
 
 void OverdampedMove::drawForParticles(uint32_t purpose, Vectors& numbers) {
-    const HydrodynamicParticles& particles = problem.getParticles();
+    const HydrodynamicParticles& particles = mobility.getBodies().getParticles();
     numbers.resize(particles.numRows, 1);
     for (int i = 0; i < particles.size(); i++)
         drawNumbers(purpose, particles.systemIndex[i], particles.hasTorque[i] ? 6 : 3,
@@ -81,27 +84,45 @@ void OverdampedMove::drawForParticles(uint32_t purpose, Vectors& numbers) {
 }
 
 void OverdampedMove::thermalWrench(Draw draw, Vectors& wrench) {
-    if (problem.wrenchNoiseIsOfBodies())
+    if (mobility.wrenchNoiseIsOfBodies())
         drawForBodies(draw == First ? NoiseStream::FirstDraw : NoiseStream::SecondDraw,
                       draw == First ? NoiseStream::FreeFirstDraw : NoiseStream::FreeSecondDraw, W);
     else
         drawForParticles(draw == First ? NoiseStream::ParticleFirstDraw : NoiseStream::ParticleSecondDraw, W);
-    problem.thermalWrench(W, wrench);
+    mobility.thermalWrench(W, wrench);
 }
 
 void OverdampedMove::drawForSlips(Draw draw) {
-    if (problem.slipsAreOfBodies() && problem.wrenchNoiseIsOfBodies())
+    const uint32_t ofParticles = draw == First ? NoiseStream::ParticleFirstDraw : NoiseStream::ParticleSecondDraw;
+    slipsAreOfField = mobility.drawField(stream, ofParticles, field);
+    if (slipsAreOfField)
+        randomNumbers += field->getNumRandomNumbers();
+    else if (mobility.slipNoiseIsOfBodies())
         drawForBodies(draw == First ? NoiseStream::FirstDraw : NoiseStream::SecondDraw,
                       draw == First ? NoiseStream::FreeFirstDraw : NoiseStream::FreeSecondDraw, W_slip);
     else
-        drawForParticles(draw == First ? NoiseStream::ParticleFirstDraw : NoiseStream::ParticleSecondDraw, W_slip);
+        drawForParticles(ofParticles, W_slip);
+}
+
+void OverdampedMove::thermalSlip(Vectors& slips) {
+    if (slipsAreOfField)
+        mobility.slipsOf(*field, slips);
+    else
+        mobility.thermalSlip(W_slip, slips);
+}
+
+double OverdampedMove::divergenceOfField() { return mobility.divergenceOf(*field); }
+
+void OverdampedMove::noteDriftFactor(double nu) {
+    numDriftFactors++;
+    driftFactorSquares += (nu - 1) * (nu - 1);
 }
 
 // ---- Finite differences
 
 void OverdampedMove::addKnownDrift(double factor, Vectors& twists) const {
-    if (problem.isUniform() && !problem.getElements()[0].isFree())
-        twists.col(0).head<3>() += factor * problem.uniformDivergence();
+    if (mobility.isUniform() && !mobility.getBodies().getElements()[0].isFree())
+        twists.col(0).head<3>() += factor * mobility.uniformDivergence();
 }
 
 void OverdampedMove::drawDirections() {
@@ -110,10 +131,10 @@ void OverdampedMove::drawDirections() {
 }
 
 void OverdampedMove::displaceBy(double step, int onlyRow, vector<Pose>& to) const {
-    const auto& elements = problem.getElements();
+    const auto& elements = mobility.getBodies().getElements();
     to.resize(start.size());
     for (size_t e = 0; e < start.size(); e++) {
-        const int row = problem.getBodies().firstRow(e), count = elements[e].numRows();
+        const int row = mobility.getBodies().firstRow(e), count = elements[e].numRows();
         double move[6] = {0, 0, 0, 0, 0, 0};
         for (int i = 0; i < count; i++) {
             const double length = lengths[row + i];
@@ -128,15 +149,15 @@ void OverdampedMove::displaceBy(double step, int onlyRow, vector<Pose>& to) cons
     }
 }
 
-bool OverdampedMove::isAccepted(const vector<Pose>& at) const { return problem.getBodies().acceptsNearby(at); }
+bool OverdampedMove::isAccepted(const vector<Pose>& at) { return mobility.acceptsNearby(at); }
 
-void OverdampedMove::failToDisplace(const vector<Pose>& at) const {
+void OverdampedMove::failToDisplace(const vector<Pose>& at) {
     throw OpenMM::OpenMMException(
         "the finite difference of the stochastic drift leads where the model has no mobility, both ways: " +
-        problem.getBodies().objection(at) + "; use a smaller setFiniteDifferenceStep(), or FixmanMidpoint");
+        mobility.objection(at) + "; use a smaller setFiniteDifferenceStep(), or FixmanMidpoint");
 }
 
-void OverdampedMove::displaceAlong(int row, double& step, vector<Pose>& to) const {
+void OverdampedMove::displaceAlong(int row, double& step, vector<Pose>& to) {
     for (int shrink = 0; shrink <= maxShrinks; shrink++, step *= 0.1)
         for (int side = 0; side < 2; side++, step = -step) {
             displaceBy(step, row, to);
@@ -145,7 +166,7 @@ void OverdampedMove::displaceAlong(int row, double& step, vector<Pose>& to) cons
     failToDisplace(to);
 }
 
-void OverdampedMove::displace(double& step, vector<Pose>& to) const { displaceAlong(-1, step, to); }
+void OverdampedMove::displace(double& step, vector<Pose>& to) { displaceAlong(-1, step, to); }
 
 void OverdampedMove::displaceBothWays(double& step) {
     for (int shrink = 0; shrink <= maxShrinks; shrink++, step *= 0.1) {
@@ -164,22 +185,22 @@ void OverdampedMove::displaceBothWays(double& step) {
 }
 
 void OverdampedMove::drawTractions(Vectors& forces, Vectors& slips) {
-    problem.getBlobForces(lambda);
-    if (lambda.cols() > 1) lambda = lambda.col(0).eval();
+    mobility.getBlobForces(lambdas);
+    lambda = lambdas.col(0);
     centralStep = differenceStep_;
     displaceBothWays(centralStep);
-    problem.totalWrenches(backward, lambda, forces);
-    problem.totalWrenches(forward, lambda, atOtherEnd);
-    forces = ((forces - atOtherEnd) / centralStep).eval();
-    problem.multiplyNearby(forward, lambda, slips);
-    problem.multiplyNearby(backward, lambda, atOtherEnd);
-    slips = ((slips - atOtherEnd) / centralStep).eval();
+    mobility.totalWrenches(backward, lambda, forces);
+    mobility.totalWrenches(forward, lambda, wrenchAtOtherEnd);
+    forces = (forces - wrenchAtOtherEnd) / centralStep;
+    mobility.multiplyNearby(forward, lambda, slips);
+    mobility.multiplyNearby(backward, lambda, slipAtOtherEnd);
+    slips = (slips - slipAtOtherEnd) / centralStep;
 }
 
 void OverdampedMove::rigidSlipDifference(const Vectors& twists, Vectors& slips) {
-    problem.rigidSlips(forward, twists, slips);
-    problem.rigidSlips(backward, twists, atOtherEnd);
-    slips = ((slips - atOtherEnd) / centralStep).eval();
+    mobility.rigidSlips(forward, twists, slips);
+    mobility.rigidSlips(backward, twists, slipAtOtherEnd);
+    slips = (slips - slipAtOtherEnd) / centralStep;
 }
 
 }  // namespace RigidHIPlugin

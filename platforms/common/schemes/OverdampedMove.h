@@ -2,10 +2,12 @@
 #define RIGIDHI_OVERDAMPED_MOVE_H_
 
 #include <Eigen/Core>
+#include <cmath>
+#include <memory>
 #include <vector>
 
-#include "mobility/MobilityProblem.h"
 #include "random/CounterNoise.h"
+#include "rigid/BodyMobility.h"
 #include "rigidbody/Pose.h"
 
 namespace RigidHIPlugin {
@@ -15,6 +17,7 @@ struct OverdampedStep {
     double h = 0, kT = 0;
     double difference = 0;  // setFiniteDifferenceStep(), in body lengths and radians
     NoiseStream noise;
+    bool driftFactorScalesAll = false;  // setDriftCorrectorScaling(Whole)
 };
 
 /**
@@ -29,14 +32,13 @@ public:
     /** Which of the step's two independent sets of random numbers. */
     enum Draw { First, Second };
 
-    /** @param tolerance  relative, of the matrix-free way */
-    OverdampedMove(BodyMobility& bodies, bool matrixFree, double tolerance);
+    explicit OverdampedMove(BodyMobility& mobility);
 
     // ---- The engine's side
     /** Where a step starts, to be set before, and where it is. */
     std::vector<Pose> start, present;
     void begin(const OverdampedStep& step);
-    MobilityProblem& getProblem() { return problem; }
+    BodyMobility& getMobility() { return mobility; }
     long long randomNumbers = 0;  // of this step
 
     // ---- The schemes' side
@@ -44,21 +46,21 @@ public:
     /** Forces and torques where they were evaluated last. */
     Vectors force;
     /** U = N F, or with slips N (F + K^T M^-1 s), at the present poses. */
-    void solve(const Vectors& wrenches, Vectors& twists) { problem.solve(wrenches, twists); }
+    void solve(const Vectors& wrenches, Vectors& twists) { mobility.solve(wrenches, twists); }
     void solve(const Vectors& wrenches, const Vectors& slips, Vectors& twists) {
-        problem.solve(wrenches, slips, twists);
+        mobility.solve(wrenches, slips, twists);
     }
     /** N^(-1/2) W at the present poses: of covariance N^-1. */
     void thermalWrench(Draw draw, Vectors& wrench);
-    /** Draw W of thermalSlip(), which then depends on poses only until the next drawing. */
+    /** Draw what thermalSlip() is made of, which then depends on poses only until the next drawing: the model's random field, or W. */
     void drawForSlips(Draw draw);
-    /** M^(1/2) W: of covariance M. */
-    void thermalSlip(Vectors& slips) { problem.thermalSlip(W_slip, slips); }
+    /** Of covariance M: the field's, or M^(1/2) W. */
+    void thermalSlip(Vectors& slips);
 
     /** Whether div N is 0 or known without differences; then addKnownDrift() adds it. */
-    bool driftIsKnown() const { return problem.isUniform() || problem.isDivergenceFree(); }
+    bool driftIsKnown() const { return mobility.isUniform() || mobility.isDivergenceFree(); }
     /** Whether it is 0 while N changes with poses: spheres. What makes a drift by noise at other poses is then to be left out. */
-    bool driftIsZero() const { return !problem.isUniform() && problem.isDivergenceFree(); }
+    bool driftIsZero() const { return !mobility.isUniform() && mobility.isDivergenceFree(); }
     /** U += factor div N, where that is known. */
     void addKnownDrift(double factor, Vectors& twists) const;
     /**
@@ -80,41 +82,64 @@ public:
      * there but has one the other way, `step` changes its sign; if neither, it is made smaller.
      * @throws OpenMMException if nothing helps
      */
-    void displace(double& step, std::vector<Pose>& poses) const;
+    void displace(double& step, std::vector<Pose>& poses);
     /** Likewise along one coordinate (a row of twists) only. */
-    void displaceAlong(int row, double& step, std::vector<Pose>& poses) const;
+    void displaceAlong(int row, double& step, std::vector<Pose>& poses);
     /** The relative finite-difference step. */
     double differenceStep() const { return differenceStep_; }
     /** Each row's length: L for translations, 1 for rotations. */
     double lengthOfRow(int row) const { return lengths[row]; }
-    int getNumRows() const { return problem.getNumRows(); }
+    int getNumRows() const { return mobility.getBodies().getNumRows(); }
     /** Do everything at the start, at the present poses, or at displaced ones from now on. */
-    void atStart() { problem.setPoses(start); }
-    void atPresent() { problem.setPoses(present); }
-    void at(const std::vector<Pose>& poses) { problem.setPoses(poses, true); }
+    void atStart() { mobility.setPoses(start); }
+    void atPresent() { mobility.setPoses(present); }
+    void at(const std::vector<Pose>& poses) { mobility.setPoses(poses, true); }
     /** Move to Q^n + t U: Rotate(q, t W). */
     void goFromStart(double t, const Vectors& twists);
+    /**
+     * Whether divergenceOfField() is known, so that no differences are needed: slips are of the model's random field, which is looked at nearby.
+     */
+    bool knowsDivergence() const { return slipsAreOfField; }
+    /**
+     * The divergence by the bodies' coordinates of the twists nearest to the field's slips, at the present poses; of a field of unit temperature and time.
+     * The twists of a body depend on its own pose only, so all bodies are displaced at once.
+     */
+    double divergenceOfField();
+    /** What nu multiplies: everything, or the slips only. */
+    bool driftFactorScalesAll() const { return driftFactorScalesAll_; }
+    /** For the warning about its fluctuations. */
+    void noteDriftFactor(double nu);
+    double driftFactorSpread() const {
+        return numDriftFactors == 0 ? 0 : std::sqrt(driftFactorSquares / numDriftFactors);
+    }
+    long long getNumDriftFactors() const { return numDriftFactors; }
     /** The twists nearest to slips. */
-    void nearestTwists(const Vectors& slips, Vectors& twists) const { problem.nearestTwists(slips, twists); }
+    void nearestTwists(const Vectors& slips, Vectors& twists) const { mobility.nearestTwists(slips, twists); }
 
 private:
     /** The start displaced by half a step both ways, for a central difference; one-sided where only one side is possible. */
     void displaceBothWays(double& step);
     void displaceBy(double step, int onlyRow, std::vector<Pose>& poses) const;
-    bool isAccepted(const std::vector<Pose>& poses) const;
-    [[noreturn]] void failToDisplace(const std::vector<Pose>& poses) const;
+    bool isAccepted(const std::vector<Pose>& poses);
+    [[noreturn]] void failToDisplace(const std::vector<Pose>& poses);
     void drawForBodies(uint32_t purpose, uint32_t freePurpose, Vectors& W);
     void drawForParticles(uint32_t purpose, Vectors& W);
     void drawNumbers(uint32_t purpose, uint32_t index, int count, double* numbers);
 
-    MobilityProblem problem;
+    BodyMobility& mobility;
     std::vector<double> lengths;  // of rows
     std::vector<Pose> forward, backward;
-    double centralStep = 0;  // between these two
-    Vectors lambda, atOtherEnd;
+    double centralStep = 0;   // between these two
+    Vectors lambdas, lambda;  // of all columns, of the first
+    Vectors wrenchAtOtherEnd, slipAtOtherEnd;
     Vectors W, W_slip;
+    std::unique_ptr<RandomField> field;
+    bool slipsAreOfField = false;
     NoiseStream stream;
     double differenceStep_ = 0;
+    bool driftFactorScalesAll_ = false;
+    long long numDriftFactors = 0;
+    double driftFactorSquares = 0;  // of nu - 1
 };
 
 }  // namespace RigidHIPlugin

@@ -25,8 +25,8 @@ public:
     /** @param stage  0 begins a step: `move` is at its start */
     virtual void run(int stage, OverdampedMove& move) = 0;
     /**
-     * What the next step needs of this one. It is saved with checkpoints and States, put back with a step that is redone, and emptied where
-     * poses were changed by others: then it has size 0. Default: nothing.
+     * What the next step needs of this one: vectors with a row for each of those of twists. They are saved with checkpoints and States, put
+     * back with a step that is redone or fails, and emptied (size 0) where others changed poses or another scheme moved them. Default: none.
      */
     virtual std::vector<Vectors*> memory() { return {}; }
 };

@@ -41,21 +41,30 @@ struct Thermostat {
 };
 
 /**
- * The exact Ornstein-Uhlenbeck process over the time t (Davidchack 2015, eqs. 25 and 26):
- * p <- exp(-gamma t) p + sqrt(m kT (1 - exp(-2 gamma t))) xi,
- * l_k <- exp(-Gamma_k t) l_k + sqrt(I_k kT (1 - exp(-2 Gamma_k t))) eta_k. expm1 keeps weak friction exact.
+ * The exact Ornstein-Uhlenbeck process of a momentum over the time t (Davidchack 2015, eqs. 25 and 26):
+ * p <- exp(-rate t) p + sqrt(inertia kT (1 - exp(-2 rate t))) xi. expm1 keeps weak friction exact.
  */
-inline Thermostat ornsteinUhlenbeckCoefficients(const BodyInertia& body, const HeatBath& bath, double t) {
+inline void setOrnsteinUhlenbeck(double inertia, double rate, double kT, double t, double& decay, double& noise) {
+    decay = std::exp(-rate * t);
+    noise = std::sqrt(-inertia * kT * std::expm1(-2 * rate * t));
+}
+
+/** That process of the momentum and the live angular momenta of a body, at these rates. */
+inline Thermostat ornsteinUhlenbeckCoefficients(const BodyInertia& body, double rate_p, const double (&rates_l)[3],
+                                                double kT, double t) {
     Thermostat c;
-    c.decay_p = std::exp(-bath.gamma * t);
-    c.noise_p = std::sqrt(-body.mass * bath.kT * std::expm1(-2 * bath.gamma * t));
-    for (int k = 0; k < 3; k++) {
-        if (!body.isLive(k)) continue;
-        const double rate = body.rotationalRate(k, bath.Gamma);
-        c.decay_l[k] = std::exp(-rate * t);
-        c.noise_l[k] = std::sqrt(-body.moments[k] * bath.kT * std::expm1(-2 * rate * t));
-    }
+    setOrnsteinUhlenbeck(body.mass, rate_p, kT, t, c.decay_p, c.noise_p);
+    for (int k = 0; k < 3; k++)
+        if (body.isLive(k)) setOrnsteinUhlenbeck(body.moments[k], rates_l[k], kT, t, c.decay_l[k], c.noise_l[k]);
     return c;
+}
+
+/** Likewise with a heat bath's frictions: gamma, and Gamma M/(4 I_k). */
+inline Thermostat ornsteinUhlenbeckCoefficients(const BodyInertia& body, const HeatBath& bath, double t) {
+    double rates[3] = {0, 0, 0};
+    for (int k = 0; k < 3; k++)
+        if (body.isLive(k)) rates[k] = body.rotationalRate(k, bath.Gamma);
+    return ornsteinUhlenbeckCoefficients(body, bath.gamma, rates, bath.kT, t);
 }
 
 }  // namespace RigidHIPlugin

@@ -9,8 +9,8 @@ void BrownianStep::take() {
     Scene& scene = parts.scene;
     Fluid& fluid = *scene.fluid.get();
     const OverdampedEntry& scheme = overdampedScheme(scene.settings.scheme);
+    fluid.beginOverdamped(scene.settings.scheme);  // first: whatever fails from here on puts back what this keeps
     if (scheme.needsForces(0)) fluid.checkTorques(scene.bodies, scene.arrays->forces());
-    fluid.beginOverdamped(scene.settings.scheme);
     for (int stage = 0; stage < scheme.numStages(); stage = fluid.nextStage()) {
         if (stage > 0) {
             fluid.showStage(stage, scene.bodies, scene.arrays->positions());
@@ -21,6 +21,7 @@ void BrownianStep::take() {
         runStage(stage);
     }
     writePositions();
+    scene.settings.warnOfDriftFactor(scene);
 }
 
 /** Groups that were led to where the model has no mobility are at the start of the step again. */

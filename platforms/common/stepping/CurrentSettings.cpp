@@ -27,6 +27,8 @@ void CurrentSettings::update(Scene& scene) {
     if (takenOver == wanted) return;
     checkScheme(scene.system, scene.definitions.underPresentScheme(), scene.stock);
     scene.fluid.adoptWallRejection();
+    // What a scheme keeps for its next step is of no use once another has moved the bodies.
+    if (scheme != integrator.getScheme() && scene.fluid) scene.fluid->forgetMemory();
     scheme = integrator.getScheme();
     h = integrator.getStepSize();
     noise.law = static_cast<NoiseStream::Law>(integrator.getNoiseLaw());
@@ -34,6 +36,7 @@ void CurrentSettings::update(Scene& scene) {
     if (hydrodynamic) scene.fluid->checkInertia(scene.bodies);
     kT = BOLTZ * integrator.getTemperature();
     difference = integrator.getFiniteDifferenceStep();
+    driftCorrectorScaling = integrator.getDriftCorrectorScaling();
     fluidCouplesBodies = hydrodynamic && scene.fluid->couplesBodies();
     takenOver = wanted;
     printWarnings(scene);
@@ -63,6 +66,11 @@ void CurrentSettings::setThermostats(Scene& scene) {
         if (hydrodynamic) scene.fluid->freeThermostat(i, point.mass, kT, h, free.back());
     }
     scene.freeParticles->setThermostats(free);
+}
+
+void CurrentSettings::warnOfDriftFactor(const Scene& scene) {
+    if (scene.fluid->getDriftFactorSpread() > driftFactorLimit && printed.count(WarningCause::DriftFactorSpread) == 0)
+        printWarnings(scene);
 }
 
 void CurrentSettings::printWarnings(const Scene& scene) {

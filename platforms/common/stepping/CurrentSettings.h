@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "context/Warnings.h"
-#include "engine/StepSettings.h"
+#include "stepping/StepSettings.h"
 
 namespace RigidHIPlugin {
 
@@ -17,6 +17,9 @@ public:
     void update(Scene& scene);
     /** What the settings stand on (bodies, fluid) has changed: the next update() takes them over whatever they are. */
     void forget() { takenOver.reset(); }
+
+    /** The warning about drift factors, which takes steps to be known; after each of them. */
+    void warnOfDriftFactor(const Scene& scene);
 
 private:
     void setThermostats(Scene& scene);

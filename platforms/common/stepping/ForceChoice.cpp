@@ -15,12 +15,21 @@ bool ForceChoice::changed(const System& system, int integrationForceGroups) {
     for (int i = 0; i < system.getNumForces(); i++) {
         const Force& force = system.getForce(i);
         note(force.getForceGroup());
-        if (auto* nonbonded = dynamic_cast<const NonbondedForce*>(&force)) {
-            note(nonbonded->getReciprocalSpaceForceGroup());
-            note(nonbonded->getIncludeDirectSpace());
+        if (isNonbonded(i, force)) {
+            const auto& nonbonded = static_cast<const NonbondedForce&>(force);
+            note(nonbonded.getReciprocalSpaceForceGroup());
+            note(nonbonded.getIncludeDirectSpace());
         }
     }
     return differs;
+}
+
+bool ForceChoice::isNonbonded(int index, const Force& force) {
+    if (index >= (int)kinds.size()) kinds.resize(index + 1);
+    Kind& kind = kinds[index];
+    // A dynamic_cast of every Force in every step would take longer than the step of a single body.
+    if (kind.type != &typeid(force)) kind = {&typeid(force), dynamic_cast<const NonbondedForce*>(&force) != nullptr};
+    return kind.isNonbonded;
 }
 
 void ForceChoice::note(int number) {

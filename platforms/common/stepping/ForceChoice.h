@@ -1,11 +1,13 @@
 #ifndef RIGIDHI_FORCE_CHOICE_H_
 #define RIGIDHI_FORCE_CHOICE_H_
 
+#include <typeinfo>
 #include <vector>
 
 namespace OpenMM {
+class Force;
 class System;
-}
+}  // namespace OpenMM
 
 namespace RigidHIPlugin {
 
@@ -21,7 +23,14 @@ public:
     bool changed(const OpenMM::System& system, int integrationForceGroups);
 
 private:
+    /** What the class of a Force is, asked once. */
+    struct Kind {
+        const std::type_info* type = nullptr;
+        bool isNonbonded = false;
+    };
+    bool isNonbonded(int index, const OpenMM::Force& force);
     void note(int number);
+    std::vector<Kind> kinds;  // of the System's Forces
     std::vector<int> last;
     int next = 0;
     bool differs = false;

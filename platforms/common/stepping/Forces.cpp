@@ -23,7 +23,7 @@ void Forces::prepare() {
 
 void Forces::calculate() {
     const double start = StepCounters::now();
-    scene.arrays->pushPositions();
+    scene.arrays->pushPositionsForForces();
     context.calcForcesAndEnergy(true, false, scene.integrator.getIntegrationForceGroups());
     scene.arrays->pullForces();
     scene.counters.seconds_forces += StepCounters::now() - start;

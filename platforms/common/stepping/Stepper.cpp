@@ -9,19 +9,37 @@ Stepper::Stepper(ContextImpl& context, Scene& scene, ContextMirror& mirror)
       start(scene, mirror), rejections(scene), plain({scene, mirror, forces, start, rejections}),
       withFluid({scene, mirror, forces, start, rejections}), overdamped({scene, mirror, forces, start, rejections}) {}
 
+void Stepper::takeSteps(int number) {
+    scene.arrays->beginSteps();
+    try {
+        for (int i = 0; i < number; i++) takeStep();
+    } catch (...) {
+        // What went wrong first is what the user is to know.
+        try {
+            scene.arrays->endSteps();
+        } catch (...) {
+        }
+        throw;
+    }
+    scene.arrays->endSteps();
+}
+
 void Stepper::takeStep() {
     mirror.requirePositions("step()");
     if (scene.isBuilt()) scene.updateSettings();
     if (mirror.awaitsTakingIn()) takeInChanges();  // before Forces that change the state (barostats) see it
-    const bool removesMomentum = momentum.isOurs();
-    if (removesMomentum) {
+    const bool removal = momentum.isToBeUndone(), removesMomentum = removal && momentum.isDue();
+    if (removal) {
         mirror.takeInChanges(true);
         momentum.begin();
     }
-    if (context.updateContextState()) scene.noteChange();
+    scene.arrays->beforeForcesAct();
+    const bool forcesAreInvalid = context.updateContextState();
+    scene.arrays->afterForcesActed(forcesAreInvalid);
+    if (forcesAreInvalid) scene.noteChange();
     StepCounters& counters = scene.counters;
     const double begin = StepCounters::now(), elsewhere = counters.seconds_forces + counters.seconds_mobility;
-    if (removesMomentum) momentum.undo();
+    if (removal) momentum.undo();
     takeInChanges();
     if (removesMomentum) momentum.remove();
     forces.prepare();
@@ -56,8 +74,7 @@ void Stepper::advance() {
         throw;
     }
     ContextArrays& arrays = *scene.arrays;
-    arrays.pushPositions();
-    arrays.pushVelocities();
+    arrays.pushEndOfStep();
     arrays.setTime(arrays.getTime() + scene.settings.h);
     arrays.setStepCount(arrays.getStepCount() + 1);
     scene.settings.noise.step++;

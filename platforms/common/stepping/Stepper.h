@@ -13,12 +13,13 @@ class Stepper {
 public:
     Stepper(OpenMM::ContextImpl& context, Scene& scene, ContextMirror& mirror);
     /**
-     * One step: others' changes are taken in -> forces -> scheme -> new poses, momenta, particle positions and velocities. Or an
+     * Steps, each of them: others' changes are taken in -> forces -> scheme -> new poses, momenta, particle positions and velocities. Or an
      * exception, and bodies and particles as they were before the scheme began.
      */
-    void takeStep();
+    void takeSteps(int number);
 
 private:
+    void takeStep();
     void takeInChanges();
     void advance();
     Step& kindOfStep();

@@ -3,8 +3,10 @@
 // Equation:  dQ/dt = N F + sqrt(2 kT) N^(1/2) dW/dt + kT div N, N = (K^T M^-1 K)^-1, N^(1/2) = N K^T M^-1 M^(1/2) (Westwood 2022, eqs. 26, 36).
 // Method:    Westwood 2022, eqs. 37 to 44, with v = sqrt(2 kT/h) M^(1/2) W of the same W throughout:
 //            V~ = (K^T K)^-1 K^T v at Q^n,   nu = 1 + (h/2) div V~,   Q^m = Rotate(Q^n, h V~/2),
-//            U = N (F + K^T M^-1 v) at Q^m,   Q^{n+1} = Rotate(Q^n, nu h U).
+//            U = N (F + nu K^T M^-1 v) at Q^m,   Q^{n+1} = Rotate(Q^n, h U); setDriftCorrectorScaling(Whole) is the paper's
+//            U = N (F + K^T M^-1 v),   Q^{n+1} = Rotate(Q^n, nu h U). Both have the drift: <nu v> is that of <(nu - 1) v>, and F gets none on average.
 //            FD:  div V~ = sum_i (V~_i(Q^n + delta e_i) - V~_i) / delta, one-sided (eq. 39; error O(delta));
+//            Random fields (fluids on grids): the same field is looked at everywhere, and its divergence needs no square roots and no solves.
 //            RFD: div V~ = W~.(V~(Q^n + delta W~) - V~) / delta (eq. 40). Translations are displaced by delta times the body's length.
 // Order:     weak 1; 1 at T = 0 (the mid-point follows the noise only).
 // Cost:      one force evaluation (at t + h/2), one solve; square roots of M: two, and one for each row of the twists (FD) or one (RFD).
@@ -41,7 +43,10 @@ private:
             m.atStart();
             velocities(m, U);
             // Known: for one body in a uniform fluid V~ turns with it and div V~ = 0; spheres without drift keep V~ in correct().
-            if (!m.driftIsKnown()) scale += 0.5 * m.h * divergence(m);
+            if (!m.driftIsKnown()) {
+                scale += 0.5 * m.h * divergence(m);
+                m.noteDriftFactor(scale);
+            }
         }
         m.goFromStart(m.h / 2, U);
     }
@@ -54,9 +59,10 @@ private:
                 m.thermalSlip(slip);
                 slip *= std::sqrt(2 * m.kT / m.h);
             }
+            if (!m.driftFactorScalesAll()) slip *= scale;
             m.solve(m.force, slip, U);
         }
-        m.goFromStart(scale * m.h, U);
+        m.goFromStart(m.driftFactorScalesAll() ? scale * m.h : m.h, U);
     }
 
     /** V~ at the poses where m is. */
@@ -66,6 +72,7 @@ private:
         m.nearestTwists(slip, twists);
     }
     double divergence(OverdampedMove& m) {
+        if (m.knowsDivergence()) return std::sqrt(2 * m.kT / m.h) * m.divergenceOfField();
         double delta = m.differenceStep();
         if (randomDifferences) {
             m.drawDirections();

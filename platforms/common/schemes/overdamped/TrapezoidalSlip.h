@@ -66,7 +66,7 @@ private:
             total = m.force + 2 * m.kT * forceDifference;
             m.solve(total, slip, U);
         }
-        U = (0.5 * (U + U_start)).eval();
+        U = 0.5 * (U + U_start);
         m.goFromStart(m.h, U);
     }
     Vectors total, U, U_start, slip, difference, forceDifference, drift;

@@ -1,0 +1,34 @@
+#ifndef RIGIDHI_MESSAGES_H_
+#define RIGIDHI_MESSAGES_H_
+
+#include <openmm/Vec3.h>
+
+#include <cmath>
+#include <sstream>
+#include <string>
+
+namespace RigidHIPlugin {
+
+/** A value in a message that names it: with as many digits as tell two values apart that do not agree. */
+template <class T>
+std::string text(const T& value, int precision = 12) {
+    std::ostringstream stream;
+    stream.precision(precision);
+    stream << value;
+    return stream.str();
+}
+
+inline std::string text(const OpenMM::Vec3& v) {
+    return "(" + text(v[0]) + ", " + text(v[1]) + ", " + text(v[2]) + ")";
+}
+
+/** A number in a sentence, where six digits serve. */
+inline std::string number(double x) { return text(x, 6); }
+
+inline bool isFinite(const OpenMM::Vec3& v) {
+    return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]);
+}
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,49 @@
+// CustomRigidHIIntegrator on every other platform that OpenMM has (OpenCL, CUDA, HIP): forces there, bodies on the host; its arrays through
+// OpenMM's own kernels, packs of bodies spread over threads.
+
+#include <openmm/Platform.h>
+#include <openmm/internal/ContextImpl.h>
+#include <openmm/kernels.h>
+
+#include <cstdlib>
+#include <sstream>
+
+#include "context/KernelArrays.h"
+#include "context/KernelFactory.h"
+#include "host/ThreadedLoops.h"
+
+using namespace OpenMM;
+using namespace RigidHIPlugin;
+
+namespace {
+
+/** What the integrator was told, or what OpenMM's CPU platform takes: OPENMM_CPU_THREADS, or as many as there are processors. */
+int hostThreads(ContextImpl& context) {
+    const auto& integrator = dynamic_cast<const CustomRigidHIIntegrator&>(context.getIntegrator());
+    int threads = integrator.getNumHostThreads();
+    if (threads == 0)
+        if (const char* wanted = std::getenv("OPENMM_CPU_THREADS")) std::stringstream(wanted) >> threads;
+    return threads;  // 0: processors
+}
+
+}  // namespace
+
+// OpenMM calls these two after it has loaded the library, and again if it is told to load it again.
+extern "C" __attribute__((visibility("default"))) void registerPlatforms() {}
+
+extern "C" __attribute__((visibility("default"))) void registerKernelFactories() {
+    PlatformParts parts;
+    parts.arrays = [](ContextImpl& context) { return std::unique_ptr<ContextArrays>(new KernelArrays(context)); };
+    parts.loops = [](ContextImpl& context) {
+        return std::unique_ptr<PlatformLoops>(new ThreadedLoops(hostThreads(context)));
+    };
+    for (int i = 0; i < Platform::getNumPlatforms(); i++) {
+        const Platform& platform = Platform::getPlatform(i);
+        const std::string& name = platform.getName();
+        if (name == "Reference" || name == "CPU") continue;  // they have libraries of their own
+        const bool isServed = platform.supportsKernels({IntegrateRigidBodiesKernel::Name()}),
+                   canServe =
+                       platform.supportsKernels({UpdateStateDataKernel::Name(), IntegrateVerletStepKernel::Name()});
+        if (canServe && !isServed) registerKernel(name, "OpenMMRigidHIAny", parts);
+    }
+}

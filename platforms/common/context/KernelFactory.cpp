@@ -1,0 +1,37 @@
+#include "context/KernelFactory.h"
+
+#include <openmm/KernelFactory.h>
+#include <openmm/OpenMMException.h>
+#include <openmm/Platform.h>
+
+using namespace OpenMM;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+class RigidBodyKernelFactory : public KernelFactory {
+public:
+    RigidBodyKernelFactory(const std::string& library, const PlatformParts& parts) : library(library), parts(parts) {}
+    KernelImpl* createKernelImpl(std::string name, const Platform& platform, ContextImpl&) const override {
+        if (name == IntegrateRigidBodiesKernel::Name()) return new RigidBodyKernel(name, platform, parts);
+        throw OpenMMException(library + ": tried to create a kernel with unknown name '" + name + "'");
+    }
+
+private:
+    const std::string library;
+    const PlatformParts parts;
+};
+
+}  // namespace
+
+void registerKernel(const std::string& platformName, const std::string& library, const PlatformParts& parts) {
+    for (int i = 0; i < Platform::getNumPlatforms(); i++) {
+        Platform& platform = Platform::getPlatform(i);
+        if (platform.getName() == platformName)
+            platform.registerKernelFactory(IntegrateRigidBodiesKernel::Name(),
+                                           new RigidBodyKernelFactory(library, parts));
+    }
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,29 @@
+#ifndef RIGIDHI_PERIODIC_IMAGES_H_
+#define RIGIDHI_PERIODIC_IMAGES_H_
+
+#include <openmm/Vec3.h>
+#include <openmm/internal/ContextImpl.h>
+
+#include <vector>
+
+namespace RigidHIPlugin {
+
+/**
+ * Molecules that are far from the box, as they are shown to a platform that would round their coordinates coarsely: in the box, as a whole.
+ *
+ * That changes no force only if all Forces between molecules are periodic. Where one is not known to be, nothing is moved.
+ */
+class PeriodicImages {
+public:
+    explicit PeriodicImages(OpenMM::ContextImpl& context);
+    /** @return whether any molecule is far; then `images` are positions of the same forces near the box */
+    bool find(const std::vector<OpenMM::Vec3>& positions, const OpenMM::Vec3 (&box)[3],
+              std::vector<OpenMM::Vec3>& images) const;
+
+private:
+    std::vector<std::vector<int> > molecules;  // empty: nothing is to be moved
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

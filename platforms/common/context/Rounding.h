@@ -1,0 +1,41 @@
+#ifndef RIGIDHI_ROUNDING_H_
+#define RIGIDHI_ROUNDING_H_
+
+#include <openmm/Vec3.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace RigidHIPlugin {
+
+/** How a platform rounds positions and velocities: an array that it gives back is the one it was given if it is within this. */
+struct Rounding {
+    /** A few units in the last place, relative; 0 where the platform keeps every bit. */
+    double positions = 0, velocities = 0;
+    bool isExact() const { return positions == 0 && velocities == 0; }
+    /** Of what was rounded by both, one after the other. */
+    Rounding operator+(const Rounding& other) const {
+        Rounding sum;
+        sum.positions = positions + other.positions;
+        sum.velocities = velocities + other.velocities;
+        return sum;
+    }
+};
+
+/**
+ * Whether a vector may be what a platform gives back of `given`.
+ *
+ * @param relative  Rounding::positions or velocities
+ * @param beside    the largest length that was added and subtracted on the way: of the periodic box, for positions
+ */
+inline bool isRounded(const OpenMM::Vec3& read, const OpenMM::Vec3& given, double relative, double beside = 0) {
+    double largest = beside;
+    for (int k = 0; k < 3; k++) largest = std::max(largest, std::abs(given[k]));
+    bool within = true;
+    for (int k = 0; k < 3; k++) within = within && std::abs(read[k] - given[k]) <= relative * largest;
+    return within;
+}
+
+}  // namespace RigidHIPlugin
+
+#endif

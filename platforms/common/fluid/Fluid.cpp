@@ -1,0 +1,183 @@
+// Fluid: what is refused, and the Context's side of groups.
+
+#include "fluid/Fluid.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <cmath>
+#include <sstream>
+
+#include "fluid/GroupBuilder.h"
+#include "mobility/models/periodic/Lattice.h"
+#include "rigidbody/BodyPoses.h"
+#include "rigidbody/EigenVec3.h"
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+[[noreturn]] void fail(const string& message) { throw OpenMM::OpenMMException("MobilityForce: " + message); }
+
+/** Forces on sites of a line give a torque about it of about 1e-16 of force times size. */
+const double torqueTolerance = 1e-9;
+
+}  // namespace
+
+void Fluid::check(const MobilityForce& force, CustomRigidHIIntegrator::WallRejection wallRejection,
+                  const OpenMM::System& system, const vector<vector<int> >& particlesOfBodies,
+                  const FreeParticles& freeParticles, PlatformLoops& loops) {
+    GroupBuilder(force, wallRejection, system, particlesOfBodies, freeParticles, loops).checkModels();
+}
+
+Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejection wallRejection,
+             const OpenMM::System& system, const vector<vector<int> >& particlesOfBodiesToUse,
+             const vector<BodyGeometry>& geometries, const BodySet& bodies, const FreeParticles& freeParticles,
+             PlatformLoops& loops)
+    : force(forceToUse), wallRejection(wallRejection), loops(loops), particlesOfBodies(particlesOfBodiesToUse),
+      groups(GroupBuilder(force, wallRejection, system, particlesOfBodies, freeParticles, loops)
+                 .build(geometries, bodies)),
+      groupOfBody(particlesOfBodies.size(), -1), groupOfFree(freeParticles.getNumParticles(), -1) {
+    for (size_t g = 0; g < groups.size(); g++) {
+        FluidGroup& group = *groups[g];
+        const auto& elements = group.bodies.getElements();
+        for (size_t e = 0; e < elements.size(); e++)
+            if (elements[e].isFree())
+                groupOfFree[group.freeIndex[e]] = g;
+            else
+                groupOfBody[elements[e].body] = g;
+        if (group.isThermostat) continue;
+        coupledGroups.push_back(&group);
+        const double rows = group.relaxation->getNumRows(), particleRows = group.bodies.getNumParticleRows();
+        operationsPerStep += group.bodies.isConstantInBodyFrame()
+                                 ? operationsOfConstantTensor
+                                 : 20 * rows * rows * rows + particleRows * particleRows * particleRows / 3;
+    }
+}
+
+void Fluid::checkInertia(const BodySet& bodies) const {
+    for (const auto& group : groups) {
+        if (force.getSolver() == MobilityForce::MatrixFree && group->relaxation &&
+            group->relaxation->getMobility().getWay() == BodyMobility::Dense)
+            fail(
+                "solver MatrixFree is there for bodies that the fluid and their moments let rotate about the same "
+                "axes, "
+                "not for spheres and blobs off a line with a zero moment; use setSolver(Dense)");
+        const auto& elements = group->bodies.getElements();
+        for (size_t e = 0; e < elements.size(); e++) {
+            if (!group->bodies.hasNullVector(e)) continue;
+            // The null twist must be one that the body has no momentum for: rotation about dead axes only.
+            const VectorXd& twist = group->bodies.getNullVector_body(e);
+            const BodyInertia& inertia = bodies.inertia(elements[e].body);
+            double momentum = twist.head<3>().norm();
+            for (int k = 0; k < 3; k++)
+                if (inertia.isLive(k)) momentum += abs(twist[3 + k]);
+            const double directionTolerance = 1e-6;
+            if (momentum > directionTolerance)
+                fail("body " + to_string(elements[e].body) +
+                     ": its hydrodynamic particles lie on a line, about which the fluid does not hold it, but it has "
+                     "inertia about that line; give it a zero moment about the line, or more particles off the line");
+        }
+    }
+}
+
+/** The power of a wrench on the twist about the line, relative to what rounding of forces at the sites leaves. */
+void Fluid::checkTorque(const FluidGroup& group, int e, const Matrix<double, 6, 1>& wrench_body,
+                        double siteForces) const {
+    if (!group.bodies.hasNullVector(e)) return;
+    const FluidElement& element = group.bodies.getElements()[e];
+    const double power = group.bodies.getNullVector_body(e).dot(wrench_body);
+    double size = 0;
+    for (const Vector3d& site : element.sites) size = max(size, site.norm());
+    // Site forces may cancel in the wrench, but not in its rounding.
+    const double scale = wrench_body.tail<3>().norm() + size * (wrench_body.head<3>().norm() + siteForces);
+    if (abs(power) <= torqueTolerance * scale) return;
+    ostringstream text;
+    text << "body " << element.body << ": a torque of " << power
+         << " kJ/mol acts about the line of its hydrodynamic particles, where neither the fluid nor inertia resists; "
+            "it must be 0 "
+            "within 1e-9 of force times size and torque: remove it, or give the body hydrodynamic particles off the "
+            "line";
+    fail(text.str());
+}
+
+void Fluid::checkTorques(const BodySet& bodies, const vector<OpenMM::Vec3>& forces) const {
+    Matrix<double, 6, 1> wrench;
+    for (const auto& group : groups) {
+        if (!group->hasNullVectors) continue;
+        const auto& elements = group->bodies.getElements();
+        for (size_t e = 0; e < elements.size(); e++) {
+            if (!group->bodies.hasNullVector(e)) continue;
+            const int s = bodies.slot(elements[e].body);
+            const Matrix3d A = poseOf(bodies, elements[e].body).rotation();
+            wrench.head<3>() =
+                A.transpose() * Vector3d(bodies.force_lab[0][s], bodies.force_lab[1][s], bodies.force_lab[2][s]);
+            wrench.tail<3>() = Vector3d(bodies.torque_body[0][s], bodies.torque_body[1][s], bodies.torque_body[2][s]);
+            double siteForces = 0;
+            for (int p : particlesOfBodies[elements[e].body]) siteForces += sqrt(forces[p].dot(forces[p]));
+            checkTorque(*group, e, wrench, siteForces);
+        }
+    }
+}
+
+void FluidGroup::readPoses(const BodySet& bodies, const vector<OpenMM::Vec3>& positions, vector<Pose>& to) const {
+    const auto& elements = this->bodies.getElements();
+    for (size_t e = 0; e < elements.size(); e++)
+        if (elements[e].isFree())
+            to[e].R = toEigen(positions[elements[e].particles[0]]);
+        else
+            to[e] = poseOf(bodies, elements[e].body);
+}
+
+void Fluid::setBox(const BoxVectors& newBox) {
+    box = newBox;
+    boxIsChecked = false;
+    for (auto& group : groups) group->bodies.setBox(box);
+}
+
+void Fluid::checkBox() {
+    if (!isPeriodic() || boxIsChecked) return;
+    const Lattice lattice(box);
+    const double rounding = 1e-12, shortest = lattice.getShortest();
+    for (const auto& group : groups)
+        for (size_t e = 0; e < group->bodies.getElements().size(); e++) {
+            const FluidElement& element = group->bodies.getElements()[e];
+            const double length = element.particles.empty() ? 0 : group->bodies.length(e);
+            if (length <= shortest * (1 + rounding)) continue;
+            ostringstream text;
+            text << (element.isFree() ? "particle " + to_string(element.particles[0])
+                                      : "body " + to_string(element.body))
+                 << " has the length " << length << " nm, its radii included, and would overlap its own image: in "
+                 << describeBox() << " the shortest lattice vector has " << shortest
+                 << " nm; make the box larger by setPeriodicBoxVectors() on the Context (or "
+                    "setDefaultPeriodicBoxVectors() on the "
+                    "System before), or use the boundary Unbounded";
+            fail(text.str());
+        }
+    for (const auto& group : groups)
+        if (group->bodies.hasModel()) group->bodies.getModel().checkBox(box);
+    boxIsChecked = true;
+}
+
+void Fluid::continueFrom(const Fluid& before) {
+    numIterations = before.numIterations;
+    numSquareRoots = before.numSquareRoots;
+    productsBefore = before.numProducts();
+    matricesBefore = before.numMatrices();
+    secondsOfTransformsBefore = before.getSecondsOfTransforms();
+    if (!traitsOf(before.overdampedScheme_).isOverdamped() || groups.size() != before.groups.size()) return;
+    setMemory(before.getMemory(), before.overdampedScheme_);
+}
+
+MobilityCosts Fluid::costs() const {
+    MobilityCosts sum;
+    for (const auto& group : groups) sum.add(group->mobilities.getCosts());
+    return sum;
+}
+
+long long Fluid::numProducts() const { return productsBefore + costs().products; }
+long long Fluid::numMatrices() const { return matricesBefore + costs().matrices; }
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,217 @@
+// Fluid: what users ask for, and what it says about itself.
+
+#include <sstream>
+
+#include "fluid/Fluid.h"
+#include "linearalgebra/OneBlasThread.h"
+#include "mobility/Models.h"
+#include "rigidbody/BodyPoses.h"
+#include "rigidbody/EigenVec3.h"
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+/** Scatter a group's 6 x 6 blocks into the matrix of all bodies. */
+void scatterBlocks(const MatrixXd& from, const CoupledBodies& bodies, MatrixXd& to) {
+    const auto& elements = bodies.getElements();
+    for (size_t i = 0; i < elements.size(); i++)
+        for (size_t k = 0; k < elements.size(); k++)
+            if (!elements[i].isFree() && !elements[k].isFree())
+                to.block<6, 6>(6 * elements[i].body, 6 * elements[k].body) =
+                    from.block<6, 6>(bodies.firstRow(i), bodies.firstRow(k));
+}
+
+}  // namespace
+
+BodyMobility& Fluid::answering(FluidGroup& group, const BodySet& bodies, const vector<OpenMM::Vec3>& positions) const {
+    group.answering->setTolerance(force.getSolverTolerance());
+    group.answering->setPoses(group.readPoses(bodies, positions));
+    return *group.answering;
+}
+
+MatrixXd Fluid::mobility(const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
+    const OneBlasThread single;
+    MatrixXd result = MatrixXd::Zero(6 * groupOfBody.size(), 6 * groupOfBody.size());
+    for (auto& group : groups) scatterBlocks(answering(*group, bodies, positions).mobility(), group->bodies, result);
+    return result;
+}
+
+MatrixXd Fluid::friction(const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
+    const OneBlasThread single;
+    MatrixXd result = MatrixXd::Zero(6 * groupOfBody.size(), 6 * groupOfBody.size());
+    for (auto& group : groups) {
+        const MatrixXd& friction = answering(*group, bodies, positions).friction();
+        const auto& elements = group->bodies.getElements();
+        bool hasFree = false;
+        for (const FluidElement& element : elements) hasFree = hasFree || element.isFree();
+        if (!hasFree) {
+            scatterBlocks(friction, group->bodies, result);
+            continue;
+        }
+        // Free particles are force-free, so this is the inverse of the bodies' part of the mobility: Schur's complement.
+        vector<int> bodyRows, freeRows;
+        for (size_t e = 0; e < elements.size(); e++)
+            for (int i = 0; i < elements[e].numRows(); i++)
+                (elements[e].isFree() ? freeRows : bodyRows).push_back(group->bodies.firstRow(e) + i);
+        if (bodyRows.empty()) continue;
+        MatrixXd xi = friction;
+        const MatrixXd coupling = xi(freeRows, bodyRows);
+        const MatrixXd schur =
+            xi(bodyRows, bodyRows) - coupling.transpose() * MatrixXd(xi(freeRows, freeRows)).llt().solve(coupling);
+        for (size_t i = 0; i < bodyRows.size(); i++)
+            for (size_t k = 0; k < bodyRows.size(); k++) xi(bodyRows[i], bodyRows[k]) = schur(i, k);
+        scatterBlocks(xi, group->bodies, result);
+    }
+    return result;
+}
+
+VectorXd Fluid::apply(const VectorXd& wrenches, const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
+    const OneBlasThread single;
+    VectorXd result = VectorXd::Zero(wrenches.size());
+    MatrixXd f, u;
+    for (auto& group : groups) {
+        BodyMobility& mobility = answering(*group, bodies, positions);
+        const auto& elements = group->bodies.getElements();
+        f.setZero(group->bodies.getNumRows(), 1);
+        for (size_t e = 0; e < elements.size(); e++)
+            if (!elements[e].isFree()) {
+                const Eigen::Matrix<double, 6, 1> wrench = wrenches.segment<6>(6 * elements[e].body);
+                f.middleRows<6>(group->bodies.firstRow(e)) = wrench;
+                if (group->hasNullVectors)
+                    checkTorque(*group, e, twoRotations(mobility.getTurn(e)).transpose() * wrench, 0);
+            }
+        mobility.multiply(f, u);
+        for (size_t e = 0; e < elements.size(); e++)
+            if (!elements[e].isFree())
+                result.segment<6>(6 * elements[e].body) = u.middleRows<6>(group->bodies.firstRow(e));
+    }
+    return result;
+}
+
+VectorXd Fluid::applyToBlobs(const VectorXd& forces, const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
+    const OneBlasThread single;
+    VectorXd result = VectorXd::Zero(forces.size());
+    for (auto& group : groups) answering(*group, bodies, positions).applyToParticles(forces, result);
+    return result;
+}
+
+string Fluid::objection(const BodySet& bodies, const vector<OpenMM::Vec3>& positions) const {
+    for (const auto& group : groups) {
+        const string text = objection(*group, bodies, positions);
+        if (!text.empty()) return text;
+    }
+    return {};
+}
+
+string Fluid::objection(FluidGroup& group, const BodySet& bodies, const vector<OpenMM::Vec3>& positions) const {
+    BodyMobility& mobility = *group.answering;
+    return mobility.mayObject() ? mobility.objection(group.readPoses(bodies, positions)) : string();
+}
+
+bool Fluid::mayObject() const {
+    for (const auto& group : groups)
+        if (group->answering->mayObject()) return true;
+    return false;
+}
+
+int Fluid::numInteracting() const {
+    int sum = 0;
+    for (const auto& group : groups)
+        if (group->poses.size() > 1) sum += group->poses.size();
+    return sum;
+}
+
+double Fluid::getSecondsOfTransforms() const {
+    // Models of several groups share a grid, whose seconds each of them has.
+    double seconds = 0;
+    for (const auto& group : groups)
+        if (group->bodies.hasModel()) seconds = max(seconds, group->bodies.getModel().getSecondsOfTransforms());
+    return seconds + secondsOfTransformsBefore;
+}
+
+int Fluid::numCollinear() const {
+    int sum = 0;
+    for (const auto& group : groups)
+        for (size_t e = 0; e < group->poses.size(); e++) sum += group->bodies.hasNullVector(e);
+    return sum;
+}
+
+string Fluid::describeBox() const {
+    ostringstream text;
+    text << "the periodic box";
+    for (int k = 0; k < 3; k++)
+        text << (k == 0 ? " (" : ", (") << box[k][0] << ", " << box[k][1] << ", " << box[k][2] << ")";
+    text << " nm";
+    return text.str();
+}
+
+string Fluid::describe(bool overdamped) const {
+    int bodies = 0, free = 0, thermostats = 0, ways[3] = {0, 0, 0};
+    for (int g : groupOfBody) bodies += g >= 0;
+    for (int g : groupOfFree) free += g >= 0;
+    for (const auto& group : groups)
+        if (!overdamped && !group->relaxation)
+            thermostats++;
+        else
+            ways[(overdamped ? *group->overdamped.mobility : group->relaxation->getMobility()).getWay()]++;
+    ostringstream text;
+    text << modelName(force.getModel());
+    if (force.getBoundary() == MobilityForce::NoSlipWall)
+        text << " above a no-slip wall at z = " << force.getWallHeight()
+             << " nm (steps are redone after which a particle "
+             << (wallRejection == CustomRigidHIIntegrator::Crossing ? "has its centre behind it)" : "overlaps it)");
+    if (isPeriodic()) text << " with all images in " << describeBox();
+    const FluidGroup* largest = nullptr;
+    for (const auto& group : groups)
+        if (!largest || group->bodies.getNumParticleRows() > largest->bodies.getNumParticleRows())
+            largest = group.get();
+    if (largest && largest->bodies.hasModel()) {
+        const string grid = largest->bodies.getModel().describe(box);
+        if (!grid.empty()) text << " on " << grid;
+    }
+    text << ", " << bodies << " bodies and " << free << " free particles; ";
+    if (!overdamped) text << thermostats << " alone with constant isotropic drag (no matrices), ";
+    text << ways[BodyMobility::Constant] << " alone with a constant tensor (computed once), "
+         << ways[BodyMobility::Dense] << " groups with dense matrices, " << ways[BodyMobility::Krylov]
+         << " groups matrix-free";
+    return text.str();
+}
+
+string Fluid::describeAnswers() const {
+    int constant = 0, dense = 0, products = 0, iterations = 0, columns = 0;
+    for (const auto& group : groups) {
+        const bool krylov = group->answering->getWay() == BodyMobility::Krylov;
+        columns += krylov && group->bodies.isWorthIterations();
+        (group->answering->getWay() == BodyMobility::Constant ? constant
+         : !krylov                                            ? dense
+         : group->bodies.multipliesWithoutIterations()        ? products
+                                                              : iterations)++;
+    }
+    const auto list = [](const vector<pair<int, string> >& ways) {
+        string all;
+        for (const auto& way : ways)
+            if (way.first > 0)
+                all += (all.empty() ? "" : ", ") + to_string(way.first) + (way.first == 1 ? " group " : " groups ") +
+                       way.second;
+        return all.empty() ? string("no groups") : all;
+    };
+    ostringstream tolerance;
+    tolerance << "by iterations to " << force.getSolverTolerance();
+    const string known = "by a constant tensor", matrices = "by dense matrices";
+    return "applyMobilityInContext() does " +
+           list({{constant, known},
+                 {products, "by products without a matrix"},
+                 {iterations, tolerance.str()},
+                 {dense, matrices}}) +
+           "; getMobilityInContext() " +
+           list({{constant, known},
+                 {columns, tolerance.str() + ", column by column"},
+                 {int(groups.size()) - constant - columns, matrices}}) +
+           "; getFrictionInContext() " + list({{constant, known}, {int(groups.size()) - constant, matrices}});
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,53 @@
+#ifndef RIGIDHI_MOMENTUM_SCALING_H_
+#define RIGIDHI_MOMENTUM_SCALING_H_
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "rigid/BodyMobility.h"
+#include "rigidbody/BodySet.h"
+#include "stepping/FreeParticles.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * Momenta of a group in the units in which their relaxation is symmetric: Z = K^(1/2) (p, l), K the inverse masses and moments, l in the body
+ * frame. Of each element three rows for p, then one for each live axis.
+ *
+ * T scales velocities, T V = Z for the momenta of bodies with these velocities: it has m^(1/2) and I_k^(1/2) (A e_k)^T.
+ */
+class MomentumScaling {
+public:
+    /** @param freeIndex  of each element in FreeParticles, -1: a body */
+    MomentumScaling(const CoupledBodies& coupled, const std::vector<int>& freeIndex, const BodySet& bodies);
+    int getNumRows() const { return numRows; }
+    int firstRow(int element) const { return firstRows[element]; }
+    int getNumLive(int element) const { return numLive[element]; }
+    /** Whether bodies lack just those moments about whose axes the fluid does not hold them. */
+    bool deadAxesAreNull() const { return deadAxesAreNull_; }
+    const std::vector<int>& getFreeIndex() const { return freeIndex; }
+
+    /** S = T^-T xi T^-1, or its inverse, T N T^T, at the poses that the mobility has; S^-1 only if deadAxesAreNull(). */
+    void matrix(bool inverse, BodyMobility& mobility, const BodySet& bodies, const FreeParticles& freeParticles,
+                Eigen::MatrixXd& S);
+    /** wrenches = T^T x, and x = T twists, for columns. */
+    void wrenches(const Eigen::MatrixXd& x, const BodyMobility& mobility, const BodySet& bodies,
+                  const FreeParticles& freeParticles, Eigen::MatrixXd& wrenches) const;
+    void scaled(const Eigen::MatrixXd& twists, const BodyMobility& mobility, const BodySet& bodies,
+                const FreeParticles& freeParticles, Eigen::MatrixXd& x) const;
+
+private:
+    void scale(const Eigen::MatrixXd& from, bool fromZ, const BodyMobility& mobility, const BodySet& bodies,
+               const FreeParticles& freeParticles, Eigen::MatrixXd& to) const;
+
+    const CoupledBodies& coupled;
+    const std::vector<int> freeIndex;
+    std::vector<int> firstRows, numLive;  // of each element: rows in Z, live axes of a body
+    int numRows = 0;
+    bool deadAxesAreNull_ = true;
+    Eigen::MatrixXd half;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,179 @@
+#include "fluid/Relaxation.h"
+
+#include <cmath>
+
+#include "rigidbody/BodyPoses.h"
+#include "rigidbody/EigenVec3.h"
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+/** How much more exactly than the tolerance Lanczos' products are taken where they are solves themselves. */
+const double innerTolerance = 0.05;
+
+/** One body's constant process: its matrices are known in the body's frame, for each step size. */
+class ConstantRelaxation : public Relaxation {
+public:
+    using Relaxation::Relaxation;
+
+protected:
+    void evolve(const RelaxationStep& step) override {
+        const Matrix3d A = mobility.getTurn(0);
+        if (knownH != step.h) {
+            mobility.setPoses({Pose()});
+            scaling.matrix(false, mobility, step.bodies, step.freeParticles, S);
+            process.decompose(S, false);
+            process.matrices(step.h, decay, noise);
+            knownH = step.h;
+        }
+        // l is in the body's frame already, p is turned there and back.
+        Z.segment<3>(0) = (A.transpose() * Z.segment<3>(0)).eval();
+        change.noalias() = decay * Z;
+        if (step.kT > 0) {
+            chi.segment<3>(0) = (A.transpose() * chi.segment<3>(0)).eval();
+            Z += change;
+            change.noalias() = noise * chi;
+            Z += sqrt(step.kT) * change;
+        } else
+            Z += change;
+        Z.segment<3>(0) = (A * Z.segment<3>(0)).eval();
+    }
+
+private:
+    double knownH = -1;  // the step for which `decay` and `noise` hold
+    MatrixXd S, decay, noise;
+    VectorXd change;
+    FluidOrnsteinUhlenbeck process;
+};
+
+/** By an eigendecomposition of S. */
+class DenseRelaxation : public Relaxation {
+public:
+    using Relaxation::Relaxation;
+
+protected:
+    void evolve(const RelaxationStep& step) override {
+        // A dead axis makes S a part of K^(1/2) xi K^(1/2), whose inverse is not that part of the mobility.
+        const bool inverse = scaling.deadAxesAreNull() && !mobility.getBodies().prefersFriction();
+        scaling.matrix(inverse, mobility, step.bodies, step.freeParticles, S);
+        process.decompose(S, inverse);
+        process.step(step.h, step.kT, Z, chi);
+    }
+
+private:
+    MatrixXd S;
+    FluidOrnsteinUhlenbeck process;
+};
+
+/** By Lanczos on S^-1 = T N T^T, of which products are enough. */
+class KrylovRelaxation : public Relaxation {
+public:
+    KrylovRelaxation(BodyMobility& mobility, const MomentumScaling& scaling, double tolerance)
+        : Relaxation(mobility, scaling), tolerance(tolerance), lanczos(tolerance) {}
+
+protected:
+    void evolve(const RelaxationStep& step) override {
+        mobility.setTolerance(innerTolerance * tolerance);
+        const auto product = [&](double toleranceOfProducts) {
+            return [&, toleranceOfProducts](const MatrixXd& x, MatrixXd& y) {
+                scaling.wrenches(x, mobility, step.bodies, step.freeParticles, wrenches);
+                mobility.multiply(wrenches, twists, toleranceOfProducts);
+                scaling.scaled(twists, mobility, step.bodies, step.freeParticles, y);
+            };
+        };
+        vector<SpectralFunction> functions = {SpectralFunction::decay(step.h)};
+        columns.resize(Z.size(), step.kT > 0 ? 2 : 1);
+        columns.col(0) = Z;
+        if (step.kT > 0) {
+            columns.col(1) = sqrt(step.kT) * chi;
+            functions.push_back(SpectralFunction::decayNoise(step.h));
+        }
+        lanczos.apply(product(0), columns, functions, results, Lanczos::NormOfSum, product(tolerance));
+        if (!lanczos.isIncrement(0)) Z.setZero();
+        for (int c = 0; c < results.cols(); c++) Z += results.col(c);
+        iterations += lanczos.getNumIterations();
+    }
+
+private:
+    const double tolerance;
+    Lanczos lanczos;
+    MatrixXd columns, results, wrenches, twists;
+};
+
+}  // namespace
+
+unique_ptr<Relaxation> makeRelaxation(BodyMobility& mobility, const MomentumScaling& scaling, double tolerance) {
+    switch (mobility.getWay()) {
+        case BodyMobility::Constant: return unique_ptr<Relaxation>(new ConstantRelaxation(mobility, scaling));
+        case BodyMobility::Dense: return unique_ptr<Relaxation>(new DenseRelaxation(mobility, scaling));
+        default: return unique_ptr<Relaxation>(new KrylovRelaxation(mobility, scaling, tolerance));
+    }
+}
+
+void Relaxation::relax(const vector<Pose>& poses, const RelaxationStep& step) {
+    randomNumbers = iterations = 0;
+    mobility.setPoses(poses);
+    takeMomenta(step);
+    evolve(step);
+    giveMomenta(step);
+}
+
+/** Z = K^(1/2) (p, l), and as many random numbers. */
+void Relaxation::takeMomenta(const RelaxationStep& step) {
+    const auto& elements = mobility.getBodies().getElements();
+    const BodySet& bodies = step.bodies;
+    Z.resize(scaling.getNumRows());
+    chi.resize(scaling.getNumRows());
+    for (size_t e = 0; e < elements.size(); e++) {
+        const int z = scaling.firstRow(e);
+        double numbers[6];
+        if (elements[e].isFree()) {
+            const int p = elements[e].particles[0];
+            Z.segment<3>(z) = sqrt(step.freeParticles.mass(scaling.getFreeIndex()[e])) * toEigen(step.velocities[p]);
+            if (step.kT == 0) continue;
+            step.loops.fillNoise(step.noise, NoiseStream::FreeFirstDraw, &p, 1, numbers);
+            chi.segment<3>(z) = Vector3d(numbers[0], numbers[1], numbers[2]);
+            randomNumbers += 3;
+            continue;
+        }
+        const int b = elements[e].body, s = bodies.slot(b);
+        const BodyInertia& inertia = bodies.inertia(b);
+        Z.segment<3>(z) = Vector3d(bodies.p[0][s], bodies.p[1][s], bodies.p[2][s]) / sqrt(inertia.mass);
+        // Langevin C's numbers, so that with constant isotropic friction this is Langevin C (CONVENTIONS.md).
+        if (step.kT > 0) {
+            for (int k = 0; k < 3; k++)
+                step.noise.pair(NoiseStream::FirstDraw, b, k, numbers[2 * k], numbers[2 * k + 1]);
+            chi.segment<3>(z) = Vector3d(numbers[0], numbers[1], numbers[2]);
+            randomNumbers += 3 + scaling.getNumLive(e);
+        }
+        for (int k = 0, next = z + 3; k < 3; k++) {
+            if (!inertia.isLive(k)) continue;
+            if (step.kT > 0) chi[next] = numbers[3 + k];
+            Z[next++] = bodies.l[k][s] / sqrt(inertia.moments[k]);
+        }
+    }
+}
+
+void Relaxation::giveMomenta(const RelaxationStep& step) const {
+    const auto& elements = mobility.getBodies().getElements();
+    BodySet& bodies = step.bodies;
+    for (size_t e = 0; e < elements.size(); e++) {
+        const int z = scaling.firstRow(e);
+        if (elements[e].isFree()) {
+            step.velocities[elements[e].particles[0]] =
+                toVec3(Z.segment<3>(z) / sqrt(step.freeParticles.mass(scaling.getFreeIndex()[e])));
+            continue;
+        }
+        const int s = bodies.slot(elements[e].body);
+        const BodyInertia& inertia = bodies.inertia(elements[e].body);
+        for (int k = 0; k < 3; k++) bodies.p[k][s] = sqrt(inertia.mass) * Z[z + k];
+        for (int k = 0, next = z + 3; k < 3; k++)
+            if (inertia.isLive(k)) bodies.l[k][s] = sqrt(inertia.moments[k]) * Z[next++];
+    }
+}
+
+}  // namespace RigidHIPlugin

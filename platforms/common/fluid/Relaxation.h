@@ -1,0 +1,66 @@
+#ifndef RIGIDHI_RELAXATION_H_
+#define RIGIDHI_RELAXATION_H_
+
+#include <Eigen/Core>
+#include <memory>
+#include <vector>
+
+#include "fluid/MomentumScaling.h"
+#include "host/PlatformLoops.h"
+#include "linearalgebra/Lanczos.h"
+#include "schemes/FluidOrnsteinUhlenbeck.h"
+
+namespace RigidHIPlugin {
+
+/** The fluid's part of a step of LangevinHI, and what it acts upon. */
+struct RelaxationStep {
+    double h, kT;
+    const NoiseStream& noise;
+    BodySet& bodies;
+    const FreeParticles& freeParticles;
+    std::vector<OpenMM::Vec3>& velocities;
+    PlatformLoops& loops;
+};
+
+/**
+ * What the fluid does to the momenta of one group in a step of LangevinHI (Davidchack 2017, eq. 26): the exact Ornstein-Uhlenbeck process
+ * of Z at the present poses. How is a class of its own for each strategy of BodyMobility, made by makeRelaxation().
+ */
+class Relaxation {
+public:
+    Relaxation(BodyMobility& mobility, const MomentumScaling& scaling) : mobility(mobility), scaling(scaling) {}
+    virtual ~Relaxation() {}
+    BodyMobility& getMobility() const { return mobility; }
+    /** Momenta of bodies and velocities of free particles over the time h. @param poses  of the elements */
+    void relax(const std::vector<Pose>& poses, const RelaxationStep& step);
+    /** Of the last step. */
+    long long getNumRandomNumbers() const { return randomNumbers; }
+    long long getNumIterations() const { return iterations; }
+    int getNumRows() const { return scaling.getNumRows(); }
+    bool isFinite() const { return Z.allFinite(); }
+
+protected:
+    /** Z and chi are those of this step; Z(0) becomes Z(h). */
+    virtual void evolve(const RelaxationStep& step) = 0;
+
+    BodyMobility& mobility;
+    MomentumScaling scaling;
+    Eigen::VectorXd Z, chi;
+    long long iterations = 0;
+
+private:
+    void takeMomenta(const RelaxationStep& step);
+    void giveMomenta(const RelaxationStep& step) const;
+    long long randomNumbers = 0;
+};
+
+/**
+ * The one for this strategy.
+ *
+ * @param tolerance  of KrylovMobility, as the user has set it
+ */
+std::unique_ptr<Relaxation> makeRelaxation(BodyMobility& mobility, const MomentumScaling& scaling, double tolerance);
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,392 @@
+// The loops over bodies, for one body at a time (Real = double) or a SIMD pack of bodies.
+//
+// A Real brings: arithmetic, construction from double, sincos, squareRoot, maximum (Quaternion-inl.h), and the
+// functions load, store, lanes and noisePairs below.
+
+#if defined(RIGIDHI_BODY_LOOPS_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef RIGIDHI_BODY_LOOPS_INL_H_
+#undef RIGIDHI_BODY_LOOPS_INL_H_
+#else
+#define RIGIDHI_BODY_LOOPS_INL_H_
+#endif
+
+#include "rigidbody/BodySet.h"
+#include "rigidbody/FreeRotor-inl.h"
+#include "rigidbody/Quaternion-inl.h"
+#include "schemes/Thermostats-inl.h"
+#include "stepping/StepSettings.h"
+
+namespace RigidHIPlugin {
+namespace RIGIDHI_TARGET {
+
+// The scalar members of the family.
+inline void load(const double* from, double& x) { x = *from; }
+inline void store(double x, double* to) { *to = x; }
+inline int lanes(double) { return 1; }
+inline bool isFinite(double x) { return x - x == 0; }
+template <int count>
+inline void noisePairs(const NoiseStream& noise, uint32_t purpose, const int* index, uint32_t firstBlock,
+                       double (&numbers)[2 * count]) {
+    for (int k = 0; k < count; k++) noise.pair(purpose, index[0], firstBlock + k, numbers[2 * k], numbers[2 * k + 1]);
+}
+
+template <class Real>
+inline Vector3<Real> loadVector(const std::vector<double>* v, int slot) {
+    Vector3<Real> r;
+    load(&v[0][slot], r.x);
+    load(&v[1][slot], r.y);
+    load(&v[2][slot], r.z);
+    return r;
+}
+template <class Real>
+inline void storeVector(const Vector3<Real>& r, std::vector<double>* v, int slot) {
+    store(r.x, &v[0][slot]);
+    store(r.y, &v[1][slot]);
+    store(r.z, &v[2][slot]);
+}
+template <class Real>
+inline Real loadScalar(const std::vector<double>& v, int slot) {
+    Real r;
+    load(&v[slot], r);
+    return r;
+}
+
+/**
+ * One body (or pack) on its way through a step: the moves that schemes are made of.
+ */
+template <class Real>
+class BodyFlow {
+public:
+    BodyFlow(BodySet& bodies, const StepSettings& settings, int slot)
+        : bodies(bodies), settings(settings), slot(slot), block(bodies.blocks[slot / BodySet::blockSize]) {
+        R = loadVector<Real>(bodies.R, slot);
+        p = loadVector<Real>(bodies.p, slot);
+        l = loadVector<Real>(bodies.l, slot);
+        q = {loadScalar<Real>(bodies.q[0], slot), loadScalar<Real>(bodies.q[1], slot),
+             loadScalar<Real>(bodies.q[2], slot), loadScalar<Real>(bodies.q[3], slot)};
+        inverseMass = loadScalar<Real>(bodies.inverseMass, slot);
+        inverseMoments = loadVector<Real>(bodies.inverseMoments, slot);
+        force_lab = loadVector<Real>(bodies.force_lab, slot);
+        torque_body = loadVector<Real>(bodies.torque_body, slot);
+    }
+    void storePose() {
+        renormalise(q);
+        storeVector(R, bodies.R, slot);
+        store(q.w, &bodies.q[0][slot]);
+        store(q.x, &bodies.q[1][slot]);
+        store(q.y, &bodies.q[2][slot]);
+        store(q.z, &bodies.q[3][slot]);
+    }
+    void storeMomenta() {
+        storeVector(p, bodies.p, slot);
+        storeVector(l, bodies.l, slot);
+    }
+
+    /** p <- p + t f, l <- l + t tau. Axes without inertia take no angular momentum. */
+    void kick(double t) {
+        p += Real(t) * force_lab;
+        if (block.rotor == RotorKind::General)
+            l += Real(t) * torque_body;
+        else if (block.rotor == RotorKind::Linear)
+            l += Real(t) * Vector3<Real>{Real(0.0), torque_body.y, torque_body.z};
+    }
+    /** R <- R + t p/m; free rotation over t. */
+    void drift(double t) {
+        R += Real(t) * inverseMass * p;
+        if (block.rotor == RotorKind::General)
+            rotateFreely(q, l, inverseMoments, t);
+        else if (block.rotor == RotorKind::Linear)
+            rotateLinearBodyFreely(q, l, inverseMoments, t);
+    }
+    /** p <- decay p, l <- decay l. */
+    void damp() {
+        p = loadScalar<Real>(bodies.decay_p, slot) * p;
+        l = multiply(loadVector<Real>(bodies.decay_l, slot), l);
+    }
+    /** p and l receive noise: random numbers number `draw` of this step. */
+    void addNoise(int draw) {
+        if (!block.hasNoise) return;
+        Vector3<Real> xi, eta;
+        drawNoise(draw, xi, eta);
+        p += loadScalar<Real>(bodies.noise_p, slot) * xi;
+        if (block.rotor != RotorKind::Point) l += multiply(loadVector<Real>(bodies.noise_l, slot), eta);
+    }
+    void ornsteinUhlenbeck(int draw) {
+        damp();
+        addNoise(draw);
+    }
+    /** The step of the gradient thermostat (GradientThermostat-inl.h). */
+    void gradientMove(int draw) {
+        const Vector3<Real> move_q = loadVector<Real>(bodies.move_q, slot);
+        const Vector3<Real> turn_body = multiply(move_q, torque_body);
+        Vector3<Real> right = turn_body;
+        R += loadScalar<Real>(bodies.move_R, slot) * force_lab;
+        const Vector3<Real> left = Rotation<Real>(q).toLab(turn_body);
+        if (block.hasNoise) {
+            Vector3<Real> xi, eta;
+            drawNoise(draw, xi, eta);
+            R += loadScalar<Real>(bodies.noise_R, slot) * xi;
+            if (block.rotor != RotorKind::Point) right += multiply(loadVector<Real>(bodies.noise_q, slot), eta);
+        }
+        if (block.rotor != RotorKind::Point) q = exponential(left) * q * exponential(right);
+    }
+
+    /** Add up the forces of the particles: force in the lab frame, torque about the origin in the body frame. */
+    void gatherForces(const double* forces) {
+        const int lane = slot % BodySet::blockSize;
+        force_lab = {Real(0.0), Real(0.0), Real(0.0)};
+        Vector3<Real> torque_lab = force_lab;
+        const Rotation<Real> A(q);
+        for (int s = block.firstSite; s < block.firstSite + block.numSites; s++) {
+            const Vector3<Real> force = gather(&bodies.forceParticle[s * BodySet::blockSize + lane], forces);
+            force_lab += force;
+            torque_lab += cross(A.toLab(site(s, lane)), force);
+        }
+        torque_body = A.toBody(torque_lab);
+        storeVector(force_lab, bodies.force_lab, slot);
+        storeVector(torque_body, bodies.torque_body, slot);
+    }
+    /** Momentum and angular momentum of the members as point masses: p = sum m v, l = sum m s x v (body frame). */
+    void gatherMomenta(const double* velocities) {
+        const int lane = slot % BodySet::blockSize;
+        p = l = {Real(0.0), Real(0.0), Real(0.0)};
+        const Rotation<Real> A(q);
+        for (int s = block.firstSite; s < block.firstSite + block.numSites; s++) {
+            Real mass;
+            load(&bodies.siteMass[s * BodySet::blockSize + lane], mass);
+            const Vector3<Real> momentum =
+                mass * gather(&bodies.siteParticle[s * BodySet::blockSize + lane], velocities);
+            p += momentum;
+            l += cross(site(s, lane), A.toBody(momentum));
+        }
+        if (block.rotor == RotorKind::Linear) l.x = Real(0.0);
+        if (block.rotor == RotorKind::Point) l = {Real(0.0), Real(0.0), Real(0.0)};
+    }
+    void scatterPositions(double* positions, double* copy) const {
+        const int lane = slot % BodySet::blockSize;
+        const Rotation<Real> A(q);
+        for (int s = block.firstSite; s < block.firstSite + block.numSites; s++)
+            scatter(s, R + A.toLab(site(s, lane)), positions, copy);
+    }
+    void scatterVelocities(double* velocities, double* copy) const {
+        const int lane = slot % BodySet::blockSize;
+        const Rotation<Real> A(q);
+        const Vector3<Real> omega_body = multiply(l, inverseMoments), velocity = inverseMass * p;
+        for (int s = block.firstSite; s < block.firstSite + block.numSites; s++)
+            scatter(s, velocity + A.toLab(cross(omega_body, site(s, lane))), velocities, copy);
+    }
+
+    bool massesMakeTheBodies() const { return block.massesMakeTheBodies; }
+    bool poseIsFinite() const { return isFinite(R.x + R.y + R.z + q.w + q.x + q.y + q.z); }
+    bool momentaAreFinite() const { return isFinite(p.x + p.y + p.z + l.x + l.y + l.z); }
+    bool forcesAreFinite() const {
+        return isFinite(force_lab.x + force_lab.y + force_lab.z + torque_body.x + torque_body.y + torque_body.z);
+    }
+
+    Vector3<Real> R, p, l, force_lab, torque_body, inverseMoments;
+    Quaternion<Real> q;
+    Real inverseMass;
+    long long randomNumbers = 0;
+
+private:
+    Vector3<Real> site(int s, int lane) const {
+        const double* from = &bodies.sites[s * 3 * BodySet::blockSize + lane];
+        Vector3<Real> r;
+        load(from, r.x);
+        load(from + BodySet::blockSize, r.y);
+        load(from + 2 * BodySet::blockSize, r.z);
+        return r;
+    }
+    /** One vector of each lane's particle; zero where there is none (-1). */
+    static Vector3<Real> gather(const int* particle, const double* from) {
+        static const double zero[3] = {0, 0, 0};
+        double v[3][BodySet::blockSize];
+        for (int i = 0; i < lanes(Real(0.0)); i++) {
+            const double* source = particle[i] >= 0 ? from + 3 * particle[i] : zero;
+            v[0][i] = source[0];
+            v[1][i] = source[1];
+            v[2][i] = source[2];
+        }
+        Vector3<Real> result;
+        load(v[0], result.x);
+        load(v[1], result.y);
+        load(v[2], result.z);
+        return result;
+    }
+    void scatter(int s, const Vector3<Real>& value, double* to, double* copy) const {
+        const int width = lanes(R.x), lane = slot % BodySet::blockSize;
+        double v[3][BodySet::blockSize];
+        store(value.x, v[0]);
+        store(value.y, v[1]);
+        store(value.z, v[2]);
+        const int* particle = &bodies.siteParticle[s * BodySet::blockSize + lane];
+        for (int i = 0; i < width; i++)
+            if (particle[i] >= 0)
+                for (int c = 0; c < 3; c++) copy[3 * particle[i] + c] = to[3 * particle[i] + c] = v[c][i];
+    }
+    void drawNoise(int draw, Vector3<Real>& xi, Vector3<Real>& eta) {
+        const uint32_t purpose = draw == 0 ? NoiseStream::FirstDraw : NoiseStream::SecondDraw;
+        const int* index = &bodies.bodyOfSlot[slot];
+        if (block.rotor == RotorKind::Point) {
+            Real n[4];
+            noisePairs<2>(settings.noise, purpose, index, 0, n);
+            xi = {n[0], n[1], n[2]};
+            eta = {Real(0.0), Real(0.0), Real(0.0)};
+        } else {
+            Real n[6];
+            noisePairs<3>(settings.noise, purpose, index, 0, n);
+            xi = {n[0], n[1], n[2]};
+            eta = {n[3], n[4], n[5]};
+        }
+        int active = 0;
+        for (int i = 0; i < lanes(R.x); i++) active += bodies.drawsNoise[slot + i];
+        randomNumbers += active * (block.rotor == RotorKind::Point ? 3 : block.rotor == RotorKind::Linear ? 5 : 6);
+    }
+    BodySet& bodies;
+    const StepSettings& settings;
+    const int slot;
+    const BodySet::Block& block;
+};
+
+/** Call action(flow) for every body (or pack) of a range of blocks; it returns whether what it saw was finite. */
+template <class Real, class Action>
+inline LoopResult forEachBody(BodySet& bodies, const StepSettings& settings, int firstBlock, int endBlock,
+                              Action action) {
+    LoopResult result;
+    const int width = lanes(Real(0.0));
+    for (int slot = firstBlock * BodySet::blockSize; slot < endBlock * BodySet::blockSize; slot += width) {
+        if (bodies.bodyOfSlot[slot] < 0) continue;  // padding comes last in a block
+        BodyFlow<Real> flow(bodies, settings, slot);
+        result.finite &= action(flow);
+        result.randomNumbers += flow.randomNumbers;
+    }
+    return result;
+}
+
+/** The part of a step before the force evaluation: new poses, new positions of the particles. */
+template <class Real, class Scheme>
+struct BeforeForces {
+    const StepSettings& settings;
+    const ParticleArrays& arrays;
+    bool operator()(BodyFlow<Real>& flow) const {
+        Scheme::beforeForces(flow, settings.h);
+        flow.storePose();
+        flow.storeMomenta();
+        flow.scatterPositions(arrays.positions, arrays.lastPositions);
+        return flow.poseIsFinite();
+    }
+};
+
+/** The part of a step before the fluid changes momenta, where this needs poses in between: new poses. */
+template <class Real, class Scheme>
+struct BeforeFriction {
+    const StepSettings& settings;
+    bool operator()(BodyFlow<Real>& flow) const {
+        Scheme::beforeFriction(flow, settings.h);
+        flow.storePose();
+        flow.storeMomenta();
+        return flow.poseIsFinite();
+    }
+};
+
+/** From there to new positions of the particles. */
+template <class Real, class Scheme>
+struct AfterFriction {
+    const StepSettings& settings;
+    const ParticleArrays& arrays;
+    bool operator()(BodyFlow<Real>& flow) const {
+        Scheme::afterFriction(flow, settings.h);
+        flow.storePose();
+        flow.storeMomenta();
+        flow.scatterPositions(arrays.positions, arrays.lastPositions);
+        return flow.poseIsFinite();
+    }
+};
+
+/** The part of a step after the force evaluation: new momenta, new velocities of the particles. */
+template <class Real, class Scheme>
+struct AfterForces {
+    const StepSettings& settings;
+    const ParticleArrays& arrays;
+    bool operator()(BodyFlow<Real>& flow) const {
+        if (!settings.forcesAreGathered) flow.gatherForces(arrays.forces);
+        Scheme::afterForces(flow, settings.h);
+        flow.storeMomenta();
+        if (settings.hasMomenta()) flow.scatterVelocities(arrays.velocities, arrays.lastVelocities);
+        return flow.forcesAreFinite() && flow.momentaAreFinite();
+    }
+};
+
+/** The loops in which no scheme takes part. */
+template <class Real>
+struct SchemelessLoop {
+    BodyLoop loop;
+    BodySet& bodies;
+    const ParticleArrays& arrays;
+    bool operator()(BodyFlow<Real>& flow) const {
+        if (loop == BodyLoop::GatherForces) {
+            flow.gatherForces(arrays.forces);
+            return flow.forcesAreFinite();
+        }
+        if (loop == BodyLoop::ScatterPositions) flow.scatterPositions(arrays.positions, arrays.lastPositions);
+        if (loop == BodyLoop::ScatterVelocities) flow.scatterVelocities(arrays.velocities, arrays.lastVelocities);
+        const bool scatter = loop == BodyLoop::TakeInAndScatterVelocities;
+        if ((loop == BodyLoop::TakeInVelocities || scatter) && flow.massesMakeTheBodies()) {
+            flow.gatherMomenta(arrays.velocities);
+            flow.storeMomenta();
+            if (scatter) flow.scatterVelocities(arrays.velocities, arrays.lastVelocities);
+        }
+        return true;
+    }
+};
+
+/** Run one loop over a range of blocks. */
+template <class Real>
+inline LoopResult runBodyLoop(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
+                              const ParticleArrays& arrays, int firstBlock, int endBlock) {
+    const auto run = [&](auto action) { return forEachBody<Real>(bodies, settings, firstBlock, endBlock, action); };
+    switch (loop) {
+        case BodyLoop::BeforeForces:
+            return withThermostat(settings.scheme, [&](auto scheme) {
+                return run(BeforeForces<Real, decltype(scheme)>{settings, arrays});
+            });
+        case BodyLoop::AfterForces:
+            return withThermostat(settings.scheme, [&](auto scheme) {
+                return run(AfterForces<Real, decltype(scheme)>{settings, arrays});
+            });
+        case BodyLoop::BeforeFriction:
+            return withFluidThermostat(
+                settings.scheme, [&](auto scheme) { return run(BeforeFriction<Real, decltype(scheme)>{settings}); });
+        case BodyLoop::AfterFriction:
+            return withFluidThermostat(settings.scheme, [&](auto scheme) {
+                return run(AfterFriction<Real, decltype(scheme)>{settings, arrays});
+            });
+        case BodyLoop::GatherForces:
+        case BodyLoop::ScatterPositions:
+        case BodyLoop::ScatterVelocities:
+        case BodyLoop::TakeInVelocities:
+        case BodyLoop::TakeInAndScatterVelocities: break;
+    }
+    return run(SchemelessLoop<Real>{loop, bodies, arrays});
+}
+
+/** Fill xi with three numbers for each of `count` particles (their indices are in `index`). */
+template <class Real>
+inline void fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count, double* xi) {
+    const int width = lanes(Real(0.0));
+    for (int i = 0; i < count; i += width) {
+        int padded[BodySet::blockSize] = {0};
+        for (int k = 0; k < width && i + k < count; k++) padded[k] = index[i + k];
+        Real n[4];
+        noisePairs<2>(noise, purpose, padded, 0, n);
+        double v[3][BodySet::blockSize];
+        for (int c = 0; c < 3; c++) store(n[c], v[c]);
+        for (int k = 0; k < width && i + k < count; k++)
+            for (int c = 0; c < 3; c++) xi[3 * (i + k) + c] = v[c][k];
+    }
+}
+
+}  // namespace RIGIDHI_TARGET
+}  // namespace RigidHIPlugin
+
+#endif

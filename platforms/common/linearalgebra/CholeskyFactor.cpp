@@ -1,0 +1,53 @@
+#include "linearalgebra/CholeskyFactor.h"
+
+#include <Eigen/Cholesky>
+#include <cmath>
+
+// OpenBLAS has LAPACK in it; its header would bring C++-hostile complex types.
+extern "C" {
+void dpotrf_(const char* triangle, const int* n, double* a, const int* lda, int* info);
+void dtrsm_(const char* side, const char* triangle, const char* transposed, const char* diagonal, const int* rows,
+            const int* columns, const double* factor, const double* a, const int* lda, double* b, const int* ldb);
+}
+
+namespace RigidHIPlugin {
+
+namespace {
+
+/** From this many rows on LAPACK is faster than Eigen, and from so many columns its triangular solves are. */
+const int lapackRows = 32, lapackColumns = 4;
+
+}  // namespace
+
+bool CholeskyFactor::compute(Eigen::MatrixXd& matrix) {
+    factor.swap(matrix);
+    const int n = factor.rows();
+    if (n < lapackRows) {
+        const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd> > small(factor);
+        return small.info() == Eigen::Success;
+    }
+    int info = 0;
+    dpotrf_("L", &n, factor.data(), &n, &info);
+    // A matrix of NaNs may pass.
+    return info == 0 && std::isfinite(factor.diagonal().sum());
+}
+
+void CholeskyFactor::solveL(Eigen::MatrixXd& x) const {
+    const int rows = x.rows(), columns = x.cols();
+    const double one = 1;
+    if (rows < lapackRows || columns < lapackColumns)
+        L().solveInPlace(x);
+    else
+        dtrsm_("L", "L", "N", "N", &rows, &columns, &one, factor.data(), &rows, x.data(), &rows);
+}
+
+void CholeskyFactor::solveU(Eigen::MatrixXd& x) const {
+    const int rows = x.rows(), columns = x.cols();
+    const double one = 1;
+    if (rows < lapackRows || columns < lapackColumns)
+        U().solveInPlace(x);
+    else
+        dtrsm_("L", "L", "T", "N", &rows, &columns, &one, factor.data(), &rows, x.data(), &rows);
+}
+
+}  // namespace RigidHIPlugin

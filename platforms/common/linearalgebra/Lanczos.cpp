@@ -1,0 +1,289 @@
+#include "linearalgebra/Lanczos.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <Eigen/Eigenvalues>
+#include <cfloat>
+#include <cmath>
+#include <sstream>
+
+#include "mobility/MobilityModel.h"
+
+using namespace OpenMM;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+// Rounding errors of the iteration are those of a matrix that differs from A by this share of its norm (full
+// reorthogonalisation is backward stable), and of a result that differs by this share. TestLanczos compares with errors
+// seen; with 4, and without the second share, one case in twenty exceeded its estimate.
+const double roundingError = 8 * DBL_EPSILON;
+
+/** (f(a) - f(b))/(a - b), and f'(a) for a = b. */
+double slope(const std::function<double(double)>& f, double a, double f_a, double b, double f_b) {
+    const double separated =
+        1e-6;  // below it the difference quotient loses half of the digits; then it is the derivative
+    if (std::abs(a - b) > separated * std::max(a, b)) return (f_a - f_b) / (a - b);
+    return (f(a * (1 + separated)) - f(a * (1 - separated))) / (2 * separated * a);
+}
+
+}  // namespace
+
+SpectralFunction SpectralFunction::decay(double h) {
+    return {[h](double x) { return std::exp(-h / x); }, [h](double x) { return std::expm1(-h / x); }};
+}
+SpectralFunction SpectralFunction::decayNoise(double h) {
+    return {[h](double x) { return std::sqrt(-std::expm1(-2 * h / x)); }, {}};
+}
+SpectralFunction SpectralFunction::squareRoot() {
+    return {[](double x) { return std::sqrt(x); }, {}};
+}
+SpectralFunction SpectralFunction::inverseSquareRoot() {
+    return {[](double x) { return 1 / std::sqrt(x); }, {}};
+}
+
+Lanczos::Lanczos(double tolerance, int maxIterations, double wanted)
+    : tolerance(tolerance), maxIterations(maxIterations), wanted(wanted) {}
+
+void Lanczos::apply(const Product& multiply, const MatrixXd& x, const std::vector<SpectralFunction>& functions,
+                    MatrixXd& result, Measure measure, const Product& rough) {
+    numProducts = numIterations = 0;
+    isRough = rough && tolerance >= MobilityAt::leastRoughTolerance;
+    if (isRough) {
+        backwardError = MobilityAt::roughError;
+        try {
+            iterate(rough, x, functions, result, measure);
+            return;
+        } catch (const TooRough&) {
+        }
+    }
+    isRough = false;
+    backwardError = roundingError;
+    iterate(multiply, x, functions, result, measure);
+}
+
+void Lanczos::iterate(const Product& multiply, const MatrixXd& x, const std::vector<SpectralFunction>& functions,
+                      MatrixXd& result, Measure measure) {
+    const int n = x.rows(), count = x.cols();
+    result.setZero(n, count);
+    columns.resize(count);
+    int active = 0;
+    for (int c = 0; c < count; c++) {
+        start(columns[c], x.col(c));
+        active += columns[c].active;
+    }
+    for (int k = 1; active > 0; k++) {
+        input.resize(n, active);
+        for (int c = 0, i = 0; c < count; c++)
+            if (columns[c].active) input.col(i++) = columns[c].basis.col(k - 1);
+        multiply(input, output);
+        numIterations++;
+        numProducts += active;
+        for (int c = 0, i = 0; c < count; c++)
+            if (columns[c].active) extend(columns[c], output.col(i++));
+        const bool last = k >= maxIterations;
+        const auto isDue = [&](const Column& column) {
+            return column.active && (column.exact || last || k == column.nextLook);
+        };
+        for (int c = 0; c < count; c++)
+            if (isDue(columns[c])) evaluate(columns[c], functions[c]);
+        for (int c = 0; c < count; c++) {
+            Column& column = columns[c];
+            if (!isDue(column)) continue;
+            if (isConverged(column, functions[c], measure, result)) {
+                put(column, result, c);
+                column.active = false;
+                active--;
+            } else if (last) {
+                if (isRough) throw TooRough();
+                std::ostringstream message;
+                message << "MobilityForce: after " << k << " products the Lanczos iteration is at a relative error of "
+                        << column.error << ", above " << toleranceText(tolerance, wanted)
+                        << "; raise the tolerance (setSolverTolerance) or use the solver Dense";
+                throw OpenMMException(message.str());
+            }
+        }
+    }
+}
+
+void Lanczos::start(Column& column, const VectorXd& x) {
+    column.norm = x.norm();
+    if (!std::isfinite(column.norm))
+        throw OpenMMException("MobilityForce: a vector for the Lanczos iteration is not finite");
+    column.alpha.clear();
+    column.beta.clear();
+    column.scale = 0;
+    column.active = column.norm > 0;
+    column.exact = false;
+    column.nextLook = 3;  // before that, Ritz values say too little about where the others are
+    column.lastLook = 0;
+    column.form = Value;
+    column.error = 0;
+    for (Iterate& iterate : column.iterate) iterate.coefficients.resize(0);
+    const int atFirst = 32;
+    if (column.basis.rows() != x.size()) column.basis.resize(x.size(), std::min<int>(atFirst, x.size()));
+    if (column.active) column.basis.col(0) = x / column.norm;
+}
+
+/** The next basis vector and the next row of the tridiagonal matrix. */
+void Lanczos::extend(Column& column, const VectorXd& product) {
+    const int k = column.alpha.size() + 1, n = product.size();
+    VectorXd w = product;
+    double alpha = 0;
+    // Twice is enough: the second pass removes what rounding in the first left.
+    for (int pass = 0; pass < 2; pass++) {
+        overlap.noalias() = column.basis.leftCols(k).transpose() * w;
+        w.noalias() -= column.basis.leftCols(k) * overlap;
+        alpha += overlap[k - 1];
+    }
+    const double beta = w.norm();
+    if (!std::isfinite(alpha + beta) && isRough) throw TooRough();
+    if (!std::isfinite(alpha + beta))
+        throw OpenMMException("MobilityForce: a product with the mobility is not finite; look at the positions");
+    column.alpha.push_back(alpha);
+    column.scale = std::max(column.scale, std::abs(alpha) + beta);
+    column.exact = k == n || beta <= backwardError * column.scale;
+    if (column.exact) return;
+    column.beta.push_back(beta);
+    if (column.basis.cols() == k) column.basis.conservativeResize(n, std::min(2 * k, n));
+    column.basis.col(k) = w / beta;
+}
+
+/** f of the tridiagonal matrix. */
+void Lanczos::evaluate(Column& column, const SpectralFunction& f) {
+    const int k = column.alpha.size();
+    // Scaled to about 1: Eigen's test for zeros beside the diagonal is made for that.
+    Eigen::SelfAdjointEigenSolver<MatrixXd> solver;
+    solver.computeFromTridiagonal(Eigen::Map<const VectorXd>(column.alpha.data(), k) / column.scale,
+                                  Eigen::Map<const VectorXd>(column.beta.data(), k - 1) / column.scale);
+    ritzValues = column.scale * solver.eigenvalues();
+    column.smallest = ritzValues[0];
+    column.largest = ritzValues[k - 1];
+    if (solver.info() != Eigen::Success || !(column.smallest > 0)) {
+        if (isRough) throw TooRough();
+        std::ostringstream message;
+        message << "MobilityForce: the mobility is not positive definite (eigenvalues from " << column.smallest
+                << " to " << column.largest << "); look for particles at the same place";
+        throw OpenMMException(message.str());
+    }
+    const VectorXd firstRow = solver.eigenvectors().row(0), lastRow = solver.eigenvectors().row(k - 1);
+    for (Form form : {Value, Increment}) {
+        const auto& function = form == Value ? f.value : f.minusOne;
+        if (!function) continue;
+        VectorXd functionValues(k);
+        for (int i = 0; i < k; i++) functionValues[i] = function(ritzValues[i]);
+        if (!functionValues.allFinite())
+            throw OpenMMException("MobilityForce: a function of the mobility is not finite");
+        Iterate& iterate = column.iterate[form];
+        iterate.coefficients.noalias() = solver.eigenvectors() * functionValues.cwiseProduct(firstRow);
+        iterate.norm = iterate.coefficients.norm();
+        // To first order a change E of the matrix changes f by f[a, b] E_ab between eigenvectors of a and b.
+        double sum = 0;
+        for (int j = 0; j < k; j++) {
+            double steepest = 0;
+            for (int i = 0; i < k; i++)
+                steepest = std::max(steepest, std::abs(slope(function, ritzValues[i], functionValues[i], ritzValues[j],
+                                                             functionValues[j])));
+            sum += steepest * steepest * firstRow[j] * firstRow[j];
+        }
+        iterate.roundoff = backwardError * (column.scale * std::sqrt(sum) + iterate.norm);
+        iterate.bound = column.exact ? 0
+                                     : column.beta[k - 1] * largestFactor(function, functionValues, firstRow, lastRow,
+                                                                          column.beta[k - 1]);
+    }
+    column.form = f.minusOne && column.iterate[Increment].norm < column.iterate[Value].norm ? Increment : Value;
+}
+
+/**
+ * The error's component along an eigenvector u of A, of eigenvalue x, is exactly
+ *
+ *     beta_k (u.v_k+1) sum_i S_ki S_1i f[theta_i, x]
+ *
+ * with Ritz values theta and eigenvectors S of the tridiagonal matrix (compare f(A) v_1 with the polynomial that takes f's
+ * values at theta). So the largest magnitude of this sum over an interval that holds all eigenvalues bounds the error. The
+ * interval: extreme Ritz values and their residuals.
+ */
+double Lanczos::largestFactor(const std::function<double(double)>& f, const VectorXd& functionValues,
+                              const VectorXd& firstRow, const VectorXd& lastRow, double beta) const {
+    // An eigenvalue lies within one residual of each Ritz value, but the extreme one may be farther out. At first residuals
+    // say nothing yet; then this is as far as the interval reaches towards zero.
+    const double residuals = 3, least = 0.01;
+    const int k = ritzValues.size();
+    const double low = std::max(ritzValues[0] - residuals * beta * std::abs(lastRow[0]), least * ritzValues[0]);
+    const double high = ritzValues[k - 1] + residuals * beta * std::abs(lastRow[k - 1]);
+    // The sum is smooth, and for most functions largest at an end.
+    const int samples = 24;
+    double largest = 0;
+    for (int s = 0; s <= samples; s++) {
+        const double x = low * std::pow(high / low, static_cast<double>(s) / samples), f_x = f(x);
+        double sum = 0;
+        for (int i = 0; i < k; i++)
+            sum += lastRow[i] * firstRow[i] * slope(f, ritzValues[i], functionValues[i], x, f_x);
+        largest = std::max(largest, std::abs(sum));
+    }
+    return largest;
+}
+
+bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure measure, MatrixXd& result) {
+    // The promise is five tolerances: so much is for the iteration's error (which the bound exceeds), so much for rounding,
+    // and the rest for the interval that eigenvalues are thought to be in.
+    const double shareOfIteration = 3, shareOfRounding = 1;
+    // A result this much smaller than its vector is nothing: squares of its elements are not numbers any more.
+    const double nothing = 1e-140;
+    const Iterate& iterate = column.iterate[column.form];
+    // No bound can be smaller than the rounding error in computing it.
+    const auto iterationConverged = [&](double norm) {
+        return iterate.bound <= std::max(shareOfIteration * tolerance * norm, iterate.roundoff);
+    };
+    const auto roundingIsSmall = [&](double norm) { return iterate.roundoff <= shareOfRounding * tolerance * norm; };
+    double norm = std::max(iterate.norm, nothing);
+    if (measure == NormOfSum && f.minusOne && column.form == Value &&
+        !(iterationConverged(norm) && roundingIsSmall(norm))) {
+        for (int other = 0; other < static_cast<int>(columns.size()); other++)
+            if (columns[other].active) put(columns[other], result, other);
+        norm = std::max(norm, result.rowwise().sum().norm() / column.norm);
+    }
+    column.error = (iterate.bound + iterate.roundoff) / norm;
+    if (!iterationConverged(norm)) {
+        planNextLook(column, iterate.bound / (shareOfIteration * tolerance * norm));
+        return false;
+    }
+    if (!roundingIsSmall(norm)) {
+        if (isRough) throw TooRough();
+        std::ostringstream message;
+        message << "MobilityForce: " << toleranceText(tolerance, wanted)
+                << " cannot be reached: rounding makes an error of " << column.error
+                << " with a mobility whose eigenvalues go from " << column.smallest << " to " << column.largest
+                << "; raise the tolerance (setSolverTolerance), or change radii, masses or step size that differ by so "
+                   "much";
+        throw OpenMMException(message.str());
+    }
+    return true;
+}
+
+/**
+ * A look costs k^3 operations, so: seldom while the error is far too large, but no iteration too many in the end.
+ *
+ * @param excess  error over what is allowed
+ */
+void Lanczos::planNextLook(Column& column, double excess) const {
+    const int k = column.alpha.size();
+    int wait = std::max(1, k / 4);
+    // Errors shrink by about the same factor each iteration, later by more.
+    const double rate = std::log(column.excess / excess) / (k - column.lastLook), share = 0.6;
+    if (column.lastLook > 0 && rate > 0) wait = std::min<double>(wait, std::max(1.0, share * std::log(excess) / rate));
+    column.lastLook = k;
+    column.nextLook = k + wait;
+    column.excess = excess;
+}
+
+/** The vector that the last iterate stands for. */
+void Lanczos::put(const Column& column, MatrixXd& result, int c) const {
+    const VectorXd& y = column.iterate[column.form].coefficients;
+    result.col(c).noalias() = column.norm * (column.basis.leftCols(y.size()) * y);
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,140 @@
+#include "mobility/models/forcecoupling/ForceCouplingGrid.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <cmath>
+#include <fstream>
+
+#include "mobility/models/periodic/PeriodicMobility.h"
+#include "openmmrigidhi/internal/Messages.h"
+
+using namespace Eigen;
+using OpenMM::Vec3;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+/** Wave numbers of modes fit into the counters of random numbers. */
+const int largestSize = 8190;
+
+class Place : public MobilityAt {
+public:
+    explicit Place(const ForceCouplingGrid& model)
+        : MobilityAt(model), model(model), stencils(model.getParticles(), model.getResolution()) {}
+    void apply(const MatrixXd& forces, MatrixXd& velocities) override {
+        model.getFluid().multiply(stencils, viscosity, forces, velocities);
+    }
+
+protected:
+    void moveTo(const Placement& placement, bool nearby) override {
+        model.checkBox(placement.box);
+        stencils.moveTo(model.getResolution().shapeFor(placement.box), placement.positions, nearby);
+    }
+
+private:
+    const ForceCouplingGrid& model;
+    GridStencils stencils;
+};
+
+class Field : public RandomField {
+public:
+    explicit Field(const ForceCouplingGrid& model)
+        : model(model), stencils(model.getParticles(), model.getResolution()) {}
+    void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& newBox) {
+        model.checkBox(newBox);
+        box = newBox;
+        stencils.layOut(model.getResolution().shapeFor(box));
+        model.getFluid().draw(stencils, model.getViscosity(), noise, purpose, field);
+    }
+    void slipsAt(const Placement& placement, bool nearby, MatrixXd& slips) override {
+        stencils.moveTo(field.shape, placement.positions, nearby);
+        model.getFluid().average(field, stencils, velocities);
+        slips = velocities;
+    }
+    bool hasGradients() const override { return true; }
+    void gradientsAt(const Placement& placement, bool nearby, MatrixXd& gradients) override {
+        stencils.moveTo(field.shape, placement.positions, nearby);
+        model.getFluid().averageGradients(field, stencils, gradients);
+    }
+    long long getNumRandomNumbers() const override {
+        // Three complex numbers for each pair of modes +-k that is not left out.
+        long long modes = 1;
+        for (int n : field.shape.size) modes *= n % 2 == 0 ? n - 1 : n;
+        return 3 * (modes - 1);
+    }
+
+private:
+    const ForceCouplingGrid& model;
+    GridStencils stencils;
+    GridField field;
+    BoxVectors box;
+    VectorXd velocities;
+};
+
+/** Bytes that this machine has free; infinity where it does not say. */
+double freeMemory() {
+    std::ifstream info("/proc/meminfo");
+    std::string word;
+    for (double kilobytes; info >> word;)
+        if (word == "MemAvailable:" && info >> kilobytes) return 1024 * kilobytes;
+    return std::numeric_limits<double>::infinity();
+}
+
+}  // namespace
+
+ForceCouplingGrid::ForceCouplingGrid(const HydrodynamicParticles& particles, double viscosity, double tolerance,
+                                     double spacing, const std::shared_ptr<GridFluid>& fluid)
+    : MobilityModel(particles, viscosity), resolution(particles, tolerance, spacing), fluid(fluid) {}
+
+void ForceCouplingGrid::checkBox(const BoxVectors& box) const {
+    const auto fail = [](const std::string& problem) {
+        throw OpenMM::OpenMMException("MobilityForce: ForceCoupling on a grid " + problem);
+    };
+    if (box[1][0] != 0 || box[2][0] != 0 || box[2][1] != 0)
+        fail("needs a box with edges along the axes, but the periodic box has the vectors " + text(box[0]) + ", " +
+             text(box[1]) + ", " + text(box[2]) +
+             " nm; use setSolver(Dense), which has triclinic boxes too, or an orthogonal box");
+    if (!(box[0][0] > 0 && box[1][1] > 0 && box[2][2] > 0))
+        fail("needs a periodic box, and there is none; set one by setDefaultPeriodicBoxVectors() on the System");
+    for (int axis = 0; axis < 3; axis++)
+        if (!(box[axis][axis] / resolution.getSpacing() < largestSize))
+            fail("would have " + text(box[axis][axis] / resolution.getSpacing(), 6) + " nodes along an edge of " +
+                 text(box[axis][axis]) + " nm, where it may have " + std::to_string(largestSize) +
+                 "; raise setSolverTolerance() or setGridSpacing(), or make the box smaller");
+    const GridShape shape = resolution.shapeFor(box);
+    const double gigabytes = 1e-9 * GridFluid::memory(shape), more = gigabytes - 1e-9 * fluid->memoryHeld();
+    // Asked only of what could be too much, and is not there yet.
+    if (more > 0.5 && more > 1e-9 * freeMemory())
+        fail("would take " + text(gigabytes, 3) + " GB for " + std::to_string(shape.size[0]) + " x " +
+             std::to_string(shape.size[1]) + " x " + std::to_string(shape.size[2]) + " nodes, and " +
+             text(1e-9 * freeMemory(), 3) +
+             " GB are free; raise setSolverTolerance() or setGridSpacing(), or make the box smaller");
+}
+
+std::string ForceCouplingGrid::describe(const BoxVectors& box) const {
+    const GridShape shape = resolution.shapeFor(box);
+    return "a grid of " + std::to_string(shape.size[0]) + " x " + std::to_string(shape.size[1]) + " x " +
+           std::to_string(shape.size[2]) + " nodes, whose products have the tolerance " +
+           text(resolution.getTolerance(), 3);
+}
+
+void ForceCouplingGrid::drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
+                                  std::unique_ptr<RandomField>& field) const {
+    if (!field) field.reset(new Field(*this));
+    // Groups of one Context have the same modes, and each its own numbers: those of its first particle.
+    NoiseStream own = noise;
+    own.field = 1 + particles.systemIndex[0];
+    static_cast<Field&>(*field).draw(own, purpose, box);
+}
+
+void ForceCouplingGrid::ownMobility(const HydrodynamicParticles& body, const std::vector<Vec3>& sites,
+                                    MatrixXd& mobility) const {
+    freeForceCoupling(body, sites, viscosity, mobility);
+}
+
+std::unique_ptr<MobilityAt> ForceCouplingGrid::makePlace() const {
+    return std::unique_ptr<MobilityAt>(new Place(*this));
+}
+
+}  // namespace RigidHIPlugin

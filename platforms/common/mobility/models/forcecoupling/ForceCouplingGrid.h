@@ -1,0 +1,58 @@
+#ifndef RIGIDHI_FORCE_COUPLING_GRID_H_
+#define RIGIDHI_FORCE_COUPLING_GRID_H_
+
+#include <memory>
+#include <string>
+
+#include "mobility/models/forcecoupling/GridFluid.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * Force coupling in a periodic box with edges along the axes, on a grid: products and random fields at a cost that grows as the number of particles at constant
+ * density. PeriodicForceCoupling is the same mobility as a matrix, by lattice sums.
+ *
+ * Equation:  M_ij = (1/(eta V)) sum_k D_i^+ (1 - k k/k^2) k^-2 D_j exp(i k.r_ij), D(F) = exp(-sigma^2 k^2/2) F, D(T) = (i/2) k x T exp(-sigma_D^2 k^2/2),
+ *            sigma = a/sqrt(pi), sigma_D = a/(6 sqrt(pi))^(1/3) (Westwood 2022, eqs. 2 to 13).
+ * Method:    Gaussians on the nodes of a grid, Fourier transforms, averages by the transpose (GridFluid). The matrix is symmetric to rounding and positive
+ *            semidefinite. The error of products is below the tolerance, in the norm of velocities over the roots of the particles' own mobilities.
+ * Cost:      three transforms there and three back a product, three back a random field.
+ * Reference: Yeo, Maxey, J. Comput. Phys. 229, 2401 (2010); Westwood, Delmotte, Keaveny, J. Comput. Phys. 467, 111437 (2022).
+ */
+class ForceCouplingGrid : public MobilityModel {
+public:
+    /**
+     * @param tolerance  of products
+     * @param spacing    of nodes, nm, at most; 0: as the tolerance wants
+     * @param fluid      what several models may share
+     */
+    ForceCouplingGrid(const HydrodynamicParticles& particles, double viscosity, double tolerance, double spacing,
+                      const std::shared_ptr<GridFluid>& fluid);
+    const char* name() const override { return "ForceCoupling"; }
+    void checkBox(const BoxVectors& box) const override;
+    std::string describe(const BoxVectors& box) const override;
+    bool isHomogeneous() const override { return true; }
+    bool isDivergenceFree() const override { return true; }
+    bool isMatrixFree() const override { return true; }
+    bool isAnchored() const override { return true; }
+    bool hasOwnRandomField() const override { return true; }
+    double getSecondsOfTransforms() const override { return fluid->getSecondsOfTransforms(); }
+    void drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
+                   std::unique_ptr<RandomField>& field) const override;
+    void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
+                     Eigen::MatrixXd& mobility) const override;
+
+    const GridResolution& getResolution() const { return resolution; }
+    GridFluid& getFluid() const { return *fluid; }
+
+protected:
+    std::unique_ptr<MobilityAt> makePlace() const override;
+
+private:
+    const GridResolution resolution;
+    const std::shared_ptr<GridFluid> fluid;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

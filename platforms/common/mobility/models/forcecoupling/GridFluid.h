@@ -1,0 +1,101 @@
+#ifndef RIGIDHI_GRID_FLUID_H_
+#define RIGIDHI_GRID_FLUID_H_
+
+#include <Eigen/Core>
+#include <atomic>
+#include <memory>
+#include <mutex>
+
+#include "linearalgebra/AlignedArray.h"
+#include "mobility/models/forcecoupling/GridModes.h"
+#include "mobility/models/forcecoupling/GridStencils.h"
+
+namespace RigidHIPlugin {
+
+/** Velocities of a fluid on the nodes of a grid, times the root of a node's volume, as GridStencils' weights want it. */
+struct GridField {
+    GridShape shape;
+    int rowLength = 0;       // numbers from one row along z to the next, at least the nodes of a row
+    AlignedArray values[3];  // components; z runs fastest
+};
+
+/**
+ * A Stokes fluid on a periodic grid, between the particles of stencils: spreading, Fourier transforms, averaging.
+ *
+ * Left out are the mode k = 0, so that fluid and particles together do not drift and net forces are balanced by a uniform background, and the Nyquist
+ * planes of even sizes, in products and in random fields alike: so the covariance of averaged fields is the matrix of multiply(), to rounding.
+ *
+ * Vectors have the rows of HydrodynamicParticles. What it keeps are plans and work space for the size used last; models of several groups share one and use
+ * it in turn: every member may be called by several threads at once.
+ */
+class GridFluid {
+public:
+    virtual ~GridFluid() {}
+    /** velocities = M forces, for columns one after the other. @param viscosity  dalton/(nm ps) */
+    void multiply(const GridStencils& stencils, double viscosity, const Eigen::MatrixXd& forces,
+                  Eigen::MatrixXd& velocities);
+    /**
+     * The random field whose averages have the covariance M: u(k) = (eta V)^(-1/2) (1 - k k/k^2) zeta/|k|. It has the law of the field that the fluctuating
+     * stress of the paper makes (Westwood 2022, eqs. 27 to 30), from three numbers a mode instead of six. Averages may be taken by stencils as wide as these.
+     */
+    void draw(const GridStencils& stencils, double viscosity, const NoiseStream& noise, uint32_t purpose,
+              GridField& field);
+    /** Likewise of given numbers. */
+    void draw(const GridStencils& stencils, double viscosity, const ModeNoise& noise, GridField& field);
+    /** velocities = averages of the field. */
+    void average(const GridField& field, const GridStencils& stencils, Eigen::VectorXd& velocities);
+    /** Derivatives of the velocities (not the angular ones) by the particles' positions: dv_a/dx_b at (3 a + b, particle). */
+    void averageGradients(const GridField& field, const GridStencils& stencils, Eigen::MatrixXd& gradients);
+    /** Seconds spent in Fourier transforms so far, by all threads together. */
+    double getSecondsOfTransforms() const { return secondsOfTransforms; }
+    /** What it has taken already. */
+    double memoryHeld() const { return held; }
+    /** Bytes for a grid, with one random field beside; stencils are the places' own. */
+    static double memory(const GridShape& shape) { return 8.0 * 3 * 2.2 * shape.numNodes(); }
+
+protected:
+    virtual void multiplyColumn(const GridStencils& stencils, double viscosity, const double* forces,
+                                double* velocities) = 0;
+    virtual void drawModes(const GridStencils& stencils, double viscosity, const ModeNoise& noise,
+                           GridField& field) = 0;
+    virtual std::unique_ptr<ModeNoise> modeNoise(const NoiseStream& noise, uint32_t purpose) const;
+    virtual void averageColumn(const GridField& field, const GridStencils& stencils, double* velocities) = 0;
+    virtual void averageGradientColumn(const GridField& field, const GridStencils& stencils, double* gradients) = 0;
+    double secondsOfTransforms = 0;
+    std::atomic<double> held{0};
+
+private:
+    std::mutex inUse;
+};
+
+/**
+ * One thread, one transform in one piece: to be read beside the paper.
+ *
+ * Reference: Yeo, Maxey, J. Comput. Phys. 229, 2401 (2010); Keaveny, J. Comput. Phys. 269, 61 (2014); Westwood 2022, sections 2 to 4.
+ */
+class PlainGridFluid : public GridFluid {
+public:
+    ~PlainGridFluid() override;
+
+protected:
+    void multiplyColumn(const GridStencils& stencils, double viscosity, const double* forces,
+                        double* velocities) override;
+    void drawModes(const GridStencils& stencils, double viscosity, const ModeNoise& noise, GridField& field) override;
+    void averageColumn(const GridField& field, const GridStencils& stencils, double* velocities) override;
+    void averageGradientColumn(const GridField& field, const GridStencils& stencils, double* gradients) override;
+
+private:
+    void prepare(const GridShape& shape);
+    void release();
+    void spread(const GridStencils& stencils, const double* forces);
+    void backward(GridField& field);
+
+    GridShape planned;
+    void *forwardPlan = nullptr, *backwardPlan = nullptr;
+    GridField work;
+    AlignedArray modes[3];  // pairs of real and imaginary part
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,47 @@
+#ifndef RIGIDHI_GRID_MODES_H_
+#define RIGIDHI_GRID_MODES_H_
+
+#include <complex>
+
+#include "random/CounterNoise.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * The random numbers of the modes of a field: three complex ones for each integer wave vector, of mean 0 and <|x|^2> = 1, independent but for
+ * those at -n, which are the conjugates of those at n.
+ */
+class ModeNoise {
+public:
+    virtual ~ModeNoise() {}
+    /** Fill numbers[c * count + i] for component c of the modes (nx[i], ny, nz), i = 0 ... count - 1; nz is not negative. */
+    virtual void fill(const int* nx, int count, int ny, int nz, std::complex<double>* numbers) const = 0;
+};
+
+/** Those of a NoiseStream. They belong to the wave vector, so that a finer grid has the noise of a coarser one in the modes of both. */
+class CounterModeNoise : public ModeNoise {
+public:
+    CounterModeNoise(const NoiseStream& noise, uint32_t purpose) : noise(noise), purpose(purpose) {}
+    void fill(const int* nx, int count, int ny, int nz, std::complex<double>* numbers) const override {
+        for (int i = 0; i < count; i++) {
+            // Drawn for one of n and -n.
+            const int sign = isMirrored(nx[i], ny, nz) ? -1 : 1;
+            for (int c = 0; c < 3; c++) {
+                double re, im;
+                noise.pair(purpose, NoiseStream::indexOfMode(sign * nx[i], sign * ny, nz),
+                           NoiseStream::blockOfMode(nz, c), re, im);
+                numbers[c * count + i] = std::sqrt(0.5) * std::complex<double>(re, sign * im);
+            }
+        }
+    }
+    /** Whether the numbers are the conjugates of those drawn for the mirrored wave vector. */
+    static bool isMirrored(int nx, int ny, int nz) { return nz == 0 && (ny < 0 || (ny == 0 && nx < 0)); }
+
+protected:
+    const NoiseStream noise;
+    const uint32_t purpose;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

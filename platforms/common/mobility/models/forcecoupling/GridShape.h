@@ -1,0 +1,54 @@
+#ifndef RIGIDHI_GRID_SHAPE_H_
+#define RIGIDHI_GRID_SHAPE_H_
+
+#include <array>
+
+#include "mobility/MobilityModel.h"
+
+namespace RigidHIPlugin {
+
+/** A grid over a periodic box with edges along the axes. Nodes are at multiples of the spacing, z runs fastest. */
+struct GridShape {
+    std::array<int, 3> size = {0, 0, 0};     // nodes along each axis
+    std::array<double, 3> edge = {0, 0, 0};  // nm
+
+    double spacing(int axis) const { return edge[axis] / size[axis]; }
+    double volume() const { return edge[0] * edge[1] * edge[2]; }
+    long long numNodes() const { return (long long)size[0] * size[1] * size[2]; }
+    /** Complex numbers in a row of modes: kz from 0 up, the others are their conjugates. */
+    int numRowModes() const { return size[2] / 2 + 1; }
+    /** The integer wave number of an index, from -size/2 on. */
+    int waveIndex(int axis, int index) const { return 2 * index < size[axis] ? index : index - size[axis]; }
+    double waveNumber(int axis, int index) const;
+    /** Whether an index is of the Nyquist plane, whose modes no grid tells from their mirror images: they are left out. */
+    bool isNyquist(int axis, int index) const { return 2 * index == size[axis]; }
+    bool operator==(const GridShape& other) const { return size == other.size && edge == other.edge; }
+};
+
+/** How fine a grid must be, and how far envelopes reach, for particles and a tolerance. */
+class GridResolution {
+public:
+    /**
+     * @param tolerance  of products, relative to the norm of forces over the root of the particles' own frictions
+     * @param spacing    nm; 0: as the tolerance wants
+     */
+    GridResolution(const HydrodynamicParticles& particles, double tolerance, double spacing);
+    /** The largest spacing that will do, nm. */
+    double getSpacing() const { return spacing; }
+    /** The tolerance that the spacing means: the one asked for, unless the user has set another spacing. */
+    double getTolerance() const { return tolerance; }
+    /** The distance at which the envelopes of a particle of this radius are cut off. */
+    double cutoff(double radius) const;
+    /** The grid for a box, which depends on nothing else. */
+    GridShape shapeFor(const BoxVectors& box) const;
+
+private:
+    double spacing, tolerance, cutoffInWidths;
+};
+
+/** The least even number from `least` up without prime factors above 7, for which transforms are fast. */
+int nextGridSize(double least);
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,220 @@
+#include <fftw3.h>
+
+#include <algorithm>
+#include <chrono>
+#include <mutex>
+
+#include "mobility/models/forcecoupling/GridFluid.h"
+#include "openmmrigidhi/internal/FourierPlanner.h"
+
+using std::complex;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+typedef GridStencils::Kind Kind;
+
+double secondsSince(std::chrono::steady_clock::time_point start) {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+/** Call visit(node, w_x, w_y, w_z) for all nodes of a stencil, with the places of its weights along the axes. */
+template <class Visit>
+void forNodes(const GridStencils& stencils, int p, const Visit& visit) {
+    const GridStencils::Stencil& s = stencils[p];
+    const std::array<int, 3>& n = stencils.getShape().size;
+    for (int i = 0; i < s.width[0]; i++) {
+        const GridStencils::Range rows = stencils.rowsOf(p, i);
+        for (int j = rows.begin; j < rows.end; j++) {
+            const GridStencils::Range range = stencils.nodesOf(p, i, j);
+            const size_t row = ((size_t)((s.first[0] + i) % n[0]) * n[1] + (s.first[1] + j) % n[1]) * n[2];
+            for (int k = range.begin; k < range.end; k++) visit(row + (s.first[2] + k) % n[2], i, j, k);
+        }
+    }
+}
+
+/** An envelope of a particle and its derivatives: slopes by x along the given axis, others plain. */
+struct Envelope {
+    const double *w[3], *slope[3];
+    Envelope(const GridStencils& stencils, int p, Kind kind, Kind slopeKind) {
+        for (int axis = 0; axis < 3; axis++) {
+            w[axis] = stencils.weightsOf(p, axis, kind);
+            slope[axis] = stencils.weightsOf(p, axis, slopeKind);
+        }
+    }
+    double value(int i, int j, int k) const { return w[0][i] * w[1][j] * w[2][k]; }
+    /** Derivative by the place of the node; minus that by the place of the particle. */
+    void gradient(int i, int j, int k, double* g) const {
+        g[0] = slope[0][i] * w[1][j] * w[2][k];
+        g[1] = w[0][i] * slope[1][j] * w[2][k];
+        g[2] = w[0][i] * w[1][j] * slope[2][k];
+    }
+};
+
+}  // namespace
+
+PlainGridFluid::~PlainGridFluid() { release(); }
+
+void PlainGridFluid::release() {
+    if (!forwardPlan) return;
+    const std::lock_guard<std::mutex> lock(fourierPlanner());
+    fftw_destroy_plan((fftw_plan)forwardPlan);
+    fftw_destroy_plan((fftw_plan)backwardPlan);
+    forwardPlan = nullptr;
+}
+
+void PlainGridFluid::prepare(const GridShape& shape) {
+    if (forwardPlan && planned.size == shape.size) {
+        planned = shape;
+        return;
+    }
+    release();
+    held = memory(shape);
+    planned = shape;
+    const std::array<int, 3>& n = shape.size;
+    const std::lock_guard<std::mutex> lock(fourierPlanner());
+    for (int c = 0; c < 3; c++) {
+        work.values[c].resize(shape.numNodes());
+        modes[c].resize(2 * (size_t)n[0] * n[1] * shape.numRowModes());
+    }
+    forwardPlan = fftw_plan_dft_r2c_3d(n[0], n[1], n[2], work.values[0].data(), (fftw_complex*)modes[0].data(),
+                                       FFTW_ESTIMATE | FFTW_UNALIGNED);
+    backwardPlan = fftw_plan_dft_c2r_3d(n[0], n[1], n[2], (fftw_complex*)modes[0].data(), work.values[0].data(),
+                                        FFTW_ESTIMATE | FFTW_UNALIGNED);
+}
+
+/** f(x) = sum over particles of F Delta(x - Y) + curl(T Theta(x - Y))/2 */
+void PlainGridFluid::spread(const GridStencils& stencils, const double* forces) {
+    const HydrodynamicParticles& particles = stencils.getParticles();
+    for (AlignedArray& component : work.values) std::fill(component.data(), component.data() + component.size(), 0.0);
+    for (int p = 0; p < particles.size(); p++) {
+        const double* F = forces + particles.firstRow[p];
+        const Envelope force(stencils, p, Kind::Force, Kind::ForceSlope);
+        forNodes(stencils, p, [&](size_t node, int i, int j, int k) {
+            const double w = force.value(i, j, k);
+            for (int c = 0; c < 3; c++) work.values[c][node] += w * F[c];
+        });
+        if (!particles.hasTorque[p]) continue;
+        const double* T = F + 3;
+        const Envelope torque(stencils, p, Kind::Torque, Kind::TorqueSlope);
+        forNodes(stencils, p, [&](size_t node, int i, int j, int k) {
+            double g[3];
+            torque.gradient(i, j, k, g);
+            for (int c = 0; c < 3; c++) {
+                const int d = (c + 1) % 3, e = (c + 2) % 3;
+                work.values[c][node] += 0.5 * (g[d] * T[e] - g[e] * T[d]);
+            }
+        });
+    }
+}
+
+void PlainGridFluid::backward(GridField& field) {
+    const auto start = std::chrono::steady_clock::now();
+    for (int c = 0; c < 3; c++)
+        fftw_execute_dft_c2r((fftw_plan)backwardPlan, (fftw_complex*)modes[c].data(), field.values[c].data());
+    secondsOfTransforms += secondsSince(start);
+}
+
+void PlainGridFluid::multiplyColumn(const GridStencils& stencils, double viscosity, const double* forces,
+                                    double* velocities) {
+    prepare(stencils.getShape());
+    work.shape = planned;
+    work.rowLength = planned.size[2];
+    spread(stencils, forces);
+    const auto start = std::chrono::steady_clock::now();
+    for (int c = 0; c < 3; c++)
+        fftw_execute_dft_r2c((fftw_plan)forwardPlan, work.values[c].data(), (fftw_complex*)modes[c].data());
+    secondsOfTransforms += secondsSince(start);
+    // u(k) = (1 - k k/k^2) f(k)/(eta k^2); transforms there and back multiply by the number of nodes.
+    const double scale = 1 / (viscosity * planned.numNodes());
+    const std::array<int, 3>& n = planned.size;
+    size_t at = 0;
+    for (int i = 0; i < n[0]; i++)
+        for (int j = 0; j < n[1]; j++)
+            for (int l = 0; l < planned.numRowModes(); l++, at++) {
+                const double k[3] = {planned.waveNumber(0, i), planned.waveNumber(1, j), planned.waveNumber(2, l)};
+                const double k2 = k[0] * k[0] + k[1] * k[1] + k[2] * k[2];
+                const bool out =
+                    k2 == 0 || planned.isNyquist(0, i) || planned.isNyquist(1, j) || planned.isNyquist(2, l);
+                for (int part = 0; part < 2; part++) {
+                    double* f[3] = {&modes[0][2 * at + part], &modes[1][2 * at + part], &modes[2][2 * at + part]};
+                    const double along = out ? 0 : (k[0] * *f[0] + k[1] * *f[1] + k[2] * *f[2]) / k2;
+                    for (int c = 0; c < 3; c++) *f[c] = out ? 0 : scale / k2 * (*f[c] - along * k[c]);
+                }
+            }
+    backward(work);
+    averageColumn(work, stencils, velocities);
+}
+
+void PlainGridFluid::drawModes(const GridStencils& stencils, double viscosity, const ModeNoise& noise,
+                               GridField& field) {
+    const GridShape& shape = stencils.getShape();
+    prepare(shape);
+    field.shape = shape;
+    field.rowLength = shape.size[2];
+    for (AlignedArray& component : field.values) component.resize(shape.numNodes());
+    const double scale = 1 / std::sqrt(viscosity * shape.numNodes());
+    const std::array<int, 3>& n = shape.size;
+    size_t at = 0;
+    for (int i = 0; i < n[0]; i++)
+        for (int j = 0; j < n[1]; j++)
+            for (int l = 0; l < shape.numRowModes(); l++, at++) {
+                const double k[3] = {shape.waveNumber(0, i), shape.waveNumber(1, j), shape.waveNumber(2, l)};
+                const double k2 = k[0] * k[0] + k[1] * k[1] + k[2] * k[2];
+                complex<double> zeta[3];
+                if (k2 > 0 && !shape.isNyquist(0, i) && !shape.isNyquist(1, j) && !shape.isNyquist(2, l)) {
+                    const int nx = shape.waveIndex(0, i);
+                    noise.fill(&nx, 1, shape.waveIndex(1, j), l, zeta);
+                    const complex<double> along = (k[0] * zeta[0] + k[1] * zeta[1] + k[2] * zeta[2]) / k2;
+                    for (int c = 0; c < 3; c++) zeta[c] = scale / std::sqrt(k2) * (zeta[c] - along * k[c]);
+                }
+                for (int c = 0; c < 3; c++) {
+                    modes[c][2 * at] = zeta[c].real();
+                    modes[c][2 * at + 1] = zeta[c].imag();
+                }
+            }
+    backward(field);
+}
+
+void PlainGridFluid::averageColumn(const GridField& field, const GridStencils& stencils, double* velocities) {
+    const HydrodynamicParticles& particles = stencils.getParticles();
+    for (int p = 0; p < particles.size(); p++) {
+        double* V = velocities + particles.firstRow[p];
+        std::fill(V, V + (particles.hasTorque[p] ? 6 : 3), 0.0);
+        const Envelope force(stencils, p, Kind::Force, Kind::ForceSlope);
+        forNodes(stencils, p, [&](size_t node, int i, int j, int k) {
+            const double w = force.value(i, j, k);
+            for (int c = 0; c < 3; c++) V[c] += w * field.values[c][node];
+        });
+        if (!particles.hasTorque[p]) continue;
+        double* Omega = V + 3;
+        const Envelope torque(stencils, p, Kind::Torque, Kind::TorqueSlope);
+        // The transpose of what spreads torques.
+        forNodes(stencils, p, [&](size_t node, int i, int j, int k) {
+            double g[3];
+            torque.gradient(i, j, k, g);
+            for (int c = 0; c < 3; c++) {
+                const int d = (c + 1) % 3, e = (c + 2) % 3;
+                Omega[e] += 0.5 * g[d] * field.values[c][node];
+                Omega[d] -= 0.5 * g[e] * field.values[c][node];
+            }
+        });
+    }
+}
+
+void PlainGridFluid::averageGradientColumn(const GridField& field, const GridStencils& stencils, double* gradients) {
+    const HydrodynamicParticles& particles = stencils.getParticles();
+    std::fill(gradients, gradients + 9 * (size_t)particles.size(), 0.0);
+    for (int p = 0; p < particles.size(); p++) {
+        const Envelope force(stencils, p, Kind::Force, Kind::ForceSlope);
+        forNodes(stencils, p, [&](size_t node, int i, int j, int k) {
+            double g[3];
+            force.gradient(i, j, k, g);
+            for (int a = 0; a < 3; a++)
+                for (int b = 0; b < 3; b++) gradients[9 * p + 3 * a + b] -= g[b] * field.values[a][node];
+        });
+    }
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,48 @@
+#ifndef RIGIDHI_LATTICE_H_
+#define RIGIDHI_LATTICE_H_
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "mobility/MobilityAt.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * The lattice of a periodic box. Its vectors are reduced first: replaced by the shortest that span the same lattice. So boxes with equivalent
+ * vectors are one lattice, and sums over spheres of lattice vectors need no more of them than they must.
+ */
+class Lattice {
+public:
+    Lattice() = default;
+    /** @throws OpenMMException if the vectors span no volume, as where there is no box */
+    explicit Lattice(const BoxVectors& box);
+
+    /** Reduced vectors in columns, nm, and reciprocal ones: reciprocal^T vectors = 2 pi. */
+    const Eigen::Matrix3d& getVectors() const { return vectors; }
+    const Eigen::Matrix3d& getReciprocal() const { return reciprocal; }
+    double getVolume() const { return volume; }
+    /** The length of the shortest vector that is not 0, nm: the smallest distance of something from its own image. */
+    double getShortest() const { return vectors.col(0).norm(); }
+    /** Coordinates of a place in units of the reduced vectors, each moved by whole numbers into [-1/2, 1/2]. */
+    Eigen::Vector3d fractions(const OpenMM::Vec3& place) const;
+    /** A difference of places less a lattice vector, so that its coordinates are in [-1/2, 1/2]. Small ones keep all their digits. */
+    Eigen::Vector3d wrapped(const OpenMM::Vec3& difference) const;
+    /** The shortest of the vectors that differ from this one by a lattice vector. */
+    Eigen::Vector3d nearestImage(const OpenMM::Vec3& difference) const;
+    /** Lattice vectors of at most this length, 0 among them. */
+    std::vector<Eigen::Vector3d> within(double length) const;
+    /** Wave vectors, as whole numbers of reciprocal vectors, of at most this length: one of each pair +-k, 0 not among them. */
+    std::vector<Eigen::Vector3i> waves(double length) const;
+    /** The largest length of a place with coordinates in [-1/2, 1/2]. */
+    double getReach() const { return reach; }
+
+private:
+    Eigen::Matrix3d vectors = Eigen::Matrix3d::Zero(), inverse = Eigen::Matrix3d::Zero(),
+                    reciprocal = Eigen::Matrix3d::Zero();
+    double volume = 0, reach = 0;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,364 @@
+#include "mobility/models/periodic/LatticeSum.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <complex>
+
+#include "linearalgebra/SymmetricProduct.h"
+#include "mobility/models/stokesian/StressletBasis.h"
+
+namespace RigidHIPlugin {
+
+using Eigen::ArrayXd;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::Vector3i;
+using std::max;
+using std::min;
+
+namespace {
+
+/** Terms are cut where their Gaussians are exp(-q^2) = 2e-16. */
+const double depth = 6;
+
+/** Times in ns, measured: a function of the distance at one node for one image; one multiplication in the product of waves. */
+const double timeOfNode = 4, timeOfProduct = 0.06;
+
+/** Waves done at once: so many columns stay in a cache. */
+const int wavesAtOnce = 128;
+
+/** H(k). @param x  k/(2 xi) */
+double screening(double x) { return (1 + x * x) * std::exp(-x * x); }
+
+}  // namespace
+
+LatticeSum::LatticeSum(const HydrodynamicParticles& particles, const Spreading& spreading, bool stresslets)
+    : particles(particles), spreading(spreading), stresslets(stresslets), kinds(particles.radii) {
+    std::sort(kinds.begin(), kinds.end());
+    kinds.erase(std::unique(kinds.begin(), kinds.end()), kinds.end());
+    for (int i = 0; i < particles.size(); i++) {
+        kind.push_back(std::lower_bound(kinds.begin(), kinds.end(), particles.radii[i]) - kinds.begin());
+        hasTorques = hasTorques || particles.hasTorque[i];
+    }
+    if (kinds.empty()) return;
+    smallest = kinds.front();
+    largest = kinds.back();
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// What depends on the box
+
+/** Time of a pair, ns, up to a constant. */
+double LatticeSum::estimateCost(double inverse) const {
+    const double wave = spreading.largestWave(depth, inverse, smallest, hasTorques), rows = stresslets   ? 11
+                                                                                            : hasTorques ? 6
+                                                                                                         : 3;
+    const double numWaves = lattice.getVolume() * wave * wave * wave / (12 * M_PI * M_PI);
+    double cost = timeOfProduct * 2 * rows * rows * numWaves;
+    if (inverse > 0) {
+        const double range = spreading.reach(depth, inverse, largest);
+        const double numImages = 1 + 4 * M_PI / 3 * range * range * range / lattice.getVolume();
+        cost += timeOfNode * (stresslets ? 1.5 : 1) * numImages * wave * range / M_PI;
+    }
+    return cost;
+}
+
+void LatticeSum::chooseSplitting() {
+    const double side = std::cbrt(lattice.getVolume()), factor = 1.15;
+    double least = INFINITY;
+    if (spreading.convergesByWaves()) {
+        inverseSplitting = 0;
+        least = estimateCost(0);
+    }
+    for (double inverse = side; inverse > side / 200; inverse /= factor) {
+        const double cost = estimateCost(inverse);
+        if (cost >= least) continue;
+        least = cost;
+        inverseSplitting = inverse;
+    }
+    if (wantedSplitting > 0) inverseSplitting = 1 / wantedSplitting;
+}
+
+void LatticeSum::fillFactors(const ArrayXd& waveNumbers, Factors& factors) const {
+    factors.s.resize(waveNumbers.size(), kinds.size());
+    factors.t.resize(waveNumbers.size(), kinds.size());
+    for (size_t a = 0; a < kinds.size(); a++)
+        for (int n = 0; n < waveNumbers.size(); n++) {
+            factors.s(n, a) = spreading.ofForce(kinds[a], waveNumbers[n]);
+            factors.t(n, a) = spreading.ofTorque(kinds[a], waveNumbers[n]);
+        }
+}
+
+void LatticeSum::setBox(const BoxVectors& newBox) {
+    if (newBox == box && lattice.getVolume() > 0) return;
+    lattice = Lattice(newBox);
+    box = newBox;
+    if (kinds.empty()) return;
+    chooseSplitting();
+    const double largestWave = spreading.largestWave(depth, inverseSplitting, smallest, hasTorques);
+    waves = lattice.waves(largestWave);
+    waveLengths.resize(waves.size());
+    waveWeights.resize(waves.size());
+    for (size_t w = 0; w < waves.size(); w++) {
+        const double k = (lattice.getReciprocal() * waves[w].cast<double>()).norm();
+        waveLengths[w] = k;
+        // Both k and -k; the root, since a column is multiplied by itself.
+        waveWeights[w] = std::sqrt(16 * M_PI / lattice.getVolume() * screening(0.5 * k * inverseSplitting)) / k;
+    }
+    fillFactors(waveLengths, ofWaves);
+    images.clear();
+    nodes.resize(0);
+    if (inverseSplitting == 0) return;
+    reach = spreading.reach(depth, inverseSplitting, largest);
+    images = lattice.within(reach + lattice.getReach());
+    // What the rule sees of other periods is beyond twice the reach of the functions, at distances within it.
+    step = M_PI / reach;
+    const int numNodes = std::ceil(largestWave / step);
+    nodes = ArrayXd::LinSpaced(numNodes + 1, 0, numNodes * step);
+    nodeWeights.resize(numNodes + 1);
+    for (int n = 0; n <= numNodes; n++)
+        nodeWeights[n] = 4 / M_PI * step * (n == 0 ? 0.5 : 1) * screening(0.5 * nodes[n] * inverseSplitting);
+    fillFactors(nodes, ofNodes);
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// The matrix
+
+void LatticeSum::compute(const std::vector<OpenMM::Vec3>& positions, bool contact, MatrixXd& matrix) {
+    matrix.setZero(getNumRows(), getNumRows());
+    if (particles.size() == 0) return;
+    addWaves(positions, matrix);
+    if (inverseSplitting > 0) addPairs(positions, contact, matrix);
+    mirrorLower(matrix);
+}
+
+/** Columns for k, both directions e across it, cosine and sine: of sum over particles D_j exp(-i k.r_j), along e. */
+void LatticeSum::addWaves(const std::vector<OpenMM::Vec3>& positions, MatrixXd& matrix) {
+    const int n = particles.size(), rows = getNumRows(), numWaves = waves.size();
+    // exp(-i n theta) along each reciprocal vector
+    Vector3i count(0, 0, 0);
+    for (const Vector3i& w : waves) count = count.cwiseMax(w.cwiseAbs());
+    phases.resize(3);
+    for (int d = 0; d < 3; d++) phases[d].resize(2 * count[d] + 1, n);
+    for (int i = 0; i < n; i++) {
+        const Vector3d f = lattice.fractions(positions[i]);
+        for (int d = 0; d < 3; d++)
+            for (int m = 0; m <= count[d]; m++) {
+                const double angle = 2 * M_PI * f[d] * m;
+                const std::complex<double> phase(std::cos(angle), -std::sin(angle));
+                phases[d](count[d] + m, i) = phase;
+                phases[d](count[d] - m, i) = std::conj(phase);
+            }
+    }
+    columns.resize(rows, 4 * min(wavesAtOnce, numWaves));
+    for (int first = 0; first < numWaves; first += wavesAtOnce) {
+        const int size = min(wavesAtOnce, numWaves - first);
+        for (int w = first; w < first + size; w++) {
+            const Vector3d k = lattice.getReciprocal() * waves[w].cast<double>();
+            const Vector3d e[2] = {k.unitOrthogonal(), k.cross(k.unitOrthogonal()).normalized()};
+            const Vector3d half[2] = {0.5 * e[0].cross(k), 0.5 * e[1].cross(k)};
+            Eigen::Matrix<double, 1, 5> strain[2];
+            if (stresslets) {
+                const Eigen::Matrix<double, 3, 5> v = contractBasis(k);
+                for (int d = 0; d < 2; d++) strain[d] = e[d].transpose() * v;
+            }
+            for (int i = 0; i < n; i++) {
+                const std::complex<double> phase = waveWeights[w] * phases[0](count[0] + waves[w][0], i) *
+                                                   phases[1](count[1] + waves[w][1], i) *
+                                                   phases[2](count[2] + waves[w][2], i);
+                const double s = ofWaves.s(w, kind[i]), t = ofWaves.t(w, kind[i]);
+                const double cosine = s * phase.real(), sine = s * phase.imag();
+                // i times the phase, of torques; -i times it, of stresslets
+                const double turnedCosine = -t * phase.imag(), turnedSine = t * phase.real();
+                const int row = particles.firstRow[i];
+                for (int d = 0; d < 2; d++) {
+                    const int column = 4 * (w - first) + 2 * d;
+                    columns.block<3, 1>(row, column) = cosine * e[d];
+                    columns.block<3, 1>(row, column + 1) = sine * e[d];
+                    if (particles.hasTorque[i]) {
+                        columns.block<3, 1>(row + 3, column) = turnedCosine * half[d];
+                        columns.block<3, 1>(row + 3, column + 1) = turnedSine * half[d];
+                    }
+                    if (stresslets) {
+                        columns.block<5, 1>(firstStresslet(i), column) = -turnedCosine * strain[d].transpose();
+                        columns.block<5, 1>(firstStresslet(i), column + 1) = -turnedSine * strain[d].transpose();
+                    }
+                }
+            }
+        }
+        addProductOfRows(columns, 4 * size, 1, matrix);
+    }
+}
+
+void LatticeSum::setPairWeights(int i, int j) {
+    const auto s_i = ofNodes.s.col(kind[i]), s_j = ofNodes.s.col(kind[j]), t_i = ofNodes.t.col(kind[i]),
+               t_j = ofNodes.t.col(kind[j]);
+    withTorques = particles.hasTorque[i] || particles.hasTorque[j];
+    ss = nodeWeights * s_i * s_j;
+    if (!withTorques) return;
+    st = nodeWeights * s_i * t_j;
+    ts = nodeWeights * t_i * s_j;
+    tt = nodeWeights * t_i * t_j;
+}
+
+/** The integrals over k of a pair with H, at any distance. */
+void LatticeSum::screenedNear(double distance, PairFunctions& f) const {
+    f = PairFunctions();
+    for (int n = 0; n < nodes.size(); n++) {
+        double phi[5];
+        besselQuotients(nodes[n] * distance, phi);
+        const double k2 = nodes[n] * nodes[n], k4 = k2 * k2;
+        f.ttI += ss[n] * (phi[0] - phi[1]);
+        f.ttR += ss[n] * k2 * phi[2];
+        if (!withTorques) continue;
+        f.tr += 0.5 * st[n] * k2 * phi[1];
+        f.rt += 0.5 * ts[n] * k2 * phi[1];
+        f.rrI += 0.25 * tt[n] * k2 * (phi[0] - phi[1]);
+        f.rrR += 0.25 * tt[n] * k4 * phi[2];
+        if (!stresslets) continue;
+        f.ts += st[n] * k2 * (phi[1] - 2 * phi[2]);
+        f.tsR += st[n] * k4 * phi[3];
+        f.st += ts[n] * k2 * (phi[1] - 2 * phi[2]);
+        f.stR += ts[n] * k4 * phi[3];
+        f.rs += 0.5 * tt[n] * k4 * phi[2];
+        f.ssI += tt[n] * k2 * (phi[1] - 2 * phi[2]);
+        f.ssV -= tt[n] * k4 * (phi[2] - 4 * phi[3]);
+        f.ssR -= tt[n] * k4 * k2 * phi[4];
+    }
+}
+
+/** The same for several images, where k r >= 1 but at k = 0: recurrences from node to node, and upwards in the order. */
+void LatticeSum::screenedFar(const Lanes& squares, PairFunctions (&f)[numLanes]) const {
+    const Lanes r = squares.sqrt(), inverseR = 1 / r, inverse2 = 1 / squares;
+    const Lanes cosStep = (step * r).cos(), sinStep = (step * r).sin();
+    Lanes cosine = Lanes::Ones(), sine = Lanes::Zero();
+    // k = 0: phi_0 - phi_1 = 2/3, and all others have a power of k
+    Lanes ttI = Lanes::Constant(2.0 / 3 * ss[0]), ttR = Lanes::Zero(), tr = ttR, rt = ttR, rrI = ttR, rrR = ttR,
+          vs = ttR, vsR = ttR, sv = ttR, svR = ttR, rs = ttR, ssI = ttR, ssV = ttR, ssR = ttR;
+    for (int n = 1; n < nodes.size(); n++) {
+        const Lanes next = cosine * cosStep - sine * sinStep;
+        sine = sine * cosStep + cosine * sinStep;
+        cosine = next;
+        const double k = nodes[n], k2 = k * k, k4 = k2 * k2;
+        const Lanes overX2 = (1 / k2) * inverse2;
+        const Lanes phi0 = (1 / k) * sine * inverseR, phi1 = (phi0 - cosine) * overX2,
+                    phi2 = (3 * phi1 - phi0) * overX2;
+        const Lanes across = phi0 - phi1;
+        ttI += ss[n] * across;
+        ttR += (ss[n] * k2) * phi2;
+        if (!withTorques) continue;
+        tr += (0.5 * st[n] * k2) * phi1;
+        rt += (0.5 * ts[n] * k2) * phi1;
+        rrI += (0.25 * tt[n] * k2) * across;
+        rrR += (0.25 * tt[n] * k4) * phi2;
+        if (!stresslets) continue;
+        const Lanes phi3 = (5 * phi2 - phi1) * overX2, phi4 = (7 * phi3 - phi2) * overX2, first = phi1 - 2 * phi2;
+        vs += (st[n] * k2) * first;
+        vsR += (st[n] * k4) * phi3;
+        sv += (ts[n] * k2) * first;
+        svR += (ts[n] * k4) * phi3;
+        rs += (0.5 * tt[n] * k4) * phi2;
+        ssI += (tt[n] * k2) * first;
+        ssV -= (tt[n] * k4) * (phi2 - 4 * phi3);
+        ssR -= (tt[n] * k4 * k2) * phi4;
+    }
+    for (int l = 0; l < numLanes; l++)
+        f[l] = {ttI[l], ttR[l], tr[l],  rt[l], rrI[l], rrR[l], vs[l],
+                vsR[l], sv[l],  svR[l], rs[l], ssI[l], ssV[l], ssR[l]};
+}
+
+namespace {
+
+/** a - b */
+PairFunctions difference(PairFunctions a, const PairFunctions& b) {
+    a.ttI -= b.ttI;
+    a.ttR -= b.ttR;
+    a.tr -= b.tr;
+    a.rt -= b.rt;
+    a.rrI -= b.rrI;
+    a.rrR -= b.rrR;
+    a.ts -= b.ts;
+    a.tsR -= b.tsR;
+    a.st -= b.st;
+    a.stR -= b.stR;
+    a.rs -= b.rs;
+    a.ssI -= b.ssI;
+    a.ssV -= b.ssV;
+    a.ssR -= b.ssR;
+    return a;
+}
+
+}  // namespace
+
+void LatticeSum::addPairs(const std::vector<OpenMM::Vec3>& positions, bool contact, MatrixXd& matrix) {
+    const double recurrenceFrom = 1 / step;
+    PairBlocks pair;
+    PairFunctions far[numLanes], near;
+    for (int i = 0; i < particles.size(); i++)
+        for (int j = 0; j <= i; j++) {
+            const double a_i = particles.radii[i], a_j = particles.radii[j];
+            setPairWeights(i, j);
+            pair.setZero();
+            const Vector3d r0 = lattice.wrapped(positions[i] - positions[j]);
+            const auto add = [&](const Vector3d& r, double distance, const PairFunctions& screened) {
+                // At one place there is no direction; that of contact is along the line of centres.
+                const bool moved = contact && distance < a_i + a_j && distance > 0;
+                if (!moved)
+                    pair.add(difference(spreading.free(a_i, a_j, distance, withTorques, stresslets), screened), r,
+                             stresslets);
+                else {
+                    const double scale = (a_i + a_j) / distance;
+                    pair.add(spreading.free(a_i, a_j, a_i + a_j, withTorques, stresslets), scale * r, stresslets);
+                    pair.add(difference(PairFunctions(), screened), r, stresslets);
+                }
+            };
+            found.clear();
+            for (const Vector3d& image : images) {
+                const Vector3d r = r0 + image;
+                const double distance = r.norm();
+                if (distance > reach) continue;
+                if (distance > recurrenceFrom)
+                    found.push_back(r);
+                else {
+                    screenedNear(distance, near);
+                    add(r, distance, near);
+                }
+            }
+            for (size_t first = 0; first < found.size(); first += numLanes) {
+                const int size = min<int>(numLanes, found.size() - first);
+                Lanes squares = Lanes::Constant(recurrenceFrom * recurrenceFrom);
+                for (int l = 0; l < size; l++) squares[l] = found[first + l].squaredNorm();
+                screenedFar(squares, far);
+                for (int l = 0; l < size; l++) add(found[first + l], std::sqrt(squares[l]), far[l]);
+            }
+            if (i == j) {
+                // What images on both sides do to it cancels in these.
+                pair.tr.setZero();
+                pair.rt.setZero();
+                pair.ts.setZero();
+                pair.st.setZero();
+            }
+            place(pair, i, j, matrix);
+        }
+}
+
+/** Into the lower triangle. */
+void LatticeSum::place(const PairBlocks& pair, int i, int j, MatrixXd& matrix) const {
+    const int row = particles.firstRow[i], column = particles.firstRow[j];
+    const bool torque_i = particles.hasTorque[i], torque_j = particles.hasTorque[j];
+    matrix.block<3, 3>(row, column) += pair.tt;
+    if (torque_i) matrix.block<3, 3>(row + 3, column) += pair.rt;
+    if (torque_j) matrix.block<3, 3>(row, column + 3) += pair.tr;
+    if (torque_i && torque_j) matrix.block<3, 3>(row + 3, column + 3) += pair.rr;
+    if (!stresslets) return;
+    // By the reciprocal theorem E_i of F_j is the transpose of V_j of S_i.
+    matrix.block<5, 3>(firstStresslet(i), column) += pair.st.transpose();
+    matrix.block<5, 3>(firstStresslet(i), column + 3) += pair.sr.transpose();
+    matrix.block<5, 5>(firstStresslet(i), firstStresslet(j)) += pair.ss;
+    if (i == j) return;
+    matrix.block<5, 3>(firstStresslet(j), row) += pair.ts.transpose();
+    matrix.block<5, 3>(firstStresslet(j), row + 3) += pair.rs.transpose();
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,121 @@
+#ifndef RIGIDHI_LATTICE_SUM_H_
+#define RIGIDHI_LATTICE_SUM_H_
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "mobility/MobilityModel.h"
+#include "mobility/models/periodic/Lattice.h"
+#include "mobility/models/periodic/PairFunctions.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * How a model spreads force and torque of a particle over the fluid: by s(k) and t(k) of the equation below, which depend on the radius
+ * alone, and by what two such particles do to each other in unbounded fluid.
+ */
+class Spreading {
+public:
+    virtual ~Spreading() {}
+    /** s(k) and t(k) of a particle of radius a; both are 1 at k = 0. */
+    virtual double ofForce(double a, double k) const = 0;
+    virtual double ofTorque(double a, double k) const = 0;
+    /** Two particles in unbounded fluid, at any distance. @param torques, stresslets  whether these are asked for too */
+    virtual PairFunctions free(double a_i, double a_j, double distance, bool torques, bool stresslets) const = 0;
+    /**
+     * In units of the depth q of sums (terms are cut where they are exp(-q^2)): a splitting of width 1/xi makes functions of the distance, of
+     * particles up to radius `largest`, short-ranged beyond this distance, and waves, of radii from `smallest`, beyond this wave number.
+     *
+     * @param inverseSplitting  1/xi, nm; 0: no splitting, waves alone
+     */
+    virtual double reach(double q, double inverseSplitting, double largest) const = 0;
+    virtual double largestWave(double q, double inverseSplitting, double smallest, bool hasTorque) const = 0;
+    /** Whether waves alone converge, so that inverseSplitting may be 0. */
+    virtual bool convergesByWaves() const = 0;
+};
+
+/**
+ * The mobility of particles and all their images in a periodic box, the mean velocity of the fluid (and bodies) being zero.
+ *
+ * Equation:  M_ij = 1/(eta V) sum over k != 0 of D_i^T (1 - kk) k^-2 D_j exp(i k.r_ij), D(F) = s(k) F, D(T) = i/2 t(k) k x T,
+ *            D(S) = -i t(k) S.k.
+ * Method:    Ewald's splitting by Hasimoto's H(k) = (1 + k^2/4 xi^2) exp(-k^2/4 xi^2). With H: waves, as B B^T of real columns, one
+ *            symmetric product of matrices. Without, pair by pair and image by image: the closed form in unbounded fluid, less the integral
+ *            over k with H. Of that the integrand is even, analytic and cut by a Gaussian, so the trapezoidal rule converges faster than any power:
+ *            some 25 nodes, and no cancellation for any radii and distances.
+ * Accuracy:  1e-13 of own mobilities. xi and cut-offs follow from the box, radii and that; xi so that both parts cost alike.
+ * Cost:      10 us a pair of spheres with torque, 4 us without, 21 us with stresslets (one thread of a machine of 2023), whatever the box.
+ * Reference: Hasimoto, J. Fluid Mech. 5:317 (1959); Beenakker, J. Chem. Phys. 85:1581 (1986); docs/THEORY.md.
+ */
+class LatticeSum {
+public:
+    /** @param stresslets  5 rows more for each particle, after all others: stresslets, and rates of strain */
+    LatticeSum(const HydrodynamicParticles& particles, const Spreading& spreading, bool stresslets);
+
+    /** Be in this box from now on. */
+    void setBox(const BoxVectors& box);
+    const Lattice& getLattice() const { return lattice; }
+    int getNumRows() const { return particles.numRows + (stresslets ? 5 * particles.size() : 0); }
+    /**
+     * The matrix, in units of 1/(8 pi eta); symmetric to the last bit.
+     *
+     * @param contact  whether the functions of overlapping pairs in unbounded fluid are to be those of contact
+     */
+    void compute(const std::vector<OpenMM::Vec3>& positions, bool contact, Eigen::MatrixXd& matrix);
+
+    /** For tests: splits at this xi (1/nm) instead of the cheapest; 0: the cheapest. Before setBox(). */
+    void setSplitting(double xi) { wantedSplitting = xi; }
+    double getSplitting() const { return inverseSplitting > 0 ? 1 / inverseSplitting : 0; }
+
+private:
+    /** s and t at the wave numbers of a list, a row for each of the distinct radii. */
+    struct Factors {
+        Eigen::ArrayXXd s, t;  // [wave number][kind]
+    };
+    /** Images of one pair, in lanes. */
+    static constexpr int numLanes = 8;
+    typedef Eigen::Array<double, numLanes, 1> Lanes;
+
+    double estimateCost(double inverseSplitting) const;
+    void chooseSplitting();
+    void fillFactors(const Eigen::ArrayXd& waveNumbers, Factors& factors) const;
+    void addWaves(const std::vector<OpenMM::Vec3>& positions, Eigen::MatrixXd& matrix);
+    void addPairs(const std::vector<OpenMM::Vec3>& positions, bool contact, Eigen::MatrixXd& matrix);
+    void setPairWeights(int i, int j);
+    void screenedNear(double distance, PairFunctions& f) const;
+    void screenedFar(const Lanes& squares, PairFunctions (&f)[numLanes]) const;
+    void place(const PairBlocks& pair, int i, int j, Eigen::MatrixXd& matrix) const;
+    int firstStresslet(int i) const { return particles.numRows + 5 * i; }
+
+    const HydrodynamicParticles particles;
+    const Spreading& spreading;
+    const bool stresslets;
+    bool hasTorques = false;
+    double smallest = 0, largest = 0;  // radii
+    double wantedSplitting = 0;
+    std::vector<int> kind;      // of each particle, among distinct radii
+    std::vector<double> kinds;  // distinct radii
+
+    BoxVectors box = {};
+    Lattice lattice;
+    double inverseSplitting = 0, reach = 0;
+    std::vector<Eigen::Vector3i> waves;
+    Eigen::ArrayXd waveLengths, waveWeights;
+    Factors ofWaves;
+    std::vector<Eigen::Vector3d> images;
+    double step = 0;  // of the trapezoidal rule
+    Eigen::ArrayXd nodes, nodeWeights;
+    Factors ofNodes;
+
+    // of the present pair
+    Eigen::ArrayXd ss, st, ts, tt;
+    bool withTorques = false;
+    // of the present waves
+    Eigen::MatrixXd columns;
+    std::vector<Eigen::MatrixXcd> phases;  // [direction](n + count, particle)
+    std::vector<Eigen::Vector3d> found;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,41 @@
+#ifndef RIGIDHI_PAIR_FUNCTIONS_H_
+#define RIGIDHI_PAIR_FUNCTIONS_H_
+
+#include <Eigen/Core>
+
+namespace RigidHIPlugin {
+
+/**
+ * What particles i and j do to each other through the fluid, r = r_i - r_j, by functions of the distance, in units of 1/(8 pi eta):
+ *
+ *     V_i = ttI F_j + ttR r (r.F_j) + tr T_j x r + ts S_j.r + tsR r (r.S_j.r)
+ *     W_i = rt F_j x r + rrI T_j + rrR r (r.T_j) + rs (S_j.r) x r
+ *     V_j = ... - st S_i.r - stR r (r.S_i.r),   W_j = ... + rs (S_i.r) x r
+ *     S_i:E_i = ssI S_i:S_j + ssV (S_i.r).(S_j.r) + ssR (r.S_i.r) (r.S_j.r)
+ */
+struct PairFunctions {
+    double ttI = 0, ttR = 0, tr = 0, rt = 0, rrI = 0, rrR = 0;
+    double ts = 0, tsR = 0, st = 0, stR = 0, rs = 0, ssI = 0, ssV = 0, ssR = 0;
+};
+
+/** The blocks of a pair, as a sum over images: rows i, columns j; S in the basis of StressletBasis.h. */
+struct PairBlocks {
+    Eigen::Matrix3d tt, tr, rt, rr;
+    Eigen::Matrix<double, 3, 5> ts, rs;  // of S_j on V_i, W_i
+    Eigen::Matrix<double, 3, 5> st, sr;  // of S_i on V_j, W_j
+    Eigen::Matrix<double, 5, 5> ss;
+
+    void setZero();
+    /** @param stresslets  whether there are any: otherwise those blocks are not touched */
+    void add(const PairFunctions& f, const Eigen::Vector3d& r, bool stresslets);
+};
+
+/**
+ * phi_n(x) = j_n(x)/x^n for n = 0 ... 4, of spherical Bessel functions: entire functions of x^2, by series and the recurrence downwards where
+ * x is small, by the recurrence upwards elsewhere. Relative error 1e-15.
+ */
+void besselQuotients(double x, double (&phi)[5]);
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,123 @@
+#include "mobility/models/periodic/PeriodicMobility.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "mobility/CoincidenceCheck.h"
+#include "mobility/models/wall/NoSlipPlane.h"
+#include "openmmrigidhi/internal/Messages.h"
+
+namespace RigidHIPlugin {
+
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+
+PeriodicMobility::PeriodicMobility(const HydrodynamicParticles& particles, double viscosity, int largestRows)
+    : MobilityModel(particles, viscosity) {
+    checkPeriodicRows(particles.numRows, largestRows);
+}
+
+void checkPeriodicRows(int rows, int largestRows) {
+    if (rows <= largestRows) return;
+    throw OpenMM::OpenMMException(
+        "MobilityForce: boundary Periodic is done by dense matrices of up to " + text(largestRows) +
+        " rows, and here there are " + text(rows) +
+        ": six for each sphere, three for each blob or particle in no body (StokesianDynamics: eleven for "
+        "each sphere); use fewer particles, or groups of them by setGroups()");
+}
+
+std::string PeriodicMobility::coincidence(const Placement& placement, const Lattice& lattice) const {
+    for (int i = 0; i < particles.size(); i++)
+        for (int j = 0; j < i; j++) {
+            const double smaller = std::min(particles.radii[i], particles.radii[j]),
+                         bound = CoincidenceCheck::bound * smaller;
+            if (std::abs(particles.radii[i] - particles.radii[j]) > bound) continue;
+            // Of small distances the wrapped difference is the nearest.
+            const double distance = lattice.wrapped(placement.positions[i] - placement.positions[j]).norm();
+            if (distance > 0.5 * bound) continue;
+            return particleAndBody(particles, j) + " and " + particleAndBody(particles, i) + ", both of radius " +
+                   text(particles.radii[i]) + " nm, are at the same place of the periodic box, " + text(distance) +
+                   " nm apart, so that their mobility matrix is singular; move one of them, or give it the radius 0 or "
+                   "another radius";
+        }
+    return {};
+}
+
+LatticeSumAt::LatticeSumAt(const PeriodicMobility& model)
+    : MobilityAt(model), model(model), sum(particles, model.spreading(), false) {}
+
+void LatticeSumAt::moveTo(const Placement& placement, bool nearby) {
+    sum.setBox(placement.box);
+    const std::string problem = nearby ? std::string() : model.coincidence(placement, sum.getLattice());
+    if (!problem.empty()) throw OpenMM::OpenMMException("MobilityForce: " + problem);
+    positions = placement.positions;
+    isKnown = false;
+}
+
+const MatrixXd& LatticeSumAt::matrix() {
+    if (!isKnown) {
+        sum.compute(positions, false, cached);
+        cached *= 1 / (8 * M_PI * viscosity);
+        isKnown = true;
+    }
+    return cached;
+}
+
+void LatticeSumAt::apply(const MatrixXd& forces, MatrixXd& velocities) { velocities.noalias() = matrix() * forces; }
+
+void LatticeSumAt::dense(MatrixXd& mobility) { mobility = matrix(); }
+
+// ---------------------------------------------------------------------------------------------------------------------
+
+namespace {
+
+/** A matrix of so many rows has 1.2 GB, of which a step needs four; it is made in half a minute. */
+const int largestRows = 12000;
+
+}  // namespace
+
+PeriodicRotnePragerYamakawa::PeriodicRotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity)
+    : PeriodicMobility(particles, viscosity, largestRows) {}
+
+const Spreading& PeriodicRotnePragerYamakawa::spreading() const { return overSurfaces(); }
+
+std::unique_ptr<MobilityAt> PeriodicRotnePragerYamakawa::makePlace() const {
+    return std::unique_ptr<MobilityAt>(new LatticeSumAt(*this));
+}
+
+PeriodicForceCoupling::PeriodicForceCoupling(const HydrodynamicParticles& particles, double viscosity)
+    : PeriodicMobility(particles, viscosity, largestRows) {}
+
+const Spreading& PeriodicForceCoupling::spreading() const { return overGaussians(); }
+
+std::unique_ptr<MobilityAt> PeriodicForceCoupling::makePlace() const {
+    return std::unique_ptr<MobilityAt>(new LatticeSumAt(*this));
+}
+
+void PeriodicForceCoupling::ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
+                                        MatrixXd& mobility) const {
+    freeForceCoupling(body, sites, viscosity, mobility);
+}
+
+void freeForceCoupling(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites, double viscosity,
+                       MatrixXd& mobility) {
+    mobility.setZero(body.numRows, body.numRows);
+    PairBlocks pair;
+    for (int i = 0; i < body.size(); i++)
+        for (int j = 0; j < body.size(); j++) {
+            const OpenMM::Vec3 d = sites[i] - sites[j];
+            const Vector3d r(d[0], d[1], d[2]);
+            pair.setZero();
+            pair.add(overGaussians().free(body.radii[i], body.radii[j], r.norm(), true, false), r, false);
+            const int row = body.firstRow[i], column = body.firstRow[j];
+            mobility.block<3, 3>(row, column) = pair.tt;
+            if (body.hasTorque[i]) mobility.block<3, 3>(row + 3, column) = pair.rt;
+            if (body.hasTorque[j]) mobility.block<3, 3>(row, column + 3) = pair.tr;
+            if (body.hasTorque[i] && body.hasTorque[j]) mobility.block<3, 3>(row + 3, column + 3) = pair.rr;
+        }
+    mobility *= 1 / (8 * M_PI * viscosity);
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,101 @@
+#ifndef RIGIDHI_PERIODIC_MOBILITY_H_
+#define RIGIDHI_PERIODIC_MOBILITY_H_
+
+#include <memory>
+#include <string>
+
+#include "mobility/models/periodic/LatticeSum.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * What models of periodic fluids by lattice sums have in common: particles that feel all images of all particles, themselves included; a matrix
+ * that is formed and has no products; a largest number of rows.
+ *
+ * Moved or shifted with the lattice they stay what they are, turned they do not. The mean velocity of fluid and bodies is zero: a uniform
+ * force density balances the sum of the forces.
+ */
+class PeriodicMobility : public MobilityModel {
+public:
+    /** @throws OpenMMException for more rows than `largestRows` */
+    PeriodicMobility(const HydrodynamicParticles& particles, double viscosity, int largestRows);
+    bool isHomogeneous() const override { return true; }
+    bool hasProducts() const override { return false; }
+    virtual const Spreading& spreading() const = 0;
+    /** Why the particles have no mobility in this box at all: two of one radius whose images coincide; empty where they have one. */
+    std::string coincidence(const Placement& placement, const Lattice& lattice) const;
+};
+
+/** @throws OpenMMException for more rows than a dense matrix may have */
+void checkPeriodicRows(int rows, int largestRows);
+
+/** A model that is a lattice sum and nothing else, at a placement. */
+class LatticeSumAt : public MobilityAt {
+public:
+    explicit LatticeSumAt(const PeriodicMobility& model);
+    void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
+    void dense(Eigen::MatrixXd& mobility) override;
+
+protected:
+    void moveTo(const Placement& placement, bool nearby) override;
+
+private:
+    const Eigen::MatrixXd& matrix();
+    const PeriodicMobility& model;
+    LatticeSum sum;
+    std::vector<OpenMM::Vec3> positions;
+    Eigen::MatrixXd cached;
+    bool isKnown = false;
+};
+
+/**
+ * Rotne-Prager-Yamakawa mobility in a periodic box: all blocks, unequal radii, overlap, any lattice.
+ *
+ * Equation:  LatticeSum.h with s(k) = sin(ka)/(ka), t(k) = 3 j_1(ka)/(ka): forces spread evenly over the surfaces of spheres, velocities
+ *            averaged likewise.
+ * Limits:    pairwise; near contact no lubrication.
+ */
+class PeriodicRotnePragerYamakawa : public PeriodicMobility {
+public:
+    PeriodicRotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity);
+    const char* name() const override { return "RotnePragerYamakawa"; }
+    bool isDivergenceFree() const override { return true; }
+    const Spreading& spreading() const override;
+
+protected:
+    std::unique_ptr<MobilityAt> makePlace() const override;
+};
+
+/**
+ * Force coupling in a periodic box: as Rotne-Prager-Yamakawa, with Gaussians in place of surfaces.
+ *
+ * Equation:  LatticeSum.h with s(k) = exp(-sigma^2 k^2/2), sigma = a/sqrt(pi), t(k) = exp(-sigma_D^2 k^2/2), sigma_D = a/(6 sqrt(pi))^(1/3).
+ *            A sphere by itself has its Stokes drag, translation and rotation.
+ * Reference: Maxey and Patel, Int. J. Multiphase Flow 27:1603 (2001); Lomholt and Maxey, J. Comput. Phys. 184:381 (2003).
+ * Limits:    pairwise; near contact no lubrication.
+ */
+class PeriodicForceCoupling : public PeriodicMobility {
+public:
+    PeriodicForceCoupling(const HydrodynamicParticles& particles, double viscosity);
+    const char* name() const override { return "ForceCoupling"; }
+    bool isDivergenceFree() const override { return true; }
+    const Spreading& spreading() const override;
+    /** By Gaussians too, in unbounded fluid. */
+    void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
+                     Eigen::MatrixXd& mobility) const override;
+
+protected:
+    std::unique_ptr<MobilityAt> makePlace() const override;
+};
+
+/** Force coupling of particles alone in unbounded fluid: their matrix. */
+void freeForceCoupling(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites, double viscosity,
+                       Eigen::MatrixXd& mobility);
+
+/** The spreadings of these models. StokesianDynamics has the former, with stresslets. */
+const Spreading& overSurfaces();
+const Spreading& overGaussians();
+
+}  // namespace RigidHIPlugin
+
+#endif

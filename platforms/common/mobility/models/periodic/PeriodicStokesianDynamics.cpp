@@ -1,0 +1,168 @@
+#include "mobility/models/periodic/PeriodicStokesianDynamics.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "linearalgebra/CholeskyFactor.h"
+#include "linearalgebra/SymmetricProduct.h"
+#include "mobility/models/periodic/PeriodicMobility.h"
+#include "openmmrigidhi/internal/Messages.h"
+
+namespace RigidHIPlugin {
+
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+
+namespace {
+
+/** Rows of M_FTS: as many gigabytes and minutes as the other periodic models may take. */
+const int largestRows = 11000;
+
+/** In mean radii of a pair: lubrication is whole up to the first distance, and nothing from the second on. */
+const double wholeUpTo = 8, nothingFrom = 10;
+
+double weight(double distance) {
+    const double z = (distance - wholeUpTo) / (nothingFrom - wholeUpTo);
+    if (z <= 0) return 1;
+    if (z >= 1) return 0;
+    return 1 + z * z * z * (-10 + z * (15 - 6 * z));
+}
+
+/** Of the lattice vectors R and -R one: a sphere and its image on one side are the same pair as it and that on the other side. */
+bool isFirstOfTwo(const Vector3d& R) { return R[0] > 0 || (R[0] == 0 && (R[1] > 0 || (R[1] == 0 && R[2] > 0))); }
+
+class Place : public MobilityAt {
+public:
+    explicit Place(const PeriodicStokesianDynamics& model)
+        : MobilityAt(model), model(model), sum(particles, overSurfaces(), true),
+          largestRadius(particles.radii.empty() ? 0
+                                                : *std::max_element(particles.radii.begin(), particles.radii.end())) {}
+    void apply(const MatrixXd& forces, MatrixXd& velocities) override;
+    void dense(MatrixXd& mobility) override;
+    void friction(MatrixXd& friction) override;
+
+protected:
+    void moveTo(const Placement& placement, bool) override;
+
+private:
+    void makeFarField();
+    void makeFriction();
+    void invert(const MatrixXd& matrix, MatrixXd& inverse);
+
+    const PeriodicStokesianDynamics& model;
+    LatticeSum sum;
+    const double largestRadius;
+    std::vector<OpenMM::Vec3> positions;
+    std::vector<Vector3d> images;
+    MatrixXd all, strains, coupling, scratch;
+    MatrixXd farField, frictionMatrix, mobilityMatrix;
+    CholeskyFactor factor;
+    bool farFieldIsKnown = false, frictionIsKnown = false, mobilityIsKnown = false;
+};
+
+void Place::moveTo(const Placement& placement, bool) {
+    sum.setBox(placement.box);
+    images = sum.getLattice().within(nothingFrom * largestRadius + sum.getLattice().getReach());
+    positions = placement.positions;
+    farFieldIsKnown = frictionIsKnown = mobilityIsKnown = false;
+}
+
+/** From forces and torques, where the stresslets S = -M_ES^-1 M_EF F keep every sphere rigid. */
+void Place::makeFarField() {
+    if (farFieldIsKnown) return;
+    const int rows = particles.numRows, stresslets = sum.getNumRows() - rows;
+    sum.compute(positions, true, all);
+    farField = all.topLeftCorner(rows, rows);
+    coupling = all.bottomLeftCorner(stresslets, rows);
+    strains = all.bottomRightCorner(stresslets, stresslets);
+    if (!factor.compute(strains)) refuseIndefiniteSpheres(particles.size());
+    factor.solveL(coupling);
+    addProductOfColumns(coupling, -1, farField);
+    mirrorLower(farField);
+    farField *= 1 / (8 * M_PI * viscosity);
+    farFieldIsKnown = true;
+}
+
+void Place::invert(const MatrixXd& matrix, MatrixXd& inverse) {
+    const int n = matrix.rows();
+    strains = matrix;
+    if (!factor.compute(strains)) refuseIndefiniteSpheres(particles.size());
+    scratch.setIdentity(n, n);
+    factor.solveL(scratch);
+    inverse.setZero(n, n);
+    addProductOfColumns(scratch, 1, inverse);
+    mirrorLower(inverse);
+}
+
+void Place::makeFriction() {
+    if (frictionIsKnown) return;
+    makeFarField();
+    invert(farField, frictionMatrix);
+    for (int i = 0; model.hasLubrication() && i < particles.size(); i++)
+        for (int j = 0; j <= i; j++) {
+            const Vector3d toJ = sum.getLattice().wrapped(positions[j] - positions[i]);
+            const double mean = (particles.radii[i] + particles.radii[j]) / 2;
+            for (const Vector3d& image : images) {
+                if (i == j && !isFirstOfTwo(image)) continue;
+                const double w = weight((toJ + image).norm() / mean);
+                if (w > 0) model.addLubrication(toJ + image, i, j, w, frictionMatrix);
+            }
+        }
+    frictionIsKnown = true;
+}
+
+void Place::friction(MatrixXd& friction) {
+    makeFriction();
+    friction = frictionMatrix;
+}
+
+void Place::dense(MatrixXd& mobility) {
+    if (!model.hasLubrication()) {
+        makeFarField();
+        mobility = farField;
+        return;
+    }
+    if (!mobilityIsKnown) {
+        makeFriction();
+        invert(frictionMatrix, mobilityMatrix);
+        mobilityIsKnown = true;
+    }
+    mobility = mobilityMatrix;
+}
+
+void Place::apply(const MatrixXd& forces, MatrixXd& velocities) {
+    dense(scratch);
+    velocities.noalias() = scratch * forces;
+}
+
+}  // namespace
+
+PeriodicStokesianDynamics::PeriodicStokesianDynamics(const HydrodynamicParticles& particles, double viscosity,
+                                                     bool lubrication, double minimumGap)
+    : StokesianDynamics(particles, viscosity, lubrication, minimumGap, true) {
+    checkPeriodicRows(11 * particles.size(), largestRows);
+}
+
+std::string PeriodicStokesianDynamics::objection(const Placement& placement) const {
+    const Lattice lattice(placement.box);
+    for (int i = 0; i < particles.size(); i++) {
+        const std::string found = objectionToPair(i, i, lattice.getShortest(), "the nearest image of ");
+        if (!found.empty()) return found;
+        for (int j = i + 1; j < particles.size(); j++) {
+            const OpenMM::Vec3 d = placement.positions[i] - placement.positions[j];
+            const double distance = lattice.nearestImage(d).norm();
+            const std::string problem =
+                objectionToPair(i, j, distance, d.dot(d) <= distance * distance ? "" : "an image of ");
+            if (!problem.empty()) return problem;
+        }
+    }
+    return {};
+}
+
+std::unique_ptr<MobilityAt> PeriodicStokesianDynamics::makePlace() const {
+    return std::unique_ptr<MobilityAt>(new Place(*this));
+}
+
+}  // namespace RigidHIPlugin

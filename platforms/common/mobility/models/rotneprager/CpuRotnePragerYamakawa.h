@@ -1,0 +1,104 @@
+#ifndef RIGIDHI_CPU_ROTNE_PRAGER_YAMAKAWA_H_
+#define RIGIDHI_CPU_ROTNE_PRAGER_YAMAKAWA_H_
+
+#include <functional>
+#include <optional>
+
+#include "mobility/models/wall/NoSlipPlane.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * Rotne-Prager-Yamakawa mobility in unbounded fluid or above a no-slip wall, with SIMD and threads (formulas, reference, limits:
+ * mobility/RotnePragerYamakawa-inl.h, mobility/RotnePragerYamakawaWall-inl.h; at the wall: mobility/NoSlipPlane.h).
+ *
+ * Velocities of several particles are summed in the lanes of a pack, over all sources in a fixed order, so nothing is
+ * reduced over lanes or threads: results do not depend on the number of threads, nor on the width of packs where the
+ * machine can multiply and add in one rounding (from AVX2 on). They agree with RotnePragerYamakawa and
+ * RotnePragerYamakawaWall to rounding.
+ *
+ * Cost: n^2 pairs, one square root and one division each (above a wall two), shared by two columns at a time; packs in which a pair overlaps
+ * take a slower way. Measured: benchmarks/README.md. Nothing is allocated after the first call of each method of a place if the number
+ * of columns stays the same, unless threads are used.
+ */
+class CpuRotnePragerYamakawa : public MobilityModel {
+public:
+    /** Calls task(first, end) for ranges that cover 0 ... count - 1, on several threads. */
+    typedef std::function<void(int count, const std::function<void(int, int)>& task)> ForRanges;
+
+    /**
+     * @param forRanges  called only for work that pays for waking threads; it should divide any count. Empty: no threads.
+     * @param wall       if there is one
+     */
+    CpuRotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity, ForRanges forRanges = {},
+                           const std::optional<NoSlipPlane>& wall = {});
+    const char* name() const override { return "RotnePragerYamakawa"; }
+    bool acceptsNearby(const Placement& placement) const override {
+        return !wall || wall->acceptsNearby(particles, placement.positions);
+    }
+    std::string objection(const Placement& placement) const override {
+        return wall ? wall->objection(particles, placement.positions) : std::string();
+    }
+    bool mayObject() const override { return wall.has_value(); }
+    OpenMM::Vec3 placeInFormulas(int i, const OpenMM::Vec3& position) const override {
+        return wall ? wall->placeInFormulas(position, particles.radii[i]) : position;
+    }
+    bool isHomogeneous() const override { return !wall; }
+    bool isIsotropic() const override { return !wall; }
+    bool isDivergenceFree() const override { return !wall; }
+    double rowsWorthIterations() const override { return 425; }
+    void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
+                     Eigen::MatrixXd& mobility) const override;
+
+protected:
+    std::unique_ptr<MobilityAt> makePlace() const override;
+    bool holdsNearby() const override { return wall && wall->reachesBeyond(); }
+
+private:
+    friend class CpuRotnePragerYamakawaAt;
+
+    const ForRanges forRanges;
+    const std::optional<NoSlipPlane> wall;
+    // Particles with torque come first, so that blocks of targets and ranges of sources are of one kind. Slots of targets
+    // are padded to whole blocks for each kind; sources are not.
+    int numSpheres, numSphereBlocks, numBlocks;
+    std::vector<int> particleOfSource, slotOfSource;
+    std::vector<int> rowOfSource, rowOfSlot;  // -1: padding
+    std::vector<double> radius;               // of slots
+    bool fitsSingle;
+};
+
+/** It at a placement. */
+class CpuRotnePragerYamakawaAt : public MobilityAt {
+public:
+    explicit CpuRotnePragerYamakawaAt(const CpuRotnePragerYamakawa& model);
+    void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
+    /**
+     * In single precision, but for differences of positions, overlapping pairs, and sums over more than 64 particles: in about half
+     * the time. In double precision if radii are not between 1e-4 and 1e4 nm. Results do not depend on the number of threads, but
+     * on the width of packs.
+     */
+    void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
+    void dense(Eigen::MatrixXd& mobility) override;
+
+protected:
+    void moveTo(const Placement& placement, bool nearby) override;
+
+private:
+    template <class Number>
+    void multiply(const Eigen::MatrixXd& forces, std::vector<Number>& buffer, Eigen::MatrixXd& velocities) const;
+    template <class Task>
+    void split(int count, double pairs, const Task& task) const;
+    struct RotnePragerYamakawaArrays arrays(double* result) const;
+
+    const CpuRotnePragerYamakawa& model;
+    std::vector<double> x, y, z;     // of slots
+    std::vector<double> weight;      // of slots: what velocities and forces are multiplied by, 1 without a wall
+    std::vector<double> sources;     // x, y, z, radius of each
+    std::vector<double> loads;       // forces and torques, source by source, of the columns being multiplied
+    std::vector<float> singleLoads;  // likewise
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

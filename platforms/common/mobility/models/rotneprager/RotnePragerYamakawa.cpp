@@ -1,0 +1,101 @@
+#include "mobility/models/rotneprager/RotnePragerYamakawa.h"
+
+#include "mobility/models/rotneprager/RotnePragerYamakawa-inl.h"
+
+using namespace OpenMM;
+
+namespace RigidHIPlugin {
+
+using namespace scalar;
+
+namespace {
+
+typedef Vector3<double> Vector;
+
+Vector separation(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
+
+/** Rows `row` ... row + 2 of a column. */
+Vector rows(const Eigen::MatrixXd& m, int row, int column) {
+    return {m(row, column), m(row + 1, column), m(row + 2, column)};
+}
+void addTo(Eigen::MatrixXd& m, int row, int column, const Vector& v) {
+    m(row, column) += v.x;
+    m(row + 1, column) += v.y;
+    m(row + 2, column) += v.z;
+}
+
+/** The block identity I + outer r r^T, and its transpose in the mirrored place. */
+void placeSymmetric(Eigen::MatrixXd& m, int row, int column, double identity, double outer, const Vector& r) {
+    const double v[3] = {r.x, r.y, r.z};
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            m(row + i, column + j) = m(column + j, row + i) = outer * v[i] * v[j] + (i == j ? identity : 0.0);
+}
+/** The block B with B f = factor f x r, and its transpose in the mirrored place. */
+void placeCross(Eigen::MatrixXd& m, int row, int column, double factor, const Vector& r) {
+    const double x = factor * r.x, y = factor * r.y, z = factor * r.z;
+    const double block[3][3] = {{0, z, -y}, {-z, 0, x}, {y, -x, 0}};
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) m(row + i, column + j) = m(column + j, row + i) = block[i][j];
+}
+
+class Place : public MobilityAt {
+public:
+    using MobilityAt::MobilityAt;
+    void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
+    void dense(Eigen::MatrixXd& mobility) override;
+
+protected:
+    void moveTo(const Placement& placement, bool) override { positions = placement.positions; }
+
+private:
+    std::vector<Vec3> positions;
+};
+
+void Place::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
+    velocities.resize(particles.numRows, forces.cols());
+    velocities.setZero();
+    for (int i = 0; i < particles.size(); i++) {
+        const int row = particles.firstRow[i];
+        for (int j = 0; j < particles.size(); j++) {
+            const int from = particles.firstRow[j];
+            const Vector r = separation(positions[i], positions[j]);
+            const auto m = pairMobility(dot(r, r), particles.radii[i], particles.radii[j]);
+            for (int column = 0; column < forces.cols(); column++) {
+                const Vector force = rows(forces, from, column);
+                const Vector torque = particles.hasTorque[j] ? rows(forces, from + 3, column) : Vector{0, 0, 0};
+                Vector velocity = {0, 0, 0}, omega = {0, 0, 0};
+                addPairVelocities<1, true, true>(m, r, &force, &torque, &velocity, &omega);
+                addTo(velocities, row, column, velocity);
+                if (particles.hasTorque[i]) addTo(velocities, row + 3, column, omega);
+            }
+        }
+    }
+    velocities *= 1 / (8 * M_PI * viscosity);
+}
+
+void Place::dense(Eigen::MatrixXd& mobility) {
+    mobility.resize(particles.numRows, particles.numRows);
+    const double scale = 1 / (8 * M_PI * viscosity);
+    for (int i = 0; i < particles.size(); i++) {
+        const int row = particles.firstRow[i];
+        for (int j = 0; j <= i; j++) {
+            const int column = particles.firstRow[j];
+            const Vector r = separation(positions[i], positions[j]);
+            const auto m = pairMobility(dot(r, r), particles.radii[i], particles.radii[j]);
+            placeSymmetric(mobility, row, column, scale * m.ttI, scale * m.ttR, r);
+            if (particles.hasTorque[i]) placeCross(mobility, row + 3, column, scale * m.rt, r);
+            if (particles.hasTorque[j]) placeCross(mobility, row, column + 3, scale * m.tr, r);
+            if (particles.hasTorque[i] && particles.hasTorque[j])
+                placeSymmetric(mobility, row + 3, column + 3, scale * m.rrI, scale * m.rrR, r);
+        }
+    }
+}
+
+}  // namespace
+
+std::unique_ptr<MobilityAt> RotnePragerYamakawa::makePlace() const {
+    return std::unique_ptr<MobilityAt>(new Place(*this));
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,232 @@
+#include "mobility/models/stokesian/StokesianDynamics.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "mobility/models/stokesian/ForceTorqueStresslet.h"
+#include "openmmrigidhi/internal/Messages.h"
+
+namespace RigidHIPlugin {
+
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using OpenMM::OpenMMException;
+using OpenMM::Vec3;
+
+namespace {
+
+std::string nameOf(const HydrodynamicParticles& particles, int i) {
+    return "particle " + std::to_string(particles.systemIndex[i]) +
+           (particles.body[i] < 0 ? " (in no body)" : " (body " + std::to_string(particles.body[i]) + ")");
+}
+
+double distanceBetween(const Vec3& a, const Vec3& b) {
+    const Vec3 d = a - b;
+    return std::sqrt(d.dot(d));
+}
+
+/** Cholesky's factor of a matrix made for these particles. */
+MatrixXd choleskyFactor(const MatrixXd& matrix) {
+    const Eigen::LLT<MatrixXd> factor(matrix);
+    if (factor.info() != Eigen::Success) refuseIndefiniteSpheres(matrix.rows() / 6);
+    return factor.matrixL();
+}
+
+MatrixXd inverseFromFactor(const MatrixXd& lower) {
+    MatrixXd inverse = MatrixXd::Identity(lower.rows(), lower.rows());
+    lower.triangularView<Eigen::Lower>().solveInPlace(inverse);
+    MatrixXd product(lower.rows(), lower.rows());
+    product.setZero();
+    product.selfadjointView<Eigen::Lower>().rankUpdate(inverse.transpose());
+    product.triangularView<Eigen::StrictlyUpper>() = product.transpose();
+    return product;
+}
+
+}  // namespace
+
+void refuseIndefiniteSpheres(int numSpheres) {
+    throw OpenMMException("StokesianDynamics: the matrix of " + std::to_string(numSpheres) +
+                          " spheres is not positive definite; do spheres overlap by more than a minimum gap can "
+                          "bridge? Separate them, "
+                          "use smaller time steps, or the model RotnePragerYamakawa");
+}
+
+StokesianDynamics::StokesianDynamics(const HydrodynamicParticles& particles, double viscosity, bool lubrication,
+                                     double minimumGap, bool selfPairs)
+    : MobilityModel(particles, viscosity), lubrication(lubrication), minimumGap(minimumGap) {
+    if (!(minimumGap >= 0 && minimumGap < 1))
+        throw OpenMMException("StokesianDynamics: the minimum gap is " + text(minimumGap) +
+                              " mean radii of a pair; it must be at least 0 (none) and below 1");
+    std::map<int, int> particleOfBody;
+    for (int i = 0; i < particles.size(); i++) {
+        if (!particles.hasTorque[i])
+            throw OpenMMException("StokesianDynamics is a model of spheres that rotate, and " + nameOf(particles, i) +
+                                  " has no torque; make it a body of its own, or use the model RotnePragerYamakawa");
+        const auto inserted = particleOfBody.emplace(particles.body[i], i);
+        if (particles.body[i] >= 0 && !inserted.second)
+            throw OpenMMException(
+                "StokesianDynamics is a model of single spheres, and body " + std::to_string(particles.body[i]) +
+                " has particles " + std::to_string(particles.systemIndex[inserted.first->second]) + " and " +
+                std::to_string(particles.systemIndex[i]) +
+                " that the fluid sees; give all but one the radius 0, or use the model RotnePragerYamakawa");
+    }
+    std::vector<double> radii = particles.radii;
+    std::sort(radii.begin(), radii.end());
+    radii.erase(std::unique(radii.begin(), radii.end()), radii.end());
+    for (double radius : particles.radii)
+        kind.push_back(std::lower_bound(radii.begin(), radii.end(), radius) - radii.begin());
+    if (!lubrication) return;
+    if (!radii.empty() && radii.back() > TwoSphereResistance::maximumRatio * radii.front()) {
+        const auto extremes = std::minmax_element(particles.radii.begin(), particles.radii.end());
+        throw OpenMMException("StokesianDynamics: the radii " + text(*extremes.second) + " nm of " +
+                              nameOf(particles, extremes.second - particles.radii.begin()) + " and " +
+                              text(*extremes.first) + " nm of " +
+                              nameOf(particles, extremes.first - particles.radii.begin()) + " have the ratio " +
+                              text(*extremes.second / *extremes.first) + "; lubrication is known up to a ratio of " +
+                              text(TwoSphereResistance::maximumRatio) +
+                              ": turn it off by setLubrication(False), or use the model RotnePragerYamakawa");
+    }
+    std::vector<int> copies(radii.size());
+    for (int k : kind) copies[k]++;
+    tables.resize(radii.size());
+    for (size_t larger = 0; larger < radii.size(); larger++) {
+        tables[larger].resize(larger + 1);
+        for (size_t smaller = 0; smaller <= larger; smaller++)
+            if (smaller < larger || selfPairs || copies[larger] > 1)
+                tables[larger][smaller] = TwoSphereResistance::get(radii[smaller] / radii[larger]);
+    }
+}
+
+bool StokesianDynamics::overlaps(const std::vector<Vec3>& positions, int& i, int& j) const {
+    if (minimumGap > 0) return false;
+    for (i = 0; i < particles.size(); i++)
+        for (j = i + 1; j < particles.size(); j++)
+            if (distanceBetween(positions[i], positions[j]) <= particles.radii[i] + particles.radii[j]) return true;
+    return false;
+}
+
+std::string StokesianDynamics::objectionToPair(int i, int j, double distance, const char* image) const {
+    const double contact = particles.radii[i] + particles.radii[j];
+    if (minimumGap > 0 && distance > 0) return {};
+    if (minimumGap > 0)
+        return "StokesianDynamics: " + nameOf(particles, i) + " and " + image + nameOf(particles, j) +
+               " are at the same place, so their line of centres has no direction; move one";
+    if (distance > contact) return {};
+    return "StokesianDynamics: " + nameOf(particles, i) + " and " + image + nameOf(particles, j) +
+           " overlap or touch: their distance is " + text(distance) + " nm, the sum of their radii " + text(contact) +
+           " nm; separate them, allow it by setMinimumGap, or use the model RotnePragerYamakawa";
+}
+
+std::string StokesianDynamics::objection(const Placement& placement) const {
+    const std::vector<Vec3>& at = placement.positions;
+    for (int i = 0; i < particles.size(); i++)
+        for (int j = i + 1; j < particles.size(); j++) {
+            const std::string found = objectionToPair(i, j, distanceBetween(at[i], at[j]), "");
+            if (!found.empty()) return found;
+        }
+    return {};
+}
+
+void StokesianDynamics::addLubrication(const Vector3d& toJ, int i, int j, double weight, MatrixXd& friction) const {
+    const bool swapped = particles.radii[i] < particles.radii[j];  // tables are for sphere 1 the larger
+    if (swapped) std::swap(i, j);
+    const double a[2] = {particles.radii[i], particles.radii[j]}, mean = (a[0] + a[1]) / 2;
+    const double distance = std::sqrt(toJ[0] * toJ[0] + toJ[1] * toJ[1] + toJ[2] * toJ[2]);
+    const double gap = std::max((distance - a[0] - a[1]) / mean, minimumGap);
+    const TwoSphereValues<double> f = tables[kind[i]][kind[j]]->correction(gap);
+
+    const Vector3d d = (swapped ? -1.0 : 1.0) * toJ / distance;
+    const Matrix3d along = d * d.transpose(), across = Matrix3d::Identity() - along;
+    Matrix3d turn;  // T_i = B eps_ijk d_k U_j
+    turn << 0, d.z(), -d.y(), -d.z(), 0, d.x(), d.y(), -d.x(), 0;
+    const int row[2] = {particles.firstRow[i], particles.firstRow[j]};
+    for (int p = 0; p < 2; p++)
+        for (int q = 0; q < 2; q++) {
+            const double sum = a[p] + a[q], unit = weight * M_PI * viscosity * sum;
+            friction.block<3, 3>(row[p], row[q]) += 3 * unit * (f[XA11 + p + q] * along + f[YA11 + p + q] * across);
+            friction.block<3, 3>(row[p] + 3, row[q] + 3) +=
+                unit * sum * sum * (f[XC11 + p + q] * along + f[YC11 + p + q] * across);
+            const Matrix3d torqueOfVelocity = unit * sum * f[YB11 + 2 * p + q] * turn;
+            friction.block<3, 3>(row[p] + 3, row[q]) += torqueOfVelocity;
+            friction.block<3, 3>(row[q], row[p] + 3) += torqueOfVelocity.transpose();
+        }
+}
+
+namespace {
+
+class Place : public MobilityAt {
+public:
+    explicit Place(const StokesianDynamics& model) : MobilityAt(model), model(model) {}
+    void apply(const MatrixXd& forces, MatrixXd& velocities) override;
+    void dense(MatrixXd& mobility) override;
+    void friction(MatrixXd& friction) override;
+
+protected:
+    void moveTo(const Placement& placement, bool) override;
+
+private:
+    const MatrixXd& frictionMatrix();
+
+    const StokesianDynamics& model;
+    std::vector<Vec3> positions;
+    MatrixXd farFieldMobility, cachedFriction, factor;  // empty until they are needed
+};
+
+void Place::moveTo(const Placement& placement, bool) {
+    positions = placement.positions;
+    farFieldMobility.resize(0, 0);
+    cachedFriction.resize(0, 0);
+    factor.resize(0, 0);
+}
+
+const MatrixXd& Place::frictionMatrix() {
+    if (cachedFriction.rows() != particles.numRows) {
+        MatrixXd friction =
+            inverseFromFactor(choleskyFactor(forceTorqueStressletMobility(particles.radii, positions, viscosity)));
+        if (model.hasLubrication())
+            for (int i = 0; i < particles.size(); i++)
+                for (int j = 0; j < i; j++) {
+                    const Vec3 toJ = positions[j] - positions[i];
+                    model.addLubrication(Vector3d(toJ[0], toJ[1], toJ[2]), i, j, 1, friction);
+                }
+        cachedFriction.swap(friction);
+    }
+    return cachedFriction;
+}
+
+void Place::friction(MatrixXd& friction) { friction = frictionMatrix(); }
+
+void Place::apply(const MatrixXd& forces, MatrixXd& velocities) {
+    if (!model.hasLubrication()) {
+        if (farFieldMobility.rows() != particles.numRows)
+            farFieldMobility = forceTorqueStressletMobility(particles.radii, positions, viscosity);
+        velocities = farFieldMobility * forces;
+        return;
+    }
+    if (factor.rows() != particles.numRows) factor = choleskyFactor(frictionMatrix());
+    velocities = forces;
+    factor.triangularView<Eigen::Lower>().solveInPlace(velocities);
+    factor.triangularView<Eigen::Lower>().transpose().solveInPlace(velocities);
+}
+
+void Place::dense(MatrixXd& mobility) {
+    if (!model.hasLubrication())
+        apply(MatrixXd::Identity(particles.numRows, particles.numRows), mobility);
+    else {
+        if (factor.rows() != particles.numRows) factor = choleskyFactor(frictionMatrix());
+        mobility = inverseFromFactor(factor);
+    }
+}
+
+}  // namespace
+
+std::unique_ptr<MobilityAt> StokesianDynamics::makePlace() const {
+    return std::unique_ptr<MobilityAt>(new Place(*this));
+}
+
+}  // namespace RigidHIPlugin

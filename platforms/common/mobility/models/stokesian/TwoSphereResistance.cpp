@@ -1,0 +1,393 @@
+#include "mobility/models/stokesian/TwoSphereResistance.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <Eigen/QR>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "mobility/models/stokesian/ForceTorqueStresslet.h"
+
+namespace RigidHIPlugin {
+
+namespace {
+
+/**
+ * Two spheres in bispherical coordinates, z = sinh(xi)/h, rho = sin(eta)/h, h = cosh(xi) - x, x = cos(eta), unit focal length and viscosity.
+ * Sphere 0 is xi = alpha, sphere 1 is xi = -beta. With k = n + 1/2 and Ferrers' P_n^m without (-1)^m,
+ *
+ *     f_n^{m,+-} = h^{1/2} exp(+-k xi) P_n^m(x) e^{i m phi}
+ *
+ * are harmonic, and derivatives stay among them without mixing + and -:
+ *
+ *     d_z f_n           = +-[k f_n - (n-m+1)/2 f_{n+1} - (n+m)/2 f_{n-1}]
+ *     (d_x + i d_y) f_n = f_n - f_{n+1}/2 - f_{n-1}/2                                                     (order m+1)
+ *     (d_x - i d_y) f_n = -(n+m)(n-m+1) f_n + (n-m+1)(n-m+2)/2 f_{n+1} + (n+m)(n+m-1)/2 f_{n-1}           (order m-1)
+ *     r.grad f_n        = -f_n/2 - (n-m+1)/2 f_{n+1} + (n+m)/2 f_{n-1}
+ *
+ * Unknown are the coefficients of Q and v_z (order m), v_x + i v_y (m+1) and v_x - i v_y (m-1; for m = 0 it mirrors the former).
+ * The coefficient of + is stored times exp(k alpha), of - times exp(k beta): its part of the value at the sphere it is singular in.
+ */
+template <class Real, int m>
+class Bispherical {
+public:
+    static constexpr int numUnknowns = m == 0 ? 6 : 8, numMotions = 2 * (m + 1);
+    typedef Eigen::Matrix<Real, numMotions, numMotions> Resistance;
+
+    Bispherical(Real alpha, Real beta, int maxOrder) : xi{alpha, beta}, maxOrder(maxOrder) {}
+
+    /** Force (m = 1: force along x, torque about y) of each sphere on the fluid for the same motions, about the spheres' centres. */
+    Resistance resistance() const {
+        // block elimination upwards, substitution downwards
+        std::vector<Block> above(maxOrder + 1);
+        std::vector<Columns> solution(maxOrder + 1);
+        for (int n = 0; n <= maxOrder; n++) {
+            Equations e = equations(n);
+            if (n > 0) {
+                e.same -= e.lower * above[n - 1];
+                e.right -= e.lower * solution[n - 1];
+            }
+            const Eigen::PartialPivLU<Block> factor(e.same);
+            above[n] = factor.solve(e.upper);
+            solution[n] = factor.solve(e.right);
+        }
+        for (int n = maxOrder - 1; n >= 0; n--) solution[n] -= above[n] * solution[n + 1];
+        return farField(solution);
+    }
+
+private:
+    enum { Q = 0, W = 2, X = 4, Y = 6 };  // first of the two coefficients of Q, v_z, v_x + i v_y, v_x - i v_y
+    typedef Eigen::Matrix<Real, numUnknowns, numUnknowns> Block;
+    typedef Eigen::Matrix<Real, numUnknowns, numMotions> Columns;
+    struct Equations {
+        Block lower = Block::Zero(), same = Block::Zero(), upper = Block::Zero();
+        Columns right = Columns::Zero();
+    };
+
+    Real decay(int n, int sphere) const { return std::exp(-(n + Real(0.5)) * xi[sphere]); }
+    static int lowestOrder(int variable) { return variable == X ? m + 1 : variable == Y ? m - 1 : m; }
+
+    Equations equations(int n) const {
+        Equations e;
+        const Real below = 2 * n - 1, beyond = 2 * n + 3;
+        for (int sphere = 0; sphere < 2; sphere++) {
+            const Real cosine = std::cosh(xi[sphere]), sine = (sphere == 0 ? 1 : -1) * std::sinh(xi[sphere]);
+            const auto atSphere = [&](int row, int variable, Real lower, Real same, Real upper) {
+                for (int j = 0; j < 2; j++) {
+                    const auto value = [&](int order) {
+                        return j == sphere ? Real(1) : std::exp(-(order + Real(0.5)) * (xi[0] + xi[1]));
+                    };
+                    if (n > 0) e.lower(row + sphere, variable + j) += lower * value(n - 1);
+                    e.same(row + sphere, variable + j) += same * value(n);
+                    e.upper(row + sphere, variable + j) += upper * value(n + 1);
+                }
+            };
+            // no slip: h v = h u - (position h) Q/2, where position h is sinh(xi) along z and sin(eta) e^{+-i phi} across
+            atSphere(W, W, -(n - m) / below, cosine, -(n + m + 1) / beyond);
+            atSphere(W, Q, 0, sine / 2, 0);
+            atSphere(X, X, -(n - m - 1) / below, cosine, -(n + m + 2) / beyond);
+            atSphere(X, Q, 1 / (2 * below), 0, -1 / (2 * beyond));
+            // h^{1/2} = sum of root P_n; h^{-1/2} = sum of sqrt 2 exp(-k |xi|) P_n
+            const Real sqrt2 = std::sqrt(Real(2));
+            const Real root = (decay(n + 1, sphere) / beyond - decay(n - 1, sphere) / below) / sqrt2;
+            if (m == 0)
+                e.right(W + sphere, sphere) = root;
+            else {
+                atSphere(Y, Y, -(n - m + 1) / below, cosine, -(n + m) / beyond);
+                atSphere(Y, Q, -(n - m) * (n - m + 1) / (2 * below), 0, (n + m + 1) * (n + m) / (2 * beyond));
+                e.right(Y + sphere, 2 * sphere) = 2 * root;
+                // spin about y: v_x - i v_y = 2 (z - z_centre) = 2 (x cosh(xi) - 1)/(h sinh(xi)), v_z = -rho e^{i phi}
+                const Real previous = n > 0 ? sqrt2 * decay(n - 1, sphere) : Real(0),
+                           next = sqrt2 * decay(n + 1, sphere);
+                e.right(W + sphere, 2 * sphere + 1) = next / beyond - previous / below;
+                e.right(Y + sphere, 2 * sphere + 1) =
+                    2 * (cosine * (n * previous / below + (n + 1) * next / beyond) - sqrt2 * decay(n, sphere)) / sine;
+            }
+            // div u = (3 Q + r.grad Q)/2 + div v = 0, separately for + and -
+            const Real sign = sphere == 0 ? 1 : -1, fromLower = std::exp(xi[sphere]), fromUpper = std::exp(-xi[sphere]);
+            const auto divergence = [&](int variable, Real lower, Real same, Real upper) {
+                e.lower(Q + sphere, variable + sphere) += lower * fromLower;
+                e.same(Q + sphere, variable + sphere) += same;
+                e.upper(Q + sphere, variable + sphere) += upper * fromUpper;
+            };
+            const Real N = n;
+            divergence(Q, -(N - m) / 4, Real(1.25), (N + m + 1) / 4);
+            divergence(W, -sign * (N - m) / 2, sign * (N + Real(0.5)), -sign * (N + m + 1) / 2);
+            const Real share = m == 0 ? 1 : Real(0.5);
+            divergence(X, share * (N - m - 1) * (N - m) / 2, -share * (N + m + 1) * (N - m),
+                       share * (N + m + 2) * (N + m + 1) / 2);
+            if (m == 1) divergence(Y, Real(-0.25), Real(0.5), Real(-0.25));
+        }
+        // P_n^m = 0 where n < m
+        for (int variable = 0; variable < numUnknowns; variable += 2)
+            for (int i = variable; i < variable + 2; i++) {
+                if (n - 1 < lowestOrder(variable)) e.lower.col(i).setZero();
+                if (n + 1 < lowestOrder(variable)) e.upper.col(i).setZero();
+                if (n < lowestOrder(variable)) {
+                    e.same.col(i).setZero();
+                    e.lower.row(i).setZero();
+                    e.same.row(i).setZero();
+                    e.upper.row(i).setZero();
+                    e.right.row(i).setZero();
+                    e.same(i, i) = 1;
+                }
+            }
+        return e;
+    }
+
+    /** Far away v is F/(8 pi r) + T x r/(8 pi r³), and what is singular in a sphere comes from that sphere. */
+    Resistance farField(const std::vector<Columns>& solution) const {
+        Resistance resistance = Resistance::Zero();
+        const Real unit = 8 * std::sqrt(Real(2)) * std::acos(Real(-1));
+        for (int n = maxOrder; n >= 0; n--)
+            for (int sphere = 0; sphere < 2; sphere++) {
+                const Real weight = unit * decay(n, sphere);
+                if (m == 0)
+                    resistance.row(sphere) += weight * solution[n].row(W + sphere);
+                else {
+                    resistance.row(2 * sphere) += weight / 2 * solution[n].row(Y + sphere);
+                    resistance.row(2 * sphere + 1) -= weight * n * (n + 1) * solution[n].row(W + sphere);
+                }
+            }
+        if (m == 1)  // from torques about the origin to torques about the centres, z = +-coth(xi)
+            for (int sphere = 0; sphere < 2; sphere++)
+                resistance.row(2 * sphere + 1) -=
+                    (sphere == 0 ? 1 : -1) / std::tanh(xi[sphere]) * resistance.row(2 * sphere);
+        return resistance;
+    }
+
+    const Real xi[2];
+    const int maxOrder;
+};
+
+/** Torques about the line of centres: u_phi is harmonic of order 1, and its values sin(eta)/h are sums of 2 sqrt 2 exp(-k |xi|) f_n. */
+template <class Real>
+Eigen::Matrix<Real, 2, 2> spinResistance(Real alpha, Real beta, int maxOrder) {
+    Eigen::Matrix<Real, 2, 2> resistance = Eigen::Matrix<Real, 2, 2>::Zero();
+    for (int n = maxOrder; n > 0; n--) {
+        const Real k = n + Real(0.5), both = std::exp(-2 * k * (alpha + beta));
+        const Real weight = -32 * std::acos(Real(-1)) * n * (n + 1) / std::expm1(-2 * k * (alpha + beta));
+        resistance(0, 0) += weight * std::exp(-2 * k * alpha);
+        resistance(1, 1) += weight * std::exp(-2 * k * beta);
+        resistance(0, 1) -= weight * both;
+    }
+    resistance(1, 0) = resistance(0, 1);
+    return resistance;
+}
+
+/** exp(-2 n alpha) times a small power of n is below double's rounding at n alpha = 22, and long double's at 27. */
+constexpr int digitsOrders = 22, longDigitsOrders = 27;
+
+/** Scaled functions from resistances about the line (rows: spheres) and across it (rows: force along x, torque about y of each). */
+template <class Real>
+struct Scales {
+    Real A, B, C;
+    Scales(Real sumOfRadii) {
+        const Real pi = std::acos(Real(-1));
+        A = 3 * pi * sumOfRadii;
+        B = pi * sumOfRadii * sumOfRadii;
+        C = B * sumOfRadii;
+    }
+};
+
+/** Index of the pair 11, 12, 22 among functions that have no 21. */
+int symmetricIndex(int i, int j) { return i + j; }
+
+}  // namespace
+
+template <class Real>
+TwoSphereValues<Real> solveTwoSpheres(Real ratio, Real gap) {
+    // a_1 = 1; cosh(alpha) - 1 = gap (gap + 2 a_2)/(2 r a_1) without cancellation
+    const Real radius[2] = {1, ratio}, distance = gap * (1 + ratio) / 2, r = 1 + ratio + distance;
+    const Real alpha = 2 * std::asinh(std::sqrt(distance * (distance + 2 * ratio) / (4 * r)));
+    const Real beta = 2 * std::asinh(std::sqrt(distance * (distance + 2) / (4 * r * ratio)));
+    const int enough = sizeof(Real) > sizeof(double) ? longDigitsOrders : digitsOrders;
+    const int maxOrder = enough + int(enough / std::min(alpha, beta));
+    const Real focal = std::sinh(alpha);
+    const auto axial = Bispherical<Real, 0>(alpha, beta, maxOrder).resistance();
+    const auto transverse = Bispherical<Real, 1>(alpha, beta, maxOrder).resistance();
+    const auto spin = spinResistance(alpha, beta, maxOrder);
+    TwoSphereValues<Real> f;
+    for (int i = 0; i < 2; i++)
+        for (int j = 0; j < 2; j++) {
+            const Scales<Real> scale((radius[i] + radius[j]) / focal);
+            if (i <= j) {
+                const int ij = symmetricIndex(i, j);
+                f[XA11 + ij] = axial(i, j) / scale.A;
+                f[YA11 + ij] = transverse(2 * i, 2 * j) / scale.A;
+                f[XC11 + ij] = spin(i, j) / scale.C;
+                f[YC11 + ij] = transverse(2 * i + 1, 2 * j + 1) / scale.C;
+            }
+            f[YB11 + 2 * i + j] = transverse(2 * i + 1, 2 * j) / scale.B;  // from sphere 1 to 2 is -z
+        }
+    return f;
+}
+template TwoSphereValues<double> solveTwoSpheres(double ratio, double gap);
+template TwoSphereValues<long double> solveTwoSpheres(long double ratio, long double gap);
+
+TwoSphereValues<double> forceTorqueStressletPair(double ratio, double gap) {
+    const double radius[2] = {1, ratio}, r = (1 + gap / 2) * (1 + ratio);
+    const Eigen::Matrix<double, 12, 12> mobility =
+        forceTorqueStressletMobility({1, ratio}, {OpenMM::Vec3(), OpenMM::Vec3(0, 0, -r)}, 1.0);
+    const Eigen::Matrix<double, 12, 12> resistance = mobility.llt().solve(Eigen::Matrix<double, 12, 12>::Identity());
+    TwoSphereValues<double> f;
+    for (int i = 0; i < 2; i++)
+        for (int j = 0; j < 2; j++) {
+            const Scales<double> scale(radius[i] + radius[j]);
+            if (i <= j) {
+                const int ij = symmetricIndex(i, j);
+                f[XA11 + ij] = resistance(6 * i + 2, 6 * j + 2) / scale.A;
+                f[YA11 + ij] = resistance(6 * i, 6 * j) / scale.A;
+                f[XC11 + ij] = resistance(6 * i + 5, 6 * j + 5) / scale.C;
+                f[YC11 + ij] = resistance(6 * i + 4, 6 * j + 4) / scale.C;
+            }
+            f[YB11 + 2 * i + j] = resistance(6 * i + 4, 6 * j) / scale.B;  // Ty of Ux; from sphere 1 to 2 is -z
+        }
+    return f;
+}
+
+namespace {
+
+/**
+ * Coefficients of 1/xi, ln xi and xi ln xi near contact for the functions 11 of ratio l (Jeffrey and Onishi 1984; all compared with
+ * solveTwoSpheres() in the tests). Those of 22 are the 11 of 1/l, and relative motion alone is singular, so 12 are -11 in true units,
+ * except for the Y^C.
+ */
+struct LubricationConstants {
+    double XA[3], YA[2], YB[2], XC, YC[2], YC12[2];
+    explicit LubricationConstants(double l) {
+        const double l2 = l * l, l3 = l2 * l, l4 = l2 * l2, q = 1 + l, q2 = q * q, q3 = q2 * q, q4 = q2 * q2;
+        XA[0] = 2 * l2 / q3;
+        XA[1] = -l * (1 + 7 * l + l2) / (5 * q3);
+        XA[2] = -(1 + 18 * l - 29 * l2 + 18 * l3 + l4) / (42 * q3);
+        YA[0] = -4 * l * (2 + l + 2 * l2) / (15 * q3);
+        YA[1] = -2 * (16 - 45 * l + 58 * l2 - 45 * l3 + 16 * l4) / (375 * q3);
+        YB[0] = l * (4 + l) / (5 * q2);
+        YB[1] = (32 - 33 * l + 83 * l2 + 43 * l3) / (250 * q2);
+        XC = l2 / (4 * q);
+        YC[0] = -2 * l / (5 * q);
+        YC[1] = -(8 + 6 * l + 33 * l2) / (125 * q);
+        YC12[0] = -4 * l2 / (5 * q4);
+        YC12[1] = -2 * l * (43 - 24 * l + 43 * l2) / (125 * q4);
+    }
+};
+
+/** Where the expansion near contact replaces the solution, and is fitted to it: gaps in units of twice the reduced radius. */
+constexpr double nearContact = 1e-3, fitTo = 4e-2;
+constexpr int numFitGaps = 20, fitPower = 6;
+/** Beyond this gap what FTS lacks, of order (a/r)^6, is 1e-13 and below the rounding of the difference. */
+constexpr double farApart = 300;
+
+/** 1, u, then u^k and u^k ln u for k = 2 ... fitPower: what is left of a lubrication expansion beside its singular terms. */
+Eigen::Array<double, 2 * fitPower, 1> nearContactTerms(double u, double scale) {
+    Eigen::Array<double, 2 * fitPower, 1> terms;
+    const double v = u / scale;
+    terms[0] = 1;
+    terms[1] = v;
+    for (int k = 2; k <= fitPower; k++) {
+        terms[2 * k - 2] = std::pow(v, k);
+        terms[2 * k - 1] = std::pow(v, k) * std::log(v);
+    }
+    return terms;
+}
+
+double relativeGap(double u) { return 2 * u / (1 - u); }
+
+}  // namespace
+
+TwoSphereResistance::TwoSphereResistance(double ratio) : ratio(ratio) {
+    if (!(ratio <= maximumRatio && ratio >= 1 / maximumRatio))
+        throw OpenMM::OpenMMException("the two-sphere resistance functions are tabulated for ratios of radii from 1/" +
+                                      std::to_string(int(maximumRatio)) + " to " + std::to_string(int(maximumRatio)) +
+                                      ", not " + std::to_string(ratio));
+    // 1/gap = 1/(2u) - 1/2, ln gap = ln u + smooth, gap ln gap = 2 u ln u + smooth
+    inverseGap.setZero();
+    logarithm.setZero();
+    gapLogarithm.setZero();
+    const LubricationConstants one(ratio), two(1 / ratio);
+    const double sum = 1 + ratio, A12 = -2 / sum, B12 = -4 / (sum * sum), B21 = B12 * ratio * ratio,
+                 C12 = -8 / (sum * sum * sum);
+    const auto set = [&](int function, double inverse, double log, double gapLog) {
+        inverseGap[function] = inverse / 2;
+        logarithm[function] = log;
+        gapLogarithm[function] = 2 * gapLog;
+    };
+    set(XA11, one.XA[0], one.XA[1], one.XA[2]);
+    set(XA12, A12 * one.XA[0], A12 * one.XA[1], A12 * one.XA[2]);
+    set(XA22, two.XA[0], two.XA[1], two.XA[2]);
+    set(YA11, 0, one.YA[0], one.YA[1]);
+    set(YA12, 0, A12 * one.YA[0], A12 * one.YA[1]);
+    set(YA22, 0, two.YA[0], two.YA[1]);
+    set(YB11, 0, one.YB[0], one.YB[1]);
+    set(YB12, 0, B12 * one.YB[0], B12 * one.YB[1]);
+    set(YB22, 0, -two.YB[0], -two.YB[1]);
+    set(YB21, 0, -B21 * two.YB[0], -B21 * two.YB[1]);
+    set(XC11, 0, 0, one.XC);
+    set(XC12, 0, 0, C12 * one.XC);
+    set(XC22, 0, 0, two.XC);
+    set(YC11, 0, one.YC[0], one.YC[1]);
+    set(YC12, 0, one.YC12[0], one.YC12[1]);
+    set(YC22, 0, two.YC[0], two.YC[1]);
+
+    // what is left, exact - FTS - singular, at a gap where it can be solved for
+    const auto remainder = [&](double u) -> Values {
+        const double gap = relativeGap(u);
+        if (gap > farApart) return -singularTerms(u);
+        return solveTwoSpheres(ratio, gap) - forceTorqueStressletPair(ratio, gap) - singularTerms(u);
+    };
+    const double reduced = 4 * ratio / (sum * sum);  // twice the reduced radius in mean radii
+    const auto fromGap = [&](double gap) { return gap * reduced / (2 + gap * reduced); };
+    Eigen::Matrix<double, numFitGaps, 2 * fitPower> terms;
+    Eigen::Matrix<double, numFitGaps, NumTwoSphereFunctions> values;
+    for (int i = 0; i < numFitGaps; i++) {
+        const double u = fromGap(nearContact * std::pow(fitTo / nearContact, i / (numFitGaps - 1.0)));
+        terms.row(i) = nearContactTerms(u, fromGap(fitTo));
+        values.row(i) = remainder(u);
+    }
+    const Eigen::Matrix<double, 2 * fitPower, NumTwoSphereFunctions> fit = terms.colPivHouseholderQr().solve(values);
+
+    // interpolation at Chebyshev's nodes in 2 u^(1/4) - 1
+    chebyshev.setZero();
+    for (int node = 0; node < numCoefficients; node++) {
+        const double angle = M_PI * (node + 0.5) / numCoefficients, y = (1 + std::cos(angle)) / 2, u = y * y * y * y;
+        const Values value = u < fromGap(nearContact)
+                                 ? Values(fit.transpose() * nearContactTerms(u, fromGap(fitTo)).matrix())
+                                 : remainder(u);
+        for (int k = 0; k < numCoefficients; k++)
+            chebyshev.col(k) += (k == 0 ? 1.0 : 2.0) / numCoefficients * std::cos(k * angle) * value;
+    }
+}
+
+std::shared_ptr<const TwoSphereResistance> TwoSphereResistance::get(double ratio) {
+    // the tables depend on nothing but the ratio, so sharing them cannot be noticed
+    static std::mutex mutex;
+    static std::map<double, std::shared_ptr<const TwoSphereResistance>> tables;
+    const std::lock_guard<std::mutex> lock(mutex);
+    std::shared_ptr<const TwoSphereResistance>& table = tables[ratio];
+    if (!table) table = std::make_shared<const TwoSphereResistance>(ratio);
+    return table;
+}
+
+TwoSphereResistance::Values TwoSphereResistance::singularTerms(double u) const {
+    const double log = std::log(u);
+    return inverseGap / u + logarithm * log + gapLogarithm * (u * log);
+}
+
+TwoSphereResistance::Values TwoSphereResistance::correction(double gap) const {
+    const double u = gap / (2 + gap), x = 2 * std::sqrt(std::sqrt(u)) - 1;
+    Values last = Values::Zero(), sum = Values::Zero();  // Clenshaw's recurrence
+    for (int k = numCoefficients - 1; k > 0; k--) {
+        const Values next = chebyshev.col(k) + 2 * x * sum - last;
+        last = sum;
+        sum = next;
+    }
+    return singularTerms(u) + chebyshev.col(0) + x * sum - last;
+}
+
+}  // namespace RigidHIPlugin

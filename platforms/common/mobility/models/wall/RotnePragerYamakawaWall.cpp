@@ -1,0 +1,148 @@
+#include "mobility/models/wall/RotnePragerYamakawaWall.h"
+
+#include <cmath>
+
+#include "mobility/models/wall/RotnePragerYamakawaWall-inl.h"
+
+using namespace OpenMM;
+
+namespace RigidHIPlugin {
+
+using namespace scalar;
+
+namespace {
+
+typedef Vector3<double> Vector;
+
+/** Rows `row` ... row + 2 of a column, times a factor. */
+Vector rows(const Eigen::MatrixXd& m, int row, int column, double factor) {
+    return {factor * m(row, column), factor * m(row + 1, column), factor * m(row + 2, column)};
+}
+void addTo(Eigen::MatrixXd& m, int row, int column, const Vector& v) {
+    m(row, column) += v.x;
+    m(row + 1, column) += v.y;
+    m(row + 2, column) += v.z;
+}
+
+/** Particle i as seen from particle j, in free fluid and by way of the wall. */
+struct Pair {
+    Vector r;
+    PairMobility<double> free;
+    WallMobility<double> wall;
+    Pair(const Vec3& r_i, const Vec3& r_j, double a_i, double a_j)
+        : r{r_i[0] - r_j[0], r_i[1] - r_j[1], r_i[2] - r_j[2]}, free(pairMobility(dot(r, r), a_i, a_j)),
+          wall(wallMobility(r, r_i[2], r_j[2], a_i, a_j)) {}
+    /** Add what forces and torques on j do to i, for particles with torque or without. */
+    template <int columns>
+    void addVelocities(bool torque_i, bool torque_j, const Vector* force, const Vector* torque, Vector* velocity,
+                       Vector* omega) const {
+        if (torque_i && torque_j)
+            add<columns, true, true>(force, torque, velocity, omega);
+        else if (torque_i)
+            add<columns, true, false>(force, torque, velocity, omega);
+        else if (torque_j)
+            add<columns, false, true>(force, torque, velocity, omega);
+        else
+            add<columns, false, false>(force, torque, velocity, omega);
+    }
+
+private:
+    template <int columns, bool targetTorque, bool sourceTorque>
+    void add(const Vector* force, const Vector* torque, Vector* velocity, Vector* omega) const {
+        addPairVelocities<columns, targetTorque, sourceTorque>(free, r, force, torque, velocity, omega);
+        addWallVelocities<columns, targetTorque, sourceTorque>(wall, force, torque, velocity, omega);
+    }
+};
+
+class Place : public MobilityAt {
+public:
+    Place(const MobilityModel& model, const NoSlipPlane& wall)
+        : MobilityAt(model), wall(wall), positions(particles.size()), weights(particles.size()) {}
+    void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
+    void dense(Eigen::MatrixXd& mobility) override;
+
+protected:
+    void moveTo(const Placement& placement, bool nearby) override;
+
+private:
+    const NoSlipPlane& wall;
+    std::vector<Vec3> positions;  // z from the wall, at least the radius
+    std::vector<double> weights;  // B
+};
+
+void Place::moveTo(const Placement& placement, bool nearby) {
+    for (int i = 0; i < particles.size(); i++) {
+        const Vec3& r = placement.positions[i];
+        const double radius = particles.radii[i];
+        positions[i] = Vec3(r[0], r[1], nearby ? r[2] - wall.getHeight() : wall.heightOver(r[2], radius));
+        weights[i] = nearby ? 1 : wall.weight(r[2], radius);
+    }
+}
+
+void Place::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
+    velocities.resize(particles.numRows, forces.cols());
+    velocities.setZero();
+    const double scale = 1 / (8 * M_PI * viscosity);
+    for (int i = 0; i < particles.size(); i++) {
+        const int row = particles.firstRow[i];
+        const bool torque_i = particles.hasTorque[i];
+        for (int j = 0; j < particles.size(); j++) {
+            const int from = particles.firstRow[j];
+            const bool torque_j = particles.hasTorque[j];
+            const double factor = scale * (weights[i] * weights[j]);
+            const Pair pair(positions[i], positions[j], particles.radii[i], particles.radii[j]);
+            for (int column = 0; column < forces.cols(); column++) {
+                const Vector force = rows(forces, from, column, factor);
+                const Vector torque = torque_j ? rows(forces, from + 3, column, factor) : Vector{0, 0, 0};
+                Vector velocity = {0, 0, 0}, omega = {0, 0, 0};
+                pair.addVelocities<1>(torque_i, torque_j, &force, &torque, &velocity, &omega);
+                addTo(velocities, row, column, velocity);
+                if (torque_i) addTo(velocities, row + 3, column, omega);
+            }
+        }
+    }
+}
+
+/** A block, and its transpose in the mirrored place. */
+void place(Eigen::MatrixXd& m, int row, int column, const double (&block)[3][3]) {
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++) m(row + a, column + b) = m(column + b, row + a) = block[a][b];
+}
+
+template <bool torque_i, bool torque_j>
+void placePair(Eigen::MatrixXd& m, int row, int column, const Pair& pair, double factor) {
+    PairBlocks<double> blocks;
+    fillPairBlocks<torque_i, torque_j>(pair.free, pair.r, factor, blocks);
+    addWallBlocks<torque_i, torque_j>(pair.wall, factor, blocks);
+    place(m, row, column, blocks.tt);
+    if (torque_i) place(m, row + 3, column, blocks.rt);
+    if (torque_j) place(m, row, column + 3, blocks.tr);
+    if (torque_i && torque_j) place(m, row + 3, column + 3, blocks.rr);
+}
+
+void Place::dense(Eigen::MatrixXd& mobility) {
+    mobility.resize(particles.numRows, particles.numRows);
+    const double scale = 1 / (8 * M_PI * viscosity);
+    for (int j = 0; j < particles.size(); j++) {
+        const int column = particles.firstRow[j];
+        for (int i = j; i < particles.size(); i++) {
+            const int row = particles.firstRow[i];
+            const double factor = scale * (weights[i] * weights[j]);
+            const Pair pair(positions[i], positions[j], particles.radii[i], particles.radii[j]);
+            if (particles.hasTorque[i])
+                particles.hasTorque[j] ? placePair<true, true>(mobility, row, column, pair, factor)
+                                       : placePair<true, false>(mobility, row, column, pair, factor);
+            else
+                particles.hasTorque[j] ? placePair<false, true>(mobility, row, column, pair, factor)
+                                       : placePair<false, false>(mobility, row, column, pair, factor);
+        }
+    }
+}
+
+}  // namespace
+
+std::unique_ptr<MobilityAt> RotnePragerYamakawaWall::makePlace() const {
+    return std::unique_ptr<MobilityAt>(new Place(*this, wall));
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,43 @@
+#ifndef RIGIDHI_ROTNE_PRAGER_YAMAKAWA_WALL_H_
+#define RIGIDHI_ROTNE_PRAGER_YAMAKAWA_WALL_H_
+
+#include "mobility/models/wall/NoSlipPlane.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * Rotne-Prager-Yamakawa mobility above a no-slip plane z = height: the free one and its image in the wall, pair by pair, in
+ * plain loops. Formulas, reference and limits: RotnePragerYamakawaWall-inl.h and RotnePragerYamakawa-inl.h.
+ *
+ * Particles may overlap each other. Two of one radius at the same place (crossing: above each other, both with centres below
+ * their radius) make the matrix singular, not indefinite.
+ * Cost: two to three times that of unbounded fluid; dense() about twice.
+ * Nothing is allocated after the first call of each method of a place, if the number of columns stays the same.
+ */
+class RotnePragerYamakawaWall : public MobilityModel {
+public:
+    RotnePragerYamakawaWall(const HydrodynamicParticles& particles, double viscosity, const NoSlipPlane& wall)
+        : MobilityModel(particles, viscosity), wall(wall) {}
+    const char* name() const override { return "RotnePragerYamakawa"; }
+    bool acceptsNearby(const Placement& placement) const override {
+        return wall.acceptsNearby(particles, placement.positions);
+    }
+    std::string objection(const Placement& placement) const override {
+        return wall.objection(particles, placement.positions);
+    }
+    bool mayObject() const override { return true; }
+    OpenMM::Vec3 placeInFormulas(int i, const OpenMM::Vec3& position) const override {
+        return wall.placeInFormulas(position, particles.radii[i]);
+    }
+
+protected:
+    std::unique_ptr<MobilityAt> makePlace() const override;
+    bool holdsNearby() const override { return wall.reachesBeyond(); }
+
+private:
+    const NoSlipPlane wall;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

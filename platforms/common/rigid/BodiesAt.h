@@ -1,0 +1,79 @@
+#ifndef RIGIDHI_BODIES_AT_H_
+#define RIGIDHI_BODIES_AT_H_
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <memory>
+#include <vector>
+
+#include "linearalgebra/CholeskyFactor.h"
+#include "mobility/CoincidenceCheck.h"
+#include "rigid/CoupledBodies.h"
+
+namespace RigidHIPlugin {
+
+/** What was computed, for getStepStatistics(). */
+struct MobilityCosts {
+    long long matrices = 0;    // dense mobility or friction; turning a constant one is not making it
+    long long products = 0;    // with M
+    long long iterations = 0;  // of solvers
+    long long roots = 0;       // that of a constant tensor is known once for all
+
+    void add(const MobilityCosts& other) {
+        matrices += other.matrices;
+        products += other.products;
+        iterations += other.iterations;
+        roots += other.roots;
+    }
+};
+
+/**
+ * Coupled bodies at one configuration: the particles' mobility there, and the matrices of the bodies, made when first asked for. Several
+ * may live at once; what is known lives as long as the poses, the memory longer.
+ */
+class BodiesAt {
+public:
+    BodiesAt(const CoupledBodies& bodies, MobilityCosts& costs) : bodies(bodies), costs(costs) {}
+    /**
+     * One pose an element; a free particle's q is not used. @throws what the model's at() throws, and for two particles of one radius at
+     * one place
+     *
+     * @param nearby  these are a small displacement from accepted ones: near() of the model
+     */
+    void setPoses(const std::vector<Pose>& poses, bool nearby = false);
+    const std::vector<Eigen::Matrix3d>& getTurns() const { return turns; }
+    const Placement& getPlacement() const { return placement; }
+    /** Whether they were set as such. */
+    bool isNearby() const { return nearbyPoses; }
+    /**
+     * These will be small displacements from the poses of the other, and are compared with each other. A model that keeps something of the
+     * placement before (MobilityModel::isAnchored()) is brought there first.
+     */
+    void anchorTo(const BodiesAt& other);
+    MobilityAt& particles() { return *place; }
+    /** N, computed when first asked for. */
+    const Eigen::MatrixXd& mobility();
+    /** Its (pseudo-)inverse, likewise. */
+    const Eigen::MatrixXd& friction();
+
+private:
+    void checkPlaces();
+    void computeFriction();
+
+    const CoupledBodies& bodies;
+    MobilityCosts& costs;
+    std::vector<Eigen::Matrix3d> turns;
+    Placement placement;
+    bool nearbyPoses = false;
+    std::unique_ptr<MobilityAt> place;  // made when first needed
+    std::vector<OpenMM::Vec3> placesInFormulas;
+    CoincidenceCheck coincidence;
+    CholeskyFactor factor;                  // of M
+    Eigen::LLT<Eigen::MatrixXd> inverting;  // factors of the friction
+    Eigen::MatrixXd K, M, N, xi, scratch;
+    bool mobilityIsKnown = false, frictionIsKnown = false;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,117 @@
+#include "rigid/BodyMobility.h"
+
+#include <Eigen/Geometry>
+
+#include "rigidbody/EigenVec3.h"
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+const Placement& BodyMobility::placementOf(const vector<Pose>& at) {
+    setTurns(at, askedTurns);
+    asked.box = bodies.getBox();
+    bodies.getMotion().place(at, askedTurns, asked);
+    return asked;
+}
+
+string BodyMobility::objection(const vector<Pose>& at) {
+    return mayObject() ? bodies.getModel().objection(placementOf(at)) : string();
+}
+
+bool BodyMobility::acceptsNearby(const vector<Pose>& at) {
+    return !mayObject() || bodies.getModel().acceptsNearby(placementOf(at));
+}
+
+bool BodyMobility::drawField(const NoiseStream& noise, uint32_t purpose, unique_ptr<RandomField>& field) const {
+    if (!slipsAreOfField()) return false;
+    bodies.getModel().drawField(noise, purpose, bodies.getBox(), field);
+    return true;
+}
+
+void BodyMobility::slipsOf(RandomField& field, MatrixXd& slips) {
+    BodiesAt& here = particlesHere();
+    field.slipsAt(here.getPlacement(), here.isNearby(), slips);
+}
+
+double BodyMobility::divergenceOf(RandomField& field) {
+    bool known = field.hasGradients();
+    // Of the angular velocity of a sphere they are not known; about its centre it plays no part.
+    for (const FluidElement& element : bodies.getElements())
+        known = known && !(element.isSphere() && element.sites[0] != Vector3d::Zero());
+    return known ? divergenceByGradients(field) : divergenceByDifferences(field);
+}
+
+/** The nearest twist of a body is A P A^T v, with P in its frame: shifted, v changes; turned, v and A do. The trace is of its own coordinates. */
+double BodyMobility::divergenceByGradients(RandomField& field) {
+    BodiesAt& here = particlesHere();
+    field.slipsAt(here.getPlacement(), here.isNearby(), fieldSlips);
+    field.gradientsAt(here.getPlacement(), here.isNearby(), gradients);
+    double sum = 0;
+    for (size_t e = 0; e < bodies.getElements().size(); e++) {
+        const FluidElement& element = bodies.getElements()[e];
+        // A flow without sources moves spheres and free particles without divergence.
+        if (element.isFree() || element.isSphere()) continue;
+        const MatrixXd& nearest = slipSpace.nearestOfElement_body(e);
+        const Matrix3d& A = here.getTurns()[e];
+        const int firstRow = bodies.getMotion().firstParticleRow(e);
+        const int firstParticle = bodies.getMotion().firstParticle(e);
+        for (size_t i = 0; i < element.sites.size(); i++) {
+            const Matrix3d P_t = A * nearest.block<3, 3>(0, 3 * i) * A.transpose(),
+                           P_r = A * nearest.block<3, 3>(3, 3 * i) * A.transpose();
+            const Matrix3d G = Map<const Matrix<double, 3, 3, RowMajor>>(&gradients(0, firstParticle + i));
+            const Vector3d v = fieldSlips.col(0).segment<3>(firstRow + 3 * i), arm = A * element.sites[i];
+            sum += (P_t * G).trace() + (P_r * crossMatrix(v)).trace() - (P_r * G * crossMatrix(arm)).trace();
+        }
+    }
+    return sum;
+}
+
+double BodyMobility::divergenceByDifferences(RandomField& field) {
+    BodiesAt& here = particlesHere();
+    // The field's slips are exact functions of positions, so central differences are right to delta^2 and rounding/delta.
+    const double delta = 1e-5;
+    const auto& elements = bodies.getElements();
+    double sum = 0;
+    for (int axis = 0; axis < 6; axis++)
+        for (int side : {1, -1}) {
+            asked = here.getPlacement();
+            askedTurns = here.getTurns();
+            const Matrix3d turn(AngleAxisd(side * delta, Vector3d::Unit(axis % 3)));
+            for (size_t e = 0; e < elements.size(); e++) {
+                const double step = side * delta * (axis < 3 ? bodies.length(e) : 1);
+                for (size_t i = 0; i < elements[e].sites.size(); i++) {
+                    OpenMM::Vec3& x = asked.positions[bodies.getMotion().firstParticle(e) + i];
+                    if (axis < 3) {
+                        x[axis] += step;
+                    } else if (!elements[e].isFree()) {
+                        const Vector3d arm = here.getTurns()[e] * elements[e].sites[i], moved = turn * arm - arm;
+                        x += OpenMM::Vec3(moved[0], moved[1], moved[2]);
+                    }
+                }
+                if (axis >= 3) askedTurns[e] = turn * askedTurns[e];
+            }
+            field.slipsAt(asked, true, fieldSlips);
+            slipSpace.nearestTwists(askedTurns, fieldSlips, askedTwists);
+            for (size_t e = 0; e < elements.size(); e++)
+                if (axis < elements[e].numRows())
+                    sum += side * askedTwists(bodies.firstRow(e) + axis, 0) /
+                           (2 * delta * (axis < 3 ? bodies.length(e) : 1));
+        }
+    return sum;
+}
+
+void BodyMobility::applyToParticles(const VectorXd& forces, VectorXd& velocities) {
+    const HydrodynamicParticles& particles = bodies.getParticles();
+    if (particles.size() == 0) return;
+    MatrixXd f = MatrixXd::Zero(particles.numRows, 1), u;
+    for (int i = 0; i < particles.size(); i++)
+        f.middleRows<3>(particles.firstRow[i]) = forces.segment<3>(3 * particles.systemIndex[i]);
+    particlesHere().particles().apply(f, u);
+    costs.products += bodies.hasProducts();
+    for (int i = 0; i < particles.size(); i++)
+        velocities.segment<3>(3 * particles.systemIndex[i]) = u.middleRows<3>(particles.firstRow[i]);
+}
+
+}  // namespace RigidHIPlugin

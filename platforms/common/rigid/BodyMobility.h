@@ -1,0 +1,159 @@
+#ifndef RIGIDHI_BODY_MOBILITY_H_
+#define RIGIDHI_BODY_MOBILITY_H_
+
+#include <Eigen/Core>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "mobility/RandomField.h"
+#include "rigid/BodiesAt.h"
+#include "rigid/SlipSpace.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * The mobility of one group of bodies at one configuration: all that callers ask of the fluid. How it is made are strategies:
+ *
+ * ConstantMobility  of a body alone in a uniform fluid: a tensor, known once
+ * DenseMobility     by matrices: Cholesky's factors of M and of the friction
+ * KrylovMobility    by products with M alone: MultiblobSolver for U and Lanczos for the noise, to the tolerance
+ *
+ * Equation:  M lambda + s = K U, K^T lambda = F, so U = N (F + K^T M^-1 s), N = (K^T M^-1 K)^-1: the twists U of bodies under wrenches F
+ *            whose particles have the slips (random velocities) s (Westwood 2022, eqs. 33 to 36).
+ * Noise:     slips have the covariance M, thermalWrench() that of the friction N^-1; so both N thermalWrench() and N K^T M^-1 times slips
+ *            have the covariance N. The model's own random field is asked first (slipsOf()); thermalSlip() and thermalWrench()
+ *            are differentiable functions of the configuration for given random numbers W (Cholesky factors, symmetric square roots).
+ * Slips:     live where SlipSpace says.
+ * A collinear body's null twist has no noise and no velocity.
+ *
+ * Columns of wrenches, slips and twists are cases of their own. Nothing is allocated after the first call with as many columns,
+ * but by KrylovMobility. All that is cached belongs to a configuration; another (multiplyNearby()) has a place of its own.
+ */
+class BodyMobility {
+public:
+    typedef Eigen::MatrixXd MatrixXd;
+    enum Way { Constant, Dense, Krylov };
+
+    explicit BodyMobility(const CoupledBodies& bodies) : bodies(bodies), slipSpace(bodies) {}
+    virtual ~BodyMobility() {}
+    virtual Way getWay() const = 0;
+    const CoupledBodies& getBodies() const { return bodies; }
+    const SlipSpace& getSlipSpace() const { return slipSpace; }
+
+    // ---- Where, and how well
+    /**
+     * @param nearby  the poses are a small displacement of accepted ones: MobilityModel::near()
+     * @throws OpenMMException  as BodiesAt::setPoses()
+     */
+    virtual void setPoses(const std::vector<Pose>& poses, bool nearby = false) = 0;
+    /** The rotation of an element at the poses set last. */
+    const Eigen::Matrix3d& getTurn(int element) const { return getTurns()[element]; }
+    /**
+     * Of what iterates, relative. Exact products: as small finite differences of what iterates want them, which would magnify
+     * rounding of single precision; else as MobilityAt::applyFor().
+     */
+    virtual void setTolerance(double relative, bool exactProducts = false) {}
+    /** Whether these iterate, and so are right to the tolerance only: multiplyNearby(), solve(), the thermal vectors. */
+    virtual bool productsIterate() const { return false; }
+    virtual bool solvesIterate() const { return false; }
+    virtual bool rootsIterate() const { return false; }
+    /** MobilityModel::mayObject(), objection() and acceptsNearby() for bodies at any poses. */
+    bool mayObject() const { return bodies.hasModel() && bodies.getModel().mayObject(); }
+    std::string objection(const std::vector<Pose>& poses);
+    bool acceptsNearby(const std::vector<Pose>& poses);
+
+    // ---- The mobility problem
+    /** U = N F */
+    void solve(const MatrixXd& wrenches, MatrixXd& twists) { solve(wrenches, noSlips, twists); }
+    /** U = N (F + K^T M^-1 s); as many columns of both, or no slips. */
+    virtual void solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) = 0;
+    /** lambda of the last solve(), with its columns. */
+    virtual void getBlobForces(MatrixXd& lambda) = 0;
+    /** slips = M lambda at poses a small displacement away, beside those set last. */
+    virtual void multiplyNearby(const std::vector<Pose>& poses, const MatrixXd& lambda, MatrixXd& slips) = 0;
+    /** slips = K U, wrenches = K^T lambda at any poses, and the twists nearest to slips: SlipSpace. */
+    void rigidSlips(const std::vector<Pose>& poses, const MatrixXd& twists, MatrixXd& slips) {
+        slipSpace.rigidSlips(poses, twists, slips);
+    }
+    void totalWrenches(const std::vector<Pose>& poses, const MatrixXd& lambda, MatrixXd& wrenches) {
+        slipSpace.totalWrenches(poses, lambda, wrenches);
+    }
+    void nearestTwists(const MatrixXd& slips, MatrixXd& twists) const {
+        slipSpace.nearestTwists(getTurns(), slips, twists);
+    }
+
+    // ---- Noise
+    /**
+     * Draw the model's random field, for any number of poses. @return whether slips are to be taken from it: there is one, and slips live
+     * on particles
+     */
+    bool drawField(const NoiseStream& noise, uint32_t purpose, std::unique_ptr<RandomField>& field) const;
+    /** Whether drawField() gives one. */
+    bool slipsAreOfField() const { return !slipSpace.areOfBodies() && bodies.getModel().hasOwnRandomField(); }
+    /** Slips of a field of the model's at the poses set last: one column of covariance M. */
+    virtual void slipsOf(RandomField& field, MatrixXd& slips);
+    /**
+     * The divergence by the bodies' coordinates of nearestTwists() of the field's slips, at the poses set last: by its gradients where it knows them,
+     * else by differences of six displacements of all bodies at once, since a body's twists depend on its own pose only.
+     */
+    double divergenceOf(RandomField& field);
+    /** Whether W of thermalWrench() has the rows of the bodies; if not, those of the particles. */
+    virtual bool wrenchNoiseIsOfBodies() const { return true; }
+    /** Likewise W of thermalSlip(). */
+    bool slipNoiseIsOfBodies() const { return slipSpace.areOfBodies() && wrenchNoiseIsOfBodies(); }
+    /** A wrench with the covariance N^-1. */
+    virtual void thermalWrench(const MatrixXd& W, MatrixXd& wrench) = 0;
+    /** Slips with the covariance M. */
+    virtual void thermalSlip(const MatrixXd& W, MatrixXd& slips) = 0;
+
+    // ---- Its divergence
+    /** Whether N is the same at all poses, but for the turn of one body. */
+    bool isUniform() const { return bodies.isAloneInUniformFluid(); }
+    /** Whether div N = 0 at all poses. Then K = 1, and slips are twists wherever the bodies are. */
+    bool isDivergenceFree() const { return bodies.isDivergenceFree(); }
+    /** div N of a body alone in a uniform fluid, lab frame: e_k x N_VW e_k, summed; no rotational part. Else 0. */
+    virtual Eigen::Vector3d uniformDivergence() const { return Eigen::Vector3d::Zero(); }
+
+    // ---- N itself
+    /** N at the poses set last; where iterations take less time, to the tolerance. */
+    virtual const MatrixXd& mobility() = 0;
+    /** Its (pseudo-)inverse. There are no iterations for it. */
+    virtual const MatrixXd& friction() = 0;
+    /**
+     * twists = N wrenches, as products in a caller's own iteration and users want them: no forces of blobs.
+     *
+     * @param toleranceOfProducts  as of MobilityAt::applyFor(), for those that are not iterated upon here; 0: exact
+     */
+    virtual void multiply(const MatrixXd& wrenches, MatrixXd& twists, double toleranceOfProducts = 0) = 0;
+    /**
+     * velocities = M forces of the elements' particles at the poses set last, as if each were free: three rows for each particle of the
+     * System, of which those of these particles are read and written. Spheres take no torque; own tensors have no part in it.
+     */
+    void applyToParticles(const Eigen::VectorXd& forces, Eigen::VectorXd& velocities);
+
+    const MobilityCosts& getCosts() const { return costs; }
+
+protected:
+    virtual const std::vector<Eigen::Matrix3d>& getTurns() const = 0;
+    /** The particles at the poses set last, and their mobility there. */
+    virtual BodiesAt& particlesHere() = 0;
+
+    const CoupledBodies& bodies;
+    MobilityCosts costs;
+
+private:
+    const Placement& placementOf(const std::vector<Pose>& poses);
+    double divergenceByGradients(RandomField& field);
+    double divergenceByDifferences(RandomField& field);
+
+    SlipSpace slipSpace;
+    const MatrixXd noSlips;
+    Placement asked;
+    MatrixXd fieldSlips, gradients, askedTwists;
+    std::vector<Eigen::Matrix3d> askedTurns;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,89 @@
+#include "rigid/ConstantMobility.h"
+
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+OwnTensors::Matrix6d turned(const OwnTensors::Matrix6d& tensor_body, const Matrix3d& A) {
+    const OwnTensors::Matrix6d turn = twoRotations(A);
+    return turn * tensor_body * turn.transpose();
+}
+
+}  // namespace
+
+ConstantMobility::ConstantMobility(const CoupledBodies& bodies) : BodyMobility(bodies), particles(bodies, costs) {
+    const MatrixXd& own = bodies.getElements()[0].ownMobility;
+    if (own.size() > 0) {
+        mobility_body = own;
+        friction_body = own.inverse();
+    } else {
+        particles.setPoses({Pose()});
+        mobility_body = particles.mobility();
+        friction_body = particles.friction();
+    }
+    setPoses({Pose()});
+    MatrixXd lifted = friction();
+    bodies.getNullTwists().lift(turns, lifted);
+    if (!factor_body.compute(lifted)) refuseIndefiniteFriction(1);
+}
+
+void ConstantMobility::setPoses(const vector<Pose>& newPoses, bool) {
+    poses = newPoses;
+    setTurns(poses, turns);
+}
+
+BodiesAt& ConstantMobility::particlesHere() {
+    particles.setPoses(poses);
+    return particles;
+}
+
+const MatrixXd& ConstantMobility::mobility() {
+    N = turned(mobility_body, turns[0]);
+    return N;
+}
+
+const MatrixXd& ConstantMobility::friction() {
+    xi = turned(friction_body, turns[0]);
+    return xi;
+}
+
+void ConstantMobility::multiply(const MatrixXd& wrenches, MatrixXd& twists, double) {
+    twists.noalias() = mobility() * wrenches;
+}
+
+void ConstantMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) {
+    multiply(wrenches, twists);
+    wrenchesOfSolve = wrenches;
+    if (slips.size() > 0) twists += slips;
+}
+
+void ConstantMobility::multiplyNearby(const vector<Pose>& there, const MatrixXd& forces, MatrixXd& slips) {
+    N = turned(mobility_body, there[0].rotation());
+    slips.noalias() = N * forces;
+}
+
+void ConstantMobility::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
+    thermal.noalias() = factor_body.L() * W;
+    wrench.noalias() = twoRotations(turns[0]) * thermal;
+    bodies.getNullTwists().removeLift(turns, wrench);
+}
+
+void ConstantMobility::thermalSlip(const MatrixXd& W, MatrixXd& slips) {
+    thermalWrench(W, wrenchesOfSolve);
+    multiply(wrenchesOfSolve, slips);
+}
+
+Vector3d ConstantMobility::uniformDivergence() const {
+    Vector3d sum = Vector3d::Zero();
+    const Matrix3d coupling = mobility_body.topRightCorner<3, 3>();
+    for (int k = 0; k < 3; k++) sum += Vector3d::Unit(k).cross(Vector3d(coupling.col(k)));
+    return turns[0] * sum;
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,41 @@
+#ifndef RIGIDHI_CONSTANT_MOBILITY_H_
+#define RIGIDHI_CONSTANT_MOBILITY_H_
+
+#include "linearalgebra/CholeskyFactor.h"
+#include "rigid/BodyMobility.h"
+
+namespace RigidHIPlugin {
+
+/** Of a body alone in a uniform fluid: its tensor, its own or what the model makes of it, is known once in its frame, and turns with it. */
+class ConstantMobility : public BodyMobility {
+public:
+    explicit ConstantMobility(const CoupledBodies& bodies);
+    Way getWay() const override { return Constant; }
+    void setPoses(const std::vector<Pose>& poses, bool nearby = false) override;
+    using BodyMobility::solve;
+    void solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) override;
+    void getBlobForces(MatrixXd& lambda) override { lambda = wrenchesOfSolve; }
+    void multiplyNearby(const std::vector<Pose>& poses, const MatrixXd& lambda, MatrixXd& slips) override;
+    void thermalWrench(const MatrixXd& W, MatrixXd& wrench) override;
+    void thermalSlip(const MatrixXd& W, MatrixXd& slips) override;
+    Eigen::Vector3d uniformDivergence() const override;
+    const MatrixXd& mobility() override;
+    const MatrixXd& friction() override;
+    void multiply(const MatrixXd& wrenches, MatrixXd& twists, double toleranceOfProducts = 0) override;
+
+protected:
+    const std::vector<Eigen::Matrix3d>& getTurns() const override { return turns; }
+    BodiesAt& particlesHere() override;
+
+private:
+    OwnTensors::Matrix6d mobility_body, friction_body;
+    CholeskyFactor factor_body;  // of the friction, lifted
+    std::vector<Pose> poses;
+    std::vector<Eigen::Matrix3d> turns;
+    BodiesAt particles;  // of which nothing is needed but by applyToParticles()
+    MatrixXd N, xi, wrenchesOfSolve, thermal;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

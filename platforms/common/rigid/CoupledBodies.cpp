@@ -1,0 +1,95 @@
+#include "rigid/CoupledBodies.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <sstream>
+
+#include "linearalgebra/CholeskyFactor.h"
+#include "mobility/CoincidenceCheck.h"
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+vector<int> firstRows(const RigidMotion& motion) {
+    vector<int> rows;
+    for (size_t e = 0; e < motion.getElements().size(); e++) rows.push_back(motion.firstRow(e));
+    return rows;
+}
+
+}  // namespace
+
+CoupledBodies::CoupledBodies(const vector<FluidElement>& elements, const ModelFactory& makeModel, bool mayBeConstant)
+    : motion(elements), nullTwists(firstRows(motion)), ownTensors(firstRows(motion)) {
+    const HydrodynamicParticles& particles = getParticles();
+    if (particles.size() > 0) model = makeModel(particles);
+    aloneInUniformFluid =
+        mayBeConstant && elements.size() == 1 && (!model || (model->isHomogeneous() && model->isIsotropic()));
+    const bool constant = isConstantInBodyFrame();
+    for (size_t e = 0; e < elements.size(); e++) {
+        const FluidElement& element = elements[e];
+        const bool hasOwnTensor = element.ownMobility.size() > 0;
+        // A tensor that is taken as it is holds the body about its line too.
+        if (element.particles.size() > 1 && !(constant && hasOwnTensor)) {
+            checkSites(e);
+            nullTwists.find(e, element.sites);
+        }
+        if (hasOwnTensor && hasNullVector(e))
+            throw OpenMM::OpenMMException(
+                "MobilityForce: body " + to_string(element.body) +
+                " was given a tensor of its own, but its hydrodynamic particles lie on a line: the model has no "
+                "mobility about the line that the tensor could be combined with; give only one of them a radius, or "
+                "use FreeDraining");
+    }
+    if (constant) return;
+    for (size_t e = 0; e < elements.size(); e++)
+        if (elements[e].ownMobility.size() > 0) ownTensors.set(e, elements[e].ownMobility, modelMobilityAlone(e));
+}
+
+/** What the model makes of a body by itself in unbounded fluid, body frame. */
+MatrixXd CoupledBodies::modelMobilityAlone(int e) const {
+    const FluidElement& element = getElements()[e];
+    MatrixXd M;
+    model->ownMobility(particlesOf({element}), sitesOf(element), M);
+    if (RigidMotion({element}).isIdentity()) return M;
+    MatrixXd K = motion.ofElement_body(e);
+    CholeskyFactor factor;
+    if (!factor.compute(M)) refuseIndefiniteMobility(element.particles.size());
+    factor.solveL(K);
+    MatrixXd xi(6, 6);
+    xi.noalias() = K.transpose() * K;
+    return generalisedInverse(0.5 * (xi + xi.transpose()), VectorXd());
+}
+
+/** The sites of a body's blobs are constant: this is known once for all. */
+void CoupledBodies::checkSites(int e) const {
+    const FluidElement& element = getElements()[e];
+    CoincidenceCheck().check(particlesOf({element}), sitesOf(element), 1);
+    // Blobs of different radii at one place have a mobility, but forces on them cannot turn the body.
+    double largestRadius = 0, size = 0;
+    for (size_t i = 0; i < element.sites.size(); i++) {
+        largestRadius = max(largestRadius, element.radii[i]);
+        size = max(size, (element.sites[i] - element.sites[0]).norm());
+    }
+    if (size > CoincidenceCheck::bound * largestRadius) return;
+    ostringstream text;
+    text << "MobilityForce: body " << element.body << ": its " << element.sites.size()
+         << " hydrodynamic particles are all at one place, within " << size
+         << " nm; blobs that are nearer than 1e-6 of their radius, here " << CoincidenceCheck::bound * largestRadius
+         << " nm, do not resist rotation: give all but one the radius 0, which makes the body a sphere, or other sites";
+    throw OpenMM::OpenMMException(text.str());
+}
+
+double CoupledBodies::length(int e) const {
+    const FluidElement& element = getElements()[e];
+    double longest = 0;
+    for (size_t i = 0; i < element.sites.size(); i++)
+        for (size_t k = 0; k <= i; k++)
+            longest = max(longest, (element.sites[i] - element.sites[k]).norm() + element.radii[i] + element.radii[k]);
+    return longest > 0 ? longest : 1;
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,53 @@
+#ifndef RIGIDHI_DENSE_MOBILITY_H_
+#define RIGIDHI_DENSE_MOBILITY_H_
+
+#include "linearalgebra/CholeskyFactor.h"
+#include "rigid/BodyMobility.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * By matrices: Cholesky's factors of M and of the friction K^T M^-1 K (of the friction alone where slips live on bodies, of M alone where
+ * K = 1), once a configuration, when first needed.
+ */
+class DenseMobility : public BodyMobility {
+public:
+    explicit DenseMobility(const CoupledBodies& bodies);
+    Way getWay() const override { return Dense; }
+    void setPoses(const std::vector<Pose>& poses, bool nearby = false) override;
+    using BodyMobility::solve;
+    void solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) override;
+    void getBlobForces(MatrixXd& lambda) override;
+    void multiplyNearby(const std::vector<Pose>& poses, const MatrixXd& lambda, MatrixXd& slips) override;
+    void thermalWrench(const MatrixXd& W, MatrixXd& wrench) override;
+    void thermalSlip(const MatrixXd& W, MatrixXd& slips) override;
+    const MatrixXd& mobility() override { return here.mobility(); }
+    const MatrixXd& friction() override { return here.friction(); }
+    void multiply(const MatrixXd& wrenches, MatrixXd& twists, double toleranceOfProducts = 0) override;
+
+protected:
+    const std::vector<Eigen::Matrix3d>& getTurns() const override { return here.getTurns(); }
+    BodiesAt& particlesHere() override { return here; }
+
+private:
+    void factorise();
+    void factoriseFriction();
+
+    const bool slipsAreTwists;  // K = 1, or there is no M
+    BodiesAt here, elsewhere;
+    bool isFactorised = false;
+    CholeskyFactor M, xi;
+    MatrixXd LK;                           // L^-1 K
+    MatrixXd mobilityOfParticles, lifted;  // before they are factorised
+    /** Of a solve(), kept for each number of columns. */
+    struct Columns {
+        MatrixXd halfSlips, halfForces, wrenches;  // L^-1 s, L^T lambda
+    };
+    std::vector<Columns> columns;
+    int numColumns = 0;  // of the last solve
+    MatrixXd thermal;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

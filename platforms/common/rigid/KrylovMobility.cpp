@@ -1,0 +1,153 @@
+#include "rigid/KrylovMobility.h"
+
+#include "linearalgebra/Symmetrise.h"
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+KrylovMobility::KrylovMobility(const CoupledBodies& bodies, double tolerance)
+    : BodyMobility(bodies), spheres(bodies.getMotion().isIdentity()), wantedTolerance(tolerance), tolerance(tolerance),
+      toleranceOfProducts(tolerance), here(bodies, costs), elsewhere(bodies, costs) {
+    if (!spheres) return;
+    const HydrodynamicParticles& particles = bodies.getParticles();
+    ownScale.resize(particles.numRows);
+    for (int i = 0; i < particles.size(); i++) {
+        const double a = particles.radii[i];
+        ownScale.segment<3>(particles.firstRow[i]).setConstant(sqrt(a));
+        if (particles.hasTorque[i])
+            ownScale.segment<3>(particles.firstRow[i] + 3).setConstant(sqrt(4.0 / 3.0 * a * a * a));
+    }
+}
+
+void KrylovMobility::setTolerance(double relative, bool exactProducts) {
+    toleranceOfProducts = exactProducts ? 0 : relative;
+    if (relative == tolerance) return;
+    tolerance = relative;
+    lanczos.reset();
+}
+
+MultiblobSolver& KrylovMobility::solverAt(const BodiesAt& at) {
+    if (!solver) solver.reset(new MultiblobSolver(bodies.getMotion(), bodies.getNullTwists(), bodies.getModel()));
+    solver->wantedTolerance = wantedTolerance;
+    solver->setTurns(at.getTurns());
+    return *solver;
+}
+
+void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists, double ofProducts) {
+    const OwnTensors& own = bodies.getOwnTensors();
+    const MatrixXd* forces = &wrenches;
+    if (own.any()) {
+        scratch = wrenches;
+        own.wrenchesForModel(at.getTurns(), scratch);
+        forces = &scratch;
+    }
+    if (spheres) {
+        at.particles().applyFor(ofProducts, *forces, twists);
+        costs.products += wrenches.cols();
+    } else {
+        const int iterations = solverAt(at).apply(at.particles(), *forces, tolerance, twists);
+        costs.iterations += iterations;
+        costs.products += (iterations + 1) * wrenches.cols();
+    }
+    own.twists(at.getTurns(), twists);
+}
+
+void KrylovMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) {
+    if (!getSlipSpace().isIdentity()) {
+        const int iterations =
+            solverAt(here).solve(here.particles(), wrenches, slips, tolerance, toleranceOfProducts, twists);
+        costs.iterations += iterations;
+        costs.products += (iterations + 1) * wrenches.cols();
+        return;
+    }
+    multiply(wrenches, twists);
+    wrenchesOfSolve = wrenches;
+    if (slips.size() > 0) twists += slips;
+}
+
+void KrylovMobility::getBlobForces(MatrixXd& lambda) {
+    if (getSlipSpace().isIdentity())
+        lambda = wrenchesOfSolve;
+    else
+        solver->getBlobForces(lambda);
+}
+
+void KrylovMobility::multiplyNearby(const vector<Pose>& poses, const MatrixXd& forces, MatrixXd& slips) {
+    elsewhere.anchorTo(here);
+    elsewhere.setPoses(poses, true);
+    if (getSlipSpace().areOfBodies()) {
+        multiplyAt(elsewhere, forces, slips, 0);
+        return;
+    }
+    elsewhere.particles().apply(forces, slips);
+    costs.products += forces.cols();
+}
+
+/** result = f(S) W for a matrix S that stands for M: that of MultiblobSolver, or ownScale M ownScale for spheres. */
+void KrylovMobility::applyRoot(const SpectralFunction& f, const MatrixXd& W, MatrixXd& result) {
+    if (!lanczos) lanczos.reset(new Lanczos(tolerance, Lanczos::defaultIterations, wantedTolerance));
+    const vector<SpectralFunction> functions(W.cols(), f);
+    MobilityAt& blobs = here.particles();
+    MultiblobSolver* scaledSolver = spheres ? nullptr : &solverAt(here);
+    const auto product = [&](double productTolerance) {
+        return [&, productTolerance](const MatrixXd& x, MatrixXd& y) {
+            if (scaledSolver) {
+                scaledSolver->multiplyScaled(blobs, productTolerance, x, y);
+                return;
+            }
+            scaled = ownScale.asDiagonal() * x;
+            blobs.applyFor(productTolerance, scaled, y);
+            y = ownScale.asDiagonal() * y;
+        };
+    };
+    lanczos->apply(product(0), W, functions, result, Lanczos::OwnNorm,
+                   toleranceOfProducts > 0 ? Lanczos::Product(product(toleranceOfProducts)) : Lanczos::Product());
+    costs.products += lanczos->getNumProducts();
+    costs.iterations += lanczos->getNumIterations();
+}
+
+void KrylovMobility::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
+    costs.roots++;
+    applyRoot(SpectralFunction::inverseSquareRoot(), W, scratch);
+    if (spheres)
+        wrench = ownScale.asDiagonal() * scratch;
+    else
+        solverAt(here).wrenchesFromScaled(scratch, wrench);
+    // N = B N_model B^T, so a wrench on the bodies is B^-T times one in the model.
+    bodies.getOwnTensors().wrenchesFromModel(here.getTurns(), wrench);
+}
+
+void KrylovMobility::thermalSlip(const MatrixXd& W, MatrixXd& slips) {
+    if (getSlipSpace().areOfBodies()) {
+        thermalWrench(W, thermal);
+        solve(thermal, slips);
+        return;
+    }
+    costs.roots++;
+    applyRoot(SpectralFunction::squareRoot(), W, scratch);
+    if (spheres)
+        slips = ownScale.cwiseInverse().asDiagonal() * scratch;
+    else
+        solverAt(here).slipsFromScaled(scratch, slips);
+}
+
+const MatrixXd& KrylovMobility::mobility() {
+    if (!bodies.isWorthIterations()) return here.mobility();
+    // So many columns share what products compute of each pair; more take memory only.
+    const int batch = 24;
+    const int numRows = bodies.getNumRows();
+    N.resize(numRows, numRows);
+    for (int first = 0; first < numRows; first += batch) {
+        const int count = min(batch, numRows - first);
+        columns.setZero(numRows, count);
+        columns.middleRows(first, count).setIdentity();
+        multiply(columns, twistsOfColumns);
+        N.middleCols(first, count) = twistsOfColumns;
+    }
+    symmetrise(N);
+    return N;
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,61 @@
+#ifndef RIGIDHI_KRYLOV_MOBILITY_H_
+#define RIGIDHI_KRYLOV_MOBILITY_H_
+
+#include <memory>
+
+#include "linearalgebra/Lanczos.h"
+#include "rigid/BodyMobility.h"
+#include "rigid/MultiblobSolver.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * Without any matrix over all bodies: products with the particles' mobility, MultiblobSolver where there are multiblobs, Lanczos for noise,
+ * to the tolerance. Lanczos sees M scaled by the particles' own mobilities (multiblobs: own matrices), so that neither units nor unequal
+ * radii matter.
+ */
+class KrylovMobility : public BodyMobility {
+public:
+    /** @param tolerance  relative, as the user has set it: iterations may be wanted to a part of it by setTolerance() */
+    KrylovMobility(const CoupledBodies& bodies, double tolerance);
+    Way getWay() const override { return Krylov; }
+    void setPoses(const std::vector<Pose>& poses, bool nearby = false) override { here.setPoses(poses, nearby); }
+    void setTolerance(double relative, bool exactProducts = false) override;
+    bool productsIterate() const override { return getSlipSpace().areOfBodies() && !spheres; }
+    bool solvesIterate() const override { return !spheres; }
+    bool rootsIterate() const override { return true; }
+    using BodyMobility::solve;
+    void solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) override;
+    void getBlobForces(MatrixXd& lambda) override;
+    void multiplyNearby(const std::vector<Pose>& poses, const MatrixXd& lambda, MatrixXd& slips) override;
+    bool wrenchNoiseIsOfBodies() const override { return false; }
+    void thermalWrench(const MatrixXd& W, MatrixXd& wrench) override;
+    void thermalSlip(const MatrixXd& W, MatrixXd& slips) override;
+    const MatrixXd& mobility() override;
+    const MatrixXd& friction() override { return here.friction(); }
+    void multiply(const MatrixXd& wrenches, MatrixXd& twists, double toleranceOfProducts = 0) override {
+        multiplyAt(here, wrenches, twists, toleranceOfProducts);
+    }
+
+protected:
+    const std::vector<Eigen::Matrix3d>& getTurns() const override { return here.getTurns(); }
+    BodiesAt& particlesHere() override { return here; }
+
+private:
+    void multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists, double toleranceOfProducts);
+    void applyRoot(const SpectralFunction& f, const MatrixXd& W, MatrixXd& result);
+    MultiblobSolver& solverAt(const BodiesAt& at);
+
+    const bool spheres;  // K = 1 without own tensors, or with them
+    const double wantedTolerance;
+    double tolerance, toleranceOfProducts;
+    BodiesAt here, elsewhere;
+    std::unique_ptr<MultiblobSolver> solver;  // made when first needed
+    std::unique_ptr<Lanczos> lanczos;         // likewise, for each tolerance
+    Eigen::VectorXd ownScale;  // of rows of spheres: about the root of a particle's own friction over 6 pi viscosity
+    MatrixXd scratch, scaled, thermal, wrenchesOfSolve, N, columns, twistsOfColumns;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,217 @@
+#include "rigid/MultiblobSolver.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <cmath>
+#include <sstream>
+
+#include "rigid/NullTwists.h"
+#include "rigid/RigidMotion.h"
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+/** Far more than a mobility matrix needs, whose preconditioned condition number is tens. */
+const int maxIterations = 1000;
+/** With rough products; then it is tried with exact ones. */
+const int maxRoughIterations = 100;
+
+}  // namespace
+
+MultiblobSolver::MultiblobSolver(const RigidMotion& motion, const NullTwists& nullTwists, const MobilityModel& model)
+    : numRows(motion.getNumRows()), numBlobRowsTotal(motion.getParticles().numRows),
+      turns(motion.getElements().size(), Matrix3d::Identity()) {
+    vector<shared_ptr<const Shape> > known;
+    for (size_t e = 0; e < turns.size(); e++) {
+        const FluidElement& element = motion.getElements()[e];
+        rows.push_back(motion.firstRow(e));
+        blobRow.push_back(motion.firstParticleRow(e));
+        numBlobRows.push_back(element.numParticleRows());
+        shared_ptr<const Shape> found;
+        for (const auto& shape : known)
+            if (shape->isFree == element.isFree() && shape->isSphere == element.isSphere() &&
+                shape->radii == element.radii && shape->sites == element.sites)
+                found = shape;
+        if (!found) {
+            const shared_ptr<Shape> shape(new Shape());
+            shape->sites = element.sites;
+            shape->radii = element.radii;
+            shape->isFree = element.isFree();
+            shape->isSphere = element.isSphere();
+            MatrixXd M;
+            model.ownMobility(particlesOf({element}), sitesOf(element), M);
+            shape->M.compute(M);
+            // Two blobs at one place leave a pivot of rounding, of either sign.
+            const double smallestCondition = 1e-14;
+            if (shape->M.info() != Success || !(shape->M.rcond() > smallestCondition))
+                throw OpenMM::OpenMMException(
+                    "MobilityForce: the mobility matrix of the " + to_string(element.sites.size()) + " blobs of body " +
+                    to_string(element.body) + " is not positive definite; look for blobs at the same place");
+            shape->K = motion.ofElement_body(e);
+            shape->MinvK = shape->M.solve(shape->K);
+            MatrixXd friction = shape->K.transpose() * shape->MinvK;
+            shape->N = generalisedInverse(friction, nullTwists.inBody(e));
+            known.push_back(shape);
+            found = shape;
+        }
+        shapes.push_back(found);
+    }
+}
+
+void MultiblobSolver::setTurns(const vector<Matrix3d>& ofBodies) {
+    for (size_t e = 0; e < turns.size(); e++)
+        if (!shapes[e]->isFree) turns[e] = ofBodies[e];
+}
+
+/** Vectors of blobs (or bodies) between the lab frame and the frames of their bodies. */
+void MultiblobSolver::turn(Rows kind, bool toBody, const MatrixXd& from, MatrixXd& to) const {
+    to.resize(from.rows(), from.cols());
+    for (size_t e = 0; e < shapes.size(); e++) {
+        const int first = kind == OfBlobs ? blobRow[e] : rows[e];
+        const int count = kind == OfBlobs ? numBlobRows[e] : shapes[e]->isFree ? 3 : 6;
+        for (int r = first; r < first + count; r += 3)
+            if (toBody)
+                to.middleRows<3>(r).noalias() = turns[e].transpose() * from.middleRows<3>(r);
+            else
+                to.middleRows<3>(r).noalias() = turns[e] * from.middleRows<3>(r);
+    }
+}
+
+/**
+ * preconditioned = M~^-1 (residual - K u) with K^T preconditioned = 0, M~ the bodies' own matrices: u = N~ K^T M~^-1 residual. The
+ * residual hands K u over to the twists: one that goes to zero keeps its digits (Gould et al., section 5).
+ */
+void MultiblobSolver::project() {
+    preconditioned.resize(residual.rows(), residual.cols());
+    for (size_t e = 0; e < shapes.size(); e++) {
+        const Shape& shape = *shapes[e];
+        const int first = blobRow[e], count = numBlobRows[e], row = rows[e], own = shape.isFree ? 3 : 6;
+        const MatrixXd u = shape.N * (shape.MinvK.transpose() * residual.middleRows(first, count));
+        residual.middleRows(first, count).noalias() -= shape.K * u;
+        twists_body.middleRows(row, own) += u;
+        preconditioned.middleRows(first, count) = shape.M.solve(residual.middleRows(first, count));
+    }
+}
+
+void MultiblobSolver::multiply(MobilityAt& blobs, double tolerance, const MatrixXd& from, MatrixXd& to) {
+    turn(OfBlobs, false, from, lab);
+    blobs.applyFor(tolerance, lab, labProduct);
+    turn(OfBlobs, true, labProduct, to);
+}
+
+int MultiblobSolver::apply(MobilityAt& blobs, const MatrixXd& wrenches, double tolerance, MatrixXd& twists) {
+    return solve(blobs, wrenches, MatrixXd(), tolerance, tolerance, twists);
+}
+
+int MultiblobSolver::solve(MobilityAt& blobs, const MatrixXd& wrenches, const MatrixXd& slips, double tolerance,
+                           double toleranceOfProducts, MatrixXd& twists) {
+    int inVain = 0;
+    if (toleranceOfProducts >= MobilityAt::leastRoughTolerance) {
+        const int iterations = iterate(blobs, wrenches, slips, tolerance, true, twists);
+        if (iterations <= maxRoughIterations) return iterations;
+        inVain = iterations;
+    }
+    return inVain + iterate(blobs, wrenches, slips, tolerance, false, twists);
+}
+
+/** @return iterations; if products are rough, more than the most there may be if it does not converge */
+int MultiblobSolver::iterate(MobilityAt& blobs, const MatrixXd& wrenches, const MatrixXd& slips, double tolerance,
+                             bool rough, MatrixXd& twists) {
+    const double forProducts = rough ? MobilityAt::leastRoughTolerance : 0;
+    const int columns = wrenches.cols();
+    const bool withSlips = slips.size() > 0;
+    VectorXd slipEnergy = VectorXd::Zero(columns);
+    if (withSlips) {
+        turn(OfBlobs, true, slips, slips_body);
+        for (size_t e = 0; e < shapes.size(); e++) {
+            const auto own = slips_body.middleRows(blobRow[e], numBlobRows[e]);
+            slipEnergy += own.cwiseProduct(shapes[e]->M.solve(own)).colwise().sum().transpose();
+        }
+    }
+    turn(OfBodies, true, wrenches, wrenches_body);
+    lambda.resize(numBlobRowsTotal, columns);
+    for (size_t e = 0; e < shapes.size(); e++)
+        lambda.middleRows(blobRow[e], numBlobRows[e]).noalias() =
+            shapes[e]->MinvK * (shapes[e]->N * wrenches_body.middleRows(rows[e], shapes[e]->isFree ? 3 : 6));
+    multiply(blobs, forProducts, lambda, residual);
+    if (withSlips) residual += slips_body;
+    twists_body.setZero(numRows, columns);
+    project();
+    direction = -preconditioned;
+    VectorXd gradient(columns), energy(columns);
+    int iteration = 0;
+    while (true) {
+        bool converged = true;
+        double worst = 0;
+        for (int c = 0; c < columns; c++) {
+            gradient[c] = residual.col(c).dot(preconditioned.col(c));
+            energy[c] =
+                lambda.col(c).dot(residual.col(c)) + wrenches_body.col(c).dot(twists_body.col(c)) + slipEnergy[c];
+            if (withSlips) energy[c] -= lambda.col(c).dot(slips_body.col(c));
+            if (!(gradient[c] <= tolerance * tolerance * energy[c])) converged = false;
+            if (energy[c] > 0) worst = max(worst, sqrt(abs(gradient[c]) / energy[c]));
+        }
+        if (converged) break;
+        if (rough && (iteration == maxRoughIterations || !gradient.allFinite())) return maxRoughIterations + 1;
+        if (iteration++ == maxIterations || !gradient.allFinite()) {
+            ostringstream text;
+            text << "MobilityForce: the solver of rigid multiblobs has a relative residual of " << worst << " after "
+                 << iteration << " iterations, above " << toleranceText(tolerance, wantedTolerance)
+                 << "; raise setSolverTolerance(), use setSolver(Dense), or look for bodies that overlap deeply";
+            throw OpenMM::OpenMMException(text.str());
+        }
+        multiply(blobs, forProducts, direction, product);
+        for (int c = 0; c < columns; c++) {
+            const double curvature = direction.col(c).dot(product.col(c));
+            const double step = curvature > 0 ? gradient[c] / curvature : 0;
+            lambda.col(c) += step * direction.col(c);
+            residual.col(c) += step * product.col(c);
+        }
+        project();
+        for (int c = 0; c < columns; c++) {
+            const double next = residual.col(c).dot(preconditioned.col(c));
+            const double ratio = gradient[c] > 0 ? next / gradient[c] : 0;
+            direction.col(c) = ratio * direction.col(c) - preconditioned.col(c);
+        }
+    }
+    turn(OfBodies, false, twists_body, twists);
+    return iteration;
+}
+
+void MultiblobSolver::getBlobForces(MatrixXd& lambda_lab) const { turn(OfBlobs, false, lambda, lambda_lab); }
+
+void MultiblobSolver::multiplyScaled(MobilityAt& blobs, double tolerance, const MatrixXd& x, MatrixXd& y) {
+    scaled.resize(x.rows(), x.cols());
+    for (size_t e = 0; e < shapes.size(); e++)
+        scaled.middleRows(blobRow[e], numBlobRows[e]) =
+            shapes[e]->M.matrixU().solve(x.middleRows(blobRow[e], numBlobRows[e]));
+    multiply(blobs, tolerance, scaled, y);
+    for (size_t e = 0; e < shapes.size(); e++) {
+        auto own = y.middleRows(blobRow[e], numBlobRows[e]);
+        shapes[e]->M.matrixL().solveInPlace(own);
+    }
+}
+
+void MultiblobSolver::slipsFromScaled(const MatrixXd& x, MatrixXd& slips_lab) {
+    scaled.resize(x.rows(), x.cols());
+    for (size_t e = 0; e < shapes.size(); e++)
+        scaled.middleRows(blobRow[e], numBlobRows[e]) =
+            shapes[e]->M.matrixL() * x.middleRows(blobRow[e], numBlobRows[e]);
+    turn(OfBlobs, false, scaled, slips_lab);
+}
+
+void MultiblobSolver::wrenchesFromScaled(const MatrixXd& x, MatrixXd& wrenches_lab) {
+    scaled.resize(numRows, x.cols());
+    for (size_t e = 0; e < shapes.size(); e++) {
+        const Shape& shape = *shapes[e];
+        const MatrixXd forces = shape.M.matrixU().solve(x.middleRows(blobRow[e], numBlobRows[e]));
+        scaled.middleRows(rows[e], shape.isFree ? 3 : 6).noalias() = shape.K.transpose() * forces;
+    }
+    turn(OfBodies, false, scaled, wrenches_lab);
+}
+
+}  // namespace RigidHIPlugin

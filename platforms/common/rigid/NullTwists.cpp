@@ -1,0 +1,108 @@
+#include "rigid/NullTwists.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+
+#include "rigid/RigidMotion.h"
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+typedef Matrix<double, 6, 1> Vector6d;
+
+/** Blobs nearer to a line than this, relative to the body's size, are on it: coordinates are rarely given to more digits. */
+const double lineTolerance = 1e-9;
+
+/** The twist about a line that leaves all sites where they are, or an empty vector if they are not on one line. */
+VectorXd twistAboutLine(const vector<Vector3d>& sites) {
+    Vector3d centre = Vector3d::Zero();
+    for (const Vector3d& s : sites) centre += s / sites.size();
+    MatrixXd spread(3, sites.size());
+    for (size_t i = 0; i < sites.size(); i++) spread.col(i) = sites[i] - centre;
+    const SelfAdjointEigenSolver<Matrix3d> solver(spread * spread.transpose());
+    const Vector3d line = solver.eigenvectors().col(2);
+    for (size_t i = 0; i < sites.size(); i++)
+        if (Vector3d(spread.col(i)).cross(line).norm() > lineTolerance * spread.norm()) return VectorXd();
+    VectorXd twist(6);
+    twist << -line.cross(centre), line;
+    return twist / twist.norm();
+}
+
+/** Q twists, in place: the multiple of n subtracted that makes them not turn about the line. */
+void removeTurn(const Vector6d& n, Ref<MatrixXd> twists) {
+    const Vector3d line = n.tail<3>();
+    for (int c = 0; c < twists.cols(); c++) twists.col(c) -= line.dot(twists.col(c).tail<3>()) / line.squaredNorm() * n;
+}
+
+/** Q^T wrenches: the torque about the line subtracted that makes them do no work on n. */
+void removeTorque(const Vector6d& n, Ref<MatrixXd> wrenches) {
+    const Vector3d line = n.tail<3>();
+    for (int c = 0; c < wrenches.cols(); c++)
+        wrenches.col(c).tail<3>() -= n.dot(wrenches.col(c)) / line.squaredNorm() * line;
+}
+
+}  // namespace
+
+void NullTwists::find(int e, const vector<Vector3d>& sites) {
+    twists_body[e] = twistAboutLine(sites);
+    hasAny = hasAny || has(e);
+}
+
+/** Call action(n, row) with the null twists in the lab frame. */
+template <class Action>
+void NullTwists::forEach(const vector<Matrix3d>& turns, const Action& action) const {
+    if (!hasAny) return;
+    for (size_t e = 0; e < rows.size(); e++)
+        if (has(e)) action(Vector6d(twoRotations(turns[e]) * twists_body[e]), rows[e]);
+}
+
+void NullTwists::lift(const vector<Matrix3d>& turns, MatrixXd& friction) const {
+    if (!hasAny) return;
+    const double size = friction.trace() / friction.rows();
+    forEach(turns, [&](const Vector6d& n, int row) { friction.block<6, 6>(row, row) += size * n * n.transpose(); });
+}
+
+void NullTwists::project(const vector<Matrix3d>& turns, MatrixXd& inverse) const {
+    forEach(turns, [&](const Vector6d& n, int row) {
+        removeTurn(n, inverse.middleRows<6>(row));
+        Matrix<double, 6, 6> own = inverse.block<6, 6>(row, row).transpose();
+        removeTurn(n, own);
+        for (int i = 0; i < inverse.rows(); i++) inverse.row(i).segment<6>(row) = inverse.col(i).segment<6>(row);
+        inverse.block<6, 6>(row, row) = own;
+    });
+}
+
+void NullTwists::removeTurns(const vector<Matrix3d>& turns, MatrixXd& twists) const {
+    forEach(turns, [&](const Vector6d& n, int row) { removeTurn(n, twists.middleRows<6>(row)); });
+}
+
+void NullTwists::removeTorques(const vector<Matrix3d>& turns, MatrixXd& wrenches) const {
+    forEach(turns, [&](const Vector6d& n, int row) { removeTorque(n, wrenches.middleRows<6>(row)); });
+}
+
+void NullTwists::removeLift(const vector<Matrix3d>& turns, MatrixXd& wrenches) const {
+    forEach(turns, [&](const Vector6d& n, int row) {
+        auto own = wrenches.middleRows<6>(row);
+        for (int c = 0; c < own.cols(); c++) own.col(c) -= n * n.dot(own.col(c));
+    });
+}
+
+MatrixXd generalisedInverse(const MatrixXd& friction, const VectorXd& nullVector) {
+    MatrixXd lifted = friction;
+    const double lift = friction.trace() / friction.rows();
+    if (nullVector.size() > 0) lifted += lift * nullVector * nullVector.transpose();
+    MatrixXd inverse = lifted.llt().solve(MatrixXd::Identity(friction.rows(), friction.cols()));
+    if (nullVector.size() > 0) {
+        removeTurn(nullVector, inverse);
+        inverse.transposeInPlace();
+        removeTurn(nullVector, inverse);
+    }
+    return 0.5 * (inverse + inverse.transpose());
+}
+
+}  // namespace RigidHIPlugin

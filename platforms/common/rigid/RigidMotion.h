@@ -1,0 +1,57 @@
+#ifndef RIGIDHI_RIGID_MOTION_H_
+#define RIGIDHI_RIGID_MOTION_H_
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "rigid/FluidElement.h"
+#include "rigidbody/Pose.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * How particles move with their bodies: K, whose rows give the velocities of particles from V and W of their body (Westwood 2022, eqs. 7 to
+ * 10), and where bodies put them. Rows of twists and wrenches: six a body (V, W about its origin; lab frame), three a free particle, in
+ * the order of the elements; of slips and forces: as HydrodynamicParticles says. Turns are the rotations of the poses.
+ */
+class RigidMotion {
+public:
+    explicit RigidMotion(const std::vector<FluidElement>& elements);
+    const std::vector<FluidElement>& getElements() const { return elements; }
+    const HydrodynamicParticles& getParticles() const { return particles; }
+    int getNumRows() const { return numRows; }
+    int firstRow(int element) const { return rows[element]; }
+    /** Of its particles. */
+    int firstParticleRow(int element) const { return particleRows[element]; }
+    int firstParticle(int element) const { return firstParticles[element]; }
+    /** Whether K = 1: spheres about their centres, and free particles. */
+    bool isIdentity() const { return identity; }
+
+    /** The positions of the particles. */
+    void place(const std::vector<Pose>& poses, const std::vector<Eigen::Matrix3d>& turns, Placement& placement) const;
+    /** K; without allocation if it has its size already. */
+    void fill(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& K) const;
+    /** slips = K U, without the matrix. */
+    void slips(const std::vector<Eigen::Matrix3d>& turns, const Eigen::MatrixXd& twists, Eigen::MatrixXd& slips) const;
+    /** wrenches = K^T lambda, likewise. */
+    void wrenches(const std::vector<Eigen::Matrix3d>& turns, const Eigen::MatrixXd& forces,
+                  Eigen::MatrixXd& wrenches) const;
+    /** K of one element in its own frame. */
+    Eigen::MatrixXd ofElement_body(int element) const;
+
+private:
+    const std::vector<FluidElement> elements;
+    const HydrodynamicParticles particles;
+    std::vector<int> rows, particleRows, firstParticles;  // first of each element
+    int numRows = 0;
+    bool identity = true;
+};
+
+/** The 6 x 6 matrix diag(A, A) of a rotation. */
+Eigen::Matrix<double, 6, 6> twoRotations(const Eigen::Matrix3d& A);
+/** Rotations of poses, into memory that has their number already after the first time. */
+void setTurns(const std::vector<Pose>& poses, std::vector<Eigen::Matrix3d>& turns);
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,81 @@
+#ifndef RIGIDHI_FREE_PARTICLES_H_
+#define RIGIDHI_FREE_PARTICLES_H_
+
+#include <openmm/System.h>
+#include <openmm/Vec3.h>
+
+#include <memory>
+#include <vector>
+
+#include "host/PlatformLoops.h"
+#include "schemes/Thermostat.h"
+
+namespace OpenMM {
+class ReferenceConstraints;
+}
+
+namespace RigidHIPlugin {
+
+/**
+ * The massive particles that are in no body. They take the same schemes as bodies, as point particles; constraints among
+ * them hold positions after every drift and velocities after every move. Their state lives in the Context's arrays.
+ */
+class FreeParticles {
+public:
+    FreeParticles() = default;
+    /**
+     * @param particles    indices of the massive particles that are in no body
+     * @param ofContext    OpenMM's constraints of the whole System, which outlive this object; null: there are none
+     */
+    FreeParticles(const OpenMM::System& system, const std::vector<int>& particles,
+                  OpenMM::ReferenceConstraints* ofContext);
+    ~FreeParticles();
+    int getNumParticles() const { return particles.size(); }
+    int getNumConstraints() const { return numConstraints; }
+    const std::vector<int>& getParticles() const { return particles; }
+
+    /** The part of a step before the force evaluation, and the part after it. @return finite, random numbers */
+    LoopResult beforeForces(const StepSettings& settings, PlatformLoops& loops, std::vector<OpenMM::Vec3>& positions,
+                            std::vector<OpenMM::Vec3>& velocities, double constraintTolerance);
+    /** LangevinHI: the part before forces in two, between which the fluid changes velocities. */
+    LoopResult beforeFriction(const StepSettings& settings, PlatformLoops& loops, std::vector<OpenMM::Vec3>& positions,
+                              std::vector<OpenMM::Vec3>& velocities, double constraintTolerance);
+    LoopResult afterFriction(const StepSettings& settings, PlatformLoops& loops, std::vector<OpenMM::Vec3>& positions,
+                             std::vector<OpenMM::Vec3>& velocities, double constraintTolerance);
+    LoopResult afterForces(const StepSettings& settings, PlatformLoops& loops, std::vector<OpenMM::Vec3>& positions,
+                           std::vector<OpenMM::Vec3>& velocities, double constraintTolerance);
+    /** Keep the forces, which others may overwrite in the Context. @return whether they are finite */
+    bool gatherForces(const std::vector<OpenMM::Vec3>& contextForces);
+    void setThermostats(const std::vector<Thermostat>& perParticle);
+    double kineticEnergy(const std::vector<OpenMM::Vec3>& velocities) const;
+    double mass(int i) const { return masses[i]; }
+    OpenMM::Vec3 getForce(int i) const { return forces[i]; }
+
+    struct Snapshot {
+        std::vector<OpenMM::Vec3> positions, velocities, forces;
+    };
+    void save(Snapshot& snapshot, const std::vector<OpenMM::Vec3>& positions,
+              const std::vector<OpenMM::Vec3>& velocities) const;
+    void restore(const Snapshot& snapshot, std::vector<OpenMM::Vec3>& positions, std::vector<OpenMM::Vec3>& velocities);
+    /** Position and force of one of them. */
+    void restore(const Snapshot& snapshot, int i, std::vector<OpenMM::Vec3>& positions);
+
+private:
+    class Flow;
+    std::vector<int> particles;
+    std::vector<double> masses;
+    std::vector<Thermostat> thermostats;
+    std::vector<int> noisyParticles, noiseOf;  // those with noise; of each particle its place among them, or -1
+    std::vector<OpenMM::Vec3> forces;
+    std::vector<double> noise;
+    int numConstraints = 0;
+    std::unique_ptr<OpenMM::System> constraintSystem;
+    std::unique_ptr<OpenMM::ReferenceConstraints> ownConstraints;
+    OpenMM::ReferenceConstraints* constraints = nullptr;  // these, or the Context's
+    std::vector<double> inverseMasses;  // of all particles of the System; 0 where constraints must not act
+    std::vector<OpenMM::Vec3> before, after;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

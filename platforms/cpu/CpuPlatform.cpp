@@ -1,0 +1,25 @@
+// CustomRigidHIIntegrator on OpenMM's CPU platform: its arrays, which are the Reference platform's; packs of bodies, spread over threads.
+
+#include <openmm/Platform.h>
+#include <openmm/internal/ContextImpl.h>
+
+#include "context/KernelFactory.h"
+#include "context/ReferenceArrays.h"
+#include "host/ThreadedLoops.h"
+
+using namespace RigidHIPlugin;
+
+// OpenMM calls these two after it has loaded the library.
+extern "C" __attribute__((visibility("default"))) void registerPlatforms() {}
+
+extern "C" __attribute__((visibility("default"))) void registerKernelFactories() {
+    PlatformParts parts;
+    parts.arrays = [](OpenMM::ContextImpl& context) {
+        return std::unique_ptr<ContextArrays>(new ReferenceArrays(context));
+    };
+    parts.loops = [](OpenMM::ContextImpl& context) {
+        const int threads = std::stoi(context.getPlatform().getPropertyValue(context.getOwner(), "Threads"));
+        return std::unique_ptr<PlatformLoops>(new ThreadedLoops(threads));
+    };
+    registerKernel("CPU", "OpenMMRigidHICPU", parts);
+}

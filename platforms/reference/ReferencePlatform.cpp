@@ -1,0 +1,19 @@
+// CustomRigidHIIntegrator on OpenMM's Reference platform: its own arrays, one body after the other.
+
+#include "context/KernelFactory.h"
+#include "context/ReferenceArrays.h"
+#include "host/ScalarLoops.h"
+
+using namespace RigidHIPlugin;
+
+// OpenMM calls these two after it has loaded the library.
+extern "C" __attribute__((visibility("default"))) void registerPlatforms() {}
+
+extern "C" __attribute__((visibility("default"))) void registerKernelFactories() {
+    PlatformParts parts;
+    parts.arrays = [](OpenMM::ContextImpl& context) {
+        return std::unique_ptr<ContextArrays>(new ReferenceArrays(context));
+    };
+    parts.loops = [](OpenMM::ContextImpl&) { return std::unique_ptr<PlatformLoops>(new ScalarLoops()); };
+    registerKernel("Reference", "OpenMMRigidHIReference", parts);
+}

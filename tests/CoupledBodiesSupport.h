@@ -1,0 +1,49 @@
+#ifndef RIGIDHI_COUPLED_BODIES_SUPPORT_H_
+#define RIGIDHI_COUPLED_BODIES_SUPPORT_H_
+
+#include <memory>
+
+#include "rigid/BodyMobilities.h"
+
+namespace RigidHITest {
+
+/** A group of bodies with all strategies for it, at the same poses. */
+class TestedBodies {
+public:
+    typedef Eigen::MatrixXd MatrixXd;
+    typedef RigidHIPlugin::BodyMobility BodyMobility;
+    typedef RigidHIPlugin::CoupledBodies CoupledBodies;
+
+    TestedBodies(const std::vector<RigidHIPlugin::FluidElement>& elements, const CoupledBodies::ModelFactory& makeModel,
+                 bool mayBeConstant = true, double tolerance = 1e-6)
+        : bodies(new CoupledBodies(elements, makeModel, mayBeConstant)),
+          strategies(new RigidHIPlugin::BodyMobilities(*bodies, tolerance)) {}
+    CoupledBodies& operator*() const { return *bodies; }
+    CoupledBodies* operator->() const { return bodies.get(); }
+
+    /** Without iterations: that of a constant tensor, or dense. */
+    BodyMobility& byMatrices() {
+        return strategies->get(bodies->isConstantInBodyFrame() ? BodyMobility::Constant : BodyMobility::Dense);
+    }
+    BodyMobility& byProducts() { return strategies->get(BodyMobility::Krylov); }
+    /** As users' questions are answered: spheres without matrices. */
+    BodyMobility& answering() {
+        return bodies->multipliesWithoutIterations() && !bodies->isConstantInBodyFrame() ? byProducts() : byMatrices();
+    }
+
+    void setPoses(const std::vector<RigidHIPlugin::Pose>& poses) {
+        byMatrices().setPoses(poses);
+        if (&answering() != &byMatrices()) answering().setPoses(poses);
+    }
+    const MatrixXd& mobility() { return byMatrices().mobility(); }
+    const MatrixXd& friction() { return byMatrices().friction(); }
+    void multiply(const MatrixXd& wrenches, MatrixXd& twists) { answering().multiply(wrenches, twists); }
+
+private:
+    std::shared_ptr<CoupledBodies> bodies;
+    std::shared_ptr<RigidHIPlugin::BodyMobilities> strategies;
+};
+
+}  // namespace RigidHITest
+
+#endif

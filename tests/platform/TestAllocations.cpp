@@ -1,0 +1,137 @@
+// Nothing is allocated in a dense step after the first ones.
+
+#include <dlfcn.h>
+
+#include <cstdlib>
+#include <cstring>
+
+#include "HydrodynamicSupport.h"
+#include "TestSupport.h"
+#include "openmmrigidhi/SchemeTraits.h"
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define RIGIDHI_MALLOC_IS_TAKEN
+#endif
+
+using namespace RigidHIPlugin;
+using namespace RigidHITest;
+using namespace OpenMM;
+using namespace std;
+
+namespace {
+
+bool counting = false;
+int allocations = 0;
+
+}  // namespace
+
+#ifndef RIGIDHI_MALLOC_IS_TAKEN
+// The program's malloc goes before that of the C library, for all libraries: new, Eigen and the vectors of C++ come here. OpenBLAS, which
+// LAPACK is in, takes buffers of its own for some sizes.
+extern "C" {
+void* __libc_malloc(size_t);
+__attribute__((visibility("default"))) void* malloc(size_t size) {
+    Dl_info caller;
+    if (counting && dladdr(__builtin_return_address(0), &caller) != 0 && !strstr(caller.dli_fname, "blas") &&
+        !strstr(caller.dli_fname, "lapack"))
+        allocations++;
+    return __libc_malloc(size);
+}
+}
+#endif
+
+namespace {
+
+enum Kind { Spheres, Multiblobs, Rods, WithOwnTensor, AboveWall, OneMultiblob, FreeDraining };
+
+/** How often a step allocates memory, the largest of three, after as many. */
+int countAllocations(CustomRigidHIIntegrator::Scheme scheme, Kind kind, int numBodies) {
+    FluidScene scene(300, 1e-4);
+    scene.integrator.setScheme(scheme);
+    const vector<Vec3> threeOnALine = {Vec3(0, 0, -1), Vec3(0, 0, 0.2), Vec3(0, 0, 1.2)};
+    const BodyKind rod = {"rod", 1, Vec3(0.4, 0.4, 0), threeOnALine, {0.5, 0.5, 0.5}};
+    for (int i = 0; i < numBodies; i++)
+        scene.add(kind == Spheres || kind == AboveWall ? sphereKind(0.5)
+                  : kind == Rods                       ? rod
+                                                       : boomerangKind(),
+                  Vec3(6 * (i % 4), 6 * (i / 4), 3));
+    if (kind == Multiblobs) scene.addFree(traitsOf(scheme).isOverdamped() ? 0 : 1, 0.5, Vec3(0, 0, 9));
+    if (kind == WithOwnTensor) scene.fluid->setBodyMobility(0, rowsOf(0.01 * tensorWithoutSymmetry(1)));
+    if (kind == AboveWall) scene.fluid->setBoundary(MobilityForce::NoSlipWall);
+    if (kind == FreeDraining) scene.fluid->setModel(MobilityForce::FreeDraining);
+    scene.fluid->setSolver(MobilityForce::Dense);
+    scene.start(testPlatform());
+    scene.integrator.step(3);
+    int most = 0;
+    for (int i = 0; i < 3; i++) {
+        allocations = 0;
+        counting = true;
+        scene.integrator.step(1);
+        counting = false;
+        most = max(most, allocations);
+    }
+    return most;
+}
+
+const char* const whyNot =
+#ifdef RIGIDHI_MALLOC_IS_TAKEN
+    "the sanitizer has a malloc of its own";
+#else
+    onCpu() ? "OpenMM's own force evaluations allocate on the CPU platform" : nullptr;
+#endif
+
+}  // namespace
+
+TEST(Allocations, AreCounted) {
+    if (whyNot) GTEST_SKIP() << whyNot;
+    allocations = 0;
+    counting = true;
+    vector<double> numbers(100);
+    const MatrixXd matrix = MatrixXd::Zero(10, numbers.size());
+    counting = false;
+    EXPECT_EQ(allocations, 2);
+    EXPECT_EQ(matrix.cols(), 100);
+}
+
+TEST(Allocations, NoneInADenseStep) {
+    if (whyNot) GTEST_SKIP() << whyNot;
+    for (const SchemeTraits& traits : schemeTable) {
+        if (traits.kind == SchemeKind::Thermostat) continue;
+        for (Kind kind : {Spheres, Multiblobs, Rods, WithOwnTensor, AboveWall, OneMultiblob, FreeDraining})
+            for (int numBodies : {4, 9}) {
+                if (kind == OneMultiblob) numBodies = 1;
+                // LangevinHI decomposes a matrix: below 40 rows by Eigen, which has a vector of its own there.
+                const bool eigen = !traits.isOverdamped() && numBodies == 4;
+                EXPECT_LE(countAllocations(traits.scheme, kind, numBodies), eigen ? 1 : 0)
+                    << traits.name << ", kind " << kind << ", " << numBodies << " bodies";
+            }
+    }
+}
+
+TEST(Allocations, NoneWithoutAFluid) {
+    if (whyNot) GTEST_SKIP() << whyNot;
+    for (const SchemeTraits& traits : schemeTable) {
+        if (traits.kind != SchemeKind::Thermostat) continue;
+        System system;
+        vector<Vec3> positions;
+        CustomRigidHIIntegrator integrator(300, 1e-3);
+        integrator.setScheme(traits.scheme);
+        integrator.setRandomNumberSeed(1);
+        for (int b = 0; b < 20; b++) {
+            vector<int> particles;
+            for (const Vec3& site : {Vec3(), Vec3(0.3, 0, 0), Vec3(0, 0.4, 0.1)}) {
+                particles.push_back(system.addParticle(2));
+                positions.push_back(site + Vec3(b, 0, 0));
+            }
+            integrator.addRigidBody(particles);
+        }
+        Context context(system, integrator, testPlatform());
+        context.setPositions(positions);
+        integrator.step(3);
+        allocations = 0;
+        counting = true;
+        integrator.step(2);
+        counting = false;
+        EXPECT_EQ(allocations, 0) << traits.name;
+    }
+}

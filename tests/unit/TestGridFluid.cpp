@@ -1,0 +1,341 @@
+// Force coupling on a grid: against the sum over Fourier modes of its definition, the covariance of its random field, stencils.
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <thread>
+
+#include "TestSupport.h"
+#include "mobility/models/forcecoupling/CpuGridFluid.h"
+#include "mobility/models/forcecoupling/Envelopes.h"
+#include "mobility/models/forcecoupling/ForceCouplingGrid.h"
+
+using namespace Eigen;
+using namespace OpenMM;
+using namespace RigidHIPlugin;
+using namespace std;
+
+namespace {
+
+const double eta = 0.7;
+
+HydrodynamicParticles mixture() {
+    HydrodynamicParticles particles;
+    const double radii[] = {0.3, 0.42, 0.3, 0.9};
+    const bool torque[] = {false, true, true, false};
+    for (int i = 0; i < 4; i++) particles.add(radii[i], torque[i], i, i);
+    return particles;
+}
+HydrodynamicParticles blobs(int number, double radius) {
+    HydrodynamicParticles particles;
+    for (int i = 0; i < number; i++) particles.add(radius, false, i, -1);
+    return particles;
+}
+/** Across faces, overlapping, and far outside of the box. */
+vector<Vec3> places(const BoxVectors& box) {
+    return {Vec3(0.05, 2.4, 1.1), Vec3(0.4, 2.2, 1.4), Vec3(box[0][0] - 0.01, -3.1, 0.2), Vec3(0.9, 0.02, 17.3)};
+}
+BoxVectors orthogonal(double x, double y, double z) { return {{Vec3(x, 0, 0), Vec3(0, y, 0), Vec3(0, 0, z)}}; }
+
+/** The sum of the definition: (1/(eta V)) sum_k D_i^+ (1 - k k) k^-2 D_j exp(i k (r_i - r_j)), up to where envelopes end. */
+MatrixXd latticeSum(const HydrodynamicParticles& particles, const BoxVectors& box, const vector<Vec3>& at) {
+    double narrowest = 1e9;
+    for (double a : particles.radii) narrowest = min(narrowest, torqueEnvelopeWidth(a));
+    const double largest = sqrt(2 * 37.0) / narrowest;
+    int n[3];
+    for (int c = 0; c < 3; c++) n[c] = ceil(largest * box[c][c] / (2 * M_PI));
+    MatrixXd M = MatrixXd::Zero(particles.numRows, particles.numRows);
+    const double volume = box[0][0] * box[1][1] * box[2][2];
+    // k and -k give the same real part.
+    for (int x = 0; x <= n[0]; x++)
+        for (int y = -n[1]; y <= n[1]; y++)
+            for (int z = -n[2]; z <= n[2]; z++) {
+                const Vector3d k(2 * M_PI * x / box[0][0], 2 * M_PI * y / box[1][1], 2 * M_PI * z / box[2][2]);
+                const double k2 = k.squaredNorm();
+                if (k2 == 0 || k2 > largest * largest) continue;
+                Matrix3d cross;
+                cross << 0, -k[2], k[1], k[2], 0, -k[0], -k[1], k[0], 0;
+                MatrixXcd D(3, particles.numRows);
+                for (int p = 0; p < particles.size(); p++) {
+                    const double sF = forceEnvelopeWidth(particles.radii[p]),
+                                 sT = torqueEnvelopeWidth(particles.radii[p]);
+                    const complex<double> phase =
+                        exp(complex<double>(0, -(k[0] * at[p][0] + k[1] * at[p][1] + k[2] * at[p][2])));
+                    D.middleCols<3>(particles.firstRow[p]) =
+                        phase * exp(-sF * sF * k2 / 2) * Matrix3d::Identity().cast<complex<double> >();
+                    if (particles.hasTorque[p])
+                        D.middleCols<3>(particles.firstRow[p] + 3) =
+                            phase * exp(-sT * sT * k2 / 2) * complex<double>(0, 0.5) * cross.cast<complex<double> >();
+                }
+                const Matrix3d P = Matrix3d::Identity() - k * k.transpose() / k2;
+                M += (x == 0 ? 1 : 2) * (D.adjoint() * P.cast<complex<double> >() * D).real() / (eta * volume * k2);
+            }
+    return M;
+}
+
+MatrixXd dense(GridFluid& fluid, const GridStencils& stencils) {
+    const int rows = stencils.getParticles().numRows;
+    MatrixXd M;
+    fluid.multiply(stencils, eta, MatrixXd::Identity(rows, rows), M);
+    return M;
+}
+
+/** Entries over the roots of the particles' own mobilities. */
+MatrixXd scaled(const MatrixXd& difference, const HydrodynamicParticles& particles) {
+    VectorXd root(particles.numRows);
+    for (int p = 0; p < particles.size(); p++) {
+        const double a = particles.radii[p];
+        root.segment<3>(particles.firstRow[p]).setConstant(sqrt(6 * M_PI * eta * a));
+        if (particles.hasTorque[p])
+            root.segment<3>(particles.firstRow[p] + 3).setConstant(sqrt(8 * M_PI * eta * a * a * a));
+    }
+    return root.asDiagonal() * difference * root.asDiagonal();
+}
+double normOf(const MatrixXd& symmetric) {
+    return SelfAdjointEigenSolver<MatrixXd>(symmetric, EigenvaluesOnly).eigenvalues().cwiseAbs().maxCoeff();
+}
+
+}  // namespace
+
+TEST(GridShape, SizesAreEvenAndSmooth) {
+    EXPECT_EQ(nextGridSize(1), 2);
+    EXPECT_EQ(nextGridSize(22), 24);
+    EXPECT_EQ(nextGridSize(24), 24);
+    EXPECT_EQ(nextGridSize(24.0000001), 28);
+    EXPECT_EQ(nextGridSize(121), 126);
+    EXPECT_EQ(nextGridSize(130), 140);
+}
+
+TEST(GridFluid, ProductsHaveTheTolerance) {
+    const BoxVectors box = orthogonal(3.1, 2.6, 4.4);
+    for (bool torques : {false, true}) {
+        const HydrodynamicParticles particles = torques ? mixture() : blobs(4, 0.3);
+        const MatrixXd exact = latticeSum(particles, box, places(box));
+        for (double tolerance : {1e-2, 1e-4, 1e-6, 1e-8, 1e-10}) {
+            const GridResolution resolution(particles, tolerance, 0);
+            GridStencils stencils(particles, resolution);
+            stencils.moveTo(resolution.shapeFor(box), places(box), false);
+            PlainGridFluid fluid;
+            const MatrixXd M = dense(fluid, stencils);
+            const double error = normOf(scaled(M - exact, particles));
+            EXPECT_LE(error, tolerance) << tolerance << (torques ? " with torques" : "");
+            EXPECT_LE((M - M.transpose()).norm(), 1e-15 * M.norm() * particles.numRows);
+        }
+    }
+}
+
+/** One number of one mode is 1, with its conjugate; all others are 0. */
+class UnitNoise : public ModeNoise {
+public:
+    UnitNoise(array<int, 3> mode, int component, complex<double> value)
+        : mode(mode), component(component), value(value) {}
+    void fill(const int* nx, int count, int ny, int nz, complex<double>* numbers) const override {
+        for (int i = 0; i < count; i++)
+            for (int c = 0; c < 3; c++) {
+                const bool same = array<int, 3>{nx[i], ny, nz} == mode,
+                           mirrored = array<int, 3>{-nx[i], -ny, -nz} == mode;
+                numbers[c * count + i] = c != component ? 0.0 : same ? value : mirrored ? conj(value) : 0.0;
+            }
+    }
+
+private:
+    const array<int, 3> mode;
+    const int component;
+    const complex<double> value;
+};
+
+TEST(GridFluid, RandomFieldsHaveTheCovarianceOfProducts) {
+    // Every number is a column of B: real and imaginary part, of variance 1/2, of three components of one of each pair of modes.
+    const BoxVectors box = orthogonal(3.1, 2.6, 4.4);
+    const HydrodynamicParticles particles = mixture();
+    const GridResolution resolution(particles, 0.1, 0.5);
+    for (array<int, 3> size : {array<int, 3>{7, 6, 8}, array<int, 3>{6, 5, 7}, array<int, 3>{4, 11, 3}}) {
+        GridShape shape = resolution.shapeFor(box);
+        shape.size = size;
+        GridStencils stencils(particles, resolution);
+        stencils.moveTo(shape, places(box), false);
+        PlainGridFluid fluid;
+        const MatrixXd M = dense(fluid, stencils);
+        MatrixXd covariance = MatrixXd::Zero(M.rows(), M.cols());
+        GridField field;
+        VectorXd column;
+        for (int nx = -size[0] / 2; nx <= size[0] / 2; nx++)
+            for (int ny = -size[1] / 2; ny <= size[1] / 2; ny++)
+                for (int nz = 0; nz <= size[2] / 2; nz++) {
+                    if (CounterModeNoise::isMirrored(nx, ny, nz)) continue;
+                    for (int c = 0; c < 3; c++)
+                        for (complex<double> value : {complex<double>(1, 0), complex<double>(0, 1)}) {
+                            fluid.draw(stencils, eta, UnitNoise({nx, ny, nz}, c, sqrt(0.5) * value), field);
+                            fluid.average(field, stencils, column);
+                            covariance += column * column.transpose();
+                        }
+                }
+        EXPECT_LE((covariance - M).norm(), 1e-12 * M.norm()) << size[0] << "x" << size[1] << "x" << size[2];
+    }
+}
+
+TEST(GridFluid, FinerGridsKeepTheNoise) {
+    const BoxVectors box = orthogonal(3.1, 2.6, 4.4);
+    const HydrodynamicParticles particles = blobs(4, 0.3);
+    NoiseStream noise;
+    VectorXd velocities[2];
+    for (int i = 0; i < 2; i++) {
+        const GridResolution resolution(particles, i == 0 ? 1e-6 : 1e-8, 0);
+        GridStencils stencils(particles, resolution);
+        stencils.moveTo(resolution.shapeFor(box), places(box), false);
+        PlainGridFluid fluid;
+        GridField field;
+        fluid.draw(stencils, eta, noise, NoiseStream::RandomField, field);
+        fluid.average(field, stencils, velocities[i]);
+    }
+    // Modes that only the finer grid has are left out of the coarser one: a part 1e-6 of the variance, so 1e-3 of the amplitude.
+    EXPECT_LE((velocities[0] - velocities[1]).norm(), 3e-3 * velocities[1].norm());
+    EXPECT_GT(velocities[1].norm(), 0);
+}
+
+TEST(GridFluid, GradientsAreThoseOfAveragesWithAnchoredStencils) {
+    const BoxVectors box = orthogonal(3.1, 2.6, 4.4);
+    const HydrodynamicParticles particles = mixture();
+    const GridResolution resolution(particles, 1e-4, 0);
+    GridStencils stencils(particles, resolution);
+    stencils.moveTo(resolution.shapeFor(box), places(box), false);
+    PlainGridFluid fluid;
+    GridField field;
+    fluid.draw(stencils, eta, NoiseStream(), NoiseStream::RandomField, field);
+    MatrixXd gradients;
+    VectorXd plus, minus;
+    fluid.averageGradients(field, stencils, gradients);
+    const double delta = 1e-4;
+    for (int b = 0; b < 3; b++) {
+        for (int sign : {1, -1}) {
+            vector<Vec3> moved = places(box);
+            for (Vec3& x : moved) x[b] += sign * delta;
+            stencils.moveTo(stencils.getShape(), moved, true);
+            fluid.average(field, stencils, sign > 0 ? plus : minus);
+        }
+        for (int p = 0; p < particles.size(); p++)
+            for (int a = 0; a < 3; a++) {
+                const int row = particles.firstRow[p] + a;
+                // Central differences: an error of delta^2/6 times a third derivative, about 1/width^3.
+                EXPECT_NEAR((plus[row] - minus[row]) / (2 * delta), gradients(3 * a + b, p), 1e-6 * gradients.norm());
+            }
+    }
+}
+
+TEST(GridFluid, RandomFieldsHaveNoSources) {
+    // The trace of the gradient vanishes up to what the grid resolves.
+    const BoxVectors box = orthogonal(3.1, 2.6, 4.4);
+    const HydrodynamicParticles particles = blobs(4, 0.3);
+    const double tolerance = 1e-6;
+    const GridResolution resolution(particles, tolerance, 0);
+    GridStencils stencils(particles, resolution);
+    stencils.moveTo(resolution.shapeFor(box), places(box), false);
+    PlainGridFluid fluid;
+    GridField field;
+    fluid.draw(stencils, eta, NoiseStream(), NoiseStream::RandomField, field);
+    MatrixXd gradients;
+    fluid.averageGradients(field, stencils, gradients);
+    for (int p = 0; p < particles.size(); p++)
+        EXPECT_LE(abs(gradients(0, p) + gradients(4, p) + gradients(8, p)), 10 * sqrt(tolerance) * gradients.norm());
+}
+
+TEST(GridFluid, BoxesAwayMakeNoDifference) {
+    const BoxVectors box = orthogonal(3.1, 2.6, 4.4);
+    const HydrodynamicParticles particles = mixture();
+    const GridResolution resolution(particles, 1e-6, 0);
+    MatrixXd M[2];
+    for (int i = 0; i < 2; i++) {
+        vector<Vec3> at = places(box);
+        if (i == 1)
+            for (int p = 0; p < particles.size(); p++) at[p] += box[p % 3] * (p % 2 ? 1e6 : -1e6);
+        GridStencils stencils(particles, resolution);
+        stencils.moveTo(resolution.shapeFor(box), at, false);
+        PlainGridFluid fluid;
+        M[i] = dense(fluid, stencils);
+    }
+    // A position a million boxes away has an error of 4e6 rounded, 5e-10 nm.
+    EXPECT_LE((M[0] - M[1]).norm(), 1e-8 * M[0].norm());
+}
+
+TEST(GridFluid, StencilsLongerThanTheBox) {
+    // A box of twice the largest radius; stencils of several boxes add up. And edges of 1 : 10.
+    for (const BoxVectors& box : {orthogonal(1.9, 2.0, 1.85), orthogonal(1.9, 19, 1.9)}) {
+        const HydrodynamicParticles particles = mixture();
+        const double tolerance = 1e-6;
+        const GridResolution resolution(particles, tolerance, 0);
+        GridStencils stencils(particles, resolution);
+        stencils.moveTo(resolution.shapeFor(box), places(box), false);
+        EXPECT_GT(stencils.largestWidth(0), stencils.getShape().size[0]);
+        PlainGridFluid fluid;
+        const MatrixXd M = dense(fluid, stencils), exact = latticeSum(particles, box, places(box));
+        EXPECT_LE(normOf(scaled(M - exact, particles)), 2 * tolerance);
+    }
+}
+
+/** Ranges for so many threads at once. */
+CpuGridFluid::ForRanges onThreads(int number) {
+    return [number](int count, const function<void(int, int)>& task) {
+        vector<thread> threads;
+        for (int t = 0; t < number; t++)
+            threads.emplace_back([&, t] { task(count * t / number, count * (t + 1) / number); });
+        for (thread& one : threads) one.join();
+    };
+}
+
+TEST(CpuGridFluid, IsThePlainOneToRounding) {
+    for (const BoxVectors& box : {orthogonal(3.1, 2.6, 4.4), orthogonal(1.9, 2.3, 1.85)}) {
+        const HydrodynamicParticles particles = mixture();
+        const GridResolution resolution(particles, 1e-4, 0);
+        for (array<int, 3> size : {array<int, 3>{0, 0, 0}, array<int, 3>{23, 31, 29}, array<int, 3>{2, 2, 2}}) {
+            GridShape shape = resolution.shapeFor(box);
+            if (size[0] > 0) shape.size = size;
+            GridStencils stencils(particles, resolution);
+            stencils.moveTo(shape, places(box), false);
+            PlainGridFluid plain;
+            CpuGridFluid fast;
+            const MatrixXd M = dense(plain, stencils);
+            EXPECT_LE((dense(fast, stencils) - M).norm(), 1e-13 * M.norm());
+            VectorXd velocities[2];
+            MatrixXd gradients[2];
+            GridFluid* const fluids[2] = {&plain, &fast};
+            for (int i = 0; i < 2; i++) {
+                GridField field;
+                fluids[i]->draw(stencils, eta, NoiseStream(), NoiseStream::RandomField, field);
+                fluids[i]->average(field, stencils, velocities[i]);
+                fluids[i]->averageGradients(field, stencils, gradients[i]);
+            }
+            EXPECT_LE((velocities[1] - velocities[0]).norm(), 1e-12 * velocities[0].norm());
+            EXPECT_LE((gradients[1] - gradients[0]).norm(), 1e-12 * gradients[0].norm());
+        }
+    }
+}
+
+TEST(CpuGridFluid, ThreadsDoNotChangeABit) {
+    const BoxVectors box = orthogonal(3.1, 2.6, 4.4);
+    const HydrodynamicParticles particles = mixture();
+    const GridResolution resolution(particles, 1e-4, 0);
+    GridStencils stencils(particles, resolution);
+    stencils.moveTo(resolution.shapeFor(box), places(box), false);
+    const VectorXd forces = VectorXd::LinSpaced(particles.numRows, 1, 3);
+    MatrixXd first;
+    for (int threads : {1, 2, 4, 7}) {
+        CpuGridFluid fluid(onThreads(threads));
+        GridField field;
+        MatrixXd velocities, result(particles.numRows, 2);
+        VectorXd slips;
+        fluid.multiply(stencils, eta, forces, velocities);
+        fluid.draw(stencils, eta, NoiseStream(), NoiseStream::RandomField, field);
+        fluid.average(field, stencils, slips);
+        result << velocities, slips;
+        if (threads == 1) first = result;
+        EXPECT_TRUE((result.array() == first.array()).all()) << threads;
+    }
+}
+
+TEST(ForceCouplingGrid, NeedsABox) {
+    const ForceCouplingGrid model(blobs(1, 0.3), eta, 1e-3, 0, make_shared<PlainGridFluid>());
+    RigidHITest::expectError(
+        [&] {
+            model.at({{Vec3()}, {}});
+        },
+        {"ForceCoupling on a grid", "needs a periodic box, and there is none"});
+}
