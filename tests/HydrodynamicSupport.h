@@ -84,7 +84,7 @@ BodyKind rodKind();
 /** Bodies and free particles in a fluid. */
 struct FluidScene {
     OpenMM::System system;
-    MobilityForce* fluid = new MobilityForce();  // the System's
+    MobilityForce* fluid = new MobilityForce();  // the System's; null after removeFluid()
     CustomRigidHIIntegrator integrator;
     std::unique_ptr<OpenMM::Context> context;
     std::vector<BodyKind> bodies;
@@ -113,7 +113,12 @@ struct FluidScene {
     MatrixXd friction();
     /** What the fluid sees, bodies first, at the present poses. */
     std::vector<LabBody> labBodies();
-    bool isPeriodic() const { return fluid->getBoundary() == MobilityForce::Periodic; }
+    bool isPeriodic() const { return fluid && fluid->getBoundary() == MobilityForce::Periodic; }
+    /** What is left is the same scene without a fluid. */
+    void removeFluid() {
+        system.removeForce(0);
+        fluid = nullptr;
+    }
     /** Of RotnePragerYamakawa. */
     IndependentMobility expected(const std::vector<LabBody>& bodies);
     IndependentMobility expected();

@@ -356,7 +356,7 @@ TEST(BadFluid, OneMobilityForceExactly) {
     for (int i = 0; i < 2; i++) second->addParticle(1);
     two.system.addForce(second);
     expectRefused(two, {"2 MobilityForces", "LangevinHI needs exactly one"});
-    none.system.removeForce(0);
+    none.removeFluid();
     expectRefused(none, {"0 MobilityForces", "LangevinHI needs exactly one; add a MobilityForce"});
 }
 

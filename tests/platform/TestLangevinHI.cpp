@@ -178,7 +178,7 @@ void compareWithLangevinC(Layout layout, CustomRigidHIIntegrator::NoiseLaw law, 
             for (FluidScene* scene : {&hydrodynamic, &plain}) scene->addFree(2, 0.45, Vec3(1, 1, 1));
         if (layout == Layout::TwoGroups) hydrodynamic.fluid->setGroups({3, 1});
         if (layout == Layout::FreeDraining) hydrodynamic.fluid->setModel(MobilityForce::FreeDraining);
-        plain.system.removeForce(0);
+        plain.removeFluid();
         plain.integrator.setScheme(CustomRigidHIIntegrator::LangevinC);
         for (size_t b = 0; b < chosen.size(); b++) {
             double sum = 0;
@@ -222,7 +222,7 @@ TEST(LangevinHI, OwnIsotropicTensorsAreLangevinCToo) {
     MatrixXd friction = MatrixXd::Zero(6, 6);
     friction.diagonal() << 4, 4, 4, 2, 2, 2;
     hydrodynamic.fluid->setBodyFriction(0, rowsOf(friction));
-    plain.system.removeForce(0);
+    plain.removeFluid();
     plain.integrator.setScheme(CustomRigidHIIntegrator::LangevinC);
     plain.integrator.setBodyFriction(0, 4.0 / 3, 2 * (1 / 1.3 + 1 / 0.7 + 1 / 1.1));
     for (FluidScene* scene : {&hydrodynamic, &plain}) {
@@ -242,7 +242,7 @@ TEST(LangevinHI, TheCoupledPathWithIsotropicFrictionIsLangevinCUpToTheNeighbour)
         scene->add(linearSphere(0.4, 2, 0.35), Vec3(far, 0, 0));
         scene->add(pointKind(0.3, 1), Vec3(0, far, 0));
     }
-    plain.system.removeForce(0);
+    plain.removeFluid();
     plain.integrator.setScheme(CustomRigidHIIntegrator::LangevinC);
     const double eta = 0.6;
     plain.integrator.setBodyFriction(0, 6 * M_PI * eta * 0.5 / 1.5,
@@ -854,7 +854,7 @@ TEST(LangevinHI, FreeParticlesThatTheFluidDoesNotSeeFeelLangevinC) {
         scene->integrator.setFriction(3);
         addField(scene->system, "x^2+y^2+z^2");
     }
-    plain.system.removeForce(0);
+    plain.removeFluid();
     plain.integrator.setScheme(CustomRigidHIIntegrator::LangevinC);
     vector<vector<Vec3> > x;
     for (FluidScene* scene : {&hydrodynamic, &plain}) {
@@ -1118,7 +1118,7 @@ TEST(LangevinHI, SchemesChangeWhereTheSystemAllows) {
     scene.integrator.setScheme(CustomRigidHIIntegrator::LangevinHI);
     scene.integrator.step(2);
     dry.add(sphereKind(0.5));
-    dry.system.removeForce(0);
+    dry.removeFluid();
     dry.integrator.setScheme(CustomRigidHIIntegrator::LangevinC);
     dry.start(testPlatform());
     dry.integrator.step(2);
