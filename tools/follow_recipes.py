@@ -22,6 +22,7 @@ import time
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 PAGES = ('CONTRIBUTING.md', 'tests/recipes/AdamsBashforth.md')
+BUILD = 'build'  # within the copy, as in the repository: then a compiler cache knows what is the same
 RUNTIME = ('OpenMMRigidHIReference', 'OpenMMRigidHICPU', 'OpenMMRigidHIAny', 'RigidHIPythonPackage')
 
 
@@ -118,9 +119,10 @@ class Recipes:
 
 
 def write_copy(files, folder):
-    """Make the folder hold these files and no others. A file that is the same is not written, for it would be compiled again."""
+    """Make the folder hold these files and no others, but for its build. A file that is the same is not written, for it would be compiled again."""
     for path in folder.rglob('*'):
-        if path.is_file() and str(path.relative_to(folder)) not in files:
+        name = path.relative_to(folder)
+        if path.is_file() and name.parts[0] != BUILD and str(name) not in files:
             path.unlink()
     for name, content in files.items():
         path = folder / name
@@ -135,7 +137,7 @@ class Copy:
     """The copy of the sources and its build."""
 
     def __init__(self, folder, python, jobs):
-        self.sources, self.build, self.python, self.jobs = folder / 'sources', folder / 'build', python, str(jobs)
+        self.sources, self.build, self.python, self.jobs = folder, folder / BUILD, python, str(jobs)
 
     def run(self, what, command, **settings):
         start = time.monotonic()
