@@ -187,21 +187,19 @@ void FluidScene::addFree(double mass, double radius, const Vec3& x) {
 }
 
 void FluidScene::bind() {
-    if (isPeriodic()) {
-        system.setDefaultPeriodicBoxVectors(Vec3(side, 0, 0), Vec3(0, side, 0), Vec3(0, 0, side));
-        // OpenMM keeps molecules together, and knows them by bonds.
-        auto* bonds = new OpenMM::HarmonicBondForce();
-        for (const auto& members : particles)
-            for (size_t i = 1; i < members.size(); i++) bonds->addBond(members[0], members[i], 1, 0);
-        if (bonds->getNumBonds() > 0)
-            system.addForce(bonds);
-        else
-            delete bonds;
-    }
+    system.setDefaultPeriodicBoxVectors(Vec3(side, 0, 0), Vec3(0, side, 0), Vec3(0, 0, side));
+    // OpenMM keeps molecules together, and knows them by bonds.
+    auto* bonds = new OpenMM::HarmonicBondForce();
+    for (const auto& members : particles)
+        for (size_t i = 1; i < members.size(); i++) bonds->addBond(members[0], members[i], 1, 0);
+    if (bonds->getNumBonds() > 0)
+        system.addForce(bonds);
+    else
+        delete bonds;
 }
 
 void FluidScene::start(OpenMM::Platform& platform, int threadCount) {
-    bind();
+    if (isPeriodic()) bind();
     context.reset(new OpenMM::Context(system, integrator, platform, threads(platform.getName(), threadCount)));
     context->setPositions(positions);
     // One site leaves the orientation open.

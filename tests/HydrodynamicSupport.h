@@ -101,7 +101,7 @@ struct FluidScene {
     }
     void add(const BodyKind& kind, const Vec3& R = Vec3(), const QuaternionArray& q = {{1, 0, 0, 0}});
     void addFree(double mass, double radius, const Vec3& x);
-    /** The box and bonds of a periodic fluid; start() calls it. */
+    /** The box and bonds of a periodic fluid; start() calls it if the fluid is periodic. */
     void bind();
     void start(OpenMM::Platform& platform, int threadCount = 1);
     /** Move all bodies. */

@@ -1,11 +1,13 @@
 // Force coupling on a grid in a Context: against lattice sums, boxes, noise, drift, resume.
 
 #include <openmm/CustomExternalForce.h>
+#include <openmm/CustomNonbondedForce.h>
 #include <openmm/serialization/XmlSerializer.h>
 
 #include <sstream>
 
 #include "HydrodynamicSupport.h"
+#include "openmmrigidhi/SchemeTraits.h"
 
 using namespace OpenMM;
 using namespace RigidHITest;
@@ -49,6 +51,49 @@ struct GridScene : FluidScene {
         context->setPeriodicBoxVectors(Vec3(x, 0, 0), Vec3(0, y, 0), Vec3(0, 0, z));
     }
 };
+
+/** A bead in the middle, three on each half-axis (Westwood 2022, 6). */
+BodyKind hedgehogKind(double spacing) {
+    BodyKind kind = {"hedgehog", 1, Vec3(1, 1, 1), {Vec3()}, {}};
+    for (int axis = 0; axis < 3; axis++)
+        for (int bead = -3; bead <= 3; bead++)
+            if (bead != 0) {
+                kind.sites.push_back(Vec3());
+                kind.sites.back()[axis] = bead * spacing;
+            }
+    kind.radii.assign(kind.sites.size(), 1);
+    return kind;
+}
+
+/** Poses in a periodic box, at random and then pushed apart until beads of different bodies no longer overlap. */
+void placeApart(const BodyKind& kind, int count, double side, vector<Vec3>& places, vector<QuaternionArray>& turns) {
+    mt19937 random(4);
+    FluidScene pushed(0, 0.02);
+    pushed.side = side;
+    pushed.fluid->setModel(MobilityForce::FreeDraining);
+    pushed.fluid->setViscosity(1 / (6 * M_PI));
+    pushed.integrator.setScheme(RigidHI::EulerMaruyama);
+    places = randomPlaces(count, side, 0, random);
+    turns = randomTurns(count, random);
+    auto* push = new CustomNonbondedForce("50*step(2-r)*(2-r)^2");
+    push->setNonbondedMethod(CustomNonbondedForce::CutoffPeriodic);
+    push->setCutoffDistance(2.2);
+    for (int b = 0; b < count; b++) {
+        pushed.add(kind, places[b], turns[b]);
+        const auto& members = pushed.particles.back();
+        for (size_t i = 0; i < members.size(); i++) {
+            push->addParticle({});
+            for (size_t j = 0; j < i; j++) push->addExclusion(members[j], members[i]);
+        }
+    }
+    pushed.system.addForce(push);
+    pushed.bind();
+    pushed.start(Platform::getPlatformByName("CPU"));
+    pushed.integrator.step(300);
+    EXPECT_LT(pushed.context->getState(State::Energy).getPotentialEnergy(), 1e-3);
+    places = pushed.integrator.getBodyPositions();
+    turns = pushed.integrator.getBodyOrientations();
+}
 
 /** Entries over the roots of the diagonal. */
 double relativeError(const MatrixXd& N, const MatrixXd& exact) {
@@ -196,6 +241,23 @@ TEST(ForceCouplingGrid, AStepOfTheDriftCorrectorTakesOneFieldAndOneSolve) {
     EXPECT_GT(scene.count("randomNumbers"), 0);
 }
 
+/** Fixman's midpoint alone wants wrenches, whose roots are found by iterations. */
+TEST(ForceCouplingGrid, SchemesTakeTheirNoiseFromTheField) {
+    const map<RigidHI::Scheme, int> solves = {{RigidHI::EulerMaruyama, 1},         {RigidHI::RandomFiniteDifference, 2},
+                                              {RigidHI::TractionEulerMaruyama, 2}, {RigidHI::TrapezoidalSlip, 2},
+                                              {RigidHI::DriftCorrectorRFD, 1},     {RigidHI::DriftCorrectorFD, 1}};
+    for (const auto& [scheme, count] : solves) {
+        SCOPED_TRACE(traitsOf(scheme).name);
+        GridScene scene(T1, scheme);
+        scene.addBodies();
+        scene.start(testPlatform());
+        scene.integrator.step(1);
+        EXPECT_EQ(scene.count("squareRoots"), 0);
+        EXPECT_LE(scene.count("solverIterations"), count * 25);
+        EXPECT_GT(scene.count("randomNumbers"), 6 * 512);
+    }
+}
+
 TEST(ForceCouplingGrid, SpheresAloneHaveNoDrift) {
     // nu = 1, and one product: what SlipOnly and Whole do is the same.
     VectorXd ends[2];
@@ -287,4 +349,46 @@ TEST(ForceCouplingGrid, LangevinHITakesTheStepOfMatrices) {
             EXPECT_LE(error.norm(), 5 * tolerance * exact.norm()) << temperature << " " << tolerance;
         }
     }
+}
+
+/** Solves for 60 hedgehogs at a volume fraction of 0.2 take 9, 14 and 18 iterations for 1e-2, 1e-3 and 1e-4. */
+TEST(ForceCouplingGrid, HedgehogsTakeFewIterations) {
+    const BodyKind kind = hedgehogKind(2);
+    const int count = 60;
+    const double side = cbrt(count * kind.sites.size() * 4 / 3.0 * M_PI / 0.2);
+    vector<Vec3> places;
+    vector<QuaternionArray> turns;
+    placeApart(kind, count, side, places, turns);
+    const map<double, int> most = {{1e-2, 9}, {1e-3, 14}, {1e-4, 18}};
+    for (const auto& [tolerance, iterations] : most) {
+        GridScene scene(T1, RigidHI::DriftCorrectorFD, 1 / 600.0, MobilityForce::MatrixFree, tolerance);
+        scene.side = side;
+        scene.fluid->setViscosity(1 / (6 * M_PI));
+        for (int b = 0; b < count; b++) scene.add(kind, places[b], turns[b]);
+        auto* pull = new CustomExternalForce("sin(1.3*x+2.1*y-0.7*z)");
+        for (int i = 0; i < scene.system.getNumParticles(); i++) pull->addParticle(i, vector<double>());
+        scene.system.addForce(pull);
+        scene.start(testPlatform());
+        scene.integrator.step(1);
+        EXPECT_LE(scene.count("solverIterations"), iterations) << tolerance;
+    }
+}
+
+/** At half their spacing a hedgehog's beads overlap, and its own matrix has a condition number in the thousands. */
+TEST(ForceCouplingGrid, OverlappingBeadsReachTheTolerance) {
+    const BodyKind kind = hedgehogKind(1);
+    const int count = 6;
+    vector<Vec3> places;
+    vector<QuaternionArray> turns;
+    placeApart(kind, count, 15, places, turns);
+    const auto scene = [&](MobilityForce::Solver solver, double tolerance) {
+        auto made = make_unique<GridScene>(0, RigidHI::DriftCorrectorFD, 0.002, solver, tolerance);
+        made->side = 15;
+        for (int b = 0; b < count; b++) made->add(kind, places[b], turns[b]);
+        made->start(testPlatform());
+        return made;
+    };
+    const MatrixXd N = scene(MobilityForce::Dense, 1e-6)->mobility();
+    for (double tolerance : {1e-2, 1e-4, 1e-6})
+        EXPECT_LE(relativeError(scene(MobilityForce::MatrixFree, tolerance)->mobility(), N), tolerance);
 }

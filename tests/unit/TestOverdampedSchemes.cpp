@@ -458,8 +458,9 @@ void checkCovariance(const Scene& scene) {
 }  // namespace
 
 TEST(OverdampedSchemes, Covariance) {
-    for (const Scene& scene : {threeBodiesAtWall(), rodsUnbounded(), aloneOffCentre(), matrixFree(rodsUnbounded()),
-                               ownTensors(), matrixFree(ownTensors()), stokesianSpheres(), spheresUnbounded()})
+    for (const Scene& scene :
+         {threeBodiesAtWall(), rodsUnbounded(), aloneOffCentre(), matrixFree(rodsUnbounded()), ownTensors(),
+          matrixFree(ownTensors()), stokesianSpheres(), spheresUnbounded(), blobsInAField()})
         checkCovariance(scene);
 }
 

@@ -125,18 +125,22 @@ int MultiblobSolver::iterate(MobilityAt& blobs, const MatrixXd& wrenches, const 
     const int columns = wrenches.cols();
     const bool withSlips = slips.size() > 0;
     VectorXd slipEnergy = VectorXd::Zero(columns);
-    if (withSlips) {
-        turn(OfBlobs, true, slips, slips_body);
-        for (size_t e = 0; e < shapes.size(); e++) {
-            const auto own = slips_body.middleRows(blobRow[e], numBlobRows[e]);
-            slipEnergy += own.cwiseProduct(shapes[e]->M.solve(own)).colwise().sum().transpose();
-        }
-    }
     turn(OfBodies, true, wrenches, wrenches_body);
+    if (withSlips) turn(OfBlobs, true, slips, slips_body);
     lambda.resize(numBlobRowsTotal, columns);
-    for (size_t e = 0; e < shapes.size(); e++)
-        lambda.middleRows(blobRow[e], numBlobRows[e]).noalias() =
-            shapes[e]->MinvK * (shapes[e]->N * wrenches_body.middleRows(rows[e], shapes[e]->isFree ? 3 : 6));
+    for (size_t e = 0; e < shapes.size(); e++) {
+        const Shape& shape = *shapes[e];
+        const auto wrench = wrenches_body.middleRows(rows[e], shape.isFree ? 3 : 6);
+        auto own = lambda.middleRows(blobRow[e], numBlobRows[e]);
+        if (!withSlips) {
+            own.noalias() = shape.MinvK * (shape.N * wrench);
+            continue;
+        }
+        const auto slip = slips_body.middleRows(blobRow[e], numBlobRows[e]);
+        const MatrixXd u = shape.N * (wrench + shape.MinvK.transpose() * slip), fromSlip = shape.M.solve(slip);
+        slipEnergy += slip.cwiseProduct(fromSlip).colwise().sum().transpose();
+        own = shape.MinvK * u - fromSlip;
+    }
     multiply(blobs, forProducts, lambda, residual);
     if (withSlips) residual += slips_body;
     twists_body.setZero(numRows, columns);

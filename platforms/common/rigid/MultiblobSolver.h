@@ -20,7 +20,8 @@ class RigidMotion;
  *            blobs), and add up to F; so U = N (F + K^T M^-1 s) (Westwood 2022, eqs. 7-10, 33-36).
  * Method:    lambda minimises lambda^T M lambda / 2 + lambda^T s under K^T lambda = F: conjugate gradients projected onto the constraint
  *            (Gould, Hribar, Nocedal, SIAM J. Sci. Comput. 23, 1376 (2001)). The preconditioner is every body's own mobility
- *            matrix, factorised once for bodies of one shape, in the body frame. U are the multipliers.
+ *            matrix, factorised once for bodies of one shape, in the body frame; the first guess is the solution for bodies that do not
+ *            see each other. U are the multipliers.
  * Accuracy:  the energy norm of the error of lambda is below the tolerance times that of lambda, so every U F is right to its
  *            square, and U in the norm of the friction to the tolerance; or an error. With slips the tolerance is relative to
  *            both together: the square root of lambda^T M lambda + s^T M~^-1 s, M~ the bodies' own matrices.

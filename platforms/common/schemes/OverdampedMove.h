@@ -54,6 +54,8 @@ public:
     void thermalWrench(Draw draw, Vectors& wrench);
     /** Draw what thermalSlip() is made of, which then depends on poses only until the next drawing: the model's random field, or W. */
     void drawForSlips(Draw draw);
+    /** Whether drawForSlips() draws a random field of the model's, so that slips take no square root. */
+    bool slipsWillBeOfField() const { return mobility.slipsAreOfField(); }
     /** Of covariance M: the field's, or M^(1/2) W. */
     void thermalSlip(Vectors& slips);
 

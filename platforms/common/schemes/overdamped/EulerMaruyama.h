@@ -4,7 +4,7 @@
 // Method:    U = N F + sqrt(2 kT/h) N^(1/2) W;  Q^{n+1} = Rotate(Q^n, h U): Delong 2015, eq. 37.
 // Order:     weak 1 where div N = 0 (constant N; spheres in an unbounded fluid); elsewhere none: it samples exp(-U/kT)/N instead of
 //            exp(-U/kT). 1 at T = 0.
-// Cost:      one force evaluation, one mobility problem and one square root a step.
+// Cost:      one force evaluation, one mobility problem and one square root a step; a random field of the model's instead of the root.
 // Reference: Delong, Balboa Usabiaga, Donev, J. Chem. Phys. 143, 144107 (2015), eq. 37.
 // Limits:    right averages only where div N = 0.
 
@@ -24,31 +24,41 @@ public:
     void run(int, OverdampedMove& m) override {
         m.atStart();
         sumUpWrenches(m);
-        m.solve(total, U);
+        m.solve(total, thermalSlips, U);
         m.goFromStart(m.h, U);
     }
 
 protected:
-    /** total = F + sqrt(2 kT/h) N^(-1/2) W: N total is the velocity without drift. */
+    /**
+     * total = F + sqrt(2 kT/h) N^(-1/2) W: N total is the velocity without drift. Where the model has a random field, its slips are the noise
+     * instead, which cost no square root: total = F, thermalSlips = sqrt(2 kT/h) v.
+     */
     void sumUpWrenches(OverdampedMove& m) {
         total = m.force;
+        thermalSlips.resize(0, 0);
         if (m.kT == 0) return;
-        m.thermalWrench(OverdampedMove::First, noise);
-        total += std::sqrt(2 * m.kT / m.h) * noise;
+        if (m.slipsWillBeOfField()) {
+            m.drawForSlips(OverdampedMove::First);
+            m.thermalSlip(thermalSlips);
+            thermalSlips *= std::sqrt(2 * m.kT / m.h);
+        } else {
+            m.thermalWrench(OverdampedMove::First, noise);
+            total += std::sqrt(2 * m.kT / m.h) * noise;
+        }
     }
     /**
      * U = N total + kT div N at the start, where the drift is known without differences.
-     * @return whether it is: if not, `total` is ready, and nothing else is done
+     * @return whether it is: if not, `total` and `thermalSlips` are ready, and nothing else is done
      */
     bool findVelocity(OverdampedMove& m) {
         m.atStart();
         sumUpWrenches(m);
         if (m.kT > 0 && !m.driftIsKnown()) return false;
-        m.solve(total, U);
+        m.solve(total, thermalSlips, U);
         if (m.kT > 0) m.addKnownDrift(m.kT, U);
         return true;
     }
-    Vectors total, noise, U;
+    Vectors total, thermalSlips, noise, U;
 };
 
 }  // namespace RigidHIPlugin

@@ -9,7 +9,8 @@
 // Cost:      two force evaluations (the second at t + h/2), two mobility problems, two square roots a step. It has no terms for the drift, so
 //            none is left out where div N = 0: mid-point and both square roots are what its order needs.
 // Reference: Delong, Balboa Usabiaga, Donev, J. Chem. Phys. 143, 144107 (2015), eqs. 41 and 44.
-// Limits:    two square roots a step.
+// Limits:    two square roots a step, by iterations too where the model has a random field: (N^(-1/2))^n W is wanted by itself, and
+//            K^T M^-1 times the field's slips takes as many iterations.
 
 #ifndef RIGIDHI_FIXMAN_MIDPOINT_H_
 #define RIGIDHI_FIXMAN_MIDPOINT_H_

@@ -24,7 +24,9 @@ public:
             m.drawDirections();
             both.resize(m.getNumRows(), 2);
             both << total, m.directions;
-            m.solve(both, U_both);
+            slips_both.setZero(thermalSlips.rows(), thermalSlips.size() > 0 ? 2 : 0);
+            if (thermalSlips.size() > 0) slips_both.col(0) = thermalSlips;
+            m.solve(both, slips_both, U_both);
             double delta = m.differenceStep();
             m.displace(delta, displaced);
             m.at(displaced);
@@ -36,7 +38,7 @@ public:
     }
 
 private:
-    Vectors both, U_both;  // two columns
+    Vectors both, slips_both, U_both;  // two columns
     Vectors difference;
     std::vector<Pose> displaced;
 };

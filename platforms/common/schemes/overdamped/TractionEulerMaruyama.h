@@ -30,6 +30,7 @@ public:
             slip -= difference;
             total += m.kT * forceDifference;
             slip *= m.kT;
+            if (thermalSlips.size() > 0) slip += thermalSlips;
             m.solve(total, slip, U);
         }
         m.goFromStart(m.h, U);
