@@ -1,6 +1,7 @@
 #include "HydrodynamicSupport.h"
 
 #include <openmm/HarmonicBondForce.h>
+#include <openmm/serialization/XmlSerializer.h>
 
 #include <cmath>
 
@@ -207,6 +208,25 @@ void FluidScene::start(OpenMM::Platform& platform, int threadCount) {
         integrator.setBodyPositions(places);
         integrator.setBodyOrientations(turns);
     }
+}
+
+VectorXd FluidScene::state() {
+    std::vector<double> numbers;
+    for (const auto& rows : {positionsOf(*context), velocitiesOf(*context)})
+        for (const Vec3& x : rows) numbers.insert(numbers.end(), {x[0], x[1], x[2]});
+    return Eigen::Map<VectorXd>(numbers.data(), numbers.size());
+}
+
+void saveState(OpenMM::Context& context, std::stringstream& checkpoint, std::stringstream& xml) {
+    using OpenMM::State;
+    context.createCheckpoint(checkpoint);
+    const State state =
+        context.getState(State::Positions | State::Velocities | State::Parameters | State::IntegratorParameters);
+    OpenMM::XmlSerializer::serialize<State>(&state, "State", xml);
+}
+
+void loadState(OpenMM::Context& context, std::stringstream& xml) {
+    context.setState(*std::unique_ptr<OpenMM::State>(OpenMM::XmlSerializer::deserialize<OpenMM::State>(xml)));
 }
 
 MatrixXd FluidScene::mobility() { return squareOf(fluid->getMobilityInContext(*context)); }

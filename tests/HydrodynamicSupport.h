@@ -8,8 +8,10 @@
 #include <Eigen/Dense>
 #include <Eigen/Geometry>
 #include <cmath>
+#include <functional>
 #include <memory>
 #include <random>
+#include <sstream>
 #include <vector>
 
 #include "TestSupport.h"
@@ -109,6 +111,8 @@ struct FluidScene {
         integrator.setBodyPositions(R);
         integrator.setBodyOrientations(q);
     }
+    /** Positions and velocities of all particles. */
+    VectorXd state();
     MatrixXd mobility();
     MatrixXd friction();
     /** What the fluid sees, bodies first, at the present poses. */
@@ -128,9 +132,38 @@ private:
     std::vector<QuaternionArray> turns;
 };
 
+/**
+ * Four scenes that are the same, one with two threads: two run through `before`, where anything may happen, and one of these goes on for so many steps;
+ * a checkpoint and an XML State of the other, loaded into those that did not, go on to the same bits.
+ */
+template <class Scene>
+void expectToResumeBitForBit(const std::function<std::unique_ptr<Scene>(int threads)>& start,
+                             const std::function<void(Scene&)>& before, int numSteps);
+
 /** n places in a cube, at random; if `apart` > 0 no two nearer than that. */
 std::vector<Vec3> randomPlaces(int n, double size, double apart, std::mt19937& random);
 std::vector<QuaternionArray> randomTurns(int n, std::mt19937& random);
+
+void saveState(OpenMM::Context& context, std::stringstream& checkpoint, std::stringstream& xml);
+void loadState(OpenMM::Context& context, std::stringstream& xml);
+
+template <class Scene>
+void expectToResumeBitForBit(const std::function<std::unique_ptr<Scene>(int threads)>& start,
+                             const std::function<void(Scene&)>& before, int numSteps) {
+    const auto once = start(1), twice = start(1), third = start(2), fourth = start(1);
+    before(*once);
+    before(*twice);
+    std::stringstream checkpoint, xml;
+    saveState(*twice->context, checkpoint, xml);
+    once->integrator.step(numSteps);
+    third->context->loadCheckpoint(checkpoint);
+    third->integrator.step(numSteps);
+    EXPECT_EQ(third->state(), once->state());
+    fourth->integrator.step(1);
+    loadState(*fourth->context, xml);
+    fourth->integrator.step(numSteps);
+    EXPECT_EQ(fourth->state(), once->state());
+}
 
 }  // namespace RigidHITest
 

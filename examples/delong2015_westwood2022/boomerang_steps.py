@@ -3,7 +3,8 @@
 
 Distances in L2 of the densities of height and tilt from those of quadrature, at steps of 0.1, 0.2 and 0.3 diffusive times of a blob. What remains at
 finite length is noise: its part is estimated from the spread of replicas, and what is left without it is given too. The paper ran the trapezoidal slip
-scheme and both drift-correctors for 36 replicas of 30000 diffusive times.
+scheme and both drift-correctors for 36 replicas of 30000 diffusive times. Its drift-correctors scale the whole step by nu; those named +SlipOnly scale the
+noise alone, which is this library's default.
 
     python3 boomerang_steps.py                          # until the errors are small, or an hour a scheme and step
     python3 boomerang_steps.py --keep --minutes 5       # go on with what is there, up to five minutes each
@@ -19,7 +20,7 @@ from openmmrigidhi import app
 from walls import Body, pyplot
 
 SCHEMES = ('EulerMaruyama', 'FixmanMidpoint', 'RandomFiniteDifference', 'TractionEulerMaruyama', 'TrapezoidalSlip', 'DriftCorrectorFD',
-           'DriftCorrectorRFD')
+           'DriftCorrectorRFD', 'DriftCorrectorFD+SlipOnly', 'DriftCorrectorRFD+SlipOnly')
 #: Large ones first: a look at all schemes comes soon.
 STEPS = (0.3, 0.2, 0.1)
 #: The paper's is 0.3, which steps of 0.2 do not divide.

@@ -55,14 +55,19 @@ class Body:
 
 
 class Replicas:
-    """Many independent copies of one body in one Context: bodies of different groups do not feel each other through the fluid."""
+    """Many independent copies of one body in one Context: bodies of different groups do not feel each other through the fluid.
+
+    scheme  its name; drift-correctors scale the whole step, as in the paper, or the noise alone if '+SlipOnly' follows
+    """
 
     def __init__(self, body, count, scheme, step, seed=1, boundary='NoSlipWall', platform='Reference', bestKnown=False):
         self.body = body
         self.count = count
         self.system = openmm.System()
         self.integrator = CustomRigidHIIntegrator(TEMPERATURE, step)
-        self.integrator.setScheme(getattr(CustomRigidHIIntegrator, scheme))
+        name, _, scaling = scheme.partition('+')
+        self.integrator.setScheme(getattr(CustomRigidHIIntegrator, name))
+        self.integrator.setDriftCorrectorScaling(getattr(CustomRigidHIIntegrator, scaling or 'Whole'))
         self.integrator.setRandomNumberSeed(seed)
         self.fluid = MobilityForce()
         self.fluid.setViscosity(body.viscosity*KT)

@@ -2,9 +2,6 @@
 
 #include <openmm/CustomExternalForce.h>
 #include <openmm/CustomNonbondedForce.h>
-#include <openmm/serialization/XmlSerializer.h>
-
-#include <sstream>
 
 #include "HydrodynamicSupport.h"
 #include "openmmrigidhi/SchemeTraits.h"
@@ -39,12 +36,6 @@ struct GridScene : FluidScene {
         auto* pull = new CustomExternalForce("0.7*x-0.4*y+0.2*z*z");
         for (int i = 0; i < system.getNumParticles(); i++) pull->addParticle(i, vector<double>());
         system.addForce(pull);
-    }
-    VectorXd state() {
-        vector<double> numbers;
-        for (const auto& rows : {positionsOf(*context), velocitiesOf(*context)})
-            for (const Vec3& x : rows) numbers.insert(numbers.end(), {x[0], x[1], x[2]});
-        return Eigen::Map<VectorXd>(numbers.data(), numbers.size());
     }
     double count(const string& what) const { return integrator.getStepStatistics().at(what); }
     void setBox(double x, double y, double z) {
@@ -182,30 +173,18 @@ TEST(ForceCouplingGrid, GridsThatNoMachineHasAreRefusedBeforeTheyAreMade) {
 
 TEST(ForceCouplingGrid, ResumesBitForBit) {
     for (auto scheme : schemes) {
-        GridScene once(T1, scheme), twice(T1, scheme), third(T1, scheme), fourth(T1, scheme);
-        for (GridScene* scene : {&once, &twice, &third, &fourth}) {
+        const auto start = [&](int threads) {
+            auto scene = make_unique<GridScene>(T1, scheme);
             scene->addBodies();
-            scene->start(testPlatform(), scene == &third ? 2 : 1);
-        }
-        for (GridScene* scene : {&once, &twice}) {
-            scene->integrator.step(1);
-            scene->setBox(8, 7.5, 9);
-            scene->integrator.step(1);
-        }
-        stringstream checkpoint, xml;
-        twice.context->createCheckpoint(checkpoint);
-        const State state = twice.context->getState(State::Positions | State::Velocities | State::Parameters |
-                                                    State::IntegratorParameters);
-        XmlSerializer::serialize<State>(&state, "State", xml);
-        once.integrator.step(2);
-        third.context->loadCheckpoint(checkpoint);
-        third.integrator.step(2);
-        EXPECT_EQ(third.state(), once.state());
-        unique_ptr<State> copy(XmlSerializer::deserialize<State>(xml));
-        fourth.integrator.step(1);
-        fourth.context->setState(*copy);
-        fourth.integrator.step(2);
-        EXPECT_EQ(fourth.state(), once.state());
+            scene->start(testPlatform(), threads);
+            return scene;
+        };
+        const auto toAnotherBox = [](GridScene& scene) {
+            scene.integrator.step(1);
+            scene.setBox(8, 7.5, 9);
+            scene.integrator.step(1);
+        };
+        expectToResumeBitForBit<GridScene>(start, toAnotherBox, 2);
     }
 }
 

@@ -3,9 +3,6 @@
 #include <openmm/CustomExternalForce.h>
 #include <openmm/HarmonicBondForce.h>
 #include <openmm/MonteCarloBarostat.h>
-#include <openmm/serialization/XmlSerializer.h>
-
-#include <sstream>
 
 #include "HydrodynamicSupport.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
@@ -42,12 +39,6 @@ struct PeriodicScene : FluidScene {
         auto* pull = new CustomExternalForce("0.7*x-0.4*y+0.2*z*z");
         for (int i = 0; i < system.getNumParticles(); i++) pull->addParticle(i, vector<double>());
         system.addForce(pull);
-    }
-    VectorXd state() {
-        vector<double> numbers;
-        for (const auto& rows : {positionsOf(*context), velocitiesOf(*context)})
-            for (const Vec3& x : rows) numbers.insert(numbers.end(), {x[0], x[1], x[2]});
-        return Eigen::Map<VectorXd>(numbers.data(), numbers.size());
     }
 };
 const MobilityForce::Model models[] = {MobilityForce::RotnePragerYamakawa, MobilityForce::StokesianDynamics,
@@ -111,31 +102,18 @@ TEST(Periodic, StepsFollowTheMobilityOfTheBox) {
 
 TEST(Periodic, ResumesInTheBoxThatItHad) {
     for (auto scheme : schemes) {
-        PeriodicScene once(T1, 0.002, scheme), twice(T1, 0.002, scheme), third(T1, 0.002, scheme),
-            fourth(T1, 0.002, scheme);
-        for (PeriodicScene* scene : {&once, &twice, &third, &fourth}) {
+        const auto start = [&](int threads) {
+            auto scene = make_unique<PeriodicScene>(T1, 0.002, scheme);
             scene->addBodies();
-            scene->start(testPlatform(), scene == &third ? 2 : 1);
-        }
-        stringstream checkpoint, xml;
-        for (PeriodicScene* scene : {&once, &twice}) {
-            scene->integrator.step(2);
-            setBox(*scene, small);
-            scene->integrator.step(2);
-        }
-        twice.context->createCheckpoint(checkpoint);
-        const State state = twice.context->getState(State::Positions | State::Velocities | State::Parameters |
-                                                    State::IntegratorParameters);
-        XmlSerializer::serialize<State>(&state, "State", xml);
-        once.integrator.step(3);
-        third.context->loadCheckpoint(checkpoint);
-        third.integrator.step(3);
-        EXPECT_EQ(third.state(), once.state());
-        unique_ptr<State> copy(XmlSerializer::deserialize<State>(xml));
-        fourth.integrator.step(1);
-        fourth.context->setState(*copy);
-        fourth.integrator.step(3);
-        EXPECT_EQ(fourth.state(), once.state());
+            scene->start(testPlatform(), threads);
+            return scene;
+        };
+        const auto toAnotherBox = [](PeriodicScene& scene) {
+            scene.integrator.step(2);
+            setBox(scene, small);
+            scene.integrator.step(2);
+        };
+        expectToResumeBitForBit<PeriodicScene>(start, toAnotherBox, 3);
     }
 }
 
