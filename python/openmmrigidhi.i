@@ -182,7 +182,8 @@ void setOpenMMException(const char* message) {
 %typemap(in, numinputs=0) std::vector<int>& particles (std::vector<int> value) "$1 = &value;"
 %typemap(in, numinputs=0) std::vector<OpenMM::Vec3>& sitePositions (std::vector<OpenMM::Vec3> value) "$1 = &value;"
 %typemap(in, numinputs=0) OpenMM::Vec3& principalMoments (OpenMM::Vec3 value) "$1 = &value;"
-%typemap(in, numinputs=0) double& mass (double value), double& gamma (double value), double& Gamma (double value)
+%typemap(in, numinputs=0) double& mass (double value), double& gamma (double value), double& Gamma (double value),
+               double& yLow (double value), double& yHigh (double value)
     "$1 = &value;"
 %typemap(argout) std::vector<int>& particles, std::vector<OpenMM::Vec3>& sitePositions {
     $result = SWIG_Python_AppendOutput($result, toBuffer($1->data(), $1->size()));
@@ -190,7 +191,7 @@ void setOpenMMException(const char* message) {
 %typemap(argout) OpenMM::Vec3& principalMoments {
     $result = SWIG_Python_AppendOutput($result, toBuffer($1, 1));
 }
-%typemap(argout) double& mass, double& gamma, double& Gamma {
+%typemap(argout) double& mass, double& gamma, double& Gamma, double& yLow, double& yHigh {
     $result = SWIG_Python_AppendOutput($result, PyFloat_FromDouble(*$1));
 }
 %typemap(in, numinputs=0) int& bodyIndex (int value) "$1 = &value;"
@@ -336,7 +337,7 @@ public:
         StokesianDynamics = 2,
         ForceCoupling = 3
     };
-    enum Boundary : int { Unbounded = 0, NoSlipWall = 1, Periodic = 2 };
+    enum Boundary : int { Unbounded = 0, NoSlipWall = 1, Periodic = 2, SlipChannel = 3 };
     enum SphereWallMobility : int { FromModel = 0, BestKnown = 1 };
     enum Solver : int { Auto = 0, Dense = 1, MatrixFree = 2 };
 
@@ -355,6 +356,8 @@ public:
     void setBoundary(Boundary boundary);
     double getWallHeight() const;
     void setWallHeight(double height);
+    void getChannelWalls(double& yLow, double& yHigh) const;
+    void setChannelWalls(double yLow, double yHigh);
     SphereWallMobility getSphereWallMobility() const;
     void setSphereWallMobility(SphereWallMobility mobility);
     bool getLubrication() const;

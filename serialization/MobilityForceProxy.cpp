@@ -44,6 +44,9 @@ void MobilityForceProxy::serialize(const void* object, SerializationNode& node) 
     node.setStringProperty("model", nameOf(models, force.getModel()));
     node.setStringProperty("boundary", nameOf(boundaries, force.getBoundary()));
     node.setDoubleProperty("wallHeight", force.getWallHeight());
+    double low, high;
+    force.getChannelWalls(low, high);
+    node.setDoubleProperty("channelLow", low).setDoubleProperty("channelHigh", high);
     node.setStringProperty("sphereWallMobility", nameOf(sphereWallMobilities, force.getSphereWallMobility()));
     node.setBoolProperty("lubrication", force.getLubrication());
     node.setDoubleProperty("minimumGap", force.getMinimumGap());
@@ -80,6 +83,8 @@ void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
     force->setBoundary(valueOf(boundaries, node, "boundary"));
     // The walls are not in older files.
     if (node.has("wallHeight")) force->setWallHeight(node.number("wallHeight"));
+    if (node.has("channelLow") && (node.number("channelLow") != 0 || node.number("channelHigh") != 0))
+        force->setChannelWalls(node.number("channelLow"), node.number("channelHigh"));
     if (node.has("sphereWallMobility"))
         force->setSphereWallMobility(valueOf(sphereWallMobilities, node, "sphereWallMobility"));
     force->setLubrication(node.boolean("lubrication"));

@@ -117,7 +117,7 @@ struct FluidScene {
     MatrixXd friction();
     /** What the fluid sees, bodies first, at the present poses. */
     std::vector<LabBody> labBodies();
-    bool isPeriodic() const { return fluid && fluid->getBoundary() == MobilityForce::Periodic; }
+    bool isPeriodic() const { return fluid && fluid->usesPeriodicBoundaryConditions(); }
     /** What is left is the same scene without a fluid. */
     void removeFluid() {
         system.removeForce(0);

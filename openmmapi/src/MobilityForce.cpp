@@ -67,13 +67,14 @@ vector<double> inverse(const vector<double>& matrix) {
 }  // namespace
 
 MobilityForce::MobilityForce()
-    : viscosity(viscosityOfWater), minimumGap(0), solverTolerance(1e-6), gridSpacing(0), wallHeight(0),
-      model(RotnePragerYamakawa), boundary(Unbounded), sphereWallMobility(FromModel), solver(Auto), lubrication(true) {}
+    : viscosity(viscosityOfWater), minimumGap(0), solverTolerance(1e-6), gridSpacing(0), wallHeight(0), channelLow(0),
+      channelHigh(0), model(RotnePragerYamakawa), boundary(Unbounded), sphereWallMobility(FromModel), solver(Auto),
+      lubrication(true) {}
 
 // Not inline, so that other libraries do not export them too.
 MobilityForce::~MobilityForce() {}
 
-bool MobilityForce::usesPeriodicBoundaryConditions() const { return boundary == Periodic; }
+bool MobilityForce::usesPeriodicBoundaryConditions() const { return boundary == Periodic || boundary == SlipChannel; }
 
 int MobilityForce::addParticle(double radius) {
     radii.push_back(0);
@@ -128,6 +129,14 @@ void MobilityForce::setWallHeight(double height) {
     if (!isfinite(height))
         fail("setWallHeight()", "height is " + text(height) + " nm", "it must be finite", "give the z of the wall");
     wallHeight = height;
+}
+
+void MobilityForce::setChannelWalls(double yLow, double yHigh) {
+    if (!isfinite(yLow) || !isfinite(yHigh) || !(yLow < yHigh))
+        fail("setChannelWalls()", "the walls are at y = " + text(yLow) + " and " + text(yHigh) + " nm",
+             "both must be finite, and the first below the second", "give the lower wall first");
+    channelLow = yLow;
+    channelHigh = yHigh;
 }
 
 void MobilityForce::setSphereWallMobility(SphereWallMobility mobility) {

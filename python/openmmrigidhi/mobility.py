@@ -25,6 +25,7 @@ class Boundary(enum.IntEnum):
     Unbounded = _Base.Unbounded
     NoSlipWall = _Base.NoSlipWall
     Periodic = _Base.Periodic
+    SlipChannel = _Base.SlipChannel
 
 
 class SphereWallMobility(enum.IntEnum):
@@ -82,6 +83,9 @@ class MobilityForce(_copies.Copies, _Base):
       them. RotnePragerYamakawa, StokesianDynamics and ForceCoupling, by lattice sums to 1e-13 of own mobilities and dense matrices: up to
       12000 rows (2000 spheres, 4000 blobs), StokesianDynamics up to 1000 spheres; ForceCoupling also on a grid, of any number, in boxes
       with edges along the axes. A body must be shorter than the shortest lattice vector.
+    - ``SlipChannel``: between two walls y = const (:meth:`setChannelWalls`) that the fluid slips along, periodic in x and z; ForceCoupling only, by
+      mirror images (Westwood, Delmotte, Keaveny, J. Comput. Phys. 467, 111437, 2022, 4.3). The box has its edges along the axes, and a y edge longer than the
+      channel is wide. Positive definite wherever centres are between the walls. Cost: that of Periodic with twice the particles in twice the width.
 
     Wrong types are a TypeError, wrong shapes a ValueError, everything else that is refused an openmm.OpenMMException; each
     names the object, the value, the bound and the remedy.
@@ -103,6 +107,7 @@ class MobilityForce(_copies.Copies, _Base):
     Unbounded = Boundary.Unbounded
     NoSlipWall = Boundary.NoSlipWall
     Periodic = Boundary.Periodic
+    SlipChannel = Boundary.SlipChannel
     FromModel = SphereWallMobility.FromModel
     BestKnown = SphereWallMobility.BestKnown
     Auto = Solver.Auto
@@ -198,7 +203,7 @@ class MobilityForce(_copies.Copies, _Base):
         super().setModel(_units.constant(model, Model, _where('setModel'), 'model'))
 
     def getBoundary(self):
-        """Get what bounds the fluid, one of the class attributes Unbounded, NoSlipWall, Periodic."""
+        """Get what bounds the fluid, one of the class attributes Unbounded, NoSlipWall, Periodic, SlipChannel."""
         return Boundary(super().getBoundary())
 
     def setBoundary(self, boundary):
@@ -209,7 +214,8 @@ class MobilityForce(_copies.Copies, _Base):
         boundary : constant
             Unbounded (default), or NoSlipWall: fluid above the plane z = :meth:`setWallHeight`, with the model
             RotnePragerYamakawa; or Periodic: the Context's periodic box, with all models but FreeDraining (ForceCoupling has no
-            other boundary). Takes effect at Context creation
+            boundaries but this and SlipChannel); or SlipChannel: between two walls (:meth:`setChannelWalls`) that the fluid slips
+            along, with ForceCoupling. Takes effect at Context creation
         """
         super().setBoundary(_units.constant(boundary, Boundary, _where('setBoundary'), 'boundary'))
 
@@ -226,6 +232,22 @@ class MobilityForce(_copies.Copies, _Base):
             nm; finite; default 0
         """
         super().setWallHeight(self._number(height, _units.LENGTH, 'setWallHeight', 'height'))
+
+    def getChannelWalls(self):
+        """Get the y of both walls of the SlipChannel, (yLow, yHigh), Quantities in nm."""
+        low, high = super().getChannelWalls()
+        return _units.LENGTH.attach(low), _units.LENGTH.attach(high)
+
+    def setChannelWalls(self, yLow, yHigh):
+        """Set the y of both walls of the SlipChannel; other boundaries ignore them. Takes effect at Context creation.
+
+        Parameters
+        ----------
+        yLow, yHigh : float or Quantity
+            nm; finite, the first below the second; default 0 and 0, no channel: a Context with this boundary is refused
+        """
+        super().setChannelWalls(self._number(yLow, _units.LENGTH, 'setChannelWalls', 'yLow'),
+                                self._number(yHigh, _units.LENGTH, 'setChannelWalls', 'yHigh'))
 
     def getSphereWallMobility(self):
         """Get what a single sphere above a NoSlipWall moves like, one of the class attributes FromModel, BestKnown."""

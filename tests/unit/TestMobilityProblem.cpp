@@ -6,6 +6,7 @@
 #include "TestSupport.h"
 #include "mobility/models/forcecoupling/ForceCouplingGrid.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
+#include "mobility/models/wall/SlipChannel.h"
 #include "schemes/OverdampedMove.h"
 
 using namespace RigidHIPlugin;
@@ -244,7 +245,8 @@ scalar::Quaternion<double> turned(const scalar::Quaternion<double>& q, const Vec
 TEST(MobilityProblem, TheDivergenceOfAFieldIsThatOfItsTwists) {
     // Against central differences of one coordinate of one body after the other: multiblobs about points far from their middle, whose divergence is made
     // of gradients; with a sphere about such a point, of differences of all bodies at once.
-    for (bool withSphere : {false, true}) {
+    for (int k = 0; k < 4; k++) {
+        const bool withSphere = k % 2 == 1, inChannel = k >= 2;
         vector<FluidElement> elements;
         vector<Pose> poses;
         for (int i = 0; i < 3; i++) {
@@ -265,7 +267,10 @@ TEST(MobilityProblem, TheDivergenceOfAFieldIsThatOfItsTwists) {
         }
         const shared_ptr<GridFluid> fluid(new PlainGridFluid());
         TestedBodies bodies(elements, [&](const HydrodynamicParticles& particles) {
-            return unique_ptr<MobilityModel>(new ForceCouplingGrid(particles, 1, 1e-6, 0, fluid));
+            const HydrodynamicParticles& seen = inChannel ? SlipChannel::withImages(particles) : particles;
+            unique_ptr<MobilityModel> periodic(new ForceCouplingGrid(seen, 1, 1e-6, 0, fluid));
+            if (!inChannel) return periodic;
+            return unique_ptr<MobilityModel>(new SlipChannel(particles, 1, {-3, 1.7, false}, move(periodic)));
         });
         bodies->setBox({Vec3(5, 0, 0), Vec3(0, 5.5, 0), Vec3(0, 0, 6)});
         BodyMobility& mobility = bodies.byProducts();
@@ -290,7 +295,7 @@ TEST(MobilityProblem, TheDivergenceOfAFieldIsThatOfItsTwists) {
                 size = max(size, abs(twists(row, 0)));
             }
         // Rounding of 1e-16 and the third derivative are both below 1e-9.
-        EXPECT_NEAR(divergence, expected, 1e-7 * size) << withSphere;
+        EXPECT_NEAR(divergence, expected, 1e-7 * size) << withSphere << inChannel;
         EXPECT_GT(abs(expected), 1e-3 * size);
     }
 }

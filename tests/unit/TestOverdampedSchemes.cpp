@@ -10,6 +10,7 @@
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
 #include "mobility/models/stokesian/StokesianDynamics.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall.h"
+#include "mobility/models/wall/SlipChannel.h"
 #include "mobility/models/wall/SphereWall.h"
 #include "schemes/OverdampedSchemes.h"
 
@@ -46,7 +47,7 @@ struct Scene {
     vector<Quaternion> q;
     NoiseStream::Law law = NoiseStream::Gaussian;
     bool wall = false, matrixFree = false, bestKnown = false, stokesian = false, field = false, inBox = false,
-         gaussians = false;
+         gaussians = false, channel = false;
     double viscosity = 1 / (6 * M_PI);
     void add(const FluidElement& e, const Vector3d& at, const Vector3d& turn = Vector3d::Zero()) {
         elements.push_back(e);
@@ -57,6 +58,10 @@ struct Scene {
         return [this](const HydrodynamicParticles& particles) {
             if (stokesian) return unique_ptr<MobilityModel>(new StokesianDynamics(particles, viscosity, true, 0));
             if (field) return unique_ptr<MobilityModel>(new RandomFieldModel(particles));
+            if (channel)
+                return unique_ptr<MobilityModel>(new SlipChannel(particles, viscosity, {-1.2, 4.2, false},
+                                                                 unique_ptr<MobilityModel>(new PeriodicForceCoupling(
+                                                                     SlipChannel::withImages(particles), viscosity))));
             if (inBox && gaussians) return unique_ptr<MobilityModel>(new PeriodicForceCoupling(particles, viscosity));
             if (inBox) return unique_ptr<MobilityModel>(new PeriodicRotnePragerYamakawa(particles, viscosity));
             const NoSlipPlane plane(0, false);
@@ -71,6 +76,7 @@ struct Scene {
     TestedBodies mobility() const {
         TestedBodies bodies(elements, factory(), true, 1e-8);
         if (inBox) bodies->setBox({OpenMM::Vec3(5, 0, 0), OpenMM::Vec3(1, 5.5, 0), OpenMM::Vec3(-2, 0.5, 6)});
+        if (channel) bodies->setBox({OpenMM::Vec3(4, 0, 0), OpenMM::Vec3(0, 7, 0), OpenMM::Vec3(0, 0, 4.2)});
         return bodies;
     }
 };
@@ -151,6 +157,13 @@ Scene blobsInAField() {
     s.field = true;
     s.add(element(0, threeBlobs, {1, 0.8, 1}), {0, 0, 0}, {0.3, 0.1, -0.5});
     s.add(element(-1, {{0, 0, 0}}, {0.6}), {-0.6, 1.9, 1.0});
+    return s;
+}
+Scene bodyInAChannel() {
+    Scene s;
+    s.name = "three blobs between slip walls";
+    s.channel = true;
+    s.add(element(0, threeBlobs, {1, 0.8, 1}), {0, 1.6, 0}, {0.3, 0.1, -0.5});
     return s;
 }
 Scene aloneOffCentre() {
@@ -352,6 +365,8 @@ TEST(OverdampedSchemes, DriftOfLubricatedSpheres) { checkDrift(lubricatedSpheres
 TEST(OverdampedSchemes, DriftWithOwnTensors) { checkDrift(ownTensors()); }
 TEST(OverdampedSchemes, DriftWithOwnTensorsMatrixFree) { checkDrift(matrixFree(ownTensors()), 0.4); }
 TEST(OverdampedSchemes, DriftWithARandomField) { checkDrift(blobsInAField(), 0.4); }
+/** Row by row less exactly, for lattice sums take long. */
+TEST(OverdampedSchemes, DriftInASlipChannel) { checkDrift(bodyInAChannel(), 0.4); }
 TEST(OverdampedSchemes, DriftWithLubrication) { checkDrift(stokesianSpheres()); }
 TEST(OverdampedSchemes, DriftOfRodsUnbounded) { checkDrift(rodsUnbounded()); }
 TEST(OverdampedSchemes, DriftOfOneBodyAboutAnyPoint) { checkDrift(aloneOffCentre()); }

@@ -70,7 +70,14 @@ public:
          * RotnePragerYamakawa, StokesianDynamics and ForceCoupling, by lattice sums to 1e-13 of own mobilities and dense matrices: up to 12000
          * rows (2000 spheres, 4000 blobs), StokesianDynamics up to 1000 spheres; ForceCoupling on a grid has no such limit, but boxes with edges along the axes. A body must be shorter than the shortest lattice vector.
          */
-        Periodic = 2
+        Periodic = 2,
+        /**
+         * Two walls, setChannelWalls(), that the fluid slips along; between them it is periodic in the x and z edges of the Context's box, which must have its edges along the axes and a y
+         * edge longer than the channel is wide. ForceCoupling only, by mirror images of period twice the width: dense up to 2000 spheres or half as many blobs as Periodic, or
+         * on a grid. Positive definite wherever centres are between the walls; CustomRigidHIIntegrator::setWallRejection() says how near surfaces may come.
+         * Cost: that of Periodic with twice the particles in twice the width.
+         */
+        SlipChannel = 3
     };
     /** What a single sphere above a NoSlipWall moves like. */
     enum SphereWallMobility : int {
@@ -137,6 +144,18 @@ public:
      * @throws OpenMMException if not finite
      */
     void setWallHeight(double height);
+    /** Get the walls of the SlipChannel, nm. */
+    void getChannelWalls(double& yLow, double& yHigh) const {
+        yLow = channelLow;
+        yHigh = channelHigh;
+    }
+    /**
+     * Set the y of both walls of the SlipChannel, nm (default 0 and 0, no channel: a Context with this boundary is refused); other boundaries ignore them. Takes effect
+     * at Context creation or reinitialize().
+     *
+     * @throws OpenMMException unless both are finite and yLow < yHigh
+     */
+    void setChannelWalls(double yLow, double yHigh);
     /** Get what a single sphere above a NoSlipWall moves like. */
     SphereWallMobility getSphereWallMobility() const { return sphereWallMobility; }
     /**
@@ -282,7 +301,7 @@ private:
     const OwnTensor& ownTensor(int body, const char* method) const;
     IntegrateRigidBodiesKernel& kernelIn(OpenMM::Context& context, const char* method) const;
     std::vector<double> radii;
-    double viscosity, minimumGap, solverTolerance, gridSpacing, wallHeight;
+    double viscosity, minimumGap, solverTolerance, gridSpacing, wallHeight, channelLow, channelHigh;
     Model model;
     Boundary boundary;
     SphereWallMobility sphereWallMobility;

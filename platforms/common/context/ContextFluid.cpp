@@ -70,9 +70,7 @@ void ContextFluid::rebuild() {
 }
 
 void ContextFluid::adoptWallRejection() {
-    if (!fluid || fluid->getForce().getBoundary() != MobilityForce::NoSlipWall ||
-        fluid->getWallRejection() == scene.integrator.getWallRejection())
-        return;
+    if (!fluid || !fluid->hasWalls() || fluid->getWallRejection() == scene.integrator.getWallRejection()) return;
     rebuild();
 }
 
@@ -87,6 +85,11 @@ void ContextFluid::update(const MobilityForce& force) {
             "the wall height or sphere-wall mobility of a MobilityForce cannot be changed by "
             "updateParametersInContext()" +
             remedy);
+    double low, high, lowBefore, highBefore;
+    force.getChannelWalls(low, high);
+    parameters->getChannelWalls(lowBefore, highBefore);
+    if (low != lowBefore || high != highBefore)
+        fail("the walls of a SlipChannel cannot be changed by updateParametersInContext()" + remedy);
     if (force.getGroups() != parameters->getGroups())
         fail("the groups of a MobilityForce cannot be changed by updateParametersInContext()" + remedy);
     if (force.getNumParticles() != parameters->getNumParticles())

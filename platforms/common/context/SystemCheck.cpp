@@ -152,6 +152,14 @@ void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& in
              ", not for " + modelName(force.getModel()) + "; use setModel(" + models + ") or setBoundary(" +
              boundaries + ")");
     }
+    if (force.getBoundary() == MobilityForce::SlipChannel) {
+        double low, high;
+        force.getChannelWalls(low, high);
+        if (!(low < high))
+            fail(
+                "boundary SlipChannel has walls at y = 0 and 0 nm, where the first must be below the second; set them "
+                "by setChannelWalls()");
+    }
     if (force.getSphereWallMobility() != MobilityForce::BestKnown) return;
     if (force.getBoundary() != MobilityForce::NoSlipWall)
         fail(string("sphere-wall mobility BestKnown is for the boundary NoSlipWall, but the boundary ") +

@@ -115,7 +115,11 @@ public:
     void setBox(const BoxVectors& box);
     const BoxVectors& getBox() const { return box; }
     /** Whether it has one: of others nothing changes with the box. */
-    bool isPeriodic() const { return force.getBoundary() == MobilityForce::Periodic; }
+    /** Whether setWallRejection() matters. */
+    bool hasWalls() const {
+        return force.getBoundary() == MobilityForce::NoSlipWall || force.getBoundary() == MobilityForce::SlipChannel;
+    }
+    bool isPeriodic() const { return force.usesPeriodicBoundaryConditions(); }
     /** @throws OpenMMException if a body of a periodic fluid does not fit into the box, naming it, its length, the box and the remedy */
     void checkBox();
     /** Why the model has no mobility at the present poses, naming particles; empty where it has one. */

@@ -164,6 +164,13 @@ string Fluid::describe(bool overdamped) const {
         text << " above a no-slip wall at z = " << force.getWallHeight()
              << " nm (steps are redone after which a particle "
              << (wallRejection == CustomRigidHIIntegrator::Crossing ? "has its centre behind it)" : "overlaps it)");
+    if (force.getBoundary() == MobilityForce::SlipChannel) {
+        double low, high;
+        force.getChannelWalls(low, high);
+        text << " between walls at y = " << low << " and " << high
+             << " nm that it slips along (steps are redone after which a particle "
+             << (wallRejection == CustomRigidHIIntegrator::Crossing ? "has its centre behind one)" : "overlaps one)");
+    }
     if (isPeriodic()) text << " with all images in " << describeBox();
     const FluidGroup* largest = nullptr;
     for (const auto& group : groups)

@@ -10,6 +10,7 @@
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
 #include "mobility/models/stokesian/StokesianDynamics.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall.h"
+#include "mobility/models/wall/SlipChannel.h"
 #include "mobility/models/wall/SphereWall.h"
 #include "openmmrigidhi/internal/ModelNames.h"
 
@@ -53,6 +54,7 @@ unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force, bool c
                                         : unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, eta, wall)));
         }
         case MobilityForce::Periodic: return unique_ptr<MobilityModel>(new PeriodicRotnePragerYamakawa(particles, eta));
+        case MobilityForce::SlipChannel: break;
     }
     refuse(force.getModel(), force.getBoundary());
 }
@@ -60,8 +62,8 @@ unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force, bool c
 /** Up to this many rows Auto takes lattice sums and matrices, beyond it a grid: where both take as long for a product at the default tolerance. */
 const int largestDenseLatticeRows = 300;
 
-unique_ptr<MobilityModel> forceCoupling(const MobilityForce& force, const HydrodynamicParticles& particles,
-                                        const PlatformModels& own) {
+unique_ptr<MobilityModel> periodicForceCoupling(const MobilityForce& force, const HydrodynamicParticles& particles,
+                                                const PlatformModels& own) {
     bool onGrid = false;
     switch (force.getSolver()) {
         case MobilityForce::Dense: break;
@@ -72,6 +74,16 @@ unique_ptr<MobilityModel> forceCoupling(const MobilityForce& force, const Hydrod
     return unique_ptr<MobilityModel>(
         new ForceCouplingGrid(particles, force.getViscosity(), force.getSolverTolerance(), force.getGridSpacing(),
                               own.gridFluid ? own.gridFluid() : shared_ptr<GridFluid>(new PlainGridFluid())));
+}
+
+unique_ptr<MobilityModel> forceCoupling(const MobilityForce& force, bool crossingAllowed,
+                                        const HydrodynamicParticles& particles, const PlatformModels& own) {
+    if (force.getBoundary() != MobilityForce::SlipChannel) return periodicForceCoupling(force, particles, own);
+    SlipWalls walls;
+    force.getChannelWalls(walls.low, walls.high);
+    walls.crossingAllowed = crossingAllowed;
+    return unique_ptr<MobilityModel>(new SlipChannel(
+        particles, force.getViscosity(), walls, periodicForceCoupling(force, SlipChannel::withImages(particles), own)));
 }
 
 }  // namespace
@@ -87,7 +99,7 @@ unique_ptr<MobilityModel> createMobility(const MobilityForce& force, bool crossi
                     particles, force.getViscosity(), force.getLubrication(), force.getMinimumGap()));
             return unique_ptr<MobilityModel>(
                 new StokesianDynamics(particles, force.getViscosity(), force.getLubrication(), force.getMinimumGap()));
-        case MobilityForce::ForceCoupling: return forceCoupling(force, particles, own);
+        case MobilityForce::ForceCoupling: return forceCoupling(force, crossingAllowed, particles, own);
         // What does not feel others still feels itself: the blobs of one body make its tensor.
         case MobilityForce::FreeDraining:
         case MobilityForce::RotnePragerYamakawa: return rotnePragerYamakawa(force, crossingAllowed, particles, own);
@@ -110,6 +122,7 @@ bool hasBoundary(MobilityForce::Model model, MobilityForce::Boundary boundary) {
         case MobilityForce::Periodic:
             return model == MobilityForce::RotnePragerYamakawa || model == MobilityForce::StokesianDynamics ||
                    model == MobilityForce::ForceCoupling;
+        case MobilityForce::SlipChannel: return model == MobilityForce::ForceCoupling;
     }
     return false;
 }

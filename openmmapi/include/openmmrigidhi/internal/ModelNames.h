@@ -19,6 +19,7 @@ inline constexpr const char* boundaryNames[] = {
     "Unbounded",
     "NoSlipWall",
     "Periodic",
+    "SlipChannel",
 };
 
 template <size_t count>

@@ -1,0 +1,194 @@
+#include "mobility/models/wall/SlipChannel.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "mobility/CoincidenceCheck.h"
+#include "mobility/models/wall/NoSlipPlane.h"
+#include "openmmrigidhi/internal/Messages.h"
+
+using Eigen::MatrixXd;
+using OpenMM::Vec3;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+/** The sum of the upper half of rows and the reflected lower half, times a factor. */
+void fold(const SlipChannel& model, MatrixXd& both, double factor, MatrixXd& result) {
+    const int rows = model.getParticles().numRows;
+    model.reflectRows(both.bottomRows(rows));
+    result = factor * (both.topRows(rows) + both.bottomRows(rows));
+}
+
+class Place : public MobilityAt {
+public:
+    explicit Place(const SlipChannel& model) : MobilityAt(model), model(model) {}
+    void apply(const MatrixXd& forces, MatrixXd& velocities) override {
+        mirror(forces);
+        periodic->apply(bothForces, bothVelocities);
+        fold(model, bothVelocities, 0.5, velocities);
+    }
+    void applyRoughly(const MatrixXd& forces, MatrixXd& velocities) override {
+        mirror(forces);
+        periodic->applyRoughly(bothForces, bothVelocities);
+        fold(model, bothVelocities, 0.5, velocities);
+    }
+    void dense(MatrixXd& mobility) override {
+        periodic->dense(bothForces);
+        fold(model, bothForces, 1, bothVelocities);
+        bothForces = bothVelocities.transpose();
+        fold(model, bothForces, 0.5, mobility);
+    }
+
+protected:
+    void moveTo(const Placement& placement, bool nearby) override {
+        model.reflect(placement, withImages);
+        if (nearby)
+            model.inPeriodicBox().placeNear(periodic, withImages);
+        else
+            model.inPeriodicBox().place(periodic, withImages);
+    }
+
+private:
+    void mirror(const MatrixXd& forces) {
+        bothForces.resize(2 * forces.rows(), forces.cols());
+        bothForces.topRows(forces.rows()) = forces;
+        bothForces.bottomRows(forces.rows()) = forces;
+        model.reflectRows(bothForces.bottomRows(forces.rows()));
+    }
+
+    const SlipChannel& model;
+    Placement withImages;
+    std::unique_ptr<MobilityAt> periodic;
+    MatrixXd bothForces, bothVelocities;
+};
+
+class Field : public RandomField {
+public:
+    explicit Field(const SlipChannel& model) : model(model) {}
+    void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& twice) {
+        model.inPeriodicBox().drawField(noise, purpose, twice, periodic);
+    }
+    void slipsAt(const Placement& placement, bool nearby, MatrixXd& slips) override {
+        model.reflect(placement, withImages);
+        periodic->slipsAt(withImages, nearby, both);
+        fold(model, both, std::sqrt(0.5), slips);
+    }
+    bool hasGradients() const override { return periodic->hasGradients(); }
+    void gradientsAt(const Placement& placement, bool nearby, MatrixXd& gradients) override {
+        model.reflect(placement, withImages);
+        periodic->gradientsAt(withImages, nearby, both);
+        const int count = model.getParticles().size();
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++)
+                if ((a == 1) != (b == 1)) both.row(3 * a + b).tail(count) *= -1;
+        gradients = std::sqrt(0.5) * (both.leftCols(count) + both.rightCols(count));
+    }
+    long long getNumRandomNumbers() const override { return periodic->getNumRandomNumbers(); }
+
+private:
+    const SlipChannel& model;
+    Placement withImages;
+    std::unique_ptr<RandomField> periodic;
+    MatrixXd both;
+};
+
+}  // namespace
+
+SlipChannel::SlipChannel(const HydrodynamicParticles& particles, double viscosity, const SlipWalls& walls,
+                         std::unique_ptr<MobilityModel> inPeriodicBox)
+    : MobilityModel(particles, viscosity), walls(walls), periodic(std::move(inPeriodicBox)) {}
+
+HydrodynamicParticles SlipChannel::withImages(const HydrodynamicParticles& particles) {
+    HydrodynamicParticles both = particles;
+    for (int i = 0; i < particles.size(); i++)
+        both.add(particles.radii[i], particles.hasTorque[i], particles.systemIndex[i], particles.body[i]);
+    return both;
+}
+
+BoxVectors SlipChannel::twice(const BoxVectors& box) const {
+    return {box[0], Vec3(0, 2 * (walls.high - walls.low), 0), box[2]};
+}
+
+void SlipChannel::reflect(const Placement& placement, Placement& withImages) const {
+    checkBox(placement.box);
+    withImages.box = twice(placement.box);
+    const size_t count = placement.positions.size();
+    withImages.positions.resize(2 * count);
+    for (size_t i = 0; i < count; i++) {
+        const Vec3& x = placement.positions[i];
+        // From the lower wall on, so that the grid is symmetric to it.
+        const double y = x[1] - walls.low;
+        withImages.positions[i] = Vec3(x[0], y, x[2]);
+        withImages.positions[count + i] = Vec3(x[0], -y, x[2]);
+    }
+}
+
+void SlipChannel::reflectRows(Eigen::Ref<MatrixXd> rows) const {
+    for (int i = 0; i < particles.size(); i++) {
+        const int row = particles.firstRow[i];
+        rows.row(row + 1) *= -1;
+        if (!particles.hasTorque[i]) continue;
+        rows.row(row + 3) *= -1;
+        rows.row(row + 5) *= -1;
+    }
+}
+
+bool SlipChannel::isWithin(const Placement& placement, int i, double distance) const {
+    const double y = placement.positions[i][1];
+    return y - walls.low >= distance && walls.high - y >= distance;
+}
+
+std::string SlipChannel::objection(const Placement& placement) const {
+    // A pose puts particles at y to some roundings. A centre on a wall is its own image, and the matrix singular.
+    for (int i = 0; i < particles.size(); i++) {
+        const double y = placement.positions[i][1], radius = particles.radii[i],
+                     rounding = 1e-12 * std::max({std::abs(y), std::abs(walls.low), std::abs(walls.high)});
+        if (isWithin(placement, i, walls.crossingAllowed ? CoincidenceCheck::bound * radius : radius - rounding))
+            continue;
+        const std::string where = "SlipChannel: " + particleAndBody(particles, i) +
+                                  " has its centre at y = " + text(y) + " nm, between walls at " + text(walls.low) +
+                                  " and " + text(walls.high) + " nm";
+        if (walls.crossingAllowed)
+            return where + ", where a particle (this one of radius " + text(radius) +
+                   " nm) has no mobility; move it between the walls, or use smaller time steps";
+        return where + ", nearer to one than its radius, " + text(radius) +
+               " nm; move it away, use smaller time steps, or allow it by setWallRejection(Crossing)";
+    }
+    return {};
+}
+
+bool SlipChannel::acceptsNearby(const Placement& placement) const {
+    for (int i = 0; i < particles.size(); i++)
+        if (!isWithin(placement, i, CoincidenceCheck::bound * particles.radii[i])) return false;
+    return true;
+}
+
+void SlipChannel::checkBox(const BoxVectors& box) const {
+    const auto fail = [](const std::string& problem) {
+        throw OpenMM::OpenMMException("MobilityForce: SlipChannel needs a periodic box " + problem);
+    };
+    if (box[1][0] != 0 || box[2][0] != 0 || box[2][1] != 0)
+        fail("with edges along the axes, but the box has the vectors " + text(box[0]) + ", " + text(box[1]) + ", " +
+             text(box[2]) + " nm; set another by setPeriodicBoxVectors() on the Context");
+    if (!(box[1][1] > walls.high - walls.low))
+        fail("whose y edge is longer than the channel is wide, but it has " + text(box[1][1]) +
+             " nm, and the walls are at " + text(walls.low) + " and " + text(walls.high) +
+             " nm; bring them nearer by setChannelWalls(), or make the box larger");
+    periodic->checkBox(twice(box));
+}
+
+void SlipChannel::drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
+                            std::unique_ptr<RandomField>& field) const {
+    if (!hasOwnRandomField()) return;
+    checkBox(box);
+    if (!field) field.reset(new Field(*this));
+    static_cast<Field&>(*field).draw(noise, purpose, twice(box));
+}
+
+std::unique_ptr<MobilityAt> SlipChannel::makePlace() const { return std::unique_ptr<MobilityAt>(new Place(*this)); }
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,76 @@
+#ifndef RIGIDHI_SLIP_CHANNEL_H_
+#define RIGIDHI_SLIP_CHANNEL_H_
+
+#include <memory>
+#include <string>
+
+#include "mobility/MobilityModel.h"
+
+namespace RigidHIPlugin {
+
+/** Two walls y = low and y = high that the fluid slips along without friction; the fluid is between them. */
+struct SlipWalls {
+    double low, high;  // nm
+    /** Whether surfaces of particles may reach through a wall, or only so far as to touch it. */
+    bool crossingAllowed;
+};
+
+/**
+ * A fluid between two slip walls, periodic along them: a periodic fluid of twice the width with the mirror images of all particles in it.
+ *
+ * Equation:  with P the reflection at the lower wall, (Fx, -Fy, Fz) at (x, -y, z) and (-Tx, Ty, -Tz), a flow with u(Pr) = P u(r) has no normal velocity and no
+ *            shear at both walls. Forces F therefore act together with P F on the images: M = (1 P) M_2 (1 P)^T/2, M_2 the periodic mobility of particles and images.
+ *            A random field v_2 of covariance M_2 gives v = (v_2 + P v_2(P r))/sqrt(2) of covariance M (Westwood 2022, section 4.3).
+ * Accuracy:  that of the periodic model. M is positive definite wherever centres are between the walls: images need no damping.
+ * Cost:      that of the periodic model of twice as many particles in a box of twice the width.
+ * Limits:    boxes with edges along the axes, whose y edge is longer than the channel is wide.
+ */
+class SlipChannel : public MobilityModel {
+public:
+    /** @param inPeriodicBox  of the particles of withImages() */
+    SlipChannel(const HydrodynamicParticles& particles, double viscosity, const SlipWalls& walls,
+                std::unique_ptr<MobilityModel> inPeriodicBox);
+    /** The particles, and after them their images in the same order. */
+    static HydrodynamicParticles withImages(const HydrodynamicParticles& particles);
+    /** Where they are in the box of twice the width. @throws OpenMMException as checkBox() */
+    void reflect(const Placement& placement, Placement& withImages) const;
+    /** P on rows of particles: of velocities and forces, of angular velocities and torques. */
+    void reflectRows(Eigen::Ref<Eigen::MatrixXd> rows) const;
+    const MobilityModel& inPeriodicBox() const { return *periodic; }
+
+    const char* name() const override { return periodic->name(); }
+    std::string objection(const Placement& placement) const override;
+    bool mayObject() const override { return true; }
+    /** Beyond contact the formulas hold as well; behind the wall a particle would be an image. */
+    bool acceptsNearby(const Placement& placement) const override;
+    bool hasProducts() const override { return periodic->hasProducts(); }
+    bool isMatrixFree() const override { return periodic->isMatrixFree(); }
+    bool isAnchored() const override { return periodic->isAnchored(); }
+    bool hasOwnRandomField() const override { return periodic->hasOwnRandomField(); }
+    double rowsWorthIterations() const override { return periodic->rowsWorthIterations(); }
+    double getSecondsOfTransforms() const override { return periodic->getSecondsOfTransforms(); }
+    void drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
+                   std::unique_ptr<RandomField>& field) const override;
+    void checkBox(const BoxVectors& box) const override;
+    std::string describe(const BoxVectors& box) const override { return periodic->describe(twice(box)); }
+    void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
+                     Eigen::MatrixXd& mobility) const override {
+        periodic->ownMobility(body, sites, mobility);
+    }
+
+protected:
+    std::unique_ptr<MobilityAt> makePlace() const override;
+    bool holdsNearby() const override { return true; }
+
+private:
+    BoxVectors twice(const BoxVectors& box) const;
+    /** What is wrong with particle i, if it must stay so far from the walls. */
+    bool isWithin(const Placement& placement, int i, double distance) const;
+
+    const SlipWalls walls;
+    const std::unique_ptr<MobilityModel> periodic;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif
