@@ -33,10 +33,11 @@ GridResolution::GridResolution(const HydrodynamicParticles& particles, double wa
     const double finer = torques ? 8 : 2, wider = torques ? 30 : 2;
     if (spacing > 0) {
         const double x = M_PI * narrowest / spacing;
-        tolerance = std::min(0.5, finer * std::exp(-x * x));
+        tolerance = std::max(smallestTolerance, finer * std::exp(-x * x));
     } else {
         spacing = M_PI * narrowest / std::sqrt(std::log(finer / tolerance));
     }
+    coarsest = M_PI * narrowest / std::sqrt(std::log(finer / largestTolerance));
     cutoffInWidths = std::sqrt(2 * std::log(2 * wider / tolerance));
 }
 
