@@ -32,12 +32,12 @@ def parser():
     result = argparse.ArgumentParser(prog='python3 -m openmmrigidhi.accuracy', description=DESCRIPTION, epilog=EPILOG,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     scene = result.add_argument_group('scene')
-    scene.add_argument('--scene', default=None, help='water (default), trap; with --ladder pairs (default), suspension; with --overdamped boomerang (default), suspension; or module:function that returns a Scene, '
+    scene.add_argument('--scene', default=None, help='water (default), trap; with --ladder pairs (default), suspension, arrays (simple cubic, periodic), periodic (a suspension); with --overdamped boomerang (default), suspension; or module:function that returns a Scene, '
                        '(system, state or positions, integrator) or (system, topology, positions, integrator)')
     scene.add_argument('--system', help='System as XML: your own scene, with --state and --integrator')
     scene.add_argument('--state', help='State as XML: the start, which should be equilibrated')
     scene.add_argument('--integrator', help='CustomRigidHIIntegrator as XML: says what the bodies, temperature and frictions are')
-    scene.add_argument('--bodies', type=int, help='number of molecules of water (216), or of bodies in trap (400), suspension (12; 16 with --overdamped) or boomerang (32 replicas)')
+    scene.add_argument('--bodies', type=int, help='number of molecules of water (216), or of bodies in trap (400), suspension (12; 16 with --overdamped), periodic (8) or boomerang (32 replicas)')
     scene.add_argument('--temperature', type=float, help='K, of a built-in scene')
     scene.add_argument('--gamma', type=float, help='translational friction of a built-in scene and of LangevinMiddle, 1/ps')
     scene.add_argument('--Gamma', type=float, help='rotational friction of a built-in scene, 1/ps')
@@ -57,7 +57,7 @@ def parser():
     ladder = result.add_argument_group('the hydrodynamic ladder')
     ladder.add_argument('--ladder', action='store_true', help='compare models of the fluid instead of step sizes; the scene has spheres and '
                         f'a MobilityForce. Observables: {", ".join(mobilities.BUILT_IN)}, or module:function of the MobilitySample')
-    ladder.add_argument('--rungs', nargs='+', default=list(rungs.DEFAULT), metavar='NAME',
+    ladder.add_argument('--rungs', nargs='+', metavar='NAME',
                         help=f'among {", ".join(rungs.RUNGS)} (default: all but multiblob642 and those with +self)')
     ladder.add_argument('--gaps', metavar='RADII', help='of pairs, between the surfaces, in radii, e.g. 0.01,0.1,1,10')
     ladder.add_argument('--ladder-reference', metavar='NAME', help='the rung that others are compared with (default: the best)')
@@ -153,10 +153,9 @@ def _overdamped(options):
 
 def _ladder(options):
     """The hydrodynamic ladder."""
-    asked = options.observables or mobilities.DEFAULT
-    _checkWanted(options, [mobilities.byName(name).name for name in asked], 'mobility:1%')
-    study = LadderStudy(_sphereScene(options), options.rungs, asked, options.ladder_reference,
+    study = LadderStudy(_sphereScene(options), options.rungs, options.observables, options.ladder_reference,
                         (options.platform,) if options.platform else ('Reference', 'CPU'), options.threads, seed=options.seed)
+    _checkWanted(options, [observable.name for observable in study.observables], 'mobility:1%')
     with _Bar(options.quiet, 'run') as bar:
         return study.run(options.rounds, progress=bar.study)
 
@@ -207,8 +206,12 @@ def _sphereScene(options):
         if gaps == []:
             raise ValueError(f'--gaps: got {options.gaps!r}; gaps are positive numbers in radii with commas between: write e.g. 0.01,0.1,1')
         return scenes.pairs(gaps) if gaps else scenes.pairs()
+    if options.gaps:
+        raise ValueError('--gaps: got it with a scene without pairs; gaps are those of pairs: leave out one of the two')
+    if name == 'arrays':
+        return scenes.arrays()
     given = {key: getattr(options, key) for key in ('bodies', 'temperature') if getattr(options, key) is not None}
-    return scenes.suspension(seed=options.seed, **given)
+    return scenes.OF_SPHERES[name](seed=options.seed, **given)
 
 
 def _reference(text, names):
