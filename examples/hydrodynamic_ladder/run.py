@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """The hydrodynamic ladder for two spheres over gaps, for a suspension, and in periodic boxes: errors of the models and what a step with them costs.
 
-    python3 run.py            # a minute or two, nearly all for shells of 162 and 642 blobs
+    python3 run.py            # three to five minutes, nearly all for shells of 162 and 642 blobs
     python3 run.py --quick    # without these
 """
 import argparse

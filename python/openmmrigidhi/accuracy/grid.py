@@ -27,6 +27,8 @@ OBSERVABLES = {
                'sigma = a/sqrt(pi) = 0.564 a'},
     'wrenches': {'label': 'products with forces and torques', 'description': 'velocities and angular velocities from forces and torques, as for bodies that are one '
                  'sphere: the grid follows the narrower envelope of torques, sigma_D = a/(6 sqrt(pi))^(1/3) = 0.455 a'}}
+#: What setSolverTolerance takes.
+LEAST_TOLERANCE, LARGEST_TOLERANCE = 1e-14, 0.1
 #: Norms are wanted to two digits.
 NORM_TOLERANCE = 0.005
 
@@ -71,8 +73,9 @@ def describedGrid(integrator):
 class GridStudy:
     """Error of products with the mobility on a grid, against time a product and against the fineness of the grid.
 
-    The error is the largest, over all forces, of the error of velocities in the norm over the roots of own mobilities, relative to forces in the norm over the
-    roots of own frictions: what :meth:`MobilityForce.setSolverTolerance` promises. What is right is the matrix of lattice sums (``setSolver(Dense)``).
+    With D the own mobilities, d = D^(-1/2) (M_grid - M) D^(-1/2) and m = D^(-1/2) M D^(-1/2) have no units. The error is the norm of d over that of m: the largest
+    error of velocities over the largest velocities for forces of that size. The norm of d alone is the error over own mobilities. M is the matrix of lattice
+    sums (``setSolver(Dense)``).
 
     Parameters
     ----------
@@ -108,6 +111,8 @@ class GridStudy:
             raise ValueError('GridStudy: scene: its fluid must be periodic, in a box with edges along the axes: call setBoundary(Periodic) of its MobilityForce')
         self.edges = np.diag(box)
         self.tolerances = sorted(map(float, tolerances), reverse=True)
+        if not all(LEAST_TOLERANCE <= tolerance <= LARGEST_TOLERANCE for tolerance in self.tolerances):
+            raise ValueError(f'GridStudy: tolerances: got {self.tolerances}; setSolverTolerance() takes {LEAST_TOLERANCE:g} to {LARGEST_TOLERANCE:g}: leave out the others')
         self.finenesses = finenesses
         self.observables = list(observables)
         unknown = [name for name in self.observables if name not in OBSERVABLES]
@@ -191,17 +196,20 @@ class GridStudy:
         del context
         count('lattice sums')
         exact = {'wrenches': matrix, 'forces': matrix.reshape(n, 6, n, 6)[:, :3, :, :3].reshape(3*n, 3*n)}
+        norms = {name: self._norm(lambda vector, M=exact[name], root=np.sqrt(np.diag(exact[name])): M @ (vector.ravel()/root)/root, len(exact[name]))
+                 for name in self.observables}
         rows, timed = [], []
         for observable, kind, value, spacing in settings:
             row = {'observable': observable, 'kind': kind, 'setting': value, 'status': STABLE, 'message': '',
-                   **dict.fromkeys(('nodes', 'fineness', 'described', 'error', 'typical', 'seconds_product', 'seconds_median'))}
+                   **dict.fromkeys(('nodes', 'fineness', 'described', 'error', 'own_error', 'typical', 'seconds_product', 'seconds_median'))}
             rows.append(row)
             try:
                 fluid, integrator, context = self.makeContext(observable, MobilityForce.MatrixFree, value if kind == 'tolerance' else 1e-6, spacing)
                 nodes, row['described'] = describedGrid(integrator)
                 row['nodes'] = ' x '.join(map(str, nodes))
                 row['fineness'] = float(WIDTHS[observable]*self.spheres.radii.min()/max(self.edges/nodes))
-                row['error'], row['typical'] = self._errors(observable, fluid, context, exact[observable])
+                row['own_error'], row['typical'] = self._errors(observable, fluid, context, exact[observable])
+                row['error'] = row['own_error']/norms[observable]
                 if kind == 'tolerance':
                     timed.append((row, fluid, context, []))
             except openmm.OpenMMException as error:
@@ -217,7 +225,7 @@ class GridStudy:
             row['seconds_product'], row['seconds_median'] = min(times), float(np.median(times))
         about = {'name': self.scene.name, 'description': self.scene.description, 'bodies': n, 'edges': self.edges.tolist(),
                  'least_radius': float(self.spheres.radii.min()), 'seconds_dense': dense}
-        return GridResult(about, rows, {name: dict(OBSERVABLES[name], width=float(WIDTHS[name])) for name in self.observables},
+        return GridResult(about, rows, {name: dict(OBSERVABLES[name], width=float(WIDTHS[name]), norm=norms[name]) for name in self.observables},
                           {'rounds': rounds, 'threads': self.threads, 'seed': self.seed, 'platform': self.platform, **provenance(began)})
 
     def _settings(self, observable):
@@ -232,21 +240,23 @@ class GridStudy:
         return settings
 
     def _errors(self, observable, fluid, context, exact):
-        """The largest error over all forces, and the root of the mean square of relative errors of velocities for random ones."""
+        """The norm of the error over own mobilities, and the root of the mean square of relative errors of velocities for random forces."""
         root = np.sqrt(np.diag(exact))
 
         def difference(vector):
             forces = vector.ravel()/root
             return (self._product(observable, fluid, context, forces) - exact @ forces)/root
-        rng = np.random.default_rng(self.seed)
-        start = rng.normal(size=len(exact))
-        largest = eigsh(LinearOperator(exact.shape, matvec=difference, dtype=float), k=1, which='LM', tol=NORM_TOLERANCE, v0=start,
-                        return_eigenvectors=False)[0]
-        squares = []
+        rng, squares = np.random.default_rng(self.seed), []
         for _ in range(4):
             vector = rng.normal(size=len(exact))
             squares.append((np.linalg.norm(difference(vector))/np.linalg.norm(exact @ (vector/root)/root))**2)
-        return float(abs(largest)), float(np.sqrt(np.mean(squares)))
+        return self._norm(difference, len(exact)), float(np.sqrt(np.mean(squares)))
+
+    def _norm(self, apply, rows):
+        """Of a symmetric operator."""
+        start = np.random.default_rng(self.seed).normal(size=rows)
+        return float(abs(eigsh(LinearOperator((rows, rows), matvec=apply, dtype=float), k=1, which='LM', tol=NORM_TOLERANCE, v0=start,
+                               return_eigenvectors=False)[0]))
 
     def _seconds(self, observable, fluid, context, vector):
         """Of one product: by the clock, or the process's CPU time if that is less, as other programs disturb it."""

@@ -51,9 +51,9 @@ class GridReport(Report):
 
     def _table(self):
         """The head, and rows of texts by observable."""
-        head = ('what', 'tolerance', 'nodes', 'sigma/dx', 'sqrt(ln 1/eps)/pi', 'largest error', 'typical error', 'ms a product')
+        head = ('what', 'tolerance', 'nodes', 'sigma/dx', 'sqrt(ln 1/eps)/pi', 'largest error', 'over own', 'typical', 'ms a product')
         return head, {observable: [(observable, f'{row["setting"]:g}', row['nodes'], f'{row["fineness"]:.3f}', f'{gaussianFineness(row["setting"]):.3f}',
-                                    f'{row["error"]:.1e}', f'{row["typical"]:.1e}', milliseconds(row['seconds_product']))
+                                    f'{row["error"]:.1e}', f'{row["own_error"]:.1e}', f'{row["typical"]:.1e}', milliseconds(row['seconds_product']))
                                    for row in self.result.select(observable, 'tolerance')] for observable in self.result.observables}
 
     def paragraphs(self):
@@ -66,7 +66,9 @@ class GridReport(Report):
             if rows:
                 margins = [row['setting']/row['error'] for row in rows]
                 lines.append(f'{sentence(about["label"])}: ' + (f'the error is above the tolerance at {", ".join(missed)}.' if missed else
-                             f'every error is below its tolerance, by factors of {min(margins):.2g} to {max(margins):.2g}.'))
+                             f'every error is below its tolerance, by factors of {min(margins):.2g} to {max(margins):.2g}.')
+                             + f' Over own mobilities errors are {about["norm"]:.1f} times as large: {max(row["own_error"]/row["setting"] for row in rows):.2g} tolerances and '
+                             'less.')
             needed = {error: result.finenessFor(observable, error) for error in NAMED}
             if any(needed.values()):
                 lines.append(f'{sentence(about["label"])}: errors of ' + ', '.join(f'{error:g}' for error in NAMED) + ' need sigma/dx = '
@@ -110,6 +112,7 @@ class GridReport(Report):
             for row in chosen:
                 axes.annotate(f'{row["setting"]:.0e}'.replace('e-0', 'e-'), (row[key]*(1e3 if axes is right else 1), row['error']), textcoords='offset points',
                               xytext=(7, 4), fontsize=8.5, color='#D55E00')
+        left.set_xlim(right=max(finenesses) + 0.1)
         left.set_xlabel('σ/dx, σ the narrowest envelope')
         right.plot([1e3*row['seconds_product'] for row in chosen], [row['error'] for row in chosen], color='#D55E00', marker='o', label='largest error')
         right.plot([1e3*row['seconds_product'] for row in chosen], [row['typical'] for row in chosen], color='#56B4E9', marker='o', label='typical error')
@@ -122,8 +125,9 @@ class GridReport(Report):
             axes.grid(True, which='major', alpha=0.35)
             for item in limits:
                 axes.axhline(item.tolerance, color='black', ls='--', lw=1)
-        low, high = right.get_xlim()
-        right.set_xlim(low/1.1, high*1.3)
+        if right.get_xlim()[0] > 0:
+            low, high = right.get_xlim()
+            right.set_xlim(low/1.1, high*1.3)
         plainTicks(right)
         for axes in (left, right):
             axes.yaxis.set_major_formatter(lambda value, _: f'{value:.0e}'.replace('e-0', 'e-').replace('e+00', ''))
@@ -143,17 +147,17 @@ class GridReport(Report):
             parts += [f'<h2>{html.escape(sentence(about["label"]))}</h2>', paragraph(about['description'] + '.')]
             if observable in pictures:
                 parts += [picture(pictures[observable], f'Errors of {about["label"]} against the fineness of the grid and time'), table(head, rows[observable])]
-            spaced = [(row['nodes'], f'{row["fineness"]:.3f}', f'{row["described"]:.1e}', f'{row["error"]:.1e}', f'{row["typical"]:.1e}')
+            spaced = [(row['nodes'], f'{row["fineness"]:.3f}', f'{row["described"]:.1e}', f'{row["error"]:.1e}', f'{row["own_error"]:.1e}', f'{row["typical"]:.1e}')
                       for row in self.result.select(observable, 'spacing')]
             if spaced:
-                parts += ['<h3>Spacings</h3>', table(('nodes', 'sigma/dx', 'said', 'largest error', 'typical error'), spaced)]
+                parts += ['<h3>Spacings</h3>', table(('nodes', 'sigma/dx', 'said', 'largest error', 'over own', 'typical'), spaced)]
         return parts
 
     def how(self):
         """How it was measured, paragraphs."""
         about = self.result.provenance
-        return ['The largest error is the largest, over all forces, of the error of velocities over the roots of own mobilities, relative to forces over the roots of own '
-                'frictions; it is an eigenvalue of the difference to the matrix of lattice sums, found by iterations. The typical error is that of velocities from random '
-                'forces, relative to these velocities in the same norm, over four draws.',
+        return ['Velocities are taken over the roots of own mobilities, forces over those of own frictions. The largest error is the norm of the difference to the matrix of '
+                'lattice sums, over the norm of that matrix; over own mobilities it is the norm of the difference alone. Norms are eigenvalues, found by iterations. The typical '
+                'error is that of velocities from random forces, relative to these velocities, over four draws.',
                 f'Times are the fastest of {about.get("rounds")} rounds in which the tolerances took turns, on {about.get("platform")} with {about.get("threads")} thread(s) '
                 '(with one thread CPU time, if less than by the clock); a product from Python, with the weights of all particles made anew.']

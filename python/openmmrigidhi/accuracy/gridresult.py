@@ -13,14 +13,16 @@ class GridResult(Result):
     rows : list of dict
         one per observable and setting. Keys: observable ('forces' or 'wrenches'), kind ('tolerance': the grid is the library's choice; 'spacing': it
         was given), setting (the tolerance, or sigma/dx), status ('stable' or 'not applicable'), message, nodes (text), fineness (sigma/dx of the grid, sigma
-        that of the narrowest envelope), described (tolerance that describeEffects() says), error (the largest, in the norm of the tolerance), typical (of
-        velocities from random forces), seconds_product (the fastest round; of tolerances only), seconds_median
+        that of the narrowest envelope), described (tolerance that describeEffects() says), error (largest error of velocities over the largest velocities, see
+        GridStudy), own_error (the same over own mobilities), typical (of velocities from random forces), seconds_product (the fastest round; of tolerances only), seconds_median
+    observables : dict
+        name -> dict with label, description, width (of the narrowest envelope, radii), norm (of the mobility over own mobilities)
     scene : dict
         also edges (nm), least_radius (nm), seconds_dense (of a product by lattice sums)
     """
 
     FORMAT = 'openmmrigidhi.accuracy.grid 1'
-    COLUMNS = ('observable', 'kind', 'setting', 'status', 'nodes', 'fineness', 'described', 'error', 'typical', 'seconds_product', 'seconds_median', 'message')
+    COLUMNS = ('observable', 'kind', 'setting', 'status', 'nodes', 'fineness', 'described', 'error', 'own_error', 'typical', 'seconds_product', 'seconds_median', 'message')
 
     def __init__(self, scene, rows, observables, provenance):
         self.scene = scene

@@ -543,7 +543,7 @@ def periodicSuspension(bodies=8, fraction=0.15, radius=1.0, leastGap=0.02, tempe
     """
     side = radius*(4*np.pi/3*bodies/fraction)**(1/3)
     centres = _randomCentres(bodies, fraction, side/2, (2 + leastGap)*radius, side, seed)
-    return spheres(centres, radius, temperature, force=(0, 0, -1), name=f'periodic suspension{bodies}', edges=(side,)*3,
+    return spheres(centres, radius, temperature, force=(0, 0, -1), name=f'periodic suspension of {bodies}', edges=(side,)*3,
                    description=f'{bodies} spheres at random in a periodic box, volume fraction {fraction:g}, settling in water')
 
 
