@@ -74,8 +74,8 @@ class GridStudy:
     """Error of products with the mobility on a grid, against time a product and against the fineness of the grid.
 
     With D the own mobilities, d = D^(-1/2) (M_grid - M) D^(-1/2) and m = D^(-1/2) M D^(-1/2) have no units. The error is the norm of d over that of m: the largest
-    error of velocities over the largest velocities for forces of that size. The norm of d alone is the error over own mobilities. M is the matrix of lattice
-    sums (``setSolver(Dense)``).
+    error of velocities over the largest velocities, for forces of one size. The norm of d alone is the error over own mobilities, and that of velocities from random
+    forces is taken relative to these velocities. M is the matrix of lattice sums (``setSolver(Dense)``).
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ def milliseconds(seconds):
     ----------
     seconds : float
     """
-    return f'{1e3*seconds:.3g}'
+    return f'{1e3*seconds:.3g}' if seconds < 1 else f'{1e3*seconds:.0f}'
 
 
 class GridReport(Report):
@@ -51,7 +51,7 @@ class GridReport(Report):
 
     def _table(self):
         """The head, and rows of texts by observable."""
-        head = ('what', 'tolerance', 'nodes', 'sigma/dx', 'sqrt(ln 1/eps)/pi', 'largest error', 'over own', 'typical', 'ms a product')
+        head = ('what', 'tolerance', 'nodes', 'sigma/dx', 'sqrt(ln 1/eps)/pi', 'error', 'over own', 'random', 'ms a product')
         return head, {observable: [(observable, f'{row["setting"]:g}', row['nodes'], f'{row["fineness"]:.3f}', f'{gaussianFineness(row["setting"]):.3f}',
                                     f'{row["error"]:.1e}', f'{row["own_error"]:.1e}', f'{row["typical"]:.1e}', milliseconds(row['seconds_product']))
                                    for row in self.result.select(observable, 'tolerance')] for observable in self.result.observables}
@@ -104,18 +104,18 @@ class GridReport(Report):
             left.plot([x, x], [error, 1], color='black', lw=0.7, ls=':')
             left.annotate(f'{x:.2f}', (x, 1), ha='center', va='bottom', fontsize=8.5)
         if spaced:
-            left.plot([row['fineness'] for row in spaced], [row['error'] for row in spaced], color='#0072B2', marker='.', lw=1.2, label='largest error, spacing given')
-            left.plot([row['fineness'] for row in spaced], [row['typical'] for row in spaced], color='#56B4E9', marker='.', lw=1, label='typical error')
+            left.plot([row['fineness'] for row in spaced], [row['error'] for row in spaced], color='#0072B2', marker='.', lw=1.2, label='error, spacing given')
+            left.plot([row['fineness'] for row in spaced], [row['typical'] for row in spaced], color='#56B4E9', marker='.', lw=1, label='of random forces')
         left.plot([row['fineness'] for row in chosen], [row['error'] for row in chosen], color='#D55E00', marker='o', ms=8, mfc='none', ls='',
-                  label='largest error, tolerance given (written beside)')
+                  label='error, tolerance given (written beside)')
         for axes, key in ((left, 'fineness'), (right, 'seconds_product')):
             for row in chosen:
                 axes.annotate(f'{row["setting"]:.0e}'.replace('e-0', 'e-'), (row[key]*(1e3 if axes is right else 1), row['error']), textcoords='offset points',
                               xytext=(7, 4), fontsize=8.5, color='#D55E00')
         left.set_xlim(right=max(finenesses) + 0.1)
         left.set_xlabel('σ/dx, σ the narrowest envelope')
-        right.plot([1e3*row['seconds_product'] for row in chosen], [row['error'] for row in chosen], color='#D55E00', marker='o', label='largest error')
-        right.plot([1e3*row['seconds_product'] for row in chosen], [row['typical'] for row in chosen], color='#56B4E9', marker='o', label='typical error')
+        right.plot([1e3*row['seconds_product'] for row in chosen], [row['error'] for row in chosen], color='#D55E00', marker='o', label='error')
+        right.plot([1e3*row['seconds_product'] for row in chosen], [row['typical'] for row in chosen], color='#56B4E9', marker='o', label='of random forces')
         right.axvline(1e3*result.scene['seconds_dense'], color='black', ls='-.', lw=1.2, label='lattice sums')
         right.set_xscale('log')
         right.set_xlabel(f'ms a product ({result.provenance.get("platform")}, {result.provenance.get("threads")} thread(s))')
@@ -150,14 +150,14 @@ class GridReport(Report):
             spaced = [(row['nodes'], f'{row["fineness"]:.3f}', f'{row["described"]:.1e}', f'{row["error"]:.1e}', f'{row["own_error"]:.1e}', f'{row["typical"]:.1e}')
                       for row in self.result.select(observable, 'spacing')]
             if spaced:
-                parts += ['<h3>Spacings</h3>', table(('nodes', 'sigma/dx', 'said', 'largest error', 'over own', 'typical'), spaced)]
+                parts += ['<h3>Spacings</h3>', table(('nodes', 'sigma/dx', 'said', 'error', 'over own', 'random'), spaced)]
         return parts
 
     def how(self):
         """How it was measured, paragraphs."""
         about = self.result.provenance
-        return ['Velocities are taken over the roots of own mobilities, forces over those of own frictions. The largest error is the norm of the difference to the matrix of '
-                'lattice sums, over the norm of that matrix; over own mobilities it is the norm of the difference alone. Norms are eigenvalues, found by iterations. The typical '
-                'error is that of velocities from random forces, relative to these velocities, over four draws.',
+        return ['Velocities are taken over the roots of own mobilities, forces over those of own frictions. The error is the norm of the difference to the matrix of '
+                'lattice sums, over the norm of that matrix; "over own" is the norm of the difference alone, over own mobilities. Norms are eigenvalues, found by iterations. "Random" '
+                'is the error of velocities from random forces, relative to these velocities, over four draws.',
                 f'Times are the fastest of {about.get("rounds")} rounds in which the tolerances took turns, on {about.get("platform")} with {about.get("threads")} thread(s) '
                 '(with one thread CPU time, if less than by the clock); a product from Python, with the weights of all particles made anew.']

@@ -13,7 +13,7 @@ class GridResult(Result):
     rows : list of dict
         one per observable and setting. Keys: observable ('forces' or 'wrenches'), kind ('tolerance': the grid is the library's choice; 'spacing': it
         was given), setting (the tolerance, or sigma/dx), status ('stable' or 'not applicable'), message, nodes (text), fineness (sigma/dx of the grid, sigma
-        that of the narrowest envelope), described (tolerance that describeEffects() says), error (largest error of velocities over the largest velocities, see
+        that of the narrowest envelope), described (tolerance that describeEffects() says), error (its norm over that of the mobility, see
         GridStudy), own_error (the same over own mobilities), typical (of velocities from random forces), seconds_product (the fastest round; of tolerances only), seconds_median
     observables : dict
         name -> dict with label, description, width (of the narrowest envelope, radii), norm (of the mobility over own mobilities)
@@ -62,7 +62,7 @@ class GridResult(Result):
                 for name, amount, value in splitWanted(wanted, self.observables, 'forces:1e-4')]
 
     def recommend(self, wanted):
-        """The tolerance with the cheapest products whose largest error is below the wanted one.
+        """The tolerance with the cheapest products whose error is below the wanted one.
 
         Parameters
         ----------
@@ -88,8 +88,9 @@ class GridResult(Result):
         verdict, best, _ = decide(candidates)
         aim = 'For an error of at most ' + ' and '.join(item.text for item in wanted)
         if verdict == RECOMMENDED:
-            text = (f'{aim}: a tolerance of {best["tolerance"]:g}, whose largest error is {best["error"]:.1e}; a product takes '
-                    f'{milliseconds(best["seconds_product"])} ms on {best["nodes"]} nodes. It is the cheapest that meets this.')
+            text = (f'{aim}: a tolerance of {best["tolerance"]:g}, whose error is {best["error"]:.1e}; '
+                    + (f'a product takes {milliseconds(best["seconds_product"])} ms on {best["nodes"]} nodes' if len(wanted) == 1 else
+                       f'one product of each takes {milliseconds(best["seconds_product"])} ms') + '. It is the cheapest that meets this.')
         else:
             least = min(candidates, key=lambda c: c['error'], default=None)
             text = f'{aim}: {NONE}. ' + (f'The smallest error is {least["error"]:.1e}, with a tolerance of {least["tolerance"]:g}.' if least else
@@ -97,7 +98,7 @@ class GridResult(Result):
         return Recommendation(verdict, best, text, candidates, None, wanted)
 
     def finenessFor(self, observable, error):
-        """The fineness sigma/dx at which the largest error is this, between the spacings that were measured.
+        """The fineness sigma/dx at which the error is this, between the spacings that were measured.
 
         Parameters
         ----------

@@ -11,7 +11,7 @@ COLOURS = {'FreeDraining': '#7F7F7F', 'RPY': '#E69F00', 'ForceCoupling': '#CC79A
            'multiblob162': '#08519C', 'multiblob642': '#08204C', 'FTS+lubrication': '#009E73'}
 MARKERS = {'FreeDraining': 'x', 'RPY': 's', 'ForceCoupling': '<', 'FTS': '^', 'multiblob12': 'v', 'multiblob42': 'D', 'multiblob162': 'o',
            'multiblob642': 'P', 'FTS+lubrication': '*'}
-#: Smaller errors are drawn here.
+#: Smaller errors are drawn here, where no reference is known less well.
 FLOOR = 1e-9
 #: An error up to which a model still follows exact numbers.
 FOLLOWS = 0.1
@@ -95,8 +95,13 @@ def _style(rung):
     return {'color': COLOURS.get(base, '#882255'), 'marker': MARKERS.get(base, 'h'), 'ls': ':' if base != rung else '-'}
 
 
-def _size(row):
-    return max(abs(row['error']), FLOOR)
+def _floor(result, observable):
+    """Smaller errors are drawn here: where exact numbers end, too."""
+    return max((entry['observables'][observable]['believed'] for entry in result.references.values()), default=FLOOR) if result.exactNumbers(observable) else FLOOR
+
+
+def _size(row, floor=FLOOR):
+    return max(abs(row['error']), floor)
 
 
 def _setParameterAxis(axes, result):
@@ -122,10 +127,11 @@ def _drawNumbers(axes, result, observable):
 
 
 def _drawSweep(axes, result, observable):
+    floor = _floor(result, observable)
     for rung in result.rungs:
         rows = [row for row in result.select(observable, rung)]
         if rows and not all(row['is_reference'] for row in rows):
-            axes.plot([row['parameter'] for row in rows], [_size(row) for row in rows], label=rung, ms=5, lw=1.4, **_style(rung))
+            axes.plot([row['parameter'] for row in rows], [_size(row, floor) for row in rows], label=rung, ms=5, lw=1.4, **_style(rung))
         elif rows:
             axes.plot([], [], label=f'{rung}: the reference' + (', exact to 1e-9' if all(
                 entry['exact'] for entry in result.references.values()) else ''), ms=9, **dict(_style(rung), ls=''))
@@ -156,7 +162,7 @@ def _drawBars(axes, result, observable):
 
 
 def _drawCost(axes, result, observable):
-    values = sorted(result.references)
+    values, floor = sorted(result.references), _floor(result, observable)
     chosen = sorted({values[round(k)] for k in np.linspace(0, len(values) - 1, 4)}) if result.parameter else values
     fills = np.linspace(1, 0.25, len(chosen))
     for rung in result.rungs:
@@ -166,8 +172,8 @@ def _drawCost(axes, result, observable):
             continue
         for value, fill in zip(chosen, fills):
             if value in rows:
-                axes.plot(1e3*seconds, _size(rows[value]), marker=style['marker'], color=style['color'], alpha=fill, ms=8, ls='')
-        sizes = [_size(rows[v]) for v in chosen if v in rows]
+                axes.plot(1e3*seconds, _size(rows[value], floor), marker=style['marker'], color=style['color'], alpha=fill, ms=8, ls='')
+        sizes = [_size(rows[v], floor) for v in chosen if v in rows]
         axes.plot([1e3*seconds]*2, [min(sizes), max(sizes)], color=style['color'], lw=0.8, alpha=0.6)
         if not result.parameter:   # else the other panel has a legend
             axes.annotate(rung, (1e3*seconds, max(sizes)), textcoords='offset points', xytext=(4, 7), fontsize=8.5)

@@ -22,7 +22,7 @@ int nextGridSize(double least) {
 GridResolution::GridResolution(const HydrodynamicParticles& particles, double wanted, double givenSpacing)
     : spacing(givenSpacing), tolerance(wanted) {
     // What a grid leaves out of a Gaussian of a width is exp(-(pi width/spacing)^2), for every pair. Curls of the narrower torque envelopes have a
-    // factor k more of that. Measured: these factors keep the norm of the error below the tolerance.
+    // factor k more of that. Measured: these factors keep the error below the tolerance (docs/grid_accuracy.md).
     double narrowest = std::numeric_limits<double>::infinity();
     bool torques = false;
     for (int i = 0; i < particles.size(); i++) {

@@ -29,7 +29,7 @@ struct GridShape {
 class GridResolution {
 public:
     /**
-     * @param tolerance  of products, relative to the norm of forces over the root of the particles' own frictions
+     * @param tolerance  of products: norm of their error over the norm of the mobility, both over the roots of the particles' own mobilities
      * @param spacing    nm; 0: as the tolerance wants
      */
     GridResolution(const HydrodynamicParticles& particles, double tolerance, double spacing);
