@@ -243,11 +243,11 @@ def test_triclinic_boxes_are_refused_and_lattice_sums_take_them(platform):
 def test_a_spacing_that_is_too_coarse_is_refused(platform, spacing):
     scene = Scene(platform)
     scene.fluid.setGridSpacing(spacing)
-    with pytest.raises(openmm.OpenMMException, match=fr'the spacing is {spacing} nm, too coarse for the smallest particle of .*give at most 0\.532 nm, or 0'):
+    with pytest.raises(openmm.OpenMMException, match=fr'the spacing is {spacing} nm, too coarse for the smallest particle of .*give at most 0\.521 nm, or 0'):
         scene.fluid.updateParametersInContext(scene.context)
     # What the Context had serves on, and what was named does.
     scene.integrator.step(1)
-    scene.fluid.setGridSpacing(0.532)
+    scene.fluid.setGridSpacing(0.521)
     scene.fluid.updateParametersInContext(scene.context)
     scene.integrator.step(1)
 

@@ -461,6 +461,6 @@ def test_wrong_arrays():
     with pytest.raises(ValueError, match='exact numbers of simple cubic arrays are known for the volume fractions 0.001, 0.027'):
         accuracy.scenes.arrays([0.2])
     status, _, error = run('--ladder', '--scene', 'arrays', '--gaps', '1')
-    assert status == 2 and 'got it with a scene without pairs' in error
+    assert status == 2 and 'got it with another scene; gaps are those of pairs' in error
     result = accuracy.LadderStudy(accuracy.scenes.pair(1), ['RPY', 'ForceCoupling', 'FTS+lubrication'], ['mobility'], platforms=('Reference',)).run(1, 0.001)
     assert 'ForceCoupling' in next(row['message'] for row in result.rows if row['rung'] == 'ForceCoupling')

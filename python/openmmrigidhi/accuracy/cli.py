@@ -175,7 +175,7 @@ def _grid(options):
     _checkWanted(options, names, 'forces:1e-4')
     tolerances = _positives(options.tolerances) if options.tolerances else grid.TOLERANCES
     if not tolerances:
-        raise ValueError(f'--tolerances: got {options.tolerances!r}; they must be positive numbers with commas between: write e.g. 1e-2,1e-4')
+        raise ValueError(f'--tolerances: got {options.tolerances!r}, where a list of numbers is wanted: write e.g. 1e-2,1e-4')
     if not any((options.scene, options.system, options.state, options.integrator)):
         scene = scenes.periodicSuspension(options.bodies or 500, 0.1, seed=options.seed)
     else:
@@ -219,9 +219,9 @@ def _positives(text):
 def _sphereScene(options):
     files = (options.system, options.state, options.integrator)
     name = options.scene or 'pairs'
+    if options.gaps and (any(files) or name != 'pairs'):
+        raise ValueError('--gaps: got it with another scene; gaps are those of pairs: leave out one of the two')
     if any(files) or name not in scenes.OF_SPHERES:
-        if options.gaps:
-            raise ValueError('--gaps: got it with a scene of its own; gaps are those of pairs: leave out one of the two')
         if not any(files) and ':' not in name:
             raise ValueError(f'--scene: got {name!r} with --ladder; it must be one of {", ".join(scenes.OF_SPHERES)}, or '
                              'module:function: choose among these')
@@ -231,8 +231,6 @@ def _sphereScene(options):
         if gaps == []:
             raise ValueError(f'--gaps: got {options.gaps!r}; gaps are positive numbers in radii with commas between: write e.g. 0.01,0.1,1')
         return scenes.pairs(gaps) if gaps else scenes.pairs()
-    if options.gaps:
-        raise ValueError('--gaps: got it with a scene without pairs; gaps are those of pairs: leave out one of the two')
     if name == 'arrays':
         return scenes.arrays()
     given = {key: getattr(options, key) for key in ('bodies', 'temperature') if getattr(options, key) is not None}

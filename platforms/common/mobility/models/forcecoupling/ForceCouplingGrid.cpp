@@ -87,11 +87,15 @@ ForceCouplingGrid::ForceCouplingGrid(const HydrodynamicParticles& particles, dou
                                      double spacing, const std::shared_ptr<GridFluid>& fluid)
     : MobilityModel(particles, viscosity), resolution(particles, tolerance, spacing), fluid(fluid) {
     // Coarser still, and whole particles are between the nodes: mobilities of zero, or below.
-    if (spacing > resolution.getCoarsestSpacing())
+    const double coarsest = resolution.getCoarsestSpacing();
+    if (spacing > coarsest) {
+        // Rounded down, so that what is named is taken.
+        const double unit = std::pow(10.0, std::floor(std::log10(coarsest)) - 2);
         throw OpenMM::OpenMMException(
-            "MobilityForce: setGridSpacing(): the spacing is " + text(spacing) + " nm, too coarse for " +
-            "the smallest particle of ForceCoupling on a grid; give at most " +
-            text(resolution.getCoarsestSpacing(), 3) + " nm, or 0 for the spacing that the solver tolerance wants");
+            "MobilityForce: setGridSpacing(): the spacing is " + text(spacing) +
+            " nm, too coarse for the smallest particle of ForceCoupling on a grid; give at most " +
+            text(std::floor(coarsest / unit) * unit, 3) + " nm, or 0 for the spacing that the solver tolerance wants");
+    }
 }
 
 void ForceCouplingGrid::checkBox(const BoxVectors& box) const {

@@ -30,7 +30,7 @@ GridResolution::GridResolution(const HydrodynamicParticles& particles, double wa
                                                                : forceEnvelopeWidth(particles.radii[i]));
         torques = torques || particles.hasTorque[i];
     }
-    const double finer = torques ? 8 : 2, wider = torques ? 30 : 2;
+    const double finer = torques ? 9 : 2, wider = torques ? 30 : 2;
     if (spacing > 0) {
         const double x = M_PI * narrowest / spacing;
         tolerance = std::max(smallestTolerance, finer * std::exp(-x * x));
