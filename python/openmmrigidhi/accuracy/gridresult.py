@@ -72,7 +72,8 @@ class GridResult(Result):
         Returns
         -------
         Recommendation
-            its setting and candidates have tolerance, seconds_product (the sum over what is wanted), error (the largest), nodes and verdict
+            its setting and candidates have tolerance, seconds_product (the sum over what is wanted), error (the largest), nodes and verdict; what counts
+            is the larger of error and typical
         """
         wanted = self.parseWanted(wanted)
         found = [{row['setting']: row for row in self.rows if row['observable'] == item.observable and row['kind'] == 'tolerance'} for item in wanted]
@@ -81,14 +82,14 @@ class GridResult(Result):
             rows = [each[tolerance] for each in found]
             if any(row['error'] is None for row in rows):
                 continue
-            candidates.append({'tolerance': tolerance, 'seconds_product': sum(row['seconds_product'] for row in rows), 'error': max(row['error'] for row in rows),
+            candidates.append({'tolerance': tolerance, 'seconds_product': sum(row['seconds_product'] for row in rows), 'error': max(max(row['error'], row['typical']) for row in rows),
                                'nodes': rows[0]['nodes'],
-                               'verdict': 'yes' if all(row['error'] <= item.tolerance for row, item in zip(rows, wanted)) else 'no'})
+                               'verdict': 'yes' if all(max(row['error'], row['typical']) <= item.tolerance for row, item in zip(rows, wanted)) else 'no'})
         candidates.sort(key=lambda candidate: candidate['seconds_product'])
         verdict, best, _ = decide(candidates)
         aim = 'For an error of at most ' + ' and '.join(item.text for item in wanted)
         if verdict == RECOMMENDED:
-            text = (f'{aim}: a tolerance of {best["tolerance"]:g}, whose error is {best["error"]:.1e}; '
+            text = (f'{aim}: a tolerance of {best["tolerance"]:g}, with errors up to {best["error"]:.1e}; '
                     + (f'a product takes {milliseconds(best["seconds_product"])} ms on {best["nodes"]} nodes' if len(wanted) == 1 else
                        f'one product of each takes {milliseconds(best["seconds_product"])} ms') + '. It is the cheapest that meets this.')
         else:
