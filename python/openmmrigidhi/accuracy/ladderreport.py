@@ -11,6 +11,8 @@ COLOURS = {'FreeDraining': '#7F7F7F', 'RPY': '#E69F00', 'ForceCoupling': '#CC79A
            'multiblob162': '#08519C', 'multiblob642': '#08204C', 'FTS+lubrication': '#009E73'}
 MARKERS = {'FreeDraining': 'x', 'RPY': 's', 'ForceCoupling': '<', 'FTS': '^', 'multiblob12': 'v', 'multiblob42': 'D', 'multiblob162': 'o',
            'multiblob642': 'P', 'FTS+lubrication': '*'}
+#: Where names are that would be on others: points from the marker, alignment. Force coupling is near RPY, and both kinds of FTS may be near each other.
+LABELS = {'ForceCoupling': ((-8, -3), 'right'), BEST: ((8, -8), 'left')}
 #: Smaller errors are drawn here, where no reference is known less well.
 FLOOR = 1e-9
 #: An error up to which a model still follows exact numbers.
@@ -176,7 +178,8 @@ def _drawCost(axes, result, observable):
         sizes = [_size(rows[v], floor) for v in chosen if v in rows]
         axes.plot([1e3*seconds]*2, [min(sizes), max(sizes)], color=style['color'], lw=0.8, alpha=0.6)
         if not result.parameter:   # else the other panel has a legend
-            axes.annotate(rung, (1e3*seconds, max(sizes)), textcoords='offset points', xytext=(4, 7), fontsize=8.5)
+            place, side = LABELS.get(rung, ((4, 7), 'left'))
+            axes.annotate(rung, (1e3*seconds, max(sizes)), textcoords='offset points', xytext=place, ha=side, fontsize=8.5)
     best = next(iter(result.references.values()))['observables'][observable]['rung']
     if result.seconds(best) is not None:
         axes.axvline(1e3*result.seconds(best), color=_style(best)['color'], lw=1.2, ls='-.')
