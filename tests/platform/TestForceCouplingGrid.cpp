@@ -112,13 +112,28 @@ TEST(ForceCouplingGrid, IsTheLatticeSumToTheTolerance) {
 TEST(ForceCouplingGrid, TheSpacingOfTheUserMeansATolerance) {
     GridScene scene;
     scene.addBodies();
-    scene.fluid->setGridSpacing(0.5);
+    scene.fluid->setGridSpacing(0.3);
     scene.start(testPlatform());
     const string found = scene.integrator.getEffects().at("hydrodynamics");
-    EXPECT_NE(found.find("on a grid of 16 x 16 x 16 nodes, whose products have the tolerance "), string::npos) << found;
+    EXPECT_NE(found.find("on a grid of 28 x 28 x 28 nodes, whose products have the tolerance "), string::npos) << found;
     expectError([&] { scene.fluid->setGridSpacing(-1); },
                 {"setGridSpacing()", "spacing is -1 nm", "it must be finite and not negative",
                  "give a length, or 0 for the spacing that the solver tolerance wants"});
+    // Whole particles between the nodes: once mobilities of zero.
+    GridScene coarse;
+    coarse.addBodies();
+    coarse.fluid->setGridSpacing(0.5);
+    expectError([&] { coarse.start(testPlatform()); },
+                {"setGridSpacing(): the spacing is 0.5 nm, too coarse for the smallest particle of",
+                 "give at most 0.312 nm, or 0"});
+    coarse.fluid->setGridSpacing(0.312);
+    coarse.start(testPlatform());
+    // Beyond rounding no spacing is better, and reaches of envelopes must not grow without end.
+    GridScene fine;
+    fine.addBodies();
+    fine.fluid->setGridSpacing(0.08);
+    fine.start(testPlatform());
+    EXPECT_NE(fine.integrator.getEffects().at("hydrodynamics").find("have the tolerance 1e-14"), string::npos);
 }
 
 TEST(ForceCouplingGrid, TheBoxOfAStepIsThatOfTheContext) {

@@ -370,3 +370,97 @@ def test_what_cannot_be_timed_is_said():
     assert row['seconds_step'] is None and row['message'] == 'not timed on Reference: no step today'
     assert 'RPY: not timed on Reference: no step today' in ladderreport.summary(result, [], [])
     assert [c['rung'] for c in result.recommend('mobility:99%').candidates] == ['FTS+lubrication']
+
+
+# ---- Periodic boxes ---------------------------------------------------------------------------------------------------------
+
+#: K and KR of simple cubic arrays by FTS and by FTS + lubrication, computed by prototypes independently of this package.
+ARRAYS = {0.064: ((2.778145, 2.780656), (None, 1.069171)), 0.125: ((4.082623, 4.090297), (None, 1.147979)),
+          0.45: ((9.880996, 9.929177), (1/(1 - 0.45), 2.338201))}
+
+
+@pytest.fixture(scope='module')
+def arrays():
+    """The ladder of simple cubic arrays, with all rungs that are cheap."""
+    return accuracy.LadderStudy(accuracy.scenes.arrays(), [rung for rung in accuracy.rungs.PERIODIC if rung != 'multiblob162'],
+                                platforms=('Reference',)).run(rounds=1, seconds=0.002)
+
+
+def numberOf(result, fraction, rung, observable):
+    return next(row for row in result.select(observable, rung) if row['parameter'] == fraction)
+
+
+def test_arrays_have_their_exact_numbers(arrays):
+    assert list(arrays.observables) == ['drag', 'rotational_drag'] and 'exact numbers' in arrays.referenceText()
+    for k, observable in enumerate(arrays.observables):
+        exact = arrays.exactNumbers(observable)
+        assert list(exact) == list(accuracy.scenes.SIMPLE_CUBIC) and list(exact.values()) == [pair[k] for pair in accuracy.scenes.SIMPLE_CUBIC.values()]
+        assert not any(row['is_reference'] for row in arrays.rows)
+        for fraction, numbers in ARRAYS.items():
+            for rung, known in zip(('FTS', 'FTS+lubrication'), numbers[k]):
+                row = numberOf(arrays, fraction, rung, observable)
+                if known is not None:
+                    assert row['value'] == pytest.approx(known, rel=1e-6)
+                    assert row['error'] == pytest.approx(known/exact[fraction] - 1, abs=1e-6)
+    # Dilute arrays are alike in all models.
+    for rung in ('RPY', 'ForceCoupling', 'FTS', 'FTS+lubrication'):
+        assert abs(numberOf(arrays, 0.001, rung, 'drag')['error']) < 1e-4
+    # Free draining has no images: the drag of a sphere alone.
+    assert numberOf(arrays, 0.45, 'FreeDraining', 'drag')['value'] == pytest.approx(1, abs=1e-9)
+
+
+def test_fts_cannot_follow_a_dense_array(arrays):
+    good = arrays.goodUpTo('drag:10%')
+    assert good['FTS'] == good['FTS+lubrication'] == good['RPY'] == 0.125 and good['ForceCoupling'] == 0.216 and good['FreeDraining'] is None
+    assert numberOf(arrays, 0.216, 'FTS+lubrication', 'drag')['error'] < -0.15 and numberOf(arrays, 0.45, 'FTS+lubrication', 'drag')['error'] < -0.6
+    # Lubrication is what rotation needs, and shells of blobs what translation does.
+    assert arrays.goodUpTo('rotational_drag:2%')['FTS+lubrication'] == 0.45
+    assert good['multiblob42'] == 0.343
+    text = next(text for text in ladderreport.summary(arrays, [], []) if text.startswith('Drag K'))
+    assert 'FTS: up to 0.125; ' in text and 'the exact number is 28.09, and found are FreeDraining 1, RPY 9.881' in text
+    # Shells that do not fit between their images are named with the arrays for which that is so.
+    assert any(text.startswith('multiblob42 cannot be used at volume fraction 0.45: ') for text in ladderreport.summary(arrays, [], []))
+
+
+def test_what_was_not_possible_everywhere_is_not_the_most_accurate(arrays):
+    assert '(in part)' in ladderreport.textTable(arrays)
+    answer = arrays.recommend('drag:1%')
+    assert answer.verdict == 'none of these' and 'the most accurate is ForceCoupling with 37 %' in answer.text
+
+
+def test_files_of_arrays(arrays, tmp_path):
+    arrays.write(str(tmp_path), ['drag:10%'])
+    assert 'by volume fraction: FreeDraining: nowhere; RPY: up to 0.125' in (tmp_path/'ladder.html').read_text()
+    again = accuracy.LadderResult.fromJson(tmp_path/'ladder.json')
+    assert again.rows == arrays.rows and again.isHarderUpwards and again.exactNumbers('drag') == arrays.exactNumbers('drag')
+
+
+def test_a_sphere_in_a_box_is_no_exact_pair():
+    """One sphere, and StokesianDynamics: exact in unbounded fluid, but not among its images."""
+    result = accuracy.LadderStudy(accuracy.scenes.array(0.343), ['FTS', 'multiblob42', 'FTS+lubrication'], ['mobility'], platforms=('Reference',)).run(1, 0.001)
+    assert not result.references[0.0]['exact']
+    assert result.references[0.0]['observables']['mobility']['believed'] > 1e-3
+
+
+def test_a_periodic_suspension(tmp_path):
+    status, out, error = run('--ladder', '--scene', 'periodic', '--bodies', '3', '--rounds', '1', '--platform', 'Reference', '--rungs', 'FreeDraining', 'RPY', 'ForceCoupling',
+                             'FTS+lubrication', 'multiblob12', '--observables', 'sedimentation', '--output', str(tmp_path))
+    assert status == 0, error
+    result = accuracy.LadderResult.fromJson(tmp_path/'ladder.json')
+    errors = {rung: abs(result.select('sedimentation', rung)[0]['error']) for rung in result.rungs}
+    assert errors['FreeDraining'] > 1 > errors['RPY'] and not any(row['message'] for row in result.rows)
+    scene = accuracy.scenes.periodicSuspension(3)
+    edge = scene.boxVectors[0][0]
+    assert edge == pytest.approx((4*np.pi/3*3/0.15)**(1/3))
+    apart = scene.positions[:, None] - scene.positions
+    apart -= edge*np.round(apart/edge)
+    assert np.linalg.norm(apart, axis=2)[np.triu_indices(3, 1)].min() >= 2.02
+
+
+def test_wrong_arrays():
+    with pytest.raises(ValueError, match='exact numbers of simple cubic arrays are known for the volume fractions 0.001, 0.027'):
+        accuracy.scenes.arrays([0.2])
+    status, _, error = run('--ladder', '--scene', 'arrays', '--gaps', '1')
+    assert status == 2 and 'got it with another scene; gaps are those of pairs' in error
+    result = accuracy.LadderStudy(accuracy.scenes.pair(1), ['RPY', 'ForceCoupling', 'FTS+lubrication'], ['mobility'], platforms=('Reference',)).run(1, 0.001)
+    assert 'ForceCoupling' in next(row['message'] for row in result.rows if row['rung'] == 'ForceCoupling')

@@ -17,8 +17,15 @@ Schemes without momenta, and LangevinHI at high friction, for bodies above a wal
 
     result = accuracy.OverdampedStudy(accuracy.overdamped.boomerang()).run(budget=1200)
     print(result.recommend('height:2%'))
+
+Grids of a periodic fluid::
+
+    result = accuracy.GridStudy().run()
+    print(result.recommend('forces:1e-4'))
 """
 from . import methods, mobilities, observables, overdamped, rungs, scenes, statistics
+from .grid import GridStudy
+from .gridresult import GridResult
 from .ladder import LadderStudy
 from .ladderresult import LadderResult
 from .methods import Method
@@ -32,4 +39,4 @@ from .study import Knob, Setting, StepSizeStudy, Study
 
 __all__ = ['StepSizeStudy', 'StudyResult', 'Recommendation', 'Reference', 'Scene', 'Method', 'Observable', 'Study', 'Knob',
            'Setting', 'LadderStudy', 'LadderResult', 'Rung', 'MobilityObservable', 'scenes', 'methods', 'observables', 'mobilities',
-           'rungs', 'statistics', 'OverdampedStudy', 'WallScene', 'overdamped']
+           'rungs', 'statistics', 'OverdampedStudy', 'WallScene', 'overdamped', 'GridStudy', 'GridResult']

@@ -63,11 +63,15 @@ class Report:
 
     def draw(self, observable):
         """The picture of an observable, a PNG."""
-        figure, left, right = twoPanels(f'{sentence(self.result.observables[observable]["label"])}, {self.result.scene["name"]}')
-        self.panels(left, right, observable, self.limits(observable))
+        figure, panels = emptyPanels(f'{sentence(self.result.observables[observable]["label"])}, {self.result.scene["name"]}', self.widths(observable))
+        self.panels(*panels, observable, self.limits(observable))
         buffer = io.BytesIO()
         figure.savefig(buffer, format='png', dpi=110, metadata={'Title': f'Error of {observable}', 'Software': None})
         return buffer.getvalue()
+
+    def widths(self, observable):
+        """Of the panels of a picture, relative to each other."""
+        return 1.35, 1
 
     def page(self, pictures):
         """One HTML page with everything in it; nothing is loaded from elsewhere. pictures: observable -> PNG."""
@@ -86,23 +90,25 @@ class Report:
 
 # ---- Pictures --------------------------------------------------------------------------------------------------------
 
-def twoPanels(title):
-    """An empty figure with two panels side by side, the left one wider: (figure, left, right)."""
+def emptyPanels(title, widths):
+    """An empty figure with panels side by side, of relative widths: (figure, panels)."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     # Not pyplot: no window system, no global state.
-    figure = Figure(figsize=(12.5, 5.6), layout='constrained')
+    figure = Figure(figsize=(12.5 if len(widths) < 3 else 16, 5.6), layout='constrained')
     FigureCanvasAgg(figure)
-    left, right = figure.subplots(1, 2, gridspec_kw={'width_ratios': (1.35, 1)})
+    panels = figure.subplots(1, len(widths), gridspec_kw={'width_ratios': widths})
     figure.suptitle(title, fontsize=13)
-    return figure, left, right
+    return figure, panels
 
 
 def plainTicks(axes):
     """Numbers such as 0.2 and 50 on logarithmic axes, a list of them that is not too long."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
     for axis in (axes.xaxis, axes.yaxis):
+        if axis.get_scale() != 'log':
+            continue
         low, high = axis.get_view_interval()
         decades = np.log10(high/low)
         axis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades < 2.5 else (1,), numticks=20))

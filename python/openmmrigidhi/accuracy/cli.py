@@ -3,8 +3,10 @@ import argparse
 import sys
 import time
 
-from . import methods, mobilities, observables, overdamped, rungs, scenes
+from . import grid, methods, mobilities, observables, overdamped, rungs, scenes
 from ._results import splitWanted
+from .grid import GridStudy
+from .gridresult import GridResult
 from .ladder import LadderStudy
 from .ladderresult import LadderResult
 from .result import StudyResult
@@ -14,7 +16,8 @@ DESCRIPTION = '''Measure, on this machine, what accuracy costs: the error of obs
 OpenMM's LangevinMiddleIntegrator with constraints. Writes results.csv, results.json, error_*.png and report.html, and names the
 cheapest setting for a wanted error, or says that there is none. With --ladder the same for models of the fluid: the error of
 the mobility against time per step, from free draining to lubrication (docs/hydrodynamic_ladder.md). With --overdamped the schemes
-without momenta and LangevinHI at high friction, for bodies above a wall (docs/overdamped_accuracy.md).'''
+without momenta and LangevinHI at high friction, for bodies above a wall (docs/overdamped_accuracy.md). With --grid the grid of a
+periodic fluid: errors of products against their time, by tolerance (docs/grid_accuracy.md).'''
 
 EPILOG = '''examples:
   python3 -m openmmrigidhi.accuracy --scene water --budget 1800 --wanted-error potential_energy:0.5%
@@ -23,7 +26,9 @@ EPILOG = '''examples:
   python3 -m openmmrigidhi.accuracy --scene mymodule:makeScene --observables potential_energy mymodule:endToEnd
   python3 -m openmmrigidhi.accuracy --ladder --wanted-error mobility:1%
   python3 -m openmmrigidhi.accuracy --ladder --scene mymodule:makeScene --wanted-error sedimentation:1%,mobility:5%
+  python3 -m openmmrigidhi.accuracy --ladder --scene arrays --wanted-error drag:10%
   python3 -m openmmrigidhi.accuracy --overdamped --wanted-error height:1%,repulsion:5%
+  python3 -m openmmrigidhi.accuracy --grid --bodies 200 --wanted-error forces:1e-4
   python3 -m openmmrigidhi.accuracy --from accuracy/results.json --wanted-error potential_energy:0.2%'''
 
 
@@ -32,12 +37,12 @@ def parser():
     result = argparse.ArgumentParser(prog='python3 -m openmmrigidhi.accuracy', description=DESCRIPTION, epilog=EPILOG,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     scene = result.add_argument_group('scene')
-    scene.add_argument('--scene', default=None, help='water (default), trap; with --ladder pairs (default), suspension; with --overdamped boomerang (default), suspension; or module:function that returns a Scene, '
+    scene.add_argument('--scene', default=None, help='water (default), trap; with --ladder pairs (default), suspension, arrays (simple cubic, periodic), periodic (a suspension); with --overdamped boomerang (default), suspension; or module:function that returns a Scene, '
                        '(system, state or positions, integrator) or (system, topology, positions, integrator)')
     scene.add_argument('--system', help='System as XML: your own scene, with --state and --integrator')
     scene.add_argument('--state', help='State as XML: the start, which should be equilibrated')
     scene.add_argument('--integrator', help='CustomRigidHIIntegrator as XML: says what the bodies, temperature and frictions are')
-    scene.add_argument('--bodies', type=int, help='number of molecules of water (216), or of bodies in trap (400), suspension (12; 16 with --overdamped) or boomerang (32 replicas)')
+    scene.add_argument('--bodies', type=int, help='number of molecules of water (216), or of bodies in trap (400), suspension (12; 16 with --overdamped), periodic (8; 500 with --grid) or boomerang (32 replicas)')
     scene.add_argument('--temperature', type=float, help='K, of a built-in scene')
     scene.add_argument('--gamma', type=float, help='translational friction of a built-in scene and of LangevinMiddle, 1/ps')
     scene.add_argument('--Gamma', type=float, help='rotational friction of a built-in scene, 1/ps')
@@ -57,18 +62,22 @@ def parser():
     ladder = result.add_argument_group('the hydrodynamic ladder')
     ladder.add_argument('--ladder', action='store_true', help='compare models of the fluid instead of step sizes; the scene has spheres and '
                         f'a MobilityForce. Observables: {", ".join(mobilities.BUILT_IN)}, or module:function of the MobilitySample')
-    ladder.add_argument('--rungs', nargs='+', default=list(rungs.DEFAULT), metavar='NAME',
+    ladder.add_argument('--rungs', nargs='+', metavar='NAME',
                         help=f'among {", ".join(rungs.RUNGS)} (default: all but multiblob642 and those with +self)')
     ladder.add_argument('--gaps', metavar='RADII', help='of pairs, between the surfaces, in radii, e.g. 0.01,0.1,1,10')
     ladder.add_argument('--ladder-reference', metavar='NAME', help='the rung that others are compared with (default: the best)')
     road = result.add_argument_group('the overdamped limit')
     road.add_argument('--overdamped', action='store_true', help='compare the schemes without momenta and LangevinHI at high friction')
+    nodes = result.add_argument_group('the grid of a periodic fluid')
+    nodes.add_argument('--grid', action='store_true', help='compare tolerances of ForceCoupling on a grid; the scene has spheres and a MobilityForce with the boundary '
+                       f'Periodic. Observables: {", ".join(grid.OBSERVABLES)}')
+    nodes.add_argument('--tolerances', metavar='EPS', help='e.g. 1e-2,1e-4,1e-6 (default: 1e-2 to 1e-10)')
     how = result.add_argument_group('how it is measured')
     how.add_argument('--budget', type=float, default=600, help='seconds for the measurement; run lengths are planned from it (600)')
     how.add_argument('--length', type=float, help='ps (with --overdamped tau_D) for every setting, instead of a budget')
     how.add_argument('--equilibration', type=float, help='ps (with --overdamped tau_D) left out at the start of each run')
     how.add_argument('--rounds', type=int, default=20, help='number of turns (20)')
-    how.add_argument('--platform', choices=['CPU', 'Reference'], help='(CPU; with --ladder the faster of the two; with --overdamped Reference)')
+    how.add_argument('--platform', choices=['CPU', 'Reference'], help='(CPU, also with --grid; with --ladder the faster of the two; with --overdamped Reference)')
     how.add_argument('--threads', type=int, default=1, help='of the CPU platform (1)')
     how.add_argument('--jobs', type=int, default=1, help='runs at the same time; times are then measured afterwards, alone (1)')
     how.add_argument('--clock', default='wall', choices=['wall', 'cpu'],
@@ -98,10 +107,10 @@ def main(arguments=None):
     options = parser().parse_args(arguments)
     try:
         if options.source:
-            result = (LadderResult if LadderResult.isOne(options.source) else StudyResult).fromJson(options.source)
+            result = next((kind for kind in (LadderResult, GridResult) if kind.isOne(options.source)), StudyResult).fromJson(options.source)
         else:
-            result = (_ladder if options.ladder else _overdamped if options.overdamped else _stepSizes)(options)
-        if isinstance(result, LadderResult):
+            result = (_ladder if options.ladder else _grid if options.grid else _overdamped if options.overdamped else _stepSizes)(options)
+        if isinstance(result, (LadderResult, GridResult)):
             report = result.report(options.wanted_error)
         else:
             report = result.report(options.wanted_error, options.baseline or ('TrapezoidalSlip' if options.overdamped else 'LangevinMiddle'))
@@ -153,10 +162,25 @@ def _overdamped(options):
 
 def _ladder(options):
     """The hydrodynamic ladder."""
-    asked = options.observables or mobilities.DEFAULT
-    _checkWanted(options, [mobilities.byName(name).name for name in asked], 'mobility:1%')
-    study = LadderStudy(_sphereScene(options), options.rungs, asked, options.ladder_reference,
+    study = LadderStudy(_sphereScene(options), options.rungs, options.observables, options.ladder_reference,
                         (options.platform,) if options.platform else ('Reference', 'CPU'), options.threads, seed=options.seed)
+    _checkWanted(options, [observable.name for observable in study.observables], 'mobility:1%')
+    with _Bar(options.quiet, 'run') as bar:
+        return study.run(options.rounds, progress=bar.study)
+
+
+def _grid(options):
+    """The grid of a periodic fluid."""
+    names = options.observables or list(grid.OBSERVABLES)
+    _checkWanted(options, names, 'forces:1e-4')
+    tolerances = _positives(options.tolerances) if options.tolerances else grid.TOLERANCES
+    if not tolerances:
+        raise ValueError(f'--tolerances: got {options.tolerances!r}, where a list of numbers is wanted: write e.g. 1e-2,1e-4')
+    if not any((options.scene, options.system, options.state, options.integrator)):
+        scene = scenes.periodicSuspension(options.bodies or 500, 0.1, seed=options.seed)
+    else:
+        scene = _sphereScene(options)
+    study = GridStudy(scene, tolerances, observables=names, platform=options.platform or 'CPU', threads=options.threads, seed=options.seed)
     with _Bar(options.quiet, 'run') as bar:
         return study.run(options.rounds, progress=bar.study)
 
@@ -195,9 +219,9 @@ def _positives(text):
 def _sphereScene(options):
     files = (options.system, options.state, options.integrator)
     name = options.scene or 'pairs'
+    if options.gaps and (any(files) or name != 'pairs'):
+        raise ValueError('--gaps: got it with another scene; gaps are those of pairs: leave out one of the two')
     if any(files) or name not in scenes.OF_SPHERES:
-        if options.gaps:
-            raise ValueError('--gaps: got it with a scene of its own; gaps are those of pairs: leave out one of the two')
         if not any(files) and ':' not in name:
             raise ValueError(f'--scene: got {name!r} with --ladder; it must be one of {", ".join(scenes.OF_SPHERES)}, or '
                              'module:function: choose among these')
@@ -207,8 +231,10 @@ def _sphereScene(options):
         if gaps == []:
             raise ValueError(f'--gaps: got {options.gaps!r}; gaps are positive numbers in radii with commas between: write e.g. 0.01,0.1,1')
         return scenes.pairs(gaps) if gaps else scenes.pairs()
+    if name == 'arrays':
+        return scenes.arrays()
     given = {key: getattr(options, key) for key in ('bodies', 'temperature') if getattr(options, key) is not None}
-    return scenes.suspension(seed=options.seed, **given)
+    return scenes.OF_SPHERES[name](seed=options.seed, **given)
 
 
 def _reference(text, names):

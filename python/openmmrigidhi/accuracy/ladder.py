@@ -7,7 +7,7 @@ import openmm
 from . import mobilities
 from . import rungs as rungsModule
 from ._results import provenance
-from .ladderresult import LadderResult
+from .ladderresult import EXACT, LadderResult
 from .measurement import NOT_APPLICABLE, STABLE
 from .rungs import BEST, Spheres
 from .scenes import Scene, platformProperties
@@ -15,6 +15,8 @@ from .scenes import Scene, platformProperties
 #: What StokesianDynamics with lubrication is off by for at most two spheres: the tests of the pair's resistance functions allow
 #: that much, and none was found to be further off.
 PAIR_ERROR = 1e-9
+#: What exact numbers of a scene are off by: they have six digits and more.
+DIGITS_ERROR = 2e-6
 #: Seconds of a step on the CPU platform above which Reference is not tried.
 LONG_STEP = 0.01
 #: Seconds of a step that is measured once only.
@@ -57,20 +59,21 @@ class LadderStudy:
     Parameters
     ----------
     scene : Scene, or dict from float to Scene
-        one scene, or several along a parameter, such as :func:`openmmrigidhi.accuracy.scenes.pairs` over gaps
-    rungs : sequence of str or Rung
-        among FreeDraining, RPY, FTS, multiblob12, multiblob42, multiblob162, multiblob642, FTS+lubrication, and multiblobs with
-        +self, whose single spheres have Stokes' tensor
-    observables : sequence of str, MobilityObservable or callable
-        see :func:`openmmrigidhi.accuracy.mobilities.byName`
+        one scene, or several along a parameter, such as :func:`openmmrigidhi.accuracy.scenes.pairs` over gaps or
+        :func:`openmmrigidhi.accuracy.scenes.arrays` over volume fractions
+    rungs : sequence of str or Rung, optional
+        among FreeDraining, RPY, ForceCoupling (periodic fluids), FTS, multiblob12, multiblob42, multiblob162, multiblob642, FTS+lubrication, and
+        multiblobs with +self, whose single spheres have Stokes' tensor; default: all but multiblob642 and those with +self
+    observables : sequence of str, MobilityObservable or callable, optional
+        see :func:`openmmrigidhi.accuracy.mobilities.byName`; default: what the scenes have exact numbers for, or else the general ones
     reference : str, optional
         the rung that the others are compared with; default: the best
     platforms : sequence of str
         each rung is timed on all of them, and the faster counts
     threads : int
         of the CPU platform; with one, time is the process's CPU time where other programs make the clock show more
-    parameter : str
-        what the keys of a dict of scenes are
+    parameter : str, optional
+        what the keys of a dict of scenes are; default: what a Sweep says, or gap
     seed : int
         of the noise in the steps that are timed
 
@@ -82,13 +85,19 @@ class LadderStudy:
     FTS+lubrication
     """
 
-    def __init__(self, scene, rungs=rungsModule.DEFAULT, observables=mobilities.DEFAULT, reference=None,
-                 platforms=('Reference', 'CPU'), threads=1, parameter='gap', seed=1):
+    def __init__(self, scene, rungs=None, observables=None, reference=None,
+                 platforms=('Reference', 'CPU'), threads=1, parameter=None, seed=1):
         self.scenes = {0.0: scene} if isinstance(scene, Scene) else dict(sorted(scene.items()))
         if not self.scenes:
             raise ValueError('LadderStudy: scene: there is none in the dict; there must be at least one: add it')
         self.isSweep = not isinstance(scene, Scene)
-        self.parameter = parameter
+        self.parameter = parameter or getattr(scene, 'parameter', 'gap')
+        self.harder = getattr(scene, 'harder', 'smaller')
+        first = next(iter(self.scenes.values()))
+        if rungs is None:
+            rungs = rungsModule.PERIODIC if first.system.usesPeriodicBoundaryConditions() else rungsModule.DEFAULT
+        if observables is None:
+            observables = [name for name in mobilities.BUILT_IN if name in first.exact] or mobilities.DEFAULT
         self.rungs = [rungsModule.byName(name) for name in rungs]
         self.observables = [mobilities.byName(name) for name in observables]
         for what, things in (('rungs', self.rungs), ('observables', self.observables)):
@@ -101,9 +110,9 @@ class LadderStudy:
         self.seed = seed
 
     def chooseReference(self, observable, values):
-        """What the rungs are compared with for one observable, and how wrong that is believed to be.
+        """What the rungs are compared with for one observable that has no exact number, and how wrong that is believed to be.
 
-        For at most two spheres, StokesianDynamics with lubrication, which is exact. For more, it lacks many-body terms, and
+        For at most two spheres in unbounded fluid, StokesianDynamics with lubrication, which is exact. For more, it lacks many-body terms, and
         multiblobs lack resolution where spheres nearly touch. So the multiblob with the most blobs is the reference where
         multiblobs have converged (see :func:`remainder`) to less than half of its distance to StokesianDynamics; elsewhere that
         is, and is believed to be off by no more than its distance to the finest multiblobs (as they are, and with Stokes' tensor
@@ -185,7 +194,7 @@ class LadderStudy:
                 count(f'{rung.name} {self.parameter} {value:g}' if self.isSweep else rung.name)
             if not samples:
                 raise ValueError('LadderStudy: none of the rungs can be used on this scene: ' + '; '.join(messages.values()))
-            references[value] = self._compare(value, spheres, samples, messages, rows)
+            references[value] = self._compare(value, scene, spheres, samples, messages, rows)
         middle = list(self.scenes)[len(self.scenes)//2]
         costs, problems = self._time(Spheres(self.scenes[middle]), rounds, seconds, count)
         for row in rows:
@@ -193,7 +202,7 @@ class LadderStudy:
             row.update({key: costs.get(row['rung'], {}).get(key) for key in
                         ('seconds_step', 'seconds_low', 'seconds_high', 'seconds_forces', 'platform', 'solver')})
         scene = self.scenes[middle]
-        about = {'name': self.parameter + 's of ' + scene.name if self.isSweep else scene.name, 'description': scene.description,
+        about = {'name': self.parameter + 's of ' + scene.name if self.isSweep else scene.name, 'description': scene.description, 'harder': self.harder,
                  'bodies': len(scene.bodies), 'temperature': scene.temperature, 'timed_at': middle if self.isSweep else None}
         return LadderResult(about, self.parameter if self.isSweep else None, rows, references,
                             {o.name: {'label': o.label, 'description': o.description} for o in self.observables},
@@ -203,7 +212,8 @@ class LadderStudy:
 
     def _secondOpinions(self):
         """Rungs that are computed, but not offered: the finest multiblob with exact single spheres."""
-        if all(len(scene.bodies) <= 2 for scene in self.scenes.values()):
+        if all(len(scene.bodies) <= 2 for scene in self.scenes.values()) or all(
+                observable.name in scene.exact for observable in self.observables for scene in self.scenes.values()):
             return []
         counts = sorted({rung.blobs for rung in self.rungs})
         best = max(self.rungs, key=lambda rung: (rung.isBest, rung.blobs)) if self.reference is None else self.reference
@@ -211,15 +221,19 @@ class LadderStudy:
         own = {rung.name for rung in self.rungs}
         return [rung for rung in rungsModule.RUNGS.values() if rung.blobs == finest > 0 and rung.exactAlone and rung.name not in own]
 
-    def _compare(self, value, spheres, samples, messages, rows):
+    def _compare(self, value, scene, spheres, samples, messages, rows):
         """Add the rows of one scene; returns what is known about its reference."""
-        exact = self.reference is None and BEST in samples and len(spheres.radii) <= 2
+        exact = self.reference is None and BEST in samples and len(spheres.radii) <= 2 and not spheres.isPeriodic
         reference = {'exact': exact, 'observables': {}}
         for observable in self.observables:
             values = {name: observable.measure(sample) for name, (_, sample) in samples.items()}
-            chosen = {'rung': BEST, 'believed': PAIR_ERROR, 'seconds': []} if exact else self.chooseReference(observable, values)
+            if self.reference is None and observable.name in scene.exact:
+                right = scene.exact[observable.name]
+                chosen = {'rung': EXACT, 'believed': DIGITS_ERROR, 'seconds': [], 'value': right}
+            else:
+                chosen = {'rung': BEST, 'believed': PAIR_ERROR, 'seconds': []} if exact else self.chooseReference(observable, values)
+                right = values[chosen['rung']]
             reference['observables'][observable.name] = chosen
-            right = values[chosen['rung']]
             for rung in self.rungs:
                 error = observable.compare(values[rung.name], right) if rung.name in values else None
                 measured = values.get(rung.name)

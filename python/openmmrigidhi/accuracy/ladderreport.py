@@ -7,12 +7,16 @@ from ._pages import Report, paragraph, picture, plainTicks, sentence, table
 from .measurement import STABLE
 from .rungs import BEST
 
-COLOURS = {'FreeDraining': '#7F7F7F', 'RPY': '#E69F00', 'FTS': '#D55E00', 'multiblob12': '#9ECAE1', 'multiblob42': '#4292C6',
+COLOURS = {'FreeDraining': '#7F7F7F', 'RPY': '#E69F00', 'ForceCoupling': '#CC79A7', 'FTS': '#D55E00', 'multiblob12': '#9ECAE1', 'multiblob42': '#4292C6',
            'multiblob162': '#08519C', 'multiblob642': '#08204C', 'FTS+lubrication': '#009E73'}
-MARKERS = {'FreeDraining': 'x', 'RPY': 's', 'FTS': '^', 'multiblob12': 'v', 'multiblob42': 'D', 'multiblob162': 'o',
+MARKERS = {'FreeDraining': 'x', 'RPY': 's', 'ForceCoupling': '<', 'FTS': '^', 'multiblob12': 'v', 'multiblob42': 'D', 'multiblob162': 'o',
            'multiblob642': 'P', 'FTS+lubrication': '*'}
-#: Smaller errors are drawn here.
+#: Where names are that would be on others: points from the marker, alignment. Force coupling is near RPY, and both kinds of FTS may be near each other.
+LABELS = {'ForceCoupling': ((-8, -3), 'right'), BEST: ((8, -8), 'left')}
+#: Smaller errors are drawn here, where no reference is known less well.
 FLOOR = 1e-9
+#: An error up to which a model still follows exact numbers.
+FOLLOWS = 0.1
 
 
 class LadderReport(Report):
@@ -36,16 +40,20 @@ class LadderReport(Report):
         """Everything that is to be said in plain words, the answers first."""
         return summary(self.result, self.answers, self.wanted)
 
-    def panels(self, left, right, observable, limits):
-        """Errors against the parameter, for a single scene as bars; beside errors against time per step.
+    def widths(self, observable):
+        """As the base class; a third panel has the numbers themselves where exact ones are known."""
+        return (1, *super().widths(observable)) if self.result.parameter and self.result.exactNumbers(observable) else super().widths(observable)
+
+    def panels(self, *panels):
+        """Errors against the parameter, for a single scene as bars; beside errors against time per step, and the numbers where exact ones are known.
 
         Parameters
         ----------
-        left, right : matplotlib.axes.Axes
-        observable : str
-        limits : list of Wanted
-            drawn as lines
+        panels : two or three matplotlib.axes.Axes, the observable (str), and a list of Wanted, which are drawn as lines
         """
+        *numbers, left, right, observable, limits = panels
+        for axes in numbers:
+            _drawNumbers(axes, self.result, observable)
         (_drawSweep if self.result.parameter else _drawBars)(left, self.result, observable)
         _drawCost(right, self.result, observable)
         for axes in (left, right) if self.result.parameter else (right,):
@@ -86,24 +94,51 @@ class LadderReport(Report):
 
 def _style(rung):
     base = rung.replace('+self', '')
-    return {'color': COLOURS.get(base, '#CC79A7'), 'marker': MARKERS.get(base, 'h'), 'ls': ':' if base != rung else '-'}
+    return {'color': COLOURS.get(base, '#882255'), 'marker': MARKERS.get(base, 'h'), 'ls': ':' if base != rung else '-'}
 
 
-def _size(row):
-    return max(abs(row['error']), FLOOR)
+def _floor(result, observable):
+    """Smaller errors are drawn here: where exact numbers end, too."""
+    return max((entry['observables'][observable]['believed'] for entry in result.references.values()), default=FLOOR) if result.exactNumbers(observable) else FLOOR
+
+
+def _size(row, floor=FLOOR):
+    return max(abs(row['error']), floor)
+
+
+def _setParameterAxis(axes, result):
+    if result.parameter != 'volume fraction':
+        axes.set_xscale('log')
+    axes.set_xlabel('gap between the surfaces, radii' if result.parameter == 'gap' else result.parameter)
+
+
+def _drawNumbers(axes, result, observable):
+    """What the models make of numbers that are known."""
+    exact = result.exactNumbers(observable)
+    axes.plot(list(exact), list(exact.values()), color='black', lw=2.2, marker='.', ms=8, label='exact', zorder=5)
+    for rung in result.rungs:
+        rows = result.select(observable, rung)
+        axes.plot([row['parameter'] for row in rows], [row['value'] for row in rows], ms=5, lw=1.2, **_style(rung))
+    _setParameterAxis(axes, result)
+    axes.set_yscale('log')
+    plainTicks(axes)
+    axes.set_ylabel(result.observables[observable]['label'])
+    axes.grid(True, which='major', alpha=0.35)
+    axes.legend(loc='upper left', fontsize=9)
+    axes.set_title('models in the colours of the next panel', fontsize=9.5)
 
 
 def _drawSweep(axes, result, observable):
+    floor = _floor(result, observable)
     for rung in result.rungs:
         rows = [row for row in result.select(observable, rung)]
         if rows and not all(row['is_reference'] for row in rows):
-            axes.plot([row['parameter'] for row in rows], [_size(row) for row in rows], label=rung, ms=5, lw=1.4, **_style(rung))
+            axes.plot([row['parameter'] for row in rows], [_size(row, floor) for row in rows], label=rung, ms=5, lw=1.4, **_style(rung))
         elif rows:
             axes.plot([], [], label=f'{rung}: the reference' + (', exact to 1e-9' if all(
                 entry['exact'] for entry in result.references.values()) else ''), ms=9, **dict(_style(rung), ls=''))
-    axes.set_xscale('log')
+    _setParameterAxis(axes, result)
     axes.set_yscale('log')
-    axes.set_xlabel('gap between the surfaces, radii' if result.parameter == 'gap' else result.parameter)
     axes.set_ylabel('|relative error|')
     axes.grid(True, which='major', alpha=0.35)
     axes.legend(fontsize=8.5)
@@ -129,7 +164,7 @@ def _drawBars(axes, result, observable):
 
 
 def _drawCost(axes, result, observable):
-    values = sorted(result.references)
+    values, floor = sorted(result.references), _floor(result, observable)
     chosen = sorted({values[round(k)] for k in np.linspace(0, len(values) - 1, 4)}) if result.parameter else values
     fills = np.linspace(1, 0.25, len(chosen))
     for rung in result.rungs:
@@ -139,11 +174,12 @@ def _drawCost(axes, result, observable):
             continue
         for value, fill in zip(chosen, fills):
             if value in rows:
-                axes.plot(1e3*seconds, _size(rows[value]), marker=style['marker'], color=style['color'], alpha=fill, ms=8, ls='')
-        sizes = [_size(rows[v]) for v in chosen if v in rows]
+                axes.plot(1e3*seconds, _size(rows[value], floor), marker=style['marker'], color=style['color'], alpha=fill, ms=8, ls='')
+        sizes = [_size(rows[v], floor) for v in chosen if v in rows]
         axes.plot([1e3*seconds]*2, [min(sizes), max(sizes)], color=style['color'], lw=0.8, alpha=0.6)
         if not result.parameter:   # else the other panel has a legend
-            axes.annotate(rung, (1e3*seconds, max(sizes)), textcoords='offset points', xytext=(4, 7), fontsize=8.5)
+            place, side = LABELS.get(rung, ((4, 7), 'left'))
+            axes.annotate(rung, (1e3*seconds, max(sizes)), textcoords='offset points', xytext=place, ha=side, fontsize=8.5)
     best = next(iter(result.references.values()))['observables'][observable]['rung']
     if result.seconds(best) is not None:
         axes.axvline(1e3*result.seconds(best), color=_style(best)['color'], lw=1.2, ls='-.')
@@ -211,7 +247,8 @@ def textTable(result):
         line = f'{rung:<18}{duration(row["seconds_step"]) if row["seconds_step"] else "":>10}  {row["platform"] or "":<10}'
         for name in names:
             rows = result.select(name, rung)
-            line += f'{"reference" if rows and all(r["is_reference"] for r in rows) else percent(max((abs(r["error"]) for r in rows), default=None)):>{width}}'
+            largest = percent(max((abs(r['error']) for r in rows), default=None)) + ('' if len(rows) == len(result.references) else ' (in part)')
+            line += f'{"reference" if rows and all(r["is_reference"] for r in rows) else largest:>{width}}'
         lines.append(line)
     return '\n'.join(lines)
 
@@ -233,12 +270,27 @@ def summary(result, answers, wanted):
     """
     lines = [answer.text for answer in answers] + [result.referenceText()]
     for item in wanted if result.parameter else ():
-        parts = [f'{rung}: ' + ('nowhere' if value is None else f'from {value:g}') for rung, value in result.goodDownTo(item).items()]
-        lines.append(f'Where {item} is met, by {result.parameter}: {"; ".join(parts)}.')
+        lines.append(f'Where {item} is met, by {result.parameter}: {_whereGood(result, item)}.')
+    for observable, about in result.observables.items() if result.parameter else ():
+        exact = result.exactNumbers(observable)
+        if not exact:
+            continue
+        end = max(exact) if result.isHarderUpwards else min(exact)
+        last = {row['rung']: row['value'] for row in result.select(observable) if row['parameter'] == end}
+        lines.append(f'{sentence(about["label"])}: {percent(FOLLOWS)} off at most, by {result.parameter}, are {_whereGood(result, f"{observable}:{FOLLOWS}")}. '
+                     f'At {end:g} the exact number is {exact[end]:.4g}, and found are ' + ', '.join(f'{rung} {value:.4g}' for rung, value in last.items()) + '.')
     remarks = {(row['rung'], row['status']): row['message'] for row in result.rows if row['message']}
-    lines += [f'{rung}{"" if status == STABLE else " cannot be used"}: {message}'
-              for (rung, status), message in remarks.items()]
+    for (rung, status), message in remarks.items():
+        values = sorted({row['parameter'] for row in result.rows if (row['rung'], row['status']) == (rung, status)})
+        where = f' at {result.parameter} ' + ', '.join(f'{value:g}' for value in values) if result.parameter else ''
+        lines.append(rung + ('' if status == STABLE else f' cannot be used{where}') + f': {message}')
     return lines
+
+
+def _whereGood(result, wanted):
+    """From or up to which parameter each rung meets a wanted error, in words."""
+    good, word = (result.goodUpTo(wanted), 'up to') if result.isHarderUpwards else (result.goodDownTo(wanted), 'from')
+    return '; '.join(f'{rung}: ' + ('nowhere' if value is None else f'{word} {value:g}') for rung, value in good.items())
 
 
 def costTable(result):

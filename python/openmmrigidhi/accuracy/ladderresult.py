@@ -5,6 +5,10 @@ from .measurement import STABLE
 from .rungs import BEST
 
 
+#: In the place of a rung's name: numbers that the scenes have.
+EXACT = 'exact numbers'
+
+
 class LadderResult(Result):
     """Rows of rungs and observables, the references, and how it was measured.
 
@@ -17,8 +21,8 @@ class LadderResult(Result):
         over rounds), seconds_low and _high (16 and 84 %), seconds_forces (what of it the scene's forces take), platform (the
         faster one), solver
     references : dict
-        parameter -> dict with exact (whether it is exact but for rounding) and observables: name -> dict with rung, believed (relative
-        error of the reference itself, or None) and seconds (the rungs that tell)
+        parameter -> dict with exact (whether it is that of a pair, exact but for rounding) and observables: name -> dict with rung (or 'exact numbers'),
+        believed (relative error of the reference itself, or None), seconds (the rungs that tell) and, of exact numbers, value
     parameter : str or None
         what distinguishes the scenes; None for a single one
     """
@@ -111,7 +115,7 @@ class LadderResult(Result):
         -------
         Recommendation
             its setting and candidates have rung, seconds_step, platform, error (the largest of the first observable),
-            bound (the largest error with what is believed of the reference's) and verdict
+            bound (the largest error with what is believed of the reference's), isWhole (whether it could be used on all scenes) and verdict
         """
         wanted = self.parseWanted(wanted)
         candidates = []
@@ -126,7 +130,7 @@ class LadderResult(Result):
                       and row['error'] is not None and row['believed'] is not None]
             candidates.append({'rung': rung, 'seconds_step': self.seconds(rung), 'platform': rows[0]['platform'],
                                'error': max(errors, default=None), 'bound': max(bounds, default=None),
-                               'verdict': worst(verdicts)})
+                               'isWhole': all(row['status'] == STABLE for row in rows), 'verdict': worst(verdicts)})
         candidates.sort(key=lambda candidate: candidate['seconds_step'])
         return self._conclude(candidates, wanted)
 
@@ -147,7 +151,7 @@ class LadderResult(Result):
             text += (f'{", ".join(c["rung"] for c in undecided)} may meet it, but the reference itself is not known to that: add a finer '
                      'multiblob.' if undecided else 'This observable has no meaning here.')
         else:
-            least = min((c for c in candidates if c['error'] is not None), key=lambda c: c['error'], default=None)
+            least = min((c for c in candidates if c['error'] is not None and c['isWhole']), key=lambda c: c['error'], default=None)
             text = (f'{aim}: {NONE}. Every model that was measured misses it'
                     + (f'; the most accurate is {least["rung"]} with {percent(least["error"])}.' if least else '.'))
         return Recommendation(verdict, best, text, candidates, None, wanted)
@@ -164,11 +168,44 @@ class LadderResult(Result):
         dict
             rung -> the smallest parameter from which on all scenes meet it, or None if not even the last does
         """
+        return self._goodTo(wanted, sorted(self.references, reverse=True))
+
+    def goodUpTo(self, wanted):
+        """For several scenes: up to which parameter each rung meets a wanted error.
+
+        Parameters
+        ----------
+        wanted : str
+
+        Returns
+        -------
+        dict
+            rung -> the largest parameter up to which all scenes meet it, or None if not even the first does
+        """
+        return self._goodTo(wanted, sorted(self.references))
+
+    @property
+    def isHarderUpwards(self):
+        """Whether approximations get worse for larger parameters."""
+        return self.scene.get('harder') == 'larger'
+
+    def exactNumbers(self, observable):
+        """Exact numbers of the scenes: parameter -> number, or an empty dict if there are none for one of them.
+
+        Parameters
+        ----------
+        observable : str
+        """
+        found = {value: entry['observables'][observable] for value, entry in self.references.items()}
+        return {value: found[value]['value'] for value in sorted(found)} if all(entry['rung'] == EXACT for entry in found.values()) else {}
+
+    def _goodTo(self, wanted, values):
+        """How far along these values each rung meets a wanted error."""
         result = {}
         items = self.parseWanted(wanted)
         for rung in self.rungs:
             result[rung] = None
-            for value in sorted(self.references, reverse=True):
+            for value in values:
                 rows = {row['observable']: row for row in self.rows if row['rung'] == rung and row['parameter'] == value}
                 if any(self.judge(rows[item.observable], item.tolerance) != 'yes' for item in items):
                     break
@@ -179,10 +216,15 @@ class LadderResult(Result):
         """What the errors are compared with, and how good that is, in words."""
         if all(entry['exact'] for entry in self.references.values()):
             return f'Compared with {BEST}, which is exact for a pair of spheres, to 1e-9.'
+        if all(self.exactNumbers(name) for name in self.observables):
+            return 'Compared with exact numbers, which have six digits and more.'
         parts = []
         entry = next(iter(self.references.values()))
         for name, chosen in entry['observables'].items():
             if not self.select(name):
+                continue
+            if chosen['rung'] == EXACT:
+                parts.append(f'{self.observables[name]["label"]}: exact numbers')
                 continue
             others = " and ".join(chosen['seconds'])
             how = ('nothing that was computed tells how wrong that is itself' if chosen['believed'] is None else

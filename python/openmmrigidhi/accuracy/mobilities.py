@@ -30,6 +30,11 @@ class MobilitySample:
         self.forces = forces
         self.torques = torques
 
+    @property
+    def friction(self):
+        """Inverse of the mobility, an array of shape (6n, 6n)."""
+        return np.linalg.inv(self.mobility)
+
     def twists(self, forces, torques=0.0):
         """Velocities and angular velocities that forces and torques on the bodies give, two arrays of shape (n, 3).
 
@@ -75,6 +80,18 @@ def _relative(value, reference):
     if size == 0:
         return None
     return float(difference/size if difference.ndim == 0 else np.linalg.norm(difference)/size)
+
+
+def _drag(sample):
+    """Forces along z that move all spheres alike along z without rotation, over Stokes'."""
+    forces = sample.friction[2::6, 2::6].sum(axis=1)
+    return float((forces/(6*np.pi*sample.viscosity*sample.radii)).mean())
+
+
+def _rotationalDrag(sample):
+    """Torques about z that rotate all spheres alike about z without moving them, over Stokes'."""
+    torques = sample.friction[5::6, 5::6].sum(axis=1)
+    return float((torques/(8*np.pi*sample.viscosity*sample.radii**3)).mean())
 
 
 def _scaled(sample):
@@ -143,6 +160,11 @@ BUILT_IN = {observable.name: observable for observable in (
                        'body; norm'),
     MobilityObservable('own_forces', "velocities under the scene's own forces", _ownForces,
                        description="velocities, and radii times angular velocities, under the scene's forces at its start; norm"),
+    MobilityObservable('drag', 'drag K of spheres that move alike', _drag,
+                       description="mean force along z on spheres that all move alike along z and do not rotate, over Stokes' drag; in an array it is "
+                       'known as K'),
+    MobilityObservable('rotational_drag', 'rotational drag KR of spheres that rotate alike', _rotationalDrag,
+                       description="mean torque about z on spheres that all rotate alike about z and do not move, over Stokes' torque"),
     MobilityObservable('worst_wrench', 'mobility of the worst forces and torques', _scaled, _worst,
                        'largest relative error of the power that forces and torques spend on the fluid, over all of them'),
 )}

@@ -55,6 +55,7 @@ SHELLS = (12, 42, 162, 642)
 RUNGS = {rung.name: rung for rung in (
     Rung('FreeDraining', MobilityForce.FreeDraining, description='Stokes drag, no interaction'),
     Rung('RPY', MobilityForce.RotnePragerYamakawa, description='Rotne-Prager-Yamakawa with rotation'),
+    Rung('ForceCoupling', MobilityForce.ForceCoupling, description='force coupling by Gaussians; periodic fluids only'),
     Rung('FTS', MobilityForce.StokesianDynamics, False, description='force, torque, stresslet; no lubrication'),
     *(Rung(f'multiblob{n}', MobilityForce.RotnePragerYamakawa, blobs=n, description=f'shells of {n} blobs')
       for n in SHELLS),
@@ -63,6 +64,8 @@ RUNGS = {rung.name: rung for rung in (
     Rung(BEST, MobilityForce.StokesianDynamics, description='force, torque, stresslet and pair lubrication'),
 )}
 DEFAULT = ('FreeDraining', 'RPY', 'FTS', 'multiblob12', 'multiblob42', 'multiblob162', BEST)
+#: The same where the fluid is periodic.
+PERIODIC = ('FreeDraining', 'RPY', 'ForceCoupling', 'FTS', 'multiblob12', 'multiblob42', 'multiblob162', BEST)
 
 
 def byName(name):
@@ -106,6 +109,7 @@ class Spheres:
         radii = np.array([fluid.getParticleRadius(i)._value for i in range(fluid.getNumParticles())])
         self.groups, self.viscosity, self.boundary = fluid.getGroups().tolist(), fluid.getViscosity()._value, fluid.getBoundary()
         self.minimumGap = fluid.getMinimumGap()
+        self.isPeriodic = self.boundary == MobilityForce.Periodic
         if len(fluid.getBodiesWithOwnTensors()):
             raise ValueError('the hydrodynamic ladder: a body has a tensor of its own; the models are compared on spheres: take it '
                              'away with clearBodyTensor()')
@@ -196,7 +200,8 @@ class Spheres:
         fluid.setViscosity(self.viscosity)
         fluid.setModel(rung.model)
         fluid.setLubrication(rung.lubrication)
-        fluid.setBoundary(self.boundary)
+        # Without interaction there are no images.
+        fluid.setBoundary(MobilityForce.Unbounded if self.isPeriodic and rung.model == MobilityForce.FreeDraining else self.boundary)
         fluid.setMinimumGap(self.minimumGap)
         fluid.setGroups(self.groups)
         positions = []
@@ -213,6 +218,9 @@ class Spheres:
             if rung.exactAlone:
                 fluid.setBodyMobility(index, self._alone(radius, site))
         system.addForce(fluid)
+        system.setDefaultPeriodicBoxVectors(*self.scene.boxVectors)
+        if self.isPeriodic:
+            app.bindBodies(system, integrator)
         context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platform), properties or {})
         context.setPositions(positions)
         self.reset(integrator)

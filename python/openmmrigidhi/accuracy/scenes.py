@@ -317,7 +317,7 @@ def trap(bodies=400, temperature=300.0, gamma=10.0, Gamma=20.0, frequency=100.0,
 
 
 def spheres(centres, radii=1.0, temperature=300.0, viscosity=None, stepSize=0.001, density=1000.0, force=None, name='spheres',
-            description=''):
+            description='', edges=None, exact=None):
     """Spheres in a fluid, each a body of one particle.
 
     Parameters
@@ -337,6 +337,10 @@ def spheres(centres, radii=1.0, temperature=300.0, viscosity=None, stepSize=0.00
     force : array-like of shape (3,), optional
         on every sphere, kJ/(mol nm)
     name, description : str
+    edges : array-like of shape (3,), optional
+        of a periodic box, nm: the fluid is then periodic, too
+    exact : dict, optional
+        see Scene
 
     Returns
     -------
@@ -345,6 +349,9 @@ def spheres(centres, radii=1.0, temperature=300.0, viscosity=None, stepSize=0.00
     centres = np.asarray(centres, float)
     system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(temperature, stepSize)
     integrator.setScheme(CustomRigidHIIntegrator.LangevinHI)
+    if edges is not None:
+        system.setDefaultPeriodicBoxVectors(*np.diag(np.asarray(edges, float)))
+        fluid.setBoundary(MobilityForce.Periodic)
     if viscosity is not None:
         fluid.setViscosity(viscosity)
     for radius in np.broadcast_to(radii, len(centres)):
@@ -359,7 +366,7 @@ def spheres(centres, radii=1.0, temperature=300.0, viscosity=None, stepSize=0.00
             weight.addParticle(k)
         system.addForce(weight)
     system.addForce(fluid)
-    return Scene(system, centres, integrator, name, description)
+    return Scene(system, centres, integrator, name, description, exact)
 
 
 def pair(gap, ratio=1.0, temperature=1e-9):
@@ -401,6 +408,71 @@ def pairs(gaps=(0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10), ratio=1.0):
     return {float(gap): pair(gap, ratio) for gap in gaps}
 
 
+class Sweep(dict):
+    """Scenes along a parameter: value -> Scene.
+
+    Parameters
+    ----------
+    parameter : str
+        what the keys are
+    harder : str
+        'smaller' or 'larger': towards which values approximations get worse
+    scenes : dict
+    """
+
+    def __init__(self, parameter, harder, scenes):
+        super().__init__(scenes)
+        self.parameter = parameter
+        self.harder = harder
+
+
+#: Simple cubic arrays of spheres, volume fraction -> K, KR: the force on each is 6 pi eta a K U if all move with U against the mean of the whole,
+#: the torque 8 pi eta a^3 KR Omega if all rotate alike. K: A. A. Zick, G. M. Homsy, J. Fluid Mech. 115, 13 (1982), with more digits by a collocation of
+#: our own; KR by the same.
+SIMPLE_CUBIC = {0.001: (1.212141, 1.001001), 0.027: (2.007748, 1.027761), 0.064: (2.810198, 1.068608), 0.125: (4.291589, 1.145253),
+                0.216: (7.441954, 1.292910), 0.343: (15.39949, 1.635752), 0.45: (28.0864, 2.318367)}
+
+
+def array(fraction, radius=1.0):
+    """A simple cubic array of spheres in water: one in a cubic periodic box.
+
+    Parameters
+    ----------
+    fraction : float
+        of the volume, one of those in SIMPLE_CUBIC
+    radius : float
+        nm
+
+    Returns
+    -------
+    Scene
+        with the exact `drag` and `rotational_drag` of the array
+    """
+    if fraction not in SIMPLE_CUBIC:
+        raise ValueError(f'array: fraction: got {fraction}; exact numbers of simple cubic arrays are known for the volume fractions '
+                         f'{", ".join(f"{known:g}" for known in SIMPLE_CUBIC)}: choose one of these')
+    side = radius*(4*np.pi/3/fraction)**(1/3)
+    return spheres([(0, 0, 0)], radius, 1e-9, name='simple cubic array', description='spheres on a simple cubic lattice, one in a periodic box; exact '
+                   'numbers: Zick and Homsy, J. Fluid Mech. 115, 13 (1982), and a collocation', edges=(side,)*3,
+                   exact=dict(zip(('drag', 'rotational_drag'), SIMPLE_CUBIC[fraction])))
+
+
+def arrays(fractions=tuple(SIMPLE_CUBIC)):
+    """Simple cubic arrays of spheres over volume fractions, for :class:`openmmrigidhi.accuracy.LadderStudy`.
+
+    Parameters
+    ----------
+    fractions : sequence of float
+        of the volume, among those in SIMPLE_CUBIC
+
+    Returns
+    -------
+    Sweep
+        volume fraction -> Scene
+    """
+    return Sweep('volume fraction', 'larger', {float(fraction): array(fraction) for fraction in fractions})
+
+
 def suspension(bodies=12, fraction=0.1, radius=1.0, leastGap=0.02, temperature=300.0, seed=1):
     """Spheres of one size at random places without overlap, within a sphere, in water, settling.
 
@@ -421,19 +493,58 @@ def suspension(bodies=12, fraction=0.1, radius=1.0, leastGap=0.02, temperature=3
     -------
     Scene
     """
-    rng = np.random.default_rng(seed)
     outer = radius*(bodies/fraction)**(1/3)
-    centres = []
-    for _ in range(100000*bodies):
-        if len(centres) == bodies:
-            break
-        point = rng.uniform(-outer, outer, 3)
-        if np.linalg.norm(point) <= outer and all(np.linalg.norm(point - other) >= (2 + leastGap)*radius for other in centres):
-            centres.append(point)
-    else:
-        raise ValueError(f'suspension: fraction: got {fraction}; {bodies} spheres found no room by chance: choose a smaller one')
+    centres = _randomCentres(bodies, fraction, outer, (2 + leastGap)*radius, None, seed)
     return spheres(centres, radius, temperature, force=(0, 0, -1), name=f'suspension{bodies}',
                    description=f'{bodies} spheres at random in a larger sphere, volume fraction {fraction:g}, settling in water')
+
+
+def _randomCentres(bodies, fraction, outer, least, side, seed):
+    """Places no nearer to each other than `least`: in a sphere of this radius, or in a periodic cube of this side."""
+    rng = np.random.default_rng(seed)
+    centres = np.empty((bodies, 3))
+    found = 0
+    for _ in range(100000*bodies):
+        if found == bodies:
+            break
+        point = rng.uniform(-outer, outer, 3)
+        apart = centres[:found] - point
+        if side is not None:
+            apart -= side*np.round(apart/side)
+        elif np.linalg.norm(point) > outer:
+            continue
+        if found == 0 or np.einsum('ij,ij->i', apart, apart).min() >= least**2:
+            centres[found] = point
+            found += 1
+    else:
+        raise ValueError(f'suspension: fraction: got {fraction}; {bodies} spheres found no room by chance: choose a smaller one')
+    return centres
+
+
+def periodicSuspension(bodies=8, fraction=0.15, radius=1.0, leastGap=0.02, temperature=300.0, seed=1):
+    """Spheres of one size at random places without overlap in a cubic periodic box of water, settling.
+
+    Parameters
+    ----------
+    bodies : int
+    fraction : float
+        of the volume; up to about 0.3
+    radius : float
+        nm
+    leastGap : float
+        between surfaces, in radii
+    temperature : float
+        K
+    seed : int
+
+    Returns
+    -------
+    Scene
+    """
+    side = radius*(4*np.pi/3*bodies/fraction)**(1/3)
+    centres = _randomCentres(bodies, fraction, side/2, (2 + leastGap)*radius, side, seed)
+    return spheres(centres, radius, temperature, force=(0, 0, -1), name=f'periodic suspension of {bodies}', edges=(side,)*3,
+                   description=f'{bodies} spheres at random in a periodic box, volume fraction {fraction:g}, settling in water')
 
 
 def fromFiles(system, state, integrator):
@@ -537,4 +648,4 @@ def platformProperties(platform, threads):
 
 #: Scenes by name, for the command line; those for the hydrodynamic ladder.
 BUILT_IN = {'water': water, 'trap': trap}
-OF_SPHERES = {'pairs': pairs, 'suspension': suspension}
+OF_SPHERES = {'pairs': pairs, 'suspension': suspension, 'arrays': arrays, 'periodic': periodicSuspension}

@@ -85,7 +85,18 @@ double freeMemory() {
 
 ForceCouplingGrid::ForceCouplingGrid(const HydrodynamicParticles& particles, double viscosity, double tolerance,
                                      double spacing, const std::shared_ptr<GridFluid>& fluid)
-    : MobilityModel(particles, viscosity), resolution(particles, tolerance, spacing), fluid(fluid) {}
+    : MobilityModel(particles, viscosity), resolution(particles, tolerance, spacing), fluid(fluid) {
+    // Coarser still, and whole particles are between the nodes: mobilities of zero, or below.
+    const double coarsest = resolution.getCoarsestSpacing();
+    if (spacing > coarsest) {
+        // Rounded down, so that what is named is taken.
+        const double unit = std::pow(10.0, std::floor(std::log10(coarsest)) - 2);
+        throw OpenMM::OpenMMException(
+            "MobilityForce: setGridSpacing(): the spacing is " + text(spacing) +
+            " nm, too coarse for the smallest particle of ForceCoupling on a grid; give at most " +
+            text(std::floor(coarsest / unit) * unit, 3) + " nm, or 0 for the spacing that the solver tolerance wants");
+    }
+}
 
 void ForceCouplingGrid::checkBox(const BoxVectors& box) const {
     const auto fail = [](const std::string& problem) {

@@ -15,7 +15,8 @@ namespace RigidHIPlugin {
  * Equation:  M_ij = (1/(eta V)) sum_k D_i^+ (1 - k k/k^2) k^-2 D_j exp(i k.r_ij), D(F) = exp(-sigma^2 k^2/2) F, D(T) = (i/2) k x T exp(-sigma_D^2 k^2/2),
  *            sigma = a/sqrt(pi), sigma_D = a/(6 sqrt(pi))^(1/3) (Westwood 2022, eqs. 2 to 13).
  * Method:    Gaussians on the nodes of a grid, Fourier transforms, averages by the transpose (GridFluid). The matrix is symmetric to rounding and positive
- *            semidefinite. The error of products is below the tolerance, in the norm of velocities over the roots of the particles' own mobilities.
+ *            semidefinite. The norm of the error of products is below the tolerance times the norm of the mobility, both over the roots of own mobilities
+ *            (docs/grid_accuracy.md).
  * Cost:      three transforms there and three back a product, three back a random field.
  * Reference: Yeo, Maxey, J. Comput. Phys. 229, 2401 (2010); Westwood, Delmotte, Keaveny, J. Comput. Phys. 467, 111437 (2022).
  */

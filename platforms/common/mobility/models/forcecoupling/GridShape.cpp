@@ -22,7 +22,7 @@ int nextGridSize(double least) {
 GridResolution::GridResolution(const HydrodynamicParticles& particles, double wanted, double givenSpacing)
     : spacing(givenSpacing), tolerance(wanted) {
     // What a grid leaves out of a Gaussian of a width is exp(-(pi width/spacing)^2), for every pair. Curls of the narrower torque envelopes have a
-    // factor k more of that. Measured: these factors keep the norm of the error below the tolerance.
+    // factor k more of that. Measured: these factors keep the error below the tolerance (docs/grid_accuracy.md).
     double narrowest = std::numeric_limits<double>::infinity();
     bool torques = false;
     for (int i = 0; i < particles.size(); i++) {
@@ -30,13 +30,14 @@ GridResolution::GridResolution(const HydrodynamicParticles& particles, double wa
                                                                : forceEnvelopeWidth(particles.radii[i]));
         torques = torques || particles.hasTorque[i];
     }
-    const double finer = torques ? 8 : 2, wider = torques ? 30 : 2;
+    const double finer = torques ? 9 : 2, wider = torques ? 30 : 2;
     if (spacing > 0) {
         const double x = M_PI * narrowest / spacing;
-        tolerance = std::min(0.5, finer * std::exp(-x * x));
+        tolerance = std::max(smallestTolerance, finer * std::exp(-x * x));
     } else {
         spacing = M_PI * narrowest / std::sqrt(std::log(finer / tolerance));
     }
+    coarsest = M_PI * narrowest / std::sqrt(std::log(finer / largestTolerance));
     cutoffInWidths = std::sqrt(2 * std::log(2 * wider / tolerance));
 }
 

@@ -29,7 +29,7 @@ struct GridShape {
 class GridResolution {
 public:
     /**
-     * @param tolerance  of products, relative to the norm of forces over the root of the particles' own frictions
+     * @param tolerance  of products: norm of their error over the norm of the mobility, both over the roots of the particles' own mobilities
      * @param spacing    nm; 0: as the tolerance wants
      */
     GridResolution(const HydrodynamicParticles& particles, double tolerance, double spacing);
@@ -37,13 +37,17 @@ public:
     double getSpacing() const { return spacing; }
     /** The tolerance that the spacing means: the one asked for, unless the user has set another spacing. */
     double getTolerance() const { return tolerance; }
+    /** The spacing at which products have no digit left, nm: that of a tolerance of 0.5. */
+    double getCoarsestSpacing() const { return coarsest; }
     /** The distance at which the envelopes of a particle of this radius are cut off. */
     double cutoff(double radius) const;
     /** The grid for a box, which depends on nothing else. */
     GridShape shapeFor(const BoxVectors& box) const;
 
 private:
-    double spacing, tolerance, cutoffInWidths;
+    // Rounding: a finer grid is not better, and an exponential that underflows would have envelopes without end.
+    static constexpr double smallestTolerance = 1e-14, largestTolerance = 0.5;
+    double spacing, tolerance, coarsest, cutoffInWidths;
 };
 
 /** The least even number from `least` up without prime factors above 7, for which transforms are fast. */
