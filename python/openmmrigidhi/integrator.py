@@ -439,7 +439,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return WallRejection(super().getWallRejection())
 
     def setWallRejection(self, rejection):
-        """Set which steps are redone with new noise where a MobilityForce has the boundary NoSlipWall.
+        """Set which steps are redone with new noise where a MobilityForce has the boundary NoSlipWall or SlipChannel.
 
         A start that would be redone is an error. May be changed between steps; takes effect at once.
 
@@ -449,7 +449,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
             Overlap (default): those after which a hydrodynamic particle is nearer to the wall than its radius a, which
             repulsions that diverge at contact need; Crossing: those after which its centre is behind the wall. Under Crossing,
             particles with their centre at 0 < z < a above the wall have the mobility of contact, times z/a for their velocities
-            and once more for the forces on them: continuous, positive definite
+            and once more for the forces on them: continuous, positive definite; between slip walls nothing is damped
         """
         super().setWallRejection(_units.constant(rejection, WallRejection, _where('setWallRejection'), 'rejection'))
 

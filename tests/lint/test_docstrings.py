@@ -132,7 +132,8 @@ UNITS = {'CustomRigidHIIntegrator': {
     'computeSystemTemperature': unit.kelvin,
 }, 'MobilityForce': {
     'getViscosity': unit.dalton/(unit.nanometer*unit.picosecond),
-    'getParticleRadius': unit.nanometer, 'getWallHeight': unit.nanometer, 'getGridSpacing': unit.nanometer,
+    'getParticleRadius': unit.nanometer, 'getWallHeight': unit.nanometer,
+    'getChannelWalls': (unit.nanometer, unit.nanometer), 'getGridSpacing': unit.nanometer,
 }, 'CustomBodyForce': {
 }}
 #: Arrays over bodies: their number of columns.

@@ -46,6 +46,7 @@ VALUES = {'CustomRigidHIIntegrator': {
     'setModel': (MobilityForce.FreeDraining,),
     'setBoundary': (MobilityForce.NoSlipWall,),
     'setWallHeight': (-4/3,),
+    'setChannelWalls': (-4/3, 5/3),
     'setGridSpacing': (1/3,),
     'setSphereWallMobility': (MobilityForce.BestKnown,),
     'setLubrication': (False,),

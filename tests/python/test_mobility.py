@@ -31,6 +31,7 @@ def everything():
     fluid.setMinimumGap(1e-3/3)
     fluid.setBoundary(MobilityForce.NoSlipWall)
     fluid.setWallHeight(-4/3)
+    fluid.setChannelWalls(-4/3, 5/3)
     fluid.setSphereWallMobility(MobilityForce.BestKnown)
     fluid.setSolver(MobilityForce.MatrixFree)
     fluid.setSolverTolerance(1e-5/3)
@@ -47,7 +48,7 @@ def assertSame(a, b):
     assert a.getNumParticles() == b.getNumParticles()
     for i in range(a.getNumParticles()):
         assert a.getParticleRadius(i) == b.getParticleRadius(i)
-    for name in ('Viscosity', 'Model', 'Boundary', 'WallHeight', 'SphereWallMobility', 'Lubrication', 'MinimumGap', 'Solver',
+    for name in ('Viscosity', 'Model', 'Boundary', 'WallHeight', 'ChannelWalls', 'SphereWallMobility', 'Lubrication', 'MinimumGap', 'Solver',
                  'SolverTolerance', 'ForceGroup', 'Name'):
         assert getattr(a, 'get' + name)() == getattr(b, 'get' + name)(), name
     assert np.array_equal(a.getBodiesWithOwnTensors(), b.getBodiesWithOwnTensors())

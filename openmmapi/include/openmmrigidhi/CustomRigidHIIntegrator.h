@@ -71,7 +71,7 @@ public:
         /** +-1 with probability 1/2 each (eq. 31): enough for weak order 1 (GradientThermostat, the schemes of a fluid without momenta). */
         TwoPoint = 2
     };
-    /** Which steps through a MobilityForce::NoSlipWall are redone with new noise. */
+    /** Which steps through a MobilityForce::NoSlipWall, or either wall of a SlipChannel, are redone with new noise. */
     enum WallRejection : int {
         /** Those after which a hydrodynamic particle is nearer to the wall than its radius (default). */
         Overlap = 0,

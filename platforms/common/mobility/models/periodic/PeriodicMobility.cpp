@@ -25,7 +25,8 @@ void checkPeriodicRows(int rows, int largestRows) {
         "MobilityForce: boundary Periodic is done by dense matrices of up to " + text(largestRows) +
         " rows, and here there are " + text(rows) +
         ": six for each sphere, three for each blob or particle in no body (StokesianDynamics: eleven for "
-        "each sphere); use fewer particles, or groups of them by setGroups()");
+        "each sphere), and as many for its image in a SlipChannel; use fewer particles, or groups of them by "
+        "setGroups()");
 }
 
 std::string PeriodicMobility::coincidence(const Placement& placement, const Lattice& lattice) const {
