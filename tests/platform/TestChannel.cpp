@@ -75,10 +75,11 @@ TEST(Channel, ResumesBitForBit) {
 }
 
 TEST(Channel, StepsBeyondEitherWallAreRedone) {
-    // A sphere that is pushed to a wall: with Overlap its surface, with Crossing its centre stays inside.
+    // A sphere that is pushed to a wall: with Overlap its surface, with Crossing its centre stays inside. Near
+    // a wall it moves little, so crossing takes long steps.
     for (bool crossing : {false, true})
         for (double y : {2.0, 5.5}) {
-            ChannelScene scene(T1, RigidHI::EulerMaruyama, MobilityForce::Dense, 0.2);
+            ChannelScene scene(T1, RigidHI::EulerMaruyama, MobilityForce::Dense, crossing ? 5 : 0.2);
             scene.integrator.setWallRejection(crossing ? RigidHI::Crossing : RigidHI::Overlap);
             scene.add(sphereKind(1), Vec3(4, y, 4));
             auto* push = new CustomExternalForce(y < 4 ? "3*y" : "-3*y");
