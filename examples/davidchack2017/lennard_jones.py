@@ -12,7 +12,7 @@ With --periodic the fluid is periodic in the box of 15, too, as in the paper: St
 RotnePragerYamakawa at one step. These runs have a JSON of their own, where the others serve for comparison.
 
     python3 lennard_jones.py              # about an hour and a half, most of it for RPY at kT = 0.2, h = 0.02
-    python3 lennard_jones.py --periodic   # about two hours; --resume goes on where it was interrupted
+    python3 lennard_jones.py --periodic   # about an hour; --resume goes on where it was interrupted
     python3 lennard_jones.py --long 8     # runs eight times as long
     python3 lennard_jones.py --quick      # seconds: a smoke test
 """
@@ -118,7 +118,7 @@ def prepared(kT, step, modelName, clusters, seed, platformName, preparation, lab
 def run(kT, step, modelName, duration, clusters, seed, platformName, preparation=PREPARATION, quiet=False, notes=None):
     """One run: means and standard errors of the five quantities. `duration` is the time of each cluster.
 
-    `notes` is a file that keeps the run so far, while it lasts; a run that finds one of the same settings goes on from it."""
+    `notes` is a file that keeps the run so far; a run of the same settings that finds one goes on from it, also to be longer."""
     label = f'kT {kT:g} h {step:g} {modelName}'
     settings = repr((kT, step, modelName, clusters, seed, preparation))
     rows, perCluster, seconds, rejected = [], [], 0.0, 0
@@ -135,6 +135,15 @@ def run(kT, step, modelName, duration, clusters, seed, platformName, preparation
     rejectedBefore = scene.integrator.getNumRejectedSteps()
     every = max(1, round(SAMPLE_TIME/step))
     count = SPHERES*clusters
+
+    def note():
+        notes.parent.mkdir(parents=True, exist_ok=True)
+        unfinished = notes.with_name(f'unfinished_{notes.name}')
+        np.savez(unfinished, settings=settings, rows=rows, perCluster=perCluster, seconds=seconds + time.time() - began,
+                 rejected=rejected + scene.integrator.getNumRejectedSteps() - rejectedBefore,
+                 checkpoint=np.frombuffer(scene.context.createCheckpoint(), dtype=np.uint8))
+        unfinished.replace(notes)
+
     for _ in sample(scene.integrator, max(1, round(duration/step/every) - len(rows)), every, label, quiet):
         # Axis 1 of the paper has moment 3; ours are sorted, smallest moment first.
         rotation = scene.integrator.computeRotationalKineticEnergies()._value[::-1]
@@ -143,12 +152,9 @@ def run(kT, step, modelName, duration, clusters, seed, platformName, preparation
         rows.append([2*translation/(3*count), *(2*np.array(rotation)/count), perCluster[-1].mean()])
         if notes and time.time() - noted > NOTES_EVERY:
             noted = time.time()
-            notes.parent.mkdir(parents=True, exist_ok=True)
-            checkpoint = np.frombuffer(scene.context.createCheckpoint(), dtype=np.uint8)
-            unfinished = notes.with_name(f'unfinished_{notes.name}')
-            np.savez(unfinished, settings=settings, rows=rows, perCluster=perCluster, seconds=seconds + noted - began,
-                     rejected=rejected + scene.integrator.getNumRejectedSteps() - rejectedBefore, checkpoint=checkpoint)
-            unfinished.replace(notes)
+            note()
+    if notes:
+        note()
     rejected += scene.integrator.getNumRejectedSteps() - rejectedBefore
     rows = np.array(rows)
     check = abs(perCluster[-1].mean() - scene.potentialEnergy()/count)
@@ -159,8 +165,7 @@ def run(kT, step, modelName, duration, clusters, seed, platformName, preparation
     error[4] = max(error[4], between)
     return {'kT': kT, 'h': step, 'model': modelName, 'clusters': clusters, 'time_per_cluster': duration, 'preparation': preparation,
             'seed': seed, 'steps': int(len(rows)*every), 'samples': len(rows), 'seconds': seconds + time.time() - began,
-            'rejected_steps': int(rejected),
-            'mean': dict(zip(QUANTITIES, mean)), 'error': dict(zip(QUANTITIES, error)), 'U/N_error_between_clusters': between,
+            'rejected_steps': int(rejected), 'mean': dict(zip(QUANTITIES, mean)), 'error': dict(zip(QUANTITIES, error)), 'U/N_error_between_clusters': between,
             'U/N_difference_to_OpenMM': check}
 
 
@@ -257,9 +262,9 @@ def plan(quick, factor, periodic):
     if periodic:
         if quick:
             return [(0.1, 0.2, 'SD periodic', 40.0, 8), (0.1, 0.2, 'RPY periodic', 40.0, 8)]
-        # As long as below, for errors of 1e-3 in U/N; a step of one cluster takes 2 ms.
+        # For errors of 1e-3 in U/N at kT = 0.1, as below, and 1.8e-3 at 0.2: a step of one cluster takes 2 ms.
         return [(0.1, h, 'SD periodic', factor*1200.0, 32) for h in (0.1, 0.2, 0.3)] + [
-            (0.1, 0.2, 'RPY periodic', factor*1200.0, 32)] + [(0.2, h, 'SD periodic', factor*5500.0, 32) for h in (0.15, 0.2, 0.24)]
+            (0.1, 0.2, 'RPY periodic', factor*1200.0, 32)] + [(0.2, h, 'SD periodic', factor*1700.0, 32) for h in (0.15, 0.2, 0.24)]
     if quick:
         return [(0.1, h, model, t, 8) for h, model, t in ((0.05, 'FreeDraining', 200.0), (0.2, 'FreeDraining', 800.0),
                                                          (0.3, 'FreeDraining', 800.0), (0.2, 'RPY', 40.0))]
@@ -281,8 +286,8 @@ def main():
     parser.add_argument('--periodic', action='store_true', help='in a periodic fluid, as in the paper')
     parser.add_argument('--long', type=float, default=1.0, metavar='FACTOR', help='multiply the length of every run')
     parser.add_argument('--resume', action='store_true', help='keep the runs that the output folder has already; run what is missing or '
-                        'shorter, from the notes of an interrupted run if there are any')
-    parser.add_argument('--notes', type=pathlib.Path, default=RESULTS/'unfinished', help='folder for the notes of the run that is going on')
+                        'shorter, from the notes of an earlier one if there are any')
+    parser.add_argument('--notes', type=pathlib.Path, default=RESULTS/'notes', help='folder of what --resume goes on from')
     parser.add_argument('--platform', default='CPU')
     parser.add_argument('--seed', type=int, default=2017)
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
@@ -308,8 +313,6 @@ def main():
             r = runs[kT, h, model] = run(kT, h, model, duration, clusters, seed, args.platform, 400.0 if args.quick else PREPARATION,
                                          notes=notes)
             r['provenance'] = provenance(args)
-            if notes:
-                notes.unlink(missing_ok=True)
         print(f'kT {kT:g} h {h:g} {model}: ' + ', '.join(f'{n} {brackets(r["mean"][n], r["error"][n])}' for n in QUANTITIES) +
               f'  [{r["seconds"]:.0f} s]', flush=True)
         done = [runs[key] for key in order if key in runs]

@@ -1,0 +1,316 @@
+#!/usr/bin/env python3
+"""Rigid proteins, all their atoms with PME, in a periodic fluid: saved, resumed, and what the fluid costs beside the forces.
+
+Eight villin headpieces (from the PDB file that comes with OpenMM, with all hydrogens) fill a box of 8 nm. Between atoms act the charges and
+Lennard-Jones parameters of amber14, by NonbondedForce with PME; charges are divided by sqrt(78.4), so that Coulomb's law is that in water, which is
+not there as molecules. Each protein is one rigid body. In the same box a MobilityForce makes water around them: ForceCoupling with periodic
+images, a blob at every C-alpha, on a grid. They move by LangevinHI, with inertia, and by DriftCorrectorFD, without.
+
+    python3 run.py --output results      # a quarter of an hour on one core
+    python3 run.py --quick               # seconds: three proteins
+    python3 run.py --pdb my_protein.pdb  # another protein; hydrogens are added if there are none
+"""
+import argparse
+import pathlib
+import sys
+import time
+
+import numpy as np
+import openmm
+from openmm import app, unit
+from scipy.spatial.transform import Rotation
+from tqdm import tqdm
+
+import openmmrigidhi
+from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.append(str(HERE.parent))
+from recording import brackets, provenance, pyplot, save  # noqa: E402
+
+STRUCTURE = pathlib.Path(app.__file__).parent/'data'/'test.pdb'   # villin in water; the water is left out
+BLOB_RADIUS = 0.61           # nm, one bead a residue: Ortega et al., Biophys. J. 101, 892 (2011)
+TEMPERATURE = 298.15         # K
+VISCOSITY = 0.890            # mPa s, water at 298.15 K
+PERMITTIVITY = 78.4          # of water at 298.15 K
+SPACING = 4.0                # nm between the places that proteins start from; a villin is 3.0 nm long, 4.2 with its blobs
+CUTOFF = 1.0                 # nm
+TOLERANCE = 1e-3             # of the fluid: the grid, and iterations
+STEP = {'LangevinHI': 0.01, 'DriftCorrectorFD': 0.05}    # ps
+GAS_CONSTANT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
+
+
+# ---- The scene -------------------------------------------------------------------------------------------------------------
+def readProtein(path=STRUCTURE):
+    """Topology and positions (atoms, 3) in nm of the protein in a PDB file, with hydrogens, about its middle."""
+    pdb = app.PDBFile(str(path))
+    protein = app.Modeller(pdb.topology, pdb.positions)
+    amino = set(app.PDBFile._standardResidues) - {'HOH', 'A', 'C', 'G', 'U', 'I', 'DA', 'DC', 'DG', 'DT', 'DI'}
+    protein.delete([residue for residue in protein.topology.residues() if residue.name not in amino])
+    if not any(atom.element is app.element.hydrogen for atom in protein.topology.atoms()):
+        protein.addHydrogens(app.ForceField('amber14/protein.ff14SB.xml'))
+    positions = np.array(protein.positions.value_in_unit(unit.nanometer))
+    return protein.topology, positions - positions.mean(0)
+
+
+class Scene:
+    """Proteins on a lattice of cells[0] x cells[1] x cells[2] places, each turned at random, in a periodic box.
+
+    Parameters
+    ----------
+    scheme : str
+        'LangevinHI', 'DriftCorrectorFD', or 'LangevinC', which is without the fluid
+    solver : int
+        of the MobilityForce; Auto takes a grid from 100 blobs on
+    """
+
+    def __init__(self, cells, scheme, platformName='CPU', seed=1, structure=STRUCTURE, solver=MobilityForce.Auto):
+        topology, shape = readProtein(structure)
+        self.count, self.atoms = int(np.prod(cells)), len(shape)
+        turns = Rotation.random(self.count, random_state=seed)
+        places = SPACING*np.stack(np.meshgrid(*[np.arange(n) + 0.5 for n in cells], indexing='ij'), -1).reshape(-1, 3)
+        self.start = np.concatenate([turn.apply(shape) + place for turn, place in zip(turns, places)])
+        model = app.Modeller(topology, self.start[:self.atoms]*unit.nanometer)
+        for k in range(1, self.count):
+            model.add(topology, self.start[self.atoms*k:self.atoms*(k + 1)]*unit.nanometer)
+        self.topology = model.topology
+        self.topology.setUnitCellDimensions(openmm.Vec3(*(SPACING*np.array(cells)))*unit.nanometer)
+        self.system = app.ForceField('amber14/protein.ff14SB.xml').createSystem(
+            self.topology, nonbondedMethod=app.PME, nonbondedCutoff=CUTOFF*unit.nanometer, removeCMMotion=False)
+        # Bonds, angles and torsions do nothing in rigid bodies.
+        for k in reversed(range(self.system.getNumForces())):
+            if not isinstance(self.system.getForce(k), openmm.NonbondedForce):
+                self.system.removeForce(k)
+        self.charge = self.putIntoWater(self.system.getForce(0))
+
+        self.integrator = CustomRigidHIIntegrator(TEMPERATURE, STEP.get(scheme, STEP['LangevinHI']))
+        self.integrator.setScheme(getattr(CustomRigidHIIntegrator, scheme))
+        self.integrator.setRandomNumberSeed(seed)
+        for k in range(self.count):
+            self.integrator.addRigidBody(range(self.atoms*k, self.atoms*(k + 1)))   # mass, inertia and shape from the System
+        openmmrigidhi.app.bindBodies(self.system, self.integrator)
+        self.fluid = None
+        if scheme == 'LangevinC':
+            self.integrator.setFriction(1)
+        else:
+            self.fluid = MobilityForce()
+            self.fluid.setModel(MobilityForce.ForceCoupling)
+            self.fluid.setBoundary(MobilityForce.Periodic)
+            self.fluid.setSolver(solver)
+            self.fluid.setSolverTolerance(TOLERANCE)
+            self.fluid.setViscosity(VISCOSITY*1e-3*unit.pascal*unit.second)
+            for atom in self.topology.atoms():
+                self.fluid.addParticle(BLOB_RADIUS if atom.name == 'CA' else 0)     # 0: the fluid does not see it
+            self.system.addForce(self.fluid)
+        properties = {'Threads': '1'} if platformName == 'CPU' else {}
+        self.simulation = app.Simulation(self.topology, self.system, self.integrator, openmm.Platform.getPlatformByName(platformName), properties)
+        self.context = self.simulation.context
+        self.context.setPositions(self.start)
+        self.context.setVelocitiesToTemperature(TEMPERATURE, seed)
+
+    @staticmethod
+    def putIntoWater(force):
+        """Divide charges by the root of water's permittivity; the charge of all, e."""
+        total = 0
+        for i in range(force.getNumParticles()):
+            charge, sigma, epsilon = force.getParticleParameters(i)
+            total += charge._value
+            force.setParticleParameters(i, charge/PERMITTIVITY**0.5, sigma, epsilon)
+        for k in range(force.getNumExceptions()):
+            i, j, product, sigma, epsilon = force.getExceptionParameters(k)
+            force.setExceptionParameters(k, i, j, product/PERMITTIVITY, sigma, epsilon)
+        return total
+
+    def positions(self):
+        return self.integrator.getBodyPositions()._value
+
+    def poses(self):
+        return np.concatenate([self.positions(), self.integrator.getBodyOrientations()], axis=1)
+
+
+# ---- Saved and resumed -----------------------------------------------------------------------------------------------------
+def resumed(cells, scheme, platformName, steps, seed, structure):
+    """A run of 2 steps numbers, saved half-way; fresh Contexts that go on from what was saved; how far they end from it, nm and quaternions."""
+    whole = Scene(cells, scheme, platformName, seed, structure)
+    whole.simulation.step(steps)
+    state = openmm.XmlSerializer.serialize(whole.context.getState(getPositions=True, getVelocities=True, getParameters=True,
+                                                                  getIntegratorParameters=True))
+    checkpoint = whole.context.createCheckpoint()
+    moved = np.abs(whole.poses()).max()
+    whole.simulation.step(steps)
+    found = {'scheme': scheme, 'platform': platformName, 'proteins': whole.count, 'steps_before': steps, 'steps_after': steps}
+    assert moved > 0
+    for name in ('State', 'checkpoint'):
+        again = Scene(cells, scheme, platformName, seed + 17, structure)   # another seed: that of the run is saved
+        if name == 'State':
+            again.context.setState(openmm.XmlSerializer.deserialize(state))
+        else:
+            again.context.loadCheckpoint(checkpoint)
+        again.simulation.step(steps)
+        found[name] = {'largest_difference': np.abs(again.poses() - whole.poses()).max(),
+                       'identical': bool(np.array_equal(again.poses(), whole.poses()))}
+    return found
+
+
+# ---- Moving ----------------------------------------------------------------------------------------------------------------
+def diffusionOfBodies(scene):
+    """kT times the trace of the translational mobility over 3, mean of the proteins, nm^2/ps."""
+    N = scene.fluid.getMobilityInContext(scene.context)
+    own = [N[6*k + i, 6*k + i] for k in range(scene.count) for i in range(3)]
+    return GAS_CONSTANT*TEMPERATURE*np.mean(own)
+
+
+def smallestGap(scene):
+    """Least distance between atoms of two proteins, nm."""
+    from scipy.spatial import cKDTree
+    x = scene.context.getState(getPositions=True).getPositions(asNumpy=True)._value.reshape(scene.count, scene.atoms, 3)
+    box = np.diag(scene.context.getState().getPeriodicBoxVectors(asNumpy=True)._value)
+    trees = [cKDTree(np.mod(places, box), boxsize=box) for places in x]
+    return min(trees[i].query(trees[j].data)[0].min() for i in range(scene.count) for j in range(i))
+
+
+def move(cells, scheme, duration, platformName, seed, structure, quiet):
+    """A run: temperature, energy, displacements against kT times mobility, and where all ended."""
+    scene = Scene(cells, scheme, platformName, seed, structure)
+    first = diffusionOfBodies(scene)
+    every = round(0.5/STEP[scheme])                                   # 0.5 ps
+    samples = max(8, round(duration/0.5))
+    last, rows, mobilities = scene.positions(), [], [first]
+    began = time.time()
+    for k in tqdm(range(samples), desc=scheme, mininterval=2, disable=quiet):
+        scene.simulation.step(every)
+        now = scene.positions()
+        row = {'energy': scene.context.getState(getEnergy=True).getPotentialEnergy()._value, 'squares': (now - last)**2}
+        if scheme == 'LangevinHI':
+            row['kT_t'] = 2*scene.integrator.computeTranslationalKineticEnergy()._value/(3*scene.count)
+            row['kT_r'] = 2*scene.integrator.computeRotationalKineticEnergies()._value.sum()/(3*scene.count)
+        rows.append(row)
+        last = now
+        if (k + 1) % max(1, samples//10) == 0:
+            mobilities.append(diffusionOfBodies(scene))
+    energies = np.array([row['energy'] for row in rows])
+    result = {'scheme': scheme, 'step_ps': STEP[scheme], 'duration_ps': samples*0.5, 'proteins': scene.count, 'seed': seed,
+              'platform': platformName, 'seconds': time.time() - began, 'rejected_steps': scene.integrator.getNumRejectedSteps(),
+              'energy_start_kJ_per_mol': energies[0], 'energy_end_kJ_per_mol': energies[-1], 'smallest_gap_nm': smallestGap(scene),
+              'D_from_mobility_nm2_per_ps': np.mean(mobilities), 'D_from_mobility_start_end': [mobilities[0], mobilities[-1]]}
+    if scheme == 'LangevinHI':
+        half = len(rows)//2      # the second half: the first one forgets the start
+        for name in ('kT_t', 'kT_r'):
+            values = np.array([row[name] for row in rows[half:]])/(GAS_CONSTANT*TEMPERATURE)
+            blocks = np.array([block.mean() for block in np.array_split(values, 8)])
+            result[f'{name}_over_kT'] = [blocks.mean(), blocks.std(ddof=1)/8**0.5]
+    else:
+        # Without momenta a displacement over a time in which mobility and forces hardly change has the variance 2 kT N t.
+        D = np.array([row['squares'].mean() for row in rows])/(2*every*STEP[scheme])
+        result['D_from_displacements_nm2_per_ps'] = [D.mean(), D.std(ddof=1)/len(D)**0.5]
+    return result, scene
+
+
+# ---- The price ---------------------------------------------------------------------------------------------------------------
+def prices(cells, rounds, steps, platformName, seed, structure, dense, quiet):
+    """Milliseconds of a step: forces alone (Langevin C, no fluid), and with the fluid, in turns; medians and least of the rounds."""
+    kinds = {'forces alone, Langevin C': ('LangevinC', MobilityForce.Auto), 'LangevinHI': ('LangevinHI', MobilityForce.Auto),
+             'DriftCorrectorFD': ('DriftCorrectorFD', MobilityForce.Auto)}
+    if dense:
+        kinds['LangevinHI, dense'] = ('LangevinHI', MobilityForce.Dense)
+        kinds['DriftCorrectorFD, dense'] = ('DriftCorrectorFD', MobilityForce.Dense)
+    scenes = {name: Scene(cells, scheme, platformName, seed, structure, solver) for name, (scheme, solver) in kinds.items()}
+    times = {name: [] for name in kinds}
+    for scene in scenes.values():
+        scene.integrator.step(2)
+    before = {name: dict(scene.integrator.getStepStatistics()) for name, scene in scenes.items()}
+    for k in tqdm(range(rounds), desc=f'prices, {int(np.prod(cells))} proteins', disable=quiet):
+        names = list(kinds)
+        for name in names[k % len(names):] + names[:k % len(names)]:
+            began = time.perf_counter()
+            scenes[name].integrator.step(steps)
+            times[name].append(1e3*(time.perf_counter() - began)/steps)
+    result = {'proteins': int(np.prod(cells)), 'box_nm': list(SPACING*np.array(cells)), 'atoms': scenes['LangevinHI'].system.getNumParticles(),
+              'rounds': rounds, 'steps_a_round': steps, 'kinds': {}}
+    base = np.array(times['forces alone, Langevin C'])
+    for name, scene in scenes.items():
+        after, taken = scene.integrator.getStepStatistics(), rounds*steps
+        row = {'ms_median': np.median(times[name]), 'ms_least': min(times[name]), 'ratio_median': np.median(np.array(times[name])/base)}
+        for key in ('seconds_forces', 'seconds_mobility', 'seconds_fft'):
+            row['ms_' + key.split('_')[1]] = 1e3*(after[key] - before[name][key])/taken
+        row['iterations'] = (after['solverIterations'] - before[name]['solverIterations'])/taken
+        row['force_evaluations'] = (after['forceEvaluations'] - before[name]['forceEvaluations'])/taken
+        result['kinds'][name] = row
+    result['fluid'] = {name: str(scene.integrator.getEffects()['hydrodynamics']) for name, scene in scenes.items() if scene.fluid}
+    return result
+
+
+def priceTable(results):
+    yield '| proteins, atoms | step | ms, median | ms, least | times forces alone | of it ms in forces | ms in the fluid | ms in transforms | iterations |'
+    yield '|---'*9 + '|'
+    for price in results:
+        for name, row in price['kinds'].items():
+            yield (f'| {price["proteins"]}, {price["atoms"]} | {name} | {row["ms_median"]:.1f} | {row["ms_least"]:.1f} | {row["ratio_median"]:.2f} | '
+                   f'{row["ms_forces"]:.1f} | {row["ms_mobility"]:.1f} | {row["ms_fft"]:.1f} | {row["iterations"]:.0f} |')
+
+
+# ---- Results -----------------------------------------------------------------------------------------------------------------
+def draw(scene, results, path):
+    """The proteins' blobs at the end of a run, and bars of prices."""
+    plt = pyplot()
+    from matplotlib.collections import EllipseCollection
+    figure, (left, right) = plt.subplots(1, 2, figsize=(12, 5), constrained_layout=True)
+    x = scene.context.getState(getPositions=True, enforcePeriodicBox=True).getPositions(asNumpy=True)._value
+    box = scene.topology.getUnitCellDimensions().value_in_unit(unit.nanometer)
+    blobs = [k for k, atom in enumerate(scene.topology.atoms()) if atom.name == 'CA']
+    nearLast = sorted(blobs, key=lambda k: x[k, 2])
+    size = np.full(len(blobs), 2*BLOB_RADIUS)
+    colours = plt.cm.tab10(np.array([k//scene.atoms for k in nearLast]) % 10)
+    colours[:, :3] *= (0.45 + 0.55*np.clip(x[nearLast, 2]/box[2], 0, 1))[:, None]
+    left.add_collection(EllipseCollection(size, size, np.zeros(len(blobs)), units='x', offsets=x[nearLast, :2], offset_transform=left.transData,
+                                          facecolors=colours, edgecolors='k', linewidths=0.3))
+    left.add_patch(plt.Rectangle((0, 0), box[0], box[1], fill=False, ls='--', lw=1))
+    left.set(xlim=(-1.5, box[0] + 1.5), ylim=(-1.5, box[1] + 1.5), xlabel='x (nm)', ylabel='y (nm)', aspect='equal',
+             title=f'{scene.count} rigid proteins, blobs at C-alpha; dark: far')
+    labels, forces, fluid = [], [], []
+    for price in results:
+        for name, row in price['kinds'].items():
+            labels.append(f'{price["proteins"]}: {name}')
+            forces.append(row['ms_forces'])
+            fluid.append(row['ms_mobility'])
+    y = np.arange(len(labels))
+    right.barh(y, forces, label='forces (PME, Lennard-Jones)')
+    right.barh(y, fluid, left=forces, label='fluid')
+    right.set_yticks(y, labels)
+    right.invert_yaxis()
+    right.set(xlabel='ms a step, one thread', title='Price of a step (proteins: scheme)')
+    right.legend()
+    figure.savefig(path, dpi=100)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--quick', action='store_true', help='seconds: three proteins')
+    parser.add_argument('--duration', type=float, default=200.0, help='ps of each run')
+    parser.add_argument('--rounds', type=int, default=9, help='rounds of the prices')
+    parser.add_argument('--pdb', type=pathlib.Path, default=STRUCTURE, help='the protein (the villin that comes with OpenMM)')
+    parser.add_argument('--platform', default='CPU', help='of the runs; one thread on CPU')
+    parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--output', type=pathlib.Path, default=pathlib.Path('rigid_proteins_output'))
+    args = parser.parse_args()
+    cells, duration, rounds, steps = ((3, 1, 1), 4.0, 2, 3) if args.quick else ((2, 2, 2), args.duration, args.rounds, 20)
+
+    saved = [resumed((3, 1, 1), scheme, platform, 3, args.seed, args.pdb) for platform in ('Reference', args.platform) for scheme in STEP]
+    for row in saved:
+        print(row, flush=True)
+    runs = []
+    for scheme in STEP:
+        result, scene = move(cells, scheme, duration, args.platform, args.seed, args.pdb, args.quick)
+        runs.append(result)
+        print(result, flush=True)
+    sizes = [cells] if args.quick else [cells, (3, 3, 3)]
+    costs = [prices(size, rounds, steps, args.platform, args.seed, args.pdb, size == cells, args.quick) for size in sizes]
+    print('\n'.join(priceTable(costs)))
+    save(args.output, 'rigid_proteins.json', {'saved_and_resumed': saved, 'runs': runs, 'prices': costs, 'charge_e': scene.charge,
+                                              'effects': {k: str(v) for k, v in scene.integrator.getEffects().items()},
+                                              'provenance': provenance(args)})
+    draw(scene, costs, args.output/'rigid_proteins.png')
+
+
+if __name__ == '__main__':
+    main()
