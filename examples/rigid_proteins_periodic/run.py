@@ -1,16 +1,17 @@
 #!/usr/bin/env python3
 """Rigid proteins, all their atoms with PME, in a periodic fluid: saved, resumed, and what the fluid costs beside the forces.
 
-Eight villin headpieces (from the PDB file that comes with OpenMM, with all hydrogens) fill a box of 8 nm. Between atoms act the charges and
+Eight villin headpieces (from the PDB file that comes with OpenMM, with all hydrogens) are in a box of 7.2 nm. Between atoms act the charges and
 Lennard-Jones parameters of amber14, by NonbondedForce with PME; charges are divided by sqrt(78.4), so that Coulomb's law is that in water, which is
 not there as molecules. Each protein is one rigid body. In the same box a MobilityForce makes water around them: ForceCoupling with periodic
 images, a blob at every C-alpha, on a grid. They move by LangevinHI, with inertia, and by DriftCorrectorFD, without.
 
-    python3 run.py --output results      # a quarter of an hour on one core
+    python3 run.py --output results      # half an hour on one core
     python3 run.py --quick               # seconds: three proteins
     python3 run.py --pdb my_protein.pdb  # another protein; hydrogens are added if there are none
 """
 import argparse
+import functools
 import pathlib
 import sys
 import time
@@ -18,6 +19,7 @@ import time
 import numpy as np
 import openmm
 from openmm import app, unit
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
@@ -33,24 +35,58 @@ BLOB_RADIUS = 0.61           # nm, one bead a residue: Ortega et al., Biophys. J
 TEMPERATURE = 298.15         # K
 VISCOSITY = 0.890            # mPa s, water at 298.15 K
 PERMITTIVITY = 78.4          # of water at 298.15 K
-SPACING = 4.0                # nm between the places that proteins start from; a villin is 3.0 nm long, 4.2 with its blobs
+SPACING = 3.6                # nm between the places that proteins start from; a villin is 3.0 nm long
 CUTOFF = 1.0                 # nm
 TOLERANCE = 1e-3             # of the fluid: the grid, and iterations
-STEP = {'LangevinHI': 0.01, 'DriftCorrectorFD': 0.05}    # ps
+STEP = {'LangevinHI': 0.02, 'DriftCorrectorFD': 0.05}    # ps; momenta relax in 0.24 ps (translation) and 0.04 ps (rotation)
+SAMPLE = 0.1                 # ps
 GAS_CONSTANT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
 
 
 # ---- The scene -------------------------------------------------------------------------------------------------------------
+def isCAlpha(atom):
+    return atom.name == 'CA' and atom.element is app.element.carbon
+
+
 def readProtein(path=STRUCTURE):
     """Topology and positions (atoms, 3) in nm of the protein in a PDB file, with hydrogens, about its middle."""
     pdb = app.PDBFile(str(path))
     protein = app.Modeller(pdb.topology, pdb.positions)
-    amino = set(app.PDBFile._standardResidues) - {'HOH', 'A', 'C', 'G', 'U', 'I', 'DA', 'DC', 'DG', 'DT', 'DI'}
-    protein.delete([residue for residue in protein.topology.residues() if residue.name not in amino])
+    protein.delete([residue for residue in protein.topology.residues() if not any(isCAlpha(atom) for atom in residue.atoms())])
     if not any(atom.element is app.element.hydrogen for atom in protein.topology.atoms()):
         protein.addHydrogens(app.ForceField('amber14/protein.ff14SB.xml'))
     positions = np.array(protein.positions.value_in_unit(unit.nanometer))
     return protein.topology, positions - positions.mean(0)
+
+
+@functools.lru_cache(maxsize=None)
+def makeSystem(cells, structure):
+    """Topology and System of one protein for each cell, with a NonbondedForce alone; and the charge of all, e."""
+    topology, shape = readProtein(structure)
+    model = app.Modeller(topology, shape*unit.nanometer)
+    for _ in range(int(np.prod(cells)) - 1):
+        model.add(topology, shape*unit.nanometer)
+    model.topology.setUnitCellDimensions(openmm.Vec3(*(SPACING*np.array(cells)))*unit.nanometer)
+    system = app.ForceField('amber14/protein.ff14SB.xml').createSystem(
+        model.topology, nonbondedMethod=app.PME, nonbondedCutoff=CUTOFF*unit.nanometer, removeCMMotion=False)
+    # Bonds, angles and torsions do nothing in rigid bodies.
+    for k in reversed(range(system.getNumForces())):
+        if not isinstance(system.getForce(k), openmm.NonbondedForce):
+            system.removeForce(k)
+    return model.topology, system, putIntoWater(system.getForce(0))
+
+
+def putIntoWater(force):
+    """Divide charges by the root of water's permittivity; the charge of all, e, as it was."""
+    total = 0
+    for i in range(force.getNumParticles()):
+        charge, sigma, epsilon = force.getParticleParameters(i)
+        total += charge._value
+        force.setParticleParameters(i, charge/PERMITTIVITY**0.5, sigma, epsilon)
+    for k in range(force.getNumExceptions()):
+        i, j, product, sigma, epsilon = force.getExceptionParameters(k)
+        force.setExceptionParameters(k, i, j, product/PERMITTIVITY, sigma, epsilon)
+    return total
 
 
 class Scene:
@@ -70,18 +106,8 @@ class Scene:
         turns = Rotation.random(self.count, random_state=seed)
         places = SPACING*np.stack(np.meshgrid(*[np.arange(n) + 0.5 for n in cells], indexing='ij'), -1).reshape(-1, 3)
         self.start = np.concatenate([turn.apply(shape) + place for turn, place in zip(turns, places)])
-        model = app.Modeller(topology, self.start[:self.atoms]*unit.nanometer)
-        for k in range(1, self.count):
-            model.add(topology, self.start[self.atoms*k:self.atoms*(k + 1)]*unit.nanometer)
-        self.topology = model.topology
-        self.topology.setUnitCellDimensions(openmm.Vec3(*(SPACING*np.array(cells)))*unit.nanometer)
-        self.system = app.ForceField('amber14/protein.ff14SB.xml').createSystem(
-            self.topology, nonbondedMethod=app.PME, nonbondedCutoff=CUTOFF*unit.nanometer, removeCMMotion=False)
-        # Bonds, angles and torsions do nothing in rigid bodies.
-        for k in reversed(range(self.system.getNumForces())):
-            if not isinstance(self.system.getForce(k), openmm.NonbondedForce):
-                self.system.removeForce(k)
-        self.charge = self.putIntoWater(self.system.getForce(0))
+        self.topology, system, self.charge = makeSystem(tuple(cells), structure)
+        self.system = openmm.XmlSerializer.clone(system)
 
         self.integrator = CustomRigidHIIntegrator(TEMPERATURE, STEP.get(scheme, STEP['LangevinHI']))
         self.integrator.setScheme(getattr(CustomRigidHIIntegrator, scheme))
@@ -100,26 +126,13 @@ class Scene:
             self.fluid.setSolverTolerance(TOLERANCE)
             self.fluid.setViscosity(VISCOSITY*1e-3*unit.pascal*unit.second)
             for atom in self.topology.atoms():
-                self.fluid.addParticle(BLOB_RADIUS if atom.name == 'CA' else 0)     # 0: the fluid does not see it
+                self.fluid.addParticle(BLOB_RADIUS if isCAlpha(atom) else 0)     # 0: the fluid does not see it
             self.system.addForce(self.fluid)
         properties = {'Threads': '1'} if platformName == 'CPU' else {}
         self.simulation = app.Simulation(self.topology, self.system, self.integrator, openmm.Platform.getPlatformByName(platformName), properties)
         self.context = self.simulation.context
         self.context.setPositions(self.start)
         self.context.setVelocitiesToTemperature(TEMPERATURE, seed)
-
-    @staticmethod
-    def putIntoWater(force):
-        """Divide charges by the root of water's permittivity; the charge of all, e."""
-        total = 0
-        for i in range(force.getNumParticles()):
-            charge, sigma, epsilon = force.getParticleParameters(i)
-            total += charge._value
-            force.setParticleParameters(i, charge/PERMITTIVITY**0.5, sigma, epsilon)
-        for k in range(force.getNumExceptions()):
-            i, j, product, sigma, epsilon = force.getExceptionParameters(k)
-            force.setExceptionParameters(k, i, j, product/PERMITTIVITY, sigma, epsilon)
-        return total
 
     def positions(self):
         return self.integrator.getBodyPositions()._value
@@ -130,16 +143,17 @@ class Scene:
 
 # ---- Saved and resumed -----------------------------------------------------------------------------------------------------
 def resumed(cells, scheme, platformName, steps, seed, structure):
-    """A run of 2 steps numbers, saved half-way; fresh Contexts that go on from what was saved; how far they end from it, nm and quaternions."""
+    """Whether runs that go on from what was saved are the uninterrupted run: the largest difference of poses (nm, quaternions) at its end."""
     whole = Scene(cells, scheme, platformName, seed, structure)
+    start = whole.poses()
     whole.simulation.step(steps)
     state = openmm.XmlSerializer.serialize(whole.context.getState(getPositions=True, getVelocities=True, getParameters=True,
                                                                   getIntegratorParameters=True))
     checkpoint = whole.context.createCheckpoint()
-    moved = np.abs(whole.poses()).max()
+    saved = whole.poses()
     whole.simulation.step(steps)
-    found = {'scheme': scheme, 'platform': platformName, 'proteins': whole.count, 'steps_before': steps, 'steps_after': steps}
-    assert moved > 0
+    found = {'scheme': scheme, 'platform': platformName, 'proteins': whole.count, 'steps_before': steps, 'steps_after': steps,
+             'moved_before': np.abs(saved - start).max(), 'moved_after': np.abs(whole.poses() - saved).max()}
     for name in ('State', 'checkpoint'):
         again = Scene(cells, scheme, platformName, seed + 17, structure)   # another seed: that of the run is saved
         if name == 'State':
@@ -162,7 +176,6 @@ def diffusionOfBodies(scene):
 
 def smallestGap(scene):
     """Least distance between atoms of two proteins, nm."""
-    from scipy.spatial import cKDTree
     x = scene.context.getState(getPositions=True).getPositions(asNumpy=True)._value.reshape(scene.count, scene.atoms, 3)
     box = np.diag(scene.context.getState().getPeriodicBoxVectors(asNumpy=True)._value)
     trees = [cKDTree(np.mod(places, box), boxsize=box) for places in x]
@@ -173,8 +186,8 @@ def move(cells, scheme, duration, platformName, seed, structure, quiet):
     """A run: temperature, energy, displacements against kT times mobility, and where all ended."""
     scene = Scene(cells, scheme, platformName, seed, structure)
     first = diffusionOfBodies(scene)
-    every = round(0.5/STEP[scheme])                                   # 0.5 ps
-    samples = max(8, round(duration/0.5))
+    every = round(SAMPLE/STEP[scheme])
+    samples = round(duration/SAMPLE)
     last, rows, mobilities = scene.positions(), [], [first]
     began = time.time()
     for k in tqdm(range(samples), desc=scheme, mininterval=2, disable=quiet):
@@ -189,14 +202,12 @@ def move(cells, scheme, duration, platformName, seed, structure, quiet):
         if (k + 1) % max(1, samples//10) == 0:
             mobilities.append(diffusionOfBodies(scene))
     energies = np.array([row['energy'] for row in rows])
-    result = {'scheme': scheme, 'step_ps': STEP[scheme], 'duration_ps': samples*0.5, 'proteins': scene.count, 'seed': seed,
-              'platform': platformName, 'seconds': time.time() - began, 'rejected_steps': scene.integrator.getNumRejectedSteps(),
-              'energy_start_kJ_per_mol': energies[0], 'energy_end_kJ_per_mol': energies[-1], 'smallest_gap_nm': smallestGap(scene),
+    result = {'scheme': scheme, 'step_ps': STEP[scheme], 'duration_ps': samples*SAMPLE, 'proteins': scene.count, 'seed': seed,
+              'platform': platformName, 'seconds': time.time() - began, 'rejected_steps': scene.integrator.getNumRejectedSteps(), 'energy_start_kJ_per_mol': energies[0], 'energy_end_kJ_per_mol': energies[-1], 'smallest_gap_nm': smallestGap(scene),
               'D_from_mobility_nm2_per_ps': np.mean(mobilities), 'D_from_mobility_start_end': [mobilities[0], mobilities[-1]]}
     if scheme == 'LangevinHI':
-        half = len(rows)//2      # the second half: the first one forgets the start
         for name in ('kT_t', 'kT_r'):
-            values = np.array([row[name] for row in rows[half:]])/(GAS_CONSTANT*TEMPERATURE)
+            values = np.array([row[name] for row in rows])/(GAS_CONSTANT*TEMPERATURE)
             blocks = np.array([block.mean() for block in np.array_split(values, 8)])
             result[f'{name}_over_kT'] = [blocks.mean(), blocks.std(ddof=1)/8**0.5]
     else:
@@ -213,7 +224,6 @@ def prices(cells, rounds, steps, platformName, seed, structure, dense, quiet):
              'DriftCorrectorFD': ('DriftCorrectorFD', MobilityForce.Auto)}
     if dense:
         kinds['LangevinHI, dense'] = ('LangevinHI', MobilityForce.Dense)
-        kinds['DriftCorrectorFD, dense'] = ('DriftCorrectorFD', MobilityForce.Dense)
     scenes = {name: Scene(cells, scheme, platformName, seed, structure, solver) for name, (scheme, solver) in kinds.items()}
     times = {name: [] for name in kinds}
     for scene in scenes.values():
@@ -257,7 +267,7 @@ def draw(scene, results, path):
     figure, (left, right) = plt.subplots(1, 2, figsize=(12, 5), constrained_layout=True)
     x = scene.context.getState(getPositions=True, enforcePeriodicBox=True).getPositions(asNumpy=True)._value
     box = scene.topology.getUnitCellDimensions().value_in_unit(unit.nanometer)
-    blobs = [k for k, atom in enumerate(scene.topology.atoms()) if atom.name == 'CA']
+    blobs = [k for k, atom in enumerate(scene.topology.atoms()) if isCAlpha(atom)]
     nearLast = sorted(blobs, key=lambda k: x[k, 2])
     size = np.full(len(blobs), 2*BLOB_RADIUS)
     colours = plt.cm.tab10(np.array([k//scene.atoms for k in nearLast]) % 10)
@@ -286,21 +296,21 @@ def draw(scene, results, path):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--quick', action='store_true', help='seconds: three proteins')
-    parser.add_argument('--duration', type=float, default=200.0, help='ps of each run')
-    parser.add_argument('--rounds', type=int, default=9, help='rounds of the prices')
+    parser.add_argument('--duration', type=float, default=200.0, help='ps by DriftCorrectorFD; a tenth of it by LangevinHI')
+    parser.add_argument('--rounds', type=int, default=7, help='rounds of the prices')
     parser.add_argument('--pdb', type=pathlib.Path, default=STRUCTURE, help='the protein (the villin that comes with OpenMM)')
     parser.add_argument('--platform', default='CPU', help='of the runs; one thread on CPU')
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--output', type=pathlib.Path, default=pathlib.Path('rigid_proteins_output'))
     args = parser.parse_args()
-    cells, duration, rounds, steps = ((3, 1, 1), 4.0, 2, 3) if args.quick else ((2, 2, 2), args.duration, args.rounds, 20)
+    cells, duration, rounds, steps = ((3, 1, 1), 8.0, 2, 2) if args.quick else ((2, 2, 2), args.duration, args.rounds, 5)
 
-    saved = [resumed((3, 1, 1), scheme, platform, 3, args.seed, args.pdb) for platform in ('Reference', args.platform) for scheme in STEP]
+    saved = [resumed((3, 1, 1), scheme, platform, 2 if args.quick else 10, args.seed, args.pdb) for platform in ('Reference', args.platform) for scheme in STEP]
     for row in saved:
         print(row, flush=True)
     runs = []
     for scheme in STEP:
-        result, scene = move(cells, scheme, duration, args.platform, args.seed, args.pdb, args.quick)
+        result, scene = move(cells, scheme, duration/10 if scheme == 'LangevinHI' else duration, args.platform, args.seed, args.pdb, args.quick)
         runs.append(result)
         print(result, flush=True)
     sizes = [cells] if args.quick else [cells, (3, 3, 3)]
