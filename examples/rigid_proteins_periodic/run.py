@@ -219,85 +219,89 @@ def move(cells, scheme, duration, platformName, seed, structure, quiet):
 
 # ---- The price ---------------------------------------------------------------------------------------------------------------
 def prices(cells, rounds, steps, platformName, seed, structure, dense, quiet):
-    """Milliseconds of a step: forces alone (Langevin C, no fluid), and with the fluid, in turns; medians and least of the rounds."""
+    """Milliseconds of a step with forces alone (Langevin C, no fluid) and with the fluid, in turns.
+
+    On a busy machine the clock goes on while others compute: parts are those of the round that took least, medians stand beside."""
     kinds = {'forces alone, Langevin C': ('LangevinC', MobilityForce.Auto), 'LangevinHI': ('LangevinHI', MobilityForce.Auto),
              'DriftCorrectorFD': ('DriftCorrectorFD', MobilityForce.Auto)}
     if dense:
         kinds['LangevinHI, dense'] = ('LangevinHI', MobilityForce.Dense)
     scenes = {name: Scene(cells, scheme, platformName, seed, structure, solver) for name, (scheme, solver) in kinds.items()}
-    times = {name: [] for name in kinds}
+    counted = {'seconds_forces': 'ms_forces', 'seconds_mobility': 'ms_fluid', 'seconds_fft': 'ms_transforms',
+               'solverIterations': 'iterations', 'forceEvaluations': 'force_evaluations'}
+    found = {name: [] for name in kinds}
     for scene in scenes.values():
         scene.integrator.step(2)
-    before = {name: dict(scene.integrator.getStepStatistics()) for name, scene in scenes.items()}
     for k in tqdm(range(rounds), desc=f'prices, {int(np.prod(cells))} proteins', disable=quiet):
         names = list(kinds)
         for name in names[k % len(names):] + names[:k % len(names)]:
-            began = time.perf_counter()
-            scenes[name].integrator.step(steps)
-            times[name].append(1e3*(time.perf_counter() - began)/steps)
-    result = {'proteins': int(np.prod(cells)), 'box_nm': list(SPACING*np.array(cells)), 'atoms': scenes['LangevinHI'].system.getNumParticles(),
-              'rounds': rounds, 'steps_a_round': steps, 'kinds': {}}
-    base = np.array(times['forces alone, Langevin C'])
-    for name, scene in scenes.items():
-        after, taken = scene.integrator.getStepStatistics(), rounds*steps
-        row = {'ms_median': np.median(times[name]), 'ms_least': min(times[name]), 'ratio_median': np.median(np.array(times[name])/base)}
-        for key in ('seconds_forces', 'seconds_mobility', 'seconds_fft'):
-            row['ms_' + key.split('_')[1]] = 1e3*(after[key] - before[name][key])/taken
-        row['iterations'] = (after['solverIterations'] - before[name]['solverIterations'])/taken
-        row['force_evaluations'] = (after['forceEvaluations'] - before[name]['forceEvaluations'])/taken
-        result['kinds'][name] = row
-    result['fluid'] = {name: str(scene.integrator.getEffects()['hydrodynamics']) for name, scene in scenes.items() if scene.fluid}
-    return result
+            integrator = scenes[name].integrator
+            before, began = dict(integrator.getStepStatistics()), time.perf_counter()
+            integrator.step(steps)
+            row, after = {'ms': 1e3*(time.perf_counter() - began)/steps}, integrator.getStepStatistics()
+            for key, called in counted.items():
+                row[called] = (after[key] - before[key])/steps*(1e3 if called.startswith('ms') else 1)
+            found[name].append(row)
+    least = {name: min(rows, key=lambda row: row['ms']) for name, rows in found.items()}
+    base = least['forces alone, Langevin C']['ms']
+    return {'proteins': int(np.prod(cells)), 'box_nm': list(SPACING*np.array(cells)), 'atoms': scenes['LangevinHI'].system.getNumParticles(),
+            'rounds': rounds, 'steps_a_round': steps,
+            'kinds': {name: {**least[name], 'times_forces_alone': least[name]['ms']/base, 'ms_median': np.median([row['ms'] for row in rows]),
+                             'ms_of_rounds': [row['ms'] for row in rows]} for name, rows in found.items()},
+            'fluid': {name: str(scene.integrator.getEffects()['hydrodynamics']) for name, scene in scenes.items() if scene.fluid}}
 
 
 def priceTable(results):
-    yield '| proteins, atoms | step | ms, median | ms, least | times forces alone | of it ms in forces | ms in the fluid | ms in transforms | iterations |'
-    yield '|---'*9 + '|'
+    yield '| proteins, atoms | step | ms, least (median) | times forces alone | of it ms in forces | ms in the fluid | of it in transforms | iterations |'
+    yield '|---'*8 + '|'
     for price in results:
         for name, row in price['kinds'].items():
-            yield (f'| {price["proteins"]}, {price["atoms"]} | {name} | {row["ms_median"]:.1f} | {row["ms_least"]:.1f} | {row["ratio_median"]:.2f} | '
-                   f'{row["ms_forces"]:.1f} | {row["ms_mobility"]:.1f} | {row["ms_fft"]:.1f} | {row["iterations"]:.0f} |')
+            yield (f'| {price["proteins"]}, {price["atoms"]} | {name} | {row["ms"]:.0f} ({row["ms_median"]:.0f}) | {row["times_forces_alone"]:.2f} | '
+                   f'{row["ms_forces"]:.0f} | {row["ms_fluid"]:.0f} | {row["ms_transforms"]:.0f} | {row["iterations"]:.0f} |')
 
 
 # ---- Results -----------------------------------------------------------------------------------------------------------------
-def draw(scene, results, path):
-    """The proteins' blobs at the end of a run, and bars of prices."""
+def drawScene(scene, path):
+    """The proteins' blobs where they are now, nearer ones brighter."""
     plt = pyplot()
     from matplotlib.collections import EllipseCollection
-    figure, (left, right) = plt.subplots(1, 2, figsize=(12, 5), constrained_layout=True)
+    figure, axes = plt.subplots(figsize=(6, 6), constrained_layout=True)
     x = scene.context.getState(getPositions=True, enforcePeriodicBox=True).getPositions(asNumpy=True)._value
     box = scene.topology.getUnitCellDimensions().value_in_unit(unit.nanometer)
-    blobs = [k for k, atom in enumerate(scene.topology.atoms()) if isCAlpha(atom)]
-    nearLast = sorted(blobs, key=lambda k: x[k, 2])
+    blobs = sorted((k for k, atom in enumerate(scene.topology.atoms()) if isCAlpha(atom)), key=lambda k: x[k, 2])
     size = np.full(len(blobs), 2*BLOB_RADIUS)
-    colours = plt.cm.tab10(np.array([k//scene.atoms for k in nearLast]) % 10)
-    colours[:, :3] *= (0.45 + 0.55*np.clip(x[nearLast, 2]/box[2], 0, 1))[:, None]
-    left.add_collection(EllipseCollection(size, size, np.zeros(len(blobs)), units='x', offsets=x[nearLast, :2], offset_transform=left.transData,
+    colours = plt.cm.tab10(np.array([k//scene.atoms for k in blobs]) % 10)
+    colours[:, :3] *= (0.45 + 0.55*np.clip(x[blobs, 2]/box[2], 0, 1))[:, None]
+    axes.add_collection(EllipseCollection(size, size, np.zeros(len(blobs)), units='x', offsets=x[blobs, :2], offset_transform=axes.transData,
                                           facecolors=colours, edgecolors='k', linewidths=0.3))
-    left.add_patch(plt.Rectangle((0, 0), box[0], box[1], fill=False, ls='--', lw=1))
-    left.set(xlim=(-1.5, box[0] + 1.5), ylim=(-1.5, box[1] + 1.5), xlabel='x (nm)', ylabel='y (nm)', aspect='equal',
-             title=f'{scene.count} rigid proteins, blobs at C-alpha; dark: far')
-    labels, forces, fluid = [], [], []
-    for price in results:
-        for name, row in price['kinds'].items():
-            labels.append(f'{price["proteins"]}: {name}')
-            forces.append(row['ms_forces'])
-            fluid.append(row['ms_mobility'])
-    y = np.arange(len(labels))
-    right.barh(y, forces, label='forces (PME, Lennard-Jones)')
-    right.barh(y, fluid, left=forces, label='fluid')
-    right.set_yticks(y, labels)
-    right.invert_yaxis()
-    right.set(xlabel='ms a step, one thread', title='Price of a step (proteins: scheme)')
-    right.legend()
-    figure.savefig(path, dpi=100)
+    axes.add_patch(plt.Rectangle((0, 0), box[0], box[1], fill=False, ls='--', lw=1))
+    axes.set(xlim=(-1.5, box[0] + 1.5), ylim=(-1.5, box[1] + 1.5), xlabel='x (nm)', ylabel='y (nm)', aspect='equal',
+             title=f'The start: {scene.count} rigid proteins, blobs at C-alpha; dark: far')
+    figure.savefig(path, dpi=90)
+
+
+def drawPrices(results, path):
+    """Bars of milliseconds a step."""
+    plt = pyplot()
+    figure, axes = plt.subplots(figsize=(8, 1 + 0.4*sum(len(price['kinds']) for price in results)), constrained_layout=True)
+    labels, rows = zip(*((f'{price["proteins"]} proteins, {name}', row) for price in results for name, row in price['kinds'].items()))
+    forces, fluid = (np.array([row[key] for row in rows]) for key in ('ms_forces', 'ms_fluid'))
+    y = np.arange(len(rows))
+    axes.barh(y, forces, label='forces (PME, Lennard-Jones)')
+    axes.barh(y, fluid, left=forces, label='fluid')
+    axes.set_yticks(y, labels)
+    axes.invert_yaxis()
+    axes.set(xlabel='ms a step, one thread', title='Price of a step')
+    axes.legend()
+    figure.savefig(path, dpi=90)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--quick', action='store_true', help='seconds: three proteins')
+    parser.add_argument('--part', choices=('all', 'runs', 'prices'), default='all')
     parser.add_argument('--duration', type=float, default=200.0, help='ps by DriftCorrectorFD; a tenth of it by LangevinHI')
-    parser.add_argument('--rounds', type=int, default=7, help='rounds of the prices')
+    parser.add_argument('--rounds', type=int, default=9, help='rounds of the prices')
     parser.add_argument('--pdb', type=pathlib.Path, default=STRUCTURE, help='the protein (the villin that comes with OpenMM)')
     parser.add_argument('--platform', default='CPU', help='of the runs; one thread on CPU')
     parser.add_argument('--seed', type=int, default=1)
@@ -305,21 +309,26 @@ def main():
     args = parser.parse_args()
     cells, duration, rounds, steps = ((3, 1, 1), 8.0, 2, 2) if args.quick else ((2, 2, 2), args.duration, args.rounds, 5)
 
-    saved = [resumed((3, 1, 1), scheme, platform, 2 if args.quick else 10, args.seed, args.pdb) for platform in ('Reference', args.platform) for scheme in STEP]
-    for row in saved:
-        print(row, flush=True)
-    runs = []
-    for scheme in STEP:
-        result, scene = move(cells, scheme, duration/10 if scheme == 'LangevinHI' else duration, args.platform, args.seed, args.pdb, args.quick)
-        runs.append(result)
-        print(result, flush=True)
-    sizes = [cells] if args.quick else [cells, (3, 3, 3)]
-    costs = [prices(size, rounds, steps, args.platform, args.seed, args.pdb, size == cells, args.quick) for size in sizes]
-    print('\n'.join(priceTable(costs)))
-    save(args.output, 'rigid_proteins.json', {'saved_and_resumed': saved, 'runs': runs, 'prices': costs, 'charge_e': scene.charge,
-                                              'effects': {k: str(v) for k, v in scene.integrator.getEffects().items()},
-                                              'provenance': provenance(args)})
-    draw(scene, costs, args.output/'rigid_proteins.png')
+    args.output.mkdir(parents=True, exist_ok=True)
+    drawScene(Scene(cells, 'LangevinHI', args.platform, args.seed, args.pdb), args.output/'rigid_proteins.png')
+    if args.part != 'prices':
+        saved = [resumed((3, 1, 1), scheme, platform, 2 if args.quick else 10, args.seed, args.pdb)
+                 for platform in ('Reference', args.platform) for scheme in STEP]
+        runs = []
+        for scheme in STEP:
+            result, scene = move(cells, scheme, duration/10 if scheme == 'LangevinHI' else duration, args.platform, args.seed, args.pdb, args.quick)
+            runs.append(result)
+        for row in saved + runs:
+            print(row)
+        save(args.output, 'rigid_proteins.json', {'saved_and_resumed': saved, 'runs': runs, 'charge_e': scene.charge,
+                                                  'effects': {k: str(v) for k, v in scene.integrator.getEffects().items()},
+                                                  'provenance': provenance(args)})
+    if args.part != 'runs':
+        sizes = [cells] if args.quick else [cells, (3, 3, 3)]
+        costs = [prices(size, rounds, steps, args.platform, args.seed, args.pdb, size == cells, args.quick) for size in sizes]
+        print('\n'.join(priceTable(costs)))
+        save(args.output, 'prices.json', {'prices': costs, 'provenance': provenance(args)})
+        drawPrices(costs, args.output/'prices.png')
 
 
 if __name__ == '__main__':

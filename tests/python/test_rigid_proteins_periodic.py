@@ -15,8 +15,11 @@ def result(tmp_path_factory):
     folder = tmp_path_factory.mktemp('proteins')
     finished = subprocess.run([sys.executable, str(SCRIPT), '--quick', '--output', str(folder)], capture_output=True, text=True, timeout=600)
     assert finished.returncode == 0, finished.stdout + finished.stderr
-    assert (folder/'rigid_proteins.png').stat().st_size > 5000
-    return json.loads((folder/'rigid_proteins.json').read_text())
+    found = {}
+    for name in ('rigid_proteins', 'prices'):
+        assert (folder/f'{name}.png').stat().st_size > 5000
+        found.update(json.loads((folder/f'{name}.json').read_text()))
+    return found
 
 
 def test_resumed_runs(result):
@@ -48,7 +51,7 @@ def test_fluid(result):
     price, = result['prices']
     kinds = price['kinds']
     for scheme in ('LangevinHI', 'DriftCorrectorFD'):
-        assert 'on a grid' in price['fluid'][scheme] and kinds[scheme]['ms_fft'] > 0 and kinds[scheme]['iterations'] > 0
-    assert 'on a grid' not in price['fluid']['LangevinHI, dense'] and kinds['LangevinHI, dense']['ms_fft'] == 0
-    assert kinds['forces alone, Langevin C']['ms_mobility'] == 0
+        assert 'on a grid' in price['fluid'][scheme] and kinds[scheme]['ms_transforms'] > 0 and kinds[scheme]['iterations'] > 0
+    assert 'on a grid' not in price['fluid']['LangevinHI, dense'] and kinds['LangevinHI, dense']['ms_transforms'] == 0
+    assert kinds['forces alone, Langevin C']['ms_fluid'] == 0
     assert all(row['force_evaluations'] == 1 for row in kinds.values())
