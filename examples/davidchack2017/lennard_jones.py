@@ -289,7 +289,6 @@ def main():
     parser.add_argument('--long', type=float, default=1.0, metavar='FACTOR', help='multiply the length of every run')
     parser.add_argument('--resume', action='store_true', help='keep the runs that the output folder has already; run what is missing or '
                         'shorter, from the notes of an earlier one if there are any')
-    parser.add_argument('--notes', type=pathlib.Path, default=RESULTS/'notes', help='folder of what --resume goes on from')
     parser.add_argument('--platform', default='CPU')
     parser.add_argument('--seed', type=int, default=2017)
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
@@ -313,7 +312,7 @@ def main():
     for kT, h, model, duration, clusters, seed in sorted(todo, key=cost):
         r = runs.get((kT, h, model))
         if r is None or (r['time_per_cluster'], r['clusters'], r['seed']) != (duration, clusters, seed):
-            notes = None if args.quick else args.notes/f'{model} {kT:g} {h:g}.npz'.replace(' ', '_')
+            notes = None if args.quick else args.output/'notes'/f'{model} {kT:g} {h:g}.npz'.replace(' ', '_')
             if notes and not args.resume:
                 notes.unlink(missing_ok=True)
             r = runs[kT, h, model] = run(kT, h, model, duration, clusters, seed, args.platform, 400.0 if args.quick else PREPARATION,
