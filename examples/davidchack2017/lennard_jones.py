@@ -262,11 +262,11 @@ def plan(quick, factor, periodic):
     if periodic:
         if quick:
             return [(0.1, 0.2, 'SD periodic', 40.0, 8), (0.1, 0.2, 'RPY periodic', 40.0, 8)]
-        # For errors of 1e-3 in U/N at kT = 0.1, as below, and 3e-3 at 0.2 (--long 10: 1e-3): a step of one cluster takes 2 ms on an idle
-        # core. Twice as long at h = 0.2, where at first one of 32 clusters was in another shape most of the time: an error of 1.7e-3.
-        return ([(0.1, h, 'SD periodic', factor*1200.0*longer, 32) for h, longer in ((0.15, 1), (0.2, 2), (0.3, 1))] +
+        # For errors of 1e-3 in U/N at kT = 0.1, as below, and 4e-3 at 0.2 (--long 15: 1e-3): a step of one cluster takes 2 ms on an idle
+        # core. Twice as long at h = 0.15 and 0.2, where 1200 led to errors of 1.3e-3 and 1.7e-3: single clusters were long in another shape.
+        return ([(0.1, h, 'SD periodic', factor*1200.0*longer, 32) for h, longer in ((0.15, 2), (0.2, 2), (0.3, 1))] +
                 [(0.1, 0.2, 'RPY periodic', factor*1200.0, 32)] +
-                [(0.2, h, 'SD periodic', factor*750.0, 32) for h in (0.15, 0.2, 0.24)])
+                [(0.2, h, 'SD periodic', factor*500.0*longer, 32) for h, longer in ((0.15, 1), (0.2, 1), (0.24, 1.5))])
     if quick:
         return [(0.1, h, model, t, 8) for h, model, t in ((0.05, 'FreeDraining', 200.0), (0.2, 'FreeDraining', 800.0),
                                                          (0.3, 'FreeDraining', 800.0), (0.2, 'RPY', 40.0))]

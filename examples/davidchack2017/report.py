@@ -6,9 +6,10 @@ from common import RESULTS, brackets, printTables
 def lennardJones(data):
     yield '| kT | quantity | A0 here | A0 paper | exact | E_A here | E_A paper | χ²/dof | order p of the error, fitted |'
     yield '|---|---|---|---|---|---|---|---|---|'
+    isPeriodic = any(r['model'] == 'SD periodic' for r in data['runs'])
     for key, entry in data['analysis'].items():
         kT = key.split('=')[1]
-        fits = entry.get('SD periodic', entry)   # of the runs in a periodic fluid, where there are such
+        fits = entry.get('SD periodic', {'fit': {}}) if isPeriodic else entry
         for name, fit in fits['fit'].items():
             paper = fit['paper']
             exact = kT if name != 'U/N' else brackets(entry['U/N_at_h_0.005_to_0.02']['Monte_Carlo'],
