@@ -8,7 +8,11 @@ each other and with Monte Carlo; what they differ from it by grows as h^2.
 Sixteen independent clusters (32 with RPY) share one Context: `MobilityForce.setGroups` keeps them apart in the fluid, interaction
 groups in the force. On the CPU platform with one thread this is ten times faster for each cluster than one cluster on Reference.
 
+With --periodic the fluid is periodic in the box of 15, too, as in the paper: StokesianDynamics with lubrication, and
+RotnePragerYamakawa at one step. These runs have a JSON of their own, where the others serve for comparison.
+
     python3 lennard_jones.py              # about an hour and a half, most of it for RPY at kT = 0.2, h = 0.02
+    python3 lennard_jones.py --periodic   # about an hour; --resume goes on where it was interrupted
     python3 lennard_jones.py --long 8     # runs eight times as long
     python3 lennard_jones.py --quick      # seconds: a smoke test
 """
@@ -27,7 +31,11 @@ MOMENTS = (3.0, 2.0, 1.5)
 SITE = (0.2, 0.15, 0.0)
 CUTOFF = 2.5*SIGMA
 SWITCH = 0.9*CUTOFF
-MODELS = {'FreeDraining': MobilityForce.FreeDraining, 'RPY': MobilityForce.RotnePragerYamakawa}
+#: Free draining first: the others are compared with it.
+MODELS = {'FreeDraining': (MobilityForce.FreeDraining, MobilityForce.Unbounded),
+          'RPY': (MobilityForce.RotnePragerYamakawa, MobilityForce.Unbounded),
+          'RPY periodic': (MobilityForce.RotnePragerYamakawa, MobilityForce.Periodic),
+          'SD periodic': (MobilityForce.StokesianDynamics, MobilityForce.Periodic)}
 # (S3): u_LJ (1 - 10 z^3 + 15 z^4 - 6 z^5).
 POTENTIAL = (f'4*s6*(s6-1)*(1-step(r-{SWITCH})*z*z*z*(10-z*(15-6*z))); z=(r*r-{SWITCH**2})/{CUTOFF**2 - SWITCH**2}; '
              f's6=s2*s2*s2; s2={SIGMA**2}/(r*r)')
@@ -46,11 +54,15 @@ SAMPLE_TIME = 0.4
 #: Clusters start as cubes, freeze into one of several shapes and change shape seldom: so they first run this long at the step
 #: PREPARATION_STEP without hydrodynamic interactions, which is cheap and leads to the same distribution, then EQUILIBRATION as measured.
 PREPARATION, PREPARATION_STEP, EQUILIBRATION = 3000.0, 0.2, 50.0
+#: Seconds between the notes that a run keeps, from which --resume goes on.
+NOTES_EVERY = 60
 
 
-def build(kT, step, model, clusters, seed):
+def build(kT, step, modelName, clusters, seed):
     """Clusters of eight spheres in one Context, each alone in the box and in the fluid."""
+    model, boundary = MODELS[modelName]
     scene = Spheres(SPHERES*clusters, MASS, MOMENTS, kT, step, model, marker=SITE, seed=seed)
+    scene.fluid.setBoundary(boundary)
     scene.system.setDefaultPeriodicBoxVectors((BOX, 0, 0), (0, BOX, 0), (0, 0, BOX))
     scene.fluid.setGroups([i//SPHERES for i in range(SPHERES*clusters)])
     lj = openmm.CustomNonbondedForce(POTENTIAL)
@@ -87,30 +99,63 @@ def energies(scene, clusters):
     return np.sum(4*s6*(s6 - 1)*(1 - z**3*(10 - z*(15 - 6*z))), axis=1)/SPHERES
 
 
-def run(kT, step, modelName, duration, clusters, seed, platformName, preparation=PREPARATION, quiet=False):
-    """One run: means and standard errors of the five quantities. `duration` is the time of each cluster."""
-    began = time.time()
-    label = f'kT {kT:g} h {step:g} {modelName}'
-    first = build(kT, PREPARATION_STEP, MODELS['FreeDraining'], clusters, seed + 1000)
+def prepared(kT, step, modelName, clusters, seed, platformName, preparation, label, quiet):
+    """Clusters that have taken their shapes without hydrodynamic interactions, then equilibrated as they will be measured."""
+    first = build(kT, PREPARATION_STEP, 'FreeDraining', clusters, seed + 1000)
     start(first, clusters, platformName)
     for _ in sample(first.integrator, 20, round(preparation/PREPARATION_STEP/20), f'{label} (prepare)', quiet):
         pass
-    scene = build(kT, step, MODELS[modelName], clusters, seed)
+    scene = build(kT, step, modelName, clusters, seed)
     start(scene, clusters, platformName)
     scene.integrator.setBodyPositions(first.positions())
     scene.integrator.setBodyOrientations(first.orientations())
     scene.integrator.setBodyVelocities(first.velocities())
     scene.integrator.setBodyAngularVelocities(first.angularVelocities())
     scene.integrator.step(round(EQUILIBRATION/step))
+    return scene
+
+
+def run(kT, step, modelName, duration, clusters, seed, platformName, preparation=PREPARATION, quiet=False, notes=None):
+    """One run: means and standard errors of the five quantities. `duration` is the time of each cluster.
+
+    `notes` is a file that keeps the run so far; a run of the same settings that finds one goes on from it, also to be longer."""
+    label = f'kT {kT:g} h {step:g} {modelName}'
+    settings = repr((kT, step, modelName, clusters, seed, preparation))
+    rows, perCluster, seconds, rejected = [], [], 0.0, 0
+    began = noted = time.time()
+    old = np.load(notes) if notes and notes.exists() else None
+    if old is not None and str(old['settings']) == settings:
+        scene = build(kT, step, modelName, clusters, seed)
+        start(scene, clusters, platformName)
+        scene.context.loadCheckpoint(old['checkpoint'].tobytes())
+        rows, perCluster, seconds = list(old['rows']), list(old['perCluster']), float(old['seconds'])
+        rejected = int(old['rejected'])
+    else:
+        scene = prepared(kT, step, modelName, clusters, seed, platformName, preparation, label, quiet)
+    rejectedBefore = scene.integrator.getNumRejectedSteps()
     every = max(1, round(SAMPLE_TIME/step))
     count = SPHERES*clusters
-    rows, perCluster = [], []
-    for _ in sample(scene.integrator, round(duration/step/every), every, label, quiet):
+
+    def note():
+        notes.parent.mkdir(parents=True, exist_ok=True)
+        unfinished = notes.with_name(f'unfinished_{notes.name}')
+        np.savez(unfinished, settings=settings, rows=rows, perCluster=perCluster, seconds=seconds + time.time() - began,
+                 rejected=rejected + scene.integrator.getNumRejectedSteps() - rejectedBefore,
+                 checkpoint=np.frombuffer(scene.context.createCheckpoint(), dtype=np.uint8))
+        unfinished.replace(notes)
+
+    for _ in sample(scene.integrator, max(1, round(duration/step/every) - len(rows)), every, label, quiet):
         # Axis 1 of the paper has moment 3; ours are sorted, smallest moment first.
         rotation = scene.integrator.computeRotationalKineticEnergies()._value[::-1]
         translation = scene.integrator.computeTranslationalKineticEnergy()._value
         perCluster.append(energies(scene, clusters))
         rows.append([2*translation/(3*count), *(2*np.array(rotation)/count), perCluster[-1].mean()])
+        if notes and time.time() - noted > NOTES_EVERY:
+            noted = time.time()
+            note()
+    if notes:
+        note()
+    rejected += scene.integrator.getNumRejectedSteps() - rejectedBefore
     rows = np.array(rows)
     check = abs(perCluster[-1].mean() - scene.potentialEnergy()/count)
     if check > 1e-5:
@@ -119,9 +164,33 @@ def run(kT, step, modelName, duration, clusters, seed, platformName, preparation
     between = float(np.mean(perCluster, axis=0).std(ddof=1)/np.sqrt(clusters))
     error[4] = max(error[4], between)
     return {'kT': kT, 'h': step, 'model': modelName, 'clusters': clusters, 'time_per_cluster': duration, 'preparation': preparation,
-            'seed': seed, 'steps': int(len(rows)*every), 'samples': len(rows), 'seconds': time.time() - began,
-            'mean': dict(zip(QUANTITIES, mean)), 'error': dict(zip(QUANTITIES, error)), 'U/N_error_between_clusters': between,
+            'seed': seed, 'steps': int(len(rows)*every), 'samples': len(rows), 'seconds': seconds + time.time() - began,
+            'rejected_steps': int(rejected), 'mean': dict(zip(QUANTITIES, mean)), 'error': dict(zip(QUANTITIES, error)), 'U/N_error_between_clusters': between,
             'U/N_difference_to_OpenMM': check}
+
+
+def fits(runs, kT):
+    """Of each quantity A0, E_A from runs below FIT_BELOW, and the fitted order of its error."""
+    fitted = [r for r in sorted(runs, key=lambda r: r['h']) if r['h']**2 < FIT_BELOW[kT]]
+    if len(fitted) < 2:
+        return None
+    h = np.array([r['h'] for r in fitted])
+    found = {'fit': {}, 'order': {}}
+    for name in QUANTITIES:
+        y = np.array([r['mean'][name] for r in fitted])
+        e = np.array([r['error'][name] for r in fitted])
+        (a0, ea), (da0, dea), chi2 = weightedFit([np.ones_like(h), h**2], y, e)
+        found['fit'][name] = {'A0': a0, 'A0_error': da0, 'E_A': ea, 'E_A_error': dea, 'chi2_per_dof': chi2,
+                              'paper': dict(zip(('A0', 'A0_error', 'E_A', 'E_A_error'), PAPER[kT][name]))}
+        # Order: the exponent p of |A(h) - A(0)| = E h^p, with the exact A(0), from the points that are 5 sigma away.
+        exact, exactError = (kT, 0.0) if name != 'U/N' else MONTE_CARLO[kT]
+        big = [(x, abs(v - exact), np.hypot(s, exactError)) for x, v, s in zip(h, y, e)
+               if abs(v - exact) > 5*np.hypot(s, exactError)]
+        if len(big) >= 3:
+            x, d, s = np.array(big).T
+            (p, _), (dp, _), _ = weightedFit([np.log(x), np.ones_like(x)], np.log(d), s/d)
+            found['order'][name] = {'order': p, 'error': dp, 'points': len(big)}
+    return found
 
 
 def analyse(runs):
@@ -130,25 +199,12 @@ def analyse(runs):
     for kT in sorted({r['kT'] for r in runs}):
         free = sorted((r for r in runs if r['kT'] == kT and r['model'] == 'FreeDraining'), key=lambda r: r['h'])
         other = [r for r in runs if r['kT'] == kT and r['model'] != 'FreeDraining']
-        fitted = [r for r in free if r['h']**2 < FIT_BELOW[kT]]
-        if len(fitted) < 2:
+        entry = fits(free, kT)
+        if not entry:
             continue
-        h = np.array([r['h'] for r in fitted])
-        entry = {'fit': {}, 'order': {}}
-        for name in QUANTITIES:
-            y = np.array([r['mean'][name] for r in fitted])
-            e = np.array([r['error'][name] for r in fitted])
-            (a0, ea), (da0, dea), chi2 = weightedFit([np.ones_like(h), h**2], y, e)
-            entry['fit'][name] = {'A0': a0, 'A0_error': da0, 'E_A': ea, 'E_A_error': dea, 'chi2_per_dof': chi2,
-                                  'paper': dict(zip(('A0', 'A0_error', 'E_A', 'E_A_error'), PAPER[kT][name]))}
-            # Order: the exponent p of |A(h) - A(0)| = E h^p, with the exact A(0), from the points that are 5 sigma away.
-            exact, exactError = (kT, 0.0) if name != 'U/N' else MONTE_CARLO[kT]
-            big = [(x, abs(v - exact), np.hypot(s, exactError)) for x, v, s in zip(h, y, e)
-                   if abs(v - exact) > 5*np.hypot(s, exactError)]
-            if len(big) >= 3:
-                x, d, s = np.array(big).T
-                (p, _), (dp, _), _ = weightedFit([np.log(x), np.ones_like(x)], np.log(d), s/d)
-                entry['order'][name] = {'order': p, 'error': dp, 'points': len(big)}
+        periodic = fits([r for r in other if r['model'] == 'SD periodic'], kT)
+        if periodic:
+            entry['SD periodic'] = periodic
         small = [r for r in free if r['h'] <= 0.02]
         if small:
             (pooled,), (error,), chi2 = weightedFit([np.ones(len(small))], [r['mean']['U/N'] for r in small],
@@ -171,21 +227,25 @@ def analyse(runs):
 
 
 def draw(runs, analysis, path):
-    """Figures S1 and S2: every quantity against h^2."""
+    """Figures S1 and S2: every quantity against h^2, with the fit to the runs in a periodic fluid if there is one, else to those without
+    interactions."""
     plt = pyplot()
     temperatures = sorted({r['kT'] for r in runs})
     figure, axes = plt.subplots(len(QUANTITIES), len(temperatures), figsize=(5.2*len(temperatures), 12), squeeze=False, sharex='col',
                                 constrained_layout=True)
+    models = [name for name in MODELS if any(r['model'] == name for r in runs)]
     for column, kT in enumerate(temperatures):
+        entry = analysis[f'kT={kT:g}']
+        fitted = 'SD periodic' if 'SD periodic' in entry else 'FreeDraining'
         for row, name in enumerate(QUANTITIES):
             ax = axes[row, column]
-            for model, style in (('FreeDraining', 'o'), ('RPY', 's')):
+            for model, style in zip(models, 'os^D'):
                 chosen = [r for r in runs if r['kT'] == kT and r['model'] == model]
                 ax.errorbar([r['h']**2 for r in chosen], [r['mean'][name] for r in chosen], [r['error'][name] for r in chosen],
-                            fmt=style, ms=4, mfc='none' if model == 'RPY' else None, label=model, capsize=2)
+                            fmt=style, ms=4, mfc=None if model == fitted else 'none', label=model, capsize=2)
             x = np.linspace(0, max(r['h'] for r in runs if r['kT'] == kT)**2, 50)
-            fit = analysis[f'kT={kT:g}']['fit'][name]
-            ax.plot(x, fit['A0'] + fit['E_A']*x, 'k--', lw=0.8, label='fit')
+            fit = entry.get(fitted, entry)['fit'][name]
+            ax.plot(x, fit['A0'] + fit['E_A']*x, 'k--', lw=0.8, label=f'fit to {fitted}')
             ax.plot(x, fit['paper']['A0'] + fit['paper']['E_A']*x, 'C3:', lw=1.2, label="paper's fit")
             if name == 'U/N':
                 ax.errorbar([0], [MONTE_CARLO[kT][0]], [MONTE_CARLO[kT][1]], fmt='*', color='C2', ms=9, label='Monte Carlo')
@@ -197,8 +257,16 @@ def draw(runs, analysis, path):
     figure.savefig(path, dpi=80)
 
 
-def plan(quick, factor):
+def plan(quick, factor, periodic):
     """(kT, h, model, time of each cluster, clusters)."""
+    if periodic:
+        if quick:
+            return [(0.1, 0.2, 'SD periodic', 40.0, 8), (0.1, 0.2, 'RPY periodic', 40.0, 8)]
+        # For errors of 1e-3 in U/N at kT = 0.1, as below, and 4e-3 at 0.2 (--long 15: 1e-3): a step of one cluster takes 2 ms on an idle
+        # core. Twice as long at h = 0.15 and 0.2, where 1200 led to errors of 1.3e-3 and 1.7e-3: single clusters were long in another shape.
+        return ([(0.1, h, 'SD periodic', factor*1200.0*longer, 32) for h, longer in ((0.15, 2), (0.2, 2), (0.3, 1))] +
+                [(0.1, 0.2, 'RPY periodic', factor*1200.0, 32)] +
+                [(0.2, h, 'SD periodic', factor*500.0*longer, 32) for h, longer in ((0.15, 1), (0.2, 1), (0.24, 1.5))])
     if quick:
         return [(0.1, h, model, t, 8) for h, model, t in ((0.05, 'FreeDraining', 200.0), (0.2, 'FreeDraining', 800.0),
                                                          (0.3, 'FreeDraining', 800.0), (0.2, 'RPY', 40.0))]
@@ -217,29 +285,45 @@ def plan(quick, factor):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--quick', action='store_true', help='seconds instead of minutes')
+    parser.add_argument('--periodic', action='store_true', help='in a periodic fluid, as in the paper')
     parser.add_argument('--long', type=float, default=1.0, metavar='FACTOR', help='multiply the length of every run')
-    parser.add_argument('--resume', action='store_true', help='keep the runs that the output folder has already; run what is missing or shorter')
+    parser.add_argument('--resume', action='store_true', help='keep the runs that the output folder has already; run what is missing or '
+                        'shorter, from the notes of an earlier one if there are any')
     parser.add_argument('--platform', default='CPU')
     parser.add_argument('--seed', type=int, default=2017)
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     args = parser.parse_args()
 
-    runs = {}
-    if args.resume and (args.output/'lennard_jones.json').exists():
-        runs = {(r['kT'], r['h'], r['model']): r for r in json.loads((args.output/'lennard_jones.json').read_text())['runs']}
-    todo = [(*task, args.seed + i) for i, task in enumerate(plan(args.quick, args.long))]
+    name = 'lennard_jones_periodic' if args.periodic else 'lennard_jones'
+    runs, compared = {}, []
+    if args.resume and (args.output/f'{name}.json').exists():
+        runs = {(r['kT'], r['h'], r['model']): r for r in json.loads((args.output/f'{name}.json').read_text())['runs']}
+    if args.periodic:
+        # Published, or those of a run of this script into the same folder.
+        file = next(folder/'lennard_jones.json' for folder in (args.output, RESULTS) if (folder/'lennard_jones.json').exists())
+        compared = [r for r in json.loads(file.read_text())['runs'] if r['model'] == 'FreeDraining']
+    todo = [(*task, args.seed + i) for i, task in enumerate(plan(args.quick, args.long, args.periodic))]
     order = [task[:3] for task in todo]
-    # The cheapest first; an older run that is to be longer stays until its successor is there.
-    for kT, h, model, duration, clusters, seed in sorted(todo, key=lambda t: t[3]/t[1]*t[4]*(60 if t[2] == 'RPY' else 1)):
+    # The cheapest first (in a periodic fluid all at kT = 0.1 before those at 0.2); an older run that is to be longer stays until its
+    # successor is there.
+    def cost(task):
+        kT, h, model, duration, clusters, _ = task
+        return args.periodic*kT, duration/h*clusters*(60 if model == 'RPY' else 1)
+    for kT, h, model, duration, clusters, seed in sorted(todo, key=cost):
         r = runs.get((kT, h, model))
         if r is None or (r['time_per_cluster'], r['clusters'], r['seed']) != (duration, clusters, seed):
-            r = runs[kT, h, model] = run(kT, h, model, duration, clusters, seed, args.platform, 400.0 if args.quick else PREPARATION)
+            notes = None if args.quick else args.output/'notes'/f'{model} {kT:g} {h:g}.npz'.replace(' ', '_')
+            if notes and not args.resume:
+                notes.unlink(missing_ok=True)
+            r = runs[kT, h, model] = run(kT, h, model, duration, clusters, seed, args.platform, 400.0 if args.quick else PREPARATION,
+                                         notes=notes)
+            r['provenance'] = provenance(args)
         print(f'kT {kT:g} h {h:g} {model}: ' + ', '.join(f'{n} {brackets(r["mean"][n], r["error"][n])}' for n in QUANTITIES) +
               f'  [{r["seconds"]:.0f} s]', flush=True)
         done = [runs[key] for key in order if key in runs]
-        result = {'runs': done, 'analysis': analyse(done), 'provenance': provenance(args)}
-        save(args.output, 'lennard_jones.json', result)
-    draw(done, result['analysis'], args.output/'lennard_jones.png')
+        result = {'runs': done, 'analysis': analyse(compared + done), 'provenance': provenance(args)}
+        save(args.output, f'{name}.json', result)
+    draw(compared + done, result['analysis'], args.output/f'{name}.png')
 
 
 if __name__ == '__main__':

@@ -6,13 +6,15 @@ from common import RESULTS, brackets, printTables
 def lennardJones(data):
     yield '| kT | quantity | A0 here | A0 paper | exact | E_A here | E_A paper | χ²/dof | order p of the error, fitted |'
     yield '|---|---|---|---|---|---|---|---|---|'
+    isPeriodic = any(r['model'] == 'SD periodic' for r in data['runs'])
     for key, entry in data['analysis'].items():
         kT = key.split('=')[1]
-        for name, fit in entry['fit'].items():
+        fits = entry.get('SD periodic', {'fit': {}}) if isPeriodic else entry
+        for name, fit in fits['fit'].items():
             paper = fit['paper']
             exact = kT if name != 'U/N' else brackets(entry['U/N_at_h_0.005_to_0.02']['Monte_Carlo'],
                                                       entry['U/N_at_h_0.005_to_0.02']['Monte_Carlo_error'])
-            order = entry['order'].get(name)
+            order = fits['order'].get(name)
             yield (f'| {kT} | {name} | {brackets(fit["A0"], fit["A0_error"])} | {brackets(paper["A0"], paper["A0_error"])} | {exact} | '
                    f'{brackets(fit["E_A"], fit["E_A_error"])} | {brackets(paper["E_A"], paper["E_A_error"])} | '
                    f'{fit["chi2_per_dof"]:.1f} | {brackets(order["order"], order["error"]) if order else "–"} |')
@@ -105,6 +107,6 @@ def noise(data):
 
 
 if __name__ == '__main__':
-    printTables(__doc__, RESULTS, (('lennard_jones.json', lennardJones), ('sedimenting_spheres.json', sedimenting),
+    printTables(__doc__, RESULTS, (('lennard_jones*.json', lennardJones), ('sedimenting_spheres.json', sedimenting),
                                    ('trapped_spheres.json', trapped), ('ring_states_*.json', ring), ('ring_noise_*.json', noise),
                                    ('ring_diagram_*.json', diagram)))

@@ -10,10 +10,10 @@ import pytest
 FOLDER = pathlib.Path(__file__).resolve().parents[2]/'examples'/'davidchack2017'
 
 
-def run(script, folder):
+def run(script, folder, *options):
     """Run a script with --quick; what it wrote, by file name."""
-    finished = subprocess.run([sys.executable, str(FOLDER/script), '--quick', '--output', str(folder)], capture_output=True, text=True,
-                              timeout=600)
+    finished = subprocess.run([sys.executable, str(FOLDER/script), '--quick', '--output', str(folder), *options], capture_output=True,
+                              text=True, timeout=600)
     assert finished.returncode == 0, finished.stdout + finished.stderr
     for picture in folder.glob('*.png'):
         assert picture.stat().st_size > 5000
@@ -107,13 +107,44 @@ def test_ring_classifier():
     assert ring.classify(triplets)[0] == 'alternating triplets'
 
 
-def test_lennard_jones(tmp_path):
-    result = run('lennard_jones.py', tmp_path)['lennard_jones.json']
+def checkLennardJones(runs):
     # Monte Carlo, plus the paper's error constant (below 0.001 at these steps), within 4.5 standard errors: a false alarm in 1e5.
-    for r in result['runs']:
+    for r in runs:
         expected = -2.34371 - 0.0098*r['h']**2
         z = (r['mean']['U/N'] - expected)/np.hypot(r['error']['U/N'], 4e-4)
         print(r['model'], r['h'], z)
         assert abs(z) < 4.5
         for name, constant in (('kT_t', -0.0697), ('kT_r1', 0), ('kT_r2', -0.006), ('kT_r3', -0.014)):
             assert r['mean'][name] == pytest.approx(0.1 + constant*r['h']**2, abs=5*r['error'][name] + 3e-4), name
+
+
+def test_lennard_jones(tmp_path):
+    checkLennardJones(run('lennard_jones.py', tmp_path)['lennard_jones.json']['runs'])
+
+
+def test_lennard_jones_in_a_periodic_fluid(tmp_path):
+    """StokesianDynamics and RotnePragerYamakawa with images: kinetic temperatures to 2 or 3 %, U/N to 0.005."""
+    result = run('lennard_jones.py', tmp_path, '--periodic')['lennard_jones_periodic.json']
+    assert {r['model'] for r in result['runs']} == {'SD periodic', 'RPY periodic'}
+    checkLennardJones(result['runs'])
+    # The published runs without interactions stand beside them.
+    assert {m['model'] for m in result['analysis']['kT=0.1']['models']} == {'SD periodic', 'RPY periodic'}
+
+
+def test_a_longer_run_goes_on_from_its_notes(tmp_path):
+    """A run of 10 that is made 20 long is the run of 20, to the last bit on Reference."""
+    sys.path.insert(0, str(FOLDER))
+    try:
+        import lennard_jones
+    finally:
+        sys.path.remove(str(FOLDER))
+    settings = dict(kT=0.1, step=0.2, modelName='RPY periodic', clusters=2, seed=3, platformName='Reference', preparation=20.0, quiet=True)
+    notes = tmp_path/'notes'/'run.npz'
+    first = lennard_jones.run(duration=10.0, notes=notes, **settings)
+    longer = lennard_jones.run(duration=20.0, notes=notes, **settings)
+    whole = lennard_jones.run(duration=20.0, **settings)
+    assert first['samples'] == 25 and longer['samples'] == whole['samples'] == 50
+    assert longer['mean'] == whole['mean'] and longer['mean'] != first['mean']
+    # Other settings do not go on from these notes.
+    other = lennard_jones.run(duration=10.0, notes=notes, **{**settings, 'seed': 4})
+    assert other['samples'] == 25 and other['mean'] != first['mean']
