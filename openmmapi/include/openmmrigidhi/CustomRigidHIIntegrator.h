@@ -267,7 +267,8 @@ public:
      * Set the step delta of the finite differences of the schemes without momenta, relative: bodies are displaced by delta times their
      * length (the longest distance of points on their particles) and turned by delta radians. 0 (default): 1e-5, but where results of
      * matrix-free iterations are differenced (RandomFiniteDifference with multiblobs, DriftCorrectorFD and DriftCorrectorRFD)
-     * tolerance^(1/3) between 1e-5 and 1e-2, with iterations to a tenth of the tolerance.
+     * tolerance^(1/3) between 1e-5 and 1e-2, with iterations to a tenth of the tolerance. On a grid (MobilityForce::ForceCoupling) it has no effect
+     * on the drift-correctors, which take the derivative of the random field.
      * @throws OpenMMException if negative, above 0.1 or not finite
      */
     void setFiniteDifferenceStep(double relative);
