@@ -12,7 +12,7 @@ With --periodic the fluid is periodic in the box of 15, too, as in the paper: St
 RotnePragerYamakawa at one step. These runs have a JSON of their own, where the others serve for comparison.
 
     python3 lennard_jones.py              # about an hour and a half, most of it for RPY at kT = 0.2, h = 0.02
-    python3 lennard_jones.py --periodic   # about an hour; --resume goes on where it was interrupted
+    python3 lennard_jones.py --periodic   # an hour or two; --resume goes on where it was interrupted
     python3 lennard_jones.py --long 8     # runs eight times as long
     python3 lennard_jones.py --quick      # seconds: a smoke test
 """
