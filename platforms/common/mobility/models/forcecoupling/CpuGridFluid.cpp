@@ -9,7 +9,6 @@
 #include <fftw3.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cstring>
 
 #include "hwy/contrib/math/math-inl.h"
@@ -293,23 +292,8 @@ struct CpuGridFluid::Plans {
 struct CpuGridFluid::Scratch {
     AlignedArray plane[3];               // nodes
     AlignedArray block[3], transformed;  // of columns
-    double seconds = 0;                  // in transforms, with gathering and solving
+    GridSeconds seconds;
 };
-
-namespace {
-
-/** Adds the time of its life. */
-class Timer {
-public:
-    explicit Timer(double& seconds) : seconds(seconds) {}
-    ~Timer() { seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); }
-
-private:
-    double& seconds;
-    const std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
-};
-
-}  // namespace
 
 void SimdModeNoise::fill(const int* nx, int count, int ny, int nz, std::complex<double>* numbers) const {
     HWY_DYNAMIC_DISPATCH(fillModes)(noise, purpose, nx, count, ny, nz, numbers);
@@ -403,8 +387,8 @@ std::unique_ptr<CpuGridFluid::Scratch> CpuGridFluid::takeScratch() {
 
 void CpuGridFluid::giveBack(std::unique_ptr<Scratch> scratch) {
     const std::lock_guard<std::mutex> lock(scratchMutex);
-    secondsOfTransforms += scratch->seconds;
-    scratch->seconds = 0;
+    seconds.add(scratch->seconds);
+    scratch->seconds = {};
     free.push_back(std::move(scratch));
 }
 
@@ -517,20 +501,24 @@ void CpuGridFluid::multiplyColumn(const GridStencils& stencils, double viscosity
         GridPlane plane = {
             {scratch->plane[0].data(), scratch->plane[1].data(), scratch->plane[2].data()}, rowLength, n[1]};
         for (int x = first; x < end; x++) {
-            for (double* component : plane.values) std::fill(component, component + planeNodes, 0.0);
-            for (int s = stencils.beginOfPlane(x); s < stencils.beginOfPlane(x + 1); s++) {
-                const GridStencils::Slice slice = stencils.slice(s);
-                stencils.prefetchAfter(s);
-                HWY_DYNAMIC_DISPATCH(spreadSlice)
-                (stencils, slice.particle, particles.hasTorque[slice.particle], slice.i,
-                 forces + particles.firstRow[slice.particle], plane);
+            {
+                const TimeOfLife timer(scratch->seconds.spreading);
+                for (double* component : plane.values) std::fill(component, component + planeNodes, 0.0);
+                for (int s = stencils.beginOfPlane(x); s < stencils.beginOfPlane(x + 1); s++) {
+                    const GridStencils::Slice slice = stencils.slice(s);
+                    stencils.prefetchAfter(s);
+                    HWY_DYNAMIC_DISPATCH(spreadSlice)
+                    (stencils, slice.particle, particles.hasTorque[slice.particle], slice.i,
+                     forces + particles.firstRow[slice.particle], plane);
+                }
+                for (double* component : plane.values)
+                    for (int y = 0; y < n[1]; y++) {
+                        double* row = component + (size_t)y * rowLength;
+                        for (int k = n[2]; k < rowLength; k++) row[k % n[2]] += row[k];
+                    }
             }
             for (int c = 0; c < 3; c++) {
-                for (int y = 0; y < n[1]; y++) {
-                    double* row = plane.values[c] + (size_t)y * rowLength;
-                    for (int k = n[2]; k < rowLength; k++) row[k % n[2]] += row[k];
-                }
-                const Timer timer(scratch->seconds);
+                const TimeOfLife timer(scratch->seconds.transforms);
                 double* to = modes[c].data() + planeModes * x;
                 fftw_execute_dft_r2c(plans->rowsThere, plane.values[c], (fftw_complex*)to);
                 transformColumns(to, true, *scratch);
@@ -541,7 +529,7 @@ void CpuGridFluid::multiplyColumn(const GridStencils& stencils, double viscosity
     split(n[1], [&](int first, int end) {
         std::unique_ptr<Scratch> scratch = takeScratch();
         for (int y = first; y < end; y++) {
-            const Timer timer(scratch->seconds);
+            const TimeOfLife timer(scratch->seconds.transforms);
             solveColumns(y, viscosity, *scratch);
         }
         giveBack(std::move(scratch));
@@ -553,6 +541,7 @@ void CpuGridFluid::multiplyColumn(const GridStencils& stencils, double viscosity
             {scratch->plane[0].data(), scratch->plane[1].data(), scratch->plane[2].data()}, rowLength, n[1]};
         for (int x = first; x < end; x++) {
             for (int c = 0; c < 3; c++) planeBack(c, x, plane.values[c], *scratch);
+            const TimeOfLife timer(scratch->seconds.averaging);
             averagePlane(stencils, x, plane);
         }
         giveBack(std::move(scratch));
@@ -563,7 +552,7 @@ void CpuGridFluid::multiplyColumn(const GridStencils& stencils, double viscosity
 /** From modes to nodes, with what stencils look at beyond the ends of rows. */
 void CpuGridFluid::planeBack(int component, int x, double* nodes, Scratch& scratch) {
     const std::array<int, 3>& n = shape.size;
-    const Timer timer(scratch.seconds);
+    const TimeOfLife timer(scratch.seconds.transforms);
     double* from = modes[component].data() + 2 * (size_t)n[1] * rowModes * x;
     transformColumns(from, false, scratch);
     fftw_execute_dft_c2r(plans->rowsBack, (fftw_complex*)from, nodes);
@@ -643,7 +632,12 @@ GridPlane planeOf(const GridField& field, int x) {
 void CpuGridFluid::averageColumn(const GridField& field, const GridStencils& stencils, double* velocities) {
     parts.resize(numbersOfPart * (size_t)stencils.beginOfPlane(field.shape.size[0]));
     split(field.shape.size[0], [&](int first, int end) {
-        for (int x = first; x < end; x++) averagePlane(stencils, x, planeOf(field, x));
+        std::unique_ptr<Scratch> scratch = takeScratch();
+        {
+            const TimeOfLife timer(scratch->seconds.averaging);
+            for (int x = first; x < end; x++) averagePlane(stencils, x, planeOf(field, x));
+        }
+        giveBack(std::move(scratch));
     });
     sumVelocities(stencils, velocities);
 }

@@ -23,6 +23,7 @@ public:
     explicit Place(const ForceCouplingGrid& model)
         : MobilityAt(model), model(model), stencils(model.getParticles(), model.getResolution()) {}
     void apply(const MatrixXd& forces, MatrixXd& velocities) override {
+        const TimeOfLife timer(secondsOfGrid);
         model.getFluid().multiply(stencils, viscosity, forces, velocities);
     }
 

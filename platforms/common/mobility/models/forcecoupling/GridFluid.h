@@ -7,6 +7,7 @@
 #include <mutex>
 
 #include "linearalgebra/AlignedArray.h"
+#include "mobility/GridSeconds.h"
 #include "mobility/models/forcecoupling/GridModes.h"
 #include "mobility/models/forcecoupling/GridStencils.h"
 
@@ -46,8 +47,8 @@ public:
     void average(const GridField& field, const GridStencils& stencils, Eigen::VectorXd& velocities);
     /** Derivatives of the velocities (not the angular ones) by the particles' positions: dv_a/dx_b at (3 a + b, particle). */
     void averageGradients(const GridField& field, const GridStencils& stencils, Eigen::MatrixXd& gradients);
-    /** Seconds spent in Fourier transforms so far, by all threads together. */
-    double getSecondsOfTransforms() const { return secondsOfTransforms; }
+    /** What it has taken so far. Not while another thread uses it. */
+    const GridSeconds& getSeconds() const { return seconds; }
     /** What it has taken already. */
     double memoryHeld() const { return held; }
     /** Bytes for a grid, with one random field beside; stencils are the places' own. */
@@ -61,7 +62,7 @@ protected:
     virtual std::unique_ptr<ModeNoise> modeNoise(const NoiseStream& noise, uint32_t purpose) const;
     virtual void averageColumn(const GridField& field, const GridStencils& stencils, double* velocities) = 0;
     virtual void averageGradientColumn(const GridField& field, const GridStencils& stencils, double* gradients) = 0;
-    double secondsOfTransforms = 0;
+    GridSeconds seconds;
     std::atomic<double> held{0};
 
 private:
@@ -88,6 +89,7 @@ private:
     void prepare(const GridShape& shape);
     void release();
     void spread(const GridStencils& stencils, const double* forces);
+    void respond(double viscosity);
     void backward(GridField& field);
 
     GridShape planned;
