@@ -35,6 +35,9 @@ public:
     /** velocities = M forces, for columns one after the other. @param viscosity  dalton/(nm ps) */
     void multiply(const GridStencils& stencils, double viscosity, const Eigen::MatrixXd& forces,
                   Eigen::MatrixXd& velocities);
+    /** Likewise to MobilityAt::roughError, where that takes less time. */
+    void multiplyRoughly(const GridStencils& stencils, double viscosity, const Eigen::MatrixXd& forces,
+                         Eigen::MatrixXd& velocities);
     /**
      * The random field whose averages have the covariance M: u(k) = (eta V)^(-1/2) (1 - k k/k^2) zeta/|k|. It has the law of the field that the fluctuating
      * stress of the paper makes (Westwood 2022, eqs. 27 to 30), from three numbers a mode instead of six. Averages may be taken by stencils as wide as these.
@@ -51,12 +54,16 @@ public:
     const GridSeconds& getSeconds() const { return seconds; }
     /** What it has taken already. */
     double memoryHeld() const { return held; }
-    /** Bytes for a grid, with one random field beside; stencils are the places' own. */
-    static double memory(const GridShape& shape) { return 8.0 * 3 * 2.2 * shape.numNodes(); }
+    /** Bytes for a grid, with one random field beside and modes in single precision; stencils are the places' own. */
+    static double memory(const GridShape& shape) { return 8.0 * 3 * 2.7 * shape.numNodes(); }
 
 protected:
     virtual void multiplyColumn(const GridStencils& stencils, double viscosity, const double* forces,
                                 double* velocities) = 0;
+    virtual void multiplyColumnRoughly(const GridStencils& stencils, double viscosity, const double* forces,
+                                       double* velocities) {
+        multiplyColumn(stencils, viscosity, forces, velocities);
+    }
     virtual void drawModes(const GridStencils& stencils, double viscosity, const ModeNoise& noise,
                            GridField& field) = 0;
     virtual std::unique_ptr<ModeNoise> modeNoise(const NoiseStream& noise, uint32_t purpose) const;

@@ -14,18 +14,21 @@ namespace {
 
 typedef GridStencils::Kind Kind;
 
-/** Call visit(node, w_x, w_y, w_z) for all nodes of a stencil, with the places of its weights along the axes. */
+/** Call visit(node, i, j, k) for all nodes of a stencil, with the places of its weights along the axes. */
 template <class Visit>
 void forNodes(const GridStencils& stencils, int p, const Visit& visit) {
     const GridStencils::Stencil& s = stencils[p];
     const std::array<int, 3>& n = stencils.getShape().size;
-    for (int i = 0; i < s.width[0]; i++) {
-        const GridStencils::Range rows = stencils.rowsOf(p, i);
-        for (int j = rows.begin; j < rows.end; j++) {
-            const GridStencils::Range range = stencils.nodesOf(p, i, j);
-            const size_t row = ((size_t)((s.first[0] + i) % n[0]) * n[1] + (s.first[1] + j) % n[1]) * n[2];
-            for (int k = range.begin; k < range.end; k++) visit(row + (s.first[2] + k) % n[2], i, j, k);
-        }
+    const GridStencils::Range own = stencils.slicesOf(p);
+    for (int number = own.begin; number < own.end; number++) {
+        const GridStencils::Slice& slice = stencils.slice(stencils.sliceNumber(number));
+        const int planes = stencils.planesOf((s.first[0] + std::max(0, slice.offset)) % n[0] / GridStencils::slabWidth);
+        for (int i = std::max(0, slice.offset); i < std::min(s.width[0], slice.offset + planes); i++)
+            for (int j = 0; j < s.width[1]; j++) {
+                const GridStencils::Range range = stencils.nodesOf(slice, j);
+                const size_t row = ((size_t)((s.first[0] + i) % n[0]) * n[1] + (s.first[1] + j) % n[1]) * n[2];
+                for (int k = range.begin; k < range.end; k++) visit(row + (s.first[2] + k) % n[2], i, j, k);
+            }
     }
 }
 
