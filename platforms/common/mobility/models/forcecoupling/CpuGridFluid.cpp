@@ -469,7 +469,7 @@ void spreadSlab(const GridWork<T>& work, const GridStencils& stencils, int slabN
                 stencils.prefetchAfter(s);
                 const int reached = stencil.first[1] + stencil.width[1];
                 emptyUpTo(reached < size ? reached : numRows);
-                for (; 2 * pair + 2 <= stencil.first[1]; pair++) pairThere(work, pair, slab, scratch);
+                for (; 2 * pair + 2 <= stencils.firstRowOfTile(slice); pair++) pairThere(work, pair, slab, scratch);
                 spreadSlice(stencils, slice, forces + stencils.getParticles().firstRow[slice.particle], layout, slab);
             }
             emptyUpTo(numRows);

@@ -108,13 +108,13 @@ void GridStencils::forSlabs(int p, const Visit& visit) const {
     visitFrom(std::max(lastOfWrapped + 1, firstOfOthers), numSlabs - 1);
 }
 
-/** By slabs, and in each by rows and nodes, so that neighbours follow each other. */
+/** By slabs, and in each by tiles of rows and by nodes, so that neighbours follow each other. */
 void GridStencils::sortSlices() {
     byRows.resize(stencils.size());
     for (size_t p = 0; p < stencils.size(); p++) byRows[p] = p;
     std::sort(byRows.begin(), byRows.end(), [&](int p, int q) {
         const Stencil &a = stencils[p], &b = stencils[q];
-        if (a.first[1] != b.first[1]) return a.first[1] < b.first[1];
+        if (a.first[1] / rowsOfTile != b.first[1] / rowsOfTile) return a.first[1] < b.first[1];
         if (a.first[2] != b.first[2]) return a.first[2] < b.first[2];
         return p < q;
     });

@@ -66,7 +66,11 @@ public:
         int particle, offset;
         size_t rows;
     };
-    /** The slices of a slab, by their first rows: those with numbers from beginOfSlab(slab) up to before beginOfSlab(slab + 1). */
+    /** Rows in which particles may begin that follow each other by their places along z: so many that what they reach stays in the first cache. */
+    static constexpr int rowsOfTile = 4;
+    /** No later slice of a slab reaches rows before this one, but across the end. */
+    int firstRowOfTile(const Slice& slice) const { return stencils[slice.particle].first[1] / rowsOfTile * rowsOfTile; }
+    /** The slices of a slab, by tiles of first rows: those with numbers from beginOfSlab(slab) up to before beginOfSlab(slab + 1). */
     int beginOfSlab(int slab) const { return slabs[slab]; }
     int numSlices() const { return slices.size(); }
     const Slice& slice(int number) const { return slices[number]; }
