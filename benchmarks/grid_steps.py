@@ -2,8 +2,8 @@
 """What a DriftCorrectorFD step with force coupling on a grid takes, beside FFTW's transforms; and from which number of blobs on it takes less than lattice sums.
 
 Cubes of eight touching blobs on a cubic lattice, one process for each case, one thread, CPU time where that is less than the clock's.
-Grid: volume fraction 0.2, tolerance 1e-4; transforms by FFTW_MEASURE, before and after, by BenchmarkGridFluid, the smaller of both. Break-even: volume fraction 0.1, the default
-tolerance and 1e-4; beside DriftCorrectorFD a step of EulerMaruyama of single blobs without noise, which is one product.
+Grid: volume fraction 0.2, tolerance 1e-4; transforms by FFTW_MEASURE, before and after, by BenchmarkGridFluid, the smaller of both. Break-even, at the default tolerance and
+several volume fractions: a step of EulerMaruyama of single blobs without noise, which is one product; a step with noise, which takes the root of a matrix; DriftCorrectorFD.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/grid_steps.py
 """
@@ -25,17 +25,19 @@ from common import RESULTS, describeMachine, ownSeconds, save
 
 GRID = (1000, 10000, 22360, 100000)
 PROGRAM = {22360: 22363}  # the number of blobs in BenchmarkGridFluid, where that is no multiple of eight
-BREAK_EVEN = (24, 48, 96, 192, 384, 768)
+BREAK_EVEN = {'product': (8, 24, 48, 96, 192, 384), 'EulerMaruyama': (8, 24, 48, 96, 192), 'DriftCorrectorFD': (8, 24, 48)}
+FRACTIONS = (0.1, 0.01, 0.001)
 CUBE = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), -1).reshape(-1, 3).astype(float)
 TIMES = ('seconds_spreading', 'seconds_fft', 'seconds_averaging', 'seconds_solver', 'seconds_mobility')
 
 
-def measure(count, solver, tolerance, fraction, product, repetitions):
+def measure(count, solver, tolerance, fraction, what, repetitions):
     """Seconds of steps, where they went, iterations and gigabytes at most beside what Python has."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     system, fluid = openmm.System(), MobilityForce()
+    product = what == 'product'
     integrator = CustomRigidHIIntegrator(0 if product else 300, 0.001)
-    integrator.setScheme(CustomRigidHIIntegrator.EulerMaruyama if product else CustomRigidHIIntegrator.DriftCorrectorFD)
+    integrator.setScheme(CustomRigidHIIntegrator.EulerMaruyama if product else getattr(CustomRigidHIIntegrator, what))
     integrator.setRandomNumberSeed(1)
     sites = np.zeros((1, 3)) if product else CUBE
     bodies, side = count//len(sites), (count*4*np.pi/3/fraction)**(1/3)
@@ -97,16 +99,14 @@ def main():
     machine, steps, evens = describeMachine(), [], []
     for blobs in tqdm.tqdm(GRID, desc='steps on a grid'):
         before = sixTransforms(program, blobs)
-        step = apart(blobs, 'MatrixFree', 1e-4, 0.2, False, 3)
+        step = apart(blobs, 'MatrixFree', 1e-4, 0.2, 'DriftCorrectorFD', 3)
         step['seconds_of_six_transforms'] = round(min(before, sixTransforms(program, blobs)), 5)
         step['step_over_its_transforms'] = round(step['seconds']/((3 + 6*(step['iterations'] + 1))*step['seconds_of_six_transforms']/6), 3)
         steps.append(step)
-    for tolerance in (None, 1e-4):
-        for product in (True, False):
-            for blobs in tqdm.tqdm(BREAK_EVEN, desc=f'break-even at {tolerance or "the default tolerance"}'):
-                for solver in ('Dense', 'MatrixFree'):
-                    evens.append({'tolerance': tolerance, 'what': 'product' if product else 'DriftCorrectorFD',
-                                  **apart(blobs, solver, tolerance, 0.1, product, 3)})
+    cases = [(what, fraction, blobs, solver) for fraction in FRACTIONS for what, numbers in BREAK_EVEN.items() for blobs in numbers
+             for solver in ('Dense', 'MatrixFree')]
+    for what, fraction, blobs, solver in tqdm.tqdm(cases, desc='break-even'):
+        evens.append({'what': what, 'volume_fraction': fraction, **apart(blobs, solver, None, fraction, what, 3)})
     save(arguments.output, 'grid_steps.json', machine, {'steps': steps, 'break_even': evens})
 
 

@@ -57,7 +57,11 @@ unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force, bool c
     refuse(force.getModel(), force.getBoundary());
 }
 
-/** Up to this many rows Auto takes lattice sums and matrices, beyond it a grid: where both take as long for a product at the default tolerance. */
+/**
+ * Up to this many rows Auto takes lattice sums and matrices, beyond it a grid. Measured (benchmarks/grid_steps.py, default tolerance): both take as long for
+ * fewer than 10, about 25, about 500 blobs at volume fractions of 0.1, 0.01, 0.001 where a step is a product or takes its noise from the field, and for about 150 at 0.1 where it
+ * takes the root of a matrix. The model does not know the box, so this is a number between.
+ */
 const int largestDenseLatticeRows = 300;
 
 unique_ptr<MobilityModel> forceCoupling(const MobilityForce& force, const HydrodynamicParticles& particles,

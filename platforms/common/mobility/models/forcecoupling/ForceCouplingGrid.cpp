@@ -23,10 +23,12 @@ public:
     explicit Place(const ForceCouplingGrid& model)
         : MobilityAt(model), model(model), stencils(model.getParticles(), model.getResolution()) {}
     void apply(const MatrixXd& forces, MatrixXd& velocities) override {
+        prepare();
         const TimeOfLife timer(secondsOfGrid);
         model.getFluid().multiply(stencils, viscosity, forces, velocities);
     }
     void applyRoughly(const MatrixXd& forces, MatrixXd& velocities) override {
+        prepare();
         const TimeOfLife timer(secondsOfGrid);
         model.getFluid().multiplyRoughly(stencils, viscosity, forces, velocities);
     }
@@ -34,12 +36,24 @@ public:
 protected:
     void moveTo(const Placement& placement, bool nearby) override {
         model.checkBox(placement.box);
-        stencils.moveTo(model.getResolution().shapeFor(placement.box), placement.positions, nearby);
+        // Nearby is near the placement before, where anchors then must be.
+        if (nearby) prepare();
+        next = placement;
+        nextIsNearby = nearby;
+        isPrepared = false;
     }
 
 private:
+    /** Weights are made for the first product: schemes also go where they ask for none. */
+    void prepare() {
+        if (isPrepared) return;
+        stencils.moveTo(model.getResolution().shapeFor(next.box), next.positions, nextIsNearby);
+        isPrepared = true;
+    }
     const ForceCouplingGrid& model;
     GridStencils stencils;
+    Placement next;
+    bool nextIsNearby = false, isPrepared = true;
 };
 
 class Field : public RandomField {
