@@ -25,7 +25,7 @@ from common import RESULTS, describeMachine, ownSeconds, save
 
 GRID = (1000, 10000, 22360, 100000)
 PROGRAM = {22360: 22363}  # the number of blobs in BenchmarkGridFluid, where that is no multiple of eight
-BREAK_EVEN = {'product': (8, 24, 48, 96, 192, 384), 'EulerMaruyama': (8, 24, 48, 96, 192), 'DriftCorrectorFD': (8, 24, 48)}
+BREAK_EVEN = {'product': (8, 24, 96, 384), 'EulerMaruyama': (24, 96, 192), 'DriftCorrectorFD': (8, 24)}
 FRACTIONS = (0.1, 0.01, 0.001)
 CUBE = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), -1).reshape(-1, 3).astype(float)
 TIMES = ('seconds_spreading', 'seconds_fft', 'seconds_averaging', 'seconds_solver', 'seconds_mobility')
@@ -80,7 +80,7 @@ def sixTransforms(program, blobs):
     """Seconds of three transforms there and three back by FFTW_MEASURE."""
     with tempfile.TemporaryDirectory() as folder:
         report = pathlib.Path(folder)/'report.json'
-        subprocess.run([str(program), f'--benchmark_filter=^sixTransforms/{PROGRAM.get(blobs, blobs)}$', '--benchmark_repetitions=5',
+        subprocess.run([str(program), f'--benchmark_filter=^sixTransforms/{PROGRAM.get(blobs, blobs)}$', '--benchmark_repetitions=3',
                         f'--benchmark_out={report}', '--benchmark_out_format=json'], check=True, capture_output=True)
         return min(run['cpu_time'] for run in json.loads(report.read_text())['benchmarks'] if run['run_type'] == 'iteration')/1e9
 
@@ -103,11 +103,13 @@ def main():
         step['seconds_of_six_transforms'] = round(min(before, sixTransforms(program, blobs)), 5)
         step['step_over_its_transforms'] = round(step['seconds']/((3 + 6*(step['iterations'] + 1))*step['seconds_of_six_transforms']/6), 3)
         steps.append(step)
+    save(arguments.output, 'grid_steps.json', machine, {'steps': steps})
+    machine = describeMachine()
     cases = [(what, fraction, blobs, solver) for fraction in FRACTIONS for what, numbers in BREAK_EVEN.items() for blobs in numbers
              for solver in ('Dense', 'MatrixFree')]
     for what, fraction, blobs, solver in tqdm.tqdm(cases, desc='break-even'):
         evens.append({'what': what, 'volume_fraction': fraction, **apart(blobs, solver, None, fraction, what, 3)})
-    save(arguments.output, 'grid_steps.json', machine, {'steps': steps, 'break_even': evens})
+    save(arguments.output, 'grid_break_even.json', machine, {'cases': evens})
 
 
 if __name__ == '__main__':
