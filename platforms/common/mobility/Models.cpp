@@ -58,9 +58,9 @@ unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force, bool c
 }
 
 /**
- * Up to this many rows Auto takes lattice sums and matrices, beyond it a grid. Measured (benchmarks/grid_steps.py, default tolerance): both take as long for
- * fewer than 10, about 25, about 500 blobs at volume fractions of 0.1, 0.01, 0.001 where a step is a product or takes its noise from the field, and for about 150 at 0.1 where it
- * takes the root of a matrix. The model does not know the box, so this is a number between.
+ * Up to this many rows Auto takes lattice sums and matrices, beyond it a grid. Measured (benchmarks/README.md, default tolerance): a product takes as long
+ * either way for fewer than 8, about 35, about 480 blobs at volume fractions of 0.1, 0.01, 0.001, a step of DriftCorrectorFD for fewer, and one that takes the
+ * root of a matrix for 180 at 0.1 and more in dilute suspensions. The model does not know the box, so this is a number between.
  */
 const int largestDenseLatticeRows = 300;
 
