@@ -19,7 +19,7 @@ HERE = pathlib.Path(__file__).parent
 PROGRAMS = {'BenchmarkFreeBodies': 'free_bodies', 'BenchmarkRandomNumbers': 'random_numbers', 'BenchmarkPoseFit': 'pose_fit',
             'BenchmarkRotnePragerYamakawa': 'rotne_prager_yamakawa', 'BenchmarkGridFluid': 'grid_fluid'}
 SCRIPTS = (['water_step.py'], ['water_step.py', '--no-cm-motion-removal'], ['water_step.py', '--threads', '1'],
-           ['lammps_compare.py'], ['langevin_hi.py'], ['overdamped.py'], ['effects.py'])
+           ['lammps_compare.py'], ['langevin_hi.py'], ['overdamped.py'], ['effects.py'], ['grid_steps.py'])
 
 
 def runProgram(program, repetitions, output, name):

@@ -681,7 +681,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         -------
         dict
             steps, forceEvaluations, mobilityProducts, solverIterations, randomNumbers, squareRoots (int), and
-            seconds_forces, seconds_mobility, seconds_scheme, seconds_fft (float, seconds)
+            seconds_forces, seconds_mobility, seconds_scheme (float, seconds), and for a fluid on a grid, of all threads together:
+            seconds_spreading (forces to nodes), seconds_fft (Fourier transforms, with the fluid's response), seconds_averaging (velocities
+            over nodes), seconds_solver (iterations beside products); 0 without a grid (float, seconds)
         """
         return {name: value if name.startswith('seconds') else int(value)
                 for name, value in super().getStepStatistics().items()}

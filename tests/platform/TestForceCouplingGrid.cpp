@@ -3,6 +3,8 @@
 #include <openmm/CustomExternalForce.h>
 #include <openmm/CustomNonbondedForce.h>
 
+#include <chrono>
+
 #include "HydrodynamicSupport.h"
 #include "openmmrigidhi/SchemeTraits.h"
 
@@ -249,6 +251,34 @@ TEST(ForceCouplingGrid, SchemesTakeTheirNoiseFromTheField) {
         EXPECT_EQ(scene.count("squareRoots"), 0);
         EXPECT_LE(scene.count("solverIterations"), count * 25);
         EXPECT_GT(scene.count("randomNumbers"), 6 * 512);
+    }
+}
+
+TEST(ForceCouplingGrid, StatisticsSayWhereTheTimeGoes) {
+    const char* const parts[] = {"seconds_spreading", "seconds_fft", "seconds_averaging", "seconds_solver"};
+    for (auto scheme : schemes) {
+        GridScene scene(T1, scheme), matrices(T1, scheme, 0.002, MobilityForce::Dense);
+        for (GridScene* one : {&scene, &matrices}) {
+            one->addBodies();
+            one->start(testPlatform());
+        }
+        const auto start = chrono::steady_clock::now();
+        scene.integrator.step(2);
+        const double wall = chrono::duration<double>(chrono::steady_clock::now() - start).count();
+        matrices.integrator.step(2);
+        double sum = 0, before = 0;
+        for (const char* part : parts) {
+            EXPECT_GT(scene.count(part), 0) << part;
+            EXPECT_EQ(matrices.count(part), 0) << part;
+            sum += scene.count(part);
+        }
+        // These scenes have one thread.
+        EXPECT_LE(sum, wall);
+        // Another fluid counts on.
+        scene.fluid->setViscosity(0.7);
+        scene.fluid->updateParametersInContext(*scene.context);
+        for (const char* part : parts) before += scene.count(part);
+        EXPECT_NEAR(before, sum, 1e-12 * sum);
     }
 }
 

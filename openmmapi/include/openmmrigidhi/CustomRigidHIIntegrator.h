@@ -336,7 +336,9 @@ public:
     std::map<std::string, std::string> getEffects() const;
     /**
      * Get counters and times since the Context was created: steps, forceEvaluations, mobilityProducts, solverIterations,
-     * randomNumbers, squareRoots, seconds_forces, seconds_mobility, seconds_scheme, seconds_fft. Needs a Context.
+     * randomNumbers, squareRoots, seconds_forces, seconds_mobility, seconds_scheme, and for a fluid on a grid, of all threads together:
+     * seconds_spreading (forces to nodes), seconds_fft (Fourier transforms, with the fluid's response), seconds_averaging (velocities over
+     * nodes), seconds_solver (iterations beside products); 0 without a grid. Needs a Context.
      */
     std::map<std::string, double> getStepStatistics() const;
 

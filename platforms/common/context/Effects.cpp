@@ -188,6 +188,7 @@ map<string, int> countDegreesOfFreedom(const Scene& scene) {
 
 map<string, double> nameCounters(const Scene& scene) {
     const ContextFluid& fluid = scene.fluid;
+    const GridSeconds grid = fluid ? fluid->getGridSeconds() : GridSeconds();
     return {{"steps", scene.counters.steps},
             {"forceEvaluations", scene.counters.forceEvaluations},
             {"mobilityProducts", fluid ? fluid->numProducts() + fluid->numMatrices() : 0},
@@ -197,7 +198,10 @@ map<string, double> nameCounters(const Scene& scene) {
             {"seconds_forces", scene.counters.seconds_forces},
             {"seconds_mobility", scene.counters.seconds_mobility},
             {"seconds_scheme", scene.counters.seconds_scheme},
-            {"seconds_fft", fluid ? fluid->getSecondsOfTransforms() : 0}};
+            {"seconds_spreading", grid.spreading},
+            {"seconds_fft", grid.transforms},
+            {"seconds_averaging", grid.averaging},
+            {"seconds_solver", fluid ? fluid->getSecondsOfSolver() : 0}};
 }
 
 }  // namespace RigidHIPlugin

@@ -166,7 +166,12 @@ void Fluid::continueFrom(const Fluid& before) {
     numSquareRoots = before.numSquareRoots;
     productsBefore = before.numProducts();
     matricesBefore = before.numMatrices();
-    secondsOfTransformsBefore = before.getSecondsOfTransforms();
+    // Both may share a grid, whose seconds this one has already.
+    gridSecondsBefore = {};
+    const GridSeconds own = getGridSeconds();
+    gridSecondsBefore = before.getGridSeconds();
+    gridSecondsBefore.add(own, -1);
+    secondsOfSolverBefore = before.getSecondsOfSolver();
     if (!traitsOf(before.overdampedScheme_).isOverdamped() || groups.size() != before.groups.size()) return;
     setMemory(before.getMemory(), before.overdampedScheme_);
 }

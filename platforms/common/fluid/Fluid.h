@@ -142,8 +142,9 @@ public:
     int getNumGroups() const { return groups.size(); }
     /** Bodies and free particles that are not alone in their group. */
     int numInteracting() const;
-    /** Seconds in Fourier transforms. */
-    double getSecondsOfTransforms() const;
+    /** What a grid has taken, and Krylov methods beside its products. */
+    GridSeconds getGridSeconds() const;
+    double getSecondsOfSolver() const { return secondsOfSolverBefore + costs().secondsOfSolver; }
     long long numProducts() const;
     long long numMatrices() const;
     long long numIterations = 0, numSquareRoots = 0;
@@ -188,7 +189,8 @@ private:
     CustomRigidHIIntegrator::Scheme overdampedScheme_ =
         CustomRigidHIIntegrator::EulerMaruyama;        // of the groups' schemes
     long long productsBefore = 0, matricesBefore = 0;  // of the fluids before this one in the Context
-    double secondsOfTransformsBefore = 0;
+    GridSeconds gridSecondsBefore;
+    double secondsOfSolverBefore = 0;
     BoxVectors box = {};
     bool boxIsChecked = false;
     std::string describeBox() const;

@@ -125,12 +125,13 @@ int Fluid::numInteracting() const {
     return sum;
 }
 
-double Fluid::getSecondsOfTransforms() const {
+GridSeconds Fluid::getGridSeconds() const {
     // Models of several groups share a grid, whose seconds each of them has.
-    double seconds = 0;
+    GridSeconds seconds;
     for (const auto& group : groups)
-        if (group->bodies.hasModel()) seconds = max(seconds, group->bodies.getModel().getSecondsOfTransforms());
-    return seconds + secondsOfTransformsBefore;
+        if (group->bodies.hasModel()) seconds.raise(group->bodies.getModel().getGridSeconds());
+    seconds.add(gridSecondsBefore);
+    return seconds;
 }
 
 int Fluid::numCollinear() const {

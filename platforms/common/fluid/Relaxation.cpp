@@ -77,6 +77,7 @@ public:
 
 protected:
     void evolve(const RelaxationStep& step) override {
+        const BodyMobility::Solving timed(mobility);
         mobility.setTolerance(innerTolerance * tolerance);
         const auto product = [&](double toleranceOfProducts) {
             return [&, toleranceOfProducts](const MatrixXd& x, MatrixXd& y) {

@@ -1,38 +1,53 @@
 #ifndef RIGIDHI_ALIGNED_ARRAY_H_
 #define RIGIDHI_ALIGNED_ARRAY_H_
 
+#ifdef __linux__
+#include <sys/mman.h>
+#endif
+
 #include <cstddef>
 #include <memory>
 #include <new>
 
 namespace RigidHIPlugin {
 
-/** Doubles that begin where a cache line does, as packs and transforms want them. Not initialised. */
-class AlignedArray {
+/** Numbers that begin where a cache line does, as packs and transforms want them. Not initialised. Large ones ask for large pages. */
+template <typename T>
+class AlignedArrayOf {
 public:
     /** What was in it is lost if the size changes. */
     void resize(size_t newSize) {
         if (newSize == count) return;
         memory.reset();
         count = 0;
-        memory.reset(static_cast<double*>(::operator new(newSize * sizeof(double), std::align_val_t(alignment))));
+        const size_t bytes = newSize * sizeof(T);
+        // Where pages are small, looking them up takes as long as the numbers in strides through a grid.
+        const bool large = bytes >= 2 * largePage;
+        const auto alignment = static_cast<std::align_val_t>(large ? largePage : cacheLine);
+        T* const made = static_cast<T*>(::operator new(bytes, alignment));
+        memory = std::unique_ptr<T, Free>(made, Free{alignment});
+#ifdef __linux__
+        if (large) madvise(made, bytes / largePage * largePage, MADV_HUGEPAGE);  // a wish, no more
+#endif
         count = newSize;
     }
     size_t size() const { return count; }
-    double* data() { return memory.get(); }
-    const double* data() const { return memory.get(); }
-    double& operator[](size_t i) { return memory.get()[i]; }
-    double operator[](size_t i) const { return memory.get()[i]; }
-
-    static constexpr size_t alignment = 64;
+    T* data() { return memory.get(); }
+    const T* data() const { return memory.get(); }
+    T& operator[](size_t i) { return memory.get()[i]; }
+    T operator[](size_t i) const { return memory.get()[i]; }
 
 private:
+    static constexpr size_t cacheLine = 64, largePage = 2 << 20;
     struct Free {
-        void operator()(double* p) const { ::operator delete(p, std::align_val_t(alignment)); }
+        std::align_val_t alignment = static_cast<std::align_val_t>(cacheLine);
+        void operator()(T* p) const { ::operator delete(p, alignment); }
     };
-    std::unique_ptr<double, Free> memory;
+    std::unique_ptr<T, Free> memory;
     size_t count = 0;
 };
+
+typedef AlignedArrayOf<double> AlignedArray;
 
 }  // namespace RigidHIPlugin
 

@@ -49,6 +49,8 @@ public:
     virtual void dense(Eigen::MatrixXd& mobility);
     /** Its inverse. Default: by Cholesky's factors of dense(). @throws OpenMMException if M is not positive definite */
     virtual void friction(Eigen::MatrixXd& friction);
+    /** Seconds of the caller's thread in products with a grid; 0 for other models. */
+    double getSecondsOfGrid() const { return secondsOfGrid; }
 
 protected:
     friend class MobilityModel;
@@ -60,6 +62,7 @@ protected:
 
     const HydrodynamicParticles& particles;
     const double viscosity;
+    double secondsOfGrid = 0;
 };
 
 }  // namespace RigidHIPlugin

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "mobility/GridSeconds.h"
 #include "mobility/MobilityAt.h"
 #include "mobility/RandomField.h"
 #include "random/CounterNoise.h"
@@ -145,8 +146,8 @@ public:
     virtual void checkBox(const BoxVectors& box) const {}
     /** What is to be said of the model in a box, for describeEffects(). Default: nothing. */
     virtual std::string describe(const BoxVectors& box) const { return {}; }
-    /** Seconds spent in Fourier transforms so far, with those of models that share a grid. */
-    virtual double getSecondsOfTransforms() const { return 0; }
+    /** What a grid has taken so far, with models that share it. Default: there is none. */
+    virtual GridSeconds getGridSeconds() const { return {}; }
 
     // ---- A body by itself
     /**

@@ -59,7 +59,11 @@ unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force, bool c
     refuse(force.getModel(), force.getBoundary());
 }
 
-/** Up to this many rows Auto takes lattice sums and matrices, beyond it a grid: where both take as long for a product at the default tolerance. */
+/**
+ * Up to this many rows Auto takes lattice sums and matrices, beyond it a grid. Measured (benchmarks/README.md, default tolerance): a product takes as long
+ * either way for fewer than 8, about 35, about 480 blobs at volume fractions of 0.1, 0.01, 0.001, a step of DriftCorrectorFD for fewer, and one that takes the
+ * root of a matrix for 180 at 0.1 and more in dilute suspensions. The model does not know the box, so this is a number between.
+ */
 const int largestDenseLatticeRows = 300;
 
 unique_ptr<MobilityModel> periodicForceCoupling(const MobilityForce& force, const HydrodynamicParticles& particles,

@@ -14,16 +14,18 @@ namespace RigidHIPlugin {
 
 /** What was computed, for getStepStatistics(). */
 struct MobilityCosts {
-    long long matrices = 0;    // dense mobility or friction; turning a constant one is not making it
-    long long products = 0;    // with M
-    long long iterations = 0;  // of solvers
-    long long roots = 0;       // that of a constant tensor is known once for all
+    long long matrices = 0;      // dense mobility or friction; turning a constant one is not making it
+    long long products = 0;      // with M
+    long long iterations = 0;    // of solvers
+    long long roots = 0;         // that of a constant tensor is known once for all
+    double secondsOfSolver = 0;  // of Krylov methods with a grid, without its products
 
     void add(const MobilityCosts& other) {
         matrices += other.matrices;
         products += other.products;
         iterations += other.iterations;
         roots += other.roots;
+        secondsOfSolver += other.secondsOfSolver;
     }
 };
 
@@ -51,6 +53,8 @@ public:
      */
     void anchorTo(const BodiesAt& other);
     MobilityAt& particles() { return *place; }
+    /** Of all products so far: MobilityAt::getSecondsOfGrid(). */
+    double getSecondsOfGrid() const { return place ? place->getSecondsOfGrid() : 0; }
     /** N, computed when first asked for. */
     const Eigen::MatrixXd& mobility();
     /** Its (pseudo-)inverse, likewise. */

@@ -134,7 +134,20 @@ public:
 
     const MobilityCosts& getCosts() const { return costs; }
 
+    /** For its life the thread is in a Krylov method whose products may be a grid's: the time beside these is the solver's. They may be nested. */
+    class Solving {
+    public:
+        explicit Solving(BodyMobility& mobility) : mobility(mobility) { mobility.beginSolving(); }
+        ~Solving() { mobility.endSolving(); }
+        Solving(const Solving&) = delete;
+
+    private:
+        BodyMobility& mobility;
+    };
+
 protected:
+    virtual void beginSolving() {}
+    virtual void endSolving() {}
     virtual const std::vector<Eigen::Matrix3d>& getTurns() const = 0;
     /** The particles at the poses set last, and their mobility there. */
     virtual BodiesAt& particlesHere() = 0;

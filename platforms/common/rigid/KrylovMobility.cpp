@@ -28,6 +28,18 @@ void KrylovMobility::setTolerance(double relative, bool exactProducts) {
     lanczos.reset();
 }
 
+void KrylovMobility::beginSolving() {
+    if (!bodies.getModel().isMatrixFree() || solving++ > 0) return;
+    beginOfSolving = chrono::steady_clock::now();
+    gridSecondsBefore = here.getSecondsOfGrid() + elsewhere.getSecondsOfGrid();
+}
+
+void KrylovMobility::endSolving() {
+    if (!bodies.getModel().isMatrixFree() || --solving > 0) return;
+    costs.secondsOfSolver += chrono::duration<double>(chrono::steady_clock::now() - beginOfSolving).count() -
+                             (here.getSecondsOfGrid() + elsewhere.getSecondsOfGrid() - gridSecondsBefore);
+}
+
 MultiblobSolver& KrylovMobility::solverAt(const BodiesAt& at) {
     if (!solver) solver.reset(new MultiblobSolver(bodies.getMotion(), bodies.getNullTwists(), bodies.getModel()));
     solver->wantedTolerance = wantedTolerance;
@@ -36,6 +48,7 @@ MultiblobSolver& KrylovMobility::solverAt(const BodiesAt& at) {
 }
 
 void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists, double ofProducts) {
+    const Solving timed(*this);
     const OwnTensors& own = bodies.getOwnTensors();
     const MatrixXd* forces = &wrenches;
     if (own.any()) {
@@ -55,6 +68,7 @@ void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd
 }
 
 void KrylovMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) {
+    const Solving timed(*this);
     if (!getSlipSpace().isIdentity()) {
         const int iterations =
             solverAt(here).solve(here.particles(), wrenches, slips, tolerance, toleranceOfProducts, twists);
@@ -87,6 +101,7 @@ void KrylovMobility::multiplyNearby(const vector<Pose>& poses, const MatrixXd& f
 
 /** result = f(S) W for a matrix S that stands for M: that of MultiblobSolver, or ownScale M ownScale for spheres. */
 void KrylovMobility::applyRoot(const SpectralFunction& f, const MatrixXd& W, MatrixXd& result) {
+    const Solving timed(*this);
     if (!lanczos) lanczos.reset(new Lanczos(tolerance, Lanczos::defaultIterations, wantedTolerance));
     const vector<SpectralFunction> functions(W.cols(), f);
     MobilityAt& blobs = here.particles();

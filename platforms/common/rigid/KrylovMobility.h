@@ -1,6 +1,7 @@
 #ifndef RIGIDHI_KRYLOV_MOBILITY_H_
 #define RIGIDHI_KRYLOV_MOBILITY_H_
 
+#include <chrono>
 #include <memory>
 
 #include "linearalgebra/Lanczos.h"
@@ -40,6 +41,8 @@ public:
 protected:
     const std::vector<Eigen::Matrix3d>& getTurns() const override { return here.getTurns(); }
     BodiesAt& particlesHere() override { return here; }
+    void beginSolving() override;
+    void endSolving() override;
 
 private:
     void multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists, double toleranceOfProducts);
@@ -53,6 +56,9 @@ private:
     std::unique_ptr<MultiblobSolver> solver;  // made when first needed
     std::unique_ptr<Lanczos> lanczos;         // likewise, for each tolerance
     Eigen::VectorXd ownScale;  // of rows of spheres: about the root of a particle's own friction over 6 pi viscosity
+    int solving = 0;           // nested
+    std::chrono::steady_clock::time_point beginOfSolving;
+    double gridSecondsBefore = 0;
     MatrixXd scratch, scaled, thermal, wrenchesOfSolve, N, columns, twistsOfColumns;
 };
 

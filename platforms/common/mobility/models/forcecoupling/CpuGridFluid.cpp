@@ -1,4 +1,4 @@
-// Spreading, solving and averaging on a grid, compiled once for each instruction set, and the way of planes through them.
+// Spreading, transforming, solving and averaging on a grid, compiled once for each instruction set, and the way of slabs through them.
 
 #include "host/SimdTargets.h"  // must precede foreach_target.h
 
@@ -6,16 +6,13 @@
 #define HWY_TARGET_INCLUDE "mobility/models/forcecoupling/CpuGridFluid.cpp"
 #include "hwy/foreach_target.h"  // must precede highway.h
 
-#include <fftw3.h>
-
 #include <algorithm>
-#include <chrono>
 #include <cstring>
 
 #include "hwy/contrib/math/math-inl.h"
 #include "hwy/highway.h"
+#include "mobility/models/forcecoupling/ColumnTransform.h"
 #include "mobility/models/forcecoupling/CpuGridFluid.h"
-#include "openmmrigidhi/internal/FourierPlanner.h"
 
 #undef RIGIDHI_TARGET
 #define RIGIDHI_TARGET HWY_NAMESPACE
@@ -24,29 +21,65 @@
 #define RIGIDHI_CPU_GRID_FLUID_LOOPS_
 namespace RigidHIPlugin {
 
-/** Columns of a block: neighbours along z, so that what is gathered fills cache lines. */
-const int columnsOfBlock = 8;
+static_assert(GridStencils::slabWidth == columnsOfBlock,
+              "planes of a slab are the columns of transforms along y and z");
 
-/** A plane of nodes: rows along z one after the other, three components. */
-struct GridPlane {
-    double* values[3];
-    int rowLength, numRows;
-    /** Where row y begins, which may be beyond the last by some boxes. */
-    size_t row(int y) const {
-        while (y >= numRows) y -= numRows;
-        return (size_t)y * rowLength;
+/** Numbers of an element of a block: real parts, then imaginary parts. */
+const int blockNumbers = 2 * columnsOfBlock;
+/** Of averages over a slice: a velocity and an angular one, or a gradient. */
+const int numbersOfPart = 9;
+
+/** How a grid is laid out in memory. */
+struct GridLayout {
+    GridShape shape;
+    int numSlabs = 0, numBlocks = 0;  // along x; of modes along z
+    int numModes = 0;                 // kz from 0 on, without the Nyquist index
+    int numRows = 0;                  // along y, even: rows are transformed in pairs
+    int rowLength = 0;                // nodes of a row, or twice its modes
+
+    GridLayout() {}
+    GridLayout(const GridStencils& stencils) : shape(stencils.getShape()) {
+        const std::array<int, 3>& n = shape.size;
+        numSlabs = GridStencils::slabsOf(shape);
+        numModes = (n[2] + 1) / 2;
+        numBlocks = (numModes + columnsOfBlock - 1) / columnsOfBlock;
+        numRows = (n[1] + 1) / 2 * 2;
+        // Stencils that cross the end of a row go on beyond it.
+        rowLength = std::max(n[2] + stencils.largestWidth(2), 2 * numModes);
+    }
+    size_t rowNumbers() const { return (size_t)rowLength * columnsOfBlock; }
+    size_t slabNumbers() const { return numRows * rowNumbers(); }
+    /** Columns along x with padding to whole slabs, one after the other. */
+    size_t columnNumbers() const { return (size_t)numSlabs * columnsOfBlock * blockNumbers; }
+    size_t column(int y, int block) const { return ((size_t)y * numBlocks + block) * columnNumbers(); }
+    size_t modeNumbers() const { return column(shape.size[1], 0); }
+};
+
+/** A slab of nodes: of each component rows along z one after the other, of each node the planes of the slab. */
+template <typename T>
+struct GridSlab {
+    T* values[3];
+    T* row(const GridLayout& layout, int component, int y) const {
+        while (y >= layout.shape.size[1]) y -= layout.shape.size[1];
+        return values[component] + y * layout.rowNumbers();
     }
 };
 
-/** The wave vectors of a block of columns along x. */
-struct GridColumns {
-    double* modes[3];      // numbers 2 columnsOfBlock of each x: real and imaginary parts
-    const double* kx;      // of each x
-    const double* keepsX;  // 0 for the Nyquist index, else 1
-    int size;              // along x
-    double ky;
-    double kz[2 * columnsOfBlock], keeps[2 * columnsOfBlock];  // of each number; 0: its mode is left out
-    bool hasZero;                                              // whether the first column has the mode k = 0 at x = 0
+/** What one thread works with. */
+template <typename T>
+struct GridScratch {
+    AlignedArrayOf<T> slab, columns, transform, noise;
+    GridSeconds seconds;
+};
+
+/** What all threads share while they work on one column of forces or one field. */
+template <typename T>
+struct GridWork {
+    const GridLayout& layout;
+    const ColumnTransform<T>* transforms;  // along each axis
+    T* modes[3];
+    const T *kx, *keepsX;  // wave numbers of each x, and 0 for the Nyquist index, else 1
+    bool streams;          // whether modes are too many for caches
 };
 
 }  // namespace RigidHIPlugin
@@ -54,181 +87,544 @@ struct GridColumns {
 
 HWY_BEFORE_NAMESPACE();
 #include "host/SimdReal-inl.h"
+#include "mobility/models/forcecoupling/ColumnTransform-inl.h"
 
 namespace RigidHIPlugin {
 namespace HWY_NAMESPACE {
 
-typedef HWY_CAPPED(double, GridStencils::padding) Lanes;
+// ---- Between particles and nodes
 
-/** What a particle adds to one of the planes that it reaches: the slice `i` of its stencil. */
-void spreadSlice(const GridStencils& stencils, int p, bool hasTorque, int i, const double* F, const GridPlane& plane) {
+/** Weights of a slice's planes, times a factor, in the precision of the grid. */
+template <typename T>
+struct PlaneWeights {
+    HWY_ALIGN T numbers[columnsOfBlock];
+    PlaneWeights(const double* weights, double factor) {
+        for (int i = 0; i < columnsOfBlock; i++) numbers[i] = static_cast<T>(factor * weights[i]);
+    }
+    HWY_INLINE hn::Vec<ColumnLanes<T> > pack(int lane) const { return hn::Load(ColumnLanes<T>(), numbers + lane); }
+};
+
+/** What a particle adds to one of the slabs that it reaches. */
+template <typename T>
+void spreadSlice(const GridStencils& stencils, const GridStencils::Slice& slice, const double* F,
+                 const GridLayout& layout, const GridSlab<T>& slab) {
     typedef GridStencils Weights;
-    const Lanes d;
-    const int width = hn::Lanes(d);
+    const ColumnLanes<T> d;
+    const int width = hn::Lanes(d), p = slice.particle;
     const GridStencils::Stencil& s = stencils[p];
-    const double *x = stencils.weightsOf(p, 0, Weights::Force), *y = stencils.weightsOf(p, 1, Weights::Force),
-                 *z = stencils.weightsOf(p, 2, Weights::Force);
-    const double *tx = nullptr, *ty = nullptr, *tz = nullptr, *gx = nullptr, *gy = nullptr, *gz = nullptr;
-    if (hasTorque) {
-        tx = stencils.weightsOf(p, 0, Weights::Torque);
-        ty = stencils.weightsOf(p, 1, Weights::Torque);
-        tz = stencils.weightsOf(p, 2, Weights::Torque);
-        gx = stencils.weightsOf(p, 0, Weights::TorqueSlope);
-        gy = stencils.weightsOf(p, 1, Weights::TorqueSlope);
-        gz = stencils.weightsOf(p, 2, Weights::TorqueSlope);
-    }
-    const GridStencils::Range rows = stencils.rowsOf(p, i);
-    for (int j = rows.begin; j < rows.end; j++) {
-        const GridStencils::Range range = stencils.nodesOf(p, i, j);
-        const size_t row = plane.row(s.first[1] + j) + s.first[2];
-        double *u = plane.values[0] + row, *v = plane.values[1] + row, *w = plane.values[2] + row;
-        const double xy = x[i] * y[j];
-        const auto fx = hn::Set(d, xy * F[0]), fy = hn::Set(d, xy * F[1]), fz = hn::Set(d, xy * F[2]);
-        if (!hasTorque) {
-            for (int k = range.begin; k < range.end; k += width) {
-                const auto weight = hn::LoadU(d, z + k);
-                hn::Store(hn::MulAdd(fx, weight, hn::Load(d, u + k)), d, u + k);
-                hn::Store(hn::MulAdd(fy, weight, hn::Load(d, v + k)), d, v + k);
-                hn::Store(hn::MulAdd(fz, weight, hn::Load(d, w + k)), d, w + k);
+    const double *x = stencils.weightsOf(p, 0, Weights::Force) + slice.offset,
+                 *y = stencils.weightsOf(p, 1, Weights::Force), *z = stencils.weightsOf(p, 2, Weights::Force);
+    const bool hasTorque = stencils.getParticles().hasTorque[p];
+    const PlaneWeights<T> fx(x, F[0]), fy(x, F[1]), fz(x, F[2]);
+    if (!hasTorque) {
+        for (int j = 0; j < s.width[1]; j++) {
+            const GridStencils::Range range = stencils.nodesOf(slice, j);
+            if (range.begin == range.end) continue;
+            T *u = slab.row(layout, 0, s.first[1] + j), *v = slab.row(layout, 1, s.first[1] + j),
+              *w = slab.row(layout, 2, s.first[1] + j);
+            for (int lane = 0; lane < columnsOfBlock; lane += width) {
+                const auto a = fx.pack(lane), b = fy.pack(lane), c = fz.pack(lane);
+                for (int k = range.begin; k < range.end; k++) {
+                    const size_t at = (size_t)(s.first[2] + k) * columnsOfBlock + lane;
+                    const auto weight = hn::Set(d, static_cast<T>(y[j] * z[k]));
+                    hn::Store(hn::MulAdd(a, weight, hn::Load(d, u + at)), d, u + at);
+                    hn::Store(hn::MulAdd(b, weight, hn::Load(d, v + at)), d, v + at);
+                    hn::Store(hn::MulAdd(c, weight, hn::Load(d, w + at)), d, w + at);
+                }
             }
-            continue;
         }
-        // grad(Theta) x T/2, Theta = tx ty tz: what the slopes along x and y and that along z are multiplied by.
-        const double *T = F + 3, sx = 0.5 * gx[i] * ty[j], sy = 0.5 * tx[i] * gy[j], sz = 0.5 * tx[i] * ty[j];
-        const auto ut = hn::Set(d, sy * T[2]), ug = hn::Set(d, -sz * T[1]), vt = hn::Set(d, -sx * T[2]),
-                   vg = hn::Set(d, sz * T[0]), wt = hn::Set(d, sx * T[1] - sy * T[0]);
-        for (int k = range.begin; k < range.end; k += width) {
-            const auto weight = hn::LoadU(d, z + k), turn = hn::LoadU(d, tz + k), slope = hn::LoadU(d, gz + k);
-            const auto a = hn::MulAdd(ug, slope, hn::MulAdd(ut, turn, hn::Load(d, u + k)));
-            const auto b = hn::MulAdd(vg, slope, hn::MulAdd(vt, turn, hn::Load(d, v + k)));
-            const auto c = hn::MulAdd(wt, turn, hn::Load(d, w + k));
-            hn::Store(hn::MulAdd(fx, weight, a), d, u + k);
-            hn::Store(hn::MulAdd(fy, weight, b), d, v + k);
-            hn::Store(hn::MulAdd(fz, weight, c), d, w + k);
+        return;
+    }
+    // grad(Theta) x T/2, Theta = tx ty tz.
+    const double *tx = stencils.weightsOf(p, 0, Weights::Torque) + slice.offset,
+                 *gx = stencils.weightsOf(p, 0, Weights::TorqueSlope) + slice.offset;
+    const double *ty = stencils.weightsOf(p, 1, Weights::Torque), *gy = stencils.weightsOf(p, 1, Weights::TorqueSlope),
+                 *tz = stencils.weightsOf(p, 2, Weights::Torque), *gz = stencils.weightsOf(p, 2, Weights::TorqueSlope);
+    const double* torque = F + 3;
+    const PlaneWeights<T> plainX(tx, 0.5 * torque[0]), plainY(tx, 0.5 * torque[1]), plainZ(tx, 0.5 * torque[2]),
+        slopeY(gx, 0.5 * torque[1]), slopeZ(gx, 0.5 * torque[2]);
+    for (int j = 0; j < s.width[1]; j++) {
+        const GridStencils::Range range = stencils.nodesOf(slice, j);
+        if (range.begin == range.end) continue;
+        T *u = slab.row(layout, 0, s.first[1] + j), *v = slab.row(layout, 1, s.first[1] + j),
+          *w = slab.row(layout, 2, s.first[1] + j);
+        for (int lane = 0; lane < columnsOfBlock; lane += width) {
+            const auto a = fx.pack(lane), b = fy.pack(lane), c = fz.pack(lane);
+            const auto tX = plainX.pack(lane), tY = plainY.pack(lane), tZ = plainZ.pack(lane), gY = slopeY.pack(lane),
+                       gZ = slopeZ.pack(lane);
+            for (int k = range.begin; k < range.end; k++) {
+                const size_t at = (size_t)(s.first[2] + k) * columnsOfBlock + lane;
+                const auto weight = hn::Set(d, static_cast<T>(y[j] * z[k])),
+                           alongY = hn::Set(d, static_cast<T>(gy[j] * tz[k])),
+                           alongZ = hn::Set(d, static_cast<T>(ty[j] * gz[k])),
+                           plain = hn::Set(d, static_cast<T>(ty[j] * tz[k]));
+                const auto toU = hn::NegMulAdd(tY, alongZ, hn::MulAdd(tZ, alongY, hn::Load(d, u + at))),
+                           toV = hn::NegMulAdd(gZ, plain, hn::MulAdd(tX, alongZ, hn::Load(d, v + at))),
+                           toW = hn::NegMulAdd(tX, alongY, hn::MulAdd(gY, plain, hn::Load(d, w + at)));
+                hn::Store(hn::MulAdd(a, weight, toU), d, u + at);
+                hn::Store(hn::MulAdd(b, weight, toV), d, v + at);
+                hn::Store(hn::MulAdd(c, weight, toW), d, w + at);
+            }
         }
     }
+}
+
+/** The sum over planes of weights times what is summed up for each plane. */
+template <typename T>
+HWY_INLINE double overPlanes(const double* weights, const T* sums) {
+    double sum = 0;
+    for (int i = 0; i < columnsOfBlock; i++) sum += weights[i] * sums[i];
+    return sum;
 }
 
 /** The transpose: what a slice adds to the velocities of its particle. */
-void averageSlice(const GridStencils& stencils, int p, bool hasTorque, int i, const GridPlane& plane, double* V) {
+template <typename T>
+void averageSlice(const GridStencils& stencils, const GridStencils::Slice& slice, const GridLayout& layout,
+                  const GridSlab<T>& slab, double* V) {
     typedef GridStencils Weights;
-    const Lanes d;
-    const int width = hn::Lanes(d);
+    const ColumnLanes<T> d;
+    const int width = hn::Lanes(d), p = slice.particle;
     const GridStencils::Stencil& s = stencils[p];
-    const double *x = stencils.weightsOf(p, 0, Weights::Force), *y = stencils.weightsOf(p, 1, Weights::Force),
-                 *z = stencils.weightsOf(p, 2, Weights::Force);
-    auto sum_u = hn::Zero(d), sum_v = hn::Zero(d), sum_w = hn::Zero(d);
-    auto turn_x = hn::Zero(d), turn_y = hn::Zero(d), turn_z = hn::Zero(d);
-    const GridStencils::Range rows = stencils.rowsOf(p, i);
-    for (int j = rows.begin; j < rows.end; j++) {
-        const GridStencils::Range range = stencils.nodesOf(p, i, j);
-        const size_t row = plane.row(s.first[1] + j) + s.first[2];
-        const double *u = plane.values[0] + row, *v = plane.values[1] + row, *w = plane.values[2] + row;
-        auto row_u = hn::Zero(d), row_v = hn::Zero(d), row_w = hn::Zero(d);
-        for (int k = range.begin; k < range.end; k += width) {
-            const auto weight = hn::LoadU(d, z + k);
-            row_u = hn::MulAdd(weight, hn::Load(d, u + k), row_u);
-            row_v = hn::MulAdd(weight, hn::Load(d, v + k), row_v);
-            row_w = hn::MulAdd(weight, hn::Load(d, w + k), row_w);
+    const double *x = stencils.weightsOf(p, 0, Weights::Force) + slice.offset,
+                 *y = stencils.weightsOf(p, 1, Weights::Force), *z = stencils.weightsOf(p, 2, Weights::Force);
+    const bool hasTorque = stencils.getParticles().hasTorque[p];
+    HWY_ALIGN T sums[8][columnsOfBlock];
+    for (int lane = 0; lane < columnsOfBlock; lane += width) {
+        auto sum_u = hn::Zero(d), sum_v = hn::Zero(d), sum_w = hn::Zero(d);
+        for (int j = 0; j < s.width[1]; j++) {
+            const GridStencils::Range range = stencils.nodesOf(slice, j);
+            const T *u = slab.row(layout, 0, s.first[1] + j) + lane, *v = slab.row(layout, 1, s.first[1] + j) + lane,
+                    *w = slab.row(layout, 2, s.first[1] + j) + lane;
+            auto row_u = hn::Zero(d), row_v = hn::Zero(d), row_w = hn::Zero(d);
+            for (int k = range.begin; k < range.end; k++) {
+                const size_t at = (size_t)(s.first[2] + k) * columnsOfBlock;
+                const auto weight = hn::Set(d, static_cast<T>(z[k]));
+                row_u = hn::MulAdd(weight, hn::Load(d, u + at), row_u);
+                row_v = hn::MulAdd(weight, hn::Load(d, v + at), row_v);
+                row_w = hn::MulAdd(weight, hn::Load(d, w + at), row_w);
+            }
+            const auto weight = hn::Set(d, static_cast<T>(y[j]));
+            sum_u = hn::MulAdd(weight, row_u, sum_u);
+            sum_v = hn::MulAdd(weight, row_v, sum_v);
+            sum_w = hn::MulAdd(weight, row_w, sum_w);
         }
-        const auto xy = hn::Set(d, x[i] * y[j]);
-        sum_u = hn::MulAdd(xy, row_u, sum_u);
-        sum_v = hn::MulAdd(xy, row_v, sum_v);
-        sum_w = hn::MulAdd(xy, row_w, sum_w);
-        if (!hasTorque) continue;
-        const double *tz = stencils.weightsOf(p, 2, Weights::Torque),
-                     *gz = stencils.weightsOf(p, 2, Weights::TorqueSlope);
-        auto t_u = hn::Zero(d), t_v = hn::Zero(d), t_w = hn::Zero(d), g_u = hn::Zero(d), g_v = hn::Zero(d);
-        for (int k = range.begin; k < range.end; k += width) {
-            const auto turn = hn::LoadU(d, tz + k), slope = hn::LoadU(d, gz + k);
-            const auto uk = hn::Load(d, u + k), vk = hn::Load(d, v + k), wk = hn::Load(d, w + k);
-            t_u = hn::MulAdd(turn, uk, t_u);
-            t_v = hn::MulAdd(turn, vk, t_v);
-            t_w = hn::MulAdd(turn, wk, t_w);
-            g_u = hn::MulAdd(slope, uk, g_u);
-            g_v = hn::MulAdd(slope, vk, g_v);
-        }
-        const double tx = stencils.weightsOf(p, 0, Weights::Torque)[i],
-                     ty = stencils.weightsOf(p, 1, Weights::Torque)[j];
-        const auto sx = hn::Set(d, 0.5 * stencils.weightsOf(p, 0, Weights::TorqueSlope)[i] * ty),
-                   sy = hn::Set(d, 0.5 * tx * stencils.weightsOf(p, 1, Weights::TorqueSlope)[j]),
-                   sz = hn::Set(d, 0.5 * tx * ty);
-        turn_x = hn::NegMulAdd(sy, t_w, hn::MulAdd(sz, g_v, turn_x));
-        turn_y = hn::NegMulAdd(sz, g_u, hn::MulAdd(sx, t_w, turn_y));
-        turn_z = hn::NegMulAdd(sx, t_v, hn::MulAdd(sy, t_u, turn_z));
+        hn::Store(sum_u, d, sums[0] + lane);
+        hn::Store(sum_v, d, sums[1] + lane);
+        hn::Store(sum_w, d, sums[2] + lane);
     }
-    V[0] = hn::GetLane(hn::SumOfLanes(d, sum_u));
-    V[1] = hn::GetLane(hn::SumOfLanes(d, sum_v));
-    V[2] = hn::GetLane(hn::SumOfLanes(d, sum_w));
+    for (int c = 0; c < 3; c++) V[c] = overPlanes(x, sums[c]);
     if (!hasTorque) return;
-    V[3] = hn::GetLane(hn::SumOfLanes(d, turn_x));
-    V[4] = hn::GetLane(hn::SumOfLanes(d, turn_y));
-    V[5] = hn::GetLane(hn::SumOfLanes(d, turn_z));
+    const double *tx = stencils.weightsOf(p, 0, Weights::Torque) + slice.offset,
+                 *gx = stencils.weightsOf(p, 0, Weights::TorqueSlope) + slice.offset;
+    const double *ty = stencils.weightsOf(p, 1, Weights::Torque), *gy = stencils.weightsOf(p, 1, Weights::TorqueSlope),
+                 *tz = stencils.weightsOf(p, 2, Weights::Torque), *gz = stencils.weightsOf(p, 2, Weights::TorqueSlope);
+    for (int lane = 0; lane < columnsOfBlock; lane += width) {
+        // Sums of v along z less w along y, of u along z and y, and plain ones of v and w.
+        auto curl = hn::Zero(d), u_z = hn::Zero(d), u_y = hn::Zero(d), v_plain = hn::Zero(d), w_plain = hn::Zero(d);
+        for (int j = 0; j < s.width[1]; j++) {
+            const GridStencils::Range range = stencils.nodesOf(slice, j);
+            const T *u = slab.row(layout, 0, s.first[1] + j) + lane, *v = slab.row(layout, 1, s.first[1] + j) + lane,
+                    *w = slab.row(layout, 2, s.first[1] + j) + lane;
+            for (int k = range.begin; k < range.end; k++) {
+                const size_t at = (size_t)(s.first[2] + k) * columnsOfBlock;
+                const auto alongY = hn::Set(d, static_cast<T>(gy[j] * tz[k])),
+                           alongZ = hn::Set(d, static_cast<T>(ty[j] * gz[k])),
+                           plain = hn::Set(d, static_cast<T>(ty[j] * tz[k]));
+                const auto uk = hn::Load(d, u + at), vk = hn::Load(d, v + at), wk = hn::Load(d, w + at);
+                curl = hn::NegMulAdd(alongY, wk, hn::MulAdd(alongZ, vk, curl));
+                u_z = hn::MulAdd(alongZ, uk, u_z);
+                u_y = hn::MulAdd(alongY, uk, u_y);
+                v_plain = hn::MulAdd(plain, vk, v_plain);
+                w_plain = hn::MulAdd(plain, wk, w_plain);
+            }
+        }
+        hn::Store(curl, d, sums[0] + lane);
+        hn::Store(u_z, d, sums[1] + lane);
+        hn::Store(u_y, d, sums[2] + lane);
+        hn::Store(v_plain, d, sums[3] + lane);
+        hn::Store(w_plain, d, sums[4] + lane);
+    }
+    V[3] = 0.5 * overPlanes(tx, sums[0]);
+    V[4] = 0.5 * (overPlanes(gx, sums[4]) - overPlanes(tx, sums[1]));
+    V[5] = 0.5 * (overPlanes(tx, sums[2]) - overPlanes(gx, sums[3]));
 }
 
 /** Minus the sums with the slopes of the force envelope: nine numbers. */
-void averageGradientSlice(const GridStencils& stencils, int p, int i, const GridPlane& plane, double* gradients) {
+template <typename T>
+void averageGradientSlice(const GridStencils& stencils, const GridStencils::Slice& slice, const GridLayout& layout,
+                          const GridSlab<T>& slab, double* gradients) {
     typedef GridStencils Weights;
-    const Lanes d;
-    const int width = hn::Lanes(d);
+    const ColumnLanes<T> d;
+    const int width = hn::Lanes(d), p = slice.particle;
     const GridStencils::Stencil& s = stencils[p];
-    const double *z = stencils.weightsOf(p, 2, Weights::Force), *slopes = stencils.weightsOf(p, 2, Weights::ForceSlope);
-    const double x = stencils.weightsOf(p, 0, Weights::Force)[i], gx = stencils.weightsOf(p, 0, Weights::ForceSlope)[i];
-    const double *y = stencils.weightsOf(p, 1, Weights::Force), *gy = stencils.weightsOf(p, 1, Weights::ForceSlope);
-    auto along_x = hn::Zero(d), along_y = hn::Zero(d), along_z = hn::Zero(d);
+    const double *x = stencils.weightsOf(p, 0, Weights::Force) + slice.offset,
+                 *gx = stencils.weightsOf(p, 0, Weights::ForceSlope) + slice.offset;
+    const double *y = stencils.weightsOf(p, 1, Weights::Force), *gy = stencils.weightsOf(p, 1, Weights::ForceSlope),
+                 *z = stencils.weightsOf(p, 2, Weights::Force), *gz = stencils.weightsOf(p, 2, Weights::ForceSlope);
+    HWY_ALIGN T sums[3][columnsOfBlock];
     for (int a = 0; a < 3; a++) {
-        along_x = along_y = along_z = hn::Zero(d);
-        const GridStencils::Range rows = stencils.rowsOf(p, i);
-        for (int j = rows.begin; j < rows.end; j++) {
-            const GridStencils::Range range = stencils.nodesOf(p, i, j);
-            const double* u = plane.values[a] + plane.row(s.first[1] + j) + s.first[2];
-            auto plain = hn::Zero(d), sloped = hn::Zero(d);
-            for (int k = range.begin; k < range.end; k += width) {
-                const auto uk = hn::Load(d, u + k);
-                plain = hn::MulAdd(hn::LoadU(d, z + k), uk, plain);
-                sloped = hn::MulAdd(hn::LoadU(d, slopes + k), uk, sloped);
+        for (int lane = 0; lane < columnsOfBlock; lane += width) {
+            auto along_x = hn::Zero(d), along_y = hn::Zero(d), along_z = hn::Zero(d);
+            for (int j = 0; j < s.width[1]; j++) {
+                const GridStencils::Range range = stencils.nodesOf(slice, j);
+                const T* u = slab.row(layout, a, s.first[1] + j) + lane;
+                auto plain = hn::Zero(d), sloped = hn::Zero(d);
+                for (int k = range.begin; k < range.end; k++) {
+                    const auto uk = hn::Load(d, u + (size_t)(s.first[2] + k) * columnsOfBlock);
+                    plain = hn::MulAdd(hn::Set(d, static_cast<T>(z[k])), uk, plain);
+                    sloped = hn::MulAdd(hn::Set(d, static_cast<T>(gz[k])), uk, sloped);
+                }
+                const auto own = hn::Set(d, static_cast<T>(y[j]));
+                along_x = hn::MulAdd(own, plain, along_x);
+                along_y = hn::MulAdd(hn::Set(d, static_cast<T>(gy[j])), plain, along_y);
+                along_z = hn::MulAdd(own, sloped, along_z);
             }
-            along_x = hn::NegMulAdd(hn::Set(d, gx * y[j]), plain, along_x);
-            along_y = hn::NegMulAdd(hn::Set(d, x * gy[j]), plain, along_y);
-            along_z = hn::NegMulAdd(hn::Set(d, x * y[j]), sloped, along_z);
+            hn::Store(along_x, d, sums[0] + lane);
+            hn::Store(along_y, d, sums[1] + lane);
+            hn::Store(along_z, d, sums[2] + lane);
         }
-        gradients[3 * a] = hn::GetLane(hn::SumOfLanes(d, along_x));
-        gradients[3 * a + 1] = hn::GetLane(hn::SumOfLanes(d, along_y));
-        gradients[3 * a + 2] = hn::GetLane(hn::SumOfLanes(d, along_z));
+        gradients[3 * a] = -overPlanes(gx, sums[0]);
+        gradients[3 * a + 1] = -overPlanes(x, sums[1]);
+        gradients[3 * a + 2] = -overPlanes(x, sums[2]);
     }
 }
+
+// ---- Rows along z
+
+/** Of the nodes of two rows their modes, twice as large: one complex transform of one row + i the other. */
+template <typename T>
+void rowsThere(const GridWork<T>& work, T* first, T* second, GridScratch<T>& scratch) {
+    const ColumnLanes<T> d;
+    const int width = hn::Lanes(d), n = work.layout.shape.size[2];
+    T* const both = scratch.columns.data();
+    transformColumns(work.transforms[2], Columns<T>{first, second, columnsOfBlock}, Columns<T>::packed(both),
+                     scratch.transform.data());
+    for (int k = 0; k < work.layout.numModes; k++)
+        for (int lane = 0; lane < columnsOfBlock; lane += width) {
+            const T *z = both + (size_t)k * blockNumbers + lane,
+                    *mirrored = both + (size_t)(k == 0 ? 0 : n - k) * blockNumbers + lane;
+            const auto zr = hn::Load(d, z), zi = hn::Load(d, z + columnsOfBlock), wr = hn::Load(d, mirrored),
+                       wi = hn::Load(d, mirrored + columnsOfBlock);
+            T *a = first + (size_t)k * blockNumbers + lane, *b = second + (size_t)k * blockNumbers + lane;
+            hn::Store(hn::Add(zr, wr), d, a);
+            hn::Store(hn::Sub(zi, wi), d, a + columnsOfBlock);
+            hn::Store(hn::Add(zi, wi), d, b);
+            hn::Store(hn::Sub(wr, zr), d, b + columnsOfBlock);
+        }
+}
+
+/** Of the modes of two rows their nodes, with what stencils look at beyond the ends of rows. */
+template <typename T>
+void rowsBack(const GridWork<T>& work, T* first, T* second, GridScratch<T>& scratch) {
+    const ColumnLanes<T> d;
+    const int width = hn::Lanes(d), n = work.layout.shape.size[2];
+    T* const both = scratch.columns.data();
+    for (int lane = 0; lane < columnsOfBlock; lane += width) {
+        // The first mode is real.
+        hn::Store(hn::Load(d, first + lane), d, both + lane);
+        hn::Store(hn::Load(d, second + lane), d, both + columnsOfBlock + lane);
+        for (int k = 1; k < work.layout.numModes; k++) {
+            const T *a = first + (size_t)k * blockNumbers + lane, *b = second + (size_t)k * blockNumbers + lane;
+            const auto ar = hn::Load(d, a), ai = hn::Load(d, a + columnsOfBlock), br = hn::Load(d, b),
+                       bi = hn::Load(d, b + columnsOfBlock);
+            T *z = both + (size_t)k * blockNumbers + lane, *mirrored = both + (size_t)(n - k) * blockNumbers + lane;
+            hn::Store(hn::Sub(ar, bi), d, z);
+            hn::Store(hn::Add(ai, br), d, z + columnsOfBlock);
+            hn::Store(hn::Add(ar, bi), d, mirrored);
+            hn::Store(hn::Sub(br, ai), d, mirrored + columnsOfBlock);
+        }
+    }
+    if (n % 2 == 0) std::fill_n(both + (size_t)(n / 2) * blockNumbers, blockNumbers, T(0));
+    transformColumns(work.transforms[2], Columns<T>::packed(both).conjugate(),
+                     Columns<T>{second, first, columnsOfBlock}, scratch.transform.data());
+    for (T* row : {first, second})
+        for (int k = n; k < work.layout.rowLength; k++)
+            std::copy_n(row + (size_t)(k - n) * columnsOfBlock, columnsOfBlock, row + (size_t)k * columnsOfBlock);
+}
+
+/** Rows 2 pair and 2 pair + 1 of all components. */
+template <typename T>
+void pairThere(const GridWork<T>& work, int pair, const GridSlab<T>& slab, GridScratch<T>& scratch) {
+    const GridLayout& layout = work.layout;
+    const size_t length = layout.rowNumbers();
+    const int n = layout.shape.size[2];
+    for (T* component : slab.values) {
+        T *first = component + 2 * pair * length, *second = first + length;
+        for (T* row : {first, second})
+            for (int k = n; k < layout.rowLength; k++)
+                for (int i = 0; i < columnsOfBlock; i++)
+                    row[(size_t)(k % n) * columnsOfBlock + i] += row[(size_t)k * columnsOfBlock + i];
+        const TimeOfLife timer(scratch.seconds.transforms);
+        rowsThere(work, first, second, scratch);
+    }
+}
+template <typename T>
+void pairBack(const GridWork<T>& work, int pair, const GridSlab<T>& slab, GridScratch<T>& scratch) {
+    const TimeOfLife timer(scratch.seconds.transforms);
+    const size_t length = work.layout.rowNumbers();
+    for (T* component : slab.values)
+        rowsBack(work, component + 2 * pair * length, component + (2 * pair + 1) * length, scratch);
+}
+
+// ---- Columns along y, from and to the modes of the grid, where x is the next to be transformed
+
+template <typename T>
+void slabThere(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab, GridScratch<T>& scratch) {
+    const TimeOfLife timer(scratch.seconds.transforms);
+    const GridLayout& layout = work.layout;
+    const int size = layout.shape.size[1];
+    const size_t column = (size_t)size * blockNumbers;
+    T* const columns = scratch.columns.data();
+    HWY_ALIGN T block[columnsOfBlock * blockNumbers];
+    const ColumnLanes<T> d;
+    for (int c = 0; c < 3; c++)
+        for (int b = 0; b < layout.numBlocks; b++) {
+            const int count = std::min(columnsOfBlock, layout.numModes - b * columnsOfBlock);
+            for (int y = 0; y < size; y++) {
+                const T* from = slab.values[c] + y * layout.rowNumbers() + (size_t)b * columnsOfBlock * blockNumbers;
+                for (int k = 0; k < count; k++)
+                    std::memcpy(columns + k * column + (size_t)y * blockNumbers, from + k * blockNumbers,
+                                blockNumbers * sizeof(T));
+            }
+            for (int k = 0; k < count; k++) {
+                const Columns<T> own = Columns<T>::packed(columns + k * column);
+                transformColumns(work.transforms[1], own, own, scratch.transform.data());
+            }
+            if (count < columnsOfBlock) std::fill(columns + count * column, columns + columnsOfBlock * column, T(0));
+            for (int y = 0; y < size; y++) {
+                T* to = work.modes[c] + layout.column(y, b) + (size_t)slabNumber * columnsOfBlock * blockNumbers;
+                T* target = work.streams ? block : to;
+                for (int part = 0; part < blockNumbers; part += columnsOfBlock)
+                    transposeBlock(columns + (size_t)y * blockNumbers + part, column, target + part, blockNumbers);
+                if (work.streams)
+                    for (int i = 0; i < columnsOfBlock * blockNumbers; i += hn::Lanes(d))
+                        hn::Stream(hn::Load(d, block + i), d, to + i);
+            }
+        }
+}
+
+template <typename T>
+void slabBack(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab, GridScratch<T>& scratch) {
+    const TimeOfLife timer(scratch.seconds.transforms);
+    const GridLayout& layout = work.layout;
+    const int size = layout.shape.size[1], ahead = 4, line = 64;
+    const size_t column = (size_t)size * blockNumbers;
+    T* const columns = scratch.columns.data();
+    for (int c = 0; c < 3; c++)
+        for (int b = 0; b < layout.numBlocks; b++) {
+            const int count = std::min(columnsOfBlock, layout.numModes - b * columnsOfBlock);
+            for (int y = 0; y < size; y++) {
+                const auto block = [&](int row) {
+                    return work.modes[c] + layout.column(row, b) + (size_t)slabNumber * columnsOfBlock * blockNumbers;
+                };
+                const T* from = block(y);
+                const char* later = reinterpret_cast<const char*>(block(std::min(size - 1, y + ahead)));
+                for (size_t at = 0; at < columnsOfBlock * blockNumbers * sizeof(T); at += line)
+                    __builtin_prefetch(later + at);
+                for (int part = 0; part < blockNumbers; part += columnsOfBlock)
+                    transposeBlock(from + part, blockNumbers, columns + (size_t)y * blockNumbers + part, column);
+            }
+            for (int k = 0; k < count; k++) {
+                const Columns<T> own = Columns<T>::packed(columns + k * column).conjugate();
+                transformColumns(work.transforms[1], own, own, scratch.transform.data());
+            }
+            for (int y = 0; y < size; y++) {
+                T* to = slab.values[c] + y * layout.rowNumbers() + (size_t)b * columnsOfBlock * blockNumbers;
+                for (int k = 0; k < count; k++)
+                    std::memcpy(to + k * blockNumbers, columns + k * column + (size_t)y * blockNumbers,
+                                blockNumbers * sizeof(T));
+            }
+        }
+    if (layout.numRows > size)
+        for (T* component : slab.values) std::fill_n(component + size * layout.rowNumbers(), layout.rowNumbers(), T(0));
+}
+
+// ---- A slab there and back
+
+/** Forces to the modes along y and z of a slab. */
+template <typename T>
+void spreadSlab(const GridWork<T>& work, const GridStencils& stencils, int slabNumber, const double* forces,
+                GridScratch<T>& scratch) {
+    const GridLayout& layout = work.layout;
+    const GridSlab<T> slab = {{scratch.slab.data(), scratch.slab.data() + layout.slabNumbers(),
+                               scratch.slab.data() + 2 * layout.slabNumbers()}};
+    {
+        const double before = scratch.seconds.transforms;
+        {
+            const TimeOfLife timer(scratch.seconds.spreading);
+            // Rows are emptied before the first particle that reaches them, and transformed after the last one. Rows at the beginning are also
+            // reached across the end.
+            const int numRows = layout.numRows, size = layout.shape.size[1];
+            const int firstPair = std::min(numRows / 2, (stencils.largestWidth(1) + 1) / 2);
+            int empty = 0, pair = firstPair;
+            const auto emptyUpTo = [&](int end) {
+                if (end <= empty) return;
+                for (T* component : slab.values)
+                    std::fill(component + empty * layout.rowNumbers(), component + end * layout.rowNumbers(), T(0));
+                empty = end;
+            };
+            for (int s = stencils.beginOfSlab(slabNumber); s < stencils.beginOfSlab(slabNumber + 1); s++) {
+                const GridStencils::Slice& slice = stencils.slice(s);
+                const GridStencils::Stencil& stencil = stencils[slice.particle];
+                stencils.prefetchAfter(s);
+                const int reached = stencil.first[1] + stencil.width[1];
+                emptyUpTo(reached < size ? reached : numRows);
+                for (; 2 * pair + 2 <= stencils.firstRowOfTile(slice); pair++) pairThere(work, pair, slab, scratch);
+                spreadSlice(stencils, slice, forces + stencils.getParticles().firstRow[slice.particle], layout, slab);
+            }
+            emptyUpTo(numRows);
+            for (; pair < numRows / 2; pair++) pairThere(work, pair, slab, scratch);
+            for (pair = 0; pair < firstPair; pair++) pairThere(work, pair, slab, scratch);
+        }
+        scratch.seconds.spreading -= scratch.seconds.transforms - before;
+    }
+    slabThere(work, slabNumber, slab, scratch);
+}
+
+/** Averages over the slices of a slab of nodes; with `ready(rows)` called before rows up to this one are needed. */
+template <typename T, class Ready>
+void averageSlices(const GridLayout& layout, const GridStencils& stencils, int slabNumber, const GridSlab<T>& slab,
+                   bool gradients, double* parts, const Ready& ready) {
+    const int size = layout.shape.size[1];
+    for (int s = stencils.beginOfSlab(slabNumber); s < stencils.beginOfSlab(slabNumber + 1); s++) {
+        const GridStencils::Slice& slice = stencils.slice(s);
+        const GridStencils::Stencil& stencil = stencils[slice.particle];
+        stencils.prefetchAfter(s);
+        ready(std::min(size, stencil.first[1] + stencil.width[1]));
+        double* part = parts + numbersOfPart * (size_t)s;
+        if (gradients)
+            averageGradientSlice(stencils, slice, layout, slab, part);
+        else
+            averageSlice(stencils, slice, layout, slab, part);
+    }
+}
+
+/** From modes along y and z of a slab to averages. */
+template <typename T>
+void averageSlab(const GridWork<T>& work, const GridStencils& stencils, int slabNumber, double* parts,
+                 GridScratch<T>& scratch) {
+    const GridLayout& layout = work.layout;
+    const GridSlab<T> slab = {{scratch.slab.data(), scratch.slab.data() + layout.slabNumbers(),
+                               scratch.slab.data() + 2 * layout.slabNumbers()}};
+    slabBack(work, slabNumber, slab, scratch);
+    const double before = scratch.seconds.transforms;
+    {
+        const TimeOfLife timer(scratch.seconds.averaging);
+        int pair = 0;
+        averageSlices(layout, stencils, slabNumber, slab, false, parts, [&](int end) {
+            for (; 2 * pair < end; pair++) pairBack(work, pair, slab, scratch);
+        });
+    }
+    scratch.seconds.averaging -= scratch.seconds.transforms - before;
+}
+
+/** The whole slab of a field. */
+template <typename T>
+void fieldSlab(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab, GridScratch<T>& scratch) {
+    slabBack(work, slabNumber, slab, scratch);
+    for (int pair = 0; 2 * pair < work.layout.numRows; pair++) pairBack(work, pair, slab, scratch);
+}
+
+// ---- Columns along x
 
 /**
  * modes <- scale k^(-2 or -1) (1 - k k/k^2) modes; those left out become 0.
  *
  * @param root  whether by the root of the fluid's response: k^-1
  */
-void projectColumns(const GridColumns& columns, double scale, bool root) {
-    const Doubles d;
-    const int width = hn::Lanes(d), numbers = 2 * columnsOfBlock;
-    const auto one = hn::Set(d, 1.0), ky = hn::Set(d, columns.ky);
-    for (int x = 0; x < columns.size; x++) {
-        double *u = columns.modes[0] + x * numbers, *v = columns.modes[1] + x * numbers,
-               *w = columns.modes[2] + x * numbers;
-        const auto kx = hn::Set(d, columns.kx[x]),
-                   square = hn::Set(d, columns.kx[x] * columns.kx[x] + columns.ky * columns.ky);
-        const auto factor = hn::Set(d, scale * columns.keepsX[x]);
-        for (int b = 0; b < numbers; b += width) {
-            const auto kz = hn::LoadU(d, columns.kz + b);
-            auto k2 = hn::MulAdd(kz, kz, square);
+template <typename T>
+void projectColumns(const GridWork<T>& work, int y, int block, double scale, bool root, T* const* modes) {
+    const ColumnLanes<T> d;
+    const int width = hn::Lanes(d);
+    const GridShape& shape = work.layout.shape;
+    HWY_ALIGN T kzs[columnsOfBlock], keeps[columnsOfBlock];
+    for (int i = 0; i < columnsOfBlock; i++) {
+        const int z = block * columnsOfBlock + i;
+        const bool none = shape.isNyquist(1, y) || z >= work.layout.numModes;
+        kzs[i] = static_cast<T>(none ? 1 : 2 * M_PI / shape.edge[2] * z);
+        keeps[i] = static_cast<T>(none ? 0 : scale);
+    }
+    const T waveY = static_cast<T>(shape.waveNumber(1, y));
+    const auto one = hn::Set(d, T(1)), ky = hn::Set(d, waveY);
+    for (int lane = 0; lane < columnsOfBlock; lane += width) {
+        const auto kz = hn::Load(d, kzs + lane), keep = hn::Load(d, keeps + lane);
+        const auto square = hn::MulAdd(kz, kz, hn::Mul(ky, ky));
+        for (int x = 0; x < shape.size[0]; x++) {
+            const auto kx = hn::Set(d, work.kx[x]);
+            auto k2 = hn::MulAdd(kx, kx, square);
             k2 = hn::IfThenElse(hn::Gt(k2, hn::Zero(d)), k2, one);  // left out below
             const auto inverse = hn::Div(one, k2);
             const auto strength =
-                hn::Mul(hn::Mul(factor, hn::LoadU(d, columns.keeps + b)), root ? hn::Sqrt(inverse) : inverse);
-            const auto fu = hn::LoadU(d, u + b), fv = hn::LoadU(d, v + b), fw = hn::LoadU(d, w + b);
-            const auto along = hn::Mul(inverse, hn::MulAdd(kx, fu, hn::MulAdd(ky, fv, hn::Mul(kz, fw))));
-            hn::StoreU(hn::Mul(strength, hn::NegMulAdd(along, kx, fu)), d, u + b);
-            hn::StoreU(hn::Mul(strength, hn::NegMulAdd(along, ky, fv)), d, v + b);
-            hn::StoreU(hn::Mul(strength, hn::NegMulAdd(along, kz, fw)), d, w + b);
+                hn::Mul(hn::Mul(hn::Set(d, work.keepsX[x]), keep), root ? hn::Sqrt(inverse) : inverse);
+            for (int part = lane; part < blockNumbers; part += columnsOfBlock) {
+                T *u = modes[0] + x * blockNumbers + part, *v = modes[1] + x * blockNumbers + part,
+                  *w = modes[2] + x * blockNumbers + part;
+                const auto fu = hn::Load(d, u), fv = hn::Load(d, v), fw = hn::Load(d, w);
+                const auto along = hn::Mul(inverse, hn::MulAdd(kx, fu, hn::MulAdd(ky, fv, hn::Mul(kz, fw))));
+                hn::Store(hn::Mul(strength, hn::NegMulAdd(along, kx, fu)), d, u);
+                hn::Store(hn::Mul(strength, hn::NegMulAdd(along, ky, fv)), d, v);
+                hn::Store(hn::Mul(strength, hn::NegMulAdd(along, kz, fw)), d, w);
+            }
         }
     }
-    if (columns.hasZero)
-        for (double* component : columns.modes) component[0] = component[1] = 0;
+    if (y == 0 && block == 0)
+        for (int c = 0; c < 3; c++) modes[c][0] = modes[c][columnsOfBlock] = 0;
+}
+
+/** Back along x, with zeros in the planes that the last slab lacks. */
+template <typename T>
+void columnsBack(const GridWork<T>& work, int y, int block, T* const* modes, GridScratch<T>& scratch) {
+    const size_t own = (size_t)work.layout.shape.size[0] * blockNumbers;
+    for (int c = 0; c < 3; c++) {
+        T* to = work.modes[c] + work.layout.column(y, block);
+        transformColumns(work.transforms[0], Columns<T>::packed(modes[c]).conjugate(),
+                         Columns<T>::packed(to).conjugate(), scratch.transform.data());
+        std::fill(to + own, to + work.layout.columnNumbers(), T(0));
+    }
+}
+
+/** There, through the fluid, and back, along x. */
+template <typename T>
+void solveColumns(const GridWork<T>& work, int y, double viscosity, GridScratch<T>& scratch) {
+    const TimeOfLife timer(scratch.seconds.transforms);
+    const GridLayout& layout = work.layout;
+    const size_t own = (size_t)layout.shape.size[0] * blockNumbers;
+    T* const modes[3] = {scratch.columns.data(), scratch.columns.data() + own, scratch.columns.data() + 2 * own};
+    // Modes of rows are twice as large; transforms there and back multiply by the number of nodes.
+    const double scale = 0.5 / (viscosity * layout.shape.numNodes());
+    for (int b = 0; b < layout.numBlocks; b++) {
+        for (int c = 0; c < 3; c++)
+            transformColumns(work.transforms[0], Columns<T>::packed(work.modes[c] + layout.column(y, b)),
+                             Columns<T>::packed(modes[c]), scratch.transform.data());
+        projectColumns(work, y, b, scale, false, modes);
+        columnsBack(work, y, b, modes, scratch);
+    }
+}
+
+template <typename T>
+void drawColumns(const GridWork<T>& work, int y, double viscosity, const ModeNoise& noise, const int* waveIndices,
+                 std::complex<double>* numbers, GridScratch<T>& scratch) {
+    const GridLayout& layout = work.layout;
+    const int size = layout.shape.size[0];
+    const size_t own = (size_t)size * blockNumbers;
+    T* const modes[3] = {scratch.columns.data(), scratch.columns.data() + own, scratch.columns.data() + 2 * own};
+    const double scale = 1 / std::sqrt(viscosity * layout.shape.numNodes());
+    for (int b = 0; b < layout.numBlocks; b++) {
+        for (int i = 0; i < columnsOfBlock; i++) {
+            const int z = b * columnsOfBlock + i;
+            const bool none = layout.shape.isNyquist(1, y) || z >= layout.numModes;
+            if (!none) noise.fill(waveIndices, size, layout.shape.waveIndex(1, y), z, numbers);
+            for (int c = 0; c < 3; c++)
+                for (int x = 0; x < size; x++) {
+                    T* to = modes[c] + (size_t)x * blockNumbers + i;
+                    to[0] = static_cast<T>(none ? 0 : numbers[c * size + x].real());
+                    to[columnsOfBlock] = static_cast<T>(none ? 0 : numbers[c * size + x].imag());
+                }
+        }
+        const TimeOfLife timer(scratch.seconds.transforms);
+        projectColumns(work, y, b, scale, true, modes);
+        columnsBack(work, y, b, modes, scratch);
+    }
 }
 
 /** CounterModeNoise::fill() with packs of modes. */
@@ -256,6 +652,51 @@ void fillModes(const NoiseStream& noise, uint32_t purpose, const int* nx, int co
     }
 }
 
+// ---- For the dispatch, which takes no templates
+
+void spreadSlabExactly(const GridWork<double>& work, const GridStencils& stencils, int slab, const double* forces,
+                       GridScratch<double>& scratch) {
+    spreadSlab(work, stencils, slab, forces, scratch);
+}
+void spreadSlabRoughly(const GridWork<float>& work, const GridStencils& stencils, int slab, const double* forces,
+                       GridScratch<float>& scratch) {
+    spreadSlab(work, stencils, slab, forces, scratch);
+}
+void solveExactly(const GridWork<double>& work, int y, double viscosity, GridScratch<double>& scratch) {
+    solveColumns(work, y, viscosity, scratch);
+}
+void solveRoughly(const GridWork<float>& work, int y, double viscosity, GridScratch<float>& scratch) {
+    solveColumns(work, y, viscosity, scratch);
+}
+void averageSlabExactly(const GridWork<double>& work, const GridStencils& stencils, int slab, double* parts,
+                        GridScratch<double>& scratch) {
+    averageSlab(work, stencils, slab, parts, scratch);
+}
+void averageSlabRoughly(const GridWork<float>& work, const GridStencils& stencils, int slab, double* parts,
+                        GridScratch<float>& scratch) {
+    averageSlab(work, stencils, slab, parts, scratch);
+}
+void drawRow(const GridWork<double>& work, int y, double viscosity, const ModeNoise& noise, const int* waveIndices,
+             std::complex<double>* numbers, GridScratch<double>& scratch) {
+    drawColumns(work, y, viscosity, noise, waveIndices, numbers, scratch);
+}
+void fillFieldSlab(const GridWork<double>& work, int slabNumber, const GridSlab<double>& slab,
+                   GridScratch<double>& scratch) {
+    fieldSlab(work, slabNumber, slab, scratch);
+}
+void averageFieldSlab(const GridLayout& layout, const GridStencils& stencils, int slabNumber,
+                      const GridSlab<double>& slab, bool gradients, double* parts) {
+    averageSlices(layout, stencils, slabNumber, slab, gradients, parts, [](int) {});
+}
+void transformExactly(const ColumnTransform<double>& transform, const Columns<double>& from, const Columns<double>& to,
+                      double* scratch) {
+    transformColumns(transform, from, to, scratch);
+}
+void transformRoughly(const ColumnTransform<float>& transform, const Columns<float>& from, const Columns<float>& to,
+                      float* scratch) {
+    transformColumns(transform, from, to, scratch);
+}
+
 }  // namespace HWY_NAMESPACE
 }  // namespace RigidHIPlugin
 HWY_AFTER_NAMESPACE();
@@ -264,404 +705,255 @@ HWY_AFTER_NAMESPACE();
 
 namespace RigidHIPlugin {
 
-HWY_EXPORT(spreadSlice);
-HWY_EXPORT(averageSlice);
-HWY_EXPORT(averageGradientSlice);
-HWY_EXPORT(projectColumns);
+HWY_EXPORT(spreadSlabExactly);
+HWY_EXPORT(spreadSlabRoughly);
+HWY_EXPORT(solveExactly);
+HWY_EXPORT(solveRoughly);
+HWY_EXPORT(averageSlabExactly);
+HWY_EXPORT(averageSlabRoughly);
+HWY_EXPORT(drawRow);
+HWY_EXPORT(fillFieldSlab);
+HWY_EXPORT(averageFieldSlab);
 HWY_EXPORT(fillModes);
+HWY_EXPORT(transformExactly);
+HWY_EXPORT(transformRoughly);
+
+template <>
+void ColumnTransform<double>::apply(const Columns<double>& from, const Columns<double>& to, double* scratch) const {
+    HWY_DYNAMIC_DISPATCH(transformExactly)(*this, from, to, scratch);
+}
+template <>
+void ColumnTransform<float>::apply(const Columns<float>& from, const Columns<float>& to, float* scratch) const {
+    HWY_DYNAMIC_DISPATCH(transformRoughly)(*this, from, to, scratch);
+}
 
 namespace {
 
-/** Of averages over a slice: a velocity and an angular one, or a gradient. */
-const int numbersOfPart = 9;
-const int blockNumbers = 2 * columnsOfBlock;
-
-int roundUp(int n, int to) { return (n + to - 1) / to * to; }
-
-void execute(fftw_plan plan, double* from, double* to) {
-    fftw_execute_dft(plan, (fftw_complex*)from, (fftw_complex*)to);
+// One name for both precisions.
+void spread(const GridWork<double>& work, const GridStencils& stencils, int slab, const double* forces,
+            GridScratch<double>& scratch) {
+    HWY_DYNAMIC_DISPATCH(spreadSlabExactly)(work, stencils, slab, forces, scratch);
+}
+void spread(const GridWork<float>& work, const GridStencils& stencils, int slab, const double* forces,
+            GridScratch<float>& scratch) {
+    HWY_DYNAMIC_DISPATCH(spreadSlabRoughly)(work, stencils, slab, forces, scratch);
+}
+void solve(const GridWork<double>& work, int y, double viscosity, GridScratch<double>& scratch) {
+    HWY_DYNAMIC_DISPATCH(solveExactly)(work, y, viscosity, scratch);
+}
+void solve(const GridWork<float>& work, int y, double viscosity, GridScratch<float>& scratch) {
+    HWY_DYNAMIC_DISPATCH(solveRoughly)(work, y, viscosity, scratch);
+}
+void averageModes(const GridWork<double>& work, const GridStencils& stencils, int slab, double* parts,
+                  GridScratch<double>& scratch) {
+    HWY_DYNAMIC_DISPATCH(averageSlabExactly)(work, stencils, slab, parts, scratch);
+}
+void averageModes(const GridWork<float>& work, const GridStencils& stencils, int slab, double* parts,
+                  GridScratch<float>& scratch) {
+    HWY_DYNAMIC_DISPATCH(averageSlabRoughly)(work, stencils, slab, parts, scratch);
 }
 
 }  // namespace
 
-struct CpuGridFluid::Plans {
-    fftw_plan rowsThere, rowsBack;              // all rows of a plane along z, out of place
-    fftw_plan columnsThere[2], columnsBack[2];  // a block of columns along y, x, out of place
+/** Plans and memory for grids of one size, in one precision. */
+template <typename T>
+class GridEngine {
+public:
+    GridEngine(const GridThreads& threads, GridSeconds& seconds) : threads(threads), seconds(seconds) {}
+    void prepare(const GridStencils& stencils);
+    const GridLayout& getLayout() const { return layout; }
+    double bytes() const { return 3.0 * sizeof(T) * layout.modeNumbers(); }
+    void multiply(const GridStencils& stencils, double viscosity, const double* forces, double* velocities);
+    void draw(double viscosity, const ModeNoise& noise, GridField& field);
+    void average(const GridField& field, const GridStencils& stencils, bool gradients, double* results);
+
+private:
+    typedef GridScratch<T> Scratch;
+    GridWork<T> work() {
+        // More than this does not stay in caches from one pass to the next.
+        const double cached = 16e6;
+        return {layout,       transforms,      {modes[0].data(), modes[1].data(), modes[2].data()}, waveNumbers.data(),
+                keeps.data(), bytes() > cached};
+    }
+    /** task(i, scratch) for i = 0 ... count - 1, each range of them with its own scratch. */
+    template <class Task>
+    void forEach(int count, const Task& task);
+    void sumParts(const GridStencils& stencils, bool gradients, double* results);
+
+    const GridThreads& threads;
+    GridSeconds& seconds;
+    GridLayout layout;
+    ColumnTransform<T> transforms[3];
+    AlignedArrayOf<T> modes[3];
+    std::vector<T> waveNumbers, keeps;  // along x
+    std::vector<int> waveIndices;
+    std::mutex scratchMutex;
+    std::vector<std::unique_ptr<Scratch> > free;
+    std::vector<double> parts;  // of averages, a slice after the other
 };
 
-/** What one thread works with. */
-struct CpuGridFluid::Scratch {
-    AlignedArray plane[3];               // nodes
-    AlignedArray block[3], transformed;  // of columns
-    double seconds = 0;                  // in transforms, with gathering and solving
-};
+template <typename T>
+void GridEngine<T>::prepare(const GridStencils& stencils) {
+    const GridLayout wanted(stencils);
+    const std::array<int, 3>& n = wanted.shape.size;
+    const bool same = layout.shape.size == n && layout.rowLength == wanted.rowLength;
+    layout = wanted;
+    waveNumbers.resize(n[0]);
+    waveIndices.resize(n[0]);
+    keeps.resize(n[0]);
+    for (int x = 0; x < n[0]; x++) {
+        waveNumbers[x] = static_cast<T>(layout.shape.waveNumber(0, x));
+        waveIndices[x] = layout.shape.waveIndex(0, x);
+        keeps[x] = static_cast<T>(!layout.shape.isNyquist(0, x));
+    }
+    if (same) return;
+    free.clear();
+    for (int axis = 0; axis < 3; axis++)
+        if (transforms[axis].getSize() != n[axis]) transforms[axis] = ColumnTransform<T>(n[axis]);
+    for (AlignedArrayOf<T>& component : modes) component.resize(layout.modeNumbers());
+}
+
+template <typename T>
+template <class Task>
+void GridEngine<T>::forEach(int count, const Task& task) {
+    const std::function<void(int, int)> range = [&](int first, int end) {
+        std::unique_ptr<Scratch> scratch;
+        {
+            const std::lock_guard<std::mutex> lock(scratchMutex);
+            if (!free.empty()) {
+                scratch = std::move(free.back());
+                free.pop_back();
+            }
+        }
+        if (!scratch) {
+            scratch.reset(new Scratch);
+            const std::array<int, 3>& n = layout.shape.size;
+            const size_t longest = std::max({n[0], n[1], n[2]});
+            scratch->slab.resize(3 * layout.slabNumbers());
+            scratch->columns.resize(columnsOfBlock * longest * blockNumbers);
+            scratch->transform.resize(2 * longest * blockNumbers);
+        }
+        for (int i = first; i < end; i++) task(i, *scratch);
+        const std::lock_guard<std::mutex> lock(scratchMutex);
+        seconds.add(scratch->seconds);
+        scratch->seconds = {};
+        free.push_back(std::move(scratch));
+    };
+    if (threads)
+        threads(count, range);
+    else
+        range(0, count);
+}
+
+template <typename T>
+void GridEngine<T>::multiply(const GridStencils& stencils, double viscosity, const double* forces, double* velocities) {
+    prepare(stencils);
+    const GridWork<T> all = work();
+    parts.resize(numbersOfPart * (size_t)stencils.numSlices());
+    forEach(layout.numSlabs, [&](int slab, Scratch& scratch) { spread(all, stencils, slab, forces, scratch); });
+    forEach(layout.shape.size[1], [&](int y, Scratch& scratch) { solve(all, y, viscosity, scratch); });
+    forEach(layout.numSlabs,
+            [&](int slab, Scratch& scratch) { averageModes(all, stencils, slab, parts.data(), scratch); });
+    sumParts(stencils, false, velocities);
+}
+
+/** A particle's slices are summed in their order, whichever thread averaged over them. */
+template <typename T>
+void GridEngine<T>::sumParts(const GridStencils& stencils, bool gradients, double* results) {
+    const HydrodynamicParticles& particles = stencils.getParticles();
+    forEach(particles.size(), [&](int p, Scratch&) {
+        const int numbers = gradients ? 9 : particles.hasTorque[p] ? 6 : 3;
+        double* sum = results + (gradients ? 9 * (size_t)p : particles.firstRow[p]);
+        std::fill(sum, sum + numbers, 0.0);
+        const GridStencils::Range own = stencils.slicesOf(p);
+        for (int i = own.begin; i < own.end; i++) {
+            const double* part = &parts[numbersOfPart * (size_t)stencils.sliceNumber(i)];
+            for (int c = 0; c < numbers; c++) sum[c] += part[c];
+        }
+    });
+}
 
 namespace {
 
-/** Adds the time of its life. */
-class Timer {
-public:
-    explicit Timer(double& seconds) : seconds(seconds) {}
-    ~Timer() { seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); }
-
-private:
-    double& seconds;
-    const std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
-};
+GridSlab<double> slabOf(const GridLayout& layout, const GridField& field, int slab) {
+    GridSlab<double> nodes;
+    // Averaging only reads.
+    for (int c = 0; c < 3; c++)
+        nodes.values[c] = const_cast<double*>(field.values[c].data()) + slab * layout.slabNumbers();
+    return nodes;
+}
 
 }  // namespace
+
+template <>
+void GridEngine<double>::draw(double viscosity, const ModeNoise& noise, GridField& field) {
+    field.shape = layout.shape;
+    field.rowLength = layout.rowLength;
+    for (AlignedArray& component : field.values) component.resize(layout.numSlabs * layout.slabNumbers());
+    const GridWork<double> all = work();
+    forEach(layout.shape.size[1], [&](int y, Scratch& scratch) {
+        scratch.noise.resize(2 * 3 * (size_t)layout.shape.size[0]);
+        HWY_DYNAMIC_DISPATCH(drawRow)
+        (all, y, viscosity, noise, waveIndices.data(), reinterpret_cast<std::complex<double>*>(scratch.noise.data()),
+         scratch);
+    });
+    forEach(layout.numSlabs, [&](int slab, Scratch& scratch) {
+        HWY_DYNAMIC_DISPATCH(fillFieldSlab)(all, slab, slabOf(layout, field, slab), scratch);
+    });
+}
+
+template <>
+void GridEngine<double>::average(const GridField& field, const GridStencils& stencils, bool gradients,
+                                 double* results) {
+    parts.resize(numbersOfPart * (size_t)stencils.numSlices());
+    forEach(layout.numSlabs, [&](int slab, Scratch& scratch) {
+        const TimeOfLife timer(scratch.seconds.averaging);
+        HWY_DYNAMIC_DISPATCH(averageFieldSlab)
+        (layout, stencils, slab, slabOf(layout, field, slab), gradients, parts.data());
+    });
+    sumParts(stencils, gradients, results);
+}
 
 void SimdModeNoise::fill(const int* nx, int count, int ny, int nz, std::complex<double>* numbers) const {
     HWY_DYNAMIC_DISPATCH(fillModes)(noise, purpose, nx, count, ny, nz, numbers);
 }
 
-CpuGridFluid::CpuGridFluid(ForRanges forRanges) : forRanges(std::move(forRanges)) {}
+CpuGridFluid::CpuGridFluid(GridThreads threads) : threads(std::move(threads)) {}
+
+CpuGridFluid::~CpuGridFluid() {}
 
 std::unique_ptr<ModeNoise> CpuGridFluid::modeNoise(const NoiseStream& noise, uint32_t purpose) const {
     return std::unique_ptr<ModeNoise>(new SimdModeNoise(noise, purpose));
 }
 
-CpuGridFluid::~CpuGridFluid() { release(); }
-
-void CpuGridFluid::release() {
-    free.clear();
-    if (!plans) return;
-    const std::lock_guard<std::mutex> lock(fourierPlanner());
-    fftw_destroy_plan(plans->rowsThere);
-    fftw_destroy_plan(plans->rowsBack);
-    for (int i = 0; i < 2; i++) {
-        fftw_destroy_plan(plans->columnsThere[i]);
-        fftw_destroy_plan(plans->columnsBack[i]);
-    }
-    plans.reset();
-}
-
-void CpuGridFluid::prepare(const GridStencils& stencils) {
-    const bool sameSize = plans && shape.size == stencils.getShape().size;
-    shape = stencils.getShape();
-    waveNumbers.resize(shape.size[0]);
-    waveIndices.resize(shape.size[0]);
-    keeps.resize(shape.size[0]);
-    for (int x = 0; x < shape.size[0]; x++) {
-        waveNumbers[x] = shape.waveNumber(0, x);
-        waveIndices[x] = shape.waveIndex(0, x);
-        keeps[x] = !shape.isNyquist(0, x);
-    }
-    // Stencils that cross the end of a row go on beyond it.
-    const int length = GridStencils::padded(shape.size[2] + stencils.largestWidth(2));
-    if (sameSize && length == rowLength) return;
-    release();
-    held = memory(shape);
-    rowLength = length;
-    rowModes = roundUp(shape.numRowModes(), 4);
-    const std::array<int, 3>& n = shape.size;
-    for (AlignedArray& component : modes) component.resize(2 * (size_t)n[0] * n[1] * rowModes);
-    giveBack(takeScratch());
-    const std::unique_ptr<Scratch> scratch = takeScratch();
-    const std::lock_guard<std::mutex> lock(fourierPlanner());
-    plans.reset(new Plans);
-    plans->rowsThere = fftw_plan_many_dft_r2c(1, &n[2], n[1], scratch->plane[0].data(), nullptr, 1, rowLength,
-                                              (fftw_complex*)modes[0].data(), nullptr, 1, rowModes, FFTW_ESTIMATE);
-    plans->rowsBack =
-        fftw_plan_many_dft_c2r(1, &n[2], n[1], (fftw_complex*)modes[0].data(), nullptr, 1, rowModes,
-                               scratch->plane[0].data(), nullptr, 1, rowLength, FFTW_ESTIMATE | FFTW_DESTROY_INPUT);
-    for (int i = 0; i < 2; i++) {
-        const int size = n[1 - i];
-        fftw_complex *from = (fftw_complex*)scratch->block[0].data(), *to = (fftw_complex*)scratch->transformed.data();
-        const auto plan = [&](int sign) {
-            return fftw_plan_many_dft(1, &size, columnsOfBlock, from, nullptr, columnsOfBlock, 1, to, nullptr,
-                                      columnsOfBlock, 1, sign, FFTW_ESTIMATE);
-        };
-        plans->columnsThere[i] = plan(FFTW_FORWARD);
-        plans->columnsBack[i] = plan(FFTW_BACKWARD);
-    }
-}
-
-void CpuGridFluid::split(int count, const std::function<void(int, int)>& task) const {
-    if (forRanges)
-        forRanges(count, task);
-    else
-        task(0, count);
-}
-
-std::unique_ptr<CpuGridFluid::Scratch> CpuGridFluid::takeScratch() {
-    {
-        const std::lock_guard<std::mutex> lock(scratchMutex);
-        if (!free.empty()) {
-            std::unique_ptr<Scratch> scratch = std::move(free.back());
-            free.pop_back();
-            return scratch;
-        }
-    }
-    std::unique_ptr<Scratch> scratch(new Scratch);
-    const size_t longest = std::max(shape.size[0], shape.size[1]);
-    for (AlignedArray& p : scratch->plane) p.resize((size_t)shape.size[1] * rowLength);
-    for (AlignedArray& p : scratch->block) p.resize(longest * blockNumbers);
-    scratch->transformed.resize(longest * blockNumbers);
-    return scratch;
-}
-
-void CpuGridFluid::giveBack(std::unique_ptr<Scratch> scratch) {
-    const std::lock_guard<std::mutex> lock(scratchMutex);
-    secondsOfTransforms += scratch->seconds;
-    scratch->seconds = 0;
-    free.push_back(std::move(scratch));
-}
-
-namespace {
-
-/** A block of columns from a grid whose rows are `stride` numbers apart, and back. */
-void gather(const double* from, size_t stride, int size, int numbers, double* block) {
-    if (numbers == blockNumbers) {
-        for (int i = 0; i < size; i++)
-            std::memcpy(block + i * blockNumbers, from + i * stride, sizeof(double) * blockNumbers);
-        return;
-    }
-    for (int i = 0; i < size; i++) {
-        std::memcpy(block + i * blockNumbers, from + i * stride, sizeof(double) * numbers);
-        std::fill(block + i * blockNumbers + numbers, block + (i + 1) * blockNumbers, 0.0);
-    }
-}
-void scatter(const double* block, size_t stride, int size, int numbers, double* to) {
-    for (int i = 0; i < size; i++) std::memcpy(to + i * stride, block + i * blockNumbers, sizeof(double) * numbers);
-}
-
-}  // namespace
-
-/** Along y, of one plane of modes. */
-void CpuGridFluid::transformColumns(double* plane, bool forward, Scratch& scratch) const {
-    const size_t stride = 2 * (size_t)rowModes;
-    const int size = shape.size[1];
-    for (int first = 0; first < shape.numRowModes(); first += columnsOfBlock) {
-        const int numbers = 2 * std::min(columnsOfBlock, shape.numRowModes() - first);
-        gather(plane + 2 * first, stride, size, numbers, scratch.block[0].data());
-        execute(forward ? plans->columnsThere[0] : plans->columnsBack[0], scratch.block[0].data(),
-                scratch.transformed.data());
-        scatter(scratch.transformed.data(), stride, size, numbers, plane + 2 * first);
-    }
-}
-
-/** Calls action(columns) for the blocks of columns along x with this y. */
-template <class Action>
-void CpuGridFluid::forColumns(int y, Scratch& scratch, const Action& action) const {
-    GridColumns columns;
-    columns.size = shape.size[0];
-    columns.kx = waveNumbers.data();
-    columns.keepsX = keeps.data();
-    columns.ky = shape.waveNumber(1, y);
-    const bool out = shape.isNyquist(1, y);
-    for (int first = 0; first < shape.numRowModes(); first += columnsOfBlock) {
-        for (int c = 0; c < 3; c++) columns.modes[c] = scratch.block[c].data();
-        for (int b = 0; b < columnsOfBlock; b++) {
-            const int z = first + b;
-            const bool none = out || z >= shape.numRowModes() || shape.isNyquist(2, z);
-            for (int part = 0; part < 2; part++) {
-                columns.kz[2 * b + part] = none ? 1 : 2 * M_PI / shape.edge[2] * z;
-                columns.keeps[2 * b + part] = !none;
-            }
-        }
-        columns.hasZero = y == 0 && first == 0;
-        action(columns, first, std::min(columnsOfBlock, shape.numRowModes() - first));
-    }
-}
-
-/** There, through the fluid, and back, along x. */
-void CpuGridFluid::solveColumns(int y, double viscosity, Scratch& scratch) {
-    const size_t stride = 2 * (size_t)rowModes * shape.size[1], row = 2 * (size_t)rowModes * y;
-    const double scale = 1 / (viscosity * shape.numNodes());
-    forColumns(y, scratch, [&](GridColumns& columns, int first, int count) {
-        double* const spare = scratch.transformed.data();
-        for (int c = 0; c < 3; c++) {
-            gather(modes[c].data() + row + 2 * first, stride, shape.size[0], 2 * count, spare);
-            execute(plans->columnsThere[1], spare, scratch.block[c].data());
-        }
-        HWY_DYNAMIC_DISPATCH(projectColumns)(columns, scale, false);
-        for (int c = 0; c < 3; c++) {
-            execute(plans->columnsBack[1], scratch.block[c].data(), spare);
-            scatter(spare, stride, shape.size[0], 2 * count, modes[c].data() + row + 2 * first);
-        }
-    });
-}
-
-void CpuGridFluid::drawColumns(int y, double viscosity, const ModeNoise& noise, Scratch& scratch) {
-    const size_t stride = 2 * (size_t)rowModes * shape.size[1], row = 2 * (size_t)rowModes * y;
-    const double scale = 1 / std::sqrt(viscosity * shape.numNodes());
-    std::vector<std::complex<double>> numbers(3 * shape.size[0]);
-    forColumns(y, scratch, [&](GridColumns& columns, int first, int count) {
-        for (int b = 0; b < columnsOfBlock; b++) {
-            const bool none = columns.keeps[2 * b] == 0;
-            if (!none) noise.fill(waveIndices.data(), shape.size[0], shape.waveIndex(1, y), first + b, numbers.data());
-            for (int c = 0; c < 3; c++)
-                for (int x = 0; x < shape.size[0]; x++) {
-                    double* to = scratch.block[c].data() + x * blockNumbers + 2 * b;
-                    to[0] = none ? 0 : numbers[c * shape.size[0] + x].real();
-                    to[1] = none ? 0 : numbers[c * shape.size[0] + x].imag();
-                }
-        }
-        HWY_DYNAMIC_DISPATCH(projectColumns)(columns, scale, true);
-        for (int c = 0; c < 3; c++) {
-            execute(plans->columnsBack[1], scratch.block[c].data(), scratch.transformed.data());
-            scatter(scratch.transformed.data(), stride, shape.size[0], 2 * count, modes[c].data() + row + 2 * first);
-        }
-    });
+template <typename T>
+GridEngine<T>& CpuGridFluid::prepare(std::unique_ptr<GridEngine<T> >& engine, const GridStencils& stencils) {
+    if (!engine) engine.reset(new GridEngine<T>(threads, seconds));
+    engine->prepare(stencils);
+    held = memory(stencils.getShape());
+    return *engine;
 }
 
 void CpuGridFluid::multiplyColumn(const GridStencils& stencils, double viscosity, const double* forces,
                                   double* velocities) {
-    prepare(stencils);
-    const HydrodynamicParticles& particles = stencils.getParticles();
-    const std::array<int, 3>& n = shape.size;
-    const size_t planeModes = 2 * (size_t)n[1] * rowModes, planeNodes = (size_t)n[1] * rowLength;
-    split(n[0], [&](int first, int end) {
-        std::unique_ptr<Scratch> scratch = takeScratch();
-        GridPlane plane = {
-            {scratch->plane[0].data(), scratch->plane[1].data(), scratch->plane[2].data()}, rowLength, n[1]};
-        for (int x = first; x < end; x++) {
-            for (double* component : plane.values) std::fill(component, component + planeNodes, 0.0);
-            for (int s = stencils.beginOfPlane(x); s < stencils.beginOfPlane(x + 1); s++) {
-                const GridStencils::Slice slice = stencils.slice(s);
-                stencils.prefetchAfter(s);
-                HWY_DYNAMIC_DISPATCH(spreadSlice)
-                (stencils, slice.particle, particles.hasTorque[slice.particle], slice.i,
-                 forces + particles.firstRow[slice.particle], plane);
-            }
-            for (int c = 0; c < 3; c++) {
-                for (int y = 0; y < n[1]; y++) {
-                    double* row = plane.values[c] + (size_t)y * rowLength;
-                    for (int k = n[2]; k < rowLength; k++) row[k % n[2]] += row[k];
-                }
-                const Timer timer(scratch->seconds);
-                double* to = modes[c].data() + planeModes * x;
-                fftw_execute_dft_r2c(plans->rowsThere, plane.values[c], (fftw_complex*)to);
-                transformColumns(to, true, *scratch);
-            }
-        }
-        giveBack(std::move(scratch));
-    });
-    split(n[1], [&](int first, int end) {
-        std::unique_ptr<Scratch> scratch = takeScratch();
-        for (int y = first; y < end; y++) {
-            const Timer timer(scratch->seconds);
-            solveColumns(y, viscosity, *scratch);
-        }
-        giveBack(std::move(scratch));
-    });
-    parts.resize(numbersOfPart * (size_t)stencils.beginOfPlane(n[0]));
-    split(n[0], [&](int first, int end) {
-        std::unique_ptr<Scratch> scratch = takeScratch();
-        GridPlane plane = {
-            {scratch->plane[0].data(), scratch->plane[1].data(), scratch->plane[2].data()}, rowLength, n[1]};
-        for (int x = first; x < end; x++) {
-            for (int c = 0; c < 3; c++) planeBack(c, x, plane.values[c], *scratch);
-            averagePlane(stencils, x, plane);
-        }
-        giveBack(std::move(scratch));
-    });
-    sumVelocities(stencils, velocities);
+    prepare(exact, stencils).multiply(stencils, viscosity, forces, velocities);
 }
 
-/** From modes to nodes, with what stencils look at beyond the ends of rows. */
-void CpuGridFluid::planeBack(int component, int x, double* nodes, Scratch& scratch) {
-    const std::array<int, 3>& n = shape.size;
-    const Timer timer(scratch.seconds);
-    double* from = modes[component].data() + 2 * (size_t)n[1] * rowModes * x;
-    transformColumns(from, false, scratch);
-    fftw_execute_dft_c2r(plans->rowsBack, (fftw_complex*)from, nodes);
-    for (int y = 0; y < n[1]; y++) {
-        double* row = nodes + (size_t)y * rowLength;
-        for (int k = n[2]; k < rowLength; k++) row[k] = row[k - n[2]];
-    }
-}
-
-void CpuGridFluid::averagePlane(const GridStencils& stencils, int x, const GridPlane& plane) {
-    const HydrodynamicParticles& particles = stencils.getParticles();
-    for (int s = stencils.beginOfPlane(x); s < stencils.beginOfPlane(x + 1); s++) {
-        const GridStencils::Slice slice = stencils.slice(s);
-        stencils.prefetchAfter(s);
-        HWY_DYNAMIC_DISPATCH(averageSlice)
-        (stencils, slice.particle, particles.hasTorque[slice.particle], slice.i, plane,
-         &parts[numbersOfPart * (size_t)s]);
-    }
-}
-
-/** A particle's slices are summed in their order, whichever thread averaged over them. */
-void CpuGridFluid::sumParts(const GridStencils& stencils, int p, int numbers, double* sum) const {
-    std::fill(sum, sum + numbers, 0.0);
-    for (int i = 0; i < stencils[p].width[0]; i++) {
-        const double* part = &parts[numbersOfPart * (size_t)stencils.sliceOf(p, i)];
-        for (int c = 0; c < numbers; c++) sum[c] += part[c];
-    }
-}
-
-void CpuGridFluid::sumVelocities(const GridStencils& stencils, double* velocities) const {
-    const HydrodynamicParticles& particles = stencils.getParticles();
-    split(particles.size(), [&](int first, int end) {
-        for (int p = first; p < end; p++)
-            sumParts(stencils, p, particles.hasTorque[p] ? 6 : 3, velocities + particles.firstRow[p]);
-    });
+void CpuGridFluid::multiplyColumnRoughly(const GridStencils& stencils, double viscosity, const double* forces,
+                                         double* velocities) {
+    prepare(rough, stencils).multiply(stencils, viscosity, forces, velocities);
 }
 
 void CpuGridFluid::drawModes(const GridStencils& stencils, double viscosity, const ModeNoise& noise, GridField& field) {
-    prepare(stencils);
-    field.shape = shape;
-    field.rowLength = rowLength;
-    const std::array<int, 3>& n = shape.size;
-    const size_t planeNodes = (size_t)n[1] * rowLength;
-    for (AlignedArray& component : field.values) component.resize(n[0] * planeNodes);
-    split(n[1], [&](int first, int end) {
-        std::unique_ptr<Scratch> scratch = takeScratch();
-        for (int y = first; y < end; y++) drawColumns(y, viscosity, noise, *scratch);
-        giveBack(std::move(scratch));
-    });
-    split(n[0], [&](int first, int end) {
-        std::unique_ptr<Scratch> scratch = takeScratch();
-        for (int x = first; x < end; x++)
-            for (int c = 0; c < 3; c++) {
-                // By way of aligned memory, for which the transform is planned.
-                planeBack(c, x, scratch->plane[c].data(), *scratch);
-                std::copy(scratch->plane[c].data(), scratch->plane[c].data() + planeNodes,
-                          field.values[c].data() + planeNodes * x);
-            }
-        giveBack(std::move(scratch));
-    });
+    prepare(exact, stencils).draw(viscosity, noise, field);
 }
-
-namespace {
-
-GridPlane planeOf(const GridField& field, int x) {
-    const size_t first = (size_t)x * field.shape.size[1] * field.rowLength;
-    GridPlane plane;
-    // Averaging only reads.
-    for (int c = 0; c < 3; c++) plane.values[c] = const_cast<double*>(field.values[c].data()) + first;
-    plane.rowLength = field.rowLength;
-    plane.numRows = field.shape.size[1];
-    return plane;
-}
-
-}  // namespace
 
 void CpuGridFluid::averageColumn(const GridField& field, const GridStencils& stencils, double* velocities) {
-    parts.resize(numbersOfPart * (size_t)stencils.beginOfPlane(field.shape.size[0]));
-    split(field.shape.size[0], [&](int first, int end) {
-        for (int x = first; x < end; x++) averagePlane(stencils, x, planeOf(field, x));
-    });
-    sumVelocities(stencils, velocities);
+    prepare(exact, stencils).average(field, stencils, false, velocities);
 }
 
 void CpuGridFluid::averageGradientColumn(const GridField& field, const GridStencils& stencils, double* gradients) {
-    parts.resize(numbersOfPart * (size_t)stencils.beginOfPlane(field.shape.size[0]));
-    split(field.shape.size[0], [&](int first, int end) {
-        for (int x = first; x < end; x++)
-            for (int s = stencils.beginOfPlane(x); s < stencils.beginOfPlane(x + 1); s++) {
-                stencils.prefetchAfter(s);
-                HWY_DYNAMIC_DISPATCH(averageGradientSlice)
-                (stencils, stencils.slice(s).particle, stencils.slice(s).i, planeOf(field, x),
-                 &parts[numbersOfPart * (size_t)s]);
-            }
-    });
-    split(stencils.size(), [&](int first, int end) {
-        for (int p = first; p < end; p++) sumParts(stencils, p, 9, gradients + 9 * (size_t)p);
-    });
+    prepare(exact, stencils).average(field, stencils, true, gradients);
 }
 
 }  // namespace RigidHIPlugin

@@ -23,18 +23,37 @@ public:
     explicit Place(const ForceCouplingGrid& model)
         : MobilityAt(model), model(model), stencils(model.getParticles(), model.getResolution()) {}
     void apply(const MatrixXd& forces, MatrixXd& velocities) override {
+        prepare();
+        const TimeOfLife timer(secondsOfGrid);
         model.getFluid().multiply(stencils, viscosity, forces, velocities);
+    }
+    void applyRoughly(const MatrixXd& forces, MatrixXd& velocities) override {
+        prepare();
+        const TimeOfLife timer(secondsOfGrid);
+        model.getFluid().multiplyRoughly(stencils, viscosity, forces, velocities);
     }
 
 protected:
     void moveTo(const Placement& placement, bool nearby) override {
         model.checkBox(placement.box);
-        stencils.moveTo(model.getResolution().shapeFor(placement.box), placement.positions, nearby);
+        // Nearby is near the placement before, where anchors then must be.
+        if (nearby) prepare();
+        next = placement;
+        nextIsNearby = nearby;
+        isPrepared = false;
     }
 
 private:
+    /** Weights are made for the first product: schemes also go where they ask for none. */
+    void prepare() {
+        if (isPrepared) return;
+        stencils.moveTo(model.getResolution().shapeFor(next.box), next.positions, nextIsNearby);
+        isPrepared = true;
+    }
     const ForceCouplingGrid& model;
     GridStencils stencils;
+    Placement next;
+    bool nextIsNearby = false, isPrepared = true;
 };
 
 class Field : public RandomField {
@@ -46,15 +65,17 @@ public:
         box = newBox;
         stencils.layOut(model.getResolution().shapeFor(box));
         model.getFluid().draw(stencils, model.getViscosity(), noise, purpose, field);
+        isThere = isAveraged = false;
     }
     void slipsAt(const Placement& placement, bool nearby, MatrixXd& slips) override {
-        stencils.moveTo(field.shape, placement.positions, nearby);
-        model.getFluid().average(field, stencils, velocities);
+        moveTo(placement, nearby);
+        if (!isAveraged) model.getFluid().average(field, stencils, velocities);
+        isAveraged = true;
         slips = velocities;
     }
     bool hasGradients() const override { return true; }
     void gradientsAt(const Placement& placement, bool nearby, MatrixXd& gradients) override {
-        stencils.moveTo(field.shape, placement.positions, nearby);
+        moveTo(placement, nearby);
         model.getFluid().averageGradients(field, stencils, gradients);
     }
     long long getNumRandomNumbers() const override {
@@ -65,10 +86,21 @@ public:
     }
 
 private:
+    /** Schemes ask for slips and for their divergence at one placement: nothing is done twice for it. */
+    void moveTo(const Placement& placement, bool nearby) {
+        if (isThere && nearby == wasNearby && placement.positions == positions) return;
+        stencils.moveTo(field.shape, placement.positions, nearby);
+        positions = placement.positions;
+        wasNearby = nearby;
+        isThere = true;
+        isAveraged = false;
+    }
     const ForceCouplingGrid& model;
     GridStencils stencils;
     GridField field;
     BoxVectors box;
+    std::vector<Vec3> positions;
+    bool isThere = false, wasNearby = false, isAveraged = false;
     VectorXd velocities;
 };
 

@@ -37,7 +37,7 @@ public:
     bool isMatrixFree() const override { return true; }
     bool isAnchored() const override { return true; }
     bool hasOwnRandomField() const override { return true; }
-    double getSecondsOfTransforms() const override { return fluid->getSecondsOfTransforms(); }
+    GridSeconds getGridSeconds() const override { return fluid->getSeconds(); }
     void drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
                    std::unique_ptr<RandomField>& field) const override;
     void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,

@@ -12,6 +12,14 @@ void GridFluid::multiply(const GridStencils& stencils, double viscosity, const M
         multiplyColumn(stencils, viscosity, forces.col(c).data(), velocities.col(c).data());
 }
 
+void GridFluid::multiplyRoughly(const GridStencils& stencils, double viscosity, const MatrixXd& forces,
+                                MatrixXd& velocities) {
+    const std::lock_guard<std::mutex> lock(inUse);
+    velocities.resize(forces.rows(), forces.cols());
+    for (int c = 0; c < forces.cols(); c++)
+        multiplyColumnRoughly(stencils, viscosity, forces.col(c).data(), velocities.col(c).data());
+}
+
 void GridFluid::draw(const GridStencils& stencils, double viscosity, const NoiseStream& noise, uint32_t purpose,
                      GridField& field) {
     draw(stencils, viscosity, *modeNoise(noise, purpose), field);

@@ -7,6 +7,7 @@
 #include <mutex>
 
 #include "linearalgebra/AlignedArray.h"
+#include "mobility/GridSeconds.h"
 #include "mobility/models/forcecoupling/GridModes.h"
 #include "mobility/models/forcecoupling/GridStencils.h"
 
@@ -34,6 +35,9 @@ public:
     /** velocities = M forces, for columns one after the other. @param viscosity  dalton/(nm ps) */
     void multiply(const GridStencils& stencils, double viscosity, const Eigen::MatrixXd& forces,
                   Eigen::MatrixXd& velocities);
+    /** Likewise to MobilityAt::roughError, where that takes less time. */
+    void multiplyRoughly(const GridStencils& stencils, double viscosity, const Eigen::MatrixXd& forces,
+                         Eigen::MatrixXd& velocities);
     /**
      * The random field whose averages have the covariance M: u(k) = (eta V)^(-1/2) (1 - k k/k^2) zeta/|k|. It has the law of the field that the fluctuating
      * stress of the paper makes (Westwood 2022, eqs. 27 to 30), from three numbers a mode instead of six. Averages may be taken by stencils as wide as these.
@@ -46,22 +50,26 @@ public:
     void average(const GridField& field, const GridStencils& stencils, Eigen::VectorXd& velocities);
     /** Derivatives of the velocities (not the angular ones) by the particles' positions: dv_a/dx_b at (3 a + b, particle). */
     void averageGradients(const GridField& field, const GridStencils& stencils, Eigen::MatrixXd& gradients);
-    /** Seconds spent in Fourier transforms so far, by all threads together. */
-    double getSecondsOfTransforms() const { return secondsOfTransforms; }
+    /** What it has taken so far. Not while another thread uses it. */
+    const GridSeconds& getSeconds() const { return seconds; }
     /** What it has taken already. */
     double memoryHeld() const { return held; }
-    /** Bytes for a grid, with one random field beside; stencils are the places' own. */
-    static double memory(const GridShape& shape) { return 8.0 * 3 * 2.2 * shape.numNodes(); }
+    /** Bytes for a grid, with one random field beside and modes in single precision; stencils are the places' own. */
+    static double memory(const GridShape& shape) { return 8.0 * 3 * 2.7 * shape.numNodes(); }
 
 protected:
     virtual void multiplyColumn(const GridStencils& stencils, double viscosity, const double* forces,
                                 double* velocities) = 0;
+    virtual void multiplyColumnRoughly(const GridStencils& stencils, double viscosity, const double* forces,
+                                       double* velocities) {
+        multiplyColumn(stencils, viscosity, forces, velocities);
+    }
     virtual void drawModes(const GridStencils& stencils, double viscosity, const ModeNoise& noise,
                            GridField& field) = 0;
     virtual std::unique_ptr<ModeNoise> modeNoise(const NoiseStream& noise, uint32_t purpose) const;
     virtual void averageColumn(const GridField& field, const GridStencils& stencils, double* velocities) = 0;
     virtual void averageGradientColumn(const GridField& field, const GridStencils& stencils, double* gradients) = 0;
-    double secondsOfTransforms = 0;
+    GridSeconds seconds;
     std::atomic<double> held{0};
 
 private:
@@ -88,6 +96,7 @@ private:
     void prepare(const GridShape& shape);
     void release();
     void spread(const GridStencils& stencils, const double* forces);
+    void respond(double viscosity);
     void backward(GridField& field);
 
     GridShape planned;

@@ -45,12 +45,11 @@ void GridStencils::layOut(const GridShape& newShape) {
         for (int axis = 0; axis < 3; axis++) {
             // Every node closer than the cutoff, wherever the anchor is between two nodes.
             s.width[axis] = 2 * (int)std::ceil(s.cutoff / shape.spacing(axis));
-            if (axis == 2) s.width[axis] = padded(s.width[axis] + padding - 1);
             largest[axis] = std::max(largest[axis], s.width[axis]);
-            numWeights += (size_t)kinds(p) * s.width[axis];
         }
+        numWeights += kinds(p) * numbersOfKind(s);
     }
-    weights.resize(numWeights);
+    weights.assign(numWeights, 0.0);
 }
 
 void GridStencils::anchor(int p, const Vec3& position) {
@@ -59,63 +58,108 @@ void GridStencils::anchor(int p, const Vec3& position) {
     for (int axis = 0; axis < 3; axis++) {
         const double dx = shape.spacing(axis), L = shape.edge[axis];
         const double inBox = position[axis] - L * std::floor(position[axis] / L);
-        int first = (int)std::floor(inBox / dx) - (int)std::ceil(s.cutoff / dx) + 1;
+        const int first = (int)std::floor(inBox / dx) - (int)std::ceil(s.cutoff / dx) + 1;
         s.first[axis] = first % shape.size[axis];
         if (s.first[axis] < 0) s.first[axis] += shape.size[axis];
-        if (axis == 2) {
-            first -= s.first[axis] % padding;
-            s.first[axis] -= s.first[axis] % padding;
-        }
         s.anchor[axis] = inBox - first * dx;
     }
 }
 
 void GridStencils::weigh(int p, const Vec3& offset) {
     const Stencil& s = stencils[p];
-    const int all = s.width[0] + s.width[1] + s.width[2];
-    double* w = &weights[s.weights];
-    for (int axis = 0; axis < 3; w += s.width[axis++]) {
-        const double dx = shape.spacing(axis), centre = s.anchor[axis] + offset[axis];
-        for (int torque = 0; torque < kinds(p) / 2; torque++) {
-            const double width =
-                torque ? torqueEnvelopeWidth(particles.radii[p]) : forceEnvelopeWidth(particles.radii[p]);
+    const size_t all = numbersOfKind(s);
+    for (int torque = 0; torque < kinds(p) / 2; torque++) {
+        const double width = torque ? torqueEnvelopeWidth(particles.radii[p]) : forceEnvelopeWidth(particles.radii[p]);
+        const double narrowness = 1 / (width * width);
+        for (int axis = 0; axis < 3; axis++) {
+            const double dx = shape.spacing(axis), centre = s.anchor[axis] + offset[axis];
             const double scale = std::sqrt(dx) / (std::sqrt(2 * M_PI) * width);
-            double *plain = w + 2 * torque * all, *slope = plain + all;
+            double* plain = const_cast<double*>(weightsOf(p, axis, torque ? Torque : Force));
+            double* slope = plain + all;
             for (int i = 0; i < s.width[axis]; i++) {
                 const double x = i * dx - centre;
-                plain[i] = scale * std::exp(-x * x / (2 * width * width));
-                slope[i] = -x / (width * width) * plain[i];
+                plain[i] = scale * std::exp(-0.5 * narrowness * x * x);
+                slope[i] = -narrowness * x * plain[i];
             }
         }
     }
 }
 
-/** By planes, and in each by rows, so that neighbours follow each other (counting sorts). */
-void GridStencils::sortSlices() {
-    const int numPlanes = shape.size[0];
-    planes.assign(numPlanes + 1, 0);
-    firstSlice.resize(stencils.size());
-    int number = 0;
-    for (size_t p = 0; p < stencils.size(); p++) {
-        firstSlice[p] = number;
-        number += stencils[p].width[0];
-        for (int i = 0; i < stencils[p].width[0]; i++) planes[(stencils[p].first[0] + i) % numPlanes + 1]++;
+/** Calls visit(slab, offset) for the slabs that a particle reaches, in the order of the slabs. */
+template <class Visit>
+void GridStencils::forSlabs(int p, const Visit& visit) const {
+    const Stencil& s = stencils[p];
+    // Only of a stencil as long as the box a slab has several parts.
+    const int numSlabs = slabsOf(shape), numPlanes = shape.size[0], end = s.first[0] + s.width[0];
+    const auto visitFrom = [&](int firstSlab, int lastSlab) {
+        for (int slab = firstSlab; slab <= lastSlab; slab++)
+            for (int away = 0; slabWidth * slab + away < end; away += numPlanes) {
+                const int offset = slabWidth * slab + away - s.first[0];
+                if (offset + planesOf(slab) > 0) visit(slab, offset);
+            }
+    };
+    const int wrapped = end - numPlanes;
+    if (wrapped <= 0 || wrapped > s.first[0]) {
+        visitFrom(wrapped > 0 ? 0 : s.first[0] / slabWidth, wrapped > 0 ? numSlabs - 1 : (end - 1) / slabWidth);
+        return;
     }
-    for (int x = 0; x < numPlanes; x++) planes[x + 1] += planes[x];
-    slices.resize(number);
-    sliceNumbers.resize(number);
+    const int lastOfWrapped = (wrapped - 1) / slabWidth, firstOfOthers = s.first[0] / slabWidth;
+    visitFrom(0, lastOfWrapped);
+    visitFrom(std::max(lastOfWrapped + 1, firstOfOthers), numSlabs - 1);
+}
+
+/** By slabs, and in each by tiles of rows and by nodes, so that neighbours follow each other. */
+void GridStencils::sortSlices() {
     byRows.resize(stencils.size());
-    nextOfPlane.assign(shape.size[1] + 1, 0);
-    for (const Stencil& s : stencils) nextOfPlane[s.first[1] + 1]++;
-    for (int y = 0; y < shape.size[1]; y++) nextOfPlane[y + 1] += nextOfPlane[y];
-    for (size_t p = 0; p < stencils.size(); p++) byRows[nextOfPlane[stencils[p].first[1]]++] = p;
-    nextOfPlane.assign(planes.begin(), planes.end() - 1);
-    for (const int p : byRows)
-        for (int i = 0; i < stencils[p].width[0]; i++) {
-            const int at = nextOfPlane[(stencils[p].first[0] + i) % numPlanes]++;
-            slices[at] = {p, i};
-            sliceNumbers[firstSlice[p] + i] = at;
-        }
+    for (size_t p = 0; p < stencils.size(); p++) byRows[p] = p;
+    std::sort(byRows.begin(), byRows.end(), [&](int p, int q) {
+        const Stencil &a = stencils[p], &b = stencils[q];
+        if (a.first[1] / rowsOfTile != b.first[1] / rowsOfTile) return a.first[1] < b.first[1];
+        if (a.first[2] != b.first[2]) return a.first[2] < b.first[2];
+        return p < q;
+    });
+    const int numSlabs = slabsOf(shape);
+    slabs.assign(numSlabs + 1, 0);
+    firstSlice.resize(stencils.size() + 1);
+    firstSlice[0] = 0;
+    for (size_t p = 0; p < stencils.size(); p++) {
+        int count = 0;
+        forSlabs(p, [&](int slab, int) {
+            slabs[slab + 1]++;
+            count++;
+        });
+        firstSlice[p + 1] = firstSlice[p] + count;
+    }
+    for (int slab = 0; slab < numSlabs; slab++) slabs[slab + 1] += slabs[slab];
+    slices.resize(slabs[numSlabs]);
+    sliceNumbers.resize(slabs[numSlabs]);
+    nextOfSlab.assign(slabs.begin(), slabs.end() - 1);
+    for (const int p : byRows) {
+        int next = firstSlice[p];
+        forSlabs(p, [&](int slab, int offset) {
+            const int at = nextOfSlab[slab]++;
+            slices[at] = {p, offset, 0};
+            sliceNumbers[next++] = at;
+        });
+    }
+    ranges.clear();
+    for (int slab = 0; slab < numSlabs; slab++)
+        for (int at = slabs[slab]; at < slabs[slab + 1]; at++) cutBall(slices[at], planesOf(slab));
+}
+
+/** The rows of the ball in the slice's plane that is nearest to the anchor. */
+void GridStencils::cutBall(Slice& slice, int planes) {
+    const Stencil& s = stencils[slice.particle];
+    const double dx = shape.spacing(0);
+    const double begin = std::max(0, slice.offset) * dx - s.anchor[0],
+                 end = (std::min(s.width[0], slice.offset + planes) - 1) * dx - s.anchor[0];
+    // Nearest is a plane beside the anchor, if the slice has both sides.
+    double x = begin > 0 ? begin : end < 0 ? end : 0;
+    slice.rows = ranges.size();
+    for (int j = 0; j < s.width[1]; j++) {
+        const double y = j * shape.spacing(1) - s.anchor[1];
+        ranges.push_back(within(s.cutoff * s.cutoff - x * x - y * y, s.anchor[2], shape.spacing(2), s.width[2]));
+    }
 }
 
 }  // namespace RigidHIPlugin

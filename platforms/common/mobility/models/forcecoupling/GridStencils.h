@@ -12,9 +12,10 @@ namespace RigidHIPlugin {
 /**
  * The nodes to which particles spread forces, and over which they average, with the factors of the weights along each axis.
  *
- * The nodes are those in a ball about an anchor, the accepted position of the particle, and what makes packs of eight along z whole. They stay while a finite
- * difference moves it a little, for a node more or less would be a jump of the size of the tolerance. Weights are never renormalised: averaging is the
- * transpose of spreading. Where a ball is larger than the box, several of its nodes are the same node of the grid, and weights add up.
+ * The grid is cut into slabs of slabWidth planes across x, and a particle's nodes into slices, one for each slab that it reaches: the nodes of a slice are the planes
+ * of the slab times those rows and nodes along y and z that a ball about an anchor has in its nearest plane. The anchor is the accepted position of the particle.
+ * The nodes stay while a finite difference moves it a little, for a node more or less would be a jump of the size of the tolerance. Weights are never
+ * renormalised: averaging is the transpose of spreading. Where a ball is larger than the box, several of its nodes are the same node of the grid, and weights add up.
  */
 class GridStencils {
 public:
@@ -29,16 +30,18 @@ public:
     int size() const { return stencils.size(); }
     int largestWidth(int axis) const { return largest[axis]; }
 
-    /**
-     * One particle's stencil: `width` nodes along each axis from `first` on (from 0 to size - 1, wrapping is the caller's). Along z both are multiples of
-     * `padding`, so that packs of nodes begin where cache lines do. Its numbers are together, since slices ask for them in the order of planes.
-     */
+    /** Planes of a slab: as many as packs have columns. The last slab may have fewer. */
+    static constexpr int slabWidth = 8;
+    static int slabsOf(const GridShape& shape) { return (shape.size[0] + slabWidth - 1) / slabWidth; }
+    int planesOf(int slab) const { return std::min(slabWidth, shape.size[0] - slabWidth * slab); }
+
+    /** One particle's stencil: `width` nodes along each axis from `first` on (from 0 to size - 1, wrapping is the caller's). */
     struct alignas(64) Stencil {
         int first[3] = {0, 0, 0};
         int width[3] = {0, 0, 0};
         double anchor[3] = {0, 0, 0};  // from the first node, nm
         double cutoff = 0;             // nm
-        size_t weights = 0;            // where its numbers begin in weightsOf()
+        size_t weights = 0;            // where its numbers begin
     };
     const Stencil& operator[](int particle) const { return stencils[particle]; }
 
@@ -46,54 +49,45 @@ public:
     enum Kind { Force, ForceSlope, Torque, TorqueSlope };
     /**
      * Weights of a kind along an axis, one a node of the stencil. The product of three is the envelope times the root of a node's volume, so that averaging
-     * is the transpose of spreading. Torque kinds: only of particles with torque.
+     * is the transpose of spreading. Torque kinds: only of particles with torque. Along x slabWidth zeros are before them, and after them.
      */
     const double* weightsOf(int particle, int axis, Kind kind) const {
         const Stencil& s = stencils[particle];
-        const int before[3] = {0, s.width[0], s.width[0] + s.width[1]};
-        return &weights[s.weights + kind * (before[2] + s.width[2]) + before[axis]];
+        const int before[3] = {slabWidth, s.width[0] + 2 * slabWidth, s.width[0] + 2 * slabWidth + s.width[1]};
+        return &weights[s.weights + kind * numbersOfKind(s) + before[axis]];
     }
 
-    /** A part of a row of nodes, from `begin` up to before `end`. */
+    /** Nodes from `begin` up to before `end`. */
     struct Range {
         int begin, end;
     };
-    /** The nodes j along y that a plane has of the ball: node `i` along x. */
-    Range rowsOf(int particle, int i) const {
-        const Stencil& s = stencils[particle];
-        const double x = i * shape.spacing(0) - s.anchor[0];
-        return within(s.cutoff * s.cutoff - x * x, s.anchor[1], shape.spacing(1), s.width[1]);
-    }
-    /** The nodes along z above node (i, j): multiples of `padding`. Short rows are taken whole. */
-    Range nodesOf(int particle, int i, int j) const {
-        const Stencil& s = stencils[particle];
-        if (s.width[2] <= 3 * padding) return {0, s.width[2]};
-        const double x = i * shape.spacing(0) - s.anchor[0], y = j * shape.spacing(1) - s.anchor[1];
-        const Range range = within(s.cutoff * s.cutoff - x * x - y * y, s.anchor[2], shape.spacing(2), s.width[2]);
-        return {range.begin / padding * padding, padded(range.end)};
-    }
-
-    /** A plane of nodes across x that a stencil has: its node `i` along x. */
+    /** What a particle has of a slab: its node `offset` + i along x is in plane i of the slab. `offset` may be negative, and beyond it and the width there is none. */
     struct Slice {
-        int particle, i;
+        int particle, offset;
+        size_t rows;
     };
-    /** The slices in a plane of the grid, neighbours after each other: those with numbers from beginOfPlane(plane) up to before beginOfPlane(plane + 1). */
-    int beginOfPlane(int plane) const { return planes[plane]; }
+    /** Rows in which particles may begin that follow each other by their places along z: so many that what they reach stays in the first cache. */
+    static constexpr int rowsOfTile = 4;
+    /** No later slice of a slab reaches rows before this one, but across the end. */
+    int firstRowOfTile(const Slice& slice) const { return stencils[slice.particle].first[1] / rowsOfTile * rowsOfTile; }
+    /** The slices of a slab, by tiles of first rows: those with numbers from beginOfSlab(slab) up to before beginOfSlab(slab + 1). */
+    int beginOfSlab(int slab) const { return slabs[slab]; }
+    int numSlices() const { return slices.size(); }
     const Slice& slice(int number) const { return slices[number]; }
-    /** The number of a particle's slice. */
-    int sliceOf(int particle, int i) const { return sliceNumbers[firstSlice[particle] + i]; }
+    /** The nodes along z that a slice has in row j along y of its stencil. */
+    const Range& nodesOf(const Slice& slice, int j) const { return ranges[slice.rows + j]; }
+    /** The numbers of a particle's slices, by slabs. */
+    Range slicesOf(int particle) const { return {firstSlice[particle], firstSlice[particle + 1]}; }
+    int sliceNumber(int i) const { return sliceNumbers[i]; }
     /** Have what slices with later numbers need brought into the cache. */
     void prefetchAfter(int number) const {
-        const int last = slices.size() - 1, soon = 3, later = 8;
+        const int last = slices.size() - 1, soon = 4, later = 10;
         __builtin_prefetch(&stencils[slices[std::min(last, number + later)].particle]);
         const Stencil& s = stencils[slices[std::min(last, number + soon)].particle];
         const char* w = reinterpret_cast<const char*>(&weights[s.weights]);
-        const int bytes = (s.width[0] + s.width[1] + s.width[2]) * sizeof(double), most = 1024, line = 64;
+        const int bytes = numbersOfKind(s) * sizeof(double), most = 512, line = 64;
         for (int at = 0; at < bytes && at < most; at += line) __builtin_prefetch(w + at);
     }
-
-    static constexpr int padding = 8;
-    static int padded(int width) { return (width + padding - 1) / padding * padding; }
 
 private:
     /** Nodes at multiples of the spacing that are no farther from the centre than the root of the square. */
@@ -104,9 +98,13 @@ private:
                   end = std::min(width, (int)std::floor((centre + half) / spacing) + 1);
         return {begin, std::max(begin, end)};
     }
+    static size_t numbersOfKind(const Stencil& s) { return s.width[0] + 2 * slabWidth + s.width[1] + s.width[2]; }
     int kinds(int particle) const { return particles.hasTorque[particle] ? 4 : 2; }
     bool isNear(const OpenMM::Vec3& offset) const;
+    template <class Visit>
+    void forSlabs(int particle, const Visit& visit) const;
     void sortSlices();
+    void cutBall(Slice& slice, int planes);
     void anchor(int particle, const OpenMM::Vec3& position);
     void weigh(int particle, const OpenMM::Vec3& offset);
 
@@ -116,8 +114,9 @@ private:
     std::vector<OpenMM::Vec3> anchors;  // not wrapped
     std::vector<Stencil> stencils;
     std::vector<double> weights;
-    std::vector<int> planes, firstSlice, sliceNumbers, nextOfPlane, byRows;
+    std::vector<int> slabs, firstSlice, sliceNumbers, nextOfSlab, byRows;
     std::vector<Slice> slices;
+    std::vector<Range> ranges;  // of each slice, a row of its stencil after the other
     int largest[3] = {0, 0, 0};
 };
 

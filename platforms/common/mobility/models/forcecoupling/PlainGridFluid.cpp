@@ -1,7 +1,6 @@
 #include <fftw3.h>
 
 #include <algorithm>
-#include <chrono>
 #include <mutex>
 
 #include "mobility/models/forcecoupling/GridFluid.h"
@@ -15,22 +14,21 @@ namespace {
 
 typedef GridStencils::Kind Kind;
 
-double secondsSince(std::chrono::steady_clock::time_point start) {
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
-
-/** Call visit(node, w_x, w_y, w_z) for all nodes of a stencil, with the places of its weights along the axes. */
+/** Call visit(node, i, j, k) for all nodes of a stencil, with the places of its weights along the axes. */
 template <class Visit>
 void forNodes(const GridStencils& stencils, int p, const Visit& visit) {
     const GridStencils::Stencil& s = stencils[p];
     const std::array<int, 3>& n = stencils.getShape().size;
-    for (int i = 0; i < s.width[0]; i++) {
-        const GridStencils::Range rows = stencils.rowsOf(p, i);
-        for (int j = rows.begin; j < rows.end; j++) {
-            const GridStencils::Range range = stencils.nodesOf(p, i, j);
-            const size_t row = ((size_t)((s.first[0] + i) % n[0]) * n[1] + (s.first[1] + j) % n[1]) * n[2];
-            for (int k = range.begin; k < range.end; k++) visit(row + (s.first[2] + k) % n[2], i, j, k);
-        }
+    const GridStencils::Range own = stencils.slicesOf(p);
+    for (int number = own.begin; number < own.end; number++) {
+        const GridStencils::Slice& slice = stencils.slice(stencils.sliceNumber(number));
+        const int planes = stencils.planesOf((s.first[0] + std::max(0, slice.offset)) % n[0] / GridStencils::slabWidth);
+        for (int i = std::max(0, slice.offset); i < std::min(s.width[0], slice.offset + planes); i++)
+            for (int j = 0; j < s.width[1]; j++) {
+                const GridStencils::Range range = stencils.nodesOf(slice, j);
+                const size_t row = ((size_t)((s.first[0] + i) % n[0]) * n[1] + (s.first[1] + j) % n[1]) * n[2];
+                for (int k = range.begin; k < range.end; k++) visit(row + (s.first[2] + k) % n[2], i, j, k);
+            }
     }
 }
 
@@ -86,6 +84,7 @@ void PlainGridFluid::prepare(const GridShape& shape) {
 
 /** f(x) = sum over particles of F Delta(x - Y) + curl(T Theta(x - Y))/2 */
 void PlainGridFluid::spread(const GridStencils& stencils, const double* forces) {
+    const TimeOfLife timer(seconds.spreading);
     const HydrodynamicParticles& particles = stencils.getParticles();
     for (AlignedArray& component : work.values) std::fill(component.data(), component.data() + component.size(), 0.0);
     for (int p = 0; p < particles.size(); p++) {
@@ -110,10 +109,9 @@ void PlainGridFluid::spread(const GridStencils& stencils, const double* forces) 
 }
 
 void PlainGridFluid::backward(GridField& field) {
-    const auto start = std::chrono::steady_clock::now();
+    const TimeOfLife timer(seconds.transforms);
     for (int c = 0; c < 3; c++)
         fftw_execute_dft_c2r((fftw_plan)backwardPlan, (fftw_complex*)modes[c].data(), field.values[c].data());
-    secondsOfTransforms += secondsSince(start);
 }
 
 void PlainGridFluid::multiplyColumn(const GridStencils& stencils, double viscosity, const double* forces,
@@ -122,10 +120,16 @@ void PlainGridFluid::multiplyColumn(const GridStencils& stencils, double viscosi
     work.shape = planned;
     work.rowLength = planned.size[2];
     spread(stencils, forces);
-    const auto start = std::chrono::steady_clock::now();
+    respond(viscosity);
+    backward(work);
+    averageColumn(work, stencils, velocities);
+}
+
+/** From the forces on nodes to the modes of the flow. */
+void PlainGridFluid::respond(double viscosity) {
+    const TimeOfLife timer(seconds.transforms);
     for (int c = 0; c < 3; c++)
         fftw_execute_dft_r2c((fftw_plan)forwardPlan, work.values[c].data(), (fftw_complex*)modes[c].data());
-    secondsOfTransforms += secondsSince(start);
     // u(k) = (1 - k k/k^2) f(k)/(eta k^2); transforms there and back multiply by the number of nodes.
     const double scale = 1 / (viscosity * planned.numNodes());
     const std::array<int, 3>& n = planned.size;
@@ -143,8 +147,6 @@ void PlainGridFluid::multiplyColumn(const GridStencils& stencils, double viscosi
                     for (int c = 0; c < 3; c++) *f[c] = out ? 0 : scale / k2 * (*f[c] - along * k[c]);
                 }
             }
-    backward(work);
-    averageColumn(work, stencils, velocities);
 }
 
 void PlainGridFluid::drawModes(const GridStencils& stencils, double viscosity, const ModeNoise& noise,
@@ -178,6 +180,7 @@ void PlainGridFluid::drawModes(const GridStencils& stencils, double viscosity, c
 }
 
 void PlainGridFluid::averageColumn(const GridField& field, const GridStencils& stencils, double* velocities) {
+    const TimeOfLife timer(seconds.averaging);
     const HydrodynamicParticles& particles = stencils.getParticles();
     for (int p = 0; p < particles.size(); p++) {
         double* V = velocities + particles.firstRow[p];
@@ -204,6 +207,7 @@ void PlainGridFluid::averageColumn(const GridField& field, const GridStencils& s
 }
 
 void PlainGridFluid::averageGradientColumn(const GridField& field, const GridStencils& stencils, double* gradients) {
+    const TimeOfLife timer(seconds.averaging);
     const HydrodynamicParticles& particles = stencils.getParticles();
     std::fill(gradients, gradients + 9 * (size_t)particles.size(), 0.0);
     for (int p = 0; p < particles.size(); p++) {

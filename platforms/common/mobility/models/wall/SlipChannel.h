@@ -48,7 +48,7 @@ public:
     bool isAnchored() const override { return periodic->isAnchored(); }
     bool hasOwnRandomField() const override { return periodic->hasOwnRandomField(); }
     double rowsWorthIterations() const override { return periodic->rowsWorthIterations(); }
-    double getSecondsOfTransforms() const override { return periodic->getSecondsOfTransforms(); }
+    GridSeconds getGridSeconds() const override { return periodic->getGridSeconds(); }
     void drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
                    std::unique_ptr<RandomField>& field) const override;
     void checkBox(const BoxVectors& box) const override;
