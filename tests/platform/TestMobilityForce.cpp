@@ -34,18 +34,23 @@ const vector<ModelCase> models = {
      true},
     {"StokesianDynamicsPeriodic", MobilityForce::StokesianDynamics, MobilityForce::Periodic, false, false, false, true},
     {"ForceCouplingPeriodic", MobilityForce::ForceCoupling, MobilityForce::Periodic, true, true, true, true},
+    {"ForceCouplingChannel", MobilityForce::ForceCoupling, MobilityForce::SlipChannel, true, true, true, true},
 };
 /** Below all particles of the mixture where origins have z >= 0. */
 const double wallHeight = -2;
+const double channelWidth = 14.5;
 void choose(FluidScene& scene, const ModelCase& model) {
     scene.fluid->setModel(model.model);
     scene.fluid->setBoundary(model.boundary);
     scene.fluid->setWallHeight(wallHeight);
     scene.fluid->setSphereWallMobility(model.sphereWall);
+    scene.fluid->setChannelWalls(wallHeight, wallHeight + channelWidth);
+    if (model.boundary == MobilityForce::SlipChannel) scene.side = channelWidth + 1;
 }
 /** So far from the scene that no more is left of a wall, or of images, than a radius divided by the distance. */
 void removeBoundary(FluidScene& scene, double distance = 1e18) {
     scene.fluid->setWallHeight(-distance);
+    scene.fluid->setChannelWalls(-0.4 * distance, 0.4 * distance);
     scene.side = distance;
 }
 
@@ -138,12 +143,15 @@ TEST_P(EveryModel, TurnsAndMovesWithTheScene) {
         mt19937 random(100 + seed);
         // At a wall only turns and moves that leave it where it is.
         const bool atWall = GetParam().boundary == MobilityForce::NoSlipWall;
+        const bool inChannel = GetParam().boundary == MobilityForce::SlipChannel;
         // In a box only by right angles.
+        const double half = sqrt(0.5);
         const QuaternionArray turn = atWall               ? QuaternionArray{{0.6, 0, 0, -0.8}}
+                                     : inChannel          ? QuaternionArray{{half, 0, half, 0}}
                                      : scene.isPeriodic() ? QuaternionArray{{0.5, 0.5, -0.5, 0.5}}
                                                           : randomQuaternion(random);
         Configuration moved = c;
-        for (Vec3& R : moved.R) R = rotate(turn, R) + Vec3(3, -7, atWall ? 0 : 11);
+        for (Vec3& R : moved.R) R = rotate(turn, R) + Vec3(3, inChannel ? 0 : -7, atWall ? 0 : 11);
         for (QuaternionArray& q : moved.q) q = product(turn, q);
         scene.pose(moved.R, moved.q);
         EXPECT_LT(difference(scene.mobility(), turned(before, rotationOf(turn))), 1e-11);
@@ -257,6 +265,7 @@ TEST_P(EveryModel, ScalesWithLengthsAndViscosity) {
         FluidScene scaled;
         choose(scaled, GetParam());
         scaled.fluid->setWallHeight(s * wallHeight);
+        scaled.fluid->setChannelWalls(s * wallHeight, s * (wallHeight + channelWidth));
         scaled.side *= s;
         scaled.fluid->setViscosity(i == 2 ? 0.6 * scale : 0.6);
         c = randomConfiguration(scene, GetParam(), 8, 2);
@@ -394,6 +403,7 @@ TEST(EveryEnumerator, RunsTheOperatorOfItsNameOnThisPlatform) {
             FluidScene scene;
             scene.fluid->setModel(model);
             scene.fluid->setBoundary(boundary);
+            scene.fluid->setChannelWalls(-2, 5);
             scene.add(sphereKind(0.5), Vec3(0, 0, 1));
             scene.add(sphereKind(0.8), Vec3(0.9, 0.8, 1.7));
             if (!RigidHIPlugin::hasBoundary(model, boundary)) {
