@@ -2,12 +2,10 @@
 
 #include <Eigen/Dense>
 #include <cmath>
-#include <limits>
 #include <random>
 #include <thread>
 
 #include "TestSupport.h"
-#include "linearalgebra/AlignedArray.h"
 #include "mobility/models/forcecoupling/CpuGridFluid.h"
 #include "mobility/models/forcecoupling/Envelopes.h"
 #include "mobility/models/forcecoupling/ForceCouplingGrid.h"
