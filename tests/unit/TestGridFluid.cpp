@@ -2,13 +2,10 @@
 
 #include <Eigen/Dense>
 #include <cmath>
-#include <limits>
 #include <random>
 #include <thread>
 
 #include "TestSupport.h"
-#include "linearalgebra/AlignedArray.h"
-#include "mobility/models/forcecoupling/ColumnTransform.h"
 #include "mobility/models/forcecoupling/CpuGridFluid.h"
 #include "mobility/models/forcecoupling/Envelopes.h"
 #include "mobility/models/forcecoupling/ForceCouplingGrid.h"
@@ -357,54 +354,6 @@ TEST(CpuGridFluid, RoughProductsHaveTheErrorThatTheyPromise) {
         many.multiplyRoughly(stencils, eta, MatrixXd::Identity(rows, rows), roughOfMany);
         EXPECT_EQ(roughOfMany, rough);
     }
-}
-
-template <typename T>
-void expectTransform(int size, bool back, bool inPlace) {
-    mt19937 random(size);
-    normal_distribution<double> normal;
-    AlignedArrayOf<T> from, to, scratch;
-    const ColumnTransform<T> transform(size);
-    from.resize(2 * columnsOfBlock * size);
-    to.resize(from.size());
-    scratch.resize(transform.scratchNumbers());
-    MatrixXcd x(size, columnsOfBlock), y(size, columnsOfBlock), exact(size, size);
-    Columns<T> in = Columns<T>::packed(from.data()), out = inPlace ? in : Columns<T>::packed(to.data());
-    for (int i = 0; i < size; i++)
-        for (int c = 0; c < columnsOfBlock; c++) {
-            in.re[i * in.stride + c] = normal(random);
-            in.im[i * in.stride + c] = normal(random);
-            x(i, c) = {in.re[i * in.stride + c], in.im[i * in.stride + c]};
-        }
-    for (int i = 0; i < size; i++)
-        for (int j = 0; j < size; j++)
-            exact(i, j) = polar(1.0, (back ? 2 : -2) * M_PI * ((long long)i * j % size) / size);
-    if (back)
-        transform.apply(in.conjugate(), out.conjugate(), scratch.data());
-    else
-        transform.apply(in, out, scratch.data());
-    for (int i = 0; i < size; i++)
-        for (int c = 0; c < columnsOfBlock; c++) y(i, c) = {out.re[i * out.stride + c], out.im[i * out.stride + c]};
-    // Rounding in a few passes; sums of as many numbers for large primes.
-    EXPECT_LE((y - exact * x).norm(), 4 * sqrt(size) * numeric_limits<T>::epsilon() * y.norm()) << size;
-}
-
-TEST(ColumnTransform, IsTheDiscreteFourierTransform) {
-    vector<int> sizes = {96, 108, 140, 240, 243, 250, 343, 512, 121, 187, 61};
-    for (int size = 1; size <= 50; size++) sizes.push_back(size);
-    for (int size : sizes)
-        for (bool back : {false, true})
-            for (bool inPlace : {false, true}) {
-                expectTransform<double>(size, back, inPlace);
-                expectTransform<float>(size, back, inPlace);
-            }
-}
-
-TEST(ColumnTransform, TakesFewPasses) {
-    EXPECT_EQ(radicesOf(1), vector<int>());
-    EXPECT_EQ(radicesOf(50), (vector<int>{5, 10}));
-    EXPECT_EQ(radicesOf(240), (vector<int>{5, 6, 8}));
-    EXPECT_EQ(radicesOf(22 * 13), (vector<int>{2, 11, 13}));
 }
 
 TEST(ForceCouplingGrid, NeedsABox) {

@@ -11,8 +11,8 @@
 
 #include "hwy/contrib/math/math-inl.h"
 #include "hwy/highway.h"
-#include "mobility/models/forcecoupling/ColumnTransform.h"
 #include "mobility/models/forcecoupling/CpuGridFluid.h"
+#include "mobility/models/forcecoupling/FourierPlan.h"
 
 #undef RIGIDHI_TARGET
 #define RIGIDHI_TARGET HWY_NAMESPACE
@@ -21,37 +21,35 @@
 #define RIGIDHI_CPU_GRID_FLUID_LOOPS_
 namespace RigidHIPlugin {
 
-static_assert(GridStencils::slabWidth == columnsOfBlock,
-              "planes of a slab are the columns of transforms along y and z");
-
-/** Numbers of an element of a block: real parts, then imaginary parts. */
-const int blockNumbers = 2 * columnsOfBlock;
+const int slabWidth = GridStencils::slabWidth;
+/** Numbers of a mode of all planes of a slab, real and imaginary parts in turn. */
+const int modeWidth = 2 * slabWidth;
+/** Modes along z whose columns along y are gathered at once: pieces of rows that are long enough for memory. */
+const int modesAtOnce = 8;
 /** Of averages over a slice: a velocity and an angular one, or a gradient. */
 const int numbersOfPart = 9;
 
 /** How a grid is laid out in memory. */
 struct GridLayout {
     GridShape shape;
-    int numSlabs = 0, numBlocks = 0;  // along x; of modes along z
-    int numModes = 0;                 // kz from 0 on, without the Nyquist index
-    int numRows = 0;                  // along y, even: rows are transformed in pairs
-    int rowLength = 0;                // nodes of a row, or twice its modes
+    int numSlabs = 0;   // along x
+    int numModes = 0;   // kz from 0 on, without the Nyquist index
+    int rowLength = 0;  // nodes of a row, or twice its modes
 
     GridLayout() {}
     GridLayout(const GridStencils& stencils) : shape(stencils.getShape()) {
         const std::array<int, 3>& n = shape.size;
         numSlabs = GridStencils::slabsOf(shape);
         numModes = (n[2] + 1) / 2;
-        numBlocks = (numModes + columnsOfBlock - 1) / columnsOfBlock;
-        numRows = (n[1] + 1) / 2 * 2;
         // Stencils that cross the end of a row go on beyond it.
         rowLength = std::max(n[2] + stencils.largestWidth(2), 2 * numModes);
+        rowLength += rowLength % 2;  // whole cache lines in both precisions
     }
-    size_t rowNumbers() const { return (size_t)rowLength * columnsOfBlock; }
-    size_t slabNumbers() const { return numRows * rowNumbers(); }
-    /** Columns along x with padding to whole slabs, one after the other. */
-    size_t columnNumbers() const { return (size_t)numSlabs * columnsOfBlock * blockNumbers; }
-    size_t column(int y, int block) const { return ((size_t)y * numBlocks + block) * columnNumbers(); }
+    size_t rowNumbers() const { return (size_t)rowLength * slabWidth; }
+    size_t slabNumbers() const { return shape.size[1] * rowNumbers(); }
+    /** A column of modes along x, with padding to whole slabs. They lie one after the other. */
+    size_t columnNumbers() const { return (size_t)numSlabs * modeWidth; }
+    size_t column(int y, int z) const { return ((size_t)y * numModes + z) * columnNumbers(); }
     size_t modeNumbers() const { return column(shape.size[1], 0); }
 };
 
@@ -68,17 +66,23 @@ struct GridSlab {
 /** What one thread works with. */
 template <typename T>
 struct GridScratch {
-    AlignedArrayOf<T> slab, columns, transform, noise;
+    AlignedArrayOf<T> slab, columns, transformed, noise;
     GridSeconds seconds;
+};
+
+/** Transforms there and back. */
+template <typename T>
+struct GridPlans {
+    FourierPlan<T> there, back;
 };
 
 /** What all threads share while they work on one column of forces or one field. */
 template <typename T>
 struct GridWork {
     const GridLayout& layout;
-    const ColumnTransform<T>* transforms;  // along each axis
+    const GridPlans<T>* plans;  // along each axis
     T* modes[3];
-    const T *kx, *keepsX;  // wave numbers of each x, and 0 for the Nyquist index, else 1
+    const T *kx, *keepsX;  // wave numbers of each x, and 0 for the Nyquist index and padding, else 1; each twice
     bool streams;          // whether modes are too many for caches
 };
 
@@ -87,21 +91,26 @@ struct GridWork {
 
 HWY_BEFORE_NAMESPACE();
 #include "host/SimdReal-inl.h"
-#include "mobility/models/forcecoupling/ColumnTransform-inl.h"
 
 namespace RigidHIPlugin {
 namespace HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+/** A pack of a slab's planes. */
+template <typename T>
+using SlabLanes = HWY_CAPPED(T, slabWidth);
 
 // ---- Between particles and nodes
 
 /** Weights of a slice's planes, times a factor, in the precision of the grid. */
 template <typename T>
 struct PlaneWeights {
-    HWY_ALIGN T numbers[columnsOfBlock];
+    HWY_ALIGN T numbers[slabWidth];
     PlaneWeights(const double* weights, double factor) {
-        for (int i = 0; i < columnsOfBlock; i++) numbers[i] = static_cast<T>(factor * weights[i]);
+        for (int i = 0; i < slabWidth; i++) numbers[i] = static_cast<T>(factor * weights[i]);
     }
-    HWY_INLINE hn::Vec<ColumnLanes<T> > pack(int lane) const { return hn::Load(ColumnLanes<T>(), numbers + lane); }
+    HWY_INLINE hn::Vec<SlabLanes<T> > pack(int lane) const { return hn::Load(SlabLanes<T>(), numbers + lane); }
 };
 
 /** What a particle adds to one of the slabs that it reaches. */
@@ -109,7 +118,7 @@ template <typename T>
 void spreadSlice(const GridStencils& stencils, const GridStencils::Slice& slice, const double* F,
                  const GridLayout& layout, const GridSlab<T>& slab) {
     typedef GridStencils Weights;
-    const ColumnLanes<T> d;
+    const SlabLanes<T> d;
     const int width = hn::Lanes(d), p = slice.particle;
     const GridStencils::Stencil& s = stencils[p];
     const double *x = stencils.weightsOf(p, 0, Weights::Force) + slice.offset,
@@ -122,10 +131,10 @@ void spreadSlice(const GridStencils& stencils, const GridStencils::Slice& slice,
             if (range.begin == range.end) continue;
             T *u = slab.row(layout, 0, s.first[1] + j), *v = slab.row(layout, 1, s.first[1] + j),
               *w = slab.row(layout, 2, s.first[1] + j);
-            for (int lane = 0; lane < columnsOfBlock; lane += width) {
+            for (int lane = 0; lane < slabWidth; lane += width) {
                 const auto a = fx.pack(lane), b = fy.pack(lane), c = fz.pack(lane);
                 for (int k = range.begin; k < range.end; k++) {
-                    const size_t at = (size_t)(s.first[2] + k) * columnsOfBlock + lane;
+                    const size_t at = (size_t)(s.first[2] + k) * slabWidth + lane;
                     const auto weight = hn::Set(d, static_cast<T>(y[j] * z[k]));
                     hn::Store(hn::MulAdd(a, weight, hn::Load(d, u + at)), d, u + at);
                     hn::Store(hn::MulAdd(b, weight, hn::Load(d, v + at)), d, v + at);
@@ -148,12 +157,12 @@ void spreadSlice(const GridStencils& stencils, const GridStencils::Slice& slice,
         if (range.begin == range.end) continue;
         T *u = slab.row(layout, 0, s.first[1] + j), *v = slab.row(layout, 1, s.first[1] + j),
           *w = slab.row(layout, 2, s.first[1] + j);
-        for (int lane = 0; lane < columnsOfBlock; lane += width) {
+        for (int lane = 0; lane < slabWidth; lane += width) {
             const auto a = fx.pack(lane), b = fy.pack(lane), c = fz.pack(lane);
             const auto tX = plainX.pack(lane), tY = plainY.pack(lane), tZ = plainZ.pack(lane), gY = slopeY.pack(lane),
                        gZ = slopeZ.pack(lane);
             for (int k = range.begin; k < range.end; k++) {
-                const size_t at = (size_t)(s.first[2] + k) * columnsOfBlock + lane;
+                const size_t at = (size_t)(s.first[2] + k) * slabWidth + lane;
                 const auto weight = hn::Set(d, static_cast<T>(y[j] * z[k])),
                            alongY = hn::Set(d, static_cast<T>(gy[j] * tz[k])),
                            alongZ = hn::Set(d, static_cast<T>(ty[j] * gz[k])),
@@ -173,7 +182,7 @@ void spreadSlice(const GridStencils& stencils, const GridStencils::Slice& slice,
 template <typename T>
 HWY_INLINE double overPlanes(const double* weights, const T* sums) {
     double sum = 0;
-    for (int i = 0; i < columnsOfBlock; i++) sum += weights[i] * sums[i];
+    for (int i = 0; i < slabWidth; i++) sum += weights[i] * sums[i];
     return sum;
 }
 
@@ -182,14 +191,14 @@ template <typename T>
 void averageSlice(const GridStencils& stencils, const GridStencils::Slice& slice, const GridLayout& layout,
                   const GridSlab<T>& slab, double* V) {
     typedef GridStencils Weights;
-    const ColumnLanes<T> d;
+    const SlabLanes<T> d;
     const int width = hn::Lanes(d), p = slice.particle;
     const GridStencils::Stencil& s = stencils[p];
     const double *x = stencils.weightsOf(p, 0, Weights::Force) + slice.offset,
                  *y = stencils.weightsOf(p, 1, Weights::Force), *z = stencils.weightsOf(p, 2, Weights::Force);
     const bool hasTorque = stencils.getParticles().hasTorque[p];
-    HWY_ALIGN T sums[8][columnsOfBlock];
-    for (int lane = 0; lane < columnsOfBlock; lane += width) {
+    HWY_ALIGN T sums[8][slabWidth];
+    for (int lane = 0; lane < slabWidth; lane += width) {
         auto sum_u = hn::Zero(d), sum_v = hn::Zero(d), sum_w = hn::Zero(d);
         for (int j = 0; j < s.width[1]; j++) {
             const GridStencils::Range range = stencils.nodesOf(slice, j);
@@ -197,7 +206,7 @@ void averageSlice(const GridStencils& stencils, const GridStencils::Slice& slice
                     *w = slab.row(layout, 2, s.first[1] + j) + lane;
             auto row_u = hn::Zero(d), row_v = hn::Zero(d), row_w = hn::Zero(d);
             for (int k = range.begin; k < range.end; k++) {
-                const size_t at = (size_t)(s.first[2] + k) * columnsOfBlock;
+                const size_t at = (size_t)(s.first[2] + k) * slabWidth;
                 const auto weight = hn::Set(d, static_cast<T>(z[k]));
                 row_u = hn::MulAdd(weight, hn::Load(d, u + at), row_u);
                 row_v = hn::MulAdd(weight, hn::Load(d, v + at), row_v);
@@ -218,7 +227,7 @@ void averageSlice(const GridStencils& stencils, const GridStencils::Slice& slice
                  *gx = stencils.weightsOf(p, 0, Weights::TorqueSlope) + slice.offset;
     const double *ty = stencils.weightsOf(p, 1, Weights::Torque), *gy = stencils.weightsOf(p, 1, Weights::TorqueSlope),
                  *tz = stencils.weightsOf(p, 2, Weights::Torque), *gz = stencils.weightsOf(p, 2, Weights::TorqueSlope);
-    for (int lane = 0; lane < columnsOfBlock; lane += width) {
+    for (int lane = 0; lane < slabWidth; lane += width) {
         // Sums of v along z less w along y, of u along z and y, and plain ones of v and w.
         auto curl = hn::Zero(d), u_z = hn::Zero(d), u_y = hn::Zero(d), v_plain = hn::Zero(d), w_plain = hn::Zero(d);
         for (int j = 0; j < s.width[1]; j++) {
@@ -226,7 +235,7 @@ void averageSlice(const GridStencils& stencils, const GridStencils::Slice& slice
             const T *u = slab.row(layout, 0, s.first[1] + j) + lane, *v = slab.row(layout, 1, s.first[1] + j) + lane,
                     *w = slab.row(layout, 2, s.first[1] + j) + lane;
             for (int k = range.begin; k < range.end; k++) {
-                const size_t at = (size_t)(s.first[2] + k) * columnsOfBlock;
+                const size_t at = (size_t)(s.first[2] + k) * slabWidth;
                 const auto alongY = hn::Set(d, static_cast<T>(gy[j] * tz[k])),
                            alongZ = hn::Set(d, static_cast<T>(ty[j] * gz[k])),
                            plain = hn::Set(d, static_cast<T>(ty[j] * tz[k]));
@@ -254,23 +263,23 @@ template <typename T>
 void averageGradientSlice(const GridStencils& stencils, const GridStencils::Slice& slice, const GridLayout& layout,
                           const GridSlab<T>& slab, double* gradients) {
     typedef GridStencils Weights;
-    const ColumnLanes<T> d;
+    const SlabLanes<T> d;
     const int width = hn::Lanes(d), p = slice.particle;
     const GridStencils::Stencil& s = stencils[p];
     const double *x = stencils.weightsOf(p, 0, Weights::Force) + slice.offset,
                  *gx = stencils.weightsOf(p, 0, Weights::ForceSlope) + slice.offset;
     const double *y = stencils.weightsOf(p, 1, Weights::Force), *gy = stencils.weightsOf(p, 1, Weights::ForceSlope),
                  *z = stencils.weightsOf(p, 2, Weights::Force), *gz = stencils.weightsOf(p, 2, Weights::ForceSlope);
-    HWY_ALIGN T sums[3][columnsOfBlock];
+    HWY_ALIGN T sums[3][slabWidth];
     for (int a = 0; a < 3; a++) {
-        for (int lane = 0; lane < columnsOfBlock; lane += width) {
+        for (int lane = 0; lane < slabWidth; lane += width) {
             auto along_x = hn::Zero(d), along_y = hn::Zero(d), along_z = hn::Zero(d);
             for (int j = 0; j < s.width[1]; j++) {
                 const GridStencils::Range range = stencils.nodesOf(slice, j);
                 const T* u = slab.row(layout, a, s.first[1] + j) + lane;
                 auto plain = hn::Zero(d), sloped = hn::Zero(d);
                 for (int k = range.begin; k < range.end; k++) {
-                    const auto uk = hn::Load(d, u + (size_t)(s.first[2] + k) * columnsOfBlock);
+                    const auto uk = hn::Load(d, u + (size_t)(s.first[2] + k) * slabWidth);
                     plain = hn::MulAdd(hn::Set(d, static_cast<T>(z[k])), uk, plain);
                     sloped = hn::MulAdd(hn::Set(d, static_cast<T>(gz[k])), uk, sloped);
                 }
@@ -289,117 +298,96 @@ void averageGradientSlice(const GridStencils& stencils, const GridStencils::Slic
     }
 }
 
-// ---- Rows along z
+// ---- Rows along z: two neighbouring planes are the real and imaginary parts of one complex row
 
-/** Of the nodes of two rows their modes, twice as large: one complex transform of one row + i the other. */
+/** Of the nodes of a row its modes, twice as large. */
 template <typename T>
-void rowsThere(const GridWork<T>& work, T* first, T* second, GridScratch<T>& scratch) {
-    const ColumnLanes<T> d;
-    const int width = hn::Lanes(d), n = work.layout.shape.size[2];
+void rowThere(const GridWork<T>& work, T* row, GridScratch<T>& scratch) {
+    const int n = work.layout.shape.size[2];
     T* const both = scratch.columns.data();
-    transformColumns(work.transforms[2], Columns<T>{first, second, columnsOfBlock}, Columns<T>::packed(both),
-                     scratch.transform.data());
-    for (int k = 0; k < work.layout.numModes; k++)
-        for (int lane = 0; lane < columnsOfBlock; lane += width) {
-            const T *z = both + (size_t)k * blockNumbers + lane,
-                    *mirrored = both + (size_t)(k == 0 ? 0 : n - k) * blockNumbers + lane;
-            const auto zr = hn::Load(d, z), zi = hn::Load(d, z + columnsOfBlock), wr = hn::Load(d, mirrored),
-                       wi = hn::Load(d, mirrored + columnsOfBlock);
-            T *a = first + (size_t)k * blockNumbers + lane, *b = second + (size_t)k * blockNumbers + lane;
-            hn::Store(hn::Add(zr, wr), d, a);
-            hn::Store(hn::Sub(zi, wi), d, a + columnsOfBlock);
-            hn::Store(hn::Add(zi, wi), d, b);
-            hn::Store(hn::Sub(wr, zr), d, b + columnsOfBlock);
-        }
-}
-
-/** Of the modes of two rows their nodes, with what stencils look at beyond the ends of rows. */
-template <typename T>
-void rowsBack(const GridWork<T>& work, T* first, T* second, GridScratch<T>& scratch) {
-    const ColumnLanes<T> d;
-    const int width = hn::Lanes(d), n = work.layout.shape.size[2];
-    T* const both = scratch.columns.data();
-    for (int lane = 0; lane < columnsOfBlock; lane += width) {
-        // The first mode is real.
-        hn::Store(hn::Load(d, first + lane), d, both + lane);
-        hn::Store(hn::Load(d, second + lane), d, both + columnsOfBlock + lane);
-        for (int k = 1; k < work.layout.numModes; k++) {
-            const T *a = first + (size_t)k * blockNumbers + lane, *b = second + (size_t)k * blockNumbers + lane;
-            const auto ar = hn::Load(d, a), ai = hn::Load(d, a + columnsOfBlock), br = hn::Load(d, b),
-                       bi = hn::Load(d, b + columnsOfBlock);
-            T *z = both + (size_t)k * blockNumbers + lane, *mirrored = both + (size_t)(n - k) * blockNumbers + lane;
-            hn::Store(hn::Sub(ar, bi), d, z);
-            hn::Store(hn::Add(ai, br), d, z + columnsOfBlock);
-            hn::Store(hn::Add(ar, bi), d, mirrored);
-            hn::Store(hn::Sub(br, ai), d, mirrored + columnsOfBlock);
+    work.plans[2].there(row, both);
+    for (int k = 0; k < work.layout.numModes; k++) {
+        const T *z = both + (size_t)k * slabWidth, *mirrored = both + (size_t)(k == 0 ? 0 : n - k) * slabWidth;
+        T* to = row + (size_t)k * modeWidth;
+        for (int i = 0; i < slabWidth; i += 2) {
+            to[2 * i] = z[i] + mirrored[i];
+            to[2 * i + 1] = z[i + 1] - mirrored[i + 1];
+            to[2 * i + 2] = z[i + 1] + mirrored[i + 1];
+            to[2 * i + 3] = mirrored[i] - z[i];
         }
     }
-    if (n % 2 == 0) std::fill_n(both + (size_t)(n / 2) * blockNumbers, blockNumbers, T(0));
-    transformColumns(work.transforms[2], Columns<T>::packed(both).conjugate(),
-                     Columns<T>{second, first, columnsOfBlock}, scratch.transform.data());
-    for (T* row : {first, second})
-        for (int k = n; k < work.layout.rowLength; k++)
-            std::copy_n(row + (size_t)(k - n) * columnsOfBlock, columnsOfBlock, row + (size_t)k * columnsOfBlock);
 }
 
-/** Rows 2 pair and 2 pair + 1 of all components. */
+/** Of the modes of a row its nodes, with what stencils look at beyond its end. */
 template <typename T>
-void pairThere(const GridWork<T>& work, int pair, const GridSlab<T>& slab, GridScratch<T>& scratch) {
+void rowBack(const GridWork<T>& work, T* row, GridScratch<T>& scratch) {
+    const int n = work.layout.shape.size[2];
+    T* const both = scratch.columns.data();
+    for (int i = 0; i < slabWidth; i++) both[i] = row[2 * i];  // the first mode is real
+    for (int k = 1; k < work.layout.numModes; k++) {
+        const T* from = row + (size_t)k * modeWidth;
+        T *z = both + (size_t)k * slabWidth, *mirrored = both + (size_t)(n - k) * slabWidth;
+        for (int i = 0; i < slabWidth; i += 2) {
+            z[i] = from[2 * i] - from[2 * i + 3];
+            z[i + 1] = from[2 * i + 1] + from[2 * i + 2];
+            mirrored[i] = from[2 * i] + from[2 * i + 3];
+            mirrored[i + 1] = from[2 * i + 2] - from[2 * i + 1];
+        }
+    }
+    if (n % 2 == 0) std::fill_n(both + (size_t)(n / 2) * slabWidth, slabWidth, T(0));
+    work.plans[2].back(both, row);
+    for (int k = n; k < work.layout.rowLength; k++)
+        std::copy_n(row + (size_t)(k - n) * slabWidth, slabWidth, row + (size_t)k * slabWidth);
+}
+
+/** A row of all components. */
+template <typename T>
+void rowsThere(const GridWork<T>& work, int y, const GridSlab<T>& slab, GridScratch<T>& scratch) {
     const GridLayout& layout = work.layout;
-    const size_t length = layout.rowNumbers();
     const int n = layout.shape.size[2];
-    for (T* component : slab.values) {
-        T *first = component + 2 * pair * length, *second = first + length;
-        for (T* row : {first, second})
-            for (int k = n; k < layout.rowLength; k++)
-                for (int i = 0; i < columnsOfBlock; i++)
-                    row[(size_t)(k % n) * columnsOfBlock + i] += row[(size_t)k * columnsOfBlock + i];
+    for (int c = 0; c < 3; c++) {
+        T* const row = slab.row(layout, c, y);
+        for (int k = n; k < layout.rowLength; k++)
+            for (int i = 0; i < slabWidth; i++) row[(size_t)(k % n) * slabWidth + i] += row[(size_t)k * slabWidth + i];
         const TimeOfLife timer(scratch.seconds.transforms);
-        rowsThere(work, first, second, scratch);
+        rowThere(work, row, scratch);
     }
 }
 template <typename T>
-void pairBack(const GridWork<T>& work, int pair, const GridSlab<T>& slab, GridScratch<T>& scratch) {
+void rowsBack(const GridWork<T>& work, int y, const GridSlab<T>& slab, GridScratch<T>& scratch) {
     const TimeOfLife timer(scratch.seconds.transforms);
-    const size_t length = work.layout.rowNumbers();
-    for (T* component : slab.values)
-        rowsBack(work, component + 2 * pair * length, component + (2 * pair + 1) * length, scratch);
+    for (int c = 0; c < 3; c++) rowBack(work, slab.row(work.layout, c, y), scratch);
 }
 
-// ---- Columns along y, from and to the modes of the grid, where x is the next to be transformed
+// ---- Columns along y, a few at a time, from and to the modes of the grid, where x is the next to be transformed
 
 template <typename T>
 void slabThere(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab, GridScratch<T>& scratch) {
     const TimeOfLife timer(scratch.seconds.transforms);
     const GridLayout& layout = work.layout;
     const int size = layout.shape.size[1];
-    const size_t column = (size_t)size * blockNumbers;
-    T* const columns = scratch.columns.data();
-    HWY_ALIGN T block[columnsOfBlock * blockNumbers];
-    const ColumnLanes<T> d;
+    const size_t column = (size_t)size * modeWidth;
+    T *const columns = scratch.columns.data(), *const transformed = scratch.transformed.data();
+    const SlabLanes<T> d;
     for (int c = 0; c < 3; c++)
-        for (int b = 0; b < layout.numBlocks; b++) {
-            const int count = std::min(columnsOfBlock, layout.numModes - b * columnsOfBlock);
+        for (int z = 0; z < layout.numModes; z += modesAtOnce) {
+            const int count = std::min(modesAtOnce, layout.numModes - z);
             for (int y = 0; y < size; y++) {
-                const T* from = slab.values[c] + y * layout.rowNumbers() + (size_t)b * columnsOfBlock * blockNumbers;
+                const T* from = slab.row(layout, c, y) + (size_t)z * modeWidth;
                 for (int k = 0; k < count; k++)
-                    std::memcpy(columns + k * column + (size_t)y * blockNumbers, from + k * blockNumbers,
-                                blockNumbers * sizeof(T));
+                    std::memcpy(columns + k * column + (size_t)y * modeWidth, from + k * modeWidth,
+                                modeWidth * sizeof(T));
             }
-            for (int k = 0; k < count; k++) {
-                const Columns<T> own = Columns<T>::packed(columns + k * column);
-                transformColumns(work.transforms[1], own, own, scratch.transform.data());
-            }
-            if (count < columnsOfBlock) std::fill(columns + count * column, columns + columnsOfBlock * column, T(0));
-            for (int y = 0; y < size; y++) {
-                T* to = work.modes[c] + layout.column(y, b) + (size_t)slabNumber * columnsOfBlock * blockNumbers;
-                T* target = work.streams ? block : to;
-                for (int part = 0; part < blockNumbers; part += columnsOfBlock)
-                    transposeBlock(columns + (size_t)y * blockNumbers + part, column, target + part, blockNumbers);
-                if (work.streams)
-                    for (int i = 0; i < columnsOfBlock * blockNumbers; i += hn::Lanes(d))
-                        hn::Stream(hn::Load(d, block + i), d, to + i);
-            }
+            for (int k = 0; k < count; k++) work.plans[1].there(columns + k * column, transformed + k * column);
+            for (int y = 0; y < size; y++)
+                for (int k = 0; k < count; k++) {
+                    const T* from = transformed + k * column + (size_t)y * modeWidth;
+                    T* to = work.modes[c] + layout.column(y, z + k) + (size_t)slabNumber * modeWidth;
+                    if (work.streams)
+                        for (int i = 0; i < modeWidth; i += hn::Lanes(d)) hn::Stream(hn::Load(d, from + i), d, to + i);
+                    else
+                        std::memcpy(to, from, modeWidth * sizeof(T));
+                }
         }
 }
 
@@ -408,35 +396,27 @@ void slabBack(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab, 
     const TimeOfLife timer(scratch.seconds.transforms);
     const GridLayout& layout = work.layout;
     const int size = layout.shape.size[1], ahead = 4, line = 64;
-    const size_t column = (size_t)size * blockNumbers;
-    T* const columns = scratch.columns.data();
+    const size_t column = (size_t)size * modeWidth;
+    T *const columns = scratch.columns.data(), *const transformed = scratch.transformed.data();
     for (int c = 0; c < 3; c++)
-        for (int b = 0; b < layout.numBlocks; b++) {
-            const int count = std::min(columnsOfBlock, layout.numModes - b * columnsOfBlock);
+        for (int z = 0; z < layout.numModes; z += modesAtOnce) {
+            const int count = std::min(modesAtOnce, layout.numModes - z);
+            for (int y = 0; y < size; y++)
+                for (int k = 0; k < count; k++) {
+                    const T* from = work.modes[c] + layout.column(y, z + k) + (size_t)slabNumber * modeWidth;
+                    const char* later =
+                        reinterpret_cast<const char*>(from + std::min(ahead, size - 1 - y) * layout.column(1, 0));
+                    for (size_t at = 0; at < modeWidth * sizeof(T); at += line) __builtin_prefetch(later + at);
+                    std::memcpy(columns + k * column + (size_t)y * modeWidth, from, modeWidth * sizeof(T));
+                }
+            for (int k = 0; k < count; k++) work.plans[1].back(columns + k * column, transformed + k * column);
             for (int y = 0; y < size; y++) {
-                const auto block = [&](int row) {
-                    return work.modes[c] + layout.column(row, b) + (size_t)slabNumber * columnsOfBlock * blockNumbers;
-                };
-                const T* from = block(y);
-                const char* later = reinterpret_cast<const char*>(block(std::min(size - 1, y + ahead)));
-                for (size_t at = 0; at < columnsOfBlock * blockNumbers * sizeof(T); at += line)
-                    __builtin_prefetch(later + at);
-                for (int part = 0; part < blockNumbers; part += columnsOfBlock)
-                    transposeBlock(from + part, blockNumbers, columns + (size_t)y * blockNumbers + part, column);
-            }
-            for (int k = 0; k < count; k++) {
-                const Columns<T> own = Columns<T>::packed(columns + k * column).conjugate();
-                transformColumns(work.transforms[1], own, own, scratch.transform.data());
-            }
-            for (int y = 0; y < size; y++) {
-                T* to = slab.values[c] + y * layout.rowNumbers() + (size_t)b * columnsOfBlock * blockNumbers;
+                T* to = slab.row(layout, c, y) + (size_t)z * modeWidth;
                 for (int k = 0; k < count; k++)
-                    std::memcpy(to + k * blockNumbers, columns + k * column + (size_t)y * blockNumbers,
-                                blockNumbers * sizeof(T));
+                    std::memcpy(to + k * modeWidth, transformed + k * column + (size_t)y * modeWidth,
+                                modeWidth * sizeof(T));
             }
         }
-    if (layout.numRows > size)
-        for (T* component : slab.values) std::fill_n(component + size * layout.rowNumbers(), layout.rowNumbers(), T(0));
 }
 
 // ---- A slab there and back
@@ -454,9 +434,8 @@ void spreadSlab(const GridWork<T>& work, const GridStencils& stencils, int slabN
             const TimeOfLife timer(scratch.seconds.spreading);
             // Rows are emptied before the first particle that reaches them, and transformed after the last one. Rows at the beginning are also
             // reached across the end.
-            const int numRows = layout.numRows, size = layout.shape.size[1];
-            const int firstPair = std::min(numRows / 2, (stencils.largestWidth(1) + 1) / 2);
-            int empty = 0, pair = firstPair;
+            const int size = layout.shape.size[1], firstRow = std::min(size, stencils.largestWidth(1));
+            int empty = 0, row = firstRow;
             const auto emptyUpTo = [&](int end) {
                 if (end <= empty) return;
                 for (T* component : slab.values)
@@ -467,14 +446,13 @@ void spreadSlab(const GridWork<T>& work, const GridStencils& stencils, int slabN
                 const GridStencils::Slice& slice = stencils.slice(s);
                 const GridStencils::Stencil& stencil = stencils[slice.particle];
                 stencils.prefetchAfter(s);
-                const int reached = stencil.first[1] + stencil.width[1];
-                emptyUpTo(reached < size ? reached : numRows);
-                for (; 2 * pair + 2 <= stencils.firstRowOfTile(slice); pair++) pairThere(work, pair, slab, scratch);
+                emptyUpTo(std::min(size, stencil.first[1] + stencil.width[1]));
+                for (; row < stencils.firstRowOfTile(slice); row++) rowsThere(work, row, slab, scratch);
                 spreadSlice(stencils, slice, forces + stencils.getParticles().firstRow[slice.particle], layout, slab);
             }
-            emptyUpTo(numRows);
-            for (; pair < numRows / 2; pair++) pairThere(work, pair, slab, scratch);
-            for (pair = 0; pair < firstPair; pair++) pairThere(work, pair, slab, scratch);
+            emptyUpTo(size);
+            for (; row < size; row++) rowsThere(work, row, slab, scratch);
+            for (row = 0; row < firstRow; row++) rowsThere(work, row, slab, scratch);
         }
         scratch.seconds.spreading -= scratch.seconds.transforms - before;
     }
@@ -510,9 +488,9 @@ void averageSlab(const GridWork<T>& work, const GridStencils& stencils, int slab
     const double before = scratch.seconds.transforms;
     {
         const TimeOfLife timer(scratch.seconds.averaging);
-        int pair = 0;
+        int row = 0;
         averageSlices(layout, stencils, slabNumber, slab, false, parts, [&](int end) {
-            for (; 2 * pair < end; pair++) pairBack(work, pair, slab, scratch);
+            for (; row < end; row++) rowsBack(work, row, slab, scratch);
         });
     }
     scratch.seconds.averaging -= scratch.seconds.transforms - before;
@@ -522,64 +500,57 @@ void averageSlab(const GridWork<T>& work, const GridStencils& stencils, int slab
 template <typename T>
 void fieldSlab(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab, GridScratch<T>& scratch) {
     slabBack(work, slabNumber, slab, scratch);
-    for (int pair = 0; 2 * pair < work.layout.numRows; pair++) pairBack(work, pair, slab, scratch);
+    for (int row = 0; row < work.layout.shape.size[1]; row++) rowsBack(work, row, slab, scratch);
 }
 
 // ---- Columns along x
 
 /**
- * modes <- scale k^(-2 or -1) (1 - k k/k^2) modes; those left out become 0.
+ * modes <- scale k^(-2 or -1) (1 - k k/k^2) modes of one column; those left out become 0.
  *
  * @param root  whether by the root of the fluid's response: k^-1
  */
 template <typename T>
-void projectColumns(const GridWork<T>& work, int y, int block, double scale, bool root, T* const* modes) {
-    const ColumnLanes<T> d;
-    const int width = hn::Lanes(d);
+void projectColumn(const GridWork<T>& work, int y, int z, double scale, bool root, T* const* modes) {
+    const SlabLanes<T> d;
     const GridShape& shape = work.layout.shape;
-    HWY_ALIGN T kzs[columnsOfBlock], keeps[columnsOfBlock];
-    for (int i = 0; i < columnsOfBlock; i++) {
-        const int z = block * columnsOfBlock + i;
-        const bool none = shape.isNyquist(1, y) || z >= work.layout.numModes;
-        kzs[i] = static_cast<T>(none ? 1 : 2 * M_PI / shape.edge[2] * z);
-        keeps[i] = static_cast<T>(none ? 0 : scale);
+    const auto one = hn::Set(d, T(1)), ky = hn::Set(d, static_cast<T>(shape.waveNumber(1, y))),
+               kz = hn::Set(d, static_cast<T>(shape.waveNumber(2, z))),
+               keep = hn::Set(d, static_cast<T>(shape.isNyquist(1, y) ? 0 : scale));
+    const auto square = hn::MulAdd(kz, kz, hn::Mul(ky, ky));
+    for (size_t i = 0; i < work.layout.columnNumbers(); i += hn::Lanes(d)) {
+        const auto kx = hn::Load(d, work.kx + i);
+        auto k2 = hn::MulAdd(kx, kx, square);
+        k2 = hn::IfThenElse(hn::Gt(k2, hn::Zero(d)), k2, one);  // left out below
+        const auto inverse = hn::Div(one, k2);
+        const auto strength = hn::Mul(hn::Mul(hn::Load(d, work.keepsX + i), keep), root ? hn::Sqrt(inverse) : inverse);
+        T *u = modes[0] + i, *v = modes[1] + i, *w = modes[2] + i;
+        const auto fu = hn::Load(d, u), fv = hn::Load(d, v), fw = hn::Load(d, w);
+        const auto along = hn::Mul(inverse, hn::MulAdd(kx, fu, hn::MulAdd(ky, fv, hn::Mul(kz, fw))));
+        hn::Store(hn::Mul(strength, hn::NegMulAdd(along, kx, fu)), d, u);
+        hn::Store(hn::Mul(strength, hn::NegMulAdd(along, ky, fv)), d, v);
+        hn::Store(hn::Mul(strength, hn::NegMulAdd(along, kz, fw)), d, w);
     }
-    const T waveY = static_cast<T>(shape.waveNumber(1, y));
-    const auto one = hn::Set(d, T(1)), ky = hn::Set(d, waveY);
-    for (int lane = 0; lane < columnsOfBlock; lane += width) {
-        const auto kz = hn::Load(d, kzs + lane), keep = hn::Load(d, keeps + lane);
-        const auto square = hn::MulAdd(kz, kz, hn::Mul(ky, ky));
-        for (int x = 0; x < shape.size[0]; x++) {
-            const auto kx = hn::Set(d, work.kx[x]);
-            auto k2 = hn::MulAdd(kx, kx, square);
-            k2 = hn::IfThenElse(hn::Gt(k2, hn::Zero(d)), k2, one);  // left out below
-            const auto inverse = hn::Div(one, k2);
-            const auto strength =
-                hn::Mul(hn::Mul(hn::Set(d, work.keepsX[x]), keep), root ? hn::Sqrt(inverse) : inverse);
-            for (int part = lane; part < blockNumbers; part += columnsOfBlock) {
-                T *u = modes[0] + x * blockNumbers + part, *v = modes[1] + x * blockNumbers + part,
-                  *w = modes[2] + x * blockNumbers + part;
-                const auto fu = hn::Load(d, u), fv = hn::Load(d, v), fw = hn::Load(d, w);
-                const auto along = hn::Mul(inverse, hn::MulAdd(kx, fu, hn::MulAdd(ky, fv, hn::Mul(kz, fw))));
-                hn::Store(hn::Mul(strength, hn::NegMulAdd(along, kx, fu)), d, u);
-                hn::Store(hn::Mul(strength, hn::NegMulAdd(along, ky, fv)), d, v);
-                hn::Store(hn::Mul(strength, hn::NegMulAdd(along, kz, fw)), d, w);
-            }
-        }
-    }
-    if (y == 0 && block == 0)
-        for (int c = 0; c < 3; c++) modes[c][0] = modes[c][columnsOfBlock] = 0;
+    if (y == 0 && z == 0)
+        for (int c = 0; c < 3; c++) modes[c][0] = modes[c][1] = 0;
+}
+
+/** Three columns to work on, one for each component, with zeros as padding. */
+template <typename T>
+std::array<T*, 3> emptyColumns(const GridWork<T>& work, GridScratch<T>& scratch) {
+    const size_t length = work.layout.columnNumbers();
+    T* const first = scratch.columns.data();
+    std::fill_n(first, 3 * length, T(0));
+    return {first, first + length, first + 2 * length};
 }
 
 /** Back along x, with zeros in the planes that the last slab lacks. */
 template <typename T>
-void columnsBack(const GridWork<T>& work, int y, int block, T* const* modes, GridScratch<T>& scratch) {
-    const size_t own = (size_t)work.layout.shape.size[0] * blockNumbers;
+void columnsBack(const GridWork<T>& work, int y, int z, T* const* modes) {
     for (int c = 0; c < 3; c++) {
-        T* to = work.modes[c] + work.layout.column(y, block);
-        transformColumns(work.transforms[0], Columns<T>::packed(modes[c]).conjugate(),
-                         Columns<T>::packed(to).conjugate(), scratch.transform.data());
-        std::fill(to + own, to + work.layout.columnNumbers(), T(0));
+        T* to = work.modes[c] + work.layout.column(y, z);
+        work.plans[0].back(modes[c], to);
+        std::fill(to + 2 * work.layout.shape.size[0], to + work.layout.columnNumbers(), T(0));
     }
 }
 
@@ -588,42 +559,31 @@ template <typename T>
 void solveColumns(const GridWork<T>& work, int y, double viscosity, GridScratch<T>& scratch) {
     const TimeOfLife timer(scratch.seconds.transforms);
     const GridLayout& layout = work.layout;
-    const size_t own = (size_t)layout.shape.size[0] * blockNumbers;
-    T* const modes[3] = {scratch.columns.data(), scratch.columns.data() + own, scratch.columns.data() + 2 * own};
+    const std::array<T*, 3> modes = emptyColumns(work, scratch);
     // Modes of rows are twice as large; transforms there and back multiply by the number of nodes.
     const double scale = 0.5 / (viscosity * layout.shape.numNodes());
-    for (int b = 0; b < layout.numBlocks; b++) {
-        for (int c = 0; c < 3; c++)
-            transformColumns(work.transforms[0], Columns<T>::packed(work.modes[c] + layout.column(y, b)),
-                             Columns<T>::packed(modes[c]), scratch.transform.data());
-        projectColumns(work, y, b, scale, false, modes);
-        columnsBack(work, y, b, modes, scratch);
+    for (int z = 0; z < layout.numModes; z++) {
+        for (int c = 0; c < 3; c++) work.plans[0].there(work.modes[c] + layout.column(y, z), modes[c]);
+        projectColumn(work, y, z, scale, false, modes.data());
+        columnsBack(work, y, z, modes.data());
     }
 }
 
-template <typename T>
-void drawColumns(const GridWork<T>& work, int y, double viscosity, const ModeNoise& noise, const int* waveIndices,
-                 std::complex<double>* numbers, GridScratch<T>& scratch) {
-    const GridLayout& layout = work.layout;
-    const int size = layout.shape.size[0];
-    const size_t own = (size_t)size * blockNumbers;
-    T* const modes[3] = {scratch.columns.data(), scratch.columns.data() + own, scratch.columns.data() + 2 * own};
-    const double scale = 1 / std::sqrt(viscosity * layout.shape.numNodes());
-    for (int b = 0; b < layout.numBlocks; b++) {
-        for (int i = 0; i < columnsOfBlock; i++) {
-            const int z = b * columnsOfBlock + i;
-            const bool none = layout.shape.isNyquist(1, y) || z >= layout.numModes;
-            if (!none) noise.fill(waveIndices, size, layout.shape.waveIndex(1, y), z, numbers);
+void drawRow(const GridWork<double>& work, int y, double viscosity, const ModeNoise& noise, const int* waveIndices,
+             std::complex<double>* numbers, GridScratch<double>& scratch) {
+    const GridShape& shape = work.layout.shape;
+    const int size = shape.size[0];
+    const std::array<double*, 3> modes = emptyColumns(work, scratch);
+    const double scale = 1 / std::sqrt(viscosity * shape.numNodes());
+    for (int z = 0; z < work.layout.numModes; z++) {
+        if (!shape.isNyquist(1, y)) {
+            noise.fill(waveIndices, size, shape.waveIndex(1, y), z, numbers);
             for (int c = 0; c < 3; c++)
-                for (int x = 0; x < size; x++) {
-                    T* to = modes[c] + (size_t)x * blockNumbers + i;
-                    to[0] = static_cast<T>(none ? 0 : numbers[c * size + x].real());
-                    to[columnsOfBlock] = static_cast<T>(none ? 0 : numbers[c * size + x].imag());
-                }
+                std::memcpy(modes[c], numbers + (size_t)c * size, size * sizeof(std::complex<double>));
         }
         const TimeOfLife timer(scratch.seconds.transforms);
-        projectColumns(work, y, b, scale, true, modes);
-        columnsBack(work, y, b, modes, scratch);
+        projectColumn(work, y, z, scale, true, modes.data());
+        columnsBack(work, y, z, modes.data());
     }
 }
 
@@ -676,10 +636,6 @@ void averageSlabRoughly(const GridWork<float>& work, const GridStencils& stencil
                         GridScratch<float>& scratch) {
     averageSlab(work, stencils, slab, parts, scratch);
 }
-void drawRow(const GridWork<double>& work, int y, double viscosity, const ModeNoise& noise, const int* waveIndices,
-             std::complex<double>* numbers, GridScratch<double>& scratch) {
-    drawColumns(work, y, viscosity, noise, waveIndices, numbers, scratch);
-}
 void fillFieldSlab(const GridWork<double>& work, int slabNumber, const GridSlab<double>& slab,
                    GridScratch<double>& scratch) {
     fieldSlab(work, slabNumber, slab, scratch);
@@ -688,15 +644,6 @@ void averageFieldSlab(const GridLayout& layout, const GridStencils& stencils, in
                       const GridSlab<double>& slab, bool gradients, double* parts) {
     averageSlices(layout, stencils, slabNumber, slab, gradients, parts, [](int) {});
 }
-void transformExactly(const ColumnTransform<double>& transform, const Columns<double>& from, const Columns<double>& to,
-                      double* scratch) {
-    transformColumns(transform, from, to, scratch);
-}
-void transformRoughly(const ColumnTransform<float>& transform, const Columns<float>& from, const Columns<float>& to,
-                      float* scratch) {
-    transformColumns(transform, from, to, scratch);
-}
-
 }  // namespace HWY_NAMESPACE
 }  // namespace RigidHIPlugin
 HWY_AFTER_NAMESPACE();
@@ -715,17 +662,6 @@ HWY_EXPORT(drawRow);
 HWY_EXPORT(fillFieldSlab);
 HWY_EXPORT(averageFieldSlab);
 HWY_EXPORT(fillModes);
-HWY_EXPORT(transformExactly);
-HWY_EXPORT(transformRoughly);
-
-template <>
-void ColumnTransform<double>::apply(const Columns<double>& from, const Columns<double>& to, double* scratch) const {
-    HWY_DYNAMIC_DISPATCH(transformExactly)(*this, from, to, scratch);
-}
-template <>
-void ColumnTransform<float>::apply(const Columns<float>& from, const Columns<float>& to, float* scratch) const {
-    HWY_DYNAMIC_DISPATCH(transformRoughly)(*this, from, to, scratch);
-}
 
 namespace {
 
@@ -772,7 +708,7 @@ private:
     GridWork<T> work() {
         // More than this does not stay in caches from one pass to the next.
         const double cached = 16e6;
-        return {layout,       transforms,      {modes[0].data(), modes[1].data(), modes[2].data()}, waveNumbers.data(),
+        return {layout,       plans,           {modes[0].data(), modes[1].data(), modes[2].data()}, waveNumbers.data(),
                 keeps.data(), bytes() > cached};
     }
     /** task(i, scratch) for i = 0 ... count - 1, each range of them with its own scratch. */
@@ -783,9 +719,9 @@ private:
     const GridThreads& threads;
     GridSeconds& seconds;
     GridLayout layout;
-    ColumnTransform<T> transforms[3];
+    GridPlans<T> plans[3];
     AlignedArrayOf<T> modes[3];
-    std::vector<T> waveNumbers, keeps;  // along x
+    AlignedArrayOf<T> waveNumbers, keeps;  // GridWork
     std::vector<int> waveIndices;
     std::mutex scratchMutex;
     std::vector<std::unique_ptr<Scratch> > free;
@@ -798,19 +734,28 @@ void GridEngine<T>::prepare(const GridStencils& stencils) {
     const std::array<int, 3>& n = wanted.shape.size;
     const bool same = layout.shape.size == n && layout.rowLength == wanted.rowLength;
     layout = wanted;
-    waveNumbers.resize(n[0]);
+    const size_t column = layout.columnNumbers();
+    waveNumbers.resize(column);
+    keeps.resize(column);
+    std::fill_n(waveNumbers.data(), column, T(0));
+    std::fill_n(keeps.data(), column, T(0));
     waveIndices.resize(n[0]);
-    keeps.resize(n[0]);
     for (int x = 0; x < n[0]; x++) {
-        waveNumbers[x] = static_cast<T>(layout.shape.waveNumber(0, x));
+        for (int part = 0; part < 2; part++) {
+            waveNumbers[2 * x + part] = static_cast<T>(layout.shape.waveNumber(0, x));
+            keeps[2 * x + part] = static_cast<T>(!layout.shape.isNyquist(0, x));
+        }
         waveIndices[x] = layout.shape.waveIndex(0, x);
-        keeps[x] = static_cast<T>(!layout.shape.isNyquist(0, x));
     }
     if (same) return;
     free.clear();
-    for (int axis = 0; axis < 3; axis++)
-        if (transforms[axis].getSize() != n[axis]) transforms[axis] = ColumnTransform<T>(n[axis]);
     for (AlignedArrayOf<T>& component : modes) component.resize(layout.modeNumbers());
+    // One column along x; all planes of a slab along y, pairs of them along z.
+    const int atOnce[3] = {1, slabWidth, slabWidth / 2};
+    for (int axis = 0; axis < 3; axis++) {
+        plans[axis].there = FourierPlan<T>(n[axis], atOnce[axis], false);
+        plans[axis].back = FourierPlan<T>(n[axis], atOnce[axis], true);
+    }
 }
 
 template <typename T>
@@ -827,11 +772,11 @@ void GridEngine<T>::forEach(int count, const Task& task) {
         }
         if (!scratch) {
             scratch.reset(new Scratch);
-            const std::array<int, 3>& n = layout.shape.size;
-            const size_t longest = std::max({n[0], n[1], n[2]});
+            const size_t alongY = (size_t)modesAtOnce * modeWidth * layout.shape.size[1],
+                         alongZ = (size_t)slabWidth * layout.shape.size[2];
             scratch->slab.resize(3 * layout.slabNumbers());
-            scratch->columns.resize(columnsOfBlock * longest * blockNumbers);
-            scratch->transform.resize(2 * longest * blockNumbers);
+            scratch->columns.resize(std::max({3 * layout.columnNumbers(), alongY, alongZ}));
+            scratch->transformed.resize(alongY);
         }
         for (int i = first; i < end; i++) task(i, *scratch);
         const std::lock_guard<std::mutex> lock(scratchMutex);

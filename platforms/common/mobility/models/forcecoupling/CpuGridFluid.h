@@ -20,7 +20,7 @@ typedef std::function<void(int count, const std::function<void(int, int)>& task)
  * A slab of planes across x belongs to one thread at a time, with x in the lanes of packs: particles are spread to its rows in one order, a row is transformed along z
  * as soon as no more particles reach it, while it is in the cache, then all along y; columns of modes along x, which lie one after the other, are transformed, solved and
  * transformed back at once; and the way back is the same, with a particle averaged over as soon as its rows are there. So results do not depend on
- * the number of threads. Transforms are ColumnTransform's.
+ * the number of threads. Transforms are FourierPlan's.
  *
  * Cost: three transforms there and three back a product, three back a random field; about n P^3 pi/4 nodes each for spreading and averaging, P the stencil's
  * width. Measured: benchmarks/README.md. Memory: three numbers a node, as many for each random field that is kept, and half as many for rough products.
