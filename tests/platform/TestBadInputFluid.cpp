@@ -460,14 +460,14 @@ TEST(BadFluid, WhatNeedsNoPositionsIsRefusedBeforeThem) {
         {true,
          [](MobilityForce& f) { f.setModel(MobilityForce::ForceCoupling); },
          {"boundary Unbounded is there for the model FreeDraining or RotnePragerYamakawa or StokesianDynamics",
-          "not for ForceCoupling; use setModel(", "or setBoundary(Periodic)"}},
+          "not for ForceCoupling; use setModel(", "or setBoundary(Periodic or SlipChannel)"}},
         {true,
          [](MobilityForce& f) {
              f.setModel(MobilityForce::ForceCoupling);
              f.setBoundary(MobilityForce::NoSlipWall);
          },
          {"boundary NoSlipWall is there for the model RotnePragerYamakawa, not for ForceCoupling",
-          "or setBoundary(Periodic)"}},
+          "or setBoundary(Periodic or SlipChannel)"}},
         {true,
          [](MobilityForce& f) { f.setBoundary(MobilityForce::Periodic); },
          {"body 0", "are in different molecules", "bindBodies"}},

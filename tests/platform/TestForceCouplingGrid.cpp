@@ -81,7 +81,7 @@ void placeApart(const BodyKind& kind, int count, double side, vector<Vec3>& plac
     }
     pushed.system.addForce(push);
     pushed.bind();
-    pushed.start(Platform::getPlatformByName("CPU"));
+    pushed.start(platform("CPU"));
     pushed.integrator.step(300);
     EXPECT_LT(pushed.context->getState(State::Energy).getPotentialEnergy(), 1e-3);
     places = pushed.integrator.getBodyPositions();
