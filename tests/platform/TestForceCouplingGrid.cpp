@@ -413,6 +413,7 @@ TEST(ForceCouplingGrid, OverlappingBeadsReachTheTolerance) {
         return made;
     };
     const MatrixXd N = scene(MobilityForce::Dense, 1e-6)->mobility();
+    // Iterations and products have the tolerance each, and both errors add.
     for (double tolerance : {1e-2, 1e-4, 1e-6})
-        EXPECT_LE(relativeError(scene(MobilityForce::MatrixFree, tolerance)->mobility(), N), tolerance);
+        EXPECT_LE(relativeError(scene(MobilityForce::MatrixFree, tolerance)->mobility(), N), 2 * tolerance);
 }
