@@ -169,16 +169,17 @@ def test_displacements_have_the_covariance_of_the_mobility(platform, scheme):
     assert abs(z) < 4
 
 
+@pytest.mark.parametrize('tolerance, difference', [(1e-3, 1e-5), (1e-5, 1e-8)])
 @pytest.mark.parametrize('scheme', SCHEMES)
-def test_with_temperature_both_platforms_take_the_same_finite_steps(scheme):
+def test_with_temperature_both_platforms_take_the_same_finite_steps(scheme, tolerance, difference):
+    # At 1e-3 iterations on CPU multiply in single precision, to 1e-6, which they and the preconditioner make a few times larger; at 1e-5 it is rounding.
     ends = []
     for name in ('Reference', 'CPU'):
-        scene = Scene(openmm.Platform.getPlatformByName(name), scheme, temperature=300, stepSize=1e-3)
+        scene = Scene(openmm.Platform.getPlatformByName(name), scheme, temperature=300, stepSize=1e-3, tolerance=tolerance)
         ends.append(scene.moved(2))
         assert scene.integrator.getStepStatistics()['randomNumbers'] > 0
     assert np.isfinite(ends).all() and np.linalg.norm(ends[0], axis=1).min() > 1e-4
-    # Rounding, grown by iterations that stop when they are good to 1e-3.
-    assert np.abs(ends[1] - ends[0]).max() < 1e-8*np.abs(ends[0]).max()
+    assert np.abs(ends[1] - ends[0]).max() < difference*np.abs(ends[0]).max()
 
 
 # ---- Boxes, saving ---------------------------------------------------------------------------------------------------
