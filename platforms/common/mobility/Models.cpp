@@ -61,8 +61,8 @@ unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force, bool c
 
 /**
  * Up to this many rows Auto takes lattice sums and matrices, beyond it a grid. Measured (benchmarks/README.md, default tolerance): a product takes as long
- * either way for fewer than 8, about 35, about 480 blobs at volume fractions of 0.1, 0.01, 0.001, a step of DriftCorrectorFD for fewer, and one that takes the
- * root of a matrix for 180 at 0.1 and more in dilute suspensions. The model does not know the box, so this is a number between.
+ * either way for fewer than 8, about 40, about 1000 blobs at volume fractions of 0.1, 0.01, 0.001, a step of DriftCorrectorFD for fewer, and one of
+ * EulerMaruyama, with a root or a field, for about 75 at 0.1, 220 at 0.01 and more in dilute suspensions. The model does not know the box, so this is a number between.
  */
 const int largestDenseLatticeRows = 300;
 
