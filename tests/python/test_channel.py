@@ -5,7 +5,7 @@ import numpy as np
 import openmm
 import pytest
 from openmm import unit
-from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
+from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, analysis
 
 
 def channel(platform, positions, radii, solver=MobilityForce.Dense, walls=(0, 5.5), box=(9, 8, 10), scheme='DriftCorrectorFD', temperature=0):
@@ -112,3 +112,16 @@ def test_refused():
     _, integrator, _ = channel('Reference', [(3, 5, 2)], [1])
     with pytest.raises(openmm.OpenMMException, match=r'particle 0 \(body 0\) has its centre at y = 5 nm, between walls at 0 and 5.5 nm'):
         integrator.step(1)
+
+
+def test_a_sampler_does_not_go_through_walls():
+    _, _, context = channel('Reference', [(3, 1.5, 2)], [1], temperature=300)
+    with pytest.raises(ValueError, match='GibbsBoltzmannSampler: context: its MobilityForce has the boundary SlipChannel.*energyFunction'):
+        analysis.GibbsBoltzmannSampler(context)
+
+    def walls(R, q):
+        return 0.0 if np.all((R[:, 1] >= 1) & (R[:, 1] <= 4.5)) else np.inf
+
+    samples = analysis.GibbsBoltzmannSampler(context, energyFunction=walls, seed=1).run(400)
+    y = np.asarray(samples.positions)[:, 0, 1]
+    assert y.min() >= 1 and y.max() <= 4.5 and y.std() > 0.5

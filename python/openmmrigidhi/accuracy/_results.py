@@ -108,7 +108,7 @@ def decide(candidates):
 # ---- Files -----------------------------------------------------------------------------------------------------------
 
 class Result:
-    """Rows of a table, and how it was measured. A kind of result has an asDict() and a fromDict(), recommend() and report().
+    """Rows of a table, and how it was measured. A kind of result has an asDict() and a fromDict(), recommend() and a REPORT.
 
     Attributes
     ----------
@@ -122,8 +122,40 @@ class Result:
         what provenance() returned, and the settings of the study
     """
 
-    #: What its JSON is called there; the columns of its CSV.
-    FORMAT, COLUMNS = '', ()
+    #: What its JSON is called there; the columns of its CSV; the class of its report.
+    FORMAT, COLUMNS, REPORT = '', (), None
+
+    def report(self, wanted=()):
+        """What is to be said and shown: the files of :meth:`write`, textTable() and paragraphs().
+
+        Parameters
+        ----------
+        wanted : sequence of str
+            wanted errors, each answered on its own
+
+        Returns
+        -------
+        Report
+            of the kind that belongs to this result
+        """
+        return self.REPORT(self, wanted)
+
+    def write(self, directory, wanted=()):
+        """Write the rows as CSV, everything as JSON, pictures, and an HTML page into a directory.
+
+        Parameters
+        ----------
+        directory : str
+            made if it does not exist
+        wanted : sequence of str
+            wanted errors, each answered on its own
+
+        Returns
+        -------
+        list of str
+            paths of the files
+        """
+        return self.report(wanted).write(directory)
 
     def writeJson(self, path, **extra):
         """Write everything as JSON; extra entries are added at the top level.

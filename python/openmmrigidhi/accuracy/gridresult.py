@@ -22,6 +22,7 @@ class GridResult(Result):
     """
 
     FORMAT = 'openmmrigidhi.accuracy.grid 1'
+    REPORT = GridReport
     COLUMNS = ('observable', 'kind', 'setting', 'status', 'nodes', 'fineness', 'described', 'error', 'own_error', 'typical', 'seconds_product', 'seconds_median', 'message')
 
     def __init__(self, scene, rows, observables, provenance):
@@ -132,34 +133,3 @@ class GridResult(Result):
         data : dict
         """
         return cls(data['scene'], data['rows'], data['observables'], data['provenance'])
-
-    def report(self, wanted=()):
-        """What is to be said and shown: the files of :meth:`write`, textTable() and paragraphs().
-
-        Parameters
-        ----------
-        wanted : sequence of str
-            wanted errors, each answered on its own
-
-        Returns
-        -------
-        gridreport.GridReport
-        """
-        return GridReport(self, wanted)
-
-    def write(self, directory, wanted=()):
-        """Write grid.csv, grid.json, pictures and grid.html into a directory.
-
-        Parameters
-        ----------
-        directory : str
-            made if it does not exist
-        wanted : sequence of str
-            wanted errors, each answered on its own
-
-        Returns
-        -------
-        list of str
-            paths of the files
-        """
-        return self.report(wanted).write(directory)

@@ -28,6 +28,7 @@ class LadderResult(Result):
     """
 
     FORMAT = 'openmmrigidhi.accuracy.ladder 1'
+    REPORT = LadderReport
     COLUMNS = ('parameter', 'rung', 'observable', 'status', 'value', 'error', 'believed', 'is_reference', 'seconds_step', 'seconds_low',
                'seconds_high', 'seconds_forces', 'platform', 'solver', 'message')
 
@@ -252,34 +253,3 @@ class LadderResult(Result):
         """
         references = {entry.pop('parameter'): entry for entry in data['references']}
         return cls(data['scene'], data['parameter'], data['rows'], references, data['observables'], data['rungs'], data['provenance'])
-
-    def report(self, wanted=()):
-        """What is to be said and shown: the files of :meth:`write`, textTable() and paragraphs().
-
-        Parameters
-        ----------
-        wanted : sequence of str
-            wanted errors, each answered on its own
-
-        Returns
-        -------
-        ladderreport.LadderReport
-        """
-        return LadderReport(self, wanted)
-
-    def write(self, directory, wanted=()):
-        """Write ladder.csv, ladder.json, pictures and ladder.html into a directory.
-
-        Parameters
-        ----------
-        directory : str
-            made if it does not exist
-        wanted : sequence of str
-            wanted errors, each answered on its own
-
-        Returns
-        -------
-        list of str
-            paths of the files
-        """
-        return self.report(wanted).write(directory)

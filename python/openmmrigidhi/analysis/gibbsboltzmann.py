@@ -66,7 +66,7 @@ class GibbsBoltzmannSampler(Sampler):
     ------
     TypeError, ValueError
         for arguments of wrong dimension or shape, a start that the wall forbids or that has an infinite energy, a CustomBodyForce
-        without energyFunction, constraints on a free particle that is to move
+        without energyFunction, a SlipChannel without one (its walls are not known here), constraints on a free particle that is to move
 
     Notes
     -----
@@ -149,6 +149,9 @@ class GibbsBoltzmannSampler(Sampler):
     def _wallOf(self, height, radii, rejection, fluids, where):
         if height is None and fluids and hasattr(fluids[0], 'getWallHeight') and fluids[0].getBoundary().name == 'NoSlipWall':
             height = fluids[0].getWallHeight()
+        if fluids and fluids[0].getBoundary().name == 'SlipChannel' and self._energyFunction is None:
+            raise ValueError(f'{where}: context: its MobilityForce has the boundary SlipChannel, whose walls are not known here, and nothing would stop '
+                             'particles at them; give an energyFunction that is infinite beyond them')
         if height is None:
             return None
         if not np.any(radii > 0):

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cstring>
 
+#include "hwy/cache_control.h"
 #include "hwy/contrib/math/math-inl.h"
 #include "hwy/highway.h"
 #include "mobility/models/forcecoupling/CpuGridFluid.h"
@@ -389,6 +390,7 @@ void slabThere(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab,
                         std::memcpy(to, from, modeWidth * sizeof(T));
                 }
         }
+    if (work.streams) hwy::FlushStream();  // other threads read the modes next
 }
 
 template <typename T>

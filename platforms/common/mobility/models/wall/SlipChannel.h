@@ -64,7 +64,7 @@ protected:
 
 private:
     BoxVectors twice(const BoxVectors& box) const;
-    /** What is wrong with particle i, if it must stay so far from the walls. */
+    /** Whether particle i is so far from both walls. */
     bool isWithin(const Placement& placement, int i, double distance) const;
 
     const SlipWalls walls;
