@@ -122,6 +122,6 @@ def test_a_sampler_does_not_go_through_walls():
     def walls(R, q):
         return 0.0 if np.all((R[:, 1] >= 1) & (R[:, 1] <= 4.5)) else np.inf
 
-    samples = analysis.GibbsBoltzmannSampler(context, energyFunction=walls, seed=1).run(400)
+    samples = analysis.GibbsBoltzmannSampler(context, energyFunction=walls, seed=1).sample(400, 2, progress=False)
     y = np.asarray(samples.positions)[:, 0, 1]
     assert y.min() >= 1 and y.max() <= 4.5 and y.std() > 0.5
