@@ -3,6 +3,8 @@
 #include <openmm/CustomExternalForce.h>
 #include <openmm/MonteCarloBarostat.h>
 
+#include <chrono>
+
 #include "HydrodynamicSupport.h"
 
 using namespace OpenMM;
@@ -173,4 +175,20 @@ TEST(Channel, EffectsNameTheWalls) {
     const string text = scene.integrator.getEffects().at("hydrodynamics");
     for (const char* words : {"ForceCoupling between walls at y = 1 and 6.5 nm that it slips along", "overlaps one"})
         EXPECT_NE(text.find(words), string::npos) << text;
+}
+
+TEST(Channel, StatisticsCountTheTimeOfProductsOnce) {
+    ChannelScene scene(T1, RigidHI::DriftCorrectorFD, MobilityForce::MatrixFree);
+    scene.fluid->setSolverTolerance(1e-4);
+    scene.addBodies();
+    scene.start(testPlatform());
+    const auto start = chrono::steady_clock::now();
+    scene.integrator.step(2);
+    const double wall = chrono::duration<double>(chrono::steady_clock::now() - start).count();
+    double sum = 0;
+    for (const char* part : {"seconds_spreading", "seconds_fft", "seconds_averaging", "seconds_solver"}) {
+        EXPECT_GT(scene.integrator.getStepStatistics().at(part), 0) << part;
+        sum += scene.integrator.getStepStatistics().at(part);
+    }
+    EXPECT_LE(sum, wall);
 }

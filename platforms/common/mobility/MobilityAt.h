@@ -50,7 +50,7 @@ public:
     /** Its inverse. Default: by Cholesky's factors of dense(). @throws OpenMMException if M is not positive definite */
     virtual void friction(Eigen::MatrixXd& friction);
     /** Seconds of the caller's thread in products with a grid; 0 for other models. */
-    double getSecondsOfGrid() const { return secondsOfGrid; }
+    virtual double getSecondsOfGrid() const { return secondsOfGrid; }
 
 protected:
     friend class MobilityModel;

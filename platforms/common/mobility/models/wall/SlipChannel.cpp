@@ -43,6 +43,8 @@ public:
         fold(model, bothForces, 0.5, mobility);
     }
 
+    double getSecondsOfGrid() const override { return periodic ? periodic->getSecondsOfGrid() : 0; }
+
 protected:
     void moveTo(const Placement& placement, bool nearby) override {
         model.reflect(placement, withImages);
