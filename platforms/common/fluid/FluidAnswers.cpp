@@ -172,7 +172,10 @@ string Fluid::describe(bool overdamped) const {
              << " nm that it slips along (steps are redone after which a particle "
              << (wallRejection == CustomRigidHIIntegrator::Crossing ? "has its centre behind one)" : "overlaps one)");
     }
-    if (isPeriodic()) text << " with all images in " << describeBox();
+    if (isPeriodic())
+        text << (force.getBoundary() == MobilityForce::SlipChannel ? " with all images along x and z in "
+                                                                   : " with all images in ")
+             << describeBox();
     const FluidGroup* largest = nullptr;
     for (const auto& group : groups)
         if (!largest || group->bodies.getNumParticleRows() > largest->bodies.getNumParticleRows())

@@ -97,6 +97,7 @@ private:
     void release();
     void spread(const GridStencils& stencils, const double* forces);
     void respond(double viscosity);
+    void store(size_t at, const std::complex<double>* mode);
     void backward(GridField& field);
 
     GridShape planned;

@@ -50,6 +50,30 @@ struct Envelope {
     }
 };
 
+/** Calls visit(number, indices, k, k^2) for all modes of a grid; k^2 = 0 for those that are left out. */
+template <class Visit>
+void forModes(const GridShape& shape, const Visit& visit) {
+    size_t at = 0;
+    int index[3];
+    for (index[0] = 0; index[0] < shape.size[0]; index[0]++)
+        for (index[1] = 0; index[1] < shape.size[1]; index[1]++)
+            for (index[2] = 0; index[2] < shape.numRowModes(); index[2]++, at++) {
+                double k[3];
+                bool isOut = false;
+                for (int axis = 0; axis < 3; axis++) {
+                    k[axis] = shape.waveNumber(axis, index[axis]);
+                    isOut = isOut || shape.isNyquist(axis, index[axis]);
+                }
+                visit(at, index, k, isOut ? 0 : k[0] * k[0] + k[1] * k[1] + k[2] * k[2]);
+            }
+}
+
+/** u <- strength (1 - k k/k^2) u */
+void project(const double* k, double k2, double strength, complex<double>* u) {
+    const complex<double> along = (k[0] * u[0] + k[1] * u[1] + k[2] * u[2]) / k2;
+    for (int c = 0; c < 3; c++) u[c] = strength * (u[c] - along * k[c]);
+}
+
 }  // namespace
 
 PlainGridFluid::~PlainGridFluid() { release(); }
@@ -108,6 +132,13 @@ void PlainGridFluid::spread(const GridStencils& stencils, const double* forces) 
     }
 }
 
+void PlainGridFluid::store(size_t at, const complex<double>* u) {
+    for (int c = 0; c < 3; c++) {
+        modes[c][2 * at] = u[c].real();
+        modes[c][2 * at + 1] = u[c].imag();
+    }
+}
+
 void PlainGridFluid::backward(GridField& field) {
     const TimeOfLife timer(seconds.transforms);
     for (int c = 0; c < 3; c++)
@@ -132,21 +163,14 @@ void PlainGridFluid::respond(double viscosity) {
         fftw_execute_dft_r2c((fftw_plan)forwardPlan, work.values[c].data(), (fftw_complex*)modes[c].data());
     // u(k) = (1 - k k/k^2) f(k)/(eta k^2); transforms there and back multiply by the number of nodes.
     const double scale = 1 / (viscosity * planned.numNodes());
-    const std::array<int, 3>& n = planned.size;
-    size_t at = 0;
-    for (int i = 0; i < n[0]; i++)
-        for (int j = 0; j < n[1]; j++)
-            for (int l = 0; l < planned.numRowModes(); l++, at++) {
-                const double k[3] = {planned.waveNumber(0, i), planned.waveNumber(1, j), planned.waveNumber(2, l)};
-                const double k2 = k[0] * k[0] + k[1] * k[1] + k[2] * k[2];
-                const bool out =
-                    k2 == 0 || planned.isNyquist(0, i) || planned.isNyquist(1, j) || planned.isNyquist(2, l);
-                for (int part = 0; part < 2; part++) {
-                    double* f[3] = {&modes[0][2 * at + part], &modes[1][2 * at + part], &modes[2][2 * at + part]};
-                    const double along = out ? 0 : (k[0] * *f[0] + k[1] * *f[1] + k[2] * *f[2]) / k2;
-                    for (int c = 0; c < 3; c++) *f[c] = out ? 0 : scale / k2 * (*f[c] - along * k[c]);
-                }
-            }
+    forModes(planned, [&](size_t at, const int*, const double* k, double k2) {
+        complex<double> u[3] = {};
+        if (k2 > 0) {
+            for (int c = 0; c < 3; c++) u[c] = {modes[c][2 * at], modes[c][2 * at + 1]};
+            project(k, k2, scale / k2, u);
+        }
+        store(at, u);
+    });
 }
 
 void PlainGridFluid::drawModes(const GridStencils& stencils, double viscosity, const ModeNoise& noise,
@@ -157,25 +181,15 @@ void PlainGridFluid::drawModes(const GridStencils& stencils, double viscosity, c
     field.rowLength = shape.size[2];
     for (AlignedArray& component : field.values) component.resize(shape.numNodes());
     const double scale = 1 / std::sqrt(viscosity * shape.numNodes());
-    const std::array<int, 3>& n = shape.size;
-    size_t at = 0;
-    for (int i = 0; i < n[0]; i++)
-        for (int j = 0; j < n[1]; j++)
-            for (int l = 0; l < shape.numRowModes(); l++, at++) {
-                const double k[3] = {shape.waveNumber(0, i), shape.waveNumber(1, j), shape.waveNumber(2, l)};
-                const double k2 = k[0] * k[0] + k[1] * k[1] + k[2] * k[2];
-                complex<double> zeta[3];
-                if (k2 > 0 && !shape.isNyquist(0, i) && !shape.isNyquist(1, j) && !shape.isNyquist(2, l)) {
-                    const int nx = shape.waveIndex(0, i);
-                    noise.fill(&nx, 1, shape.waveIndex(1, j), l, zeta);
-                    const complex<double> along = (k[0] * zeta[0] + k[1] * zeta[1] + k[2] * zeta[2]) / k2;
-                    for (int c = 0; c < 3; c++) zeta[c] = scale / std::sqrt(k2) * (zeta[c] - along * k[c]);
-                }
-                for (int c = 0; c < 3; c++) {
-                    modes[c][2 * at] = zeta[c].real();
-                    modes[c][2 * at + 1] = zeta[c].imag();
-                }
-            }
+    forModes(shape, [&](size_t at, const int* index, const double* k, double k2) {
+        complex<double> zeta[3] = {};
+        if (k2 > 0) {
+            const int nx = shape.waveIndex(0, index[0]);
+            noise.fill(&nx, 1, shape.waveIndex(1, index[1]), index[2], zeta);
+            project(k, k2, scale / std::sqrt(k2), zeta);
+        }
+        store(at, zeta);
+    });
     backward(field);
 }
 
