@@ -183,7 +183,7 @@ void setOpenMMException(const char* message) {
 %typemap(in, numinputs=0) std::vector<OpenMM::Vec3>& sitePositions (std::vector<OpenMM::Vec3> value) "$1 = &value;"
 %typemap(in, numinputs=0) OpenMM::Vec3& principalMoments (OpenMM::Vec3 value) "$1 = &value;"
 %typemap(in, numinputs=0) double& mass (double value), double& gamma (double value), double& Gamma (double value),
-               double& yLow (double value), double& yHigh (double value)
+               double& yLow (double value), double& yHigh (double value), double& f0 (double value)
     "$1 = &value;"
 %typemap(argout) std::vector<int>& particles, std::vector<OpenMM::Vec3>& sitePositions {
     $result = SWIG_Python_AppendOutput($result, toBuffer($1->data(), $1->size()));
@@ -191,16 +191,21 @@ void setOpenMMException(const char* message) {
 %typemap(argout) OpenMM::Vec3& principalMoments {
     $result = SWIG_Python_AppendOutput($result, toBuffer($1, 1));
 }
-%typemap(argout) double& mass, double& gamma, double& Gamma, double& yLow, double& yHigh {
+%typemap(argout) double& mass, double& gamma, double& Gamma, double& yLow, double& yHigh, double& f0 {
     $result = SWIG_Python_AppendOutput($result, PyFloat_FromDouble(*$1));
 }
-%typemap(in, numinputs=0) int& bodyIndex (int value) "$1 = &value;"
-%typemap(in, numinputs=0) std::vector<double>& parameters (std::vector<double> value) "$1 = &value;"
-%typemap(argout) int& bodyIndex { $result = SWIG_Python_AppendOutput($result, PyLong_FromLong(*$1)); }
-%typemap(argout) std::vector<double>& parameters {
+%typemap(in, numinputs=0) int& bodyIndex (int value), int& forceAxis (int value), int& waveAxis (int value),
+               int& waveVectorIndex (int value) "$1 = &value;"
+%typemap(in, numinputs=0) std::vector<double>& parameters (std::vector<double> value),
+               std::vector<double>& gradient (std::vector<double> value) "$1 = &value;"
+%typemap(in, numinputs=0) OpenMM::Vec3& velocity (OpenMM::Vec3 value) "$1 = &value;"
+%typemap(argout) OpenMM::Vec3& velocity { $result = SWIG_Python_AppendOutput($result, toBuffer($1, 1)); }
+%typemap(argout) int& bodyIndex, int& forceAxis, int& waveAxis, int& waveVectorIndex { $result = SWIG_Python_AppendOutput($result, PyLong_FromLong(*$1)); }
+%typemap(argout) std::vector<double>& parameters, std::vector<double>& gradient {
     $result = SWIG_Python_AppendOutput($result, toBuffer($1->data(), $1->size()));
 }
-%typemap(argout) const std::vector<double>& parameters ""
+%typemap(argout) const std::vector<double>& parameters, const std::vector<double>& gradient,
+                 const OpenMM::Vec3& velocity ""
 %typemap(argout) const std::vector<OpenMM::Vec3>& sitePositions, const OpenMM::Vec3& principalMoments,
                  const std::vector<int>& particles ""
 
@@ -370,6 +375,10 @@ public:
     void setSolverTolerance(double tolerance);
     double getGridSpacing() const;
     void setGridSpacing(double spacing);
+    void getBackgroundFlow(OpenMM::Vec3& velocity, std::vector<double>& gradient) const;
+    void setBackgroundFlow(const OpenMM::Vec3& velocity, const std::vector<double>& gradient);
+    void getSinusoidalForceDensity(double& f0, int& forceAxis, int& waveAxis, int& waveVectorIndex) const;
+    void setSinusoidalForceDensity(double f0, int forceAxis, int waveAxis, int waveVectorIndex);
 
     void setBodyMobility(int body, const std::vector<double>& mobility);
     void setBodyFriction(int body, const std::vector<double>& friction);

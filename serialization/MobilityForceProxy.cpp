@@ -53,6 +53,21 @@ void MobilityForceProxy::serialize(const void* object, SerializationNode& node) 
     node.setStringProperty("solver", nameOf(solvers, force.getSolver()));
     node.setDoubleProperty("solverTolerance", force.getSolverTolerance());
     node.setDoubleProperty("gridSpacing", force.getGridSpacing());
+    double f0;
+    int forceAxis, waveAxis, index;
+    force.getSinusoidalForceDensity(f0, forceAxis, waveAxis, index);
+    node.setBoolProperty("flows", true);
+    node.createChildNode("SinusoidalForceDensity")
+        .setDoubleProperty("f0", f0)
+        .setIntProperty("forceAxis", forceAxis)
+        .setIntProperty("waveAxis", waveAxis)
+        .setIntProperty("waveVectorIndex", index);
+    Vec3 velocity;
+    vector<double> gradient;
+    force.getBackgroundFlow(velocity, gradient);
+    SerializationNode& flow = node.createChildNode("BackgroundFlow");
+    for (int k = 0; k < 3; k++) flow.setDoubleProperty("v" + to_string(k), velocity[k]);
+    for (int k = 0; k < 9; k++) flow.setDoubleProperty("g" + to_string(k), gradient[k]);
     SerializationNode& particles = node.createChildNode("Particles");
     particles.setIntProperty("count", force.getNumParticles());
     for (int i = 0; i < force.getNumParticles(); i++)
@@ -93,6 +108,18 @@ void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
     force->setSolverTolerance(node.number("solverTolerance"));
     // Nor are grids.
     if (node.has("gridSpacing")) force->setGridSpacing(node.number("gridSpacing"));
+    // Nor are driven flows.
+    if (node.has("flows")) {
+        const StrictNode wave = node.child("SinusoidalForceDensity");
+        force->setSinusoidalForceDensity(wave.number("f0"), wave.integer("forceAxis"), wave.integer("waveAxis"),
+                                         wave.integer("waveVectorIndex"));
+        const StrictNode flow = node.child("BackgroundFlow");
+        Vec3 velocity;
+        vector<double> gradient;
+        for (int k = 0; k < 3; k++) velocity[k] = flow.number("v" + to_string(k));
+        for (int k = 0; k < 9; k++) gradient.push_back(flow.number("g" + to_string(k)));
+        force->setBackgroundFlow(velocity, gradient);
+    }
     const StrictNode particles = node.child("Particles");
     particles.checkChildren("count");
     for (const SerializationNode& child : particles.children())

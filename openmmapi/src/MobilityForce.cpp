@@ -29,6 +29,22 @@ constexpr double viscosityOfWater = 0.89 * 602.214076;
 /** How far a tensor may be from symmetric, relative to its largest entry of the same kind. */
 constexpr double symmetryTolerance = 1e-9;
 constexpr double smallestTolerance = 1e-14, largestTolerance = 0.1;
+/** How far the trace of a velocity gradient may be from 0, relative to its largest entry. */
+constexpr double traceTolerance = 1e-12;
+
+/** A wave of a velocity across its direction. */
+void checkWave(const char* method, int forceAxis, int waveAxis, int waveVectorIndex) {
+    for (int axis : {forceAxis, waveAxis})
+        if (axis < 0 || axis > 2)
+            fail(method, "an axis is " + text(axis), "it must be 0, 1 or 2, for x, y or z", "correct the axis");
+    if (forceAxis == waveAxis)
+        fail(method, "both axes are " + text(forceAxis),
+             "a force along its own wave makes pressure and no flow in an incompressible fluid",
+             "give two different axes");
+    if (waveVectorIndex < 1)
+        fail(method, "the wave-vector index is " + text(waveVectorIndex), "it must be at least 1",
+             "give the number of periods in the box");
+}
 
 /** Cholesky's factor of a 6 x 6 matrix, in place (lower triangle). @return false if not positive definite */
 bool factorise(vector<double>& a) {
@@ -172,6 +188,48 @@ void MobilityForce::setGridSpacing(double spacing) {
         fail("setGridSpacing()", "spacing is " + text(spacing) + " nm", "it must be finite and not negative",
              "give a length, or 0 for the spacing that the solver tolerance wants");
     gridSpacing = spacing;
+}
+
+// ---- Driven flows ----
+
+void MobilityForce::setBackgroundFlow(const Vec3& velocity, const vector<double>& gradient) {
+    if (gradient.size() != 9)
+        fail("setBackgroundFlow()", "the gradient has " + text(gradient.size()) + " numbers", "it must be 3 x 3",
+             "give 9 numbers dv_a/dx_b, row after row");
+    double largest = 0;
+    for (double x : gradient) {
+        if (!isfinite(x))
+            fail("setBackgroundFlow()", "the gradient has an entry " + text(x), "all must be finite",
+                 "give finite numbers");
+        largest = max(largest, abs(x));
+    }
+    if (!isFinite(velocity))
+        fail("setBackgroundFlow()", "the velocity is " + text(velocity) + " nm/ps", "it must be finite",
+             "give three finite numbers");
+    const double trace = gradient[0] + gradient[4] + gradient[8];
+    if (!(abs(trace) <= traceTolerance * largest))
+        fail("setBackgroundFlow()", "the trace of the gradient is " + text(trace) + "/ps",
+             "it must be 0 to 1e-12 of its largest entry, since the fluid is incompressible", "correct its diagonal");
+    flowVelocity = velocity;
+    flowGradient = gradient;
+}
+
+void MobilityForce::getSinusoidalForceDensity(double& f0, int& alongForce, int& alongWave, int& index) const {
+    f0 = forceDensity;
+    alongForce = forceAxis;
+    alongWave = waveAxis;
+    index = waveVectorIndex;
+}
+
+void MobilityForce::setSinusoidalForceDensity(double f0, int alongForce, int alongWave, int index) {
+    if (!isfinite(f0))
+        fail("setSinusoidalForceDensity()", "f0 is " + text(f0) + " kJ/(mol nm^4)", "it must be finite",
+             "give a finite force density, or 0 for none");
+    checkWave("setSinusoidalForceDensity()", alongForce, alongWave, index);
+    forceDensity = f0;
+    forceAxis = alongForce;
+    waveAxis = alongWave;
+    waveVectorIndex = index;
 }
 
 // ---- Tensors and groups ----

@@ -43,6 +43,7 @@ VELOCITY = Dimension('nm/ps', unit.nanometer/unit.picosecond)
 ANGULAR_VELOCITY = Dimension('rad/ps', unit.radian/unit.picosecond, unit.picosecond**-1)
 FORCE = Dimension('kJ/(mol nm)', unit.kilojoule_per_mole/unit.nanometer)
 VISCOSITY = Dimension('dalton/(nm ps)', unit.dalton/(unit.nanometer*unit.picosecond))
+FORCE_DENSITY = Dimension('kJ/(mol nm^4)', unit.kilojoule_per_mole/unit.nanometer**4)
 ENERGY = Dimension('kJ/mol', unit.kilojoule_per_mole)
 # 1 Pa s in dalton/(nm ps); Avogadro's constant is exact since 2019.
 PASCAL_SECOND = 602214.076

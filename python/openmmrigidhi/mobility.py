@@ -341,6 +341,67 @@ class MobilityForce(_copies.Copies, _Base):
         """
         super().setGridSpacing(self._number(spacing, _units.LENGTH, 'setGridSpacing', 'spacing'))
 
+    # ---- Driven flows ------------------------------------------------------------------------------------------------
+
+    def getBackgroundFlow(self):
+        """Get the flow that :meth:`setBackgroundFlow` has set: (velocity, gradient), Quantities of shape (3,) in nm/ps and (3, 3) in 1/ps."""
+        velocity, gradient = super().getBackgroundFlow()
+        return _units.VELOCITY.attach(_units.array(velocity)), _units.RATE.attach(_units.array(gradient, 3))
+
+    def setBackgroundFlow(self, velocity, gradient):
+        """Set a flow that is there without bodies, v(x) = velocity + gradient x, x from the origin of coordinates.
+
+        Bodies are carried and turned by it: blobs have the slip v(x), spheres v(x) and half the curl of v. Multiblobs resist its strain by their
+        blobs, spheres of StokesianDynamics by their stresslets (lubrication of the strain is left out); spheres of other models, and tensors of
+        :meth:`setBodyMobility`, do not. For schemes without momenta, and LangevinHI, whose friction is that of velocities relative to
+        those with which bodies free of forces go with the flow.
+
+        Parameters
+        ----------
+        velocity : array-like or Quantity of shape (3,)
+            at the origin, nm/ps
+        gradient : array-like or Quantity of shape (3, 3)
+            dv_a/dx_b in row a and column b, 1/ps; its trace must be 0
+
+        Notes
+        -----
+        With the boundary Unbounded, and with NoSlipWall if it is 0 at the wall; with others a Context is refused. Zeros (default): no flow.
+        """
+        where = _where('setBackgroundFlow')
+        rows = _units.rows(gradient, _units.RATE, 3, where, 'gradient', 3)
+        super().setBackgroundFlow(_units.vector(velocity, _units.VELOCITY, where, 'velocity'), rows.reshape(-1))
+
+    def getSinusoidalForceDensity(self):
+        """Get what :meth:`setSinusoidalForceDensity` has set: (f0, forceAxis, waveAxis, waveVectorIndex), f0 a Quantity in kJ/(mol nm^4)."""
+        f0, forceAxis, waveAxis, waveVectorIndex = super().getSinusoidalForceDensity()
+        return _units.FORCE_DENSITY.attach(f0), forceAxis, waveAxis, waveVectorIndex
+
+    def setSinusoidalForceDensity(self, f0, forceAxis, waveAxis, waveVectorIndex):
+        """Drive the fluid by a force density f0 sin(k x_waveAxis) along forceAxis, k = 2 pi waveVectorIndex/L.
+
+        L is the edge of the Context's box along waveAxis. Without bodies the fluid flows with the velocity f0/(eta k^2) sin(k x_waveAxis); blobs have
+        the slip of its average over their surface or Gaussian, spheres with torque that of its average curl too, and spheres of
+        StokesianDynamics resist its strain by their stresslets. :meth:`getFlowModeInContext` gives what is left of it among bodies.
+
+        Parameters
+        ----------
+        f0 : float or Quantity
+            kJ/(mol nm^4); 0 (default): none
+        forceAxis, waveAxis : int
+            0, 1, 2 for x, y, z; not the same
+        waveVectorIndex : int
+            periods of the wave in the box, at least 1
+
+        Notes
+        -----
+        With the boundary Periodic, and with SlipChannel if both axes are along the walls; with others a Context is refused, and so are waves that are
+        not periodic in a triclinic box, or too short for the grid.
+        """
+        where = _where('setSinusoidalForceDensity')
+        super().setSinusoidalForceDensity(_units.number(f0, _units.FORCE_DENSITY, where, 'f0'),
+                                          *(_units.integer(value, where, name) for value, name in
+                                            ((forceAxis, 'forceAxis'), (waveAxis, 'waveAxis'), (waveVectorIndex, 'waveVectorIndex'))))
+
     # ---- Bodies ------------------------------------------------------------------------------------------------------
 
     def setBodyMobility(self, body, mobility):
@@ -416,7 +477,7 @@ class MobilityForce(_copies.Copies, _Base):
     def updateParametersInContext(self, context):
         """Hand changed parameters to a Context.
 
-        These are viscosity, radii, own tensors, lubrication, minimum gap, solver and tolerance. A radius may not change between
+        These are viscosity, radii, own tensors, lubrication, minimum gap, solver, tolerance and flow. A radius may not change between
         0 and not 0; model, boundary, wall height, sphere-wall mobility and groups need ``reinitialize``.
         """
         super().updateParametersInContext(_units.context(context, _where('updateParametersInContext')))

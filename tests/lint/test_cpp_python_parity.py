@@ -13,7 +13,8 @@ CLASSES = ['CustomBodyForce', 'CustomRigidHIIntegrator', 'MobilityForce']
 #: Names that C++ parameters by reference have as results in Python.
 RESULTS = {'getRigidBodyParameters': {'particles', 'mass', 'principalMoments', 'sitePositions'},
            'getBodyFriction': {'gamma', 'Gamma'}, 'getBodyParameters': {'bodyIndex', 'parameters'},
-           'getChannelWalls': {'yLow', 'yHigh'}}
+           'getChannelWalls': {'yLow', 'yHigh'}, 'getBackgroundFlow': {'velocity', 'gradient'},
+           'getSinusoidalForceDensity': {'f0', 'forceAxis', 'waveAxis', 'waveVectorIndex'}}
 #: Python methods beyond C++, each with its reason.
 PYTHON_ONLY = {'cast': 'OpenMM returns generic objects in Python only'}
 #: Setters that others undo or that have another getter, and why.

@@ -134,6 +134,8 @@ UNITS = {'CustomRigidHIIntegrator': {
     'getViscosity': unit.dalton/(unit.nanometer*unit.picosecond),
     'getParticleRadius': unit.nanometer, 'getWallHeight': unit.nanometer,
     'getChannelWalls': (unit.nanometer, unit.nanometer), 'getGridSpacing': unit.nanometer,
+    'getBackgroundFlow': (unit.nanometer/unit.picosecond, unit.picosecond**-1),
+    'getSinusoidalForceDensity': (unit.kilojoule_per_mole/unit.nanometer**4, None, None, None),
 }, 'CustomBodyForce': {
 }}
 #: Arrays over bodies: their number of columns.

@@ -48,6 +48,8 @@ VALUES = {'CustomRigidHIIntegrator': {
     'setWallHeight': (-4/3,),
     'setChannelWalls': (-4/3, 5/3),
     'setGridSpacing': (1/3,),
+    'setSinusoidalForceDensity': (1/3, 2, 0, 3),
+    'setBackgroundFlow': ((1/3, -2, 3), ((1/7, 2, 3), (4, -1/7, 6), (7, 8, 0))),
     'setSphereWallMobility': (MobilityForce.BestKnown,),
     'setLubrication': (False,),
     'setMinimumGap': (1e-3/3,),

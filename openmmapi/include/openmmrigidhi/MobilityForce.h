@@ -208,6 +208,42 @@ public:
      */
     void setGridSpacing(double spacing);
 
+    /** Get the flow that setBackgroundFlow() has set: nm/ps, and 9 numbers dv_a/dx_b in rows a, 1/ps. */
+    void getBackgroundFlow(OpenMM::Vec3& velocity, std::vector<double>& gradient) const {
+        velocity = flowVelocity;
+        gradient = flowGradient;
+    }
+    /**
+     * Set a flow that is there without bodies, v(x) = velocity + gradient x, x from the origin of coordinates (default: none). Bodies are carried and turned by it: with the slip
+     * v(x) at blobs, and v(x) and half the curl of v at spheres (Westwood 2022, eq. 33). Spheres of StokesianDynamics resist the strain by their stresslets,
+     * without lubrication of the strain; spheres of other models, and bodies' own tensors, do not, multiblobs do by their blobs.
+     *
+     * With the boundary Unbounded, and with NoSlipWall if it is 0 at the wall; other boundaries with a flow are refused at Context creation.
+     * Schemes without momenta, and LangevinHI, whose friction is that of the velocities relative to those with which bodies free of forces go with the flow.
+     *
+     * @param velocity  at the origin, nm/ps
+     * @param gradient  9 numbers dv_a/dx_b, row after row, 1/ps
+     * @throws OpenMMException if there are not 9 numbers, one of all is not finite, or the trace is not 0 to 1e-12 (the fluid is incompressible)
+     */
+    void setBackgroundFlow(const OpenMM::Vec3& velocity, const std::vector<double>& gradient);
+    /** Get the force density that setSinusoidalForceDensity() has set: kJ/(mol nm^4), axes, number of waves. */
+    void getSinusoidalForceDensity(double& f0, int& forceAxis, int& waveAxis, int& waveVectorIndex) const;
+    /**
+     * Drive the fluid by a force density f0 sin(k x_waveAxis) along forceAxis, k = 2 pi waveVectorIndex/L, L the edge of the Context's box along waveAxis (default: f0 = 0, none). Without
+     * bodies it makes the flow f0/(eta k^2) sin(k x_waveAxis). Blobs have the slip of its average over their surface or Gaussian, spheres with torque of its average
+     * curl too (Westwood 2022, section 6.4); stresslets as in setBackgroundFlow().
+     *
+     * With the boundary Periodic, and with SlipChannel if both axes are along the walls; other boundaries with f0 not 0 are refused at Context creation, and so are waves
+     * that are not periodic in a triclinic box, or too short for a grid.
+     *
+     * @param f0               kJ/(mol nm^4)
+     * @param forceAxis        0, 1, 2: x, y, z
+     * @param waveAxis         likewise, another one
+     * @param waveVectorIndex  periods of the wave in the box, at least 1
+     * @throws OpenMMException if one of these is not so
+     */
+    void setSinusoidalForceDensity(double f0, int forceAxis, int waveAxis, int waveVectorIndex);
+
     /**
      * Give a body a mobility tensor of its own: its velocity and angular velocity (about its origin) from force and torque,
      * when alone in unbounded fluid, body frame. FreeDraining takes it as it is; with RotnePragerYamakawa it is combined with the
@@ -250,7 +286,7 @@ public:
     void setGroups(const std::vector<int>& groups);
 
     /**
-     * Hand changed viscosity, radii, own tensors, lubrication, minimum gap, solver and tolerance to a Context. A radius may
+     * Hand changed viscosity, radii, own tensors, lubrication, minimum gap, solver, tolerance and flow to a Context. A radius may
      * not change between 0 and not 0; model, boundary, wall height, sphere-wall mobility and groups need reinitialize().
      */
     void updateParametersInContext(OpenMM::Context& context);
@@ -307,6 +343,10 @@ private:
     SphereWallMobility sphereWallMobility;
     Solver solver;
     bool lubrication;
+    double forceDensity = 0;
+    int forceAxis = 0, waveAxis = 1, waveVectorIndex = 1;
+    OpenMM::Vec3 flowVelocity;
+    std::vector<double> flowGradient = std::vector<double>(9, 0.0);
     std::map<int, OwnTensor> ownTensors;
     std::vector<int> groups;
 };

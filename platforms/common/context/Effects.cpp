@@ -70,6 +70,11 @@ private:
         const string missing = hasForce ? "positions are not set yet" : "the System has no MobilityForce";
         set("hydrodynamics", hasForce, fluid ? fluid->describe(scheme.isOverdamped()) : missing);
         set("mobilities asked for", hasForce, fluid ? fluid->describeAnswers() : missing);
+        const string flow = fluid ? fluid->describeFlow() : "";
+        set("driven flow", !flow.empty(),
+            !fluid         ? missing
+            : flow.empty() ? string("neither setBackgroundFlow() nor setSinusoidalForceDensity() drives one")
+                           : flow);
         const int interacting = fluid ? fluid->numInteracting() : 0;
         set("hydrodynamic interactions", interacting > 0,
             !fluid            ? missing

@@ -27,13 +27,13 @@ const double torqueTolerance = 1e-9;
 }  // namespace
 
 void Fluid::check(const MobilityForce& force, CustomRigidHIIntegrator::WallRejection wallRejection,
-                  const OpenMM::System& system, const vector<vector<int> >& particlesOfBodies,
+                  const OpenMM::System& system, const vector<vector<int>>& particlesOfBodies,
                   const FreeParticles& freeParticles, PlatformLoops& loops) {
     GroupBuilder(force, wallRejection, system, particlesOfBodies, freeParticles, loops).checkModels();
 }
 
 Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejection wallRejection,
-             const OpenMM::System& system, const vector<vector<int> >& particlesOfBodiesToUse,
+             const OpenMM::System& system, const vector<vector<int>>& particlesOfBodiesToUse,
              const vector<BodyGeometry>& geometries, const BodySet& bodies, const FreeParticles& freeParticles,
              PlatformLoops& loops)
     : force(forceToUse), wallRejection(wallRejection), loops(loops), particlesOfBodies(particlesOfBodiesToUse),
@@ -135,6 +135,26 @@ void Fluid::setBox(const BoxVectors& newBox) {
     box = newBox;
     boxIsChecked = false;
     for (auto& group : groups) group->bodies.setBox(box);
+    findFlow();
+}
+
+/** As MobilityForce has it, in this box. */
+void Fluid::findFlow() {
+    OpenMM::Vec3 velocity;
+    vector<double> gradient;
+    force.getBackgroundFlow(velocity, gradient);
+    flow = DrivenFlow();
+    flow.velocity = toEigen(velocity);
+    flow.gradient = Map<const Matrix<double, 3, 3, RowMajor>>(gradient.data());
+    double f0;
+    int index;
+    force.getSinusoidalForceDensity(f0, flow.forceAxis, flow.waveAxis, index);
+    const double edge = box[flow.waveAxis][flow.waveAxis];
+    if (f0 != 0 && edge > 0) {
+        flow.k = 2 * M_PI * index / edge;
+        flow.waveVelocity = f0 / (force.getViscosity() * flow.k * flow.k);
+    }
+    isDriven = !flow.isZero();
 }
 
 void Fluid::checkBox() {
@@ -156,8 +176,15 @@ void Fluid::checkBox() {
                     "System before), or use the boundary Unbounded";
             fail(text.str());
         }
-    for (const auto& group : groups)
-        if (group->bodies.hasModel()) group->bodies.getModel().checkBox(box);
+    for (const auto& group : groups) {
+        if (!group->bodies.hasModel()) continue;
+        const MobilityModel& model = group->bodies.getModel();
+        model.checkBox(box);
+        double f0;
+        int forceAxis, waveAxis, index;
+        force.getSinusoidalForceDensity(f0, forceAxis, waveAxis, index);
+        if (f0 != 0) model.checkWave(box, waveAxis, index);
+    }
     boxIsChecked = true;
 }
 

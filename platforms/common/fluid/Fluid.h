@@ -127,7 +127,9 @@ public:
     /** Whether objection() can ever object. */
     bool mayObject() const;
 
-    /** For describeEffects(): what the fluid is, and how many groups are solved in which way. */
+    /** For describeEffects(): the flow that users drive; empty: there is none. */
+    std::string describeFlow() const;
+    /** Likewise: what the fluid is, and how many groups are solved in which way. */
     std::string describe(bool overdamped) const;
     /** Likewise: by which way mobility(), friction() and apply() are answered, whatever the scheme. */
     std::string describeAnswers() const;
@@ -193,6 +195,10 @@ private:
     double secondsOfSolverBefore = 0;
     BoxVectors box = {};
     bool boxIsChecked = false;
+    DrivenFlow flow;  // in this box
+    bool isDriven = false;
+    const DrivenFlow* flowIfAny() const { return isDriven ? &flow : nullptr; }
+    void findFlow();
     std::string describeBox() const;
 };
 

@@ -192,6 +192,30 @@ string Fluid::describe(bool overdamped) const {
     return text.str();
 }
 
+string Fluid::describeFlow() const {
+    if (!isDriven) return {};
+    ostringstream text;
+    const char* const axes = "xyz";
+    if (flow.waveVelocity != 0)
+        text << "a wave of the force density along " << axes[flow.forceAxis] << " with " << 2 * M_PI / flow.k
+             << " nm along " << axes[flow.waveAxis] << ", which without bodies is a flow of up to " << flow.waveVelocity
+             << " nm/ps";
+    else {
+        text << "velocity (" << flow.velocity.transpose() << ") nm/ps at the origin, gradient in rows ("
+             << flow.gradient.row(0) << "), (" << flow.gradient.row(1) << "), (" << flow.gradient.row(2) << ")/ps";
+    }
+    if (!flow.hasGradient()) return text.str();
+    bool stresslets = true, own = false;
+    for (const auto& group : groups) {
+        stresslets = stresslets && group->bodies.hasModel() && group->bodies.getModel().hasStresslets();
+        own = own || group->bodies.getOwnTensors().any();
+    }
+    text << (stresslets ? "; spheres resist its strain by stresslets, without lubrication of the strain"
+                        : "; multiblobs resist its strain by their blobs, single spheres and blobs do not");
+    if (own) text << ", and bodies with tensors of their own as the blobs that they have";
+    return text.str();
+}
+
 string Fluid::describeAnswers() const {
     int constant = 0, dense = 0, products = 0, iterations = 0, columns = 0;
     for (const auto& group : groups) {

@@ -228,6 +228,7 @@ LoopResult Fluid::runStage(int stage, const StepSettings& settings, BodySet& bod
     step.h = settings.h;
     step.kT = settings.kT;
     step.noise = settings.noise;
+    step.flow = flowIfAny();
     step.driftFactorScalesAll = settings.driftCorrectorScaling == CustomRigidHIIntegrator::Whole;
     const auto task = [&](int i) {
         FluidGroup& group = *groups[i];

@@ -119,8 +119,16 @@ void Relaxation::relax(const vector<Pose>& poses, const RelaxationStep& step) {
     randomNumbers = iterations = 0;
     mobility.setPoses(poses);
     takeMomenta(step);
+    if (step.flow) takeMomentaOfFlow(step);
+    if (step.flow) Z -= Z_flow.col(0);
     evolve(step);
+    if (step.flow) Z += Z_flow.col(0);
     giveMomenta(step);
+}
+
+void Relaxation::takeMomentaOfFlow(const RelaxationStep& step) {
+    mobility.flowTwists(*step.flow, twists);
+    scaling.scaled(twists, mobility, step.bodies, step.freeParticles, Z_flow);
 }
 
 /** Z = K^(1/2) (p, l), and as many random numbers. */

@@ -20,11 +20,12 @@ struct RelaxationStep {
     const FreeParticles& freeParticles;
     std::vector<OpenMM::Vec3>& velocities;
     PlatformLoops& loops;
+    const DrivenFlow* flow;  // null: none
 };
 
 /**
  * What the fluid does to the momenta of one group in a step of LangevinHI (Davidchack 2017, eq. 26): the exact Ornstein-Uhlenbeck process
- * of Z at the present poses. How is a class of its own for each strategy of BodyMobility, made by makeRelaxation().
+ * of Z at the present poses; in a driven flow of the momenta relative to those of bodies that go with the flow without forces (about axes without moments bodies turn with the flow). How is a class of its own for each strategy of BodyMobility, made by makeRelaxation().
  */
 class Relaxation {
 public:
@@ -51,6 +52,8 @@ protected:
 private:
     void takeMomenta(const RelaxationStep& step);
     void giveMomenta(const RelaxationStep& step) const;
+    void takeMomentaOfFlow(const RelaxationStep& step);
+    Eigen::MatrixXd twists, Z_flow;  // of bodies that are free of forces in the flow
     long long randomNumbers = 0;
 };
 

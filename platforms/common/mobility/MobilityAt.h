@@ -11,6 +11,7 @@ namespace RigidHIPlugin {
 
 struct HydrodynamicParticles;
 class MobilityModel;
+struct DrivenFlow;
 
 /** The vectors of a periodic box, nm; zeros: there is none. */
 typedef std::array<OpenMM::Vec3, 3> BoxVectors;
@@ -49,6 +50,8 @@ public:
     virtual void dense(Eigen::MatrixXd& mobility);
     /** Its inverse. Default: by Cholesky's factors of dense(). @throws OpenMMException if M is not positive definite */
     virtual void friction(Eigen::MatrixXd& friction);
+    /** What all particles do because each resists the strain of a flow by its stresslet; added to rows of particles. Default: nothing, there are none. */
+    virtual void addStressletsOf(const DrivenFlow& flow, Eigen::MatrixXd& slips) {}
     /** Seconds of the caller's thread in products with a grid; 0 for other models. */
     virtual double getSecondsOfGrid() const { return secondsOfGrid; }
 

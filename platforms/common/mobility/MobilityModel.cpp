@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
+#include "rigidbody/EigenVec3.h"
 
 namespace RigidHIPlugin {
 
@@ -25,6 +26,17 @@ std::string toleranceText(double tolerance, double wanted) {
     text << "the tolerance of " << (wanted > 0 ? wanted : tolerance);
     if (wanted > 0 && wanted != tolerance) text << ", of which an iteration may take " << tolerance << ",";
     return text.str();
+}
+
+void MobilityModel::follow(const DrivenFlow& flow, const Placement& placement, Eigen::MatrixXd& slips) const {
+    slips.resize(particles.numRows, 1);
+    for (int i = 0; i < particles.size(); i++) {
+        const Eigen::Vector3d x = toEigen(placement.positions[i]);
+        const WaveFactors factors = waveFactors(particles.radii[i], flow.k);
+        const int row = particles.firstRow[i];
+        slips.block<3, 1>(row, 0) = flow.velocityAt(x, factors);
+        if (particles.hasTorque[i]) slips.block<3, 1>(row + 3, 0) = flow.angularVelocityAt(x, factors);
+    }
 }
 
 MobilityAt::MobilityAt(const MobilityModel& model) : particles(model.getParticles()), viscosity(model.getViscosity()) {}

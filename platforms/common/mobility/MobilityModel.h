@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "mobility/DrivenFlow.h"
 #include "mobility/GridSeconds.h"
 #include "mobility/MobilityAt.h"
 #include "mobility/RandomField.h"
@@ -95,6 +96,19 @@ public:
      */
     virtual void drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
                            std::unique_ptr<RandomField>& field) const {}
+
+    // ---- A flow that is there without particles
+    /**
+     * Velocities of particles that go with a flow, and angular velocities where there are rows for them, each particle by itself: averages as the model takes them of its own flows.
+     * What strain does by stresslets MobilityAt::addStressletsOf() adds.
+     */
+    void follow(const DrivenFlow& flow, const Placement& placement, Eigen::MatrixXd& slips) const;
+    /** What a particle averages of a wave exp(ikx): the s(k) and t(k) of its force and torque. Default: of waves much longer than the radius. */
+    virtual WaveFactors waveFactors(double radius, double k) const { return {}; }
+    /** Whether particles resist strain by stresslets of their own. Default: no. */
+    virtual bool hasStresslets() const { return false; }
+    /** @throws OpenMMException if a wave of so many periods along an axis of the box is too short for the model. Default: it is not */
+    virtual void checkWave(const BoxVectors& box, int axis, int periods) const {}
 
     // ---- Where it has a mobility
     /**

@@ -7,7 +7,8 @@ using namespace std;
 
 namespace RigidHIPlugin {
 
-void BodiesAt::setPoses(const vector<Pose>& poses, bool nearby) {
+void BodiesAt::setPoses(const vector<Pose>& newPoses, bool nearby) {
+    poses = newPoses;
     setTurns(poses, turns);
     mobilityIsKnown = frictionIsKnown = false;
     placement.box = bodies.getBox();
@@ -55,6 +56,38 @@ void BodiesAt::computeFriction() {
         xi.noalias() = K.transpose() * K;
     }
     symmetrise(xi);
+}
+
+void BodiesAt::follow(const DrivenFlow& flow, MatrixXd& slips) {
+    bodies.getModel().follow(flow, placement, slips);
+    place->addStressletsOf(flow, slips);
+}
+
+void BodiesAt::forceFreeTwists(const MatrixXd& slips, MatrixXd& twists) {
+    if (bodies.getMotion().isIdentity()) {
+        twists = slips;
+        return;
+    }
+    costs.matrices++;
+    bodies.getMotion().fill(turns, K);
+    if (bodies.getModel().isMadeFromFriction()) {
+        place->friction(M);
+        scratch.noalias() = K.transpose() * M * K;
+        twists.noalias() = K.transpose() * (M * slips);
+    } else {
+        MatrixXd half = slips;
+        place->dense(M);
+        if (!factor.compute(M)) refuseIndefiniteMobility(bodies.getParticles().size());
+        factor.solveL(K);
+        factor.solveL(half);
+        scratch.noalias() = K.transpose() * K;
+        twists.noalias() = K.transpose() * half;
+    }
+    bodies.getNullTwists().lift(turns, scratch);
+    inverting.compute(scratch);
+    if (inverting.info() != Success) refuseIndefiniteFriction(bodies.getElements().size());
+    inverting.solveInPlace(twists);
+    bodies.getNullTwists().removeTurns(turns, twists);
 }
 
 const MatrixXd& BodiesAt::friction() {

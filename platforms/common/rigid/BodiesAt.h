@@ -42,9 +42,10 @@ public:
      *
      * @param nearby  these are a small displacement from accepted ones: near() of the model
      */
-    void setPoses(const std::vector<Pose>& poses, bool nearby = false);
+    void setPoses(const std::vector<Pose>& newPoses, bool nearby = false);
     const std::vector<Eigen::Matrix3d>& getTurns() const { return turns; }
     const Placement& getPlacement() const { return placement; }
+    const std::vector<Pose>& getPoses() const { return poses; }
     /** Whether they were set as such. */
     bool isNearby() const { return nearbyPoses; }
     /**
@@ -53,6 +54,10 @@ public:
      */
     void anchorTo(const BodiesAt& other);
     MobilityAt& particles() { return *place; }
+    /** Slips of particles in a driven flow, with what their stresslets do. */
+    void follow(const DrivenFlow& flow, Eigen::MatrixXd& slips);
+    /** The twists of bodies without forces whose particles have these slips, (K^T M^-1 K)^-1 K^T M^-1 s, by matrices; own tensors have no part in it. */
+    void forceFreeTwists(const Eigen::MatrixXd& slips, Eigen::MatrixXd& twists);
     /** Of all products so far: MobilityAt::getSecondsOfGrid(). */
     double getSecondsOfGrid() const { return place ? place->getSecondsOfGrid() : 0; }
     /** N, computed when first asked for. */
@@ -68,6 +73,7 @@ private:
     MobilityCosts& costs;
     std::vector<Eigen::Matrix3d> turns;
     Placement placement;
+    std::vector<Pose> poses;
     bool nearbyPoses = false;
     std::unique_ptr<MobilityAt> place;  // made when first needed
     std::vector<OpenMM::Vec3> placesInFormulas;

@@ -24,6 +24,35 @@ bool BodyMobility::acceptsNearby(const vector<Pose>& at) {
     return !mayObject() || bodies.getModel().acceptsNearby(placementOf(at));
 }
 
+void BodyMobility::flowSlips(const DrivenFlow& flow, MatrixXd& slips) {
+    if (!bodies.hasModel()) {
+        slips.resize(bodies.getNumRows(), 1);
+        for (size_t e = 0; e < bodies.getElements().size(); e++) {
+            slips.block<3, 1>(bodies.firstRow(e), 0) = flow.velocityAt(getPoses()[e].R, {});
+            slips.block<3, 1>(bodies.firstRow(e) + 3, 0) = flow.angularVelocityAt(getPoses()[e].R, {});
+        }
+        return;
+    }
+    BodiesAt& here = particlesHere();
+    if (!slipSpace.areOfBodies() || bodies.getMotion().isIdentity()) {
+        here.follow(flow, slips);
+        return;
+    }
+    here.follow(flow, slipsOfFlow);
+    forceFreeTwists(slipsOfFlow, slips);
+}
+
+void BodyMobility::flowTwists(const DrivenFlow& flow, MatrixXd& twists) {
+    if (slipSpace.areOfBodies() || slipSpace.isIdentity()) {
+        flowSlips(flow, twists);
+        return;
+    }
+    MatrixXd slips;
+    flowSlips(flow, slips);
+    noWrenches.setZero(bodies.getNumRows(), 1);
+    solve(noWrenches, slips, twists);
+}
+
 bool BodyMobility::drawField(const NoiseStream& noise, uint32_t purpose, unique_ptr<RandomField>& field) const {
     if (!slipsAreOfField()) return false;
     bodies.getModel().drawField(noise, purpose, bodies.getBox(), field);

@@ -83,6 +83,15 @@ public:
         slipSpace.nearestTwists(getTurns(), slips, twists);
     }
 
+    // ---- A driven flow
+    /**
+     * Its slips where slips live, at the poses set last, so that U = N (F + K^T M^-1 s): of particles, or the twists of bodies without forces. Bodies without hydrodynamic particles
+     * follow it at their origin.
+     */
+    void flowSlips(const DrivenFlow& flow, MatrixXd& slips);
+    /** The twists of bodies that are free of forces in it. */
+    void flowTwists(const DrivenFlow& flow, MatrixXd& twists);
+
     // ---- Noise
     /**
      * Draw the model's random field, for any number of poses. @return whether slips are to be taken from it: there is one, and slips live
@@ -146,6 +155,11 @@ public:
     };
 
 protected:
+    /** The twists of bodies without forces whose particles have these slips, at the poses set last; own tensors have no part in it. Default: by matrices. */
+    virtual void forceFreeTwists(const MatrixXd& slips, MatrixXd& twists) {
+        particlesHere().forceFreeTwists(slips, twists);
+    }
+    virtual const std::vector<Pose>& getPoses() const = 0;
     virtual void beginSolving() {}
     virtual void endSolving() {}
     virtual const std::vector<Eigen::Matrix3d>& getTurns() const = 0;
@@ -164,6 +178,7 @@ private:
     const MatrixXd noSlips;
     Placement asked;
     MatrixXd fieldSlips, gradients, askedTwists;
+    MatrixXd slipsOfFlow, noWrenches;
     std::vector<Eigen::Matrix3d> askedTurns;
 };
 

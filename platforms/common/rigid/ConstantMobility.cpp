@@ -63,6 +63,19 @@ void ConstantMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, Ma
     if (slips.size() > 0) twists += slips;
 }
 
+void ConstantMobility::forceFreeTwists(const MatrixXd& slips, MatrixXd& twists) {
+    if (forceFree_body.size() == 0) {
+        BodiesAt inBody(bodies, costs);
+        inBody.setPoses({Pose()});
+        inBody.forceFreeTwists(MatrixXd::Identity(slips.rows(), slips.rows()), forceFree_body);
+    }
+    const Matrix3d& A = turns[0];
+    slips_body.resize(slips.rows(), slips.cols());
+    for (int row = 0; row < slips.rows(); row += 3)
+        slips_body.middleRows<3>(row).noalias() = A.transpose() * slips.middleRows<3>(row);
+    twists.noalias() = twoRotations(A) * (forceFree_body * slips_body);
+}
+
 void ConstantMobility::multiplyNearby(const vector<Pose>& there, const MatrixXd& forces, MatrixXd& slips) {
     N = turned(mobility_body, there[0].rotation());
     slips.noalias() = N * forces;

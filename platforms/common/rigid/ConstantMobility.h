@@ -25,6 +25,8 @@ public:
 
 protected:
     const std::vector<Eigen::Matrix3d>& getTurns() const override { return turns; }
+    const std::vector<Pose>& getPoses() const override { return poses; }
+    void forceFreeTwists(const MatrixXd& slips, MatrixXd& twists) override;
     BodiesAt& particlesHere() override;
 
 private:
@@ -34,6 +36,7 @@ private:
     std::vector<Eigen::Matrix3d> turns;
     BodiesAt particles;  // of which nothing is needed but by applyToParticles()
     MatrixXd N, xi, wrenchesOfSolve, thermal;
+    MatrixXd forceFree_body, slips_body;  // of forceFreeTwists(), known when first needed
 };
 
 }  // namespace RigidHIPlugin

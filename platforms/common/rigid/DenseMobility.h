@@ -27,6 +27,7 @@ public:
 
 protected:
     const std::vector<Eigen::Matrix3d>& getTurns() const override { return here.getTurns(); }
+    const std::vector<Pose>& getPoses() const override { return here.getPoses(); }
     BodiesAt& particlesHere() override { return here; }
 
 private:

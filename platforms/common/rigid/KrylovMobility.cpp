@@ -81,6 +81,15 @@ void KrylovMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, Matr
     if (slips.size() > 0) twists += slips;
 }
 
+void KrylovMobility::forceFreeTwists(const MatrixXd& slips, MatrixXd& twists) {
+    const Solving timed(*this);
+    const MatrixXd noWrenches = MatrixXd::Zero(bodies.getNumRows(), slips.cols());
+    const int iterations =
+        solverAt(here).solve(here.particles(), noWrenches, slips, tolerance, toleranceOfProducts, twists);
+    costs.iterations += iterations;
+    costs.products += (iterations + 1) * slips.cols();
+}
+
 void KrylovMobility::getBlobForces(MatrixXd& lambda) {
     if (getSlipSpace().isIdentity())
         lambda = wrenchesOfSolve;

@@ -39,6 +39,7 @@ void OverdampedMove::begin(const OverdampedStep& step) {
     stream = step.noise;
     differenceStep_ = step.difference;
     driftFactorScalesAll_ = step.driftFactorScalesAll;
+    flow = step.flow;
     randomNumbers = 0;
     present = start;
 }
@@ -109,6 +110,13 @@ void OverdampedMove::thermalSlip(Vectors& slips) {
         mobility.slipsOf(*field, slips);
     else
         mobility.thermalSlip(W_slip, slips);
+}
+
+void OverdampedMove::addFlow(Vectors& slips, int column, int columns) {
+    if (!flow) return;
+    mobility.flowSlips(*flow, slipsOfFlow);
+    if (slips.size() == 0) slips.setZero(slipsOfFlow.rows(), columns);
+    slips.col(column) += slipsOfFlow.col(0);
 }
 
 double OverdampedMove::divergenceOfField() { return mobility.divergenceOf(*field); }

@@ -18,6 +18,7 @@ struct OverdampedStep {
     double difference = 0;  // setFiniteDifferenceStep(), in body lengths and radians
     NoiseStream noise;
     bool driftFactorScalesAll = false;  // setDriftCorrectorScaling(Whole)
+    const DrivenFlow* flow = nullptr;   // null: none
 };
 
 /**
@@ -50,6 +51,11 @@ public:
     void solve(const Vectors& wrenches, const Vectors& slips, Vectors& twists) {
         mobility.solve(wrenches, slips, twists);
     }
+    /**
+     * slips += those of the flow that users drive, at the present poses, in one of so many columns: of a solve that gives velocities of bodies, not of one for directions. Where there is no
+     * flow nothing is done; slips without rows are none so far.
+     */
+    void addFlow(Vectors& slips, int column = 0, int columns = 1);
     /** N^(-1/2) W at the present poses: of covariance N^-1. */
     void thermalWrench(Draw draw, Vectors& wrench);
     /** Draw what thermalSlip() is made of, which then depends on poses only until the next drawing: the model's random field, or W. */
@@ -140,6 +146,8 @@ private:
     NoiseStream stream;
     double differenceStep_ = 0;
     bool driftFactorScalesAll_ = false;
+    const DrivenFlow* flow = nullptr;
+    Vectors slipsOfFlow;
     long long numDriftFactors = 0;
     double driftFactorSquares = 0;  // of nu - 1
 };

@@ -52,16 +52,17 @@ private:
     }
     void correct(OverdampedMove& m) {
         m.atPresent();
-        if (m.kT == 0)
-            m.solve(m.force, U);
-        else {
+        if (m.kT == 0) {
+            slip.resize(0, 0);
+        } else {
             if (!m.driftIsZero()) {
                 m.thermalSlip(slip);
                 slip *= std::sqrt(2 * m.kT / m.h);
             }
             if (!m.driftFactorScalesAll()) slip *= scale;
-            m.solve(m.force, slip, U);
         }
+        m.addFlow(slip);
+        m.solve(m.force, slip, U);
         m.goFromStart(m.driftFactorScalesAll() ? scale * m.h : m.h, U);
     }
 

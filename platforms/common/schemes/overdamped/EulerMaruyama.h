@@ -24,6 +24,7 @@ public:
     void run(int, OverdampedMove& m) override {
         m.atStart();
         sumUpWrenches(m);
+        m.addFlow(thermalSlips);
         m.solve(total, thermalSlips, U);
         m.goFromStart(m.h, U);
     }
@@ -53,6 +54,7 @@ protected:
     bool findVelocity(OverdampedMove& m) {
         m.atStart();
         sumUpWrenches(m);
+        m.addFlow(thermalSlips);
         if (m.kT > 0 && !m.driftIsKnown()) return false;
         m.solve(total, thermalSlips, U);
         if (m.kT > 0) m.addKnownDrift(m.kT, U);

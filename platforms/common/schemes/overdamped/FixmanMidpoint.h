@@ -37,17 +37,21 @@ private:
             m.thermalWrench(OverdampedMove::Second, noise2);
             noise += noise2;
         }
-        m.solve(total, U);
+        slip.resize(0, 0);
+        m.addFlow(slip);
+        m.solve(total, slip, U);
         m.goFromStart(m.h / 2, U);
     }
     void correct(OverdampedMove& m) {
         m.atPresent();
         total = m.force;
         if (m.kT > 0) total += std::sqrt(m.kT / m.h) * noise;
-        m.solve(total, U);
+        slip.resize(0, 0);
+        m.addFlow(slip);
+        m.solve(total, slip, U);
         m.goFromStart(m.h, U);
     }
-    Vectors total, noise, noise2, U;
+    Vectors total, noise, noise2, slip, U;
 };
 
 }  // namespace RigidHIPlugin

@@ -31,13 +31,18 @@ private:
     void predict(OverdampedMove& m) {
         m.atStart();
         if (m.kT == 0) {
-            m.solve(m.force, U_start);
+            slip.resize(0, 0);
+            withFlow = slip;
+            m.addFlow(withFlow);
+            m.solve(m.force, withFlow, U_start);
         } else {
             m.drawForSlips(OverdampedMove::First);
             m.thermalSlip(slip);
             slip *= std::sqrt(2 * m.kT / m.h);
             if (m.driftIsKnown()) {
-                m.solve(m.force, slip, U_start);
+                withFlow = slip;
+                m.addFlow(withFlow);
+                m.solve(m.force, withFlow, U_start);
                 drift.setZero(m.getNumRows(), 1);
                 m.addKnownDrift(m.kT, drift);
             } else {
@@ -47,6 +52,7 @@ private:
                 both << m.directions, m.force;
                 slips_both.setZero(slip.rows(), 2);
                 slips_both.col(1) = slip;
+                m.addFlow(slips_both, 1, 2);
                 m.solve(both, slips_both, U_both);
                 U_start = U_both.col(1);
                 m.drawTractions(forceDifference, difference);
@@ -57,19 +63,21 @@ private:
     }
     void correct(OverdampedMove& m) {
         m.atPresent();
+        withFlow = slip;
+        m.addFlow(withFlow);
         if (m.kT == 0) {
-            m.solve(m.force, U);
+            m.solve(m.force, withFlow, U);
         } else if (m.driftIsKnown()) {
-            m.solve(m.force, slip, U);
+            m.solve(m.force, withFlow, U);
             U += 2 * drift;
         } else {
             total = m.force + 2 * m.kT * forceDifference;
-            m.solve(total, slip, U);
+            m.solve(total, withFlow, U);
         }
         U = 0.5 * (U + U_start);
         m.goFromStart(m.h, U);
     }
-    Vectors total, U, U_start, slip, difference, forceDifference, drift;
+    Vectors total, U, U_start, slip, withFlow, difference, forceDifference, drift;
     Vectors both, U_both, slips_both;  // two columns
 };
 

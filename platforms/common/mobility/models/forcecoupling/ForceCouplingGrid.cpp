@@ -162,6 +162,19 @@ std::string ForceCouplingGrid::describe(const BoxVectors& box) const {
            text(resolution.getTolerance(), 3);
 }
 
+WaveFactors ForceCouplingGrid::waveFactors(double radius, double k) const {
+    return overGaussians().waveFactors(radius, k);
+}
+
+void ForceCouplingGrid::checkWave(const BoxVectors& box, int axis, int periods) const {
+    const int nodes = resolution.shapeFor(box).size[axis];
+    if (2 * periods < nodes) return;
+    throw OpenMM::OpenMMException("MobilityForce: a wave of " + text(periods) + " periods along the edge " +
+                                  text(axis) + " of the box is too short for a grid of " + text(nodes) +
+                                  " nodes along it; take an index below " + text((nodes + 1) / 2) +
+                                  ", or a finer grid by setGridSpacing()");
+}
+
 void ForceCouplingGrid::drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
                                   std::unique_ptr<RandomField>& field) const {
     if (!field) field.reset(new Field(*this));

@@ -37,6 +37,8 @@ public:
     bool isMatrixFree() const override { return true; }
     bool isAnchored() const override { return true; }
     bool hasOwnRandomField() const override { return true; }
+    WaveFactors waveFactors(double radius, double k) const override;
+    void checkWave(const BoxVectors& box, int axis, int periods) const override;
     GridSeconds getGridSeconds() const override { return fluid->getSeconds(); }
     void drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
                    std::unique_ptr<RandomField>& field) const override;

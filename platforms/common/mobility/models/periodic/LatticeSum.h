@@ -20,6 +20,8 @@ public:
     /** s(k) and t(k) of a particle of radius a; both are 1 at k = 0. */
     virtual double ofForce(double a, double k) const = 0;
     virtual double ofTorque(double a, double k) const = 0;
+    /** Both. */
+    WaveFactors waveFactors(double a, double k) const { return {ofForce(a, k), ofTorque(a, k)}; }
     /** Two particles in unbounded fluid, at any distance. @param torques, stresslets  whether these are asked for too */
     virtual PairFunctions free(double a_i, double a_j, double distance, bool torques, bool stresslets) const = 0;
     /**

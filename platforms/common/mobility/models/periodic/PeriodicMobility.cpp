@@ -29,6 +29,22 @@ void checkPeriodicRows(int rows, int largestRows) {
         "setGroups()");
 }
 
+void PeriodicMobility::checkWave(const BoxVectors& box, int axis, int periods) const {
+    checkPeriodicWave(box, axis, periods);
+}
+
+void checkPeriodicWave(const BoxVectors& box, int axis, int periods) {
+    const double rounding = 1e-9;
+    for (const OpenMM::Vec3& vector : box) {
+        const double phase = periods * vector[axis] / box[axis][axis];
+        if (std::abs(phase - std::round(phase)) <= rounding * std::max(1.0, std::abs(phase))) continue;
+        throw OpenMM::OpenMMException("MobilityForce: setSinusoidalForceDensity(): a wave of " + text(periods) +
+                                      " periods along the edge " + text(axis) +
+                                      " of the box is not periodic along its vector " + text(vector) +
+                                      " nm; take another wave axis or index, or an orthogonal box");
+    }
+}
+
 std::string PeriodicMobility::coincidence(const Placement& placement, const Lattice& lattice) const {
     for (int i = 0; i < particles.size(); i++)
         for (int j = 0; j < i; j++) {

@@ -22,10 +22,14 @@ public:
     bool isHomogeneous() const override { return true; }
     bool hasProducts() const override { return false; }
     virtual const Spreading& spreading() const = 0;
+    WaveFactors waveFactors(double radius, double k) const override { return spreading().waveFactors(radius, k); }
+    void checkWave(const BoxVectors& box, int axis, int periods) const override;
     /** Why the particles have no mobility in this box at all: two of one radius whose images coincide; empty where they have one. */
     std::string coincidence(const Placement& placement, const Lattice& lattice) const;
 };
 
+/** @throws OpenMMException if a wave of so many periods along an axis is not periodic in the box, a triclinic one */
+void checkPeriodicWave(const BoxVectors& box, int axis, int periods);
 /** @throws OpenMMException for more rows than a dense matrix may have */
 void checkPeriodicRows(int rows, int largestRows);
 

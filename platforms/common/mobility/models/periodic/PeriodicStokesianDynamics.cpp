@@ -8,6 +8,7 @@
 #include "linearalgebra/CholeskyFactor.h"
 #include "linearalgebra/SymmetricProduct.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
+#include "mobility/models/stokesian/ForceTorqueStresslet.h"
 #include "openmmrigidhi/internal/Messages.h"
 
 namespace RigidHIPlugin {
@@ -42,6 +43,14 @@ public:
     void apply(const MatrixXd& forces, MatrixXd& velocities) override;
     void dense(MatrixXd& mobility) override;
     void friction(MatrixXd& friction) override;
+    void addStressletsOf(const DrivenFlow& flow, MatrixXd& slips) override {
+        if (!responseIsKnown) {
+            responseIsWanted = true;  // from now on it is kept whenever its matrices are there
+            farFieldIsKnown = false;
+            makeFarField();
+        }
+        slips.col(0) += response.velocities(model.strainRates(flow, positions));
+    }
 
 protected:
     void moveTo(const Placement& placement, bool) override;
@@ -56,6 +65,8 @@ private:
     const double largestRadius;
     std::vector<OpenMM::Vec3> positions;
     std::vector<Vector3d> images;
+    StressletResponse response;
+    bool responseIsWanted = false, responseIsKnown = false;
     MatrixXd all, strains, coupling, scratch;
     MatrixXd farField, frictionMatrix, mobilityMatrix;
     CholeskyFactor factor;
@@ -66,7 +77,7 @@ void Place::moveTo(const Placement& placement, bool) {
     sum.setBox(placement.box);
     images = sum.getLattice().within(nothingFrom * largestRadius + sum.getLattice().getReach());
     positions = placement.positions;
-    farFieldIsKnown = frictionIsKnown = mobilityIsKnown = false;
+    farFieldIsKnown = frictionIsKnown = mobilityIsKnown = responseIsKnown = false;
 }
 
 /** From forces and torques, where the stresslets S = -M_ES^-1 M_EF F keep every sphere rigid. */
@@ -79,6 +90,11 @@ void Place::makeFarField() {
     strains = all.bottomRightCorner(stresslets, stresslets);
     if (!factor.compute(strains)) refuseIndefiniteSpheres(particles.size());
     factor.solveL(coupling);
+    if (responseIsWanted) {
+        response.factor = factor.L();
+        response.halfCoupling = coupling;
+    }
+    responseIsKnown = responseIsWanted;
     addProductOfColumns(coupling, -1, farField);
     mirrorLower(farField);
     farField *= 1 / (8 * M_PI * viscosity);
@@ -143,6 +159,14 @@ PeriodicStokesianDynamics::PeriodicStokesianDynamics(const HydrodynamicParticles
                                                      bool lubrication, double minimumGap)
     : StokesianDynamics(particles, viscosity, lubrication, minimumGap, true) {
     checkPeriodicRows(11 * particles.size(), largestRows);
+}
+
+WaveFactors PeriodicStokesianDynamics::waveFactors(double radius, double k) const {
+    return overSurfaces().waveFactors(radius, k);
+}
+
+void PeriodicStokesianDynamics::checkWave(const BoxVectors& box, int axis, int periods) const {
+    checkPeriodicWave(box, axis, periods);
 }
 
 std::string PeriodicStokesianDynamics::objection(const Placement& placement) const {

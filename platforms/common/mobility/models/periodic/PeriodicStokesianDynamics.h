@@ -24,6 +24,8 @@ public:
                               double minimumGap);
     std::string objection(const Placement& placement) const override;
     bool isIsotropic() const override { return false; }
+    WaveFactors waveFactors(double radius, double k) const override;
+    void checkWave(const BoxVectors& box, int axis, int periods) const override;
 
 protected:
     std::unique_ptr<MobilityAt> makePlace() const override;

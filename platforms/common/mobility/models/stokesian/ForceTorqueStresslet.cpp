@@ -52,7 +52,7 @@ struct PairMobility {
 }  // namespace
 
 MatrixXd forceTorqueStressletMobility(const std::vector<double>& radii, const std::vector<OpenMM::Vec3>& positions,
-                                      double viscosity) {
+                                      double viscosity, StressletResponse* response) {
     const int n = radii.size();
     MatrixXd mobility(6 * n, 6 * n), ss(5 * n, 5 * n), coupling(5 * n, 6 * n);  // coupling: E of F, T
     for (int i = 0; i < n; i++) {
@@ -86,7 +86,23 @@ MatrixXd forceTorqueStressletMobility(const std::vector<double>& radii, const st
     factor.matrixL().solveInPlace(coupling);
     mobility.selfadjointView<Eigen::Lower>().rankUpdate(coupling.transpose(), -1.0);
     mobility.triangularView<Eigen::StrictlyUpper>() = mobility.transpose();
+    if (response) {
+        response->factor = ss;
+        response->halfCoupling = coupling;
+    }
     return mobility / (8 * M_PI * viscosity);
+}
+
+Eigen::VectorXd StressletResponse::velocities(const Eigen::VectorXd& strainRates) const {
+    return -halfCoupling.transpose() * factor.triangularView<Eigen::Lower>().solve(strainRates);
+}
+
+Eigen::VectorXd StressletResponse::stresslets(const Eigen::VectorXd& forces, const Eigen::VectorXd& strainRates,
+                                              double viscosity) const {
+    Eigen::VectorXd half = halfCoupling * forces + factor.triangularView<Eigen::Lower>().solve(
+                                                       Eigen::VectorXd(8 * M_PI * viscosity * strainRates));
+    factor.triangularView<Eigen::Lower>().transpose().solveInPlace(half);
+    return -half;
 }
 
 }  // namespace RigidHIPlugin

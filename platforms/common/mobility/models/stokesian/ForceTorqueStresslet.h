@@ -9,6 +9,21 @@
 namespace RigidHIPlugin {
 
 /**
+ * The stresslets that keep spheres rigid among strain rates E of a driven flow, and forces and torques F: E + (C F + G S)/(8 pi eta) = 0. All in the basis of StressletBasis.h, five
+ * rows a sphere.
+ */
+struct StressletResponse {
+    Eigen::MatrixXd factor;        // L, Cholesky's factor of G, lower triangle
+    Eigen::MatrixXd halfCoupling;  // L^-1 C
+
+    /** Velocities and angular velocities that the stresslets of E give: -C^T G^-1 E. */
+    Eigen::VectorXd velocities(const Eigen::VectorXd& strainRates) const;
+    /** S = -G^-1 (C F + 8 pi eta E). */
+    Eigen::VectorXd stresslets(const Eigen::VectorXd& forces, const Eigen::VectorXd& strainRates,
+                               double viscosity) const;
+};
+
+/**
  * Mobility of rigid spheres whose surface tractions are a uniform force, a torque and a stresslet each ("FTS").
  *
  * Equation:  (U, Omega, E) = M (F, T, S), solved for the stresslets S that keep every sphere rigid, E = 0.
@@ -20,10 +35,12 @@ namespace RigidHIPlugin {
  * Limits:    pairs closer than contact are taken at contact along their line, which is no physical model of an overlap.
  *
  * @param viscosity  dalton/(nm ps)
+ * @param response   filled, where not null
  * @return 6n x 6n, rows Vx Vy Vz Wx Wy Wz of each sphere about its centre, lab frame
  */
 Eigen::MatrixXd forceTorqueStressletMobility(const std::vector<double>& radii,
-                                             const std::vector<OpenMM::Vec3>& positions, double viscosity);
+                                             const std::vector<OpenMM::Vec3>& positions, double viscosity,
+                                             StressletResponse* response = nullptr);
 
 }  // namespace RigidHIPlugin
 

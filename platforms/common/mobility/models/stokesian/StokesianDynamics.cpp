@@ -8,7 +8,9 @@
 #include <map>
 
 #include "mobility/models/stokesian/ForceTorqueStresslet.h"
+#include "mobility/models/stokesian/StressletBasis.h"
 #include "openmmrigidhi/internal/Messages.h"
+#include "rigidbody/EigenVec3.h"
 
 namespace RigidHIPlugin {
 
@@ -157,6 +159,14 @@ void StokesianDynamics::addLubrication(const Vector3d& toJ, int i, int j, double
         }
 }
 
+Eigen::VectorXd StokesianDynamics::strainRates(const DrivenFlow& flow, const std::vector<Vec3>& positions) const {
+    Eigen::VectorXd rates(5 * particles.size());
+    for (int i = 0; i < particles.size(); i++)
+        rates.segment<5>(5 * i) =
+            inStressletBasis(flow.strainRateAt(toEigen(positions[i]), waveFactors(particles.radii[i], flow.k)));
+    return rates;
+}
+
 namespace {
 
 class Place : public MobilityAt {
@@ -165,20 +175,33 @@ public:
     void apply(const MatrixXd& forces, MatrixXd& velocities) override;
     void dense(MatrixXd& mobility) override;
     void friction(MatrixXd& friction) override;
+    void addStressletsOf(const DrivenFlow& flow, MatrixXd& slips) override {
+        slips.col(0) += response().velocities(model.strainRates(flow, positions));
+    }
 
 protected:
     void moveTo(const Placement& placement, bool) override;
 
 private:
     const MatrixXd& frictionMatrix();
+    /** Made when first asked for. */
+    const StressletResponse& response() {
+        if (!responseIsKnown)
+            farFieldMobility = forceTorqueStressletMobility(particles.radii, positions, viscosity, &knownResponse);
+        responseIsKnown = true;
+        return knownResponse;
+    }
 
     const StokesianDynamics& model;
     std::vector<Vec3> positions;
     MatrixXd farFieldMobility, cachedFriction, factor;  // empty until they are needed
+    StressletResponse knownResponse;
+    bool responseIsKnown = false;
 };
 
 void Place::moveTo(const Placement& placement, bool) {
     positions = placement.positions;
+    responseIsKnown = false;
     farFieldMobility.resize(0, 0);
     cachedFriction.resize(0, 0);
     factor.resize(0, 0);

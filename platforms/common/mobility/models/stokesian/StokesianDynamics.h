@@ -48,6 +48,9 @@ public:
     bool hasProducts() const override { return false; }
     bool isMadeFromFriction() const override { return lubrication; }
     bool hasLubrication() const { return lubrication; }
+    bool hasStresslets() const override { return true; }
+    /** Strain rates at the spheres, five numbers each in the basis of StressletBasis.h. */
+    Eigen::VectorXd strainRates(const DrivenFlow& flow, const std::vector<OpenMM::Vec3>& positions) const;
     /**
      * Add a pair's lubrication to the friction of all particles. Of a sphere and its own image, i = j, the parts of both are added up.
      *

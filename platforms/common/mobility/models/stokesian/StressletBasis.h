@@ -16,6 +16,13 @@ inline Eigen::Matrix<double, 3, 5> contractBasis(const Eigen::Vector3d& r) {
     return v;
 }
 
+/** B_a : E, for a symmetric traceless tensor. */
+inline Eigen::Matrix<double, 5, 1> inStressletBasis(const Eigen::Matrix3d& E) {
+    Eigen::Matrix<double, 5, 1> numbers = Eigen::Matrix<double, 5, 1>::Zero();
+    for (int k = 0; k < 3; k++) numbers += contractBasis(Eigen::Vector3d::Unit(k)).transpose() * E.col(k);
+    return numbers;
+}
+
 /**
  * What stresslets S of two spheres that do not overlap do, in units of 1/(8 pi viscosity), with n the direction from j to i:
  *

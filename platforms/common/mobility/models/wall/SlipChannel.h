@@ -48,6 +48,10 @@ public:
     bool isAnchored() const override { return periodic->isAnchored(); }
     bool hasOwnRandomField() const override { return periodic->hasOwnRandomField(); }
     double rowsWorthIterations() const override { return periodic->rowsWorthIterations(); }
+    WaveFactors waveFactors(double radius, double k) const override { return periodic->waveFactors(radius, k); }
+    void checkWave(const BoxVectors& box, int axis, int periods) const override {
+        periodic->checkWave(twice(box), axis, periods);
+    }
     GridSeconds getGridSeconds() const override { return periodic->getGridSeconds(); }
     void drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
                    std::unique_ptr<RandomField>& field) const override;
