@@ -397,6 +397,9 @@ public:
     std::vector<double> getFrictionInContext(OpenMM::Context& context) const;
     std::vector<double> applyMobilityInContext(OpenMM::Context& context, const std::vector<double>& wrenches) const;
     std::vector<double> applyBlobMobilityInContext(OpenMM::Context& context, const std::vector<double>& forces) const;
+    std::vector<OpenMM::Vec3> getFlowInContext(OpenMM::Context& context, const std::vector<OpenMM::Vec3>& points) const;
+    std::vector<double> getFlowModeInContext(OpenMM::Context& context, int forceAxis, int waveAxis,
+                                             int waveVectorIndex) const;
     bool usesPeriodicBoundaryConditions() const;
 
     %extend {

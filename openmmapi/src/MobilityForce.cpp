@@ -344,6 +344,21 @@ vector<double> MobilityForce::applyBlobMobilityInContext(Context& context, const
     return kernel.applyBlobMobility(const_cast<MobilityForce*>(this)->getContextImpl(context), forces);
 }
 
+vector<Vec3> MobilityForce::getFlowInContext(Context& context, const vector<Vec3>& points) const {
+    IntegrateRigidBodiesKernel& kernel = kernelIn(context, "getFlowInContext()");
+    for (size_t i = 0; i < points.size(); i++)
+        if (!isFinite(points[i]))
+            fail("getFlowInContext()", "point " + text(i) + " is at " + text(points[i]) + " nm", "it must be finite",
+                 "give finite numbers");
+    return kernel.getFlow(const_cast<MobilityForce*>(this)->getContextImpl(context), points);
+}
+
+vector<double> MobilityForce::getFlowModeInContext(Context& context, int alongForce, int alongWave, int index) const {
+    IntegrateRigidBodiesKernel& kernel = kernelIn(context, "getFlowModeInContext()");
+    checkWave("getFlowModeInContext()", alongForce, alongWave, index);
+    return kernel.getFlowMode(const_cast<MobilityForce*>(this)->getContextImpl(context), alongForce, alongWave, index);
+}
+
 ForceImpl* MobilityForce::createImpl() const { return new MobilityForceImpl(*this); }
 
 void MobilityForceImpl::initialize(ContextImpl& context) {

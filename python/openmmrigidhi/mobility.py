@@ -552,6 +552,62 @@ class MobilityForce(_copies.Copies, _Base):
         context = _units.context(context, _where('applyBlobMobilityInContext'))
         return _units.VELOCITY.attach(_units.array(super().applyBlobMobilityInContext(context, rows.reshape(-1)), 3))
 
+    def getFlowInContext(self, context, points):
+        """Get the velocities of the fluid at points: the driven flow and what the bodies make of it.
+
+        In schemes without momenta it is the flow of the last step, at the poses where that had its forces (for DriftCorrectorFD, DriftCorrectorRFD
+        and FixmanMidpoint the mid-point): driven flow, nu times the random flow, and the flow of the forces that kept the bodies rigid. Its mean
+        has the Brownian stress, which a mean of the forces alone has not. A fluid on a grid has all modes of its random field in it; where
+        the model has no random field, the random flow is the mean of those that fit the particles' random velocities. Before a step, or after
+        poses or parameters were changed, it is the flow without noise at the present poses under the present forces. With LangevinHI it is
+        that of the friction forces at the present poses and velocities. Within a particle it is the flow of the particle's spread forces.
+
+        Parameters
+        ----------
+        context : openmm.Context
+            a Context whose System has this Force
+        points : array-like or Quantity of shape (m, 3)
+            nm; not behind walls
+
+        Returns
+        -------
+        Quantity of shape (m, 3)
+            nm/ps, lab frame
+
+        Notes
+        -----
+        Checkpoints and States hold what it needs of the last step. The cost is that of a step, and the work of each particle at each point, on a grid
+        that of each node at each point. Several groups of :meth:`setGroups`, and FreeDraining, have no common fluid: they are refused.
+        """
+        where = _where('getFlowInContext')
+        rows = _units.rows(points, _units.LENGTH, 3, where, 'points')
+        return _units.VELOCITY.attach(_units.array(super().getFlowInContext(_units.context(context, where), rows), 3))
+
+    def getFlowModeInContext(self, context, forceAxis, waveAxis, waveVectorIndex):
+        """Get the amplitudes of sin(k x_waveAxis) and cos(k x_waveAxis) in the component forceAxis of the flow of :meth:`getFlowInContext`.
+
+        k = 2 pi waveVectorIndex/L, with L the edge of the box along waveAxis. They are exact, without a grid: 2/(eta k^2 V) times the power of the
+        particles' forces on such a flow.
+
+        Parameters
+        ----------
+        context : openmm.Context
+            a Context whose System has this Force, with the boundary Periodic, or SlipChannel and both axes along its walls
+        forceAxis, waveAxis : int
+            0, 1, 2 for x, y, z; not the same
+        waveVectorIndex : int
+            periods of the wave in the box, at least 1
+
+        Returns
+        -------
+        Quantity of shape (2,)
+            amplitudes on sin and on cos, nm/ps
+        """
+        where = _where('getFlowModeInContext')
+        numbers = (_units.integer(value, where, name) for value, name in
+                   ((forceAxis, 'forceAxis'), (waveAxis, 'waveAxis'), (waveVectorIndex, 'waveVectorIndex')))
+        return _units.VELOCITY.attach(_units.array(super().getFlowModeInContext(_units.context(context, where), *numbers)))
+
     def usesPeriodicBoundaryConditions(self):
         """Get whether this Force makes the System periodic: whether the boundary is Periodic."""
         return super().usesPeriodicBoundaryConditions()

@@ -320,6 +320,29 @@ public:
     std::vector<double> applyBlobMobilityInContext(OpenMM::Context& context, const std::vector<double>& forces) const;
 
     /**
+     * Get the velocities of the fluid at points, nm/ps, lab frame: the driven flow and what bodies make of it, over all space (within a particle that of its spread forces).
+     *
+     * Schemes without momenta: the flow of the last step, at the poses where it had its forces (of DriftCorrectorFD and DriftCorrectorRFD, and FixmanMidpoint, the mid-point): driven flow,
+     * nu times the random flow, and the flow of the forces that kept bodies rigid. Its mean has the Brownian stress; a mean of forces alone has not. A model's own random field (a grid) is in it with all its
+     * modes; without one the random flow is the mean of those that fit the particles' random velocities. Before a step, or after poses or parameters were changed: without noise, at
+     * the present poses under the present forces. LangevinHI: that of the friction forces at present poses and velocities.
+     *
+     * The last step is saved in checkpoints and States. Cost: that of a step, and the work of each particle at each point; on a grid of each node at each point.
+     *
+     * @param points  nm
+     * @throws OpenMMException if one is not finite or behind a wall, for several groups of setGroups(), and for FreeDraining
+     */
+    std::vector<OpenMM::Vec3> getFlowInContext(OpenMM::Context& context, const std::vector<OpenMM::Vec3>& points) const;
+    /**
+     * Get the amplitudes of sin(k x_waveAxis) and of cos(k x_waveAxis) in the component forceAxis of the same flow, k = 2 pi waveVectorIndex/L, nm/ps: two numbers. Exact, without a grid:
+     * (2/(eta k^2 V)) times the power of the forces on such a flow (docs/THEORY.md). For the boundaries Periodic and SlipChannel (axes along its walls).
+     *
+     * @throws OpenMMException as getFlowInContext(), and for axes or an index as setSinusoidalForceDensity(), and other boundaries
+     */
+    std::vector<double> getFlowModeInContext(OpenMM::Context& context, int forceAxis, int waveAxis,
+                                             int waveVectorIndex) const;
+
+    /**
      * Get whether the fluid is periodic. OpenMM then has a box, and bodies that OpenMM does not know to be molecules are refused at
      * Context creation.
      */

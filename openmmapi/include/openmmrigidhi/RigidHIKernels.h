@@ -71,6 +71,10 @@ public:
     virtual std::vector<double> getFriction(OpenMM::ContextImpl& context) = 0;
     virtual std::vector<double> applyMobility(OpenMM::ContextImpl& context, const std::vector<double>& wrenches) = 0;
     virtual std::vector<double> applyBlobMobility(OpenMM::ContextImpl& context, const std::vector<double>& forces) = 0;
+    virtual std::vector<OpenMM::Vec3> getFlow(OpenMM::ContextImpl& context,
+                                              const std::vector<OpenMM::Vec3>& points) = 0;
+    virtual std::vector<double> getFlowMode(OpenMM::ContextImpl& context, int forceAxis, int waveAxis,
+                                            int waveVectorIndex) = 0;
     virtual int getNumRejectedSteps(OpenMM::ContextImpl& context) = 0;
 
     virtual void createCheckpoint(OpenMM::ContextImpl& context, std::ostream& stream) = 0;

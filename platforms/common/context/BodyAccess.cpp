@@ -181,6 +181,30 @@ vector<double> BodyAccess::applyMobility(const vector<double>& wrenches) {
     return asNumbers(fluid.apply(asVector(wrenches), scene.bodies, scene.arrays->positions()));
 }
 
+bool BodyAccess::flowNeedsForces(const char* method) {
+    Fluid& fluid = prepareFluid(method);
+    return !hasMomenta() && !fluid.lastStepIsPresent(scene.bodies, scene.arrays->positions());
+}
+
+Fluid::FlowQuestion BodyAccess::askForFlow() const {
+    scene.arrays->pullVelocities();
+    return {scene.bodies, *scene.freeParticles, scene.arrays->positions(), scene.arrays->velocities(), hasMomenta()};
+}
+
+vector<Vec3> BodyAccess::getFlow(const vector<Vec3>& points) {
+    const Velocities velocities = prepareFluid("getFlowInContext()").flowAt(points, askForFlow());
+    vector<Vec3> result;
+    for (int p = 0; p < velocities.cols(); p++)
+        result.push_back(Vec3(velocities(0, p), velocities(1, p), velocities(2, p)));
+    return result;
+}
+
+vector<double> BodyAccess::getFlowMode(int forceAxis, int waveAxis, int waveVectorIndex) {
+    const auto amplitudes =
+        prepareFluid("getFlowModeInContext()").flowMode(forceAxis, waveAxis, waveVectorIndex, askForFlow());
+    return {amplitudes[0], amplitudes[1]};
+}
+
 vector<double> BodyAccess::applyBlobMobility(const vector<double>& forces) {
     Fluid& fluid = prepareFluid("applyBlobMobilityInContext()");
     const int particles = scene.system.getNumParticles();

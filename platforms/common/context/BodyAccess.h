@@ -38,10 +38,15 @@ public:
     std::vector<double> getFriction();
     std::vector<double> applyMobility(const std::vector<double>& wrenches);
     std::vector<double> applyBlobMobility(const std::vector<double>& forces);
+    /** Whether the flow is that of present forces, which are to be evaluated before it is asked for. */
+    bool flowNeedsForces(const char* method);
+    std::vector<OpenMM::Vec3> getFlow(const std::vector<OpenMM::Vec3>& points);
+    std::vector<double> getFlowMode(int forceAxis, int waveAxis, int waveVectorIndex);
 
 private:
     void prepare(const char* method);
     Fluid& prepareFluid(const char* method);
+    Fluid::FlowQuestion askForFlow() const;
     void posesWereSet();
     bool hasMomenta() const;
     template <class Of>

@@ -88,7 +88,10 @@ void adoptBodies(const SavedState& saved, Scene& scene, ContextMirror& mirror) {
         bodies.setState(b, state);
         bodies.setAngularVelocity_lab(b, saved.bodies[b].omega_lab);
     }
-    if (scene.fluid) scene.fluid->setMemory(saved.memory, scene.integrator.getScheme());
+    if (scene.fluid) {
+        scene.fluid->setMemory(saved.memory, scene.integrator.getScheme());
+        scene.fluid->setLastStep(saved.lastStep, scene.integrator.getScheme());
+    }
     mirror.stateWasLoaded(saved, others);
     scene.noteChange();
 }
@@ -115,7 +118,11 @@ SavedState collectState(Scene& scene, ContextMirror& mirror) {
         body.stored = scene.bodies.getStoredState(b);
         saved.bodies.push_back(body);
     }
-    if (scene.fluid) saved.memory = scene.fluid->getMemory();
+    if (scene.fluid) {
+        saved.memory = scene.fluid->getMemory();
+        if (scene.fluid->lastStepIsPresent(scene.bodies, scene.arrays->positions()))
+            saved.lastStep = scene.fluid->getLastStep();
+    }
     saved.rounding = scene.arrays->rounding();
     if (!saved.rounding.isExact())
         for (int p : scene.stock.otherParticles)

@@ -110,6 +110,16 @@ vector<double> RigidBodyKernel::applyMobility(ContextImpl&, const vector<double>
     return access->applyMobility(wrenches);
 }
 
+vector<Vec3> RigidBodyKernel::getFlow(ContextImpl&, const vector<Vec3>& points) {
+    if (access->flowNeedsForces("getFlowInContext()")) stepper->evaluateForces();
+    return access->getFlow(points);
+}
+
+vector<double> RigidBodyKernel::getFlowMode(ContextImpl&, int forceAxis, int waveAxis, int waveVectorIndex) {
+    if (access->flowNeedsForces("getFlowModeInContext()")) stepper->evaluateForces();
+    return access->getFlowMode(forceAxis, waveAxis, waveVectorIndex);
+}
+
 vector<double> RigidBodyKernel::applyBlobMobility(ContextImpl&, const vector<double>& forces) {
     return access->applyBlobMobility(forces);
 }

@@ -18,7 +18,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-const int version = 2;
+const int version = 2, checkpointVersion = 3;                        // of States, of checkpoints
 const char checkpointMark[7] = {'R', 'I', 'G', 'I', 'D', 'H', 'I'};  // and the version's digit
 const char* const quaternionNames[4] = {"qw", "qx", "qy", "qz"};
 const char* const momentumNames[6] = {"px", "py", "pz", "lx", "ly", "lz"};
@@ -150,6 +150,20 @@ private:
     size_t at = 0;
 };
 
+void putMemory(string& bytes, const SchemeMemory& memory) {
+    put(bytes, (int32_t)memory.scheme.size());
+    bytes += memory.scheme;
+    put(bytes, (int32_t)memory.groups.size());
+    for (const auto& group : memory.groups) {
+        put(bytes, (int32_t)group.size());
+        for (const Eigen::MatrixXd& vectors : group) {
+            put(bytes, (int32_t)vectors.rows());
+            put(bytes, (int32_t)vectors.cols());
+            for (int i = 0; i < vectors.size(); i++) put(bytes, vectors.data()[i]);
+        }
+    }
+}
+
 SchemeMemory readMemory(ByteReader& reader) {
     SchemeMemory memory;
     memory.scheme = reader.characters(reader.count());
@@ -166,9 +180,9 @@ SchemeMemory readMemory(ByteReader& reader) {
     return memory;
 }
 
-void writeMemory(SerializationNode& root, const SchemeMemory& memory) {
+void writeMemory(SerializationNode& root, const char* name, const SchemeMemory& memory) {
     if (memory.groups.empty()) return;
-    SerializationNode& node = root.createChildNode("SchemeMemory");
+    SerializationNode& node = root.createChildNode(name);
     node.setStringProperty("scheme", memory.scheme);
     for (const auto& group : memory.groups) {
         SerializationNode& list = node.createChildNode("Group");
@@ -251,6 +265,8 @@ SavedState readNode(const StrictNode& root, int fileVersion) {
     for (const SerializationNode& child : root.children())
         if (child.getName() == "SchemeMemory")
             saved.memory = readMemory(StrictNode(child, "State"));
+        else if (child.getName() == "LastStep")
+            saved.lastStep = readMemory(StrictNode(child, "State"));
         else if (child.getName() == "RoundedPlatform")
             readRounded(StrictNode(child, "State"), saved);
     return saved;
@@ -284,17 +300,8 @@ void SavedState::write(ostream& checkpoint) const {
         put(bytes, (int32_t)body.geometry.sites.size());
         for (const Vec3& site : body.geometry.sites) put(bytes, site);
     }
-    put(bytes, (int32_t)memory.scheme.size());
-    bytes += memory.scheme;
-    put(bytes, (int32_t)memory.groups.size());
-    for (const auto& group : memory.groups) {
-        put(bytes, (int32_t)group.size());
-        for (const Eigen::MatrixXd& vectors : group) {
-            put(bytes, (int32_t)vectors.rows());
-            put(bytes, (int32_t)vectors.cols());
-            for (int i = 0; i < vectors.size(); i++) put(bytes, vectors.data()[i]);
-        }
-    }
+    putMemory(bytes, memory);
+    putMemory(bytes, lastStep);
     if (!rounding.isExact()) {
         put(bytes, rounding);
         put(bytes, (int32_t)particles.size());
@@ -305,7 +312,7 @@ void SavedState::write(ostream& checkpoint) const {
         }
     }
     checkpoint.write(checkpointMark, sizeof checkpointMark);
-    checkpoint.put(static_cast<char>('0' + version));
+    checkpoint.put(static_cast<char>('0' + checkpointVersion));
     const uint64_t length = bytes.size(), hash = hashOf(bytes);
     checkpoint.write(reinterpret_cast<const char*>(&length), sizeof length);
     checkpoint.write(reinterpret_cast<const char*>(&hash), sizeof hash);
@@ -318,9 +325,9 @@ SavedState SavedState::read(istream& checkpoint) {
     checkpoint.get(digit);
     if (!checkpoint || memcmp(mark, checkpointMark, sizeof mark) != 0 || digit < '1' || digit > '9')
         fail("the checkpoint was not written by this integrator; use one that was, or a State");
-    if (digit != '0' + version)
-        fail(string("the checkpoint has version ") + digit + ", but this library reads version " + to_string(version) +
-             "; load it with the library it was saved with, or use a State");
+    if (digit != '0' + checkpointVersion)
+        fail(string("the checkpoint has version ") + digit + ", but this library reads version " +
+             to_string(checkpointVersion) + "; load it with the library it was saved with, or use a State");
     uint64_t length = 0, hash = 0;
     checkpoint.read(reinterpret_cast<char*>(&length), sizeof length);
     checkpoint.read(reinterpret_cast<char*>(&hash), sizeof hash);
@@ -361,6 +368,7 @@ SavedState SavedState::read(istream& checkpoint) {
         saved.bodies.push_back(body);
     }
     saved.memory = readMemory(reader);
+    saved.lastStep = readMemory(reader);
     if (!reader.isAtEnd()) {
         saved.rounding = reader.get<Rounding>();
         saved.particles.resize(reader.count());
@@ -401,7 +409,8 @@ void SavedState::write(SerializationNode& node) const {
         for (int k = 0; k < 6; k++) exact.setDoubleProperty(momentumNames[k], saved.stored[7 + k]);
         for (const Vec3& site : g.sites) writeVector(body.createChildNode("Site"), "", site);
     }
-    writeMemory(root, memory);
+    writeMemory(root, "SchemeMemory", memory);
+    writeMemory(root, "LastStep", lastStep);
     if (rounding.isExact()) return;
     SerializationNode& rest = root.createChildNode("RoundedPlatform");
     rest.setDoubleProperty("positions", rounding.positions).setDoubleProperty("velocities", rounding.velocities);

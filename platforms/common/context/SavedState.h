@@ -46,6 +46,8 @@ struct SavedState {
     uint64_t positionsHash = 0, velocitiesHash = 0;
     std::vector<SavedBody> bodies;
     SchemeMemory memory;  // mostly empty
+    /** What the last step without momenta can be done again from, by who asks for its flow: in the form of a memory. */
+    SchemeMemory lastStep;
     /**
      * Of the platform it was saved on, whose arrays hold particles no better than this. Where it rounds, those in no body are saved
      * here too: bodies and they go on from their doubles if the arrays agree.

@@ -111,6 +111,28 @@ public:
     Eigen::VectorXd applyToBlobs(const Eigen::VectorXd& forces, const BodySet& bodies,
                                  const std::vector<OpenMM::Vec3>& positions);
 
+    /** Where bodies and free particles are, and what acts on them, when somebody asks for the flow of the fluid. */
+    struct FlowQuestion {
+        const BodySet& bodies;
+        const FreeParticles& freeParticles;
+        const std::vector<OpenMM::Vec3>& positions;
+        const std::vector<OpenMM::Vec3>& velocities;
+        bool hasMomenta;
+    };
+    /** Whether the last step without momenta led to where bodies and particles are, so that its flow is known. If not, that of the forces as last gathered is answered. */
+    bool lastStepIsPresent(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
+    /**
+     * Velocities of the fluid at points: of the last step, at the poses where it had its forces; or of the present forces or (LangevinHI) velocities.
+     * @throws OpenMMException for several groups, FreeDraining, and points beyond walls
+     */
+    Velocities flowAt(const std::vector<OpenMM::Vec3>& points, const FlowQuestion& question);
+    /** Likewise the amplitudes of sin(k x_b) e_a and cos(k x_b) e_a. @throws OpenMMException also for a boundary without such modes */
+    std::array<double, 2> flowMode(int forceAxis, int waveAxis, int waveVectorIndex, const FlowQuestion& question);
+    /** What the last step can be done again from, to be saved; without groups: nothing. */
+    SchemeMemory getLastStep() const;
+    /** @throws OpenMMException if it is not of these groups, or damaged */
+    void setLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme);
+
     /** The vectors of the Context's periodic box, from now on; zeros, as at first: there is none. */
     void setBox(const BoxVectors& box);
     const BoxVectors& getBox() const { return box; }
@@ -199,6 +221,21 @@ private:
     bool isDriven = false;
     const DrivenFlow* flowIfAny() const { return isDriven ? &flow : nullptr; }
     void findFlow();
+    void setTolerance(FluidGroup& group, const SchemeTraits& scheme, double difference) const;
+    /** The flow of one group: whose particles it comes from, and the move whose random field it has. */
+    struct FlowOfGroup {
+        FlowOfStep made;
+        std::unique_ptr<OverdampedMove> move;
+    };
+    void replay(FluidGroup& group, FlowOfGroup& flowOfGroup) const;
+    void flowOfForces(FluidGroup& group, const BodySet& bodies, const FreeParticles& freeParticles,
+                      const std::vector<OpenMM::Vec3>& positions, FlowOfGroup& flowOfGroup) const;
+    void flowOfVelocities(FluidGroup& group, const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions,
+                          const std::vector<OpenMM::Vec3>& velocities, FlowOfGroup& flowOfGroup) const;
+    template <class Add>
+    void forSources(FluidGroup& group, FlowOfGroup& flowOfGroup, const Add& add) const;
+    FluidGroup& onlyGroup(const char* method) const;
+    FlowOfGroup findFlowOfStep(FluidGroup& group, const FlowQuestion& question);
     std::string describeBox() const;
 };
 

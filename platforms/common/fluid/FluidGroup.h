@@ -11,12 +11,21 @@
 
 namespace RigidHIPlugin {
 
+/** The last step of a group without momenta: what it can be done again from, by those who ask for the flow of the fluid in it. */
+struct LastStep {
+    bool isKnown = false;
+    OverdampedStep step;
+    std::vector<Pose> start, end;
+    std::vector<Eigen::MatrixXd> forces;  // of each stage; empty: it has none
+};
+
 /** What a scheme without momenta needs of a group, and how far it is in the present step. */
 struct OverdampedProgress {
     BodyMobility* mobility = nullptr;
     std::unique_ptr<OverdampedMove> move;  // made at the first step without momenta
     std::unique_ptr<OverdampedScheme> scheme;
     std::vector<Eigen::MatrixXd> memoryAtStart;
+    LastStep last;
     int stage = 0;                                                 // stages of the present step that are done
     uint32_t attempt = 0;                                          // of the present step
     std::string objection;                                         // to where the last part led

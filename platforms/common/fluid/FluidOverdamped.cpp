@@ -49,6 +49,13 @@ bool Fluid::differencesIterate(const FluidGroup& group, const SchemeTraits& sche
     return false;
 }
 
+/** Of what iterates in a step with this finite-difference step. */
+void Fluid::setTolerance(FluidGroup& group, const SchemeTraits& scheme, double difference) const {
+    const bool iterate = differencesIterate(group, scheme);
+    group.overdamped.mobility->setTolerance(force.getSolverTolerance() * (iterate ? toleranceOfDifferences : 1),
+                                            iterate && difference < largestDifference);
+}
+
 /** The finite-difference step: as set, or by the errors of what is differenced. */
 double Fluid::differenceOf(const FluidGroup& group, const SchemeTraits& scheme, double wanted) const {
     if (wanted > 0) return wanted;
@@ -244,15 +251,24 @@ LoopResult Fluid::runStage(int stage, const StepSettings& settings, BodySet& bod
             OverdampedStep own = step;
             own.noise.attempt = group.overdamped.attempt;
             own.difference = differenceOf(group, settings.traits(), settings.difference);
-            const bool iterate = differencesIterate(group, settings.traits());
-            mobility.setTolerance(force.getSolverTolerance() * (iterate ? toleranceOfDifferences : 1),
-                                  iterate && own.difference < largestDifference);
+            setTolerance(group, settings.traits(), own.difference);
             group.readPoses(bodies, positions, move.start);
             move.begin(own);
+            group.overdamped.last.isKnown = false;
+            group.overdamped.last.step = own;
+            group.overdamped.last.start = move.start;
+            group.overdamped.last.forces.resize(entry.numStages());
         }
-        if (entry.needsForces(stage)) takeForces(group, bodies, freeParticles);
+        if (entry.needsForces(stage)) {
+            takeForces(group, bodies, freeParticles);
+            group.overdamped.last.forces[stage] = move.force;
+        }
         group.overdamped.scheme->run(stage, move);
         group.overdamped.stage++;
+        if (group.overdamped.stage == entry.numStages()) {
+            group.overdamped.last.end = move.present;
+            group.overdamped.last.isKnown = true;
+        }
         if (group.overdamped.stage < entry.numStages())
             group.overdamped.placesOfForces[group.overdamped.stage] = move.present;
         group.overdamped.isFinite = writePlaces(group, move.present, bodies, positions);

@@ -45,6 +45,10 @@ SpectralFunction SpectralFunction::inverseSquareRoot() {
     return {[](double x) { return 1 / std::sqrt(x); }, {}};
 }
 
+SpectralFunction SpectralFunction::inverse() {
+    return {[](double x) { return 1 / x; }, {}};
+}
+
 Lanczos::Lanczos(double tolerance, int maxIterations, double wanted)
     : tolerance(tolerance), maxIterations(maxIterations), wanted(wanted) {}
 

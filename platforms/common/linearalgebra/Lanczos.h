@@ -21,6 +21,8 @@ struct SpectralFunction {
     static SpectralFunction squareRoot();
     /** 1/sqrt(x) */
     static SpectralFunction inverseSquareRoot();
+    /** 1/x */
+    static SpectralFunction inverse();
 };
 
 /**

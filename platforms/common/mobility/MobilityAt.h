@@ -7,6 +7,8 @@
 #include <array>
 #include <vector>
 
+#include "mobility/FlowSources.h"
+
 namespace RigidHIPlugin {
 
 struct HydrodynamicParticles;
@@ -52,6 +54,13 @@ public:
     virtual void friction(Eigen::MatrixXd& friction);
     /** What all particles do because each resists the strain of a flow by its stresslet; added to rows of particles. Default: nothing, there are none. */
     virtual void addStressletsOf(const DrivenFlow& flow, Eigen::MatrixXd& slips) {}
+    /**
+     * What the fluid's flow comes from when these forces act on particles: forces and, where particles resist strain, stresslets; also that of a driven flow (null: none). Default: the forces.
+     */
+    virtual FlowSources sources(const Eigen::MatrixXd& forces, const DrivenFlow* flow) { return {forces, {}}; }
+    /** velocities += factor times what such sources make of the fluid at points, driven flow not included. @throws OpenMMException if the model does not know it (default) */
+    virtual void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points, double factor,
+                           Velocities& velocities);
     /** Seconds of the caller's thread in products with a grid; 0 for other models. */
     virtual double getSecondsOfGrid() const { return secondsOfGrid; }
 

@@ -41,6 +41,12 @@ void MobilityModel::follow(const DrivenFlow& flow, const Placement& placement, E
 
 MobilityAt::MobilityAt(const MobilityModel& model) : particles(model.getParticles()), viscosity(model.getViscosity()) {}
 
+void MobilityAt::addFlowAt(const FlowSources&, const std::vector<OpenMM::Vec3>&, double, Velocities&) {
+    throw OpenMM::OpenMMException(
+        "MobilityForce: the model does not know the flow at points of the fluid; ask for the velocities of bodies by "
+        "applyMobilityInContext()");
+}
+
 void MobilityAt::dense(Eigen::MatrixXd& mobility) {
     apply(Eigen::MatrixXd::Identity(particles.numRows, particles.numRows), mobility);
 }

@@ -105,6 +105,11 @@ public:
     void follow(const DrivenFlow& flow, const Placement& placement, Eigen::MatrixXd& slips) const;
     /** What a particle averages of a wave exp(ikx): the s(k) and t(k) of its force and torque. Default: of waves much longer than the radius. */
     virtual WaveFactors waveFactors(double radius, double k) const { return {}; }
+    /**
+     * Volume of the fluid in the box, nm^3, between walls where there are some; 0: it is not bounded. Sources make of a wave sin(kx) along the direction a the amplitude 2/(eta k^2 V)
+     * times their power on a flow of unit amplitude: M is symmetric.
+     */
+    virtual double fluidVolume(const BoxVectors& box) const { return 0; }
     /** Whether particles resist strain by stresslets of their own. Default: no. */
     virtual bool hasStresslets() const { return false; }
     /** @throws OpenMMException if a wave of so many periods along an axis of the box is too short for the model. Default: it is not */

@@ -1,7 +1,13 @@
 #ifndef RIGIDHI_RANDOM_FIELD_H_
 #define RIGIDHI_RANDOM_FIELD_H_
 
+#include <openmm/Vec3.h>
+
 #include <Eigen/Core>
+#include <vector>
+
+#include "mobility/DrivenFlow.h"
+#include "mobility/FlowSources.h"
 
 namespace RigidHIPlugin {
 
@@ -26,6 +32,10 @@ public:
     virtual bool hasGradients() const { return false; }
     /** These: dv_a/dx_b at (3 a + b, particle), of velocities, not of angular ones. */
     virtual void gradientsAt(const Placement& placement, bool nearby, Eigen::MatrixXd& gradients) {}
+    /** velocities += factor times the field at points of the fluid, of all modes that it has. */
+    virtual void addFlowAt(const std::vector<OpenMM::Vec3>& points, double factor, Velocities& velocities) = 0;
+    /** Its component along sin(k x_b + phase) e_a of a wave. */
+    virtual double amplitudeOf(const DrivenFlow& wave) = 0;
     /** Random numbers that were drawn for it. */
     virtual long long getNumRandomNumbers() const = 0;
 };

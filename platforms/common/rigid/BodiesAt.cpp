@@ -1,6 +1,8 @@
 #include "rigid/BodiesAt.h"
 
 #include "linearalgebra/Symmetrise.h"
+#include "mobility/models/stokesian/StressletBasis.h"
+#include "rigidbody/EigenVec3.h"
 
 using namespace Eigen;
 using namespace std;
@@ -63,31 +65,58 @@ void BodiesAt::follow(const DrivenFlow& flow, MatrixXd& slips) {
     place->addStressletsOf(flow, slips);
 }
 
+double BodiesAt::powerOn(const DrivenFlow& flow, const FlowSources& sources) const {
+    const MobilityModel& model = bodies.getModel();
+    MatrixXd velocities;
+    model.follow(flow, placement, velocities);
+    double power = velocities.col(0).dot(sources.forces.col(0));
+    if (sources.stresslets.size() == 0) return power;
+    const HydrodynamicParticles& particles = bodies.getParticles();
+    for (int i = 0; i < particles.size(); i++)
+        power += sources.stresslets.segment<5>(5 * i).dot(inStressletBasis(
+            flow.strainRateAt(toEigen(placement.positions[i]), model.waveFactors(particles.radii[i], flow.k))));
+    return power;
+}
+
 void BodiesAt::forceFreeTwists(const MatrixXd& slips, MatrixXd& twists) {
     if (bodies.getMotion().isIdentity()) {
         twists = slips;
         return;
     }
+    MatrixXd unused;
+    moveBodies(MatrixXd::Zero(bodies.getNumRows(), slips.cols()), slips, twists, unused);
+}
+
+void BodiesAt::particleForces(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) {
+    MatrixXd twists;
+    moveBodies(wrenches, slips, twists, forces);
+}
+
+void BodiesAt::moveBodies(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists, MatrixXd& forces) {
     costs.matrices++;
-    bodies.getMotion().fill(turns, K);
+    MatrixXd motion, M_inverse_K, M_inverse_slips = slips;
+    bodies.getMotion().fill(turns, motion);
     if (bodies.getModel().isMadeFromFriction()) {
         place->friction(M);
-        scratch.noalias() = K.transpose() * M * K;
-        twists.noalias() = K.transpose() * (M * slips);
+        M_inverse_K.noalias() = M * motion;
+        M_inverse_slips = M * slips;
     } else {
-        MatrixXd half = slips;
         place->dense(M);
         if (!factor.compute(M)) refuseIndefiniteMobility(bodies.getParticles().size());
-        factor.solveL(K);
-        factor.solveL(half);
-        scratch.noalias() = K.transpose() * K;
-        twists.noalias() = K.transpose() * half;
+        M_inverse_K = motion;
+        factor.solve(M_inverse_K);
+        factor.solve(M_inverse_slips);
     }
+    scratch.noalias() = motion.transpose() * M_inverse_K;
+    symmetrise(scratch);
+    twists = wrenches + motion.transpose() * M_inverse_slips;
+    bodies.getNullTwists().removeTorques(turns, twists);
     bodies.getNullTwists().lift(turns, scratch);
     inverting.compute(scratch);
     if (inverting.info() != Success) refuseIndefiniteFriction(bodies.getElements().size());
     inverting.solveInPlace(twists);
     bodies.getNullTwists().removeTurns(turns, twists);
+    forces = M_inverse_K * twists - M_inverse_slips;
 }
 
 const MatrixXd& BodiesAt::friction() {

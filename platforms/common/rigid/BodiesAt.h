@@ -56,8 +56,12 @@ public:
     MobilityAt& particles() { return *place; }
     /** Slips of particles in a driven flow, with what their stresslets do. */
     void follow(const DrivenFlow& flow, Eigen::MatrixXd& slips);
+    /** BodyMobility::powerOn() */
+    double powerOn(const DrivenFlow& flow, const FlowSources& sources) const;
     /** The twists of bodies without forces whose particles have these slips, (K^T M^-1 K)^-1 K^T M^-1 s, by matrices; own tensors have no part in it. */
     void forceFreeTwists(const Eigen::MatrixXd& slips, Eigen::MatrixXd& twists);
+    /** The forces of particles, M^-1 (K U - s), of bodies with these wrenches and slips (one column each), U = (K^T M^-1 K)^-1 (F + K^T M^-1 s); likewise. */
+    void particleForces(const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips, Eigen::MatrixXd& forces);
     /** Of all products so far: MobilityAt::getSecondsOfGrid(). */
     double getSecondsOfGrid() const { return place ? place->getSecondsOfGrid() : 0; }
     /** N, computed when first asked for. */
@@ -68,6 +72,8 @@ public:
 private:
     void checkPlaces();
     void computeFriction();
+    void moveBodies(const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips, Eigen::MatrixXd& twists,
+                    Eigen::MatrixXd& forces);
 
     const CoupledBodies& bodies;
     MobilityCosts& costs;

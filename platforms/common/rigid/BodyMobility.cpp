@@ -53,6 +53,36 @@ void BodyMobility::flowTwists(const DrivenFlow& flow, MatrixXd& twists) {
     solve(noWrenches, slips, twists);
 }
 
+void BodyMobility::forcesOfTwists(const MatrixXd& twists, const DrivenFlow* flow, MatrixXd& forces) {
+    MatrixXd relative = twists, slips;
+    if (slipSpace.areOfBodies()) {
+        if (flow) {
+            flowSlips(*flow, slips);
+            relative -= slips;
+        }
+        forces = friction() * relative;
+        return;
+    }
+    rigidSlips(getPoses(), twists, relative);
+    if (flow) {
+        flowSlips(*flow, slips);
+        relative -= slips;
+    }
+    forcesOfSlips(relative, forces);
+}
+
+FlowSources BodyMobility::flowSources(const MatrixXd& forces, const DrivenFlow* flow) {
+    BodiesAt& here = particlesHere();
+    if (!slipSpace.areOfBodies()) return here.particles().sources(forces, flow);
+    MatrixXd wrenches = forces, ofParticles, slips;
+    bodies.getOwnTensors().wrenchesForModel(here.getTurns(), wrenches);
+    if (bodies.getMotion().isIdentity()) return here.particles().sources(wrenches, flow);
+    slips.setZero(bodies.getNumParticleRows(), 1);
+    if (flow) here.follow(*flow, slips);
+    particleForces(wrenches, slips, ofParticles);
+    return here.particles().sources(ofParticles, flow);
+}
+
 bool BodyMobility::drawField(const NoiseStream& noise, uint32_t purpose, unique_ptr<RandomField>& field) const {
     if (!slipsAreOfField()) return false;
     bodies.getModel().drawField(noise, purpose, bodies.getBox(), field);

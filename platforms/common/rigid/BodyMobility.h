@@ -47,6 +47,7 @@ public:
      * @throws OpenMMException  as BodiesAt::setPoses()
      */
     virtual void setPoses(const std::vector<Pose>& poses, bool nearby = false) = 0;
+    const std::vector<Pose>& posesHere() const { return getPoses(); }
     /** The rotation of an element at the poses set last. */
     const Eigen::Matrix3d& getTurn(int element) const { return getTurns()[element]; }
     /**
@@ -91,6 +92,23 @@ public:
     void flowSlips(const DrivenFlow& flow, MatrixXd& slips);
     /** The twists of bodies that are free of forces in it. */
     void flowTwists(const DrivenFlow& flow, MatrixXd& twists);
+
+    // ---- The flow of the fluid
+    /** Forces where slips live (of particles, or wrenches of bodies) with which bodies are held at these twists, in a driven flow (null: none). */
+    void forcesOfTwists(const MatrixXd& twists, const DrivenFlow* flow, MatrixXd& forces);
+    /** Forces f there that would make the slips of thermalSlip() of the same W: M f = s. */
+    virtual void forcesOfThermalSlip(const MatrixXd& W, MatrixXd& forces) = 0;
+    /** What the fluid's flow comes from when getBlobForces() gave these forces at the poses set last; `flow`: the driven one, if that solve had it. */
+    FlowSources flowSources(const MatrixXd& forces, const DrivenFlow* flow);
+    /** MobilityAt::addFlowAt() there. */
+    void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points, double factor,
+                   Velocities& velocities) {
+        particlesHere().particles().addFlowAt(sources, points, factor, velocities);
+    }
+    /** The power of sources there on a flow: of forces on velocities of particles, torques on angular velocities, stresslets on strain rates. */
+    double powerOn(const DrivenFlow& flow, const FlowSources& sources) {
+        return particlesHere().powerOn(flow, sources);
+    }
 
     // ---- Noise
     /**
@@ -159,6 +177,12 @@ protected:
     virtual void forceFreeTwists(const MatrixXd& slips, MatrixXd& twists) {
         particlesHere().forceFreeTwists(slips, twists);
     }
+    /** Forces of particles whose bodies have these wrenches and slips, at the poses set last; likewise. */
+    virtual void particleForces(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) {
+        particlesHere().particleForces(wrenches, slips, forces);
+    }
+    /** forces = M^-1 slips, of particles. */
+    virtual void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) = 0;
     virtual const std::vector<Pose>& getPoses() const = 0;
     virtual void beginSolving() {}
     virtual void endSolving() {}

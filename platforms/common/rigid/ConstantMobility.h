@@ -18,6 +18,7 @@ public:
     void multiplyNearby(const std::vector<Pose>& poses, const MatrixXd& lambda, MatrixXd& slips) override;
     void thermalWrench(const MatrixXd& W, MatrixXd& wrench) override;
     void thermalSlip(const MatrixXd& W, MatrixXd& slips) override;
+    void forcesOfThermalSlip(const MatrixXd& W, MatrixXd& forces) override { thermalWrench(W, forces); }
     Eigen::Vector3d uniformDivergence() const override;
     const MatrixXd& mobility() override;
     const MatrixXd& friction() override;
@@ -25,6 +26,8 @@ public:
 
 protected:
     const std::vector<Eigen::Matrix3d>& getTurns() const override { return turns; }
+    // Slips live on the body, whose inverse is the friction.
+    void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) override { forces = friction() * slips; }
     const std::vector<Pose>& getPoses() const override { return poses; }
     void forceFreeTwists(const MatrixXd& slips, MatrixXd& twists) override;
     BodiesAt& particlesHere() override;

@@ -109,6 +109,22 @@ void DenseMobility::thermalSlip(const MatrixXd& W, MatrixXd& slips) {
     slips.noalias() = M.L() * W;
 }
 
+void DenseMobility::forcesOfThermalSlip(const MatrixXd& W, MatrixXd& forces) {
+    if (getSlipSpace().areOfBodies()) {
+        thermalWrench(W, forces);
+        return;
+    }
+    factorise();
+    forces = W;
+    M.solveU(forces);
+}
+
+void DenseMobility::forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) {
+    factorise();
+    forces = slips;
+    M.solve(forces);
+}
+
 void DenseMobility::multiplyNearby(const vector<Pose>& poses, const MatrixXd& forces, MatrixXd& slips) {
     elsewhere.anchorTo(here);
     elsewhere.setPoses(poses, true);

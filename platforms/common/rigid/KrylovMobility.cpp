@@ -157,6 +157,43 @@ void KrylovMobility::thermalSlip(const MatrixXd& W, MatrixXd& slips) {
         solverAt(here).slipsFromScaled(scratch, slips);
 }
 
+void KrylovMobility::forcesOfThermalSlip(const MatrixXd& W, MatrixXd& forces) {
+    if (getSlipSpace().areOfBodies()) {
+        thermalWrench(W, forces);
+        return;
+    }
+    costs.roots++;
+    applyRoot(SpectralFunction::inverseSquareRoot(), W, scratch);
+    forcesFromScaled(scratch, forces);
+}
+
+void KrylovMobility::forcesFromScaled(const MatrixXd& x, MatrixXd& forces) {
+    if (spheres)
+        forces = ownScale.asDiagonal() * x;
+    else
+        solverAt(here).forcesFromScaled(x, forces);
+}
+
+void KrylovMobility::forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) {
+    MatrixXd scaledSlips;
+    if (spheres)
+        scaledSlips = ownScale.asDiagonal() * slips;
+    else
+        solverAt(here).scaledFromSlips(slips, scaledSlips);
+    applyRoot(SpectralFunction::inverse(), scaledSlips, scratch);
+    forcesFromScaled(scratch, forces);
+}
+
+void KrylovMobility::particleForces(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) {
+    const Solving timed(*this);
+    MatrixXd twists;
+    const int iterations =
+        solverAt(here).solve(here.particles(), wrenches, slips, tolerance, toleranceOfProducts, twists);
+    costs.iterations += iterations;
+    costs.products += (iterations + 1) * slips.cols();
+    solverAt(here).getBlobForces(forces);
+}
+
 const MatrixXd& KrylovMobility::mobility() {
     if (!bodies.isWorthIterations()) return here.mobility();
     // So many columns share what products compute of each pair; more take memory only.

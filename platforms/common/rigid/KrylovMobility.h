@@ -32,6 +32,7 @@ public:
     bool wrenchNoiseIsOfBodies() const override { return false; }
     void thermalWrench(const MatrixXd& W, MatrixXd& wrench) override;
     void thermalSlip(const MatrixXd& W, MatrixXd& slips) override;
+    void forcesOfThermalSlip(const MatrixXd& W, MatrixXd& forces) override;
     const MatrixXd& mobility() override;
     const MatrixXd& friction() override { return here.friction(); }
     void multiply(const MatrixXd& wrenches, MatrixXd& twists, double toleranceOfProducts = 0) override {
@@ -43,12 +44,15 @@ protected:
     const std::vector<Pose>& getPoses() const override { return here.getPoses(); }
     BodiesAt& particlesHere() override { return here; }
     void forceFreeTwists(const MatrixXd& slips, MatrixXd& twists) override;
+    void particleForces(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) override;
+    void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) override;
     void beginSolving() override;
     void endSolving() override;
 
 private:
     void multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists, double toleranceOfProducts);
     void applyRoot(const SpectralFunction& f, const MatrixXd& W, MatrixXd& result);
+    void forcesFromScaled(const MatrixXd& x, MatrixXd& forces);
     MultiblobSolver& solverAt(const BodiesAt& at);
 
     const bool spheres;  // K = 1 without own tensors, or with them

@@ -208,6 +208,22 @@ void MultiblobSolver::slipsFromScaled(const MatrixXd& x, MatrixXd& slips_lab) {
     turn(OfBlobs, false, scaled, slips_lab);
 }
 
+void MultiblobSolver::scaledFromSlips(const MatrixXd& slips_lab, MatrixXd& x) {
+    turn(OfBlobs, true, slips_lab, x);
+    for (size_t e = 0; e < shapes.size(); e++) {
+        auto own = x.middleRows(blobRow[e], numBlobRows[e]);
+        shapes[e]->M.matrixL().solveInPlace(own);
+    }
+}
+
+void MultiblobSolver::forcesFromScaled(const MatrixXd& x, MatrixXd& forces_lab) {
+    scaled.resize(x.rows(), x.cols());
+    for (size_t e = 0; e < shapes.size(); e++)
+        scaled.middleRows(blobRow[e], numBlobRows[e]) =
+            shapes[e]->M.matrixU().solve(x.middleRows(blobRow[e], numBlobRows[e]));
+    turn(OfBlobs, false, scaled, forces_lab);
+}
+
 void MultiblobSolver::wrenchesFromScaled(const MatrixXd& x, MatrixXd& wrenches_lab) {
     scaled.resize(numRows, x.cols());
     for (size_t e = 0; e < shapes.size(); e++) {

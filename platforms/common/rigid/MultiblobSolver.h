@@ -57,6 +57,9 @@ public:
     void multiplyScaled(MobilityAt& blobs, double tolerance, const Eigen::MatrixXd& x, Eigen::MatrixXd& y);
     /** slips = T L x */
     void slipsFromScaled(const Eigen::MatrixXd& x, Eigen::MatrixXd& slips_lab);
+    /** Its inverse, x = L^-1 T^T slips, and forces = T L^-T x. */
+    void scaledFromSlips(const Eigen::MatrixXd& slips_lab, Eigen::MatrixXd& x);
+    void forcesFromScaled(const Eigen::MatrixXd& x, Eigen::MatrixXd& forces_lab);
     /** wrenches = K^T T L^-T x */
     void wrenchesFromScaled(const Eigen::MatrixXd& x, Eigen::MatrixXd& wrenches_lab);
 

@@ -119,6 +119,37 @@ void OverdampedMove::addFlow(Vectors& slips, int column, int columns) {
     slips.col(column) += slipsOfFlow.col(0);
 }
 
+void OverdampedMove::recordSolve(double weight, int column, bool inFlow) {
+    if (!recorded) return;
+    Vectors forces;
+    mobility.getBlobForces(forces);
+    recorded->shares.push_back({weight, mobility.posesHere(), forces.col(column), inFlow && flow});
+}
+
+void OverdampedMove::recordThermalSlip(double weight) {
+    if (!recorded) return;
+    if (slipsAreOfField) {
+        recorded->fieldWeight += weight;
+        return;
+    }
+    Vectors forces;
+    mobility.forcesOfThermalSlip(W_slip, forces);
+    recorded->shares.push_back({weight, mobility.posesHere(), forces, false});
+}
+
+void OverdampedMove::recordTractions(double kT) {
+    if (!recorded) return;
+    recorded->shares.push_back({kT / centralStep, forward, lambda, false});
+    recorded->shares.push_back({-kT / centralStep, backward, lambda, false});
+}
+
+void OverdampedMove::recordFactor(double nu) {
+    if (!recorded) return;
+    for (FlowOfStep::Share& share : recorded->shares) share.weight *= nu;
+    recorded->fieldWeight *= nu;
+    recorded->flowWeight *= nu;
+}
+
 double OverdampedMove::divergenceOfField() { return mobility.divergenceOf(*field); }
 
 void OverdampedMove::noteDriftFactor(double nu) {

@@ -22,6 +22,21 @@ struct OverdampedStep {
 };
 
 /**
+ * What the flow of the fluid in a step is made of, whose mean is that of the flow which moves the bodies: shares of forces at poses, and so many times the model's random field. Where there
+ * is none, forces that would make the particles' thermal slips take its place: they give the mean of a random field with these slips.
+ */
+struct FlowOfStep {
+    struct Share {
+        double weight;
+        std::vector<Pose> poses;
+        Eigen::MatrixXd forces;  // where slips live: BodyMobility::flowSources()
+        bool inFlow;             // whether they come from a solve in the driven flow
+    };
+    std::vector<Share> shares;
+    double fieldWeight = 0, flowWeight = 1;  // of the random and the driven flow
+};
+
+/**
  * One group of bodies on its way through a step without momenta: the moves that schemes are made of.
  *
  * Schemes (OverdampedScheme.h) are written in these. Vectors are columns of a MatrixXd: wrenches (force, torque about the origin) and twists (V, W) have six rows a
@@ -39,6 +54,10 @@ public:
     /** Where a step starts, to be set before, and where it is. */
     std::vector<Pose> start, present;
     void begin(const OverdampedStep& step);
+    /** Record the flow of the step that begins, or (null) not. */
+    void record(FlowOfStep* flowOfStep) { recorded = flowOfStep; }
+    /** The model's random field, where the step has drawn it. */
+    RandomField* getField() const { return slipsAreOfField ? field.get() : nullptr; }
     BodyMobility& getMobility() { return mobility; }
     long long randomNumbers = 0;  // of this step
 
@@ -56,6 +75,15 @@ public:
      * flow nothing is done; slips without rows are none so far.
      */
     void addFlow(Vectors& slips, int column = 0, int columns = 1);
+    // The following say what the flow is that the scheme moves bodies with: for users who ask. They do nothing in a step that nobody has asked about.
+    /** It has `weight` times what comes from the forces of the last solve, a column of it. @param inFlow  whether that has had addFlow() */
+    void recordSolve(double weight, int column = 0, bool inFlow = true);
+    /** It has `weight` times the random flow of the last thermalSlip(). */
+    void recordThermalSlip(double weight);
+    /** It has kT times the change along the directions of what comes from the forces of drawTractions(). */
+    void recordTractions(double kT);
+    /** All of it is multiplied by nu. */
+    void recordFactor(double nu);
     /** N^(-1/2) W at the present poses: of covariance N^-1. */
     void thermalWrench(Draw draw, Vectors& wrench);
     /** Draw what thermalSlip() is made of, which then depends on poses only until the next drawing: the model's random field, or W. */
@@ -147,6 +175,7 @@ private:
     double differenceStep_ = 0;
     bool driftFactorScalesAll_ = false;
     const DrivenFlow* flow = nullptr;
+    FlowOfStep* recorded = nullptr;
     Vectors slipsOfFlow;
     long long numDriftFactors = 0;
     double driftFactorSquares = 0;  // of nu - 1

@@ -24,6 +24,18 @@ void Stepper::takeSteps(int number) {
     scene.arrays->endSteps();
 }
 
+void Stepper::evaluateForces() {
+    mirror.requirePositions("the flow of the fluid");
+    scene.arrays->beginSteps();
+    if (scene.isBuilt()) scene.updateSettings();
+    takeInChanges();
+    forces.drop();
+    forces.evaluate(scene.arrays->getTime());
+    // What the next step begins with it evaluates itself, as if nobody had asked.
+    forces.drop();
+    scene.arrays->endSteps();
+}
+
 void Stepper::takeStep() {
     mirror.requirePositions("step()");
     if (scene.isBuilt()) scene.updateSettings();

@@ -17,6 +17,8 @@ public:
      * exception, and bodies and particles as they were before the scheme began.
      */
     void takeSteps(int number);
+    /** Forces at the present poses and time, gathered for bodies and free particles. */
+    void evaluateForces();
 
 private:
     void takeStep();

@@ -63,6 +63,9 @@ private:
         }
         m.addFlow(slip);
         m.solve(m.force, slip, U);
+        m.recordSolve(1);
+        if (m.kT > 0) m.recordThermalSlip((m.driftFactorScalesAll() ? 1 : scale) * std::sqrt(2 * m.kT / m.h));
+        if (m.driftFactorScalesAll()) m.recordFactor(scale);
         m.goFromStart(m.driftFactorScalesAll() ? scale * m.h : m.h, U);
     }
 

@@ -26,6 +26,7 @@ public:
         sumUpWrenches(m);
         m.addFlow(thermalSlips);
         m.solve(total, thermalSlips, U);
+        m.recordSolve(1);
         m.goFromStart(m.h, U);
     }
 
@@ -42,6 +43,7 @@ protected:
             m.drawForSlips(OverdampedMove::First);
             m.thermalSlip(thermalSlips);
             thermalSlips *= std::sqrt(2 * m.kT / m.h);
+            m.recordThermalSlip(std::sqrt(2 * m.kT / m.h));
         } else {
             m.thermalWrench(OverdampedMove::First, noise);
             total += std::sqrt(2 * m.kT / m.h) * noise;
@@ -57,6 +59,7 @@ protected:
         m.addFlow(thermalSlips);
         if (m.kT > 0 && !m.driftIsKnown()) return false;
         m.solve(total, thermalSlips, U);
+        m.recordSolve(1);
         if (m.kT > 0) m.addKnownDrift(m.kT, U);
         return true;
     }

@@ -49,6 +49,7 @@ private:
         slip.resize(0, 0);
         m.addFlow(slip);
         m.solve(total, slip, U);
+        m.recordSolve(1);
         m.goFromStart(m.h, U);
     }
     Vectors total, noise, noise2, slip, U;

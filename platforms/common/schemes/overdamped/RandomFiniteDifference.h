@@ -27,10 +27,13 @@ public:
             slips_both.setZero(thermalSlips.rows(), thermalSlips.size() > 0 ? 2 : 0);
             if (thermalSlips.size() > 0) slips_both.col(0) = thermalSlips;
             m.solve(both, slips_both, U_both);
+            m.recordSolve(1);
             double delta = m.differenceStep();
             m.displace(delta, displaced);
+            m.recordSolve(-m.kT / delta, 1, false);
             m.at(displaced);
             m.solve(m.directions, difference);
+            m.recordSolve(m.kT / delta, 0, false);
             difference -= U_both.col(1);
             U = U_both.col(0) + (m.kT / delta) * difference;
         }

@@ -32,6 +32,8 @@ public:
             slip *= m.kT;
             if (thermalSlips.size() > 0) slip += thermalSlips;
             m.solve(total, slip, U);
+            m.recordSolve(1);
+            m.recordTractions(m.kT);
         }
         m.goFromStart(m.h, U);
     }

@@ -35,14 +35,17 @@ private:
             withFlow = slip;
             m.addFlow(withFlow);
             m.solve(m.force, withFlow, U_start);
+            m.recordSolve(0.5);
         } else {
             m.drawForSlips(OverdampedMove::First);
             m.thermalSlip(slip);
             slip *= std::sqrt(2 * m.kT / m.h);
+            m.recordThermalSlip(std::sqrt(2 * m.kT / m.h));
             if (m.driftIsKnown()) {
                 withFlow = slip;
                 m.addFlow(withFlow);
                 m.solve(m.force, withFlow, U_start);
+                m.recordSolve(0.5);
                 drift.setZero(m.getNumRows(), 1);
                 m.addKnownDrift(m.kT, drift);
             } else {
@@ -55,7 +58,9 @@ private:
                 m.addFlow(slips_both, 1, 2);
                 m.solve(both, slips_both, U_both);
                 U_start = U_both.col(1);
+                m.recordSolve(0.5, 1);
                 m.drawTractions(forceDifference, difference);
+                m.recordTractions(m.kT);
                 slip += 2 * m.kT * difference;
             }
         }
@@ -74,6 +79,7 @@ private:
             total = m.force + 2 * m.kT * forceDifference;
             m.solve(total, withFlow, U);
         }
+        m.recordSolve(0.5);
         U = 0.5 * (U + U_start);
         m.goFromStart(m.h, U);
     }

@@ -33,6 +33,14 @@ public:
         model.getFluid().multiplyRoughly(stencils, viscosity, forces, velocities);
     }
 
+    void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
+                   Velocities& velocities) override {
+        prepare();
+        GridFlow flow;
+        flow.spread(stencils, viscosity, sources.forces.col(0).data());
+        flow.addAt(points, factor, velocities);
+    }
+
 protected:
     void moveTo(const Placement& placement, bool nearby) override {
         model.checkBox(placement.box);
@@ -63,6 +71,8 @@ public:
     void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& newBox) {
         model.checkBox(newBox);
         box = newBox;
+        ofDraw = noise;
+        purposeOfDraw = purpose;
         stencils.layOut(model.getResolution().shapeFor(box));
         model.getFluid().draw(stencils, model.getViscosity(), noise, purpose, field);
         isThere = isAveraged = false;
@@ -72,6 +82,14 @@ public:
         if (!isAveraged) model.getFluid().average(field, stencils, velocities);
         isAveraged = true;
         slips = velocities;
+    }
+    void addFlowAt(const std::vector<Vec3>& points, double factor, Velocities& velocities) override {
+        GridFlow flow;
+        flow.draw(stencils, model.getViscosity(), CounterModeNoise(ofDraw, purposeOfDraw));
+        flow.addAt(points, factor, velocities);
+    }
+    double amplitudeOf(const DrivenFlow& wave) override {
+        return amplitudeOfMode(field.shape, model.getViscosity(), CounterModeNoise(ofDraw, purposeOfDraw), wave);
     }
     bool hasGradients() const override { return true; }
     void gradientsAt(const Placement& placement, bool nearby, MatrixXd& gradients) override {
@@ -100,6 +118,8 @@ private:
     GridField field;
     BoxVectors box;
     std::vector<Vec3> positions;
+    NoiseStream ofDraw;
+    uint32_t purposeOfDraw = 0;
     bool isThere = false, wasNearby = false, isAveraged = false;
     VectorXd velocities;
 };

@@ -37,6 +37,7 @@ public:
     bool isMatrixFree() const override { return true; }
     bool isAnchored() const override { return true; }
     bool hasOwnRandomField() const override { return true; }
+    double fluidVolume(const BoxVectors& box) const override { return box[0][0] * box[1][1] * box[2][2]; }
     WaveFactors waveFactors(double radius, double k) const override;
     void checkWave(const BoxVectors& box, int axis, int periods) const override;
     GridSeconds getGridSeconds() const override { return fluid->getSeconds(); }

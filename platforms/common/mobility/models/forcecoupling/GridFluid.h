@@ -99,12 +99,31 @@ private:
     void respond(double viscosity);
     void store(size_t at, const std::complex<double>* mode);
     void backward(GridField& field);
+    void drawInto(const GridShape& shape, double viscosity, const ModeNoise& noise);
 
+    friend class GridFlow;
     GridShape planned;
     void *forwardPlan = nullptr, *backwardPlan = nullptr;
     GridField work;
     AlignedArray modes[3];  // pairs of real and imaginary part
 };
+
+/** The flow on a grid at points between its nodes: the sum of its modes there, exactly. Cost: one operation for each mode and point. */
+class GridFlow {
+public:
+    /** The flow that forces make. */
+    void spread(const GridStencils& stencils, double viscosity, const double* forces);
+    /** The random field of GridFluid::draw(). */
+    void draw(const GridStencils& stencils, double viscosity, const ModeNoise& noise);
+    /** velocities += factor times it. */
+    void addAt(const std::vector<OpenMM::Vec3>& points, double factor, Eigen::Matrix3Xd& velocities);
+
+private:
+    PlainGridFluid fluid;
+};
+
+/** The component of the random field of GridFluid::draw() along sin(k x_b + phase) e_a of a wave. */
+double amplitudeOfMode(const GridShape& shape, double viscosity, const ModeNoise& noise, const DrivenFlow& wave);
 
 }  // namespace RigidHIPlugin
 

@@ -180,6 +180,12 @@ void PlainGridFluid::drawModes(const GridStencils& stencils, double viscosity, c
     field.shape = shape;
     field.rowLength = shape.size[2];
     for (AlignedArray& component : field.values) component.resize(shape.numNodes());
+    drawInto(shape, viscosity, noise);
+    backward(field);
+}
+
+/** The modes of the random field. */
+void PlainGridFluid::drawInto(const GridShape& shape, double viscosity, const ModeNoise& noise) {
     const double scale = 1 / std::sqrt(viscosity * shape.numNodes());
     forModes(shape, [&](size_t at, const int* index, const double* k, double k2) {
         complex<double> zeta[3] = {};
@@ -190,7 +196,53 @@ void PlainGridFluid::drawModes(const GridStencils& stencils, double viscosity, c
         }
         store(at, zeta);
     });
-    backward(field);
+}
+
+void GridFlow::spread(const GridStencils& stencils, double viscosity, const double* forces) {
+    fluid.prepare(stencils.getShape());
+    fluid.spread(stencils, forces);
+    fluid.respond(viscosity);
+}
+
+void GridFlow::draw(const GridStencils& stencils, double viscosity, const ModeNoise& noise) {
+    fluid.prepare(stencils.getShape());
+    fluid.drawInto(stencils.getShape(), viscosity, noise);
+}
+
+void GridFlow::addAt(const std::vector<OpenMM::Vec3>& points, double factor, Eigen::Matrix3Xd& velocities) {
+    const GridShape& shape = fluid.planned;
+    const int m = shape.numRowModes(), numPoints = points.size();
+    Eigen::MatrixXcd phases[3];  // exp(ikx) of index and point
+    for (int axis = 0; axis < 3; axis++) {
+        phases[axis].resize(axis == 2 ? m : shape.size[axis], numPoints);
+        for (int i = 0; i < phases[axis].rows(); i++)
+            for (int p = 0; p < numPoints; p++)
+                phases[axis](i, p) = std::polar(1.0, shape.waveNumber(axis, i) * points[p][axis]);
+    }
+    // The other half of the modes are conjugates; those with kz = 0 are all there.
+    phases[2].bottomRows(m - 1) *= 2;
+    factor /= std::sqrt(shape.volume() / shape.numNodes());
+    Eigen::MatrixXcd rows;
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < shape.size[0]; i++) {
+            const complex<double>* plane =
+                reinterpret_cast<const complex<double>*>(fluid.modes[c].data()) + (size_t)i * shape.size[1] * m;
+            rows.noalias() = phases[2].transpose() * Eigen::Map<const Eigen::MatrixXcd>(plane, m, shape.size[1]);
+            for (int p = 0; p < numPoints; p++)
+                velocities(c, p) += factor * (phases[0](i, p) * (rows.row(p) * phases[1].col(p))(0, 0)).real();
+        }
+}
+
+double amplitudeOfMode(const GridShape& shape, double viscosity, const ModeNoise& noise, const DrivenFlow& wave) {
+    int n[3] = {0, 0, 0};
+    double k[3] = {0, 0, 0};
+    n[wave.waveAxis] = std::lround(wave.k * shape.edge[wave.waveAxis] / (2 * M_PI));
+    k[wave.waveAxis] = wave.k;
+    complex<double> u[3];
+    noise.fill(&n[0], 1, n[1], n[2], u);
+    project(k, wave.k * wave.k, 1 / std::sqrt(viscosity * shape.volume()) / wave.k, u);
+    // u exp(ikx) and its conjugate: 2 Re(u) cos(kx) - 2 Im(u) sin(kx)
+    return 2 * u[wave.forceAxis].real() * std::sin(wave.phase) - 2 * u[wave.forceAxis].imag() * std::cos(wave.phase);
 }
 
 void PlainGridFluid::averageColumn(const GridField& field, const GridStencils& stencils, double* velocities) {

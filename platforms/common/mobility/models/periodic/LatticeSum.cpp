@@ -33,8 +33,10 @@ double screening(double x) { return (1 + x * x) * std::exp(-x * x); }
 
 }  // namespace
 
-LatticeSum::LatticeSum(const HydrodynamicParticles& particles, const Spreading& spreading, bool stresslets)
+LatticeSum::LatticeSum(const HydrodynamicParticles& particles, const Spreading& spreading, bool stresslets,
+                       bool forPoints)
     : particles(particles), spreading(spreading), stresslets(stresslets), kinds(particles.radii) {
+    if (forPoints) kinds.push_back(0);
     std::sort(kinds.begin(), kinds.end());
     kinds.erase(std::unique(kinds.begin(), kinds.end()), kinds.end());
     for (int i = 0; i < particles.size(); i++) {
@@ -133,68 +135,84 @@ void LatticeSum::compute(const std::vector<OpenMM::Vec3>& positions, bool contac
     mirrorLower(matrix);
 }
 
-/** Columns for k, both directions e across it, cosine and sine: of sum over particles D_j exp(-i k.r_j), along e. */
-void LatticeSum::addWaves(const std::vector<OpenMM::Vec3>& positions, MatrixXd& matrix) {
-    const int n = particles.size(), rows = getNumRows(), numWaves = waves.size();
-    // exp(-i n theta) along each reciprocal vector
-    Vector3i count(0, 0, 0);
-    for (const Vector3i& w : waves) count = count.cwiseMax(w.cwiseAbs());
-    phases.resize(3);
-    for (int d = 0; d < 3; d++) phases[d].resize(2 * count[d] + 1, n);
-    for (int i = 0; i < n; i++) {
-        const Vector3d f = lattice.fractions(positions[i]);
+void LatticeSum::fillPhases(const std::vector<OpenMM::Vec3>& places, Phases& at) const {
+    at.count.setZero();
+    for (const Vector3i& w : waves) at.count = at.count.cwiseMax(w.cwiseAbs());
+    at.along.resize(3);
+    for (int d = 0; d < 3; d++) at.along[d].resize(2 * at.count[d] + 1, places.size());
+    for (size_t i = 0; i < places.size(); i++) {
+        const Vector3d f = lattice.fractions(places[i]);
         for (int d = 0; d < 3; d++)
-            for (int m = 0; m <= count[d]; m++) {
+            for (int m = 0; m <= at.count[d]; m++) {
                 const double angle = 2 * M_PI * f[d] * m;
                 const std::complex<double> phase(std::cos(angle), -std::sin(angle));
-                phases[d](count[d] + m, i) = phase;
-                phases[d](count[d] - m, i) = std::conj(phase);
+                at.along[d](at.count[d] + m, i) = phase;
+                at.along[d](at.count[d] - m, i) = std::conj(phase);
             }
     }
-    columns.resize(rows, 4 * min(wavesAtOnce, numWaves));
-    for (int first = 0; first < numWaves; first += wavesAtOnce) {
-        const int size = min(wavesAtOnce, numWaves - first);
-        for (int w = first; w < first + size; w++) {
-            const Vector3d k = lattice.getReciprocal() * waves[w].cast<double>();
-            const Vector3d e[2] = {k.unitOrthogonal(), k.cross(k.unitOrthogonal()).normalized()};
-            const Vector3d half[2] = {0.5 * e[0].cross(k), 0.5 * e[1].cross(k)};
-            Eigen::Matrix<double, 1, 5> strain[2];
-            if (stresslets) {
-                const Eigen::Matrix<double, 3, 5> v = contractBasis(k);
-                for (int d = 0; d < 2; d++) strain[d] = e[d].transpose() * v;
-            }
-            for (int i = 0; i < n; i++) {
-                const std::complex<double> phase = waveWeights[w] * phases[0](count[0] + waves[w][0], i) *
-                                                   phases[1](count[1] + waves[w][1], i) *
-                                                   phases[2](count[2] + waves[w][2], i);
-                const double s = ofWaves.s(w, kind[i]), t = ofWaves.t(w, kind[i]);
-                const double cosine = s * phase.real(), sine = s * phase.imag();
-                // i times the phase, of torques; -i times it, of stresslets
-                const double turnedCosine = -t * phase.imag(), turnedSine = t * phase.real();
-                const int row = particles.firstRow[i];
-                for (int d = 0; d < 2; d++) {
-                    const int column = 4 * (w - first) + 2 * d;
-                    columns.block<3, 1>(row, column) = cosine * e[d];
-                    columns.block<3, 1>(row, column + 1) = sine * e[d];
-                    if (particles.hasTorque[i]) {
-                        columns.block<3, 1>(row + 3, column) = turnedCosine * half[d];
-                        columns.block<3, 1>(row + 3, column + 1) = turnedSine * half[d];
-                    }
-                    if (stresslets) {
-                        columns.block<5, 1>(firstStresslet(i), column) = -turnedCosine * strain[d].transpose();
-                        columns.block<5, 1>(firstStresslet(i), column + 1) = -turnedSine * strain[d].transpose();
-                    }
+}
+
+namespace {
+
+/** Two directions across a wave vector. */
+struct Across {
+    Vector3d e[2];
+    explicit Across(const Vector3d& k) : e{k.unitOrthogonal(), k.cross(k.unitOrthogonal()).normalized()} {}
+};
+
+}  // namespace
+
+/** Columns for k, both directions e across it, cosine and sine: of sum over particles D_j exp(-i k.r_j), along e. */
+void LatticeSum::fillColumns(int first, int size) {
+    for (int w = first; w < first + size; w++) {
+        const Vector3d k = lattice.getReciprocal() * waves[w].cast<double>();
+        const Across across(k);
+        const Vector3d* e = across.e;
+        const Vector3d half[2] = {0.5 * e[0].cross(k), 0.5 * e[1].cross(k)};
+        Eigen::Matrix<double, 1, 5> strain[2];
+        if (stresslets) {
+            const Eigen::Matrix<double, 3, 5> v = contractBasis(k);
+            for (int d = 0; d < 2; d++) strain[d] = e[d].transpose() * v;
+        }
+        for (int i = 0; i < particles.size(); i++) {
+            const std::complex<double> phase = waveWeights[w] * phases.of(waves[w], i);
+            const double s = ofWaves.s(w, kind[i]), t = ofWaves.t(w, kind[i]);
+            const double cosine = s * phase.real(), sine = s * phase.imag();
+            // i times the phase, of torques; -i times it, of stresslets
+            const double turnedCosine = -t * phase.imag(), turnedSine = t * phase.real();
+            const int row = particles.firstRow[i];
+            for (int d = 0; d < 2; d++) {
+                const int column = 4 * (w - first) + 2 * d;
+                columns.block<3, 1>(row, column) = cosine * e[d];
+                columns.block<3, 1>(row, column + 1) = sine * e[d];
+                if (particles.hasTorque[i]) {
+                    columns.block<3, 1>(row + 3, column) = turnedCosine * half[d];
+                    columns.block<3, 1>(row + 3, column + 1) = turnedSine * half[d];
+                }
+                if (stresslets) {
+                    columns.block<5, 1>(firstStresslet(i), column) = -turnedCosine * strain[d].transpose();
+                    columns.block<5, 1>(firstStresslet(i), column + 1) = -turnedSine * strain[d].transpose();
                 }
             }
         }
+    }
+}
+
+void LatticeSum::addWaves(const std::vector<OpenMM::Vec3>& positions, MatrixXd& matrix) {
+    const int numWaves = waves.size();
+    fillPhases(positions, phases);
+    columns.resize(getNumRows(), 4 * min(wavesAtOnce, numWaves));
+    for (int first = 0; first < numWaves; first += wavesAtOnce) {
+        const int size = min(wavesAtOnce, numWaves - first);
+        fillColumns(first, size);
         addProductOfRows(columns, 4 * size, 1, matrix);
     }
 }
 
-void LatticeSum::setPairWeights(int i, int j) {
-    const auto s_i = ofNodes.s.col(kind[i]), s_j = ofNodes.s.col(kind[j]), t_i = ofNodes.t.col(kind[i]),
-               t_j = ofNodes.t.col(kind[j]);
-    withTorques = particles.hasTorque[i] || particles.hasTorque[j];
+void LatticeSum::setPairWeights(int kind_i, int kind_j, bool torques) {
+    const auto s_i = ofNodes.s.col(kind_i), s_j = ofNodes.s.col(kind_j), t_i = ofNodes.t.col(kind_i),
+               t_j = ofNodes.t.col(kind_j);
+    withTorques = torques;
     ss = nodeWeights * s_i * s_j;
     if (!withTorques) return;
     st = nodeWeights * s_i * t_j;
@@ -291,17 +309,41 @@ PairFunctions difference(PairFunctions a, const PairFunctions& b) {
 
 }  // namespace
 
-void LatticeSum::addPairs(const std::vector<OpenMM::Vec3>& positions, bool contact, MatrixXd& matrix) {
+/** Calls add(r, |r|, screened) for the images of a pair, of a difference of places, that the range reaches. */
+template <class Add>
+void LatticeSum::forImages(const Vector3d& difference, const Add& add) {
     const double recurrenceFrom = 1 / step;
-    PairBlocks pair;
     PairFunctions far[numLanes], near;
+    found.clear();
+    for (const Vector3d& image : images) {
+        const Vector3d r = difference + image;
+        const double distance = r.norm();
+        if (distance > reach) continue;
+        if (distance > recurrenceFrom)
+            found.push_back(r);
+        else {
+            screenedNear(distance, near);
+            add(r, distance, near);
+        }
+    }
+    for (size_t first = 0; first < found.size(); first += numLanes) {
+        const int size = min<int>(numLanes, found.size() - first);
+        Lanes squares = Lanes::Constant(recurrenceFrom * recurrenceFrom);
+        for (int l = 0; l < size; l++) squares[l] = found[first + l].squaredNorm();
+        screenedFar(squares, far);
+        for (int l = 0; l < size; l++) add(found[first + l], std::sqrt(squares[l]), far[l]);
+    }
+}
+
+void LatticeSum::addPairs(const std::vector<OpenMM::Vec3>& positions, bool contact, MatrixXd& matrix) {
+    PairBlocks pair;
     for (int i = 0; i < particles.size(); i++)
         for (int j = 0; j <= i; j++) {
             const double a_i = particles.radii[i], a_j = particles.radii[j];
-            setPairWeights(i, j);
+            setPairWeights(kind[i], kind[j], particles.hasTorque[i] || particles.hasTorque[j]);
             pair.setZero();
-            const Vector3d r0 = lattice.wrapped(positions[i] - positions[j]);
-            const auto add = [&](const Vector3d& r, double distance, const PairFunctions& screened) {
+            forImages(lattice.wrapped(positions[i] - positions[j]), [&](const Vector3d& r, double distance,
+                                                                        const PairFunctions& screened) {
                 // At one place there is no direction; that of contact is along the line of centres.
                 const bool moved = contact && distance < a_i + a_j && distance > 0;
                 if (!moved)
@@ -312,26 +354,7 @@ void LatticeSum::addPairs(const std::vector<OpenMM::Vec3>& positions, bool conta
                     pair.add(spreading.free(a_i, a_j, a_i + a_j, withTorques, stresslets), scale * r, stresslets);
                     pair.add(difference(PairFunctions(), screened), r, stresslets);
                 }
-            };
-            found.clear();
-            for (const Vector3d& image : images) {
-                const Vector3d r = r0 + image;
-                const double distance = r.norm();
-                if (distance > reach) continue;
-                if (distance > recurrenceFrom)
-                    found.push_back(r);
-                else {
-                    screenedNear(distance, near);
-                    add(r, distance, near);
-                }
-            }
-            for (size_t first = 0; first < found.size(); first += numLanes) {
-                const int size = min<int>(numLanes, found.size() - first);
-                Lanes squares = Lanes::Constant(recurrenceFrom * recurrenceFrom);
-                for (int l = 0; l < size; l++) squares[l] = found[first + l].squaredNorm();
-                screenedFar(squares, far);
-                for (int l = 0; l < size; l++) add(found[first + l], std::sqrt(squares[l]), far[l]);
-            }
+            });
             if (i == j) {
                 // What images on both sides do to it cancels in these.
                 pair.tr.setZero();
@@ -341,6 +364,51 @@ void LatticeSum::addPairs(const std::vector<OpenMM::Vec3>& positions, bool conta
             }
             place(pair, i, j, matrix);
         }
+}
+
+void LatticeSum::addFlowAt(const std::vector<OpenMM::Vec3>& positions, const FlowSources& sources,
+                           const std::vector<OpenMM::Vec3>& points, double factor, Velocities& velocities) {
+    if (particles.size() == 0) return;
+    Eigen::VectorXd all(getNumRows());
+    all.head(particles.numRows) = sources.forces.col(0);
+    if (stresslets) all.tail(5 * particles.size()) = sources.stresslets;
+    Phases ofPoints;
+    fillPhases(positions, phases);
+    fillPhases(points, ofPoints);
+    const int numWaves = waves.size();
+    columns.resize(getNumRows(), 4 * min(wavesAtOnce, numWaves));
+    for (int first = 0; first < numWaves; first += wavesAtOnce) {
+        const int size = min(wavesAtOnce, numWaves - first);
+        fillColumns(first, size);
+        const Eigen::VectorXd amplitudes = columns.leftCols(4 * size).transpose() * all;
+        for (int w = 0; w < size; w++) {
+            const Across across(lattice.getReciprocal() * waves[first + w].cast<double>());
+            for (size_t p = 0; p < points.size(); p++) {
+                const std::complex<double> phase = waveWeights[first + w] * ofPoints.of(waves[first + w], p);
+                for (int d = 0; d < 2; d++)
+                    velocities.col(p) +=
+                        factor *
+                        (phase.real() * amplitudes[4 * w + 2 * d] + phase.imag() * amplitudes[4 * w + 2 * d + 1]) *
+                        across.e[d];
+            }
+        }
+    }
+    if (inverseSplitting == 0) return;
+    const int point = std::lower_bound(kinds.begin(), kinds.end(), 0.0) - kinds.begin();
+    for (int j = 0; j < particles.size(); j++) {
+        const bool torque = particles.hasTorque[j];
+        setPairWeights(point, kind[j], torque);
+        const int row = particles.firstRow[j];
+        const Vector3d force = all.segment<3>(row), T = torque ? Vector3d(all.segment<3>(row + 3)) : Vector3d(0, 0, 0);
+        const double* S = stresslets ? &all[firstStresslet(j)] : nullptr;
+        for (size_t p = 0; p < points.size(); p++)
+            forImages(lattice.wrapped(points[p] - positions[j]),
+                      [&](const Vector3d& r, double distance, const PairFunctions& screened) {
+                          const PairFunctions f = difference(
+                              spreading.free(0, particles.radii[j], distance, withTorques, stresslets), screened);
+                          velocities.col(p) += factor * velocityOf(f, r, force, T, S);
+                      });
+    }
 }
 
 /** Into the lower triangle. */

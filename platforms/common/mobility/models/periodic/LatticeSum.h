@@ -2,6 +2,7 @@
 #define RIGIDHI_LATTICE_SUM_H_
 
 #include <Eigen/Core>
+#include <complex>
 #include <vector>
 
 #include "mobility/MobilityModel.h"
@@ -22,7 +23,7 @@ public:
     virtual double ofTorque(double a, double k) const = 0;
     /** Both. */
     WaveFactors waveFactors(double a, double k) const { return {ofForce(a, k), ofTorque(a, k)}; }
-    /** Two particles in unbounded fluid, at any distance. @param torques, stresslets  whether these are asked for too */
+    /** Two particles in unbounded fluid, at any distance; a_i = 0 is a point of the fluid, outside or inside the other. @param torques, stresslets  whether these are asked for too */
     virtual PairFunctions free(double a_i, double a_j, double distance, bool torques, bool stresslets) const = 0;
     /**
      * In units of the depth q of sums (terms are cut where they are exp(-q^2)): a splitting of width 1/xi makes functions of the distance, of
@@ -51,8 +52,12 @@ public:
  */
 class LatticeSum {
 public:
-    /** @param stresslets  5 rows more for each particle, after all others: stresslets, and rates of strain */
-    LatticeSum(const HydrodynamicParticles& particles, const Spreading& spreading, bool stresslets);
+    /**
+     * @param stresslets  5 rows more for each particle, after all others: stresslets, and rates of strain
+     * @param forPoints   the sum is asked for the flow at points of the fluid: addFlowAt() instead of compute()
+     */
+    LatticeSum(const HydrodynamicParticles& particles, const Spreading& spreading, bool stresslets,
+               bool forPoints = false);
 
     /** Be in this box from now on. */
     void setBox(const BoxVectors& box);
@@ -64,6 +69,10 @@ public:
      * @param contact  whether the functions of overlapping pairs in unbounded fluid are to be those of contact
      */
     void compute(const std::vector<OpenMM::Vec3>& positions, bool contact, Eigen::MatrixXd& matrix);
+
+    /** velocities += factor times the flow of sources at points, in units of 1/(8 pi eta). Cost: 10 us for each particle and point. */
+    void addFlowAt(const std::vector<OpenMM::Vec3>& positions, const FlowSources& sources,
+                   const std::vector<OpenMM::Vec3>& points, double factor, Velocities& velocities);
 
     /** For tests: splits at this xi (1/nm) instead of the cheapest; 0: the cheapest. Before setBox(). */
     void setSplitting(double xi) { wantedSplitting = xi; }
@@ -81,9 +90,22 @@ private:
     double estimateCost(double inverseSplitting) const;
     void chooseSplitting();
     void fillFactors(const Eigen::ArrayXd& waveNumbers, Factors& factors) const;
+    /** exp(-i n theta) of places along each reciprocal vector, for the waves there are. */
+    struct Phases {
+        Eigen::Vector3i count;
+        std::vector<Eigen::MatrixXcd> along;  // [direction](n + count, place)
+        std::complex<double> of(const Eigen::Vector3i& wave, int place) const {
+            return along[0](count[0] + wave[0], place) * along[1](count[1] + wave[1], place) *
+                   along[2](count[2] + wave[2], place);
+        }
+    };
+    void fillPhases(const std::vector<OpenMM::Vec3>& places, Phases& phases) const;
+    void fillColumns(int firstWave, int size);
+    template <class Add>
+    void forImages(const Eigen::Vector3d& difference, const Add& add);
     void addWaves(const std::vector<OpenMM::Vec3>& positions, Eigen::MatrixXd& matrix);
     void addPairs(const std::vector<OpenMM::Vec3>& positions, bool contact, Eigen::MatrixXd& matrix);
-    void setPairWeights(int i, int j);
+    void setPairWeights(int kind_i, int kind_j, bool torques);
     void screenedNear(double distance, PairFunctions& f) const;
     void screenedFar(const Lanes& squares, PairFunctions (&f)[numLanes]) const;
     void place(const PairBlocks& pair, int i, int j, Eigen::MatrixXd& matrix) const;
@@ -114,7 +136,7 @@ private:
     bool withTorques = false;
     // of the present waves
     Eigen::MatrixXd columns;
-    std::vector<Eigen::MatrixXcd> phases;  // [direction](n + count, particle)
+    Phases phases;
     std::vector<Eigen::Vector3d> found;
 };
 

@@ -1,5 +1,6 @@
 #include "mobility/models/periodic/PairFunctions.h"
 
+#include <Eigen/Geometry>
 #include <cmath>
 
 #include "mobility/models/stokesian/StressletBasis.h"
@@ -8,6 +9,14 @@ namespace RigidHIPlugin {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
+
+Vector3d velocityOf(const PairFunctions& f, const Vector3d& r, const Vector3d& force, const Vector3d& torque,
+                    const double* stresslet) {
+    Vector3d velocity = f.ttI * force + f.ttR * r.dot(force) * r + f.tr * torque.cross(r);
+    if (!stresslet) return velocity;
+    const Vector3d Sr = contractBasis(r) * Eigen::Map<const Eigen::Matrix<double, 5, 1>>(stresslet);
+    return velocity + f.ts * Sr + f.tsR * r.dot(Sr) * r;
+}
 
 void PairBlocks::setZero() {
     tt.setZero();

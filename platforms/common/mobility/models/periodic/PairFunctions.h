@@ -18,6 +18,10 @@ struct PairFunctions {
     double ts = 0, tsR = 0, st = 0, stR = 0, rs = 0, ssI = 0, ssV = 0, ssR = 0;
 };
 
+/** What force, torque and stresslet (five numbers, or null) of j do to the velocity V_i above. */
+Eigen::Vector3d velocityOf(const PairFunctions& f, const Eigen::Vector3d& r, const Eigen::Vector3d& force,
+                           const Eigen::Vector3d& torque, const double* stresslet);
+
 /** The blocks of a pair, as a sum over images: rows i, columns j; S in the basis of StressletBasis.h. */
 struct PairBlocks {
     Eigen::Matrix3d tt, tr, rt, rr;

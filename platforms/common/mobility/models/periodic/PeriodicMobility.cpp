@@ -70,6 +70,7 @@ void LatticeSumAt::moveTo(const Placement& placement, bool nearby) {
     const std::string problem = nearby ? std::string() : model.coincidence(placement, sum.getLattice());
     if (!problem.empty()) throw OpenMM::OpenMMException("MobilityForce: " + problem);
     positions = placement.positions;
+    box = placement.box;
     isKnown = false;
 }
 
@@ -83,6 +84,13 @@ const MatrixXd& LatticeSumAt::matrix() {
 }
 
 void LatticeSumAt::apply(const MatrixXd& forces, MatrixXd& velocities) { velocities.noalias() = matrix() * forces; }
+
+void LatticeSumAt::addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points, double factor,
+                             Velocities& velocities) {
+    LatticeSum flow(particles, model.spreading(), false, true);
+    flow.setBox(box);
+    flow.addFlowAt(positions, sources, points, factor / (8 * M_PI * viscosity), velocities);
+}
 
 void LatticeSumAt::dense(MatrixXd& mobility) { mobility = matrix(); }
 

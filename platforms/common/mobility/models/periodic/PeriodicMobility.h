@@ -24,6 +24,7 @@ public:
     virtual const Spreading& spreading() const = 0;
     WaveFactors waveFactors(double radius, double k) const override { return spreading().waveFactors(radius, k); }
     void checkWave(const BoxVectors& box, int axis, int periods) const override;
+    double fluidVolume(const BoxVectors& box) const override { return Lattice(box).getVolume(); }
     /** Why the particles have no mobility in this box at all: two of one radius whose images coincide; empty where they have one. */
     std::string coincidence(const Placement& placement, const Lattice& lattice) const;
 };
@@ -39,6 +40,8 @@ public:
     explicit LatticeSumAt(const PeriodicMobility& model);
     void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
     void dense(Eigen::MatrixXd& mobility) override;
+    void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points, double factor,
+                   Velocities& velocities) override;
 
 protected:
     void moveTo(const Placement& placement, bool nearby) override;
@@ -47,6 +50,7 @@ private:
     const Eigen::MatrixXd& matrix();
     const PeriodicMobility& model;
     LatticeSum sum;
+    BoxVectors box = {};
     std::vector<OpenMM::Vec3> positions;
     Eigen::MatrixXd cached;
     bool isKnown = false;

@@ -2,6 +2,7 @@
 
 #include <openmm/OpenMMException.h>
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 
@@ -44,18 +45,28 @@ public:
     void dense(MatrixXd& mobility) override;
     void friction(MatrixXd& friction) override;
     void addStressletsOf(const DrivenFlow& flow, MatrixXd& slips) override {
-        if (!responseIsKnown) {
-            responseIsWanted = true;  // from now on it is kept whenever its matrices are there
-            farFieldIsKnown = false;
-            makeFarField();
-        }
+        makeResponse();
         slips.col(0) += response.velocities(model.strainRates(flow, positions));
+    }
+
+    FlowSources sources(const MatrixXd& forces, const DrivenFlow* flow) override;
+    void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points, double factor,
+                   Velocities& velocities) override {
+        LatticeSum sumAtPoints(particles, overSurfaces(), true, true);
+        sumAtPoints.setBox(box);
+        sumAtPoints.addFlowAt(positions, sources, points, factor / (8 * M_PI * viscosity), velocities);
     }
 
 protected:
     void moveTo(const Placement& placement, bool) override;
 
 private:
+    void makeResponse() {
+        if (responseIsKnown) return;
+        responseIsWanted = true;  // from now on it is kept whenever its matrices are there
+        farFieldIsKnown = false;
+        makeFarField();
+    }
     void makeFarField();
     void makeFriction();
     void invert(const MatrixXd& matrix, MatrixXd& inverse);
@@ -63,6 +74,7 @@ private:
     const PeriodicStokesianDynamics& model;
     LatticeSum sum;
     const double largestRadius;
+    BoxVectors box = {};
     std::vector<OpenMM::Vec3> positions;
     std::vector<Vector3d> images;
     StressletResponse response;
@@ -77,6 +89,7 @@ void Place::moveTo(const Placement& placement, bool) {
     sum.setBox(placement.box);
     images = sum.getLattice().within(nothingFrom * largestRadius + sum.getLattice().getReach());
     positions = placement.positions;
+    box = placement.box;
     farFieldIsKnown = frictionIsKnown = mobilityIsKnown = responseIsKnown = false;
 }
 
@@ -148,6 +161,15 @@ void Place::dense(MatrixXd& mobility) {
     mobility = mobilityMatrix;
 }
 
+FlowSources Place::sources(const MatrixXd& forces, const DrivenFlow* flow) {
+    makeResponse();
+    FlowSources result;
+    apply(forces, result.forces);
+    Eigen::LLT<MatrixXd>(farField).solveInPlace(result.forces);
+    result.stresslets = model.stressletsOf(response, result.forces, flow, positions);
+    return result;
+}
+
 void Place::apply(const MatrixXd& forces, MatrixXd& velocities) {
     dense(scratch);
     velocities.noalias() = scratch * forces;
@@ -164,6 +186,8 @@ PeriodicStokesianDynamics::PeriodicStokesianDynamics(const HydrodynamicParticles
 WaveFactors PeriodicStokesianDynamics::waveFactors(double radius, double k) const {
     return overSurfaces().waveFactors(radius, k);
 }
+
+double PeriodicStokesianDynamics::fluidVolume(const BoxVectors& box) const { return Lattice(box).getVolume(); }
 
 void PeriodicStokesianDynamics::checkWave(const BoxVectors& box, int axis, int periods) const {
     checkPeriodicWave(box, axis, periods);

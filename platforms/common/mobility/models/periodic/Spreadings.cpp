@@ -23,6 +23,7 @@ public:
         return 3 * phi[1];
     }
     PairFunctions free(double a_i, double a_j, double distance, bool, bool stresslets) const override {
+        if (a_i == 0 && !(distance * distance > a_j * a_j)) return insideOf(a_j, stresslets);
         const auto m = scalar::pairMobility(distance * distance, a_i, a_j);
         PairFunctions f;
         f.ttI = m.ttI;
@@ -56,6 +57,16 @@ public:
         return 2 * q / inverseSplitting;
     }
     bool convergesByWaves() const override { return false; }
+
+private:
+    /** The flow in a sphere over whose surface forces are spread: that of the surface, uniform, a rotation or a strain. */
+    static PairFunctions insideOf(double a, bool stresslets) {
+        PairFunctions f;
+        f.ttI = 4 / (3 * a);
+        f.tr = 1 / (a * a * a);
+        if (stresslets) f.ts = StressletPair(0, a, a).velocity(0, a).towards / a;
+        return f;
+    }
 };
 
 class OverGaussians : public Spreading {

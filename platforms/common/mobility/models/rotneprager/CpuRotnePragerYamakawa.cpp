@@ -9,6 +9,8 @@
 #include "hwy/contrib/math/math-inl.h"
 #include "hwy/highway.h"
 #include "mobility/models/rotneprager/CpuRotnePragerYamakawa.h"
+#include "mobility/models/rotneprager/FreeFlow.h"
+#include "mobility/models/wall/RotnePragerYamakawaWall.h"
 
 #undef RIGIDHI_TARGET
 #define RIGIDHI_TARGET HWY_NAMESPACE
@@ -443,6 +445,22 @@ void CpuRotnePragerYamakawaAt::split(int count, double pairs, const Task& task) 
 
 void CpuRotnePragerYamakawaAt::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
     multiply(forces, loads, velocities);
+}
+
+void CpuRotnePragerYamakawaAt::addFlowAt(const FlowSources& flowSources, const std::vector<OpenMM::Vec3>& points,
+                                         double factor, Velocities& velocities) {
+    std::vector<OpenMM::Vec3> positions(particles.size());
+    std::vector<double> weights(particles.size());
+    for (int j = 0; j < particles.size(); j++) {
+        const int p = model.particleOfSource[j];
+        positions[p] = OpenMM::Vec3(sources[4 * j], sources[4 * j + 1], sources[4 * j + 2]);
+        weights[p] = weight[model.slotOfSource[j]];
+    }
+    const double unit = factor / (8 * M_PI * viscosity);
+    if (model.wall)
+        addWallFlowAt(particles, positions, weights, model.wall->getHeight(), flowSources, points, unit, velocities);
+    else
+        addFreeFlowAt(particles, positions, flowSources, points, unit, velocities);
 }
 
 void CpuRotnePragerYamakawaAt::applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {

@@ -80,6 +80,8 @@ public:
      */
     void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
     void dense(Eigen::MatrixXd& mobility) override;
+    void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points, double factor,
+                   Velocities& velocities) override;
 
 protected:
     void moveTo(const Placement& placement, bool nearby) override;

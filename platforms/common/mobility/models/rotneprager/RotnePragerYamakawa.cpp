@@ -1,5 +1,6 @@
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
 
+#include "mobility/models/rotneprager/FreeFlow.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa-inl.h"
 
 using namespace OpenMM;
@@ -44,6 +45,10 @@ public:
     using MobilityAt::MobilityAt;
     void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
     void dense(Eigen::MatrixXd& mobility) override;
+    void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
+                   Velocities& velocities) override {
+        addFreeFlowAt(particles, positions, sources, points, factor / (8 * M_PI * viscosity), velocities);
+    }
 
 protected:
     void moveTo(const Placement& placement, bool) override { positions = placement.positions; }

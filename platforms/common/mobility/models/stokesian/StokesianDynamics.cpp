@@ -7,6 +7,7 @@
 #include <cmath>
 #include <map>
 
+#include "mobility/models/rotneprager/FreeFlow.h"
 #include "mobility/models/stokesian/ForceTorqueStresslet.h"
 #include "mobility/models/stokesian/StressletBasis.h"
 #include "openmmrigidhi/internal/Messages.h"
@@ -159,6 +160,13 @@ void StokesianDynamics::addLubrication(const Vector3d& toJ, int i, int j, double
         }
 }
 
+Eigen::VectorXd StokesianDynamics::stressletsOf(const StressletResponse& response, const MatrixXd& forces,
+                                                const DrivenFlow* flow, const std::vector<Vec3>& positions) const {
+    const Eigen::VectorXd rates =
+        flow ? strainRates(*flow, positions) : Eigen::VectorXd(Eigen::VectorXd::Zero(5 * particles.size()));
+    return response.stresslets(forces.col(0), rates, viscosity);
+}
+
 Eigen::VectorXd StokesianDynamics::strainRates(const DrivenFlow& flow, const std::vector<Vec3>& positions) const {
     Eigen::VectorXd rates(5 * particles.size());
     for (int i = 0; i < particles.size(); i++)
@@ -177,6 +185,19 @@ public:
     void friction(MatrixXd& friction) override;
     void addStressletsOf(const DrivenFlow& flow, MatrixXd& slips) override {
         slips.col(0) += response().velocities(model.strainRates(flow, positions));
+    }
+
+    FlowSources sources(const MatrixXd& forces, const DrivenFlow* flow) override {
+        FlowSources result;
+        apply(forces, result.forces);
+        response();
+        Eigen::LLT<MatrixXd>(farFieldMobility).solveInPlace(result.forces);
+        result.stresslets = model.stressletsOf(knownResponse, result.forces, flow, positions);
+        return result;
+    }
+    void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
+                   Velocities& velocities) override {
+        addFreeFlowAt(particles, positions, sources, points, factor / (8 * M_PI * viscosity), velocities);
     }
 
 protected:

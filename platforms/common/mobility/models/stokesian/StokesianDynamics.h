@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "mobility/MobilityModel.h"
+#include "mobility/models/stokesian/ForceTorqueStresslet.h"
 #include "mobility/models/stokesian/TwoSphereResistance.h"
 
 namespace RigidHIPlugin {
@@ -49,6 +50,9 @@ public:
     bool isMadeFromFriction() const override { return lubrication; }
     bool hasLubrication() const { return lubrication; }
     bool hasStresslets() const override { return true; }
+    /** Stresslets under forces without lubrication's, in a driven flow (null: none). */
+    Eigen::VectorXd stressletsOf(const StressletResponse& response, const Eigen::MatrixXd& forces,
+                                 const DrivenFlow* flow, const std::vector<OpenMM::Vec3>& positions) const;
     /** Strain rates at the spheres, five numbers each in the basis of StressletBasis.h. */
     Eigen::VectorXd strainRates(const DrivenFlow& flow, const std::vector<OpenMM::Vec3>& positions) const;
     /**

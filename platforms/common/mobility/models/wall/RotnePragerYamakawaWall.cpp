@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "mobility/models/rotneprager/FreeFlow.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall-inl.h"
 
 using namespace OpenMM;
@@ -60,6 +61,11 @@ public:
         : MobilityAt(model), wall(wall), positions(particles.size()), weights(particles.size()) {}
     void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
     void dense(Eigen::MatrixXd& mobility) override;
+    void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
+                   Velocities& velocities) override {
+        addWallFlowAt(particles, positions, weights, wall.getHeight(), sources, points, factor / (8 * M_PI * viscosity),
+                      velocities);
+    }
 
 protected:
     void moveTo(const Placement& placement, bool nearby) override;
@@ -140,6 +146,30 @@ void Place::dense(Eigen::MatrixXd& mobility) {
 }
 
 }  // namespace
+
+void addWallFlowAt(const HydrodynamicParticles& particles, const std::vector<Vec3>& positions,
+                   const std::vector<double>& weights, double wallHeight, const FlowSources& sources,
+                   const std::vector<Vec3>& points, double factor, Velocities& velocities) {
+    FlowSources weighted = sources;
+    for (int j = 0; j < particles.size(); j++)
+        weighted.forces.middleRows(particles.firstRow[j], particles.hasTorque[j] ? 6 : 3) *= weights[j];
+    std::vector<Vec3> fromWall = points;
+    for (Vec3& point : fromWall) point[2] -= wallHeight;
+    addFreeFlowAt(particles, positions, weighted, fromWall, factor, velocities);
+    for (int j = 0; j < particles.size(); j++) {
+        const int from = particles.firstRow[j];
+        const Vector force = rows(weighted.forces, from, 0, factor),
+                     torque = particles.hasTorque[j] ? rows(weighted.forces, from + 3, 0, factor) : Vector{0, 0, 0};
+        for (size_t p = 0; p < points.size(); p++) {
+            const Vec3 d = fromWall[p] - positions[j];
+            const WallMobility<double> image =
+                wallMobility(Vector{d[0], d[1], d[2]}, fromWall[p][2], positions[j][2], 0.0, particles.radii[j]);
+            Vector velocity = {0, 0, 0}, unused = {0, 0, 0};
+            addWallVelocities<1, false, true>(image, &force, &torque, &velocity, &unused);
+            velocities.col(p) += Eigen::Vector3d(velocity.x, velocity.y, velocity.z);
+        }
+    }
+}
 
 std::unique_ptr<MobilityAt> RotnePragerYamakawaWall::makePlace() const {
     return std::unique_ptr<MobilityAt>(new Place(*this, wall));

@@ -38,6 +38,16 @@ private:
     const NoSlipPlane wall;
 };
 
+/**
+ * As addFreeFlowAt(), above the wall.
+ *
+ * @param positions  z from the wall, at least the radius
+ * @param weights    of particles: what their forces are multiplied by
+ */
+void addWallFlowAt(const HydrodynamicParticles& particles, const std::vector<OpenMM::Vec3>& positions,
+                   const std::vector<double>& weights, double wallHeight, const FlowSources& sources,
+                   const std::vector<OpenMM::Vec3>& points, double factor, Velocities& velocities);
+
 }  // namespace RigidHIPlugin
 
 #endif

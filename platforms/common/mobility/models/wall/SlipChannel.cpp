@@ -43,6 +43,13 @@ public:
         fold(model, bothForces, 0.5, mobility);
     }
 
+    void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
+                   Velocities& velocities) override {
+        mirror(sources.forces);
+        std::vector<Vec3> inTwice;
+        for (const Vec3& point : points) inTwice.push_back(model.inTwice(point));
+        periodic->addFlowAt({bothForces, {}}, inTwice, factor, velocities);
+    }
     double getSecondsOfGrid() const override { return periodic ? periodic->getSecondsOfGrid() : 0; }
 
 protected:
@@ -89,6 +96,21 @@ public:
                 if ((a == 1) != (b == 1)) both.row(3 * a + b).tail(count) *= -1;
         gradients = std::sqrt(0.5) * (both.leftCols(count) + both.rightCols(count));
     }
+    void addFlowAt(const std::vector<Vec3>& points, double factor, Velocities& velocities) override {
+        std::vector<Vec3> there, mirrored;
+        for (const Vec3& point : points) {
+            there.push_back(model.inTwice(point));
+            mirrored.push_back(Vec3(there.back()[0], -there.back()[1], there.back()[2]));
+        }
+        factor *= std::sqrt(0.5);
+        periodic->addFlowAt(there, factor, velocities);
+        Velocities image = Velocities::Zero(3, points.size());
+        periodic->addFlowAt(mirrored, factor, image);
+        image.row(1) *= -1;
+        velocities += image;
+    }
+    /** Waves along the walls are their own images. */
+    double amplitudeOf(const DrivenFlow& wave) override { return std::sqrt(2.0) * periodic->amplitudeOf(wave); }
     long long getNumRandomNumbers() const override { return periodic->getNumRandomNumbers(); }
 
 private:

@@ -52,6 +52,11 @@ public:
     void checkWave(const BoxVectors& box, int axis, int periods) const override {
         periodic->checkWave(twice(box), axis, periods);
     }
+    double fluidVolume(const BoxVectors& box) const override { return 0.5 * periodic->fluidVolume(twice(box)); }
+    /** A point of the fluid in the box of twice the width. */
+    OpenMM::Vec3 inTwice(const OpenMM::Vec3& point) const {
+        return OpenMM::Vec3(point[0], point[1] - walls.low, point[2]);
+    }
     GridSeconds getGridSeconds() const override { return periodic->getGridSeconds(); }
     void drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
                    std::unique_ptr<RandomField>& field) const override;

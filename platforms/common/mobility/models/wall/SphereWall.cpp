@@ -138,6 +138,12 @@ public:
     void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
     void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
     void dense(Eigen::MatrixXd& mobility) override;
+    void addFlowAt(const FlowSources& sources, const vector<OpenMM::Vec3>& points, double factor,
+                   Velocities& velocities) override {
+        FlowSources inModel = sources;
+        multiply(inModel.forces, true);
+        inner->addFlowAt(inModel, points, factor, velocities);
+    }
 
 protected:
     void moveTo(const Placement& placement, bool nearby) override;

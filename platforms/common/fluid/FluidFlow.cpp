@@ -1,0 +1,313 @@
+// Fluid: the flow of the fluid itself, for users who ask.
+
+#include <openmm/OpenMMException.h>
+
+#include <cmath>
+#include <string>
+
+#include "fluid/Fluid.h"
+#include "linearalgebra/OneBlasThread.h"
+#include "mobility/Models.h"
+#include "openmmrigidhi/internal/Messages.h"
+#include "rigidbody/EigenVec3.h"
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+[[noreturn]] void fail(const char* method, const string& message) {
+    throw OpenMM::OpenMMException("MobilityForce: " + string(method) + ": " + message);
+}
+
+bool samePoses(const vector<Pose>& a, const vector<Pose>& b) {
+    bool same = a.size() == b.size();
+    for (size_t e = 0; same && e < a.size(); e++)
+        same = a[e].R == b[e].R && a[e].q.w == b[e].q.w && a[e].q.x == b[e].q.x && a[e].q.y == b[e].q.y &&
+               a[e].q.z == b[e].q.z;
+    return same;
+}
+
+/** How far a step that is done again may end from where it ended, relative to its largest move: parameters may have been changed since. */
+const double replayTolerance = 1e-2;
+
+MatrixXd toMatrix(const vector<Pose>& poses) {
+    MatrixXd numbers(7, poses.size());
+    for (size_t e = 0; e < poses.size(); e++)
+        numbers.col(e) << poses[e].R, poses[e].q.w, poses[e].q.x, poses[e].q.y, poses[e].q.z;
+    return numbers;
+}
+
+vector<Pose> toPoses(const MatrixXd& numbers) {
+    vector<Pose> poses(numbers.cols());
+    for (size_t e = 0; e < poses.size(); e++) {
+        poses[e].R = numbers.col(e).head<3>();
+        poses[e].q = {numbers(3, e), numbers(4, e), numbers(5, e), numbers(6, e)};
+    }
+    return poses;
+}
+
+/** The numbers of a step, but poses and forces. */
+MatrixXd toMatrix(const OverdampedStep& step) {
+    MatrixXd numbers(9, 1);
+    numbers << step.h, step.kT, step.difference, step.driftFactorScalesAll, step.noise.seed, double(step.noise.step),
+        step.noise.attempt, step.noise.law, step.noise.field;
+    return numbers;
+}
+
+OverdampedStep toStep(const MatrixXd& numbers) {
+    OverdampedStep step;
+    step.h = numbers(0);
+    step.kT = numbers(1);
+    step.difference = numbers(2);
+    step.driftFactorScalesAll = numbers(3) != 0;
+    step.noise.seed = numbers(4);
+    step.noise.step = numbers(5);
+    step.noise.attempt = numbers(6);
+    step.noise.law = numbers(7) == 1   ? NoiseStream::ThreePoint
+                     : numbers(7) == 2 ? NoiseStream::TwoPoint
+                                       : NoiseStream::Gaussian;
+    step.noise.field = numbers(8);
+    return step;
+}
+
+}  // namespace
+
+bool Fluid::lastStepIsPresent(const BodySet& bodies, const vector<OpenMM::Vec3>& positions) const {
+    vector<Pose> poses;
+    for (const auto& group : groups) {
+        if (!group->overdamped.last.isKnown) return false;
+        poses.resize(group->poses.size());
+        group->readPoses(bodies, positions, poses);
+        if (!samePoses(poses, group->overdamped.last.end)) return false;
+    }
+    return true;
+}
+
+FluidGroup& Fluid::onlyGroup(const char* method) const {
+    if (force.getModel() == MobilityForce::FreeDraining)
+        fail(method, "model FreeDraining has a fluid for each body, and no flow between them; use RotnePragerYamakawa");
+    if (groups.size() != 1)
+        fail(method, "there are " + to_string(groups.size()) +
+                         " groups of bodies, each in a fluid of its own; ask in a Context with one group");
+    if (!groups[0]->bodies.hasModel())
+        fail(method, "no particle has a hydrodynamic radius; give one to the particles that the fluid sees");
+    return *groups[0];
+}
+
+/** The last step once more, from what is known of it, on vectors of its own. */
+void Fluid::replay(FluidGroup& group, FlowOfGroup& result) const {
+    moveOf(group);  // there is none yet in a Context that took no step itself
+    const LastStep& last = group.overdamped.last;
+    const OverdampedEntry& entry = overdampedScheme(overdampedScheme_);
+    result.move.reset(new OverdampedMove(*group.overdamped.mobility));
+    OverdampedStep step = last.step;
+    step.flow = flowIfAny();
+    setTolerance(group, traitsOf(overdampedScheme_), step.difference);
+    OverdampedMove& move = *result.move;
+    move.start = last.start;
+    move.begin(step);
+    move.record(&result.made);
+    const unique_ptr<OverdampedScheme> scheme = entry.make();
+    const auto memory = scheme->memory();
+    for (size_t i = 0; i < memory.size() && i < group.overdamped.memoryAtStart.size(); i++)
+        *memory[i] = group.overdamped.memoryAtStart[i];
+    for (int stage = 0; stage < entry.numStages(); stage++) {
+        if (entry.needsForces(stage)) move.force = last.forces[stage];
+        scheme->run(stage, move);
+    }
+    move.record(nullptr);
+}
+
+/** Without noise, under the forces as last gathered. */
+void Fluid::flowOfForces(FluidGroup& group, const BodySet& bodies, const FreeParticles& freeParticles,
+                         const vector<OpenMM::Vec3>& positions, FlowOfGroup& result) const {
+    moveOf(group);
+    takeForces(group, bodies, freeParticles);
+    result.move.reset(new OverdampedMove(*group.overdamped.mobility));
+    OverdampedMove& move = *result.move;
+    OverdampedStep step;
+    step.flow = flowIfAny();
+    group.overdamped.mobility->setTolerance(force.getSolverTolerance());
+    group.readPoses(bodies, positions, move.start);
+    move.begin(step);
+    move.force = group.overdamped.move->force;
+    move.record(&result.made);
+    MatrixXd slips, twists;
+    move.atStart();
+    move.addFlow(slips);
+    move.solve(move.force, slips, twists);
+    move.recordSolve(1);
+    move.record(nullptr);
+}
+
+/** LangevinHI: of the friction forces, with which bodies are held at the velocities that they have. */
+void Fluid::flowOfVelocities(FluidGroup& group, const BodySet& bodies, const vector<OpenMM::Vec3>& positions,
+                             const vector<OpenMM::Vec3>& velocities, FlowOfGroup& result) const {
+    const auto& elements = group.bodies.getElements();
+    MatrixXd twists(group.bodies.getNumRows(), 1), forces;
+    for (size_t e = 0; e < elements.size(); e++) {
+        const int row = group.bodies.firstRow(e);
+        if (elements[e].isFree()) {
+            twists.block<3, 1>(row, 0) = toEigen(velocities[elements[e].particles[0]]);
+            continue;
+        }
+        const int body = elements[e].body;
+        twists.block<3, 1>(row, 0) = toEigen(bodies.getState(body).p) / bodies.inertia(body).mass;
+        twists.block<3, 1>(row + 3, 0) = toEigen(bodies.getAngularVelocity_lab(body));
+    }
+    BodyMobility& mobility = *group.overdamped.mobility;
+    mobility.setTolerance(force.getSolverTolerance());
+    const vector<Pose>& poses = group.readPoses(bodies, positions);
+    mobility.setPoses(poses);
+    mobility.forcesOfTwists(twists, flowIfAny(), forces);
+    result.made.shares.push_back({1, poses, forces, isDriven});
+}
+
+Fluid::FlowOfGroup Fluid::findFlowOfStep(FluidGroup& group, const FlowQuestion& question) {
+    FlowOfGroup result;
+    if (question.hasMomenta) {
+        flowOfVelocities(group, question.bodies, question.positions, question.velocities, result);
+        return result;
+    }
+    if (lastStepIsPresent(question.bodies, question.positions)) {
+        replay(group, result);
+        // Parameters that a user has changed since would lead elsewhere.
+        const LastStep& last = group.overdamped.last;
+        double largest = 0, off = 0;
+        for (size_t e = 0; e < last.end.size(); e++) {
+            largest = max(largest, (last.end[e].R - last.start[e].R).norm());
+            off = max(off, (last.end[e].R - result.move->present[e].R).norm());
+        }
+        if (off <= replayTolerance * largest) return result;
+        result = FlowOfGroup();
+    }
+    flowOfForces(group, question.bodies, question.freeParticles, question.positions, result);
+    return result;
+}
+
+/** Calls add(mobility at its poses, sources, weight) for each share of the flow. */
+template <class Add>
+void Fluid::forSources(FluidGroup& group, FlowOfGroup& flowOfGroup, const Add& add) const {
+    BodyMobility& mobility = *group.overdamped.mobility;
+    for (const FlowOfStep::Share& share : flowOfGroup.made.shares) {
+        // Displaced poses may reach a little beyond what the model accepts.
+        mobility.setPoses(share.poses, !mobility.objection(share.poses).empty());
+        const FlowSources sources = mobility.flowSources(share.forces, share.inFlow ? &flow : nullptr);
+        add(mobility, sources, share.weight);
+    }
+}
+
+Velocities Fluid::flowAt(const vector<OpenMM::Vec3>& points, const FlowQuestion& question) {
+    const OneBlasThread single;
+    const char* const method = "getFlowInContext()";
+    FluidGroup& group = onlyGroup(method);
+    for (size_t p = 0; p < points.size(); p++) {
+        const OpenMM::Vec3& x = points[p];
+        double low = -INFINITY, high = INFINITY;
+        const bool channel = force.getBoundary() == MobilityForce::SlipChannel;
+        if (channel) force.getChannelWalls(low, high);
+        if (force.getBoundary() == MobilityForce::NoSlipWall) low = force.getWallHeight();
+        const double coordinate = channel ? x[1] : x[2];
+        if (coordinate < low || coordinate > high)
+            fail(method, "point " + to_string(p) + " at " + text(x) +
+                             " nm is behind a wall, where there is no fluid; give points between walls or above them");
+    }
+    FlowOfGroup made = findFlowOfStep(group, question);
+    Velocities velocities = Velocities::Zero(3, points.size());
+    if (isDriven)
+        for (size_t p = 0; p < points.size(); p++)
+            velocities.col(p) = made.made.flowWeight * flow.velocityAt(toEigen(points[p]), {});
+    forSources(group, made, [&](BodyMobility& at, const FlowSources& sources, double weight) {
+        at.addFlowAt(sources, points, weight, velocities);
+    });
+    if (made.made.fieldWeight != 0 && made.move->getField())
+        made.move->getField()->addFlowAt(points, made.made.fieldWeight, velocities);
+    return velocities;
+}
+
+array<double, 2> Fluid::flowMode(int forceAxis, int waveAxis, int waveVectorIndex, const FlowQuestion& question) {
+    const OneBlasThread single;
+    const char* const method = "getFlowModeInContext()";
+    FluidGroup& group = onlyGroup(method);
+    const MobilityModel& model = group.bodies.getModel();
+    const double volume = model.fluidVolume(box);
+    if (!(volume > 0))
+        fail(method, "the fluid has no modes with the boundary " + string(boundaryName(force.getBoundary())) +
+                         "; ask with the boundary Periodic or SlipChannel, or use getFlowInContext()");
+    if (force.getBoundary() == MobilityForce::SlipChannel && (forceAxis == 1 || waveAxis == 1))
+        fail(method, "the axes are " + to_string(forceAxis) + " and " + to_string(waveAxis) +
+                         ", and in a SlipChannel both must be along the walls; give 0 and 2");
+    model.checkWave(box, waveAxis, waveVectorIndex);
+    FlowOfGroup made = findFlowOfStep(group, question);
+    DrivenFlow wave;
+    wave.forceAxis = forceAxis;
+    wave.waveAxis = waveAxis;
+    wave.k = 2 * M_PI * waveVectorIndex / box[waveAxis][waveAxis];
+    wave.waveVelocity = 1;
+    const double unit = 2 / (force.getViscosity() * wave.k * wave.k * volume);
+    array<double, 2> amplitudes = {0, 0};
+    for (int part = 0; part < 2; part++) {
+        wave.phase = part * M_PI / 2;
+        forSources(group, made, [&](BodyMobility& at, const FlowSources& sources, double weight) {
+            amplitudes[part] += weight * unit * at.powerOn(wave, sources);
+        });
+        if (made.made.fieldWeight != 0 && made.move->getField())
+            amplitudes[part] += made.made.fieldWeight * made.move->getField()->amplitudeOf(wave);
+    }
+    if (flow.waveVelocity != 0 && flow.forceAxis == forceAxis && flow.waveAxis == waveAxis && flow.k == wave.k)
+        amplitudes[0] += made.made.flowWeight * flow.waveVelocity;
+    return amplitudes;
+}
+
+SchemeMemory Fluid::getLastStep() const {
+    SchemeMemory saved;
+    for (const auto& group : groups) {
+        const LastStep& last = group->overdamped.last;
+        if (!last.isKnown) return {};
+        vector<MatrixXd> own = {toMatrix(last.step), toMatrix(last.start), toMatrix(last.end)};
+        own.insert(own.end(), last.forces.begin(), last.forces.end());
+        saved.groups.push_back(own);
+    }
+    if (!saved.groups.empty()) saved.scheme = traitsOf(overdampedScheme_).name;
+    return saved;
+}
+
+void Fluid::setLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) {
+    for (auto& group : groups) group->overdamped.last.isKnown = false;
+    // That of another scheme serves nobody.
+    if (saved.groups.empty() || saved.scheme != traitsOf(scheme).name || !traitsOf(scheme).isOverdamped()) return;
+    if (overdampedScheme_ != scheme) beginOverdamped(scheme);
+    const int numStages = overdampedScheme(overdampedScheme_).numStages();
+    bool fits = saved.groups.size() == groups.size();
+    for (size_t g = 0; fits && g < groups.size(); g++) {
+        const vector<MatrixXd>& numbers = saved.groups[g];
+        const int elements = groups[g]->poses.size(), rows = groups[g]->bodies.getNumRows();
+        fits = (int)numbers.size() == 3 + numStages && numbers[0].size() == 9;
+        for (size_t i = 0; fits && i < numbers.size(); i++) {
+            fits = numbers[i].allFinite();
+            if (i == 1 || i == 2) fits = fits && numbers[i].rows() == 7 && numbers[i].cols() == elements;
+            if (i > 2) fits = fits && (numbers[i].size() == 0 || (numbers[i].rows() == rows && numbers[i].cols() == 1));
+            if (i > 2 && overdampedScheme(overdampedScheme_).needsForces(i - 3)) fits = fits && numbers[i].size() > 0;
+        }
+        for (int i = 1; fits && i < 3; i++)
+            for (int e = 0; e < elements; e++) fits = fits && abs(numbers[i].col(e).tail<4>().norm() - 1) <= 1e-9;
+    }
+    if (!fits)
+        throw OpenMM::OpenMMException(
+            "CustomRigidHIIntegrator: the saved state's last step of scheme " + saved.scheme +
+            " is damaged, or that of other bodies; load it into an integrator with the same bodies and groups, or use "
+            "another");
+    for (size_t g = 0; g < groups.size(); g++) {
+        LastStep& last = groups[g]->overdamped.last;
+        last.step = toStep(saved.groups[g][0]);
+        last.start = toPoses(saved.groups[g][1]);
+        last.end = toPoses(saved.groups[g][2]);
+        last.forces.assign(saved.groups[g].begin() + 3, saved.groups[g].end());
+        last.isKnown = true;
+    }
+}
+
+}  // namespace RigidHIPlugin
