@@ -63,7 +63,7 @@ void BodiesAt::follow(const DrivenFlow& flow, MatrixXd& slips) {
     place->addStressletsOf(flow, slips);
 }
 
-void BodiesAt::forceFreeTwists(const MatrixXd& slips, MatrixXd& twists) {
+void BodiesAt::forceFreeTwists(const MatrixXd& slips, const NullTwists& nullTwists, MatrixXd& twists) {
     if (bodies.getMotion().isIdentity()) {
         twists = slips;
         return;
@@ -83,11 +83,11 @@ void BodiesAt::forceFreeTwists(const MatrixXd& slips, MatrixXd& twists) {
         scratch.noalias() = K.transpose() * K;
         twists.noalias() = K.transpose() * half;
     }
-    bodies.getNullTwists().lift(turns, scratch);
+    nullTwists.lift(turns, scratch);
     inverting.compute(scratch);
     if (inverting.info() != Success) refuseIndefiniteFriction(bodies.getElements().size());
     inverting.solveInPlace(twists);
-    bodies.getNullTwists().removeTurns(turns, twists);
+    nullTwists.removeTurns(turns, twists);
 }
 
 const MatrixXd& BodiesAt::friction() {

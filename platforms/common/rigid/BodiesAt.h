@@ -56,8 +56,12 @@ public:
     MobilityAt& particles() { return *place; }
     /** Slips of particles in a driven flow, with what their stresslets do. */
     void follow(const DrivenFlow& flow, Eigen::MatrixXd& slips);
-    /** The twists of bodies without forces whose particles have these slips, (K^T M^-1 K)^-1 K^T M^-1 s, by matrices; own tensors have no part in it. */
-    void forceFreeTwists(const Eigen::MatrixXd& slips, Eigen::MatrixXd& twists);
+    /**
+     * The twists of bodies without forces whose particles have these slips, (K^T M^-1 K)^-1 K^T M^-1 s, by matrices; own tensors have no part in it.
+     *
+     * @param nullTwists  those of the friction K^T M^-1 K
+     */
+    void forceFreeTwists(const Eigen::MatrixXd& slips, const NullTwists& nullTwists, Eigen::MatrixXd& twists);
     /** Of all products so far: MobilityAt::getSecondsOfGrid(). */
     double getSecondsOfGrid() const { return place ? place->getSecondsOfGrid() : 0; }
     /** N, computed when first asked for. */

@@ -155,9 +155,12 @@ public:
     };
 
 protected:
-    /** The twists of bodies without forces whose particles have these slips, at the poses set last; own tensors have no part in it. Default: by matrices. */
-    virtual void forceFreeTwists(const MatrixXd& slips, MatrixXd& twists) {
-        particlesHere().forceFreeTwists(slips, twists);
+    /**
+     * The twists of bodies without forces whose particles have these slips of a flow, at the poses set last; own tensors have no part in it.
+     * Default: by matrices.
+     */
+    virtual void forceFreeTwists(const DrivenFlow&, const MatrixXd& slips, MatrixXd& twists) {
+        particlesHere().forceFreeTwists(slips, bodies.getNullTwists(), twists);
     }
     virtual const std::vector<Pose>& getPoses() const = 0;
     virtual void beginSolving() {}

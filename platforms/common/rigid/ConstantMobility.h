@@ -26,7 +26,7 @@ public:
 protected:
     const std::vector<Eigen::Matrix3d>& getTurns() const override { return turns; }
     const std::vector<Pose>& getPoses() const override { return poses; }
-    void forceFreeTwists(const MatrixXd& slips, MatrixXd& twists) override;
+    void forceFreeTwists(const DrivenFlow& flow, const MatrixXd& slips, MatrixXd& twists) override;
     BodiesAt& particlesHere() override;
 
 private:
@@ -37,6 +37,7 @@ private:
     BodiesAt particles;  // of which nothing is needed but by applyToParticles()
     MatrixXd N, xi, wrenchesOfSolve, thermal;
     MatrixXd forceFree_body, slips_body;  // of forceFreeTwists(), known when first needed
+    NullTwists lineOfBlobs{{0}};          // likewise, of blobs of a body with a tensor of its own
 };
 
 }  // namespace RigidHIPlugin
