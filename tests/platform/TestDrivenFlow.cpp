@@ -1061,6 +1061,39 @@ TEST(DrivenFlow, EffectsNameIt) {
     expectWords(effect(periodic), {"force density along x with 4 nm along z", "a flow of up to 0.202"});
 }
 
+TEST(DrivenFlow, SettersRefuseWhatIsNoFlow) {
+    MobilityForce fluid;
+    const double nan = numeric_limits<double>::quiet_NaN();
+    expectError([&] { fluid.setBackgroundFlow(Vec3(), vector<double>(8, 0.0)); },
+                {"setBackgroundFlow(): the gradient has 8 numbers", "it must be 3 x 3",
+                 "give 9 numbers dv_a/dx_b, row after row"});
+    expectError([&] { fluid.setBackgroundFlow(Vec3(0, nan, 0), vector<double>(9, 0.0)); },
+                {"setBackgroundFlow(): the velocity is ", "give a finite velocity at the origin"});
+    expectError(
+        [&] {
+            fluid.setBackgroundFlow(Vec3(), {0, nan, 0, 0, 0, 0, 0, 0, 0});
+        },
+        {"setBackgroundFlow(): the gradient has an entry nan", "all must be finite"});
+    expectError(
+        [&] {
+            fluid.setBackgroundFlow(Vec3(), {1, 0, 0, 0, 1, 0, 0, 0, 1});
+        },
+        {"setBackgroundFlow(): the trace of the gradient is 3/ps", "incompressible", "correct its diagonal"});
+    expectError([&] { fluid.setSinusoidalForceDensity(nan, 0, 1, 1); },
+                {"setSinusoidalForceDensity(): f0 is nan kJ/(mol nm^4)", "give a finite force density, or 0 for none"});
+    expectError([&] { fluid.setSinusoidalForceDensity(1, 3, 1, 1); },
+                {"setSinusoidalForceDensity(): an axis is 3", "it must be 0, 1 or 2, for x, y or z"});
+    expectError([&] { fluid.setSinusoidalForceDensity(1, 1, 1, 1); },
+                {"setSinusoidalForceDensity(): both axes are 1", "makes pressure and no flow"});
+    expectError([&] { fluid.setSinusoidalForceDensity(1, 0, 1, 0); },
+                {"setSinusoidalForceDensity(): the wave-vector index is 0", "give the number of periods in the box"});
+    Vec3 velocity(1, 1, 1);
+    vector<double> gradient;
+    fluid.getBackgroundFlow(velocity, gradient);
+    EXPECT_EQ(velocity, Vec3());
+    EXPECT_EQ(gradient, vector<double>(9, 0.0));
+}
+
 TEST(DrivenFlow, BoundariesWithoutItAreRefused) {
     const auto refusal = [](MobilityForce::Model model, MobilityForce::Boundary boundary,
                             const function<void(MobilityForce&)>& set, const vector<string>& words) {

@@ -104,7 +104,7 @@ def test_xml_and_copies():
     ((0, 0, 0), GRADIENT.reshape(-1), ValueError, r'gradient: got an array of shape \(9,\); the shape must be \(3, 3\)'),
     ((0, 0, 0)*unit.nanometer, GRADIENT, TypeError, 'setBackgroundFlow: velocity: got a quantity in'),
     ((0, 0, 0), GRADIENT*unit.picosecond, TypeError, 'setBackgroundFlow: gradient: got a quantity in'),
-    ((0, 0, float('inf')), GRADIENT, openmm.OpenMMException, r'setBackgroundFlow\(\): the velocity is .*inf.* nm/ps; it must be finite: give three finite numbers'),
+    ((0, 0, float('inf')), GRADIENT, openmm.OpenMMException, r'setBackgroundFlow\(\): the velocity is .*inf.* nm/ps; it must be finite: give a finite velocity at the origin'),
     ((0, 0, 0), GRADIENT*[1, 1, float('nan')], openmm.OpenMMException, 'the gradient has an entry nan; all must be finite: give finite numbers'),
     ((0, 0, 0), np.eye(3), openmm.OpenMMException, 'the trace of the gradient is 3/ps; it must be 0 to 1e-12 of its largest entry, '
      'since the fluid is incompressible: correct its diagonal'),
@@ -125,7 +125,7 @@ def test_traces_are_zero_to_rounding():
 
 
 @pytest.mark.parametrize('arguments, error, problem', [
-    ((float('nan'), 0, 1, 1), openmm.OpenMMException, r'setSinusoidalForceDensity\(\): f0 is nan kJ/\(mol nm\^4\); it must be finite'),
+    ((float('nan'), 0, 1, 1), openmm.OpenMMException, r'setSinusoidalForceDensity\(\): f0 is nan kJ/\(mol nm\^4\); it must be finite: give a finite force density, or 0 for none'),
     ((1, 3, 1, 1), openmm.OpenMMException, 'an axis is 3; it must be 0, 1 or 2, for x, y or z: correct the axis'),
     ((1, 0, -1, 1), openmm.OpenMMException, 'an axis is -1; it must be 0, 1 or 2'),
     ((1, 2, 2, 1), openmm.OpenMMException, 'both axes are 2; a force along its own wave makes pressure and no flow'),
