@@ -97,7 +97,8 @@ IndependentMobility::IndependentMobility(const std::vector<LabBody>& bodies, dou
         RigidHIPlugin::RotnePragerYamakawaWall above(particles, eta, *wall);
         above.at({places})->dense(M);
     }
-    friction = K.transpose() * M.fullPivLu().solve(K);
+    const MatrixXd lambda = M.fullPivLu().solve(K);
+    friction = K.transpose() * lambda;
     friction = (0.5 * (friction + friction.transpose())).eval();
     MatrixXd allowed = MatrixXd::Identity(bodyRows, bodyRows);  // columns span these twists
     int first = 0, column = 0;
@@ -114,6 +115,7 @@ IndependentMobility::IndependentMobility(const std::vector<LabBody>& bodies, dou
     }
     allowed.conservativeResize(bodyRows, column);
     mobility = allowed * (allowed.transpose() * friction * allowed).fullPivLu().solve(allowed.transpose());
+    following = mobility * lambda.transpose();
 }
 
 double difference(const MatrixXd& a, const MatrixXd& b) {

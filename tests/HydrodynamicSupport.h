@@ -47,6 +47,7 @@ struct LabBody {
 /** Friction K^T M^-1 K, and mobility: its inverse on the twists that do not turn bodies on a line about that line. */
 struct IndependentMobility {
     MatrixXd friction, mobility;
+    MatrixXd following;  // mobility K^T M^-1: twists of bodies without forces from slips of their particles
     /** @param wall  if there is one */
     IndependentMobility(const std::vector<LabBody>& bodies, double eta,
                         const RigidHIPlugin::NoSlipPlane* wall = nullptr);

@@ -79,6 +79,16 @@ private:
         void slipsAt(const RigidHIPlugin::Placement& at, bool, MatrixXd& slips) override {
             slips = model.B(at) * amplitudes;
         }
+        void addFlowAt(const std::vector<OpenMM::Vec3>& points, double factor,
+                       RigidHIPlugin::Velocities& velocities) override {
+            for (size_t p = 0; p < points.size(); p++)
+                for (int w = 0; w < model.numWaves(); w++)
+                    velocities.col(p) += factor * amplitudes[w] *
+                                         cos(model.waves[w].k.dot(toEigen(points[p])) + model.waves[w].phase) *
+                                         model.waves[w].amplitude;
+        }
+        /** Its waves are along no axis. */
+        double amplitudeOf(const RigidHIPlugin::DrivenFlow&) override { return 0; }
         long long getNumRandomNumbers() const override { return amplitudes.size(); }
         const RandomFieldModel& model;
         VectorXd amplitudes;

@@ -205,7 +205,7 @@ void MobilityForce::setBackgroundFlow(const Vec3& velocity, const vector<double>
     }
     if (!isFinite(velocity))
         fail("setBackgroundFlow()", "the velocity is " + text(velocity) + " nm/ps", "it must be finite",
-             "give three finite numbers");
+             "give a finite velocity at the origin");
     const double trace = gradient[0] + gradient[4] + gradient[8];
     if (!(abs(trace) <= traceTolerance * largest))
         fail("setBackgroundFlow()", "the trace of the gradient is " + text(trace) + "/ps",

@@ -35,6 +35,9 @@ def everything():
     fluid.setSphereWallMobility(MobilityForce.BestKnown)
     fluid.setSolver(MobilityForce.MatrixFree)
     fluid.setSolverTolerance(1e-5/3)
+    fluid.setGridSpacing(1/7)
+    fluid.setBackgroundFlow((1/3, -2, 3), ((1/7, 2, 3), (4, -1/7, 6), (7, 8, 0)))
+    fluid.setSinusoidalForceDensity(1/3, 2, 0, 3)
     fluid.setBodyMobility(4, tensor(1)/3)
     fluid.setBodyFriction(1, tensor(2)/7)
     fluid.setGroups([0, 3, 3, 1, 0])
@@ -49,8 +52,10 @@ def assertSame(a, b):
     for i in range(a.getNumParticles()):
         assert a.getParticleRadius(i) == b.getParticleRadius(i)
     for name in ('Viscosity', 'Model', 'Boundary', 'WallHeight', 'ChannelWalls', 'SphereWallMobility', 'Lubrication', 'MinimumGap', 'Solver',
-                 'SolverTolerance', 'ForceGroup', 'Name'):
+                 'SolverTolerance', 'GridSpacing', 'SinusoidalForceDensity', 'ForceGroup', 'Name'):
         assert getattr(a, 'get' + name)() == getattr(b, 'get' + name)(), name
+    for mine, other in zip(a.getBackgroundFlow(), b.getBackgroundFlow()):
+        assert mine.unit == other.unit and np.array_equal(mine._value, other._value)
     assert np.array_equal(a.getBodiesWithOwnTensors(), b.getBodiesWithOwnTensors())
     for body in a.getBodiesWithOwnTensors():
         assert a.getBodyTensorIsFriction(body) == b.getBodyTensorIsFriction(body)

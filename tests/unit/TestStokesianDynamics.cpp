@@ -342,3 +342,30 @@ TEST(StokesianDynamics, HopelessOverlapIsAnError) {
     expectError([&] { frictionOf(vector<double>(30, 1), positions, true, 0.01); },
                 {"the matrix of 30 spheres is not positive definite", "RotnePragerYamakawa"});
 }
+
+TEST(StokesianDynamics, StressletsAndStrainsAreReciprocal) {
+    // The power of forces F on spheres that go with a strain E is that of the stresslets that F makes: F.U(E) = S(F):E.
+    mt19937 generator(9);
+    const double viscosity = 0.7;
+    const vector<double> radii = {1, 0.8, 1.3, 0.6};
+    const vector<Vec3> positions = cluster(radii, {0.05, 0.4, 1}, generator);
+    StressletResponse response;
+    forceTorqueStressletMobility(radii, positions, viscosity, &response);
+    const MatrixXd everyE = MatrixXd::Identity(20, 20), everyF = MatrixXd::Identity(24, 24);
+    double largest = 0;
+    for (int f = 0; f < 24; f++) {
+        const VectorXd S = response.stresslets(everyF.col(f), VectorXd::Zero(20), viscosity);
+        for (int e = 0; e < 20; e++) {
+            const double power = response.velocities(everyE.col(e))[f];
+            EXPECT_NEAR(power, S[e], 1e-13);
+            largest = max(largest, abs(power));
+        }
+    }
+    EXPECT_GT(largest, 0.1);
+    // One sphere in a strain has the stresslet -20/3 pi eta a^3 E (Batchelor 1970), and none of forces.
+    StressletResponse alone;
+    forceTorqueStressletMobility({1.4}, {Vec3(3, 2, 1)}, viscosity, &alone);
+    const VectorXd E = VectorXd::LinSpaced(5, -1, 2), F = VectorXd::LinSpaced(6, 1, 3);
+    EXPECT_LT((alone.stresslets(F, E, viscosity) + 20 * M_PI / 3 * viscosity * pow(1.4, 3) * E).norm(), 1e-12);
+    EXPECT_EQ(alone.velocities(E).norm(), 0);
+}

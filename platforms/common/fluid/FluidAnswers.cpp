@@ -5,6 +5,7 @@
 #include "fluid/Fluid.h"
 #include "linearalgebra/OneBlasThread.h"
 #include "mobility/Models.h"
+#include "openmmrigidhi/internal/Messages.h"
 #include "rigidbody/BodyPoses.h"
 #include "rigidbody/EigenVec3.h"
 
@@ -196,19 +197,19 @@ string Fluid::describeFlow() const {
     if (!isDriven) return {};
     ostringstream text;
     const char* const axes = "xyz";
+    const auto row = [&](int k) { return RigidHIPlugin::text(toVec3(flow.gradient.row(k).transpose())); };
     if (flow.waveVelocity != 0)
         text << "a wave of the force density along " << axes[flow.forceAxis] << " with " << 2 * M_PI / flow.k
-             << " nm along " << axes[flow.waveAxis] << ", which without bodies is a flow of up to " << flow.waveVelocity
-             << " nm/ps";
-    else {
-        text << "velocity (" << flow.velocity.transpose() << ") nm/ps at the origin, gradient in rows ("
-             << flow.gradient.row(0) << "), (" << flow.gradient.row(1) << "), (" << flow.gradient.row(2) << ")/ps";
-    }
+             << " nm along " << axes[flow.waveAxis] << ", which without bodies is a flow of up to "
+             << abs(flow.waveVelocity) << " nm/ps";
+    else
+        text << "velocity " << RigidHIPlugin::text(toVec3(flow.velocity)) << " nm/ps at the origin, gradient in rows "
+             << row(0) << ", " << row(1) << ", " << row(2) << "/ps";
     if (!flow.hasGradient()) return text.str();
     bool stresslets = true, own = false;
     for (const auto& group : groups) {
         stresslets = stresslets && group->bodies.hasModel() && group->bodies.getModel().hasStresslets();
-        own = own || group->bodies.getOwnTensors().any();
+        for (const FluidElement& element : group->bodies.getElements()) own = own || element.ownMobility.size() > 0;
     }
     text << (stresslets ? "; spheres resist its strain by stresslets, without lubrication of the strain"
                         : "; multiblobs resist its strain by their blobs, single spheres and blobs do not");

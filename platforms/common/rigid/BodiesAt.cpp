@@ -78,21 +78,23 @@ double BodiesAt::powerOn(const DrivenFlow& flow, const FlowSources& sources) con
     return power;
 }
 
-void BodiesAt::forceFreeTwists(const MatrixXd& slips, MatrixXd& twists) {
+void BodiesAt::forceFreeTwists(const MatrixXd& slips, const NullTwists& nullTwists, MatrixXd& twists) {
     if (bodies.getMotion().isIdentity()) {
         twists = slips;
         return;
     }
     MatrixXd unused;
-    moveBodies(MatrixXd::Zero(bodies.getNumRows(), slips.cols()), slips, twists, unused);
+    moveBodies(MatrixXd::Zero(bodies.getNumRows(), slips.cols()), slips, nullTwists, twists, unused);
 }
 
-void BodiesAt::particleForces(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) {
+void BodiesAt::particleForces(const MatrixXd& wrenches, const MatrixXd& slips, const NullTwists& nullTwists,
+                              MatrixXd& forces) {
     MatrixXd twists;
-    moveBodies(wrenches, slips, twists, forces);
+    moveBodies(wrenches, slips, nullTwists, twists, forces);
 }
 
-void BodiesAt::moveBodies(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists, MatrixXd& forces) {
+void BodiesAt::moveBodies(const MatrixXd& wrenches, const MatrixXd& slips, const NullTwists& nullTwists,
+                          MatrixXd& twists, MatrixXd& forces) {
     costs.matrices++;
     MatrixXd motion, M_inverse_K, M_inverse_slips = slips;
     bodies.getMotion().fill(turns, motion);
@@ -110,12 +112,12 @@ void BodiesAt::moveBodies(const MatrixXd& wrenches, const MatrixXd& slips, Matri
     scratch.noalias() = motion.transpose() * M_inverse_K;
     symmetrise(scratch);
     twists = wrenches + motion.transpose() * M_inverse_slips;
-    bodies.getNullTwists().removeTorques(turns, twists);
-    bodies.getNullTwists().lift(turns, scratch);
+    nullTwists.removeTorques(turns, twists);
+    nullTwists.lift(turns, scratch);
     inverting.compute(scratch);
     if (inverting.info() != Success) refuseIndefiniteFriction(bodies.getElements().size());
     inverting.solveInPlace(twists);
-    bodies.getNullTwists().removeTurns(turns, twists);
+    nullTwists.removeTurns(turns, twists);
     forces = M_inverse_K * twists - M_inverse_slips;
 }
 

@@ -58,10 +58,15 @@ public:
     void follow(const DrivenFlow& flow, Eigen::MatrixXd& slips);
     /** BodyMobility::powerOn() */
     double powerOn(const DrivenFlow& flow, const FlowSources& sources) const;
-    /** The twists of bodies without forces whose particles have these slips, (K^T M^-1 K)^-1 K^T M^-1 s, by matrices; own tensors have no part in it. */
-    void forceFreeTwists(const Eigen::MatrixXd& slips, Eigen::MatrixXd& twists);
+    /**
+     * The twists of bodies without forces whose particles have these slips, (K^T M^-1 K)^-1 K^T M^-1 s, by matrices; own tensors have no part in it.
+     *
+     * @param nullTwists  those of the friction K^T M^-1 K
+     */
+    void forceFreeTwists(const Eigen::MatrixXd& slips, const NullTwists& nullTwists, Eigen::MatrixXd& twists);
     /** The forces of particles, M^-1 (K U - s), of bodies with these wrenches and slips (one column each), U = (K^T M^-1 K)^-1 (F + K^T M^-1 s); likewise. */
-    void particleForces(const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips, Eigen::MatrixXd& forces);
+    void particleForces(const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips, const NullTwists& nullTwists,
+                        Eigen::MatrixXd& forces);
     /** Of all products so far: MobilityAt::getSecondsOfGrid(). */
     double getSecondsOfGrid() const { return place ? place->getSecondsOfGrid() : 0; }
     /** N, computed when first asked for. */
@@ -72,8 +77,8 @@ public:
 private:
     void checkPlaces();
     void computeFriction();
-    void moveBodies(const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips, Eigen::MatrixXd& twists,
-                    Eigen::MatrixXd& forces);
+    void moveBodies(const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips, const NullTwists& nullTwists,
+                    Eigen::MatrixXd& twists, Eigen::MatrixXd& forces);
 
     const CoupledBodies& bodies;
     MobilityCosts& costs;

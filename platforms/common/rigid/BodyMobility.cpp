@@ -39,7 +39,7 @@ void BodyMobility::flowSlips(const DrivenFlow& flow, MatrixXd& slips) {
         return;
     }
     here.follow(flow, slipsOfFlow);
-    forceFreeTwists(slipsOfFlow, slips);
+    forceFreeTwists(flow, slipsOfFlow, slips);
 }
 
 void BodyMobility::flowTwists(const DrivenFlow& flow, MatrixXd& twists) {

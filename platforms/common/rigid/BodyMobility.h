@@ -173,13 +173,16 @@ public:
     };
 
 protected:
-    /** The twists of bodies without forces whose particles have these slips, at the poses set last; own tensors have no part in it. Default: by matrices. */
-    virtual void forceFreeTwists(const MatrixXd& slips, MatrixXd& twists) {
-        particlesHere().forceFreeTwists(slips, twists);
+    /**
+     * The twists of bodies without forces whose particles have these slips of a flow, at the poses set last; own tensors have no part in it.
+     * Default: by matrices.
+     */
+    virtual void forceFreeTwists(const DrivenFlow&, const MatrixXd& slips, MatrixXd& twists) {
+        particlesHere().forceFreeTwists(slips, bodies.getNullTwists(), twists);
     }
     /** Forces of particles whose bodies have these wrenches and slips, at the poses set last; likewise. */
     virtual void particleForces(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) {
-        particlesHere().particleForces(wrenches, slips, forces);
+        particlesHere().particleForces(wrenches, slips, bodies.getNullTwists(), forces);
     }
     /** forces = M^-1 slips, of particles. */
     virtual void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) = 0;

@@ -63,17 +63,33 @@ void ConstantMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, Ma
     if (slips.size() > 0) twists += slips;
 }
 
-void ConstantMobility::forceFreeTwists(const MatrixXd& slips, MatrixXd& twists) {
+/** The body's own tensor knows how it turns about the line of its blobs, these do not. */
+const NullTwists& ConstantMobility::nullTwistsOfBlobs() {
+    const FluidElement& element = bodies.getElements()[0];
+    if (!lineOfBlobs.any() && element.ownMobility.size() > 0 && element.particles.size() > 1)
+        lineOfBlobs.find(0, element.sites);
+    return lineOfBlobs.any() ? lineOfBlobs : bodies.getNullTwists();
+}
+
+void ConstantMobility::particleForces(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) {
+    particlesHere().particleForces(wrenches, slips, nullTwistsOfBlobs(), forces);
+}
+
+void ConstantMobility::forceFreeTwists(const DrivenFlow& flow, const MatrixXd& slips, MatrixXd& twists) {
     if (forceFree_body.size() == 0) {
         BodiesAt inBody(bodies, costs);
         inBody.setPoses({Pose()});
-        inBody.forceFreeTwists(MatrixXd::Identity(slips.rows(), slips.rows()), forceFree_body);
+        inBody.forceFreeTwists(MatrixXd::Identity(slips.rows(), slips.rows()), nullTwistsOfBlobs(), forceFree_body);
     }
     const Matrix3d& A = turns[0];
     slips_body.resize(slips.rows(), slips.cols());
     for (int row = 0; row < slips.rows(); row += 3)
         slips_body.middleRows<3>(row).noalias() = A.transpose() * slips.middleRows<3>(row);
     twists.noalias() = twoRotations(A) * (forceFree_body * slips_body);
+    if (!lineOfBlobs.any()) return;
+    // So about that line it goes with the flow.
+    const VectorXd n = twoRotations(A) * lineOfBlobs.inBody(0);
+    twists.col(0) += n.tail<3>().dot(flow.angularVelocityAt(poses[0].R, {})) / n.tail<3>().squaredNorm() * n;
 }
 
 void ConstantMobility::multiplyNearby(const vector<Pose>& there, const MatrixXd& forces, MatrixXd& slips) {

@@ -29,10 +29,12 @@ protected:
     // Slips live on the body, whose inverse is the friction.
     void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) override { forces = friction() * slips; }
     const std::vector<Pose>& getPoses() const override { return poses; }
-    void forceFreeTwists(const MatrixXd& slips, MatrixXd& twists) override;
+    void forceFreeTwists(const DrivenFlow& flow, const MatrixXd& slips, MatrixXd& twists) override;
+    void particleForces(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) override;
     BodiesAt& particlesHere() override;
 
 private:
+    const NullTwists& nullTwistsOfBlobs();
     OwnTensors::Matrix6d mobility_body, friction_body;
     CholeskyFactor factor_body;  // of the friction, lifted
     std::vector<Pose> poses;
@@ -40,6 +42,7 @@ private:
     BodiesAt particles;  // of which nothing is needed but by applyToParticles()
     MatrixXd N, xi, wrenchesOfSolve, thermal;
     MatrixXd forceFree_body, slips_body;  // of forceFreeTwists(), known when first needed
+    NullTwists lineOfBlobs{{0}};          // likewise, of blobs of a body with a tensor of its own
 };
 
 }  // namespace RigidHIPlugin

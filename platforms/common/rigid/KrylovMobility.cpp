@@ -81,7 +81,7 @@ void KrylovMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, Matr
     if (slips.size() > 0) twists += slips;
 }
 
-void KrylovMobility::forceFreeTwists(const MatrixXd& slips, MatrixXd& twists) {
+void KrylovMobility::forceFreeTwists(const DrivenFlow&, const MatrixXd& slips, MatrixXd& twists) {
     const Solving timed(*this);
     const MatrixXd noWrenches = MatrixXd::Zero(bodies.getNumRows(), slips.cols());
     const int iterations =
