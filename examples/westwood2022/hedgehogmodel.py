@@ -84,12 +84,14 @@ class Hedgehogs:
         f0/(k eta) tau; None: relaxation, without noise and without a fluid that couples them
     tolerance : float
         of grid and solver
+    edge : float, optional
+        of the cubic box, nm; None: that of the paper's volume fraction
     """
 
     def __init__(self, bodies, potential, bareShearRate, tolerance=1e-2, temperature=TEMPERATURE, seed=1, platform='CPU', solver=MobilityForce.Auto,
-                 step=STEP):
+                 step=STEP, edge=None):
         relax = bareShearRate is None
-        self.bodies, self.side = bodies, side(bodies)
+        self.bodies, self.side = bodies, edge or side(bodies)
         self.integrator = CustomRigidHIIntegrator(0 if relax else temperature, step)
         self.integrator.setScheme(CustomRigidHIIntegrator.EulerMaruyama if relax else CustomRigidHIIntegrator.DriftCorrectorFD)
         self.integrator.setDriftCorrectorScaling(CustomRigidHIIntegrator.Whole)
