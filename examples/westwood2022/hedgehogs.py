@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Czech hedgehogs in a driven fluid (Westwood 2022, section 6.4): effective viscosity against shear rate, and where the centres are.
 
-    python3 hedgehogs.py                     # 64 hedgehogs, two potentials, five force densities: half an hour on one core
+    python3 hedgehogs.py                     # 64 hedgehogs, two potentials, six force densities: half an hour on one core
     python3 hedgehogs.py --resume --long 2   # goes on with what results/kept has, until runs are twice as long
     python3 hedgehogs.py --full              # the paper's 1177 hedgehogs: time of steps and a short run; --steps 10000 is a run as long as the paper's shortest
     python3 hedgehogs.py --quick             # seconds
@@ -28,10 +28,10 @@ SEED = 2022
 TOLERANCE = 1e-2
 POTENTIALS = tuple(model.GAUSSIANS)
 #: Shear rates that the force densities would make in the fluid without bodies, 1/tau: the paper does not give its f0.
-BARE = (3.0, 10.0, 30.0, 100.0, 300.0)
+BARE = (10.0, 20.0, 30.0, 55.0, 100.0, 300.0)
 RELAX = 3000, 1/200              # steps, and their length over tau, without noise and fluid
 SEGMENT, FRAME, INTERVAL = 300, 30, 2    # steps: kept together; between frames; between samples of the flow
-STEPS = 4500                     # of a run
+STEPS = 3600                     # of a run
 #: The first part of a run is not counted. Chosen before the runs.
 EQUILIBRATION = 1/3
 BIN = 0.5                        # of g(r), nm
