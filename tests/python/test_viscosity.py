@@ -7,6 +7,7 @@ import numpy as np
 import openmm
 import pytest
 from openmm import unit
+from scipy import stats
 
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, analysis, app
 from openmmrigidhi._quaternions import rotate
@@ -142,6 +143,7 @@ def test_a_run_without_noise_is_a_mean_over_time():
     assert again == found and found.samples == 12
     statistics = analysis.series.seriesStatistics(np.array(amplitudes)[:, 0])
     assert found.amplitude._value == statistics.mean and found.amplitudeError._value == statistics.standardError > 0
+    assert found.tau == pytest.approx(12*statistics.standardError**2/(2*np.var(np.array(amplitudes)[:, 0], ddof=1)))
     assert found.ratioError/found.ratio == pytest.approx(statistics.standardError/statistics.mean)
 
 
@@ -175,8 +177,29 @@ def test_the_noise_of_a_step_and_a_mean_of_many():
     z = (found.ratio - 1)/found.ratioError
     print(f'{found.ratio:.4f} +- {found.ratioError:.4f}, z = {z:.2f}')
     assert abs(z) < quantile(1 - FALSE_ALARMS, found.degrees) and found.isTrusted
-    assert found.amplitudeError._value == pytest.approx(spread/np.sqrt(steps), rel=0.2)
+    # Twenty blocks: a chi-squared variable of 19 degrees.
+    low, high = (np.sqrt(stats.chi2.ppf(p, found.degrees)/found.degrees) for p in (FALSE_ALARMS/2, 1 - FALSE_ALARMS/2))
+    assert found.degrees == 19 and low < found.amplitudeError._value/(spread/np.sqrt(steps)) < high
     assert abs(found.cosine/found.cosineError) < quantile(1 - FALSE_ALARMS, found.degrees)
+
+
+def test_errors_know_slow_fluctuations_under_white_noise():
+    """Samples with a slow part of a fiftieth of the variance, which the autocorrelation of single samples does not show, but which makes half the variance of the mean."""
+    _, _, context = driven([sphere(1, 2, 3)], (9, 9, 9))
+    random, n, replicas, memory, share = np.random.default_rng(8), 6000, 150, np.exp(-1/25), 0.02
+    slow = np.empty((n, replicas))
+    slow[0] = random.standard_normal(replicas)
+    for k in range(1, n):
+        slow[k] = memory*slow[k-1] + np.sqrt(1 - memory**2)*random.standard_normal(replicas)
+    amplitudes = 10 + random.standard_normal((n, replicas)) + np.sqrt(share)*slow
+    tau = (0.5 + share*(0.5 + memory/(1 - memory)))/(1 + share)
+    found = [analysis.viscosityFromAmplitudes(context, np.stack([column, column], axis=1)) for column in amplitudes.T]
+    variance = 2*tau*(1 + share)/n
+    # Blocks of twelve memories: 8 % of the slow part's share is correlation between them. The mean of 150 variances of 19 degrees is known to 2.6 %.
+    assert np.mean([one.amplitudeError._value**2 for one in found]) == pytest.approx(variance, rel=0.15)
+    assert np.mean([one.tau for one in found]) == pytest.approx(tau, rel=0.15) and tau > 0.95
+    z = np.array([(one.amplitude._value - 10)/one.amplitudeError._value for one in found])
+    assert abs(z).max() < quantile(1 - FALSE_ALARMS/replicas, 19)
 
 
 @pytest.mark.parametrize('scheme', ['DriftCorrectorFD', 'FixmanMidpoint', 'TractionEulerMaruyama'])

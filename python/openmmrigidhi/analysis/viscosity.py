@@ -9,10 +9,13 @@ from .._systems import forcesOf
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from ._moves import positive, progressBar
-from .series import FEWEST_TRUSTED_BLOCKS, seriesStatistics
+from .series import BLOCK_LENGTH_IN_TAU, FEWEST_TRUSTED_BLOCKS, seriesStatistics
 
 #: An amplitude that is not this many standard errors above 0 is no flow to measure a viscosity by.
 LEAST_SIGNIFICANCE = 3
+#: Never more blocks than this. What the random field does, new at each step, hides the slower fluctuations that come with configurations from the
+#: autocorrelation of the samples, but not from the spread of long blocks. The error is known to 1/sqrt(2 (20 - 1)) = 16 %.
+MOST_BLOCKS = 20
 
 
 @dataclasses.dataclass
@@ -34,7 +37,7 @@ class EffectiveViscosity:
     degrees : int
         degrees of freedom of the errors: number of blocks less 1; 0 for a single value without noise
     tau : float
-        integrated autocorrelation time of the amplitude, in samples; 0.5 for independent ones
+        integrated autocorrelation time of the amplitude that the error stands for, in samples; about 0.5 for independent ones
     samples : int
         number of samples
     """
@@ -96,8 +99,8 @@ def viscosity(context, steps=0, equilibration=0, interval=1, progress=None):
 
     Notes
     -----
-    Errors are those of block averages (:func:`openmmrigidhi.analysis.series.seriesStatistics`); the relative error of the viscosity is that of the
-    amplitude. The random field alone gives the amplitude of a step the variance 4 kT/(eta k^2 V h), h the step and V the volume, whatever f0: weaker
+    Errors are those of averages over 20 blocks or fewer (:func:`openmmrigidhi.analysis.series.seriesStatistics`): a run must be long beside 20 times the time in
+    which configurations change. The relative error of the viscosity is that of the amplitude. The random field alone gives the amplitude of a step the variance 4 kT/(eta k^2 V h), h the step and V the volume, whatever f0: weaker
     driving needs longer runs, as 1/f0^2. Bodies feel the curvature of the wave by (k times their size)^2.
     """
     where = 'viscosity'
@@ -235,8 +238,10 @@ def _estimate(context, amplitudes, where):
     if len(along) == 1:
         (mean, cosine), error, cosineError, degrees, tau = along[0], 0.0, 0.0, 0, 0.5
     else:
-        found, other = (seriesStatistics(column) for column in along.T)
-        mean, error, degrees, tau, cosine, cosineError = found.mean, found.standardError, found.degrees, found.tau, other.mean, other.standardError
+        found, other = (seriesStatistics(column, len(along)/(BLOCK_LENGTH_IN_TAU*MOST_BLOCKS)) for column in along.T)
+        mean, error, degrees, cosine, cosineError = found.mean, found.standardError, found.degrees, other.mean, other.standardError
+        variance = along[:, 0].var(ddof=1)
+        tau = float(len(along)*error**2/(2*variance)) if variance > 0 else 0.5
     if not mean > LEAST_SIGNIFICANCE*error:
         raise ValueError(f'{where}: the amplitude of the flow is {mean:.3g} +- {error:.2g} nm/ps; it must be more than {LEAST_SIGNIFICANCE} standard errors above '
                          '0: run longer, or drive by a larger f0')
