@@ -68,24 +68,27 @@ def distributions(data, bodies, path):
     plt.close(figure)
 
 
-def animation(track, side, path, size=400):
-    """A GIF of poses (frames, bodies, 7), seen along z: beads as discs, coloured by the place along y where their body began, so that the wave is seen."""
+def animation(track, side, path, size=330):
+    """A GIF of poses (frames, bodies, 7), the nearer half of the box seen along z: beads as discs, coloured by the place along y where their body began, so that the wave is seen.
+
+    At y = side/4 the fluid is driven to the right, at 3 side/4 to the left."""
+    track = np.asarray(track, float)
     colours = np.array(pyplot().get_cmap('twilight')((track[0, :, 1] % side)/side)[:, :3]*255, int)
     scale, frames = size/side, []
+    shifts = np.array([(i, j, 0) for i in (-1, 0, 1) for j in (-1, 0, 1)])*side
     for poses in track:
         image = Image.new('RGB', (size, size), (255, 255, 255))
         draw = ImageDraw.Draw(image)
-        # Whole bodies by their centres, and their images where they reach over the edges.
-        x = model.beads(np.concatenate([poses[:, :3] % side], axis=1), poses[:, 3:])
-        shifts = np.array([(i, j, 0) for i in (-1, 0, 1) for j in (-1, 0, 1)])*side
-        x = (x[None] + shifts[:, None, None]).reshape(-1, 3)
-        owner = np.tile(np.repeat(np.arange(len(poses)), len(model.SITES)), len(shifts))
+        R = poses[:, :3] % side
+        near = R[:, 2] > side/2
+        # Bodies and their images, which reach over the edges.
+        x = (model.beads(R[near], poses[near, 3:])[None] + shifts[:, None, None]).reshape(-1, 3)
+        owner = np.tile(np.repeat(np.flatnonzero(near), len(model.SITES)), len(shifts))
         seen = np.all((x[:, :2] > -1) & (x[:, :2] < side + 1), axis=1)
         x, owner = x[seen], owner[seen]
         for k in np.argsort(x[:, 2]):
-            depth = 0.55 + 0.45*np.clip(x[k, 2]/side, 0, 1)
-            colour = tuple(int(255 - (255 - c)*depth) for c in colours[owner[k]])
+            colour = tuple(int(c) for c in colours[owner[k]])
             u, v, r = scale*x[k, 0], size - scale*x[k, 1], scale
-            draw.ellipse((u - r, v - r, u + r, v + r), fill=colour, outline=tuple(c//2 for c in colour))
-        frames.append(image.quantize(32))
-    frames[0].save(path, save_all=True, append_images=frames[1:], duration=80, loop=0, optimize=True)
+            draw.ellipse((u - r, v - r, u + r, v + r), fill=colour, outline=(40, 40, 40))
+        frames.append(image.quantize(16, dither=Image.Dither.NONE if hasattr(Image, 'Dither') else 0))
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=100, loop=0, optimize=True)

@@ -6,6 +6,7 @@
     python3 hedgehogs.py --full              # the paper's 1177 hedgehogs: time of steps and a short run; --steps 10000 is a run as long as the paper's shortest
     python3 hedgehogs.py --quick             # seconds
     python3 hedgehogs.py --report            # tables and pictures again, from what is kept
+    python3 hedgehogs.py --animate --bare 100
 """
 import argparse
 import pathlib
@@ -34,7 +35,8 @@ SEGMENT, FRAME, INTERVAL = 300, 30, 2    # steps: kept together; between frames;
 STEPS = 3600                     # of a run
 #: The first part of a run is not counted. Chosen before the runs.
 EQUILIBRATION = 1/3
-BIN = 0.5                        # of g(r), nm
+BIN = 0.5                        # of kept distances, nm
+BINS_TOGETHER = 2                # in g(r)
 
 
 def seedOf(*words):
@@ -84,8 +86,8 @@ class Run:
 
     ARRAYS = ('amplitudes', 'counts', 'energies', 'track', 'R', 'q')
 
-    def __init__(self, folder, bodies, potential, bare):
-        self.bodies, self.potential, self.bare, self.folder = bodies, potential, bare, folder
+    def __init__(self, folder, bodies, potential, bare, relax=RELAX[0]):
+        self.bodies, self.potential, self.bare, self.folder, self.relax = bodies, potential, bare, folder, relax
         self.file = folder/f'hedgehogs_{bodies}_{potential}_{bare:g}.npz'
         self.amplitudes, self.counts, self.energies, self.track = np.empty((0, 2)), None, np.empty(0), None
         self.R = self.q = self.hedgehogs = None
@@ -119,7 +121,7 @@ class Run:
     def segment(self, steps, quiet):
         """Go on by so many steps."""
         if self.R is None:
-            self.R, self.q, _ = start(self.folder, self.bodies, self.potential, quiet)
+            self.R, self.q, _ = start(self.folder, self.bodies, self.potential, quiet, self.relax)
         hedgehogs, began = self.make(), time.process_time()
         parts, counts, energies, track = [self.amplitudes], 0, [], []
         for _ in range(steps//FRAME):
@@ -148,18 +150,21 @@ class Run:
         first = int(EQUILIBRATION*len(self.amplitudes))
         counted = self.amplitudes[first:]
         segments = slice(int(EQUILIBRATION*len(self.counts)), None)
-        shells = 4/3*np.pi*np.diff((BIN*np.arange(self.counts.shape[1] + 1))**3)
+        together = self.counts.shape[1]//BINS_TOGETHER
+        counts = self.counts[:, :together*BINS_TOGETHER].reshape(len(self.counts), together, BINS_TOGETHER).sum(axis=2)
+        edges = BIN*BINS_TOGETHER*np.arange(together + 1)
+        shells = 4/3*np.pi*np.diff(edges**3)
         # Frames of a segment: SEGMENT/FRAME at most; normalised by the pairs that there are.
         frames = self.steps/FRAME/len(self.counts)
         expected = frames*self.bodies*(self.bodies - 1)/2*shells/edge**3
-        g = self.counts[segments]/expected
+        g = counts[segments]/expected
         half = len(counted)//2
         return {'bodies': self.bodies, 'side': edge, 'potential': self.potential, 'bare_shear_rate': self.bare, 'f0': model.forceDensity(self.bare, edge),
                 'k': 2*np.pi/edge, 'steps': self.steps, 'time_over_tau': self.steps*model.STEP, 'not_counted_over_tau': first*INTERVAL*model.STEP,
                 'tolerance': self.tolerance, 'cpu_ms_a_step': 1e3*self.seconds/self.steps, **self.estimate(counted),
                 'halves': [self.estimate(part) for part in (counted[:half], counted[half:])], 'spread_of_samples': counted.std(axis=0),
                 'energy_of_a_body': {'start': start(self.folder, self.bodies, self.potential, True)[2][-1], 'by_segment': self.energies},
-                'r': BIN*(np.arange(len(shells)) + 0.5), 'g': g.mean(axis=0),
+                'r': (edges[1:] + edges[:-1])/2, 'g': g.mean(axis=0),
                 'g_error': g.std(axis=0, ddof=1)/np.sqrt(len(g)) if len(g) > 1 else np.full(len(shells), np.nan)}
 
 
@@ -238,16 +243,16 @@ def report(output, args, bodies):
     return data
 
 
-def animate(output, bodies, potential, bare, steps, quiet):
+def animate(output, bodies, potential, bare, frames, quiet):
     """A GIF of hedgehogs that go on from where the run stands: fresh noise, frames closer together than those that are kept."""
     run = Run(output/'kept', bodies, potential, bare)
     if not run.load():
         raise SystemExit(f'{run.file}: it is not there; the animation starts from its poses: run without --animate first')
-    hedgehogs, frames = run.make(), []
-    for _ in tqdm(range(steps), desc='animation', disable=quiet):
-        frames.append(np.concatenate(hedgehogs.poses(), axis=1))
+    hedgehogs, track = run.make(), []
+    for _ in tqdm(range(frames), desc='animation', disable=quiet):
+        track.append(np.concatenate(hedgehogs.poses(), axis=1))
         hedgehogs.integrator.step(5)
-    pictures.animation(np.array(frames), hedgehogs.side, output/'hedgehogs.gif')
+    pictures.animation(np.array(track), hedgehogs.side, output/'hedgehogs.gif')
 
 
 def table(data):
@@ -283,15 +288,15 @@ def main():
         save(args.output, 'hedgehogs_full.json', {'rows': rows, 'seed': SEED, 'provenance': provenance(args)})
         return
     if args.animate:
-        animate(args.output, args.bodies, args.potentials[0], args.bare[0], 90, args.silent)
+        animate(args.output, args.bodies, args.potentials[0], args.bare[0], 48, args.silent)
         return
-    bodies, steps, segment, bare = args.bodies, round((args.steps or STEPS)*args.long), SEGMENT, args.bare
+    bodies, steps, segment, bare, relax = args.bodies, round((args.steps or STEPS)*args.long), SEGMENT, args.bare, RELAX[0]
     if args.quick:
-        # Some that hardly fit beside their own images: it shows that the script runs, nothing else.
-        bodies, steps, segment, bare = 27, round(120*args.long), 60, [300.0]
+        # Few, that have hardly begun: it shows that the script runs, nothing else.
+        bodies, steps, segment, bare, relax = 27, round(120*args.long), 60, [300.0], 100
     folder.mkdir(parents=True, exist_ok=True)
     if not args.report:
-        runs = [Run(folder, bodies, potential, each) for each in bare for potential in args.potentials]
+        runs = [Run(folder, bodies, potential, each, relax) for each in bare for potential in args.potentials]
         for run in runs:
             if args.resume:
                 run.load()

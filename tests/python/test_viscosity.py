@@ -1,4 +1,4 @@
-"""analysis.viscosity: shells, spheres and lattices against what they must have, noise, drift, channels, and what is refused; four hedgehogs, dense and on a grid."""
+"""analysis.viscosity: shells, spheres and lattices against what they must have, noise, drift, channels, and what is refused."""
 import pathlib
 import re
 import sys
@@ -10,7 +10,6 @@ from openmm import unit
 from scipy import stats
 
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, analysis, app
-from openmmrigidhi._quaternions import rotate
 from openmmrigidhi.accuracy.statistics import quantile
 
 EXAMPLES = pathlib.Path(__file__).resolve().parents[2]/'examples'
@@ -296,89 +295,3 @@ def test_amplitudes_that_are_none():
         analysis.viscosityFromAmplitudes(context, np.ones((12, 2))*unit.nanometer)
     with pytest.raises(ValueError, match='sampleFlowAmplitudes: steps: got 4; the number of steps must be at least 5'):
         analysis.sampleFlowAmplitudes(context, 4, 5)
-
-
-# ---- Hedgehogs ---------------------------------------------------------------------------------------------------------
-
-@pytest.fixture(scope='module')
-def hedgehogs():
-    """The model of examples/westwood2022."""
-    sys.path[:0] = [str(EXAMPLES/'westwood2022'), str(EXAMPLES)]
-    try:
-        import hedgehogmodel
-        yield hedgehogmodel
-    finally:
-        del sys.path[:2]
-
-
-def test_the_hedgehog(hedgehogs):
-    """19 beads, neighbours on an axis touch; the paper's numbers make a fifth of the volume."""
-    distances = np.linalg.norm(hedgehogs.SITES[:, None] - hedgehogs.SITES, axis=-1)[np.triu_indices(19, 1)]
-    assert len(hedgehogs.SITES) == 19 and distances.min() == 2 and np.count_nonzero(distances == 2) == 18
-    assert hedgehogs.FRACTION == pytest.approx(0.2, rel=1e-3)
-    assert hedgehogs.side(64)**3/64 == pytest.approx(77.65**3/1177, rel=1e-12)
-
-
-@pytest.mark.parametrize('potential, least, barrier', [('repel-attract', -2.60, 0.27), ('repel-attract-repel', -0.49, 4.43)])
-def test_pair_potentials(hedgehogs, potential, least, barrier):
-    """Eqs. 60 to 63, written once more; energy and force go on below contact, where the force is constant; the Context's are the same."""
-    r = np.linspace(1.0, 6.5, 111)
-    U = 20*np.exp((2 - r)/0.5) - 5*np.exp(-((r - 3)/0.5)**2) + (5*np.exp(-((r - 3.5)/0.5)**2) if potential == 'repel-attract-repel' else 0)
-    energies = hedgehogs.pairEnergy(r, potential)
-    last = 20*np.exp(-8)
-    outside = (r >= 2) & (r < 6)
-    assert np.allclose(energies[outside], (U - last)[outside], rtol=0, atol=1e-9) and not energies[r >= 6].any()
-    assert np.allclose(np.diff(energies[r < 2], 2), 0, atol=1e-10)
-    h = 1e-5
-    below, above = ((hedgehogs.pairEnergy(2 + s*h, potential) - hedgehogs.pairEnergy(2, potential))/(s*h) for s in (-1, 1))
-    assert below == pytest.approx(above, rel=2e-4) and below < -39
-    fine = hedgehogs.pairEnergy(np.linspace(2, 5.9, 4000), potential)
-    assert fine.min() == pytest.approx(least, abs=0.005) and fine[fine.argmin():].max() == pytest.approx(barrier, abs=0.005)
-    system = openmm.System()
-    force = hedgehogs.pairForce(potential)
-    for _ in range(2):
-        system.addParticle(1)
-        force.addParticle([])
-    system.addForce(force)
-    system.setDefaultPeriodicBoxVectors((20, 0, 0), (0, 20, 0), (0, 0, 20))
-    context = openmm.Context(system, openmm.VerletIntegrator(0.001), openmm.Platform.getPlatformByName('Reference'))
-    for distance, energy in zip(r, energies):
-        context.setPositions([(0, 0, 0), (0, distance, 0)])
-        state = context.getState(getEnergy=True, getForces=True)
-        assert state.getPotentialEnergy()._value == pytest.approx(energy, abs=1e-9)
-        if abs(distance - 6) > 2*h:
-            slope = (hedgehogs.pairEnergy(distance + h, potential) - hedgehogs.pairEnergy(distance - h, potential))/(2*h)
-            assert state.getForces()[1][1]._value == pytest.approx(-slope, rel=1e-4, abs=1e-4)
-
-
-@pytest.mark.parametrize('tolerance', [1e-3, 1e-6])
-def test_four_hedgehogs_dense_and_on_a_grid(hedgehogs, tolerance):
-    """In a driven fluid without noise, pushing each other: twists agree to five times the tolerance in the norm of the friction, the viscosity to that too; and bodies move by
-    their twists."""
-    R = np.array([(3.0, 3, 3), (9.5, 4, 3.5), (4, 9.5, 4), (8.0, 9.0, 9.5)])
-    q = np.random.default_rng(4).standard_normal((4, 4))
-    q /= np.linalg.norm(q, axis=1)[:, None]
-    found = {}
-    for name, solver, accuracy in (('dense', MobilityForce.Dense, 1e-6), ('grid', MobilityForce.MatrixFree, tolerance)):
-        some = hedgehogs.Hedgehogs(4, 'repel-attract', 20.0, accuracy, temperature=0, solver=solver, step=1e-7, edge=15.0)
-        some.place(R, q)
-        ratio = analysis.viscosity(some.context).ratio
-        N = some.fluid.getMobilityInContext(some.context) if name == 'dense' else None
-        assert abs(some.context.getState(getEnergy=True).getPotentialEnergy()._value) > 0.1
-        some.integrator.step(1)
-        R1, q1 = some.poses()
-        turned = np.array([2*(rotateBack(a, b)) for a, b in zip(q1, q)])
-        found[name] = ratio, np.concatenate([(R1 - R)/1e-7, turned/1e-7], axis=1).reshape(-1), N
-    dense, grid = found['dense'], found['grid']
-    error = grid[1] - dense[1]
-    friction = np.linalg.inv(dense[2])
-    assert np.sqrt(error @ friction @ error) < 5*tolerance*np.sqrt(dense[1] @ friction @ dense[1])
-    assert grid[0] == pytest.approx(dense[0], rel=5*tolerance) and dense[0] > 2
-
-
-def rotateBack(after, before):
-    """Half the rotation vector, lab frame, of the small turn from one quaternion to the other."""
-    w, v = before[0], before[1:]
-    turn = -after[0]*v + w*after[1:] - np.cross(after[1:], v)
-    assert np.allclose(rotate(after, np.array((1.0, 0, 0))), rotate(before, np.array((1.0, 0, 0))), atol=1e-3)
-    return turn*np.sign(after @ before)
