@@ -400,6 +400,8 @@ public:
     std::vector<OpenMM::Vec3> getFlowInContext(OpenMM::Context& context, const std::vector<OpenMM::Vec3>& points) const;
     std::vector<double> getFlowModeInContext(OpenMM::Context& context, int forceAxis, int waveAxis,
                                              int waveVectorIndex) const;
+    std::vector<double> getRandomFlowModeInContext(OpenMM::Context& context, int forceAxis, int waveAxis,
+                                                   int waveVectorIndex) const;
     bool usesPeriodicBoundaryConditions() const;
 
     %extend {
