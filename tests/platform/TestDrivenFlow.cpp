@@ -385,7 +385,7 @@ TEST(DrivenFlow, OrderWithoutNoise) {
         for (size_t i = 0; i < x.size(); i++) all.segment<3>(3 * i) = toEigen(x[i]);
         return all;
     };
-    SKIP_ON_DEVICES("errors are below what positions in single precision tell");
+    SKIP_ON_SINGLE_PRECISION_DEVICES("errors are below what positions in single precision tell");
     const VectorXd exact = end(RigidHI::FixmanMidpoint, 1024);
     for (const SchemeTraits& traits : overdampedSchemes()) {
         const double coarse = (end(traits.scheme, 16) - exact).norm(), fine = (end(traits.scheme, 32) - exact).norm();
