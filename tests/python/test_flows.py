@@ -251,3 +251,27 @@ def test_a_shell_of_blobs_turns_like_a_sphere(platform):
     integrator.step(20)
     assert np.allclose(integrator.getBodyPositions()._value, [(1 + 0.4*2*2, 2, 3)], rtol=0, atol=1e-7)
     assert np.allclose(integrator.getBodyOrientations(), [(np.cos(0.2), 0, 0, -np.sin(0.2))], rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize('height', [12, 24])
+def test_a_shell_lags_behind_shear_above_a_wall(height):
+    # Goldman, Cox, Brenner, Chem. Eng. Sci. 22, 653 (1967): far from the wall V/(rate h) and 2 omega/rate are 1 - 5/16 (a/h)^3. The next terms are
+    # smaller by (a/h)^2, 0.7 % here; the shell's radius for rotation is 0.55 % too small, which is 1.7 % of a^3.
+    sites, radius = app.multiblobSphere(162, 1.0)
+    system, fluid = openmm.System(), MobilityForce()
+    integrator = CustomRigidHIIntegrator(0, 0.01)
+    integrator.setScheme(CustomRigidHIIntegrator.EulerMaruyama)
+    app.addRigidMultiblob(system, integrator, fluid, sites, radius)
+    fluid.setBoundary(fluid.NoSlipWall)
+    fluid.setBackgroundFlow((0, 0, 0), [(0, 0, 1), (0, 0, 0), (0, 0, 0)])
+    fluid.setSolver(fluid.Dense)
+    system.addForce(fluid)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('CPU'))
+    context.setPositions(sites._value + (0, 0, height))
+    integrator.setBodyPositions([(0, 0, height)])
+    integrator.setBodyOrientations([(1, 0, 0, 0)])
+    integrator.step(1)
+    velocity = integrator.getBodyPositions()._value[0, 0]/0.01
+    omega = 2*np.arcsin(integrator.getBodyOrientations()[0, 2])/0.01
+    assert (1 - velocity/height)/(5/16*height**-3) == pytest.approx(1, abs=0.025)
+    assert (1 - 2*omega)/(5/16*height**-3) == pytest.approx(1, abs=0.025)
