@@ -671,7 +671,7 @@ TEST(DrivenFlow, WavesInTriclinicBoxes) {
     scene.start();
     scene.context->setPeriodicBoxVectors(Vec3(8, 0, 0), Vec3(2, 8, 0), Vec3(-2, 2.5, 9));
     expectError([&] { scene.integrator.step(1); },
-                {"a wave of 1 periods along the edge 0 of the box is not periodic along its vector (2, 8, 0) nm",
+                {"a wave of index 1 along the edge 0 of the box is not periodic along its vector (2, 8, 0) nm",
                  "take another wave axis or index, or an orthogonal box"});
 }
 
@@ -1279,7 +1279,7 @@ TEST(DrivenFlow, WavesTooShortForAGridAreRefused) {
         scene.fluid->setSinusoidalForceDensity(1, 0, 2, 16);
         scene.start();
         expectError([&] { scene.integrator.step(1); },
-                    {"a wave of 16 periods along the edge 2 of the box is too short for a grid of 32 nodes",
+                    {"a wave of index 16 along the edge 2 of the box is too short for a grid of 32 nodes",
                      "take an index below 16, or a finer grid by setGridSpacing()"});
         scene.fluid->setSinusoidalForceDensity(1, 0, 2, 15);
         scene.fluid->updateParametersInContext(*scene.context);

@@ -177,7 +177,7 @@ def test_waves_that_boxes_and_grids_do_not_have():
         fluid.setSinusoidalForceDensity(1, 0, 1, 14)
 
     fluid, integrator, context = spheres('Reference', [(3, 2, 4)], [1], onAGrid, MobilityForce.ForceCoupling, MobilityForce.Periodic)
-    with pytest.raises(openmm.OpenMMException, match=r'a wave of 14 periods along the edge 1 of the box is too short for a grid of 28 nodes along it; '
+    with pytest.raises(openmm.OpenMMException, match=r'a wave of index 14 along the edge 1 of the box is too short for a grid of 28 nodes along it; '
                                                      r'take an index below 14, or a finer grid by setGridSpacing\(\)'):
         integrator.step(1)
     fluid.setSinusoidalForceDensity(1, 0, 1, 13)
@@ -185,7 +185,7 @@ def test_waves_that_boxes_and_grids_do_not_have():
     integrator.step(1)
     fluid, integrator, context = spheres('Reference', [(3, 2, 4)], [1], wave(1, 1, 0, 1), boundary=MobilityForce.Periodic,
                                          box=[(9, 0, 0), (3, 8, 0), (0, 0, 10)])
-    with pytest.raises(openmm.OpenMMException, match=r'setSinusoidalForceDensity\(\): a wave of 1 periods along the edge 0 of the box is not periodic along '
+    with pytest.raises(openmm.OpenMMException, match=r'setSinusoidalForceDensity\(\): a wave of index 1 along the edge 0 of the box is not periodic along '
                                                      r'its vector \(3, 8, 0\) nm; take another wave axis or index, or an orthogonal box'):
         integrator.step(1)
     fluid.setSinusoidalForceDensity(1, 1, 0, 3)
