@@ -1,31 +1,19 @@
 """Moments of inertia times a factor (setInertiaScale) for longer steps in water: the measurement in results_inertia/, made again.
 
-LangevinC with the real moments, and with 4, 8 and 16 times these, at steps up to where the energy fails. What they are compared with is the limit of
-small steps of results/results.json. Options: --budget seconds, --output folder.
+LangevinC with the real moments and with 4, 8 and 16 times these, up to steps where the energy fails. They are compared with the limit of small steps of
+results/results.json. Further options are passed on, e.g. ``--budget 600 --output mine``.
 """
-import argparse
-import json
 import os
+import sys
 
-from openmmrigidhi import accuracy
+from openmmrigidhi.accuracy import cli
 
-HERE = os.path.dirname(os.path.abspath(__file__))
-STEPS = {'LangevinC': [0.004, 0.009, 0.010], 'LangevinC-I4': [0.009, 0.012, 0.014], 'LangevinC-I8': [0.012, 0.014, 0.016],
-         'LangevinC-I16': [0.012, 0.015, 0.016]}
-
-
-def limitOfSmallSteps():
-    """Potential energy per molecule and its standard error, kJ/mol."""
-    with open(os.path.join(HERE, 'results', 'results.json')) as file:
-        reference = json.load(file)['references']['potential_energy']
-    return reference['value'], reference['standard_error']
-
+ARGUMENTS = ['--scene', 'water', '--bodies', '216', '--temperature', '298.15', '--gamma', '5', '--Gamma', '10', '--seed', '2028',
+             '--methods', 'LangevinC:4,9,10', 'LangevinC-I4:9,12,14', 'LangevinC-I8:12,14,16', 'LangevinC-I16:15,16',
+             '--reference', 'potential_energy=-46.498+-0.042', '--wanted-error', 'potential_energy:0.5%', '--baseline', 'LangevinC',
+             '--threads', '1', '--clock', 'cpu', '--rounds', '10', '--budget', '1100',
+             '--output', os.path.join(os.path.dirname(os.path.abspath(__file__)), 'results_inertia')]
 
 if __name__ == '__main__':
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--budget', type=float, default=1100, help='seconds (1100)')
-    parser.add_argument('--output', default=os.path.join(HERE, 'results_inertia'))
-    options = parser.parse_args()
-    study = accuracy.StepSizeStudy(accuracy.scenes.water(216, seed=2026, threads=1), list(STEPS), STEPS,
-                                   references={'potential_energy': limitOfSmallSteps()}, seed=2028, clock='cpu')
-    study.run(budget=options.budget, rounds=10).write(options.output, ['potential_energy:0.5%'])
+    # The last of two equal options counts.
+    sys.exit(cli.main(ARGUMENTS + sys.argv[1:]))
