@@ -276,6 +276,8 @@ public:
     void setFriction(double gamma);
     double getRotationalFriction() const;
     void setRotationalFriction(double Gamma);
+    double getInertiaScale() const;
+    void setInertiaScale(double factor);
     void setBodyFriction(int index, double gamma, double Gamma);
     void getBodyFriction(int index, double& gamma, double& Gamma) const;
     bool getBodyHasOwnFriction(int index) const;

@@ -74,6 +74,7 @@ map<string, int> RigidBodyKernel::getDegreesOfFreedom(ContextImpl&) {
 
 map<string, string> RigidBodyKernel::getEffects(ContextImpl&) {
     if (!scene->isBuilt() && mirror->hasPositions()) mirror->takeInChanges();
+    scene->adoptInertiaScale();
     scene->fluid.takeBox();
     return findEffects(*scene, getPlatform().getName());
 }
