@@ -159,7 +159,7 @@ def positive(value, where, name):
     return value
 
 
-def progressBar(iterable, label, progress):
+def progressBar(iterable, label, progress, things=' sweeps'):
     """The iterable with a progress bar; None: on a terminal only."""
     import tqdm
-    return tqdm.tqdm(iterable, desc=label, unit=' sweeps', mininterval=0.5, disable=None if progress is None else not progress)
+    return tqdm.tqdm(iterable, desc=label, unit=things, mininterval=0.5, disable=None if progress is None else not progress)

@@ -1,0 +1,259 @@
+"""Effective viscosity of a suspension that a sinusoidal force density drives."""
+import dataclasses
+
+import numpy as np
+from openmm import unit
+
+from .. import _units
+from .._systems import forcesOf
+from ..integrator import CustomRigidHIIntegrator
+from ..mobility import MobilityForce
+from ._moves import positive, progressBar
+from .series import BLOCK_LENGTH_IN_TAU, FEWEST_TRUSTED_BLOCKS, seriesStatistics
+
+#: An amplitude that is not this many standard errors above 0 is no flow to measure a viscosity by.
+LEAST_SIGNIFICANCE = 3
+#: Never more blocks than this. What the random field does, new at each step, hides the slower fluctuations that come with configurations from the
+#: autocorrelation of the samples, but not from the spread of long blocks. The error is known to 1/sqrt(2 (20 - 1)) = 16 %.
+MOST_BLOCKS = 20
+
+
+@dataclasses.dataclass
+class EffectiveViscosity:
+    """An effective viscosity, and the flow by which it was measured; errors are standard errors.
+
+    Attributes
+    ----------
+    viscosity, viscosityError : Quantity
+        f0/(k^2 amplitude), dalton/(nm ps)
+    ratio, ratioError : float
+        to the viscosity of the fluid alone
+    amplitude, amplitudeError : Quantity
+        mean amplitude of sin(k x_waveAxis) in the velocity along the force, positive along it, nm/ps
+    cosine, cosineError : Quantity
+        mean amplitude of the cosine, nm/ps; it tends to 0 as the places of the bodies are averaged over
+    shearRate, shearRateError : Quantity
+        the largest of the mean flow, k amplitude, 1/ps
+    degrees : int
+        degrees of freedom of the errors: number of blocks less 1; 0 for a single value without noise
+    tau : float
+        integrated autocorrelation time of the amplitude that the error stands for, in samples; about 0.5 for independent ones
+    samples : int
+        number of samples
+    """
+
+    viscosity: unit.Quantity
+    viscosityError: unit.Quantity
+    ratio: float
+    ratioError: float
+    amplitude: unit.Quantity
+    amplitudeError: unit.Quantity
+    cosine: unit.Quantity
+    cosineError: unit.Quantity
+    shearRate: unit.Quantity
+    shearRateError: unit.Quantity
+    degrees: int
+    tau: float
+    samples: int
+
+    @property
+    def isTrusted(self):
+        """Whether the errors are believed: blocks enough, or nothing random."""
+        return self.degrees + 1 >= FEWEST_TRUSTED_BLOCKS or self.samples == 1
+
+
+def viscosity(context, steps=0, equilibration=0, interval=1, progress=None):
+    """Get the effective viscosity of what a Context simulates, by the flow that its sinusoidal force density drives.
+
+    A force density f0 sin(k x_waveAxis) drives a fluid of viscosity eta to the velocity f0/(eta k^2) sin(k x_waveAxis). In a suspension the mean
+    amplitude A of that wave is smaller, and f0/(k^2 A) is the effective viscosity at this wavelength and shear rate (Westwood 2022, eq. 65). The flow
+    of each sampled step has the bodies' forces and the random field in it, so its mean has the Brownian stress.
+
+    Parameters
+    ----------
+    context : openmm.Context
+        with a CustomRigidHIIntegrator, positions, and a MobilityForce with :meth:`MobilityForce.setSinusoidalForceDensity`, whose
+        settings are those of the Context. It goes on for equilibration + steps steps
+    steps : int
+        steps that are measured. 0 at temperature 0: the flow at the present poses, once, without error
+    equilibration : int
+        steps before that which are not measured
+    interval : int
+        steps from one sample to the next. A sample costs about a step. What the random field does to the amplitude is new at each step, so 1
+        (default) is at worst half as efficient as the best interval; a larger one pays where configurations make most of the error
+    progress : bool, optional
+        show a progress bar; None: on a terminal only
+
+    Returns
+    -------
+    EffectiveViscosity
+
+    Raises
+    ------
+    TypeError, ValueError
+        for arguments that are no such Context or numbers; without a force density; at temperatures above 0 with LangevinHI, or with EulerMaruyama
+        where the drift that it omits is not 0: their mean flow has not the Brownian stress; with fewer than 10 samples; if the amplitude is not
+        3 standard errors above 0
+    openmm.OpenMMException
+        as :meth:`MobilityForce.getFlowModeInContext`
+
+    Notes
+    -----
+    Errors are those of averages over 20 blocks or fewer (:func:`openmmrigidhi.analysis.series.seriesStatistics`): a run must be long beside 20 times the time in
+    which configurations change. The relative error of the viscosity is that of the amplitude. The random field alone gives the amplitude of a step the variance 4 kT/(eta k^2 V h), h the step and V the volume, whatever f0: weaker
+    driving needs longer runs, as 1/f0^2. Bodies feel the curvature of the wave by (k times their size)^2.
+    """
+    where = 'viscosity'
+    integrator, fluid, _ = _drivenScene(context, where)
+    steps = _atLeast(0, steps, where, 'steps')
+    equilibration = _atLeast(0, equilibration, where, 'equilibration')
+    interval = positive(interval, where, 'interval')
+    random = integrator.getTemperature()._value > 0
+    if random and steps//interval < FEWEST_TRUSTED_BLOCKS:
+        raise ValueError(f'{where}: steps, interval: got {steps} and {interval}, so {steps//interval} samples; a standard error needs at least '
+                         f'{FEWEST_TRUSTED_BLOCKS} where there is noise: give more steps')
+    if 0 < steps < 2*interval:
+        raise ValueError(f'{where}: steps, interval: got {steps} and {interval}, so {steps//interval} samples; a mean over time needs at least 2: give '
+                         'more steps, or 0 for the present poses')
+    if equilibration:
+        _checkScheme(context, integrator, where)
+        _advance(integrator, equilibration, 'equilibration', progress)
+    if steps == 0:
+        amplitudes = _mode(context, fluid)[None]
+    else:
+        amplitudes = _sampled(context, integrator, fluid, steps, interval, progress, where)
+    return _estimate(context, amplitudes, where)
+
+
+def sampleFlowAmplitudes(context, steps, interval=1, progress=None):
+    """Step a Context, and sample the amplitudes of the flow that its sinusoidal force density drives: what :func:`viscosity` averages.
+
+    For runs that go on in parts, or sample other things too; :func:`viscosityFromAmplitudes` makes a viscosity of all parts together.
+
+    Parameters
+    ----------
+    context, steps, interval, progress
+        as in :func:`viscosity`; at least one interval
+
+    Returns
+    -------
+    Quantity of shape (steps // interval, 2)
+        amplitudes on sin and on cos, nm/ps
+
+    Raises
+    ------
+    TypeError, ValueError, openmm.OpenMMException
+        as :func:`viscosity`
+    """
+    where = 'sampleFlowAmplitudes'
+    integrator, fluid, _ = _drivenScene(context, where)
+    interval = positive(interval, where, 'interval')
+    steps = _atLeast(interval, steps, where, 'steps')
+    return _units.VELOCITY.attach(_sampled(context, integrator, fluid, steps, interval, progress, where))
+
+
+def viscosityFromAmplitudes(context, amplitudes):
+    """Get the effective viscosity from amplitudes that were sampled.
+
+    Parameters
+    ----------
+    context : openmm.Context
+        in which they were sampled, or one with the same box and force density
+    amplitudes : array-like or Quantity of shape (n, 2)
+        of :func:`sampleFlowAmplitudes`, equally spaced, of one state, nm/ps; at least 10. One alone is taken to be without noise
+
+    Returns
+    -------
+    EffectiveViscosity
+
+    Raises
+    ------
+    TypeError, ValueError
+        as :func:`viscosity`
+    """
+    where = 'viscosityFromAmplitudes'
+    rows = _units.rows(amplitudes, _units.VELOCITY, 2, where, 'amplitudes')
+    if len(rows) != 1 and len(rows) < FEWEST_TRUSTED_BLOCKS:
+        raise ValueError(f'{where}: amplitudes: got {len(rows)}; an error needs at least {FEWEST_TRUSTED_BLOCKS} samples, and 1 is taken to be without '
+                         'noise: sample more')
+    if not np.all(np.isfinite(rows)):
+        raise ValueError(f'{where}: amplitudes: number {np.argwhere(~np.isfinite(rows))[0][0]} is not finite; all must be: leave out what follows a '
+                         'run that blew up')
+    return _estimate(context, rows, where)
+
+
+def _drivenScene(context, where):
+    """The integrator, the MobilityForce, and what drives the fluid: f0, k, viscosity."""
+    context = _units.context(context, where)
+    integrator = CustomRigidHIIntegrator.cast(context.getIntegrator())
+    fluids = forcesOf(context.getSystem(), MobilityForce)
+    f0, _, axis, index = fluids[0].getSinusoidalForceDensity() if fluids else (_units.FORCE_DENSITY.attach(0), 0, 1, 1)
+    if f0._value == 0:
+        raise ValueError(f'{where}: context: its System has no MobilityForce with a sinusoidal force density other than 0; the viscosity is measured by the '
+                         'flow that one drives: call setSinusoidalForceDensity() before the Context is created')
+    edge = context.getState().getPeriodicBoxVectors(asNumpy=True)._value[axis, axis]
+    return integrator, fluids[0], (f0._value, 2*np.pi*index/edge, fluids[0].getViscosity()._value)
+
+
+def _checkScheme(context, integrator, where):
+    """Refuses schemes whose mean flow has no Brownian stress."""
+    if not integrator.getTemperature()._value > 0:
+        return
+    scheme = integrator.getScheme()
+    if scheme == CustomRigidHIIntegrator.LangevinHI:
+        raise ValueError(f'{where}: context: its scheme is LangevinHI, whose flow is that of the friction forces, at a temperature above 0; the mean must have '
+                         'the Brownian stress: use a scheme without momenta, such as DriftCorrectorFD')
+    if 'omits it' in integrator.getEffects()['stochastic drift']:
+        raise ValueError(f'{where}: context: its scheme is EulerMaruyama at a temperature above 0, with bodies that have a stochastic drift, which it omits; its '
+                         'mean flow then lacks Brownian stress: use DriftCorrectorFD, or another scheme that makes the drift')
+
+
+def _mode(context, fluid):
+    """Amplitudes (sin, cos) of the driven wave, nm/ps."""
+    return fluid.getFlowModeInContext(context, *fluid.getSinusoidalForceDensity()[1:])._value
+
+
+def _advance(integrator, steps, label, progress):
+    with progressBar(range(steps), label, progress, ' steps') as bar:
+        for _ in bar:
+            integrator.step(1)
+
+
+def _sampled(context, integrator, fluid, steps, interval, progress, where):
+    """Amplitudes (n, 2) after each interval, nm/ps."""
+    _checkScheme(context, integrator, where)
+    found = np.empty((steps//interval, 2))
+    with progressBar(range(len(found)), 'sampling the flow', progress, ' samples') as bar:
+        for k in bar:
+            integrator.step(interval)
+            found[k] = _mode(context, fluid)
+    integrator.step(steps - interval*len(found))
+    return found
+
+
+def _estimate(context, amplitudes, where):
+    """The EffectiveViscosity of amplitudes (n, 2), nm/ps."""
+    _, _, (f0, k, eta) = _drivenScene(context, where)
+    along = np.sign(f0)*amplitudes
+    if len(along) == 1:
+        (mean, cosine), error, cosineError, degrees, tau = along[0], 0.0, 0.0, 0, 0.5
+    else:
+        found, other = (seriesStatistics(column, len(along)/(BLOCK_LENGTH_IN_TAU*MOST_BLOCKS)) for column in along.T)
+        mean, error, degrees, cosine, cosineError = found.mean, found.standardError, found.degrees, other.mean, other.standardError
+        variance = along[:, 0].var(ddof=1)
+        tau = float(len(along)*error**2/(2*variance)) if variance > 0 else 0.5
+    if not mean > LEAST_SIGNIFICANCE*error:
+        raise ValueError(f'{where}: the amplitude of the flow is {mean:.3g} +- {error:.2g} nm/ps; it must be more than {LEAST_SIGNIFICANCE} standard errors above '
+                         '0: run longer, or drive by a larger f0')
+    value = abs(f0)/(k*k*mean)
+    return EffectiveViscosity(_units.VISCOSITY.attach(value), _units.VISCOSITY.attach(value*error/mean), value/eta, value/eta*error/mean,
+                              _units.VELOCITY.attach(float(mean)), _units.VELOCITY.attach(error), _units.VELOCITY.attach(float(cosine)),
+                              _units.VELOCITY.attach(cosineError), _units.RATE.attach(float(k*mean)), _units.RATE.attach(float(k*error)), degrees, tau,
+                              len(along))
+
+
+def _atLeast(least, value, where, name):
+    value = _units.integer(value, where, name)
+    if value < least:
+        raise ValueError(f'{where}: {name}: got {value}; the number of steps must be at least {least}: give more of them')
+    return value
