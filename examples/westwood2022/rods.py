@@ -227,10 +227,11 @@ class Runs:
     def summary(self, reference):
         """Densities, means and their changes since the start, with standard errors from the spread of the runs, and what separates them from Monte Carlo."""
         runs = self.runs
-        steps = [round(run['y'].sum()/self.scene.rods)*FRAME for run in runs]
+        times = [round(run['y'].sum()/self.scene.rods)*FRAME*model.STEP for run in runs]
+        steps = [round(t/self.step) for t in times]
         found = {'scheme': self.scheme, 'scaling': self.scaling, 'step_over_tau': self.step, 'runs': len(runs), 'steps': steps,
-                 'time_of_a_run_over_tau': [n*model.STEP for n in steps], 'seconds': self.seconds, 'redone_steps': self.redone,
-                 'ms_a_step': 1e3*self.seconds/(sum(steps)*model.STEP/self.step), 'tolerance': TOLERANCE, 'means': {}, 'changes': {}}
+                 'time_of_a_run_over_tau': times, 'seconds': self.seconds, 'redone_steps': self.redone,
+                 'ms_a_step': 1e3*self.seconds/sum(steps), 'tolerance': TOLERANCE, 'means': {}, 'changes': {}}
         for k, name in enumerate(MEANS):
             mean = meanAndError([run['means'][:, k].mean() for run in runs])
             change = meanAndError([run['means'][:, k].mean() - run['means0_'][k] for run in runs])
@@ -336,7 +337,7 @@ def report(folder, args, plans):
         for path in sorted((folder/'kept').glob(f'runs_{scene.name}*.npz')):
             for scheme in ('DriftCorrectorFD', 'EulerMaruyama'):
                 for scaling in ('Whole', 'SlipOnly'):
-                    for step in (1, 2):
+                    for step in (1, 2, 3, 5):
                         runs = Runs(scene, folder/'kept', scheme, scaling, step*model.STEP)
                         if runs.file == path and runs.load() and len(runs.runs) > 1:
                             entry['dynamics'].append(runs.summary(entry['monte_carlo']))
@@ -353,6 +354,15 @@ def report(folder, args, plans):
     return data
 
 
+PAPERS = 'gDC, τ/600'
+
+
+def variant(run):
+    """What a run of the dynamics is called."""
+    scheme = {'DriftCorrectorFD': 'gDC', 'EulerMaruyama': 'Euler–Maruyama'}.get(run['scheme'], run['scheme'])
+    return f'{scheme}{"" if run["scaling"] == "Whole" else " " + run["scaling"]}, τ/{1/run["step_over_tau"]:.0f}'
+
+
 def tables(data):
     """Markdown."""
     yield '| Ly | cut-off/a | | Monte Carlo | flat starts | random starts | dynamics | z | change since the start | z |'
@@ -367,7 +377,7 @@ def tables(data):
                     yield row + ' | | | |'
                     continue
                 mean, change = run['means'][name], run['changes'][name]
-                label = '' if run['scheme'] == 'DriftCorrectorFD' and run['scaling'] == 'Whole' else f' ({run["scheme"]}, {run["scaling"]})'
+                label = '' if variant(run) == PAPERS else f' ({variant(run)})'
                 yield (row + f' {brackets(mean["mean"], mean["error"])}{label} | {mean["z"]:+.1f} | {brackets(change["mean"], change["error"])} | '
                        f'{change["z"]:+.1f} |')
     yield ''
@@ -376,7 +386,7 @@ def tables(data):
     yield '|---'*15 + '|'
     for scene in data['scenes']:
         for run in scene['dynamics']:
-            cells = [f'L/{round(1/scene["width_over_L"])}', f'{scene["cutoff"]:g}', str(scene['rods']), f'{run["scheme"]}, {run["scaling"]}',
+            cells = [f'L/{round(1/scene["width_over_L"])}', f'{scene["cutoff"]:g}', str(scene['rods']), variant(run),
                      f'{run["runs"]} × {np.mean(run["time_of_a_run_over_tau"]):.3g}', str(run['redone_steps']), f'{run["ms_a_step"]:.0f}']
             for name in ('y', 'theta'):
                 found, change = run[name]['against_monte_carlo'], run[name]['change']
@@ -397,6 +407,7 @@ def main():
     parser.add_argument('--only', choices=['mc', 'dynamics'], help='leave out the other')
     parser.add_argument('--scheme', default='DriftCorrectorFD', help='of the dynamics (%(default)s); EulerMaruyama leaves out the drift')
     parser.add_argument('--scaling', default='Whole', choices=['Whole', 'SlipOnly'], help="Whole is the paper's (%(default)s)")
+    parser.add_argument('--coarser', type=int, default=1, choices=[1, 2, 3, 5], help="step of the dynamics, times the paper's (%(default)s)")
     parser.add_argument('--runs', type=int, help='of dynamics, instead of those of PLANS')
     parser.add_argument('--report', action='store_true', help='run nothing')
     parser.add_argument('--silent', action='store_true', help='no progress bars')
@@ -419,7 +430,7 @@ def main():
         if args.only != 'dynamics':
             chains.run(round(sweeps*args.long), args.silent)
         if args.only != 'mc':
-            moving = Runs(scene, folder, args.scheme, args.scaling)
+            moving = Runs(scene, folder, args.scheme, args.scaling, args.coarser*model.STEP)
             if args.resume:
                 moving.load()
             moving.go(chains, round((runs if args.runs is None else args.runs)*args.long), steps, args.silent)
