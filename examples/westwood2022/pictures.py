@@ -51,9 +51,10 @@ def heights(data, path):
             name = 'gDC' if run['scheme'] == 'DriftCorrectorFD' else run['scheme']
             ax.errorbar(y, p2, error2, fmt=MARKS[run['scheme']], ms=3, lw=0.7, color=('tab:red', 'tab:orange')[line],
                         label=f'{name}, cut-off {scene["cutoff"]:g} a')
-        ax.set(title=f'Ly = L/{fraction} = {scene["width"]:.2f} a, {scene["rods"]} rods', xlabel='y/a', ylabel='density of y, 1/a', xlim=(0, scene['width']), ylim=(0, None))
+        ax.set(title=f'Ly = L/{fraction} = {scene["width"]:.2f} a, {scene["rods"]} rods', xlabel='y/a', ylabel='density of y, 1/a', xlim=(0, scene['width']))
     for ax in axes.flat:
-        ax.legend(fontsize=7, loc='upper center')
+        ax.set_ylim(0, 1.25*ax.get_ylim()[1])
+        ax.legend(fontsize=7, loc='upper center', ncols=2)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 

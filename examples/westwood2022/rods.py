@@ -33,8 +33,8 @@ FRAME = 30                          # steps between frames: tau/20
 SEGMENT = 300                       # steps of which histograms are kept together: tau/2
 TOLERANCE = 1e-3
 #: (L/Ly, cut-off): systems, sweeps, sweeps before anything is counted; runs of dynamics, steps of each.
-PLANS = {(8, 6.0): (32, 5000, 2000, 12, 1500), (4, 6.0): (24, 2500, 1000, 6, 1500), (2, 6.0): (16, 1200, 500, 4, 1200),
-         (8, 3.0): (32, 5000, 2000, 6, 1500), (4, 3.0): (24, 2500, 1000, 0, 0), (2, 3.0): (16, 1200, 500, 0, 0)}
+PLANS = {(8, 6.0): (32, 5000, 2000, 12, 1500), (4, 6.0): (24, 4500, 2500, 4, 900), (2, 6.0): (16, 1500, 700, 3, 900),
+         (8, 3.0): (32, 3500, 1500, 3, 900), (4, 3.0): (24, 2000, 1000, 0, 0), (2, 3.0): (16, 1000, 500, 0, 0)}
 CHUNK = 100                         # sweeps that are kept together
 SAMPLE = 5                          # sweeps between samples
 
@@ -67,6 +67,7 @@ class Chains:
         self.y, self.theta, self.means, self.sweeps, self.seconds, self.state, self.acceptance = [], [], [], 0, 0.0, None, {}
 
     def load(self):
+        burnIn = self.burnIn
         if not self.file.exists():
             return False
         with np.load(self.file) as kept:
@@ -74,6 +75,11 @@ class Chains:
             self.state = {key: kept[key] for key in ('R', 'q', 'sizes')}
             self.sweeps, self.seconds, self.burnIn = int(kept['sweeps']), float(kept['seconds']), int(kept['burnIn'])
             self.acceptance = dict(zip(montecarlo.MOVES, kept['acceptance'].tolist()))
+        # A longer burn-in than was thought of takes away the first of what was counted.
+        while self.burnIn < burnIn and self.means:
+            self.burnIn += CHUNK
+            for kept in (self.y, self.theta, self.means):
+                del kept[0]
         self.count = len(self.state['R'])
         return True
 
