@@ -276,6 +276,8 @@ public:
     void setFriction(double gamma);
     double getRotationalFriction() const;
     void setRotationalFriction(double Gamma);
+    double getInertiaScale() const;
+    void setInertiaScale(double factor);
     void setBodyFriction(int index, double gamma, double Gamma);
     void getBodyFriction(int index, double& gamma, double& Gamma) const;
     bool getBodyHasOwnFriction(int index) const;
@@ -400,6 +402,8 @@ public:
     std::vector<OpenMM::Vec3> getFlowInContext(OpenMM::Context& context, const std::vector<OpenMM::Vec3>& points) const;
     std::vector<double> getFlowModeInContext(OpenMM::Context& context, int forceAxis, int waveAxis,
                                              int waveVectorIndex) const;
+    std::vector<double> getRandomFlowModeInContext(OpenMM::Context& context, int forceAxis, int waveAxis,
+                                                   int waveVectorIndex) const;
     bool usesPeriodicBoundaryConditions() const;
 
     %extend {

@@ -109,6 +109,7 @@ void CustomRigidHIIntegratorProxy::serialize(const void* object, SerializationNo
     node.setDoubleProperty("temperature", integrator.getTemperature());
     node.setDoubleProperty("friction", integrator.getFriction());
     node.setDoubleProperty("rotationalFriction", integrator.getRotationalFriction());
+    node.setDoubleProperty("inertiaScale", integrator.getInertiaScale());
     node.setDoubleProperty("gradientRelaxationTime", integrator.getGradientRelaxationTime());
     node.setDoubleProperty("gradientRotationalRelaxationTime", integrator.getGradientRotationalRelaxationTime());
     node.setIntProperty("randomSeed", integrator.getRandomNumberSeed());
@@ -140,6 +141,7 @@ void* CustomRigidHIIntegratorProxy::deserialize(const SerializationNode& root) c
     integrator->setRandomNumberSeed(node.integer("randomSeed"));
     integrator->setPoseTolerance(node.number("poseTolerance"));
     // Not in files of version 0.1.
+    if (node.has("inertiaScale")) integrator->setInertiaScale(node.number("inertiaScale"));
     if (node.has("numHostThreads")) integrator->setNumHostThreads(node.integer("numHostThreads"));
     if (node.has("maximumRejections")) integrator->setMaximumRejections(node.integer("maximumRejections"));
     if (node.has("finiteDifferenceStep")) integrator->setFiniteDifferenceStep(node.number("finiteDifferenceStep"));

@@ -195,6 +195,7 @@ def scenes():
     for law in (I.ThreePoint, I.TwoPoint):
         yield f'mixed-law{int(law)}', lambda law=law: mixed().set(NoiseLaw=law), inertial
     yield 'mixed', mixed, inertial
+    yield 'mixed-inertia', lambda: mixed().set(InertiaScale=3.3), inertial
     yield 'mixed-frictions', lambda: mixed().set(BodyFriction=(1, 20, 30), Friction=3, RotationalFriction=0), [I.LangevinC]
     yield 'mixed-bodyforce', lambda: withBodyForce(mixed()), inertial
     yield 'gradient', lambda: gradientScene(), [I.GradientThermostat]

@@ -84,7 +84,7 @@ void checkVectors(const vector<Vec3>& rows, int bodies, int known, const char* m
 
 CustomRigidHIIntegrator::CustomRigidHIIntegrator(double temperature, double stepSize)
     : scheme(LangevinC), noiseLaw(Gaussian), wallRejection(Overlap), driftCorrectorScaling(SlipOnly), friction(1),
-      rotationalFriction(1), gradientTime(0.004), gradientRotationalTime(0.001), poseTolerance(1e-3),
+      rotationalFriction(1), inertiaScale(1), gradientTime(0.004), gradientRotationalTime(0.001), poseTolerance(1e-3),
       finiteDifferenceStep(0), randomSeed(0), settingsVersion(0), maximumRejections(100), numHostThreads(0),
       hasKernel(false) {
     setTemperature(temperature);
@@ -287,6 +287,14 @@ double CustomRigidHIIntegrator::getRotationalFriction() const { return rotationa
 void CustomRigidHIIntegrator::setRotationalFriction(double Gamma) {
     checkNonNegative(Gamma, "setRotationalFriction()", "rotational friction Gamma", "1/ps");
     rotationalFriction = Gamma;
+    settingsVersion++;
+}
+
+double CustomRigidHIIntegrator::getInertiaScale() const { return inertiaScale; }
+
+void CustomRigidHIIntegrator::setInertiaScale(double factor) {
+    checkPositive(factor, "setInertiaScale()", "factor of the principal moments", "(relative)");
+    inertiaScale = factor;
     settingsVersion++;
 }
 

@@ -356,7 +356,16 @@ vector<Vec3> MobilityForce::getFlowInContext(Context& context, const vector<Vec3
 vector<double> MobilityForce::getFlowModeInContext(Context& context, int alongForce, int alongWave, int index) const {
     IntegrateRigidBodiesKernel& kernel = kernelIn(context, "getFlowModeInContext()");
     checkWave("getFlowModeInContext()", alongForce, alongWave, index);
-    return kernel.getFlowMode(const_cast<MobilityForce*>(this)->getContextImpl(context), alongForce, alongWave, index);
+    return kernel.getFlowMode(const_cast<MobilityForce*>(this)->getContextImpl(context), alongForce, alongWave, index,
+                              false);
+}
+
+vector<double> MobilityForce::getRandomFlowModeInContext(Context& context, int alongForce, int alongWave,
+                                                         int index) const {
+    IntegrateRigidBodiesKernel& kernel = kernelIn(context, "getRandomFlowModeInContext()");
+    checkWave("getRandomFlowModeInContext()", alongForce, alongWave, index);
+    return kernel.getFlowMode(const_cast<MobilityForce*>(this)->getContextImpl(context), alongForce, alongWave, index,
+                              true);
 }
 
 ForceImpl* MobilityForce::createImpl() const { return new MobilityForceImpl(*this); }

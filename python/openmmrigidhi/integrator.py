@@ -337,6 +337,34 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """Set Gamma (eqs. 9, 10), 1/ps; default 1. Body axis k relaxes at the rate Gamma / (I_k sum_j 1/I_j)."""
         super().setRotationalFriction(self._number(Gamma, _units.RATE, 'setRotationalFriction', 'Gamma'))
 
+    def getInertiaScale(self):
+        """Get the factor of the principal moments in the dynamics."""
+        return super().getInertiaScale()
+
+    def setInertiaScale(self, factor):
+        """Set the factor by which schemes with momenta multiply the principal moments of all bodies in their dynamics; default 1.
+
+        Averages over configurations do not depend on it, since momenta are Gaussian and independent of them. Motion does, and is not the real
+        one; :meth:`describeEffects` says so. With a factor of 4 to 16 the rotation of light bodies (water) becomes slower than what limits the step
+        otherwise, and steps grow: the user guide has measurements.
+
+        Angular momenta, kinetic energies and temperatures are those of the scaled moments, so that equipartition holds about every axis. Angular
+        velocities are real ones: :meth:`setBodyAngularVelocities`, and the velocities of particles, mean rotation as it is seen. The rates of
+        :meth:`setRotationalFriction` do not change. The friction of a fluid (LangevinHI) does not either, so that angular momenta relax more slowly
+        there by the factor, and diffusion over long times is the real one. :meth:`getRigidBodyParameters` and files have the real moments. Masses and
+        free particles are as they are. Schemes without momenta take no notice.
+
+        May be changed between steps; takes effect at once. Positions and all velocities go on, so that rotational kinetic energies change by the
+        ratio of the factors; thermal equilibrium comes back by friction, or at once by the Context's ``setVelocitiesToTemperature()``. A checkpoint or State
+        that was saved under another factor goes on likewise.
+
+        Parameters
+        ----------
+        factor : float
+            dimensionless; positive, finite
+        """
+        super().setInertiaScale(self._number(factor, _units.NONE, 'setInertiaScale', 'factor'))
+
     def setBodyFriction(self, index, gamma, Gamma):
         """Give one body frictions of its own.
 

@@ -399,8 +399,7 @@ class MobilityForce(_copies.Copies, _Base):
         """
         where = _where('setSinusoidalForceDensity')
         super().setSinusoidalForceDensity(_units.number(f0, _units.FORCE_DENSITY, where, 'f0'),
-                                          *(_units.integer(value, where, name) for value, name in
-                                            ((forceAxis, 'forceAxis'), (waveAxis, 'waveAxis'), (waveVectorIndex, 'waveVectorIndex'))))
+                                          *self._wave(where, forceAxis, waveAxis, waveVectorIndex))
 
     # ---- Bodies ------------------------------------------------------------------------------------------------------
 
@@ -604,13 +603,27 @@ class MobilityForce(_copies.Copies, _Base):
             amplitudes on sin and on cos, nm/ps
         """
         where = _where('getFlowModeInContext')
-        numbers = (_units.integer(value, where, name) for value, name in
-                   ((forceAxis, 'forceAxis'), (waveAxis, 'waveAxis'), (waveVectorIndex, 'waveVectorIndex')))
-        return _units.VELOCITY.attach(_units.array(super().getFlowModeInContext(_units.context(context, where), *numbers)))
+        return _units.VELOCITY.attach(_units.array(super().getFlowModeInContext(
+            _units.context(context, where), *self._wave(where, forceAxis, waveAxis, waveVectorIndex))))
+
+    def getRandomFlowModeInContext(self, context, forceAxis, waveAxis, waveVectorIndex):
+        """Get the same amplitudes of the random field of the last step alone, without nu: a control variate.
+
+        That is the part of the noise that the model draws itself, on a grid; 0 where there is none. Its mean is 0, so a multiple of it may be
+        subtracted from :meth:`getFlowModeInContext` to make the error of a mean smaller. Parameters and result as there.
+        """
+        where = _where('getRandomFlowModeInContext')
+        return _units.VELOCITY.attach(_units.array(super().getRandomFlowModeInContext(
+            _units.context(context, where), *self._wave(where, forceAxis, waveAxis, waveVectorIndex))))
 
     def usesPeriodicBoundaryConditions(self):
         """Get whether this Force makes the System periodic: whether the boundary is Periodic."""
         return super().usesPeriodicBoundaryConditions()
+
+    @staticmethod
+    def _wave(where, forceAxis, waveAxis, waveVectorIndex):
+        return tuple(_units.integer(value, where, name) for value, name in
+                     ((forceAxis, 'forceAxis'), (waveAxis, 'waveAxis'), (waveVectorIndex, 'waveVectorIndex')))
 
     @staticmethod
     def _index(index, method, name):

@@ -86,6 +86,7 @@ WITHOUT_UNIT = {'CustomRigidHIIntegrator': {
     'getMaximumRejections': 'a number',
     'getNumHostThreads': 'a number',
     'getFiniteDifferenceStep': 'relative',
+    'getInertiaScale': 'a factor',
     'getWallRejection': 'a constant', 'getDriftCorrectorScaling': 'a constant',
     'getNumRejectedSteps': 'a number',
 }, 'MobilityForce': {

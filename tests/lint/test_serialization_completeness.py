@@ -26,6 +26,7 @@ VALUES = {'CustomRigidHIIntegrator': {
     'setNoiseLaw': (Integrator.ThreePoint,),
     'setFriction': (4.125,),
     'setRotationalFriction': (17.0625,),
+    'setInertiaScale': (20/3,),
     'setGradientRelaxationTime': (0.0071,),
     'setGradientRotationalRelaxationTime': (0.0019,),
     'setRandomNumberSeed': (-987654321,),

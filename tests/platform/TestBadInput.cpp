@@ -62,6 +62,7 @@ TEST_F(BadInput, Settings) {
     }
     for (double bad : {0.0, -1.0, nan_, infinity}) {
         expectError([&] { integrator.setStepSize(bad); }, {"setStepSize()", "positive"});
+        expectError([&] { integrator.setInertiaScale(bad); }, {"setInertiaScale()", "factor of the principal moments"});
         expectError([&] { integrator.setPoseTolerance(bad); }, {"setPoseTolerance()", "positive"});
         expectError([&] { integrator.setConstraintTolerance(bad); }, {"setConstraintTolerance()", "positive"});
         expectError([&] { integrator.setGradientRelaxationTime(bad); }, {"setGradientRelaxationTime()", "positive"});
@@ -72,6 +73,7 @@ TEST_F(BadInput, Settings) {
     expectError([&] { integrator.setNoiseLaw(static_cast<CustomRigidHIIntegrator::NoiseLaw>(-1)); }, {"law -1"});
     EXPECT_EQ(integrator.getTemperature(), 300);
     EXPECT_EQ(integrator.getStepSize(), 0.001);
+    EXPECT_EQ(integrator.getInertiaScale(), 1);
 }
 
 TEST_F(BadInput, NoContext) {

@@ -49,6 +49,7 @@ SCALARS = [
     ('setGradientRelaxationTime', 'getGradientRelaxationTime', 'upsilon', 3*unit.femtosecond, 0.003),
     ('setGradientRotationalRelaxationTime', 'getGradientRotationalRelaxationTime', 'Upsilon', 2*unit.femtosecond, 0.002),
     ('setPoseTolerance', 'getPoseTolerance', 'tolerance', 0.02*unit.angstrom, 0.002),
+    ('setInertiaScale', 'getInertiaScale', 'factor', 20/3*unit.dimensionless, 20/3),
     ('setStepSize', 'getStepSize', 'size', 3*unit.femtosecond, 0.003),
     ('setConstraintTolerance', 'getConstraintTolerance', 'tolerance', 1e-7*unit.dimensionless, 1e-7),
 ]
@@ -76,6 +77,7 @@ def test_defaults_are_the_documented_ones():
     assert plain(integrator.getGradientRelaxationTime()) == 0.004
     assert plain(integrator.getGradientRotationalRelaxationTime()) == 0.001
     assert plain(integrator.getPoseTolerance()) == 1e-3
+    assert integrator.getInertiaScale() == 1
     assert integrator.getRandomNumberSeed() == 0
 
 
@@ -121,7 +123,7 @@ def test_negative_and_non_finite_settings_are_refused(setter, value):
 
 
 @pytest.mark.parametrize('setter', ['setGradientRelaxationTime', 'setGradientRotationalRelaxationTime',
-                                    'setPoseTolerance', 'setStepSize', 'setConstraintTolerance'])
+                                    'setPoseTolerance', 'setInertiaScale', 'setStepSize', 'setConstraintTolerance'])
 def test_zero_is_refused_where_it_means_nothing(setter):
     with pytest.raises(openmm.OpenMMException, match='must be finite and positive'):
         getattr(make(), setter)(0)

@@ -95,7 +95,7 @@ def test_a_negative_or_non_finite_setting(integrator, setter, value):
         getattr(integrator, setter)(value)
 
 
-@pytest.mark.parametrize('setter', ['setStepSize', 'setPoseTolerance', 'setConstraintTolerance',
+@pytest.mark.parametrize('setter', ['setStepSize', 'setPoseTolerance', 'setConstraintTolerance', 'setInertiaScale',
                                     'setGradientRelaxationTime', 'setGradientRotationalRelaxationTime'])
 @pytest.mark.parametrize('value', [0, -1, np.nan, np.inf])
 def test_a_setting_that_must_be_positive(integrator, setter, value):

@@ -10,7 +10,7 @@ import openmmrigidhi
 
 Integrator = openmmrigidhi.CustomRigidHIIntegrator
 SHAPE = np.array([(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1)])
-MARK = b'RIGIDHI2'  # where this plugin's part of a checkpoint begins
+MARK = b'RIGIDHI3'  # where this plugin's part of a checkpoint begins
 
 
 def refused(*pieces, error=openmm.OpenMMException):
@@ -136,8 +136,8 @@ def test_a_state_without_integrator_parameters_serves(platform):
 
 def test_a_state_of_another_version(platform):
     context, _ = make(platform)
-    with refused('the State has version 7', 'of the body state, but this library reads versions 1 and 2'):
-        load_xml(context, re.sub('(<RigidBodyState[^>]*) version="2"', r'\1 version="7"', state_xml(context)))
+    with refused('the State has version 7', 'of the body state, but this library reads versions 1 to 3'):
+        load_xml(context, re.sub('(<RigidBodyState[^>]*) version="3"', r'\1 version="7"', state_xml(context)))
 
 
 @pytest.mark.parametrize('pattern, replacement', [

@@ -177,7 +177,7 @@ def test_waves_that_boxes_and_grids_do_not_have():
         fluid.setSinusoidalForceDensity(1, 0, 1, 14)
 
     fluid, integrator, context = spheres('Reference', [(3, 2, 4)], [1], onAGrid, MobilityForce.ForceCoupling, MobilityForce.Periodic)
-    with pytest.raises(openmm.OpenMMException, match=r'a wave of 14 periods along the edge 1 of the box is too short for a grid of 28 nodes along it; '
+    with pytest.raises(openmm.OpenMMException, match=r'a wave of index 14 along the edge 1 of the box is too short for a grid of 28 nodes along it; '
                                                      r'take an index below 14, or a finer grid by setGridSpacing\(\)'):
         integrator.step(1)
     fluid.setSinusoidalForceDensity(1, 0, 1, 13)
@@ -185,7 +185,7 @@ def test_waves_that_boxes_and_grids_do_not_have():
     integrator.step(1)
     fluid, integrator, context = spheres('Reference', [(3, 2, 4)], [1], wave(1, 1, 0, 1), boundary=MobilityForce.Periodic,
                                          box=[(9, 0, 0), (3, 8, 0), (0, 0, 10)])
-    with pytest.raises(openmm.OpenMMException, match=r'setSinusoidalForceDensity\(\): a wave of 1 periods along the edge 0 of the box is not periodic along '
+    with pytest.raises(openmm.OpenMMException, match=r'setSinusoidalForceDensity\(\): a wave of index 1 along the edge 0 of the box is not periodic along '
                                                      r'its vector \(3, 8, 0\) nm; take another wave axis or index, or an orthogonal box'):
         integrator.step(1)
     fluid.setSinusoidalForceDensity(1, 1, 0, 3)
@@ -251,3 +251,27 @@ def test_a_shell_of_blobs_turns_like_a_sphere(platform):
     integrator.step(20)
     assert np.allclose(integrator.getBodyPositions()._value, [(1 + 0.4*2*2, 2, 3)], rtol=0, atol=1e-7)
     assert np.allclose(integrator.getBodyOrientations(), [(np.cos(0.2), 0, 0, -np.sin(0.2))], rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize('height', [12, 24])
+def test_a_shell_lags_behind_shear_above_a_wall(height):
+    # Goldman, Cox, Brenner, Chem. Eng. Sci. 22, 653 (1967): far from the wall V/(rate h) and 2 omega/rate are 1 - 5/16 (a/h)^3. The next terms are
+    # smaller by (a/h)^2, 0.7 % here; the shell's radius for rotation is 0.55 % too small, which is 1.7 % of a^3.
+    sites, radius = app.multiblobSphere(162, 1.0)
+    system, fluid = openmm.System(), MobilityForce()
+    integrator = CustomRigidHIIntegrator(0, 0.01)
+    integrator.setScheme(CustomRigidHIIntegrator.EulerMaruyama)
+    app.addRigidMultiblob(system, integrator, fluid, sites, radius)
+    fluid.setBoundary(fluid.NoSlipWall)
+    fluid.setBackgroundFlow((0, 0, 0), [(0, 0, 1), (0, 0, 0), (0, 0, 0)])
+    fluid.setSolver(fluid.Dense)
+    system.addForce(fluid)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('CPU'))
+    context.setPositions(sites._value + (0, 0, height))
+    integrator.setBodyPositions([(0, 0, height)])
+    integrator.setBodyOrientations([(1, 0, 0, 0)])
+    integrator.step(1)
+    velocity = integrator.getBodyPositions()._value[0, 0]/0.01
+    omega = 2*np.arcsin(integrator.getBodyOrientations()[0, 2])/0.01
+    assert (1 - velocity/height)/(5/16*height**-3) == pytest.approx(1, abs=0.025)
+    assert (1 - 2*omega)/(5/16*height**-3) == pytest.approx(1, abs=0.025)

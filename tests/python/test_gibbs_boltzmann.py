@@ -459,16 +459,16 @@ def test_the_wall_of_the_fluid_is_taken(monkeypatch):
             self.name = name
     scene = OverWall()
     plain = analysis.GibbsBoltzmannSampler(scene.context)
-    assert plain._wall is None
+    assert plain._walls == []
     monkeypatch.setattr(MobilityForce, 'getBoundary', lambda self: Name('NoSlipWall'))
     monkeypatch.setattr(MobilityForce, 'getWallHeight', lambda self: 2*unit.nanometer, raising=False)
     monkeypatch.setattr(CustomRigidHIIntegrator, 'getWallRejection', lambda self: Name('Overlap'), raising=False)
-    wall = analysis.GibbsBoltzmannSampler(scene.context)._wall
+    wall, = analysis.GibbsBoltzmannSampler(scene.context)._walls
     assert np.allclose(wall.limits, [2.3, 2.3, -np.inf, 2.5]) and not wall.crossing
     monkeypatch.setattr(CustomRigidHIIntegrator, 'getWallRejection', lambda self: Name('Crossing'), raising=False)
-    wall = analysis.GibbsBoltzmannSampler(scene.context)._wall
+    wall, = analysis.GibbsBoltzmannSampler(scene.context)._walls
     assert np.allclose(wall.limits, [2, 2, -np.inf, 2]) and wall.crossing
-    assert analysis.GibbsBoltzmannSampler(scene.context, rejection='Overlap', radii=0.1)._wall.limits[2] == pytest.approx(2.1)
+    assert analysis.GibbsBoltzmannSampler(scene.context, rejection='Overlap', radii=0.1)._walls[0].limits[2] == pytest.approx(2.1)
 
 
 def test_virtual_sites_follow():
@@ -548,8 +548,8 @@ def test_infinity_forbids():
     (dict(freeParticles=[4, 4]), ('freeParticles: got [4, 4]', 'take out repetitions')),
     (dict(trackingPoints=[(0, 0, 0)]), ('trackingPoints: got an array of shape (1, 3)',)),
     (dict(wallHeight=0), ('radii: there is a wall, but every radius is 0', 'MobilityForce')),
-    (dict(wallHeight=2, radii=[0, 0, 0.1, 0.1, 0.3]), ('context: particle 4 (free) is at z = 0.1 nm', 'set higher positions')),
-    (dict(wallHeight=3, radii=[0, 0, 0.1, 0.1, 0]), ('context: particle 2 (body 1) is at z = 3.0 nm, where the wall allows 3.1 nm',)),
+    (dict(wallHeight=2, radii=[0, 0, 0.1, 0.1, 0.3]), ('context: particle 4 (free) is at z = 0.1 nm', 'a start must be allowed: set positions away')),
+    (dict(wallHeight=3, radii=[0, 0, 0.1, 0.1, 0]), ('context: particle 2 (body 1) is at z = 3.0 nm, where a wall allows 3.1 nm or more',)),
     (dict(energyFunction=lambda R, q: R), ('energyFunction: it returned', 'it must return one number, kJ/mol')),
     (dict(energyFunction=lambda R, q: np.inf), ('context: the energy at the start is inf',)),
 ])

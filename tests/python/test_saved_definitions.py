@@ -240,7 +240,7 @@ def test_unchanged_bodies_resume_bit_for_bit_beside_changed_ones():
 
 # ---- Files of earlier versions ------------------------------------------------------------------------------------------
 
-def versionOne(platform):
+def versionOne(platform, state='state_version1.xml'):
     system = openmm.System()
     force = openmm.CustomExternalForce('50*(x^2 + 2*y^2 + 3*z^2)')
     for i in range(7):
@@ -249,13 +249,14 @@ def versionOne(platform):
     system.addForce(force)
     integrator = CustomRigidHIIntegrator.cast(openmm.XmlSerializer.deserialize((DATA/'integrator_version1.xml').read_text()))
     context = openmm.Context(system, integrator, platform)
-    load(context, (DATA/'state_version1.xml').read_text())
+    load(context, (DATA/state).read_text())
     return context, integrator
 
 
-def test_files_of_version_one_are_read():
-    """Written by version 0.1.0, whose States have the orientation in the frame of sorted moments."""
-    context, integrator = versionOne(openmm.Platform.getPlatformByName('Reference'))
+@pytest.mark.parametrize('state', ['state_version1.xml', 'state_version2.xml'])
+def test_files_of_earlier_versions_are_read(state):
+    """States of version 1 have the orientation in the frame of sorted moments; those of version 2 have no inertia scale."""
+    context, integrator = versionOne(openmm.Platform.getPlatformByName('Reference'), state)
     integrator.step(3)
     expected = json.loads((DATA/'state_version1_after3steps.json').read_text())
     assert np.abs(integrator.getBodyPositions()._value - expected['positions']).max() < 1e-13
@@ -267,9 +268,24 @@ def test_a_checkpoint_of_another_version(platform):
     context, integrator = explicitBody(platform)
     start(context, integrator)
     saved = context.createCheckpoint()
-    assert saved.count(b'RIGIDHI2') == 1
-    with refused('the checkpoint has version 1, but this library reads version 2', 'load it with the library it was saved with'):
-        context.loadCheckpoint(saved.replace(b'RIGIDHI2', b'RIGIDHI1'))
+    assert saved.count(b'RIGIDHI3') == 1
+    for other in (b'1', b'4'):
+        with refused(f'the checkpoint has version {other.decode()}, but this library reads versions 2 to 3',
+                     'load it with the library it was saved with'):
+            context.loadCheckpoint(saved.replace(b'RIGIDHI3', b'RIGIDHI' + other))
+
+
+def test_a_checkpoint_of_version_two_has_no_inertia_scale(platform):
+    context, integrator = explicitBody(platform)
+    start(context, integrator)
+    saved = context.createCheckpoint()
+    integrator.step(5)
+    expected = places(context)
+    at = 4 + 8 + 4 + 8 + 8  # seed, step number, whether there are bodies, two hashes
+    assert struct.unpack_from('<d', saved, saved.index(b'RIGIDHI3') + 24 + at) == (1,)
+    context.loadCheckpoint(forged(saved, lambda body: body[:at] + body[at + 8:]).replace(b'RIGIDHI3', b'RIGIDHI2'))
+    integrator.step(5)
+    assert np.array_equal(places(context), expected)
 
 
 # ---- Strict reading -----------------------------------------------------------------------------------------------------
@@ -289,12 +305,15 @@ def test_a_checkpoint_of_another_version(platform):
     (' qw="[^"]*"', ' qw="inf"', ['body 0: the saved state is corrupt: it has a non-finite number; use another']),
     (' px="[^"]*"', ' px="nan"', ['body 0: the saved state is corrupt: it has a non-finite number; use another']),
     (' Rx="[^"]*"', ' Rx="7"', ['body 0', 'particle', 'from where the saved pose puts it']),
+    (' inertiaScale="[^"]*"', ' inertiaScale="0"', ['the saved state is corrupt: its inertia scale 0', 'is not positive and finite; use another']),
+    (' inertiaScale="[^"]*"', ' inertiaScale="inf"', ['the saved state is corrupt: its inertia scale inf']),
+    (' inertiaScale="[^"]*"', ' inertiaScale="2"', ['body 0', 'its pose or twist is not that of its exact numbers']),
     (' positionsHash="[^"]*"', ' positionsHash="12x"', ["property 'positionsHash' is '12x'"]),
     (' wx="[^"]*"', ' wx="7"', ['body 0', 'its pose or twist is not that of its exact numbers']),
     ('<Site [^>]*/>', '', ['body 0', 'particles']),
     ('<Site x="[^"]*"', '<Site x="nan"', ['body 0: the saved state is corrupt: it has a non-finite number; use another']),
 ])
-@pytest.mark.parametrize('version', [1, 2])
+@pytest.mark.parametrize('version', [1, 3])
 def test_body_states_are_read_strictly(platform, version, pattern, replacement, pieces):
     if version == 1:
         context, _ = versionOne(platform)
@@ -304,7 +323,7 @@ def test_body_states_are_read_strictly(platform, version, pattern, replacement, 
         xml = stateXml(context)
     head, tail = xml[:xml.index('<RigidBodyState')], xml[xml.index('<RigidBodyState'):]
     damaged, count = re.subn(pattern, replacement, tail, count=1)
-    assert count == (0 if version == 1 and 'wx' in pattern else 1)
+    assert count == (0 if version == 1 and re.search('wx|inertia', pattern) else 1)
     if count == 0:
         return  # version 1 has the exact numbers only
     with refused(*pieces):
@@ -324,7 +343,7 @@ def test_a_refused_state_leaves_the_bodies_as_they_were(platform):
 
 def forged(checkpoint, edit):
     """A checkpoint with other bytes, and the check sum that belongs to them."""
-    at = checkpoint.index(b'RIGIDHI2')
+    at = checkpoint.index(b'RIGIDHI3')
     length = int.from_bytes(checkpoint[at + 8:at + 16], 'little')
     body = bytearray(checkpoint[at + 24:at + 24 + length])
     edited = edit(body)
@@ -339,9 +358,9 @@ def test_checkpoints_with_a_forged_check_sum(platform):
     """Whatever byte is changed: an error of ours, or the same bodies to the pose tolerance, 1 % of their size, as sites may be."""
     context, integrator = versionOne(platform)
     checkpoint = context.createCheckpoint()
-    at = checkpoint.index(b'RIGIDHI2')
+    at = checkpoint.index(b'RIGIDHI3')
     length = int.from_bytes(checkpoint[at + 8:at + 16], 'little')
-    numbers = 8 + 4 + 4 + 8 + 8 + 4  # before the bodies
+    numbers = 8 + 4 + 4 + 8 + 8 + 8 + 4  # before the bodies
     poses, motion = (integrator.getBodyPositions()._value, integrator.getBodyOrientations()), twist(integrator)
     random = np.random.default_rng(1)
     refusals = 0
@@ -361,7 +380,7 @@ def test_checkpoints_with_a_forged_check_sum(platform):
     assert refusals > 50  # of 150: the three leading bytes of eight
     for edit, piece in ((lambda body: body + struct.pack('<ddi', 1e-7, 1e-7, 0) + b'\0', 'there are 1 bytes after its end'),
                         (lambda body: body + b'\0', 'it ends too early'), (lambda body: body[:-8], 'it ends too early'),
-                        (lambda body: b'', 'it ends too early'), (lambda body: body[:32] + b'\xff\xff\xff\xff', 'it says to hold -1 bodies'),
+                        (lambda body: b'', 'it ends too early'), (lambda body: body[:40] + b'\xff\xff\xff\xff', 'it says to hold -1 bodies'),
                         (lambda body: body[:-4] + b'\xff\xff\xff\xff', 'it says that -1 items follow; use another')):
         with refused('the checkpoint is corrupt', piece):
             context.loadCheckpoint(forged(checkpoint, edit))

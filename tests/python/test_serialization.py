@@ -27,6 +27,7 @@ PROPERTIES = [
     ('setNoiseLaw', 'getNoiseLaw', CustomRigidHIIntegrator.TwoPoint),
     ('setFriction', 'getFriction', 1/7/unit.picosecond),
     ('setRotationalFriction', 'getRotationalFriction', 1e20/3/unit.picosecond),
+    ('setInertiaScale', 'getInertiaScale', 20/3),
     ('setGradientRelaxationTime', 'getGradientRelaxationTime', 1e-9/3*unit.picosecond),
     ('setGradientRotationalRelaxationTime', 'getGradientRotationalRelaxationTime', 0.01/3*unit.picosecond),
     ('setRandomNumberSeed', 'getRandomNumberSeed', -2**31),
@@ -38,7 +39,8 @@ PROPERTIES = [
     ('setFiniteDifferenceStep', 'getFiniteDifferenceStep', 1e-4/3),
 ]
 #: What files of earlier versions do not have: the getter, and the default.
-NEWER = {'maximumRejections': ('getMaximumRejections', 100),
+NEWER = {'inertiaScale': ('getInertiaScale', 1),
+         'maximumRejections': ('getMaximumRejections', 100),
          'numHostThreads': ('getNumHostThreads', 0),
          'finiteDifferenceStep': ('getFiniteDifferenceStep', 0),
          'driftCorrectorScaling': ('getDriftCorrectorScaling', CustomRigidHIIntegrator.SlipOnly),

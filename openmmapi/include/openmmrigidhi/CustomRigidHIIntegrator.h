@@ -195,6 +195,27 @@ public:
      * @throws OpenMMException if negative or not finite
      */
     void setRotationalFriction(double Gamma);
+    /** Get the factor of the principal moments in the dynamics. */
+    double getInertiaScale() const;
+    /**
+     * Set the factor by which schemes with momenta (LangevinA, LangevinB, LangevinC, LangevinHI) multiply the principal moments of all bodies in their
+     * dynamics; default 1. Averages over configurations do not depend on it: momenta are Gaussian and independent of them. Motion does, and is
+     * not the real one; describeEffects() says so. With a factor of 4 to 16 the rotation of light bodies (water) becomes slower than what limits the
+     * step otherwise, and steps grow (docs/USER_GUIDE.md has measurements).
+     *
+     * Angular momenta, kinetic energies and temperatures are those of the scaled moments, so that equipartition holds about every axis. Angular velocities
+     * are real ones: setBodyAngularVelocities(), and the velocities of particles, mean rotation as it is seen. Rates of setRotationalFriction() do not
+     * change; the friction of a fluid does not either, so that momenta relax more slowly there by the factor, and the diffusion over long times is the
+     * real one. getRigidBodyParameters() and files have the real moments. Masses and free particles are as they are. Schemes without momenta take no notice.
+     *
+     * May be changed between steps; takes effect at once. Then positions and all velocities go on, so that the rotational kinetic energy changes by the
+     * ratio of the factors, and thermal equilibrium comes back by friction, or at once by the Context's setVelocitiesToTemperature(). A checkpoint or State that
+     * was saved under another factor likewise goes on with its positions and velocities.
+     *
+     * @param factor  dimensionless
+     * @throws OpenMMException if not positive and finite
+     */
+    void setInertiaScale(double factor);
     /** Give one body frictions of its own, 1/ps. @throws OpenMMException if negative or not finite */
     void setBodyFriction(int index, double gamma, double Gamma);
     /** Get the frictions of one body, 1/ps: its own, or else those of the integrator. */
@@ -393,7 +414,7 @@ private:
     NoiseLaw noiseLaw;
     WallRejection wallRejection;
     DriftCorrectorScaling driftCorrectorScaling;
-    double temperature, friction, rotationalFriction, gradientTime, gradientRotationalTime, poseTolerance,
+    double temperature, friction, rotationalFriction, inertiaScale, gradientTime, gradientRotationalTime, poseTolerance,
         finiteDifferenceStep;
     int randomSeed, settingsVersion, maximumRejections, numHostThreads;
     mutable std::vector<Body> bodies;

@@ -341,6 +341,12 @@ public:
      */
     std::vector<double> getFlowModeInContext(OpenMM::Context& context, int forceAxis, int waveAxis,
                                              int waveVectorIndex) const;
+    /**
+     * Likewise of the random field of the last step alone, without nu: the part of the noise that the model draws itself, on a grid; 0 where there is none. Its mean is 0, so a multiple of it
+     * may be subtracted from getFlowModeInContext() to have a smaller error of the mean.
+     */
+    std::vector<double> getRandomFlowModeInContext(OpenMM::Context& context, int forceAxis, int waveAxis,
+                                                   int waveVectorIndex) const;
 
     /**
      * Get whether the fluid is periodic. OpenMM then has a box, and bodies that OpenMM does not know to be molecules are refused at

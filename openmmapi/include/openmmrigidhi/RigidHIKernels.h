@@ -74,7 +74,7 @@ public:
     virtual std::vector<OpenMM::Vec3> getFlow(OpenMM::ContextImpl& context,
                                               const std::vector<OpenMM::Vec3>& points) = 0;
     virtual std::vector<double> getFlowMode(OpenMM::ContextImpl& context, int forceAxis, int waveAxis,
-                                            int waveVectorIndex) = 0;
+                                            int waveVectorIndex, bool randomOnly) = 0;
     virtual int getNumRejectedSteps(OpenMM::ContextImpl& context) = 0;
 
     virtual void createCheckpoint(OpenMM::ContextImpl& context, std::ostream& stream) = 0;

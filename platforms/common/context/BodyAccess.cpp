@@ -199,9 +199,10 @@ vector<Vec3> BodyAccess::getFlow(const vector<Vec3>& points) {
     return result;
 }
 
-vector<double> BodyAccess::getFlowMode(int forceAxis, int waveAxis, int waveVectorIndex) {
-    const auto amplitudes =
-        prepareFluid("getFlowModeInContext()").flowMode(forceAxis, waveAxis, waveVectorIndex, askForFlow());
+vector<double> BodyAccess::getFlowMode(int forceAxis, int waveAxis, int waveVectorIndex, bool randomOnly) {
+    Fluid& fluid = prepareFluid("getFlowModeInContext()");
+    const auto amplitudes = randomOnly ? fluid.randomFlowMode(forceAxis, waveAxis, waveVectorIndex, askForFlow())
+                                       : fluid.flowMode(forceAxis, waveAxis, waveVectorIndex, askForFlow());
     return {amplitudes[0], amplitudes[1]};
 }
 

@@ -41,7 +41,7 @@ public:
     /** Whether the flow is that of present forces, which are to be evaluated before it is asked for. */
     bool flowNeedsForces(const char* method);
     std::vector<OpenMM::Vec3> getFlow(const std::vector<OpenMM::Vec3>& points);
-    std::vector<double> getFlowMode(int forceAxis, int waveAxis, int waveVectorIndex);
+    std::vector<double> getFlowMode(int forceAxis, int waveAxis, int waveVectorIndex, bool randomOnly);
 
 private:
     void prepare(const char* method);

@@ -72,6 +72,7 @@ void ContextMirror::takeInChanges(bool stepping) {
     arrays.pullPositions();
     arrays.pullVelocities();
     if (!scene.isBuilt()) scene.buildFromPositions();
+    scene.adoptInertiaScale();
     Vec3 box[3];
     arrays.getBox(box);
     if (memcmp(box, lastBox, sizeof box) != 0) {
@@ -86,6 +87,7 @@ void ContextMirror::takeInChanges(bool stepping) {
 
 void ContextMirror::takeInVelocitiesIfChanged() {
     if (scene.isBuilt() && !loaded) {
+        scene.adoptInertiaScale();
         scene.arrays->pullVelocities();
         if (sameBits(scene.arrays->velocities(), lastVelocities)) return;
     }

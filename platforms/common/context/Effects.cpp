@@ -33,6 +33,7 @@ public:
         findScheme();
         findFluid();
         findDrift();
+        findInertia();
         findRotation();
         findSystem();
         findWeakThermostats();
@@ -99,6 +100,16 @@ private:
                                     "there without a term of its own"
                                   : "the mobility does not depend on poses");
         set("finite differences", false, scheme.isOverdamped() ? "positions are not set yet" : "the scheme has none");
+    }
+
+    void findInertia() {
+        const double factor = scene.integrator.getInertiaScale();
+        const bool on = factor != 1 && scheme.hasMomenta;
+        set("inertia scale", on,
+            on ? "the dynamics has the principal moments times " + number(factor) +
+                     ": averages over configurations do not depend on it, but motion is not the real one"
+            : factor == 1 ? string("the dynamics has the real principal moments")
+                          : "a scheme without momenta, in which the factor " + number(factor) + " has no part");
     }
 
     void findRotation() {

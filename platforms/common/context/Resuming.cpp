@@ -76,6 +76,7 @@ void adoptBodies(const SavedState& saved, Scene& scene, ContextMirror& mirror) {
     if (scene.fluid) scene.fluid->checkMemory(saved.memory, scene.integrator.getScheme());
     scene.build(now);
     BodySet& bodies = scene.bodies;
+    bodies.setInertiaScale(saved.inertiaScale);  // to which the saved angular momenta belong
     for (int b = 0; b < n; b++) {
         if (!scene.definitions.isExplicit(b)) scene.definitions.record(b, now[b]);
         bodies.setStoredState(b, saved.bodies[b].stored);
@@ -88,6 +89,7 @@ void adoptBodies(const SavedState& saved, Scene& scene, ContextMirror& mirror) {
         bodies.setState(b, state);
         bodies.setAngularVelocity_lab(b, saved.bodies[b].omega_lab);
     }
+    scene.adoptInertiaScale();
     if (scene.fluid) {
         scene.fluid->setMemory(saved.memory, scene.integrator.getScheme());
         scene.fluid->setLastStep(saved.lastStep, scene.integrator.getScheme());
@@ -105,6 +107,7 @@ SavedState collectState(Scene& scene, ContextMirror& mirror) {
     if (!mirror.hasPositions()) return saved;
     mirror.takeInChanges();
     saved.hasBodies = true;
+    saved.inertiaScale = scene.bodies.getInertiaScale();
     saved.positionsHash = hashOf(scene.arrays->positions());
     saved.velocitiesHash = hashOf(scene.arrays->velocities());
     for (int b = 0; b < scene.bodies.getNumBodies(); b++) {

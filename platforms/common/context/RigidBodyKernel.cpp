@@ -74,6 +74,7 @@ map<string, int> RigidBodyKernel::getDegreesOfFreedom(ContextImpl&) {
 
 map<string, string> RigidBodyKernel::getEffects(ContextImpl&) {
     if (!scene->isBuilt() && mirror->hasPositions()) mirror->takeInChanges();
+    scene->adoptInertiaScale();
     scene->fluid.takeBox();
     return findEffects(*scene, getPlatform().getName());
 }
@@ -115,9 +116,10 @@ vector<Vec3> RigidBodyKernel::getFlow(ContextImpl&, const vector<Vec3>& points) 
     return access->getFlow(points);
 }
 
-vector<double> RigidBodyKernel::getFlowMode(ContextImpl&, int forceAxis, int waveAxis, int waveVectorIndex) {
+vector<double> RigidBodyKernel::getFlowMode(ContextImpl&, int forceAxis, int waveAxis, int waveVectorIndex,
+                                            bool randomOnly) {
     if (access->flowNeedsForces("getFlowModeInContext()")) stepper->evaluateForces();
-    return access->getFlowMode(forceAxis, waveAxis, waveVectorIndex);
+    return access->getFlowMode(forceAxis, waveAxis, waveVectorIndex, randomOnly);
 }
 
 vector<double> RigidBodyKernel::applyBlobMobility(ContextImpl&, const vector<double>& forces) {

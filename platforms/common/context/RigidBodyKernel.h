@@ -60,8 +60,8 @@ public:
     std::vector<double> applyMobility(OpenMM::ContextImpl& context, const std::vector<double>& wrenches) override;
     std::vector<double> applyBlobMobility(OpenMM::ContextImpl& context, const std::vector<double>& forces) override;
     std::vector<OpenMM::Vec3> getFlow(OpenMM::ContextImpl& context, const std::vector<OpenMM::Vec3>& points) override;
-    std::vector<double> getFlowMode(OpenMM::ContextImpl& context, int forceAxis, int waveAxis,
-                                    int waveVectorIndex) override;
+    std::vector<double> getFlowMode(OpenMM::ContextImpl& context, int forceAxis, int waveAxis, int waveVectorIndex,
+                                    bool randomOnly) override;
     int getNumRejectedSteps(OpenMM::ContextImpl& context) override;
     void createCheckpoint(OpenMM::ContextImpl& context, std::ostream& stream) override;
     void loadCheckpoint(OpenMM::ContextImpl& context, std::istream& stream) override;

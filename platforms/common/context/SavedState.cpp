@@ -18,7 +18,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-const int version = 2, checkpointVersion = 3;                        // of States, of checkpoints
+const int version = 3, firstVersionWithUserFrame = 2, firstVersionWithInertiaScale = 3, firstVersionWithLastStep = 3;
 const char checkpointMark[7] = {'R', 'I', 'G', 'I', 'D', 'H', 'I'};  // and the version's digit
 const char* const quaternionNames[4] = {"qw", "qx", "qy", "qz"};
 const char* const momentumNames[6] = {"px", "py", "pz", "lx", "ly", "lz"};
@@ -28,7 +28,7 @@ const char* const axisNames[3] = {"x", "y", "z"};
 const double consistencyTolerance = 1e-9;
 
 /** The user's side of stored numbers, by the moments that they were stored with. */
-void deriveUserStates(vector<SavedBody>& bodies) {
+void deriveUserStates(vector<SavedBody>& bodies, double inertiaScale) {
     vector<BodyGeometry> geometries;
     vector<vector<int> > particles;
     vector<vector<bool> > carriesForce;
@@ -39,6 +39,7 @@ void deriveUserStates(vector<SavedBody>& bodies) {
         carriesForce.emplace_back(body.geometry.sites.size(), false);
     }
     BodySet set(geometries, particles, vector<vector<double> >(bodies.size()), carriesForce);
+    set.setInertiaScale(inertiaScale);
     for (size_t b = 0; b < bodies.size(); b++) {
         set.setStoredState(b, bodies[b].stored);
         const BodyState state = set.getState(b);
@@ -58,6 +59,9 @@ void check(const SavedState& saved) {
         if (!(rounding >= 0 && rounding <= coarsest))
             fail("the saved state is corrupt: its platform's rounding " + text(rounding) + " is not from 0 to " +
                  text(coarsest) + "; use another");
+    if (!(saved.inertiaScale > 0) || !isfinite(saved.inertiaScale))
+        fail("the saved state is corrupt: its inertia scale " + text(saved.inertiaScale) +
+             " is not positive and finite; use another");
     for (const SavedParticle& particle : saved.particles)
         if (!isFinite(particle.position) || !isFinite(particle.velocity))
             fail("the saved state is corrupt: particle " + to_string(particle.index) +
@@ -92,7 +96,7 @@ void check(const SavedState& saved) {
 /** Object to a user's side that is not that of the stored numbers. */
 void checkUserStates(const SavedState& saved) {
     vector<SavedBody> derived = saved.bodies;
-    deriveUserStates(derived);
+    deriveUserStates(derived, saved.inertiaScale);
     const auto largest = [](const Vec3& v) { return max(abs(v[0]), max(abs(v[1]), abs(v[2]))); };
     const auto differ = [&](const Vec3& is, const Vec3& must) {
         return !isFinite(must) || !(largest(is - must) <= consistencyTolerance * largest(must));
@@ -225,7 +229,7 @@ void writeVector(SerializationNode& node, const string& prefix, const Vec3& v) {
 
 SavedBody readBody(const StrictNode& node, int fileVersion) {
     SavedBody body;
-    const bool hasUserFrame = fileVersion >= 2;
+    const bool hasUserFrame = fileVersion >= firstVersionWithUserFrame;
     const StrictNode exact = hasUserFrame ? node.child("Exact") : node;
     body.R = readVector(node, "R");
     for (int k = 0; k < 3; k++) body.stored[k] = body.R[k];
@@ -260,6 +264,7 @@ SavedState readNode(const StrictNode& root, int fileVersion) {
     if (!saved.hasBodies) return saved;
     saved.positionsHash = root.integer<uint64_t>("positionsHash");
     saved.velocitiesHash = root.integer<uint64_t>("velocitiesHash");
+    if (fileVersion >= firstVersionWithInertiaScale) saved.inertiaScale = root.number("inertiaScale");
     for (const SerializationNode& body : root.child("Bodies").children())
         saved.bodies.push_back(readBody(StrictNode(body, "State"), fileVersion));
     for (const SerializationNode& child : root.children())
@@ -289,6 +294,7 @@ void SavedState::write(ostream& checkpoint) const {
     put(bytes, (int32_t)hasBodies);
     put(bytes, positionsHash);
     put(bytes, velocitiesHash);
+    put(bytes, inertiaScale);
     put(bytes, (int32_t)bodies.size());
     for (const SavedBody& body : bodies) {
         put(bytes, body.stored);
@@ -312,7 +318,7 @@ void SavedState::write(ostream& checkpoint) const {
         }
     }
     checkpoint.write(checkpointMark, sizeof checkpointMark);
-    checkpoint.put(static_cast<char>('0' + checkpointVersion));
+    checkpoint.put(static_cast<char>('0' + version));
     const uint64_t length = bytes.size(), hash = hashOf(bytes);
     checkpoint.write(reinterpret_cast<const char*>(&length), sizeof length);
     checkpoint.write(reinterpret_cast<const char*>(&hash), sizeof hash);
@@ -325,9 +331,11 @@ SavedState SavedState::read(istream& checkpoint) {
     checkpoint.get(digit);
     if (!checkpoint || memcmp(mark, checkpointMark, sizeof mark) != 0 || digit < '1' || digit > '9')
         fail("the checkpoint was not written by this integrator; use one that was, or a State");
-    if (digit != '0' + checkpointVersion)
-        fail(string("the checkpoint has version ") + digit + ", but this library reads version " +
-             to_string(checkpointVersion) + "; load it with the library it was saved with, or use a State");
+    const int fileVersion = digit - '0', oldest = 2;
+    if (fileVersion < oldest || fileVersion > version)
+        fail("the checkpoint has version " + to_string(fileVersion) + ", but this library reads versions " +
+             to_string(oldest) + " to " + to_string(version) +
+             "; load it with the library it was saved with, or use a State");
     uint64_t length = 0, hash = 0;
     checkpoint.read(reinterpret_cast<char*>(&length), sizeof length);
     checkpoint.read(reinterpret_cast<char*>(&hash), sizeof hash);
@@ -351,6 +359,7 @@ SavedState SavedState::read(istream& checkpoint) {
     saved.hasBodies = hasBodies == 1;
     saved.positionsHash = reader.get<uint64_t>();
     saved.velocitiesHash = reader.get<uint64_t>();
+    if (fileVersion >= firstVersionWithInertiaScale) saved.inertiaScale = reader.get<double>();
     const int32_t count = reader.get<int32_t>();
     if (hasBodies < 0 || hasBodies > 1 || count < 0 || (count > 0 && !saved.hasBodies))
         fail("the checkpoint is corrupt: it says to hold " + to_string(count) + " bodies; use another checkpoint");
@@ -368,7 +377,7 @@ SavedState SavedState::read(istream& checkpoint) {
         saved.bodies.push_back(body);
     }
     saved.memory = readMemory(reader);
-    saved.lastStep = readMemory(reader);
+    if (fileVersion >= firstVersionWithLastStep) saved.lastStep = readMemory(reader);
     if (!reader.isAtEnd()) {
         saved.rounding = reader.get<Rounding>();
         saved.particles.resize(reader.count());
@@ -392,6 +401,7 @@ void SavedState::write(SerializationNode& node) const {
     if (!hasBodies) return;
     root.setStringProperty("positionsHash", to_string(positionsHash));
     root.setStringProperty("velocitiesHash", to_string(velocitiesHash));
+    root.setDoubleProperty("inertiaScale", inertiaScale);
     SerializationNode& list = root.createChildNode("Bodies");
     for (const SavedBody& saved : bodies) {
         SerializationNode& body = list.createChildNode("Body");
@@ -428,15 +438,15 @@ SavedState SavedState::read(const SerializationNode& node) {
     try {
         const StrictNode root(node, "State");
         fileVersion = root.integer("version");
-        if (fileVersion == 1 || fileVersion == version) saved = readNode(root, fileVersion);
+        if (fileVersion >= 1 && fileVersion <= version) saved = readNode(root, fileVersion);
     } catch (const std::exception& e) {
         fail(string("the State's integrator parameters are corrupt (") + e.what() + "); use another State");
     }
-    if (fileVersion != 1 && fileVersion != version)
+    if (fileVersion < 1 || fileVersion > version)
         fail("the State has version " + to_string(fileVersion) +
-             " of the body state, but this library reads versions 1 and " + to_string(version) +
+             " of the body state, but this library reads versions 1 to " + to_string(version) +
              "; load it with the library it was saved with");
-    if (fileVersion == 1) deriveUserStates(saved.bodies);
+    if (fileVersion == 1) deriveUserStates(saved.bodies, saved.inertiaScale);
     check(saved);
     if (fileVersion != 1) checkUserStates(saved);
     return saved;

@@ -43,6 +43,8 @@ struct SavedState {
     uint32_t seed = 0;
     int64_t stepNumber = 0;
     bool hasBodies = false;  // positions were set, so the following is filled
+    /** BodySet::getInertiaScale(): the factor that the stored angular momenta have. Where another holds when they are read, angular velocities go on. */
+    double inertiaScale = 1;
     uint64_t positionsHash = 0, velocitiesHash = 0;
     std::vector<SavedBody> bodies;
     SchemeMemory memory;  // mostly empty
@@ -55,11 +57,12 @@ struct SavedState {
     Rounding rounding;
     std::vector<SavedParticle> particles;
 
-    /** Version 2. Readers take a number for a number only, and throw an OpenMMException for what cannot be the state of bodies. */
+    /** Version 3. Readers take a number for a number only, and throw an OpenMMException for what cannot be the state of bodies. */
     void write(std::ostream& checkpoint) const;
     void write(OpenMM::SerializationNode& node) const;
+    /** Version 2 too, which had no inertia scale: 1. */
     static SavedState read(std::istream& checkpoint);
-    /** Version 1 too, which had no user frame. */
+    /** Versions 1 and 2 too; version 1 had no user frame. */
     static SavedState read(const OpenMM::SerializationNode& node);
 };
 

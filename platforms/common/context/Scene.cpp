@@ -55,6 +55,10 @@ void Scene::buildFromPositions() {
     for (int b : found) definitions.record(b, geometries[b]);
 }
 
+void Scene::adoptInertiaScale() {
+    bodies.setInertiaScale(traitsOf(integrator.getScheme()).hasMomenta ? integrator.getInertiaScale() : 1);
+}
+
 BoxVectors Scene::getBox() const {
     Vec3 box[3];
     arrays->getBox(box);

@@ -42,6 +42,8 @@ public:
     bool isBuilt() const { return built; }
     /** Recompute what depends on settings, if any was changed. */
     void updateSettings() { settings.update(*this); }
+    /** The integrator's inertia scale holds from now on, if the scheme has momenta: before anything that looks at momenta. */
+    void adoptInertiaScale();
 
     /** The Context's periodic box at present. */
     BoxVectors getBox() const;

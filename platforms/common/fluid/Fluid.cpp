@@ -135,11 +135,12 @@ void Fluid::setBox(const BoxVectors& newBox) {
     box = newBox;
     boxIsChecked = false;
     for (auto& group : groups) group->bodies.setBox(box);
-    findFlow();
+    adoptDrivenFlow();
 }
 
 /** As MobilityForce has it, in this box. */
-void Fluid::findFlow() {
+void Fluid::adoptDrivenFlow() {
+    flowOfLastStep.reset();
     OpenMM::Vec3 velocity;
     vector<double> gradient;
     force.getBackgroundFlow(velocity, gradient);

@@ -128,6 +128,9 @@ public:
     Velocities flowAt(const std::vector<OpenMM::Vec3>& points, const FlowQuestion& question);
     /** Likewise the amplitudes of sin(k x_b) e_a and cos(k x_b) e_a. @throws OpenMMException also for a boundary without such modes */
     std::array<double, 2> flowMode(int forceAxis, int waveAxis, int waveVectorIndex, const FlowQuestion& question);
+    /** Likewise of the model's random field alone, for nu = 1; 0 where there is none. */
+    std::array<double, 2> randomFlowMode(int forceAxis, int waveAxis, int waveVectorIndex,
+                                         const FlowQuestion& question);
     /** What the last step can be done again from, to be saved; without groups: nothing. */
     SchemeMemory getLastStep() const;
     /** @throws OpenMMException if it is not of these groups, or damaged */
@@ -220,13 +223,16 @@ private:
     DrivenFlow flow;  // in this box
     bool isDriven = false;
     const DrivenFlow* flowIfAny() const { return isDriven ? &flow : nullptr; }
-    void findFlow();
+    void adoptDrivenFlow();
     void setTolerance(FluidGroup& group, const SchemeTraits& scheme, double difference) const;
     /** The flow of one group: whose particles it comes from, and the move whose random field it has. */
     struct FlowOfGroup {
         FlowOfStep made;
         std::unique_ptr<OverdampedMove> move;
+        bool isOfLastStep = false;
+        double randomFlow = 0;  // what a random field of unit temperature and time is multiplied by in the step
     };
+    std::unique_ptr<FlowOfGroup> flowOfLastStep;  // as answered last; forgotten where anything changes
     void replay(FluidGroup& group, FlowOfGroup& flowOfGroup) const;
     void flowOfForces(FluidGroup& group, const BodySet& bodies, const FreeParticles& freeParticles,
                       const std::vector<OpenMM::Vec3>& positions, FlowOfGroup& flowOfGroup) const;
@@ -235,7 +241,9 @@ private:
     template <class Add>
     void forSources(FluidGroup& group, FlowOfGroup& flowOfGroup, const Add& add) const;
     FluidGroup& onlyGroup(const char* method) const;
-    FlowOfGroup findFlowOfStep(FluidGroup& group, const FlowQuestion& question);
+    FluidGroup& groupWithWave(const char* method, int forceAxis, int waveAxis, int waveVectorIndex,
+                              DrivenFlow& wave) const;
+    FlowOfGroup& findFlow(FluidGroup& group, const FlowQuestion& question);
     std::string describeBox() const;
 };
 

@@ -112,13 +112,13 @@ void Fluid::replay(FluidGroup& group, FlowOfGroup& result) const {
     move.record(&result.made);
     const unique_ptr<OverdampedScheme> scheme = entry.make();
     const auto memory = scheme->memory();
-    for (size_t i = 0; i < memory.size() && i < group.overdamped.memoryAtStart.size(); i++)
-        *memory[i] = group.overdamped.memoryAtStart[i];
+    for (size_t i = 0; i < memory.size(); i++) *memory[i] = last.memory[i];
     for (int stage = 0; stage < entry.numStages(); stage++) {
         if (entry.needsForces(stage)) move.force = last.forces[stage];
         scheme->run(stage, move);
     }
     move.record(nullptr);
+    if (step.kT > 0) result.randomFlow = sqrt(2 * step.kT / step.h);
 }
 
 /** Without noise, under the forces as last gathered. */
@@ -166,13 +166,17 @@ void Fluid::flowOfVelocities(FluidGroup& group, const BodySet& bodies, const vec
     result.made.shares.push_back({1, poses, forces, isDriven});
 }
 
-Fluid::FlowOfGroup Fluid::findFlowOfStep(FluidGroup& group, const FlowQuestion& question) {
-    FlowOfGroup result;
+Fluid::FlowOfGroup& Fluid::findFlow(FluidGroup& group, const FlowQuestion& question) {
+    const bool ofStep = !question.hasMomenta && lastStepIsPresent(question.bodies, question.positions);
+    if (ofStep && flowOfLastStep && flowOfLastStep->isOfLastStep) return *flowOfLastStep;
+    flowOfLastStep.reset(new FlowOfGroup());
+    FlowOfGroup& result = *flowOfLastStep;
+    result.isOfLastStep = ofStep;
     if (question.hasMomenta) {
         flowOfVelocities(group, question.bodies, question.positions, question.velocities, result);
         return result;
     }
-    if (lastStepIsPresent(question.bodies, question.positions)) {
+    if (ofStep) {
         replay(group, result);
         // Parameters that a user has changed since would lead elsewhere.
         const LastStep& last = group.overdamped.last;
@@ -183,6 +187,7 @@ Fluid::FlowOfGroup Fluid::findFlowOfStep(FluidGroup& group, const FlowQuestion& 
         }
         if (off <= replayTolerance * largest) return result;
         result = FlowOfGroup();
+        result.isOfLastStep = true;
     }
     flowOfForces(group, question.bodies, question.freeParticles, question.positions, result);
     return result;
@@ -215,7 +220,7 @@ Velocities Fluid::flowAt(const vector<OpenMM::Vec3>& points, const FlowQuestion&
             fail(method, "point " + to_string(p) + " at " + text(x) +
                              " nm is behind a wall, where there is no fluid; give points between walls or above them");
     }
-    FlowOfGroup made = findFlowOfStep(group, question);
+    FlowOfGroup& made = findFlow(group, question);
     Velocities velocities = Velocities::Zero(3, points.size());
     if (isDriven)
         for (size_t p = 0; p < points.size(); p++)
@@ -228,25 +233,30 @@ Velocities Fluid::flowAt(const vector<OpenMM::Vec3>& points, const FlowQuestion&
     return velocities;
 }
 
-array<double, 2> Fluid::flowMode(int forceAxis, int waveAxis, int waveVectorIndex, const FlowQuestion& question) {
-    const OneBlasThread single;
-    const char* const method = "getFlowModeInContext()";
+FluidGroup& Fluid::groupWithWave(const char* method, int forceAxis, int waveAxis, int waveVectorIndex,
+                                 DrivenFlow& wave) const {
     FluidGroup& group = onlyGroup(method);
     const MobilityModel& model = group.bodies.getModel();
-    const double volume = model.fluidVolume(box);
-    if (!(volume > 0))
+    if (!(model.fluidVolume(box) > 0))
         fail(method, "the fluid has no modes with the boundary " + string(boundaryName(force.getBoundary())) +
                          "; ask with the boundary Periodic or SlipChannel, or use getFlowInContext()");
     if (force.getBoundary() == MobilityForce::SlipChannel && (forceAxis == 1 || waveAxis == 1))
         fail(method, "the axes are " + to_string(forceAxis) + " and " + to_string(waveAxis) +
                          ", and in a SlipChannel both must be along the walls; give 0 and 2");
     model.checkWave(box, waveAxis, waveVectorIndex);
-    FlowOfGroup made = findFlowOfStep(group, question);
-    DrivenFlow wave;
     wave.forceAxis = forceAxis;
     wave.waveAxis = waveAxis;
     wave.k = 2 * M_PI * waveVectorIndex / box[waveAxis][waveAxis];
     wave.waveVelocity = 1;
+    return group;
+}
+
+array<double, 2> Fluid::flowMode(int forceAxis, int waveAxis, int waveVectorIndex, const FlowQuestion& question) {
+    const OneBlasThread single;
+    DrivenFlow wave;
+    FluidGroup& group = groupWithWave("getFlowModeInContext()", forceAxis, waveAxis, waveVectorIndex, wave);
+    const double volume = group.bodies.getModel().fluidVolume(box);
+    FlowOfGroup& made = findFlow(group, question);
     const double unit = 2 / (force.getViscosity() * wave.k * wave.k * volume);
     array<double, 2> amplitudes = {0, 0};
     for (int part = 0; part < 2; part++) {
@@ -262,6 +272,20 @@ array<double, 2> Fluid::flowMode(int forceAxis, int waveAxis, int waveVectorInde
     return amplitudes;
 }
 
+array<double, 2> Fluid::randomFlowMode(int forceAxis, int waveAxis, int waveVectorIndex, const FlowQuestion& question) {
+    const OneBlasThread single;
+    DrivenFlow wave;
+    FluidGroup& group = groupWithWave("getRandomFlowModeInContext()", forceAxis, waveAxis, waveVectorIndex, wave);
+    FlowOfGroup& made = findFlow(group, question);
+    array<double, 2> amplitudes = {0, 0};
+    RandomField* field = made.move ? made.move->getField() : nullptr;
+    for (int part = 0; field && part < 2; part++) {
+        wave.phase = part * M_PI / 2;
+        amplitudes[part] = made.randomFlow * field->amplitudeOf(wave);
+    }
+    return amplitudes;
+}
+
 SchemeMemory Fluid::getLastStep() const {
     SchemeMemory saved;
     for (const auto& group : groups) {
@@ -269,6 +293,7 @@ SchemeMemory Fluid::getLastStep() const {
         if (!last.isKnown) return {};
         vector<MatrixXd> own = {toMatrix(last.step), toMatrix(last.start), toMatrix(last.end)};
         own.insert(own.end(), last.forces.begin(), last.forces.end());
+        own.insert(own.end(), last.memory.begin(), last.memory.end());
         saved.groups.push_back(own);
     }
     if (!saved.groups.empty()) saved.scheme = traitsOf(overdampedScheme_).name;
@@ -276,21 +301,23 @@ SchemeMemory Fluid::getLastStep() const {
 }
 
 void Fluid::setLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) {
+    flowOfLastStep.reset();
     for (auto& group : groups) group->overdamped.last.isKnown = false;
     // That of another scheme serves nobody.
     if (saved.groups.empty() || saved.scheme != traitsOf(scheme).name || !traitsOf(scheme).isOverdamped()) return;
     if (overdampedScheme_ != scheme) beginOverdamped(scheme);
-    const int numStages = overdampedScheme(overdampedScheme_).numStages();
+    const OverdampedEntry& entry = overdampedScheme(scheme);
+    const int numStages = entry.numStages(), numMemories = entry.make()->memory().size();
     bool fits = saved.groups.size() == groups.size();
     for (size_t g = 0; fits && g < groups.size(); g++) {
         const vector<MatrixXd>& numbers = saved.groups[g];
         const int elements = groups[g]->poses.size(), rows = groups[g]->bodies.getNumRows();
-        fits = (int)numbers.size() == 3 + numStages && numbers[0].size() == 9;
-        for (size_t i = 0; fits && i < numbers.size(); i++) {
+        fits = (int)numbers.size() == 3 + numStages + numMemories && numbers[0].size() == 9;
+        for (int i = 0; fits && i < (int)numbers.size(); i++) {
             fits = numbers[i].allFinite();
             if (i == 1 || i == 2) fits = fits && numbers[i].rows() == 7 && numbers[i].cols() == elements;
-            if (i > 2) fits = fits && (numbers[i].size() == 0 || (numbers[i].rows() == rows && numbers[i].cols() == 1));
-            if (i > 2 && overdampedScheme(overdampedScheme_).needsForces(i - 3)) fits = fits && numbers[i].size() > 0;
+            if (i > 2) fits = fits && (numbers[i].size() == 0 || numbers[i].rows() == rows);
+            if (i > 2 && i < 3 + numStages && entry.needsForces(i - 3)) fits = fits && numbers[i].cols() == 1;
         }
         for (int i = 1; fits && i < 3; i++)
             for (int e = 0; e < elements; e++) fits = fits && abs(numbers[i].col(e).tail<4>().norm() - 1) <= 1e-9;
@@ -305,7 +332,9 @@ void Fluid::setLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Sche
         last.step = toStep(saved.groups[g][0]);
         last.start = toPoses(saved.groups[g][1]);
         last.end = toPoses(saved.groups[g][2]);
-        last.forces.assign(saved.groups[g].begin() + 3, saved.groups[g].end());
+        const auto forces = saved.groups[g].begin() + 3;
+        last.forces.assign(forces, forces + numStages);
+        last.memory.assign(forces + numStages, saved.groups[g].end());
         last.isKnown = true;
     }
 }

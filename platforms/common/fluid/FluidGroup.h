@@ -17,6 +17,7 @@ struct LastStep {
     OverdampedStep step;
     std::vector<Pose> start, end;
     std::vector<Eigen::MatrixXd> forces;  // of each stage; empty: it has none
+    std::vector<Eigen::MatrixXd> memory;  // of the scheme, at its start
 };
 
 /** What a scheme without momenta needs of a group, and how far it is in the present step. */

@@ -219,6 +219,7 @@ int Fluid::nextStage() const {
 LoopResult Fluid::runStage(int stage, const StepSettings& settings, BodySet& bodies, const FreeParticles& freeParticles,
                            vector<OpenMM::Vec3>& positions) {
     const OneBlasThread single;
+    flowOfLastStep.reset();
     const OverdampedEntry& entry = overdampedScheme(settings.scheme);
     double operations = 0;
     for (auto& group : groups) {
@@ -258,6 +259,7 @@ LoopResult Fluid::runStage(int stage, const StepSettings& settings, BodySet& bod
             group.overdamped.last.step = own;
             group.overdamped.last.start = move.start;
             group.overdamped.last.forces.resize(entry.numStages());
+            group.overdamped.last.memory = group.overdamped.memoryAtStart;
         }
         if (entry.needsForces(stage)) {
             takeForces(group, bodies, freeParticles);

@@ -15,7 +15,7 @@ namespace {
 /** How much more exactly than the tolerance Lanczos' products are taken where they are solves themselves. */
 const double innerTolerance = 0.05;
 
-/** One body's constant process: its matrices are known in the body's frame, for each step size. */
+/** One body's constant process: its matrices are known in the body's frame, for each step size and inertia scale. */
 class ConstantRelaxation : public Relaxation {
 public:
     using Relaxation::Relaxation;
@@ -23,12 +23,13 @@ public:
 protected:
     void evolve(const RelaxationStep& step) override {
         const Matrix3d A = mobility.getTurn(0);
-        if (knownH != step.h) {
+        if (knownH != step.h || knownInertiaScale != step.bodies.getInertiaScale()) {
             mobility.setPoses({Pose()});
             scaling.matrix(false, mobility, step.bodies, step.freeParticles, S);
             process.decompose(S, false);
             process.matrices(step.h, decay, noise);
             knownH = step.h;
+            knownInertiaScale = step.bodies.getInertiaScale();
         }
         // l is in the body's frame already, p is turned there and back.
         Z.segment<3>(0) = (A.transpose() * Z.segment<3>(0)).eval();
@@ -44,7 +45,7 @@ protected:
     }
 
 private:
-    double knownH = -1;  // the step for which `decay` and `noise` hold
+    double knownH = -1, knownInertiaScale = 0;  // for which `decay` and `noise` hold
     MatrixXd S, decay, noise;
     VectorXd change;
     FluidOrnsteinUhlenbeck process;

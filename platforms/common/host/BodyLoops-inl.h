@@ -146,7 +146,10 @@ public:
         storeVector(force_lab, bodies.force_lab, slot);
         storeVector(torque_body, bodies.torque_body, slot);
     }
-    /** Momentum and angular momentum of the members as point masses: p = sum m v, l = sum m s x v (body frame). */
+    /**
+     * Momentum and angular momentum that go with the velocities of the members: p = sum m v and, in the body frame, l = sum m s x v times the
+     * inertia scale.
+     */
     void gatherMomenta(const double* velocities) {
         const int lane = slot % BodySet::blockSize;
         p = l = {Real(0.0), Real(0.0), Real(0.0)};
@@ -159,6 +162,7 @@ public:
             p += momentum;
             l += cross(site(s, lane), A.toBody(momentum));
         }
+        l = Real(bodies.getInertiaScale()) * l;
         if (block.rotor == RotorKind::Linear) l.x = Real(0.0);
         if (block.rotor == RotorKind::Point) l = {Real(0.0), Real(0.0), Real(0.0)};
     }

@@ -46,6 +46,7 @@ BodySet::BodySet(const vector<BodyGeometry>& geometries, const vector<vector<int
         frameTurn[i] = {{turn.w(), turn.x(), turn.y(), turn.z()}};
         kinds[i] = rotorKind(inertias[i]);
     }
+    ownInertias = inertias;
 
     // Slots: general bodies first, then linear, then points, each kind padded to whole blocks.
     slotOfBody.resize(n);
@@ -92,7 +93,6 @@ BodySet::BodySet(const vector<BodyGeometry>& geometries, const vector<vector<int
             if (body < 0) continue;
             const BodyInertia& inertia = inertias[body];
             inverseMass[slot] = inertia.mass > 0 ? 1 / inertia.mass : 0;
-            for (int k = 0; k < 3; k++) inverseMoments[k][slot] = inertia.isLive(k) ? 1 / inertia.moments[k] : 0;
             if (siteMasses[body].empty()) block.massesMakeTheBodies = false;
             for (size_t s = 0; s < particles[body].size(); s++) {
                 const int entry = block.firstSite + s;
@@ -104,6 +104,24 @@ BodySet::BodySet(const vector<BodyGeometry>& geometries, const vector<vector<int
             }
         }
     }
+    setInverseMoments();
+}
+
+void BodySet::setInverseMoments() {
+    for (int b = 0; b < getNumBodies(); b++)
+        for (int k = 0; k < 3; k++)
+            inverseMoments[k][slotOfBody[b]] = inertias[b].isLive(k) ? 1 / inertias[b].moments[k] : 0;
+}
+
+void BodySet::setInertiaScale(double factor) {
+    if (factor == inertiaScale) return;
+    for (int b = 0; b < getNumBodies(); b++)
+        for (int k = 0; k < 3; k++) {
+            inertias[b].moments[k] = factor * ownInertias[b].moments[k];
+            l[k][slotOfBody[b]] *= factor / inertiaScale;
+        }
+    inertiaScale = factor;
+    setInverseMoments();
 }
 
 Vec3 BodySet::toInner(int body, const Vec3& v) const {

@@ -54,8 +54,14 @@ public:
     int getNumBlocks() const { return blocks.size(); }
     int slot(int body) const { return slotOfBody[body]; }
     RotorKind rotor(int body) const { return blocks[slotOfBody[body] / blockSize].rotor; }
-    /** Mass and moments in ascending order, zero moments marked. */
+    /** Mass and moments in ascending order, zero moments marked; the moments times the inertia scale. */
     const BodyInertia& inertia(int body) const { return inertias[body]; }
+    /**
+     * Let the dynamics have the moments of the geometries times this factor: the one place where moments are scaled. Angular velocities stay,
+     * angular momenta follow. Thermostats are the caller's to set anew.
+     */
+    void setInertiaScale(double factor);
+    double getInertiaScale() const { return inertiaScale; }
 
     BodyState getState(int body) const;
     void setState(int body, const BodyState& state);
@@ -102,10 +108,13 @@ public:
 
 private:
     std::vector<int> slotOfBody;
-    std::vector<BodyInertia> inertias;              // moments ascending
+    double inertiaScale = 1;
+    std::vector<BodyInertia> ownInertias;           // of the geometries, moments ascending
+    std::vector<BodyInertia> inertias;              // of the dynamics: these moments times the inertia scale
     std::vector<std::array<int, 3> > axisOrder;     // inner axis k is the user's axis axisOrder[k] ...
     std::vector<std::array<double, 3> > axisSign;   // ... times axisSign[k]
     std::vector<std::array<double, 4> > frameTurn;  // q_inner = q_user * frameTurn
+    void setInverseMoments();
     OpenMM::Vec3 toUser(int body, const OpenMM::Vec3& v_inner) const;
     OpenMM::Vec3 toLab(int slot, const OpenMM::Vec3& v_inner) const;
     OpenMM::Vec3 toInnerBody(int slot, const OpenMM::Vec3& v_lab) const;

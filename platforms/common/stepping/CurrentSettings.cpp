@@ -30,6 +30,7 @@ void CurrentSettings::update(Scene& scene) {
     // What a scheme keeps for its next step is of no use once another has moved the bodies.
     if (scheme != integrator.getScheme() && scene.fluid) scene.fluid->forgetMemory();
     scheme = integrator.getScheme();
+    scene.adoptInertiaScale();
     h = integrator.getStepSize();
     noise.law = static_cast<NoiseStream::Law>(integrator.getNoiseLaw());
     const bool hydrodynamic = traits().kind == SchemeKind::FluidThermostat;

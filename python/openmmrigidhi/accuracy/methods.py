@@ -4,6 +4,7 @@ from typing import Callable, Optional
 
 import openmm
 
+from .. import _schemes
 from ..integrator import CustomRigidHIIntegrator
 
 
@@ -32,14 +33,17 @@ class Method:
 
 
 class RigidScheme:
-    """Makes the scene's own integrator with one of the plugin's schemes."""
+    """Makes the scene's own integrator with one of the plugin's schemes, and with another inertia scale than the scene's if one is given."""
 
-    def __init__(self, scheme):
+    def __init__(self, scheme, inertiaScale=None):
         self.scheme = scheme
+        self.inertiaScale = inertiaScale
 
     def __call__(self, scene, stepSize, seed):
         integrator = scene.makeIntegrator()
         integrator.setScheme(self.scheme)
+        if self.inertiaScale is not None:
+            integrator.setInertiaScale(self.inertiaScale)
         integrator.setStepSize(stepSize)
         integrator.setRandomNumberSeed(seed)
         return integrator
@@ -66,8 +70,12 @@ BUILT_IN = {method.name: method for method in (
 )}
 
 
+#: Between a scheme with momenta and an inertia scale: LangevinC-I8 is LangevinC with moments times 8.
+SCALED = '-I'
+
+
 def byName(name):
-    """The built-in method of this name.
+    """The built-in method of this name; or a scheme with an inertia scale, such as LangevinC-I8: setInertiaScale(8).
 
     Parameters
     ----------
@@ -78,7 +86,21 @@ def byName(name):
     ValueError
         for any other name
     """
+    found = BUILT_IN.get(name) or _scaled(name)
+    if found is None:
+        raise ValueError(f'method: got {name!r}; it must be a Method or the name of one of these: {", ".join(BUILT_IN)}; or a scheme with momenta '
+                         f'and an inertia scale above 0, such as LangevinC{SCALED}8')
+    return found
+
+
+def _scaled(name):
+    base, mark, text = str(name).rpartition(SCALED)
     try:
-        return BUILT_IN[name]
-    except KeyError:
-        raise ValueError(f'method: got {name!r}; it must be a Method or the name of one of these: {", ".join(BUILT_IN)}') from None
+        factor = float(text)
+    except ValueError:
+        return None
+    method = BUILT_IN.get(base)
+    scheme = getattr(method and method.makeIntegrator, 'scheme', None)
+    if scheme is None or not _schemes.TABLE[scheme].hasMomenta or not 0 < factor < float('inf'):
+        return None
+    return Method(name, RigidScheme(scheme, factor), method.order, method.whyNot, f'{method.description}; moments times {factor:g}')

@@ -107,14 +107,19 @@ def stepSizes(kinds, count, extent):
 
 
 class Wall:
-    """A hard wall below particles of these radii; those of radius 0 do not feel it."""
+    """A hard wall below particles of these radii, or (side = -1) above them, at a place along one axis; those of radius 0 do not feel it."""
 
-    def __init__(self, height, radii, rejection, where):
+    def __init__(self, place, radii, rejection, where, axis=2, side=1):
         name = getattr(rejection, 'name', rejection)
         if name not in (OVERLAP, CROSSING):
             raise ValueError(f'{where}: rejection: got {rejection!r}; a wall rejects {OVERLAP!r} or {CROSSING!r}: give one of them')
         self.crossing = name == CROSSING
-        self.limits = np.where(radii > 0, height + (0 if self.crossing else radii), -np.inf)
+        self.axis, self.side = axis, side
+        self.limits = np.where(radii > 0, side*place + (0 if self.crossing else radii), -np.inf)
+
+    def heights(self, places):
+        """Of places (..., 3), counted so that they grow away from the wall, nm."""
+        return self.side*places[..., self.axis]
 
     def allows(self, heights, limits=None):
         """Whether particles at these heights, nm, are all above their limits; over the last axis."""

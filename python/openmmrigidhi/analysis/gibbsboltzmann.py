@@ -11,6 +11,7 @@ from . import _moves
 from ._sampler import Sampler
 
 _MOVES = ('single', 'all')
+_Y, _Z = 1, 2
 
 
 class GibbsBoltzmannSampler(Sampler):
@@ -35,12 +36,13 @@ class GibbsBoltzmannSampler(Sampler):
         (w, x, y, z) body frame to lab frame, of all bodies. Infinity forbids what it is given. A System with a CustomBodyForce,
         which has no energy, needs it
     wallHeight : float or Quantity, optional
-        height z of a hard wall, nm; None: that of a MobilityForce with a no-slip wall, else no wall
+        height z of a hard wall, nm; None: that of a MobilityForce with a no-slip wall, else no wall. Both walls of a MobilityForce's SlipChannel
+        are taken besides
     radii : sequence or Quantity of shape (particles of the System,), optional
-        what the wall stops, nm; particles of radius 0 do not feel it; None: the radii of the MobilityForce
+        what walls stop, nm; particles of radius 0 do not feel them; None: the radii of the MobilityForce
     rejection : str or constant, optional
-        "Overlap": every particle with a radius must have z - wallHeight >= its radius; "Crossing": z - wallHeight > 0; None: what the
-        integrator's wall rejection says, or else "Overlap"
+        "Overlap": every particle with a radius must have z - wallHeight >= its radius; "Crossing": z - wallHeight > 0; likewise at both walls of a
+        channel; None: what the integrator's wall rejection says
     coordinates : sequence of str
         what is sampled: any of "x", "y", "z", "rotation"
     rotationAxis : Vec3 or sequence of shape (3,), optional
@@ -65,8 +67,8 @@ class GibbsBoltzmannSampler(Sampler):
     Raises
     ------
     TypeError, ValueError
-        for arguments of wrong dimension or shape, a start that the wall forbids or that has an infinite energy, a CustomBodyForce
-        without energyFunction, a SlipChannel without one (its walls are not known here), constraints on a free particle that is to move
+        for arguments of wrong dimension or shape, a start that a wall forbids or that has an infinite energy, a CustomBodyForce
+        without energyFunction, constraints on a free particle that is to move
 
     Notes
     -----
@@ -101,7 +103,7 @@ class GibbsBoltzmannSampler(Sampler):
         self._bodies = self._chosen(bodies, range(len(self._firstSite) - 1), where, 'bodies')
         self._free = self._chosen(freeParticles, self._movableParticles(system, radii), where, 'freeParticles')
         self._checkConstraints(system, where)
-        self._wall = self._wallOf(wallHeight, radii, rejection, fluids, where)
+        self._walls = self._wallsOf(wallHeight, radii, rejection, fluids, where)
         self._virtualSites = any(system.isVirtualSite(i) for i in set(range(system.getNumParticles())) - set(self._members.tolist()))
         self._places = context.getState(getPositions=True).getPositions(asNumpy=True)._value.copy()
         self._adoptPoses()
@@ -146,21 +148,23 @@ class GibbsBoltzmannSampler(Sampler):
                 raise ValueError(f'{where}: freeParticles: a constraint holds the free particles {i} and {j}; moves of one by one would '
                                  'break it: make them a body, or leave them out')
 
-    def _wallOf(self, height, radii, rejection, fluids, where):
-        if height is None and fluids and hasattr(fluids[0], 'getWallHeight') and fluids[0].getBoundary().name == 'NoSlipWall':
+    def _wallsOf(self, height, radii, rejection, fluids, where):
+        """The plane wall, if there is one, and both of a channel."""
+        boundary = fluids[0].getBoundary().name if fluids else None
+        if height is None and boundary == 'NoSlipWall':
             height = fluids[0].getWallHeight()
-        if fluids and fluids[0].getBoundary().name == 'SlipChannel' and self._energyFunction is None:
-            raise ValueError(f'{where}: context: its MobilityForce has the boundary SlipChannel, whose walls are not known here, and nothing would stop '
-                             'particles at them; give an energyFunction that is infinite beyond them')
-        if height is None:
-            return None
+        places = [] if height is None else [(_units.number(height, _units.LENGTH, where, 'wallHeight'), _Z, 1)]
+        if boundary == 'SlipChannel':
+            low, high = fluids[0].getChannelWalls()
+            places += [(low._value, _Y, 1), (high._value, _Y, -1)]
+        if not places:
+            return []
         if not np.any(radii > 0):
             raise ValueError(f'{where}: radii: there is a wall, but every radius is 0; it would stop nothing: give radii, or add a '
                              'MobilityForce')
         if rejection is None:
-            ask = getattr(self._integrator, 'getWallRejection', None)
-            rejection = _moves.OVERLAP if ask is None else ask()
-        return _moves.Wall(_units.number(height, _units.LENGTH, where, 'wallHeight'), radii, rejection, where)
+            rejection = self._integrator.getWallRejection()
+        return [_moves.Wall(place, radii, rejection, where, axis, side) for place, axis, side in places]
 
     def _adoptPoses(self):
         """Take the poses of the Context, and put the members where they say."""
@@ -169,12 +173,14 @@ class GibbsBoltzmannSampler(Sampler):
         self._places[self._members] = self._membersAt(slice(None), self._positions, self._orientations)
 
     def _checkStart(self, where):
-        if self._wall is not None and not self._wall.allows(self._places[:, 2]):
-            low = int(np.argmin(self._places[:, 2] - self._wall.limits))
-            owner = self._owners[self._members == low]
-            raise ValueError(f'{where}: context: particle {low} ({f"body {owner[0]}" if len(owner) else "free"}) is at '
-                             f'z = {self._places[low, 2]} nm, where the wall allows {self._wall.limits[low]} nm or more; a start must be '
-                             'allowed: set higher positions')
+        for wall in self._walls:
+            heights = wall.heights(self._places)
+            if not wall.allows(heights):
+                k = int(np.argmin(heights - wall.limits))
+                owner = self._owners[self._members == k]
+                raise ValueError(f'{where}: context: particle {k} ({f"body {owner[0]}" if len(owner) else "free"}) is at '
+                                 f'{"xyz"[wall.axis]} = {self._places[k, wall.axis]} nm, where a wall allows {wall.side*wall.limits[k]} nm or '
+                                 f'{"more" if wall.side > 0 else "less"}; a start must be allowed: set positions away from it')
         self._energy = self._evaluate(self._positions, self._orientations)
         if not np.isfinite(self._energy):
             raise ValueError(f'{where}: context: the energy at the start is {self._energy} kJ/mol; a start must have a finite one: set '
@@ -217,7 +223,7 @@ class GibbsBoltzmannSampler(Sampler):
 
     def _accept(self, particles, places, R, q):
         """Put particles to places if Metropolis accepts it; whether it did."""
-        if self._wall is not None and not self._wall.allows(places[:, 2], self._wall.limits[particles]):
+        if not all(wall.allows(wall.heights(places), wall.limits[particles]) for wall in self._walls):
             return False
         before = self._places[particles]
         self._places[particles] = places

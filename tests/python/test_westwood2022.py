@@ -1,0 +1,235 @@
+"""examples/westwood2022: the sampler's energy is the Context's, its distribution that of quadrature and of another sampler; the script runs, shortened, and goes on."""
+import json
+import pathlib
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from openmm import unit
+from openmmrigidhi import analysis
+from openmmrigidhi._quaternions import rotate
+from openmmrigidhi.accuracy.statistics import quantile
+
+FOLDER = pathlib.Path(__file__).resolve().parents[2]/'examples'/'westwood2022'
+FALSE_ALARMS = 7e-6     # of each comparison, as in test_gibbs_boltzmann.py
+
+
+@pytest.fixture(scope='module')
+def study():
+    """The example's modules."""
+    sys.path[:0] = [str(FOLDER), str(FOLDER.parent)]
+    try:
+        import model
+        import montecarlo
+        yield type('Study', (), {'model': model, 'montecarlo': montecarlo})
+    finally:
+        del sys.path[:2]
+
+
+def begun(study, scene, count=2, sweeps=3, seed=1):
+    """Systems a few sweeps after starts that overlap: energies of all sizes."""
+    random = np.random.default_rng(seed)
+    parts = [study.montecarlo.starts(scene, count, flat, random) for flat in (True, False)]
+    systems = study.montecarlo.Systems(scene, *(np.concatenate(both) for both in zip(*parts)), random)
+    for _ in range(sweeps):
+        systems.sweep(adapt=True)
+    return systems
+
+
+def test_the_rod(study):
+    """Touching beads: neighbours in a layer and in adjacent layers are two radii apart, none is nearer; 16.142 long, 4 wide."""
+    sites = study.model.SITES
+    distances = np.linalg.norm(sites[:, None] - sites, axis=-1)[np.triu_indices(22, 1)]
+    assert distances.min() == pytest.approx(2, abs=1e-12) and np.count_nonzero(distances < 2 + 1e-9) == 11 + 4*10
+    assert np.ptp(sites[:, 2]) + 2 == pytest.approx(16.142, abs=1e-3)
+    assert np.ptp(sites[:, 0]) + 2 == pytest.approx(4) and np.ptp(sites[:, 1]) + 2 == pytest.approx(4)
+
+
+@pytest.mark.parametrize('fraction, rods', [(8, 64), (4, 128), (2, 256)])
+def test_volume_fraction(study, fraction, rods):
+    """That of the paper, 10 %, in the paper's box and in the reduced one."""
+    for part in (1.0, 0.5):
+        scene = study.model.Scene(fraction, 6.0, part)
+        assert scene.rods == rods*part**2
+        assert 22*4/3*np.pi*scene.rods/(scene.side**2*scene.width) == pytest.approx(0.1, rel=0.02)
+    with pytest.raises(SystemExit, match='there must be a whole number of rods'):
+        study.model.Scene(fraction, 6.0, 0.3)
+
+
+@pytest.mark.parametrize('fraction, cutoff', [(8, 6.0), (4, 3.0), (2, 6.0)])
+def test_energies(study, fraction, cutoff):
+    """The fast sampler's, those summed bead by bead, and the Context's, at overlapping configurations and relaxed ones, with rods across the period."""
+    scene = study.model.Scene(fraction, cutoff)
+    rods = study.model.Rods(scene, platform='Reference')
+    for sweeps in (0, 5):
+        systems = begun(study, scene, 1, sweeps)
+        plain = scene.energy(systems.R, systems.q)
+        assert np.allclose(systems.energies(), plain, rtol=1e-12, atol=0) and plain.min() > 0
+        for R, q, energy in zip(systems.R, systems.q, plain):
+            rods.place(R, q)
+            assert rods.energy() == pytest.approx(energy, rel=1e-12)
+
+
+def test_two_images_of_one_rod(study):
+    """Rods in a row, half a period apart, see each other at both ends."""
+    scene = study.model.Scene(8, 6.0)
+    scene.rods = 2
+    turned = np.tile((np.sqrt(0.5), 0, np.sqrt(0.5), 0), (1, 2, 1))
+    R = np.array([[(0, 4, 5), (scene.side/2, 4, 5)]])
+    systems = study.montecarlo.Systems(scene, R, turned, np.random.default_rng(1))
+    # 5.27 between the ends' layers, twice; a shift breaks the tie.
+    assert systems.energies()[0] > 0
+    assert systems.energies()[0] == pytest.approx(scene.energy(R, turned)[0], rel=1e-12)
+    moved = R + [[(0, 0, 0), (0.3, 0.2, -0.4)]]
+    assert study.montecarlo.Systems(scene, moved, turned, np.random.default_rng(1)).energies()[0] == pytest.approx(scene.energy(moved, turned)[0], rel=1e-12)
+
+
+def test_forces(study):
+    """Of the Context on rods: minus the slope of the energy, for shifts and turns."""
+    scene = study.model.Scene(8, 6.0)
+    systems = begun(study, scene, 1, 5)
+    R, q = systems.R[1], systems.q[1]
+    rods = study.model.Rods(scene, platform='Reference')
+    rods.place(R, q)
+    forces = rods.context.getState(getForces=True).getForces(asNumpy=True)._value.reshape(scene.rods, 22, 3)
+    arms, delta = rotate(q[:, None], study.model.SITES), 1e-5
+    for rod in (0, 7):
+        for axis in np.eye(3):
+            def energy(shift, turn):
+                R2, q2 = R.copy(), q.copy()
+                R2[rod] += shift*axis
+                q2[rod] = study.montecarlo.product(np.append(np.cos(turn/2), np.sin(turn/2)*axis), q[rod])
+                return scene.energy(R2, q2)
+            force, torque = forces[rod].sum(0) @ axis, np.cross(arms[rod], forces[rod]).sum(0) @ axis
+            # Differences of a smooth function: delta^2; the force jumps where beads come into reach (0.01) or touch.
+            assert -(energy(delta, 0) - energy(-delta, 0))/(2*delta) == pytest.approx(force, rel=1e-5, abs=1e-4)
+            assert -(energy(0, delta) - energy(0, -delta))/(2*delta) == pytest.approx(torque, rel=1e-5, abs=1e-3)
+
+
+def test_kept_energies_follow_moves(study):
+    """After many accepted moves of all kinds the sums that the sampler keeps are still those of the configuration."""
+    scene = study.model.Scene(8, 3.0)
+    systems = begun(study, scene, 4, 30)
+    assert all(systems.accepted[kind] > 0 for kind in study.montecarlo.MOVES[:3]) and systems.tried['mirror'] > 0
+    energies = systems.energies()
+    systems.computeEnergies()
+    assert np.allclose(systems.energies(), energies, rtol=0, atol=1e-10*energies.max())
+
+
+def test_the_mirror_image_is_a_rod(study):
+    scene = study.model.Scene(4, 6.0)
+    systems = begun(study, scene, 2, 0)
+    R, q = systems.propose('mirror', 3)
+    before = systems.R[:, 3, None] + systems.arms[:, 3]
+    after = R[:, None] + rotate(q[:, None], study.model.SITES)
+    before[..., 1] = scene.width - before[..., 1]
+    assert np.allclose(np.linalg.norm(before[:, :, None] - after[:, None], axis=-1).min(axis=-1), 0, atol=1e-12)
+
+
+def check(values, exact, error=0.0):
+    """The mean of independent values is the exact one."""
+    mean, own = values.mean(), values.std(ddof=1)/np.sqrt(len(values))
+    z = (mean - exact)/np.hypot(own, error)
+    print(f'{mean:.5f} +- {own:.5f}, expected {exact:.5f} +- {error:.5f}, z = {z:.2f}')
+    assert abs(z) < quantile(1 - FALSE_ALARMS, len(values) - 1)
+    return own
+
+
+def test_one_rod_against_quadrature(study):
+    """Its law in y and in the direction of the wall's normal in its own frame, uniform on a sphere but for the energy."""
+    scene = study.model.Scene(8, 6.0)
+    scene.rods = 1
+    random = np.random.default_rng(5)
+    parts = [study.montecarlo.starts(scene, 100, flat, random) for flat in (True, False)]
+    systems = study.montecarlo.Systems(scene, *(np.concatenate(both) for both in zip(*parts)), random)
+    found = []
+    for sweep in range(900):
+        systems.sweep(adapt=sweep < 100)
+        if sweep >= 200 and sweep % 3 == 0:
+            found.append([np.abs(systems.R[:, 0, 1] - scene.width/2), study.model.angles(systems.q)[:, 0], systems.walls[:, 0].copy()])
+    off, theta, energy = np.mean(found, axis=0)
+
+    # Gauss's points in y and in the cosine s = sin(theta); equal steps in the angle about the rod, of which a quarter turn is all there is.
+    x, weight = np.polynomial.legendre.leggauss(160)
+    y, s = scene.width/4*(x + 1), (x + 1)/2     # the lower half of the channel
+    psi = np.pi/2*(np.arange(16) + 0.5)/16
+    normal = np.stack(np.broadcast_arrays(np.sqrt(1 - s**2)[:, None]*np.cos(psi), np.sqrt(1 - s**2)[:, None]*np.sin(psi), s[:, None]), -1)
+    beads = y[:, None, None, None] + normal @ study.model.SITES.T
+    U = study.model.wallEnergy(beads, scene.width)
+    p = np.exp(-U)*weight[:, None, None]*weight[:, None]
+    p /= p.sum()
+    exact = [(p.sum((1, 2))*(scene.width/2 - y)).sum(), (p.sum((0, 2))*np.arcsin(s)).sum(), (p*np.where(p > 0, U, 0)).sum()]
+    for values, mean in zip((off, theta, energy), exact):
+        assert check(values, mean) < 0.02*mean
+
+
+@pytest.mark.full
+def test_crowded_rods_against_the_librarys_sampler(study):
+    """Three rods in a box of 20 x 9.7 x 20, three quarters as dense as the study's, under the Context's energies, in GibbsBoltzmannSampler with the channel's walls."""
+    scene = study.model.Scene(8, 3.0)
+    scene.rods, scene.side = 3, 20.0
+    systems = begun(study, scene, 32, 200, 3)
+    rods = study.model.Rods(scene)
+    rods.place(systems.R[0], systems.q[0])
+    sampler = analysis.GibbsBoltzmannSampler(rods.context, seed=2)
+    assert sampler._walls[0].crossing and len(sampler._walls) == 2
+    sampler.burnIn(300, progress=False)
+    samples = sampler.sample(5000, 1, progress=False)
+    found = []
+    for sweep in range(600):
+        systems.sweep()
+        found.append([systems.energies(), study.model.angles(systems.q).mean(1), np.abs(systems.R[..., 1] - scene.width/2).mean(1)])
+    mine = np.mean(found, axis=0)
+    other = [samples.energies._value, study.model.angles(samples.orientations).mean(1), np.abs(samples.positions._value[..., 1] - scene.width/2).mean(1)]
+    for values, series in zip(mine, other):
+        average = samples.average(series*unit.dimensionless)
+        check(values, average.mean, average.standardError)
+        assert average.isTrusted and average.standardError < 0.06*average.mean
+
+
+def run(folder, *arguments, name='rods.json'):
+    finished = subprocess.run([sys.executable, str(FOLDER/'rods.py'), '--silent', '--output', str(folder), *arguments], capture_output=True, text=True,
+                              timeout=600)
+    assert finished.returncode == 0, finished.stdout + finished.stderr
+    data = json.loads((folder/name).read_text())
+    assert {'processor', 'openmm', 'commit', 'plugin_sha256', 'arguments'} <= set(data['provenance'])
+    return data, finished.stdout
+
+
+def test_the_script(study, tmp_path):
+    """It runs, shortened, and --resume goes on with what is kept: longer chains, more runs, and what was there stays."""
+    first, text = run(tmp_path, '--quick')
+    assert 'pair energy a rod' in text
+    for name in ('rods_heights.png', 'rods_angles.png'):
+        assert (tmp_path/name).stat().st_size > 5000
+    scene, = first['scenes']
+    moving, = scene['dynamics']
+    assert scene['rods'] == 16 and scene['monte_carlo']['sweeps'] == 30 and moving['runs'] == 2 and moving['steps'] == [60, 60]
+    for found in (scene['monte_carlo'], moving):
+        assert sum(found['y']['P']) == pytest.approx(1) and sum(found['theta']['P']) == pytest.approx(1)
+    # Ten steps of tau/600 hardly move a rod: the runs stand where their starts stood, but not exactly.
+    assert 0 < abs(moving['changes']['off']['mean']) < 0.3
+    kept = np.load(tmp_path/'kept'/'runs_L8_cutoff6.npz')
+    second, _ = run(tmp_path, '--quick', '--resume', '--long', '2')
+    scene, = second['scenes']
+    assert scene['monte_carlo']['sweeps'] == 60 and scene['dynamics'][0]['runs'] == 4
+    again = np.load(tmp_path/'kept'/'runs_L8_cutoff6.npz')
+    assert all(np.array_equal(kept[key], again[key]) for key in ('y0', 'theta0', 'R0', 'R1', 'means1'))
+    # A rod's mobility towards a wall falls as it comes near.
+    towards = np.array(first['own_mobilities']['L/8'])[:, 2]
+    assert np.all(np.diff(towards) > 0) and towards[0] < 0.7*towards[-1]
+    # The paper's size begins with four copies of a kept state side by side, whose means are those of one.
+    full, _ = run(tmp_path, '--full', '--widths', '8', '--steps', '2', name='rods_full.json')
+    row, = full['rows']
+    assert row['rods'] == 64 and row['side'] == pytest.approx(77.65) and 'on a grid' in row['fluid'] and row['steps'] == 2
+    alone = begunAt(study, tmp_path/'kept'/'mc_L8_cutoff6.npz')
+    assert row['means_before_and_after']['pairs'][0] == pytest.approx(alone, rel=1e-9)
+
+
+def begunAt(study, path):
+    """Pair energy a rod of the first kept system."""
+    with np.load(path) as kept:
+        scene = study.model.Scene(8, 6.0)
+        systems = study.montecarlo.Systems(scene, kept['R'][:1], kept['q'][:1], np.random.default_rng(1))
+    return systems.pairs[0].sum()/(2*scene.rods)
