@@ -5,7 +5,7 @@ Dilute: one body in a periodic box, on a crest of the shear and at its zero, has
 stresslet radius a_S, where S = (20/3) pi eta a_S^3 E is its stresslet in the strain E of an unbounded fluid. a_S comes from dense algebra of its own here.
 Lattices: simple cubic arrays in longer and longer waves, extrapolated, have the viscosity of the array in uniform shear.
 
-    python3 run.py --output results          # half a minute
+    python3 run.py --output results          # ten seconds
 """
 import argparse
 import sys
