@@ -6,7 +6,7 @@ import model
 from recording import pyplot
 
 COLOURS = {8: 'tab:red', 4: 'tab:green', 2: 'tab:blue'}
-LINES = {0: '-', 1: ':'}     # the first cut-off and the second
+LINES = ('-', '--', ':')     # the largest cut-off first
 MARKS = {'DriftCorrectorFD': 'o', 'EulerMaruyama': 'x'}
 
 
@@ -41,7 +41,7 @@ def heights(data, path):
         off, p, error = _density(scene['monte_carlo']['y'], 2)
         y, p2 = both(off, p)
         _, error2 = both(off, error)
-        colour = 'k' if line == 0 else 'tab:gray'
+        colour = ('k', 'tab:blue', 'tab:gray')[line]
         ax.plot(y, p2, LINES[line], color=colour, lw=1.2, label=f'Monte Carlo, cut-off {scene["cutoff"]:g} a')
         ax.fill_between(y, p2 - error2, p2 + error2, color=colour, alpha=0.2, lw=0)
         for run in _atThePapersStep(scene):
@@ -49,7 +49,7 @@ def heights(data, path):
             y, p2 = both(off, p)
             _, error2 = both(off, error)
             name = 'gDC' if run['scheme'] == 'DriftCorrectorFD' else run['scheme']
-            ax.errorbar(y, p2, error2, fmt=MARKS[run['scheme']], ms=3, lw=0.7, color=('tab:red', 'tab:orange')[line],
+            ax.errorbar(y, p2, error2, fmt=MARKS[run['scheme']], ms=3, lw=0.7, color=('tab:red', 'tab:orange', 'tab:brown')[line],
                         label=f'{name}, cut-off {scene["cutoff"]:g} a')
         ax.set(title=f'Ly = L/{fraction} = {scene["width"]:.2f} a, {scene["rods"]} rods', xlabel='y/a', ylabel='density of y, 1/a', xlim=(0, scene['width']))
     for ax in axes.flat:
@@ -83,7 +83,7 @@ def angles(data, path):
     plt.close(figure)
 
 
-def animation(scene, track, path, size=440, every=2):
+def animation(scene, track, path, size=440, every=1):
     """A GIF of poses (frames, rods, 7): beads as discs, seen along z and a little from the side and above; each rod has a grey of its own, as in the paper's Figure 7."""
     track = np.asarray(track, float)[::every]
     side, width = scene.side, scene.width

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Rods between slip walls (Westwood 2022, section 6.3): heights and angles from dynamics, against Monte Carlo of the same model.
 
-    python3 rods.py                     # Monte Carlo, then dynamics from its states, at a quarter of the paper's area: an hour on one core
+    python3 rods.py                     # Monte Carlo, then dynamics from its states, at a quarter of the paper's area: an hour or two on one core
     python3 rods.py --resume --long 2   # goes on with what results/kept has: twice the sweeps, twice the runs
     python3 rods.py --full              # the paper's size, up to 256 rods: times of steps and a short run; --steps 10000 is the paper's length
     python3 rods.py --quick             # seconds
@@ -33,10 +33,11 @@ FRAME = 30                          # steps between frames: tau/20
 SEGMENT = 300                       # steps of which histograms are kept together: tau/2
 TOLERANCE = 1e-3
 #: (L/Ly, cut-off): systems, sweeps, sweeps before anything is counted; runs of dynamics, steps of each.
-PLANS = {(8, 6.0): (32, 5000, 2000, 12, 1500), (4, 6.0): (24, 4500, 2500, 4, 900), (2, 6.0): (16, 1500, 700, 3, 900),
-         (8, 3.0): (32, 3500, 1500, 3, 900), (4, 3.0): (24, 2000, 1000, 0, 0), (2, 3.0): (16, 1000, 500, 0, 0)}
+PLANS = {(8, 6.0): (32, 5000, 2000, 12, 1500), (4, 6.0): (24, 4500, 2500, 8, 900), (2, 6.0): (16, 2300, 1800, 3, 900),
+         (8, 4.0): (16, 3000, 1200, 0, 0), (8, 3.0): (32, 3500, 1500, 3, 900), (4, 3.0): (24, 2000, 1000, 0, 0), (2, 3.0): (16, 1000, 500, 0, 0)}
 CHUNK = 100                         # sweeps that are kept together
 SAMPLE = 5                          # sweeps between samples
+FEWEST_TRUSTED = 10                 # runs whose spread is believed
 
 
 def edges(scene):
@@ -127,6 +128,11 @@ class Chains:
                 self.acceptance = {kind: systems.accepted[kind]/max(1, systems.tried[kind]) for kind in montecarlo.MOVES}
                 self.save()
                 bar.update(chunk)
+
+    def spread(self):
+        """How much short runs may scatter, better known than from a few of them: standard deviations of the means of one system over CHUNK sweeps, and
+        the probabilities (systems, bins) of y and theta of its single configurations, which scatter more than averages over time."""
+        return np.concatenate(self.means).std(0), *(counts/self.scene.rods for counts in histograms(self.scene, self.state['R'], self.state['q']))
 
     def summary(self):
         """Densities and means with standard errors from the spread of the systems, and what the two halves of them say."""
@@ -230,9 +236,16 @@ class Runs:
                     self.save()
                     bar.update(1)
 
-    def summary(self, reference):
-        """Densities, means and their changes since the start, with standard errors from the spread of the runs, and what separates them from Monte Carlo."""
+    def summary(self, reference, chains):
+        """Densities, means and their changes since the start, and what separates them from Monte Carlo.
+
+        Standard errors come from the spread of the runs. It is hardly known from fewer than FEWEST_TRUSTED: then what Chains.spread() says is taken where it is
+        larger, which for densities is an upper bound.
+        """
         runs = self.runs
+        spread = dict(zip(('means', 'y', 'theta'), chains.spread()))
+        if len(runs) >= FEWEST_TRUSTED:
+            spread = {name: np.zeros_like(values) for name, values in spread.items()}
         times = [round(run['y'].sum()/self.scene.rods)*FRAME*model.STEP for run in runs]
         steps = [round(t/self.step) for t in times]
         found = {'scheme': self.scheme, 'scaling': self.scaling, 'step_over_tau': self.step, 'runs': len(runs), 'steps': steps,
@@ -240,14 +253,16 @@ class Runs:
                  'ms_a_step': 1e3*self.seconds/sum(steps), 'tolerance': TOLERANCE, 'means': {}, 'changes': {}}
         for k, name in enumerate(MEANS):
             mean = meanAndError([run['means'][:, k].mean() for run in runs])
+            mean[1] = max(mean[1], spread['means'][k]/np.sqrt(len(runs)))
             change = meanAndError([run['means'][:, k].mean() - run['means0_'][k] for run in runs])
             found['means'][name] = {'mean': mean[0], 'error': mean[1], 'z': separation(mean, reference['means'][name])}
             found['changes'][name] = {'mean': change[0], 'error': change[1], 'z': change[0]/change[1]}
         for name in ('y', 'theta'):
             P = np.array([run[name].sum(0)/run[name].sum() for run in runs])
             first = np.array([run[f'{name}0_']/run[f'{name}0_'].sum() for run in runs])
-            found[name] = {'edges': reference[name]['edges'], 'P': P.mean(0), 'error': P.std(0, ddof=1)/np.sqrt(len(P)),
-                           'against_monte_carlo': compare(P, reference[name]), 'change': compare(P - first, None, reference[name])}
+            found[name] = {'edges': reference[name]['edges'], 'P': P.mean(0),
+                           'error': np.maximum(P.std(0, ddof=1), spread[name].std(0))/np.sqrt(len(P)),
+                           'against_monte_carlo': compare(P, reference[name], spread[name]), 'change': compare(P - first, reference[name])}
         return found
 
 
@@ -259,12 +274,13 @@ def separation(mine, other):
 LEAST_IN_BIN = 0.05     # bins are merged to hold this much before they are compared
 
 
-def compare(runs, reference, merging=None):
-    """Each run's probabilities (or their changes, whose reference is 0) against the reference's, in bins merged to at least LEAST_IN_BIN.
+def compare(runs, reference, spread=None):
+    """Each run's probabilities against the reference's, or, without the spread of single systems, their changes against 0, in bins merged to hold at
+    least LEAST_IN_BIN.
 
-    Neighbouring bins are correlated and runs are few, so that the mean of z^2 scatters widely about 1 (with n runs about (n - 1)/(n - 3)).
+    Neighbouring bins are correlated, so that the mean of z^2 scatters widely about 1; that of changes, whose errors are known from n runs only, about (n - 1)/(n - 3).
     """
-    p = (merging or reference)['P']
+    p = reference['P']
     first, held = [0], 0.0
     for k, value in enumerate(p):
         if held >= LEAST_IN_BIN and p[k:].sum() >= LEAST_IN_BIN:
@@ -272,13 +288,13 @@ def compare(runs, reference, merging=None):
             held = 0.0
         held += value
     merged = np.add.reduceat(runs, first, axis=1)
-    error2 = merged.var(0, ddof=1)/len(runs)
-    exact = 0.0
-    if reference is not None:
-        exact = np.add.reduceat(reference['P'], first)
-        error2 = error2 + np.add.reduceat(reference['error']**2, first)
+    error2, exact = merged.var(0, ddof=1)/len(runs), 0.0
+    if spread is not None:
+        exact = np.add.reduceat(p, first)
+        error2 = np.maximum(error2, np.add.reduceat(spread, first, axis=1).var(0)/len(runs)) + np.add.reduceat(reference['error']**2, first)
     z = (merged.mean(0) - exact)/np.sqrt(np.maximum(error2, 1e-30))
-    return {'bins': len(z), 'z': z, 'mean_z2': np.mean(z**2), 'largest_z': np.abs(z).max(), 'expected_mean_z2': (len(runs) - 1)/(len(runs) - 3) if len(runs) > 3 else None}
+    return {'bins': len(z), 'z': z, 'mean_z2': np.mean(z**2), 'largest_z': np.abs(z).max(), 'expected_mean_z2': 1.0 if spread is not None else
+            (len(runs) - 1)/(len(runs) - 3) if len(runs) > 3 else None}
 
 
 # ---- The paper's size ------------------------------------------------------------------------------------------------------
@@ -297,17 +313,17 @@ def fullSize(folder, steps, fractions, quiet):
         rods.place(R, q)
         before = configurationMeans(scene, R, q)
         rods.integrator.step(2)
-        done, began = dict(rods.integrator.getStepStatistics()), time.time()
+        done, began, used = dict(rods.integrator.getStepStatistics()), time.time(), time.process_time()
         for _ in tqdm(range(steps), desc=f'{scene.rods} rods', unit=' steps', mininterval=2, disable=quiet):
             rods.integrator.step(1)
-        seconds = time.time() - began
+        seconds, used = time.time() - began, time.process_time() - used
         now = rods.integrator.getStepStatistics()
         after = configurationMeans(scene, *rods.poses())
-        rows.append({**scene.describe(), 'steps': steps, 'ms_a_step': 1e3*seconds/steps, 'hours_of_the_papers_10000_steps': seconds/steps*10000/3600,
+        rows.append({**scene.describe(), 'steps': steps, 'ms_a_step': 1e3*seconds/steps, 'processor_ms_a_step': 1e3*used/steps, 'processor_hours_of_the_papers_10000_steps': used/steps*10000/3600,
                      'iterations_a_step': (now['solverIterations'] - done['solverIterations'])/steps, 'redone_steps': rods.integrator.getNumRejectedSteps(),
                      'fluid': str(rods.integrator.getEffects()['hydrodynamics']), 'tolerance': TOLERANCE,
                      'means_before_and_after': {name: [before[k], after[k]] for k, name in enumerate(MEANS)}})
-        print(f'{scene.rods} rods: {rows[-1]["ms_a_step"]:.0f} ms a step', flush=True)
+        print(f'{scene.rods} rods: {rows[-1]["ms_a_step"]:.0f} ms a step, {rows[-1]["processor_ms_a_step"]:.0f} of the processor', flush=True)
     return rows
 
 
@@ -334,9 +350,9 @@ def report(folder, args, plans):
                       'U0': model.PAIR_STRENGTH, 'pair_range': model.PAIR_RANGE, 'step_over_tau': model.STEP, 'units': 'a = 1, kT = 1, tau = 6 pi eta a^3/kT'},
             'seed': SEED, 'least_in_bin': LEAST_IN_BIN, 'scenes': []}
     tracks = {}
-    for (fraction, cutoff) in plans:
+    for (fraction, cutoff), (systems, _, burnIn, _, _) in plans.items():
         scene = model.Scene(fraction, cutoff, args.part)
-        chains = Chains(scene, folder/'kept', 0, 0)
+        chains = Chains(scene, folder/'kept', systems, burnIn)
         if not chains.load() or not chains.means:
             continue
         entry = {**scene.describe(), 'monte_carlo': chains.summary(), 'dynamics': []}
@@ -346,7 +362,7 @@ def report(folder, args, plans):
                     for step in (1, 2, 3, 5):
                         runs = Runs(scene, folder/'kept', scheme, scaling, step*model.STEP)
                         if runs.file == path and runs.load() and len(runs.runs) > 1:
-                            entry['dynamics'].append(runs.summary(entry['monte_carlo']))
+                            entry['dynamics'].append(runs.summary(entry['monte_carlo'], chains))
                             tracks.setdefault((fraction, cutoff), runs.track)
         data['scenes'].append(entry)
     data['own_mobilities'] = {f'L/{fraction}': ownMobilities(fraction, args.part) for fraction in {f for f, _ in plans}}
@@ -387,8 +403,8 @@ def tables(data):
                 yield (row + f' {brackets(mean["mean"], mean["error"])}{label} | {mean["z"]:+.1f} | {brackets(change["mean"], change["error"])} | '
                        f'{change["z"]:+.1f} |')
     yield ''
-    yield ('| Ly | cut-off/a | rods | scheme | runs × time/τ | redone steps | ms a step | y: bins | mean z² | largest \\|z\\| | change: mean z² | θ: bins | mean z² | largest \\|z\\| '
-           '| change: mean z² |')
+    yield ('| Ly | cut-off/a | rods | scheme | runs × time/τ | redone steps | ms a step | y: bins | mean z² | largest \\|z\\| | change: mean z² (expected) | θ: bins | mean z² '
+           '| largest \\|z\\| | change: mean z² (expected) |')
     yield '|---'*15 + '|'
     for scene in data['scenes']:
         for run in scene['dynamics']:
@@ -396,7 +412,8 @@ def tables(data):
                      f'{run["runs"]} × {np.mean(run["time_of_a_run_over_tau"]):.3g}', str(run['redone_steps']), f'{run["ms_a_step"]:.0f}']
             for name in ('y', 'theta'):
                 found, change = run[name]['against_monte_carlo'], run[name]['change']
-                cells += [str(found['bins']), f'{found["mean_z2"]:.2f}', f'{found["largest_z"]:.1f}', f'{change["mean_z2"]:.2f}']
+                cells += [str(found['bins']), f'{found["mean_z2"]:.2f}', f'{found["largest_z"]:.1f}',
+                          f'{change["mean_z2"]:.1f} ({format(change["expected_mean_z2"], ".1f") if change["expected_mean_z2"] else "–"})']
             yield '| ' + ' | '.join(cells) + ' |'
 
 
@@ -409,7 +426,7 @@ def main():
     parser.add_argument('--resume', action='store_true', help='go on with what results/kept has')
     parser.add_argument('--long', type=float, default=1, help='sweeps and runs, times those of the table PLANS')
     parser.add_argument('--widths', type=int, nargs='+', default=[8, 4, 2], choices=[8, 4, 2], help='L/Ly')
-    parser.add_argument('--cutoffs', type=float, nargs='+', default=[6.0, 3.0], help='of the pair potential, a')
+    parser.add_argument('--cutoffs', type=float, nargs='+', default=[6.0, 4.0, 3.0], help='of the pair potential, a')
     parser.add_argument('--only', choices=['mc', 'dynamics'], help='leave out the other')
     parser.add_argument('--scheme', default='DriftCorrectorFD', help='of the dynamics (%(default)s); EulerMaruyama leaves out the drift')
     parser.add_argument('--scaling', default='Whole', choices=['Whole', 'SlipOnly'], help="Whole is the paper's (%(default)s)")

@@ -193,3 +193,39 @@ TEST(MobilityModel, TheBoxComesWithThePoses) {
     EXPECT_EQ(bodies.byMatrices().objection({Pose()}), "no box");
     EXPECT_FALSE(bodies.byMatrices().acceptsNearby({Pose()}));
 }
+
+TEST(MobilityModel, FlowAtPointsIsKnownOrRefused) {
+    // A model whose author has written none.
+    struct Nowhere : RotnePragerYamakawa {
+        using RotnePragerYamakawa::RotnePragerYamakawa;
+        struct At : MobilityAt {
+            using MobilityAt::MobilityAt;
+            void apply(const MatrixXd& forces, MatrixXd& velocities) override { velocities = forces; }
+            void moveTo(const Placement&, bool) override {}
+        };
+        unique_ptr<MobilityAt> makePlace() const override { return unique_ptr<MobilityAt>(new At(*this)); }
+    };
+    const HydrodynamicParticles particles = threeSpheres();
+    const Nowhere model(particles, eta);
+    const unique_ptr<MobilityAt> at = model.at(first);
+    Velocities velocities = Velocities::Zero(3, 1);
+    expectError(
+        [&] {
+            at->addFlowAt({MatrixXd::Zero(18, 1), {}}, {Vec3()}, 1, velocities);
+        },
+        {"the model does not know the flow at points of the fluid",
+         "ask for the velocities of bodies by applyMobilityInContext()"});
+    // Those that have it add to what is there.
+    for (const Case& c : cases(particles)) {
+        const unique_ptr<MobilityAt> place = c.model->at(first);
+        MatrixXd forces = MatrixXd::Zero(18, 1);
+        forces << 1, 0.2, -0.3, 0.1, 0.5, 0, 0.4, -1, 0.2, 0, 0, 1, 0.3, 0.3, 0.3, -0.1, 0, 0;
+        const FlowSources sources = place->sources(forces, nullptr);
+        const vector<Vec3> points = {Vec3(0.7, 0.8, 2), Vec3(-1, 0.5, 0.4)};
+        Velocities once = Velocities::Zero(3, 2), twice = Velocities::Ones(3, 2);
+        place->addFlowAt(sources, points, 1, once);
+        place->addFlowAt(sources, points, -2, twice);
+        EXPECT_GT(once.norm(), 0.01) << c.name;
+        EXPECT_LT((twice - (Velocities::Ones(3, 2) - 2 * once)).norm(), 1e-13) << c.name;
+    }
+}

@@ -520,3 +520,168 @@ TEST(OverdampedSchemes, NoNoiseAboutARodsLine) {
         }
     }
 }
+
+// ---- The flow of the fluid in a step ----
+
+namespace {
+
+const vector<OpenMM::Vec3> pointsOfFluid = {OpenMM::Vec3(0.4, 1.2, 1.4), OpenMM::Vec3(1.5, -0.6, 2.1)};
+
+/** What these shares of a step's flow make of the fluid at points. */
+VectorXd flowAt(BodyMobility& mobility, const FlowOfStep& made, RandomField* field,
+                const DrivenFlow* driven = nullptr) {
+    Velocities velocities = Velocities::Zero(3, pointsOfFluid.size());
+    for (const FlowOfStep::Share& share : made.shares) {
+        mobility.setPoses(share.poses, true);
+        mobility.addFlowAt(mobility.flowSources(share.forces, share.inFlow ? driven : nullptr), pointsOfFluid,
+                           share.weight, velocities);
+    }
+    if (made.fieldWeight != 0) field->addFlowAt(pointsOfFluid, made.fieldWeight, velocities);
+    return velocities.reshaped();
+}
+
+/** Steps whose flow is recorded. */
+struct FlowingSteps : Steps {
+    bool whole = true;  // or only what comes from solves for velocities
+    const char* name;
+    FlowingSteps(Integrator::Scheme s, const Scene& scene, double kT) : Steps(s, scene, kT), name(traitsOf(s).name) {}
+    /** The flow of step i, times h. */
+    VectorXd flow(int i, double h) {
+        FlowOfStep made;
+        move.record(&made);
+        increment(i, h);
+        move.record(nullptr);
+        made.check(name);
+        if (!whole) {
+            // Thermal slips are all that is recorded beside.
+            made.fieldWeight = 0;
+            if (made.shares.size() > 1) made.shares.resize(1);
+        }
+        return h * flowAt(move.getMobility(), made, move.getField());
+    }
+    /** Its part of order sqrt(h), as leadingNoise(). */
+    VectorXd leadingFlow(int i, double h) {
+        const double shortness = 1e-8;
+        return flow(i, shortness * h) / sqrt(shortness);
+    }
+};
+
+/** div N_xQ, of the flow at points that a wrench makes, by central differences of the bodies' poses. */
+VectorXd divergenceOfFlow(const Scene& scene) {
+    auto bodies = scene.mobility();
+    BodyMobility& mobility = bodies.byMatrices();
+    const int n = bodies->getNumRows();
+    const double delta = 1e-4;
+    VectorXd sum = VectorXd::Zero(3 * pointsOfFluid.size());
+    MatrixXd twists, forces;
+    for (int k = 0; k < n; k++)
+        for (double sign : {1, -1}) {
+            mobilityAt(scene, bodies, sign * delta * VectorXd::Unit(n, k));
+            const vector<Pose> poses = mobility.posesHere();
+            mobility.solve(MatrixXd(VectorXd::Unit(n, k)), twists);
+            mobility.getBlobForces(forces);
+            FlowOfStep made;
+            made.shares.push_back({1, poses, forces, false});
+            sum += sign / (2 * delta) * flowAt(mobility, made, nullptr);
+        }
+    return sum;
+}
+
+/**
+ * The mean flow of a step without forces is kT div N_xQ: the stochastic drift of a particle that were there, with the fluid's own derivative left out
+ * because the point stays where it is. Samples and errors as of checkDrift().
+ */
+void checkMeanFlow(const Scene& scene, double error = 0.15) {
+    const double h = 1e-4, kT = 1.3;
+    const VectorXd expected = kT * h * divergenceOfFlow(scene);
+    const double size = expected.norm();
+    ASSERT_GT(size, 0);
+    for (Integrator::Scheme scheme : consistent) {
+        SCOPED_TRACE(scene.name + ", " + traitsOf(scheme).name);
+        FlowingSteps steps(scheme, scene, kT);
+        Sampling sampling(expected / size);
+        Averages found;
+        const int block = 100, most = 100000;
+        do {
+            for (int i = 0; i < block; i++) {
+                const int k = sampling.samples;
+                sampling.add(steps.flow(k, h) - steps.leadingFlow(k, h));
+            }
+            found = sampling.averages();
+        } while (sampling.samples < most &&
+                 (sampling.samples < 4 * block || found.alongError > 0.1 * size || found.error.norm() > error * size));
+        ASSERT_LT(sampling.samples, most);
+        EXPECT_LT(abs(found.along - size), 5 * found.alongError + 1e-3 * size);
+        for (int i = 0; i < expected.size(); i++)
+            EXPECT_LT(abs(found.mean[i] - expected[i]), 5 * found.error[i] + 1e-3 * size) << "row " << i;
+    }
+}
+
+}  // namespace
+
+TEST(OverdampedSchemes, MeanFlowOfOneBodyAboutAnyPoint) { checkMeanFlow(aloneOffCentre()); }
+TEST(OverdampedSchemes, MeanFlowOfThreeBlobsAboveAWall) { checkMeanFlow(boomerangAtWall()); }
+TEST(OverdampedSchemes, MeanFlowOfRodsUnbounded) { checkMeanFlow(rodsUnbounded()); }
+TEST(OverdampedSchemes, MeanFlowWithOwnTensors) { checkMeanFlow(ownTensors()); }
+TEST(OverdampedSchemes, MeanFlowWithARandomField) { checkMeanFlow(blobsInAField(), 0.4); }
+TEST(OverdampedSchemes, MeanFlowWithLubrication) { checkMeanFlow(stokesianSpheres()); }
+
+/** The flow of the forces that keep bodies rigid has another mean: the random flow is correlated with nu. */
+TEST(OverdampedSchemes, MeanFlowNeedsTheRandomFlow) {
+    const double h = 1e-4, kT = 1.3;
+    for (const Scene& scene : {boomerangAtWall(), blobsInAField()}) {
+        const VectorXd expected = kT * h * divergenceOfFlow(scene);
+        FlowingSteps steps(Integrator::DriftCorrectorFD, scene, kT);
+        steps.whole = false;
+        Sampling sampling(expected / expected.norm());
+        for (int i = 0; i < 4000; i++) sampling.add(steps.flow(i, h) - steps.leadingFlow(i, h));
+        const Averages found = sampling.averages();
+        EXPECT_GT(((found.mean - expected).array() / found.error.array()).abs().maxCoeff(), 10) << scene.name;
+    }
+}
+
+/** Spheres have no Brownian stress: the flow of a force has no sources, at either end. The mean is that of forces alone. */
+TEST(OverdampedSchemes, MeanFlowOfSpheresIsThatOfForces) {
+    Scene scene;
+    scene.add(element(0, {{0, 0, 0}}, {0.9}), {0, 0, 0});
+    scene.add(element(1, {{0, 0, 0}}, {0.8}), {1.4, 0.7, 0.5});
+    scene.add(element(-1, {{0, 0, 0}}, {0.6}), {-0.6, 1.9, 1.0});
+    EXPECT_LT(divergenceOfFlow(scene).norm(), 1e-8);
+    const double h = 1e-3;
+    for (Integrator::Scheme scheme : overdampedSchemes)
+        for (bool iterate : {false, true}) {
+            SCOPED_TRACE(traitsOf(scheme).name);
+            Scene solved = iterate ? matrixFree(scene) : scene;
+            FlowingSteps steps(scheme, solved, 1);
+            Sampling sampling(VectorXd::Unit(6, 0));
+            for (int i = 0; i < 500; i++) sampling.add(steps.flow(i, h) - steps.leadingFlow(i, h));
+            const Averages found = sampling.averages();
+            // Against kT N_xQ/a, which the mid-point of slips alone would leave a tenth of.
+            for (int i = 0; i < 6; i++) EXPECT_LT(abs(found.mean[i]), 5 * found.error[i] + 1e-10) << "row " << i;
+            EXPECT_LT(found.error.maxCoeff(), 3e-3 * h);
+        }
+}
+
+TEST(OverdampedSchemes, SayWhatTheirFlowIs) {
+    // Each solve for velocities once; FlowingSteps::flow() checks it, too, with noise.
+    for (Integrator::Scheme scheme : overdampedSchemes)
+        for (bool whole : {false, true})
+            for (double kT : {0.0, 1.0}) {
+                const Scene scene = threeBodiesAtWall();
+                FlowingSteps steps(scheme, scene, kT);
+                steps.step.driftFactorScalesAll = whole;
+                FlowOfStep made;
+                steps.move.record(&made);
+                steps.increment(0, 0.01);
+                EXPECT_NO_THROW(made.check(traitsOf(scheme).name)) << traitsOf(scheme).name;
+                EXPECT_NEAR(made.solveWeight, made.flowWeight, 1e-14);
+                if (kT == 0) {
+                    EXPECT_EQ(made.flowWeight, 1);
+                }
+            }
+    FlowOfStep forgotten;
+    expectError(
+        [&] { forgotten.check("Forgetful"); },
+        {"the scheme Forgetful does not say what the flow of its step is",
+         "its solves for velocities are in it 0.000000 times, and must be 1.000000 times", "record each such solve"});
+}

@@ -183,7 +183,7 @@ vector<double> BodyAccess::applyMobility(const vector<double>& wrenches) {
 
 bool BodyAccess::flowNeedsForces(const char* method) {
     Fluid& fluid = prepareFluid(method);
-    return !hasMomenta() && !fluid.lastStepIsPresent(scene.bodies, scene.arrays->positions());
+    return !hasMomenta() && !fluid.findFlowOfLastStep(scene.bodies, scene.arrays->positions());
 }
 
 Fluid::FlowQuestion BodyAccess::askForFlow() const {

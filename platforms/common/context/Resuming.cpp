@@ -73,7 +73,10 @@ void adoptBodies(const SavedState& saved, Scene& scene, ContextMirror& mirror) {
         scene.arrays->pullPositions();
         checkPosesAgainstPositions(scene, saved);
     }
-    if (scene.fluid) scene.fluid->checkMemory(saved.memory, scene.integrator.getScheme());
+    if (scene.fluid) {
+        scene.fluid->checkMemory(saved.memory, scene.integrator.getScheme());
+        scene.fluid->checkLastStep(saved.lastStep, scene.integrator.getScheme());
+    }
     scene.build(now);
     BodySet& bodies = scene.bodies;
     bodies.setInertiaScale(saved.inertiaScale);  // to which the saved angular momenta belong

@@ -119,8 +119,10 @@ public:
         const std::vector<OpenMM::Vec3>& velocities;
         bool hasMomenta;
     };
-    /** Whether the last step without momenta led to where bodies and particles are, so that its flow is known. If not, that of the forces as last gathered is answered. */
+    /** Whether the last step without momenta led to where bodies and particles are, in the box that there is. */
     bool lastStepIsPresent(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
+    /** Likewise, and, done again, leads there once more: then its flow is answered. If not, that of the forces as last gathered. */
+    bool findFlowOfLastStep(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions);
     /**
      * Velocities of the fluid at points: of the last step, at the poses where it had its forces; or of the present forces or (LangevinHI) velocities.
      * @throws OpenMMException for several groups, FreeDraining, and points beyond walls
@@ -133,17 +135,19 @@ public:
                                          const FlowQuestion& question);
     /** What the last step can be done again from, to be saved; without groups: nothing. */
     SchemeMemory getLastStep() const;
-    /** @throws OpenMMException if it is not of these groups, or damaged */
+    /** @throws OpenMMException if it is not of these groups, or damaged; another scheme's is left out */
+    void checkLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) const;
+    /** Likewise; then nothing was changed. */
     void setLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme);
 
     /** The vectors of the Context's periodic box, from now on; zeros, as at first: there is none. */
     void setBox(const BoxVectors& box);
     const BoxVectors& getBox() const { return box; }
-    /** Whether it has one: of others nothing changes with the box. */
     /** Whether setWallRejection() matters. */
     bool hasWalls() const {
         return force.getBoundary() == MobilityForce::NoSlipWall || force.getBoundary() == MobilityForce::SlipChannel;
     }
+    /** Whether it has one: of others nothing changes with the box. */
     bool isPeriodic() const { return force.usesPeriodicBoundaryConditions(); }
     /** @throws OpenMMException if a body of a periodic fluid does not fit into the box, naming it, its length, the box and the remedy */
     void checkBox();
@@ -243,6 +247,7 @@ private:
     FluidGroup& onlyGroup(const char* method) const;
     FluidGroup& groupWithWave(const char* method, int forceAxis, int waveAxis, int waveVectorIndex,
                               DrivenFlow& wave) const;
+    bool isLastStepOf(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) const;
     FlowOfGroup& findFlow(FluidGroup& group, const FlowQuestion& question);
     std::string describeBox() const;
 };

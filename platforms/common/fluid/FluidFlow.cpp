@@ -30,8 +30,14 @@ bool samePoses(const vector<Pose>& a, const vector<Pose>& b) {
     return same;
 }
 
-/** How far a step that is done again may end from where it ended, relative to its largest move: parameters may have been changed since. */
+/** How far a step that is done again may end from where it ended, relative to its largest move: a state may come from another platform, or from another fluid. */
 const double replayTolerance = 1e-2;
+
+/** In lengths of the body, and half radians. */
+double distance(const Pose& a, const Pose& b, double length) {
+    const Vector4d p(a.q.w, a.q.x, a.q.y, a.q.z), q(b.q.w, b.q.x, b.q.y, b.q.z);
+    return (a.R - b.R).norm() / length + min((p - q).norm(), (p + q).norm());
+}
 
 MatrixXd toMatrix(const vector<Pose>& poses) {
     MatrixXd numbers(7, poses.size());
@@ -49,11 +55,13 @@ vector<Pose> toPoses(const MatrixXd& numbers) {
     return poses;
 }
 
+const int numNumbersOfStep = 18;
+
 /** The numbers of a step, but poses and forces. */
-MatrixXd toMatrix(const OverdampedStep& step) {
-    MatrixXd numbers(9, 1);
+MatrixXd toMatrix(const OverdampedStep& step, const BoxVectors& box) {
+    MatrixXd numbers(numNumbersOfStep, 1);
     numbers << step.h, step.kT, step.difference, step.driftFactorScalesAll, step.noise.seed, double(step.noise.step),
-        step.noise.attempt, step.noise.law, step.noise.field;
+        step.noise.attempt, step.noise.law, step.noise.field, toEigen(box[0]), toEigen(box[1]), toEigen(box[2]);
     return numbers;
 }
 
@@ -73,12 +81,18 @@ OverdampedStep toStep(const MatrixXd& numbers) {
     return step;
 }
 
+BoxVectors toBox(const MatrixXd& numbers) {
+    BoxVectors box;
+    for (int i = 0; i < 3; i++) box[i] = OpenMM::Vec3(numbers(9 + 3 * i), numbers(10 + 3 * i), numbers(11 + 3 * i));
+    return box;
+}
+
 }  // namespace
 
 bool Fluid::lastStepIsPresent(const BodySet& bodies, const vector<OpenMM::Vec3>& positions) const {
     vector<Pose> poses;
     for (const auto& group : groups) {
-        if (!group->overdamped.last.isKnown) return false;
+        if (!group->overdamped.last.isKnown || group->overdamped.last.box != box) return false;
         poses.resize(group->poses.size());
         group->readPoses(bodies, positions, poses);
         if (!samePoses(poses, group->overdamped.last.end)) return false;
@@ -118,6 +132,7 @@ void Fluid::replay(FluidGroup& group, FlowOfGroup& result) const {
         scheme->run(stage, move);
     }
     move.record(nullptr);
+    result.made.check(traitsOf(overdampedScheme_).name);
     if (step.kT > 0) result.randomFlow = sqrt(2 * step.kT / step.h);
 }
 
@@ -166,30 +181,35 @@ void Fluid::flowOfVelocities(FluidGroup& group, const BodySet& bodies, const vec
     result.made.shares.push_back({1, poses, forces, isDriven});
 }
 
+bool Fluid::findFlowOfLastStep(const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
+    // Of several groups, and of none, there is no flow to be found.
+    if (!lastStepIsPresent(bodies, positions) || groups.size() != 1 || !groups[0]->bodies.hasModel()) return false;
+    if (flowOfLastStep && flowOfLastStep->isOfLastStep) return true;
+    FluidGroup& group = *groups[0];
+    flowOfLastStep.reset(new FlowOfGroup());
+    flowOfLastStep->isOfLastStep = true;
+    replay(group, *flowOfLastStep);
+    LastStep& last = group.overdamped.last;
+    double largest = 0, off = 0;
+    for (size_t e = 0; e < last.end.size(); e++) {
+        const double length = group.bodies.length(e);
+        largest = max(largest, distance(last.start[e], last.end[e], length));
+        off = max(off, distance(last.end[e], flowOfLastStep->move->present[e], length));
+    }
+    if (off <= replayTolerance * largest) return true;
+    flowOfLastStep.reset();
+    last.isKnown = false;
+    return false;
+}
+
 Fluid::FlowOfGroup& Fluid::findFlow(FluidGroup& group, const FlowQuestion& question) {
-    const bool ofStep = !question.hasMomenta && lastStepIsPresent(question.bodies, question.positions);
-    if (ofStep && flowOfLastStep && flowOfLastStep->isOfLastStep) return *flowOfLastStep;
+    if (!question.hasMomenta && findFlowOfLastStep(question.bodies, question.positions)) return *flowOfLastStep;
     flowOfLastStep.reset(new FlowOfGroup());
     FlowOfGroup& result = *flowOfLastStep;
-    result.isOfLastStep = ofStep;
-    if (question.hasMomenta) {
+    if (question.hasMomenta)
         flowOfVelocities(group, question.bodies, question.positions, question.velocities, result);
-        return result;
-    }
-    if (ofStep) {
-        replay(group, result);
-        // Parameters that a user has changed since would lead elsewhere.
-        const LastStep& last = group.overdamped.last;
-        double largest = 0, off = 0;
-        for (size_t e = 0; e < last.end.size(); e++) {
-            largest = max(largest, (last.end[e].R - last.start[e].R).norm());
-            off = max(off, (last.end[e].R - result.move->present[e].R).norm());
-        }
-        if (off <= replayTolerance * largest) return result;
-        result = FlowOfGroup();
-        result.isOfLastStep = true;
-    }
-    flowOfForces(group, question.bodies, question.freeParticles, question.positions, result);
+    else
+        flowOfForces(group, question.bodies, question.freeParticles, question.positions, result);
     return result;
 }
 
@@ -291,7 +311,7 @@ SchemeMemory Fluid::getLastStep() const {
     for (const auto& group : groups) {
         const LastStep& last = group->overdamped.last;
         if (!last.isKnown) return {};
-        vector<MatrixXd> own = {toMatrix(last.step), toMatrix(last.start), toMatrix(last.end)};
+        vector<MatrixXd> own = {toMatrix(last.step, last.box), toMatrix(last.start), toMatrix(last.end)};
         own.insert(own.end(), last.forces.begin(), last.forces.end());
         own.insert(own.end(), last.memory.begin(), last.memory.end());
         saved.groups.push_back(own);
@@ -300,25 +320,29 @@ SchemeMemory Fluid::getLastStep() const {
     return saved;
 }
 
-void Fluid::setLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) {
-    flowOfLastStep.reset();
-    for (auto& group : groups) group->overdamped.last.isKnown = false;
+bool Fluid::isLastStepOf(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) const {
     // That of another scheme serves nobody.
-    if (saved.groups.empty() || saved.scheme != traitsOf(scheme).name || !traitsOf(scheme).isOverdamped()) return;
-    if (overdampedScheme_ != scheme) beginOverdamped(scheme);
+    return !saved.groups.empty() && saved.scheme == traitsOf(scheme).name && traitsOf(scheme).isOverdamped();
+}
+
+void Fluid::checkLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) const {
+    if (!isLastStepOf(saved, scheme)) return;
     const OverdampedEntry& entry = overdampedScheme(scheme);
     const int numStages = entry.numStages(), numMemories = entry.make()->memory().size();
     bool fits = saved.groups.size() == groups.size();
     for (size_t g = 0; fits && g < groups.size(); g++) {
         const vector<MatrixXd>& numbers = saved.groups[g];
         const int elements = groups[g]->poses.size(), rows = groups[g]->bodies.getNumRows();
-        fits = (int)numbers.size() == 3 + numStages + numMemories && numbers[0].size() == 9;
+        fits = (int)numbers.size() == 3 + numStages + numMemories && numbers[0].size() == numNumbersOfStep;
         for (int i = 0; fits && i < (int)numbers.size(); i++) {
             fits = numbers[i].allFinite();
             if (i == 1 || i == 2) fits = fits && numbers[i].rows() == 7 && numbers[i].cols() == elements;
             if (i > 2) fits = fits && (numbers[i].size() == 0 || numbers[i].rows() == rows);
             if (i > 2 && i < 3 + numStages && entry.needsForces(i - 3)) fits = fits && numbers[i].cols() == 1;
         }
+        // The step and its kT, and what are whole numbers of 32 bits.
+        fits = fits && numbers[0](0) > 0 && numbers[0](1) >= 0;
+        for (int i : {4, 6, 7, 8}) fits = fits && numbers[0](i) >= 0 && numbers[0](i) <= 4294967295.0;
         for (int i = 1; fits && i < 3; i++)
             for (int e = 0; e < elements; e++) fits = fits && abs(numbers[i].col(e).tail<4>().norm() - 1) <= 1e-9;
     }
@@ -327,9 +351,19 @@ void Fluid::setLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Sche
             "CustomRigidHIIntegrator: the saved state's last step of scheme " + saved.scheme +
             " is damaged, or that of other bodies; load it into an integrator with the same bodies and groups, or use "
             "another");
+}
+
+void Fluid::setLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) {
+    checkLastStep(saved, scheme);
+    flowOfLastStep.reset();
+    for (auto& group : groups) group->overdamped.last.isKnown = false;
+    if (!isLastStepOf(saved, scheme)) return;
+    if (overdampedScheme_ != scheme) beginOverdamped(scheme);
+    const int numStages = overdampedScheme(scheme).numStages();
     for (size_t g = 0; g < groups.size(); g++) {
         LastStep& last = groups[g]->overdamped.last;
         last.step = toStep(saved.groups[g][0]);
+        last.box = toBox(saved.groups[g][0]);
         last.start = toPoses(saved.groups[g][1]);
         last.end = toPoses(saved.groups[g][2]);
         const auto forces = saved.groups[g].begin() + 3;

@@ -15,6 +15,7 @@ namespace RigidHIPlugin {
 struct LastStep {
     bool isKnown = false;
     OverdampedStep step;
+    BoxVectors box = {};
     std::vector<Pose> start, end;
     std::vector<Eigen::MatrixXd> forces;  // of each stage; empty: it has none
     std::vector<Eigen::MatrixXd> memory;  // of the scheme, at its start

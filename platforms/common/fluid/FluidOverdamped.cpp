@@ -257,6 +257,7 @@ LoopResult Fluid::runStage(int stage, const StepSettings& settings, BodySet& bod
             move.begin(own);
             group.overdamped.last.isKnown = false;
             group.overdamped.last.step = own;
+            group.overdamped.last.box = box;
             group.overdamped.last.start = move.start;
             group.overdamped.last.forces.resize(entry.numStages());
             group.overdamped.last.memory = group.overdamped.memoryAtStart;

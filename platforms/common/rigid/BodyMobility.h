@@ -98,6 +98,8 @@ public:
     void forcesOfTwists(const MatrixXd& twists, const DrivenFlow* flow, MatrixXd& forces);
     /** Forces f there that would make the slips of thermalSlip() of the same W: M f = s. */
     virtual void forcesOfThermalSlip(const MatrixXd& W, MatrixXd& forces) = 0;
+    /** Forces of particles with M f = s, where slips live on particles. */
+    virtual void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) = 0;
     /** What the fluid's flow comes from when getBlobForces() gave these forces at the poses set last; `flow`: the driven one, if that solve had it. */
     FlowSources flowSources(const MatrixXd& forces, const DrivenFlow* flow);
     /** MobilityAt::addFlowAt() there. */
@@ -184,8 +186,6 @@ protected:
     virtual void particleForces(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) {
         particlesHere().particleForces(wrenches, slips, bodies.getNullTwists(), forces);
     }
-    /** forces = M^-1 slips, of particles. */
-    virtual void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) = 0;
     virtual const std::vector<Pose>& getPoses() const = 0;
     virtual void beginSolving() {}
     virtual void endSolving() {}

@@ -19,6 +19,8 @@ public:
     void thermalWrench(const MatrixXd& W, MatrixXd& wrench) override;
     void thermalSlip(const MatrixXd& W, MatrixXd& slips) override;
     void forcesOfThermalSlip(const MatrixXd& W, MatrixXd& forces) override { thermalWrench(W, forces); }
+    // Slips live on the body, whose inverse is the friction.
+    void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) override { forces = friction() * slips; }
     Eigen::Vector3d uniformDivergence() const override;
     const MatrixXd& mobility() override;
     const MatrixXd& friction() override;
@@ -26,8 +28,6 @@ public:
 
 protected:
     const std::vector<Eigen::Matrix3d>& getTurns() const override { return turns; }
-    // Slips live on the body, whose inverse is the friction.
-    void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) override { forces = friction() * slips; }
     const std::vector<Pose>& getPoses() const override { return poses; }
     void forceFreeTwists(const DrivenFlow& flow, const MatrixXd& slips, MatrixXd& twists) override;
     void particleForces(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) override;

@@ -22,13 +22,13 @@ public:
     void thermalWrench(const MatrixXd& W, MatrixXd& wrench) override;
     void thermalSlip(const MatrixXd& W, MatrixXd& slips) override;
     void forcesOfThermalSlip(const MatrixXd& W, MatrixXd& forces) override;
+    void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) override;
     const MatrixXd& mobility() override { return here.mobility(); }
     const MatrixXd& friction() override { return here.friction(); }
     void multiply(const MatrixXd& wrenches, MatrixXd& twists, double toleranceOfProducts = 0) override;
 
 protected:
     const std::vector<Eigen::Matrix3d>& getTurns() const override { return here.getTurns(); }
-    void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) override;
     const std::vector<Pose>& getPoses() const override { return here.getPoses(); }
     BodiesAt& particlesHere() override { return here; }
 

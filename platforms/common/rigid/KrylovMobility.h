@@ -33,6 +33,7 @@ public:
     void thermalWrench(const MatrixXd& W, MatrixXd& wrench) override;
     void thermalSlip(const MatrixXd& W, MatrixXd& slips) override;
     void forcesOfThermalSlip(const MatrixXd& W, MatrixXd& forces) override;
+    void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) override;
     const MatrixXd& mobility() override;
     const MatrixXd& friction() override { return here.friction(); }
     void multiply(const MatrixXd& wrenches, MatrixXd& twists, double toleranceOfProducts = 0) override {
@@ -45,7 +46,6 @@ protected:
     BodiesAt& particlesHere() override { return here; }
     void forceFreeTwists(const DrivenFlow& flow, const MatrixXd& slips, MatrixXd& twists) override;
     void particleForces(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) override;
-    void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) override;
     void beginSolving() override;
     void endSolving() override;
 

@@ -16,6 +16,9 @@ scalar::Quaternion<double> rotated(const scalar::Quaternion<double>& q, const Ve
     return scalar::exponential(scalar::Vector3<double>{0.5 * turn.x(), 0.5 * turn.y(), 0.5 * turn.z()}) * q;
 }
 
+/** Of the flow of a known drift, in body lengths and radians: rounding of 1e-16 against the error of the difference. */
+const double recordedDifference = 1e-5;
+
 /** How often a finite difference is tried with a tenth of its step, where the model has no mobility at its ends. */
 const int maxShrinks = 3;
 
@@ -110,6 +113,7 @@ void OverdampedMove::thermalSlip(Vectors& slips) {
         mobility.slipsOf(*field, slips);
     else
         mobility.thermalSlip(W_slip, slips);
+    if (recorded) recordedSlips = slips;
 }
 
 void OverdampedMove::addFlow(Vectors& slips, int column, int columns) {
@@ -119,11 +123,21 @@ void OverdampedMove::addFlow(Vectors& slips, int column, int columns) {
     slips.col(column) += slipsOfFlow.col(0);
 }
 
-void OverdampedMove::recordSolve(double weight, int column, bool inFlow) {
+void FlowOfStep::check(const string& scheme) const {
+    const double rounding = 1e-9;
+    if (abs(solveWeight - flowWeight) <= rounding * (1 + abs(flowWeight))) return;
+    throw OpenMM::OpenMMException("CustomRigidHIIntegrator: the scheme " + scheme +
+                                  " does not say what the flow of its step is: its solves for velocities are in it " +
+                                  to_string(solveWeight) + " times, and must be " + to_string(flowWeight) +
+                                  " times; use another scheme, or record each such solve (CONTRIBUTING.md)");
+}
+
+void OverdampedMove::recordSolve(double weight, int column, bool givesVelocity) {
     if (!recorded) return;
     Vectors forces;
     mobility.getBlobForces(forces);
-    recorded->shares.push_back({weight, mobility.posesHere(), forces.col(column), inFlow && flow});
+    recorded->shares.push_back({weight, mobility.posesHere(), forces.col(column), givesVelocity && flow});
+    if (givesVelocity) recorded->solveWeight += weight;
 }
 
 void OverdampedMove::recordThermalSlip(double weight) {
@@ -133,7 +147,11 @@ void OverdampedMove::recordThermalSlip(double weight) {
         return;
     }
     Vectors forces;
-    mobility.forcesOfThermalSlip(W_slip, forces);
+    // Spheres without drift keep the slips of the start.
+    if (driftIsZero())
+        mobility.forcesOfSlips(recordedSlips, forces);
+    else
+        mobility.forcesOfThermalSlip(W_slip, forces);
     recorded->shares.push_back({weight, mobility.posesHere(), forces, false});
 }
 
@@ -148,6 +166,7 @@ void OverdampedMove::recordFactor(double nu) {
     for (FlowOfStep::Share& share : recorded->shares) share.weight *= nu;
     recorded->fieldWeight *= nu;
     recorded->flowWeight *= nu;
+    recorded->solveWeight *= nu;
 }
 
 double OverdampedMove::divergenceOfField() { return mobility.divergenceOf(*field); }
@@ -159,9 +178,27 @@ void OverdampedMove::noteDriftFactor(double nu) {
 
 // ---- Finite differences
 
-void OverdampedMove::addKnownDrift(double factor, Vectors& twists) const {
-    if (mobility.isUniform() && !mobility.getBodies().getElements()[0].isFree())
-        twists.col(0).head<3>() += factor * mobility.uniformDivergence();
+void OverdampedMove::addKnownDrift(double factor, Vectors& twists) {
+    if (!mobility.isUniform() || mobility.getBodies().getElements()[0].isFree()) return;
+    twists.col(0).head<3>() += factor * mobility.uniformDivergence();
+    if (recorded) recordKnownDrift(factor);
+}
+
+/** Where the fluid is elsewhere its divergence is not that of the body: coordinate by coordinate, since cost is no concern here. */
+void OverdampedMove::recordKnownDrift(double factor) {
+    vector<Pose> displaced;
+    Vectors wrench, twists;
+    for (int row = 0; row < getNumRows(); row++) {
+        wrench.setZero(getNumRows(), 1);
+        wrench(row, 0) = 1;
+        for (int sign : {1, -1}) {
+            displaceBy(sign * recordedDifference, row, displaced);
+            at(displaced);
+            mobility.solve(wrench, twists);
+            recordSolve(factor * sign / (2 * recordedDifference * lengths[row]), 0, false);
+        }
+    }
+    atStart();
 }
 
 void OverdampedMove::drawDirections() {

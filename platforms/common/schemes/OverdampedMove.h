@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <cmath>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "random/CounterNoise.h"
@@ -34,6 +35,9 @@ struct FlowOfStep {
     };
     std::vector<Share> shares;
     double fieldWeight = 0, flowWeight = 1;  // of the random and the driven flow
+    double solveWeight = 0;                  // of solves that give velocities of bodies
+    /** @throws OpenMMException if solves and driven flow do not have the same weight: the scheme recorded another velocity than it moved with, or none */
+    void check(const std::string& scheme) const;
 };
 
 /**
@@ -76,9 +80,13 @@ public:
      */
     void addFlow(Vectors& slips, int column = 0, int columns = 1);
     // The following say what the flow is that the scheme moves bodies with: for users who ask. They do nothing in a step that nobody has asked about.
-    /** It has `weight` times what comes from the forces of the last solve, a column of it. @param inFlow  whether that has had addFlow() */
-    void recordSolve(double weight, int column = 0, bool inFlow = true);
-    /** It has `weight` times the random flow of the last thermalSlip(). */
+    /**
+     * It has `weight` times what comes from the forces of the last solve, a column of it. The weights of those that give velocities of bodies sum up to 1.
+     *
+     * @param givesVelocity  whether it does, and so has had addFlow(); if not, it is one for directions
+     */
+    void recordSolve(double weight, int column = 0, bool givesVelocity = true);
+    /** It has `weight` times the random flow whose slips the last thermalSlip() gave, at the present poses. */
     void recordThermalSlip(double weight);
     /** It has kT times the change along the directions of what comes from the forces of drawTractions(). */
     void recordTractions(double kT);
@@ -97,8 +105,8 @@ public:
     bool driftIsKnown() const { return mobility.isUniform() || mobility.isDivergenceFree(); }
     /** Whether it is 0 while N changes with poses: spheres. What makes a drift by noise at other poses is then to be left out. */
     bool driftIsZero() const { return !mobility.isUniform() && mobility.isDivergenceFree(); }
-    /** U += factor div N, where that is known. */
-    void addKnownDrift(double factor, Vectors& twists) const;
+    /** U += factor div N, where that is known; recorded with its flow. Before the start is left. */
+    void addKnownDrift(double factor, Vectors& twists);
     /**
      * Random directions for finite differences: W~ of unit covariance, whose displacements delta W~ are lengths through each body's
      * length L, and which as wrenches are divided by it: `directions` = (W~_t / L, W~_r).
@@ -156,6 +164,7 @@ private:
     /** The start displaced by half a step both ways, for a central difference; one-sided where only one side is possible. */
     void displaceBothWays(double& step);
     void displaceBy(double step, int onlyRow, std::vector<Pose>& poses) const;
+    void recordKnownDrift(double factor);
     bool isAccepted(const std::vector<Pose>& poses);
     [[noreturn]] void failToDisplace(const std::vector<Pose>& poses);
     void drawForBodies(uint32_t purpose, uint32_t freePurpose, Vectors& W);
@@ -176,7 +185,7 @@ private:
     bool driftFactorScalesAll_ = false;
     const DrivenFlow* flow = nullptr;
     FlowOfStep* recorded = nullptr;
-    Vectors slipsOfFlow;
+    Vectors slipsOfFlow, recordedSlips;
     long long numDriftFactors = 0;
     double driftFactorSquares = 0;  // of nu - 1
 };
