@@ -39,9 +39,12 @@ def viscosities(data, bodies, path):
                         mfc=None if fill else 'none', label=f'{name}, {size} hedgehogs')
     for name, ratio in data['without_forces_and_noise'].items():
         ax.axhline(ratio, color=COLOURS[name], lw=0.8, ls=':')
-    ax.set(xscale='log', yscale='log', xlabel='shear rate × τ', ylabel='η_eff/η',
+    ax.set(xscale='log', yscale='log', xlabel='shear rate × τ', ylabel='η_eff/η', ylim=(5, 100),
            title='dotted: rigid bodies without forces and noise at the relaxed poses')
     ax.title.set_fontsize(9)
+    ax.yaxis.set_major_locator(plt.FixedLocator((5, 10, 20, 50, 100)))
+    ax.yaxis.set_major_formatter('{x:g}')
+    ax.yaxis.set_minor_formatter(plt.NullFormatter())
     ax.legend(fontsize=8)
     ax.grid(which='both', color='0.92', lw=0.6)
     figure.savefig(path, dpi=110)
