@@ -183,11 +183,11 @@ def test_waves_that_boxes_and_grids_do_not_have():
         fluid.setGridSpacing(0.3)
 
     fluid, _, context = spheres('Reference', [(3, 2, 4)], [1], onAGrid, MobilityForce.ForceCoupling, MobilityForce.Periodic)
-    with pytest.raises(openmm.OpenMMException, match='a wave of 14 periods along the edge 1 of the box is too short for a grid of 28 nodes'):
+    with pytest.raises(openmm.OpenMMException, match='a wave of index 14 along the edge 1 of the box is too short for a grid of 28 nodes'):
         fluid.getFlowModeInContext(context, 0, 1, 14)
     fluid.getFlowModeInContext(context, 0, 1, 13)
     fluid, _, context = spheres('Reference', [(3, 2, 4)], [1], lambda fluid: None, boundary=MobilityForce.Periodic, box=[(9, 0, 0), (3, 8, 0), (0, 0, 10)])
-    with pytest.raises(openmm.OpenMMException, match='a wave of 1 periods along the edge 0 of the box is not periodic'):
+    with pytest.raises(openmm.OpenMMException, match='a wave of index 1 along the edge 0 of the box is not periodic'):
         fluid.getFlowModeInContext(context, 1, 0, 1)
     fluid.getFlowModeInContext(context, 1, 0, 3)
 
