@@ -1,11 +1,14 @@
 #!/usr/bin/env python3
-"""Effective viscosity without noise: analysis.viscosity beside what single bodies and lattices of spheres must have.
+"""Effective viscosity where it is known: analysis.viscosity beside what single bodies, lattices of spheres and rods in weak flow must have.
 
 Dilute: one body in a periodic box, on a crest of the shear and at its zero, has the mean ratio 1 + 5/2 phi_S + ..., phi_S the volume fraction of spheres of its
 stresslet radius a_S, where S = (20/3) pi eta a_S^3 E is its stresslet in the strain E of an unbounded fluid. a_S comes from dense algebra of its own here.
 Lattices: simple cubic arrays in longer and longer waves, extrapolated, have the viscosity of the array in uniform shear.
 
-    python3 run.py --output results          # ten seconds
+Brownian stress: rods of three blobs in weak flow, where half of what they add comes from their rotational diffusion.
+
+    python3 run.py --output results                     # ten seconds
+    python3 run.py --output results --brownian          # some minutes
 """
 import argparse
 import sys
@@ -13,10 +16,12 @@ from pathlib import Path
 
 import numpy as np
 import openmm
+import tqdm
 from openmm import unit
 from scipy.special import erf
 
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, analysis, app
+from openmmrigidhi._quaternions import rotate
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import recording  # noqa: E402
@@ -32,7 +37,7 @@ LATTICES = ((0.001, 1.002498, 1.002498), (0.027, 1.066333, 1.066332), (0.064, 1.
 
 
 class Scene:
-    """One body or some spheres without noise, in a periodic box with a wave of force density along x, its wave along y.
+    """Bodies without forces on them, in a periodic box with a wave of force density along x, its wave along y.
 
     Parameters
     ----------
@@ -42,12 +47,15 @@ class Scene:
     box : sequence of three edges, nm
     setUp : callable, optional
         with the MobilityForce
+    temperature, step, seed
+        K; ps; of the random numbers
     """
 
-    def __init__(self, model, bodies, box, setUp=lambda fluid: None):
+    def __init__(self, model, bodies, box, setUp=lambda fluid: None, temperature=0, step=0.1, seed=1):
         self.system, self.fluid, self.bodies, self.box = openmm.System(), MobilityForce(), bodies, box
-        self.integrator = CustomRigidHIIntegrator(0, 0.1)
-        self.integrator.setScheme(CustomRigidHIIntegrator.FixmanMidpoint)
+        self.integrator = CustomRigidHIIntegrator(temperature, step)
+        self.integrator.setScheme(CustomRigidHIIntegrator.DriftCorrectorFD)
+        self.integrator.setRandomNumberSeed(seed)
         for sites, radii in bodies:
             app.addRigidMultiblob(self.system, self.integrator, self.fluid, sites, radii)
         self.fluid.setViscosity(ETA)
@@ -61,12 +69,16 @@ class Scene:
         app.bindBodies(self.system, self.integrator)
         self.context = openmm.Context(self.system, self.integrator, openmm.Platform.getPlatformByName('CPU'), {'Threads': '1'})
 
-    def viscosity(self, R, q=None):
-        """The EffectiveViscosity with the bodies at R (n, 3), turned by q."""
+    def place(self, R, q=None):
+        """Bodies at R (n, 3), turned by q."""
         q = np.tile((1.0, 0, 0, 0), (len(self.bodies), 1)) if q is None else q
-        self.context.setPositions(np.concatenate([np.asarray(sites) + place for (sites, _), place in zip(self.bodies, R)]))
+        self.context.setPositions(np.concatenate([place + rotate(turn, np.asarray(sites)) for (sites, _), place, turn in zip(self.bodies, R, q)]))
         self.integrator.setBodyPositions(R)
         self.integrator.setBodyOrientations(q)
+
+    def viscosity(self, R, q=None):
+        """The EffectiveViscosity with the bodies at R (n, 3), turned by q."""
+        self.place(R, q)
         return analysis.viscosity(self.context)
 
 
@@ -140,6 +152,76 @@ def measure(boxes=BOXES, shells=SHELLS, lattices=LATTICES, waves=WAVES):
     return found
 
 
+def rodInWeakFlow(sites, radius, model):
+    """What a rod of blobs along z adds to the viscosity over the fluid's in weak flow, times the volume of fluid: by resisting strain in all its directions alike, and by its
+    diffusion; and its rotational friction over the fluid's viscosity.
+
+    In a strain E it turns by B n x E n, B = 1 for blobs on a line, so that its directions n have the density 1 + E:nn B/(2 D), D = kT/zeta. The Brownian torque of that has a
+    stress that dissipates kT B^2 |n x E n|^2/D, on average kT B^2 E:E/(5 D): a viscosity of zeta B^2/10."""
+    inverse = np.linalg.inv(blobMobility(sites, radius, model))
+    rigid = np.concatenate([np.concatenate([np.eye(3), np.cross(np.eye(3), x).T], axis=1) for x in sites])
+    friction = rigid.T @ inverse @ rigid
+    mobility = np.linalg.pinv(friction, rcond=1e-10, hermitian=True)
+
+    def response(strain):
+        """Its twist when free of forces, and the power that it takes."""
+        u = (sites @ strain).reshape(-1)
+        twist = mobility @ rigid.T @ inverse @ u
+        return twist, u @ inverse @ (u - rigid @ twist)
+    # An orthonormal basis of strains: its mean is that over all directions.
+    strains = [np.diag((1, -1, 0))/2**0.5, np.diag((-1, -1, 2))/6**0.5]
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        strains.append(np.zeros((3, 3)))
+        strains[-1][i, j] = strains[-1][j, i] = 0.5**0.5
+    resists = np.mean([response(strain)[1] for strain in strains])/2
+    turning = abs(response(strains[3])[0][4])/0.5**0.5
+    return resists, friction[3, 3]*turning**2/10, friction[3, 3]
+
+
+def readAmplitudes(scene, steps):
+    """What analysis.sampleFlowAmplitudes reads, also of a scheme that it refuses, to show why."""
+    rows = []
+    for _ in tqdm.tqdm(range(steps), desc='a scheme without the drift', unit=' samples', mininterval=1):
+        scene.integrator.step(1)
+        rows.append(np.concatenate([read(scene.context, 0, 1, 1)._value for read in (scene.fluid.getFlowModeInContext, scene.fluid.getRandomFlowModeInContext)]))
+    return np.array(rows)*(unit.nanometer/unit.picosecond)
+
+
+def brownian(steps, scheme, rods=27, edge=24.0, blobs=3, peclet=1.0, resolution=0.02, seed=7):
+    """Rods without forces between them in weak flow, on a grid.
+
+    Parameters
+    ----------
+    scheme : str
+    peclet : float
+        largest shear rate of the fluid alone over the rotational diffusion coefficient D
+    resolution : float
+        step times D
+    """
+    sites = np.stack([np.zeros(blobs), np.zeros(blobs), 2*(np.arange(blobs) - (blobs - 1)/2)], axis=1)
+    resists, diffuses, friction = rodInWeakFlow(sites, 1.0, 'ForceCoupling')
+    D = 300*unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)/(friction*ETA)
+
+    def setUp(fluid):
+        fluid.setSolver(fluid.MatrixFree)
+        fluid.setSolverTolerance(1e-2)
+        fluid.setSinusoidalForceDensity(peclet*D*2*np.pi/edge*ETA, 0, 1, 1)
+    scene = Scene('ForceCoupling', [(sites, 1.0)]*rods, (edge,)*3, setUp, 300, resolution/D, seed)
+    scene.integrator.setScheme(getattr(CustomRigidHIIntegrator, scheme))
+    scene.context.reinitialize()
+    random = np.random.default_rng(seed)
+    q = random.standard_normal((rods, 4))
+    scene.place(edge*random.random((rods, 3)), q/np.linalg.norm(q, axis=1)[:, None])
+    # Directions are random from the start; they take 1/(6 D) to align.
+    scene.integrator.step(round(1/resolution))
+    amplitudes = readAmplitudes(scene, steps) if scheme == 'EulerMaruyama' else analysis.sampleFlowAmplitudes(scene.context, steps, progress=True)
+    found = analysis.viscosityFromAmplitudes(scene.context, amplitudes)
+    plain = analysis.viscosityFromAmplitudes(scene.context, amplitudes._value*(1, 1, 0, 0))
+    return {'scheme': scheme, 'blobs': blobs, 'rods': rods, 'edge': edge, 'volume_fraction': rods*blobs*4/3*np.pi/edge**3, 'steps': steps, 'peclet': peclet, 'step_times_D': resolution, 'seed': seed,
+            'ratio_less_1': [found.ratio - 1, found.ratioError], 'with_the_fields_own_noise': [plain.ratio - 1, plain.ratioError], 'tau_samples': found.tau,
+            'due': rods*(resists + diffuses)/edge**3, 'due_by_resisting': rods*resists/edge**3, 'due_by_diffusion': rods*diffuses/edge**3}
+
+
 def tables(data):
     """Markdown."""
     yield '| model | blobs | a_S/a | ' + ' | '.join(f'L = {edge:g} a' for edge in data['shells'][0]['edges']) + ' |'
@@ -187,7 +269,16 @@ def picture(data, path):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--output', type=Path, default=Path('results'), help='folder of the JSON (results)')
+    parser.add_argument('--brownian', action='store_true', help='the Brownian stress of rods, instead of what has no noise')
+    parser.add_argument('--steps', type=int, default=6000, help='of --brownian (%(default)s)')
+    parser.add_argument('--schemes', nargs='+', default=['TractionEulerMaruyama', 'EulerMaruyama'], help='of --brownian (%(default)s); EulerMaruyama lacks the drift')
     arguments = parser.parse_args()
+    if arguments.brownian:
+        rows = [brownian(arguments.steps, scheme) for scheme in arguments.schemes]
+        recording.save(arguments.output, 'brownian.json', {'rows': rows, 'run': recording.provenance(arguments)})
+        for row in rows:
+            print({key: value for key, value in row.items() if key.startswith(('scheme', 'ratio', 'with', 'due'))})
+        return
     data = measure()
     recording.save(arguments.output, 'viscosity.json', {**data, 'run': recording.provenance(arguments)})
     picture(data, arguments.output/'viscosity.png')

@@ -21,7 +21,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent)]
 import hedgehogmodel as model  # noqa: E402
 import hedgehogpictures as pictures  # noqa: E402
-from openmmrigidhi.analysis import sampleFlowAmplitudes, viscosityFromAmplitudes  # noqa: E402
+from openmmrigidhi.analysis import sampleFlowAmplitudes, viscosity, viscosityFromAmplitudes  # noqa: E402
 from recording import brackets, provenance, save  # noqa: E402
 
 RESULTS = HERE/'results'
@@ -125,7 +125,8 @@ class Run:
         hedgehogs, began = self.make(), time.process_time()
         parts, counts, energies, track = [self.amplitudes], 0, [], []
         for _ in range(steps//FRAME):
-            parts.append(sampleFlowAmplitudes(hedgehogs.context, FRAME, INTERVAL, progress=False)._value)
+            # Without those of the random field, whose part in the variance is a mere 1/ratio here.
+            parts.append(sampleFlowAmplitudes(hedgehogs.context, FRAME, INTERVAL, progress=False)._value[:, :2])
             self.R, self.q = hedgehogs.poses()
             counts = counts + distances(self.R, hedgehogs.side)
             energies.append(hedgehogs.energy()/self.bodies)
@@ -139,7 +140,7 @@ class Run:
     def estimate(self, amplitudes):
         """Viscosity over the fluid's and shear rate, each with its error, or what forbids it."""
         try:
-            found = viscosityFromAmplitudes(self.make().context, amplitudes)
+            found = viscosityFromAmplitudes(self.make().context, np.concatenate([amplitudes, 0*amplitudes], axis=1))
         except ValueError as problem:
             return {'refused': str(problem)}
         return {'ratio': [found.ratio, found.ratioError], 'shear_rate': [found.shearRate._value, found.shearRateError._value], 'tau_samples': found.tau,
@@ -175,12 +176,8 @@ def tolerances(folder, bodies, potential):
     for tolerance in (1e-2, 1e-3, 1e-6):
         hedgehogs = model.Hedgehogs(bodies, potential, BARE[-1], tolerance, temperature=0)
         hedgehogs.place(R, q)
-        found[f'{tolerance:g}'] = viscosityFromAmplitudes(hedgehogs.context, sampleNow(hedgehogs)).ratio
+        found[f'{tolerance:g}'] = viscosity(hedgehogs.context).ratio
     return found
-
-
-def sampleNow(hedgehogs):
-    return hedgehogs.fluid.getFlowModeInContext(hedgehogs.context, 0, 1, 1)._value[None]
 
 
 def rigid(folder, bodies, potential):
@@ -188,7 +185,7 @@ def rigid(folder, bodies, potential):
     R, q, _ = start(folder, bodies, potential, True)
     hedgehogs = model.Hedgehogs(bodies, None, 1.0, 1e-3, temperature=0)
     hedgehogs.place(R, q)
-    return viscosityFromAmplitudes(hedgehogs.context, sampleNow(hedgehogs)).ratio
+    return viscosity(hedgehogs.context).ratio
 
 
 def fullSize(folder, steps, bare, quiet):
@@ -205,7 +202,7 @@ def fullSize(folder, steps, bare, quiet):
         wall, cpu = (time.time() - began)/steps, (time.process_time() - cpu)/steps
         now, began = hedgehogs.integrator.getStepStatistics(), time.process_time()
         sampled = min(steps, 10)
-        amplitudes = sampleFlowAmplitudes(hedgehogs.context, sampled, 1, progress=not quiet)._value
+        amplitudes = sampleFlowAmplitudes(hedgehogs.context, sampled, 1, progress=not quiet)._value[:, :2]
         sampling = (time.process_time() - began)/sampled
         k = 2*np.pi/hedgehogs.side
         mean, error = amplitudes.mean(axis=0), amplitudes.std(axis=0, ddof=1)/np.sqrt(sampled)

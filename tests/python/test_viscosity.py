@@ -138,11 +138,12 @@ def test_a_run_without_noise_is_a_mean_over_time():
     for _ in range(12):
         integrator.step(2)
         amplitudes.append(fluid.getFlowModeInContext(context, 0, 1, 1)._value)
-    again = analysis.viscosityFromAmplitudes(context, amplitudes*(unit.nanometer/unit.picosecond))
+    amplitudes = np.array(amplitudes)
+    again = analysis.viscosityFromAmplitudes(context, np.hstack([amplitudes, 0*amplitudes])*(unit.nanometer/unit.picosecond))
     assert again == found and found.samples == 12
-    statistics = analysis.series.seriesStatistics(np.array(amplitudes)[:, 0])
+    statistics = analysis.series.seriesStatistics(amplitudes[:, 0])
     assert found.amplitude._value == statistics.mean and found.amplitudeError._value == statistics.standardError > 0
-    assert found.tau == pytest.approx(12*statistics.standardError**2/(2*np.var(np.array(amplitudes)[:, 0], ddof=1)))
+    assert found.tau == pytest.approx(12*statistics.standardError**2/(2*np.var(amplitudes[:, 0], ddof=1)))
     assert found.ratioError/found.ratio == pytest.approx(statistics.standardError/statistics.mean)
 
 
@@ -162,17 +163,20 @@ def test_a_channel_is_half_a_periodic_box():
 
 def test_the_noise_of_a_step_and_a_mean_of_many():
     """Force-coupling spheres on a grid, free of forces: the amplitude is the driven flow and the random field's own, of variance 4 kT/(eta k^2 V h) and new at each
-    step. So the ratio is 1 within its errors, which are those of independent samples, and EulerMaruyama will do, since their mobility has no divergence."""
+    step. So the ratio is 1 within its errors, which are those of independent samples, and exactly without the field's own amplitude. EulerMaruyama will do, since their
+    mobility has no divergence."""
     steps, edge, step = 1500, 6.0, 0.05
     integrator, fluid, context = driven([sphere(1, 2, 3), sphere(4, 4, 1)], (edge,)*3, 'ForceCoupling', 300, 'EulerMaruyama', 5.0, setUp=lambda fluid: (
         fluid.setSolver(fluid.MatrixFree), fluid.setSolverTolerance(1e-3)), step=step)
     k = 2*np.pi/edge
-    amplitudes = analysis.sampleFlowAmplitudes(context, steps, progress=False)
+    amplitudes = analysis.sampleFlowAmplitudes(context, steps, progress=False)._value
     spread = np.sqrt(4*KT/(ETA*k**2*edge**3*step))
-    for column in amplitudes._value.T:
+    for column in amplitudes.T:
         # Of n Gaussian samples the variance has the relative standard error sqrt(2/n).
         assert abs(column.var()/spread**2 - 1) < quantile(1 - FALSE_ALARMS, np.inf)*np.sqrt(2/steps)
-    found = analysis.viscosityFromAmplitudes(context, amplitudes)
+    exact = analysis.viscosityFromAmplitudes(context, amplitudes)
+    assert exact.ratio == pytest.approx(1, abs=1e-10) and exact.ratioError < 1e-10 and abs(exact.cosine/exact.amplitude) < 1e-10
+    found = analysis.viscosityFromAmplitudes(context, amplitudes*(1, 1, 0, 0))
     z = (found.ratio - 1)/found.ratioError
     print(f'{found.ratio:.4f} +- {found.ratioError:.4f}, z = {z:.2f}')
     assert abs(z) < quantile(1 - FALSE_ALARMS, found.degrees) and found.isTrusted
@@ -180,6 +184,19 @@ def test_the_noise_of_a_step_and_a_mean_of_many():
     low, high = (np.sqrt(stats.chi2.ppf(p, found.degrees)/found.degrees) for p in (FALSE_ALARMS/2, 1 - FALSE_ALARMS/2))
     assert found.degrees == 19 and low < found.amplitudeError._value/(spread/np.sqrt(steps)) < high
     assert abs(found.cosine/found.cosineError) < quantile(1 - FALSE_ALARMS, found.degrees)
+
+
+def test_the_fields_own_amplitude_is_taken_out_by_regression():
+    """Of synthetic samples: the mean stays right, and the error is that of what the field does not explain."""
+    _, _, context = driven([sphere(1, 2, 3)], (9, 9, 9))
+    random, n = np.random.default_rng(5), 4000
+    field, rest = 3*random.standard_normal((n, 2)), 0.2*random.standard_normal((n, 2))
+    found = analysis.viscosityFromAmplitudes(context, np.hstack([np.array((10, 0)) + 0.7*field + rest, field]))
+    low, high = (np.sqrt(stats.chi2.ppf(p, found.degrees)/found.degrees) for p in (FALSE_ALARMS/2, 1 - FALSE_ALARMS/2))
+    for error in (found.amplitudeError, found.cosineError):
+        assert low < error._value/(0.2/np.sqrt(n)) < high
+    for value, exact, error in ((found.amplitude, 10, found.amplitudeError), (found.cosine, 0, found.cosineError)):
+        assert abs(value._value - exact)/error._value < quantile(1 - FALSE_ALARMS, found.degrees)
 
 
 def test_errors_know_slow_fluctuations_under_white_noise():
@@ -192,7 +209,7 @@ def test_errors_know_slow_fluctuations_under_white_noise():
         slow[k] = memory*slow[k-1] + np.sqrt(1 - memory**2)*random.standard_normal(replicas)
     amplitudes = 10 + random.standard_normal((n, replicas)) + np.sqrt(share)*slow
     tau = (0.5 + share*(0.5 + memory/(1 - memory)))/(1 + share)
-    found = [analysis.viscosityFromAmplitudes(context, np.stack([column, column], axis=1)) for column in amplitudes.T]
+    found = [analysis.viscosityFromAmplitudes(context, np.stack([column, column, 0*column, 0*column], axis=1)) for column in amplitudes.T]
     variance = 2*tau*(1 + share)/n
     # Blocks of twelve memories: 8 % of the slow part's share is correlation between them. The mean of 150 variances of 19 degrees is known to 2.6 %.
     assert np.mean([one.amplitudeError._value**2 for one in found]) == pytest.approx(variance, rel=0.15)
@@ -286,12 +303,12 @@ def test_a_flow_that_is_lost_in_noise():
 def test_amplitudes_that_are_none():
     _, _, context = driven([sphere(1, 2, 3)], (9, 9, 9))
     with pytest.raises(ValueError, match=re.escape('viscosityFromAmplitudes: amplitudes: got 9; an error needs at least 10 samples, and 1 is taken to be without noise')):
-        analysis.viscosityFromAmplitudes(context, np.ones((9, 2)))
+        analysis.viscosityFromAmplitudes(context, np.ones((9, 4)))
     with pytest.raises(ValueError, match='amplitudes: number 4 is not finite; all must be: leave out what follows a run that blew up'):
-        analysis.viscosityFromAmplitudes(context, np.where(np.arange(12)[:, None] == 4, np.nan, np.ones((12, 2))))
+        analysis.viscosityFromAmplitudes(context, np.where(np.arange(12)[:, None] == 4, np.nan, np.ones((12, 4))))
     with pytest.raises(ValueError, match=r'got an array of shape \(12, 3\)'):
         analysis.viscosityFromAmplitudes(context, np.ones((12, 3)))
     with pytest.raises(TypeError, match='got a quantity in'):
-        analysis.viscosityFromAmplitudes(context, np.ones((12, 2))*unit.nanometer)
+        analysis.viscosityFromAmplitudes(context, np.ones((12, 4))*unit.nanometer)
     with pytest.raises(ValueError, match='sampleFlowAmplitudes: steps: got 4; the number of steps must be at least 5'):
         analysis.sampleFlowAmplitudes(context, 4, 5)

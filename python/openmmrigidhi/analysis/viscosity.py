@@ -79,8 +79,8 @@ def viscosity(context, steps=0, equilibration=0, interval=1, progress=None):
     equilibration : int
         steps before that which are not measured
     interval : int
-        steps from one sample to the next. A sample costs about a step. What the random field does to the amplitude is new at each step, so 1
-        (default) is at worst half as efficient as the best interval; a larger one pays where configurations make most of the error
+        steps from one sample to the next. A sample costs about a step. What noise does to the amplitude is new at each step, so 1 (default) is at
+        worst half as efficient as the best interval; a larger one pays where configurations make most of the error
     progress : bool, optional
         show a progress bar; None: on a terminal only
 
@@ -100,8 +100,11 @@ def viscosity(context, steps=0, equilibration=0, interval=1, progress=None):
     Notes
     -----
     Errors are those of averages over 20 blocks or fewer (:func:`openmmrigidhi.analysis.series.seriesStatistics`): a run must be long beside 20 times the time in
-    which configurations change. The relative error of the viscosity is that of the amplitude. The random field alone gives the amplitude of a step the variance 4 kT/(eta k^2 V h), h the step and V the volume, whatever f0: weaker
-    driving needs longer runs, as 1/f0^2. Bodies feel the curvature of the wave by (k times their size)^2.
+    which configurations change. The relative error of the viscosity is that of the amplitude. The random field of a fluid on a grid gives the amplitude of
+    a step the variance 4 kT/(eta k^2 V h) without bodies, h the step and V the volume. Its own amplitude is known
+    (:meth:`MobilityForce.getRandomFlowModeInContext`), and that multiple of it which makes the variance least is subtracted: nearly all is gone in
+    dilute suspensions; in dense ones a part of 1/ratio. Dense matrices have no such field. What is left does not depend on f0: weaker driving needs
+    longer runs, as 1/f0^2. Bodies feel the curvature of the wave by (k times their size)^2.
     """
     where = 'viscosity'
     integrator, fluid, _ = _drivenScene(context, where)
@@ -119,7 +122,7 @@ def viscosity(context, steps=0, equilibration=0, interval=1, progress=None):
         _checkScheme(context, integrator, where)
         _advance(integrator, equilibration, 'equilibration', progress)
     if steps == 0:
-        amplitudes = _mode(context, fluid)[None]
+        amplitudes = _amplitudes(context, fluid)[None]
     else:
         amplitudes = _sampled(context, integrator, fluid, steps, interval, progress, where)
     return _estimate(context, amplitudes, where)
@@ -137,8 +140,8 @@ def sampleFlowAmplitudes(context, steps, interval=1, progress=None):
 
     Returns
     -------
-    Quantity of shape (steps // interval, 2)
-        amplitudes on sin and on cos, nm/ps
+    Quantity of shape (steps // interval, 4)
+        amplitudes on sin and on cos, and those of the random field alone, nm/ps
 
     Raises
     ------
@@ -159,7 +162,7 @@ def viscosityFromAmplitudes(context, amplitudes):
     ----------
     context : openmm.Context
         in which they were sampled, or one with the same box and force density
-    amplitudes : array-like or Quantity of shape (n, 2)
+    amplitudes : array-like or Quantity of shape (n, 4)
         of :func:`sampleFlowAmplitudes`, equally spaced, of one state, nm/ps; at least 10. One alone is taken to be without noise
 
     Returns
@@ -172,7 +175,7 @@ def viscosityFromAmplitudes(context, amplitudes):
         as :func:`viscosity`
     """
     where = 'viscosityFromAmplitudes'
-    rows = _units.rows(amplitudes, _units.VELOCITY, 2, where, 'amplitudes')
+    rows = _units.rows(amplitudes, _units.VELOCITY, 4, where, 'amplitudes')
     if len(rows) != 1 and len(rows) < FEWEST_TRUSTED_BLOCKS:
         raise ValueError(f'{where}: amplitudes: got {len(rows)}; an error needs at least {FEWEST_TRUSTED_BLOCKS} samples, and 1 is taken to be without '
                          'noise: sample more')
@@ -208,9 +211,10 @@ def _checkScheme(context, integrator, where):
                          'mean flow then lacks Brownian stress: use DriftCorrectorFD, or another scheme that makes the drift')
 
 
-def _mode(context, fluid):
-    """Amplitudes (sin, cos) of the driven wave, nm/ps."""
-    return fluid.getFlowModeInContext(context, *fluid.getSinusoidalForceDensity()[1:])._value
+def _amplitudes(context, fluid):
+    """Amplitudes of the driven wave, on sin and on cos, and those of the random field alone, nm/ps."""
+    wave = fluid.getSinusoidalForceDensity()[1:]
+    return np.concatenate([fluid.getFlowModeInContext(context, *wave)._value, fluid.getRandomFlowModeInContext(context, *wave)._value])
 
 
 def _advance(integrator, steps, label, progress):
@@ -220,28 +224,36 @@ def _advance(integrator, steps, label, progress):
 
 
 def _sampled(context, integrator, fluid, steps, interval, progress, where):
-    """Amplitudes (n, 2) after each interval, nm/ps."""
+    """Amplitudes (n, 4) after each interval, nm/ps."""
     _checkScheme(context, integrator, where)
-    found = np.empty((steps//interval, 2))
+    found = np.empty((steps//interval, 4))
     with progressBar(range(len(found)), 'sampling the flow', progress, ' samples') as bar:
         for k in bar:
             integrator.step(interval)
-            found[k] = _mode(context, fluid)
+            found[k] = _amplitudes(context, fluid)
     integrator.step(steps - interval*len(found))
     return found
 
 
+def _withoutField(samples, field):
+    """Samples less the multiple of the random field's own amplitude, of mean 0, that leaves the least variance."""
+    deviation = field - field.mean()
+    variance = deviation @ deviation
+    return samples - (samples @ deviation)/variance*field if variance > 0 else samples
+
+
 def _estimate(context, amplitudes, where):
-    """The EffectiveViscosity of amplitudes (n, 2), nm/ps."""
+    """The EffectiveViscosity of amplitudes (n, 4), nm/ps."""
     _, _, (f0, k, eta) = _drivenScene(context, where)
-    along = np.sign(f0)*amplitudes
-    if len(along) == 1:
-        (mean, cosine), error, cosineError, degrees, tau = along[0], 0.0, 0.0, 0, 0.5
+    amplitudes = np.sign(f0)*amplitudes
+    if len(amplitudes) == 1:
+        (mean, cosine), error, cosineError, degrees, tau = amplitudes[0, :2], 0.0, 0.0, 0, 0.5
     else:
-        found, other = (seriesStatistics(column, len(along)/(BLOCK_LENGTH_IN_TAU*MOST_BLOCKS)) for column in along.T)
+        columns = [_withoutField(amplitudes[:, column], amplitudes[:, 2 + column]) for column in (0, 1)]
+        found, other = (seriesStatistics(column, len(column)/(BLOCK_LENGTH_IN_TAU*MOST_BLOCKS)) for column in columns)
         mean, error, degrees, cosine, cosineError = found.mean, found.standardError, found.degrees, other.mean, other.standardError
-        variance = along[:, 0].var(ddof=1)
-        tau = float(len(along)*error**2/(2*variance)) if variance > 0 else 0.5
+        variance = columns[0].var(ddof=1)
+        tau = float(len(amplitudes)*error**2/(2*variance)) if variance > 0 else 0.5
     if not mean > LEAST_SIGNIFICANCE*error:
         raise ValueError(f'{where}: the amplitude of the flow is {mean:.3g} +- {error:.2g} nm/ps; it must be more than {LEAST_SIGNIFICANCE} standard errors above '
                          '0: run longer, or drive by a larger f0')
@@ -249,7 +261,7 @@ def _estimate(context, amplitudes, where):
     return EffectiveViscosity(_units.VISCOSITY.attach(value), _units.VISCOSITY.attach(value*error/mean), value/eta, value/eta*error/mean,
                               _units.VELOCITY.attach(float(mean)), _units.VELOCITY.attach(error), _units.VELOCITY.attach(float(cosine)),
                               _units.VELOCITY.attach(cosineError), _units.RATE.attach(float(k*mean)), _units.RATE.attach(float(k*error)), degrees, tau,
-                              len(along))
+                              len(amplitudes))
 
 
 def _atLeast(least, value, where, name):
