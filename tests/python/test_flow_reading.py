@@ -7,7 +7,7 @@ import pytest
 from openmm import unit
 from test_flows import ETA, VELOCITY, spheres
 
-from openmmrigidhi import CustomBodyForce, CustomRigidHIIntegrator, MobilityForce
+from openmmrigidhi import CustomBodyForce, CustomRigidHIIntegrator, MobilityForce, app
 
 FORCE = np.array([1.0, -2.0, 0.5])
 
@@ -200,3 +200,43 @@ def test_a_context_of_others_has_no_flow():
     for read in READERS:
         with pytest.raises(openmm.OpenMMException, match='This Force is not present in the Context'):
             read(fluid, context)
+
+
+# ---- What the guide says -----------------------------------------------------------------------------------------------
+
+def rotnePrager(r, a, b):
+    """Velocity of a sphere of radius a, or (0) a point of the fluid, from a force on another at the distance r; eta = 1."""
+    d = np.linalg.norm(r)
+    if d == 0:
+        return np.eye(3)/(6*np.pi*b)
+    nn = np.outer(r, r)/d**2
+    if d < a + b:  # equal radii
+        return ((1 - 9*d/(32*a))*np.eye(3) + 3*d/(32*a)*nn)/(6*np.pi*a)
+    c = (a**2 + b**2)/d**2
+    return ((1 + c/3)*np.eye(3) + (1 - c)*nn)/(8*np.pi*d)
+
+
+@pytest.mark.parametrize('blobs, left', [(42, 0.6), (162, 1/3)])
+def test_a_shell_of_blobs_leaks(blobs, left):
+    """It is held on average over each blob: what is left of a strain at its centre falls with the distance of blobs, which is halved from one to the next."""
+    sites, radius = app.multiblobSphere(blobs, 1.0)
+    system, fluid = openmm.System(), MobilityForce()
+    integrator = CustomRigidHIIntegrator(0, 0.1)
+    integrator.setScheme(CustomRigidHIIntegrator.EulerMaruyama)
+    app.addRigidMultiblob(system, integrator, fluid, sites, radius)
+    strain = np.diag([1, 1, -2])
+    fluid.setBackgroundFlow((0, 0, 0), strain)
+    system.addForce(fluid)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('CPU'))
+    context.setPositions(sites)
+    points = np.array([(0, 0, 0.05), (0.1, -0.2, 0.3), (0, 0, 3)])
+    flow = fluid.getFlowInContext(context, points)._value
+    assert flow[0, 2]/(-2*0.05) == pytest.approx(left, abs=0.01)
+    # Outside it is a sphere (Batchelor 1967, eq. 4.9), as well as its radius is 1 for a strain, too.
+    assert flow[2, 2]/(-2*3) - 1 == pytest.approx(-2.5/3**3 + 1.5/3**5, rel=0.04)
+    # The same by a matrix of blobs, which a strain does not turn or push.
+    places, a = sites._value, radius._value
+    M = np.block([[rotnePrager(x - y, a, a) for y in places] for x in places])
+    forces = -np.linalg.solve(M, (places @ strain).reshape(-1)).reshape(-1, 3)
+    expected = [strain @ x + sum(rotnePrager(x - y, 0, a) @ f for y, f in zip(places, forces)) for x in points]
+    assert np.allclose(flow, expected, rtol=0, atol=1e-10)
