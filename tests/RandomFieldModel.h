@@ -97,8 +97,8 @@ private:
         explicit Place(const RandomFieldModel& model) : MobilityAt(model), model(model) {}
         void apply(const MatrixXd& forces, MatrixXd& velocities) override { velocities = B * (B.transpose() * forces); }
         void moveTo(const RigidHIPlugin::Placement& at, bool) override { B = model.B(at); }
-        void addFlowAt(const RigidHIPlugin::FlowSources& sources, const std::vector<OpenMM::Vec3>& points, double factor,
-                       RigidHIPlugin::Velocities& velocities) override {
+        void addFlowAt(const RigidHIPlugin::FlowSources& sources, const std::vector<OpenMM::Vec3>& points,
+                       double factor, RigidHIPlugin::Velocities& velocities) override {
             Field flow(model);
             flow.amplitudes = B.transpose() * sources.forces.col(0);
             flow.addFlowAt(points, factor, velocities);

@@ -349,7 +349,7 @@ vector<Vec3> MobilityForce::getFlowInContext(Context& context, const vector<Vec3
     for (size_t i = 0; i < points.size(); i++)
         if (!isFinite(points[i]))
             fail("getFlowInContext()", "point " + text(i) + " is at " + text(points[i]) + " nm", "it must be finite",
-                 "give finite numbers");
+                 "give a place in the fluid");
     return kernel.getFlow(const_cast<MobilityForce*>(this)->getContextImpl(context), points);
 }
 

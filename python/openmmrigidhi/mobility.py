@@ -610,7 +610,17 @@ class MobilityForce(_copies.Copies, _Base):
         """Get the same amplitudes of the random field of the last step alone, without nu: a control variate.
 
         That is the part of the noise that the model draws itself, on a grid; 0 where there is none. Its mean is 0, so a multiple of it may be
-        subtracted from :meth:`getFlowModeInContext` to make the error of a mean smaller. Parameters and result as there.
+        subtracted from :meth:`getFlowModeInContext` to make the error of a mean smaller.
+
+        Parameters
+        ----------
+        context, forceAxis, waveAxis, waveVectorIndex
+            as there
+
+        Returns
+        -------
+        Quantity of shape (2,)
+            amplitudes on sin and on cos, nm/ps
         """
         where = _where('getRandomFlowModeInContext')
         return _units.VELOCITY.attach(_units.array(super().getRandomFlowModeInContext(

@@ -137,11 +137,15 @@ UNITS = {'CustomRigidHIIntegrator': {
     'getChannelWalls': (unit.nanometer, unit.nanometer), 'getGridSpacing': unit.nanometer,
     'getBackgroundFlow': (unit.nanometer/unit.picosecond, unit.picosecond**-1),
     'getSinusoidalForceDensity': (unit.kilojoule_per_mole/unit.nanometer**4, None, None, None),
+    'getFlowInContext': unit.nanometer/unit.picosecond, 'getFlowModeInContext': unit.nanometer/unit.picosecond,
+    'getRandomFlowModeInContext': unit.nanometer/unit.picosecond,
 }, 'CustomBodyForce': {
 }}
 #: Arrays over bodies: their number of columns.
 COLUMNS = {'getBodyPositions': 3, 'getBodyOrientations': 4, 'getBodyVelocities': 3, 'getBodyAngularVelocities': 3,
            'getBodyForces': 3, 'getBodyTorques': 3}
+#: What getters of a Context are asked beside it.
+QUESTIONS = {'getFlowInContext': [[(0.1, 0.2, 0.3)]], 'getFlowModeInContext': [0, 1, 1], 'getRandomFlowModeInContext': [0, 1, 1]}
 #: Matrices over bodies or of one: their number of rows and columns.
 SQUARES = {'getBodyMobility': 6, 'getMobilityInContext': 12, 'getFrictionInContext': 12}
 NEEDS_INDEX = {'getRigidBodyParameters', 'getRigidBodyParticles', 'getRigidBodyIsExplicit',
@@ -164,6 +168,11 @@ def scene():
         fluid.addParticle(0.1)
     system.addForce(fluid)
     fluid.setBodyMobility(0, np.eye(6))
+    fluid.setBoundary(fluid.Periodic)  # which alone has modes
+    bonds = openmm.HarmonicBondForce()
+    for first, second in ((0, 1), (1, 2), (3, 4), (4, 5)):
+        bonds.addBond(first, second, 1, 0)
+    system.addForce(bonds)
     force = openmmrigidhi.CustomBodyForce('-k*x', 'g', '0', '0', '0', '0')
     force.addGlobalParameter('k', 1)
     force.addPerBodyParameter('g')
@@ -182,7 +191,7 @@ def scene():
 
 
 def result(scene, cls, name):
-    arguments = [scene['context']] if name.endswith('InContext') else ['fx'] if name == 'getExpression' else \
+    arguments = [scene['context'], *QUESTIONS.get(name, [])] if name.endswith('InContext') else ['fx'] if name == 'getExpression' else \
         [0] if name in NEEDS_INDEX else []
     return getattr(scene[cls], name)(*arguments)
 

@@ -210,11 +210,11 @@ def test_the_script(study, tmp_path):
         assert sum(found['y']['P']) == pytest.approx(1) and sum(found['theta']['P']) == pytest.approx(1)
     # Ten steps of tau/600 hardly move a rod: the runs stand where their starts stood, but not exactly.
     assert 0 < abs(moving['changes']['off']['mean']) < 0.3
-    kept = np.load(tmp_path/'kept'/'runs_L8_cutoff6.npz')
+    kept = readAll(tmp_path/'kept'/'runs_L8_cutoff6.npz')
     second, _ = run(tmp_path, '--quick', '--resume', '--long', '2')
     scene, = second['scenes']
     assert scene['monte_carlo']['sweeps'] == 60 and scene['dynamics'][0]['runs'] == 4
-    again = np.load(tmp_path/'kept'/'runs_L8_cutoff6.npz')
+    again = readAll(tmp_path/'kept'/'runs_L8_cutoff6.npz')
     assert all(np.array_equal(kept[key], again[key]) for key in ('y0', 'theta0', 'R0', 'R1', 'means1'))
     # A rod's mobility towards a wall falls as it comes near.
     towards = np.array(first['own_mobilities']['L/8'])[:, 2]
@@ -225,6 +225,12 @@ def test_the_script(study, tmp_path):
     assert row['rods'] == 64 and row['side'] == pytest.approx(77.65) and 'on a grid' in row['fluid'] and row['steps'] == 2
     alone = begunAt(study, tmp_path/'kept'/'mc_L8_cutoff6.npz')
     assert row['means_before_and_after']['pairs'][0] == pytest.approx(alone, rel=1e-9)
+
+
+def readAll(path):
+    """The arrays of a file, read at once: the next run writes it anew."""
+    with np.load(path) as file:
+        return dict(file)
 
 
 def begunAt(study, path):

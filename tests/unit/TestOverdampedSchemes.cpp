@@ -654,11 +654,13 @@ TEST(OverdampedSchemes, MeanFlowOfSpheresIsThatOfForces) {
             Scene solved = iterate ? matrixFree(scene) : scene;
             FlowingSteps steps(scheme, solved, 1);
             Sampling sampling(VectorXd::Unit(6, 0));
-            for (int i = 0; i < 500; i++) sampling.add(steps.flow(i, h) - steps.leadingFlow(i, h));
+            for (int i = 0; i < (iterate ? 500 : 60000); i++) sampling.add(steps.flow(i, h) - steps.leadingFlow(i, h));
             const Averages found = sampling.averages();
-            // Against kT N_xQ/a, which the mid-point of slips alone would leave a tenth of.
             for (int i = 0; i < 6; i++) EXPECT_LT(abs(found.mean[i]), 5 * found.error[i] + 1e-10) << "row " << i;
-            EXPECT_LT(found.error.maxCoeff(), 3e-3 * h);
+            // Slips of the mid-point instead of the start's would leave the drift correctors 0.01 h in row 3 (seen: 7 errors).
+            if (!iterate) {
+                EXPECT_LT(found.error[3], 0.0025 * h);
+            }
         }
 }
 

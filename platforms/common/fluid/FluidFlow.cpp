@@ -106,8 +106,6 @@ FluidGroup& Fluid::onlyGroup(const char* method) const {
     if (groups.size() != 1)
         fail(method, "there are " + to_string(groups.size()) +
                          " groups of bodies, each in a fluid of its own; ask in a Context with one group");
-    if (!groups[0]->bodies.hasModel())
-        fail(method, "no particle has a hydrodynamic radius; give one to the particles that the fluid sees");
     return *groups[0];
 }
 
