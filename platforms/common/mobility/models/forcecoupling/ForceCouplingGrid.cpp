@@ -189,8 +189,8 @@ WaveFactors ForceCouplingGrid::waveFactors(double radius, double k) const {
 void ForceCouplingGrid::checkWave(const BoxVectors& box, int axis, int periods) const {
     const int nodes = resolution.shapeFor(box).size[axis];
     if (2 * periods < nodes) return;
-    throw OpenMM::OpenMMException("MobilityForce: a wave of index " + text(periods) + " along the edge " +
-                                  text(axis) + " of the box is too short for a grid of " + text(nodes) +
+    throw OpenMM::OpenMMException("MobilityForce: a wave of index " + text(periods) + " along the edge " + text(axis) +
+                                  " of the box is too short for a grid of " + text(nodes) +
                                   " nodes along it; take an index below " + text((nodes + 1) / 2) +
                                   ", or a finer grid by setGridSpacing()");
 }
