@@ -1103,3 +1103,64 @@ TEST(Flow, HasTheBrownianStress) {
         }
     }
 }
+
+namespace {
+
+/** The mean over so many steps of each scheme on a grid, which is to be known to a fifth of it. */
+void checkBrownianStressOnAGrid(const vector<RigidHI::Scheme>& schemes, int number) {
+    // Amplitudes of modes. The part of order h^-1/2 has no mean: it is what the same random numbers make in a step so short that nothing else is left of h.
+    const double h = 1e-3, shortness = 1e-6;
+    const auto make = [&](double temperature, double step, RigidHI::Scheme scheme) {
+        auto scene = make_unique<Pushed>(onGrid, temperature, step, scheme);
+        scene->fluid->setBoundary(MobilityForce::Periodic);
+        scene->fluid->setSolverTolerance(1e-4);
+        scene->integrator.setFiniteDifferenceStep(1e-3);
+        scene->side = 5;
+        BodyKind kind = apartKind();
+        kind.radii.assign(4, 0.5);
+        scene->add(kind, Vec3(0.7, 1.1, 2), {{0.8, 0, 0.6, 0}});
+        scene->pushBy(VectorXd::Zero(6));
+        scene->start();
+        return scene;
+    };
+    const Observed observed = {{}, {{0, 1, 1}, {1, 2, 1}, {2, 0, 1}}};
+    const auto cold = make(0, h, RigidHI::EulerMaruyama);
+    cold->fluid->setSolverTolerance(1e-8);
+    cold->fluid->updateParametersInContext(*cold->context);
+    const VectorXd expected = Theory(*cold, observed).div_flow;
+    EXPECT_GT(expected.norm(), 1e-3);
+    for (auto scheme : schemes) {
+        SCOPED_TRACE(traitsOf(scheme).name);
+        const auto scene = make(T1, h, scheme), leading = make(T1, h * shortness, scheme);
+        const auto R = scene->integrator.getBodyPositions();
+        const auto q = scene->integrator.getBodyOrientations();
+        vector<vector<double>> samples(expected.size());
+        for (int i = 0; i < number; i++) {
+            VectorXd A[2];
+            for (int k : {0, 1}) {
+                Pushed& each = k ? *leading : *scene;
+                each.pose(R, q);
+                each.integrator.step(1);
+                A[k] = observed.of(each);
+            }
+            const VectorXd rest = A[0] - sqrt(shortness) * A[1];
+            for (int a = 0; a < rest.size(); a++) samples[a].push_back(rest[a]);
+        }
+        offBy(samples, expected, traitsOf(scheme).name);
+        EXPECT_GT(offBy(samples, VectorXd::Zero(expected.size()), nullptr), 5);
+    }
+}
+
+}  // namespace
+
+TEST(Flow, OnAGridHasTheBrownianStress) {
+    SKIP_ON_DEVICES("hundreds of steps that copy positions");
+    checkBrownianStressOnAGrid({RigidHI::TrapezoidalSlip}, 600);
+}
+
+/** In drift correctors nu times the random field varies more. With random differences they do the same on a grid. */
+TEST(Flow, FullOnAGridHasTheBrownianStressOfOthers) {
+    SKIP_ON_DEVICES("thousands of steps that copy positions");
+    checkBrownianStressOnAGrid({RigidHI::RandomFiniteDifference}, 700);
+    checkBrownianStressOnAGrid({RigidHI::DriftCorrectorFD}, 4500);
+}
