@@ -300,7 +300,7 @@ TEST(Resume, ForeignAndDamagedStatesAreRefused) {
     string damaged = bytes;
     damaged[bytes.size() - 50] ^= 1;
     expectError([&] { load(damaged); }, {"check sum does not match", "use another checkpoint"});
-    const size_t mark = bytes.rfind("RIGIDHI2");
+    const size_t mark = bytes.rfind("RIGIDHI3");
     ASSERT_NE(mark, string::npos);
     damaged = bytes;
     damaged[mark] = 'X';

@@ -10,7 +10,7 @@ import openmmrigidhi
 
 Integrator = openmmrigidhi.CustomRigidHIIntegrator
 SHAPE = np.array([(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1)])
-MARK = b'RIGIDHI2'  # where this plugin's part of a checkpoint begins
+MARK = b'RIGIDHI3'  # where this plugin's part of a checkpoint begins
 
 
 def refused(*pieces, error=openmm.OpenMMException):

@@ -267,9 +267,9 @@ def test_a_checkpoint_of_another_version(platform):
     context, integrator = explicitBody(platform)
     start(context, integrator)
     saved = context.createCheckpoint()
-    assert saved.count(b'RIGIDHI2') == 1
-    with refused('the checkpoint has version 1, but this library reads version 2', 'load it with the library it was saved with'):
-        context.loadCheckpoint(saved.replace(b'RIGIDHI2', b'RIGIDHI1'))
+    assert saved.count(b'RIGIDHI3') == 1
+    with refused('the checkpoint has version 1, but this library reads version 3', 'load it with the library it was saved with'):
+        context.loadCheckpoint(saved.replace(b'RIGIDHI3', b'RIGIDHI1'))
 
 
 # ---- Strict reading -----------------------------------------------------------------------------------------------------
@@ -324,7 +324,7 @@ def test_a_refused_state_leaves_the_bodies_as_they_were(platform):
 
 def forged(checkpoint, edit):
     """A checkpoint with other bytes, and the check sum that belongs to them."""
-    at = checkpoint.index(b'RIGIDHI2')
+    at = checkpoint.index(b'RIGIDHI3')
     length = int.from_bytes(checkpoint[at + 8:at + 16], 'little')
     body = bytearray(checkpoint[at + 24:at + 24 + length])
     edited = edit(body)
@@ -339,7 +339,7 @@ def test_checkpoints_with_a_forged_check_sum(platform):
     """Whatever byte is changed: an error of ours, or the same bodies to the pose tolerance, 1 % of their size, as sites may be."""
     context, integrator = versionOne(platform)
     checkpoint = context.createCheckpoint()
-    at = checkpoint.index(b'RIGIDHI2')
+    at = checkpoint.index(b'RIGIDHI3')
     length = int.from_bytes(checkpoint[at + 8:at + 16], 'little')
     numbers = 8 + 4 + 4 + 8 + 8 + 4  # before the bodies
     poses, motion = (integrator.getBodyPositions()._value, integrator.getBodyOrientations()), twist(integrator)
