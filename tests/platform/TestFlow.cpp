@@ -261,6 +261,32 @@ TEST(Flow, CarriesTracers) {
     }
 }
 
+TEST(Flow, MatrixFreeIsDenseToItsTolerance) {
+    // Forces whose error is the part t of them in the norm of M (power P = F U) are wrong at a tracer of radius a by t sqrt(P/(6 pi eta a)) at most.
+    SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
+    const double a = 0.3, eta = 0.6;
+    const VectorXd wrenches = someWrenches(3);
+    const Points points = {Vec3(2, 3, 2), Vec3(2.2, 0.5, 0.4), Vec3(0.2, 2.3, 3.1)};
+    const auto make = [&](MobilityForce::Solver solver, double tolerance) {
+        auto scene = make_unique<Pushed>(ModelCase{"", MobilityForce::RotnePragerYamakawa, solver});
+        scene->fluid->setSolverTolerance(tolerance);
+        scene->add(boomerangKind(), Vec3(1, 1, 2.5), {{0.8, 0.6, 0, 0}});
+        scene->add(boomerangKind(), Vec3(2.5, 2, 1.5));
+        scene->add(rodKind(), Vec3(1, -0.5, 1));
+        scene->pushBy(wrenches.head(12));
+        scene->start();
+        return scene;
+    };
+    const auto dense = make(MobilityForce::Dense, 1e-6);
+    const MatrixXd expected = dense->flow(points);
+    const VectorXd pushes = wrenches.head(12);
+    const double power = pushes.dot(dense->mobility().topLeftCorner(12, 12) * pushes);
+    for (double tolerance : {1e-2, 1e-4, 1e-6}) {
+        const MatrixXd error = make(MobilityForce::MatrixFree, tolerance)->flow(points) - expected;
+        EXPECT_LT(error.cwiseAbs().maxCoeff(), tolerance * sqrt(power / (6 * M_PI * eta * a)));
+    }
+}
+
 TEST(Flow, BlobsAreHeldByIt) {
     // The average over the envelope of each blob is the rigid motion there: without a flow of one's own, in driven flows, with noise.
     // A rule of degree 2n on a surface leaves (a_i/(r - a_j))^(2n) of the neighbour's flow: 0.55^32.
@@ -835,6 +861,7 @@ string replaced(const string& text, const string& from, const string& to, size_t
 }  // namespace
 
 TEST(Flow, IsSaved) {
+    SKIP_ON_DEVICES("runs resume to rounding there");
     for (auto scheme : allWithFluid())
         for (auto solver : {MobilityForce::Dense, MobilityForce::MatrixFree}) {
             SCOPED_TRACE(traitsOf(scheme).name);
