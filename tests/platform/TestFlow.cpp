@@ -261,6 +261,32 @@ TEST(Flow, CarriesTracers) {
     }
 }
 
+TEST(Flow, MatrixFreeIsDenseToItsTolerance) {
+    // Forces whose error is the part t of them in the norm of M (power P = F U) are wrong at a tracer of radius a by t sqrt(P/(6 pi eta a)) at most.
+    SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
+    const double a = 0.3, eta = 0.6;
+    const VectorXd wrenches = someWrenches(3);
+    const Points points = {Vec3(2, 3, 2), Vec3(2.2, 0.5, 0.4), Vec3(0.2, 2.3, 3.1)};
+    const auto make = [&](MobilityForce::Solver solver, double tolerance) {
+        auto scene = make_unique<Pushed>(ModelCase{"", MobilityForce::RotnePragerYamakawa, solver});
+        scene->fluid->setSolverTolerance(tolerance);
+        scene->add(boomerangKind(), Vec3(1, 1, 2.5), {{0.8, 0.6, 0, 0}});
+        scene->add(boomerangKind(), Vec3(2.5, 2, 1.5));
+        scene->add(rodKind(), Vec3(1, -0.5, 1));
+        scene->pushBy(wrenches.head(12));
+        scene->start();
+        return scene;
+    };
+    const auto dense = make(MobilityForce::Dense, 1e-6);
+    const MatrixXd expected = dense->flow(points);
+    const VectorXd pushes = wrenches.head(12);
+    const double power = pushes.dot(dense->mobility().topLeftCorner(12, 12) * pushes);
+    for (double tolerance : {1e-2, 1e-4, 1e-6}) {
+        const MatrixXd error = make(MobilityForce::MatrixFree, tolerance)->flow(points) - expected;
+        EXPECT_LT(error.cwiseAbs().maxCoeff(), tolerance * sqrt(power / (6 * M_PI * eta * a)));
+    }
+}
+
 TEST(Flow, BlobsAreHeldByIt) {
     // The average over the envelope of each blob is the rigid motion there: without a flow of one's own, in driven flows, with noise.
     // A rule of degree 2n on a surface leaves (a_i/(r - a_j))^(2n) of the neighbour's flow: 0.55^32.
@@ -835,6 +861,7 @@ string replaced(const string& text, const string& from, const string& to, size_t
 }  // namespace
 
 TEST(Flow, IsSaved) {
+    SKIP_ON_DEVICES("runs resume to rounding there");
     for (auto scheme : allWithFluid())
         for (auto solver : {MobilityForce::Dense, MobilityForce::MatrixFree}) {
             SCOPED_TRACE(traitsOf(scheme).name);
@@ -1102,4 +1129,65 @@ TEST(Flow, HasTheBrownianStress) {
             }
         }
     }
+}
+
+namespace {
+
+/** The mean over so many steps of each scheme on a grid, which is to be known to a fifth of it. */
+void checkBrownianStressOnAGrid(const vector<RigidHI::Scheme>& schemes, int number) {
+    // Amplitudes of modes. The part of order h^-1/2 has no mean: it is what the same random numbers make in a step so short that nothing else is left of h.
+    const double h = 1e-3, shortness = 1e-6;
+    const auto make = [&](double temperature, double step, RigidHI::Scheme scheme) {
+        auto scene = make_unique<Pushed>(onGrid, temperature, step, scheme);
+        scene->fluid->setBoundary(MobilityForce::Periodic);
+        scene->fluid->setSolverTolerance(1e-4);
+        scene->integrator.setFiniteDifferenceStep(1e-3);
+        scene->side = 5;
+        BodyKind kind = apartKind();
+        kind.radii.assign(4, 0.5);
+        scene->add(kind, Vec3(0.7, 1.1, 2), {{0.8, 0, 0.6, 0}});
+        scene->pushBy(VectorXd::Zero(6));
+        scene->start();
+        return scene;
+    };
+    const Observed observed = {{}, {{0, 1, 1}, {1, 2, 1}, {2, 0, 1}}};
+    const auto cold = make(0, h, RigidHI::EulerMaruyama);
+    cold->fluid->setSolverTolerance(1e-8);
+    cold->fluid->updateParametersInContext(*cold->context);
+    const VectorXd expected = Theory(*cold, observed).div_flow;
+    EXPECT_GT(expected.norm(), 1e-3);
+    for (auto scheme : schemes) {
+        SCOPED_TRACE(traitsOf(scheme).name);
+        const auto scene = make(T1, h, scheme), leading = make(T1, h * shortness, scheme);
+        const auto R = scene->integrator.getBodyPositions();
+        const auto q = scene->integrator.getBodyOrientations();
+        vector<vector<double>> samples(expected.size());
+        for (int i = 0; i < number; i++) {
+            VectorXd A[2];
+            for (int k : {0, 1}) {
+                Pushed& each = k ? *leading : *scene;
+                each.pose(R, q);
+                each.integrator.step(1);
+                A[k] = observed.of(each);
+            }
+            const VectorXd rest = A[0] - sqrt(shortness) * A[1];
+            for (int a = 0; a < rest.size(); a++) samples[a].push_back(rest[a]);
+        }
+        offBy(samples, expected, traitsOf(scheme).name);
+        EXPECT_GT(offBy(samples, VectorXd::Zero(expected.size()), nullptr), 5);
+    }
+}
+
+}  // namespace
+
+TEST(Flow, OnAGridHasTheBrownianStress) {
+    SKIP_ON_DEVICES("hundreds of steps that copy positions");
+    checkBrownianStressOnAGrid({RigidHI::TrapezoidalSlip}, 600);
+}
+
+/** In drift correctors nu times the random field varies more. With random differences they do the same on a grid. */
+TEST(Flow, FullOnAGridHasTheBrownianStressOfOthers) {
+    SKIP_ON_DEVICES("thousands of steps that copy positions");
+    checkBrownianStressOnAGrid({RigidHI::RandomFiniteDifference}, 700);
+    checkBrownianStressOnAGrid({RigidHI::DriftCorrectorFD}, 4500);
 }
