@@ -171,26 +171,46 @@ def test_boundaries_that_do_not_have_the_flow(boundary, setUp, problem):
 
 
 def test_waves_that_boxes_and_grids_do_not_have():
-    def onAGrid(fluid):
-        fluid.setSolver(fluid.MatrixFree)
-        fluid.setGridSpacing(0.3)
-        fluid.setSinusoidalForceDensity(1, 0, 1, 14)
+    """They are refused at Context creation, by the System's box, and when the force density is changed."""
+    def onAGrid(index):
+        def setUp(fluid):
+            fluid.setSolver(fluid.MatrixFree)
+            fluid.setGridSpacing(0.3)
+            fluid.setSinusoidalForceDensity(1, 0, 1, index)
+        return lambda: spheres('Reference', [(3, 2, 4)], [1], setUp, MobilityForce.ForceCoupling, MobilityForce.Periodic)
 
-    fluid, integrator, context = spheres('Reference', [(3, 2, 4)], [1], onAGrid, MobilityForce.ForceCoupling, MobilityForce.Periodic)
-    with pytest.raises(openmm.OpenMMException, match=r'a wave of index 14 along the edge 1 of the box is too short for a grid of 28 nodes along it; '
-                                                     r'take an index below 14, or a finer grid by setGridSpacing\(\)'):
-        integrator.step(1)
-    fluid.setSinusoidalForceDensity(1, 0, 1, 13)
-    fluid.updateParametersInContext(context)
+    def tooShort():
+        return pytest.raises(openmm.OpenMMException, match=r'a wave of index 14 along the edge 1 of the box is too short for a grid of 28 nodes along it; '
+                                                           r'take an index below 14, or a finer grid by setGridSpacing\(\)')
+
+    with tooShort():
+        onAGrid(14)()
+    fluid, integrator, context = onAGrid(13)()
     integrator.step(1)
-    fluid, integrator, context = spheres('Reference', [(3, 2, 4)], [1], wave(1, 1, 0, 1), boundary=MobilityForce.Periodic,
-                                         box=[(9, 0, 0), (3, 8, 0), (0, 0, 10)])
-    with pytest.raises(openmm.OpenMMException, match=r'setSinusoidalForceDensity\(\): a wave of index 1 along the edge 0 of the box is not periodic along '
+    fluid.setSinusoidalForceDensity(1, 0, 1, 14)
+    with tooShort():
+        fluid.updateParametersInContext(context)
+    integrator.step(1)
+
+    def skewed(index):
+        return spheres('Reference', [(3, 2, 4)], [1], wave(1, 1, 0, index), boundary=MobilityForce.Periodic, box=[(9, 0, 0), (3, 8, 0), (0, 0, 10)])
+
+    with pytest.raises(openmm.OpenMMException, match=r'MobilityForce: a wave of index 1 along the edge 0 of the box is not periodic along '
                                                      r'its vector \(3, 8, 0\) nm; take another wave axis or index, or an orthogonal box'):
-        integrator.step(1)
-    fluid.setSinusoidalForceDensity(1, 1, 0, 3)
-    fluid.updateParametersInContext(context)
-    integrator.step(1)
+        skewed(1)
+    skewed(3)[1].step(1)
+    # Likewise of bodies whose shapes positions are to tell.
+    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(0, 1)
+    integrator.setScheme(CustomRigidHIIntegrator.EulerMaruyama)
+    integrator.addRigidBody([system.addParticle(1), system.addParticle(1)])
+    for _ in range(2):
+        fluid.addParticle(1)
+    fluid.setBoundary(fluid.Periodic)
+    fluid.setSinusoidalForceDensity(1, 1, 0, 1)
+    system.addForce(fluid)
+    system.setDefaultPeriodicBoxVectors((9, 0, 0), (3, 8, 0), (0, 0, 10))
+    with pytest.raises(openmm.OpenMMException, match='a wave of index 1 along the edge 0 of the box is not periodic'):
+        openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
 
 
 # ---- What bodies do ----------------------------------------------------------------------------------------------------

@@ -32,6 +32,7 @@ unique_ptr<Fluid> ContextFluid::make(const vector<BodyGeometry>& geometries, con
                                      scene.definitions.particlesOfBodies(), geometries, bodies, *scene.freeParticles,
                                      *scene.loops));
     made->setBox(scene.getBox());
+    made->checkWave();
     return made;
 }
 

@@ -36,7 +36,8 @@ Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejec
              const OpenMM::System& system, const vector<vector<int>>& particlesOfBodiesToUse,
              const vector<BodyGeometry>& geometries, const BodySet& bodies, const FreeParticles& freeParticles,
              PlatformLoops& loops)
-    : force(forceToUse), wallRejection(wallRejection), loops(loops), particlesOfBodies(particlesOfBodiesToUse),
+    : force(forceToUse), userFlow(force), wallRejection(wallRejection), loops(loops),
+      particlesOfBodies(particlesOfBodiesToUse),
       groups(GroupBuilder(force, wallRejection, system, particlesOfBodies, freeParticles, loops)
                  .build(geometries, bodies)),
       groupOfBody(particlesOfBodies.size(), -1), groupOfFree(freeParticles.getNumParticles(), -1) {
@@ -135,26 +136,8 @@ void Fluid::setBox(const BoxVectors& newBox) {
     box = newBox;
     boxIsChecked = false;
     for (auto& group : groups) group->bodies.setBox(box);
-    adoptDrivenFlow();
-}
-
-/** As MobilityForce has it, in this box. */
-void Fluid::adoptDrivenFlow() {
     flowOfLastStep.reset();
-    OpenMM::Vec3 velocity;
-    vector<double> gradient;
-    force.getBackgroundFlow(velocity, gradient);
-    flow = DrivenFlow();
-    flow.velocity = toEigen(velocity);
-    flow.gradient = Map<const Matrix<double, 3, 3, RowMajor>>(gradient.data());
-    double f0;
-    int index;
-    force.getSinusoidalForceDensity(f0, flow.forceAxis, flow.waveAxis, index);
-    const double edge = box[flow.waveAxis][flow.waveAxis];
-    if (f0 != 0 && edge > 0) {
-        flow.k = 2 * M_PI * index / edge;
-        flow.waveVelocity = f0 / (force.getViscosity() * flow.k * flow.k);
-    }
+    flow = userFlow.inBox(box);
     isDriven = !flow.isZero();
 }
 
@@ -177,16 +160,16 @@ void Fluid::checkBox() {
                     "System before), or use the boundary Unbounded";
             fail(text.str());
         }
-    for (const auto& group : groups) {
-        if (!group->bodies.hasModel()) continue;
-        const MobilityModel& model = group->bodies.getModel();
-        model.checkBox(box);
-        double f0;
-        int forceAxis, waveAxis, index;
-        force.getSinusoidalForceDensity(f0, forceAxis, waveAxis, index);
-        if (f0 != 0) model.checkWave(box, waveAxis, index);
-    }
+    for (const auto& group : groups)
+        if (group->bodies.hasModel()) group->bodies.getModel().checkBox(box);
+    checkWave();
     boxIsChecked = true;
+}
+
+void Fluid::checkWave() const {
+    for (const auto& group : groups)
+        if (userFlow.hasWave() && group->bodies.hasModel())
+            group->bodies.getModel().checkWave(box, userFlow.waveAxis, userFlow.waveVectorIndex);
 }
 
 void Fluid::continueFrom(const Fluid& before) {

@@ -11,6 +11,7 @@
 
 #include "context/SavedState.h"
 #include "fluid/FluidGroup.h"
+#include "fluid/UserFlow.h"
 #include "host/PlatformLoops.h"
 #include "openmmrigidhi/MobilityForce.h"
 #include "rigidbody/BodySet.h"
@@ -151,6 +152,8 @@ public:
     bool isPeriodic() const { return force.usesPeriodicBoundaryConditions(); }
     /** @throws OpenMMException if a body of a periodic fluid does not fit into the box, naming it, its length, the box and the remedy */
     void checkBox();
+    /** @throws OpenMMException if the wave of a force density is not one of this box, or too short for the model */
+    void checkWave() const;
     /** Why the model has no mobility at the present poses, naming particles; empty where it has one. */
     std::string objection(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
     /** Whether objection() can ever object. */
@@ -210,6 +213,7 @@ private:
     static constexpr double worthThreads = 1e6, operationsOfConstantTensor = 1000;
 
     const MobilityForce force;
+    const UserFlow userFlow;
     const CustomRigidHIIntegrator::WallRejection wallRejection;
     PlatformLoops& loops;
     const std::vector<std::vector<int>> particlesOfBodies;
@@ -227,7 +231,6 @@ private:
     DrivenFlow flow;  // in this box
     bool isDriven = false;
     const DrivenFlow* flowIfAny() const { return isDriven ? &flow : nullptr; }
-    void adoptDrivenFlow();
     void setTolerance(FluidGroup& group, const SchemeTraits& scheme, double difference) const;
     /** The flow of one group: whose particles it comes from, and the move whose random field it has. */
     struct FlowOfGroup {
@@ -244,6 +247,8 @@ private:
                           const std::vector<OpenMM::Vec3>& velocities, FlowOfGroup& flowOfGroup) const;
     template <class Add>
     void forSources(FluidGroup& group, FlowOfGroup& flowOfGroup, const Add& add) const;
+    /** Whether there is one fluid that bodies share, so that its flow can be asked for. Otherwise nothing is kept of steps. */
+    bool hasOneFlow() const { return groups.size() == 1 && force.getModel() != MobilityForce::FreeDraining; }
     FluidGroup& onlyGroup(const char* method) const;
     FluidGroup& groupWithWave(const char* method, int forceAxis, int waveAxis, int waveVectorIndex,
                               DrivenFlow& wave) const;

@@ -103,7 +103,7 @@ bool Fluid::lastStepIsPresent(const BodySet& bodies, const vector<OpenMM::Vec3>&
 FluidGroup& Fluid::onlyGroup(const char* method) const {
     if (force.getModel() == MobilityForce::FreeDraining)
         fail(method, "model FreeDraining has a fluid for each body, and no flow between them; use RotnePragerYamakawa");
-    if (groups.size() != 1)
+    if (!hasOneFlow())
         fail(method, "there are " + to_string(groups.size()) +
                          " groups of bodies, each in a fluid of its own; ask in a Context with one group");
     return *groups[0];
@@ -180,8 +180,7 @@ void Fluid::flowOfVelocities(FluidGroup& group, const BodySet& bodies, const vec
 }
 
 bool Fluid::findFlowOfLastStep(const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
-    // Of several groups, and of none, there is no flow to be found.
-    if (!lastStepIsPresent(bodies, positions) || groups.size() != 1 || !groups[0]->bodies.hasModel()) return false;
+    if (!hasOneFlow() || !lastStepIsPresent(bodies, positions)) return false;
     if (flowOfLastStep && flowOfLastStep->isOfLastStep) return true;
     FluidGroup& group = *groups[0];
     flowOfLastStep.reset(new FlowOfGroup());

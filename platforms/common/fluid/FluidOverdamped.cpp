@@ -255,20 +255,23 @@ LoopResult Fluid::runStage(int stage, const StepSettings& settings, BodySet& bod
             setTolerance(group, settings.traits(), own.difference);
             group.readPoses(bodies, positions, move.start);
             move.begin(own);
-            group.overdamped.last.isKnown = false;
-            group.overdamped.last.step = own;
-            group.overdamped.last.box = box;
-            group.overdamped.last.start = move.start;
-            group.overdamped.last.forces.resize(entry.numStages());
-            group.overdamped.last.memory = group.overdamped.memoryAtStart;
+            if (hasOneFlow()) {
+                LastStep& last = group.overdamped.last;
+                last.isKnown = false;
+                last.step = own;
+                last.box = box;
+                last.start = move.start;
+                last.forces.resize(entry.numStages());
+                last.memory = group.overdamped.memoryAtStart;
+            }
         }
         if (entry.needsForces(stage)) {
             takeForces(group, bodies, freeParticles);
-            group.overdamped.last.forces[stage] = move.force;
+            if (hasOneFlow()) group.overdamped.last.forces[stage] = move.force;
         }
         group.overdamped.scheme->run(stage, move);
         group.overdamped.stage++;
-        if (group.overdamped.stage == entry.numStages()) {
+        if (group.overdamped.stage == entry.numStages() && hasOneFlow()) {
             group.overdamped.last.end = move.present;
             group.overdamped.last.isKnown = true;
         }

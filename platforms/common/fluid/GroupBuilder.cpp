@@ -6,7 +6,6 @@
 
 #include "linearalgebra/OneBlasThread.h"
 #include "mobility/Models.h"
-#include "openmmrigidhi/internal/Messages.h"
 #include "rigidbody/EigenVec3.h"
 
 using namespace Eigen;
@@ -39,56 +38,6 @@ bool isThermostatTensor(const MatrixXd& friction) {
            abs(friction(0, 0) - friction(2, 2)) <= isotropyTolerance * friction(0, 0);
 }
 
-/** Whether users drive a flow, so that friction is that of velocities relative to one. */
-bool isDriven(const MobilityForce& force) {
-    double f0;
-    int forceAxis, waveAxis, index;
-    force.getSinusoidalForceDensity(f0, forceAxis, waveAxis, index);
-    OpenMM::Vec3 velocity;
-    vector<double> gradient;
-    force.getBackgroundFlow(velocity, gradient);
-    return f0 != 0 || velocity != OpenMM::Vec3() || gradient != vector<double>(9, 0.0);
-}
-
-/** What flows a boundary has. @throws OpenMMException */
-void checkFlow(const MobilityForce& force) {
-    const MobilityForce::Boundary boundary = force.getBoundary();
-    double f0;
-    int forceAxis, waveAxis, index;
-    force.getSinusoidalForceDensity(f0, forceAxis, waveAxis, index);
-    if (f0 != 0 && boundary != MobilityForce::Periodic && boundary != MobilityForce::SlipChannel)
-        fail("a sinusoidal force density needs a periodic fluid, and the boundary is " +
-             string(boundaryName(boundary)) +
-             "; use setBoundary(Periodic) or (SlipChannel), or setSinusoidalForceDensity() with f0 = 0");
-    if (f0 != 0 && boundary == MobilityForce::SlipChannel && (forceAxis == 1 || waveAxis == 1))
-        fail("the sinusoidal force density is along axis " + to_string(forceAxis) + " with its wave along axis " +
-             to_string(waveAxis) +
-             ", and a SlipChannel has its walls across axis 1; both must be along the walls: give axes 0 and 2");
-    OpenMM::Vec3 velocity;
-    vector<double> gradient;
-    force.getBackgroundFlow(velocity, gradient);
-    if (velocity == OpenMM::Vec3() && gradient == vector<double>(9, 0.0)) return;
-    if (boundary == MobilityForce::Periodic || boundary == MobilityForce::SlipChannel)
-        fail("a background flow with boundary " + string(boundaryName(boundary)) +
-             ", where the mean velocity is 0 and a gradient is not periodic; use setSinusoidalForceDensity(), or "
-             "setBoundary(Unbounded)");
-    if (boundary != MobilityForce::NoSlipWall) return;
-    const double rounding = 1e-12, height = force.getWallHeight();
-    double largest = 0;
-    for (double x : gradient) largest = max(largest, abs(x));
-    for (int a = 0; a < 3; a++) {
-        const double along = max(abs(gradient[3 * a]), abs(gradient[3 * a + 1])),
-                     atWall = velocity[a] + gradient[3 * a + 2] * height;
-        if (along <= rounding * largest &&
-            abs(atWall) <= rounding * max(abs(velocity[a]), abs(gradient[3 * a + 2] * height)))
-            continue;
-        fail("the background flow is not 0 at the NoSlipWall z = " + number(height) + " nm: component " + to_string(a) +
-             " is " + number(atWall) + " nm/ps above the origin and has the gradients " + number(gradient[3 * a]) +
-             " and " + number(gradient[3 * a + 1]) +
-             "/ps along the wall; give a flow of z alone that is 0 there, as a shear flow, by setBackgroundFlow()");
-    }
-}
-
 [[noreturn]] void refuseMatrixFree(const MobilityForce& force) {
     fail("solver MatrixFree is there for RotnePragerYamakawa, not for " + string(modelName(force.getModel())) +
          (force.getBoundary() == MobilityForce::Periodic ? " with boundary Periodic" : "") + "; use setSolver(Dense)");
@@ -104,7 +53,8 @@ GroupBuilder::GroupBuilder(const MobilityForce& force, CustomRigidHIIntegrator::
                            const OpenMM::System& system, const vector<vector<int>>& particlesOfBodies,
                            const FreeParticles& freeParticles, PlatformLoops& loops)
     : force(force), wallRejection(wallRejection), particlesOfBodies(particlesOfBodies), freeParticles(freeParticles),
-      loops(loops), indexOfFree(system.getNumParticles(), -1) {
+      loops(loops), flow(force), indexOfFree(system.getNumParticles(), -1) {
+    system.getDefaultPeriodicBoxVectors(defaultBox[0], defaultBox[1], defaultBox[2]);
     const int numBodies = particlesOfBodies.size();
     const bool freeDraining = force.getModel() == MobilityForce::FreeDraining;
     if (force.getNumParticles() != system.getNumParticles())
@@ -112,7 +62,7 @@ GroupBuilder::GroupBuilder(const MobilityForce& force, CustomRigidHIIntegrator::
              to_string(system.getNumParticles()) +
              " particles; call addParticle() once for each particle of the System, with radius 0 where the fluid does "
              "not see it");
-    checkFlow(force);
+    flow.check();
     const vector<int>& labels = force.getGroups();
     if (!labels.empty() && (int)labels.size() != numBodies)
         fail("setGroups() was given " + to_string(labels.size()) + " groups, but the integrator has " +
@@ -191,6 +141,7 @@ void GroupBuilder::checkModels() const {
         const HydrodynamicParticles particles = particlesOf(entry.second);
         if (particles.size() == 0) continue;
         const auto model = makeModel(particles, false);
+        if (flow.hasWave()) model->checkWave(defaultBox, flow.waveAxis, flow.waveVectorIndex);
         // Of one element in a uniform fluid the tensor is constant, so that nothing is ever solved.
         const bool isAlone = entry.second.size() == 1 && model->isHomogeneous() && model->isIsotropic();
         if (force.getSolver() == MobilityForce::MatrixFree && !model->hasProducts() && !isAlone)
@@ -234,7 +185,7 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
         BodyMobility& mobility = strategy(false);
         mobility.setPoses({Pose()});
         const MatrixXd& friction = mobility.friction();
-        group.isThermostat = isThermostatTensor(friction) && !isDriven(force);
+        group.isThermostat = isThermostatTensor(friction) && !flow.isAny();
         group.drag_t = friction(0, 0);
         for (int k = 0; k < 3 && friction.rows() == 6; k++) group.drag_r[k] = friction(3 + k, 3 + k);
     }

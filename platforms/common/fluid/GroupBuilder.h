@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "fluid/FluidGroup.h"
+#include "fluid/UserFlow.h"
 #include "openmmrigidhi/MobilityForce.h"
 
 namespace RigidHIPlugin {
@@ -43,6 +44,8 @@ private:
     const std::vector<std::vector<int>>& particlesOfBodies;
     const FreeParticles& freeParticles;
     PlatformLoops& loops;
+    const UserFlow flow;
+    BoxVectors defaultBox;                                      // of the System
     std::map<int, std::vector<FluidElement>> elementsOfGroups;  // by label; elements lack sites and own tensors
     std::vector<int> indexOfFree;                               // of particles in FreeParticles
 };

@@ -9,10 +9,12 @@ Stepper::Stepper(ContextImpl& context, Scene& scene, ContextMirror& mirror)
       start(scene, mirror), rejections(scene), plain({scene, mirror, forces, start, rejections}),
       withFluid({scene, mirror, forces, start, rejections}), overdamped({scene, mirror, forces, start, rejections}) {}
 
-void Stepper::takeSteps(int number) {
+/** The arrays are told when work on them begins and, whatever is thrown, when it ends. */
+template <class Work>
+void Stepper::withArrays(const Work& work) {
     scene.arrays->beginSteps();
     try {
-        for (int i = 0; i < number; i++) takeStep();
+        work();
     } catch (...) {
         // What went wrong first is what the user is to know.
         try {
@@ -24,16 +26,26 @@ void Stepper::takeSteps(int number) {
     scene.arrays->endSteps();
 }
 
+void Stepper::takeSteps(int number) {
+    withArrays([&] {
+        for (int i = 0; i < number; i++) takeStep();
+    });
+}
+
 void Stepper::evaluateForces() {
     mirror.requirePositions("the flow of the fluid");
-    scene.arrays->beginSteps();
-    if (scene.isBuilt()) scene.updateSettings();
-    takeInChanges();
-    forces.drop();
-    forces.evaluate(scene.arrays->getTime());
-    // What the next step begins with it evaluates itself, as if nobody had asked.
-    forces.drop();
-    scene.arrays->endSteps();
+    withArrays([&] {
+        if (scene.isBuilt()) scene.updateSettings();
+        takeInChanges();
+        // What the next step begins with it evaluates itself, as if nobody had asked.
+        try {
+            forces.evaluate(scene.arrays->getTime());
+        } catch (...) {
+            forces.drop();
+            throw;
+        }
+        forces.drop();
+    });
 }
 
 void Stepper::takeStep() {

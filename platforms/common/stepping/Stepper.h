@@ -21,6 +21,8 @@ public:
     void evaluateForces();
 
 private:
+    template <class Work>
+    void withArrays(const Work& work);
     void takeStep();
     void takeInChanges();
     void advance();

@@ -38,9 +38,8 @@ void checkPeriodicWave(const BoxVectors& box, int axis, int periods) {
     for (const OpenMM::Vec3& vector : box) {
         const double phase = periods * vector[axis] / box[axis][axis];
         if (std::abs(phase - std::round(phase)) <= rounding * std::max(1.0, std::abs(phase))) continue;
-        throw OpenMM::OpenMMException("MobilityForce: setSinusoidalForceDensity(): a wave of index " + text(periods) +
-                                      " along the edge " + text(axis) +
-                                      " of the box is not periodic along its vector " + text(vector) +
+        throw OpenMM::OpenMMException("MobilityForce: a wave of index " + text(periods) + " along the edge " +
+                                      text(axis) + " of the box is not periodic along its vector " + text(vector) +
                                       " nm; take another wave axis or index, or an orthogonal box");
     }
 }

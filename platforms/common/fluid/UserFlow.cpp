@@ -1,0 +1,77 @@
+#include "fluid/UserFlow.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <cmath>
+#include <string>
+
+#include "mobility/Models.h"
+#include "openmmrigidhi/internal/Messages.h"
+#include "rigidbody/EigenVec3.h"
+
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+[[noreturn]] void fail(const string& message) { throw OpenMM::OpenMMException("MobilityForce: " + message); }
+
+}  // namespace
+
+UserFlow::UserFlow(const MobilityForce& force)
+    : boundary(force.getBoundary()), viscosity(force.getViscosity()), wallHeight(force.getWallHeight()) {
+    force.getSinusoidalForceDensity(f0, forceAxis, waveAxis, waveVectorIndex);
+    force.getBackgroundFlow(velocity, gradient);
+}
+
+bool UserFlow::hasBackground() const {
+    return velocity != OpenMM::Vec3() || gradient != vector<double>(gradient.size(), 0.0);
+}
+
+DrivenFlow UserFlow::inBox(const BoxVectors& box) const {
+    DrivenFlow flow;
+    flow.velocity = toEigen(velocity);
+    flow.gradient = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(gradient.data());
+    flow.forceAxis = forceAxis;
+    flow.waveAxis = waveAxis;
+    const double edge = box[waveAxis][waveAxis];
+    if (hasWave() && edge > 0) {
+        flow.k = 2 * M_PI * waveVectorIndex / edge;
+        flow.waveVelocity = f0 / (viscosity * flow.k * flow.k);
+    }
+    return flow;
+}
+
+void UserFlow::check() const {
+    if (hasWave() && boundary != MobilityForce::Periodic && boundary != MobilityForce::SlipChannel)
+        fail("a sinusoidal force density needs a periodic fluid, and the boundary is " +
+             string(boundaryName(boundary)) +
+             "; use setBoundary(Periodic) or (SlipChannel), or setSinusoidalForceDensity() with f0 = 0");
+    if (hasWave() && boundary == MobilityForce::SlipChannel && (forceAxis == 1 || waveAxis == 1))
+        fail("the sinusoidal force density is along axis " + to_string(forceAxis) + " with its wave along axis " +
+             to_string(waveAxis) +
+             ", and a SlipChannel has its walls across axis 1; both must be along the walls: give axes 0 and 2");
+    if (!hasBackground()) return;
+    if (boundary == MobilityForce::Periodic || boundary == MobilityForce::SlipChannel)
+        fail("a background flow with boundary " + string(boundaryName(boundary)) +
+             ", where the mean velocity is 0 and a gradient is not periodic; use setSinusoidalForceDensity(), or "
+             "setBoundary(Unbounded)");
+    if (boundary != MobilityForce::NoSlipWall) return;
+    const double rounding = 1e-12, height = wallHeight;
+    double largest = 0;
+    for (double x : gradient) largest = max(largest, abs(x));
+    for (int a = 0; a < 3; a++) {
+        const double along = max(abs(gradient[3 * a]), abs(gradient[3 * a + 1])),
+                     atWall = velocity[a] + gradient[3 * a + 2] * height;
+        if (along <= rounding * largest &&
+            abs(atWall) <= rounding * max(abs(velocity[a]), abs(gradient[3 * a + 2] * height)))
+            continue;
+        fail("the background flow is not 0 at the NoSlipWall z = " + number(height) + " nm: component " + to_string(a) +
+             " is " + number(atWall) + " nm/ps above the origin and has the gradients " + number(gradient[3 * a]) +
+             " and " + number(gradient[3 * a + 1]) +
+             "/ps along the wall; give a flow of z alone that is 0 there, as a shear flow, by setBackgroundFlow()");
+    }
+}
+
+}  // namespace RigidHIPlugin

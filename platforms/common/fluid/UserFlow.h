@@ -1,0 +1,37 @@
+#ifndef RIGIDHI_USER_FLOW_H_
+#define RIGIDHI_USER_FLOW_H_
+
+#include <openmm/Vec3.h>
+
+#include <vector>
+
+#include "mobility/DrivenFlow.h"
+#include "mobility/MobilityAt.h"
+#include "openmmrigidhi/MobilityForce.h"
+
+namespace RigidHIPlugin {
+
+/** The flow that users drive, as a MobilityForce has it: without a box yet. */
+struct UserFlow {
+    explicit UserFlow(const MobilityForce& force);
+    bool hasWave() const { return f0 != 0; }
+    bool hasBackground() const;
+    bool isAny() const { return hasWave() || hasBackground(); }
+    /** @throws OpenMMException if the boundary has no such flow */
+    void check() const;
+    /** It in a box; without its wave where there is none yet. */
+    DrivenFlow inBox(const BoxVectors& box) const;
+
+    double f0;
+    int forceAxis, waveAxis, waveVectorIndex;
+    OpenMM::Vec3 velocity;
+    std::vector<double> gradient;
+
+private:
+    const MobilityForce::Boundary boundary;
+    const double viscosity, wallHeight;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif
