@@ -1,24 +1,15 @@
-"""Czech hedgehogs in a driven fluid: Westwood 2022, section 6.4, as an OpenMM System.
-
-Units: the radius a of a bead is 1 nm, kT is 1 kJ/mol, tau = 6 pi eta a^3/kT is 1 ps.
-"""
+"""Czech hedgehogs in a driven fluid: Westwood 2022, section 6.4, as an OpenMM System. Units: suspension.py."""
 import numpy as np
 import openmm
-from openmm import unit
 
 import openmmrigidhi
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
-from openmmrigidhi._quaternions import rotate
+from suspension import CONTACT, LENGTH, PAIR_RANGE, PAIR_STRENGTH, STEP, TEMPERATURE, VISCOSITY, Moving, placed
 
-TEMPERATURE = 1/unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)   # kT = 1 kJ/mol
-VISCOSITY = 1/(6*np.pi)      # kJ/mol ps/nm^3
-STEP = 1/600                 # ps, that is tau/600, as in the paper
-LENGTH = 77.65               # nm, the paper's cubic box
-BODIES = 1177                # in it
+BODIES = 1177                # in the paper's cubic box
 #: Beads at the middle and at 2a, 4a, 6a on the six half axes.
 SITES = np.array([(0, 0, 0)] + [r*np.array(e) for r in (2, 4, 6) for e in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))], float)
 FRACTION = BODIES*len(SITES)*4/3*np.pi/LENGTH**3     # 0.2001
-STRENGTH, RANGE, CONTACT = 20.0, 0.5, 2.0            # U0, kJ/mol; b and 2a, nm; of eq. 60
 WELL, WIDTH = 5.0, 0.5                               # A, kJ/mol, and lambda, nm, of eq. 61
 #: Where the potentials end, nm: eq. 60 is 0.007 kT there. The paper does not say.
 CUTOFF = 6.0
@@ -28,8 +19,8 @@ GAUSSIANS = {'repel-attract': ((3.0, -1),), 'repel-attract-repel': ((3.0, -1), (
 
 def _outside(r, potential):
     """Energy and slope of eqs. 62 and 63 from contact on."""
-    energy = STRENGTH*np.exp((CONTACT - r)/RANGE)
-    slope = -energy/RANGE
+    energy = PAIR_STRENGTH*np.exp((CONTACT - r)/PAIR_RANGE)
+    slope = -energy/PAIR_RANGE
     for place, sign in GAUSSIANS[potential]:
         gauss = sign*WELL*np.exp(-((r - place)/WIDTH)**2)
         energy, slope = energy + gauss, slope - 2*(r - place)/WIDTH**2*gauss
@@ -49,7 +40,7 @@ def pairForce(potential):
     outside = ' + '.join(['U0*exp((s - r)/b)'] + [f'({sign})*A*exp(-((r - {place})/w)^2)' for place, sign in GAUSSIANS[potential]])
     force = openmm.CustomNonbondedForce(f'select(step(s - r), start + slope*(r - s), {outside}) - last')
     atContact, slope = _outside(CONTACT, potential)
-    for name, value in (('U0', STRENGTH), ('b', RANGE), ('s', CONTACT), ('A', WELL), ('w', WIDTH), ('start', atContact), ('slope', slope),
+    for name, value in (('U0', PAIR_STRENGTH), ('b', PAIR_RANGE), ('s', CONTACT), ('A', WELL), ('w', WIDTH), ('start', atContact), ('slope', slope),
                         ('last', _outside(CUTOFF, potential)[0])):
         force.addGlobalParameter(name, value)
     force.setNonbondedMethod(openmm.CustomNonbondedForce.CutoffPeriodic)
@@ -69,10 +60,10 @@ def forceDensity(bareShearRate, edge):
 
 def beads(R, q):
     """Places (..., n, 19, 3) of beads of hedgehogs at R (..., n, 3), turned by q (..., n, 4)."""
-    return R[..., None, :] + rotate(q[..., None, :], SITES)
+    return placed(SITES, R, q)
 
 
-class Hedgehogs:
+class Hedgehogs(Moving):
     """Hedgehogs that move: a Context.
 
     Parameters
@@ -87,6 +78,8 @@ class Hedgehogs:
     edge : float, optional
         of the cubic box, nm; None: that of the paper's volume fraction
     """
+
+    sites = SITES
 
     def __init__(self, bodies, potential, bareShearRate, tolerance=1e-2, temperature=TEMPERATURE, seed=1, platform='CPU', solver=MobilityForce.Auto,
                  step=STEP, edge=None):
@@ -121,17 +114,6 @@ class Hedgehogs:
         openmmrigidhi.app.bindBodies(system, self.integrator)
         self.context = openmm.Context(system, self.integrator, openmm.Platform.getPlatformByName(platform),
                                       {'Threads': '1'} if platform == 'CPU' else {})
-
-    def place(self, R, q):
-        self.context.setPositions(beads(R, q).reshape(-1, 3))
-        self.integrator.setBodyPositions(R)
-        self.integrator.setBodyOrientations(q)
-
-    def poses(self):
-        return self.integrator.getBodyPositions()._value.copy(), self.integrator.getBodyOrientations().copy()
-
-    def energy(self):
-        return self.context.getState(getEnergy=True).getPotentialEnergy()._value
 
 
 def atRandom(bodies, random):

@@ -16,7 +16,7 @@ def potentials(path):
     r = np.linspace(1.5, 6, 600)
     for name in model.GAUSSIANS:
         ax.plot(r, model.pairEnergy(r, name), color=COLOURS[name], label=name)
-    ax.plot(r, model.STRENGTH*np.exp((model.CONTACT - r)/model.RANGE), ':', color='0.5', label='soft repulsion alone (eq. 60)')
+    ax.plot(r, model.PAIR_STRENGTH*np.exp((model.CONTACT - r)/model.PAIR_RANGE), ':', color='0.5', label='soft repulsion alone (eq. 60)')
     ax.axhline(0, color='0.8', lw=0.7)
     ax.axvline(model.CONTACT, color='0.8', lw=0.7)
     ax.set(xlabel='distance of two beads, r/a', ylabel='energy/kT', xlim=(1.8, 6), ylim=(-4, 12))

@@ -227,7 +227,7 @@ def report(output, args, bodies):
             runs.append(run)
     runs.sort(key=lambda run: (run.bodies, run.potential, run.bare))
     rows = [run.summary() for run in tqdm(runs, desc='summaries', disable=args.silent)]
-    data = {'model': {'A': model.WELL, 'lambda': model.WIDTH, 'U0': model.STRENGTH, 'b': model.RANGE, 'cutoff': model.CUTOFF, 'volume_fraction': model.FRACTION,
+    data = {'model': {'A': model.WELL, 'lambda': model.WIDTH, 'U0': model.PAIR_STRENGTH, 'b': model.PAIR_RANGE, 'cutoff': model.CUTOFF, 'volume_fraction': model.FRACTION,
                       'step_over_tau': model.STEP, 'interval_of_samples': INTERVAL, 'not_counted': EQUILIBRATION,
                       'units': 'a = 1, kT = 1, tau = 6 pi eta a^3/kT'},
             'seed': SEED, 'runs': rows, 'tolerances': {potential: tolerances(folder, bodies, potential) for potential in POTENTIALS},

@@ -1,24 +1,15 @@
-"""Rods between slip walls: Westwood 2022, section 6.3, as an OpenMM System, and its energy in NumPy.
-
-Units: the radius a of a bead is 1 nm, kT is 1 kJ/mol, tau = 6 pi eta a^3/kT is 1 ps.
-"""
+"""Rods between slip walls: Westwood 2022, section 6.3, as an OpenMM System, and its energy in NumPy. Units: suspension.py."""
 import numpy as np
 import openmm
-from openmm import unit
 
 import openmmrigidhi
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 from openmmrigidhi._quaternions import rotate
+from suspension import CONTACT, LENGTH, PAIR_RANGE, PAIR_STRENGTH, STEP, TEMPERATURE, VISCOSITY, Moving, placed
 
-TEMPERATURE = 1/unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)   # kT = 1 kJ/mol
-VISCOSITY = 1/(6*np.pi)      # kJ/mol ps/nm^3
-STEP = 1/600                 # ps, that is tau/600, as in the paper
-LENGTH = 77.65               # L, nm; the paper's periodic box is L x 2 Ly x L
-RODS = {8: 64, 4: 128, 2: 256}    # L/Ly: number of rods of the paper, a volume fraction of 10 %
+RODS = {8: 64, 4: 128, 2: 256}    # L/Ly: number of rods in the paper's periodic box, L x 2 Ly x L, a volume fraction of 10 %
 WALL_RANGE = 2.2             # b of eq. 59, nm
 WALL_STIFFNESS = 40/WALL_RANGE    # K = 40 kT/(ab), kJ/mol/nm^2
-PAIR_STRENGTH, PAIR_RANGE = 20.0, 0.5     # U0, kJ/mol, and b, nm, of eq. 60
-CONTACT = 2.0                # nm
 LAYERS = 11
 
 
@@ -50,7 +41,7 @@ def wallEnergy(y, width):
 
 def beads(R, q):
     """Places (..., n, 22, 3) of the beads of rods at R (..., n, 3), turned by q (..., n, 4)."""
-    return R[..., None, :] + rotate(q[..., None, :], SITES)
+    return placed(SITES, R, q)
 
 
 class Scene:
@@ -120,7 +111,7 @@ class Scene:
         return system, fluid
 
 
-class Rods:
+class Rods(Moving):
     """Rods that move: a Context.
 
     Parameters
@@ -128,6 +119,8 @@ class Rods:
     scheme : str
         of the integrator; DriftCorrectorFD is the paper's gDC
     """
+
+    sites = SITES
 
     def __init__(self, scene, scheme='DriftCorrectorFD', scaling='Whole', step=STEP, tolerance=1e-3, seed=1, platform='CPU', solver=MobilityForce.Auto):
         self.integrator = CustomRigidHIIntegrator(TEMPERATURE, step)
@@ -139,17 +132,6 @@ class Rods:
         system, self.fluid = scene.system(self.integrator, tolerance, solver)
         properties = {'Threads': '1'} if platform == 'CPU' else {}
         self.context = openmm.Context(system, self.integrator, openmm.Platform.getPlatformByName(platform), properties)
-
-    def place(self, R, q):
-        self.context.setPositions(beads(R, q).reshape(-1, 3))
-        self.integrator.setBodyPositions(R)
-        self.integrator.setBodyOrientations(q)
-
-    def poses(self):
-        return self.integrator.getBodyPositions()._value.copy(), self.integrator.getBodyOrientations().copy()
-
-    def energy(self):
-        return self.context.getState(getEnergy=True).getPotentialEnergy()._value
 
 
 def heights(R):

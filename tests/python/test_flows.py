@@ -198,13 +198,13 @@ def test_waves_that_boxes_and_grids_do_not_have():
     with pytest.raises(openmm.OpenMMException, match=r'MobilityForce: a wave of index 1 along the edge 0 of the box is not periodic along '
                                                      r'its vector \(3, 8, 0\) nm; take another wave axis or index, or an orthogonal box'):
         skewed(1)
-    skewed(3)[1].step(1)
-    # Likewise of bodies whose shapes positions are to tell.
+    _, integrator, context = skewed(3)
+    integrator.step(1)
+    # Likewise where positions are to tell the shape of a body.
     system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(0, 1)
     integrator.setScheme(CustomRigidHIIntegrator.EulerMaruyama)
-    integrator.addRigidBody([system.addParticle(1), system.addParticle(1)])
-    for _ in range(2):
-        fluid.addParticle(1)
+    integrator.addRigidBody([system.addParticle(1)])
+    fluid.addParticle(1)
     fluid.setBoundary(fluid.Periodic)
     fluid.setSinusoidalForceDensity(1, 1, 0, 1)
     system.addForce(fluid)
