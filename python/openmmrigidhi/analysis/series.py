@@ -1,10 +1,13 @@
 """Means of series of correlated samples, their autocorrelation times, and honest errors.
 
-Only numpy, no OpenMM, so that every rule here can be tested on synthetic numbers.
+Only numpy and scipy, no OpenMM, so that every rule here can be tested on synthetic numbers.
 """
 from dataclasses import dataclass
+from typing import Optional
 
 import numpy as np
+import scipy.special
+import scipy.stats
 
 #: Sokal's window: the autocorrelation is summed up to this many autocorrelation times.
 WINDOW = 5
@@ -139,3 +142,102 @@ def replicaStatistics(series, leastTau=0.0):
     means = series.mean(axis=0)
     tau = float(np.mean([autocorrelationTime(each) for each in series.T]))
     return SeriesStatistics(float(means.mean()), float(means.std(ddof=1)/np.sqrt(replicas)), replicas - 1, tau, n, n)
+
+
+def splitRHat(chains):
+    """R-hat of several chains: how much more chains, and halves of chains, differ than one that has forgotten its start would.
+
+    The larger of two: rank-normalised split R-hat, which sees means that differ, and the same of distances from the median ("folded"),
+    which sees widths that differ. 1 for chains that sample the same; above 1.01 they should be run longer.
+
+    Reference: Vehtari, Gelman, Simpson, Carpenter, Buerkner 2021, Bayesian Analysis 16, 667, equations (1) to (4) and (14), section 4;
+    split R-hat: Gelman, Carlin, Stern, Dunson, Vehtari, Rubin 2013, Bayesian Data Analysis, 3rd edition, section 11.4.
+
+    Parameters
+    ----------
+    chains : array-like of shape (chains, n)
+        n samples of each, n >= 4; one chain is enough, whose halves are then compared
+
+    Returns
+    -------
+    float
+        NaN if all samples are the same
+    """
+    chains = np.asarray(chains, dtype=float)
+    if chains.ndim != 2 or chains.shape[1] < 4:
+        raise ValueError(f'splitRHat: got chains of shape {chains.shape}; there must be rows of at least 4 samples: run longer')
+    half = chains.shape[1]//2
+    # An odd chain loses its middle sample.
+    halves = np.concatenate([chains[:, :half], chains[:, -half:]])
+    return max(_rHat(_normalScores(halves)), _rHat(_normalScores(np.abs(halves - np.median(halves)))))
+
+
+def _normalScores(values):
+    """Ranks over all, as quantiles of a normal law, by Blom's offsets."""
+    ranks = scipy.stats.rankdata(values).reshape(values.shape)
+    return scipy.special.ndtri((ranks - 3/8)/(values.size + 1/4))
+
+
+def _rHat(chains):
+    n = chains.shape[1]
+    between, within = n*chains.mean(axis=1).var(ddof=1), chains.var(axis=1, ddof=1).mean()
+    return float(np.sqrt((n - 1)/n + between/(n*within))) if within > 0 else float('nan')
+
+
+@dataclass
+class ReplicaSummary:
+    """What several independent runs say of one mean.
+
+    Attributes
+    ----------
+    mean : float
+        of the runs' means, each counted once
+    standardError : float
+        from the spread of the runs' means; of a single run from block averages
+    degrees : int
+        of freedom of that standard error, for Student's t: number of runs less 1, or of blocks less 1
+    tau : float
+        integrated autocorrelation time, mean over runs, in samples
+    effectiveSamples : float
+        how many independent samples all runs together have: number of samples/(2 tau)
+    rHat : float or None
+        see :func:`splitRHat`, of as many samples as the shortest run has; None with fewer than 4
+    samples : int
+        of all runs
+    """
+
+    mean: float
+    standardError: float
+    degrees: int
+    tau: float
+    effectiveSamples: float
+    rHat: Optional[float]
+    samples: int
+
+
+def independentRuns(chains):
+    """Mean over independent runs of the same thing, its error from their spread, R-hat and effective sample size.
+
+    Parameters
+    ----------
+    chains : sequence of array-like of shape (n_i,)
+        equally spaced samples of each run, n_i >= 2
+
+    Returns
+    -------
+    ReplicaSummary
+    """
+    chains = [np.asarray(chain, dtype=float) for chain in chains]
+    shortest = min((len(chain) for chain in chains), default=0)
+    if shortest < 2:
+        raise ValueError(f'independentRuns: got {len(chains)} runs, the shortest of {shortest} samples; at least one run of 2 is needed: run longer')
+    tau = float(np.mean([autocorrelationTime(chain) for chain in chains]))
+    samples = sum(len(chain) for chain in chains)
+    rHat = splitRHat([chain[:shortest] for chain in chains]) if shortest >= 4 else None
+    if len(chains) == 1:
+        one = seriesStatistics(chains[0])
+        mean, error, degrees = one.mean, one.standardError, one.degrees
+    else:
+        means = np.array([chain.mean() for chain in chains])
+        mean, error, degrees = float(means.mean()), float(means.std(ddof=1)/np.sqrt(len(means))), len(means) - 1
+    return ReplicaSummary(mean, error, degrees, tau, samples/(2*tau), rHat, samples)

@@ -1,0 +1,536 @@
+"""A function of many arguments: here, in processes, or on a cluster of dask.distributed. What users see of it is ensemble.tasks.
+
+Workers come and go: a task whose worker dies is given to another one, so often and no oftener. What a task has to remember then it keeps in files.
+"""
+import collections
+import contextlib
+import functools
+import importlib.util
+import logging
+import multiprocessing
+import multiprocessing.connection
+import os
+import tempfile
+import threading
+import time
+import traceback
+import uuid
+import warnings
+from dataclasses import dataclass, field
+from typing import Any, Callable, Optional
+
+from tqdm import tqdm
+
+from . import _loading
+
+#: Seconds between two reports of a task, and between two looks at a cluster.
+BETWEEN_REPORTS, BETWEEN_LOOKS = 0.5, 0.5
+#: Seconds that a worker gets to end by itself, after an interruption.
+PATIENCE = 5.0
+STARTED, PROGRESS, DONE, DIED = 'started', 'progress', 'done', 'died'
+
+
+class TaskError(RuntimeError):
+    """A task has failed; the text has its name and the traceback of its process."""
+
+
+@dataclass
+class Failure:
+    """Why a task has no value.
+
+    Attributes
+    ----------
+    kind : str
+        name of the exception's class, or WorkerDied
+    message : str
+        what the exception says
+    traceback : str
+        of the process that computed; empty if that died
+    """
+
+    kind: str
+    message: str
+    traceback: str = ''
+
+
+@dataclass
+class Outcome:
+    """What became of a task.
+
+    Attributes
+    ----------
+    index : int
+        of its argument
+    name : str
+    value : object
+        what the function returned; None after a failure
+    failure : Failure or None
+    attempts : int
+        how often it was started: one more than its workers died
+    seconds : float
+        wall time of the attempt that ended
+    """
+
+    index: int
+    name: str
+    value: Any = None
+    failure: Optional[Failure] = None
+    attempts: int = 1
+    seconds: float = 0.0
+
+    def get(self):
+        """The value; TaskError if there is none."""
+        if self.failure is not None:
+            raise TaskError(f'task {self.name}: it failed with {self.failure.kind}: {self.failure.message}\n{self.failure.traceback}'.rstrip())
+        return self.value
+
+
+@dataclass
+class Job:
+    """What a function is told of its task beside its argument.
+
+    Attributes
+    ----------
+    index : int
+    name : str
+    directory : str or None
+        of this task alone, and there: for what another worker needs to go on if this one dies
+    """
+
+    index: int
+    name: str
+    directory: Optional[str] = None
+    _tell: Optional[Callable] = None
+    _last: float = field(default=-1e300, repr=False)
+
+    def report(self, done):
+        """Say how much is done, for the progress bar; costs nothing if called often.
+
+        Parameters
+        ----------
+        done : float
+            in the unit of the amounts that run() was given, since the task's beginning
+        """
+        now = time.monotonic()
+        if self._tell is not None and now - self._last > BETWEEN_REPORTS:
+            self._last = now
+            self._tell((PROGRESS, self.index, done))
+
+
+def _perform(function, argument, job):
+    """The Outcome of one task, whatever it does."""
+    began, outcome = time.perf_counter(), Outcome(job.index, job.name)
+    try:
+        if job.directory is not None:
+            os.makedirs(job.directory, exist_ok=True)
+        outcome.value = function(argument, job)
+    except (Exception, SystemExit) as error:
+        outcome.failure = Failure(type(error).__name__, str(error), traceback.format_exc())
+    outcome.seconds = time.perf_counter() - began
+    return outcome
+
+
+# ---- Where tasks are done: free() places, submit() to one, look() what happened, cancel() what has had its chances ---------
+
+class _Here:
+    """One after the other in this process."""
+
+    def __init__(self, function):
+        self.function = function
+        self.waiting = None
+        self.tell = None
+
+    def free(self):
+        return 1 if self.waiting is None else 0
+
+    def submit(self, argument, job):
+        self.waiting = argument, job
+
+    def look(self):
+        (argument, job), self.waiting = self.waiting, None
+        job._tell = self.tell
+        yield STARTED, job.index, None
+        yield DONE, job.index, _perform(self.function, argument, job)
+
+    def close(self):
+        pass
+
+
+class _Worker:
+    """A process, and our end of the pipe to it."""
+
+    def __init__(self, context):
+        self.connection, theirs = context.Pipe()
+        self.process = context.Process(target=_serve, args=(theirs,), daemon=True)
+        self.process.start()
+        # Without this copy the pipe ends when the process does.
+        theirs.close()
+        self.index = None
+
+
+def _serve(connection):
+    """What a worker process does until the pipe ends."""
+    with contextlib.suppress(EOFError, BrokenPipeError, KeyboardInterrupt):
+        while True:
+            function, argument, job = connection.recv()
+            job._tell = connection.send
+            outcome = _perform(function, argument, job)
+            try:
+                connection.send((DONE, job.index, outcome))
+            except (BrokenPipeError, KeyboardInterrupt):
+                raise
+            except Exception as error:   # whatever pickle says of a value that it cannot send
+                outcome.value, outcome.failure = None, Failure(type(error).__name__, str(error), traceback.format_exc())
+                connection.send((DONE, job.index, outcome))
+
+
+class _Processes:
+    """Processes of our own. The executors of the standard library do not say whose process has died."""
+
+    def __init__(self, function, jobs):
+        self.function = function
+        # Not forked: OpenMM's thread pools do not survive a fork.
+        self.context = multiprocessing.get_context('spawn')
+        self.jobs = jobs
+        self.workers = []
+        self.events = []
+
+    def free(self):
+        return self.jobs - sum(worker.index is not None for worker in self.workers)
+
+    def submit(self, argument, job):
+        worker = next((worker for worker in self.workers if worker.index is None), None)
+        if worker is None:
+            worker = _Worker(self.context)
+            self.workers.append(worker)
+        worker.index = job.index
+        self.events.append((STARTED, job.index, None))
+        with contextlib.suppress(BrokenPipeError):   # a worker that is dead already is noticed by look()
+            worker.connection.send((self.function, argument, job))
+
+    def look(self):
+        events, self.events = self.events, []
+        yield from events
+        busy = {worker.connection: worker for worker in self.workers if worker.index is not None}
+        for connection in multiprocessing.connection.wait(list(busy), BETWEEN_LOOKS):
+            worker = busy[connection]
+            try:
+                event = connection.recv()
+            except (EOFError, OSError):
+                worker.process.join()
+                self.workers.remove(worker)
+                code = worker.process.exitcode
+                yield DIED, worker.index, f'signal {-code}' if code < 0 else f'exit status {code}'
+                continue
+            if event[0] == DONE:
+                worker.index = None
+            yield event
+
+    def close(self):
+        for worker in self.workers:
+            worker.connection.close()
+        deadline = time.monotonic() + PATIENCE
+        for worker in self.workers:
+            # Those that still compute end where they are: what they need to go on is in their files.
+            worker.process.join(max(0.0, deadline - time.monotonic()) if worker.index is None else 0.0)
+            if worker.process.is_alive():
+                worker.process.terminate()
+                worker.process.join(PATIENCE)
+
+
+def _performPickled(payload, topic):
+    """One task on a worker of dask. All is in one piece of bytes, in which dask looks for no tasks of its own."""
+    import distributed
+    worker = distributed.get_worker()
+    payload, index, name = payload
+    worker.log_event(topic, (STARTED, index, None))
+    try:
+        function, argument, job = distributed.protocol.pickle.loads(payload)
+    except Exception as error:   # e.g. a module of the user's that this worker does not find
+        return Outcome(index, name, failure=Failure(type(error).__name__, str(error), traceback.format_exc()))
+    job._tell = functools.partial(worker.log_event, topic)
+    return _perform(function, argument, job)
+
+
+class _Cluster:
+    """Workers of dask.distributed: those of a scheduler, or as many of our own as there are jobs."""
+
+    def __init__(self, function, jobs, address, retries, timeout):
+        import dask
+        import distributed
+        self.function, self.timeout, self.retries = function, timeout, retries
+        self.distributed = distributed
+        self.topic = f'openmmrigidhi-{uuid.uuid4()}'
+        self.told, self.news = collections.deque(), threading.Event()
+        self.futures = {}
+        self.lonelySince = None
+        self.known = {}
+        self.place = contextlib.ExitStack()
+        self.address = address if isinstance(address, str) else 'local'
+        with contextlib.ExitStack() as ifItFails:
+            ifItFails.callback(self.close)
+            if address is None:
+                folder = self.place.enter_context(tempfile.TemporaryDirectory(prefix='openmmrigidhi-', ignore_cleanup_errors=True))
+                self.place.enter_context(dask.config.set({'distributed.comm.timeouts.connect': timeout}))
+                self.local = self.place.enter_context(distributed.LocalCluster(
+                    jobs, threads_per_worker=1, processes=True, dashboard_address=None, memory_limit=0, local_directory=folder,
+                    silence_logs=logging.CRITICAL, scheduler_kwargs={'allowed_failures': retries}))
+                address = self.local
+            if isinstance(address, distributed.Client):
+                self.client = address
+            else:
+                self.client = self._connect(address)
+            self._checkWorkers()
+            self.client.subscribe_topic(self.topic, self._hear)
+            self.place.callback(self.client.unsubscribe_topic, self.topic)
+            ifItFails.pop_all()
+
+    def _connect(self, address):
+        try:
+            return self.place.enter_context(self.distributed.Client(address, timeout=self.timeout, set_as_default=False))
+        except (OSError, ValueError) as error:
+            raise ConnectionError(f'cluster {address}: it gave no answer within {self.timeout:g} s ({error}): start a scheduler there '
+                                  '(dask-scheduler), correct the address, or leave it out for processes on this machine') from error
+
+    def _checkWorkers(self):
+        """Wait for a worker, and see that all have this package. Both within the time given."""
+        try:
+            self.client.wait_for_workers(1, timeout=self.timeout)
+        except OSError as error:   # TimeoutError of distributed
+            raise ConnectionError(f'cluster {self.address}: no worker came within {self.timeout:g} s; at least 1 is needed: start some there '
+                                  '(dask-worker)') from error
+        # Neither eval nor the text needs anything of ours on the worker.
+        found = self.client.run(eval, "__import__('openmmrigidhi').__version__", on_error='return')
+        for worker, version in found.items():
+            if isinstance(version, BaseException):
+                raise ImportError(f'cluster {self.address}: the worker {worker} cannot import openmmrigidhi ({version}); every worker must: '
+                                  'install it there, or put it on the PYTHONPATH of the worker')
+            if version != _loading.version:
+                raise ImportError(f'cluster {self.address}: the worker {worker} has openmmrigidhi {version}; it must be {_loading.version}, as '
+                                  'here: install the same version there')
+
+    def _hear(self, event):
+        self.told.append(event[1])
+
+    def free(self):
+        try:
+            slots = sum(self.client.nthreads().values())
+        except (OSError, RuntimeError) as error:
+            raise self._lost() from error
+        if slots:
+            self.lonelySince = None
+        elif self.lonelySince is None:
+            self.lonelySince = time.monotonic()
+        elif time.monotonic() - self.lonelySince > self.timeout:
+            raise ConnectionError(f'cluster {self.address}: it has had no worker for {self.timeout:g} s; at least 1 is needed: start some '
+                                  'there, then go on where this ended')
+        # Not more than can be done at once: a worker that dies takes nobody else's attempts with it.
+        return slots - len(self.futures)
+
+    def _lost(self):
+        return ConnectionError(f'cluster {self.address}: the connection to its scheduler was lost; what was finished is kept: start it anew, then '
+                               'go on where this ended')
+
+    def submit(self, argument, job):
+        payload = self.distributed.protocol.pickle.dumps((self.function, argument, job)), job.index, job.name
+        with warnings.catch_warnings():
+            warnings.filterwarnings('ignore', 'Large object', UserWarning)
+            self.futures[job.index] = self.client.submit(_performPickled, payload, self.topic, pure=False, key=f'{self.topic}-{job.index}')
+        self.futures[job.index].add_done_callback(lambda future: self.news.set())
+
+    def look(self):
+        self.news.wait(BETWEEN_LOOKS)
+        self.news.clear()
+        while self.told:
+            event = self.told.popleft()
+            if event[1] in self.futures:
+                yield event
+        for index, future in list(self.futures.items()):
+            if future.status in ('finished', 'error'):
+                del self.futures[index]
+                error = future.exception() if future.status == 'error' else None
+                if isinstance(error, self.distributed.KilledWorker):
+                    yield DIED, index, None
+                else:
+                    yield DONE, index, future.result() if error is None else Outcome(index, '', failure=Failure(type(error).__name__, str(error)))
+            elif future.status in ('cancelled', 'lost'):
+                raise self._lost()
+
+    def cancel(self, index):
+        """Take back a task that has been started too often."""
+        self.futures.pop(index).cancel()
+
+    def close(self):
+        logger, before = logging.getLogger('distributed'), None
+        for future in self.futures.values():
+            with contextlib.suppress(Exception):   # the scheduler may be gone
+                future.cancel()
+        before = logger.level
+        logger.setLevel(logging.CRITICAL)
+        try:
+            self.place.close()
+        finally:
+            logger.setLevel(before)
+
+
+def _backend(function, jobs, cluster, retries, timeout):
+    if cluster is None and jobs == 1:
+        return _Here(function)
+    if cluster == 'processes' or cluster is None and importlib.util.find_spec('distributed') is None:
+        return _Processes(function, jobs)
+    if importlib.util.find_spec('distributed') is None:
+        raise ImportError(f'cluster {cluster}: dask.distributed is not installed, which talks to clusters: install python3-distributed, or leave the '
+                          'cluster out for processes on this machine')
+    return _Cluster(function, jobs, None if cluster == 'local' else cluster, retries, timeout)
+
+
+# ---- All tasks -----------------------------------------------------------------------------------------------------------
+
+def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None, amounts=None, unit='task', title='', retries=3, timeout=60.0,
+        finished=None, quiet=False):
+    """Call a function for each of many arguments, several at a time.
+
+    Outcomes depend on who computes what, in which order, only if the function does. Arguments are begun in their order: put the longest first.
+
+    Parameters
+    ----------
+    function : callable
+        (argument, Job) -> value. It and what it takes and returns must be what pickle takes. An exception ends its own task only.
+    arguments : sequence
+    jobs : int
+        how many at a time: 1 is one after the other in this process
+    cluster : str, distributed.Client or None
+        the address of a scheduler of dask.distributed, e.g. tcp://host:8786, whose workers then decide how many at a time; None or 'local': workers
+        on this machine, by dask.distributed where it is installed and else by plain processes; 'processes': plain processes
+    names : sequence of str, optional
+        of the tasks; default: their numbers
+    directory : str, optional
+        where each task gets a directory of its own, by its name, for its checkpoints; workers elsewhere must see it under this path
+    amounts : sequence of float, optional
+        of work: what each task's Job.report() ends with; the progress bar counts tasks otherwise
+    unit : str
+        of the amounts, for the progress bar
+    title : str
+        of the progress bar
+    retries : int
+        how often a task is given to another worker after one has died with it. A scheduler elsewhere has its own bound beside
+        (distributed.scheduler.allowed-failures, 3 unless told otherwise).
+    timeout : float
+        seconds to wait for a cluster's answer, and for a worker where there is none
+    finished : callable, optional
+        called here with each Outcome, as they come
+    quiet : bool
+        no progress bar
+
+    Returns
+    -------
+    list of Outcome
+        in the order of the arguments. Those of tasks that failed have a `failure`.
+
+    Raises
+    ------
+    ConnectionError
+        if a cluster does not answer, has no workers, or was lost
+    ImportError
+        if a worker has no openmmrigidhi or another version, or there is no dask.distributed for a cluster
+    ValueError
+        for numbers that make no sense
+
+    Notes
+    -----
+    With jobs above 1 put the call under ``if __name__ == '__main__':``, as for everything that starts processes. Ctrl-C ends all tasks where they are.
+
+    Examples
+    --------
+    >>> from openmmrigidhi.ensemble import tasks
+    >>> def square(x, job):
+    ...     return x*x
+    >>> [outcome.get() for outcome in tasks.run(square, [1, 2, 3], quiet=True)]
+    [1, 4, 9]
+    """
+    arguments = list(arguments)
+    if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
+        raise ValueError(f'tasks.run: jobs: got {jobs!r}; it must be a whole number of 1 or more: correct it')
+    if retries < 0:
+        raise ValueError(f'tasks.run: retries: got {retries!r}; it must be 0 or more: correct it')
+    names = [str(k) for k in range(len(arguments))] if names is None else [str(name) for name in names]
+    if len(names) != len(arguments) or len(set(names)) < len(names):
+        raise ValueError(f'tasks.run: names: got {len(names)} with {len(set(names))} different ones for {len(arguments)} tasks; each task needs one of '
+                         'its own: correct the list')
+    if not arguments:
+        return []
+    outcomes, starts, waiting = {}, [0]*len(arguments), collections.deque(range(len(arguments)))
+    backend = _backend(function, jobs, cluster, retries, timeout)
+    bar = _Bar(amounts, len(arguments), unit, title, quiet)
+    backend.tell = lambda event: bar.show(event[1], event[2])
+
+    def end(outcome):
+        outcome.name, outcome.attempts = names[outcome.index], max(1, starts[outcome.index])
+        outcomes[outcome.index] = outcome
+        bar.end(outcome.index)
+        if finished is not None:
+            finished(outcome)
+
+    def giveUp(index, how):
+        end(Outcome(index, names[index], failure=Failure('WorkerDied', f'{starts[index]} workers died with it, one after the other{how}; more than '
+                                                         f'{retries} retries are not made: look for what ends the process (memory?), then run it again')))
+
+    with contextlib.closing(backend), contextlib.closing(bar):
+        while len(outcomes) < len(arguments):
+            places = backend.free()
+            while waiting and places > 0:
+                index, places = waiting.popleft(), places - 1
+                backend.submit(arguments[index], Job(index, names[index], None if directory is None else os.path.join(directory, names[index])))
+            for event, index, what in backend.look():
+                if event == STARTED:
+                    starts[index] += 1
+                    if starts[index] > 1:
+                        bar.say(f'{names[index]}: its worker died; attempt {starts[index]} of {retries + 1}')
+                    if starts[index] > retries + 1:   # a scheduler elsewhere may be more patient than we are
+                        backend.cancel(index)
+                        giveUp(index, '')
+                elif event == PROGRESS:
+                    bar.show(index, what)
+                elif event == DONE:
+                    end(what)
+                elif starts[index] > retries or what is None:
+                    giveUp(index, '' if what is None else f' ({what})')
+                else:
+                    waiting.appendleft(index)
+    return [outcomes[index] for index in range(len(arguments))]
+
+
+class _Bar:
+    """Progress of all tasks together."""
+
+    def __init__(self, amounts, count, unit, title, quiet):
+        self.amounts = [1]*count if amounts is None else list(amounts)
+        self.done = [0]*count
+        self.counts = amounts is None
+        self.bar = tqdm(total=sum(self.amounts), unit=' ' + unit, desc=title or None, disable=quiet, mininterval=0.5, smoothing=0.05,
+                        bar_format='{l_bar}{bar}| {n:.4g}/{total:.4g}{unit} [{elapsed}<{remaining}]{postfix}')
+
+    def show(self, index, done):
+        if not self.counts:
+            # A task that begins anew from its checkpoint goes back a little.
+            self.done[index] = min(done, self.amounts[index])
+            self._draw()
+
+    def end(self, index):
+        self.done[index] = self.amounts[index]
+        self._draw()
+
+    def _draw(self):
+        change = sum(self.done) - self.bar.n
+        if change >= 0:
+            self.bar.update(change)
+        else:
+            self.bar.n += change
+            self.bar.refresh()
+
+    def say(self, text):
+        if not self.bar.disable:
+            self.bar.write(text)
+
+    def close(self):
+        self.bar.close()

@@ -1,0 +1,318 @@
+"""One task: a scene with its settings, a seed, a length. It saves where it is, and goes on from there, whoever computes it."""
+import hashlib
+import inspect
+import json
+import os
+import platform as machine
+import socket
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import openmm
+
+from .. import _loading
+from .._schemes import Scheme
+from ..accuracy import overdamped, scenes
+from ..accuracy.observables import Sample
+from ..accuracy.scenes import Scene, importObject, platformProperties
+from . import taskfiles
+from .taskfiles import TaskFile
+
+#: Scenes by name.
+BUILT_IN = {**scenes.BUILT_IN, 'suspension': scenes.suspension, 'periodic': scenes.periodicSuspension, 'boomerang': overdamped.boomerang}
+#: Settings that are the integrator's, where the scene's function has no parameter of this name.
+OF_THE_INTEGRATOR = ('scheme', 'stepSize')
+SCENE_FILES = ('system.xml', 'integrator.xml', 'start.npz', 'scene.json')
+
+
+class SceneSource:
+    """Where the scenes of a study come from: a function that makes one from settings, or one Scene.
+
+    Parameters
+    ----------
+    scene : str, callable or Scene
+        a built-in name, "module:function", a function, or a Scene
+    """
+
+    def __init__(self, scene):
+        self.scene, self.function = (scene, None) if isinstance(scene, Scene) else (None, None)
+        if self.scene is not None:
+            self.specification = {'files': 'scene'}
+        elif callable(scene):
+            self.function = scene
+            self.specification = {'function': f'{scene.__module__}:{scene.__qualname__}'}
+        elif scene in BUILT_IN:
+            self.function = BUILT_IN[scene]
+            self.specification = {'built_in': scene}
+        elif isinstance(scene, str) and ':' in scene:
+            self.function = importObject(scene, 'scene')
+            self.specification = {'function': scene}
+        else:
+            raise ValueError(f'Study: scene: got {scene!r}; it must be one of {", ".join(BUILT_IN)}, module:function, a function or a Scene: correct '
+                             'the name')
+
+    @property
+    def name(self):
+        """In tables."""
+        return self.scene.name if self.scene is not None else next(iter(self.specification.values()))
+
+    def parameters(self):
+        """The names that settings may have; None if the function takes any."""
+        if self.function is None:
+            return set(OF_THE_INTEGRATOR)
+        own = inspect.signature(self.function).parameters
+        if any(parameter.kind == parameter.VAR_KEYWORD for parameter in own.values()):
+            return None
+        return set(own) | set(OF_THE_INTEGRATOR)
+
+    def make(self, settings, seed):
+        """The scene and an integrator for it.
+
+        Parameters
+        ----------
+        settings : dict
+        seed : int
+            the function gets it too, if it has a parameter of this name that is not among the settings
+
+        Returns
+        -------
+        (Scene, CustomRigidHIIntegrator)
+        """
+        settings, scene = dict(settings), self.scene
+        own = {} if self.function is None else inspect.signature(self.function).parameters
+        ofIntegrator = {key: settings.pop(key) for key in OF_THE_INTEGRATOR if key in settings and key not in own}
+        if self.function is not None:
+            if 'seed' in own:
+                settings.setdefault('seed', seed)
+            scene = self.function(**settings)
+            if not isinstance(scene, Scene):
+                parts = tuple(scene)
+                scene = Scene(*(parts if len(parts) == 3 else (parts[0], parts[2], parts[3])), name=self.name, description=f'scene {self.name}')
+        integrator = scene.makeIntegrator()
+        if 'scheme' in ofIntegrator:
+            integrator.setScheme(Scheme[ofIntegrator['scheme']])
+        if 'stepSize' in ofIntegrator:
+            integrator.setStepSize(ofIntegrator['stepSize'])
+        integrator.setRandomNumberSeed(seed)
+        return scene, integrator
+
+    def save(self, directory):
+        """Write a Scene into a directory, so that the study can be continued without it.
+
+        Parameters
+        ----------
+        directory : str
+            of the study
+        """
+        if self.scene is None:
+            return
+        folder = os.path.join(directory, self.specification['files'])
+        os.makedirs(folder, exist_ok=True)
+        system, integrator, start, about = (os.path.join(folder, name) for name in SCENE_FILES)
+        for path, thing in ((system, self.scene.system), (integrator, self.scene.makeIntegrator())):
+            with open(path, 'w') as file:
+                file.write(openmm.XmlSerializer.serialize(thing))
+        arrays = {'positions': self.scene.positions, 'box': self.scene.boxVectors}
+        if self.scene.velocities is not None:
+            arrays['velocities'] = self.scene.velocities
+        np.savez(start, **arrays)
+        with open(about, 'w') as file:
+            json.dump({'name': self.scene.name, 'description': self.scene.description, 'exact': self.scene.exact,
+                       'equilibration': self.scene.equilibration, 'sampleInterval': self.scene.sampleInterval,
+                       'stepSizes': list(self.scene.stepSizes)}, file, indent=1)
+
+    @classmethod
+    def load(cls, specification, directory):
+        """What a study's JSON and :meth:`save` say.
+
+        Parameters
+        ----------
+        specification : dict
+        directory : str
+            of the study
+        """
+        if 'files' not in specification:
+            return cls(next(iter(specification.values())))
+        system, integrator, start, about = (os.path.join(directory, specification['files'], name) for name in SCENE_FILES)
+        things = []
+        for path in (system, integrator):
+            with open(path) as file:
+                things.append(openmm.XmlSerializer.deserialize(file.read()))
+        with open(about) as file:
+            extra = json.load(file)
+        with np.load(start) as arrays:
+            scene = Scene(things[0], arrays['positions'], things[1], **extra)
+            scene.boxVectors = arrays['box']
+            scene.velocities = arrays['velocities'] if 'velocities' in arrays else None
+        return cls(scene)
+
+
+@dataclass
+class Task:
+    """All that a worker needs to know.
+
+    Attributes
+    ----------
+    source : SceneSource
+    settings : dict
+        of the scene
+    setting, replica : int
+        which of the study's
+    seed : int
+    observables : list of Observable
+    equilibration, length, sampleInterval : float
+        ps; the interval None: the scene's
+    platform : str
+    threads : int
+    checkpointInterval : float
+        seconds between two savings
+    directory : str
+        of the study
+    path : str
+        of the task's file
+    study : str
+        the identity of the study whose directory that must be
+    """
+
+    source: SceneSource
+    settings: dict
+    setting: int
+    replica: int
+    seed: int
+    observables: list
+    equilibration: Any
+    length: float
+    sampleInterval: Any
+    platform: str
+    threads: int
+    checkpointInterval: float
+    directory: str
+    path: str
+    study: str
+
+
+def simulate(task, job):
+    """Do a task, from its last checkpoint if it has one.
+
+    Parameters
+    ----------
+    task : Task
+    job : Job
+
+    Returns
+    -------
+    dict
+        samples, and seconds that this call took in steps
+    """
+    _checkDirectory(task)
+    saved = taskfiles.load(task.path)
+    scene, integrator = task.source.make(task.settings, task.seed)
+    digest = _digest(scene.system, integrator)
+    if saved is not None and saved.about['digest'] != digest:
+        raise ValueError(f'{task.path}: the scene {task.source.name} with {task.settings} makes another System or integrator now than when this task began; '
+                         'they must be the same: put the function back as it was, or begin a new study')
+    run = _Run(task, scene, integrator, digest, saved)
+    last = time.monotonic()
+    while run.position < run.end:
+        run.advance()
+        job.report(run.position*run.interval)
+        if run.position < run.end and time.monotonic() - last >= task.checkpointInterval:
+            run.save()
+            last = time.monotonic()
+    run.save()
+    return {'samples': run.about['samples'], 'seconds': run.segment['seconds']}
+
+
+def _checkDirectory(task):
+    try:
+        with open(os.path.join(task.directory, 'study.json')) as file:
+            found = json.load(file).get('identity')
+    except (OSError, ValueError):
+        found = None
+    if found != task.study:
+        raise FileNotFoundError(f'worker on {socket.gethostname()}: it does not see the study in {task.directory}; every worker must, under this path: '
+                                'put the study where all machines of the cluster look, on a shared file system')
+
+
+def _digest(system, integrator):
+    text = openmm.XmlSerializer.serialize(system) + openmm.XmlSerializer.serialize(integrator)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+class _Run:
+    """A Context with its samples. A position is a number of sample intervals since the start, those of the equilibration included."""
+
+    def __init__(self, task, scene, integrator, digest, saved):
+        self.task, self.scene = task, scene
+        stepSize = integrator.getStepSize()._value
+        self.stepsPerSample = max(1, round((task.sampleInterval or scene.sampleInterval)/stepSize))
+        self.interval = self.stepsPerSample*stepSize
+        self.warm = intervals(task.equilibration, self.interval)
+        self.end = self.warm + intervals(task.length, self.interval)
+        platform, properties = openmm.Platform.getPlatformByName(task.platform), platformProperties(task.platform, task.threads)
+        self.context = scene.makeContext(integrator, platform, properties, task.seed)
+        self.extras = {observable.name: observable.setup(scene, platform, properties) for observable in task.observables
+                       if observable.setup is not None}
+        if saved is None:
+            self.position, self.series = 0, {observable.name: [] for observable in task.observables}
+            self.about = {'setting': task.setting, 'replica': task.replica, 'settings': task.settings, 'seed': task.seed, 'scene': scene.name,
+                          'description': scene.description, 'digest': digest, 'step_size': stepSize, 'sample_interval': self.interval,
+                          'equilibration': self.warm*self.interval, 'platform': task.platform, 'position': 0, 'samples': 0,
+                          'exact': {observable.name: observable.exact(scene) for observable in task.observables}, 'sessions': []}
+        else:
+            self.about, self.position = saved.about, saved.about['position']
+            self.series = {name: list(values) for name, values in saved.series.items()}
+            self.context.setState(openmm.XmlSerializer.deserialize(saved.state))
+            # What remembers the sample before is told of it again.
+            if self.about['samples']:
+                self._measure([observable for observable in task.observables if observable.name in self.extras])
+        self.segment = {'from_position': self.position, 'to_position': self.position, 'seconds': 0.0, 'host': socket.gethostname(),
+                        'architecture': machine.machine(), 'started': _now(), 'saved': None,
+                        'versions': {'openmmrigidhi': _loading.version, 'openmm': openmm.version.full_version, 'numpy': np.__version__}}
+        self.about['sessions'].append(self.segment)
+
+    def advance(self):
+        """One sample interval, and the sample if it is not equilibration."""
+        began = time.perf_counter()
+        self.context.getIntegrator().step(self.stepsPerSample)
+        self.segment['seconds'] += time.perf_counter() - began
+        self.position += 1
+        if self.position > self.warm:
+            for name, value in self._measure(self.task.observables).items():
+                self.series[name].append(value)
+
+    def _measure(self, observables):
+        sample = Sample(self.scene, self.context)
+        values = {}
+        for observable in observables:
+            extra = self.extras.get(observable.name)
+            value = observable.measure(sample) if extra is None else observable.measure(sample, extra)
+            if np.isinf(value).any():
+                raise ArithmeticError(f'observable {observable.name}: it is infinite at {self.context.getState().getTime()._value:g} ps; it must be finite: '
+                                      'the run may have exploded, take a smaller step')
+            values[observable.name] = value
+        return values
+
+    def save(self):
+        """The checkpoint: State and samples belong together, or neither is replaced."""
+        state = self.context.getState(getPositions=True, getVelocities=True, getParameters=True, getIntegratorParameters=True)
+        self.about.update(position=self.position, samples=max(0, self.position - self.warm))
+        self.segment.update(to_position=self.position, saved=_now())
+        taskfiles.save(self.task.path, TaskFile(self.about, openmm.XmlSerializer.serialize(state), self.series))
+
+
+def intervals(length, interval):
+    """How many sample intervals make a length, at least.
+
+    Parameters
+    ----------
+    length, interval : float
+        ps
+    """
+    return int(np.ceil(length/interval - 1e-9))
+
+
+def _now():
+    return time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime())

@@ -1,0 +1,137 @@
+"""The file of one task: its series of samples, and the state from which it goes on. HDF5, a whole file at a time.
+
+    about     JSON as bytes: settings, seed, how far it is, who computed it when with which versions
+    state     the openmm.State at the last sample, XML as bytes
+    series/   one dataset for each observable: (samples,), or (samples, replicas) for a scene that has independent replicas in it
+
+All datasets and headers have checksums, so that damage is noticed.
+"""
+import contextlib
+import glob
+import json
+import os
+import socket
+from dataclasses import dataclass
+
+import h5py
+import numpy as np
+
+FORMAT = 'openmmrigidhi ensemble task 1'
+PART = '.part'
+
+
+class DamagedFile(ValueError):
+    """A file that is no whole file of a task; the text names it."""
+
+
+@dataclass
+class TaskFile:
+    """What a task's file holds.
+
+    Attributes
+    ----------
+    about : dict
+    state : str
+        openmm.State as XML
+    series : dict
+        observable -> ndarray of samples
+    """
+
+    about: dict
+    state: str
+    series: dict
+
+
+def save(path, content):
+    """Write a file as a whole: whoever looks finds the old one or the new one, also after a power cut.
+
+    Parameters
+    ----------
+    path : str
+    content : TaskFile
+    """
+    # Two workers may write for the same task, if one was taken for dead.
+    part = f'{path}.{socket.gethostname()}.{os.getpid()}{PART}'
+    try:
+        # The newest format has checksums of its own structures, too.
+        with h5py.File(part, 'w', libver='latest') as file:
+            file.attrs['format'] = FORMAT
+            _write(file, 'about', np.frombuffer(json.dumps(content.about).encode(), np.uint8))
+            _write(file, 'state', np.frombuffer(content.state.encode(), np.uint8))
+            for name, values in content.series.items():
+                _write(file, f'series/{name}', np.asarray(values, dtype=float))
+        replace(part, path)
+    finally:
+        with contextlib.suppress(FileNotFoundError):
+            os.remove(part)
+
+
+def _write(file, name, values):
+    if values.size:
+        file.create_dataset(name, data=values, chunks=True, compression='gzip', compression_opts=1, shuffle=True, fletcher32=True)
+    else:
+        file.create_dataset(name, data=values)
+
+
+def replace(part, path):
+    """Put a finished file in the place of another, and both on the disk.
+
+    Parameters
+    ----------
+    part, path : str
+    """
+    for name, change in ((part, None), (os.path.dirname(os.path.abspath(path)), (part, path))):
+        if change is not None:
+            os.replace(*change)
+        handle = os.open(name, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def load(path):
+    """Read a task's file.
+
+    Parameters
+    ----------
+    path : str
+
+    Returns
+    -------
+    TaskFile or None
+        None if there is none
+
+    Raises
+    ------
+    DamagedFile
+    """
+    if not os.path.exists(path):
+        return None
+    try:
+        with h5py.File(path, 'r') as file:
+            found = file.attrs.get('format')
+            if found != FORMAT:
+                raise ValueError(f'its format is {found!r} instead of {FORMAT!r}')
+            content = TaskFile(json.loads(file['about'][()].tobytes()), file['state'][()].tobytes().decode(),
+                               {name: values[()] for name, values in file['series'].items()})
+        samples = content.about['samples']
+        wrong = [name for name, values in content.series.items() if len(values) != samples]
+        if wrong:
+            raise ValueError(f'{wrong[0]} has {len(content.series[wrong[0]])} samples where {samples} are said to be')
+        return content
+    # HDF5 and its Python binding raise whatever their insides stumble over.
+    except Exception as error:
+        raise DamagedFile(f'{path}: it is damaged ({type(error).__name__}: {error}); it must be a whole file of a task: put a copy back, or run the '
+                          'study again, which puts it aside and does this task anew') from error
+
+
+def clean(directory):
+    """Remove what interrupted writers left behind.
+
+    Parameters
+    ----------
+    directory : str
+    """
+    for path in glob.glob(os.path.join(glob.escape(directory), '*' + PART)):
+        os.remove(path)
