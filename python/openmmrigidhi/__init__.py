@@ -21,9 +21,9 @@ from .bodyforce import CustomBodyForce  # noqa: E402
 from ._loading import checkPlatform  # noqa: E402
 
 __version__ = _loading.version
-__all__ = ['CustomRigidHIIntegrator', 'MobilityForce', 'CustomBodyForce', 'checkPlatform', 'app', 'analysis', 'accuracy']
+__all__ = ['CustomRigidHIIntegrator', 'MobilityForce', 'CustomBodyForce', 'checkPlatform', 'app', 'analysis', 'accuracy', 'ensemble']
 
-_SUBMODULES = ('app', 'analysis', 'accuracy')
+_SUBMODULES = ('app', 'analysis', 'accuracy', 'ensemble')
 
 
 def __getattr__(name):

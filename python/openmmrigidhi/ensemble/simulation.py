@@ -162,8 +162,8 @@ class Task:
         which of the study's
     seed : int
     observables : list of Observable
-    equilibration, length, sampleInterval : float
-        ps; the interval None: the scene's
+    equilibration, defaultEquilibration, length, sampleInterval : float
+        ps; None for the equilibration: the scene's, or the default where it has none; for the interval: the scene's
     platform : str
     threads : int
     checkpointInterval : float
@@ -183,6 +183,7 @@ class Task:
     seed: int
     observables: list
     equilibration: Any
+    defaultEquilibration: float
     length: float
     sampleInterval: Any
     platform: str
@@ -249,7 +250,8 @@ class _Run:
         stepSize = integrator.getStepSize()._value
         self.stepsPerSample = max(1, round((task.sampleInterval or scene.sampleInterval)/stepSize))
         self.interval = self.stepsPerSample*stepSize
-        self.warm = intervals(task.equilibration, self.interval)
+        self.warm = intervals(next(each for each in (task.equilibration, scene.equilibration, task.defaultEquilibration) if each is not None),
+                              self.interval)
         self.end = self.warm + intervals(task.length, self.interval)
         platform, properties = openmm.Platform.getPlatformByName(task.platform), platformProperties(task.platform, task.threads)
         self.context = scene.makeContext(integrator, platform, properties, task.seed)

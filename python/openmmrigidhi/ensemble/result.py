@@ -1,0 +1,209 @@
+"""What a study found: means over replicas with their errors, and what became of each task."""
+import csv
+import json
+import os
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..accuracy.statistics import quantile
+from ..analysis.series import independentRuns
+from . import taskfiles
+
+CONFIDENCE = 0.95
+#: Above this R-hat chains should be run longer: Vehtari et al. 2021, section 4.
+LARGEST_RHAT = 1.01
+COLUMNS = ('setting', 'settings', 'observable', 'unit', 'mean', 'standard_error', 'degrees', 'low', 'high', 'replicas', 'samples', 'tau',
+           'effective_samples', 'r_hat', 'exact', 'note')
+
+
+@dataclass
+class TaskRecord:
+    """What became of a task.
+
+    Attributes
+    ----------
+    setting, replica : int
+    settings : dict
+    seed : int
+    path : str
+        of its file
+    status : str
+        'complete', 'unfinished', 'waiting', 'failed' or 'damaged'
+    message, traceback : str
+        why it failed or is damaged
+    samples : int
+    length : float
+        ps that were sampled
+    seconds : float
+        wall time of its steps
+    """
+
+    setting: int
+    replica: int
+    settings: dict
+    seed: int
+    path: str
+    status: str = 'waiting'
+    message: str = ''
+    traceback: str = ''
+    samples: int = 0
+    length: float = 0.0
+    seconds: float = 0.0
+
+    def __str__(self):
+        text = f'setting {self.setting} {self.settings}, replica {self.replica}, seed {self.seed}: {self.status}'
+        return text + (f' ({self.message})' if self.message else f', {self.length:g} ps')
+
+
+class EnsembleResult:
+    """Means over replicas, and the samples behind them.
+
+    Attributes
+    ----------
+    definition : dict
+        what the study is
+    observables : dict
+        name -> dict with label and unit
+    tasks : list of TaskRecord
+    rows : list of dict
+        one for each setting and observable: setting, settings, observable, unit, mean, standard_error (over replicas; of a single one from block
+        averages), degrees (of freedom of that, for Student's t), low, high (95 % interval), replicas, samples, tau (ps), effective_samples, r_hat, exact
+        (where the scene knows it), note. Replicas that failed are left out; those that are not finished are used as far as they are.
+    about : dict
+        the study's JSON: machine, versions, sessions, failures
+    """
+
+    def __init__(self, definition, observables, tasks, contents, about):
+        self.definition, self.observables, self.tasks, self.about = definition, observables, tasks, about
+        self._contents = contents
+        self.rows = [self._row(setting, name) for setting in range(len(definition['settings'])) for name in observables]
+
+    def series(self, observable, setting, replica):
+        """The samples of one task.
+
+        Parameters
+        ----------
+        observable : str
+        setting, replica : int
+
+        Returns
+        -------
+        ndarray of shape (n,), or (n, k) for a scene with k independent replicas in it
+        """
+        content = self._contents.get((setting, replica))
+        if content is None or observable not in content.series:
+            raise ValueError(f'series: there are no samples of {observable!r} in setting {setting}, replica {replica}; it must be one of '
+                             f'{", ".join(self.observables)}, of a task that has begun: see the tasks of this result')
+        return content.series[observable]
+
+    def row(self, observable, setting=0):
+        """One row of the table.
+
+        Parameters
+        ----------
+        observable : str
+        setting : int
+
+        Returns
+        -------
+        dict
+        """
+        return next(row for row in self.rows if (row['observable'], row['setting']) == (observable, setting))
+
+    @property
+    def isComplete(self):
+        """Whether all tasks are."""
+        return all(task.status == 'complete' for task in self.tasks)
+
+    def problems(self):
+        """Tasks that failed or whose file is damaged, as list of TaskRecord."""
+        return [task for task in self.tasks if task.status in ('failed', 'damaged')]
+
+    def _row(self, setting, name):
+        row = dict.fromkeys(COLUMNS)
+        row.update(setting=setting, settings=self.definition['settings'][setting], observable=name, unit=self.observables[name]['unit'], replicas=0,
+                   samples=0, note='')
+        mine = [task for task in self.tasks if task.setting == setting]
+        used, chains, interval = [], [], None
+        for task in mine:
+            content = self._contents.get((setting, task.replica))
+            if content is None or task.status == 'failed' or name not in content.series:
+                continue
+            chain = np.asarray(content.series[name], dtype=float)
+            chain = chain.mean(axis=1) if chain.ndim == 2 else chain
+            # What compares with the sample before has nothing to compare the first with.
+            chain = chain[1:] if len(chain) and np.isnan(chain[0]) else chain
+            if len(chain) < 2:
+                continue
+            used.append(task)
+            chains.append(chain)
+            interval = content.about['sample_interval']
+            row['exact'] = content.about['exact'].get(name)
+        notes = []
+        if any(np.isnan(chain).any() for chain in chains):
+            notes, chains = ['n/a'], []
+        if chains:
+            found = independentRuns(chains)
+            reach = quantile(CONFIDENCE, found.degrees)*found.standardError
+            row.update(mean=found.mean, standard_error=found.standardError, degrees=found.degrees, low=found.mean - reach, high=found.mean + reach,
+                       replicas=len(chains), samples=found.samples, tau=found.tau*interval, effective_samples=found.effectiveSamples, r_hat=found.rHat)
+            if found.rHat is not None and found.rHat > LARGEST_RHAT:
+                notes.append(f'R-hat above {LARGEST_RHAT}: run longer')
+            if len(chains) == 1:
+                notes.append('one replica: error from blocks')
+        for status in ('failed', 'damaged', 'unfinished', 'waiting'):
+            count = sum(task.status == status for task in mine)
+            if count:
+                notes.append(f'{count} {status}')
+        row['note'] = ', '.join(notes)
+        return row
+
+    # ---- Text and files ------------------------------------------------------------------------------------------------
+
+    def table(self):
+        """The rows as text, and what went wrong."""
+        lines = [f'{"setting":40} {"observable":26} {"mean":>14} {"error":>10} {"t":>3} {"R-hat":>6} {"eff. samples":>12}  note']
+        for row in self.rows:
+            settings = ', '.join(f'{key} {value}' for key, value in row['settings'].items()) or 'as it is'
+            number = '' if row['mean'] is None else (f'{row["mean"]:14.6g} {row["standard_error"]:10.2g} {row["degrees"]:3d} '
+                                                     f'{"-" if row["r_hat"] is None else format(row["r_hat"], ".3f"):>6} {row["effective_samples"]:12.0f}')
+            lines.append(f'{row["setting"]:>3} {settings:36} {row["observable"]:26} {number:49}  {row["unit"]}{"; " if row["unit"] and row["note"] else ""}{row["note"]}')
+        return '\n'.join([*lines, *(str(task) for task in self.problems())])
+
+    def asDict(self):
+        """Everything but the samples, as JSON takes it."""
+        tasks = [{'setting': task.setting, 'replica': task.replica, 'seed': task.seed, 'status': task.status, 'message': task.message,
+                  'samples': task.samples, 'length': task.length, 'seconds': round(task.seconds, 3)} for task in self.tasks]
+        return {'format': 'openmmrigidhi ensemble result 1', 'definition': self.definition, 'observables': self.observables, 'rows': self.rows,
+                'tasks': tasks, 'sessions': self.about['sessions']}
+
+    def write(self, directory):
+        """Write results.json and results.csv.
+
+        Parameters
+        ----------
+        directory : str
+
+        Returns
+        -------
+        list of str
+            their paths
+        """
+        json_, csv_ = (os.path.join(directory, 'results' + end) for end in ('.json', '.csv'))
+        for path, fill in ((json_, self._fillJson), (csv_, self._fillCsv)):
+            with open(path + taskfiles.PART, 'w', newline='') as file:
+                fill(file)
+            taskfiles.replace(path + taskfiles.PART, path)
+        return [json_, csv_]
+
+    def _fillJson(self, file):
+        json.dump(self.asDict(), file, indent=1)
+        file.write('\n')
+
+    def _fillCsv(self, file):
+        writer = csv.writer(file, lineterminator='\n')
+        writer.writerow(COLUMNS)
+        for row in self.rows:
+            writer.writerow(['' if row[key] is None else f'{row[key]:.8g}' if isinstance(row[key], float) else
+                             json.dumps(row[key]) if key == 'settings' else row[key] for key in COLUMNS])

@@ -1,0 +1,486 @@
+"""Studies: settings times replicas, in one directory that can be continued and extended."""
+import contextlib
+import fcntl
+import itertools
+import json
+import math
+import os
+import socket
+import time
+import uuid
+
+import numpy as np
+
+from .. import _tasks
+from ..accuracy import observables as observablesModule
+from ..accuracy import overdamped
+from ..accuracy._results import beginning, provenance
+from . import taskfiles
+from .result import EnsembleResult, TaskRecord
+from .simulation import SceneSource, Task, simulate
+
+FORMAT = 'openmmrigidhi ensemble study 1'
+STUDY, TASKS, LOCK = 'study.json', 'tasks', 'study.lock'
+#: What an extension may change, and in which direction; all else must stay.
+GROWING = ('length', 'replicas', 'settings')
+
+
+def sweep(**values):
+    """All combinations of values, the last name turning fastest.
+
+    Parameters
+    ----------
+    **values
+        name -> sequence of values
+
+    Returns
+    -------
+    list of dict
+
+    Examples
+    --------
+    >>> from openmmrigidhi import ensemble
+    >>> ensemble.sweep(temperature=[280, 300], stepSize=[0.002, 0.004])[1]
+    {'temperature': 280, 'stepSize': 0.004}
+    """
+    return [dict(zip(values, each)) for each in itertools.product(*values.values())]
+
+
+def taskSeed(seed, setting, replica):
+    """The seed of a task: of the study's seed and the task's place in it, nothing else.
+
+    Replicas of one setting never have the same: a number that an earlier one has is passed over.
+
+    Parameters
+    ----------
+    seed : int
+        of the study
+    setting, replica : int
+
+    Returns
+    -------
+    int
+        1 to 2^31 - 2
+    """
+    return _seeds(seed, setting, replica + 1)[replica]
+
+
+def _seeds(seed, setting, replicas):
+    """Of the first replicas of a setting."""
+    found = []
+    for replica in range(replicas):
+        sequence = np.random.SeedSequence(seed, spawn_key=(setting, replica))
+        words = 1
+        while True:
+            candidate = int(sequence.generate_state(words)[-1]) % (2**31 - 2) + 1
+            if candidate not in found:
+                break
+            words += 1
+        found.append(candidate)
+    return found
+
+
+class Study:
+    """Independent replicas of a scene, for each of several settings.
+
+    Every task, one replica of one setting, has a seed of its own, which follows from the study's seed and its place; saves its samples and its
+    state at intervals; and goes on from there if it is interrupted, on the Reference platform bit for bit.
+
+    Parameters
+    ----------
+    scene : str, callable or openmmrigidhi.accuracy.Scene
+        a built-in name (water, trap, suspension, periodic, boomerang), "module:function", or a function: they get the settings, and the task's seed if they have a
+        parameter `seed`, and return a Scene, (system, state or positions, integrator) or (system, topology, positions, integrator). Scheme and
+        step size are those of its integrator.
+    settings : sequence of dict
+        parameters of the function. `scheme` (a name) and `stepSize` (ps) are set on the integrator where the function has no such parameter.
+        :func:`sweep` makes combinations.
+    replicas : int
+        of each setting
+    length : float
+        ps that are sampled in each task
+    observables : sequence of str, Observable or callable
+        see :func:`openmmrigidhi.accuracy.observables.byName`. One that remembers more than the sample before cannot go on after an interruption.
+    seed : int
+        of all that is random; 0 or more
+    platform : str
+    threads : int
+        of the CPU platform, in each task
+    equilibration : float, optional
+        ps left out at the start; default: the scene's, or a tenth of the length that the study was begun with
+    sampleInterval : float, optional
+        ps; default: the scene's
+    checkpointInterval : float
+        seconds of wall time between two savings of a task: at most so much is computed again after an interruption
+
+    Raises
+    ------
+    ValueError, TypeError
+        for whatever makes no sense
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from openmmrigidhi import ensemble
+    >>> study = ensemble.Study('trap', ensemble.sweep(bodies=[20], temperature=[280.0, 320.0]), replicas=2, length=2.0,
+    ...                        observables=['energy_group_0'], platform='Reference')
+    >>> result = study.run(tempfile.mkdtemp(), quiet=True)
+    >>> [row['replicas'] for row in result.rows]
+    [2, 2]
+    """
+
+    def __init__(self, scene, settings=({},), replicas=4, length=None, observables=observablesModule.DEFAULT, seed=1, platform='CPU', threads=1,
+                 equilibration=None, sampleInterval=None, checkpointInterval=60.0):
+        self.source = scene if isinstance(scene, SceneSource) else SceneSource(scene)
+        self.settings = [dict(each) for each in settings]
+        self.replicas, self.length, self.seed = replicas, length, seed
+        self.platform, self.threads = platform, threads
+        self.equilibration, self.sampleInterval, self.checkpointInterval = equilibration, sampleInterval, checkpointInterval
+        self._defaultEquilibration = None
+        self._given = list(observables)
+        self.observables = [_observable(each) for each in self._given]
+        self._check()
+
+    def _check(self):
+        names = [observable.name for observable in self.observables]
+        if len(set(names)) < len(names) or not names:
+            raise ValueError(f'ensemble.Study: observables: got {names}; one at least, and none twice: correct the list')
+        for name, value, least in (('replicas', self.replicas, 1), ('seed', self.seed, 0), ('threads', self.threads, 1)):
+            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+                raise ValueError(f'ensemble.Study: {name}: got {value!r}, where a whole number from {least} on is needed: correct it')
+        for name, value, zero in (('length', self.length, False), ('equilibration', self.equilibration, True),
+                                  ('sampleInterval', self.sampleInterval, False), ('checkpointInterval', self.checkpointInterval, True)):
+            if value is None and name in ('equilibration', 'sampleInterval'):
+                continue
+            if not isinstance(value, (int, float, np.number)) or not math.isfinite(value) or value < 0 or value == 0 and not zero:
+                raise ValueError(f'ensemble.Study: {name}: got {value!r}; it must be a finite time above {"or at " if zero else ""}0, in '
+                                 f'{"s" if name == "checkpointInterval" else "ps"}: give one')
+        if not self.settings:
+            raise ValueError('ensemble.Study: settings: the list is empty; there must be one dict at least: give [{}] for the scene as it is')
+        allowed = self.source.parameters()
+        for number, each in enumerate(self.settings):
+            unknown = [key for key in each if allowed is not None and key not in allowed]
+            if unknown:
+                raise ValueError(f'ensemble.Study: settings {number}: got {unknown[0]!r}, which the scene {self.source.name} has not; it must be one of '
+                                 f'{", ".join(sorted(allowed))}: correct the name, or give a function with this parameter')
+            try:
+                json.dumps(each)
+            except TypeError as error:
+                raise TypeError(f'ensemble.Study: settings {number}: {error}; values must be numbers, texts, truth values or lists of these, since the '
+                                'study is kept as JSON: convert them') from error
+            if each in self.settings[:number]:
+                raise ValueError(f'ensemble.Study: settings {number}: {each} is there already; settings must differ: raise replicas instead')
+
+    # ---- What it is ----------------------------------------------------------------------------------------------------
+
+    def definition(self):
+        """What the study is, as its JSON has it, a dict."""
+        names = [each if isinstance(each, str) else f'{each.__module__}:{each.__qualname__}' if not hasattr(each, 'measure') else each.name
+                 for each in self._given]
+        first = 0.1*self.length if self._defaultEquilibration is None else self._defaultEquilibration
+        # As JSON gives it back: tuples are lists there, and so on.
+        return json.loads(json.dumps({
+            'scene': self.source.specification, 'settings': self.settings, 'replicas': int(self.replicas), 'length': float(self.length),
+            'observables': names, 'seed': int(self.seed), 'platform': self.platform, 'threads': int(self.threads),
+            'equilibration': self.equilibration, 'default_equilibration': first, 'sample_interval': self.sampleInterval}))
+
+    @classmethod
+    def load(cls, directory, checkpointInterval=60.0):
+        """The study in a directory, to continue it with run(), or to extend it.
+
+        Parameters
+        ----------
+        directory : str
+        checkpointInterval : float
+            see Study
+
+        Raises
+        ------
+        FileNotFoundError, ValueError
+            if there is none, or its study.json is damaged
+        """
+        about = _readAbout(directory)['definition']
+        study = cls(SceneSource.load(about['scene'], directory), about['settings'], about['replicas'], about['length'], about['observables'], about['seed'],
+                    about['platform'], about['threads'], about['equilibration'], about['sample_interval'], checkpointInterval)
+        study._defaultEquilibration = about['default_equilibration']
+        return study
+
+    def extended(self, length=None, replicas=None, settings=()):
+        """A larger study, which run(directory, extend=True) makes of this one's directory without changing what is there.
+
+        Parameters
+        ----------
+        length : float, optional
+            ps of each task, in all
+        replicas : int, optional
+            of each setting, in all
+        settings : sequence of dict
+            further ones
+
+        Returns
+        -------
+        Study
+        """
+        larger = Study.__new__(Study)
+        larger.__dict__.update(self.__dict__)
+        larger._defaultEquilibration = self.definition()['default_equilibration']
+        larger.length = self.length if length is None else length
+        larger.replicas = self.replicas if replicas is None else replicas
+        larger.settings = self.settings + [dict(each) for each in settings]
+        larger._check()
+        return larger
+
+    def seeds(self):
+        """The seeds of all tasks, a list over settings of lists over replicas."""
+        return [_seeds(self.seed, setting, self.replicas) for setting in range(len(self.settings))]
+
+    # ---- The run -------------------------------------------------------------------------------------------------------
+
+    def run(self, directory, jobs=1, cluster=None, *, extend=False, retries=3, timeout=60.0, quiet=False, finished=None):
+        """Do what is not done yet, and return what there is.
+
+        In an empty directory the study begins; in its own it goes on. Ctrl-C ends it: what was saved stays, and is evaluated.
+
+        Parameters
+        ----------
+        directory : str
+            of the study; made if it does not exist. Workers on other machines must see it under this path.
+        jobs, cluster, retries, timeout
+            who computes: see :func:`openmmrigidhi.ensemble.tasks.run`
+        extend : bool
+            whether a study that is there may become longer, or get more replicas or settings
+        quiet : bool
+            no progress bar
+        finished : callable, optional
+            called with each TaskRecord when its task ends
+
+        Returns
+        -------
+        EnsembleResult
+
+        Raises
+        ------
+        ValueError
+            if the directory has another study, or files of none
+        RuntimeError
+            if somebody else runs it at the moment
+        ConnectionError, ImportError
+            see tasks.run(): a cluster that does not answer, a worker without the plugin
+        """
+        directory = os.path.abspath(directory)
+        os.makedirs(os.path.join(directory, TASKS), exist_ok=True)
+        with _locked(directory):
+            about = self._begin(directory, extend)
+            taskfiles.clean(os.path.join(directory, TASKS))
+            began, session = time.perf_counter(), {**beginning(), 'jobs': jobs, 'cluster': cluster if cluster is None else str(cluster), 'length': self.length,
+                                                   'host': socket.gethostname()}
+            todo, aside = self._left(directory, about)
+            failures = {}
+
+            def note(outcome):
+                task = todo[outcome.index]
+                key = taskName(task.setting, task.replica)
+                failure = outcome.failure
+                session['attempts'] = session.get('attempts', 0) + outcome.attempts
+                if failure is not None:
+                    failures[key] = {'setting': task.setting, 'replica': task.replica, 'settings': task.settings, 'seed': task.seed, 'kind': failure.kind,
+                                     'message': failure.message, 'traceback': failure.traceback, 'attempts': outcome.attempts}
+                about['failures'].pop(key, None)
+                about['failures'].update(failures)
+                _writeAbout(directory, about)
+                if finished is not None:
+                    finished(_record(directory, task.setting, task.replica, task.seed, task.settings, about, self.length)[0])
+
+            try:
+                _tasks.run(simulate, todo, jobs, cluster, names=[taskName(task.setting, task.replica) for task in todo],
+                           amounts=[task.length + (task.equilibration or task.defaultEquilibration) for task in todo], unit='ps', title=self.source.name,
+                           retries=retries, timeout=timeout, finished=note, quiet=quiet)
+            except KeyboardInterrupt:
+                session['interrupted'] = True
+            finally:
+                session.update(provenance(began), tasks=len(todo), failed=len(failures), put_aside=aside)
+                about['sessions'].append(session)
+                _writeAbout(directory, about)
+        result = read(directory)
+        result.write(directory)
+        return result
+
+    def _begin(self, directory, extend):
+        """The study's JSON, new or as it goes on."""
+        wanted = self.definition()
+        if not os.path.exists(os.path.join(directory, STUDY)):
+            if os.listdir(os.path.join(directory, TASKS)):
+                raise ValueError(f'{directory}: it has tasks but no {STUDY}, which says what they are; a study begins in an empty directory: put that file '
+                                 'back, or take another directory')
+            self.source.save(directory)
+            about = {'format': FORMAT, 'identity': str(uuid.uuid4()), 'definition': wanted, 'seeds': self.seeds(), 'earlier_definitions': [],
+                     'failures': {}, 'sessions': []}
+            _writeAbout(directory, about)
+            return about
+        about = _readAbout(directory)
+        before = about['definition']
+        if self._defaultEquilibration is None:
+            wanted['default_equilibration'] = before['default_equilibration']
+        different = [key for key in wanted if wanted[key] != before.get(key)]
+        if not different:
+            return about
+        fixed = [key for key in different if key not in GROWING]
+        if fixed:
+            raise ValueError(f'{directory}: its study has {fixed[0]} {before.get(fixed[0])!r}, and this one {wanted[fixed[0]]!r}; it must be the same: take '
+                             'another directory, or Study.load()')
+        count = len(before['settings'])
+        if wanted['length'] < before['length'] or wanted['replicas'] < before['replicas'] or wanted['settings'][:count] != before['settings']:
+            raise ValueError(f'{directory}: its study has length {before["length"]:g}, {before["replicas"]} replicas and {count} settings, of which this one '
+                             'lacks some; nothing that is there may be left out: extend it with Study.load().extended()')
+        if not extend:
+            raise ValueError(f'{directory}: its study has another {different[0]}; only an extension may change it: say extend=True (--extend), or take another '
+                             'directory')
+        about['earlier_definitions'].append(before)
+        about.update(definition=wanted, seeds=self.seeds())
+        _writeAbout(directory, about)
+        return about
+
+    def _left(self, directory, about):
+        """Tasks that are not complete, those that need most first; and files that were damaged and put aside."""
+        todo, aside = [], []
+        for setting, seeds in enumerate(self.seeds()):
+            for replica, seed in enumerate(seeds):
+                path = taskPath(directory, setting, replica)
+                try:
+                    saved = taskfiles.load(path)
+                except taskfiles.DamagedFile:
+                    saved = None
+                    aside.append(_putAside(path))
+                done = 0.0 if saved is None else saved.about['samples']*saved.about['sample_interval']
+                if done < self.length*(1 - 1e-9):
+                    todo.append((done, Task(self.source, self.settings[setting], setting, replica, seed, self.observables, self.equilibration,
+                                            about['definition']['default_equilibration'], self.length, self.sampleInterval, self.platform,
+                                            self.threads, self.checkpointInterval, directory, path, about['identity'])))
+        return [task for _, task in sorted(todo, key=lambda pair: pair[0])], aside
+
+
+def _observable(given):
+    return overdamped.OBSERVABLES[given] if isinstance(given, str) and given in overdamped.OBSERVABLES else observablesModule.byName(given)
+
+
+def taskName(setting, replica):
+    """What a task is called.
+
+    Parameters
+    ----------
+    setting, replica : int
+    """
+    return f's{setting:04d}_r{replica:04d}'
+
+
+def taskPath(directory, setting, replica):
+    """Where a task's file is.
+
+    Parameters
+    ----------
+    directory : str
+        of the study
+    setting, replica : int
+    """
+    return os.path.join(directory, TASKS, taskName(setting, replica) + '.h5')
+
+
+def _putAside(path):
+    number = 1
+    while os.path.exists(f'{path}.damaged{number}'):
+        number += 1
+    os.rename(path, f'{path}.damaged{number}')
+    return f'{path}.damaged{number}'
+
+
+# ---- The study's own file --------------------------------------------------------------------------------------------------
+
+@contextlib.contextmanager
+def _locked(directory):
+    """Nobody else runs the study meanwhile. The system opens the lock when this process ends, however it does."""
+    with open(os.path.join(directory, LOCK), 'a') as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise RuntimeError(f'{directory}: another process runs this study at the moment; one at a time may: wait for it, or end it') from error
+        yield
+
+
+def _writeAbout(directory, about):
+    path = os.path.join(directory, STUDY)
+    with open(path + taskfiles.PART, 'w') as file:
+        json.dump(about, file, indent=1)
+        file.write('\n')
+    taskfiles.replace(path + taskfiles.PART, path)
+
+
+def _readAbout(directory):
+    path = os.path.join(directory, STUDY)
+    if not os.path.exists(path):
+        raise FileNotFoundError(f'{directory}: there is no {STUDY} in it, so no study; give the directory of one')
+    try:
+        with open(path) as file:
+            about = json.load(file)
+        if about.get('format') != FORMAT:
+            raise ValueError(f'its format is {about.get("format")!r} instead of {FORMAT!r}')
+        about['definition']['settings'], about['seeds'], about['failures'], about['sessions']
+        return about
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f'{path}: it is damaged ({type(error).__name__}: {error}); it must say what the study is: put a copy back, the tasks in {TASKS} are '
+                         'whole for themselves') from error
+
+
+def read(directory):
+    """What there is of a study, finished or not. Damaged files are named in the result; all others are used.
+
+    Parameters
+    ----------
+    directory : str
+
+    Returns
+    -------
+    EnsembleResult
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        if there is no study, or its study.json is damaged
+    """
+    about = _readAbout(directory)
+    definition, records, contents = about['definition'], [], {}
+    for setting, seeds in enumerate(about['seeds']):
+        for replica, seed in enumerate(seeds):
+            record, content = _record(directory, setting, replica, seed, definition['settings'][setting], about, definition['length'])
+            records.append(record)
+            if content is not None:
+                contents[setting, replica] = content
+    names = definition['observables']
+    found = [list(content.series) for content in contents.values()]
+    observables = {}
+    for name in names:
+        try:
+            observable = _observable(name)
+            observables[observable.name] = {'label': observable.label, 'unit': observable.unit}
+        except ValueError:   # of a script that is not here
+            short = name.rpartition(':')[2]
+            observables[short if not found or short in found[0] else name] = {'label': short, 'unit': ''}
+    return EnsembleResult(definition, observables, records, contents, about)
+
+
+def _record(directory, setting, replica, seed, settings, about, length):
+    """What is known of a task, and its file's content or None."""
+    key, path = taskName(setting, replica), taskPath(directory, setting, replica)
+    record = TaskRecord(setting, replica, settings, seed, path)
+    content = None
+    try:
+        content = taskfiles.load(path)
+    except taskfiles.DamagedFile as error:
+        record.status, record.message = 'damaged', str(error)
+    if content is not None:
+        record.samples, record.length = content.about['samples'], content.about['samples']*content.about['sample_interval']
+        record.seconds = sum(session['seconds'] for session in content.about['sessions'])
+        record.status = 'complete' if record.length >= length*(1 - 1e-9) else 'unfinished'
+    failure = about['failures'].get(key)
+    if failure is not None and record.status != 'complete':
+        record.status, record.message, record.traceback = 'failed', f'{failure["kind"]}: {failure["message"]}', failure['traceback']
+    return record, content
