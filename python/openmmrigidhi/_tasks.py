@@ -273,7 +273,7 @@ class _Cluster:
                 folder = self.place.enter_context(tempfile.TemporaryDirectory(prefix='openmmrigidhi-', ignore_cleanup_errors=True))
                 self.place.enter_context(dask.config.set({'distributed.comm.timeouts.connect': timeout}))
                 self.local = self.place.enter_context(distributed.LocalCluster(
-                    jobs, threads_per_worker=1, processes=True, dashboard_address=None, memory_limit=0, local_directory=folder,
+                    jobs, threads_per_worker=1, processes=True, dashboard_address='127.0.0.1:0', memory_limit=0, local_directory=folder,
                     silence_logs=logging.CRITICAL, scheduler_kwargs={'allowed_failures': retries}))
                 address = self.local
             if isinstance(address, distributed.Client):
@@ -296,7 +296,7 @@ class _Cluster:
         """Wait for a worker, and see that all have this package. Both within the time given."""
         try:
             self.client.wait_for_workers(1, timeout=self.timeout)
-        except OSError as error:   # TimeoutError of distributed
+        except (OSError, self.distributed.TimeoutError) as error:
             raise ConnectionError(f'cluster {self.address}: no worker came within {self.timeout:g} s; at least 1 is needed: start some there '
                                   '(dask-worker)') from error
         # Neither eval nor the text needs anything of ours on the worker.
@@ -472,8 +472,8 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
             finished(outcome)
 
     def giveUp(index, how):
-        end(Outcome(index, names[index], failure=Failure('WorkerDied', f'{starts[index]} workers died with it, one after the other{how}; more than '
-                                                         f'{retries} retries are not made: look for what ends the process (memory?), then run it again')))
+        end(Outcome(index, names[index], failure=Failure('WorkerDied', f'{starts[index]} workers died with it, one after the other{how}; more '
+                                                         f'retries than {retries} are not made: look for what ends the process (memory?), then run it again')))
 
     with contextlib.closing(backend), contextlib.closing(bar):
         while len(outcomes) < len(arguments):

@@ -1,0 +1,703 @@
+"""openmmrigidhi.ensemble: nothing is lost when workers die, and numbers do not depend on who computes them."""
+import importlib.util
+import json
+import math
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import ensemble_tasks
+from openmmrigidhi import _loading, _tasks, ensemble
+from openmmrigidhi.accuracy import scenes
+from openmmrigidhi.analysis import series as seriesModule
+from openmmrigidhi.ensemble import cli, study as studyModule, taskfiles, tasks
+
+distributed = pytest.importorskip('distributed') if importlib.util.find_spec('distributed') else None
+#: Who computes: plain processes, and two workers behind a scheduler.
+CLUSTERS = ['processes', *(['scheduler'] if distributed else [])]
+needsDask = pytest.mark.skipif(distributed is None, reason='dask.distributed is not installed')
+SCENE = 'ensemble_tasks:scene'
+
+
+@pytest.fixture(scope='module')
+def folderOfMarks(tmp_path_factory):
+    """Where tasks in other processes leave marks."""
+    folder = tmp_path_factory.mktemp('marks')
+    before = os.environ.get(ensemble_tasks.MARKS)
+    os.environ[ensemble_tasks.MARKS] = str(folder)
+    yield folder
+    del os.environ[ensemble_tasks.MARKS]
+    if before is not None:
+        os.environ[ensemble_tasks.MARKS] = before
+
+
+@pytest.fixture(autouse=True)
+def marks(folderOfMarks):
+    """The same, empty for each test."""
+    for path in folderOfMarks.iterdir():
+        path.unlink()
+    return folderOfMarks
+
+
+@pytest.fixture(scope='module')
+def cluster(folderOfMarks):
+    """Two workers behind a scheduler that has an address."""
+    if distributed is None:
+        pytest.skip('dask.distributed is not installed')
+    with distributed.LocalCluster(2, threads_per_worker=1, dashboard_address='127.0.0.1:0', memory_limit=0, silence_logs=50) as made:
+        yield made
+
+
+@pytest.fixture
+def where(request):
+    """What run() gets as its cluster."""
+    return request.getfixturevalue('cluster').scheduler_address if request.param == 'scheduler' else request.param
+
+
+def small(observables=('ensemble_tasks:energy',), length=3.0, replicas=3, **kwargs):
+    kwargs.setdefault('settings', ({},))
+    return ensemble.Study(SCENE, replicas=replicas, length=length, observables=observables, platform='Reference', checkpointInterval=0.0, equilibration=0.5,
+                          **kwargs)
+
+
+def samples(result):
+    """All series, by setting and replica, whatever the observable is called."""
+    return {(task.setting, task.replica): result.series(next(iter(result.observables)), task.setting, task.replica) for task in result.tasks}
+
+
+def same(one, other):
+    return one.keys() == other.keys() and all(np.array_equal(one[key], other[key]) for key in one)
+
+
+@pytest.fixture(scope='module')
+def undisturbed(tmp_path_factory):
+    """What three replicas give, one after the other in this process, without a checkpoint on the way."""
+    study = small()
+    study.checkpointInterval = 1e9
+    result = study.run(str(tmp_path_factory.mktemp('undisturbed')), quiet=True)
+    assert result.isComplete and [len(each) for each in samples(result).values()] == [60, 60, 60]
+    return result
+
+
+# ---- The lower layer -----------------------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize('where', [None, *CLUSTERS], indirect=True)
+def test_a_task_that_throws_is_reported_and_the_rest_goes_on(where):
+    seen = []
+    outcomes = tasks.run(ensemble_tasks.throwAtThree, range(5), 1 if where is None else 2, where, names='abcde', quiet=True, finished=seen.append)
+    assert [outcome.value for outcome in outcomes] == [0, 1, 4, None, 16]
+    assert sorted(outcome.index for outcome in seen) == list(range(5))
+    failure = outcomes[3].failure
+    assert (failure.kind, failure.message) == ('ValueError', 'three is not wanted here') and 'throwAtThree' in failure.traceback
+    with pytest.raises(tasks.TaskError, match='task d: it failed with ValueError: three is not'):
+        outcomes[3].get()
+
+
+@pytest.mark.parametrize('where', CLUSTERS, indirect=True)
+def test_a_task_that_kills_every_worker_is_given_up(where):
+    """Dead workers are replaced, each attempt is counted, and there is an end to it."""
+    outcomes = tasks.run(ensemble_tasks.alwaysDie, range(4), 2, where, retries=1, quiet=True)
+    assert [outcome.value for outcome in outcomes] == [0, None, 2, 3]
+    assert outcomes[1].failure.kind == 'WorkerDied' and 'are not made: look for what ends the process' in outcomes[1].failure.message
+    # This scheduler would allow 3 failures: it has begun another attempt when we say that it is enough.
+    assert outcomes[1].attempts == (2 if where == 'processes' else 3)
+
+
+@pytest.mark.parametrize('where', CLUSTERS, indirect=True)
+def test_a_task_goes_on_from_what_is_in_its_directory(where, tmp_path):
+    outcomes = tasks.run(ensemble_tasks.countInDirectory, range(2), 2, where, directory=str(tmp_path/'own'), quiet=True)
+    assert [outcome.get() for outcome in outcomes] == [3, 0]
+    assert [outcome.attempts for outcome in outcomes] == [2, 1]
+    assert (tmp_path/'own'/'0'/'count').read_text() == '6'
+
+
+def test_values_that_cannot_be_sent_and_exits_are_failures():
+    outcome, = tasks.run(ensemble_tasks.unpicklable, [1], 2, 'processes', quiet=True)
+    assert outcome.failure is not None and 'pickle' in outcome.failure.message
+    outcome, = tasks.run(ensemble_tasks.leave, [1], 2, 'processes', quiet=True)
+    assert (outcome.failure.kind, outcome.failure.message) == ('SystemExit', 'leaving')
+
+
+def test_without_dask_there_are_plain_processes(monkeypatch):
+    monkeypatch.setattr(importlib.util, 'find_spec', lambda name: None)
+    assert isinstance(_tasks._backend(ensemble_tasks.square, 2, None, 3, 1), _tasks._Processes)
+    with pytest.raises(ImportError, match='is not installed, which talks to clusters'):
+        tasks.run(ensemble_tasks.square, [1], cluster='tcp://127.0.0.1:1')
+
+
+@pytest.mark.parametrize('wrong, text', [(dict(jobs=0), 'whole number of 1 or more'), (dict(retries=-1), 'retries: got -1; it must be'),
+                                         (dict(names=['a', 'a']), 'each task needs one of its own')])
+def test_wrong_numbers_are_refused(wrong, text):
+    with pytest.raises(ValueError, match=text):
+        tasks.run(ensemble_tasks.square, [1, 2], **wrong)
+
+
+def test_no_tasks_are_no_trouble():
+    assert tasks.run(ensemble_tasks.square, [], 2) == []
+
+
+@needsDask
+@pytest.mark.parametrize('listens', [False, True], ids=['nobody', 'someone who is silent'])
+def test_a_cluster_that_does_not_answer(listens):
+    with socket.socket() as server:
+        server.bind(('127.0.0.1', 0))
+        if listens:
+            server.listen()
+        began = time.monotonic()
+        with pytest.raises(ConnectionError, match='it gave no answer within 1 s'):
+            tasks.run(ensemble_tasks.square, [1], cluster=f'tcp://127.0.0.1:{server.getsockname()[1]}', timeout=1.0, quiet=True)
+        assert time.monotonic() - began < 15
+
+
+@needsDask
+def test_a_cluster_without_workers():
+    scheduler = {'cls': distributed.Scheduler, 'options': {'host': '127.0.0.1', 'dashboard_address': '127.0.0.1:0'}}
+    with distributed.SpecCluster(scheduler=scheduler, workers={}, silence_logs=50) as empty:
+        with pytest.raises(ConnectionError, match='no worker came within 0.5 s'):
+            tasks.run(ensemble_tasks.square, [1], cluster=empty.scheduler_address, timeout=0.5, quiet=True)
+
+
+@needsDask
+def test_workers_without_the_plugin_or_with_another_version(cluster, monkeypatch):
+    with distributed.LocalCluster(1, threads_per_worker=1, dashboard_address='127.0.0.1:0', silence_logs=50, memory_limit=0) as other:
+        with distributed.Client(other, set_as_default=False) as client:
+            # As if it had never been there.
+            client.run(exec, "import sys; sys.modules['openmmrigidhi'] = None")
+        with pytest.raises(ImportError, match='cannot import openmmrigidhi .*every worker must'):
+            tasks.run(ensemble_tasks.square, [1], cluster=other.scheduler_address, quiet=True)
+    monkeypatch.setattr(_loading, 'version', '99.0')
+    with pytest.raises(ImportError, match='it must be 99.0, as here: install'):
+        tasks.run(ensemble_tasks.square, [1], cluster=cluster.scheduler_address, quiet=True)
+
+
+#: A scheduler with a worker, which end with this process.
+CLUSTER_SCRIPT = """
+import distributed, sys, time
+if __name__ == '__main__':
+    made = distributed.LocalCluster(1, threads_per_worker=1, dashboard_address='127.0.0.1:0', memory_limit=0, silence_logs=50)
+    print(made.scheduler_address, flush=True)
+    sys.stdin.readline()
+    made.scale(0)
+    time.sleep(100)
+"""
+
+
+@needsDask
+@pytest.mark.parametrize('what, text', [('workers', 'it has had no worker for 2 s'), ('scheduler', 'connection to its scheduler was lost')])
+def test_a_cluster_that_goes_away_is_an_error(what, text, tmp_path):
+    """The workers are gone, or the scheduler is: the wait has an end, and what was saved is there."""
+    script, directory = tmp_path/'cluster.py', tmp_path/'study'
+    script.write_text(CLUSTER_SCRIPT)
+    process = subprocess.Popen([sys.executable, str(script)], env=dict(os.environ, PYTHONPATH=os.pathsep.join(sys.path)), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                               stderr=subprocess.DEVNULL, text=True)
+    address = process.stdout.readline().strip()
+
+    def destroy():
+        waitFor(lambda: (directory/'tasks'/'s0000_r0000.h5').exists())
+        if what == 'workers':
+            process.stdin.write('\n')
+            process.stdin.flush()
+        else:
+            process.kill()
+
+    thread = threading.Thread(target=destroy)
+    thread.start()
+    try:
+        with pytest.raises(ConnectionError, match=text):
+            small(['ensemble_tasks:energyOfTheSlow'], replicas=1, length=100.0).run(str(directory), cluster=address, timeout=2.0, quiet=True)
+    finally:
+        thread.join()
+        process.kill()
+        process.communicate()
+    found = ensemble.read(directory)
+    assert found.tasks[0].status == 'unfinished' and found.about['sessions'][-1]['failed'] == 0
+
+
+def waitFor(condition, seconds=60):
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, 'it did not happen'
+        time.sleep(0.05)
+
+
+# ---- Studies: the same numbers, whoever computes them --------------------------------------------------------------------------
+
+@pytest.mark.parametrize('where', CLUSTERS, indirect=True)
+def test_two_workers_give_the_same_numbers(where, undisturbed, tmp_path):
+    result = small().run(str(tmp_path/'study'), 2, where, quiet=True)
+    assert same(samples(result), samples(undisturbed))
+    assert result.rows == undisturbed.rows
+
+
+@pytest.mark.parametrize('where', ['processes', *(['local'] if distributed else [])])
+def test_one_of_two_workers_is_killed_and_nothing_is_lost(where, undisturbed, tmp_path, marks):
+    """SIGKILL within a task; another worker goes on from the checkpoint, which the sessions in its file tell."""
+    result = small(['ensemble_tasks:energyOfMortals']).run(str(tmp_path/'study'), 2, where, quiet=True)
+    assert (marks/'died').exists()
+    assert result.isComplete and same(samples(result), samples(undisturbed))
+    sessions = [taskfiles.load(task.path).about['sessions'] for task in result.tasks]
+    assert sorted(len(each) for each in sessions) == [1, 1, 2]
+    resumed = max(sessions, key=len)
+    # 0.5 ps of equilibration and 1 ps of samples, at 0.05 ps, were done and saved when it died at 1.55 ps.
+    assert resumed[0]['to_position'] == resumed[1]['from_position'] == 30
+    assert result.about['sessions'][0]['attempts'] == 4
+
+
+@needsDask
+def test_workers_of_a_scheduler_are_killed_from_outside(cluster, tmp_path):
+    """One of two, at no particular moment, while both compute."""
+    study = small(['ensemble_tasks:energyOfTheSlow'], replicas=2, length=4.0)
+    directory = tmp_path/'study'
+
+    def kill():
+        waitFor(lambda: all((directory/'tasks'/f's0000_r000{k}.h5').exists() for k in (0, 1)))
+        with distributed.Client(cluster, set_as_default=False) as client:
+            os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
+
+    thread = threading.Thread(target=kill)
+    thread.start()
+    result = study.run(str(directory), cluster=cluster.scheduler_address, quiet=True)
+    thread.join()
+    assert sorted(len(taskfiles.load(task.path).about['sessions']) for task in result.tasks) == [1, 2]
+    alone = small(length=4.0, replicas=2).run(str(tmp_path/'alone'), quiet=True)
+    assert same(samples(result), samples(alone))
+
+
+def test_extension_equals_one_long_run(undisturbed, tmp_path):
+    """Longer, more replicas, more settings; what was there stays as it is."""
+    directory = str(tmp_path/'study')
+    begun = small(length=1.0, replicas=2).run(directory, quiet=True)
+    larger = ensemble.Study.load(directory, 0.0).extended(length=3.0, replicas=3, settings=[{'temperature': 280.0}])
+    result = larger.run(directory, extend=True, quiet=True)
+    of = samples(result)
+    assert all(np.array_equal(of[key][:20], values) for key, values in samples(begun).items())
+    assert all(np.array_equal(of[key], values) for key, values in samples(undisturbed).items())
+    assert sorted(of) == [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2)]
+    assert len({task.seed for task in result.tasks}) == 6
+    assert not np.array_equal(of[0, 0], of[1, 0])
+    assert [each['length'] for each in result.about['earlier_definitions']] == [1.0]
+
+
+def test_a_study_goes_on_where_the_whole_program_was_killed(undisturbed, tmp_path):
+    directory = tmp_path/'study'
+    script = (f'import sys; sys.path.insert(0, {os.path.dirname(__file__)!r})\nfrom test_ensemble import small\n'
+              f"small(['ensemble_tasks:energyOfMortals']).run({str(directory)!r}, quiet=True)")
+    finished = subprocess.run([sys.executable, '-c', script], env=dict(os.environ, PYTHONPATH=os.pathsep.join(sys.path)), timeout=120)
+    assert finished.returncode == -signal.SIGKILL
+    before = ensemble.read(directory)
+    assert not before.isComplete and 0 < before.tasks[0].samples < 60
+    result = ensemble.Study.load(directory, 0.0).run(str(directory), quiet=True)
+    assert same(samples(result), samples(undisturbed))
+
+
+def test_observables_of_the_sample_before_go_on(tmp_path):
+    """msd compares with the sample before, also where that was measured by a process that is gone."""
+    def run(directory, *lengths):
+        for length in lengths:
+            study = ensemble.Study('boomerang', [{'replicas': 2, 'blobsPerArm': 1, 'stepSize': 500.0}], 1, length, ['height', 'msd'], platform='Reference',
+                                   equilibration=0.0, sampleInterval=5000.0)
+            result = study.run(str(directory), extend=True, quiet=True)
+        return result.series('msd', 0, 0)
+
+    whole, parts = run(tmp_path/'one', 50000.0), run(tmp_path/'two', 20000.0, 50000.0)
+    assert whole.shape == (10, 2) and np.isnan(whole[0]).all() and np.isfinite(whole[1:]).all()
+    np.testing.assert_array_equal(parts, whole)
+
+
+def test_seeds_depend_on_the_place_alone():
+    study = small(settings=[{}, {'bodies': 4}], replicas=5, seed=7)
+    assert study.seeds() == [[ensemble.taskSeed(7, s, r) for r in range(5)] for s in (0, 1)]
+    assert study.extended(replicas=9, settings=[{'bodies': 5}]).seeds()[1][:5] == study.seeds()[1]
+    many = [ensemble.taskSeed(seed, s, r) for seed in (1, 2) for s in range(3) for r in range(3)]
+    assert len(set(many)) == len(many) and all(0 < each < 2**31 for each in many)
+
+
+def test_replicas_whose_first_numbers_coincide_get_others(monkeypatch):
+    """With 31 bits this happens once in a million studies, so the numbers are made short here."""
+    class Short(np.random.SeedSequence):
+        def generate_state(self, words):
+            return super().generate_state(words) % 8
+
+    monkeypatch.setattr(np.random, 'SeedSequence', Short)
+    six = [ensemble.taskSeed(1, 0, replica) for replica in range(6)]
+    assert len(set(six)) == 6 and six[:3] == [ensemble.taskSeed(1, 0, replica) for replica in range(3)]
+
+
+def test_a_scene_is_kept_with_its_study(undisturbed, tmp_path):
+    """A Scene is no function that could be called again: its XML lies in the directory, and load() needs nothing else."""
+    scene = scenes.trap(3)
+    directory = str(tmp_path/'study')
+    first = ensemble.Study(scene, replicas=2, length=1.0, observables=['ensemble_tasks:energy'], platform='Reference', equilibration=0.5)
+    first.run(directory, quiet=True)
+    result = ensemble.Study.load(directory).extended(length=2.0).run(directory, extend=True, quiet=True)
+    whole = ensemble.Study(scene, replicas=2, length=2.0, observables=['ensemble_tasks:energy'], platform='Reference', equilibration=0.5)
+    assert same(samples(result), samples(whole.run(str(tmp_path/'whole'), quiet=True)))
+
+
+def test_functions_may_return_parts_and_the_integrator_can_be_set(tmp_path):
+    study = ensemble.Study(ensemble_tasks.bare, [{'scheme': 'LangevinA', 'stepSize': 0.001}, {'stepSize': 0.004}], 1, 1.0, ['potential_energy'], platform='Reference',
+                           sampleInterval=0.1)
+    result = study.run(str(tmp_path/'study'), quiet=True)
+    assert result.isComplete
+    assert [taskfiles.load(task.path).about['step_size'] for task in result.tasks] == [0.001, 0.004]
+    assert result.row('potential_energy')['note'].startswith('one replica') or 'one replica' in result.row('potential_energy')['note']
+
+
+# ---- What goes wrong ---------------------------------------------------------------------------------------------------------
+
+def test_a_failing_setting_is_reported_and_the_rest_goes_on(tmp_path):
+    study = small(settings=[{}, {'broken': True}], replicas=2, length=1.0)
+    result = study.run(str(tmp_path/'study'), quiet=True)
+    assert [task.status for task in result.tasks] == ['complete', 'complete', 'failed', 'failed']
+    failed = result.problems()[0]
+    assert failed.seed == ensemble.taskSeed(1, 1, 0) and failed.settings == {'broken': True}
+    assert 'ArithmeticError: this scene is broken on purpose' in failed.message and 'in scene' in failed.traceback
+    assert str(failed.seed) in result.table() and '2 failed' in result.row('energy', 1)['note']
+    assert result.row('energy', 1)['mean'] is None and result.row('energy', 0)['replicas'] == 2
+
+
+def test_what_failed_is_tried_again_from_its_checkpoint(undisturbed, tmp_path):
+    directory = str(tmp_path/'study')
+    study = small(['ensemble_tasks:energyOrNot'])
+    first = study.run(directory, quiet=True)
+    assert [task.status for task in first.tasks] == ['failed', 'complete', 'complete']
+    assert first.tasks[0].samples == 20 and first.row('energyOrNot')['replicas'] == 2
+    second = study.run(directory, quiet=True)
+    assert second.isComplete and not second.about['failures']
+    assert same(samples(second), samples(undisturbed))
+
+
+def test_an_observable_that_is_infinite(tmp_path):
+    result = small(['ensemble_tasks:infinite'], replicas=1).run(str(tmp_path/'study'), quiet=True)
+    assert 'it must be finite: the run may have exploded' in result.tasks[0].message
+
+
+def test_damaged_files_are_named_and_the_rest_is_used(undisturbed, tmp_path):
+    directory = tmp_path/'study'
+    study = small()
+    whole = study.run(str(directory), quiet=True)
+    path = directory/'tasks'/'s0000_r0001.h5'
+    path.write_bytes(path.read_bytes()[:1000])
+    damaged = ensemble.read(directory)
+    assert [task.status for task in damaged.tasks] == ['complete', 'damaged', 'complete']
+    assert 's0000_r0001.h5: it is damaged' in damaged.table() and damaged.row('energy')['replicas'] == 2
+    assert np.array_equal(damaged.series('energy', 0, 2), whole.series('energy', 0, 2))
+    with pytest.raises(ValueError, match='there are no samples of .*, of a task that has begun'):
+        damaged.series('energy', 0, 1)
+    again = study.run(str(directory), quiet=True)
+    assert same(samples(again), samples(undisturbed))
+    assert (directory/'tasks'/'s0000_r0001.h5.damaged1').stat().st_size == 1000
+    assert again.about['sessions'][-1]['put_aside'] == [str(directory/'tasks'/'s0000_r0001.h5.damaged1')]
+
+
+def test_every_flipped_byte_that_matters_is_noticed(undisturbed, tmp_path):
+    """Any one wrong byte: the file is refused, or holds what it held."""
+    source = undisturbed.tasks[0].path
+    good, data = taskfiles.load(source), open(source, 'rb').read()
+    rng, refused = np.random.default_rng(1), 0
+    path = str(tmp_path/'flipped.h5')
+    for place in rng.choice(len(data), 150, replace=False):
+        flipped = bytearray(data)
+        flipped[place] ^= 1 << int(rng.integers(8))
+        with open(path, 'wb') as file:
+            file.write(flipped)
+        try:
+            found = taskfiles.load(path)
+        except taskfiles.DamagedFile as error:
+            refused += 1
+            assert 'flipped.h5: it is damaged' in str(error) and 'it must be a whole file of a task' in str(error)
+        else:
+            assert found.about == good.about and found.state == good.state and same(found.series, good.series)
+    print(f'{refused} of 150 were refused')
+    # Nearly half of so small a file are bytes that mean nothing.
+    assert refused > 50
+
+
+def test_files_of_other_formats_and_with_missing_samples(undisturbed, tmp_path):
+    path = str(tmp_path/'other.h5')
+    content = taskfiles.load(undisturbed.tasks[0].path)
+    content.about['samples'] += 1
+    taskfiles.save(path, content)
+    with pytest.raises(taskfiles.DamagedFile, match='60 samples where 61 are said to be'):
+        taskfiles.load(path)
+    import h5py
+    with h5py.File(path, 'w') as file:
+        file.attrs['format'] = 'something else'
+    with pytest.raises(taskfiles.DamagedFile, match='its format is .something else. instead of'):
+        taskfiles.load(path)
+    assert taskfiles.load(str(tmp_path/'nothing.h5')) is None
+
+
+def test_a_writer_that_fails_leaves_the_old_file(undisturbed, tmp_path, monkeypatch):
+    path = str(tmp_path/'task.h5')
+    content = taskfiles.load(undisturbed.tasks[0].path)
+    taskfiles.save(path, content)
+    before = open(path, 'rb').read()
+    content.series['energy'] = ['not a number']
+    with pytest.raises(ValueError):
+        taskfiles.save(path, content)
+    assert open(path, 'rb').read() == before and os.listdir(tmp_path/'..'/tmp_path.name) == sorted(os.listdir(tmp_path))
+    assert not [name for name in os.listdir(tmp_path) if name.endswith('.part')]
+    (tmp_path/'task.h5.host.1.part').write_text('')
+    taskfiles.clean(str(tmp_path))
+    assert not (tmp_path/'task.h5.host.1.part').exists()
+
+
+def test_a_study_that_is_damaged_or_missing(tmp_path):
+    directory = tmp_path/'study'
+    with pytest.raises(FileNotFoundError, match='in it, so no study; give'):
+        ensemble.read(directory)
+    small(replicas=1, length=0.1).run(str(directory), quiet=True)
+    about = (directory/'study.json').read_text()
+    for text in (about[:200], '{}', json.dumps(dict(json.loads(about), seeds=None, definition=[]))):
+        (directory/'study.json').write_text(text)
+        with pytest.raises(ValueError, match='study.json: it is damaged .*it must say what the study is'):
+            ensemble.read(directory)
+    (directory/'study.json').unlink()
+    with pytest.raises(ValueError, match='it has tasks but no .*a study begins in an empty'):
+        small(replicas=1, length=0.1).run(str(directory), quiet=True)
+
+
+def test_another_study_in_the_directory_is_refused(tmp_path):
+    directory = str(tmp_path/'study')
+    small(replicas=2, length=0.2).run(directory, quiet=True)
+    with pytest.raises(ValueError, match='its study has seed 1, and this one 2; it must be the same'):
+        small(replicas=2, length=0.2, seed=2).run(directory, extend=True, quiet=True)
+    with pytest.raises(ValueError, match='nothing that is there may be left out'):
+        small(replicas=1, length=0.2).run(directory, extend=True, quiet=True)
+    with pytest.raises(ValueError, match='only an extension may change it: say extend=True'):
+        small(replicas=3, length=0.2).run(directory, quiet=True)
+
+
+def test_two_processes_do_not_run_one_study(tmp_path):
+    directory = str(tmp_path/'study')
+    study = small(replicas=1, length=0.2)
+    study.run(directory, quiet=True)
+    with studyModule._locked(directory):
+        with pytest.raises(RuntimeError, match='another process runs this study at the moment'):
+            study.run(directory, quiet=True)
+
+
+def test_a_scene_that_has_changed_is_noticed(tmp_path, marks):
+    directory = str(tmp_path/'study')
+    study = ensemble.Study('ensemble_tasks:otherScene', replicas=1, length=1.0, observables=['potential_energy'], platform='Reference')
+    study.run(directory, quiet=True)
+    (marks/'changed').touch()
+    result = study.extended(length=2.0).run(directory, extend=True, quiet=True)
+    assert 'makes another System or integrator now than when' in result.tasks[0].message
+    assert result.tasks[0].samples == 20
+
+
+def test_a_worker_that_does_not_see_the_directory(tmp_path):
+    study, directory = small(replicas=1), str(tmp_path/'study')
+    study.run(directory, quiet=True)
+    larger = study.extended(length=4.0)
+    about = studyModule._readAbout(directory)
+    task, = larger._left(directory, about)[0]
+    task.study = 'another'
+    outcome, = tasks.run(studyModule.simulate, [task], quiet=True)
+    assert outcome.failure.kind == 'FileNotFoundError' and 'it does not see the study in' in outcome.failure.message
+
+
+@pytest.mark.parametrize('wrong, text', [
+    (dict(scene='nothing'), 'module:function, a function or a Scene: correct'),
+    (dict(scene='nowhere:nothing'), 'which cannot be imported'),
+    (dict(observables=[]), 'one at least, and none twice'),
+    (dict(observables=['potential_energy']*2), 'one at least, and none twice'),
+    (dict(replicas=0), 'replicas: got 0, where a whole number from'),
+    (dict(replicas=1.5), 'replicas: got 1.5, where a whole number from'),
+    (dict(seed=-1), 'seed: got -1, where a whole number from'),
+    (dict(length=None), 'it must be a finite time above 0, in ps'),
+    (dict(length=math.inf), 'it must be a finite time above 0, in ps'),
+    (dict(checkpointInterval=-1), 'it must be a finite time above or at 0, in s'),
+    (dict(settings=[]), 'the list is empty; there must be one'),
+    (dict(settings=[{'size': 3}]), "got 'size', which the scene trap has not"),
+    (dict(settings=[{'bodies': 3}]*2), 'is there already; settings must differ')])
+def test_wrong_studies_are_refused(wrong, text):
+    with pytest.raises(ValueError, match=text):
+        ensemble.Study(**{'scene': 'trap', 'length': 1.0, **wrong})
+
+
+def test_settings_must_be_what_json_takes():
+    with pytest.raises(TypeError, match='values must be numbers, texts, truth values'):
+        ensemble.Study('trap', [{'bodies': {1, 2}}], length=1.0)
+
+
+# ---- Numbers -----------------------------------------------------------------------------------------------------------------
+
+def test_means_and_errors_of_a_scene_whose_averages_are_known(tmp_path):
+    """Student's t of 6 replicas, two exact means: each beyond 6.9 (5 degrees) once in 1000."""
+    study = ensemble.Study('trap', [{'bodies': 20}], 6, 10.0, ['energy_group_0', 'translational_temperature'], platform='Reference', seed=3)
+    result = study.run(str(tmp_path/'study'), 2, 'processes', quiet=True)
+    for row in result.rows:
+        exact = 300.0 if row['exact'] is None else row['exact']
+        t = (row['mean'] - exact)/row['standard_error']
+        print(f'{row["observable"]}: t {t:.2f}, R-hat {row["r_hat"]:.4f}, {row["effective_samples"]:.0f} effective samples')
+        assert abs(t) < 6.9 and row['degrees'] == 5 and row['replicas'] == 6
+        means = [result.series(row['observable'], 0, replica).mean() for replica in range(6)]
+        assert row['mean'] == pytest.approx(np.mean(means), rel=1e-12)
+        assert row['standard_error'] == pytest.approx(np.std(means, ddof=1)/math.sqrt(6), rel=1e-12)
+        # Student's 97.5 % point at 5 degrees.
+        assert row['high'] - row['mean'] == pytest.approx(2.5706*row['standard_error'], rel=1e-4)
+        assert row['r_hat'] < 1.05
+    lines = (tmp_path/'study'/'results.csv').read_text().splitlines()
+    assert len(lines) == 3 and lines[0].startswith('setting,settings,observable')
+    assert json.loads((tmp_path/'study'/'results.json').read_text())['rows'] == result.rows
+
+
+def autoregressive(count, n, rho, rng):
+    """Chains of variance 1 with autocorrelation rho^k."""
+    noise = rng.normal(size=(n, count))
+    chains = np.empty((n, count))
+    chains[0] = noise[0]
+    for k in range(1, n):
+        chains[k] = rho*chains[k-1] + math.sqrt(1 - rho*rho)*noise[k]
+    return chains.T
+
+
+def test_rhat_of_equal_chains_is_one():
+    """Of independent samples R-hat^2 - 1 is (B/W - 1)/n with B/W about F(7, inf): below 1 + 24.3/7/n/2 but for once in 1000; folded likewise."""
+    value = seriesModule.splitRHat(np.random.default_rng(1).normal(size=(4, 1000)))
+    print(f'R-hat {value:.5f}')
+    assert 0.999 < value < 1 + (24.3/7 - 1)/500/2 + 1e-3
+
+
+def test_rhat_sees_means_widths_and_drifts():
+    """Shifted by d: halves of normal scores with between-variance B/n. For two groups of chains at -d/2 and d/2, small d: R-hat^2 = 1 + d^2/4 8/7."""
+    rng = np.random.default_rng(2)
+    chains = rng.normal(size=(4, 4000))
+    d = 0.5
+    shifted = chains + d*np.array([-0.5, -0.5, 0.5, 0.5])[:, None]
+    # Normal scores have variance 1 in all; between the halves of chains d^2/4 of (1 + d^2/4) lies, 8 of them with ddof 1.
+    between = d*d/4/(1 + d*d/4)
+    expected = math.sqrt(1 + 8/7*between/(1 - between))
+    value = seriesModule.splitRHat(shifted)
+    print(f'means: {value:.4f}, expected {expected:.4f}')
+    assert value == pytest.approx(expected, abs=0.015)
+    wide = chains*np.array([1, 1, 1, 3])[:, None]
+    assert seriesModule._rHat(seriesModule._normalScores(wide)) < 1.01 < 1.1 < seriesModule.splitRHat(wide)
+    assert seriesModule.splitRHat(chains[:1] + np.linspace(-1, 1, 4000)) > 1.2
+    # Ranks are what counts: heavy tails do no harm, nor does any monotone function; reflections leave it, too.
+    bulk = seriesModule._rHat(seriesModule._normalScores(np.exp(5*shifted)))
+    assert bulk == pytest.approx(seriesModule._rHat(seriesModule._normalScores(shifted)), rel=1e-12)
+
+
+def test_rhat_by_hand():
+    """Two chains of four: halves (1, 2), (3, 4), (5, 6), (7, 8) have normal scores of ranks themselves."""
+    from scipy.stats import norm
+    chains = np.arange(1.0, 9).reshape(2, 4)
+    z = norm.ppf((np.array([1, 2, 3, 4, 5, 6, 7, 8]) - 0.375)/8.25).reshape(4, 2)
+    between, within = 2*np.var(z.mean(axis=1), ddof=1), np.var(z, axis=1, ddof=1).mean()
+    assert seriesModule.splitRHat(chains) == pytest.approx(math.sqrt((0.5*within + between/2)/within), rel=1e-12)
+    assert math.isnan(seriesModule.splitRHat(np.ones((2, 8))))
+    with pytest.raises(ValueError, match='there must be rows of at least 4 samples'):
+        seriesModule.splitRHat([[1, 2, 3]])
+
+
+def test_effective_samples_of_autoregressive_chains():
+    """rho 0.8: tau = 1/2 + 0.8/0.2 = 4.5, 40000 samples are 4444 independent ones.
+
+    The relative error of tau is sqrt(2 (2 W + 1)/n) = 0.05 with the window W = 5 tau, for n = 40000 samples in all; three of them are allowed.
+    """
+    chains = autoregressive(4, 10000, 0.8, np.random.default_rng(3))
+    found = seriesModule.independentRuns(chains)
+    print(f'effective samples {found.effectiveSamples:.0f} of 4444')
+    assert found.effectiveSamples == pytest.approx(40000/9, rel=0.15) and found.samples == 40000 and found.degrees == 3
+
+
+def test_students_errors_cover_the_truth():
+    """t of 4 chains beyond 3.182 (3 degrees) in 5 % of 1000 studies, give or take 4 times 0.7 %."""
+    rng = np.random.default_rng(4)
+    beyond = 0
+    for _ in range(1000):
+        found = seriesModule.independentRuns(rng.normal(size=(4, 50)))
+        beyond += abs(found.mean) > 3.182*found.standardError
+    print(f'{beyond} of 1000 beyond')
+    assert 22 <= beyond <= 78
+
+
+def test_runs_of_unequal_lengths_and_single_ones():
+    rng = np.random.default_rng(5)
+    found = seriesModule.independentRuns([rng.normal(size=100), rng.normal(size=60)])
+    assert found.samples == 160 and found.degrees == 1 and found.rHat is not None
+    single = seriesModule.independentRuns([rng.normal(size=100)])
+    assert single.degrees > 3 and single.standardError == pytest.approx(0.1, rel=0.5)
+    assert seriesModule.independentRuns([[1.0, 2.0]]).rHat is None
+    with pytest.raises(ValueError, match='at least one run of 2 is needed'):
+        seriesModule.independentRuns([])
+
+
+# ---- The command line ----------------------------------------------------------------------------------------------------------
+
+def command(*words):
+    return cli.main([str(word) for word in words])
+
+
+def test_the_command_line_begins_continues_and_extends(tmp_path, capsys):
+    directory = tmp_path/'study'
+    begin = (directory, '--scene', SCENE, '--set', 'bodies=2', '--sweep', 'temperature=280,320', '--replicas', 2, '--length', 1, '--platform', 'Reference',
+             '--observables', 'potential_energy', 'translational_temperature', '--quiet')
+    assert command(*begin) == 0
+    assert 'bodies 2, temperature 320' in capsys.readouterr().out
+    assert command(*begin) == 2
+    assert 'there is a study in it already; a new one' in capsys.readouterr().err
+    assert command(directory, '--resume', '--quiet') == 0
+    assert command(directory, '--extend', '--length', 2, '--sweep', 'temperature=300', '--jobs', 2, '--cluster', 'processes') == 0
+    assert 'complete, 2 ps' in capsys.readouterr().err
+    assert command(directory, '--show') == 0
+    result = ensemble.read(directory)
+    assert result.definition['settings'][2] == {'temperature': 300} and len(result.tasks) == 6 and result.isComplete
+
+
+@pytest.mark.parametrize('words, text', [
+    (('--scene', 'trap'), 'a new study needs both: give them'),
+    (('--resume',), 'in it, so no study'),
+    (('--resume', '--extend'), 'a study is begun, continued or extended'),
+    (('--scene', 'trap', '--length', '1', '--set', 'bodies'), 'a name and its value are needed'),
+    (('--scene', 'trap', '--length', '1', '--cluster', 'nonsense'), 'it gave no answer within')])
+def test_wrong_command_lines(words, text, tmp_path, capsys):
+    if 'nonsense' in words and distributed is None:
+        pytest.skip('dask.distributed is not installed')
+    assert command(tmp_path/'study', *words, '--timeout', 1, '--quiet') == 2
+    assert text in capsys.readouterr().err
+
+
+def test_a_resumed_study_takes_no_other_length(tmp_path, capsys):
+    small(replicas=1, length=0.2).run(str(tmp_path/'study'), quiet=True)
+    assert command(tmp_path/'study', '--resume', '--length', 3) == 2
+    assert 'those of the study go on as they are' in capsys.readouterr().err
+
+
+def test_failures_show_in_the_exit_status(tmp_path, capsys):
+    assert command(tmp_path/'study', '--scene', SCENE, '--set', 'broken=true', '--replicas', 1, '--length', 1, '--platform', 'Reference', '--quiet') == 1
+    assert 'this scene is broken on purpose' in capsys.readouterr().out
+
+
+def test_ctrl_c_keeps_what_was_saved(tmp_path, undisturbed):
+    """SIGINT to the program, while two processes compute: it ends soon, with what there is."""
+    directory = tmp_path/'study'
+    script = (f'import sys; sys.path.insert(0, {os.path.dirname(__file__)!r})\nfrom test_ensemble import small\n'
+              "if __name__ == '__main__':\n"
+              f"    small(['ensemble_tasks:energyOfTheSlow'], length=100.0, replicas=2).run({str(directory)!r}, 2, 'processes', quiet=True)\n"
+              "    print('ended by itself')")
+    path = tmp_path/'script.py'
+    path.write_text(script)
+    process = subprocess.Popen([sys.executable, str(path)], env=dict(os.environ, PYTHONPATH=os.pathsep.join(sys.path)), stdout=subprocess.PIPE, text=True)
+    try:
+        waitFor(lambda: all((directory/'tasks'/f's0000_r000{k}.h5').exists() for k in (0, 1)))
+        process.send_signal(signal.SIGINT)
+        assert process.communicate(timeout=60)[0] == 'ended by itself\n' and process.returncode == 0
+    finally:
+        process.kill()
+    result = ensemble.read(directory)
+    assert [task.status for task in result.tasks] == ['unfinished']*2 and result.about['sessions'][-1]['interrupted']
+    for replica in range(2):
+        known = min(result.tasks[replica].samples, 60)
+        assert np.array_equal(result.series('energyOfTheSlow', 0, replica)[:known], undisturbed.series('energy', 0, replica)[:known])
