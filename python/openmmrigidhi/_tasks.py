@@ -452,7 +452,7 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
     if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
         raise ValueError(f'tasks.run: jobs: got {jobs!r}; it must be a whole number of 1 or more: correct it')
     if retries < 0:
-        raise ValueError(f'tasks.run: retries: got {retries!r}; it must be 0 or more: correct it')
+        raise ValueError(f'tasks.run: retries: got {retries!r}, where a number of retries from 0 on is needed: correct it')
     names = [str(k) for k in range(len(arguments))] if names is None else [str(name) for name in names]
     if len(names) != len(arguments) or len(set(names)) < len(names):
         raise ValueError(f'tasks.run: names: got {len(names)} with {len(set(names))} different ones for {len(arguments)} tasks; each task needs one of '

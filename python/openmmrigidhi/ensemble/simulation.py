@@ -270,7 +270,7 @@ class _Run:
             # What remembers the sample before is told of it again.
             if self.about['samples']:
                 self._measure([observable for observable in task.observables if observable.name in self.extras])
-        self.segment = {'from_position': self.position, 'to_position': self.position, 'seconds': 0.0, 'host': socket.gethostname(),
+        self.segment = {'from_position': self.position, 'to_position': self.position, 'seconds': 0.0, 'seconds_sampling': 0.0, 'host': socket.gethostname(),
                         'architecture': machine.machine(), 'started': _now(), 'saved': None,
                         'versions': {'openmmrigidhi': _loading.version, 'openmm': openmm.version.full_version, 'numpy': np.__version__}}
         self.about['sessions'].append(self.segment)
@@ -282,8 +282,10 @@ class _Run:
         self.segment['seconds'] += time.perf_counter() - began
         self.position += 1
         if self.position > self.warm:
+            began = time.perf_counter()
             for name, value in self._measure(self.task.observables).items():
                 self.series[name].append(value)
+            self.segment['seconds_sampling'] += time.perf_counter() - began
 
     def _measure(self, observables):
         sample = Sample(self.scene, self.context)

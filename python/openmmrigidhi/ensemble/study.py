@@ -166,7 +166,7 @@ class Study:
             try:
                 json.dumps(each)
             except TypeError as error:
-                raise TypeError(f'ensemble.Study: settings {number}: {error}; values must be numbers, texts, truth values or lists of these, since the '
+                raise TypeError(f'ensemble.Study: settings {number}: {error}; each value must be a number, a text, a truth value or a list of these, since the '
                                 'study is kept as JSON: convert them') from error
             if each in self.settings[:number]:
                 raise ValueError(f'ensemble.Study: settings {number}: {each} is there already; settings must differ: raise replicas instead')
@@ -293,7 +293,7 @@ class Study:
 
             try:
                 _tasks.run(simulate, todo, jobs, cluster, names=[taskName(task.setting, task.replica) for task in todo],
-                           amounts=[task.length + (task.equilibration or task.defaultEquilibration) for task in todo], unit='ps', title=self.source.name,
+                           amounts=[task.length + (task.defaultEquilibration if task.equilibration is None else task.equilibration) for task in todo], unit='ps', title=self.source.name,
                            retries=retries, timeout=timeout, finished=note, quiet=quiet)
             except KeyboardInterrupt:
                 session['interrupted'] = True

@@ -1,0 +1,84 @@
+#!/usr/bin/python3
+"""What openmmrigidhi.ensemble costs beside the work itself, and how two workers share it.
+
+Overhead: tasks of half a minute, one after the other on one worker, from the moment the first begins to the end of the last, over the time of their steps and samples,
+which the tasks' own files tell; checkpoints are in it, starting the workers is not and is given by itself. Scaling: as many tasks on two workers, in turns with one.
+Both by the clock, so the machine must be quiet: the JSON has its load.
+
+    PYTHONPATH=build/python /usr/bin/python3 benchmarks/ensemble.py
+"""
+import argparse
+import json
+import pathlib
+import tempfile
+import time
+
+import numpy as np
+
+from openmmrigidhi import ensemble
+
+from common import RESULTS, describeMachine, save
+
+OBSERVABLES = ['potential_energy', 'translational_temperature', 'rotational_temperature_1']
+#: ps of a task that calibrates the others.
+TRIAL = 20.0
+
+
+def study(length, tasks, checkpoint):
+    """Bodies in a trap on the CPU platform with one thread: steps, samples, checkpoints."""
+    return ensemble.Study('trap', [{'bodies': 400, 'stepSize': 0.002}], tasks, length, OBSERVABLES, platform='CPU', equilibration=0.0,
+                          checkpointInterval=checkpoint)
+
+
+def work(result):
+    """Seconds of steps and samples of each task."""
+    import h5py
+    seconds = []
+    for task in result.tasks:
+        with h5py.File(task.path, 'r') as file:
+            sessions = json.loads(file['about'][()].tobytes())['sessions']
+        seconds.append(sum(each['seconds'] + each['seconds_sampling'] for each in sessions))
+    return np.array(seconds)
+
+
+def run(length, tasks, jobs, cluster, checkpoint):
+    """One study: seconds from the first task's beginning to the last one's end, those before, those of the work."""
+    ends = []
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.time()
+        result = study(length, tasks, checkpoint).run(folder, jobs, cluster, quiet=False, finished=lambda task: ends.append(time.time()))
+        assert result.isComplete
+        seconds = work(result)
+        # All tasks have the same work; the first ended when its own was done.
+        return {'total': max(ends) - began, 'work': seconds.tolist(), 'ends': [end - began for end in sorted(ends)]}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--seconds', type=float, default=30, help='of a task (30)')
+    parser.add_argument('--tasks', type=int, default=4, help='of each study, an even number (4)')
+    parser.add_argument('--checkpoint', type=float, default=10, help='seconds between checkpoints (10; the default of studies is 60)')
+    parser.add_argument('--clusters', nargs='+', default=['processes', 'local'])
+    parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
+    options = parser.parse_args()
+    machine = describeMachine()
+    trial = run(TRIAL, 1, 1, 'processes', 1e9)
+    length = round(TRIAL*options.seconds/trial['work'][0]/0.05)*0.05
+    found = {}
+    for cluster in options.clusters:
+        one = run(length, options.tasks, 1, cluster, options.checkpoint)
+        two = run(length, options.tasks, 2, cluster, options.checkpoint)
+        # From the end of the first task to that of the last: one task less of work, with all that comes between tasks.
+        between = one['ends'][-1] - one['ends'][0]
+        overhead = between/sum(one['work'][1:]) - 1
+        begun = one['ends'][0] - one['work'][0]
+        scaling = (one['total'] - begun)/(two['ends'][-1] - min(begun, two['ends'][0] - min(two['work'])))
+        found[cluster] = {'length_ps': length, 'tasks': options.tasks, 'checkpoint_interval_s': options.checkpoint, 'one_worker': one, 'two_workers': two,
+                          'overhead': round(overhead, 5), 'seconds_before_the_first_task': round(begun, 2), 'scaling_of_two_workers': round(scaling, 3)}
+        print(f'{cluster}: overhead {100*overhead:.2f} % of tasks of {np.mean(one["work"]):.1f} s; {begun:.1f} s before the first; two workers '
+              f'{scaling:.2f} times as fast')
+        save(options.output, 'ensemble.json', machine, {'clusters': found})
+
+
+if __name__ == '__main__':
+    main()
