@@ -134,6 +134,20 @@ def number(value, form):
     return '' if value is None else format(value, form)
 
 
+def duration(seconds):
+    """Seconds for people: three digits, in a unit that suits.
+
+    Parameters
+    ----------
+    seconds : float
+    """
+    if not np.isfinite(seconds):
+        return 'never'
+    units = (('d', 86400), ('h', 3600), ('min', 60), ('s', 1), ('ms', 1e-3), ('us', 1e-6))
+    name, scale = next((each for each in units if seconds >= each[1]*(2 if each[1] > 1 else 1)), units[-1])
+    return f'{seconds/scale:.3g} {name}'
+
+
 def paragraph(text):
     """A paragraph of plain text."""
     return f'<p>{html.escape(text)}</p>'
