@@ -307,6 +307,68 @@ def test_results_without_noise_are_priced_by_their_blocks():
         assert statistics.errorAfter(50, 0, row['noise'], row['step_size']/0.001, 0) == pytest.approx(math.sqrt(row['variance']/(50*row['effective_per_second'])))
 
 
+# ---- Files and the command line ---------------------------------------------------------------------------------------
+
+def test_files_of_prices(tmp_path, capsys):
+    result = knownResult([('LangevinC', 4, 0.1, 20, 1), ('LangevinC', 8, -0.7, 20, 1), ('LangevinMiddle', 8, 1.5, 20, 1)])
+    paths = result.write(str(tmp_path/'first'), price=['potential_energy:1%', 'potential_energy:0.01%'], spend=[(OBSERVABLE, 2.0)])
+    # Nothing reaches 0.01 %, so that there is nothing to draw.
+    assert {os.path.basename(path) for path in paths} == {'results.csv', 'results.json', 'report.html', 'error_potential_energy.png',
+                                                          'price_potential_energy_1pc.png'}
+    with open(tmp_path/'first'/'price_potential_energy_1pc.png', 'rb') as file:
+        assert file.read(8) == b'\x89PNG\r\n\x1a\n'
+    data = json.loads((tmp_path/'first'/'results.json').read_text(), parse_constant=pytest.fail)
+    assert [each['verdict'] for each in data['prices']] == ['recommended', 'none of these']
+    assert data['prices'][0]['setting']['seconds'] == pytest.approx((1 + 20/0.51)/8, rel=1e-3)
+    assert data['prices'][0]['candidates'][-1]['seconds'] is None
+    assert (data['spendings'][0]['observable'], data['spendings'][0]['seconds'], data['spendings'][0]['setting']['value']) == (OBSERVABLE, 2.0, 0.008)
+    page = (tmp_path/'first'/'report.html').read_text()
+    assert page.count('<p class="answer">') == 3 and 'To know potential energy to 1%' in page and page.count('<img') == 2
+    head, first = (tmp_path/'first'/'results.csv').read_text().splitlines()[:2]
+    row = dict(zip(head.split(','), first.split(',')))
+    assert float(row['noise']) == 20 and float(row['effective_per_second']) > 0
+
+    # Asked again from the file, by the command line.
+    assert cli.main(['--from', str(tmp_path/'first'/'results.json'), '--price', 'potential_energy:1%', '--spend', 'potential_energy:0.5min',
+                     '--output', str(tmp_path/'again')]) == 0
+    told = capsys.readouterr().out
+    assert result.price('potential_energy:1%').text in told and result.spend(OBSERVABLE, 30).text in told
+    assert 'With 30 s for potential energy' in told
+    assert 'what it takes to know potential_energy:1%' in told
+    assert 'price_potential_energy_1pc.png' in os.listdir(tmp_path/'again')
+    # Without being asked for prices nothing of them is said.
+    assert cli.main(['--from', str(tmp_path/'first'/'results.json'), '--wanted-error', 'potential_energy:1%', '--output', str(tmp_path/'third')]) == 0
+    assert 'To know' not in capsys.readouterr().out
+
+
+def test_a_short_run_with_prices(tmp_path, capsys):
+    assert cli.main(['--scene', 'trap', '--bodies', '10', '--platform', 'Reference', '--length', '3', '--rounds', '3', '--methods', 'LangevinC', '--steps', '4,8',
+                     '--observables', 'energy_group_0', 'energy_group_1', '--price', 'energy_group_0:50%,energy_group_1:80%', '--spend', 'energy_group_0:1h',
+                     '--output', str(tmp_path), '--quiet']) == 0
+    assert 'energy of force group 0 per body to 50% and energy of force group 1 per body to 80%' in capsys.readouterr().out
+    assert 'price_energy_group_0_50pc_energy_group_1_80pc.png' in os.listdir(tmp_path)
+
+
+@pytest.mark.parametrize('arguments, message', [
+    (['--price', 'potential_energy:much'], 'the error must be a positive number'), (['--price', 'dipole:1%'], ', which is not measured; name'),
+    (['--spend', 'potential_energy:0'], 'which is not an observable and its time'), (['--spend', 'potential_energy:3weeks'], 'which is not an observable and its time'),
+    (['--spend', 'dipole:2h'], 'which is not an observable and its time'), (['--spend', 'potential_energy'], 'which is not an observable and its time'),
+    (['--ladder', '--price', 'mobility:1%'], 'which measure no averages and so no noise')])
+def test_wrong_arguments(arguments, message, capsys, monkeypatch):
+    monkeypatch.setattr(accuracy.StepSizeStudy, 'run', lambda *_: pytest.fail('it was measured'))
+    assert cli.main(['--scene', 'trap', '--bodies', '2', '--platform', 'Reference', '--quiet', *arguments]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_times_in_words():
+    names = [OBSERVABLE]
+    for text, seconds in (('90', 90), ('90s', 90), ('1.5min', 90), ('2h', 7200), ('0.5d', 43200), ('1e3 s', 1000)):
+        assert price.parseSpending(f'{OBSERVABLE}:{text}', names) == (OBSERVABLE, seconds)
+    from openmmrigidhi.accuracy._pages import duration
+    assert [duration(each) for each in (2e-6, 0.0123, 5, 119, 600, 9000, 5*86400, math.inf)] == \
+        ['2 us', '12.3 ms', '5 s', '119 s', '10 min', '2.5 h', '5 d', 'never']
+
+
 # ---- Oscillators whose correlation times are known ------------------------------------------------------------------
 
 FREQUENCY = 100.0

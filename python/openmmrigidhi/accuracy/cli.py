@@ -9,6 +9,7 @@ from .grid import GridStudy
 from .gridresult import GridResult
 from .ladder import LadderStudy
 from .ladderresult import LadderResult
+from .price import parseSpending
 from .result import StudyResult
 from .study import StepSizeStudy
 
@@ -29,7 +30,8 @@ EPILOG = '''examples:
   python3 -m openmmrigidhi.accuracy --ladder --scene arrays --wanted-error drag:10%
   python3 -m openmmrigidhi.accuracy --overdamped --wanted-error height:1%,repulsion:5%
   python3 -m openmmrigidhi.accuracy --grid --bodies 200 --wanted-error forces:1e-4
-  python3 -m openmmrigidhi.accuracy --from accuracy/results.json --wanted-error potential_energy:0.2%'''
+  python3 -m openmmrigidhi.accuracy --from accuracy/results.json --wanted-error potential_energy:0.2%
+  python3 -m openmmrigidhi.accuracy --from accuracy/results.json --price potential_energy:0.2% --spend potential_energy:2h'''
 
 
 def parser():
@@ -58,6 +60,11 @@ def parser():
     what.add_argument('--wanted-error', nargs='+', default=[], metavar='NAME:ERROR',
                       help='e.g. potential_energy:0.5%%, or potential_energy:0.2 in its unit; several in one word, with commas, must '
                       'all be met')
+    what.add_argument('--price', nargs='+', default=[], metavar='NAME:ERROR',
+                      help='what it takes to know a number to this error, bias and standard error together: the time of every setting, and the cheapest; '
+                      'written as for --wanted-error')
+    what.add_argument('--spend', nargs='+', default=[], metavar='NAME:TIME',
+                      help='the setting that makes a number known best in this time, e.g. potential_energy:2h (s, min, h, d)')
     what.add_argument('--reference', nargs='+', default=[], metavar='NAME=VALUE[+-ERROR]',
                       help='a known average, used instead of the extrapolation to step 0')
     ladder = result.add_argument_group('the hydrodynamic ladder')
@@ -107,6 +114,8 @@ def main(arguments=None):
     """
     options = parser().parse_args(arguments)
     try:
+        if (options.ladder or options.grid) and (options.price or options.spend):
+            raise ValueError('--price, --spend: got one with --ladder or --grid, which measure no averages and so no noise: leave it out')
         if options.source:
             result = next((kind for kind in (LadderResult, GridResult) if kind.isOne(options.source)), StudyResult).fromJson(options.source)
         else:
@@ -114,7 +123,8 @@ def main(arguments=None):
         if isinstance(result, (LadderResult, GridResult)):
             report = result.report(options.wanted_error)
         else:
-            report = result.report(options.wanted_error, options.baseline or ('TrapezoidalSlip' if options.overdamped else 'LangevinMiddle'))
+            report = result.report(options.wanted_error, options.baseline or ('TrapezoidalSlip' if options.overdamped else 'LangevinMiddle'),
+                                   options.price, [parseSpending(text, list(result.observables)) for text in options.spend])
         paths = report.write(options.output)
     except (ValueError, TypeError, OSError) as error:
         print(f'error: {error}', file=sys.stderr)
@@ -190,8 +200,10 @@ def _grid(options):
 
 def _checkWanted(options, names, example):
     """Wrong wishes are found before anything is measured."""
-    for item in options.wanted_error:
+    for item in options.wanted_error + options.price:
         splitWanted(item, names, example)
+    for item in options.spend:
+        parseSpending(item, names)
 
 
 def _methods(texts, byName, common, unit):

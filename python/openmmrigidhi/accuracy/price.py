@@ -3,6 +3,7 @@
 The arithmetic is in accuracy/statistics.py; here settings are compared, with the uncertainty of everything that was measured.
 """
 import math
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -279,6 +280,30 @@ class Prices:
             text += f' Beware: {"; ".join(chosen["marks"])}.'
         return Recommendation(RECOMMENDED, chosen, text, candidates, None, [])
 
+    def curves(self, observable, seconds, confidence):
+        """Total errors after several times.
+
+        Parameters
+        ----------
+        observable : str
+        seconds : ndarray of shape (n,)
+        confidence : float
+
+        Returns
+        -------
+        tuple of ndarray of shape (n, settings)
+            errors, and the ends of their intervals; infinite where there is none
+        """
+        known = self.known(observable)
+        errors, low, high = [], [], []
+        for time in seconds:
+            errors.append(np.nan_to_num(errorAfter(time, known.bias, known.noise, self.speed, known.equilibration), nan=np.inf, posinf=np.inf))
+            ends = self._interval(*(errorAfter(time, biases, known.noises, self.speeds, known.equilibration)
+                                    for biases in (known.leastBiases, known.biases)), confidence)
+            for values, end in zip((low, high), ends):
+                values.append(end)
+        return np.array(errors), np.array(low), np.array(high)
+
     def _check(self, observable, seconds):
         if observable not in self.result.observables:
             raise ValueError(f'spend: observable: got {observable!r}, of which nothing is known here: ask for one of {", ".join(self.result.observables)}')
@@ -313,6 +338,36 @@ class Prices:
 
     def _name(self, candidate):
         return f'{candidate["method"]} at {self.result.knob.format(candidate["value"])}'
+
+
+#: What times may be given in.
+UNITS = {'': 1, 's': 1, 'min': 60, 'h': 3600, 'd': 86400}
+
+
+def parseSpending(text, names):
+    """An observable and the seconds to spend on it, from text.
+
+    Parameters
+    ----------
+    text : str
+        "observable:3600", "observable:90s", "observable:30min", "observable:2h" or "observable:1.5d"
+    names : collection of str
+        the observables there are
+
+    Returns
+    -------
+    tuple of (str, float)
+    """
+    name, _, amount = text.strip().rpartition(':')
+    match = re.fullmatch(r'([0-9.]+(?:[eE][-+]?[0-9]+)?) *([a-z]*)', amount.strip())
+    try:
+        seconds = float(match.group(1))*UNITS[match.group(2)] if match else math.nan
+    except (KeyError, ValueError):
+        seconds = math.nan
+    if name not in names or not (seconds > 0 and math.isfinite(seconds)):
+        raise ValueError(f'time to spend: got {text!r}, which is not an observable and its time; the observable is one of {", ".join(names)}, the '
+                         f'time above 0: write e.g. {next(iter(names))}:2h, with s, min, h or d')
+    return name, seconds
 
 
 def marks(row):

@@ -516,21 +516,21 @@ class StudyResult(Result):
         return cls(Knob(**data['knob']), data['scene'], data['rows'], references, data['orders'], data['observables'],
                    data['refusals'], data['provenance'], data['confidence'])
 
-    def report(self, wanted=(), baseline='LangevinMiddle'):
+    def report(self, wanted=(), baseline='LangevinMiddle', price=(), spend=()):
         """What is to be said and shown: the files of :meth:`write`, textTable() and paragraphs().
 
         Parameters
         ----------
-        wanted, baseline
+        wanted, baseline, price, spend
             as for :meth:`write`
 
         Returns
         -------
         report.StudyReport
         """
-        return StudyReport(self, wanted, baseline)
+        return StudyReport(self, wanted, baseline, price, spend)
 
-    def write(self, directory, wanted=(), baseline='LangevinMiddle'):
+    def write(self, directory, wanted=(), baseline='LangevinMiddle', price=(), spend=()):
         """Write results.csv, results.json, pictures and report.html into a directory.
 
         Parameters
@@ -538,14 +538,17 @@ class StudyResult(Result):
         directory : str
             made if it does not exist
         wanted : sequence of str
-            wanted errors, each answered on its own
+            wanted errors, each answered on its own by :meth:`recommend`
         baseline : str
             the method that speeds are compared with
+        price : sequence of str
+            wanted total errors, each answered on its own by :meth:`price`, with a picture
+        spend : sequence of (str, float)
+            observables and seconds, each answered on its own by :meth:`spend`
 
         Returns
         -------
         list of str
             paths of the files
         """
-        return self.report(wanted, baseline).write(directory)
-
+        return self.report(wanted, baseline, price, spend).write(directory)
