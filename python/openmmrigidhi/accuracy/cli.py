@@ -84,6 +84,7 @@ def parser():
     how.add_argument('--budget', type=float, default=600, help='seconds for the measurement; run lengths are planned from it (600)')
     how.add_argument('--length', type=float, help='ps (with --overdamped tau_D) for every setting, instead of a budget')
     how.add_argument('--equilibration', type=float, help='ps (with --overdamped tau_D) left out at the start of each run')
+    how.add_argument('--sample-interval', type=float, metavar='PS', help='between samples, rounded to whole steps (default: the scene\'s)')
     how.add_argument('--rounds', type=int, default=20, help='number of turns (20)')
     how.add_argument('--platform', choices=['CPU', 'Reference'], help='(CPU, also with --grid; with --ladder the faster of the two; with --overdamped Reference)')
     how.add_argument('--threads', type=int, default=1, help='of the CPU platform (1)')
@@ -149,7 +150,7 @@ def _stepSizes(options):
     references = dict(_reference(text, names) for text in options.reference)
     with _Bar(options.quiet) as bar:
         study = StepSizeStudy(_scene(options, bar), found, steps, references, observables=asked, platform=options.platform,
-                              threads=options.threads, seed=options.seed, clock=options.clock)
+                              threads=options.threads, seed=options.seed, clock=options.clock, sampleInterval=options.sample_interval)
         return study.run(options.budget, options.length, options.equilibration, options.rounds, options.jobs, bar.study)
 
 
@@ -159,6 +160,8 @@ def _overdamped(options):
     if name not in overdamped.SCENES or options.system or options.state or options.integrator:
         raise ValueError(f'--scene: got {name!r} with --overdamped; it must be one of {", ".join(overdamped.SCENES)}, without --system, --state and '
                          '--integrator: choose one of these')
+    if options.sample_interval is not None:
+        raise ValueError(f'--sample-interval: got {options.sample_interval} with --overdamped, where samples are 1 tau_D apart: leave it out')
     found, steps = _methods(options.methods or overdamped.METHODS, overdamped.byName, options.steps, 'tau_D')
     names = options.observables or list(overdamped.OBSERVABLES)
     _checkWanted(options, names, 'height:1%')

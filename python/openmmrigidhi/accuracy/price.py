@@ -18,11 +18,13 @@ CHEAPEST, SAME, DEARER, OPEN = 'cheapest', 'not distinguishable', 'dearer', 'und
 BEST, WORSE = 'best', 'worse'
 #: Intervals need some resamplings in their tails.
 FEWEST_RESAMPLINGS = 100
+#: No more settings than these are named in a sentence.
+MOST_NAMES = 6
 #: Below these degrees of freedom the relative standard error of a noise is above one half.
 FEWEST_NOISE_DEGREES = 8
 
 
-def completeNoise(row):
+def completeNoise(row, clock=None):
     """Give a row what prices are made of, as far as it has it: noise, times of its own, independent samples a second.
 
     Results that were written before noise was measured have the standard error of block averages: its square times the length is the noise, known
@@ -32,7 +34,10 @@ def completeNoise(row):
     ----------
     row : dict
         changed; see StudyResult.rows
+    clock : str, optional
+        what ns_per_day is from, 'wall' or 'cpu'
     """
+    row.setdefault('ns_per_wall_day', row['ns_per_day'] if clock == 'wall' else None)
     for key in ('sample_interval', 'variance', 'own_tau', 'own_tau_error', 'noise', 'noise_degrees'):
         row.setdefault(key, None)
     if row['noise'] is None and row['mean'] is not None and row['tau'] and row['samples'] and row['length']:
@@ -40,7 +45,8 @@ def completeNoise(row):
         degrees = noiseDegrees(row['tau']/interval, row['samples'])
         row.update(sample_interval=interval, noise=noise, noise_degrees=row['degrees'], variance=noise/(2*row['tau']), own_tau=row['tau'],
                    own_tau_error=row['tau']*math.sqrt(2/degrees))
-    for key, speed in (('effective_per_second', 'ns_per_day'), ('effective_per_cpu_second', 'ns_per_cpu_day')):
+    for key, speed in (('effective_per_second', 'ns_per_day'), ('effective_per_cpu_second', 'ns_per_cpu_day'),
+                       ('effective_per_wall_second', 'ns_per_wall_day')):
         row[key] = row['variance']/row['noise']*row[speed]*1000/SECONDS_PER_DAY if row['noise'] and row[speed] else None
 
 
@@ -193,13 +199,14 @@ class Prices:
         factor = None
         if best is not None:
             verdict = RECOMMENDED
-            text += (f'{self._name(best)}, {duration(best["seconds"])}{clock} ({_between(best)}), the least of all; '
+            text += (f'{self._name(best)}, {duration(best["seconds"])}{clock} ({_between(best)}), the least of those whose bias is below that with '
+                     f'{100*confidence:g} % confidence; '
                      f'{100*best["bias_part"]:.0f} % of the squared error is bias, '
                      f'{100*best["equilibration_part"]:.0f} % of the time equilibration'
                      + (f', {self.result.observables[best["observable"]]["label"]} takes longest' if len(wanted) > 1 else '') + '.')
             same = [each for each in candidates if each['verdict'] == SAME]
             if same:
-                text += ' Not distinguishable from it: ' + ', '.join(f'{self._name(each)} ({duration(each["seconds"])})' for each in same) + '.'
+                text += f' Not distinguishable from it: {self._names(same, lambda each: duration(each["seconds"]))}.'
             others = []
             for method in self.result.methods():
                 own = next((each for each in candidates if each['method'] == method and each['bias'] == 'yes'), None)
@@ -211,12 +218,12 @@ class Prices:
             if undecided:
                 factor = min(each['factor'] for each in undecided)
                 text += (f' Settings that may cost less or never get there, for their bias is not known well enough: '
-                         f'{", ".join(self._name(each) for each in undecided)}; {longer(factor)}.')
+                         f'{self._names(undecided)}; {longer(factor)}.')
             if best['marks']:
                 text += f' Beware: {"; ".join(best["marks"])}.'
         elif undecided:
             verdict, factor = UNDECIDED, min(each['factor'] for each in undecided)
-            text += f'cannot tell. The bias is not known well enough for {", ".join(self._name(each) for each in undecided)}; {longer(factor)}.'
+            text += f'cannot tell. The bias is not known well enough for {self._names(undecided)}; {longer(factor)}.'
         elif candidates and all(each['verdict'] == 'n/a' for each in candidates):
             verdict = UNDECIDED
             text += ('cannot tell. There is nothing to compare with, or no correlation time: an exact value, a reference or smaller steps are '
@@ -275,7 +282,7 @@ class Prices:
                  f'{chosen["total_error_high"]:.2g}: bias {chosen["bias"]:.2g}, standard error {chosen["standard_error"]:.2g}.')
         same = [each for each in candidates if each['verdict'] == SAME]
         if same:
-            text += f' Not distinguishable from it: {", ".join(self._name(each) for each in same)}.'
+            text += f' Not distinguishable from it: {self._names(same)}.'
         if chosen['marks']:
             text += f' Beware: {"; ".join(chosen["marks"])}.'
         return Recommendation(RECOMMENDED, chosen, text, candidates, None, [])
@@ -335,6 +342,11 @@ class Prices:
 
     def _setting(self, row):
         return {key: row[key] for key in ('method', 'value', 'step_size', 'ns_per_day')}
+
+    def _names(self, candidates, about=None):
+        """Names of settings with commas between, and what is to be said about each; of many the first."""
+        names = [self._name(each) + (f' ({about(each)})' if about else '') for each in candidates[:MOST_NAMES]]
+        return ', '.join(names) + (f' and {len(candidates) - MOST_NAMES} more' if len(candidates) > MOST_NAMES else '')
 
     def _name(self, candidate):
         return f'{candidate["method"]} at {self.result.knob.format(candidate["value"])}'

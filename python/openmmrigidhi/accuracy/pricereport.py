@@ -148,7 +148,7 @@ class PriceReport:
         bottom = min(each['seconds_low'] for each in answer.candidates)/2
         values = sorted({each['value']*knob.scale for each in answer.candidates})
         # Bars of several methods at one value stand side by side.
-        aside = min([b - a for a, b in zip(values, values[1:])] + [values[-1]])*0.08
+        aside = min([b - a for a, b in zip(values, values[1:])] + [values[-1]])*min(0.08, 0.4/len(result.methods()))
         for index, method in enumerate(result.methods()):
             colour, marker = self.style[method]
             shift = (index - (len(result.methods()) - 1)/2)*aside

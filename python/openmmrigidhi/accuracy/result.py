@@ -132,8 +132,8 @@ class StudyResult(Result):
         (of freedom of that error), tau (integrated autocorrelation time that the length of blocks is from, ps), samples, drift, note, and by
         comparison with the reference: error, error_standard_error, error_low, error_high (confidence interval), relative_error. For prices:
         sample_interval (ps), variance (of one sample), own_tau and own_tau_error (of this run alone, and its standard error, ps), noise (squared
-        standard error times length, unit^2 ps), noise_degrees (of freedom of what is known of it), effective_per_second and
-        effective_per_cpu_second (independent samples)
+        standard error times length, unit^2 ps), noise_degrees (of freedom of what is known of it), effective_per_second,
+        effective_per_cpu_second and effective_per_wall_second (independent samples, by the study's clock and by both), ns_per_wall_day
     references : dict
         observable -> Reference
     confidence : float
@@ -144,7 +144,8 @@ class StudyResult(Result):
     COLUMNS = ('method', 'knob', 'value', 'step_size', 'status', 'ns_per_day', 'ns_per_day_low', 'ns_per_day_high', 'ns_per_cpu_day',
                'observable', 'mean', 'standard_error', 'error', 'error_standard_error', 'error_low', 'error_high',
                'relative_error', 'tau', 'samples', 'length', 'equilibration', 'drift', 'seed', 'note', 'message', 'sample_interval', 'variance',
-               'own_tau', 'own_tau_error', 'noise', 'noise_degrees', 'effective_per_second', 'effective_per_cpu_second')
+               'own_tau', 'own_tau_error', 'noise', 'noise_degrees', 'effective_per_second', 'effective_per_cpu_second',
+               'effective_per_wall_second', 'ns_per_wall_day')
 
     def __init__(self, knob, scene, rows, references, orders, observables, refusals, provenance, confidence=0.95):
         self.knob = knob
@@ -158,7 +159,7 @@ class StudyResult(Result):
         self.confidence = confidence
         for row in rows:
             self._compare(row)
-            completeNoise(row)
+            completeNoise(row, provenance.get('clock'))
 
     def _compare(self, row):
         row.update(error=None, error_standard_error=None, error_low=None, error_high=None, relative_error=None)
