@@ -517,7 +517,7 @@ def energy(R, q):
     (dict(position=[(0, 0, 0)]*2), ('position: got an array of shape (2, 3)',)),
     (dict(numWalkers=0), ('numWalkers: got 0', 'must be 1 or more')),
     (dict(energyFunction=lambda R, q: np.zeros((len(R), 2))), ('it returned an array of shape (3, 2) for 3 poses',)),
-    (dict(energyFunction=lambda R, q: np.full(len(R), np.nan)), ('energyFunction: it returned nan', 'infinity where a pose is forbidden')),
+    (dict(energyFunction=lambda R, q: np.full(len(R), np.nan)), ('energyFunction: it returned nan', 'energies must be numbers, or infinity where a pose is forbidden')),
     (dict(energyFunction=lambda R, q: np.full(len(R), np.inf)), ('is inf at the start of walker 0', 'begin elsewhere')),
 ])
 def test_bad_walkers(arguments, pieces):
