@@ -18,9 +18,7 @@ of it. Estimators use what is symmetric: the mirror z -> -z, which exchanges the
     python3 trapped_spheres.py --quick       # seconds
 """
 import argparse
-import concurrent.futures
 import json
-import multiprocessing
 import pathlib
 import time
 
@@ -29,7 +27,7 @@ import openmm
 import scipy.linalg
 from common import RESULTS, Spheres, provenance, pyplot, sample, save
 from openmmrigidhi import MobilityForce
-from tqdm import tqdm
+from openmmrigidhi.ensemble import tasks
 
 #: m, I, kt, kr, the paper's kT, how long the correlations are followed, spacing of samples, running time.
 SETS = {'inertial (Figs 2, 3)': {'m': 1.0, 'I': 0.4, 'kt': 10.0, 'kr': 20.0, 'kT': 0.1, 'lag': 4.0, 'every': 0.05, 'time': 5e4},
@@ -234,6 +232,11 @@ def run(setName, R, kT, model, duration, seed, minutes=np.inf, quiet=False):
             'standard_error': {n: np.round(v, 6) for n, v in errors.items()}, 'theory': {n: np.round(v, 6) for n, v in exact.items()}}
 
 
+def runTask(arguments, job):
+    """run(), for tasks.run()."""
+    return run(*arguments)
+
+
 def draw(runs, folder):
     """Figures 2 to 5 and what differs from theory."""
     plt = pyplot()
@@ -273,6 +276,7 @@ def main():
     parser.add_argument('--distances', nargs='+', type=float, default=DISTANCES)
     parser.add_argument('--shares', nargs='+', type=float, default=(0.1, 1.0), help="temperatures, in those of the paper")
     parser.add_argument('--jobs', type=int, default=1, help='runs at a time')
+    parser.add_argument('--cluster', help='address of a dask.distributed scheduler whose workers make the runs')
     parser.add_argument('--seed', type=int, default=2017)
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     args = parser.parse_args()
@@ -287,7 +291,7 @@ def main():
         for share in args.shares if not args.quick else (0.1,):
             for R in args.distances if not args.quick else DISTANCES[:1]:
                 todo.append((setName, R, share*parameters['kT'], args.model, duration, seedOf(args.seed, setName, R, share),
-                             args.minutes*(1 if share < 1 else 0.25), args.jobs > 1))
+                             args.minutes*(1 if share < 1 else 0.25), args.jobs > 1 or args.cluster is not None))
     runs = []
     if args.keep and (args.output/name).exists():
         runs = json.loads((args.output/name).read_text())['runs']
@@ -301,13 +305,8 @@ def main():
               f'rms z {max(r["rms_z"].values()):.2f}  [{r["seconds"]:.0f} s]', flush=True)
         save(args.output, name, {'runs': runs, 'provenance': provenance(args)})
 
-    if args.jobs > 1:
-        with concurrent.futures.ProcessPoolExecutor(args.jobs, multiprocessing.get_context('spawn')) as pool:
-            for done in tqdm(concurrent.futures.as_completed([pool.submit(run, *task) for task in todo]), total=len(todo)):
-                finish(done.result())
-    else:
-        for task in todo:
-            finish(run(*task))
+    tasks.run(runTask, todo, args.jobs, args.cluster, names=[f'{task[0]} R {task[1]:g} kT {task[2]:g}' for task in todo],
+              quiet=args.jobs == 1 and args.cluster is None, finished=lambda outcome: finish(outcome.get()))
     if runs:
         draw(runs, args.output)
 

@@ -11,10 +11,8 @@
 Each run writes one JSON in results/runs; report.py then fits A0 and E_A and draws.
 """
 import argparse
-import concurrent.futures
 import hashlib
 import json
-import multiprocessing
 import os
 import platform
 import subprocess
@@ -26,6 +24,7 @@ for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):      # one thread 
 
 import numpy as np  # noqa: E402
 import openmm as mm  # noqa: E402
+from openmmrigidhi.ensemble import tasks  # noqa: E402
 from tqdm import tqdm  # noqa: E402
 
 import observables  # noqa: E402
@@ -164,10 +163,17 @@ def exact_minus_fast(sums, pairs):
             "standard_deviation_of_energy_difference_in_kT": float(difference.std())}
 
 
-def _worker(spec, start_file, target, queue):
-    start = np.load(start_file)["positions"]
+def _worker(task, job):
+    spec, start_file, target = task
+    start, done = np.load(start_file)["positions"], 0
+
+    def report(steps):
+        nonlocal done
+        done += steps
+        job.report(done)
+
     try:
-        result = simulate(spec, start, queue.put)
+        result = simulate(spec, start, report)
     except mm.OpenMMException as error:         # an unstable step size is a result too
         result = dict(spec, failed=str(error), provenance=provenance())
     temporary = target + ".part"
@@ -204,6 +210,7 @@ def main():
     parser.add_argument("--replica", type=int, default=0, help="with k > 0: independent further runs, other seeds and files; "
                         "the report combines whatever is there")
     parser.add_argument("--jobs", type=int, default=1, help="single-thread processes at once")
+    parser.add_argument("--cluster", help="address of a dask.distributed scheduler whose workers make the runs")
     parser.add_argument("--platform", default="CPU", choices=("CPU", "Reference"))
     parser.add_argument("--potential", default="fast", choices=("fast", "exact"))
     parser.add_argument("--out", default=os.path.join(HERE, "results"))
@@ -238,18 +245,12 @@ def run_series(options):
         return
     start_file = options.start_file or os.path.join(options.out, f"start_{options.molecules}.npz")
     start_positions(options.molecules, start_file)
-    spawn = multiprocessing.get_context("spawn")
-    with spawn.Manager() as manager, concurrent.futures.ProcessPoolExecutor(options.jobs, mp_context=spawn) as pool:
-        queue = manager.Queue()
-        waiting = {pool.submit(_worker, s, start_file, run_file(options.out, s), queue) for s in todo}
-        with tqdm(total=sum(s["steps"] + s["equilibration_steps"] for s in todo), unit="step", mininterval=2) as bar:
-            while waiting:
-                finished, waiting = concurrent.futures.wait(waiting, timeout=1)
-                while not queue.empty():
-                    bar.update(queue.get())
-                for future in finished:
-                    target, failure = future.result()
-                    tqdm.write(f"{os.path.basename(target)}: {failure or 'done'}", file=sys.stderr)
+    def show(outcome):
+        target, failure = outcome.get()
+        tqdm.write(f"{os.path.basename(target)}: {failure or 'done'}", file=sys.stderr)
+
+    tasks.run(_worker, [(s, start_file, run_file(options.out, s)) for s in todo], options.jobs, options.cluster,
+              amounts=[s["steps"] + s["equilibration_steps"] for s in todo], unit="step", finished=show)
 
 
 if __name__ == "__main__":

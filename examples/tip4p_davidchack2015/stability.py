@@ -16,9 +16,7 @@ Free particle under Langevin A: T_tk/T = x/sinh(x), x = gamma h, exactly; the pi
 rotation the mean over axes l of the same with x_l = Gamma h/(I_l sum 1/I).
 """
 import argparse
-import concurrent.futures
 import json
-import multiprocessing
 import os
 import time
 
@@ -31,7 +29,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 import openmm as mm  # noqa: E402
-from tqdm import tqdm  # noqa: E402
+from openmmrigidhi.ensemble import tasks as together  # noqa: E402
 
 import observables  # noqa: E402
 import run  # noqa: E402
@@ -95,7 +93,8 @@ def trial(task, start):
     return result
 
 
-def _trial(task, start_file):
+def _trial(argument, job):
+    task, start_file = argument
     return trial(task, np.load(start_file)["positions"])
 
 
@@ -180,6 +179,7 @@ def main():
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--picoseconds", type=float, default=20.0, help="length of the runs that look for the largest step")
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--cluster", help="address of a dask.distributed scheduler whose workers make the trials")
     parser.add_argument("--start-file")
     parser.add_argument("--out", default=os.path.join(run.HERE, "results"))
     options = parser.parse_args()
@@ -194,18 +194,18 @@ def main():
             for name, trials in json.load(stream)["trials"].items():
                 if [{k: t.get(k) for k in task} for t, task in zip(trials, groups.get(name, []))] == groups.get(name):
                     results[name] = trials
-    spawn = multiprocessing.get_context("spawn")
-    with concurrent.futures.ProcessPoolExecutor(options.jobs, mp_context=spawn) as pool, \
-            tqdm(total=sum(len(group) for name, group in groups.items() if name not in results), unit="run") as bar:
-        for name, group in groups.items():
-            if name in results:
-                continue
-            futures = [pool.submit(_trial, task, start_file) for task in group]
-            results[name] = []
-            for future in futures:
-                results[name].append(future.result())
-                bar.update()
-            write(results, time.time() - began, options.out)
+    todo = [(name, task) for name, group in groups.items() if name not in results for task in group]
+    trials = {name: [None]*len(groups[name]) for name, _ in todo}
+    places = [(name, k) for name, group in groups.items() if name not in results for k in range(len(group))]
+
+    def finish(outcome):
+        name, k = places[outcome.index]
+        trials[name][k] = outcome.get()
+        if None not in trials[name]:            # the file has whole groups only
+            results[name] = trials.pop(name)
+            write({name: results[name] for name in groups if name in results}, time.time() - began, options.out)
+
+    together.run(_trial, [(task, start_file) for _, task in todo], options.jobs, options.cluster, unit="run", finished=finish)
     for name, limit in limits(results).items():
         print(f"{name:45s} stable to {limit['largest_stable_below_the_first_failure']}, unstable at {limit['smallest_unstable']}")
 

@@ -286,8 +286,14 @@ class _Cluster:
             ifItFails.pop_all()
 
     def _connect(self, address):
+        class Client(self.distributed.Client):
+            def __del__(self):
+                # One that never came to be complains when it goes.
+                with contextlib.suppress(Exception):
+                    super().__del__()
+
         try:
-            return self.place.enter_context(self.distributed.Client(address, timeout=self.timeout, set_as_default=False))
+            return self.place.enter_context(Client(address, timeout=self.timeout, set_as_default=False))
         except (OSError, ValueError) as error:
             raise ConnectionError(f'cluster {address}: it gave no answer within {self.timeout:g} s ({error}): start a scheduler there '
                                   '(dask-scheduler), correct the address, or leave it out for processes on this machine') from error

@@ -147,8 +147,8 @@ class EnsembleResult:
             found = independentRuns(chains)
             reach = quantile(CONFIDENCE, found.degrees)*found.standardError
             row.update(mean=found.mean, standard_error=found.standardError, degrees=found.degrees, low=found.mean - reach, high=found.mean + reach,
-                       replicas=len(chains), samples=found.samples, tau=found.tau*interval, effective_samples=found.effectiveSamples, r_hat=found.rHat)
-            if found.rHat is not None and found.rHat > LARGEST_RHAT:
+                       replicas=len(chains), samples=found.samples, tau=found.tau*interval, effective_samples=found.effectiveSamples, r_hat=None if found.rHat is None or np.isnan(found.rHat) else found.rHat)
+            if row['r_hat'] is not None and row['r_hat'] > LARGEST_RHAT:
                 notes.append(f'R-hat above {LARGEST_RHAT}: run longer')
             if len(chains) == 1:
                 notes.append('one replica: error from blocks')

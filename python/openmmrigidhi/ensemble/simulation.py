@@ -136,16 +136,21 @@ class SceneSource:
         if 'files' not in specification:
             return cls(next(iter(specification.values())))
         system, integrator, start, about = (os.path.join(directory, specification['files'], name) for name in SCENE_FILES)
-        things = []
-        for path in (system, integrator):
-            with open(path) as file:
-                things.append(openmm.XmlSerializer.deserialize(file.read()))
-        with open(about) as file:
-            extra = json.load(file)
-        with np.load(start) as arrays:
-            scene = Scene(things[0], arrays['positions'], things[1], **extra)
-            scene.boxVectors = arrays['box']
-            scene.velocities = arrays['velocities'] if 'velocities' in arrays else None
+        try:
+            things = []
+            for path in (system, integrator):
+                with open(path) as file:
+                    things.append(openmm.XmlSerializer.deserialize(file.read()))
+            with open(about) as file:
+                extra = json.load(file)
+            with np.load(start) as arrays:
+                scene = Scene(things[0], arrays['positions'], things[1], **extra)
+                scene.boxVectors = arrays['box']
+                scene.velocities = arrays['velocities'] if 'velocities' in arrays else None
+        # Each of the libraries that read has errors of its own.
+        except Exception as error:
+            raise ValueError(f'{os.path.dirname(system)}: the scene of the study is damaged ({type(error).__name__}: {error}); {", ".join(SCENE_FILES)} must '
+                             'be as they were written: put copies back') from error
         return cls(scene)
 
 

@@ -314,6 +314,7 @@ class Study:
                                  'back, or take another directory')
             self.source.save(directory)
             about = {'format': FORMAT, 'identity': str(uuid.uuid4()), 'definition': wanted, 'seeds': self.seeds(), 'earlier_definitions': [],
+                     'observables': {observable.name: {'label': observable.label, 'unit': observable.unit} for observable in self.observables},
                      'failures': {}, 'sessions': []}
             _writeAbout(directory, about)
             return about
@@ -423,7 +424,7 @@ def _readAbout(directory):
             about = json.load(file)
         if about.get('format') != FORMAT:
             raise ValueError(f'its format is {about.get("format")!r} instead of {FORMAT!r}')
-        about['definition']['settings'], about['seeds'], about['failures'], about['sessions']
+        about['definition']['settings'], about['observables'], about['seeds'], about['failures'], about['sessions']
         return about
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(f'{path}: it is damaged ({type(error).__name__}: {error}); it must say what the study is: put a copy back, the tasks in {TASKS} are '
@@ -431,7 +432,7 @@ def _readAbout(directory):
 
 
 def read(directory):
-    """What there is of a study, finished or not. Damaged files are named in the result; all others are used.
+    """What there is of a study, finished or not. Damaged files are named in the result; all others are used. Nothing is imported for it.
 
     Parameters
     ----------
@@ -454,17 +455,7 @@ def read(directory):
             records.append(record)
             if content is not None:
                 contents[setting, replica] = content
-    names = definition['observables']
-    found = [list(content.series) for content in contents.values()]
-    observables = {}
-    for name in names:
-        try:
-            observable = _observable(name)
-            observables[observable.name] = {'label': observable.label, 'unit': observable.unit}
-        except ValueError:   # of a script that is not here
-            short = name.rpartition(':')[2]
-            observables[short if not found or short in found[0] else name] = {'label': short, 'unit': ''}
-    return EnsembleResult(definition, observables, records, contents, about)
+    return EnsembleResult(definition, about['observables'], records, contents, about)
 
 
 def _record(directory, setting, replica, seed, settings, about, length):
