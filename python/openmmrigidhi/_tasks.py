@@ -262,9 +262,8 @@ class _Cluster:
         self.distributed = distributed
         self.topic = f'openmmrigidhi-{uuid.uuid4()}'
         self.told, self.news = collections.deque(), threading.Event()
-        self.futures = {}
+        self.futures, self.submitted = {}, 0
         self.lonelySince = None
-        self.known = {}
         self.place = contextlib.ExitStack()
         self.address = address if isinstance(address, str) else 'local'
         with contextlib.ExitStack() as ifItFails:
@@ -341,7 +340,9 @@ class _Cluster:
         payload = self.distributed.protocol.pickle.dumps((self.function, argument, job)), job.index, job.name
         with warnings.catch_warnings():
             warnings.filterwarnings('ignore', 'Large object', UserWarning)
-            self.futures[job.index] = self.client.submit(_performPickled, payload, self.topic, pure=False, key=f'{self.topic}-{job.index}')
+            # A task that is submitted again is another one to the scheduler.
+            self.submitted += 1
+            self.futures[job.index] = self.client.submit(_performPickled, payload, self.topic, pure=False, key=f'{self.topic}-{self.submitted}')
         self.futures[job.index].add_done_callback(lambda future: self.news.set())
 
     def look(self):
@@ -419,8 +420,8 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
     title : str
         of the progress bar
     retries : int
-        how often a task is given to another worker after one has died with it. A scheduler elsewhere has its own bound beside
-        (distributed.scheduler.allowed-failures, 3 unless told otherwise).
+        how often a task is given to another worker after one has died with it, since any came further than those before (Job.report()). A scheduler
+        elsewhere has its own bound beside (distributed.scheduler.allowed-failures, 3 unless told otherwise).
     timeout : float
         seconds to wait for a cluster's answer, and for a worker where there is none
     finished : callable, optional
@@ -465,10 +466,15 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
                          'its own: correct the list')
     if not arguments:
         return []
-    outcomes, starts, waiting = {}, [0]*len(arguments), collections.deque(range(len(arguments)))
+    outcomes, waiting = {}, collections.deque(range(len(arguments)))
+    # Of each task: how often it was started, how often since a worker came further with it than any before, how far that was, how far this one is.
+    starts, fruitless, furthest, now = ([0]*len(arguments) for _ in range(4))
     backend = _backend(function, jobs, cluster, retries, timeout)
     bar = _Bar(amounts, len(arguments), unit, title, quiet)
     backend.tell = lambda event: bar.show(event[1], event[2])
+
+    def cameFurther(index):
+        return now[index] > furthest[index]
 
     def end(outcome):
         outcome.name, outcome.attempts = names[outcome.index], max(1, starts[outcome.index])
@@ -477,9 +483,10 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
         if finished is not None:
             finished(outcome)
 
-    def giveUp(index, how):
-        end(Outcome(index, names[index], failure=Failure('WorkerDied', f'{starts[index]} workers died with it, one after the other{how}; more '
-                                                         f'retries than {retries} are not made: look for what ends the process (memory?), then run it again')))
+    def giveUp(index, how=None):
+        end(Outcome(index, names[index], failure=Failure('WorkerDied', f'{starts[index]} workers died with it, one after the other'
+                                                         f'{"" if how is None else f" ({how})"}; more retries than {retries} without progress are not made: look '
+                                                         'for what ends the process (memory?), then run it again')))
 
     with contextlib.closing(backend), contextlib.closing(bar):
         while len(outcomes) < len(arguments):
@@ -489,20 +496,24 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
                 backend.submit(arguments[index], Job(index, names[index], None if directory is None else os.path.join(directory, names[index])))
             for event, index, what in backend.look():
                 if event == STARTED:
+                    fruitless[index] = 1 if cameFurther(index) else fruitless[index] + 1
+                    furthest[index] = max(furthest[index], now[index])
                     starts[index] += 1
                     if starts[index] > 1:
-                        bar.say(f'{names[index]}: its worker died; attempt {starts[index]} of {retries + 1}')
-                    if starts[index] > retries + 1:   # a scheduler elsewhere may be more patient than we are
+                        bar.say(f'{names[index]}: its worker died; attempt {starts[index]}')
+                    if fruitless[index] > retries + 1:   # a scheduler elsewhere may be more patient than we are
                         backend.cancel(index)
-                        giveUp(index, '')
+                        giveUp(index)
                 elif event == PROGRESS:
+                    now[index] = what
                     bar.show(index, what)
                 elif event == DONE:
                     end(what)
-                elif starts[index] > retries or what is None:
-                    giveUp(index, '' if what is None else f' ({what})')
-                else:
+                # A scheduler has its own retries, which take no notice of progress.
+                elif cameFurther(index) or (what is not None and fruitless[index] <= retries):
                     waiting.appendleft(index)
+                else:
+                    giveUp(index, what)
     return [outcomes[index] for index in range(len(arguments))]
 
 

@@ -118,6 +118,13 @@ def test_a_task_goes_on_from_what_is_in_its_directory(where, tmp_path):
     assert (tmp_path/'own'/'0'/'count').read_text() == '6'
 
 
+@pytest.mark.parametrize('where', CLUSTERS, indirect=True)
+def test_workers_that_die_are_no_end_where_each_comes_further(where, tmp_path):
+    """Four deaths, with one retry: not one of them without progress."""
+    outcome, = tasks.run(ensemble_tasks.dieOften, [0], 2, where, directory=str(tmp_path), amounts=[4], retries=1, quiet=True)
+    assert outcome.get() == 4 and outcome.attempts == 5
+
+
 def test_values_that_cannot_be_sent_and_exits_are_failures():
     outcome, = tasks.run(ensemble_tasks.unpicklable, [1], 2, 'processes', quiet=True)
     assert outcome.failure is not None and 'pickle' in outcome.failure.message
