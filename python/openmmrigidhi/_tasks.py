@@ -25,6 +25,8 @@ from . import _loading
 
 #: Seconds between two reports of a task, and between two looks at a cluster.
 BETWEEN_REPORTS, BETWEEN_LOOKS = 0.5, 0.5
+#: Seconds between two requests for workers of our own that are missing.
+BETWEEN_REPAIRS = 5.0
 #: Seconds that a worker gets to end by itself, after an interruption.
 PATIENCE = 5.0
 STARTED, PROGRESS, DONE, DIED = 'started', 'progress', 'done', 'died'
@@ -265,6 +267,7 @@ class _Cluster:
         self.futures, self.submitted = {}, 0
         self.lonelySince = None
         self.place = contextlib.ExitStack()
+        self.jobs, self.local, self.mended = jobs, None, 0.0
         self.address = address if isinstance(address, str) else 'local'
         with contextlib.ExitStack() as ifItFails:
             ifItFails.callback(self.close)
@@ -322,6 +325,10 @@ class _Cluster:
             slots = sum(self.client.nthreads().values())
         except (OSError, RuntimeError) as error:
             raise self._lost() from error
+        if self.local is not None and slots < self.jobs and time.monotonic() - self.mended > BETWEEN_REPAIRS:
+            # Dask replaces a worker that dies, but not one that dies while it starts; this asks for all again.
+            self.mended = time.monotonic()
+            self.local.scale(self.jobs)
         if slots:
             self.lonelySince = None
         elif self.lonelySince is None:
