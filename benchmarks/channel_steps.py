@@ -2,8 +2,6 @@
 """What a Brownian step in a slip channel takes on a grid, and where its time goes.
 
 Cubes of eight touching blobs on a lattice between the walls, volume fraction 0.2, DriftCorrectorFD, one process for each case, one thread, the smallest CPU time of five steps.
-The scenes are stepped with --fluid channel by today's code; --fluid images steps the same cubes with their mirror images as bodies of their own in a periodic box of twice the
-width: the bodies, forces and solver then count twice, and so does the grid, as all of it did before half of the channel's grid was left out.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/channel_steps.py
 """
