@@ -549,11 +549,9 @@ void spreadSlab(const GridWork<T>& work, const GridStencils& stencils, int slabN
         {
             const TimeOfLife timer(scratch.seconds.spreading);
             // Rows are emptied before the first particle that reaches them, and transformed after the last one. Rows at the beginning are also
-            // reached across the end, or across a wall, as then are rows at the end.
-            const bool mirrored = layout.shape.mirrored;
-            const int size = layout.numRows,
-                      firstRow = mirrored ? layout.reach : std::min(size, stencils.largestWidth(1)),
-                      lastRow = mirrored ? std::max(firstRow, size - layout.reach) : size;
+            // reached across the end of the period; of a mirrored grid those at the end across their wall.
+            const int size = layout.numRows, firstRow = std::min(size, stencils.largestWidth(1)),
+                      lastRow = std::max(firstRow, size - layout.reach);
             int empty = 0, row = firstRow;
             for (T* component : slab.values)
                 std::fill(component + size * layout.rowNumbers(), component + layout.slabNumbers(), T(0));
@@ -573,7 +571,7 @@ void spreadSlab(const GridWork<T>& work, const GridStencils& stencils, int slabN
                 spreadSlice(stencils, slice, forces + stencils.getParticles().firstRow[slice.particle], layout, slab);
             }
             emptyUpTo(size);
-            if (mirrored) foldOuterRows(layout, slab);
+            foldOuterRows(layout, slab);
             for (; row < size; row++) rowsThere(work, row, slab, scratch);
             for (row = 0; row < firstRow; row++) rowsThere(work, row, slab, scratch);
         }
