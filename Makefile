@@ -78,7 +78,7 @@ tsan: deps
 	ctest --preset tsan --parallel $(JOBS)
 
 lint: build
-	$(PYTHONPATH_BUILD) $(PYTHON) $(PYTEST) tests/lint
+	$(PYTHONPATH_BUILD) $(PYTHON) $(PYTEST) --dist load tests/lint
 
 recipes: deps
 	$(PYTHON) tools/follow_recipes.py --jobs $(JOBS)
