@@ -1,4 +1,5 @@
 """What the workers of test_ensemble.py compute: they import it by name."""
+import multiprocessing
 import os
 import signal
 import time
@@ -67,6 +68,13 @@ def energyOrNot(context):
 
 def infinite(context):
     return float('inf')
+
+
+def exits(context):
+    """Ends the task, where it is not the program that the tests are."""
+    if multiprocessing.parent_process() is not None:
+        raise SystemExit('leaving')
+    return 0.0
 
 
 def square(x, job):

@@ -14,12 +14,17 @@ import numpy as np
 import pytest
 
 import ensemble_tasks
-from openmmrigidhi import _loading, _tasks, ensemble
+from openmmrigidhi import _loading, _tasks, accuracy, ensemble
 from openmmrigidhi.accuracy import scenes
+from openmmrigidhi.accuracy.measurement import Run
 from openmmrigidhi.analysis import series as seriesModule
 from openmmrigidhi.ensemble import cli, study as studyModule, taskfiles, tasks
 
-distributed = pytest.importorskip('distributed') if importlib.util.find_spec('distributed') else None
+try:
+    import distributed
+except ImportError:
+    distributed = None
+
 #: Who computes: plain processes, and two workers behind a scheduler.
 CLUSTERS = ['processes', *(['scheduler'] if distributed else [])]
 needsDask = pytest.mark.skipif(distributed is None, reason='dask.distributed is not installed')
@@ -647,6 +652,52 @@ def test_runs_of_unequal_lengths_and_single_ones():
     assert seriesModule.independentRuns([[1.0, 2.0]]).rHat is None
     with pytest.raises(ValueError, match='at least one run of 2 is needed'):
         seriesModule.independentRuns([])
+
+
+# ---- Who else takes its processes from here --------------------------------------------------------------------------------------
+
+def withoutTimes(rows):
+    times = ('ns_per', 'seconds', 'speeds', 'effective_per', 'platform', 'solver')
+    return [{key: value for key, value in row.items() if not key.startswith(times)} for row in rows]
+
+
+@pytest.mark.parametrize('where', CLUSTERS, indirect=True)
+def test_accuracy_gives_the_same_numbers_whoever_makes_its_runs(where):
+    study = accuracy.StepSizeStudy(scenes.trap(5), ['LangevinC'], [0.004, 0.008], platform='Reference')
+    one = study.run(length=3, rounds=2)
+    two = study.run(length=3, rounds=2, jobs=2, cluster=where)
+    assert withoutTimes(two.rows) == withoutTimes(one.rows)
+    assert all(row['ns_per_day'] > 0 for row in two.rows)
+
+
+@pytest.mark.parametrize('where', CLUSTERS, indirect=True)
+def test_the_ladder_gives_the_same_numbers_whoever_computes_mobilities(where):
+    study = accuracy.LadderStudy(scenes.pairs([0.1, 1.0]), ['RPY', 'FTS', 'FTS+lubrication', 'multiblob12', 'ForceCoupling'])
+    one, two = study.run(rounds=1), study.run(rounds=1, jobs=2, cluster=where)
+    assert withoutTimes(two.rows) == withoutTimes(one.rows)
+    assert {row['status'] for row in two.rows} == {'stable', 'not applicable'}
+
+
+def test_times_that_end_where_the_runs_did_not(monkeypatch):
+    """After parallel runs each is timed here from its start, which may explode: then there are no times, and the samples stay."""
+    advance = Run.advance
+
+    def explode(self, samples, record=True, progress=None):
+        if record:
+            self._end('unstable', 'exploded on purpose')
+        else:
+            advance(self, samples, record, progress)
+
+    monkeypatch.setattr(Run, 'advance', explode)
+    rows = accuracy.StepSizeStudy(scenes.trap(3), ['LangevinC'], [0.004], platform='Reference').run(length=2, jobs=2, cluster='processes').rows
+    assert rows[0]['status'] == 'stable' and rows[0]['samples'] == 40 and rows[0]['ns_per_day'] is None
+
+
+def test_a_run_of_accuracy_that_fails_names_its_setting(capsys):
+    from openmmrigidhi.accuracy import cli as accuracyCli
+    assert accuracyCli.main(['--scene', 'trap', '--bodies', '3', '--platform', 'Reference', '--length', '1', '--jobs', '2', '--cluster', 'processes', '--methods',
+                             'LangevinC', '--steps', '4', '--observables', 'ensemble_tasks:exits', '--quiet']) == 2
+    assert 'task LangevinC 4 fs: it failed with SystemExit' in capsys.readouterr().err
 
 
 # ---- The command line ----------------------------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@ import argparse
 import sys
 import time
 
+from .. import _tasks
 from . import grid, methods, mobilities, observables, overdamped, rungs, scenes
 from ._results import splitWanted
 from .grid import GridStudy
@@ -88,7 +89,8 @@ def parser():
     how.add_argument('--rounds', type=int, default=20, help='number of turns (20)')
     how.add_argument('--platform', choices=['CPU', 'Reference'], help='(CPU, also with --grid; with --ladder the faster of the two; with --overdamped Reference)')
     how.add_argument('--threads', type=int, default=1, help='of the CPU platform (1)')
-    how.add_argument('--jobs', type=int, default=1, help='runs at the same time; times are then measured afterwards, alone (1)')
+    how.add_argument('--jobs', type=int, default=1, help='runs at the same time, with --ladder mobilities; times are then measured afterwards, alone (1)')
+    how.add_argument('--cluster', metavar='ADDRESS', help='a scheduler of dask.distributed whose workers make the runs; local or processes: on this machine (docs/ensembles.md)')
     how.add_argument('--clock', default='wall', choices=['wall', 'cpu'],
                      help='what ns/day is computed from; cpu is less disturbed by other programs (wall)')
     how.add_argument('--seed', type=int, default=1)
@@ -127,7 +129,7 @@ def main(arguments=None):
             report = result.report(options.wanted_error, options.baseline or ('TrapezoidalSlip' if options.overdamped else 'LangevinMiddle'),
                                    options.price, [parseSpending(text, list(result.observables)) for text in options.spend])
         paths = report.write(options.output)
-    except (ValueError, TypeError, OSError) as error:
+    except (ValueError, TypeError, OSError, ImportError, _tasks.TaskError) as error:
         print(f'error: {error}', file=sys.stderr)
         return 2
     print(report.textTable())
@@ -151,7 +153,7 @@ def _stepSizes(options):
     with _Bar(options.quiet) as bar:
         study = StepSizeStudy(_scene(options, bar), found, steps, references, observables=asked, platform=options.platform,
                               threads=options.threads, seed=options.seed, clock=options.clock, sampleInterval=options.sample_interval)
-        return study.run(options.budget, options.length, options.equilibration, options.rounds, options.jobs, bar.study)
+        return study.run(options.budget, options.length, options.equilibration, options.rounds, options.jobs, bar.study, options.cluster)
 
 
 def _overdamped(options):
@@ -171,7 +173,7 @@ def _overdamped(options):
                                        threads=options.threads, seed=options.seed, clock=options.clock)
     with _Bar(options.quiet) as bar:
         return study.run(options.budget, None if options.length is None else options.length*scene.timeUnit,
-                         (30 if options.equilibration is None else options.equilibration)*scene.timeUnit, options.rounds, options.jobs, bar.study)
+                         (30 if options.equilibration is None else options.equilibration)*scene.timeUnit, options.rounds, options.jobs, bar.study, options.cluster)
 
 
 def _ladder(options):
@@ -180,7 +182,7 @@ def _ladder(options):
                         (options.platform,) if options.platform else ('Reference', 'CPU'), options.threads, seed=options.seed)
     _checkWanted(options, [observable.name for observable in study.observables], 'mobility:1%')
     with _Bar(options.quiet, 'run') as bar:
-        return study.run(options.rounds, progress=bar.study)
+        return study.run(options.rounds, progress=bar.study, jobs=options.jobs, cluster=options.cluster)
 
 
 def _grid(options):

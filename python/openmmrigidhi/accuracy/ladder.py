@@ -4,6 +4,7 @@ import time
 import numpy as np
 import openmm
 
+from .. import _tasks
 from . import mobilities
 from . import rungs as rungsModule
 from ._results import provenance
@@ -154,8 +155,8 @@ class LadderStudy:
         distances = [d for d in (distance(rung, best) for rung in seconds) if d is not None]
         return {'rung': best.name, 'believed': min(distances, default=None), 'seconds': [rung.name for rung in seconds]}
 
-    def run(self, rounds=5, seconds=0.05, progress=None):
-        """Compute and time everything.
+    def run(self, rounds=5, seconds=0.05, progress=None, jobs=1, cluster=None):
+        """Compute and time everything. Times are measured here, one after the other, when all else is done.
 
         Parameters
         ----------
@@ -165,6 +166,10 @@ class LadderStudy:
             for each rung in a round
         progress : callable, optional
             called with (done, total, text)
+        jobs : int
+            how many mobilities are computed at a time
+        cluster : str, optional
+            by whom: see :func:`openmmrigidhi.ensemble.tasks.run`
 
         Returns
         -------
@@ -182,21 +187,24 @@ class LadderStudy:
             if progress is not None:
                 progress(done, total, text)
 
+        spheres = {value: Spheres(scene) for value, scene in self.scenes.items()}
+        places = [(value, rung) for value in self.scenes for rung in [*self.rungs, *extra]]
+        outcomes = _tasks.run(_mobility, [(self.scenes[value], rung, self.platforms[-1], self.threads) for value, rung in places], jobs, cluster,
+                              finished=lambda outcome: count(self._text(*places[outcome.index])), quiet=True)
+        found = {(value, rung.name): outcome.get() for (value, rung), outcome in zip(places, outcomes)}
         for value, scene in self.scenes.items():
-            spheres, samples = Spheres(scene), {}
+            samples = {}
             for rung in [*self.rungs, *extra]:
-                try:
-                    fluid, _, context = spheres.makeContext(rung, self.platforms[-1], platformProperties(self.platforms[-1], self.threads))
-                    samples[rung.name] = rung, spheres.sample(fluid, context)
-                    del context
-                except (openmm.OpenMMException, ValueError) as error:
-                    messages[value, rung.name] = str(error)
-                count(f'{rung.name} {self.parameter} {value:g}' if self.isSweep else rung.name)
+                sample, message = found[value, rung.name]
+                if message is None:
+                    samples[rung.name] = rung, sample
+                else:
+                    messages[value, rung.name] = message
             if not samples:
                 raise ValueError('LadderStudy: none of the rungs can be used on this scene: ' + '; '.join(messages.values()))
-            references[value] = self._compare(value, scene, spheres, samples, messages, rows)
+            references[value] = self._compare(value, scene, spheres[value], samples, messages, rows)
         middle = list(self.scenes)[len(self.scenes)//2]
-        costs, problems = self._time(Spheres(self.scenes[middle]), rounds, seconds, count)
+        costs, problems = self._time(spheres[middle], rounds, seconds, count)
         for row in rows:
             row['message'] = row['message'] or problems.get(row['rung'], '')
             row.update({key: costs.get(row['rung'], {}).get(key) for key in
@@ -209,6 +217,9 @@ class LadderStudy:
                             {rung.name: rung.description for rung in self.rungs},
                             {'rounds': rounds, 'threads': self.threads, 'seed': self.seed, 'platforms': ', '.join(self.platforms),
                              **provenance(began)})
+
+    def _text(self, value, rung):
+        return f'{rung.name} {self.parameter} {value:g}' if self.isSweep else rung.name
 
     def _secondOpinions(self):
         """Rungs that are computed, but not offered: the finest multiblob with exact single spheres."""
@@ -299,3 +310,16 @@ class LadderStudy:
         cpu, after = time.process_time() - cpu, integrator.getStepStatistics()
         wall = sum(after[key] - before[key] for key in ('seconds_mobility', 'seconds_scheme'))
         return (min(wall, cpu) if self.threads == 1 else wall)/steps
+
+
+def _mobility(argument, job):
+    """The MobilitySample of a scene by a rung and None, or None and why there is none."""
+    scene, rung, platform, threads = argument
+    spheres = Spheres(scene)
+    try:
+        fluid, _, context = spheres.makeContext(rung, platform, platformProperties(platform, threads))
+        sample = spheres.sample(fluid, context)
+        del context
+        return sample, None
+    except (openmm.OpenMMException, ValueError) as error:
+        return None, str(error)

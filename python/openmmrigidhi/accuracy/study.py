@@ -4,9 +4,7 @@
 step size. A study of another knob (hydrodynamic model, solver tolerance, grid spacing) overrides ``knob``, ``settings``,
 ``makeContext`` and ``reference``.
 """
-import concurrent.futures
 import math
-import multiprocessing
 import time
 import zlib
 from dataclasses import dataclass
@@ -15,6 +13,7 @@ import numpy as np
 import openmm
 
 from .._systems import refuseDrivenFlow
+from .. import _tasks
 from . import methods as methodsModule
 from . import observables as observablesModule
 from ._results import beginning, provenance
@@ -122,7 +121,7 @@ class Study:
                    setting.stepSize, self.sampleInterval, openmm.Platform.getPlatformByName(self.platform),
                    platformProperties(self.platform, self.threads))
 
-    def run(self, budget=600.0, length=None, equilibration=None, rounds=20, jobs=1, progress=None):
+    def run(self, budget=600.0, length=None, equilibration=None, rounds=20, jobs=1, progress=None, cluster=None):
         """Measure.
 
         The runs take turns: in each round every setting advances by a piece of its length, in a random order, so that
@@ -141,9 +140,12 @@ class Study:
         rounds : int
             number of turns that the lengths are planned for; with a budget there are as many as fit
         jobs : int
-            above 1: runs are made in that many processes, with nothing in turn, and times are measured afterwards, alone
+            above 1: so many runs at a time, with nothing in turn, and times are measured afterwards, alone
         progress : callable, optional
             called with (done, total, text) in steps
+        cluster : str, optional
+            who makes the runs if they are not made in turn: see :func:`openmmrigidhi.ensemble.tasks.run`. Of a scheduler's workers all are used; the budget is
+            planned for as many as there are jobs.
 
         Returns
         -------
@@ -162,23 +164,25 @@ class Study:
         cost = [run.secondsPerStep() for _, run in runs]
         # How long the trial was depends on the machine; the results do not: those that survived it start afresh.
         runs = [(setting, self._makeRun(setting) if run.isAlive else run) for setting, run in runs]
-        lengths, left = self._plan(runs, cost, budget - (time.perf_counter() - began), length, equilibration, jobs, rounds)
+        inTurn = jobs == 1 and cluster is None
+        lengths, left = self._plan(runs, cost, budget - (time.perf_counter() - began), length, equilibration, jobs, rounds, inTurn)
         meter = _Meter(progress, sum((total + left)/run.stepSize
                                      for (_, run), (total, left) in zip(runs, zip(lengths, left)) if run.isAlive))
         deadline = math.inf if length is not None else began + budget
-        if jobs == 1:
+        if inTurn:
             done = self._inTurn(runs, lengths, left, rounds, deadline, meter)
         else:
-            done = self._inParallel(runs, lengths, left, jobs, meter)
-        about.update(self._provenance(began, rounds if jobs > 1 else done, jobs))
+            done = rounds
+            self._together(runs, lengths, left, jobs, cluster, meter)
+        about.update(self._provenance(began, done, jobs))
         return self._evaluate([(setting, run.record) for setting, run in runs], refusals, about)
 
-    def _plan(self, runs, cost, budget, length, equilibration, jobs, rounds):
+    def _plan(self, runs, cost, budget, length, equilibration, jobs, rounds, inTurn):
         """Lengths of all runs and of their equilibration, ps; whole sample intervals, equal parts for all rounds."""
         alive = [i for i, (_, run) in enumerate(runs) if run.isAlive]
         perPs = {i: cost[i]/runs[i][1].stepSize for i in alive}
         fixed = equilibration if equilibration is not None else self.scene.equilibration
-        timing = 0.0 if jobs == 1 else 0.1
+        timing = 0.0 if inTurn else 0.1
         seconds = max(0.0, budget)*(1 - timing)*jobs
         lengths, left = [0.0]*len(runs), [0.0]*len(runs)
         share = 1.0 if fixed is not None else 1/1.1
@@ -214,26 +218,27 @@ class Study:
         except KeyboardInterrupt:
             return turn
 
-    def _inParallel(self, runs, lengths, left, jobs, meter):
+    def _together(self, runs, lengths, left, jobs, cluster, meter):
         """Whole runs in other processes; then times, here and in turn, with everything else quiet."""
         alive = [i for i, (_, run) in enumerate(runs) if run.isAlive]
-        # Not forked: OpenMM's thread pools do not survive a fork.
-        context = multiprocessing.get_context('spawn')
-        with concurrent.futures.ProcessPoolExecutor(jobs, mp_context=context) as pool:
-            # The longest first, so that none is left alone at the end.
-            order = sorted(alive, key=lambda i: -lengths[i]/runs[i][1].stepSize)
-            futures = {pool.submit(_wholeRun, self, runs[i][0], lengths[i], left[i]): i for i in order}
-            for future in concurrent.futures.as_completed(futures):
-                i = futures[future]
-                runs[i][1].record = future.result()
-                meter.advance(self._text(runs[i][0]))(round((lengths[i] + left[i])/runs[i][1].stepSize))
+        # The longest first, so that none is left alone at the end.
+        order = sorted(alive, key=lambda i: -lengths[i]/runs[i][1].stepSize)
+
+        def take(outcome):
+            i = order[outcome.index]
+            runs[i][1].record = outcome.get()
+            meter.advance(self._text(runs[i][0]))(round((lengths[i] + left[i])/runs[i][1].stepSize))
+
+        _tasks.run(_wholeRun, [(self, runs[i][0], lengths[i], left[i]) for i in order], jobs, cluster, names=[self._text(runs[i][0]) for i in order],
+                   finished=take, quiet=True)
         for i in alive:
             runs[i][1].record.timings = []
         rng = np.random.default_rng([self.seed, 2])
         for _ in range(7):
             for i in rng.permutation(alive):
                 setting, old = runs[i]
-                if old.record.status != STABLE:
+                # Times may end where the run itself did not: its start is another one.
+                if old.record.status != STABLE or old.context is None:
                     continue
                 # This process has a Context of its own for the times; what that computes is thrown away.
                 record, old.record = old.record, type(old.record)(old.record.samplesAt, {o.name: [] for o in self.observables})
@@ -247,7 +252,6 @@ class Study:
                 if steps[0]:
                     record.timings.append(tuple(steps))
                 old.record = record
-        return 0
 
     def _text(self, setting):
         return f'{setting.method.name} {self.knob.format(setting.value)}'
@@ -274,7 +278,8 @@ class Study:
                            {o.name: {'label': o.label, 'unit': o.unit} for o in self.observables}, refusals, about)
 
 
-def _wholeRun(study, setting, length, left):
+def _wholeRun(argument, job):
+    study, setting, length, left = argument
     run = study._makeRun(setting)
     run.advance(round(left/run.record.samplesAt), False)
     run.advance(round(length/run.record.samplesAt), True)
