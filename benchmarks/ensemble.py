@@ -42,15 +42,16 @@ def work(result):
 
 
 def run(length, tasks, jobs, cluster, checkpoint):
-    """One study: seconds from the first task's beginning to the last one's end, those before, those of the work."""
+    """One study: seconds until the first task's beginning, of the work of each task, and until their ends, in the order of these."""
     ends = []
     with tempfile.TemporaryDirectory() as folder:
         began = time.time()
-        result = study(length, tasks, checkpoint).run(folder, jobs, cluster, quiet=False, finished=lambda task: ends.append(time.time()))
+        result = study(length, tasks, checkpoint).run(folder, jobs, cluster, quiet=False, finished=lambda task: ends.append((time.time(), task.replica)))
         assert result.isComplete
         seconds = work(result)
-        # All tasks have the same work; the first ended when its own was done.
-        return {'total': max(ends) - began, 'work': seconds.tolist(), 'ends': [end - began for end in sorted(ends)]}
+        ends = sorted(ends)
+        # The first task that ended began its own work before.
+        return {'begun': ends[0][0] - began - seconds[ends[0][1]], 'work': [seconds[replica] for _, replica in ends], 'ends': [end - began for end, _ in ends]}
 
 
 def main():
@@ -71,11 +72,10 @@ def main():
         # From the end of the first task to that of the last: one task less of work, with all that comes between tasks.
         between = one['ends'][-1] - one['ends'][0]
         overhead = between/sum(one['work'][1:]) - 1
-        begun = one['ends'][0] - one['work'][0]
-        scaling = (one['total'] - begun)/(two['ends'][-1] - min(begun, two['ends'][0] - min(two['work'])))
+        scaling = (one['ends'][-1] - one['begun'])/(two['ends'][-1] - two['begun'])
         found[cluster] = {'length_ps': length, 'tasks': options.tasks, 'checkpoint_interval_s': options.checkpoint, 'one_worker': one, 'two_workers': two,
-                          'overhead': round(overhead, 5), 'seconds_before_the_first_task': round(begun, 2), 'scaling_of_two_workers': round(scaling, 3)}
-        print(f'{cluster}: overhead {100*overhead:.2f} % of tasks of {np.mean(one["work"]):.1f} s; {begun:.1f} s before the first; two workers '
+                          'overhead': round(overhead, 5), 'seconds_before_the_first_task': round(one['begun'], 2), 'scaling_of_two_workers': round(scaling, 3)}
+        print(f'{cluster}: overhead {100*overhead:.2f} % of tasks of {np.mean(one["work"]):.1f} s; {one["begun"]:.1f} s before the first; two workers '
               f'{scaling:.2f} times as fast')
         save(options.output, 'ensemble.json', machine, {'clusters': found})
 

@@ -275,7 +275,7 @@ class _Cluster:
                 folder = self.place.enter_context(tempfile.TemporaryDirectory(prefix='openmmrigidhi-', ignore_cleanup_errors=True))
                 self.place.enter_context(dask.config.set({'distributed.comm.timeouts.connect': timeout}))
                 self.local = self.place.enter_context(distributed.LocalCluster(
-                    jobs, threads_per_worker=1, processes=True, dashboard_address='127.0.0.1:0', memory_limit=0, local_directory=folder,
+                    n_workers=jobs, threads_per_worker=1, processes=True, dashboard_address='127.0.0.1:0', memory_limit=0, local_directory=folder,
                     silence_logs=logging.CRITICAL, scheduler_kwargs={'allowed_failures': retries}))
                 address = self.local
             if isinstance(address, distributed.Client):

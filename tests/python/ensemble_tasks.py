@@ -127,6 +127,21 @@ def dieOften(x, job):
     return done
 
 
+def countTogether(x, job):
+    """How many tasks were at work at a time while this one was; it waits until they are as many as wanted, 20 s at most, then 1 s for more."""
+    wanted, number = x
+    mine, seen = os.path.join(os.environ[MARKS], f'working{wanted}_{number}'), 0
+    open(mine, 'w').close()
+    deadline, enough = time.monotonic() + 20, None
+    while time.monotonic() < (deadline if enough is None else enough):
+        seen = max(seen, sum(name.startswith(f'working{wanted}_') for name in os.listdir(os.environ[MARKS])))
+        if seen >= wanted and enough is None:
+            enough = time.monotonic() + 1
+        time.sleep(0.05)
+    os.remove(mine)
+    return seen
+
+
 def unpicklable(x, job):
     return lambda: x
 

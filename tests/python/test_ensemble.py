@@ -56,7 +56,7 @@ def cluster(folderOfMarks):
     """Two workers behind a scheduler that has an address."""
     if distributed is None:
         pytest.skip('dask.distributed is not installed')
-    with distributed.LocalCluster(2, threads_per_worker=1, dashboard_address='127.0.0.1:0', memory_limit=0, silence_logs=50) as made:
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address='127.0.0.1:0', memory_limit=0, silence_logs=50) as made:
         yield made
 
 
@@ -130,6 +130,14 @@ def test_workers_that_die_are_no_end_where_each_comes_further(where, tmp_path):
     assert outcome.get() == 4 and outcome.attempts == 5
 
 
+@pytest.mark.parametrize('where', ['processes', *(['local'] if distributed else [])])
+def test_as_many_at_a_time_as_there_are_jobs(where):
+    """One is one, and three are three, whatever number of processors there is: tasks wait until so many have begun, or a while."""
+    for jobs in (1, 3):
+        begun = [outcome.get() for outcome in tasks.run(ensemble_tasks.countTogether, [(jobs, k) for k in range(3)], jobs, where, quiet=True)]
+        assert max(begun) == jobs
+
+
 def test_values_that_cannot_be_sent_and_exits_are_failures():
     outcome, = tasks.run(ensemble_tasks.unpicklable, [1], 2, 'processes', quiet=True)
     assert outcome.failure is not None and 'pickle' in outcome.failure.message
@@ -178,7 +186,7 @@ def test_a_cluster_without_workers():
 
 @needsDask
 def test_workers_without_the_plugin_or_with_another_version(cluster, monkeypatch):
-    with distributed.LocalCluster(1, threads_per_worker=1, dashboard_address='127.0.0.1:0', silence_logs=50, memory_limit=0) as other:
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address='127.0.0.1:0', silence_logs=50, memory_limit=0) as other:
         with distributed.Client(other, set_as_default=False) as client:
             # As if it had never been there.
             client.run(exec, "import sys; sys.modules['openmmrigidhi'] = None")
@@ -193,7 +201,7 @@ def test_workers_without_the_plugin_or_with_another_version(cluster, monkeypatch
 CLUSTER_SCRIPT = """
 import distributed, sys, time
 if __name__ == '__main__':
-    made = distributed.LocalCluster(1, threads_per_worker=1, dashboard_address='127.0.0.1:0', memory_limit=0, silence_logs=50)
+    made = distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address='127.0.0.1:0', memory_limit=0, silence_logs=50)
     print(made.scheduler_address, flush=True)
     sys.stdin.readline()
     made.scale(0)
