@@ -296,8 +296,7 @@ def test_diffusion_of_free_bodies_is_that_of_einstein():
     # Free bodies in a bath: msd(t) = 6 D (t - (1 - exp(-gamma t))/gamma), D = kT/(M gamma) x/tanh(x), x = gamma h/2, for LangevinC's steps; w = 0.4 ps.
     gamma, h, window = 20.0, 0.01, 0.4
     study = accuracy.StepSizeStudy(ions(bodies=60, gamma=gamma, free=True), ['LangevinC'], [h], observables=[observables.diffusionCoefficient(window)], platform='Reference',
-                                   seed=2)
-    study.scene.sampleInterval = 0.1
+                                   seed=2, sampleInterval=0.1)
     row = study.run(length=60, equilibration=1, rounds=3).rows[0]
     x = gamma*h/2
     D = accuracy.scenes.GAS_CONSTANT*300/(sum(MASSES)*gamma)*x/math.tanh(x)
