@@ -192,7 +192,7 @@ class _Charges:
     def __init__(self, scene, platform, properties):
         forces = [force for force in scene.system.getForces() if isinstance(force, openmm.NonbondedForce)]
         if len(forces) != 1:
-            raise ValueError(f'observable dipole_squared: the System has {len(forces)} NonbondedForces; charges are those of the only one: leave this '
+            raise ValueError(f'observable dipole_squared: there are {len(forces)} NonbondedForces; charges are those of the only one: leave this '
                              'observable out')
         charges = np.array([forces[0].getParticleParameters(i)[0]._value for i in range(forces[0].getNumParticles())])
         inBodies = np.zeros(len(charges), dtype=bool)
