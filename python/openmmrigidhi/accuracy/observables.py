@@ -239,7 +239,7 @@ class _Centres:
     def __init__(self, scene, platform, properties):
         barostat = next((type(force).__name__ for force in scene.system.getForces() if 'Barostat' in type(force).__name__), None)
         if barostat is not None:
-            raise ValueError(f'observable diffusion_coefficient: the System has a {barostat}, which moves bodies with the box; displacements are those of a '
+            raise ValueError(f'observable diffusion_coefficient: there is a {barostat}, which moves bodies with the box; displacements are those of a '
                              'box that stays: leave this observable out, or the barostat')
         masses = np.array([scene.system.getParticleMass(i)._value for i in range(scene.system.getNumParticles())])
         self.owners = np.repeat(np.arange(len(scene.bodies)), [len(body) for body in scene.bodies])
