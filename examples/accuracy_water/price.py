@@ -1,14 +1,17 @@
 """What 0.5 % of water's energy and of its mean square dipole moment costs: the best that users have today beside LangevinC.
 
 216 TIP4P-Ew molecules, CPU platform, one thread, processor time. LangevinC with real moments and with moments times 4, 8, 16, OpenMM's
-LangevinMiddleIntegrator with its own hydrogens and heavier ones, and its MTSLangevinIntegrator, each with several frictions. ``price.py run`` makes the runs of a
-series, in turn; stopped and started again it goes on where it was. What is asked for more than once (a longer run, another series) goes on, too. ``price.py report``
-writes results_price/ from all runs that there are.
+LangevinMiddleIntegrator with its own hydrogens and with heavier ones, and the same with reciprocal space in every other step, with several frictions. ``price.py run`` makes the runs of a series, in turn; stopped and
+started again it goes on where it was, and a longer run goes on from a shorter one. ``price.py time`` then lets all settings take turns for their speeds, and
+``price.py report`` writes results_price/ from all runs that there are.
 """
 import argparse
+import json
+import math
 import os
 import pathlib
 import sys
+import time
 
 for _variable in ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS'):
     os.environ.setdefault(_variable, '1')
@@ -20,20 +23,32 @@ from tqdm import tqdm  # noqa: E402
 from openmmrigidhi import accuracy  # noqa: E402
 from openmmrigidhi.accuracy import measurement, observables  # noqa: E402
 from openmmrigidhi.accuracy.scenes import Scene  # noqa: E402
+from openmmrigidhi.analysis import series  # noqa: E402
 
 HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+import recording  # noqa: E402
+
 OBSERVABLES = ['potential_energy', 'dipole_squared', 'translational_temperature', 'rotational_temperature_1']
-WANTED = ['potential_energy:0.5%', 'dipole_squared:0.5%', 'potential_energy:0.5%,dipole_squared:0.5%']
+WANTED, WISH = ['potential_energy:0.5%'], 0.005
 #: The limit of small steps of results/results.json, kJ/mol.
 REFERENCES = {'potential_energy': (-46.498, 0.042)}
 #: Method -> steps in fs.
 SERIES = {
-    'first': {'LangevinC-g1-G2': (9,), 'LangevinC-I4-g1-G2': (12,), 'LangevinC-I8-g1-G2': (14, 16), 'LangevinMiddle-g1': (7,),
-              'LangevinMiddle-H3-g1': (10, 12), 'LangevinMiddle-H4-g1': (12,), 'MTSLangevin-N2-g1': (10,)},
+    'scout': {'LangevinC': (9,), 'LangevinC-g1-G2': (9,), 'LangevinC-I4-g1-G2': (12,), 'LangevinC-I4-g3-G3': (13,), 'LangevinC-I8-g1-G2': (14, 16),
+              'LangevinC-I8-g3-G3': (15,), 'LangevinC-I8-g5-G2': (15, 16), 'LangevinC-I16': (15,), 'LangevinMiddle-g1': (7,),
+              'LangevinMiddle-H2-g1': (9,), 'LangevinMiddle-H3-g1': (10, 12), 'LangevinMiddle-H4-g1': (12, 13, 14), 'LangevinMiddle-N2-g1': (7,),
+              'LangevinMiddle-N2-H3-g1': (8, 10)},
+    'long': {'LangevinC-I8': (15,), 'LangevinMiddle': (7,), 'LangevinMiddle-H3': (12,)},
+    'recommended': {'LangevinC-I8': (15,)},
 }
+#: Which method prices are compared with: what the issue of cheaper water calls plain, and the best of the others.
+PLAIN, OTHER, OURS = ('LangevinMiddle', 7), ('LangevinMiddle-H3', 12), ('LangevinC-I8', 15)
 #: ps that a setting advances in one turn; what is between two notes on disk.
 PIECE = 20.0
 SAMPLE_INTERVAL, EQUILIBRATION = 0.2, 20.0
+#: ps that a setting advances in one turn of ``price.py time``.
+TIMED = 2.0
 
 
 class _Components:
@@ -55,6 +70,10 @@ class Legs(accuracy.StepSizeStudy):
         super().__init__(*arguments, **keywords)
         self.reported = list(self.observables)
         self.observables.append(_Components())
+
+    def reference(self, observable, rows):
+        # The dipole moment's mean square is known to some percent: no fit over steps is worth anything.
+        return None if observable.name == 'dipole_squared' else super().reference(observable, rows)
 
     def settingSeed(self, setting):
         return (super().settingSeed(setting) + 7919*self.leg) % (2**31 - 2) + 1
@@ -79,8 +98,20 @@ class Kept:
             record.timings = [tuple(row) for row in kept['timings']]
             record.series = {name[7:]: list(values) for name, values in kept.items() if name.startswith('series_')}
 
+    def goOn(self):
+        """A Context where the run stands, for its speed."""
+        self.study.leg = self.legs
+        run = self.study._makeRun(self.setting)
+        self._place(run.context)
+        return run.context
+
+    def _place(self, context):
+        state = openmm.XmlSerializer.deserialize(self.state)
+        context.setPositions(state.getPositions())
+        context.setVelocities(state.getVelocities())
+
     def _begin(self):
-        """A Context where the run stands."""
+        """Go on where the run stands, or begin it."""
         self.study.leg = self.legs
         self.legs += 1
         self.run = self.study._makeRun(self.setting)
@@ -89,9 +120,7 @@ class Kept:
             self.record = self.run.record
         else:
             # What its energy may be was found at the scene's start. The time goes on with the record's.
-            state = openmm.XmlSerializer.deserialize(self.state)
-            self.run.context.setPositions(state.getPositions())
-            self.run.context.setVelocities(state.getVelocities())
+            self._place(self.run.context)
             self.run.time = self.record.equilibration + self.record.length
             self.run.record = self.record
 
@@ -162,17 +191,166 @@ def run(options):
                 bar.update(each.record.length - before)
 
 
+# ---- Speeds ----------------------------------------------------------------------------------------------------------
+
+def found(options):
+    """All runs of the folder, as (study, list of Kept)."""
+    settings = {}
+    for path in sorted(options.work.glob('*fs.npz')):
+        name, _, step = path.stem.rpartition('_')
+        settings.setdefault(name, []).append(float(step[:-2]))
+    study = makeStudy(options, settings)
+    return study, [Kept(study, setting, options.work) for setting in study.settings()]
+
+
+def clockSpeeds(options):
+    """All stable settings take turns; speeds.json has ns per processor day of each turn."""
+    _, runs = found(options)
+    runs = [each for each in runs if each.record.status == measurement.STABLE and each.record.length >= options.least]
+    rng = np.random.default_rng(options.seed)
+    speeds = {each.path.stem: [] for each in runs}
+    with tqdm(total=options.rounds*len(runs), desc='speeds', mininterval=2) as bar:
+        contexts = [each.goOn() for each in runs]
+        for turn in range(-1, options.rounds):
+            for i in rng.permutation(len(runs)):
+                step = runs[i].setting.stepSize
+                count = round(TIMED/step)
+                began = time.process_time()
+                contexts[i].getIntegrator().step(count)
+                if turn >= 0:
+                    speeds[runs[i].path.stem].append(count*step/1000*measurement.SECONDS_PER_DAY/(time.process_time() - began))
+                    bar.update(1)
+    recording.save(options.output, 'speeds.json', {'ns_per_cpu_day': speeds, 'ps_per_turn': TIMED, 'provenance': recording.provenance(options)})
+
+
+# ---- Prices ----------------------------------------------------------------------------------------------------------
+
+def memory(components):
+    """(autocorrelation time, its relative standard error), in samples, of the mean square of a vector whose components are alike.
+
+    The autocovariance of the squares is averaged over the components before it is summed with Sokal's window: their cross-correlations vanish by symmetry, and leaving
+    their noise out makes one run worth three. The standard error is that of Madras and Sokal for three independent series.
+    """
+    squares = np.asarray(components)**2
+    squares = squares - squares.mean()
+    n = len(squares)
+    size = 1 << (2*n - 1).bit_length()
+    spectrum = np.fft.rfft(squares, size, axis=0)
+    correlation = np.fft.irfft((spectrum*spectrum.conj()).real.sum(axis=1), size)[:n]
+    tau = 0.5 + np.concatenate([[0], np.cumsum(correlation[1:]/correlation[0])])
+    inside = np.arange(n) >= series.WINDOW*tau
+    found = max(0.5, float(tau[np.argmax(inside) if inside.any() else n - 1]))
+    return found, math.sqrt(2/(3*series.noiseDegrees(found, n)))
+
+
+def report(options):
+    """results_price: the tool's result of the energy, and prices.json with the dipole moment's."""
+    began = time.perf_counter()
+    study, runs = found(options)
+    runs = [each for each in runs if each.record.status != measurement.STABLE or each.record.length >= options.least]
+    speeds = json.loads((options.output/'speeds.json').read_text())['ns_per_cpu_day']
+    study.observables = study.reported
+    memories, squares, weights = {}, [], []
+    for each in runs:
+        stem, record = each.path.stem, each.record
+        components = record.series.pop('components', [])
+        # Speeds are those that were measured in turn, all together.
+        record.timings = [(1, 1.0, each.setting.stepSize/1000*measurement.SECONDS_PER_DAY/speed) for speed in speeds.get(stem, [])]
+        if record.status == measurement.STABLE:
+            tau, error = memory(components)
+            memories[stem] = (tau*record.samplesAt, error)
+            square = (np.asarray(components)**2).sum(axis=1)/216
+            squares.append((square.mean(), (square**2).mean()))
+            weights.append(len(square))
+    study.settingSeed = lambda setting: options.seed
+    result = study._evaluate([(each.setting, each.record) for each in runs], {}, study._provenance(began, max(map(len, speeds.values())), 1))
+    result.write(options.output, wanted=WANTED, baseline='LangevinMiddle', price=WANTED)
+    # The distribution of M is the same for all that are right: its moments are taken over all of them.
+    mean, second = np.average(squares, axis=0, weights=weights)
+    relativeVariance = second/mean**2 - 1
+    energies = {(row['method'], row['step_size']): row for row in result.rows if row['observable'] == 'potential_energy'}
+    heat = {(row['method'], row['step_size']): row['mean'] for row in result.rows if row['observable'] == 'rotational_temperature_1'}
+    reference = REFERENCES['potential_energy'][0]
+    rows = []
+    for each in runs:
+        key, stem = (each.setting.method.name, each.setting.stepSize), each.path.stem
+        row = {'method': key[0], 'step_fs': 1000*key[1], 'status': each.record.status, 'message': each.record.message, 'length_ps': each.record.length}
+        if each.record.status == measurement.STABLE:
+            energy, (tau, error) = energies[key], memories[stem]
+            speed = float(np.median(speeds[stem]))
+            spread = float(np.std(speeds[stem], ddof=1)/math.sqrt(len(speeds[stem])))/speed
+            length = 2*tau*relativeVariance/WISH**2
+            row.update(ns_per_cpu_day=speed, speed_relative_error=spread, energy_percent=100*energy['error']/abs(reference),
+                       energy_percent_error=100*energy['error_standard_error']/abs(reference), energy_tau_ps=energy['own_tau'],
+                       energy_tau_error_ps=energy['own_tau_error'], dipole_tau_ps=tau, dipole_tau_error_ps=tau*error, rotational_temperature_1=heat[key],
+                       dipole_ns=length/1000, dipole_hours=length/1000/speed*24, dipole_hours_relative_error=math.hypot(error, spread),
+                       energy_seconds=2*energy['own_tau']*energy['variance']/(WISH*reference)**2/1000/speed*measurement.SECONDS_PER_DAY)
+        rows.append(row)
+    rows.sort(key=lambda row: row.get('dipole_hours', math.inf))
+    ratios = {}
+    byKey = {(row['method'], round(row['step_fs'], 6)): row for row in rows}
+    for name, key in (('plain', PLAIN), ('best_of_others', OTHER)):
+        other, ours = byKey[key], byKey[OURS]
+        ratios[name] = {'setting': list(key), 'ratio': other['dipole_hours']/ours['dipole_hours'],
+                        'relative_error': math.hypot(other['dipole_hours_relative_error'], ours['dipole_hours_relative_error']),
+                        'ratio_of_speeds': ours['ns_per_cpu_day']/other['ns_per_cpu_day']}
+    recording.save(options.output, 'prices.json', {'wish': WISH, 'dipole_squared': mean, 'dipole_relative_variance': relativeVariance, 'ours': list(OURS), 'ratios': ratios,
+                                                   'sample_interval_ps': SAMPLE_INTERVAL, 'equilibration_ps': EQUILIBRATION, 'seed': options.seed, 'rows': rows,
+                                                   'provenance': recording.provenance(options)})
+    table(rows)
+    print(ratios)
+    picture(rows, options.output/'price.png')
+
+
+def table(rows):
+    print('| method, step | run, ps | ns per CPU-day | U, % off | tau of U, ps | tau of M², ps | U to 0.5 %, s | M² to 0.5 %, h |\n|---|---|---|---|---|---|---|---|')
+    for row in rows:
+        text = f'| {row["method"]}, {row["step_fs"]:g} fs | {row["length_ps"]:.0f} |'
+        if row['status'] == measurement.STABLE:
+            print(f'{text} {row["ns_per_cpu_day"]:.0f} | {row["energy_percent"]:+.2f} ± {row["energy_percent_error"]:.2f} | {row["energy_tau_ps"]:.1f} ± '
+                  f'{row["energy_tau_error_ps"]:.1f} | {row["dipole_tau_ps"]:.1f} ± {row["dipole_tau_error_ps"]:.1f} | {row["energy_seconds"]:.1f} | '
+                  f'{row["dipole_hours"]:.1f} ± {row["dipole_hours"]*row["dipole_hours_relative_error"]:.1f} |')
+        else:
+            print(f'{text} {row["message"]} | | | | | |')
+
+
+def picture(rows, path):
+    """Processor hours to 0.5 % of the mean square dipole moment; and whether the energy is right there."""
+    plt = recording.pyplot()
+    rows = [row for row in rows if row['status'] == measurement.STABLE][::-1]
+    names = [f'{row["method"]}, {row["step_fs"]:g} fs ({row["length_ps"]/1000:.2g} ns)' for row in rows]
+    colours = ['#d55e00' if row['method'].startswith('LangevinC') else '#0072b2' for row in rows]
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 0.32*len(rows) + 1.6), sharey=True, gridspec_kw={'width_ratios': [3, 2]})
+    hours = np.array([row['dipole_hours'] for row in rows])
+    left.barh(range(len(rows)), hours, xerr=hours*[row['dipole_hours_relative_error'] for row in rows], color=colours, ecolor='0.3', capsize=2, height=0.7)
+    left.set_yticks(range(len(rows)), names)
+    left.set_xlim(left=0)
+    left.set_xlabel('processor hours to a standard error of 0.5 % of ⟨M²⟩')
+    for k, row in enumerate(rows):
+        right.errorbar(row['energy_percent'], k, xerr=row['energy_percent_error'], fmt='o', color=colours[k], capsize=2)
+    right.axvspan(-0.5, 0.5, color='0.9', zorder=0)
+    right.axvline(0, color='0.6', lw=0.8, zorder=0)
+    right.set_xlabel('error of the potential energy, %')
+    figure.suptitle('216 TIP4P-Ew molecules, one thread: the plugin (orange), OpenMM (blue); bars are one standard error', fontsize=10)
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+    print(f'wrote {path}')
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('what', choices=['run', 'report'])
+    parser.add_argument('what', choices=['run', 'time', 'report'])
     parser.add_argument('--series', choices=SERIES, default='scout')
     parser.add_argument('--methods', nargs='+', metavar='NAME:STEPS', help='instead of a series, e.g. LangevinC-I8:14,16 (fs)')
     parser.add_argument('--length', type=float, default=100, help='ps for each setting, with what it has already (100)')
+    parser.add_argument('--rounds', type=int, default=11, help='turns for speeds (11)')
+    parser.add_argument('--least', type=float, default=55, help='ps: shorter runs are left out of times and report (55)')
     parser.add_argument('--seed', type=int, default=2031)
     parser.add_argument('--work', type=pathlib.Path, default=HERE/'results_price'/'notes', help='where runs are kept (results_price/notes)')
     parser.add_argument('--output', type=pathlib.Path, default=HERE/'results_price')
     options = parser.parse_args()
-    {'run': run}[options.what](options)
+    {'run': run, 'time': clockSpeeds, 'report': report}[options.what](options)
 
 
 if __name__ == '__main__':
