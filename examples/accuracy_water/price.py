@@ -6,6 +6,7 @@ started again it goes on where it was, and a longer run goes on from a shorter o
 ``price.py report`` writes results_price/ from all runs that there are.
 """
 import argparse
+import collections
 import json
 import math
 import os
@@ -44,6 +45,10 @@ SERIES = {
 }
 #: Which method prices are compared with: what the issue of cheaper water calls plain, and the best of the others.
 PLAIN, OTHER, OURS = ('LangevinMiddle', 7), ('LangevinMiddle-H3', 12), ('LangevinC-I8', 15)
+#: Settings whose molecules are followed; lags of cosines, ps; blocks for errors.
+MOTION = {'LangevinC': (9,), 'LangevinC-I4': (13,), 'LangevinC-I8': (15,), 'LangevinC-I8-g1-G2': (14,), 'LangevinMiddle': (7,), 'LangevinMiddle-g1': (7,),
+          'LangevinMiddle-H3': (12,), 'LangevinMiddle-H3-g1': (12,)}
+LAGS, BLOCKS = (2.0, 4.0), 5
 #: ps that a setting advances in one turn; what is between two notes on disk.
 PIECE = 20.0
 SAMPLE_INTERVAL, EQUILIBRATION = 0.2, 20.0
@@ -189,6 +194,57 @@ def run(options):
                 before = each.record.length
                 each.advance(PIECE)
                 bar.update(each.record.length - before)
+
+
+# ---- Motion ----------------------------------------------------------------------------------------------------------
+
+class Cosine(observables.Observable):
+    """Mean cosine of the angle that molecules' dipoles turn by within a lag (ps)."""
+
+    def __init__(self, lag):
+        super().__init__(f'cosine_{lag:g}', f'cosine over {lag:g} ps', '', self._cosine, setup=self._begin)
+        self.lag = lag
+
+    @staticmethod
+    def _begin(scene, platform, properties):
+        return observables.BUILT_IN['dipole_squared'].setup(scene, platform, properties), np.array(scene.bodies), collections.deque()
+
+    def _cosine(self, sample, memory):
+        charges, members, past = memory
+        dipoles = np.einsum('bk,bki->bi', charges.charges[members], sample.positions[members])
+        past.append((sample.energies.getTime()._value, dipoles/np.linalg.norm(dipoles, axis=1)[:, None]))
+        if past[-1][0] - past[0][0] < self.lag - 1e-6:
+            return float('nan')
+        while past[-1][0] - past[1][0] > self.lag - 1e-6:
+            past.popleft()
+        return float((past[-1][1]*past[0][1]).sum(axis=1).mean())
+
+
+def motion(options):
+    """How fast molecules diffuse and turn: what slow averages wait for, known sooner than the correlation time of the box's dipole."""
+    steps = {name: [h/1000 for h in own] for name, own in (wanted(options) if options.methods else MOTION).items()}
+    chosen = ['diffusion_coefficient', *map(Cosine, LAGS)]
+    study = accuracy.StepSizeStudy(water(options.work, 1), list(steps), steps, observables=chosen, platform='CPU', threads=1, seed=options.seed, clock='cpu')
+    study.reference = lambda observable, rows: None
+    with tqdm(total=1, unit='step', mininterval=5) as bar:
+        def show(done, total, text):
+            bar.total = total
+            bar.set_description(text, refresh=False)
+            bar.update(done - bar.n)
+        study.run(length=options.length, equilibration=10.0, rounds=5, progress=show)
+    rows = []
+    for setting, record in study.records:
+        row = {'method': setting.method.name, 'step_fs': 1000*setting.stepSize, 'status': record.status, 'message': record.message, 'length_ps': record.length}
+        if record.status == measurement.STABLE:
+            series_ = [np.array(record.series[observable.name], float) for observable in study.observables]
+            D, first, last = ([block.mean() for block in np.array_split(each[np.isfinite(each)], BLOCKS)] for each in series_)
+            lags = [max(1, math.ceil(lag/record.samplesAt - 1e-6))*record.samplesAt for lag in LAGS]
+            taus = (lags[1] - lags[0])/np.log(np.array(first)/last)
+            for name, values in (('diffusion_nm2_per_ps', D), ('reorientation_ps', taus)):
+                row.update({name: np.mean(values), f'{name}_error': np.std(values, ddof=1)/math.sqrt(BLOCKS)})
+        rows.append(row)
+        print(row)
+    recording.save(options.output, 'motion.json', {'lags_ps': LAGS, 'blocks': BLOCKS, 'seed': options.seed, 'rows': rows, 'provenance': recording.provenance(options)})
 
 
 # ---- Speeds ----------------------------------------------------------------------------------------------------------
@@ -340,7 +396,7 @@ def picture(rows, path):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('what', choices=['run', 'time', 'report'])
+    parser.add_argument('what', choices=['run', 'motion', 'time', 'report'])
     parser.add_argument('--series', choices=SERIES, default='scout')
     parser.add_argument('--methods', nargs='+', metavar='NAME:STEPS', help='instead of a series, e.g. LangevinC-I8:14,16 (fs)')
     parser.add_argument('--length', type=float, default=100, help='ps for each setting, with what it has already (100)')
@@ -350,7 +406,7 @@ def main():
     parser.add_argument('--work', type=pathlib.Path, default=HERE/'results_price'/'notes', help='where runs are kept (results_price/notes)')
     parser.add_argument('--output', type=pathlib.Path, default=HERE/'results_price')
     options = parser.parse_args()
-    {'run': run, 'time': clockSpeeds, 'report': report}[options.what](options)
+    {'run': run, 'motion': motion, 'time': clockSpeeds, 'report': report}[options.what](options)
 
 
 if __name__ == '__main__':
