@@ -318,6 +318,42 @@ def test_results_without_noise_are_priced_by_their_blocks():
         assert statistics.errorAfter(50, 0, row['noise'], row['step_size']/0.001, 0) == pytest.approx(math.sqrt(row['variance']/(50*row['effective_per_second'])))
 
 
+EXAMPLES = os.path.join(os.path.dirname(__file__), '..', '..', 'examples')
+
+
+def test_the_documented_prices_are_those_of_the_committed_result():
+    result = StudyResult.fromJson(os.path.join(EXAMPLES, 'accuracy_water', 'results', 'results.json'))
+    answer = result.price('potential_energy:0.5%')
+    found = {(each['method'], round(1000*each['value'])): each for each in answer.candidates}
+    with open(os.path.join(EXAMPLES, '..', 'docs', 'accuracy.md')) as file:
+        lines = [line for line in file if line.startswith('| Langevin') and ' fs | ' in line and ' s | ' in line]
+    assert len(lines) == 4
+    for line in lines:
+        name, seconds, _, ratio, _, tau = (cell.strip() for cell in line.strip('| \n').split('|'))
+        method, fs = name.split(', ')
+        each = found[method, int(fs.split()[0])]
+        print(line.strip(), each['seconds'], each['ratio'])
+        assert (seconds, tau) == (f'{each["seconds"]:.1f} s', f'{each["own_tau"]:.2f}')
+        assert float(ratio) == pytest.approx(each['ratio'], abs=0.05)
+    assert {key for key, each in found.items() if each['verdict'] == 'no'} == {('LangevinB', 4), ('LangevinB', 6), ('LangevinB', 8), ('LangevinC', 10), ('LangevinC', 11)}
+
+
+@pytest.mark.parametrize('scene', ['boomerang', 'suspension'])
+def test_studies_without_momenta_have_prices(scene):
+    """Replicas share the noise: a run of all of them has the standard error that was measured, after its own time."""
+    result = StudyResult.fromJson(os.path.join(EXAMPLES, 'overdamped_accuracy', 'results', scene, 'results.json'))
+    for observable in result.observables:
+        answer = result.price(f'{observable}:20%')
+        assert answer.verdict == 'recommended'
+        assert math.isfinite(answer.setting['seconds']) and answer.setting['bias'] == 'yes'
+        for each in answer.candidates:
+            row = next(row for row in result.select(observable, each['method']) if row['value'] == each['value'])
+            own = (row['length'] + row['equilibration'])/(row['ns_per_day']/86.4)
+            error = next(one for one in result.spend(observable, own, resamplings=100).candidates if (one['method'], one['value']) == (each['method'], each['value']))
+            assert error['standard_error'] == pytest.approx(row['standard_error'])
+            break
+
+
 # ---- Files and the command line ---------------------------------------------------------------------------------------
 
 def test_files_of_prices(tmp_path, capsys):

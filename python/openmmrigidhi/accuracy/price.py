@@ -193,7 +193,7 @@ class Prices:
         return self._conclude(candidates, chosen, wanted, confidence)
 
     def _conclude(self, candidates, best, wanted, confidence):
-        text = f'To know {" and ".join(_aim(item) for item in wanted)}, bias and standard error together: '
+        text = f'To know {" and ".join(aim(item) for item in wanted)}, bias and standard error together: '
         clock = ' of processor time' if self.result.provenance.get('clock') == 'cpu' else ''
         undecided = [each for each in candidates if each['verdict'] == OPEN]
         factor = None
@@ -401,7 +401,13 @@ def marks(row):
     return found
 
 
-def _aim(item):
+def aim(item):
+    """A wanted error for people: what is to be known how well.
+
+    Parameters
+    ----------
+    item : Wanted
+    """
     amount, _, what = item.text.partition(' of ')
     return f'{what} to {amount}'
 

@@ -5,7 +5,7 @@ import re
 import numpy as np
 
 from ._pages import duration, emptyPanels, number, plainTicks, png, sentence, table
-from .price import OPEN, Prices
+from .price import OPEN, Prices, aim
 
 #: Uncertainties are drawn for so many settings, or nothing could be seen.
 MOST_BANDS = 2
@@ -78,7 +78,7 @@ class PriceReport:
         wanted : str
         answer : Recommendation
         """
-        figure, panels = emptyPanels(f'The price of {" and ".join(item.text for item in answer.wanted)}, {self.result.scene["name"]}',
+        figure, panels = emptyPanels(f'What it takes to know {" and ".join(aim(item) for item in answer.wanted)}, {self.result.scene["name"]}',
                                      [1.35]*len(answer.wanted) + [1])
         for axes, item in zip(panels, answer.wanted):
             self._drawErrors(axes, item, answer)
@@ -200,7 +200,7 @@ class PriceReport:
 
     def tables(self):
         """HTML tables, one for each wanted error."""
-        return [table(self._head(wanted), [row + ('; '.join(each['marks']),) for row, each in zip(self._rows(answer), answer.candidates)], True)
+        return [table((*self._head(wanted), 'note'), [row + ('; '.join(each['marks']),) for row, each in zip(self._rows(answer), answer.candidates)], True)
                 for wanted, answer in zip(self.wanted, self.answers)]
 
     def textTables(self):
