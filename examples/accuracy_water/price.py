@@ -46,8 +46,8 @@ SERIES = {
 #: Which method prices are compared with: what the issue of cheaper water calls plain, and the best of the others.
 PLAIN, OTHER, OURS = ('LangevinMiddle', 7), ('LangevinMiddle-H3', 12), ('LangevinC-I8', 15)
 #: Settings whose molecules are followed; lags of cosines, ps; blocks for errors.
-MOTION = {'LangevinC': (9,), 'LangevinC-I4': (13,), 'LangevinC-I8': (15,), 'LangevinC-I8-g1-G2': (14,), 'LangevinMiddle': (7,), 'LangevinMiddle-g1': (7,),
-          'LangevinMiddle-H3': (12,), 'LangevinMiddle-H3-g1': (12,)}
+MOTION = {'LangevinC': (9,), 'LangevinC-I4': (13,), 'LangevinC-I8': (15,), 'LangevinMiddle': (7,), 'LangevinMiddle-g1': (7,),
+          'LangevinMiddle-H3': (12,)}
 LAGS, BLOCKS = (2.0, 4.0), 5
 #: ps that a setting advances in one turn; what is between two notes on disk.
 PIECE = 20.0
