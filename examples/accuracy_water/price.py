@@ -223,7 +223,7 @@ class Cosine(observables.Observable):
 def motion(options):
     """How fast molecules diffuse and turn: what slow averages wait for, known sooner than the correlation time of the box's dipole."""
     steps = {name: [h/1000 for h in own] for name, own in (wanted(options) if options.methods else MOTION).items()}
-    chosen = ['diffusion_coefficient', *map(Cosine, LAGS)]
+    chosen = ['diffusion_coefficient', *map(Cosine, LAGS), 'potential_energy']
     study = accuracy.StepSizeStudy(water(options.work, 1), list(steps), steps, observables=chosen, platform='CPU', threads=1, seed=options.seed, clock='cpu')
     study.reference = lambda observable, rows: None
     with tqdm(total=1, unit='step', mininterval=5) as bar:
@@ -237,14 +237,14 @@ def motion(options):
         row = {'method': setting.method.name, 'step_fs': 1000*setting.stepSize, 'status': record.status, 'message': record.message, 'length_ps': record.length}
         if record.status == measurement.STABLE:
             series_ = [np.array(record.series[observable.name], float) for observable in study.observables]
-            D, first, last = ([block.mean() for block in np.array_split(each[np.isfinite(each)], BLOCKS)] for each in series_)
+            D, first, last, energy = ([block.mean() for block in np.array_split(each[np.isfinite(each)], BLOCKS)] for each in series_)
             lags = [max(1, math.ceil(lag/record.samplesAt - 1e-6))*record.samplesAt for lag in LAGS]
             taus = (lags[1] - lags[0])/np.log(np.array(first)/last)
-            for name, values in (('diffusion_nm2_per_ps', D), ('reorientation_ps', taus)):
+            for name, values in (('diffusion_nm2_per_ps', D), ('reorientation_ps', taus), ('energy', energy)):
                 row.update({name: np.mean(values), f'{name}_error': np.std(values, ddof=1)/math.sqrt(BLOCKS)})
         rows.append(row)
         print(row)
-    recording.save(options.output, 'motion.json', {'lags_ps': LAGS, 'blocks': BLOCKS, 'seed': options.seed, 'rows': rows, 'provenance': recording.provenance(options)})
+    recording.save(options.output, f'{options.name}.json', {'lags_ps': LAGS, 'blocks': BLOCKS, 'seed': options.seed, 'rows': rows, 'provenance': recording.provenance(options)})
 
 
 # ---- Speeds ----------------------------------------------------------------------------------------------------------
@@ -401,6 +401,7 @@ def main():
     parser.add_argument('--methods', nargs='+', metavar='NAME:STEPS', help='instead of a series, e.g. LangevinC-I8:14,16 (fs)')
     parser.add_argument('--length', type=float, default=100, help='ps for each setting, with what it has already (100)')
     parser.add_argument('--rounds', type=int, default=11, help='turns for speeds (11)')
+    parser.add_argument('--name', default='motion', help='of the JSON that motion writes (motion)')
     parser.add_argument('--least', type=float, default=55, help='ps: shorter runs are left out of times and report (55)')
     parser.add_argument('--seed', type=int, default=2031)
     parser.add_argument('--work', type=pathlib.Path, default=HERE/'results_price'/'notes', help='where runs are kept (results_price/notes)')
