@@ -224,7 +224,10 @@ class Cosine(observables.Observable):
 
 
 def motion(options):
-    """How fast molecules diffuse and turn: what slow averages wait for, known sooner than the correlation time of the box's dipole."""
+    """How fast molecules diffuse and turn: what slow averages wait for, known sooner than the correlation time of the box's dipole.
+
+    Settings that motion.json has already are replaced, the others kept.
+    """
     steps = {name: [h/1000 for h in own] for name, own in (wanted(options) if options.methods else MOTION).items()}
     chosen = ['diffusion_coefficient', *map(Cosine, LAGS), 'potential_energy']
     study = accuracy.StepSizeStudy(water(options.work, 1), list(steps), steps, observables=chosen, platform='CPU', threads=1, seed=options.seed, clock='cpu')
@@ -247,15 +250,21 @@ def motion(options):
                 row.update({name: np.mean(values), f'{name}_error': np.std(values, ddof=1)/math.sqrt(BLOCKS)})
         rows.append(row)
         print(row)
-    recording.save(options.output, f'{options.name}.json', {'lags_ps': LAGS, 'blocks': BLOCKS, 'seed': options.seed, 'rows': rows, 'provenance': recording.provenance(options)})
+    path = options.output/'motion.json'
+    old = json.loads(path.read_text()) if path.exists() else {'rows': [], 'provenance': []}
+    again = {(row['method'], row['step_fs']) for row in rows}
+    rows = [row for row in old['rows'] if (row['method'], row['step_fs']) not in again] + rows
+    recording.save(options.output, 'motion.json', {'lags_ps': LAGS, 'blocks': BLOCKS, 'seed': options.seed, 'rows': rows,
+                                                   'provenance': [*old['provenance'], recording.provenance(options)]})
 
 
 # ---- Speeds ----------------------------------------------------------------------------------------------------------
 
 def moved(options):
     """What ``price.py motion`` has written: (method, step in fs) -> row."""
-    return {(row['method'], round(row['step_fs'], 6)): row for path in sorted(options.output.glob('motion*.json'))
-            for row in json.loads(path.read_text())['rows'] if row['status'] == measurement.STABLE}
+    path = options.output/'motion.json'
+    rows = json.loads(path.read_text())['rows'] if path.exists() else []
+    return {(row['method'], round(row['step_fs'], 6)): row for row in rows if row['status'] == measurement.STABLE}
 
 
 def found(options):
@@ -444,7 +453,6 @@ def main():
     parser.add_argument('--methods', nargs='+', metavar='NAME:STEPS', help='instead of a series, e.g. LangevinC-I8:14,16 (fs)')
     parser.add_argument('--length', type=float, default=100, help='ps for each setting, with what it has already (100)')
     parser.add_argument('--rounds', type=int, default=11, help='turns for speeds (11)')
-    parser.add_argument('--name', default='motion', help='of the JSON that motion writes (motion)')
     parser.add_argument('--least', type=float, default=55, help='ps: shorter runs are left out of times and report (55)')
     parser.add_argument('--seed', type=int, default=2031)
     parser.add_argument('--work', type=pathlib.Path, default=HERE/'results_price'/'notes', help='where runs are kept (results_price/notes)')

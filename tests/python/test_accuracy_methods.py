@@ -86,6 +86,24 @@ def test_nonsense_is_refused_by_name(name, why):
     assert repr(name) in str(error.value) and 'such as LangevinC-I8' in str(error.value)
 
 
+def test_inertia_scales_start_at_the_temperature_of_the_bath():
+    # A State's angular velocities, kept for moments times 100, would be 100 times too hot.
+    scene = accuracy.scenes.trap(bodies=400)
+    first = scene.makeContext(scene.makeIntegrator(), REFERENCE, {}, 1)
+    started = accuracy.Scene(scene.system, first.getState(getPositions=True, getVelocities=True), scene.makeIntegrator())
+    assert started.velocities is not None
+    method = methods.byName('LangevinC-I100')
+    own = method.sceneOf(started)
+    integrator = method.makeIntegrator(own, 0.001, 3)
+    context = own.makeContext(integrator, REFERENCE, {}, 3)
+    temperature = observables.byName('rotational_temperature_2').measure(observables.Sample(own, context))
+    # 400 degrees of freedom: the relative standard deviation of their temperature is sqrt(2/400).
+    z = (temperature/300 - 1)/math.sqrt(2/400)
+    print(f'{temperature:.1f} K, z = {z:.2f}')
+    assert abs(z) < Z_LIMIT
+    assert started.velocities is not None
+
+
 # ---- Heavier hydrogens -----------------------------------------------------------------------------------------------
 
 def test_heavy_hydrogens_keep_masses_of_bodies_and_constraints():

@@ -3,6 +3,7 @@
 A method's name is that of a way to integrate, followed by what is other than in the scene: LangevinC-I8-g2-G4 is LangevinC with moments times 8 and
 frictions of 2/ps and 4/ps; LangevinMiddle-H3 has hydrogens of 3 dalton. :data:`OPTIONS` lists the letters, :func:`byName` reads such names.
 """
+import copy
 import functools
 import math
 import re
@@ -217,7 +218,12 @@ def heavyHydrogens(scene, mass):
     if not found:
         raise ValueError(f'heavyHydrogens: scene {scene.name!r}: no body has a particle of up to {HEAVIEST_HYDROGEN} dalton; hydrogens are told by their mass: '
                          'leave this method out')
-    changed = scene.withSystem(system)
+    return _velocitiesAnew(scene.withSystem(system))
+
+
+def _velocitiesAnew(scene):
+    """The scene whose velocities are drawn when a Context is made."""
+    changed = copy.copy(scene)
     changed.velocities = None
     return changed
 
@@ -393,6 +399,8 @@ def _withOptions(name, base, values):
     gamma = values.get('g')
     if isinstance(make, RigidScheme):
         made = RigidScheme(make.scheme, values.get('I'), gamma, values.get('G'))
+        # The scene's velocities belong to its own moments: with 8 times these they would be 8 times too hot.
+        prepare = _velocitiesAnew if 'I' in values else None
     elif isinstance(make, MTSLangevin):
         made = MTSLangevin(gamma, int(values.get('N', make.inner)))
     else:
