@@ -44,6 +44,11 @@ SERIES = {
     'long': {'LangevinC-I8': (15,), 'LangevinMiddle': (7,), 'LangevinMiddle-H3': (12,)},
     'recommended': {'LangevinC-I8': (15,)},
 }
+#: Settings whose molecules are followed; lags of cosines, ps; blocks for errors.
+MOTION = {'LangevinC': (9,), 'LangevinC-g1-G2': (8,), 'LangevinC-I4': (13,), 'LangevinC-I4-g1-G2': (12, 13), 'LangevinC-I4-g2-G2': (13,), 'LangevinC-I8': (15,),
+          'LangevinC-I8-g1-G2': (14,), 'LangevinC-I8-g2-G2': (15,), 'LangevinC-I8-g5-G2': (15,), 'LangevinMiddle': (7,), 'LangevinMiddle-g1': (7,),
+          'LangevinMiddle-H3': (12,), 'LangevinMiddle-H3-g0.5': (12,), 'LangevinMiddle-H3-g1': (12,), 'LangevinMiddle-N2-H3': (12,)}
+LAGS, BLOCKS = (2.0, 4.0), 5
 #: ps that a setting advances in one turn; what is between two notes on disk.
 PIECE = 20.0
 SAMPLE_INTERVAL, EQUILIBRATION = 0.2, 20.0
