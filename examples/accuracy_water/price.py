@@ -42,7 +42,9 @@ SERIES = {
               'LangevinMiddle-H2-g1': (9,), 'LangevinMiddle-H3-g1': (10, 12), 'LangevinMiddle-H4-g1': (12, 13, 14), 'LangevinMiddle-N2-g1': (7,),
               'LangevinMiddle-N2-H3-g1': (8, 10)},
     'long': {'LangevinC-I8': (15,), 'LangevinMiddle': (7,), 'LangevinMiddle-H3': (12,)},
-    'recommended': {'LangevinC-I8': (15,)},
+    'best': {'LangevinC-I4-g1-G2': (13,), 'LangevinC-I8-g2-G2': (15,), 'LangevinC-I8-g5-G2': (15,), 'LangevinMiddle-g1': (7,), 'LangevinMiddle-H3-g0.5': (12,),
+             'LangevinMiddle-H3-g1': (12,)},
+    'recommended': {'LangevinC-I8-g2-G2': (15,)},
 }
 #: Settings whose molecules are followed; lags of cosines, ps; blocks for errors.
 MOTION = {'LangevinC': (9,), 'LangevinC-g1-G2': (8,), 'LangevinC-I4': (13,), 'LangevinC-I4-g1-G2': (12, 13), 'LangevinC-I4-g2-G2': (13,), 'LangevinC-I8': (15,),
@@ -204,6 +206,11 @@ def run(options):
                 bar.update(each.record.length - before)
 
 
+def provenance(options):
+    """Where a result came from; not in which folder the runs were kept."""
+    return recording.provenance(argparse.Namespace(**{key: value for key, value in vars(options).items() if key != 'work'}))
+
+
 # ---- Motion ----------------------------------------------------------------------------------------------------------
 
 class Cosine(observables.Observable):
@@ -260,7 +267,7 @@ def motion(options):
     again = {(row['method'], row['step_fs']) for row in rows}
     rows = [row for row in old['rows'] if (row['method'], row['step_fs']) not in again] + rows
     recording.save(options.output, 'motion.json', {'lags_ps': LAGS, 'blocks': BLOCKS, 'seed': options.seed, 'rows': rows,
-                                                   'provenance': [*old['provenance'], recording.provenance(options)]})
+                                                   'provenance': [*old['provenance'], provenance(options)]})
 
 
 # ---- Speeds ----------------------------------------------------------------------------------------------------------
@@ -302,7 +309,7 @@ def clockSpeeds(options):
                 if turn >= 0:
                     speeds[runs[i].path.stem].append(count*step/1000*measurement.SECONDS_PER_DAY/(time.process_time() - began))
                     bar.update(1)
-    recording.save(options.output, 'speeds.json', {'ns_per_cpu_day': speeds, 'ps_per_turn': TIMED, 'provenance': recording.provenance(options)})
+    recording.save(options.output, 'speeds.json', {'ns_per_cpu_day': speeds, 'ps_per_turn': TIMED, 'provenance': provenance(options)})
 
 
 # ---- Prices ----------------------------------------------------------------------------------------------------------
@@ -353,7 +360,7 @@ def report(options):
     rows.sort(key=lambda row: (row.get('dipole_hours', math.inf), -row.get('ns_per_cpu_day', 0)))
     recording.save(options.output, 'prices.json', {
         'wish': WISH, 'dipole_squared': mean, 'dipole_relative_variance': relativeVariance, 'dipole_tau_over_reorientation': share, 'ratios': ratios(rows),
-        'sample_interval_ps': SAMPLE_INTERVAL, 'equilibration_ps': EQUILIBRATION, 'seed': options.seed, 'rows': rows, 'provenance': recording.provenance(options)})
+        'sample_interval_ps': SAMPLE_INTERVAL, 'equilibration_ps': EQUILIBRATION, 'seed': options.seed, 'rows': rows, 'provenance': provenance(options)})
     print(share, mean, relativeVariance, ratios(rows))
     table(rows)
     picture(rows, options.output/'price.png')
