@@ -52,7 +52,7 @@ def parser():
     what = result.add_argument_group('what is compared')
     what.add_argument('--methods', nargs='+', default=None, metavar='NAME[:STEPS]',
                       help=f'among {", ".join(methods.BUILT_IN)}; with step sizes of its own in fs, e.g. GradientThermostat:1,2,3,4; '
-                      'LangevinC-I8 has the inertia scale 8 '
+                      'options may follow a name: -I8 inertia scale, -g2 and -G4 frictions, -H3 hydrogens of 3 dalton, -N2 reciprocal space in every other step '
                       f'(default: LangevinC LangevinMiddle); with --overdamped among {", ".join(overdamped.METHODS)}, steps in tau_D (default: all)')
     what.add_argument('--steps', metavar='FS', help='step sizes of all methods in fs (with --overdamped in tau_D), e.g. 1,2,4,6,8 (default: the scene\'s)')
     what.add_argument('--observables', nargs='+', default=None, metavar='NAME',

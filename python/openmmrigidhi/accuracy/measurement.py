@@ -211,9 +211,9 @@ def summarise(knob, runs, observables, clock):
 def _series(record, observable):
     """The samples as an array, or None where there is no average to take."""
     series = np.array(record.series.get(observable.name, []), dtype=float)
-    # What compares with the sample before has nothing to compare the first with.
-    if len(series) > 1 and np.isnan(series[0]).all() and np.isfinite(series[1:]).all():
-        series = series[1:]
+    # What compares with samples before has nothing to compare the first with.
+    present = np.flatnonzero([not np.isnan(sample).all() for sample in series])
+    series = series[present[0]:] if len(present) else series
     return series if record.status == STABLE and len(series) >= 2 and np.isfinite(series).all() else None
 
 

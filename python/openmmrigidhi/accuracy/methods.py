@@ -1,10 +1,18 @@
-"""What is compared: one method is one curve in the picture. A study adds the knob that is turned along the curve."""
+"""What is compared: one method is one curve in the picture. A study adds the knob that is turned along the curve.
+
+A method's name is that of a way to integrate, followed by what is other than in the scene: LangevinC-I8-g2-G4 is LangevinC with moments times 8 and
+frictions of 2/ps and 4/ps; LangevinMiddle-H3 has hydrogens of 3 dalton. :data:`OPTIONS` lists the letters, :func:`byName` reads such names.
+"""
+import copy
+import functools
+import math
+import re
 from dataclasses import dataclass
 from typing import Callable, Optional
 
 import openmm
 
-from .. import _schemes
+from .. import _schemes, _units
 from ..integrator import CustomRigidHIIntegrator
 
 
@@ -23,6 +31,8 @@ class Method:
     whyNot : callable, optional
         scene -> None, or the reason why the method cannot be used there
     description : str
+    prepare : callable, optional
+        scene -> Scene: the scene that it runs in, if the System has to be another. Canonical averages over configurations must be the scene's own.
     """
 
     name: str
@@ -30,33 +40,243 @@ class Method:
     order: int = 2
     whyNot: Optional[Callable] = None
     description: str = ''
+    prepare: Optional[Callable] = None
+
+    def sceneOf(self, scene):
+        """The scene that it runs in: what `prepare` makes of this one.
+
+        Parameters
+        ----------
+        scene : Scene
+
+        Returns
+        -------
+        Scene
+        """
+        return scene if self.prepare is None else self.prepare(scene)
 
 
 class RigidScheme:
-    """Makes the scene's own integrator with one of the plugin's schemes, and with another inertia scale than the scene's if one is given."""
+    """Makes the scene's own integrator with one of the plugin's schemes.
 
-    def __init__(self, scheme, inertiaScale=None):
+    Parameters
+    ----------
+    scheme : int
+        a constant of CustomRigidHIIntegrator
+    inertiaScale : float, optional
+        instead of the scene's
+    friction, rotationalFriction : float, optional
+        1/ps, instead of the scene's; bodies with frictions of their own (setBodyFriction) keep these
+    """
+
+    def __init__(self, scheme, inertiaScale=None, friction=None, rotationalFriction=None):
         self.scheme = scheme
         self.inertiaScale = inertiaScale
+        self.friction = friction
+        self.rotationalFriction = rotationalFriction
 
     def __call__(self, scene, stepSize, seed):
         integrator = scene.makeIntegrator()
         integrator.setScheme(self.scheme)
         if self.inertiaScale is not None:
             integrator.setInertiaScale(self.inertiaScale)
+        if self.friction is not None:
+            integrator.setFriction(self.friction)
+        if self.rotationalFriction is not None:
+            integrator.setRotationalFriction(self.rotationalFriction)
         integrator.setStepSize(stepSize)
         integrator.setRandomNumberSeed(seed)
         return integrator
 
 
-def _langevinMiddle(scene, stepSize, seed):
-    integrator = openmm.LangevinMiddleIntegrator(scene.temperature, scene.friction, stepSize)
-    integrator.setRandomNumberSeed(seed)
-    return integrator
+class LangevinMiddle:
+    """Makes OpenMM's LangevinMiddleIntegrator; or the same with reciprocal space in every few steps only, for a scene that :func:`reciprocalSpaceApart` has made.
 
+    The second is an impulse multiple-time-step method: in every `every`-th step the force of reciprocal space kicks `every` times as long, in the others
+    not at all. It is a CustomIntegrator whose step is the short one, and so places virtual sites before each evaluation of forces, which
+    OpenMM's MTSLangevinIntegrator does not.
+
+    Parameters
+    ----------
+    friction : float, optional
+        1/ps, instead of the scene's
+    every : int
+        1: all forces in every step
+    """
+
+    def __init__(self, friction=None, every=1):
+        self.friction = friction
+        self.every = every
+
+    def __call__(self, scene, stepSize, seed):
+        friction = scene.friction if self.friction is None else self.friction
+        if self.every == 1:
+            integrator = openmm.LangevinMiddleIntegrator(scene.temperature, friction, stepSize)
+        else:
+            integrator = self._withSlowKicks(scene, friction, stepSize)
+        integrator.setRandomNumberSeed(seed)
+        return integrator
+
+    def _withSlowKicks(self, scene, friction, stepSize):
+        slow, fast = _forceGroups(scene.system)
+        integrator = openmm.CustomIntegrator(stepSize)
+        integrator.addGlobalVariable('a', math.exp(-friction*stepSize))
+        integrator.addGlobalVariable('b', math.sqrt(-math.expm1(-2*friction*stepSize)))
+        integrator.addGlobalVariable('kT', GAS_CONSTANT*scene.temperature)
+        integrator.addGlobalVariable('taken', 0)
+        integrator.addPerDofVariable('x1', 0)
+        integrator.addUpdateContextState()
+        for group in fast:
+            integrator.addComputePerDof('v', f'v + dt*f{group}/m')
+        integrator.beginIfBlock('taken = 0')
+        for group in slow:
+            integrator.addComputePerDof('v', f'v + {self.every}*dt*f{group}/m')
+        integrator.endBlock()
+        integrator.addComputeGlobal('taken', f'select(step(taken - {self.every - 1.5}), 0, taken + 1)')
+        integrator.addConstrainVelocities()
+        integrator.addComputePerDof('x', 'x + 0.5*dt*v')
+        integrator.addComputePerDof('v', 'a*v + b*sqrt(kT/m)*gaussian')
+        integrator.addComputePerDof('x', 'x + 0.5*dt*v')
+        integrator.addComputePerDof('x1', 'x')
+        integrator.addConstrainPositions()
+        integrator.addComputePerDof('v', 'v + (x - x1)/dt')
+        return integrator
+
+
+class MTSLangevin:
+    """Makes OpenMM's MTSLangevinIntegrator for a scene that :func:`reciprocalSpaceApart` has made: reciprocal space once a step, the rest several times.
+
+    Its step size is the outer one. In each of the inner steps that class damps with its friction times the *outer* step, so it gets a friction smaller by
+    their number: what acts is the friction asked for.
+
+    Parameters
+    ----------
+    friction : float, optional
+        1/ps, instead of the scene's
+    inner : int
+        steps of the faster forces in each step
+    """
+
+    def __init__(self, friction=None, inner=2):
+        self.friction = friction
+        self.inner = inner
+
+    def __call__(self, scene, stepSize, seed):
+        friction = scene.friction if self.friction is None else self.friction
+        slow, fast = _forceGroups(scene.system)
+        groups = [(group, 1) for group in slow] + [(group, self.inner) for group in fast]
+        integrator = openmm.MTSLangevinIntegrator(scene.temperature, friction/self.inner, stepSize, groups)
+        integrator.setRandomNumberSeed(seed)
+        return integrator
+
+
+# ---- Other Systems ---------------------------------------------------------------------------------------------------
+
+GAS_CONSTANT = _units.GAS_CONSTANT
+#: A particle no heavier than this is a hydrogen, dalton.
+HEAVIEST_HYDROGEN = 1.2
+
+
+def heavyHydrogens(scene, mass):
+    """The scene with heavier hydrogens, whose mass is taken from the heaviest particle of their body (hydrogen mass repartitioning).
+
+    The masses of bodies and the constraints stay, and so do canonical averages over configurations: bodies are rigid, so that masses enter kinetic energies
+    alone. Velocities of the start are drawn anew. Method: K. A. Feenstra, B. Hess, H. J. C. Berendsen, J. Comput. Chem. 20, 786 (1999).
+
+    Parameters
+    ----------
+    scene : Scene
+        whose bodies have hydrogens: particles with a mass up to HEAVIEST_HYDROGEN
+    mass : float
+        of each hydrogen, dalton
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    ValueError
+        if there are no hydrogens in bodies, or one would be heavier than the particle that its mass is taken from
+    """
+    system = openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(scene.system))
+    masses = [system.getParticleMass(i)._value for i in range(system.getNumParticles())]
+    found = 0
+    for index, body in enumerate(scene.bodies):
+        hydrogens = [i for i in body if 0 < masses[i] <= HEAVIEST_HYDROGEN]
+        found += len(hydrogens)
+        if not hydrogens:
+            continue
+        heaviest = max(body, key=lambda i: masses[i])
+        left = masses[heaviest] - sum(mass - masses[i] for i in hydrogens)
+        if heaviest in hydrogens or left < mass:
+            raise ValueError(f'heavyHydrogens: mass: got {mass:g}; the hydrogens of body {index} would be heavier than the {left:.4g} dalton that are left of '
+                             f'particle {heaviest}, which their mass is taken from: choose less')
+        for i in hydrogens:
+            system.setParticleMass(i, mass)
+        system.setParticleMass(heaviest, left)
+    if not found:
+        raise ValueError(f'heavyHydrogens: scene {scene.name!r}: no body has a particle of up to {HEAVIEST_HYDROGEN} dalton; hydrogens are told by their mass: '
+                         'leave this method out')
+    return _velocitiesAnew(scene.withSystem(system))
+
+
+def _velocitiesAnew(scene):
+    """The scene whose velocities are drawn when a Context is made."""
+    changed = copy.copy(scene)
+    changed.velocities = None
+    return changed
+
+
+def reciprocalSpaceApart(scene):
+    """The scene with the reciprocal space of its NonbondedForce in a force group of its own, the first that nothing else is in.
+
+    The energy of that force's own group (energy_group_N) is then that of direct space.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    Scene
+    """
+    system = openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(scene.system))
+    _, others = _forceGroups(system)
+    free = next(group for group in range(32) if group not in others)
+    for force in _withReciprocalSpace(system):
+        force.setReciprocalSpaceForceGroup(free)
+    return scene.withSystem(system)
+
+
+def _withReciprocalSpace(system):
+    methods = (openmm.NonbondedForce.Ewald, openmm.NonbondedForce.PME, openmm.NonbondedForce.LJPME)
+    return [force for force in system.getForces() if isinstance(force, openmm.NonbondedForce) and force.getNonbondedMethod() in methods]
+
+
+def _forceGroups(system):
+    """Groups of reciprocal spaces, and all others that forces are in."""
+    reciprocal = {force.getReciprocalSpaceForceGroup() for force in _withReciprocalSpace(system)} - {-1}
+    return sorted(reciprocal), sorted({force.getForceGroup() for force in system.getForces()})
+
+
+# ---- Methods by name -------------------------------------------------------------------------------------------------
 
 def _notHeldByConstraints(scene):
     return scene.rigidByConstraints()
+
+
+def _noReciprocalSpace(scene):
+    if not _withReciprocalSpace(scene.system):
+        return 'there is no NonbondedForce with Ewald, PME or LJPME, so no reciprocal space that could be evaluated less often'
+    return scene.rigidByConstraints()
+
+
+def _notSplit(scene):
+    if any(scene.system.isVirtualSite(i) for i in range(scene.system.getNumParticles())):
+        return ("OpenMM's MTSLangevinIntegrator places virtual sites only at the end of its outer steps: the forces of its inner steps would be those of "
+                'sites left behind (LangevinMiddle-N2 places them in time)')
+    return _noReciprocalSpace(scene)
 
 
 #: The methods that are known by name.
@@ -65,42 +285,146 @@ BUILT_IN = {method.name: method for method in (
     Method('LangevinB', RigidScheme(CustomRigidHIIntegrator.LangevinB), 2, None, 'Davidchack 2015, eq. 27'),
     Method('LangevinC', RigidScheme(CustomRigidHIIntegrator.LangevinC), 2, None, 'Davidchack 2015, eq. 28'),
     Method('GradientThermostat', RigidScheme(CustomRigidHIIntegrator.GradientThermostat), 1, None, 'Davidchack 2015, eq. 30'),
-    Method('LangevinMiddle', _langevinMiddle, 2, _notHeldByConstraints,
+    Method('LangevinMiddle', LangevinMiddle(), 2, _notHeldByConstraints,
            "OpenMM's LangevinMiddleIntegrator, bodies held by constraints (SETTLE for water), friction gamma"),
+    Method('MTSLangevin', MTSLangevin(), 2, _notSplit,
+           "OpenMM's MTSLangevinIntegrator: reciprocal space once a step, the other forces several times (2, or -N), friction gamma", reciprocalSpaceApart),
 )}
 
 
-#: Between a scheme with momenta and an inertia scale: LangevinC-I8 is LangevinC with moments times 8.
-SCALED = '-I'
+@dataclass(frozen=True)
+class Option:
+    """What may follow a method's name: a dash, a letter, a number.
+
+    Parameters
+    ----------
+    meaning : str
+        for descriptions and messages; {} is the number
+    isGood : callable
+        number -> bool
+    values : str
+        which numbers are good
+    """
+
+    meaning: str
+    isGood: Callable
+    values: str
+
+
+def _isPositive(value):
+    return 0 < value < math.inf
+
+
+#: By letter; which methods have them: see byName().
+OPTIONS = {
+    'I': Option('moments times {}', _isPositive, 'above 0'),
+    'g': Option('gamma = {}/ps', _isPositive, 'above 0'),
+    'G': Option('Gamma = {}/ps', _isPositive, 'above 0'),
+    'H': Option('hydrogens of {} dalton, their mass taken from the heaviest particle of the body', lambda mass: HEAVIEST_HYDROGEN < mass < math.inf,
+                f'above {HEAVIEST_HYDROGEN}, the heaviest hydrogen'),
+    'N': Option('reciprocal space in one of {} steps', lambda count: count in range(2, 101), 'a whole number from 2 to 100'),
+}
+#: How a number in a name looks.
+_NUMBER = r'[0-9]+(?:\.[0-9]+)?(?:e-?[0-9]+)?'
 
 
 def byName(name):
-    """The built-in method of this name; or a scheme with an inertia scale, such as LangevinC-I8: setInertiaScale(8).
+    """The method of this name: that of a built-in one, and options behind it.
+
+    ==========  ============================================  ======================================================================
+    option      for                                           meaning
+    ==========  ============================================  ======================================================================
+    -I8         LangevinA, LangevinB, LangevinC               setInertiaScale(8)
+    -g2         these, LangevinMiddle, MTSLangevin            gamma, the friction (of translation, for the plugin's schemes), 1/ps
+    -G4         LangevinA, LangevinB, LangevinC               Gamma, the rotational friction, 1/ps
+    -H3         LangevinMiddle, MTSLangevin                   hydrogens of 3 dalton (:func:`heavyHydrogens`)
+    -N3         LangevinMiddle, MTSLangevin                   reciprocal space in one of 3 steps: of LangevinMiddle's own steps; of the inner steps
+                                                              of MTSLangevin, whose step is the outer one (without -N3, 2)
+    ==========  ============================================  ======================================================================
+
+    What has no option is as in the scene. Options may follow each other in any order, each once.
 
     Parameters
     ----------
     name : str
+        e.g. LangevinC, LangevinC-I8-g2-G4, LangevinMiddle-H3-g1, MTSLangevin-N2
+
+    Returns
+    -------
+    Method
 
     Raises
     ------
     ValueError
-        for any other name
+        for any other name; if the method has no such option, or the number is not good
     """
-    found = BUILT_IN.get(name) or _scaled(name)
-    if found is None:
-        raise ValueError(f'method: got {name!r}; it must be a Method or the name of one of these: {", ".join(BUILT_IN)}; or a scheme with momenta '
-                         f'and an inertia scale above 0, such as LangevinC{SCALED}8')
-    return found
+    name = str(name)
+    base = BUILT_IN.get(re.split('-', name)[0])
+    if base is None:
+        raise _wrongName(name, 'there is no such method')
+    text = name[len(base.name):]
+    found = re.findall(f'-([A-Za-z])({_NUMBER})', text)
+    if ''.join(f'-{letter}{number}' for letter, number in found) != text:
+        raise _wrongName(name, f'{text!r} are no options, each a dash, a letter and a number')
+    values = {}
+    for letter, number in found:
+        if letter not in _optionsOf(base):
+            raise _wrongName(name, f'{base.name} has no option -{letter}, only {_listed(_optionsOf(base))}')
+        if letter in values:
+            raise _wrongName(name, f'-{letter} is there twice')
+        values[letter] = float(number)
+        if not OPTIONS[letter].isGood(values[letter]):
+            raise _wrongName(name, f'the number behind -{letter} must be {OPTIONS[letter].values}')
+    return _withOptions(name, base, values) if values else base
 
 
-def _scaled(name):
-    base, mark, text = str(name).rpartition(SCALED)
+def _wrongName(name, why):
+    return ValueError(f'method: got {name!r}: {why}; it must be a Method or the name of one of these: {", ".join(BUILT_IN)}; options may follow, '
+                      'such as LangevinC-I8 (moments times 8) or LangevinMiddle-g1 (friction 1/ps): correct the name')
+
+
+def _optionsOf(method):
+    make = method.makeIntegrator
+    if isinstance(make, RigidScheme):
+        return 'IgG' if _schemes.TABLE[make.scheme].hasMomenta else ''
+    return 'gHN'
+
+
+def _listed(letters):
+    return ', '.join(f'-{letter}' for letter in letters) or 'none'
+
+
+def _withOptions(name, base, values):
+    make, prepare, whyNot = base.makeIntegrator, base.prepare, base.whyNot
+    gamma = values.get('g')
+    if isinstance(make, RigidScheme):
+        made = RigidScheme(make.scheme, values.get('I'), gamma, values.get('G'))
+        # The scene's velocities belong to its own moments: with 8 times these they would be 8 times too hot.
+        prepare = _velocitiesAnew if 'I' in values else None
+    elif isinstance(make, MTSLangevin):
+        made = MTSLangevin(gamma, int(values.get('N', make.inner)))
+    else:
+        made = LangevinMiddle(gamma, int(values.get('N', 1)))
+        if 'N' in values:
+            prepare, whyNot = reciprocalSpaceApart, _noReciprocalSpace
+    if 'H' in values:
+        prepare = functools.partial(_heavyThen, mass=values['H'], then=prepare)
+        whyNot = functools.partial(_notHeavy, mass=values['H'], first=whyNot)
+    meanings = [OPTIONS[letter].meaning.format(f'{value:g}') for letter, value in values.items()]
+    return Method(name, made, base.order, whyNot, '; '.join([base.description, *meanings]), prepare)
+
+
+def _heavyThen(scene, mass, then):
+    scene = heavyHydrogens(scene, mass)
+    return scene if then is None else then(scene)
+
+
+def _notHeavy(scene, mass, first):
+    refusal = first(scene)
+    if refusal is not None:
+        return refusal
     try:
-        factor = float(text)
-    except ValueError:
-        return None
-    method = BUILT_IN.get(base)
-    scheme = getattr(method and method.makeIntegrator, 'scheme', None)
-    if scheme is None or not _schemes.TABLE[scheme].hasMomenta or not 0 < factor < float('inf'):
-        return None
-    return Method(name, RigidScheme(scheme, factor), method.order, method.whyNot, f'{method.description}; moments times {factor:g}')
+        heavyHydrogens(scene, mass)
+    except ValueError as error:
+        return str(error)
+    return None

@@ -1,4 +1,5 @@
-"""What is measured in a run: energies, temperatures, pressure, or the user's own function of the Context."""
+"""What is measured in a run: energies, temperatures, pressure, the dipole moment, diffusion, or the user's own function of the Context."""
+from collections import deque
 from functools import cached_property
 
 import numpy as np
@@ -34,6 +35,11 @@ class Sample:
     def potentialEnergy(self):
         """kJ/mol."""
         return self.energies.getPotentialEnergy()._value
+
+    @cached_property
+    def positions(self):
+        """Of all particles, nm, array of shape (particles, 3); not wrapped into the box."""
+        return self.context.getState(getPositions=True).getPositions(asNumpy=True)._value
 
     @cached_property
     def kineticEnergies(self):
@@ -176,6 +182,105 @@ class _Pressure:
         return (2*kinetic/(3*volume) - (energies[1] - energies[0])/dV)*1.66053907
 
 
+#: A body whose charges add up to more than this is charged, e.
+LARGEST_NET_CHARGE = 1e-6
+
+
+class _Charges:
+    """The charges of a scene whose bodies are neutral, and whatever is charged in a body."""
+
+    def __init__(self, scene, platform, properties):
+        forces = [force for force in scene.system.getForces() if isinstance(force, openmm.NonbondedForce)]
+        if len(forces) != 1:
+            raise ValueError(f'observable dipole_squared: there are {len(forces)} NonbondedForces; charges are those of the only one: leave this '
+                             'observable out')
+        charges = np.array([forces[0].getParticleParameters(i)[0]._value for i in range(forces[0].getNumParticles())])
+        inBodies = np.zeros(len(charges), dtype=bool)
+        for index, body in enumerate(scene.bodies):
+            inBodies[body] = True
+            net = charges[body].sum()
+            if abs(net) > LARGEST_NET_CHARGE:
+                raise ValueError(f'observable dipole_squared: body {index} has a net charge of {net:.6g} e; the dipole moment of a charged body depends on '
+                                 'the origin, and that of a periodic box on where its images are: leave this observable out')
+        free = np.flatnonzero((charges != 0) & ~inBodies)
+        if len(free):
+            raise ValueError(f'observable dipole_squared: particle {free[0]} has a charge of {charges[free[0]]:.6g} e and is in no body; only neutral bodies '
+                             'have a dipole moment that does not depend on the origin: leave this observable out')
+        self.charges = charges
+
+
+def dipoleMoment(sample, charges):
+    """Total dipole moment of the bodies, e nm, array of shape (3,).
+
+    Bodies are whole in a Context's positions, on whichever side of a periodic boundary they are, and neutral: so the sum of charge times position needs no
+    origin and no box.
+
+    Parameters
+    ----------
+    sample : Sample
+    charges : _Charges
+        what the observable dipole_squared has set up
+    """
+    return charges.charges@sample.positions
+
+
+class _DipoleSquared:
+    def __call__(self, sample, charges):
+        return float((dipoleMoment(sample, charges)**2).sum())/len(sample.scene.bodies)
+
+
+#: Window of diffusion_coefficient, ps.
+WINDOW = 2.0
+
+
+class _Centres:
+    """Centres of mass of all bodies at the last samples."""
+
+    def __init__(self, scene, platform, properties):
+        barostat = next((type(force).__name__ for force in scene.system.getForces() if 'Barostat' in type(force).__name__), None)
+        if barostat is not None:
+            raise ValueError(f'observable diffusion_coefficient: there is a {barostat}, which moves bodies with the box; displacements are those of a '
+                             'box that stays: leave this observable out, or the barostat')
+        masses = np.array([scene.system.getParticleMass(i)._value for i in range(scene.system.getNumParticles())])
+        self.owners = np.repeat(np.arange(len(scene.bodies)), [len(body) for body in scene.bodies])
+        self.members = np.concatenate([np.asarray(body, dtype=int) for body in scene.bodies])
+        # Bodies without masses, which schemes without momenta may have, are where the mean of their particles is.
+        massless = np.bincount(self.owners, masses[self.members]) == 0
+        self.weights = np.where(massless[self.owners], 1.0, masses[self.members])
+        self.total = np.bincount(self.owners, self.weights)
+        self.times = deque()
+        self.places = deque()
+
+    def add(self, sample):
+        weighted = self.weights[:, None]*sample.positions[self.members]
+        centres = np.stack([np.bincount(self.owners, weighted[:, k]) for k in range(3)], axis=1)/self.total[:, None]
+        self.times.append(sample.energies.getTime()._value)
+        self.places.append(centres)
+
+    def meanSquareDisplacement(self, lag):
+        return ((self.places[-1] - self.places[-1 - lag])**2).sum(axis=1).mean()
+
+
+class _DiffusionCoefficient:
+    """Of bodies: (msd(2 w) - msd(w))/(6 w), with the window w."""
+
+    def __init__(self, window):
+        self.window = window
+
+    def __call__(self, sample, centres):
+        centres.add(sample)
+        times = centres.times
+        if len(times) < 2:
+            return float('nan')
+        lag = max(1, round(self.window/(times[1] - times[0])))
+        if len(times) < 2*lag + 1:
+            return float('nan')
+        value = (centres.meanSquareDisplacement(2*lag) - centres.meanSquareDisplacement(lag))/(6*(times[-1] - times[-1 - lag]))
+        times.popleft()
+        centres.places.popleft()
+        return float(value)
+
+
 class _UserFunction:
     def __init__(self, function):
         self.function = function
@@ -196,10 +301,36 @@ BUILT_IN = {observable.name: observable for observable in (
     Observable('rotational_temperature_3', 'rotational temperature, axis of the largest moment', 'K',
                _RotationalTemperature(3), _BathTemperature()),
     Observable('pressure', 'pressure', 'MPa', _Pressure(), setup=_PressureProbe),
+    Observable('dipole_squared', 'mean square dipole moment of the box per body', 'e^2 nm^2', _DipoleSquared(), setup=_Charges),
+    Observable('diffusion_coefficient', f'diffusion coefficient of bodies (between {WINDOW:g} and {2*WINDOW:g} ps)', 'nm^2/ps',
+               _DiffusionCoefficient(WINDOW), setup=_Centres),
 )}
 #: What is measured if nothing is asked for.
 DEFAULT = ('potential_energy', 'translational_temperature', 'rotational_temperature_1', 'rotational_temperature_2',
            'rotational_temperature_3')
+
+
+def diffusionCoefficient(window):
+    """The observable diffusion_coefficient over another window.
+
+    A body's centre of mass is followed without wrapping it into the box. Its mean square displacement over time t is 6 D t plus a constant, once what it
+    remembers of its velocity and of its neighbours' cage is gone: D = (msd(2 window) - msd(window))/(6 window), averaged over bodies and over all
+    moments of the run that have that much past. It is a number of the method's own dynamics: friction, inertia scale and masses change it.
+
+    Parameters
+    ----------
+    window : float
+        ps; taken as whole sample intervals, one at least. For water 2 ps
+
+    Returns
+    -------
+    Observable
+        named diffusion_coefficient_WINDOW, in nm^2/ps
+    """
+    if not 0 < window < np.inf:
+        raise ValueError(f'diffusionCoefficient: window: got {window}; it must be positive, in ps: correct it')
+    return Observable(f'diffusion_coefficient_{window:g}', f'diffusion coefficient of bodies (between {window:g} and {2*window:g} ps)', 'nm^2/ps',
+                      _DiffusionCoefficient(window), setup=_Centres)
 
 
 def byName(name):
@@ -209,7 +340,8 @@ def byName(name):
     ----------
     name : str or Observable or callable
         a built-in name; "energy_group_N" for the energy of force group N per body; "module:function" or a function
-        of the Context that returns a number (its attributes ``unit`` and ``exact``, if it has them, are used)
+        of the Context that returns a number (its attributes ``unit`` and ``exact``, if it has them, are used). dipole_squared is <M^2>/N of the box's
+        total dipole moment M, e^2 nm^2, for N neutral bodies; diffusion_coefficient is that of :func:`diffusionCoefficient` over 2 ps
 
     Returns
     -------

@@ -1,4 +1,5 @@
 """What is measured: built-in scenes, and the user's own."""
+import copy
 import importlib
 import math
 import os
@@ -92,6 +93,23 @@ class Scene:
         if self._system is None:
             self._system = openmm.XmlSerializer.deserialize(self._systemXml)
         return self._system
+
+    def withSystem(self, system):
+        """The same scene with another System.
+
+        Parameters
+        ----------
+        system : openmm.System
+            with the same particles in the same order; it is copied
+
+        Returns
+        -------
+        Scene
+        """
+        changed = copy.copy(self)
+        changed._systemXml = openmm.XmlSerializer.serialize(system)
+        changed._system = changed._bodyTable = None
+        return changed
 
     def makeIntegrator(self):
         """A fresh copy of the template integrator."""

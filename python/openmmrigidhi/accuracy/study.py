@@ -100,9 +100,10 @@ class Study:
         setting : Setting
         seed : int
         """
-        integrator = setting.method.makeIntegrator(self.scene, setting.stepSize, seed)
-        return self.scene.makeContext(integrator, openmm.Platform.getPlatformByName(self.platform),
-                                      platformProperties(self.platform, self.threads), seed)
+        scene = setting.method.sceneOf(self.scene)
+        integrator = setting.method.makeIntegrator(scene, setting.stepSize, seed)
+        return scene.makeContext(integrator, openmm.Platform.getPlatformByName(self.platform),
+                                 platformProperties(self.platform, self.threads), seed)
 
     def reference(self, observable, rows):
         """What the means of an observable are compared with, a Reference or None; rows: its rows of stable settings."""
@@ -117,7 +118,7 @@ class Study:
         return zlib.crc32(text.encode()) % (2**31 - 2) + 1
 
     def _makeRun(self, setting):
-        return Run(self.scene, self.observables, lambda: self.makeContext(setting, self.settingSeed(setting)),
+        return Run(setting.method.sceneOf(self.scene), self.observables, lambda: self.makeContext(setting, self.settingSeed(setting)),
                    setting.stepSize, self.sampleInterval, openmm.Platform.getPlatformByName(self.platform),
                    platformProperties(self.platform, self.threads))
 
