@@ -121,11 +121,9 @@ void CustomRigidHIIntegrator::checkParticles(const vector<int>& particles, int i
     }
 }
 
-CustomRigidHIIntegrator::Body CustomRigidHIIntegrator::makeExplicitBody(const vector<int>& particles, double mass,
-                                                                        const Vec3& principalMoments,
-                                                                        const vector<Vec3>& sitePositions,
-                                                                        int index) const {
-    checkParticles(particles, index);
+/** Check mass, moments and sites of a body that has these particles. */
+void CustomRigidHIIntegrator::checkGeometry(const vector<int>& particles, double mass, const Vec3& principalMoments,
+                                            const vector<Vec3>& sitePositions, int index) const {
     checkNonNegative(mass, bodyName(index), "mass", "amu");
     checkMoments(principalMoments, bodyName(index));
     if (sitePositions.size() != particles.size())
@@ -134,6 +132,14 @@ CustomRigidHIIntegrator::Body CustomRigidHIIntegrator::makeExplicitBody(const ve
              "there must be one site for each particle", "give as many sites as particles");
     for (size_t i = 0; i < sitePositions.size(); i++)
         checkFinite(sitePositions[i], bodyName(index), "site of particle " + text(particles[i]));
+}
+
+CustomRigidHIIntegrator::Body CustomRigidHIIntegrator::makeExplicitBody(const vector<int>& particles, double mass,
+                                                                        const Vec3& principalMoments,
+                                                                        const vector<Vec3>& sitePositions,
+                                                                        int index) const {
+    checkParticles(particles, index);
+    checkGeometry(particles, mass, principalMoments, sitePositions, index);
     Body body;
     body.particles = particles;
     body.isExplicit = body.geometryIsKnown = true;
@@ -230,13 +236,12 @@ void CustomRigidHIIntegrator::resetBodyGeometry() {
 void CustomRigidHIIntegrator::recordBodyGeometry(int index, double mass, const Vec3& principalMoments,
                                                  const vector<Vec3>& sitePositions) const {
     checkBodyIndex(index, "recordBodyGeometry()");
-    Body body = bodies[index];
-    const Body checked = makeExplicitBody(body.particles, mass, principalMoments, sitePositions, index);
+    Body& body = bodies[index];
+    checkGeometry(body.particles, mass, principalMoments, sitePositions, index);
     body.geometryIsKnown = true;
-    body.mass = checked.mass;
-    body.principalMoments = checked.principalMoments;
-    body.sitePositions = checked.sitePositions;
-    bodies[index] = body;
+    body.mass = mass;
+    body.principalMoments = principalMoments;
+    body.sitePositions = sitePositions;
 }
 
 int CustomRigidHIIntegrator::getSettingsVersion() const { return settingsVersion; }

@@ -404,6 +404,8 @@ private:
     };
     void checkBodyIndex(int index, const char* method) const;
     void checkParticles(const std::vector<int>& particles, int index) const;
+    void checkGeometry(const std::vector<int>& particles, double mass, const OpenMM::Vec3& principalMoments,
+                       const std::vector<OpenMM::Vec3>& sitePositions, int index) const;
     Body makeExplicitBody(const std::vector<int>& particles, double mass, const OpenMM::Vec3& principalMoments,
                           const std::vector<OpenMM::Vec3>& sitePositions, int index) const;
     int appendBody(const Body& body);

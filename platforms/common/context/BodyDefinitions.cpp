@@ -1,5 +1,6 @@
 #include "context/BodyDefinitions.h"
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 #include <utility>
@@ -102,6 +103,7 @@ void BodyDefinitions::record(int b, const BodyGeometry& g) {
 
 void BodyDefinitions::checkVirtualSites(int b, const BodyGeometry& g) const {
     const vector<int>& members = particles(b);
+    if (none_of(members.begin(), members.end(), [&](int particle) { return system.isVirtualSite(particle); })) return;
     map<int, Vec3> siteOfParticle;
     for (size_t i = 0; i < members.size(); i++) siteOfParticle[members[i]] = g.sites[i];
     for (size_t i = 0; i < members.size(); i++) {
@@ -122,6 +124,7 @@ BodyDefinitions::Bodies BodyDefinitions::build(const vector<BodyGeometry>& geome
     vector<vector<bool> > carriesForce(n);
     Bodies result;
     result.geometries = geometries;
+    result.fits.reserve(n);
     for (int b = 0; b < n; b++) {
         vector<double> masses;
         vector<bool> isVirtual;

@@ -14,27 +14,34 @@ namespace {
 /** Singular values below this fraction of the largest are rounding of site positions. */
 const double rankTolerance = 1e-10;
 
-/** Weighted sites about their centre, as columns scaled by the square roots of the weights. */
-Eigen::Matrix3Xd scaledSites(const vector<Eigen::Vector3d>& sites, const vector<double>& weights) {
-    double total = 0;
+/**
+ * The principal frame of weighted sites about their centre. Not by eigenvalues of the second moments: their rounding is the
+ * square root of what singular values have.
+ */
+struct Principal {
     Eigen::Vector3d centre = Eigen::Vector3d::Zero();
-    for (size_t i = 0; i < sites.size(); i++) {
-        total += weights[i];
-        centre += weights[i] * sites[i];
-    }
-    centre /= total;
-    Eigen::Matrix3Xd scaled(3, sites.size());
-    for (size_t i = 0; i < sites.size(); i++) scaled.col(i) = sqrt(weights[i]) * (sites[i] - centre);
-    return scaled;
-}
+    Eigen::Vector3d second = Eigen::Vector3d::Zero();  // second moments, descending
+    Eigen::Matrix3d axes = Eigen::Matrix3d::Identity();
+    int rank = 0;  // 0 a point, 1 a line, 2 anything else
 
-int rankOf(const vector<Eigen::Vector3d>& sites, const vector<double>& weights) {
-    // Not by eigenvalues of the second moments: their rounding is the square root of what singular values have.
-    const Eigen::JacobiSVD<Eigen::MatrixXd> svd(scaledSites(sites, weights));
-    const Eigen::VectorXd& values = svd.singularValues();  // descending, the lesser of 3 and the number of sites
-    if (values.size() == 0 || values[0] <= 0) return 0;
-    return values.size() > 1 && values[1] > rankTolerance * values[0] ? 2 : 1;
-}
+    Principal(const vector<Eigen::Vector3d>& sites, const vector<double>& weights) {
+        double total = 0;
+        for (size_t i = 0; i < sites.size(); i++) {
+            total += weights[i];
+            centre += weights[i] * sites[i];
+        }
+        centre /= total;
+        Eigen::Matrix3Xd scaled(3, sites.size());
+        for (size_t i = 0; i < sites.size(); i++) scaled.col(i) = sqrt(weights[i]) * (sites[i] - centre);
+        const Eigen::JacobiSVD<Eigen::Matrix3Xd> svd(scaled, Eigen::ComputeFullU);
+        const auto& values = svd.singularValues();  // descending, the lesser of 3 and the number of sites
+        if (values.size() == 0 || !(values[0] > 0)) return;
+        rank = values.size() > 1 && values[1] > rankTolerance * values[0] ? 2 : 1;
+        second.head(values.size()) = values.cwiseAbs2();
+        axes = svd.matrixU();
+        if (axes.determinant() < 0) axes.col(2) = -axes.col(2);
+    }
+};
 
 /** The smallest turn that takes the direction a to b. */
 Eigen::Quaterniond smallestTurn(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
@@ -65,29 +72,21 @@ PoseFit::PoseFit(const BodyGeometry& geometry, const vector<double>& masses, con
         equal[i] = isVirtual[i] ? 0 : 1;
         totalMass += masses[i];
     }
-    if (totalMass == 0 || rankOf(sites, masses) < rankOf(sites, equal)) weights = equal;
-
-    centre_body.setZero();
-    for (size_t i = 0; i < sites.size(); i++) {
-        totalWeight += weights[i];
-        centre_body += weights[i] * sites[i];
+    const Principal byCount(sites, equal);
+    Principal principal = totalMass == 0 ? byCount : Principal(sites, masses);
+    if (totalMass == 0 || principal.rank < byCount.rank) {
+        weights = equal;
+        principal = byCount;
     }
-    centre_body /= totalWeight;
-    const int rank = rankOf(sites, weights);
-    shape = rank == 0 ? Shape::Point : rank == 1 ? Shape::Line : Shape::Spatial;
-
-    axes.setIdentity();
+    for (double weight : weights) totalWeight += weight;
+    centre_body = principal.centre;
+    axes = principal.axes;
+    const Eigen::Vector3d& second = principal.second;
+    shape = principal.rank == 0 ? Shape::Point : principal.rank == 1 ? Shape::Line : Shape::Spatial;
     inverseMoments.setZero();
-    if (shape != Shape::Point) {
-        const Eigen::JacobiSVD<Eigen::MatrixXd> svd(scaledSites(sites, weights), Eigen::ComputeFullU);
-        Eigen::Vector3d second = Eigen::Vector3d::Zero();
-        const int count = min<int>(3, sites.size());
-        second.head(count) = svd.singularValues().head(count).cwiseAbs2();
-        axes = svd.matrixU();
-        if (axes.determinant() < 0) axes.col(2) = -axes.col(2);
+    if (shape != Shape::Point)
         inverseMoments << (shape == Shape::Line ? 0 : 1 / (second[1] + second[2])), 1 / (second[0] + second[2]),
             1 / (second[0] + second[1]);
-    }
     for (const auto& s : sites) arms.push_back(axes.transpose() * (s - centre_body));
 }
 
