@@ -17,6 +17,7 @@
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
 #include "openmmrigidhi/MobilityForce.h"
 #include "openmmrigidhi/SchemeTraits.h"
+#include "openmmrigidhi/Version.h"
 
 using RigidHIPlugin::CustomBodyForce;
 using RigidHIPlugin::CustomRigidHIIntegrator;
