@@ -1,5 +1,6 @@
 """What is installed and loaded, in the words of a bug report."""
 import ctypes
+import os
 import platform
 
 import numpy
@@ -23,7 +24,7 @@ def describe():
     served = _loading._served()
     platforms = [openmm.Platform.getPlatform(i).getName() for i in range(openmm.Platform.getNumPlatforms())]
     lines = [
-        f'openmmrigidhi {bindings.version}, compiled for OpenMM {bindings.openmmVersionOfBuild}, from {bindings.libraryPath()}',
+        f'openmmrigidhi {bindings.version}, compiled for OpenMM {bindings.openmmVersionOfBuild}, from {os.path.realpath(bindings.libraryPath())}',
         f'OpenMM {openmm.Platform.getOpenMMVersion()}; platforms: '
         + ', '.join(name if name in served else f'{name} (without our kernels)' for name in platforms),
         f'Python {platform.python_version()}, NumPy {numpy.__version__}, SciPy {scipy.__version__}; {platform.system()} {platform.machine()}',

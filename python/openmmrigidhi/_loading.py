@@ -74,7 +74,7 @@ def findPlatformLibrary(name):
     name : str
         for example 'libOpenMMRigidHICPU.so'
     """
-    for directory in (_PLUGIN_DIRECTORY, openmm.Platform.getDefaultPluginsDirectory()):
+    for directory in (_PLUGIN_DIRECTORY, *openmm.Platform.getDefaultPluginsDirectory().split(os.pathsep)):
         path = os.path.join(directory, name)
         if os.path.exists(path):
             return path
