@@ -80,6 +80,15 @@ class Scene:
         self.system.addForce(self.fluid)
         return self
 
+    def boxed(self, *edges):
+        """In a periodic box, or for a channel; walls of a channel are part of the fluid."""
+        self.system.setDefaultPeriodicBoxVectors((edges[0], 0, 0), (0, edges[1], 0), (0, 0, edges[2]))
+        integrator = Integrator(self.temperature, self.step)
+        for body in self.bodies:
+            integrator.addRigidBody(*body)
+        openmmrigidhi.app.bindBodies(self.system, integrator)
+        return self
+
     def set(self, **settings):
         self.settings += settings.items()
         return self
@@ -225,6 +234,21 @@ def scenes():
     yield 'crossing', lambda: spheres(4, height=0.5, mass=0.0).set(WallRejection=I.Crossing, StepSize=0.01).makeFluid(**wall), overdamped
     yield 'fluid-bodyforce', lambda: withBodyForce(spheres(6).makeFluid(**dense)), [I.LangevinHI]
     yield 'differences', lambda: multiblobs(2, height=1.8, mass=0.0).set(FiniteDifferenceStep=1e-3).makeFluid(**wall), overdamped
+    # Fluids in boxes and channels, by lattice sums and on grids, driven and at rest.
+    fc = dict(Model=MobilityForce.ForceCoupling)
+    periodic = dict(Boundary=MobilityForce.Periodic)
+    channel = dict(fc, Boundary=MobilityForce.SlipChannel, ChannelWalls=(-1.5, 3.5))
+    grid = dict(Solver=MobilityForce.MatrixFree, SolverTolerance=1e-3)
+    wave = dict(SinusoidalForceDensity=(3.0, 0, 2, 1))
+    for name, options in (('rpy', dict(periodic, **dense)), ('dense', dict(fc, **periodic, **dense)), ('grid', dict(fc, **periodic, **grid)),
+                          ('channel', dict(channel, **dense)), ('channel-grid', dict(channel, **grid)),
+                          ('driven', dict(fc, **periodic, **grid, **wave)), ('channel-driven', dict(channel, **dense, **wave))):
+        yield (f'periodic-spheres-{name}', lambda options=options:
+               spheres(4, radii=(0.4, 0.3)).boxed(4, 6, 5).makeFluid(**options), [I.LangevinHI])
+        yield (f'periodic-blobs-{name}', lambda options=options:
+               multiblobs(2, ROD, mass=0.0, explicit=(0, (0, 0, 0)), spheres=1).boxed(4, 6, 5).makeFluid(**options), overdamped)
+    yield 'periodic-stokesian', lambda: spheres(4, jitter=0.02).boxed(5, 6, 5).makeFluid(**sd, **periodic), [I.LangevinHI]
+    yield 'sheared', lambda: multiblobs(2, mass=0.0).makeFluid(BackgroundFlow=((0.1, 0, 0), [(0, 0, 2.0), (0, 0, 0), (0, 0, 0)])), overdamped
     yield 'cold', lambda: multiblobs(2, height=1.8).set(Temperature=0).makeFluid(**wall), [I.LangevinHI] + overdamped
 
 

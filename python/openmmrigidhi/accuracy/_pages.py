@@ -48,9 +48,21 @@ class Report:
                 with open(path, 'wb') as file:
                     file.write(pictures[observable])
                 paths.append(path)
+        for name, content in self.otherPictures().items():
+            paths.append(os.path.join(directory, name))
+            with open(paths[-1], 'wb') as file:
+                file.write(content)
         with open(paths[2], 'w') as file:
             file.write(self.page(pictures))
         return paths
+
+    def otherPictures(self):
+        """Pictures that are not of an observable's error: file name -> PNG."""
+        return {}
+
+    def answerTexts(self):
+        """The answers in words, which paragraphs() begins with."""
+        return [answer.text for answer in self.answers]
 
     def extras(self):
         """What the JSON has besides the result."""
@@ -65,9 +77,7 @@ class Report:
         """The picture of an observable, a PNG."""
         figure, panels = emptyPanels(f'{sentence(self.result.observables[observable]["label"])}, {self.result.scene["name"]}', self.widths(observable))
         self.panels(*panels, observable, self.limits(observable))
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format='png', dpi=110, metadata={'Title': f'Error of {observable}', 'Software': None})
-        return buffer.getvalue()
+        return png(figure, f'Error of {observable}')
 
     def widths(self, observable):
         """Of the panels of a picture, relative to each other."""
@@ -77,9 +87,10 @@ class Report:
         """One HTML page with everything in it; nothing is loaded from elsewhere. pictures: observable -> PNG."""
         title, texts = f'{self.TITLE}: {self.result.scene["name"]}', self.paragraphs()
         parts = [f'<h1>{html.escape(title)}</h1>', paragraph(self.result.scene['description'] + '.'), '<h2>In words</h2>']
-        parts += [f'<p class="answer">{html.escape(text)}</p>' for text in texts[:len(self.answers)]]
-        parts += map(paragraph, texts[len(self.answers):])
-        if not self.answers:
+        count = len(self.answerTexts())
+        parts += [f'<p class="answer">{html.escape(text)}</p>' for text in texts[:count]]
+        parts += map(paragraph, texts[count:])
+        if not count:
             parts.append(paragraph(f'No wanted error was given; with one (for example {self.EXAMPLE}) this page names the cheapest {self.CHOICE}.'))
         parts += self.body(pictures)
         parts += ['<h2>How it was measured</h2>', *map(paragraph, self.how()), '<details><summary>Machine, versions, seed</summary>'
@@ -101,6 +112,13 @@ def emptyPanels(title, widths):
     panels = figure.subplots(1, len(widths), gridspec_kw={'width_ratios': widths})
     figure.suptitle(title, fontsize=13)
     return figure, panels
+
+
+def png(figure, title):
+    """The bytes of a picture."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format='png', dpi=110, metadata={'Title': title, 'Software': None})
+    return buffer.getvalue()
 
 
 def plainTicks(axes):
@@ -132,6 +150,20 @@ def sentence(text):
 def number(value, form):
     """A number as text, empty where there is none."""
     return '' if value is None else format(value, form)
+
+
+def duration(seconds):
+    """Seconds for people: three digits, in a unit that suits.
+
+    Parameters
+    ----------
+    seconds : float
+    """
+    if not np.isfinite(seconds):
+        return 'never'
+    units = (('d', 86400), ('h', 3600), ('min', 60), ('s', 1), ('ms', 1e-3), ('us', 1e-6))
+    name, scale = next((each for each in units if seconds >= each[1]*(2 if each[1] > 1 else 1)), units[-1])
+    return f'{seconds/scale:.3g} {name}'
 
 
 def paragraph(text):

@@ -16,6 +16,8 @@ import scipy
 from .. import _loading
 
 RECOMMENDED, NONE, UNDECIDED = 'recommended', 'none of these', 'cannot tell'
+#: Above this, "run N times longer" is no advice.
+LARGEST_FACTOR = 1000
 
 
 # ---- Wanted errors and answers ---------------------------------------------------------------------------------------
@@ -103,6 +105,13 @@ def decide(candidates):
     undecided = [candidate for candidate in candidates if candidate['verdict'] == 'undecided']
     meaningless = candidates and all(candidate['verdict'] == 'n/a' for candidate in candidates)
     return RECOMMENDED if best is not None else UNDECIDED if undecided or meaningless else NONE, best, undecided
+
+
+def longer(factor):
+    """What to do about a question that takes a run so many times longer, in words."""
+    if not math.isfinite(factor) or factor > LARGEST_FACTOR:
+        return 'their errors are so close to the limit that longer runs will hardly decide it'
+    return f'run longer: about {max(1.1, factor):.2g} times'
 
 
 # ---- Files -----------------------------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from .grid import GridStudy
 from .gridresult import GridResult
 from .ladder import LadderStudy
 from .ladderresult import LadderResult
+from .price import parseSpending
 from .result import StudyResult
 from .study import StepSizeStudy
 
@@ -29,7 +30,8 @@ EPILOG = '''examples:
   python3 -m openmmrigidhi.accuracy --ladder --scene arrays --wanted-error drag:10%
   python3 -m openmmrigidhi.accuracy --overdamped --wanted-error height:1%,repulsion:5%
   python3 -m openmmrigidhi.accuracy --grid --bodies 200 --wanted-error forces:1e-4
-  python3 -m openmmrigidhi.accuracy --from accuracy/results.json --wanted-error potential_energy:0.2%'''
+  python3 -m openmmrigidhi.accuracy --from accuracy/results.json --wanted-error potential_energy:0.2%
+  python3 -m openmmrigidhi.accuracy --from accuracy/results.json --price potential_energy:0.2% --spend potential_energy:2h'''
 
 
 def parser():
@@ -58,6 +60,11 @@ def parser():
     what.add_argument('--wanted-error', nargs='+', default=[], metavar='NAME:ERROR',
                       help='e.g. potential_energy:0.5%%, or potential_energy:0.2 in its unit; several in one word, with commas, must '
                       'all be met')
+    what.add_argument('--price', nargs='+', default=[], metavar='NAME:ERROR',
+                      help='what it takes to know a number to this error, bias and standard error together: the time of every setting, and the cheapest; '
+                      'written as for --wanted-error')
+    what.add_argument('--spend', nargs='+', default=[], metavar='NAME:TIME',
+                      help='the setting that makes a number known best in this time, e.g. potential_energy:2h (s, min, h, d)')
     what.add_argument('--reference', nargs='+', default=[], metavar='NAME=VALUE[+-ERROR]',
                       help='a known average, used instead of the extrapolation to step 0')
     ladder = result.add_argument_group('the hydrodynamic ladder')
@@ -77,6 +84,7 @@ def parser():
     how.add_argument('--budget', type=float, default=600, help='seconds for the measurement; run lengths are planned from it (600)')
     how.add_argument('--length', type=float, help='ps (with --overdamped tau_D) for every setting, instead of a budget')
     how.add_argument('--equilibration', type=float, help='ps (with --overdamped tau_D) left out at the start of each run')
+    how.add_argument('--sample-interval', type=float, metavar='PS', help='between samples, rounded to whole steps (default: the scene\'s)')
     how.add_argument('--rounds', type=int, default=20, help='number of turns (20)')
     how.add_argument('--platform', choices=['CPU', 'Reference'], help='(CPU, also with --grid; with --ladder the faster of the two; with --overdamped Reference)')
     how.add_argument('--threads', type=int, default=1, help='of the CPU platform (1)')
@@ -107,6 +115,8 @@ def main(arguments=None):
     """
     options = parser().parse_args(arguments)
     try:
+        if (options.ladder or options.grid) and (options.price or options.spend):
+            raise ValueError('--price, --spend: got one with --ladder or --grid, which measure no averages and so no noise: leave it out')
         if options.source:
             result = next((kind for kind in (LadderResult, GridResult) if kind.isOne(options.source)), StudyResult).fromJson(options.source)
         else:
@@ -114,7 +124,8 @@ def main(arguments=None):
         if isinstance(result, (LadderResult, GridResult)):
             report = result.report(options.wanted_error)
         else:
-            report = result.report(options.wanted_error, options.baseline or ('TrapezoidalSlip' if options.overdamped else 'LangevinMiddle'))
+            report = result.report(options.wanted_error, options.baseline or ('TrapezoidalSlip' if options.overdamped else 'LangevinMiddle'),
+                                   options.price, [parseSpending(text, list(result.observables)) for text in options.spend])
         paths = report.write(options.output)
     except (ValueError, TypeError, OSError) as error:
         print(f'error: {error}', file=sys.stderr)
@@ -139,7 +150,7 @@ def _stepSizes(options):
     references = dict(_reference(text, names) for text in options.reference)
     with _Bar(options.quiet) as bar:
         study = StepSizeStudy(_scene(options, bar), found, steps, references, observables=asked, platform=options.platform,
-                              threads=options.threads, seed=options.seed, clock=options.clock)
+                              threads=options.threads, seed=options.seed, clock=options.clock, sampleInterval=options.sample_interval)
         return study.run(options.budget, options.length, options.equilibration, options.rounds, options.jobs, bar.study)
 
 
@@ -149,6 +160,8 @@ def _overdamped(options):
     if name not in overdamped.SCENES or options.system or options.state or options.integrator:
         raise ValueError(f'--scene: got {name!r} with --overdamped; it must be one of {", ".join(overdamped.SCENES)}, without --system, --state and '
                          '--integrator: choose one of these')
+    if options.sample_interval is not None:
+        raise ValueError(f'--sample-interval: got {options.sample_interval} with --overdamped, where samples are 1 tau_D apart: leave it out')
     found, steps = _methods(options.methods or overdamped.METHODS, overdamped.byName, options.steps, 'tau_D')
     names = options.observables or list(overdamped.OBSERVABLES)
     _checkWanted(options, names, 'height:1%')
@@ -190,8 +203,10 @@ def _grid(options):
 
 def _checkWanted(options, names, example):
     """Wrong wishes are found before anything is measured."""
-    for item in options.wanted_error:
+    for item in options.wanted_error + options.price:
         splitWanted(item, names, example)
+    for item in options.spend:
+        parseSpending(item, names)
 
 
 def _methods(texts, byName, common, unit):

@@ -3,7 +3,7 @@ import html
 
 import numpy as np
 
-from ._pages import Report, paragraph, picture, plainTicks, sentence, table
+from ._pages import Report, duration, paragraph, picture, plainTicks, sentence, table
 from .measurement import STABLE
 from .rungs import BEST
 
@@ -204,19 +204,6 @@ def _drawCost(axes, result, observable):
 
 
 # ---- Words and tables ------------------------------------------------------------------------------------------------
-
-def duration(seconds):
-    """Seconds for people.
-
-    Parameters
-    ----------
-    seconds : float
-    """
-    for unit, scale in (('s', 1), ('ms', 1e-3), ('us', 1e-6)):
-        if seconds >= scale or unit == 'us':
-            return f'{seconds/scale:.3g} {unit}'
-    return ''
-
 
 def percent(error):
     """A relative error for people.

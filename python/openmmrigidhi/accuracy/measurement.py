@@ -8,7 +8,7 @@ import openmm
 
 from .observables import Sample
 from .scenes import GAS_CONSTANT
-from .statistics import autocorrelationTime, replicaStatistics, seriesStatistics
+from .statistics import autocorrelationTime, noise, replicaStatistics, seriesStatistics
 
 STABLE, UNSTABLE, NOT_APPLICABLE = 'stable', 'unstable', 'not applicable'
 #: A run has exploded when its potential energy is above that of the start by this many times the thermal kinetic energy
@@ -222,16 +222,16 @@ def _overReplicas(series):
 
 
 def _row(knob, setting, record, observable, seed, clock, typicalTau):
-    speeds = [steps*setting.stepSize/1000*SECONDS_PER_DAY/(wall if clock == 'wall' else cpu)
-              for steps, wall, cpu in record.timings if (wall if clock == 'wall' else cpu) > 0]
-    cpuSpeeds = [steps*setting.stepSize/1000*SECONDS_PER_DAY/cpu for steps, wall, cpu in record.timings if cpu > 0]
+    wallSpeeds, cpuSpeeds = ([entry[0]*setting.stepSize/1000*SECONDS_PER_DAY/entry[k] for entry in record.timings if entry[k] > 0] for k in (1, 2))
+    speeds = wallSpeeds if clock == 'wall' else cpuSpeeds
     low, middle, high = np.percentile(speeds, [16, 50, 84]) if speeds else (None, None, None)
     row = {'method': setting.method.name, 'knob': knob.name, 'value': setting.value, 'step_size': setting.stepSize,
            'status': record.status, 'message': record.message, 'ns_per_day': _float(middle), 'ns_per_day_low': _float(low),
            'ns_per_day_high': _float(high), 'ns_per_cpu_day': _float(np.median(cpuSpeeds)) if cpuSpeeds else None,
-           'speeds': [float(x) for x in speeds], 'length': record.length, 'equilibration': record.equilibration,
+           'ns_per_wall_day': _float(np.median(wallSpeeds)) if wallSpeeds else None, 'speeds': [float(x) for x in speeds], 'length': record.length, 'equilibration': record.equilibration,
            'seed': seed, 'observable': observable.name, 'mean': None, 'standard_error': None, 'degrees': None, 'tau': None,
-           'samples': 0, 'drift': None, 'note': ''}
+           'samples': 0, 'drift': None, 'note': '', 'sample_interval': record.samplesAt, 'variance': None, 'own_tau': None,
+           'own_tau_error': None, 'noise': None, 'noise_degrees': None}
     series = _series(record, observable)
     if series is None:
         samples = record.series.get(observable.name, [])
@@ -240,6 +240,9 @@ def _row(knob, setting, record, observable, seed, clock, typicalTau):
                            'n/a' if np.isnan(samples).all() else 'sometimes not a number')
         return row
     summary = (seriesStatistics if series.ndim == 1 else replicaStatistics)(series, typicalTau/record.samplesAt)
+    own = noise(series)
+    row.update(variance=own.variance, own_tau=own.tau*record.samplesAt, own_tau_error=own.tauError*record.samplesAt,
+               noise=own.value*record.samplesAt, noise_degrees=own.degrees)
     series = _overReplicas(series)
     row.update(mean=summary.mean, standard_error=summary.standardError, degrees=summary.degrees,
                tau=summary.tau*record.samplesAt, samples=summary.samples, drift=_drift(series, summary))

@@ -1,10 +1,12 @@
 """What a StudyResult says: errors against speed, means against the knob, in words, pictures, tables and one HTML page."""
 import html
+from functools import cached_property
 
 import numpy as np
 
 from ._pages import Report, number, picture, plainTicks, sentence, table
 from .measurement import STABLE, UNSTABLE
+from .pricereport import PriceReport
 
 #: Colour-blind safe (Okabe and Ito), one per method; methods of the user's own take the rest in turn.
 COLOURS = {'LangevinC': '#0072B2', 'LangevinMiddle': '#D55E00', 'LangevinB': '#009E73', 'LangevinA': '#E69F00',
@@ -29,23 +31,40 @@ class StudyReport(Report):
         wanted errors, each answered on its own
     baseline : str
         the method that speeds are compared with
+    price : str, or sequence of str
+        wanted total errors (bias and noise), each priced on its own
+    spend : sequence of (str, float)
+        observables, and seconds to spend on them
     """
 
     FILES, PICTURE = ('results.csv', 'results.json', 'report.html'), 'error'
     TITLE, CHOICE, EXAMPLE = 'What accuracy costs', 'setting', 'potential_energy:0.5%'
     ANSWER = ('verdict', 'setting', 'factor', 'text', 'candidates')
 
-    def __init__(self, result, wanted=(), baseline='LangevinMiddle'):
+    def __init__(self, result, wanted=(), baseline='LangevinMiddle', price=(), spend=()):
         super().__init__(result, wanted)
         self.baseline = baseline
+        self.priced = PriceReport(result, price, spend, self._style())
         #: Wanted error -> what StudyResult.compareAt() returned for it.
         self.comparisons = {item: result.compareAt(item, baseline) for item in self.single}
 
     def extras(self):
         """What the JSON has besides the result."""
-        return {**super().extras(), 'at_wanted_error': self.comparisons}
+        return {**super().extras(), 'at_wanted_error': self.comparisons, **self.priced.asDict()}
+
+    def answerTexts(self):
+        """The answers in words: settings for wanted errors, prices, and what a time buys."""
+        return super().answerTexts() + self.priced.texts()
 
     # ---- Pictures ----------------------------------------------------------------------------------------------------
+
+    def otherPictures(self):
+        """Those of prices."""
+        return self._pricePictures
+
+    @cached_property
+    def _pricePictures(self):
+        return self.priced.pictures()
 
     def _style(self):
         spare = iter(SPARE_COLOURS*10)
@@ -200,7 +219,7 @@ class StudyReport(Report):
     def paragraphs(self):
         """Everything that is to be said in plain words, the answers first."""
         result, knob = self.result, self.result.knob
-        lines = [answer.text for answer in self.answers]
+        lines = self.answerTexts()
         for wanted, comparison in self.comparisons.items():
             if comparison:
                 item, = result.parseWanted(wanted)
@@ -247,7 +266,7 @@ class StudyReport(Report):
             lines.append("LangevinMiddle's temperatures are from the velocities in its State, which belong to the middle of the step, where "
                          "kinetic energy is more accurate than at its end; its configurations are no better for it. The plugin's "
                          'are from the end of the step.')
-        return lines
+        return lines + self.priced.how()
 
     # ---- Tables ------------------------------------------------------------------------------------------------------
 
@@ -277,7 +296,7 @@ class StudyReport(Report):
                     scale = 100/abs(result.references[name].value) if result.references[name].value else 1
                     line += f'{row["error"]*scale:>12.3f} ± {row["error_standard_error"]*scale:<5.3f}'
             lines.append(line)
-        return '\n'.join(lines)
+        return '\n\n'.join(['\n'.join(lines), *self.priced.textTables()])
 
     def body(self, pictures):
         """What the page has besides words: HTML.
@@ -288,6 +307,10 @@ class StudyReport(Report):
             observable -> PNG
         """
         parts = [self._comparisonTable(wanted, comparison) for wanted, comparison in self.comparisons.items() if comparison]
+        if self.priced.answers:
+            parts.append('<h2>Prices</h2>')
+            parts += [picture(content, 'Total error against time, and the time to the wanted error') for content in self._pricePictures.values()]
+            parts += self.priced.tables()
         parts.append('<h2>Pictures and tables</h2>')
         for observable, about in self.result.observables.items():
             parts.append(f'<h3>{html.escape(sentence(about["label"]))}</h3>')

@@ -5,13 +5,11 @@ from typing import Any, Optional
 
 import numpy as np
 
-from ._results import NONE, RECOMMENDED, UNDECIDED, Recommendation, Result, Wanted, decide, splitWanted, worst
+from ._results import NONE, RECOMMENDED, UNDECIDED, Recommendation, Result, Wanted, decide, longer, splitWanted, worst
 from .measurement import SECONDS_PER_DAY, STABLE
+from .price import Prices, completeNoise
 from .report import StudyReport
 from .statistics import Extrapolation, errorCurve, quantile
-
-#: Above this, "run N times longer" is no advice.
-LARGEST_FACTOR = 1000
 
 
 @dataclass(frozen=True)
@@ -131,8 +129,11 @@ class StudyResult(Result):
         one per setting and observable. Keys: method, knob, value (of the knob, internal unit), step_size (ps), status ('stable',
         'unstable', 'not applicable'), message, ns_per_day (median over rounds), ns_per_day_low and _high (16 and 84 %),
         ns_per_cpu_day, speeds (each round), length and equilibration (ps), seed, observable, mean, standard_error, degrees
-        (of freedom of that error), tau (integrated autocorrelation time, ps), samples, drift, note, and by comparison with
-        the reference: error, error_standard_error, error_low, error_high (confidence interval), relative_error
+        (of freedom of that error), tau (integrated autocorrelation time that the length of blocks is from, ps), samples, drift, note, and by
+        comparison with the reference: error, error_standard_error, error_low, error_high (confidence interval), relative_error. For prices:
+        sample_interval (ps), variance (of one sample), own_tau and own_tau_error (of this run alone, and its standard error, ps), noise (squared
+        standard error times length, unit^2 ps), noise_degrees (of freedom of what is known of it), effective_per_second,
+        effective_per_cpu_second and effective_per_wall_second (independent samples, by the study's clock and by both), ns_per_wall_day
     references : dict
         observable -> Reference
     confidence : float
@@ -142,7 +143,9 @@ class StudyResult(Result):
     FORMAT = 'openmmrigidhi.accuracy 1'
     COLUMNS = ('method', 'knob', 'value', 'step_size', 'status', 'ns_per_day', 'ns_per_day_low', 'ns_per_day_high', 'ns_per_cpu_day',
                'observable', 'mean', 'standard_error', 'error', 'error_standard_error', 'error_low', 'error_high',
-               'relative_error', 'tau', 'samples', 'length', 'equilibration', 'drift', 'seed', 'note', 'message')
+               'relative_error', 'tau', 'samples', 'length', 'equilibration', 'drift', 'seed', 'note', 'message', 'sample_interval', 'variance',
+               'own_tau', 'own_tau_error', 'noise', 'noise_degrees', 'effective_per_second', 'effective_per_cpu_second',
+               'effective_per_wall_second', 'ns_per_wall_day')
 
     def __init__(self, knob, scene, rows, references, orders, observables, refusals, provenance, confidence=0.95):
         self.knob = knob
@@ -156,6 +159,7 @@ class StudyResult(Result):
         self.confidence = confidence
         for row in rows:
             self._compare(row)
+            completeNoise(row, provenance.get('clock'))
 
     def _compare(self, row):
         row.update(error=None, error_standard_error=None, error_low=None, error_high=None, relative_error=None)
@@ -243,7 +247,7 @@ class StudyResult(Result):
             first = next(iter(rows.values()))
             if first['status'] != STABLE or first['ns_per_day'] is None:
                 continue
-            verdicts = [self._judge(rows[item.observable], item, confidence) for item in wanted]
+            verdicts = [self.judge(rows[item.observable], item, confidence) for item in wanted]
             verdict = worst([each[0] for each in verdicts])
             factor = max((each[1] for each in verdicts if each[0] == 'undecided'), default=None)
             likely = all(each[2] for each in verdicts)
@@ -254,8 +258,20 @@ class StudyResult(Result):
         return self._conclude(candidates, wanted, confidence)
 
     @staticmethod
-    def _judge(row, item, confidence):
-        """('yes' | 'no' | 'undecided' | 'n/a', how many times longer to run for a decision, whether the error as measured is met)."""
+    def judge(row, item, confidence):
+        """Whether the error of a setting is below a wanted one.
+
+        Parameters
+        ----------
+        row : dict
+        item : Wanted
+        confidence : float
+
+        Returns
+        -------
+        tuple of (str, float or None, bool)
+            'yes', 'no', 'undecided' or 'n/a'; how many times longer to run for a decision; whether the error as measured is met
+        """
         if row['error'] is None or not math.isfinite(item.tolerance):
             return 'n/a', None, False
         size, sigma = abs(row['error']), row['error_standard_error']
@@ -280,13 +296,13 @@ class StudyResult(Result):
             if faster:
                 factor = min(c['factor'] for c in faster)
                 text += (f' Faster settings that may or may not meet it: {", ".join(self._name(c) for c in faster)}; '
-                         + _longer(factor) + '.')
+                         + longer(factor) + '.')
             text += self._bestOfOthers(candidates, best)
         elif undecided:
             # One that is decided in favour is an answer; if none looks like it, all must be decided.
             likely = [c['factor'] for c in undecided if c['likely']]
             factor = min(likely) if likely else max(c['factor'] for c in undecided)
-            text += (f'cannot tell. The statistics do not suffice for {", ".join(self._name(c) for c in undecided)}; {_longer(factor)}.')
+            text += (f'cannot tell. The statistics do not suffice for {", ".join(self._name(c) for c in undecided)}; {longer(factor)}.')
         elif verdict == UNDECIDED:
             text += ('cannot tell. There is nothing to compare with: no exact value, and too few stable settings for an extrapolation; add '
                      'smaller steps.')
@@ -343,13 +359,11 @@ class StudyResult(Result):
         # The same rounds for all methods: what slowed one down slowed the others.
         picks = rng.integers(0, max(1, shared), size=(resamplings, max(1, shared)))
         everything = [row for rows in selected.values() for row in rows]
-        variances = np.array([row['standard_error']**2 for row in everything])
-        covariance = np.diag(variances) + reference.standardError**2
-        parts = variances*[reference.weight(row['method'], row['value']) for row in everything]
-        covariance -= np.add.outer(parts, parts)
+        if not everything:
+            return {}
         errors = np.array([row['error'] for row in everything])
         sigmas = np.array([row['error_standard_error'] for row in everything])
-        resampled = errors + rng.multivariate_normal(np.zeros(len(errors)), covariance, size=resamplings, method='eigh')
+        resampled = errors + self.deviations(everything, rng, resamplings)
         for method, rows in selected.items():
             if not rows:
                 continue
@@ -375,6 +389,81 @@ class StudyResult(Result):
                 low, high = np.percentile(clouds[method][1]/clouds[baseline][1], tails)
                 entry['ratio_low'], entry['ratio_high'] = float(low), float(high)
         return {method: curves[method] for method in self.methods() if method in curves}
+
+    def deviations(self, rows, rng, resamplings):
+        """By how much errors may be off, by the normal law; rows that share a reference are correlated.
+
+        Parameters
+        ----------
+        rows : list of dict
+            of one observable, with errors
+        rng : numpy.random.Generator
+        resamplings : int
+
+        Returns
+        -------
+        ndarray of shape (resamplings, number of rows)
+        """
+        reference = self.references[rows[0]['observable']]
+        variances = np.array([row['standard_error']**2 for row in rows])
+        covariance = np.diag(variances) + reference.standardError**2
+        parts = variances*[reference.weight(row['method'], row['value']) for row in rows]
+        covariance -= np.add.outer(parts, parts)
+        return rng.multivariate_normal(np.zeros(len(rows)), covariance, size=resamplings, method='eigh')
+
+    def price(self, wanted, confidence=None, resamplings=2000):
+        """The setting that makes a number known to a wanted total error in the least time.
+
+        The total error is the root mean square of bias and standard error, so that a setting whose bias reaches the wanted error never gets there.
+        Time is that of the integration steps by the study's clock, with the equilibration that the runs had. Of several observables, the slowest
+        tells. Settings are those that were measured: around the optimum the price is flat (a step too long or too short by a fifth costs 9 to 14 %
+        more where the error grows with the square of the step).
+
+        Intervals: bias (Student's t, with the reference that settings share), noise (chi^2, see :func:`openmmrigidhi.analysis.series.noise`)
+        and the rounds of the timings are resampled together. Where an error cannot be told from 0, the lower end is without it.
+
+        Parameters
+        ----------
+        wanted : str or sequence of str
+            see :meth:`parseWanted`
+        confidence : float, optional
+            default: that of the result, 0.95
+        resamplings : int
+            at least 100
+
+        Returns
+        -------
+        Recommendation
+            recommended is the least time among those whose bias is below the wanted error with confidence, as :meth:`recommend` decides it.
+            setting and candidates have method, value, step_size (ps), ns_per_day, bias (verdict about it alone), verdict ('cheapest', 'not
+            distinguishable' from it, 'dearer', 'undecided', 'no', 'n/a'), seconds, seconds_low and _high, ratio (to the cheapest's), ratio_low and
+            _high, observable (the one that takes the time), bias_part (of the squared total error), equilibration_part (of the time), own_tau (ps), effective_per_second,
+            length (ps), factor (how many times longer to measure for a decision about the bias, or None) and marks (texts). Times are
+            infinite where the wanted error is never reached.
+        """
+        return Prices(self, resamplings).recommend(self.parseWanted(wanted), self.confidence if confidence is None else confidence)
+
+    def spend(self, observable, seconds, confidence=None, resamplings=2000):
+        """The setting that makes a number known best in a given time.
+
+        Parameters
+        ----------
+        observable : str
+        seconds : float
+            of integration steps by the study's clock, equilibration included
+        confidence : float, optional
+            default: that of the result, 0.95
+        resamplings : int
+            at least 100
+
+        Returns
+        -------
+        Recommendation
+            setting and candidates have method, value, step_size (ps), ns_per_day, verdict ('best', 'not distinguishable' from it, 'worse',
+            'n/a': the time does not suffice for the equilibration), total_error, total_error_low and _high (observable's unit), bias,
+            standard_error (in that time), ratio (to the best), ratio_low and _high, length (ps) and marks (texts)
+        """
+        return Prices(self, resamplings).spend(observable, seconds, self.confidence if confidence is None else confidence)
 
     def stepsPerSecond(self, observable, method, step):
         """Steps per second in each round at a step size, interpolated between the measured ones around it.
@@ -428,21 +517,21 @@ class StudyResult(Result):
         return cls(Knob(**data['knob']), data['scene'], data['rows'], references, data['orders'], data['observables'],
                    data['refusals'], data['provenance'], data['confidence'])
 
-    def report(self, wanted=(), baseline='LangevinMiddle'):
+    def report(self, wanted=(), baseline='LangevinMiddle', price=(), spend=()):
         """What is to be said and shown: the files of :meth:`write`, textTable() and paragraphs().
 
         Parameters
         ----------
-        wanted, baseline
+        wanted, baseline, price, spend
             as for :meth:`write`
 
         Returns
         -------
         report.StudyReport
         """
-        return StudyReport(self, wanted, baseline)
+        return StudyReport(self, wanted, baseline, price, spend)
 
-    def write(self, directory, wanted=(), baseline='LangevinMiddle'):
+    def write(self, directory, wanted=(), baseline='LangevinMiddle', price=(), spend=()):
         """Write results.csv, results.json, pictures and report.html into a directory.
 
         Parameters
@@ -450,19 +539,17 @@ class StudyResult(Result):
         directory : str
             made if it does not exist
         wanted : sequence of str
-            wanted errors, each answered on its own
+            wanted errors, each answered on its own by :meth:`recommend`
         baseline : str
             the method that speeds are compared with
+        price : sequence of str
+            wanted total errors, each answered on its own by :meth:`price`, with a picture
+        spend : sequence of (str, float)
+            observables and seconds, each answered on its own by :meth:`spend`
 
         Returns
         -------
         list of str
             paths of the files
         """
-        return self.report(wanted, baseline).write(directory)
-
-
-def _longer(factor):
-    if not math.isfinite(factor) or factor > LARGEST_FACTOR:
-        return 'their errors are so close to the limit that longer runs will hardly decide it'
-    return f'run longer: about {max(1.1, factor):.2g} times'
+        return self.report(wanted, baseline, price, spend).write(directory)

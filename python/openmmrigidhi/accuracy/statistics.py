@@ -1,4 +1,4 @@
-"""The extrapolation of a step-size study to step 0, and curves of errors; means of series and their errors are those of analysis.series.
+"""The extrapolation of a step-size study to step 0, curves of errors, and the time that an error takes; means of series and their errors are those of analysis.series.
 
 Only numpy and scipy: no OpenMM, so that every rule here can be tested on synthetic numbers.
 """
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.stats
 
-from ..analysis.series import SeriesStatistics, autocorrelationTime, replicaStatistics, seriesStatistics  # noqa: F401
+from ..analysis.series import SeriesStatistics, autocorrelationTime, noise, noiseDegrees, replicaStatistics, seriesStatistics  # noqa: F401
 
 #: Errors up to this many times the wanted one are fitted by a polynomial in the step.
 RANGE_IN_TOLERANCES = 2
@@ -271,3 +271,70 @@ def errorCurve(h, errors, sigma, resampled, order, tolerance, largest):
     residual = (errors[:count] - design@(inverse@errors[:count]))/sigma[:count]
     return ErrorCurve(order, coefficients(errors[:count]), coefficients(resampled[:, :count]), h[count:], errors[count:],
                       resampled[:, count:], largest, float(scale), float((residual**2).sum()), count - len(powers))
+
+
+# ---- Bias and noise together -----------------------------------------------------------------------------------------
+
+def timeToError(tolerance, bias, noise, speed, equilibration):
+    """How long a run must be for a total error: the root mean square of its bias and its standard error.
+
+    bias^2 + noise/length = tolerance^2, and before the length comes the equilibration. Arguments are numbers or arrays of shapes that go together.
+
+    Parameters
+    ----------
+    tolerance : float
+        the total error, in the observable's unit
+    bias : float
+        in the observable's unit; its sign does not matter
+    noise : float
+        squared standard error times length, unit^2 ps (:class:`openmmrigidhi.analysis.series.Noise`)
+    speed : float
+        ps/s
+    equilibration : float
+        ps
+
+    Returns
+    -------
+    float or ndarray
+        s; infinite where the bias is not below the tolerance
+    """
+    room = np.asarray(tolerance, float)**2 - np.square(bias)
+    reachable = room > 0
+    return np.where(reachable, (equilibration + np.asarray(noise)/np.where(reachable, room, 1))/speed, np.inf)[()]
+
+
+def errorAfter(seconds, bias, noise, speed, equilibration):
+    """The total error after a time: the root mean square of bias and standard error.
+
+    Parameters
+    ----------
+    seconds : float
+    bias, noise, speed, equilibration : float
+        as for :func:`timeToError`
+
+    Returns
+    -------
+    float or ndarray
+        in the observable's unit; infinite where the equilibration is not over
+    """
+    length = np.asarray(seconds*np.asarray(speed, float) - equilibration)
+    sampled = length > 0
+    return np.where(sampled, np.sqrt(np.square(bias) + noise/np.where(sampled, length, 1)), np.inf)[()]
+
+
+def resampledNoise(noise, degrees, rng, resamplings):
+    """What noises may really be, given what they were found to be.
+
+    Parameters
+    ----------
+    noise, degrees : ndarray of shape (n,)
+        the degrees of freedom of what was found
+    rng : numpy.random.Generator
+    resamplings : int
+
+    Returns
+    -------
+    ndarray of shape (resamplings, n)
+    """
+    degrees = np.asarray(degrees, float)
+    return np.asarray(noise)*degrees/rng.chisquare(degrees, size=(resamplings, len(degrees)))

@@ -56,13 +56,19 @@ class Study:
     clock : str
         'wall' or 'cpu': which time ns/day is computed from. CPU time is less disturbed by other programs, but means
         ns per CPU-day with several threads.
+    sampleInterval : float, optional
+        ps between samples, rounded to whole steps; default: the scene's. Below half the correlation time of the fastest observable of interest
+        nothing is lost (:meth:`StudyResult.price` marks what is sampled too seldom).
     """
 
     knob = None
 
-    def __init__(self, scene, methods, observables=observablesModule.DEFAULT, platform='CPU', threads=1, seed=1, clock='wall'):
+    def __init__(self, scene, methods, observables=observablesModule.DEFAULT, platform='CPU', threads=1, seed=1, clock='wall',
+                 sampleInterval=None):
         if clock not in ('wall', 'cpu'):
             raise ValueError(f'Study: clock: got {clock!r}; it must be wall or cpu: correct it')
+        if sampleInterval is not None and not (math.isfinite(sampleInterval) and sampleInterval > 0):
+            raise ValueError(f'Study: sampleInterval: got {sampleInterval}; the time between samples must be positive, in ps: correct it')
         self.scene = scene
         self.methods = [method if isinstance(method, Method) else methodsModule.byName(method) for method in methods]
         self.observables = [observablesModule.byName(observable) for observable in observables]
@@ -73,6 +79,7 @@ class Study:
         self.threads = threads
         self.seed = seed
         self.clock = clock
+        self.sampleInterval = scene.sampleInterval if sampleInterval is None else sampleInterval
         #: (Setting, Record) of the last run: all samples and times.
         self.records = []
 
@@ -108,7 +115,7 @@ class Study:
 
     def _makeRun(self, setting):
         return Run(self.scene, self.observables, lambda: self.makeContext(setting, self.settingSeed(setting)),
-                   setting.stepSize, self.scene.sampleInterval, openmm.Platform.getPlatformByName(self.platform),
+                   setting.stepSize, self.sampleInterval, openmm.Platform.getPlatformByName(self.platform),
                    platformProperties(self.platform, self.threads))
 
     def run(self, budget=600.0, length=None, equilibration=None, rounds=20, jobs=1, progress=None):
@@ -284,7 +291,7 @@ class StepSizeStudy(Study):
     references : dict, optional
         observable name -> (value, standard error): known averages, used instead of exact ones and of the extrapolation
     **kwargs
-        observables, platform, threads, seed, clock: see Study
+        observables, platform, threads, seed, clock, sampleInterval: see Study
 
     Notes
     -----

@@ -139,3 +139,74 @@ def replicaStatistics(series, leastTau=0.0):
     means = series.mean(axis=0)
     tau = float(np.mean([autocorrelationTime(each) for each in series.T]))
     return SeriesStatistics(float(means.mean()), float(means.std(ddof=1)/np.sqrt(replicas)), replicas - 1, tau, n, n)
+
+
+@dataclass
+class Noise:
+    """How fast the mean of a series becomes known: after n samples its standard error is sqrt(value/n).
+
+    Attributes
+    ----------
+    value : float
+        2 tau variance of the series (of the mean over replicas, if there are several): n times the squared standard error of its mean
+    degrees : float
+        value/(what it really is) times this is nearly chi^2 distributed with so many degrees of freedom
+    variance : float
+        of one sample, about the mean of its replica
+    tau : float
+        integrated autocorrelation time, in samples: the series' own
+    tauError : float
+        its standard error
+    """
+
+    value: float
+    degrees: float
+    variance: float
+    tau: float
+    tauError: float
+
+
+def noiseDegrees(tau, samples):
+    """Degrees of freedom of what a series says about its :class:`Noise`.
+
+    Parameters
+    ----------
+    tau : float
+        integrated autocorrelation time, in samples
+    samples : int
+
+    Returns
+    -------
+    float
+        samples/(2 W + 1) with W = 5 tau; the relative standard error of noise and tau is the square root of 2 divided by this
+    """
+    return samples/(2*WINDOW*tau + 1)
+
+
+def noise(series):
+    """How fast the mean of a series becomes known, and how well that itself is known.
+
+    Madras and Sokal (J. Stat. Phys. 50, 109 (1988), appendices): a sum of autocorrelations up to the lag W has the relative variance
+    2 (2 W + 1)/n, here with W = 5 tau. That of chi^2 with n/(2 W + 1) degrees of freedom is the same (:func:`noiseDegrees`). Taking deviations from the mean of the
+    samples makes the sum too small by (2 W + 1)/n of itself (Wolff, Comput. Phys. Commun. 156, 143 (2004)), which is put right.
+
+    Parameters
+    ----------
+    series : array-like of shape (n,) or (n, replicas)
+        equally spaced samples, n >= 2; of independent replicas
+
+    Returns
+    -------
+    Noise
+    """
+    series = np.asarray(series, dtype=float)
+    n = len(series)
+    if n < 2:
+        raise ValueError(f'noise: the series has {n} samples, which have no spread; 2 is the least: run longer')
+    replicas = series.reshape(n, -1).T
+    variances, taus = replicas.var(axis=1), np.array([autocorrelationTime(one) for one in replicas])
+    tau = float(taus.mean())
+    each = noiseDegrees(tau, n)
+    degrees = len(replicas)*each
+    value = 2*float((taus*variances).mean())*(1 + 1/each)/len(replicas)
+    return Noise(value, degrees, float(variances.mean()), tau, tau*float(np.sqrt(2/degrees)))
