@@ -1,6 +1,10 @@
 # The commands of everyday work, around CMake. `make help` lists them; each builds what it needs first.
 
-PYTHON ?= /usr/bin/python3
+# The first Python that has OpenMM: that of an environment (conda, pip), else Debian's.
+ifndef PYTHON
+PYTHON := $(shell for each in python3 /usr/bin/python3; do if $$each -c 'import openmm' 2>/dev/null; then command -v $$each; exit; fi; done; \
+    if [ -x /usr/bin/python3 ]; then echo /usr/bin/python3; else echo python3; fi)
+endif
 PREFIX ?= /usr/local
 # Parallel compilations; each takes up to 1.5 GB.
 JOBS ?= $(shell nproc)
