@@ -12,6 +12,8 @@ BUILD := build
 # What runs: the platforms' libraries and the Python package with its bindings.
 RUNTIME := OpenMMRigidHIReference OpenMMRigidHICPU OpenMMRigidHIAny RigidHIPythonPackage
 SOURCES = $(shell git ls-files --cached --others --exclude-standard '*.h' '*.cpp')
+# A file's tests share what is costly to make.
+PYTEST = -m pytest --numprocesses $(JOBS) --dist loadfile
 PYTHONPATH_BUILD = PYTHONPATH="$(CURDIR)/$(BUILD)/python$${PYTHONPATH:+:$$PYTHONPATH}"
 
 .PHONY: help deps configure build demo test test-cpp test-python test-full install sanitize tsan lint recipes deb format docs benchmark clean
@@ -54,12 +56,12 @@ test-cpp: configure
 	ctest --preset release --parallel $(JOBS)
 
 test-python: build
-	$(PYTHONPATH_BUILD) $(PYTHON) -m pytest -m "not full and not long" tests/python
+	$(PYTHONPATH_BUILD) $(PYTHON) $(PYTEST) -m "not full and not long" tests/python
 
 test-full: configure
 	cmake --build $(BUILD) --parallel $(JOBS)
 	ctest --test-dir $(BUILD) -LE long --output-on-failure --no-tests=error --parallel $(JOBS)
-	$(PYTHONPATH_BUILD) $(PYTHON) -m pytest -m "not long" tests/python
+	$(PYTHONPATH_BUILD) $(PYTHON) $(PYTEST) -m "not long" tests/python
 
 # The package goes where $(PYTHON), or the Python of the prefix itself, looks for packages, if it looks below the prefix.
 install: build
@@ -81,7 +83,7 @@ tsan: deps
 	ctest --preset tsan --parallel $(JOBS)
 
 lint: build
-	$(PYTHONPATH_BUILD) $(PYTHON) -m pytest tests/lint
+	$(PYTHONPATH_BUILD) $(PYTHON) $(PYTEST) --dist load tests/lint
 
 recipes: deps
 	$(PYTHON) tools/follow_recipes.py --jobs $(JOBS)

@@ -25,6 +25,21 @@ def hydrodynamicRadii(system, radii, where):
     return np.array([fluids[0].getParticleRadius(i)._value for i in range(count)]) if fluids else np.zeros(count)
 
 
+def refuseDrivenFlow(system, where, consequence):
+    """Refuse a System whose fluid is driven, where equilibrium is taken for granted; consequence: what is wrong then, and what serves instead."""
+    for fluid in forcesOf(system, MobilityForce):
+        velocity, gradient = (quantity._value for quantity in fluid.getBackgroundFlow())
+        f0 = fluid.getSinusoidalForceDensity()[0]._value
+        if velocity.any() or gradient.any():
+            flow, setter = f'a background flow of {velocity.tolist()} nm/ps with the gradient {gradient.tolist()} 1/ps', 'setBackgroundFlow()'
+        elif f0:
+            flow, setter = f'a sinusoidal force density of {f0} kJ/(mol nm^4)', 'setSinusoidalForceDensity()'
+        else:
+            continue
+        raise ValueError(f'{where}: its MobilityForce drives the fluid by {flow}; there is no equilibrium in a driven flow, {consequence}, or take the '
+                         f'flow away by {setter} with zeros')
+
+
 class BodyDefinitions:
     """What the bodies of an integrator are, whose geometry is known.
 

@@ -85,7 +85,8 @@ class MobilityForce(_copies.Copies, _Base):
       with edges along the axes. A body must be shorter than the shortest lattice vector.
     - ``SlipChannel``: between two walls y = const (:meth:`setChannelWalls`) that the fluid slips along, periodic in x and z; ForceCoupling only, by
       mirror images (Westwood, Delmotte, Keaveny, J. Comput. Phys. 467, 111437, 2022, 4.3). The box has its edges along the axes, and a y edge longer than the
-      channel is wide. Positive definite wherever centres are between the walls. Cost: that of Periodic with twice the particles in twice the width.
+      channel is wide. Positive definite wherever centres are between the walls. Cost: on a grid that of Periodic
+      in a box of the channel's width, dense that of twice the particles in twice the width.
 
     Wrong types are a TypeError, wrong shapes a ValueError, everything else that is refused an openmm.OpenMMException; each
     names the object, the value, the bound and the remedy.

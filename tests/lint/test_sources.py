@@ -59,7 +59,15 @@ def test_public_header_compiles_alone(header, tmp_path):
     assert result.returncode == 0, result.stderr
 
 
-@pytest.mark.parametrize('header', git_files('platforms/common/*.h'))
+def compiled_first():
+    """Headers that some source has as its first line of code: where the build compiled that source, they need nothing before them."""
+    sources = git_files('platforms/common/*.cpp')
+    first_lines = (re.search(r'^[ ]*[^/\s].*', read(source), flags=re.M) for source in sources)
+    included = (re.match(r'#include "([^"]+)"', line.group()) for line in first_lines if line)
+    return {f'platforms/common/{found[1]}' for found in included if found}
+
+
+@pytest.mark.parametrize('header', sorted(set(git_files('platforms/common/*.h')) - compiled_first()))
 def test_shared_header_compiles_alone(header, tmp_path, build_directory):
     (tmp_path / 'alone.cpp').write_text(f'#include "{ROOT / header}"\nint main() {{}}\n')
     result = subprocess.run(['g++', '-std=c++17', '-fsyntax-only', f'-I{ROOT}/openmmapi/include',
@@ -94,6 +102,16 @@ def test_no_scheme_is_known_by_its_number():
     """What is true of some schemes is a column of the list (SchemeList.h), or a case of a switch without default."""
     for source in git_files('openmmapi/*.cpp', 'platforms/*.cpp', 'platforms/*.h', 'serialization/*.cpp'):
         assert not re.search(r'[sS]cheme(\(\))?[ ]*[<>]=?[ ]*(CustomRigidHIIntegrator::)?[A-Z]', read(source)), source
+
+
+def test_statistics_that_sanitizers_leave_out_are_tests():
+    """tests/CMakeLists.txt names them; a test that is renamed there must not come back to the sanitizers unnoticed."""
+    lists = re.findall(r'^set\(RIGIDHI_STATISTICS\w*\n(.*?)\)$', read('tests/CMakeLists.txt'), flags=re.S | re.M)
+    named = re.findall(r'(\w+)\.(\w+)(\*?)', re.sub(r'#.*', '', '\n'.join(lists)))
+    tests = [found for source in git_files('tests/*.cpp') for found in re.findall(r'^TEST\((\w+), (\w+)\)', read(source), flags=re.M)]
+    assert len(lists) == 2
+    for suite, name, star in named:
+        assert any(test == (suite, name) or star and test[0] == suite and test[1].startswith(name) for test in tests), f'{suite}.{name}'
 
 
 def test_python_compiles():

@@ -282,6 +282,16 @@ class TestScenes(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, 'Scene: state: got positions of shape'):
             accuracy.Scene(scene.system, scene.positions[1:], scene.makeIntegrator())
 
+    def testDrivenScenesAreRefused(self):
+        scene = accuracy.scenes.spheres([(1, 1, 1)], edges=(9, 9, 9))
+        accuracy.StepSizeStudy(scene, ['LangevinC'])
+        system = openmm.XmlSerializer.clone(scene.system)
+        openmmrigidhi.MobilityForce.cast(system.getForce(0)).setSinusoidalForceDensity(1.5, 0, 1, 1)
+        driven = accuracy.Scene(system, scene.positions, scene.makeIntegrator())
+        with self.assertRaisesRegex(ValueError, r'StepSizeStudy: scene: its MobilityForce drives the fluid by a sinusoidal force density of 1.5 kJ.* no '
+                                                r'equilibrium in a driven flow.* setSinusoidalForceDensity\(\) with zeros'):
+            accuracy.StepSizeStudy(driven, ['LangevinC'])
+
     def testSmallWaterBoxesAreRefused(self):
         with self.assertRaisesRegex(ValueError, 'less than twice the cutoff'):
             accuracy.scenes.water(100)

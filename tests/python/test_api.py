@@ -108,7 +108,7 @@ def test_a_length_is_no_temperature():
         CustomRigidHIIntegrator(300, 0.002*unit.nanometer)
 
 
-@pytest.mark.parametrize('value', ['1', None, [1], True, 1j, object(), (300*unit.kelvin,)], ids=repr)
+@pytest.mark.parametrize('value', ['1', None, [1], True, 1j, object(), (300*unit.kelvin,)], ids=lambda value: type(value).__name__)
 @pytest.mark.parametrize('setter', NAMES)
 def test_what_is_no_number_is_refused_by_name(setter, value):
     with pytest.raises(TypeError, match=setter):

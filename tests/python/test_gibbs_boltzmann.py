@@ -542,6 +542,37 @@ def test_infinity_forbids():
     check(samples.average(samples.positions._value[..., 0]**2), 1/3)
 
 
+def test_driven_flows_are_refused():
+    """Bodies in a flow are not distributed as exp(-U/kT), so a sample of that would be wrong without a word."""
+    def context(drive):
+        system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(300, 0.01)
+        integrator.setScheme(CustomRigidHIIntegrator.EulerMaruyama)
+        integrator.addRigidBody([system.addParticle(0)], 0, (0, 0, 0), [(0, 0, 0)])
+        fluid.addParticle(1)
+        drive(fluid)
+        system.addForce(fluid)
+        system.setDefaultPeriodicBoxVectors(*9*np.eye(3))
+        made = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+        made.setPositions(np.zeros((1, 3)))
+        return made
+
+    def wave(fluid, f0):
+        fluid.setModel(MobilityForce.ForceCoupling)
+        fluid.setBoundary(MobilityForce.Periodic)
+        fluid.setSinusoidalForceDensity(f0, 0, 1, 1)
+    shear = np.zeros((3, 3))
+    shear[0, 2] = 0.25
+    analysis.GibbsBoltzmannSampler(context(lambda fluid: None))
+    analysis.GibbsBoltzmannSampler(context(lambda fluid: wave(fluid, 0)))
+    with refused('GibbsBoltzmannSampler: context: its MobilityForce drives the fluid by a sinusoidal force density of 2.0 kJ/(mol nm^4)',
+                 'no equilibrium in a driven flow', 'average over steps of the integrator', 'setSinusoidalForceDensity() with zeros'):
+        analysis.GibbsBoltzmannSampler(context(lambda fluid: wave(fluid, 2)))
+    for velocity, gradient in ((0, 0, 0), shear), ((1, 0, 0), 0*shear):
+        with refused('its MobilityForce drives the fluid by a background flow of', str(velocity[0]), str(gradient[0, 2]),
+                     'setBackgroundFlow() with zeros'):
+            analysis.GibbsBoltzmannSampler(context(lambda fluid: fluid.setBackgroundFlow(velocity, gradient)))
+
+
 @pytest.mark.parametrize('arguments, pieces', [
     (dict(moves='some'), ("moves: got 'some'", 'must be "single" or "all"')),
     (dict(bodies=[2]), ('bodies: got [2]', 'one of the 2 that can move')),

@@ -4,9 +4,11 @@ import copy
 import io
 
 import numpy as np
+import openmm
 import pytest
 
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, accuracy
+from openmmrigidhi._systems import forcesOf
 from openmmrigidhi.accuracy import cli, grid, gridreport
 
 
@@ -76,6 +78,18 @@ def test_described_tolerances_hold_where_no_node_is_to_spare():
         rows = result.select(observable, 'spacing')
         print(observable, [f'{row["error"]/row["described"]:.3f}' for row in rows])
         assert len(rows) >= 2 and all(row['own_error'] <= row['described'] for row in rows)
+
+
+def test_a_flow_that_drives_the_scene_does_not_matter(result):
+    """What is compared are products, which know no flow."""
+    scene = accuracy.scenes.periodicSuspension(8, 0.1)
+    system = openmm.XmlSerializer.clone(scene.system)
+    fluid, = forcesOf(system, MobilityForce)
+    fluid.setSinusoidalForceDensity(2, 0, 1, 1)
+    driven = accuracy.Scene(system, scene.positions, scene.makeIntegrator())
+    row, = accuracy.GridStudy(driven, [1e-2], None, ['forces']).run(rounds=1).rows
+    undriven = next(row for row in result.select('forces', 'tolerance') if row['setting'] == 1e-2)
+    assert row['error'] == undriven['error'] > 0
 
 
 def test_the_fineness_between_grids():

@@ -293,6 +293,19 @@ def test_scenes_that_are_not_of_spheres():
             change(work)
 
 
+def test_flows_that_drive_a_scene_do_not_matter():
+    """What is compared are mobilities, which know no flow."""
+    for edges, drive in ((None, lambda fluid: fluid.setBackgroundFlow((1, 0, 0), [(0, 2, 0), (0, 0, 0), (0, 0, 0)])),
+                         ((9, 9, 9), lambda fluid: fluid.setSinusoidalForceDensity(2, 0, 1, 1))):
+        scene = accuracy.scenes.spheres([(0, 0, 0), (2.5, 0.5, 1)], force=(1, 0, 0), temperature=1e-9, edges=edges)
+        system = openmm.XmlSerializer.clone(scene.system)
+        drive(MobilityForce.cast(system.getForce(1)))
+        driven = accuracy.Scene(system, scene.positions, scene.makeIntegrator())
+        values = [[row['value'] for row in accuracy.LadderStudy(one, ['RPY', 'FTS'], ['mobility', 'sedimentation'], platforms=('Reference',))
+                   .run(rounds=1, seconds=0.001).rows] for one in (scene, driven)]
+        assert values[0] == values[1] and all(values[0])
+
+
 def test_wrong_studies():
     scene = accuracy.scenes.pair(1)
     for arguments, message in (((scene, ['Oseen']), 'the hydrodynamic ladder has FreeDraining'),

@@ -136,6 +136,12 @@ def test_refused(small):
         overdamped.OverdampedStudy(small, ['LangevinC'])
     with pytest.raises(ValueError, match='observable: got .pressure., which bodies above a wall do not have; choose among height'):
         overdamped.OverdampedStudy(small, observables=['pressure'])
+    sheared = openmm.XmlSerializer.clone(small.system)
+    MobilityForce.cast(sheared.getForce(0)).setBackgroundFlow((0, 0, 0), [(0, 0, 0.5), (0, 0, 0), (0, 0, 0)])
+    sheared = overdamped.WallScene(sheared, small.positions, small.makeIntegrator(), small.sites, small.replicas)
+    with pytest.raises(ValueError, match=r'OverdampedStudy: scene: its MobilityForce drives the fluid by a background flow of .*0\.5.* there is no equilibrium '
+                                         r'in a driven flow, where alone all methods have the same averages.* setBackgroundFlow\(\) with zeros'):
+        overdamped.OverdampedStudy(sheared, ['TrapezoidalSlip'])
     with pytest.raises(ValueError, match='got 0.3; a whole number of steps must make 1'):
         overdamped.OverdampedStudy(small, ['TrapezoidalSlip'], [0.1, 0.3])
 

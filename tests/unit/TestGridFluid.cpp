@@ -174,6 +174,95 @@ TEST(GridFluid, RandomFieldsHaveTheCovarianceOfProducts) {
     }
 }
 
+// ---- Between slip walls
+
+/** Between walls at y = 0 and half of the edge: on a wall, overlapping a wall and each other, and so far from one that the stencil begins a little beyond it. */
+vector<Vec3> inChannel(const BoxVectors& twice) {
+    const double width = 0.5 * twice[1][1];
+    return {Vec3(0.05, 0.7 * width, 1.1), Vec3(0.4, 0.05, 1.4), Vec3(twice[0][0] - 0.01, width, 0.2),
+            Vec3(0.9, min(0.55 * width, 2.5), 17.3)};
+}
+
+/** Grids with an even and an odd number of rows between the walls, wide and narrow channels, stencils longer than the box. */
+struct MirroredGrid {
+    BoxVectors twice;
+    array<int, 3> size;
+};
+const MirroredGrid mirroredGrids[] = {
+    {orthogonal(3.1, 5.2, 4.4), {14, 24, 20}}, {orthogonal(3.1, 5.2, 4.4), {9, 22, 7}},
+    {orthogonal(3.1, 8.4, 2.9), {12, 54, 16}}, {orthogonal(1.9, 1.3, 1.85), {6, 6, 8}},
+    {orthogonal(1.9, 1.3, 1.85), {8, 2, 5}},   {orthogonal(3.1, 24, 4.4), {14, 120, 20}}};
+
+GridShape mirroredShape(const GridResolution& resolution, const MirroredGrid& grid) {
+    GridShape shape = resolution.shapeFor(grid.twice);
+    shape.size = grid.size;
+    shape.mirrored = true;
+    return shape;
+}
+
+TEST(GridFluid, MirroredProductsAreThoseOfImages) {
+    // The same nodes without the symmetry: particles and reflected images in a periodic box, forces reflected likewise.
+    const HydrodynamicParticles particles = mixture();
+    HydrodynamicParticles both = particles;
+    for (int p = 0; p < particles.size(); p++) both.add(particles.radii[p], particles.hasTorque[p], p, -1);
+    const int rows = particles.numRows;
+    VectorXd sign = VectorXd::Ones(rows);
+    for (int p = 0; p < particles.size(); p++) {
+        sign[particles.firstRow[p] + 1] = -1;
+        if (particles.hasTorque[p]) sign[particles.firstRow[p] + 3] = sign[particles.firstRow[p] + 5] = -1;
+    }
+    for (const MirroredGrid& grid : mirroredGrids) {
+        const GridResolution resolution(particles, 1e-4, 0);
+        const GridShape shape = mirroredShape(resolution, grid);
+        GridShape whole = shape;
+        whole.mirrored = false;
+        // From the first node on, where a periodic grid has its origin.
+        const vector<Vec3> at = inChannel(grid.twice);
+        vector<Vec3> withImages;
+        for (int side : {1, -1})
+            for (const Vec3& x : at) withImages.push_back(Vec3(x[0], side * x[1] - shape.firstNode(1), x[2]));
+        GridStencils ofBoth(both, resolution), own(particles, resolution);
+        ofBoth.moveTo(whole, withImages, false);
+        own.moveTo(shape, at, false);
+        PlainGridFluid plain;
+        CpuGridFluid fast;
+        MatrixXd fold(2 * rows, rows);
+        fold << MatrixXd::Identity(rows, rows), MatrixXd(sign.asDiagonal());
+        const MatrixXd M = 0.5 * fold.transpose() * dense(plain, ofBoth) * fold;
+        EXPECT_LE((dense(plain, own) - M).norm(), 1e-13 * M.norm()) << grid.size[1];
+        EXPECT_LE((dense(fast, own) - M).norm(), 1e-13 * M.norm()) << grid.size[1];
+    }
+}
+
+TEST(GridFluid, MirroredFieldsHaveTheCovarianceOfProducts) {
+    // As for periodic ones, with the modes that are drawn: ny is not negative, nor is nx where nz is 0. Of those along y only real parts count.
+    const HydrodynamicParticles particles = mixture();
+    for (const MirroredGrid& grid : mirroredGrids) {
+        if (grid.size[1] > 30) continue;  // takes minutes
+        const GridResolution resolution(particles, 0.1, 0.5);
+        const GridShape shape = mirroredShape(resolution, grid);
+        GridStencils stencils(particles, resolution);
+        stencils.moveTo(shape, inChannel(grid.twice), false);
+        CpuGridFluid fluid;
+        const MatrixXd M = dense(fluid, stencils);
+        MatrixXd covariance = MatrixXd::Zero(M.rows(), M.cols());
+        GridField field;
+        VectorXd column;
+        for (int nx = -shape.size[0] / 2; nx <= shape.size[0] / 2; nx++)
+            for (int ny = 0; ny < shape.numRows(); ny++)
+                for (int nz = 0; nz <= shape.size[2] / 2; nz++) {
+                    if (nz == 0 && nx < 0) continue;
+                    for (int c = 0; c < 3; c++)
+                        for (complex<double> value : {complex<double>(1, 0), complex<double>(0, 1)}) {
+                            fluid.draw(stencils, eta, UnitNoise({nx, ny, nz}, c, sqrt(0.5) * value), field);
+                            fluid.average(field, stencils, column);
+                            covariance += column * column.transpose();
+                        }
+                }
+        EXPECT_LE((covariance - M).norm(), 1e-12 * M.norm()) << shape.size[1];
+    }
+}
+
 TEST(GridFluid, FinerGridsKeepTheNoise) {
     const BoxVectors box = orthogonal(3.1, 2.6, 4.4);
     const HydrodynamicParticles particles = blobs(4, 0.3);
@@ -283,31 +372,34 @@ GridThreads onThreads(int number) {
 }
 
 TEST(CpuGridFluid, IsThePlainOneToRounding) {
-    for (const BoxVectors& box : {orthogonal(3.1, 2.6, 4.4), orthogonal(1.9, 2.3, 1.85)}) {
-        const HydrodynamicParticles particles = mixture();
-        const GridResolution resolution(particles, 1e-4, 0);
+    const HydrodynamicParticles particles = mixture();
+    const GridResolution resolution(particles, 1e-4, 0);
+    const auto compare = [&](const GridShape& shape, const vector<Vec3>& at) {
+        GridStencils stencils(particles, resolution);
+        stencils.moveTo(shape, at, false);
+        PlainGridFluid plain;
+        CpuGridFluid fast;
+        const MatrixXd M = dense(plain, stencils);
+        EXPECT_LE((dense(fast, stencils) - M).norm(), 1e-13 * M.norm());
+        VectorXd velocities[2];
+        MatrixXd gradients[2];
+        GridFluid* const fluids[2] = {&plain, &fast};
+        for (int i = 0; i < 2; i++) {
+            GridField field;
+            fluids[i]->draw(stencils, eta, NoiseStream(), NoiseStream::RandomField, field);
+            fluids[i]->average(field, stencils, velocities[i]);
+            fluids[i]->averageGradients(field, stencils, gradients[i]);
+        }
+        EXPECT_LE((velocities[1] - velocities[0]).norm(), 1e-12 * velocities[0].norm());
+        EXPECT_LE((gradients[1] - gradients[0]).norm(), 1e-12 * gradients[0].norm());
+    };
+    for (const BoxVectors& box : {orthogonal(3.1, 2.6, 4.4), orthogonal(1.9, 2.3, 1.85)})
         for (array<int, 3> size : {array<int, 3>{0, 0, 0}, array<int, 3>{23, 31, 29}, array<int, 3>{2, 2, 2}}) {
             GridShape shape = resolution.shapeFor(box);
             if (size[0] > 0) shape.size = size;
-            GridStencils stencils(particles, resolution);
-            stencils.moveTo(shape, places(box), false);
-            PlainGridFluid plain;
-            CpuGridFluid fast;
-            const MatrixXd M = dense(plain, stencils);
-            EXPECT_LE((dense(fast, stencils) - M).norm(), 1e-13 * M.norm());
-            VectorXd velocities[2];
-            MatrixXd gradients[2];
-            GridFluid* const fluids[2] = {&plain, &fast};
-            for (int i = 0; i < 2; i++) {
-                GridField field;
-                fluids[i]->draw(stencils, eta, NoiseStream(), NoiseStream::RandomField, field);
-                fluids[i]->average(field, stencils, velocities[i]);
-                fluids[i]->averageGradients(field, stencils, gradients[i]);
-            }
-            EXPECT_LE((velocities[1] - velocities[0]).norm(), 1e-12 * velocities[0].norm());
-            EXPECT_LE((gradients[1] - gradients[0]).norm(), 1e-12 * gradients[0].norm());
+            compare(shape, places(box));
         }
-    }
+    for (const MirroredGrid& grid : mirroredGrids) compare(mirroredShape(resolution, grid), inChannel(grid.twice));
 }
 
 TEST(CpuGridFluid, ThreadsDoNotChangeABit) {
@@ -315,30 +407,40 @@ TEST(CpuGridFluid, ThreadsDoNotChangeABit) {
     const HydrodynamicParticles particles = mixture();
     const GridResolution resolution(particles, 1e-4, 0);
     GridStencils stencils(particles, resolution);
-    stencils.moveTo(resolution.shapeFor(box), places(box), false);
-    const VectorXd forces = VectorXd::LinSpaced(particles.numRows, 1, 3);
-    MatrixXd first;
-    for (int threads : {1, 2, 4, 7}) {
-        CpuGridFluid fluid(onThreads(threads));
-        GridField field;
-        MatrixXd velocities, result(particles.numRows, 2);
-        VectorXd slips;
-        fluid.multiply(stencils, eta, forces, velocities);
-        fluid.draw(stencils, eta, NoiseStream(), NoiseStream::RandomField, field);
-        fluid.average(field, stencils, slips);
-        result << velocities, slips;
-        if (threads == 1) first = result;
-        EXPECT_TRUE((result.array() == first.array()).all()) << threads;
+    for (bool mirrored : {false, true}) {
+        if (mirrored)
+            stencils.moveTo(mirroredShape(resolution, mirroredGrids[2]), inChannel(mirroredGrids[2].twice), false);
+        else
+            stencils.moveTo(resolution.shapeFor(box), places(box), false);
+        const VectorXd forces = VectorXd::LinSpaced(particles.numRows, 1, 3);
+        MatrixXd first;
+        for (int threads : {1, 2, 4, 7}) {
+            CpuGridFluid fluid(onThreads(threads));
+            GridField field;
+            MatrixXd velocities, result(particles.numRows, 2);
+            VectorXd slips;
+            fluid.multiply(stencils, eta, forces, velocities);
+            fluid.draw(stencils, eta, NoiseStream(), NoiseStream::RandomField, field);
+            fluid.average(field, stencils, slips);
+            result << velocities, slips;
+            if (threads == 1) first = result;
+            EXPECT_TRUE((result.array() == first.array()).all()) << threads;
+        }
     }
 }
 
 TEST(CpuGridFluid, RoughProductsHaveTheErrorThatTheyPromise) {
-    // Overlapping and not; spheres and blobs; boxes that stencils fit into and not.
-    for (const BoxVectors& box : {orthogonal(3.1, 2.6, 4.4), orthogonal(1.9, 2.3, 1.85), orthogonal(7, 5, 8)}) {
-        const HydrodynamicParticles particles = mixture();
-        const GridResolution resolution(particles, 1e-4, 0);
+    // Overlapping and not; spheres and blobs; boxes that stencils fit into and not; channels.
+    const HydrodynamicParticles particles = mixture();
+    const GridResolution resolution(particles, 1e-4, 0);
+    vector<pair<GridShape, vector<Vec3> > > cases;
+    for (const BoxVectors& box : {orthogonal(3.1, 2.6, 4.4), orthogonal(1.9, 2.3, 1.85), orthogonal(7, 5, 8)})
+        cases.push_back({resolution.shapeFor(box), places(box)});
+    for (const MirroredGrid& grid : mirroredGrids)
+        cases.push_back({mirroredShape(resolution, grid), inChannel(grid.twice)});
+    for (const auto& [shape, at] : cases) {
         GridStencils stencils(particles, resolution);
-        stencils.moveTo(resolution.shapeFor(box), places(box), false);
+        stencils.moveTo(shape, at, false);
         const int rows = particles.numRows;
         CpuGridFluid fluid;
         MatrixXd rough, roughOfMany;

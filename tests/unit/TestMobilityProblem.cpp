@@ -267,8 +267,7 @@ TEST(MobilityProblem, TheDivergenceOfAFieldIsThatOfItsTwists) {
         }
         const shared_ptr<GridFluid> fluid(new PlainGridFluid());
         TestedBodies bodies(elements, [&](const HydrodynamicParticles& particles) {
-            const HydrodynamicParticles& seen = inChannel ? SlipChannel::withImages(particles) : particles;
-            unique_ptr<MobilityModel> periodic(new ForceCouplingGrid(seen, 1, 1e-6, 0, fluid));
+            unique_ptr<MobilityModel> periodic(new ForceCouplingGrid(particles, 1, 1e-6, 0, fluid, inChannel));
             if (!inChannel) return periodic;
             return unique_ptr<MobilityModel>(new SlipChannel(particles, 1, {-3, 1.7, false}, move(periodic)));
         });

@@ -36,8 +36,8 @@ unique_ptr<MobilityModel> dense(const HydrodynamicParticles& particles, bool cro
 unique_ptr<MobilityModel> onGrid(const HydrodynamicParticles& particles, double tolerance) {
     return unique_ptr<MobilityModel>(
         new SlipChannel(particles, eta, walls,
-                        unique_ptr<MobilityModel>(new ForceCouplingGrid(SlipChannel::withImages(particles), eta,
-                                                                        tolerance, 0, make_shared<PlainGridFluid>()))));
+                        unique_ptr<MobilityModel>(
+                            new ForceCouplingGrid(particles, eta, tolerance, 0, make_shared<PlainGridFluid>(), true))));
 }
 MatrixXd matrixAt(const MobilityModel& model, const vector<Vec3>& positions) {
     MatrixXd M;

@@ -351,12 +351,17 @@ TEST(StokesianDynamics, StressletsAndStrainsAreReciprocal) {
     const vector<Vec3> positions = cluster(radii, {0.05, 0.4, 1}, generator);
     StressletResponse response;
     forceTorqueStressletMobility(radii, positions, viscosity, &response);
+    const auto velocitiesIn = [](const StressletResponse& spheres, VectorXd E) {
+        VectorXd velocities = VectorXd::Zero(spheres.halfCoupling.cols());
+        spheres.addVelocities(E, velocities);
+        return velocities;
+    };
     const MatrixXd everyE = MatrixXd::Identity(20, 20), everyF = MatrixXd::Identity(24, 24);
     double largest = 0;
     for (int f = 0; f < 24; f++) {
         const VectorXd S = response.stresslets(everyF.col(f), VectorXd::Zero(20), viscosity);
         for (int e = 0; e < 20; e++) {
-            const double power = response.velocities(everyE.col(e))[f];
+            const double power = velocitiesIn(response, everyE.col(e))[f];
             EXPECT_NEAR(power, S[e], 1e-13);
             largest = max(largest, abs(power));
         }
@@ -367,5 +372,5 @@ TEST(StokesianDynamics, StressletsAndStrainsAreReciprocal) {
     forceTorqueStressletMobility({1.4}, {Vec3(3, 2, 1)}, viscosity, &alone);
     const VectorXd E = VectorXd::LinSpaced(5, -1, 2), F = VectorXd::LinSpaced(6, 1, 3);
     EXPECT_LT((alone.stresslets(F, E, viscosity) + 20 * M_PI / 3 * viscosity * pow(1.4, 3) * E).norm(), 1e-12);
-    EXPECT_EQ(alone.velocities(E).norm(), 0);
+    EXPECT_EQ(velocitiesIn(alone, E).norm(), 0);
 }

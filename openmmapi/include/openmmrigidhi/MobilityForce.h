@@ -75,7 +75,7 @@ public:
          * Two walls, setChannelWalls(), that the fluid slips along; between them it is periodic in the x and z edges of the Context's box, which must have its edges along the axes and a y
          * edge longer than the channel is wide. ForceCoupling only, by mirror images of period twice the width: dense up to 2000 spheres or half as many blobs as Periodic, or
          * on a grid. Positive definite wherever centres are between the walls; CustomRigidHIIntegrator::setWallRejection() says how near surfaces may come.
-         * Cost: that of Periodic with twice the particles in twice the width.
+         * Cost: on a grid that of Periodic in a box of the channel's width, dense that of twice the particles in twice the width.
          */
         SlipChannel = 3
     };

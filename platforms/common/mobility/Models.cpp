@@ -67,27 +67,30 @@ unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force, bool c
 const int largestDenseLatticeRows = 300;
 
 unique_ptr<MobilityModel> periodicForceCoupling(const MobilityForce& force, const HydrodynamicParticles& particles,
-                                                const PlatformModels& own) {
+                                                bool inChannel, const PlatformModels& own) {
     bool onGrid = false;
+    const int rows = (inChannel ? 2 : 1) * particles.numRows;
     switch (force.getSolver()) {
         case MobilityForce::Dense: break;
         case MobilityForce::MatrixFree: onGrid = true; break;
-        case MobilityForce::Auto: onGrid = particles.numRows > largestDenseLatticeRows; break;
+        case MobilityForce::Auto: onGrid = rows > largestDenseLatticeRows; break;
     }
-    if (!onGrid) return unique_ptr<MobilityModel>(new PeriodicForceCoupling(particles, force.getViscosity()));
-    return unique_ptr<MobilityModel>(
-        new ForceCouplingGrid(particles, force.getViscosity(), force.getSolverTolerance(), force.getGridSpacing(),
-                              own.gridFluid ? own.gridFluid() : shared_ptr<GridFluid>(new PlainGridFluid())));
+    if (!onGrid)
+        return unique_ptr<MobilityModel>(new PeriodicForceCoupling(
+            inChannel ? SlipChannel::withImages(particles) : particles, force.getViscosity()));
+    return unique_ptr<MobilityModel>(new ForceCouplingGrid(
+        particles, force.getViscosity(), force.getSolverTolerance(), force.getGridSpacing(),
+        own.gridFluid ? own.gridFluid() : shared_ptr<GridFluid>(new PlainGridFluid()), inChannel));
 }
 
 unique_ptr<MobilityModel> forceCoupling(const MobilityForce& force, bool crossingAllowed,
                                         const HydrodynamicParticles& particles, const PlatformModels& own) {
-    if (force.getBoundary() != MobilityForce::SlipChannel) return periodicForceCoupling(force, particles, own);
+    if (force.getBoundary() != MobilityForce::SlipChannel) return periodicForceCoupling(force, particles, false, own);
     SlipWalls walls;
     force.getChannelWalls(walls.low, walls.high);
     walls.crossingAllowed = crossingAllowed;
-    return unique_ptr<MobilityModel>(new SlipChannel(
-        particles, force.getViscosity(), walls, periodicForceCoupling(force, SlipChannel::withImages(particles), own)));
+    return unique_ptr<MobilityModel>(
+        new SlipChannel(particles, force.getViscosity(), walls, periodicForceCoupling(force, particles, true, own)));
 }
 
 }  // namespace

@@ -47,10 +47,9 @@ void BodyMobility::flowTwists(const DrivenFlow& flow, MatrixXd& twists) {
         flowSlips(flow, twists);
         return;
     }
-    MatrixXd slips;
-    flowSlips(flow, slips);
+    flowSlips(flow, slipsOfFlow);
     noWrenches.setZero(bodies.getNumRows(), 1);
-    solve(noWrenches, slips, twists);
+    solve(noWrenches, slipsOfFlow, twists);
 }
 
 void BodyMobility::forcesOfTwists(const MatrixXd& twists, const DrivenFlow* flow, MatrixXd& forces) {

@@ -85,10 +85,11 @@ void ConstantMobility::forceFreeTwists(const DrivenFlow& flow, const MatrixXd& s
     slips_body.resize(slips.rows(), slips.cols());
     for (int row = 0; row < slips.rows(); row += 3)
         slips_body.middleRows<3>(row).noalias() = A.transpose() * slips.middleRows<3>(row);
-    twists.noalias() = twoRotations(A) * (forceFree_body * slips_body);
+    twist_body.noalias() = forceFree_body * slips_body;
+    twists.noalias() = twoRotations(A) * twist_body;
     if (!lineOfBlobs.any()) return;
     // So about that line it goes with the flow.
-    const VectorXd n = twoRotations(A) * lineOfBlobs.inBody(0);
+    const Matrix<double, 6, 1> n = twoRotations(A) * lineOfBlobs.inBody(0);
     twists.col(0) += n.tail<3>().dot(flow.angularVelocityAt(poses[0].R, {})) / n.tail<3>().squaredNorm() * n;
 }
 

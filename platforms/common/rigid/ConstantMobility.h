@@ -41,8 +41,8 @@ private:
     std::vector<Eigen::Matrix3d> turns;
     BodiesAt particles;  // of which nothing is needed but by applyToParticles()
     MatrixXd N, xi, wrenchesOfSolve, thermal;
-    MatrixXd forceFree_body, slips_body;  // of forceFreeTwists(), known when first needed
-    NullTwists lineOfBlobs{{0}};          // likewise, of blobs of a body with a tensor of its own
+    MatrixXd forceFree_body, slips_body, twist_body;  // of forceFreeTwists(), known when first needed
+    NullTwists lineOfBlobs{{0}};                      // likewise, of blobs of a body with a tensor of its own
 };
 
 }  // namespace RigidHIPlugin

@@ -80,7 +80,7 @@ class GridStudy:
     Parameters
     ----------
     scene : Scene, optional
-        spheres in a periodic fluid, in a box with edges along the axes; default: 500 at random at a volume fraction of 0.1
+        spheres in a periodic fluid, in a box with edges along the axes; a flow that drives it is left out; default: 500 at random at a volume fraction of 0.1
     tolerances : sequence of float
         of setSolverTolerance
     finenesses : (float, float) or None

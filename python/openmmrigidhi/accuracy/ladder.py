@@ -59,7 +59,7 @@ class LadderStudy:
     Parameters
     ----------
     scene : Scene, or dict from float to Scene
-        one scene, or several along a parameter, such as :func:`openmmrigidhi.accuracy.scenes.pairs` over gaps or
+        of spheres; a flow that drives their fluid is left out, for mobilities do not depend on it. One scene, or several along a parameter, such as :func:`openmmrigidhi.accuracy.scenes.pairs` over gaps or
         :func:`openmmrigidhi.accuracy.scenes.arrays` over volume fractions
     rungs : sequence of str or Rung, optional
         among FreeDraining, RPY, ForceCoupling (periodic fluids), FTS, multiblob12, multiblob42, multiblob162, multiblob642, FTS+lubrication, and

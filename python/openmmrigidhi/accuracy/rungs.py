@@ -122,7 +122,9 @@ class Spheres:
         if np.count_nonzero(radii) > len(members):
             raise ValueError('the hydrodynamic ladder: a particle that is in no body has a hydrodynamic radius; all must be '
                              'bodies: make it one with addRigidBody()')
-        # The cheapest model: only geometry and forces are asked for.
+        # The cheapest model: only geometry and forces are asked for. Mobilities do not depend on a flow that drives the fluid.
+        fluid.setBackgroundFlow((0, 0, 0), np.zeros((3, 3)))
+        fluid.setSinusoidalForceDensity(0, 0, 1, 1)
         fluid.setModel(MobilityForce.FreeDraining)
         fluid.setBoundary(MobilityForce.Unbounded)
         self._system = system

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import openmm
 
+from .._systems import refuseDrivenFlow
 from . import methods as methodsModule
 from . import observables as observablesModule
 from ._results import beginning, provenance
@@ -44,6 +45,7 @@ class Study:
     Parameters
     ----------
     scene : Scene
+        in equilibrium: one whose fluid is driven by a flow is refused
     methods : sequence of str or Method
     observables : sequence of str, Observable or callable
         see :func:`openmmrigidhi.accuracy.observables.byName`
@@ -69,6 +71,8 @@ class Study:
             raise ValueError(f'Study: clock: got {clock!r}; it must be wall or cpu: correct it')
         if sampleInterval is not None and not (math.isfinite(sampleInterval) and sampleInterval > 0):
             raise ValueError(f'Study: sampleInterval: got {sampleInterval}; the time between samples must be positive, in ps: correct it')
+        refuseDrivenFlow(scene.system, f'{type(self).__name__}: scene', 'where alone all methods have the same averages: compare steady states of one '
+                         'method at several steps by runs of your own')
         self.scene = scene
         self.methods = [method if isinstance(method, Method) else methodsModule.byName(method) for method in methods]
         self.observables = [observablesModule.byName(observable) for observable in observables]

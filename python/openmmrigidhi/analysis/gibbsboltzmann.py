@@ -3,7 +3,7 @@ import numpy as np
 
 from .. import _units
 from .._quaternions import rotate
-from .._systems import BodyDefinitions, forcesOf, hydrodynamicRadii
+from .._systems import BodyDefinitions, forcesOf, hydrodynamicRadii, refuseDrivenFlow
 from ..bodyforce import CustomBodyForce
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
@@ -19,7 +19,8 @@ class GibbsBoltzmannSampler(Sampler):
 
     Metropolis moves with respect to the measure dR times Haar's on SO(3) for each body (and dr for each free particle), at constant
     box. U is the potential energy of the Context's forces in the integrator's force groups, plus energyFunction. Momenta, fluid and
-    scheme do not matter: the distribution is that of every right scheme as its step tends to 0.
+    scheme do not matter: the distribution is that of every right scheme as its step tends to 0. A fluid that is driven has no such
+    distribution, and is refused.
 
     Cost of a trial: one evaluation of the Context's energy (1 us or less of OpenMM's own on the Reference platform, 50 us on CPU) and
     some 40 us of Python. A sweep is one trial of each kind for every body. For one body with an energy that NumPy can write,
@@ -68,7 +69,7 @@ class GibbsBoltzmannSampler(Sampler):
     ------
     TypeError, ValueError
         for arguments of wrong dimension or shape, a start that a wall forbids or that has an infinite energy, a CustomBodyForce
-        without energyFunction, constraints on a free particle that is to move
+        without energyFunction, constraints on a free particle that is to move, a MobilityForce with a driven flow
 
     Notes
     -----
@@ -86,6 +87,7 @@ class GibbsBoltzmannSampler(Sampler):
         self._context = _units.context(context, where)
         system = context.getSystem()
         self._integrator = CustomRigidHIIntegrator.cast(context.getIntegrator())
+        refuseDrivenFlow(system, f'{where}: context', 'and bodies in it are not distributed as exp(-U/kT): average over steps of the integrator')
         self._groups = self._integrator.getIntegrationForceGroups()
         self._kT = _moves.thermalEnergy(self._integrator.getTemperature() if temperature is None else temperature, where)
         self._energyFunction = energyFunction

@@ -30,10 +30,16 @@ const int modesAtOnce = 8;
 /** Of averages over a slice: a velocity and an angular one, or a gradient. */
 const int numbersOfPart = 9;
 
-/** How a grid is laid out in memory. */
+/**
+ * How a grid is laid out in memory.
+ *
+ * A mirrored grid has the rows between the walls, and those outer ones beyond that stencils reach, which are reflections.
+ */
 struct GridLayout {
     GridShape shape;
     int numSlabs = 0;   // along x
+    int numRows = 0;    // along y, without outer ones; modes along y of a mirrored grid are as many
+    int reach = 0;      // how many outer rows there are on each side
     int numModes = 0;   // kz from 0 on, without the Nyquist index
     int rowLength = 0;  // nodes of a row, or twice its modes
 
@@ -41,26 +47,45 @@ struct GridLayout {
     GridLayout(const GridStencils& stencils) : shape(stencils.getShape()) {
         const std::array<int, 3>& n = shape.size;
         numSlabs = GridStencils::slabsOf(shape);
+        numRows = shape.numRows();
+        // Half of a stencil is on each side of the centre, which is between the walls.
+        if (shape.mirrored) reach = std::min(numRows, stencils.largestWidth(1) / 2);
         numModes = (n[2] + 1) / 2;
         // Stencils that cross the end of a row go on beyond it.
         rowLength = std::max(n[2] + stencils.largestWidth(2), 2 * numModes);
         rowLength += rowLength % 2;  // whole cache lines in both precisions
     }
     size_t rowNumbers() const { return (size_t)rowLength * slabWidth; }
-    size_t slabNumbers() const { return shape.size[1] * rowNumbers(); }
+    /** Rows in memory: those of the grid, the outer ones above, the outer ones below; all of the period, if stencils are so long that the latter meet. */
+    int storedRows() const { return std::min(shape.size[1], numRows + 2 * reach); }
+    /** Where a row of the period is in memory. */
+    int place(int y) const {
+        while (y >= shape.size[1]) y -= shape.size[1];
+        return y < shape.size[1] - reach ? y : y - (shape.size[1] - storedRows());
+    }
+    /** Call visit(row, outer) with the places of outer rows and of those that they are reflections of. */
+    template <class Visit>
+    void forOuterRows(const Visit& visit) const {
+        for (int i = 0; i < reach; i++) {
+            visit(numRows - 1 - i, place(numRows + i));
+            // Where they meet, what is above was that already.
+            if (shape.size[1] - 1 - i >= numRows + reach) visit(i, place(shape.size[1] - 1 - i));
+        }
+    }
+    size_t slabNumbers() const { return storedRows() * rowNumbers(); }
     /** A column of modes along x, with padding to whole slabs. They lie one after the other. */
     size_t columnNumbers() const { return (size_t)numSlabs * modeWidth; }
     size_t column(int y, int z) const { return ((size_t)y * numModes + z) * columnNumbers(); }
-    size_t modeNumbers() const { return column(shape.size[1], 0); }
+    size_t modeNumbers() const { return column(numRows, 0); }
 };
 
 /** A slab of nodes: of each component rows along z one after the other, of each node the planes of the slab. */
 template <typename T>
 struct GridSlab {
     T* values[3];
-    T* row(const GridLayout& layout, int component, int y) const {
-        while (y >= layout.shape.size[1]) y -= layout.shape.size[1];
-        return values[component] + y * layout.rowNumbers();
+    T* row(const GridLayout& layout, int component, int y) const { return atPlace(layout, component, layout.place(y)); }
+    T* atPlace(const GridLayout& layout, int component, int place) const {
+        return values[component] + place * layout.rowNumbers();
     }
 };
 
@@ -84,6 +109,7 @@ struct GridWork {
     const GridPlans<T>* plans;  // along each axis
     T* modes[3];
     const T *kx, *keepsX;  // wave numbers of each x, and 0 for the Nyquist index and padding, else 1; each twice
+    const T* halfTurns;    // of a mirrored grid, cos and sin of pi m/(2 rows) for each ky
     bool streams;          // whether modes are too many for caches
 };
 
@@ -360,13 +386,92 @@ void rowsBack(const GridWork<T>& work, int y, const GridSlab<T>& slab, GridScrat
     for (int c = 0; c < 3; c++) rowBack(work, slab.row(work.layout, c, y), scratch);
 }
 
+// ---- Mirrored columns along y: sums of cosines, and of sines for what points across the walls, by transforms of as many numbers as there are rows
+
+/** Where a row goes in a transform: even ones first, then odd ones from the end on, which are negative where the component is odd about the walls. */
+inline int placeInTransform(int y, int rows) { return y % 2 == 0 ? y / 2 : rows - 1 - y / 2; }
+template <typename T>
+void copyRow(const T* from, T* to, bool negative) {
+    if (negative)
+        for (int i = 0; i < modeWidth; i++) to[i] = -from[i];
+    else
+        std::memcpy(to, from, modeWidth * sizeof(T));
+}
+
+/**
+ * Of the transform V of such a column the modes that a transform of the whole period would give: t V_m + s t* V_-m, t = exp(-i pi m/(2 rows)), with s = 1 for even
+ * components and -1 for odd ones. Reference: Makhoul, IEEE Trans. Acoust. Speech Signal Process. 28, 27 (1980).
+ */
+template <typename T>
+void mirroredThere(const GridWork<T>& work, T* column, T s) {
+    const int rows = work.layout.numRows;
+    for (int i = 0; i < modeWidth; i++) column[i] *= 1 + s;
+    for (int m = 1; 2 * m <= rows; m++) {
+        T *low = column + (size_t)m * modeWidth, *high = column + (size_t)(rows - m) * modeWidth;
+        const T c = work.halfTurns[2 * m], d = work.halfTurns[2 * m + 1];
+        for (int i = 0; i < modeWidth; i += 2) {
+            // a = t V_m, b = s t* V_-m; mode m is a + b, mode rows - m is s i (a - b).
+            const T aRe = c * low[i] + d * low[i + 1], aIm = c * low[i + 1] - d * low[i];
+            const T bRe = s * (c * high[i] - d * high[i + 1]), bIm = s * (c * high[i + 1] + d * high[i]);
+            high[i] = s * (bIm - aIm);
+            high[i + 1] = s * (aRe - bRe);
+            low[i] = aRe + bRe;
+            low[i + 1] = aIm + bIm;
+        }
+    }
+}
+
+/** The way back: of modes X the transform t* (X_m - i s X_(rows - m)), with which the period is made; without the mode of the Nyquist index. */
+template <typename T>
+void mirroredBack(const GridWork<T>& work, T* column, T s) {
+    const int rows = work.layout.numRows;
+    if (s < 0) std::fill_n(column, modeWidth, T(0));
+    for (int m = 1; 2 * m <= rows; m++) {
+        T *low = column + (size_t)m * modeWidth, *high = column + (size_t)(rows - m) * modeWidth;
+        const T c = work.halfTurns[2 * m], d = work.halfTurns[2 * m + 1];
+        for (int i = 0; i < modeWidth; i += 2) {
+            // e = i s X_(rows - m); number m is t* (X_m - e), number rows - m is s t (X_m + e).
+            const T eRe = -s * high[i + 1], eIm = s * high[i];
+            const T pRe = low[i] - eRe, pIm = low[i + 1] - eIm, qRe = s * (low[i] + eRe), qIm = s * (low[i + 1] + eIm);
+            low[i] = c * pRe - d * pIm;
+            low[i + 1] = c * pIm + d * pRe;
+            high[i] = c * qRe + d * qIm;
+            high[i + 1] = c * qIm - d * qRe;
+        }
+    }
+}
+
+/** Forces on outer rows act on those that they are reflections of, reflected. */
+template <typename T>
+void foldOuterRows(const GridLayout& layout, const GridSlab<T>& slab) {
+    for (int c = 0; c < 3; c++)
+        layout.forOuterRows([&](int row, int outer) {
+            T* const to = slab.atPlace(layout, c, row);
+            const T* const from = slab.atPlace(layout, c, outer);
+            const T sign = c == 1 ? -1 : 1;
+            for (size_t i = 0; i < layout.rowNumbers(); i++) to[i] += sign * from[i];
+        });
+}
+/** What is seen of the flow on outer rows. */
+template <typename T>
+void fillOuterRows(const GridLayout& layout, const GridSlab<T>& slab) {
+    for (int c = 0; c < 3; c++)
+        layout.forOuterRows([&](int row, int outer) {
+            T* const to = slab.atPlace(layout, c, outer);
+            const T* const from = slab.atPlace(layout, c, row);
+            const T sign = c == 1 ? -1 : 1;
+            for (size_t i = 0; i < layout.rowNumbers(); i++) to[i] = sign * from[i];
+        });
+}
+
 // ---- Columns along y, a few at a time, from and to the modes of the grid, where x is the next to be transformed
 
 template <typename T>
 void slabThere(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab, GridScratch<T>& scratch) {
     const TimeOfLife timer(scratch.seconds.transforms);
     const GridLayout& layout = work.layout;
-    const int size = layout.shape.size[1];
+    const int size = layout.numRows;
+    const bool mirrored = layout.shape.mirrored;
     const size_t column = (size_t)size * modeWidth;
     T *const columns = scratch.columns.data(), *const transformed = scratch.transformed.data();
     const SlabLanes<T> d;
@@ -375,11 +480,15 @@ void slabThere(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab,
             const int count = std::min(modesAtOnce, layout.numModes - z);
             for (int y = 0; y < size; y++) {
                 const T* from = slab.row(layout, c, y) + (size_t)z * modeWidth;
+                const int at = mirrored ? placeInTransform(y, size) : y;
                 for (int k = 0; k < count; k++)
-                    std::memcpy(columns + k * column + (size_t)y * modeWidth, from + k * modeWidth,
-                                modeWidth * sizeof(T));
+                    copyRow(from + k * modeWidth, columns + k * column + (size_t)at * modeWidth,
+                            mirrored && c == 1 && y % 2 == 1);
             }
-            for (int k = 0; k < count; k++) work.plans[1].there(columns + k * column, transformed + k * column);
+            for (int k = 0; k < count; k++) {
+                work.plans[1].there(columns + k * column, transformed + k * column);
+                if (mirrored) mirroredThere(work, transformed + k * column, T(c == 1 ? -1 : 1));
+            }
             for (int y = 0; y < size; y++)
                 for (int k = 0; k < count; k++) {
                     const T* from = transformed + k * column + (size_t)y * modeWidth;
@@ -397,7 +506,8 @@ template <typename T>
 void slabBack(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab, GridScratch<T>& scratch) {
     const TimeOfLife timer(scratch.seconds.transforms);
     const GridLayout& layout = work.layout;
-    const int size = layout.shape.size[1], ahead = 4, line = 64;
+    const int size = layout.numRows, ahead = 4, line = 64;
+    const bool mirrored = layout.shape.mirrored;
     const size_t column = (size_t)size * modeWidth;
     T *const columns = scratch.columns.data(), *const transformed = scratch.transformed.data();
     for (int c = 0; c < 3; c++)
@@ -411,12 +521,16 @@ void slabBack(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab, 
                     for (size_t at = 0; at < modeWidth * sizeof(T); at += line) __builtin_prefetch(later + at);
                     std::memcpy(columns + k * column + (size_t)y * modeWidth, from, modeWidth * sizeof(T));
                 }
-            for (int k = 0; k < count; k++) work.plans[1].back(columns + k * column, transformed + k * column);
+            for (int k = 0; k < count; k++) {
+                if (mirrored) mirroredBack(work, columns + k * column, T(c == 1 ? -1 : 1));
+                work.plans[1].back(columns + k * column, transformed + k * column);
+            }
             for (int y = 0; y < size; y++) {
                 T* to = slab.row(layout, c, y) + (size_t)z * modeWidth;
+                const int at = mirrored ? placeInTransform(y, size) : y;
                 for (int k = 0; k < count; k++)
-                    std::memcpy(to + k * modeWidth, transformed + k * column + (size_t)y * modeWidth,
-                                modeWidth * sizeof(T));
+                    copyRow(transformed + k * column + (size_t)at * modeWidth, to + k * modeWidth,
+                            mirrored && c == 1 && y % 2 == 1);
             }
         }
 }
@@ -435,9 +549,12 @@ void spreadSlab(const GridWork<T>& work, const GridStencils& stencils, int slabN
         {
             const TimeOfLife timer(scratch.seconds.spreading);
             // Rows are emptied before the first particle that reaches them, and transformed after the last one. Rows at the beginning are also
-            // reached across the end.
-            const int size = layout.shape.size[1], firstRow = std::min(size, stencils.largestWidth(1));
+            // reached across the end of the period; of a mirrored grid those at the end across their wall.
+            const int size = layout.numRows, firstRow = std::min(size, stencils.largestWidth(1)),
+                      lastRow = std::max(firstRow, size - layout.reach);
             int empty = 0, row = firstRow;
+            for (T* component : slab.values)
+                std::fill(component + size * layout.rowNumbers(), component + layout.slabNumbers(), T(0));
             const auto emptyUpTo = [&](int end) {
                 if (end <= empty) return;
                 for (T* component : slab.values)
@@ -449,10 +566,12 @@ void spreadSlab(const GridWork<T>& work, const GridStencils& stencils, int slabN
                 const GridStencils::Stencil& stencil = stencils[slice.particle];
                 stencils.prefetchAfter(s);
                 emptyUpTo(std::min(size, stencil.first[1] + stencil.width[1]));
-                for (; row < stencils.firstRowOfTile(slice); row++) rowsThere(work, row, slab, scratch);
+                for (; row < std::min(lastRow, stencils.firstRowOfTile(slice)); row++)
+                    rowsThere(work, row, slab, scratch);
                 spreadSlice(stencils, slice, forces + stencils.getParticles().firstRow[slice.particle], layout, slab);
             }
             emptyUpTo(size);
+            foldOuterRows(layout, slab);
             for (; row < size; row++) rowsThere(work, row, slab, scratch);
             for (row = 0; row < firstRow; row++) rowsThere(work, row, slab, scratch);
         }
@@ -491,8 +610,13 @@ void averageSlab(const GridWork<T>& work, const GridStencils& stencils, int slab
     {
         const TimeOfLife timer(scratch.seconds.averaging);
         int row = 0;
+        bool hasOuter = false;
         averageSlices(layout, stencils, slabNumber, slab, false, parts, [&](int end) {
-            for (; row < end; row++) rowsBack(work, row, slab, scratch);
+            for (; row < std::min(end, layout.numRows); row++) rowsBack(work, row, slab, scratch);
+            if (end > layout.numRows && !hasOuter) {
+                fillOuterRows(layout, slab);
+                hasOuter = true;
+            }
         });
     }
     scratch.seconds.averaging -= scratch.seconds.transforms - before;
@@ -502,7 +626,8 @@ void averageSlab(const GridWork<T>& work, const GridStencils& stencils, int slab
 template <typename T>
 void fieldSlab(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab, GridScratch<T>& scratch) {
     slabBack(work, slabNumber, slab, scratch);
-    for (int row = 0; row < work.layout.shape.size[1]; row++) rowsBack(work, row, slab, scratch);
+    for (int row = 0; row < work.layout.numRows; row++) rowsBack(work, row, slab, scratch);
+    fillOuterRows(work.layout, slab);
 }
 
 // ---- Columns along x
@@ -710,8 +835,13 @@ private:
     GridWork<T> work() {
         // More than this does not stay in caches from one pass to the next.
         const double cached = 16e6;
-        return {layout,       plans,           {modes[0].data(), modes[1].data(), modes[2].data()}, waveNumbers.data(),
-                keeps.data(), bytes() > cached};
+        return {layout,
+                plans,
+                {modes[0].data(), modes[1].data(), modes[2].data()},
+                waveNumbers.data(),
+                keeps.data(),
+                halfTurns.data(),
+                bytes() > cached};
     }
     /** task(i, scratch) for i = 0 ... count - 1, each range of them with its own scratch. */
     template <class Task>
@@ -723,7 +853,7 @@ private:
     GridLayout layout;
     GridPlans<T> plans[3];
     AlignedArrayOf<T> modes[3];
-    AlignedArrayOf<T> waveNumbers, keeps;  // GridWork
+    AlignedArrayOf<T> waveNumbers, keeps, halfTurns;  // GridWork
     std::vector<int> waveIndices;
     std::mutex scratchMutex;
     std::vector<std::unique_ptr<Scratch> > free;
@@ -734,7 +864,8 @@ template <typename T>
 void GridEngine<T>::prepare(const GridStencils& stencils) {
     const GridLayout wanted(stencils);
     const std::array<int, 3>& n = wanted.shape.size;
-    const bool same = layout.shape.size == n && layout.rowLength == wanted.rowLength;
+    const bool same = layout.shape.size == n && layout.rowLength == wanted.rowLength &&
+                      layout.numRows == wanted.numRows && layout.reach == wanted.reach;
     layout = wanted;
     const size_t column = layout.columnNumbers();
     waveNumbers.resize(column);
@@ -753,10 +884,15 @@ void GridEngine<T>::prepare(const GridStencils& stencils) {
     free.clear();
     for (AlignedArrayOf<T>& component : modes) component.resize(layout.modeNumbers());
     // One column along x; all planes of a slab along y, pairs of them along z.
-    const int atOnce[3] = {1, slabWidth, slabWidth / 2};
+    const int atOnce[3] = {1, slabWidth, slabWidth / 2}, lengths[3] = {n[0], layout.numRows, n[2]};
     for (int axis = 0; axis < 3; axis++) {
-        plans[axis].there = FourierPlan<T>(n[axis], atOnce[axis], false);
-        plans[axis].back = FourierPlan<T>(n[axis], atOnce[axis], true);
+        plans[axis].there = FourierPlan<T>(lengths[axis], atOnce[axis], false);
+        plans[axis].back = FourierPlan<T>(lengths[axis], atOnce[axis], true);
+    }
+    halfTurns.resize(2 * layout.numRows);
+    for (int m = 0; m < layout.numRows; m++) {
+        halfTurns[2 * m] = static_cast<T>(std::cos(M_PI * m / (2 * layout.numRows)));
+        halfTurns[2 * m + 1] = static_cast<T>(std::sin(M_PI * m / (2 * layout.numRows)));
     }
 }
 
@@ -774,7 +910,7 @@ void GridEngine<T>::forEach(int count, const Task& task) {
         }
         if (!scratch) {
             scratch.reset(new Scratch);
-            const size_t alongY = (size_t)modesAtOnce * modeWidth * layout.shape.size[1],
+            const size_t alongY = (size_t)modesAtOnce * modeWidth * layout.numRows,
                          alongZ = (size_t)slabWidth * layout.shape.size[2];
             scratch->slab.resize(3 * layout.slabNumbers());
             scratch->columns.resize(std::max({3 * layout.columnNumbers(), alongY, alongZ}));
@@ -798,7 +934,7 @@ void GridEngine<T>::multiply(const GridStencils& stencils, double viscosity, con
     const GridWork<T> all = work();
     parts.resize(numbersOfPart * (size_t)stencils.numSlices());
     forEach(layout.numSlabs, [&](int slab, Scratch& scratch) { spread(all, stencils, slab, forces, scratch); });
-    forEach(layout.shape.size[1], [&](int y, Scratch& scratch) { solve(all, y, viscosity, scratch); });
+    forEach(layout.numRows, [&](int y, Scratch& scratch) { solve(all, y, viscosity, scratch); });
     forEach(layout.numSlabs,
             [&](int slab, Scratch& scratch) { averageModes(all, stencils, slab, parts.data(), scratch); });
     sumParts(stencils, false, velocities);
@@ -838,7 +974,7 @@ void GridEngine<double>::draw(double viscosity, const ModeNoise& noise, GridFiel
     field.rowLength = layout.rowLength;
     for (AlignedArray& component : field.values) component.resize(layout.numSlabs * layout.slabNumbers());
     const GridWork<double> all = work();
-    forEach(layout.shape.size[1], [&](int y, Scratch& scratch) {
+    forEach(layout.numRows, [&](int y, Scratch& scratch) {
         scratch.noise.resize(2 * 3 * (size_t)layout.shape.size[0]);
         HWY_DYNAMIC_DISPATCH(drawRow)
         (all, y, viscosity, noise, waveIndices.data(), reinterpret_cast<std::complex<double>*>(scratch.noise.data()),

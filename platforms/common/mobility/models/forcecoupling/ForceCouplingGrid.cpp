@@ -55,7 +55,7 @@ private:
     /** Weights are made for the first product: schemes also go where they ask for none. */
     void prepare() {
         if (isPrepared) return;
-        stencils.moveTo(model.getResolution().shapeFor(next.box), next.positions, nextIsNearby);
+        stencils.moveTo(model.shapeFor(next.box), next.positions, nextIsNearby);
         isPrepared = true;
     }
     const ForceCouplingGrid& model;
@@ -73,7 +73,7 @@ public:
         box = newBox;
         ofDraw = noise;
         purposeOfDraw = purpose;
-        stencils.layOut(model.getResolution().shapeFor(box));
+        stencils.layOut(model.shapeFor(box));
         model.getFluid().draw(stencils, model.getViscosity(), noise, purpose, field);
         isThere = isAveraged = false;
     }
@@ -96,12 +96,7 @@ public:
         moveTo(placement, nearby);
         model.getFluid().averageGradients(field, stencils, gradients);
     }
-    long long getNumRandomNumbers() const override {
-        // Three complex numbers for each pair of modes +-k that is not left out.
-        long long modes = 1;
-        for (int n : field.shape.size) modes *= n % 2 == 0 ? n - 1 : n;
-        return 3 * (modes - 1);
-    }
+    long long getNumRandomNumbers() const override { return GridModeNoise::numbersOf(field.shape); }
 
 private:
     /** Schemes ask for slips and for their divergence at one placement: nothing is done twice for it. */
@@ -136,8 +131,8 @@ double freeMemory() {
 }  // namespace
 
 ForceCouplingGrid::ForceCouplingGrid(const HydrodynamicParticles& particles, double viscosity, double tolerance,
-                                     double spacing, const std::shared_ptr<GridFluid>& fluid)
-    : MobilityModel(particles, viscosity), resolution(particles, tolerance, spacing), fluid(fluid) {
+                                     double spacing, const std::shared_ptr<GridFluid>& fluid, bool mirrored)
+    : MobilityModel(particles, viscosity), mirrored(mirrored), resolution(particles, tolerance, spacing), fluid(fluid) {
     // Coarser still, and whole particles are between the nodes: mobilities of zero, or below.
     const double coarsest = resolution.getCoarsestSpacing();
     if (spacing > coarsest) {
@@ -148,6 +143,12 @@ ForceCouplingGrid::ForceCouplingGrid(const HydrodynamicParticles& particles, dou
             " nm, too coarse for the smallest particle of ForceCoupling on a grid; give at most " +
             text(std::floor(coarsest / unit) * unit, 3) + " nm, or 0 for the spacing that the solver tolerance wants");
     }
+}
+
+GridShape ForceCouplingGrid::shapeFor(const BoxVectors& box) const {
+    GridShape shape = resolution.shapeFor(box);
+    shape.mirrored = mirrored;
+    return shape;
 }
 
 void ForceCouplingGrid::checkBox(const BoxVectors& box) const {
@@ -165,19 +166,19 @@ void ForceCouplingGrid::checkBox(const BoxVectors& box) const {
             fail("would have " + text(box[axis][axis] / resolution.getSpacing(), 6) + " nodes along an edge of " +
                  text(box[axis][axis]) + " nm, where it may have " + std::to_string(largestSize) +
                  "; raise setSolverTolerance() or setGridSpacing(), or make the box smaller");
-    const GridShape shape = resolution.shapeFor(box);
+    const GridShape shape = shapeFor(box);
     const double gigabytes = 1e-9 * GridFluid::memory(shape), more = gigabytes - 1e-9 * fluid->memoryHeld();
     // Asked only of what could be too much, and is not there yet.
     if (more > 0.5 && more > 1e-9 * freeMemory())
         fail("would take " + text(gigabytes, 3) + " GB for " + std::to_string(shape.size[0]) + " x " +
-             std::to_string(shape.size[1]) + " x " + std::to_string(shape.size[2]) + " nodes, and " +
+             std::to_string(shape.numRows()) + " x " + std::to_string(shape.size[2]) + " nodes, and " +
              text(1e-9 * freeMemory(), 3) +
              " GB are free; raise setSolverTolerance() or setGridSpacing(), or make the box smaller");
 }
 
 std::string ForceCouplingGrid::describe(const BoxVectors& box) const {
-    const GridShape shape = resolution.shapeFor(box);
-    return "a grid of " + std::to_string(shape.size[0]) + " x " + std::to_string(shape.size[1]) + " x " +
+    const GridShape shape = shapeFor(box);
+    return "a grid of " + std::to_string(shape.size[0]) + " x " + std::to_string(shape.numRows()) + " x " +
            std::to_string(shape.size[2]) + " nodes, whose products have the tolerance " +
            text(resolution.getTolerance(), 3);
 }

@@ -26,14 +26,16 @@ public:
      * @param tolerance  of products
      * @param spacing    of nodes, nm, at most; 0: as the tolerance wants
      * @param fluid      what several models may share
+     * @param mirrored   whether the fluid is its own reflection at y = 0, and so in the middle of the box: a slip channel, whose particles have their centres between
+     *                   the two, in a box of twice its width
      */
     ForceCouplingGrid(const HydrodynamicParticles& particles, double viscosity, double tolerance, double spacing,
-                      const std::shared_ptr<GridFluid>& fluid);
+                      const std::shared_ptr<GridFluid>& fluid, bool mirrored = false);
     const char* name() const override { return "ForceCoupling"; }
     void checkBox(const BoxVectors& box) const override;
     std::string describe(const BoxVectors& box) const override;
-    bool isHomogeneous() const override { return true; }
-    bool isDivergenceFree() const override { return true; }
+    bool isHomogeneous() const override { return !mirrored; }
+    bool isDivergenceFree() const override { return !mirrored; }
     bool isMatrixFree() const override { return true; }
     bool isAnchored() const override { return true; }
     bool hasOwnRandomField() const override { return true; }
@@ -46,13 +48,16 @@ public:
     void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
                      Eigen::MatrixXd& mobility) const override;
 
+    bool isMirrored() const override { return mirrored; }
     const GridResolution& getResolution() const { return resolution; }
+    GridShape shapeFor(const BoxVectors& box) const;
     GridFluid& getFluid() const { return *fluid; }
 
 protected:
     std::unique_ptr<MobilityAt> makePlace() const override;
 
 private:
+    const bool mirrored;
     const GridResolution resolution;
     const std::shared_ptr<GridFluid> fluid;
 };

@@ -27,7 +27,7 @@ void GridFluid::draw(const GridStencils& stencils, double viscosity, const Noise
 
 void GridFluid::draw(const GridStencils& stencils, double viscosity, const ModeNoise& noise, GridField& field) {
     const std::lock_guard<std::mutex> lock(inUse);
-    drawModes(stencils, viscosity, noise, field);
+    drawModes(stencils, viscosity, GridModeNoise(stencils.getShape(), noise), field);
 }
 
 std::unique_ptr<ModeNoise> GridFluid::modeNoise(const NoiseStream& noise, uint32_t purpose) const {

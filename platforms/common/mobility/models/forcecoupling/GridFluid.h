@@ -26,6 +26,9 @@ struct GridField {
  * Left out are the mode k = 0, so that fluid and particles together do not drift and net forces are balanced by a uniform background, and the Nyquist
  * planes of even sizes, in products and in random fields alike: so the covariance of averaged fields is the matrix of multiply(), to rounding.
  *
+ * On a mirrored grid (GridShape) forces act together with their reflections, (Fx, -Fy, Fz) at (x, -y, z) and (-Tx, Ty, -Tz), and particles average what is between the walls
+ * and its reflection beyond; centres must be between the walls.
+ *
  * Vectors have the rows of HydrodynamicParticles. What it keeps are plans and work space for the size used last; models of several groups share one and use
  * it in turn: every member may be called by several threads at once.
  */
@@ -55,7 +58,9 @@ public:
     /** What it has taken already. */
     double memoryHeld() const { return held; }
     /** Bytes for a grid, with one random field beside and modes in single precision; stencils are the places' own. */
-    static double memory(const GridShape& shape) { return 8.0 * 3 * 2.7 * shape.numNodes(); }
+    static double memory(const GridShape& shape) {
+        return 8.0 * 3 * 2.7 * shape.size[0] * shape.numRows() * shape.size[2];
+    }
 
 protected:
     virtual void multiplyColumn(const GridStencils& stencils, double viscosity, const double* forces,
@@ -96,6 +101,7 @@ private:
     void prepare(const GridShape& shape);
     void release();
     void spread(const GridStencils& stencils, const double* forces);
+    void addReflections();
     void respond(double viscosity);
     void store(size_t at, const std::complex<double>* mode);
     void backward(GridField& field);

@@ -3,6 +3,7 @@
 
 #include <complex>
 
+#include "mobility/models/forcecoupling/GridShape.h"
 #include "random/CounterNoise.h"
 
 namespace RigidHIPlugin {
@@ -40,6 +41,25 @@ public:
 protected:
     const NoiseStream noise;
     const uint32_t purpose;
+};
+
+/**
+ * Those of a grid's field, made of a periodic one's: the same, but where the grid is mirrored.
+ *
+ * There the field is its own reflection, P u(Pr) = u(r), and has the law of (u(r) + P u(Pr))/sqrt(2) of a periodic one. So x(-n) = conj(x(n)), x(Pn) = P x(n): of the four modes n, Pn, -n and -Pn
+ * one has numbers of the law above. Where two are the same the law is another: at ny = 0 the components along the walls are larger by sqrt(2), at nx = nz = 0 they are real;
+ * and there the component across the walls is no part of a flow without sources.
+ */
+class GridModeNoise : public ModeNoise {
+public:
+    GridModeNoise(const GridShape& shape, const ModeNoise& periodic) : mirrored(shape.mirrored), periodic(periodic) {}
+    void fill(const int* nx, int count, int ny, int nz, std::complex<double>* numbers) const override;
+    /** How many random numbers a field takes. */
+    static long long numbersOf(const GridShape& shape);
+
+private:
+    const bool mirrored;
+    const ModeNoise& periodic;
 };
 
 }  // namespace RigidHIPlugin

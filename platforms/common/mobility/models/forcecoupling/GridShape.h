@@ -7,14 +7,24 @@
 
 namespace RigidHIPlugin {
 
-/** A grid over a periodic box with edges along the axes. Nodes are at multiples of the spacing, z runs fastest. */
+/**
+ * A grid over a periodic box with edges along the axes. Nodes are at multiples of the spacing, z runs fastest.
+ *
+ * A mirrored grid is that of a fluid between slip walls at y = 0 and half the edge along y: flows and forces are their own reflections there, so the nodes between the walls
+ * tell all. Nodes are half a spacing away from the walls, for sums of cosines and sines of such nodes are transforms of half the length. The size along y is even.
+ */
 struct GridShape {
     std::array<int, 3> size = {0, 0, 0};     // nodes along each axis
     std::array<double, 3> edge = {0, 0, 0};  // nm
+    bool mirrored = false;
 
     double spacing(int axis) const { return edge[axis] / size[axis]; }
     double volume() const { return edge[0] * edge[1] * edge[2]; }
     long long numNodes() const { return (long long)size[0] * size[1] * size[2]; }
+    /** Rows of nodes along y that tell all: of a mirrored grid those between the walls, which are as many as its modes with ky >= 0. */
+    int numRows() const { return mirrored ? size[1] / 2 : size[1]; }
+    /** The place of the first node along an axis, nm. */
+    double firstNode(int axis) const { return mirrored && axis == 1 ? 0.5 * spacing(axis) : 0; }
     /** Complex numbers in a row of modes: kz from 0 up, the others are their conjugates. */
     int numRowModes() const { return size[2] / 2 + 1; }
     /** The integer wave number of an index, from -size/2 on. */
@@ -22,7 +32,9 @@ struct GridShape {
     double waveNumber(int axis, int index) const;
     /** Whether an index is of the Nyquist plane, whose modes no grid tells from their mirror images: they are left out. */
     bool isNyquist(int axis, int index) const { return 2 * index == size[axis]; }
-    bool operator==(const GridShape& other) const { return size == other.size && edge == other.edge; }
+    bool operator==(const GridShape& other) const {
+        return size == other.size && edge == other.edge && mirrored == other.mirrored;
+    }
 };
 
 /** How fine a grid must be, and how far envelopes reach, for particles and a tolerance. */

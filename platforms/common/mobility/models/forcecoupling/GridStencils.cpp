@@ -55,9 +55,11 @@ void GridStencils::layOut(const GridShape& newShape) {
 void GridStencils::anchor(int p, const Vec3& position) {
     Stencil& s = stencils[p];
     anchors[p] = position;
+    // Nodes go as far beyond walls as particles between them reach. A finite difference may lead a little behind one.
+    if (shape.mirrored) anchors[p][1] = std::min(std::max(position[1], 0.0), 0.5 * shape.edge[1]);
     for (int axis = 0; axis < 3; axis++) {
         const double dx = shape.spacing(axis), L = shape.edge[axis];
-        const double inBox = position[axis] - L * std::floor(position[axis] / L);
+        const double x = anchors[p][axis] - shape.firstNode(axis), inBox = x - L * std::floor(x / L);
         const int first = (int)std::floor(inBox / dx) - (int)std::ceil(s.cutoff / dx) + 1;
         s.first[axis] = first % shape.size[axis];
         if (s.first[axis] < 0) s.first[axis] += shape.size[axis];

@@ -16,6 +16,7 @@ namespace RigidHIPlugin {
  * of the slab times those rows and nodes along y and z that a ball about an anchor has in its nearest plane. The anchor is the accepted position of the particle.
  * The nodes stay while a finite difference moves it a little, for a node more or less would be a jump of the size of the tolerance. Weights are never
  * renormalised: averaging is the transpose of spreading. Where a ball is larger than the box, several of its nodes are the same node of the grid, and weights add up.
+ * On a mirrored grid particles have their centres between the walls, and no images: whoever spreads and averages reflects nodes.
  */
 class GridStencils {
 public:

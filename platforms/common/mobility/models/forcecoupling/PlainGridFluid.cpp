@@ -130,6 +130,23 @@ void PlainGridFluid::spread(const GridStencils& stencils, const double* forces) 
             }
         });
     }
+    if (planned.mirrored) addReflections();
+}
+
+/** f(r) <- f(r) + P f(Pr) */
+void PlainGridFluid::addReflections() {
+    const std::array<int, 3>& n = planned.size;
+    for (int c = 0; c < 3; c++)
+        for (int x = 0; x < n[0]; x++)
+            for (int y = 0; y < n[1] / 2; y++) {
+                double* const plane = work.values[c].data() + (size_t)x * n[1] * n[2];
+                double *row = plane + (size_t)y * n[2], *reflected = plane + (size_t)(n[1] - 1 - y) * n[2];
+                const int sign = c == 1 ? -1 : 1;
+                for (int z = 0; z < n[2]; z++) {
+                    row[z] += sign * reflected[z];
+                    reflected[z] = sign * row[z];
+                }
+            }
 }
 
 void PlainGridFluid::store(size_t at, const complex<double>* u) {
@@ -193,6 +210,8 @@ void PlainGridFluid::drawInto(const GridShape& shape, double viscosity, const Mo
             const int nx = shape.waveIndex(0, index[0]);
             noise.fill(&nx, 1, shape.waveIndex(1, index[1]), index[2], zeta);
             project(k, k2, scale / std::sqrt(k2), zeta);
+            // Numbers are those of modes from y = 0 on, modes here those from the first node on.
+            for (complex<double>& u : zeta) u *= std::polar(1.0, k[1] * shape.firstNode(1));
         }
         store(at, zeta);
     });
@@ -206,7 +225,7 @@ void GridFlow::spread(const GridStencils& stencils, double viscosity, const doub
 
 void GridFlow::draw(const GridStencils& stencils, double viscosity, const ModeNoise& noise) {
     fluid.prepare(stencils.getShape());
-    fluid.drawInto(stencils.getShape(), viscosity, noise);
+    fluid.drawInto(stencils.getShape(), viscosity, GridModeNoise(stencils.getShape(), noise));
 }
 
 void GridFlow::addAt(const std::vector<OpenMM::Vec3>& points, double factor, Eigen::Matrix3Xd& velocities) {
@@ -217,7 +236,8 @@ void GridFlow::addAt(const std::vector<OpenMM::Vec3>& points, double factor, Eig
         phases[axis].resize(axis == 2 ? m : shape.size[axis], numPoints);
         for (int i = 0; i < phases[axis].rows(); i++)
             for (int p = 0; p < numPoints; p++)
-                phases[axis](i, p) = std::polar(1.0, shape.waveNumber(axis, i) * points[p][axis]);
+                phases[axis](i, p) =
+                    std::polar(1.0, shape.waveNumber(axis, i) * (points[p][axis] - shape.firstNode(axis)));
     }
     // The other half of the modes are conjugates; those with kz = 0 are all there.
     phases[2].bottomRows(m - 1) *= 2;
@@ -239,7 +259,7 @@ double amplitudeOfMode(const GridShape& shape, double viscosity, const ModeNoise
     n[wave.waveAxis] = std::lround(wave.k * shape.edge[wave.waveAxis] / (2 * M_PI));
     k[wave.waveAxis] = wave.k;
     complex<double> u[3];
-    noise.fill(&n[0], 1, n[1], n[2], u);
+    GridModeNoise(shape, noise).fill(&n[0], 1, n[1], n[2], u);
     project(k, wave.k * wave.k, 1 / std::sqrt(viscosity * shape.volume()) / wave.k, u);
     // u exp(ikx) and its conjugate: 2 Re(u) cos(kx) - 2 Im(u) sin(kx)
     return 2 * u[wave.forceAxis].real() * std::sin(wave.phase) - 2 * u[wave.forceAxis].imag() * std::cos(wave.phase);

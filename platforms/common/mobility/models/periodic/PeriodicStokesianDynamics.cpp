@@ -46,7 +46,8 @@ public:
     void friction(MatrixXd& friction) override;
     void addStressletsOf(const DrivenFlow& flow, MatrixXd& slips) override {
         makeResponse();
-        slips.col(0) += response.velocities(model.strainRates(flow, positions));
+        model.strainRates(flow, positions, rates);
+        response.addVelocities(rates, slips.col(0));
     }
 
     FlowSources sources(const MatrixXd& forces, const DrivenFlow* flow) override;
@@ -78,6 +79,7 @@ private:
     std::vector<OpenMM::Vec3> positions;
     std::vector<Vector3d> images;
     StressletResponse response;
+    Eigen::VectorXd rates;
     bool responseIsWanted = false, responseIsKnown = false;
     MatrixXd all, strains, coupling, scratch;
     MatrixXd farField, frictionMatrix, mobilityMatrix;

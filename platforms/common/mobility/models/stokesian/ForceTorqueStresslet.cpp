@@ -51,10 +51,13 @@ struct PairMobility {
 
 }  // namespace
 
-MatrixXd forceTorqueStressletMobility(const std::vector<double>& radii, const std::vector<OpenMM::Vec3>& positions,
-                                      double viscosity, StressletResponse* response) {
+void computeForceTorqueStressletMobility(const std::vector<double>& radii, const std::vector<OpenMM::Vec3>& positions,
+                                         double viscosity, StressletResponse& response, MatrixXd& mobility) {
     const int n = radii.size();
-    MatrixXd mobility(6 * n, 6 * n), ss(5 * n, 5 * n), coupling(5 * n, 6 * n);  // coupling: E of F, T
+    MatrixXd &ss = response.factor, &coupling = response.halfCoupling;  // coupling: E of F, T
+    mobility.resize(6 * n, 6 * n);
+    ss.resize(5 * n, 5 * n);
+    coupling.resize(5 * n, 6 * n);
     for (int i = 0; i < n; i++) {
         const double a = radii[i], a3 = a * a * a;
         mobility.block<6, 6>(6 * i, 6 * i).setZero();
@@ -86,15 +89,20 @@ MatrixXd forceTorqueStressletMobility(const std::vector<double>& radii, const st
     factor.matrixL().solveInPlace(coupling);
     mobility.selfadjointView<Eigen::Lower>().rankUpdate(coupling.transpose(), -1.0);
     mobility.triangularView<Eigen::StrictlyUpper>() = mobility.transpose();
-    if (response) {
-        response->factor = ss;
-        response->halfCoupling = coupling;
-    }
-    return mobility / (8 * M_PI * viscosity);
+    mobility /= 8 * M_PI * viscosity;
 }
 
-Eigen::VectorXd StressletResponse::velocities(const Eigen::VectorXd& strainRates) const {
-    return -halfCoupling.transpose() * factor.triangularView<Eigen::Lower>().solve(strainRates);
+MatrixXd forceTorqueStressletMobility(const std::vector<double>& radii, const std::vector<OpenMM::Vec3>& positions,
+                                      double viscosity, StressletResponse* response) {
+    StressletResponse own;
+    MatrixXd mobility;
+    computeForceTorqueStressletMobility(radii, positions, viscosity, response ? *response : own, mobility);
+    return mobility;
+}
+
+void StressletResponse::addVelocities(Eigen::VectorXd& strainRates, Eigen::Ref<Eigen::VectorXd> velocities) const {
+    factor.triangularView<Eigen::Lower>().solveInPlace(strainRates);
+    velocities.noalias() -= halfCoupling.transpose() * strainRates;
 }
 
 Eigen::VectorXd StressletResponse::stresslets(const Eigen::VectorXd& forces, const Eigen::VectorXd& strainRates,

@@ -16,8 +16,8 @@ struct StressletResponse {
     Eigen::MatrixXd factor;        // L, Cholesky's factor of G, lower triangle
     Eigen::MatrixXd halfCoupling;  // L^-1 C
 
-    /** Velocities and angular velocities that the stresslets of E give: -C^T G^-1 E. */
-    Eigen::VectorXd velocities(const Eigen::VectorXd& strainRates) const;
+    /** Velocities and angular velocities that the stresslets of E give: -C^T G^-1 E. @param strainRates  has no meaning afterwards */
+    void addVelocities(Eigen::VectorXd& strainRates, Eigen::Ref<Eigen::VectorXd> velocities) const;
     /** S = -G^-1 (C F + 8 pi eta E). */
     Eigen::VectorXd stresslets(const Eigen::VectorXd& forces, const Eigen::VectorXd& strainRates,
                                double viscosity) const;
@@ -34,10 +34,15 @@ struct StressletResponse {
  *            positive definite, and the friction never exceeds the exact one, for spheres that do not overlap.
  * Limits:    pairs closer than contact are taken at contact along their line, which is no physical model of an overlap.
  *
+ * Nothing is allocated where the matrices have their sizes already.
+ *
  * @param viscosity  dalton/(nm ps)
- * @param response   filled, where not null
- * @return 6n x 6n, rows Vx Vy Vz Wx Wy Wz of each sphere about its centre, lab frame
+ * @param response   filled
+ * @param mobility   6n x 6n, rows Vx Vy Vz Wx Wy Wz of each sphere about its centre, lab frame
  */
+void computeForceTorqueStressletMobility(const std::vector<double>& radii, const std::vector<OpenMM::Vec3>& positions,
+                                         double viscosity, StressletResponse& response, Eigen::MatrixXd& mobility);
+/** Likewise, in new memory. @param response  filled, where not null */
 Eigen::MatrixXd forceTorqueStressletMobility(const std::vector<double>& radii,
                                              const std::vector<OpenMM::Vec3>& positions, double viscosity,
                                              StressletResponse* response = nullptr);

@@ -33,21 +33,18 @@ double distanceBetween(const Vec3& a, const Vec3& b) {
     return std::sqrt(d.dot(d));
 }
 
-/** Cholesky's factor of a matrix made for these particles. */
-MatrixXd choleskyFactor(const MatrixXd& matrix) {
-    const Eigen::LLT<MatrixXd> factor(matrix);
+/** Cholesky's factor in the lower triangle of a matrix made for these particles, where that was. */
+void factorize(MatrixXd& matrix) {
+    const Eigen::LLT<Eigen::Ref<MatrixXd>> factor(matrix);
     if (factor.info() != Eigen::Success) refuseIndefiniteSpheres(matrix.rows() / 6);
-    return factor.matrixL();
 }
 
-MatrixXd inverseFromFactor(const MatrixXd& lower) {
-    MatrixXd inverse = MatrixXd::Identity(lower.rows(), lower.rows());
-    lower.triangularView<Eigen::Lower>().solveInPlace(inverse);
-    MatrixXd product(lower.rows(), lower.rows());
-    product.setZero();
-    product.selfadjointView<Eigen::Lower>().rankUpdate(inverse.transpose());
-    product.triangularView<Eigen::StrictlyUpper>() = product.transpose();
-    return product;
+void inverseFromFactor(const MatrixXd& lower, MatrixXd& scratch, MatrixXd& inverse) {
+    scratch.setIdentity(lower.rows(), lower.rows());
+    lower.triangularView<Eigen::Lower>().solveInPlace(scratch);
+    inverse.setZero(lower.rows(), lower.rows());
+    inverse.selfadjointView<Eigen::Lower>().rankUpdate(scratch.transpose());
+    inverse.triangularView<Eigen::StrictlyUpper>() = inverse.transpose();
 }
 
 }  // namespace
@@ -162,17 +159,17 @@ void StokesianDynamics::addLubrication(const Vector3d& toJ, int i, int j, double
 
 Eigen::VectorXd StokesianDynamics::stressletsOf(const StressletResponse& response, const MatrixXd& forces,
                                                 const DrivenFlow* flow, const std::vector<Vec3>& positions) const {
-    const Eigen::VectorXd rates =
-        flow ? strainRates(*flow, positions) : Eigen::VectorXd(Eigen::VectorXd::Zero(5 * particles.size()));
+    Eigen::VectorXd rates = Eigen::VectorXd::Zero(5 * particles.size());
+    if (flow) strainRates(*flow, positions, rates);
     return response.stresslets(forces.col(0), rates, viscosity);
 }
 
-Eigen::VectorXd StokesianDynamics::strainRates(const DrivenFlow& flow, const std::vector<Vec3>& positions) const {
-    Eigen::VectorXd rates(5 * particles.size());
+void StokesianDynamics::strainRates(const DrivenFlow& flow, const std::vector<Vec3>& positions,
+                                    Eigen::VectorXd& rates) const {
+    rates.resize(5 * particles.size());
     for (int i = 0; i < particles.size(); i++)
         rates.segment<5>(5 * i) =
             inStressletBasis(flow.strainRateAt(toEigen(positions[i]), waveFactors(particles.radii[i], flow.k)));
-    return rates;
 }
 
 namespace {
@@ -184,15 +181,17 @@ public:
     void dense(MatrixXd& mobility) override;
     void friction(MatrixXd& friction) override;
     void addStressletsOf(const DrivenFlow& flow, MatrixXd& slips) override {
-        slips.col(0) += response().velocities(model.strainRates(flow, positions));
+        makeFarField();
+        model.strainRates(flow, positions, rates);
+        response.addVelocities(rates, slips.col(0));
     }
 
     FlowSources sources(const MatrixXd& forces, const DrivenFlow* flow) override {
         FlowSources result;
         apply(forces, result.forces);
-        response();
-        Eigen::LLT<MatrixXd>(farFieldMobility).solveInPlace(result.forces);
-        result.stresslets = model.stressletsOf(knownResponse, result.forces, flow, positions);
+        makeFarField();
+        Eigen::LLT<MatrixXd>(farField).solveInPlace(result.forces);
+        result.stresslets = model.stressletsOf(response, result.forces, flow, positions);
         return result;
     }
     void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
@@ -204,67 +203,80 @@ protected:
     void moveTo(const Placement& placement, bool) override;
 
 private:
-    const MatrixXd& frictionMatrix();
-    /** Made when first asked for. */
-    const StressletResponse& response() {
-        if (!responseIsKnown)
-            farFieldMobility = forceTorqueStressletMobility(particles.radii, positions, viscosity, &knownResponse);
-        responseIsKnown = true;
-        return knownResponse;
-    }
+    // Each is made when first asked for.
+    void makeFarField();
+    void makeFriction();
+    void makeFactor();
 
     const StokesianDynamics& model;
     std::vector<Vec3> positions;
-    MatrixXd farFieldMobility, cachedFriction, factor;  // empty until they are needed
-    StressletResponse knownResponse;
-    bool responseIsKnown = false;
+    MatrixXd farField, frictionMatrix, factor, scratch;
+    Eigen::VectorXd rates;
+    StressletResponse response;  // of the far field
+    bool farFieldIsKnown = false, frictionIsKnown = false, factorIsKnown = false;
 };
 
 void Place::moveTo(const Placement& placement, bool) {
     positions = placement.positions;
-    responseIsKnown = false;
-    farFieldMobility.resize(0, 0);
-    cachedFriction.resize(0, 0);
-    factor.resize(0, 0);
+    farFieldIsKnown = frictionIsKnown = factorIsKnown = false;
 }
 
-const MatrixXd& Place::frictionMatrix() {
-    if (cachedFriction.rows() != particles.numRows) {
-        MatrixXd friction =
-            inverseFromFactor(choleskyFactor(forceTorqueStressletMobility(particles.radii, positions, viscosity)));
-        if (model.hasLubrication())
-            for (int i = 0; i < particles.size(); i++)
-                for (int j = 0; j < i; j++) {
-                    const Vec3 toJ = positions[j] - positions[i];
-                    model.addLubrication(Vector3d(toJ[0], toJ[1], toJ[2]), i, j, 1, friction);
-                }
-        cachedFriction.swap(friction);
-    }
-    return cachedFriction;
+void Place::makeFarField() {
+    if (farFieldIsKnown) return;
+    computeForceTorqueStressletMobility(particles.radii, positions, viscosity, response, farField);
+    farFieldIsKnown = true;
 }
 
-void Place::friction(MatrixXd& friction) { friction = frictionMatrix(); }
+void Place::makeFriction() {
+    if (frictionIsKnown) return;
+    makeFarField();
+    factor = farField;
+    factorIsKnown = false;
+    factorize(factor);
+    inverseFromFactor(factor, scratch, frictionMatrix);
+    if (model.hasLubrication())
+        for (int i = 0; i < particles.size(); i++)
+            for (int j = 0; j < i; j++) {
+                const Vec3 toJ = positions[j] - positions[i];
+                model.addLubrication(Vector3d(toJ[0], toJ[1], toJ[2]), i, j, 1, frictionMatrix);
+            }
+    frictionIsKnown = true;
+}
+
+/** That of the friction. */
+void Place::makeFactor() {
+    if (factorIsKnown) return;
+    makeFriction();
+    factor = frictionMatrix;
+    factorize(factor);
+    factorIsKnown = true;
+}
+
+void Place::friction(MatrixXd& friction) {
+    makeFriction();
+    friction = frictionMatrix;
+}
 
 void Place::apply(const MatrixXd& forces, MatrixXd& velocities) {
     if (!model.hasLubrication()) {
-        if (farFieldMobility.rows() != particles.numRows)
-            farFieldMobility = forceTorqueStressletMobility(particles.radii, positions, viscosity);
-        velocities = farFieldMobility * forces;
+        makeFarField();
+        velocities.noalias() = farField * forces;
         return;
     }
-    if (factor.rows() != particles.numRows) factor = choleskyFactor(frictionMatrix());
+    makeFactor();
     velocities = forces;
     factor.triangularView<Eigen::Lower>().solveInPlace(velocities);
     factor.triangularView<Eigen::Lower>().transpose().solveInPlace(velocities);
 }
 
 void Place::dense(MatrixXd& mobility) {
-    if (!model.hasLubrication())
-        apply(MatrixXd::Identity(particles.numRows, particles.numRows), mobility);
-    else {
-        if (factor.rows() != particles.numRows) factor = choleskyFactor(frictionMatrix());
-        mobility = inverseFromFactor(factor);
+    if (!model.hasLubrication()) {
+        makeFarField();
+        mobility = farField;
+        return;
     }
+    makeFactor();
+    inverseFromFactor(factor, scratch, mobility);
 }
 
 }  // namespace

@@ -54,7 +54,7 @@ public:
     Eigen::VectorXd stressletsOf(const StressletResponse& response, const Eigen::MatrixXd& forces,
                                  const DrivenFlow* flow, const std::vector<OpenMM::Vec3>& positions) const;
     /** Strain rates at the spheres, five numbers each in the basis of StressletBasis.h. */
-    Eigen::VectorXd strainRates(const DrivenFlow& flow, const std::vector<OpenMM::Vec3>& positions) const;
+    void strainRates(const DrivenFlow& flow, const std::vector<OpenMM::Vec3>& positions, Eigen::VectorXd& rates) const;
     /**
      * Add a pair's lubrication to the friction of all particles. Of a sphere and its own image, i = j, the parts of both are added up.
      *

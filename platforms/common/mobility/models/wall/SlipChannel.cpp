@@ -23,9 +23,10 @@ void fold(const SlipChannel& model, MatrixXd& both, double factor, MatrixXd& res
     result = factor * (both.topRows(rows) + both.bottomRows(rows));
 }
 
-class Place : public MobilityAt {
+/** In a periodic fluid of the particles and their images. */
+class PlaceOfImages : public MobilityAt {
 public:
-    explicit Place(const SlipChannel& model) : MobilityAt(model), model(model) {}
+    explicit PlaceOfImages(const SlipChannel& model) : MobilityAt(model), model(model) {}
     void apply(const MatrixXd& forces, MatrixXd& velocities) override {
         mirror(forces);
         periodic->apply(bothForces, bothVelocities);
@@ -42,19 +43,19 @@ public:
         bothForces = bothVelocities.transpose();
         fold(model, bothForces, 0.5, mobility);
     }
-
     void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
                    Velocities& velocities) override {
         mirror(sources.forces);
-        std::vector<Vec3> inTwice;
-        for (const Vec3& point : points) inTwice.push_back(model.inTwice(point));
-        periodic->addFlowAt({bothForces, {}}, inTwice, factor, velocities);
+        periodic->addFlowAt({bothForces, {}}, model.inTwice(points), factor, velocities);
     }
-    double getSecondsOfGrid() const override { return periodic ? periodic->getSecondsOfGrid() : 0; }
 
 protected:
     void moveTo(const Placement& placement, bool nearby) override {
-        model.reflect(placement, withImages);
+        model.toTwice(placement, withImages);
+        for (size_t i = 0, count = placement.positions.size(); i < count; i++) {
+            const Vec3& x = withImages.positions[i];
+            withImages.positions.push_back(Vec3(x[0], -x[1], x[2]));
+        }
         if (nearby)
             model.inPeriodicBox().placeNear(periodic, withImages);
         else
@@ -75,49 +76,61 @@ private:
     MatrixXd bothForces, bothVelocities;
 };
 
+/** In a mirrored fluid, which has the images itself. */
+class PlaceInMirrored : public MobilityAt {
+public:
+    explicit PlaceInMirrored(const SlipChannel& model) : MobilityAt(model), model(model) {}
+    void apply(const MatrixXd& forces, MatrixXd& velocities) override { mirrored->apply(forces, velocities); }
+    void applyRoughly(const MatrixXd& forces, MatrixXd& velocities) override {
+        mirrored->applyRoughly(forces, velocities);
+    }
+    void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
+                   Velocities& velocities) override {
+        mirrored->addFlowAt(sources, model.inTwice(points), factor, velocities);
+    }
+    double getSecondsOfGrid() const override { return mirrored ? mirrored->getSecondsOfGrid() : 0; }
+
+protected:
+    void moveTo(const Placement& placement, bool nearby) override {
+        model.toTwice(placement, inTwice);
+        if (nearby)
+            model.inPeriodicBox().placeNear(mirrored, inTwice);
+        else
+            model.inPeriodicBox().place(mirrored, inTwice);
+    }
+
+private:
+    const SlipChannel& model;
+    Placement inTwice;
+    std::unique_ptr<MobilityAt> mirrored;
+};
+
+/** The field of a mirrored fluid. */
 class Field : public RandomField {
 public:
     explicit Field(const SlipChannel& model) : model(model) {}
     void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& twice) {
-        model.inPeriodicBox().drawField(noise, purpose, twice, periodic);
+        model.inPeriodicBox().drawField(noise, purpose, twice, mirrored);
     }
     void slipsAt(const Placement& placement, bool nearby, MatrixXd& slips) override {
-        model.reflect(placement, withImages);
-        periodic->slipsAt(withImages, nearby, both);
-        fold(model, both, std::sqrt(0.5), slips);
+        model.toTwice(placement, inTwice);
+        mirrored->slipsAt(inTwice, nearby, slips);
     }
-    bool hasGradients() const override { return periodic->hasGradients(); }
+    bool hasGradients() const override { return mirrored->hasGradients(); }
     void gradientsAt(const Placement& placement, bool nearby, MatrixXd& gradients) override {
-        model.reflect(placement, withImages);
-        periodic->gradientsAt(withImages, nearby, both);
-        const int count = model.getParticles().size();
-        for (int a = 0; a < 3; a++)
-            for (int b = 0; b < 3; b++)
-                if ((a == 1) != (b == 1)) both.row(3 * a + b).tail(count) *= -1;
-        gradients = std::sqrt(0.5) * (both.leftCols(count) + both.rightCols(count));
+        model.toTwice(placement, inTwice);
+        mirrored->gradientsAt(inTwice, nearby, gradients);
     }
     void addFlowAt(const std::vector<Vec3>& points, double factor, Velocities& velocities) override {
-        std::vector<Vec3> there, mirrored;
-        for (const Vec3& point : points) {
-            there.push_back(model.inTwice(point));
-            mirrored.push_back(Vec3(there.back()[0], -there.back()[1], there.back()[2]));
-        }
-        factor *= std::sqrt(0.5);
-        periodic->addFlowAt(there, factor, velocities);
-        Velocities image = Velocities::Zero(3, points.size());
-        periodic->addFlowAt(mirrored, factor, image);
-        image.row(1) *= -1;
-        velocities += image;
+        mirrored->addFlowAt(model.inTwice(points), factor, velocities);
     }
-    /** Waves along the walls are their own images. */
-    double amplitudeOf(const DrivenFlow& wave) override { return std::sqrt(2.0) * periodic->amplitudeOf(wave); }
-    long long getNumRandomNumbers() const override { return periodic->getNumRandomNumbers(); }
+    double amplitudeOf(const DrivenFlow& wave) override { return mirrored->amplitudeOf(wave); }
+    long long getNumRandomNumbers() const override { return mirrored->getNumRandomNumbers(); }
 
 private:
     const SlipChannel& model;
-    Placement withImages;
-    std::unique_ptr<RandomField> periodic;
-    MatrixXd both;
+    Placement inTwice;
+    std::unique_ptr<RandomField> mirrored;
 };
 
 }  // namespace
@@ -137,18 +150,17 @@ BoxVectors SlipChannel::twice(const BoxVectors& box) const {
     return {box[0], Vec3(0, 2 * (walls.high - walls.low), 0), box[2]};
 }
 
-void SlipChannel::reflect(const Placement& placement, Placement& withImages) const {
+void SlipChannel::toTwice(const Placement& placement, Placement& inBox) const {
     checkBox(placement.box);
-    withImages.box = twice(placement.box);
-    const size_t count = placement.positions.size();
-    withImages.positions.resize(2 * count);
-    for (size_t i = 0; i < count; i++) {
-        const Vec3& x = placement.positions[i];
-        // From the lower wall on, so that the grid is symmetric to it.
-        const double y = x[1] - walls.low;
-        withImages.positions[i] = Vec3(x[0], y, x[2]);
-        withImages.positions[count + i] = Vec3(x[0], -y, x[2]);
-    }
+    inBox.box = twice(placement.box);
+    inBox.positions = placement.positions;
+    for (Vec3& x : inBox.positions) x[1] -= walls.low;
+}
+
+std::vector<Vec3> SlipChannel::inTwice(const std::vector<Vec3>& points) const {
+    std::vector<Vec3> shifted = points;
+    for (Vec3& x : shifted) x[1] -= walls.low;
+    return shifted;
 }
 
 void SlipChannel::reflectRows(Eigen::Ref<MatrixXd> rows) const {
@@ -213,6 +225,9 @@ void SlipChannel::drawField(const NoiseStream& noise, uint32_t purpose, const Bo
     static_cast<Field&>(*field).draw(noise, purpose, twice(box));
 }
 
-std::unique_ptr<MobilityAt> SlipChannel::makePlace() const { return std::unique_ptr<MobilityAt>(new Place(*this)); }
+std::unique_ptr<MobilityAt> SlipChannel::makePlace() const {
+    if (periodic->isMirrored()) return std::unique_ptr<MobilityAt>(new PlaceInMirrored(*this));
+    return std::unique_ptr<MobilityAt>(new PlaceOfImages(*this));
+}
 
 }  // namespace RigidHIPlugin
