@@ -1,6 +1,10 @@
 # The commands of everyday work, around CMake. `make help` lists them; each builds what it needs first.
 
-PYTHON ?= /usr/bin/python3
+# The first Python that has OpenMM: that of an environment (conda, pip), else Debian's.
+ifndef PYTHON
+PYTHON := $(shell for each in python3 /usr/bin/python3; do if $$each -c 'import openmm' 2>/dev/null; then command -v $$each; exit; fi; done; \
+    if [ -x /usr/bin/python3 ]; then echo /usr/bin/python3; else echo python3; fi)
+endif
 PREFIX ?= /usr/local
 # Parallel compilations; each takes up to 1.5 GB.
 JOBS ?= $(shell nproc)
@@ -12,7 +16,7 @@ SOURCES = $(shell git ls-files --cached --others --exclude-standard '*.h' '*.cpp
 PYTEST = -m pytest --numprocesses $(JOBS) --dist loadfile
 PYTHONPATH_BUILD = PYTHONPATH="$(CURDIR)/$(BUILD)/python$${PYTHONPATH:+:$$PYTHONPATH}"
 
-.PHONY: help deps configure build demo test test-cpp test-python test-full install sanitize tsan lint recipes format docs benchmark clean
+.PHONY: help deps configure build demo test test-cpp test-python test-full install sanitize tsan lint recipes deb format docs benchmark clean
 
 help:
 	@echo "make build              release build; importable package in $(BUILD)/python"
@@ -20,6 +24,7 @@ help:
 	@echo "make test               build, then all quick tests, C++ and Python"
 	@echo "make test-full          likewise with the tests labelled full (long ones: ctest -L long, pytest -m long)"
 	@echo "make install PREFIX=dir libraries, headers and Python package (default $(PREFIX))"
+	@echo "make deb                Debian packages in $(BUILD)/deb, of what is committed"
 	@echo "make sanitize           quick C++ tests under the address and undefined-behaviour sanitizers"
 	@echo "make tsan               quick C++ tests under the thread sanitizer"
 	@echo "make lint               checks of the sources, the documentation and the built libraries"
@@ -82,6 +87,14 @@ lint: build
 
 recipes: deps
 	$(PYTHON) tools/follow_recipes.py --jobs $(JOBS)
+
+# The committed tree, so that nothing of this machine gets in.
+deb:
+	@tools/install-packages.sh debian/packages-to-build.txt
+	@rm -rf $(BUILD)/deb && mkdir -p $(BUILD)/deb/openmm-rigidhi
+	git archive HEAD | tar -x -C $(BUILD)/deb/openmm-rigidhi
+	cd $(BUILD)/deb/openmm-rigidhi && dpkg-buildpackage --build=binary --no-sign --jobs=$(JOBS)
+	@ls $(BUILD)/deb/*.deb
 
 format: deps
 	clang-format -i $(SOURCES)

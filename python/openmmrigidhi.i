@@ -17,6 +17,7 @@
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
 #include "openmmrigidhi/MobilityForce.h"
 #include "openmmrigidhi/SchemeTraits.h"
+#include "openmmrigidhi/Version.h"
 
 using RigidHIPlugin::CustomBodyForce;
 using RigidHIPlugin::CustomRigidHIIntegrator;
@@ -186,23 +187,23 @@ void setOpenMMException(const char* message) {
                double& yLow (double value), double& yHigh (double value), double& f0 (double value)
     "$1 = &value;"
 %typemap(argout) std::vector<int>& particles, std::vector<OpenMM::Vec3>& sitePositions {
-    $result = SWIG_Python_AppendOutput($result, toBuffer($1->data(), $1->size()));
+    $result = SWIG_AppendOutput($result, toBuffer($1->data(), $1->size()));
 }
 %typemap(argout) OpenMM::Vec3& principalMoments {
-    $result = SWIG_Python_AppendOutput($result, toBuffer($1, 1));
+    $result = SWIG_AppendOutput($result, toBuffer($1, 1));
 }
 %typemap(argout) double& mass, double& gamma, double& Gamma, double& yLow, double& yHigh, double& f0 {
-    $result = SWIG_Python_AppendOutput($result, PyFloat_FromDouble(*$1));
+    $result = SWIG_AppendOutput($result, PyFloat_FromDouble(*$1));
 }
 %typemap(in, numinputs=0) int& bodyIndex (int value), int& forceAxis (int value), int& waveAxis (int value),
                int& waveVectorIndex (int value) "$1 = &value;"
 %typemap(in, numinputs=0) std::vector<double>& parameters (std::vector<double> value),
                std::vector<double>& gradient (std::vector<double> value) "$1 = &value;"
 %typemap(in, numinputs=0) OpenMM::Vec3& velocity (OpenMM::Vec3 value) "$1 = &value;"
-%typemap(argout) OpenMM::Vec3& velocity { $result = SWIG_Python_AppendOutput($result, toBuffer($1, 1)); }
-%typemap(argout) int& bodyIndex, int& forceAxis, int& waveAxis, int& waveVectorIndex { $result = SWIG_Python_AppendOutput($result, PyLong_FromLong(*$1)); }
+%typemap(argout) OpenMM::Vec3& velocity { $result = SWIG_AppendOutput($result, toBuffer($1, 1)); }
+%typemap(argout) int& bodyIndex, int& forceAxis, int& waveAxis, int& waveVectorIndex { $result = SWIG_AppendOutput($result, PyLong_FromLong(*$1)); }
 %typemap(argout) std::vector<double>& parameters, std::vector<double>& gradient {
-    $result = SWIG_Python_AppendOutput($result, toBuffer($1->data(), $1->size()));
+    $result = SWIG_AppendOutput($result, toBuffer($1->data(), $1->size()));
 }
 %typemap(argout) const std::vector<double>& parameters, const std::vector<double>& gradient,
                  const OpenMM::Vec3& velocity ""
@@ -210,6 +211,11 @@ void setOpenMMException(const char* message) {
                  const std::vector<int>& particles ""
 
 %constant const char* version = RIGIDHI_VERSION;
+%constant const char* openmmVersionOfBuild = RIGIDHI_OPENMM_VERSION;
+%inline %{
+std::string versionConflictOfBindings() { return RigidHIPlugin::versionConflict("openmmrigidhi", RIGIDHI_VERSION, RIGIDHI_OPENMM_VERSION); }
+std::string libraryPath() { return RigidHIPlugin::getLibraryPath(); }
+%}
 
 %include "openmmrigidhi/internal/SchemeList.h"
 %inline %{

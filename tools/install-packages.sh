@@ -9,10 +9,14 @@ if ! command -v dpkg-query >/dev/null; then
     exit 0
 fi
 
+is_installed() { [ "$(dpkg-query -W -f '${db:Status-Status}' "$1" 2>/dev/null)" = installed ]; }
 missing=
-for package in $wanted; do
-    status=$(dpkg-query -W -f '${db:Status-Status}' "$package" 2>/dev/null || true)
-    [ "$status" = installed ] || missing="$missing $package"
+for names in $wanted; do
+    found=
+    for package in $(echo "$names" | tr '|' ' '); do
+        if is_installed "$package"; then found=yes; fi
+    done
+    [ -n "$found" ] || missing="$missing $names"
 done
 [ -n "$missing" ] || exit 0
 
@@ -30,4 +34,13 @@ fi
 echo "Installing:$missing"
 run() { $as_root env DEBIAN_FRONTEND=noninteractive apt-get -o Acquire::Retries=3 "$@" </dev/null; }
 run update
-run install --yes --no-install-recommends $missing
+packages=
+for names in $missing; do
+    package=
+    for each in $(echo "$names" | tr '|' ' '); do
+        # The release may lack a name, or know it only as something that another package provides.
+        if [ -z "$package" ] && apt-cache show "$each" >/dev/null 2>&1; then package=$each; fi
+    done
+    packages="$packages ${package:-$names}"
+done
+run install --yes --no-install-recommends $packages

@@ -4,6 +4,7 @@
 #include <openmm/internal/ContextImpl.h>
 
 #include "context/KernelFactory.h"
+#include "context/Libraries.h"
 #include "context/ReferenceArrays.h"
 #include "host/ThreadedLoops.h"
 
@@ -22,4 +23,10 @@ extern "C" __attribute__((visibility("default"))) void registerKernelFactories()
         return std::unique_ptr<PlatformLoops>(new ThreadedLoops(threads));
     };
     registerKernel("CPU", "OpenMMRigidHICPU", parts);
+}
+
+// For describe() of the Python package.
+extern "C" __attribute__((visibility("default"))) const char* describeRigidHI() {
+    static const std::string text = describeLibraries();
+    return text.c_str();
 }

@@ -15,7 +15,9 @@ version = None
 def load():
     """Load the binding module, then every platform library; ImportError names library, place and cause."""
     global version
-    version = _load_bindings().version
+    bindings = _load_bindings()
+    version = bindings.version
+    _check_versions(bindings)
     for path in _plugin_libraries():
         try:
             openmm.Platform.loadPluginLibrary(path)
@@ -34,13 +36,49 @@ def _load_bindings():
     return _bindings
 
 
+def _check_versions(bindings):
+    """ImportError if OpenMM, libOpenMMRigidHI.so and the bindings are not of the versions that belong together."""
+    conflict = bindings.versionConflictOfBindings()
+    if conflict:
+        raise ImportError(conflict)
+    # The loader takes a library of the same name that is loaded already, whichever directory the bindings name.
+    loaded, own = os.path.realpath(bindings.libraryPath()), os.path.join(_DIRECTORY, 'lib')
+    if os.path.isdir(own) and os.path.dirname(loaded) != os.path.realpath(own):
+        raise ImportError(f'openmmrigidhi: its library libOpenMMRigidHI.so was loaded from {loaded}, by OpenMM or another program, and not from '
+                          f'{own}, where the libraries of this package are; two copies of openmm-rigidhi would be mixed: remove the other copy, '
+                          'or have OPENMM_PLUGIN_DIR name a directory without it')
+
+
 def _plugin_libraries():
+    if not os.path.isdir(_PLUGIN_DIRECTORY) and _served():
+        return []  # a Debian package: OpenMM has loaded them from its own plugin directory
     names = sorted(os.listdir(_PLUGIN_DIRECTORY)) if os.path.isdir(_PLUGIN_DIRECTORY) else []
     paths = [os.path.join(_PLUGIN_DIRECTORY, name) for name in names if name.endswith('.so')]
     if not paths:
         raise ImportError(f'openmmrigidhi: there is no platform library (libOpenMMRigidHI*.so) in {_PLUGIN_DIRECTORY}: '
                           'the package is incomplete, build or install it anew with "make build" or "make install"')
     return paths
+
+
+def _served():
+    """Names of the platforms that have our kernels."""
+    present = [openmm.Platform.getPlatform(i) for i in range(openmm.Platform.getNumPlatforms())]
+    return [platform.getName() for platform in present if platform.supportsKernels([_KERNEL])]
+
+
+def findPlatformLibrary(name):
+    """The path of one of our platform libraries: beside this package, or in OpenMM's plugin directory; None if it is in neither.
+
+    Parameters
+    ----------
+    name : str
+        for example 'libOpenMMRigidHICPU.so'
+    """
+    for directory in (_PLUGIN_DIRECTORY, *openmm.Platform.getDefaultPluginsDirectory().split(os.pathsep)):
+        path = os.path.join(directory, name)
+        if os.path.exists(path):
+            return path
+    return None
 
 
 def checkPlatform(platform):
@@ -62,12 +100,11 @@ def checkPlatform(platform):
         if OpenMM has no such platform, or the platform lacks our kernels
     """
     name = platform if isinstance(platform, str) else platform.getName()
-    late = os.path.join(_PLUGIN_DIRECTORY, _FOR_ANY_PLATFORM)
-    if os.path.exists(late):
+    late = findPlatformLibrary(_FOR_ANY_PLATFORM)
+    if late is not None:
         openmm.Platform.loadPluginLibrary(late)
-    present = [openmm.Platform.getPlatform(i) for i in range(openmm.Platform.getNumPlatforms())]
-    names = [p.getName() for p in present]
-    able = [p.getName() for p in present if p.supportsKernels([_KERNEL])]
+    names = [openmm.Platform.getPlatform(i).getName() for i in range(openmm.Platform.getNumPlatforms())]
+    able = _served()
     if name in able:
         return
     failures = '; '.join(openmm.Platform.getPluginLoadFailures()) or 'none'

@@ -678,8 +678,8 @@ def test_bindings_refuse_buffers_of_the_wrong_kind():
 
 # ---- Loading ---------------------------------------------------------------------------------------------------------
 
-def run(code, path=None):
-    environment = {**os.environ, 'PYTHONPATH': path or os.path.dirname(os.path.dirname(openmmrigidhi.__file__))}
+def run(code, path=None, **variables):
+    environment = {**os.environ, 'PYTHONPATH': path or os.path.dirname(os.path.dirname(openmmrigidhi.__file__)), **variables}
     return subprocess.run([sys.executable, '-c', code], env=environment, capture_output=True, text=True)
 
 
@@ -710,6 +710,33 @@ def test_a_library_that_does_not_load_fails_loudly(tmp_path):
     assert result.returncode != 0
     assert 'ImportError: openmmrigidhi: cannot load the platform library libOpenMMRigidHICPU.so' in result.stderr
     assert str(package) in result.stderr and 'invalid ELF header' in result.stderr or 'file too short' in result.stderr
+
+
+def test_another_copy_of_the_library_is_not_mixed_in(tmp_path):
+    """The loader would take a library of the same name that is there already: that of a Debian package, say, for a build tree."""
+    copy = shutil.copy(os.path.join(packageDirectory(), 'lib', 'libOpenMMRigidHI.so'), tmp_path)
+    result = run(f'import ctypes; ctypes.CDLL({copy!r}); import openmmrigidhi')
+    assert f'ImportError: openmmrigidhi: its library libOpenMMRigidHI.so was loaded from {copy}' in result.stderr
+    assert 'two copies of openmm-rigidhi would be mixed' in result.stderr
+
+
+def test_describe_says_what_a_bug_report_needs():
+    text = openmmrigidhi.describe()
+    assert text.startswith(f'openmmrigidhi {openmmrigidhi.__version__}, compiled for OpenMM {openmm.Platform.getOpenMMVersion()}')
+    for name in ('Reference', 'CPU', f'NumPy {np.__version__}', 'instruction set: ', 'Eigen 3.', 'OpenBLAS', 'fftw-3', 'Highway', 'muParser'):
+        assert name in text, name
+
+
+def test_kernels_in_the_plugin_directory_of_openmm_serve(tmp_path):
+    """The layout of a distribution: libraries beside OpenMM's own, none in the Python package."""
+    package = tmp_path/'python'/'openmmrigidhi'
+    shutil.copytree(packageDirectory(), package)
+    shutil.move(package/'lib', tmp_path/'openmm')
+    code = 'import openmmrigidhi; openmmrigidhi.checkPlatform("CPU"); print(openmmrigidhi.describe())'
+    environment = {'OPENMM_PLUGIN_DIR': os.pathsep.join([str(tmp_path/'openmm'/'plugins'), openmm.Platform.getDefaultPluginsDirectory()])}
+    result = run(code, str(package.parent), **environment)
+    assert result.returncode == 0, result.stderr
+    assert str(tmp_path/'openmm'/'libOpenMMRigidHI.so') in result.stdout
 
 
 def test_missing_libraries_fail_loudly(tmp_path):

@@ -444,7 +444,8 @@ def test_a_simulation_resumes_on_cpu(tmp_path, waterBox):
 def test_openmm_minimiser_works_on_constrained_bodies(waterBox, platform):
     simulation = waterBox.simulation(platform)
     before = energyOf(simulation.context)
-    simulation.minimizeEnergy(maxIterations=20)
+    # OpenMM 8.1 gives up at a limit of 20 iterations without having moved anything.
+    simulation.minimizeEnergy(tolerance=100)
     assert energyOf(simulation.context) < before
     simulation.step(1)
     checkShapes(waterBox, simulation.context, 1e-12)

@@ -9,6 +9,7 @@ import pytest
 from openmm import app
 
 import openmmrigidhi
+from gsdversions import WRITE
 
 tools = openmmrigidhi.app
 READERS = {'bodies.h5': tools.readBodyStates, 'trajectory.h5md': tools.readH5md, 'trajectory.gsd': tools.readGsd,
@@ -116,7 +117,7 @@ def test_shapes_that_do_not_fit(files, tmp_path):
 
 def test_a_gsd_file_that_claims_more_particles_than_it_can_hold(tmp_path):
     name = str(tmp_path/'large.gsd')
-    with gsd.fl.open(name=name, mode='wb', application='test', schema='hoomd', schema_version=[1, 4]) as file:
+    with gsd.fl.open(name=name, mode=WRITE, application='test', schema='hoomd', schema_version=[1, 4]) as file:
         file.write_chunk('particles/N', np.array([4*10**9], dtype=np.uint32))
         file.end_frame()
     with pytest.raises(ValueError, match='frame 0 has 4000000000 particles; in a file of'):

@@ -14,6 +14,7 @@ import pytest
 from openmm import unit
 
 import openmmrigidhi
+from gsdversions import READ, UPDATE, WRITE, Frame
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, analysis, app
 
 REFERENCE = openmm.Platform.getPlatformByName('Reference')
@@ -220,7 +221,7 @@ def test_the_documented_layouts_are_there(tmp_path):
         present = {'/h5md', '/particles/blobs', '/parameters/bodies'} | {'/particles/bodies/' + name for name in file['particles/bodies']}
     assert documented == present
     documented = {name for line in gsdfiles.__doc__.splitlines() if line.startswith('    ') for name in chunkNames(line)}
-    with gsd.fl.open(name=str(tmp_path/'x.gsd'), mode='rb') as file:
+    with gsd.fl.open(name=str(tmp_path/'x.gsd'), mode=READ) as file:
         assert file.application == f'openmm-rigidhi {openmmrigidhi.__version__}; nm, ps, dalton'
         assert set(file.find_matching_chunk_names('')) - {'particles/N'} == documented
 
@@ -235,7 +236,7 @@ def chunkNames(line):
 def test_gsd_as_its_own_library_reads_it(tmp_path):
     scene = Scene(((4, 0, 0), (0, 4.5, 0), (0, 0, 5)))
     seen = scene.run(app.GsdReporter(tmp_path/'x.gsd', 1, velocities=True, radii=scene.radii, types=['bell', 'bell', 'ball']), 4)
-    with gsd.hoomd.open(str(tmp_path/'x.gsd'), 'rb') as file:
+    with gsd.hoomd.open(str(tmp_path/'x.gsd'), READ) as file:
         assert file.file.schema == 'hoomd' and file.file.schema_version == (1, 4) and len(file) == 4
         for k, frame in enumerate(file):
             frame.validate()
@@ -261,7 +262,7 @@ def test_gsd_as_its_own_library_reads_it(tmp_path):
 def test_blobs_in_gsd_are_constituents_as_hoomd_has_them(tmp_path):
     scene = Scene()
     seen = scene.run(app.GsdReporter(tmp_path/'x.gsd', 1, blobs=True, radii=scene.radii), 2)
-    with gsd.hoomd.open(str(tmp_path/'x.gsd'), 'rb') as file:
+    with gsd.hoomd.open(str(tmp_path/'x.gsd'), READ) as file:
         particles = file[1].particles
         assert particles.types == ['body0', 'body1', 'blob0', 'blob1', 'blob2', 'blob3'] and particles.N == 9
         assert particles.body.tolist() == [0, 1, 2, 0, 0, 1, 1, 2, -1] and particles.typeid.tolist() == [0, 0, 1, 3, 4, 3, 4, 5, 2]
@@ -275,12 +276,12 @@ def test_blobs_in_gsd_are_constituents_as_hoomd_has_them(tmp_path):
 def test_a_sphere_at_its_origin_is_a_sphere(tmp_path):
     scene = Scene(ball=(0, 0, 0))
     scene.run(app.GsdReporter(tmp_path/'x.gsd', 1, radii=[0, 0, 0.2, 0, 0, 0.2, 0.4, 0, 0]), 1)
-    with gsd.hoomd.open(str(tmp_path/'x.gsd'), 'rb') as file:
+    with gsd.hoomd.open(str(tmp_path/'x.gsd'), READ) as file:
         assert file[0].particles.type_shapes[1] == {'type': 'Sphere', 'diameter': 0.8}
         assert file[0].particles.type_shapes[0] == {'type': 'SphereUnion', 'centers': [[0, 0, 0.5]], 'diameters': [0.4]}
     plain = Scene()
     plain.run(app.GsdReporter(tmp_path/'y.gsd', 1), 1)
-    with gsd.hoomd.open(str(tmp_path/'y.gsd'), 'rb') as file:
+    with gsd.hoomd.open(str(tmp_path/'y.gsd'), READ) as file:
         assert not any(file[0].particles.type_shapes) and file[0].particles.types == ['body0', 'body1']
 
 
@@ -389,7 +390,7 @@ def test_a_frame_of_gsd_that_was_half_written_is_ignored_and_overwritten(tmp_pat
     """Chunks without an end of frame, as a run that is killed within a report leaves them."""
     scene = Scene()
     scene.run(app.GsdReporter(tmp_path/'x.gsd', 1), 2)
-    source = ("import gsd.fl, numpy, os, signal; f = gsd.fl.open(name='x.gsd', mode='rb+'); "
+    source = (f"import gsd.fl, numpy, os, signal; f = gsd.fl.open(name='x.gsd', mode='{UPDATE}'); "
               "f.write_chunk('particles/position', numpy.ones((3, 3), dtype='f4')); os.kill(os.getpid(), signal.SIGKILL)")
     assert subprocess.run([sys.executable, '-c', source], cwd=tmp_path, timeout=100).returncode == -9
     assert app.readGsd(tmp_path/'x.gsd').step.tolist() == [1, 2]
@@ -529,12 +530,12 @@ def test_gsd_of_other_programs(tmp_path):
     """As HOOMD writes it: steps without times, a periodic box, defaults left out."""
     frames = []
     for step in (0, 50, 100):
-        frame = gsd.hoomd.Snapshot()
+        frame = Frame()
         frame.configuration.step, frame.configuration.box = step, [10, 10, 10, 0, 0, 0]
         frame.particles.N, frame.particles.position = 2, [[step/50, 0, 0], [0, 1, 2]]
         frame.particles.image = [[0, step//50, 0], [0, 0, 0]]
         frames.append(frame)
-    with gsd.hoomd.open(str(tmp_path/'x.gsd'), 'wb') as file:
+    with gsd.hoomd.open(str(tmp_path/'x.gsd'), WRITE) as file:
         file.extend(frames)
     with refused('it holds steps, but no times', 'give stepSize'):
         app.readGsd(tmp_path/'x.gsd')
@@ -544,11 +545,11 @@ def test_gsd_of_other_programs(tmp_path):
     assert np.all(trajectory.orientations == (1, 0, 0, 0)) and trajectory.velocities is None
     frames[1].particles.N = 1
     frames[1].particles.position = frames[1].particles.image = [[0, 0, 0]]
-    with gsd.hoomd.open(str(tmp_path/'y.gsd'), 'wb') as file:
+    with gsd.hoomd.open(str(tmp_path/'y.gsd'), WRITE) as file:
         file.extend(frames)
     with refused('frame 1 has 1 particles, frame 0 has 2', 'split the file'):
         app.readGsd(tmp_path/'y.gsd', 1)
-    gsd.hoomd.open(str(tmp_path/'z.gsd'), 'wb').close()
+    gsd.hoomd.open(str(tmp_path/'z.gsd'), WRITE).close()
     with refused('it has no frames; there is nothing to read'):
         app.readGsd(tmp_path/'z.gsd')
 

@@ -4,6 +4,8 @@
 #include <openmm/OpenMMException.h>
 #include <openmm/Platform.h>
 
+#include "openmmrigidhi/Version.h"
+
 using namespace OpenMM;
 
 namespace RigidHIPlugin {
@@ -14,6 +16,9 @@ class RigidBodyKernelFactory : public KernelFactory {
 public:
     RigidBodyKernelFactory(const std::string& library, const PlatformParts& parts) : library(library), parts(parts) {}
     KernelImpl* createKernelImpl(std::string name, const Platform& platform, ContextImpl&) const override {
+        // Not when the library is loaded: an exception there would end the loading of all of OpenMM.
+        const std::string conflict = versionConflict(library, RIGIDHI_VERSION, RIGIDHI_OPENMM_VERSION);
+        if (!conflict.empty()) throw OpenMMException(conflict);
         if (name == IntegrateRigidBodiesKernel::Name()) return new RigidBodyKernel(name, platform, parts);
         throw OpenMMException(library + ": tried to create a kernel with unknown name '" + name + "'");
     }

@@ -1,0 +1,67 @@
+# What is installed where. Two layouts (RIGIDHI_INSTALL_LAYOUT):
+#   package  all libraries in the Python package, which finds them by itself; a link lib/openmmrigidhi for C++ programs. For a prefix of one's own.
+#   system   libraries where OpenMM's own are: libOpenMMRigidHI.so in <libdir>/openmm, the platforms' libraries in <libdir>/openmm/plugins, from where
+#            OpenMM loads them by itself. For packages of a distribution, and for a prefix that OpenMM is in.
+include(GNUInstallDirs)
+include(CMakePackageConfigHelpers)
+
+set(RIGIDHI_INSTALL_LAYOUT package CACHE STRING "Where libraries are installed: package (in the Python package) or system (beside OpenMM's)")
+set_property(CACHE RIGIDHI_INSTALL_LAYOUT PROPERTY STRINGS package system)
+if(NOT RIGIDHI_INSTALL_LAYOUT MATCHES "^(package|system)$")
+    message(FATAL_ERROR "RIGIDHI_INSTALL_LAYOUT: got '${RIGIDHI_INSTALL_LAYOUT}'; it must be package or system")
+endif()
+
+# The package goes below the prefix, where a Python of this version looks if the prefix is its own or a virtual environment's;
+# Debian's Python looks into dist-packages below /usr/local.
+if(RIGIDHI_BUILD_PYTHON)
+    set(PYTHON_DIRECTORY lib/python${Python3_VERSION_MAJOR}.${Python3_VERSION_MINOR})
+    if(EXISTS /etc/debian_version AND CMAKE_INSTALL_PREFIX STREQUAL "/usr/local")
+        set(PACKAGES_DIRECTORY ${PYTHON_DIRECTORY}/dist-packages)
+    else()
+        set(PACKAGES_DIRECTORY ${PYTHON_DIRECTORY}/site-packages)
+    endif()
+    set(RIGIDHI_PYTHON_INSTALL_DIR ${PACKAGES_DIRECTORY}
+        CACHE STRING "Where 'make install' puts the package openmmrigidhi, relative to the prefix")
+    set(PACKAGE_DIR ${RIGIDHI_PYTHON_INSTALL_DIR}/openmmrigidhi)
+elseif(RIGIDHI_INSTALL_LAYOUT STREQUAL package)
+    message(STATUS "Without the Python package the layout of an installation is 'system'")
+endif()
+if(RIGIDHI_INSTALL_LAYOUT STREQUAL system OR NOT RIGIDHI_BUILD_PYTHON)
+    set(API_DIR ${CMAKE_INSTALL_LIBDIR}/openmm)
+else()
+    set(API_DIR ${PACKAGE_DIR}/lib)
+endif()
+
+set(PLATFORM_LIBRARIES OpenMMRigidHIReference OpenMMRigidHICPU OpenMMRigidHIAny)
+install(TARGETS OpenMMRigidHI EXPORT OpenMMRigidHI LIBRARY DESTINATION ${API_DIR} COMPONENT libraries)
+install(TARGETS ${PLATFORM_LIBRARIES} LIBRARY DESTINATION ${API_DIR}/plugins COMPONENT libraries)
+# Below a prefix of its own OpenMM is not where the system's loader looks.
+get_filename_component(OPENMM_LIBRARY_DIRECTORY ${OPENMM_LIBRARY} DIRECTORY)
+if(NOT OPENMM_LIBRARY_DIRECTORY IN_LIST CMAKE_CXX_IMPLICIT_LINK_DIRECTORIES)
+    set_property(TARGET OpenMMRigidHI ${PLATFORM_LIBRARIES} APPEND PROPERTY INSTALL_RPATH ${OPENMM_LIBRARY_DIRECTORY})
+endif()
+
+if(RIGIDHI_BUILD_PYTHON)
+    install(DIRECTORY python/openmmrigidhi/ DESTINATION ${PACKAGE_DIR} COMPONENT python
+            FILES_MATCHING PATTERN "*.py" PATTERN "*.html" PATTERN "__pycache__" EXCLUDE)
+    install(FILES ${RIGIDHI_PACKAGE_DIR}/_bindings.py DESTINATION ${PACKAGE_DIR} COMPONENT python)
+    install(TARGETS _openmmrigidhi LIBRARY DESTINATION ${PACKAGE_DIR} COMPONENT python)
+    file(RELATIVE_PATH FROM_PACKAGE /${PACKAGE_DIR} /${API_DIR})
+    set_target_properties(_openmmrigidhi PROPERTIES INSTALL_RPATH "$ORIGIN/${FROM_PACKAGE}")
+endif()
+
+# For C++ programs: headers, find_package(OpenMMRigidHI), and the libraries under a path that does not depend on Python.
+install(DIRECTORY openmmapi/include/openmmrigidhi DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT headers)
+set(CONFIG_DIR ${CMAKE_INSTALL_LIBDIR}/cmake/OpenMMRigidHI)
+install(EXPORT OpenMMRigidHI NAMESPACE OpenMMRigidHI:: FILE OpenMMRigidHITargets.cmake DESTINATION ${CONFIG_DIR} COMPONENT headers)
+configure_package_config_file(cmake/OpenMMRigidHIConfig.cmake.in OpenMMRigidHIConfig.cmake INSTALL_DESTINATION ${CONFIG_DIR}
+                              PATH_VARS API_DIR)
+write_basic_package_version_file(OpenMMRigidHIConfigVersion.cmake COMPATIBILITY SameMinorVersion)
+install(FILES ${CMAKE_CURRENT_BINARY_DIR}/OpenMMRigidHIConfig.cmake ${CMAKE_CURRENT_BINARY_DIR}/OpenMMRigidHIConfigVersion.cmake
+              cmake/FindOpenMM.cmake DESTINATION ${CONFIG_DIR} COMPONENT headers)
+if(NOT API_DIR STREQUAL ${CMAKE_INSTALL_LIBDIR}/openmm)
+    file(RELATIVE_PATH FROM_LIBDIR /${CMAKE_INSTALL_LIBDIR} /${API_DIR})
+    install(CODE "file(MAKE_DIRECTORY \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/${CMAKE_INSTALL_LIBDIR}\")
+                  file(CREATE_LINK \"${FROM_LIBDIR}\"
+                       \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/${CMAKE_INSTALL_LIBDIR}/openmmrigidhi\" SYMBOLIC)" COMPONENT headers)
+endif()

@@ -1,0 +1,42 @@
+"""What is installed and loaded, in the words of a bug report."""
+import ctypes
+import os
+import platform
+
+import numpy
+import openmm
+import scipy
+
+from . import _loading
+
+_CPU_LIBRARY = 'libOpenMMRigidHICPU.so'
+
+
+def describe():
+    """Versions, platforms, instruction sets and libraries: what to paste into a bug report.
+
+    Returns
+    -------
+    str
+        several lines. It has no names of people, machines or files but the place of the plugin's own library.
+    """
+    bindings = _loading._load_bindings()
+    served = _loading._served()
+    platforms = [openmm.Platform.getPlatform(i).getName() for i in range(openmm.Platform.getNumPlatforms())]
+    lines = [
+        f'openmmrigidhi {bindings.version}, compiled for OpenMM {bindings.openmmVersionOfBuild}, from {os.path.realpath(bindings.libraryPath())}',
+        f'OpenMM {openmm.Platform.getOpenMMVersion()}; platforms: '
+        + ', '.join(name if name in served else f'{name} (without our kernels)' for name in platforms),
+        f'Python {platform.python_version()}, NumPy {numpy.__version__}, SciPy {scipy.__version__}; {platform.system()} {platform.machine()}',
+    ]
+    failures = openmm.Platform.getPluginLoadFailures()
+    if failures:
+        lines.append('plugins of OpenMM that failed to load: ' + '; '.join(failures))
+    path = _loading.findPlatformLibrary(_CPU_LIBRARY)
+    if path is None:
+        lines.append(f'{_CPU_LIBRARY} is in neither plugin directory')
+    else:
+        library = ctypes.CDLL(path)
+        library.describeRigidHI.restype = ctypes.c_char_p
+        lines.append(library.describeRigidHI().decode())
+    return '\n'.join(lines)

@@ -1,0 +1,53 @@
+"""XML of format version 1 stays readable for ever: a file of each class, as the first version of the library wrote it.
+
+The integrator's and the States' are read by test_saved_definitions.py.
+"""
+import pathlib
+
+import numpy as np
+import openmm
+
+from openmmrigidhi import CustomBodyForce, CustomRigidHIIntegrator, MobilityForce
+
+DATA = pathlib.Path(__file__).parent/'data'
+
+
+def read(name):
+    return openmm.XmlSerializer.deserialize((DATA/name).read_text())
+
+
+def test_mobility_force():
+    force = MobilityForce.cast(read('mobility_force_version1.xml'))
+    assert (force.getForceGroup(), force.getName()) == (3, 'fluid')
+    np.testing.assert_allclose(force.getViscosity()._value, 535.97, rtol=1e-15)
+    assert (force.getModel(), force.getBoundary()) == (force.RotnePragerYamakawa, force.NoSlipWall)
+    assert (force.getWallHeight()._value, force.getSphereWallMobility()) == (-0.25, force.BestKnown)
+    assert (force.getSolver(), force.getSolverTolerance(), force.getMinimumGap(), force.getLubrication()) == (force.MatrixFree, 1e-4, 0.002, False)
+    assert [force.getParticleRadius(i)._value for i in range(force.getNumParticles())] == [0.5, 0.25, 0.125]
+    assert list(force.getGroups()) == [0, 0, 1]
+    expected = np.diag([1., 2, 3, 4, 5, 6])
+    expected[0, 1] = expected[1, 0] = 0.5
+    np.testing.assert_array_equal(force.getBodyMobility(1), expected)
+    expected[0, 0] = 9
+    np.testing.assert_array_equal(force.getBodyFriction(2), expected)
+    assert list(force.getBodiesWithOwnTensors()) == [1, 2]
+    # What the first version did not have is as it was then: nothing.
+    assert force.getGridSpacing()._value == 0
+    assert force.getSinusoidalForceDensity()[0]._value == 0
+    assert not np.any(force.getBackgroundFlow()[0]._value) and not np.any(force.getBackgroundFlow()[1]._value)
+
+
+def test_body_force():
+    force = CustomBodyForce.cast(read('body_force_version1.xml'))
+    assert (force.getForceGroup(), force.getName()) == (4, 'drive')
+    assert [force.getExpression(name) for name in ('fx', 'fy', 'fz', 'tx', 'ty', 'tz')] == ['k*sin(q0)', '2*fx0', '-w', '0', '0', 't*vz']
+    assert [force.getPerBodyParameterName(i) for i in range(force.getNumPerBodyParameters())] == ['fx0', 'w']
+    assert (force.getGlobalParameterName(0), force.getGlobalParameterDefaultValue(0)) == ('k', 2.5)
+    assert [(body, list(values)) for body, values in (force.getBodyParameters(i) for i in range(force.getNumBodies()))] == [(2, [1.5, -2]), (0, [0, 4])]
+
+
+def test_integrator():
+    integrator = CustomRigidHIIntegrator.cast(read('integrator_version1.xml'))
+    assert integrator.getNumRigidBodies() == 3
+    assert [integrator.getRigidBodyIsExplicit(i) for i in range(3)] == [False, True, True]
+    assert integrator.getInertiaScale() == 1

@@ -1,0 +1,85 @@
+#!/bin/sh
+# Builds, tests and packages what is committed on a Debian made from nothing, and tries the packages on another.
+# Usage: tools/test-debian.sh 12|13 [directory for the chroots, default build/debian]
+# Needs root (chroot, mount), debootstrap, git, 6 GB, and an hour of two processors. The summary goes to tests/reports/debian-<release>.txt.
+set -eu
+cd "$(dirname "$0")/.."
+release=${1:?usage: tools/test-debian.sh 12|13 [directory]}
+case $release in
+12) suite=bookworm ;;
+13) suite=trixie ;;
+*) echo "test-debian.sh: got release '$release'; it must be 12 or 13" >&2; exit 2 ;;
+esac
+[ "$(id -u)" = 0 ] || { echo "test-debian.sh: chroot and mount need root: run it as root" >&2; exit 2; }
+command -v debootstrap >/dev/null || { echo "test-debian.sh: debootstrap is missing: apt install debootstrap" >&2; exit 2; }
+where=$(realpath "${2:-build/debian}")
+report=$PWD/tests/reports/debian-$release.txt
+log=$where/$release.log
+# The mirror that this machine uses itself.
+mirror=${MIRROR:-$(apt-get indextargets --format '$(REPO_URI)' 'Created-By: Packages' | grep -v security | head -1)}
+mkdir -p "$where" "$(dirname "$report")"
+: > "$log"
+
+say() { echo "$*" | tee -a "$log" >> "$report.new"; echo "$*"; }
+
+fresh() { # directory
+    if mountpoint -q "$1/proc"; then umount "$1/proc"; fi
+    rm -rf --one-file-system "$1"
+    if [ ! -d "$where/$suite" ]; then
+        debootstrap --variant=minbase "$suite" "$where/$suite.new" "$mirror" >> "$log" 2>&1
+        rm -rf "$where/$suite.new/var/cache/apt/archives"/*.deb
+        mv "$where/$suite.new" "$where/$suite"
+    fi
+    cp -a "$where/$suite" "$1"
+    mount -t proc proc "$1/proc"
+}
+
+inside() { # directory, command
+    chroot "$1" /usr/bin/env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin LC_ALL=C.UTF-8 HOME=/root DEBIAN_FRONTEND=noninteractive \
+        ${CCACHE_DIR:+CMAKE_CXX_COMPILER_LAUNCHER=ccache CCACHE_DIR=/ccache CCACHE_BASEDIR=/source CCACHE_NOHASHDIR=1} sh -c "$2"
+}
+
+failed=0
+step() { # name, directory, command: a line of the summary, with the last lines of what a failure said
+    began=$(date +%s)
+    echo "==== $1" >> "$log"
+    if inside "$2" "cd /source 2>/dev/null; $3" > "$where/step.log" 2>&1 </dev/null; then outcome=passed; else outcome=FAILED; failed=1; fi
+    cat "$where/step.log" >> "$log"
+    say "$1: $outcome, $(($(date +%s) - began)) s$(grep -hoE '^(100% tests passed.*|[0-9]+% tests passed.*|=* ?[0-9]+ (passed|failed).*)' "$where/step.log" | tail -2 | sed 's/=//g' | paste -sd ';' | sed 's/^/; /')"
+    [ $outcome = passed ] || tail -40 "$where/step.log"
+}
+
+rm -f "$report.new"
+say "Debian $release ($suite), made by debootstrap; tools/test-debian.sh $release; $(date -u +%Y-%m-%d)"
+one=$where/$release-build
+fresh "$one"
+trap 'for each in "$one" "$where/$release-packages"; do if mountpoint -q "$each/proc"; then umount "$each/proc"; fi; if mountpoint -q "$each/ccache"; then umount "$each/ccache"; fi; done' EXIT
+if [ -n "${CCACHE_DIR:-}" ]; then mkdir -p "$one/ccache"; mount --bind "$CCACHE_DIR" "$one/ccache"; fi
+git clone -q --no-hardlinks . "$one/source"
+say "commit $(git rev-parse --short HEAD)"
+step 'packages' "$one" 'apt-get update -qq && apt-get install -qq -y --no-install-recommends make git ca-certificates ccache && make deps'
+say "$(inside "$one" 'echo "$(g++ --version | head -1); $(cmake --version | head -1); $(swig -version | grep Version); $(python3 --version); NumPy $(python3 -c "import numpy; print(numpy.__version__)"); OpenMM $(python3 -c "import openmm; print(openmm.Platform.getOpenMMVersion())" 2>/dev/null)"')"
+step 'make build' "$one" 'make build'
+step 'make test' "$one" 'make test'
+step 'make lint' "$one" 'make lint'
+step 'make demo' "$one" 'make demo'
+step 'make deb' "$one" 'apt-get install -qq -y --no-install-recommends dpkg-dev && make deb'
+step 'lintian' "$one" 'lintian --fail-on error,warning --pedantic build/deb/*.changes'
+
+two=$where/$release-packages
+fresh "$two"
+mkdir -p "$two/packages" "$two/tests"
+cp "$one"/source/build/deb/*.deb "$two/packages"
+cp debian/tests/script debian/tests/program README.md "$two/tests"
+cat > "$two/tests/readme.py" <<'END'
+import re
+exec('\n'.join(re.findall(r'^```python\n(.*?)^```', open('/tests/README.md').read(), flags=re.S | re.M)))
+END
+step 'apt install of the packages alone' "$two" 'apt-get update -qq && apt-get install -qq -y --no-install-recommends /packages/python3-openmm-rigidhi*.deb /packages/libopenmm-rigidhi*.deb'
+step 'debian/tests/script' "$two" '/tests/script'
+step "the README's scripts" "$two" 'cd /tmp && python3 /tests/readme.py'
+step 'apt install of the headers' "$two" 'apt-get install -qq -y --no-install-recommends /packages/openmm-rigidhi-dev*.deb g++ cmake make'
+step 'debian/tests/program' "$two" '/tests/program'
+mv "$report.new" "$report"
+echo "Written: $report; everything that was printed: $log"
+exit $failed
