@@ -26,7 +26,7 @@ sys.path.insert(0, str(HERE.parent))
 import recording  # noqa: E402
 
 #: (method, step in fs, N)
-SETTINGS = (('LangevinC-I8', 14, 2), ('LangevinC-I8', 14, 3), ('LangevinC-I8-g2-G2', 15, 2), ('LangevinC-I8-g2-G2', 13, 3), ('LangevinC', 8, 2))
+SETTINGS = (('LangevinC-I8', 14, 2), ('LangevinC-I8', 14, 3), ('LangevinC-I8', 16, 2), ('LangevinC-I8', 12, 3), ('LangevinC', 8, 2))
 #: Molecules, force evaluations in one repetition.
 BOXES = ((216, 40), (1000, 12))
 REPETITIONS = 7
@@ -128,7 +128,7 @@ def impulses(scene, name, step, every, length, seed, bar):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--length', type=float, default=60, help='ps for each setting (60)')
+    parser.add_argument('--length', type=float, default=40, help='ps for each setting (40)')
     parser.add_argument('--seed', type=int, default=2032)
     parser.add_argument('--output', type=pathlib.Path, default=HERE/'results_price')
     options = parser.parse_args()
