@@ -76,6 +76,7 @@ double FreeParticles::kineticEnergy(const vector<Vec3>& velocities) const {
 }
 
 void FreeParticles::save(Snapshot& snapshot, const vector<Vec3>& positions, const vector<Vec3>& velocities) const {
+    if (particles.empty()) return;
     snapshot.positions.resize(particles.size());
     snapshot.velocities.resize(particles.size());
     snapshot.forces = forces;
@@ -86,6 +87,7 @@ void FreeParticles::save(Snapshot& snapshot, const vector<Vec3>& positions, cons
 }
 
 void FreeParticles::restore(const Snapshot& snapshot, vector<Vec3>& positions, vector<Vec3>& velocities) {
+    if (particles.empty()) return;
     forces = snapshot.forces;
     for (size_t i = 0; i < particles.size(); i++) {
         positions[particles[i]] = snapshot.positions[i];
@@ -187,6 +189,7 @@ private:
 
 LoopResult FreeParticles::beforeForces(const StepSettings& settings, PlatformLoops& loops, vector<Vec3>& positions,
                                        vector<Vec3>& velocities, double tolerance) {
+    if (particles.empty()) return {};
     Flow flow(*this, settings, loops, positions, velocities, tolerance);
     scalar::withThermostat(settings.scheme, [&](auto scheme) { scheme.beforeForces(flow, settings.h); });
     return flow.result();
@@ -194,6 +197,7 @@ LoopResult FreeParticles::beforeForces(const StepSettings& settings, PlatformLoo
 
 LoopResult FreeParticles::beforeFriction(const StepSettings& settings, PlatformLoops& loops, vector<Vec3>& positions,
                                          vector<Vec3>& velocities, double tolerance) {
+    if (particles.empty()) return {};
     Flow flow(*this, settings, loops, positions, velocities, tolerance);
     scalar::withFluidThermostat(settings.scheme, [&](auto scheme) { scheme.beforeFriction(flow, settings.h); });
     return flow.result();
@@ -201,6 +205,7 @@ LoopResult FreeParticles::beforeFriction(const StepSettings& settings, PlatformL
 
 LoopResult FreeParticles::afterFriction(const StepSettings& settings, PlatformLoops& loops, vector<Vec3>& positions,
                                         vector<Vec3>& velocities, double tolerance) {
+    if (particles.empty()) return {};
     Flow flow(*this, settings, loops, positions, velocities, tolerance);
     scalar::withFluidThermostat(settings.scheme, [&](auto scheme) { scheme.afterFriction(flow, settings.h); });
     return flow.result();
@@ -208,6 +213,7 @@ LoopResult FreeParticles::afterFriction(const StepSettings& settings, PlatformLo
 
 LoopResult FreeParticles::afterForces(const StepSettings& settings, PlatformLoops& loops, vector<Vec3>& positions,
                                       vector<Vec3>& velocities, double tolerance) {
+    if (particles.empty()) return {};
     Flow flow(*this, settings, loops, positions, velocities, tolerance);
     scalar::withThermostat(settings.scheme, [&](auto scheme) { scheme.afterForces(flow, settings.h); });
     return flow.result();
