@@ -1,4 +1,4 @@
-"""The scripts of examples/davidchack2017 run, shortened, and the physics in what they write is right."""
+"""The scripts of validation/davidchack2017 run, shortened, and the physics in what they write is right."""
 import json
 import pathlib
 import subprocess

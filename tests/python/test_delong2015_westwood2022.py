@@ -1,4 +1,4 @@
-"""The scripts of examples/delong2015_westwood2022 run, shortened; their theory against independent numbers; kept runs go on."""
+"""The scripts of validation/delong2015 run, shortened; their theory against independent numbers; kept runs go on."""
 import json
 import pathlib
 import subprocess

@@ -1,4 +1,4 @@
-"""examples/westwood2022/hedgehogs.py: the potentials and the shape are the paper's; four hedgehogs have the same twists and viscosity dense and on a grid; the script runs, shortened."""
+"""validation/westwood2022/hedgehogs.py: the potentials and the shape are the paper's; four hedgehogs have the same twists and viscosity dense and on a grid; the script runs, shortened."""
 import json
 import pathlib
 import subprocess
@@ -15,7 +15,7 @@ EXAMPLES = pathlib.Path(__file__).resolve().parents[2]/'examples'
 
 @pytest.fixture(scope='module')
 def hedgehogs():
-    """The model of examples/westwood2022."""
+    """The model of validation/westwood2022."""
     sys.path[:0] = [str(EXAMPLES/'westwood2022'), str(EXAMPLES)]
     try:
         import hedgehogmodel

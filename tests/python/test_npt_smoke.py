@@ -1,5 +1,5 @@
 """Rigid bodies under a Monte Carlo barostat: bodies stay rigid and where the barostat put them; the density stays that of
-water. The long comparison with OpenMM's own rigid water is examples/npt_density."""
+water. The long comparison with OpenMM's own rigid water is validation/accuracy/density."""
 import importlib.util
 import pathlib
 

@@ -1,4 +1,4 @@
-"""The observables of examples/tip4p_davidchack2015 against OpenMM: energies, forces, torques, Laplacians, pressure.
+"""The observables of validation/davidchack2015 against OpenMM: energies, forces, torques, Laplacians, pressure.
 
 Needs OpenMM only, not the plugin. The configuration is a lattice of randomly turned waters, jittered and minimised for a few
 steps: every pair function is exercised, and nothing depends on an equilibrated liquid. OpenMM's Reference platform (double

@@ -21,7 +21,7 @@ CROSS = np.array([(0, 0, 0), (1.8, 0, 0), (-1.8, 0, 0), (0, 1.8, 0), (0, 0, 1.8)
 
 @pytest.fixture(scope='module')
 def run():
-    """examples/effective_viscosity/run.py as a module."""
+    """validation/accuracy/viscosity/run.py as a module."""
     sys.path[:0] = [str(EXAMPLES/'effective_viscosity'), str(EXAMPLES)]
     try:
         sys.modules.pop('run', None)

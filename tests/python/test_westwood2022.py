@@ -1,4 +1,4 @@
-"""examples/westwood2022: the sampler's energy is the Context's, its distribution that of quadrature and of another sampler; the script runs, shortened, and goes on."""
+"""validation/westwood2022: the sampler's energy is the Context's, its distribution that of quadrature and of another sampler; the script runs, shortened, and goes on."""
 import json
 import pathlib
 import subprocess

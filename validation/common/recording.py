@@ -1,4 +1,4 @@
-"""What the examples share: where results came from, JSONs, pictures, tables, numbers with errors."""
+"""What scripts share: where results came from, JSONs, pictures, tables, numbers with errors."""
 import argparse
 import hashlib
 import json
@@ -31,7 +31,7 @@ def provenance(arguments=None):
     libraries = sorted((pathlib.Path(openmmrigidhi.__file__).parent/'lib').rglob('libOpenMMRigidHI*.so'))
     digest = hashlib.sha256(b''.join(path.read_bytes() for path in libraries)).hexdigest()[:16] if libraries else 'unknown'
     return {'script': pathlib.Path(sys.argv[0]).name, 'arguments': {k: str(v) for k, v in vars(arguments or object).items()
-                                                                   if k not in ('output', '__dict__', '__doc__')}
+                                                                   if k not in ('output', 'work', 'cluster', '__dict__', '__doc__')}
             if arguments else {}, 'processor': processor, 'cores': os.cpu_count(), 'load': os.getloadavg(),
             'system': platform.platform(), 'python': platform.python_version(), 'numpy': np.__version__,
             'openmm': openmm.version.version, 'plugin_sha256': digest, 'commit': command('git', 'rev-parse', 'HEAD'),

@@ -12,8 +12,9 @@ With --periodic the fluid is periodic in the box of 15, too, as in the paper: St
 RotnePragerYamakawa at one step. These runs have a JSON of their own, where the others serve for comparison.
 
     python3 lennard_jones.py              # about an hour and a half, most of it for RPY at kT = 0.2, h = 0.02
-    python3 lennard_jones.py --periodic   # an hour or two; --resume goes on where it was interrupted
-    python3 lennard_jones.py --long 8     # runs eight times as long
+    python3 lennard_jones.py --periodic   # an hour or two
+    python3 lennard_jones.py --jobs 8     # eight runs at a time
+    python3 lennard_jones.py --long 8     # runs eight times as long; those that are there go on
     python3 lennard_jones.py --quick      # seconds: a smoke test
 """
 import argparse
@@ -23,8 +24,8 @@ import time
 
 import numpy as np
 import openmm
-from common import RESULTS, Spheres, blockError, brackets, provenance, pyplot, sample, save, weightedFit
 from openmmrigidhi import MobilityForce
+from spheres import RESULTS, Spheres, blockError, brackets, campaign, provenance, pyplot, sample, save, weightedFit
 
 SPHERES, BOX, SIGMA, MASS = 8, 15.0, 2.6, 5.0
 MOMENTS = (3.0, 2.0, 1.5)
@@ -54,8 +55,6 @@ SAMPLE_TIME = 0.4
 #: Clusters start as cubes, freeze into one of several shapes and change shape seldom: so they first run this long at the step
 #: PREPARATION_STEP without hydrodynamic interactions, which is cheap and leads to the same distribution, then EQUILIBRATION as measured.
 PREPARATION, PREPARATION_STEP, EQUILIBRATION = 3000.0, 0.2, 50.0
-#: Seconds between the notes that a run keeps, from which --resume goes on.
-NOTES_EVERY = 60
 
 
 def build(kT, step, modelName, clusters, seed):
@@ -99,11 +98,11 @@ def energies(scene, clusters):
     return np.sum(4*s6*(s6 - 1)*(1 - z**3*(10 - z*(15 - 6*z))), axis=1)/SPHERES
 
 
-def prepared(kT, step, modelName, clusters, seed, platformName, preparation, label, quiet):
+def prepared(kT, step, modelName, clusters, seed, platformName, preparation):
     """Clusters that have taken their shapes without hydrodynamic interactions, then equilibrated as they will be measured."""
     first = build(kT, PREPARATION_STEP, 'FreeDraining', clusters, seed + 1000)
     start(first, clusters, platformName)
-    for _ in sample(first.integrator, 20, round(preparation/PREPARATION_STEP/20), f'{label} (prepare)', quiet):
+    for _ in sample(first.integrator, 20, round(preparation/PREPARATION_STEP/20)):
         pass
     scene = build(kT, step, modelName, clusters, seed)
     start(scene, clusters, platformName)
@@ -115,46 +114,38 @@ def prepared(kT, step, modelName, clusters, seed, platformName, preparation, lab
     return scene
 
 
-def run(kT, step, modelName, duration, clusters, seed, platformName, preparation=PREPARATION, quiet=False, notes=None):
-    """One run: means and standard errors of the five quantities. `duration` is the time of each cluster.
-
-    `notes` is a file that keeps the run so far; a run of the same settings that finds one goes on from it, also to be longer."""
-    label = f'kT {kT:g} h {step:g} {modelName}'
-    settings = repr((kT, step, modelName, clusters, seed, preparation))
+def run(argument, job=None):
+    """One run: means and standard errors of the five quantities. The third number is the time of each cluster; a run of the other settings that is kept goes on to be
+    longer."""
+    kT, step, modelName, duration, clusters, seed, platformName, preparation = argument
+    state = campaign.State(job, (kT, step, modelName, clusters, seed, platformName, preparation))
     rows, perCluster, seconds, rejected = [], [], 0.0, 0
-    began = noted = time.time()
-    old = np.load(notes) if notes and notes.exists() else None
-    if old is not None and str(old['settings']) == settings:
+    began, old = time.time(), state.load()
+    if old:
         scene = build(kT, step, modelName, clusters, seed)
         start(scene, clusters, platformName)
         scene.context.loadCheckpoint(old['checkpoint'].tobytes())
         rows, perCluster, seconds = list(old['rows']), list(old['perCluster']), float(old['seconds'])
         rejected = int(old['rejected'])
     else:
-        scene = prepared(kT, step, modelName, clusters, seed, platformName, preparation, label, quiet)
+        scene = prepared(kT, step, modelName, clusters, seed, platformName, preparation)
     rejectedBefore = scene.integrator.getNumRejectedSteps()
     every = max(1, round(SAMPLE_TIME/step))
     count = SPHERES*clusters
 
     def note():
-        notes.parent.mkdir(parents=True, exist_ok=True)
-        unfinished = notes.with_name(f'unfinished_{notes.name}')
-        np.savez(unfinished, settings=settings, rows=rows, perCluster=perCluster, seconds=seconds + time.time() - began,
-                 rejected=rejected + scene.integrator.getNumRejectedSteps() - rejectedBefore,
-                 checkpoint=np.frombuffer(scene.context.createCheckpoint(), dtype=np.uint8))
-        unfinished.replace(notes)
+        state.save(rows=rows, perCluster=perCluster, seconds=seconds + time.time() - began,
+                   rejected=rejected + scene.integrator.getNumRejectedSteps() - rejectedBefore, checkpoint=campaign.checkpoint(scene.context))
 
-    for _ in sample(scene.integrator, max(1, round(duration/step/every) - len(rows)), every, label, quiet):
+    for _ in sample(scene.integrator, round(duration/step/every) - len(rows), every, job and job.report, len(rows)):
         # Axis 1 of the paper has moment 3; ours are sorted, smallest moment first.
         rotation = scene.integrator.computeRotationalKineticEnergies()._value[::-1]
         translation = scene.integrator.computeTranslationalKineticEnergy()._value
         perCluster.append(energies(scene, clusters))
         rows.append([2*translation/(3*count), *(2*np.array(rotation)/count), perCluster[-1].mean()])
-        if notes and time.time() - noted > NOTES_EVERY:
-            noted = time.time()
+        if state.isDue():
             note()
-    if notes:
-        note()
+    note()
     rejected += scene.integrator.getNumRejectedSteps() - rejectedBefore
     rows = np.array(rows)
     check = abs(perCluster[-1].mean() - scene.potentialEnergy()/count)
@@ -287,16 +278,16 @@ def main():
     parser.add_argument('--quick', action='store_true', help='seconds instead of minutes')
     parser.add_argument('--periodic', action='store_true', help='in a periodic fluid, as in the paper')
     parser.add_argument('--long', type=float, default=1.0, metavar='FACTOR', help='multiply the length of every run')
-    parser.add_argument('--resume', action='store_true', help='keep the runs that the output folder has already; run what is missing or '
-                        'shorter, from the notes of an earlier one if there are any')
+    parser.add_argument('--keep', action='store_true', help='keep the runs that the output folder has already; run what is missing or shorter')
     parser.add_argument('--platform', default='CPU')
     parser.add_argument('--seed', type=int, default=2017)
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
-    args = parser.parse_args()
+    campaign.addOptions(parser)
+    args = campaign.settle(parser.parse_args())
 
     name = 'lennard_jones_periodic' if args.periodic else 'lennard_jones'
     runs, compared = {}, []
-    if args.resume and (args.output/f'{name}.json').exists():
+    if args.keep and (args.output/f'{name}.json').exists():
         runs = {(r['kT'], r['h'], r['model']): r for r in json.loads((args.output/f'{name}.json').read_text())['runs']}
     if args.periodic:
         # Published, or those of a run of this script into the same folder.
@@ -309,21 +300,27 @@ def main():
     def cost(task):
         kT, h, model, duration, clusters, _ = task
         return args.periodic*kT, duration/h*clusters*(60 if model == 'RPY' else 1)
-    for kT, h, model, duration, clusters, seed in sorted(todo, key=cost):
+
+    def isMissing(kT, h, model, duration, clusters, seed):
         r = runs.get((kT, h, model))
-        if r is None or (r['time_per_cluster'], r['clusters'], r['seed']) != (duration, clusters, seed):
-            notes = None if args.quick else args.output/'notes'/f'{model} {kT:g} {h:g}.npz'.replace(' ', '_')
-            if notes and not args.resume:
-                notes.unlink(missing_ok=True)
-            r = runs[kT, h, model] = run(kT, h, model, duration, clusters, seed, args.platform, 400.0 if args.quick else PREPARATION,
-                                         notes=notes)
-            r['provenance'] = provenance(args)
-        print(f'kT {kT:g} h {h:g} {model}: ' + ', '.join(f'{n} {brackets(r["mean"][n], r["error"][n])}' for n in QUANTITIES) +
-              f'  [{r["seconds"]:.0f} s]', flush=True)
+        return r is None or (r['time_per_cluster'], r['clusters'], r['seed']) != (duration, clusters, seed)
+
+    todo = [(*task, args.platform, 400.0 if args.quick else PREPARATION) for task in sorted(todo, key=cost) if isMissing(*task)]
+
+    def result():
         done = [runs[key] for key in order if key in runs]
-        result = {'runs': done, 'analysis': analyse(compared + done), 'provenance': provenance(args)}
-        save(args.output, f'{name}.json', result)
-    draw(compared + done, result['analysis'], args.output/f'{name}.png')
+        return done, {'runs': done, 'analysis': analyse(compared + done), 'provenance': provenance(args)}
+
+    def finish(index, r):
+        runs[todo[index][:3]] = dict(r, provenance=provenance(args))
+        print(f'kT {r["kT"]:g} h {r["h"]:g} {r["model"]}: ' + ', '.join(f'{n} {brackets(r["mean"][n], r["error"][n])}' for n in QUANTITIES) +
+              f'  [{r["seconds"]:.0f} s]', flush=True)
+        save(args.output, f'{name}.json', result()[1])
+
+    campaign.run(run, todo, [f'lennard_jones {model} kT {kT:g} h {h:g}' for kT, h, model, *_ in todo], args,
+                 [round(duration/h/max(1, round(SAMPLE_TIME/h))) for _, h, _, duration, *_ in todo], 'sample', 'Lennard-Jones', finish)
+    done, final = result()
+    draw(compared + done, final['analysis'], args.output/f'{name}.png')
 
 
 if __name__ == '__main__':

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """The tables of README.md, from the JSONs in results/ (printed as Markdown)."""
-from common import RESULTS, brackets, printTables
+from spheres import RESULTS, brackets, printTables
 
 
 def lennardJones(data):

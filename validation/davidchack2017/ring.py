@@ -9,6 +9,7 @@ the repulsion and nothing of the start: here a switch from 2.2 to 2.4 (`--trunca
     python3 ring.py                          # the paper's (f, tau), noise, phase diagram, animation: an hour
     python3 ring.py --parts states noise     # some of: states noise diagram animation
     python3 ring.py --model RPY --keep       # other hydrodynamics; keep the runs that are there and do what is missing
+    python3 ring.py --jobs 8                 # eight runs at a time
     python3 ring.py --quick                  # under a minute: one state
 """
 import argparse
@@ -18,8 +19,8 @@ import time
 
 import numpy as np
 import openmm
-from common import RESULTS, Spheres, provenance, pyplot, sample, save
 from openmmrigidhi import CustomBodyForce, MobilityForce
+from spheres import RESULTS, Spheres, campaign, provenance, pyplot, sample, save
 
 COUNT, MASS, MOMENT, RADIUS, KT, A = 6, 1.0, 0.4, 3.0, 10.0, 0.02
 SWITCH, CUTOFF = 2.2, 2.4
@@ -89,10 +90,10 @@ def build(f, tau, kT, model, truncation, start, seed, step=STEP):
 class Trajectory:
     """Angles (unwrapped), spins, distances at equidistant times."""
 
-    def __init__(self, scene, window, label, quiet, orientations=False):
+    def __init__(self, scene, window, orientations=False):
         every = round(SPACING/scene.integrator.getStepSize()._value)
         theta, spin, places, turns = [], [], [], []
-        for _ in sample(scene.integrator, round(window/SPACING), every, label, quiet):
+        for _ in sample(scene.integrator, round(window/SPACING), every):
             r = scene.positions()
             theta.append(np.arctan2(r[:, 1], r[:, 0]))
             spin.append(scene.angularVelocities()[:, 2])
@@ -150,14 +151,39 @@ def neighbourDistances(places, theta):
     return np.sort([np.linalg.norm(places[:, i] - places[:, j], axis=1).mean() for i, j in zip(order, np.roll(order, -1))])
 
 
-def runState(f, tau, kT, model, truncation, kind, settle, window, seed, label, quiet=False, step=STEP, attempts=3):
+#: Parts in which a run settles: after each it can be kept.
+SETTLING = 20
+
+
+def settled(arguments, job):
+    """The scene of a run that has settled, what is kept of it, and seconds that it took before; goes on where it was interrupted.
+
+    The arguments say f, tau, kT, model, truncation, kind (of the start), settle, window, seed, step.
+    """
+    a = arguments
+    scene = build(a['f'], a['tau'], a['kT'], a['model'], a['truncation'], angles(a['kind'], np.random.default_rng(a['seed'])), a['seed'], a['step'])
+    state, began = campaign.State(job, {key: a[key] for key in sorted(a) if key not in ('window', 'attempts')}), time.time()
+    kept = state.load()
+    done, before = int(kept.get('done', 0)), float(kept.get('seconds', 0))
+    if kept:
+        scene.context.loadCheckpoint(kept['checkpoint'].tobytes())
+    for k in range(done, SETTLING):
+        scene.integrator.step(round(a['settle']/a['step']/SETTLING))
+        if job is not None:
+            job.report((k + 1)/SETTLING*a['settle'])
+        if state.isDue() or job is not None and k + 1 == SETTLING:
+            state.save(done=k + 1, seconds=before + time.time() - began, checkpoint=campaign.checkpoint(scene.context))
+    return scene, state, before
+
+
+def runState(arguments, job=None):
     """Settle, follow, classify. If the state is undecided the run goes on, up to `attempts` windows."""
+    f, tau, kT, model, truncation, kind, settle, window, seed, step, attempts = (arguments[key] for key in (
+        'f', 'tau', 'kT', 'model', 'truncation', 'kind', 'settle', 'window', 'seed', 'step', 'attempts'))
     began = time.time()
-    scene = build(f, tau, kT, model, truncation, angles(kind, np.random.default_rng(seed)), seed, step)
-    for _ in sample(scene.integrator, 20, round(settle/step/20), f'{label} settle', quiet):
-        pass
+    scene, state, before = settled(arguments, job)
     for attempt in range(1, attempts + 1):
-        trajectory = Trajectory(scene, window, label, quiet)
+        trajectory = Trajectory(scene, window)
         gaps = trajectory.gaps()
         state, fluctuation, period = classify(gaps)
         if state != 'undecided':
@@ -170,11 +196,11 @@ def runState(f, tau, kT, model, truncation, kind, settle, window, seed, label, q
             'fingerprint': fingerprint(gaps), 'least_mismatch_by_one': float(mismatch(gaps, 1, np.arange(0, len(gaps)//2, 5)).min()),
             'orbital_speed': orbit, 'spin': float(trajectory.spin.mean()), 'smallest_gap': float(nearest - 2),
             'distances': neighbourDistances(places, trajectory.theta) if state.startswith('steady') else None,
-            'largest_out_of_plane': float(abs(places[:, :, 2]).max()), 'seconds': time.time() - began}
+            'largest_out_of_plane': float(abs(places[:, :, 2]).max()), 'seconds': before + time.time() - began}
 
 
 # ---- Parts of the experiment -------------------------------------------------------------------------------------------
-def resumed(args, path, tasks):
+def made(args, path, tasks):
     """Do the runs of `tasks`, (arguments of runState, more entries of the row); with --keep only those that the file lacks.
 
     The file is written after each run; rows that it has beyond the tasks stay.
@@ -183,15 +209,27 @@ def resumed(args, path, tasks):
         return tuple(row[k] for k in ('f', 'tau', 'start', 'seed', 'h'))
 
     rows = {key(r): r for r in json.loads(path.read_text())['rows']} if args.keep and path.exists() else {}
-    for arguments, more in tasks:
-        run = dict(arguments, start=arguments['kind'], h=arguments['step'])
-        if key(run) not in rows:
-            row = rows[key(run)] = {**runState(**arguments), **more}
-            save(path.parent, path.name, {'rows': list(rows.values()), 'provenance': provenance(args)})
-            print(f'f {row["f"]:g} tau {row["tau"]:g} seed {row["seed"]}: {row["state"]}, period {row["period"]}, '
-                  f'Om {row["orbital_speed"]:.4f}, spin {row["spin"]:.4f}, smallest gap {row["smallest_gap"]:.3f} '
-                  f'{more}  [{row["seconds"]:.0f} s]', flush=True)
-    return list(rows.values())
+    todo = [(arguments, more) for arguments, more in tasks if key(dict(arguments, start=arguments['kind'], h=arguments['step'])) not in rows]
+    order = list(rows) + [key(dict(arguments, start=arguments['kind'], h=arguments['step'])) for arguments, _ in todo]
+
+    def finish(index, row):
+        more = todo[index][1]
+        row.update(more)
+        rows[key(row)] = row
+        save(path.parent, path.name, {'rows': [rows[k] for k in order if k in rows], 'provenance': provenance(args)})
+        print(f'f {row["f"]:g} tau {row["tau"]:g} seed {row["seed"]}: {row["state"]}, period {row["period"]}, '
+              f'Om {row["orbital_speed"]:.4f}, spin {row["spin"]:.4f}, smallest gap {row["smallest_gap"]:.3f} '
+              f'{more}  [{row["seconds"]:.0f} s]', flush=True)
+
+    together(runState, [arguments for arguments, _ in todo], args, finish)
+    return [rows[k] for k in order]
+
+
+def together(function, todo, args, finished=None):
+    """Runs with these arguments of runState(), as many at a time as are asked for."""
+    names = [f'ring {a["model"]} {a["truncation"]} f {a["f"]:g} tau {a["tau"]:g} kT {a["kT"]:g} {a["kind"]} seed {a["seed"]} h {a["step"]:g} {function.__name__}'
+             for a in todo]
+    return campaign.run(function, todo, names, args, [a['settle'] for a in todo], 'time', 'ring', finished)
 
 
 def states(args, path):
@@ -201,10 +239,9 @@ def states(args, path):
             if args.quick:
                 settle, window = 300.0, 180.0
             tasks.append(({'f': f, 'tau': tau, 'kT': 0, 'model': args.model, 'truncation': args.truncation, 'kind': kind,
-                           'settle': settle, 'window': window, 'seed': args.seed + k, 'label': f'{name} {k + 1}',
-                           'step': COARSE_STEP if args.quick else STEP},
+                           'settle': settle, 'window': window, 'seed': args.seed + k, 'step': COARSE_STEP if args.quick else STEP, 'attempts': 3},
                           {'name': name, 'paper': paper, 'independent': reference.get((args.model, args.truncation))}))
-    return resumed(args, path, tasks)
+    return made(args, path, tasks)
 
 
 def fingerprint(gaps):
@@ -217,24 +254,22 @@ def fingerprint(gaps):
 
 def noise(args, path):
     """Both of the paper's robust states with noise: which of the two noiseless ones the run is nearer to, and is it still periodic?"""
-    rows, noiseless = [], {}
-    for kT in (0.0, 1e-5, 1e-4, 1e-3, 1e-2):
-        for name, f, tau, _, settle, window, paper, _ in STATES[:2]:
-            window *= 1 if kT < 1e-3 else 3
-            row = runState(f, tau, kT, args.model, args.truncation, 'random', settle, window, args.seed, f'{name} kT {kT:g}',
-                           step=COARSE_STEP, attempts=1)
-            mark = np.array(row['fingerprint'])
-            if kT == 0:
-                noiseless[row['state']] = mark
-            else:
-                row['by_classifier'] = row['state']
-                row['distances_to_noiseless'] = {state: float(np.sqrt(np.mean((mark - m)**2))) for state, m in noiseless.items()}
-                row['state'] = min(row['distances_to_noiseless'], key=row['distances_to_noiseless'].get)
-            row.update({'name': name, 'paper': paper})
-            rows.append(row)
-            print(f'{name} kT {kT:g}: {row["state"]} (distances {row.get("distances_to_noiseless")}, fluctuation {row["fluctuation"]:.3f}, '
-                  f'mismatch after a shift by one {row["least_mismatch_by_one"]:.2f}), Om {row["orbital_speed"]:.4f}, '
-                  f'spin {row["spin"]:.4f}', flush=True)
+    todo = [(name, paper, {'f': f, 'tau': tau, 'kT': kT, 'model': args.model, 'truncation': args.truncation, 'kind': 'random', 'settle': settle,
+                           'window': window*(1 if kT < 1e-3 else 3), 'seed': args.seed, 'step': COARSE_STEP, 'attempts': 1})
+            for kT in (0.0, 1e-5, 1e-4, 1e-3, 1e-2) for name, f, tau, _, settle, window, paper, _ in STATES[:2]]
+    rows, noiseless = together(runState, [arguments for _, _, arguments in todo], args), {}
+    for (name, paper, _), row in zip(todo, rows):
+        mark = np.array(row['fingerprint'])
+        if row['kT'] == 0:
+            noiseless[row['state']] = mark
+        else:
+            row['by_classifier'] = row['state']
+            row['distances_to_noiseless'] = {state: float(np.sqrt(np.mean((mark - m)**2))) for state, m in noiseless.items()}
+            row['state'] = min(row['distances_to_noiseless'], key=row['distances_to_noiseless'].get)
+        row.update({'name': name, 'paper': paper})
+        print(f'{name} kT {row["kT"]:g}: {row["state"]} (distances {row.get("distances_to_noiseless")}, fluctuation {row["fluctuation"]:.3f}, '
+              f'mismatch after a shift by one {row["least_mismatch_by_one"]:.2f}), Om {row["orbital_speed"]:.4f}, '
+              f'spin {row["spin"]:.4f}', flush=True)
     save(path.parent, path.name, {'rows': rows, 'provenance': provenance(args)})
     return rows
 
@@ -249,10 +284,9 @@ def diagram(args, path):
                     continue
                 slower = 1/np.clip(max(f, abs(tau)/4), 0.25, 1)
                 tasks.append(({'f': f, 'tau': tau, 'kT': 0, 'model': args.model, 'truncation': args.truncation, 'kind': 'random',
-                               'settle': SETTLE*slower, 'window': WINDOW*slower, 'seed': args.seed + k,
-                               'label': f'f {f:g} tau {tau:g} {k + 1}', 'quiet': True, 'step': COARSE_STEP,
+                               'settle': SETTLE*slower, 'window': WINDOW*slower, 'seed': args.seed + k, 'step': COARSE_STEP,
                                'attempts': args.attempts}, {}))
-    return resumed(args, path, tasks)
+    return made(args, path, tasks)
 
 
 COLOURS = {'5+1 drafting': 'C0', 'steady pairs': 'C1', 'pair drafting': 'C2', 'in-phase triplets': 'C3', 'alternating triplets': 'C4',
@@ -285,37 +319,38 @@ def drawDiagram(rows, path):
     plt.close(figure)
 
 
+def film(arguments, job):
+    """Places and orientations after a run has settled."""
+    trajectory = Trajectory(settled(arguments, job)[0], arguments['window'], orientations=True)
+    return {'places': trajectory.places, 'orientations': trajectory.orientations}
+
+
 def animation(args, path):
     """The paper's four states side by side."""
     plt = pyplot()
     from matplotlib.animation import FuncAnimation, PillowWriter
     from matplotlib.patches import Circle, Wedge
     shown = [s for s in STATES if s[0] in ('Fig 7', 'Fig 8(a)', 'Fig 8(b)') or s[3] == 'opposite']
-    records, names = [], []
-    for name, f, tau, kind, settle, *_ in shown:
-        scene = build(f, tau, 0, args.model, args.truncation, angles(kind, np.random.default_rng(args.seed)), args.seed, COARSE_STEP)
-        for _ in sample(scene.integrator, 20, round(min(settle, 2000)/COARSE_STEP/20), f'animation {name}'):
-            pass
-        trajectory = Trajectory(scene, 96.0, f'animation {name}', False, orientations=True)
-        records.append(trajectory)
-        names.append(f'f = {f:g}, τ = {tau:g}')
+    records = together(film, [{'f': f, 'tau': tau, 'kT': 0, 'model': args.model, 'truncation': args.truncation, 'kind': kind, 'settle': min(settle, 2000),
+                               'window': 96.0, 'seed': args.seed, 'step': COARSE_STEP} for _, f, tau, kind, settle, *_ in shown], args)
+    places, orientations = ([np.array(record[key]) for record in records] for key in ('places', 'orientations'))
+    names = [f'f = {f:g}, τ = {tau:g}' for _, f, tau, *_ in shown]
     figure, axes = plt.subplots(1, len(shown), figsize=(2.6*len(shown), 2.8), constrained_layout=True)
     every = 12
 
     def frame(k):
-        for ax, trajectory, name in zip(axes, records, names):
+        for ax, x, turns, name in zip(axes, places, orientations, names):
             ax.clear()
             ax.set(xlim=(-4.2, 4.2), ylim=(-4.2, 4.2), aspect='equal', xticks=[], yticks=[], title=name)
             ax.add_patch(Circle((0, 0), RADIUS, fill=False, lw=0.5, color='0.6'))
             for i in range(COUNT):
-                x, y, _ = trajectory.places[k*every, i]
-                q = trajectory.orientations[k*every, i]
+                place, q = x[k*every, i, :2], turns[k*every, i]
                 turn = np.degrees(2*np.arctan2(q[3], q[0]))
-                ax.add_patch(Circle((x, y), 1, color='#9ecae1'))
-                ax.add_patch(Wedge((x, y), 1, turn, turn + 180, color='#08519c'))
-                ax.annotate(str(i + 1), (x, y), ha='center', va='center', fontsize=7, color='w')
+                ax.add_patch(Circle(place, 1, color='#9ecae1'))
+                ax.add_patch(Wedge(place, 1, turn, turn + 180, color='#08519c'))
+                ax.annotate(str(i + 1), place, ha='center', va='center', fontsize=7, color='w')
 
-    FuncAnimation(figure, frame, frames=len(records[0].places)//every).save(path, writer=PillowWriter(fps=12), dpi=65)
+    FuncAnimation(figure, frame, frames=len(places[0])//every).save(path, writer=PillowWriter(fps=12), dpi=65)
 
 
 def main():
@@ -332,7 +367,8 @@ def main():
     parser.add_argument('--tau', type=float, nargs='+', default=[k/2 for k in range(-10, 5)])
     parser.add_argument('--seed', type=int, default=2017)
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
-    args = parser.parse_args()
+    campaign.addOptions(parser)
+    args = campaign.settle(parser.parse_args())
     args.output.mkdir(parents=True, exist_ok=True)
     suffix = args.model.replace('+', '_') + ('' if args.truncation == 'switch' else '_untruncated')
     for part in ('states',) if args.quick else args.parts:

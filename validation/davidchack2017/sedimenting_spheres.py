@@ -6,6 +6,7 @@ h^2 -> 0 and compared with the exact solution of Stokes' equations. The spheres 
 weak that multiblob shells, which have corners, do not turn noticeably while they settle: Stokes flow is linear.
 
     python3 sedimenting_spheres.py           # minutes, nearly all for the shells of 162 blobs
+    python3 sedimenting_spheres.py --jobs 2  # two separations or models at a time
     python3 sedimenting_spheres.py --quick   # seconds: one separation, no large shells
 """
 import argparse
@@ -15,8 +16,8 @@ import time
 import numpy as np
 import openmm
 import openmmrigidhi
-from common import RESULTS, VISCOSITY, Spheres, provenance, pyplot, sample, save
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
+from spheres import RESULTS, VISCOSITY, Spheres, campaign, provenance, pyplot, sample, save
 
 MASS, MOMENT, FORCE = 0.25, 0.1, 1e-6
 SEPARATIONS = {'10': 10.0, '4': 4.0, '3': 3.0, '5/2': 2.5, '25/12': 25/12}
@@ -98,11 +99,11 @@ class Pair:
         system.addForce(fluid)
         return integrator, system, (centres[:, None] + sites).reshape(-1, 3), (0, n + 1)
 
-    def settle(self, label, quiet):
+    def settle(self, label):
         """Step until steady; F/U, omega/U, steps."""
         step = self.integrator.getStepSize()._value
         chunk, before, steps = max(1, round(SETTLE/step)), np.zeros(2), 0
-        for _ in sample(self.integrator, 200, chunk, label, quiet):
+        for _ in sample(self.integrator, 200, chunk):
             steps += chunk
             v, w = self.integrator.getBodyVelocities()._value, self.integrator.getBodyAngularVelocities()._value
             now = np.array([v[:, 2].mean(), (w[1, 1] - w[0, 1])/2])
@@ -112,10 +113,17 @@ class Pair:
         raise RuntimeError(f'{label}: not steady after {steps} steps')
 
 
-def ladder(name, l, label, quiet):
+def ladder(argument, job):
     """One rung at one separation, steady at every step size: the first from rest, each next from what those before let expect."""
-    rows, ends, began = [], [], time.time()
+    name, separation = argument
+    l, began = SEPARATIONS[separation], time.time()
+    state = campaign.State(job, argument)
+    kept = state.load()
+    rows, ends = list(kept.get('rows', ())), list(kept.get('ends', ()))
+    began -= float(kept.get('seconds', 0))
     for k, h in enumerate(STEPS):
+        if k < len(rows):
+            continue
         pair = Pair(name, l, h)
         if ends:
             past = np.array(STEPS[:k])**2
@@ -123,11 +131,12 @@ def ladder(name, l, label, quiet):
             v, w = sum(c*h**(2*power) for power, c in enumerate(expected[::-1])).reshape(2, 2, 3)
             pair.integrator.setBodyVelocities(v)
             pair.integrator.setBodyAngularVelocities(w)
-        drag, spin, steps, end = pair.settle(f'{label} h={h:g}', quiet)
+        drag, spin, steps, end = pair.settle(f'{name} l={separation} h={h:g}')
         ends.append(end)
         rows.append((h, drag, spin, steps))
+        state.save(rows=rows, ends=ends, seconds=time.time() - began)
     h, drag, spin, _ = np.array(rows).T
-    return {'h': h, 'F/U_h': drag, 'omega/U_h': spin, 'steps': [r[3] for r in rows], 'seconds': time.time() - began,
+    return {'h': h, 'F/U_h': drag, 'omega/U_h': spin, 'steps': [int(r[3]) for r in rows], 'seconds': time.time() - began,
             'F/U': np.polyfit(h**2, drag, 2)[-1], 'omega/U': np.polyfit(h**2, spin, 2)[-1],
             'F/U_straight_line': np.polyfit(h**2, drag, 1)[-1], 'omega/U_straight_line': np.polyfit(h**2, spin, 1)[-1]}
 
@@ -165,7 +174,8 @@ def main():
     parser.add_argument('--quick', action='store_true', help='seconds: l = 3, no shells of 42 and 162 blobs')
     parser.add_argument('--models', nargs='+', default=MODELS, choices=MODELS, metavar='MODEL', help=f'some of {", ".join(MODELS)}')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
-    args = parser.parse_args()
+    campaign.addOptions(parser)
+    args = campaign.settle(parser.parse_args())
     separations = ['3'] if args.quick else list(SEPARATIONS)
     models = [m for m in args.models if not (args.quick and m in ('multiblob 42', 'multiblob 162'))]
 
@@ -178,16 +188,19 @@ def main():
                               'omega/U_fundamental_solutions': spin, 'paper': PAPER[s]}
         print(f'l = {s}: exact F/U {drag:.9f}, omega/U {spin:.9f}' +
               (f'; relative difference to collocation {drag/known[0] - 1:.1e}, {spin/known[1] - 1:.1e}' if known else ''))
-    for name in models:
-        result['models'][name] = {}
-        for s in separations:
-            row = ladder(name, SEPARATIONS[s], f'{name} l={s}', args.quick)
-            row['relative_error'] = {key: row[key]/result['exact'][s][key] - 1 for key in ('F/U', 'omega/U')}
-            result['models'][name][s] = row
-            print(f'{name:16s} l = {s:5s}: F/U {row["F/U"]:.8f} ({row["relative_error"]["F/U"]:+.1e}), omega/U {row["omega/U"]:.9f} '
-                  f'({row["relative_error"]["omega/U"]:+.1e})  [{row["seconds"]:.1f} s]', flush=True)
-            result['provenance'] = provenance(args)
-            save(args.output, 'sedimenting_spheres.json', result)
+    todo, rows = [(name, s) for name in models for s in separations], {}
+
+    def finish(index, row):
+        name, s = todo[index]
+        row['relative_error'] = {key: row[key]/result['exact'][s][key] - 1 for key in ('F/U', 'omega/U')}
+        rows[name, s] = row
+        print(f'{name:16s} l = {s:5s}: F/U {row["F/U"]:.8f} ({row["relative_error"]["F/U"]:+.1e}), omega/U {row["omega/U"]:.9f} '
+              f'({row["relative_error"]["omega/U"]:+.1e})  [{row["seconds"]:.1f} s]', flush=True)
+        result['models'] = {name: {s: rows[name, s] for s in separations if (name, s) in rows} for name in models}
+        result['provenance'] = provenance(args)
+        save(args.output, 'sedimenting_spheres.json', result)
+
+    campaign.run(ladder, todo, [f'sedimenting {name} {s.replace("/", "over")}' for name, s in todo], args, title='sedimenting', finished=finish)
     draw(result, args.output/'sedimenting_spheres.png')
 
 

@@ -10,13 +10,13 @@ import sys
 import numpy as np
 import openmm
 from openmm import unit
-from tqdm import tqdm
 
 import openmmrigidhi
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 
 HERE = pathlib.Path(__file__).resolve().parent
-sys.path.append(str(HERE.parent))
+sys.path.append(str(HERE.parent/'common'))
+import campaign  # noqa: E402, F401
 from recording import brackets, printTables, provenance, pyplot, save  # noqa: E402, F401
 
 RESULTS = HERE/'results'
@@ -85,10 +85,12 @@ class Spheres:
         return self.context.getState(getEnergy=True).getPotentialEnergy()._value
 
 
-def sample(integrator, samples, every, label, quiet=False):
-    """Step, and yield the number of each sample, with a progress bar."""
-    for k in tqdm(range(samples), desc=label, mininterval=2, disable=quiet):
+def sample(integrator, samples, every, report=None, done=0):
+    """Step, and yield the number of each sample; report gets the number of samples since the run's beginning, of which so many were taken before."""
+    for k in range(samples):
         integrator.step(every)
+        if report is not None:
+            report(done + k + 1)
         yield k
 
 

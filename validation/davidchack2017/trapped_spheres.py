@@ -25,9 +25,8 @@ import time
 import numpy as np
 import openmm
 import scipy.linalg
-from common import RESULTS, Spheres, provenance, pyplot, sample, save
 from openmmrigidhi import MobilityForce
-from openmmrigidhi.ensemble import tasks
+from spheres import RESULTS, Spheres, campaign, provenance, pyplot, sample, save
 
 #: m, I, kt, kr, the paper's kT, how long the correlations are followed, spacing of samples, running time.
 SETS = {'inertial (Figs 2, 3)': {'m': 1.0, 'I': 0.4, 'kt': 10.0, 'kr': 20.0, 'kT': 0.1, 'lag': 4.0, 'every': 0.05, 'time': 5e4},
@@ -202,7 +201,9 @@ def seedOf(first, setName, R, share):
     return first + 1000*list(SETS).index(setName) + round(100*share) + round(10*R)
 
 
-def run(setName, R, kT, model, duration, seed, minutes=np.inf, quiet=False):
+def run(argument, job=None):
+    """One set at one distance and temperature, in so many minutes of wall time, those before an interruption included."""
+    setName, R, kT, model, duration, seed, minutes = argument
     began = time.time()
     parameters = dict(SETS[setName], kT=kT)
     probe = build(parameters, R, model, 0.001, 1)
@@ -210,13 +211,28 @@ def run(setName, R, kT, model, duration, seed, minutes=np.inf, quiet=False):
     h, bias, times, exact = chooseStep(Linear(parameters, friction), parameters)
     every = round(parameters['every']/h)
     scene = build(parameters, R, model, h, seed)
-    label = f'{setName} R {R:g} kT {kT:g}'
-    scene.integrator.step(round(40.0/h))
-    data = []
-    for _ in sample(scene.integrator, round(duration/parameters['every']), every, label, quiet):
+    state = campaign.State(job, (setName, R, kT, model, seed))
+    kept = state.load()
+    if kept:
+        scene.context.loadCheckpoint(kept['checkpoint'].tobytes())
+        began -= float(kept['seconds'])
+    else:
+        scene.integrator.step(round(40.0/h))
+    data = list(kept.get('data', ()))
+    samples = round(duration/parameters['every'])
+
+    def note():
+        state.save(data=data, seconds=time.time() - began, checkpoint=campaign.checkpoint(scene.context))
+
+    for _ in sample(scene.integrator, samples - len(data), every, job and job.report, len(data)):
         data.append(record(scene, R))
-        if len(data) % 1000 == 0 and time.time() - began > 60*minutes:
-            break
+        if len(data) % 1000 == 0:
+            if time.time() - began > 60*minutes:
+                break
+            if state.isDue():
+                note()
+    if job is not None:
+        note()
     data = np.array(data)
     tcf, errors, variance = measured(data, len(times))
     difference = {n: tcf[n] - exact[n] for n in exact}
@@ -230,11 +246,6 @@ def run(setName, R, kT, model, duration, seed, minutes=np.inf, quiet=False):
             'friction_x_and_z_rows': friction[np.ix_([0, 4, 6, 10], [0, 4, 6, 10])],
             'times': times, 'measured': {n: np.round(v, 6) for n, v in tcf.items()},
             'standard_error': {n: np.round(v, 6) for n, v in errors.items()}, 'theory': {n: np.round(v, 6) for n, v in exact.items()}}
-
-
-def runTask(arguments, job):
-    """run(), for tasks.run()."""
-    return run(*arguments)
 
 
 def draw(runs, folder):
@@ -275,11 +286,10 @@ def main():
     parser.add_argument('--minutes', type=float, default=np.inf, help='end a run after so long (at the paper\'s kT: a quarter of it)')
     parser.add_argument('--distances', nargs='+', type=float, default=DISTANCES)
     parser.add_argument('--shares', nargs='+', type=float, default=(0.1, 1.0), help="temperatures, in those of the paper")
-    parser.add_argument('--jobs', type=int, default=1, help='runs at a time')
-    parser.add_argument('--cluster', help='address of a dask.distributed scheduler whose workers make the runs')
     parser.add_argument('--seed', type=int, default=2017)
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
-    args = parser.parse_args()
+    campaign.addOptions(parser)
+    args = campaign.settle(parser.parse_args())
 
     name = 'trapped_spheres' + ('' if args.model == 'FTS+lubrication' else '_' + args.model) + '.json'
     saveBiases(args)
@@ -291,12 +301,12 @@ def main():
         for share in args.shares if not args.quick else (0.1,):
             for R in args.distances if not args.quick else DISTANCES[:1]:
                 todo.append((setName, R, share*parameters['kT'], args.model, duration, seedOf(args.seed, setName, R, share),
-                             args.minutes*(1 if share < 1 else 0.25), args.jobs > 1 or args.cluster is not None))
+                             args.minutes*(1 if share < 1 else 0.25)))
     runs = []
     if args.keep and (args.output/name).exists():
         runs = json.loads((args.output/name).read_text())['runs']
 
-    def finish(r):
+    def finish(_, r):
         # A kept run goes only when its successor is there: an interrupted series loses nothing.
         runs[:] = [k for k in runs if (k['set'], k['R'], k['kT']) != (r['set'], r['R'], r['kT'])] + [r]
         runs.sort(key=lambda r: (list(SETS).index(r['set']), r['kT'], r['R']))
@@ -305,8 +315,8 @@ def main():
               f'rms z {max(r["rms_z"].values()):.2f}  [{r["seconds"]:.0f} s]', flush=True)
         save(args.output, name, {'runs': runs, 'provenance': provenance(args)})
 
-    tasks.run(runTask, todo, args.jobs, args.cluster, names=[f'{task[0]} R {task[1]:g} kT {task[2]:g}' for task in todo],
-              quiet=args.jobs == 1 and args.cluster is None, finished=lambda outcome: finish(outcome.get()))
+    names = [f'{task[0].split()[0]} R {task[1]:g} kT {task[2]:g} {args.model}' for task in todo]
+    campaign.run(run, todo, names, args, [round(task[4]/SETS[task[0]]['every']) for task in todo], 'sample', 'trapped spheres', finish)
     if runs:
         draw(runs, args.output)
 
