@@ -29,10 +29,8 @@ def addOptions(parser):
 
 
 def settle(args):
-    """Paths that workers elsewhere find, too; an empty --work if runs are to begin anew. Returns the arguments."""
+    """Give --work its default, and make it a path that workers elsewhere find, too. Returns the arguments."""
     args.work = (args.work or args.output/'work').resolve()
-    if args.fresh:
-        shutil.rmtree(args.work, ignore_errors=True)
     return args
 
 
@@ -51,7 +49,7 @@ def run(function, arguments, names, args, amounts=None, unit='run', title='', fi
     function : callable
         of (argument, Job); both must be what pickle takes
     arguments : sequence
-        what JSON takes, or objects whose repr() says all that the result depends on
+        what JSON takes, or functions, which are known by their names, or objects whose repr() says all that the result depends on
     names : sequence of str
     args : argparse.Namespace
         with what addOptions() adds
@@ -66,6 +64,10 @@ def run(function, arguments, names, args, amounts=None, unit='run', title='', fi
         at the end, if runs failed; the others' results are kept
     """
     arguments, names = list(arguments), [directoryName(name) for name in names]
+
+    if args.fresh:
+        for name in names:
+            shutil.rmtree(args.work/name, ignore_errors=True)
 
     def end(outcome):
         if outcome.failure is None and finished is not None:
@@ -110,7 +112,7 @@ def asJson(value):
         return value.item()
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
-    return repr(value)
+    return value.__qualname__ if callable(value) else repr(value)
 
 
 class State:
@@ -118,14 +120,15 @@ class State:
 
     Parameters
     ----------
-    job : tasks.Job or None
-        None: nothing is kept
+    place : tasks.Job, pathlib.Path or None
+        whose directory; None: nothing is kept
     settings : object
         whose repr() must be the same for a run to go on; how long it is to be is no part of it
     """
 
-    def __init__(self, job, settings):
-        self.path = None if job is None or job.directory is None else pathlib.Path(job.directory)/'state.npz'
+    def __init__(self, place, settings):
+        directory = getattr(place, 'directory', place)
+        self.path = None if directory is None else pathlib.Path(directory)/'state.npz'
         self.settings, self.noted = repr(settings), time.monotonic()
 
     def load(self):

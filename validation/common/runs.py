@@ -1,7 +1,7 @@
 """Running replicas of one body: what is counted, errors from the spread of replicas, when to stop, and how to go on later.
 
 A run is made of chunks. Each chunk gives every replica its counts in bins, sums of observables, and mean square displacements; sums
-over chunks are kept in results/kept/NAME.npz with the last poses, which are all the state an overdamped scheme has. A later run goes on from
+over chunks are kept in the run's directory with the last poses, which are all the state an overdamped scheme has. A later run goes on from
 there with new random numbers. Replicas are independent, so errors come from the spread of their own averages, whatever the correlation
 in time.
 """
@@ -16,10 +16,11 @@ import numpy as np
 import openmm
 from scipy.spatial.transform import Rotation
 from scipy.stats import f
-from tqdm import tqdm
 
+import campaign
 from openmmrigidhi import analysis
-from walls import RESULTS, Replicas, provenance, save
+from recording import provenance, save
+from walls import Replicas
 
 #: The wanted relative standard error of each mean, and chi^2 per bin of each histogram; else this many minutes a scheme.
 WANTED_ERROR, WANTED_CHI2, MINUTES = 0.005, 1.5, 60.0
@@ -80,17 +81,11 @@ class Tally:
     frames = property(lambda self: self.arrays['numbers'][1])
     seconds = property(lambda self: self.arrays['numbers'][4])
 
-    def load(self, path):
-        with np.load(path) as kept:
-            if str(kept['settings']) != self.plan.settings():
-                raise SystemExit(f'{path}: it was made with other settings than those asked for; remove it to begin anew, or run without '
-                                 f'--keep.\n  kept: {kept["settings"]}\n  now:  {self.plan.settings()}')
-            for key in self.arrays:
-                self.arrays[key] = kept[key] if key in kept else self.arrays[key]
-
-    def save(self, path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(path, settings=self.plan.settings(), **self.arrays)
+    def load(self, state):
+        """Whether anything was kept."""
+        kept = state.load()
+        self.arrays.update((key, kept[key]) for key in self.arrays if key in kept)
+        return bool(kept)
 
     def add(self, R, q):
         """A chunk of poses: (frames, replicas, 3) and (frames, replicas, 4)."""
@@ -221,17 +216,12 @@ def step(replicas, tally, steps, random):
         restart(replicas, tally, thrown, random)
 
 
-def keptFile(plan, folder):
-    return folder/'kept'/f'{plan.name}.npz'
+def run(plan, job, minutes=MINUTES):
+    """Run until the wanted errors and chi^2 are reached, or for so many minutes, those before an interruption included; the Tally.
 
-
-def run(plan, folder, minutes=MINUTES, keep=False, quiet=False):
-    """Run until the wanted errors and chi^2 are reached, or for so many minutes, those of kept parts included; the Tally."""
-    tally = Tally(plan)
-    path = keptFile(plan, folder)
-    fresh = not (keep and path.exists())
-    if not fresh:
-        tally.load(path)
+    At least one chunk is made."""
+    tally, state = Tally(plan), campaign.State(job, plan.settings())
+    fresh = not tally.load(state)
     if tally.chunks and (finished(tally) or tally.seconds >= 60*minutes):
         return tally
     numbers = tally.arrays['numbers']
@@ -245,33 +235,32 @@ def run(plan, folder, minutes=MINUTES, keep=False, quiet=False):
         replicas.place(tally.arrays['positions'], tally.arrays['orientations'])
     began = time.time()
     settle = round(plan.settle/plan.step) if fresh else 0
-    with tqdm(total=round(60*minutes), initial=round(tally.seconds), unit=' s', desc=plan.name, mininterval=2, disable=quiet) as bar:
-        def advance():
-            nonlocal began
-            now = time.time()
-            numbers[4] += now - began
-            began = now
-            bar.update(min(bar.total, round(tally.seconds)) - bar.n)
-        for _ in range(-(-settle//1000)):
-            step(replicas, tally, min(1000, settle), random)
-            advance()
+
+    def advance():
+        nonlocal began
+        now = time.time()
+        numbers[4] += now - began
+        began = now
+        job.report(tally.seconds)
+
+    for _ in range(-(-settle//1000)):
+        step(replicas, tally, min(1000, settle), random)
+        advance()
+    redone = replicas.integrator.getNumRejectedSteps()
+    while not tally.chunks or tally.seconds < 60*minutes:
+        R, q = np.empty((plan.frames, plan.replicas, 3)), np.empty((plan.frames, plan.replicas, 4))
+        for k in range(plan.frames):
+            step(replicas, tally, plan.every, random)
+            R[k], q[k] = replicas.poses()
+        tally.add(R, q)
+        numbers[2] += plan.frames*plan.every
+        numbers[3] += replicas.integrator.getNumRejectedSteps() - redone
         redone = replicas.integrator.getNumRejectedSteps()
-        while not tally.chunks or tally.seconds < 60*minutes:
-            R, q = np.empty((plan.frames, plan.replicas, 3)), np.empty((plan.frames, plan.replicas, 4))
-            for k in range(plan.frames):
-                step(replicas, tally, plan.every, random)
-                R[k], q[k] = replicas.poses()
-            tally.add(R, q)
-            numbers[2] += plan.frames*plan.every
-            numbers[3] += replicas.integrator.getNumRejectedSteps() - redone
-            redone = replicas.integrator.getNumRejectedSteps()
-            tally.arrays['positions'], tally.arrays['orientations'] = R[-1].copy(), q[-1].copy()
-            advance()
-            bar.set_postfix_str(f'worst error {100*tally.worstError():.2f} %, chi2/bin ' +
-                                ', '.join(f'{tally.chi2(key)[0]:.1f}' for key in plan.edges), refresh=False)
-            tally.save(path)
-            if finished(tally):
-                break
+        tally.arrays['positions'], tally.arrays['orientations'] = R[-1].copy(), q[-1].copy()
+        advance()
+        state.save(**tally.arrays)
+        if finished(tally):
+            break
     return tally
 
 
@@ -314,49 +303,84 @@ def criterion(entry, minutes=MINUTES):
     return f'{ended} ({error}, {chi2}{full})'
 
 
-def arguments(description, add=None):
+def arguments(description, results, add=None):
     """The command line; add(parser) adds what a script has besides."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--quick', action='store_true', help='seconds: one chunk of few replicas')
-    parser.add_argument('--minutes', type=float, default=MINUTES, help='end a run after so long, kept parts included (%(default)s)')
-    parser.add_argument('--keep', action='store_true', help='go on with what results/kept has')
-    parser.add_argument('--schemes', nargs='+', help='run only these; with --keep, what is kept of the others stays')
+    parser.add_argument('--minutes', type=float, default=MINUTES, help='end a run after so long, those before an interruption included (%(default)s)')
+    parser.add_argument('--keep', action='store_true', help='runs of the JSON in --output that are not made again stay in it')
+    parser.add_argument('--schemes', nargs='+', help='run only these')
     parser.add_argument('--seed', type=int, default=2015)
-    parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
+    parser.add_argument('--output', type=pathlib.Path, default=results)
+    campaign.addOptions(parser)
     if add:
         add(parser)
-    return parser.parse_args()
+    return campaign.settle(parser.parse_args())
 
 
-def plansOfCases(args, name, cases, usualStep, body, equilibrium, spacing, settle, observables, msd):
+def plansOfCases(quick, seed, name, cases, usualStep, body, equilibrium, spacing, settle, observables, msd):
     """A plan of 64 replicas for each (scheme, step) of cases; --quick takes those of the usual step only, with fewer replicas and frames."""
-    frames = 40 if args.quick else 600
+    frames = 40 if quick else 600
     made = []
     for k, (scheme, step) in enumerate(cases):
-        if not (args.quick and step != usualStep):
+        if not (quick and step != usualStep):
             made.append(Plan(f'{name}_{scheme}' + ('' if step == usualStep else f'_{step:g}'), body, equilibrium, scheme, step, round(spacing/step),
-                             frames, settle, observables, msd, np.geomspace(1, frames//2, 22), 32 if args.quick else 64, seed=args.seed + 7*k))
+                             frames, settle, observables, msd, np.geomspace(1, frames//2, 22), 32 if quick else 64, seed=seed + 7*k))
     return made
 
 
-def drive(plans, data, args, name, wanted=lambda plan: True):
+def planned(makePlans, quick, seed):
+    """What makePlans(quick, seed) makes, once in each process: the distribution and the plans. A plan holds functions, which do not travel; what makes it does."""
+    key = makePlans.__code__.co_filename, quick, seed
+    if key not in _planned:
+        _planned[key] = makePlans(quick, seed)
+    return _planned[key]
+
+
+_planned = {}
+
+
+def perform(argument, job):
+    """The summary of one plan's run."""
+    makePlans, quick, seed, name, minutes = argument
+    plan = next(plan for plan in planned(makePlans, quick, seed)[1] if plan.name == name)
+    return dict(summary(run(plan, job, minutes)), **plan.labels)
+
+
+def drive(makePlans, data, args, name, wanted=lambda plan: True):
     """Run those plans that are wanted and whose scheme is; the JSON is written after each. Returns its data.
 
-    Of the others what is kept, if anything, goes into the JSON as it is.
+    Of the others what --work has, if anything, goes into the JSON as it is, or with --keep what the JSON has already.
     """
-    data['runs'] = []
+    plans = planned(makePlans, args.quick, args.seed)[1]
+    order, rows, todo = [plan.name for plan in plans], {}, []
+    path = args.output/name
+    published = json.loads(path.read_text())['runs'] if args.keep and path.exists() else []
     for plan in plans:
         if wanted(plan) and (not args.schemes or plan.scheme in args.schemes):
-            tally = run(plan, args.output, 0 if args.quick else args.minutes, args.keep)
-        elif args.keep and keptFile(plan, args.output).exists():
-            tally = Tally(plan)
-            tally.load(keptFile(plan, args.output))
-        else:
+            todo.append(plan)
             continue
-        data['runs'].append(dict(summary(tally), **plan.labels))
-        print(f'{plan.name}: {criterion(data["runs"][-1])}', flush=True)
+        tally = Tally(plan)
+        if tally.load(campaign.State(args.work/campaign.directoryName(plan.name), plan.settings())):
+            rows[plan.name] = dict(summary(tally), **plan.labels)
+    for row in published:
+        same = [plan.name for plan in plans if plan.scheme == row['scheme'] and plan.step == row['step'] and all(row[k] == v for k, v in plan.labels.items())]
+        rows.update((plan, row) for plan in same if plan not in rows)
+
+    def collect():
+        data['runs'] = [rows[plan] for plan in order if plan in rows]
         data['provenance'] = provenance(args)
+
+    def end(index, row):
+        rows[todo[index].name] = row
+        print(f'{todo[index].name}: {criterion(row)}', flush=True)
+        collect()
         save(args.output, name, data)
+
+    minutes = 0 if args.quick else args.minutes
+    campaign.run(perform, [(makePlans, args.quick, args.seed, plan.name, minutes) for plan in todo], [plan.name for plan in todo], args, [60*minutes]*len(todo), 's',
+                 name.partition('.')[0], end)
+    collect()
     return data
 
 

@@ -1,4 +1,4 @@
-"""What the pictures of the four scripts share."""
+"""What the pictures of bodies above a wall share."""
 import numpy as np
 
 

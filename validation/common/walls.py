@@ -4,8 +4,6 @@ Units: the lengths of the papers (um, or blob radii) are taken for OpenMM's nm, 
 in kT. Only kT/viscosity enters the dynamics: a viscosity of eta is given as kT/eta, in length^3/time.
 """
 import dataclasses
-import pathlib
-import sys
 
 import numpy as np
 import openmm
@@ -14,11 +12,6 @@ from openmm import unit
 import openmmrigidhi
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 
-HERE = pathlib.Path(__file__).resolve().parent
-sys.path.append(str(HERE.parent))
-from recording import brackets, printTables, provenance, pyplot, save  # noqa: E402, F401
-
-RESULTS = HERE/'results'
 KT = 1.0
 TEMPERATURE = KT/unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
 

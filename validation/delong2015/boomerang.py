@@ -6,18 +6,26 @@ diverges), gravitational height of a tip. Figures 8 and 9 from trajectories: mea
 and of the bisector's angle in the plane. Heights of the cross point and tilts against quadrature.
 
     python3 boomerang.py                          # until the errors are small, or an hour a scheme and weight
-    python3 boomerang.py --keep --minutes 5       # go on with what is there, up to five minutes each
+    python3 boomerang.py --minutes 5 --jobs 2     # up to five minutes each, two at a time; the same command again goes on
     python3 boomerang.py --quick                  # seconds
 
 Units: um and s as nm and ps, kT = 1; water at 300 K: eta = 8.9e-4 Pa s, kT/eta = 4.65387 um^3/s.
 """
-import numpy as np
-import pictures
-import runs
-from equilibrium import Equilibrium, averageMobility, sphereMobilities
-from openmmrigidhi import analysis, app
-from walls import Body, Replicas, pyplot
+import pathlib
+import sys
 
+import numpy as np
+from openmmrigidhi import analysis, app
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.append(str(HERE.parent/'common'))
+import runs  # noqa: E402
+import wallpictures as pictures  # noqa: E402
+from equilibrium import Equilibrium, averageMobility, sphereMobilities  # noqa: E402
+from recording import pyplot  # noqa: E402
+from walls import Body, Replicas  # noqa: E402
+
+RESULTS = HERE/'results'
 SCHEMES = ('RandomFiniteDifference', 'FixmanMidpoint')
 GRAVITIES = (1, 10, 20)
 A = 0.265*1.5**0.5
@@ -83,8 +91,8 @@ def table(equilibrium, bulk, poses, random):
             'cos2 theta': equilibrium.average(lambda h, u: u[:, 2]**2 + 0*h)}
 
 
-def plans(args, bulk):
-    made, equilibria = [], {}
+def plans(quick, seed):
+    made, equilibria, bulk = [], {}, centres()
     for g in GRAVITIES:
         b = body(g)
         equilibria[g] = e = Equilibrium(b, np.linspace(0.3, TOP[g], 61), ANGLES)
@@ -95,9 +103,9 @@ def plans(args, bulk):
         msd = {'parallel cross point': runs.parallel((0, 0, 0)), 'parallel tip': runs.parallel(tip),
                'parallel CoH': runs.parallel(bulk['CoH']*BISECTOR), 'parallel CoM': runs.parallel(bulk['CoM']*BISECTOR),
                'perpendicular tip': runs.perpendicular(tip), 'planar angle': runs.planarAngle(BISECTOR)}
-        frames = 40 if args.quick else 1200
-        made += [runs.Plan(f'boomerang_g{g:g}_{scheme}', b, e, scheme, STEP, 5, frames, 1 if args.quick else SETTLE[g], observables, msd,
-                           np.geomspace(1, frames//2, 24), 32 if args.quick else 64, 'CPU', seed=args.seed + 7*k + 100*g, labels={'g': g},
+        frames = 40 if quick else 1200
+        made += [runs.Plan(f'boomerang_g{g:g}_{scheme}', b, e, scheme, STEP, 5, frames, 1 if quick else SETTLE[g], observables, msd,
+                           np.geomspace(1, frames//2, 24), 32 if quick else 64, 'CPU', seed=seed + 7*k + 100*g, labels={'g': g},
                            lateFrom=LATE)
                  for k, scheme in enumerate(SCHEMES)]
     return equilibria, made
@@ -130,13 +138,12 @@ def main():
         parser.add_argument('--gravities', nargs='+', type=int, default=GRAVITIES, choices=GRAVITIES)
         parser.add_argument('--poses', type=int, default=128000, help='independent poses for Table 1')
 
-    args = runs.arguments(__doc__, add)
-    bulk = centres()
-    equilibria, todo = plans(args, bulk)
+    args = runs.arguments(__doc__, RESULTS, add)
+    bulk, equilibria = centres(), runs.planned(plans, args.quick, args.seed)[0]
     random = np.random.default_rng(args.seed)
     data = {'paper: chi_2D, chi_2D/chi_3D, chi_theta, h_g, sphere': PAPER, 'bulk': bulk, 'cut-off': CUTOFF,
             'table': {g: table(e, bulk, 2560 if args.quick else args.poses, random) for g, e in equilibria.items()}}
-    draw(runs.drive(todo, data, args, 'boomerang.json', lambda plan: plan.labels['g'] in args.gravities), args.output)
+    draw(runs.drive(plans, data, args, 'boomerang.json', lambda plan: plan.labels['g'] in args.gravities), args.output)
 
 
 if __name__ == '__main__':

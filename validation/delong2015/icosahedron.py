@@ -6,18 +6,26 @@ exp(1.09375 cos theta); mean square displacements, translational and rotational,
 sphere (best-known) say.
 
     python3 icosahedron.py                      # until the errors are small, or an hour a scheme
-    python3 icosahedron.py --keep --minutes 5   # go on with what is there, up to five minutes a scheme
+    python3 icosahedron.py --minutes 5 --jobs 2   # up to five minutes a scheme, two at a time; the same command again goes on
     python3 icosahedron.py --quick              # seconds
 
 Units: the paper's length (sphere radius a_I = 0.5), kT = 1, time 6 pi eta a_I^3/kT = 1.
 """
-import numpy as np
-import pictures
-import runs
-from equilibrium import Equilibrium, averageMobility, rotationalPlateau, sphereMobilities, withoutDrift
-from openmmrigidhi import app
-from walls import Body, pyplot
+import pathlib
+import sys
 
+import numpy as np
+from openmmrigidhi import app
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.append(str(HERE.parent/'common'))
+import runs  # noqa: E402
+import wallpictures as pictures  # noqa: E402
+from equilibrium import Equilibrium, averageMobility, rotationalPlateau, sphereMobilities, withoutDrift  # noqa: E402
+from recording import pyplot  # noqa: E402
+from walls import Body  # noqa: E402
+
+RESULTS = HERE/'results'
 RADIUS, BLOB = 0.5, 0.175
 #: Figure 6's is 0.04, Figure 7's 0.004. At 0.04 a step turns the sphere by 0.25 rad, and the mean of cos theta is 2.5 % low for any scheme
 #: that moves by F at the old pose, also for a sphere that only turns.
@@ -53,7 +61,7 @@ def exact(equilibrium, poses, random):
             'rotational plateau (mean, error)': rotationalPlateau(equilibrium, random)}
 
 
-def plans(args):
+def plans(quick, seed):
     b = body()
     equilibrium = Equilibrium(b, HEIGHTS, ANGLES)
     observables = {'h': (lambda h, A: h, equilibrium.average(lambda h, u: h + 0*u[:, 2])),
@@ -61,7 +69,7 @@ def plans(args):
                    'cosθ': (lambda h, A: A[..., 2, 2], equilibrium.average(lambda h, u: u[:, 2] + 0*h))}
     msd = {'parallel': runs.parallel((0, 0, 0)), 'perpendicular': runs.perpendicular((0, 0, 0)),
            'rotation xx': runs.rotational((0.5, 0.5, 0)), 'rotation zz': runs.rotational((0, 0, 1))}
-    return equilibrium, runs.plansOfCases(args, 'icosahedron', CASES, STEP, b, equilibrium, SPACING, 1 if args.quick else 30, observables, msd)
+    return equilibrium, runs.plansOfCases(quick, seed, 'icosahedron', CASES, STEP, b, equilibrium, SPACING, 1 if quick else 30, observables, msd)
 
 
 def draw(data, folder):
@@ -92,10 +100,10 @@ def draw(data, folder):
 
 
 def main():
-    args = runs.arguments(__doc__)
-    equilibrium, todo = plans(args)
+    args = runs.arguments(__doc__, RESULTS)
+    equilibrium = runs.planned(plans, args.quick, args.seed)[0]
     data = {'paper': PAPER, 'exact': exact(equilibrium, 2560 if args.quick else 128000, np.random.default_rng(args.seed))}
-    draw(runs.drive(todo, data, args, 'icosahedron.json'), args.output)
+    draw(runs.drive(plans, data, args, 'icosahedron.json'), args.output)
 
 
 if __name__ == '__main__':

@@ -5,18 +5,26 @@ Height of the centre against quadrature, for schemes with the stochastic drift a
 the centre and of vertex four, whose slopes at zero time are averages of the mobility; rotational ones.
 
     python3 tetramer.py                      # until the errors are small, or an hour a scheme
-    python3 tetramer.py --keep --minutes 5   # go on with what is there, up to five minutes a scheme
+    python3 tetramer.py --minutes 5 --jobs 2   # up to five minutes a scheme, two at a time; the same command again goes on
     python3 tetramer.py --quick              # seconds
 
 Units: blob radius a = 1, kT = 1, time 6 pi eta a^3/kT = 1.
 """
-import numpy as np
-import pictures
-import runs
-from equilibrium import Equilibrium, averageMobility, rotationalPlateau, withoutDrift
-from openmmrigidhi import analysis, app
-from walls import Body, pyplot
+import pathlib
+import sys
 
+import numpy as np
+from openmmrigidhi import analysis, app
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.append(str(HERE.parent/'common'))
+import runs  # noqa: E402
+import wallpictures as pictures  # noqa: E402
+from equilibrium import Equilibrium, averageMobility, rotationalPlateau, withoutDrift  # noqa: E402
+from recording import pyplot  # noqa: E402
+from walls import Body  # noqa: E402
+
+RESULTS = HERE/'results'
 #: Figure 3's step; Figure 4 has 0.136.
 STEP = 0.0653
 #: At a fourth of the step, the error of the random finite differences shows to be one of the step.
@@ -45,7 +53,7 @@ def exact(equilibrium, poses, random):
             'without drift': withoutDrift(equilibrium, random), 'mobility averages (mean, error)': mobility, 'rotational plateau (mean, error)': rotationalPlateau(equilibrium, random)}
 
 
-def plans(args):
+def plans(quick, seed):
     b = body()
     equilibrium = Equilibrium(b, HEIGHTS, ANGLES)
     observables = {'h': (lambda h, A: h, equilibrium.average(lambda h, u: h + 0*u[:, 2])),
@@ -54,7 +62,7 @@ def plans(args):
     msd = {'centre parallel': runs.parallel((0, 0, 0)), 'vertex parallel': runs.parallel(b.sites[3]),
            'centre perpendicular': runs.perpendicular((0, 0, 0)), 'rotation xx': runs.rotational((0.5, 0.5, 0)),
            'rotation zz': runs.rotational((0, 0, 1))}
-    return equilibrium, runs.plansOfCases(args, 'tetramer', CASES, STEP, b, equilibrium, 5*STEP, 10 if args.quick else 300, observables, msd)
+    return equilibrium, runs.plansOfCases(quick, seed, 'tetramer', CASES, STEP, b, equilibrium, 5*STEP, 10 if quick else 300, observables, msd)
 
 
 def draw(data, folder):
@@ -82,10 +90,10 @@ def draw(data, folder):
 
 
 def main():
-    args = runs.arguments(__doc__)
-    equilibrium, todo = plans(args)
+    args = runs.arguments(__doc__, RESULTS)
+    equilibrium = runs.planned(plans, args.quick, args.seed)[0]
     data = {'paper': PAPER, 'exact': exact(equilibrium, 2560 if args.quick else 128000, np.random.default_rng(args.seed))}
-    draw(runs.drive(todo, data, args, 'tetramer.json'), args.output)
+    draw(runs.drive(plans, data, args, 'tetramer.json'), args.output)
 
 
 if __name__ == '__main__':

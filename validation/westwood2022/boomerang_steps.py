@@ -7,18 +7,26 @@ scheme and both drift-correctors for 36 replicas of 30000 diffusive times. Its d
 noise alone, which is this library's default.
 
     python3 boomerang_steps.py                          # until the errors are small, or an hour a scheme and step
-    python3 boomerang_steps.py --keep --minutes 5       # go on with what is there, up to five minutes each
+    python3 boomerang_steps.py --minutes 5 --jobs 2     # up to five minutes each, two at a time; the same command again goes on
     python3 boomerang_steps.py --quick                  # seconds
 
 Units: blob radius 1 (and spacing 1), kT = 1, diffusive time 6 pi eta a^3/kT = 1.
 """
-import numpy as np
-import pictures
-import runs
-from equilibrium import Equilibrium
-from openmmrigidhi import app
-from walls import Body, pyplot
+import pathlib
+import sys
 
+import numpy as np
+from openmmrigidhi import app
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.append(str(HERE.parent/'common'))
+import runs  # noqa: E402
+import wallpictures as pictures  # noqa: E402
+from equilibrium import Equilibrium  # noqa: E402
+from recording import pyplot  # noqa: E402
+from walls import Body  # noqa: E402
+
+RESULTS = HERE/'results'
 SCHEMES = ('EulerMaruyama', 'FixmanMidpoint', 'RandomFiniteDifference', 'TractionEulerMaruyama', 'TrapezoidalSlip', 'DriftCorrectorFD',
            'DriftCorrectorRFD', 'DriftCorrectorFD+SlipOnly', 'DriftCorrectorRFD+SlipOnly')
 #: Large ones first: a look at all schemes comes soon.
@@ -35,15 +43,15 @@ def body():
     return Body('boomerang', app.boomerang(1.0)._value, np.ones(15), np.full(15, 0.18/15), np.arange(15), 23.0, 1.0, 0.5, 1/(6*np.pi))
 
 
-def plans(args):
+def plans(quick, seed):
     b = body()
     e = Equilibrium(b, HEIGHTS, ANGLES)
     observables = {'h': (lambda h, A: h, e.average(lambda h, u: h + 0*u[:, 2])),
                    'cos²θ': (lambda h, A: A[..., 2, 2]**2, e.average(lambda h, u: u[:, 2]**2 + 0*h))}
-    return e, [runs.Plan(f'steps_{scheme}_{step:g}', b, e, scheme, step, round(SPACING/step), 20 if args.quick else 250,
-                         10 if args.quick else SETTLE, observables, replicas=32 if args.quick else 36, platform='CPU',
-                         seed=args.seed + 7*k + round(1000*step))
-               for step in STEPS[:1 if args.quick else None] for k, scheme in enumerate(SCHEMES)]
+    return e, [runs.Plan(f'steps_{scheme}_{step:g}', b, e, scheme, step, round(SPACING/step), 20 if quick else 250,
+                         10 if quick else SETTLE, observables, replicas=32 if quick else 36, platform='CPU',
+                         seed=seed + 7*k + round(1000*step))
+               for step in STEPS[:1 if quick else None] for k, scheme in enumerate(SCHEMES)]
 
 
 def draw(data, folder):
@@ -67,10 +75,9 @@ def draw(data, folder):
 
 
 def main():
-    args = runs.arguments(__doc__, lambda parser: parser.add_argument('--steps', nargs='+', type=float, default=STEPS))
-    equilibrium, todo = plans(args)
+    args = runs.arguments(__doc__, RESULTS, lambda parser: parser.add_argument('--steps', nargs='+', type=float, default=STEPS))
     data = {'paper': {'time_of_all_replicas': PAPER_TIME}}
-    draw(runs.drive(todo, data, args, 'boomerang_steps.json', lambda plan: plan.step in args.steps), args.output)
+    draw(runs.drive(plans, data, args, 'boomerang_steps.json', lambda plan: plan.step in args.steps), args.output)
 
 
 if __name__ == '__main__':

@@ -2,7 +2,7 @@
 """Rods between slip walls (Westwood 2022, section 6.3): heights and angles from dynamics, against Monte Carlo of the same model.
 
     python3 rods.py                     # Monte Carlo, then dynamics from its states, at a quarter of the paper's area: an hour or two on one core
-    python3 rods.py --resume --long 2   # goes on with what results/kept has: twice the sweeps, twice the runs
+    python3 rods.py --long 2 --jobs 8   # twice the sweeps, twice the runs; what is there goes on; eight at a time
     python3 rods.py --full              # the paper's size, up to 256 rods: times of steps and a short run; --steps 10000 is the paper's length
     python3 rods.py --quick             # seconds
     python3 rods.py --report            # tables and pictures again, from what is kept
@@ -14,10 +14,10 @@ import time
 import zlib
 
 import numpy as np
-from tqdm import tqdm
 
 HERE = pathlib.Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parent)]
+sys.path[:0] = [str(HERE), str(HERE.parent/'common')]
+import campaign  # noqa: E402
 import model  # noqa: E402
 import montecarlo  # noqa: E402
 import pictures  # noqa: E402
@@ -59,38 +59,35 @@ def seedOf(*words):
 
 # ---- Monte Carlo -----------------------------------------------------------------------------------------------------------
 class Chains:
-    """Independent Monte Carlo systems of a Scene, half of them begun flat and half at random; kept in a file.
+    """Independent Monte Carlo systems of a Scene, half of them begun flat and half at random; kept in a directory.
 
     Arrays by chunk and system: y and theta (counts), means (see MEANS), all of what was counted."""
 
-    def __init__(self, scene, folder, systems, burnIn):
-        self.scene, self.file, self.count, self.burnIn = scene, folder/f'mc_{scene.name}.npz', systems, burnIn
+    def __init__(self, scene, directory, systems, burnIn):
+        self.scene, self.kept, self.count, self.burnIn = scene, campaign.State(directory, scene.name), systems, burnIn
         self.y, self.theta, self.means, self.sweeps, self.seconds, self.state, self.acceptance = [], [], [], 0, 0.0, None, {}
 
     def load(self):
-        burnIn = self.burnIn
-        if not self.file.exists():
+        burnIn, kept = self.burnIn, self.kept.load()
+        if not kept:
             return False
-        with np.load(self.file) as kept:
-            self.y, self.theta, self.means = list(kept['y']), list(kept['theta']), list(kept['means'])
-            self.state = {key: kept[key] for key in ('R', 'q', 'sizes')}
-            self.sweeps, self.seconds, self.burnIn = int(kept['sweeps']), float(kept['seconds']), int(kept['burnIn'])
-            self.acceptance = dict(zip(montecarlo.MOVES, kept['acceptance'].tolist()))
+        self.y, self.theta, self.means = list(kept['y']), list(kept['theta']), list(kept['means'])
+        self.state = {key: kept[key] for key in ('R', 'q', 'sizes')}
+        self.sweeps, self.seconds, self.burnIn = int(kept['sweeps']), float(kept['seconds']), int(kept['burnIn'])
+        self.acceptance = dict(zip(montecarlo.MOVES, kept['acceptance'].tolist()))
         # A longer burn-in than was thought of takes away the first of what was counted.
         while self.burnIn < burnIn and self.means:
             self.burnIn += CHUNK
-            for kept in (self.y, self.theta, self.means):
-                del kept[0]
+            for counted in (self.y, self.theta, self.means):
+                del counted[0]
         self.count = len(self.state['R'])
         return True
 
     def save(self):
-        self.file.parent.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(self.file, y=np.array(self.y, np.int32), theta=np.array(self.theta, np.int32), means=np.array(self.means),
-                            sweeps=self.sweeps, seconds=self.seconds, burnIn=self.burnIn,
-                            acceptance=[self.acceptance[kind] for kind in montecarlo.MOVES], **self.state)
+        self.kept.save(y=np.array(self.y, np.int32), theta=np.array(self.theta, np.int32), means=np.array(self.means), sweeps=self.sweeps,
+                       seconds=self.seconds, burnIn=self.burnIn, acceptance=[self.acceptance[kind] for kind in montecarlo.MOVES], **self.state)
 
-    def run(self, sweeps, quiet):
+    def run(self, sweeps, report):
         """Go on to so many sweeps."""
         if self.sweeps >= sweeps:
             return
@@ -105,29 +102,28 @@ class Chains:
             for kind, size in zip(montecarlo.ADAPTED, self.state['sizes']):
                 systems.steps[kind].sizes[:] = size
         chunk = min(CHUNK, self.burnIn)
-        with tqdm(total=sweeps, initial=self.sweeps, desc=f'Monte Carlo {self.scene.name}', unit=' sweeps', mininterval=2, disable=quiet) as bar:
-            while self.sweeps < sweeps:
-                began, counted = time.time(), self.sweeps >= self.burnIn
-                rows = []
-                for k in range(chunk):
-                    # Sizes change in the first half of the burn-in only.
-                    systems.sweep(adapt=self.sweeps < self.burnIn//2)
-                    if counted and (k + 1) % SAMPLE == 0:
-                        n = self.scene.rods
-                        rows.append((*histograms(self.scene, systems.R, systems.q),
-                                     np.stack([model.angles(systems.q).mean(1), np.abs(systems.R[..., 1] - self.scene.width/2).mean(1),
-                                               systems.walls.sum(1)/n, systems.pairs.sum((1, 2))/(2*n)], axis=1)))
-                if counted:
-                    y, theta, means = zip(*rows)
-                    self.y.append(np.sum(y, 0))
-                    self.theta.append(np.sum(theta, 0))
-                    self.means.append(np.mean(means, 0))
-                self.sweeps += chunk
-                self.seconds += time.time() - began
-                self.state = {'R': systems.R, 'q': systems.q, 'sizes': np.array([systems.steps[kind].sizes[0] for kind in montecarlo.ADAPTED])}
-                self.acceptance = {kind: systems.accepted[kind]/max(1, systems.tried[kind]) for kind in montecarlo.MOVES}
-                self.save()
-                bar.update(chunk)
+        while self.sweeps < sweeps:
+            began, counted = time.time(), self.sweeps >= self.burnIn
+            rows = []
+            for k in range(chunk):
+                # Sizes change in the first half of the burn-in only.
+                systems.sweep(adapt=self.sweeps < self.burnIn//2)
+                if counted and (k + 1) % SAMPLE == 0:
+                    n = self.scene.rods
+                    rows.append((*histograms(self.scene, systems.R, systems.q),
+                                 np.stack([model.angles(systems.q).mean(1), np.abs(systems.R[..., 1] - self.scene.width/2).mean(1),
+                                           systems.walls.sum(1)/n, systems.pairs.sum((1, 2))/(2*n)], axis=1)))
+            if counted:
+                y, theta, means = zip(*rows)
+                self.y.append(np.sum(y, 0))
+                self.theta.append(np.sum(theta, 0))
+                self.means.append(np.mean(means, 0))
+            self.sweeps += chunk
+            self.seconds += time.time() - began
+            self.state = {'R': systems.R, 'q': systems.q, 'sizes': np.array([systems.steps[kind].sizes[0] for kind in montecarlo.ADAPTED])}
+            self.acceptance = {kind: systems.accepted[kind]/max(1, systems.tried[kind]) for kind in montecarlo.MOVES}
+            self.save()
+            report(self.sweeps)
 
     def spread(self):
         """How much short runs may scatter, better known than from a few of them: standard deviations of the means of one system over CHUNK sweeps, and
@@ -159,6 +155,23 @@ def meanAndError(values):
     return [values.mean(), values.std(ddof=1)/np.sqrt(len(values)) if len(values) > 1 else np.nan]
 
 
+def monteCarlo(argument, job):
+    """Chains of a scene, until they have so many sweeps."""
+    fraction, cutoff, part, systems, burnIn, sweeps = argument
+    chains = Chains(model.Scene(fraction, cutoff, part), job.directory, systems, burnIn)
+    chains.load()
+    chains.run(sweeps, job.report)
+    return {'sweeps': chains.sweeps}
+
+
+def chainsOf(scene, folder):
+    """What a folder has of them; an error if nothing."""
+    chains = Chains(scene, folder/f'mc_{scene.name}', 0, 0)
+    if not chains.load():
+        raise FileNotFoundError(f'{chains.kept.path}: it is not there; dynamics start from its states: make the Monte Carlo runs first, without --only and --full')
+    return chains
+
+
 # ---- Dynamics --------------------------------------------------------------------------------------------------------------
 def configurationMeans(scene, R, q):
     """The MEANS of one configuration."""
@@ -166,75 +179,90 @@ def configurationMeans(scene, R, q):
     return [model.angles(q).mean(), np.abs(R[:, 1] - scene.width/2).mean(), one.walls.sum()/scene.rods, one.pairs.sum()/(2*scene.rods)]
 
 
-class Runs:
-    """Runs of dynamics, each from the state of another Monte Carlo system; kept in a file.
+def stemOf(scene, scheme, scaling, step):
+    """What the names of its runs begin with."""
+    return (f'runs_{scene.name}' + ('' if scheme == 'DriftCorrectorFD' else f'_{scheme}') + ('' if scaling == 'Whole' else f'_{scaling}') +
+            ('' if step == model.STEP else f'_step{step/model.STEP:g}'))
 
-    For each run: y and theta (counts) and means by segment, the same of the start, and the poses where it stands."""
 
-    def __init__(self, scene, folder, scheme='DriftCorrectorFD', scaling='Whole', step=model.STEP):
-        label = ('' if scheme == 'DriftCorrectorFD' else f'_{scheme}') + ('' if scaling == 'Whole' else f'_{scaling}') + \
-            ('' if step == model.STEP else f'_step{step/model.STEP:g}')
-        self.scene, self.scheme, self.scaling, self.step = scene, scheme, scaling, step
-        self.file = folder/f'runs_{scene.name}{label}.npz'
-        self.runs, self.seconds, self.redone, self.track = [], 0.0, 0, []
+def dynamics(argument, job):
+    """One run of dynamics, until it has so many steps; its Monte Carlo system lies beside it."""
+    fraction, cutoff, part, scheme, scaling, coarser, number, steps = argument
+    scene, step = model.Scene(fraction, cutoff, part), coarser*model.STEP
+    run = Run(scene, job.directory, stemOf(scene, scheme, scaling, step), number)
+    if not run.load():
+        run.begin(chainsOf(scene, pathlib.Path(job.directory).parent))
+    run.go(steps, scheme, scaling, step, job.report)
+    return {'segments': len(run.arrays['means'])}
+
+
+class Run:
+    """One run of dynamics, from the state of one Monte Carlo system; kept in a directory.
+
+    Arrays: y and theta (counts) and means by segment, the same of the start, and the poses where it stands."""
+
+    ARRAYS = ('y', 'theta', 'means', 'y0_', 'theta0_', 'means0_', 'R', 'q')
+
+    def __init__(self, scene, directory, stem, number):
+        self.scene, self.stem, self.number, self.kept = scene, stem, number, campaign.State(directory, (stem, number))
+        self.arrays, self.seconds, self.redone, self.track = {}, 0.0, 0, []
 
     def load(self):
-        if not self.file.exists():
+        kept = self.kept.load()
+        if not kept:
             return False
-        with np.load(self.file) as kept:
-            self.seconds, self.redone, self.track = float(kept['seconds']), int(kept['redone']), list(kept['track'])
-            self.runs = [{key: kept[f'{key}{k}'] for key in ('y', 'theta', 'means', 'y0_', 'theta0_', 'means0_', 'R', 'q')}
-                         for k in range(int(kept['runs']))]
+        self.arrays = {key: kept[key] for key in self.ARRAYS}
+        self.seconds, self.redone, self.track = float(kept['seconds']), int(kept['redone']), list(kept['track'])
         return True
 
-    def save(self):
-        self.file.parent.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(self.file, runs=len(self.runs), seconds=self.seconds, redone=self.redone, track=np.array(self.track),
-                            **{f'{key}{k}': value for k, run in enumerate(self.runs) for key, value in run.items()})
+    def begin(self, chains):
+        # Flat and random beginnings in turn.
+        start = (self.number % 2)*(chains.count//2) + self.number//2
+        R, q = chains.state['R'][start].copy(), chains.state['q'][start].copy()
+        y, theta = histograms(self.scene, R[None], q[None])
+        self.arrays = {'y': np.empty((0, y.shape[1]), int), 'theta': np.empty((0, theta.shape[1]), int), 'means': np.empty((0, len(MEANS))),
+                       'y0_': y[0], 'theta0_': theta[0], 'means0_': np.array(configurationMeans(self.scene, R, q)), 'R': R, 'q': q}
 
-    def go(self, chains, runs, steps, quiet):
-        """Go on until there are so many runs, each of so many steps."""
-        segments = -(-steps//SEGMENT)
-        if runs > chains.count:
-            raise SystemExit(f'{self.scene.name}: {runs} runs want as many Monte Carlo systems to start from, and there are {chains.count}: '
-                             'give a smaller --long, or more systems')
-        if all(len(run['means']) >= segments for run in self.runs) and len(self.runs) >= runs:
+    def go(self, steps, scheme, scaling, step, report):
+        """Go on until there are so many steps."""
+        segments, run = -(-steps//SEGMENT), self.arrays
+        if len(run['means']) >= segments:
             return
-        rods = model.Rods(self.scene, self.scheme, self.scaling, self.step, TOLERANCE)
-        every = round(FRAME*model.STEP/self.step)
-        frames = min(SEGMENT, steps)//FRAME
-        with tqdm(total=runs*segments, desc=f'dynamics {self.file.stem[5:]}', unit=' segments', mininterval=2, disable=quiet) as bar:
-            for k in range(runs):
-                # Flat and random beginnings in turn.
-                start = (k % 2)*(chains.count//2) + k//2
-                if k == len(self.runs):
-                    R, q = chains.state['R'][start].copy(), chains.state['q'][start].copy()
-                    y, theta = histograms(self.scene, R[None], q[None])
-                    self.runs.append({'y': np.empty((0, y.shape[1]), int), 'theta': np.empty((0, theta.shape[1]), int), 'means': np.empty((0, len(MEANS))),
-                                      'y0_': y[0], 'theta0_': theta[0], 'means0_': np.array(configurationMeans(self.scene, R, q)), 'R': R, 'q': q})
-                run = self.runs[k]
-                bar.update(len(run['means']))
-                if len(run['means']) >= segments:
-                    continue
-                rods.integrator.setRandomNumberSeed(seedOf(self.file.stem, k, len(run['means'])) % 2**31)
-                rods.context.reinitialize()
-                rods.place(run['R'], run['q'])
-                for _ in range(len(run['means']), segments):
-                    began, before, rows = time.time(), rods.integrator.getNumRejectedSteps(), []
-                    for _ in range(frames):
-                        rods.integrator.step(every)
-                        R, q = rods.poses()
-                        rows.append((*[counts[0] for counts in histograms(self.scene, R[None], q[None])], configurationMeans(self.scene, R, q)))
-                        if k == 0:
-                            self.track.append(np.concatenate([R, q], axis=1).astype(np.float32))
-                    y, theta, means = zip(*rows)
-                    run['y'], run['theta'] = np.vstack([run['y'], np.sum(y, 0)]), np.vstack([run['theta'], np.sum(theta, 0)])
-                    run['means'] = np.vstack([run['means'], np.mean(means, 0)])
-                    run['R'], run['q'] = R, q
-                    self.seconds += time.time() - began
-                    self.redone += rods.integrator.getNumRejectedSteps() - before
-                    self.save()
-                    bar.update(1)
+        rods = model.Rods(self.scene, scheme, scaling, step, TOLERANCE, seedOf(self.stem, self.number, len(run['means'])) % 2**31)
+        rods.place(run['R'], run['q'])
+        every, frames = round(FRAME*model.STEP/step), min(SEGMENT, steps)//FRAME
+        for _ in range(len(run['means']), segments):
+            began, before, rows = time.time(), rods.integrator.getNumRejectedSteps(), []
+            for _ in range(frames):
+                rods.integrator.step(every)
+                R, q = rods.poses()
+                rows.append((*[counts[0] for counts in histograms(self.scene, R[None], q[None])], configurationMeans(self.scene, R, q)))
+                if self.number == 0:
+                    self.track.append(np.concatenate([R, q], axis=1).astype(np.float32))
+            y, theta, means = zip(*rows)
+            run['y'], run['theta'] = np.vstack([run['y'], np.sum(y, 0)]), np.vstack([run['theta'], np.sum(theta, 0)])
+            run['means'] = np.vstack([run['means'], np.mean(means, 0)])
+            run['R'], run['q'] = R, q
+            self.seconds += time.time() - began
+            self.redone += rods.integrator.getNumRejectedSteps() - before
+            self.kept.save(seconds=self.seconds, redone=self.redone, track=np.array(self.track), **run)
+            report(len(run['means']))
+
+
+class Runs:
+    """All runs of dynamics of a scene with one scheme and step that a folder has."""
+
+    def __init__(self, scene, folder, scheme='DriftCorrectorFD', scaling='Whole', step=model.STEP):
+        self.scene, self.scheme, self.scaling, self.step = scene, scheme, scaling, step
+        stem = stemOf(scene, scheme, scaling, step)
+        numbers = sorted(int(path.parent.name[len(stem) + 1:]) for path in folder.glob(f'{stem}_*/state.npz') if path.parent.name[len(stem) + 1:].isdigit())
+        runs = [Run(scene, folder/f'{stem}_{number}', stem, number) for number in numbers]
+        self.track = []
+        for run in runs:
+            run.load()
+            self.track = self.track or run.track
+        self.runs = [run.arrays for run in runs]
+        self.seconds, self.redone = sum(run.seconds for run in runs), sum(run.redone for run in runs)
 
     def summary(self, reference, chains):
         """Densities, means and their changes since the start, and what separates them from Monte Carlo.
@@ -298,33 +326,29 @@ def compare(runs, reference, spread=None):
 
 
 # ---- The paper's size ------------------------------------------------------------------------------------------------------
-def fullSize(folder, steps, fractions, quiet):
-    """Steps of the paper's numbers of rods, from the reduced system's state beside itself in x and z; ms a step, and how far the means move."""
-    rows = []
-    for fraction in fractions:
-        small, scene = model.Scene(fraction, 6.0), model.Scene(fraction, 6.0, 1.0)
-        chains = Chains(small, folder/'kept', 0, 0)
-        if not chains.load():
-            raise SystemExit(f'{chains.file}: it is not there; the paper\'s size starts from its states: run without --full first')
-        offsets = np.array([(x, 0, z) for x in (0, small.side) for z in (0, small.side)])
-        R = (chains.state['R'][0] % (small.side, np.inf, small.side) + offsets[:, None]).reshape(-1, 3)
-        q = np.tile(chains.state['q'][0], (4, 1))
-        rods = model.Rods(scene, tolerance=TOLERANCE, seed=SEED)
-        rods.place(R, q)
-        before = configurationMeans(scene, R, q)
-        rods.integrator.step(2)
-        done, began, used = dict(rods.integrator.getStepStatistics()), time.time(), time.process_time()
-        for _ in tqdm(range(steps), desc=f'{scene.rods} rods', unit=' steps', mininterval=2, disable=quiet):
-            rods.integrator.step(1)
-        seconds, used = time.time() - began, time.process_time() - used
-        now = rods.integrator.getStepStatistics()
-        after = configurationMeans(scene, *rods.poses())
-        rows.append({**scene.describe(), 'steps': steps, 'ms_a_step': 1e3*seconds/steps, 'processor_ms_a_step': 1e3*used/steps, 'processor_hours_of_the_papers_10000_steps': used/steps*10000/3600,
-                     'iterations_a_step': (now['solverIterations'] - done['solverIterations'])/steps, 'redone_steps': rods.integrator.getNumRejectedSteps(),
-                     'fluid': str(rods.integrator.getEffects()['hydrodynamics']), 'tolerance': TOLERANCE,
-                     'means_before_and_after': {name: [before[k], after[k]] for k, name in enumerate(MEANS)}})
-        print(f'{scene.rods} rods: {rows[-1]["ms_a_step"]:.0f} ms a step, {rows[-1]["processor_ms_a_step"]:.0f} of the processor', flush=True)
-    return rows
+def fullSize(argument, job):
+    """Steps of the paper's number of rods, from the reduced system's state beside itself in x and z; ms a step, and how far the means move."""
+    fraction, steps = argument
+    small, scene = model.Scene(fraction, 6.0), model.Scene(fraction, 6.0, 1.0)
+    chains = chainsOf(small, pathlib.Path(job.directory).parent)
+    offsets = np.array([(x, 0, z) for x in (0, small.side) for z in (0, small.side)])
+    R = (chains.state['R'][0] % (small.side, np.inf, small.side) + offsets[:, None]).reshape(-1, 3)
+    q = np.tile(chains.state['q'][0], (4, 1))
+    rods = model.Rods(scene, tolerance=TOLERANCE, seed=SEED)
+    rods.place(R, q)
+    before = configurationMeans(scene, R, q)
+    rods.integrator.step(2)
+    done, began, used = dict(rods.integrator.getStepStatistics()), time.time(), time.process_time()
+    for k in range(steps):
+        rods.integrator.step(1)
+        job.report(k + 1)
+    seconds, used = time.time() - began, time.process_time() - used
+    now = rods.integrator.getStepStatistics()
+    after = configurationMeans(scene, *rods.poses())
+    return {**scene.describe(), 'steps': steps, 'ms_a_step': 1e3*seconds/steps, 'processor_ms_a_step': 1e3*used/steps, 'processor_hours_of_the_papers_10000_steps': used/steps*10000/3600,
+            'iterations_a_step': (now['solverIterations'] - done['solverIterations'])/steps, 'redone_steps': rods.integrator.getNumRejectedSteps(),
+            'fluid': str(rods.integrator.getEffects()['hydrodynamics']), 'tolerance': TOLERANCE,
+            'means_before_and_after': {name: [before[k], after[k]] for k, name in enumerate(MEANS)}}
 
 
 # ---- One rod ---------------------------------------------------------------------------------------------------------------
@@ -345,25 +369,24 @@ def ownMobilities(fraction, part=0.5):
 
 # ---- All of it -------------------------------------------------------------------------------------------------------------
 def report(folder, args, plans):
-    """The JSON and the pictures, from what is kept."""
+    """The JSON and the pictures, from what --work has."""
     data = {'model': {'beads_of_a_rod': len(model.SITES), 'rod_length': 2*(model.HALF_LENGTH + 1), 'K': model.WALL_STIFFNESS, 'wall_range': model.WALL_RANGE,
                       'U0': model.PAIR_STRENGTH, 'pair_range': model.PAIR_RANGE, 'step_over_tau': model.STEP, 'units': 'a = 1, kT = 1, tau = 6 pi eta a^3/kT'},
             'seed': SEED, 'least_in_bin': LEAST_IN_BIN, 'scenes': []}
     tracks = {}
     for (fraction, cutoff), (systems, _, burnIn, _, _) in plans.items():
         scene = model.Scene(fraction, cutoff, args.part)
-        chains = Chains(scene, folder/'kept', systems, burnIn)
+        chains = Chains(scene, args.work/f'mc_{scene.name}', systems, burnIn)
         if not chains.load() or not chains.means:
             continue
         entry = {**scene.describe(), 'monte_carlo': chains.summary(), 'dynamics': []}
-        for path in sorted((folder/'kept').glob(f'runs_{scene.name}*.npz')):
-            for scheme in ('DriftCorrectorFD', 'EulerMaruyama'):
-                for scaling in ('Whole', 'SlipOnly'):
-                    for step in (1, 2, 3, 5):
-                        runs = Runs(scene, folder/'kept', scheme, scaling, step*model.STEP)
-                        if runs.file == path and runs.load() and len(runs.runs) > 1:
-                            entry['dynamics'].append(runs.summary(entry['monte_carlo'], chains))
-                            tracks.setdefault((fraction, cutoff), runs.track)
+        for scheme in ('DriftCorrectorFD', 'EulerMaruyama'):
+            for scaling in ('Whole', 'SlipOnly'):
+                for step in (1, 2, 3, 5):
+                    runs = Runs(scene, args.work, scheme, scaling, step*model.STEP)
+                    if len(runs.runs) > 1:
+                        entry['dynamics'].append(runs.summary(entry['monte_carlo'], chains))
+                        tracks.setdefault((fraction, cutoff), runs.track)
         data['scenes'].append(entry)
     data['own_mobilities'] = {f'L/{fraction}': ownMobilities(fraction, args.part) for fraction in {f for f, _ in plans}}
     data['provenance'] = provenance(args)
@@ -417,13 +440,30 @@ def tables(data):
             yield '| ' + ' | '.join(cells) + ' |'
 
 
+def makeRuns(plans, args):
+    """Monte Carlo of all scenes, then dynamics from its states."""
+    scenes = {key: model.Scene(*key, args.part) for key in plans}
+    if args.only != 'dynamics':
+        todo = [(*key, args.part, systems, burnIn, round(sweeps*args.long)) for key, (systems, sweeps, burnIn, _, _) in plans.items()]
+        campaign.run(monteCarlo, todo, [f'mc_{scenes[task[:2]].name}' for task in todo], args, [task[5] for task in todo], 'sweep', 'Monte Carlo')
+    if args.only != 'mc':
+        todo = []
+        for key, (systems, _, _, runs, steps) in plans.items():
+            wanted = round((runs if args.runs is None else args.runs)*args.long)
+            if wanted > systems:
+                raise SystemExit(f'{scenes[key].name}: {wanted} runs want as many Monte Carlo systems to start from, and there are {systems}: give a smaller --long, '
+                                 'or more systems')
+            todo += [(*key, args.part, args.scheme, args.scaling, args.coarser, number, steps) for number in range(wanted)]
+        names = [f'{stemOf(scenes[task[:2]], *task[3:5], task[5]*model.STEP)}_{task[6]}' for task in todo]
+        campaign.run(dynamics, todo, names, args, [-(-task[7]//SEGMENT) for task in todo], 'segment', 'dynamics')
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--quick', action='store_true', help='seconds: few sweeps and steps of the narrowest channel')
     parser.add_argument('--full', action='store_true', help="time steps of the paper's size, from states of the reduced one")
     parser.add_argument('--steps', type=int, default=20, help='of --full (%(default)s)')
     parser.add_argument('--part', type=float, default=0.5, help="side of the box over the paper's (%(default)s)")
-    parser.add_argument('--resume', action='store_true', help='go on with what results/kept has')
     parser.add_argument('--long', type=float, default=1, help='sweeps and runs, times those of the table PLANS')
     parser.add_argument('--widths', type=int, nargs='+', default=[8, 4, 2], choices=[8, 4, 2], help='L/Ly')
     parser.add_argument('--cutoffs', type=float, nargs='+', default=[6.0, 4.0, 3.0], help='of the pair potential, a')
@@ -435,28 +475,20 @@ def main():
     parser.add_argument('--report', action='store_true', help='run nothing')
     parser.add_argument('--silent', action='store_true', help='no progress bars')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
-    args = parser.parse_args()
+    campaign.addOptions(parser)
+    args = campaign.settle(parser.parse_args())
     plans = {key: plan for key, plan in PLANS.items() if key[0] in args.widths and key[1] in args.cutoffs}
     if args.quick:
         plans = {(8, 6.0): (8, 30, 10, 2, 60)}
     if args.full:
-        save(args.output, 'rods_full.json', {'rows': fullSize(args.output, args.steps, args.widths, args.silent), 'provenance': provenance(args)})
+        rows = campaign.run(fullSize, [(fraction, args.steps) for fraction in args.widths], [f'rods full L{fraction}' for fraction in args.widths], args,
+                            [args.steps]*len(args.widths), 'step', "the paper's size")
+        for row in rows:
+            print(f'{row["rods"]} rods: {row["ms_a_step"]:.0f} ms a step, {row["processor_ms_a_step"]:.0f} of the processor')
+        save(args.output, 'rods_full.json', {'rows': rows, 'provenance': provenance(args)})
         return
-    folder = args.output/'kept'
-    for (fraction, cutoff), (systems, sweeps, burnIn, runs, steps) in plans.items():
-        if args.report:
-            break
-        scene = model.Scene(fraction, cutoff, args.part)
-        chains = Chains(scene, folder, systems, burnIn)
-        if args.resume or args.only == 'dynamics':
-            chains.load()
-        if args.only != 'dynamics':
-            chains.run(round(sweeps*args.long), args.silent)
-        if args.only != 'mc':
-            moving = Runs(scene, folder, args.scheme, args.scaling, args.coarser*model.STEP)
-            if args.resume:
-                moving.load()
-            moving.go(chains, round((runs if args.runs is None else args.runs)*args.long), steps, args.silent)
+    if not args.report:
+        makeRuns(plans, args)
     report(args.output, args, plans if args.quick else PLANS)
 
 
