@@ -12,7 +12,7 @@ import numpy as np
 import openmm as mm
 from scipy.spatial.transform import Rotation
 
-sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "examples", "tip4p_davidchack2015"))
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "validation", "davidchack2015"))
 import observables  # noqa: E402
 import tip4p_model as tip4p  # noqa: E402
 

@@ -12,7 +12,7 @@ from scipy import stats
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, analysis, app
 from openmmrigidhi.accuracy.statistics import quantile
 
-EXAMPLES = pathlib.Path(__file__).resolve().parents[2]/'examples'
+VALIDATION = pathlib.Path(__file__).resolve().parents[2]/'validation'
 FALSE_ALARMS = 1e-6     # of each comparison with noise
 ETA, F0 = 1.5, 0.7
 KT = 300*8.31446261815324e-3
@@ -22,7 +22,7 @@ CROSS = np.array([(0, 0, 0), (1.8, 0, 0), (-1.8, 0, 0), (0, 1.8, 0), (0, 0, 1.8)
 @pytest.fixture(scope='module')
 def run():
     """validation/accuracy/viscosity/run.py as a module."""
-    sys.path[:0] = [str(EXAMPLES/'effective_viscosity'), str(EXAMPLES)]
+    sys.path[:0] = [str(VALIDATION/'accuracy'/'viscosity'), str(VALIDATION/'common')]
     try:
         sys.modules.pop('run', None)
         import run as module

@@ -19,11 +19,17 @@ from openmmrigidhi.ensemble import tasks
 NOTES_EVERY = 60.0
 
 
-def addOptions(parser):
-    """--jobs, --cluster, --work, --fresh; after parsing call settle()."""
+def addPlaces(parser):
+    """--jobs, --cluster: who makes the runs."""
     group = parser.add_argument_group('who makes the runs')
     group.add_argument('--jobs', type=int, default=1, help='runs at a time, in processes of this machine (%(default)s)')
     group.add_argument('--cluster', metavar='ADDRESS', help='a scheduler of dask.distributed whose workers make the runs (docs/ensembles.md)')
+    return group
+
+
+def addOptions(parser):
+    """--jobs, --cluster, --work, --fresh; after parsing call settle()."""
+    group = addPlaces(parser)
     group.add_argument('--work', type=pathlib.Path, help='where runs keep what they need to go on (the folder work in that of --output)')
     group.add_argument('--fresh', action='store_true', help='begin all runs anew instead of going on with what --work has')
 
@@ -39,7 +45,7 @@ def directoryName(name):
     return re.sub(r'[^\w.+=-]+', '_', name)
 
 
-def run(function, arguments, names, args, amounts=None, unit='run', title='', finished=None):
+def run(function, arguments, names, args, amounts=None, unit='run', title='', finished=None, given=None):
     """What function(argument, job) returns for each argument, as JSON has it: numbers, lists, dictionaries with str keys.
 
     A result that is in the run's directory, of an equal argument, is taken from there.
@@ -57,6 +63,8 @@ def run(function, arguments, names, args, amounts=None, unit='run', title='', fi
         see tasks.run()
     finished : callable, optional
         called with the index of a run and its result, as they come
+    given : object, optional
+        what all runs need beside and the result depends on as on the script itself, e.g. an equilibrated scene: function's third argument
 
     Raises
     ------
@@ -73,7 +81,7 @@ def run(function, arguments, names, args, amounts=None, unit='run', title='', fi
         if outcome.failure is None and finished is not None:
             finished(outcome.index, outcome.value)
 
-    outcomes = tasks.run(_perform, [(function, argument) for argument in arguments], args.jobs, args.cluster, names=names, directory=str(args.work),
+    outcomes = tasks.run(_perform, [(function, argument, given) for argument in arguments], args.jobs, args.cluster, names=names, directory=str(args.work),
                          amounts=amounts, unit=unit, title=title, finished=end, quiet=getattr(args, 'silent', False) or getattr(args, 'quick', False))
     failed = [outcome for outcome in outcomes if outcome.failure is not None]
     for outcome in failed:
@@ -86,14 +94,14 @@ def run(function, arguments, names, args, amounts=None, unit='run', title='', fi
 
 def _perform(task, job):
     """The result of one run: the one that is there, or a new one."""
-    function, argument = task
+    function, argument, given = task
     path, settings = os.path.join(job.directory, 'result.json'), json.loads(json.dumps(asJson(argument)))
     if os.path.exists(path):
         with open(path) as file:
             kept = json.load(file)
         if kept['settings'] == settings:
             return kept['result']
-    text = json.dumps({'settings': settings, 'result': asJson(function(argument, job))})
+    text = json.dumps({'settings': settings, 'result': asJson(function(argument, job) if given is None else function(argument, job, given))})
     with open(path + '.part', 'w') as file:
         file.write(text)
     os.replace(path + '.part', path)

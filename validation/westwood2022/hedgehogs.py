@@ -2,7 +2,7 @@
 """Czech hedgehogs in a driven fluid (Westwood 2022, section 6.4): effective viscosity against shear rate, and where the centres are.
 
     python3 hedgehogs.py                     # 64 hedgehogs, two potentials, six force densities: half an hour on one core
-    python3 hedgehogs.py --resume --long 2   # goes on with what results/kept has, until runs are twice as long
+    python3 hedgehogs.py --long 2 --jobs 8   # runs twice as long, eight at a time; what is there goes on
     python3 hedgehogs.py --full              # the paper's 1177 hedgehogs: time of steps and a short run; --steps 10000 is a run as long as the paper's shortest
     python3 hedgehogs.py --quick             # seconds
     python3 hedgehogs.py --report            # tables and pictures again, from what is kept
@@ -18,7 +18,8 @@ import numpy as np
 from tqdm import tqdm
 
 HERE = pathlib.Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parent)]
+sys.path[:0] = [str(HERE), str(HERE.parent/'common')]
+import campaign  # noqa: E402
 import hedgehogmodel as model  # noqa: E402
 import hedgehogpictures as pictures  # noqa: E402
 from openmmrigidhi.analysis import sampleFlowAmplitudes, viscosity, viscosityFromAmplitudes  # noqa: E402
@@ -43,22 +44,36 @@ def seedOf(*words):
     return SEED + zlib.crc32(' '.join(map(str, words)).encode()) % 1000000007
 
 
-def start(folder, bodies, potential, quiet, steps=RELAX[0]):
+def relax(argument, job):
     """Poses from which runs begin: random ones, relaxed without noise and without a fluid that couples bodies, as in the paper."""
-    file = folder/f'hedgehogs_start_{bodies}_{potential}.npz'
-    if not file.exists():
+    bodies, potential, steps = argument
+    state = campaign.State(job, ('start', bodies, potential))
+    if not state.load():
         R, q = model.atRandom(bodies, np.random.default_rng(seedOf('start', bodies, potential)))
         hedgehogs = model.Hedgehogs(bodies, potential, None, step=RELAX[1])
         hedgehogs.place(R, q)
         energies = [hedgehogs.energy()/bodies]
-        for _ in tqdm(range(10), desc=f'relaxing {bodies} {potential}', unit=' tenths', disable=quiet):
+        for k in range(10):
             hedgehogs.integrator.step(max(1, steps//10))
             energies.append(hedgehogs.energy()/bodies)
+            job.report(k + 1)
         R, q = hedgehogs.poses()
-        file.parent.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(file, R=R % hedgehogs.side, q=q, energies=energies)
-    with np.load(file) as kept:
-        return kept['R'], kept['q'], kept['energies']
+        state.save(R=R % hedgehogs.side, q=q, energies=energies)
+    return {}
+
+
+def makeStarts(bodies, potentials, steps, args):
+    campaign.run(relax, [(bodies, potential, steps) for potential in potentials], [f'hedgehogs_start_{bodies}_{potential}' for potential in potentials], args,
+                 [10]*len(potentials), 'tenth', 'relaxing')
+
+
+def start(folder, bodies, potential):
+    """What relax() has left in a folder."""
+    state = campaign.State(folder/f'hedgehogs_start_{bodies}_{potential}', ('start', bodies, potential))
+    kept = state.load()
+    if not kept:
+        raise FileNotFoundError(f'{state.path}: it is not there; runs begin from its poses: run without --report and --animate first')
+    return kept['R'], kept['q'], kept['energies']
 
 
 def distances(R, edge):
@@ -70,7 +85,7 @@ def distances(R, edge):
 
 
 class Run:
-    """One potential and force density; kept in a file.
+    """One potential and force density; kept in a directory below a folder.
 
     Attributes
     ----------
@@ -86,9 +101,10 @@ class Run:
 
     ARRAYS = ('amplitudes', 'counts', 'energies', 'track', 'R', 'q')
 
-    def __init__(self, folder, bodies, potential, bare, relax=RELAX[0]):
-        self.bodies, self.potential, self.bare, self.folder, self.relax = bodies, potential, bare, folder, relax
-        self.file = folder/f'hedgehogs_{bodies}_{potential}_{bare:g}.npz'
+    def __init__(self, folder, bodies, potential, bare):
+        self.bodies, self.potential, self.bare, self.folder = bodies, potential, bare, folder
+        self.name = f'hedgehogs_{bodies}_{potential}_{bare:g}'
+        self.kept = campaign.State(folder/self.name, self.name)
         self.amplitudes, self.counts, self.energies, self.track = np.empty((0, 2)), None, np.empty(0), None
         self.R = self.q = self.hedgehogs = None
         self.seconds, self.tolerance = 0.0, TOLERANCE
@@ -98,30 +114,30 @@ class Run:
         return len(self.amplitudes)*INTERVAL
 
     def load(self):
-        if not self.file.exists():
+        kept = self.kept.load()
+        if not kept:
             return False
-        with np.load(self.file) as kept:
-            for name in self.ARRAYS:
-                setattr(self, name, kept[name])
-            self.seconds, self.tolerance = float(kept['seconds']), float(kept['tolerance'])
+        for name in self.ARRAYS:
+            setattr(self, name, kept[name])
+        self.seconds, self.tolerance = float(kept['seconds']), float(kept['tolerance'])
         return True
 
     def save(self):
-        np.savez_compressed(self.file, seconds=self.seconds, tolerance=self.tolerance, **{name: getattr(self, name) for name in self.ARRAYS})
+        self.kept.save(seconds=self.seconds, tolerance=self.tolerance, **{name: getattr(self, name) for name in self.ARRAYS})
 
     def make(self):
         """The Context, with a seed that depends on how many steps there are: one that goes on has new noise."""
         if self.hedgehogs is None:
             self.hedgehogs = model.Hedgehogs(self.bodies, self.potential, self.bare, self.tolerance,
-                                             seed=seedOf(self.file.stem, self.steps) % 2**31)
+                                             seed=seedOf(self.name, self.steps) % 2**31)
             if self.R is not None:
                 self.hedgehogs.place(self.R, self.q)
         return self.hedgehogs
 
-    def segment(self, steps, quiet):
+    def segment(self, steps):
         """Go on by so many steps."""
         if self.R is None:
-            self.R, self.q, _ = start(self.folder, self.bodies, self.potential, quiet, self.relax)
+            self.R, self.q, _ = start(self.folder, self.bodies, self.potential)
         hedgehogs, began = self.make(), time.process_time()
         parts, counts, energies, track = [self.amplitudes], 0, [], []
         for _ in range(steps//FRAME):
@@ -164,14 +180,25 @@ class Run:
                 'k': 2*np.pi/edge, 'steps': self.steps, 'time_over_tau': self.steps*model.STEP, 'not_counted_over_tau': first*INTERVAL*model.STEP,
                 'tolerance': self.tolerance, 'cpu_ms_a_step': 1e3*self.seconds/self.steps, **self.estimate(counted),
                 'halves': [self.estimate(part) for part in (counted[:half], counted[half:])], 'spread_of_samples': counted.std(axis=0),
-                'energy_of_a_body': {'start': start(self.folder, self.bodies, self.potential, True)[2][-1], 'by_segment': self.energies},
+                'energy_of_a_body': {'start': start(self.folder, self.bodies, self.potential)[2][-1], 'by_segment': self.energies},
                 'r': (edges[1:] + edges[:-1])/2, 'g': g.mean(axis=0),
                 'g_error': g.std(axis=0, ddof=1)/np.sqrt(len(g)) if len(g) > 1 else np.full(len(shells), np.nan)}
 
 
+def drive(argument, job):
+    """A run, until it has so many steps."""
+    bodies, potential, bare, steps, segment = argument
+    run = Run(pathlib.Path(job.directory).parent, bodies, potential, bare)
+    run.load()
+    while run.steps < steps:
+        run.segment(min(segment, -(-(steps - run.steps)//FRAME)*FRAME))
+        job.report(run.steps)
+    return {'steps': run.steps}
+
+
 def tolerances(folder, bodies, potential):
     """The ratio of viscosities at the relaxed poses without noise, by tolerance of grid and solver."""
-    R, q, _ = start(folder, bodies, potential, True)
+    R, q, _ = start(folder, bodies, potential)
     found = {}
     for tolerance in (1e-2, 1e-3, 1e-6):
         hedgehogs = model.Hedgehogs(bodies, potential, BARE[-1], tolerance, temperature=0)
@@ -182,46 +209,44 @@ def tolerances(folder, bodies, potential):
 
 def rigid(folder, bodies, potential):
     """Ratio of viscosities without forces between bodies and without noise, at the relaxed poses: what the rigid bodies alone make."""
-    R, q, _ = start(folder, bodies, potential, True)
+    R, q, _ = start(folder, bodies, potential)
     hedgehogs = model.Hedgehogs(bodies, None, 1.0, 1e-3, temperature=0)
     hedgehogs.place(R, q)
     return viscosity(hedgehogs.context).ratio
 
 
-def fullSize(folder, steps, bare, quiet):
+def fullSize(argument, job):
     """The paper's size: seconds of a step, and what a short run says."""
-    rows = []
-    for potential in POTENTIALS[:1]:
-        R, q, energies = start(folder, model.BODIES, potential, quiet, 400)
-        hedgehogs = model.Hedgehogs(model.BODIES, potential, bare, TOLERANCE, seed=SEED)
-        hedgehogs.place(R, q)
+    potential, steps, bare = argument
+    R, q, energies = start(pathlib.Path(job.directory).parent, model.BODIES, potential)
+    hedgehogs = model.Hedgehogs(model.BODIES, potential, bare, TOLERANCE, seed=SEED)
+    hedgehogs.place(R, q)
+    hedgehogs.integrator.step(1)
+    done, began, cpu = dict(hedgehogs.integrator.getStepStatistics()), time.time(), time.process_time()
+    for k in range(steps):
         hedgehogs.integrator.step(1)
-        done, began, cpu = dict(hedgehogs.integrator.getStepStatistics()), time.time(), time.process_time()
-        for _ in tqdm(range(steps), desc=f'{model.BODIES} hedgehogs', unit=' steps', disable=quiet):
-            hedgehogs.integrator.step(1)
-        wall, cpu = (time.time() - began)/steps, (time.process_time() - cpu)/steps
-        now, began = hedgehogs.integrator.getStepStatistics(), time.process_time()
-        sampled = min(steps, 10)
-        amplitudes = sampleFlowAmplitudes(hedgehogs.context, sampled, 1, progress=not quiet)._value[:, :2]
-        sampling = (time.process_time() - began)/sampled
-        k = 2*np.pi/hedgehogs.side
-        mean, error = amplitudes.mean(axis=0), amplitudes.std(axis=0, ddof=1)/np.sqrt(sampled)
-        rows.append({'bodies': model.BODIES, 'beads': model.BODIES*len(model.SITES), 'side': hedgehogs.side, 'potential': potential, 'bare_shear_rate': bare,
-                     'steps': steps + 1 + sampled, 'seconds_a_step': wall, 'cpu_seconds_a_step': cpu, 'cpu_seconds_a_step_with_its_sample': sampling,
-                     'iterations_a_step': (now['solverIterations'] - done['solverIterations'])/steps, 'tolerance': TOLERANCE,
-                     'hours_of_10000_steps': wall*1e4/3600, 'energy_of_a_body': [energies[0], energies[-1], hedgehogs.energy()/model.BODIES],
-                     'fluid': str(hedgehogs.integrator.getEffects()['hydrodynamics']), 'amplitude': [mean[0], error[0]],
-                     'ratio_of_the_short_run': [bare/k/mean[0], bare/k/mean[0]**2*error[0]], 'amplitude_on_cosine': [mean[1], error[1]]})
-        print(f'{model.BODIES} hedgehogs: {wall:.2f} s a step ({cpu:.2f} s of one core)', flush=True)
-    return rows
+        job.report(k + 1)
+    wall, cpu = (time.time() - began)/steps, (time.process_time() - cpu)/steps
+    now, began = hedgehogs.integrator.getStepStatistics(), time.process_time()
+    sampled = min(steps, 10)
+    amplitudes = sampleFlowAmplitudes(hedgehogs.context, sampled, 1, progress=False)._value[:, :2]
+    sampling = (time.process_time() - began)/sampled
+    k = 2*np.pi/hedgehogs.side
+    mean, error = amplitudes.mean(axis=0), amplitudes.std(axis=0, ddof=1)/np.sqrt(sampled)
+    return {'bodies': model.BODIES, 'beads': model.BODIES*len(model.SITES), 'side': hedgehogs.side, 'potential': potential, 'bare_shear_rate': bare,
+            'steps': steps + 1 + sampled, 'seconds_a_step': wall, 'cpu_seconds_a_step': cpu, 'cpu_seconds_a_step_with_its_sample': sampling,
+            'iterations_a_step': (now['solverIterations'] - done['solverIterations'])/steps, 'tolerance': TOLERANCE,
+            'hours_of_10000_steps': wall*1e4/3600, 'energy_of_a_body': [energies[0], energies[-1], hedgehogs.energy()/model.BODIES],
+            'fluid': str(hedgehogs.integrator.getEffects()['hydrodynamics']), 'amplitude': [mean[0], error[0]],
+            'ratio_of_the_short_run': [bare/k/mean[0], bare/k/mean[0]**2*error[0]], 'amplitude_on_cosine': [mean[1], error[1]]}
 
 
 def report(output, args, bodies):
-    """The JSON and the pictures, from what is kept."""
-    folder = output/'kept'
+    """The JSON and the pictures, from what --work has."""
+    folder = args.work
     runs = []
-    for path in sorted(folder.glob('hedgehogs_[0-9]*.npz')):
-        count, potential, bare = path.stem.split('_')[1:]
+    for path in sorted(folder.glob('hedgehogs_[0-9]*/state.npz')):
+        count, potential, bare = path.parent.name.split('_')[1:]
         run = Run(folder, int(count), potential, float(bare))
         if run.load() and len(run.counts) > 1:
             runs.append(run)
@@ -240,11 +265,11 @@ def report(output, args, bodies):
     return data
 
 
-def animate(output, bodies, potential, bare, frames, quiet):
+def animate(output, work, bodies, potential, bare, frames, quiet):
     """A GIF of hedgehogs that go on from where the run stands: fresh noise, frames closer together than those that are kept."""
-    run = Run(output/'kept', bodies, potential, bare)
+    run = Run(work, bodies, potential, bare)
     if not run.load():
-        raise SystemExit(f'{run.file}: it is not there; the animation starts from its poses: run without --animate first')
+        raise SystemExit(f'{run.kept.path}: it is not there; the animation starts from its poses: run without --animate first')
     hedgehogs, track = run.make(), []
     for _ in tqdm(range(frames), desc='animation', disable=quiet):
         track.append(np.concatenate(hedgehogs.poses(), axis=1))
@@ -272,40 +297,31 @@ def main():
     parser.add_argument('--bodies', type=int, default=64, help='hedgehogs, at the volume fraction of the paper (%(default)s)')
     parser.add_argument('--potentials', nargs='+', default=list(POTENTIALS), choices=POTENTIALS)
     parser.add_argument('--bare', type=float, nargs='+', default=list(BARE), help='shear rates without bodies, f0/(k eta), 1/tau (%(default)s)')
-    parser.add_argument('--resume', action='store_true', help='go on with what results/kept has')
     parser.add_argument('--long', type=float, default=1, help='steps of runs, times --steps')
     parser.add_argument('--report', action='store_true', help='run nothing')
     parser.add_argument('--animate', action='store_true', help='the animation, from the kept poses of the first of --potentials and --bare')
     parser.add_argument('--silent', action='store_true', help='no progress bars')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
-    args = parser.parse_args()
-    folder = args.output/'kept'
+    campaign.addOptions(parser)
+    args = campaign.settle(parser.parse_args())
     if args.full:
-        rows = fullSize(folder, args.steps or 10, args.bare[0] if len(args.bare) == 1 else 50.0, args.silent)
+        steps, bare = args.steps or 10, args.bare[0] if len(args.bare) == 1 else 50.0
+        makeStarts(model.BODIES, POTENTIALS[:1], 400, args)
+        rows = campaign.run(fullSize, [(POTENTIALS[0], steps, bare)], ['hedgehogs full'], args, [steps], 'step', "the paper's size")
+        print(f'{model.BODIES} hedgehogs: {rows[0]["seconds_a_step"]:.2f} s a step ({rows[0]["cpu_seconds_a_step"]:.2f} s of one core)')
         save(args.output, 'hedgehogs_full.json', {'rows': rows, 'seed': SEED, 'provenance': provenance(args)})
         return
     if args.animate:
-        animate(args.output, args.bodies, args.potentials[0], args.bare[0], 48, args.silent)
+        animate(args.output, args.work, args.bodies, args.potentials[0], args.bare[0], 48, args.silent)
         return
-    bodies, steps, segment, bare, relax = args.bodies, round((args.steps or STEPS)*args.long), SEGMENT, args.bare, RELAX[0]
+    bodies, steps, segment, bare, relaxing = args.bodies, round((args.steps or STEPS)*args.long), SEGMENT, args.bare, RELAX[0]
     if args.quick:
         # Few, that have hardly begun: it shows that the script runs, nothing else.
-        bodies, steps, segment, bare, relax = 27, round(120*args.long), 60, [300.0], 100
-    folder.mkdir(parents=True, exist_ok=True)
+        bodies, steps, segment, bare, relaxing = 27, round(120*args.long), 60, [300.0], 100
     if not args.report:
-        runs = [Run(folder, bodies, potential, each, relax) for each in bare for potential in args.potentials]
-        for run in runs:
-            if args.resume:
-                run.load()
-            elif run.file.exists():
-                run.file.unlink()
-        with tqdm(total=sum(max(0, steps - run.steps) for run in runs), desc='hedgehogs', unit=' steps', mininterval=2, disable=args.silent) as bar:
-            while any(run.steps < steps for run in runs):
-                for run in runs:
-                    if run.steps < steps:
-                        before = run.steps
-                        run.segment(min(segment, -(-(steps - run.steps)//FRAME)*FRAME), args.silent)
-                        bar.update(run.steps - before)
+        makeStarts(bodies, POTENTIALS, relaxing, args)
+        todo = [(bodies, potential, each, steps, segment) for each in bare for potential in args.potentials]
+        campaign.run(drive, todo, [Run(args.work, *task[:3]).name for task in todo], args, [steps]*len(todo), 'step', 'hedgehogs')
     report(args.output, args, bodies)
 
 

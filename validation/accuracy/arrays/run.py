@@ -13,7 +13,8 @@ from pathlib import Path
 
 from openmmrigidhi import accuracy
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]/'common'))
+import campaign  # noqa: E402
 import recording  # noqa: E402
 
 # Names in the results, and the rungs of the hydrodynamic ladder.
@@ -22,23 +23,28 @@ NUMBERS = {'K': 'drag', 'KR': 'rotational_drag'}
 
 
 def measure(fraction, rung):
-    """K and KR of the array."""
+    """K and KR of an array."""
     spheres = accuracy.rungs.Spheres(accuracy.scenes.array(fraction))
     fluid, _, context = spheres.makeContext(accuracy.rungs.byName(rung))
     sample = spheres.sample(fluid, context)
     return {name: accuracy.mobilities.byName(observable).measure(sample) for name, observable in NUMBERS.items()}
 
 
+def row(fraction, job):
+    """An array by all models."""
+    return {'fraction': fraction, 'exact': dict(zip(NUMBERS, accuracy.scenes.SIMPLE_CUBIC[fraction])), **{name: measure(fraction, rung) for name, rung in MODELS.items()}}
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--output', type=Path, default=Path('results'), help='folder of the JSON (results)')
-    arguments = parser.parse_args()
-    rows = []
-    for fraction, exact in accuracy.scenes.SIMPLE_CUBIC.items():
-        row = {'fraction': fraction, 'exact': dict(zip(NUMBERS, exact)), **{name: measure(fraction, rung) for name, rung in MODELS.items()}}
-        rows.append(row)
-        print(f'{fraction:6.3f}', *(f'{name}: K {values["K"]:.6f}, KR {values["KR"]:.6f};'
-                                    for name, values in row.items() if name != 'fraction'))
+    campaign.addOptions(parser)
+    arguments = campaign.settle(parser.parse_args())
+    fractions = list(accuracy.scenes.SIMPLE_CUBIC)
+    rows = campaign.run(row, fractions, [f'array {fraction:g}' for fraction in fractions], arguments, unit='array')
+    for each in rows:
+        print(f'{each["fraction"]:6.3f}', *(f'{name}: K {values["K"]:.6f}, KR {values["KR"]:.6f};'
+                                            for name, values in each.items() if name != 'fraction'))
     recording.save(arguments.output, 'simple_cubic.json', {'arrays': rows, 'run': recording.provenance(arguments)})
 
 

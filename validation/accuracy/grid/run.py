@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Force coupling on a grid: errors of products by tolerance and by spacing against the time they take, for a random suspension in a periodic box.
 
-    python3 run.py            # three minutes
+    python3 run.py            # three minutes; one process, since times are what is measured: grids take turns
     python3 run.py --quick    # 60 spheres, seconds
 """
 import argparse

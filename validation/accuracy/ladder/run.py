@@ -6,11 +6,16 @@
 """
 import argparse
 import pathlib
+import sys
 
 from openmmrigidhi import accuracy
 from tqdm import tqdm
 
-RESULTS = pathlib.Path(__file__).parent/'results'
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.append(str(HERE.parents[1]/'common'))
+import campaign  # noqa: E402
+
+RESULTS = HERE/'results'
 RUNGS = ('FreeDraining', 'RPY', 'ForceCoupling', 'FTS', 'multiblob12', 'multiblob42', 'multiblob162', 'multiblob642', 'FTS+lubrication')
 GENERAL = ('mobility', 'sedimentation', 'relative_mobility', 'rotation_translation', 'worst_wrench')
 #: Drawn as lines, and answered.
@@ -35,6 +40,7 @@ def main():
     parser.add_argument('--rounds', type=int, default=20)
     parser.add_argument('--only', choices=tuple(WANTED))
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
+    campaign.addPlaces(parser)
     arguments = parser.parse_args()
     for name, scene in scenes().items():
         if arguments.only not in (None, name):
@@ -47,7 +53,7 @@ def main():
                 bar.total = total
                 bar.set_description(f'{name}: {text}', refresh=False)
                 bar.update(done - bar.n)
-            result = study.run(arguments.rounds, 0.01, show)
+            result = study.run(arguments.rounds, 0.01, show, arguments.jobs, arguments.cluster)
         result.write(str(arguments.output/name), WANTED[name])
         print(accuracy.ladderreport.textTable(result))
         for item in WANTED[name]:

@@ -6,11 +6,16 @@
 """
 import argparse
 import pathlib
+import sys
 
 from openmmrigidhi.accuracy import overdamped
 from tqdm import tqdm
 
-RESULTS = pathlib.Path(__file__).parent/'results'
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.append(str(HERE.parents[1]/'common'))
+import campaign  # noqa: E402
+
+RESULTS = HERE/'results'
 #: Steps in tau_D: of the schemes without momenta, of the LangevinHIs. The longest are at the edge of stability.
 STEPS = {'boomerang': ((0.1, 0.2), {'LangevinHI(0.3)': (0.1, 0.2, 0.5), 'LangevinHI(1)': (0.05, 0.1, 0.2), 'LangevinHI(3)': (0.05, 0.1)}),
          'suspension': ((0.05, 0.1), {'LangevinHI(0.3)': (0.05, 0.1, 0.2), 'LangevinHI(1)': (0.05, 0.1), 'LangevinHI(3)': (0.05,)})}
@@ -24,6 +29,7 @@ def main():
     parser.add_argument('--only', choices=tuple(STEPS))
     parser.add_argument('--budget', type=float, default=480, help='seconds for each scene')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
+    campaign.addPlaces(parser)
     arguments = parser.parse_args()
     for name, (without, inertial) in STEPS.items():
         if arguments.only not in (None, name):
@@ -37,7 +43,7 @@ def main():
                 bar.total = total
                 bar.set_description(f'{name}: {text}', refresh=False)
                 bar.update(done - bar.n)
-            result = study.run(arguments.budget, equilibration=10*scene.timeUnit, progress=show)
+            result = study.run(arguments.budget, equilibration=10*scene.timeUnit, jobs=arguments.jobs, progress=show, cluster=arguments.cluster)
         result.write(str(arguments.output/name), WANTED, BASELINE)
         for item in WANTED:
             print(result.recommend(item))

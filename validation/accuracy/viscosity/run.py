@@ -8,7 +8,7 @@ Lattices: simple cubic arrays in longer and longer waves, extrapolated, have the
 Brownian stress: rods of three blobs in weak flow, where half of what they add comes from their rotational diffusion.
 
     python3 run.py --output results                     # ten seconds
-    python3 run.py --output results --brownian          # some minutes
+    python3 run.py --output results --brownian --jobs 2 # some minutes
 """
 import argparse
 import sys
@@ -16,14 +16,14 @@ from pathlib import Path
 
 import numpy as np
 import openmm
-import tqdm
 from openmm import unit
 from scipy.special import erf
 
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, analysis, app
 from openmmrigidhi._quaternions import rotate
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]/'common'))
+import campaign  # noqa: E402
 import recording  # noqa: E402
 
 ETA = 1.5
@@ -131,25 +131,30 @@ def lattice(fraction, count, model='StokesianDynamics', lubrication=True):
     return scene.viscosity(spacing*np.stack([np.zeros(count), np.arange(count) + 0.5, np.zeros(count)], axis=1)).ratio
 
 
-def measure(boxes=BOXES, shells=SHELLS, lattices=LATTICES, waves=WAVES):
+def row(argument, job):
+    """One row of the JSON: a shell or a sphere in boxes, or a lattice in waves."""
+    kind, *which = argument
+    if kind == 'lattices':
+        fraction, exact, stresslets = which
+        ratios = [lattice(fraction, count) for count in WAVES]
+        return {'fraction': fraction, 'exact': exact, 'stresslets': stresslets, 'spheres_to_a_wave': WAVES, 'ratios': ratios,
+                'extrapolated': ratios[-1] + (ratios[-1] - ratios[-2])/((WAVES[-1]/WAVES[-2])**2 - 1),
+                'force_coupling': lattice(fraction, WAVES[0], 'ForceCoupling', False)}
+    model, n = which
+    sites, radius = shell(n) if n else (np.zeros((1, 3)), 1.0)
+    slopes = [(dilute(model, (sites, radius), edge) - 1)*edge**3/(4/3*np.pi) for edge in BOXES]
+    if not n:
+        return {'model': model, 'edges': BOXES, 'slopes': slopes}
+    own = stressletRadius(sites, radius, model)
+    return {'model': model, 'blobs': n, 'stresslet_radius': own, 'edges': BOXES, 'slopes': slopes, 'slopes_over_their_due': [slope/(2.5*own**3) for slope in slopes]}
+
+
+def measure(arguments):
     """All of it, as it goes into the JSON."""
-    found = {'shells': [], 'spheres': [], 'lattices': []}
-    for model in MODELS:
-        for n in shells:
-            sites, radius = shell(n)
-            own = stressletRadius(sites, radius, model)
-            slopes = [(dilute(model, (sites, radius), edge) - 1)*edge**3/(4/3*np.pi) for edge in boxes]
-            found['shells'].append({'model': model, 'blobs': n, 'stresslet_radius': own, 'edges': boxes, 'slopes': slopes,
-                                    'slopes_over_their_due': [slope/(2.5*own**3) for slope in slopes]})
-    for model in ('StokesianDynamics',) + MODELS:
-        slopes = [(dilute(model, (np.zeros((1, 3)), 1.0), edge) - 1)*edge**3/(4/3*np.pi) for edge in boxes]
-        found['spheres'].append({'model': model, 'edges': boxes, 'slopes': slopes})
-    for fraction, exact, stresslets in lattices:
-        ratios = [lattice(fraction, count) for count in waves]
-        found['lattices'].append({'fraction': fraction, 'exact': exact, 'stresslets': stresslets, 'spheres_to_a_wave': waves, 'ratios': ratios,
-                                  'extrapolated': ratios[-1] + (ratios[-1] - ratios[-2])/((waves[-1]/waves[-2])**2 - 1),
-                                  'force_coupling': lattice(fraction, waves[0], 'ForceCoupling', False)})
-    return found
+    todo = ([('shells', model, n) for model in MODELS for n in SHELLS] + [('spheres', model, 0) for model in ('StokesianDynamics',) + MODELS] +
+            [('lattices', *row) for row in LATTICES])
+    rows = campaign.run(row, todo, ['viscosity ' + ' '.join(map(str, each)) for each in todo], arguments, unit='row')
+    return {kind: [found for each, found in zip(todo, rows) if each[0] == kind] for kind in ('shells', 'spheres', 'lattices')}
 
 
 def rodInWeakFlow(sites, radius, model):
@@ -178,16 +183,19 @@ def rodInWeakFlow(sites, radius, model):
     return resists, friction[3, 3]*turning**2/10, friction[3, 3]
 
 
-def readAmplitudes(scene, steps):
-    """What analysis.sampleFlowAmplitudes reads, also of a scheme that it refuses, to show why."""
-    rows = []
-    for _ in tqdm.tqdm(range(steps), desc='a scheme without the drift', unit=' samples', mininterval=1):
+def readAmplitudes(scene, rows, steps, note):
+    """What analysis.sampleFlowAmplitudes reads, also of a scheme that it refuses, to show why; added to rows until there are so many."""
+    while len(rows) < steps:
         scene.integrator.step(1)
         rows.append(np.concatenate([read(scene.context, 0, 1, 1)._value for read in (scene.fluid.getFlowModeInContext, scene.fluid.getRandomFlowModeInContext)]))
-    return np.array(rows)*(unit.nanometer/unit.picosecond)
+        note(rows)
 
 
-def brownian(steps, scheme, rods=27, edge=24.0, blobs=3, peclet=1.0, resolution=0.02, seed=7):
+#: Samples of the flow between two looks at the clock.
+SAMPLES_TOGETHER = 50
+
+
+def brownian(steps, scheme, job=None, rods=27, edge=24.0, blobs=3, peclet=1.0, resolution=0.02, seed=7):
     """Rods without forces between them in weak flow, on a grid.
 
     Parameters
@@ -212,14 +220,36 @@ def brownian(steps, scheme, rods=27, edge=24.0, blobs=3, peclet=1.0, resolution=
     random = np.random.default_rng(seed)
     q = random.standard_normal((rods, 4))
     scene.place(edge*random.random((rods, 3)), q/np.linalg.norm(q, axis=1)[:, None])
-    # Directions are random from the start; they take 1/(6 D) to align.
-    scene.integrator.step(round(1/resolution))
-    amplitudes = readAmplitudes(scene, steps) if scheme == 'EulerMaruyama' else analysis.sampleFlowAmplitudes(scene.context, steps, progress=True)
+    state = campaign.State(job, (scheme, rods, edge, blobs, peclet, resolution, seed))
+    kept = state.load()
+    rows = list(kept.get('rows', ()))
+    if kept:
+        scene.context.loadCheckpoint(kept['checkpoint'].tobytes())
+    else:
+        # Directions are random from the start; they take 1/(6 D) to align.
+        scene.integrator.step(round(1/resolution))
+
+    def note(rows):
+        if job is not None:
+            job.report(len(rows))
+        if state.isDue() or len(rows) == steps:
+            state.save(rows=rows, checkpoint=campaign.checkpoint(scene.context))
+
+    if scheme == 'EulerMaruyama':
+        readAmplitudes(scene, rows, steps, note)
+    while len(rows) < steps:
+        rows += list(analysis.sampleFlowAmplitudes(scene.context, min(SAMPLES_TOGETHER, steps - len(rows)), progress=False)._value)
+        note(rows)
+    amplitudes = np.array(rows)*(unit.nanometer/unit.picosecond)
     found = analysis.viscosityFromAmplitudes(scene.context, amplitudes)
     plain = analysis.viscosityFromAmplitudes(scene.context, amplitudes._value*(1, 1, 0, 0))
     return {'scheme': scheme, 'blobs': blobs, 'rods': rods, 'edge': edge, 'volume_fraction': rods*blobs*4/3*np.pi/edge**3, 'steps': steps, 'peclet': peclet, 'step_times_D': resolution, 'seed': seed,
             'ratio_less_1': [found.ratio - 1, found.ratioError], 'with_the_fields_own_noise': [plain.ratio - 1, plain.ratioError], 'tau_samples': found.tau,
             'due': rods*(resists + diffuses)/edge**3, 'due_by_resisting': rods*resists/edge**3, 'due_by_diffusion': rods*diffuses/edge**3}
+
+
+def brownianRow(argument, job):
+    return brownian(*argument, job)
 
 
 def tables(data):
@@ -272,14 +302,16 @@ def main():
     parser.add_argument('--brownian', action='store_true', help='the Brownian stress of rods, instead of what has no noise')
     parser.add_argument('--steps', type=int, default=6000, help='of --brownian (%(default)s)')
     parser.add_argument('--schemes', nargs='+', default=['TractionEulerMaruyama', 'EulerMaruyama'], help='of --brownian (%(default)s); EulerMaruyama lacks the drift')
-    arguments = parser.parse_args()
+    campaign.addOptions(parser)
+    arguments = campaign.settle(parser.parse_args())
     if arguments.brownian:
-        rows = [brownian(arguments.steps, scheme) for scheme in arguments.schemes]
+        rows = campaign.run(brownianRow, [(arguments.steps, scheme) for scheme in arguments.schemes], [f'brownian {scheme}' for scheme in arguments.schemes], arguments,
+                            [arguments.steps]*len(arguments.schemes), 'sample', 'rods')
         recording.save(arguments.output, 'brownian.json', {'rows': rows, 'run': recording.provenance(arguments)})
         for row in rows:
             print({key: value for key, value in row.items() if key.startswith(('scheme', 'ratio', 'with', 'due'))})
         return
-    data = measure()
+    data = measure(arguments)
     recording.save(arguments.output, 'viscosity.json', {**data, 'run': recording.provenance(arguments)})
     picture(data, arguments.output/'viscosity.png')
     print('\n'.join(tables(data)))

@@ -1,8 +1,8 @@
 """What 0.5 % of water's energy and of its mean square dipole moment costs: the best that users have today beside LangevinC.
 
 216 TIP4P-Ew molecules, CPU platform, one thread, processor time. LangevinC with real moments and with moments times 4, 8, 16, OpenMM's
-LangevinMiddleIntegrator with its own hydrogens and with heavier ones, and the same with reciprocal space in every other step, with several frictions. ``price.py run`` makes the runs of a series, in turn; stopped and
-started again it goes on where it was, and a longer run goes on from a shorter one. ``price.py time`` then lets all settings take turns for their speeds, and
+LangevinMiddleIntegrator with its own hydrogens and with heavier ones, and the same with reciprocal space in every other step, with several frictions. ``price.py run`` makes the runs of a series, as many at a time as
+--jobs says; stopped and started again it goes on where it was, and a longer run goes on from a shorter one. ``price.py time`` then lets all settings take turns for their speeds, alone, and
 ``price.py report`` writes results_price/ from all runs that there are.
 """
 import argparse
@@ -28,7 +28,8 @@ from openmmrigidhi.accuracy.scenes import Scene  # noqa: E402
 from openmmrigidhi.analysis import series  # noqa: E402
 
 HERE = pathlib.Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent))
+sys.path.insert(0, str(HERE.parents[1]/'common'))
+import campaign  # noqa: E402
 import recording  # noqa: E402
 
 OBSERVABLES = ['potential_energy', 'dipole_squared', 'translational_temperature', 'rotational_temperature_1']
@@ -89,17 +90,17 @@ class Legs(accuracy.StepSizeStudy):
 
 
 class Kept:
-    """A run that is kept in a folder: samples and times, and the State that it goes on from."""
+    """A run that is kept in a directory of its own below a folder: samples and times, and the State that it goes on from."""
 
     def __init__(self, study, setting, folder):
         self.study = study
         self.setting = setting
-        self.path = folder/f'{setting.method.name}_{1000*setting.stepSize:g}fs.npz'
+        self.name = f'{setting.method.name}_{1000*setting.stepSize:g}fs'
+        self.kept = campaign.State(folder/campaign.directoryName(self.name), (self.name, study.seed))
         self.record = measurement.Record(0.0)
         self.state, self.legs, self.run = None, 0, None
-        if self.path.exists():
-            with np.load(self.path) as file:
-                kept = {name: file[name] for name in file}
+        kept = self.kept.load()
+        if kept:
             self.state, self.legs = str(kept['state']), int(kept['legs'])
             record = self.record
             record.samplesAt, record.length, record.equilibration = (float(kept[name]) for name in ('samplesAt', 'length', 'equilibration'))
@@ -153,11 +154,9 @@ class Kept:
         record = self.record = self.run.record
         if self.run.isAlive:
             self.state = openmm.XmlSerializer.serialize(self.run.context.getState(getPositions=True, getVelocities=True))
-        new = self.path.with_suffix('.new.npz')
-        np.savez(new, state=self.state or '', legs=self.legs, samplesAt=record.samplesAt, length=record.length, equilibration=record.equilibration,
-                 status=record.status, message=record.message, timings=np.array(record.timings).reshape(-1, 3),
-                 **{f'series_{name}': np.array(values) for name, values in record.series.items()})
-        os.replace(new, self.path)
+        self.kept.save(state=self.state or '', legs=self.legs, samplesAt=record.samplesAt, length=record.length, equilibration=record.equilibration,
+                       status=record.status, message=record.message, timings=np.array(record.timings).reshape(-1, 3),
+                       **{f'series_{name}': np.array(values) for name, values in record.series.items()})
 
 
 def water(folder, threads):
@@ -188,27 +187,24 @@ def wanted(options):
     return {name: tuple(float(h) for h in own.split(',')) for name, _, own in (text.partition(':') for text in options.methods)}
 
 
+def advance(argument, job):
+    """One setting until it has its length, ps."""
+    name, step, length, seed = argument
+    options = argparse.Namespace(work=pathlib.Path(job.directory).parent, seed=seed)
+    study = makeStudy(options, {name: (step,)})
+    kept = Kept(study, study.settings()[0], options.work)
+    while kept.record.status == measurement.STABLE and kept.record.length < length - 0.5*PIECE:
+        kept.advance(PIECE)
+        job.report(kept.record.length)
+    return {'status': kept.record.status, 'length': kept.record.length}
+
+
 def run(options):
-    """Settings advance in turn until each has its length."""
-    study = makeStudy(options, wanted(options))
-    kept = [Kept(study, setting, options.work) for setting in study.settings()]
-    rng = np.random.default_rng()
-    with tqdm(total=options.length*len(kept), initial=sum(min(each.record.length, options.length) for each in kept), unit='ps', mininterval=5) as bar:
-        while True:
-            waiting = [each for each in kept if each.record.status == measurement.STABLE and each.record.length < options.length - 0.5*PIECE]
-            if not waiting:
-                break
-            for i in rng.permutation(len(waiting)):
-                each = waiting[i]
-                bar.set_description(f'{each.setting.method.name} {1000*each.setting.stepSize:g} fs')
-                before = each.record.length
-                each.advance(PIECE)
-                bar.update(each.record.length - before)
-
-
-def provenance(options):
-    """Where a result came from; not in which folder the runs were kept."""
-    return recording.provenance(argparse.Namespace(**{key: value for key, value in vars(options).items() if key != 'work'}))
+    """All settings until each has its length."""
+    settings = [(name, step) for name, steps in wanted(options).items() for step in steps]
+    water(options.work, 1)   # made once, before all need it
+    campaign.run(advance, [(*setting, options.length, options.seed) for setting in settings], [f'{name}_{step:g}fs' for name, step in settings], options,
+                 [options.length]*len(settings), 'ps', 'runs')
 
 
 # ---- Motion ----------------------------------------------------------------------------------------------------------
@@ -235,6 +231,13 @@ class Cosine(observables.Observable):
         return float((past[-1][1]*past[0][1]).sum(axis=1).mean())
 
 
+class Unreferenced(accuracy.StepSizeStudy):
+    """Without limits of small steps, which nothing here needs."""
+
+    def reference(self, observable, rows):
+        return None
+
+
 def motion(options):
     """How fast molecules diffuse and turn: what slow averages wait for, known sooner than the correlation time of the box's dipole.
 
@@ -242,14 +245,13 @@ def motion(options):
     """
     steps = {name: [h/1000 for h in own] for name, own in (wanted(options) if options.methods else MOTION).items()}
     chosen = ['diffusion_coefficient', *map(Cosine, LAGS), 'potential_energy']
-    study = accuracy.StepSizeStudy(water(options.work, 1), list(steps), steps, observables=chosen, platform='CPU', threads=1, seed=options.seed, clock='cpu')
-    study.reference = lambda observable, rows: None
+    study = Unreferenced(water(options.work, 1), list(steps), steps, observables=chosen, platform='CPU', threads=1, seed=options.seed, clock='cpu')
     with tqdm(total=1, unit='step', mininterval=5) as bar:
         def show(done, total, text):
             bar.total = total
             bar.set_description(text, refresh=False)
             bar.update(done - bar.n)
-        study.run(length=options.length, equilibration=10.0, rounds=5, progress=show)
+        study.run(length=options.length, equilibration=10.0, rounds=5, jobs=options.jobs, progress=show, cluster=options.cluster)
     rows = []
     for setting, record in study.records:
         row = {'method': setting.method.name, 'step_fs': 1000*setting.stepSize, 'status': record.status, 'message': record.message, 'length_ps': record.length}
@@ -267,7 +269,7 @@ def motion(options):
     again = {(row['method'], row['step_fs']) for row in rows}
     rows = [row for row in old['rows'] if (row['method'], row['step_fs']) not in again] + rows
     recording.save(options.output, 'motion.json', {'lags_ps': LAGS, 'blocks': BLOCKS, 'seed': options.seed, 'rows': rows,
-                                                   'provenance': [*old['provenance'], provenance(options)]})
+                                                   'provenance': [*old['provenance'], recording.provenance(options)]})
 
 
 # ---- Speeds ----------------------------------------------------------------------------------------------------------
@@ -282,8 +284,8 @@ def moved(options):
 def found(options):
     """All runs of the folder and settings whose motion is known, as (study, list of Kept)."""
     settings = {}
-    for path in sorted(options.work.glob('*fs.npz')):
-        name, _, step = path.stem.rpartition('_')
+    for path in sorted(options.work.glob('*fs/state.npz')):
+        name, _, step = path.parent.name.rpartition('_')
         settings.setdefault(name, []).append(float(step[:-2]))
     for name, step in moved(options):
         settings.setdefault(name, []).append(step)
@@ -297,7 +299,7 @@ def clockSpeeds(options):
     followed = moved(options)
     runs = [each for each in runs if each.record.status == measurement.STABLE and (each.record.length >= options.least or each.key in followed)]
     rng = np.random.default_rng(options.seed)
-    speeds = {each.path.stem: [] for each in runs}
+    speeds = {each.name: [] for each in runs}
     with tqdm(total=options.rounds*len(runs), desc='speeds', mininterval=2) as bar:
         contexts = [each.goOn() for each in runs]
         for turn in range(-1, options.rounds):
@@ -307,9 +309,9 @@ def clockSpeeds(options):
                 began = time.process_time()
                 contexts[i].getIntegrator().step(count)
                 if turn >= 0:
-                    speeds[runs[i].path.stem].append(count*step/1000*measurement.SECONDS_PER_DAY/(time.process_time() - began))
+                    speeds[runs[i].name].append(count*step/1000*measurement.SECONDS_PER_DAY/(time.process_time() - began))
                     bar.update(1)
-    recording.save(options.output, 'speeds.json', {'ns_per_cpu_day': speeds, 'ps_per_turn': TIMED, 'provenance': provenance(options)})
+    recording.save(options.output, 'speeds.json', {'ns_per_cpu_day': speeds, 'ps_per_turn': TIMED, 'provenance': recording.provenance(options)})
 
 
 # ---- Prices ----------------------------------------------------------------------------------------------------------
@@ -336,7 +338,7 @@ def report(options):
     for each in runs:
         record = each.record
         # Speeds are those that were measured in turn, all together.
-        record.timings = [(1, 1.0, each.setting.stepSize/1000*measurement.SECONDS_PER_DAY/speed) for speed in speeds.get(each.path.stem, [])]
+        record.timings = [(1, 1.0, each.setting.stepSize/1000*measurement.SECONDS_PER_DAY/speed) for speed in speeds.get(each.name, [])]
         each.components = np.array(record.series.pop('components', []))
         if len(each.components):
             square = (each.components**2).sum(axis=1)/216
@@ -350,7 +352,7 @@ def report(options):
     mean, second = np.average(squares, axis=0, weights=weights)
     relativeVariance = second/mean**2 - 1
     energies = {(row['method'], round(1000*row['step_size'], 6)): row for row in result.rows if row['observable'] == 'potential_energy'}
-    rows = [rowOf(each, energies.get(each.key), followed.get(each.key), speeds.get(each.path.stem)) for each in runs]
+    rows = [rowOf(each, energies.get(each.key), followed.get(each.key), speeds.get(each.name)) for each in runs]
     share = dipolesShare(rows)
     for row in rows:
         if 'reorientation_ps' in row:
@@ -360,7 +362,7 @@ def report(options):
     rows.sort(key=lambda row: (row.get('dipole_hours', math.inf), -row.get('ns_per_cpu_day', 0)))
     recording.save(options.output, 'prices.json', {
         'wish': WISH, 'dipole_squared': mean, 'dipole_relative_variance': relativeVariance, 'dipole_tau_over_reorientation': share, 'ratios': ratios(rows),
-        'sample_interval_ps': SAMPLE_INTERVAL, 'equilibration_ps': EQUILIBRATION, 'seed': options.seed, 'rows': rows, 'provenance': provenance(options)})
+        'sample_interval_ps': SAMPLE_INTERVAL, 'equilibration_ps': EQUILIBRATION, 'seed': options.seed, 'rows': rows, 'provenance': recording.provenance(options)})
     print(share, mean, relativeVariance, ratios(rows))
     table(rows)
     picture(rows, options.output/'price.png')
@@ -467,9 +469,9 @@ def main():
     parser.add_argument('--rounds', type=int, default=11, help='turns for speeds (11)')
     parser.add_argument('--least', type=float, default=55, help='ps: shorter runs are left out of times and report (55)')
     parser.add_argument('--seed', type=int, default=2031)
-    parser.add_argument('--work', type=pathlib.Path, default=HERE/'results_price'/'notes', help='where runs are kept (results_price/notes)')
     parser.add_argument('--output', type=pathlib.Path, default=HERE/'results_price')
-    options = parser.parse_args()
+    campaign.addOptions(parser)
+    options = campaign.settle(parser.parse_args())
     {'run': run, 'motion': motion, 'time': clockSpeeds, 'report': report}[options.what](options)
 
 

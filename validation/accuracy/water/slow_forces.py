@@ -22,7 +22,8 @@ from openmmrigidhi import accuracy  # noqa: E402
 from openmmrigidhi.accuracy import methods, statistics  # noqa: E402
 
 HERE = pathlib.Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent))
+sys.path.insert(0, str(HERE.parents[1]/'common'))
+import campaign  # noqa: E402
 import recording  # noqa: E402
 
 #: (method, step in fs, N)
@@ -91,8 +92,9 @@ class Bodies:
         integrator.setBodyAngularVelocities(integrator.getBodyAngularVelocities()._value + duration*turned)
 
 
-def impulses(scene, name, step, every, length, seed, bar):
+def impulses(argument, job, scene):
     """Mean energy of LangevinC under the other forces with kicks of reciprocal space in every `every`-th step."""
+    name, step, every, length, seed = argument
     apart = methods.reciprocalSpaceApart(scene)
     slow, fast = (set(groups) for groups in methods._forceGroups(apart.system))
     integrator = methods.byName(name).makeIntegrator(apart, step/1000, seed)
@@ -109,8 +111,8 @@ def impulses(scene, name, step, every, length, seed, bar):
             bodies.kick(context, integrator, slow, outer/2)
             integrator.step(every)
             bodies.kick(context, integrator, slow, outer/2)
-            bar.update(outer)
             done = cycle*outer
+            job.report(done)
             if cycle % stride == 0:
                 energy = context.getState(getEnergy=True).getPotentialEnergy()._value/len(apart.bodies)
                 if not -1000 < energy < 0:
@@ -119,7 +121,6 @@ def impulses(scene, name, step, every, length, seed, bar):
                     energies.append(energy)
                     temperatures.append(2*integrator.computeTranslationalKineticEnergy()._value/(3*len(apart.bodies)*accuracy.scenes.GAS_CONSTANT))
     except openmm.OpenMMException as error:
-        bar.update(cycles*outer - done)
         return {**result, 'status': 'unstable', 'message': f'after {done:.3g} ps: {error}'}
     summary = statistics.seriesStatistics(np.array(energies))
     return {**result, 'status': 'stable', 'length_ps': len(energies)*stride*outer, 'energy': summary.mean, 'standard_error': summary.standardError,
@@ -131,19 +132,20 @@ def main():
     parser.add_argument('--length', type=float, default=40, help='ps for each setting (40)')
     parser.add_argument('--seed', type=int, default=2032)
     parser.add_argument('--output', type=pathlib.Path, default=HERE/'results_price')
-    options = parser.parse_args()
+    campaign.addOptions(parser)
+    options = campaign.settle(parser.parse_args())
+    # Alone, since times are measured.
     with tqdm(total=len(BOXES)*(REPETITIONS + 1), desc='shares', mininterval=2) as bar:
         shares = [share(*box, bar) for box in BOXES]
     for row in shares:
         print(row)
+    todo = [(*setting, options.length, options.seed + k) for k, setting in enumerate(SETTINGS)]
     scene = accuracy.scenes.water(216, seed=2026, threads=1)
-    rows = []
-    with tqdm(total=(options.length + EQUILIBRATION)*len(SETTINGS), unit='ps', desc='impulses', mininterval=2) as bar:
-        for k, setting in enumerate(SETTINGS):
-            rows.append(impulses(scene, *setting, options.length, options.seed + k, bar))
-            print(rows[-1])
-            recording.save(options.output, 'slow_forces.json', {'scene': scene.description, 'shares': shares, 'impulses': rows,
-                                                                'provenance': recording.provenance(options)})
+    rows = campaign.run(impulses, todo, [f'impulses {name} {step} fs {every}' for name, step, every, *_ in todo], options,
+                        [options.length + EQUILIBRATION]*len(todo), 'ps', 'impulses', given=scene)
+    for row in rows:
+        print(row)
+    recording.save(options.output, 'slow_forces.json', {'scene': scene.description, 'shares': shares, 'impulses': rows, 'provenance': recording.provenance(options)})
 
 
 if __name__ == '__main__':

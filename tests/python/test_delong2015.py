@@ -1,4 +1,4 @@
-"""The scripts of validation/delong2015 run, shortened; their theory against independent numbers; kept runs go on."""
+"""Bodies above a wall, of validation/delong2015 and validation/westwood2022: the scripts run, shortened; their theory against independent numbers; kept runs go on."""
 import json
 import pathlib
 import subprocess
@@ -6,20 +6,21 @@ import sys
 
 import numpy as np
 import pytest
+from openmmrigidhi.ensemble import tasks
 
-FOLDER = pathlib.Path(__file__).resolve().parents[2]/'examples'/'delong2015_westwood2022'
+VALIDATION = pathlib.Path(__file__).resolve().parents[2]/'validation'
 
 
-def run(script, folder):
+def run(script, folder, paper='delong2015', *options):
     """Run a script with --quick; what it wrote."""
-    finished = subprocess.run([sys.executable, str(FOLDER/f'{script}.py'), '--quick', '--output', str(folder)], capture_output=True,
+    finished = subprocess.run([sys.executable, str(VALIDATION/paper/f'{script}.py'), '--quick', '--output', str(folder), *options], capture_output=True,
                               text=True, timeout=600)
     assert finished.returncode == 0, finished.stdout + finished.stderr
     assert (folder/f'{script}.png').stat().st_size > 5000
     data = json.loads((folder/f'{script}.json').read_text())
     assert {'processor', 'openmm', 'commit', 'plugin_sha256', 'arguments'} <= set(data['provenance'])
     for entry in data['runs']:
-        assert (folder/'kept').is_dir() and entry['frames'] > 0
+        assert (folder/'work').is_dir() and entry['frames'] > 0
         # Replicas are independent; one chunk is short, so errors are large. 6 of them: 1e-6 with 31 degrees of freedom; fixed seeds.
         for mean in entry['means'].values():
             assert abs(mean['mean'] - mean['exact']) < 6*mean['error'], (entry['scheme'], mean)
@@ -38,8 +39,20 @@ def test_tetramer(tmp_path):
     assert exact['gravitational height'] == pytest.approx(1.74775, abs=1e-5)
     slopes = exact['mobility averages (mean, error)']
     assert near(slopes['slope centre'], 1.3411, 0.0004) and near(slopes['slope vertex'], 2.2102, 0.0008)
-    # Without the drift the body sits lower, where it is slower, by much more than the examples' errors of 0.5 %.
+    # Without the drift the body sits lower, where it is slower, by much more than the runs' errors of 0.5 %.
     assert exact['without drift']['mean h'] < 0.97*exact['mean h']
+
+
+def test_schemes_at_a_time(tmp_path):
+    """Two at a time are those of one after the other; with --keep what the JSON has of others stays, and what is kept of them goes into it in any case."""
+    def means(data):
+        return {r['scheme']: r['means']['h']['mean'] for r in data['runs']}
+    together = means(run('tetramer', tmp_path, 'delong2015', '--jobs', '2', '--cluster', 'processes', '--schemes', 'EulerMaruyama', 'FixmanMidpoint'))
+    assert set(together) == {'EulerMaruyama', 'FixmanMidpoint'}
+    assert means(run('tetramer', tmp_path, 'delong2015', '--schemes', 'FixmanMidpoint', '--fresh')) == together
+    elsewhere = ('--work', str(tmp_path/'elsewhere'), '--schemes', 'FixmanMidpoint')
+    assert means(run('tetramer', tmp_path, 'delong2015', '--keep', *elsewhere)) == together
+    assert set(means(run('tetramer', tmp_path, 'delong2015', *elsewhere))) == {'FixmanMidpoint'}
 
 
 def test_icosahedron(tmp_path):
@@ -71,14 +84,15 @@ def test_boomerang(tmp_path):
 
 
 def test_boomerang_steps(tmp_path):
-    means = run('boomerang_steps', tmp_path)['runs'][0]['means']
+    means = run('boomerang_steps', tmp_path, 'westwood2022')['runs'][0]['means']
     assert means['h']['exact'] == pytest.approx(11.00216, abs=2e-5) and means['cos²θ']['exact'] == pytest.approx(0.37376, abs=1e-5)
 
 
 @pytest.fixture
 def plan(monkeypatch):
     """Makes plans of short runs of the tetramer with a given step; plan.runs is the module."""
-    monkeypatch.syspath_prepend(str(FOLDER))
+    for folder in ('common', 'delong2015'):
+        monkeypatch.syspath_prepend(str(VALIDATION/folder))
     import runs
     import tetramer
     from equilibrium import Equilibrium
@@ -110,17 +124,18 @@ def test_replicas_that_the_wall_throws_begin_anew(plan):
 def test_kept_runs_go_on(tmp_path, monkeypatch, plan):
     """A second run adds to the first with new random numbers; other settings are refused."""
     runs = plan.runs
-    first = runs.run(plan(0.05), tmp_path, 0, quiet=True)
+    job = tasks.Job(0, 'trial', str(tmp_path))
+    first = runs.run(plan(0.05), job, 0)
     assert first.chunks == 1 and first.frames == 5 and np.all(first.arrays['count h'].sum(1) == 5)
     # Nothing is left of the time: the same again, from the file.
-    same = runs.run(plan(0.05), tmp_path, 0, keep=True, quiet=True)
+    same = runs.run(plan(0.05), job, 0)
     assert all(np.array_equal(same.arrays[key], first.arrays[key]) for key in first.arrays)
     monkeypatch.setattr(runs, 'finished', lambda tally: tally.chunks >= 2)
-    second = runs.run(plan(0.05), tmp_path, 60, keep=True, quiet=True)
+    second = runs.run(plan(0.05), job, 60)
     assert second.chunks == 2 and second.frames == 10 and second.arrays['numbers'][5] == 2
     # It began where the first ended: the height's sum grows by frames near there, not by those of a fresh start.
     added = (second.arrays['sum h'] - first.arrays['sum h'])/5
     assert np.all(abs(added - first.arrays['positions'][:, 2]) < 2) and not np.array_equal(second.arrays['msd parallel'],
                                                                                           2*first.arrays['msd parallel'])
-    with pytest.raises(SystemExit, match='made with other settings'):
-        runs.run(plan(0.06), tmp_path, 60, keep=True, quiet=True)
+    with pytest.raises(ValueError, match='begun with other settings'):
+        runs.run(plan(0.06), job, 60)
