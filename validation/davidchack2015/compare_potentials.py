@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """How the fast variant of the potential differs from the formula: cost, energy, forces, averages.
 
-    python3 compare_potentials.py [--frames 40] [--threads 1 2]
+    python3 compare_potentials.py [--frames 40] [--threads 1 2]      one run and times of force calls, in one process
 
 Writes results/potentials.json. Frames, 0.5 ps apart, come from a run of the fast variant with OpenMM's own integrator (SETTLE), so the
 plugin is not needed. Averages under the formula follow from those under the fast variant to first order,
@@ -10,6 +10,7 @@ plugin is not needed. Averages under the formula follow from those under the fas
 import argparse
 import json
 import os
+import pathlib
 import time
 
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
@@ -42,11 +43,11 @@ def main():
     parser.add_argument("--frames", type=int, default=40)
     parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--start-file")
-    parser.add_argument("--out", default=os.path.join(run.HERE, "results"))
+    parser.add_argument("--output", type=pathlib.Path, default=run.HERE / "results")
     options = parser.parse_args()
     n = options.molecules
-    os.makedirs(options.out, exist_ok=True)
-    start = run.start_positions(n, options.start_file or os.path.join(options.out, f"start_{n}.npz"))
+    options.output.mkdir(parents=True, exist_ok=True)
+    start = run.start_positions(n, options.start_file or options.output / "work" / f"start_{n}.npz")
     cost = {f"{potential}, {threads} thread(s)": 1e3 * seconds_per_force_call(n, start, potential, threads)
             for potential in ("exact", "fast") for threads in options.threads}
 
@@ -80,7 +81,7 @@ def main():
         "mean_force_square_fast_over_exact_minus_1": ratio(3, 2),
         "mean_torque_square_fast_over_exact_minus_1": ratio(6, 5),
         "provenance": run.provenance()}
-    with open(os.path.join(options.out, "potentials.json"), "w") as file:
+    with open(options.output / "potentials.json", "w") as file:
         json.dump(result, file, indent=1)
     print(json.dumps(result, indent=1))
 

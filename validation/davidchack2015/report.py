@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Fits, table and pictures from the JSONs of run.py, beside the numbers printed by Davidchack, Ouldridge, Tretyakov 2015.
+"""Fits, table and pictures from the runs of run.py, beside the numbers printed by Davidchack, Ouldridge, Tretyakov 2015.
 
-    python3 report.py [--out results]
+    python3 report.py [--output results] [--work results/work]
 
 <A>_h = A0 + E_A h^p, p = 2 for Langevin A, B, C (h <= 6 fs) and 1 for the gradient thermostat (h <= 4 fs), as in the paper's
 Table 1, by weighted least squares. Error of each <A>_h: block averages, the largest of the estimates from 60, 30, 20, 15 and 10
@@ -99,11 +99,11 @@ def fit(h, values, errors, power, fixed=None):
     return {"A0": a0, "A0_error": a0_error, "E": solution[-1], "E_error": error[-1], "chi2": chi2, "degrees_of_freedom": freedom}
 
 
-def load_runs(out):
+def load_runs(work):
     runs = []
-    for file in glob.glob(os.path.join(out, "runs", "*.json")):
+    for file in glob.glob(os.path.join(work, "tip4p_*", "result.json")):
         with open(file) as stream:
-            runs.append(json.load(stream))
+            runs.append(json.load(stream)["result"])
     return sorted(runs, key=lambda r: (r["scheme"], r["h_fs"]))
 
 
@@ -244,10 +244,10 @@ def rdf_picture(runs, file):
     plt.close(figure)
 
 
-def write_report(out):
-    runs = load_runs(out)
+def write_report(out, work):
+    runs = load_runs(work)
     if not runs:
-        raise SystemExit(f"no runs in {out}/runs yet")
+        raise SystemExit(f"no runs in {work} yet: start run.py without --report-only")
     analysis = analyse(runs)
     summary = {"what": "Davidchack, Ouldridge, Tretyakov 2015, Table 1", "confidence": "errors named error95 are 95 %; others one "
                "standard error", "schemes": analysis,
@@ -266,5 +266,8 @@ def write_report(out):
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", default=os.path.join(os.path.dirname(os.path.abspath(__file__)), "results"))
-    write_report(parser.parse_args().out)
+    results = os.path.join(os.path.dirname(os.path.abspath(__file__)), "results")
+    parser.add_argument("--output", default=results)
+    parser.add_argument("--work", default=os.path.join(results, "work"))
+    options = parser.parse_args()
+    write_report(options.output, options.work)

@@ -2,20 +2,16 @@
 """Davidchack, Ouldridge, Tretyakov 2015, section VI: Figures 1-4 and Table 1, measured with this plugin.
 
     python3 run.py                     512 molecules, h = 2, 4, 6, 8 fs (gradient 1 to 4), 60 000 steps each
-    python3 run.py --jobs 2            two single-thread processes at once
+    python3 run.py --jobs 2            two single-thread runs at once
     python3 run.py --paper             the paper's size: 1728 molecules, 20 000 + 200 000 steps, h = 1 ... 9 fs
-    python3 run.py --schemes C --h 2   one run; JSONs that are there already are kept, so runs can be spread over
-                                       machines (copy results/runs together) and an interrupted series resumed
-    python3 run.py --report-only       table and pictures from the JSONs that are there
+    python3 run.py --schemes C --h 2   one run; those that --work has are in the table, too, and an interrupted one goes on
+    python3 run.py --report-only       table and pictures from what --work has
 
-Each run writes one JSON in results/runs; report.py then fits A0 and E_A and draws.
+Each run has a directory below --work; report.py then fits A0 and E_A and draws.
 """
 import argparse
-import hashlib
-import json
 import os
-import platform
-import subprocess
+import pathlib
 import sys
 import time
 
@@ -24,13 +20,15 @@ for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):      # one thread 
 
 import numpy as np  # noqa: E402
 import openmm as mm  # noqa: E402
-from openmmrigidhi.ensemble import tasks  # noqa: E402
 from tqdm import tqdm  # noqa: E402
 
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.append(str(HERE.parent / "common"))
+import campaign  # noqa: E402
 import observables  # noqa: E402
 import tip4p_model as tip4p  # noqa: E402
+from recording import provenance  # noqa: E402
 
-HERE = os.path.dirname(os.path.abspath(__file__))
 KINETIC_INTERVAL = 2        # steps between samples of kinetic energies
 FORCE_INTERVAL = 10         # ... of forces and torques
 PAIR_INTERVAL = 50          # ... of everything that needs pairs: energy, pressure, Laplacians, RDFs
@@ -40,39 +38,17 @@ UPSILON, BIG_UPSILON = 4.0, 1.0         # fs
 SCHEMES = ("C", "A", "B", "gradient")
 
 
-def provenance():
-    """Machine, versions, commit of the scripts and the plugin library's checksum, for the JSONs."""
-    def command(*arguments):
-        try:
-            return subprocess.run(arguments, cwd=HERE, capture_output=True, text=True, check=True).stdout.strip()
-        except (OSError, subprocess.CalledProcessError):
-            return "unknown"
-    processor = "unknown"
-    if os.path.exists("/proc/cpuinfo"):
-        with open("/proc/cpuinfo") as file:
-            processor = next((line.split(":", 1)[1].strip() for line in file if line.startswith("model name")), processor)
-    plugin = sys.modules.get("openmmrigidhi")
-    library = plugin and os.path.join(os.path.dirname(plugin.__file__), "lib", "plugins", "libOpenMMRigidHICPU.so")
-    digest = "unknown"
-    if library and os.path.exists(library):
-        with open(library, "rb") as file:
-            digest = hashlib.sha256(file.read()).hexdigest()[:16]
-    return {"plugin_cpu_library_sha256": digest, "processor": processor, "cores": os.cpu_count(), "system": platform.platform(), "python": platform.python_version(),
-            "numpy": np.__version__, "openmm": mm.version.version, "commit": command("git", "rev-parse", "HEAD"),
-            "date": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())}
+def name(spec):
+    """Of a run, and of its directory."""
+    return f"tip4p_{spec['scheme']}_h{spec['h_fs']:g}" + (f"_r{spec['replica']}" if spec["replica"] else "")
 
 
-def run_file(folder, spec):
-    replica = f"_r{spec['replica']}" if spec["replica"] else ""
-    return os.path.join(folder, "runs", f"{spec['scheme']}_h{spec['h_fs']:g}{replica}.json")
-
-
-def simulate(spec, start, report=lambda steps: None):
+def simulate(spec, start, job=None):
     """
     One run: equilibrate, measure, return a dictionary for JSON.
 
     spec: dictionary with scheme, h_fs, molecules, steps, equilibration_steps, seed, replica, potential, platform.
-    start: positions (4 n, 3), nm.  report: called with numbers of steps done.
+    start: positions (4 n, 3), nm.  job: whose directory keeps what another worker needs to go on.
     """
     n, steps = spec["molecules"], spec["steps"]
     integrator = tip4p.make_integrator(n, spec["scheme"], spec["h_fs"], GAMMA, BIG_GAMMA, UPSILON, BIG_UPSILON, spec["seed"])
@@ -82,17 +58,26 @@ def simulate(spec, start, report=lambda steps: None):
     if has_momenta:
         context.setVelocitiesToTemperature(tip4p.TEMPERATURE, spec["seed"])
     began = time.time()
-    done = 0
-    while done < spec["equilibration_steps"]:
-        integrator.step(min(200, spec["equilibration_steps"] - done))
-        done += 200
-        report(200)
-
     sums = observables.PairSums(n)
-    kinetic, squares, pairs, rdf_counts = [], [], [], []
+    state = campaign.State(job, sorted(spec.items()))
+    kept = state.load()
+    kinetic, squares, pairs, rdf_counts = (list(kept.get(series, ())) for series in ("kinetic", "squares", "pairs", "rdf_counts"))
     block_steps = steps // BLOCKS
-    stepping = 0.0
-    for k in range(1, steps // KINETIC_INTERVAL + 1):
+    stepping, first = 0.0, 1
+    report = job.report if job is not None else lambda done: None
+    if kept:
+        context.loadCheckpoint(kept["checkpoint"].tobytes())
+        stepping, began, first = float(kept["stepping"]), began - float(kept["seconds"]), int(kept["k"]) + 1
+        sums.samples = int(kept["samples"])
+        sums.counts = {kind: kept[f"counts_{kind}"] for kind in sums.counts}
+    else:
+        done = 0
+        while done < spec["equilibration_steps"]:
+            integrator.step(min(200, spec["equilibration_steps"] - done))
+            done += 200
+            report(done)
+    kinds = list(sums.counts)
+    for k in range(first, steps // KINETIC_INTERVAL + 1):
         clock = time.perf_counter()
         integrator.step(KINETIC_INTERVAL)
         stepping += time.perf_counter() - clock
@@ -105,12 +90,16 @@ def simulate(spec, start, report=lambda steps: None):
         if step % PAIR_INTERVAL == 0:
             sample = sums.sample(context.getState(getPositions=True).getPositions(asNumpy=True)._value)
             pairs.append([sample[name] for name in observables.SCALARS])
-            report(PAIR_INTERVAL)
+            report(spec["equilibration_steps"] + step)
         if step % block_steps == 0:
-            rdf_counts.append({kind: counts.copy() for kind, counts in sums.counts.items()})
+            rdf_counts.append(np.array([sums.counts[kind] for kind in kinds]))
+        if state.isDue():
+            state.save(k=k, kinetic=kinetic, squares=squares, pairs=pairs, rdf_counts=rdf_counts, stepping=stepping, seconds=time.time() - began,
+                       samples=sums.samples, checkpoint=campaign.checkpoint(context), **{f"counts_{kind}": counts for kind, counts in sums.counts.items()})
     seconds = time.time() - began
 
-    blocks = block_means(n, sums, np.array(kinetic), np.array(squares), np.array(pairs), rdf_counts)
+    blocks = block_means(n, sums, np.array(kinetic), np.array(squares), np.array(pairs),
+                         [dict(zip(kinds, counts)) for counts in rdf_counts])
     rdf = {}
     for kind, where in observables.RDF_POINTS.items():
         r, g = sums.rdf(kind)
@@ -163,24 +152,12 @@ def exact_minus_fast(sums, pairs):
             "standard_deviation_of_energy_difference_in_kT": float(difference.std())}
 
 
-def _worker(task, job):
-    spec, start_file, target = task
-    start, done = np.load(start_file)["positions"], 0
-
-    def report(steps):
-        nonlocal done
-        done += steps
-        job.report(done)
-
+def perform(spec, job, start):
+    """simulate(), and what became of it."""
     try:
-        result = simulate(spec, start, report)
+        return simulate(spec, start, job)
     except mm.OpenMMException as error:         # an unstable step size is a result too
-        result = dict(spec, failed=str(error), provenance=provenance())
-    temporary = target + ".part"
-    with open(temporary, "w") as file:
-        json.dump(result, file)
-    os.replace(temporary, target)
-    return target, result.get("failed")
+        return dict(spec, failed=str(error), provenance=provenance())
 
 
 def start_positions(n, file):
@@ -194,6 +171,7 @@ def start_positions(n, file):
             bar.total = total
             bar.update(done - bar.n)
         positions = tip4p.equilibrated_start(n, progress=progress)
+    pathlib.Path(file).parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(file, positions=positions)
     return positions
 
@@ -209,23 +187,22 @@ def main():
     parser.add_argument("--seed", type=int, default=2015, help="run k of the fixed list gets seed + k")
     parser.add_argument("--replica", type=int, default=0, help="with k > 0: independent further runs, other seeds and files; "
                         "the report combines whatever is there")
-    parser.add_argument("--jobs", type=int, default=1, help="single-thread processes at once")
-    parser.add_argument("--cluster", help="address of a dask.distributed scheduler whose workers make the runs")
     parser.add_argument("--platform", default="CPU", choices=("CPU", "Reference"))
     parser.add_argument("--potential", default="fast", choices=("fast", "exact"))
-    parser.add_argument("--out", default=os.path.join(HERE, "results"))
-    parser.add_argument("--start-file", help="where the equilibrated start is kept (default: <out>/start_<molecules>.npz)")
+    parser.add_argument("--output", type=pathlib.Path, default=HERE / "results")
+    parser.add_argument("--start-file", help="where the equilibrated start is kept (default: start_<molecules>.npz in --work)")
     parser.add_argument("--report-only", action="store_true")
-    options = parser.parse_args()
+    campaign.addOptions(parser)
+    options = campaign.settle(parser.parse_args())
     if options.paper:
         options.molecules, options.steps, options.equilibration = 1728, 200000 // 3000 * 3000, 20000
     if options.steps % 3000:
         parser.error(f"--steps {options.steps}: take a multiple of 3000, so that {BLOCKS} blocks hold whole samples")
-    os.makedirs(os.path.join(options.out, "runs"), exist_ok=True)
+    options.output.mkdir(parents=True, exist_ok=True)
     if not options.report_only:
         run_series(options)
     import report
-    report.write_report(options.out)
+    report.write_report(options.output, options.work)
 
 
 def run_series(options):
@@ -239,18 +216,12 @@ def run_series(options):
             specs.append({"scheme": scheme, "h_fs": h, "molecules": options.molecules, "steps": options.steps,
                           "equilibration_steps": equilibration, "potential": options.potential, "platform": options.platform,
                           "replica": options.replica, "seed": options.seed + 10000 * options.replica + 100 * (SCHEMES + ("SETTLE",)).index(scheme) + int(round(10 * h))})
-    todo = [s for s in specs if not os.path.exists(run_file(options.out, s))]
-    print(f"{len(specs) - len(todo)} of {len(specs)} runs are there already")
-    if not todo:
-        return
-    start_file = options.start_file or os.path.join(options.out, f"start_{options.molecules}.npz")
-    start_positions(options.molecules, start_file)
-    def show(outcome):
-        target, failure = outcome.get()
-        tqdm.write(f"{os.path.basename(target)}: {failure or 'done'}", file=sys.stderr)
+    start = start_positions(options.molecules, options.start_file or options.work / f"start_{options.molecules}.npz")
 
-    tasks.run(_worker, [(s, start_file, run_file(options.out, s)) for s in todo], options.jobs, options.cluster,
-              amounts=[s["steps"] + s["equilibration_steps"] for s in todo], unit="step", finished=show)
+    def show(index, result):
+        tqdm.write(f"{name(specs[index])}: {result.get('failed') or 'done'}", file=sys.stderr)
+
+    campaign.run(perform, specs, [name(s) for s in specs], options, [s["steps"] + s["equilibration_steps"] for s in specs], "step", "TIP4P", show, given=start)
 
 
 if __name__ == "__main__":

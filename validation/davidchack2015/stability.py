@@ -18,6 +18,7 @@ rotation the mean over axes l of the same with x_l = Gamma h/(I_l sum 1/I).
 import argparse
 import json
 import os
+import pathlib
 import time
 
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
@@ -29,11 +30,11 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 import openmm as mm  # noqa: E402
-from openmmrigidhi.ensemble import tasks as together  # noqa: E402
 
 import observables  # noqa: E402
 import run  # noqa: E402
 import tip4p_model as tip4p  # noqa: E402
+from run import campaign  # noqa: E402
 
 UNSTABLE_U = -5.0       # kcal/mol per molecule
 UNSTABLE_DRIFT = 1.0    # K/ps
@@ -93,9 +94,8 @@ def trial(task, start):
     return result
 
 
-def _trial(argument, job):
-    task, start_file = argument
-    return trial(task, np.load(start_file)["positions"])
+def perform(task, job, start):
+    return trial(task, start)
 
 
 def tasks(options):
@@ -178,34 +178,18 @@ def main():
     parser.add_argument("--molecules", type=int, default=343)
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--picoseconds", type=float, default=20.0, help="length of the runs that look for the largest step")
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--cluster", help="address of a dask.distributed scheduler whose workers make the trials")
     parser.add_argument("--start-file")
-    parser.add_argument("--out", default=os.path.join(run.HERE, "results"))
-    options = parser.parse_args()
-    os.makedirs(options.out, exist_ok=True)
-    start_file = options.start_file or os.path.join(options.out, f"start_{options.molecules}.npz")
-    run.start_positions(options.molecules, start_file)
+    parser.add_argument("--output", type=pathlib.Path, default=run.HERE / "results")
+    campaign.addOptions(parser)
+    options = campaign.settle(parser.parse_args())
+    options.output.mkdir(parents=True, exist_ok=True)
+    start = run.start_positions(options.molecules, options.start_file or options.work / f"start_{options.molecules}.npz")
     began = time.time()
-    results, groups = {}, tasks(options)
-    file = os.path.join(options.out, "stability.json")
-    if os.path.exists(file):            # resume: groups that were finished with the same settings are kept
-        with open(file) as stream:
-            for name, trials in json.load(stream)["trials"].items():
-                if [{k: t.get(k) for k in task} for t, task in zip(trials, groups.get(name, []))] == groups.get(name):
-                    results[name] = trials
-    todo = [(name, task) for name, group in groups.items() if name not in results for task in group]
-    trials = {name: [None]*len(groups[name]) for name, _ in todo}
-    places = [(name, k) for name, group in groups.items() if name not in results for k in range(len(group))]
-
-    def finish(outcome):
-        name, k = places[outcome.index]
-        trials[name][k] = outcome.get()
-        if None not in trials[name]:            # the file has whole groups only
-            results[name] = trials.pop(name)
-            write({name: results[name] for name in groups if name in results}, time.time() - began, options.out)
-
-    together.run(_trial, [(task, start_file) for _, task in todo], options.jobs, options.cluster, unit="run", finished=finish)
+    groups = tasks(options)
+    places = [(name, task) for name, group in groups.items() for task in group]
+    done = campaign.run(perform, [task for _, task in places], [f"stability {name} {task['x']:g}" for name, task in places], options, title="stability", given=start)
+    results = {name: [trial for trial, (other, _) in zip(done, places) if other == name] for name in groups}
+    write(results, time.time() - began, options.output)
     for name, limit in limits(results).items():
         print(f"{name:45s} stable to {limit['largest_stable_below_the_first_failure']}, unstable at {limit['smallest_unstable']}")
 

@@ -1,22 +1,25 @@
 #!/usr/bin/python3
 """Density of TIP4P-Ew water at 300 K and 1 bar: rigid bodies under Langevin C against OpenMM's own rigid water.
 
-    /usr/bin/python3 run.py --length 200 --replicas 2
+    /usr/bin/python3 run.py --length 200 --replicas 2 --jobs 2
 
 README.md in this folder says what was measured.
 """
 import argparse
-import json
 import pathlib
-import platform
+import sys
 import time
 
 import numpy as np
 import openmm
-import tqdm
 from openmm import app, unit
 
 import openmmrigidhi
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.append(str(HERE.parents[1]/'common'))
+import campaign  # noqa: E402
+from recording import provenance, pyplot, save  # noqa: E402
 
 MOLECULES = 216
 TEMPERATURE, PRESSURE = 300*unit.kelvin, 1*unit.bar
@@ -62,10 +65,16 @@ def makeContext(topology, positions, integratorName, step, seed, platformName='C
     return context, integrator, interval
 
 
-def waterBox(molecules):
-    """A box of water near its density, minimised: (topology, positions)."""
+def waterTopology(molecules):
+    """A box of water near its density: a Modeller."""
     modeller = app.Modeller(app.Topology(), []*unit.nanometer)
     modeller.addSolvent(app.ForceField('tip4pew.xml'), model='tip4pew', numAdded=molecules)
+    return modeller
+
+
+def waterBox(molecules):
+    """Minimised: (topology, positions)."""
+    modeller = waterTopology(molecules)
     system = app.ForceField('tip4pew.xml').createSystem(modeller.topology, nonbondedMethod=app.PME, nonbondedCutoff=CUTOFF)
     context = openmm.Context(system, openmm.VerletIntegrator(0.001), openmm.Platform.getPlatformByName('CPU'))
     context.setPositions(modeller.positions)
@@ -79,8 +88,12 @@ def density(context, massOfAll):
     return (massOfAll/volume/unit.AVOGADRO_CONSTANT_NA).value_in_unit(unit.kilogram/unit.meter**3)
 
 
-def simulate(topology, positions, method, seed, equilibration, length, threads, bar):
-    """One run: densities, seen at every trial move of the barostat, after equilibration (both in ps)."""
+def simulate(argument, job, positions):
+    """One run: densities, seen at every trial move of the barostat, after equilibration (both in ps).
+
+    It begins anew if it is interrupted: OpenMM 7.7 does not save the barostat's counters."""
+    method, seed, equilibration, length, threads = argument
+    topology = waterTopology(MOLECULES).topology
     integratorName, step = METHODS[method]
     context, integrator, interval = makeContext(topology, positions, integratorName, step, seed, threads=threads)
     massOfAll = sum((context.getSystem().getParticleMass(i) for i in range(context.getSystem().getNumParticles())),
@@ -88,7 +101,7 @@ def simulate(topology, positions, method, seed, equilibration, length, threads, 
     start, series, residual = time.perf_counter(), [], 0
     for sample in range(round((equilibration + length)/BAROSTAT_TIME)):
         integrator.step(interval)
-        bar.update(BAROSTAT_TIME)
+        job.report((sample + 1)*BAROSTAT_TIME)
         if (sample + 1)*BAROSTAT_TIME > equilibration:
             series.append(density(context, massOfAll))
             if integratorName != 'LangevinMiddle':
@@ -127,9 +140,7 @@ def evaluate(runs):
 
 
 def draw(file, runs, table):
-    import matplotlib
-    matplotlib.use('Agg')
-    import matplotlib.pyplot as plt
+    plt = pyplot()
     colors = dict(zip(METHODS, ('tab:blue', 'tab:cyan', 'tab:red')))
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.2), constrained_layout=True,
                                          gridspec_kw={'width_ratios': (2, 1)})
@@ -153,13 +164,6 @@ def draw(file, runs, table):
     figure.savefig(file, dpi=130)
 
 
-def describeMachine():
-    model = [line.split(':')[1].strip() for line in open('/proc/cpuinfo') if line.startswith('model name')]
-    return {'processor': model[0] if model else platform.processor(), 'cores': len(model), 'system': platform.platform(),
-            'python': platform.python_version(), 'openmm': openmm.version.version,
-            'openmmrigidhi': openmmrigidhi.__version__}
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--output', type=pathlib.Path, default=pathlib.Path('npt_density_output'), help='folder for results')
@@ -167,27 +171,18 @@ def main():
     parser.add_argument('--length', type=float, default=200, help='ps of each run')
     parser.add_argument('--replicas', type=int, default=1, help='independent runs of each method')
     parser.add_argument('--threads', type=int, default=1)
-    arguments = parser.parse_args()
-    arguments.output.mkdir(parents=True, exist_ok=True)
-
-    topology, positions = waterBox(MOLECULES)
-    runs = []
-    total = arguments.replicas*len(METHODS)*(arguments.equilibration + arguments.length)
-    with tqdm.tqdm(total=total, bar_format='{desc} |{bar}| {n:.0f}/{total:.0f} ps [{elapsed}<{remaining}]') as bar:
-        for replica in range(arguments.replicas):
-            for number, method in enumerate(METHODS):
-                bar.set_description(f'{method}, run {replica}')
-                runs.append(simulate(topology, positions, method, FIRST_SEED + 10*replica + number, arguments.equilibration,
-                                     arguments.length, arguments.threads, bar))
-            # After each round, so that an interrupted job leaves what it has.
-            table = evaluate(runs)
-            result = {'machine': describeMachine(), 'threads': arguments.threads, 'molecules': MOLECULES,
-                      'temperature_K': TEMPERATURE._value, 'pressure_bar': PRESSURE._value,
-                      'cutoff_nm': CUTOFF._value, 'barostat_interval_ps': BAROSTAT_TIME,
-                      'average_ps': AVERAGE, 'block_ps': BLOCK,
-                      'methods': table, 'runs': runs}
-            (arguments.output/'npt_density.json').write_text(json.dumps(result, indent=1) + '\n')
-            draw(arguments.output/'npt_density.png', runs, table)
+    campaign.addOptions(parser)
+    arguments = campaign.settle(parser.parse_args())
+    _, positions = waterBox(MOLECULES)
+    todo = [(method, FIRST_SEED + 10*replica + number, arguments.equilibration, arguments.length, arguments.threads)
+            for replica in range(arguments.replicas) for number, method in enumerate(METHODS)]
+    runs = campaign.run(simulate, todo, [f'density {method} seed {seed}' for method, seed, *_ in todo], arguments,
+                        [arguments.equilibration + arguments.length]*len(todo), 'ps', 'density', given=np.array(positions.value_in_unit(unit.nanometer)))
+    table = evaluate(runs)
+    save(arguments.output, 'npt_density.json', {
+        'provenance': provenance(arguments), 'threads': arguments.threads, 'molecules': MOLECULES, 'temperature_K': TEMPERATURE._value, 'pressure_bar': PRESSURE._value,
+        'cutoff_nm': CUTOFF._value, 'barostat_interval_ps': BAROSTAT_TIME, 'average_ps': AVERAGE, 'block_ps': BLOCK, 'methods': table, 'runs': runs})
+    draw(arguments.output/'npt_density.png', runs, table)
     for method, row in table.items():
         against = f'; {row["difference"]:+.2f} kg/m^3, {row["sigmas"]:+.2f} sigma, from {REFERENCE}' if 'sigmas' in row else ''
         print(f'{method:30} {row["density_kg_m3"]:8.2f} +- {row["error"]:.2f} kg/m^3{against}')

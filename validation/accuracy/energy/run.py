@@ -11,17 +11,19 @@ become the symplectic splitting of Miller et al. (2002), no random number is dra
     python3 run.py --output results          # 100 ps: a few minutes
 """
 import argparse
-import json
-import platform
+import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import openmm
 from openmm import app, unit
-from tqdm import tqdm
 
 import openmmrigidhi
+
+sys.path.append(str(Path(__file__).resolve().parents[2]/'common'))
+import campaign  # noqa: E402
+from recording import provenance, pyplot, save  # noqa: E402
 
 KT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)*300
 
@@ -53,11 +55,18 @@ def context(topology, system, platformName, threads, friction, step):
     return integrator, openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platformName), properties)
 
 
-def energies(ctx, integrator, steps, every, label):
+def energies(ctx, integrator, steps, every, job, settings):
     """Total energy in kT per molecule at `every` steps."""
-    values = []
-    for _ in tqdm(range(steps//every), desc=label, mininterval=2):
+    keeper = campaign.State(job, settings)
+    kept = keeper.load()
+    values = list(kept.get('values', ()))
+    if kept:
+        ctx.loadCheckpoint(kept['checkpoint'].tobytes())
+    while len(values) < steps//every:
+        if keeper.isDue():
+            keeper.save(values=values, checkpoint=campaign.checkpoint(ctx))
         integrator.step(every)
+        job.report(len(values))
         state = ctx.getState(getEnergy=True)
         values.append((state.getPotentialEnergy()+state.getKineticEnergy()).value_in_unit(unit.kilojoule_per_mole))
     return np.array(values)/KT/integrator.getNumRigidBodies()
@@ -72,6 +81,35 @@ def slopeWithError(t, e, blocks=10):
     return slope, np.sqrt(np.sum(residual**2)/(blocks-2)/np.sum((tb-tb.mean())**2))
 
 
+def equilibrate(argument, job):
+    """The start of all runs, in the directory of this one: after some time under Langevin C."""
+    waters, duration, platformName, threads = argument
+    topology, system, positions = build(waters)
+    integrator, ctx = context(topology, system, platformName, threads, 5.0, 0.002)
+    ctx.setPositions(positions)
+    openmmrigidhi.app.minimize(ctx, maxIterations=100)
+    ctx.setVelocitiesToTemperature(300, 1)
+    for k in range(20):
+        integrator.step(int(duration/0.002/20))
+        job.report(k + 1)
+    state = ctx.getState(getPositions=True, getVelocities=True, getIntegratorParameters=True)
+    return {'state': openmm.XmlSerializer.serialize(state)}
+
+
+def conserve(argument, job, start):
+    """A run without friction: energies of `steps` steps, kT per molecule, and what the integrator counted."""
+    waters, step, steps, every, platformName, threads = argument
+    topology, system, _ = build(waters)
+    integrator, ctx = context(topology, system, platformName, threads, 0.0, step)
+    ctx.setState(openmm.XmlSerializer.deserialize(start))
+    began = time.time()
+    values = energies(ctx, integrator, steps, every, job, (waters, step, every, platformName, threads))
+    return {'energies': values, 'seconds': time.time() - began, 'random_numbers': int(integrator.getStepStatistics()['randomNumbers'])}
+
+
+SCAN = (0.0005, 0.001, 0.002, 0.004)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--waters', type=int, default=216)
@@ -81,50 +119,38 @@ def main():
     parser.add_argument('--platform', default='CPU')
     parser.add_argument('--threads', type=int, default=2)
     parser.add_argument('--output', type=Path, default=Path('energy_conservation_output'))
-    args = parser.parse_args()
-    args.output.mkdir(parents=True, exist_ok=True)
+    campaign.addOptions(parser)
+    args = campaign.settle(parser.parse_args())
 
-    topology, system, positions = build(args.waters)
-    integrator, ctx = context(topology, system, args.platform, args.threads, 5.0, 0.002)
-    ctx.setPositions(positions)
-    openmmrigidhi.app.minimize(ctx, maxIterations=100)
-    ctx.setVelocitiesToTemperature(300, 1)
-    for _ in tqdm(range(20), desc='equilibrate'):
-        integrator.step(int(args.equilibrate/0.002/20))
-    start = ctx.getState(getPositions=True, getVelocities=True, getIntegratorParameters=True)
+    how = (args.platform, args.threads)
+    start = campaign.run(equilibrate, [(args.waters, args.equilibrate, *how)], ['energy equilibrate'], args, [20], 'part', 'equilibrate')[0]['state']
+    todo = [(args.waters, 0.001, args.steps, 100, *how)] + [(args.waters, h, int(args.scan_time/h), max(1, int(0.01/h)), *how) for h in SCAN]
+    names = ['energy drift'] + [f'energy {1000*h:g} fs' for h in SCAN]
+    drift, *runs = campaign.run(conserve, todo, names, args, [steps//every for _, _, steps, every, *_ in todo], 'sample', 'energies', given=start)
 
     scan = []
-    for h in (0.0005, 0.001, 0.002, 0.004):
-        integrator, ctx = context(topology, system, args.platform, args.threads, 0.0, h)
-        ctx.setState(start)
-        e = energies(ctx, integrator, int(args.scan_time/h), max(1, int(0.01/h)), f'{h*1000:g} fs')
+    for h, run in zip(SCAN, runs):
+        e = np.array(run['energies'])
         e = e-np.polyval(np.polyfit(np.arange(len(e)), e, 1), np.arange(len(e)))
         scan.append({'step_fs': h*1000, 'rms_energy_error_kT_per_molecule': float(e.std())})
     order = np.polyfit(np.log([s['step_fs'] for s in scan[1:]]),
                        np.log([s['rms_energy_error_kT_per_molecule'] for s in scan[1:]]), 1)[0]
 
-    integrator, ctx = context(topology, system, args.platform, args.threads, 0.0, 0.001)
-    ctx.setState(start)
-    began = time.time()
-    e = energies(ctx, integrator, args.steps, 100, 'drift')
+    e = np.array(drift['energies'])
     t = 0.1*(1+np.arange(len(e)))
     slope, error = slopeWithError(t, e)
-    statistics = integrator.getStepStatistics()
     result = {
-        'waters': args.waters, 'steps_of_1_fs': args.steps, 'seconds': time.time()-began,
+        'waters': args.waters, 'steps_of_1_fs': args.steps, 'seconds': drift['seconds'],
         'slope_kT_per_molecule_per_ps': slope, 'slope_error': error, 'promised_below': 1e-4,
         'rms_fluctuation_kT_per_molecule': float((e-np.polyval(np.polyfit(t, e, 1), t)).std()),
-        'random_numbers_drawn': statistics['randomNumbers'],
+        'random_numbers_drawn': drift['random_numbers'],
         'error_against_step': scan, 'fitted_order_1_to_4_fs': order,
-        'platform': args.platform, 'threads': args.threads, 'openmm': openmm.version.full_version, 'python': platform.python_version(),
-        'machine': platform.processor() or platform.machine(), 'seed': 1,
+        'platform': args.platform, 'threads': args.threads, 'seed': 1, 'provenance': provenance(args),
     }
-    (args.output/'energy_conservation.json').write_text(json.dumps(result, indent=1)+'\n')
-    print(json.dumps(result, indent=1))
+    save(args.output, 'energy_conservation.json', result)
+    print(result)
 
-    import matplotlib
-    matplotlib.use('Agg')
-    import matplotlib.pyplot as plt
+    plt = pyplot()
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), constrained_layout=True)
     left.plot(t, (e-e[0])*1e3, lw=0.8)
     left.plot(t, (slope*(t-t.mean())+e.mean()-e[0])*1e3, 'k--', lw=1, label=f'slope {slope:.1e} ± {error:.0e} kT/molecule/ps')
