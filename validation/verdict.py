@@ -115,7 +115,7 @@ def tableS1():
             difference = ours/published - 1
             yield ('Table S1', f'{name}, l/a = {separation}', f'{published:.8g}', f'{ours:.9g}', f'relative: {difference:+.1e}',
                    f'agrees: ours is {abs(ours/exact[key] - 1):.0e} from the exact number, the paper\'s {abs(published/exact[key] - 1):.0e}'
-                   if abs(difference) < PAPERS_OWN_ERROR[key] else 'disagrees', f'no noise; {sum(row["steps"]):,} steps, h → 0 from five')
+                   if abs(difference) < PAPERS_OWN_ERROR[key] else 'disagrees', f'no noise; {sum(row["steps"]):,} steps, h → 0 from five step sizes')
 
 
 def tableS2():
@@ -124,7 +124,7 @@ def tableS2():
         for temperature, entry in data['analysis'].items():
             kT = temperature.split('=')[1]
             runs = [r for r in data['runs'] if r['model'] == model and r['kT'] == float(kT)]
-            length = f'{len(runs)} steps h, {runs[0]["clusters"]} clusters, {sum(r["steps"] for r in runs):,} steps in all'
+            length = f'{len(runs)} step sizes, {runs[0]["clusters"]} clusters, {sum(r["steps"] for r in runs):,} steps in all'
             for name, line in (entry if key is None else entry.get(key, {'fit': {}}))['fit'].items():
                 for value, called in (('A0', 'A0'), ('E_A', 'E_A')):
                     published = line['paper'][value], line['paper'][f'{value}_error']
@@ -407,8 +407,9 @@ error. A difference is ours less the paper\u2019s over both errors together; bel
 '''
 RUNS = '''
 ## Making the runs again
-Each page says by which command. All scripts have `--jobs N` (so many runs at a time) and `--cluster ADDRESS` (a scheduler of dask.distributed), by [openmmrigidhi.ensemble.tasks](../docs/ensembles.md#tasks-of-your-own). Runs are independent: each has
+Each page says by which command. All scripts that make runs have `--jobs N` (so many at a time) and `--cluster ADDRESS` (a scheduler of dask.distributed), by [openmmrigidhi.ensemble.tasks](../docs/ensembles.md#tasks-of-your-own). Runs are independent: each has
 its seed from the script\u2019s and its place in it, and keeps its state in a directory of its own below `--work` (by default `work` in the folder of `--output`, which git ignores). The same command goes on where it was interrupted; `--fresh` begins anew.
+What is timed takes turns in one process (`accuracy/grid`, speeds of the other studies of accuracy).
 On a cluster workers must find the scripts: `PYTHONPATH` has `validation/common` and the paper\u2019s folder. What several papers\u2019 scripts share lies in `common/`.
 
 Git has tables (JSON, CSV) and a picture or two for each experiment. State, raw series, pages with pictures inside and animations are made again by the same commands.

@@ -10,6 +10,7 @@ from openmm import unit
 from openmmrigidhi import analysis
 from openmmrigidhi._quaternions import rotate
 from openmmrigidhi.accuracy.statistics import quantile
+from openmmrigidhi.ensemble import tasks
 
 FOLDER = pathlib.Path(__file__).resolve().parents[2]/'validation'/'westwood2022'
 FALSE_ALARMS = 7e-6     # of each comparison, as in test_gibbs_boltzmann.py
@@ -22,7 +23,8 @@ def study():
     try:
         import model
         import montecarlo
-        yield type('Study', (), {'model': model, 'montecarlo': montecarlo})
+        import rods
+        yield type('Study', (), {'model': model, 'montecarlo': montecarlo, 'rods': rods})
     finally:
         del sys.path[:2]
 
@@ -125,6 +127,15 @@ def test_the_mirror_image_is_a_rod(study):
     after = R[:, None] + rotate(q[:, None], study.model.SITES)
     before[..., 1] = scene.width - before[..., 1]
     assert np.allclose(np.linalg.norm(before[:, :, None] - after[:, None], axis=-1).min(axis=-1), 0, atol=1e-12)
+
+
+def test_chains_go_on_with_as_many_systems(study, tmp_path):
+    """And with longer runs; those of --quick are not taken for those of a whole run."""
+    job = tasks.Job(0, 'mc', str(tmp_path))
+    assert study.rods.monteCarlo((8, 6.0, 0.5, 2, 2, 4), job) == {'sweeps': 4}
+    assert study.rods.monteCarlo((8, 6.0, 0.5, 2, 2, 6), job) == {'sweeps': 6}
+    with pytest.raises(ValueError, match='it has 2 systems, where 4 are asked for'):
+        study.rods.monteCarlo((8, 6.0, 0.5, 4, 2, 8), job)
 
 
 def check(values, exact, error=0.0):

@@ -159,7 +159,9 @@ def monteCarlo(argument, job):
     """Chains of a scene, until they have so many sweeps."""
     fraction, cutoff, part, systems, burnIn, sweeps = argument
     chains = Chains(model.Scene(fraction, cutoff, part), job.directory, systems, burnIn)
-    chains.load()
+    if chains.load() and chains.count != systems:
+        raise ValueError(f'{chains.kept.path}: it has {chains.count} systems, where {systems} are asked for; it cannot go on with these: give another --work, or --fresh to '
+                         'begin all anew')
     chains.run(sweeps, job.report)
     return {'sweeps': chains.sweeps}
 
