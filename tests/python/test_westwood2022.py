@@ -132,10 +132,10 @@ def test_the_mirror_image_is_a_rod(study):
 def test_chains_go_on_with_as_many_systems(study, tmp_path):
     """And with longer runs; those of --quick are not taken for those of a whole run."""
     job = tasks.Job(0, 'mc', str(tmp_path))
-    assert study.rods.monteCarlo((8, 6.0, 0.5, 2, 2, 4), job) == {'sweeps': 4}
-    assert study.rods.monteCarlo((8, 6.0, 0.5, 2, 2, 6), job) == {'sweeps': 6}
+    assert study.rods.monteCarlo((8, 6.0, 0.5, 2, 10, 20), job) == {'sweeps': 20}
+    assert study.rods.monteCarlo((8, 6.0, 0.5, 2, 10, 30), job) == {'sweeps': 30}
     with pytest.raises(ValueError, match='it has 2 systems, where 4 are asked for'):
-        study.rods.monteCarlo((8, 6.0, 0.5, 4, 2, 8), job)
+        study.rods.monteCarlo((8, 6.0, 0.5, 4, 10, 40), job)
 
 
 def check(values, exact, error=0.0):
