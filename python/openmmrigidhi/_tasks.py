@@ -2,6 +2,7 @@
 
 Workers come and go: a task whose worker dies is given to another one, so often and no oftener. What a task has to remember then it keeps in files.
 """
+import asyncio
 import collections
 import contextlib
 import functools
@@ -288,7 +289,17 @@ class _Cluster:
             ifItFails.pop_all()
 
     def _connect(self, address):
+        limit = self.timeout
+
         class Client(self.distributed.Client):
+            async def _start(self, **kwargs):
+                # Newer versions of distributed wait for the answer of who has taken the connection as long as it takes.
+                try:
+                    return await asyncio.wait_for(super()._start(**kwargs), limit)
+                except asyncio.TimeoutError as error:
+                    await self._close()
+                    raise OSError('the connection was taken, but nothing came') from error
+
             def __del__(self):
                 # One that never came to be complains when it goes.
                 with contextlib.suppress(Exception):
