@@ -28,6 +28,15 @@ namespace {
 
 Vec3 inFloats(const Vec3& x) { return Vec3(float(x[0]), float(x[1]), float(x[2])); }
 
+/** Passed on where OpenMM has it: from 8.1 on. */
+template <class Kernel>
+auto shiftVelocities(Kernel& kernel, ContextImpl& context, double time, vector<Vec3>& velocities, int)
+    -> decltype(kernel.computeShiftedVelocities(context, time, velocities)) {
+    kernel.computeShiftedVelocities(context, time, velocities);
+}
+template <class Kernel>
+void shiftVelocities(Kernel&, ContextImpl&, double, vector<Vec3>&, long) {}
+
 /** OpenMM's own kernel, but for rounding. */
 class RoundingKernel : public UpdateStateDataKernel {
 public:
@@ -58,6 +67,10 @@ public:
         vector<Vec3> rounded = velocities;
         for (Vec3& v : rounded) v = inFloats(v);
         exact.setVelocities(context, rounded);
+    }
+    void computeShiftedVelocities(ContextImpl& context, double time, vector<Vec3>& velocities) {
+        shiftVelocities(exact, context, time, velocities, 0);
+        for (Vec3& v : velocities) v = inFloats(v);
     }
     void getForces(ContextImpl& context, vector<Vec3>& forces) override {
         exact.getForces(context, forces);
