@@ -183,7 +183,8 @@ def _serve(connection):
             except (BrokenPipeError, KeyboardInterrupt):
                 raise
             except Exception as error:   # whatever pickle says of a value that it cannot send
-                outcome.value, outcome.failure = None, Failure(type(error).__name__, str(error), traceback.format_exc())
+                outcome.value = None
+                outcome.failure = Failure(type(error).__name__, f'what it returned cannot be pickled: {error}', traceback.format_exc())
                 connection.send((DONE, job.index, outcome))
 
 
