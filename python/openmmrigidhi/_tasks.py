@@ -299,7 +299,7 @@ class _Cluster:
                     return await asyncio.wait_for(super()._start(**kwargs), limit)
                 except asyncio.TimeoutError as error:
                     await self._close()
-                    raise OSError('the connection was taken, but nothing came') from error
+                    raise OSError('silence') from error
 
             def __del__(self):
                 # One that never came to be complains when it goes.

@@ -659,7 +659,7 @@ using SceneAction = function<void(ChangeableScene&)>;
 struct Change {
     string name;
     SceneAction make, prepare = [](ChangeableScene&) {};
-    bool isLaterOnDevices = false;  // they take it over when the next Context is created
+    bool isLater = false;  // OpenMM takes it over when the next Context is created
 };
 
 vector<Change> changesOfForces() {
@@ -673,13 +673,17 @@ vector<Change> changesOfForces() {
         s.context->reinitialize(true);
         onlyGroup0(s);
     };
+    // Version 7 looks at the groups of its own Forces in each evaluation, but for what is on a device; later ones keep those of the start.
+    const bool keepsGroups = Platform::getOpenMMVersion().substr(0, 2) != "7.", keepsDirect = keepsGroups || onDevice();
     return {
         {"integration force groups", [](ChangeableScene& s) { s.integrator.setIntegrationForceGroups(~(1 << 3)); }},
-        {"force group of an OpenMM force", [](ChangeableScene& s) { s.well->setForceGroup(0); }, onlyGroup0, true},
+        {"force group of an OpenMM force", [](ChangeableScene& s) { s.well->setForceGroup(0); }, onlyGroup0,
+         keepsDirect},
         {"force group of a body force", [](ChangeableScene& s) { s.push->setForceGroup(7); }, onlyGroup0},
         {"reciprocal-space group", [](ChangeableScene& s) { s.nonbonded->setReciprocalSpaceForceGroup(5); },
-         ewaldInGroup0},
-        {"direct space", [](ChangeableScene& s) { s.nonbonded->setIncludeDirectSpace(false); }, ewaldInGroup0, true},
+         ewaldInGroup0, keepsGroups},
+        {"direct space", [](ChangeableScene& s) { s.nonbonded->setIncludeDirectSpace(false); }, ewaldInGroup0,
+         keepsDirect},
         {"force group and reinitialize()",
          [](ChangeableScene& s) {
              s.integrator.setIntegrationForceGroups(~(1 << 5));
@@ -730,9 +734,9 @@ TEST(Others, TheNextStepHasTheForcesOfTheNewSettings) {
                 << change.name << ", scheme " << scheme;
             EXPECT_TRUE(sameBits(velocitiesOf(*kept.context), velocitiesOf(*anew.context)))
                 << change.name << ", scheme " << scheme;
-            if (change.isLaterOnDevices && onDevice()) continue;
-            EXPECT_FALSE(sameBits(positionsOf(*anew.context), positionsOf(*unchanged.context)))
-                << change.name << " changes nothing here";
+            if (change.isLater && onDevice()) continue;
+            EXPECT_EQ(sameBits(positionsOf(*anew.context), positionsOf(*unchanged.context)), change.isLater)
+                << change.name;
         }
 }
 
