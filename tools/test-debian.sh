@@ -49,10 +49,10 @@ failed=0
 step() { # name, directory, command: a line of the summary, with the last lines of what a failure said
     began=$(date +%s)
     echo "==== $1" >> "$log"
-    if inside "$2" "cd /source 2>/dev/null; $3" > "$where/step.log" 2>&1 </dev/null; then outcome=passed; else outcome=FAILED; failed=1; fi
-    cat "$where/step.log" >> "$log"
-    say "$1: $outcome, $(($(date +%s) - began)) s$(grep -hoE '^(100% tests passed.*|[0-9]+% tests passed.*|=* ?[0-9]+ (passed|failed).*)' "$where/step.log" | tail -2 | sed 's/=//g' | paste -sd ';' | sed 's/^/; /')"
-    [ $outcome = passed ] || tail -40 "$where/step.log"
+    if inside "$2" "cd /source 2>/dev/null; $3" > "$where/$release-step.log" 2>&1 </dev/null; then outcome=passed; else outcome=FAILED; failed=1; fi
+    cat "$where/$release-step.log" >> "$log"
+    say "$1: $outcome, $(($(date +%s) - began)) s$(grep -hoE '^(100% tests passed.*|[0-9]+% tests passed.*|=* ?[0-9]+ (passed|failed).*)' "$where/$release-step.log" | tail -2 | sed 's/=//g' | paste -sd ';' | sed 's/^/; /')"
+    [ $outcome = passed ] || tail -40 "$where/$release-step.log"
 }
 
 rm -f "$report.new"
