@@ -4,6 +4,8 @@
 #include <functional>
 #include <optional>
 
+#include "mobility/models/rotneprager/PairSums.h"
+#include "mobility/models/rotneprager/PairTournament.h"
 #include "mobility/models/wall/NoSlipPlane.h"
 
 namespace RigidHIPlugin {
@@ -61,7 +63,10 @@ private:
     const std::optional<NoSlipPlane> wall;
     // Particles with torque come first, so that blocks of targets and ranges of sources are of one kind. Slots of targets
     // are padded to whole blocks for each kind; sources are not.
+    // Sums over pairs go by chunks of slots of one kind, in a number that follows from the particles alone.
+    static constexpr int chunkSize = 128;
     int numSpheres, numSphereBlocks, numBlocks;
+    std::vector<SlotRange> chunks;
     std::vector<int> particleOfSource, slotOfSource;
     std::vector<int> rowOfSource, rowOfSlot;  // -1: padding
     std::vector<double> radius;               // of slots
@@ -87,18 +92,23 @@ protected:
     void moveTo(const Placement& placement, bool nearby) override;
 
 private:
+    static constexpr int maxColumns = 2;  // at once
     template <class Number>
-    void multiply(const Eigen::MatrixXd& forces, std::vector<Number>& buffer, Eigen::MatrixXd& velocities) const;
+    void multiply(const Eigen::MatrixXd& forces, std::vector<Number>& buffer, Eigen::MatrixXd& velocities);
+    bool preparePlacesInSingle();  // whether floats can hold them
     template <class Task>
     void split(int count, double pairs, const Task& task) const;
     struct RotnePragerYamakawaArrays arrays(double* result) const;
 
     const CpuRotnePragerYamakawa& model;
-    std::vector<double> x, y, z;     // of slots
-    std::vector<double> weight;      // of slots: what velocities and forces are multiplied by, 1 without a wall
-    std::vector<double> sources;     // x, y, z, radius of each
-    std::vector<double> loads;       // forces and torques, source by source, of the columns being multiplied
-    std::vector<float> singleLoads;  // likewise
+    std::vector<double> x, y, z;  // of slots
+    std::vector<double> weight;   // of slots: what velocities and forces are multiplied by, 1 without a wall
+    std::vector<double> sources;  // x, y, z, radius of each
+    // Of slots, as PairSumArrays has them.
+    std::vector<double> loads, sums;
+    std::vector<float> singleLoads, singlePlaces;
+    bool placesFitSingle;
+    PairTournament tournament;
 };
 
 }  // namespace RigidHIPlugin
