@@ -134,16 +134,19 @@ void plainProduct(benchmark::State& state, Kind kind, int64_t target) {
         pairs.y.push_back(r[1]);
         pairs.z.push_back(r[2] - (scene.wall ? scene.wall->getHeight() : 0));
     }
+    const int room = n + 16;
+    for (auto* v : {&pairs.x, &pairs.y, &pairs.z}) v->resize(room);
+    pairs.count = n;
     pairs.radius = 1;
     pairs.hasWall = scene.wall.has_value();
     pairs.torques = scene.particles.hasTorque[0];
     pairs.columns = columns;
     const int rows = (pairs.torques ? 6 : 3) * columns;
-    pairs.loads.assign(rows, std::vector<double>(n, 1));
+    pairs.loads.assign(rows, std::vector<double>(room, 1));
     std::vector<std::vector<std::vector<double>>> parts(threads);
     for (auto _ : state) {
         const auto task = [&](int thread) {
-            parts[thread].assign(rows, std::vector<double>(n));
+            parts[thread].assign(rows, std::vector<double>(room));
             addPlainPairs(pairs, thread, threads, parts[thread]);
         };
         if (threads == 1)

@@ -121,18 +121,25 @@ struct Targets {
     HWY_INLINE void getLoad(int i, LinearAndAngular<Real, columns>& to) const {
         for (int c = 0; c < columns; c++) {
             const auto& from = &load[c * rows];
-            to.linear[c] = {set(from[0][i]), set(from[1][i]), set(from[2][i])};
-            if (torque) to.angular[c] = {set(from[3][i]), set(from[4][i]), set(from[5][i])};
+            to.linear[c].x = set(from[0][i]);
+            to.linear[c].y = set(from[1][i]);
+            to.linear[c].z = set(from[2][i]);
+            if (!torque) continue;
+            to.angular[c].x = set(from[3][i]);
+            to.angular[c].y = set(from[4][i]);
+            to.angular[c].z = set(from[5][i]);
         }
     }
-    HWY_INLINE void getSums(int i, int lane, LinearAndAngular<Real, columns>& to) const {
+    HWY_INLINE void getSums(int i, int slot, LinearAndAngular<Real, columns>& to) const {
+        const int lane = slot % Kind::lanes;
         for (int c = 0; c < columns; c++) {
             const auto& from = &sums[c * rows];
             getVector(&from[0][i][lane], to.linear[c]);
             if (torque) getVector(&from[3][i][lane], to.angular[c]);
         }
     }
-    HWY_INLINE void putSums(int i, int lane, const LinearAndAngular<Real, columns>& from) {
+    HWY_INLINE void putSums(int i, int slot, const LinearAndAngular<Real, columns>& from) {
+        const int lane = slot % Kind::lanes;
         for (int c = 0; c < columns; c++) {
             auto to = &sums[c * rows];
             putVector(from.linear[c], &to[0][i][lane]);
@@ -152,16 +159,22 @@ struct Targets {
     }
 };
 
+template <class Real>
+HWY_INLINE void getVector(const typename Real::Scalar* from, std::size_t stride, Vector3<Real>& to) {
+    load(from, to.x);
+    load(from + stride, to.y);
+    load(from + 2 * stride, to.z);
+}
+
 /** A pack of sources. */
-template <class Number, int columns, bool torque>
-struct Sources {
+template <class Number>
+struct SourcePlaces {
     typedef Number Real;
     typedef Precision<Real> Kind;
     Real place[Kind::places], third, contact2;
-    LinearAndAngular<Real, columns> loads;
 
     /** @param radius  contact with none of this radius is missed */
-    HWY_INLINE Sources(const Arrays& arrays, int slot, double radius) {
+    HWY_INLINE SourcePlaces(const Arrays& arrays, int slot, double radius) {
         for (int k = 0; k < Kind::places; k++) load(Kind::place(arrays, k) + slot, place[k]);
         Pack contacts[Real::packs];
         for (int k = 0; k < Real::packs; k++) {
@@ -172,25 +185,23 @@ struct Sources {
         }
         round(contacts, contact2);
         Kind::thirds(arrays, slot, third);
-        for (int c = 0; c < columns; c++) {
-            const auto* from = Kind::loads(arrays) + 6 * c * arrays.stride + slot;
-            getVector(from, arrays.stride, loads.linear[c]);
-            if (torque) getVector(from + 3 * arrays.stride, arrays.stride, loads.angular[c]);
-        }
-    }
-    static HWY_INLINE void getVector(const typename Real::Scalar* from, std::size_t stride, Vector3<Real>& to) {
-        load(from, to.x);
-        load(from + stride, to.y);
-        load(from + 2 * stride, to.z);
     }
 };
+template <int columns, bool torque, class Real>
+HWY_INLINE void getLoads(const Arrays& arrays, int slot, LinearAndAngular<Real, columns>& to) {
+    for (int c = 0; c < columns; c++) {
+        const auto* from = Precision<Real>::loads(arrays) + 6 * c * arrays.stride + slot;
+        getVector(from, arrays.stride, to.linear[c]);
+        if (torque) getVector(from + 3 * arrays.stride, arrays.stride, to.angular[c]);
+    }
+}
 
 /** Sums of a pack of sources: in double precision they go on from memory, in single precision they start anew. */
 template <int columns, bool torque>
 HWY_INLINE void beginSums(const double* sums, std::size_t stride, LinearAndAngular<Pack, columns>& v) {
     for (int c = 0; c < columns; c++, sums += 6 * stride) {
-        Sources<Pack, columns, torque>::getVector(sums, stride, v.linear[c]);
-        if (torque) Sources<Pack, columns, torque>::getVector(sums + 3 * stride, stride, v.angular[c]);
+        getVector(sums, stride, v.linear[c]);
+        if (torque) getVector(sums + 3 * stride, stride, v.angular[c]);
     }
 }
 template <int columns, bool torque>
@@ -217,13 +228,13 @@ HWY_INLINE void endSums(const LinearAndAngular<Real, columns>& v, double* sums, 
 }
 
 /** r_i - r_j. In single precision what rounding left of positions is added, so that near spheres have their true distance. */
-template <class T, class S>
-HWY_INLINE Vector3<Pack> separation(const T& targets, int i, const S& sources, Pack*) {
+template <class T>
+HWY_INLINE Vector3<Pack> separation(const T& targets, int i, const SourcePlaces<Pack>& sources) {
     const auto& r = targets.place;
     return {T::set(r[0][i]) - sources.place[0], T::set(r[1][i]) - sources.place[1], T::set(r[2][i]) - sources.place[2]};
 }
-template <class T, class S>
-HWY_INLINE Vector3<SinglePack> separation(const T& targets, int i, const S& sources, SinglePack*) {
+template <class T>
+HWY_INLINE Vector3<SinglePack> separation(const T& targets, int i, const SourcePlaces<SinglePack>& sources) {
     const auto& r = targets.place;
     const auto difference = [&](int k) {
         return (T::set(r[k][i]) - sources.place[k]) + (T::set(r[k + 3][i]) - sources.place[k + 3]);
@@ -231,24 +242,72 @@ HWY_INLINE Vector3<SinglePack> separation(const T& targets, int i, const S& sour
     return {difference(0), difference(1), difference(2)};
 }
 
-/** Target i and a pack of sources: where they are, and which pairs are to be taken, and are far enough for the plain formulas. */
+/** Which pairs of target i and a pack of sources are to be taken, and are far enough for the plain formulas. */
 template <class Real, bool diagonal>
-struct Pairs {
-    typedef hn::Mask<typename Precision<Real>::Tag> Mask;
-    Vector3<Real> r;
-    Real across2, distance2;
-    Mask taken, far;
+struct Choice {
+    hn::Mask<typename Precision<Real>::Tag> taken, far;
     /** @param numbers  diagonal: of sources as targets are counted; taken are those behind i */
-    template <class T, class S>
-    HWY_INLINE Pairs(const T& targets, int i, const S& sources, const Real& numbers)
-        : r(separation(targets, i, sources, static_cast<Real*>(nullptr))) {
-        across2 = multiplyAdd(r.x, r.x, r.y * r.y);
-        distance2 = multiplyAdd(r.z, r.z, across2);
-        far = hn::Gt(distance2.v, sources.contact2.v);
-        taken = diagonal ? hn::Gt(numbers.v, T::set(i).v) : hn::Eq(numbers.v, numbers.v);
-        far = hn::And(far, taken);
+    HWY_INLINE Choice(const Real& distance2, const Real& contact2, int i, const Real& numbers) {
+        typedef typename Precision<Real>::Tag Tag;
+        far = hn::Gt(distance2.v, contact2.v);
+        taken = diagonal ? hn::Gt(numbers.v, hn::Set(Tag(), static_cast<typename Real::Scalar>(i)))
+                         : hn::Eq(contact2.v, contact2.v);
+        if (diagonal) far = hn::And(far, taken);
     }
 };
+/** The numbers of a pack of sources, as targets are counted. */
+template <class Real, class T>
+HWY_INLINE Real numbersOf(const T& targets, int slot) {
+    return Real(hn::Iota(typename Precision<Real>::Tag(), static_cast<typename Real::Scalar>(slot - targets.first)));
+}
+
+/**
+ * Inverse distances of targets and a pack of sources. They are found a pack ahead of the sums: roots and divisions take long, and while a
+ * processor waits for them it can hold only so much of what else there is to do.
+ */
+template <class Number, bool wall>
+struct Distances {
+    typedef Number Real;
+    typedef Precision<Real> Kind;
+    HWY_ALIGN typename Real::Scalar inverse[Kind::block][Kind::lanes];  // 0: overlap, or no pair
+    HWY_ALIGN
+        typename Real::Scalar image[wall ? Kind::block : 1][Kind::lanes];  // of i and the mirror image of j; 0: no pair
+};
+
+/** What is found ahead for one pack. */
+template <class Real, bool wall, bool diagonal, class T>
+struct Ahead {
+    typedef typename Precision<Real>::Tag Tag;
+    const T& targets;
+    SourcePlaces<Real> sources;
+    Real numbers;
+    hn::Mask<Tag> allFar;
+    Distances<Real, wall>& to;
+
+    HWY_INLINE Ahead(const Arrays& arrays, const T& targets, int slot, Distances<Real, wall>& to)
+        : targets(targets), sources(arrays, slot, targets.largestRadius), numbers(numbersOf<Real>(targets, slot)),
+          allFar(hn::Eq(numbers.v, numbers.v)), to(to) {}
+    HWY_INLINE void find(int i) {
+        const Vector3<Real> r = separation(targets, i, sources);
+        const Real across2 = multiplyAdd(r.x, r.x, r.y * r.y), distance2 = multiplyAdd(r.z, r.z, across2);
+        const Choice<Real, diagonal> choice(distance2, sources.contact2, i, numbers);
+        allFar = hn::And(allFar, choice.far);
+        store(Real(hn::IfThenElseZero(choice.far, inverseSquareRoot(distance2).v)), to.inverse[i]);
+        if (wall) {
+            const Real Z = targets.set(targets.place[2][i]) + sources.place[2];
+            const Real p = inverseSquareRoot(multiplyAdd(Z, Z, across2));
+            store(diagonal ? Real(hn::IfThenElseZero(choice.taken, p.v)) : p, to.image[i]);
+        }
+    }
+    HWY_INLINE bool isFar() const { return !diagonal && hn::AllTrue(Tag(), allFar); }
+};
+/** All of them. @return whether none are left for addNearPairs() */
+template <class Real, bool wall, bool diagonal, class T>
+HWY_NOINLINE bool findDistances(const Arrays& arrays, const T& targets, int slot, Distances<Real, wall>& to) {
+    Ahead<Real, wall, diagonal, T> ahead(arrays, targets, slot, to);
+    for (int i = 0; i < targets.count; i++) ahead.find(i);
+    return ahead.isFar();
+}
 
 /** The free part of pairs near contact, of which some overlap. Out of line: rare, and it would take the registers of the loop. */
 template <class Real>
@@ -282,72 +341,75 @@ HWY_NOINLINE PairMobility<Real> exactPairMobility(const Arrays& arrays, int targ
 
 /** What addPack() left out. */
 template <class Real, int columns, bool torque_i, bool torque_j, bool diagonal>
-HWY_NOINLINE void addNearPairs(const Arrays& arrays, Targets<Real, columns, torque_i>& targets, int end, int slot,
-                               int lane, double* sums, std::size_t stride, const Real& numbers) {
+HWY_NOINLINE void addNearPairs(const Arrays& arrays, Targets<Real, columns, torque_i>& targets, int slot, double* sums,
+                               std::size_t stride) {
     typedef typename Precision<Real>::Tag Tag;
-    const Sources<Real, columns, torque_j> sources(arrays, slot, targets.largestRadius);
-    for (int i = 0; i < end; i++) {
-        const Pairs<Real, diagonal> pairs(targets, i, sources, numbers);
-        const auto near = hn::AndNot(pairs.far, pairs.taken);
+    const SourcePlaces<Real> sources(arrays, slot, targets.largestRadius);
+    const Real numbers = numbersOf<Real>(targets, slot);
+    LinearAndAngular<Real, columns> loads_j;
+    getLoads<columns, torque_j>(arrays, slot, loads_j);
+    for (int i = 0; i < targets.count; i++) {
+        const Vector3<Real> r = separation(targets, i, sources);
+        const Real distance2 = multiplyAdd(r.z, r.z, multiplyAdd(r.x, r.x, r.y * r.y));
+        const Choice<Real, diagonal> choice(distance2, sources.contact2, i, numbers);
+        const auto near = hn::AndNot(choice.far, choice.taken);
         if (hn::AllFalse(Tag(), near)) continue;
         PairMobility<Real> m = exactPairMobility<Real>(arrays, targets.first + i, slot);
         for (Real* factor : {&m.ttI, &m.ttR, &m.tr, &m.rt, &m.rrI, &m.rrR})
             factor->v = hn::IfThenElseZero(near, factor->v);
-        const FreeFactors<Real> factors(pairs.r, m);
-        LinearAndAngular<Real, columns> load, v;
-        targets.getLoad(i, load);
+        const FreeFactors<Real> factors(r, m);
+        LinearAndAngular<Real, columns> loads_i, v;
+        targets.getLoad(i, loads_i);
         beginSums<columns, torque_j>(sums, stride, v);
-        factors.template addToSecond<columns, torque_i, torque_j>(load, v);
+        factors.template addToSecond<columns, torque_i, torque_j>(loads_i, v);
         endSums<torque_j>(v, sums, stride);
-        targets.getSums(i, lane, v);
-        factors.template addToFirst<columns, torque_i, torque_j>(sources.loads, v);
-        targets.putSums(i, lane, v);
+        targets.getSums(i, slot, v);
+        factors.template addToFirst<columns, torque_i, torque_j>(loads_j, v);
+        targets.putSums(i, slot, v);
     }
 }
 
 /**
  * Targets and a pack of sources.
  *
- * @param end   of the targets
- * @param sums  of the first source
+ * @param sums       of the first source
+ * @param distances  of these pairs
+ * @param next       prepare: where the next pack of sources is, to find the distances of, which are told to be far or not
  */
-template <class Real, bool wall, int columns, bool torque_i, bool torque_j, bool diagonal>
-HWY_NOINLINE void addPack(const Arrays& arrays, Targets<Real, columns, torque_i>& targets, int end, int slot, int lane,
-                          double* sums, std::size_t stride) {
-    typedef typename Precision<Real>::Tag Tag;
-    typedef typename std::conditional<wall, WallFactors<Real>, FreeFactors<Real>>::type Factors;
-    const Sources<Real, columns, torque_j> sources(arrays, slot, targets.largestRadius);
-    const Real numbers = hn::Iota(Tag(), static_cast<typename Real::Scalar>(slot - targets.first));
-    LinearAndAngular<Real, columns> v_j;
+template <class Real, bool wall, int columns, bool torque_i, bool torque_j, bool prepare>
+HWY_NOINLINE bool addPack(const Arrays& arrays, Targets<Real, columns, torque_i>& targets, int slot, double* sums,
+                          std::size_t stride, const Distances<Real, wall>& distances, int next,
+                          Distances<Real, wall>& nextDistances) {
+    typedef Targets<Real, columns, torque_i> T;
+    const SourcePlaces<Real> sources(arrays, slot, targets.largestRadius);
+    Ahead<Real, wall, false, T> ahead(arrays, targets, next, nextDistances);
+    LinearAndAngular<Real, columns> loads_j, v_j;
+    getLoads<columns, torque_j>(arrays, slot, loads_j);
     beginSums<columns, torque_j>(sums, stride, v_j);
-    auto allFar = hn::Eq(sources.third.v, sources.third.v);
-    for (int i = 0; i < end; i++) {
-        const Pairs<Real, diagonal> pairs(targets, i, sources, numbers);
-        allFar = hn::And(allFar, pairs.far);
-        const Real inverse = hn::IfThenElseZero(pairs.far, inverseSquareRoot(pairs.distance2).v);
-        const Real third_i = targets.set(targets.third[i]);
+    for (int i = 0; i < targets.count; i++) {
+        if (prepare) ahead.find(i);
+        const Vector3<Real> r = separation(targets, i, sources);
+        const Real third_i = T::set(targets.third[i]);
+        Real inverse, p;
+        load(distances.inverse[i], inverse);
         const PairMobility<Real> free = farPairMobilityOf(inverse, third_i + sources.third);
-        const auto factors = [&] {
-            if constexpr (wall) {
-                const Real z_i = targets.set(targets.place[2][i]), Z = z_i + sources.place[2];
-                Real p = inverseSquareRoot(multiplyAdd(Z, Z, pairs.across2));
-                if (diagonal) p = hn::IfThenElseZero(pairs.taken, p.v);
-                return Factors(pairs.r, free, p, z_i, sources.place[2], third_i, sources.third);
-            } else {
-                return Factors(pairs.r, free);
-            }
-        }();
-        LinearAndAngular<Real, columns> load_i, v_i;
-        targets.getLoad(i, load_i);
-        factors.template addToSecond<columns, torque_i, torque_j>(load_i, v_j);
-        targets.getSums(i, lane, v_i);
-        factors.template addToFirst<columns, torque_i, torque_j>(sources.loads, v_i);
-        targets.putSums(i, lane, v_i);
+        LinearAndAngular<Real, columns> loads_i, v_i;
+        targets.getLoad(i, loads_i);
+        const auto add = [&](const auto& factors) {
+            factors.template addToSecond<columns, torque_i, torque_j>(loads_i, v_j);
+            targets.getSums(i, slot, v_i);
+            factors.template addToFirst<columns, torque_i, torque_j>(loads_j, v_i);
+            targets.putSums(i, slot, v_i);
+        };
+        if constexpr (wall) {
+            load(distances.image[i], p);
+            add(WallFactors<Real>(r, free, p, T::set(targets.place[2][i]), sources.place[2], third_i, sources.third));
+        } else {
+            add(FreeFactors<Real>(r, free));
+        }
     }
     endSums<torque_j>(v_j, sums, stride);
-    if (diagonal || HWY_UNLIKELY(!hn::AllTrue(Tag(), allFar)))
-        addNearPairs<Real, columns, torque_i, torque_j, diagonal>(arrays, targets, end, slot, lane, sums, stride,
-                                                                  numbers);
+    return prepare && ahead.isFar();
 }
 
 /** What spheres do to themselves, in double precision. */
@@ -364,8 +426,8 @@ HWY_NOINLINE void addSelf(const Arrays& arrays, int first, int end, double* sums
             for (int k = 0; k < (torque ? 6 : 3); k++)
                 for (int lane = 0; lane < lanes(zero); lane++)
                     numbers[k][lane] = Precision<Real>::loads(arrays)[(6 * c + k) * arrays.stride + slot + lane];
-            Sources<Pack, 1, torque>::getVector(numbers[0], Precision<Pack>::lanes, loads.linear[c]);
-            if (torque) Sources<Pack, 1, torque>::getVector(numbers[3], Precision<Pack>::lanes, loads.angular[c]);
+            getVector(numbers[0], Precision<Pack>::lanes, loads.linear[c]);
+            if (torque) getVector(numbers[3], Precision<Pack>::lanes, loads.angular[c]);
         }
         beginSums<columns, torque>(sums, stride, v);
         const Vector3<Pack> r = {zero, zero, zero};
@@ -383,26 +445,38 @@ template <class Real, bool wall, int columns, bool torque_i, bool torque_j>
 void addRanges(const Arrays& arrays, const SlotRange& first, const SlotRange* second, double* firstSums,
                double* secondSums, std::size_t stride) {
     typedef Targets<Real, columns, torque_i> Block;
-    const int width = lanes(Real(0.0)), widest = Precision<Real>::lanes;
+    const int width = lanes(Real(0.0));
+    Distances<Real, wall> both[2];
     for (int start = first.first; start < first.end; start += Block::size) {
         Block targets(arrays, start, HWY_MIN(first.end - start, Block::size));
         double* sums = firstSums + (start - first.first);
-        if (second) {
-            for (int slot = second->first; slot < second->end; slot += width)
-                addPack<Real, wall, columns, torque_i, torque_j, false>(
-                    arrays, targets, targets.count, slot, slot % widest, secondSums + (slot - second->first), stride);
-        } else if constexpr (torque_i == torque_j) {
-            addSelf<Real, wall, columns, torque_i>(arrays, start, start + targets.count, sums, stride);
-            for (int slot = start; slot < first.end; slot += width) {
-                double* to = firstSums + (slot - first.first);
-                if (slot < start + Block::size)
-                    addPack<Real, wall, columns, torque_i, torque_j, true>(
-                        arrays, targets, HWY_MIN(targets.count, slot - start + width - 1), slot, slot % widest, to,
-                        stride);
-                else
-                    addPack<Real, wall, columns, torque_i, torque_j, false>(arrays, targets, targets.count, slot,
-                                                                            slot % widest, to, stride);
+        int slot = start;
+        if constexpr (torque_i == torque_j) {
+            if (!second) {
+                addSelf<Real, wall, columns, torque_i>(arrays, start, start + targets.count, sums, stride);
+                for (; slot < HWY_MIN(start + Block::size, first.end); slot += width) {
+                    double* to = firstSums + (slot - first.first);
+                    findDistances<Real, wall, true>(arrays, targets, slot, both[0]);
+                    addPack<Real, wall, columns, torque_i, torque_j, false>(arrays, targets, slot, to, stride, both[0],
+                                                                            slot, both[1]);
+                    addNearPairs<Real, columns, torque_i, torque_j, true>(arrays, targets, slot, to, stride);
+                }
             }
+        }
+        if (second) slot = second->first;
+        const int end = second ? second->end : first.end;
+        double* to = second ? secondSums : firstSums + (slot - first.first);
+        bool isFar = slot < end && findDistances<Real, wall, false>(arrays, targets, slot, both[0]);
+        for (int turn = 0; slot < end; slot += width, to += width, turn = 1 - turn) {
+            const int next = slot + width;
+            const bool nextIsFar =
+                (next < end ? addPack<Real, wall, columns, torque_i, torque_j, true>
+                            : addPack<Real, wall, columns, torque_i, torque_j, false>)(arrays, targets, slot, to,
+                                                                                       stride, both[turn], next,
+                                                                                       both[1 - turn]);
+            if (HWY_UNLIKELY(!isFar))
+                addNearPairs<Real, columns, torque_i, torque_j, false>(arrays, targets, slot, to, stride);
+            isFar = nextIsFar;
         }
         for (int c = 0; c < columns; c++)
             for (int k = 0; k < Block::rows; k++)
@@ -450,7 +524,7 @@ void addPairs(const PairSumArrays& arrays, const SlotRange& first, const SlotRan
         HWY_DYNAMIC_DISPATCH(addPairsOfRanges)(arrays, second, &first, secondSums, firstSums, sumsStride);
     else
         HWY_DYNAMIC_DISPATCH(addPairsOfRanges)
-        (arrays, first, same ? nullptr : &second, firstSums, secondSums, sumsStride);
+    (arrays, first, same ? nullptr : &second, firstSums, secondSums, sumsStride);
 }
 
 }  // namespace RigidHIPlugin
