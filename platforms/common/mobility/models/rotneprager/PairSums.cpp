@@ -271,7 +271,7 @@ struct Distances {
     typedef Precision<Real> Kind;
     HWY_ALIGN typename Real::Scalar inverse[Kind::block][Kind::lanes];  // 0: overlap, or no pair
     HWY_ALIGN
-        typename Real::Scalar image[wall ? Kind::block : 1][Kind::lanes];  // of i and the mirror image of j; 0: no pair
+    typename Real::Scalar image[wall ? Kind::block : 1][Kind::lanes];  // of i and the mirror image of j; 0: no pair
 };
 
 /** What is found ahead for one pack. */
@@ -393,20 +393,20 @@ HWY_NOINLINE bool addPack(const Arrays& arrays, Targets<Real, columns, torque_i>
         Real inverse, p;
         load(distances.inverse[i], inverse);
         const PairMobility<Real> free = farPairMobilityOf(inverse, third_i + sources.third);
+        if (wall) load(distances.image[i], p);
         LinearAndAngular<Real, columns> loads_i, v_i;
         targets.getLoad(i, loads_i);
-        const auto add = [&](const auto& factors) {
+        // Out of line it would take twice the time.
+        const auto add = [&](const auto& factors) __attribute__((always_inline)) {
             factors.template addToSecond<columns, torque_i, torque_j>(loads_i, v_j);
             targets.getSums(i, slot, v_i);
             factors.template addToFirst<columns, torque_i, torque_j>(loads_j, v_i);
             targets.putSums(i, slot, v_i);
         };
-        if constexpr (wall) {
-            load(distances.image[i], p);
+        if constexpr (wall)
             add(WallFactors<Real>(r, free, p, T::set(targets.place[2][i]), sources.place[2], third_i, sources.third));
-        } else {
+        else
             add(FreeFactors<Real>(r, free));
-        }
     }
     endSums<torque_j>(v_j, sums, stride);
     return prepare && ahead.isFar();

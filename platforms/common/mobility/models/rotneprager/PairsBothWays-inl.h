@@ -57,11 +57,12 @@ struct FreeFactors {
     Real ttI, ttR, rrI, rrR;
 
     HWY_INLINE FreeFactors(const Vector3<Real>& r, const PairMobility<Real>& m)
-        : r{r.x, r.y, r.z}, rt{m.rt * r.x, m.rt * r.y, m.rt * r.z}, tr{m.tr * r.x, m.tr * r.y, m.tr * r.z}, ttI(m.ttI), ttR(m.ttR), rrI(m.rrI), rrR(m.rrR) {}
-
+        : r{r.x, r.y, r.z}, rt{m.rt * r.x, m.rt * r.y, m.rt * r.z}, tr{m.tr * r.x, m.tr * r.y, m.tr * r.z}, ttI(m.ttI),
+          ttR(m.ttR), rrI(m.rrI), rrR(m.rrR) {}
     /** Add what forces and torques on j do to i, times 8 pi eta. Without torque_i sphere i has no W, without torque_j sphere j no T. */
     template <int columns, bool torque_i, bool torque_j>
-    HWY_INLINE void addToFirst(const LinearAndAngular<Real, columns>& load_j, LinearAndAngular<Real, columns>& v_i) const {
+    HWY_INLINE void addToFirst(const LinearAndAngular<Real, columns>& load_j,
+                               LinearAndAngular<Real, columns>& v_i) const {
         for (int c = 0; c < columns; c++) {
             const Vector3<Real>&F = load_j.linear[c], &T = load_j.angular[c];
             if (torque_j) addCross(T, tr, v_i.linear[c]);
@@ -71,7 +72,8 @@ struct FreeFactors {
     }
     /** Add what forces and torques on i do to j: the same with -r, tr and rt swapped. */
     template <int columns, bool torque_i, bool torque_j>
-    HWY_INLINE void addToSecond(const LinearAndAngular<Real, columns>& load_i, LinearAndAngular<Real, columns>& v_j) const {
+    HWY_INLINE void addToSecond(const LinearAndAngular<Real, columns>& load_i,
+                                LinearAndAngular<Real, columns>& v_j) const {
         for (int c = 0; c < columns; c++) {
             const Vector3<Real>&F = load_i.linear[c], &T = load_i.angular[c];
             if (torque_i) addCross(rt, T, v_j.linear[c]);
@@ -82,7 +84,8 @@ struct FreeFactors {
 
 private:
     template <bool torques>
-    HWY_INLINE void addSymmetric(const Vector3<Real>& F, const Vector3<Real>& T, Vector3<Real>& V, Vector3<Real>& W) const {
+    HWY_INLINE void addSymmetric(const Vector3<Real>& F, const Vector3<Real>& T, Vector3<Real>& V,
+                                 Vector3<Real>& W) const {
         addMultiple(ttI, F, V);
         addMultiple(ttR * addedDot(r, F), r, V);
         if (torques) {
@@ -110,7 +113,7 @@ struct WallFactors {
      * @param b_i, b_j  a third of the squares of radii
      */
     HWY_INLINE WallFactors(const Vector3<Real>& r, const PairMobility<Real>& free, const Real& p, const Real& z_i,
-                       const Real& z_j, const Real& b_i, const Real& b_j)
+                           const Real& z_j, const Real& b_i, const Real& b_j)
         : x(r.x), y(r.y) {
         const Real three(3.0), six(6.0), ten(10.0), thirty(30.0);
         const Real Z = z_i + z_j, third = b_i + b_j;
@@ -157,13 +160,15 @@ struct WallFactors {
     }
     /** As those of FreeFactors. */
     template <int columns, bool torque_i, bool torque_j>
-    HWY_INLINE void addToFirst(const LinearAndAngular<Real, columns>& load_j, LinearAndAngular<Real, columns>& v_i) const {
+    HWY_INLINE void addToFirst(const LinearAndAngular<Real, columns>& load_j,
+                               LinearAndAngular<Real, columns>& v_i) const {
         for (int c = 0; c < columns; c++)
             add<torque_i, torque_j>(U, W, ij, ji, G, H, load_j.linear[c], load_j.angular[c], v_i.linear[c],
                                     v_i.angular[c]);
     }
     template <int columns, bool torque_i, bool torque_j>
-    HWY_INLINE void addToSecond(const LinearAndAngular<Real, columns>& load_i, LinearAndAngular<Real, columns>& v_j) const {
+    HWY_INLINE void addToSecond(const LinearAndAngular<Real, columns>& load_i,
+                                LinearAndAngular<Real, columns>& v_j) const {
         for (int c = 0; c < columns; c++)
             add<torque_j, torque_i>(W, U, ji, ij, H, G, load_i.linear[c], load_i.angular[c], v_j.linear[c],
                                     v_j.angular[c]);
@@ -171,8 +176,9 @@ struct WallFactors {
 
 private:
     template <bool targetTorque, bool sourceTorque>
-    HWY_INLINE void add(const Real& U, const Real& W, const Coupling& tr, const Coupling& rt, const Real& G, const Real& H,
-                    const Vector3<Real>& F, const Vector3<Real>& T, Vector3<Real>& V, Vector3<Real>& omega) const {
+    HWY_INLINE void add(const Real& U, const Real& W, const Coupling& tr, const Coupling& rt, const Real& G,
+                        const Real& H, const Vector3<Real>& F, const Vector3<Real>& T, Vector3<Real>& V,
+                        Vector3<Real>& omega) const {
         const Real s = multiplyAdd(x, F.x, y * F.y), along = multiplyAdd(Q, s, U * F.z);
         V.x = multiplyAdd(x, along, multiplyAdd(P, F.x, V.x));
         V.y = multiplyAdd(y, along, multiplyAdd(P, F.y, V.y));
