@@ -319,13 +319,47 @@ bool CpuRotnePragerYamakawaAt::preparePlacesInSingle() {
     return placesFitSingle;
 }
 
+/** Rows of a range, for all columns: task(row). */
+template <class Task>
+static void forRows(const SlotRange& range, int columns, const Task& task) {
+    for (int c = 0; c < columns; c++)
+        for (int k = 0; k < (range.hasTorque ? 6 : 3); k++) task(6 * c + k);
+}
+
+void CpuRotnePragerYamakawaAt::sumPairs(const PairSumArrays& arrays) {
+    const int numRows = 6 * maxColumns, chunkSize = CpuRotnePragerYamakawa::chunkSize;
+    std::fill(sums.begin(), sums.end(), 0.0);
+    tournament.begin();
+    split(tournament.getNumPairs(), static_cast<double>(particles.size()) * particles.size() * arrays.columns,
+          [&](int, int) {
+              double found[2][numRows * chunkSize];
+              tournament.play(
+                  [&](int a, int b) {
+                      const SlotRange* ranges[] = {&model.chunks[a], &model.chunks[b]};
+                      for (int side : {0, 1})
+                          forRows(*ranges[side], arrays.columns, [&](int row) {
+                              std::fill_n(found[side] + row * chunkSize, model.numSlots(*ranges[side]), 0.0);
+                          });
+                      addPairs(arrays, *ranges[0], *ranges[1], found[0], found[a == b ? 0 : 1], chunkSize);
+                  },
+                  [&](int chunk, bool second) {
+                      const SlotRange& range = model.chunks[chunk];
+                      forRows(range, arrays.columns, [&](int row) {
+                          const double* from = found[second ? 1 : 0] + row * chunkSize;
+                          double* to = sums.data() + arrays.stride * row + range.first;
+                          for (int k = 0; k < range.end - range.first; k++) to[k] += from[k];
+                      });
+                  });
+          });
+}
+
 template <class Number>
 void CpuRotnePragerYamakawaAt::multiply(const Eigen::MatrixXd& forces, std::vector<Number>& buffer,
                                         Eigen::MatrixXd& velocities) {
-    const int numSlots = x.size(), chunkSize = CpuRotnePragerYamakawa::chunkSize, numRows = 6 * maxColumns;
+    const size_t numSlots = x.size();
     velocities.resize(particles.numRows, forces.cols());
-    buffer.resize(static_cast<size_t>(numRows) * numSlots);  // zeros, and padding stays so
-    sums.resize(static_cast<size_t>(numRows) * numSlots);
+    buffer.resize(6 * maxColumns * numSlots);  // zeros, and padding stays so
+    sums.resize(6 * maxColumns * numSlots);
     PairSumArrays arrays = {};
     arrays.x = x.data();
     arrays.y = y.data();
@@ -344,46 +378,16 @@ void CpuRotnePragerYamakawaAt::multiply(const Eigen::MatrixXd& forces, std::vect
     const double unit = largest > 0 && std::isfinite(largest) ? largest : 1, scale = unit / (8 * M_PI * viscosity);
     for (int column = 0; column < forces.cols(); column += arrays.columns) {
         arrays.columns = std::min<int>(maxColumns, forces.cols() - column);
-        for (int c = 0; c < arrays.columns; c++)
-            for (int j = 0; j < particles.size(); j++) {
-                const int slot = model.slotOfSource[j], row = model.rowOfSource[j];
-                for (int k = 0; k < (j < model.numSpheres ? 6 : 3); k++)
-                    buffer[static_cast<size_t>(6 * c + k) * numSlots + slot] =
-                        weight[slot] * (forces(row + k, column + c) / unit);
-            }
-        std::fill(sums.begin(), sums.end(), 0.0);
-        tournament.begin();
-        split(tournament.getNumPairs(), static_cast<double>(particles.size()) * particles.size() * arrays.columns,
-              [&](int, int) {
-                  double found[2][numRows * CpuRotnePragerYamakawa::chunkSize];
-                  const auto forRows = [&](int chunk, const auto& task) {
-                      const SlotRange& range = model.chunks[chunk];
-                      for (int c = 0; c < arrays.columns; c++)
-                          for (int row = 6 * c; row < 6 * c + (range.hasTorque ? 6 : 3); row++)
-                              task(row, range.end - range.first,
-                                   sums.data() + static_cast<size_t>(row) * numSlots + range.first);
-                  };
-                  tournament.play(
-                      [&](int a, int b) {
-                          for (int side = 0; side < (a == b ? 1 : 2); side++)
-                              std::fill_n(found[side], numRows * chunkSize, 0.0);
-                          addPairs(arrays, model.chunks[a], model.chunks[b], found[0], found[a == b ? 0 : 1],
-                                   chunkSize);
-                      },
-                      [&](int chunk, bool second) {
-                          forRows(chunk, [&](int row, int count, double* to) {
-                              const double* from = found[second ? 1 : 0] + row * chunkSize;
-                              for (int k = 0; k < count; k++) to[k] += from[k];
-                          });
-                      });
-              });
-        for (int c = 0; c < arrays.columns; c++)
-            for (int j = 0; j < particles.size(); j++) {
-                const int slot = model.slotOfSource[j], row = model.rowOfSource[j];
-                const double factor = scale * weight[slot];
-                for (int k = 0; k < (j < model.numSpheres ? 6 : 3); k++)
-                    velocities(row + k, column + c) = factor * sums[static_cast<size_t>(6 * c + k) * numSlots + slot];
-            }
+        const auto forNumbers = [&](const auto& task) {
+            for (int c = 0; c < arrays.columns; c++)
+                for (int j = 0; j < particles.size(); j++)
+                    for (int k = 0; k < (j < model.numSpheres ? 6 : 3); k++)
+                        task(weight[model.slotOfSource[j]], model.rowOfSource[j] + k, column + c,
+                             (6 * c + k) * numSlots + model.slotOfSource[j]);
+        };
+        forNumbers([&](double w, int row, int c, size_t to) { buffer[to] = w * (forces(row, c) / unit); });
+        sumPairs(arrays);
+        forNumbers([&](double w, int row, int c, size_t from) { velocities(row, c) = scale * w * sums[from]; });
     }
 }
 
