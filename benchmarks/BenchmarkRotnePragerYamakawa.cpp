@@ -163,19 +163,37 @@ void plainProduct(benchmark::State& state, Kind kind, int64_t target) {
     }
     finish(state, n);
 }
-/** Products and the yardstick. */
-#define PLAIN(kind, target)                                        \
-    BENCHMARK_CAPTURE(plainProduct, kind##_##target, kind, target) \
-        ->Unit(benchmark::kMillisecond)                            \
-        ->UseRealTime()                                            \
-        ->ArgNames({"n", "columns", "threads"})                    \
-        ->ArgsProduct({{1000, 10000}, {1, 2}, {1, 2}});            \
-    BENCHMARK_CAPTURE(product, kind##_##target, kind, target)      \
-        ->Name("besidePlain/" #kind "_" #target)                   \
-        ->Unit(benchmark::kMillisecond)                            \
-        ->UseRealTime()                                            \
-        ->ArgNames({"n", "columns", "threads"})                    \
+void roughProduct(benchmark::State& state, Kind kind, int64_t target) {
+    const int n = state.range(0), columns = state.range(1), threads = state.range(2);
+    state.SetLabel(restrictTo(target));
+    ThreadPool pool(threads);
+    const Scene scene(n, kind);
+    const CpuRotnePragerYamakawa model =
+        scene.mobility(threads > 1 ? onThreads(pool) : CpuRotnePragerYamakawa::ForRanges());
+    const auto M = model.at({scene.positions});
+    const Eigen::MatrixXd forces = Eigen::MatrixXd::Random(scene.particles.numRows, columns);
+    Eigen::MatrixXd velocities;
+    for (auto _ : state) {
+        M->applyRoughly(forces, velocities);
+        benchmark::DoNotOptimize(velocities.data());
+        benchmark::ClobberMemory();
+    }
+    finish(state, n);
+}
+
+/** Products, rough ones and the yardstick; products.py takes ratios. The process's CPU time counts all threads. */
+#define BESIDE(function, kind, target)                         \
+    BENCHMARK_CAPTURE(function, kind##_##target, kind, target) \
+        ->Name("beside/" #function "/" #kind "_" #target)      \
+        ->Unit(benchmark::kMillisecond)                        \
+        ->MeasureProcessCPUTime()                              \
+        ->UseRealTime()                                        \
+        ->ArgNames({"n", "columns", "threads"})                \
         ->ArgsProduct({{1000, 10000}, {1, 2}, {1, 2}})
+#define PLAIN(kind, target)             \
+    BESIDE(plainProduct, kind, target); \
+    BESIDE(product, kind, target);      \
+    BESIDE(roughProduct, kind, target)
 PLAIN(Blobs, AVX2);
 PLAIN(Blobs, best);
 PLAIN(Spheres, AVX2);
