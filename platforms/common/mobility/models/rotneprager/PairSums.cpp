@@ -291,7 +291,7 @@ struct Ahead {
         const Vector3<Real> r = separation(targets, i, sources);
         const Real across2 = multiplyAdd(r.x, r.x, r.y * r.y), distance2 = multiplyAdd(r.z, r.z, across2);
         const Choice<Real, diagonal> choice(distance2, sources.contact2, i, numbers);
-        allFar = hn::And(allFar, choice.far);
+        allFar = hn::And(allFar, diagonal ? hn::Or(choice.far, hn::Not(choice.taken)) : choice.far);
         store(Real(hn::IfThenElseZero(choice.far, inverseSquareRoot(distance2).v)), to.inverse[i]);
         if (wall) {
             const Real Z = targets.set(targets.place[2][i]) + sources.place[2];
@@ -299,13 +299,13 @@ struct Ahead {
             store(diagonal ? Real(hn::IfThenElseZero(choice.taken, p.v)) : p, to.image[i]);
         }
     }
-    HWY_INLINE bool isFar() const { return !diagonal && hn::AllTrue(Tag(), allFar); }
+    HWY_INLINE bool isFar() const { return hn::AllTrue(Tag(), allFar); }
 };
 /** All of them. @return whether none are left for addNearPairs() */
 template <class Real, bool wall, bool diagonal, class T>
-HWY_NOINLINE bool findDistances(const Arrays& arrays, const T& targets, int slot, Distances<Real, wall>& to) {
+HWY_NOINLINE bool findDistances(const Arrays& arrays, const T& targets, int end, int slot, Distances<Real, wall>& to) {
     Ahead<Real, wall, diagonal, T> ahead(arrays, targets, slot, to);
-    for (int i = 0; i < targets.count; i++) ahead.find(i);
+    for (int i = 0; i < end; i++) ahead.find(i);
     return ahead.isFar();
 }
 
@@ -372,13 +372,14 @@ HWY_NOINLINE void addNearPairs(const Arrays& arrays, Targets<Real, columns, torq
 /**
  * Targets and a pack of sources.
  *
+ * @param end        of the targets
  * @param sums       of the first source
  * @param distances  of these pairs
  * @param next       prepare: where the next pack of sources is, to find the distances of, which are told to be far or not
  */
 template <class Real, bool wall, int columns, bool torque_i, bool torque_j, bool prepare>
-HWY_NOINLINE bool addPack(const Arrays& arrays, Targets<Real, columns, torque_i>& targets, int slot, double* sums,
-                          std::size_t stride, const Distances<Real, wall>& distances, int next,
+HWY_NOINLINE bool addPack(const Arrays& arrays, Targets<Real, columns, torque_i>& targets, int end, int slot,
+                          double* sums, std::size_t stride, const Distances<Real, wall>& distances, int next,
                           Distances<Real, wall>& nextDistances) {
     typedef Targets<Real, columns, torque_i> T;
     const SourcePlaces<Real> sources(arrays, slot, targets.largestRadius);
@@ -386,7 +387,7 @@ HWY_NOINLINE bool addPack(const Arrays& arrays, Targets<Real, columns, torque_i>
     LinearAndAngular<Real, columns> loads_j, v_j;
     getLoads<columns, torque_j>(arrays, slot, loads_j);
     beginSums<columns, torque_j>(sums, stride, v_j);
-    for (int i = 0; i < targets.count; i++) {
+    for (int i = 0; i < end; i++) {
         if (prepare) ahead.find(i);
         const Vector3<Real> r = separation(targets, i, sources);
         const Real third_i = T::set(targets.third[i]);
@@ -456,24 +457,26 @@ void addRanges(const Arrays& arrays, const SlotRange& first, const SlotRange* se
                 addSelf<Real, wall, columns, torque_i>(arrays, start, start + targets.count, sums, stride);
                 for (; slot < HWY_MIN(start + Block::size, first.end); slot += width) {
                     double* to = firstSums + (slot - first.first);
-                    findDistances<Real, wall, true>(arrays, targets, slot, both[0]);
-                    addPack<Real, wall, columns, torque_i, torque_j, false>(arrays, targets, slot, to, stride, both[0],
-                                                                            slot, both[1]);
-                    addNearPairs<Real, columns, torque_i, torque_j, true>(arrays, targets, slot, to, stride);
+                    // Further targets come after all of these sources.
+                    const int end = HWY_MIN(targets.count, slot - start + width - 1);
+                    const bool isFar = findDistances<Real, wall, true>(arrays, targets, end, slot, both[0]);
+                    addPack<Real, wall, columns, torque_i, torque_j, false>(arrays, targets, end, slot, to, stride,
+                                                                            both[0], slot, both[1]);
+                    if (!isFar)
+                        addNearPairs<Real, columns, torque_i, torque_j, true>(arrays, targets, slot, to, stride);
                 }
             }
         }
         if (second) slot = second->first;
         const int end = second ? second->end : first.end;
         double* to = second ? secondSums : firstSums + (slot - first.first);
-        bool isFar = slot < end && findDistances<Real, wall, false>(arrays, targets, slot, both[0]);
+        bool isFar = slot < end && findDistances<Real, wall, false>(arrays, targets, targets.count, slot, both[0]);
         for (int turn = 0; slot < end; slot += width, to += width, turn = 1 - turn) {
-            const int next = slot + width;
+            const int next = slot + width < end ? slot + width : slot;
+            const auto add = next > slot ? addPack<Real, wall, columns, torque_i, torque_j, true>
+                                         : addPack<Real, wall, columns, torque_i, torque_j, false>;
             const bool nextIsFar =
-                (next < end ? addPack<Real, wall, columns, torque_i, torque_j, true>
-                            : addPack<Real, wall, columns, torque_i, torque_j, false>)(arrays, targets, slot, to,
-                                                                                       stride, both[turn], next,
-                                                                                       both[1 - turn]);
+                add(arrays, targets, targets.count, slot, to, stride, both[turn], next, both[1 - turn]);
             if (HWY_UNLIKELY(!isFar))
                 addNearPairs<Real, columns, torque_i, torque_j, false>(arrays, targets, slot, to, stride);
             isFar = nextIsFar;
