@@ -96,20 +96,24 @@ TEST(SplitEwald, TablesAreThePairsToRounding) {
     const vector<EwaldKind> kinds = {{0.4, 1, 1}, {1, 1, 1}};
     for (double xi : {0.1, 0.5, 2.0}) {
         const double gap = 5 / xi;
-        const NearTables tables(kinds, xi, gap, 0.1);
+        const NearTables tables(kinds, 6, xi, gap, 0.1), ofForces(kinds, 2, xi, gap, 0.1);
         for (int i = 0; i < 2; i++)
             for (int j = 0; j < 2; j++) {
                 const double a = kinds[i].radius, b = kinds[j].radius;
                 const NearPair pair(a, b, xi, true);
                 for (double r = 0; r < gap + a + b + 0.1; r += 0.0371 / xi) {
                     double f[6];
-                    tables.at(i, j, r, true, f);
+                    tables.at<6>(i, j, r, f);
+                    double g2[2];
+                    ofForces.at<2>(i, j, r, g2);
                     const PairFunctions g = pair.at(r);
                     const double expected[] = {g.ttI, g.ttR, g.tr, g.rt, g.rrI, g.rrR};
-                    const PairFunctions h = pair.screened(0);
+                    const PairFunctions h = overSurfaces().free(a, b, a + b, true, false);
                     const double scale[] = {h.ttI, h.ttR, h.tr, h.rt, h.rrI, h.rrR};
+                    EXPECT_EQ(g2[0], f[0]);
+                    EXPECT_EQ(g2[1], f[1]);
                     for (int c = 0; c < 6; c++)
-                        EXPECT_NEAR(f[c], expected[c], 1e-11 * abs(scale[c])) << xi << " " << a << " " << b << " " << r << " " << c;
+                        EXPECT_NEAR(f[c], expected[c], 1e-10 * abs(scale[c])) << xi << " " << a << " " << b << " " << r << " " << c;
                 }
             }
     }

@@ -16,10 +16,10 @@ namespace {
 const double shareOfWaves = 0.25, shareOfPairs = 0.25, shareOfGrid = 0.1;
 
 /** Times in ns on one thread, measured (benchmarks/README.md). */
-const double timeOfTransform = 0.45;  // of a node, a doubling of their number, and one of six transforms
-const double timeOfMode = 6;          // of a node: the response of the fluid
-const double timeOfNode = 8;          // of a node of a stencil, there and back
-const double timeOfPair = 6, timeOfTorquePair = 14;  // of a pair, one way, with its share in the making of the list
+const double timeOfTransform = 0.16;  // of a node, a doubling of their number, and one of six transforms
+const double timeOfMode = 1;          // of a node: the response of the fluid
+const double timeOfNode = 1.2;        // of a node of a stencil, there and back
+const double timeOfPair = 5, timeOfTorquePair = 12;  // of a pair, one way, with its share in the making of the list
 
 /** The smallest wave number from which on waves add no more than `allowed` to the mobility of a particle by itself. */
 double largestWave(const std::vector<EwaldKind>& kinds, double xi, double allowed) {
@@ -85,7 +85,7 @@ std::vector<EwaldKind> kindsOf(const HydrodynamicParticles& particles) {
 }
 
 EwaldSplitting::EwaldSplitting(const std::vector<EwaldKind>& kinds, double tolerance, double spacing,
-                               const BoxVectors& box) {
+                               const BoxVectors& box, double wantedXi) {
     const double volume = box[0][0] * box[1][1] * box[2][2],
                  longest = std::max({box[0][0], box[1][1], box[2][2]});
     int numParticles = 0, numChannels = 0, numPasses = 0;
@@ -102,7 +102,8 @@ EwaldSplitting::EwaldSplitting(const std::vector<EwaldKind>& kinds, double toler
                  density = std::max(numParticles / volume, crowd);
     const double ofGrid = std::log(1 / (shareOfGrid * tolerance)), ends = std::sqrt(2 * ofGrid);
     seconds = std::numeric_limits<double>::infinity();
-    const double ratio = 1.08, most = 2.5 / smallest, least = std::min(0.05 / largest, 0.5 / longest);
+    const double ratio = 1.08, most = wantedXi > 0 ? wantedXi : 2.5 / smallest,
+                 least = wantedXi > 0 ? wantedXi / ratio : std::min(0.05 / largest, 0.5 / longest);
     for (double x = most; x > least; x /= ratio) {
         const double coarsest = M_PI / largestWave(kinds, x, shareOfWaves * tolerance);
         double nearby = -1;

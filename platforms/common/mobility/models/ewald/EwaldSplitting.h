@@ -30,8 +30,10 @@ struct EwaldSplitting {
      * @param tolerance  of products: norm of their error over the norm of the mobility, both over the roots of own mobilities
      * @param spacing    the grid's, at most, nm; 0: the fastest
      * @param box        with edges along the axes
+     * @param wantedXi   for tests and benchmarks: this xi, 1/nm; 0: the fastest
      */
-    EwaldSplitting(const std::vector<EwaldKind>& kinds, double tolerance, double spacing, const BoxVectors& box);
+    EwaldSplitting(const std::vector<EwaldKind>& kinds, double tolerance, double spacing, const BoxVectors& box,
+                   double wantedXi = 0);
     double xi = 0;      // 1/nm
     GridShape shape;    // of the grid
     double width = 0;   // of the Gaussian that points spread, nm

@@ -12,67 +12,71 @@ namespace RigidHIPlugin {
 
 // ---- Tables
 
-NearTables::NearTables(const std::vector<EwaldKind>& kinds, double xi, double gap, double margin)
-    : numKinds(kinds.size()) {
-    // The part with H has waves up to about 8 xi, so a polynomial of this degree is right to 1e-13 in such an interval.
-    const double step = 0.25 / xi;
-    inverseStep = 1 / step;
-    for (const EwaldKind& kind : kinds) radii.push_back(kind.radius);
-    for (int i = 0; i < numKinds; i++)
-        for (int j = 0; j < numKinds; j++) {
-            reaches.push_back(gap + radii[i] + radii[j]);
-            largest = std::max(largest, reaches.back());
-        }
+namespace {
+
+void numbersOf(const PairFunctions& f, double* to) {
+    const double all[] = {f.ttI, f.ttR, f.tr, f.rt, f.rrI, f.rrR};
+    std::copy_n(all, 6, to);
+}
+
+/** Polynomials for `count` intervals from `first` on, by nodes of Chebyshev's. */
+template <int degree, class Function>
+void tabulate(const Function& function, int numbers, double first, double step, int count,
+              std::vector<double>& table) {
     const int n = degree + 1;
-    Eigen::MatrixXd powers(n, n);  // of nodes
+    Eigen::MatrixXd powers(n, n), values(n, 6);  // of nodes
     for (int a = 0; a < n; a++) {
         const double x = std::cos(M_PI * (a + 0.5) / n);
-        powers(a, 0) = 1;
-        for (int m = 1; m < n; m++) powers(a, m) = powers(a, m - 1) * x;
+        for (int m = 0; m < n; m++) powers(a, m) = std::pow(x, m);
     }
     const Eigen::MatrixXd fromNodes = powers.inverse();
-    for (int i = 0; i < numKinds; i++)
-        for (int j = i; j < numKinds; j++) {
-            const NearPair pair(radii[i], radii[j], xi, true);
-            Table table;
-            const int numIntervals = std::ceil((reach(i, j) + margin) * inverseStep) + 1;
-            Eigen::MatrixXd values(n, 6);
-            for (int interval = 0; interval < numIntervals; interval++) {
-                for (int a = 0; a < n; a++) {
-                    const PairFunctions f = pair.screened(step * (interval + 0.5 + 0.5 * powers(a, 1)));
-                    values.row(a) << f.ttI, f.ttR, f.tr, f.rt, f.rrI, f.rrR;
-                }
-                const Eigen::MatrixXd coefficients = fromNodes * values;
-                for (int c = 0; c < 6; c++)
-                    for (int m = 0; m < n; m++) table.numbers.push_back(coefficients(m, c));
-            }
-            tables.push_back(table);
+    for (int interval = 0; interval < count; interval++) {
+        for (int a = 0; a < n; a++) {
+            double f[6];
+            numbersOf(function(first + step * (interval + 0.5 + 0.5 * powers(a, 1))), f);
+            values.row(a) = Eigen::Map<const Eigen::RowVectorXd>(f, 6);
+        }
+        const Eigen::MatrixXd coefficients = fromNodes * values;
+        for (int m = degree; m >= 0; m--)
+            for (int c = 0; c < numbers; c++) table.push_back(coefficients(m, c));
+    }
+}
+
+}  // namespace
+
+NearTables::NearTables(const std::vector<EwaldKind>& kinds, int numbers, double xi, double gap, double margin)
+    : numKinds(kinds.size()) {
+    for (const EwaldKind& i : kinds)
+        for (const EwaldKind& j : kinds) {
+            Pair pair;
+            pair.radius_i = i.radius;
+            pair.radius_j = j.radius;
+            pair.contact = i.radius + j.radius;
+            pair.reach = gap + pair.contact;
+            largest = std::max(largest, pair.reach);
+            // The part with H has waves up to about 8 xi, the other one is of powers of contact/distance: in such an interval a
+            // polynomial of this degree is right to 1e-11.
+            const double step = std::min(0.1 / xi, pair.contact / 20);
+            pair.inverseStep = 1 / step;
+            const NearPair functions(i.radius, j.radius, xi, numbers > 2);
+            const auto intervals = [&](double length) { return (int)std::ceil(length / step) + 1; };
+            tabulate<degree>([&](double r) { return functions.at(r); }, numbers, pair.contact, step, intervals(gap + margin),
+                             pair.apart);
+            tabulate<degree>([&](double r) { return functions.screened(r); }, numbers, 0, step, intervals(pair.contact),
+                             pair.screened);
+            pairs.push_back(pair);
         }
 }
 
-void NearTables::at(int i, int j, double distance, bool torques, double (&f)[6]) const {
-    const int low = std::min(i, j), high = std::max(i, j);
-    const Table& table = tables[low * numKinds - low * (low - 1) / 2 + high - low];
-    const double inSteps = distance * inverseStep;
-    const int interval = (int)inSteps, n = degree + 1;
-    const double x = 2 * (inSteps - interval) - 1;
-    const double* p = &table.numbers[(size_t)interval * 6 * n];
-    for (int c = 0; c < (torques ? 6 : 2); c++, p += n) {
-        double sum = p[degree];
-        for (int m = degree - 1; m >= 0; m--) sum = sum * x + p[m];
-        f[c] = -sum;
-    }
-    const PairFunctions free = overSurfaces().free(radii[i], radii[j], distance, torques, false);
-    f[0] += free.ttI;
-    f[1] += free.ttR;
-    if (!torques) return;
-    // Tables are of the smaller kind first.
-    if (i > j) std::swap(f[2], f[3]);
-    f[2] += free.tr;
-    f[3] += free.rt;
-    f[4] += free.rrI;
-    f[5] += free.rrR;
+template <int numbers>
+void NearTables::overlapping(const Pair& pair, double distance, double* f) const {
+    double free[6];
+    evaluate<numbers>(pair.screened, distance * pair.inverseStep, f);
+    numbersOf(overSurfaces().free(pair.radius_i, pair.radius_j, distance, numbers > 2, false), free);
+    for (int c = 0; c < numbers; c++) f[c] = free[c] - f[c];
 }
+template void NearTables::overlapping<2>(const Pair& pair, double distance, double* f) const;
+template void NearTables::overlapping<6>(const Pair& pair, double distance, double* f) const;
 
 // ---- Where particles are
 
@@ -177,12 +181,17 @@ void NearField::moveTo(const std::vector<Vec3>& positions, bool keepAnchors, dou
         for (int b = first; b < end; b++) {
             const int firstTarget = b * particlesOfBlock, endTarget = std::min(n, firstTarget + particlesOfBlock);
             if (isNew) findNeighbours(blocks[b], firstTarget, endTarget);
-            findValues(blocks[b], firstTarget, endTarget);
+            if (anyTorques)
+                findValues<6>(blocks[b], firstTarget, endTarget);
+            else
+                findValues<2>(blocks[b], firstTarget, endTarget);
         }
     });
 }
 
-void NearField::findNeighbours(Block& block, int firstTarget, int endTarget) {
+void NearField::findNeighbours(Block& block, int firstTarget, int endTarget) const {
+    const double largest = tables->largestReach(), largest2 = largest * largest;
+    std::vector<int> row(1);
     for (int t = firstTarget; t < endTarget; t++) {
         block.first.push_back(block.source.size());
         const int own = sourceOfTarget[t], p = targets[t];
@@ -191,29 +200,42 @@ void NearField::findNeighbours(Block& block, int firstTarget, int endTarget) {
         // Cells of the source list begin `depth` before the box.
         for (int x = cell[0]; x <= cell[0] + 2 * depth[0]; x++)
             for (int y = cell[1]; y <= cell[1] + 2 * depth[1]; y++) {
-                const size_t row = ((size_t)x * extended[1] + y) * extended[2] + cell[2];
-                for (int s = firstOfCell[row]; s < firstOfCell[row + 2 * depth[2] + 1]; s++) {
+                const size_t firstCell = ((size_t)x * extended[1] + y) * extended[2] + cell[2];
+                const int begin = firstOfCell[firstCell], end = firstOfCell[firstCell + 2 * depth[2] + 1];
+                // Written in any case, and counted if near: that takes no branch.
+                if ((int)row.size() < end - begin) row.resize(end - begin);
+                int count = 0;
+                for (int s = begin; s < end; s++) {
                     const double dx = here.x - sources[s].x, dy = here.y - sources[s].y, dz = here.z - sources[s].z;
+                    row[count] = s;
+                    count += dx * dx + dy * dy + dz * dz < largest2;
+                }
+                for (int i = 0; i < count; i++) {
+                    const int s = row[i];
+                    if (s == own) continue;
                     const double reach = tables->reach(kind[p], kind[sources[s].particle]);
-                    if (dx * dx + dy * dy + dz * dz < reach * reach && s != own) block.source.push_back(s);
+                    if (reach < largest) {
+                        const double dx = here.x - sources[s].x, dy = here.y - sources[s].y, dz = here.z - sources[s].z;
+                        if (!(dx * dx + dy * dy + dz * dz < reach * reach)) continue;
+                    }
+                    block.source.push_back(s);
                 }
             }
     }
     block.first.push_back(block.source.size());
 }
 
+template <int numbers>
 void NearField::findValues(Block& block, int firstTarget, int endTarget) const {
-    const int numbers = anyTorques ? 6 : 2;
     block.values.resize(numbers * block.source.size());
-    double f[6];
     for (int t = firstTarget; t < endTarget; t++) {
         const std::array<double, 3>& here = places[sourceOfTarget[t]];
         const int ownKind = kind[targets[t]];
         for (int e = block.first[t - firstTarget]; e < block.first[t - firstTarget + 1]; e++) {
             const int s = block.source[e];
             const double dx = here[0] - places[s][0], dy = here[1] - places[s][1], dz = here[2] - places[s][2];
-            tables->at(ownKind, kind[sources[s].particle], std::sqrt(dx * dx + dy * dy + dz * dz), anyTorques, f);
-            std::copy_n(f, numbers, &block.values[(size_t)numbers * e]);
+            tables->at<numbers>(ownKind, kind[sources[s].particle], std::sqrt(dx * dx + dy * dy + dz * dz),
+                                &block.values[(size_t)numbers * e]);
         }
     }
 }
@@ -228,12 +250,13 @@ long long NearField::getNumPairs() const {
 
 template <bool torques>
 void NearField::multiplyBlock(const Block& block, int firstTarget, const double* forces, double* velocities) const {
-    const int numbers = torques ? 6 : 2, rows = torques ? 6 : 3, count = (int)block.first.size() - 1;
+    constexpr int numbers = torques ? 6 : 2;
+    const int rows = torques ? 6 : 3, count = (int)block.first.size() - 1;
     double own[6];
     for (int i = 0; i < count; i++) {
         const int t = firstTarget + i, p = targets[t];
         const std::array<double, 3>& here = places[sourceOfTarget[t]];
-        tables->at(kind[p], kind[p], 0, torques, own);
+        tables->at<numbers>(kind[p], kind[p], 0, own);
         const double* F = forces + particles.firstRow[p];
         double V[3] = {own[0] * F[0], own[0] * F[1], own[0] * F[2]}, W[3] = {0, 0, 0};
         if (torques && particles.hasTorque[p])

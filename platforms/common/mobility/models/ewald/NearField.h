@@ -13,27 +13,54 @@ namespace RigidHIPlugin {
 typedef std::function<void(int count, const std::function<void(int, int)>& task)> Ranges;
 
 /**
- * The functions of NearPair for all pairs of kinds, up to rounding by polynomials: the part with H is tabulated, which is
- * smooth also where spheres begin to overlap.
+ * The functions of NearPair for all pairs of kinds: by polynomials in the distance, to 1e-10 of own mobilities, where spheres do
+ * not overlap; else themselves, with the part with H by polynomials.
  */
 class NearTables {
 public:
-    NearTables(const std::vector<EwaldKind>& kinds, double xi, double gap, double margin);
+    /**
+     * @param numbers  how many functions: 2 without torques, 6 with them
+     * @param margin   beyond the reach, nm, where functions are asked for too
+     */
+    NearTables(const std::vector<EwaldKind>& kinds, int numbers, double xi, double gap, double margin);
     /** How near centres of two kinds must be to be a pair, nm. */
-    double reach(int kind_i, int kind_j) const { return reaches[kind_i * numKinds + kind_j]; }
+    double reach(int kind_i, int kind_j) const { return pairs[kind_i * numKinds + kind_j].reach; }
     double largestReach() const { return largest; }
-    /** In units of 1/(8 pi eta), at distances up to the reach and the margin. Six numbers: those of PairFunctions without stresslets. */
-    void at(int kind_i, int kind_j, double distance, bool torques, double (&f)[6]) const;
+    /**
+     * In units of 1/(8 pi eta): ttI, ttR of PairFunctions, with torques also tr, rt, rrI, rrR; as many as there are.
+     *
+     * @param distance  nm, up to the reach and the margin
+     */
+    template <int numbers>
+    void at(int kind_i, int kind_j, double distance, double* f) const {
+        const Pair& pair = pairs[kind_i * numKinds + kind_j];
+        if (distance < pair.contact)
+            overlapping<numbers>(pair, distance, f);
+        else
+            evaluate<numbers>(pair.apart, (distance - pair.contact) * pair.inverseStep, f);
+    }
 
 private:
-    static constexpr int degree = 9;
-    int numKinds;
-    double largest = 0, inverseStep;
-    std::vector<double> radii, reaches;
-    struct Table {
-        std::vector<double> numbers;  // of each interval six polynomials in -1 ... 1
+    static constexpr int degree = 6;
+    struct Pair {
+        double radius_i, radius_j, contact, reach, inverseStep;
+        /** Of each interval polynomials in -1 ... 1, from the highest power on, of each power all functions one after the other. */
+        std::vector<double> apart, screened;
     };
-    std::vector<Table> tables;  // of pairs of kinds, i <= j
+    template <int numbers>
+    static void evaluate(const std::vector<double>& table, double inSteps, double* f) {
+        const int interval = (int)inSteps;
+        const double x = 2 * (inSteps - interval) - 1;
+        const double* p = &table[(size_t)interval * numbers * (degree + 1)];
+        for (int c = 0; c < numbers; c++) f[c] = p[c];
+        for (int m = 1; m <= degree; m++)
+            for (int c = 0; c < numbers; c++) f[c] = f[c] * x + p[m * numbers + c];
+    }
+    template <int numbers>
+    void overlapping(const Pair& pair, double distance, double* f) const;
+    const int numKinds;
+    double largest = 0;
+    std::vector<Pair> pairs;
 };
 
 /**
@@ -44,7 +71,7 @@ private:
  * places. Particles are sorted into cells, with copies of those beyond the faces, so that no pair has to look for its image. Results do not
  * depend on the number of threads.
  *
- * Cost: about 40 ns a pair to be made, 3 ns for each product with one column; 20 bytes a pair, 52 with torques.
+ * Cost: about 20 ns a pair to be made, 3 ns for each product with one column; 20 bytes a pair, 52 with torques.
  */
 class NearField {
 public:
@@ -55,6 +82,8 @@ public:
     void moveTo(const std::vector<OpenMM::Vec3>& positions, bool keepAnchors, double spacing, const Ranges& ranges);
     /** velocities = M forces, in units of 1/(8 pi eta), of one column. */
     void multiply(const double* forces, double* velocities, const Ranges& ranges);
+    /** Functions of a pair: 2, or 6 with torques. */
+    int numbersOfPair() const { return anyTorques ? 6 : 2; }
     /** Pairs there are, each counted from both sides. */
     long long getNumPairs() const;
     /** Bytes of a pair. */
@@ -75,7 +104,8 @@ private:
     };
     void findAnchors(const std::vector<OpenMM::Vec3>& positions, bool keep, double spacing);
     void sortIntoCells();
-    void findNeighbours(Block& block, int firstTarget, int endTarget);
+    void findNeighbours(Block& block, int firstTarget, int endTarget) const;
+    template <int numbers>
     void findValues(Block& block, int firstTarget, int endTarget) const;
     template <bool torques>
     void multiplyBlock(const Block& block, int firstTarget, const double* forces, double* velocities) const;

@@ -55,7 +55,8 @@ private:
             spacing = 0;
             for (int axis = 0; axis < 3; axis++) spacing = std::max(spacing, splitting.shape.spacing(axis));
             // As far as two particles may be from their anchors, each a tenth of the spacing along each axis.
-            tables.reset(new NearTables(model.getKinds(), splitting.xi, splitting.gap, 0.4 * spacing));
+            tables.reset(
+                new NearTables(model.getKinds(), near.numbersOfPair(), splitting.xi, splitting.gap, 0.4 * spacing));
             near.setTables(*tables, kindOfParticle, splitting.shape);
             waves.setSplitting(splitting);
         }
