@@ -42,8 +42,8 @@ double toleranceOf(const benchmark::State& state) { return std::pow(10.0, -(doub
 struct Parts {
     const Scene scene;
     const std::vector<EwaldKind> kinds;
-    const EwaldSplitting splitting;
-    const NearTables tables;
+    const SplitBox inBox;
+    const EwaldSplitting& splitting;
     NearField near;
     WaveField waves;
     CpuGridFluid fluid;
@@ -51,17 +51,17 @@ struct Parts {
     MatrixXd velocities;
     Parts(const benchmark::State& state, bool torques = false, double xi = 0)
         : scene(state.range(0), torques), kinds(kindsOf(scene.particles)),
-          splitting(kinds, toleranceOf(state), 0, scene.placement.box, xi),
-          tables(kinds, torques ? 6 : 2, splitting.xi, splitting.gap, 0.4 * splitting.shape.spacing(0)), near(scene.particles),
+          inBox(kinds, EwaldSplitting(kinds, toleranceOf(state), 0, scene.placement.box, xi), scene.placement.box),
+          splitting(inBox.splitting), near(scene.particles),
           waves(scene.particles, kinds), forces(Eigen::VectorXd::LinSpaced(scene.particles.numRows, -1, 1)) {
-        near.setTables(tables, std::vector<int>(scene.particles.size(), 0), splitting.shape);
-        waves.setSplitting(splitting);
+        near.setTables(inBox.tables, std::vector<int>(scene.particles.size(), 0), splitting.shape);
+        waves.setBox(inBox);
         velocities.setZero(forces.rows(), 1);
         makePairs();
         makeWeights();
     }
     void makePairs() {
-        near.moveTo(scene.placement.positions, false, splitting.shape.spacing(0), ranges());
+        near.moveTo(scene.placement.positions, false, inBox.spacing, ranges());
     }
     void makeWeights() { waves.moveTo(scene.placement.positions, false); }
     Ranges ranges() const {

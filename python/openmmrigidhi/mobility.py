@@ -64,7 +64,8 @@ class MobilityForce(_copies.Copies, _Base):
       Cost: linear in bodies.
     - ``RotnePragerYamakawa`` (default): pairwise, unequal radii, overlap allowed; translation, rotation and their coupling
       (Wajnryb et al., J. Fluid Mech. 731, R3, 2013). Relative error O((a/r)^4) for spheres; always positive definite.
-      Cost: quadratic in particles for each product.
+      Cost: quadratic in particles for each product; Periodic: as the box, by pairs and waves on a grid (from 300 rows on, or MatrixFree:
+      Fiore et al., J. Chem. Phys. 146, 124116, 2017), else dense.
     - ``StokesianDynamics``: spheres with force, torque and stresslet, and pair lubrication from the exact two-sphere
       resistance functions (Jeffrey and Onishi, J. Fluid Mech. 139, 261, 1984): exact for an isolated pair. Spheres must not
       overlap; radii in ratios 0.1 to 10. Unbounded or Periodic. Cost: cubic in bodies.
@@ -81,8 +82,8 @@ class MobilityForce(_copies.Copies, _Base):
     - ``Periodic``: the periodic box of the Context, triclinic ones too, as it is at each step. Particles feel all images of all others
       and of themselves. The mean velocity of fluid and bodies is zero; net forces are allowed: a uniform force density balances
       them. RotnePragerYamakawa, StokesianDynamics and ForceCoupling, by lattice sums to 1e-13 of own mobilities and dense matrices: up to
-      12000 rows (2000 spheres, 4000 blobs), StokesianDynamics up to 1000 spheres; ForceCoupling also on a grid, of any number, in boxes
-      with edges along the axes. A body must be shorter than the shortest lattice vector.
+      12000 rows (2000 spheres, 4000 blobs), StokesianDynamics up to 1000 spheres; ForceCoupling and RotnePragerYamakawa
+      (of up to 8 different radii) also on a grid, of any number, in boxes with edges along the axes. A body must be shorter than the shortest lattice vector.
     - ``SlipChannel``: between two walls y = const (:meth:`setChannelWalls`) that the fluid slips along, periodic in x and z; ForceCoupling only, by
       mirror images (Westwood, Delmotte, Keaveny, J. Comput. Phys. 467, 111437, 2022, 4.3). The box has its edges along the axes, and a y edge longer than the
       channel is wide. Positive definite wherever centres are between the walls. Cost: on a grid that of Periodic
@@ -330,15 +331,15 @@ class MobilityForce(_copies.Copies, _Base):
         return _units.LENGTH.attach(super().getGridSpacing())
 
     def setGridSpacing(self, spacing):
-        """Set the largest spacing of the nodes where a fluid is on a grid: ForceCoupling with the boundary Periodic, MatrixFree.
+        """Set the largest spacing of the nodes where a fluid is on a grid: with the boundary Periodic or SlipChannel, MatrixFree.
 
         The grid has the next number of nodes without prime factors above 7.
 
         Parameters
         ----------
         spacing : float or Quantity
-            nm; 0 (default): so that products have the solver tolerance. Another spacing means another tolerance of products, which
-            ``CustomRigidHIIntegrator.describeEffects`` says
+            nm; 0 (default): so that products have the solver tolerance. Another spacing means, for ForceCoupling, another tolerance of
+            products, which ``CustomRigidHIIntegrator.describeEffects`` says; for RotnePragerYamakawa, more pairs or fewer at the same tolerance
         """
         super().setGridSpacing(self._number(spacing, _units.LENGTH, 'setGridSpacing', 'spacing'))
 

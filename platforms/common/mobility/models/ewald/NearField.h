@@ -82,8 +82,6 @@ public:
     void moveTo(const std::vector<OpenMM::Vec3>& positions, bool keepAnchors, double spacing, const Ranges& ranges);
     /** velocities = M forces, in units of 1/(8 pi eta), of one column. */
     void multiply(const double* forces, double* velocities, const Ranges& ranges);
-    /** Functions of a pair: 2, or 6 with torques. */
-    int numbersOfPair() const { return anyTorques ? 6 : 2; }
     /** Pairs there are, each counted from both sides. */
     long long getNumPairs() const;
     /** Bytes of a pair. */

@@ -1,10 +1,8 @@
 #include "mobility/models/ewald/WaveField.h"
 
-#include <cmath>
+#include <algorithm>
 
-#include "mobility/models/ewald/NearPair.h"
 #include "mobility/models/forcecoupling/Envelopes.h"
-#include "mobility/models/periodic/PeriodicMobility.h"
 
 namespace RigidHIPlugin {
 
@@ -14,37 +12,29 @@ WaveField::WaveField(const HydrodynamicParticles& particles, const std::vector<E
         points.emplace_back();
         for (int p = 0; p < particles.size(); p++)
             if (particles.radii[p] == kind.radius) points.back().particles.push_back(p);
-        parts.push_back({kind.radius, (int)points.size() - 1, false, nullptr});
+        parts.push_back({(int)points.size() - 1, false});
         if (kind.torques == 0) continue;
         if (kind.torques < kind.particles) {
             points.emplace_back();
             for (int p = 0; p < particles.size(); p++)
                 if (particles.radii[p] == kind.radius && particles.hasTorque[p]) points.back().particles.push_back(p);
         }
-        parts.push_back({kind.radius, (int)points.size() - 1, true, nullptr});
+        parts.push_back({(int)points.size() - 1, true});
     }
 }
 
-void WaveField::setSplitting(const EwaldSplitting& splitting) {
-    shape = splitting.shape;
-    const double w = splitting.width, xi = splitting.xi;
-    resolution.reset(new GridResolution(GridResolution::ofPoints(w, splitting.cutoff)));
+void WaveField::setBox(const SplitBox& box) {
+    shape = box.splitting.shape;
     for (Points& these : points) {
         these.asPoints = HydrodynamicParticles();
-        for (int p : these.particles) these.asPoints.add(radiusOfForceEnvelope(w), false, particles.systemIndex[p], -1);
-        these.stencils.reset(new GridStencils(these.asPoints, *resolution));
+        for (int p : these.particles)
+            these.asPoints.add(radiusOfForceEnvelope(box.splitting.width), false, particles.systemIndex[p], -1);
+        these.stencils.reset(new GridStencils(these.asPoints, box.resolution));
         these.stencils->layOut(shape);
     }
     channels.clear();
-    for (Part& part : parts) {
-        part.factors.reset(new GridFactors(shape, [&](double k) {
-            const WaveFactors f = overSurfaces().waveFactors(part.radius, k);
-            // The Gaussian's factor and the root of H, together: each alone may be too large or too small for a number.
-            const double x = 0.25 * k * k / (xi * xi);
-            return (part.ofTorques ? f.t : f.s) * std::exp(0.5 * (w * w * k * k - x)) * std::sqrt(1 + x) / k;
-        }));
-        channels.push_back({points[part.points].stencils.get(), part.factors.get(), part.ofTorques});
-    }
+    for (size_t g = 0; g < parts.size(); g++)
+        channels.push_back({points[parts[g].points].stencils.get(), box.factors[g].get(), parts[g].ofTorques});
 }
 
 void WaveField::moveTo(const std::vector<OpenMM::Vec3>& positions, bool keepAnchors) {

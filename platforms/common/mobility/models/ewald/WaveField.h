@@ -4,7 +4,7 @@
 #include <memory>
 #include <vector>
 
-#include "mobility/models/ewald/EwaldSplitting.h"
+#include "mobility/models/ewald/SplitBox.h"
 #include "mobility/models/forcecoupling/GridFluid.h"
 
 namespace RigidHIPlugin {
@@ -19,8 +19,8 @@ namespace RigidHIPlugin {
 class WaveField {
 public:
     WaveField(const HydrodynamicParticles& particles, const std::vector<EwaldKind>& kinds);
-    /** Be in this box from now on. */
-    void setSplitting(const EwaldSplitting& splitting);
+    /** Be in this box from now on, which must outlive it. */
+    void setBox(const SplitBox& box);
     void moveTo(const std::vector<OpenMM::Vec3>& positions, bool keepAnchors);
     /** velocities += M forces, of one column. */
     void addProduct(GridFluid& fluid, double viscosity, bool roughly, const double* forces, double* velocities);
@@ -41,17 +41,14 @@ private:
     };
     /** One channel. */
     struct Part {
-        double radius;
         int points;
         bool ofTorques;
-        std::unique_ptr<GridFactors> factors;
     };
     void scatterAdd(const double* ofChannels, double* velocities) const;
 
     const HydrodynamicParticles& particles;
     std::vector<Points> points;
     std::vector<Part> parts;
-    std::unique_ptr<GridResolution> resolution;
     GridShape shape;
     std::vector<GridChannel> channels;
     std::vector<OpenMM::Vec3> positionsOfPoints;

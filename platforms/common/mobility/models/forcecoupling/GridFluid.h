@@ -132,7 +132,7 @@ private:
     void respond(double viscosity);
     void store(size_t at, const std::complex<double>* mode);
     void backward(GridField& field);
-    void drawInto(const GridShape& shape, double viscosity, const ModeNoise& noise);
+    void drawInto(const GridShape& shape, double viscosity, const ModeNoise& noise, const GridFactors* factors);
 
     friend class GridFlow;
     GridShape planned;
@@ -149,6 +149,8 @@ public:
     void spread(const GridStencils& stencils, double viscosity, const double* forces);
     /** The random field of GridFluid::draw(). */
     void draw(const GridStencils& stencils, double viscosity, const ModeNoise& noise);
+    /** Likewise with these factors of modes in place of 1/|k|; null: with 1/|k|. */
+    void draw(const GridShape& shape, double viscosity, const ModeNoise& noise, const GridFactors* factors);
     /** velocities += factor times it. */
     void addAt(const std::vector<OpenMM::Vec3>& points, double factor, Eigen::Matrix3Xd& velocities);
 

@@ -68,6 +68,11 @@ void forModes(const GridShape& shape, const Visit& visit) {
             }
 }
 
+/** The factor of a mode of forModes(). */
+double factorOf(const GridFactors& factors, const int* index, double k2) {
+    return k2 > 0 ? factors.column(index[1], index[2], double())[2 * index[0]] : 0;
+}
+
 /** u <- strength (1 - k k/k^2) u */
 void project(const double* k, double k2, double strength, complex<double>* u) {
     const complex<double> along = (k[0] * u[0] + k[1] * u[1] + k[2] * u[2]) / k2;
@@ -201,19 +206,20 @@ void PlainGridFluid::drawModes(const GridStencils& stencils, double viscosity, c
     field.shape = shape;
     field.rowLength = shape.size[2];
     for (AlignedArray& component : field.values) component.resize(shape.numNodes());
-    drawInto(shape, viscosity, noise);
+    drawInto(shape, viscosity, noise, nullptr);
     backward(field);
 }
 
-/** The modes of the random field. */
-void PlainGridFluid::drawInto(const GridShape& shape, double viscosity, const ModeNoise& noise) {
+/** The modes of the random field. @param factors  null: 1/|k| */
+void PlainGridFluid::drawInto(const GridShape& shape, double viscosity, const ModeNoise& noise,
+                              const GridFactors* factors) {
     const double scale = 1 / std::sqrt(viscosity * shape.numNodes());
     forModes(shape, [&](size_t at, const int* index, const double* k, double k2) {
         complex<double> zeta[3] = {};
         if (k2 > 0) {
             const int nx = shape.waveIndex(0, index[0]);
             noise.fill(&nx, 1, shape.waveIndex(1, index[1]), index[2], zeta);
-            project(k, k2, scale / std::sqrt(k2), zeta);
+            project(k, k2, scale * (factors ? factorOf(*factors, index, k2) : 1 / std::sqrt(k2)), zeta);
             // Numbers are those of modes from y = 0 on, modes here those from the first node on.
             for (complex<double>& u : zeta) u *= std::polar(1.0, k[1] * shape.firstNode(1));
         }
@@ -232,11 +238,6 @@ void halfCurl(const double* k, complex<double>* u) {
     u[0] = half * x;
     u[1] = half * y;
     u[2] = half * z;
-}
-
-/** The factor of a mode of forModes(). */
-double factorOf(const GridFactors& factors, const int* index, double k2) {
-    return k2 > 0 ? factors.column(index[1], index[2], double())[2 * index[0]] : 0;
 }
 
 }  // namespace
@@ -310,8 +311,12 @@ void GridFlow::spread(const GridStencils& stencils, double viscosity, const doub
 }
 
 void GridFlow::draw(const GridStencils& stencils, double viscosity, const ModeNoise& noise) {
-    fluid.prepare(stencils.getShape());
-    fluid.drawInto(stencils.getShape(), viscosity, GridModeNoise(stencils.getShape(), noise));
+    draw(stencils.getShape(), viscosity, noise, nullptr);
+}
+
+void GridFlow::draw(const GridShape& shape, double viscosity, const ModeNoise& noise, const GridFactors* factors) {
+    fluid.prepare(shape);
+    fluid.drawInto(shape, viscosity, GridModeNoise(shape, noise), factors);
 }
 
 void GridFlow::addAt(const std::vector<OpenMM::Vec3>& points, double factor, Eigen::Matrix3Xd& velocities) {
