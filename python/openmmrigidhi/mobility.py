@@ -323,15 +323,15 @@ class MobilityForce(_copies.Copies, _Base):
         return _units.LENGTH.attach(super().getGridSpacing())
 
     def setGridSpacing(self, spacing):
-        """Set the largest spacing of the nodes where a fluid is on a grid: ForceCoupling with the boundary Periodic, MatrixFree.
+        """Set the largest spacing of the nodes where a fluid is on a grid: with the boundary Periodic or SlipChannel, MatrixFree.
 
         The grid has the next number of nodes without prime factors above 7.
 
         Parameters
         ----------
         spacing : float or Quantity
-            nm; 0 (default): so that products have the solver tolerance. Another spacing means another tolerance of products, which
-            ``CustomRigidHIIntegrator.describeEffects`` says
+            nm; 0 (default): so that products have the solver tolerance. Another spacing means, for ForceCoupling, another tolerance of
+            products, which ``CustomRigidHIIntegrator.describeEffects`` says; for RotnePragerYamakawa, more pairs or fewer at the same tolerance
         """
         super().setGridSpacing(self._number(spacing, _units.LENGTH, 'setGridSpacing', 'spacing'))
 
