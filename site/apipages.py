@@ -160,7 +160,8 @@ def _purposes(type_):
             title = heading[1]
         elif (method := re.match(r'    def ([a-zA-Z]\w*)\(', line)) and not isinstance(inspect.getattr_static(type_, method[1]), property):
             groups.setdefault(title, {})[method[1]] = None
-    return [(each, list(names)) for each, names in groups.items()]
+    groups['Copies'] = groups.pop('Copies', {})
+    return [(each, list(names)) for each, names in groups.items() if names]
 
 
 def _meaning(member, documents):

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Build the site: `make site`. It needs no network, and neither do its pages. Whatever Sphinx warns of, and whatever check.py finds, is an error."""
 import argparse
+import importlib.util
 import pathlib
 import re
 import shutil
@@ -61,6 +62,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('output', type=pathlib.Path, help='directory for everything that is made; pages come into its folder html')
     output = parser.parse_args().output.resolve()
+    if missing := [name for name in ('sphinx', 'myst_parser', 'breathe', 'furo') if importlib.util.find_spec(name) is None]:
+        sys.exit(f'{sys.executable} lacks {", ".join(missing)}: install the packages of site/packages-debian.txt, or call make with PYTHON=/usr/bin/python3')
     source, html = output / 'source', output / 'html'
     for old in (source, html, output / 'cpp'):
         shutil.rmtree(old, ignore_errors=True)

@@ -18,7 +18,8 @@ SECTIONS = [
     ('Development', ['CONTRIBUTING', 'docs/ARCHITECTURE', 'CHANGELOG'], ['']),
 ]
 #: What the table of contents says in place of a page's own title.
-TITLES = {'README': 'Overview', 'docs/INSTALL': 'Installing', 'docs/USER_GUIDE': 'User guide', 'docs/CONVENTIONS': 'Conventions', 'CHANGELOG': 'Changelog'}
+TITLES = {'api/app/index': 'app', 'api/analysis/index': 'analysis', 'api/accuracy/index': 'accuracy', 'api/ensemble/index': 'ensemble',
+          'README': 'Overview', 'docs/INSTALL': 'Installing', 'docs/USER_GUIDE': 'User guide', 'docs/CONVENTIONS': 'Conventions', 'CHANGELOG': 'Changelog'}
 #: Folders whose pages stand below a page that is not in the folder.
 PARENTS = {'examples': 'gallery'}
 
@@ -46,7 +47,7 @@ def copy_pages(source):
     for name in known:
         text = (ROOT / name).read_text(encoding='utf-8')
         page = page_of(name)
-        text = _outside_code(text, lambda part: _with_links_of_the_site(part, name, known, source))
+        text = links_of_the_site(text, name, known, source)
         text = re.sub(r'^```math\n(.*?)^```', r'$$\n\1$$', text, flags=re.S | re.M)  # GitHub has both ways to write a formula
         text += _script_of(name, source)
         target = source / (page + '.md')
@@ -54,6 +55,11 @@ def copy_pages(source):
         target.write_text(text, encoding='utf-8')
         pages.append(page)
     return pages
+
+
+def links_of_the_site(text, name, known, source):
+    """The text of a Markdown file with links as they are on the site. What they lead to and is no page is copied; a folder without a page is no link."""
+    return _outside_code(text, lambda part: _with_links_of_the_site(part, name, known, source))
 
 
 def _outside_code(text, change):
@@ -128,12 +134,13 @@ def write_contents(source, pages):
     for page in children.pop(None, []):
         next(listed for _, listed, folders in sections if any(page.startswith(folder) for folder in folders)).append(page)
     for page, below in children.items():
-        _append(source, page, [os.path.relpath(each, os.path.dirname(page) or '.') for each in below])
+        _append(source, page, below)
     for title, listed, _ in sections:
-        _append(source, 'index', [f'{TITLES[each]} <{each}>' if each in TITLES else each for each in listed], title)
+        _append(source, 'index', listed, title)
 
 
-def _append(source, page, entries, caption=None):
+def _append(source, page, below, caption=None):
+    entries = [f'{TITLES[each]} </{each}>' if each in TITLES else f'/{each}' for each in below]
     for ending in ('.md', '.rst'):
         file = source / (page + ending)
         if not file.exists():

@@ -34,6 +34,6 @@ mathjax_options = {'defer': 'defer'}
 html_copy_source = False
 html_show_sphinx = False
 html_theme_options = {
-    'light_css_variables': {'color-brand-primary': '#00588a', 'color-brand-content': '#00588a'},
+    'light_css_variables': {'sidebar-item-font-size': '81%', 'color-brand-primary': '#00588a', 'color-brand-content': '#00588a'},
     'dark_css_variables': {'color-brand-primary': '#6bbdf0', 'color-brand-content': '#6bbdf0'},
 }

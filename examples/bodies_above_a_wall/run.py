@@ -68,6 +68,8 @@ def main():
         print(f'height {start[2]} nm, and {place[2]:.0f} nm after {arguments.steps} steps')
     print(f'{integrator.getNumRejectedSteps()} steps were done again, because they led into the wall')
     picture = app.show(context, view=(17, -72), title='')
+    low, high = picture.get_ylim()
+    picture.set_ylim(low + 80, high - 90)  # without the room that bodies could turn in
     picture.figure.set_size_inches(9, 5.5)
     picture.figure.savefig(arguments.picture, dpi=130, bbox_inches='tight', pad_inches=0)
 
