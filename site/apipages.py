@@ -38,7 +38,10 @@ def _heading(text, line='='):
 
 def _first_sentence(thing):
     """What a table says of something: the first sentence of its docstring."""
-    text = ' '.join((inspect.getdoc(thing) or '').split('\n\n')[0].split())
+    return _sentence(' '.join((inspect.getdoc(thing) or '').split('\n\n')[0].split()))
+
+
+def _sentence(text):
     return re.split(r'(?<=[^.\d][.:])\s+(?=[A-Z`*])', text + ' ', maxsplit=1)[0].strip().rstrip(':')
 
 
@@ -198,8 +201,8 @@ def _cpp_pages(folder):
         if details.get('prot') != 'public' or not details.find('location').get('file').startswith('openmmapi/'):
             continue
         short = name.rsplit('::', 1)[-1]
-        description = ' '.join(''.join(details.find('briefdescription').itertext()).split())
-        rows.append((f':cpp:{"class" if kind == "class" else "struct"}:`{name}`', description or 'See its page.'))
+        description = _sentence(' '.join(''.join(details.find('detaileddescription').itertext()).split()))
+        rows.append((f':cpp:{"class" if kind == "class" else "struct"}:`{name}`', description))
         pages[f'cpp/{short}'] = _heading(short) + f'.. doxygen{kind}:: {name}\n   :members:\n'
     pages['cpp/index'] = text + _table(rows)
     return pages

@@ -33,6 +33,7 @@ OUTPUT_DIRECTORY = {folder}
 INPUT = {headers}
 STRIP_FROM_PATH = {ROOT}
 GENERATE_HTML = NO
+JAVADOC_AUTOBRIEF = NO
 GENERATE_XML = YES
 XML_PROGRAMLISTING = NO
 """
@@ -51,11 +52,21 @@ def copy_formula_fonts(folder):
         shutil.copy(font, folder / 'fonts')
 
 
-def bring_along(html):
-    """Debian's furo asks the server for a style sheet of another package; pages that are read from files need it beside them."""
-    style = html / '_static' / 'styles' / 'furo.css'
-    shutil.copy(SCRIPTS / 'normalize.css' / 'normalize.css', style.parent)
-    style.write_text(style.read_text().replace('@import url(/javascript/normalize.css/normalize.css)', '@import url(normalize.css)'))
+def mend_theme(html):
+    """Debian's furo is not quite as its authors' bundle: three things are put right in what was copied."""
+    styles, scripts = html / '_static' / 'styles', html / '_static' / 'scripts'
+    # A style sheet of another package is asked of a server; pages that are read from files need it beside them.
+    shutil.copy(SCRIPTS / 'normalize.css' / 'normalize.css', styles)
+    style = (styles / 'furo.css').read_text().replace('@import url(/javascript/normalize.css/normalize.css)', '@import url(normalize.css)')
+    # The colours of readers whose system prefers dark pages were lost, as a query within a query.
+    if 'prefers-color-scheme' not in style:
+        dark = re.search(r'body\[data-theme="dark"\] \{(.*?)\}', style, flags=re.S)[1]
+        style += f'\n@media (prefers-color-scheme: dark) {{ body:not([data-theme="light"]) {{{dark}}} }}\n'
+    (styles / 'furo.css').write_text(style)
+    # The script is a module that imports another one, but pages load it as a plain script.
+    script = (scripts / 'furo.js').read_text()
+    if found := re.match(r'import Gumshoe from "./(gumshoe-patched.js)";', script):
+        (scripts / 'furo.js').write_text((scripts / found[1]).read_text() + script.removeprefix(found[0]))
 
 
 def main():
@@ -78,7 +89,7 @@ def main():
                '-D', f'html_static_path={source / "_static"}', '-D', f'breathe_projects.openmm-rigidhi={xml}', '-D', f'release={version()}', '-D', f'version={version()}', str(source), str(html)]
     if subprocess.run(command, cwd=ROOT).returncode:
         sys.exit('The site has warnings of Sphinx, see above.')
-    bring_along(html)
+    mend_theme(html)
     faults = check.faults(html)
     if faults:
         sys.exit('\n'.join(faults) + f'\nThe site has {len(faults)} faults, see above.')

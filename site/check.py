@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Look for what is wrong on built pages: links that lead nowhere, pictures that are missing or have no text in their place, things fetched from elsewhere."""
+"""Look for what is wrong on built pages: links that lead nowhere, pictures that are missing or have no text in their place, things fetched from elsewhere,
+scripts that do not run."""
 import argparse
 import html.parser
 import pathlib
@@ -16,7 +17,7 @@ class _Page(html.parser.HTMLParser):
 
     def __init__(self):
         super().__init__()
-        self.links, self.fetched, self.anchors, self.silent = [], [], set(), []
+        self.links, self.fetched, self.anchors, self.silent, self.scripts = [], [], set(), [], []
 
     def handle_starttag(self, tag, attributes):
         attributes = dict(attributes)
@@ -26,6 +27,8 @@ class _Page(html.parser.HTMLParser):
                 self.fetched.append(value or '')
             elif key == 'href' and value is not None:
                 self.links.append(value)
+        if tag == 'script' and attributes.get('src') and attributes.get('type') != 'module':
+            self.scripts.append(attributes['src'])
         if tag == 'img' and not _says_something(attributes):
             self.silent.append(attributes.get('src', ''))
 
@@ -57,6 +60,7 @@ def faults(folder):
         for target in page.links + page.fetched:
             if not _is_elsewhere(target) and not target.startswith(('mailto:', 'data:')):
                 found += _objection(name, file, target, folder, pages)
+        found += [f'{name}: {script} is a module, but is loaded as a plain script' for script in page.scripts if _is_module(file.parent / script)]
     for file in sorted(folder.rglob('*.css')):
         for target in re.findall(r'url\(\s*["\']?([^"\')]+)', file.read_text(encoding='utf-8')):
             name = file.relative_to(folder)
@@ -65,6 +69,11 @@ def faults(folder):
             elif not target.startswith(('data:', '#')) and not (file.parent / re.split('[?#]', target)[0]).exists():
                 found.append(f'{name}: {target} is not there')
     return list(dict.fromkeys(found))
+
+
+def _is_module(file):
+    file = file.with_name(file.name.split('?')[0])
+    return file.exists() and re.search(r'^(import|export) ', file.read_text(encoding='utf-8'), flags=re.M) is not None
 
 
 def _is_elsewhere(target):

@@ -57,6 +57,14 @@ def test_check_looks_into_styles(pages, style, said):
     assert len(check.faults(pages)) == 1 and said in check.faults(pages)[0]
 
 
+def test_check_looks_into_scripts(pages):
+    (pages / 'index.html').write_text(GOOD.replace('</body>', '<script src="a.js?digest=1"></script></body>'))
+    (pages / 'a.js').write_text('const a = 1;\n')
+    assert check.faults(pages) == []
+    (pages / 'a.js').write_text('import b from "./b.js";\n')
+    assert check.faults(pages) == ['index.html: a.js?digest=1 is a module, but is loaded as a plain script']
+
+
 def test_check_wants_pages(tmp_path):
     assert 'there are no pages' in check.faults(tmp_path)[0]
 
