@@ -1,4 +1,5 @@
 """Everything public in the Python package is documented, and dimensional results carry units."""
+import enum
 import importlib
 import inspect
 import pkgutil
@@ -62,6 +63,13 @@ def test_docstring_names_every_parameter(name):
         return
     missing = [p for p in parameters if p not in documentation]
     assert not missing, f'{name} does not document {missing}'
+
+
+@pytest.mark.parametrize('name', [n for n, o in OBJECTS.items() if inspect.isclass(o) and issubclass(o, enum.IntEnum)])
+def test_enumerators_have_docstrings_of_their_own(name):
+    for member in OBJECTS[name]:
+        own = vars(member).get('__doc__')
+        assert own and own.split('\n')[0].rstrip()[-1] in '.:', f'{name}.{member.name} has no docstring of its own'
 
 
 # ---- Units ------------------------------------------------------------------------------------------------------------

@@ -156,6 +156,11 @@ public:
     /** Whether drawField() gives noise that costs less than square roots of M. Default: no, so that roots are taken. */
     virtual bool hasOwnRandomField() const { return false; }
     /**
+     * Whether what a particle sees of that field depends on its own place only, so that it is one flow. If not, fields at different placements have the
+     * covariance M each by itself, and divergences are found as of square roots. Default: it is.
+     */
+    virtual bool fieldIsLocal() const { return true; }
+    /**
      * The mobility of bodies takes less time by iterations, column by column, than by a factor of dense() if there are more rows of
      * particles than this for each row of bodies. The ratio of both times is proportional to it. Measured on one thread with shells of 642
      * blobs near a wall, at a tolerance of 1e-6.

@@ -120,6 +120,8 @@ public:
     bool drawField(const NoiseStream& noise, uint32_t purpose, std::unique_ptr<RandomField>& field) const;
     /** Whether drawField() gives one. */
     bool slipsAreOfField() const { return !slipSpace.areOfBodies() && bodies.getModel().hasOwnRandomField(); }
+    /** Whether divergenceOf() knows that of such slips: the field is one flow. */
+    bool divergenceIsOfField() const { return slipsAreOfField() && bodies.getModel().fieldIsLocal(); }
     /** Slips of a field of the model's at the poses set last: one column of covariance M. */
     virtual void slipsOf(RandomField& field, MatrixXd& slips);
     /**

@@ -141,9 +141,9 @@ public:
     /** Move to Q^n + t U: Rotate(q, t W). */
     void goFromStart(double t, const Vectors& twists);
     /**
-     * Whether divergenceOfField() is known, so that no differences are needed: slips are of the model's random field, which is looked at nearby.
+     * Whether divergenceOfField() is known, so that no differences are needed: slips are of the model's random field, which is one flow.
      */
-    bool knowsDivergence() const { return slipsAreOfField; }
+    bool knowsDivergence() const { return slipsAreOfField && mobility.divergenceIsOfField(); }
     /**
      * The divergence by the bodies' coordinates of the twists nearest to the field's slips, at the present poses; of a field of unit temperature and time.
      * The twists of a body depend on its own pose only, so all bodies are displaced at once.
