@@ -1,5 +1,6 @@
 """Enumerations whose members have docstrings of their own."""
 import enum
+import inspect
 
 
 class Documented(enum.IntEnum):
@@ -8,5 +9,5 @@ class Documented(enum.IntEnum):
     def __new__(cls, number, documentation):
         member = int.__new__(cls, number)
         member._value_ = int(number)
-        member.__doc__ = documentation
+        member.__doc__ = inspect.cleandoc(documentation)
         return member

@@ -57,10 +57,30 @@ def facts(traits):
             f'weak order {traits.weakOrder}{cold}; {forces}.')
 
 
+#: What is integrated, by whether there are momenta and a fluid. Angular momentum l and torque tau in the body frame, L and T in the lab's.
+EQUATIONS = {
+    (True, False): """dR = p/m dt,   dp = f dt - gamma p dt + sqrt(2 m gamma kT) dw,
+dl_k = (l x omega)_k dt + tau_k dt - Gamma_k l_k dt + sqrt(M Gamma kT/2) dW_k,
+Gamma_k = Gamma M/(4 I_k),   M = 4/sum_k 1/I_k over axes k with a moment""",
+    (False, False): """dR = upsilon/m f dt + sqrt(2 upsilon kT/m) dw,
+dq = Upsilon/M F dt + sqrt(2 Upsilon kT/M) sum_k S_k q o dW_k (Stratonovich),
+F = 2 q (0, tau),   M = 4/sum_k 1/I_k over axes k with a moment""",
+    (True, True): """dR = p/m dt,   dp = f dt - (xi U)_V dt + noise,   dL = T dt - (xi U)_W dt + noise,
+noise of covariance 2 kT xi dt, with velocities U of all bodies and their friction matrix xi""",
+    (False, True): """dQ = N F dt + kT div N dt + sqrt(2 kT) N^(1/2) dW (Ito)
+for poses Q, the mobility N(Q) of the MobilityForce and wrenches F""",
+}
+
+
+def _equation(traits):
+    return textwrap.indent(EQUATIONS[traits.hasMomenta, traits.needsFluid], '    ')
+
+
 for _scheme in Scheme:
     _traits = _scheme.traits
     _drift = f'It makes the stochastic drift {_traits.drift}.\n\n' if _traits.drift else ''
-    _scheme.__doc__ = f'{_traits.description}\n\n{facts(_traits)}\n\n{_drift}{page(_scheme.name)} has equations, cost, limits and an example.'
+    _scheme.__doc__ = (f'{_traits.description}\n\n{facts(_traits)} What is integrated::\n\n{_equation(_traits)}\n\n{_drift}'
+                       f'{page(_scheme.name)} has one step of it, every symbol, cost, limits and an example.')
 
 
 def summary(indent=4):
