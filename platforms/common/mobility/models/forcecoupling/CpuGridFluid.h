@@ -29,6 +29,7 @@ class CpuGridFluid : public GridFluid {
 public:
     explicit CpuGridFluid(GridThreads threads = {});
     ~CpuGridFluid() override;
+    bool hasRoughProducts() const override { return true; }
 
 protected:
     void multiplyColumn(const GridStencils& stencils, double viscosity, const double* forces,
