@@ -140,6 +140,8 @@ public:
     virtual bool isIsotropic() const { return false; }
     /** Whether the fluid is its own reflection at y = 0, where particles then have images that are not in the list. Default: no. */
     virtual bool isMirrored() const { return false; }
+    /** Whether MobilityAt::applyRoughly() takes less time than apply(), so that iterations should use it where they can. Default: no. */
+    virtual bool hasRoughProducts() const { return false; }
     /** Whether MobilityAt::apply() needs no matrix, so that Krylov methods make sense. */
     virtual bool hasProducts() const { return true; }
     /** Whether dense() is products with the columns of the identity, so that it serves few rows only. Default: no. */

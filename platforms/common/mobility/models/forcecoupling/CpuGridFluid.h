@@ -30,6 +30,7 @@ public:
     explicit CpuGridFluid(GridThreads threads = {});
     ~CpuGridFluid() override;
     void forRanges(int count, const std::function<void(int, int)>& task) const override;
+    bool hasRoughProducts() const override { return true; }
 
 protected:
     void multiplyColumn(const GridStencils& stencils, double viscosity, const double* forces,

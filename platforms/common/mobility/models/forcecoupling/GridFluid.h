@@ -39,6 +39,8 @@ public:
     /** velocities = M forces, for columns one after the other. @param viscosity  dalton/(nm ps) */
     void multiply(const GridStencils& stencils, double viscosity, const Eigen::MatrixXd& forces,
                   Eigen::MatrixXd& velocities);
+    /** Whether multiplyRoughly() takes less time. */
+    virtual bool hasRoughProducts() const { return false; }
     /** Likewise to MobilityAt::roughError, where that takes less time. */
     void multiplyRoughly(const GridStencils& stencils, double viscosity, const Eigen::MatrixXd& forces,
                          Eigen::MatrixXd& velocities);

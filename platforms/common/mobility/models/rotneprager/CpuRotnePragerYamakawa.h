@@ -46,6 +46,7 @@ public:
         return wall ? wall->placeInFormulas(position, particles.radii[i]) : position;
     }
     bool isHomogeneous() const override { return !wall; }
+    bool hasRoughProducts() const override { return fitsSingle; }
     bool isIsotropic() const override { return !wall; }
     bool isDivergenceFree() const override { return !wall; }
     double rowsWorthIterations() const override { return 425; }
