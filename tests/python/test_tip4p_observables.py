@@ -10,6 +10,7 @@ import unittest
 
 import numpy as np
 import openmm as mm
+import pytest
 from scipy.spatial.transform import Rotation
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "validation", "davidchack2015"))
@@ -304,6 +305,37 @@ class TestWithPlugin(unittest.TestCase):
                 self.check(scheme, "CPU")
         self.check("C", "Reference")
 
+
+class Interrupted(Exception):
+    pass
+
+
+def test_a_run_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
+    """validation/davidchack2015/run.py: after an interruption it takes as many samples as without, and those before are the same."""
+    import run
+    monkeypatch.setattr(run.campaign, "NOTES_EVERY", 0.0)
+    monkeypatch.setattr(run, "BLOCKS", 6)
+    spec = {"scheme": "C", "h_fs": 0.5, "molecules": N, "steps": 300, "equilibration_steps": 40, "seed": 3, "replica": 0, "potential": "fast", "platform": "CPU"}
+    start = tip4p.make_whole_rigid(tip4p.lattice_positions(N, 7))
+
+    class Job:
+        directory, end = str(tmp_path), 180
+
+        def report(self, done):
+            if done > self.end:
+                raise Interrupted
+
+    with pytest.raises(Interrupted):
+        run.simulate(spec, start, Job())
+    job = Job()
+    job.end = 1e9
+    resumed, whole = run.simulate(spec, start, job), run.simulate(spec, start)
+    assert resumed["rdf"]["OO"]["r_nm"] == whole["rdf"]["OO"]["r_nm"]
+    for name, values in whole["blocks"].items():
+        assert len(resumed["blocks"][name]) == len(values) == run.BLOCKS
+        assert resumed["blocks"][name][:2] == pytest.approx(values[:2], rel=1e-6), name
+    with pytest.raises(ValueError, match="begun with other settings"):
+        run.simulate(dict(spec, seed=4), start, job)
 
 if __name__ == "__main__":
     unittest.main()

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """How the fast variant of the potential differs from the formula: cost, energy, forces, averages.
 
-    python3 compare_potentials.py [--frames 40] [--threads 1 2]      one run and times of force calls, in one process
+    python3 compare_potentials.py [--frames 40] [--threads 1 2] [--cluster ADDRESS]
 
 Writes results/potentials.json. Frames, 0.5 ps apart, come from a run of the fast variant with OpenMM's own integrator (SETTLE), so the
 plugin is not needed. Averages under the formula follow from those under the fast variant to first order,
@@ -18,11 +18,11 @@ for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 
 import numpy as np  # noqa: E402
 import openmm as mm  # noqa: E402
-from tqdm import tqdm  # noqa: E402
 
 import observables  # noqa: E402
 import run  # noqa: E402
 import tip4p_model as tip4p  # noqa: E402
+from run import campaign  # noqa: E402
 
 
 def seconds_per_force_call(n, positions, potential, threads):
@@ -37,20 +37,9 @@ def seconds_per_force_call(n, positions, potential, threads):
     return (time.perf_counter() - began) / calls
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--molecules", type=int, default=512)
-    parser.add_argument("--frames", type=int, default=40)
-    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
-    parser.add_argument("--start-file")
-    parser.add_argument("--output", type=pathlib.Path, default=run.HERE / "results")
-    options = parser.parse_args()
-    n = options.molecules
-    options.output.mkdir(parents=True, exist_ok=True)
-    start = run.start_positions(n, options.start_file or options.output / "work" / f"start_{n}.npz")
-    cost = {f"{potential}, {threads} thread(s)": 1e3 * seconds_per_force_call(n, start, potential, threads)
-            for potential in ("exact", "fast") for threads in options.threads}
-
+def differences(argument, job, start):
+    """Of each frame: energy difference, mean squares of force and torque and of their differences; see main()."""
+    n, frames = argument
     integrator = tip4p.make_integrator(n, "SETTLE", 2.0, seed=77)
     fast = tip4p.make_context(n, integrator)
     fast.setPositions(start)
@@ -59,8 +48,12 @@ def main():
     exact = tip4p.make_context(n, mm.VerletIntegrator(0.001), "exact")
     offset = tip4p.fast_energy_offset(n)
     energy = lambda context: context.getState(getEnergy=True, groups={0}).getPotentialEnergy()._value
-    rows = []
-    for _ in tqdm(range(options.frames), unit="frame"):
+    state = campaign.State(job, n)
+    kept = state.load()
+    rows = list(kept.get("rows", ()))
+    if kept:
+        fast.loadCheckpoint(kept["checkpoint"].tobytes())
+    while len(rows) < frames:
         integrator.step(250)
         positions = fast.getState(getPositions=True).getPositions(asNumpy=True)
         exact.setPositions(positions)
@@ -68,6 +61,29 @@ def main():
         square = lambda v: np.mean(np.sum(v**2, axis=1))
         rows.append([energy(fast) - offset - energy(exact), square(forces[0] - forces[1]), square(forces[1]), square(forces[0]),
                      square(torques[0] - torques[1]), square(torques[1]), square(torques[0])])
+        job.report(len(rows))
+        if state.isDue():
+            state.save(rows=rows, checkpoint=campaign.checkpoint(fast))
+    return rows
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--molecules", type=int, default=512)
+    parser.add_argument("--frames", type=int, default=40)
+    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--start-file")
+    parser.add_argument("--output", type=pathlib.Path, default=run.HERE / "results")
+    campaign.addOptions(parser)
+    options = campaign.settle(parser.parse_args())
+    n = options.molecules
+    options.output.mkdir(parents=True, exist_ok=True)
+    start = run.start_positions(n, options.start_file or options.work / f"start_{n}.npz")
+    cost = {f"{potential}, {threads} thread(s)": 1e3 * seconds_per_force_call(n, start, potential, threads)
+            for potential in ("exact", "fast") for threads in options.threads}
+
+    # Times above are of a process alone; frames are one run.
+    rows, = campaign.run(differences, [(n, options.frames)], ["potentials"], options, [options.frames], "frame", "frames", given=start)
     rows = np.array(rows)
     mean, error = rows.mean(axis=0), rows.std(axis=0, ddof=1) / np.sqrt(len(rows))
     ratio = lambda a, b: {"mean": float(np.mean(rows[:, a]) / np.mean(rows[:, b]) - 1),
