@@ -14,7 +14,7 @@ import openmm
 
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, app
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]/'validation'/'common'))
 import recording  # noqa: E402
 
 ETA = 1.0

@@ -32,7 +32,7 @@ from tqdm import tqdm
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 
 HERE = pathlib.Path(__file__).resolve().parent
-sys.path.append(str(HERE.parent))
+sys.path.append(str(HERE.parents[1]/'validation'/'common'))
 from recording import provenance, pyplot  # noqa: E402
 
 STRUCTURE = HERE/'1aki_ca.pdb'

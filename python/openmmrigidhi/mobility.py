@@ -20,7 +20,8 @@ class Model(_enums.Documented):
     RotnePragerYamakawa = _Base.RotnePragerYamakawa, """Pairs of spheres or blobs by surface averages of a point force, with rotation (default).
 
         Unequal radii and overlap allowed; multiblobs, free particles, own tensors; always positive definite. Relative error O((a/r)^4), no lubrication
-        (Wajnryb et al., J. Fluid Mech. 731, R3, 2013). Unbounded, NoSlipWall, Periodic. Cost: quadratic in particles for each product.
+        (Wajnryb et al., J. Fluid Mech. 731, R3, 2013). Unbounded, NoSlipWall, Periodic. Cost: quadratic in particles for each product;
+        Periodic and MatrixFree as the box, by pairs and waves on a grid (Fiore et al., J. Chem. Phys. 146, 124116, 2017).
         docs/models/RotnePragerYamakawa.md has the rest."""
     StokesianDynamics = _Base.StokesianDynamics, """Spheres with force, torque and stresslet of all together, and exact lubrication of each pair.
 
@@ -323,15 +324,15 @@ class MobilityForce(_copies.Copies, _Base):
         return _units.LENGTH.attach(super().getGridSpacing())
 
     def setGridSpacing(self, spacing):
-        """Set the largest spacing of the nodes where a fluid is on a grid: ForceCoupling with the boundary Periodic, MatrixFree.
+        """Set the largest spacing of the nodes where a fluid is on a grid: with the boundary Periodic or SlipChannel, MatrixFree.
 
         The grid has the next number of nodes without prime factors above 7.
 
         Parameters
         ----------
         spacing : float or Quantity
-            nm; 0 (default): so that products have the solver tolerance. Another spacing means another tolerance of products, which
-            ``CustomRigidHIIntegrator.describeEffects`` says
+            nm; 0 (default): so that products have the solver tolerance. Another spacing means, for ForceCoupling, another tolerance of
+            products, which ``CustomRigidHIIntegrator.describeEffects`` says; for RotnePragerYamakawa, more pairs or fewer at the same tolerance
         """
         super().setGridSpacing(self._number(spacing, _units.LENGTH, 'setGridSpacing', 'spacing'))
 

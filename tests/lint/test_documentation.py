@@ -39,7 +39,7 @@ def test_links_lead_somewhere(page):
 @pytest.mark.parametrize('page', PAGES)
 def test_files_that_are_named_exist(page):
     here = (ROOT / page).parent
-    for name in re.findall(r'`((?:openmmapi|platforms|serialization|python|tests|examples|benchmarks|docs|tools)/[\w./-]+)`',
+    for name in re.findall(r'`((?:openmmapi|platforms|serialization|python|tests|examples|validation|benchmarks|docs|tools)/[\w./-]+)`',
                            read(page)):
         assert (ROOT / name).exists() or (here / name).exists(), f'{page} names {name}, which is not there'
 

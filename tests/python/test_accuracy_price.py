@@ -318,14 +318,14 @@ def test_results_without_noise_are_priced_by_their_blocks():
         assert statistics.errorAfter(50, 0, row['noise'], row['step_size']/0.001, 0) == pytest.approx(math.sqrt(row['variance']/(50*row['effective_per_second'])))
 
 
-EXAMPLES = os.path.join(os.path.dirname(__file__), '..', '..', 'examples')
+STUDIES = os.path.join(os.path.dirname(__file__), '..', '..', 'validation', 'accuracy')
 
 
 def test_the_documented_prices_are_those_of_the_committed_result():
-    result = StudyResult.fromJson(os.path.join(EXAMPLES, 'accuracy_water', 'results', 'results.json'))
+    result = StudyResult.fromJson(os.path.join(STUDIES, 'water', 'results', 'results.json'))
     answer = result.price('potential_energy:0.5%')
     found = {(each['method'], round(1000*each['value'])): each for each in answer.candidates}
-    with open(os.path.join(EXAMPLES, '..', 'docs', 'accuracy.md')) as file:
+    with open(os.path.join(STUDIES, '..', '..', 'docs', 'accuracy.md')) as file:
         lines = [line for line in file if line.startswith('| Langevin') and ' fs | ' in line and ' s | ' in line]
     assert len(lines) == 4
     for line in lines:
@@ -341,7 +341,7 @@ def test_the_documented_prices_are_those_of_the_committed_result():
 @pytest.mark.parametrize('scene', ['boomerang', 'suspension'])
 def test_studies_without_momenta_have_prices(scene):
     """Replicas share the noise: a run of all of them has the standard error that was measured, after its own time."""
-    result = StudyResult.fromJson(os.path.join(EXAMPLES, 'overdamped_accuracy', 'results', scene, 'results.json'))
+    result = StudyResult.fromJson(os.path.join(STUDIES, 'overdamped', 'results', scene, 'results.json'))
     for observable in result.observables:
         answer = result.price(f'{observable}:20%')
         assert answer.verdict == 'recommended'

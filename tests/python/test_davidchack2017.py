@@ -1,4 +1,6 @@
-"""The scripts of examples/davidchack2017 run, shortened, and the physics in what they write is right."""
+"""The scripts of validation/davidchack2017 run, shortened, and the physics in what they write is right."""
+import argparse
+import importlib
 import json
 import pathlib
 import subprocess
@@ -6,8 +8,9 @@ import sys
 
 import numpy as np
 import pytest
+from openmmrigidhi.ensemble import tasks
 
-FOLDER = pathlib.Path(__file__).resolve().parents[2]/'examples'/'davidchack2017'
+FOLDER = pathlib.Path(__file__).resolve().parents[2]/'validation'/'davidchack2017'
 
 
 def run(script, folder, *options):
@@ -131,20 +134,71 @@ def test_lennard_jones_in_a_periodic_fluid(tmp_path):
     assert {m['model'] for m in result['analysis']['kT=0.1']['models']} == {'SD periodic', 'RPY periodic'}
 
 
-def test_a_longer_run_goes_on_from_its_notes(tmp_path):
-    """A run of 10 that is made 20 long is the run of 20, to the last bit on Reference."""
-    sys.path.insert(0, str(FOLDER))
-    try:
-        import lennard_jones
-    finally:
-        sys.path.remove(str(FOLDER))
-    settings = dict(kT=0.1, step=0.2, modelName='RPY periodic', clusters=2, seed=3, platformName='Reference', preparation=20.0, quiet=True)
-    notes = tmp_path/'notes'/'run.npz'
-    first = lennard_jones.run(duration=10.0, notes=notes, **settings)
-    longer = lennard_jones.run(duration=20.0, notes=notes, **settings)
-    whole = lennard_jones.run(duration=20.0, **settings)
+@pytest.fixture
+def scripts(monkeypatch):
+    """Imports a script of the folder."""
+    monkeypatch.syspath_prepend(str(FOLDER))
+    return importlib.import_module
+
+
+def test_a_longer_run_goes_on_from_what_is_kept(tmp_path, scripts):
+    """A run of 10 that is made 20 long is the run of 20, to the last bit on Reference; other settings are refused."""
+    lennard_jones = scripts('lennard_jones')
+
+    def run(duration, job, seed=3):
+        return lennard_jones.run((0.1, 0.2, 'RPY periodic', duration, 2, seed, 'Reference', 20.0), job)
+    job = tasks.Job(0, 'run', str(tmp_path))
+    first, longer, whole = run(10.0, job), run(20.0, job), run(20.0, None)
     assert first['samples'] == 25 and longer['samples'] == whole['samples'] == 50
     assert longer['mean'] == whole['mean'] and longer['mean'] != first['mean']
-    # Other settings do not go on from these notes.
-    other = lennard_jones.run(duration=10.0, notes=notes, **{**settings, 'seed': 4})
-    assert other['samples'] == 25 and other['mean'] != first['mean']
+    with pytest.raises(ValueError, match='begun with other settings'):
+        run(10.0, job, seed=4)
+
+
+def test_trapped_spheres_go_on(tmp_path, scripts):
+    trapped = scripts('trapped_spheres')
+
+    def run(duration, job):
+        return trapped.run(('inertial (Figs 2, 3)', 3.0, 0.01, 'RPY', duration, 5, np.inf), job)
+    job = tasks.Job(0, 'run', str(tmp_path))
+    run(130.0, job)
+    longer, whole = run(300.0, job), run(300.0, None)
+    assert longer['samples'] == whole['samples'] == 6000
+    assert all(np.array_equal(longer['measured'][name], whole['measured'][name]) for name in whole['measured'])
+
+
+def test_a_ring_that_has_settled_need_not_do_so_again(tmp_path, scripts):
+    ring = scripts('ring')
+    arguments = {'f': 1.0, 'tau': 0.0, 'kT': 1e-3, 'model': 'RPY', 'truncation': 'switch', 'kind': 'random', 'settle': 20.0, 'window': 20.0, 'seed': 1, 'step': 0.05, 'attempts': 1}
+    job = tasks.Job(0, 'run', str(tmp_path))
+    first, again = ring.runState(arguments, job), ring.runState(arguments, job)
+    assert first['orbital_speed'] == again['orbital_speed'] == ring.runState(arguments)['orbital_speed'] and len(list(tmp_path.iterdir())) == 1
+
+
+def test_two_runs_at_a_time(tmp_path):
+    """They are those of one after the other; a second call takes all from what is kept; and --fresh does not."""
+    models = ('--models', 'RPY', 'FTS')
+
+    def found(folder, *options):
+        rows = run('sedimenting_spheres.py', folder, *models, *options)['sedimenting_spheres.json']['models']
+        return {name: (row['3']['F/U'], row['3']['omega/U']) for name, row in rows.items()}, {name: row['3']['seconds'] for name, row in rows.items()}
+    together, seconds = found(tmp_path, '--jobs', '2', '--cluster', 'processes')
+    assert list(together) == ['RPY', 'FTS']
+    again = found(tmp_path, '--work', str(tmp_path/'work'))
+    assert again == (together, seconds)
+    anew = found(tmp_path, '--fresh')
+    assert anew[0] == together and anew[1] != seconds
+
+
+def fails(argument, job):
+    raise ValueError(f'no {argument}')
+
+
+def test_runs_that_fail_are_named(tmp_path, scripts, capsys):
+    """The others are done, and kept."""
+    campaign = scripts('spheres').campaign
+    args = argparse.Namespace(jobs=1, cluster=None, work=tmp_path, fresh=False, quick=True)
+    done = []
+    with pytest.raises(SystemExit, match=r'1 of 1 runs failed \(some_run\)'):
+        campaign.run(fails, [1], ['some run'], args, finished=done.append)
+    assert 'no 1' in capsys.readouterr().err and not done and not (tmp_path/'some_run'/'result.json').exists()

@@ -1,4 +1,4 @@
-"""examples/westwood2022/hedgehogs.py: the potentials and the shape are the paper's; four hedgehogs have the same twists and viscosity dense and on a grid; the script runs, shortened."""
+"""validation/westwood2022/hedgehogs.py: the potentials and the shape are the paper's; four hedgehogs have the same twists and viscosity dense and on a grid; the script runs, shortened."""
 import json
 import pathlib
 import subprocess
@@ -10,13 +10,13 @@ import pytest
 from openmmrigidhi import MobilityForce, analysis
 from openmmrigidhi._quaternions import rotate
 
-EXAMPLES = pathlib.Path(__file__).resolve().parents[2]/'examples'
+VALIDATION = pathlib.Path(__file__).resolve().parents[2]/'validation'
 
 
 @pytest.fixture(scope='module')
 def hedgehogs():
-    """The model of examples/westwood2022."""
-    sys.path[:0] = [str(EXAMPLES/'westwood2022'), str(EXAMPLES)]
+    """The model of validation/westwood2022."""
+    sys.path[:0] = [str(VALIDATION/'westwood2022'), str(VALIDATION/'common')]
     try:
         import hedgehogmodel
         yield hedgehogmodel
@@ -98,7 +98,7 @@ def rotateBack(after, before):
 
 
 def run(folder, *arguments, name='hedgehogs.json'):
-    finished = subprocess.run([sys.executable, str(EXAMPLES/'westwood2022'/'hedgehogs.py'), '--silent', '--output', str(folder), *arguments],
+    finished = subprocess.run([sys.executable, str(VALIDATION/'westwood2022'/'hedgehogs.py'), '--silent', '--output', str(folder), *arguments],
                               capture_output=True, text=True, timeout=600)
     assert finished.returncode == 0, finished.stdout + finished.stderr
     data = json.loads((folder/name).read_text())
@@ -107,18 +107,18 @@ def run(folder, *arguments, name='hedgehogs.json'):
 
 
 def test_the_script(hedgehogs, tmp_path):
-    """It runs, shortened; --resume goes on with what is kept, and what was there stays; g(r) counts every pair within half the box."""
+    """It runs, shortened; again it goes on with what is kept, two runs at a time, and what was there stays; g(r) counts every pair within half the box."""
     first, text = run(tmp_path, '--quick')
     assert 'repel-attract-repel' in text
     for name in ('hedgehogs_viscosity.png', 'hedgehogs_g.png', 'hedgehogs_potentials.png'):
         assert (tmp_path/name).stat().st_size > 5000
-    kept = {path.name: dict(np.load(path)) for path in (tmp_path/'kept').glob('hedgehogs_27*.npz')}
+    kept = {path.parent.name: dict(np.load(path)) for path in (tmp_path/'work').glob('hedgehogs_27*/state.npz')}
     assert len(first['runs']) == len(kept) == 2 and all(row['steps'] == 120 and row['bodies'] == 27 for row in first['runs'])
-    second, _ = run(tmp_path, '--quick', '--resume', '--long', '1.5')
+    second, _ = run(tmp_path, '--quick', '--long', '1.5', '--jobs', '2', '--cluster', 'processes')
     for row in second['runs']:
         assert row['steps'] == 180 and row['ratio'][0] > 3 and row['shear_rate'][0] == pytest.approx(300/row['ratio'][0], rel=1e-9)
-        now = np.load(tmp_path/'kept'/f'hedgehogs_27_{row["potential"]}_300.npz')
-        before = kept[f'hedgehogs_27_{row["potential"]}_300.npz']
+        now = np.load(tmp_path/'work'/f'hedgehogs_27_{row["potential"]}_300'/'state.npz')
+        before = kept[f'hedgehogs_27_{row["potential"]}_300']
         assert np.array_equal(now['amplitudes'][:60], before['amplitudes']) and np.array_equal(now['counts'][:2], before['counts'])
         # Frames are counted as often as there are: at most all pairs a frame, and in half the box's ball some half of them.
         inside = now['counts'].sum(axis=1)/(60/30*27*26/2)

@@ -1,5 +1,5 @@
 """Rigid bodies under a Monte Carlo barostat: bodies stay rigid and where the barostat put them; the density stays that of
-water. The long comparison with OpenMM's own rigid water is examples/npt_density."""
+water. The long comparison with OpenMM's own rigid water is validation/accuracy/density."""
 import importlib.util
 import pathlib
 
@@ -10,7 +10,7 @@ from openmm import unit
 
 from conftest import WaterBox
 
-EXAMPLE = pathlib.Path(__file__).resolve().parents[2]/'examples'/'npt_density'/'run.py'
+SCRIPT = pathlib.Path(__file__).resolve().parents[2]/'validation'/'accuracy'/'density'/'run.py'
 ROUNDING = 1e-12  # nm, on coordinates of a few nm
 
 
@@ -63,7 +63,7 @@ def test_bodies_under_a_barostat_stay_rigid(platform):
 def test_density_of_water_for_5_ps():
     """CPU, PME, 216 waters, 4 fs. The volume of so many fluctuates by sqrt(kT kappa/V) = 1.7 % (kappa = 4.5e-10/Pa), so
     six sigma is 10 %; the start, a little dilute as addSolvent() leaves it, and 5 ps are given another 10 %."""
-    spec = importlib.util.spec_from_file_location('npt_density', EXAMPLE)
+    spec = importlib.util.spec_from_file_location('npt_density', SCRIPT)
     example = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(example)
     topology, positions = example.waterBox(example.MOLECULES)

@@ -1,4 +1,4 @@
-"""The observables of examples/tip4p_davidchack2015 against OpenMM: energies, forces, torques, Laplacians, pressure.
+"""The observables of validation/davidchack2015 against OpenMM: energies, forces, torques, Laplacians, pressure.
 
 Needs OpenMM only, not the plugin. The configuration is a lattice of randomly turned waters, jittered and minimised for a few
 steps: every pair function is exercised, and nothing depends on an equilibrated liquid. OpenMM's Reference platform (double
@@ -12,7 +12,7 @@ import numpy as np
 import openmm as mm
 from scipy.spatial.transform import Rotation
 
-sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "examples", "tip4p_davidchack2015"))
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "validation", "davidchack2015"))
 import observables  # noqa: E402
 import tip4p_model as tip4p  # noqa: E402
 

@@ -1,6 +1,8 @@
 """analysis.viscosity: shells, spheres and lattices against what they must have, noise, drift, channels, and what is refused."""
+import json
 import pathlib
 import re
+import subprocess
 import sys
 
 import numpy as np
@@ -12,7 +14,7 @@ from scipy import stats
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, analysis, app
 from openmmrigidhi.accuracy.statistics import quantile
 
-EXAMPLES = pathlib.Path(__file__).resolve().parents[2]/'examples'
+VALIDATION = pathlib.Path(__file__).resolve().parents[2]/'validation'
 FALSE_ALARMS = 1e-6     # of each comparison with noise
 ETA, F0 = 1.5, 0.7
 KT = 300*8.31446261815324e-3
@@ -21,8 +23,8 @@ CROSS = np.array([(0, 0, 0), (1.8, 0, 0), (-1.8, 0, 0), (0, 1.8, 0), (0, 0, 1.8)
 
 @pytest.fixture(scope='module')
 def run():
-    """examples/effective_viscosity/run.py as a module."""
-    sys.path[:0] = [str(EXAMPLES/'effective_viscosity'), str(EXAMPLES)]
+    """validation/accuracy/viscosity/run.py as a module."""
+    sys.path[:0] = [str(VALIDATION/'accuracy'/'viscosity'), str(VALIDATION/'common')]
     try:
         sys.modules.pop('run', None)
         import run as module
@@ -309,3 +311,21 @@ def test_amplitudes_that_are_none():
         analysis.viscosityFromAmplitudes(context, np.ones((12, 4))*unit.nanometer)
     with pytest.raises(ValueError, match='sampleFlowAmplitudes: steps: got 4; the number of steps must be at least 5'):
         analysis.sampleFlowAmplitudes(context, 4, 5)
+
+
+def test_two_schemes_of_rods_at_a_time(tmp_path):
+    """Each is what it is alone, and a longer run begins with the shorter one's samples."""
+    def rows(*options):
+        finished = subprocess.run([sys.executable, str(VALIDATION/'accuracy'/'viscosity'/'run.py'), '--brownian', '--output', str(tmp_path), *options], capture_output=True,
+                                  text=True, timeout=600)
+        assert finished.returncode == 0, finished.stdout + finished.stderr
+        return {row['scheme']: row['ratio_less_1'] for row in json.loads((tmp_path/'brownian.json').read_text())['rows']}
+
+    def samples():
+        with np.load(tmp_path/'work'/'brownian_TractionEulerMaruyama'/'state.npz') as file:
+            return file['rows']
+    together = rows('--steps', '60', '--jobs', '2', '--cluster', 'processes')
+    short = samples()
+    assert rows('--steps', '60', '--fresh', '--schemes', 'EulerMaruyama')['EulerMaruyama'] == together['EulerMaruyama']
+    rows('--steps', '80', '--schemes', 'TractionEulerMaruyama')
+    assert len(samples()) == 80 and np.array_equal(samples()[:60], short)

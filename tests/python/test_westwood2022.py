@@ -1,4 +1,4 @@
-"""examples/westwood2022: the sampler's energy is the Context's, its distribution that of quadrature and of another sampler; the script runs, shortened, and goes on."""
+"""validation/westwood2022: the sampler's energy is the Context's, its distribution that of quadrature and of another sampler; the script runs, shortened, and goes on."""
 import json
 import pathlib
 import subprocess
@@ -11,14 +11,14 @@ from openmmrigidhi import analysis
 from openmmrigidhi._quaternions import rotate
 from openmmrigidhi.accuracy.statistics import quantile
 
-FOLDER = pathlib.Path(__file__).resolve().parents[2]/'examples'/'westwood2022'
+FOLDER = pathlib.Path(__file__).resolve().parents[2]/'validation'/'westwood2022'
 FALSE_ALARMS = 7e-6     # of each comparison, as in test_gibbs_boltzmann.py
 
 
 @pytest.fixture(scope='module')
 def study():
     """The example's modules."""
-    sys.path[:0] = [str(FOLDER), str(FOLDER.parent)]
+    sys.path[:0] = [str(FOLDER), str(FOLDER.parent/'common')]
     try:
         import model
         import montecarlo
@@ -198,7 +198,7 @@ def run(folder, *arguments, name='rods.json'):
 
 
 def test_the_script(study, tmp_path):
-    """It runs, shortened, and --resume goes on with what is kept: longer chains, more runs, and what was there stays."""
+    """It runs, shortened, and again goes on with what is kept, two runs at a time: longer chains, more runs, and what was there stays."""
     first, text = run(tmp_path, '--quick')
     assert 'pair energy a rod' in text
     for name in ('rods_heights.png', 'rods_angles.png'):
@@ -210,12 +210,12 @@ def test_the_script(study, tmp_path):
         assert sum(found['y']['P']) == pytest.approx(1) and sum(found['theta']['P']) == pytest.approx(1)
     # Ten steps of tau/600 hardly move a rod: the runs stand where their starts stood, but not exactly.
     assert 0 < abs(moving['changes']['off']['mean']) < 0.3
-    kept = readAll(tmp_path/'kept'/'runs_L8_cutoff6.npz')
-    second, _ = run(tmp_path, '--quick', '--resume', '--long', '2')
+    kept = [readAll(tmp_path/'work'/f'runs_L8_cutoff6_{k}'/'state.npz') for k in (0, 1)]
+    second, _ = run(tmp_path, '--quick', '--long', '2', '--jobs', '2', '--cluster', 'processes')
     scene, = second['scenes']
     assert scene['monte_carlo']['sweeps'] == 60 and scene['dynamics'][0]['runs'] == 4
-    again = readAll(tmp_path/'kept'/'runs_L8_cutoff6.npz')
-    assert all(np.array_equal(kept[key], again[key]) for key in ('y0', 'theta0', 'R0', 'R1', 'means1'))
+    again = [readAll(tmp_path/'work'/f'runs_L8_cutoff6_{k}'/'state.npz') for k in (0, 1)]
+    assert all(np.array_equal(old[key], new[key]) for old, new in zip(kept, again) for key in ('y', 'theta', 'R', 'means'))
     # A rod's mobility towards a wall falls as it comes near.
     towards = np.array(first['own_mobilities']['L/8'])[:, 2]
     assert np.all(np.diff(towards) > 0) and towards[0] < 0.7*towards[-1]
@@ -223,7 +223,7 @@ def test_the_script(study, tmp_path):
     full, _ = run(tmp_path, '--full', '--widths', '8', '--steps', '2', name='rods_full.json')
     row, = full['rows']
     assert row['rods'] == 64 and row['side'] == pytest.approx(77.65) and 'on a grid' in row['fluid'] and row['steps'] == 2
-    alone = begunAt(study, tmp_path/'kept'/'mc_L8_cutoff6.npz')
+    alone = begunAt(study, tmp_path/'work'/'mc_L8_cutoff6'/'state.npz')
     assert row['means_before_and_after']['pairs'][0] == pytest.approx(alone, rel=1e-9)
 
 

@@ -36,7 +36,7 @@ public:
         /**
          * Rotne-Prager-Yamakawa with rotation, unequal radii, overlap allowed: translation, rotation and their coupling;
          * always positive definite. Pairwise: the error is O((a/r)^4) of the mobility (Wajnryb et al., J. Fluid Mech. 731,
-         * R3, 2013). Cost: quadratic in particles for each product.
+         * R3, 2013). Cost: quadratic in particles for each product; Periodic: as the box, on a grid, else dense.
          */
         RotnePragerYamakawa = 1,
         /**
@@ -68,7 +68,7 @@ public:
          * The periodic box of the Context, triclinic ones too, as it is at each step: particles feel all images of all others and of
          * themselves. The mean velocity of fluid and bodies is zero, and net forces are allowed: a uniform force density balances them.
          * RotnePragerYamakawa, StokesianDynamics and ForceCoupling, by lattice sums to 1e-13 of own mobilities and dense matrices: up to 12000
-         * rows (2000 spheres, 4000 blobs), StokesianDynamics up to 1000 spheres; ForceCoupling on a grid has no such limit, but boxes with edges along the axes. A body must be shorter than the shortest lattice vector.
+         * rows (2000 spheres, 4000 blobs), StokesianDynamics up to 1000 spheres; ForceCoupling and, of up to 8 radii, RotnePragerYamakawa on a grid have no such limit, but boxes with edges along the axes. A body must be shorter than the shortest lattice vector.
          */
         Periodic = 2,
         /**
@@ -200,9 +200,9 @@ public:
     /** Get the largest spacing of the nodes of a grid, nm; 0: as the solver tolerance wants. */
     double getGridSpacing() const { return gridSpacing; }
     /**
-     * Set the largest spacing of the nodes where a fluid is on a grid (ForceCoupling with the boundary Periodic, MatrixFree), nm; the grid has the next number
-     * of nodes without prime factors above 7. 0 (default): so that products have the solver tolerance. Another spacing means another
-     * tolerance of products, which CustomRigidHIIntegrator::describeEffects() says.
+     * Set the largest spacing of the nodes where a fluid is on a grid (Periodic or SlipChannel, MatrixFree), nm; the grid has the next number
+     * of nodes without prime factors above 7. 0 (default): so that products have the solver tolerance. Another spacing means, for ForceCoupling, another
+     * tolerance of products, which CustomRigidHIIntegrator::describeEffects() says; for RotnePragerYamakawa, more pairs or fewer at the same tolerance.
      *
      * @throws OpenMMException if negative or not finite
      */

@@ -43,7 +43,7 @@ bool Fluid::differencesIterate(const FluidGroup& group, const SchemeTraits& sche
         case Differenced::Products: return mobility.productsIterate();
         case Differenced::Solves: return mobility.solvesIterate();
         // The divergence of a random field takes no differences of roots.
-        case Differenced::Roots: return mobility.rootsIterate() && !mobility.slipsAreOfField();
+        case Differenced::Roots: return mobility.rootsIterate() && !mobility.divergenceIsOfField();
         case Differenced::Nothing: break;
     }
     return false;
@@ -89,7 +89,7 @@ map<string, string> Fluid::describeDrift(const SchemeTraits& scheme, double kT, 
     double smallest = 0, largest = 0;
     bool byFields = scheme.differenced == Differenced::Roots;
     for (const FluidGroup* group : drifts.differenced) {
-        byFields = byFields && group->overdamped.mobility->slipsAreOfField();
+        byFields = byFields && group->overdamped.mobility->divergenceIsOfField();
         const double step = differenceOf(*group, scheme, difference);
         smallest = smallest == 0 ? step : min(smallest, step);
         largest = max(largest, step);

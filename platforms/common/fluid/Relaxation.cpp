@@ -94,7 +94,11 @@ protected:
             columns.col(1) = sqrt(step.kT) * chi;
             functions.push_back(SpectralFunction::decayNoise(step.h));
         }
-        lanczos.apply(product(0), columns, functions, results, Lanczos::NormOfSum, product(tolerance));
+        // Of multiblobs a product is a solve, whose own products are rough where that serves.
+        const bool hasRough = mobility.getBodies().multipliesWithoutIterations() &&
+                              mobility.getBodies().getModel().hasRoughProducts();
+        lanczos.apply(product(0), columns, functions, results, Lanczos::NormOfSum,
+                      hasRough ? Lanczos::Product(product(MobilityAt::leastRoughTolerance)) : Lanczos::Product());
         if (!lanczos.isIncrement(0)) Z.setZero();
         for (int c = 0; c < results.cols(); c++) Z += results.col(c);
         iterations += lanczos.getNumIterations();

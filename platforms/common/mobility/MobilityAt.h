@@ -37,7 +37,7 @@ public:
     virtual ~MobilityAt() {}
     /** velocities = M forces; every column is a case of its own. @param velocities  resized and overwritten */
     virtual void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) = 0;
-    /** As apply(), right to `roughError` of the norm of M times that of the forces, where that takes less time. Default: apply(). */
+    /** As apply(), right to `roughError` of the norm of M times that of the forces: MobilityModel::hasRoughProducts(). Default: apply(). */
     virtual void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) { apply(forces, velocities); }
     /** The error of applyRoughly(), and the tolerances of iterations that can do with it. */
     static constexpr double roughError = 1e-6, leastRoughTolerance = 5e-5;

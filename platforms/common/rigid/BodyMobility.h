@@ -69,6 +69,15 @@ public:
     void solve(const MatrixXd& wrenches, MatrixXd& twists) { solve(wrenches, noSlips, twists); }
     /** U = N (F + K^T M^-1 s); as many columns of both, or no slips. */
     virtual void solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) = 0;
+    /** Keep the forces of blobs of a column of the last solve() for solveFromKept(). Default: nothing. */
+    virtual void keepForces(int column) {}
+    /**
+     * As solve() with one column, which begins at the forces kept last, turned with the bodies: for wrenches, slips and poses that are little different.
+     * Iterations only have something of it. Default: solve().
+     */
+    virtual void solveFromKept(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) {
+        solve(wrenches, slips, twists);
+    }
     /** lambda of the last solve(), with its columns. */
     virtual void getBlobForces(MatrixXd& lambda) = 0;
     /** slips = M lambda at poses a small displacement away, beside those set last. */
@@ -120,6 +129,8 @@ public:
     bool drawField(const NoiseStream& noise, uint32_t purpose, std::unique_ptr<RandomField>& field) const;
     /** Whether drawField() gives one. */
     bool slipsAreOfField() const { return !slipSpace.areOfBodies() && bodies.getModel().hasOwnRandomField(); }
+    /** Whether divergenceOf() knows that of such slips: the field is one flow. */
+    bool divergenceIsOfField() const { return slipsAreOfField() && bodies.getModel().fieldIsLocal(); }
     /** Slips of a field of the model's at the poses set last: one column of covariance M. */
     virtual void slipsOf(RandomField& field, MatrixXd& slips);
     /**

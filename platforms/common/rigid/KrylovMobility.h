@@ -27,6 +27,8 @@ public:
     bool rootsIterate() const override { return true; }
     using BodyMobility::solve;
     void solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) override;
+    void keepForces(int column) override;
+    void solveFromKept(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) override;
     void getBlobForces(MatrixXd& lambda) override;
     void multiplyNearby(const std::vector<Pose>& poses, const MatrixXd& lambda, MatrixXd& slips) override;
     bool wrenchNoiseIsOfBodies() const override { return false; }
@@ -50,6 +52,7 @@ protected:
     void endSolving() override;
 
 private:
+    void iterate(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists, bool fromGuess = false);
     void multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists, double toleranceOfProducts);
     void applyRoot(const SpectralFunction& f, const MatrixXd& W, MatrixXd& result);
     void forcesFromScaled(const MatrixXd& x, MatrixXd& forces);

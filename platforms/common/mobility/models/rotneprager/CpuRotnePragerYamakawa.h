@@ -4,6 +4,8 @@
 #include <functional>
 #include <optional>
 
+#include "mobility/models/rotneprager/PairSums.h"
+#include "mobility/models/rotneprager/PairTournament.h"
 #include "mobility/models/wall/NoSlipPlane.h"
 
 namespace RigidHIPlugin {
@@ -12,14 +14,14 @@ namespace RigidHIPlugin {
  * Rotne-Prager-Yamakawa mobility in unbounded fluid or above a no-slip wall, with SIMD and threads (formulas, reference, limits:
  * mobility/RotnePragerYamakawa-inl.h, mobility/RotnePragerYamakawaWall-inl.h; at the wall: mobility/NoSlipPlane.h).
  *
- * Velocities of several particles are summed in the lanes of a pack, over all sources in a fixed order, so nothing is
- * reduced over lanes or threads: results do not depend on the number of threads, nor on the width of packs where the
- * machine can multiply and add in one rounding (from AVX2 on). They agree with RotnePragerYamakawa and
- * RotnePragerYamakawaWall to rounding.
+ * Products take each pair once and both ways (PairSums.h), by chunks of 128 particles. Chunks meet in rounds in which each is in one pair
+ * (PairTournament.h), so that what pairs give to a particle is always added in the same order: results do not depend on the number of
+ * threads, nor on the width of packs where the machine can multiply and add in one rounding (from AVX2 on). They agree with
+ * RotnePragerYamakawa and RotnePragerYamakawaWall to rounding.
  *
- * Cost: n^2 pairs, one square root and one division each (above a wall two), shared by two columns at a time; packs in which a pair overlaps
- * take a slower way. Measured: benchmarks/README.md. Nothing is allocated after the first call of each method of a place if the number
- * of columns stays the same, unless threads are used.
+ * Cost: n^2/2 pairs, one square root and one division each (above a wall two), shared by two columns at a time; pairs near contact
+ * are done again in a slower way. Measured beside a plain loop over pairs: benchmarks/README.md. Nothing is allocated after the first call
+ * of each method of a place if the number of columns stays the same, unless threads are used.
  */
 class CpuRotnePragerYamakawa : public MobilityModel {
 public:
@@ -44,6 +46,7 @@ public:
         return wall ? wall->placeInFormulas(position, particles.radii[i]) : position;
     }
     bool isHomogeneous() const override { return !wall; }
+    bool hasRoughProducts() const override { return fitsSingle; }
     bool isIsotropic() const override { return !wall; }
     bool isDivergenceFree() const override { return !wall; }
     double rowsWorthIterations() const override { return 425; }
@@ -61,7 +64,14 @@ private:
     const std::optional<NoSlipPlane> wall;
     // Particles with torque come first, so that blocks of targets and ranges of sources are of one kind. Slots of targets
     // are padded to whole blocks for each kind; sources are not.
+    // Sums over pairs go by chunks of slots of one kind, in a number that follows from the particles alone.
+    static constexpr int chunkSize = 128;
     int numSpheres, numSphereBlocks, numBlocks;
+    std::vector<SlotRange> chunks;
+    static int numSlots(const SlotRange& range) {  // with padding
+        return (range.end - range.first + PairSumArrays::alignment - 1) / PairSumArrays::alignment *
+               PairSumArrays::alignment;
+    }
     std::vector<int> particleOfSource, slotOfSource;
     std::vector<int> rowOfSource, rowOfSlot;  // -1: padding
     std::vector<double> radius;               // of slots
@@ -87,18 +97,24 @@ protected:
     void moveTo(const Placement& placement, bool nearby) override;
 
 private:
+    static constexpr int maxColumns = 2;  // at once
     template <class Number>
-    void multiply(const Eigen::MatrixXd& forces, std::vector<Number>& buffer, Eigen::MatrixXd& velocities) const;
+    void multiply(const Eigen::MatrixXd& forces, std::vector<Number>& buffer, Eigen::MatrixXd& velocities);
+    void sumPairs(const PairSumArrays& arrays);
+    bool preparePlacesInSingle();  // whether floats can hold them
     template <class Task>
     void split(int count, double pairs, const Task& task) const;
     struct RotnePragerYamakawaArrays arrays(double* result) const;
 
     const CpuRotnePragerYamakawa& model;
-    std::vector<double> x, y, z;     // of slots
-    std::vector<double> weight;      // of slots: what velocities and forces are multiplied by, 1 without a wall
-    std::vector<double> sources;     // x, y, z, radius of each
-    std::vector<double> loads;       // forces and torques, source by source, of the columns being multiplied
-    std::vector<float> singleLoads;  // likewise
+    std::vector<double> x, y, z;  // of slots
+    std::vector<double> weight;   // of slots: what velocities and forces are multiplied by, 1 without a wall
+    std::vector<double> sources;  // x, y, z, radius of each
+    // Of slots, as PairSumArrays has them.
+    std::vector<double> loads, sums;
+    std::vector<float> singleLoads, singlePlaces;
+    bool placesFitSingle;
+    PairTournament tournament;
 };
 
 }  // namespace RigidHIPlugin

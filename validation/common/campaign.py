@@ -1,0 +1,175 @@
+"""The runs of a script, handed to openmmrigidhi.ensemble.tasks: options of the command line, and what is kept of each run.
+
+Every run has a directory of its own below --work. A run that is done leaves its result there, one that is not its state, so that the same command goes on
+where it was interrupted, here or on another worker.
+"""
+import json
+import os
+import pathlib
+import re
+import shutil
+import sys
+import time
+
+import numpy as np
+
+from openmmrigidhi.ensemble import tasks
+
+#: Seconds between two notes of a run.
+NOTES_EVERY = 60.0
+
+
+def addPlaces(parser):
+    """--jobs, --cluster: who makes the runs."""
+    group = parser.add_argument_group('who makes the runs')
+    group.add_argument('--jobs', type=int, default=1, help='runs at a time, in processes of this machine (%(default)s)')
+    group.add_argument('--cluster', metavar='ADDRESS', help='a scheduler of dask.distributed whose workers make the runs (docs/ensembles.md)')
+    return group
+
+
+def addOptions(parser):
+    """--jobs, --cluster, --work, --fresh; after parsing call settle()."""
+    group = addPlaces(parser)
+    group.add_argument('--work', type=pathlib.Path, help='where runs keep what they need to go on (the folder work in that of --output)')
+    group.add_argument('--fresh', action='store_true', help='begin all runs anew instead of going on with what --work has')
+
+
+def settle(args):
+    """Give --work its default, and make it a path that workers elsewhere find, too. Returns the arguments."""
+    args.work = (args.work or args.output/'work').resolve()
+    return args
+
+
+def directoryName(name):
+    """The name of a run as that of a directory."""
+    return re.sub(r'[^\w.+=-]+', '_', name)
+
+
+def run(function, arguments, names, args, amounts=None, unit='run', title='', finished=None, given=None):
+    """What function(argument, job) returns for each argument, as JSON has it: numbers, lists, dictionaries with str keys.
+
+    A result that is in the run's directory, of an equal argument, is taken from there.
+
+    Parameters
+    ----------
+    function : callable
+        of (argument, Job); both must be what pickle takes
+    arguments : sequence
+        what JSON takes, or functions, which are known by their names, or objects whose repr() says all that the result depends on
+    names : sequence of str
+    args : argparse.Namespace
+        with what addOptions() adds
+    amounts : sequence of float, optional
+        see tasks.run()
+    finished : callable, optional
+        called with the index of a run and its result, as they come
+    given : object, optional
+        what all runs need beside and the result depends on as on the script itself, e.g. an equilibrated scene: function's third argument
+
+    Raises
+    ------
+    SystemExit
+        at the end, if runs failed; the others' results are kept
+    """
+    arguments, names = list(arguments), [directoryName(name) for name in names]
+
+    if args.fresh:
+        for name in names:
+            shutil.rmtree(args.work/name, ignore_errors=True)
+
+    def end(outcome):
+        if outcome.failure is None and finished is not None:
+            finished(outcome.index, outcome.value)
+
+    outcomes = tasks.run(_perform, [(function, argument, given) for argument in arguments], args.jobs, args.cluster, names=names, directory=str(args.work),
+                         amounts=amounts, unit=unit, title=title, finished=end, quiet=getattr(args, 'silent', False) or getattr(args, 'quick', False))
+    failed = [outcome for outcome in outcomes if outcome.failure is not None]
+    for outcome in failed:
+        print(f'{outcome.name}: {outcome.failure.message}\n{outcome.failure.traceback}', file=sys.stderr)
+    if failed:
+        raise SystemExit(f'{len(failed)} of {len(outcomes)} runs failed ({", ".join(outcome.name for outcome in failed)}); the others are kept: '
+                         'the same command goes on with these')
+    return [outcome.value for outcome in outcomes]
+
+
+def _perform(task, job):
+    """The result of one run: the one that is there, or a new one."""
+    function, argument, given = task
+    path, settings = os.path.join(job.directory, 'result.json'), json.loads(json.dumps(asJson(argument)))
+    if os.path.exists(path):
+        with open(path) as file:
+            kept = json.load(file)
+        if kept['settings'] == settings:
+            return kept['result']
+    text = json.dumps({'settings': settings, 'result': asJson(function(argument, job) if given is None else function(argument, job, given))})
+    with open(path + '.part', 'w') as file:
+        file.write(text)
+    os.replace(path + '.part', path)
+    return json.loads(text)['result']
+
+
+def asJson(value):
+    """Arrays as lists, all digits kept."""
+    if isinstance(value, dict):
+        return {str(k): asJson(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [asJson(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, np.generic):
+        return value.item()
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    return value.__qualname__ if callable(value) else repr(value)
+
+
+class State:
+    """Arrays from which a run goes on, in one file of its directory that is replaced as a whole.
+
+    Parameters
+    ----------
+    place : tasks.Job, pathlib.Path or None
+        whose directory; None: nothing is kept
+    settings : object
+        whose repr() must be the same for a run to go on; how long it is to be is no part of it
+    """
+
+    def __init__(self, place, settings):
+        directory = getattr(place, 'directory', place)
+        self.path = None if directory is None else pathlib.Path(directory)/'state.npz'
+        self.settings, self.noted = repr(settings), time.monotonic()
+
+    def load(self):
+        """What was saved, name -> array; empty if nothing was.
+
+        Raises
+        ------
+        ValueError
+            if it belongs to other settings
+        """
+        if self.path is None or not self.path.exists():
+            return {}
+        with np.load(self.path) as file:
+            found = dict(file)
+        if str(found.pop('settings')) != self.settings:
+            raise ValueError(f'{self.path}: this run was begun with other settings than those asked for; it cannot go on with these: give another --work, or '
+                             '--fresh to begin all anew')
+        return found
+
+    def isDue(self):
+        """Whether the last save is so long ago that another one is worth its time."""
+        return self.path is not None and time.monotonic() - self.noted > NOTES_EVERY
+
+    def save(self, **arrays):
+        if self.path is None:
+            return
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        part = self.path.with_name('part.npz')
+        np.savez_compressed(part, settings=self.settings, **arrays)
+        part.replace(self.path)
+        self.noted = time.monotonic()
+
+
+def checkpoint(context):
+    """A Context's checkpoint as an array."""
+    return np.frombuffer(context.createCheckpoint(), dtype=np.uint8)
