@@ -21,8 +21,12 @@ KrylovMobility::KrylovMobility(const CoupledBodies& bodies, double tolerance)
     }
 }
 
-void KrylovMobility::setTolerance(double relative, bool exactProducts) {
+void KrylovMobility::setTolerance(double relative, bool exactProducts, bool exactSolves) {
+    // The tolerance is in the norm of the friction there, in which errors of products were up to a hundred times as large.
+    const double part = 0.01;
     toleranceOfProducts = exactProducts ? 0 : relative;
+    errorOfSolves =
+        exactSolves || bodies.getModel().describeFastProducts(part * relative).empty() ? 0 : part * relative;
     if (relative == tolerance) return;
     tolerance = relative;
     lanczos.reset();
@@ -47,7 +51,7 @@ MultiblobSolver& KrylovMobility::solverAt(const BodiesAt& at) {
     return *solver;
 }
 
-void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists, double ofProducts) {
+void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists, double errorOfProducts) {
     const Solving timed(*this);
     const OwnTensors& own = bodies.getOwnTensors();
     const MatrixXd* forces = &wrenches;
@@ -57,7 +61,7 @@ void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd
         forces = &scratch;
     }
     if (spheres) {
-        at.particles().applyFor(ofProducts, *forces, twists);
+        at.particles().applyWithin(errorOfProducts, *forces, twists);
         costs.products += wrenches.cols();
     } else {
         const int iterations = solverAt(at).apply(at.particles(), *forces, tolerance, twists);
@@ -76,7 +80,7 @@ void KrylovMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, Matr
         costs.products += (iterations + 1) * wrenches.cols();
         return;
     }
-    multiply(wrenches, twists);
+    multiply(wrenches, twists, errorOfSolves);
     wrenchesOfSolve = wrenches;
     if (slips.size() > 0) twists += slips;
 }
