@@ -75,7 +75,6 @@ private:
     void shareLocal(int cell, int columns);
     const Eigen::MatrixXd& shiftOf(const ClusterTree::Cell& child);
     void inParts(const std::vector<double>& costs, const std::function<void(int, int)>& task) const;
-    std::vector<double> costsOfTargets() const;
 
     const HydrodynamicParticles& particles;
     const bool hasWall;
