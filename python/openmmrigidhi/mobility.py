@@ -336,6 +336,25 @@ class MobilityForce(_copies.Copies, _Base):
         """
         super().setGridSpacing(self._number(spacing, _units.LENGTH, 'setGridSpacing', 'spacing'))
 
+    def getFastSummation(self):
+        """Get whether products with the mobility of many particles may be done by multipoles."""
+        return super().getFastSummation()
+
+    def setFastSummation(self, enabled):
+        """Set whether products with the mobility of many particles may be done by multipoles (default True).
+
+        For RotnePragerYamakawa, Unbounded or NoSlipWall, MatrixFree, on all platforms but Reference.
+
+        Parameters
+        ----------
+        enabled : bool
+            True: products that a tolerance is good enough for take a time that grows little faster than the number of particles: answers of
+            :meth:`applyMobilityInContext` for spheres, to the solver tolerance from 1e-6 on, and products of iterations whose tolerance is
+            5e-5 or more, to 1e-6. From how many particles on follows from the tolerance alone, and ``CustomRigidHIIntegrator.getEffects``
+            says it. False: all products are sums over all pairs
+        """
+        super().setFastSummation(_units.boolean(enabled, _where('setFastSummation'), 'enabled'))
+
     # ---- Driven flows ------------------------------------------------------------------------------------------------
 
     def getBackgroundFlow(self):
@@ -502,7 +521,8 @@ class MobilityForce(_copies.Copies, _Base):
     def applyMobilityInContext(self, context, wrenches):
         """Get the velocities that forces and torques on the bodies would give without inertia.
 
-        Dense or matrix-free as :meth:`setSolver` says; of spheres always a product, without a matrix and to rounding.
+        Dense or matrix-free as :meth:`setSolver` says; of spheres always a product, without a matrix:
+        to rounding, or where :meth:`setFastSummation` has it to the solver tolerance.
 
         Parameters
         ----------

@@ -104,6 +104,7 @@ WITHOUT_UNIT = {'CustomRigidHIIntegrator': {
     'getSphereWallMobility': 'a constant',
     'getSolver': 'a constant',
     'getLubrication': 'a truth value',
+    'getFastSummation': 'a truth value',
     'getMinimumGap': 'relative to radii',
     'getSolverTolerance': 'relative',
     'getBodyHasOwnTensor': 'a truth value',

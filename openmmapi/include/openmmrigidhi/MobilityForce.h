@@ -207,6 +207,16 @@ public:
      * @throws OpenMMException if negative or not finite
      */
     void setGridSpacing(double spacing);
+    /** Get whether products with the mobility of many particles may be done by multipoles. */
+    bool getFastSummation() const { return fastSummation; }
+    /**
+     * Set whether products with the mobility of many particles may be done by multipoles (default true): RotnePragerYamakawa, Unbounded or
+     * NoSlipWall, on platforms that have it (all but Reference), MatrixFree. Then products that a tolerance is good enough for take a time that grows
+     * little faster than the number of particles: answers of applyMobilityInContext() for spheres, to the solver tolerance from 1e-6 on, and those
+     * of iterations whose tolerance is 5e-5 or more, to 1e-6. The numbers of particles from which it is done follow from the tolerance
+     * alone; CustomRigidHIIntegrator::getEffects() says it. Other products are sums over all pairs, to rounding, and all are if this is false.
+     */
+    void setFastSummation(bool enabled) { fastSummation = enabled; }
 
     /** Get the flow that setBackgroundFlow() has set: nm/ps, and 9 numbers dv_a/dx_b in rows a, 1/ps. */
     void getBackgroundFlow(OpenMM::Vec3& velocity, std::vector<double>& gradient) const {
@@ -301,7 +311,8 @@ public:
     std::vector<double> getFrictionInContext(OpenMM::Context& context) const;
     /**
      * Get the velocities that forces and torques on the bodies would give without inertia: mobility times wrenches. Dense or
-     * matrix-free as setSolver() says; of spheres always a product, without a matrix and to rounding.
+     * matrix-free as setSolver() says; of spheres always a product, without a matrix: to rounding, or where
+     * setFastSummation() has it to the solver tolerance.
      *
      * @param wrenches  6 numbers per body, Fx Fy Fz Tx Ty Tz about the body's origin, lab frame
      * @return 6 numbers per body, Vx Vy Vz Wx Wy Wz
@@ -371,7 +382,7 @@ private:
     Boundary boundary;
     SphereWallMobility sphereWallMobility;
     Solver solver;
-    bool lubrication;
+    bool lubrication, fastSummation = true;
     double forceDensity = 0;
     int forceAxis = 0, waveAxis = 1, waveVectorIndex = 1;
     OpenMM::Vec3 flowVelocity;

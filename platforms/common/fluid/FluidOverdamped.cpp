@@ -52,8 +52,9 @@ bool Fluid::differencesIterate(const FluidGroup& group, const SchemeTraits& sche
 /** Of what iterates in a step with this finite-difference step. */
 void Fluid::setTolerance(FluidGroup& group, const SchemeTraits& scheme, double difference) const {
     const bool iterate = differencesIterate(group, scheme);
+    const bool isDifferenced = !group.overdamped.move->driftIsKnown() && scheme.differenced != Differenced::Nothing;
     group.overdamped.mobility->setTolerance(force.getSolverTolerance() * (iterate ? toleranceOfDifferences : 1),
-                                            iterate && difference < largestDifference);
+                                            iterate && difference < largestDifference, isDifferenced);
 }
 
 /** The finite-difference step: as set, or by the errors of what is differenced. */

@@ -83,7 +83,7 @@ protected:
         const auto product = [&](double toleranceOfProducts) {
             return [&, toleranceOfProducts](const MatrixXd& x, MatrixXd& y) {
                 scaling.wrenches(x, mobility, step.bodies, step.freeParticles, wrenches);
-                mobility.multiply(wrenches, twists, toleranceOfProducts);
+                mobility.multiply(wrenches, twists, MobilityAt::errorFor(toleranceOfProducts));
                 scaling.scaled(twists, mobility, step.bodies, step.freeParticles, y);
             };
         };

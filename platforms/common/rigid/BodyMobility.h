@@ -52,9 +52,10 @@ public:
     const Eigen::Matrix3d& getTurn(int element) const { return getTurns()[element]; }
     /**
      * Of what iterates, relative. Exact products: as small finite differences of what iterates want them, which would magnify
-     * rounding of single precision; else as MobilityAt::applyFor().
+     * rounding of single precision; else as MobilityAt::applyFor(). Exact solves: where nothing iterates, products are exact in solve(), as
+     * differences of it want them; else they are right to a part of the tolerance.
      */
-    virtual void setTolerance(double relative, bool exactProducts = false) {}
+    virtual void setTolerance(double relative, bool exactProducts = false, bool exactSolves = true) {}
     /** Whether these iterate, and so are right to the tolerance only: multiplyNearby(), solve(), the thermal vectors. */
     virtual bool productsIterate() const { return false; }
     virtual bool solvesIterate() const { return false; }
@@ -163,9 +164,9 @@ public:
     /**
      * twists = N wrenches, as products in a caller's own iteration and users want them: no forces of blobs.
      *
-     * @param toleranceOfProducts  as of MobilityAt::applyFor(), for those that are not iterated upon here; 0: exact
+     * @param errorOfProducts  as of MobilityAt::applyWithin(), for those that are not iterated upon here; 0: exact
      */
-    virtual void multiply(const MatrixXd& wrenches, MatrixXd& twists, double toleranceOfProducts = 0) = 0;
+    virtual void multiply(const MatrixXd& wrenches, MatrixXd& twists, double errorOfProducts = 0) = 0;
     /**
      * velocities = M forces of the elements' particles at the poses set last, as if each were free: three rows for each particle of the
      * System, of which those of these particles are read and written. Spheres take no torque; own tensors have no part in it.

@@ -21,8 +21,12 @@ KrylovMobility::KrylovMobility(const CoupledBodies& bodies, double tolerance)
     }
 }
 
-void KrylovMobility::setTolerance(double relative, bool exactProducts) {
+void KrylovMobility::setTolerance(double relative, bool exactProducts, bool exactSolves) {
+    // The tolerance is in the norm of the friction there, in which errors of products were up to a hundred times as large.
+    const double part = 0.01;
     toleranceOfProducts = exactProducts ? 0 : relative;
+    errorOfSolves =
+        exactSolves || bodies.getModel().describeFastProducts(part * relative).empty() ? 0 : part * relative;
     if (relative == tolerance) return;
     tolerance = relative;
     lanczos.reset();
@@ -47,7 +51,7 @@ MultiblobSolver& KrylovMobility::solverAt(const BodiesAt& at) {
     return *solver;
 }
 
-void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists, double ofProducts) {
+void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists, double errorOfProducts) {
     const Solving timed(*this);
     const OwnTensors& own = bodies.getOwnTensors();
     const MatrixXd* forces = &wrenches;
@@ -57,7 +61,7 @@ void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd
         forces = &scratch;
     }
     if (spheres) {
-        at.particles().applyFor(ofProducts, *forces, twists);
+        at.particles().applyWithin(errorOfProducts, *forces, twists);
         costs.products += wrenches.cols();
     } else {
         const bool exactProducts = toleranceOfProducts == 0;
@@ -82,7 +86,7 @@ void KrylovMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, Matr
         iterate(wrenches, slips, twists);
         return;
     }
-    multiply(wrenches, twists);
+    multiply(wrenches, twists, errorOfSolves);
     wrenchesOfSolve = wrenches;
     if (slips.size() > 0) twists += slips;
 }

@@ -172,8 +172,9 @@ namespace RigidHIPlugin {
 HWY_EXPORT(fillMatrix);
 
 CpuRotnePragerYamakawa::CpuRotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity,
-                                               ForRanges forRanges, const std::optional<NoSlipPlane>& wall)
-    : MobilityModel(particles, viscosity), forRanges(forRanges), wall(wall) {
+                                               ForRanges forRanges, const std::optional<NoSlipPlane>& wall,
+                                               bool fastSums)
+    : MobilityModel(particles, viscosity), forRanges(forRanges), wall(wall), fastSums(fastSums) {
     const int blockSize = RotnePragerYamakawaArrays::blockSize;
     for (bool spheres : {true, false}) {
         for (int i = 0; i < particles.size(); i++) {
@@ -210,6 +211,11 @@ void CpuRotnePragerYamakawa::ownMobility(const HydrodynamicParticles& body, cons
     CpuRotnePragerYamakawa(body, viscosity, forRanges).at({sites})->dense(mobility);
 }
 
+std::string CpuRotnePragerYamakawa::describeFastProducts(double error) const {
+    const FastSum::Accuracy* accuracy = fastSums ? FastSum::choose(error, particles.size(), wall.has_value()) : nullptr;
+    return accuracy ? "by multipoles of order " + std::to_string(accuracy->order) : std::string();
+}
+
 std::unique_ptr<MobilityAt> CpuRotnePragerYamakawa::makePlace() const {
     return std::unique_ptr<MobilityAt>(new CpuRotnePragerYamakawaAt(*this));
 }
@@ -238,6 +244,7 @@ void CpuRotnePragerYamakawaAt::moveTo(const Placement& placement, bool nearby) {
         y[slot] = r[1];
         z[slot] = r[2];
     }
+    for (auto& each : fast) each.second.isHere = false;
 }
 
 RotnePragerYamakawaArrays CpuRotnePragerYamakawaAt::arrays(double* result) const {
@@ -351,6 +358,32 @@ void CpuRotnePragerYamakawaAt::sumPairs(const PairSumArrays& arrays) {
                       });
                   });
           });
+}
+
+void CpuRotnePragerYamakawaAt::applyWithin(double error, const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
+    const FastSum::Accuracy* accuracy =
+        model.fastSums ? FastSum::choose(error, particles.size(), model.wall.has_value()) : nullptr;
+    const auto isFinite = [](const std::vector<double>& v) {
+        return Eigen::Map<const Eigen::VectorXd>(v.data(), v.size()).allFinite();
+    };
+    if (!accuracy || !isFinite(sources)) {
+        MobilityAt::applyWithin(error, forces, velocities);
+        return;
+    }
+    Fast& own = fast[accuracy->order];
+    if (!own.sum) own.sum.reset(new FastSum(particles, model.wall.has_value(), *accuracy, model.forRanges));
+    if (!own.isHere) {
+        std::vector<OpenMM::Vec3> positions(particles.size());
+        std::vector<double> weights(particles.size());
+        for (int j = 0; j < particles.size(); j++) {
+            const int p = model.particleOfSource[j];
+            positions[p] = OpenMM::Vec3(sources[4 * j], sources[4 * j + 1], sources[4 * j + 2]);
+            weights[p] = weight[model.slotOfSource[j]];
+        }
+        own.sum->moveTo(positions, weights);
+        own.isHere = true;
+    }
+    own.sum->apply(forces, 1 / (8 * M_PI * viscosity), velocities);
 }
 
 template <class Number>

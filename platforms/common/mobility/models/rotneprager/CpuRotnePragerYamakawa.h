@@ -2,8 +2,10 @@
 #define RIGIDHI_CPU_ROTNE_PRAGER_YAMAKAWA_H_
 
 #include <functional>
+#include <map>
 #include <optional>
 
+#include "mobility/fastsum/FastSum.h"
 #include "mobility/models/rotneprager/PairSums.h"
 #include "mobility/models/rotneprager/PairTournament.h"
 #include "mobility/models/wall/NoSlipPlane.h"
@@ -31,9 +33,10 @@ public:
     /**
      * @param forRanges  called only for work that pays for waking threads; it should divide any count. Empty: no threads.
      * @param wall       if there is one
+     * @param fastSums   whether products that need not be exact are done by FastSum where that takes less time
      */
     CpuRotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity, ForRanges forRanges = {},
-                           const std::optional<NoSlipPlane>& wall = {});
+                           const std::optional<NoSlipPlane>& wall = {}, bool fastSums = true);
     const char* name() const override { return "RotnePragerYamakawa"; }
     bool acceptsNearby(const Placement& placement) const override {
         return !wall || wall->acceptsNearby(particles, placement.positions);
@@ -52,6 +55,8 @@ public:
     double rowsWorthIterations() const override { return 425; }
     void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
                      Eigen::MatrixXd& mobility) const override;
+
+    std::string describeFastProducts(double error) const override;
 
 protected:
     std::unique_ptr<MobilityAt> makePlace() const override;
@@ -76,6 +81,7 @@ private:
     std::vector<int> rowOfSource, rowOfSlot;  // -1: padding
     std::vector<double> radius;               // of slots
     bool fitsSingle;
+    const bool fastSums;
 };
 
 /** It at a placement. */
@@ -89,6 +95,8 @@ public:
      * on the width of packs.
      */
     void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
+    /** By a FastSum where there are so many particles that this takes less time: FastSum::choose(). Not for differences of products. */
+    void applyWithin(double error, const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
     void dense(Eigen::MatrixXd& mobility) override;
     void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points, double factor,
                    Velocities& velocities) override;
@@ -115,6 +123,11 @@ private:
     std::vector<float> singleLoads, singlePlaces;
     bool placesFitSingle;
     PairTournament tournament;
+    struct Fast {
+        std::unique_ptr<FastSum> sum;
+        bool isHere = false;  // whether it knows of this placement
+    };
+    std::map<int, Fast> fast;  // by orders, made when first needed
 };
 
 }  // namespace RigidHIPlugin
