@@ -16,7 +16,7 @@ SOURCES = $(shell git ls-files --cached --others --exclude-standard '*.h' '*.cpp
 PYTEST = -m pytest --numprocesses $(JOBS) --dist loadfile
 PYTHONPATH_BUILD = PYTHONPATH="$(CURDIR)/$(BUILD)/python$${PYTHONPATH:+:$$PYTHONPATH}"
 
-.PHONY: help deps configure build demo test test-cpp test-python test-full install sanitize tsan lint recipes deb format docs benchmark clean
+.PHONY: help deps configure build demo test test-cpp test-python test-full install sanitize tsan lint recipes deb format docs site benchmark clean
 
 help:
 	@echo "make build              release build; importable package in $(BUILD)/python"
@@ -31,6 +31,7 @@ help:
 	@echo "make recipes            follow the recipes of CONTRIBUTING.md in a copy, and test what they make"
 	@echo "make format             clang-format all C++ files"
 	@echo "make docs               C++ reference by Doxygen into $(BUILD)/docs"
+	@echo "make site               the site, all pages with search and references, into $(BUILD)/site/html (site/packages-debian.txt)"
 	@echo "make benchmark          C++ benchmarks"
 	@echo "make deps               only install the Debian packages that are missing (packages-debian.txt)"
 	@echo "make clean              remove all build directories"
@@ -103,6 +104,10 @@ docs: deps
 	@mkdir -p $(BUILD)/docs
 	doxygen Doxyfile
 	@echo 'Written: $(BUILD)/docs/html/index.html'
+
+site: build
+	@tools/install-packages.sh site/packages-debian.txt
+	$(PYTHONPATH_BUILD) $(PYTHON) site/build.py $(BUILD)/site
 
 benchmark: configure
 	cmake --preset release -DRIGIDHI_BUILD_BENCHMARKS=ON

@@ -11,6 +11,7 @@
 #include <random>
 #include <string>
 
+#include "PlainPairs.h"
 #include "hwy/targets.h"
 #include "linearalgebra/Lanczos.h"
 #include "mobility/models/rotneprager/CpuRotnePragerYamakawa.h"
@@ -120,6 +121,87 @@ PRODUCT(SpheresAtWall, best)
 PRODUCT(BlobsAtWall, best)->ArgNames({"n", "columns", "threads"})->Args({1000, 2, 1});
 PRODUCT(Spheres, AVX2)->ArgNames({"n", "columns", "threads"})->Args({1000, 2, 1})->Args({10000, 2, 2});
 PRODUCT(Spheres, SSE4)->ArgNames({"n", "columns", "threads"})->Args({1000, 2, 1});
+
+/** The yardstick: PlainPairs.h. Above a wall the same scenes, but that it does not see what a sphere does to itself. */
+void plainProduct(benchmark::State& state, Kind kind, int64_t target) {
+    const int n = state.range(0), columns = state.range(1), threads = state.range(2);
+    state.SetLabel(restrictTo(target));
+    ThreadPool pool(threads);
+    const Scene scene(n, kind);
+    PlainPairs pairs;
+    for (const Vec3& r : scene.positions) {
+        pairs.x.push_back(r[0]);
+        pairs.y.push_back(r[1]);
+        pairs.z.push_back(r[2] - (scene.wall ? scene.wall->getHeight() : 0));
+    }
+    const int room = n + 16;
+    for (auto* v : {&pairs.x, &pairs.y, &pairs.z}) v->resize(room);
+    pairs.count = n;
+    pairs.radius = 1;
+    pairs.hasWall = scene.wall.has_value();
+    pairs.torques = scene.particles.hasTorque[0];
+    pairs.columns = columns;
+    const int rows = (pairs.torques ? 6 : 3) * columns;
+    pairs.loads.assign(rows, std::vector<double>(room, 1));
+    std::vector<std::vector<std::vector<double>>> parts(threads);
+    for (auto _ : state) {
+        const auto task = [&](int thread) {
+            parts[thread].assign(rows, std::vector<double>(room));
+            addPlainPairs(pairs, thread, threads, parts[thread]);
+        };
+        if (threads == 1)
+            task(0);
+        else {
+            pool.execute([&](ThreadPool&, int thread) { task(thread); });
+            pool.waitForThreads();
+        }
+        for (int thread = 1; thread < threads; thread++)
+            for (int row = 0; row < rows; row++)
+                for (int i = 0; i < n; i++) parts[0][row][i] += parts[thread][row][i];
+        benchmark::DoNotOptimize(parts.data());
+        benchmark::ClobberMemory();
+    }
+    finish(state, n);
+}
+void roughProduct(benchmark::State& state, Kind kind, int64_t target) {
+    const int n = state.range(0), columns = state.range(1), threads = state.range(2);
+    state.SetLabel(restrictTo(target));
+    ThreadPool pool(threads);
+    const Scene scene(n, kind);
+    const CpuRotnePragerYamakawa model =
+        scene.mobility(threads > 1 ? onThreads(pool) : CpuRotnePragerYamakawa::ForRanges());
+    const auto M = model.at({scene.positions});
+    const Eigen::MatrixXd forces = Eigen::MatrixXd::Random(scene.particles.numRows, columns);
+    Eigen::MatrixXd velocities;
+    for (auto _ : state) {
+        M->applyRoughly(forces, velocities);
+        benchmark::DoNotOptimize(velocities.data());
+        benchmark::ClobberMemory();
+    }
+    finish(state, n);
+}
+
+/** Products, rough ones and the yardstick; products.py takes ratios. The process's CPU time counts all threads. */
+#define BESIDE(function, kind, target)                         \
+    BENCHMARK_CAPTURE(function, kind##_##target, kind, target) \
+        ->Name("beside/" #function "/" #kind "_" #target)      \
+        ->Unit(benchmark::kMillisecond)                        \
+        ->MeasureProcessCPUTime()                              \
+        ->UseRealTime()                                        \
+        ->ArgNames({"n", "columns", "threads"})                \
+        ->ArgsProduct({{1000, 10000}, {1, 2}, {1, 2}})
+#define PLAIN(kind, target)             \
+    BESIDE(plainProduct, kind, target); \
+    BESIDE(product, kind, target);      \
+    BESIDE(roughProduct, kind, target)
+PLAIN(Blobs, AVX2);
+PLAIN(Blobs, best);
+PLAIN(Spheres, AVX2);
+PLAIN(Spheres, best);
+PLAIN(BlobsAtWall, AVX2);
+PLAIN(BlobsAtWall, best);
+PLAIN(SpheresAtWall, AVX2);
+PLAIN(SpheresAtWall, best);
 
 void scalarProduct(benchmark::State& state) {
     const Scene scene(state.range(0), Spheres);

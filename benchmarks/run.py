@@ -18,7 +18,7 @@ from common import RESULTS, describeMachine, save
 HERE = pathlib.Path(__file__).parent
 PROGRAMS = {'BenchmarkFreeBodies': 'free_bodies', 'BenchmarkRandomNumbers': 'random_numbers', 'BenchmarkPoseFit': 'pose_fit',
             'BenchmarkRotnePragerYamakawa': 'rotne_prager_yamakawa', 'BenchmarkGridFluid': 'grid_fluid',
-            'BenchmarkSlipChannel': 'slip_channel'}
+            'BenchmarkSlipChannel': 'slip_channel', 'BenchmarkFastSum': 'fast_sum'}
 SCRIPTS = (['water_step.py'], ['water_step.py', '--no-cm-motion-removal'], ['water_step.py', '--threads', '1'],
            ['lammps_compare.py'], ['langevin_hi.py'], ['overdamped.py'], ['effects.py'], ['grid_steps.py'], ['channel_steps.py'])
 
@@ -39,6 +39,7 @@ def runProgram(program, repetitions, output, name):
         key = run['run_name'] + (' ' + run['label'] if 'label' in run else '')
         values = {counter: 1e9*run[counter] for counter in run if counter.startswith(('time_per', 'own_time_per'))} \
             or {'time': run['cpu_time']}
+        values.update({counter: run[counter] for counter in ('error', 'megabytes') if counter in run})
         suffix = '' if run['aggregate_name'] == 'median' else ' (standard deviation)'
         rows.setdefault(key, {}).update({counter + suffix: float(f'{value:.4g}') for counter, value in values.items()})
     save(output, name + '.json', machine, {'unit': 'ns', 'repetitions': repetitions, 'medians': rows})

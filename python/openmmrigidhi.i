@@ -383,6 +383,8 @@ public:
     void setSolverTolerance(double tolerance);
     double getGridSpacing() const;
     void setGridSpacing(double spacing);
+    bool getFastSummation() const;
+    void setFastSummation(bool enabled);
     void getBackgroundFlow(OpenMM::Vec3& velocity, std::vector<double>& gradient) const;
     void setBackgroundFlow(const OpenMM::Vec3& velocity, const std::vector<double>& gradient);
     void getSinusoidalForceDensity(double& f0, int& forceAxis, int& waveAxis, int& waveVectorIndex) const;

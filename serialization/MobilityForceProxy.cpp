@@ -53,6 +53,7 @@ void MobilityForceProxy::serialize(const void* object, SerializationNode& node) 
     node.setStringProperty("solver", nameOf(solvers, force.getSolver()));
     node.setDoubleProperty("solverTolerance", force.getSolverTolerance());
     node.setDoubleProperty("gridSpacing", force.getGridSpacing());
+    node.setBoolProperty("fastSummation", force.getFastSummation());
     double f0;
     int forceAxis, waveAxis, index;
     force.getSinusoidalForceDensity(f0, forceAxis, waveAxis, index);
@@ -108,6 +109,8 @@ void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
     force->setSolverTolerance(node.number("solverTolerance"));
     // Nor are grids.
     if (node.has("gridSpacing")) force->setGridSpacing(node.number("gridSpacing"));
+    // Nor are fast sums.
+    if (node.has("fastSummation")) force->setFastSummation(node.boolean("fastSummation"));
     // Nor are driven flows.
     if (node.has("flows")) {
         const StrictNode wave = node.child("SinusoidalForceDensity");

@@ -22,8 +22,12 @@ mkdir -p "$where" "$(dirname "$report")"
 
 say() { echo "$*" | tee -a "$log" >> "$report.new"; echo "$*"; }
 
+release_mounts() { # directory
+    for each in "$1/proc" "$1/sys" "$1/ccache"; do if mountpoint -q "$each"; then umount "$each"; fi; done
+}
+
 fresh() { # directory
-    if mountpoint -q "$1/proc"; then umount "$1/proc"; fi
+    release_mounts "$1"
     rm -rf --one-file-system "$1"
     if [ ! -d "$where/$suite" ]; then
         debootstrap --variant=minbase "$suite" "$where/$suite.new" "$mirror" >> "$log" 2>&1
@@ -32,6 +36,8 @@ fresh() { # directory
     fi
     cp -a "$where/$suite" "$1"
     mount -t proc proc "$1/proc"
+    # Without it pocl 6 finds no memory, and ends the process that asks for an OpenCL device.
+    mount -t sysfs -o ro sysfs "$1/sys"
 }
 
 inside() { # directory, command
@@ -43,17 +49,17 @@ failed=0
 step() { # name, directory, command: a line of the summary, with the last lines of what a failure said
     began=$(date +%s)
     echo "==== $1" >> "$log"
-    if inside "$2" "cd /source 2>/dev/null; $3" > "$where/step.log" 2>&1 </dev/null; then outcome=passed; else outcome=FAILED; failed=1; fi
-    cat "$where/step.log" >> "$log"
-    say "$1: $outcome, $(($(date +%s) - began)) s$(grep -hoE '^(100% tests passed.*|[0-9]+% tests passed.*|=* ?[0-9]+ (passed|failed).*)' "$where/step.log" | tail -2 | sed 's/=//g' | paste -sd ';' | sed 's/^/; /')"
-    [ $outcome = passed ] || tail -40 "$where/step.log"
+    if inside "$2" "cd /source 2>/dev/null; $3" > "$where/$release-step.log" 2>&1 </dev/null; then outcome=passed; else outcome=FAILED; failed=1; fi
+    cat "$where/$release-step.log" >> "$log"
+    say "$1: $outcome, $(($(date +%s) - began)) s$(grep -hoE '^(100% tests passed.*|[0-9]+% tests passed.*|=* ?[0-9]+ (passed|failed).*)' "$where/$release-step.log" | tail -2 | sed 's/=//g' | paste -sd ';' | sed 's/^/; /')"
+    [ $outcome = passed ] || tail -40 "$where/$release-step.log"
 }
 
 rm -f "$report.new"
 say "Debian $release ($suite), made by debootstrap; tools/test-debian.sh $release; $(date -u +%Y-%m-%d)"
 one=$where/$release-build
 fresh "$one"
-trap 'for each in "$one" "$where/$release-packages"; do if mountpoint -q "$each/proc"; then umount "$each/proc"; fi; if mountpoint -q "$each/ccache"; then umount "$each/ccache"; fi; done' EXIT
+trap 'release_mounts "$one"; release_mounts "$where/$release-packages"' EXIT
 if [ -n "${CCACHE_DIR:-}" ]; then mkdir -p "$one/ccache"; mount --bind "$CCACHE_DIR" "$one/ccache"; fi
 git clone -q --no-hardlinks . "$one/source"
 say "commit $(git rev-parse --short HEAD)"

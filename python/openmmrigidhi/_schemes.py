@@ -1,4 +1,4 @@
-"""The table of schemes, as the library has it: the enumeration, docstrings and the table of the user guide are made from it."""
+"""The table of schemes, as the library has it: the enumeration, docstrings and the tables of the pages are made from it."""
 import enum
 import textwrap
 from typing import NamedTuple
@@ -33,27 +33,70 @@ class _TableEnum(enum.IntEnum):
 
 
 Scheme = _TableEnum('Scheme', {traits.name: traits.number for traits in TABLE}, module='openmmrigidhi.integrator')
-Scheme.__doc__ = 'The time-stepping schemes; also class attributes of CustomRigidHIIntegrator. Each has its ``traits``.'
+Scheme.__doc__ = """The time-stepping schemes, which setScheme() takes; also class attributes of CustomRigidHIIntegrator.
+
+LangevinA, LangevinB and LangevinC (the default) are thermostats of bodies with momenta; LangevinHI is LangevinC in a fluid that a MobilityForce
+describes; GradientThermostat has neither momenta nor a fluid. All others are Brownian dynamics in a fluid, without momenta: they differ in how they
+make the stochastic drift, in cost and in their error at finite steps.
+
+Each has its ``traits`` (orders, force evaluations and so on) and its docstring, and a page with equations, cost and limits:
+docs/schemes/README.md says which to take for which scene.
+"""
+
+
+def page(name, folder='docs/schemes/'):
+    """The page of a scheme."""
+    return f'{folder}{name}.md'
+
+
+def facts(traits):
+    """What a scheme has, needs and costs, in one sentence; the pages have it, too."""
+    cold = f', and order {traits.coldOrder} at T = 0' if traits.coldOrder != traits.weakOrder else ''
+    forces = f'{traits.forces} force evaluation{"s" if traits.forces > 1 else ""} a step'
+    return (f'{"With" if traits.hasMomenta else "Without"} momenta, {"in a fluid" if traits.needsFluid else "without a fluid"}; '
+            f'weak order {traits.weakOrder}{cold}; {forces}.')
+
+
+#: What is integrated, by whether there are momenta and a fluid. Angular momentum l and torque tau in the body frame, L and T in the lab's.
+EQUATIONS = {
+    (True, False): """dR = p/m dt,   dp = f dt - gamma p dt + sqrt(2 m gamma kT) dw,
+dl_k = (l x omega)_k dt + tau_k dt - Gamma_k l_k dt + sqrt(M Gamma kT/2) dW_k,
+Gamma_k = Gamma M/(4 I_k),   M = 4/sum_k 1/I_k over axes k with a moment""",
+    (False, False): """dR = upsilon/m f dt + sqrt(2 upsilon kT/m) dw,
+dq = Upsilon/M F dt + sqrt(2 Upsilon kT/M) sum_k S_k q o dW_k (Stratonovich),
+F = 2 q (0, tau),   M = 4/sum_k 1/I_k over axes k with a moment""",
+    (True, True): """dR = p/m dt,   dp = f dt - (xi U)_V dt + noise,   dL = T dt - (xi U)_W dt + noise,
+noise of covariance 2 kT xi dt, with velocities U of all bodies and their friction matrix xi""",
+    (False, True): """dQ = N F dt + kT div N dt + sqrt(2 kT) N^(1/2) dW (Ito)
+for poses Q, the mobility N(Q) of the MobilityForce and wrenches F""",
+}
+
+
+def _equation(traits):
+    return textwrap.indent(EQUATIONS[traits.hasMomenta, traits.needsFluid], '    ')
+
+
 for _scheme in Scheme:
-    _scheme.__doc__ = _scheme.traits.description
+    _traits = _scheme.traits
+    _drift = f'It makes the stochastic drift {_traits.drift}.\n\n' if _traits.drift else ''
+    _scheme.__doc__ = (f'{_traits.description}\n\n{facts(_traits)} What is integrated::\n\n{_equation(_traits)}\n\n{_drift}'
+                       f'{page(_scheme.name)} has one step of it, every symbol, cost, limits and an example.')
 
 
-def _orders(traits):
-    cold = f'; {traits.coldOrder} at T = 0' if traits.coldOrder != traits.weakOrder else ''
-    return f'weak order {traits.weakOrder}{cold}'
+def summary(indent=4):
+    """The schemes of a docstring, an item for each kind."""
+    kinds = (('with momenta, without a fluid', True, False), ('without momenta, without a fluid', False, False), ('with momenta, in a fluid', True, True),
+             ('without momenta, in a fluid', False, True))
+    items = []
+    for kind, momenta, fluid in kinds:
+        names = [f'``{t.name}``' for t in TABLE if (t.hasMomenta, t.needsFluid) == (momenta, fluid)]
+        items += textwrap.wrap(f'- {kind}: ' + ', '.join(names), 150 - indent, subsequent_indent='  ')
+    return ('\n' + ' '*indent).join(items)
 
 
-def bullets(overdamped, indent=4, width=120):
-    """The schemes of a docstring, an item each."""
-    items = [f'- ``{t.name}`` ({_orders(t)}; {t.forces} force evaluation{"s" if t.forces > 1 else ""} a step). {t.description}'
-             for t in TABLE if t.isOverdamped == overdamped]
-    lines = [textwrap.fill(item, width - indent, subsequent_indent='  ') for item in items]
-    return textwrap.indent('\n'.join(lines), ' '*indent).lstrip()
-
-
-def markdown():
-    """The table of the user guide."""
+def markdown(folder='schemes/'):
+    """The table of schemes, of the user guide and of the schemes' own pages, which lie in this folder as seen from there."""
     rows = ['| scheme | momenta | fluid | weak order | order at T = 0 | forces a step | |', '|---|---|---|---|---|---|---|']
-    rows += [f'| `{t.name}` | {"yes" if t.hasMomenta else "no"} | {"yes" if t.needsFluid else "no"} | {t.weakOrder} | {t.coldOrder} | '
-             f'{t.forces} | {t.description} |' for t in TABLE]
+    rows += [f'| [`{t.name}`]({page(t.name, folder)}) | {"yes" if t.hasMomenta else "no"} | {"yes" if t.needsFluid else "no"} | {t.weakOrder} | '
+             f'{t.coldOrder} | {t.forces} | {t.description} |' for t in TABLE]
     return '\n'.join(rows)

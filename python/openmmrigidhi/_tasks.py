@@ -2,6 +2,7 @@
 
 Workers come and go: a task whose worker dies is given to another one, so often and no oftener. What a task has to remember then it keeps in files.
 """
+import asyncio
 import collections
 import contextlib
 import functools
@@ -182,7 +183,8 @@ def _serve(connection):
             except (BrokenPipeError, KeyboardInterrupt):
                 raise
             except Exception as error:   # whatever pickle says of a value that it cannot send
-                outcome.value, outcome.failure = None, Failure(type(error).__name__, str(error), traceback.format_exc())
+                outcome.value = None
+                outcome.failure = Failure(type(error).__name__, f'what it returned cannot be pickled: {error}', traceback.format_exc())
                 connection.send((DONE, job.index, outcome))
 
 
@@ -288,7 +290,17 @@ class _Cluster:
             ifItFails.pop_all()
 
     def _connect(self, address):
+        limit = self.timeout
+
         class Client(self.distributed.Client):
+            async def _start(self, **kwargs):
+                # Newer versions of distributed wait for the answer of who has taken the connection as long as it takes.
+                try:
+                    return await asyncio.wait_for(super()._start(**kwargs), limit)
+                except asyncio.TimeoutError as error:
+                    await self._close()
+                    raise OSError('silence') from error
+
             def __del__(self):
                 # One that never came to be complains when it goes.
                 with contextlib.suppress(Exception):

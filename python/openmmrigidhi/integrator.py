@@ -1,35 +1,35 @@
 """CustomRigidHIIntegrator: the Python face of the C++ class, with units, checked shapes and documentation."""
-import enum
-
 import numpy as np
 import openmm
 
-from . import _bindings, _copies, _schemes, _units
+from . import _bindings, _copies, _enums, _schemes, _units
 from ._schemes import Scheme
 
 _Base = _bindings.CustomRigidHIIntegrator
 
 
-class NoiseLaw(enum.IntEnum):
-    """The laws of the random numbers; also class attributes of CustomRigidHIIntegrator."""
+class NoiseLaw(_enums.Documented):
+    """The laws of the random numbers, all of mean 0 and variance 1; also class attributes of CustomRigidHIIntegrator."""
 
-    Gaussian = _Base.Gaussian
-    ThreePoint = _Base.ThreePoint
-    TwoPoint = _Base.TwoPoint
-
-
-class WallRejection(enum.IntEnum):
-    """Which steps through a wall are redone; also class attributes of CustomRigidHIIntegrator."""
-
-    Overlap = _Base.Overlap
-    Crossing = _Base.Crossing
+    Gaussian = _Base.Gaussian, 'Normal numbers (default).'
+    ThreePoint = _Base.ThreePoint, '0 with probability 2/3, +-sqrt(3) with 1/6 each: enough for weak order 2 (Davidchack 2015, eq. 21).'
+    TwoPoint = _Base.TwoPoint, ('+-1 with probability 1/2 each: enough for weak order 1, so for GradientThermostat and the schemes without momenta in a fluid '
+                                '(Davidchack 2015, eq. 31).')
 
 
-class DriftCorrectorScaling(enum.IntEnum):
+class WallRejection(_enums.Documented):
+    """Which steps through a wall are redone with new noise; also class attributes of CustomRigidHIIntegrator."""
+
+    Overlap = _Base.Overlap, 'Those after which a hydrodynamic particle is nearer to the wall than its radius (default).'
+    Crossing = _Base.Crossing, ('Those after which the centre of a hydrodynamic particle is on the wall or behind it; particles that reach through a NoSlipWall '
+                                'have damped mobilities.')
+
+
+class DriftCorrectorScaling(_enums.Documented):
     """What the drift factor of DriftCorrectorFD and DriftCorrectorRFD multiplies; also class attributes of CustomRigidHIIntegrator."""
 
-    SlipOnly = _Base.SlipOnly
-    Whole = _Base.Whole
+    SlipOnly = _Base.SlipOnly, 'The slips alone (default): of the same weak order, without noise on what forces do.'
+    Whole = _Base.Whole, 'The whole step, as in Westwood 2022, eq. 44.'
 
 
 def _where(method):
@@ -49,28 +49,10 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     is a TypeError, a wrong shape a ValueError, everything else that is refused an openmm.OpenMMException; each names the
     object, the value, the bound and the remedy.
 
-    **Schemes** (:meth:`setScheme`). Of Davidchack, Ouldridge, Tretyakov, J. Chem. Phys. 142, 144114 (2015), with one force
-    evaluation a step each: LangevinA, B and C discretise, for a body with live axes l (those with a moment; here and
-    below sums run over them) and M = 4 / sum_k 1/I_k,
+    :meth:`setScheme` chooses how bodies move. ``help(CustomRigidHIIntegrator.Scheme)`` has a paragraph on each scheme, docs/schemes/README.md
+    says which to take for which scene, and each has a page there with its equations, cost and limits:
 
-        dR = p/m dt,   dp = f dt - gamma p dt + sqrt(2 m gamma kT) dw,
-        dl_k = (l x omega)_k dt + tau_k dt - Gamma_k l_k dt + sqrt(M Gamma kT/2) dW_k,   Gamma_k = Gamma M / (4 I_k)
-
-    @thermostats@
-
-    Schemes without momenta in a fluid ("overdamped"), for poses Q, the mobility N(Q) of the :class:`MobilityForce` and wrenches F,
-
-        dQ = N F dt + kT div N dt + sqrt(2 kT) N^(1/2) dW,
-
-    move orientations by rotations only; bodies need no mass, and their origin may be any point. All but EulerMaruyama are of weak order
-    1; they differ in how they make the stochastic drift kT div N, in cost and in their error at finite steps (Delong, Balboa Usabiaga, Donev, J. Chem.
-    Phys. 143, 144107 (2015); Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017); Westwood, Delmotte,
-    Keaveny, J. Comput. Phys. 467, 111437 (2022)):
-
-    @overdamped@
-
-    Body axis k relaxes at the rate Gamma_k = Gamma / (I_k sum_j 1/I_j): on an elongated body the thick axes are hardly
-    thermostatted by Gamma, and :meth:`describeEffects` names such bodies.
+    @schemes@
 
     Parameters
     ----------
@@ -93,6 +75,10 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     0
     """
 
+    Scheme = Scheme
+    NoiseLaw = NoiseLaw
+    WallRejection = WallRejection
+    DriftCorrectorScaling = DriftCorrectorScaling
     Gaussian = NoiseLaw.Gaussian
     ThreePoint = NoiseLaw.ThreePoint
     TwoPoint = NoiseLaw.TwoPoint
@@ -293,7 +279,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Parameters
         ----------
         scheme : constant
-            one of the class attributes of that name (:class:`Scheme` lists them), such as ``integrator.LangevinC``
+            one of the class attributes of that name, such as ``integrator.LangevinC``; :class:`Scheme` describes them
         """
         super().setScheme(_units.constant(scheme, Scheme, _where('setScheme'), 'scheme'))
 
@@ -742,7 +728,6 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         super().step(steps)
 
 
-CustomRigidHIIntegrator.__doc__ = (CustomRigidHIIntegrator.__doc__.replace('@thermostats@', _schemes.bullets(False))
-                                   .replace('@overdamped@', _schemes.bullets(True)))
+CustomRigidHIIntegrator.__doc__ = CustomRigidHIIntegrator.__doc__.replace('@schemes@', _schemes.summary())
 for _scheme in Scheme:
     setattr(CustomRigidHIIntegrator, _scheme.name, _scheme)

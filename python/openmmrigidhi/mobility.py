@@ -1,46 +1,61 @@
 """MobilityForce: the Python face of the C++ class, with units, checked shapes and documentation."""
-import enum
-
 import numpy as np
 import openmm
 
-from . import _bindings, _copies, _units
+from . import _bindings, _copies, _enums, _units
 
 _Base = _bindings.MobilityForce
 _TENSOR = (6, 6)
 
 
-class Model(enum.IntEnum):
-    """The hydrodynamic models; also class attributes of MobilityForce."""
+class Model(_enums.Documented):
+    """The hydrodynamic models, which setModel() takes; also class attributes of MobilityForce.
 
-    FreeDraining = _Base.FreeDraining
-    RotnePragerYamakawa = _Base.RotnePragerYamakawa
-    StokesianDynamics = _Base.StokesianDynamics
-    ForceCoupling = _Base.ForceCoupling
+    Each has its docstring, and a page with equations, boundaries, accuracy and cost: docs/models/README.md says which to take for which scene.
+    """
+
+    FreeDraining = _Base.FreeDraining, """No interaction between bodies: a sphere has its Stokes drag, a multiblob its own constant tensor.
+
+        Spheres, multiblobs, free particles, own tensors; Unbounded. Cost: linear in bodies. docs/models/FreeDraining.md has the rest."""
+    RotnePragerYamakawa = _Base.RotnePragerYamakawa, """Pairs of spheres or blobs by surface averages of a point force, with rotation (default).
+
+        Unequal radii and overlap allowed; multiblobs, free particles, own tensors; always positive definite. Relative error O((a/r)^4), no lubrication
+        (Wajnryb et al., J. Fluid Mech. 731, R3, 2013). Unbounded, NoSlipWall, Periodic. Cost: quadratic in particles for each product;
+        Periodic and MatrixFree as the box, by pairs and waves on a grid (Fiore et al., J. Chem. Phys. 146, 124116, 2017).
+        docs/models/RotnePragerYamakawa.md has the rest."""
+    StokesianDynamics = _Base.StokesianDynamics, """Spheres with force, torque and stresslet of all together, and exact lubrication of each pair.
+
+        Exact for two spheres at every gap (Jeffrey and Onishi, J. Fluid Mech. 139, 261, 1984). Spheres only, without overlap, ratios of radii 0.1 to 10.
+        Unbounded, Periodic. Cost: cubic in bodies. docs/models/StokesianDynamics.md has the rest."""
+    ForceCoupling = _Base.ForceCoupling, """Like RotnePragerYamakawa, with Gaussians in place of surfaces, on a grid where there are many particles.
+
+        Unequal radii and overlap allowed; multiblobs, free particles, own tensors; always positive semidefinite (Maxey and Patel, Int. J. Multiphase Flow
+        27, 1603, 2001; Lomholt and Maxey, J. Comput. Phys. 184, 381, 2003; grids: Yeo and Maxey, J. Comput. Phys. 229, 2401, 2010). Periodic,
+        SlipChannel. Cost: as the box on a grid, from 300 rows on or with MatrixFree; else dense. docs/models/ForceCoupling.md has the rest."""
 
 
-class Boundary(enum.IntEnum):
+class Boundary(_enums.Documented):
     """What bounds the fluid; also class attributes of MobilityForce."""
 
-    Unbounded = _Base.Unbounded
-    NoSlipWall = _Base.NoSlipWall
-    Periodic = _Base.Periodic
-    SlipChannel = _Base.SlipChannel
+    Unbounded = _Base.Unbounded, 'Nothing: fluid at rest at infinity (default).'
+    NoSlipWall = _Base.NoSlipWall, 'A plane z = setWallHeight() on which the fluid is at rest, the fluid above it; RotnePragerYamakawa only.'
+    Periodic = _Base.Periodic, 'The periodic box of the Context, as it is at each step; all models but FreeDraining.'
+    SlipChannel = _Base.SlipChannel, 'Two walls y = const, setChannelWalls(), along which the fluid slips, periodic in x and z; ForceCoupling only.'
 
 
-class SphereWallMobility(enum.IntEnum):
+class SphereWallMobility(_enums.Documented):
     """What a single sphere above a wall moves like; also class attributes of MobilityForce."""
 
-    FromModel = _Base.FromModel
-    BestKnown = _Base.BestKnown
+    FromModel = _Base.FromModel, 'As the model says, which has no lubrication (default).'
+    BestKnown = _Base.BestKnown, 'Like a rigid sphere alone above the wall, at every gap, to 3e-8.'
 
 
-class Solver(enum.IntEnum):
+class Solver(_enums.Documented):
     """How the linear algebra is done; also class attributes of MobilityForce."""
 
-    Auto = _Base.Auto
-    Dense = _Base.Dense
-    MatrixFree = _Base.MatrixFree
+    Auto = _Base.Auto, 'Dense or matrix-free, by the numbers of rows of the matrices, never by a clock (default).'
+    Dense = _Base.Dense, 'Matrices are formed and decomposed.'
+    MatrixFree = _Base.MatrixFree, 'Krylov methods, or a grid, to the solver tolerance.'
 
 
 def _where(method):
@@ -58,35 +73,10 @@ class MobilityForce(_copies.Copies, _Base):
     the velocities K of the blobs from those of the body. Where all blobs of a body lie on a line, the fluid does not drive
     its rotation about that line, and a torque about it beyond rounding is an error. A particle in no body with a radius takes a force only.
 
-    **Models** (:meth:`setModel`), least accurate first:
-
-    - ``FreeDraining``: no interaction between bodies: a sphere has its Stokes drag, a multiblob its own constant tensor.
-      Cost: linear in bodies.
-    - ``RotnePragerYamakawa`` (default): pairwise, unequal radii, overlap allowed; translation, rotation and their coupling
-      (Wajnryb et al., J. Fluid Mech. 731, R3, 2013). Relative error O((a/r)^4) for spheres; always positive definite.
-      Cost: quadratic in particles for each product.
-    - ``StokesianDynamics``: spheres with force, torque and stresslet, and pair lubrication from the exact two-sphere
-      resistance functions (Jeffrey and Onishi, J. Fluid Mech. 139, 261, 1984): exact for an isolated pair. Spheres must not
-      overlap; radii in ratios 0.1 to 10. Unbounded or Periodic. Cost: cubic in bodies.
-    - ``ForceCoupling``: like RotnePragerYamakawa, with forces and torques spread by Gaussians in place of surfaces (Maxey and
-      Patel, Int. J. Multiphase Flow 27, 1603, 2001; Lomholt and Maxey, J. Comput. Phys. 184, 381, 2003); Periodic only.
-      Cost: as the box on a grid (from 300 rows on, or MatrixFree: Yeo and Maxey, J. Comput. Phys. 229, 2401, 2010), else dense.
-
-    **Boundaries** (:meth:`setBoundary`):
-
-    - ``Unbounded`` (default): fluid at rest at infinity.
-    - ``NoSlipWall``: fluid above the plane z = :meth:`setWallHeight`, at rest on it; RotnePragerYamakawa only, by Blake's image
-      (Swan and Brady, Phys. Fluids 19, 113306, 2007), positive definite where no particle reaches through the wall. What happens
-      where one does, :meth:`CustomRigidHIIntegrator.setWallRejection` says. Cost: two to three times that of Unbounded.
-    - ``Periodic``: the periodic box of the Context, triclinic ones too, as it is at each step. Particles feel all images of all others
-      and of themselves. The mean velocity of fluid and bodies is zero; net forces are allowed: a uniform force density balances
-      them. RotnePragerYamakawa, StokesianDynamics and ForceCoupling, by lattice sums to 1e-13 of own mobilities and dense matrices: up to
-      12000 rows (2000 spheres, 4000 blobs), StokesianDynamics up to 1000 spheres; ForceCoupling also on a grid, of any number, in boxes
-      with edges along the axes. A body must be shorter than the shortest lattice vector.
-    - ``SlipChannel``: between two walls y = const (:meth:`setChannelWalls`) that the fluid slips along, periodic in x and z; ForceCoupling only, by
-      mirror images (Westwood, Delmotte, Keaveny, J. Comput. Phys. 467, 111437, 2022, 4.3). The box has its edges along the axes, and a y edge longer than the
-      channel is wide. Positive definite wherever centres are between the walls. Cost: on a grid that of Periodic
-      in a box of the channel's width, dense that of twice the particles in twice the width.
+    :meth:`setModel` chooses how the fluid couples particles, least accurate first FreeDraining, RotnePragerYamakawa (default), ForceCoupling,
+    StokesianDynamics; :meth:`setBoundary` what bounds the fluid: Unbounded (default), NoSlipWall, Periodic, SlipChannel. ``help(MobilityForce.Model)`` and
+    ``help(MobilityForce.Boundary)`` have a paragraph on each, docs/models/README.md says which to take for which scene, and each model has a page there with
+    its equations, accuracy and cost, and with what each boundary wants and does.
 
     Wrong types are a TypeError, wrong shapes a ValueError, everything else that is refused an openmm.OpenMMException; each
     names the object, the value, the bound and the remedy.
@@ -101,6 +91,10 @@ class MobilityForce(_copies.Copies, _Base):
     0
     """
 
+    Model = Model
+    Boundary = Boundary
+    SphereWallMobility = SphereWallMobility
+    Solver = Solver
     FreeDraining = Model.FreeDraining
     RotnePragerYamakawa = Model.RotnePragerYamakawa
     StokesianDynamics = Model.StokesianDynamics
@@ -330,17 +324,36 @@ class MobilityForce(_copies.Copies, _Base):
         return _units.LENGTH.attach(super().getGridSpacing())
 
     def setGridSpacing(self, spacing):
-        """Set the largest spacing of the nodes where a fluid is on a grid: ForceCoupling with the boundary Periodic, MatrixFree.
+        """Set the largest spacing of the nodes where a fluid is on a grid: with the boundary Periodic or SlipChannel, MatrixFree.
 
         The grid has the next number of nodes without prime factors above 7.
 
         Parameters
         ----------
         spacing : float or Quantity
-            nm; 0 (default): so that products have the solver tolerance. Another spacing means another tolerance of products, which
-            ``CustomRigidHIIntegrator.describeEffects`` says
+            nm; 0 (default): so that products have the solver tolerance. Another spacing means, for ForceCoupling, another tolerance of
+            products, which ``CustomRigidHIIntegrator.describeEffects`` says; for RotnePragerYamakawa, more pairs or fewer at the same tolerance
         """
         super().setGridSpacing(self._number(spacing, _units.LENGTH, 'setGridSpacing', 'spacing'))
+
+    def getFastSummation(self):
+        """Get whether products with the mobility of many particles may be done by multipoles."""
+        return super().getFastSummation()
+
+    def setFastSummation(self, enabled):
+        """Set whether products with the mobility of many particles may be done by multipoles (default True).
+
+        For RotnePragerYamakawa, Unbounded or NoSlipWall, MatrixFree, on all platforms but Reference.
+
+        Parameters
+        ----------
+        enabled : bool
+            True: products that a tolerance is good enough for take a time that grows little faster than the number of particles: answers of
+            :meth:`applyMobilityInContext` for spheres, to the solver tolerance from 1e-6 on, and products of iterations whose tolerance is
+            5e-5 or more, to 1e-6. From how many particles on follows from the tolerance alone, and ``CustomRigidHIIntegrator.getEffects``
+            says it. False: all products are sums over all pairs
+        """
+        super().setFastSummation(_units.boolean(enabled, _where('setFastSummation'), 'enabled'))
 
     # ---- Driven flows ------------------------------------------------------------------------------------------------
 
@@ -508,7 +521,8 @@ class MobilityForce(_copies.Copies, _Base):
     def applyMobilityInContext(self, context, wrenches):
         """Get the velocities that forces and torques on the bodies would give without inertia.
 
-        Dense or matrix-free as :meth:`setSolver` says; of spheres always a product, without a matrix and to rounding.
+        Dense or matrix-free as :meth:`setSolver` says; of spheres always a product, without a matrix:
+        to rounding, or where :meth:`setFastSummation` has it to the solver tolerance.
 
         Parameters
         ----------

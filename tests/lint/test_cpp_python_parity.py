@@ -1,4 +1,5 @@
 """The C++ headers, the SWIG interface and the Python classes declare the same methods, parameters and constants."""
+import enum
 import inspect
 import re
 
@@ -110,7 +111,8 @@ def test_interface_repeats_the_header(cls):
 @pytest.mark.parametrize('cls', CLASSES)
 def test_constants_agree(cls):
     assert enumerators(header(cls), cls) == enumerators(INTERFACE, cls)
-    for constants in enumerators(header(cls), cls).values():
+    for enumeration, constants in enumerators(header(cls), cls).items():
+        assert list(vars(python_class(cls))[enumeration].__members__) == [name for name, _ in constants]
         for name, value in constants:
             assert name in vars(python_class(cls)), f'{name} is not a class attribute of the Python class'
             assert int(getattr(python_class(cls), name)) == int(value)
@@ -128,7 +130,7 @@ def test_python_class_has_the_method(cls, declaration):
 @pytest.mark.parametrize('cls', CLASSES)
 def test_python_methods_are_methods_of_the_header(cls):
     public = {name for name, value in vars(python_class(cls)).items()
-              if not name.startswith('_') and callable(getattr(python_class(cls), name)) and not isinstance(value, int)}
+              if not name.startswith('_') and callable(getattr(python_class(cls), name)) and not isinstance(value, (int, enum.EnumMeta))}
     assert public - names(cls) - set(PYTHON_ONLY) == set()
 
 

@@ -1,4 +1,5 @@
 """Everything public in the Python package is documented, and dimensional results carry units."""
+import enum
 import importlib
 import inspect
 import pkgutil
@@ -64,6 +65,13 @@ def test_docstring_names_every_parameter(name):
     assert not missing, f'{name} does not document {missing}'
 
 
+@pytest.mark.parametrize('name', [n for n, o in OBJECTS.items() if inspect.isclass(o) and issubclass(o, enum.IntEnum)])
+def test_enumerators_have_docstrings_of_their_own(name):
+    for member in OBJECTS[name]:
+        own = vars(member).get('__doc__')
+        assert own and own.split('\n')[0].rstrip()[-1] in '.:', f'{name}.{member.name} has no docstring of its own'
+
+
 # ---- Units ------------------------------------------------------------------------------------------------------------
 
 #: Getters whose results have no dimension, and why, class by class.
@@ -96,6 +104,7 @@ WITHOUT_UNIT = {'CustomRigidHIIntegrator': {
     'getSphereWallMobility': 'a constant',
     'getSolver': 'a constant',
     'getLubrication': 'a truth value',
+    'getFastSummation': 'a truth value',
     'getMinimumGap': 'relative to radii',
     'getSolverTolerance': 'relative',
     'getBodyHasOwnTensor': 'a truth value',

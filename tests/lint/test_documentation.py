@@ -56,7 +56,7 @@ def test_every_public_method_is_in_a_guide_or_documented_reference():
     import openmmrigidhi
     known = set(dir(openmmrigidhi.CustomRigidHIIntegrator)) | set(dir(openmmrigidhi)) | set(dir(openmmrigidhi.app))
     known |= set(dir(openmmrigidhi.CustomBodyForce)) | set(dir(openmmrigidhi.MobilityForce))
-    for page in ('README.md', 'docs/USER_GUIDE.md', 'docs/CONVENTIONS.md', 'docs/THEORY.md'):
+    for page in ('README.md', 'docs/USER_GUIDE.md', 'docs/CONVENTIONS.md', 'docs/THEORY.md', *git_files('docs/schemes/*.md', 'docs/models/*.md')):
         for name in re.findall(r'`(?:openmmrigidhi\.app\.)?((?:get|set|compute|addRigid)\w+)\(?', read(page)):
             openmms = {'setPositions', 'setVelocities', 'setVelocitiesToTemperature', 'setState', 'getState',
                        'setPeriodicBoxVectors', 'setDefaultPeriodicBoxVectors'}

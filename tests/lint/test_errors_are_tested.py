@@ -20,7 +20,6 @@ UNREACHABLE = {
     'unknown C++ exception in': 'a guard against exceptions that are no std::exception; nothing throws them',
     'it must take what our own parser takes': 'a guard: our parser passes on nothing that muParser refuses',
     ' needs a MobilityForce in the System': 'a guard: MobilityForce asks only after it has found itself in the Context',
-    'its kind of virtual site is not known': 'OpenMM 7.7 has the four kinds that are supported; later ones have more',
 }
 #: Messages without words of their own: a piece of each, and the test that provokes it.
 INDISTINCT = {

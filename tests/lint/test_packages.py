@@ -1,4 +1,4 @@
-"""packages-debian.txt holds what is imported and included."""
+"""packages-debian.txt holds what is imported and included, site/packages-debian.txt what Sphinx is told to use."""
 import ast
 import re
 import sys
@@ -8,10 +8,12 @@ from conftest import git_files, read
 #: Which Debian package provides a Python module.
 MODULES = {'numpy': 'python3-numpy', 'scipy': 'python3-scipy', 'h5py': 'python3-h5py', 'gsd': 'python3-gsd', 'tqdm': 'python3-tqdm',
            'matplotlib': 'python3-matplotlib', 'distributed': 'python3-distributed', 'dask': 'python3-distributed', 'PIL': 'python3-pil', 'openmm': 'python3-openmm|python3-simtk', 'pytest': 'python3-pytest'}
+#: The same for what site/conf.py names: extensions, and the theme.
+EXTENSIONS = {'sphinx': 'python3-sphinx', 'myst_parser': 'python3-myst-parser', 'breathe': 'python3-breathe', 'furo': 'furo'}
 
 
-def packages():
-    return {line.split('#')[0].strip() for line in read('packages-debian.txt').splitlines()} - {''}
+def packages(file='packages-debian.txt'):
+    return {line.split('#')[0].strip() for line in read(file).splitlines()} - {''}
 
 
 def imported(name):
@@ -35,3 +37,12 @@ def test_every_package_is_named_once():
     lines = [line for line in lines if line]
     assert len(lines) == len(set(lines))
     assert set(MODULES.values()) <= packages()
+
+
+def test_what_the_site_uses_has_its_package():
+    settings = {}
+    exec(read('site/conf.py'), settings)
+    used = {name.split('.')[0] for name in settings['extensions']} | {settings['html_theme']}
+    assert used == set(EXTENSIONS)
+    assert packages('site/packages-debian.txt') == set(EXTENSIONS.values()) | {'libjs-katex'}
+    assert not packages('site/packages-debian.txt') & packages()

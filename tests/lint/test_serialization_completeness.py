@@ -53,6 +53,7 @@ VALUES = {'CustomRigidHIIntegrator': {
     'setBackgroundFlow': ((1/3, -2, 3), ((1/7, 2, 3), (4, -1/7, 6), (7, 8, 0))),
     'setSphereWallMobility': (MobilityForce.BestKnown,),
     'setLubrication': (False,),
+    'setFastSummation': (False,),
     'setMinimumGap': (1e-3/3,),
     'setSolver': (MobilityForce.MatrixFree,),
     'setSolverTolerance': (1e-5/3,),

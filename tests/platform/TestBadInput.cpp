@@ -17,6 +17,11 @@ namespace {
 const double nan_ = numeric_limits<double>::quiet_NaN(), infinity = numeric_limits<double>::infinity();
 const vector<Vec3> twoSites = {Vec3(), Vec3(0.1, 0, 0)};
 
+/** A kind of virtual site that this library has never heard of, as each version of OpenMM may bring one. */
+struct MirroredSite : VirtualSite {
+    explicit MirroredSite(int particle) { setParticles({particle}); }
+};
+
 struct BadInput : testing::Test {
     CustomRigidHIIntegrator integrator{300, 0.001};
     BadInput() { integrator.addRigidBody({0, 1, 2}); }
@@ -91,7 +96,7 @@ TEST_F(BadInput, NoContext) {
 
 TEST_F(BadInput, Systems) {
     auto create = [&](System& system) { Context context(system, integrator, testPlatform()); };
-    System small, tied, site, andersen, massless;
+    System small, tied, site, copied, andersen, massless;
     small.addParticle(1);
     expectError([&] { create(small); }, {"body 0", "particle index 1 is out of range", "the System has 1 particles"});
     for (System* system : {&tied, &site, &andersen, &massless})
@@ -100,6 +105,16 @@ TEST_F(BadInput, Systems) {
     expectError([&] { create(tied); }, {"constraint 0 ties particle 2 of body 0 to particle 3"});
     site.setVirtualSite(2, new TwoParticleAverageSite(0, 3, 0.5, 0.5));
     expectError([&] { create(site); }, {"virtual site particle 2 of body 0 depends on particle 3"});
+    for (int parent : {0, 3}) {  // in the body or not
+        site.setVirtualSite(2, new MirroredSite(parent));
+        expectError([&] { create(site); },
+                    {"virtual site particle 2 of body 0 is a MirroredSite defined by particle " + to_string(parent),
+                     "need not turn with a body", "use a TwoParticleAverageSite", "a massless member of the body"});
+    }
+    for (int i = 0; i < 4; i++) copied.addParticle(i == 3 ? 0 : 1);
+    copied.setVirtualSite(3, new MirroredSite(1));
+    expectError([&] { create(copied); },
+                {"virtual site particle 3 is a MirroredSite defined by particle 1 of body 0", "need not turn"});
     andersen.addForce(new AndersenThermostat(300, 1));
     expectError([&] { create(andersen); }, {"force 0", "AndersenThermostat", "remove it"});
     expectError([&] { create(massless); }, {"body 0 has mass 0", "explicit mass"});

@@ -71,6 +71,8 @@ def test_indices_out_of_range(fluid):
 def test_truth_values(fluid, bad):
     with refused('MobilityForce.setLubrication: enabled', 'it must be True or False: give one of them', error=TypeError):
         fluid.setLubrication(bad)
+    with refused('MobilityForce.setFastSummation: enabled', 'it must be True or False: give one of them', error=TypeError):
+        fluid.setFastSummation(bad)
 
 
 def test_constants(fluid):

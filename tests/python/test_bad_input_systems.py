@@ -84,6 +84,34 @@ def test_a_body_of_virtual_sites_only(platform):
         openmm.Context(system, integrator, platform)
 
 
+def symmetrySite(parent):
+    if not hasattr(openmm, 'SymmetrySite'):
+        pytest.skip('this OpenMM has no SymmetrySite')
+    return openmm.SymmetrySite(parent, openmm.Vec3(-1, 0, 0), openmm.Vec3(0, -1, 0), openmm.Vec3(0, 0, 1), openmm.Vec3(0, 0, 0.5), False)
+
+
+def test_a_symmetry_site_of_a_body(platform):
+    system = system_of(1, 1, 0)
+    system.setVirtualSite(2, symmetrySite(0))
+    for members in ([0, 1], [0, 1, 2]):
+        with refused('virtual site particle 2', ' is a SymmetrySite defined by particle 0 of body 0, a kind that need not turn with a body',
+                     'use a TwoParticleAverageSite'):
+            openmm.Context(system, integrator_of(members), platform)
+
+
+def test_a_symmetry_site_among_free_particles_is_none(platform):
+    system = system_of(1, 1, 2, 0)
+    system.setVirtualSite(3, symmetrySite(2))
+    integrator = integrator_of([0, 1])
+    context = openmm.Context(system, integrator, platform)
+    context.setPositions([(0, 0, 0), (0.1, 0, 0), (1, 2, 3), (0, 0, 0)])
+    context.setVelocitiesToTemperature(300, 1)
+    integrator.step(10)
+    x = context.getState(getPositions=True).getPositions(asNumpy=True)._value
+    assert abs(x[2] - [1, 2, 3]).max() > 1e-4
+    assert x[3] == pytest.approx([-x[2, 0], -x[2, 1], x[2, 2] + 0.5], abs=1e-7)
+
+
 def test_an_explicit_site_that_contradicts_the_virtual_site(platform):
     system = system_of(1, 1, 0)
     system.setVirtualSite(2, openmm.TwoParticleAverageSite(0, 1, 0.5, 0.5))

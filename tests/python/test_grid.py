@@ -1,4 +1,4 @@
-"""Force coupling on a grid in Python: every scheme on it, products against lattice sums, boxes, saving, and what is refused."""
+"""Periodic fluids on a grid in Python: every scheme on it, products against lattice sums, boxes, saving, and what is refused."""
 import copy
 
 import numpy as np
@@ -10,6 +10,7 @@ from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, app
 OVERDAMPED = ('EulerMaruyama', 'FixmanMidpoint', 'RandomFiniteDifference', 'TractionEulerMaruyama', 'TrapezoidalSlip', 'DriftCorrectorFD',
               'DriftCorrectorRFD')
 SCHEMES = (*OVERDAMPED, 'LangevinHI')
+MODELS = ('ForceCoupling', 'RotnePragerYamakawa')
 KT = 2.494338785445972  # of 300 K, kJ/mol
 BOX = (8, 7, 9)
 
@@ -17,13 +18,13 @@ BOX = (8, 7, 9)
 class Scene:
     """Two spheres, two multiblobs, a free particle, of different radii, across faces of the box and outside of it, pulled; viscosity 1."""
 
-    def __init__(self, platform, scheme='FixmanMidpoint', solver=MobilityForce.MatrixFree, tolerance=1e-3, temperature=0, stepSize=0.05, box=BOX):
+    def __init__(self, platform, scheme='FixmanMidpoint', solver=MobilityForce.MatrixFree, tolerance=1e-3, temperature=0, stepSize=0.05, box=BOX, model='ForceCoupling'):
         self.system, self.fluid, self.integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(temperature, stepSize)
         self.system.setDefaultPeriodicBoxVectors(*np.diag(box).astype(float))
         self.integrator.setScheme(getattr(CustomRigidHIIntegrator, scheme))
         self.integrator.setRandomNumberSeed(3)
         self.fluid.setViscosity(1)
-        self.fluid.setModel(MobilityForce.ForceCoupling)
+        self.fluid.setModel(getattr(MobilityForce, model))
         self.fluid.setBoundary(MobilityForce.Periodic)
         self.fluid.setSolver(solver)
         self.fluid.setSolverTolerance(tolerance)
@@ -59,7 +60,7 @@ class Scene:
         return self.positions() - before
 
 
-def spheres(platform, solver, tolerance=1e-3, count=6, radii=(1, 0.7), scheme='FixmanMidpoint', temperature=0, stepSize=0.01, side=7.0):
+def spheres(platform, solver, tolerance=1e-3, count=6, radii=(1, 0.7), scheme='FixmanMidpoint', temperature=0, stepSize=0.01, side=7.0, model='ForceCoupling'):
     """Spheres at random, without overlap of spheres of radius 1, viscosity 1: (Context, MobilityForce, integrator)."""
     rng, places = np.random.default_rng(5), []
     while len(places) < count:
@@ -75,7 +76,7 @@ def spheres(platform, solver, tolerance=1e-3, count=6, radii=(1, 0.7), scheme='F
         integrator.addRigidBody([system.addParticle(0)], 0, (0, 0, 0), [(0, 0, 0)])
         fluid.addParticle(radii[k % len(radii)])
     fluid.setViscosity(1)
-    fluid.setModel(MobilityForce.ForceCoupling)
+    fluid.setModel(getattr(MobilityForce, model))
     fluid.setBoundary(MobilityForce.Periodic)
     fluid.setSolver(solver)
     fluid.setSolverTolerance(tolerance)
@@ -101,9 +102,10 @@ def errorOf(M, exact):
 
 # ---- Products --------------------------------------------------------------------------------------------------------
 
+@pytest.mark.parametrize('model', MODELS)
 @pytest.mark.parametrize('tolerance', (1e-3, 1e-4, 1e-6, 1e-8))
-def test_products_are_lattice_sums_to_the_tolerance(platform, tolerance):
-    dense, grid = spheres(platform, MobilityForce.Dense), spheres(platform, MobilityForce.MatrixFree, tolerance)
+def test_products_are_lattice_sums_to_the_tolerance(platform, tolerance, model):
+    dense, grid = spheres(platform, MobilityForce.Dense, model=model), spheres(platform, MobilityForce.MatrixFree, tolerance, model=model)
     assert ' on a grid of ' in grid[2].getEffects()['hydrodynamics'] and ' on a grid' not in dense[2].getEffects()['hydrodynamics']
     for blobs in (False, True):
         M, exact = (columns(context, fluid, blobs) for context, fluid, _ in (grid, dense))
@@ -132,13 +134,14 @@ def test_a_spacing_means_the_tolerance_that_is_described(platform, spacing):
 
 # ---- Steps -----------------------------------------------------------------------------------------------------------
 
+@pytest.mark.parametrize('model', MODELS)
 @pytest.mark.parametrize('scheme', SCHEMES)
-def test_without_temperature_it_is_the_trajectory_of_lattice_sums(platform, scheme):
-    exact = Scene(platform, scheme, MobilityForce.Dense).moved(3)
+def test_without_temperature_it_is_the_trajectory_of_lattice_sums(platform, scheme, model):
+    exact = Scene(platform, scheme, MobilityForce.Dense, model=model).moved(3)
     assert np.linalg.norm(exact, axis=1).min() > 1e-3
     errors = []
     for tolerance in (1e-3, 1e-6):
-        scene = Scene(platform, scheme, tolerance=tolerance)
+        scene = Scene(platform, scheme, tolerance=tolerance, model=model)
         moved = scene.moved(3)
         assert ' on a grid of ' in scene.integrator.getEffects()['hydrodynamics'] and scene.integrator.getStepStatistics()['randomNumbers'] == 0
         errors.append(np.linalg.norm(moved - exact)/np.linalg.norm(exact))
@@ -148,11 +151,12 @@ def test_without_temperature_it_is_the_trajectory_of_lattice_sums(platform, sche
     assert errors[1] < errors[0]/100
 
 
+@pytest.mark.parametrize('model', MODELS)
 @pytest.mark.parametrize('scheme', OVERDAMPED)
-def test_displacements_have_the_covariance_of_the_mobility(platform, scheme):
+def test_displacements_have_the_covariance_of_the_mobility(platform, scheme, model):
     """Spheres that hardly move in a step: each displacement is drawn from 2 kT h N, whose inverse makes 18 squares of it a chi squared."""
     count, steps, stepSize = 6, 120, 1e-6
-    context, fluid, integrator = spheres(platform, MobilityForce.MatrixFree, 1e-2, count, scheme=scheme, temperature=300, stepSize=stepSize)
+    context, fluid, integrator = spheres(platform, MobilityForce.MatrixFree, 1e-2, count, scheme=scheme, temperature=300, stepSize=stepSize, model=model)
     rows = [6*k + axis for k in range(count) for axis in range(3)]
     N = fluid.getMobilityInContext(context)[np.ix_(rows, rows)]
     inverse = np.linalg.inv(2*KT*stepSize*N)
@@ -170,12 +174,13 @@ def test_displacements_have_the_covariance_of_the_mobility(platform, scheme):
 
 
 @pytest.mark.parametrize('tolerance, difference', [(1e-3, 1e-5), (1e-5, 1e-8)])
+@pytest.mark.parametrize('model', MODELS)
 @pytest.mark.parametrize('scheme', SCHEMES)
-def test_with_temperature_both_platforms_take_the_same_finite_steps(scheme, tolerance, difference):
+def test_with_temperature_both_platforms_take_the_same_finite_steps(scheme, tolerance, difference, model):
     # At 1e-3 iterations on CPU multiply in single precision, to 1e-6, which they and the preconditioner make a few times larger; at 1e-5 it is rounding.
     ends = []
     for name in ('Reference', 'CPU'):
-        scene = Scene(openmm.Platform.getPlatformByName(name), scheme, temperature=300, stepSize=1e-3, tolerance=tolerance)
+        scene = Scene(openmm.Platform.getPlatformByName(name), scheme, temperature=300, stepSize=1e-3, tolerance=tolerance, model=model)
         ends.append(scene.moved(2))
         assert scene.integrator.getStepStatistics()['randomNumbers'] > 0
     assert np.isfinite(ends).all() and np.linalg.norm(ends[0], axis=1).min() > 1e-4

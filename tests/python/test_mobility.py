@@ -28,6 +28,7 @@ def everything():
     fluid.setViscosity(1000/3)
     fluid.setModel(MobilityForce.StokesianDynamics)
     fluid.setLubrication(False)
+    fluid.setFastSummation(False)
     fluid.setMinimumGap(1e-3/3)
     fluid.setBoundary(MobilityForce.NoSlipWall)
     fluid.setWallHeight(-4/3)
@@ -52,7 +53,7 @@ def assertSame(a, b):
     for i in range(a.getNumParticles()):
         assert a.getParticleRadius(i) == b.getParticleRadius(i)
     for name in ('Viscosity', 'Model', 'Boundary', 'WallHeight', 'ChannelWalls', 'SphereWallMobility', 'Lubrication', 'MinimumGap', 'Solver',
-                 'SolverTolerance', 'GridSpacing', 'SinusoidalForceDensity', 'ForceGroup', 'Name'):
+                 'SolverTolerance', 'GridSpacing', 'FastSummation', 'SinusoidalForceDensity', 'ForceGroup', 'Name'):
         assert getattr(a, 'get' + name)() == getattr(b, 'get' + name)(), name
     for mine, other in zip(a.getBackgroundFlow(), b.getBackgroundFlow()):
         assert mine.unit == other.unit and np.array_equal(mine._value, other._value)
@@ -90,7 +91,7 @@ def test_defaults():
     assert fluid.getNumParticles() == 0
     assert fluid.getModel() is MobilityForce.RotnePragerYamakawa and fluid.getBoundary() is MobilityForce.Unbounded
     assert fluid.getSolver() is MobilityForce.Auto and fluid.getSolverTolerance() == 1e-6
-    assert fluid.getLubrication() is True and fluid.getMinimumGap() == 0
+    assert fluid.getLubrication() is True and fluid.getFastSummation() is True and fluid.getMinimumGap() == 0
     assert fluid.getWallHeight() == 0*unit.nanometer and fluid.getSphereWallMobility() is MobilityForce.FromModel
     assert fluid.getViscosity()._value == pytest.approx(0.89e-3*PASCAL_SECOND, rel=1e-14)
     assert len(fluid.getGroups()) == 0 and len(fluid.getBodiesWithOwnTensors()) == 0
@@ -134,7 +135,7 @@ def test_every_constant_comes_back(name):
 
 def test_settings_come_back():
     fluid = everything()
-    assert fluid.getLubrication() is False
+    assert fluid.getLubrication() is False and fluid.getFastSummation() is False
     assert fluid.getMinimumGap() == 1e-3/3 and fluid.getSolverTolerance() == 1e-5/3
     assert list(fluid.getGroups()) == [0, 3, 3, 1, 0]
     fluid.setGroups(np.array([2, 1]))

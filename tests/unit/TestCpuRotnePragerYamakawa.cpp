@@ -8,6 +8,8 @@
 #include "TestSupport.h"
 #include "hwy/targets.h"
 #include "mobility/models/rotneprager/CpuRotnePragerYamakawa.h"
+#include "mobility/models/rotneprager/PairSums.h"
+#include "mobility/models/rotneprager/PairTournament.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall.h"
 
@@ -104,28 +106,67 @@ TEST(CpuRotnePragerYamakawa, AgreesWithTheScalarOne) {
     });
 }
 
+// Sums go by chunks of 128 particles of a kind, blocks of 16 or 32 of these and packs of up to 16.
+TEST(CpuRotnePragerYamakawa, AgreesWithTheScalarOneAroundBordersOfChunks) {
+    onEveryInstructionSet([](int64_t) {
+        for (int n : {31, 32, 33, 127, 128, 129, 257})
+            for (Kind kind : {Spheres, Blobs, Mixed})
+                for (Bounds bounds : {Unbounded, Wall, Crossing})
+                    for (double size : {2.0, 15.0}) {  // overlaps across all borders; few
+                        const Scene scene = randomScene(n, kind, false, size, bounds);
+                        const auto model = scene.reference();
+                        const MatrixXd forces = MatrixXd::Random(scene.particles.numRows, 3);
+                        MatrixXd dense;
+                        model->at({scene.positions})->dense(dense);
+                        const double scale = dense.cwiseAbs().rowwise().sum().maxCoeff();
+                        const MatrixXd velocities = results(scene, forces).velocities;
+                        ASSERT_LT((velocities - dense * forces).cwiseAbs().maxCoeff(), 1e-14 * scale)
+                            << n << " " << kind << " " << bounds;
+                    }
+    });
+}
+
+TEST(CpuRotnePragerYamakawa, ProductsAreSymmetric) {
+    onEveryInstructionSet([](int64_t) {
+        for (Bounds bounds : {Unbounded, Wall, Crossing})
+            for (double size : {2.0, 10.0}) {
+                const Scene scene = randomScene(150, Mixed, false, size, bounds);
+                const int rows = scene.particles.numRows;
+                const Results r = results(scene, MatrixXd::Identity(rows, rows));
+                const double scale = r.velocities.cwiseAbs().maxCoeff();
+                EXPECT_LT((r.velocities - r.velocities.transpose()).cwiseAbs().maxCoeff(), 1e-15 * scale);
+                EXPECT_LT((r.rough - r.rough.transpose()).cwiseAbs().maxCoeff(), 1e-6 * scale);
+            }
+    });
+}
+
 namespace {
 
-void expectNeitherThreadsNorWidthOfPacks(Bounds bounds) {
-    // Enough pairs to wake threads.
-    const Scene scene = randomScene(401, Mixed, false, 20, bounds);
+void expectNeitherThreadsNorWidthOfPacks(const Scene& scene) {
     const MatrixXd forces = MatrixXd::Random(scene.particles.numRows, 3);
     const Results alone = results(scene, forces);
-    for (int threads : {2, 3}) {
+    const auto expectTheSame = [&](const Results& r) {
+        EXPECT_EQ((r.dense.array() != alone.dense.array()).count(), 0);
+        EXPECT_EQ((r.velocities.array() != alone.velocities.array()).count(), 0);
+        EXPECT_EQ((r.rough.array() != alone.rough.array()).count(), 0);
+    };
+    for (int threads : {2, 3, 4}) {
         ThreadPool pool(threads);
         atomic<int> ranges(0);
-        const Results r = results(scene, forces, [&](int count, const function<void(int, int)>& task) {
+        expectTheSame(results(scene, forces, [&](int count, const function<void(int, int)>& task) {
             pool.execute([&](ThreadPool&, int thread) {
                 ranges++;
                 task(count * thread / threads, count * (thread + 1) / threads);
             });
             pool.waitForThreads();
-        });
+        }));
         EXPECT_EQ(ranges, 5 * threads);  // the matrix, two columns, one column, twice
-        EXPECT_EQ((r.dense.array() != alone.dense.array()).count(), 0);
-        EXPECT_EQ((r.velocities.array() != alone.velocities.array()).count(), 0);
-        EXPECT_EQ((r.rough.array() != alone.rough.array()).count(), 0);
     }
+    // Nobody promises that ranges are done at the same time.
+    expectTheSame(results(scene, forces, [&](int count, const function<void(int, int)>& task) {
+        task(0, count / 2);
+        task(count / 2, count);
+    }));
     onEveryInstructionSet([&](int64_t target) {
         if (target != HWY_AVX3 && target != HWY_AVX2) return;  // others round products before adding
         const Results r = results(scene, forces);
@@ -136,7 +177,12 @@ void expectNeitherThreadsNorWidthOfPacks(Bounds bounds) {
 }  // namespace
 
 TEST(CpuRotnePragerYamakawa, NeitherThreadsNorWidthOfPacksShow) {
-    for (Bounds bounds : {Unbounded, Wall, Crossing}) expectNeitherThreadsNorWidthOfPacks(bounds);
+    // Enough pairs to wake threads.
+    for (Bounds bounds : {Unbounded, Wall, Crossing})
+        for (double size : {5.0, 20.0})
+            expectNeitherThreadsNorWidthOfPacks(randomScene(401, Mixed, false, size, bounds));
+    for (int n : {383, 384, 385, 700})
+        for (Kind kind : {Spheres, Blobs}) expectNeitherThreadsNorWidthOfPacks(randomScene(n, kind, true, 12));
 }
 
 TEST(CpuRotnePragerYamakawa, RoughProductsAreRightToSixDigits) {
@@ -181,6 +227,101 @@ TEST(CpuRotnePragerYamakawa, RoughProductsAreExactForRadiiBeyondFloats) {
         M->applyRoughly(forces, rough);
         EXPECT_EQ((exact.array() != rough.array()).count(), 0);
     }
+}
+
+TEST(CpuRotnePragerYamakawa, RoughProductsAreExactForPlacesBeyondFloats) {
+    Scene scene = randomScene(20, Mixed, false, 10);
+    const CpuRotnePragerYamakawa model(scene.particles, 0.7);
+    const MatrixXd forces = MatrixXd::Random(scene.particles.numRows, 2);
+    MatrixXd exact, rough;
+    for (double x : {1e10, 1e8, -1e10}) {
+        scene.positions[7][0] = x;
+        const auto M = model.at({scene.positions});
+        M->apply(forces, exact);
+        M->applyRoughly(forces, rough);
+        EXPECT_EQ((exact.array() != rough.array()).count() == 0, abs(x) > 1e9) << x;
+    }
+}
+
+TEST(PairTournament, EveryPairOnceAndAlwaysInTheSameOrder) {
+    for (int chunks : {0, 1, 2, 3, 4, 5, 8, 9, 30}) {
+        PairTournament tournament(chunks);
+        for (int threads : {1, 2, 3, 4}) {
+            // What each chunk got, in order. Chunks are guarded by their turns alone.
+            vector<vector<int>> partners(chunks);
+            atomic<int> computed(0);
+            tournament.begin();
+            ThreadPool pool(threads);
+            pool.execute([&](ThreadPool&, int) {
+                int first = -1, second = -1;
+                tournament.play(
+                    [&](int a, int b) {
+                        computed++;
+                        first = a;
+                        second = b;
+                    },
+                    [&](int chunk, bool isSecond) {
+                        EXPECT_EQ(chunk, isSecond ? second : first);
+                        partners[chunk].push_back(isSecond ? first : second);
+                    });
+            });
+            pool.waitForThreads();
+            EXPECT_EQ(computed, tournament.getNumPairs());
+            for (int a = 0; a < chunks; a++) {
+                ASSERT_EQ(static_cast<int>(partners[a].size()), chunks);
+                for (int round = 0; round < chunks; round++) EXPECT_EQ((a + partners[a][round]) % chunks, round);
+            }
+        }
+    }
+}
+
+/** As another sum may call them: ranges of its own, of either kind first. */
+TEST(PairSums, TwoRangesBothWays) {
+    for (Bounds bounds : {Unbounded, Wall})
+        for (int kinds = 0; kinds < 4; kinds++) {
+            // 20 in slots 0 ... 31, 13 in slots 32 ... 47.
+            const bool torques[2] = {kinds % 2 == 1, kinds / 2 == 1};
+            const int counts[2] = {20, 13}, starts[2] = {0, 32}, slots = 48;
+            const Scene all = randomScene(33, Spheres, false, 4, bounds);
+            Scene scene;
+            if (all.wall) scene.wall.emplace(*all.wall);
+            vector<double> x(slots, PairSumArrays::farAway), y = x, z = x, radius(slots, 1.0), loads(6 * slots),
+                                                             sums(6 * slots);
+            MatrixXd forces = MatrixXd::Random(6 * 33, 1);
+            for (int i = 0, row = 0; i < 33; i++) {
+                const int range = i < counts[0] ? 0 : 1, slot = starts[range] + i - (range ? counts[0] : 0);
+                scene.particles.add(all.particles.radii[i], torques[range], i, -1);
+                scene.positions.push_back(all.positions[i]);
+                x[slot] = all.positions[i][0];
+                y[slot] = all.positions[i][1];
+                z[slot] = all.positions[i][2] - (all.wall ? all.wall->getHeight() : 0);
+                radius[slot] = all.particles.radii[i];
+                for (int k = 0; k < (torques[range] ? 6 : 3); k++) loads[k * slots + slot] = forces(row++);
+            }
+            forces.conservativeResize(scene.particles.numRows, 1);
+            PairSumArrays arrays = {};
+            arrays.x = x.data();
+            arrays.y = y.data();
+            arrays.z = z.data();
+            arrays.radius = radius.data();
+            arrays.hasWall = scene.wall.has_value();
+            arrays.columns = 1;
+            arrays.stride = slots;
+            arrays.loads = loads.data();
+            const SlotRange ranges[2] = {{starts[0], starts[0] + counts[0], torques[0]},
+                                         {starts[1], starts[1] + counts[1], torques[1]}};
+            addPairs(arrays, ranges[0], ranges[1], sums.data(), sums.data() + starts[1], slots);
+            for (int r = 0; r < 2; r++)
+                addPairs(arrays, ranges[r], ranges[r], sums.data() + starts[r], sums.data() + starts[r], slots);
+            MatrixXd dense;
+            scene.reference()->at({scene.positions})->dense(dense);
+            const MatrixXd expected = 8 * M_PI * 0.7 * dense * forces;
+            for (int i = 0, row = 0; i < 33; i++) {
+                const int range = i < counts[0] ? 0 : 1, slot = starts[range] + i - (range ? counts[0] : 0);
+                for (int k = 0; k < (torques[range] ? 6 : 3); k++)
+                    EXPECT_NEAR(sums[k * slots + slot], expected(row++), 1e-13 * expected.norm());
+            }
+        }
 }
 
 TEST(CpuRotnePragerYamakawa, ObjectsToTheSamePositions) {

@@ -28,6 +28,15 @@ namespace {
 
 Vec3 inFloats(const Vec3& x) { return Vec3(float(x[0]), float(x[1]), float(x[2])); }
 
+/** Passed on where OpenMM has it: from 8.1 on. */
+template <class Kernel>
+auto shiftVelocities(Kernel& kernel, ContextImpl& context, double time, vector<Vec3>& velocities, int)
+    -> decltype(kernel.computeShiftedVelocities(context, time, velocities)) {
+    kernel.computeShiftedVelocities(context, time, velocities);
+}
+template <class Kernel>
+void shiftVelocities(Kernel&, ContextImpl&, double, vector<Vec3>&, long) {}
+
 /** OpenMM's own kernel, but for rounding. */
 class RoundingKernel : public UpdateStateDataKernel {
 public:
@@ -39,10 +48,12 @@ public:
     void setTime(ContextImpl& context, double time) override { exact.setTime(context, time); }
     long long getStepCount(const ContextImpl& context) const override { return exact.getStepCount(context); }
     void setStepCount(const ContextImpl& context, long long count) override { exact.setStepCount(context, count); }
-    void getPositions(ContextImpl& context, vector<Vec3>& positions) override {
+    // OpenMM 8.5 gave it an argument more, so either may be the one that overrides.
+    void getPositions(ContextImpl& context, vector<Vec3>& positions) {
         exact.getPositions(context, positions);
         for (Vec3& x : positions) x = inFloats(x);
     }
+    void getPositions(ContextImpl& context, vector<Vec3>& positions, bool) { getPositions(context, positions); }
     void setPositions(ContextImpl& context, const vector<Vec3>& positions) override {
         vector<Vec3> rounded = positions;
         for (Vec3& x : rounded) x = inFloats(x);
@@ -56,6 +67,10 @@ public:
         vector<Vec3> rounded = velocities;
         for (Vec3& v : rounded) v = inFloats(v);
         exact.setVelocities(context, rounded);
+    }
+    void computeShiftedVelocities(ContextImpl& context, double time, vector<Vec3>& velocities) {
+        shiftVelocities(exact, context, time, velocities, 0);
+        for (Vec3& v : velocities) v = inFloats(v);
     }
     void getForces(ContextImpl& context, vector<Vec3>& forces) override {
         exact.getForces(context, forces);
@@ -462,4 +477,21 @@ TEST(DeviceArrays, NothingIsMovedUnderForcesThatAreNotPeriodic) {
     far.integrator.step(1);
     // The whole way from x = 1, not that of an image.
     EXPECT_NEAR(far.integrator.getBodyForces()[1][0], -3 * 1000 * (x - 1), 1e-2 * 3000 * (x - 1));
+}
+
+TEST(DeviceArrays, AVirtualSiteOfAnUnknownKindIsRefused) {
+    struct MirroredSite : VirtualSite {
+        explicit MirroredSite(int particle) { setParticles({particle}); }
+    };
+    System system;
+    for (double mass : {5.0, 12.0, 0.0}) system.addParticle(mass);
+    system.setVirtualSite(2, new MirroredSite(1));
+    CustomRigidHIIntegrator integrator(300, 0.002);
+    integrator.addRigidBody({0}, 5, Vec3(0.1, 0.2, 0.25), {Vec3()});
+    DevicePlatform device;
+    expectError([&] { Context context(system, integrator, device); },
+                {"virtual site particle 2 is a MirroredSite", "placed on the platforms Reference and CPU, but not on"});
+    CustomRigidHIIntegrator there(300, 0.002);
+    there.addRigidBody({0}, 5, Vec3(0.1, 0.2, 0.25), {Vec3()});
+    Context context(system, there, platform("Reference"));  // which places all kinds itself
 }

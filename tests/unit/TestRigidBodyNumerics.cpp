@@ -137,6 +137,34 @@ TEST(BodyGeometry, WaterFromItsConstraints) {
     EXPECT_NEAR(product, 0, 1e-15);
 }
 
+TEST(BodyGeometry, VirtualSitesMayDependOnOthers) {
+    // OpenMM allows it from version 8.2 on; here nothing but the System is asked.
+    System system;
+    for (double mass : {3.0, 1.0, 0.0, 0.0}) system.addParticle(mass);
+    system.addConstraint(0, 1, 0.4);
+    system.setVirtualSite(2, new TwoParticleAverageSite(3, 1, 0.5, 0.5));  // the first site needs the second one
+    system.setVirtualSite(3, new TwoParticleAverageSite(0, 1, 0.25, 0.75));
+    const vector<int> particles = {0, 1, 2, 3};
+    const BodyGeometryBuilder builder(system, ConstraintsOfParticles(system), particles, "body 0");
+    const BodyGeometry g = builder.build({});
+    EXPECT_NEAR(norm(g.sites[3] - g.sites[0]), 0.3, 1e-15);
+    EXPECT_NEAR(norm(g.sites[2] - g.sites[0]), 0.35, 1e-15);
+    EXPECT_NEAR(norm(g.sites[2] - g.sites[1]), 0.05, 1e-15);
+}
+
+TEST(BodyGeometry, LocalCoordinatesSitesMayHaveTwoParents) {
+    // Colinear lone pairs: no y axis, so that only the coordinate along x counts.
+    System system;
+    for (double mass : {3.0, 1.0, 0.0}) system.addParticle(mass);
+    system.addConstraint(0, 1, 0.4);
+    system.setVirtualSite(2, new LocalCoordinatesSite({0, 1}, {1, 0}, {1, -1}, {0, 0}, Vec3(0.1, 0, 0)));
+    const vector<int> particles = {0, 1, 2};
+    const BodyGeometryBuilder builder(system, ConstraintsOfParticles(system), particles, "body 0");
+    const BodyGeometry g = builder.build({});
+    EXPECT_NEAR(norm(g.sites[2] - g.sites[0]), 0.1, 1e-15);
+    EXPECT_NEAR(norm(g.sites[2] - g.sites[1]), 0.5, 1e-15);
+}
+
 TEST(BodyGeometry, AllPairsOfAChiralBodyKeepItsHandedness) {
     const Shape shape{
         "chiral",

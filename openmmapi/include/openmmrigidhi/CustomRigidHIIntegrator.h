@@ -55,7 +55,7 @@ public:
     /**
      * The time-stepping scheme: LangevinA, LangevinB, LangevinC (default), GradientThermostat, LangevinHI, EulerMaruyama,
      * FixmanMidpoint, RandomFiniteDifference, TractionEulerMaruyama, TrapezoidalSlip, DriftCorrectorFD, DriftCorrectorRFD, numbered
-     * from 0. internal/SchemeList.h says what each is; SchemeTraits.h has that as a table.
+     * from 0. internal/SchemeList.h says what each is, docs/schemes has a page on each; SchemeTraits.h has it as a table.
      */
     enum Scheme : int {
 #define RIGIDHI_ROW(name, ...) name,

@@ -36,7 +36,7 @@ public:
         /**
          * Rotne-Prager-Yamakawa with rotation, unequal radii, overlap allowed: translation, rotation and their coupling;
          * always positive definite. Pairwise: the error is O((a/r)^4) of the mobility (Wajnryb et al., J. Fluid Mech. 731,
-         * R3, 2013). Cost: quadratic in particles for each product.
+         * R3, 2013). Cost: quadratic in particles for each product; Periodic: as the box, on a grid, else dense.
          */
         RotnePragerYamakawa = 1,
         /**
@@ -68,7 +68,7 @@ public:
          * The periodic box of the Context, triclinic ones too, as it is at each step: particles feel all images of all others and of
          * themselves. The mean velocity of fluid and bodies is zero, and net forces are allowed: a uniform force density balances them.
          * RotnePragerYamakawa, StokesianDynamics and ForceCoupling, by lattice sums to 1e-13 of own mobilities and dense matrices: up to 12000
-         * rows (2000 spheres, 4000 blobs), StokesianDynamics up to 1000 spheres; ForceCoupling on a grid has no such limit, but boxes with edges along the axes. A body must be shorter than the shortest lattice vector.
+         * rows (2000 spheres, 4000 blobs), StokesianDynamics up to 1000 spheres; ForceCoupling and, of up to 8 radii, RotnePragerYamakawa on a grid have no such limit, but boxes with edges along the axes. A body must be shorter than the shortest lattice vector.
          */
         Periodic = 2,
         /**
@@ -200,13 +200,23 @@ public:
     /** Get the largest spacing of the nodes of a grid, nm; 0: as the solver tolerance wants. */
     double getGridSpacing() const { return gridSpacing; }
     /**
-     * Set the largest spacing of the nodes where a fluid is on a grid (ForceCoupling with the boundary Periodic, MatrixFree), nm; the grid has the next number
-     * of nodes without prime factors above 7. 0 (default): so that products have the solver tolerance. Another spacing means another
-     * tolerance of products, which CustomRigidHIIntegrator::describeEffects() says.
+     * Set the largest spacing of the nodes where a fluid is on a grid (Periodic or SlipChannel, MatrixFree), nm; the grid has the next number
+     * of nodes without prime factors above 7. 0 (default): so that products have the solver tolerance. Another spacing means, for ForceCoupling, another
+     * tolerance of products, which CustomRigidHIIntegrator::describeEffects() says; for RotnePragerYamakawa, more pairs or fewer at the same tolerance.
      *
      * @throws OpenMMException if negative or not finite
      */
     void setGridSpacing(double spacing);
+    /** Get whether products with the mobility of many particles may be done by multipoles. */
+    bool getFastSummation() const { return fastSummation; }
+    /**
+     * Set whether products with the mobility of many particles may be done by multipoles (default true): RotnePragerYamakawa, Unbounded or
+     * NoSlipWall, on platforms that have it (all but Reference), MatrixFree. Then products that a tolerance is good enough for take a time that grows
+     * little faster than the number of particles: answers of applyMobilityInContext() for spheres, to the solver tolerance from 1e-6 on, and those
+     * of iterations whose tolerance is 5e-5 or more, to 1e-6. The numbers of particles from which it is done follow from the tolerance
+     * alone; CustomRigidHIIntegrator::getEffects() says it. Other products are sums over all pairs, to rounding, and all are if this is false.
+     */
+    void setFastSummation(bool enabled) { fastSummation = enabled; }
 
     /** Get the flow that setBackgroundFlow() has set: nm/ps, and 9 numbers dv_a/dx_b in rows a, 1/ps. */
     void getBackgroundFlow(OpenMM::Vec3& velocity, std::vector<double>& gradient) const {
@@ -301,7 +311,8 @@ public:
     std::vector<double> getFrictionInContext(OpenMM::Context& context) const;
     /**
      * Get the velocities that forces and torques on the bodies would give without inertia: mobility times wrenches. Dense or
-     * matrix-free as setSolver() says; of spheres always a product, without a matrix and to rounding.
+     * matrix-free as setSolver() says; of spheres always a product, without a matrix: to rounding, or where
+     * setFastSummation() has it to the solver tolerance.
      *
      * @param wrenches  6 numbers per body, Fx Fy Fz Tx Ty Tz about the body's origin, lab frame
      * @return 6 numbers per body, Vx Vy Vz Wx Wy Wz
@@ -371,7 +382,7 @@ private:
     Boundary boundary;
     SphereWallMobility sphereWallMobility;
     Solver solver;
-    bool lubrication;
+    bool lubrication, fastSummation = true;
     double forceDensity = 0;
     int forceAxis = 0, waveAxis = 1, waveVectorIndex = 1;
     OpenMM::Vec3 flowVelocity;

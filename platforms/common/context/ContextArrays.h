@@ -70,6 +70,8 @@ public:
     virtual void setTime(double time) = 0;
     virtual long long getStepCount() const = 0;
     virtual void setStepCount(long long count) = 0;
+    /** Throws if computeVirtualSites() cannot place one of the System. */
+    virtual void checkVirtualSites() const {}
     /** Place the virtual sites by the positions of the arrays, to which they come back. */
     virtual void computeVirtualSites() = 0;
     /** OpenMM's constraints of the whole System, for arrays on the host; null where the platform has none. */

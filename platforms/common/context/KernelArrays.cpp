@@ -190,6 +190,16 @@ long long KernelArrays::getStepCount() const { return kernel().getStepCount(cont
 
 void KernelArrays::setStepCount(long long count) { kernel().setStepCount(context, count); }
 
+void KernelArrays::checkVirtualSites() const {
+    for (int p : virtualSites) {
+        const VirtualSite& site = context.getSystem().getVirtualSite(p);
+        if (!turnsWithItsParents(site))
+            fail("virtual site particle " + to_string(p) + " is a " + kindOf(site) +
+                 ", a kind that is placed on the platforms Reference and CPU, but not on " +
+                 context.getPlatform().getName() + "; use one of these platforms or another kind of virtual site");
+    }
+}
+
 void KernelArrays::computeVirtualSites() {
     for (int p : virtualSites)
         ownPositions[p] = virtualSitePosition(context.getSystem(), p, [&](int parent) { return ownPositions[parent]; });

@@ -48,6 +48,7 @@ public:
     void setTime(double time) override;
     long long getStepCount() const override;
     void setStepCount(long long count) override;
+    void checkVirtualSites() const override;
     void computeVirtualSites() override;
     OpenMM::ReferenceConstraints* constraints() override { return nullptr; }
 

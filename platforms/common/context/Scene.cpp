@@ -12,6 +12,7 @@ Scene::Scene(ContextImpl& context, const CustomRigidHIIntegrator& integrator, un
     : integrator(integrator), system(context.getSystem()), arrays(move(arraysToUse)), loops(move(loopsToUse)),
       definitions(integrator, system), stock(takeStock(context, definitions.underPresentScheme())), bodyForces(context),
       fluid(*this, stock.mobilityForce) {
+    arrays->checkVirtualSites();
     stock.velocityDependentForce = bodyForces.velocityDependence();
     checkScheme(system, definitions.underPresentScheme(), stock);
     stock.mobilityForce = fluid.getParameters();

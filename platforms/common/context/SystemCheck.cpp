@@ -14,6 +14,7 @@
 
 #include "mobility/Models.h"
 #include "openmmrigidhi/MobilityForce.h"
+#include "rigidbody/VirtualSitePosition.h"
 #include "stepping/StepSettings.h"
 
 using namespace OpenMM;
@@ -45,9 +46,15 @@ void checkTies(const System& system, const vector<int>& bodyOf) {
         const VirtualSite& site = system.getVirtualSite(i);
         for (int k = 0; k < site.getNumParticles(); k++) {
             const int parent = site.getParticle(k);
+            const auto owner = [&](int p) { return bodyOf[p] >= 0 ? " of " + bodyText(bodyOf[p]) : string(); };
+            if ((bodyOf[i] >= 0 || bodyOf[parent] >= 0) && !turnsWithItsParents(site))
+                refuse("virtual site " + particleText(i) + owner(i) + " is a " + kindOf(site) + " defined by " +
+                       particleText(parent) + owner(parent) +
+                       ", a kind that need not turn with a body; use a TwoParticleAverageSite, "
+                       "ThreeParticleAverageSite, OutOfPlaneSite or LocalCoordinatesSite, or make it a massless "
+                       "member of the body that is no virtual site");
             if (bodyOf[parent] == bodyOf[i]) continue;
-            refuse("virtual site " + particleText(i) + (bodyOf[i] >= 0 ? " of " + bodyText(bodyOf[i]) : "") +
-                   " depends on " + particleText(parent) +
+            refuse("virtual site " + particleText(i) + owner(i) + " depends on " + particleText(parent) +
                    (bodyOf[parent] >= 0 ? " of " + bodyText(bodyOf[parent]) : " outside the body") +
                    "; a virtual site and the particles that define it belong into one body: add them to it");
         }

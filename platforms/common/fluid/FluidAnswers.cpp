@@ -85,7 +85,10 @@ VectorXd Fluid::apply(const VectorXd& wrenches, const BodySet& bodies, const vec
                 if (group->hasNullVectors)
                     checkTorque(*group, e, twoRotations(mobility.getTurn(e)).transpose() * wrench, 0);
             }
-        mobility.multiply(f, u);
+        // Exact ones where nothing is gained: rounding to floats gains little in one product.
+        const bool fast = group->bodies.hasModel() &&
+                          !group->bodies.getModel().describeFastProducts(force.getSolverTolerance()).empty();
+        mobility.multiply(f, u, fast ? force.getSolverTolerance() : 0);
         for (size_t e = 0; e < elements.size(); e++)
             if (!elements[e].isFree())
                 result.segment<6>(6 * elements[e].body) = u.middleRows<6>(group->bodies.firstRow(e));
@@ -190,6 +193,11 @@ string Fluid::describe(bool overdamped) const {
     text << ways[BodyMobility::Constant] << " alone with a constant tensor (computed once), "
          << ways[BodyMobility::Dense] << " groups with dense matrices, " << ways[BodyMobility::Krylov]
          << " groups matrix-free";
+    if (largest && largest->bodies.hasModel() && ways[BodyMobility::Krylov] > 0) {
+        const string products =
+            largest->bodies.getModel().describeFastProducts(MobilityAt::errorFor(force.getSolverTolerance()));
+        if (!products.empty()) text << ", products of iterations " << products;
+    }
     return text.str();
 }
 
@@ -219,7 +227,10 @@ string Fluid::describeFlow() const {
 
 string Fluid::describeAnswers() const {
     int constant = 0, dense = 0, products = 0, iterations = 0, columns = 0;
+    string fast;
     for (const auto& group : groups) {
+        if (group->bodies.hasModel() && fast.empty())
+            fast = group->bodies.getModel().describeFastProducts(force.getSolverTolerance());
         const bool krylov = group->answering->getWay() == BodyMobility::Krylov;
         columns += krylov && group->bodies.isWorthIterations();
         (group->answering->getWay() == BodyMobility::Constant ? constant
@@ -240,7 +251,7 @@ string Fluid::describeAnswers() const {
     const string known = "by a constant tensor", matrices = "by dense matrices";
     return "applyMobilityInContext() does " +
            list({{constant, known},
-                 {products, "by products without a matrix"},
+                 {products, "by products without a matrix" + (fast.empty() ? string() : " " + fast)},
                  {iterations, tolerance.str()},
                  {dense, matrices}}) +
            "; getMobilityInContext() " +

@@ -43,7 +43,7 @@ bool Fluid::differencesIterate(const FluidGroup& group, const SchemeTraits& sche
         case Differenced::Products: return mobility.productsIterate();
         case Differenced::Solves: return mobility.solvesIterate();
         // The divergence of a random field takes no differences of roots.
-        case Differenced::Roots: return mobility.rootsIterate() && !mobility.slipsAreOfField();
+        case Differenced::Roots: return mobility.rootsIterate() && !mobility.divergenceIsOfField();
         case Differenced::Nothing: break;
     }
     return false;
@@ -52,8 +52,9 @@ bool Fluid::differencesIterate(const FluidGroup& group, const SchemeTraits& sche
 /** Of what iterates in a step with this finite-difference step. */
 void Fluid::setTolerance(FluidGroup& group, const SchemeTraits& scheme, double difference) const {
     const bool iterate = differencesIterate(group, scheme);
+    const bool isDifferenced = !group.overdamped.move->driftIsKnown() && scheme.differenced != Differenced::Nothing;
     group.overdamped.mobility->setTolerance(force.getSolverTolerance() * (iterate ? toleranceOfDifferences : 1),
-                                            iterate && difference < largestDifference);
+                                            iterate && difference < largestDifference, isDifferenced);
 }
 
 /** The finite-difference step: as set, or by the errors of what is differenced. */
@@ -89,7 +90,7 @@ map<string, string> Fluid::describeDrift(const SchemeTraits& scheme, double kT, 
     double smallest = 0, largest = 0;
     bool byFields = scheme.differenced == Differenced::Roots;
     for (const FluidGroup* group : drifts.differenced) {
-        byFields = byFields && group->overdamped.mobility->slipsAreOfField();
+        byFields = byFields && group->overdamped.mobility->divergenceIsOfField();
         const double step = differenceOf(*group, scheme, difference);
         smallest = smallest == 0 ? step : min(smallest, step);
         largest = max(largest, step);

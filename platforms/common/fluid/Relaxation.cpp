@@ -83,7 +83,7 @@ protected:
         const auto product = [&](double toleranceOfProducts) {
             return [&, toleranceOfProducts](const MatrixXd& x, MatrixXd& y) {
                 scaling.wrenches(x, mobility, step.bodies, step.freeParticles, wrenches);
-                mobility.multiply(wrenches, twists, toleranceOfProducts);
+                mobility.multiply(wrenches, twists, MobilityAt::errorFor(toleranceOfProducts));
                 scaling.scaled(twists, mobility, step.bodies, step.freeParticles, y);
             };
         };
@@ -94,7 +94,11 @@ protected:
             columns.col(1) = sqrt(step.kT) * chi;
             functions.push_back(SpectralFunction::decayNoise(step.h));
         }
-        lanczos.apply(product(0), columns, functions, results, Lanczos::NormOfSum, product(tolerance));
+        // Of multiblobs a product is a solve, whose own products are rough where that serves.
+        const bool hasRough = mobility.getBodies().multipliesWithoutIterations() &&
+                              mobility.getBodies().getModel().hasRoughProducts();
+        lanczos.apply(product(0), columns, functions, results, Lanczos::NormOfSum,
+                      hasRough ? Lanczos::Product(product(MobilityAt::leastRoughTolerance)) : Lanczos::Product());
         if (!lanczos.isIncrement(0)) Z.setZero();
         for (int c = 0; c < results.cols(); c++) Z += results.col(c);
         iterations += lanczos.getNumIterations();

@@ -44,6 +44,8 @@ HWY_INLINE Pack multiplyAdd(const Pack& a, const Pack& b, const Pack& c) { retur
 HWY_INLINE Pack negativeMultiplyAdd(const Pack& a, const Pack& b, const Pack& c) {
     return hn::NegMulAdd(a.v, b.v, c.v);
 }
+HWY_INLINE Pack multiplySubtract(const Pack& a, const Pack& b, const Pack& c) { return hn::MulSub(a.v, b.v, c.v); }
+HWY_INLINE Pack inverseSquareRoot(const Pack& a) { return Pack(1.0) / squareRoot(a); }
 HWY_INLINE Pack selectGreater(const Pack& a, const Pack& b, const Pack& x, const Pack& y) {
     return hn::IfThenElse(hn::Gt(a.v, b.v), x.v, y.v);
 }
@@ -80,6 +82,13 @@ HWY_INLINE SinglePack multiplyAdd(const SinglePack& a, const SinglePack& b, cons
 HWY_INLINE SinglePack negativeMultiplyAdd(const SinglePack& a, const SinglePack& b, const SinglePack& c) {
     return hn::NegMulAdd(a.v, b.v, c.v);
 }
+HWY_INLINE SinglePack multiplySubtract(const SinglePack& a, const SinglePack& b, const SinglePack& c) {
+    return hn::MulSub(a.v, b.v, c.v);
+}
+HWY_INLINE SinglePack inverseSquareRoot(const SinglePack& a) { return SinglePack(1.0) / squareRoot(a); }
+HWY_INLINE void load(const float* from, SinglePack& x) { x.v = hn::LoadU(Floats(), from); }
+HWY_INLINE void store(const SinglePack& x, float* to) { hn::StoreU(x.v, Floats(), to); }
+HWY_INLINE int lanes(const SinglePack&) { return hn::Lanes(Floats()); }
 HWY_INLINE bool allGreater(const SinglePack& a, const SinglePack& b) { return hn::AllTrue(Floats(), hn::Gt(a.v, b.v)); }
 HWY_INLINE void round(const Pack (&x)[1], Pack& to) { to = x[0]; }
 /** What is too large for a float becomes 1e30: times 0, as a factor of the distance 0 is, it must not make a NaN. */

@@ -88,7 +88,8 @@ std::unique_ptr<MobilityModel> ThreadedLoops::createMobility(const MobilityForce
     };
     own.rotnePragerYamakawa = [&](const HydrodynamicParticles& seen, double viscosity,
                                   const std::optional<NoSlipPlane>& wall) {
-        return std::unique_ptr<MobilityModel>(new CpuRotnePragerYamakawa(seen, viscosity, threads, wall));
+        return std::unique_ptr<MobilityModel>(
+            new CpuRotnePragerYamakawa(seen, viscosity, threads, wall, force.getFastSummation()));
     };
     return RigidHIPlugin::createMobility(force, crossingAllowed, particles, own);
 }

@@ -3,6 +3,7 @@
 #include <openmm/OpenMMException.h>
 
 #include <Eigen/Eigenvalues>
+#include <algorithm>
 #include <cfloat>
 #include <cmath>
 #include <sstream>
@@ -55,22 +56,19 @@ Lanczos::Lanczos(double tolerance, int maxIterations, double wanted)
 void Lanczos::apply(const Product& multiply, const MatrixXd& x, const std::vector<SpectralFunction>& functions,
                     MatrixXd& result, Measure measure, const Product& rough) {
     numProducts = numIterations = 0;
-    isRough = rough && tolerance >= MobilityAt::leastRoughTolerance;
-    if (isRough) {
-        backwardError = MobilityAt::roughError;
+    if (rough) {
         try {
-            iterate(rough, x, functions, result, measure);
+            iterate(multiply, rough, x, functions, result, measure);
             return;
         } catch (const TooRough&) {
         }
     }
-    isRough = false;
-    backwardError = roundingError;
-    iterate(multiply, x, functions, result, measure);
+    iterate(multiply, Product(), x, functions, result, measure);
 }
 
-void Lanczos::iterate(const Product& multiply, const MatrixXd& x, const std::vector<SpectralFunction>& functions,
-                      MatrixXd& result, Measure measure) {
+void Lanczos::iterate(const Product& multiply, const Product& rough, const MatrixXd& x,
+                      const std::vector<SpectralFunction>& functions, MatrixXd& result, Measure measure) {
+    isRough = rough && tolerance >= MobilityAt::leastRoughTolerance;
     const int n = x.rows(), count = x.cols();
     result.setZero(n, count);
     columns.resize(count);
@@ -83,17 +81,19 @@ void Lanczos::iterate(const Product& multiply, const MatrixXd& x, const std::vec
         input.resize(n, active);
         for (int c = 0, i = 0; c < count; c++)
             if (columns[c].active) input.col(i++) = columns[c].basis.col(k - 1);
-        multiply(input, output);
+        (isRough ? rough : multiply)(input, output);
         numIterations++;
         numProducts += active;
         for (int c = 0, i = 0; c < count; c++)
             if (columns[c].active) extend(columns[c], output.col(i++));
+        // Until the next products may be rough, every iterate is looked at to see whether they may.
+        const bool mayBecomeRough = rough && !isRough;
         const bool last = k >= maxIterations;
         const auto isDue = [&](const Column& column) {
             return column.active && (column.exact || last || k == column.nextLook);
         };
         for (int c = 0; c < count; c++)
-            if (isDue(columns[c])) evaluate(columns[c], functions[c]);
+            if (isDue(columns[c]) || (mayBecomeRough && columns[c].active)) evaluate(columns[c], functions[c]);
         for (int c = 0; c < count; c++) {
             Column& column = columns[c];
             if (!isDue(column)) continue;
@@ -110,7 +110,21 @@ void Lanczos::iterate(const Product& multiply, const MatrixXd& x, const std::vec
                 throw OpenMMException(message.str());
             }
         }
+        if (mayBecomeRough)
+            isRough = std::all_of(columns.begin(), columns.end(), [&](const Column& column) {
+                return !column.active || allowsRoughProducts(column);
+            });
     }
+}
+
+/**
+ * Errors of the products so far enter the result with factors that shrink about as fast as its coefficients; so the next ones together do not exceed a few
+ * times what the last one would do.
+ */
+bool Lanczos::allowsRoughProducts(const Column& column) const {
+    const double shareOfRough = 0.25;  // of the rounding that isConverged() allows
+    const Iterate& iterate = column.iterate[column.form];
+    return MobilityAt::roughError * column.scale * iterate.lastFactor <= shareOfRough * tolerance * iterate.norm;
 }
 
 void Lanczos::start(Column& column, const VectorXd& x) {
@@ -119,6 +133,7 @@ void Lanczos::start(Column& column, const VectorXd& x) {
         throw OpenMMException("MobilityForce: a vector for the Lanczos iteration is not finite");
     column.alpha.clear();
     column.beta.clear();
+    column.wasRough.clear();
     column.scale = 0;
     column.active = column.norm > 0;
     column.exact = false;
@@ -149,7 +164,8 @@ void Lanczos::extend(Column& column, const VectorXd& product) {
         throw OpenMMException("MobilityForce: a product with the mobility is not finite; look at the positions");
     column.alpha.push_back(alpha);
     column.scale = std::max(column.scale, std::abs(alpha) + beta);
-    column.exact = k == n || beta <= backwardError * column.scale;
+    column.wasRough.push_back(isRough);
+    column.exact = k == n || beta <= (isRough ? MobilityAt::roughError : roundingError) * column.scale;
     if (column.exact) return;
     column.beta.push_back(beta);
     if (column.basis.cols() == k) column.basis.conservativeResize(n, std::min(2 * k, n));
@@ -185,15 +201,21 @@ void Lanczos::evaluate(Column& column, const SpectralFunction& f) {
         iterate.coefficients.noalias() = solver.eigenvectors() * functionValues.cwiseProduct(firstRow);
         iterate.norm = iterate.coefficients.norm();
         // To first order a change E of the matrix changes f by f[a, b] E_ab between eigenvectors of a and b.
-        double sum = 0;
+        slopes.resize(k, k);
+        for (int i = 0; i < k; i++)
+            for (int j = 0; j <= i; j++)
+                slopes(i, j) = slopes(j, i) =
+                    slope(function, ritzValues[i], functionValues[i], ritzValues[j], functionValues[j]);
+        const double steepest = slopes.cwiseAbs().colwise().maxCoeff().transpose().cwiseProduct(firstRow).norm();
+        // An error of the j-th product is a change of what the j-th basis vector becomes, and nothing else.
+        double ofRough = 0;
         for (int j = 0; j < k; j++) {
-            double steepest = 0;
-            for (int i = 0; i < k; i++)
-                steepest = std::max(steepest, std::abs(slope(function, ritzValues[i], functionValues[i], ritzValues[j],
-                                                             functionValues[j])));
-            sum += steepest * steepest * firstRow[j] * firstRow[j];
+            weights = solver.eigenvectors().row(j).transpose().cwiseProduct(firstRow);
+            iterate.lastFactor = (slopes * weights).cwiseAbs().maxCoeff();
+            if (column.wasRough[j]) ofRough += iterate.lastFactor;
         }
-        iterate.roundoff = backwardError * (column.scale * std::sqrt(sum) + iterate.norm);
+        iterate.roundoff = roundingError * (column.scale * steepest + iterate.norm) +
+                           MobilityAt::roughError * column.scale * std::min(ofRough, steepest);
         iterate.bound = column.exact ? 0
                                      : column.beta[k - 1] * largestFactor(function, functionValues, firstRow, lastRow,
                                                                           column.beta[k - 1]);

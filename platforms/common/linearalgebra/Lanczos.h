@@ -43,8 +43,9 @@ struct SpectralFunction {
  *            ten eigensystems of tridiagonal k x k matrices.
  * Reference: Saad, SIAM J. Numer. Anal. 29, 209 (1992); Chow, Saad, SIAM J. Sci. Comput. 36, A588 (2014).
  *
- * Rough products, if there are any, are tried first where the tolerance allows, and their errors are counted with rounding; if that
- * makes too much of them, all is done again with exact ones.
+ * Rough products, if there are any, are used from where their errors do no harm: an error in the k-th product enters the result as the
+ * k-th basis vector does, so from the first product on at coarse tolerances, after a few at fine ones. They are counted with rounding; if
+ * that makes too much of them, all is done again with exact ones.
  *
  * No clock and no random numbers: the same input gives the same bits.
  */
@@ -88,18 +89,21 @@ public:
 private:
     /** Rough products will not do. */
     struct TooRough {};
-    void iterate(const Product& multiply, const Eigen::MatrixXd& x, const std::vector<SpectralFunction>& functions,
-                 Eigen::MatrixXd& result, Measure measure);
+    /** @param rough  empty: exact products only */
+    void iterate(const Product& multiply, const Product& rough, const Eigen::MatrixXd& x,
+                 const std::vector<SpectralFunction>& functions, Eigen::MatrixXd& result, Measure measure);
     enum Form { Value, Increment };
     /** f(A) x or (f - 1)(A) x for x of length 1, as far as it is known. */
     struct Iterate {
         Eigen::VectorXd coefficients;  // of the basis
         double norm, bound, roundoff;  // bound: of the error of the iteration
+        double lastFactor;             // what an error of the last product is multiplied by in the result, at most
     };
     struct Column {
         double norm;            // of x
         Eigen::MatrixXd basis;  // v_1 ... v_k, v_k+1
         std::vector<double> alpha, beta;
+        std::vector<char> wasRough;  // each product
         double scale;              // the largest number in the tridiagonal matrix, about the norm of A
         double smallest, largest;  // Ritz values
         Iterate iterate[2];
@@ -113,6 +117,7 @@ private:
     void start(Column& column, const Eigen::VectorXd& x);
     void extend(Column& column, const Eigen::VectorXd& product);
     void evaluate(Column& column, const SpectralFunction& f);
+    bool allowsRoughProducts(const Column& column) const;
     double largestFactor(const std::function<double(double)>& f, const Eigen::VectorXd& functionValues,
                          const Eigen::VectorXd& firstRow, const Eigen::VectorXd& lastRow, double beta) const;
     bool isConverged(Column& column, const SpectralFunction& f, Measure measure, Eigen::MatrixXd& result);
@@ -123,11 +128,10 @@ private:
     const int maxIterations;
     const double wanted;
     std::vector<Column> columns;  // kept from call to call, for their memory
-    Eigen::VectorXd ritzValues, overlap;
-    Eigen::MatrixXd input, output;
+    Eigen::VectorXd ritzValues, overlap, weights;
+    Eigen::MatrixXd input, output, slopes;
     int numProducts = 0, numIterations = 0;
-    bool isRough = false;  // the present attempt
-    double backwardError = 0;
+    bool isRough = false;  // whether the present attempt has had rough products
 };
 
 }  // namespace RigidHIPlugin

@@ -37,16 +37,25 @@ public:
     virtual ~MobilityAt() {}
     /** velocities = M forces; every column is a case of its own. @param velocities  resized and overwritten */
     virtual void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) = 0;
-    /** As apply(), right to `roughError` of the norm of M times that of the forces, where that takes less time. Default: apply(). */
+    /** As apply(), right to `roughError` of the norm of M times that of the forces: MobilityModel::hasRoughProducts(). Default: apply(). */
     virtual void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) { apply(forces, velocities); }
     /** The error of applyRoughly(), and the tolerances of iterations that can do with it. */
     static constexpr double roughError = 1e-6, leastRoughTolerance = 5e-5;
-    /** Either, for an iteration of this relative tolerance. */
-    void applyFor(double tolerance, const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
-        if (tolerance >= leastRoughTolerance)
+    /**
+     * As apply(), right to `error` of the norm of M times that of the forces, both scaled by the roots of own mobilities, if that takes
+     * less time; 0: exact. Default: applyRoughly() where that is enough.
+     */
+    virtual void applyWithin(double error, const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
+        if (error >= roughError)
             applyRoughly(forces, velocities);
         else
             apply(forces, velocities);
+    }
+    /** The error of products that an iteration of this relative tolerance can do with; 0: none. */
+    static double errorFor(double tolerance) { return tolerance >= leastRoughTolerance ? roughError : 0; }
+    /** Products for such an iteration. */
+    void applyFor(double tolerance, const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
+        applyWithin(errorFor(tolerance), forces, velocities);
     }
     /** The matrix itself. Default: apply() to the identity. */
     virtual void dense(Eigen::MatrixXd& mobility);

@@ -72,22 +72,26 @@ std::unique_ptr<MobilityAt> MobilityModel::near(const Placement& placement) cons
     return made;
 }
 
+namespace {
+
+void checkObjection(const MobilityModel& model, const Placement& placement) {
+    if (!model.mayObject()) return;
+    const std::string problem = model.objection(placement);
+    if (!problem.empty()) throw OpenMM::OpenMMException("MobilityForce: " + problem);
+}
+
+}  // namespace
+
 void MobilityModel::place(std::unique_ptr<MobilityAt>& at, const Placement& placement) const {
-    if (mayObject()) {
-        const std::string problem = objection(placement);
-        if (!problem.empty()) throw OpenMM::OpenMMException("MobilityForce: " + problem);
-    }
+    checkObjection(*this, placement);
     if (!at) at = makePlace();
     at->moveTo(placement, false);
 }
 
 void MobilityModel::placeNear(std::unique_ptr<MobilityAt>& at, const Placement& placement) const {
-    if (!holdsNearby()) {
-        place(at, placement);
-        return;
-    }
+    if (!holdsNearby()) checkObjection(*this, placement);
     if (!at) at = makePlace();
-    at->moveTo(placement, true);
+    at->moveTo(placement, holdsNearby() || isAnchored());
 }
 
 void MobilityModel::ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,

@@ -140,6 +140,8 @@ public:
     virtual bool isIsotropic() const { return false; }
     /** Whether the fluid is its own reflection at y = 0, where particles then have images that are not in the list. Default: no. */
     virtual bool isMirrored() const { return false; }
+    /** Whether MobilityAt::applyRoughly() takes less time than apply(), so that iterations should use it where they can. Default: no. */
+    virtual bool hasRoughProducts() const { return false; }
     /** Whether MobilityAt::apply() needs no matrix, so that Krylov methods make sense. */
     virtual bool hasProducts() const { return true; }
     /** Whether dense() is products with the columns of the identity, so that it serves few rows only. Default: no. */
@@ -156,6 +158,11 @@ public:
     /** Whether drawField() gives noise that costs less than square roots of M. Default: no, so that roots are taken. */
     virtual bool hasOwnRandomField() const { return false; }
     /**
+     * Whether what a particle sees of that field depends on its own place only, so that it is one flow. If not, fields at different placements have the
+     * covariance M each by itself, and divergences are found as of square roots. Default: it is.
+     */
+    virtual bool fieldIsLocal() const { return true; }
+    /**
      * The mobility of bodies takes less time by iterations, column by column, than by a factor of dense() if there are more rows of
      * particles than this for each row of bodies. The ratio of both times is proportional to it. Measured on one thread with shells of 642
      * blobs near a wall, at a tolerance of 1e-6.
@@ -167,6 +174,11 @@ public:
     virtual void checkBox(const BoxVectors& box) const {}
     /** What is to be said of the model in a box, for describeEffects(). Default: nothing. */
     virtual std::string describe(const BoxVectors& box) const { return {}; }
+    /**
+     * How MobilityAt::applyWithin() makes products of such an error in less time than a sum over all pairs takes, for describeEffects(); empty:
+     * not at all. Default: not at all.
+     */
+    virtual std::string describeFastProducts(double error) const { return {}; }
     /** What a grid has taken so far, with models that share it. Default: there is none. */
     virtual GridSeconds getGridSeconds() const { return {}; }
 

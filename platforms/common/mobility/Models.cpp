@@ -4,6 +4,7 @@
 
 #include <string>
 
+#include "mobility/models/ewald/RotnePragerYamakawaGrid.h"
 #include "mobility/models/forcecoupling/ForceCouplingGrid.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
 #include "mobility/models/periodic/PeriodicStokesianDynamics.h"
@@ -39,6 +40,33 @@ unique_ptr<MobilityModel> withSphereWallMobility(const MobilityForce& force, con
     refuse(force.getModel(), force.getBoundary());
 }
 
+shared_ptr<GridFluid> gridFluid(const PlatformModels& own) {
+    return own.gridFluid ? own.gridFluid() : shared_ptr<GridFluid>(new PlainGridFluid());
+}
+
+/**
+ * Up to this many rows Auto takes lattice sums and matrices.
+ */
+const int largestDenseSurfaceRows = 300;
+
+unique_ptr<MobilityModel> periodicRotnePragerYamakawa(const MobilityForce& force,
+                                                      const HydrodynamicParticles& particles,
+                                                      const PlatformModels& own) {
+    bool onGrid = false;
+    switch (force.getSolver()) {
+        case MobilityForce::Dense: break;
+        case MobilityForce::MatrixFree: onGrid = true; break;
+        case MobilityForce::Auto:
+            onGrid = particles.numRows > largestDenseSurfaceRows &&
+                     (int)kindsOf(particles).size() <= RotnePragerYamakawaGrid::mostRadii;
+            break;
+    }
+    if (!onGrid)
+        return unique_ptr<MobilityModel>(new PeriodicRotnePragerYamakawa(particles, force.getViscosity()));
+    return unique_ptr<MobilityModel>(new RotnePragerYamakawaGrid(
+        particles, force.getViscosity(), force.getSolverTolerance(), force.getGridSpacing(), gridFluid(own)));
+}
+
 unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force, bool crossingAllowed,
                                               const HydrodynamicParticles& particles, const PlatformModels& own) {
     const double eta = force.getViscosity();
@@ -53,7 +81,7 @@ unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force, bool c
                 own.rotnePragerYamakawa ? own.rotnePragerYamakawa(particles, eta, wall)
                                         : unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, eta, wall)));
         }
-        case MobilityForce::Periodic: return unique_ptr<MobilityModel>(new PeriodicRotnePragerYamakawa(particles, eta));
+        case MobilityForce::Periodic: return periodicRotnePragerYamakawa(force, particles, own);
         case MobilityForce::SlipChannel: break;
     }
     refuse(force.getModel(), force.getBoundary());
@@ -79,8 +107,8 @@ unique_ptr<MobilityModel> periodicForceCoupling(const MobilityForce& force, cons
         return unique_ptr<MobilityModel>(new PeriodicForceCoupling(
             inChannel ? SlipChannel::withImages(particles) : particles, force.getViscosity()));
     return unique_ptr<MobilityModel>(new ForceCouplingGrid(
-        particles, force.getViscosity(), force.getSolverTolerance(), force.getGridSpacing(),
-        own.gridFluid ? own.gridFluid() : shared_ptr<GridFluid>(new PlainGridFluid()), inChannel));
+        particles, force.getViscosity(), force.getSolverTolerance(), force.getGridSpacing(), gridFluid(own),
+        inChannel));
 }
 
 unique_ptr<MobilityModel> forceCoupling(const MobilityForce& force, bool crossingAllowed,

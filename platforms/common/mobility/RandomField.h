@@ -16,7 +16,7 @@ struct Placement;
 /**
  * A model's own random flow, of unit temperature and time: drawn once (MobilityModel::drawField()), and then the same wherever it is looked at.
  * Velocities of particles at a placement have the covariance M there; those at two placements the covariance that M would have between the
- * particles of both. So what schemes difference between placements changes with the places alone, not with new random numbers.
+ * particles of both, if the model says that the field is local (MobilityModel::fieldIsLocal()). So what schemes difference between placements changes with the places alone, not with new random numbers.
  */
 class RandomField {
 public:

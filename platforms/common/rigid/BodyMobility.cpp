@@ -91,6 +91,7 @@ bool BodyMobility::drawField(const NoiseStream& noise, uint32_t purpose, unique_
 void BodyMobility::slipsOf(RandomField& field, MatrixXd& slips) {
     BodiesAt& here = particlesHere();
     field.slipsAt(here.getPlacement(), here.isNearby(), slips);
+    costs.roots += !bodies.getModel().fieldIsLocal();
 }
 
 double BodyMobility::divergenceOf(RandomField& field) {

@@ -52,9 +52,10 @@ public:
     const Eigen::Matrix3d& getTurn(int element) const { return getTurns()[element]; }
     /**
      * Of what iterates, relative. Exact products: as small finite differences of what iterates want them, which would magnify
-     * rounding of single precision; else as MobilityAt::applyFor().
+     * rounding of single precision; else as MobilityAt::applyFor(). Exact solves: where nothing iterates, products are exact in solve(), as
+     * differences of it want them; else they are right to a part of the tolerance.
      */
-    virtual void setTolerance(double relative, bool exactProducts = false) {}
+    virtual void setTolerance(double relative, bool exactProducts = false, bool exactSolves = true) {}
     /** Whether these iterate, and so are right to the tolerance only: multiplyNearby(), solve(), the thermal vectors. */
     virtual bool productsIterate() const { return false; }
     virtual bool solvesIterate() const { return false; }
@@ -69,6 +70,15 @@ public:
     void solve(const MatrixXd& wrenches, MatrixXd& twists) { solve(wrenches, noSlips, twists); }
     /** U = N (F + K^T M^-1 s); as many columns of both, or no slips. */
     virtual void solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) = 0;
+    /** Keep the forces of blobs of a column of the last solve() for solveFromKept(). Default: nothing. */
+    virtual void keepForces(int column) {}
+    /**
+     * As solve() with one column, which begins at the forces kept last, turned with the bodies: for wrenches, slips and poses that are little different.
+     * Iterations only have something of it. Default: solve().
+     */
+    virtual void solveFromKept(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) {
+        solve(wrenches, slips, twists);
+    }
     /** lambda of the last solve(), with its columns. */
     virtual void getBlobForces(MatrixXd& lambda) = 0;
     /** slips = M lambda at poses a small displacement away, beside those set last. */
@@ -120,6 +130,8 @@ public:
     bool drawField(const NoiseStream& noise, uint32_t purpose, std::unique_ptr<RandomField>& field) const;
     /** Whether drawField() gives one. */
     bool slipsAreOfField() const { return !slipSpace.areOfBodies() && bodies.getModel().hasOwnRandomField(); }
+    /** Whether divergenceOf() knows that of such slips: the field is one flow. */
+    bool divergenceIsOfField() const { return slipsAreOfField() && bodies.getModel().fieldIsLocal(); }
     /** Slips of a field of the model's at the poses set last: one column of covariance M. */
     virtual void slipsOf(RandomField& field, MatrixXd& slips);
     /**
@@ -152,9 +164,9 @@ public:
     /**
      * twists = N wrenches, as products in a caller's own iteration and users want them: no forces of blobs.
      *
-     * @param toleranceOfProducts  as of MobilityAt::applyFor(), for those that are not iterated upon here; 0: exact
+     * @param errorOfProducts  as of MobilityAt::applyWithin(), for those that are not iterated upon here; 0: exact
      */
-    virtual void multiply(const MatrixXd& wrenches, MatrixXd& twists, double toleranceOfProducts = 0) = 0;
+    virtual void multiply(const MatrixXd& wrenches, MatrixXd& twists, double errorOfProducts = 0) = 0;
     /**
      * velocities = M forces of the elements' particles at the poses set last, as if each were free: three rows for each particle of the
      * System, of which those of these particles are read and written. Spheres take no torque; own tensors have no part in it.

@@ -21,8 +21,12 @@ KrylovMobility::KrylovMobility(const CoupledBodies& bodies, double tolerance)
     }
 }
 
-void KrylovMobility::setTolerance(double relative, bool exactProducts) {
+void KrylovMobility::setTolerance(double relative, bool exactProducts, bool exactSolves) {
+    // The tolerance is in the norm of the friction there, in which errors of products were up to a hundred times as large.
+    const double part = 0.01;
     toleranceOfProducts = exactProducts ? 0 : relative;
+    errorOfSolves =
+        exactSolves || bodies.getModel().describeFastProducts(part * relative).empty() ? 0 : part * relative;
     if (relative == tolerance) return;
     tolerance = relative;
     lanczos.reset();
@@ -47,7 +51,7 @@ MultiblobSolver& KrylovMobility::solverAt(const BodiesAt& at) {
     return *solver;
 }
 
-void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists, double ofProducts) {
+void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists, double errorOfProducts) {
     const Solving timed(*this);
     const OwnTensors& own = bodies.getOwnTensors();
     const MatrixXd* forces = &wrenches;
@@ -57,37 +61,52 @@ void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd
         forces = &scratch;
     }
     if (spheres) {
-        at.particles().applyFor(ofProducts, *forces, twists);
+        at.particles().applyWithin(errorOfProducts, *forces, twists);
         costs.products += wrenches.cols();
     } else {
-        const int iterations = solverAt(at).apply(at.particles(), *forces, tolerance, twists);
+        const bool exactProducts = toleranceOfProducts == 0;
+        const int iterations =
+            solverAt(at).solve(at.particles(), *forces, MatrixXd(), tolerance, exactProducts, twists);
         costs.iterations += iterations;
-        costs.products += (iterations + 1) * wrenches.cols();
+        costs.products += solver->getNumProducts();
     }
     own.twists(at.getTurns(), twists);
+}
+
+void KrylovMobility::iterate(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists, bool fromGuess) {
+    const bool exactProducts = toleranceOfProducts == 0;
+    costs.iterations +=
+        solverAt(here).solve(here.particles(), wrenches, slips, tolerance, exactProducts, twists, fromGuess);
+    costs.products += solver->getNumProducts();
 }
 
 void KrylovMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) {
     const Solving timed(*this);
     if (!getSlipSpace().isIdentity()) {
-        const int iterations =
-            solverAt(here).solve(here.particles(), wrenches, slips, tolerance, toleranceOfProducts, twists);
-        costs.iterations += iterations;
-        costs.products += (iterations + 1) * wrenches.cols();
+        iterate(wrenches, slips, twists);
         return;
     }
-    multiply(wrenches, twists);
+    multiply(wrenches, twists, errorOfSolves);
     wrenchesOfSolve = wrenches;
     if (slips.size() > 0) twists += slips;
+}
+
+void KrylovMobility::keepForces(int column) {
+    if (!getSlipSpace().isIdentity()) solver->keepGuess(column);
+}
+
+void KrylovMobility::solveFromKept(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) {
+    const Solving timed(*this);
+    if (getSlipSpace().isIdentity())
+        solve(wrenches, slips, twists);
+    else
+        iterate(wrenches, slips, twists, true);
 }
 
 void KrylovMobility::forceFreeTwists(const DrivenFlow&, const MatrixXd& slips, MatrixXd& twists) {
     const Solving timed(*this);
     const MatrixXd noWrenches = MatrixXd::Zero(bodies.getNumRows(), slips.cols());
-    const int iterations =
-        solverAt(here).solve(here.particles(), noWrenches, slips, tolerance, toleranceOfProducts, twists);
-    costs.iterations += iterations;
-    costs.products += (iterations + 1) * slips.cols();
+    iterate(noWrenches, slips, twists);
 }
 
 void KrylovMobility::getBlobForces(MatrixXd& lambda) {
@@ -127,7 +146,9 @@ void KrylovMobility::applyRoot(const SpectralFunction& f, const MatrixXd& W, Mat
         };
     };
     lanczos->apply(product(0), W, functions, result, Lanczos::OwnNorm,
-                   toleranceOfProducts > 0 ? Lanczos::Product(product(toleranceOfProducts)) : Lanczos::Product());
+                   toleranceOfProducts > 0 && bodies.getModel().hasRoughProducts()
+                       ? Lanczos::Product(product(MobilityAt::leastRoughTolerance))
+                       : Lanczos::Product());
     costs.products += lanczos->getNumProducts();
     costs.iterations += lanczos->getNumIterations();
 }
@@ -187,10 +208,7 @@ void KrylovMobility::forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) {
 void KrylovMobility::particleForces(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) {
     const Solving timed(*this);
     MatrixXd twists;
-    const int iterations =
-        solverAt(here).solve(here.particles(), wrenches, slips, tolerance, toleranceOfProducts, twists);
-    costs.iterations += iterations;
-    costs.products += (iterations + 1) * slips.cols();
+    iterate(wrenches, slips, twists);
     solverAt(here).getBlobForces(forces);
 }
 

@@ -21,12 +21,14 @@ public:
     KrylovMobility(const CoupledBodies& bodies, double tolerance);
     Way getWay() const override { return Krylov; }
     void setPoses(const std::vector<Pose>& poses, bool nearby = false) override { here.setPoses(poses, nearby); }
-    void setTolerance(double relative, bool exactProducts = false) override;
+    void setTolerance(double relative, bool exactProducts = false, bool exactSolves = true) override;
     bool productsIterate() const override { return getSlipSpace().areOfBodies() && !spheres; }
     bool solvesIterate() const override { return !spheres; }
     bool rootsIterate() const override { return true; }
     using BodyMobility::solve;
     void solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) override;
+    void keepForces(int column) override;
+    void solveFromKept(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) override;
     void getBlobForces(MatrixXd& lambda) override;
     void multiplyNearby(const std::vector<Pose>& poses, const MatrixXd& lambda, MatrixXd& slips) override;
     bool wrenchNoiseIsOfBodies() const override { return false; }
@@ -36,8 +38,8 @@ public:
     void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) override;
     const MatrixXd& mobility() override;
     const MatrixXd& friction() override { return here.friction(); }
-    void multiply(const MatrixXd& wrenches, MatrixXd& twists, double toleranceOfProducts = 0) override {
-        multiplyAt(here, wrenches, twists, toleranceOfProducts);
+    void multiply(const MatrixXd& wrenches, MatrixXd& twists, double errorOfProducts = 0) override {
+        multiplyAt(here, wrenches, twists, errorOfProducts);
     }
 
 protected:
@@ -50,14 +52,15 @@ protected:
     void endSolving() override;
 
 private:
-    void multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists, double toleranceOfProducts);
+    void iterate(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists, bool fromGuess = false);
+    void multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists, double errorOfProducts);
     void applyRoot(const SpectralFunction& f, const MatrixXd& W, MatrixXd& result);
     void forcesFromScaled(const MatrixXd& x, MatrixXd& forces);
     MultiblobSolver& solverAt(const BodiesAt& at);
 
     const bool spheres;  // K = 1 without own tensors, or with them
     const double wantedTolerance;
-    double tolerance, toleranceOfProducts;
+    double tolerance, toleranceOfProducts, errorOfSolves = 0;
     BodiesAt here, elsewhere;
     std::unique_ptr<MultiblobSolver> solver;  // made when first needed
     std::unique_ptr<Lanczos> lanczos;         // likewise, for each tolerance

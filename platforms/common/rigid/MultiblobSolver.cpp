@@ -23,7 +23,7 @@ const int maxRoughIterations = 100;
 }  // namespace
 
 MultiblobSolver::MultiblobSolver(const RigidMotion& motion, const NullTwists& nullTwists, const MobilityModel& model)
-    : numRows(motion.getNumRows()), numBlobRowsTotal(motion.getParticles().numRows),
+    : hasRoughProducts(model.hasRoughProducts()), numRows(motion.getNumRows()), numBlobRowsTotal(motion.getParticles().numRows),
       turns(motion.getElements().size(), Matrix3d::Identity()) {
     vector<shared_ptr<const Shape> > known;
     for (size_t e = 0; e < turns.size(); e++) {
@@ -51,6 +51,8 @@ MultiblobSolver::MultiblobSolver(const RigidMotion& motion, const NullTwists& nu
                 throw OpenMM::OpenMMException(
                     "MobilityForce: the mobility matrix of the " + to_string(element.sites.size()) + " blobs of body " +
                     to_string(element.body) + " is not positive definite; look for blobs at the same place");
+            // In the energy norm errors of products grow by the root of the condition number.
+            roughReduction = max(roughReduction, MobilityAt::roughError / sqrt(shape->M.rcond()));
             shape->K = motion.ofElement_body(e);
             shape->MinvK = shape->M.solve(shape->K);
             MatrixXd friction = shape->K.transpose() * shape->MinvK;
@@ -103,63 +105,128 @@ void MultiblobSolver::multiply(MobilityAt& blobs, double tolerance, const Matrix
     turn(OfBlobs, true, labProduct, to);
 }
 
+void MultiblobSolver::multiplyForSolve(MobilityAt& blobs, bool rough, const MatrixXd& from, MatrixXd& to) {
+    multiply(blobs, rough ? MobilityAt::leastRoughTolerance : 0, from, to);
+    numProducts += from.cols();
+    if (!rough) numExactProducts += from.cols();
+}
+
 int MultiblobSolver::apply(MobilityAt& blobs, const MatrixXd& wrenches, double tolerance, MatrixXd& twists) {
-    return solve(blobs, wrenches, MatrixXd(), tolerance, tolerance, twists);
+    return solve(blobs, wrenches, MatrixXd(), tolerance, false, twists);
 }
 
 int MultiblobSolver::solve(MobilityAt& blobs, const MatrixXd& wrenches, const MatrixXd& slips, double tolerance,
-                           double toleranceOfProducts, MatrixXd& twists) {
-    int inVain = 0;
-    if (toleranceOfProducts >= MobilityAt::leastRoughTolerance) {
-        const int iterations = iterate(blobs, wrenches, slips, tolerance, true, twists);
-        if (iterations <= maxRoughIterations) return iterations;
-        inVain = iterations;
+                           bool exactProducts, MatrixXd& twists, bool fromGuess) {
+    numProducts = numExactProducts = 0;
+    turn(OfBodies, true, wrenches, wrenches_body);
+    if (slips.size() > 0)
+        turn(OfBlobs, true, slips, slips_body);
+    else
+        slips_body.resize(0, 0);
+    // Rough products that reduce a residual by less than this are not worth the exact ones.
+    const double leastReduction = 0.1;
+    const bool rough = !exactProducts && hasRoughProducts && roughReduction < leastReduction;
+    int iterations = 0;
+    bool done = false;
+    if (rough) {
+        iterations = iterate(blobs, tolerance, true, fromGuess);
+        done = iterations <= maxRoughIterations;
     }
-    return inVain + iterate(blobs, wrenches, slips, tolerance, false, twists);
+    if (!done) iterations += iterate(blobs, tolerance, false, fromGuess);
+    turn(OfBodies, false, twists_body, twists);
+    return iterations;
 }
 
-/** @return iterations; if products are rough, more than the most there may be if it does not converge */
-int MultiblobSolver::iterate(MobilityAt& blobs, const MatrixXd& wrenches, const MatrixXd& slips, double tolerance,
-                             bool rough, MatrixXd& twists) {
-    const double forProducts = rough ? MobilityAt::leastRoughTolerance : 0;
-    const int columns = wrenches.cols();
-    const bool withSlips = slips.size() > 0;
-    VectorXd slipEnergy = VectorXd::Zero(columns);
-    turn(OfBodies, true, wrenches, wrenches_body);
-    if (withSlips) turn(OfBlobs, true, slips, slips_body);
-    lambda.resize(numBlobRowsTotal, columns);
+/** The forces of blobs if bodies did not see each other. */
+void MultiblobSolver::begin(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) const {
+    forces.resize(numBlobRowsTotal, wrenches.cols());
     for (size_t e = 0; e < shapes.size(); e++) {
         const Shape& shape = *shapes[e];
-        const auto wrench = wrenches_body.middleRows(rows[e], shape.isFree ? 3 : 6);
-        auto own = lambda.middleRows(blobRow[e], numBlobRows[e]);
-        if (!withSlips) {
+        const auto wrench = wrenches.middleRows(rows[e], shape.isFree ? 3 : 6);
+        auto own = forces.middleRows(blobRow[e], numBlobRows[e]);
+        if (slips.size() == 0) {
             own.noalias() = shape.MinvK * (shape.N * wrench);
             continue;
         }
-        const auto slip = slips_body.middleRows(blobRow[e], numBlobRows[e]);
-        const MatrixXd u = shape.N * (wrench + shape.MinvK.transpose() * slip), fromSlip = shape.M.solve(slip);
-        slipEnergy += slip.cwiseProduct(fromSlip).colwise().sum().transpose();
-        own = shape.MinvK * u - fromSlip;
+        const auto slip = slips.middleRows(blobRow[e], numBlobRows[e]);
+        const MatrixXd u = shape.N * (wrench + shape.MinvK.transpose() * slip);
+        own = shape.MinvK * u - shape.M.solve(slip);
     }
-    multiply(blobs, forProducts, lambda, residual);
-    if (withSlips) residual += slips_body;
-    twists_body.setZero(numRows, columns);
-    project();
+}
+
+void MultiblobSolver::keepGuess(int column) {
+    lambdaOfGuess = lambda.col(column);
+    if (slips_body.size() > 0)
+        slipsOfGuess = slips_body.col(column);
+    else
+        slipsOfGuess.setZero(lambda.rows(), 1);
+    wrenchesOfGuess = wrenches_body.col(column);
+}
+
+/** The change of wrenches and slips makes what it would if bodies did not see each other. */
+void MultiblobSolver::beginFromGuess(const MatrixXd& wrenches, const MatrixXd& slips) {
+    product = wrenches - wrenchesOfGuess;
+    if (slips.size() > 0)
+        residual = slips - slipsOfGuess;
+    else
+        residual = -slipsOfGuess;
+    begin(product, residual, lambda);
+    lambda += lambdaOfGuess;
+}
+
+/** @return iterations; if products are rough, more than the most there may be if it does not converge */
+int MultiblobSolver::iterate(MobilityAt& blobs, double tolerance, bool rough, bool fromGuess) {
+    const int columns = wrenches_body.cols();
+    const bool withSlips = slips_body.size() > 0;
+    VectorXd slipEnergy = VectorXd::Zero(columns);
+    if (withSlips)
+        for (size_t e = 0; e < shapes.size(); e++) {
+            const auto slip = slips_body.middleRows(blobRow[e], numBlobRows[e]);
+            scaled = shapes[e]->M.matrixL().solve(slip);
+            slipEnergy += scaled.colwise().squaredNorm().transpose();
+        }
+    if (fromGuess)
+        beginFromGuess(wrenches_body, slips_body);
+    else
+        begin(wrenches_body, slips_body, lambda);
+    const auto findResidual = [&](bool roughly) {
+        multiplyForSolve(blobs, roughly, lambda, residual);
+        if (withSlips) residual += slips_body;
+        twists_body.setZero(numRows, columns);
+        project();
+    };
+    // Rough products bring the residual down to these parts of what it was, one after the other, with an exact residual in between.
+    const double reduction = max(roughReduction, MobilityAt::leastRoughTolerance);
+    const int stages = rough && tolerance < reduction ? ceil(log(tolerance) / log(reduction)) : 1;
+    int stage = 1;
+    findResidual(rough);
     direction = -preconditioned;
     VectorXd gradient(columns), energy(columns);
-    int iteration = 0;
-    while (true) {
-        bool converged = true;
-        double worst = 0;
+    const auto lookAt = [&](double wanted, double& worst) {
+        bool reached = true;
+        worst = 0;
         for (int c = 0; c < columns; c++) {
             gradient[c] = residual.col(c).dot(preconditioned.col(c));
             energy[c] =
                 lambda.col(c).dot(residual.col(c)) + wrenches_body.col(c).dot(twists_body.col(c)) + slipEnergy[c];
             if (withSlips) energy[c] -= lambda.col(c).dot(slips_body.col(c));
-            if (!(gradient[c] <= tolerance * tolerance * energy[c])) converged = false;
+            if (!(gradient[c] <= wanted * wanted * energy[c])) reached = false;
             if (energy[c] > 0) worst = max(worst, sqrt(abs(gradient[c]) / energy[c]));
         }
-        if (converged) break;
+        return reached;
+    };
+    VectorXd before(columns);
+    int iteration = 0;
+    while (true) {
+        double worst;
+        const auto target = [&] { return stage == stages ? tolerance : pow(tolerance, double(stage) / stages); };
+        bool reached = lookAt(target(), worst);
+        while (reached && stage < stages) {
+            stage++;
+            findResidual(false);
+            reached = lookAt(target(), worst);
+        }
+        if (reached) break;
         if (rough && (iteration == maxRoughIterations || !gradient.allFinite())) return maxRoughIterations + 1;
         if (iteration++ == maxIterations || !gradient.allFinite()) {
             ostringstream text;
@@ -168,21 +235,23 @@ int MultiblobSolver::iterate(MobilityAt& blobs, const MatrixXd& wrenches, const 
                  << "; raise setSolverTolerance(), use setSolver(Dense), or look for bodies that overlap deeply";
             throw OpenMM::OpenMMException(text.str());
         }
-        multiply(blobs, forProducts, direction, product);
+        if (iteration > 1)
+            for (int c = 0; c < columns; c++) {
+                const double ratio = before[c] > 0 ? gradient[c] / before[c] : 0;
+                direction.col(c) = ratio * direction.col(c) - preconditioned.col(c);
+            }
+        else
+            direction = -preconditioned;
+        multiplyForSolve(blobs, rough, direction, product);
         for (int c = 0; c < columns; c++) {
             const double curvature = direction.col(c).dot(product.col(c));
             const double step = curvature > 0 ? gradient[c] / curvature : 0;
             lambda.col(c) += step * direction.col(c);
             residual.col(c) += step * product.col(c);
         }
+        before = gradient;
         project();
-        for (int c = 0; c < columns; c++) {
-            const double next = residual.col(c).dot(preconditioned.col(c));
-            const double ratio = gradient[c] > 0 ? next / gradient[c] : 0;
-            direction.col(c) = ratio * direction.col(c) - preconditioned.col(c);
-        }
     }
-    turn(OfBodies, false, twists_body, twists);
     return iteration;
 }
 

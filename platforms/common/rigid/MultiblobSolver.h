@@ -25,8 +25,11 @@ class RigidMotion;
  * Accuracy:  the energy norm of the error of lambda is below the tolerance times that of lambda, so every U F is right to its
  *            square, and U in the norm of the friction to the tolerance; or an error. With slips the tolerance is relative to
  *            both together: the square root of lambda^T M lambda + s^T M~^-1 s, M~ the bodies' own matrices.
- * Cost:      an iteration has one product with M and one solve with each body's own matrix. Products are rough ones where the
- *            tolerance allows (MobilityAt::applyFor); if that does not converge, exact ones.
+ * Precision: products are rough ones (MobilityAt::applyRoughly()), which stop the residual from being what it is taken for once it has shrunk
+ *            by about their error. So it is computed anew from lambda by an exact product each time before that, and the iteration goes on
+ *            (van der Vorst, Ye, SIAM J. Sci. Comput. 22, 835 (2000)): at 1e-6 one product is exact, at 5e-5 and more none. If rough
+ *            products do not converge, all is done again with exact ones.
+ * Cost:      an iteration has one product with M and one solve with each body's own matrix.
  */
 class MultiblobSolver {
 public:
@@ -44,10 +47,18 @@ public:
     /**
      * Likewise with slips of the blobs (lab frame; as many columns; empty: none), twists = N (wrenches + K^T M^-1 slips).
      *
-     * @param toleranceOfProducts  as of MobilityAt::applyFor(); 0: exact
+     * @param exactProducts  only
+     * @param fromGuess      there is one column, and keepGuess() has kept a solution for similar ones: begin there, with the bodies' own answer to what
+     *                       is different
      */
     int solve(MobilityAt& blobs, const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips, double tolerance,
-              double toleranceOfProducts, Eigen::MatrixXd& twists);
+              bool exactProducts, Eigen::MatrixXd& twists, bool fromGuess = false);
+    /** Keep a column of the last solve: where the bodies go it turns with them. */
+    void keepGuess(int column);
+    /** Products with one vector of the last solve, exact and rough. */
+    int getNumProducts() const { return numProducts; }
+    /** How many of them were exact. */
+    int getNumExactProducts() const { return numExactProducts; }
     /** The blob forces of the last solve, lab frame. */
     void getBlobForces(Eigen::MatrixXd& lambda_lab) const;
 
@@ -77,13 +88,20 @@ private:
     void project();
     void multiply(MobilityAt& blobs, double tolerance, const Eigen::MatrixXd& lambda_body,
                   Eigen::MatrixXd& result_body);
-    int iterate(MobilityAt& blobs, const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips, double tolerance,
-                bool rough, Eigen::MatrixXd& twists);
+    void multiplyForSolve(MobilityAt& blobs, bool rough, const Eigen::MatrixXd& lambda_body,
+                          Eigen::MatrixXd& result_body);
+    void begin(const Eigen::MatrixXd& wrenches_body, const Eigen::MatrixXd& slips_body, Eigen::MatrixXd& lambda_body) const;
+    void beginFromGuess(const Eigen::MatrixXd& wrenches_body, const Eigen::MatrixXd& slips_body);
+    int iterate(MobilityAt& blobs, double tolerance, bool rough, bool fromGuess);
 
+    const bool hasRoughProducts;
     std::vector<int> rows, blobRow, numBlobRows;  // of elements
     int numRows = 0, numBlobRowsTotal = 0;
     std::vector<std::shared_ptr<const Shape> > shapes;
     std::vector<Eigen::Matrix3d> turns;  // body to lab
+    double roughReduction = 0;           // of a residual that rough products may be trusted with
+    int numProducts = 0, numExactProducts = 0;
+    Eigen::MatrixXd lambdaOfGuess, slipsOfGuess, wrenchesOfGuess;  // one column, in the frames of the bodies
     Eigen::MatrixXd lambda, residual, direction, preconditioned, product, twists_body, wrenches_body, slips_body,
         scaled, lab, labProduct;
 };

@@ -86,11 +86,11 @@ private:
 };
 
 /**
- * The position of a virtual site.
+ * The position of a virtual site, of a kind that turnsWithItsParents().
  *
  * @param system     the System
  * @param particle   index of the virtual site
- * @param position   gives the position of a parent particle by its index
+ * @param position   gives the position of a particle that is none, by its index
  */
 template <class PositionOf>
 OpenMM::Vec3 virtualSitePosition(const OpenMM::System& system, int particle, PositionOf position);

@@ -74,6 +74,11 @@ public:
     void solve(const Vectors& wrenches, const Vectors& slips, Vectors& twists) {
         mobility.solve(wrenches, slips, twists);
     }
+    /** Keep the forces of a column of the last solve(), and begin another's iterations there, at poses a step away at most. Within a step: nothing is carried to the next. */
+    void keepForces(int column = 0) { mobility.keepForces(column); }
+    void solveFromKept(const Vectors& wrenches, const Vectors& slips, Vectors& twists) {
+        mobility.solveFromKept(wrenches, slips, twists);
+    }
     /**
      * slips += those of the flow that users drive, at the present poses, in one of so many columns: of a solve that gives velocities of bodies, not of one for directions. Where there is no
      * flow nothing is done; slips without rows are none so far.
@@ -141,9 +146,9 @@ public:
     /** Move to Q^n + t U: Rotate(q, t W). */
     void goFromStart(double t, const Vectors& twists);
     /**
-     * Whether divergenceOfField() is known, so that no differences are needed: slips are of the model's random field, which is looked at nearby.
+     * Whether divergenceOfField() is known, so that no differences are needed: slips are of the model's random field, which is one flow.
      */
-    bool knowsDivergence() const { return slipsAreOfField; }
+    bool knowsDivergence() const { return slipsAreOfField && mobility.divergenceIsOfField(); }
     /**
      * The divergence by the bodies' coordinates of the twists nearest to the field's slips, at the present poses; of a field of unit temperature and time.
      * The twists of a body depend on its own pose only, so all bodies are displaced at once.

@@ -146,8 +146,8 @@ class LangevinMiddle:
 class MTSLangevin:
     """Makes OpenMM's MTSLangevinIntegrator for a scene that :func:`reciprocalSpaceApart` has made: reciprocal space once a step, the rest several times.
 
-    Its step size is the outer one. In each of the inner steps that class damps with its friction times the *outer* step, so it gets a friction smaller by
-    their number: what acts is the friction asked for.
+    Its step size is the outer one. Before OpenMM 8.0 that class damped in each of the inner steps with its friction times the *outer* step. So the factors of
+    an inner step are set here: with every version what acts is the friction asked for.
 
     Parameters
     ----------
@@ -165,7 +165,10 @@ class MTSLangevin:
         friction = scene.friction if self.friction is None else self.friction
         slow, fast = _forceGroups(scene.system)
         groups = [(group, 1) for group in slow] + [(group, self.inner) for group in fast]
-        integrator = openmm.MTSLangevinIntegrator(scene.temperature, friction/self.inner, stepSize, groups)
+        integrator = openmm.MTSLangevinIntegrator(scene.temperature, friction, stepSize, groups)
+        damping = friction*stepSize/self.inner
+        integrator.setGlobalVariableByName('a', math.exp(-damping))
+        integrator.setGlobalVariableByName('b', math.sqrt(-math.expm1(-2*damping)))
         integrator.setRandomNumberSeed(seed)
         return integrator
 

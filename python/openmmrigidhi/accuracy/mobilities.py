@@ -60,7 +60,7 @@ class MobilityObservable:
     measure : callable
         MobilitySample -> float or array, or None where it has no meaning
     compare : callable, optional
-        (value, value of the reference) -> relative error; default: (x - r)/|r|, and for arrays norm(x - r)/norm(r)
+        (value, value of the reference) -> relative error; default: ``(x - r)/|r|``, and for arrays norm(x - r)/norm(r)
     description : str
     """
 

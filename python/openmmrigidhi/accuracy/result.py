@@ -223,7 +223,7 @@ class StudyResult(Result):
     def recommend(self, wanted, confidence=None):
         """The cheapest setting whose errors are below the wanted ones, with confidence.
 
-        A setting qualifies if the one-sided upper bound of |error| is below the tolerance for every wanted observable; it is
+        A setting qualifies if the one-sided upper bound of ``|error|`` is below the tolerance for every wanted observable; it is
         out if for one of them the lower bound is above; otherwise the statistics cannot tell.
 
         Parameters

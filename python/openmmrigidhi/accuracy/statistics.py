@@ -210,7 +210,7 @@ class ErrorCurve:
     degrees: int
 
     def stepFor(self, tolerance):
-        """The step at which |error| first reaches the tolerance: value, and an ndarray for the cloud; capped at `largest`."""
+        """The step at which ``|error|`` first reaches the tolerance: value, and an ndarray for the cloud; capped at `largest`."""
         value = self._solve(self.coefficients, self.errors, tolerance)
         return value, np.array([self._solve(*each, tolerance) for each in zip(self.cloud, self.errorCloud)])
 

@@ -2,6 +2,7 @@
 from .blobfiles import readClones, readVertexFile, writeClones
 from .bodies import addRigidMultiblob, addRigidResidues, addRigidWater, bindBodies
 from .bodystates import BodyStates, RigidBodyReporter, readBodyStates
+from .drawing import movie, show
 from .gsdfiles import GsdReporter, readGsd
 from .h5mdfiles import H5mdReporter, readH5md
 from .minimizer import MinimizationResult, minimize
@@ -12,4 +13,4 @@ from .trajectories import Trajectory
 __all__ = ['addRigidWater', 'addRigidResidues', 'addRigidMultiblob', 'bindBodies', 'minimize', 'MinimizationResult', 'RigidBodyReporter',
            'readBodyStates', 'BodyStates', 'StateDataReporter', 'sphereShell', 'multiblobSphere', 'rod', 'cylinder', 'boomerang',
            'tetramer', 'icosahedron', 'readVertexFile', 'readClones', 'writeClones',
-           'GsdReporter', 'readGsd', 'H5mdReporter', 'readH5md', 'Trajectory']
+           'GsdReporter', 'readGsd', 'H5mdReporter', 'readH5md', 'Trajectory', 'show', 'movie']

@@ -193,7 +193,30 @@ def _readTrajectory(file, stepSize):
                       [particles.types[k] for k in particles.typeid[bodies]],
                       _units.LENGTH.attach(R[:, blobs]) if len(blobs) else None,
                       _units.LENGTH.attach(particles.diameter[blobs].astype(float)/2) if len(blobs) else None,
-                      particles.body[blobs] if len(blobs) else None)
+                      particles.body[blobs] if len(blobs) else None, *_sites(particles, bodies, blobs, R[0], q[0]))
+
+
+def _sites(particles, bodies, blobs, R, q):
+    """Sites and radii of each body: its constituents, or its type's shape where all types have one that is made of spheres."""
+    if len(blobs):
+        members = [blobs[particles.body[blobs] == body] for body in bodies]
+        sites = [rotate(conjugate(q[k:k + 1]), R[each] - R[body]) for k, (body, each) in enumerate(zip(bodies, members))]
+        radii = [particles.diameter[each].astype(float)/2 for each in members]
+    else:
+        shapes = [_spheresOf(shape) for shape in particles.type_shapes or []]
+        if len(shapes) < len(particles.types) or any(shapes[k] is None for k in particles.typeid[bodies]):
+            return None, None
+        sites, radii = zip(*(shapes[k] for k in particles.typeid[bodies]))
+    return [_units.LENGTH.attach(each) for each in sites], [_units.LENGTH.attach(each) for each in radii]
+
+
+def _spheresOf(shape):
+    """Centres and radii of a shape of GSD's that is made of spheres, else None."""
+    if shape.get('type') == 'Sphere':
+        return np.zeros((1, 3)), np.array([shape['diameter']])/2
+    if shape.get('type') == 'SphereUnion':
+        return np.array(shape['centers'], dtype=float), np.array(shape['diameters'], dtype=float)/2
+    return None
 
 
 def _readFrame(frame, first, bodies, k, file):

@@ -256,7 +256,22 @@ def _readGroup(handle, bodies, group, file):
                       orientations, _attach(_units.VELOCITY, velocities), _attach(_units.ANGULAR_VELOCITY, angular), _attach(_units.LENGTH, edges), types,
                       _attach(_units.LENGTH, blobPositions),
                       _attach(_units.LENGTH, blobs['radius'][:]*_conversion(blobs['radius'], 1, 0, file) if hasBlobs else None),
-                      blobs['body'][:] if hasBlobs else None)
+                      blobs['body'][:] if hasBlobs else None, *_sites(handle, group, positions.shape[1], file))
+
+
+def _sites(handle, group, bodies, file):
+    """Sites and radii of each body, where the file tells."""
+    own = handle.get(f'parameters/{group}')
+    if own is None or not all(name in own for name in ('site_position', 'site_radius', 'first_site')):
+        return None, None
+    first = own['first_site'][:]
+    if len(first) != bodies + 1:
+        raise ValueError(f'readH5md: {file}: /parameters/{group} is of {len(first) - 1} bodies, /particles/{group} of {bodies}; these must be the same: '
+                         'the file is damaged, restore it from a copy')
+    sites = own['site_position'][:]*_conversion(own['site_position'], 1, 0, file)
+    radii = own['site_radius'][:]*_conversion(own['site_radius'], 1, 0, file)
+    spans = list(zip(first[:-1], first[1:]))
+    return [_units.LENGTH.attach(sites[a:b]) for a, b in spans], [_units.LENGTH.attach(radii[a:b]) for a, b in spans]
 
 
 def _attach(dimension, values):

@@ -159,6 +159,10 @@ class Trajectory:
         their radii, nm
     blobBodies : array of shape (m,), or None
         the body that each belongs to; -1: a free particle
+    sites : list of Quantity of shape (s, 3), or None
+        of each body: its particles, or those of them that have a radius, body frame, nm; None if the file does not tell
+    siteRadii : list of Quantity of shape (s,), or None
+        their radii, nm; 0: none
     """
 
     time: unit.Quantity
@@ -172,6 +176,8 @@ class Trajectory:
     blobPositions: unit.Quantity = None
     blobRadii: unit.Quantity = None
     blobBodies: np.ndarray = None
+    sites: list = None
+    siteRadii: list = None
 
     def __len__(self):
         return len(self.step)

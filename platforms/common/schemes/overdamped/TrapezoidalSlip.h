@@ -8,6 +8,7 @@
 //            Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017); docs/THEORY.md.
 // Order:     weak 1; 2 at T = 0.   Bias of the drift: O(delta^2).
 // Cost:      two force evaluations (the second at t + h), three solves at two configurations, two products with M, one square root a step.
+//            Iterations of the corrector's solve begin at the predictor's forces.
 // Reference: Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017).
 // Limits:    as random finite differences. Where the divergence is known or 0, kT div N takes the place of F_D and s_D: two solves, no
 //            products, no directions. Of spheres K = 1, and s is no other at Q*: the average over both ends makes no drift either.
@@ -35,6 +36,7 @@ private:
             withFlow = slip;
             m.addFlow(withFlow);
             m.solve(m.force, withFlow, U_start);
+            m.keepForces();
             m.recordSolve(0.5);
         } else {
             m.drawForSlips(OverdampedMove::First);
@@ -45,6 +47,7 @@ private:
                 withFlow = slip;
                 m.addFlow(withFlow);
                 m.solve(m.force, withFlow, U_start);
+                m.keepForces();
                 m.recordSolve(0.5);
                 drift.setZero(m.getNumRows(), 1);
                 m.addKnownDrift(m.kT, drift);
@@ -57,6 +60,7 @@ private:
                 slips_both.col(1) = slip;
                 m.addFlow(slips_both, 1, 2);
                 m.solve(both, slips_both, U_both);
+                m.keepForces(1);
                 U_start = U_both.col(1);
                 m.recordSolve(0.5, 1);
                 m.drawTractions(forceDifference, difference);
@@ -71,13 +75,13 @@ private:
         withFlow = slip;
         m.addFlow(withFlow);
         if (m.kT == 0) {
-            m.solve(m.force, withFlow, U);
+            m.solveFromKept(m.force, withFlow, U);
         } else if (m.driftIsKnown()) {
-            m.solve(m.force, withFlow, U);
+            m.solveFromKept(m.force, withFlow, U);
             U += 2 * drift;
         } else {
             total = m.force + 2 * m.kT * forceDifference;
-            m.solve(total, withFlow, U);
+            m.solveFromKept(total, withFlow, U);
         }
         m.recordSolve(0.5);
         U = 0.5 * (U + U_start);

@@ -93,6 +93,7 @@ struct GridSlab {
 template <typename T>
 struct GridScratch {
     AlignedArrayOf<T> slab, columns, transformed, noise;
+    AlignedArrayOf<T> channels;  // columns of all channels and their sum
     GridSeconds seconds;
 };
 
@@ -111,6 +112,14 @@ struct GridWork {
     const T *kx, *keepsX;  // wave numbers of each x, and 0 for the Nyquist index and padding, else 1; each twice
     const T* halfTurns;    // of a mirrored grid, cos and sin of pi m/(2 rows) for each ky
     bool streams;          // whether modes are too many for caches
+};
+
+/** A channel, with its own modes. */
+template <typename T>
+struct ChannelWork {
+    T* modes[3];
+    const GridFactors* factors;
+    bool ofTorques;
 };
 
 }  // namespace RigidHIPlugin
@@ -714,6 +723,133 @@ void drawRow(const GridWork<double>& work, int y, double viscosity, const ModeNo
     }
 }
 
+// ---- Columns along x of channels
+
+/** to <- to + factors i k x from/2, for one column. */
+template <typename T>
+void addHalfCurl(const GridWork<T>& work, int y, int z, const T* factors, T* const* from, T* const* to) {
+    const T ky = static_cast<T>(work.layout.shape.waveNumber(1, y)),
+            kz = static_cast<T>(work.layout.shape.waveNumber(2, z));
+    const T *u = from[0], *v = from[1], *w = from[2];
+    for (int re = 0; re < 2 * work.layout.shape.size[0]; re += 2) {
+        const int im = re + 1;
+        const T kx = work.kx[re], half = T(0.5) * factors[re];
+        to[0][re] -= half * (ky * w[im] - kz * v[im]);
+        to[0][im] += half * (ky * w[re] - kz * v[re]);
+        to[1][re] -= half * (kz * u[im] - kx * w[im]);
+        to[1][im] += half * (kz * u[re] - kx * w[re]);
+        to[2][re] -= half * (kx * v[im] - ky * u[im]);
+        to[2][im] += half * (kx * v[re] - ky * u[re]);
+    }
+}
+
+/** modes <- scale (1 - k k/k^2) modes of one column. */
+template <typename T>
+void projectAcross(const GridWork<T>& work, int y, int z, double scale, T* const* modes) {
+    const SlabLanes<T> d;
+    const auto one = hn::Set(d, T(1)), ky = hn::Set(d, static_cast<T>(work.layout.shape.waveNumber(1, y))),
+               kz = hn::Set(d, static_cast<T>(work.layout.shape.waveNumber(2, z))),
+               strength = hn::Set(d, static_cast<T>(scale));
+    const auto square = hn::MulAdd(kz, kz, hn::Mul(ky, ky));
+    for (size_t i = 0; i < work.layout.columnNumbers(); i += hn::Lanes(d)) {
+        const auto kx = hn::Load(d, work.kx + i);
+        auto k2 = hn::MulAdd(kx, kx, square);
+        k2 = hn::IfThenElse(hn::Gt(k2, hn::Zero(d)), k2, one);  // its factor is 0
+        T *u = modes[0] + i, *v = modes[1] + i, *w = modes[2] + i;
+        const auto fu = hn::Load(d, u), fv = hn::Load(d, v), fw = hn::Load(d, w);
+        const auto along = hn::Div(hn::MulAdd(kx, fu, hn::MulAdd(ky, fv, hn::Mul(kz, fw))), k2);
+        hn::Store(hn::Mul(strength, hn::NegMulAdd(along, kx, fu)), d, u);
+        hn::Store(hn::Mul(strength, hn::NegMulAdd(along, ky, fv)), d, v);
+        hn::Store(hn::Mul(strength, hn::NegMulAdd(along, kz, fw)), d, w);
+    }
+}
+
+/** to <- factors times flow, or half of its curl, and back along x to the modes of a channel. */
+template <typename T>
+void columnsToChannel(const GridWork<T>& work, const ChannelWork<T>& channel, int y, int z, T* const* flow,
+                      T* const* to) {
+    const size_t length = work.layout.columnNumbers();
+    const T* const factors = channel.factors->column(y, z, T());
+    const SlabLanes<T> d;
+    if (channel.ofTorques) {
+        for (int c = 0; c < 3; c++) std::fill_n(to[c], length, T(0));
+        addHalfCurl(work, y, z, factors, flow, to);
+    } else {
+        for (size_t i = 0; i < length; i += hn::Lanes(d)) {
+            const auto phi = hn::Load(d, factors + i);
+            for (int c = 0; c < 3; c++) hn::Store(hn::Mul(phi, hn::Load(d, flow[c] + i)), d, to[c] + i);
+        }
+    }
+    for (int c = 0; c < 3; c++) {
+        T* const modes = channel.modes[c] + work.layout.column(y, z);
+        work.plans[0].back(to[c], modes);
+        std::fill(modes + 2 * work.layout.shape.size[0], modes + length, T(0));
+    }
+}
+
+/** Room for three columns of what channels have, and three of their sum; zeros as padding. */
+template <typename T>
+void emptyChannels(const GridWork<T>& work, GridScratch<T>& scratch, T** own, T** sum) {
+    const size_t length = work.layout.columnNumbers();
+    scratch.channels.resize(6 * length);
+    std::fill_n(scratch.channels.data(), 6 * length, T(0));
+    for (int c = 0; c < 3; c++) {
+        own[c] = scratch.channels.data() + c * length;
+        sum[c] = own[c] + 3 * length;
+    }
+}
+
+/** There, through the fluid, and back, along x. */
+template <typename T>
+void solveChannels(const GridWork<T>& work, const ChannelWork<T>* channels, int count, int y, double viscosity,
+                   GridScratch<T>& scratch) {
+    const TimeOfLife timer(scratch.seconds.transforms);
+    const GridLayout& layout = work.layout;
+    const SlabLanes<T> d;
+    T *own[3], *sum[3];
+    emptyChannels(work, scratch, own, sum);
+    // As in solveColumns().
+    const double scale = 0.5 / (viscosity * layout.shape.numNodes());
+    for (int z = 0; z < layout.numModes; z++) {
+        for (int c = 0; c < 3; c++) std::fill_n(sum[c], layout.columnNumbers(), T(0));
+        for (int g = 0; g < count; g++) {
+            for (int c = 0; c < 3; c++) work.plans[0].there(channels[g].modes[c] + layout.column(y, z), own[c]);
+            const T* const factors = channels[g].factors->column(y, z, T());
+            if (channels[g].ofTorques) {
+                addHalfCurl(work, y, z, factors, own, sum);
+                continue;
+            }
+            for (size_t i = 0; i < layout.columnNumbers(); i += hn::Lanes(d)) {
+                const auto phi = hn::Load(d, factors + i);
+                for (int c = 0; c < 3; c++)
+                    hn::Store(hn::MulAdd(phi, hn::Load(d, own[c] + i), hn::Load(d, sum[c] + i)), d, sum[c] + i);
+            }
+        }
+        projectAcross(work, y, z, scale, sum);
+        for (int g = 0; g < count; g++) columnsToChannel(work, channels[g], y, z, sum, own);
+    }
+}
+
+void drawChannelRow(const GridWork<double>& work, const ChannelWork<double>* channels, int count, int y,
+                    double viscosity, const ModeNoise& noise, const int* waveIndices, std::complex<double>* numbers,
+                    GridScratch<double>& scratch) {
+    const GridShape& shape = work.layout.shape;
+    const int size = shape.size[0];
+    double *own[3], *sum[3];
+    emptyChannels(work, scratch, own, sum);
+    const double scale = 1 / std::sqrt(viscosity * shape.numNodes());
+    for (int z = 0; z < work.layout.numModes; z++) {
+        if (!shape.isNyquist(1, y)) {
+            noise.fill(waveIndices, size, shape.waveIndex(1, y), z, numbers);
+            for (int c = 0; c < 3; c++)
+                std::memcpy(sum[c], numbers + (size_t)c * size, size * sizeof(std::complex<double>));
+        }
+        const TimeOfLife timer(scratch.seconds.transforms);
+        projectAcross(work, y, z, scale, sum);
+        for (int g = 0; g < count; g++) columnsToChannel(work, channels[g], y, z, sum, own);
+    }
+}
+
 /** CounterModeNoise::fill() with packs of modes. */
 void fillModes(const NoiseStream& noise, uint32_t purpose, const int* nx, int count, int ny, int nz,
                std::complex<double>* numbers) {
@@ -755,6 +891,14 @@ void solveExactly(const GridWork<double>& work, int y, double viscosity, GridScr
 void solveRoughly(const GridWork<float>& work, int y, double viscosity, GridScratch<float>& scratch) {
     solveColumns(work, y, viscosity, scratch);
 }
+void solveChannelsExactly(const GridWork<double>& work, const ChannelWork<double>* channels, int count, int y,
+                          double viscosity, GridScratch<double>& scratch) {
+    solveChannels(work, channels, count, y, viscosity, scratch);
+}
+void solveChannelsRoughly(const GridWork<float>& work, const ChannelWork<float>* channels, int count, int y,
+                          double viscosity, GridScratch<float>& scratch) {
+    solveChannels(work, channels, count, y, viscosity, scratch);
+}
 void averageSlabExactly(const GridWork<double>& work, const GridStencils& stencils, int slab, double* parts,
                         GridScratch<double>& scratch) {
     averageSlab(work, stencils, slab, parts, scratch);
@@ -783,6 +927,9 @@ HWY_EXPORT(spreadSlabExactly);
 HWY_EXPORT(spreadSlabRoughly);
 HWY_EXPORT(solveExactly);
 HWY_EXPORT(solveRoughly);
+HWY_EXPORT(solveChannelsExactly);
+HWY_EXPORT(solveChannelsRoughly);
+HWY_EXPORT(drawChannelRow);
 HWY_EXPORT(averageSlabExactly);
 HWY_EXPORT(averageSlabRoughly);
 HWY_EXPORT(drawRow);
@@ -807,6 +954,14 @@ void solve(const GridWork<double>& work, int y, double viscosity, GridScratch<do
 void solve(const GridWork<float>& work, int y, double viscosity, GridScratch<float>& scratch) {
     HWY_DYNAMIC_DISPATCH(solveRoughly)(work, y, viscosity, scratch);
 }
+void solve(const GridWork<double>& work, const std::vector<ChannelWork<double> >& channels, int y, double viscosity,
+           GridScratch<double>& scratch) {
+    HWY_DYNAMIC_DISPATCH(solveChannelsExactly)(work, channels.data(), channels.size(), y, viscosity, scratch);
+}
+void solve(const GridWork<float>& work, const std::vector<ChannelWork<float> >& channels, int y, double viscosity,
+           GridScratch<float>& scratch) {
+    HWY_DYNAMIC_DISPATCH(solveChannelsRoughly)(work, channels.data(), channels.size(), y, viscosity, scratch);
+}
 void averageModes(const GridWork<double>& work, const GridStencils& stencils, int slab, double* parts,
                   GridScratch<double>& scratch) {
     HWY_DYNAMIC_DISPATCH(averageSlabExactly)(work, stencils, slab, parts, scratch);
@@ -829,15 +984,19 @@ public:
     void multiply(const GridStencils& stencils, double viscosity, const double* forces, double* velocities);
     void draw(double viscosity, const ModeNoise& noise, GridField& field);
     void average(const GridField& field, const GridStencils& stencils, bool gradients, double* results);
+    void multiply(const std::vector<GridChannel>& channels, double viscosity, const double* forces, double* velocities);
+    void draw(const std::vector<GridChannel>& channels, double viscosity, const ModeNoise& noise,
+              std::vector<GridField>& fields);
 
 private:
     typedef GridScratch<T> Scratch;
-    GridWork<T> work() {
+    GridWork<T> work() { return workOf(modes); }
+    GridWork<T> workOf(AlignedArrayOf<T>* of) {
         // More than this does not stay in caches from one pass to the next.
         const double cached = 16e6;
         return {layout,
                 plans,
-                {modes[0].data(), modes[1].data(), modes[2].data()},
+                {of[0].data(), of[1].data(), of[2].data()},
                 waveNumbers.data(),
                 keeps.data(),
                 halfTurns.data(),
@@ -852,7 +1011,10 @@ private:
     GridSeconds& seconds;
     GridLayout layout;
     GridPlans<T> plans[3];
+    /** Of each channel what it works with; the first has the modes that there are already. */
+    std::vector<GridWork<T> > worksOf(const std::vector<GridChannel>& channels, std::vector<ChannelWork<T> >& own);
     AlignedArrayOf<T> modes[3];
+    std::vector<AlignedArrayOf<T> > modesOfOthers;  // of channels after the first, three each
     AlignedArrayOf<T> waveNumbers, keeps, halfTurns;  // GridWork
     std::vector<int> waveIndices;
     std::mutex scratchMutex;
@@ -940,6 +1102,44 @@ void GridEngine<T>::multiply(const GridStencils& stencils, double viscosity, con
     sumParts(stencils, false, velocities);
 }
 
+template <typename T>
+std::vector<GridWork<T> > GridEngine<T>::worksOf(const std::vector<GridChannel>& channels,
+                                                 std::vector<ChannelWork<T> >& own) {
+    prepare(*channels[0].stencils);
+    modesOfOthers.resize(3 * (channels.size() - 1));
+    for (AlignedArrayOf<T>& component : modesOfOthers) component.resize(layout.modeNumbers());
+    std::vector<GridWork<T> > works;
+    for (size_t g = 0; g < channels.size(); g++) {
+        works.push_back(workOf(g == 0 ? modes : &modesOfOthers[3 * (g - 1)]));
+        T* const* const at = works.back().modes;
+        own.push_back({{at[0], at[1], at[2]}, channels[g].factors, channels[g].ofTorques});
+    }
+    return works;
+}
+
+template <typename T>
+void GridEngine<T>::multiply(const std::vector<GridChannel>& channels, double viscosity, const double* forces,
+                             double* velocities) {
+    std::vector<ChannelWork<T> > own;
+    const std::vector<GridWork<T> > works = worksOf(channels, own);
+    for (size_t g = 0; g < channels.size(); g++) {
+        const GridStencils& stencils = *channels[g].stencils;
+        forEach(layout.numSlabs,
+                [&](int slab, Scratch& scratch) { spread(works[g], stencils, slab, forces, scratch); });
+        forces += stencils.getParticles().numRows;
+    }
+    forEach(layout.numRows, [&](int y, Scratch& scratch) { solve(works[0], own, y, viscosity, scratch); });
+    for (size_t g = 0; g < channels.size(); g++) {
+        const GridStencils& stencils = *channels[g].stencils;
+        parts.resize(numbersOfPart * (size_t)stencils.numSlices());
+        forEach(layout.numSlabs, [&](int slab, Scratch& scratch) {
+            averageModes(works[g], stencils, slab, parts.data(), scratch);
+        });
+        sumParts(stencils, false, velocities);
+        velocities += stencils.getParticles().numRows;
+    }
+}
+
 /** A particle's slices are summed in their order, whichever thread averaged over them. */
 template <typename T>
 void GridEngine<T>::sumParts(const GridStencils& stencils, bool gradients, double* results) {
@@ -986,6 +1186,28 @@ void GridEngine<double>::draw(double viscosity, const ModeNoise& noise, GridFiel
 }
 
 template <>
+void GridEngine<double>::draw(const std::vector<GridChannel>& channels, double viscosity, const ModeNoise& noise,
+                              std::vector<GridField>& fields) {
+    std::vector<ChannelWork<double> > own;
+    const std::vector<GridWork<double> > works = worksOf(channels, own);
+    forEach(layout.numRows, [&](int y, Scratch& scratch) {
+        scratch.noise.resize(2 * 3 * (size_t)layout.shape.size[0]);
+        HWY_DYNAMIC_DISPATCH(drawChannelRow)
+        (works[0], own.data(), own.size(), y, viscosity, noise, waveIndices.data(),
+         reinterpret_cast<std::complex<double>*>(scratch.noise.data()), scratch);
+    });
+    for (size_t g = 0; g < channels.size(); g++) {
+        GridField& field = fields[g];
+        field.shape = layout.shape;
+        field.rowLength = layout.rowLength;
+        for (AlignedArray& component : field.values) component.resize(layout.numSlabs * layout.slabNumbers());
+        forEach(layout.numSlabs, [&](int slab, Scratch& scratch) {
+            HWY_DYNAMIC_DISPATCH(fillFieldSlab)(works[g], slab, slabOf(layout, field, slab), scratch);
+        });
+    }
+}
+
+template <>
 void GridEngine<double>::average(const GridField& field, const GridStencils& stencils, bool gradients,
                                  double* results) {
     parts.resize(numbersOfPart * (size_t)stencils.numSlices());
@@ -1025,6 +1247,27 @@ void CpuGridFluid::multiplyColumn(const GridStencils& stencils, double viscosity
 void CpuGridFluid::multiplyColumnRoughly(const GridStencils& stencils, double viscosity, const double* forces,
                                          double* velocities) {
     prepare(rough, stencils).multiply(stencils, viscosity, forces, velocities);
+}
+
+void CpuGridFluid::multiplyChannels(const std::vector<GridChannel>& channels, double viscosity, bool roughly,
+                                    const double* forces, double* velocities) {
+    if (roughly)
+        prepare(rough, *channels[0].stencils).multiply(channels, viscosity, forces, velocities);
+    else
+        prepare(exact, *channels[0].stencils).multiply(channels, viscosity, forces, velocities);
+    held = channels.size() * memory(channels[0].stencils->getShape());
+}
+
+void CpuGridFluid::drawChannels(const std::vector<GridChannel>& channels, double viscosity, const ModeNoise& noise,
+                                std::vector<GridField>& fields) {
+    prepare(exact, *channels[0].stencils).draw(channels, viscosity, noise, fields);
+}
+
+void CpuGridFluid::forRanges(int count, const std::function<void(int, int)>& task) const {
+    if (threads)
+        threads(count, task);
+    else
+        task(0, count);
 }
 
 void CpuGridFluid::drawModes(const GridStencils& stencils, double viscosity, const ModeNoise& noise, GridField& field) {

@@ -29,6 +29,8 @@ class CpuGridFluid : public GridFluid {
 public:
     explicit CpuGridFluid(GridThreads threads = {});
     ~CpuGridFluid() override;
+    void forRanges(int count, const std::function<void(int, int)>& task) const override;
+    bool hasRoughProducts() const override { return true; }
 
 protected:
     void multiplyColumn(const GridStencils& stencils, double viscosity, const double* forces,
@@ -39,6 +41,10 @@ protected:
     std::unique_ptr<ModeNoise> modeNoise(const NoiseStream& noise, uint32_t purpose) const override;
     void averageColumn(const GridField& field, const GridStencils& stencils, double* velocities) override;
     void averageGradientColumn(const GridField& field, const GridStencils& stencils, double* gradients) override;
+    void multiplyChannels(const std::vector<GridChannel>& channels, double viscosity, bool roughly,
+                          const double* forces, double* velocities) override;
+    void drawChannels(const std::vector<GridChannel>& channels, double viscosity, const ModeNoise& noise,
+                      std::vector<GridField>& fields) override;
 
 private:
     template <typename T>

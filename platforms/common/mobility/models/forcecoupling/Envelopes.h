@@ -10,6 +10,8 @@ namespace RigidHIPlugin {
 
 /** Width of the force envelope of a sphere of this radius, nm. */
 inline double forceEnvelopeWidth(double radius) { return radius / std::sqrt(M_PI); }
+/** The radius of a sphere with a force envelope of this width. */
+inline double radiusOfForceEnvelope(double width) { return width * std::sqrt(M_PI); }
 /** Width of the torque envelope. */
 inline double torqueEnvelopeWidth(double radius) { return radius / std::cbrt(6 * std::sqrt(M_PI)); }
 

@@ -3,8 +3,8 @@
 #include <openmm/OpenMMException.h>
 
 #include <cmath>
-#include <fstream>
 
+#include "mobility/models/forcecoupling/GridChecks.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
 #include "openmmrigidhi/internal/Messages.h"
 
@@ -14,9 +14,6 @@ using OpenMM::Vec3;
 namespace RigidHIPlugin {
 
 namespace {
-
-/** Wave numbers of modes fit into the counters of random numbers. */
-const int largestSize = 8190;
 
 class Place : public MobilityAt {
 public:
@@ -119,15 +116,6 @@ private:
     VectorXd velocities;
 };
 
-/** Bytes that this machine has free; infinity where it does not say. */
-double freeMemory() {
-    std::ifstream info("/proc/meminfo");
-    std::string word;
-    for (double kilobytes; info >> word;)
-        if (word == "MemAvailable:" && info >> kilobytes) return 1024 * kilobytes;
-    return std::numeric_limits<double>::infinity();
-}
-
 }  // namespace
 
 ForceCouplingGrid::ForceCouplingGrid(const HydrodynamicParticles& particles, double viscosity, double tolerance,
@@ -152,28 +140,10 @@ GridShape ForceCouplingGrid::shapeFor(const BoxVectors& box) const {
 }
 
 void ForceCouplingGrid::checkBox(const BoxVectors& box) const {
-    const auto fail = [](const std::string& problem) {
-        throw OpenMM::OpenMMException("MobilityForce: ForceCoupling on a grid " + problem);
-    };
-    if (box[1][0] != 0 || box[2][0] != 0 || box[2][1] != 0)
-        fail("needs a box with edges along the axes, but the periodic box has the vectors " + text(box[0]) + ", " +
-             text(box[1]) + ", " + text(box[2]) +
-             " nm; use setSolver(Dense), which has triclinic boxes too, or an orthogonal box");
-    if (!(box[0][0] > 0 && box[1][1] > 0 && box[2][2] > 0))
-        fail("needs a periodic box, and there is none; set one by setDefaultPeriodicBoxVectors() on the System");
-    for (int axis = 0; axis < 3; axis++)
-        if (!(box[axis][axis] / resolution.getSpacing() < largestSize))
-            fail("would have " + text(box[axis][axis] / resolution.getSpacing(), 6) + " nodes along an edge of " +
-                 text(box[axis][axis]) + " nm, where it may have " + std::to_string(largestSize) +
-                 "; raise setSolverTolerance() or setGridSpacing(), or make the box smaller");
+    checkBoxOfGrid(name(), box);
+    checkSizeOfGrid(name(), box, resolution.getSpacing());
     const GridShape shape = shapeFor(box);
-    const double gigabytes = 1e-9 * GridFluid::memory(shape), more = gigabytes - 1e-9 * fluid->memoryHeld();
-    // Asked only of what could be too much, and is not there yet.
-    if (more > 0.5 && more > 1e-9 * freeMemory())
-        fail("would take " + text(gigabytes, 3) + " GB for " + std::to_string(shape.size[0]) + " x " +
-             std::to_string(shape.numRows()) + " x " + std::to_string(shape.size[2]) + " nodes, and " +
-             text(1e-9 * freeMemory(), 3) +
-             " GB are free; raise setSolverTolerance() or setGridSpacing(), or make the box smaller");
+    checkMemoryOfGrid(name(), shape, GridFluid::memory(shape), fluid->memoryHeld());
 }
 
 std::string ForceCouplingGrid::describe(const BoxVectors& box) const {

@@ -49,6 +49,7 @@ public:
                      Eigen::MatrixXd& mobility) const override;
 
     bool isMirrored() const override { return mirrored; }
+    bool hasRoughProducts() const override { return fluid->hasRoughProducts(); }
     const GridResolution& getResolution() const { return resolution; }
     GridShape shapeFor(const BoxVectors& box) const;
     GridFluid& getFluid() const { return *fluid; }

@@ -30,6 +30,25 @@ void GridFluid::draw(const GridStencils& stencils, double viscosity, const ModeN
     drawModes(stencils, viscosity, GridModeNoise(stencils.getShape(), noise), field);
 }
 
+void GridFluid::multiply(const std::vector<GridChannel>& channels, double viscosity, bool roughly,
+                         const VectorXd& forces, VectorXd& velocities) {
+    const std::lock_guard<std::mutex> lock(inUse);
+    velocities.resize(rowsOf(channels));
+    multiplyChannels(channels, viscosity, roughly, forces.data(), velocities.data());
+}
+
+void GridFluid::draw(const std::vector<GridChannel>& channels, double viscosity, const NoiseStream& noise,
+                     uint32_t purpose, std::vector<GridField>& fields) {
+    draw(channels, viscosity, *modeNoise(noise, purpose), fields);
+}
+
+void GridFluid::draw(const std::vector<GridChannel>& channels, double viscosity, const ModeNoise& noise,
+                     std::vector<GridField>& fields) {
+    const std::lock_guard<std::mutex> lock(inUse);
+    fields.resize(channels.size());
+    drawChannels(channels, viscosity, GridModeNoise(channels[0].stencils->getShape(), noise), fields);
+}
+
 std::unique_ptr<ModeNoise> GridFluid::modeNoise(const NoiseStream& noise, uint32_t purpose) const {
     return std::unique_ptr<ModeNoise>(new CounterModeNoise(noise, purpose));
 }

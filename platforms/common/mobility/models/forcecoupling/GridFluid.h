@@ -8,6 +8,7 @@
 
 #include "linearalgebra/AlignedArray.h"
 #include "mobility/GridSeconds.h"
+#include "mobility/models/forcecoupling/GridChannels.h"
 #include "mobility/models/forcecoupling/GridModes.h"
 #include "mobility/models/forcecoupling/GridStencils.h"
 
@@ -38,6 +39,8 @@ public:
     /** velocities = M forces, for columns one after the other. @param viscosity  dalton/(nm ps) */
     void multiply(const GridStencils& stencils, double viscosity, const Eigen::MatrixXd& forces,
                   Eigen::MatrixXd& velocities);
+    /** Whether multiplyRoughly() takes less time. */
+    virtual bool hasRoughProducts() const { return false; }
     /** Likewise to MobilityAt::roughError, where that takes less time. */
     void multiplyRoughly(const GridStencils& stencils, double viscosity, const Eigen::MatrixXd& forces,
                          Eigen::MatrixXd& velocities);
@@ -53,6 +56,23 @@ public:
     void average(const GridField& field, const GridStencils& stencils, Eigen::VectorXd& velocities);
     /** Derivatives of the velocities (not the angular ones) by the particles' positions: dv_a/dx_b at (3 a + b, particle). */
     void averageGradients(const GridField& field, const GridStencils& stencils, Eigen::MatrixXd& gradients);
+    /**
+     * velocities = M forces of channels that share one grid, which is not mirrored: M_gh = sum over modes of phi_g phi_h
+     * (1 - k k/k^2)/(eta V), times half of a curl on each side that has torques. One column, one channel after the other.
+     *
+     * Cost: six transforms and two passes over particles for each channel.
+     *
+     * @param roughly  as multiplyRoughly()
+     */
+    void multiply(const std::vector<GridChannel>& channels, double viscosity, bool roughly,
+                  const Eigen::VectorXd& forces, Eigen::VectorXd& velocities);
+    /** The random field, one for each channel, whose averages have the covariance of that M. */
+    void draw(const std::vector<GridChannel>& channels, double viscosity, const NoiseStream& noise, uint32_t purpose,
+              std::vector<GridField>& fields);
+    void draw(const std::vector<GridChannel>& channels, double viscosity, const ModeNoise& noise,
+              std::vector<GridField>& fields);
+    /** Calls task(first, end) for ranges that cover 0 ... count - 1, on as many threads as it has itself. */
+    virtual void forRanges(int count, const std::function<void(int, int)>& task) const { task(0, count); }
     /** What it has taken so far. Not while another thread uses it. */
     const GridSeconds& getSeconds() const { return seconds; }
     /** What it has taken already. */
@@ -71,6 +91,10 @@ protected:
     }
     virtual void drawModes(const GridStencils& stencils, double viscosity, const ModeNoise& noise,
                            GridField& field) = 0;
+    virtual void multiplyChannels(const std::vector<GridChannel>& channels, double viscosity, bool roughly,
+                                  const double* forces, double* velocities) = 0;
+    virtual void drawChannels(const std::vector<GridChannel>& channels, double viscosity, const ModeNoise& noise,
+                              std::vector<GridField>& fields) = 0;
     virtual std::unique_ptr<ModeNoise> modeNoise(const NoiseStream& noise, uint32_t purpose) const;
     virtual void averageColumn(const GridField& field, const GridStencils& stencils, double* velocities) = 0;
     virtual void averageGradientColumn(const GridField& field, const GridStencils& stencils, double* gradients) = 0;
@@ -96,22 +120,28 @@ protected:
     void drawModes(const GridStencils& stencils, double viscosity, const ModeNoise& noise, GridField& field) override;
     void averageColumn(const GridField& field, const GridStencils& stencils, double* velocities) override;
     void averageGradientColumn(const GridField& field, const GridStencils& stencils, double* gradients) override;
+    void multiplyChannels(const std::vector<GridChannel>& channels, double viscosity, bool roughly,
+                          const double* forces, double* velocities) override;
+    void drawChannels(const std::vector<GridChannel>& channels, double viscosity, const ModeNoise& noise,
+                      std::vector<GridField>& fields) override;
 
 private:
     void prepare(const GridShape& shape);
+    void forward();
     void release();
     void spread(const GridStencils& stencils, const double* forces);
     void addReflections();
     void respond(double viscosity);
     void store(size_t at, const std::complex<double>* mode);
     void backward(GridField& field);
-    void drawInto(const GridShape& shape, double viscosity, const ModeNoise& noise);
+    void drawInto(const GridShape& shape, double viscosity, const ModeNoise& noise, const GridFactors* factors);
 
     friend class GridFlow;
     GridShape planned;
     void *forwardPlan = nullptr, *backwardPlan = nullptr;
     GridField work;
     AlignedArray modes[3];  // pairs of real and imaginary part
+    std::vector<AlignedArray> modesOfChannels;  // likewise, three for each channel
 };
 
 /** The flow on a grid at points between its nodes: the sum of its modes there, exactly. Cost: one operation for each mode and point. */
@@ -121,6 +151,8 @@ public:
     void spread(const GridStencils& stencils, double viscosity, const double* forces);
     /** The random field of GridFluid::draw(). */
     void draw(const GridStencils& stencils, double viscosity, const ModeNoise& noise);
+    /** Likewise with these factors of modes in place of 1/|k|; null: with 1/|k|. */
+    void draw(const GridShape& shape, double viscosity, const ModeNoise& noise, const GridFactors* factors);
     /** velocities += factor times it. */
     void addAt(const std::vector<OpenMM::Vec3>& points, double factor, Eigen::Matrix3Xd& velocities);
 

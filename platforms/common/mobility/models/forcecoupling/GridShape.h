@@ -45,6 +45,8 @@ public:
      * @param spacing    nm; 0: as the tolerance wants
      */
     GridResolution(const HydrodynamicParticles& particles, double tolerance, double spacing);
+    /** For points whose force envelopes of this width end at this distance, on a grid that somebody else has chosen; nm. */
+    static GridResolution ofPoints(double width, double cutoff) { return GridResolution(cutoff / width); }
     /** The largest spacing that will do, nm. */
     double getSpacing() const { return spacing; }
     /** The tolerance that the spacing means: the one asked for, unless the user has set another spacing. */
@@ -59,7 +61,8 @@ public:
 private:
     // Rounding: a finer grid is not better, and an exponential that underflows would have envelopes without end.
     static constexpr double smallestTolerance = 1e-14, largestTolerance = 0.5;
-    double spacing, tolerance, coarsest, cutoffInWidths;
+    explicit GridResolution(double cutoffInWidths) : cutoffInWidths(cutoffInWidths) {}
+    double spacing = 0, tolerance = 0, coarsest = 0, cutoffInWidths;
 };
 
 /** The least even number from `least` up without prime factors above 7, for which transforms are fast. */

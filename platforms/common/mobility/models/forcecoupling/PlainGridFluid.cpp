@@ -68,6 +68,11 @@ void forModes(const GridShape& shape, const Visit& visit) {
             }
 }
 
+/** The factor of a mode of forModes(). */
+double factorOf(const GridFactors& factors, const int* index, double k2) {
+    return k2 > 0 ? factors.column(index[1], index[2], double())[2 * index[0]] : 0;
+}
+
 /** u <- strength (1 - k k/k^2) u */
 void project(const double* k, double k2, double strength, complex<double>* u) {
     const complex<double> along = (k[0] * u[0] + k[1] * u[1] + k[2] * u[2]) / k2;
@@ -173,11 +178,15 @@ void PlainGridFluid::multiplyColumn(const GridStencils& stencils, double viscosi
     averageColumn(work, stencils, velocities);
 }
 
+void PlainGridFluid::forward() {
+    for (int c = 0; c < 3; c++)
+        fftw_execute_dft_r2c((fftw_plan)forwardPlan, work.values[c].data(), (fftw_complex*)modes[c].data());
+}
+
 /** From the forces on nodes to the modes of the flow. */
 void PlainGridFluid::respond(double viscosity) {
     const TimeOfLife timer(seconds.transforms);
-    for (int c = 0; c < 3; c++)
-        fftw_execute_dft_r2c((fftw_plan)forwardPlan, work.values[c].data(), (fftw_complex*)modes[c].data());
+    forward();
     // u(k) = (1 - k k/k^2) f(k)/(eta k^2); transforms there and back multiply by the number of nodes.
     const double scale = 1 / (viscosity * planned.numNodes());
     forModes(planned, [&](size_t at, const int*, const double* k, double k2) {
@@ -197,24 +206,102 @@ void PlainGridFluid::drawModes(const GridStencils& stencils, double viscosity, c
     field.shape = shape;
     field.rowLength = shape.size[2];
     for (AlignedArray& component : field.values) component.resize(shape.numNodes());
-    drawInto(shape, viscosity, noise);
+    drawInto(shape, viscosity, noise, nullptr);
     backward(field);
 }
 
-/** The modes of the random field. */
-void PlainGridFluid::drawInto(const GridShape& shape, double viscosity, const ModeNoise& noise) {
+/** The modes of the random field. @param factors  null: 1/|k| */
+void PlainGridFluid::drawInto(const GridShape& shape, double viscosity, const ModeNoise& noise,
+                              const GridFactors* factors) {
     const double scale = 1 / std::sqrt(viscosity * shape.numNodes());
     forModes(shape, [&](size_t at, const int* index, const double* k, double k2) {
         complex<double> zeta[3] = {};
         if (k2 > 0) {
             const int nx = shape.waveIndex(0, index[0]);
             noise.fill(&nx, 1, shape.waveIndex(1, index[1]), index[2], zeta);
-            project(k, k2, scale / std::sqrt(k2), zeta);
+            project(k, k2, scale * (factors ? factorOf(*factors, index, k2) : 1 / std::sqrt(k2)), zeta);
             // Numbers are those of modes from y = 0 on, modes here those from the first node on.
             for (complex<double>& u : zeta) u *= std::polar(1.0, k[1] * shape.firstNode(1));
         }
         store(at, zeta);
     });
+}
+
+// ---- Channels: envelopes of any shape, by a factor for each mode
+
+namespace {
+
+/** u <- i k x u/2: half of the curl; its own adjoint. */
+void halfCurl(const double* k, complex<double>* u) {
+    const complex<double> half(0, 0.5), x = k[1] * u[2] - k[2] * u[1], y = k[2] * u[0] - k[0] * u[2],
+                                        z = k[0] * u[1] - k[1] * u[0];
+    u[0] = half * x;
+    u[1] = half * y;
+    u[2] = half * z;
+}
+
+}  // namespace
+
+void PlainGridFluid::multiplyChannels(const std::vector<GridChannel>& channels, double viscosity, bool,
+                                      const double* forces, double* velocities) {
+    prepare(channels[0].stencils->getShape());
+    work.shape = planned;
+    work.rowLength = planned.size[2];
+    modesOfChannels.resize(3 * channels.size());
+    for (size_t g = 0; g < channels.size(); g++) {
+        spread(*channels[g].stencils, forces);
+        forces += channels[g].stencils->getParticles().numRows;
+        const TimeOfLife timer(seconds.transforms);
+        forward();
+        for (int c = 0; c < 3; c++) {
+            modesOfChannels[3 * g + c].resize(modes[c].size());
+            std::copy_n(modes[c].data(), modes[c].size(), modesOfChannels[3 * g + c].data());
+        }
+    }
+    // f(k) = sum over channels of phi f, or phi i k x T/2; u(k) = (1 - k k/k^2) f(k)/eta, and so back.
+    const double scale = 1 / (viscosity * planned.numNodes());
+    for (size_t g = 0; g < channels.size(); g++) {
+        forModes(planned, [&](size_t at, const int* index, const double* k, double k2) {
+            complex<double> u[3] = {}, f[3];
+            for (size_t h = 0; h < channels.size() && k2 > 0; h++) {
+                const double phi = factorOf(*channels[h].factors, index, k2);
+                for (int c = 0; c < 3; c++)
+                    f[c] = phi * complex<double>(modesOfChannels[3 * h + c][2 * at],
+                                                 modesOfChannels[3 * h + c][2 * at + 1]);
+                if (channels[h].ofTorques) halfCurl(k, f);
+                for (int c = 0; c < 3; c++) u[c] += f[c];
+            }
+            if (k2 > 0) project(k, k2, scale * factorOf(*channels[g].factors, index, k2), u);
+            if (channels[g].ofTorques) halfCurl(k, u);
+            store(at, u);
+        });
+        backward(work);
+        averageColumn(work, *channels[g].stencils, velocities);
+        velocities += channels[g].stencils->getParticles().numRows;
+    }
+}
+
+void PlainGridFluid::drawChannels(const std::vector<GridChannel>& channels, double viscosity, const ModeNoise& noise,
+                                  std::vector<GridField>& fields) {
+    const GridShape& shape = channels[0].stencils->getShape();
+    prepare(shape);
+    const double scale = 1 / std::sqrt(viscosity * shape.numNodes());
+    for (size_t g = 0; g < channels.size(); g++) {
+        fields[g].shape = shape;
+        fields[g].rowLength = shape.size[2];
+        for (AlignedArray& component : fields[g].values) component.resize(shape.numNodes());
+        forModes(shape, [&](size_t at, const int* index, const double* k, double k2) {
+            complex<double> zeta[3] = {};
+            if (k2 > 0) {
+                const int nx = shape.waveIndex(0, index[0]);
+                noise.fill(&nx, 1, shape.waveIndex(1, index[1]), index[2], zeta);
+                project(k, k2, scale * factorOf(*channels[g].factors, index, k2), zeta);
+                if (channels[g].ofTorques) halfCurl(k, zeta);
+            }
+            store(at, zeta);
+        });
+        backward(fields[g]);
+    }
 }
 
 void GridFlow::spread(const GridStencils& stencils, double viscosity, const double* forces) {
@@ -224,8 +311,12 @@ void GridFlow::spread(const GridStencils& stencils, double viscosity, const doub
 }
 
 void GridFlow::draw(const GridStencils& stencils, double viscosity, const ModeNoise& noise) {
-    fluid.prepare(stencils.getShape());
-    fluid.drawInto(stencils.getShape(), viscosity, GridModeNoise(stencils.getShape(), noise));
+    draw(stencils.getShape(), viscosity, noise, nullptr);
+}
+
+void GridFlow::draw(const GridShape& shape, double viscosity, const ModeNoise& noise, const GridFactors* factors) {
+    fluid.prepare(shape);
+    fluid.drawInto(shape, viscosity, GridModeNoise(shape, noise), factors);
 }
 
 void GridFlow::addAt(const std::vector<OpenMM::Vec3>& points, double factor, Eigen::Matrix3Xd& velocities) {

@@ -2,8 +2,12 @@
 #define RIGIDHI_CPU_ROTNE_PRAGER_YAMAKAWA_H_
 
 #include <functional>
+#include <map>
 #include <optional>
 
+#include "mobility/fastsum/FastSum.h"
+#include "mobility/models/rotneprager/PairSums.h"
+#include "mobility/models/rotneprager/PairTournament.h"
 #include "mobility/models/wall/NoSlipPlane.h"
 
 namespace RigidHIPlugin {
@@ -12,14 +16,14 @@ namespace RigidHIPlugin {
  * Rotne-Prager-Yamakawa mobility in unbounded fluid or above a no-slip wall, with SIMD and threads (formulas, reference, limits:
  * mobility/RotnePragerYamakawa-inl.h, mobility/RotnePragerYamakawaWall-inl.h; at the wall: mobility/NoSlipPlane.h).
  *
- * Velocities of several particles are summed in the lanes of a pack, over all sources in a fixed order, so nothing is
- * reduced over lanes or threads: results do not depend on the number of threads, nor on the width of packs where the
- * machine can multiply and add in one rounding (from AVX2 on). They agree with RotnePragerYamakawa and
- * RotnePragerYamakawaWall to rounding.
+ * Products take each pair once and both ways (PairSums.h), by chunks of 128 particles. Chunks meet in rounds in which each is in one pair
+ * (PairTournament.h), so that what pairs give to a particle is always added in the same order: results do not depend on the number of
+ * threads, nor on the width of packs where the machine can multiply and add in one rounding (from AVX2 on). They agree with
+ * RotnePragerYamakawa and RotnePragerYamakawaWall to rounding.
  *
- * Cost: n^2 pairs, one square root and one division each (above a wall two), shared by two columns at a time; packs in which a pair overlaps
- * take a slower way. Measured: benchmarks/README.md. Nothing is allocated after the first call of each method of a place if the number
- * of columns stays the same, unless threads are used.
+ * Cost: n^2/2 pairs, one square root and one division each (above a wall two), shared by two columns at a time; pairs near contact
+ * are done again in a slower way. Measured beside a plain loop over pairs: benchmarks/README.md. Nothing is allocated after the first call
+ * of each method of a place if the number of columns stays the same, unless threads are used.
  */
 class CpuRotnePragerYamakawa : public MobilityModel {
 public:
@@ -29,9 +33,10 @@ public:
     /**
      * @param forRanges  called only for work that pays for waking threads; it should divide any count. Empty: no threads.
      * @param wall       if there is one
+     * @param fastSums   whether products that need not be exact are done by FastSum where that takes less time
      */
     CpuRotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity, ForRanges forRanges = {},
-                           const std::optional<NoSlipPlane>& wall = {});
+                           const std::optional<NoSlipPlane>& wall = {}, bool fastSums = true);
     const char* name() const override { return "RotnePragerYamakawa"; }
     bool acceptsNearby(const Placement& placement) const override {
         return !wall || wall->acceptsNearby(particles, placement.positions);
@@ -44,11 +49,14 @@ public:
         return wall ? wall->placeInFormulas(position, particles.radii[i]) : position;
     }
     bool isHomogeneous() const override { return !wall; }
+    bool hasRoughProducts() const override { return fitsSingle; }
     bool isIsotropic() const override { return !wall; }
     bool isDivergenceFree() const override { return !wall; }
     double rowsWorthIterations() const override { return 425; }
     void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
                      Eigen::MatrixXd& mobility) const override;
+
+    std::string describeFastProducts(double error) const override;
 
 protected:
     std::unique_ptr<MobilityAt> makePlace() const override;
@@ -61,11 +69,19 @@ private:
     const std::optional<NoSlipPlane> wall;
     // Particles with torque come first, so that blocks of targets and ranges of sources are of one kind. Slots of targets
     // are padded to whole blocks for each kind; sources are not.
+    // Sums over pairs go by chunks of slots of one kind, in a number that follows from the particles alone.
+    static constexpr int chunkSize = 128;
     int numSpheres, numSphereBlocks, numBlocks;
+    std::vector<SlotRange> chunks;
+    static int numSlots(const SlotRange& range) {  // with padding
+        return (range.end - range.first + PairSumArrays::alignment - 1) / PairSumArrays::alignment *
+               PairSumArrays::alignment;
+    }
     std::vector<int> particleOfSource, slotOfSource;
     std::vector<int> rowOfSource, rowOfSlot;  // -1: padding
     std::vector<double> radius;               // of slots
     bool fitsSingle;
+    const bool fastSums;
 };
 
 /** It at a placement. */
@@ -79,6 +95,8 @@ public:
      * on the width of packs.
      */
     void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
+    /** By a FastSum where there are so many particles that this takes less time: FastSum::choose(). Not for differences of products. */
+    void applyWithin(double error, const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
     void dense(Eigen::MatrixXd& mobility) override;
     void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points, double factor,
                    Velocities& velocities) override;
@@ -87,18 +105,29 @@ protected:
     void moveTo(const Placement& placement, bool nearby) override;
 
 private:
+    static constexpr int maxColumns = 2;  // at once
     template <class Number>
-    void multiply(const Eigen::MatrixXd& forces, std::vector<Number>& buffer, Eigen::MatrixXd& velocities) const;
+    void multiply(const Eigen::MatrixXd& forces, std::vector<Number>& buffer, Eigen::MatrixXd& velocities);
+    void sumPairs(const PairSumArrays& arrays);
+    bool preparePlacesInSingle();  // whether floats can hold them
     template <class Task>
     void split(int count, double pairs, const Task& task) const;
     struct RotnePragerYamakawaArrays arrays(double* result) const;
 
     const CpuRotnePragerYamakawa& model;
-    std::vector<double> x, y, z;     // of slots
-    std::vector<double> weight;      // of slots: what velocities and forces are multiplied by, 1 without a wall
-    std::vector<double> sources;     // x, y, z, radius of each
-    std::vector<double> loads;       // forces and torques, source by source, of the columns being multiplied
-    std::vector<float> singleLoads;  // likewise
+    std::vector<double> x, y, z;  // of slots
+    std::vector<double> weight;   // of slots: what velocities and forces are multiplied by, 1 without a wall
+    std::vector<double> sources;  // x, y, z, radius of each
+    // Of slots, as PairSumArrays has them.
+    std::vector<double> loads, sums;
+    std::vector<float> singleLoads, singlePlaces;
+    bool placesFitSingle;
+    PairTournament tournament;
+    struct Fast {
+        std::unique_ptr<FastSum> sum;
+        bool isHere = false;  // whether it knows of this placement
+    };
+    std::map<int, Fast> fast;  // by orders, made when first needed
 };
 
 }  // namespace RigidHIPlugin

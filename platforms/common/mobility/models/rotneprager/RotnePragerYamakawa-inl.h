@@ -29,6 +29,8 @@ namespace RIGIDHI_TARGET {
 inline double multiplyAdd(double a, double b, double c) { return a * b + c; }
 /** c - a b, likewise. */
 inline double negativeMultiplyAdd(double a, double b, double c) { return c - a * b; }
+/** a b - c, likewise. */
+inline double multiplySubtract(double a, double b, double c) { return a * b - c; }
 /** Lane by lane: a > b ? x : y. */
 inline double selectGreater(double a, double b, double x, double y) { return a > b ? x : y; }
 /** Whether a > b in every lane. */

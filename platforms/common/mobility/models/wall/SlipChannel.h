@@ -51,6 +51,7 @@ public:
     bool hasProducts() const override { return periodic->hasProducts(); }
     bool isMatrixFree() const override { return periodic->isMatrixFree(); }
     bool isAnchored() const override { return periodic->isAnchored(); }
+    bool hasRoughProducts() const override { return periodic->hasRoughProducts(); }
     bool hasOwnRandomField() const override { return periodic->isMirrored() && periodic->hasOwnRandomField(); }
     double rowsWorthIterations() const override { return periodic->rowsWorthIterations(); }
     WaveFactors waveFactors(double radius, double k) const override { return periodic->waveFactors(radius, k); }

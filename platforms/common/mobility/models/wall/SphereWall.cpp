@@ -137,6 +137,7 @@ public:
         : MobilityAt(congruence), wall(wall), model(model), factors(particles.size()) {}
     void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
     void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
+    void applyWithin(double error, const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
     void dense(Eigen::MatrixXd& mobility) override;
     void addFlowAt(const FlowSources& sources, const vector<OpenMM::Vec3>& points, double factor,
                    Velocities& velocities) override {
@@ -203,6 +204,13 @@ void Place::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
     scaled = forces;
     multiply(scaled, true);
     inner->apply(scaled, velocities);
+    multiply(velocities, false);
+}
+
+void Place::applyWithin(double error, const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
+    scaled = forces;
+    multiply(scaled, true);
+    inner->applyWithin(error, scaled, velocities);
     multiply(velocities, false);
 }
 

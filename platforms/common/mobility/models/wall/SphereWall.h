@@ -47,6 +47,8 @@ public:
     std::string objection(const Placement& placement) const override;
     bool mayObject() const override { return true; }
     bool hasProducts() const override { return model->hasProducts(); }
+    bool hasRoughProducts() const override { return model->hasRoughProducts(); }
+    std::string describeFastProducts(double error) const override { return model->describeFastProducts(error); }
     void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
                      Eigen::MatrixXd& mobility) const override {
         model->ownMobility(body, sites, mobility);

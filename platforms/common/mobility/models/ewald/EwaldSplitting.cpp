@@ -1,0 +1,147 @@
+#include "mobility/models/ewald/EwaldSplitting.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+
+#include "mobility/models/ewald/NearPair.h"
+#include "mobility/models/periodic/PeriodicMobility.h"
+
+namespace RigidHIPlugin {
+
+namespace {
+
+/** Shares of the tolerance, measured to keep the error below it (docs/grid_accuracy.md). */
+const double shareOfWaves = 0.25, shareOfPairs = 0.25, shareOfGrid = 0.1;
+
+/** Times in ns on one thread, measured (benchmarks/README.md). */
+const double timeOfTransform = 0.16;  // of a node, a doubling of their number, and one of six transforms
+const double timeOfMode = 1;          // of a node: the response of the fluid
+const double timeOfNode = 1.2;        // of a node of a stencil, there and back
+const double timeOfPair = 5, timeOfTorquePair = 12;  // of a pair, one way, with its share in the making of the list
+
+/** The smallest wave number from which on waves add no more than `allowed` to the mobility of a particle by itself. */
+double largestWave(const std::vector<EwaldKind>& kinds, double xi, double allowed) {
+    // H is 1e-19 at the end.
+    const double end = 2 * xi * 7, step = 0.02 * xi;
+    std::vector<double> ofForces(kinds.size(), 0), ofTorques(kinds.size(), 0);
+    for (double k = end; k > step; k -= step) {
+        const double h = hasimoto(k, xi);
+        for (size_t a = 0; a < kinds.size(); a++) {
+            const double radius = kinds[a].radius;
+            const WaveFactors f = overSurfaces().waveFactors(radius, k);
+            ofForces[a] += step * 2 * radius / M_PI * f.s * f.s * h;
+            if (kinds[a].torques > 0)
+                ofTorques[a] += step * 2 * radius * radius * radius / (3 * M_PI) * k * k * f.t * f.t * h;
+            if (std::max(ofForces[a], ofTorques[a]) > allowed) return k;
+        }
+    }
+    return step;
+}
+
+/** The smallest gap from which on pairs add no more than `allowed`, with particles at this density. */
+double largestGap(const std::vector<EwaldKind>& kinds, double xi, double density, double allowed) {
+    double largest = 0;
+    const EwaldKind* const ends[] = {&kinds.front(), &kinds.back()};
+    for (int i = 0; i < 2; i++)
+        for (int j = i; j < 2; j++) {
+            const double a = ends[i]->radius, b = ends[j]->radius;
+            if ((i > 0 || j > 0) && kinds.size() == 1) continue;
+            const bool torques = ends[i]->torques + ends[j]->torques > 0;
+            const NearPair pair(a, b, xi, torques);
+            const double ofForces = 0.75 * std::sqrt(a * b), ofTorques = std::pow(a * b, 1.5),
+                         ofBoth = std::sqrt(0.75) * std::max(std::sqrt(a) * std::pow(b, 1.5), std::sqrt(b) * std::pow(a, 1.5));
+            const double step = 0.1 / xi;
+            double sum = 0;
+            for (double r = pair.getReach(); r > pair.getContact(); r -= step) {
+                const PairFunctions f = pair.at(r);
+                const double r2 = r * r;
+                double most = ofForces * std::max(std::abs(f.ttI), std::abs(f.ttI + f.ttR * r2));
+                if (torques)
+                    most = std::max({most, ofBoth * r * std::max(std::abs(f.tr), std::abs(f.rt)),
+                                     ofTorques * std::max(std::abs(f.rrI), std::abs(f.rrI + f.rrR * r2))});
+                sum += step * 4 * M_PI * r2 * density * most;
+                if (sum <= allowed) continue;
+                largest = std::max(largest, r - pair.getContact());
+                break;
+            }
+        }
+    return largest;
+}
+
+}  // namespace
+
+std::vector<EwaldKind> kindsOf(const HydrodynamicParticles& particles) {
+    std::map<double, EwaldKind> byRadius;
+    for (int i = 0; i < particles.size(); i++) {
+        EwaldKind& kind = byRadius.insert({particles.radii[i], {particles.radii[i], 0, 0}}).first->second;
+        kind.particles++;
+        kind.torques += particles.hasTorque[i] ? 1 : 0;
+    }
+    std::vector<EwaldKind> kinds;
+    for (const auto& entry : byRadius) kinds.push_back(entry.second);
+    return kinds;
+}
+
+EwaldSplitting::EwaldSplitting(const std::vector<EwaldKind>& kinds, double tolerance, double spacing,
+                               const BoxVectors& box, double wantedXi) {
+    const double volume = box[0][0] * box[1][1] * box[2][2],
+                 longest = std::max({box[0][0], box[1][1], box[2][2]});
+    int numParticles = 0, numChannels = 0, numPasses = 0;
+    bool anyTorques = false;
+    for (const EwaldKind& kind : kinds) {
+        numParticles += kind.particles;
+        numPasses += kind.particles + kind.torques;
+        numChannels += kind.torques > 0 ? 2 : 1;
+        anyTorques = anyTorques || kind.torques > 0;
+    }
+    const double smallest = kinds.front().radius, largest = kinds.back().radius;
+    // Where particles crowd they have more neighbours than on average.
+    const double crowd = 0.1 / (4 * M_PI / 3 * largest * largest * largest),
+                 density = std::max(numParticles / volume, crowd);
+    const double ofGrid = std::log(1 / (shareOfGrid * tolerance)), ends = std::sqrt(2 * ofGrid);
+    seconds = std::numeric_limits<double>::infinity();
+    const double ratio = 1.08, most = wantedXi > 0 ? wantedXi : 2.5 / smallest,
+                 least = wantedXi > 0 ? wantedXi / ratio : std::min(0.05 / largest, 0.5 / longest);
+    for (double x = most; x > least; x /= ratio) {
+        const double coarsest = M_PI / largestWave(kinds, x, shareOfWaves * tolerance);
+        double nearby = -1;
+        for (double h = coarsest; h > 0.5 * coarsest; h *= 0.95) {
+            GridShape grid;
+            double widest = 0;
+            for (int axis = 0; axis < 3; axis++) {
+                grid.edge[axis] = box[axis][axis];
+                grid.size[axis] = nextGridSize(grid.edge[axis] / (spacing > 0 ? spacing : h));
+                widest = std::max(widest, grid.spacing(axis));
+            }
+            if (widest > coarsest) break;  // the user's
+            // The worst error of waves taken for others is exp(-2 pi^2 w^2/h^2 (1 - 2 xi^2 w^2)): w is the least that will do.
+            const double c = widest * widest * ofGrid / (2 * M_PI * M_PI), root = 1 - 8 * x * x * c;
+            if (root >= 0) {
+                const double w = std::sqrt((1 - std::sqrt(root)) / (4 * x * x)), P = 2 * ends * w / widest;
+                const double nodes = grid.numNodes();
+                double time = numChannels * nodes * (6 * timeOfTransform * std::log2(nodes) + timeOfMode) +
+                              numPasses * timeOfNode * M_PI / 4 * P * P * (P + 4);
+                if (time < 1e9 * seconds) {
+                    if (nearby < 0) nearby = largestGap(kinds, x, density, shareOfPairs * tolerance);
+                    const double range = nearby + 2 * largest,
+                                 around = numParticles / volume * 4 * M_PI / 3 * range * range * range;
+                    time += numParticles * around * (anyTorques ? timeOfTorquePair : timeOfPair);
+                    if (time < 1e9 * seconds) {
+                        seconds = 1e-9 * time;
+                        xi = x;
+                        shape = grid;
+                        width = w;
+                        cutoff = ends * w;
+                        gap = nearby;
+                        neighbours = around;
+                    }
+                }
+            }
+            if (spacing > 0) break;
+        }
+    }
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,50 @@
+#ifndef RIGIDHI_NEAR_PAIR_H_
+#define RIGIDHI_NEAR_PAIR_H_
+
+#include <Eigen/Core>
+
+#include "mobility/models/periodic/PairFunctions.h"
+
+namespace RigidHIPlugin {
+
+/** Hasimoto's H(k) = (1 + k^2/4 xi^2) exp(-k^2/4 xi^2), between 0 and 1. */
+inline double hasimoto(double k, double xi) {
+    const double x = 0.25 * k * k / (xi * xi);
+    return (1 + x) * std::exp(-x);
+}
+
+/**
+ * What two spheres of radii a_i and a_j do to each other in unbounded fluid by the part 1 - H(k) of its modes, with force
+ * and torque spread over their surfaces: Rotne-Prager-Yamakawa without the part that is done by waves.
+ *
+ * Equation:  the integrals over k of PairFunctions.h with the weight 1 - H: both parts are Gram matrices, so both are
+ *            positive semidefinite in every box.
+ * Method:    the closed form, overlap included, less the integral with H. That is even in k, analytic and cut by a
+ *            Gaussian, so that the trapezoidal rule is right to rounding with some 30 nodes: no closed form of the
+ *            difference is needed, whose terms cancel for small radii and distances.
+ * Reference: Fiore, Balboa Usabiaga, Donev, Swan, J. Chem. Phys. 146, 124116 (2017); LatticeSum.h.
+ */
+class NearPair {
+public:
+    /** @param xi  1/nm; 0 < xi */
+    NearPair(double a_i, double a_j, double xi, bool torques);
+    /** In units of 1/(8 pi eta). @param distance  nm, at most reach() */
+    PairFunctions at(double distance) const;
+    /** The part with H, an entire function of the distance squared. */
+    PairFunctions screened(double distance) const;
+    /** The closed form less `screened`. */
+    PairFunctions withoutScreened(double distance, const PairFunctions& screened) const;
+    /** From here on functions are below 1e-15. */
+    double getReach() const { return reach; }
+    double getContact() const { return a_i + a_j; }
+
+private:
+    const double a_i, a_j;
+    const bool torques;
+    double reach;
+    Eigen::ArrayXd nodes, ss, st, ts, tt;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

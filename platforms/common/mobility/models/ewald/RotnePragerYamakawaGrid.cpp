@@ -1,0 +1,351 @@
+#include "mobility/models/ewald/RotnePragerYamakawaGrid.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "linearalgebra/Lanczos.h"
+#include "mobility/models/ewald/NearPair.h"
+#include "mobility/models/ewald/SplitParts.h"
+#include "mobility/models/forcecoupling/GridChecks.h"
+#include "mobility/models/periodic/PeriodicMobility.h"
+#include "openmmrigidhi/internal/Messages.h"
+
+using namespace Eigen;
+using OpenMM::Vec3;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+class Place : public MobilityAt {
+public:
+    explicit Place(const RotnePragerYamakawaGrid& model) : MobilityAt(model), model(model) {}
+    void apply(const MatrixXd& forces, MatrixXd& velocities) override { multiply(forces, velocities, false); }
+    void applyRoughly(const MatrixXd& forces, MatrixXd& velocities) override { multiply(forces, velocities, true); }
+    void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
+                   Velocities& velocities) override {
+        LatticeSum flow(particles, overSurfaces(), false, true);
+        flow.setBox(next.box);
+        flow.addFlowAt(next.positions, sources, points, factor / (8 * M_PI * viscosity), velocities);
+    }
+
+protected:
+    void moveTo(const Placement& placement, bool nearby) override {
+        model.checkBox(placement.box);
+        // Nearby is near the placement before, where anchors then must be.
+        if (nearby) prepare();
+        next = placement;
+        nextIsNearby = nearby;
+        isPrepared = false;
+        if (!nearby) parts.reset();  // for others
+    }
+
+private:
+    /** Pairs and weights are made for the first product: schemes also go where they ask for none. */
+    void prepare() {
+        if (isPrepared) return;
+        model.move(parts, next, nextIsNearby);
+        isPrepared = true;
+    }
+    void multiply(const MatrixXd& forces, MatrixXd& velocities, bool roughly) {
+        prepare();
+        const TimeOfLife timer(secondsOfGrid);
+        parts->multiply(forces, roughly, velocities);
+    }
+    const RotnePragerYamakawaGrid& model;
+    std::shared_ptr<SplitParts> parts;
+    Placement next;
+    bool nextIsNearby = false, isPrepared = true;
+};
+
+/**
+ * Two independent flows. That of waves is drawn as it is, and looked at anywhere. That of pairs is known at particles alone: the
+ * symmetric root of M_near, by Lanczos, times the same random numbers everywhere.
+ */
+class Field : public RandomField {
+public:
+    explicit Field(const RotnePragerYamakawaGrid& model)
+        : model(model), particles(model.getParticles()),
+          lanczos(partOfTolerance * model.getTolerance(), Lanczos::defaultIterations, model.getTolerance()) {
+        // About the root of a particle's own friction over 6 pi viscosity.
+        ownScale.resize(particles.numRows);
+        for (int i = 0; i < particles.size(); i++) {
+            const double a = particles.radii[i];
+            ownScale.segment<3>(particles.firstRow[i]).setConstant(std::sqrt(a));
+            if (particles.hasTorque[i])
+                ownScale.segment<3>(particles.firstRow[i] + 3).setConstant(std::sqrt(4.0 / 3.0 * a * a * a));
+        }
+    }
+    void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& newBox) {
+        model.checkBox(newBox);
+        box = newBox;
+        inBox = model.inBox(box);
+        // Groups of one Context have the same modes, and each its own numbers: those of its first particle.
+        ofDraw = noise;
+        ofDraw.field = 1 + particles.systemIndex[0];
+        purposeOfDraw = purpose;
+        model.setBox(parts, inBox);
+        parts->draw(ofDraw, purpose, fields);
+        parts.reset();  // products need not make theirs anew
+        W.resize(particles.numRows, 1);
+        for (int i = 0; i < particles.size(); i++)
+            for (int k = 0; k < (particles.hasTorque[i] ? 6 : 3); k += 2) {
+                double* const to = &W(particles.firstRow[i] + k, 0);
+                double unused;
+                const bool last = !particles.hasTorque[i] && k == 2;
+                noise.pair(purpose, particles.systemIndex[i], k / 2, to[0], last ? unused : to[1]);
+            }
+        isThere = false;
+    }
+    void slipsAt(const Placement& placement, bool nearby, MatrixXd& slips) override {
+        if (!isThere || nearby != wasNearby || placement.positions != at.positions) {
+            if (nearby && !parts && isThere) model.move(parts, at, false);
+            at = placement;
+            wasNearby = nearby;
+            isThere = true;
+            model.move(parts, at, nearby);
+            applyRoot(SpectralFunction::squareRoot(), velocities);
+            velocities = ownScale.cwiseInverse().asDiagonal() * velocities;
+            parts->addAverages(fields, velocities);
+            if (!nearby) parts.reset();
+        }
+        slips = velocities;
+    }
+    /** What waves have, and the mean of what pairs may have with these slips: the flow of the forces that make them. */
+    void addFlowAt(const std::vector<Vec3>& points, double factor, Velocities& flow) override {
+        const EwaldSplitting& splitting = inBox->splitting;
+        const GridFactors factors(splitting.shape,
+                                  [&](double k) { return std::sqrt(hasimoto(k, splitting.xi)) / k; });
+        GridFlow waves;
+        waves.draw(splitting.shape, model.getViscosity(), CounterModeNoise(ofDraw, purposeOfDraw), &factors);
+        waves.addAt(points, factor, flow);
+        MatrixXd forces;
+        findForces(forces);
+        addNearFlow(splitting, forces, points, factor / (8 * M_PI * model.getViscosity()), flow);
+    }
+    double amplitudeOf(const DrivenFlow& wave) override {
+        const EwaldSplitting& splitting = inBox->splitting;
+        const GridShape& shape = splitting.shape;
+        const double H = hasimoto(wave.k, splitting.xi);
+        double amplitude = 0;
+        // Shorter waves are left out.
+        if (2 * std::lround(wave.k * shape.edge[wave.waveAxis] / (2 * M_PI)) < shape.size[wave.waveAxis])
+            amplitude = std::sqrt(H) * amplitudeOfMode(shape, model.getViscosity(),
+                                                       CounterModeNoise(ofDraw, purposeOfDraw), wave);
+        MatrixXd forces;
+        findForces(forces);
+        double power = 0;
+        for (int p = 0; p < particles.size(); p++) {
+            const WaveFactors f = model.waveFactors(particles.radii[p], wave.k);
+            const Vector3d x(at.positions[p][0], at.positions[p][1], at.positions[p][2]);
+            const int row = particles.firstRow[p];
+            power += forces.block<3, 1>(row, 0).dot(wave.velocityAt(x, f));
+            if (particles.hasTorque[p]) power += forces.block<3, 1>(row + 3, 0).dot(wave.angularVelocityAt(x, f));
+        }
+        return amplitude + 2 * (1 - H) / (model.getViscosity() * wave.k * wave.k * shape.volume()) * power;
+    }
+    long long getNumRandomNumbers() const override {
+        return GridModeNoise::numbersOf(inBox->splitting.shape) + particles.numRows;
+    }
+
+private:
+    /** The root is known to a part of the tolerance, for it is differenced where drifts are. */
+    static constexpr double partOfTolerance = 0.1;
+    /**
+     * So much of the tolerance is added to own mobilities: pairs that are cut off may leave eigenvalues below 0 by an error below
+     * the tolerance.
+     */
+    static constexpr double partOfOwn = 0.3;
+
+    /** result = f(S) W, S = ownScale M_near ownScale and a little more. */
+    void applyRoot(const SpectralFunction& f, MatrixXd& result) {
+        const double more = partOfOwn * model.getTolerance() / (6 * M_PI * model.getViscosity());
+        lanczos.apply(
+            [&](const MatrixXd& x, MatrixXd& y) {
+                scaled = ownScale.asDiagonal() * x;
+                parts->multiplyPairs(scaled, y);
+                y = ownScale.asDiagonal() * y;
+                y += more * x;
+            },
+            W, {f}, result);
+    }
+    /** Forces with M_near f = slips of pairs where slips were asked for last. */
+    void findForces(MatrixXd& forces) {
+        const bool mine = parts != nullptr;
+        if (!mine) model.move(parts, at, false);
+        applyRoot(SpectralFunction::inverseSquareRoot(), forces);
+        forces = ownScale.asDiagonal() * forces;
+        if (!mine) parts.reset();
+    }
+    void addNearFlow(const EwaldSplitting& splitting, const MatrixXd& forces, const std::vector<Vec3>& points,
+                     double factor, Velocities& flow) const;
+
+    const RotnePragerYamakawaGrid& model;
+    /** Held only while it is needed, and where places are nearby. */
+    std::shared_ptr<SplitParts> parts;
+    std::shared_ptr<const SplitBox> inBox;
+    const HydrodynamicParticles& particles;
+    Lanczos lanczos;
+    VectorXd ownScale;
+    std::vector<GridField> fields;
+    BoxVectors box = {};
+    Placement at;
+    NoiseStream ofDraw;
+    uint32_t purposeOfDraw = 0;
+    MatrixXd W, velocities, scaled;
+    bool isThere = false, wasNearby = false;
+};
+
+/** By all images within reach of each point. */
+void Field::addNearFlow(const EwaldSplitting& splitting, const MatrixXd& forces, const std::vector<Vec3>& points,
+                        double factor, Velocities& flow) const {
+    const Lattice lattice(box);
+    for (const EwaldKind& kind : model.getKinds()) {
+        const NearPair pair(0, kind.radius, splitting.xi, kind.torques > 0);
+        const double reach = splitting.gap + 2 * model.getKinds().back().radius;
+        const std::vector<Vector3d> images = lattice.within(reach + lattice.getReach());
+        for (int j = 0; j < particles.size(); j++) {
+            if (particles.radii[j] != kind.radius) continue;
+            const int row = particles.firstRow[j];
+            const Vector3d force = forces.block<3, 1>(row, 0),
+                           torque = particles.hasTorque[j] ? Vector3d(forces.block<3, 1>(row + 3, 0))
+                                                           : Vector3d(0, 0, 0);
+            for (size_t p = 0; p < points.size(); p++) {
+                const Vector3d nearest = lattice.wrapped(points[p] - at.positions[j]);
+                for (const Vector3d& image : images) {
+                    const Vector3d r = nearest + image;
+                    if (r.norm() < std::min(reach, pair.getReach()))
+                        flow.col(p) += factor * velocityOf(pair.at(r.norm()), r, force, torque, nullptr);
+                }
+            }
+        }
+    }
+}
+
+}  // namespace
+
+RotnePragerYamakawaGrid::RotnePragerYamakawaGrid(const HydrodynamicParticles& particles, double viscosity,
+                                                 double tolerance, double spacing,
+                                                 const std::shared_ptr<GridFluid>& fluid)
+    : MobilityModel(particles, viscosity), tolerance(tolerance), spacing(spacing), kinds(kindsOf(particles)),
+      fluid(fluid) {
+    if ((int)kinds.size() > mostRadii)
+        throw OpenMM::OpenMMException(
+            "MobilityForce: RotnePragerYamakawa on a grid has " + text(kinds.size()) +
+            " different radii, each of which takes transforms of its own, and may have " + text(mostRadii) +
+            "; use setSolver(Dense), or fewer different radii by addParticle()");
+}
+
+EwaldSplitting RotnePragerYamakawaGrid::splittingFor(const BoxVectors& box) const {
+    const std::lock_guard<std::mutex> lock(mutex);
+    return findSplitting(box);
+}
+
+const EwaldSplitting& RotnePragerYamakawaGrid::findSplitting(const BoxVectors& box) const {
+    if (!lastSplitting || lastBox != box) {
+        lastSplitting.reset(new EwaldSplitting(kinds, tolerance, spacing, box));
+        lastBox = box;
+    }
+    return *lastSplitting;
+}
+
+std::shared_ptr<const SplitBox> RotnePragerYamakawaGrid::inBox(const BoxVectors& box) const {
+    const std::lock_guard<std::mutex> lock(mutex);
+    if (!lastInBox || lastInBox->box != box) lastInBox.reset(new SplitBox(kinds, findSplitting(box), box));
+    return lastInBox;
+}
+
+void RotnePragerYamakawaGrid::setBox(std::shared_ptr<SplitParts>& parts,
+                                     const std::shared_ptr<const SplitBox>& box) const {
+    const std::lock_guard<std::mutex> lock(mutex);
+    if (kept && kept->getBox() == box) {
+        parts = kept;
+        return;
+    }
+    takeUnshared(parts);
+    parts->setBox(box);
+}
+
+/** Parts that nobody else holds: these, or those kept here, or new ones. */
+void RotnePragerYamakawaGrid::takeUnshared(std::shared_ptr<SplitParts>& parts) const {
+    if (parts && parts.use_count() == (parts == kept ? 2 : 1)) return;
+    if (kept && kept != parts && kept.use_count() == 1)
+        parts = kept;
+    else
+        parts.reset(new SplitParts(particles, viscosity, kinds, *fluid));
+}
+
+void RotnePragerYamakawaGrid::move(std::shared_ptr<SplitParts>& parts, const Placement& placement,
+                                   bool nearby) const {
+    const std::shared_ptr<const SplitBox> box = inBox(placement.box);
+    const std::lock_guard<std::mutex> lock(mutex);
+    if (!nearby && kept && kept->isAt(box, placement.positions)) {
+        parts = kept;
+        return;
+    }
+    const std::shared_ptr<SplitParts> before = std::move(parts);
+    // What somebody has left here has anchors of no meaning.
+    const bool keepsAnchors = nearby && before && before->getBox() == box && !before->getAnchor().empty();
+    if (before && before.use_count() == (before == kept ? 2 : 1))
+        parts = before;
+    else
+        takeUnshared(parts);
+    parts->setBox(box);
+    if (keepsAnchors && before != parts) parts->moveTo(before->getAnchor(), false);
+    parts->moveTo(placement.positions, keepsAnchors);
+    if (!nearby) kept = parts;
+}
+
+void RotnePragerYamakawaGrid::checkBox(const BoxVectors& box) const {
+    checkBoxOfGrid(name(), box);
+    const EwaldSplitting splitting = splittingFor(box);
+    if (splitting.xi == 0) {
+        const GridShape shape = EwaldSplitting(kinds, tolerance, 0, box).shape;
+        refuseGrid(name(), "has no splitting with nodes " + text(spacing) + " nm apart and the tolerance " +
+                               text(tolerance, 3) + "; give setGridSpacing() about " + text(shape.spacing(0), 3) +
+                               " nm, or 0 for the fastest");
+    }
+    checkSizeOfGrid(name(), box, splitting.shape.spacing(0));
+    int numChannels = 0, numParticles = 0;
+    bool anyTorques = false;
+    for (const EwaldKind& kind : kinds) {
+        numChannels += kind.torques > 0 ? 2 : 1;
+        numParticles += kind.particles;
+        anyTorques = anyTorques || kind.torques > 0;
+    }
+    checkMemoryOfGrid(name(), splitting.shape,
+                      numChannels * GridFluid::memory(splitting.shape) +
+                          numParticles * splitting.neighbours * NearField::memoryOfPair(anyTorques),
+                      fluid->memoryHeld());
+}
+
+std::string RotnePragerYamakawaGrid::describe(const BoxVectors& box) const {
+    const EwaldSplitting splitting = splittingFor(box);
+    const GridShape& shape = splitting.shape;
+    return "a grid of " + std::to_string(shape.size[0]) + " x " + std::to_string(shape.size[1]) + " x " +
+           std::to_string(shape.size[2]) + " nodes, whose products have the tolerance " + text(tolerance, 3) +
+           ", and of pairs whose surfaces are up to " + text(splitting.gap, 3) +
+           " nm apart (positively split Ewald sums, xi = " + text(splitting.xi, 3) + "/nm)";
+}
+
+WaveFactors RotnePragerYamakawaGrid::waveFactors(double radius, double k) const {
+    return overSurfaces().waveFactors(radius, k);
+}
+
+void RotnePragerYamakawaGrid::checkWave(const BoxVectors& box, int axis, int periods) const {
+    checkPeriodicWave(box, axis, periods);
+}
+
+void RotnePragerYamakawaGrid::drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
+                                        std::unique_ptr<RandomField>& field) const {
+    if (!field) field.reset(new Field(*this));
+    static_cast<Field&>(*field).draw(noise, purpose, box);
+}
+
+std::unique_ptr<MobilityAt> RotnePragerYamakawaGrid::makePlace() const {
+    return std::unique_ptr<MobilityAt>(new Place(*this));
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,28 @@
+#ifndef RIGIDHI_SPLIT_BOX_H_
+#define RIGIDHI_SPLIT_BOX_H_
+
+#include <memory>
+#include <vector>
+
+#include "mobility/models/ewald/NearField.h"
+#include "mobility/models/forcecoupling/GridChannels.h"
+
+namespace RigidHIPlugin {
+
+/** What pairs and waves have of the box alone, for all placements in it. */
+class SplitBox {
+public:
+    SplitBox(const std::vector<EwaldKind>& kinds, const EwaldSplitting& splitting, const BoxVectors& box);
+    const BoxVectors box;
+    const EwaldSplitting splitting;
+    /** The largest spacing of nodes, nm. */
+    const double spacing;
+    const NearTables tables;
+    const GridResolution resolution;
+    /** Of channels: forces on particles of each kind, and after them their torques, if there are any. */
+    std::vector<std::unique_ptr<const GridFactors> > factors;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,56 @@
+#ifndef RIGIDHI_SPLIT_PARTS_H_
+#define RIGIDHI_SPLIT_PARTS_H_
+
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "mobility/models/ewald/NearField.h"
+#include "mobility/models/ewald/SplitBox.h"
+#include "mobility/models/ewald/WaveField.h"
+
+namespace RigidHIPlugin {
+
+/** Pairs and waves at one placement, for products and fields alike. May be asked by several threads. */
+class SplitParts {
+public:
+    typedef Eigen::MatrixXd MatrixXd;
+    SplitParts(const HydrodynamicParticles& particles, double viscosity, const std::vector<EwaldKind>& kinds,
+               GridFluid& fluid);
+    void setBox(const std::shared_ptr<const SplitBox>& newBox);
+    /** @param nearby  a small way from the last placement that was not, whose pairs and nodes are kept */
+    void moveTo(const std::vector<OpenMM::Vec3>& newPositions, bool nearby);
+    /** Whether it is there, with pairs and nodes of its own. */
+    bool isAt(const std::shared_ptr<const SplitBox>& inBox, const std::vector<OpenMM::Vec3>& there) const {
+        return inBox == box && isOwnAnchor && there == anchor;
+    }
+    const std::shared_ptr<const SplitBox>& getBox() const { return box; }
+    /** The last placement that was not nearby. */
+    const std::vector<OpenMM::Vec3>& getAnchor() const { return anchor; }
+
+    /** velocities = M forces */
+    void multiply(const MatrixXd& forces, bool roughly, MatrixXd& velocities);
+    /** Likewise of pairs alone. */
+    void multiplyPairs(const MatrixXd& forces, MatrixXd& velocities);
+    void draw(const NoiseStream& noise, uint32_t purpose, std::vector<GridField>& fields);
+    /** velocities += averages of a field that was drawn. */
+    void addAverages(const std::vector<GridField>& fields, MatrixXd& velocities);
+
+private:
+    Ranges ranges() const {
+        return [this](int count, const std::function<void(int, int)>& task) { fluid.forRanges(count, task); };
+    }
+    const double viscosity;
+    GridFluid& fluid;
+    std::mutex inUse;
+    NearField near;
+    WaveField waves;
+    std::vector<int> kindOfParticle;
+    std::shared_ptr<const SplitBox> box;
+    std::vector<OpenMM::Vec3> anchor;
+    bool isOwnAnchor = false;  // at the anchor
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,56 @@
+#ifndef RIGIDHI_GRID_CHANNELS_H_
+#define RIGIDHI_GRID_CHANNELS_H_
+
+#include <functional>
+
+#include "linearalgebra/AlignedArray.h"
+#include "mobility/models/forcecoupling/GridStencils.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * A number for each mode of a grid that depends on its wave number alone. It is 0 for modes that are left out: k = 0
+ * and the Nyquist planes. Modes with the same |ky| and kz share a column along x.
+ */
+class GridFactors {
+public:
+    /** @param factor  called once for each of the wave vectors that differ by more than signs */
+    GridFactors(const GridShape& shape, const std::function<double(double)>& factor);
+    /** Of the modes (x, y, z), x = 0 ... size[0] - 1: each number twice, as of a complex column. Padded by zeros. */
+    const double* column(int y, int z, double) const { return exact.data() + place(y, z); }
+    const float* column(int y, int z, float) const { return rough.data() + place(y, z); }
+    const GridShape& getShape() const { return shape; }
+
+private:
+    size_t place(int y, int z) const {
+        return ((size_t)std::min(y, shape.size[1] - y) * numModes + z) * columnNumbers;
+    }
+    const GridShape shape;
+    const size_t columnNumbers;
+    const int numModes;
+    AlignedArray exact;
+    AlignedArrayOf<float> rough;
+};
+
+/**
+ * Particles whose forces, or torques, share one envelope of any isotropic shape: they are points that spread a Gaussian,
+ * and each mode then has a factor. Averages have both likewise.
+ *
+ * Torques act on the fluid as half of their curl, and the average is half of the curl of the flow.
+ */
+struct GridChannel {
+    const GridStencils* stencils;  // of particles without torque: three numbers each, forces or torques
+    const GridFactors* factors;    // the envelope over the Gaussian, times the root of what a mode counts, over k
+    bool ofTorques;
+};
+
+/** Rows of the vectors of channels, one channel after the other. */
+inline int rowsOf(const std::vector<GridChannel>& channels) {
+    int rows = 0;
+    for (const GridChannel& channel : channels) rows += channel.stencils->getParticles().numRows;
+    return rows;
+}
+
+}  // namespace RigidHIPlugin
+
+#endif

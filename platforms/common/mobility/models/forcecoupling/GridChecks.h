@@ -1,0 +1,25 @@
+#ifndef RIGIDHI_GRID_CHECKS_H_
+#define RIGIDHI_GRID_CHECKS_H_
+
+#include <string>
+
+#include "mobility/models/forcecoupling/GridShape.h"
+
+namespace RigidHIPlugin {
+
+/** Says that a model on a grid cannot do something. @throws OpenMMException always */
+[[noreturn]] void refuseGrid(const std::string& model, const std::string& problem);
+/** @throws OpenMMException  for a box that is none, or has edges that are not along the axes */
+void checkBoxOfGrid(const std::string& model, const BoxVectors& box);
+/** @throws OpenMMException  for more nodes along an edge than numbers of modes can be told apart */
+void checkSizeOfGrid(const std::string& model, const BoxVectors& box, double spacing);
+/**
+ * @param bytes  that the model takes for this grid
+ * @param held   those of them that it has already
+ * @throws OpenMMException  if the machine does not have them free
+ */
+void checkMemoryOfGrid(const std::string& model, const GridShape& shape, double bytes, double held);
+
+}  // namespace RigidHIPlugin
+
+#endif

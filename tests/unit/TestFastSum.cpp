@@ -1,0 +1,396 @@
+// Products by multipoles against sums over all pairs, and what they are made of.
+
+#include <openmm/internal/ThreadPool.h>
+#include "host/SimdTargets.h"  // must precede Highway
+
+#include "TestSupport.h"
+#include "hwy/targets.h"
+#include "mobility/fastsum/FastSum.h"
+#include "mobility/models/rotneprager/CpuRotnePragerYamakawa.h"
+
+using namespace RigidHIPlugin;
+using namespace RigidHITest;
+using namespace OpenMM;
+using namespace std;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+namespace {
+
+enum Kind { Blobs, Spheres, Mixed };
+
+struct Scene {
+    HydrodynamicParticles particles;
+    vector<Vec3> positions;
+    bool hasWall = false;
+
+    void add(mt19937& random, const Vec3& r, double radius, Kind kind) {
+        uniform_real_distribution<double> u(0, 1);
+        particles.add(radius, kind == Spheres || (kind == Mixed && u(random) < 0.5), particles.size(), -1);
+        positions.push_back(r);
+    }
+    CpuRotnePragerYamakawa model(bool fastSums = true) const {
+        optional<NoSlipPlane> wall;
+        if (hasWall) wall.emplace(0, false);
+        return CpuRotnePragerYamakawa(particles, 0.7, {}, wall, fastSums);
+    }
+    /** Roots of own frictions, but for a factor: with these forces and torques of unit size are as strong. */
+    VectorXd scale() const {
+        VectorXd s(particles.numRows);
+        for (int i = 0; i < particles.size(); i++) {
+            const double a = particles.radii[i];
+            s.segment<3>(particles.firstRow[i]).setConstant(sqrt(a));
+            if (particles.hasTorque[i])
+                s.segment<3>(particles.firstRow[i] + 3).setConstant(sqrt(4.0 / 3.0 * a * a * a));
+        }
+        return s;
+    }
+};
+
+/** @param size  of a cube in which particles are at random, standing on z = `bottom` */
+Scene cloud(int n, Kind kind, bool equalRadii, bool hasWall, double size, double bottom = 0) {
+    mt19937 random(n + 10 * kind + equalRadii);
+    uniform_real_distribution<double> u(0, 1);
+    Scene scene;
+    scene.hasWall = hasWall;
+    for (int i = 0; i < n; i++) {
+        const double a = equalRadii ? 1.0 : 0.3 + 1.2 * u(random);
+        scene.add(random, size * Vec3(u(random), u(random), u(random)) + Vec3(0, 0, bottom + 1.001 * a), a, kind);
+    }
+    return scene;
+}
+
+/** Scenes that the table of accuracies was not made from. */
+enum Held { Slab, Line, TwoClouds, Ring, HighAbove, Layer, Dilute, ChainOfBlobs };
+const Held allHeld[] = {Slab, Line, TwoClouds, Ring, HighAbove, Layer, Dilute, ChainOfBlobs};
+Scene heldOut(int n, Held shape, Kind kind, bool hasWall) {
+    mt19937 random(77 + shape);
+    uniform_real_distribution<double> u(0, 1);
+    normal_distribution<double> g;
+    Scene scene;
+    scene.hasWall = hasWall;
+    const double L = cbrt(20.0 * n);
+    Vec3 last(0, 0, 40 + sqrt(n));
+    for (int i = 0; i < n; i++) {
+        const double a = shape == Line || shape == TwoClouds ? 0.4 + 0.9 * u(random) : 1.0;
+        Vec3 r;
+        if (shape == Slab) r = Vec3(3 * L * u(random), 0.5 * L * u(random), 0.2 * L * u(random));
+        if (shape == Line) r = Vec3(2.0 * i / 3, 2 * g(random), 2 * g(random) + 8);
+        if (shape == TwoClouds)
+            r = 0.25 * L * Vec3(g(random), g(random), g(random)) + Vec3(i % 2 ? 6 * L : 0, 0, 2 * L);
+        if (shape == Ring) {
+            const double phi = 2 * M_PI * u(random), R = n / 8.0;
+            r = Vec3(R * cos(phi), R * sin(phi), 3 + 3 * u(random));
+        }
+        if (shape == HighAbove) r = L * Vec3(u(random), u(random), u(random)) + Vec3(0, 0, 3.1 * L);
+        if (shape == Layer) r = sqrt(4.0 * n) * Vec3(u(random), u(random), 0) + Vec3(0, 0, 0.5 * u(random));
+        if (shape == Dilute) r = 8 * L * Vec3(u(random), u(random), u(random));
+        if (shape == ChainOfBlobs) {
+            Vec3 step(g(random), g(random), g(random));
+            r = last + step * (1.6 / sqrt(step.dot(step)));
+            last = r;
+        }
+        r[2] = max(r[2], 0.0) + 1.001 * a;
+        scene.add(random, r, a, kind);
+    }
+    return scene;
+}
+
+/** Random, and all along one direction, which is where M is largest; scaled by own mobilities. */
+MatrixXd forcesFor(const Scene& scene) {
+    mt19937 random(5);
+    normal_distribution<double> g;
+    MatrixXd forces = MatrixXd::Zero(scene.particles.numRows, 3);
+    const VectorXd scale = scene.scale();
+    for (int i = 0; i < scene.particles.size(); i++) {
+        const int row = scene.particles.firstRow[i], count = scene.particles.hasTorque[i] ? 6 : 3;
+        for (int k = 0; k < count; k++) forces(row + k, 0) = scale[row + k] * g(random);
+        forces(row, 1) = scale[row];
+        forces(row + 2, 2) = scale[row + 2];
+    }
+    return forces;
+}
+
+MatrixXd exactly(const Scene& scene, const MatrixXd& forces) {
+    const CpuRotnePragerYamakawa model = scene.model(false);
+    MatrixXd velocities;
+    model.at({scene.positions})->apply(forces, velocities);
+    return velocities;
+}
+MatrixXd fast(const Scene& scene, const MatrixXd& forces, const FastSum::Accuracy& accuracy,
+              const FastSum::ForRanges& forRanges = {}) {
+    FastSum sum(scene.particles, scene.hasWall, accuracy, forRanges);
+    sum.moveTo(scene.positions, vector<double>(scene.particles.size(), 1.0));
+    MatrixXd velocities;
+    sum.apply(forces, 1 / (8 * M_PI * 0.7), velocities);
+    return velocities;
+}
+
+}  // namespace
+
+TEST(SolidHarmonics, ShiftsAndTakesFromFar) {
+    const SolidHarmonics harmonics(18);
+    const int size = harmonics.size();
+    const Vector3d x(0.3, -0.5, 0.2), y(-0.4, 0.1, 0.6), d(0.7, 0.2, -0.9), D(2.1, -1.9, 1.5);
+    VectorXd Rx(size), Ry(size), shifted(size);
+    harmonics.basis(x[0], x[1], x[2], Rx.data());
+    harmonics.basis(y[0], y[1], y[2], Ry.data());
+    const Vector3d u = x + d;
+    harmonics.basis(u[0], u[1], u[2], shifted.data());
+    EXPECT_LT((harmonics.shift(d) * Rx - shifted).cwiseAbs().maxCoeff(), 1e-15);
+    // What is cut off is (|x|/|D|)^19 and (|y|/|D|)^19, 1e-12.
+    EXPECT_NEAR(Rx.dot(harmonics.fromFar(D) * Ry), 1 / (D + x - y).norm(), 1e-11);
+}
+
+TEST(SolidHarmonics, Derivatives) {
+    const SolidHarmonics harmonics(9);
+    const int size = harmonics.size();
+    const double h = 1e-4;
+    const Vector3d x(0.6, -0.7, 0.5);
+    VectorXd R(size), forward(size), back(size), local(size), moments(size);
+    harmonics.basis(x[0], x[1], x[2], R.data());
+    for (int k = 0; k < 3; k++) {
+        Vector3d e = h * Vector3d::Unit(k);
+        harmonics.basis(x[0] + e[0], x[1] + e[1], x[2] + e[2], forward.data());
+        harmonics.basis(x[0] - e[0], x[1] - e[1], x[2] - e[2], back.data());
+        const VectorXd slope = (forward - back) / (2 * h), L = VectorXd::LinSpaced(size, -1, 2);
+        moments.setZero();
+        harmonics.addDerivativeOfMoments(k, 1, R.data(), moments.data());
+        EXPECT_LT((moments - slope).cwiseAbs().maxCoeff(), 1e-8);
+        harmonics.derivativeOfLocal(k, L.data(), local.data());
+        EXPECT_NEAR(local.dot(R), L.dot(slope), 1e-7);
+        Vector3d mirrored = x;
+        mirrored[k] *= -1;
+        harmonics.basis(mirrored[0], mirrored[1], mirrored[2], forward.data());
+        for (int a = 0; a < size; a++) EXPECT_EQ(forward[a], harmonics.signs(1 << k)[a] * R[a]);
+    }
+}
+
+TEST(ClusterTree, EveryPairIsInOnePairOfCubes) {
+    for (bool hasWall : {false, true})
+        for (double bottom : {0.0, 50.0}) {
+            const Scene scene = cloud(400, Mixed, false, hasWall, 20, bottom);
+            ClusterTree tree;
+            tree.build(scene.positions, scene.particles.radii, scene.particles.hasTorque, hasWall, {6, 0.7});
+            const int n = scene.particles.size(), numCells = tree.cells.size();
+            Eigen::MatrixXi times = Eigen::MatrixXi::Zero(n, n), imageTimes = times;
+            const auto count = [&](Eigen::MatrixXi& in, int target, int source) {
+                for (int i = tree.cells[target].first; i < tree.cells[target].end; i++)
+                    for (int j = tree.cells[source].first; j < tree.cells[source].end; j++) in(i, j)++;
+            };
+            for (size_t l = 0; l < tree.leaves.size(); l++)
+                for (int k = tree.firstNear[l]; k < tree.firstNear[l + 1]; k++) {
+                    count(times, tree.leaves[l], tree.near[k]);
+                    count(imageTimes, tree.leaves[l], tree.near[k]);
+                }
+            int onWall = 0;
+            for (const auto& of : tree.classes)
+                for (int p = of.first; p < of.end; p++) {
+                    const auto& pair = tree.farPairs[p];
+                    const bool image = pair.source >= numCells;
+                    const auto &to = tree.cells[pair.target], &from = tree.cells[pair.source % numCells];
+                    count(image ? imageTimes : times, pair.target, pair.source % numCells);
+                    if (from.onWall) count(imageTimes, pair.target, pair.source);
+                    onWall += from.onWall;
+                    Vector3d place = from.centre;
+                    if (image) place[2] *= -1;
+                    ASSERT_LT((of.D * from.half - (to.centre - place)).norm(), 1e-12 * (1 + place.norm()));
+                }
+            EXPECT_GT(tree.farPairs.size(), 1000u);
+            EXPECT_EQ(times.minCoeff(), 1);
+            EXPECT_EQ(times.maxCoeff(), 1);
+            EXPECT_EQ(onWall > 0, hasWall && bottom == 0);
+            if (!hasWall) continue;
+            EXPECT_EQ(imageTimes.minCoeff(), 1);
+            EXPECT_EQ(imageTimes.maxCoeff(), 1);
+        }
+}
+
+// Formulas: with the order, errors go to zero whatever particles there are.
+TEST(FastSum, ConvergesToTheSumOverPairs) {
+    for (bool hasWall : {false, true})
+        for (Kind kind : {Blobs, Spheres, Mixed})
+            for (bool equalRadii : {true, false}) {
+                const Scene scene = cloud(300, kind, equalRadii, hasWall, 21);
+                const MatrixXd forces = forcesFor(scene), exact = exactly(scene, forces);
+                const VectorXd scale = scene.scale();
+                double before = 1;
+                for (int order : {4, 8, 12, 16}) {
+                    const MatrixXd error = fast(scene, forces, {order, 0.55, 6, false}) - exact;
+                    const double relative = (scale.asDiagonal() * error).norm() / (scale.asDiagonal() * exact).norm();
+                    EXPECT_LT(relative, 0.2 * before) << order << " " << kind << " " << hasWall;
+                    before = relative;
+                }
+                EXPECT_LT(before, 1e-7) << kind << " " << hasWall;
+                EXPECT_LT((fast(scene, forces, {2, 0.55, 500, false}) - exact).norm(), 1e-14 * exact.norm());
+            }
+}
+
+// The promise, at scenes that the table was not made from.
+TEST(FastSum, ErrorsAreBelowWhatWasAskedFor) {
+    const int n = 6000;
+    for (bool hasWall : {false, true})
+        for (Held shape : allHeld) {
+            const Scene scene = heldOut(n, shape, Kind(shape % 3), hasWall);
+            const VectorXd scale = scene.scale();
+            const MatrixXd forces = forcesFor(scene), exact = scale.asDiagonal() * exactly(scene, forces);
+            // The norm of M is at least what it makes of these forces.
+            const VectorXd sizes = (scale.cwiseInverse().asDiagonal() * forces).colwise().norm();
+            const double norm = exact.colwise().norm().transpose().cwiseQuotient(sizes).maxCoeff();
+            for (double error : {1e-2, 1e-3, 1e-4, 1e-5, 1e-6}) {
+                const FastSum::Accuracy* accuracy = FastSum::choose(error, 1000000, hasWall);
+                ASSERT_TRUE(accuracy);
+                const MatrixXd found = scale.asDiagonal() * fast(scene, forces, *accuracy);
+                for (int c = 0; c < forces.cols(); c++)
+                    EXPECT_LT((found - exact).col(c).norm(), error * norm * sizes[c])
+                        << shape << " " << error << " " << hasWall << " " << c;
+                EXPECT_LT((found - exact).col(0).norm(), error * exact.col(0).norm())
+                    << shape << " " << error << " " << hasWall;
+                // M is symmetric to that error: f.(M g) = g.(M f).
+                const MatrixXd products = forces.transpose() * scale.cwiseInverse().asDiagonal() * found;
+                EXPECT_LT(abs(products(0, 1) - products(1, 0)), 2 * error * norm * sizes[0] * sizes[1]);
+            }
+        }
+}
+
+TEST(FastSum, ChoosesByNumbersAlone) {
+    for (bool hasWall : {false, true}) {
+        EXPECT_FALSE(FastSum::choose(1e-2, 1000, hasWall));
+        EXPECT_FALSE(FastSum::choose(1e-7, 1000000, hasWall));
+        EXPECT_FALSE(FastSum::choose(0, 1000000, hasWall));
+        EXPECT_EQ(FastSum::choose(5e-3, 1000000, hasWall), FastSum::choose(1e-3, 1000000, hasWall));
+        EXPECT_TRUE(FastSum::choose(1e-6, 100000, hasWall));
+        int order = 0;
+        for (double error : {1e-2, 1e-3, 1e-4, 1e-5, 1e-6}) {
+            EXPECT_GT(FastSum::choose(error, 1000000, hasWall)->order, order);
+            order = FastSum::choose(error, 1000000, hasWall)->order;
+        }
+    }
+}
+
+TEST(FastSum, NeitherThreadsNorWidthOfPacksShow) {
+    for (bool hasWall : {false, true}) {
+        const Scene scene = cloud(1500, Mixed, false, hasWall, 30);
+        const MatrixXd forces = forcesFor(scene);
+        for (bool single : {false, true}) {
+            const FastSum::Accuracy accuracy = {5, 0.7, 20, single};
+            const MatrixXd alone = fast(scene, forces, accuracy);
+            for (int threads : {2, 3, 4}) {
+                ThreadPool pool(threads);
+                const MatrixXd together =
+                    fast(scene, forces, accuracy, [&](int count, const function<void(int, int)>& task) {
+                        pool.execute([&](ThreadPool&, int thread) {
+                            task(count * thread / threads, count * (thread + 1) / threads);
+                        });
+                        pool.waitForThreads();
+                    });
+                EXPECT_TRUE((together.array() == alone.array()).all()) << threads;
+            }
+            // Column by column.
+            for (int c = 0; c < forces.cols(); c++)
+                EXPECT_LT((fast(scene, forces.col(c), accuracy) - alone.col(c)).norm(),
+                          (single ? 1e-6 : 1e-14) * alone.col(c).norm());
+        }
+        const FastSum::Accuracy accuracy = {5, 0.7, 20, false};
+        const MatrixXd best = fast(scene, forces, accuracy);
+        for (int64_t target : {HWY_AVX3, HWY_AVX2, HWY_SSE4}) {
+            hwy::SetSupportedTargetsForTest(0);
+            if ((hwy::SupportedTargets() & HWY_TARGETS & target) == 0) continue;
+            hwy::SetSupportedTargetsForTest(target);
+            hwy::GetChosenTarget().Update(target);
+            const MatrixXd here = fast(scene, forces, accuracy);
+            if (target == HWY_SSE4)
+                EXPECT_LT((here - best).norm(), 1e-13 * best.norm());
+            else
+                EXPECT_TRUE((here.array() == best.array()).all()) << hwy::TargetName(target);
+        }
+        hwy::SetSupportedTargetsForTest(0);
+        hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+    }
+}
+
+// Nothing is left of an earlier placement, and what matrices were made then does not show.
+TEST(FastSum, ForgetsEarlierPlacements) {
+    for (bool hasWall : {false, true}) {
+        const Scene scene = cloud(800, Spheres, false, hasWall, 25),
+                    other = cloud(800, Spheres, false, hasWall, 40, 70);
+        const MatrixXd forces = forcesFor(scene);
+        const FastSum::Accuracy accuracy = {6, 0.7, 10, false};
+        FastSum sum(scene.particles, hasWall, accuracy, {});
+        MatrixXd velocities;
+        for (const Scene& where : {scene, other, scene}) {
+            sum.moveTo(where.positions, vector<double>(800, 1.0));
+            sum.apply(forces, 1 / (8 * M_PI * 0.7), velocities);
+        }
+        EXPECT_TRUE((velocities.array() == fast(scene, forces, accuracy).array()).all());
+        EXPECT_GT(sum.getMemory(), 1000u);
+    }
+}
+
+TEST(FastSum, HardPlaces) {
+    const FastSum::Accuracy accuracy = {8, 0.6, 10, false};
+    Scene scene = cloud(300, Spheres, true, false, 10);
+    const auto compare = [&](double tolerance) {
+        const MatrixXd forces = forcesFor(scene), exact = exactly(scene, forces);
+        EXPECT_LT((fast(scene, forces, accuracy) - exact).norm(), tolerance * exact.norm());
+    };
+    for (Vec3& r : scene.positions) r = Vec3(1, 2, 3);  // all at one place
+    compare(1e-14);
+    for (int i = 0; i < 300; i++) scene.positions[i] = i % 2 ? Vec3(1e9, 0, 0) : Vec3(1e-3 * i, 0, 0);
+    compare(1e-4);
+    scene = cloud(2000, Mixed, false, false, 60);
+    scene.particles.radii[17] = 25;  // one holds many others
+    compare(1e-4);
+    const Scene alone = cloud(1, Spheres, true, true, 5);
+    const MatrixXd forces = forcesFor(alone);
+    EXPECT_LT((fast(alone, forces, accuracy) - exactly(alone, forces)).norm(), 1e-15);
+    const MatrixXd none = MatrixXd::Zero(scene.particles.numRows, 1);
+    EXPECT_EQ(fast(scene, none, accuracy).cwiseAbs().maxCoeff(), 0);
+}
+
+// How a model takes it.
+TEST(FastSum, OfAModelAtAPlace) {
+    for (bool hasWall : {false, true}) {
+        const Scene scene = cloud(10000, Blobs, true, hasWall, 80), moved = cloud(10000, Blobs, true, hasWall, 90);
+        const MatrixXd forces = forcesFor(scene);
+        const CpuRotnePragerYamakawa model = scene.model(), without = scene.model(false);
+        EXPECT_EQ(model.describeFastProducts(1e-2), "by multipoles of order 4");
+        EXPECT_EQ(model.describeFastProducts(1e-9), "");
+        EXPECT_EQ(without.describeFastProducts(1e-2), "");
+        EXPECT_EQ(cloud(100, Blobs, true, hasWall, 10).model().describeFastProducts(1e-2), "");
+        auto at = model.at({moved.positions});
+        MatrixXd exact, found, rough;
+        at->applyWithin(1e-3, forces, found);
+        model.place(at, {scene.positions});
+        at->apply(forces, exact);
+        at->applyWithin(1e-3, forces, found);
+        EXPECT_LT((found - exact).col(0).norm(), 1e-3 * exact.col(0).norm());
+        EXPECT_GT((found - exact).col(0).norm(), 1e-6 * exact.col(0).norm());
+        at->applyWithin(0, forces, found);
+        EXPECT_TRUE((found.array() == exact.array()).all());
+        without.at({scene.positions})->applyWithin(1e-3, forces, found);
+        at->applyRoughly(forces, rough);
+        EXPECT_TRUE((found.array() == rough.array()).all());
+        vector<Vec3> broken = scene.positions;
+        broken[7][0] = NAN;
+        if (!hasWall) {
+            model.at({broken})->applyWithin(1e-3, forces, found);
+            EXPECT_FALSE(found.allFinite());
+        }
+    }
+}
+
+// Particles that reach through a wall are lifted, and their forces and velocities are damped.
+TEST(FastSum, ThroughAWall) {
+    Scene scene = cloud(6000, Mixed, true, true, 60);
+    for (Vec3& r : scene.positions) r[2] = max(r[2] - 1.3, 0.01);
+    const CpuRotnePragerYamakawa model(scene.particles, 0.7, {}, NoSlipPlane(0, true));
+    const MatrixXd forces = forcesFor(scene);
+    MatrixXd exact, found;
+    const auto at = model.at({scene.positions});
+    at->apply(forces, exact);
+    at->applyWithin(1e-2, forces, found);
+    EXPECT_LT((found - exact).col(0).norm(), 1e-2 * exact.col(0).norm());
+    EXPECT_GT((found - exact).col(0).norm(), 1e-6 * exact.col(0).norm());
+}

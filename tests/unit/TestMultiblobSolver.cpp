@@ -1,0 +1,245 @@
+// The solver of rigid multiblobs: what it promises at any tolerance with exact and rough products, first guesses, threads.
+
+#include "CoupledBodiesSupport.h"
+#include "HydrodynamicSupport.h"
+#include "TestSupport.h"
+#include "mobility/models/rotneprager/CpuRotnePragerYamakawa.h"
+#include "mobility/models/rotneprager/RotnePragerYamakawa.h"
+#include "rigid/MultiblobSolver.h"
+
+using namespace RigidHIPlugin;
+using namespace RigidHITest;
+using namespace std;
+
+namespace {
+
+/** Points spread over a sphere. */
+vector<Vector3d> shell(int count, double radius) {
+    vector<Vector3d> sites;
+    for (int i = 0; i < count; i++) {
+        const double z = 1 - (2 * i + 1.0) / count, rho = sqrt(1 - z * z), angle = M_PI * (3 - sqrt(5.0)) * i;
+        sites.push_back(radius * Vector3d(rho * cos(angle), rho * sin(angle), z));
+    }
+    return sites;
+}
+
+MatrixXd normal(mt19937& random, int rows, int columns) {
+    normal_distribution<double> gauss;
+    MatrixXd m(rows, columns);
+    for (int i = 0; i < m.size(); i++) m.data()[i] = gauss(random);
+    return m;
+}
+
+/** Shells of blobs and one free particle close to each other and to a wall. */
+struct Layer {
+    vector<FluidElement> elements;
+    vector<Pose> poses;
+    unique_ptr<CoupledBodies> bodies;
+    /** @param threads  0: the model without SIMD, which has no rough products, in unbounded fluid */
+    Layer(const vector<Vector3d>& sites, double blobRadius, double spacing, int count, int threads = 1) {
+        mt19937 random(7);
+        for (int b = 0; b <= count; b++) {
+            const bool isFree = b == count;
+            FluidElement e;
+            e.body = isFree ? -1 : b;
+            e.sites = isFree ? vector<Vector3d>{Vector3d::Zero()} : sites;
+            e.radii.assign(e.sites.size(), isFree ? 0.3 : blobRadius);
+            for (size_t i = 0; i < e.sites.size(); i++) e.particles.push_back(sites.size() * b + i);
+            elements.push_back(e);
+            Pose pose;
+            pose.R = isFree ? Vector3d(0.5 * spacing, 0.5 * spacing, 2.9)
+                            : Vector3d(spacing * (b % 2), spacing * (b / 2), 1.15 + 0.05 * (b % 3));
+            const QuaternionArray q = randomQuaternion(random);
+            pose.q = {q[0], q[1], q[2], q[3]};
+            poses.push_back(pose);
+        }
+        bodies.reset(new CoupledBodies(elements, [threads](const HydrodynamicParticles& particles) {
+            unique_ptr<MobilityModel> model;
+            const auto ranges = [threads](int size, const function<void(int, int)>& task) {
+                for (int t = 0; t < threads; t++) task(size * t / threads, size * (t + 1) / threads);
+            };
+            if (threads == 0)
+                model.reset(new RotnePragerYamakawa(particles, 1));
+            else
+                model.reset(new CpuRotnePragerYamakawa(particles, 1, ranges, NoSlipPlane(0, false)));
+            return model;
+        }));
+    }
+    BodyMobility& dense() { return strategies().get(BodyMobility::Dense); }
+    BodyMobility& byProducts() { return strategies().get(BodyMobility::Krylov); }
+    void setPoses() {
+        dense().setPoses(poses);
+        byProducts().setPoses(poses);
+    }
+    /** The error of twists in the norm of the friction, relative to the answer. */
+    double errorOf(const MatrixXd& twists, const MatrixXd& wrenches, int column) {
+        const MatrixXd& N = dense().mobility();
+        const VectorXd difference = twists.col(column) - N * wrenches.col(column);
+        const double square = difference.dot(N.ldlt().solve(difference));
+        return sqrt(square / wrenches.col(column).dot(N * wrenches.col(column)));
+    }
+    MatrixXd blobMobility() {
+        Placement placement;
+        vector<Matrix3d> turns;
+        setTurns(poses, turns);
+        bodies->getMotion().place(poses, turns, placement);
+        MatrixXd M;
+        bodies->getModel().at(placement)->dense(M);
+        return M;
+    }
+
+private:
+    BodyMobilities& strategies() {
+        if (!made) made.reset(new BodyMobilities(*bodies, 1e-6));
+        return *made;
+    }
+    unique_ptr<BodyMobilities> made;
+};
+
+/** The solver itself at the poses of a layer. */
+struct SolverOf {
+    vector<Matrix3d> turns;
+    Placement placement;
+    unique_ptr<MobilityAt> place;
+    MultiblobSolver solver;
+    explicit SolverOf(Layer& layer)
+        : solver(layer.bodies->getMotion(), layer.bodies->getNullTwists(), layer.bodies->getModel()) {
+        goTo(layer);
+    }
+    void goTo(Layer& layer) {
+        setTurns(layer.poses, turns);
+        layer.bodies->getMotion().place(layer.poses, turns, placement);
+        place = layer.bodies->getModel().at(placement);
+        solver.setTurns(turns);
+    }
+};
+
+}  // namespace
+
+TEST(MultiblobSolver, RoughProductsKeepAnyTolerance) {
+    mt19937 random(1);
+    Layer layer(shell(20, 0.8), 0.25, 2.2, 5);
+    layer.setPoses();
+    const MatrixXd wrenches = normal(random, layer.bodies->getNumRows(), 2);
+    SolverOf at(layer);
+    for (double tolerance : {1e-1, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10}) {
+        MatrixXd twists, exactly;
+        const int iterations = at.solver.solve(*at.place, wrenches, MatrixXd(), tolerance, false, twists);
+        const int products = at.solver.getNumProducts(), exact = at.solver.getNumExactProducts();
+        const int exactIterations = at.solver.solve(*at.place, wrenches, MatrixXd(), tolerance, true, exactly);
+        for (int c = 0; c < 2; c++) {
+            EXPECT_LT(layer.errorOf(twists, wrenches, c), 3 * tolerance) << tolerance;
+            EXPECT_LT(layer.errorOf(exactly, wrenches, c), 3 * tolerance) << tolerance;
+        }
+        // An exact product for each further four digits, and next to no iteration more.
+        EXPECT_EQ(exact, 2 * (tolerance >= 5e-5 ? 0 : tolerance >= 2e-9 ? 1 : 2)) << tolerance;
+        EXPECT_EQ(products, 2 * (iterations + 1) + exact);
+        EXPECT_LE(iterations, exactIterations + 1) << tolerance;
+        EXPECT_EQ(at.solver.getNumExactProducts(), at.solver.getNumProducts());
+        cout << "tolerance " << tolerance << ": " << iterations << " iterations, " << exact / 2 << " of "
+             << products / 2 << " products exact; with exact ones only " << exactIterations << " iterations" << endl;
+    }
+}
+
+TEST(MultiblobSolver, SlipsTooAndTheForcesOfBlobs) {
+    mt19937 random(2);
+    Layer layer(shell(20, 0.8), 0.25, 2.2, 5);
+    layer.setPoses();
+    const MatrixXd M = layer.blobMobility(), wrenches = normal(random, layer.bodies->getNumRows(), 1);
+    const MatrixXd slips = M.llt().matrixL() * normal(random, M.rows(), 1);
+    MatrixXd K;
+    vector<Matrix3d> turns;
+    setTurns(layer.poses, turns);
+    layer.bodies->getMotion().fill(turns, K);
+    const Eigen::LLT<MatrixXd> factor(M);
+    const MatrixXd N = (K.transpose() * factor.solve(K)).inverse();
+    const VectorXd U = N * (wrenches + K.transpose() * factor.solve(slips)), lambda = factor.solve(K * U - slips);
+    SolverOf at(layer);
+    for (double tolerance : {1e-3, 1e-6, 1e-9}) {
+        MatrixXd twists, forces;
+        at.solver.solve(*at.place, wrenches, slips, tolerance, false, twists);
+        at.solver.getBlobForces(forces);
+        const VectorXd difference = forces - lambda, ofTwists = twists - U;
+        // Relative to forces and slips together, in the energy norm.
+        const double scale = lambda.dot(M * lambda) + slips.col(0).dot(factor.solve(slips.col(0)));
+        EXPECT_LT(sqrt(difference.dot(M * difference) / scale), 3 * tolerance);
+        EXPECT_LT(ofTwists.dot(N.inverse() * ofTwists), 9 * tolerance * tolerance * scale);
+        // They add up to the wrenches whatever the tolerance.
+        EXPECT_LT((K.transpose() * forces - wrenches).norm(), 1e-10 * wrenches.norm());
+    }
+}
+
+TEST(MultiblobSolver, IllConditionedBodiesAreNotTrustedToRoughProducts) {
+    // Blobs nearly at one place: errors of products are magnified by the root of the condition number of a body's matrix.
+    mt19937 random(3);
+    vector<Vector3d> sites = shell(10, 0.8);
+    sites.push_back(sites[3] + Vector3d(2e-5, 1e-5, 0));
+    Layer layer(sites, 0.3, 2.3, 3);
+    layer.setPoses();
+    const MatrixXd wrenches = normal(random, layer.bodies->getNumRows(), 1);
+    SolverOf at(layer);
+    for (double tolerance : {1e-4, 1e-6}) {
+        MatrixXd twists;
+        at.solver.solve(*at.place, wrenches, MatrixXd(), tolerance, false, twists);
+        EXPECT_LT(layer.errorOf(twists, wrenches, 0), 3 * tolerance);
+        EXPECT_GE(at.solver.getNumExactProducts(), 1);
+    }
+}
+
+TEST(MultiblobSolver, ModelsWithoutRoughProductsHaveNoneInVain) {
+    mt19937 random(4);
+    Layer layer(shell(12, 0.7), 0.3, 2.3, 3, 0);
+    layer.setPoses();
+    const MatrixXd wrenches = normal(random, layer.bodies->getNumRows(), 1);
+    SolverOf at(layer);
+    MatrixXd twists;
+    const int iterations = at.solver.solve(*at.place, wrenches, MatrixXd(), 1e-6, false, twists);
+    EXPECT_EQ(at.solver.getNumProducts(), iterations + 1);
+    EXPECT_LT(layer.errorOf(twists, wrenches, 0), 3e-6);
+}
+
+TEST(MultiblobSolver, BeginsAtAGuessThatTurnsWithTheBodies) {
+    mt19937 random(5);
+    Layer layer(shell(20, 0.8), 0.25, 2.2, 5);
+    const MatrixXd wrenches = normal(random, layer.bodies->getNumRows(), 1), change = normal(random, wrenches.rows(), 1);
+    const MatrixXd slips = layer.blobMobility().llt().matrixL() * normal(random, layer.bodies->getNumParticleRows(), 1);
+    SolverOf at(layer);
+    for (double tolerance : {1e-3, 1e-6})
+        for (double step : {0.0, 1e-3, 1e-2}) {
+            Layer moved(shell(20, 0.8), 0.25, 2.2, 5);
+            MatrixXd twists, expected, guessed;
+            at.goTo(layer);
+            at.solver.solve(*at.place, wrenches, slips, tolerance, false, twists);
+            at.solver.keepGuess(0);
+            for (Pose& pose : moved.poses) {
+                pose.R += step * Vector3d(normal(random, 3, 1)).cwiseAbs();
+                pose.q = scalar::exponential(scalar::Vector3<double>{step, -step, 2 * step}) * pose.q;
+            }
+            at.goTo(moved);
+            const MatrixXd wrenchesThere = wrenches + step * change;
+            at.solver.solve(*at.place, wrenchesThere, slips, 1e-10, true, expected);
+            const int cold = at.solver.solve(*at.place, wrenchesThere, slips, tolerance, false, twists);
+            const int warm = at.solver.solve(*at.place, wrenchesThere, slips, tolerance, false, guessed, true);
+            cout << "step " << step << ", tolerance " << tolerance << ": " << warm << " iterations instead of " << cold
+                 << endl;
+            EXPECT_LT((guessed - expected).norm(), 10 * tolerance * expected.norm());
+            EXPECT_LE(warm, step == 0 ? 0 : cold - 1);
+        }
+}
+
+TEST(MultiblobSolver, ThreadsDoNotShow) {
+    mt19937 random(6);
+    MatrixXd first;
+    for (int threads : {1, 2, 3, 4}) {
+        Layer layer(shell(42, 0.8), 0.2, 2.2, 4, threads);
+        layer.byProducts().setPoses(layer.poses);
+        if (threads == 1) first = normal(random, layer.bodies->getNumRows(), 1);
+        MatrixXd twists, slips;
+        layer.byProducts().solve(first, twists);
+        layer.byProducts().thermalSlip(MatrixXd::Constant(layer.bodies->getNumParticleRows(), 1, 0.3), slips);
+        static MatrixXd twistsOfOne, slipsOfOne;
+        if (threads == 1) twistsOfOne = twists, slipsOfOne = slips;
+        EXPECT_EQ(twists, twistsOfOne) << threads;
+        EXPECT_EQ(slips, slipsOfOne) << threads;
+    }
+}

@@ -1,0 +1,466 @@
+// Periodic Rotne-Prager-Yamakawa by pairs and waves: against lattice sums, both parts positive, the covariance of the waves' field.
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <cstdlib>
+#include <random>
+#include <thread>
+
+#include "TestSupport.h"
+#include "mobility/models/ewald/NearField.h"
+#include "mobility/models/ewald/RotnePragerYamakawaGrid.h"
+#include "mobility/models/ewald/WaveField.h"
+#include "mobility/models/forcecoupling/CpuGridFluid.h"
+#include "mobility/models/periodic/PeriodicMobility.h"
+
+using namespace Eigen;
+using namespace OpenMM;
+using namespace RigidHIPlugin;
+using namespace std;
+
+namespace {
+
+const double eta = 0.7;
+
+BoxVectors orthogonal(double x, double y, double z) { return {{Vec3(x, 0, 0), Vec3(0, y, 0), Vec3(0, 0, z)}}; }
+
+/** Particles at random places, in and out of the box, overlapping as they come. */
+struct Scene {
+    const char* what;
+    HydrodynamicParticles particles;
+    Placement placement;
+
+    enum Kind { Blobs, Spheres, Mixed };
+    Scene(const char* what, int number, const BoxVectors& box, Kind kind, const vector<double>& radii, unsigned seed)
+        : what(what) {
+        mt19937 random(seed);
+        uniform_real_distribution<double> uniform(-1, 2);
+        placement.box = box;
+        for (int i = 0; i < number; i++) {
+            particles.add(radii[i % radii.size()], kind == Spheres || (kind == Mixed && i % 3 > 0), i, i);
+            placement.positions.push_back(
+                Vec3(uniform(random) * box[0][0], uniform(random) * box[1][1], uniform(random) * box[2][2]));
+        }
+    }
+};
+
+vector<Scene> scenes() {
+    return {{"blobs in a cube, 0.2", 100, orthogonal(12.8, 12.8, 12.8), Scene::Blobs, {1}, 1},
+            {"blobs, dilute", 40, orthogonal(40, 35, 52), Scene::Blobs, {1}, 2},
+            {"spheres", 50, orthogonal(9, 10.5, 12), Scene::Spheres, {1}, 3},
+            {"unequal blobs", 60, orthogonal(14, 10, 11), Scene::Blobs, {1, 0.6, 1.7}, 4},
+            {"unequal spheres and blobs", 36, orthogonal(9, 12, 10), Scene::Mixed, {1, 1.4}, 5},
+            {"crowded blobs", 120, orthogonal(5, 5.5, 6), Scene::Blobs, {1}, 6},
+            {"a box that pairs reach across", 3, orthogonal(2.6, 3, 2.4), Scene::Mixed, {1, 0.5}, 7},
+            {"one sphere", 1, orthogonal(5, 6, 7), Scene::Spheres, {1}, 8}};
+}
+
+VectorXd roots(const HydrodynamicParticles& particles) {
+    VectorXd root(particles.numRows);
+    for (int p = 0; p < particles.size(); p++) {
+        const double a = particles.radii[p];
+        root.segment<3>(particles.firstRow[p]).setConstant(sqrt(6 * M_PI * eta * a));
+        if (particles.hasTorque[p])
+            root.segment<3>(particles.firstRow[p] + 3).setConstant(sqrt(8 * M_PI * eta * a * a * a));
+    }
+    return root;
+}
+/** Entries over the roots of the particles' own mobilities. */
+MatrixXd scaled(const MatrixXd& difference, const HydrodynamicParticles& particles) {
+    const VectorXd root = roots(particles);
+    return root.asDiagonal() * difference * root.asDiagonal();
+}
+double normOf(const MatrixXd& symmetric) {
+    return SelfAdjointEigenSolver<MatrixXd>(symmetric, EigenvaluesOnly).eigenvalues().cwiseAbs().maxCoeff();
+}
+
+MatrixXd latticeSum(const Scene& scene) {
+    MatrixXd M;
+    PeriodicRotnePragerYamakawa(scene.particles, eta).at(scene.placement)->dense(M);
+    return M;
+}
+
+shared_ptr<GridFluid> plainFluid() { return make_shared<PlainGridFluid>(); }
+GridThreads onThreads(int number) {
+    return [number](int count, const function<void(int, int)>& task) {
+        vector<thread> threads;
+        for (int t = 0; t < number; t++)
+            threads.emplace_back([&, t] { task(count * t / number, count * (t + 1) / number); });
+        for (thread& one : threads) one.join();
+    };
+}
+
+}  // namespace
+
+TEST(SplitEwald, TablesAreThePairsToRounding) {
+    const vector<EwaldKind> kinds = {{0.4, 1, 1}, {1, 1, 1}};
+    for (double xi : {0.1, 0.5, 2.0}) {
+        const double gap = 5 / xi;
+        const NearTables tables(kinds, 6, xi, gap, 0.1), ofForces(kinds, 2, xi, gap, 0.1);
+        for (int i = 0; i < 2; i++)
+            for (int j = 0; j < 2; j++) {
+                const double a = kinds[i].radius, b = kinds[j].radius;
+                const NearPair pair(a, b, xi, true);
+                for (double r = 0; r < gap + a + b + 0.1; r += 0.0371 / xi) {
+                    double f[6];
+                    tables.at<6>(i, j, r, f);
+                    double g2[2];
+                    ofForces.at<2>(i, j, r, g2);
+                    const PairFunctions g = pair.at(r);
+                    const double expected[] = {g.ttI, g.ttR, g.tr, g.rt, g.rrI, g.rrR};
+                    const PairFunctions h = overSurfaces().free(a, b, a + b, true, false);
+                    const double scale[] = {h.ttI, h.ttR, h.tr, h.rt, h.rrI, h.rrR};
+                    EXPECT_EQ(g2[0], f[0]);
+                    EXPECT_EQ(g2[1], f[1]);
+                    for (int c = 0; c < 6; c++)
+                        EXPECT_NEAR(f[c], expected[c], 1e-10 * abs(scale[c])) << xi << " " << a << " " << b << " " << r << " " << c;
+                }
+            }
+    }
+}
+
+TEST(SplitEwald, ProductsHaveTheTolerance) {
+    for (const Scene& scene : scenes()) {
+        const MatrixXd exact = latticeSum(scene), m = scaled(exact, scene.particles);
+        const double norm = normOf(m);
+        for (double tolerance : {1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8}) {
+            const RotnePragerYamakawaGrid model(scene.particles, eta, tolerance, 0, plainFluid());
+            MatrixXd M;
+            model.at(scene.placement)->dense(M);
+            const double error = normOf(scaled(0.5 * (M + M.transpose()) - exact, scene.particles));
+            EXPECT_LE(error, tolerance * norm) << scene.what << " " << tolerance;
+            EXPECT_LE((M - M.transpose()).norm(), 1e-14 * M.norm()) << scene.what << " " << tolerance;
+            if (getenv("RIGIDHI_PRINT"))
+                printf("%-32s %.0e  error %.2e of the norm, %.2e of own (norm %.2f)  %s\n", scene.what, tolerance,
+                       error / norm, error, norm, model.describe(scene.placement.box).c_str());
+        }
+    }
+}
+
+TEST(SplitEwald, ThreadsDoNotChangeABit) {
+    for (const Scene& scene : scenes()) {
+        const VectorXd forces = VectorXd::LinSpaced(scene.particles.numRows, 1, 3);
+        MatrixXd first, velocities;
+        for (int threads : {1, 2, 3, 5}) {
+            const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-4, 0,
+                                                make_shared<CpuGridFluid>(onThreads(threads)));
+            model.at(scene.placement)->apply(forces, velocities);
+            if (threads == 1) first = velocities;
+            EXPECT_EQ(velocities, first) << scene.what << " " << threads;
+        }
+    }
+}
+
+namespace {
+
+/** One number of one mode is 1, with its conjugate; all others are 0. */
+class UnitNoise : public ModeNoise {
+public:
+    UnitNoise(array<int, 3> mode, int component, complex<double> value)
+        : mode(mode), component(component), value(value) {}
+    void fill(const int* nx, int count, int ny, int nz, complex<double>* numbers) const override {
+        for (int i = 0; i < count; i++)
+            for (int c = 0; c < 3; c++) {
+                const bool same = array<int, 3>{nx[i], ny, nz} == mode,
+                           mirrored = array<int, 3>{-nx[i], -ny, -nz} == mode;
+                numbers[c * count + i] = c != component ? 0.0 : same ? value : mirrored ? conj(value) : 0.0;
+            }
+    }
+
+private:
+    const array<int, 3> mode;
+    const int component;
+    const complex<double> value;
+};
+
+/** Both parts of the mobility of a scene. */
+struct SplitScene {
+    const Scene& scene;
+    const vector<EwaldKind> kinds;
+    const SplitBox inBox;
+    const EwaldSplitting& splitting;
+    shared_ptr<GridFluid> fluid;
+    NearField near;
+    WaveField waves;
+    SplitScene(const Scene& scene, double tolerance, const shared_ptr<GridFluid>& fluid, double xi = 0)
+        : scene(scene), kinds(kindsOf(scene.particles)),
+          inBox(kinds, EwaldSplitting(kinds, tolerance, 0, scene.placement.box, xi), scene.placement.box),
+          splitting(inBox.splitting), fluid(fluid), near(scene.particles), waves(scene.particles, kinds) {
+        vector<int> kind;
+        for (double a : scene.particles.radii)
+            for (size_t k = 0; k < kinds.size(); k++)
+                if (kinds[k].radius == a) kind.push_back(k);
+        near.setTables(inBox.tables, kind, splitting.shape);
+        near.moveTo(scene.placement.positions, false, inBox.spacing, ranges());
+        waves.setBox(inBox);
+        waves.moveTo(scene.placement.positions, false);
+    }
+    Ranges ranges() const {
+        return [this](int count, const function<void(int, int)>& task) { fluid->forRanges(count, task); };
+    }
+    MatrixXd denseOfPairs() {
+        const int rows = scene.particles.numRows;
+        MatrixXd M(rows, rows);
+        for (int i = 0; i < rows; i++) {
+            const VectorXd force = VectorXd::Unit(rows, i);
+            near.multiply(force.data(), M.col(i).data(), ranges());
+        }
+        return M / (8 * M_PI * eta);
+    }
+    MatrixXd denseOfWaves(bool roughly = false) {
+        const int rows = scene.particles.numRows;
+        MatrixXd M = MatrixXd::Zero(rows, rows);
+        for (int i = 0; i < rows; i++) {
+            const VectorXd force = VectorXd::Unit(rows, i);
+            waves.addProduct(*fluid, eta, roughly, force.data(), M.col(i).data());
+        }
+        return M;
+    }
+};
+
+double smallestEigenvalue(const MatrixXd& symmetric) {
+    return SelfAdjointEigenSolver<MatrixXd>(symmetric, EigenvaluesOnly).eigenvalues()[0];
+}
+
+}  // namespace
+
+TEST(SplitEwald, BothPartsArePositive) {
+    for (const Scene& scene : scenes())
+        for (double tolerance : {1e-2, 1e-4}) {
+            SplitScene split(scene, tolerance, plainFluid());
+            const MatrixXd pairs = split.denseOfPairs(), waves = split.denseOfWaves();
+            EXPECT_LE((pairs - pairs.transpose()).norm(), 1e-14 * pairs.norm()) << scene.what;
+            EXPECT_LE((waves - waves.transpose()).norm(), 1e-14 * waves.norm()) << scene.what;
+            // Waves are a Gram matrix whatever is cut off; of pairs what is cut off is a part of the tolerance.
+            const double rounding = 1e-13;
+            EXPECT_GE(smallestEigenvalue(scaled(waves, scene.particles)), -rounding * normOf(scaled(waves, scene.particles)))
+                << scene.what;
+            EXPECT_GE(smallestEigenvalue(scaled(pairs, scene.particles)), -0.3 * tolerance) << scene.what;
+        }
+}
+
+TEST(SplitEwald, PairsDoNotDependOnTheCells) {
+    // Against all images of all pairs, by the functions themselves.
+    for (const Scene& scene : scenes()) {
+        SplitScene split(scene, 1e-4, plainFluid());
+        const HydrodynamicParticles& particles = scene.particles;
+        const Lattice lattice(scene.placement.box);
+        const double largest = split.kinds.back().radius;
+        const vector<Vector3d> images = lattice.within(split.splitting.gap + 2 * largest + lattice.getReach());
+        MatrixXd expected = MatrixXd::Zero(particles.numRows, particles.numRows);
+        for (int i = 0; i < particles.size(); i++)
+            for (int j = 0; j < particles.size(); j++) {
+                const double a = particles.radii[i], b = particles.radii[j];
+                const NearPair functions(a, b, split.splitting.xi, true);
+                PairBlocks pair;
+                pair.setZero();
+                const Vector3d nearest =
+                    lattice.wrapped(scene.placement.positions[i] - scene.placement.positions[j]);
+                for (const Vector3d& image : images)
+                    if ((nearest + image).norm() < split.splitting.gap + a + b)
+                        pair.add(functions.at((nearest + image).norm()), nearest + image, false);
+                const int row = particles.firstRow[i], column = particles.firstRow[j];
+                expected.block<3, 3>(row, column) = pair.tt;
+                if (particles.hasTorque[i]) expected.block<3, 3>(row + 3, column) = pair.rt;
+                if (particles.hasTorque[j]) expected.block<3, 3>(row, column + 3) = pair.tr;
+                if (particles.hasTorque[i] && particles.hasTorque[j])
+                    expected.block<3, 3>(row + 3, column + 3) = pair.rr;
+            }
+        expected /= 8 * M_PI * eta;
+        EXPECT_LE((split.denseOfPairs() - expected).norm(), 1e-10 * expected.norm()) << scene.what;
+    }
+}
+
+TEST(SplitEwald, FieldsOfWavesHaveTheCovarianceOfProducts) {
+    // Every number is a column of B: real and imaginary part, of variance 1/2, of three components of one of each pair of modes.
+    const Scene mixed("unequal spheres and blobs", 4, orthogonal(3.1, 2.6, 4.4), Scene::Mixed, {0.5, 0.8}, 5);
+    for (bool fast : {false, true}) {
+        SplitScene split(mixed, 1e-2, fast ? make_shared<CpuGridFluid>() : plainFluid());
+        const MatrixXd M = split.denseOfWaves();
+        const array<int, 3>& size = split.splitting.shape.size;
+        MatrixXd covariance = MatrixXd::Zero(M.rows(), M.cols());
+        vector<GridField> fields;
+        for (int nx = -size[0] / 2; nx <= size[0] / 2; nx++)
+            for (int ny = -size[1] / 2; ny <= size[1] / 2; ny++)
+                for (int nz = 0; nz <= size[2] / 2; nz++) {
+                    if (CounterModeNoise::isMirrored(nx, ny, nz)) continue;
+                    for (int c = 0; c < 3; c++)
+                        for (complex<double> value : {complex<double>(1, 0), complex<double>(0, 1)}) {
+                            split.waves.draw(*split.fluid, eta, UnitNoise({nx, ny, nz}, c, sqrt(0.5) * value), fields);
+                            VectorXd column = VectorXd::Zero(M.rows());
+                            split.waves.addAverages(*split.fluid, fields, column.data());
+                            covariance += column * column.transpose();
+                        }
+                }
+        EXPECT_LE((covariance - M).norm(), 1e-12 * M.norm());
+    }
+}
+
+TEST(SplitEwald, FastGridsArePlainOnesToRounding) {
+    for (const Scene& scene : scenes()) {
+        SplitScene plain(scene, 1e-3, plainFluid()), fast(scene, 1e-3, make_shared<CpuGridFluid>());
+        const MatrixXd M = plain.denseOfWaves();
+        EXPECT_LE((fast.denseOfWaves() - M).norm(), 1e-13 * M.norm()) << scene.what;
+        const MatrixXd rough = fast.denseOfWaves(true);
+        EXPECT_LE(normOf(scaled(0.5 * (rough + rough.transpose()) - M, scene.particles)),
+                  MobilityAt::roughError * normOf(scaled(M, scene.particles)))
+            << scene.what;
+        EXPECT_GT((rough - M).norm(), 0);
+        const NoiseStream noise;
+        MatrixXd averages(M.rows(), 2);
+        averages.setZero();
+        SplitScene* const both[2] = {&plain, &fast};
+        for (int i = 0; i < 2; i++) {
+            vector<GridField> fields;
+            both[i]->waves.draw(*both[i]->fluid, eta, noise, NoiseStream::RandomField, fields);
+            both[i]->waves.addAverages(*both[i]->fluid, fields, averages.col(i).data());
+        }
+        EXPECT_LE((averages.col(0) - averages.col(1)).norm(), 1e-12 * averages.col(0).norm()) << scene.what;
+        EXPECT_GT(averages.col(0).norm(), 0);
+    }
+}
+
+TEST(SplitEwald, BoxesAwayMakeNoDifference) {
+    for (const Scene& scene : scenes()) {
+        const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-4, 0, plainFluid());
+        Placement away = scene.placement;
+        for (size_t i = 0; i < away.positions.size(); i++)
+            for (int axis = 0; axis < 3; axis++)
+                away.positions[i][axis] += ((int)(7 * i + axis) % 5 - 2) * 64.0 * away.box[axis][axis];
+        MatrixXd here, there;
+        model.at(scene.placement)->dense(here);
+        model.at(away)->dense(there);
+        EXPECT_LE((there - here).norm(), 1e-11 * here.norm()) << scene.what;
+    }
+}
+
+TEST(SplitEwald, PlacesNearbyKeepTheirPairs) {
+    // So central differences of products converge as their step squared: a pair more or less would be an error of tolerance/step.
+    const Scene scene("unequal spheres and blobs", 36, orthogonal(9, 12, 10), Scene::Mixed, {1, 1.4}, 5);
+    const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-2, 0, plainFluid());
+    const VectorXd forces = VectorXd::LinSpaced(scene.particles.numRows, -1, 2);
+    mt19937 random(9);
+    normal_distribution<double> normal;
+    vector<Vec3> direction;
+    for (int i = 0; i < scene.particles.size(); i++)
+        direction.push_back(Vec3(normal(random), normal(random), normal(random)));
+    const auto difference = [&](double step) {
+        unique_ptr<MobilityAt> at = model.at(scene.placement);
+        MatrixXd ends[2], unused;
+        at->apply(forces, unused);
+        for (int side = 0; side < 2; side++) {
+            Placement moved = scene.placement;
+            for (size_t i = 0; i < direction.size(); i++) moved.positions[i] += direction[i] * ((side - 0.5) * step);
+            // The anchors are those of the placement before.
+            model.place(at, scene.placement);
+            model.placeNear(at, moved);
+            at->apply(forces, ends[side]);
+        }
+        return MatrixXd((ends[1] - ends[0]) / step);
+    };
+    const MatrixXd exact = difference(1e-4);
+    double before = 0;
+    for (double step : {0.04, 0.02, 0.01}) {
+        const double error = (difference(step) - exact).norm() / exact.norm();
+        if (before > 0) {
+            EXPECT_LT(error, 0.35 * before) << step;
+        }
+        before = error;
+    }
+    EXPECT_LT(before, 1e-3);
+}
+
+TEST(SplitEwald, FieldsAreThoseOfWavesAndARootOfPairs) {
+    // With the covariance of waves (above) and the symmetric root here, that of slips is M.
+    const double tolerance = 1e-3;
+    NoiseStream noise, ofWaves;
+    ofWaves.field = 1;  // of the group of particle 0
+    for (const Scene& scene : scenes()) {
+        const HydrodynamicParticles& particles = scene.particles;
+        SplitScene split(scene, tolerance, plainFluid());
+        const RotnePragerYamakawaGrid model(particles, eta, tolerance, 0, split.fluid);
+        unique_ptr<RandomField> field;
+        model.drawField(noise, NoiseStream::ParticleFirstDraw, scene.placement.box, field);
+        MatrixXd slips, again, others;
+        field->slipsAt(scene.placement, false, slips);
+
+        VectorXd W(particles.numRows), waves = VectorXd::Zero(particles.numRows);
+        for (int i = 0; i < particles.size(); i++)
+            for (int k = 0; k < (particles.hasTorque[i] ? 6 : 3); k++) {
+                double pair[2];
+                noise.pair(NoiseStream::ParticleFirstDraw, i, k / 2, pair[0], pair[1]);
+                W[particles.firstRow[i] + k] = pair[k % 2];
+            }
+        vector<GridField> fields;
+        split.waves.draw(*split.fluid, eta, ofWaves, NoiseStream::ParticleFirstDraw, fields);
+        split.waves.addAverages(*split.fluid, fields, waves.data());
+        // In units of own mobilities, of which 0.3 tolerances are added.
+        const MatrixXd pairs = scaled(split.denseOfPairs(), particles) +
+                               0.3 * tolerance * MatrixXd::Identity(particles.numRows, particles.numRows);
+        const VectorXd expected = SelfAdjointEigenSolver<MatrixXd>(pairs).operatorSqrt() * W;
+        const VectorXd found = roots(particles).asDiagonal() * (slips.col(0) - waves);
+        EXPECT_LE((found - expected).norm(), 5 * 0.1 * tolerance * expected.norm()) << scene.what;
+        EXPECT_GT(waves.norm(), 0);
+
+        // Looked at elsewhere in between, and nearby, it is the same.
+        Placement nearby = scene.placement;
+        for (Vec3& r : nearby.positions) r += Vec3(1e-3, 0, -1e-3);
+        field->slipsAt(nearby, true, others);
+        EXPECT_LE((others - slips).norm(), 0.05 * slips.norm()) << scene.what;
+        EXPECT_GT((others - slips).norm(), 0) << scene.what;
+        field->slipsAt(scene.placement, false, again);
+        EXPECT_EQ(again, slips) << scene.what;
+        EXPECT_EQ(field->getNumRandomNumbers(),
+                  GridModeNoise::numbersOf(split.splitting.shape) + particles.numRows);
+    }
+}
+
+TEST(SplitEwald, FieldsAndProductsShareNoResults) {
+    // Whoever was at a place before, with whatever was kept there: the same bits.
+    const Scene scene("unequal spheres and blobs", 36, orthogonal(9, 12, 10), Scene::Mixed, {1, 1.4}, 5);
+    Placement other = scene.placement, smaller = scene.placement;
+    for (Vec3& r : other.positions) r += Vec3(0.3, -0.2, 0.1) * r[0];
+    smaller.box = orthogonal(8, 11, 12);
+    const VectorXd forces = VectorXd::LinSpaced(scene.particles.numRows, -1, 2);
+    const auto fresh = [&](const Placement& placement) {
+        const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-3, 0, plainFluid());
+        MatrixXd velocities;
+        model.at(placement)->apply(forces, velocities);
+        return velocities;
+    };
+    const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-3, 0, plainFluid());
+    unique_ptr<MobilityAt> a = model.at(scene.placement), b = model.at(other);
+    unique_ptr<RandomField> field;
+    MatrixXd velocities, slips;
+    for (int round = 0; round < 2; round++)
+        for (const Placement* placement : vector<const Placement*>{&scene.placement, &other, &smaller}) {
+            model.drawField(NoiseStream(), NoiseStream::ParticleFirstDraw, placement->box, field);
+            field->slipsAt(*placement, false, slips);
+            model.place(a, *placement);
+            a->apply(forces, velocities);
+            EXPECT_EQ(velocities, fresh(*placement));
+            b->apply(forces, velocities);
+            EXPECT_EQ(velocities, fresh(other));
+            model.place(a, other);
+            model.placeNear(a, scene.placement);
+            a->apply(forces, velocities);
+            field->slipsAt(scene.placement, true, slips);
+            b->apply(forces, velocities);
+            EXPECT_EQ(velocities, fresh(other));
+        }
+}
+
+TEST(SplitEwald, ASplittingByHandIsRightToo) {
+    // The fastest is a matter of time, not of accuracy.
+    const Scene scene("unequal spheres and blobs", 36, orthogonal(9, 12, 10), Scene::Mixed, {1, 1.4}, 5);
+    const MatrixXd exact = latticeSum(scene);
+    const double norm = normOf(scaled(exact, scene.particles));
+    for (double tolerance : {1e-2, 1e-5})
+        for (double xi : {0.2, 0.4, 0.8}) {
+            SplitScene split(scene, tolerance, plainFluid(), xi);
+            ASSERT_EQ(split.splitting.xi, xi);
+            const MatrixXd M = split.denseOfPairs() + split.denseOfWaves();
+            EXPECT_LE(normOf(scaled(0.5 * (M + M.transpose()) - exact, scene.particles)), tolerance * norm)
+                << tolerance << " " << xi;
+        }
+}
