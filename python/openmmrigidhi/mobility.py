@@ -20,7 +20,8 @@ class Model(_enums.Documented):
     RotnePragerYamakawa = _Base.RotnePragerYamakawa, """Pairs of spheres or blobs by surface averages of a point force, with rotation (default).
 
         Unequal radii and overlap allowed; multiblobs, free particles, own tensors; always positive definite. Relative error O((a/r)^4), no lubrication
-        (Wajnryb et al., J. Fluid Mech. 731, R3, 2013). Unbounded, NoSlipWall, Periodic. Cost: quadratic in particles for each product;
+        (Wajnryb et al., J. Fluid Mech. 731, R3, 2013). Unbounded, NoSlipWall, Periodic. Cost: quadratic in particles for each product,
+        less where there are many and setFastSummation() has it;
         Periodic and MatrixFree as the box, by pairs and waves on a grid (Fiore et al., J. Chem. Phys. 146, 124116, 2017).
         docs/models/RotnePragerYamakawa.md has the rest."""
     StokesianDynamics = _Base.StokesianDynamics, """Spheres with force, torque and stresslet of all together, and exact lubrication of each pair.
