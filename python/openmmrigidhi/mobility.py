@@ -64,7 +64,7 @@ class MobilityForce(_copies.Copies, _Base):
       Cost: linear in bodies.
     - ``RotnePragerYamakawa`` (default): pairwise, unequal radii, overlap allowed; translation, rotation and their coupling
       (Wajnryb et al., J. Fluid Mech. 731, R3, 2013). Relative error O((a/r)^4) for spheres; always positive definite.
-      Cost: quadratic in particles for each product; Periodic: as the box, by pairs and waves on a grid (from 300 rows on, or MatrixFree:
+      Cost: quadratic in particles for each product; Periodic: as the box, by pairs and waves on a grid (from 150 rows on, or MatrixFree:
       Fiore et al., J. Chem. Phys. 146, 124116, 2017), else dense.
     - ``StokesianDynamics``: spheres with force, torque and stresslet, and pair lubrication from the exact two-sphere
       resistance functions (Jeffrey and Onishi, J. Fluid Mech. 139, 261, 1984): exact for an isolated pair. Spheres must not

@@ -301,12 +301,6 @@ void RotnePragerYamakawaGrid::move(std::shared_ptr<SplitParts>& parts, const Pla
 void RotnePragerYamakawaGrid::checkBox(const BoxVectors& box) const {
     checkBoxOfGrid(name(), box);
     const EwaldSplitting splitting = splittingFor(box);
-    if (splitting.xi == 0) {
-        const GridShape shape = EwaldSplitting(kinds, tolerance, 0, box).shape;
-        refuseGrid(name(), "has no splitting with nodes " + text(spacing) + " nm apart and the tolerance " +
-                               text(tolerance, 3) + "; give setGridSpacing() about " + text(shape.spacing(0), 3) +
-                               " nm, or 0 for the fastest");
-    }
     checkSizeOfGrid(name(), box, splitting.shape.spacing(0));
     int numChannels = 0, numParticles = 0;
     bool anyTorques = false;
