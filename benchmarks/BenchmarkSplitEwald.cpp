@@ -52,25 +52,21 @@ struct Parts {
     Parts(const benchmark::State& state, bool torques = false, double xi = 0)
         : scene(state.range(0), torques), kinds(kindsOf(scene.particles)),
           inBox(kinds, EwaldSplitting(kinds, toleranceOf(state), 0, scene.placement.box, xi), scene.placement.box),
-          splitting(inBox.splitting), near(scene.particles),
-          waves(scene.particles, kinds), forces(Eigen::VectorXd::LinSpaced(scene.particles.numRows, -1, 1)) {
+          splitting(inBox.splitting), near(scene.particles), waves(scene.particles, kinds),
+          forces(Eigen::VectorXd::LinSpaced(scene.particles.numRows, -1, 1)) {
         near.setTables(inBox.tables, std::vector<int>(scene.particles.size(), 0), splitting.shape);
         waves.setBox(inBox);
         velocities.setZero(forces.rows(), 1);
         makePairs();
         makeWeights();
     }
-    void makePairs() {
-        near.moveTo(scene.placement.positions, false, inBox.spacing, ranges());
-    }
+    void makePairs() { near.moveTo(scene.placement.positions, false, inBox.spacing, ranges()); }
     void makeWeights() { waves.moveTo(scene.placement.positions, false); }
     Ranges ranges() const {
         return [this](int count, const std::function<void(int, int)>& task) { fluid.forRanges(count, task); };
     }
     void multiplyPairs() { near.multiply(forces.data(), velocities.data(), ranges()); }
-    void multiplyWaves(bool roughly = false) {
-        waves.addProduct(fluid, 1, roughly, forces.data(), velocities.data());
-    }
+    void multiplyWaves(bool roughly = false) { waves.addProduct(fluid, 1, roughly, forces.data(), velocities.data()); }
     void name(benchmark::State& state) const {
         state.counters["xi"] = splitting.xi;
         state.counters["nodes along an edge"] = splitting.shape.size[0];
@@ -174,8 +170,6 @@ BENCHMARK(pairs) SIZES;
 BENCHMARK(waves) SIZES;
 BENCHMARK(makingPairs) SIZES;
 BENCHMARK(makingWeights) SIZES;
-BENCHMARK(splitting)
-    ->ArgsProduct({{10000}, {3, 4, 6}, {20, 25, 30, 35, 40, 50, 60}})
-    ->Unit(benchmark::kMillisecond);
+BENCHMARK(splitting)->ArgsProduct({{10000}, {3, 4, 6}, {20, 25, 30, 35, 40, 50, 60}})->Unit(benchmark::kMillisecond);
 
 BENCHMARK_MAIN();

@@ -45,9 +45,10 @@ shared_ptr<GridFluid> gridFluid(const PlatformModels& own) {
 }
 
 /**
- * Up to this many rows Auto takes lattice sums and matrices.
+ * Up to this many rows Auto takes lattice sums and matrices. Measured (benchmarks/README.md): a step takes as long either way for 10 to 15 spheres or
+ * blobs, and where roots of the whole matrix are wanted to 1e-6 for 15 to 35. This is a little more, for matrices are exact and take triclinic boxes.
  */
-const int largestDenseSurfaceRows = 300;
+const int largestDenseSurfaceRows = 150;
 
 unique_ptr<MobilityModel> periodicRotnePragerYamakawa(const MobilityForce& force,
                                                       const HydrodynamicParticles& particles,
@@ -61,8 +62,7 @@ unique_ptr<MobilityModel> periodicRotnePragerYamakawa(const MobilityForce& force
                      (int)kindsOf(particles).size() <= RotnePragerYamakawaGrid::mostRadii;
             break;
     }
-    if (!onGrid)
-        return unique_ptr<MobilityModel>(new PeriodicRotnePragerYamakawa(particles, force.getViscosity()));
+    if (!onGrid) return unique_ptr<MobilityModel>(new PeriodicRotnePragerYamakawa(particles, force.getViscosity()));
     return unique_ptr<MobilityModel>(new RotnePragerYamakawaGrid(
         particles, force.getViscosity(), force.getSolverTolerance(), force.getGridSpacing(), gridFluid(own)));
 }
@@ -106,9 +106,8 @@ unique_ptr<MobilityModel> periodicForceCoupling(const MobilityForce& force, cons
     if (!onGrid)
         return unique_ptr<MobilityModel>(new PeriodicForceCoupling(
             inChannel ? SlipChannel::withImages(particles) : particles, force.getViscosity()));
-    return unique_ptr<MobilityModel>(new ForceCouplingGrid(
-        particles, force.getViscosity(), force.getSolverTolerance(), force.getGridSpacing(), gridFluid(own),
-        inChannel));
+    return unique_ptr<MobilityModel>(new ForceCouplingGrid(particles, force.getViscosity(), force.getSolverTolerance(),
+                                                           force.getGridSpacing(), gridFluid(own), inChannel));
 }
 
 unique_ptr<MobilityModel> forceCoupling(const MobilityForce& force, bool crossingAllowed,
