@@ -166,7 +166,8 @@ TEST(Lanczos, RoughProductsTakeOverWhereTheyDoNoHarm) {
                 MatrixXd result;
                 lanczos.apply(exactly, x, {f}, result, Lanczos::OwnNorm, roughly);
                 const double error = errorOf(lanczos, result, A, f, x) / tolerance;
-                EXPECT_LE(error, 5) << kind << " tolerance " << tolerance << " condition " << condition << " " << repeat;
+                EXPECT_LE(error, 5) << kind << " tolerance " << tolerance << " condition " << condition << " "
+                                    << repeat;
                 worst = max(worst, error);
                 cases++;
                 again += exact + rough > lanczos.getNumProducts();

@@ -201,7 +201,8 @@ TEST(MultiblobSolver, ModelsWithoutRoughProductsHaveNoneInVain) {
 TEST(MultiblobSolver, BeginsAtAGuessThatTurnsWithTheBodies) {
     mt19937 random(5);
     Layer layer(shell(20, 0.8), 0.25, 2.2, 5);
-    const MatrixXd wrenches = normal(random, layer.bodies->getNumRows(), 1), change = normal(random, wrenches.rows(), 1);
+    const MatrixXd wrenches = normal(random, layer.bodies->getNumRows(), 1),
+                   change = normal(random, wrenches.rows(), 1);
     const MatrixXd slips = layer.blobMobility().llt().matrixL() * normal(random, layer.bodies->getNumParticleRows(), 1);
     SolverOf at(layer);
     for (double tolerance : {1e-3, 1e-6})

@@ -95,8 +95,8 @@ protected:
             functions.push_back(SpectralFunction::decayNoise(step.h));
         }
         // Of multiblobs a product is a solve, whose own products are rough where that serves.
-        const bool hasRough = mobility.getBodies().multipliesWithoutIterations() &&
-                              mobility.getBodies().getModel().hasRoughProducts();
+        const bool hasRough =
+            mobility.getBodies().multipliesWithoutIterations() && mobility.getBodies().getModel().hasRoughProducts();
         lanczos.apply(product(0), columns, functions, results, Lanczos::NormOfSum,
                       hasRough ? Lanczos::Product(product(MobilityAt::leastRoughTolerance)) : Lanczos::Product());
         if (!lanczos.isIncrement(0)) Z.setZero();

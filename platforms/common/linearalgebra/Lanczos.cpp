@@ -111,9 +111,8 @@ void Lanczos::iterate(const Product& multiply, const Product& rough, const Matri
             }
         }
         if (mayBecomeRough)
-            isRough = std::all_of(columns.begin(), columns.end(), [&](const Column& column) {
-                return !column.active || allowsRoughProducts(column);
-            });
+            isRough = std::all_of(columns.begin(), columns.end(),
+                                  [&](const Column& column) { return !column.active || allowsRoughProducts(column); });
     }
 }
 

@@ -104,8 +104,8 @@ private:
         Eigen::MatrixXd basis;  // v_1 ... v_k, v_k+1
         std::vector<double> alpha, beta;
         std::vector<char> wasRough;  // each product
-        double scale;              // the largest number in the tridiagonal matrix, about the norm of A
-        double smallest, largest;  // Ritz values
+        double scale;                // the largest number in the tridiagonal matrix, about the norm of A
+        double smallest, largest;    // Ritz values
         Iterate iterate[2];
         bool active, exact;
         int lastLook, nextLook;  // iterations after which the result is looked at

@@ -23,8 +23,8 @@ const int maxRoughIterations = 100;
 }  // namespace
 
 MultiblobSolver::MultiblobSolver(const RigidMotion& motion, const NullTwists& nullTwists, const MobilityModel& model)
-    : hasRoughProducts(model.hasRoughProducts()), numRows(motion.getNumRows()), numBlobRowsTotal(motion.getParticles().numRows),
-      turns(motion.getElements().size(), Matrix3d::Identity()) {
+    : hasRoughProducts(model.hasRoughProducts()), numRows(motion.getNumRows()),
+      numBlobRowsTotal(motion.getParticles().numRows), turns(motion.getElements().size(), Matrix3d::Identity()) {
     vector<shared_ptr<const Shape> > known;
     for (size_t e = 0; e < turns.size(); e++) {
         const FluidElement& element = motion.getElements()[e];

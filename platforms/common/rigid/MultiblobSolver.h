@@ -90,7 +90,8 @@ private:
                   Eigen::MatrixXd& result_body);
     void multiplyForSolve(MobilityAt& blobs, bool rough, const Eigen::MatrixXd& lambda_body,
                           Eigen::MatrixXd& result_body);
-    void begin(const Eigen::MatrixXd& wrenches_body, const Eigen::MatrixXd& slips_body, Eigen::MatrixXd& lambda_body) const;
+    void begin(const Eigen::MatrixXd& wrenches_body, const Eigen::MatrixXd& slips_body,
+               Eigen::MatrixXd& lambda_body) const;
     void beginFromGuess(const Eigen::MatrixXd& wrenches_body, const Eigen::MatrixXd& slips_body);
     int iterate(MobilityAt& blobs, double tolerance, bool rough, bool fromGuess);
 
