@@ -6,7 +6,7 @@ problem for random forces and torques; a step is one of trapezoidal slip, or of 
 (github.com/stochasticHydroTools/RigidMultiblobsWall) is not part of this repository and is taken from where --code says; it needs python3-numba, with which its
 products run on all threads. It runs in a process of its own, which both have warmed up; each round times first it and then ours, while the other waits. Its preconditioner, the bodies' own
 matrices with the wall, is made anew in each of its steps, as it does by default; its solve is timed without that. It takes the last solution for a first guess: solves here
-are for other forces each time. Without --code ours is measured alone.
+are for other forces each time. Times are those of the clock, and of processors, which others on a busy machine disturb less. Without --code ours is measured alone.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/multiblob_solve.py --code path/to/RigidMultiblobsWall
 """
@@ -85,30 +85,34 @@ for line in sys.stdin:
     integrator.det_iterations_count = integrator.stoch_iterations_count = 0
     r = integrator.get_blobs_r_vectors(bodies, blobs)
     seconds = []
+    def begins():
+        return time.time(), time.process_time()
+    def passed(begin):
+        seconds.append((time.time() - begin[0], time.process_time() - begin[1]))
     if task['what'] == 'preconditioner':
-        begin = time.time()
+        begin = begins()
         integrator.build_block_diagonal_preconditioner(bodies, [], r, blobs, eta, a, step=0, update_PC=1)
-        seconds.append(time.time() - begin)
+        passed(begin)
     elif task['what'] == 'solve':
         if not preconditioner:
             preconditioner['it'] = integrator.build_block_diagonal_preconditioner(bodies, [], r, blobs, eta, a, step=0, update_PC=1)
         for _ in range(task['times']):
             rhs = np.concatenate([np.zeros(3*blobs), -random.normal(size=6*len(bodies))])
-            begin = time.time()
+            begin = begins()
             integrator.solve_mobility_problem(RHS=rhs, PC_partial=preconditioner['it'])
-            seconds.append(time.time() - begin)
+            passed(begin)
     elif task['what'] == 'product':
         for _ in range(task['times']):
             f = random.normal(size=3*blobs)
-            begin = time.time()
+            begin = begins()
             multi_bodies.mobility_vector_prod(r, f, eta, a, periodic_length=np.zeros(3))
-            seconds.append(time.time() - begin)
+            passed(begin)
     else:
         integrator.first_guess = None
         for _ in range(task['times']):
-            begin = time.time()
+            begin = begins()
             getattr(integrator, task['what'])(task['step'], step=0)
-            seconds.append(time.time() - begin)
+            passed(begin)
     print(json.dumps({'seconds': seconds, 'iterations': [integrator.det_iterations_count, integrator.stoch_iterations_count]}), flush=True)
 '''
 
@@ -133,7 +137,7 @@ def matrix(q):
 class Ours:
     """A Context with the scene."""
 
-    def __init__(self, sites, radius, centres, turns, forces, scheme, tolerance, threads):
+    def __init__(self, sites, radius, centres, turns, scheme, tolerance, threads):
         self.fluid, system = MobilityForce(), openmm.System()
         self.integrator = CustomRigidHIIntegrator(300, STEP)
         self.integrator.setScheme(getattr(CustomRigidHIIntegrator, scheme))
@@ -153,24 +157,24 @@ class Ours:
         self.integrator.getBodyPositions()
 
     def solve(self, times):
-        """Seconds of solves, and their products in all."""
+        """Seconds of solves, by the clock and of processors."""
         seconds = []
         for _ in range(times):
             wrenches = self.random.normal(size=(self.count, 6))
-            begin = time.time()
+            begin, cpu = time.time(), time.process_time()
             self.fluid.applyMobilityInContext(self.context, wrenches)
-            seconds.append(time.time() - begin)
+            seconds.append((time.time() - begin, time.process_time() - cpu))
         return seconds
 
     def step(self, times):
-        """Seconds of steps from the start, apart from OpenMM's forces, and what they were made of."""
+        """Seconds of steps from the start, by the clock apart from OpenMM's forces and of processors, and what they were made of."""
         seconds, before = [], self.integrator.getStepStatistics()
         for _ in range(times):
             self.context.setPositions(self.positions)
-            begin = self.integrator.getStepStatistics()
+            begin, cpu = self.integrator.getStepStatistics(), time.process_time()
             self.integrator.step(1)
-            after = self.integrator.getStepStatistics()
-            seconds.append(sum(after[key] - begin[key] for key in ('seconds_mobility', 'seconds_scheme')))
+            cpu, after = time.process_time() - cpu, self.integrator.getStepStatistics()
+            seconds.append((sum(after[key] - begin[key] for key in ('seconds_mobility', 'seconds_scheme')), cpu))
         return seconds, {key: (after[key] - before[key])/times for key in ('mobilityProducts', 'solverIterations')}
 
 
@@ -215,11 +219,11 @@ def measure(code, blobs, name, what, tolerance, arguments):
     radius = float(radius)
     centres, turns = layer(COUNTS[blobs], *LAYERS[name])
     centres *= np.linalg.norm(sites, axis=1).max() + radius
-    forces = np.random.default_rng(3).normal(size=(2*len(centres), 3))*0
+    forces = np.zeros((2*len(centres), 3))
     scheme = what if what != 'solve' else 'TrapezoidalSlip'
-    ours = Ours(sites, radius, centres, turns, forces, scheme, tolerance, arguments.threads)
+    ours = Ours(sites, radius, centres, turns, scheme, tolerance, arguments.threads)
     act = ours.solve if what == 'solve' else (lambda times: ours.step(times)[0])
-    times = timesOf(min(act(2)), arguments.seconds)
+    times = timesOf(min(act(2))[0], arguments.seconds)
     theirs, pairs, row = None, [], {'blobs': blobs, 'shells': COUNTS[blobs], 'layer': name, 'what': what, 'tolerance': tolerance}
     if what != 'solve':
         row.update(ours.step(2)[1])
@@ -229,17 +233,20 @@ def measure(code, blobs, name, what, tolerance, arguments):
         theirs.ask('product')
         taken, row['their_iterations'] = theirs.ask(task, tolerance)
         if what == 'solve':
-            row['their_preconditioner_ms'] = 1e3*theirs.ask('preconditioner')[0][0]
-        theirTimes = timesOf(taken[0], arguments.seconds)
-        for _ in range(arguments.rounds if taken[0] < arguments.long else 1):
-            pairs.append((np.median(theirs.ask(task, tolerance, theirTimes)[0]), np.median(act(times))))
+            row['their_preconditioner_ms'] = 1e3*theirs.ask('preconditioner')[0][0][0]
+        theirTimes = timesOf(taken[0][0], arguments.seconds)
+        for _ in range(arguments.rounds if taken[0][0] < arguments.long else 1):
+            pairs.append((np.median(theirs.ask(task, tolerance, theirTimes)[0], axis=0), np.median(act(times), axis=0)))
         theirs.close()
         pairs = 1e3*np.array(pairs)
-        row.update(their_ms=spread(pairs[:, 0]), our_ms=spread(pairs[:, 1]), ratio=spread(pairs[:, 0]/pairs[:, 1]), rounds=len(pairs))
+        (clock, processors), ratio = pairs.transpose(2, 1, 0), (pairs[:, 0]/pairs[:, 1]).T
+        row.update(their_ms=spread(clock[0]), our_ms=spread(clock[1]), ratio=spread(ratio[0]), their_processor_ms=spread(processors[0]),
+                   our_processor_ms=spread(processors[1]), ratio_of_processors=spread(ratio[1]), rounds=len(pairs))
         tqdm.tqdm.write(f'  {blobs:4} {name:6} {what:18} {tolerance:5g}: theirs {show(row["their_ms"], 1)} ms, ours {show(row["our_ms"], 2)} ms, '
-                        f'ratio {show(row["ratio"], 1)}')
+                        f'ratio {show(row["ratio"], 1)}, of processor time {show(row["ratio_of_processors"], 1)}')
     else:
-        row.update(our_ms=spread(1e3*np.array([np.median(act(times)) for _ in range(arguments.rounds)])))
+        clock, processors = 1e3*np.array([np.median(act(times), axis=0) for _ in range(arguments.rounds)]).T
+        row.update(our_ms=spread(clock), our_processor_ms=spread(processors))
         tqdm.tqdm.write(f'  {blobs:4} {name:6} {what:18} {tolerance:5g}: ours {show(row["our_ms"], 2)} ms')
     return row
 

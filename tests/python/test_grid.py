@@ -177,7 +177,8 @@ def test_displacements_have_the_covariance_of_the_mobility(platform, scheme, mod
 @pytest.mark.parametrize('model', MODELS)
 @pytest.mark.parametrize('scheme', SCHEMES)
 def test_with_temperature_both_platforms_take_the_same_finite_steps(scheme, tolerance, difference, model):
-    # At 1e-3 iterations on CPU multiply in single precision, to 1e-6, which they and the preconditioner make a few times larger; at 1e-5 it is rounding.
+    # Iterations on CPU multiply in single precision, to 1e-6, which they and the preconditioner make a few times larger; at 1e-5 exact products in between
+    # take that away.
     ends = []
     for name in ('Reference', 'CPU'):
         scene = Scene(openmm.Platform.getPlatformByName(name), scheme, temperature=300, stepSize=1e-3, tolerance=tolerance, model=model)
