@@ -51,9 +51,10 @@ def test_two_colloids_touch_only_without_lubrication():
     # Alone each moves with its Stokes drag: the gap closes by 2 radii in a unit of time.
     np.testing.assert_allclose(gaps['free draining'], 1 - 2*times, atol=1e-9)
     assert gaps['Rotne-Prager-Yamakawa'][-1] < 0 < gaps['Stokesian dynamics'].min()
-    # Near contact the resistance of a pair is 1/(4 gap) of one sphere's drag, and corrections are logarithmic: the gap decays at 4 to 5 per unit of time.
-    closing = -np.diff(np.log(gaps['Stokesian dynamics'][-3:]))*1000
-    assert 2.5 < closing[-1] < 5
+    # Near contact two spheres that approach at V resist by 6 pi eta a (V/2) (1/(2 gap) + ...), where the terms left out grow as the logarithm and
+    # slow them further: the gap decays at a little less than 4 per unit of time.
+    closing = -np.diff(np.log(gaps['Stokesian dynamics'][-2:]))*1000
+    assert 3.3 < closing < 4
 
 
 def test_a_cluster_falls_as_a_ball_of_point_forces_does():
@@ -64,9 +65,12 @@ def test_a_cluster_falls_as_a_ball_of_point_forces_does():
         integrator, context = module.scene(positions, step=1e-3)
         integrator.step(1)
         falls.append((positions - integrator.getBodyPositions()._value)[:, 2].mean()/1e-3)
-    # The mean over a uniform ball, 1 + (6/5)(N - 1)/R; centres reach R. Means of five scatter by a few per cent.
-    expected = 1 + 1.2*(module.NUMBER - 1)/module.CLUSTER
-    assert abs(np.mean(falls)/expected - 1) < 0.05, (falls, expected)
+    # Point forces spread over a ball of radius R: 1 + (N - 1) times the mean of 1/r, which is 6/(5R) but for pairs nearer than d = 2, of which there are none.
+    R, d = module.CLUSTER, 2
+    inverse = (6/(5*R) - 1.5*d**2/R**3)/(1 - (d/R)**3)
+    # Each start differs by how its centres happen to lie.
+    error = np.std(falls, ddof=1)/np.sqrt(len(falls))
+    assert error < 0.3 and abs(np.mean(falls) - 1 - (module.NUMBER - 1)*inverse) < 4*error, (falls, inverse)
 
 
 def test_dipoles_follow_and_slip_as_theory_says():
