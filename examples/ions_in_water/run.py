@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Ions in rigid water: molecules are rigid bodies, ions are free particles, and the thermostat keeps both at one temperature.
+"""Ions in rigid water: molecules are rigid bodies, ions are free particles.
 
     python3 run.py                     # a minute; draws picture.png
 """
@@ -23,7 +23,7 @@ def scene(edge, seed):
     random.seed(seed)  # which molecules OpenMM replaces by ions
     modeller.addSolvent(forceField, model='tip4pew', boxSize=openmm.Vec3(edge, edge, edge)*unit.nanometer, ionicStrength=1*unit.molar)
     system = forceField.createSystem(modeller.topology, nonbondedMethod=openmmapp.PME, nonbondedCutoff=0.9*unit.nanometer)
-    integrator = CustomRigidHIIntegrator(TEMPERATURE, 4*unit.femtosecond)
+    integrator = CustomRigidHIIntegrator(TEMPERATURE, 2*unit.femtosecond)
     integrator.setFriction(5/unit.picosecond)
     integrator.setRotationalFriction(10/unit.picosecond)
     integrator.setRandomNumberSeed(seed)
@@ -48,7 +48,7 @@ def separations(topology, context, ion):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--edge', type=float, default=2.2, help='of the box, nm (default 2.2)')
-    parser.add_argument('--samples', type=int, default=100, help='of the distances, 10 steps apart (default 100)')
+    parser.add_argument('--samples', type=int, default=100, help='of the distances, 20 steps apart (default 100)')
     parser.add_argument('--seed', type=int, default=1, help='of the random numbers (default 1)')
     parser.add_argument('--picture', default='picture.png', help='file to draw (default picture.png)')
     arguments = parser.parse_args()
@@ -56,11 +56,11 @@ def main():
     matplotlib.use('Agg')
     import matplotlib.pyplot as plt
     topology, integrator, context = scene(arguments.edge, arguments.seed)
-    integrator.step(15*arguments.samples)
+    integrator.step(30*arguments.samples)
     bins = np.linspace(0.15, 0.8, 66)
     counts, temperatures = {'Na': 0, 'Cl': 0}, []
     for _ in range(arguments.samples):
-        integrator.step(10)
+        integrator.step(20)
         temperatures.append(integrator.computeSystemTemperature()._value)
         for ion in counts:
             distances, ions, oxygens = separations(topology, context, ion)
