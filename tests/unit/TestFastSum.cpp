@@ -216,13 +216,13 @@ TEST(FastSum, ConvergesToTheSumOverPairs) {
                 const MatrixXd forces = forcesFor(scene), exact = exactly(scene, forces);
                 const VectorXd scale = scene.scale();
                 double before = 1;
-                for (int order : {4, 8, 12, 16}) {
+                for (int order : {3, 6, 10}) {
                     const MatrixXd error = fast(scene, forces, {order, 0.55, 6, false}) - exact;
                     const double relative = (scale.asDiagonal() * error).norm() / (scale.asDiagonal() * exact).norm();
                     EXPECT_LT(relative, 0.2 * before) << order << " " << kind << " " << hasWall;
                     before = relative;
                 }
-                EXPECT_LT(before, 1e-7) << kind << " " << hasWall;
+                EXPECT_LT(before, 1e-5) << kind << " " << hasWall;
                 EXPECT_LT((fast(scene, forces, {2, 0.55, 500, false}) - exact).norm(), 1e-14 * exact.norm());
             }
 }

@@ -1,0 +1,72 @@
+"""Products by multipoles, as users meet them: answers and steps of many particles, and how they are turned off."""
+import numpy as np
+import openmm
+import pytest
+
+from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
+
+
+def manySpheres(count, edge, boundary, tolerance, fast, free=False, platform='CPU'):
+    """A Context with spheres at random in a cube above z = 0, bodies or free particles; at T = 0, each pulled."""
+    random = np.random.default_rng(3)
+    positions = random.uniform(0, edge, (count, 3)) + (0, 0, 1)
+    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(0, 0.01)
+    integrator.setScheme(CustomRigidHIIntegrator.EulerMaruyama)
+    pull = openmm.CustomExternalForce('-fx*x-fz*z')
+    pull.addPerParticleParameter('fx')
+    pull.addPerParticleParameter('fz')
+    for k in range(count):
+        index = system.addParticle(1 if free else 0)
+        fluid.addParticle(1)
+        pull.addParticle(index, random.normal(size=2))
+        if not free:
+            integrator.addRigidBody([index], 0, (0, 0, 0), [(0, 0, 0)])
+    system.addForce(pull)
+    fluid.setBoundary(boundary)
+    fluid.setSolver(MobilityForce.MatrixFree)
+    fluid.setSolverTolerance(tolerance)
+    fluid.setFastSummation(fast)
+    system.addForce(fluid)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platform))
+    context.setPositions(positions)
+    return context, fluid, integrator
+
+
+@pytest.mark.parametrize('boundary, count', [(MobilityForce.Unbounded, 6500), (MobilityForce.NoSlipWall, 4500)])
+def test_answers_to_the_tolerance(boundary, count):
+    wrenches = np.random.default_rng(4).normal(size=(count, 6))
+    answers, effects = {}, {}
+    for fast in (True, False):
+        context, fluid, integrator = manySpheres(count, 70, boundary, 1e-2, fast)
+        answers[fast] = fluid.applyMobilityInContext(context, wrenches)
+        effects[fast] = str(integrator.getEffects()['mobilities asked for'])
+    error = np.linalg.norm(answers[True] - answers[False])/np.linalg.norm(answers[False])
+    assert 1e-6 < error < 1e-2
+    assert 'by multipoles of order 4' in effects[True] and 'multipoles' not in effects[False]
+
+
+def test_few_particles_and_the_default_tolerance_are_summed_over_pairs():
+    for count, tolerance in ((1000, 1e-2), (7000, 1e-6)):
+        answers = []
+        for fast in (True, False):
+            context, fluid, integrator = manySpheres(count, 70, MobilityForce.Unbounded, tolerance, fast)
+            answers.append(fluid.applyMobilityInContext(context, np.ones((count, 6))))
+            assert 'multipoles' not in str(integrator.getEffects())
+        assert np.array_equal(*answers)
+
+
+def test_forces_in_a_step():
+    moved = {}
+    for fast in (True, False):
+        context, _, integrator = manySpheres(10500, 90, MobilityForce.Unbounded, 0.1, fast, free=True)
+        before = context.getState(getPositions=True).getPositions(asNumpy=True)._value
+        integrator.step(1)
+        moved[fast] = context.getState(getPositions=True).getPositions(asNumpy=True)._value - before
+    # A hundredth of the tolerance.
+    error = np.linalg.norm(moved[True] - moved[False])/np.linalg.norm(moved[False])
+    assert 1e-7 < error < 1e-3
+
+
+def test_reference_sums_over_pairs():
+    context, fluid, integrator = manySpheres(100, 20, MobilityForce.Unbounded, 1e-2, True, platform='Reference')
+    assert fluid.getFastSummation() is True and 'multipoles' not in str(integrator.getEffects())
