@@ -19,7 +19,7 @@ SECTIONS = [
 ]
 #: What the table of contents says in place of a page's own title.
 TITLES = {'api/app/index': 'app', 'api/analysis/index': 'analysis', 'api/accuracy/index': 'accuracy', 'api/ensemble/index': 'ensemble',
-          'README': 'Overview', 'docs/INSTALL': 'Installing', 'docs/USER_GUIDE': 'User guide', 'docs/CONVENTIONS': 'Conventions', 'CHANGELOG': 'Changelog'}
+          'README': 'Overview', 'docs/INSTALL': 'Installing', 'validation/README': 'Validation', 'docs/USER_GUIDE': 'User guide', 'docs/CONVENTIONS': 'Conventions', 'CHANGELOG': 'Changelog'}
 #: Folders whose pages stand below a page that is not in the folder.
 PARENTS = {'examples': 'gallery'}
 
@@ -134,9 +134,17 @@ def write_contents(source, pages):
     for page in children.pop(None, []):
         next(listed for _, listed, folders in sections if any(page.startswith(folder) for folder in folders)).append(page)
     for page, below in children.items():
-        _append(source, page, below)
+        _append(source, page, _in_order_of_links(source, page, below))
     for title, listed, _ in sections:
         _append(source, 'index', listed, title)
+
+
+def _in_order_of_links(source, page, below):
+    """Pages in the order in which another one leads to them; those that it does not name come last."""
+    file = source / (page + '.md')
+    text = file.read_text(encoding='utf-8') if file.exists() else ''
+    places = {each: text.find(f'({os.path.relpath(each, os.path.dirname(page) or ".")}.md') for each in below}
+    return sorted(below, key=lambda each: (places[each] < 0, places[each]))
 
 
 def _append(source, page, below, caption=None):
