@@ -217,13 +217,13 @@ TEST(FastSum, ConvergesToTheSumOverPairs) {
                 const VectorXd scale = scene.scale();
                 double before = 1;
                 for (int order : {3, 6, 10}) {
-                    const MatrixXd error = fast(scene, forces, {order, 0.55, 6, false}) - exact;
+                    const MatrixXd error = fast(scene, forces, {order, 0.55, 6, 0}) - exact;
                     const double relative = (scale.asDiagonal() * error).norm() / (scale.asDiagonal() * exact).norm();
                     EXPECT_LT(relative, 0.2 * before) << order << " " << kind << " " << hasWall;
                     before = relative;
                 }
                 EXPECT_LT(before, 1e-5) << kind << " " << hasWall;
-                EXPECT_LT((fast(scene, forces, {2, 0.55, 500, false}) - exact).norm(), 1e-14 * exact.norm());
+                EXPECT_LT((fast(scene, forces, {2, 0.55, 500, 0}) - exact).norm(), 1e-14 * exact.norm());
             }
 }
 
@@ -273,8 +273,8 @@ TEST(FastSum, NeitherThreadsNorWidthOfPacksShow) {
     for (bool hasWall : {false, true}) {
         const Scene scene = cloud(1500, Mixed, false, hasWall, 30);
         const MatrixXd forces = forcesFor(scene);
-        for (bool single : {false, true}) {
-            const FastSum::Accuracy accuracy = {5, 0.7, 20, single};
+        for (int floats : {0, 1, 2}) {
+            const FastSum::Accuracy accuracy = {5, 0.7, 20, floats};
             const MatrixXd alone = fast(scene, forces, accuracy);
             for (int threads : {2, 3, 4}) {
                 ThreadPool pool(threads);
@@ -290,9 +290,9 @@ TEST(FastSum, NeitherThreadsNorWidthOfPacksShow) {
             // Column by column.
             for (int c = 0; c < forces.cols(); c++)
                 EXPECT_LT((fast(scene, forces.col(c), accuracy) - alone.col(c)).norm(),
-                          (single ? 1e-6 : 1e-14) * alone.col(c).norm());
+                          (floats > 0 ? 1e-6 : 1e-14) * alone.col(c).norm());
         }
-        const FastSum::Accuracy accuracy = {5, 0.7, 20, false};
+        const FastSum::Accuracy accuracy = {5, 0.7, 20, 0};
         const MatrixXd best = fast(scene, forces, accuracy);
         for (int64_t target : {HWY_AVX3, HWY_AVX2, HWY_SSE4}) {
             hwy::SetSupportedTargetsForTest(0);
@@ -316,7 +316,7 @@ TEST(FastSum, ForgetsEarlierPlacements) {
         const Scene scene = cloud(800, Spheres, false, hasWall, 25),
                     other = cloud(800, Spheres, false, hasWall, 40, 70);
         const MatrixXd forces = forcesFor(scene);
-        const FastSum::Accuracy accuracy = {6, 0.7, 10, false};
+        const FastSum::Accuracy accuracy = {6, 0.7, 10, 0};
         FastSum sum(scene.particles, hasWall, accuracy, {});
         MatrixXd velocities;
         for (const Scene& where : {scene, other, scene}) {
@@ -329,7 +329,7 @@ TEST(FastSum, ForgetsEarlierPlacements) {
 }
 
 TEST(FastSum, HardPlaces) {
-    const FastSum::Accuracy accuracy = {8, 0.6, 10, false};
+    const FastSum::Accuracy accuracy = {8, 0.6, 10, 0};
     Scene scene = cloud(300, Spheres, true, false, 10);
     const auto compare = [&](double tolerance) {
         const MatrixXd forces = forcesFor(scene), exact = exactly(scene, forces);

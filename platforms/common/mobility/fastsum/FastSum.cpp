@@ -423,9 +423,9 @@ struct Row {
     FastSum::Accuracy accuracy;
 };
 const Row rows[] = {
-    {1e-2, {6000, 4000}, {4, 0.68, 120, true}},   {1e-3, {10000, 6000}, {6, 0.62, 200, true}},
-    {1e-4, {20000, 12000}, {8, 0.57, 300, true}}, {1e-5, {30000, 20000}, {9, 0.48, 400, true}},
-    {1e-6, {60000, 40000}, {12, 0.5, 400, true}},
+    {1e-2, {6000, 4000}, {4, 0.68, 120, 2}},   {1e-3, {10000, 6000}, {6, 0.62, 200, 2}},
+    {1e-4, {20000, 12000}, {8, 0.57, 300, 2}}, {1e-5, {30000, 20000}, {9, 0.48, 400, 2}},
+    {1e-6, {60000, 40000}, {12, 0.5, 400, 1}},
 };
 
 }  // namespace
@@ -516,7 +516,7 @@ void FastSum::moveTo(const vector<OpenMM::Vec3>& positions, const vector<double>
     for (const auto& pair : tree.farPairs) costsOfFar[pair.target]++;
     shiftOfCell.assign(tree.cells.size(), nullptr);
     for (size_t c = 1; c < tree.cells.size(); c++) shiftOfCell[c] = &shiftOf(tree.cells[c]);
-    if (accuracy.single)
+    if (accuracy.floats == 2)
         prepareFar<float>();
     else
         prepareFar<double>();
@@ -801,6 +801,9 @@ void FastSum::multiply(const MatrixXd& forces, int firstColumn, int columns, dou
                     k < 3 || particles.hasTorque[tree.order[i]]
                         ? weight[i] * (forces(row[i] + k, firstColumn + c) / unit)
                         : 0;
+    // Places in near cubes are rounded to 1e-7 of three halves of an edge, which for particles in contact is to be below 1e-5 and 1e-6 of their distance.
+    const double inRadii = accuracy.floats == 2 ? 200 : accuracy.floats == 1 ? 20 : 0;
+    const double largestHalf = inRadii * *min_element(radius.begin(), radius.end());
     const bool hasFar = !tree.farPairs.empty();
     if (hasFar) sumFar<Number>(columns);
     inParts(costsOfLeaves, [&](int firstLeaf, int endLeaf) {
@@ -832,9 +835,9 @@ void FastSum::multiply(const MatrixXd& forces, int firstColumn, int columns, dou
             task.sources = reinterpret_cast<const int(*)[3]>(ranges.data());
             task.numSources = ranges.size();
             task.hasWall = hasWall;
-            task.single = accuracy.single;
+            task.single = leaf.half <= largestHalf;
             // Differences of floats want small numbers; those of doubles are to be the same in packs with and without overlaps.
-            for (int k = 0; k < 3; k++) task.centre[k] = accuracy.single ? leaf.centre[k] : 0;
+            for (int k = 0; k < 3; k++) task.centre[k] = task.single ? leaf.centre[k] : 0;
             task.columns = columns;
             task.loads = loads.data();
             task.velocities = results.data();
@@ -855,7 +858,7 @@ void FastSum::apply(const MatrixXd& forces, double scale, MatrixXd& velocities) 
     velocities.resize(particles.numRows, forces.cols());
     for (int column = 0; column < forces.cols(); column += 2) {
         const int columns = min<int>(2, forces.cols() - column);
-        if (accuracy.single)
+        if (accuracy.floats == 2)
             multiply<float>(forces, column, columns, scale, velocities);
         else
             multiply<double>(forces, column, columns, scale, velocities);

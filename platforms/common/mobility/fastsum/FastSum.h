@@ -42,7 +42,7 @@ public:
         int order;       // P
         double opening;  // of ClusterTree
         int leafSize;    // likewise
-        bool single;     // in floats
+        int floats;      // what is computed in floats: 0 nothing, 1 near pairs, 2 far pairs too
     };
     /** What serves for such an error of products (MobilityAt::applyWithin()) of so many particles; null if the sum over all pairs takes less time. */
     static const Accuracy* choose(double error, int numParticles, bool hasWall);
