@@ -124,8 +124,8 @@ def test_radii_of_shells(n, rotation):
         return fluid.applyBlobMobilityInContext(context, forces.reshape(n, 3))._value.ravel()
 
     def drag(velocities):
-        """velocities . forces: its error is the square of that of the residual."""
-        relative = {'rtol' if 'rtol' in inspect.signature(scipy.sparse.linalg.cg).parameters else 'tol': 1e-5}   # SciPy 1.12 renamed it
+        """velocities . forces: its error is the square of that of the residual, times a condition number of thousands."""
+        relative = {'rtol' if 'rtol' in inspect.signature(scipy.sparse.linalg.cg).parameters else 'tol': 1e-7}   # SciPy 1.12 renamed it
         forces, status = scipy.sparse.linalg.cg(scipy.sparse.linalg.LinearOperator((3*n, 3*n), product), velocities.ravel(), atol=0, **relative)
         assert status == 0
         return forces @ velocities.ravel()
