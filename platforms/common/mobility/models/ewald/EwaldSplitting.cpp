@@ -13,12 +13,12 @@ namespace RigidHIPlugin {
 namespace {
 
 /** Shares of the tolerance, measured to keep the error below it (docs/grid_accuracy.md). */
-const double shareOfWaves = 0.25, shareOfPairs = 0.25, shareOfGrid = 0.1;
+const double shareOfWaves = 0.4, shareOfPairs = 0.4, shareOfGrid = 0.15;
 
 /** Times in ns on one thread, measured (benchmarks/README.md). */
-const double timeOfTransform = 0.16;  // of a node, a doubling of their number, and one of six transforms
-const double timeOfMode = 1;          // of a node: the response of the fluid
-const double timeOfNode = 1.2;        // of a node of a stencil, there and back
+const double timeOfTransform = 0.16;                 // of a node, a doubling of their number, and one of six transforms
+const double timeOfMode = 1;                         // of a node: the response of the fluid
+const double timeOfNode = 1.2;                       // of a node of a stencil, there and back
 const double timeOfPair = 5, timeOfTorquePair = 12;  // of a pair, one way, with its share in the making of the list
 
 /** The smallest wave number from which on waves add no more than `allowed` to the mobility of a particle by itself. */
@@ -51,7 +51,8 @@ double largestGap(const std::vector<EwaldKind>& kinds, double xi, double density
             const bool torques = ends[i]->torques + ends[j]->torques > 0;
             const NearPair pair(a, b, xi, torques);
             const double ofForces = 0.75 * std::sqrt(a * b), ofTorques = std::pow(a * b, 1.5),
-                         ofBoth = std::sqrt(0.75) * std::max(std::sqrt(a) * std::pow(b, 1.5), std::sqrt(b) * std::pow(a, 1.5));
+                         ofBoth = std::sqrt(0.75) *
+                                  std::max(std::sqrt(a) * std::pow(b, 1.5), std::sqrt(b) * std::pow(a, 1.5));
             const double step = 0.1 / xi;
             double sum = 0;
             for (double r = pair.getReach(); r > pair.getContact(); r -= step) {
@@ -86,8 +87,7 @@ std::vector<EwaldKind> kindsOf(const HydrodynamicParticles& particles) {
 
 EwaldSplitting::EwaldSplitting(const std::vector<EwaldKind>& kinds, double tolerance, double spacing,
                                const BoxVectors& box, double wantedXi) {
-    const double volume = box[0][0] * box[1][1] * box[2][2],
-                 longest = std::max({box[0][0], box[1][1], box[2][2]});
+    const double volume = box[0][0] * box[1][1] * box[2][2], longest = std::max({box[0][0], box[1][1], box[2][2]});
     int numParticles = 0, numChannels = 0, numPasses = 0;
     bool anyTorques = false;
     for (const EwaldKind& kind : kinds) {
