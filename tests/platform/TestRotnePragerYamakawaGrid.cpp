@@ -71,7 +71,8 @@ TEST(RotnePragerYamakawaGrid, TheSpacingOfTheUserKeepsTheTolerance) {
     exact.addBodies();
     exact.start(testPlatform());
     const MatrixXd N = exact.mobility();
-    for (const auto& [spacing, nodes] : map<double, string>{{0.5, "16 x 16 x 16"}, {0.8, "10 x 10 x 10"}, {100, "2 x 2 x 2"}}) {
+    for (const auto& [spacing, nodes] :
+         map<double, string>{{0.5, "16 x 16 x 16"}, {0.8, "10 x 10 x 10"}, {100, "2 x 2 x 2"}}) {
         SplitScene scene(0, RigidHI::DriftCorrectorRFD, 0.002, MobilityForce::MatrixFree, 1e-3);
         scene.addBodies();
         scene.fluid->setGridSpacing(spacing);
@@ -109,9 +110,9 @@ TEST(RotnePragerYamakawaGrid, WhatItHasNotIsRefusedWithTheAlternative) {
     scene.integrator.step(1);
     const VectorXd before = scene.state();
     scene.context->setPeriodicBoxVectors(Vec3(8, 0, 0), Vec3(1, 8, 0), Vec3(0, 0, 8));
-    expectError([&] { scene.integrator.step(1); },
-                {"RotnePragerYamakawa on a grid needs a box with edges along the axes", "(1, 8, 0)",
-                 "setSolver(Dense)"});
+    expectError(
+        [&] { scene.integrator.step(1); },
+        {"RotnePragerYamakawa on a grid needs a box with edges along the axes", "(1, 8, 0)", "setSolver(Dense)"});
     EXPECT_EQ(scene.state(), before);
     scene.setBox(8, 8, 8);
     scene.integrator.step(1);

@@ -113,7 +113,8 @@ TEST(SplitEwald, TablesAreThePairsToRounding) {
                     EXPECT_EQ(g2[0], f[0]);
                     EXPECT_EQ(g2[1], f[1]);
                     for (int c = 0; c < 6; c++)
-                        EXPECT_NEAR(f[c], expected[c], 1e-10 * abs(scale[c])) << xi << " " << a << " " << b << " " << r << " " << c;
+                        EXPECT_NEAR(f[c], expected[c], 1e-10 * abs(scale[c]))
+                            << xi << " " << a << " " << b << " " << r << " " << c;
                 }
             }
     }
@@ -233,7 +234,8 @@ TEST(SplitEwald, BothPartsArePositive) {
             EXPECT_LE((waves - waves.transpose()).norm(), 1e-14 * waves.norm()) << scene.what;
             // Waves are a Gram matrix whatever is cut off; of pairs what is cut off is a part of the tolerance.
             const double rounding = 1e-13;
-            EXPECT_GE(smallestEigenvalue(scaled(waves, scene.particles)), -rounding * normOf(scaled(waves, scene.particles)))
+            EXPECT_GE(smallestEigenvalue(scaled(waves, scene.particles)),
+                      -rounding * normOf(scaled(waves, scene.particles)))
                 << scene.what;
             EXPECT_GE(smallestEigenvalue(scaled(pairs, scene.particles)), -0.3 * tolerance) << scene.what;
         }
@@ -254,8 +256,7 @@ TEST(SplitEwald, PairsDoNotDependOnTheCells) {
                 const NearPair functions(a, b, split.splitting.xi, true);
                 PairBlocks pair;
                 pair.setZero();
-                const Vector3d nearest =
-                    lattice.wrapped(scene.placement.positions[i] - scene.placement.positions[j]);
+                const Vector3d nearest = lattice.wrapped(scene.placement.positions[i] - scene.placement.positions[j]);
                 for (const Vector3d& image : images)
                     if ((nearest + image).norm() < split.splitting.gap + a + b)
                         pair.add(functions.at((nearest + image).norm()), nearest + image, false);
@@ -410,8 +411,7 @@ TEST(SplitEwald, FieldsAreThoseOfWavesAndARootOfPairs) {
         EXPECT_GT((others - slips).norm(), 0) << scene.what;
         field->slipsAt(scene.placement, false, again);
         EXPECT_EQ(again, slips) << scene.what;
-        EXPECT_EQ(field->getNumRandomNumbers(),
-                  GridModeNoise::numbersOf(split.splitting.shape) + particles.numRows);
+        EXPECT_EQ(field->getNumRandomNumbers(), GridModeNoise::numbersOf(split.splitting.shape) + particles.numRows);
     }
 }
 

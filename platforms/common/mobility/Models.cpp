@@ -62,8 +62,7 @@ unique_ptr<MobilityModel> periodicRotnePragerYamakawa(const MobilityForce& force
                      (int)kindsOf(particles).size() <= RotnePragerYamakawaGrid::mostRadii;
             break;
     }
-    if (!onGrid)
-        return unique_ptr<MobilityModel>(new PeriodicRotnePragerYamakawa(particles, force.getViscosity()));
+    if (!onGrid) return unique_ptr<MobilityModel>(new PeriodicRotnePragerYamakawa(particles, force.getViscosity()));
     return unique_ptr<MobilityModel>(new RotnePragerYamakawaGrid(
         particles, force.getViscosity(), force.getSolverTolerance(), force.getGridSpacing(), gridFluid(own)));
 }
@@ -107,9 +106,8 @@ unique_ptr<MobilityModel> periodicForceCoupling(const MobilityForce& force, cons
     if (!onGrid)
         return unique_ptr<MobilityModel>(new PeriodicForceCoupling(
             inChannel ? SlipChannel::withImages(particles) : particles, force.getViscosity()));
-    return unique_ptr<MobilityModel>(new ForceCouplingGrid(
-        particles, force.getViscosity(), force.getSolverTolerance(), force.getGridSpacing(), gridFluid(own),
-        inChannel));
+    return unique_ptr<MobilityModel>(new ForceCouplingGrid(particles, force.getViscosity(), force.getSolverTolerance(),
+                                                           force.getGridSpacing(), gridFluid(own), inChannel));
 }
 
 unique_ptr<MobilityModel> forceCoupling(const MobilityForce& force, bool crossingAllowed,

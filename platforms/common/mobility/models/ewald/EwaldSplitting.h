@@ -9,7 +9,7 @@ namespace RigidHIPlugin {
 
 /** Particles of one radius. */
 struct EwaldKind {
-    double radius;            // nm
+    double radius;           // nm
     int particles, torques;  // how many, and of how many the fluid takes torques
 };
 
@@ -34,12 +34,12 @@ struct EwaldSplitting {
      */
     EwaldSplitting(const std::vector<EwaldKind>& kinds, double tolerance, double spacing, const BoxVectors& box,
                    double wantedXi = 0);
-    double xi = 0;      // 1/nm
-    GridShape shape;    // of the grid
-    double width = 0;   // of the Gaussian that points spread, nm
-    double cutoff = 0;  // where it ends, nm
-    double gap = 0;     // between surfaces of pairs, up to which they are summed, nm
-    double seconds = 0;  // of a product, as the model of the time says it
+    double xi = 0;          // 1/nm
+    GridShape shape;        // of the grid
+    double width = 0;       // of the Gaussian that points spread, nm
+    double cutoff = 0;      // where it ends, nm
+    double gap = 0;         // between surfaces of pairs, up to which they are summed, nm
+    double seconds = 0;     // of a product, as the model of the time says it
     double neighbours = 0;  // of a particle, at a uniform density
 };
 

@@ -21,8 +21,7 @@ void numbersOf(const PairFunctions& f, double* to) {
 
 /** Polynomials for `count` intervals from `first` on, by nodes of Chebyshev's. */
 template <int degree, class Function>
-void tabulate(const Function& function, int numbers, double first, double step, int count,
-              std::vector<double>& table) {
+void tabulate(const Function& function, int numbers, double first, double step, int count, std::vector<double>& table) {
     const int n = degree + 1;
     Eigen::MatrixXd powers(n, n), values(n, 6);  // of nodes
     for (int a = 0; a < n; a++) {
@@ -60,8 +59,8 @@ NearTables::NearTables(const std::vector<EwaldKind>& kinds, int numbers, double 
             pair.inverseStep = 1 / step;
             const NearPair functions(i.radius, j.radius, xi, numbers > 2);
             const auto intervals = [&](double length) { return (int)std::ceil(length / step) + 1; };
-            tabulate<degree>([&](double r) { return functions.at(r); }, numbers, pair.contact, step, intervals(gap + margin),
-                             pair.apart);
+            tabulate<degree>([&](double r) { return functions.at(r); }, numbers, pair.contact, step,
+                             intervals(gap + margin), pair.apart);
             tabulate<degree>([&](double r) { return functions.screened(r); }, numbers, 0, step, intervals(pair.contact),
                              pair.screened);
             pairs.push_back(pair);
@@ -109,14 +108,15 @@ void NearField::findAnchors(const std::vector<Vec3>& positions, bool keep, doubl
     cellOfParticle.resize(3 * particles.size());
     for (int p = 0; p < particles.size(); p++) {
         Vec3 offset = hasNone ? Vec3() : positions[p] - anchors[p];
-        const bool isNear = std::abs(offset[0]) <= farthest && std::abs(offset[1]) <= farthest &&
-                            std::abs(offset[2]) <= farthest;
+        const bool isNear =
+            std::abs(offset[0]) <= farthest && std::abs(offset[1]) <= farthest && std::abs(offset[2]) <= farthest;
         if (hasNone || !keep || !isNear) {
             anchors[p] = positions[p];
             for (int axis = 0; axis < 3; axis++) {
                 const double L = box.edge[axis], x = positions[p][axis];
                 anchorsInBox[p][axis] = x - L * std::floor(x / L);
-                cellOfParticle[3 * p + axis] = std::min(cells[axis] - 1, (int)(anchorsInBox[p][axis] / L * cells[axis]));
+                cellOfParticle[3 * p + axis] =
+                    std::min(cells[axis] - 1, (int)(anchorsInBox[p][axis] / L * cells[axis]));
             }
             offset = Vec3();
             moved = true;

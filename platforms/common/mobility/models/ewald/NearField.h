@@ -118,13 +118,13 @@ private:
     std::vector<std::array<double, 3> > anchorsInBox;  // the same, in the box
     std::vector<std::array<double, 3> > offsets;       // of particles from anchors
     std::array<int, 3> cells = {0, 0, 0}, depth = {0, 0, 0}, extended = {0, 0, 0};
-    std::vector<int> cellOfParticle;       // x, y and z one after the other
-    std::vector<int> targets;              // particles in the order of cells
-    std::vector<int> sourceOfTarget;       // each among sources
-    std::vector<int> firstOfCell;          // of extended cells, among sources
-    std::vector<Source> sources;           // at anchors
+    std::vector<int> cellOfParticle;             // x, y and z one after the other
+    std::vector<int> targets;                    // particles in the order of cells
+    std::vector<int> sourceOfTarget;             // each among sources
+    std::vector<int> firstOfCell;                // of extended cells, among sources
+    std::vector<Source> sources;                 // at anchors
     std::vector<std::array<double, 3> > places;  // of sources, at present
-    std::vector<double> strengths;         // of sources: forces, or forces and torques
+    std::vector<double> strengths;               // of sources: forces, or forces and torques
     std::vector<Block> blocks;
 };
 

@@ -116,8 +116,7 @@ public:
     /** What waves have, and the mean of what pairs may have with these slips: the flow of the forces that make them. */
     void addFlowAt(const std::vector<Vec3>& points, double factor, Velocities& flow) override {
         const EwaldSplitting& splitting = inBox->splitting;
-        const GridFactors factors(splitting.shape,
-                                  [&](double k) { return std::sqrt(hasimoto(k, splitting.xi)) / k; });
+        const GridFactors factors(splitting.shape, [&](double k) { return std::sqrt(hasimoto(k, splitting.xi)) / k; });
         GridFlow waves;
         waves.draw(splitting.shape, model.getViscosity(), CounterModeNoise(ofDraw, purposeOfDraw), &factors);
         waves.addAt(points, factor, flow);
@@ -132,8 +131,8 @@ public:
         double amplitude = 0;
         // Shorter waves are left out.
         if (2 * std::lround(wave.k * shape.edge[wave.waveAxis] / (2 * M_PI)) < shape.size[wave.waveAxis])
-            amplitude = std::sqrt(H) * amplitudeOfMode(shape, model.getViscosity(),
-                                                       CounterModeNoise(ofDraw, purposeOfDraw), wave);
+            amplitude = std::sqrt(H) *
+                        amplitudeOfMode(shape, model.getViscosity(), CounterModeNoise(ofDraw, purposeOfDraw), wave);
         MatrixXd forces;
         findForces(forces);
         double power = 0;
@@ -209,9 +208,9 @@ void Field::addNearFlow(const EwaldSplitting& splitting, const MatrixXd& forces,
         for (int j = 0; j < particles.size(); j++) {
             if (particles.radii[j] != kind.radius) continue;
             const int row = particles.firstRow[j];
-            const Vector3d force = forces.block<3, 1>(row, 0),
-                           torque = particles.hasTorque[j] ? Vector3d(forces.block<3, 1>(row + 3, 0))
-                                                           : Vector3d(0, 0, 0);
+            const Vector3d force = forces.block<3, 1>(row, 0), torque = particles.hasTorque[j]
+                                                                            ? Vector3d(forces.block<3, 1>(row + 3, 0))
+                                                                            : Vector3d(0, 0, 0);
             for (size_t p = 0; p < points.size(); p++) {
                 const Vector3d nearest = lattice.wrapped(points[p] - at.positions[j]);
                 for (const Vector3d& image : images) {
@@ -232,10 +231,10 @@ RotnePragerYamakawaGrid::RotnePragerYamakawaGrid(const HydrodynamicParticles& pa
     : MobilityModel(particles, viscosity), tolerance(tolerance), spacing(spacing), kinds(kindsOf(particles)),
       fluid(fluid) {
     if ((int)kinds.size() > mostRadii)
-        throw OpenMM::OpenMMException(
-            "MobilityForce: RotnePragerYamakawa on a grid has " + text(kinds.size()) +
-            " different radii, each of which takes transforms of its own, and may have " + text(mostRadii) +
-            "; use setSolver(Dense), or fewer different radii by addParticle()");
+        throw OpenMM::OpenMMException("MobilityForce: RotnePragerYamakawa on a grid has " + text(kinds.size()) +
+                                      " different radii, each of which takes transforms of its own, and may have " +
+                                      text(mostRadii) +
+                                      "; use setSolver(Dense), or fewer different radii by addParticle()");
 }
 
 EwaldSplitting RotnePragerYamakawaGrid::splittingFor(const BoxVectors& box) const {
@@ -277,8 +276,7 @@ void RotnePragerYamakawaGrid::takeUnshared(std::shared_ptr<SplitParts>& parts) c
         parts.reset(new SplitParts(particles, viscosity, kinds, *fluid));
 }
 
-void RotnePragerYamakawaGrid::move(std::shared_ptr<SplitParts>& parts, const Placement& placement,
-                                   bool nearby) const {
+void RotnePragerYamakawaGrid::move(std::shared_ptr<SplitParts>& parts, const Placement& placement, bool nearby) const {
     const std::shared_ptr<const SplitBox> box = inBox(placement.box);
     const std::lock_guard<std::mutex> lock(mutex);
     if (!nearby && kept && kept->isAt(box, placement.positions)) {

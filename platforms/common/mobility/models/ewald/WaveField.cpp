@@ -45,8 +45,7 @@ void WaveField::moveTo(const std::vector<OpenMM::Vec3>& positions, bool keepAnch
     }
 }
 
-void WaveField::addProduct(GridFluid& fluid, double viscosity, bool roughly, const double* forces,
-                           double* velocities) {
+void WaveField::addProduct(GridFluid& fluid, double viscosity, bool roughly, const double* forces, double* velocities) {
     gathered.resize(rowsOf(channels));
     double* to = gathered.data();
     for (const Part& part : parts)
@@ -61,8 +60,7 @@ void WaveField::addProduct(GridFluid& fluid, double viscosity, bool roughly, con
 void WaveField::scatterAdd(const double* from, double* velocities) const {
     for (const Part& part : parts)
         for (int p : points[part.points].particles)
-            for (int c = 0; c < 3; c++)
-                velocities[particles.firstRow[p] + (part.ofTorques ? 3 : 0) + c] += *from++;
+            for (int c = 0; c < 3; c++) velocities[particles.firstRow[p] + (part.ofTorques ? 3 : 0) + c] += *from++;
 }
 
 void WaveField::draw(GridFluid& fluid, double viscosity, const NoiseStream& noise, uint32_t purpose,

@@ -1014,7 +1014,7 @@ private:
     /** Of each channel what it works with; the first has the modes that there are already. */
     std::vector<GridWork<T> > worksOf(const std::vector<GridChannel>& channels, std::vector<ChannelWork<T> >& own);
     AlignedArrayOf<T> modes[3];
-    std::vector<AlignedArrayOf<T> > modesOfOthers;  // of channels after the first, three each
+    std::vector<AlignedArrayOf<T> > modesOfOthers;    // of channels after the first, three each
     AlignedArrayOf<T> waveNumbers, keeps, halfTurns;  // GridWork
     std::vector<int> waveIndices;
     std::mutex scratchMutex;
@@ -1132,9 +1132,8 @@ void GridEngine<T>::multiply(const std::vector<GridChannel>& channels, double vi
     for (size_t g = 0; g < channels.size(); g++) {
         const GridStencils& stencils = *channels[g].stencils;
         parts.resize(numbersOfPart * (size_t)stencils.numSlices());
-        forEach(layout.numSlabs, [&](int slab, Scratch& scratch) {
-            averageModes(works[g], stencils, slab, parts.data(), scratch);
-        });
+        forEach(layout.numSlabs,
+                [&](int slab, Scratch& scratch) { averageModes(works[g], stencils, slab, parts.data(), scratch); });
         sumParts(stencils, false, velocities);
         velocities += stencils.getParticles().numRows;
     }

@@ -22,9 +22,7 @@ public:
     const GridShape& getShape() const { return shape; }
 
 private:
-    size_t place(int y, int z) const {
-        return ((size_t)std::min(y, shape.size[1] - y) * numModes + z) * columnNumbers;
-    }
+    size_t place(int y, int z) const { return ((size_t)std::min(y, shape.size[1] - y) * numModes + z) * columnNumbers; }
     const GridShape shape;
     const size_t columnNumbers;
     const int numModes;

@@ -31,14 +31,12 @@ void refuseGrid(const std::string& model, const std::string& problem) {
 
 void checkBoxOfGrid(const std::string& model, const BoxVectors& box) {
     if (box[1][0] != 0 || box[2][0] != 0 || box[2][1] != 0)
-        refuseGrid(model,
-                   "needs a box with edges along the axes, but the periodic box has the vectors " + text(box[0]) +
-                       ", " + text(box[1]) + ", " + text(box[2]) +
-                       " nm; use setSolver(Dense), which has triclinic boxes too, or an orthogonal box");
+        refuseGrid(model, "needs a box with edges along the axes, but the periodic box has the vectors " +
+                              text(box[0]) + ", " + text(box[1]) + ", " + text(box[2]) +
+                              " nm; use setSolver(Dense), which has triclinic boxes too, or an orthogonal box");
     if (!(box[0][0] > 0 && box[1][1] > 0 && box[2][2] > 0))
-        refuseGrid(
-            model,
-            "needs a periodic box, and there is none; set one by setDefaultPeriodicBoxVectors() on the System");
+        refuseGrid(model,
+                   "needs a periodic box, and there is none; set one by setDefaultPeriodicBoxVectors() on the System");
 }
 
 void checkSizeOfGrid(const std::string& model, const BoxVectors& box, double spacing) {

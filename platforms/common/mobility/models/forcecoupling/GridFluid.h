@@ -138,7 +138,7 @@ private:
     GridShape planned;
     void *forwardPlan = nullptr, *backwardPlan = nullptr;
     GridField work;
-    AlignedArray modes[3];  // pairs of real and imaginary part
+    AlignedArray modes[3];                      // pairs of real and imaginary part
     std::vector<AlignedArray> modesOfChannels;  // likewise, three for each channel
 };
 

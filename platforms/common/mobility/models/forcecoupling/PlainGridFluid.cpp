@@ -266,8 +266,8 @@ void PlainGridFluid::multiplyChannels(const std::vector<GridChannel>& channels, 
             for (size_t h = 0; h < channels.size() && k2 > 0; h++) {
                 const double phi = factorOf(*channels[h].factors, index, k2);
                 for (int c = 0; c < 3; c++)
-                    f[c] = phi * complex<double>(modesOfChannels[3 * h + c][2 * at],
-                                                 modesOfChannels[3 * h + c][2 * at + 1]);
+                    f[c] = phi *
+                           complex<double>(modesOfChannels[3 * h + c][2 * at], modesOfChannels[3 * h + c][2 * at + 1]);
                 if (channels[h].ofTorques) halfCurl(k, f);
                 for (int c = 0; c < 3; c++) u[c] += f[c];
             }
