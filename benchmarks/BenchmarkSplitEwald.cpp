@@ -1,5 +1,6 @@
 // What periodic Rotne-Prager-Yamakawa costs without a matrix (RotnePragerYamakawaGrid): products, their pairs and waves, and what is made once for each placement, beside
-// the product of force coupling on a grid and FFTW's own transforms of the same size by FFTW_MEASURE. Particles at random at volume fraction 0.2, one thread.
+// the product of force coupling on a grid and FFTW's own transforms of the same size by FFTW_MEASURE; noise, as it is made and by a root of the whole matrix. Particles at
+// volume fraction 0.2 on a cubic lattice, shaken as far as they do not overlap; one thread.
 //
 // Arguments: particles, minus the exponent of the tolerance; of `splitting` also xi in hundredths of 1/radius.
 
@@ -9,6 +10,7 @@
 #include <cmath>
 #include <random>
 
+#include "linearalgebra/Lanczos.h"
 #include "mobility/models/ewald/NearField.h"
 #include "mobility/models/ewald/RotnePragerYamakawaGrid.h"
 #include "mobility/models/ewald/WaveField.h"
@@ -28,10 +30,13 @@ struct Scene {
         const double edge = std::cbrt(n * 4 * M_PI / 3 / 0.2);
         placement.box = {{Vec3(edge, 0, 0), Vec3(0, edge, 0), Vec3(0, 0, edge)}};
         std::mt19937 random(1);
-        std::uniform_real_distribution<double> u(0, edge);
+        const int m = std::lround(std::cbrt(n));
+        const double cell = edge / m;
+        std::uniform_real_distribution<double> shaken(1 - cell / 2, cell / 2 - 1);
         for (int i = 0; i < n; i++) {
             particles.add(1, torques, i, -1);
-            placement.positions.push_back(Vec3(u(random), u(random), u(random)));
+            placement.positions.push_back(Vec3(cell * (i % m) + shaken(random), cell * (i / m % m) + shaken(random),
+                                               cell * (i / m / m) + shaken(random)));
         }
     }
 };
@@ -127,6 +132,42 @@ void splitting(benchmark::State& state) {
     for (auto _ : state) both();
     p.name(state);
 }
+/** Slips of the covariance M at a new placement: a field of waves, and a root of pairs. */
+void noise(benchmark::State& state) {
+    const Scene scene(state.range(0), false);
+    const RotnePragerYamakawaGrid model(scene.particles, 1, toleranceOf(state), 0, std::make_shared<CpuGridFluid>());
+    std::unique_ptr<RandomField> field;
+    MatrixXd slips;
+    Placement placement = scene.placement;
+    const auto draw = [&] {
+        placement.positions[0][0] += 1e-9;  // elsewhere, so that pairs are made anew
+        model.drawField(NoiseStream(), NoiseStream::ParticleFirstDraw, placement.box, field);
+        field->slipsAt(placement, false, slips);
+    };
+    draw();
+    for (auto _ : state) draw();
+}
+/** The same by Lanczos with products of all of M, in single precision where the tolerance allows. */
+void noiseByOneRoot(benchmark::State& state) {
+    const Scene scene(state.range(0), false);
+    const double tolerance = toleranceOf(state);
+    const RotnePragerYamakawaGrid model(scene.particles, 1, tolerance, 0, std::make_shared<CpuGridFluid>());
+    const auto at = model.at(scene.placement);
+    MatrixXd W(scene.particles.numRows, 1), slips;
+    std::mt19937 random(2);
+    std::normal_distribution<double> normal;
+    for (int i = 0; i < W.rows(); i++) W(i, 0) = normal(random);
+    Lanczos lanczos(tolerance);
+    const auto product = [&](double ofProducts) {
+        return [&, ofProducts](const MatrixXd& x, MatrixXd& y) { at->applyFor(ofProducts, x, y); };
+    };
+    const auto root = [&] {
+        lanczos.apply(product(0), W, {SpectralFunction::squareRoot()}, slips, Lanczos::OwnNorm, product(tolerance));
+    };
+    root();
+    for (auto _ : state) root();
+    state.counters["products"] = lanczos.getNumProducts();
+}
 /** Force coupling's product for the same particles. */
 void forceCoupling(benchmark::State& state) {
     const Scene scene(state.range(0), false);
@@ -160,16 +201,19 @@ void sixTransforms(benchmark::State& state) {
 
 }  // namespace
 
-#define SIZES ->ArgsProduct({{1000, 10000, 100000}, {3, 4, 6}})->Unit(benchmark::kMillisecond)
+#define TIMED ->Unit(benchmark::kMillisecond)->MinTime(0.1)
+#define SIZES ->ArgsProduct({{1000, 10648, 103823}, {3, 4, 6}}) TIMED
 BENCHMARK(product) SIZES;
 BENCHMARK(forceCoupling) SIZES;
 BENCHMARK(sixTransforms) SIZES;
-BENCHMARK(roughProduct)->ArgsProduct({{1000, 10000, 100000}, {3, 4}})->Unit(benchmark::kMillisecond);
+BENCHMARK(roughProduct)->ArgsProduct({{1000, 10648, 103823}, {3, 4}}) TIMED;
 BENCHMARK(productWithTorques) SIZES;
 BENCHMARK(pairs) SIZES;
 BENCHMARK(waves) SIZES;
 BENCHMARK(makingPairs) SIZES;
 BENCHMARK(makingWeights) SIZES;
-BENCHMARK(splitting)->ArgsProduct({{10000}, {3, 4, 6}, {20, 25, 30, 35, 40, 50, 60}})->Unit(benchmark::kMillisecond);
+BENCHMARK(noise)->ArgsProduct({{1000, 10648}, {3, 6}}) TIMED;
+BENCHMARK(noiseByOneRoot)->ArgsProduct({{1000, 10648}, {3, 6}}) TIMED;
+BENCHMARK(splitting)->ArgsProduct({{10648}, {3, 6}, {20, 25, 30, 35, 40, 50, 60}}) TIMED;
 
 BENCHMARK_MAIN();

@@ -18,7 +18,7 @@ from common import RESULTS, describeMachine, save
 HERE = pathlib.Path(__file__).parent
 PROGRAMS = {'BenchmarkFreeBodies': 'free_bodies', 'BenchmarkRandomNumbers': 'random_numbers', 'BenchmarkPoseFit': 'pose_fit',
             'BenchmarkRotnePragerYamakawa': 'rotne_prager_yamakawa', 'BenchmarkGridFluid': 'grid_fluid',
-            'BenchmarkSlipChannel': 'slip_channel', 'BenchmarkFastSum': 'fast_sum'}
+            'BenchmarkSlipChannel': 'slip_channel', 'BenchmarkFastSum': 'fast_sum', 'BenchmarkSplitEwald': 'split_ewald'}
 SCRIPTS = (['water_step.py'], ['water_step.py', '--no-cm-motion-removal'], ['water_step.py', '--threads', '1'],
            ['lammps_compare.py'], ['langevin_hi.py'], ['overdamped.py'], ['effects.py'], ['grid_steps.py'], ['channel_steps.py'])
 
