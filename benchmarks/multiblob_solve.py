@@ -277,8 +277,9 @@ def main():
              for tolerance in TOLERANCES]
     for case in tqdm.tqdm(cases):
         rows.append(measure(code, *case, arguments))
-    save(arguments.output, 'multiblob_solve.json', machine,
-         {'rounds': arguments.rounds, 'threads': arguments.threads, 'numba': numba, 'goals': GOALS, 'rows': rows})
+        # After each, since theirs may take hours.
+        save(arguments.output, 'multiblob_solve.json', machine,
+             {'rounds': arguments.rounds, 'threads': arguments.threads, 'numba': numba, 'goals': GOALS, 'rows': rows})
 
 
 if __name__ == '__main__':
