@@ -23,14 +23,14 @@ SCRIPTS = (['water_step.py'], ['water_step.py', '--no-cm-motion-removal'], ['wat
            ['lammps_compare.py'], ['langevin_hi.py'], ['overdamped.py'], ['effects.py'], ['grid_steps.py'], ['channel_steps.py'])
 
 
-def runProgram(program, repetitions, output, name):
-    """Run a Google Benchmark program; keep medians and the quantities it counts, in ns."""
+def runProgram(program, repetitions, output, name, only=None):
+    """Run a Google Benchmark program, or what of it a regular expression says; keep medians and the quantities it counts, in ns."""
     machine = describeMachine()
     with tempfile.TemporaryDirectory() as folder:
         report = pathlib.Path(folder)/'report.json'
         subprocess.run([str(program), f'--benchmark_out={report}', '--benchmark_out_format=json',
                         f'--benchmark_repetitions={repetitions}', '--benchmark_enable_random_interleaving=true',
-                        '--benchmark_report_aggregates_only=true'], check=True)
+                        '--benchmark_report_aggregates_only=true', *([f'--benchmark_filter={only}'] if only else [])], check=True)
         content = json.loads(report.read_text())
     rows = {}
     for run in content['benchmarks']:
@@ -38,11 +38,11 @@ def runProgram(program, repetitions, output, name):
             continue
         key = run['run_name'] + (' ' + run['label'] if 'label' in run else '')
         values = {counter: 1e9*run[counter] for counter in run if counter.startswith(('time_per', 'own_time_per'))} \
-            or {'time': run['cpu_time']}
+            or {'time': run['cpu_time']*{'ns': 1, 'us': 1e3, 'ms': 1e6}[run['time_unit']]}
         values.update({counter: run[counter] for counter in ('error', 'megabytes') if counter in run})
         suffix = '' if run['aggregate_name'] == 'median' else ' (standard deviation)'
         rows.setdefault(key, {}).update({counter + suffix: float(f'{value:.4g}') for counter, value in values.items()})
-    save(output, name + '.json', machine, {'unit': 'ns', 'repetitions': repetitions, 'medians': rows})
+    save(output, name + '.json', machine, {'unit': 'ns', 'repetitions': repetitions, 'filter': only, 'medians': rows})
 
 
 def main():
@@ -51,14 +51,18 @@ def main():
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     parser.add_argument('--lmp', default='lmp', help='LAMMPS with the packages ASPHERE and CG-DNA')
     parser.add_argument('--only', choices=('programs', 'scripts'))
+    parser.add_argument('--program', choices=PROGRAMS, help='this one alone')
+    parser.add_argument('--filter', help='of its rows those that this regular expression finds')
     arguments = parser.parse_args()
     directory = pathlib.Path(openmmrigidhi.__file__).parents[2]/'benchmarks'
     if arguments.only != 'scripts':
         for program, name in PROGRAMS.items():
+            if arguments.program not in (None, program):
+                continue
             if not (directory/program).exists():
                 raise SystemExit(f'{program} was not built: configure with -DRIGIDHI_BUILD_BENCHMARKS=ON, as make benchmark does')
-            runProgram(directory/program, arguments.repetitions, arguments.output, name)
-    if arguments.only != 'programs':
+            runProgram(directory/program, arguments.repetitions, arguments.output, name, arguments.filter)
+    if arguments.only != 'programs' and not arguments.program:
         for script, *options in SCRIPTS:
             if script == 'lammps_compare.py':
                 options += ['--lmp', arguments.lmp]

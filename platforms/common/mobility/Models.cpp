@@ -45,8 +45,8 @@ shared_ptr<GridFluid> gridFluid(const PlatformModels& own) {
 }
 
 /**
- * Up to this many rows Auto takes lattice sums and matrices. Measured (benchmarks/README.md): a step takes as long either way for 10 to 15 spheres or
- * blobs, and where roots of the whole matrix are wanted to 1e-6 for 15 to 35. This is a little more, for matrices are exact and take triclinic boxes.
+ * Up to this many rows Auto takes lattice sums and matrices. Measured (benchmarks/README.md): a step takes as long either way for fewer than 10 spheres or
+ * blobs, and where roots of the whole matrix are wanted to 1e-6 for about 10. This is more, for matrices are exact and take triclinic boxes.
  */
 const int largestDenseSurfaceRows = 150;
 

@@ -23,7 +23,7 @@ class SplitParts;
  *            of the Gaussian (GridChannel). Pairs: NearField. Both are symmetric to rounding.
  *            The norm of the error of products is below the tolerance times the norm of the mobility, both over the roots of own mobilities.
  * Noise:     that of waves is a random field, of numbers that belong to wave vectors; that of pairs is M_near^(1/2) W by Lanczos, whose
- *            matrix is sparse and well conditioned: 5 products of pairs for 1e-3, 10 for 1e-6, among spheres that do not overlap.
+ *            matrix is sparse and well conditioned.
  * Cost:      grows as the number of particles at constant density. Six transforms a product for each radius, and six for each
  *            radius of spheres with torque.
  * Reference: Fiore, Balboa Usabiaga, Donev, Swan, J. Chem. Phys. 146, 124116 (2017); Lindbo, Tornberg, J. Comput. Phys. 230, 8744 (2011).
