@@ -29,7 +29,7 @@ help:
 	@echo "make tsan               quick C++ tests under the thread sanitizer"
 	@echo "make lint               checks of the sources, the documentation and the built libraries"
 	@echo "make recipes            follow the recipes of CONTRIBUTING.md in a copy, and test what they make"
-	@echo "make format             clang-format all C++ files"
+	@echo "make format             clang-format all C++ files, yapf all Python files, a sentence a line in Markdown"
 	@echo "make docs               C++ reference by Doxygen into $(BUILD)/docs"
 	@echo "make site               the site, all pages with search and references, into $(BUILD)/site/html (site/packages-debian.txt)"
 	@echo "make benchmark          C++ benchmarks"
@@ -99,6 +99,8 @@ deb:
 
 format: deps
 	clang-format -i $(SOURCES)
+	yapf3 --in-place --parallel $$(git ls-files --cached --others --exclude-standard '*.py')
+	tools/format_markdown.py $$(git ls-files --cached --others --exclude-standard '*.md' ':!*/results/*')
 
 docs: deps
 	@mkdir -p $(BUILD)/docs

@@ -1,8 +1,10 @@
-// What products by multipoles cost (FastSum) beside the sums over all pairs, for errors, numbers, kinds of particles, unbounded and above a wall; and
-// which errors they have. Blobs and spheres at random at a volume fraction of 0.1, which may overlap.
+// What products by multipoles cost (FastSum) beside the sums over all pairs, for errors, numbers,
+// kinds of particles, unbounded and above a wall; and which errors they have. Blobs and spheres at
+// random at a volume fraction of 0.1, which may overlap.
 //
-//     BenchmarkFastSum            Google Benchmark; counters: the error found with random forces, relative; memory; processor time a product
-//     BenchmarkFastSum --errors   no times: the largest error of each row of FastSum's table over scenes of many kinds, as JSON
+//     BenchmarkFastSum            Google Benchmark; counters: the error found with random forces,
+//     relative; memory; processor time a product BenchmarkFastSum --errors   no times: the largest
+//     error of each row of FastSum's table over scenes of many kinds, as JSON
 
 #include <benchmark/benchmark.h>
 #include <openmm/internal/ThreadPool.h>
@@ -35,7 +37,8 @@ struct Scene {
     std::vector<Vec3> positions;
     bool hasWall = false;
 
-    CpuRotnePragerYamakawa model(const FastSum::ForRanges& forRanges = {}, bool fastSums = true) const {
+    CpuRotnePragerYamakawa model(const FastSum::ForRanges& forRanges = {},
+                                 bool fastSums = true) const {
         std::optional<NoSlipPlane> wall;
         if (hasWall) wall.emplace(0, false);
         return CpuRotnePragerYamakawa(particles, 1.0, forRanges, wall, fastSums);
@@ -46,7 +49,8 @@ struct Scene {
         for (int i = 0; i < particles.size(); i++)
             for (int k = 0; k < (particles.hasTorque[i] ? 6 : 3); k++)
                 s[particles.firstRow[i] + k] =
-                    k < 3 ? std::sqrt(particles.radii[i]) : std::sqrt(4.0 / 3 * std::pow(particles.radii[i], 3));
+                    k < 3 ? std::sqrt(particles.radii[i])
+                          : std::sqrt(4.0 / 3 * std::pow(particles.radii[i], 3));
         return s;
     }
     MatrixXd randomForces() const {
@@ -61,7 +65,8 @@ struct Scene {
 enum SceneShape { Cloud, Layer, Shell, Clusters };
 
 /** @param fraction  of the volume (Cloud) or of the area (others do not ask) */
-Scene makeScene(SceneShape shape, int n, bool spheres, bool equalRadii, bool hasWall, double fraction = 0.1) {
+Scene makeScene(SceneShape shape, int n, bool spheres, bool equalRadii, bool hasWall,
+                double fraction = 0.1) {
     Scene scene;
     scene.hasWall = hasWall;
     std::mt19937 random(1);
@@ -69,14 +74,17 @@ Scene makeScene(SceneShape shape, int n, bool spheres, bool equalRadii, bool has
     std::normal_distribution<double> g;
     const double size = std::cbrt(n * 4 * M_PI / 3 / fraction), area = std::sqrt(n * M_PI / 0.4);
     std::vector<Vec3> centres;
-    for (int k = 0; k < 20; k++) centres.push_back(4 * size * Vec3(u(random), u(random), u(random)));
+    for (int k = 0; k < 20; k++)
+        centres.push_back(4 * size * Vec3(u(random), u(random), u(random)));
     for (int i = 0; i < n; i++) {
         const double a = equalRadii ? 1 : 0.3 + 1.7 * u(random);
         Vec3 r, d(g(random), g(random), g(random));
         switch (shape) {
             case Cloud: r = size * Vec3(u(random), u(random), u(random)); break;
             case Layer: r = Vec3(area * u(random), area * u(random), 1.5 * u(random)); break;
-            case Shell: r = std::sqrt(n / 1.6) * (d * (1 / std::sqrt(d.dot(d))) + Vec3(0, 0, 1.1)); break;
+            case Shell:
+                r = std::sqrt(n / 1.6) * (d * (1 / std::sqrt(d.dot(d))) + Vec3(0, 0, 1.1));
+                break;
             case Clusters: r = centres[i % 20] + 0.1 * size * d; break;
         }
         scene.particles.add(a, spheres, i, -1);
@@ -92,7 +100,8 @@ double processorSeconds() {
 }
 
 double relativeError(const Scene& scene, const MatrixXd& found, const MatrixXd& exact) {
-    return (scene.scale().asDiagonal() * (found - exact)).norm() / (scene.scale().asDiagonal() * exact).norm();
+    return (scene.scale().asDiagonal() * (found - exact)).norm() /
+           (scene.scale().asDiagonal() * exact).norm();
 }
 
 FastSum::ForRanges onThreads(ThreadPool& pool) {
@@ -133,7 +142,8 @@ void product(benchmark::State& state, bool spheres, bool hasWall) {
     const int n = state.range(0);
     ThreadPool pool(state.range(2));
     const Scene& scene = sceneOf(n, spheres, hasWall);
-    const FastSum::Accuracy* accuracy = FastSum::choose(std::pow(10, -state.range(1)), 1 << 30, hasWall);
+    const FastSum::Accuracy* accuracy =
+        FastSum::choose(std::pow(10, -state.range(1)), 1 << 30, hasWall);
     FastSum sum(scene.particles, hasWall, *accuracy, onThreads(pool));
     sum.moveTo(scene.positions, std::vector<double>(n, 1.0));
     const MatrixXd forces = scene.randomForces();
@@ -150,7 +160,8 @@ void product(benchmark::State& state, bool spheres, bool hasWall) {
 void placement(benchmark::State& state, bool spheres, bool hasWall) {
     const int n = state.range(0);
     const Scene& scene = sceneOf(n, spheres, hasWall);
-    FastSum sum(scene.particles, hasWall, *FastSum::choose(std::pow(10, -state.range(1)), 1 << 30, hasWall), {});
+    FastSum sum(scene.particles, hasWall,
+                *FastSum::choose(std::pow(10, -state.range(1)), 1 << 30, hasWall), {});
     sum.moveTo(scene.positions, std::vector<double>(n, 1.0));
     const double start = processorSeconds();
     for (auto _ : state) sum.moveTo(scene.positions, std::vector<double>(n, 1.0));
@@ -206,7 +217,8 @@ double norm(const MatrixXd& A) {
     return value;
 }
 
-/** Errors of the whole matrix of few particles in small cubes, by the order and opening of the row 1e-3: of random forces, in the norm of M, in that of energies. */
+/** Errors of the whole matrix of few particles in small cubes, by the order and opening of the row
+ * 1e-3: of random forces, in the norm of M, in that of energies. */
 void printNorms() {
     for (SceneShape shape : {Cloud, Layer, Shell, Clusters})
         for (bool hasWall : {false, true}) {
@@ -224,12 +236,14 @@ void printNorms() {
             MatrixXd whitened = factor.matrixL().solve(E);
             whitened = factor.matrixL().solve(whitened.transpose().eval());
             const char* const names[] = {"cloud", "layer", "shell", "clusters"};
-            printf("  \"matrix, %s %s\": {\"random\": %.2e, \"norm\": %.2e, \"energies\": %.2e},\n", names[shape],
-                   hasWall ? "wall" : "unbounded", E.norm() / M.norm(), norm(E) / norm(M), norm(whitened));
+            printf("  \"matrix, %s %s\": {\"random\": %.2e, \"norm\": %.2e, \"energies\": %.2e},\n",
+                   names[shape], hasWall ? "wall" : "unbounded", E.norm() / M.norm(),
+                   norm(E) / norm(M), norm(whitened));
         }
 }
 
-/** The largest error of each row over scenes: random forces, and one direction over the norm of M. */
+/** The largest error of each row over scenes: random forces, and one direction over the norm of M.
+ */
 void printErrors() {
     printf("{\n");
     printNorms();
@@ -249,20 +263,24 @@ void printErrors() {
                         const CpuRotnePragerYamakawa model = scene.model({}, false);
                         model.at({scene.positions})->apply(forces, exact);
                         for (double tolerance : tolerances) {
-                            FastSum sum(scene.particles, hasWall, *FastSum::choose(tolerance, 1 << 30, hasWall), {});
+                            FastSum sum(scene.particles, hasWall,
+                                        *FastSum::choose(tolerance, 1 << 30, hasWall), {});
                             sum.moveTo(scene.positions, std::vector<double>(n, 1.0));
                             sum.apply(forces, 1 / (8 * M_PI), found);
                             const double error = relativeError(scene, found, exact);
                             auto& most = worst[{-tolerance, hasWall}];
                             if (error > most.first)
-                                most = {error, std::to_string(n) + (spheres ? " spheres, " : " blobs, ") +
-                                                   names[shape] + (equal ? ", equal radii" : ", unequal radii")};
+                                most = {error, std::to_string(n) +
+                                                   (spheres ? " spheres, " : " blobs, ") +
+                                                   names[shape] +
+                                                   (equal ? ", equal radii" : ", unequal radii")};
                         }
                     }
     bool first = true;
     for (const auto& row : worst) {
-        printf("%s  \"%g %s\": {\"error\": %.2e, \"scene\": \"%s\"}", first ? "" : ",\n", -row.first.first,
-               row.first.second ? "wall" : "unbounded", row.second.first, row.second.second.c_str());
+        printf("%s  \"%g %s\": {\"error\": %.2e, \"scene\": \"%s\"}", first ? "" : ",\n",
+               -row.first.first, row.first.second ? "wall" : "unbounded", row.second.first,
+               row.second.second.c_str());
         first = false;
     }
     printf("\n}\n");

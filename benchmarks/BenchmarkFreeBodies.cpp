@@ -1,6 +1,6 @@
 // What a step costs without forces: bodies in an otherwise empty System, on one thread.
-// time_per_body (seconds per body and step): the whole step, OpenMM's force evaluation of nothing included.
-// own_time_per_body: this plugin's part of it.
+// time_per_body (seconds per body and step): the whole step, OpenMM's force evaluation of nothing
+// included. own_time_per_body: this plugin's part of it.
 
 #include <benchmark/benchmark.h>
 #include <openmm/Context.h>
@@ -20,7 +20,8 @@ using namespace std;
 
 namespace {
 
-/** A body: its sites (nm) and moments (amu nm^2). Masses are equal; sizes are those of small molecules. */
+/** A body: its sites (nm) and moments (amu nm^2). Masses are equal; sizes are those of small
+ * molecules. */
 struct Shape {
     string name;
     Vec3 moments;
@@ -30,7 +31,9 @@ struct Shape {
 const double bodyMass = 18.0;  // amu
 
 const Shape shapes[] = {
-    {"general3", Vec3(0.01, 0.02, 0.03), {Vec3(0.1, 0, 0), Vec3(-0.05, 0.05, 0), Vec3(-0.05, -0.05, 0)}},
+    {"general3",
+     Vec3(0.01, 0.02, 0.03),
+     {Vec3(0.1, 0, 0), Vec3(-0.05, 0.05, 0), Vec3(-0.05, -0.05, 0)}},
     {"ellipsoid", Vec3(0.01, 0.02, 0.03), {Vec3()}},
     {"linear2", Vec3(0, 0.02, 0.02), {Vec3(0.1, 0, 0), Vec3(-0.1, 0, 0)}},
     {"point", Vec3(), {Vec3()}},
@@ -68,7 +71,8 @@ void step(benchmark::State& state, const Case& scene) {
     if (scene.platform == "CPU") properties["Threads"] = "1";
     Context context(system, integrator, Platform::getPlatformByName(scene.platform), properties);
     context.setPositions(positions);
-    if (scene.scheme != CustomRigidHIIntegrator::GradientThermostat) context.setVelocitiesToTemperature(temperature, 1);
+    if (scene.scheme != CustomRigidHIIntegrator::GradientThermostat)
+        context.setVelocitiesToTemperature(temperature, 1);
     const int steps = max(1, bodyStepsPerIteration / scene.count);
     integrator.step(steps);
 
@@ -77,23 +81,26 @@ void step(benchmark::State& state, const Case& scene) {
     const double bodySteps = static_cast<double>(state.iterations()) * steps * scene.count;
     const auto secondsPer = benchmark::Counter::kIsRate | benchmark::Counter::kInvert;
     state.counters["time_per_body"] = benchmark::Counter(bodySteps, secondsPer);
-    state.counters["own_time_per_body"] = (integrator.getStepStatistics()["seconds_scheme"] - ownBefore) / bodySteps;
+    state.counters["own_time_per_body"] =
+        (integrator.getStepStatistics()["seconds_scheme"] - ownBefore) / bodySteps;
 }
 
 void add(const string& label, const Case& scene) {
-    benchmark::RegisterBenchmark(
-        ("FreeBodies/" + scene.platform + "/" + scene.shape->name + "/" + label + "/n:" + to_string(scene.count))
-            .c_str(),
-        step, scene)
+    benchmark::RegisterBenchmark(("FreeBodies/" + scene.platform + "/" + scene.shape->name + "/" +
+                                  label + "/n:" + to_string(scene.count))
+                                     .c_str(),
+                                 step, scene)
         ->UseRealTime();
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-    Platform::loadPluginsFromDirectory(Platform::getDefaultPluginsDirectory());  // OpenMM's own CPU platform
+    Platform::loadPluginsFromDirectory(
+        Platform::getDefaultPluginsDirectory());  // OpenMM's own CPU platform
     for (const char* name : {"Reference", "CPU"})
-        Platform::loadPluginLibrary(string(RIGIDHI_PLUGIN_DIR) + "/libOpenMMRigidHI" + name + ".so");
+        Platform::loadPluginLibrary(string(RIGIDHI_PLUGIN_DIR) + "/libOpenMMRigidHI" + name +
+                                    ".so");
     typedef CustomRigidHIIntegrator I;
     const int middle = 1000;
     for (const char* platform : {"CPU", "Reference"}) {
@@ -103,9 +110,12 @@ int main(int argc, char** argv) {
         const Shape& general = shapes[0];
         add("LangevinA", {platform, &general, middle, I::LangevinA, true, I::Gaussian});
         add("LangevinB", {platform, &general, middle, I::LangevinB, true, I::Gaussian});
-        add("GradientThermostat", {platform, &general, middle, I::GradientThermostat, true, I::Gaussian});
-        add("LangevinC_without_friction", {platform, &general, middle, I::LangevinC, false, I::Gaussian});
-        add("LangevinC_ThreePoint", {platform, &general, middle, I::LangevinC, true, I::ThreePoint});
+        add("GradientThermostat",
+            {platform, &general, middle, I::GradientThermostat, true, I::Gaussian});
+        add("LangevinC_without_friction",
+            {platform, &general, middle, I::LangevinC, false, I::Gaussian});
+        add("LangevinC_ThreePoint",
+            {platform, &general, middle, I::LangevinC, true, I::ThreePoint});
     }
     benchmark::Initialize(&argc, argv);
     if (benchmark::ReportUnrecognizedArguments(argc, argv)) return 1;

@@ -1,5 +1,6 @@
-// What force coupling on a grid costs: products, random fields and averages, beside FFTW's own transforms of the same size by FFTW_MEASURE. Blobs at volume fraction
-// 0.2, tolerance 1e-4, one thread. A product has three transforms there and three back, a random field three back.
+// What force coupling on a grid costs: products, random fields and averages, beside FFTW's own
+// transforms of the same size by FFTW_MEASURE. Blobs at volume fraction 0.2, tolerance 1e-4, one
+// thread. A product has three transforms there and three back, a random field three back.
 
 #include <benchmark/benchmark.h>
 #include <fftw3.h>
@@ -36,7 +37,8 @@ struct Prepared {
     const GridResolution resolution;
     GridStencils stencils;
     CpuGridFluid fluid;
-    Prepared(int n) : scene(n), resolution(scene.particles, 1e-4, 0), stencils(scene.particles, resolution) {
+    Prepared(int n)
+        : scene(n), resolution(scene.particles, 1e-4, 0), stencils(scene.particles, resolution) {
         stencils.moveTo(resolution.shapeFor(scene.box), scene.positions, false);
     }
     void name(benchmark::State& state) const {
@@ -55,7 +57,8 @@ void product(benchmark::State& state) {
     Prepared p(state.range(0));
     const Eigen::MatrixXd forces = Eigen::VectorXd::LinSpaced(p.scene.particles.numRows, -1, 1);
     Eigen::MatrixXd velocities;
-    p.fluid.multiply(p.stencils, 1, forces, velocities);  // memory is there in all but the first step
+    p.fluid.multiply(p.stencils, 1, forces,
+                     velocities);  // memory is there in all but the first step
     for (auto _ : state) p.fluid.multiply(p.stencils, 1, forces, velocities);
     p.name(state);
 }
@@ -74,7 +77,8 @@ void randomField(benchmark::State& state) {
     Prepared p(state.range(0));
     GridField field;
     p.fluid.draw(p.stencils, 1, NoiseStream(), NoiseStream::RandomField, field);
-    for (auto _ : state) p.fluid.draw(p.stencils, 1, NoiseStream(), NoiseStream::RandomField, field);
+    for (auto _ : state)
+        p.fluid.draw(p.stencils, 1, NoiseStream(), NoiseStream::RandomField, field);
     p.name(state);
 }
 

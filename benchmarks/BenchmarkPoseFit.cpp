@@ -1,4 +1,5 @@
-// What taking in others' changes costs for one body: the pose from positions, the twist from velocities.
+// What taking in others' changes costs for one body: the pose from positions, the twist from
+// velocities.
 
 #include <benchmark/benchmark.h>
 
@@ -15,7 +16,9 @@ namespace {
 BodyGeometry point() { return {18.0, Vec3(), {Vec3()}}; }
 BodyGeometry line() { return {18.0, Vec3(0, 0.18, 0.18), {Vec3(-0.1, 0, 0), Vec3(0.1, 0, 0)}}; }
 BodyGeometry triangle() {
-    return {18.0, Vec3(0.03, 0.045, 0.075), {Vec3(0.1, 0, 0), Vec3(-0.05, 0.05, 0), Vec3(-0.05, -0.05, 0)}};
+    return {18.0,
+            Vec3(0.03, 0.045, 0.075),
+            {Vec3(0.1, 0, 0), Vec3(-0.05, 0.05, 0), Vec3(-0.05, -0.05, 0)}};
 }
 /** A regular polygon: a large molecule. */
 BodyGeometry ring(int sites) {

@@ -35,7 +35,8 @@ void oneAtATime(benchmark::State& state) {
         noise.step++;
         for (int i = 0; i < particles; i++)
             for (int block = 0; block < 2; block++)
-                noise.pair(NoiseStream::FirstDraw, i, block, xi[4 * i + 2 * block], xi[4 * i + 2 * block + 1]);
+                noise.pair(NoiseStream::FirstDraw, i, block, xi[4 * i + 2 * block],
+                           xi[4 * i + 2 * block + 1]);
         benchmark::DoNotOptimize(xi.data());
         benchmark::ClobberMemory();
     }

@@ -1,6 +1,6 @@
-// What a product with the Rotne-Prager-Yamakawa mobility costs, for instruction sets, threads, columns and kinds of
-// particles, in unbounded fluid and above a wall; and its matrix. Suspensions at volume fraction 0.1, on a lattice with random
-// displacements.
+// What a product with the Rotne-Prager-Yamakawa mobility costs, for instruction sets, threads,
+// columns and kinds of particles, in unbounded fluid and above a wall; and its matrix. Suspensions
+// at volume fraction 0.1, on a lattice with random displacements.
 
 #include <benchmark/benchmark.h>
 #include <openmm/internal/ThreadPool.h>
@@ -31,7 +31,8 @@ struct Scene {
     std::vector<Vec3> positions;
     std::optional<NoSlipPlane> wall;
     Scene(int n, Kind kind) {
-        // Blobs of multiblobs sit at twice their radius from their neighbours, in touch with many packs.
+        // Blobs of multiblobs sit at twice their radius from their neighbours, in touch with many
+        // packs.
         const double spacing = kind == TouchingBlobs ? 2 : std::cbrt(4 * M_PI / 3 / 0.1);
         const double shift = kind == TouchingBlobs ? 0 : 0.5 * (spacing - 2) / std::sqrt(3.0);
         const int edge = std::ceil(std::cbrt(n));
@@ -40,7 +41,8 @@ struct Scene {
         for (int i = 0; i < n; i++) {
             particles.add(1, kind == Spheres || kind == SpheresAtWall, i, -1);
             const Vec3 node(i % edge, i / edge % edge, i / edge / edge);
-            positions.push_back(spacing * node + (shift > 0 ? Vec3(u(random), u(random), u(random)) : Vec3()));
+            positions.push_back(spacing * node +
+                                (shift > 0 ? Vec3(u(random), u(random), u(random)) : Vec3()));
         }
         if (kind == SpheresAtWall || kind == BlobsAtWall) wall.emplace(-1.01 - shift, false);
     }
@@ -97,8 +99,10 @@ void product(benchmark::State& state, Kind kind, int64_t target) {
     }
     finish(state, n);
 }
-#define PRODUCT(kind, target) \
-    BENCHMARK_CAPTURE(product, kind##_##target, kind, target)->Unit(benchmark::kMillisecond)->UseRealTime()
+#define PRODUCT(kind, target)                                 \
+    BENCHMARK_CAPTURE(product, kind##_##target, kind, target) \
+        ->Unit(benchmark::kMillisecond)                       \
+        ->UseRealTime()
 const int64_t best = 0, AVX2 = HWY_AVX2, SSE4 = HWY_SSE4;
 PRODUCT(Spheres, best)
     ->ArgNames({"n", "columns", "threads"})
@@ -111,7 +115,10 @@ PRODUCT(Spheres, best)
     ->Args({10000, 1, 2})
     ->Args({10000, 2, 1})
     ->Args({10000, 2, 2});
-PRODUCT(Blobs, best)->ArgNames({"n", "columns", "threads"})->Args({1000, 2, 1})->Args({10000, 2, 2});
+PRODUCT(Blobs, best)
+    ->ArgNames({"n", "columns", "threads"})
+    ->Args({1000, 2, 1})
+    ->Args({10000, 2, 2});
 PRODUCT(TouchingBlobs, best)->ArgNames({"n", "columns", "threads"})->Args({1000, 2, 1});
 PRODUCT(SpheresAtWall, best)
     ->ArgNames({"n", "columns", "threads"})
@@ -119,10 +126,14 @@ PRODUCT(SpheresAtWall, best)
     ->Args({1000, 2, 1})
     ->Args({1000, 2, 2});
 PRODUCT(BlobsAtWall, best)->ArgNames({"n", "columns", "threads"})->Args({1000, 2, 1});
-PRODUCT(Spheres, AVX2)->ArgNames({"n", "columns", "threads"})->Args({1000, 2, 1})->Args({10000, 2, 2});
+PRODUCT(Spheres, AVX2)
+    ->ArgNames({"n", "columns", "threads"})
+    ->Args({1000, 2, 1})
+    ->Args({10000, 2, 2});
 PRODUCT(Spheres, SSE4)->ArgNames({"n", "columns", "threads"})->Args({1000, 2, 1});
 
-/** The yardstick: PlainPairs.h. Above a wall the same scenes, but that it does not see what a sphere does to itself. */
+/** The yardstick: PlainPairs.h. Above a wall the same scenes, but that it does not see what a
+ * sphere does to itself. */
 void plainProduct(benchmark::State& state, Kind kind, int64_t target) {
     const int n = state.range(0), columns = state.range(1), threads = state.range(2);
     state.SetLabel(restrictTo(target));
@@ -181,7 +192,8 @@ void roughProduct(benchmark::State& state, Kind kind, int64_t target) {
     finish(state, n);
 }
 
-/** Products, rough ones and the yardstick; products.py takes ratios. The process's CPU time counts all threads. */
+/** Products, rough ones and the yardstick; products.py takes ratios. The process's CPU time counts
+ * all threads. */
 #define BESIDE(function, kind, target)                         \
     BENCHMARK_CAPTURE(function, kind##_##target, kind, target) \
         ->Name("beside/" #function "/" #kind "_" #target)      \
@@ -271,10 +283,12 @@ void scalarBlobsAtWall(benchmark::State& state) {
 BENCHMARK(scalarBlobs)->Arg(15)->Unit(benchmark::kMicrosecond);
 BENCHMARK(scalarBlobsAtWall)->Arg(15)->Unit(benchmark::kMicrosecond);
 
-/** What LangevinHI asks for in a step: exp(-Sh) z and sqrt(1 - exp(-2Sh)) chi, here for S^-1 = M. */
+/** What LangevinHI asks for in a step: exp(-Sh) z and sqrt(1 - exp(-2Sh)) chi, here for S^-1 = M.
+ */
 void decayAndNoise(benchmark::State& state) {
     const int n = state.range(0), threads = state.range(2);
-    const double tolerance = std::pow(10, -state.range(1)), h = 1.0 / (6 * M_PI);  // relaxation times of a sphere
+    const double tolerance = std::pow(10, -state.range(1)),
+                 h = 1.0 / (6 * M_PI);  // relaxation times of a sphere
     restrictTo(best);
     ThreadPool pool(threads);
     const Scene scene(n, Spheres);
@@ -284,8 +298,11 @@ void decayAndNoise(benchmark::State& state) {
     const Eigen::MatrixXd x = Eigen::MatrixXd::Random(scene.particles.numRows, 2);
     Eigen::MatrixXd result;
     Lanczos lanczos(tolerance);
-    const auto product = [&](const Eigen::MatrixXd& in, Eigen::MatrixXd& out) { M->apply(in, out); };
-    const std::vector<SpectralFunction> functions = {SpectralFunction::decay(h), SpectralFunction::decayNoise(h)};
+    const auto product = [&](const Eigen::MatrixXd& in, Eigen::MatrixXd& out) {
+        M->apply(in, out);
+    };
+    const std::vector<SpectralFunction> functions = {SpectralFunction::decay(h),
+                                                     SpectralFunction::decayNoise(h)};
     for (auto _ : state) lanczos.apply(product, x, functions, result, Lanczos::NormOfSum);
     state.counters["products"] = lanczos.getNumProducts();
     state.counters["iterations"] = lanczos.getNumIterations();

@@ -1,6 +1,8 @@
-// What a slip channel on a grid costs: on a mirrored grid, and by the images of particles in a periodic fluid of twice the width, which is the same flow and field. Beside
-// it FFTW's transforms along y of one column of eight planes: of the whole period, of half of it, and its own sums of cosines and sines of so many numbers.
-// Blobs at random at volume fraction 0.2, one thread. Arguments: blobs, width over their radius, tolerance 10^-n.
+// What a slip channel on a grid costs: on a mirrored grid, and by the images of particles in a
+// periodic fluid of twice the width, which is the same flow and field. Beside it FFTW's transforms
+// along y of one column of eight planes: of the whole period, of half of it, and its own sums of
+// cosines and sines of so many numbers. Blobs at random at volume fraction 0.2, one thread.
+// Arguments: blobs, width over their radius, tolerance 10^-n.
 
 #include <benchmark/benchmark.h>
 #include <fftw3.h>
@@ -46,16 +48,16 @@ struct Prepared {
     GridField field;
     Prepared(const benchmark::State& state, bool images)
         : scene(state.range(0), state.range(1), images),
-          resolution(scene.particles, std::pow(10.0, -state.range(2)), 0), shape(resolution.shapeFor(scene.twice)),
-          stencils(scene.particles, resolution) {
+          resolution(scene.particles, std::pow(10.0, -state.range(2)), 0),
+          shape(resolution.shapeFor(scene.twice)), stencils(scene.particles, resolution) {
         shape.mirrored = !images;
         stencils.moveTo(shape, scene.positions, false);
         // Memory is there in all but the first step.
         fluid.draw(stencils, 1, NoiseStream(), NoiseStream::RandomField, field);
     }
     void name(benchmark::State& state) const {
-        state.SetLabel(std::to_string(shape.size[0]) + " x " + std::to_string(shape.size[1]) + "/2 x " +
-                       std::to_string(shape.size[2]));
+        state.SetLabel(std::to_string(shape.size[0]) + " x " + std::to_string(shape.size[1]) +
+                       "/2 x " + std::to_string(shape.size[2]));
     }
 };
 
@@ -82,7 +84,8 @@ void roughProduct(benchmark::State& state) {
 template <bool images>
 void randomField(benchmark::State& state) {
     Prepared p(state, images);
-    for (auto _ : state) p.fluid.draw(p.stencils, 1, NoiseStream(), NoiseStream::RandomField, p.field);
+    for (auto _ : state)
+        p.fluid.draw(p.stencils, 1, NoiseStream(), NoiseStream::RandomField, p.field);
     p.name(state);
 }
 
@@ -102,9 +105,11 @@ void stencils(benchmark::State& state) {
 }
 
 /** Of a column of modes of eight planes. @param numbers  of the period */
-void transform(benchmark::State& state, const std::function<fftw_plan(int period, double* from, double* to)>& make) {
+void transform(benchmark::State& state,
+               const std::function<fftw_plan(int period, double* from, double* to)>& make) {
     const int period = state.range(0), planes = 8;
-    double *from = fftw_alloc_real(2 * planes * (period + 2)), *to = fftw_alloc_real(2 * planes * (period + 2));
+    double *from = fftw_alloc_real(2 * planes * (period + 2)),
+           *to = fftw_alloc_real(2 * planes * (period + 2));
     const fftw_plan plan = make(period, from, to);
     for (int i = 0; i < 2 * planes * period; i++) from[i] = std::cos(i);
     for (auto _ : state) fftw_execute(plan);
@@ -114,10 +119,12 @@ void transform(benchmark::State& state, const std::function<fftw_plan(int period
 }
 fftw_plan complexOnes(int n, double* from, double* to) {
     return fftw_plan_many_dft(1, &n, 8, reinterpret_cast<fftw_complex*>(from), nullptr, 8, 1,
-                              reinterpret_cast<fftw_complex*>(to), nullptr, 8, 1, FFTW_FORWARD, FFTW_ESTIMATE);
+                              reinterpret_cast<fftw_complex*>(to), nullptr, 8, 1, FFTW_FORWARD,
+                              FFTW_ESTIMATE);
 }
 fftw_plan realOnes(int n, double* from, double* to, fftw_r2r_kind kind) {
-    return fftw_plan_many_r2r(1, &n, 16, from, nullptr, 16, 1, to, nullptr, 16, 1, &kind, FFTW_ESTIMATE);
+    return fftw_plan_many_r2r(1, &n, 16, from, nullptr, 16, 1, to, nullptr, 16, 1, &kind,
+                              FFTW_ESTIMATE);
 }
 void wholePeriod(benchmark::State& state) { transform(state, complexOnes); }
 void halfPeriod(benchmark::State& state) {
@@ -125,17 +132,25 @@ void halfPeriod(benchmark::State& state) {
 }
 /** Nodes half a spacing away from walls. */
 void cosines(benchmark::State& state) {
-    transform(state, [](int n, double* from, double* to) { return realOnes(n / 2, from, to, FFTW_REDFT10); });
+    transform(state, [](int n, double* from, double* to) {
+        return realOnes(n / 2, from, to, FFTW_REDFT10);
+    });
 }
 void sines(benchmark::State& state) {
-    transform(state, [](int n, double* from, double* to) { return realOnes(n / 2, from, to, FFTW_RODFT10); });
+    transform(state, [](int n, double* from, double* to) {
+        return realOnes(n / 2, from, to, FFTW_RODFT10);
+    });
 }
 /** Nodes on walls. */
 void cosinesFromWall(benchmark::State& state) {
-    transform(state, [](int n, double* from, double* to) { return realOnes(n / 2 + 1, from, to, FFTW_REDFT00); });
+    transform(state, [](int n, double* from, double* to) {
+        return realOnes(n / 2 + 1, from, to, FFTW_REDFT00);
+    });
 }
 void sinesFromWall(benchmark::State& state) {
-    transform(state, [](int n, double* from, double* to) { return realOnes(n / 2 - 1, from, to, FFTW_RODFT00); });
+    transform(state, [](int n, double* from, double* to) {
+        return realOnes(n / 2 - 1, from, to, FFTW_RODFT00);
+    });
 }
 
 }  // namespace

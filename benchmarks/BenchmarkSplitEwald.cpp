@@ -1,8 +1,11 @@
-// What periodic Rotne-Prager-Yamakawa costs without a matrix (RotnePragerYamakawaGrid): products, their pairs and waves, and what is made once for each placement, beside
-// the product of force coupling on a grid and FFTW's own transforms of the same size by FFTW_MEASURE; noise, as it is made and by a root of the whole matrix. Particles at
-// volume fraction 0.2 on a cubic lattice, shaken as far as they do not overlap; one thread.
+// What periodic Rotne-Prager-Yamakawa costs without a matrix (RotnePragerYamakawaGrid): products,
+// their pairs and waves, and what is made once for each placement, beside the product of force
+// coupling on a grid and FFTW's own transforms of the same size by FFTW_MEASURE; noise, as it is
+// made and by a root of the whole matrix. Particles at volume fraction 0.2 on a cubic lattice,
+// shaken as far as they do not overlap; one thread.
 //
-// Arguments: particles, minus the exponent of the tolerance; of `splitting` also xi in hundredths of 1/radius.
+// Arguments: particles, minus the exponent of the tolerance; of `splitting` also xi in hundredths
+// of 1/radius.
 
 #include <benchmark/benchmark.h>
 #include <fftw3.h>
@@ -35,13 +38,16 @@ struct Scene {
         std::uniform_real_distribution<double> shaken(1 - cell / 2, cell / 2 - 1);
         for (int i = 0; i < n; i++) {
             particles.add(1, torques, i, -1);
-            placement.positions.push_back(Vec3(cell * (i % m) + shaken(random), cell * (i / m % m) + shaken(random),
+            placement.positions.push_back(Vec3(cell * (i % m) + shaken(random),
+                                               cell * (i / m % m) + shaken(random),
                                                cell * (i / m / m) + shaken(random)));
         }
     }
 };
 
-double toleranceOf(const benchmark::State& state) { return std::pow(10.0, -(double)state.range(1)); }
+double toleranceOf(const benchmark::State& state) {
+    return std::pow(10.0, -(double)state.range(1));
+}
 
 /** Both parts, as a place of the model has them. */
 struct Parts {
@@ -56,7 +62,8 @@ struct Parts {
     MatrixXd velocities;
     Parts(const benchmark::State& state, bool torques = false, double xi = 0)
         : scene(state.range(0), torques), kinds(kindsOf(scene.particles)),
-          inBox(kinds, EwaldSplitting(kinds, toleranceOf(state), 0, scene.placement.box, xi), scene.placement.box),
+          inBox(kinds, EwaldSplitting(kinds, toleranceOf(state), 0, scene.placement.box, xi),
+                scene.placement.box),
           splitting(inBox.splitting), near(scene.particles), waves(scene.particles, kinds),
           forces(Eigen::VectorXd::LinSpaced(scene.particles.numRows, -1, 1)) {
         near.setTables(inBox.tables, std::vector<int>(scene.particles.size(), 0), splitting.shape);
@@ -68,10 +75,14 @@ struct Parts {
     void makePairs() { near.moveTo(scene.placement.positions, false, inBox.spacing, ranges()); }
     void makeWeights() { waves.moveTo(scene.placement.positions, false); }
     Ranges ranges() const {
-        return [this](int count, const std::function<void(int, int)>& task) { fluid.forRanges(count, task); };
+        return [this](int count, const std::function<void(int, int)>& task) {
+            fluid.forRanges(count, task);
+        };
     }
     void multiplyPairs() { near.multiply(forces.data(), velocities.data(), ranges()); }
-    void multiplyWaves(bool roughly = false) { waves.addProduct(fluid, 1, roughly, forces.data(), velocities.data()); }
+    void multiplyWaves(bool roughly = false) {
+        waves.addProduct(fluid, 1, roughly, forces.data(), velocities.data());
+    }
     void name(benchmark::State& state) const {
         state.counters["xi"] = splitting.xi;
         state.counters["nodes along an edge"] = splitting.shape.size[0];
@@ -135,7 +146,8 @@ void splitting(benchmark::State& state) {
 /** Slips of the covariance M at a new placement: a field of waves, and a root of pairs. */
 void noise(benchmark::State& state) {
     const Scene scene(state.range(0), false);
-    const RotnePragerYamakawaGrid model(scene.particles, 1, toleranceOf(state), 0, std::make_shared<CpuGridFluid>());
+    const RotnePragerYamakawaGrid model(scene.particles, 1, toleranceOf(state), 0,
+                                        std::make_shared<CpuGridFluid>());
     std::unique_ptr<RandomField> field;
     MatrixXd slips;
     Placement placement = scene.placement;
@@ -147,11 +159,13 @@ void noise(benchmark::State& state) {
     draw();
     for (auto _ : state) draw();
 }
-/** The same by Lanczos with products of all of M, in single precision where the tolerance allows. */
+/** The same by Lanczos with products of all of M, in single precision where the tolerance allows.
+ */
 void noiseByOneRoot(benchmark::State& state) {
     const Scene scene(state.range(0), false);
     const double tolerance = toleranceOf(state);
-    const RotnePragerYamakawaGrid model(scene.particles, 1, tolerance, 0, std::make_shared<CpuGridFluid>());
+    const RotnePragerYamakawaGrid model(scene.particles, 1, tolerance, 0,
+                                        std::make_shared<CpuGridFluid>());
     const auto at = model.at(scene.placement);
     MatrixXd W(scene.particles.numRows, 1), slips;
     std::mt19937 random(2);
@@ -162,7 +176,8 @@ void noiseByOneRoot(benchmark::State& state) {
         return [&, ofProducts](const MatrixXd& x, MatrixXd& y) { at->applyFor(ofProducts, x, y); };
     };
     const auto root = [&] {
-        lanczos.apply(product(0), W, {SpectralFunction::squareRoot()}, slips, Lanczos::OwnNorm, product(tolerance));
+        lanczos.apply(product(0), W, {SpectralFunction::squareRoot()}, slips, Lanczos::OwnNorm,
+                      product(tolerance));
     };
     root();
     for (auto _ : state) root();
@@ -171,7 +186,8 @@ void noiseByOneRoot(benchmark::State& state) {
 /** Force coupling's product for the same particles. */
 void forceCoupling(benchmark::State& state) {
     const Scene scene(state.range(0), false);
-    const ForceCouplingGrid model(scene.particles, 1, toleranceOf(state), 0, std::make_shared<CpuGridFluid>());
+    const ForceCouplingGrid model(scene.particles, 1, toleranceOf(state), 0,
+                                  std::make_shared<CpuGridFluid>());
     const auto at = model.at(scene.placement);
     const MatrixXd forces = Eigen::VectorXd::LinSpaced(scene.particles.numRows, -1, 1);
     MatrixXd velocities;
@@ -182,7 +198,9 @@ void forceCoupling(benchmark::State& state) {
 /** Three there and three back, in place, in one piece, of the grid of the product. */
 void sixTransforms(benchmark::State& state) {
     const Scene scene(state.range(0), false);
-    const int n = EwaldSplitting(kindsOf(scene.particles), toleranceOf(state), 0, scene.placement.box).shape.size[0];
+    const int n =
+        EwaldSplitting(kindsOf(scene.particles), toleranceOf(state), 0, scene.placement.box)
+            .shape.size[0];
     const size_t numbers = (size_t)n * n * 2 * (n / 2 + 1);
     double* grid = fftw_alloc_real(numbers);
     const fftw_plan there = fftw_plan_dft_r2c_3d(n, n, n, grid, (fftw_complex*)grid, FFTW_MEASURE),

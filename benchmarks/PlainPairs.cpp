@@ -30,8 +30,8 @@ HWY_INLINE void addTransposed(const Pack (&m)[3][3], const Pack* from, Pack* to)
 
 /** Both ways, for columns of three or six rows. */
 template <bool wall, bool torques, int columns>
-HWY_INLINE void addBothWays(const Vector3<Pack>& r, const Pack& zi, const Pack& zj, const Pack& a, const Pack* loads_i,
-                            const Pack* loads_j, Pack* v_i, Pack* v_j) {
+HWY_INLINE void addBothWays(const Vector3<Pack>& r, const Pack& zi, const Pack& zj, const Pack& a,
+                            const Pack* loads_i, const Pack* loads_j, Pack* v_i, Pack* v_j) {
     constexpr int rows = torques ? 6 : 3;
     const PairMobility<Pack> m = farPairMobility(addedDot(r, r), Pack(2.0) * a * a);
     if (!wall) {
@@ -46,7 +46,8 @@ HWY_INLINE void addBothWays(const Vector3<Pack>& r, const Pack& zi, const Pack& 
                     torque = {from[3], from[4], from[5]};
                     omega = {to[3], to[4], to[5]};
                 }
-                addPairVelocities<1, torques, torques>(m, first ? r : opposite, &force, &torque, &velocity, &omega);
+                addPairVelocities<1, torques, torques>(m, first ? r : opposite, &force, &torque,
+                                                       &velocity, &omega);
                 to[0] = velocity.x;
                 to[1] = velocity.y;
                 to[2] = velocity.z;
@@ -75,7 +76,8 @@ HWY_INLINE void addBothWays(const Vector3<Pack>& r, const Pack& zi, const Pack& 
 }
 
 template <bool wall, bool torques, int columns>
-void addTriangle(const PlainPairs& pairs, int first, int step, std::vector<std::vector<double>>& velocities) {
+void addTriangle(const PlainPairs& pairs, int first, int step,
+                 std::vector<std::vector<double>>& velocities) {
     constexpr int rows = columns * (torques ? 6 : 3);
     const Pack a(pairs.radius);
     const int width = lanes(a);
@@ -97,27 +99,34 @@ void addTriangle(const PlainPairs& pairs, int first, int step, std::vector<std::
             load(x + j, xj);
             load(y + j, yj);
             load(z + j, zj);
-            // The last pack is only partly of pairs j < i: the others are far away. They get almost nothing, which is good enough here.
-            if (j + width > i) xj = hn::IfThenElse(hn::FirstN(Doubles(), i - j), xj.v, hn::Set(Doubles(), 1e30));
+            // The last pack is only partly of pairs j < i: the others are far away. They get almost
+            // nothing, which is good enough here.
+            if (j + width > i)
+                xj = hn::IfThenElse(hn::FirstN(Doubles(), i - j), xj.v, hn::Set(Doubles(), 1e30));
             for (int k = 0; k < rows; k++) {
                 load(load_j[k] + j, loads_j[k]);
                 load(velocity[k] + j, v_j[k]);
             }
-            addBothWays<wall, torques, columns>({xi - xj, yi - yj, zi - zj}, zi, zj, a, loads_i, loads_j, v_i, v_j);
+            addBothWays<wall, torques, columns>({xi - xj, yi - yj, zi - zj}, zi, zj, a, loads_i,
+                                                loads_j, v_i, v_j);
             for (int k = 0; k < rows; k++) store(v_j[k], velocity[k] + j);
         }
-        for (int k = 0; k < rows; k++) velocity[k][i] += hn::GetLane(hn::SumOfLanes(Doubles(), v_i[k].v));
+        for (int k = 0; k < rows; k++)
+            velocity[k][i] += hn::GetLane(hn::SumOfLanes(Doubles(), v_i[k].v));
     }
 }
 
-void addPlain(const PlainPairs& pairs, int first, int step, std::vector<std::vector<double>>& velocities) {
-    const auto task = pairs.hasWall   ? pairs.torques
-                                            ? pairs.columns == 1 ? addTriangle<true, true, 1> : addTriangle<true, true, 2>
-                                        : pairs.columns == 1 ? addTriangle<true, false, 1>
-                                                             : addTriangle<true, false, 2>
-                        : pairs.torques ? pairs.columns == 1 ? addTriangle<false, true, 1> : addTriangle<false, true, 2>
-                      : pairs.columns == 1 ? addTriangle<false, false, 1>
-                                           : addTriangle<false, false, 2>;
+void addPlain(const PlainPairs& pairs, int first, int step,
+              std::vector<std::vector<double>>& velocities) {
+    const auto task =
+        pairs.hasWall ? pairs.torques        ? pairs.columns == 1 ? addTriangle<true, true, 1>
+                                                                  : addTriangle<true, true, 2>
+                               : pairs.columns == 1 ? addTriangle<true, false, 1>
+                                             : addTriangle<true, false, 2>
+        : pairs.torques
+            ? pairs.columns == 1 ? addTriangle<false, true, 1> : addTriangle<false, true, 2>
+        : pairs.columns == 1 ? addTriangle<false, false, 1>
+                             : addTriangle<false, false, 2>;
     task(pairs, first, step, velocities);
 }
 
@@ -129,12 +138,14 @@ HWY_AFTER_NAMESPACE();
 
 namespace RigidHIPlugin {
 HWY_EXPORT(addPlain);
-static void chosen(const PlainPairs& pairs, int first, int step, std::vector<std::vector<double>>& velocities) {
+static void chosen(const PlainPairs& pairs, int first, int step,
+                   std::vector<std::vector<double>>& velocities) {
     HWY_DYNAMIC_DISPATCH(addPlain)(pairs, first, step, velocities);
 }
 }  // namespace RigidHIPlugin
 
-void addPlainPairs(const PlainPairs& pairs, int first, int step, std::vector<std::vector<double>>& velocities) {
+void addPlainPairs(const PlainPairs& pairs, int first, int step,
+                   std::vector<std::vector<double>>& velocities) {
     RigidHIPlugin::chosen(pairs, first, step, velocities);
 }
 

@@ -3,7 +3,8 @@
 
 #include <vector>
 
-/** Particles of one radius and kind that do not overlap, and what is multiplied. Vectors have room for a whole pack more. */
+/** Particles of one radius and kind that do not overlap, and what is multiplied. Vectors have room
+ * for a whole pack more. */
 struct PlainPairs {
     int count;
     std::vector<double> x, y, z;  // z from the wall, if there is one
@@ -14,14 +15,16 @@ struct PlainPairs {
 };
 
 /**
- * The yardstick for products with the Rotne-Prager-Yamakawa mobility: a plain loop over all pairs j < i in double precision, packs of j
- * for each i, a square root and a division for each distance. What i has is summed in registers, what j has is loaded, added to and
- * stored. In unbounded fluid a force is multiplied by 1 and r r^T, above a wall by the block of the pair and its transpose. There is one
- * radius, there are no overlaps, and what a sphere does to itself is left out.
+ * The yardstick for products with the Rotne-Prager-Yamakawa mobility: a plain loop over all pairs j
+ * < i in double precision, packs of j for each i, a square root and a division for each distance.
+ * What i has is summed in registers, what j has is loaded, added to and stored. In unbounded fluid
+ * a force is multiplied by 1 and r r^T, above a wall by the block of the pair and its transpose.
+ * There is one radius, there are no overlaps, and what a sphere does to itself is left out.
  *
  * @param first, step  rows of the triangle that this thread takes
  * @param velocities   as loads; added to
  */
-void addPlainPairs(const PlainPairs& pairs, int first, int step, std::vector<std::vector<double>>& velocities);
+void addPlainPairs(const PlainPairs& pairs, int first, int step,
+                   std::vector<std::vector<double>>& velocities);
 
 #endif

@@ -1,7 +1,8 @@
 #!/usr/bin/python3
 """What a Brownian step in a slip channel takes on a grid, and where its time goes.
 
-Cubes of eight touching blobs on a lattice between the walls, volume fraction 0.2, DriftCorrectorFD, one process for each case, one thread, the smallest CPU time of five steps.
+Cubes of eight touching blobs on a lattice between the walls, volume fraction 0.2, DriftCorrectorFD,
+one process for each case, one thread, the smallest CPU time of five steps.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/channel_steps.py
 """
@@ -23,7 +24,8 @@ CELLS = ((12, 1, 12), (16, 4, 16), (16, 16, 16))  # cubes along x, y, z
 TOLERANCES = (1e-2, 1e-3)
 FRACTION = 0.2
 CUBE = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), -1).reshape(-1, 3).astype(float)
-TIMES = ('seconds_spreading', 'seconds_fft', 'seconds_averaging', 'seconds_solver', 'seconds_mobility', 'seconds_scheme')
+TIMES = ('seconds_spreading', 'seconds_fft', 'seconds_averaging', 'seconds_solver',
+         'seconds_mobility', 'seconds_scheme')
 
 
 def measure(cells, tolerance, steps=5):
@@ -46,22 +48,28 @@ def measure(cells, tolerance, steps=5):
     system.addForce(fluid)
     system.setDefaultPeriodicBoxVectors(*np.diag(edge*(np.array(cells) + (0, 1, 0))))
     openmmrigidhi.app.bindBodies(system, integrator)
-    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('CPU'), {'Threads': '1'})
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('CPU'),
+                             {'Threads': '1'})
     context.setPositions((centres[:, None] + CUBE).reshape(-1, 3))
     integrator.step(1)
     first = integrator.getStepStatistics()
     seconds = [ownSeconds(integrator, 1) for _ in range(steps)]
     done = integrator.getStepStatistics()
-    result = {'blobs': len(centres)*len(CUBE), 'width_in_radii': round(edge*cells[1], 2), 'tolerance': tolerance,
-              'grid': integrator.getEffects()['hydrodynamics'].split(' on ')[-1].split(',')[0],
-              'seconds': round(min(seconds), 5), 'iterations': (done['solverIterations'] - first['solverIterations'])/steps}
+    result = {
+        'blobs': len(centres)*len(CUBE), 'width_in_radii': round(edge*cells[1],
+                                                                 2), 'tolerance': tolerance,
+        'grid': integrator.getEffects()['hydrodynamics'].split(' on ')[-1].split(',')[0],
+        'seconds': round(min(seconds), 5),
+        'iterations': (done['solverIterations'] - first['solverIterations'])/steps
+    }
     for name in TIMES:
         result[name] = round((done[name] - first[name])/steps, 5)
     return result
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS, help='folder of the JSON')
     parser.add_argument('--case', help='measure one case and print it')
     arguments = parser.parse_args()
@@ -69,10 +77,15 @@ def main():
         print(json.dumps(measure(*json.loads(arguments.case))))
         return
     machine, results = describeMachine(), []
-    for case in tqdm.tqdm([(cells, tolerance) for cells in CELLS for tolerance in TOLERANCES], desc='steps in channels'):
-        results.append(json.loads(subprocess.run([sys.executable, __file__, '--case', json.dumps(case)], capture_output=True, text=True,
-                                                 check=True).stdout))
-    save(arguments.output, 'channel_steps.json', machine, {'volume_fraction': FRACTION, 'scheme': 'DriftCorrectorFD', 'steps': results})
+    for case in tqdm.tqdm([(cells, tolerance) for cells in CELLS for tolerance in TOLERANCES],
+                          desc='steps in channels'):
+        results.append(
+            json.loads(
+                subprocess.run([sys.executable, __file__, '--case',
+                                json.dumps(case)], capture_output=True, text=True,
+                               check=True).stdout))
+    save(arguments.output, 'channel_steps.json', machine,
+         {'volume_fraction': FRACTION, 'scheme': 'DriftCorrectorFD', 'steps': results})
 
 
 if __name__ == '__main__':

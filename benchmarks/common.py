@@ -17,13 +17,20 @@ RESULTS = pathlib.Path(__file__).parent/'results'
 
 def describeMachine():
     """The machine and the versions, for the results; load averages tell whether others were using it."""
-    processors = [line.split(':')[1].strip() for line in open('/proc/cpuinfo') if line.startswith('model name')]
+    processors = [
+        line.split(':')[1].strip() for line in open('/proc/cpuinfo')
+        if line.startswith('model name')
+    ]
     flags = next((line for line in open('/proc/cpuinfo') if line.startswith('flags')), '').split()
-    return {'processor': processors[0] if processors else platform.processor(), 'cores': os.cpu_count(),
-            'avx512': 'avx512f' in flags, 'system': platform.system() + ' ' + platform.release().split('-')[0],
-            'python': platform.python_version(), 'openmm': openmm.version.short_version,
-            'openmmrigidhi': openmmrigidhi.__version__, 'load_average_before': round(os.getloadavg()[0], 2),
-            'date': datetime.datetime.now(datetime.timezone.utc).strftime('%Y-%m-%d %H:%M UTC')}
+    return {
+        'processor': processors[0] if processors else platform.processor(), 'cores': os.cpu_count(),
+        'avx512': 'avx512f' in flags,
+        'system': platform.system() + ' ' + platform.release().split('-')[0],
+        'python': platform.python_version(), 'openmm': openmm.version.short_version,
+        'openmmrigidhi': openmmrigidhi.__version__, 'load_average_before': round(
+            os.getloadavg()[0],
+            2), 'date': datetime.datetime.now(datetime.timezone.utc).strftime('%Y-%m-%d %H:%M UTC')
+    }
 
 
 def save(output, name, machine, result):
@@ -36,7 +43,10 @@ def save(output, name, machine, result):
 def spread(values):
     """Median and quartiles."""
     low, middle, high = np.percentile(values, (25, 50, 75))
-    return {'median': round(float(middle), 6), 'quartiles': [round(float(low), 6), round(float(high), 6)]}
+    return {
+        'median': round(float(middle), 6),
+        'quartiles': [round(float(low), 6), round(float(high), 6)]
+    }
 
 
 def show(values, digits=3):
@@ -59,8 +69,10 @@ def waterBox(molecules, density=989.85):
     positions = []
     for cell in cells:
         residue = topology.addResidue('HOH', chain)
-        oxygen, *hydrogens = [topology.addAtom(name, app.Element.getBySymbol(name[0]), residue)
-                              for name in ('O', 'H1', 'H2')]
+        oxygen, *hydrogens = [
+            topology.addAtom(name, app.Element.getBySymbol(name[0]), residue)
+            for name in ('O', 'H1', 'H2')
+        ]
         for hydrogen in hydrogens:
             topology.addBond(oxygen, hydrogen)
         rotation = np.linalg.qr(random.normal(size=(3, 3)))[0]
@@ -80,12 +92,13 @@ def spheresAtRandom(count, fraction=0.1, seed=1):
     return spacing*cells + np.random.default_rng(seed).uniform(-reach, reach, (count, 3))
 
 
-def fluidScene(centres, model=None, blobs=0, temperature=300, rate_step=1.0, free=False, solver=None, tolerance=None, lubrication=True,
-               scheme=None, platform='CPU', threads=1, density=1000.0):
+def fluidScene(centres, model=None, blobs=0, temperature=300, rate_step=1.0, free=False,
+               solver=None, tolerance=None, lubrication=True, scheme=None, platform='CPU',
+               threads=1, density=1000.0):
     """Spheres of radius 1 nm in water: (integrator, Context, what it runs in). rate_step: Stokes friction over mass, times step.
 
-    blobs: of each sphere, a multiblob then; free: spheres that are no bodies and do not rotate; scheme: default LangevinHI,
-    any other is without a fluid.
+    blobs: of each sphere, a multiblob then; free: spheres that are no bodies and do not rotate;
+    scheme: default LangevinHI, any other is without a fluid.
     """
     from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
     fluid, system = MobilityForce(), openmm.System()
@@ -123,7 +136,8 @@ def fluidScene(centres, model=None, blobs=0, temperature=300, rate_step=1.0, fre
 
 def ownSeconds(integrator, steps, threads=1):
     """Seconds a step, forces apart: seconds_mobility + seconds_scheme of the next steps. With one thread the process's CPU time, if
-    that is less: both are upper bounds, and on a busy machine the clock goes on while others compute.
+    that is less: both are upper bounds, and on a busy machine the clock goes on while others
+    compute.
     """
     before, cpu = integrator.getStepStatistics(), time.process_time()
     integrator.step(steps)

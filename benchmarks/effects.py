@@ -1,8 +1,9 @@
 #!/usr/bin/python3
 """The price of each effect on one scene: what a LangevinHI step costs without it, and with more.
 
-Spheres at volume fraction 0.1, friction/mass times step 1. The variants take turns in one process; times are seconds_mobility +
-seconds_scheme of getStepStatistics(), so without OpenMM's force evaluations, or CPU time if that is less (a busy machine). Ratios are taken within a round.
+Spheres at volume fraction 0.1, friction/mass times step 1. The variants take turns in one process;
+times are seconds_mobility + seconds_scheme of getStepStatistics(), so without OpenMM's force
+evaluations, or CPU time if that is less (a busy machine). Ratios are taken within a round.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/effects.py
 """
@@ -21,31 +22,35 @@ FREE, RPY, SD = MobilityForce.FreeDraining, MobilityForce.RotnePragerYamakawa, M
 DENSE, KRYLOV = MobilityForce.Dense, MobilityForce.MatrixFree
 VARIANTS = {
     'LangevinC, no fluid': dict(scheme=CustomRigidHIIntegrator.LangevinC),
-    'FreeDraining': dict(model=FREE),
-    'FreeDraining, no noise': dict(model=FREE, temperature=0),
-    'RPY, dense': dict(model=RPY, solver=DENSE),
-    'RPY, dense, no noise': dict(model=RPY, solver=DENSE, temperature=0),
-    'RPY, dense, no rotation': dict(model=RPY, solver=DENSE, free=True),
-    'RPY, matrix-free, 1e-3': dict(model=RPY, solver=KRYLOV, tolerance=1e-3),
-    'RPY, matrix-free, 1e-3, no noise': dict(model=RPY, solver=KRYLOV, tolerance=1e-3, temperature=0),
-    'RPY, matrix-free, 1e-6': dict(model=RPY, solver=KRYLOV, tolerance=1e-6),
-    'FTS': dict(model=SD, lubrication=False),
-    'FTS and lubrication': dict(model=SD),
-    'multiblob 12, dense': dict(model=RPY, blobs=12, solver=DENSE),
-    'multiblob 12, FreeDraining': dict(model=FREE, blobs=12),
+    'FreeDraining': dict(model=FREE), 'FreeDraining, no noise': dict(model=FREE, temperature=0),
+    'RPY, dense': dict(model=RPY, solver=DENSE), 'RPY, dense, no noise': dict(
+        model=RPY, solver=DENSE, temperature=0), 'RPY, dense, no rotation': dict(
+            model=RPY, solver=DENSE, free=True), 'RPY, matrix-free, 1e-3': dict(
+                model=RPY, solver=KRYLOV, tolerance=1e-3), 'RPY, matrix-free, 1e-3, no noise': dict(
+                    model=RPY, solver=KRYLOV, tolerance=1e-3, temperature=0),
+    'RPY, matrix-free, 1e-6': dict(model=RPY, solver=KRYLOV, tolerance=1e-6), 'FTS': dict(
+        model=SD,
+        lubrication=False), 'FTS and lubrication': dict(model=SD), 'multiblob 12, dense': dict(
+            model=RPY, blobs=12,
+            solver=DENSE), 'multiblob 12, FreeDraining': dict(model=FREE, blobs=12),
     'multiblob 12, matrix-free, 1e-3': dict(model=RPY, blobs=12, solver=KRYLOV, tolerance=1e-3),
 }
 #: (effect, with it, without it).
-PRICES = (
-    ('noise, FreeDraining', 'FreeDraining', 'FreeDraining, no noise'), ('noise, RPY dense', 'RPY, dense', 'RPY, dense, no noise'),
-    ('noise, RPY matrix-free', 'RPY, matrix-free, 1e-3', 'RPY, matrix-free, 1e-3, no noise'),
-    ('a fluid without interactions', 'FreeDraining', 'LangevinC, no fluid'), ('interactions: RPY', 'RPY, dense', 'FreeDraining'),
-    ('rotation and its coupling', 'RPY, dense', 'RPY, dense, no rotation'), ('stresslets: FTS', 'FTS', 'RPY, dense'),
-    ('lubrication', 'FTS and lubrication', 'FTS'), ('12 blobs a sphere', 'multiblob 12, dense', 'RPY, dense'),
-    ('12 blobs a sphere, without interactions', 'multiblob 12, FreeDraining', 'FreeDraining'),
-    ('dense instead of matrix-free (1e-3)', 'RPY, dense', 'RPY, matrix-free, 1e-3'),
-    ('dense instead of matrix-free (1e-3), multiblob 12', 'multiblob 12, dense', 'multiblob 12, matrix-free, 1e-3'),
-    ('tolerance 1e-6 instead of 1e-3', 'RPY, matrix-free, 1e-6', 'RPY, matrix-free, 1e-3'))
+PRICES = (('noise, FreeDraining', 'FreeDraining',
+           'FreeDraining, no noise'), ('noise, RPY dense', 'RPY, dense', 'RPY, dense, no noise'),
+          ('noise, RPY matrix-free', 'RPY, matrix-free, 1e-3', 'RPY, matrix-free, 1e-3, no noise'),
+          ('a fluid without interactions', 'FreeDraining',
+           'LangevinC, no fluid'), ('interactions: RPY', 'RPY, dense',
+                                    'FreeDraining'), ('rotation and its coupling', 'RPY, dense',
+                                                      'RPY, dense, no rotation'),
+          ('stresslets: FTS', 'FTS', 'RPY, dense'), ('lubrication', 'FTS and lubrication', 'FTS'),
+          ('12 blobs a sphere', 'multiblob 12, dense',
+           'RPY, dense'), ('12 blobs a sphere, without interactions', 'multiblob 12, FreeDraining',
+                           'FreeDraining'), ('dense instead of matrix-free (1e-3)', 'RPY, dense',
+                                             'RPY, matrix-free, 1e-3'),
+          ('dense instead of matrix-free (1e-3), multiblob 12', 'multiblob 12, dense',
+           'multiblob 12, matrix-free, 1e-3'), ('tolerance 1e-6 instead of 1e-3',
+                                                'RPY, matrix-free, 1e-6', 'RPY, matrix-free, 1e-3'))
 
 
 def main():
@@ -65,8 +70,12 @@ def main():
         state = context.getState(getPositions=True, getVelocities=True)
         steps = stepsFor(integrator, arguments.seconds)
         # Without noise velocities decay, and products with nothing are free.
-        runs[name] = integrator, context, state, min(steps, 50) if options.get('temperature') == 0 else steps
-        effects[name] = {key: text for key, text in integrator.getEffects().items() if key.startswith(('hydro', 'noise'))}
+        runs[name] = integrator, context, state, min(
+            steps, 50) if options.get('temperature') == 0 else steps
+        effects[name] = {
+            key: text
+            for key, text in integrator.getEffects().items() if key.startswith(('hydro', 'noise'))
+        }
     times, names = {name: [] for name in runs}, list(runs)
     counters = {}
     for number in tqdm.trange(arguments.rounds, desc='Rounds'):
@@ -77,14 +86,24 @@ def main():
             before = integrator.getStepStatistics()
             times[name].append(ownSeconds(integrator, steps))
             after = integrator.getStepStatistics()
-            counters[name] = {key: (after[key] - before[key])/steps for key in
-                              ('mobilityProducts', 'solverIterations', 'randomNumbers', 'squareRoots')}
-    result = {'bodies': arguments.bodies, 'volume_fraction': 0.1, 'platform': arguments.platform, 'threads': 1,
-              'rounds': arguments.rounds, 'friction_over_mass_times_step': 1.0,
-              'microseconds_per_step': {name: spread([1e6*t for t in values]) for name, values in times.items()},
-              'counted_per_step': counters, 'effects': effects,
-              'price': {effect: {'with': more, 'without': less, **spread([a/b for a, b in zip(times[more], times[less])])}
-                        for effect, more, less in PRICES}}
+            counters[name] = {
+                key: (after[key] - before[key])/steps
+                for key in ('mobilityProducts', 'solverIterations', 'randomNumbers', 'squareRoots')
+            }
+    result = {
+        'bodies': arguments.bodies, 'volume_fraction': 0.1, 'platform': arguments.platform,
+        'threads': 1, 'rounds': arguments.rounds, 'friction_over_mass_times_step': 1.0,
+        'microseconds_per_step': {
+            name: spread([1e6*t for t in values])
+            for name, values in times.items()
+        }, 'counted_per_step': counters, 'effects': effects, 'price': {
+            effect: {
+                'with': more, 'without': less,
+                **spread([a/b for a, b in zip(times[more], times[less])])
+            }
+            for effect, more, less in PRICES
+        }
+    }
     print('microseconds a step, median (quartiles):')
     for name, values in result['microseconds_per_step'].items():
         print(f'  {name:52} {show(values, 1)}')

@@ -1,9 +1,11 @@
 #!/usr/bin/python3
 """What openmmrigidhi.ensemble costs beside the work itself, and how two workers share it.
 
-Overhead: tasks of half a minute, one after the other on one worker, from the moment the first begins to the end of the last, over the time of their steps and samples,
-which the tasks' own files tell; checkpoints are in it, starting the workers is not and is given by itself. Scaling: as many tasks on two workers, in turns with one.
-Both by the clock, so the machine must be quiet: the JSON has its load.
+Overhead: tasks of half a minute, one after the other on one worker, from the moment the first
+begins to the end of the last, over the time of their steps and samples, which the tasks' own files
+tell; checkpoints are in it, starting the workers is not and is given by itself. Scaling: as many
+tasks on two workers, in turns with one. Both by the clock, so the machine must be quiet: the JSON
+has its load.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/ensemble.py
 """
@@ -26,11 +28,13 @@ TRIAL = 20.0
 
 def study(length, tasks, checkpoint):
     """
-    Bodies in a trap on the Reference platform: steps, samples, checkpoints. (The CPU platform computes in a thread of its own even where it is to have one: a
-    worker alone then wakes one processor from another at every step, two workers stay on theirs, and two seem three times as fast as one.)
+    Bodies in a trap on the Reference platform: steps, samples, checkpoints. (The CPU platform
+    computes in a thread of its own even where it is to have one: a worker alone then wakes one
+    processor from another at every step, two workers stay on theirs, and two seem three times as
+    fast as one.)
     """
-    return ensemble.Study('trap', [{'bodies': 400, 'stepSize': 0.002}], tasks, length, OBSERVABLES, platform='Reference', equilibration=0.0,
-                          checkpointInterval=checkpoint)
+    return ensemble.Study('trap', [{'bodies': 400, 'stepSize': 0.002}], tasks, length, OBSERVABLES,
+                          platform='Reference', equilibration=0.0, checkpointInterval=checkpoint)
 
 
 def work(result):
@@ -49,19 +53,27 @@ def run(length, tasks, jobs, cluster, checkpoint):
     ends = []
     with tempfile.TemporaryDirectory() as folder:
         began = time.time()
-        result = study(length, tasks, checkpoint).run(folder, jobs, cluster, quiet=False, finished=lambda task: ends.append((time.time(), task.replica)))
+        result = study(length, tasks, checkpoint).run(
+            folder, jobs, cluster, quiet=False, finished=lambda task: ends.append(
+                (time.time(), task.replica)))
         assert result.isComplete
         seconds = work(result)
         ends = sorted(ends)
         # The first task that ended began its own work before.
-        return {'begun': ends[0][0] - began - seconds[ends[0][1]], 'work': [seconds[replica] for _, replica in ends], 'ends': [end - began for end, _ in ends]}
+        return {
+            'begun': ends[0][0] - began - seconds[ends[0][1]],
+            'work': [seconds[replica] for _, replica in ends],
+            'ends': [end - began for end, _ in ends]
+        }
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--seconds', type=float, default=30, help='of a task (30)')
     parser.add_argument('--tasks', type=int, default=4, help='of each study, an even number (4)')
-    parser.add_argument('--checkpoint', type=float, default=10, help='seconds between checkpoints (10; the default of studies is 60)')
+    parser.add_argument('--checkpoint', type=float, default=10,
+                        help='seconds between checkpoints (10; the default of studies is 60)')
     parser.add_argument('--clusters', nargs='+', default=['processes', 'local'])
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     options = parser.parse_args()
@@ -72,13 +84,19 @@ def main():
     for cluster in options.clusters:
         one = run(length, options.tasks, 1, cluster, options.checkpoint)
         two = run(length, options.tasks, 2, cluster, options.checkpoint)
-        # From the end of the first task to that of the last: one task less of work, with all that comes between tasks.
+        # From the end of the first task to that of the last: one task less of work, with all that
+        # comes between tasks.
         between = one['ends'][-1] - one['ends'][0]
         overhead = between/sum(one['work'][1:]) - 1
         scaling = (one['ends'][-1] - one['begun'])/(two['ends'][-1] - two['begun'])
-        found[cluster] = {'length_ps': length, 'tasks': options.tasks, 'checkpoint_interval_s': options.checkpoint, 'one_worker': one, 'two_workers': two,
-                          'overhead': round(overhead, 5), 'seconds_before_the_first_task': round(one['begun'], 2), 'scaling_of_two_workers': round(scaling, 3)}
-        print(f'{cluster}: overhead {100*overhead:.2f} % of tasks of {np.mean(one["work"]):.1f} s; {one["begun"]:.1f} s before the first; two workers '
+        found[cluster] = {
+            'length_ps': length, 'tasks': options.tasks,
+            'checkpoint_interval_s': options.checkpoint, 'one_worker': one, 'two_workers': two,
+            'overhead': round(overhead, 5), 'seconds_before_the_first_task': round(one['begun'], 2),
+            'scaling_of_two_workers': round(scaling, 3)
+        }
+        print(f'{cluster}: overhead {100*overhead:.2f} % of tasks of {np.mean(one["work"]):.1f} s; '
+              f'{one["begun"]:.1f} s before the first; two workers '
               f'{scaling:.2f} times as fast')
         save(options.output, 'ensemble.json', machine, {'clusters': found})
 

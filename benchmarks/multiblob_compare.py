@@ -1,11 +1,13 @@
 #!/usr/bin/python3
 """Boomerangs above a wall here and in RigidMultiblobsWall, the Python code of the literature: a step of each, in turns.
 
-That code (github.com/stochasticHydroTools/RigidMultiblobsWall) is not part of this repository and is taken from where --code says; it needs
-python3-numba, with which its products run on all threads. Without it the comparison is skipped with a message. In both: bodies of 15 blobs
-lying on a square lattice 3 radii above the wall, gravity and a repulsion from it, no forces between bodies, tolerance 1e-3 where there are many.
-Theirs is the difference of two runs of different length, so that starting and compiling do not count, and has those few forces in it; ours is a step apart
-from OpenMM's forces.
+That code (github.com/stochasticHydroTools/RigidMultiblobsWall) is not part of this repository and
+is taken from where --code says; it needs python3-numba, with which its products run on all threads.
+Without it the comparison is skipped with a message. In both: bodies of 15 blobs lying on a square
+lattice 3 radii above the wall, gravity and a repulsion from it, no forces between bodies, tolerance
+1e-3 where there are many. Theirs is the difference of two runs of different length, so that
+starting and compiling do not count, and has those few forces in it; ours is a step apart from
+OpenMM's forces.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/multiblob_compare.py --code path/to/RigidMultiblobsWall
 """
@@ -29,10 +31,12 @@ from overdamped import RADIUS, time  # noqa: E402
 
 TOLERANCE, STEP = 1e-3, 1e-4
 #: (bodies, distance in um, threads, steps timed, {our scheme: theirs})
-CASES = ((64, 4.0, 2, 40, {'TrapezoidalSlip': 'stochastic_Slip_Trapz', 'DriftCorrectorRFD': 'stochastic_GDC_RFD'}),
-         (64, 2.6, 2, 40, {'TrapezoidalSlip': 'stochastic_Slip_Trapz'}),
-         (1, 4.0, 1, 400, {'TrapezoidalSlip': 'stochastic_Slip_Trapz', 'DriftCorrectorRFD': 'stochastic_GDC_RFD', 'FixmanMidpoint': 'Fixman',
-                           'RandomFiniteDifference': 'stochastic_first_order_RFD_dense_algebra'}))
+CASES = ((64, 4.0, 2, 40, {
+    'TrapezoidalSlip': 'stochastic_Slip_Trapz', 'DriftCorrectorRFD': 'stochastic_GDC_RFD'
+}), (64, 2.6, 2, 40, {'TrapezoidalSlip': 'stochastic_Slip_Trapz'}), (1, 4.0, 1, 400, {
+    'TrapezoidalSlip': 'stochastic_Slip_Trapz', 'DriftCorrectorRFD': 'stochastic_GDC_RFD',
+    'FixmanMidpoint': 'Fixman', 'RandomFiniteDifference': 'stochastic_first_order_RFD_dense_algebra'
+}))
 INPUT = """
 scheme {scheme}
 mobility_blobs_implementation python
@@ -62,15 +66,22 @@ def theirSeconds(code, scheme, count, apart, threads, steps):
     side, atFirst, total = math.ceil(math.sqrt(count)), 5, []
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
-        places = ''.join(f'{apart*(b % side)} {apart*(b//side)} {3*RADIUS} 1 0 0 0\n' for b in range(count))
+        places = ''.join(f'{apart*(b % side)} {apart*(b//side)} {3*RADIUS} 1 0 0 0\n'
+                         for b in range(count))
         (folder/'bodies.clones').write_text(f'{count}\n{places}')
         for length in (atFirst, atFirst + steps):
-            (folder/'input.dat').write_text(INPUT.format(scheme=scheme, step=STEP, steps=length, tolerance=TOLERANCE, radius=RADIUS, code=code))
-            done = subprocess.run([sys.executable, str(code/'multi_bodies'/'multi_bodies.py'), '--input-file', 'input.dat'], cwd=folder,
-                                  capture_output=True, text=True,
-                                  env=dict(os.environ, NUMBA_NUM_THREADS=str(threads), PYTHONPATH=f'{code}:{code/"multi_bodies"}'))
+            (folder/'input.dat').write_text(
+                INPUT.format(scheme=scheme, step=STEP, steps=length, tolerance=TOLERANCE,
+                             radius=RADIUS, code=code))
+            done = subprocess.run([
+                sys.executable,
+                str(code/'multi_bodies'/'multi_bodies.py'), '--input-file', 'input.dat'
+            ], cwd=folder, capture_output=True, text=True,
+                                  env=dict(os.environ, NUMBA_NUM_THREADS=str(threads),
+                                           PYTHONPATH=f'{code}:{code/"multi_bodies"}'))
             if done.returncode or not (folder/'run.time').exists():
-                raise SystemExit(f'RigidMultiblobsWall did not run {scheme}:\n{done.stderr[-2000:]}')
+                raise SystemExit(
+                    f'RigidMultiblobsWall did not run {scheme}:\n{done.stderr[-2000:]}')
             total.append(float((folder/'run.time').read_text().split()[0]))
     return (total[1] - total[0])/steps
 
@@ -82,7 +93,9 @@ def main():
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     arguments = parser.parse_args()
     if arguments.code is None or not (arguments.code/'multi_bodies'/'multi_bodies.py').exists():
-        print('Skipped: give the folder of RigidMultiblobsWall, with multi_bodies/multi_bodies.py in it, by --code.')
+        print(
+            'Skipped: give the folder of RigidMultiblobsWall, with multi_bodies/multi_bodies.py in '
+            'it, by --code.')
         return
     try:
         numba = importlib.metadata.version('numba')
@@ -92,18 +105,29 @@ def main():
     code, rows, machine = arguments.code.resolve(), [], describeMachine()
     for count, apart, threads, steps, schemes in CASES:
         for ours, theirs in tqdm.tqdm(schemes.items(), desc=f'{count} boomerangs'):
-            options = {'platform': 'CPU', 'solver': MobilityForce.MatrixFree, 'tolerance': TOLERANCE} if count > 1 else {'platform': 'Reference'}
+            options = {
+                'platform': 'CPU', 'solver': MobilityForce.MatrixFree, 'tolerance': TOLERANCE
+            } if count > 1 else {'platform': 'Reference'}
             pairs = []
             for _ in range(arguments.rounds):
                 pairs.append((theirSeconds(code, theirs, count, apart, threads, steps),
-                              float(np.median(time(5, 0.05, threads, scheme=ours, count=count, apart=apart, **options)[0]))))
+                              float(
+                                  np.median(
+                                      time(5, 0.05, threads, scheme=ours, count=count, apart=apart,
+                                           **options)[0]))))
             pairs = 1e3*np.array(pairs)
-            row = {'bodies': count, 'apart_um': apart, 'threads': threads, 'scheme': ours, 'their_name': theirs,
-                   'their_ms_step': spread(pairs[:, 0]), 'our_ms_step': spread(pairs[:, 1]), 'ratio': spread(pairs[:, 0]/pairs[:, 1])}
+            row = {
+                'bodies': count, 'apart_um': apart, 'threads': threads, 'scheme': ours,
+                'their_name': theirs, 'their_ms_step': spread(pairs[:, 0]),
+                'our_ms_step': spread(pairs[:, 1]), 'ratio': spread(pairs[:, 0]/pairs[:, 1])
+            }
             rows.append(row)
-            tqdm.tqdm.write(f'  {count:3} at {apart} um {ours:24} theirs {show(row["their_ms_step"])} ms, ours {show(row["our_ms_step"])} ms, '
-                            f'ratio {show(row["ratio"], 1)}')
-    save(arguments.output, 'multiblob_compare.json', machine, {'rounds': arguments.rounds, 'numba': numba, 'rows': rows})
+            tqdm.tqdm.write(
+                f'  {count:3} at {apart} um {ours:24} theirs {show(row["their_ms_step"])} ms, ours '
+                f'{show(row["our_ms_step"])} ms, '
+                f'ratio {show(row["ratio"], 1)}')
+    save(arguments.output, 'multiblob_compare.json', machine,
+         {'rounds': arguments.rounds, 'numba': numba, 'rows': rows})
 
 
 if __name__ == '__main__':

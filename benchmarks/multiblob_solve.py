@@ -1,12 +1,17 @@
 #!/usr/bin/python3
 """Shells of blobs above a wall here and in RigidMultiblobsWall: one solve and one step of each, in turns, and what a solve and a step are made of.
 
-Shells of 12, 42, 162 and 642 blobs that hold a sphere of radius 1, turned at random, a layer of them above the wall, at two distances. A solve is the mobility
-problem for random forces and torques; a step is one of trapezoidal slip, or of the drift-corrector with random finite differences. That code
-(github.com/stochasticHydroTools/RigidMultiblobsWall) is not part of this repository and is taken from where --code says; it needs python3-numba, with which its
-products run on all threads. It runs in a process of its own, which both have warmed up; each round times first it and then ours, while the other waits. Its preconditioner, the bodies' own
-matrices with the wall, is made anew in each of its steps, as it does by default; its solve is timed without that. It takes the last solution for a first guess: solves here
-are for other forces each time. Times are those of the clock, and of processors, which others on a busy machine disturb less. Without --code ours is measured alone.
+Shells of 12, 42, 162 and 642 blobs that hold a sphere of radius 1, turned at random, a layer of
+them above the wall, at two distances. A solve is the mobility problem for random forces and
+torques; a step is one of trapezoidal slip, or of the drift-corrector with random finite
+differences. That code (github.com/stochasticHydroTools/RigidMultiblobsWall) is not part of this
+repository and is taken from where --code says; it needs python3-numba, with which its products run
+on all threads. It runs in a process of its own, which both have warmed up; each round times first
+it and then ours, while the other waits. Its preconditioner, the bodies' own matrices with the wall,
+is made anew in each of its steps, as it does by default; its solve is timed without that. It takes
+the last solution for a first guess: solves here are for other forces each time. Times are those of
+the clock, and of processors, which others on a busy machine disturb less. Without --code ours is
+measured alone.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/multiblob_solve.py --code path/to/RigidMultiblobsWall
 """
@@ -32,7 +37,8 @@ from common import RESULTS, describeMachine, save, show, spread  # noqa: E402
 
 #: blobs of a shell: how many shells
 COUNTS = {12: 100, 42: 100, 162: 100, 642: 25}
-#: name: distance of neighbours in the layer, lowest centre and how much higher others are, all in distances from a centre to the outside of its blobs
+#: name: distance of neighbours in the layer, lowest centre and how much higher others are, all in
+#: distances from a centre to the outside of its blobs
 LAYERS = {'loose': (3.5, 1.4, 1.0), 'close': (2.3, 1.1, 0.4)}
 TOLERANCES = (1e-3, 1e-6)
 #: ours: theirs
@@ -121,7 +127,7 @@ def layer(count, spacing, lowest, spread_, seed=1):
     """Centres and orientations (w, x, y, z) of so many spheres of radius 1 in a layer, with gaps of 0.1 at least."""
     random, side = np.random.default_rng(seed), math.ceil(math.sqrt(count))
     reach = (spacing - 2.1)/2/math.sqrt(2)
-    centres = np.array([(spacing*(b % side), spacing*(b//side), 0.0) for b in range(count)])
+    centres = np.array([(spacing*(b % side), spacing*(b // side), 0.0) for b in range(count)])
     centres[:, :2] += random.uniform(-reach, reach, (count, 2))
     centres[:, 2] = lowest + spread_*random.uniform(size=count)
     turns = random.normal(size=(count, 4))
@@ -130,13 +136,13 @@ def layer(count, spacing, lowest, spread_, seed=1):
 
 def matrix(q):
     w, x, y, z = q
-    return np.array([[1 - 2*(y*y + z*z), 2*(x*y - w*z), 2*(x*z + w*y)], [2*(x*y + w*z), 1 - 2*(x*x + z*z), 2*(y*z - w*x)],
+    return np.array([[1 - 2*(y*y + z*z), 2*(x*y - w*z), 2*(x*z + w*y)],
+                     [2*(x*y + w*z), 1 - 2*(x*x + z*z), 2*(y*z - w*x)],
                      [2*(x*z - w*y), 2*(y*z + w*x), 1 - 2*(x*x + y*y)]])
 
 
 class Ours:
     """A Context with the scene."""
-
     def __init__(self, sites, radius, centres, turns, scheme, tolerance, threads):
         self.fluid, system = MobilityForce(), openmm.System()
         self.integrator = CustomRigidHIIntegrator(300, STEP)
@@ -151,7 +157,9 @@ class Ours:
             app.addRigidMultiblob(system, self.integrator, self.fluid, sites, radius)
             positions.extend(centre + sites @ matrix(turn).T)
         system.addForce(self.fluid)
-        self.context = openmm.Context(system, self.integrator, openmm.Platform.getPlatformByName('CPU'), {'Threads': str(threads)})
+        self.context = openmm.Context(system, self.integrator,
+                                      openmm.Platform.getPlatformByName('CPU'),
+                                      {'Threads': str(threads)})
         self.positions, self.count, self.random = positions, len(centres), np.random.default_rng(1)
         self.context.setPositions(positions)
         self.integrator.getBodyPositions()
@@ -174,27 +182,35 @@ class Ours:
             begin, cpu = self.integrator.getStepStatistics(), time.process_time()
             self.integrator.step(1)
             cpu, after = time.process_time() - cpu, self.integrator.getStepStatistics()
-            seconds.append((sum(after[key] - begin[key] for key in ('seconds_mobility', 'seconds_scheme')), cpu))
-        return seconds, {key: (after[key] - before[key])/times for key in ('mobilityProducts', 'solverIterations')}
+            seconds.append((sum(after[key] - begin[key]
+                                for key in ('seconds_mobility', 'seconds_scheme')), cpu))
+        return seconds, {
+            key: (after[key] - before[key])/times
+            for key in ('mobilityProducts', 'solverIterations')
+        }
 
 
 class Theirs:
     """The other code in a process of its own, with the same scene."""
-
     def __init__(self, code, sites, radius, centres, turns, forces, threads):
         self.folder = tempfile.TemporaryDirectory()
         path = pathlib.Path(self.folder.name)
         length = max(np.linalg.norm(sites - site, axis=1).max() for site in sites) + 2*radius
-        np.savez(path/'scene.npz', sites=sites, places=centres, turns=turns, forces=forces, numbers=(radius, VISCOSITY, KT, DIFFERENCE), length=length)
+        np.savez(path/'scene.npz', sites=sites, places=centres, turns=turns, forces=forces,
+                 numbers=(radius, VISCOSITY, KT, DIFFERENCE), length=length)
         (path/'theirs.py').write_text(THEIRS)
         self.errors = open(path/'errors', 'w+')
-        self.process = subprocess.Popen(
-            [sys.executable, 'theirs.py', 'scene.npz'], cwd=path, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.errors, text=True,
-            env=dict(os.environ, NUMBA_NUM_THREADS=str(threads), OPENBLAS_NUM_THREADS=str(threads), PYTHONPATH=f'{code}:{code/"multi_bodies"}'))
+        self.process = subprocess.Popen([sys.executable, 'theirs.py', 'scene.npz'], cwd=path,
+                                        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                                        stderr=self.errors, text=True, env=dict(
+                                            os.environ, NUMBA_NUM_THREADS=str(threads),
+                                            OPENBLAS_NUM_THREADS=str(threads),
+                                            PYTHONPATH=f'{code}:{code/"multi_bodies"}'))
 
     def ask(self, what, tolerance=1e-3, times=1):
         """(seconds, iterations of its solver and of its noise in all)"""
-        print(json.dumps({'what': what, 'tolerance': tolerance, 'times': times, 'step': STEP}), file=self.process.stdin, flush=True)
+        print(json.dumps({'what': what, 'tolerance': tolerance, 'times': times, 'step': STEP}),
+              file=self.process.stdin, flush=True)
         for line in self.process.stdout:
             if line.startswith('{'):
                 answer = json.loads(line)
@@ -215,7 +231,8 @@ def timesOf(seconds, wanted):
 
 def measure(code, blobs, name, what, tolerance, arguments):
     """A row: our and their seconds of a solve, or of a step of a scheme."""
-    sites, radius = (np.array(x._value) if hasattr(x, '_value') else x for x in app.multiblobSphere(blobs, 1.0))
+    sites, radius = (np.array(x._value) if hasattr(x, '_value') else x
+                     for x in app.multiblobSphere(blobs, 1.0))
     radius = float(radius)
     centres, turns = layer(COUNTS[blobs], *LAYERS[name])
     centres *= np.linalg.norm(sites, axis=1).max() + radius
@@ -224,7 +241,9 @@ def measure(code, blobs, name, what, tolerance, arguments):
     ours = Ours(sites, radius, centres, turns, scheme, tolerance, arguments.threads)
     act = ours.solve if what == 'solve' else (lambda times: ours.step(times)[0])
     times = timesOf(min(act(2))[0], arguments.seconds)
-    theirs, pairs, row = None, [], {'blobs': blobs, 'shells': COUNTS[blobs], 'layer': name, 'what': what, 'tolerance': tolerance}
+    theirs, pairs, row = None, [], {
+        'blobs': blobs, 'shells': COUNTS[blobs], 'layer': name, 'what': what, 'tolerance': tolerance
+    }
     if what != 'solve':
         row.update(ours.step(2)[1])
     if code is not None:
@@ -236,18 +255,25 @@ def measure(code, blobs, name, what, tolerance, arguments):
             row['their_preconditioner_ms'] = 1e3*theirs.ask('preconditioner')[0][0][0]
         theirTimes = timesOf(taken[0][0], arguments.seconds)
         for _ in range(arguments.rounds if taken[0][0] < arguments.long else 1):
-            pairs.append((np.median(theirs.ask(task, tolerance, theirTimes)[0], axis=0), np.median(act(times), axis=0)))
+            pairs.append((np.median(theirs.ask(task, tolerance, theirTimes)[0],
+                                    axis=0), np.median(act(times), axis=0)))
         theirs.close()
         pairs = 1e3*np.array(pairs)
         (clock, processors), ratio = pairs.transpose(2, 1, 0), (pairs[:, 0]/pairs[:, 1]).T
-        row.update(their_ms=spread(clock[0]), our_ms=spread(clock[1]), ratio=spread(ratio[0]), their_processor_ms=spread(processors[0]),
-                   our_processor_ms=spread(processors[1]), ratio_of_processors=spread(ratio[1]), rounds=len(pairs))
-        tqdm.tqdm.write(f'  {blobs:4} {name:6} {what:18} {tolerance:5g}: theirs {show(row["their_ms"], 1)} ms, ours {show(row["our_ms"], 2)} ms, '
-                        f'ratio {show(row["ratio"], 1)}, of processor time {show(row["ratio_of_processors"], 1)}')
+        row.update(their_ms=spread(clock[0]), our_ms=spread(clock[1]), ratio=spread(ratio[0]),
+                   their_processor_ms=spread(processors[0]), our_processor_ms=spread(processors[1]),
+                   ratio_of_processors=spread(ratio[1]), rounds=len(pairs))
+        tqdm.tqdm.write(
+            f'  {blobs:4} {name:6} {what:18} {tolerance:5g}: theirs {show(row["their_ms"], 1)} ms, '
+            f'ours {show(row["our_ms"], 2)} ms, '
+            f'ratio {show(row["ratio"], 1)}, of processor time '
+            f'{show(row["ratio_of_processors"], 1)}')
     else:
-        clock, processors = 1e3*np.array([np.median(act(times), axis=0) for _ in range(arguments.rounds)]).T
+        clock, processors = 1e3*np.array(
+            [np.median(act(times), axis=0) for _ in range(arguments.rounds)]).T
         row.update(our_ms=spread(clock), our_processor_ms=spread(processors))
-        tqdm.tqdm.write(f'  {blobs:4} {name:6} {what:18} {tolerance:5g}: ours {show(row["our_ms"], 2)} ms')
+        tqdm.tqdm.write(
+            f'  {blobs:4} {name:6} {what:18} {tolerance:5g}: ours {show(row["our_ms"], 2)} ms')
     return row
 
 
@@ -255,8 +281,10 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--code', type=pathlib.Path, help='folder of RigidMultiblobsWall')
     parser.add_argument('--rounds', type=int, default=5)
-    parser.add_argument('--seconds', type=float, default=0.5, help='of solves or steps in a round, at least one')
-    parser.add_argument('--long', type=float, default=20, help='seconds of one of theirs from which on there is one round only')
+    parser.add_argument('--seconds', type=float, default=0.5,
+                        help='of solves or steps in a round, at least one')
+    parser.add_argument('--long', type=float, default=20,
+                        help='seconds of one of theirs from which on there is one round only')
     parser.add_argument('--blobs', type=int, nargs='*', default=list(COUNTS))
     parser.add_argument('--layers', nargs='*', default=list(LAYERS))
     parser.add_argument('--what', nargs='*', default=['solve', *STEPS])
@@ -271,15 +299,20 @@ def main():
         except importlib.metadata.PackageNotFoundError:
             print('RigidMultiblobsWall needs numba (python3-numba): ours is measured alone.')
     else:
-        print('Without the folder of RigidMultiblobsWall (--code, with multi_bodies/multi_bodies.py in it) ours is measured alone.')
+        print(
+            'Without the folder of RigidMultiblobsWall (--code, with multi_bodies/multi_bodies.py '
+            'in it) ours is measured alone.')
     machine, rows = describeMachine(), []
-    cases = [(blobs, name, what, tolerance) for blobs in arguments.blobs for name in arguments.layers for what in arguments.what
-             for tolerance in TOLERANCES]
+    cases = [(blobs, name, what, tolerance) for blobs in arguments.blobs
+             for name in arguments.layers for what in arguments.what for tolerance in TOLERANCES]
     for case in tqdm.tqdm(cases):
         rows.append(measure(code, *case, arguments))
         # After each, since theirs may take hours.
-        save(arguments.output, 'multiblob_solve.json', machine,
-             {'rounds': arguments.rounds, 'threads': arguments.threads, 'numba': numba, 'goals': GOALS, 'rows': rows})
+        save(
+            arguments.output, 'multiblob_solve.json', machine, {
+                'rounds': arguments.rounds, 'threads': arguments.threads, 'numba': numba,
+                'goals': GOALS, 'rows': rows
+            })
 
 
 if __name__ == '__main__':

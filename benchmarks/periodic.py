@@ -1,7 +1,8 @@
 #!/usr/bin/python3
 """How long a step of spheres in a periodic box takes, and how much memory, by model and number of spheres.
 
-Spheres on a cubic lattice at a volume fraction of 0.1, EulerMaruyama, one process for each case, one thread: which numbers dense matrices serve.
+Spheres on a cubic lattice at a volume fraction of 0.1, EulerMaruyama, one process for each case,
+one thread: which numbers dense matrices serve.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/periodic.py
 """
@@ -39,7 +40,8 @@ def measure(count, model):
     system.addForce(fluid)
     side = (count*4*np.pi/3/FRACTION)**(1/3)
     system.setDefaultPeriodicBoxVectors(*side*np.eye(3))
-    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('CPU'), {'Threads': '1'})
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('CPU'),
+                             {'Threads': '1'})
     cells = int(np.ceil(count**(1/3)))
     places = np.stack(np.meshgrid(*[np.arange(cells)]*3), -1).reshape(-1, 3)[:count]
     context.setPositions((places + 0.5)*side/cells)
@@ -50,23 +52,29 @@ def measure(count, model):
         integrator.step(1)
         seconds.append(round(time.perf_counter() - start, 3))
     used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-    return {'spheres': count, 'model': model, 'seconds_cold': seconds[0], 'seconds_with_noise': seconds[1],
-            'gigabytes': round(used/1e6, 3)}
+    return {
+        'spheres': count, 'model': model, 'seconds_cold': seconds[0],
+        'seconds_with_noise': seconds[1], 'gigabytes': round(used/1e6, 3)
+    }
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS, help='folder of the JSON')
-    parser.add_argument('--case', nargs=2, metavar=('COUNT', 'MODEL'), help='measure one case and print it')
+    parser.add_argument('--case', nargs=2, metavar=('COUNT', 'MODEL'),
+                        help='measure one case and print it')
     arguments = parser.parse_args()
     if arguments.case:
         print(json.dumps(measure(int(arguments.case[0]), arguments.case[1])))
         return
     machine, results = describeMachine(), []
     for count, model in tqdm.tqdm(CASES, desc='cases'):
-        finished = subprocess.run([sys.executable, __file__, '--case', str(count), model], capture_output=True, text=True, check=True)
+        finished = subprocess.run([sys.executable, __file__, '--case',
+                                   str(count), model], capture_output=True, text=True, check=True)
         results.append(json.loads(finished.stdout))
-    save(arguments.output, 'periodic.json', machine, {'volume_fraction': FRACTION, 'cases': results})
+    save(arguments.output, 'periodic.json', machine,
+         {'volume_fraction': FRACTION, 'cases': results})
 
 
 if __name__ == '__main__':

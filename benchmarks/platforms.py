@@ -1,9 +1,10 @@
 #!/usr/bin/python3
 """What a step of rigid bodies costs on each platform, beside OpenMM's Verlet on the same System in the same run.
 
-One body without forces, and TIP4P-Ew waters with a reaction field. The two integrators take turns, a few steps each, so that what else the
-machine does hits them alike; medians and quartiles over the rounds, in microseconds. On a platform other than Reference and CPU forces are
-the device's: what is more than Verlet's is transfers to and from it, bodies on the host, and what waits for what.
+One body without forces, and TIP4P-Ew waters with a reaction field. The two integrators take turns,
+a few steps each, so that what else the machine does hits them alike; medians and quartiles over the
+rounds, in microseconds. On a platform other than Reference and CPU forces are the device's: what is
+more than Verlet's is transfers to and from it, bodies on the host, and what waits for what.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/platforms.py
 """
@@ -33,7 +34,9 @@ def oneBody():
 
 def waters(molecules):
     topology, positions = waterBox(molecules)
-    system = app.ForceField('tip4pew.xml').createSystem(topology, nonbondedMethod=app.CutoffPeriodic, removeCMMotion=False,
+    system = app.ForceField('tip4pew.xml').createSystem(topology,
+                                                        nonbondedMethod=app.CutoffPeriodic,
+                                                        removeCMMotion=False,
                                                         nonbondedCutoff=0.9*unit.nanometer)
     return topology, system, positions
 
@@ -45,7 +48,10 @@ def measure(scene, platform, properties, rounds, seconds):
     ours.setRandomNumberSeed(SEED)
     openmmrigidhi.app.addRigidWater(ours, topology)
     integrators = {OURS: ours, VERLET: openmm.VerletIntegrator(STEP)}
-    contexts = {name: openmm.Context(system, integrator, platform, properties) for name, integrator in integrators.items()}
+    contexts = {
+        name: openmm.Context(system, integrator, platform, properties)
+        for name, integrator in integrators.items()
+    }
     contexts[OURS].setPositions(positions)
     contexts[OURS].setVelocitiesToTemperature(TEMPERATURE, SEED)
     ours.step(20)
@@ -67,10 +73,13 @@ def measure(scene, platform, properties, rounds, seconds):
             before = ours.getStepStatistics()['seconds_scheme']
             times[name].append(1e6*timed(name, steps[name]))
             if name == OURS:
-                schemes.append(1e6*(ours.getStepStatistics()['seconds_scheme'] - before)/steps[name])
-    return {'microseconds_ours': spread(times[OURS]), 'microseconds_verlet': spread(times[VERLET]),
-            'microseconds_more': spread([a - b for a, b in zip(times[OURS], times[VERLET])]),
-            'microseconds_without_forces': spread(schemes), 'steps': steps}
+                schemes.append(
+                    1e6*(ours.getStepStatistics()['seconds_scheme'] - before)/steps[name])
+    return {
+        'microseconds_ours': spread(times[OURS]), 'microseconds_verlet': spread(times[VERLET]),
+        'microseconds_more': spread([a - b for a, b in zip(times[OURS], times[VERLET])]),
+        'microseconds_without_forces': spread(schemes), 'steps': steps
+    }
 
 
 def kinds():
@@ -78,7 +87,8 @@ def kinds():
     for i in range(openmm.Platform.getNumPlatforms()):
         platform = openmm.Platform.getPlatform(i)
         openmmrigidhi.checkPlatform(platform)
-        precisions = ('single', 'mixed', 'double') if 'Precision' in platform.getPropertyNames() else (None,)
+        precisions = ('single', 'mixed',
+                      'double') if 'Precision' in platform.getPropertyNames() else (None,)
         for precision in precisions:
             properties = {'Precision': precision} if precision else {}
             system = openmm.System()
@@ -95,19 +105,25 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--molecules', type=int, default=1000)
     parser.add_argument('--rounds', type=int, default=20)
-    parser.add_argument('--seconds', type=float, default=0.2, help='of steps of each integrator in a round, at least one step')
+    parser.add_argument('--seconds', type=float, default=0.2,
+                        help='of steps of each integrator in a round, at least one step')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     arguments = parser.parse_args()
     machine, rows = describeMachine(), []
     scenes = {'one body': oneBody(), f'{arguments.molecules} waters': waters(arguments.molecules)}
     jobs = [(name, scene, *kind) for kind in kinds() for name, scene in scenes.items()]
     for name, scene, platform, properties in tqdm.tqdm(jobs, desc='Platforms'):
-        rows.append({'scene': name, 'platform': platform.getName(), **properties,
-                     **measure(scene, platform, properties, arguments.rounds, arguments.seconds)})
+        rows.append({
+            'scene': name, 'platform': platform.getName(), **properties,
+            **measure(scene, platform, properties, arguments.rounds, arguments.seconds)
+        })
     for row in rows:
-        print(f'{row["scene"]:<12} {row["platform"]:<10} {row.get("Precision", ""):<7} ours {show(row["microseconds_ours"], 2)}, '
-              f'Verlet {show(row["microseconds_verlet"], 2)}, more {show(row["microseconds_more"], 2)} us')
-    save(arguments.output, 'platforms.json', machine, {'seed': SEED, 'rounds': arguments.rounds, 'rows': rows})
+        print(f'{row["scene"]:<12} {row["platform"]:<10} {row.get("Precision", ""):<7} ours '
+              f'{show(row["microseconds_ours"], 2)}, '
+              f'Verlet {show(row["microseconds_verlet"], 2)}, more '
+              f'{show(row["microseconds_more"], 2)} us')
+    save(arguments.output, 'platforms.json', machine,
+         {'seed': SEED, 'rounds': arguments.rounds, 'rows': rows})
 
 
 if __name__ == '__main__':

@@ -1,8 +1,9 @@
 #!/usr/bin/python3
 """Products with the Rotne-Prager-Yamakawa mobility beside a plain loop over pairs (PlainPairs.h), in one run.
 
-Both in unbounded fluid and above a wall, of blobs and of spheres with torque, one column and two, one thread and two, for each instruction set.
-The smallest of several interleaved repetitions counts, of the process's CPU time: on a busy machine the clock goes on while others compute. Two
+Both in unbounded fluid and above a wall, of blobs and of spheres with torque, one column and two,
+one thread and two, for each instruction set. The smallest of several interleaved repetitions
+counts, of the process's CPU time: on a busy machine the clock goes on while others compute. Two
 threads' CPU time is halved, as if nobody else had used the machine.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/products.py
@@ -23,38 +24,58 @@ GOAL = 0.8
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--repetitions', type=int, default=7)
-    parser.add_argument('--only', default='', help='a regular expression in names of scenes, as "Blobs_AVX2/n:1000/"')
+    parser.add_argument('--only', default='',
+                        help='a regular expression in names of scenes, as "Blobs_AVX2/n:1000/"')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     arguments = parser.parse_args()
-    program = pathlib.Path(openmmrigidhi.__file__).parents[2]/'benchmarks'/'BenchmarkRotnePragerYamakawa'
+    program = pathlib.Path(
+        openmmrigidhi.__file__).parents[2]/'benchmarks'/'BenchmarkRotnePragerYamakawa'
     if not program.exists():
-        raise SystemExit(f'{program.name} was not built: configure with -DRIGIDHI_BUILD_BENCHMARKS=ON')
+        raise SystemExit(
+            f'{program.name} was not built: configure with -DRIGIDHI_BUILD_BENCHMARKS=ON')
     machine = describeMachine()
     with tempfile.TemporaryDirectory() as folder:
         report = pathlib.Path(folder)/'report.json'
-        subprocess.run([str(program), f'--benchmark_filter=^beside/.*{arguments.only}', f'--benchmark_out={report}',
-                        '--benchmark_out_format=json', f'--benchmark_repetitions={arguments.repetitions}',
-                        '--benchmark_enable_random_interleaving=true', '--benchmark_min_time=0.02'], check=True, stdout=subprocess.DEVNULL)
+        subprocess.run([
+            str(program), f'--benchmark_filter=^beside/.*{arguments.only}',
+            f'--benchmark_out={report}', '--benchmark_out_format=json',
+            f'--benchmark_repetitions={arguments.repetitions}',
+            '--benchmark_enable_random_interleaving=true', '--benchmark_min_time=0.02'
+        ], check=True, stdout=subprocess.DEVNULL)
         content = json.loads(report.read_text())
     seconds = {}
     for run in content['benchmarks']:
         if run['run_type'] != 'iteration':
             continue
         _, function, scene, *settings = run['run_name'].split('/')
-        settings = {key: int(value) for key, value in (setting.split(':') for setting in settings if ':' in setting)}
+        settings = {
+            key: int(value)
+            for key, value in (setting.split(':') for setting in settings if ':' in setting)
+        }
         kind, instructions = scene.split('_')
         key = (kind, instructions, settings['n'], settings['columns'], settings['threads'])
-        seconds.setdefault(key, {}).setdefault(function, []).append(run['cpu_time']/settings['threads'])
+        seconds.setdefault(key, {}).setdefault(function,
+                                               []).append(run['cpu_time']/settings['threads'])
     rows = []
     for (kind, instructions, n, columns, threads), of in sorted(seconds.items()):
-        plain, ours, rough = (min(of[function]) for function in ('plainProduct', 'product', 'roughProduct'))
-        rows.append({'kind': kind, 'instructions': instructions, 'n': n, 'columns': columns, 'threads': threads, 'plain_ms': round(plain, 4),
-                     'ours_ms': round(ours, 4), 'rough_ms': round(rough, 4), 'rate_over_plain': round(plain/ours, 3)})
-        print(f'{kind:14} {instructions:5} n = {n:6}, {columns} columns, {threads} threads: plain {plain:8.3f} ms, ours {ours:8.3f} ms, '
+        plain, ours, rough = (min(of[function])
+                              for function in ('plainProduct', 'product', 'roughProduct'))
+        rows.append({
+            'kind': kind, 'instructions': instructions, 'n': n, 'columns': columns,
+            'threads': threads, 'plain_ms': round(plain, 4), 'ours_ms': round(ours, 4),
+            'rough_ms': round(rough, 4), 'rate_over_plain': round(plain/ours, 3)
+        })
+        print(f'{kind:14} {instructions:5} n = {n:6}, {columns} columns, {threads} threads: plain '
+              f'{plain:8.3f} ms, ours {ours:8.3f} ms, '
               f'rough {rough:8.3f} ms, rate over plain {plain/ours:.2f}')
-    print(f'Least rate over the plain loop: {min(row["rate_over_plain"] for row in rows):.2f}, goal {GOAL}')
-    save(arguments.output, 'products.json', machine, {'unit': 'ms of CPU time over threads, smallest of repetitions',
-                                                      'repetitions': arguments.repetitions, 'goal_of_rate': GOAL, 'rows': rows})
+    print(
+        f'Least rate over the plain loop: {min(row["rate_over_plain"] for row in rows):.2f}, goal '
+        f'{GOAL}')
+    save(
+        arguments.output, 'products.json', machine, {
+            'unit': 'ms of CPU time over threads, smallest of repetitions',
+            'repetitions': arguments.repetitions, 'goal_of_rate': GOAL, 'rows': rows
+        })
 
 
 if __name__ == '__main__':

@@ -16,11 +16,15 @@ import openmmrigidhi
 from common import RESULTS, describeMachine, save
 
 HERE = pathlib.Path(__file__).parent
-PROGRAMS = {'BenchmarkFreeBodies': 'free_bodies', 'BenchmarkRandomNumbers': 'random_numbers', 'BenchmarkPoseFit': 'pose_fit',
-            'BenchmarkRotnePragerYamakawa': 'rotne_prager_yamakawa', 'BenchmarkGridFluid': 'grid_fluid',
-            'BenchmarkSlipChannel': 'slip_channel', 'BenchmarkFastSum': 'fast_sum', 'BenchmarkSplitEwald': 'split_ewald'}
-SCRIPTS = (['water_step.py'], ['water_step.py', '--no-cm-motion-removal'], ['water_step.py', '--threads', '1'],
-           ['lammps_compare.py'], ['langevin_hi.py'], ['overdamped.py'], ['effects.py'], ['grid_steps.py'], ['channel_steps.py'])
+PROGRAMS = {
+    'BenchmarkFreeBodies': 'free_bodies', 'BenchmarkRandomNumbers': 'random_numbers',
+    'BenchmarkPoseFit': 'pose_fit', 'BenchmarkRotnePragerYamakawa': 'rotne_prager_yamakawa',
+    'BenchmarkGridFluid': 'grid_fluid', 'BenchmarkSlipChannel': 'slip_channel',
+    'BenchmarkFastSum': 'fast_sum', 'BenchmarkSplitEwald': 'split_ewald'
+}
+SCRIPTS = (['water_step.py'], ['water_step.py', '--no-cm-motion-removal'],
+           ['water_step.py', '--threads', '1'], ['lammps_compare.py'], ['langevin_hi.py'],
+           ['overdamped.py'], ['effects.py'], ['grid_steps.py'], ['channel_steps.py'])
 
 
 def runProgram(program, repetitions, output, name, only=None):
@@ -28,9 +32,12 @@ def runProgram(program, repetitions, output, name, only=None):
     machine = describeMachine()
     with tempfile.TemporaryDirectory() as folder:
         report = pathlib.Path(folder)/'report.json'
-        subprocess.run([str(program), f'--benchmark_out={report}', '--benchmark_out_format=json',
-                        f'--benchmark_repetitions={repetitions}', '--benchmark_enable_random_interleaving=true',
-                        '--benchmark_report_aggregates_only=true', *([f'--benchmark_filter={only}'] if only else [])], check=True)
+        subprocess.run([
+            str(program), f'--benchmark_out={report}', '--benchmark_out_format=json',
+            f'--benchmark_repetitions={repetitions}', '--benchmark_enable_random_interleaving=true',
+            '--benchmark_report_aggregates_only=true',
+            *([f'--benchmark_filter={only}'] if only else [])
+        ], check=True)
         content = json.loads(report.read_text())
     rows = {}
     for run in content['benchmarks']:
@@ -39,10 +46,15 @@ def runProgram(program, repetitions, output, name, only=None):
         key = run['run_name'] + (' ' + run['label'] if 'label' in run else '')
         values = {counter: 1e9*run[counter] for counter in run if counter.startswith(('time_per', 'own_time_per'))} \
             or {'time': run['cpu_time']*{'ns': 1, 'us': 1e3, 'ms': 1e6}[run['time_unit']]}
-        values.update({counter: run[counter] for counter in ('error', 'megabytes') if counter in run})
+        values.update(
+            {counter: run[counter]
+             for counter in ('error', 'megabytes') if counter in run})
         suffix = '' if run['aggregate_name'] == 'median' else ' (standard deviation)'
-        rows.setdefault(key, {}).update({counter + suffix: float(f'{value:.4g}') for counter, value in values.items()})
-    save(output, name + '.json', machine, {'unit': 'ns', 'repetitions': repetitions, 'filter': only, 'medians': rows})
+        rows.setdefault(key, {}).update(
+            {counter + suffix: float(f'{value:.4g}')
+             for counter, value in values.items()})
+    save(output, name + '.json', machine,
+         {'unit': 'ns', 'repetitions': repetitions, 'filter': only, 'medians': rows})
 
 
 def main():
@@ -60,13 +72,19 @@ def main():
             if arguments.program not in (None, program):
                 continue
             if not (directory/program).exists():
-                raise SystemExit(f'{program} was not built: configure with -DRIGIDHI_BUILD_BENCHMARKS=ON, as make benchmark does')
-            runProgram(directory/program, arguments.repetitions, arguments.output, name, arguments.filter)
+                raise SystemExit(
+                    f'{program} was not built: configure with -DRIGIDHI_BUILD_BENCHMARKS=ON, as '
+                    f'make benchmark does')
+            runProgram(directory/program, arguments.repetitions, arguments.output, name,
+                       arguments.filter)
     if arguments.only != 'programs' and not arguments.program:
         for script, *options in SCRIPTS:
             if script == 'lammps_compare.py':
                 options += ['--lmp', arguments.lmp]
-            subprocess.run([sys.executable, str(HERE/script), *options, '--output', str(arguments.output)], check=True)
+            subprocess.run(
+                [sys.executable,
+                 str(HERE/script), *options, '--output',
+                 str(arguments.output)], check=True)
 
 
 if __name__ == '__main__':

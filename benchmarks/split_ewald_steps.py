@@ -3,8 +3,9 @@
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/split_ewald_steps.py
 
-EulerMaruyama takes a product and a random field, FixmanMidpoint products and two roots of the whole matrix. Spheres of radius 1 nm without overlap, or as many free particles; one thread of
-the CPU platform, the smallest CPU time of three steps. Written to split_ewald_steps.json.
+EulerMaruyama takes a product and a random field, FixmanMidpoint products and two roots of the whole
+matrix. Spheres of radius 1 nm without overlap, or as many free particles; one thread of the CPU
+platform, the smallest CPU time of three steps. Written to split_ewald_steps.json.
 """
 import argparse
 import pathlib
@@ -45,7 +46,8 @@ def seconds(count, spheres, fraction, solver, tolerance, scheme, seed):
     fluid.setSolver(getattr(MobilityForce, solver))
     fluid.setSolverTolerance(tolerance)
     system.addForce(fluid)
-    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('CPU'), {'Threads': '1'})
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('CPU'),
+                             {'Threads': '1'})
     context.setPositions(places(count, edge, seed))
     integrator.step(1)
     taken = []
@@ -66,13 +68,21 @@ def main():
         for fraction in (0.1, 0.01):
             for tolerance in (1e-3, 1e-6):
                 for scheme in ('EulerMaruyama', 'FixmanMidpoint'):
-                    row = {'what': 'spheres' if spheres else 'blobs', 'volume_fraction': fraction, 'tolerance': tolerance, 'scheme': scheme, 'dense_over_grid': {}, 'ms_grid': {}}
+                    row = {
+                        'what': 'spheres' if spheres else 'blobs', 'volume_fraction': fraction,
+                        'tolerance': tolerance, 'scheme': scheme, 'dense_over_grid': {},
+                        'ms_grid': {}
+                    }
                     for count in NUMBERS:
-                        dense, grid = (seconds(count, spheres, fraction, solver, tolerance, scheme, arguments.seed) for solver in ('Dense', 'MatrixFree'))
-                        row['dense_over_grid'][count], row['ms_grid'][count] = float(f'{dense/grid:.2g}'), float(f'{1e3*grid:.2g}')
+                        dense, grid = (seconds(count, spheres, fraction, solver, tolerance, scheme,
+                                               arguments.seed)
+                                       for solver in ('Dense', 'MatrixFree'))
+                        row['dense_over_grid'][count], row['ms_grid'][count] = float(
+                            f'{dense/grid:.2g}'), float(f'{1e3*grid:.2g}')
                     rows.append(row)
                     print(row, flush=True)
-    save(arguments.output, 'split_ewald_steps.json', machine, {'seed': arguments.seed, 'rows': rows})
+    save(arguments.output, 'split_ewald_steps.json', machine,
+         {'seed': arguments.seed, 'rows': rows})
 
 
 if __name__ == '__main__':

@@ -1,8 +1,9 @@
 #!/usr/bin/python3
 """A whole step of TIP4P-Ew water with PME: rigid bodies under Langevin C, OpenMM's LangevinMiddle with SETTLE, and Verlet.
 
-The three take turns in one process, a few steps each, so that what else the machine does hits them alike. Printed and kept:
-medians and quartiles over the rounds, of times and of ratios within a round, and the integrators' own shares of a step.
+The three take turns in one process, a few steps each, so that what else the machine does hits them
+alike. Printed and kept: medians and quartiles over the rounds, of times and of ratios within a
+round, and the integrators' own shares of a step.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/water_step.py
 """
@@ -27,8 +28,10 @@ def makeIntegrators(topology):
     ours.setFriction(5)
     ours.setRotationalFriction(10)
     openmmrigidhi.app.addRigidWater(ours, topology)
-    return {OURS: ours, MIDDLE: openmm.LangevinMiddleIntegrator(TEMPERATURE, 5/unit.picosecond, STEP),
-            VERLET: openmm.VerletIntegrator(STEP)}
+    return {
+        OURS: ours, MIDDLE: openmm.LangevinMiddleIntegrator(TEMPERATURE, 5/unit.picosecond, STEP),
+        VERLET: openmm.VerletIntegrator(STEP)
+    }
 
 
 def timed(task):
@@ -43,18 +46,22 @@ def main():
     parser.add_argument('--threads', type=int, default=2)
     parser.add_argument('--rounds', type=int, default=30)
     parser.add_argument('--steps', type=int, default=20, help='steps of each integrator in a round')
-    parser.add_argument('--no-cm-motion-removal', action='store_true', help='leave out the CMMotionRemover')
+    parser.add_argument('--no-cm-motion-removal', action='store_true',
+                        help='leave out the CMMotionRemover')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     arguments = parser.parse_args()
     machine = describeMachine()
 
     topology, positions = waterBox(arguments.molecules)
-    system = app.ForceField('tip4pew.xml').createSystem(topology, nonbondedMethod=app.PME, nonbondedCutoff=CUTOFF,
-                                                        removeCMMotion=not arguments.no_cm_motion_removal)
+    system = app.ForceField('tip4pew.xml').createSystem(
+        topology, nonbondedMethod=app.PME, nonbondedCutoff=CUTOFF,
+        removeCMMotion=not arguments.no_cm_motion_removal)
     platform = openmm.Platform.getPlatformByName('CPU')
     integrators = makeIntegrators(topology)
-    contexts = {name: openmm.Context(system, integrator, platform, {'Threads': str(arguments.threads)})
-                for name, integrator in integrators.items()}
+    contexts = {
+        name: openmm.Context(system, integrator, platform, {'Threads': str(arguments.threads)})
+        for name, integrator in integrators.items()
+    }
     contexts[OURS].setPositions(positions)
     openmmrigidhi.app.minimize(contexts[OURS], maxIterations=100)
     contexts[OURS].setVelocitiesToTemperature(TEMPERATURE, 1)
@@ -78,9 +85,11 @@ def main():
         # Another one begins each time.
         for name in names[number % 3:] + names[:number % 3]:
             before = own()
-            times[name].append(timed(lambda: integrators[name].step(arguments.steps))*1e3/arguments.steps)
+            times[name].append(
+                timed(lambda: integrators[name].step(arguments.steps))*1e3/arguments.steps)
             if name == OURS:
-                scheme, force = (1e3*(after - start)/arguments.steps for after, start in zip(own(), before))
+                scheme, force = (1e3*(after - start)/arguments.steps
+                                 for after, start in zip(own(), before))
                 schemes.append(scheme)
                 forces.append(force)
 
@@ -90,23 +99,35 @@ def main():
     result = {
         'molecules': arguments.molecules, 'threads': arguments.threads, 'rounds': arguments.rounds,
         'steps_per_round': arguments.steps, 'cutoff_nm': CUTOFF._value, 'step_fs': STEP._value,
-        'cm_motion_removal': not arguments.no_cm_motion_removal, 'loops': integrators[OURS].getEffects()['loops'],
-        'milliseconds_per_step': {name: spread(values) for name, values in times.items()},
-        'milliseconds_forces_within_our_step': spread(forces),
-        'milliseconds_own': {OURS + ', by its timer': spread(schemes),
-                             OURS + ', step less forces': spread([t - f for t, f in zip(times[OURS], forces)]),
-                             MIDDLE + ', step less our forces': spread([t - f for t, f in zip(times[MIDDLE], forces)]),
-                             VERLET + ', step less our forces': spread([t - f for t, f in zip(times[VERLET], forces)])},
-        'own_share_of_step': {OURS + ', by its timer': ratio(schemes, times[OURS]),
-                              OURS + ', step less forces': ratio([t - f for t, f in zip(times[OURS], forces)], times[OURS])},
-        'ratio_of_steps': {f'{OURS} / {MIDDLE}': ratio(times[OURS], times[MIDDLE]),
-                           f'{OURS} / {VERLET}': ratio(times[OURS], times[VERLET])}}
-    for group in ('milliseconds_per_step', 'milliseconds_own', 'own_share_of_step', 'ratio_of_steps'):
+        'cm_motion_removal': not arguments.no_cm_motion_removal,
+        'loops': integrators[OURS].getEffects()['loops'], 'milliseconds_per_step': {
+            name: spread(values)
+            for name, values in times.items()
+        }, 'milliseconds_forces_within_our_step': spread(forces), 'milliseconds_own': {
+            OURS + ', by its timer': spread(schemes),
+            OURS + ', step less forces': spread([t - f for t, f in zip(times[OURS], forces)]),
+            MIDDLE + ', step less our forces': spread([
+                t - f for t, f in zip(times[MIDDLE], forces)
+            ]), VERLET + ', step less our forces': spread(
+                [t - f for t, f in zip(times[VERLET], forces)])
+        }, 'own_share_of_step': {
+            OURS + ', by its timer': ratio(schemes, times[OURS]),
+            OURS + ', step less forces': ratio([t - f for t, f in zip(times[OURS], forces)],
+                                               times[OURS])
+        }, 'ratio_of_steps': {
+            f'{OURS} / {MIDDLE}': ratio(times[OURS], times[MIDDLE]),
+            f'{OURS} / {VERLET}': ratio(times[OURS], times[VERLET])
+        }
+    }
+    for group in ('milliseconds_per_step', 'milliseconds_own', 'own_share_of_step',
+                  'ratio_of_steps'):
         print(group.replace('_', ' ') + ', median (quartiles):')
         for name, values in result[group].items():
             print(f'  {name:45} {show(values, 4)}')
     suffix = '_no_cm_removal' if arguments.no_cm_motion_removal else ''
-    save(arguments.output, f'water_step_{arguments.molecules}_threads{arguments.threads}{suffix}.json', machine, result)
+    save(arguments.output,
+         f'water_step_{arguments.molecules}_threads{arguments.threads}{suffix}.json', machine,
+         result)
 
 
 if __name__ == '__main__':

@@ -81,7 +81,7 @@ void setOpenMMException(const char* message) {
 
 %import(module="openmm") "openmm_stub.i"
 
-// ---- Exceptions ------------------------------------------------------------------------------------------------------
+// ---- Exceptions ---------------------------------------------------------------------------------
 
 %exception {
     try {
@@ -121,7 +121,7 @@ void setOpenMMException(const char* message) {
     if (!$1) SWIG_exception_fail(SWIG_TypeError, "openmmrigidhi: in method '$symname', argument $argnum is None");
 }
 
-// ---- Arrays ----------------------------------------------------------------------------------------------------------
+// ---- Arrays -------------------------------------------------------------------------------------
 
 %typemap(in) const std::vector<int>& (std::vector<int> rows) {
     if (!copyBuffer<int>($input, "i", rows)) SWIG_fail;
@@ -236,7 +236,7 @@ PyObject* schemeTable() {
 }
 %}
 
-// ---- Classes: the declarations of the C++ header, word for word ------------------------------------------------------
+// ---- Classes: the declarations of the C++ header, word for word ---------------------------------
 
 namespace OpenMM {
 class Vec3;

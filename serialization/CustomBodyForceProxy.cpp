@@ -31,7 +31,8 @@ void CustomBodyForceProxy::serialize(const void* object, SerializationNode& node
     SerializationNode& perBody = node.createChildNode("PerBodyParameters");
     perBody.setIntProperty("count", force.getNumPerBodyParameters());
     for (int i = 0; i < force.getNumPerBodyParameters(); i++)
-        perBody.createChildNode("Parameter").setStringProperty("name", force.getPerBodyParameterName(i));
+        perBody.createChildNode("Parameter")
+            .setStringProperty("name", force.getPerBodyParameterName(i));
     SerializationNode& globals = node.createChildNode("GlobalParameters");
     globals.setIntProperty("count", force.getNumGlobalParameters());
     for (int i = 0; i < force.getNumGlobalParameters(); i++)
@@ -46,15 +47,18 @@ void CustomBodyForceProxy::serialize(const void* object, SerializationNode& node
         force.getBodyParameters(i, body, values);
         SerializationNode& entry = bodies.createChildNode("Body");
         entry.setIntProperty("index", body).setIntProperty("parameters", values.size());
-        for (double value : values) entry.createChildNode("Value").setDoubleProperty("value", value);
+        for (double value : values)
+            entry.createChildNode("Value").setDoubleProperty("value", value);
     }
 }
 
 void* CustomBodyForceProxy::deserialize(const SerializationNode& root) const {
     const StrictNode node(root, className);
-    if (node.integer("version") != formatVersion) node.wrongValue("version", to_string(formatVersion));
-    unique_ptr<CustomBodyForce> force(new CustomBodyForce(node.text("fx"), node.text("fy"), node.text("fz"),
-                                                          node.text("tx"), node.text("ty"), node.text("tz")));
+    if (node.integer("version") != formatVersion)
+        node.wrongValue("version", to_string(formatVersion));
+    unique_ptr<CustomBodyForce> force(new CustomBodyForce(node.text("fx"), node.text("fy"),
+                                                          node.text("fz"), node.text("tx"),
+                                                          node.text("ty"), node.text("tz")));
     force->setForceGroup(node.integer("forceGroup"));
     force->setName(node.text("name"));
     const StrictNode perBody = node.child("PerBodyParameters");

@@ -27,18 +27,23 @@ EnumNames<Integrator::Scheme> namesOfSchemes() {
 }
 
 const EnumNames<Integrator::Scheme> schemes = namesOfSchemes();
-const EnumNames<Integrator::NoiseLaw> noiseLaws = {
-    {"Gaussian", Integrator::Gaussian}, {"ThreePoint", Integrator::ThreePoint}, {"TwoPoint", Integrator::TwoPoint}};
+const EnumNames<Integrator::NoiseLaw> noiseLaws = {{"Gaussian", Integrator::Gaussian},
+                                                   {"ThreePoint", Integrator::ThreePoint},
+                                                   {"TwoPoint", Integrator::TwoPoint}};
 const EnumNames<Integrator::WallRejection> wallRejections = {{"Overlap", Integrator::Overlap},
                                                              {"Crossing", Integrator::Crossing}};
-const EnumNames<Integrator::DriftCorrectorScaling> driftCorrectorScalings = {{"SlipOnly", Integrator::SlipOnly},
-                                                                             {"Whole", Integrator::Whole}};
+const EnumNames<Integrator::DriftCorrectorScaling> driftCorrectorScalings = {
+    {"SlipOnly", Integrator::SlipOnly}, {"Whole", Integrator::Whole}};
 
 void writeVector(SerializationNode& node, const Vec3& vector) {
-    node.setDoubleProperty("x", vector[0]).setDoubleProperty("y", vector[1]).setDoubleProperty("z", vector[2]);
+    node.setDoubleProperty("x", vector[0])
+        .setDoubleProperty("y", vector[1])
+        .setDoubleProperty("z", vector[2]);
 }
 
-Vec3 readVector(const StrictNode& node) { return Vec3(node.number("x"), node.number("y"), node.number("z")); }
+Vec3 readVector(const StrictNode& node) {
+    return Vec3(node.number("x"), node.number("y"), node.number("z"));
+}
 
 /** A body: its particles, each with its site if the geometry is known. */
 void writeBody(SerializationNode& node, const Integrator& integrator, int index) {
@@ -87,16 +92,18 @@ void readBody(const StrictNode& node, Integrator& integrator) {
         mass = node.number("mass");
         moments = readVector(node.child("PrincipalMoments"));
     }
-    const int index =
-        isExplicit ? integrator.addRigidBody(particles, mass, moments, sites) : integrator.addRigidBody(particles);
+    const int index = isExplicit ? integrator.addRigidBody(particles, mass, moments, sites)
+                                 : integrator.addRigidBody(particles);
     if (known && !isExplicit) integrator.recordBodyGeometry(index, mass, moments, sites);
     if (node.has("friction") || node.has("rotationalFriction"))
-        integrator.setBodyFriction(index, node.number("friction"), node.number("rotationalFriction"));
+        integrator.setBodyFriction(index, node.number("friction"),
+                                   node.number("rotationalFriction"));
 }
 
 }  // namespace
 
-CustomRigidHIIntegratorProxy::CustomRigidHIIntegratorProxy() : SerializationProxy("CustomRigidHIIntegrator") {}
+CustomRigidHIIntegratorProxy::CustomRigidHIIntegratorProxy()
+    : SerializationProxy("CustomRigidHIIntegrator") {}
 
 void CustomRigidHIIntegratorProxy::serialize(const void* object, SerializationNode& node) const {
     const Integrator& integrator = *static_cast<const Integrator*>(object);
@@ -111,7 +118,8 @@ void CustomRigidHIIntegratorProxy::serialize(const void* object, SerializationNo
     node.setDoubleProperty("rotationalFriction", integrator.getRotationalFriction());
     node.setDoubleProperty("inertiaScale", integrator.getInertiaScale());
     node.setDoubleProperty("gradientRelaxationTime", integrator.getGradientRelaxationTime());
-    node.setDoubleProperty("gradientRotationalRelaxationTime", integrator.getGradientRotationalRelaxationTime());
+    node.setDoubleProperty("gradientRotationalRelaxationTime",
+                           integrator.getGradientRotationalRelaxationTime());
     node.setIntProperty("randomSeed", integrator.getRandomNumberSeed());
     node.setDoubleProperty("poseTolerance", integrator.getPoseTolerance());
     node.setIntProperty("maximumRejections", integrator.getMaximumRejections());
@@ -128,8 +136,10 @@ void CustomRigidHIIntegratorProxy::serialize(const void* object, SerializationNo
 
 void* CustomRigidHIIntegratorProxy::deserialize(const SerializationNode& root) const {
     const StrictNode node(root, "CustomRigidHIIntegrator");
-    if (node.integer("version") != formatVersion) node.wrongValue("version", to_string(formatVersion));
-    unique_ptr<Integrator> integrator(new Integrator(node.number("temperature"), node.number("stepSize")));
+    if (node.integer("version") != formatVersion)
+        node.wrongValue("version", to_string(formatVersion));
+    unique_ptr<Integrator> integrator(
+        new Integrator(node.number("temperature"), node.number("stepSize")));
     integrator->setConstraintTolerance(node.number("constraintTolerance"));
     integrator->setIntegrationForceGroups(node.integer("integrationForceGroups"));
     integrator->setScheme(valueOf(schemes, node, "scheme"));
@@ -137,17 +147,22 @@ void* CustomRigidHIIntegratorProxy::deserialize(const SerializationNode& root) c
     integrator->setFriction(node.number("friction"));
     integrator->setRotationalFriction(node.number("rotationalFriction"));
     integrator->setGradientRelaxationTime(node.number("gradientRelaxationTime"));
-    integrator->setGradientRotationalRelaxationTime(node.number("gradientRotationalRelaxationTime"));
+    integrator->setGradientRotationalRelaxationTime(
+        node.number("gradientRotationalRelaxationTime"));
     integrator->setRandomNumberSeed(node.integer("randomSeed"));
     integrator->setPoseTolerance(node.number("poseTolerance"));
     // Not in files of version 0.1.
     if (node.has("inertiaScale")) integrator->setInertiaScale(node.number("inertiaScale"));
     if (node.has("numHostThreads")) integrator->setNumHostThreads(node.integer("numHostThreads"));
-    if (node.has("maximumRejections")) integrator->setMaximumRejections(node.integer("maximumRejections"));
-    if (node.has("finiteDifferenceStep")) integrator->setFiniteDifferenceStep(node.number("finiteDifferenceStep"));
-    if (node.has("wallRejection")) integrator->setWallRejection(valueOf(wallRejections, node, "wallRejection"));
+    if (node.has("maximumRejections"))
+        integrator->setMaximumRejections(node.integer("maximumRejections"));
+    if (node.has("finiteDifferenceStep"))
+        integrator->setFiniteDifferenceStep(node.number("finiteDifferenceStep"));
+    if (node.has("wallRejection"))
+        integrator->setWallRejection(valueOf(wallRejections, node, "wallRejection"));
     if (node.has("driftCorrectorScaling"))
-        integrator->setDriftCorrectorScaling(valueOf(driftCorrectorScalings, node, "driftCorrectorScaling"));
+        integrator->setDriftCorrectorScaling(
+            valueOf(driftCorrectorScalings, node, "driftCorrectorScaling"));
     const StrictNode bodies = node.child("RigidBodies");
     bodies.checkChildren("count");
     for (const SerializationNode& body : bodies.children())

@@ -8,8 +8,9 @@
 namespace RigidHIPlugin {
 
 /**
- * Writes all settings of a CustomRigidHIIntegrator, its bodies and their geometry as far as it is known, and reads them
- * back through its setters, so that a damaged file gives their clear exceptions.
+ * Writes all settings of a CustomRigidHIIntegrator, its bodies and their geometry as far as it is
+ * known, and reads them back through its setters, so that a damaged file gives their clear
+ * exceptions.
  */
 class OPENMM_EXPORT_RIGIDHI CustomRigidHIIntegratorProxy : public OpenMM::SerializationProxy {
 public:

@@ -25,11 +25,13 @@ EnumNames<Enum> namesOf(const char* const (&list)[count]) {
     return names;
 }
 const EnumNames<MobilityForce::Model> models = namesOf<MobilityForce::Model>(modelNames);
-const EnumNames<MobilityForce::Boundary> boundaries = namesOf<MobilityForce::Boundary>(boundaryNames);
-const EnumNames<MobilityForce::SphereWallMobility> sphereWallMobilities = {{"FromModel", MobilityForce::FromModel},
-                                                                           {"BestKnown", MobilityForce::BestKnown}};
-const EnumNames<MobilityForce::Solver> solvers = {
-    {"Auto", MobilityForce::Auto}, {"Dense", MobilityForce::Dense}, {"MatrixFree", MobilityForce::MatrixFree}};
+const EnumNames<MobilityForce::Boundary> boundaries =
+    namesOf<MobilityForce::Boundary>(boundaryNames);
+const EnumNames<MobilityForce::SphereWallMobility> sphereWallMobilities = {
+    {"FromModel", MobilityForce::FromModel}, {"BestKnown", MobilityForce::BestKnown}};
+const EnumNames<MobilityForce::Solver> solvers = {{"Auto", MobilityForce::Auto},
+                                                  {"Dense", MobilityForce::Dense},
+                                                  {"MatrixFree", MobilityForce::MatrixFree}};
 
 }  // namespace
 
@@ -47,7 +49,8 @@ void MobilityForceProxy::serialize(const void* object, SerializationNode& node) 
     double low, high;
     force.getChannelWalls(low, high);
     node.setDoubleProperty("channelLow", low).setDoubleProperty("channelHigh", high);
-    node.setStringProperty("sphereWallMobility", nameOf(sphereWallMobilities, force.getSphereWallMobility()));
+    node.setStringProperty("sphereWallMobility",
+                           nameOf(sphereWallMobilities, force.getSphereWallMobility()));
     node.setBoolProperty("lubrication", force.getLubrication());
     node.setDoubleProperty("minimumGap", force.getMinimumGap());
     node.setStringProperty("solver", nameOf(solvers, force.getSolver()));
@@ -72,7 +75,8 @@ void MobilityForceProxy::serialize(const void* object, SerializationNode& node) 
     SerializationNode& particles = node.createChildNode("Particles");
     particles.setIntProperty("count", force.getNumParticles());
     for (int i = 0; i < force.getNumParticles(); i++)
-        particles.createChildNode("Particle").setDoubleProperty("radius", force.getParticleRadius(i));
+        particles.createChildNode("Particle")
+            .setDoubleProperty("radius", force.getParticleRadius(i));
     SerializationNode& tensors = node.createChildNode("OwnMobilities");
     const vector<int> bodies = force.getBodiesWithOwnTensors();
     tensors.setIntProperty("count", bodies.size());
@@ -80,17 +84,20 @@ void MobilityForceProxy::serialize(const void* object, SerializationNode& node) 
         const bool friction = force.getBodyTensorIsFriction(body);
         SerializationNode& tensor = tensors.createChildNode("Tensor");
         tensor.setIntProperty("body", body).setBoolProperty("friction", friction);
-        const vector<double> values = friction ? force.getBodyFriction(body) : force.getBodyMobility(body);
+        const vector<double> values =
+            friction ? force.getBodyFriction(body) : force.getBodyMobility(body);
         for (int k = 0; k < 36; k++) tensor.setDoubleProperty("v" + to_string(k), values[k]);
     }
     SerializationNode& groups = node.createChildNode("Groups");
     groups.setIntProperty("count", force.getGroups().size());
-    for (int group : force.getGroups()) groups.createChildNode("Group").setIntProperty("group", group);
+    for (int group : force.getGroups())
+        groups.createChildNode("Group").setIntProperty("group", group);
 }
 
 void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
     const StrictNode node(root, className);
-    if (node.integer("version") != formatVersion) node.wrongValue("version", to_string(formatVersion));
+    if (node.integer("version") != formatVersion)
+        node.wrongValue("version", to_string(formatVersion));
     unique_ptr<MobilityForce> force(new MobilityForce());
     force->setForceGroup(node.integer("forceGroup"));
     force->setName(node.text("name"));
@@ -99,7 +106,8 @@ void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
     force->setBoundary(valueOf(boundaries, node, "boundary"));
     // The walls are not in older files.
     if (node.has("wallHeight")) force->setWallHeight(node.number("wallHeight"));
-    if (node.has("channelLow") && (node.number("channelLow") != 0 || node.number("channelHigh") != 0))
+    if (node.has("channelLow") &&
+        (node.number("channelLow") != 0 || node.number("channelHigh") != 0))
         force->setChannelWalls(node.number("channelLow"), node.number("channelHigh"));
     if (node.has("sphereWallMobility"))
         force->setSphereWallMobility(valueOf(sphereWallMobilities, node, "sphereWallMobility"));
@@ -114,8 +122,8 @@ void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
     // Nor are driven flows.
     if (node.has("flows")) {
         const StrictNode wave = node.child("SinusoidalForceDensity");
-        force->setSinusoidalForceDensity(wave.number("f0"), wave.integer("forceAxis"), wave.integer("waveAxis"),
-                                         wave.integer("waveVectorIndex"));
+        force->setSinusoidalForceDensity(wave.number("f0"), wave.integer("forceAxis"),
+                                         wave.integer("waveAxis"), wave.integer("waveVectorIndex"));
         const StrictNode flow = node.child("BackgroundFlow");
         Vec3 velocity;
         vector<double> gradient;

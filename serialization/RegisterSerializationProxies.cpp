@@ -13,10 +13,11 @@
 using namespace RigidHIPlugin;
 
 /**
- * Runs when the library is loaded. Running it again is harmless: the proxies live as long as the process, and OpenMM
- * keeps the one registered last, which does the same.
+ * Runs when the library is loaded. Running it again is harmless: the proxies live as long as the
+ * process, and OpenMM keeps the one registered last, which does the same.
  */
-extern "C" OPENMM_EXPORT_RIGIDHI void __attribute__((constructor)) registerRigidHISerializationProxies() {
+extern "C" OPENMM_EXPORT_RIGIDHI void __attribute__((constructor))
+registerRigidHISerializationProxies() {
     static const CustomRigidHIIntegratorProxy integratorProxy;
     OpenMM::SerializationProxy::registerProxy(typeid(CustomRigidHIIntegrator), &integratorProxy);
     static const MobilityForceProxy mobilityProxy;

@@ -26,7 +26,7 @@ def write(source, xml_folder):
         pages |= _pages_of_package(importlib.import_module(f'openmmrigidhi.{package}'))
     pages |= _cpp_pages(xml_folder)
     for page, text in pages.items():
-        file = source / (page + '.rst')
+        file = source/(page + '.rst')
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text, encoding='utf-8')
     return list(pages)
@@ -54,17 +54,27 @@ def _table(rows):
 
 
 def _index():
-    functions = [name for name in openmmrigidhi.__all__ if inspect.isfunction(getattr(openmmrigidhi, name))]
+    functions = [
+        name for name in openmmrigidhi.__all__ if inspect.isfunction(getattr(openmmrigidhi, name))
+    ]
     text = _heading('Python reference') + '.. module:: openmmrigidhi\n\n'
-    text += ('Arguments are numbers in OpenMM\'s units or quantities, whose dimension is checked. What is returned has units wherever it has a dimension. '
-             'Each page is the docstring that ``help()`` shows.\n\n')
-    text += _heading('Classes', '-') + _table((f':class:`{name} <openmmrigidhi.{name}>`', _first_sentence(getattr(openmmrigidhi, name))) for name in CLASSES)
-    text += _heading('Packages', '-') + _table((f':mod:`openmmrigidhi.{name}`', _first_sentence(getattr(openmmrigidhi, name))) for name in PACKAGES)
-    text += _heading('Functions', '-') + ''.join(f'.. autofunction:: openmmrigidhi.{name}\n\n' for name in functions)
+    text += (
+        'Arguments are numbers in OpenMM\'s units or quantities, whose dimension is checked. What '
+        'is returned has units wherever it has a dimension. '
+        'Each page is the docstring that ``help()`` shows.\n\n')
+    text += _heading('Classes', '-') + _table(
+        (f':class:`{name} <openmmrigidhi.{name}>`', _first_sentence(getattr(openmmrigidhi, name)))
+        for name in CLASSES)
+    text += _heading('Packages', '-') + _table(
+        (f':mod:`openmmrigidhi.{name}`', _first_sentence(getattr(openmmrigidhi, name)))
+        for name in PACKAGES)
+    text += _heading('Functions', '-') + ''.join(f'.. autofunction:: openmmrigidhi.{name}\n\n'
+                                                 for name in functions)
     return text
 
 
-# ---- Packages --------------------------------------------------------------------------------------------------------
+# ---- Packages ------------------------------------------------------------------------------------
+
 
 def _pages_of_package(package):
     """One page for the package, one for each thing that it exports, one for each module that it exports."""
@@ -72,19 +82,27 @@ def _pages_of_package(package):
     short = name.rsplit('.', 1)[1]
     exported = [(each, getattr(package, each)) for each in package.__all__]
     modules = [each for each in exported if isinstance(each[1], types.ModuleType)]
-    kinds = [('Functions', [each for each in exported if inspect.isfunction(each[1])]), ('Classes', [each for each in exported if inspect.isclass(each[1])])]
-    own = [f'{type_.__module__}.{type_.__name__}' for _, type_ in exported if not isinstance(type_, types.ModuleType)]
+    kinds = [('Functions', [each for each in exported if inspect.isfunction(each[1])]),
+             ('Classes', [each for each in exported if inspect.isclass(each[1])])]
+    own = [
+        f'{type_.__module__}.{type_.__name__}' for _, type_ in exported
+        if not isinstance(type_, types.ModuleType)
+    ]
     text = _heading(name) + f'.. automodule:: {name}\n   :no-members:\n\n'
     pages = {}
     for title, members in kinds:
         if members:
             text += _heading(title, '-')
-            text += _table((f':{"class" if title == "Classes" else "func"}:`{each} <{name}.{each}>`', _first_sentence(thing)) for each, thing in members)
+            text += _table(
+                (f':{"class" if title == "Classes" else "func"}:`{each} <{name}.{each}>`',
+                 _first_sentence(thing)) for each, thing in members)
         for each, thing in members:
-            body = _class(name, each, thing) if title == 'Classes' else f'.. autofunction:: {name}.{each}\n'
+            body = _class(name, each,
+                          thing) if title == 'Classes' else f'.. autofunction:: {name}.{each}\n'
             pages[f'api/{short}/{each}'] = _heading(each) + f'.. currentmodule:: {name}\n\n' + body
     if modules:
-        text += _heading('Modules', '-') + _table((f':mod:`{thing.__name__}`', _first_sentence(thing)) for _, thing in modules)
+        text += _heading('Modules', '-') + _table(
+            (f':mod:`{thing.__name__}`', _first_sentence(thing)) for _, thing in modules)
     for each, module in modules:
         pages[f'api/{short}/{each}'] = _page_of_module(module, own)
     pages[f'api/{short}/index'] = text + _command_line(package)
@@ -94,7 +112,9 @@ def _pages_of_package(package):
 def _page_of_module(module, elsewhere):
     text = _heading(module.__name__) + f'.. automodule:: {module.__name__}\n   :no-members:\n\n'
     for name, thing in vars(module).items():
-        if name.startswith('_') or getattr(thing, '__module__', None) != module.__name__ or f'{module.__name__}.{name}' in elsewhere:
+        if name.startswith('_') or getattr(
+                thing, '__module__',
+                None) != module.__name__ or f'{module.__name__}.{name}' in elsewhere:
             continue
         if inspect.isclass(thing):
             text += _class(module.__name__, name, thing) + '\n'
@@ -125,10 +145,13 @@ def _command_line(package):
     else:
         os.environ['COLUMNS'] = columns
     lines = ''.join(f'   {line}\n' if line else '\n' for line in said.getvalue().split('\n'))
-    return _heading('From the shell', '-') + f'.. code-block:: text\n\n   $ python3 -m {package.__name__} --help\n{lines}\n'
+    return _heading(
+        'From the shell',
+        '-') + f'.. code-block:: text\n\n   $ python3 -m {package.__name__} --help\n{lines}\n'
 
 
-# ---- The three classes -----------------------------------------------------------------------------------------------
+# ---- The three classes ---------------------------------------------------------------------------
+
 
 def _page_of_large_class(type_, documents):
     """A class with a table of its methods by purpose, its enumerations, and then all of it."""
@@ -137,17 +160,24 @@ def _page_of_large_class(type_, documents):
     text = _heading(name) + f'.. currentmodule:: openmmrigidhi\n\n{_first_sentence(type_)}\n\n'
     for title, members in _purposes(type_):
         text += f'.. rubric:: {title}\n\n'
-        text += _table((f':meth:`{each} <{full}.{each}>`', _first_sentence(getattr(type_, each))) for each in members)
-    enumerations = [thing for thing in vars(inspect.getmodule(type_)).values()
-                    if inspect.isclass(thing) and issubclass(thing, enum.Enum) and all(hasattr(type_, member.name) for member in thing)]
+        text += _table((f':meth:`{each} <{full}.{each}>`', _first_sentence(getattr(type_, each)))
+                       for each in members)
+    enumerations = [
+        thing for thing in vars(inspect.getmodule(type_)).values()
+        if inspect.isclass(thing) and issubclass(thing, enum.Enum) and all(
+            hasattr(type_, member.name) for member in thing)
+    ]
     if enumerations:
         text += _heading('Enumerations', '-')
     for each in enumerations:
         text += _heading(each.__name__, '~') + f'{inspect.getdoc(each)}\n\n'
         for member in each:
             text += f'.. py:attribute:: {name}.{member.name}\n   :value: {member.value}\n\n'
-            text += ''.join(f'   {line}\n' for line in _meaning(member, documents[name]).split('\n')) + '\n'
-    text += _heading('The class', '-') + f'.. autoclass:: {full}\n   :members:\n   :exclude-members: {_enumerators(enumerations)}\n'
+            text += ''.join(f'   {line}\n'
+                            for line in _meaning(member, documents[name]).split('\n')) + '\n'
+    text += _heading(
+        'The class', '-'
+    ) + f'.. autoclass:: {full}\n   :members:\n   :exclude-members: {_enumerators(enumerations)}\n'
     return text
 
 
@@ -161,7 +191,8 @@ def _purposes(type_):
     for line in inspect.getsource(type_).split('\n'):
         if heading := re.match(r'    # -{4} (.*?) -+$', line):
             title = heading[1]
-        elif (method := re.match(r'    def ([a-zA-Z]\w*)\(', line)) and not isinstance(inspect.getattr_static(type_, method[1]), property):
+        elif (method := re.match(r'    def ([a-zA-Z]\w*)\(', line)) and not isinstance(
+                inspect.getattr_static(type_, method[1]), property):
             groups.setdefault(title, {})[method[1]] = None
     groups['Copies'] = groups.pop('Copies', {})
     return [(each, list(names)) for each, names in groups.items() if names]
@@ -179,29 +210,39 @@ def _enumerators_of_cpp(folder):
     """What the headers say of the enumerators, class by class."""
     found = {}
     for name in CLASSES:
-        tree = xml.etree.ElementTree.parse(folder / f'classRigidHIPlugin_1_1{name}.xml')
-        found[name] = {value.find('name').text: ' '.join(' '.join(part for kind in ('briefdescription', 'detaileddescription')
-                                                                   for part in value.find(kind).itertext()).split())
-                       for value in tree.iter('enumvalue')}
+        tree = xml.etree.ElementTree.parse(folder/f'classRigidHIPlugin_1_1{name}.xml')
+        found[name] = {
+            value.find('name').text:
+            ' '.join(' '.join(part for kind in ('briefdescription', 'detaileddescription')
+                              for part in value.find(kind).itertext()).split())
+            for value in tree.iter('enumvalue')
+        }
     return found
 
 
-# ---- C++ ------------------------------------------------------------------------------------------------------------
+# ---- C++ -----------------------------------------------------------------------------------------
+
 
 def _cpp_pages(folder):
     """One page for each public class and struct."""
-    tree = xml.etree.ElementTree.parse(folder / 'index.xml')
-    compounds = [(each.find('name').text, each.get('kind'), each.get('refid')) for each in tree.iter('compound') if each.get('kind') in ('class', 'struct')]
+    tree = xml.etree.ElementTree.parse(folder/'index.xml')
+    compounds = [(each.find('name').text, each.get('kind'), each.get('refid'))
+                 for each in tree.iter('compound') if each.get('kind') in ('class', 'struct')]
     text = _heading('C++ reference')
-    text += ('Classes of the namespace ``RigidHIPlugin``, whose headers are in ``openmmapi/include/openmmrigidhi``. '
-             'A program links with ``libOpenMMRigidHI.so`` only; ``find_package(OpenMMRigidHI)`` finds it.\n\n')
+    text += (
+        'Classes of the namespace ``RigidHIPlugin``, whose headers are in '
+        '``openmmapi/include/openmmrigidhi``. '
+        'A program links with ``libOpenMMRigidHI.so`` only; ``find_package(OpenMMRigidHI)`` finds '
+        'it.\n\n')
     pages, rows = {}, []
     for name, kind, refid in compounds:
-        details = xml.etree.ElementTree.parse(folder / f'{refid}.xml').find('compounddef')
-        if details.get('prot') != 'public' or not details.find('location').get('file').startswith('openmmapi/'):
+        details = xml.etree.ElementTree.parse(folder/f'{refid}.xml').find('compounddef')
+        if details.get('prot') != 'public' or not details.find('location').get('file').startswith(
+                'openmmapi/'):
             continue
         short = name.rsplit('::', 1)[-1]
-        description = _sentence(' '.join(''.join(details.find('detaileddescription').itertext()).split()))
+        description = _sentence(' '.join(''.join(
+            details.find('detaileddescription').itertext()).split()))
         rows.append((f':cpp:{"class" if kind == "class" else "struct"}:`{name}`', description))
         pages[f'cpp/{short}'] = _heading(short) + f'.. doxygen{kind}:: {name}\n   :members:\n'
     pages['cpp/index'] = text + _table(rows)

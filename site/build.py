@@ -16,19 +16,22 @@ import gallery
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 #: Where Debian has what browsers need.
 SCRIPTS = pathlib.Path('/usr/share/javascript')
-KATEX = SCRIPTS / 'katex'
+KATEX = SCRIPTS/'katex'
 
 
 def version():
     """The version in CMakeLists.txt, which is the one place of it."""
-    return re.search(r'project\(openmm-rigidhi VERSION ([0-9.]+)', (ROOT / 'CMakeLists.txt').read_text())[1]
+    return re.search(r'project\(openmm-rigidhi VERSION ([0-9.]+)',
+                     (ROOT/'CMakeLists.txt').read_text())[1]
 
 
 def describe_cpp(folder):
     """Let Doxygen write what it knows of the public headers as XML."""
     folder.mkdir(parents=True, exist_ok=True)
-    headers = ' '.join(f'{ROOT}/{name}' for name in collect.git_files('openmmapi/include/openmmrigidhi/*.h') if '/internal/' not in name)
-    settings = (ROOT / 'Doxyfile').read_text() + f"""
+    headers = ' '.join(f'{ROOT}/{name}'
+                       for name in collect.git_files('openmmapi/include/openmmrigidhi/*.h')
+                       if '/internal/' not in name)
+    settings = (ROOT/'Doxyfile').read_text() + f"""
 OUTPUT_DIRECTORY = {folder}
 INPUT = {headers}
 STRIP_FROM_PATH = {ROOT}
@@ -38,55 +41,71 @@ GENERATE_XML = YES
 XML_PROGRAMLISTING = NO
 """
     subprocess.run(['doxygen', '-'], input=settings, cwd=ROOT, text=True, check=True)
-    return folder / 'xml'
+    return folder/'xml'
 
 
 def copy_formula_fonts(folder):
     """Copy what draws formulas, and leave what was built for old browsers."""
     folder.mkdir(parents=True, exist_ok=True)
-    shutil.copy(KATEX / 'katex.min.js', folder / 'katex.js')
-    shutil.copy(KATEX / 'contrib' / 'auto-render.js', folder)
-    shutil.copy(KATEX / 'katex.min.css', folder / 'katex.css')
-    (folder / 'fonts').mkdir(exist_ok=True)
-    for font in (KATEX / 'fonts').iterdir():
-        shutil.copy(font, folder / 'fonts')
+    shutil.copy(KATEX/'katex.min.js', folder/'katex.js')
+    shutil.copy(KATEX/'contrib'/'auto-render.js', folder)
+    shutil.copy(KATEX/'katex.min.css', folder/'katex.css')
+    (folder/'fonts').mkdir(exist_ok=True)
+    for font in (KATEX/'fonts').iterdir():
+        shutil.copy(font, folder/'fonts')
 
 
 def mend_theme(html):
     """Debian's furo is not quite as its authors' bundle: three things are put right in what was copied."""
-    styles, scripts = html / '_static' / 'styles', html / '_static' / 'scripts'
-    # A style sheet of another package is asked of a server; pages that are read from files need it beside them.
-    shutil.copy(SCRIPTS / 'normalize.css' / 'normalize.css', styles)
-    style = (styles / 'furo.css').read_text().replace('@import url(/javascript/normalize.css/normalize.css)', '@import url(normalize.css)')
+    styles, scripts = html/'_static'/'styles', html/'_static'/'scripts'
+    # A style sheet of another package is asked of a server; pages that are read from files need it
+    # beside them.
+    shutil.copy(SCRIPTS/'normalize.css'/'normalize.css', styles)
+    style = (styles/'furo.css').read_text().replace(
+        '@import url(/javascript/normalize.css/normalize.css)', '@import url(normalize.css)')
     # The colours of readers whose system prefers dark pages were lost, as a query within a query.
     if 'prefers-color-scheme' not in style:
         dark = re.search(r'body\[data-theme="dark"\] \{(.*?)\}', style, flags=re.S)[1]
         style += f'\n@media (prefers-color-scheme: dark) {{ body:not([data-theme="light"]) {{{dark}}} }}\n'
-    (styles / 'furo.css').write_text(style)
+    (styles/'furo.css').write_text(style)
     # The script is a module that imports another one, but pages load it as a plain script.
-    script = (scripts / 'furo.js').read_text()
+    script = (scripts/'furo.js').read_text()
     if found := re.match(r'import Gumshoe from "./(gumshoe-patched.js)";', script):
-        (scripts / 'furo.js').write_text((scripts / found[1]).read_text() + script.removeprefix(found[0]))
+        (scripts/'furo.js').write_text((scripts/found[1]).read_text() +
+                                       script.removeprefix(found[0]))
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('output', type=pathlib.Path, help='directory for everything that is made; pages come into its folder html')
+    parser.add_argument(
+        'output', type=pathlib.Path,
+        help='directory for everything that is made; pages come into its folder html')
     output = parser.parse_args().output.resolve()
-    if missing := [name for name in ('sphinx', 'myst_parser', 'breathe', 'furo') if importlib.util.find_spec(name) is None]:
-        sys.exit(f'{sys.executable} lacks {", ".join(missing)}: install the packages of site/packages-debian.txt, or call make with PYTHON=/usr/bin/python3')
-    source, html = output / 'source', output / 'html'
-    for old in (source, html, output / 'cpp'):
+    if missing := [
+            name for name in ('sphinx', 'myst_parser', 'breathe', 'furo')
+            if importlib.util.find_spec(name) is None
+    ]:
+        sys.exit(f'{sys.executable} lacks {", ".join(missing)}: install the packages of '
+                 f'site/packages-debian.txt, or call make with PYTHON=/usr/bin/python3')
+    source, html = output/'source', output/'html'
+    for old in (source, html, output/'cpp'):
         shutil.rmtree(old, ignore_errors=True)
-    xml = describe_cpp(output / 'cpp')
+    xml = describe_cpp(output/'cpp')
     pages = collect.copy_pages(source)
     gallery.write(source)
     pages += apipages.write(source, xml)
     collect.write_contents(source, pages)
-    copy_formula_fonts(source / '_static' / 'katex')
-    shutil.copytree(ROOT / 'site' / 'static', source / '_static', dirs_exist_ok=True)
-    command = [sys.executable, '-m', 'sphinx', '-b', 'html', '-W', '--keep-going', '-q', '-c', str(ROOT / 'site'), '-d', str(output / 'doctrees'),
-               '-D', f'html_static_path={source / "_static"}', '-D', f'breathe_projects.openmm-rigidhi={xml}', '-D', f'release={version()}', '-D', f'version={version()}', str(source), str(html)]
+    copy_formula_fonts(source/'_static'/'katex')
+    shutil.copytree(ROOT/'site'/'static', source/'_static', dirs_exist_ok=True)
+    command = [
+        sys.executable, '-m', 'sphinx', '-b', 'html', '-W', '--keep-going', '-q', '-c',
+        str(ROOT/'site'), '-d',
+        str(output/'doctrees'), '-D', f'html_static_path={source / "_static"}', '-D',
+        f'breathe_projects.openmm-rigidhi={xml}', '-D', f'release={version()}', '-D',
+        f'version={version()}',
+        str(source),
+        str(html)
+    ]
     if subprocess.run(command, cwd=ROOT).returncode:
         sys.exit('The site has warnings of Sphinx, see above.')
     mend_theme(html)

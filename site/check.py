@@ -9,19 +9,22 @@ import sys
 import urllib.parse
 
 #: What a browser fetches to show a page, by element and attribute.
-FETCHED = {('img', 'src'), ('script', 'src'), ('link', 'href'), ('source', 'src'), ('video', 'src'), ('iframe', 'src'), ('object', 'data')}
+FETCHED = {('img', 'src'), ('script', 'src'), ('link', 'href'), ('source', 'src'), ('video', 'src'),
+           ('iframe', 'src'), ('object', 'data')}
 
 
 class _Page(html.parser.HTMLParser):
     """What a page refers to, and where one can jump to on it."""
-
     def __init__(self):
         super().__init__()
         self.links, self.fetched, self.anchors, self.silent, self.scripts = [], [], set(), [], []
 
     def handle_starttag(self, tag, attributes):
         attributes = dict(attributes)
-        self.anchors |= {attributes[key] for key in ('id', 'name') if attributes.get(key) and (key == 'id' or tag == 'a')}
+        self.anchors |= {
+            attributes[key]
+            for key in ('id', 'name') if attributes.get(key) and (key == 'id' or tag == 'a')
+        }
         for key, value in attributes.items():
             if (tag, key) in FETCHED:
                 self.fetched.append(value or '')
@@ -36,7 +39,8 @@ class _Page(html.parser.HTMLParser):
 def _says_something(attributes):
     """Has a picture a text in its place, other than its own name?"""
     text = (attributes.get('alt') or '').strip()
-    return bool(text) and not text.endswith(('.png', '.gif', '.jpg', '.svg')) and text != attributes.get('src')
+    return bool(text) and not text.endswith(
+        ('.png', '.gif', '.jpg', '.svg')) and text != attributes.get('src')
 
 
 def _read(folder):
@@ -56,24 +60,32 @@ def faults(folder):
     for file, page in pages.items():
         name = file.relative_to(folder)
         found += [f'{name}: the picture {source} has no text alternative' for source in page.silent]
-        found += [f'{name}: {target} is fetched from elsewhere' for target in page.fetched if _is_elsewhere(target)]
+        found += [
+            f'{name}: {target} is fetched from elsewhere' for target in page.fetched
+            if _is_elsewhere(target)
+        ]
         for target in page.links + page.fetched:
             if not _is_elsewhere(target) and not target.startswith(('mailto:', 'data:')):
                 found += _objection(name, file, target, folder, pages)
-        found += [f'{name}: {script} is a module, but is loaded as a plain script' for script in page.scripts if _is_module(file.parent / script)]
+        found += [
+            f'{name}: {script} is a module, but is loaded as a plain script'
+            for script in page.scripts if _is_module(file.parent/script)
+        ]
     for file in sorted(folder.rglob('*.css')):
         for target in re.findall(r'url\(\s*["\']?([^"\')]+)', file.read_text(encoding='utf-8')):
             name = file.relative_to(folder)
             if _is_elsewhere(target):
                 found.append(f'{name}: {target} is fetched from elsewhere')
-            elif not target.startswith(('data:', '#')) and not (file.parent / re.split('[?#]', target)[0]).exists():
+            elif not target.startswith(
+                ('data:', '#')) and not (file.parent/re.split('[?#]', target)[0]).exists():
                 found.append(f'{name}: {target} is not there')
     return list(dict.fromkeys(found))
 
 
 def _is_module(file):
     file = file.with_name(file.name.split('?')[0])
-    return file.exists() and re.search(r'^(import|export) ', file.read_text(encoding='utf-8'), flags=re.M) is not None
+    return file.exists() and re.search(r'^(import|export) ', file.read_text(encoding='utf-8'),
+                                       flags=re.M) is not None
 
 
 def _is_elsewhere(target):
@@ -83,9 +95,9 @@ def _is_elsewhere(target):
 def _objection(name, file, target, folder, pages):
     """What is wrong with a link within the site."""
     parts = urllib.parse.urlsplit(target)
-    place = (file.parent / urllib.parse.unquote(parts.path)).resolve() if parts.path else file
+    place = (file.parent/urllib.parse.unquote(parts.path)).resolve() if parts.path else file
     if place.is_dir():
-        place = place / 'index.html'
+        place = place/'index.html'
     if folder not in place.parents or not place.exists():
         return [f'{name}: {target} is not there']
     anchor = urllib.parse.unquote(parts.fragment)

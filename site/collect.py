@@ -8,27 +8,38 @@ import subprocess
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 PICTURES = ('.png', '.gif', '.jpg', '.jpeg', '.svg')
 
-#: The table of contents: sections with their pages, and the folders whose other pages go there, too.
-SECTIONS = [
-    ('Begin', ['README', 'docs/INSTALL', 'gallery'], []),
-    ('Use', ['docs/USER_GUIDE', 'docs/schemes/README', 'docs/models/README', 'docs/CONVENTIONS', 'docs/ensembles'], ['docs']),
-    ('Accuracy and validation', ['docs/accuracy', 'docs/hydrodynamic_ladder', 'docs/grid_accuracy', 'docs/overdamped_accuracy', 'validation/README',
-                                 'benchmarks/README'], ['validation', 'benchmarks']),
-    ('Theory and reference', ['docs/THEORY', 'api/index', 'cpp/index'], []),
-    ('Development', ['CONTRIBUTING', 'docs/ARCHITECTURE', 'CHANGELOG'], ['']),
-]
+#: The table of contents: sections with their pages, and the folders whose other pages go there,
+#: too.
+SECTIONS = [('Begin', ['README', 'docs/INSTALL', 'gallery'], []),
+            ('Use', [
+                'docs/USER_GUIDE', 'docs/schemes/README', 'docs/models/README', 'docs/CONVENTIONS',
+                'docs/ensembles'
+            ], ['docs']),
+            ('Accuracy and validation', [
+                'docs/accuracy', 'docs/hydrodynamic_ladder', 'docs/grid_accuracy',
+                'docs/overdamped_accuracy', 'validation/README', 'benchmarks/README'
+            ], ['validation', 'benchmarks']),
+            ('Theory and reference', ['docs/THEORY', 'api/index', 'cpp/index'], []),
+            ('Development', ['CONTRIBUTING', 'docs/ARCHITECTURE', 'CHANGELOG'], ['']),]
 #: What the table of contents says in place of a page's own title.
-TITLES = {'api/app/index': 'app', 'api/analysis/index': 'analysis', 'api/accuracy/index': 'accuracy', 'api/ensemble/index': 'ensemble',
-          'README': 'Overview', 'docs/INSTALL': 'Installing', 'validation/README': 'Validation', 'docs/USER_GUIDE': 'User guide', 'docs/CONVENTIONS': 'Conventions', 'CHANGELOG': 'Changelog'}
+TITLES = {
+    'api/app/index': 'app', 'api/analysis/index': 'analysis', 'api/accuracy/index': 'accuracy',
+    'api/ensemble/index': 'ensemble', 'README': 'Overview', 'docs/INSTALL': 'Installing',
+    'validation/README': 'Validation', 'docs/USER_GUIDE': 'User guide',
+    'docs/CONVENTIONS': 'Conventions', 'CHANGELOG': 'Changelog'
+}
 #: Folders whose pages stand below a page that is not in the folder.
 PARENTS = {'examples': 'gallery'}
 
 
 def git_files(*patterns):
     """Files that are in the repository, or would be if they were added, as paths relative to its root."""
-    command = ['git', '-c', f'safe.directory={ROOT}', 'ls-files', '-z', '--cached', '--others', '--exclude-standard', '--', *patterns]
+    command = [
+        'git', '-c', f'safe.directory={ROOT}', 'ls-files', '-z', '--cached', '--others',
+        '--exclude-standard', '--', *patterns
+    ]
     listing = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    return sorted({name for name in listing.split('\0') if name and (ROOT / name).exists()})
+    return sorted({name for name in listing.split('\0') if name and (ROOT/name).exists()})
 
 
 def page_of(name):
@@ -38,19 +49,23 @@ def page_of(name):
 
 def markdown_files():
     """All Markdown files that become pages; tables that scripts write are parts of pages at most."""
-    return [name for name in git_files('*.md') if not name.startswith(('.', 'tests/')) and '/results' not in name]
+    return [
+        name for name in git_files('*.md')
+        if not name.startswith(('.', 'tests/')) and '/results' not in name
+    ]
 
 
 def copy_pages(source):
     """Copy all Markdown files, and what they link to, and return the pages."""
     pages, known = [], markdown_files()
     for name in known:
-        text = (ROOT / name).read_text(encoding='utf-8')
+        text = (ROOT/name).read_text(encoding='utf-8')
         page = page_of(name)
         text = links_of_the_site(text, name, known, source)
-        text = re.sub(r'^```math\n(.*?)^```', r'$$\n\1$$', text, flags=re.S | re.M)  # GitHub has both ways to write a formula
+        text = re.sub(r'^```math\n(.*?)^```', r'$$\n\1$$', text,
+                      flags=re.S | re.M)  # GitHub has both ways to write a formula
         text += _script_of(name, source)
-        target = source / (page + '.md')
+        target = source/(page + '.md')
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(text, encoding='utf-8')
         pages.append(page)
@@ -68,7 +83,8 @@ def _outside_code(text, change):
     # A link's text may have code in it: code comes back in before links are looked for.
     blocks = [part for part in parts if part.startswith('```')]
     inline = [part for part in parts[1::2] if not part.startswith('```')]
-    marked = ''.join('\0B' if part.startswith('```') else '\0I' if k % 2 else part for k, part in enumerate(parts))
+    marked = ''.join('\0B' if part.startswith('```') else '\0I' if k % 2 else part
+                     for k, part in enumerate(parts))
     marked = change(marked)
     for mark, originals in (('\0B', iter(blocks)), ('\0I', iter(inline))):
         marked = re.sub(mark, lambda _, originals=originals: next(originals), marked)
@@ -82,7 +98,7 @@ def _with_links_of_the_site(text, name, known, source):
             return found[0]
         file, _, anchor = target.partition('#')
         path = os.path.normpath(os.path.join(os.path.dirname(name), file))
-        if (ROOT / path).is_dir():
+        if (ROOT/path).is_dir():
             path = path + '/README.md'
         if path.endswith('.md'):
             if path not in known:
@@ -90,22 +106,26 @@ def _with_links_of_the_site(text, name, known, source):
             place = page_of(path) + '.md'
         else:
             place = path
-            (source / place).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(ROOT / path, source / place)
+            (source/place).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT/path, source/place)
         relative = os.path.relpath(place, os.path.dirname(page_of(name)) or '.')
         return f'{found["bang"]}[{words}]({relative}{"#" + anchor if anchor else ""})'
+
     # Pictures within links: the inner one first.
     text = re.sub(r'(?P<bang>!)\[(?P<words>[^\]]*)\]\((?P<target>[^)\s]+)\)', replaced, text)
-    return re.sub(r'(?P<bang>(?<!!))\[(?P<words>(?:!\[[^\]]*\]\([^)]*\)|[^\[\]])*)\]\((?P<target>[^)\s]+)\)', replaced, text)
+    return re.sub(
+        r'(?P<bang>(?<!!))\[(?P<words>(?:!\[[^\]]*\]\([^)]*\)|[^\[\]])*)\]\((?P<target>[^)\s]+)\)',
+        replaced, text)
 
 
 def _script_of(name, source):
     """An example's page shows its script, too."""
     script = os.path.join(os.path.dirname(name), 'run.py')
-    if not name.startswith('examples/') or not name.endswith('/README.md') or not (ROOT / script).exists():
+    if not name.startswith('examples/') or not name.endswith('/README.md') or not (ROOT/
+                                                                                   script).exists():
         return ''
-    (source / script).parent.mkdir(parents=True, exist_ok=True)
-    shutil.copy(ROOT / script, source / script)
+    (source/script).parent.mkdir(parents=True, exist_ok=True)
+    shutil.copy(ROOT/script, source/script)
     return f'\n\n## The script\n`{script}`:\n\n```{{literalinclude}} run.py\n:language: python\n```\n'
 
 
@@ -130,9 +150,11 @@ def write_contents(source, pages):
     for page in sorted(pages):
         if page not in named:
             children.setdefault(_parent(page, pages), []).append(page)
-    sections = [(title, [page for page in listed if page in pages], folders) for title, listed, folders in SECTIONS]
+    sections = [(title, [page for page in listed if page in pages], folders)
+                for title, listed, folders in SECTIONS]
     for page in children.pop(None, []):
-        next(listed for _, listed, folders in sections if any(page.startswith(folder) for folder in folders)).append(page)
+        next(listed for _, listed, folders in sections if any(
+            page.startswith(folder) for folder in folders)).append(page)
     for page, below in children.items():
         _append(source, page, _in_order_of_links(source, page, below))
     for title, listed, _ in sections:
@@ -141,22 +163,26 @@ def write_contents(source, pages):
 
 def _in_order_of_links(source, page, below):
     """Pages in the order in which another one leads to them; those that it does not name come last."""
-    file = source / (page + '.md')
+    file = source/(page + '.md')
     text = file.read_text(encoding='utf-8') if file.exists() else ''
-    places = {each: text.find(f'({os.path.relpath(each, os.path.dirname(page) or ".")}.md') for each in below}
+    places = {
+        each: text.find(f'({os.path.relpath(each, os.path.dirname(page) or ".")}.md')
+        for each in below
+    }
     return sorted(below, key=lambda each: (places[each] < 0, places[each]))
 
 
 def _append(source, page, below, caption=None):
     entries = [f'{TITLES[each]} </{each}>' if each in TITLES else f'/{each}' for each in below]
     for ending in ('.md', '.rst'):
-        file = source / (page + ending)
+        file = source/(page + ending)
         if not file.exists():
             continue
         lines = [':hidden:'] + ([f':caption: {caption}'] if caption else []) + [''] + entries
         if ending == '.md':
             text = '\n\n```{toctree}\n' + '\n'.join(lines) + '\n```\n'
         else:
-            text = '\n\n.. toctree::\n' + '\n'.join('   ' + line if line else '' for line in lines) + '\n'
+            text = '\n\n.. toctree::\n' + '\n'.join('   ' + line if line else ''
+                                                    for line in lines) + '\n'
         with open(file, 'a', encoding='utf-8') as stream:
             stream.write(text)

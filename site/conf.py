@@ -4,7 +4,10 @@ author = 'The openmm-rigidhi authors'
 copyright = 'the openmm-rigidhi authors, MIT licence'
 language = 'en'
 
-extensions = ['myst_parser', 'breathe', 'sphinx.ext.autodoc', 'sphinx.ext.autosummary', 'sphinx.ext.napoleon', 'sphinx.ext.mathjax']
+extensions = [
+    'myst_parser', 'breathe', 'sphinx.ext.autodoc', 'sphinx.ext.autosummary', 'sphinx.ext.napoleon',
+    'sphinx.ext.mathjax'
+]
 exclude_patterns = ['_static']
 
 # Markdown as GitHub reads it: anchors of headings, formulas between dollars.
@@ -28,12 +31,15 @@ cpp_id_attributes = ['OPENMM_EXPORT_RIGIDHI']
 html_theme = 'furo'
 html_title = 'openmm-rigidhi'
 html_css_files = ['katex/katex.css', 'site.css']
-# Sphinx marks formulas as for MathJax; KaTeX draws what is between the same marks, and is fifty times smaller.
+# Sphinx marks formulas as for MathJax; KaTeX draws what is between the same marks, and is fifty
+# times smaller.
 mathjax_path = 'formulas.js'
 mathjax_options = {'defer': 'defer'}
 html_copy_source = False
 html_show_sphinx = False
 html_theme_options = {
-    'light_css_variables': {'sidebar-item-font-size': '81%', 'color-brand-primary': '#00588a', 'color-brand-content': '#00588a'},
-    'dark_css_variables': {'color-brand-primary': '#6bbdf0', 'color-brand-content': '#6bbdf0'},
+    'light_css_variables': {
+        'sidebar-item-font-size': '81%', 'color-brand-primary': '#00588a',
+        'color-brand-content': '#00588a'
+    }, 'dark_css_variables': {'color-brand-primary': '#6bbdf0', 'color-brand-content': '#6bbdf0'},
 }

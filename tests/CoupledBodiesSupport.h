@@ -14,8 +14,9 @@ public:
     typedef RigidHIPlugin::BodyMobility BodyMobility;
     typedef RigidHIPlugin::CoupledBodies CoupledBodies;
 
-    TestedBodies(const std::vector<RigidHIPlugin::FluidElement>& elements, const CoupledBodies::ModelFactory& makeModel,
-                 bool mayBeConstant = true, double tolerance = 1e-6)
+    TestedBodies(const std::vector<RigidHIPlugin::FluidElement>& elements,
+                 const CoupledBodies::ModelFactory& makeModel, bool mayBeConstant = true,
+                 double tolerance = 1e-6)
         : bodies(new CoupledBodies(elements, makeModel, mayBeConstant)),
           strategies(new RigidHIPlugin::BodyMobilities(*bodies, tolerance)) {}
     CoupledBodies& operator*() const { return *bodies; }
@@ -23,12 +24,15 @@ public:
 
     /** Without iterations: that of a constant tensor, or dense. */
     BodyMobility& byMatrices() {
-        return strategies->get(bodies->isConstantInBodyFrame() ? BodyMobility::Constant : BodyMobility::Dense);
+        return strategies->get(bodies->isConstantInBodyFrame() ? BodyMobility::Constant
+                                                               : BodyMobility::Dense);
     }
     BodyMobility& byProducts() { return strategies->get(BodyMobility::Krylov); }
     /** As users' questions are answered: spheres without matrices. */
     BodyMobility& answering() {
-        return bodies->multipliesWithoutIterations() && !bodies->isConstantInBodyFrame() ? byProducts() : byMatrices();
+        return bodies->multipliesWithoutIterations() && !bodies->isConstantInBodyFrame()
+                   ? byProducts()
+                   : byMatrices();
     }
 
     void setPoses(const std::vector<RigidHIPlugin::Pose>& poses) {
@@ -37,7 +41,9 @@ public:
     }
     const MatrixXd& mobility() { return byMatrices().mobility(); }
     const MatrixXd& friction() { return byMatrices().friction(); }
-    void multiply(const MatrixXd& wrenches, MatrixXd& twists) { answering().multiply(wrenches, twists); }
+    void multiply(const MatrixXd& wrenches, MatrixXd& twists) {
+        answering().multiply(wrenches, twists);
+    }
 
 private:
     std::shared_ptr<CoupledBodies> bodies;

@@ -1,7 +1,8 @@
 #ifndef RIGIDHI_FLOW_SUPPORT_H_
 #define RIGIDHI_FLOW_SUPPORT_H_
 
-// Bodies in flows that users drive, and in periodic fluids, for tests of where flows lead bodies and of what bodies do to flows.
+// Bodies in flows that users drive, and in periodic fluids, for tests of where flows lead bodies
+// and of what bodies do to flows.
 
 #include <openmm/CustomExternalForce.h>
 
@@ -40,7 +41,9 @@ struct LinearFlow {
         return 0.5 * Vector3d(g(2, 1) - g(1, 2), g(0, 2) - g(2, 0), g(1, 0) - g(0, 1));
     }
     Matrix3d strain() const { return 0.5 * (gradient + gradient.transpose()); }
-    void set(MobilityForce& fluid) const { fluid.setBackgroundFlow(toVec3(velocity), rowsOf(gradient)); }
+    void set(MobilityForce& fluid) const {
+        fluid.setBackgroundFlow(toVec3(velocity), rowsOf(gradient));
+    }
 };
 
 /** Rotation, strain and a velocity, none along an axis. */
@@ -61,14 +64,16 @@ inline LinearFlow uniform(const Vector3d& velocity) {
     return flow;
 }
 
-/** f0 sin(k x_wave) along another axis, in a box with this edge along x_wave, averaged by particles with s and t. */
+/** f0 sin(k x_wave) along another axis, in a box with this edge along x_wave, averaged by particles
+ * with s and t. */
 struct Wave {
     double f0;
     int force, wave, index;
 
     double k(double edge) const { return 2 * M_PI * index / edge; }
     Vector3d at(const Vector3d& x, double edge, double eta, double s) const {
-        return s * f0 / (eta * std::pow(k(edge), 2)) * sin(k(edge) * x[wave]) * Vector3d::Unit(force);
+        return s * f0 / (eta * std::pow(k(edge), 2)) * sin(k(edge) * x[wave]) *
+               Vector3d::Unit(force);
     }
     Vector3d halfCurl(const Vector3d& x, double edge, double eta, double t) const {
         return t * f0 / (2 * eta * k(edge)) * cos(k(edge) * x[wave]) *
@@ -78,29 +83,36 @@ struct Wave {
         const Matrix3d one = Vector3d::Unit(force) * Vector3d::Unit(wave).transpose();
         return t * f0 / (2 * eta * k(edge)) * cos(k(edge) * x[wave]) * (one + one.transpose());
     }
-    void set(MobilityForce& fluid) const { fluid.setSinusoidalForceDensity(f0, force, wave, index); }
+    void set(MobilityForce& fluid) const {
+        fluid.setSinusoidalForceDensity(f0, force, wave, index);
+    }
 };
 
-/** s(k) and t(k): averages over the surface and over the ball's dipole, or over Gaussians (Lomholt and Maxey 2003). */
+/** s(k) and t(k): averages over the surface and over the ball's dipole, or over Gaussians (Lomholt
+ * and Maxey 2003). */
 inline double sOf(MobilityForce::Model model, double a, double k) {
     const double x = k * a;
     return model == MobilityForce::ForceCoupling ? std::exp(-x * x / (2 * M_PI)) : sin(x) / x;
 }
 inline double tOf(MobilityForce::Model model, double a, double k) {
     const double x = k * a;
-    return model == MobilityForce::ForceCoupling ? std::exp(-x * x / (2 * std::pow(6 * sqrt(M_PI), 2.0 / 3)))
-                                                 : 3 * (sin(x) - x * cos(x)) / (x * x * x);
+    return model == MobilityForce::ForceCoupling
+               ? std::exp(-x * x / (2 * std::pow(6 * sqrt(M_PI), 2.0 / 3)))
+               : 3 * (sin(x) - x * cos(x)) / (x * x * x);
 }
 
-/** Bodies and free particles that go where a step takes them; a step without noise from one evaluation is exact at any size. */
+/** Bodies and free particles that go where a step takes them; a step without noise from one
+ * evaluation is exact at any size. */
 struct FlowScene : FluidScene {
-    explicit FlowScene(double temperature = 0, double h = 1, RigidHI::Scheme scheme = RigidHI::EulerMaruyama)
+    explicit FlowScene(double temperature = 0, double h = 1,
+                       RigidHI::Scheme scheme = RigidHI::EulerMaruyama)
         : FluidScene(temperature, h) {
         integrator.setScheme(scheme);
     }
     void addField(const std::string& energy) {
         auto* field = new OpenMM::CustomExternalForce(energy);
-        for (int i = 0; i < system.getNumParticles(); i++) field->addParticle(i, std::vector<double>());
+        for (int i = 0; i < system.getNumParticles(); i++)
+            field->addParticle(i, std::vector<double>());
         system.addForce(field);
     }
     /** Sphere, sphere off its body's origin, multiblob, rod, free particle. */
@@ -125,7 +137,8 @@ struct FlowScene : FluidScene {
             }
         return Eigen::Map<VectorXd>(rows.data(), rows.size());
     }
-    /** Velocities and angular velocities that a step moved with, 6 rows a body and then 3 a free particle. */
+    /** Velocities and angular velocities that a step moved with, 6 rows a body and then 3 a free
+     * particle. */
     VectorXd stepTwists() {
         const double h = integrator.getStepSize();
         const auto R = integrator.getBodyPositions();
@@ -138,7 +151,8 @@ struct FlowScene : FluidScene {
         std::vector<Vec3> rows;
         for (size_t b = 0; b < R.size(); b++) {
             rows.push_back((R2[b] - R[b]) / h);
-            const Eigen::AngleAxisd turn(Matrix3d(rotationOf(q2[b]) * rotationOf(q[b]).transpose()));
+            const Eigen::AngleAxisd turn(
+                Matrix3d(rotationOf(q2[b]) * rotationOf(q[b]).transpose()));
             rows.push_back(toVec3(turn.angle() / h * turn.axis()));
         }
         for (int p : freeParticles)
@@ -149,10 +163,11 @@ struct FlowScene : FluidScene {
     }
     /** Velocities and angular velocities that the bodies have, likewise. */
     VectorXd twists() {
-        const auto V = integrator.getBodyVelocities(), omega = integrator.getBodyAngularVelocities(),
-                   v = velocitiesOf(*context);
+        const auto V = integrator.getBodyVelocities(),
+                   omega = integrator.getBodyAngularVelocities(), v = velocitiesOf(*context);
         VectorXd all(6 * V.size() + 3 * freeParticles.size());
-        for (size_t b = 0; b < V.size(); b++) all.segment<6>(6 * b) << toEigen(V[b]), toEigen(omega[b]);
+        for (size_t b = 0; b < V.size(); b++)
+            all.segment<6>(6 * b) << toEigen(V[b]), toEigen(omega[b]);
         for (size_t i = 0; i < freeParticles.size(); i++)
             all.segment<3>(6 * V.size() + 3 * i) = toEigen(v[freeParticles[i]]);
         return all;

@@ -14,7 +14,8 @@ Matrix3d cross(const Vector3d& v) {
 }
 
 MatrixXd pairOfSpheres(double a_i, double a_j, const Vector3d& r, double eta) {
-    const double R = r.norm(), sum = a_i + a_j, difference = std::abs(a_i - a_j), largest = std::max(a_i, a_j);
+    const double R = r.norm(), sum = a_i + a_j, difference = std::abs(a_i - a_j),
+                 largest = std::max(a_i, a_j);
     const Vector3d n = R > 0 ? Vector3d(r / R) : Vector3d::Zero();
     const Matrix3d I = Matrix3d::Identity(), nn = n * n.transpose();
     const double squares = a_i * a_i + a_j * a_j;
@@ -24,19 +25,23 @@ MatrixXd pairOfSpheres(double a_i, double a_j, const Vector3d& r, double eta) {
         if (R > sum) return 1 / (8 * M_PI * eta * R * R);
         if (R > difference)
             return std::pow(first - second + R, 2) *
-                   (second * second + 2 * second * (first + R) - 3 * std::pow(first - R, 2)) / (8 * R * R) /
-                   (16 * M_PI * eta * std::pow(first, 3) * second);
+                   (second * second + 2 * second * (first + R) - 3 * std::pow(first - R, 2)) /
+                   (8 * R * R) / (16 * M_PI * eta * std::pow(first, 3) * second);
         return first > second ? R / (8 * M_PI * eta * std::pow(first, 3)) : 0.0;
     };
     if (R > sum) {
-        tt = ((1 + squares / (3 * R * R)) * I + (1 - squares / (R * R)) * nn) / (8 * M_PI * eta * R);
+        tt =
+            ((1 + squares / (3 * R * R)) * I + (1 - squares / (R * R)) * nn) / (8 * M_PI * eta * R);
         rr = -(I - 3 * nn) / (16 * M_PI * eta * R * R * R);
     } else if (R > difference) {
         const double d2 = difference * difference, R2 = R * R, R3 = R2 * R;
-        tt = ((16 * R3 * sum - std::pow(d2 + 3 * R2, 2)) / (32 * R3) * I + 3 * std::pow(d2 - R2, 2) / (32 * R3) * nn) /
+        tt = ((16 * R3 * sum - std::pow(d2 + 3 * R2, 2)) / (32 * R3) * I +
+              3 * std::pow(d2 - R2, 2) / (32 * R3) * nn) /
              (6 * M_PI * eta * a_i * a_j);
-        const double A = (5 * R3 * R3 - 27 * R2 * R2 * squares + 32 * R3 * (std::pow(a_i, 3) + std::pow(a_j, 3)) -
-                          9 * R2 * std::pow(a_i * a_i - a_j * a_j, 2) - d2 * d2 * (squares + 4 * a_i * a_j)) /
+        const double A = (5 * R3 * R3 - 27 * R2 * R2 * squares +
+                          32 * R3 * (std::pow(a_i, 3) + std::pow(a_j, 3)) -
+                          9 * R2 * std::pow(a_i * a_i - a_j * a_j, 2) -
+                          d2 * d2 * (squares + 4 * a_i * a_j)) /
                          (64 * R3),
                      B = 3 * std::pow(d2 - R2, 2) * (squares + 4 * a_i * a_j - R2) / (64 * R3);
         rr = (A * I + B * nn) / (8 * M_PI * eta * std::pow(a_i * a_j, 3));
@@ -64,7 +69,8 @@ IndependentMobility::IndependentMobility(const std::vector<LabBody>& bodies, dou
         particleRows += body.radii.size() * (body.isSphere() ? 6 : 3);
         bodyRows += body.rows();
     }
-    MatrixXd M = MatrixXd::Zero(particleRows, particleRows), K = MatrixXd::Zero(particleRows, bodyRows);
+    MatrixXd M = MatrixXd::Zero(particleRows, particleRows),
+             K = MatrixXd::Zero(particleRows, bodyRows);
     int row = 0, bodyRow = 0;
     for (const LabBody& body : bodies) {
         for (size_t i = 0; i < body.radii.size(); i++) {
@@ -78,7 +84,8 @@ IndependentMobility::IndependentMobility(const std::vector<LabBody>& bodies, dou
                     const int otherSize = other.isSphere() ? 6 : 3;
                     const Vector3d r = body.R + body.offsets[i] - other.R - other.offsets[k];
                     M.block(row, column, size, otherSize) =
-                        pairOfSpheres(body.radii[i], other.radii[k], r, eta).topLeftCorner(size, otherSize);
+                        pairOfSpheres(body.radii[i], other.radii[k], r, eta)
+                            .topLeftCorner(size, otherSize);
                     column += otherSize;
                 }
             row += size;
@@ -103,10 +110,12 @@ IndependentMobility::IndependentMobility(const std::vector<LabBody>& bodies, dou
     MatrixXd allowed = MatrixXd::Identity(bodyRows, bodyRows);  // columns span these twists
     int first = 0, column = 0;
     for (const LabBody& body : bodies) {
-        for (int i = 0; i < body.rows(); i++) allowed.col(column + i) = VectorXd::Unit(bodyRows, first + i);
+        for (int i = 0; i < body.rows(); i++)
+            allowed.col(column + i) = VectorXd::Unit(bodyRows, first + i);
         column += body.rows();
         if (body.isLine()) {
-            const Vector3d line = (body.offsets.back() - body.offsets[0]).normalized(), across = line.unitOrthogonal();
+            const Vector3d line = (body.offsets.back() - body.offsets[0]).normalized(),
+                           across = line.unitOrthogonal();
             allowed.col(column - 3).segment(first + 3, 3) = across;
             allowed.col(column - 2).segment(first + 3, 3) = line.cross(across);
             column--;
@@ -114,7 +123,8 @@ IndependentMobility::IndependentMobility(const std::vector<LabBody>& bodies, dou
         first += body.rows();
     }
     allowed.conservativeResize(bodyRows, column);
-    mobility = allowed * (allowed.transpose() * friction * allowed).fullPivLu().solve(allowed.transpose());
+    mobility =
+        allowed * (allowed.transpose() * friction * allowed).fullPivLu().solve(allowed.transpose());
     following = mobility * lambda.transpose();
 }
 
@@ -140,8 +150,9 @@ MatrixXd tensorWithoutSymmetry(int seed) {
 
 MatrixXd squareOf(const std::vector<double>& numbers) {
     const int n = std::lround(std::sqrt(numbers.size()));
-    return Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> >(numbers.data(), n,
-                                                                                                     n);
+    return Eigen::Map<
+        const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> >(
+        numbers.data(), n, n);
 }
 
 std::vector<double> rowsOf(const MatrixXd& m) {
@@ -151,7 +162,9 @@ std::vector<double> rowsOf(const MatrixXd& m) {
     return numbers;
 }
 
-Matrix3d rotationOf(const QuaternionArray& q) { return Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix(); }
+Matrix3d rotationOf(const QuaternionArray& q) {
+    return Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
+}
 
 BodyKind sphereKind(double radius, double mass, double moment) {
     return {"sphere", mass, Vec3(moment, moment, moment), {Vec3()}, {radius}};
@@ -161,12 +174,17 @@ BodyKind boomerangKind() {
     return {"boomerang",
             3,
             Vec3(1.3, 0.7, 1.1),
-            {Vec3(0.1, 0, 0), Vec3(0.9, 0.1, 0), Vec3(1.5, -0.3, 0.2), Vec3(0, 0.8, 0.1), Vec3(-0.3, 1.4, 0.1)},
+            {Vec3(0.1, 0, 0), Vec3(0.9, 0.1, 0), Vec3(1.5, -0.3, 0.2), Vec3(0, 0.8, 0.1),
+             Vec3(-0.3, 1.4, 0.1)},
             {0.5, 0.4, 0.45, 0.5, 0.3}};
 }
 
 BodyKind rodKind() {
-    return {"rod", 2, Vec3(0.9, 0.9, 0), {Vec3(0, 0, -0.8), Vec3(0, 0, 0.1), Vec3(0, 0, 0.9)}, {0.4, 0.3, 0.5}};
+    return {"rod",
+            2,
+            Vec3(0.9, 0.9, 0),
+            {Vec3(0, 0, -0.8), Vec3(0, 0, 0.1), Vec3(0, 0, 0.9)},
+            {0.4, 0.3, 0.5}};
 }
 
 void FluidScene::add(const BodyKind& kind, const Vec3& R, const QuaternionArray& q) {
@@ -203,7 +221,8 @@ void FluidScene::bind() {
 
 void FluidScene::start(OpenMM::Platform& platform, int threadCount) {
     if (isPeriodic()) bind();
-    context.reset(new OpenMM::Context(system, integrator, platform, threads(platform.getName(), threadCount)));
+    context.reset(new OpenMM::Context(system, integrator, platform,
+                                      threads(platform.getName(), threadCount)));
     context->setPositions(positions);
     // One site leaves the orientation open.
     if (!bodies.empty()) {
@@ -222,13 +241,14 @@ VectorXd FluidScene::state() {
 void saveState(OpenMM::Context& context, std::stringstream& checkpoint, std::stringstream& xml) {
     using OpenMM::State;
     context.createCheckpoint(checkpoint);
-    const State state =
-        context.getState(State::Positions | State::Velocities | State::Parameters | State::IntegratorParameters);
+    const State state = context.getState(State::Positions | State::Velocities | State::Parameters |
+                                         State::IntegratorParameters);
     OpenMM::XmlSerializer::serialize<State>(&state, "State", xml);
 }
 
 void loadState(OpenMM::Context& context, std::stringstream& xml) {
-    context.setState(*std::unique_ptr<OpenMM::State>(OpenMM::XmlSerializer::deserialize<OpenMM::State>(xml)));
+    context.setState(
+        *std::unique_ptr<OpenMM::State>(OpenMM::XmlSerializer::deserialize<OpenMM::State>(xml)));
 }
 
 MatrixXd FluidScene::mobility() { return squareOf(fluid->getMobilityInContext(*context)); }
@@ -263,8 +283,8 @@ std::vector<LabBody> FluidScene::labBodies() {
 }
 
 IndependentMobility FluidScene::expected(const std::vector<LabBody>& bodies) {
-    const RigidHIPlugin::NoSlipPlane wall(fluid->getWallHeight(),
-                                          integrator.getWallRejection() == CustomRigidHIIntegrator::Crossing);
+    const RigidHIPlugin::NoSlipPlane wall(
+        fluid->getWallHeight(), integrator.getWallRejection() == CustomRigidHIIntegrator::Crossing);
     return IndependentMobility(bodies, fluid->getViscosity(),
                                fluid->getBoundary() == MobilityForce::NoSlipWall ? &wall : nullptr);
 }

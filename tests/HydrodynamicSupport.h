@@ -1,9 +1,10 @@
 #ifndef RIGIDHI_HYDRODYNAMIC_SUPPORT_H_
 #define RIGIDHI_HYDRODYNAMIC_SUPPORT_H_
 
-// What hydrodynamic tests compare with: Rotne-Prager-Yamakawa tensors and rigid multiblobs written down a second time, by
-// the textbook and without regard for speed. Nothing here uses platforms/common, but for what a wall adds, which
-// TestRotnePragerYamakawaWall compares with averages of Blake's solution over spheres.
+// What hydrodynamic tests compare with: Rotne-Prager-Yamakawa tensors and rigid multiblobs written
+// down a second time, by the textbook and without regard for speed. Nothing here uses
+// platforms/common, but for what a wall adds, which TestRotnePragerYamakawaWall compares with
+// averages of Blake's solution over spheres.
 
 #include <Eigen/Dense>
 #include <Eigen/Geometry>
@@ -29,7 +30,8 @@ using Eigen::VectorXd;
 
 Matrix3d cross(const Vector3d& v);
 
-/** The larger part of Wajnryb et al. 2013: velocities of i (rows V, W) from force and torque on j, r = r_i - r_j. */
+/** The larger part of Wajnryb et al. 2013: velocities of i (rows V, W) from force and torque on j,
+ * r = r_i - r_j. */
 MatrixXd pairOfSpheres(double a_i, double a_j, const Vector3d& r, double eta);
 
 /** A body (or free particle) as the fluid sees it, in the lab frame. */
@@ -44,10 +46,12 @@ struct LabBody {
     bool isLine() const;
 };
 
-/** Friction K^T M^-1 K, and mobility: its inverse on the twists that do not turn bodies on a line about that line. */
+/** Friction K^T M^-1 K, and mobility: its inverse on the twists that do not turn bodies on a line
+ * about that line. */
 struct IndependentMobility {
     MatrixXd friction, mobility;
-    MatrixXd following;  // mobility K^T M^-1: twists of bodies without forces from slips of their particles
+    MatrixXd following;  // mobility K^T M^-1: twists of bodies without forces from slips of their
+                         // particles
     /** @param wall  if there is one */
     IndependentMobility(const std::vector<LabBody>& bodies, double eta,
                         const RigidHIPlugin::NoSlipPlane* wall = nullptr);
@@ -59,7 +63,8 @@ double difference(const MatrixXd& a, const MatrixXd& b);
 /** Blocks of three rows turned by A. */
 MatrixXd turned(const MatrixXd& m, const Matrix3d& A);
 
-/** A positive definite 6 x 6 matrix without symmetry of any kind; translation about 1, rotation about 2. */
+/** A positive definite 6 x 6 matrix without symmetry of any kind; translation about 1, rotation
+ * about 2. */
 MatrixXd tensorWithoutSymmetry(int seed);
 
 /** The matrix that is stored row after row, as MobilityForce gives and takes it. */
@@ -102,7 +107,8 @@ struct FluidScene {
         integrator.setScheme(CustomRigidHIIntegrator::LangevinHI);
         integrator.setRandomNumberSeed(1);
     }
-    void add(const BodyKind& kind, const Vec3& R = Vec3(), const QuaternionArray& q = {{1, 0, 0, 0}});
+    void add(const BodyKind& kind, const Vec3& R = Vec3(),
+             const QuaternionArray& q = {{1, 0, 0, 0}});
     void addFree(double mass, double radius, const Vec3& x);
     /** The box and bonds of a periodic fluid; start() calls it if the fluid is periodic. */
     void bind();
@@ -134,8 +140,9 @@ private:
 };
 
 /**
- * Four scenes that are the same, one with two threads: two run through `before`, where anything may happen, and one of these goes on for so many steps;
- * a checkpoint and an XML State of the other, loaded into those that did not, go on to the same bits.
+ * Four scenes that are the same, one with two threads: two run through `before`, where anything may
+ * happen, and one of these goes on for so many steps; a checkpoint and an XML State of the other,
+ * loaded into those that did not, go on to the same bits.
  */
 template <class Scene>
 void expectToResumeBitForBit(const std::function<std::unique_ptr<Scene>(int threads)>& start,

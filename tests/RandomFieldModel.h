@@ -10,13 +10,14 @@
 namespace RigidHITest {
 
 /**
- * A fluid that has its own random field: a few plane waves w(r), each a flow without sources. Particles go with the flow at their centres and
- * turn with half its curl, so that with B, a row for each velocity and a column for each wave, M = B B^T, and the field is B times random
- * numbers.
+ * A fluid that has its own random field: a few plane waves w(r), each a flow without sources.
+ * Particles go with the flow at their centres and turn with half its curl, so that with B, a row
+ * for each velocity and a column for each wave, M = B B^T, and the field is B times random numbers.
  */
 class RandomFieldModel : public RigidHIPlugin::MobilityModel {
 public:
-    explicit RandomFieldModel(const RigidHIPlugin::HydrodynamicParticles& particles) : MobilityModel(particles, 1) {
+    explicit RandomFieldModel(const RigidHIPlugin::HydrodynamicParticles& particles)
+        : MobilityModel(particles, 1) {
         std::mt19937 random(3);
         std::normal_distribution<double> normal;
         for (int i = 0; i < 12; i++) {
@@ -30,23 +31,27 @@ public:
     }
     const char* name() const override { return "RandomFieldModel"; }
     bool hasOwnRandomField() const override { return true; }
-    void drawField(const RigidHIPlugin::NoiseStream& noise, uint32_t purpose, const RigidHIPlugin::BoxVectors&,
+    void drawField(const RigidHIPlugin::NoiseStream& noise, uint32_t purpose,
+                   const RigidHIPlugin::BoxVectors&,
                    std::unique_ptr<RigidHIPlugin::RandomField>& field) const override {
         if (!field) field.reset(new Field(*this));
         VectorXd& amplitudes = static_cast<Field&>(*field).amplitudes;
         amplitudes.resize(numWaves());
-        for (int i = 0; i < numWaves(); i += 2) noise.pair(purpose, i, 0, amplitudes[i], amplitudes[i + 1]);
+        for (int i = 0; i < numWaves(); i += 2)
+            noise.pair(purpose, i, 0, amplitudes[i], amplitudes[i + 1]);
         if (onlyWave >= 0) amplitudes = VectorXd::Unit(numWaves(), onlyWave);
     }
     int numWaves() const { return waves.size(); }
     /** Instead of random numbers: one wave alone, of amplitude 1. -1: random numbers. */
     static int onlyWave;
-    /** Covariance of the flows at two points, another way: sum of cos(k.(r - s)) (1 - k k/k^2)/k^2. */
+    /** Covariance of the flows at two points, another way: sum of cos(k.(r - s)) (1 - k k/k^2)/k^2.
+     */
     Eigen::Matrix3d covariance(const Vector3d& r, const Vector3d& s) const {
         Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
         for (size_t i = 0; i < waves.size(); i += 4) {
             const Vector3d& k = waves[i].k;
-            sum += cos(k.dot(r - s)) * (Eigen::Matrix3d::Identity() - k * k.transpose() / k.squaredNorm()) /
+            sum += cos(k.dot(r - s)) *
+                   (Eigen::Matrix3d::Identity() - k * k.transpose() / k.squaredNorm()) /
                    k.squaredNorm();
         }
         return sum;
@@ -83,9 +88,10 @@ private:
                        RigidHIPlugin::Velocities& velocities) override {
             for (size_t p = 0; p < points.size(); p++)
                 for (int w = 0; w < model.numWaves(); w++)
-                    velocities.col(p) += factor * amplitudes[w] *
-                                         cos(model.waves[w].k.dot(toEigen(points[p])) + model.waves[w].phase) *
-                                         model.waves[w].amplitude;
+                    velocities.col(p) +=
+                        factor * amplitudes[w] *
+                        cos(model.waves[w].k.dot(toEigen(points[p])) + model.waves[w].phase) *
+                        model.waves[w].amplitude;
         }
         /** Its waves are along no axis. */
         double amplitudeOf(const RigidHIPlugin::DrivenFlow&) override { return 0; }
@@ -95,10 +101,13 @@ private:
     };
     struct Place : public RigidHIPlugin::MobilityAt {
         explicit Place(const RandomFieldModel& model) : MobilityAt(model), model(model) {}
-        void apply(const MatrixXd& forces, MatrixXd& velocities) override { velocities = B * (B.transpose() * forces); }
+        void apply(const MatrixXd& forces, MatrixXd& velocities) override {
+            velocities = B * (B.transpose() * forces);
+        }
         void moveTo(const RigidHIPlugin::Placement& at, bool) override { B = model.B(at); }
-        void addFlowAt(const RigidHIPlugin::FlowSources& sources, const std::vector<OpenMM::Vec3>& points,
-                       double factor, RigidHIPlugin::Velocities& velocities) override {
+        void addFlowAt(const RigidHIPlugin::FlowSources& sources,
+                       const std::vector<OpenMM::Vec3>& points, double factor,
+                       RigidHIPlugin::Velocities& velocities) override {
             Field flow(model);
             flow.amplitudes = B.transpose() * sources.forces.col(0);
             flow.addFlowAt(points, factor, velocities);

@@ -1,4 +1,5 @@
-// The only object that is compiled for each platform: it tells the tests in platform/ which one they run on.
+// The only object that is compiled for each platform: it tells the tests in platform/ which one
+// they run on.
 
 #include <openmm/VerletIntegrator.h>
 
@@ -14,13 +15,15 @@ string testPlatformName() { return RIGIDHI_TEST_PLATFORM; }
 
 double readTolerance(double tolerance, double scale) {
     if (!onDevice()) return tolerance;
-    // Several roundings on the way; "mixed" holds positions in single precision when it sorts particles.
+    // Several roundings on the way; "mixed" holds positions in single precision when it sorts
+    // particles.
     return max(tolerance, scale * 8 * pow(2, testPrecision() == "double" ? -53 : -24));
 }
 
 double forceTolerance(double tolerance, double scale) {
     if (!onDevice()) return tolerance;
-    // Sums are in fixed point with 32 bits after the point; functions such as 1/r are good to single precision even where numbers are double.
+    // Sums are in fixed point with 32 bits after the point; functions such as 1/r are good to
+    // single precision even where numbers are double.
     return max(tolerance, scale * (testPrecision() == "double" ? 1e-7 : 1e-5));
 }
 
@@ -35,12 +38,14 @@ class NeedsDevice : public testing::Environment {
         try {
             OpenMM::Context context(system, integrator, RigidHITest::testPlatform());
         } catch (const OpenMM::OpenMMException& e) {
-            GTEST_SKIP() << "no device for platform " << RigidHITest::testPlatformName() << ": " << e.what();
+            GTEST_SKIP() << "no device for platform " << RigidHITest::testPlatformName() << ": "
+                         << e.what();
         }
     }
 };
 
-testing::Environment* const needed = onDevice() ? testing::AddGlobalTestEnvironment(new NeedsDevice) : nullptr;
+testing::Environment* const needed =
+    onDevice() ? testing::AddGlobalTestEnvironment(new NeedsDevice) : nullptr;
 
 }  // namespace
 

@@ -17,9 +17,11 @@ const double boltzmann = BOLTZ;
 
 Platform& platform(const string& name) {
     static bool loaded = [] {
-        Platform::loadPluginsFromDirectory(Platform::getDefaultPluginsDirectory());  // OpenMM's own CPU platform
+        Platform::loadPluginsFromDirectory(
+            Platform::getDefaultPluginsDirectory());  // OpenMM's own CPU platform
         for (const char* p : {"Reference", "CPU", "Any"})
-            Platform::loadPluginLibrary(string(RIGIDHI_PLUGIN_DIR) + "/libOpenMMRigidHI" + p + ".so");
+            Platform::loadPluginLibrary(string(RIGIDHI_PLUGIN_DIR) + "/libOpenMMRigidHI" + p +
+                                        ".so");
         return true;
     }();
     (void)loaded;
@@ -63,8 +65,8 @@ Estimate estimate(const vector<double>& samples) {
 
 void expectMean(const string& what, const Estimate& measured, double expected) {
     const double z = (measured.mean - expected) / measured.error;
-    cout << what << ": " << measured.mean << " +- " << measured.error << ", expected " << expected << ", z = " << z
-         << endl;
+    cout << what << ": " << measured.mean << " +- " << measured.error << ", expected " << expected
+         << ", z = " << z << endl;
     EXPECT_LT(abs(z), 5.0) << what;
 }
 
@@ -77,19 +79,22 @@ void expectError(const function<void()>& action, const vector<string>& fragments
                 << "the message \"" << e.what() << "\" does not mention \"" << fragment << "\"";
         return;
     }
-    ADD_FAILURE() << "no exception was thrown; expected one that mentions \"" << fragments[0] << "\"";
+    ADD_FAILURE() << "no exception was thrown; expected one that mentions \"" << fragments[0]
+                  << "\"";
 }
 
 double norm(const Vec3& v) { return sqrt(v.dot(v)); }
 
 QuaternionArray product(const QuaternionArray& a, const QuaternionArray& b) {
-    return {
-        {a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3], a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
-         a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1], a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]}};
+    return {{a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+             a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+             a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+             a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]}};
 }
 
 Vec3 rotate(const QuaternionArray& q, const Vec3& v) {
-    const QuaternionArray r = product(product(q, {{0, v[0], v[1], v[2]}}), {{q[0], -q[1], -q[2], -q[3]}});
+    const QuaternionArray r =
+        product(product(q, {{0, v[0], v[1], v[2]}}), {{q[0], -q[1], -q[2], -q[3]}});
     return Vec3(r[1], r[2], r[3]);
 }
 
@@ -107,8 +112,9 @@ QuaternionArray randomQuaternion(mt19937& generator) {
 
 Shape waterShape() {
     const double angle = 104.52 * M_PI / 180, bond = 0.09572;
-    return {
-        "water", {15.9994, 1.008, 1.008}, {Vec3(), Vec3(bond, 0, 0), Vec3(bond * cos(angle), bond * sin(angle), 0)}};
+    return {"water",
+            {15.9994, 1.008, 1.008},
+            {Vec3(), Vec3(bond, 0, 0), Vec3(bond * cos(angle), bond * sin(angle), 0)}};
 }
 
 vector<Shape> allShapes() {
@@ -124,7 +130,8 @@ vector<Shape> allShapes() {
     for (int i = 0; i < 6; i++)
         for (double radius : {0.139, 0.248}) {
             benzene.masses.push_back(radius < 0.2 ? 12.0 : 1.0);
-            benzene.sites.push_back(Vec3(radius * cos(i * M_PI / 3), radius * sin(i * M_PI / 3), 0));
+            benzene.sites.push_back(
+                Vec3(radius * cos(i * M_PI / 3), radius * sin(i * M_PI / 3), 0));
         }
     shapes.push_back(benzene);
     Shape octahedron{"octahedron", {32.0}, {Vec3()}};
@@ -136,7 +143,8 @@ vector<Shape> allShapes() {
             octahedron.sites.push_back(site);
         }
     shapes.push_back(octahedron);
-    // A needle with moments about 1e-9 : 1 : 1 in each of the three directions of the starting frame.
+    // A needle with moments about 1e-9 : 1 : 1 in each of the three directions of the starting
+    // frame.
     for (int k = 0; k < 3; k++) {
         const double half = 0.5, thin = half * sqrt(1e-9);
         Shape needle{"needle along " + string(1, "xyz"[k]), {10, 10, 1, 1}, vector<Vec3>(4)};
@@ -151,13 +159,15 @@ vector<Shape> allShapes() {
     uniform_real_distribution<double> uniform(-2, 2);
     for (int i = 0; i < 200; i++) {
         large.masses.push_back(12.0);
-        large.sites.push_back(Vec3(uniform(generator), 0.6 * uniform(generator), 0.3 * uniform(generator)));
+        large.sites.push_back(
+            Vec3(uniform(generator), 0.6 * uniform(generator), 0.3 * uniform(generator)));
     }
     shapes.push_back(large);
     return shapes;
 }
 
-void addBodies(System& system, CustomRigidHIIntegrator& integrator, const Shape& shape, int copies) {
+void addBodies(System& system, CustomRigidHIIntegrator& integrator, const Shape& shape,
+               int copies) {
     for (int c = 0; c < copies; c++) {
         vector<int> particles;
         for (double mass : shape.masses) particles.push_back(system.addParticle(mass));
@@ -170,7 +180,8 @@ vector<Vec3> randomPoses(const Shape& shape, int copies, double spacing, int see
     vector<Vec3> positions;
     for (int c = 0; c < copies; c++) {
         const QuaternionArray q = randomQuaternion(generator);
-        for (const Vec3& site : shape.sites) positions.push_back(rotate(q, site) + Vec3(spacing * c, 0, 0));
+        for (const Vec3& site : shape.sites)
+            positions.push_back(rotate(q, site) + Vec3(spacing * c, 0, 0));
     }
     return positions;
 }
@@ -186,8 +197,12 @@ double largestDistortion(const vector<Vec3>& positions, const Shape& shape, int 
     return worst;
 }
 
-vector<Vec3> positionsOf(Context& context) { return context.getState(State::Positions).getPositions(); }
-vector<Vec3> velocitiesOf(Context& context) { return context.getState(State::Velocities).getVelocities(); }
+vector<Vec3> positionsOf(Context& context) {
+    return context.getState(State::Positions).getPositions();
+}
+vector<Vec3> velocitiesOf(Context& context) {
+    return context.getState(State::Velocities).getVelocities();
+}
 
 bool sameBits(const vector<Vec3>& a, const vector<Vec3>& b) {
     return a.size() == b.size() && memcmp(a.data(), b.data(), a.size() * sizeof(Vec3)) == 0;

@@ -28,23 +28,28 @@ extern const double boltzmann;
 
 /** Load the plugin (once) and give a platform by name. */
 OpenMM::Platform& platform(const std::string& name);
-/** What the program tests, where it is made of a file in platform/: "Reference", "CPU" or "OpenCL". */
+/** What the program tests, where it is made of a file in platform/: "Reference", "CPU" or "OpenCL".
+ */
 std::string testPlatformName();
 inline OpenMM::Platform& testPlatform() { return platform(testPlatformName()); }
 inline bool onCpu() { return testPlatformName() == "CPU"; }
 /** Whether forces are a device's, and particles are copied to and from it. */
 inline bool onDevice() { return testPlatformName() == "OpenCL"; }
-/** "double" but for device platforms, whose precision the environment variable RIGIDHI_TEST_PRECISION says. */
+/** "double" but for device platforms, whose precision the environment variable
+ * RIGIDHI_TEST_PRECISION says. */
 std::string testPrecision();
 /** Whether OpenMM's forces are computed in single precision. */
 inline bool hasSingleForces() { return onCpu() || testPrecision() != "double"; }
 /**
- * The tolerance of a comparison on this platform: as given on Reference and CPU, elsewhere not below what its numbers can tell.
+ * The tolerance of a comparison on this platform: as given on Reference and CPU, elsewhere not
+ * below what its numbers can tell.
  *
- * @param scale     the size of what is compared, positions or velocities that were read from the Context
+ * @param scale     the size of what is compared, positions or velocities that were read from the
+ * Context
  */
 double readTolerance(double tolerance, double scale);
-/** Likewise of what follows from forces. @param scale  their size, in the units of what is compared */
+/** Likewise of what follows from forces. @param scale  their size, in the units of what is compared
+ */
 double forceTolerance(double tolerance, double scale);
 /** The test's promise is not that of platforms which keep particles on a device. */
 #define SKIP_ON_DEVICES(reason) \
@@ -66,8 +71,9 @@ struct Estimate {
 Estimate estimate(const std::vector<double>& samples);
 
 /**
- * Statistical tests use fixed seeds and allow 5 standard errors: one test in 1.7 million would fail by chance, all of the
- * suite together (fewer than 150) less than one time in 10^4. The z-score is printed.
+ * Statistical tests use fixed seeds and allow 5 standard errors: one test in 1.7 million would fail
+ * by chance, all of the suite together (fewer than 150) less than one time in 10^4. The z-score is
+ * printed.
  */
 void expectMean(const std::string& what, const Estimate& measured, double expected);
 
@@ -90,8 +96,10 @@ Shape waterShape();
 /** Every kind of shape that a rotor can have; see TestShapes. */
 std::vector<Shape> allShapes();
 
-/** Add `copies` bodies of a shape to a System and an integrator, implicitly (geometry from the first positions). */
-void addBodies(OpenMM::System& system, CustomRigidHIIntegrator& integrator, const Shape& shape, int copies);
+/** Add `copies` bodies of a shape to a System and an integrator, implicitly (geometry from the
+ * first positions). */
+void addBodies(OpenMM::System& system, CustomRigidHIIntegrator& integrator, const Shape& shape,
+               int copies);
 /** Random orientations, origins on a line at the given spacing. */
 std::vector<Vec3> randomPoses(const Shape& shape, int copies, double spacing, int seed);
 /** The largest deviation of a distance between members of bodies of this shape from the shape's. */

@@ -1,18 +1,23 @@
 """Follow the recipes of CONTRIBUTING.md to the letter, in a copy of the sources, and run what they promise (`make recipes`).
 
-The pages' code blocks are written where the page says, the copy is built, and the tests that run over all schemes and models must pass with the
-new ones on both platforms. Then every recipe's example is spoiled as its page says, and a test must notice: otherwise nothing had tested it.
-Averages over many steps (ctest's label quick-statistics) are left to `make test`: shorter tests run the new schemes and models too.
-The copy and its build stay in build/recipes, so that only what changed is built the next time.
+The pages' code blocks are written where the page says, the copy is built, and the tests that run
+over all schemes and models must pass with the new ones on both platforms. Then every recipe's
+example is spoiled as its page says, and a test must notice: otherwise nothing had tested it.
+Averages over many steps (ctest's label quick-statistics) are left to `make test`: shorter tests run
+the new schemes and models too. The copy and its build stay in build/recipes, so that only what
+changed is built the next time.
 
-A page says in comments, which readers do not see, what a recipe does. Before a code block, which may not be empty:
-    <!-- recipe: create FILE -->           the block is the file
-    <!-- recipe: add to the list in FILE -->    lines of a macro: the line before them gets its backslash
-    <!-- recipe: in FILE before TEXT -->   the block goes before the one line of the file that has this text; likewise `after`
+A page says in comments, which readers do not see, what a recipe does. Before a code block, which
+may not be empty:
+    <!-- recipe: create FILE -->           the block is the file <!-- recipe: add to the list in
+    FILE -->    lines of a macro: the line before them gets its backslash <!-- recipe: in FILE
+    before TEXT -->   the block goes before the one line of the file that has this text; likewise
+    `after`
 Anywhere:
-    <!-- recipe: test NAME NAME -->        test programs, as files in tests/unit or tests/platform are named, that must pass
-    <!-- recipe: python EXPRESSION -->     is true after `from openmmrigidhi import *`
-    <!-- recipe: spoil FILE: OLD -> NEW, seen by NAME -->   so spoiled, this test program must fail, on both platforms
+    <!-- recipe: test NAME NAME -->        test programs, as files in tests/unit or tests/platform
+    are named, that must pass <!-- recipe: python EXPRESSION -->     is true after `from
+    openmmrigidhi import *` <!-- recipe: spoil FILE: OLD -> NEW, seen by NAME -->   so spoiled, this
+    test program must fail, on both platforms
 """
 import argparse
 import pathlib
@@ -33,14 +38,13 @@ class RecipeError(Exception):
 
 def tracked_files():
     """What the repository has, and what is new and not ignored: path -> bytes."""
-    listed = subprocess.run(['git', 'ls-files', '-z', '--cached', '--others', '--exclude-standard'], cwd=ROOT, check=True,
-                            capture_output=True).stdout.decode().split('\0')
-    return {name: (ROOT / name).read_bytes() for name in listed if name and (ROOT / name).is_file()}
+    listed = subprocess.run(['git', 'ls-files', '-z', '--cached', '--others', '--exclude-standard'],
+                            cwd=ROOT, check=True, capture_output=True).stdout.decode().split('\0')
+    return {name: (ROOT/name).read_bytes() for name in listed if name and (ROOT/name).is_file()}
 
 
 class Recipes:
     """What all recipes of all pages make of the sources."""
-
     def __init__(self, files):
         self.files = files
         self.programs, self.expressions, self.spoils = [], [], []
@@ -48,14 +52,18 @@ class Recipes:
 
     def follow(self, page):
         text = self.text(page)
-        for found in re.finditer(r'^<!-- recipe: (.*?) -->\n(?:```\w+\n(.*?)^```$)?', text, flags=re.S | re.M):
+        for found in re.finditer(r'^<!-- recipe: (.*?) -->\n(?:```\w+\n(.*?)^```$)?', text,
+                                 flags=re.S | re.M):
             try:
                 self.do(' '.join(found[1].split()), found[2])
             except RecipeError as error:
-                raise RecipeError(f'{page}, line {text.count(chr(10), 0, found.start()) + 1}: {error}') from None
+                raise RecipeError(
+                    f'{page}, line {text.count(chr(10), 0, found.start()) + 1}: {error}') from None
             self.steps += 1
-        if text.count('<!-- recipe:') != len(re.findall(r'^<!-- recipe: .*? -->$', text, flags=re.S | re.M)):
-            raise RecipeError(f'{page}: a comment that begins with "recipe:" must be alone on its lines')
+        if text.count('<!-- recipe:') != len(
+                re.findall(r'^<!-- recipe: .*? -->$', text, flags=re.S | re.M)):
+            raise RecipeError(
+                f'{page}: a comment that begins with "recipe:" must be alone on its lines')
 
     def text(self, name):
         if name not in self.files:
@@ -63,15 +71,19 @@ class Recipes:
         return self.files[name].decode()
 
     def do(self, step, block):
-        verbs = ((r'create (\S+)', self.create), (r'add to the list in (\S+)', self.add_to_list), (r'in (\S+) (before|after) (.+)', self.insert),
-                 (r'test (.+)', self.test), (r'python (.+)', self.python), (r'spoil (\S+): (.+) -> (.+), seen by (\S+)', self.spoil))
+        verbs = ((r'create (\S+)', self.create), (r'add to the list in (\S+)', self.add_to_list),
+                 (r'in (\S+) (before|after) (.+)', self.insert), (r'test (.+)', self.test),
+                 (r'python (.+)', self.python), (r'spoil (\S+): (.+) -> (.+), seen by (\S+)',
+                                                 self.spoil))
         for pattern, action in verbs:
             words = re.fullmatch(pattern, step)
             if words is None:
                 continue
             needs_block = action in (self.create, self.add_to_list, self.insert)
             if needs_block != (block is not None) or block == '':
-                raise RecipeError(f'"{step}" {"needs a code block after it" if needs_block else "takes no code block"}')
+                raise RecipeError(
+                    f'"{step}" '
+                    f'{"needs a code block after it" if needs_block else "takes no code block"}')
             action(*words.groups(), *([block] if needs_block else []))
             return
         raise RecipeError(f'"{step}" is no step; tools/follow_recipes.py lists them')
@@ -108,7 +120,9 @@ class Recipes:
 
     def test(self, names):
         for name in names.split():
-            self.programs += [program for program in self.programs_of(name) if program not in self.programs]
+            self.programs += [
+                program for program in self.programs_of(name) if program not in self.programs
+            ]
 
     def python(self, expression):
         self.expressions.append(expression)
@@ -126,24 +140,24 @@ def write_copy(files, folder):
         if path.is_file() and name.parts[0] != BUILD and str(name) not in files:
             path.unlink()
     for name, content in files.items():
-        path = folder / name
+        path = folder/name
         if path.exists() and path.read_bytes() == content:
             continue
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
-        path.chmod((ROOT / name).stat().st_mode if (ROOT / name).exists() else 0o644)
+        path.chmod((ROOT/name).stat().st_mode if (ROOT/name).exists() else 0o644)
 
 
 class Copy:
     """The copy of the sources and its build."""
-
     def __init__(self, folder, python, jobs):
-        self.sources, self.build, self.python, self.jobs = folder, folder / BUILD, python, str(jobs)
+        self.sources, self.build, self.python, self.jobs = folder, folder/BUILD, python, str(jobs)
 
     def run(self, what, command, **settings):
         start = time.monotonic()
         print(f'-- {what}', flush=True)
-        finished = subprocess.run(command, cwd=self.sources, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, **settings)
+        finished = subprocess.run(command, cwd=self.sources, text=True, stdout=subprocess.PIPE,
+                                  stderr=subprocess.STDOUT, **settings)
         print(f'   {time.monotonic() - start:.0f} s', flush=True)
         return finished
 
@@ -154,22 +168,33 @@ class Copy:
             raise RecipeError(f'{what}: failed')
 
     def configure(self):
-        self.must('configure', ['cmake', '--preset', 'release', '-B', str(self.build), f'-DPython3_EXECUTABLE={self.python}'])
+        self.must('configure', [
+            'cmake', '--preset', 'release', '-B',
+            str(self.build), f'-DPython3_EXECUTABLE={self.python}'
+        ])
 
     def make(self, targets):
-        self.must('build', ['cmake', '--build', str(self.build), '--parallel', self.jobs, '--target', *targets])
+        self.must(
+            'build',
+            ['cmake', '--build',
+             str(self.build), '--parallel', self.jobs, '--target', *targets])
 
     def test(self, programs, *options):
         return self.run('run ' + ' '.join(programs), [
-            'ctest', '--test-dir', str(self.build), '-L', 'quick', '-LE', 'statistics', '-R', rf'^({"|".join(programs)})\.', '--no-tests=error',
-            '--output-on-failure', '--parallel', self.jobs, *options])
+            'ctest', '--test-dir',
+            str(self.build), '-L', 'quick', '-LE', 'statistics', '-R',
+            rf'^({"|".join(programs)})\.', '--no-tests=error', '--output-on-failure', '--parallel',
+            self.jobs, *options
+        ])
 
 
 def main(argv=None):
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
-    parser.add_argument('--folder', type=pathlib.Path, default=ROOT / 'build/recipes', help='of the copy and its build')
+    parser.add_argument('--folder', type=pathlib.Path, default=ROOT/'build/recipes',
+                        help='of the copy and its build')
     parser.add_argument('--jobs', type=int, default=1)
-    parser.add_argument('--check', action='store_true', help='only whether all steps can be followed; build nothing')
+    parser.add_argument('--check', action='store_true',
+                        help='only whether all steps can be followed; build nothing')
     arguments = parser.parse_args(argv)
     recipes = Recipes(tracked_files())
     for page in PAGES:
@@ -185,11 +210,16 @@ def main(argv=None):
     copy.configure()
     copy.make([*RUNTIME, *recipes.programs])
     for expression in recipes.expressions:
-        copy.must(f'Python: {expression}', [sys.executable, '-c', f'import sys; sys.path.insert(0, sys.argv[1])\n'
-                                            f'from openmmrigidhi import *\nassert {expression}', str(copy.build / 'python')])
+        copy.must(f'Python: {expression}', [
+            sys.executable, '-c', f'import sys; sys.path.insert(0, sys.argv[1])\n'
+            f'from openmmrigidhi import *\nassert {expression}',
+            str(copy.build/'python')
+        ])
     finished = copy.test(recipes.programs)
     if finished.returncode != 0:
-        print(re.sub(r'^ *(Start +\d+:|\d+/\d+ Test .* Passed ).*\n', '', finished.stdout, flags=re.M)[-12000:])
+        print(
+            re.sub(r'^ *(Start +\d+:|\d+/\d+ Test .* Passed ).*\n', '', finished.stdout,
+                   flags=re.M)[-12000:])
         raise RecipeError('the tests fail with what the recipes made')
 
     spoiled = dict(recipes.files)
@@ -198,10 +228,13 @@ def main(argv=None):
     write_copy(spoiled, copy.sources)
     seen_by = [program for *_, programs in recipes.spoils for program in programs]
     copy.make([*RUNTIME[:2], *seen_by])
-    unseen = [program for program in seen_by if copy.test([program], '--stop-on-failure').returncode == 0]
+    unseen = [
+        program for program in seen_by if copy.test([program], '--stop-on-failure').returncode == 0
+    ]
     write_copy(recipes.files, copy.sources)
     if unseen:
-        raise RecipeError('these tests do not notice that the example is spoiled: ' + ', '.join(unseen))
+        raise RecipeError('these tests do not notice that the example is spoiled: ' +
+                          ', '.join(unseen))
     print('All recipes work.')
 
 

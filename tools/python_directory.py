@@ -2,8 +2,9 @@
 
 Usage: python_directory.py [--advise] PREFIX
 
-Without --advise, prints the directory relative to the prefix: the first one below it where this Python looks for packages;
-or that of a virtual environment whose directory the prefix is; or else Debian's lib/python3/dist-packages.
+Without --advise, prints the directory relative to the prefix: the first one below it where this
+Python looks for packages; or that of a virtual environment whose directory the prefix is; or else
+Debian's lib/python3/dist-packages.
 """
 import os
 import sys
@@ -13,8 +14,10 @@ DEFAULT = os.path.join('lib', 'python3', 'dist-packages')
 
 def package_directory(prefix):
     """The directory relative to the prefix, and whether a Python finds packages there by itself."""
-    below = [os.path.relpath(path, prefix) for path in sys.path
-             if path.startswith(os.path.join(prefix, 'lib', '')) and path.endswith('-packages')]
+    below = [
+        os.path.relpath(path, prefix) for path in sys.path
+        if path.startswith(os.path.join(prefix, 'lib', '')) and path.endswith('-packages')
+    ]
     if below:
         return below[0], True
     if os.path.exists(os.path.join(prefix, 'pyvenv.cfg')):
@@ -33,7 +36,8 @@ def main(arguments):
     print(f'Installed the Python package into {os.path.join(prefix, directory)}')
     print(f'and headers into {os.path.join(prefix, "include", "openmmrigidhi")}.')
     if not found:
-        print(f'Python does not look there by itself. To use it:\n    export PYTHONPATH={os.path.join(prefix, directory)}')
+        print(f'Python does not look there by itself. To use it:\n    export '
+              f'PYTHONPATH={os.path.join(prefix, directory)}')
 
 
 main(sys.argv[1:])

@@ -1,13 +1,14 @@
 #!/usr/bin/python3
 """Compute the hydrodynamic radii of shells of touching blobs that python/openmmrigidhi/app/shapes.py holds.
 
-A shell has its blobs at sphereShell(n, 1); their radius is half their smallest distance. The force f on blobs that all have the
-velocity (1, 0, 0) solves M f = u, M the Rotne-Prager-Yamakawa mobility of blobs that do not overlap, in unbounded fluid; the radius
-for translation is the sum of f_x over 6 pi eta, that for rotation the cube root of the torque of blobs that turn about z over
-8 pi eta. The shells have the symmetry of an icosahedron, which makes both tensors isotropic.
+A shell has its blobs at sphereShell(n, 1); their radius is half their smallest distance. The force
+f on blobs that all have the velocity (1, 0, 0) solves M f = u, M the Rotne-Prager-Yamakawa mobility
+of blobs that do not overlap, in unbounded fluid; the radius for translation is the sum of f_x over
+6 pi eta, that for rotation the cube root of the torque of blobs that turn about z over 8 pi eta.
+The shells have the symmetry of an icosahedron, which makes both tensors isotropic.
 
-Solved by conjugate gradients, with products by rows of pairs: 2562 blobs take a minute and no large matrix. Written without the
-plugin's mobilities, of which tests with these radii are a check.
+Solved by conjugate gradients, with products by rows of pairs: 2562 blobs take a minute and no large
+matrix. Written without the plugin's mobilities, of which tests with these radii are a check.
 
     PYTHONPATH=build/python python3 tools/shell_radii.py [n ...]      # default: 12 42 162 642 2562
 """
@@ -24,7 +25,8 @@ ROWS = 200
 
 
 def smallestDistance(points):
-    return min(np.linalg.norm(points[k+1:] - points[k], axis=1).min() for k in range(len(points) - 1))
+    return min(
+        np.linalg.norm(points[k + 1:] - points[k], axis=1).min() for k in range(len(points) - 1))
 
 
 def product(points, a, forces):
@@ -35,11 +37,12 @@ def product(points, a, forces):
         r = points[rows, None] - points[None]
         squares = np.einsum('ijk,ijk->ij', r, r)
         own = np.arange(rows.start, rows.stop)
-        squares[own - first, own] = np.inf   # no contribution to itself
+        squares[own - first, own] = np.inf  # no contribution to itself
         inverse = 1/np.sqrt(squares)
         ratio = 2*a*a/squares
         along = np.einsum('ijk,jk->ij', r, forces)*(1 - ratio)*inverse**3
-        velocities[rows] += (((1 + ratio/3)*inverse) @ forces + np.einsum('ij,ijk->ik', along, r))/(8*np.pi*VISCOSITY)
+        velocities[rows] += ((
+            (1 + ratio/3)*inverse) @ forces + np.einsum('ij,ijk->ik', along, r))/(8*np.pi*VISCOSITY)
     return velocities
 
 
@@ -68,12 +71,14 @@ def radii(n):
     rotation = np.cross((0, 0, 1.0), points)
     forces, first = solve(points, a, translation)
     torques, second = solve(points, a, rotation)
-    return (np.vdot(translation, forces)/(6*np.pi*VISCOSITY), (np.vdot(rotation, torques)/(8*np.pi*VISCOSITY))**(1/3),
-            first + second)
+    return (np.vdot(translation, forces)/(6*np.pi*VISCOSITY),
+            (np.vdot(rotation, torques)/(8*np.pi*VISCOSITY))**(1/3), first + second)
 
 
 if __name__ == '__main__':
     print('blobs  translation  rotation  rotation below translation by  iterations')
     for n in map(int, sys.argv[1:] or (12, 42, 162, 642, 2562)):
         translation, rotation, iterations = radii(n)
-        print(f'{n:5d}  {translation:11.6f}  {rotation:8.6f}  {100*(1 - rotation/translation):28.3f}%  {iterations:10d}', flush=True)
+        print(
+            f'{n:5d}  {translation:11.6f}  {rotation:8.6f}  '
+            f'{100*(1 - rotation/translation):28.3f}%  {iterations:10d}', flush=True)

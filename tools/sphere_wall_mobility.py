@@ -1,19 +1,26 @@
 #!/usr/bin/python3
 """Fit the resistance of a sphere above a no-slip wall that platforms/common/mobility/models/wall/SphereWall.cpp holds.
 
-Exact values: the Stokes flow around a sphere that moves or turns parallel to the wall, in bispherical coordinates with the
-ansatz of Dean, O'Neill, Mathematika 10, 13 (1963) and O'Neill, Mathematika 11, 67 (1964): pressure Q cos(phi) and velocities from
-harmonic U0, U2, W; here by collocation of the boundary conditions and of div u = 0 on both surfaces. About the normal: Jeffery,
-Proc. Lond. Math. Soc. 14, 327 (1915), a sum. Towards the wall: Brenner, Chem. Eng. Sci. 16, 242 (1961), a sum.
+Exact values: the Stokes flow around a sphere that moves or turns parallel to the wall, in
+bispherical coordinates with the ansatz of Dean, O'Neill, Mathematika 10, 13 (1963) and O'Neill,
+Mathematika 11, 67 (1964): pressure Q cos(phi) and velocities from harmonic U0, U2, W; here by
+collocation of the boundary conditions and of div u = 0 on both surfaces. About the normal: Jeffery,
+Proc. Lond. Math. Soc. 14, 327 (1915), a sum. Towards the wall: Brenner, Chem. Eng. Sci. 16, 242
+(1961), a sum.
 
-Fits: with u = a/h and the gap's logarithm, leading terms of both ends prescribed (Goldman, Cox, Brenner, Chem. Eng. Sci. 22, 637,
-1967; towards the wall Cox, Brenner, Chem. Eng. Sci. 22, 1753, 1967). Prints the arrays for the source, the errors of the fits, of mobilities
-made of them, values for tests, and the errors of the approximations in Delong et al. 2015, eqs. 95 to 97.
+Fits: with u = a/h and the gap's logarithm, leading terms of both ends prescribed (Goldman, Cox,
+Brenner, Chem. Eng. Sci. 22, 637, 1967; towards the wall Cox, Brenner, Chem. Eng. Sci. 22, 1753,
+1967). Prints the arrays for the source, the errors of the fits, of mobilities made of them, values
+for tests, and the errors of the approximations in Delong et al. 2015, eqs. 95 to 97.
 """
 import numpy as np
 
-#: coefficient at contact of 1/gap and of ln(1 - u), power of u, first coefficient far away (but for that of 1/gap) of each function
-SHAPES = {'Ft': (0, -8/15, 1, 9/16), 'Tt': (0, 1/10, 4, -3/32), 'Tr': (0, -2/5, 3, 5/16), 'Tz': (0, 0, 3, 1/8), 'Fz': (1, -1/5, 1, 1/8)}
+#: coefficient at contact of 1/gap and of ln(1 - u), power of u, first coefficient far away (but for
+#: that of 1/gap) of each function
+SHAPES = {
+    'Ft': (0, -8/15, 1, 9/16), 'Tt': (0, 1/10, 4, -3/32), 'Tr': (0, -2/5, 3, 5/16),
+    'Tz': (0, 0, 3, 1/8), 'Fz': (1, -1/5, 1, 1/8)
+}
 POWERS, LOGARITHMS = 10, 4
 
 
@@ -22,7 +29,7 @@ def legendre(count, mu):
     P = np.zeros((count, len(mu)))
     P[0], P[1] = 1, mu
     for n in range(1, count - 1):
-        P[n+1] = ((2*n + 1)*mu*P[n] - n*P[n-1])/(n + 1)
+        P[n + 1] = ((2*n + 1)*mu*P[n] - n*P[n - 1])/(n + 1)
     n, s2 = np.arange(count)[:, None], 1 - mu**2
     s = np.sqrt(s2)
     d1 = n*(np.vstack([np.zeros(len(mu)), P[:-1]]) - mu*P)/s2
@@ -41,7 +48,9 @@ def parallel(gap):
     centre = a*(1 + gap)
     mu, weight = np.polynomial.legendre.leggauss(N)
     polynomials = legendre(N + 3, mu)
-    columns = {'Q': slice(0, 2*N), 'U0': slice(2*N, 4*N), 'U2': slice(4*N, 6*N), 'W': slice(6*N, 7*N)}
+    columns = {
+        'Q': slice(0, 2*N), 'U0': slice(2*N, 4*N), 'U2': slice(4*N, 6*N), 'W': slice(6*N, 7*N)
+    }
 
     def harmonics(m, xi):
         """Values and derivatives by xi and mu at (xi, mu) of modes that are 1 on the sphere, then of modes that are 1 on the wall."""
@@ -53,7 +62,8 @@ def parallel(gap):
         result = []
         for value, slope in ((zero, far), (one, -near)) if xi == 0 else ((one, near), (zero, -far)):
             value, slope = value[:, None], slope[:, None]
-            result.append((X*value*F, np.sinh(xi)/(2*X)*value*F + X*slope*F, -value*F/(2*X) + X*value*G))
+            result.append(
+                (X*value*F, np.sinh(xi)/(2*X)*value*F + X*slope*F, -value*F/(2*X) + X*value*G))
         return [np.vstack(parts).T for parts in zip(*result)]
 
     equations, right = [], []
@@ -102,7 +112,8 @@ def parallel(gap):
 
     # On the sphere the traction is -p n + d(u - rigid motion)/dn, and d/dn = -D d/dxi.
     Q = modes['Q'][0] @ solution[columns['Q']]
-    Q_xi, U0_xi, U2_xi, W_xi = (modes[name][1] @ solution[columns[name]] for name in ('Q', 'U0', 'U2', 'W'))
+    Q_xi, U0_xi, U2_xi, W_xi = (modes[name][1] @ solution[columns[name]]
+                                for name in ('Q', 'U0', 'U2', 'W'))
     rho, z, D, z_xi, rho_xi = (v[:, None] for v in (rho, z, D, z_xi, rho_xi))
     none = np.zeros((N, 1))
     rigid, rigid_z = np.hstack([none, z_xi]), np.hstack([none, -rho_xi])
@@ -130,7 +141,8 @@ def towards_wall(gap):
     alpha = np.arccosh(1 + gap)
     n = np.arange(1, 60/alpha + 20)
     k = 2*n + 1
-    ratio = (2*np.sinh(k*alpha) + k*np.sinh(2*alpha))/(4*np.sinh(k*alpha/2)**2 - (k*np.sinh(alpha))**2)
+    ratio = (2*np.sinh(k*alpha) + k*np.sinh(2*alpha))/(4*np.sinh(k*alpha/2)**2 -
+                                                       (k*np.sinh(alpha))**2)
     return 4/3*np.sinh(alpha)*np.sum(n*(n + 1)/((2*n - 1)*(2*n + 3))*(ratio - 1))
 
 
@@ -141,7 +153,8 @@ def basis(name, gaps):
     logarithm = np.log(gaps*u)
     start = 0 if name == 'Tt' else 1
     prescribed = start + pole/gaps + u**power*(far + contact*logarithm)
-    return prescribed, np.array([u**(power + k) for k in range(1, POWERS)] + [u**power*logarithm*(1 - u)**k for k in range(1, LOGARITHMS)]).T
+    return prescribed, np.array([u**(power + k) for k in range(1, POWERS)] +
+                                [u**power*logarithm*(1 - u)**k for k in range(1, LOGARITHMS)]).T
 
 
 def fit(name, gaps, values):
@@ -176,21 +189,32 @@ def main():
     exactBetween = exactAt(between)
     exactBetween['Fz'] = np.array([towards_wall(gap) for gap in np.sqrt(wide[1:]*wide[:-1])])
     for name in SHAPES:
-        at, values = (wide, np.array([towards_wall(gap) for gap in wide])) if name == 'Fz' else (gaps, exact[name])
+        at, values = (wide, np.array([towards_wall(gap)
+                                      for gap in wide])) if name == 'Fz' else (gaps, exact[name])
         solutions[name] = solution = fit(name, at, values)
-        # ln(1 - u) = -u - ... of the logarithms must not change what was prescribed far away: it starts one power higher.
+        # ln(1 - u) = -u - ... of the logarithms must not change what was prescribed far away: it
+        # starts one power higher.
         _, contact, _, far = SHAPES[name]
-        powers, logarithms = np.append(far, solution[:POWERS-1]), np.append(contact, solution[POWERS-1:])
+        powers, logarithms = np.append(far, solution[:POWERS - 1]), np.append(
+            contact, solution[POWERS - 1:])
         check = exactBetween[name]
-        error = np.max(np.abs(fitted(name, solution, np.sqrt(at[1:]*at[:-1])) - check)/(np.abs(check) + (1e-3 if name == 'Tt' else 0)))
+        error = np.max(
+            np.abs(fitted(name, solution, np.sqrt(at[1:]*at[:-1])) - check)/
+            (np.abs(check) + (1e-3 if name == 'Tt' else 0)))
         print(f'// {name}: relative error {error:.1e}')
-        print('{' + ', '.join(f'{c:.12g}' for c in powers) + '}, {' + ', '.join(f'{c:.12g}' for c in logarithms) + '}')
+        print('{' + ', '.join(f'{c:.12g}'
+                              for c in powers) + '}, {' + ', '.join(f'{c:.12g}'
+                                                                    for c in logarithms) + '}')
     names = ('Ft', 'Tt', 'Tr')
-    for what, found, right in zip(('V along', 'W along', 'a W from F'), along(*(fitted(n, solutions[n], between) for n in names)),
+    for what, found, right in zip(('V along', 'W along', 'a W from F'),
+                                  along(*(fitted(n, solutions[n], between) for n in names)),
                                   along(*(exactBetween[n] for n in names))):
-        print(f'// {what}: error {np.max(np.abs(found - right)):.1e}, relative {np.max(np.abs(found/right - 1)):.1e}')
-    print('\n// gap, then mobilities: V along, V towards the wall over that of free fluid; W along, W about the normal over free; '
-          'a W along from F over V of free fluid; errors of eqs. 95, 96, 97')
+        print(f'// {what}: error {np.max(np.abs(found - right)):.1e}, relative '
+              f'{np.max(np.abs(found/right - 1)):.1e}')
+    print(
+        '\n// gap, then mobilities: V along, V towards the wall over that of free fluid; W along, '
+        'W about the normal over free; '
+        'a W along from F over V of free fluid; errors of eqs. 95, 96, 97')
     for gap in (1e-3, 0.003, 0.01, 0.03, 0.035, 0.1, 0.13, 0.3, 1, 3, 10):
         Ft, Tt, Tr = parallel(gap)
         determinant = Ft*Tr - 4/3*Tt**2
@@ -198,7 +222,8 @@ def main():
         e95 = (6*gap**2 + 2*gap)/(6*gap**2 + 9*gap + 2)/across - 1
         e96 = -2*(l - 0.9543)/(l**2 - 3.188*l + 1.591)/(Tr/determinant) - 1
         e97 = (1 - 9*u/16 + u**3/8 - 45*u**4/256 - u**5/16)/(Tr/determinant) - 1
-        print(f'{{{gap:g}, {Tr/determinant:.8f}, {across:.8f}, {Ft/determinant:.8f}, {1/about_normal(gap):.8f}, '
+        print(f'{{{gap:g}, {Tr/determinant:.8f}, {across:.8f}, {Ft/determinant:.8f}, '
+              f'{1/about_normal(gap):.8f}, '
               f'{-Tt/determinant:.8f}}},  // {e95:+.1e} {e96:+.1e} {e97:+.1e}')
 
 

@@ -1,7 +1,8 @@
 #!/usr/bin/python3
 """Record trajectories of many scenes, and compare two recordings bit for bit.
 
-Whoever moves code without changing what it computes records before, and compares after every step of the way:
+Whoever moves code without changing what it computes records before, and compares after every step
+of the way:
 
     PYTHONPATH=build/python tools/trajectories.py record before.npz
     PYTHONPATH=build/python tools/trajectories.py record after.npz
@@ -9,10 +10,12 @@ Whoever moves code without changing what it computes records before, and compare
 
 Record both in one environment: OPENBLAS_CORETYPE, say, changes last bits of the scenes themselves.
 
-Scenes: every scheme; water, free particles with constraints, spheres, multiblobs, lines, own tensors, walls, replicas, dense and
-matrix-free solvers, rejected steps, CustomBodyForce with velocities and time, a barostat; on Reference, on CPU with one thread, and
-on CPU with two threads where OpenMM's own forces do not depend on their number. Each trajectory is resumed from a checkpoint in its
-middle. Recorded are poses and twists of all bodies, positions and velocities of all particles, and the counters.
+Scenes: every scheme; water, free particles with constraints, spheres, multiblobs, lines, own
+tensors, walls, replicas, dense and matrix-free solvers, rejected steps, CustomBodyForce with
+velocities and time, a barostat; on Reference, on CPU with one thread, and on CPU with two threads
+where OpenMM's own forces do not depend on their number. Each trajectory is resumed from a
+checkpoint in its middle. Recorded are poses and twists of all bodies, positions and velocities of
+all particles, and the counters.
 """
 import argparse
 import os
@@ -32,16 +35,17 @@ def imports():
     from openmmrigidhi import MobilityForce
 
 
-# ---- What scenes are made of -------------------------------------------------------------------------------------------
+# ---- What scenes are made of ---------------------------------------------------------------------
+
 
 class Scene:
     """A System, positions, and what builds the integrator; a MobilityForce where there is a fluid."""
-
     def __init__(self, seed=1, temperature=300, step=0.002):
         self.system, self.positions, self.bodies, self.radii = openmm.System(), [], [], []
         self.random = np.random.default_rng(seed)
         self.temperature, self.step, self.settings, self.fluid = temperature, step, [], None
-        self.field = openmm.CustomExternalForce('30*((x-x0)^2+1.3*(y-y0)^2+0.7*(z-z0)^2)+sin(3*x)*y')
+        self.field = openmm.CustomExternalForce(
+            '30*((x-x0)^2+1.3*(y-y0)^2+0.7*(z-z0)^2)+sin(3*x)*y')
         for name in ('x0', 'y0', 'z0'):
             self.field.addPerParticleParameter(name)
 
@@ -56,7 +60,8 @@ class Scene:
     def turn(self):
         q = self.random.normal(size=4)
         w, x, y, z = q/np.linalg.norm(q)
-        return np.array([(1 - 2*(y*y + z*z), 2*(x*y - w*z), 2*(x*z + w*y)), (2*(x*y + w*z), 1 - 2*(x*x + z*z), 2*(y*z - w*x)),
+        return np.array([(1 - 2*(y*y + z*z), 2*(x*y - w*z), 2*(x*z + w*y)),
+                         (2*(x*y + w*z), 1 - 2*(x*x + z*z), 2*(y*z - w*x)),
                          (2*(x*z - w*y), 2*(y*z + w*x), 1 - 2*(x*x + y*y))])
 
     def body(self, sites, place, masses, radii=None, explicit=None):
@@ -82,7 +87,8 @@ class Scene:
 
     def boxed(self, *edges):
         """In a periodic box, or for a channel; walls of a channel are part of the fluid."""
-        self.system.setDefaultPeriodicBoxVectors((edges[0], 0, 0), (0, edges[1], 0), (0, 0, edges[2]))
+        self.system.setDefaultPeriodicBoxVectors((edges[0], 0, 0), (0, edges[1], 0),
+                                                 (0, 0, edges[2]))
         integrator = Integrator(self.temperature, self.step)
         for body in self.bodies:
             integrator.addRigidBody(*body)
@@ -110,7 +116,8 @@ class Scene:
 
 def lattice(count, spacing, height=0.0):
     side = int(np.ceil(count**(1/3)))
-    return [np.array(cell)*spacing + (0, 0, height) for cell in np.ndindex(side, side, side)][:count]
+    return [np.array(cell)*spacing + (0, 0, height)
+            for cell in np.ndindex(side, side, side)][:count]
 
 
 def water(side=2, barostat=False):
@@ -120,7 +127,8 @@ def water(side=2, barostat=False):
     modeller = app.Modeller(app.Topology(), [])
     np.random.seed(1)
     modeller.addSolvent(force, model='tip4pew', numAdded=60*side)
-    scene.system = force.createSystem(modeller.topology, nonbondedMethod=app.CutoffPeriodic, nonbondedCutoff=0.4)
+    scene.system = force.createSystem(modeller.topology, nonbondedMethod=app.CutoffPeriodic,
+                                      nonbondedCutoff=0.4)
     scene.positions = modeller.positions.value_in_unit(unit.nanometer)
     waters = {}
     for atom in modeller.topology.atoms():
@@ -137,7 +145,8 @@ def mixed():
     """Implicit and explicit bodies of every rotor, free particles with a constraint and a virtual site, in a field."""
     scene = Scene(2)
     shapes = [[(0, 0, 0), (0.1, 0, 0), (0, 0.12, 0)], [(0, 0, 0), (0.1, 0, 0)], [(0, 0, 0)],
-              [(0, 0, 0), (0.1, 0, 0), (0, 0.12, 0), (0.05, 0.02, 0.2)], [(-0.1, 0, 0), (0, 0, 0), (0.1, 0, 0)]]
+              [(0, 0, 0), (0.1, 0, 0), (0, 0.12, 0), (0.05, 0.02, 0.2)],
+              [(-0.1, 0, 0), (0, 0, 0), (0.1, 0, 0)]]
     for i, place in enumerate(lattice(11, 1.1)):
         sites = shapes[i % 5]
         scene.body(sites, place, [10.0 + i, 3.0, 2.0, 5.0][:len(sites)])
@@ -152,18 +161,21 @@ def mixed():
 
 
 def withBodyForce(scene):
-    force = openmmrigidhi.CustomBodyForce('-3*vx + 5*sin(t)', '2*q1', '-z', '0.1*vx', '0', '-0.2*q2')
+    force = openmmrigidhi.CustomBodyForce('-3*vx + 5*sin(t)', '2*q1', '-z', '0.1*vx', '0',
+                                          '-0.2*q2')
     for body in range(min(3, len(scene.bodies))):
         force.addBody(body, [])
     scene.system.addForce(force)
     return scene
 
 
-def spheres(count=6, spacing=1.05, height=0.0, radii=(0.4, 0.5, 0.3), free=0, mass=20.0, jitter=0.05):
+def spheres(count=6, spacing=1.05, height=0.0, radii=(0.4, 0.5, 0.3), free=0, mass=20.0,
+            jitter=0.05):
     scene = Scene(3)
     places = lattice(count + free, spacing, height)
     for i in range(count):
-        scene.sphere(places[i] + jitter*scene.random.normal(size=3)*(1, 1, 0), radii[i % len(radii)], mass)
+        scene.sphere(places[i] + jitter*scene.random.normal(size=3)*(1, 1, 0),
+                     radii[i % len(radii)], mass)
     for i in range(free):
         scene.particle(mass, places[count + i], radii[i % len(radii)])
     return scene.finish()
@@ -173,7 +185,8 @@ BOOMERANG = [(0, 0, 0), (0.5, 0, 0), (1, 0, 0), (0, 0.5, 0), (0, 1, 0.1)]
 ROD = [(-0.6, 0, 0), (0, 0, 0), (0.6, 0, 0)]
 
 
-def multiblobs(count=3, sites=BOOMERANG, height=0.0, mass=20.0, explicit=None, radius=0.3, spheres=0):
+def multiblobs(count=3, sites=BOOMERANG, height=0.0, mass=20.0, explicit=None, radius=0.3,
+               spheres=0):
     scene = Scene(4)
     places = lattice(count + spheres, 2.4, height)
     for i in range(count):
@@ -185,15 +198,16 @@ def multiblobs(count=3, sites=BOOMERANG, height=0.0, mass=20.0, explicit=None, r
 
 TENSOR = np.diag([0.01, 0.012, 0.009, 0.02, 0.03, 0.025]) + 1e-3*np.ones((6, 6))
 
+# ---- All scenes ----------------------------------------------------------------------------------
 
-# ---- All scenes --------------------------------------------------------------------------------------------------------
 
 def scenes():
     """name, function that makes the scene, schemes."""
     I = Integrator
     inertial = [I.LangevinA, I.LangevinB, I.LangevinC]
     overdamped = [s for s in openmmrigidhi.integrator.Scheme if s >= I.EulerMaruyama]
-    dense, free = dict(Solver=MobilityForce.Dense), dict(Solver=MobilityForce.MatrixFree, SolverTolerance=1e-6)
+    dense, free = dict(Solver=MobilityForce.Dense), dict(Solver=MobilityForce.MatrixFree,
+                                                         SolverTolerance=1e-6)
     rough = dict(Solver=MobilityForce.MatrixFree, SolverTolerance=1e-3)
     wall = dict(Boundary=MobilityForce.NoSlipWall)
     best = dict(wall, SphereWallMobility=MobilityForce.BestKnown)
@@ -205,51 +219,79 @@ def scenes():
         yield f'mixed-law{int(law)}', lambda law=law: mixed().set(NoiseLaw=law), inertial
     yield 'mixed', mixed, inertial
     yield 'mixed-inertia', lambda: mixed().set(InertiaScale=3.3), inertial
-    yield 'mixed-frictions', lambda: mixed().set(BodyFriction=(1, 20, 30), Friction=3, RotationalFriction=0), [I.LangevinC]
+    yield 'mixed-frictions', lambda: mixed().set(BodyFriction=(1, 20, 30), Friction=3,
+                                                 RotationalFriction=0), [I.LangevinC]
     yield 'mixed-bodyforce', lambda: withBodyForce(mixed()), inertial
     yield 'gradient', lambda: gradientScene(), [I.GradientThermostat]
-    for name, options in (('dense', dense), ('free', free), ('rough', rough), ('wall', dict(wall, **dense)), ('wall-free', dict(wall, **free)),
-                          ('best', best), ('groups', dict(Groups=([0, 1, 0, 1, 2, 0],))), ('draining', fd)):
+    for name, options in (('dense', dense), ('free', free), ('rough', rough),
+                          ('wall', dict(wall,
+                                        **dense)), ('wall-free', dict(wall,
+                                                                      **free)), ('best', best),
+                          ('groups', dict(Groups=([0, 1, 0, 1, 2, 0],))), ('draining', fd)):
         height = 1.0 if 'all' in name or name == 'best' else 0.0
-        yield f'spheres-{name}', lambda options=options, height=height: spheres(6, height=height, free=2).makeFluid(**options), [I.LangevinHI]
-        yield f'spheres-{name}', lambda options=options, height=height: spheres(6, height=height, free=2, mass=0.0).makeFluid(**options), overdamped
+        yield f'spheres-{name}', lambda options=options, height=height: spheres(
+            6, height=height, free=2).makeFluid(**options), [I.LangevinHI]
+        yield f'spheres-{name}', lambda options=options, height=height: spheres(
+            6, height=height, free=2, mass=0.0).makeFluid(**options), overdamped
     yield 'stokesian', lambda: spheres(6, jitter=0.02).makeFluid(**sd), [I.LangevinHI]
     yield 'stokesian', lambda: spheres(4, jitter=0.02, mass=0.0).makeFluid(**sd), overdamped
-    yield 'stokesian-rejections', lambda: spheres(8, spacing=0.85, mass=2.0, radii=(0.4,), jitter=0).set(Temperature=3000, StepSize=0.01, MaximumRejections=500).makeFluid(**sd), [I.LangevinHI]
-    for name, options in (('dense', dense), ('free', free), ('rough', rough), ('wall', dict(wall, **dense)), ('wall-free', dict(wall, **free)),
-                          ('draining', fd)):
+    yield 'stokesian-rejections', lambda: spheres(8, spacing=0.85, mass=2.0, radii=(
+        0.4,), jitter=0).set(Temperature=3000, StepSize=0.01, MaximumRejections=500).makeFluid(
+            **sd), [I.LangevinHI]
+    for name, options in (('dense', dense), ('free', free), ('rough', rough),
+                          ('wall', dict(wall,
+                                        **dense)), ('wall-free', dict(wall,
+                                                                      **free)), ('draining', fd)):
         height = 1.8 if 'wall' in name else 0.0
-        yield f'blobs-{name}', lambda options=options, height=height: multiblobs(3, height=height, spheres=1).makeFluid(**options), [I.LangevinHI]
-        yield (f'blobs-{name}', lambda options=options, height=height:
-               multiblobs(3, height=height, mass=0.0, spheres=1).makeFluid(**options), overdamped)
-        yield (f'rods-{name}', lambda options=options, height=height:
-               multiblobs(3, ROD, height=height, mass=0.0, explicit=(0, (0, 0, 0))).makeFluid(**options), overdamped)
-    yield 'rods', lambda: multiblobs(3, ROD, explicit=(60, (0, 14, 14))).makeFluid(**dense), [I.LangevinHI]
-    yield 'rods-free', lambda: multiblobs(3, ROD, explicit=(60, (0, 14, 14))).makeFluid(**free), [I.LangevinHI]
-    yield 'own', lambda: spheres(4).makeFluid(BodyMobility=(1, TENSOR), **dense), [I.LangevinHI] + overdamped
-    yield 'own-free', lambda: spheres(4).makeFluid(BodyMobility=(1, TENSOR), **free), [I.LangevinHI] + overdamped
-    yield 'own-draining', lambda: spheres(4).makeFluid(BodyMobility=(1, TENSOR), **fd), [I.LangevinHI] + overdamped
-    yield ('replicas-rejections', lambda: multiblobs(6, height=0.9, mass=0.0).set(StepSize=0.5, Temperature=1000).makeFluid(Groups=(list(range(6)),), **wall),
-           overdamped)
-    yield 'crossing', lambda: spheres(4, height=0.5, mass=0.0).set(WallRejection=I.Crossing, StepSize=0.01).makeFluid(**wall), overdamped
+        yield f'blobs-{name}', lambda options=options, height=height: multiblobs(
+            3, height=height, spheres=1).makeFluid(**options), [I.LangevinHI]
+        yield (f'blobs-{name}', lambda options=options, height=height: multiblobs(
+            3, height=height, mass=0.0, spheres=1).makeFluid(**options), overdamped)
+        yield (f'rods-{name}', lambda options=options, height=height: multiblobs(
+            3, ROD, height=height, mass=0.0, explicit=(0,
+                                                       (0, 0, 0))).makeFluid(**options), overdamped)
+    yield 'rods', lambda: multiblobs(3, ROD, explicit=(60, (0, 14, 14))).makeFluid(**dense), [
+        I.LangevinHI
+    ]
+    yield 'rods-free', lambda: multiblobs(3, ROD, explicit=(60, (0, 14, 14))).makeFluid(**free), [
+        I.LangevinHI
+    ]
+    yield 'own', lambda: spheres(4).makeFluid(BodyMobility=(1, TENSOR), **dense), [I.LangevinHI
+                                                                                   ] + overdamped
+    yield 'own-free', lambda: spheres(4).makeFluid(BodyMobility=(1, TENSOR), **free
+                                                   ), [I.LangevinHI] + overdamped
+    yield 'own-draining', lambda: spheres(4).makeFluid(BodyMobility=(1, TENSOR), **fd
+                                                       ), [I.LangevinHI] + overdamped
+    yield ('replicas-rejections', lambda: multiblobs(6, height=0.9, mass=0.0).set(
+        StepSize=0.5, Temperature=1000).makeFluid(Groups=(list(range(6)),), **wall), overdamped)
+    yield 'crossing', lambda: spheres(4, height=0.5, mass=0.0).set(
+        WallRejection=I.Crossing, StepSize=0.01).makeFluid(**wall), overdamped
     yield 'fluid-bodyforce', lambda: withBodyForce(spheres(6).makeFluid(**dense)), [I.LangevinHI]
-    yield 'differences', lambda: multiblobs(2, height=1.8, mass=0.0).set(FiniteDifferenceStep=1e-3).makeFluid(**wall), overdamped
+    yield 'differences', lambda: multiblobs(2, height=1.8, mass=0.0).set(
+        FiniteDifferenceStep=1e-3).makeFluid(**wall), overdamped
     # Fluids in boxes and channels, by lattice sums and on grids, driven and at rest.
     fc = dict(Model=MobilityForce.ForceCoupling)
     periodic = dict(Boundary=MobilityForce.Periodic)
     channel = dict(fc, Boundary=MobilityForce.SlipChannel, ChannelWalls=(-1.5, 3.5))
     grid = dict(Solver=MobilityForce.MatrixFree, SolverTolerance=1e-3)
     wave = dict(SinusoidalForceDensity=(3.0, 0, 2, 1))
-    for name, options in (('rpy', dict(periodic, **dense)), ('dense', dict(fc, **periodic, **dense)), ('grid', dict(fc, **periodic, **grid)),
-                          ('channel', dict(channel, **dense)), ('channel-grid', dict(channel, **grid)),
-                          ('driven', dict(fc, **periodic, **grid, **wave)), ('channel-driven', dict(channel, **dense, **wave))):
-        yield (f'periodic-spheres-{name}', lambda options=options:
-               spheres(4, radii=(0.4, 0.3)).boxed(4, 6, 5).makeFluid(**options), [I.LangevinHI])
-        yield (f'periodic-blobs-{name}', lambda options=options:
-               multiblobs(2, ROD, mass=0.0, explicit=(0, (0, 0, 0)), spheres=1).boxed(4, 6, 5).makeFluid(**options), overdamped)
-    yield 'periodic-stokesian', lambda: spheres(4, jitter=0.02).boxed(5, 6, 5).makeFluid(**sd, **periodic), [I.LangevinHI]
-    yield 'sheared', lambda: multiblobs(2, mass=0.0).makeFluid(BackgroundFlow=((0.1, 0, 0), [(0, 0, 2.0), (0, 0, 0), (0, 0, 0)])), overdamped
-    yield 'cold', lambda: multiblobs(2, height=1.8).set(Temperature=0).makeFluid(**wall), [I.LangevinHI] + overdamped
+    for name, options in (('rpy', dict(periodic, **dense)), ('dense', dict(
+            fc, **periodic, **dense)), ('grid', dict(fc, **periodic, **grid)),
+                          ('channel', dict(channel, **dense)), ('channel-grid', dict(
+                              channel, **grid)), ('driven', dict(fc, **periodic, **grid, **wave)),
+                          ('channel-driven', dict(channel, **dense, **wave))):
+        yield (f'periodic-spheres-{name}', lambda options=options: spheres(4, radii=(0.4, 0.3)).
+               boxed(4, 6, 5).makeFluid(**options), [I.LangevinHI])
+        yield (f'periodic-blobs-{name}', lambda options=options: multiblobs(
+            2, ROD, mass=0.0, explicit=(0,
+                                        (0, 0, 0)), spheres=1).boxed(4, 6, 5).makeFluid(**options),
+               overdamped)
+    yield 'periodic-stokesian', lambda: spheres(4, jitter=0.02).boxed(5, 6, 5).makeFluid(
+        **sd, **periodic), [I.LangevinHI]
+    yield 'sheared', lambda: multiblobs(2, mass=0.0).makeFluid(BackgroundFlow=(
+        (0.1, 0, 0), [(0, 0, 2.0), (0, 0, 0), (0, 0, 0)])), overdamped
+    yield 'cold', lambda: multiblobs(2, height=1.8).set(Temperature=0).makeFluid(
+        **wall), [I.LangevinHI] + overdamped
 
 
 def gradientScene():
@@ -270,11 +312,16 @@ def platforms(scene):
 def snapshot(context, integrator):
     state = context.getState(getPositions=True, getVelocities=True)
     statistics = integrator.getStepStatistics()
-    return [integrator.getBodyPositions()._value, np.asarray(integrator.getBodyOrientations()), integrator.getBodyVelocities()._value,
-            integrator.getBodyAngularVelocities()._value, state.getPositions(asNumpy=True)._value,
-            state.getVelocities(asNumpy=True)._value,
-            np.array([float(v) for k, v in sorted(statistics.items()) if not k.startswith('seconds')]
-                     + [integrator.getNumRejectedSteps()])]
+    return [
+        integrator.getBodyPositions()._value,
+        np.asarray(integrator.getBodyOrientations()),
+        integrator.getBodyVelocities()._value,
+        integrator.getBodyAngularVelocities()._value,
+        state.getPositions(asNumpy=True)._value,
+        state.getVelocities(asNumpy=True)._value,
+        np.array([float(v) for k, v in sorted(statistics.items()) if not k.startswith('seconds')] +
+                 [integrator.getNumRejectedSteps()])
+    ]
 
 
 def run(make, scheme, platformName, properties):
@@ -302,7 +349,10 @@ def run(make, scheme, platformName, properties):
     return first + last
 
 
-PARTS = ['positions of bodies', 'orientations', 'velocities of bodies', 'angular velocities', 'positions', 'velocities', 'counters']
+PARTS = [
+    'positions of bodies', 'orientations', 'velocities of bodies', 'angular velocities',
+    'positions', 'velocities', 'counters'
+]
 PARTS = [f'{part} after {when}' for when in ('the first step', 'the last step') for part in PARTS]
 
 
@@ -324,7 +374,8 @@ def record(path):
                 for part, array in zip(PARTS, result):
                     arrays[f'{key}/{part}'] = array
     np.savez_compressed(path, **arrays)
-    print(f'{path}: {len({k.rsplit("/", 1)[0] for k in arrays})} trajectories, {rejected} with rejected steps')
+    print(f'{path}: {len({k.rsplit("/", 1)[0] for k in arrays})} trajectories, {rejected} with '
+          f'rejected steps')
 
 
 def compare(before, after, tolerance):
@@ -339,7 +390,8 @@ def compare(before, after, tolerance):
                 print(f'{key}: "{a[key]}" became "{b[key]}"')
                 different += 1
         elif a[key].shape != b[key].shape or a[key].tobytes() != b[key].tobytes():
-            error = np.abs(a[key] - b[key]).max()/max(np.abs(a[key]).max(), 1e-300) if a[key].shape == b[key].shape else np.inf
+            error = np.abs(a[key] - b[key]).max()/max(np.abs(
+                a[key]).max(), 1e-300) if a[key].shape == b[key].shape else np.inf
             if not error <= tolerance:
                 print(f'{key}: relative difference {error:.1e}')
                 different += 1
@@ -348,13 +400,15 @@ def compare(before, after, tolerance):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest='command', required=True)
     commands.add_parser('record').add_argument('file')
     two = commands.add_parser('compare')
     two.add_argument('before')
     two.add_argument('after')
-    two.add_argument('--tolerance', type=float, default=0, help='relative, of the largest number of an array; 0: the same bits')
+    two.add_argument('--tolerance', type=float, default=0,
+                     help='relative, of the largest number of an array; 0: the same bits')
     arguments = parser.parse_args()
     if arguments.command == 'record':
         record(arguments.file)

@@ -21,26 +21,25 @@ def hedgehog(arm, spacing):
 
 
 #: Blobs of each shape, their radius, and where the body starts; all in nm.
-SHAPES = [
-    (app.multiblobSphere(42, 90)[0]._value, 32, (-40, 100, 320)),
-    (app.boomerang(42, 5)._value, 33, (-420, -150, 200)),
-    (app.rod(8, 42)._value, 33, (230, -200, 240)),
-    (hedgehog(3, 42), 26, (-330, 200, 330)),
-    (app.cylinder(60, 180, 42)._value, 26, (400, 100, 220)),
-    (app.tetramer(100)._value, 55, (0, -330, 180)),
-]
+SHAPES = [(app.multiblobSphere(42, 90)[0]._value, 32, (-40, 100, 320)),
+          (app.boomerang(42, 5)._value, 33, (-420, -150, 200)),
+          (app.rod(8, 42)._value, 33, (230, -200, 240)), (hedgehog(3, 42), 26, (-330, 200, 330)),
+          (app.cylinder(60, 180, 42)._value, 26, (400, 100, 220)),
+          (app.tetramer(100)._value, 55, (0, -330, 180)),]
 
 
 def scene(seed):
     """The integrator and the Context of all bodies; the weight of each is 2 kT over 100 nm."""
-    system, fluid, weight = openmm.System(), MobilityForce(), CustomBodyForce('0', '0', '-weight', '0', '0', '0')
+    system, fluid, weight = openmm.System(), MobilityForce(), CustomBodyForce(
+        '0', '0', '-weight', '0', '0', '0')
     fluid.setBoundary(fluid.NoSlipWall)
     fluid.setViscosity(0.89e-3*unit.pascal*unit.second)
     weight.addGlobalParameter('weight', 0.02*unit.MOLAR_GAS_CONSTANT_R*TEMPERATURE/unit.nanometer)
     integrator = CustomRigidHIIntegrator(TEMPERATURE, 5*unit.microsecond)
     integrator.setScheme(integrator.TrapezoidalSlip)
     integrator.setRandomNumberSeed(seed)
-    repulsion = openmm.CustomNonbondedForce('50/(1 + exp((r - a1 - a2)/10))')  # within a body this cancels
+    repulsion = openmm.CustomNonbondedForce(
+        '50/(1 + exp((r - a1 - a2)/10))')  # within a body this cancels
     repulsion.addPerParticleParameter('a')
     positions = []
     for sites, radius, origin in SHAPES:
@@ -60,13 +59,15 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--steps', type=int, default=250, help='time steps (default 250)')
     parser.add_argument('--seed', type=int, default=4, help='of the random numbers (default 4)')
-    parser.add_argument('--picture', default='picture.png', help='file to draw (default picture.png)')
+    parser.add_argument('--picture', default='picture.png',
+                        help='file to draw (default picture.png)')
     arguments = parser.parse_args()
     integrator, context = scene(arguments.seed)
     integrator.step(arguments.steps)
     for (_, _, start), place in zip(SHAPES, integrator.getBodyPositions()._value):
         print(f'height {start[2]} nm, and {place[2]:.0f} nm after {arguments.steps} steps')
-    print(f'{integrator.getNumRejectedSteps()} steps were done again, because they led into the wall')
+    print(
+        f'{integrator.getNumRejectedSteps()} steps were done again, because they led into the wall')
     picture = app.show(context, view=(17, -72), title='')
     low, high = picture.get_ylim()
     picture.set_ylim(low + 80, high - 90)  # without the room that bodies could turn in

@@ -13,7 +13,8 @@ from openmmrigidhi import CustomBodyForce, CustomRigidHIIntegrator, MobilityForc
 #: Viscosity, radius, and dipole moment times field, so that the critical frequency is 1 per ps.
 ETA, RADIUS = 1.0, 1.0
 STRENGTH = 8*np.pi*ETA*RADIUS**3
-#: The dipole is the body's x axis: in the lab frame (nx, ny), the first column of the rotation matrix of q. The field turns about z.
+#: The dipole is the body's x axis: in the lab frame (nx, ny), the first column of the rotation
+#: matrix of q. The field turns about z.
 TORQUE = 'strength*(nx*sin(frequency*t) - ny*cos(frequency*t)); nx = q0^2 + q1^2 - q2^2 - q3^2; ny = 2*(q1*q2 + q0*q3)'
 
 
@@ -41,7 +42,7 @@ def rates(frequencies, duration, step=0.02):
         w, x, y, z = integrator.getBodyOrientations().T
         angles.append(np.arctan2(2*(x*y + w*z), w*w + x*x - y*y - z*z))
     turned = np.unwrap(angles, axis=0)
-    half = steps//2  # after the start is forgotten
+    half = steps // 2  # after the start is forgotten
     return (turned[-1] - turned[half])/((steps - 1 - half)*step)
 
 
@@ -54,19 +55,23 @@ def theory(frequencies):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--duration', type=float, default=400, help='ps (default 400)')
-    parser.add_argument('--picture', default='picture.png', help='file to draw (default picture.png)')
+    parser.add_argument('--picture', default='picture.png',
+                        help='file to draw (default picture.png)')
     arguments = parser.parse_args()
     import matplotlib
     matplotlib.use('Agg')
     import matplotlib.pyplot as plt
     frequencies = np.linspace(0.1, 3, 30)
     measured = rates(frequencies, arguments.duration)
-    print(f'largest difference from theory: {np.abs(measured - theory(frequencies)).max():.4f} rad/ps')
+    print(
+        f'largest difference from theory: {np.abs(measured - theory(frequencies)).max():.4f} rad/ps'
+    )
     fine = np.linspace(0, 3, 400)
     figure, ax = plt.subplots(figsize=(6, 4), layout='constrained')
     ax.plot(fine, theory(fine), color='0.6', linewidth=2, label='theory')
     ax.plot(frequencies, measured, 'o', markersize=5, label='measured')
-    ax.set(xlabel='frequency of the field / critical frequency', ylabel='mean rate of the sphere / critical frequency')
+    ax.set(xlabel='frequency of the field / critical frequency',
+           ylabel='mean rate of the sphere / critical frequency')
     ax.legend()
     figure.savefig(arguments.picture, dpi=130)
 

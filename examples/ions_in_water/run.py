@@ -21,13 +21,17 @@ def scene(edge, seed):
     forceField = openmmapp.ForceField('amber14/tip4pew.xml')
     modeller = openmmapp.Modeller(openmmapp.Topology(), [])
     random.seed(seed)  # which molecules OpenMM replaces by ions
-    modeller.addSolvent(forceField, model='tip4pew', boxSize=openmm.Vec3(edge, edge, edge)*unit.nanometer, ionicStrength=1*unit.molar)
-    system = forceField.createSystem(modeller.topology, nonbondedMethod=openmmapp.PME, nonbondedCutoff=0.9*unit.nanometer)
+    modeller.addSolvent(forceField, model='tip4pew',
+                        boxSize=openmm.Vec3(edge, edge, edge)*unit.nanometer,
+                        ionicStrength=1*unit.molar)
+    system = forceField.createSystem(modeller.topology, nonbondedMethod=openmmapp.PME,
+                                     nonbondedCutoff=0.9*unit.nanometer)
     integrator = CustomRigidHIIntegrator(TEMPERATURE, 2*unit.femtosecond)
     integrator.setFriction(5/unit.picosecond)
     integrator.setRotationalFriction(10/unit.picosecond)
     integrator.setRandomNumberSeed(seed)
-    app.addRigidWater(integrator, modeller.topology, system)  # ions are in no body, and so they are free particles
+    app.addRigidWater(integrator, modeller.topology,
+                      system)  # ions are in no body, and so they are free particles
     context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('CPU'))
     context.setPositions(modeller.positions)
     app.minimize(context, maxIterations=100)
@@ -39,18 +43,23 @@ def separations(topology, context, ion):
     """Distances of the oxygens from the ions of a kind, nm, nearest images, and the number of ions and of oxygens."""
     elements = [atom.element.symbol if atom.element else '' for atom in topology.atoms()]
     state = context.getState(getPositions=True)
-    positions, edge = state.getPositions(asNumpy=True)._value, state.getPeriodicBoxVectors()[0][0]._value
-    ions, oxygens = (positions[[k for k, each in enumerate(elements) if each == kind]] for kind in (ion, 'O'))
+    positions, edge = state.getPositions(
+        asNumpy=True)._value, state.getPeriodicBoxVectors()[0][0]._value
+    ions, oxygens = (positions[[k for k, each in enumerate(elements) if each == kind]]
+                     for kind in (ion, 'O'))
     apart = ions[:, None] - oxygens
-    return np.linalg.norm(apart - edge*np.round(apart/edge), axis=2).ravel(), len(ions), len(oxygens)
+    return np.linalg.norm(apart - edge*np.round(apart/edge),
+                          axis=2).ravel(), len(ions), len(oxygens)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--edge', type=float, default=2.2, help='of the box, nm (default 2.2)')
-    parser.add_argument('--samples', type=int, default=100, help='of the distances, 20 steps apart (default 100)')
+    parser.add_argument('--samples', type=int, default=100,
+                        help='of the distances, 20 steps apart (default 100)')
     parser.add_argument('--seed', type=int, default=1, help='of the random numbers (default 1)')
-    parser.add_argument('--picture', default='picture.png', help='file to draw (default picture.png)')
+    parser.add_argument('--picture', default='picture.png',
+                        help='file to draw (default picture.png)')
     arguments = parser.parse_args()
     import matplotlib
     matplotlib.use('Agg')

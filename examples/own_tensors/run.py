@@ -27,7 +27,8 @@ def fall(tilts, duration, steps=50):
         particle = system.addParticle(0)
         fluid.addParticle(1.0)
         body = integrator.addRigidBody([particle], 0, (0, 0, 0), [(0, 0, 0)])
-        fluid.setBodyMobility(body, np.diag([ALONG, ACROSS, ACROSS, TURNING, TURNING, TURNING]))  # in the body's frame, x along the rod
+        fluid.setBodyMobility(body, np.diag([ALONG, ACROSS, ACROSS, TURNING, TURNING,
+                                             TURNING]))  # in the body's frame, x along the rod
         weight.addBody(body, [])
     system.addForce(weight)
     system.addForce(fluid)
@@ -54,14 +55,16 @@ def theory(tilts):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--duration', type=float, default=10, help='ps (default 10)')
-    parser.add_argument('--picture', default='picture.png', help='file to draw (default picture.png)')
+    parser.add_argument('--picture', default='picture.png',
+                        help='file to draw (default picture.png)')
     arguments = parser.parse_args()
     import matplotlib
     matplotlib.use('Agg')
     import matplotlib.pyplot as plt
     tilts = np.radians([0, 20, 40, 60, 90])
     paths = fall(tilts, arguments.duration)
-    print(f'largest difference from theory: {np.abs(paths[-1]/arguments.duration - theory(tilts)).max():.1e} nm/ps')
+    print(f'largest difference from theory: '
+          f'{np.abs(paths[-1]/arguments.duration - theory(tilts)).max():.1e} nm/ps')
     figure, ax = plt.subplots(figsize=(7, 5), layout='constrained')
     for k, tilt in enumerate(tilts):
         start = 6*k

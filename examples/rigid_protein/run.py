@@ -1,16 +1,18 @@
 #!/usr/bin/env python3
 """A rigid protein whose diffusion tensor, measured in its equilibrium dynamics, is kT times its mobility.
 
-Hen egg-white lysozyme from its PDB entry is one rigid body: a blob of radius 0.61 nm at every C-alpha, the mass of every residue
-there too. One MobilityForce (Rotne-Prager-Yamakawa) makes the fluid, LangevinHI the dynamics, with inertia, at 298.15 K in water.
-Several copies run in one Context, each in a hydrodynamic group of its own, so that they do not feel each other.
+Hen egg-white lysozyme from its PDB entry is one rigid body: a blob of radius 0.61 nm at every
+C-alpha, the mass of every residue there too. One MobilityForce (Rotne-Prager-Yamakawa) makes the
+fluid, LangevinHI the dynamics, with inertia, at 298.15 K in water. Several copies run in one
+Context, each in a hydrodynamic group of its own, so that they do not feel each other.
 
-What is measured: the twist u = (V, W) of a protein in its own frame, as displacements x_k and turns over intervals of --sample ps.
-By the Green-Kubo relation the running sum
+What is measured: the twist u = (V, W) of a protein in its own frame, as displacements x_k and turns
+over intervals of --sample ps. By the Green-Kubo relation the running sum
 
     D(t) = 1/(2 delta) sum over |n| delta <= t of <x_k x_(k+n)^T>
 
-rises over the ballistic time (the slowest relaxation, m D/kT = 0.7 ps) to the 6 x 6 diffusion tensor about the centre of mass.
+rises over the ballistic time (the slowest relaxation, m D/kT = 0.7 ps) to the 6 x 6 diffusion
+tensor about the centre of mass.
 
     python3 run.py --output results      # 4 minutes on one core
     python3 run.py --mobility            # matrices only: two proteins at several distances; blobs that carry torques too
@@ -36,33 +38,41 @@ sys.path.append(str(HERE.parents[1]/'validation'/'common'))
 from recording import provenance, pyplot  # noqa: E402
 
 STRUCTURE = HERE/'1aki_ca.pdb'
-BLOB_RADIUS = 0.61           # nm, one bead a residue: Ortega et al., Biophys. J. 101, 892 (2011)
-TEMPERATURE = 298.15         # K
-VISCOSITY = 0.890            # mPa s, water at 298.15 K
+BLOB_RADIUS = 0.61  # nm, one bead a residue: Ortega et al., Biophys. J. 101, 892 (2011)
+TEMPERATURE = 298.15  # K
+VISCOSITY = 0.890  # mPa s, water at 298.15 K
 GAS_CONSTANT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
-# Average masses of amino acids in a chain, dalton, from the standard atomic weights; a chain has a water more.
-RESIDUE_MASS = {'GLY': 57.05, 'ALA': 71.08, 'SER': 87.08, 'PRO': 97.12, 'VAL': 99.13, 'THR': 101.10, 'CYS': 103.14, 'LEU': 113.16,
-                'ILE': 113.16, 'ASN': 114.10, 'ASP': 115.09, 'GLN': 128.13, 'LYS': 128.17, 'GLU': 129.12, 'MET': 131.19,
-                'HIS': 137.14, 'PHE': 147.18, 'ARG': 156.19, 'TYR': 163.18, 'TRP': 186.21}
-# Measured at 20 C, in water: Dubin, Clark and Benedek, J. Chem. Phys. 54, 5158 (1971). cm^2/s, 1/s; value and error.
+# Average masses of amino acids in a chain, dalton, from the standard atomic weights; a chain has a
+# water more.
+RESIDUE_MASS = {
+    'GLY': 57.05, 'ALA': 71.08, 'SER': 87.08, 'PRO': 97.12, 'VAL': 99.13, 'THR': 101.10,
+    'CYS': 103.14, 'LEU': 113.16, 'ILE': 113.16, 'ASN': 114.10, 'ASP': 115.09, 'GLN': 128.13,
+    'LYS': 128.17, 'GLU': 129.12, 'MET': 131.19, 'HIS': 137.14, 'PHE': 147.18, 'ARG': 156.19,
+    'TYR': 163.18, 'TRP': 186.21
+}
+# Measured at 20 C, in water: Dubin, Clark and Benedek, J. Chem. Phys. 54, 5158 (1971). cm^2/s, 1/s;
+# value and error.
 MEASURED_D_T, MEASURED_D_R = (10.6e-7, 0.1e-7), (16.7e6, 0.8e6)
 MEASURED_TEMPERATURE, MEASURED_VISCOSITY = 293.15, 1.002
-CM2_PER_S, PER_S = 1e-2, 1e12   # of 1 nm^2/ps, of 1/ps
+CM2_PER_S, PER_S = 1e-2, 1e12  # of 1 nm^2/ps, of 1/ps
 
 
-# ---- The scene -------------------------------------------------------------------------------------------------------------
+# ---- The scene -----------------------------------------------------------------------------------
 def readProtein(path=STRUCTURE):
     """C-alpha positions, nm, shape (residues, 3), and masses of the residues."""
-    atoms = [line for line in path.read_text().splitlines() if line.startswith('ATOM') and line[12:16].strip() == 'CA']
+    atoms = [
+        line for line in path.read_text().splitlines()
+        if line.startswith('ATOM') and line[12:16].strip() == 'CA'
+    ]
     positions = np.array([[float(line[k:k + 8]) for k in (30, 38, 46)] for line in atoms])/10
     masses = np.array([RESIDUE_MASS[line[17:20]] for line in atoms])
-    masses[0] += 1.01    # H of the N terminus
+    masses[0] += 1.01  # H of the N terminus
     masses[-1] += 17.01  # OH of the C terminus
     return positions, masses
 
 
-def makeContext(places, step, groups=None, temperature=TEMPERATURE, viscosity=VISCOSITY, radius=BLOB_RADIUS, platformName='CPU',
-                seed=1):
+def makeContext(places, step, groups=None, temperature=TEMPERATURE, viscosity=VISCOSITY,
+                radius=BLOB_RADIUS, platformName='CPU', seed=1):
     """A Context with the protein's centre of mass at each of `places`, all turned alike."""
     positions, masses = readProtein()
     positions = positions - masses @ positions/masses.sum()
@@ -77,16 +87,19 @@ def makeContext(places, step, groups=None, temperature=TEMPERATURE, viscosity=VI
         for mass in masses:
             system.addParticle(mass)
             fluid.addParticle(radius)
-        integrator.addRigidBody(range(first, system.getNumParticles()))  # mass, inertia and shape from the System and positions
+        integrator.addRigidBody(range(
+            first,
+            system.getNumParticles()))  # mass, inertia and shape from the System and positions
     fluid.setGroups(groups if groups is not None else [])
     system.addForce(fluid)
     properties = {'Threads': '1'} if platformName == 'CPU' else {}
-    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platformName), properties)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platformName),
+                             properties)
     context.setPositions(np.concatenate([positions + place for place in places]))
     return context, integrator, fluid
 
 
-# ---- What theory says ------------------------------------------------------------------------------------------------------
+# ---- What theory says ----------------------------------------------------------------------------
 def twoRotations(integrator, body=0):
     """diag(A, A): body frame to lab frame."""
     w, x, y, z = integrator.getBodyOrientations()[body]
@@ -116,8 +129,10 @@ def centreOfDiffusion(D):
     """Where the translational tensor has its smallest trace, and that tensor: D about a point r from the origin."""
     rotation, coupling = D[3:, 3:], D[3:, :3]  # rows W, columns F
     skew = coupling - coupling.T
-    # Moving by r makes the coupling C + D_r [r x], whose antisymmetric part is to vanish (Brenner 1967).
-    r = -np.linalg.solve(np.trace(rotation)*np.eye(3) - rotation, np.array([skew[2, 1], skew[0, 2], skew[1, 0]]))
+    # Moving by r makes the coupling C + D_r [r x], whose antisymmetric part is to vanish (Brenner
+    # 1967).
+    r = -np.linalg.solve(
+        np.trace(rotation)*np.eye(3) - rotation, np.array([skew[2, 1], skew[0, 2], skew[1, 0]]))
     return r, moved(D, r)[:3, :3]
 
 
@@ -129,7 +144,7 @@ def moved(D, r):
     return shift @ D @ shift.T
 
 
-# ---- Measurement -----------------------------------------------------------------------------------------------------------
+# ---- Measurement ---------------------------------------------------------------------------------
 def increments(start, end):
     """Displacement and turn of bodies from start to end, (n, 6), in the frame half-way; start and end: positions, quaternions."""
     before, after = (Rotation.from_quat(q[:, [1, 2, 3, 0]]) for _, q in (start, end))
@@ -165,9 +180,10 @@ def measure(context, integrator, blocks, samplesPerBlock, stepsPerSample, lags, 
 
 def compare(D, expected):
     """
-    Blocks of measured tensors (blocks, 6, 6) against the expected one, both scaled to expected^(-1/2) . expected^(-1/2), where the
-    expected one is the identity: mean and standard error of the 21 entries, and chi^2 with the errors that theory gives, 2 and 1
-    times one variance for entries on and off the diagonal, that variance from the blocks' scatter of all of them.
+    Blocks of measured tensors (blocks, 6, 6) against the expected one, both scaled to
+    expected^(-1/2) . expected^(-1/2), where the expected one is the identity: mean and standard
+    error of the 21 entries, and chi^2 with the errors that theory gives, 2 and 1 times one variance
+    for entries on and off the diagonal, that variance from the blocks' scatter of all of them.
     """
     values, vectors = np.linalg.eigh(expected)
     scale = vectors @ np.diag(values**-0.5) @ vectors.T
@@ -178,17 +194,22 @@ def compare(D, expected):
     variance = np.mean(entries.var(0, ddof=1)/(1 + ideal))/len(D)
     errors = np.sqrt(variance*(1 + ideal))
     z = (mean - ideal)/errors
-    return {'rows': rows.tolist(), 'columns': columns.tolist(), 'deviation': (mean - ideal).tolist(), 'error': errors.tolist(),
-            'largest_z': float(np.abs(z).max()), 'chi2': float(np.sum(z**2)), 'chi2_probability': float(chi2.sf(np.sum(z**2), len(z)))}
+    return {
+        'rows': rows.tolist(), 'columns': columns.tolist(), 'deviation': (mean - ideal).tolist(),
+        'error': errors.tolist(), 'largest_z': float(np.abs(z).max()), 'chi2': float(np.sum(z**2)),
+        'chi2_probability': float(chi2.sf(np.sum(z**2), len(z)))
+    }
 
 
-def diffusion(copies=64, step=0.01, sample=0.1, window=5.0, blockTime=200.0, total=1e6, platformName='CPU', seed=1, quiet=False):
+def diffusion(copies=64, step=0.01, sample=0.1, window=5.0, blockTime=200.0, total=1e6,
+              platformName='CPU', seed=1, quiet=False):
     """Measure and compare; `total` is in ps, summed over copies. Returns a dict and the running sums of all blocks."""
     stepsPerSample = round(sample/step)
     lags, samplesPerBlock = round(window/sample), round(blockTime/sample)
     blocks = max(8, round(total/copies/blockTime))
     places = 10.0*np.arange(copies)[:, None]*np.array([1.0, 0, 0])
-    context, integrator, fluid = makeContext(places, step, range(copies), platformName=platformName, seed=seed)
+    context, integrator, fluid = makeContext(places, step, range(copies), platformName=platformName,
+                                             seed=seed)
     context.setVelocitiesToTemperature(TEMPERATURE, seed)
     kT = GAS_CONSTANT*TEMPERATURE
     _, mass, moments, _ = integrator.getRigidBodyParameters(0)
@@ -204,26 +225,34 @@ def diffusion(copies=64, step=0.01, sample=0.1, window=5.0, blockTime=200.0, tot
     _, centralExpected = centreOfDiffusion(expected)
     # The isotropic averages, with the errors that the scatter of the blocks has.
     averages = {}
-    for name, part, factor in (('translational', slice(0, 3), CM2_PER_S), ('rotational', slice(3, 6), PER_S)):
+    for name, part, factor in (('translational', slice(0, 3), CM2_PER_S), ('rotational', slice(
+            3, 6), PER_S)):
         values = np.trace(D[:, part, part], axis1=1, axis2=2)/3*factor
-        averages[name] = {'measured': float(values.mean()), 'error': float(values.std(ddof=1)/np.sqrt(blocks)),
-                          'kT_mobility': float(np.trace(expected[part, part])/3*factor)}
+        averages[name] = {
+            'measured': float(values.mean()), 'error': float(values.std(ddof=1)/np.sqrt(blocks)),
+            'kT_mobility': float(np.trace(expected[part, part])/3*factor)
+        }
     averages['translational']['about_centre_of_diffusion'] = float(np.trace(central)/3*CM2_PER_S)
-    averages['translational']['kT_mobility_about_centre_of_diffusion'] = float(np.trace(centralExpected)/3*CM2_PER_S)
+    averages['translational']['kT_mobility_about_centre_of_diffusion'] = float(
+        np.trace(centralExpected)/3*CM2_PER_S)
     toHere = TEMPERATURE/MEASURED_TEMPERATURE*MEASURED_VISCOSITY/VISCOSITY
     averages['translational']['literature_at_this_temperature'] = [v*toHere for v in MEASURED_D_T]
     averages['rotational']['literature_at_this_temperature'] = [v*toHere for v in MEASURED_D_R]
     result = {
-        'copies': copies, 'step_ps': step, 'sample_ps': sample, 'window_ps': window, 'blocks': blocks, 'block_ps': blockTime,
-        'total_ps': copies*blocks*blockTime, 'seed': seed, 'platform': platformName, 'seconds': seconds,
-        'temperature_K': TEMPERATURE, 'viscosity_mPa_s': VISCOSITY, 'blob_radius_nm': BLOB_RADIUS,
-        'mass_dalton': float(mass._value), 'principal_moments_amu_nm2': moments._value.tolist(),
-        'relaxation_times_ps': times.tolist(), 'window_bias': float(np.exp(-window/times.max())),
-        'diffusion_tensor': mean.tolist(), 'error': error.tolist(), 'kT_mobility': expected.tolist(),
-        'kT_mobility_at_this_step': diffusionAtStep(mobility, inertia, kT, step).tolist(),
-        'averages_cm2_per_s_and_per_s': averages, 'against_kT_mobility': compare(D, expected),
-        'against_kT_mobility_at_this_step': compare(D, diffusionAtStep(mobility, inertia, kT, step)),
-        'effects': {k: str(v) for k, v in integrator.getEffects().items()},
+        'copies': copies, 'step_ps': step, 'sample_ps': sample, 'window_ps': window,
+        'blocks': blocks, 'block_ps': blockTime, 'total_ps': copies*blocks*blockTime, 'seed': seed,
+        'platform': platformName, 'seconds': seconds, 'temperature_K': TEMPERATURE,
+        'viscosity_mPa_s': VISCOSITY, 'blob_radius_nm': BLOB_RADIUS, 'mass_dalton': float(
+            mass._value), 'principal_moments_amu_nm2': moments._value.tolist(),
+        'relaxation_times_ps': times.tolist(), 'window_bias': float(np.exp(
+            -window/times.max())), 'diffusion_tensor': mean.tolist(), 'error': error.tolist(),
+        'kT_mobility': expected.tolist(), 'kT_mobility_at_this_step': diffusionAtStep(
+            mobility, inertia, kT, step).tolist(), 'averages_cm2_per_s_and_per_s': averages,
+        'against_kT_mobility': compare(D, expected), 'against_kT_mobility_at_this_step': compare(
+            D, diffusionAtStep(mobility, inertia, kT, step)), 'effects': {
+                k: str(v)
+                for k, v in integrator.getEffects().items()
+            },
     }
     return result, running
 
@@ -232,15 +261,19 @@ def pair(distances=(3.5, 4.0, 5.0, 7.0, 10.0, 20.0)):
     """Two proteins, turned alike, their centres on the x axis: how one moves when the other is pulled or turned."""
     rows = []
     for distance in distances:
-        context, integrator, fluid = makeContext([(0, 0, 0), (distance, 0, 0)], 0.01, platformName='Reference')
+        context, integrator, fluid = makeContext([(0, 0, 0), (distance, 0, 0)], 0.01,
+                                                 platformName='Reference')
         N = fluid.getMobilityInContext(context)
         alone = makeContext([(0, 0, 0)], 0.01, platformName='Reference')
         A = alone[2].getMobilityInContext(alone[0])
         eta = fluid.getViscosity()._value
         relative = N[0, 0] + N[6, 6] - N[0, 6] - N[6, 0]
-        rows.append({'distance_nm': distance, 'pull_along': N[6, 0]/A[0, 0], 'pull_along_oseen': 1/(4*np.pi*eta*distance)/A[0, 0],
-                     'pull_across': N[7, 1]/A[1, 1], 'turn_by_pull': N[11, 1]*distance**2*8*np.pi*eta,
-                     'relative_mobility': relative/(2*A[0, 0]), 'own_mobility': N[0, 0]/A[0, 0]})
+        rows.append({
+            'distance_nm': distance, 'pull_along': N[6, 0]/A[0, 0],
+            'pull_along_oseen': 1/(4*np.pi*eta*distance)/A[0, 0], 'pull_across': N[7, 1]/A[1, 1],
+            'turn_by_pull': N[11, 1]*distance**2*8*np.pi*eta,
+            'relative_mobility': relative/(2*A[0, 0]), 'own_mobility': N[0, 0]/A[0, 0]
+        })
     return rows
 
 
@@ -269,7 +302,7 @@ def torqueCarryingBlobs():
     return float(np.trace(D[:3, :3])/3*CM2_PER_S), float(np.trace(D[3:, 3:])/3*PER_S)
 
 
-# ---- Results -----------------------------------------------------------------------------------------------------------------
+# ---- Results -------------------------------------------------------------------------------------
 def draw(result, running, path):
     """Running sums per axis against kT times mobility, and all 21 entries."""
     plt = pyplot()
@@ -278,54 +311,74 @@ def draw(result, running, path):
     mean, error = running.mean(0), running.std(0, ddof=1)/np.sqrt(len(running))
     expected = np.array(result['kT_mobility'])
     averages = result['averages_cm2_per_s_and_per_s']
-    for axes, first, factor, name, label in ((left, 0, CM2_PER_S*1e6, 'translational', '$D_t$ (10$^{-6}$ cm$^2$/s)'),
-                                             (middle, 3, PER_S/1e6, 'rotational', '$D_r$ (10$^6$ s$^{-1}$)')):
+    for axes, first, factor, name, label in ((left, 0, CM2_PER_S*1e6, 'translational',
+                                              '$D_t$ (10$^{-6}$ cm$^2$/s)'),
+                                             (middle, 3, PER_S/1e6, 'rotational',
+                                              '$D_r$ (10$^6$ s$^{-1}$)')):
         for k in range(3):
             i = first + k
-            axes.fill_between(t, factor*(mean - error)[:, i, i], factor*(mean + error)[:, i, i], color=f'C{k}', alpha=0.3, lw=0)
+            axes.fill_between(t,
+                              factor*(mean - error)[:, i, i],
+                              factor*(mean + error)[:, i, i], color=f'C{k}', alpha=0.3, lw=0)
             axes.plot(t, factor*mean[:, i, i], f'C{k}', label=f'axis {k + 1}')
             axes.axhline(factor*expected[i, i], color=f'C{k}', ls='--', lw=1)
-        value, spread = np.array(averages[name]['literature_at_this_temperature'])*(1e6 if first == 0 else 1e-6)
-        axes.axhspan(value - spread, value + spread, color='0.8', zorder=0, label='experiment, mean of axes')
+        value, spread = np.array(
+            averages[name]['literature_at_this_temperature'])*(1e6 if first == 0 else 1e-6)
+        axes.axhspan(value - spread, value + spread, color='0.8', zorder=0,
+                     label='experiment, mean of axes')
         axes.plot([], [], 'k--', lw=1, label='$kT$ × mobility')
-        axes.set(xlabel='time $t$ (ps)', ylabel=label, title=f'{name.capitalize()} diffusion, running sum', ylim=(0, None))
+        axes.set(xlabel='time $t$ (ps)', ylabel=label,
+                 title=f'{name.capitalize()} diffusion, running sum', ylim=(0, None))
         axes.legend(fontsize=8, loc='lower right')
     entries = result['against_kT_mobility']
-    right.errorbar(np.arange(21), 100*np.array(entries['deviation']), 100*np.array(entries['error']), fmt='o', ms=3)
+    right.errorbar(np.arange(21), 100*np.array(entries['deviation']),
+                   100*np.array(entries['error']), fmt='o', ms=3)
     right.axhline(0, color='k', lw=0.8)
     letters = ['$x$', '$y$', '$z$', '$\\varphi_x$', '$\\varphi_y$', '$\\varphi_z$']
-    right.set_xticks(np.arange(21), [letters[i] + letters[j] for i, j in zip(entries['rows'], entries['columns'])], rotation=90,
-                     fontsize=8)
+    right.set_xticks(np.arange(21),
+                     [letters[i] + letters[j] for i, j in zip(entries['rows'], entries['columns'])],
+                     rotation=90, fontsize=8)
     right.set(ylabel='deviation from $kT$ × mobility (%)',
               title=f'All entries, scaled: $\\chi^2$ = {entries["chi2"]:.0f} of 21')
     figure.savefig(path, dpi=110)
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--copies', type=int, default=64)
     parser.add_argument('--step', type=float, default=0.01, help='ps')
     parser.add_argument('--sample', type=float, default=0.1, help='ps')
-    parser.add_argument('--window', type=float, default=5.0, help='ps over which the running sum goes')
+    parser.add_argument('--window', type=float, default=5.0,
+                        help='ps over which the running sum goes')
     parser.add_argument('--total', type=float, default=1e6, help='ps, summed over copies')
     parser.add_argument('--platform', default='CPU')
     parser.add_argument('--seed', type=int, default=1)
-    parser.add_argument('--mobility', action='store_true', help='only matrices: two proteins, blobs with torques')
+    parser.add_argument('--mobility', action='store_true',
+                        help='only matrices: two proteins, blobs with torques')
     parser.add_argument('--output', type=pathlib.Path, default=pathlib.Path('rigid_protein_output'))
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
     if args.mobility:
-        result = {'pairs': pair(), 'torque_carrying_blobs_cm2_per_s_and_per_s': torqueCarryingBlobs(), 'provenance': provenance(args)}
+        result = {
+            'pairs': pair(), 'torque_carrying_blobs_cm2_per_s_and_per_s': torqueCarryingBlobs(),
+            'provenance': provenance(args)
+        }
         (args.output/'mobility.json').write_text(json.dumps(result, indent=1) + '\n')
         print(json.dumps(result, indent=1))
         return
-    result, running = diffusion(args.copies, args.step, args.sample, args.window, total=args.total, platformName=args.platform,
-                                seed=args.seed)
+    result, running = diffusion(args.copies, args.step, args.sample, args.window, total=args.total,
+                                platformName=args.platform, seed=args.seed)
     result['provenance'] = provenance(args)
     (args.output/'rigid_protein.json').write_text(json.dumps(result, indent=1) + '\n')
     draw(result, running, args.output/'rigid_protein.png')
-    print(json.dumps({key: result[key] for key in ('averages_cm2_per_s_and_per_s', 'relaxation_times_ps', 'against_kT_mobility',
-                                                   'seconds')}, indent=1))
+    print(
+        json.dumps(
+            {
+                key: result[key]
+                for key in ('averages_cm2_per_s_and_per_s', 'relaxation_times_ps',
+                            'against_kT_mobility', 'seconds')
+            }, indent=1))
 
 
 if __name__ == '__main__':

@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
 """Rigid proteins, all their atoms with PME, in a periodic fluid: saved, resumed, and what the fluid costs beside the forces.
 
-Eight villin headpieces (from the PDB file that comes with OpenMM, with all hydrogens) are in a box of 7.2 nm. Between atoms act the charges and
-Lennard-Jones parameters of amber14, by NonbondedForce with PME; charges are divided by sqrt(78.4), so that Coulomb's law is that in water, which is
-not there as molecules. Each protein is one rigid body. In the same box a MobilityForce makes water around them: ForceCoupling with periodic
-images, a blob at every C-alpha, on a grid. They move by LangevinHI, with inertia, and by DriftCorrectorFD, without.
+Eight villin headpieces (from the PDB file that comes with OpenMM, with all hydrogens) are in a box
+of 7.2 nm. Between atoms act the charges and Lennard-Jones parameters of amber14, by NonbondedForce
+with PME; charges are divided by sqrt(78.4), so that Coulomb's law is that in water, which is not
+there as molecules. Each protein is one rigid body. In the same box a MobilityForce makes water
+around them: ForceCoupling with periodic images, a blob at every C-alpha, on a grid. They move by
+LangevinHI, with inertia, and by DriftCorrectorFD, without.
 
     python3 run.py --output results      # half an hour on one core
     python3 run.py --quick               # seconds: three proteins
@@ -30,20 +32,22 @@ HERE = pathlib.Path(__file__).resolve().parent
 sys.path.append(str(HERE.parents[1]/'validation'/'common'))
 from recording import brackets, provenance, pyplot, save  # noqa: E402
 
-STRUCTURE = pathlib.Path(app.__file__).parent/'data'/'test.pdb'   # villin in water; the water is left out
-BLOB_RADIUS = 0.61           # nm, one bead a residue: Ortega et al., Biophys. J. 101, 892 (2011)
-TEMPERATURE = 298.15         # K
-VISCOSITY = 0.890            # mPa s, water at 298.15 K
-PERMITTIVITY = 78.4          # of water at 298.15 K
-SPACING = 3.6                # nm between the places that proteins start from; a villin is 3.0 nm long
-CUTOFF = 1.0                 # nm
-TOLERANCE = 1e-3             # of the fluid: the grid, and iterations
-STEP = {'LangevinHI': 0.02, 'DriftCorrectorFD': 0.05}    # ps; momenta relax in 0.24 ps (translation) and 0.04 ps (rotation)
-SAMPLE = 0.1                 # ps
+STRUCTURE = pathlib.Path(
+    app.__file__).parent/'data'/'test.pdb'  # villin in water; the water is left out
+BLOB_RADIUS = 0.61  # nm, one bead a residue: Ortega et al., Biophys. J. 101, 892 (2011)
+TEMPERATURE = 298.15  # K
+VISCOSITY = 0.890  # mPa s, water at 298.15 K
+PERMITTIVITY = 78.4  # of water at 298.15 K
+SPACING = 3.6  # nm between the places that proteins start from; a villin is 3.0 nm long
+CUTOFF = 1.0  # nm
+TOLERANCE = 1e-3  # of the fluid: the grid, and iterations
+STEP = {'LangevinHI': 0.02, 'DriftCorrectorFD': 0.05
+        }  # ps; momenta relax in 0.24 ps (translation) and 0.04 ps (rotation)
+SAMPLE = 0.1  # ps
 GAS_CONSTANT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
 
 
-# ---- The scene -------------------------------------------------------------------------------------------------------------
+# ---- The scene -----------------------------------------------------------------------------------
 def isCAlpha(atom):
     return atom.name == 'CA' and atom.element is app.element.carbon
 
@@ -52,7 +56,10 @@ def readProtein(path=STRUCTURE):
     """Topology and positions (atoms, 3) in nm of the protein in a PDB file, with hydrogens, about its middle."""
     pdb = app.PDBFile(str(path))
     protein = app.Modeller(pdb.topology, pdb.positions)
-    protein.delete([residue for residue in protein.topology.residues() if not any(isCAlpha(atom) for atom in residue.atoms())])
+    protein.delete([
+        residue for residue in protein.topology.residues()
+        if not any(isCAlpha(atom) for atom in residue.atoms())
+    ])
     if not any(atom.element is app.element.hydrogen for atom in protein.topology.atoms()):
         protein.addHydrogens(app.ForceField('amber14/protein.ff14SB.xml'))
     positions = np.array(protein.positions.value_in_unit(unit.nanometer))
@@ -68,7 +75,8 @@ def makeSystem(cells, structure):
         model.add(topology, shape*unit.nanometer)
     model.topology.setUnitCellDimensions(openmm.Vec3(*(SPACING*np.array(cells)))*unit.nanometer)
     system = app.ForceField('amber14/protein.ff14SB.xml').createSystem(
-        model.topology, nonbondedMethod=app.PME, nonbondedCutoff=CUTOFF*unit.nanometer, removeCMMotion=False)
+        model.topology, nonbondedMethod=app.PME, nonbondedCutoff=CUTOFF*unit.nanometer,
+        removeCMMotion=False)
     # Bonds, angles and torsions do nothing in rigid bodies.
     for k in reversed(range(system.getNumForces())):
         if not isinstance(system.getForce(k), openmm.NonbondedForce):
@@ -99,13 +107,15 @@ class Scene:
     solver : int
         of the MobilityForce; Auto takes a grid from 100 blobs on
     """
-
-    def __init__(self, cells, scheme, platformName='CPU', seed=1, structure=STRUCTURE, solver=MobilityForce.Auto):
+    def __init__(self, cells, scheme, platformName='CPU', seed=1, structure=STRUCTURE,
+                 solver=MobilityForce.Auto):
         topology, shape = readProtein(structure)
         self.count, self.atoms = int(np.prod(cells)), len(shape)
         turns = Rotation.random(self.count, random_state=seed)
-        places = SPACING*np.stack(np.meshgrid(*[np.arange(n) + 0.5 for n in cells], indexing='ij'), -1).reshape(-1, 3)
-        self.start = np.concatenate([turn.apply(shape) + place for turn, place in zip(turns, places)])
+        places = SPACING*np.stack(np.meshgrid(*[np.arange(n) + 0.5
+                                                for n in cells], indexing='ij'), -1).reshape(-1, 3)
+        self.start = np.concatenate(
+            [turn.apply(shape) + place for turn, place in zip(turns, places)])
         self.topology, system, self.charge = makeSystem(tuple(cells), structure)
         self.system = openmm.XmlSerializer.clone(system)
 
@@ -113,7 +123,8 @@ class Scene:
         self.integrator.setScheme(getattr(CustomRigidHIIntegrator, scheme))
         self.integrator.setRandomNumberSeed(seed)
         for k in range(self.count):
-            self.integrator.addRigidBody(range(self.atoms*k, self.atoms*(k + 1)))   # mass, inertia and shape from the System
+            self.integrator.addRigidBody(range(
+                self.atoms*k, self.atoms*(k + 1)))  # mass, inertia and shape from the System
         openmmrigidhi.app.bindBodies(self.system, self.integrator)
         self.fluid = None
         if scheme == 'LangevinC':
@@ -126,10 +137,13 @@ class Scene:
             self.fluid.setSolverTolerance(TOLERANCE)
             self.fluid.setViscosity(VISCOSITY*1e-3*unit.pascal*unit.second)
             for atom in self.topology.atoms():
-                self.fluid.addParticle(BLOB_RADIUS if isCAlpha(atom) else 0)     # 0: the fluid does not see it
+                self.fluid.addParticle(
+                    BLOB_RADIUS if isCAlpha(atom) else 0)  # 0: the fluid does not see it
             self.system.addForce(self.fluid)
         properties = {'Threads': '1'} if platformName == 'CPU' else {}
-        self.simulation = app.Simulation(self.topology, self.system, self.integrator, openmm.Platform.getPlatformByName(platformName), properties)
+        self.simulation = app.Simulation(self.topology, self.system, self.integrator,
+                                         openmm.Platform.getPlatformByName(platformName),
+                                         properties)
         self.context = self.simulation.context
         self.context.setPositions(self.start)
         self.context.setVelocitiesToTemperature(TEMPERATURE, seed)
@@ -141,32 +155,39 @@ class Scene:
         return np.concatenate([self.positions(), self.integrator.getBodyOrientations()], axis=1)
 
 
-# ---- Saved and resumed -----------------------------------------------------------------------------------------------------
+# ---- Saved and resumed ---------------------------------------------------------------------------
 def resumed(cells, scheme, platformName, steps, seed, structure):
     """Whether runs that go on from what was saved are the uninterrupted run: the largest difference of poses (nm, quaternions) at its end."""
     whole = Scene(cells, scheme, platformName, seed, structure)
     start = whole.poses()
     whole.simulation.step(steps)
-    state = openmm.XmlSerializer.serialize(whole.context.getState(getPositions=True, getVelocities=True, getParameters=True,
-                                                                  getIntegratorParameters=True))
+    state = openmm.XmlSerializer.serialize(
+        whole.context.getState(getPositions=True, getVelocities=True, getParameters=True,
+                               getIntegratorParameters=True))
     checkpoint = whole.context.createCheckpoint()
     saved = whole.poses()
     whole.simulation.step(steps)
-    found = {'scheme': scheme, 'platform': platformName, 'proteins': whole.count, 'steps_before': steps, 'steps_after': steps,
-             'moved_before': np.abs(saved - start).max(), 'moved_after': np.abs(whole.poses() - saved).max()}
+    found = {
+        'scheme': scheme, 'platform': platformName, 'proteins': whole.count, 'steps_before': steps,
+        'steps_after': steps, 'moved_before': np.abs(saved - start).max(),
+        'moved_after': np.abs(whole.poses() - saved).max()
+    }
     for name in ('State', 'checkpoint'):
-        again = Scene(cells, scheme, platformName, seed + 17, structure)   # another seed: that of the run is saved
+        again = Scene(cells, scheme, platformName, seed + 17,
+                      structure)  # another seed: that of the run is saved
         if name == 'State':
             again.context.setState(openmm.XmlSerializer.deserialize(state))
         else:
             again.context.loadCheckpoint(checkpoint)
         again.simulation.step(steps)
-        found[name] = {'largest_difference': np.abs(again.poses() - whole.poses()).max(),
-                       'identical': bool(np.array_equal(again.poses(), whole.poses()))}
+        found[name] = {
+            'largest_difference': np.abs(again.poses() - whole.poses()).max(),
+            'identical': bool(np.array_equal(again.poses(), whole.poses()))
+        }
     return found
 
 
-# ---- Moving ----------------------------------------------------------------------------------------------------------------
+# ---- Moving --------------------------------------------------------------------------------------
 def diffusionOfBodies(scene):
     """kT times the trace of the translational mobility over 3, mean of the proteins, nm^2/ps."""
     N = scene.fluid.getMobilityInContext(scene.context)
@@ -176,7 +197,8 @@ def diffusionOfBodies(scene):
 
 def smallestGap(scene):
     """Least distance between atoms of two proteins, nm."""
-    x = scene.context.getState(getPositions=True).getPositions(asNumpy=True)._value.reshape(scene.count, scene.atoms, 3)
+    x = scene.context.getState(getPositions=True).getPositions(asNumpy=True)._value.reshape(
+        scene.count, scene.atoms, 3)
     box = np.diag(scene.context.getState().getPeriodicBoxVectors(asNumpy=True)._value)
     trees = [cKDTree(np.mod(places, box), boxsize=box) for places in x]
     return min(trees[i].query(trees[j].data)[0].min() for i in range(scene.count) for j in range(i))
@@ -193,42 +215,62 @@ def move(cells, scheme, duration, platformName, seed, structure, quiet):
     for k in tqdm(range(samples), desc=scheme, mininterval=2, disable=quiet):
         scene.simulation.step(every)
         now = scene.positions()
-        row = {'energy': scene.context.getState(getEnergy=True).getPotentialEnergy()._value, 'squares': (now - last)**2}
+        row = {
+            'energy': scene.context.getState(getEnergy=True).getPotentialEnergy()._value,
+            'squares': (now - last)**2
+        }
         if scheme == 'LangevinHI':
-            row['kT_t'] = 2*scene.integrator.computeTranslationalKineticEnergy()._value/(3*scene.count)
-            row['kT_r'] = 2*scene.integrator.computeRotationalKineticEnergies()._value.sum()/(3*scene.count)
+            row['kT_t'] = 2*scene.integrator.computeTranslationalKineticEnergy()._value/(
+                3*scene.count)
+            row['kT_r'] = 2*scene.integrator.computeRotationalKineticEnergies()._value.sum()/(
+                3*scene.count)
         rows.append(row)
         last = now
-        if (k + 1) % max(1, samples//10) == 0:
+        if (k + 1) % max(1, samples // 10) == 0:
             mobilities.append(diffusionOfBodies(scene))
     energies = np.array([row['energy'] for row in rows])
-    result = {'scheme': scheme, 'step_ps': STEP[scheme], 'duration_ps': samples*SAMPLE, 'proteins': scene.count, 'seed': seed,
-              'platform': platformName, 'seconds': time.time() - began, 'rejected_steps': scene.integrator.getNumRejectedSteps(), 'energy_start_kJ_per_mol': energies[0], 'energy_end_kJ_per_mol': energies[-1], 'smallest_gap_nm': smallestGap(scene),
-              'D_from_mobility_nm2_per_ps': np.mean(mobilities), 'D_from_mobility_start_end': [mobilities[0], mobilities[-1]]}
+    result = {
+        'scheme': scheme, 'step_ps': STEP[scheme], 'duration_ps': samples*SAMPLE,
+        'proteins': scene.count, 'seed': seed, 'platform': platformName,
+        'seconds': time.time() - began, 'rejected_steps': scene.integrator.getNumRejectedSteps(),
+        'energy_start_kJ_per_mol': energies[0], 'energy_end_kJ_per_mol': energies[-1],
+        'smallest_gap_nm': smallestGap(scene), 'D_from_mobility_nm2_per_ps': np.mean(mobilities),
+        'D_from_mobility_start_end': [mobilities[0], mobilities[-1]]
+    }
     if scheme == 'LangevinHI':
         for name in ('kT_t', 'kT_r'):
             values = np.array([row[name] for row in rows])/(GAS_CONSTANT*TEMPERATURE)
             blocks = np.array([block.mean() for block in np.array_split(values, 8)])
             result[f'{name}_over_kT'] = [blocks.mean(), blocks.std(ddof=1)/8**0.5]
     else:
-        # Without momenta a displacement over a time in which mobility and forces hardly change has the variance 2 kT N t.
+        # Without momenta a displacement over a time in which mobility and forces hardly change has
+        # the variance 2 kT N t.
         D = np.array([row['squares'].mean() for row in rows])/(2*every*STEP[scheme])
         result['D_from_displacements_nm2_per_ps'] = [D.mean(), D.std(ddof=1)/len(D)**0.5]
     return result, scene
 
 
-# ---- The price ---------------------------------------------------------------------------------------------------------------
+# ---- The price -----------------------------------------------------------------------------------
 def prices(cells, rounds, steps, platformName, seed, structure, dense, quiet):
     """Milliseconds of a step with forces alone (Langevin C, no fluid) and with the fluid, in turns.
 
     On a busy machine the clock goes on while others compute: parts are those of the round that took least, medians stand beside."""
-    kinds = {'forces alone, Langevin C': ('LangevinC', MobilityForce.Auto), 'LangevinHI': ('LangevinHI', MobilityForce.Auto),
-             'DriftCorrectorFD': ('DriftCorrectorFD', MobilityForce.Auto)}
+    kinds = {
+        'forces alone, Langevin C': ('LangevinC', MobilityForce.Auto),
+        'LangevinHI': ('LangevinHI', MobilityForce.Auto),
+        'DriftCorrectorFD': ('DriftCorrectorFD', MobilityForce.Auto)
+    }
     if dense:
         kinds['LangevinHI, dense'] = ('LangevinHI', MobilityForce.Dense)
-    scenes = {name: Scene(cells, scheme, platformName, seed, structure, solver) for name, (scheme, solver) in kinds.items()}
-    counted = {'seconds_forces': 'ms_forces', 'seconds_mobility': 'ms_fluid', 'seconds_fft': 'ms_transforms',
-               'solverIterations': 'iterations', 'forceEvaluations': 'force_evaluations'}
+    scenes = {
+        name: Scene(cells, scheme, platformName, seed, structure, solver)
+        for name, (scheme, solver) in kinds.items()
+    }
+    counted = {
+        'seconds_forces': 'ms_forces', 'seconds_mobility': 'ms_fluid',
+        'seconds_fft': 'ms_transforms', 'solverIterations': 'iterations',
+        'forceEvaluations': 'force_evaluations'
+    }
     found = {name: [] for name in kinds}
     for scene in scenes.values():
         scene.integrator.step(2)
@@ -238,17 +280,29 @@ def prices(cells, rounds, steps, platformName, seed, structure, dense, quiet):
             integrator = scenes[name].integrator
             before, began = dict(integrator.getStepStatistics()), time.perf_counter()
             integrator.step(steps)
-            row, after = {'ms': 1e3*(time.perf_counter() - began)/steps}, integrator.getStepStatistics()
+            row, after = {'ms': 1e3*(time.perf_counter() - began)/steps
+                          }, integrator.getStepStatistics()
             for key, called in counted.items():
-                row[called] = (after[key] - before[key])/steps*(1e3 if called.startswith('ms') else 1)
+                row[called] = (after[key] -
+                               before[key])/steps*(1e3 if called.startswith('ms') else 1)
             found[name].append(row)
     least = {name: min(rows, key=lambda row: row['ms']) for name, rows in found.items()}
     base = least['forces alone, Langevin C']['ms']
-    return {'proteins': int(np.prod(cells)), 'box_nm': list(SPACING*np.array(cells)), 'atoms': scenes['LangevinHI'].system.getNumParticles(),
-            'rounds': rounds, 'steps_a_round': steps,
-            'kinds': {name: {**least[name], 'times_forces_alone': least[name]['ms']/base, 'ms_median': np.median([row['ms'] for row in rows]),
-                             'ms_of_rounds': [row['ms'] for row in rows]} for name, rows in found.items()},
-            'fluid': {name: str(scene.integrator.getEffects()['hydrodynamics']) for name, scene in scenes.items() if scene.fluid}}
+    return {
+        'proteins': int(np.prod(cells)), 'box_nm': list(SPACING*np.array(cells)),
+        'atoms': scenes['LangevinHI'].system.getNumParticles(), 'rounds': rounds,
+        'steps_a_round': steps, 'kinds': {
+            name: {
+                **least[name], 'times_forces_alone': least[name]['ms']/base,
+                'ms_median': np.median([row['ms'] for row in rows]),
+                'ms_of_rounds': [row['ms'] for row in rows]
+            }
+            for name, rows in found.items()
+        }, 'fluid': {
+            name: str(scene.integrator.getEffects()['hydrodynamics'])
+            for name, scene in scenes.items() if scene.fluid
+        }
+    }
 
 
 def priceTable(results):
@@ -256,26 +310,34 @@ def priceTable(results):
     yield '|---'*8 + '|'
     for price in results:
         for name, row in price['kinds'].items():
-            yield (f'| {price["proteins"]}, {price["atoms"]} | {name} | {row["ms"]:.0f} ({row["ms_median"]:.0f}) | '
-                   f'{row["ms_forces"]:.0f} | {row["ms_fluid"]:.0f} | {row["ms_fluid"]/row["ms_forces"]:.2f} | {row["ms_transforms"]:.0f} | {row["iterations"]:.0f} |')
+            yield (f'| {price["proteins"]}, {price["atoms"]} | {name} | {row["ms"]:.0f} '
+                   f'({row["ms_median"]:.0f}) | '
+                   f'{row["ms_forces"]:.0f} | {row["ms_fluid"]:.0f} | '
+                   f'{row["ms_fluid"]/row["ms_forces"]:.2f} | {row["ms_transforms"]:.0f} | '
+                   f'{row["iterations"]:.0f} |')
 
 
-# ---- Results -----------------------------------------------------------------------------------------------------------------
+# ---- Results -------------------------------------------------------------------------------------
 def drawScene(scene, path):
     """The proteins' blobs where they are now, nearer ones brighter."""
     plt = pyplot()
     from matplotlib.collections import EllipseCollection
     figure, axes = plt.subplots(figsize=(6, 6), constrained_layout=True)
-    x = scene.context.getState(getPositions=True, enforcePeriodicBox=True).getPositions(asNumpy=True)._value
+    x = scene.context.getState(getPositions=True,
+                               enforcePeriodicBox=True).getPositions(asNumpy=True)._value
     box = scene.topology.getUnitCellDimensions().value_in_unit(unit.nanometer)
-    blobs = sorted((k for k, atom in enumerate(scene.topology.atoms()) if isCAlpha(atom)), key=lambda k: x[k, 2])
+    blobs = sorted((k for k, atom in enumerate(scene.topology.atoms()) if isCAlpha(atom)),
+                   key=lambda k: x[k, 2])
     size = np.full(len(blobs), 2*BLOB_RADIUS)
-    colours = plt.cm.tab10(np.array([k//scene.atoms for k in blobs]) % 10)
+    colours = plt.cm.tab10(np.array([k // scene.atoms for k in blobs]) % 10)
     colours[:, :3] *= (0.45 + 0.55*np.clip(x[blobs, 2]/box[2], 0, 1))[:, None]
-    axes.add_collection(EllipseCollection(size, size, np.zeros(len(blobs)), units='x', offsets=x[blobs, :2], offset_transform=axes.transData,
-                                          facecolors=colours, edgecolors='k', linewidths=0.3))
+    axes.add_collection(
+        EllipseCollection(size, size, np.zeros(len(blobs)), units='x', offsets=x[blobs, :2],
+                          offset_transform=axes.transData, facecolors=colours, edgecolors='k',
+                          linewidths=0.3))
     axes.add_patch(plt.Rectangle((0, 0), box[0], box[1], fill=False, ls='--', lw=1))
-    axes.set(xlim=(-1.5, box[0] + 1.5), ylim=(-1.5, box[1] + 1.5), xlabel='x (nm)', ylabel='y (nm)', aspect='equal',
+    axes.set(xlim=(-1.5, box[0] + 1.5), ylim=(-1.5, box[1] + 1.5), xlabel='x (nm)', ylabel='y (nm)',
+             aspect='equal',
              title=f'The start: {scene.count} rigid proteins, blobs at C-alpha; dark: far')
     figure.savefig(path, dpi=90)
 
@@ -283,8 +345,10 @@ def drawScene(scene, path):
 def drawPrices(results, path):
     """Bars of milliseconds a step."""
     plt = pyplot()
-    figure, axes = plt.subplots(figsize=(8, 1 + 0.4*sum(len(price['kinds']) for price in results)), constrained_layout=True)
-    labels, rows = zip(*((f'{price["proteins"]} proteins, {name}', row) for price in results for name, row in price['kinds'].items()))
+    figure, axes = plt.subplots(figsize=(8, 1 + 0.4*sum(len(price['kinds']) for price in results)),
+                                constrained_layout=True)
+    labels, rows = zip(*((f'{price["proteins"]} proteins, {name}', row) for price in results
+                         for name, row in price['kinds'].items()))
     forces, fluid = (np.array([row[key] for row in rows]) for key in ('ms_forces', 'ms_fluid'))
     y = np.arange(len(rows))
     axes.barh(y, forces, label='forces (PME, Lennard-Jones)')
@@ -297,35 +361,52 @@ def drawPrices(results, path):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--quick', action='store_true', help='seconds: three proteins')
     parser.add_argument('--part', choices=('all', 'runs', 'prices'), default='all')
-    parser.add_argument('--duration', type=float, default=200.0, help='ps by DriftCorrectorFD; a tenth of it by LangevinHI')
+    parser.add_argument('--duration', type=float, default=200.0,
+                        help='ps by DriftCorrectorFD; a tenth of it by LangevinHI')
     parser.add_argument('--rounds', type=int, default=9, help='rounds of the prices')
-    parser.add_argument('--pdb', type=pathlib.Path, default=STRUCTURE, help='the protein (the villin that comes with OpenMM)')
+    parser.add_argument('--pdb', type=pathlib.Path, default=STRUCTURE,
+                        help='the protein (the villin that comes with OpenMM)')
     parser.add_argument('--platform', default='CPU', help='of the runs; one thread on CPU')
     parser.add_argument('--seed', type=int, default=1)
-    parser.add_argument('--output', type=pathlib.Path, default=pathlib.Path('rigid_proteins_output'))
+    parser.add_argument('--output', type=pathlib.Path,
+                        default=pathlib.Path('rigid_proteins_output'))
     args = parser.parse_args()
-    cells, duration, rounds, steps = ((3, 1, 1), 8.0, 2, 2) if args.quick else ((2, 2, 2), args.duration, args.rounds, 5)
+    cells, duration, rounds, steps = ((3, 1, 1), 8.0, 2,
+                                      2) if args.quick else ((2, 2, 2), args.duration, args.rounds,
+                                                             5)
 
     args.output.mkdir(parents=True, exist_ok=True)
-    drawScene(Scene(cells, 'LangevinHI', args.platform, args.seed, args.pdb), args.output/'rigid_proteins.png')
+    drawScene(Scene(cells, 'LangevinHI', args.platform, args.seed, args.pdb),
+              args.output/'rigid_proteins.png')
     if args.part != 'prices':
-        saved = [resumed((3, 1, 1), scheme, platform, 2 if args.quick else 10, args.seed, args.pdb)
-                 for platform in ('Reference', args.platform) for scheme in STEP]
+        saved = [
+            resumed((3, 1, 1), scheme, platform, 2 if args.quick else 10, args.seed, args.pdb)
+            for platform in ('Reference', args.platform) for scheme in STEP
+        ]
         runs = []
         for scheme in STEP:
-            result, scene = move(cells, scheme, duration/10 if scheme == 'LangevinHI' else duration, args.platform, args.seed, args.pdb, args.quick)
+            result, scene = move(cells, scheme, duration/10 if scheme == 'LangevinHI' else duration,
+                                 args.platform, args.seed, args.pdb, args.quick)
             runs.append(result)
         for row in saved + runs:
             print(row)
-        save(args.output, 'rigid_proteins.json', {'saved_and_resumed': saved, 'runs': runs, 'charge_e': scene.charge,
-                                                  'effects': {k: str(v) for k, v in scene.integrator.getEffects().items()},
-                                                  'provenance': provenance(args)})
+        save(
+            args.output, 'rigid_proteins.json', {
+                'saved_and_resumed': saved, 'runs': runs, 'charge_e': scene.charge, 'effects': {
+                    k: str(v)
+                    for k, v in scene.integrator.getEffects().items()
+                }, 'provenance': provenance(args)
+            })
     if args.part != 'runs':
         sizes = [cells] if args.quick else [cells, (3, 3, 3)]
-        costs = [prices(size, rounds, steps, args.platform, args.seed, args.pdb, size == cells, args.quick) for size in sizes]
+        costs = [
+            prices(size, rounds, steps, args.platform, args.seed, args.pdb, size == cells,
+                   args.quick) for size in sizes
+        ]
         print('\n'.join(priceTable(costs)))
         save(args.output, 'prices.json', {'prices': costs, 'provenance': provenance(args)})
         drawPrices(costs, args.output/'prices.png')

@@ -10,7 +10,8 @@ import openmm
 
 from openmmrigidhi import CustomBodyForce, CustomRigidHIIntegrator, MobilityForce, app
 
-#: Spheres of radius 1 and weight 6 pi eta, so that one sphere alone falls by its radius in a time of 1; all in OpenMM's units.
+#: Spheres of radius 1 and weight 6 pi eta, so that one sphere alone falls by its radius in a time
+#: of 1; all in OpenMM's units.
 NUMBER, CLUSTER, WEIGHT = 200, 12.0, 6*np.pi
 
 
@@ -19,14 +20,16 @@ def cluster(seed):
     random, points = np.random.default_rng(seed), []
     while len(points) < NUMBER:
         point = random.uniform(-CLUSTER, CLUSTER, 3)
-        if np.linalg.norm(point) < CLUSTER and all(np.linalg.norm(point - other) > 2 for other in points):
+        if np.linalg.norm(point) < CLUSTER and all(
+                np.linalg.norm(point - other) > 2 for other in points):
             points.append(point)
     return np.array(points)
 
 
 def scene(positions, step=0.05):
     """Spheres that fall without noise, coupled by the fluid."""
-    system, fluid, weight = openmm.System(), MobilityForce(), CustomBodyForce('0', '0', '-weight', '0', '0', '0')
+    system, fluid, weight = openmm.System(), MobilityForce(), CustomBodyForce(
+        '0', '0', '-weight', '0', '0', '0')
     weight.addGlobalParameter('weight', WEIGHT)
     fluid.setViscosity(1.0)
     integrator = CustomRigidHIIntegrator(0, step)
@@ -44,9 +47,11 @@ def scene(positions, step=0.05):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
-    parser.add_argument('--steps', type=int, default=80, help='time steps between two pictures (default 80)')
+    parser.add_argument('--steps', type=int, default=80,
+                        help='time steps between two pictures (default 80)')
     parser.add_argument('--seed', type=int, default=1, help='of the positions (default 1)')
-    parser.add_argument('--picture', default='picture.png', help='file to draw (default picture.png)')
+    parser.add_argument('--picture', default='picture.png',
+                        help='file to draw (default picture.png)')
     arguments = parser.parse_args()
     import matplotlib
     matplotlib.use('Agg')
@@ -62,7 +67,8 @@ def main():
         depth = start - height
         app.show(context, view=(0, -90), ax=ax, title=f't = {time:g}\n{depth:.0f} radii')
         ax.set(xlim=(-20, 20), ylim=(height - 18, height + 62))
-        print(f't = {time:g}: the cluster has fallen by {depth:.1f} radii, one sphere alone by {time:.1f}')
+        print(f't = {time:g}: the cluster has fallen by {depth:.1f} radii, one sphere alone by '
+              f'{time:.1f}')
     figure.savefig(arguments.picture, dpi=110)
 
 

@@ -14,8 +14,11 @@ from openmmrigidhi import CustomBodyForce, CustomRigidHIIntegrator, MobilityForc
 #: Radius of both, nm; the force on each, kJ/mol/nm; the viscosity of water.
 RADIUS, FORCE, VISCOSITY = 10.0, 100.0, 0.89e-3*unit.pascal*unit.second
 #: The models, and whether pairs are lubricated.
-MODELS = {'free draining': (MobilityForce.FreeDraining, False), 'Rotne-Prager-Yamakawa': (MobilityForce.RotnePragerYamakawa, False),
-          'Stokesian dynamics': (MobilityForce.StokesianDynamics, True)}
+MODELS = {
+    'free draining': (MobilityForce.FreeDraining, False),
+    'Rotne-Prager-Yamakawa': (MobilityForce.RotnePragerYamakawa, False),
+    'Stokesian dynamics': (MobilityForce.StokesianDynamics, True)
+}
 
 
 def approach(model, lubrication, gap=1.0, duration=2.0, steps=2000):
@@ -24,7 +27,8 @@ def approach(model, lubrication, gap=1.0, duration=2.0, steps=2000):
     fluid.setModel(model)
     fluid.setLubrication(lubrication)
     fluid.setViscosity(VISCOSITY)
-    alone = 6*np.pi*fluid.getViscosity()._value*RADIUS**2/FORCE  # the time that one colloid alone takes for its radius, ps
+    alone = 6*np.pi*fluid.getViscosity(
+    )._value*RADIUS**2/FORCE  # the time that one colloid alone takes for its radius, ps
     integrator = CustomRigidHIIntegrator(0, duration*alone/steps)
     integrator.setScheme(integrator.FixmanMidpoint)
     push = CustomBodyForce('push', '0', '0', '0', '0', '0')
@@ -51,7 +55,8 @@ def approach(model, lubrication, gap=1.0, duration=2.0, steps=2000):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--steps', type=int, default=2000, help='time steps (default 2000)')
-    parser.add_argument('--picture', default='picture.png', help='file to draw (default picture.png)')
+    parser.add_argument('--picture', default='picture.png',
+                        help='file to draw (default picture.png)')
     arguments = parser.parse_args()
     import matplotlib
     matplotlib.use('Agg')
@@ -60,8 +65,10 @@ def main():
     for name, (model, lubrication) in MODELS.items():
         times, gaps = approach(model, lubrication, steps=arguments.steps)
         ax.semilogy(times[gaps > 0], gaps[gaps > 0], label=name, linewidth=2)
-        print(f'{name}: ' + (f'the surfaces touch at {times[-1]:.2f}' if gaps[-1] < 0 else f'the gap at {times[-1]:.2f} is {gaps[-1]:.2e} radii'))
-    ax.set(xlabel='time, in that one colloid alone takes for its radius', ylabel='gap between the surfaces / radius', ylim=(8e-3, 1.2))
+        print(f'{name}: ' + (f'the surfaces touch at {times[-1]:.2f}' if gaps[-1] < 0 else
+                             f'the gap at {times[-1]:.2f} is {gaps[-1]:.2e} radii'))
+    ax.set(xlabel='time, in that one colloid alone takes for its radius',
+           ylabel='gap between the surfaces / radius', ylim=(8e-3, 1.2))
     ax.legend()
     figure.savefig(arguments.picture, dpi=130)
 

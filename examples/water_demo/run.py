@@ -27,12 +27,13 @@ FRAME_INTERVAL = 100  # steps between frames of the DCD and the body-state file
 BLOCKS = 5  # of each half, for the error bars: 2 ps each
 GAS_CONSTANT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
 
-# Kinetic temperatures of Langevin C at a finite step h read low by E_A h^2 (Davidchack 2015, Table 1, for the original
-# TIP4P), K/fs^2. Averages over configurations, as U, the pressure or an RDF, are hit far less.
+# Kinetic temperatures of Langevin C at a finite step h read low by E_A h^2 (Davidchack 2015, Table
+# 1, for the original TIP4P), K/fs^2. Averages over configurations, as U, the pressure or an RDF,
+# are hit far less.
 TRANSLATIONAL_SLOPE, ROTATIONAL_SLOPE = 0.135, 0.803
 
+# ---- The simulation ------------------------------------------------------------------------------
 
-# ---- The simulation --------------------------------------------------------------------------------------------------
 
 def makeSimulation(topology, forceField, platform, cutoff=0.9*unit.nanometer):
     """An ordinary OpenMM Simulation but for its integrator."""
@@ -49,19 +50,24 @@ def makeSimulation(topology, forceField, platform, cutoff=0.9*unit.nanometer):
 def addReporters(simulation, output, append):
     """A trajectory for viewers, the states of the bodies for analysis, and a table of temperatures and energies."""
     simulation.reporters = [
-        app.DCDReporter(str(output/'trajectory.dcd'), FRAME_INTERVAL, append=append, enforcePeriodicBox=True),
+        app.DCDReporter(str(output/'trajectory.dcd'), FRAME_INTERVAL, append=append,
+                        enforcePeriodicBox=True),
         openmmrigidhi.app.RigidBodyReporter(output/'bodies.h5', FRAME_INTERVAL, append=append),
-        openmmrigidhi.app.StateDataReporter(str(output/'table.csv'), REPORT_INTERVAL, append=append, time=True,
-                                            potentialEnergy=True, temperature=True, translationalTemperature=True,
-                                            rotationalTemperatures=True)]
+        openmmrigidhi.app.StateDataReporter(str(output/'table.csv'), REPORT_INTERVAL, append=append,
+                                            time=True, potentialEnergy=True, temperature=True,
+                                            translationalTemperature=True,
+                                            rotationalTemperatures=True)
+    ]
 
 
 def run(simulation, steps, label):
     """Take steps with a progress bar; return the seconds of wall time."""
     start = time.perf_counter()
     picoseconds = simulation.integrator.getStepSize().value_in_unit(unit.picosecond)
-    with tqdm.tqdm(total=steps*picoseconds, desc=f'{label:18}', unit='ps',
-                   bar_format='{desc} |{bar}| {n:.2f}/{total:.2f} ps [{elapsed}<{remaining}{postfix}]') as bar:
+    with tqdm.tqdm(
+            total=steps*picoseconds, desc=f'{label:18}', unit='ps',
+            bar_format='{desc} |{bar}| {n:.2f}/{total:.2f} ps [{elapsed}<{remaining}{postfix}]'
+    ) as bar:
         while steps > 0:
             chunk = min(steps, 50)
             simulation.step(chunk)
@@ -72,7 +78,8 @@ def run(simulation, steps, label):
     return time.perf_counter() - start
 
 
-# ---- Stopping and resuming -------------------------------------------------------------------------------------------
+# ---- Stopping and resuming -----------------------------------------------------------------------
+
 
 def snapshot(simulation):
     """Everything that moves, as arrays, and the potential energy per molecule."""
@@ -120,9 +127,11 @@ def referenceCheck(topology, positions, forceField, output, steps):
     """On the Reference platform a run that is stopped and resumed is bit for bit the uninterrupted one."""
     edge, margin = 1.5, 0.1  # nm; the margin keeps molecules at opposite faces apart
     modeller = app.Modeller(topology, positions*unit.nanometer)
-    modeller.delete([residue for residue in topology.residues()
-                     if any(np.ptp(np.append(positions[atom.index], [0, edge - margin])) > edge - margin
-                            for atom in residue.atoms())])
+    modeller.delete([
+        residue for residue in topology.residues() if any(
+            np.ptp(np.append(positions[atom.index], [0, edge - margin])) > edge - margin
+            for atom in residue.atoms())
+    ])
     modeller.topology.setPeriodicBoxVectors(np.diag([edge]*3)*unit.nanometer)
 
     def fresh():
@@ -142,12 +151,15 @@ def referenceCheck(topology, positions, forceField, output, steps):
         load(second, output, how)
         second.step(steps)
         resumed, _ = snapshot(second)
-        require(sameBits(uninterrupted, resumed),
-                f'Reference platform, {waters} waters, resumed from a {how}: after {steps} more steps positions and velocities '
-                'are bit for bit those of the uninterrupted run')
+        require(
+            sameBits(uninterrupted, resumed),
+            f'Reference platform, {waters} waters, resumed from a {how}: after {steps} more steps '
+            f'positions and velocities '
+            'are bit for bit those of the uninterrupted run')
 
 
-# ---- Analysis --------------------------------------------------------------------------------------------------------
+# ---- Analysis ------------------------------------------------------------------------------------
+
 
 def mean(series, blocks=BLOCKS):
     """Mean and its standard error from the scatter of block means, which are nearly independent of each other."""
@@ -165,7 +177,8 @@ def readTable(file):
 def radialDistributions(states, largest=0.9, bins=180):
     """g(r) of O-O, O-H and H-H between molecules, from the poses of the bodies in the body-state file."""
     from scipy.spatial import cKDTree
-    sites = np.array([s._value[:3] for s in states.sitePositions])  # O, H, H of each molecule in its body frame
+    sites = np.array([s._value[:3]
+                      for s in states.sitePositions])  # O, H, H of each molecule in its body frame
     edges = np.linspace(0, largest, bins + 1)
     counts = {'O-O': np.zeros(bins), 'O-H': np.zeros(bins), 'H-H': np.zeros(bins)}
     volume = 0
@@ -173,7 +186,7 @@ def radialDistributions(states, largest=0.9, bins=180):
         w, v = q[:, None, :1], q[:, None, 1:]
         turned = sites + 2*np.cross(v, np.cross(v, sites) + w*sites)  # q sites q^-1
         atoms = (R[:, None, :] + turned).reshape(-1, 3) % np.diag(box)
-        molecule, isHydrogen = np.arange(len(atoms))//3, np.arange(len(atoms)) % 3 > 0
+        molecule, isHydrogen = np.arange(len(atoms)) // 3, np.arange(len(atoms)) % 3 > 0
         i, j = cKDTree(np.minimum(atoms, np.nextafter(np.diag(box), 0)), boxsize=np.diag(box)) \
             .query_pairs(largest, output_type='ndarray').T
         apart = molecule[i] != molecule[j]
@@ -197,14 +210,18 @@ def draw(file, table, results, r, rdf, resumedAt):
     matplotlib.use('Agg')
     import matplotlib.pyplot as plt
     figure, axes = plt.subplots(2, 2, figsize=(11, 7.5), constrained_layout=True)
-    window = max(1, len(table['time'])//10)  # 2 ps
-    temperatures = {'T_trans': ('translation', 'tab:blue'), 'T_rot1': ('rotation, smallest moment', 'tab:red'),
-                    'T_rot2': ('rotation, middle moment', 'tab:orange'),
-                    'T_rot3': ('rotation, largest moment', 'tab:green')}
+    window = max(1, len(table['time']) // 10)  # 2 ps
+    temperatures = {
+        'T_trans': ('translation', 'tab:blue'), 'T_rot1': ('rotation, smallest moment', 'tab:red'),
+        'T_rot2': ('rotation, middle moment', 'tab:orange'),
+        'T_rot3': ('rotation, largest moment', 'tab:green')
+    }
 
     axis = axes[0, 0]
     for name, (label, color) in temperatures.items():
-        axis.plot(*(np.convolve(table[x], np.full(window, 1/window), 'valid') for x in ('time', name)), color=color, label=label)
+        axis.plot(
+            *(np.convolve(table[x], np.full(window, 1/window), 'valid') for x in ('time', name)),
+            color=color, label=label)
     axis.set(xlabel='time (ps)', ylabel='temperature (K)', title='Temperatures, moving averages',
              ylim=(TEMPERATURE._value - 20, TEMPERATURE._value + 20))
     axis.axhline(TEMPERATURE._value, color='black', linewidth=0.6)
@@ -215,21 +232,23 @@ def draw(file, table, results, r, rdf, resumedAt):
     for place, (name, (label, color)) in enumerate(temperatures.items()):
         value, error = results[name]
         axis.errorbar(place, value, error, fmt='o', color=color, capsize=4)
-        axis.annotate(f'{value:.1f}({error:.1f})', (place, value), textcoords='offset points', xytext=(9, 6),
-                      fontsize=9)
+        axis.annotate(f'{value:.1f}({error:.1f})', (place, value), textcoords='offset points',
+                      xytext=(9, 6), fontsize=9)
     axis.axhline(TEMPERATURE._value, color='black', linewidth=0.8)
     axis.plot([-0.35, 0.35], [expected['T_trans']]*2, '--', color='gray')
-    axis.plot([0.65, 3.35], [expected['T_rot']]*2, '--', color='gray', label='to be expected at this step\n(rotation: mean of 3 axes)')
+    axis.plot([0.65, 3.35], [expected['T_rot']]*2, '--', color='gray',
+              label='to be expected at this step\n(rotation: mean of 3 axes)')
     low = min(results[name][0] - results[name][1] for name in temperatures)
     axis.set_ylim(min(low, expected['T_rot']) - 4, TEMPERATURE._value + 2)
-    axis.set(xticks=range(4), xticklabels=('trans.', 'rot. 1', 'rot. 2', 'rot. 3'), xlim=(-0.5, 3.8), ylabel='temperature (K)',
-             title='Mean temperatures, 1 sigma')
+    axis.set(xticks=range(4), xticklabels=('trans.', 'rot. 1', 'rot. 2', 'rot. 3'),
+             xlim=(-0.5, 3.8), ylabel='temperature (K)', title='Mean temperatures, 1 sigma')
     axis.legend(fontsize=8, loc='lower left')
 
     axis = axes[1, 0]
     axis.plot(table['time'], table['U'], color='tab:purple', linewidth=0.7)
     value, error = results['U']
-    axis.axhspan(value - error, value + error, color='black', alpha=0.3, label=f'mean {value:.3f}({error:.3f}) kJ/mol')
+    axis.axhspan(value - error, value + error, color='black', alpha=0.3,
+                 label=f'mean {value:.3f}({error:.3f}) kJ/mol')
     axis.set(xlabel='time (ps)', ylabel='U (kJ/mol per molecule)', title='Potential energy')
     axis.legend(fontsize=8, loc='upper left')
     for axis in axes[:, 0]:
@@ -240,30 +259,43 @@ def draw(file, table, results, r, rdf, resumedAt):
     axis = axes[1, 1]
     for (name, g), color in zip(rdf.items(), ('tab:red', 'tab:blue', 'tab:gray')):
         top = g[r > 0.23].max() if name == 'O-O' else None
-        axis.plot(r, g, color=color, label=name if top is None else f'{name}, highest {top:.2f} at {r[g.argmax()]:.3f} nm')
+        axis.plot(
+            r, g, color=color,
+            label=name if top is None else f'{name}, highest {top:.2f} at {r[g.argmax()]:.3f} nm')
     axis.axhline(1, color='black', linewidth=0.6)
-    axis.set(xlabel='r (nm)', ylabel='g(r)', title='Radial distribution between molecules', xlim=(0.1, r[-1]), ylim=(0, None))
+    axis.set(xlabel='r (nm)', ylabel='g(r)', title='Radial distribution between molecules',
+             xlim=(0.1, r[-1]), ylim=(0, None))
     axis.legend(fontsize=8)
-    figure.suptitle(f'TIP4P-Ew water, {results["molecules"]} rigid molecules, PME, Langevin C, '
-                    f'{STEP.value_in_unit(unit.femtosecond):g} fs, {results["nsPerDay"]:.1f} ns/day')
+    figure.suptitle(
+        f'TIP4P-Ew water, {results["molecules"]} rigid molecules, PME, Langevin C, '
+        f'{STEP.value_in_unit(unit.femtosecond):g} fs, {results["nsPerDay"]:.1f} ns/day')
     figure.savefig(file, dpi=130)
 
 
 def expectedTemperatures():
     h = STEP.value_in_unit(unit.femtosecond)
-    return {'T_trans': TEMPERATURE._value - TRANSLATIONAL_SLOPE*h**2, 'T_rot': TEMPERATURE._value - ROTATIONAL_SLOPE*h**2}
+    return {
+        'T_trans': TEMPERATURE._value - TRANSLATIONAL_SLOPE*h**2,
+        'T_rot': TEMPERATURE._value - ROTATIONAL_SLOPE*h**2
+    }
 
 
 def evaluate(table, statistics, seconds, steps, molecules):
     """Means with errors of both halves together, speed, and the integrator's own share of a step."""
-    results = {name: mean(table[name], 2*BLOCKS) for name in ('T_trans', 'T_rot1', 'T_rot2', 'T_rot3')}
+    results = {
+        name: mean(table[name], 2*BLOCKS)
+        for name in ('T_trans', 'T_rot1', 'T_rot2', 'T_rot3')
+    }
     table['U'] /= molecules
     results['U'] = mean(table['U'], 2*BLOCKS)
-    spent = {name: sum(after[name] - before[name] for before, after in statistics)
-             for name in ('steps', 'seconds_forces', 'seconds_scheme')}
+    spent = {
+        name: sum(after[name] - before[name] for before, after in statistics)
+        for name in ('steps', 'seconds_forces', 'seconds_scheme')
+    }
     own, whole = spent['seconds_scheme'], spent['seconds_scheme'] + spent['seconds_forces']
-    results.update(molecules=molecules, steps=steps, picoseconds=(steps*STEP).value_in_unit(unit.picosecond),
-                   nsPerDay=(steps*STEP).value_in_unit(unit.nanosecond)*86400/seconds, millisecondsPerStep=1e3*seconds/steps,
+    results.update(molecules=molecules, steps=steps, picoseconds=(steps*STEP).value_in_unit(
+        unit.picosecond), nsPerDay=(steps*STEP).value_in_unit(unit.nanosecond)*86400/seconds,
+                   millisecondsPerStep=1e3*seconds/steps,
                    integratorMilliseconds=1e3*own/spent['steps'], integratorShare=own/whole,
                    version=openmmrigidhi.__version__, openmm=openmm.version.version, seed=SEED)
     return results
@@ -271,43 +303,55 @@ def evaluate(table, statistics, seconds, steps, molecules):
 
 def printResults(results, table, resumedAt):
     expected = expectedTemperatures()
-    print(f'  {results["picoseconds"]:g} ps, {results["molecules"]} molecules; errors are 1 sigma, from {2*BLOCKS} blocks')
+    print(f'  {results["picoseconds"]:g} ps, {results["molecules"]} molecules; errors are 1 sigma, '
+          f'from {2*BLOCKS} blocks')
     for name, text, known in (('T_trans', 'translational temperature', 'T_trans'),
-                              ('T_rot1', 'rotational temperature, smallest moment', None),
-                              ('T_rot2', 'rotational temperature, middle moment', None),
+                              ('T_rot1', 'rotational temperature, smallest moment',
+                               None), ('T_rot2', 'rotational temperature, middle moment', None),
                               ('T_rot3', 'rotational temperature, largest moment', None)):
         value, error = results[name]
         note = f'; expected at this step size {expected[known]:.1f} K' if known else ''
         print(f'  {text:40} {value:8.2f} +- {error:.2f} K{note}')
     rotation = (table['T_rot1'] + table['T_rot2'] + table['T_rot3'])/3
     value, error = results['T_rot'] = mean(rotation, 2*BLOCKS)
-    print(f'  {"rotational temperature, mean of the three":40} {value:8.2f} +- {error:.2f} K; expected at this step size '
+    print(f'  {"rotational temperature, mean of the three":40} {value:8.2f} +- {error:.2f} K; '
+          f'expected at this step size '
           f'{expected["T_rot"]:.1f} K')
-    print('  (Kinetic temperatures of Langevin C read low by an error of second order in the step; README.md, point 6.)')
+    print('  (Kinetic temperatures of Langevin C read low by an error of second order in the step; '
+          'README.md, point 6.)')
     value, error = results['U']
     print(f'  {"potential energy":40} {value:8.3f} +- {error:.3f} kJ/mol per molecule')
     late = table['time'] > resumedAt*(1 + 1e-9)
-    for name, series, unitName in (('U', table['U'], 'kJ/mol'), ('T_trans', table['T_trans'], 'K'), ('T_rot', rotation, 'K')):
+    for name, series, unitName in (('U', table['U'], 'kJ/mol'), ('T_trans', table['T_trans'], 'K'),
+                                   ('T_rot', rotation, 'K')):
         (a, da), (b, db) = mean(series[~late]), mean(series[late])
         jump = series[late][0] - series[~late][-1]
         usual = np.diff(series).std()
-        print(f'  second half - first half: {name:8}{b - a:8.3f} +- {np.hypot(da, db):.3f} {unitName}; from the last line before '
+        print(f'  second half - first half: {name:8}{b - a:8.3f} +- {np.hypot(da, db):.3f} '
+              f'{unitName}; from the last line before '
               f'stopping to the first after resuming {jump:+.3f}, usual between lines {usual:.3f}')
-    print(f'  {results["nsPerDay"]:.2f} ns/day ({results["millisecondsPerStep"]:.2f} ms a step with writing the files), of which the '
-          f'integrator itself {results["integratorMilliseconds"]:.3f} ms: {100*results["integratorShare"]:.1f} % of a step')
+    print(
+        f'  {results["nsPerDay"]:.2f} ns/day ({results["millisecondsPerStep"]:.2f} ms a step with '
+        f'writing the files), of which the '
+        f'integrator itself {results["integratorMilliseconds"]:.3f} ms: '
+        f'{100*results["integratorShare"]:.1f} % of a step')
 
 
-# ---- The job ---------------------------------------------------------------------------------------------------------
+# ---- The job -------------------------------------------------------------------------------------
+
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
-    parser.add_argument('--output', type=pathlib.Path, default=pathlib.Path('water_demo_output'), help='folder for results')
-    parser.add_argument('--short', action='store_true', help='a few hundred steps only, to test the script')
+    parser.add_argument('--output', type=pathlib.Path, default=pathlib.Path('water_demo_output'),
+                        help='folder for results')
+    parser.add_argument('--short', action='store_true',
+                        help='a few hundred steps only, to test the script')
     arguments = parser.parse_args()
     output = arguments.output
     output.mkdir(parents=True, exist_ok=True)
     sys.stdout.reconfigure(line_buffering=True)  # in step with the progress bars
-    equilibration, half, witnessed, onReference = (200, 500, 20, 5) if arguments.short else (2000, 5000, 20, 20)
+    equilibration, half, witnessed, onReference = (200, 500, 20,
+                                                   5) if arguments.short else (2000, 5000, 20, 20)
 
     print('1. Build: tip4pew.pdb and tip4pew.xml of OpenMM, PME, each molecule a rigid body')
     pdb = app.PDBFile(str(pathlib.Path(app.__file__).parent/'data'/'tip4pew.pdb'))
@@ -318,7 +362,8 @@ def main():
     print(simulation.integrator.describeEffects())
 
     print('2. Minimise, equilibrate')
-    # A few iterations take out what rounding in the file has done; more would only freeze what must be warmed up again.
+    # A few iterations take out what rounding in the file has done; more would only freeze what must
+    # be warmed up again.
     openmmrigidhi.app.minimize(simulation.context, maxIterations=5)
     simulation.context.setVelocitiesToTemperature(TEMPERATURE, SEED)
     simulation.integrator.setStepSize(EQUILIBRATION_STEP)
@@ -345,18 +390,24 @@ def main():
         simulation = makeSimulation(pdb.topology, forceField, 'CPU')
         load(simulation, output, how)
         loaded, energy = snapshot(simulation)
-        require(sameBits(saved, loaded) and simulation.currentStep == half,
-                f'{how}: step number, positions, velocities and body states are bit for bit those saved')
-        require(abs(energy - savedEnergy) < 1e-3,
-                f'{how}: potential energy {energy:.6f} kJ/mol per molecule, {savedEnergy:.6f} when saved (OpenMM adds up '
-                'forces and energies on several threads in float, in no fixed order)')
+        require(
+            sameBits(saved, loaded) and simulation.currentStep == half,
+            f'{how}: step number, positions, velocities and body states are bit for bit those saved'
+        )
+        require(
+            abs(energy - savedEnergy) < 1e-3,
+            f'{how}: potential energy {energy:.6f} kJ/mol per molecule, {savedEnergy:.6f} when '
+            f'saved (OpenMM adds up '
+            'forces and energies on several threads in float, in no fixed order)')
         if how == 'State':
             simulation.step(witnessed)
             resumed, _ = snapshot(simulation)
             moved, apart = largestDistance(saved, resumed), largestDistance(uninterrupted, resumed)
-            require(apart < 1e-3*moved,
-                    f'{how}: after {witnessed} more steps the particles have moved by up to {moved:.3f} nm, and are within '
-                    f'{apart:.1g} nm of where the uninterrupted run was')
+            require(
+                apart < 1e-3*moved,
+                f'{how}: after {witnessed} more steps the particles have moved by up to '
+                f'{moved:.3f} nm, and are within '
+                f'{apart:.1g} nm of where the uninterrupted run was')
 
     print('5. Second half, from the checkpoint')
     before = simulation.integrator.getStepStatistics()
@@ -365,7 +416,8 @@ def main():
     statistics.append((before, simulation.integrator.getStepStatistics()))
 
     print('6. Stop and resume on the Reference platform, where forces are reproducible')
-    referenceCheck(pdb.topology, pdb.getPositions(asNumpy=True)._value, forceField, output, onReference)
+    referenceCheck(pdb.topology,
+                   pdb.getPositions(asNumpy=True)._value, forceField, output, onReference)
 
     print('7. Results')
     table = readTable(output/'table.csv')
@@ -376,7 +428,8 @@ def main():
     r, rdf = radialDistributions(states)
     draw(output/'water.png', table, results, r, rdf, resumedAt)
     (output/'results.json').write_text(json.dumps(results, indent=1) + '\n')
-    print(f'Written to {output}: water.png (look at it), results.json, table.csv, trajectory.dcd, bodies.h5 ({len(states)} '
+    print(f'Written to {output}: water.png (look at it), results.json, table.csv, trajectory.dcd, '
+          f'bodies.h5 ({len(states)} '
           'frames), half_way.chk, half_way.xml')
 
 

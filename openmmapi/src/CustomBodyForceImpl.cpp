@@ -16,7 +16,9 @@ namespace RigidHIPlugin {
 
 namespace {
 
-[[noreturn]] void fail(const string& message) { throw OpenMMException("CustomBodyForce: " + message); }
+[[noreturn]] void fail(const string& message) {
+    throw OpenMMException("CustomBodyForce: " + message);
+}
 
 /** The name of an object's class, as in C++ but without its namespace. */
 template <class T>
@@ -29,7 +31,8 @@ string className(const T& object) {
 }
 
 /** The entries of a force, as two lists; checks that each has its parameters. */
-void copyEntries(const CustomBodyForce& force, int numParameters, vector<int>& bodies, vector<double>& parameters) {
+void copyEntries(const CustomBodyForce& force, int numParameters, vector<int>& bodies,
+                 vector<double>& parameters) {
     bodies.clear();
     parameters.clear();
     for (int i = 0; i < force.getNumBodies(); i++) {
@@ -37,8 +40,9 @@ void copyEntries(const CustomBodyForce& force, int numParameters, vector<int>& b
         vector<double> values;
         force.getBodyParameters(i, body, values);
         if ((int)values.size() != numParameters)
-            fail("entry " + to_string(i) + " (body " + to_string(body) + ") has " + to_string(values.size()) +
-                 " parameters, but the force has " + to_string(numParameters) +
+            fail("entry " + to_string(i) + " (body " + to_string(body) + ") has " +
+                 to_string(values.size()) + " parameters, but the force has " +
+                 to_string(numParameters) +
                  " per-body parameters; give as many with addBody() or setBodyParameters()");
         bodies.push_back(body);
         parameters.insert(parameters.end(), values.begin(), values.end());
@@ -57,15 +61,17 @@ void CustomBodyForceImpl::initialize(ContextImpl& context) {
     const auto* ours = dynamic_cast<const CustomRigidHIIntegrator*>(&integrator);
     if (ours == nullptr)
         fail("the Context's integrator is a " + className(integrator) +
-             ", which has no rigid bodies; a CustomBodyForce works under a CustomRigidHIIntegrator only: use that, or "
+             ", which has no rigid bodies; a CustomBodyForce works under a CustomRigidHIIntegrator "
+             "only: use that, or "
              "remove "
              "the force from the System");
     copyEntries(owner, numParameters, bodies, parameters);
     for (size_t i = 0; i < bodies.size(); i++)
         if (bodies[i] >= ours->getNumRigidBodies())
-            fail("entry " + to_string(i) + " acts on body " + to_string(bodies[i]) + ", but the integrator's " +
-                 to_string(ours->getNumRigidBodies()) +
-                 " bodies are numbered from 0: add the body to the integrator, or correct the entry");
+            fail("entry " + to_string(i) + " acts on body " + to_string(bodies[i]) +
+                 ", but the integrator's " + to_string(ours->getNumRigidBodies()) +
+                 " bodies are numbered from 0: add the body to the integrator, or correct the "
+                 "entry");
 }
 
 map<string, double> CustomBodyForceImpl::getDefaultParameters() {
@@ -81,7 +87,8 @@ void CustomBodyForceImpl::updateParametersInContext(ContextImpl& context) {
     copyEntries(owner, numParameters, newBodies, newParameters);
     if (newBodies != bodies)
         fail(
-            "updateParametersInContext(): the force acts on other bodies than when the Context was created; only "
+            "updateParametersInContext(): the force acts on other bodies than when the Context was "
+            "created; only "
             "parameters can be updated: call Context::reinitialize()");
     parameters = newParameters;
     context.systemChanged();

@@ -20,22 +20,27 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Boltzmann's constant in kJ/(mol K): 1.380649e-23 J/K times 6.02214076e23/mol, both exact since 2019. */
+/** Boltzmann's constant in kJ/(mol K): 1.380649e-23 J/K times 6.02214076e23/mol, both exact since
+ * 2019. */
 constexpr double boltzmann = 8.31446261815324e-3;
-/** By how much moments may violate the triangle inequality, relative: rounding of a planar body's moments. */
+/** By how much moments may violate the triangle inequality, relative: rounding of a planar body's
+ * moments. */
 constexpr double triangleTolerance = 1e-9;
 
 /** All messages have this one form: object, its value, the bound it breaks, and the remedy. */
-[[noreturn]] void fail(const string& object, const string& problem, const string& bound, const string& remedy) {
-    throw OpenMMException("CustomRigidHIIntegrator: " + object + ": " + problem + "; " + bound + ": " + remedy);
+[[noreturn]] void fail(const string& object, const string& problem, const string& bound,
+                       const string& remedy) {
+    throw OpenMMException("CustomRigidHIIntegrator: " + object + ": " + problem + "; " + bound +
+                          ": " + remedy);
 }
 
 string bodyName(int index) { return "body " + text(index); }
 
-void checkNonNegative(double value, const string& object, const string& quantity, const string& unit) {
+void checkNonNegative(double value, const string& object, const string& quantity,
+                      const string& unit) {
     if (!isfinite(value) || value < 0)
-        fail(object, quantity + " is " + text(value) + " " + unit, "it must be finite and not negative",
-             "give a value from 0 up");
+        fail(object, quantity + " is " + text(value) + " " + unit,
+             "it must be finite and not negative", "give a value from 0 up");
 }
 
 void checkPositive(double value, const string& object, const string& quantity, const string& unit) {
@@ -46,13 +51,16 @@ void checkPositive(double value, const string& object, const string& quantity, c
 
 void checkFinite(const Vec3& value, const string& object, const string& quantity) {
     if (!isfinite(value[0]) || !isfinite(value[1]) || !isfinite(value[2]))
-        fail(object, quantity + " is (" + text(value[0]) + ", " + text(value[1]) + ", " + text(value[2]) + ")",
+        fail(object,
+             quantity + " is (" + text(value[0]) + ", " + text(value[1]) + ", " + text(value[2]) +
+                 ")",
              "it must be finite", "give three finite numbers");
 }
 
 void checkMoments(const Vec3& moments, const string& object) {
     const char* axes[] = {"x", "y", "z"};
-    for (int k = 0; k < 3; k++) checkNonNegative(moments[k], object, string("moment about ") + axes[k], "amu nm^2");
+    for (int k = 0; k < 3; k++)
+        checkNonNegative(moments[k], object, string("moment about ") + axes[k], "amu nm^2");
     const double largest = max({moments[0], moments[1], moments[2]});
     const double others = moments[0] + moments[1] + moments[2] - largest;
     if (largest > others * (1 + triangleTolerance))
@@ -63,7 +71,8 @@ void checkMoments(const Vec3& moments, const string& object) {
              "no distribution of mass has these moments, correct them");
 }
 
-/** @param bodies  of the Context. @param known  to the integrator, which may have been given more since */
+/** @param bodies  of the Context. @param known  to the integrator, which may have been given more
+ * since */
 void checkRows(size_t rows, int bodies, int known, const char* method) {
     if (rows == static_cast<size_t>(bodies)) return;
     if (known != bodies)
@@ -71,11 +80,12 @@ void checkRows(size_t rows, int bodies, int known, const char* method) {
              "the Context has " + text(bodies) + " bodies, the integrator " + text(known) +
                  ", since those that were added later wait for the next Context",
              "give one row for each of the Context's, or call reinitialize() on it first");
-    fail(method, "got " + text(rows) + " rows", "there must be one for each of the " + text(bodies) + " bodies",
-         "give that many");
+    fail(method, "got " + text(rows) + " rows",
+         "there must be one for each of the " + text(bodies) + " bodies", "give that many");
 }
 
-void checkVectors(const vector<Vec3>& rows, int bodies, int known, const char* method, const string& quantity) {
+void checkVectors(const vector<Vec3>& rows, int bodies, int known, const char* method,
+                  const string& quantity) {
     checkRows(rows.size(), bodies, known, method);
     for (size_t i = 0; i < rows.size(); i++) checkFinite(rows[i], bodyName(i), quantity);
 }
@@ -83,10 +93,11 @@ void checkVectors(const vector<Vec3>& rows, int bodies, int known, const char* m
 }  // namespace
 
 CustomRigidHIIntegrator::CustomRigidHIIntegrator(double temperature, double stepSize)
-    : scheme(LangevinC), noiseLaw(Gaussian), wallRejection(Overlap), driftCorrectorScaling(SlipOnly), friction(1),
-      rotationalFriction(1), inertiaScale(1), gradientTime(0.004), gradientRotationalTime(0.001), poseTolerance(1e-3),
-      finiteDifferenceStep(0), randomSeed(0), settingsVersion(0), maximumRejections(100), numHostThreads(0),
-      hasKernel(false) {
+    : scheme(LangevinC), noiseLaw(Gaussian), wallRejection(Overlap),
+      driftCorrectorScaling(SlipOnly), friction(1), rotationalFriction(1), inertiaScale(1),
+      gradientTime(0.004), gradientRotationalTime(0.001), poseTolerance(1e-3),
+      finiteDifferenceStep(0), randomSeed(0), settingsVersion(0), maximumRejections(100),
+      numHostThreads(0), hasKernel(false) {
     setTemperature(temperature);
     setStepSize(stepSize);
     setConstraintTolerance(1e-5);
@@ -99,45 +110,50 @@ CustomRigidHIIntegrator::~CustomRigidHIIntegrator() {}
 void CustomRigidHIIntegrator::checkBodyIndex(int index, const char* method) const {
     if (index < 0 || index >= getNumRigidBodies())
         fail(method, "body index " + text(index) + " is out of range",
-             "there are " + text(bodies.size()) + " bodies, counted from 0", "add the body first or correct the index");
+             "there are " + text(bodies.size()) + " bodies, counted from 0",
+             "add the body first or correct the index");
 }
 
-/** Check the particles of a body that is to have this index (its present particles, if any, are given up). */
+/** Check the particles of a body that is to have this index (its present particles, if any, are
+ * given up). */
 void CustomRigidHIIntegrator::checkParticles(const vector<int>& particles, int index) const {
     if (particles.empty())
-        fail(bodyName(index), "it has no particles", "a body needs at least one", "name its particles");
+        fail(bodyName(index), "it has no particles", "a body needs at least one",
+             "name its particles");
     unordered_set<int> seen;
     for (int particle : particles) {
         if (particle < 0)
-            fail(bodyName(index), "particle index " + text(particle) + " is negative", "indices count from 0",
-                 "correct the index");
+            fail(bodyName(index), "particle index " + text(particle) + " is negative",
+                 "indices count from 0", "correct the index");
         if (!seen.insert(particle).second)
             fail(bodyName(index), "particle " + text(particle) + " is named twice",
                  "a particle may be in a body only once", "remove the repetition");
         const auto owner = bodyOfParticle.find(particle);
         if (owner != bodyOfParticle.end() && owner->second != index)
-            fail(bodyName(index), "particle " + text(particle) + " is already in body " + text(owner->second),
+            fail(bodyName(index),
+                 "particle " + text(particle) + " is already in body " + text(owner->second),
                  "a particle may be in one body only", "remove it from one of them");
     }
 }
 
 /** Check mass, moments and sites of a body that has these particles. */
-void CustomRigidHIIntegrator::checkGeometry(const vector<int>& particles, double mass, const Vec3& principalMoments,
+void CustomRigidHIIntegrator::checkGeometry(const vector<int>& particles, double mass,
+                                            const Vec3& principalMoments,
                                             const vector<Vec3>& sitePositions, int index) const {
     checkNonNegative(mass, bodyName(index), "mass", "amu");
     checkMoments(principalMoments, bodyName(index));
     if (sitePositions.size() != particles.size())
         fail(bodyName(index),
-             "it has " + text(particles.size()) + " particles but " + text(sitePositions.size()) + " site positions",
+             "it has " + text(particles.size()) + " particles but " + text(sitePositions.size()) +
+                 " site positions",
              "there must be one site for each particle", "give as many sites as particles");
     for (size_t i = 0; i < sitePositions.size(); i++)
         checkFinite(sitePositions[i], bodyName(index), "site of particle " + text(particles[i]));
 }
 
-CustomRigidHIIntegrator::Body CustomRigidHIIntegrator::makeExplicitBody(const vector<int>& particles, double mass,
-                                                                        const Vec3& principalMoments,
-                                                                        const vector<Vec3>& sitePositions,
-                                                                        int index) const {
+CustomRigidHIIntegrator::Body CustomRigidHIIntegrator::makeExplicitBody(
+    const vector<int>& particles, double mass, const Vec3& principalMoments,
+    const vector<Vec3>& sitePositions, int index) const {
     checkParticles(particles, index);
     checkGeometry(particles, mass, principalMoments, sitePositions, index);
     Body body;
@@ -164,9 +180,11 @@ int CustomRigidHIIntegrator::addRigidBody(const vector<int>& particles) {
     return appendBody(body);
 }
 
-int CustomRigidHIIntegrator::addRigidBody(const vector<int>& particles, double mass, const Vec3& principalMoments,
+int CustomRigidHIIntegrator::addRigidBody(const vector<int>& particles, double mass,
+                                          const Vec3& principalMoments,
                                           const vector<Vec3>& sitePositions) {
-    return appendBody(makeExplicitBody(particles, mass, principalMoments, sitePositions, getNumRigidBodies()));
+    return appendBody(
+        makeExplicitBody(particles, mass, principalMoments, sitePositions, getNumRigidBodies()));
 }
 
 int CustomRigidHIIntegrator::getNumRigidBodies() const { return bodies.size(); }
@@ -175,8 +193,9 @@ int CustomRigidHIIntegrator::getNumRigidBodiesOfContext() const {
     return boundKernel("getNumRigidBodiesOfContext()").getNumBodies();
 }
 
-void CustomRigidHIIntegrator::getRigidBodyParameters(int index, vector<int>& particles, double& mass,
-                                                     Vec3& principalMoments, vector<Vec3>& sitePositions) const {
+void CustomRigidHIIntegrator::getRigidBodyParameters(int index, vector<int>& particles,
+                                                     double& mass, Vec3& principalMoments,
+                                                     vector<Vec3>& sitePositions) const {
     checkBodyIndex(index, "getRigidBodyParameters()");
     if (!bodies[index].geometryIsKnown) {
         if (hasKernel) boundKernel("getRigidBodyParameters()").requireGeometry(*context);
@@ -208,8 +227,9 @@ bool CustomRigidHIIntegrator::getRigidBodyGeometryIsKnown(int index) const {
     return bodies[index].geometryIsKnown;
 }
 
-void CustomRigidHIIntegrator::setRigidBodyParameters(int index, const vector<int>& particles, double mass,
-                                                     const Vec3& principalMoments, const vector<Vec3>& sitePositions) {
+void CustomRigidHIIntegrator::setRigidBodyParameters(int index, const vector<int>& particles,
+                                                     double mass, const Vec3& principalMoments,
+                                                     const vector<Vec3>& sitePositions) {
     checkBodyIndex(index, "setRigidBodyParameters()");
     Body body = makeExplicitBody(particles, mass, principalMoments, sitePositions, index);
     body.hasOwnFriction = bodies[index].hasOwnFriction;
@@ -233,7 +253,8 @@ void CustomRigidHIIntegrator::resetBodyGeometry() {
     if (hasKernel) boundKernel("resetBodyGeometry()").resetBodyGeometry(*context);
 }
 
-void CustomRigidHIIntegrator::recordBodyGeometry(int index, double mass, const Vec3& principalMoments,
+void CustomRigidHIIntegrator::recordBodyGeometry(int index, double mass,
+                                                 const Vec3& principalMoments,
                                                  const vector<Vec3>& sitePositions) const {
     checkBodyIndex(index, "recordBodyGeometry()");
     Body& body = bodies[index];
@@ -253,9 +274,10 @@ CustomRigidHIIntegrator::Scheme CustomRigidHIIntegrator::getScheme() const { ret
 void CustomRigidHIIntegrator::setScheme(Scheme scheme) {
     if (scheme < 0 || scheme >= static_cast<int>(size(schemeTable))) {
         string names;
-        for (const SchemeTraits& traits : schemeTable) names += (names.empty() ? "" : ", ") + string(traits.name);
-        fail("setScheme()", "scheme " + text(static_cast<int>(scheme)) + " is unknown", "it must be one of " + names,
-             "use the class constants");
+        for (const SchemeTraits& traits : schemeTable)
+            names += (names.empty() ? "" : ", ") + string(traits.name);
+        fail("setScheme()", "scheme " + text(static_cast<int>(scheme)) + " is unknown",
+             "it must be one of " + names, "use the class constants");
     }
     this->scheme = scheme;
     settingsVersion++;
@@ -339,10 +361,13 @@ void CustomRigidHIIntegrator::setGradientRelaxationTime(double upsilon) {
     settingsVersion++;
 }
 
-double CustomRigidHIIntegrator::getGradientRotationalRelaxationTime() const { return gradientRotationalTime; }
+double CustomRigidHIIntegrator::getGradientRotationalRelaxationTime() const {
+    return gradientRotationalTime;
+}
 
 void CustomRigidHIIntegrator::setGradientRotationalRelaxationTime(double Upsilon) {
-    checkPositive(Upsilon, "setGradientRotationalRelaxationTime()", "rotational relaxation time Upsilon", "ps");
+    checkPositive(Upsilon, "setGradientRotationalRelaxationTime()",
+                  "rotational relaxation time Upsilon", "ps");
     gradientRotationalTime = Upsilon;
     settingsVersion++;
 }
@@ -367,7 +392,8 @@ int CustomRigidHIIntegrator::getNumHostThreads() const { return numHostThreads; 
 void CustomRigidHIIntegrator::setNumHostThreads(int number) {
     const int most = 1024;
     if (number < 0 || number > most)
-        fail("setNumHostThreads()", "the number is " + text(number), "it must be from 0 to " + text(most),
+        fail("setNumHostThreads()", "the number is " + text(number),
+             "it must be from 0 to " + text(most),
              "give the number of processors that this Context may use, or 0 for OpenMM's default");
     numHostThreads = number;
     settingsVersion++;
@@ -380,28 +406,34 @@ void CustomRigidHIIntegrator::setFiniteDifferenceStep(double relative) {
     const double largest = 0.1;
     if (relative > largest)
         fail("setFiniteDifferenceStep()", "the relative step is " + text(relative),
-             "it must not be above " + text(largest), "1e-5 is right for most; 0 chooses by the solver");
+             "it must not be above " + text(largest),
+             "1e-5 is right for most; 0 chooses by the solver");
     finiteDifferenceStep = relative;
     settingsVersion++;
 }
 
-CustomRigidHIIntegrator::WallRejection CustomRigidHIIntegrator::getWallRejection() const { return wallRejection; }
+CustomRigidHIIntegrator::WallRejection CustomRigidHIIntegrator::getWallRejection() const {
+    return wallRejection;
+}
 
 void CustomRigidHIIntegrator::setWallRejection(WallRejection rejection) {
     if (rejection < Overlap || rejection > Crossing)
-        fail("setWallRejection()", "wall rejection " + text(static_cast<int>(rejection)) + " is unknown",
+        fail("setWallRejection()",
+             "wall rejection " + text(static_cast<int>(rejection)) + " is unknown",
              "it must be one of Overlap, Crossing", "use the class constants");
     wallRejection = rejection;
     settingsVersion++;
 }
 
-CustomRigidHIIntegrator::DriftCorrectorScaling CustomRigidHIIntegrator::getDriftCorrectorScaling() const {
+CustomRigidHIIntegrator::DriftCorrectorScaling CustomRigidHIIntegrator::getDriftCorrectorScaling()
+    const {
     return driftCorrectorScaling;
 }
 
 void CustomRigidHIIntegrator::setDriftCorrectorScaling(DriftCorrectorScaling scaling) {
     if (scaling < SlipOnly || scaling > Whole)
-        fail("setDriftCorrectorScaling()", "scaling " + text(static_cast<int>(scaling)) + " is unknown",
+        fail("setDriftCorrectorScaling()",
+             "scaling " + text(static_cast<int>(scaling)) + " is unknown",
              "it must be one of SlipOnly, Whole", "use the class constants");
     driftCorrectorScaling = scaling;
     settingsVersion++;
@@ -410,11 +442,13 @@ void CustomRigidHIIntegrator::setDriftCorrectorScaling(DriftCorrectorScaling sca
 int CustomRigidHIIntegrator::getMaximumRejections() const { return maximumRejections; }
 
 void CustomRigidHIIntegrator::setMaximumRejections(int number) {
-    // Random numbers depend on the attempt through 16 bits of their counter (platforms/common/random/CounterNoise.h).
+    // Random numbers depend on the attempt through 16 bits of their counter
+    // (platforms/common/random/CounterNoise.h).
     const int most = 65535;
     if (number < 0 || number > most)
         fail("setMaximumRejections()", "the number is " + text(number),
-             "it must be from 0 to " + text(most) + ", as many attempts as have random numbers of their own",
+             "it must be from 0 to " + text(most) +
+                 ", as many attempts as have random numbers of their own",
              "give a value in this range, and where steps are redone so often a smaller step");
     maximumRejections = number;
     settingsVersion++;
@@ -446,7 +480,8 @@ void CustomRigidHIIntegrator::requireContext(const char* method) const {
 
 IntegrateRigidBodiesKernel& CustomRigidHIIntegrator::boundKernel(const char* method) const {
     requireContext(method);
-    // Whoever looks at the bodies first brings them up to date, which changes the kernel but nothing the user can see.
+    // Whoever looks at the bodies first brings them up to date, which changes the kernel but
+    // nothing the user can see.
     return const_cast<Kernel&>(kernel).getAs<IntegrateRigidBodiesKernel>();
 }
 
@@ -472,14 +507,16 @@ vector<Vec3> CustomRigidHIIntegrator::getBodyAngularVelocities() const {
 
 void CustomRigidHIIntegrator::setBodyPositions(const vector<Vec3>& positions) {
     IntegrateRigidBodiesKernel& bound = boundKernel("setBodyPositions()");
-    checkVectors(positions, bound.getNumBodies(), getNumRigidBodies(), "setBodyPositions()", "position");
+    checkVectors(positions, bound.getNumBodies(), getNumRigidBodies(), "setBodyPositions()",
+                 "position");
     bound.setBodyPositions(*context, positions);
 }
 
 void CustomRigidHIIntegrator::setBodyOrientations(const vector<QuaternionArray>& orientations) {
     constexpr double lengthTolerance = 1e-3;
     IntegrateRigidBodiesKernel& bound = boundKernel("setBodyOrientations()");
-    checkRows(orientations.size(), bound.getNumBodies(), getNumRigidBodies(), "setBodyOrientations()");
+    checkRows(orientations.size(), bound.getNumBodies(), getNumRigidBodies(),
+              "setBodyOrientations()");
     vector<QuaternionArray> unit(orientations);
     for (size_t i = 0; i < unit.size(); i++) {
         QuaternionArray& q = unit[i];
@@ -487,7 +524,8 @@ void CustomRigidHIIntegrator::setBodyOrientations(const vector<QuaternionArray>&
         // Written so that NaN fails too.
         if (!(abs(length - 1) <= lengthTolerance))
             fail(bodyName(i), "its quaternion has length " + text(length),
-                 "that must be 1 within " + text(lengthTolerance), "normalise it, in the order (w, x, y, z)");
+                 "that must be 1 within " + text(lengthTolerance),
+                 "normalise it, in the order (w, x, y, z)");
         for (double& component : q) component /= length;
     }
     bound.setBodyOrientations(*context, unit);
@@ -495,14 +533,15 @@ void CustomRigidHIIntegrator::setBodyOrientations(const vector<QuaternionArray>&
 
 void CustomRigidHIIntegrator::setBodyVelocities(const vector<Vec3>& velocities) {
     IntegrateRigidBodiesKernel& bound = boundKernel("setBodyVelocities()");
-    checkVectors(velocities, bound.getNumBodies(), getNumRigidBodies(), "setBodyVelocities()", "velocity");
+    checkVectors(velocities, bound.getNumBodies(), getNumRigidBodies(), "setBodyVelocities()",
+                 "velocity");
     bound.setBodyVelocities(*context, velocities);
 }
 
 void CustomRigidHIIntegrator::setBodyAngularVelocities(const vector<Vec3>& angularVelocities) {
     IntegrateRigidBodiesKernel& bound = boundKernel("setBodyAngularVelocities()");
-    checkVectors(angularVelocities, bound.getNumBodies(), getNumRigidBodies(), "setBodyAngularVelocities()",
-                 "angular velocity");
+    checkVectors(angularVelocities, bound.getNumBodies(), getNumRigidBodies(),
+                 "setBodyAngularVelocities()", "angular velocity");
     bound.setBodyAngularVelocities(*context, angularVelocities);
 }
 
@@ -521,15 +560,18 @@ double CustomRigidHIIntegrator::getPoseResidual() const {
 // ---- Energies and temperature ----
 
 double CustomRigidHIIntegrator::computeTranslationalKineticEnergy() const {
-    return boundKernel("computeTranslationalKineticEnergy()").computeTranslationalKineticEnergy(*context);
+    return boundKernel("computeTranslationalKineticEnergy()")
+        .computeTranslationalKineticEnergy(*context);
 }
 
 Vec3 CustomRigidHIIntegrator::computeRotationalKineticEnergies() const {
-    return boundKernel("computeRotationalKineticEnergies()").computeRotationalKineticEnergies(*context);
+    return boundKernel("computeRotationalKineticEnergies()")
+        .computeRotationalKineticEnergies(*context);
 }
 
 double CustomRigidHIIntegrator::computeFreeParticleKineticEnergy() const {
-    return boundKernel("computeFreeParticleKineticEnergy()").computeFreeParticleKineticEnergy(*context);
+    return boundKernel("computeFreeParticleKineticEnergy()")
+        .computeFreeParticleKineticEnergy(*context);
 }
 
 map<string, int> CustomRigidHIIntegrator::getDegreesOfFreedom() const {
@@ -545,7 +587,8 @@ double CustomRigidHIIntegrator::computeKineticEnergy() {
 double CustomRigidHIIntegrator::computeSystemTemperature() {
     requireContext("computeSystemTemperature()");
     if (!traitsOf(scheme).hasMomenta)
-        fail("computeSystemTemperature()", "the scheme has no momenta", "a temperature needs momenta",
+        fail("computeSystemTemperature()", "the scheme has no momenta",
+             "a temperature needs momenta",
              "use a Langevin scheme, or report n/a as openmmrigidhi.app.StateDataReporter does");
     const int degrees = getDegreesOfFreedom()["total"];
     if (degrees <= 0)
@@ -572,17 +615,19 @@ map<string, double> CustomRigidHIIntegrator::getStepStatistics() const {
 
 void CustomRigidHIIntegrator::initialize(ContextImpl& contextImpl) {
     if (hasKernel)
-        fail("initialize()", "this integrator is already bound to a context", "it can serve one at a time",
-             "make a copy for the other Context");
+        fail("initialize()", "this integrator is already bound to a context",
+             "it can serve one at a time", "make a copy for the other Context");
     // A CompoundIntegrator does not tell its parts when the Context is gone.
     if (&contextImpl.getIntegrator() != this)
-        fail("initialize()", "this integrator is part of another one", "it must be the Context's own integrator",
-             "do not put it into a CompoundIntegrator");
-    // From here on ~Integrator must tell this ContextImpl of its end, whether initialisation succeeds or not: after a
-    // failed reinitialize() it lives on, and after a failed creation OpenMM leaves it undeleted.
+        fail("initialize()", "this integrator is part of another one",
+             "it must be the Context's own integrator", "do not put it into a CompoundIntegrator");
+    // From here on ~Integrator must tell this ContextImpl of its end, whether initialisation
+    // succeeds or not: after a failed reinitialize() it lives on, and after a failed creation
+    // OpenMM leaves it undeleted.
     context = &contextImpl;
     owner = &contextImpl.getOwner();
-    kernel = contextImpl.getPlatform().createKernel(IntegrateRigidBodiesKernel::Name(), contextImpl);
+    kernel =
+        contextImpl.getPlatform().createKernel(IntegrateRigidBodiesKernel::Name(), contextImpl);
     hasKernel = true;
     try {
         kernel.getAs<IntegrateRigidBodiesKernel>().initialize(contextImpl, *this);
@@ -605,10 +650,13 @@ vector<string> CustomRigidHIIntegrator::getKernelNames() {
         anyPlatform = anyPlatform || Platform::getPlatform(i).supportsKernels(names);
     if (!anyPlatform) {
         string failures;
-        for (const string& failure : Platform::getPluginLoadFailures()) failures += "\n  " + failure;
+        for (const string& failure : Platform::getPluginLoadFailures())
+            failures += "\n  " + failure;
         fail("getKernelNames()", "no platform has its kernels",
-             "libOpenMMRigidHIReference.so, libOpenMMRigidHICPU.so and libOpenMMRigidHIAny.so must be loaded",
-             "call Platform::loadPluginsFromDirectory() with their directory (importing openmmrigidhi does it)." +
+             "libOpenMMRigidHIReference.so, libOpenMMRigidHICPU.so and libOpenMMRigidHIAny.so must "
+             "be loaded",
+             "call Platform::loadPluginsFromDirectory() with their directory (importing "
+             "openmmrigidhi does it)." +
                  (failures.empty() ? string(" OpenMM reports no plugin that failed to load.")
                                    : " OpenMM reports plugins that failed to load:" + failures));
     }
@@ -619,7 +667,8 @@ void CustomRigidHIIntegrator::stateChanged(State::DataType changed) {
     if (hasKernel) boundKernel("stateChanged()").stateChanged(*context, changed);
 }
 
-vector<Vec3> CustomRigidHIIntegrator::getVelocitiesForTemperature(const System& system, double temperature,
+vector<Vec3> CustomRigidHIIntegrator::getVelocitiesForTemperature(const System& system,
+                                                                  double temperature,
                                                                   int randomSeed) const {
     IntegrateRigidBodiesKernel& bound = boundKernel("setVelocitiesToTemperature()");
     checkNonNegative(temperature, "setVelocitiesToTemperature()", "temperature", "K");
@@ -645,7 +694,8 @@ void CustomRigidHIIntegrator::deserializeParameters(const SerializationNode& nod
 void CustomRigidHIIntegrator::step(int steps) {
     IntegrateRigidBodiesKernel& bound = boundKernel("step()");
     if (steps < 0)
-        fail("step()", "the number of steps is " + text(steps), "it must not be negative", "give a value from 0 up");
+        fail("step()", "the number of steps is " + text(steps), "it must not be negative",
+             "give a value from 0 up");
     bound.step(*context, steps);
 }
 

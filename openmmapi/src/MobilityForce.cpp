@@ -20,8 +20,10 @@ namespace RigidHIPlugin {
 namespace {
 
 /** All messages have this one form: object, its value, the bound it breaks, and the remedy. */
-[[noreturn]] void fail(const string& object, const string& problem, const string& bound, const string& remedy) {
-    throw OpenMMException("MobilityForce: " + object + ": " + problem + "; " + bound + ": " + remedy);
+[[noreturn]] void fail(const string& object, const string& problem, const string& bound,
+                       const string& remedy) {
+    throw OpenMMException("MobilityForce: " + object + ": " + problem + "; " + bound + ": " +
+                          remedy);
 }
 
 /** Water at 298.15 K: 0.89 mPa s, in dalton/(nm ps). */
@@ -36,7 +38,8 @@ constexpr double traceTolerance = 1e-12;
 void checkWave(const char* method, int forceAxis, int waveAxis, int waveVectorIndex) {
     for (int axis : {forceAxis, waveAxis})
         if (axis < 0 || axis > 2)
-            fail(method, "an axis is " + text(axis), "it must be 0, 1 or 2, for x, y or z", "correct the axis");
+            fail(method, "an axis is " + text(axis), "it must be 0, 1 or 2, for x, y or z",
+                 "correct the axis");
     if (forceAxis == waveAxis)
         fail(method, "both axes are " + text(forceAxis),
              "a force along its own wave makes pressure and no flow in an incompressible fluid",
@@ -46,7 +49,8 @@ void checkWave(const char* method, int forceAxis, int waveAxis, int waveVectorIn
              "give the number of periods in the box");
 }
 
-/** Cholesky's factor of a 6 x 6 matrix, in place (lower triangle). @return false if not positive definite */
+/** Cholesky's factor of a 6 x 6 matrix, in place (lower triangle). @return false if not positive
+ * definite */
 bool factorise(vector<double>& a) {
     for (int j = 0; j < 6; j++) {
         for (int k = 0; k < j; k++)
@@ -83,14 +87,16 @@ vector<double> inverse(const vector<double>& matrix) {
 }  // namespace
 
 MobilityForce::MobilityForce()
-    : viscosity(viscosityOfWater), minimumGap(0), solverTolerance(1e-6), gridSpacing(0), wallHeight(0), channelLow(0),
-      channelHigh(0), model(RotnePragerYamakawa), boundary(Unbounded), sphereWallMobility(FromModel), solver(Auto),
-      lubrication(true) {}
+    : viscosity(viscosityOfWater), minimumGap(0), solverTolerance(1e-6), gridSpacing(0),
+      wallHeight(0), channelLow(0), channelHigh(0), model(RotnePragerYamakawa), boundary(Unbounded),
+      sphereWallMobility(FromModel), solver(Auto), lubrication(true) {}
 
 // Not inline, so that other libraries do not export them too.
 MobilityForce::~MobilityForce() {}
 
-bool MobilityForce::usesPeriodicBoundaryConditions() const { return boundary == Periodic || boundary == SlipChannel; }
+bool MobilityForce::usesPeriodicBoundaryConditions() const {
+    return boundary == Periodic || boundary == SlipChannel;
+}
 
 int MobilityForce::addParticle(double radius) {
     radii.push_back(0);
@@ -106,23 +112,27 @@ int MobilityForce::addParticle(double radius) {
 double MobilityForce::getParticleRadius(int index) const {
     if (index < 0 || index >= getNumParticles())
         fail("getParticleRadius()", "particle index " + text(index) + " is out of range",
-             "there are " + text(radii.size()) + " particles, counted from 0", "add the particle first");
+             "there are " + text(radii.size()) + " particles, counted from 0",
+             "add the particle first");
     return radii[index];
 }
 
 void MobilityForce::setParticleRadius(int index, double radius) {
     if (index < 0 || index >= getNumParticles())
         fail("setParticleRadius()", "particle index " + text(index) + " is out of range",
-             "there are " + text(radii.size()) + " particles, counted from 0", "add the particle first");
+             "there are " + text(radii.size()) + " particles, counted from 0",
+             "add the particle first");
     if (!isfinite(radius) || radius < 0)
         fail("particle " + text(index), "hydrodynamic radius is " + text(radius) + " nm",
-             "it must be finite and not negative", "give a radius, or 0 for a particle that the fluid does not see");
+             "it must be finite and not negative",
+             "give a radius, or 0 for a particle that the fluid does not see");
     radii[index] = radius;
 }
 
 void MobilityForce::setViscosity(double eta) {
     if (!isfinite(eta) || eta <= 0)
-        fail("setViscosity()", "viscosity is " + text(eta) + " dalton/(nm ps)", "it must be finite and positive",
+        fail("setViscosity()", "viscosity is " + text(eta) + " dalton/(nm ps)",
+             "it must be finite and positive",
              "give a value above 0; water has 0.89 mPa s = 536 dalton/(nm ps)");
     viscosity = eta;
 }
@@ -143,13 +153,15 @@ void MobilityForce::setBoundary(Boundary boundary) {
 
 void MobilityForce::setWallHeight(double height) {
     if (!isfinite(height))
-        fail("setWallHeight()", "height is " + text(height) + " nm", "it must be finite", "give the z of the wall");
+        fail("setWallHeight()", "height is " + text(height) + " nm", "it must be finite",
+             "give the z of the wall");
     wallHeight = height;
 }
 
 void MobilityForce::setChannelWalls(double yLow, double yHigh) {
     if (!isfinite(yLow) || !isfinite(yHigh) || !(yLow < yHigh))
-        fail("setChannelWalls()", "the walls are at y = " + text(yLow) + " and " + text(yHigh) + " nm",
+        fail("setChannelWalls()",
+             "the walls are at y = " + text(yLow) + " and " + text(yHigh) + " nm",
              "both must be finite, and the first below the second", "give the lower wall first");
     channelLow = yLow;
     channelHigh = yHigh;
@@ -157,15 +169,16 @@ void MobilityForce::setChannelWalls(double yLow, double yHigh) {
 
 void MobilityForce::setSphereWallMobility(SphereWallMobility mobility) {
     if (mobility < FromModel || mobility > BestKnown)
-        fail("setSphereWallMobility()", "sphere-wall mobility " + text(static_cast<int>(mobility)) + " is unknown",
+        fail("setSphereWallMobility()",
+             "sphere-wall mobility " + text(static_cast<int>(mobility)) + " is unknown",
              "it must be one of FromModel, BestKnown", "use the class constants");
     sphereWallMobility = mobility;
 }
 
 void MobilityForce::setMinimumGap(double gap) {
     if (!isfinite(gap) || gap < 0)
-        fail("setMinimumGap()", "gap is " + text(gap) + " mean radii", "it must be finite and not negative",
-             "give a value from 0 up");
+        fail("setMinimumGap()", "gap is " + text(gap) + " mean radii",
+             "it must be finite and not negative", "give a value from 0 up");
     minimumGap = gap;
 }
 
@@ -178,14 +191,15 @@ void MobilityForce::setSolver(Solver solver) {
 
 void MobilityForce::setSolverTolerance(double tolerance) {
     if (!(tolerance >= smallestTolerance && tolerance <= largestTolerance))
-        fail("setSolverTolerance()", "tolerance is " + text(tolerance), "it must be between 1e-14 and 0.1",
-             "give a relative tolerance such as 1e-6");
+        fail("setSolverTolerance()", "tolerance is " + text(tolerance),
+             "it must be between 1e-14 and 0.1", "give a relative tolerance such as 1e-6");
     solverTolerance = tolerance;
 }
 
 void MobilityForce::setGridSpacing(double spacing) {
     if (!isfinite(spacing) || spacing < 0)
-        fail("setGridSpacing()", "spacing is " + text(spacing) + " nm", "it must be finite and not negative",
+        fail("setGridSpacing()", "spacing is " + text(spacing) + " nm",
+             "it must be finite and not negative",
              "give a length, or 0 for the spacing that the solver tolerance wants");
     gridSpacing = spacing;
 }
@@ -194,27 +208,29 @@ void MobilityForce::setGridSpacing(double spacing) {
 
 void MobilityForce::setBackgroundFlow(const Vec3& velocity, const vector<double>& gradient) {
     if (gradient.size() != 9)
-        fail("setBackgroundFlow()", "the gradient has " + text(gradient.size()) + " numbers", "it must be 3 x 3",
-             "give 9 numbers dv_a/dx_b, row after row");
+        fail("setBackgroundFlow()", "the gradient has " + text(gradient.size()) + " numbers",
+             "it must be 3 x 3", "give 9 numbers dv_a/dx_b, row after row");
     double largest = 0;
     for (double x : gradient) {
         if (!isfinite(x))
-            fail("setBackgroundFlow()", "the gradient has an entry " + text(x), "all must be finite",
-                 "give finite numbers");
+            fail("setBackgroundFlow()", "the gradient has an entry " + text(x),
+                 "all must be finite", "give finite numbers");
         largest = max(largest, abs(x));
     }
     if (!isFinite(velocity))
-        fail("setBackgroundFlow()", "the velocity is " + text(velocity) + " nm/ps", "it must be finite",
-             "give a finite velocity at the origin");
+        fail("setBackgroundFlow()", "the velocity is " + text(velocity) + " nm/ps",
+             "it must be finite", "give a finite velocity at the origin");
     const double trace = gradient[0] + gradient[4] + gradient[8];
     if (!(abs(trace) <= traceTolerance * largest))
         fail("setBackgroundFlow()", "the trace of the gradient is " + text(trace) + "/ps",
-             "it must be 0 to 1e-12 of its largest entry, since the fluid is incompressible", "correct its diagonal");
+             "it must be 0 to 1e-12 of its largest entry, since the fluid is incompressible",
+             "correct its diagonal");
     flowVelocity = velocity;
     flowGradient = gradient;
 }
 
-void MobilityForce::getSinusoidalForceDensity(double& f0, int& alongForce, int& alongWave, int& index) const {
+void MobilityForce::getSinusoidalForceDensity(double& f0, int& alongForce, int& alongWave,
+                                              int& index) const {
     f0 = forceDensity;
     alongForce = forceAxis;
     alongWave = waveAxis;
@@ -223,8 +239,8 @@ void MobilityForce::getSinusoidalForceDensity(double& f0, int& alongForce, int& 
 
 void MobilityForce::setSinusoidalForceDensity(double f0, int alongForce, int alongWave, int index) {
     if (!isfinite(f0))
-        fail("setSinusoidalForceDensity()", "f0 is " + text(f0) + " kJ/(mol nm^4)", "it must be finite",
-             "give a finite force density, or 0 for none");
+        fail("setSinusoidalForceDensity()", "f0 is " + text(f0) + " kJ/(mol nm^4)",
+             "it must be finite", "give a finite force density, or 0 for none");
     checkWave("setSinusoidalForceDensity()", alongForce, alongWave, index);
     forceDensity = f0;
     forceAxis = alongForce;
@@ -236,25 +252,30 @@ void MobilityForce::setSinusoidalForceDensity(double f0, int alongForce, int alo
 
 void MobilityForce::checkTensor(int body, const vector<double>& tensor, const char* method) const {
     if (body < 0)
-        fail(method, "body index " + text(body) + " is negative", "bodies are counted from 0", "correct the index");
+        fail(method, "body index " + text(body) + " is negative", "bodies are counted from 0",
+             "correct the index");
     const string object = "body " + text(body);
     if (tensor.size() != 36)
-        fail(object, "its tensor has " + text(tensor.size()) + " numbers", "it must be 6 x 6", "give 36 numbers");
+        fail(object, "its tensor has " + text(tensor.size()) + " numbers", "it must be 6 x 6",
+             "give 36 numbers");
     for (double x : tensor)
         if (!isfinite(x))
-            fail(object, "its tensor has an entry " + text(x), "all must be finite", "give finite numbers");
+            fail(object, "its tensor has an entry " + text(x), "all must be finite",
+                 "give finite numbers");
     for (int i = 0; i < 6; i++)
         for (int k = 0; k < i; k++) {
             const double scale = sqrt(abs(tensor[7 * i] * tensor[7 * k]));
             if (!(abs(tensor[6 * i + k] - tensor[6 * k + i]) <= symmetryTolerance * scale))
                 fail(object,
-                     "its tensor is not symmetric: entries (" + text(i) + ", " + text(k) + ") and (" + text(k) + ", " +
-                         text(i) + ") are " + text(tensor[6 * i + k]) + " and " + text(tensor[6 * k + i]),
+                     "its tensor is not symmetric: entries (" + text(i) + ", " + text(k) +
+                         ") and (" + text(k) + ", " + text(i) + ") are " + text(tensor[6 * i + k]) +
+                         " and " + text(tensor[6 * k + i]),
                      "they must agree to 1e-9", "symmetrise it, or check its rows and columns");
         }
     vector<double> factor(tensor);
     if (!factorise(factor))
-        fail(object, "its tensor is not positive definite", "a body that moves dissipates", "check its signs");
+        fail(object, "its tensor is not positive definite", "a body that moves dissipates",
+             "check its signs");
 }
 
 void MobilityForce::setBodyMobility(int body, const vector<double>& mobility) {
@@ -270,8 +291,10 @@ void MobilityForce::setBodyFriction(int body, const vector<double>& friction) {
 const MobilityForce::OwnTensor& MobilityForce::ownTensor(int body, const char* method) const {
     const auto found = ownTensors.find(body);
     if (found == ownTensors.end())
-        fail(method, "body " + text(body) + " has no tensor of its own", "only those that were set can be asked for",
-             "call setBodyMobility() or setBodyFriction() first; getMobilityInContext() has what the model makes");
+        fail(method, "body " + text(body) + " has no tensor of its own",
+             "only those that were set can be asked for",
+             "call setBodyMobility() or setBodyFriction() first; getMobilityInContext() has what "
+             "the model makes");
     return found->second;
 }
 
@@ -309,7 +332,8 @@ void MobilityForce::setGroups(const vector<int>& groups) {
 
 IntegrateRigidBodiesKernel& MobilityForce::kernelIn(Context& context, const char* method) const {
     getImplInContext(context);  // throws if this Force is not in the Context
-    return dynamic_cast<CustomRigidHIIntegrator&>(context.getIntegrator()).getKernelForForces(method);
+    return dynamic_cast<CustomRigidHIIntegrator&>(context.getIntegrator())
+        .getKernelForForces(method);
 }
 
 void MobilityForce::updateParametersInContext(Context& context) {
@@ -326,53 +350,60 @@ vector<double> MobilityForce::getFrictionInContext(Context& context) const {
     return kernel.getFriction(const_cast<MobilityForce*>(this)->getContextImpl(context));
 }
 
-vector<double> MobilityForce::applyMobilityInContext(Context& context, const vector<double>& wrenches) const {
+vector<double> MobilityForce::applyMobilityInContext(Context& context,
+                                                     const vector<double>& wrenches) const {
     IntegrateRigidBodiesKernel& kernel = kernelIn(context, "applyMobilityInContext()");
     for (size_t i = 0; i < wrenches.size(); i++)
         if (!isfinite(wrenches[i]))
             fail("applyMobilityInContext()", "the wrench of body " + text(i / 6) + " is not finite",
                  "forces and torques must be finite", "give finite numbers");
-    return kernel.applyMobility(const_cast<MobilityForce*>(this)->getContextImpl(context), wrenches);
+    return kernel.applyMobility(const_cast<MobilityForce*>(this)->getContextImpl(context),
+                                wrenches);
 }
 
-vector<double> MobilityForce::applyBlobMobilityInContext(Context& context, const vector<double>& forces) const {
+vector<double> MobilityForce::applyBlobMobilityInContext(Context& context,
+                                                         const vector<double>& forces) const {
     IntegrateRigidBodiesKernel& kernel = kernelIn(context, "applyBlobMobilityInContext()");
     for (size_t i = 0; i < forces.size(); i++)
         if (!isfinite(forces[i]))
-            fail("applyBlobMobilityInContext()", "the force on particle " + text(i / 3) + " is not finite",
+            fail("applyBlobMobilityInContext()",
+                 "the force on particle " + text(i / 3) + " is not finite",
                  "forces on blobs must be finite", "give finite numbers");
-    return kernel.applyBlobMobility(const_cast<MobilityForce*>(this)->getContextImpl(context), forces);
+    return kernel.applyBlobMobility(const_cast<MobilityForce*>(this)->getContextImpl(context),
+                                    forces);
 }
 
 vector<Vec3> MobilityForce::getFlowInContext(Context& context, const vector<Vec3>& points) const {
     IntegrateRigidBodiesKernel& kernel = kernelIn(context, "getFlowInContext()");
     for (size_t i = 0; i < points.size(); i++)
         if (!isFinite(points[i]))
-            fail("getFlowInContext()", "point " + text(i) + " is at " + text(points[i]) + " nm", "it must be finite",
-                 "give a place in the fluid");
+            fail("getFlowInContext()", "point " + text(i) + " is at " + text(points[i]) + " nm",
+                 "it must be finite", "give a place in the fluid");
     return kernel.getFlow(const_cast<MobilityForce*>(this)->getContextImpl(context), points);
 }
 
-vector<double> MobilityForce::getFlowModeInContext(Context& context, int alongForce, int alongWave, int index) const {
+vector<double> MobilityForce::getFlowModeInContext(Context& context, int alongForce, int alongWave,
+                                                   int index) const {
     IntegrateRigidBodiesKernel& kernel = kernelIn(context, "getFlowModeInContext()");
     checkWave("getFlowModeInContext()", alongForce, alongWave, index);
-    return kernel.getFlowMode(const_cast<MobilityForce*>(this)->getContextImpl(context), alongForce, alongWave, index,
-                              false);
+    return kernel.getFlowMode(const_cast<MobilityForce*>(this)->getContextImpl(context), alongForce,
+                              alongWave, index, false);
 }
 
-vector<double> MobilityForce::getRandomFlowModeInContext(Context& context, int alongForce, int alongWave,
-                                                         int index) const {
+vector<double> MobilityForce::getRandomFlowModeInContext(Context& context, int alongForce,
+                                                         int alongWave, int index) const {
     IntegrateRigidBodiesKernel& kernel = kernelIn(context, "getRandomFlowModeInContext()");
     checkWave("getRandomFlowModeInContext()", alongForce, alongWave, index);
-    return kernel.getFlowMode(const_cast<MobilityForce*>(this)->getContextImpl(context), alongForce, alongWave, index,
-                              true);
+    return kernel.getFlowMode(const_cast<MobilityForce*>(this)->getContextImpl(context), alongForce,
+                              alongWave, index, true);
 }
 
 ForceImpl* MobilityForce::createImpl() const { return new MobilityForceImpl(*this); }
 
 void MobilityForceImpl::initialize(ContextImpl& context) {
     if (dynamic_cast<CustomRigidHIIntegrator*>(&context.getIntegrator()) == nullptr)
-        fail("Context", "its integrator is not a CustomRigidHIIntegrator", "other integrators would ignore the fluid",
+        fail("Context", "its integrator is not a CustomRigidHIIntegrator",
+             "other integrators would ignore the fluid",
              "use openmmrigidhi.CustomRigidHIIntegrator, or remove the Force");
 }
 

@@ -12,7 +12,8 @@ namespace {
 /** The first two numbers of a version. */
 string majorMinor(const string& version) {
     const size_t major = version.find('.');
-    const size_t minor = version.find_first_not_of("0123456789", major == string::npos ? major : major + 1);
+    const size_t minor =
+        version.find_first_not_of("0123456789", major == string::npos ? major : major + 1);
     return version.substr(0, minor);
 }
 
@@ -24,7 +25,9 @@ string getOpenMMVersionOfBuild() { return RIGIDHI_OPENMM_VERSION; }
 
 string getLibraryPath() {
     Dl_info place;
-    return dladdr(reinterpret_cast<const void*>(&getVersion), &place) != 0 && place.dli_fname ? place.dli_fname : "";
+    return dladdr(reinterpret_cast<const void*>(&getVersion), &place) != 0 && place.dli_fname
+               ? place.dli_fname
+               : "";
 }
 
 string versionConflict(const string& library, const string& version, const string& openMMVersion) {
@@ -32,12 +35,15 @@ string versionConflict(const string& library, const string& version, const strin
     if (majorMinor(loaded) != openMMVersion)
         return library + ": it was compiled for OpenMM " + openMMVersion +
                ", and the OpenMM that is loaded is version " + loaded +
-               "; plugins work with the version that they were compiled for: build openmm-rigidhi against this OpenMM, "
+               "; plugins work with the version that they were compiled for: build openmm-rigidhi "
+               "against this OpenMM, "
                "or install the other one";
     if (version != getVersion() || openMMVersion != getOpenMMVersionOfBuild())
-        return library + ": it is version " + version + " for OpenMM " + openMMVersion + ", and " + getLibraryPath() +
-               ", which was loaded before it, is version " + getVersion() + " for OpenMM " + getOpenMMVersionOfBuild() +
-               "; two copies of openmm-rigidhi are mixed: remove one of them, or let only one be found";
+        return library + ": it is version " + version + " for OpenMM " + openMMVersion + ", and " +
+               getLibraryPath() + ", which was loaded before it, is version " + getVersion() +
+               " for OpenMM " + getOpenMMVersionOfBuild() +
+               "; two copies of openmm-rigidhi are mixed: remove one of them, or let only one be "
+               "found";
     return "";
 }
 

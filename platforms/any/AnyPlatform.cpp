@@ -1,5 +1,6 @@
-// CustomRigidHIIntegrator on every other platform that OpenMM has (OpenCL, CUDA, HIP): forces there, bodies on the host; its arrays through
-// OpenMM's own kernels, packs of bodies spread over threads.
+// CustomRigidHIIntegrator on every other platform that OpenMM has (OpenCL, CUDA, HIP): forces
+// there, bodies on the host; its arrays through OpenMM's own kernels, packs of bodies spread over
+// threads.
 
 #include <openmm/Platform.h>
 #include <openmm/internal/ContextImpl.h>
@@ -17,12 +18,14 @@ using namespace RigidHIPlugin;
 
 namespace {
 
-/** What the integrator was told, or what OpenMM's CPU platform takes: OPENMM_CPU_THREADS, or as many as there are processors. */
+/** What the integrator was told, or what OpenMM's CPU platform takes: OPENMM_CPU_THREADS, or as
+ * many as there are processors. */
 int hostThreads(ContextImpl& context) {
     const auto& integrator = dynamic_cast<const CustomRigidHIIntegrator&>(context.getIntegrator());
     int threads = integrator.getNumHostThreads();
     if (threads == 0)
-        if (const char* wanted = std::getenv("OPENMM_CPU_THREADS")) std::stringstream(wanted) >> threads;
+        if (const char* wanted = std::getenv("OPENMM_CPU_THREADS"))
+            std::stringstream(wanted) >> threads;
     return threads;  // 0: processors
 }
 
@@ -33,7 +36,9 @@ extern "C" __attribute__((visibility("default"))) void registerPlatforms() {}
 
 extern "C" __attribute__((visibility("default"))) void registerKernelFactories() {
     PlatformParts parts;
-    parts.arrays = [](ContextImpl& context) { return std::unique_ptr<ContextArrays>(new KernelArrays(context)); };
+    parts.arrays = [](ContextImpl& context) {
+        return std::unique_ptr<ContextArrays>(new KernelArrays(context));
+    };
     parts.loops = [](ContextImpl& context) {
         return std::unique_ptr<PlatformLoops>(new ThreadedLoops(hostThreads(context)));
     };
@@ -42,8 +47,8 @@ extern "C" __attribute__((visibility("default"))) void registerKernelFactories()
         const std::string& name = platform.getName();
         if (name == "Reference" || name == "CPU") continue;  // they have libraries of their own
         const bool isServed = platform.supportsKernels({IntegrateRigidBodiesKernel::Name()}),
-                   canServe =
-                       platform.supportsKernels({UpdateStateDataKernel::Name(), IntegrateVerletStepKernel::Name()});
+                   canServe = platform.supportsKernels(
+                       {UpdateStateDataKernel::Name(), IntegrateVerletStepKernel::Name()});
         if (canServe && !isServed) registerKernel(name, "OpenMMRigidHIAny", parts);
     }
 }

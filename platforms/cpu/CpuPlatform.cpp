@@ -1,4 +1,5 @@
-// CustomRigidHIIntegrator on OpenMM's CPU platform: its arrays, which are the Reference platform's; packs of bodies, spread over threads.
+// CustomRigidHIIntegrator on OpenMM's CPU platform: its arrays, which are the Reference platform's;
+// packs of bodies, spread over threads.
 
 #include <openmm/Platform.h>
 #include <openmm/internal/ContextImpl.h>
@@ -19,7 +20,8 @@ extern "C" __attribute__((visibility("default"))) void registerKernelFactories()
         return std::unique_ptr<ContextArrays>(new ReferenceArrays(context));
     };
     parts.loops = [](OpenMM::ContextImpl& context) {
-        const int threads = std::stoi(context.getPlatform().getPropertyValue(context.getOwner(), "Threads"));
+        const int threads =
+            std::stoi(context.getPlatform().getPropertyValue(context.getOwner(), "Threads"));
         return std::unique_ptr<PlatformLoops>(new ThreadedLoops(threads));
     };
     registerKernel("CPU", "OpenMMRigidHICPU", parts);

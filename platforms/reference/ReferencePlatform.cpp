@@ -14,6 +14,8 @@ extern "C" __attribute__((visibility("default"))) void registerKernelFactories()
     parts.arrays = [](OpenMM::ContextImpl& context) {
         return std::unique_ptr<ContextArrays>(new ReferenceArrays(context));
     };
-    parts.loops = [](OpenMM::ContextImpl&) { return std::unique_ptr<PlatformLoops>(new ScalarLoops()); };
+    parts.loops = [](OpenMM::ContextImpl&) {
+        return std::unique_ptr<PlatformLoops>(new ScalarLoops());
+    };
     registerKernel("Reference", "OpenMMRigidHIReference", parts);
 }

@@ -1,12 +1,12 @@
 """Rigid bodies with quaternion state in OpenMM.
 
-    import openmm, openmmrigidhi
-    integrator = openmmrigidhi.CustomRigidHIIntegrator(300*unit.kelvin, 4*unit.femtosecond)
-    openmmrigidhi.app.addRigidWater(integrator, topology)
-    simulation = openmm.app.Simulation(topology, system, integrator, openmm.Platform.getPlatformByName('CPU'))
+    import openmm, openmmrigidhi integrator = openmmrigidhi.CustomRigidHIIntegrator(300*unit.kelvin,
+    4*unit.femtosecond) openmmrigidhi.app.addRigidWater(integrator, topology) simulation =
+    openmm.app.Simulation(topology, system, integrator, openmm.Platform.getPlatformByName('CPU'))
 
-Importing this package loads the plugin's libraries into OpenMM, from its own directory lib/plugins; no environment
-variable is needed. A library that does not load is an ImportError that says which, from where, and why.
+Importing this package loads the plugin's libraries into OpenMM, from its own directory lib/plugins;
+no environment variable is needed. A library that does not load is an ImportError that says which,
+from where, and why.
 """
 import importlib
 import importlib.util
@@ -22,7 +22,10 @@ from ._loading import checkPlatform  # noqa: E402
 from ._description import describe  # noqa: E402
 
 __version__ = _loading.version
-__all__ = ['CustomRigidHIIntegrator', 'MobilityForce', 'CustomBodyForce', 'checkPlatform', 'describe', 'app', 'analysis', 'accuracy', 'ensemble']
+__all__ = [
+    'CustomRigidHIIntegrator', 'MobilityForce', 'CustomBodyForce', 'checkPlatform', 'describe',
+    'app', 'analysis', 'accuracy', 'ensemble'
+]
 
 _SUBMODULES = ('app', 'analysis', 'accuracy', 'ensemble')
 

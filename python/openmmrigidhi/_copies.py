@@ -10,7 +10,6 @@ def _unpickle(cls, xml, attributes):
 
 class Copies:
     """A class over a SWIG class `_base`, which OpenMM returns as the more general `_generic`."""
-
     @classmethod
     def _castGeneric(cls, obj):
         return obj if isinstance(obj, cls) else cls._adopt(obj)
@@ -23,8 +22,10 @@ class Copies:
             return earlier
         found = cls._base._fromGeneric(obj) if isinstance(obj, cls._generic) else None
         if found is None:
-            raise TypeError(f'{cls.__name__}.cast: obj: got {type(obj).__name__}; it must be a {cls.__name__}, or an '
-                            f'openmm.{cls._generic.__name__} that is one: give such an object')
+            raise TypeError(
+                f'{cls.__name__}.cast: obj: got {type(obj).__name__}; it must be a {cls.__name__}, '
+                f'or an '
+                f'openmm.{cls._generic.__name__} that is one: give such an object')
         result = cls.__new__(cls)
         result.this = found.this
         result.thisown = obj.thisown
@@ -49,7 +50,9 @@ class Copies:
 
     def __deepcopy__(self, memo):
         """A new object with the same settings, bound to no Context."""
-        return type(self)._adopt(openmm.XmlSerializer.clone(self), copy.deepcopy(self._pythonAttributes(), memo))
+        return type(self)._adopt(openmm.XmlSerializer.clone(self),
+                                 copy.deepcopy(self._pythonAttributes(), memo))
 
     def __reduce__(self):
-        return _unpickle, (type(self), openmm.XmlSerializer.serialize(self), self._pythonAttributes())
+        return _unpickle, (type(self), openmm.XmlSerializer.serialize(self),
+                           self._pythonAttributes())

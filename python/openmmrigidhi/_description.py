@@ -18,16 +18,22 @@ def describe():
     Returns
     -------
     str
-        several lines. It has no names of people, machines or files but the place of the plugin's own library.
+        several lines. It has no names of people, machines or files but the place of the plugin's
+        own library.
     """
     bindings = _loading._load_bindings()
     served = _loading._served()
-    platforms = [openmm.Platform.getPlatform(i).getName() for i in range(openmm.Platform.getNumPlatforms())]
+    platforms = [
+        openmm.Platform.getPlatform(i).getName() for i in range(openmm.Platform.getNumPlatforms())
+    ]
     lines = [
-        f'openmmrigidhi {bindings.version}, compiled for OpenMM {bindings.openmmVersionOfBuild}, from {os.path.realpath(bindings.libraryPath())}',
-        f'OpenMM {openmm.Platform.getOpenMMVersion()}; platforms: '
-        + ', '.join(name if name in served else f'{name} (without our kernels)' for name in platforms),
-        f'Python {platform.python_version()}, NumPy {numpy.__version__}, SciPy {scipy.__version__}; {platform.system()} {platform.machine()}',
+        f'openmmrigidhi {bindings.version}, compiled for OpenMM {bindings.openmmVersionOfBuild}, '
+        f'from {os.path.realpath(bindings.libraryPath())}',
+        f'OpenMM {openmm.Platform.getOpenMMVersion()}; platforms: ' +
+        ', '.join(name if name in served else f'{name} (without our kernels)'
+                  for name in platforms),
+        f'Python {platform.python_version()}, NumPy {numpy.__version__}, SciPy '
+        f'{scipy.__version__}; {platform.system()} {platform.machine()}',
     ]
     failures = openmm.Platform.getPluginLoadFailures()
     if failures:

@@ -5,7 +5,6 @@ import inspect
 
 class Documented(enum.IntEnum):
     """Members are given as (number, docstring), and are integers like those of C++."""
-
     def __new__(cls, number, documentation):
         member = int.__new__(cls, number)
         member._value_ = int(number)

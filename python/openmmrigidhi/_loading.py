@@ -22,17 +22,20 @@ def load():
         try:
             openmm.Platform.loadPluginLibrary(path)
         except Exception as error:
-            raise ImportError(f'openmmrigidhi: cannot load the platform library {os.path.basename(path)} '
-                              f'from {_PLUGIN_DIRECTORY}: {error}') from error
+            raise ImportError(
+                f'openmmrigidhi: cannot load the platform library {os.path.basename(path)} '
+                f'from {_PLUGIN_DIRECTORY}: {error}') from error
 
 
 def _load_bindings():
     try:
         from . import _bindings
     except ImportError as error:
-        raise ImportError(f'openmmrigidhi: cannot load its binding module _openmmrigidhi.so from {_DIRECTORY} '
-                          f'(with lib/libOpenMMRigidHI.so): {error}. Built for another Python or OpenMM, or not built '
-                          'at all? Build it with "make build" and put build/python on PYTHONPATH.') from error
+        raise ImportError(
+            f'openmmrigidhi: cannot load its binding module _openmmrigidhi.so from {_DIRECTORY} '
+            f'(with lib/libOpenMMRigidHI.so): {error}. Built for another Python or OpenMM, or not '
+            f'built '
+            'at all? Build it with "make build" and put build/python on PYTHONPATH.') from error
     return _bindings
 
 
@@ -41,12 +44,16 @@ def _check_versions(bindings):
     conflict = bindings.versionConflictOfBindings()
     if conflict:
         raise ImportError(conflict)
-    # The loader takes a library of the same name that is loaded already, whichever directory the bindings name.
+    # The loader takes a library of the same name that is loaded already, whichever directory the
+    # bindings name.
     loaded, own = os.path.realpath(bindings.libraryPath()), os.path.join(_DIRECTORY, 'lib')
     if os.path.isdir(own) and os.path.dirname(loaded) != os.path.realpath(own):
-        raise ImportError(f'openmmrigidhi: its library libOpenMMRigidHI.so was loaded from {loaded}, by OpenMM or another program, and not from '
-                          f'{own}, where the libraries of this package are; two copies of openmm-rigidhi would be mixed: remove the other copy, '
-                          'or have OPENMM_PLUGIN_DIR name a directory without it')
+        raise ImportError(
+            f'openmmrigidhi: its library libOpenMMRigidHI.so was loaded from {loaded}, by OpenMM '
+            f'or another program, and not from '
+            f'{own}, where the libraries of this package are; two copies of openmm-rigidhi would '
+            f'be mixed: remove the other copy, '
+            'or have OPENMM_PLUGIN_DIR name a directory without it')
 
 
 def _plugin_libraries():
@@ -55,8 +62,11 @@ def _plugin_libraries():
     names = sorted(os.listdir(_PLUGIN_DIRECTORY)) if os.path.isdir(_PLUGIN_DIRECTORY) else []
     paths = [os.path.join(_PLUGIN_DIRECTORY, name) for name in names if name.endswith('.so')]
     if not paths:
-        raise ImportError(f'openmmrigidhi: there is no platform library (libOpenMMRigidHI*.so) in {_PLUGIN_DIRECTORY}: '
-                          'the package is incomplete, build or install it anew with "make build" or "make install"')
+        raise ImportError(
+            f'openmmrigidhi: there is no platform library (libOpenMMRigidHI*.so) in '
+            f'{_PLUGIN_DIRECTORY}: '
+            'the package is incomplete, build or install it anew with "make build" or "make '
+            'install"')
     return paths
 
 
@@ -74,7 +84,8 @@ def findPlatformLibrary(name):
     name : str
         for example 'libOpenMMRigidHICPU.so'
     """
-    for directory in (_PLUGIN_DIRECTORY, *openmm.Platform.getDefaultPluginsDirectory().split(os.pathsep)):
+    for directory in (_PLUGIN_DIRECTORY,
+                      *openmm.Platform.getDefaultPluginsDirectory().split(os.pathsep)):
         path = os.path.join(directory, name)
         if os.path.exists(path):
             return path
@@ -86,8 +97,8 @@ def checkPlatform(platform):
 
     A platform that was loaded after this package gets our kernels now.
 
-    OpenMM's own message when a Context is created on a platform without our kernels ("Specified a Platform for a Context
-    which does not support all required kernels") gives no cause.
+    OpenMM's own message when a Context is created on a platform without our kernels ("Specified a
+    Platform for a Context which does not support all required kernels") gives no cause.
 
     Parameters
     ----------
@@ -103,16 +114,24 @@ def checkPlatform(platform):
     late = findPlatformLibrary(_FOR_ANY_PLATFORM)
     if late is not None:
         openmm.Platform.loadPluginLibrary(late)
-    names = [openmm.Platform.getPlatform(i).getName() for i in range(openmm.Platform.getNumPlatforms())]
+    names = [
+        openmm.Platform.getPlatform(i).getName() for i in range(openmm.Platform.getNumPlatforms())
+    ]
     able = _served()
     if name in able:
         return
     failures = '; '.join(openmm.Platform.getPluginLoadFailures()) or 'none'
-    background = (f"Platforms in OpenMM: {', '.join(names)}; with the kernels of openmmrigidhi: "
-                  f"{', '.join(able) or 'none'}. OPENMM_PLUGIN_DIR: {os.environ.get('OPENMM_PLUGIN_DIR', 'not set')}; "
-                  f"plugins that failed to load: {failures}. Libraries of openmmrigidhi: {_PLUGIN_DIRECTORY}.")
+    background = (
+        f"Platforms in OpenMM: {', '.join(names)}; with the kernels of openmmrigidhi: "
+        f"{', '.join(able) or 'none'}. OPENMM_PLUGIN_DIR: "
+        f"{os.environ.get('OPENMM_PLUGIN_DIR', 'not set')}; "
+        f"plugins that failed to load: {failures}. Libraries of openmmrigidhi: {_PLUGIN_DIRECTORY}."
+    )
     if name not in names:
-        raise openmm.OpenMMException(f"openmmrigidhi: platform '{name}': OpenMM has none of this name; it must be one "
-                                     f'that is loaded: load its plugin first. {background}')
-    raise openmm.OpenMMException(f"openmmrigidhi: platform '{name}': it has no kernels of this plugin; its "
-                                 f"library must be loaded: use one of {', '.join(able) or 'none'}, or install the package anew. {background}")
+        raise openmm.OpenMMException(
+            f"openmmrigidhi: platform '{name}': OpenMM has none of this name; it must be one "
+            f'that is loaded: load its plugin first. {background}')
+    raise openmm.OpenMMException(
+        f"openmmrigidhi: platform '{name}': it has no kernels of this plugin; its "
+        f"library must be loaded: use one of {', '.join(able) or 'none'}, or install the package "
+        f"anew. {background}")

@@ -5,9 +5,11 @@ import numpy as np
 def rotationMatrices(q):
     """Rotation matrices (..., 3, 3) of unit quaternions (..., 4): body to lab frame for the orientations of bodies."""
     w, x, y, z = np.moveaxis(q, -1, 0)
-    return np.stack([np.stack([1 - 2*(y*y + z*z), 2*(x*y - w*z), 2*(x*z + w*y)], axis=-1),
-                     np.stack([2*(x*y + w*z), 1 - 2*(x*x + z*z), 2*(y*z - w*x)], axis=-1),
-                     np.stack([2*(x*z - w*y), 2*(y*z + w*x), 1 - 2*(x*x + y*y)], axis=-1)], axis=-2)
+    return np.stack([
+        np.stack([1 - 2*(y*y + z*z), 2*(x*y - w*z), 2*(x*z + w*y)], axis=-1),
+        np.stack([2*(x*y + w*z), 1 - 2*(x*x + z*z), 2*(y*z - w*x)], axis=-1),
+        np.stack([2*(x*z - w*y), 2*(y*z + w*x), 1 - 2*(x*x + y*y)], axis=-1)
+    ], axis=-2)
 
 
 def cross(u, v):

@@ -12,13 +12,13 @@ class SchemeTraits(NamedTuple):
     name: str
     number: int
     hasMomenta: bool
-    needsFluid: bool     # a MobilityForce in the System
-    isOverdamped: bool   # without momenta, in a fluid
-    weakOrder: int       # of averages at a temperature
-    coldOrder: int       # of trajectories at temperature 0
-    forces: int          # force evaluations a step
-    differenced: str     # what it takes finite differences of where div N is not known
-    drift: str           # how it makes the stochastic drift; empty: it has none to make, or omits it
+    needsFluid: bool  # a MobilityForce in the System
+    isOverdamped: bool  # without momenta, in a fluid
+    weakOrder: int  # of averages at a temperature
+    coldOrder: int  # of trajectories at temperature 0
+    forces: int  # force evaluations a step
+    differenced: str  # what it takes finite differences of where div N is not known
+    drift: str  # how it makes the stochastic drift; empty: it has none to make, or omits it
     description: str
 
 
@@ -32,7 +32,8 @@ class _TableEnum(enum.IntEnum):
         return TABLE[self]
 
 
-Scheme = _TableEnum('Scheme', {traits.name: traits.number for traits in TABLE}, module='openmmrigidhi.integrator')
+Scheme = _TableEnum('Scheme', {traits.name: traits.number
+                               for traits in TABLE}, module='openmmrigidhi.integrator')
 Scheme.__doc__ = """The time-stepping schemes, which setScheme() takes; also class attributes of CustomRigidHIIntegrator.
 
 LangevinA, LangevinB and LangevinC (the default) are thermostats of bodies with momenta; LangevinHI is LangevinC in a fluid that a MobilityForce
@@ -53,11 +54,13 @@ def facts(traits):
     """What a scheme has, needs and costs, in one sentence; the pages have it, too."""
     cold = f', and order {traits.coldOrder} at T = 0' if traits.coldOrder != traits.weakOrder else ''
     forces = f'{traits.forces} force evaluation{"s" if traits.forces > 1 else ""} a step'
-    return (f'{"With" if traits.hasMomenta else "Without"} momenta, {"in a fluid" if traits.needsFluid else "without a fluid"}; '
+    return (f'{"With" if traits.hasMomenta else "Without"} momenta, '
+            f'{"in a fluid" if traits.needsFluid else "without a fluid"}; '
             f'weak order {traits.weakOrder}{cold}; {forces}.')
 
 
-#: What is integrated, by whether there are momenta and a fluid. Angular momentum l and torque tau in the body frame, L and T in the lab's.
+#: What is integrated, by whether there are momenta and a fluid. Angular momentum l and torque tau
+#: in the body frame, L and T in the lab's.
 EQUATIONS = {
     (True, False): """dR = p/m dt,   dp = f dt - gamma p dt + sqrt(2 m gamma kT) dw,
 dl_k = (l x omega)_k dt + tau_k dt - Gamma_k l_k dt + sqrt(M Gamma kT/2) dW_k,
@@ -79,24 +82,34 @@ def _equation(traits):
 for _scheme in Scheme:
     _traits = _scheme.traits
     _drift = f'It makes the stochastic drift {_traits.drift}.\n\n' if _traits.drift else ''
-    _scheme.__doc__ = (f'{_traits.description}\n\n{facts(_traits)} What is integrated::\n\n{_equation(_traits)}\n\n{_drift}'
-                       f'{page(_scheme.name)} has one step of it, every symbol, cost, limits and an example.')
+    _scheme.__doc__ = (
+        f'{_traits.description}\n\n{facts(_traits)} What is '
+        f'integrated::\n\n{_equation(_traits)}\n\n{_drift}'
+        f'{page(_scheme.name)} has one step of it, every symbol, cost, limits and an example.')
 
 
 def summary(indent=4):
     """The schemes of a docstring, an item for each kind."""
-    kinds = (('with momenta, without a fluid', True, False), ('without momenta, without a fluid', False, False), ('with momenta, in a fluid', True, True),
-             ('without momenta, in a fluid', False, True))
+    kinds = (('with momenta, without a fluid', True, False), ('without momenta, without a fluid',
+                                                              False, False),
+             ('with momenta, in a fluid', True, True), ('without momenta, in a fluid', False, True))
     items = []
     for kind, momenta, fluid in kinds:
         names = [f'``{t.name}``' for t in TABLE if (t.hasMomenta, t.needsFluid) == (momenta, fluid)]
-        items += textwrap.wrap(f'- {kind}: ' + ', '.join(names), 150 - indent, subsequent_indent='  ')
+        items += textwrap.wrap(f'- {kind}: ' + ', '.join(names), 150 - indent,
+                               subsequent_indent='  ')
     return ('\n' + ' '*indent).join(items)
 
 
 def markdown(folder='schemes/'):
     """The table of schemes, of the user guide and of the schemes' own pages, which lie in this folder as seen from there."""
-    rows = ['| scheme | momenta | fluid | weak order | order at T = 0 | forces a step | |', '|---|---|---|---|---|---|---|']
-    rows += [f'| [`{t.name}`]({page(t.name, folder)}) | {"yes" if t.hasMomenta else "no"} | {"yes" if t.needsFluid else "no"} | {t.weakOrder} | '
-             f'{t.coldOrder} | {t.forces} | {t.description} |' for t in TABLE]
+    rows = [
+        '| scheme | momenta | fluid | weak order | order at T = 0 | forces a step | |',
+        '|---|---|---|---|---|---|---|'
+    ]
+    rows += [
+        f'| [`{t.name}`]({page(t.name, folder)}) | {"yes" if t.hasMomenta else "no"} | '
+        f'{"yes" if t.needsFluid else "no"} | {t.weakOrder} | '
+        f'{t.coldOrder} | {t.forces} | {t.description} |' for t in TABLE
+    ]
     return '\n'.join(rows)

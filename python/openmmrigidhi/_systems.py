@@ -22,7 +22,8 @@ def hydrodynamicRadii(system, radii, where):
     if radii is not None:
         return np.array(_units.perSite(radii, _units.LENGTH, count, where, 'radii'))
     fluids = forcesOf(system, MobilityForce)
-    return np.array([fluids[0].getParticleRadius(i)._value for i in range(count)]) if fluids else np.zeros(count)
+    return np.array([fluids[0].getParticleRadius(i)._value
+                     for i in range(count)]) if fluids else np.zeros(count)
 
 
 def refuseDrivenFlow(system, where, consequence):
@@ -36,8 +37,10 @@ def refuseDrivenFlow(system, where, consequence):
             flow, setter = f'a sinusoidal force density of {f0} kJ/(mol nm^4)', 'setSinusoidalForceDensity()'
         else:
             continue
-        raise ValueError(f'{where}: its MobilityForce drives the fluid by {flow}; there is no equilibrium in a driven flow, {consequence}, or take the '
-                         f'flow away by {setter} with zeros')
+        raise ValueError(
+            f'{where}: its MobilityForce drives the fluid by {flow}; there is no equilibrium in a '
+            f'driven flow, {consequence}, or take the '
+            f'flow away by {setter} with zeros')
 
 
 class BodyDefinitions:
@@ -58,12 +61,15 @@ class BodyDefinitions:
     first : array of shape (n + 1,)
         where each body begins in these
     """
-
     def __init__(self, integrator):
-        definitions = [integrator.getRigidBodyParameters(i) for i in range(integrator.getNumRigidBodiesOfContext())]
+        definitions = [
+            integrator.getRigidBodyParameters(i)
+            for i in range(integrator.getNumRigidBodiesOfContext())
+        ]
         self.particles = [particles for particles, _, _, _ in definitions]
         self.masses = np.array([mass._value for _, mass, _, _ in definitions], dtype=float)
-        self.moments = np.array([moments._value for _, _, moments, _ in definitions], dtype=float).reshape(-1, 3)
+        self.moments = np.array([moments._value for _, _, moments, _ in definitions],
+                                dtype=float).reshape(-1, 3)
         self.sites = [sites._value for _, _, _, sites in definitions]
         self.members = np.array([i for particles in self.particles for i in particles], dtype=int)
         self.places = np.concatenate([np.empty((0, 3)), *self.sites])

@@ -1,6 +1,7 @@
 """A function of many arguments: here, in processes, or on a cluster of dask.distributed. What users see of it is ensemble.tasks.
 
-Workers come and go: a task whose worker dies is given to another one, so often and no oftener. What a task has to remember then it keeps in files.
+Workers come and go: a task whose worker dies is given to another one, so often and no oftener. What
+a task has to remember then it keeps in files.
 """
 import asyncio
 import collections
@@ -84,7 +85,8 @@ class Outcome:
     def get(self):
         """The value; TaskError if there is none."""
         if self.failure is not None:
-            raise TaskError(f'task {self.name}: it failed with {self.failure.kind}: {self.failure.message}\n{self.failure.traceback}'.rstrip())
+            raise TaskError(f'task {self.name}: it failed with {self.failure.kind}: '
+                            f'{self.failure.message}\n{self.failure.traceback}'.rstrip())
         return self.value
 
 
@@ -133,11 +135,12 @@ def _perform(function, argument, job):
     return outcome
 
 
-# ---- Where tasks are done: free() places, submit() to one, look() what happened, cancel() what has had its chances ---------
+# ---- Where tasks are done: free() places, submit() to one, look() what happened, cancel() what has
+# had its chances ---------
+
 
 class _Here:
     """One after the other in this process."""
-
     def __init__(self, function):
         self.function = function
         self.waiting = None
@@ -161,7 +164,6 @@ class _Here:
 
 class _Worker:
     """A process, and our end of the pipe to it."""
-
     def __init__(self, context):
         self.connection, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs,), daemon=True)
@@ -182,15 +184,16 @@ def _serve(connection):
                 connection.send((DONE, job.index, outcome))
             except (BrokenPipeError, KeyboardInterrupt):
                 raise
-            except Exception as error:   # whatever pickle says of a value that it cannot send
+            except Exception as error:  # whatever pickle says of a value that it cannot send
                 outcome.value = None
-                outcome.failure = Failure(type(error).__name__, f'what it returned cannot be pickled: {error}', traceback.format_exc())
+                outcome.failure = Failure(
+                    type(error).__name__, f'what it returned cannot be pickled: {error}',
+                    traceback.format_exc())
                 connection.send((DONE, job.index, outcome))
 
 
 class _Processes:
     """Processes of our own. The executors of the standard library do not say whose process has died."""
-
     def __init__(self, function, jobs):
         self.function = function
         # Not forked: OpenMM's thread pools do not survive a fork.
@@ -209,7 +212,8 @@ class _Processes:
             self.workers.append(worker)
         worker.index = job.index
         self.events.append((STARTED, job.index, None))
-        with contextlib.suppress(BrokenPipeError):   # a worker that is dead already is noticed by look()
+        with contextlib.suppress(
+                BrokenPipeError):  # a worker that is dead already is noticed by look()
             worker.connection.send((self.function, argument, job))
 
     def look(self):
@@ -235,8 +239,10 @@ class _Processes:
             worker.connection.close()
         deadline = time.monotonic() + PATIENCE
         for worker in self.workers:
-            # Those that still compute end where they are: what they need to go on is in their files.
-            worker.process.join(max(0.0, deadline - time.monotonic()) if worker.index is None else 0.0)
+            # Those that still compute end where they are: what they need to go on is in their
+            # files.
+            worker.process.join(
+                max(0.0, deadline - time.monotonic()) if worker.index is None else 0.0)
             if worker.process.is_alive():
                 worker.process.terminate()
                 worker.process.join(PATIENCE)
@@ -250,15 +256,15 @@ def _performPickled(payload, topic):
     worker.log_event(topic, (STARTED, index, None))
     try:
         function, argument, job = distributed.protocol.pickle.loads(payload)
-    except Exception as error:   # e.g. a module of the user's that this worker does not find
-        return Outcome(index, name, failure=Failure(type(error).__name__, str(error), traceback.format_exc()))
+    except Exception as error:  # e.g. a module of the user's that this worker does not find
+        return Outcome(index, name,
+                       failure=Failure(type(error).__name__, str(error), traceback.format_exc()))
     job._tell = functools.partial(worker.log_event, topic)
     return _perform(function, argument, job)
 
 
 class _Cluster:
     """Workers of dask.distributed: those of a scheduler, or as many of our own as there are jobs."""
-
     def __init__(self, function, jobs, address, retries, timeout):
         import dask
         import distributed
@@ -274,11 +280,16 @@ class _Cluster:
         with contextlib.ExitStack() as ifItFails:
             ifItFails.callback(self.close)
             if address is None:
-                folder = self.place.enter_context(tempfile.TemporaryDirectory(prefix='openmmrigidhi-', ignore_cleanup_errors=True))
-                self.place.enter_context(dask.config.set({'distributed.comm.timeouts.connect': timeout}))
-                self.local = self.place.enter_context(distributed.LocalCluster(
-                    n_workers=jobs, threads_per_worker=1, processes=True, dashboard_address='127.0.0.1:0', memory_limit=0, local_directory=folder,
-                    silence_logs=logging.CRITICAL, scheduler_kwargs={'allowed_failures': retries}))
+                folder = self.place.enter_context(
+                    tempfile.TemporaryDirectory(prefix='openmmrigidhi-',
+                                                ignore_cleanup_errors=True))
+                self.place.enter_context(
+                    dask.config.set({'distributed.comm.timeouts.connect': timeout}))
+                self.local = self.place.enter_context(
+                    distributed.LocalCluster(n_workers=jobs, threads_per_worker=1, processes=True,
+                                             dashboard_address='127.0.0.1:0', memory_limit=0,
+                                             local_directory=folder, silence_logs=logging.CRITICAL,
+                                             scheduler_kwargs={'allowed_failures': retries}))
                 address = self.local
             if isinstance(address, distributed.Client):
                 self.client = address
@@ -294,7 +305,8 @@ class _Cluster:
 
         class Client(self.distributed.Client):
             async def _start(self, **kwargs):
-                # Newer versions of distributed wait for the answer of who has taken the connection as long as it takes.
+                # Newer versions of distributed wait for the answer of who has taken the connection
+                # as long as it takes.
                 try:
                     return await asyncio.wait_for(super()._start(**kwargs), limit)
                 except asyncio.TimeoutError as error:
@@ -307,27 +319,37 @@ class _Cluster:
                     super().__del__()
 
         try:
-            return self.place.enter_context(Client(address, timeout=self.timeout, set_as_default=False))
+            return self.place.enter_context(
+                Client(address, timeout=self.timeout, set_as_default=False))
         except (OSError, ValueError) as error:
-            raise ConnectionError(f'cluster {address}: it gave no answer within {self.timeout:g} s ({error}): start a scheduler there '
-                                  '(dask-scheduler), correct the address, or leave it out for processes on this machine') from error
+            raise ConnectionError(
+                f'cluster {address}: it gave no answer within {self.timeout:g} s ({error}): start '
+                f'a scheduler there '
+                '(dask-scheduler), correct the address, or leave it out for processes on this '
+                'machine') from error
 
     def _checkWorkers(self):
         """Wait for a worker, and see that all have this package. Both within the time given."""
         try:
             self.client.wait_for_workers(1, timeout=self.timeout)
         except (OSError, self.distributed.TimeoutError) as error:
-            raise ConnectionError(f'cluster {self.address}: no worker came within {self.timeout:g} s; at least 1 is needed: start some there '
-                                  '(dask-worker)') from error
+            raise ConnectionError(
+                f'cluster {self.address}: no worker came within {self.timeout:g} s; at least 1 is '
+                f'needed: start some there '
+                '(dask-worker)') from error
         # Neither eval nor the text needs anything of ours on the worker.
         found = self.client.run(eval, "__import__('openmmrigidhi').__version__", on_error='return')
         for worker, version in found.items():
             if isinstance(version, BaseException):
-                raise ImportError(f'cluster {self.address}: the worker {worker} cannot import openmmrigidhi ({version}); every worker must: '
-                                  'install it there, or put it on the PYTHONPATH of the worker')
+                raise ImportError(
+                    f'cluster {self.address}: the worker {worker} cannot import openmmrigidhi '
+                    f'({version}); every worker must: '
+                    'install it there, or put it on the PYTHONPATH of the worker')
             if version != _loading.version:
-                raise ImportError(f'cluster {self.address}: the worker {worker} has openmmrigidhi {version}; it must be {_loading.version}, as '
-                                  'here: install the same version there')
+                raise ImportError(
+                    f'cluster {self.address}: the worker {worker} has openmmrigidhi {version}; it '
+                    f'must be {_loading.version}, as '
+                    'here: install the same version there')
 
     def _hear(self, event):
         self.told.append(event[1])
@@ -337,8 +359,10 @@ class _Cluster:
             slots = sum(self.client.nthreads().values())
         except (OSError, RuntimeError) as error:
             raise self._lost() from error
-        if self.local is not None and slots < self.jobs and time.monotonic() - self.mended > BETWEEN_REPAIRS:
-            # Dask replaces a worker that dies, but not one that dies while it starts; this asks for all again.
+        if self.local is not None and slots < self.jobs and time.monotonic(
+        ) - self.mended > BETWEEN_REPAIRS:
+            # Dask replaces a worker that dies, but not one that dies while it starts; this asks for
+            # all again.
             self.mended = time.monotonic()
             self.local.scale(self.jobs)
         if slots:
@@ -346,22 +370,30 @@ class _Cluster:
         elif self.lonelySince is None:
             self.lonelySince = time.monotonic()
         elif time.monotonic() - self.lonelySince > self.timeout:
-            raise ConnectionError(f'cluster {self.address}: it has had no worker for {self.timeout:g} s; at least 1 is needed: start some '
-                                  'there, then go on where this ended')
-        # Not more than can be done at once: a worker that dies takes nobody else's attempts with it.
+            raise ConnectionError(
+                f'cluster {self.address}: it has had no worker for {self.timeout:g} s; at least 1 '
+                f'is needed: start some '
+                'there, then go on where this ended')
+        # Not more than can be done at once: a worker that dies takes nobody else's attempts with
+        # it.
         return slots - len(self.futures)
 
     def _lost(self):
-        return ConnectionError(f'cluster {self.address}: the connection to its scheduler was lost; what was finished is kept: start it anew, then '
-                               'go on where this ended')
+        return ConnectionError(
+            f'cluster {self.address}: the connection to its scheduler was lost; what was finished '
+            f'is kept: start it anew, then '
+            'go on where this ended')
 
     def submit(self, argument, job):
-        payload = self.distributed.protocol.pickle.dumps((self.function, argument, job)), job.index, job.name
+        payload = self.distributed.protocol.pickle.dumps(
+            (self.function, argument, job)), job.index, job.name
         with warnings.catch_warnings():
             warnings.filterwarnings('ignore', 'Large object', UserWarning)
             # A task that is submitted again is another one to the scheduler.
             self.submitted += 1
-            self.futures[job.index] = self.client.submit(_performPickled, payload, self.topic, pure=False, key=f'{self.topic}-{self.submitted}')
+            self.futures[job.index] = self.client.submit(_performPickled, payload, self.topic,
+                                                         pure=False,
+                                                         key=f'{self.topic}-{self.submitted}')
         self.futures[job.index].add_done_callback(lambda future: self.news.set())
 
     def look(self):
@@ -378,7 +410,8 @@ class _Cluster:
                 if isinstance(error, self.distributed.KilledWorker):
                     yield DIED, index, None
                 else:
-                    yield DONE, index, future.result() if error is None else Outcome(index, '', failure=Failure(type(error).__name__, str(error)))
+                    yield DONE, index, future.result() if error is None else Outcome(
+                        index, '', failure=Failure(type(error).__name__, str(error)))
             elif future.status in ('cancelled', 'lost'):
                 raise self._lost()
 
@@ -389,7 +422,7 @@ class _Cluster:
     def close(self):
         logger, before = logging.getLogger('distributed'), None
         for future in self.futures.values():
-            with contextlib.suppress(Exception):   # the scheduler may be gone
+            with contextlib.suppress(Exception):  # the scheduler may be gone
                 future.cancel()
         before = logger.level
         logger.setLevel(logging.CRITICAL)
@@ -402,36 +435,44 @@ class _Cluster:
 def _backend(function, jobs, cluster, retries, timeout):
     if cluster is None and jobs == 1:
         return _Here(function)
-    if cluster == 'processes' or cluster is None and importlib.util.find_spec('distributed') is None:
+    if cluster == 'processes' or cluster is None and importlib.util.find_spec(
+            'distributed') is None:
         return _Processes(function, jobs)
     if importlib.util.find_spec('distributed') is None:
-        raise ImportError(f'cluster {cluster}: dask.distributed is not installed, which talks to clusters: install python3-distributed, or leave the '
-                          'cluster out for processes on this machine')
+        raise ImportError(
+            f'cluster {cluster}: dask.distributed is not installed, which talks to clusters: '
+            f'install python3-distributed, or leave the '
+            'cluster out for processes on this machine')
     return _Cluster(function, jobs, None if cluster == 'local' else cluster, retries, timeout)
 
 
-# ---- All tasks -----------------------------------------------------------------------------------------------------------
+# ---- All tasks -----------------------------------------------------------------------------------
 
-def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None, amounts=None, unit='task', title='', retries=3, timeout=60.0,
-        finished=None, quiet=False):
+
+def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None, amounts=None,
+        unit='task', title='', retries=3, timeout=60.0, finished=None, quiet=False):
     """Call a function for each of many arguments, several at a time.
 
-    Outcomes depend on who computes what, in which order, only if the function does. Arguments are begun in their order: put the longest first.
+    Outcomes depend on who computes what, in which order, only if the function does. Arguments are
+    begun in their order: put the longest first.
 
     Parameters
     ----------
     function : callable
-        (argument, Job) -> value. It and what it takes and returns must be what pickle takes. An exception ends its own task only.
+        (argument, Job) -> value. It and what it takes and returns must be what pickle takes. An
+        exception ends its own task only.
     arguments : sequence
     jobs : int
         how many at a time: 1 is one after the other in this process
     cluster : str, distributed.Client or None
-        the address of a scheduler of dask.distributed, e.g. tcp://host:8786, whose workers then decide how many at a time; None or 'local': workers
-        on this machine, by dask.distributed where it is installed and else by plain processes; 'processes': plain processes
+        the address of a scheduler of dask.distributed, e.g. tcp://host:8786, whose workers then
+        decide how many at a time; None or 'local': workers on this machine, by dask.distributed
+        where it is installed and else by plain processes; 'processes': plain processes
     names : sequence of str, optional
         of the tasks; default: their numbers
     directory : str, optional
-        where each task gets a directory of its own, by its name, for its checkpoints; workers elsewhere must see it under this path
+        where each task gets a directory of its own, by its name, for its checkpoints; workers
+        elsewhere must see it under this path
     amounts : sequence of float, optional
         of work: what each task's Job.report() ends with; the progress bar counts tasks otherwise
     unit : str
@@ -439,8 +480,9 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
     title : str
         of the progress bar
     retries : int
-        how often a task is given to another worker after one has died with it, since any came further than those before (Job.report()). A scheduler
-        elsewhere has its own bound beside (distributed.scheduler.allowed-failures, 3 unless told otherwise).
+        how often a task is given to another worker after one has died with it, since any came
+        further than those before (Job.report()). A scheduler elsewhere has its own bound beside
+        (distributed.scheduler.allowed-failures, 3 unless told otherwise).
     timeout : float
         seconds to wait for a cluster's answer, and for a worker where there is none
     finished : callable, optional
@@ -458,7 +500,8 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
     ConnectionError
         if a cluster does not answer, has no workers, or was lost
     ImportError
-        if a worker has no openmmrigidhi or another version, or there is no dask.distributed for a cluster
+        if a worker has no openmmrigidhi or another version, or there is no dask.distributed for a
+        cluster
     ValueError
         for numbers that make no sense
 
@@ -476,17 +519,24 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
     """
     arguments = list(arguments)
     if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
-        raise ValueError(f'tasks.run: jobs: got {jobs!r}; it must be a whole number of 1 or more: correct it')
+        raise ValueError(
+            f'tasks.run: jobs: got {jobs!r}; it must be a whole number of 1 or more: correct it')
     if retries < 0:
-        raise ValueError(f'tasks.run: retries: got {retries!r}, where a number of retries from 0 on is needed: correct it')
-    names = [str(k) for k in range(len(arguments))] if names is None else [str(name) for name in names]
+        raise ValueError(
+            f'tasks.run: retries: got {retries!r}, where a number of retries from 0 on is needed: '
+            f'correct it')
+    names = [str(k)
+             for k in range(len(arguments))] if names is None else [str(name) for name in names]
     if len(names) != len(arguments) or len(set(names)) < len(names):
-        raise ValueError(f'tasks.run: names: got {len(names)} with {len(set(names))} different ones for {len(arguments)} tasks; each task needs one of '
-                         'its own: correct the list')
+        raise ValueError(
+            f'tasks.run: names: got {len(names)} with {len(set(names))} different ones for '
+            f'{len(arguments)} tasks; each task needs one of '
+            'its own: correct the list')
     if not arguments:
         return []
     outcomes, waiting = {}, collections.deque(range(len(arguments)))
-    # Of each task: how often it was started, how often since a worker came further with it than any before, how far that was, how far this one is.
+    # Of each task: how often it was started, how often since a worker came further with it than any
+    # before, how far that was, how far this one is.
     starts, fruitless, furthest, now = ([0]*len(arguments) for _ in range(4))
     backend = _backend(function, jobs, cluster, retries, timeout)
     bar = _Bar(amounts, len(arguments), unit, title, quiet)
@@ -503,16 +553,23 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
             finished(outcome)
 
     def giveUp(index, how=None):
-        end(Outcome(index, names[index], failure=Failure('WorkerDied', f'{starts[index]} workers died with it, one after the other'
-                                                         f'{"" if how is None else f" ({how})"}; more retries than {retries} without progress are not made: look '
-                                                         'for what ends the process (memory?), then run it again')))
+        end(
+            Outcome(
+                index, names[index], failure=Failure(
+                    'WorkerDied', f'{starts[index]} workers died with it, one after the other'
+                    f'{"" if how is None else f" ({how})"}; more retries than {retries} without '
+                    f'progress are not made: look '
+                    'for what ends the process (memory?), then run it again')))
 
     with contextlib.closing(backend), contextlib.closing(bar):
         while len(outcomes) < len(arguments):
             places = backend.free()
             while waiting and places > 0:
                 index, places = waiting.popleft(), places - 1
-                backend.submit(arguments[index], Job(index, names[index], None if directory is None else os.path.join(directory, names[index])))
+                backend.submit(
+                    arguments[index],
+                    Job(index, names[index],
+                        None if directory is None else os.path.join(directory, names[index])))
             for event, index, what in backend.look():
                 if event == STARTED:
                     fruitless[index] = 1 if cameFurther(index) else fruitless[index] + 1
@@ -520,7 +577,8 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
                     starts[index] += 1
                     if starts[index] > 1:
                         bar.say(f'{names[index]}: its worker died; attempt {starts[index]}')
-                    if fruitless[index] > retries + 1:   # a scheduler elsewhere may be more patient than we are
+                    if fruitless[
+                            index] > retries + 1:  # a scheduler elsewhere may be more patient than we are
                         backend.cancel(index)
                         giveUp(index)
                 elif event == PROGRESS:
@@ -538,13 +596,14 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
 
 class _Bar:
     """Progress of all tasks together."""
-
     def __init__(self, amounts, count, unit, title, quiet):
         self.amounts = [1]*count if amounts is None else list(amounts)
         self.done = [0]*count
         self.counts = amounts is None
-        self.bar = tqdm(total=sum(self.amounts), unit=' ' + unit, desc=title or None, disable=quiet, mininterval=0.5, smoothing=0.05,
-                        bar_format='{l_bar}{bar}| {n:.4g}/{total:.4g}{unit} [{elapsed}<{remaining}]{postfix}')
+        self.bar = tqdm(
+            total=sum(self.amounts), unit=' ' + unit, desc=title or None, disable=quiet,
+            mininterval=0.5, smoothing=0.05,
+            bar_format='{l_bar}{bar}| {n:.4g}/{total:.4g}{unit} [{elapsed}<{remaining}]{postfix}')
 
     def show(self, index, done):
         if not self.counts:

@@ -1,7 +1,7 @@
 """What Python users pass (numbers, quantities, Vec3, tuples, lists, arrays) made into plain numbers in OpenMM's units.
 
-A quantity's dimension is checked: 5 nm is no temperature. OpenMM's own bindings drop units they do not expect.
-All errors name the method, the argument, what it got, what it must be and the remedy.
+A quantity's dimension is checked: 5 nm is no temperature. OpenMM's own bindings drop units they do
+not expect. All errors name the method, the argument, what it got, what it must be and the remedy.
 """
 import enum
 import numbers
@@ -14,7 +14,6 @@ from openmm import unit
 
 class Dimension:
     """A unit in which the C++ library expects an argument, and other units that mean the same to us."""
-
     def __init__(self, label, base, *synonyms):
         self.label = label
         self.base = base
@@ -59,7 +58,8 @@ def number(value, dimension, where, name):
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     if not isinstance(value, numbers.Real) or isinstance(value, (bool, np.bool_)):
-        raise TypeError(f'{where}: {name}: got {value!r}; it must be a number: give one in {dimension.label}')
+        raise TypeError(
+            f'{where}: {name}: got {value!r}; it must be a number: give one in {dimension.label}')
     return float(value)
 
 
@@ -71,7 +71,8 @@ def plain(value):
 def viscosity(value, where, name):
     """A float in dalton/(nm ps) from a number in that unit, or a quantity in any unit of viscosity, also a molar one."""
     pascal_second = unit.pascal*unit.second
-    if unit.is_quantity(value) and not value.unit.is_compatible(VISCOSITY.base) and value.unit.is_compatible(pascal_second):
+    if unit.is_quantity(value) and not value.unit.is_compatible(
+            VISCOSITY.base) and value.unit.is_compatible(pascal_second):
         return float(value.value_in_unit(pascal_second))*PASCAL_SECOND
     return number(value, VISCOSITY, where, name)
 
@@ -81,9 +82,11 @@ def integer(value, where, name):
     try:
         result = operator.index(value)
     except TypeError:
-        raise TypeError(f'{where}: {name}: got {value!r}; it must be an integer: convert it') from None
+        raise TypeError(
+            f'{where}: {name}: got {value!r}; it must be an integer: convert it') from None
     if not -2**31 <= result < 2**31:
-        raise ValueError(f'{where}: {name}: got {result}; it must be from -2^31 to 2^31-1: give a smaller one')
+        raise ValueError(
+            f'{where}: {name}: got {result}; it must be from -2^31 to 2^31-1: give a smaller one')
     return result
 
 
@@ -98,15 +101,17 @@ def constant(value, kind, where, name):
 def boolean(value, where, name):
     """A bool; numbers are more likely misplaced arguments."""
     if not isinstance(value, (bool, np.bool_)):
-        raise TypeError(f'{where}: {name}: got {value!r}; it must be True or False: give one of them')
+        raise TypeError(
+            f'{where}: {name}: got {value!r}; it must be True or False: give one of them')
     return bool(value)
 
 
 def context(value, where):
     """An openmm.Context, or TypeError: SWIG's own messages speak of null references."""
     if not isinstance(value, openmm.Context):
-        raise TypeError(f'{where}: context: got {type(value).__name__}; it must be an openmm.Context: '
-                        'give the Context whose System has this Force')
+        raise TypeError(
+            f'{where}: context: got {type(value).__name__}; it must be an openmm.Context: '
+            'give the Context whose System has this Force')
     return value
 
 
@@ -121,8 +126,9 @@ def matrix(values, shape, where, name, stack=False):
     result = _floats(values, NONE, where, name)
     if result.shape != shape and not (stack and result.shape[1:] == shape):
         either = f'{shape} or {("n", *shape)}'.replace("'", '') if stack else f'{shape}'
-        raise ValueError(f'{where}: {name}: got an array of shape {result.shape}; the shape must be {either}: '
-                         "give plain numbers in OpenMM's units")
+        raise ValueError(
+            f'{where}: {name}: got an array of shape {result.shape}; the shape must be {either}: '
+            "give plain numbers in OpenMM's units")
     return result
 
 
@@ -143,8 +149,9 @@ def rows(values, dimension, columns, where, name, count=None):
     if array.size == 0 and count in (None, 0):
         return np.empty((0, columns))
     if array.ndim != 2 or array.shape[1] != columns or (count is not None and len(array) != count):
-        raise ValueError(f'{where}: {name}: got an array of shape {array.shape}; the shape must be {expected}: '
-                         'give one row per item')
+        raise ValueError(
+            f'{where}: {name}: got an array of shape {array.shape}; the shape must be {expected}: '
+            'give one row per item')
     return array
 
 
@@ -152,8 +159,9 @@ def vector(value, dimension, where, name):
     """An array of 3 floats in the dimension's unit."""
     array = _floats(value, dimension, where, name)
     if array.shape != (3,):
-        raise ValueError(f'{where}: {name}: got an array of shape {array.shape}; the shape must be (3,): '
-                         'give three numbers')
+        raise ValueError(
+            f'{where}: {name}: got an array of shape {array.shape}; the shape must be (3,): '
+            'give three numbers')
     return array
 
 
@@ -161,8 +169,10 @@ def oneOrEach(values, dimension, columns, items, where, name):
     """An array (columns,) for all of a stack of items, or (n, columns) for each of them; items is None if there is only one, for any n."""
     array = _floats(values, dimension, where, name)
     count = 'n' if items is None else items
-    if array.shape != (columns,) and not (array.ndim == 2 and array.shape[1] == columns and items in (None, len(array))):
-        raise ValueError(f'{where}: {name}: got an array of shape {array.shape}; the shape must be ({columns},), for all matrices, '
+    if array.shape != (columns,) and not (array.ndim == 2 and array.shape[1] == columns
+                                          and items in (None, len(array))):
+        raise ValueError(f'{where}: {name}: got an array of shape {array.shape}; the shape must be '
+                         f'({columns},), for all matrices, '
                          f'or ({count}, {columns}), for each: give rows of {columns} numbers')
     return array
 
@@ -171,8 +181,10 @@ def sequence(values, dimension, where, name):
     """An (n,) array of floats in the dimension's unit."""
     array = _floats(values, dimension, where, name)
     if array.ndim != 1:
-        raise ValueError(f'{where}: {name}: got an array of shape {array.shape}; it must be a plain sequence of numbers: '
-                         'give one number per item')
+        raise ValueError(
+            f'{where}: {name}: got an array of shape {array.shape}; it must be a plain sequence of '
+            f'numbers: '
+            'give one number per item')
     return array
 
 
@@ -183,9 +195,13 @@ def perSite(values, dimension, count, where, name):
     except TypeError:
         numbers_ = sequence(values, dimension, where, name)
     if numbers_.shape != (count,):
-        raise ValueError(f'{where}: {name}: got {len(numbers_)} for {count} sites; give one for all, or one for each')
+        raise ValueError(
+            f'{where}: {name}: got {len(numbers_)} for {count} sites; give one for all, or one for '
+            f'each')
     if not np.all((0 <= numbers_) & (numbers_ < np.inf)):
-        raise ValueError(f'{where}: {name}: got {numbers_.tolist()}; each must be finite, and none below 0: correct them')
+        raise ValueError(
+            f'{where}: {name}: got {numbers_.tolist()}; each must be finite, and none below 0: '
+            f'correct them')
     return numbers_.tolist()
 
 
@@ -193,11 +209,14 @@ def frames(values, dimension, columns, where, name):
     """A (T, n, columns) array of finite floats in the dimension's unit: a trajectory of n bodies."""
     array = _floats(values, dimension, where, name)
     if array.ndim != 3 or array.shape[2] != columns or array.size == 0:
-        raise ValueError(f'{where}: {name}: got an array of shape {array.shape}; a trajectory must have the shape '
-                         f'(frames, bodies, {columns}): reshape it')
+        raise ValueError(
+            f'{where}: {name}: got an array of shape {array.shape}; a trajectory must have the '
+            f'shape '
+            f'(frames, bodies, {columns}): reshape it')
     if not np.all(np.isfinite(array)):
         frame, body, _ = np.argwhere(~np.isfinite(array))[0]
-        raise ValueError(f'{where}: {name}: frame {frame}, body {body}: the trajectory holds {array[frame, body]}; all numbers must '
+        raise ValueError(f'{where}: {name}: frame {frame}, body {body}: the trajectory holds '
+                         f'{array[frame, body]}; all numbers must '
                          'be finite: leave out what follows a run that blew up')
     return array
 
@@ -208,8 +227,9 @@ def _floats(values, dimension, where, name):
         array = np.asarray(stripped)
     except ValueError:
         # numpy >= 1.24 refuses rows of different length.
-        raise ValueError(f'{where}: {name}: the rows have different lengths; they must form an array: '
-                         'give rows of equal length') from None
+        raise ValueError(
+            f'{where}: {name}: the rows have different lengths; they must form an array: '
+            'give rows of equal length') from None
     if array.dtype.kind not in 'fiu' and array.size > 0:
         raise TypeError(f'{where}: {name}: got {values!r}; its elements must be numbers: '
                         f'give numbers in {dimension.label}')
@@ -220,6 +240,7 @@ def _strip_leaves(values, dimension, where, name):
     """Remove checked units from a quantity, or from quantities anywhere inside nested sequences."""
     if unit.is_quantity(values):
         return dimension.strip(values, where, name)
-    if isinstance(values, (list, tuple)) or (isinstance(values, np.ndarray) and values.dtype == object):
+    if isinstance(values,
+                  (list, tuple)) or (isinstance(values, np.ndarray) and values.dtype == object):
         return [_strip_leaves(value, dimension, where, name) for value in values]
     return values

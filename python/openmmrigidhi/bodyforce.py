@@ -22,41 +22,48 @@ def _plain(quantity):
     """The value of a quantity of any dimension in OpenMM's units; those per particle (1 N, 1 g) become those per mole."""
     powers = {dimension.name: power for dimension, power in quantity.unit.iter_base_dimensions()}
     if powers.get('mass'):
-        # OpenMM's unit of mass is g/mol, so that a mass without a mole is Avogadro's number of times as much.
+        # OpenMM's unit of mass is g/mol, so that a mass without a mole is Avogadro's number of
+        # times as much.
         quantity = quantity*unit.AVOGADRO_CONSTANT_NA**(powers['mass'] + powers.get('amount', 0))
     return quantity.value_in_unit_system(unit.md_unit_system)
 
 
 def _value(value, method, name):
     """A parameter as a float in OpenMM's units. Expressions give it its meaning, so it may have any dimension."""
-    return _units.number(_plain(value) if unit.is_quantity(value) else value, _units.NONE, _where(method), name)
+    return _units.number(
+        _plain(value) if unit.is_quantity(value) else value, _units.NONE, _where(method), name)
 
 
 class CustomBodyForce(_copies.Copies, _Base):
     """A force and a torque on rigid bodies of a CustomRigidHIIntegrator, as expressions.
 
-    Add it to the System with ``system.addForce``, and bodies to it with :meth:`addBody`. Six expressions give the components
-    of the force and of the torque about the body's origin, all in the lab frame. They are written in the language of OpenMM's
-    Custom forces (``'-k*(x-x0); k=2*stiffness'``) and may use
+    Add it to the System with ``system.addForce``, and bodies to it with :meth:`addBody`. Six
+    expressions give the components of the force and of the torque about the body's origin, all in
+    the lab frame. They are written in the language of OpenMM's Custom forces (``'-k*(x-x0);
+    k=2*stiffness'``) and may use
 
     - ``x y z``: the position of the body's origin, nm, unwrapped;
-    - ``q0 q1 q2 q3``: its orientation, the unit quaternion (w, x, y, z) that turns body-frame vectors into lab-frame vectors.
-      q and -q are the same orientation and either may occur, so only expressions that are even in q make sense;
+    - ``q0 q1 q2 q3``: its orientation, the unit quaternion (w, x, y, z) that turns body-frame
+      vectors into lab-frame vectors. q and -q are the same orientation and either may occur, so
+      only expressions that are even in q make sense;
     - ``vx vy vz``: the velocity of the origin, nm/ps (Langevin schemes only);
     - ``t``: the time, ps;
     - per-body parameters, which have a value for each body that was added;
     - global parameters, which are parameters of the Context (``context.setParameter``).
 
-    They are evaluated whenever the integrator evaluates OpenMM's forces, at the same positions and time, if the force group
-    is one of the integrator's. They appear in ``getBodyForces`` and ``getBodyTorques`` of the integrator. They have no
-    energy: minimisers and barostats do not feel them. Torques about an axis without inertia have no effect.
+    They are evaluated whenever the integrator evaluates OpenMM's forces, at the same positions and
+    time, if the force group is one of the integrator's. They appear in ``getBodyForces`` and
+    ``getBodyTorques`` of the integrator. They have no energy: minimisers and barostats do not feel
+    them. Torques about an axis without inertia have no effect.
 
-    With velocities, the first half kick of a step uses those at its beginning, the second those that it leads to (predicted
-    once): weak order 2 with LangevinC and LangevinHI, 1 with LangevinA and LangevinB (2 without friction). Strong friction
-    belongs into the integrator: a step of an expression like ``-g*vx`` is stable for h*g/m below 1 or so.
+    With velocities, the first half kick of a step uses those at its beginning, the second those
+    that it leads to (predicted once): weak order 2 with LangevinC and LangevinHI, 1 with LangevinA
+    and LangevinB (2 without friction). Strong friction belongs into the integrator: a step of an
+    expression like ``-g*vx`` is stable for h*g/m below 1 or so.
 
-    Wrong types are a TypeError, wrong shapes a ValueError, everything else that is refused an openmm.OpenMMException; each
-    names the object, the value, the bound and the remedy. Expressions are checked when a Context is created.
+    Wrong types are a TypeError, wrong shapes a ValueError, everything else that is refused an
+    openmm.OpenMMException; each names the object, the value, the bound and the remedy. Expressions
+    are checked when a Context is created.
 
     Parameters
     ----------
@@ -85,7 +92,8 @@ class CustomBodyForce(_copies.Copies, _Base):
         super().__init__(*[_text(value, '__init__', name) for name, value in given.items()])
 
     def __repr__(self):
-        expressions = ', '.join(f'{c}={self.getExpression(c)!r}' for c in ('fx', 'fy', 'fz', 'tx', 'ty', 'tz'))
+        expressions = ', '.join(f'{c}={self.getExpression(c)!r}'
+                                for c in ('fx', 'fy', 'fz', 'tx', 'ty', 'tz'))
         return f'<CustomBodyForce: {expressions}, {self.getNumBodies()} bodies>'
 
     @staticmethod
@@ -95,7 +103,8 @@ class CustomBodyForce(_copies.Copies, _Base):
         Parameters
         ----------
         obj : openmm.Force
-            the object; if it owned the C++ object, the result does from now on, and obj remains usable
+            the object; if it owned the C++ object, the result does from now on, and obj remains
+            usable
 
         Returns
         -------
@@ -109,7 +118,7 @@ class CustomBodyForce(_copies.Copies, _Base):
         """
         return CustomBodyForce._castGeneric(obj)
 
-    # ---- Expressions -------------------------------------------------------------------------------------------------
+    # ---- Expressions -----------------------------------------------------------------------------
 
     def getExpression(self, component):
         """Get one of the six expressions, a str.
@@ -134,7 +143,7 @@ class CustomBodyForce(_copies.Copies, _Base):
         super().setExpression(_text(component, 'setExpression', 'component'),
                               _text(expression, 'setExpression', 'expression'))
 
-    # ---- Parameters --------------------------------------------------------------------------------------------------
+    # ---- Parameters ------------------------------------------------------------------------------
 
     def getNumPerBodyParameters(self):
         """Get the number of per-body parameters."""
@@ -146,7 +155,8 @@ class CustomBodyForce(_copies.Copies, _Base):
         Parameters
         ----------
         name : str
-            its name: no spaces or operators, not a digit first, no variable's and no other parameter's name
+            its name: no spaces or operators, not a digit first, no variable's and no other
+            parameter's name
         """
         return super().addPerBodyParameter(_text(name, 'addPerBodyParameter', 'name'))
 
@@ -169,12 +179,14 @@ class CustomBodyForce(_copies.Copies, _Base):
         Parameters
         ----------
         name : str
-            its name: no spaces or operators, not a digit first, no variable's and no other parameter's name
+            its name: no spaces or operators, not a digit first, no variable's and no other
+            parameter's name
         defaultValue : float or Quantity
             its value in a new Context, in OpenMM's units; finite
         """
-        return super().addGlobalParameter(_text(name, 'addGlobalParameter', 'name'),
-                                          _value(defaultValue, 'addGlobalParameter', 'defaultValue'))
+        return super().addGlobalParameter(
+            _text(name, 'addGlobalParameter', 'name'),
+            _value(defaultValue, 'addGlobalParameter', 'defaultValue'))
 
     def getGlobalParameterName(self, index):
         """Get the name of a global parameter by its index."""
@@ -187,7 +199,8 @@ class CustomBodyForce(_copies.Copies, _Base):
 
     def getGlobalParameterDefaultValue(self, index):
         """Get the value of a global parameter in a new Context, a number in OpenMM's units, by its index."""
-        return super().getGlobalParameterDefaultValue(self._index(index, 'getGlobalParameterDefaultValue'))
+        return super().getGlobalParameterDefaultValue(
+            self._index(index, 'getGlobalParameterDefaultValue'))
 
     def setGlobalParameterDefaultValue(self, index, defaultValue):
         """Set the value of a global parameter in a new Context.
@@ -200,9 +213,10 @@ class CustomBodyForce(_copies.Copies, _Base):
             the value, in OpenMM's units; finite
         """
         method = 'setGlobalParameterDefaultValue'
-        super().setGlobalParameterDefaultValue(self._index(index, method), _value(defaultValue, method, 'defaultValue'))
+        super().setGlobalParameterDefaultValue(self._index(index, method),
+                                               _value(defaultValue, method, 'defaultValue'))
 
-    # ---- Bodies ------------------------------------------------------------------------------------------------------
+    # ---- Bodies ----------------------------------------------------------------------------------
 
     def getNumBodies(self):
         """Get the number of entries: bodies on which this force acts."""
@@ -258,9 +272,10 @@ class CustomBodyForce(_copies.Copies, _Base):
         parameters : sequence of float or Quantity
             values of the per-body parameters, in OpenMM's units; finite
         """
-        super().setBodyParameters(self._index(index, 'setBodyParameters'),
-                                  _units.integer(bodyIndex, _where('setBodyParameters'), 'bodyIndex'),
-                                  self._parameters(parameters, 'setBodyParameters'))
+        super().setBodyParameters(
+            self._index(index, 'setBodyParameters'),
+            _units.integer(bodyIndex, _where('setBodyParameters'), 'bodyIndex'),
+            self._parameters(parameters, 'setBodyParameters'))
 
     def updateParametersInContext(self, context):
         """Copy the per-body parameters of all entries to a Context.
@@ -275,9 +290,11 @@ class CustomBodyForce(_copies.Copies, _Base):
         Raises
         ------
         openmm.OpenMMException
-            if this force is not in the Context, or acts on other bodies than when the Context was created
+            if this force is not in the Context, or acts on other bodies than when the Context was
+            created
         """
-        super().updateParametersInContext(_units.context(context, _where('updateParametersInContext')))
+        super().updateParametersInContext(
+            _units.context(context, _where('updateParametersInContext')))
 
     def usesPeriodicBoundaryConditions(self):
         """Get whether this force uses periodic boundary conditions: it does not, positions are unwrapped."""
@@ -294,6 +311,8 @@ class CustomBodyForce(_copies.Copies, _Base):
         try:
             values = list(values)
         except TypeError:
-            raise TypeError(f'{_where(method)}: parameters: got {values!r}; it must be a sequence of numbers: '
-                            'give one for each per-body parameter') from None
-        return np.array([_value(value, method, f'parameter {i}') for i, value in enumerate(values)], dtype=np.double)
+            raise TypeError(
+                f'{_where(method)}: parameters: got {values!r}; it must be a sequence of numbers: '
+                'give one for each per-body parameter') from None
+        return np.array([_value(value, method, f'parameter {i}') for i, value in enumerate(values)],
+                        dtype=np.double)

@@ -13,16 +13,20 @@ class NoiseLaw(_enums.Documented):
 
     Gaussian = _Base.Gaussian, 'Normal numbers (default).'
     ThreePoint = _Base.ThreePoint, '0 with probability 2/3, +-sqrt(3) with 1/6 each: enough for weak order 2 (Davidchack 2015, eq. 21).'
-    TwoPoint = _Base.TwoPoint, ('+-1 with probability 1/2 each: enough for weak order 1, so for GradientThermostat and the schemes without momenta in a fluid '
-                                '(Davidchack 2015, eq. 31).')
+    TwoPoint = _Base.TwoPoint, (
+        '+-1 with probability 1/2 each: enough for weak order 1, so for GradientThermostat and the '
+        'schemes without momenta in a fluid '
+        '(Davidchack 2015, eq. 31).')
 
 
 class WallRejection(_enums.Documented):
     """Which steps through a wall are redone with new noise; also class attributes of CustomRigidHIIntegrator."""
 
     Overlap = _Base.Overlap, 'Those after which a hydrodynamic particle is nearer to the wall than its radius (default).'
-    Crossing = _Base.Crossing, ('Those after which the centre of a hydrodynamic particle is on the wall or behind it; particles that reach through a NoSlipWall '
-                                'have damped mobilities.')
+    Crossing = _Base.Crossing, (
+        'Those after which the centre of a hydrodynamic particle is on the wall or behind it; '
+        'particles that reach through a NoSlipWall '
+        'have damped mobilities.')
 
 
 class DriftCorrectorScaling(_enums.Documented):
@@ -39,18 +43,21 @@ def _where(method):
 class CustomRigidHIIntegrator(_copies.Copies, _Base):
     """Integrates rigid bodies, whose orientation is a unit quaternion, under the forces of an ordinary Context.
 
-    Particles of the System are grouped into bodies with :meth:`addRigidBody`; all other particles ("free particles") are
-    integrated beside them with the same scheme, as point particles. The state of a body is the position R of its origin
-    (its centre of mass; nm), the unit quaternion q = (w, x, y, z) that turns body-frame vectors into lab-frame vectors,
-    the momentum p (lab frame) and the angular momentum l (body frame).
+    Particles of the System are grouped into bodies with :meth:`addRigidBody`; all other particles
+    ("free particles") are integrated beside them with the same scheme, as point particles. The
+    state of a body is the position R of its origin (its centre of mass; nm), the unit quaternion q
+    = (w, x, y, z) that turns body-frame vectors into lab-frame vectors, the momentum p (lab frame)
+    and the angular momentum l (body frame).
 
-    Arguments are numbers in OpenMM's units (nm, ps, dalton, K, kJ/mol) or quantities, whose dimension is checked;
-    rows are Vec3, tuples, lists or rows of an array. Getters return a Quantity of a numpy array. A wrong type or dimension
-    is a TypeError, a wrong shape a ValueError, everything else that is refused an openmm.OpenMMException; each names the
-    object, the value, the bound and the remedy.
+    Arguments are numbers in OpenMM's units (nm, ps, dalton, K, kJ/mol) or quantities, whose
+    dimension is checked; rows are Vec3, tuples, lists or rows of an array. Getters return a
+    Quantity of a numpy array. A wrong type or dimension is a TypeError, a wrong shape a ValueError,
+    everything else that is refused an openmm.OpenMMException; each names the object, the value, the
+    bound and the remedy.
 
-    :meth:`setScheme` chooses how bodies move. ``help(CustomRigidHIIntegrator.Scheme)`` has a paragraph on each scheme, docs/schemes/README.md
-    says which to take for which scene, and each has a page there with its equations, cost and limits:
+    :meth:`setScheme` chooses how bodies move. ``help(CustomRigidHIIntegrator.Scheme)`` has a
+    paragraph on each scheme, docs/schemes/README.md says which to take for which scene, and each
+    has a page there with its equations, cost and limits:
 
     @schemes@
 
@@ -88,14 +95,17 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     Whole = DriftCorrectorScaling.Whole
 
     def __init__(self, temperature, stepSize):
-        super().__init__(_units.number(temperature, _units.TEMPERATURE, 'CustomRigidHIIntegrator', 'temperature'),
-                         _units.number(stepSize, _units.TIME, 'CustomRigidHIIntegrator', 'stepSize'))
+        super().__init__(
+            _units.number(temperature, _units.TEMPERATURE, 'CustomRigidHIIntegrator',
+                          'temperature'),
+            _units.number(stepSize, _units.TIME, 'CustomRigidHIIntegrator', 'stepSize'))
 
     def __repr__(self):
-        return (f'<CustomRigidHIIntegrator: {self.getScheme().name}, {self.getTemperature()}, {self.getStepSize()}, '
+        return (f'<CustomRigidHIIntegrator: {self.getScheme().name}, {self.getTemperature()}, '
+                f'{self.getStepSize()}, '
                 f'{self.getNumRigidBodies()} bodies>')
 
-    # ---- Copies ------------------------------------------------------------------------------------------------------
+    # ---- Copies ----------------------------------------------------------------------------------
 
     @staticmethod
     def cast(obj):
@@ -106,7 +116,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Parameters
         ----------
         obj : openmm.Integrator
-            the object; if it owned the C++ object, the result does from now on, and obj remains usable
+            the object; if it owned the C++ object, the result does from now on, and obj remains
+            usable
 
         Returns
         -------
@@ -123,20 +134,22 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     _base = _Base
     _generic = openmm.Integrator
 
-    # ---- Bodies ------------------------------------------------------------------------------------------------------
+    # ---- Bodies ----------------------------------------------------------------------------------
 
     def addRigidBody(self, particles, mass=None, principalMoments=None, sitePositions=None):
         """Add a rigid body.
 
-        With particles alone, shape, mass and inertia come from the System. The shape comes from the constraints among the
-        massive members if these fix it (two members: one constraint; three: a triangle; more: all pairs, with the
-        handedness from the first positions), and virtual sites from their definitions; otherwise from the first positions
-        given to the Context, and is kept until :meth:`resetBodyGeometry`. Mass and inertia come from the System's masses.
-        The System wins: constraints and masses that were changed take effect at reinitialize(), also over those of a saved
-        state, whose positions and velocities go on. The body frame has its origin at the centre of mass and its axes along the principal axes, the smallest moment
-        first.
+        With particles alone, shape, mass and inertia come from the System. The shape comes from the
+        constraints among the massive members if these fix it (two members: one constraint; three: a
+        triangle; more: all pairs, with the handedness from the first positions), and virtual sites
+        from their definitions; otherwise from the first positions given to the Context, and is kept
+        until :meth:`resetBodyGeometry`. Mass and inertia come from the System's masses. The System
+        wins: constraints and masses that were changed take effect at reinitialize(), also over
+        those of a saved state, whose positions and velocities go on. The body frame has its origin
+        at the centre of mass and its axes along the principal axes, the smallest moment first.
 
-        With mass, principalMoments and sitePositions, these override the System's masses, which then serve OpenMM only.
+        With mass, principalMoments and sitePositions, these override the System's masses, which
+        then serve OpenMM only.
 
         Parameters
         ----------
@@ -145,12 +158,13 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         mass : float or Quantity, optional
             mass, dalton; positive for schemes with momenta and for GradientThermostat
         principalMoments : Vec3, sequence or Quantity of shape (3,), optional
-            principal moments of inertia about the body axes x, y, z, dalton nm^2, in any order. A moment below 1e-13 of
-            the largest counts as zero: no rotation, noise or energy about that axis.
+            principal moments of inertia about the body axes x, y, z, dalton nm^2, in any order. A
+            moment below 1e-13 of the largest counts as zero: no rotation, noise or energy about
+            that axis.
         sitePositions : array-like or Quantity of shape (n, 3), optional
-            position of each particle in the body frame, nm; its origin is the centre of mass and its axes are the
-            principal axes. Schemes without momenta in a fluid take any origin (the tracking point) and axes, and 0 for
-            mass and moments
+            position of each particle in the body frame, nm; its origin is the centre of mass and
+            its axes are the principal axes. Schemes without momenta in a fluid take any origin (the
+            tracking point) and axes, and 0 for mass and moments
 
         Returns
         -------
@@ -164,9 +178,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         ValueError
             for a wrong shape
         openmm.OpenMMException
-            for an empty body, a negative or repeated particle, a particle that is in a body already, a negative or
-            non-finite mass or moment, moments that violate the triangle inequality, or another number of sites than of
-            particles
+            for an empty body, a negative or repeated particle, a particle that is in a body
+            already, a negative or non-finite mass or moment, moments that violate the triangle
+            inequality, or another number of sites than of particles
         """
         where = _where('addRigidBody')
         indices = _units.indices(particles, where, 'particles')
@@ -174,9 +188,12 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         if not any(given):
             return super().addRigidBody(indices)
         if not all(given):
-            raise TypeError(f'{where}: only some of mass, principalMoments and sitePositions are given; an explicit body '
-                            'needs all three: give them all, or none to take them from the System')
-        return super().addRigidBody(indices, *self._explicitBody(where, mass, principalMoments, sitePositions))
+            raise TypeError(
+                f'{where}: only some of mass, principalMoments and sitePositions are given; an '
+                f'explicit body '
+                'needs all three: give them all, or none to take them from the System')
+        return super().addRigidBody(
+            indices, *self._explicitBody(where, mass, principalMoments, sitePositions))
 
     @staticmethod
     def _explicitBody(where, mass, principalMoments, sitePositions):
@@ -198,8 +215,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def getRigidBodyParameters(self, index):
         """Get the definition of a body.
 
-        For a body without explicit geometry this needs a Context whose positions are set (or a geometry that was read
-        from XML).
+        For a body without explicit geometry this needs a Context whose positions are set (or a
+        geometry that was read from XML).
 
         Parameters
         ----------
@@ -222,9 +239,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         openmm.OpenMMException
             if the index is out of range or the geometry is not known yet
         """
-        particles, mass, moments, sites = super().getRigidBodyParameters(self._index(index, 'getRigidBodyParameters'))
+        particles, mass, moments, sites = super().getRigidBodyParameters(
+            self._index(index, 'getRigidBodyParameters'))
         return (np.frombuffer(particles, dtype=np.intc).tolist(), _units.MASS.attach(mass),
-                _units.MOMENT.attach(_units.array(moments)), _units.LENGTH.attach(_units.array(sites, 3)))
+                _units.MOMENT.attach(_units.array(moments)),
+                _units.LENGTH.attach(_units.array(sites, 3)))
 
     def getRigidBodyParticles(self, index):
         """Get the indices of a body's particles, a list of int. Needs no Context.
@@ -243,18 +262,21 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
     def getRigidBodyGeometryIsKnown(self, index):
         """Get whether mass, moments and sites of a body are known."""
-        return super().getRigidBodyGeometryIsKnown(self._index(index, 'getRigidBodyGeometryIsKnown'))
+        return super().getRigidBodyGeometryIsKnown(self._index(index,
+                                                               'getRigidBodyGeometryIsKnown'))
 
     def setRigidBodyParameters(self, index, particles, mass, principalMoments, sitePositions):
         """Replace the definition of a body by an explicit one.
 
-        Takes effect at the next Context creation or reinitialize(); a state that was saved with another mass, other moments
-        or sites is refused, also by ``reinitialize(preserveState=True)``. Parameters and errors as in :meth:`addRigidBody`.
+        Takes effect at the next Context creation or reinitialize(); a state that was saved with
+        another mass, other moments or sites is refused, also by
+        ``reinitialize(preserveState=True)``. Parameters and errors as in :meth:`addRigidBody`.
         """
         where = _where('setRigidBodyParameters')
-        super().setRigidBodyParameters(self._index(index, 'setRigidBodyParameters'),
-                                       _units.indices(particles, where, 'particles'),
-                                       *self._explicitBody(where, mass, principalMoments, sitePositions))
+        super().setRigidBodyParameters(
+            self._index(index, 'setRigidBodyParameters'),
+            _units.indices(particles, where, 'particles'),
+            *self._explicitBody(where, mass, principalMoments, sitePositions))
 
     def resetBodyGeometry(self):
         """Forget the geometry of all bodies that were added without an explicit one.
@@ -267,7 +289,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def _index(index, method):
         return _units.integer(index, _where(method), 'index')
 
-    # ---- Settings ----------------------------------------------------------------------------------------------------
+    # ---- Settings --------------------------------------------------------------------------------
 
     def getScheme(self):
         """Get the scheme, one of the class attributes that :meth:`setScheme` takes."""
@@ -279,7 +301,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Parameters
         ----------
         scheme : constant
-            one of the class attributes of that name, such as ``integrator.LangevinC``; :class:`Scheme` describes them
+            one of the class attributes of that name, such as ``integrator.LangevinC``;
+            :class:`Scheme` describes them
         """
         super().setScheme(_units.constant(scheme, Scheme, _where('setScheme'), 'scheme'))
 
@@ -293,9 +316,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Parameters
         ----------
         law : constant
-            Gaussian (default); ThreePoint: 0 with probability 2/3, +-sqrt(3) with 1/6 each (eq. 21), enough for weak
-            order 2; TwoPoint: +-1 with probability 1/2 each (eq. 31), enough for weak order 1: GradientThermostat and
-            the schemes without momenta in a fluid
+            Gaussian (default); ThreePoint: 0 with probability 2/3, +-sqrt(3) with 1/6 each (eq.
+            21), enough for weak order 2; TwoPoint: +-1 with probability 1/2 each (eq. 31), enough
+            for weak order 1: GradientThermostat and the schemes without momenta in a fluid
         """
         super().setNoiseLaw(_units.constant(law, NoiseLaw, _where('setNoiseLaw'), 'law'))
 
@@ -305,7 +328,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
     def setTemperature(self, temperature):
         """Set the temperature of the heat bath, K; 0: no noise, no random numbers. Not negative, finite."""
-        super().setTemperature(self._number(temperature, _units.TEMPERATURE, 'setTemperature', 'temperature'))
+        super().setTemperature(
+            self._number(temperature, _units.TEMPERATURE, 'setTemperature', 'temperature'))
 
     def getFriction(self):
         """Get the translational friction gamma of the Langevin schemes, a Quantity in 1/ps."""
@@ -321,7 +345,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
     def setRotationalFriction(self, Gamma):
         """Set Gamma (eqs. 9, 10), 1/ps; default 1. Body axis k relaxes at the rate Gamma / (I_k sum_j 1/I_j)."""
-        super().setRotationalFriction(self._number(Gamma, _units.RATE, 'setRotationalFriction', 'Gamma'))
+        super().setRotationalFriction(
+            self._number(Gamma, _units.RATE, 'setRotationalFriction', 'Gamma'))
 
     def getInertiaScale(self):
         """Get the factor of the principal moments in the dynamics."""
@@ -330,19 +355,24 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def setInertiaScale(self, factor):
         """Set the factor by which schemes with momenta multiply the principal moments of all bodies in their dynamics; default 1.
 
-        Averages over configurations do not depend on it, since momenta are Gaussian and independent of them. Motion does, and is not the real
-        one; :meth:`describeEffects` says so. With a factor of 4 to 16 the rotation of light bodies (water) becomes slower than what limits the step
-        otherwise, and steps grow: the user guide has measurements.
+        Averages over configurations do not depend on it, since momenta are Gaussian and independent
+        of them. Motion does, and is not the real one; :meth:`describeEffects` says so. With a
+        factor of 4 to 16 the rotation of light bodies (water) becomes slower than what limits the
+        step otherwise, and steps grow: the user guide has measurements.
 
-        Angular momenta, kinetic energies and temperatures are those of the scaled moments, so that equipartition holds about every axis. Angular
-        velocities are real ones: :meth:`setBodyAngularVelocities`, and the velocities of particles, mean rotation as it is seen. The rates of
-        :meth:`setRotationalFriction` do not change. The friction of a fluid (LangevinHI) does not either, so that angular momenta relax more slowly
-        there by the factor, and diffusion over long times is the real one. :meth:`getRigidBodyParameters` and files have the real moments. Masses and
-        free particles are as they are. Schemes without momenta take no notice.
+        Angular momenta, kinetic energies and temperatures are those of the scaled moments, so that
+        equipartition holds about every axis. Angular velocities are real ones:
+        :meth:`setBodyAngularVelocities`, and the velocities of particles, mean rotation as it is
+        seen. The rates of :meth:`setRotationalFriction` do not change. The friction of a fluid
+        (LangevinHI) does not either, so that angular momenta relax more slowly there by the factor,
+        and diffusion over long times is the real one. :meth:`getRigidBodyParameters` and files have
+        the real moments. Masses and free particles are as they are. Schemes without momenta take no
+        notice.
 
-        May be changed between steps; takes effect at once. Positions and all velocities go on, so that rotational kinetic energies change by the
-        ratio of the factors; thermal equilibrium comes back by friction, or at once by the Context's ``setVelocitiesToTemperature()``. A checkpoint or State
-        that was saved under another factor goes on likewise.
+        May be changed between steps; takes effect at once. Positions and all velocities go on, so
+        that rotational kinetic energies change by the ratio of the factors; thermal equilibrium
+        comes back by friction, or at once by the Context's ``setVelocitiesToTemperature()``. A
+        checkpoint or State that was saved under another factor goes on likewise.
 
         Parameters
         ----------
@@ -384,7 +414,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
     def setGradientRelaxationTime(self, upsilon):
         """Set upsilon of GradientThermostat (eq. 15), ps; default 0.004. Positive, finite."""
-        super().setGradientRelaxationTime(self._number(upsilon, _units.TIME, 'setGradientRelaxationTime', 'upsilon'))
+        super().setGradientRelaxationTime(
+            self._number(upsilon, _units.TIME, 'setGradientRelaxationTime', 'upsilon'))
 
     def getGradientRotationalRelaxationTime(self):
         """Get Upsilon of GradientThermostat, a Quantity in ps."""
@@ -393,7 +424,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def setGradientRotationalRelaxationTime(self, Upsilon):
         """Set Upsilon of GradientThermostat (eq. 16), ps; default 0.001. Positive, finite."""
         method = 'setGradientRotationalRelaxationTime'
-        super().setGradientRotationalRelaxationTime(self._number(Upsilon, _units.TIME, method, 'Upsilon'))
+        super().setGradientRotationalRelaxationTime(
+            self._number(Upsilon, _units.TIME, method, 'Upsilon'))
 
     def getRandomNumberSeed(self):
         """Get the seed as it was set (0: fresh for each Context)."""
@@ -402,10 +434,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def setRandomNumberSeed(self, seed):
         """Set the seed, an int.
 
-        0 (default): each Context draws a fresh one. The seed in use is saved with checkpoints and States, and goes on where
-        one is loaded, and so after ``reinitialize(preserveState=True)``. A change takes effect at the next Context creation, or
-        a ``reinitialize()`` that preserves nothing; then ``setState`` of a State without integrator parameters brings the
-        positions back.
+        0 (default): each Context draws a fresh one. The seed in use is saved with checkpoints and
+        States, and goes on where one is loaded, and so after ``reinitialize(preserveState=True)``.
+        A change takes effect at the next Context creation, or a ``reinitialize()`` that preserves
+        nothing; then ``setState`` of a State without integrator parameters brings the positions
+        back.
         """
         super().setRandomNumberSeed(_units.integer(seed, _where('setRandomNumberSeed'), 'seed'))
 
@@ -416,10 +449,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def setPoseTolerance(self, tolerance):
         """Set how far a particle may lie from its place in the body when positions are given to the Context, nm.
 
-        Default 1e-3. Below it, members are put back when the next step starts; above it is an error that names body,
-        particle and distance.
+        Default 1e-3. Below it, members are put back when the next step starts; above it is an error
+        that names body, particle and distance.
         """
-        super().setPoseTolerance(self._number(tolerance, _units.LENGTH, 'setPoseTolerance', 'tolerance'))
+        super().setPoseTolerance(
+            self._number(tolerance, _units.LENGTH, 'setPoseTolerance', 'tolerance'))
 
     def getFiniteDifferenceStep(self):
         """Get the relative finite-difference step; 0: chosen by the solver."""
@@ -428,12 +462,15 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def setFiniteDifferenceStep(self, relative):
         """Set the step delta of the finite differences of the schemes without momenta, relative; from 0 to 0.1.
 
-        Bodies are displaced by delta times their length (the longest distance of points on their particles) and turned by delta
-        radians. 0 (default): 1e-5, but where results of matrix-free iterations are differenced (RandomFiniteDifference with multiblobs,
-        DriftCorrectorFD and DriftCorrectorRFD) tolerance**(1/3) between 1e-5 and 1e-2, with iterations to a tenth of the tolerance.
-        On a grid (ForceCoupling) it has no effect on the drift-correctors, which take the derivative of the random field.
+        Bodies are displaced by delta times their length (the longest distance of points on their
+        particles) and turned by delta radians. 0 (default): 1e-5, but where results of matrix-free
+        iterations are differenced (RandomFiniteDifference with multiblobs, DriftCorrectorFD and
+        DriftCorrectorRFD) tolerance**(1/3) between 1e-5 and 1e-2, with iterations to a tenth of the
+        tolerance. On a grid (ForceCoupling) it has no effect on the drift-correctors, which take
+        the derivative of the random field.
         """
-        super().setFiniteDifferenceStep(self._number(relative, _units.NONE, 'setFiniteDifferenceStep', 'relative'))
+        super().setFiniteDifferenceStep(
+            self._number(relative, _units.NONE, 'setFiniteDifferenceStep', 'relative'))
 
     def getNumHostThreads(self):
         """Get the number of threads of the host as it was set (0: OpenMM's default)."""
@@ -442,10 +479,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def setNumHostThreads(self, number):
         """Set with how many threads bodies, fluid and noise are computed on platforms other than Reference and CPU: 0 to 1024.
 
-        There forces are computed on a device, and all else on the host. 0 (default): as OpenMM's CPU platform does by default,
-        ``OPENMM_CPU_THREADS`` or as many as there are processors. A change takes effect at the next Context creation or
-        ``reinitialize()``. Reference has one thread, and on the CPU platform its own property "Threads" holds, whatever is set
-        here. Results do not depend on the number.
+        There forces are computed on a device, and all else on the host. 0 (default): as OpenMM's
+        CPU platform does by default, ``OPENMM_CPU_THREADS`` or as many as there are processors. A
+        change takes effect at the next Context creation or ``reinitialize()``. Reference has one
+        thread, and on the CPU platform its own property "Threads" holds, whatever is set here.
+        Results do not depend on the number.
         """
         super().setNumHostThreads(_units.integer(number, _where('setNumHostThreads'), 'number'))
 
@@ -456,17 +494,21 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def setWallRejection(self, rejection):
         """Set which steps are redone with new noise where a MobilityForce has the boundary NoSlipWall or SlipChannel.
 
-        A start that would be redone is an error. May be changed between steps; takes effect at once.
+        A start that would be redone is an error. May be changed between steps; takes effect at
+        once.
 
         Parameters
         ----------
         rejection : constant
-            Overlap (default): those after which a hydrodynamic particle is nearer to the wall than its radius a, which
-            repulsions that diverge at contact need; Crossing: those after which its centre is behind the wall. Under Crossing,
-            particles with their centre at 0 < z < a above the wall have the mobility of contact, times z/a for their velocities
-            and once more for the forces on them: continuous, positive definite; between slip walls nothing is damped
+            Overlap (default): those after which a hydrodynamic particle is nearer to the wall than
+            its radius a, which repulsions that diverge at contact need; Crossing: those after which
+            its centre is behind the wall. Under Crossing, particles with their centre at 0 < z < a
+            above the wall have the mobility of contact, times z/a for their velocities and once
+            more for the forces on them: continuous, positive definite; between slip walls nothing
+            is damped
         """
-        super().setWallRejection(_units.constant(rejection, WallRejection, _where('setWallRejection'), 'rejection'))
+        super().setWallRejection(
+            _units.constant(rejection, WallRejection, _where('setWallRejection'), 'rejection'))
 
     def getDriftCorrectorScaling(self):
         """Get what the drift factor of DriftCorrectorFD and DriftCorrectorRFD multiplies, one of the class attributes SlipOnly, Whole."""
@@ -475,17 +517,20 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def setDriftCorrectorScaling(self, scaling):
         """Set what the drift factor nu = 1 + (h/2) div V of DriftCorrectorFD and DriftCorrectorRFD multiplies.
 
-        It is one number for all bodies of a group. It fluctuates about 1 by the step times the divergence of the random velocities, more
-        the more bodies there are; where it does so by more than 0.3 a warning says so. May be changed between steps.
+        It is one number for all bodies of a group. It fluctuates about 1 by the step times the
+        divergence of the random velocities, more the more bodies there are; where it does so by
+        more than 0.3 a warning says so. May be changed between steps.
 
         Parameters
         ----------
         scaling : constant
-            SlipOnly (default): the slips in the mobility problem, U = N (F + nu K^T M^-1 v), of the same weak order, without noise on
-            what forces do; Whole: the whole step, as in Westwood 2022, eq. 44
+            SlipOnly (default): the slips in the mobility problem, U = N (F + nu K^T M^-1 v), of the
+            same weak order, without noise on what forces do; Whole: the whole step, as in Westwood
+            2022, eq. 44
         """
-        super().setDriftCorrectorScaling(_units.constant(scaling, DriftCorrectorScaling, _where('setDriftCorrectorScaling'),
-                                                         'scaling'))
+        super().setDriftCorrectorScaling(
+            _units.constant(scaling, DriftCorrectorScaling, _where('setDriftCorrectorScaling'),
+                            'scaling'))
 
     def getMaximumRejections(self):
         """Get how often in a row a step may be redone."""
@@ -494,10 +539,12 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def setMaximumRejections(self, number):
         """Set how often in a row a step may be redone with new noise: 0 to 65535, default 100; more is an error.
 
-        Steps are redone when spheres overlap under MobilityForce.StokesianDynamics, or particles come too near to a wall
-        (:meth:`setWallRejection`). Without momenta each group of :meth:`MobilityForce.setGroups` may be redone so often.
+        Steps are redone when spheres overlap under MobilityForce.StokesianDynamics, or particles
+        come too near to a wall (:meth:`setWallRejection`). Without momenta each group of
+        :meth:`MobilityForce.setGroups` may be redone so often.
         """
-        super().setMaximumRejections(_units.integer(number, _where('setMaximumRejections'), 'number'))
+        super().setMaximumRejections(
+            _units.integer(number, _where('setMaximumRejections'), 'number'))
 
     def getNumRejectedSteps(self):
         """Get how many steps were redone since the Context was created, at most 2**31 - 1. Needs a Context.
@@ -512,18 +559,20 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
     def setConstraintTolerance(self, tolerance):
         """Set the relative tolerance of the constraints of free particles. Positive, finite."""
-        super().setConstraintTolerance(self._number(tolerance, _units.NONE, 'setConstraintTolerance', 'tolerance'))
+        super().setConstraintTolerance(
+            self._number(tolerance, _units.NONE, 'setConstraintTolerance', 'tolerance'))
 
     @staticmethod
     def _number(value, dimension, method, name):
         return _units.number(value, dimension, _where(method), name)
 
-    # ---- State of the bodies of the bound Context --------------------------------------------------------------------
+    # ---- State of the bodies of the bound Context ------------------------------------------------
 
     def getBodyPositions(self):
         """Get the positions of the bodies' origins: Quantity of shape (n, 3), nm, lab frame, unwrapped.
 
-        The origin is the centre of mass; under schemes without momenta in a fluid any point, the tracking point.
+        The origin is the centre of mass; under schemes without momenta in a fluid any point, the
+        tracking point.
 
         Needs a Context whose positions are set, as do all methods of this section.
         """
@@ -549,7 +598,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         positions : array-like or Quantity of shape (n, 3)
             one finite row for each body, nm, lab frame
         """
-        super().setBodyPositions(self._rows(positions, _units.LENGTH, 3, 'setBodyPositions', 'positions'))
+        super().setBodyPositions(
+            self._rows(positions, _units.LENGTH, 3, 'setBodyPositions', 'positions'))
 
     def setBodyOrientations(self, orientations):
         """Set the orientations of the bodies, and move their particles.
@@ -557,9 +607,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Parameters
         ----------
         orientations : array-like of shape (n, 4)
-            quaternions (w, x, y, z), body to lab frame; their length must be 1 within 1e-3, and they are normalised
+            quaternions (w, x, y, z), body to lab frame; their length must be 1 within 1e-3, and
+            they are normalised
         """
-        super().setBodyOrientations(self._rows(orientations, _units.NONE, 4, 'setBodyOrientations', 'orientations'))
+        super().setBodyOrientations(
+            self._rows(orientations, _units.NONE, 4, 'setBodyOrientations', 'orientations'))
 
     def setBodyVelocities(self, velocities):
         """Set the velocities of the bodies' origins.
@@ -569,7 +621,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         velocities : array-like or Quantity of shape (n, 3)
             one finite row for each body, nm/ps, lab frame
         """
-        super().setBodyVelocities(self._rows(velocities, _units.VELOCITY, 3, 'setBodyVelocities', 'velocities'))
+        super().setBodyVelocities(
+            self._rows(velocities, _units.VELOCITY, 3, 'setBodyVelocities', 'velocities'))
 
     def setBodyAngularVelocities(self, angularVelocities):
         """Set the angular velocities of the bodies. Components about axes without inertia are dropped.
@@ -579,22 +632,26 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         angularVelocities : array-like or Quantity of shape (n, 3)
             one finite row for each body, rad/ps, lab frame
         """
-        super().setBodyAngularVelocities(self._rows(angularVelocities, _units.ANGULAR_VELOCITY, 3,
-                                                    'setBodyAngularVelocities', 'angularVelocities'))
+        super().setBodyAngularVelocities(
+            self._rows(angularVelocities, _units.ANGULAR_VELOCITY, 3, 'setBodyAngularVelocities',
+                       'angularVelocities'))
 
     def _rows(self, values, dimension, columns, method, name):
         known = count = self.getNumRigidBodies()
         try:
             count = self.getNumRigidBodiesOfContext()
         except openmm.OpenMMException:
-            pass                                                 # there is no Context, which the method itself will say
+            pass  # there is no Context, which the method itself will say
         if count == known:
             return _units.rows(values, dimension, columns, _where(method), name, count)
         result = _units.rows(values, dimension, columns, _where(method), name)
         if len(result) != count:
-            raise ValueError(f'{_where(method)}: {name}: got {len(result)} rows; {count} of the integrator\'s {known} bodies are there, the '
-                             'others were added after the Context was created: give a row for each that is there, or reinitialize the '
-                             'Context')
+            raise ValueError(
+                f'{_where(method)}: {name}: got {len(result)} rows; {count} of the integrator\'s '
+                f'{known} bodies are there, the '
+                'others were added after the Context was created: give a row for each that is '
+                'there, or reinitialize the '
+                'Context')
         return result
 
     def getBodyForces(self):
@@ -621,7 +678,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """Get the largest distance of a particle from its place at the last fit of poses to positions, Quantity in nm."""
         return _units.LENGTH.attach(super().getPoseResidual())
 
-    # ---- Energies and temperature ------------------------------------------------------------------------------------
+    # ---- Energies and temperature ----------------------------------------------------------------
 
     def computeTranslationalKineticEnergy(self):
         """Get the translational kinetic energy of all bodies, Quantity in kJ/mol; 0 for schemes without momenta."""
@@ -633,7 +690,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Returns
         -------
         Quantity of shape (3,)
-            kJ/mol, about the axis of the smallest, the middle and the largest principal moment of each body
+            kJ/mol, about the axis of the smallest, the middle and the largest principal moment of
+            each body
         """
         return _units.ENERGY.attach(_units.array(super().computeRotationalKineticEnergies()))
 
@@ -647,17 +705,19 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Returns
         -------
         dict
-            "translational"; "rotational1", "rotational2", "rotational3": bodies that can rotate about the axis of their
-            smallest, middle, largest moment; "free": of free particles less their constraints; "removed": 3 with a
-            CMMotionRemover, under which the momentum of bodies and free particles is removed, whether or not the bodies'
-            masses are the System's; "total". All 0 for schemes without momenta.
+            "translational"; "rotational1", "rotational2", "rotational3": bodies that can rotate
+            about the axis of their smallest, middle, largest moment; "free": of free particles less
+            their constraints; "removed": 3 with a CMMotionRemover, under which the momentum of
+            bodies and free particles is removed, whether or not the bodies' masses are the
+            System's; "total". All 0 for schemes without momenta.
         """
         return super().getDegreesOfFreedom()
 
     def computeSystemTemperature(self):
         """Get the instantaneous temperature of bodies and free particles, with the right degrees of freedom.
 
-        2 E_kin / (k_B n) with n of :meth:`getDegreesOfFreedom`. OpenMM's StateDataReporter calls it from OpenMM 8 on.
+        2 E_kin / (k_B n) with n of :meth:`getDegreesOfFreedom`. OpenMM's StateDataReporter calls it
+        from OpenMM 8 on.
 
         Returns
         -------
@@ -671,7 +731,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         return _units.TEMPERATURE.attach(super().computeSystemTemperature())
 
-    # ---- What the scene costs ----------------------------------------------------------------------------------------
+    # ---- What the scene costs --------------------------------------------------------------------
 
     def describeEffects(self):
         """Get which effects are on, and why, as text. Needs a Context."""
@@ -683,8 +743,10 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Returns
         -------
         dict
-            from name to "on: reason" or "off: reason": scheme, momenta, noise, "stochastic drift", "finite differences", hydrodynamics,
-            "hydrodynamic interactions", "mobilities asked for", rotation, frictions, "free particles", "body forces", barostat, warnings and others
+            from name to "on: reason" or "off: reason": scheme, momenta, noise, "stochastic drift",
+            "finite differences", hydrodynamics, "hydrodynamic interactions", "mobilities asked
+            for", rotation, frictions, "free particles", "body forces", barostat, warnings and
+            others
         """
         return super().getEffects()
 
@@ -694,19 +756,23 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Returns
         -------
         dict
-            steps, forceEvaluations, mobilityProducts, solverIterations, randomNumbers, squareRoots (int), and
-            seconds_forces, seconds_mobility, seconds_scheme (float, seconds), and for a fluid on a grid, of all threads together:
-            seconds_spreading (forces to nodes), seconds_fft (Fourier transforms, with the fluid's response), seconds_averaging (velocities
-            over nodes), seconds_solver (iterations beside products); 0 without a grid (float, seconds)
+            steps, forceEvaluations, mobilityProducts, solverIterations, randomNumbers, squareRoots
+            (int), and seconds_forces, seconds_mobility, seconds_scheme (float, seconds), and for a
+            fluid on a grid, of all threads together: seconds_spreading (forces to nodes),
+            seconds_fft (Fourier transforms, with the fluid's response), seconds_averaging
+            (velocities over nodes), seconds_solver (iterations beside products); 0 without a grid
+            (float, seconds)
         """
-        return {name: value if name.startswith('seconds') else int(value)
-                for name, value in super().getStepStatistics().items()}
+        return {
+            name: value if name.startswith('seconds') else int(value)
+            for name, value in super().getStepStatistics().items()
+        }
 
     def step(self, steps):
         """Advance the simulation.
 
-        Cost: one evaluation of the Context's forces a step; two with FixmanMidpoint and TrapezoidalSlip. Other Python threads run meanwhile, and Ctrl-C stops it
-        between steps.
+        Cost: one evaluation of the Context's forces a step; two with FixmanMidpoint and
+        TrapezoidalSlip. Other Python threads run meanwhile, and Ctrl-C stops it between steps.
 
         Parameters
         ----------
@@ -716,8 +782,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Raises
         ------
         openmm.OpenMMException
-            if the positions do not fit the bodies; or if forces or positions become non-finite: it names the step and
-            the body, and the Context keeps the last good state
+            if the positions do not fit the bodies; or if forces or positions become non-finite: it
+            names the step and the body, and the Context keeps the last good state
         """
         steps = _units.integer(steps, _where('step'), 'steps')
         # Python looks for signals only when C++ returns.
@@ -728,6 +794,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         super().step(steps)
 
 
-CustomRigidHIIntegrator.__doc__ = CustomRigidHIIntegrator.__doc__.replace('@schemes@', _schemes.summary())
+CustomRigidHIIntegrator.__doc__ = CustomRigidHIIntegrator.__doc__.replace(
+    '@schemes@', _schemes.summary())
 for _scheme in Scheme:
     setattr(CustomRigidHIIntegrator, _scheme.name, _scheme)

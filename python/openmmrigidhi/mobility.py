@@ -11,7 +11,8 @@ _TENSOR = (6, 6)
 class Model(_enums.Documented):
     """The hydrodynamic models, which setModel() takes; also class attributes of MobilityForce.
 
-    Each has its docstring, and a page with equations, boundaries, accuracy and cost: docs/models/README.md says which to take for which scene.
+    Each has its docstring, and a page with equations, boundaries, accuracy and cost:
+    docs/models/README.md says which to take for which scene.
     """
 
     FreeDraining = _Base.FreeDraining, """No interaction between bodies: a sphere has its Stokes drag, a multiblob its own constant tensor.
@@ -66,21 +67,26 @@ def _where(method):
 class MobilityForce(_copies.Copies, _Base):
     """How the fluid couples the bodies of a CustomRigidHIIntegrator: viscosity, hydrodynamic radii, model.
 
-    It adds no forces and no energy; the schemes with hydrodynamic interactions read it. Add one to the System with
-    ``system.addForce``, and give every particle of the System a hydrodynamic radius, in order, by :meth:`addParticle`.
+    It adds no forces and no energy; the schemes with hydrodynamic interactions read it. Add one to
+    the System with ``system.addForce``, and give every particle of the System a hydrodynamic
+    radius, in order, by :meth:`addParticle`.
 
-    A body with one hydrodynamic particle is a sphere, which takes force and torque. A body with several is a rigid
-    multiblob: its blobs carry forces only, and make its mobility N = (K^T M^-1 K)^-1, with the mobility M of the blobs and
-    the velocities K of the blobs from those of the body. Where all blobs of a body lie on a line, the fluid does not drive
-    its rotation about that line, and a torque about it beyond rounding is an error. A particle in no body with a radius takes a force only.
+    A body with one hydrodynamic particle is a sphere, which takes force and torque. A body with
+    several is a rigid multiblob: its blobs carry forces only, and make its mobility N = (K^T M^-1
+    K)^-1, with the mobility M of the blobs and the velocities K of the blobs from those of the
+    body. Where all blobs of a body lie on a line, the fluid does not drive its rotation about that
+    line, and a torque about it beyond rounding is an error. A particle in no body with a radius
+    takes a force only.
 
-    :meth:`setModel` chooses how the fluid couples particles, least accurate first FreeDraining, RotnePragerYamakawa (default), ForceCoupling,
-    StokesianDynamics; :meth:`setBoundary` what bounds the fluid: Unbounded (default), NoSlipWall, Periodic, SlipChannel. ``help(MobilityForce.Model)`` and
-    ``help(MobilityForce.Boundary)`` have a paragraph on each, docs/models/README.md says which to take for which scene, and each model has a page there with
-    its equations, accuracy and cost, and with what each boundary wants and does.
+    :meth:`setModel` chooses how the fluid couples particles, least accurate first FreeDraining,
+    RotnePragerYamakawa (default), ForceCoupling, StokesianDynamics; :meth:`setBoundary` what bounds
+    the fluid: Unbounded (default), NoSlipWall, Periodic, SlipChannel. ``help(MobilityForce.Model)``
+    and ``help(MobilityForce.Boundary)`` have a paragraph on each, docs/models/README.md says which
+    to take for which scene, and each model has a page there with its equations, accuracy and cost,
+    and with what each boundary wants and does.
 
-    Wrong types are a TypeError, wrong shapes a ValueError, everything else that is refused an openmm.OpenMMException; each
-    names the object, the value, the bound and the remedy.
+    Wrong types are a TypeError, wrong shapes a ValueError, everything else that is refused an
+    openmm.OpenMMException; each names the object, the value, the bound and the remedy.
 
     Examples
     --------
@@ -114,7 +120,8 @@ class MobilityForce(_copies.Copies, _Base):
     _generic = openmm.Force
 
     def __repr__(self):
-        return (f'<MobilityForce: {self.getModel().name}, {self.getBoundary().name}, viscosity {self.getViscosity()}, '
+        return (f'<MobilityForce: {self.getModel().name}, {self.getBoundary().name}, viscosity '
+                f'{self.getViscosity()}, '
                 f'{self.getNumParticles()} particles>')
 
     @staticmethod
@@ -124,7 +131,8 @@ class MobilityForce(_copies.Copies, _Base):
         Parameters
         ----------
         obj : openmm.Force
-            the object; if it owned the C++ object, the result does from now on, and obj remains usable
+            the object; if it owned the C++ object, the result does from now on, and obj remains
+            usable
 
         Returns
         -------
@@ -138,7 +146,7 @@ class MobilityForce(_copies.Copies, _Base):
         """
         return MobilityForce._castGeneric(obj)
 
-    # ---- Particles and fluid -----------------------------------------------------------------------------------------
+    # ---- Particles and fluid ---------------------------------------------------------------------
 
     def getNumParticles(self):
         """Get the number of particles that were added."""
@@ -161,7 +169,8 @@ class MobilityForce(_copies.Copies, _Base):
 
     def getParticleRadius(self, index):
         """Get the hydrodynamic radius of a particle, a Quantity in nm."""
-        return _units.LENGTH.attach(super().getParticleRadius(self._index(index, 'getParticleRadius', 'index')))
+        return _units.LENGTH.attach(super().getParticleRadius(
+            self._index(index, 'getParticleRadius', 'index')))
 
     def setParticleRadius(self, index, radius):
         """Set the hydrodynamic radius of a particle; :meth:`updateParametersInContext` hands it to a Context.
@@ -173,8 +182,9 @@ class MobilityForce(_copies.Copies, _Base):
         radius : float or Quantity
             nm; not negative, finite
         """
-        super().setParticleRadius(self._index(index, 'setParticleRadius', 'index'),
-                                  self._number(radius, _units.LENGTH, 'setParticleRadius', 'radius'))
+        super().setParticleRadius(
+            self._index(index, 'setParticleRadius', 'index'),
+            self._number(radius, _units.LENGTH, 'setParticleRadius', 'radius'))
 
     def getViscosity(self):
         """Get the viscosity, a Quantity in dalton/(nm ps)."""
@@ -186,7 +196,8 @@ class MobilityForce(_copies.Copies, _Base):
         Parameters
         ----------
         eta : float or Quantity
-            dalton/(nm ps), or a quantity such as ``0.89e-3*unit.pascal*unit.second``; positive, finite
+            dalton/(nm ps), or a quantity such as ``0.89e-3*unit.pascal*unit.second``; positive,
+            finite
         """
         super().setViscosity(_units.viscosity(eta, _where('setViscosity'), 'eta'))
 
@@ -208,10 +219,11 @@ class MobilityForce(_copies.Copies, _Base):
         Parameters
         ----------
         boundary : constant
-            Unbounded (default), or NoSlipWall: fluid above the plane z = :meth:`setWallHeight`, with the model
-            RotnePragerYamakawa; or Periodic: the Context's periodic box, with all models but FreeDraining (ForceCoupling has no
-            boundaries but this and SlipChannel); or SlipChannel: between two walls (:meth:`setChannelWalls`) that the fluid slips
-            along, with ForceCoupling. Takes effect at Context creation
+            Unbounded (default), or NoSlipWall: fluid above the plane z = :meth:`setWallHeight`,
+            with the model RotnePragerYamakawa; or Periodic: the Context's periodic box, with all
+            models but FreeDraining (ForceCoupling has no boundaries but this and SlipChannel); or
+            SlipChannel: between two walls (:meth:`setChannelWalls`) that the fluid slips along,
+            with ForceCoupling. Takes effect at Context creation
         """
         super().setBoundary(_units.constant(boundary, Boundary, _where('setBoundary'), 'boundary'))
 
@@ -240,7 +252,8 @@ class MobilityForce(_copies.Copies, _Base):
         Parameters
         ----------
         yLow, yHigh : float or Quantity
-            nm; finite, the first below the second; default 0 and 0, no channel: a Context with this boundary is refused
+            nm; finite, the first below the second; default 0 and 0, no channel: a Context with this
+            boundary is refused
         """
         super().setChannelWalls(self._number(yLow, _units.LENGTH, 'setChannelWalls', 'yLow'),
                                 self._number(yHigh, _units.LENGTH, 'setChannelWalls', 'yHigh'))
@@ -255,14 +268,17 @@ class MobilityForce(_copies.Copies, _Base):
         Parameters
         ----------
         mobility : constant
-            FromModel (default): without lubrication, so that at contact a quarter of the free mobility towards the wall is left;
-            BestKnown: like a rigid sphere alone above the wall, at every gap, to 3e-8 (exact solutions: along the wall Dean, O'Neill, 1963,
-            and O'Neill, 1964, towards it Brenner, 1961, about the normal Jeffery, 1915; eqs. 94 to 97 of Delong et al., J. Chem. Phys.
-            143, 144107, 2015, approximate them), other spheres by congruence: for bodies of one sphere and free particles. It needs a
-            wall and the wall rejection Overlap: without them no Context is created
+            FromModel (default): without lubrication, so that at contact a quarter of the free
+            mobility towards the wall is left; BestKnown: like a rigid sphere alone above the wall,
+            at every gap, to 3e-8 (exact solutions: along the wall Dean, O'Neill, 1963, and O'Neill,
+            1964, towards it Brenner, 1961, about the normal Jeffery, 1915; eqs. 94 to 97 of Delong
+            et al., J. Chem. Phys. 143, 144107, 2015, approximate them), other spheres by
+            congruence: for bodies of one sphere and free particles. It needs a wall and the wall
+            rejection Overlap: without them no Context is created
         """
         super().setSphereWallMobility(
-            _units.constant(mobility, SphereWallMobility, _where('setSphereWallMobility'), 'mobility'))
+            _units.constant(mobility, SphereWallMobility, _where('setSphereWallMobility'),
+                            'mobility'))
 
     def getLubrication(self):
         """Get whether StokesianDynamics includes lubrication."""
@@ -279,8 +295,9 @@ class MobilityForce(_copies.Copies, _Base):
     def setMinimumGap(self, gap):
         """Set the smallest gap between spheres for StokesianDynamics, relative to the mean of their radii; default 0.
 
-        Smaller gaps, and overlaps, are treated as this one. With 0, a start with overlapping spheres is refused, and a step
-        after which spheres overlap is redone with new noise. Not negative, finite.
+        Smaller gaps, and overlaps, are treated as this one. With 0, a start with overlapping
+        spheres is refused, and a step after which spheres overlap is redone with new noise. Not
+        negative, finite.
         """
         super().setMinimumGap(self._number(gap, _units.NONE, 'setMinimumGap', 'gap'))
 
@@ -294,8 +311,9 @@ class MobilityForce(_copies.Copies, _Base):
         Parameters
         ----------
         solver : constant
-            Auto (default): by the numbers of rows of the matrices; Dense: matrices are formed and decomposed, memory quadratic and time cubic
-            in bodies; MatrixFree: Krylov methods to the solver tolerance, memory linear, time quadratic in particles
+            Auto (default): by the numbers of rows of the matrices; Dense: matrices are formed and
+            decomposed, memory quadratic and time cubic in bodies; MatrixFree: Krylov methods to the
+            solver tolerance, memory linear, time quadratic in particles
 
         Notes
         -----
@@ -313,12 +331,14 @@ class MobilityForce(_copies.Copies, _Base):
     def setSolverTolerance(self, tolerance):
         """Set the relative tolerance of MatrixFree (default 1e-6), from 1e-14 to 0.1.
 
-        LangevinHI: in the norm of mass-weighted momenta one step differs from the Dense one by at most five times this. Schemes without
-        momenta: velocities that belong to forces have at most this error in the norm of the friction, random ones at most five times
-        this in the norm of velocities over the roots of the particles' (multiblobs: bodies') own mobilities. Or an exception says
-        what was reached.
+        LangevinHI: in the norm of mass-weighted momenta one step differs from the Dense one by at
+        most five times this. Schemes without momenta: velocities that belong to forces have at most
+        this error in the norm of the friction, random ones at most five times this in the norm of
+        velocities over the roots of the particles' (multiblobs: bodies') own mobilities. Or an
+        exception says what was reached.
         """
-        super().setSolverTolerance(self._number(tolerance, _units.NONE, 'setSolverTolerance', 'tolerance'))
+        super().setSolverTolerance(
+            self._number(tolerance, _units.NONE, 'setSolverTolerance', 'tolerance'))
 
     def getGridSpacing(self):
         """Get the largest spacing of the nodes of a grid, in nm; 0: as the solver tolerance wants."""
@@ -332,8 +352,10 @@ class MobilityForce(_copies.Copies, _Base):
         Parameters
         ----------
         spacing : float or Quantity
-            nm; 0 (default): so that products have the solver tolerance. Another spacing means, for ForceCoupling, another tolerance of
-            products, which ``CustomRigidHIIntegrator.describeEffects`` says; for RotnePragerYamakawa, more pairs or fewer at the same tolerance
+            nm; 0 (default): so that products have the solver tolerance. Another spacing means, for
+            ForceCoupling, another tolerance of products, which
+            ``CustomRigidHIIntegrator.describeEffects`` says; for RotnePragerYamakawa, more pairs or
+            fewer at the same tolerance
         """
         super().setGridSpacing(self._number(spacing, _units.LENGTH, 'setGridSpacing', 'spacing'))
 
@@ -344,32 +366,38 @@ class MobilityForce(_copies.Copies, _Base):
     def setFastSummation(self, enabled):
         """Set whether products with the mobility of many particles may be done by multipoles (default True).
 
-        For RotnePragerYamakawa, Unbounded or NoSlipWall, MatrixFree, on all platforms but Reference.
+        For RotnePragerYamakawa, Unbounded or NoSlipWall, MatrixFree, on all platforms but
+        Reference.
 
         Parameters
         ----------
         enabled : bool
-            True: products that a tolerance is good enough for take a time that grows little faster than the number of particles: answers of
-            :meth:`applyMobilityInContext` for spheres, to the solver tolerance from 1e-6 on, and products of iterations whose tolerance is
-            5e-5 or more, to 1e-6. From how many particles on follows from the tolerance alone, and ``CustomRigidHIIntegrator.getEffects``
-            says it. False: all products are sums over all pairs
+            True: products that a tolerance is good enough for take a time that grows little faster
+            than the number of particles: answers of :meth:`applyMobilityInContext` for spheres, to
+            the solver tolerance from 1e-6 on, and products of iterations whose tolerance is 5e-5 or
+            more, to 1e-6. From how many particles on follows from the tolerance alone, and
+            ``CustomRigidHIIntegrator.getEffects`` says it. False: all products are sums over all
+            pairs
         """
         super().setFastSummation(_units.boolean(enabled, _where('setFastSummation'), 'enabled'))
 
-    # ---- Driven flows ------------------------------------------------------------------------------------------------
+    # ---- Driven flows ----------------------------------------------------------------------------
 
     def getBackgroundFlow(self):
         """Get the flow that :meth:`setBackgroundFlow` has set: (velocity, gradient), Quantities of shape (3,) in nm/ps and (3, 3) in 1/ps."""
         velocity, gradient = super().getBackgroundFlow()
-        return _units.VELOCITY.attach(_units.array(velocity)), _units.RATE.attach(_units.array(gradient, 3))
+        return _units.VELOCITY.attach(_units.array(velocity)), _units.RATE.attach(
+            _units.array(gradient, 3))
 
     def setBackgroundFlow(self, velocity, gradient):
         """Set a flow that is there without bodies, v(x) = velocity + gradient x, x from the origin of coordinates.
 
-        Bodies are carried and turned by it: blobs have the slip v(x), spheres v(x) and half the curl of v. Multiblobs resist its strain by their
-        blobs, spheres of StokesianDynamics by their stresslets (lubrication of the strain is left out); spheres of other models, and tensors of
-        :meth:`setBodyMobility`, do not. For schemes without momenta, and LangevinHI, whose friction is that of velocities relative to
-        those with which bodies free of forces go with the flow.
+        Bodies are carried and turned by it: blobs have the slip v(x), spheres v(x) and half the
+        curl of v. Multiblobs resist its strain by their blobs, spheres of StokesianDynamics by
+        their stresslets (lubrication of the strain is left out); spheres of other models, and
+        tensors of :meth:`setBodyMobility`, do not. For schemes without momenta, and LangevinHI,
+        whose friction is that of velocities relative to those with which bodies free of forces go
+        with the flow.
 
         Parameters
         ----------
@@ -384,7 +412,8 @@ class MobilityForce(_copies.Copies, _Base):
         """
         where = _where('setBackgroundFlow')
         rows = _units.rows(gradient, _units.RATE, 3, where, 'gradient', 3)
-        super().setBackgroundFlow(_units.vector(velocity, _units.VELOCITY, where, 'velocity'), rows.reshape(-1))
+        super().setBackgroundFlow(_units.vector(velocity, _units.VELOCITY, where, 'velocity'),
+                                  rows.reshape(-1))
 
     def getSinusoidalForceDensity(self):
         """Get what :meth:`setSinusoidalForceDensity` has set: (f0, forceAxis, waveAxis, waveVectorIndex), f0 a Quantity in kJ/(mol nm^4)."""
@@ -394,9 +423,11 @@ class MobilityForce(_copies.Copies, _Base):
     def setSinusoidalForceDensity(self, f0, forceAxis, waveAxis, waveVectorIndex):
         """Drive the fluid by a force density f0 sin(k x_waveAxis) along forceAxis, k = 2 pi waveVectorIndex/L.
 
-        L is the edge of the Context's box along waveAxis. Without bodies the fluid flows with the velocity f0/(eta k^2) sin(k x_waveAxis); blobs have
-        the slip of its average over their surface or Gaussian, spheres with torque that of its average curl too, and spheres of
-        StokesianDynamics resist its strain by their stresslets. :meth:`getFlowModeInContext` gives what is left of it among bodies.
+        L is the edge of the Context's box along waveAxis. Without bodies the fluid flows with the
+        velocity f0/(eta k^2) sin(k x_waveAxis); blobs have the slip of its average over their
+        surface or Gaussian, spheres with torque that of its average curl too, and spheres of
+        StokesianDynamics resist its strain by their stresslets. :meth:`getFlowModeInContext` gives
+        what is left of it among bodies.
 
         Parameters
         ----------
@@ -416,30 +447,33 @@ class MobilityForce(_copies.Copies, _Base):
         super().setSinusoidalForceDensity(_units.number(f0, _units.FORCE_DENSITY, where, 'f0'),
                                           *self._wave(where, forceAxis, waveAxis, waveVectorIndex))
 
-    # ---- Bodies ------------------------------------------------------------------------------------------------------
+    # ---- Bodies ----------------------------------------------------------------------------------
 
     def setBodyMobility(self, body, mobility):
         """Give a body a mobility tensor of its own, that of the body alone in unbounded fluid.
 
-        FreeDraining takes it as it is; with RotnePragerYamakawa it is combined with the interactions by congruence,
-        N = B N_RPY B^T, B = N_own^(1/2) N_RPY,alone^(-1/2): exact for the body alone, positive definite always.
-        Interactions are scaled by B on both sides: give the particles radii whose own tensor is near the one given.
+        FreeDraining takes it as it is; with RotnePragerYamakawa it is combined with the
+        interactions by congruence, N = B N_RPY B^T, B = N_own^(1/2) N_RPY,alone^(-1/2): exact for
+        the body alone, positive definite always. Interactions are scaled by B on both sides: give
+        the particles radii whose own tensor is near the one given.
 
         Parameters
         ----------
         body : int
             index of the body
         mobility : array-like of shape (6, 6)
-            rows Vx Vy Vz Wx Wy Wz about the body's origin, columns Fx Fy Fz Tx Ty Tz; body frame, OpenMM's units; symmetric to
-            1e-9, positive definite
+            rows Vx Vy Vz Wx Wy Wz about the body's origin, columns Fx Fy Fz Tx Ty Tz; body frame,
+            OpenMM's units; symmetric to 1e-9, positive definite
         """
         where = _where('setBodyMobility')
-        super().setBodyMobility(_units.integer(body, where, 'body'), _units.matrix(mobility, _TENSOR, where, 'mobility'))
+        super().setBodyMobility(_units.integer(body, where, 'body'),
+                                _units.matrix(mobility, _TENSOR, where, 'mobility'))
 
     def setBodyFriction(self, body, friction):
         """Give a body a tensor of its own by its inverse, the friction tensor of shape (6, 6); see setBodyMobility."""
         where = _where('setBodyFriction')
-        super().setBodyFriction(_units.integer(body, where, 'body'), _units.matrix(friction, _TENSOR, where, 'friction'))
+        super().setBodyFriction(_units.integer(body, where, 'body'),
+                                _units.matrix(friction, _TENSOR, where, 'friction'))
 
     def getBodyHasOwnTensor(self, body):
         """Get whether a body has a tensor of its own."""
@@ -451,11 +485,13 @@ class MobilityForce(_copies.Copies, _Base):
 
     def getBodyMobility(self, body):
         """Get a body's own mobility tensor, an array of shape (6, 6). It is an error if it has none."""
-        return _units.array(super().getBodyMobility(self._index(body, 'getBodyMobility', 'body')), 6)
+        return _units.array(super().getBodyMobility(self._index(body, 'getBodyMobility', 'body')),
+                            6)
 
     def getBodyFriction(self, body):
         """Get a body's own friction tensor, an array of shape (6, 6). It is an error if it has none."""
-        return _units.array(super().getBodyFriction(self._index(body, 'getBodyFriction', 'body')), 6)
+        return _units.array(super().getBodyFriction(self._index(body, 'getBodyFriction', 'body')),
+                            6)
 
     def clearBodyTensor(self, body):
         """Take a body's own tensor away."""
@@ -472,12 +508,13 @@ class MobilityForce(_copies.Copies, _Base):
     def setGroups(self, groups):
         """Set which bodies feel each other through the fluid: only those of one group.
 
-        So replicas of a scene run in one Context, at a cost linear in their number. Hydrodynamic particles that are in no body
-        belong to group 0.
+        So replicas of a scene run in one Context, at a cost linear in their number. Hydrodynamic
+        particles that are in no body belong to group 0.
 
-        Groups are meant to be independent: without momenta, a step that one must redo (at a wall, for overlap) is redone for it
-        alone, and what the others do is the same bit for bit. OpenMM forces between groups break that: in schemes with forces in
-        between, these may have felt poses that were rejected. LangevinHI redoes a step for all groups.
+        Groups are meant to be independent: without momenta, a step that one must redo (at a wall,
+        for overlap) is redone for it alone, and what the others do is the same bit for bit. OpenMM
+        forces between groups break that: in schemes with forces in between, these may have felt
+        poses that were rejected. LangevinHI redoes a step for all groups.
 
         Parameters
         ----------
@@ -486,29 +523,33 @@ class MobilityForce(_copies.Copies, _Base):
         """
         super().setGroups(_units.indices(groups, _where('setGroups'), 'groups'))
 
-    # ---- In a Context ------------------------------------------------------------------------------------------------
+    # ---- In a Context ----------------------------------------------------------------------------
 
     def updateParametersInContext(self, context):
         """Hand changed parameters to a Context.
 
-        These are viscosity, radii, own tensors, lubrication, minimum gap, solver, tolerance and flow. A radius may not change between
-        0 and not 0; model, boundary, wall height, sphere-wall mobility and groups need ``reinitialize``.
+        These are viscosity, radii, own tensors, lubrication, minimum gap, solver, tolerance and
+        flow. A radius may not change between 0 and not 0; model, boundary, wall height, sphere-wall
+        mobility and groups need ``reinitialize``.
         """
-        super().updateParametersInContext(_units.context(context, _where('updateParametersInContext')))
+        super().updateParametersInContext(
+            _units.context(context, _where('updateParametersInContext')))
 
     def getMobilityInContext(self, context):
         """Get the mobility matrix of the bodies at their present poses.
 
-        By dense matrices; MatrixFree iterates column by column, to its tolerance, where that takes less time: bodies of 850 blobs and
-        more on the CPU platform, 3500 on Reference. ``CustomRigidHIIntegrator.getEffects`` says which way it goes ("mobilities asked for").
+        By dense matrices; MatrixFree iterates column by column, to its tolerance, where that takes
+        less time: bodies of 850 blobs and more on the CPU platform, 3500 on Reference.
+        ``CustomRigidHIIntegrator.getEffects`` says which way it goes ("mobilities asked for").
 
         Returns
         -------
         array of shape (6n, 6n)
-            rows per body Vx Vy Vz Wx Wy Wz about the body's origin, columns Fx Fy Fz Tx Ty Tz, lab frame, in OpenMM's units;
-            free particles are force-free
+            rows per body Vx Vy Vz Wx Wy Wz about the body's origin, columns Fx Fy Fz Tx Ty Tz, lab
+            frame, in OpenMM's units; free particles are force-free
         """
-        numbers = _units.array(super().getMobilityInContext(_units.context(context, _where('getMobilityInContext'))))
+        numbers = _units.array(super().getMobilityInContext(
+            _units.context(context, _where('getMobilityInContext'))))
         return numbers.reshape(2*(int(np.sqrt(numbers.size)),))
 
     def getFrictionInContext(self, context):
@@ -516,14 +557,15 @@ class MobilityForce(_copies.Copies, _Base):
 
         It is the pseudo-inverse for bodies whose blobs lie on a line. Always by dense matrices.
         """
-        numbers = _units.array(super().getFrictionInContext(_units.context(context, _where('getFrictionInContext'))))
+        numbers = _units.array(super().getFrictionInContext(
+            _units.context(context, _where('getFrictionInContext'))))
         return numbers.reshape(2*(int(np.sqrt(numbers.size)),))
 
     def applyMobilityInContext(self, context, wrenches):
         """Get the velocities that forces and torques on the bodies would give without inertia.
 
-        Dense or matrix-free as :meth:`setSolver` says; of spheres always a product, without a matrix:
-        to rounding, or where :meth:`setFastSummation` has it to the solver tolerance.
+        Dense or matrix-free as :meth:`setSolver` says; of spheres always a product, without a
+        matrix: to rounding, or where :meth:`setFastSummation` has it to the solver tolerance.
 
         Parameters
         ----------
@@ -544,19 +586,21 @@ class MobilityForce(_copies.Copies, _Base):
     def applyBlobMobilityInContext(self, context, forces):
         """Get the velocities that forces on the hydrodynamic particles would give if each of them were free.
 
-        This is the mobility of blobs, without the rigidity of bodies: blobs, spheres and free particles where they are at present.
-        Spheres (one particle in a body) feel no torque, and their angular velocities are not given. Particles feel each other as bodies
-        do: those of one group of :meth:`setGroups`, or under FreeDraining those of one body. Tensors of :meth:`setBodyMobility` and
-        :meth:`setBodyFriction` belong to bodies and have no effect. Nothing is solved for: the cost is that of one product with the
-        model's matrix for each group, whatever the solver (StokesianDynamics makes its matrix).
+        This is the mobility of blobs, without the rigidity of bodies: blobs, spheres and free
+        particles where they are at present. Spheres (one particle in a body) feel no torque, and
+        their angular velocities are not given. Particles feel each other as bodies do: those of one
+        group of :meth:`setGroups`, or under FreeDraining those of one body. Tensors of
+        :meth:`setBodyMobility` and :meth:`setBodyFriction` belong to bodies and have no effect.
+        Nothing is solved for: the cost is that of one product with the model's matrix for each
+        group, whatever the solver (StokesianDynamics makes its matrix).
 
         Parameters
         ----------
         context : openmm.Context
             a Context whose System has this Force
         forces : array-like or Quantity of shape (particles, 3)
-            one finite row for each particle of the System, kJ/(mol nm), lab frame; those on particles that the fluid does not see
-            count not
+            one finite row for each particle of the System, kJ/(mol nm), lab frame; those on
+            particles that the fluid does not see count not
 
         Returns
         -------
@@ -565,17 +609,21 @@ class MobilityForce(_copies.Copies, _Base):
         """
         rows = _units.rows(forces, _units.FORCE, 3, _where('applyBlobMobilityInContext'), 'forces')
         context = _units.context(context, _where('applyBlobMobilityInContext'))
-        return _units.VELOCITY.attach(_units.array(super().applyBlobMobilityInContext(context, rows.reshape(-1)), 3))
+        return _units.VELOCITY.attach(
+            _units.array(super().applyBlobMobilityInContext(context, rows.reshape(-1)), 3))
 
     def getFlowInContext(self, context, points):
         """Get the velocities of the fluid at points: the driven flow and what the bodies make of it.
 
-        In schemes without momenta it is the flow of the last step, at the poses where that had its forces (for DriftCorrectorFD, DriftCorrectorRFD
-        and FixmanMidpoint the mid-point): driven flow, nu times the random flow, and the flow of the forces that kept the bodies rigid. Its mean
-        has the Brownian stress, which a mean of the forces alone has not. A fluid on a grid has all modes of its random field in it; where
-        the model has no random field, the random flow is the mean of those that fit the particles' random velocities. Before a step, or after
-        poses or parameters were changed, it is the flow without noise at the present poses under the present forces. With LangevinHI it is
-        that of the friction forces at the present poses and velocities. Within a particle it is the flow of the particle's spread forces.
+        In schemes without momenta it is the flow of the last step, at the poses where that had its
+        forces (for DriftCorrectorFD, DriftCorrectorRFD and FixmanMidpoint the mid-point): driven
+        flow, nu times the random flow, and the flow of the forces that kept the bodies rigid. Its
+        mean has the Brownian stress, which a mean of the forces alone has not. A fluid on a grid
+        has all modes of its random field in it; where the model has no random field, the random
+        flow is the mean of those that fit the particles' random velocities. Before a step, or after
+        poses or parameters were changed, it is the flow without noise at the present poses under
+        the present forces. With LangevinHI it is that of the friction forces at the present poses
+        and velocities. Within a particle it is the flow of the particle's spread forces.
 
         Parameters
         ----------
@@ -596,18 +644,20 @@ class MobilityForce(_copies.Copies, _Base):
         """
         where = _where('getFlowInContext')
         rows = _units.rows(points, _units.LENGTH, 3, where, 'points')
-        return _units.VELOCITY.attach(_units.array(super().getFlowInContext(_units.context(context, where), rows), 3))
+        return _units.VELOCITY.attach(
+            _units.array(super().getFlowInContext(_units.context(context, where), rows), 3))
 
     def getFlowModeInContext(self, context, forceAxis, waveAxis, waveVectorIndex):
         """Get the amplitudes of sin(k x_waveAxis) and cos(k x_waveAxis) in the component forceAxis of the flow of :meth:`getFlowInContext`.
 
-        k = 2 pi waveVectorIndex/L, with L the edge of the box along waveAxis. They are exact, without a grid: 2/(eta k^2 V) times the power of the
-        particles' forces on such a flow.
+        k = 2 pi waveVectorIndex/L, with L the edge of the box along waveAxis. They are exact,
+        without a grid: 2/(eta k^2 V) times the power of the particles' forces on such a flow.
 
         Parameters
         ----------
         context : openmm.Context
-            a Context whose System has this Force, with the boundary Periodic, or SlipChannel and both axes along its walls
+            a Context whose System has this Force, with the boundary Periodic, or SlipChannel and
+            both axes along its walls
         forceAxis, waveAxis : int
             0, 1, 2 for x, y, z; not the same
         waveVectorIndex : int
@@ -619,14 +669,17 @@ class MobilityForce(_copies.Copies, _Base):
             amplitudes on sin and on cos, nm/ps
         """
         where = _where('getFlowModeInContext')
-        return _units.VELOCITY.attach(_units.array(super().getFlowModeInContext(
-            _units.context(context, where), *self._wave(where, forceAxis, waveAxis, waveVectorIndex))))
+        return _units.VELOCITY.attach(
+            _units.array(super().getFlowModeInContext(
+                _units.context(context, where),
+                *self._wave(where, forceAxis, waveAxis, waveVectorIndex))))
 
     def getRandomFlowModeInContext(self, context, forceAxis, waveAxis, waveVectorIndex):
         """Get the same amplitudes of the random field of the last step alone, without nu: a control variate.
 
-        That is the part of the noise that the model draws itself, on a grid; 0 where there is none. Its mean is 0, so a multiple of it may be
-        subtracted from :meth:`getFlowModeInContext` to make the error of a mean smaller.
+        That is the part of the noise that the model draws itself, on a grid; 0 where there is none.
+        Its mean is 0, so a multiple of it may be subtracted from :meth:`getFlowModeInContext` to
+        make the error of a mean smaller.
 
         Parameters
         ----------
@@ -639,8 +692,10 @@ class MobilityForce(_copies.Copies, _Base):
             amplitudes on sin and on cos, nm/ps
         """
         where = _where('getRandomFlowModeInContext')
-        return _units.VELOCITY.attach(_units.array(super().getRandomFlowModeInContext(
-            _units.context(context, where), *self._wave(where, forceAxis, waveAxis, waveVectorIndex))))
+        return _units.VELOCITY.attach(
+            _units.array(super().getRandomFlowModeInContext(
+                _units.context(context, where),
+                *self._wave(where, forceAxis, waveAxis, waveVectorIndex))))
 
     def usesPeriodicBoundaryConditions(self):
         """Get whether this Force makes the System periodic: whether the boundary is Periodic."""
@@ -648,8 +703,10 @@ class MobilityForce(_copies.Copies, _Base):
 
     @staticmethod
     def _wave(where, forceAxis, waveAxis, waveVectorIndex):
-        return tuple(_units.integer(value, where, name) for value, name in
-                     ((forceAxis, 'forceAxis'), (waveAxis, 'waveAxis'), (waveVectorIndex, 'waveVectorIndex')))
+        return tuple(
+            _units.integer(value, where, name)
+            for value, name in ((forceAxis, 'forceAxis'), (waveAxis, 'waveAxis'),
+                                (waveVectorIndex, 'waveVectorIndex')))
 
     @staticmethod
     def _index(index, method, name):

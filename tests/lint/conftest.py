@@ -12,9 +12,12 @@ CPP_DIRECTORIES = ('openmmapi', 'platforms', 'serialization', 'tests', 'benchmar
 
 def git_files(*patterns):
     """Files that are in the repository, or would be if they were added, as paths relative to its root."""
-    command = ['git', '-c', f'safe.directory={ROOT}', 'ls-files', '-z', '--cached', '--others', '--exclude-standard', '--', *patterns]
+    command = [
+        'git', '-c', f'safe.directory={ROOT}', 'ls-files', '-z', '--cached', '--others',
+        '--exclude-standard', '--', *patterns
+    ]
     listing = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    return sorted({name for name in listing.split('\0') if name and (ROOT / name).exists()})
+    return sorted({name for name in listing.split('\0') if name and (ROOT/name).exists()})
 
 
 def cpp_files():
@@ -24,7 +27,7 @@ def cpp_files():
 
 def read(name):
     """The text of a file of the repository."""
-    return (ROOT / name).read_text(encoding='utf-8')
+    return (ROOT/name).read_text(encoding='utf-8')
 
 
 @pytest.fixture(scope='session')
@@ -38,8 +41,9 @@ def package_directory():
 def build_directory(package_directory):
     """The CMake build directory to which that belongs."""
     build = package_directory.parents[1]
-    if not (build / 'CMakeCache.txt').exists():
-        pytest.skip(f'openmmrigidhi was imported from {package_directory}, not from a build directory')
+    if not (build/'CMakeCache.txt').exists():
+        pytest.skip(
+            f'openmmrigidhi was imported from {package_directory}, not from a build directory')
     return build
 
 
@@ -47,7 +51,9 @@ def build_directory(package_directory):
 def run_python():
     """Run a Python script in a process of its own, with this openmmrigidhi or another; returns the finished process."""
     def run(source, cwd, path=None, timeout=120):
-        environment = dict(os.environ, MPLBACKEND='Agg', PYTHONPATH=str(path or os.environ.get('PYTHONPATH', '')))
-        return subprocess.run([sys.executable, '-c', source], cwd=cwd, env=environment, capture_output=True, text=True,
-                              timeout=timeout)
+        environment = dict(os.environ, MPLBACKEND='Agg',
+                           PYTHONPATH=str(path or os.environ.get('PYTHONPATH', '')))
+        return subprocess.run([sys.executable, '-c', source], cwd=cwd, env=environment,
+                              capture_output=True, text=True, timeout=timeout)
+
     return run

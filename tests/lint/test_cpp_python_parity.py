@@ -12,10 +12,12 @@ INTERFACE = 'python/openmmrigidhi.i'
 CLASSES = ['CustomBodyForce', 'CustomRigidHIIntegrator', 'MobilityForce']
 
 #: Names that C++ parameters by reference have as results in Python.
-RESULTS = {'getRigidBodyParameters': {'particles', 'mass', 'principalMoments', 'sitePositions'},
-           'getBodyFriction': {'gamma', 'Gamma'}, 'getBodyParameters': {'bodyIndex', 'parameters'},
-           'getChannelWalls': {'yLow', 'yHigh'}, 'getBackgroundFlow': {'velocity', 'gradient'},
-           'getSinusoidalForceDensity': {'f0', 'forceAxis', 'waveAxis', 'waveVectorIndex'}}
+RESULTS = {
+    'getRigidBodyParameters': {'particles', 'mass', 'principalMoments', 'sitePositions'},
+    'getBodyFriction': {'gamma', 'Gamma'}, 'getBodyParameters': {'bodyIndex', 'parameters'},
+    'getChannelWalls': {'yLow', 'yHigh'}, 'getBackgroundFlow': {'velocity', 'gradient'},
+    'getSinusoidalForceDensity': {'f0', 'forceAxis', 'waveAxis', 'waveVectorIndex'}
+}
 #: Python methods beyond C++, each with its reason.
 PYTHON_ONLY = {'cast': 'OpenMM returns generic objects in Python only'}
 #: Setters that others undo or that have another getter, and why.
@@ -38,7 +40,7 @@ def class_body(text, cls):
     while depth > 0:
         depth += {'{': 1, '}': -1}.get(text[end], 0)
         end += 1
-    return text[start:end-1]
+    return text[start:end - 1]
 
 
 def public_part(name, cls):
@@ -56,14 +58,20 @@ def declarations(name, cls):
     # The bodies of one-line methods; what follows them is a declaration of its own.
     body = re.sub(r'{[^{}]*}', ';', body)
     found = [' '.join(declaration.split()) for declaration in body.split(';')]
-    found = [re.sub(r' override$', '', d).replace('RigidHIPlugin::', '').replace('( ', '(') for d in found]
+    found = [
+        re.sub(r' override$', '', d).replace('RigidHIPlugin::', '').replace('( ', '(')
+        for d in found
+    ]
     return [d for d in found if '(' in d and f'{cls}(' not in d]
 
 
 def method(declaration):
     """Name and parameter names of a declaration."""
     name, parameters = re.match(r'.*?(\w+)\((.*)\)', declaration).groups()
-    return name, [parameter.split()[-1].lstrip('&*') for parameter in parameters.split(',') if parameter.strip()]
+    return name, [
+        parameter.split()[-1].lstrip('&*') for parameter in parameters.split(',')
+        if parameter.strip()
+    ]
 
 
 def names(cls):
@@ -72,14 +80,17 @@ def names(cls):
 
 def schemes():
     """Names and numbers in the one list of schemes."""
-    names = re.findall(r'^    ROW\((\w+),', read('openmmapi/include/openmmrigidhi/internal/SchemeList.h'), flags=re.M)
+    names = re.findall(r'^    ROW\((\w+),',
+                       read('openmmapi/include/openmmrigidhi/internal/SchemeList.h'), flags=re.M)
     return [(name, str(number)) for number, name in enumerate(names)]
 
 
 def enumerators(name, cls):
     found = {}
-    for enum, values in re.findall(r'enum (\w+)\s*:\s*int\s*{(.*?)}', public_part(name, cls), flags=re.S):
-        found[enum] = schemes() if 'RIGIDHI_SCHEMES' in values else re.findall(r'(\w+)\s*=\s*(\d+)', values)
+    for enum, values in re.findall(r'enum (\w+)\s*:\s*int\s*{(.*?)}', public_part(name, cls),
+                                   flags=re.S):
+        found[enum] = schemes() if 'RIGIDHI_SCHEMES' in values else re.findall(
+            r'(\w+)\s*=\s*(\d+)', values)
     return found
 
 
@@ -88,11 +99,16 @@ def python_class(cls):
 
 
 def test_parsing_finds_the_methods():
-    assert {'addRigidBody', 'setBodyFriction', 'getBodyOrientations', 'step'} <= names('CustomRigidHIIntegrator')
+    assert {'addRigidBody', 'setBodyFriction', 'getBodyOrientations', 'step'
+            } <= names('CustomRigidHIIntegrator')
     assert len(declarations(header('CustomRigidHIIntegrator'), 'CustomRigidHIIntegrator')) > 40
-    assert {'addParticle', 'getNumParticles', 'setLubrication', 'getMobilityInContext'} <= names('MobilityForce')
-    assert ('LangevinC', '2') in enumerators(header('CustomRigidHIIntegrator'), 'CustomRigidHIIntegrator')['Scheme']
-    assert enumerators(header('MobilityForce'), 'MobilityForce')['Solver'] == [('Auto', '0'), ('Dense', '1'), ('MatrixFree', '2')]
+    assert {'addParticle', 'getNumParticles', 'setLubrication', 'getMobilityInContext'
+            } <= names('MobilityForce')
+    assert ('LangevinC', '2') in enumerators(header('CustomRigidHIIntegrator'),
+                                             'CustomRigidHIIntegrator')['Scheme']
+    assert enumerators(header('MobilityForce'), 'MobilityForce')['Solver'] == [('Auto', '0'),
+                                                                               ('Dense', '1'),
+                                                                               ('MatrixFree', '2')]
 
 
 def test_every_class_is_listed():
@@ -112,13 +128,16 @@ def test_interface_repeats_the_header(cls):
 def test_constants_agree(cls):
     assert enumerators(header(cls), cls) == enumerators(INTERFACE, cls)
     for enumeration, constants in enumerators(header(cls), cls).items():
-        assert list(vars(python_class(cls))[enumeration].__members__) == [name for name, _ in constants]
+        assert list(vars(
+            python_class(cls))[enumeration].__members__) == [name for name, _ in constants]
         for name, value in constants:
-            assert name in vars(python_class(cls)), f'{name} is not a class attribute of the Python class'
+            assert name in vars(
+                python_class(cls)), f'{name} is not a class attribute of the Python class'
             assert int(getattr(python_class(cls), name)) == int(value)
 
 
-@pytest.mark.parametrize('cls, declaration', [(cls, d) for cls in CLASSES for d in declarations(header(cls), cls)])
+@pytest.mark.parametrize('cls, declaration',
+                         [(cls, d) for cls in CLASSES for d in declarations(header(cls), cls)])
 def test_python_class_has_the_method(cls, declaration):
     name, parameters = method(declaration)
     python = vars(python_class(cls)).get(name)
@@ -129,8 +148,12 @@ def test_python_class_has_the_method(cls, declaration):
 
 @pytest.mark.parametrize('cls', CLASSES)
 def test_python_methods_are_methods_of_the_header(cls):
-    public = {name for name, value in vars(python_class(cls)).items()
-              if not name.startswith('_') and callable(getattr(python_class(cls), name)) and not isinstance(value, (int, enum.EnumMeta))}
+    public = {
+        name
+        for name, value in vars(python_class(cls)).items()
+        if not name.startswith('_') and callable(getattr(python_class(cls), name))
+        and not isinstance(value, (int, enum.EnumMeta))
+    }
     assert public - names(cls) - set(PYTHON_ONLY) == set()
 
 

@@ -46,7 +46,8 @@ PROTOCOL = {'describeNextReport', 'report'}
 def test_has_a_docstring(name):
     own = OBJECTS[name].__doc__
     assert own and own.strip(), f'{name} has no docstring'
-    assert own.strip().split('\n')[0].rstrip()[-1] in '.:', f'the docstring of {name} must open with a sentence'
+    assert own.strip().split(
+        '\n')[0].rstrip()[-1] in '.:', f'the docstring of {name} must open with a sentence'
 
 
 @pytest.mark.parametrize('name', [n for n, o in OBJECTS.items() if inspect.isfunction(o)])
@@ -54,8 +55,10 @@ def test_docstring_names_every_parameter(name):
     if name.split('.')[-1] in PROTOCOL:
         return
     function = OBJECTS[name]
-    parameters = [p.name for p in inspect.signature(function).parameters.values()
-                  if p.name not in ('self', 'cls') and p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
+    parameters = [
+        p.name for p in inspect.signature(function).parameters.values()
+        if p.name not in ('self', 'cls') and p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
+    ]
     documentation = function.__doc__
     if len(parameters) == 1 and 'Parameters' not in documentation:
         return  # a setter's one argument is what its first sentence is about
@@ -65,106 +68,105 @@ def test_docstring_names_every_parameter(name):
     assert not missing, f'{name} does not document {missing}'
 
 
-@pytest.mark.parametrize('name', [n for n, o in OBJECTS.items() if inspect.isclass(o) and issubclass(o, enum.IntEnum)])
+@pytest.mark.parametrize(
+    'name', [n for n, o in OBJECTS.items() if inspect.isclass(o) and issubclass(o, enum.IntEnum)])
 def test_enumerators_have_docstrings_of_their_own(name):
     for member in OBJECTS[name]:
         own = vars(member).get('__doc__')
-        assert own and own.split('\n')[0].rstrip()[-1] in '.:', f'{name}.{member.name} has no docstring of its own'
+        assert own and own.split(
+            '\n')[0].rstrip()[-1] in '.:', f'{name}.{member.name} has no docstring of its own'
 
 
-# ---- Units ------------------------------------------------------------------------------------------------------------
+# ---- Units ---------------------------------------------------------------------------------------
 
 #: Getters whose results have no dimension, and why, class by class.
-WITHOUT_UNIT = {'CustomRigidHIIntegrator': {
-    'getNumRigidBodies': 'a number of bodies',
-    'getNumRigidBodiesOfContext': 'a number of bodies',
-    'getRigidBodyParticles': 'indices',
-    'getRigidBodyIsExplicit': 'a truth value',
-    'getRigidBodyGeometryIsKnown': 'a truth value',
-    'getScheme': 'a constant',
-    'getNoiseLaw': 'a constant',
-    'getBodyHasOwnFriction': 'a truth value',
-    'getRandomNumberSeed': 'an integer',
-    'getBodyOrientations': 'unit quaternions',
-    'getDegreesOfFreedom': 'numbers of degrees of freedom',
-    'getEffects': 'text',
-    'getStepStatistics': 'counters, and seconds that say so in their names',
-    'getConstraintTolerance': 'relative',
-    'getIntegrationForceGroups': 'a bit mask',
-    'getMaximumRejections': 'a number',
-    'getNumHostThreads': 'a number',
-    'getFiniteDifferenceStep': 'relative',
-    'getInertiaScale': 'a factor',
-    'getWallRejection': 'a constant', 'getDriftCorrectorScaling': 'a constant',
-    'getNumRejectedSteps': 'a number',
-}, 'MobilityForce': {
-    'getNumParticles': 'a number of particles',
-    'getModel': 'a constant',
-    'getBoundary': 'a constant',
-    'getSphereWallMobility': 'a constant',
-    'getSolver': 'a constant',
-    'getLubrication': 'a truth value',
-    'getFastSummation': 'a truth value',
-    'getMinimumGap': 'relative to radii',
-    'getSolverTolerance': 'relative',
-    'getBodyHasOwnTensor': 'a truth value',
-    'getBodyTensorIsFriction': 'a truth value',
-    'getBodyMobility': 'a matrix of mixed dimension',
-    'getBodyFriction': 'a matrix of mixed dimension',
-    'getBodiesWithOwnTensors': 'indices',
-    'getGroups': 'labels',
-    'getMobilityInContext': 'a matrix of mixed dimension',
-    'getFrictionInContext': 'a matrix of mixed dimension',
-}, 'CustomBodyForce': {
-    'getExpression': 'text',
-    'getNumPerBodyParameters': 'a number of parameters',
-    'getPerBodyParameterName': 'text',
-    'getNumGlobalParameters': 'a number of parameters',
-    'getGlobalParameterName': 'text',
-    'getGlobalParameterDefaultValue': 'what the expressions make of it',
-    'getNumBodies': 'a number of bodies',
-    'getBodyParameters': 'an index, and what the expressions make of the parameters',
-}}
+WITHOUT_UNIT = {
+    'CustomRigidHIIntegrator': {
+        'getNumRigidBodies': 'a number of bodies',
+        'getNumRigidBodiesOfContext': 'a number of bodies', 'getRigidBodyParticles': 'indices',
+        'getRigidBodyIsExplicit': 'a truth value', 'getRigidBodyGeometryIsKnown': 'a truth value',
+        'getScheme': 'a constant', 'getNoiseLaw': 'a constant',
+        'getBodyHasOwnFriction': 'a truth value', 'getRandomNumberSeed': 'an integer',
+        'getBodyOrientations': 'unit quaternions',
+        'getDegreesOfFreedom': 'numbers of degrees of freedom', 'getEffects': 'text',
+        'getStepStatistics': 'counters, and seconds that say so in their names',
+        'getConstraintTolerance': 'relative', 'getIntegrationForceGroups': 'a bit mask',
+        'getMaximumRejections': 'a number', 'getNumHostThreads': 'a number',
+        'getFiniteDifferenceStep': 'relative', 'getInertiaScale': 'a factor',
+        'getWallRejection': 'a constant', 'getDriftCorrectorScaling': 'a constant',
+        'getNumRejectedSteps': 'a number',
+    }, 'MobilityForce': {
+        'getNumParticles': 'a number of particles', 'getModel': 'a constant',
+        'getBoundary': 'a constant', 'getSphereWallMobility': 'a constant',
+        'getSolver': 'a constant', 'getLubrication': 'a truth value',
+        'getFastSummation': 'a truth value', 'getMinimumGap': 'relative to radii',
+        'getSolverTolerance': 'relative', 'getBodyHasOwnTensor': 'a truth value',
+        'getBodyTensorIsFriction': 'a truth value',
+        'getBodyMobility': 'a matrix of mixed dimension',
+        'getBodyFriction': 'a matrix of mixed dimension', 'getBodiesWithOwnTensors': 'indices',
+        'getGroups': 'labels', 'getMobilityInContext': 'a matrix of mixed dimension',
+        'getFrictionInContext': 'a matrix of mixed dimension',
+    }, 'CustomBodyForce': {
+        'getExpression': 'text', 'getNumPerBodyParameters': 'a number of parameters',
+        'getPerBodyParameterName': 'text', 'getNumGlobalParameters': 'a number of parameters',
+        'getGlobalParameterName': 'text',
+        'getGlobalParameterDefaultValue': 'what the expressions make of it',
+        'getNumBodies': 'a number of bodies',
+        'getBodyParameters': 'an index, and what the expressions make of the parameters',
+    }
+}
 #: The unit of every other getter.
-UNITS = {'CustomRigidHIIntegrator': {
-    'getTemperature': unit.kelvin, 'getStepSize': unit.picosecond,
-    'getFriction': unit.picosecond**-1, 'getRotationalFriction': unit.picosecond**-1,
-    'getBodyFriction': unit.picosecond**-1,
-    'getGradientRelaxationTime': unit.picosecond, 'getGradientRotationalRelaxationTime': unit.picosecond,
-    'getPoseTolerance': unit.nanometer, 'getPoseResidual': unit.nanometer,
-    'getBodyPositions': unit.nanometer, 'getBodyVelocities': unit.nanometer/unit.picosecond,
-    'getBodyAngularVelocities': unit.radian/unit.picosecond,
-    'getBodyForces': unit.kilojoule_per_mole/unit.nanometer, 'getBodyTorques': unit.kilojoule_per_mole,
-    'getRigidBodyParameters': (None, unit.dalton, unit.dalton*unit.nanometer**2, unit.nanometer),
-    'computeTranslationalKineticEnergy': unit.kilojoule_per_mole,
-    'computeRotationalKineticEnergies': unit.kilojoule_per_mole,
-    'computeFreeParticleKineticEnergy': unit.kilojoule_per_mole,
-    'computeSystemTemperature': unit.kelvin,
-}, 'MobilityForce': {
-    'getViscosity': unit.dalton/(unit.nanometer*unit.picosecond),
-    'getParticleRadius': unit.nanometer, 'getWallHeight': unit.nanometer,
-    'getChannelWalls': (unit.nanometer, unit.nanometer), 'getGridSpacing': unit.nanometer,
-    'getBackgroundFlow': (unit.nanometer/unit.picosecond, unit.picosecond**-1),
-    'getSinusoidalForceDensity': (unit.kilojoule_per_mole/unit.nanometer**4, None, None, None),
-    'getFlowInContext': unit.nanometer/unit.picosecond, 'getFlowModeInContext': unit.nanometer/unit.picosecond,
-    'getRandomFlowModeInContext': unit.nanometer/unit.picosecond,
-}, 'CustomBodyForce': {
-}}
+UNITS = {
+    'CustomRigidHIIntegrator': {
+        'getTemperature': unit.kelvin, 'getStepSize': unit.picosecond,
+        'getFriction': unit.picosecond**-1, 'getRotationalFriction': unit.picosecond**-1,
+        'getBodyFriction': unit.picosecond**-1, 'getGradientRelaxationTime': unit.picosecond,
+        'getGradientRotationalRelaxationTime': unit.picosecond, 'getPoseTolerance': unit.nanometer,
+        'getPoseResidual': unit.nanometer, 'getBodyPositions': unit.nanometer,
+        'getBodyVelocities': unit.nanometer/unit.picosecond,
+        'getBodyAngularVelocities': unit.radian/unit.picosecond,
+        'getBodyForces': unit.kilojoule_per_mole/unit.nanometer,
+        'getBodyTorques': unit.kilojoule_per_mole,
+        'getRigidBodyParameters': (None, unit.dalton, unit.dalton*unit.nanometer**2,
+                                   unit.nanometer),
+        'computeTranslationalKineticEnergy': unit.kilojoule_per_mole,
+        'computeRotationalKineticEnergies': unit.kilojoule_per_mole,
+        'computeFreeParticleKineticEnergy': unit.kilojoule_per_mole,
+        'computeSystemTemperature': unit.kelvin,
+    }, 'MobilityForce': {
+        'getViscosity': unit.dalton/(unit.nanometer*unit.picosecond),
+        'getParticleRadius': unit.nanometer, 'getWallHeight': unit.nanometer,
+        'getChannelWalls': (unit.nanometer, unit.nanometer), 'getGridSpacing': unit.nanometer,
+        'getBackgroundFlow': (unit.nanometer/unit.picosecond, unit.picosecond**-1),
+        'getSinusoidalForceDensity': (unit.kilojoule_per_mole/unit.nanometer**4, None, None,
+                                      None), 'getFlowInContext': unit.nanometer/unit.picosecond,
+        'getFlowModeInContext': unit.nanometer/unit.picosecond,
+        'getRandomFlowModeInContext': unit.nanometer/unit.picosecond,
+    }, 'CustomBodyForce': {}
+}
 #: Arrays over bodies: their number of columns.
-COLUMNS = {'getBodyPositions': 3, 'getBodyOrientations': 4, 'getBodyVelocities': 3, 'getBodyAngularVelocities': 3,
-           'getBodyForces': 3, 'getBodyTorques': 3}
+COLUMNS = {
+    'getBodyPositions': 3, 'getBodyOrientations': 4, 'getBodyVelocities': 3,
+    'getBodyAngularVelocities': 3, 'getBodyForces': 3, 'getBodyTorques': 3
+}
 #: What getters of a Context are asked beside it.
-QUESTIONS = {'getFlowInContext': [[(0.1, 0.2, 0.3)]], 'getFlowModeInContext': [0, 1, 1], 'getRandomFlowModeInContext': [0, 1, 1]}
+QUESTIONS = {
+    'getFlowInContext': [[(0.1, 0.2, 0.3)]], 'getFlowModeInContext': [0, 1, 1],
+    'getRandomFlowModeInContext': [0, 1, 1]
+}
 #: Matrices over bodies or of one: their number of rows and columns.
 SQUARES = {'getBodyMobility': 6, 'getMobilityInContext': 12, 'getFrictionInContext': 12}
-NEEDS_INDEX = {'getRigidBodyParameters', 'getRigidBodyParticles', 'getRigidBodyIsExplicit',
-               'getRigidBodyGeometryIsKnown', 'getBodyFriction', 'getBodyHasOwnFriction', 'getParticleRadius',
-               'getBodyHasOwnTensor', 'getBodyTensorIsFriction', 'getBodyMobility', 'getPerBodyParameterName',
-               'getGlobalParameterName', 'getGlobalParameterDefaultValue', 'getBodyParameters'}
+NEEDS_INDEX = {
+    'getRigidBodyParameters', 'getRigidBodyParticles', 'getRigidBodyIsExplicit',
+    'getRigidBodyGeometryIsKnown', 'getBodyFriction', 'getBodyHasOwnFriction', 'getParticleRadius',
+    'getBodyHasOwnTensor', 'getBodyTensorIsFriction', 'getBodyMobility', 'getPerBodyParameterName',
+    'getGlobalParameterName', 'getGlobalParameterDefaultValue', 'getBodyParameters'
+}
 
 #: All getters of all classes: (class, method).
-GETTERS = sorted((cls, name) for cls in UNITS for name in dir(getattr(openmmrigidhi, cls))
-                 if name.startswith(('get', 'compute')) and name in {**vars(getattr(openmmrigidhi, cls)), **WITHOUT_UNIT[cls]})
+GETTERS = sorted(
+    (cls, name) for cls in UNITS for name in dir(getattr(openmmrigidhi, cls)) if name.startswith((
+        'get', 'compute')) and name in {**vars(getattr(openmmrigidhi, cls)), **WITHOUT_UNIT[cls]})
 
 
 @pytest.fixture(scope='module')
@@ -195,8 +197,10 @@ def scene():
     context.setPositions(np.random.default_rng(1).random((6, 3)))
     context.setVelocitiesToTemperature(300, 1)
     integrator.step(2)
-    yield {'CustomRigidHIIntegrator': integrator, 'MobilityForce': fluid, 'CustomBodyForce': force,
-           'context': context}
+    yield {
+        'CustomRigidHIIntegrator': integrator, 'MobilityForce': fluid, 'CustomBodyForce': force,
+        'context': context
+    }
 
 
 def result(scene, cls, name):
@@ -216,7 +220,8 @@ def test_every_class_is_listed():
 
 @pytest.mark.parametrize('cls, name', GETTERS)
 def test_getter_is_listed(cls, name):
-    assert (name in UNITS[cls]) != (name in WITHOUT_UNIT[cls]), f'{name}: say in this file which unit it returns, or why none'
+    assert (name in UNITS[cls]) != (
+        name in WITHOUT_UNIT[cls]), f'{name}: say in this file which unit it returns, or why none'
 
 
 @pytest.mark.parametrize('cls, name', cases(UNITS))
@@ -229,7 +234,8 @@ def test_getter_returns_its_unit(scene, cls, name):
         if expected is None:
             assert not unit.is_quantity(one)
         else:
-            assert unit.is_quantity(one) and one.unit.conversion_factor_to(expected) == 1, f'{name} returned {one}'
+            assert unit.is_quantity(one) and one.unit.conversion_factor_to(
+                expected) == 1, f'{name} returned {one}'
 
 
 @pytest.mark.parametrize('cls, name', cases(WITHOUT_UNIT))
@@ -241,10 +247,12 @@ def test_getter_returns_no_unit(scene, cls, name):
 def test_arrays_have_one_row_a_body(scene, name):
     value = result(scene, 'CustomRigidHIIntegrator', name)
     value = value._value if unit.is_quantity(value) else value
-    assert isinstance(value, np.ndarray) and value.shape == (2, COLUMNS[name]) and value.dtype == np.float64
+    assert isinstance(
+        value, np.ndarray) and value.shape == (2, COLUMNS[name]) and value.dtype == np.float64
 
 
 @pytest.mark.parametrize('name', sorted(SQUARES))
 def test_matrices_are_square(scene, name):
     value = result(scene, 'MobilityForce', name)
-    assert isinstance(value, np.ndarray) and value.shape == 2*(SQUARES[name],) and value.dtype == np.float64
+    assert isinstance(
+        value, np.ndarray) and value.shape == 2*(SQUARES[name],) and value.dtype == np.float64

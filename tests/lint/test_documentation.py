@@ -24,53 +24,67 @@ def test_snippets_run(page, tmp_path, run_python):
 @pytest.mark.parametrize('page', PAGES)
 def test_links_lead_somewhere(page):
     text = re.sub(r'^```.*?^```', '', read(page), flags=re.S | re.M)
-    here = (ROOT / page).parent
+    here = (ROOT/page).parent
     for target in re.findall(r'\]\(([^)\s]+)\)', text):
         if target.startswith(('http:', 'https:')):
             continue
         file, _, anchor = target.partition('#')
-        assert not file or (here / file).exists(), f'{page}: {target} is not there'
+        assert not file or (here/file).exists(), f'{page}: {target} is not there'
         if anchor:
-            headings = re.findall(r'^#+ +(.*)$', read(page) if not file else (here / file).read_text(), flags=re.M)
-            anchors = {re.sub(r'[^\w\- ]', '', heading.lower()).replace(' ', '-') for heading in headings}
+            headings = re.findall(r'^#+ +(.*)$',
+                                  read(page) if not file else (here/file).read_text(), flags=re.M)
+            anchors = {
+                re.sub(r'[^\w\- ]', '', heading.lower()).replace(' ', '-')
+                for heading in headings
+            }
             assert anchor in anchors, f'{page}: no heading makes the anchor {target}'
 
 
 @pytest.mark.parametrize('page', PAGES)
 def test_files_that_are_named_exist(page):
-    here = (ROOT / page).parent
-    for name in re.findall(r'`((?:openmmapi|platforms|serialization|python|tests|examples|validation|benchmarks|docs|tools)/[\w./-]+)`',
-                           read(page)):
-        assert (ROOT / name).exists() or (here / name).exists(), f'{page} names {name}, which is not there'
+    here = (ROOT/page).parent
+    for name in re.findall(
+            r'`((?:openmmapi|platforms|serialization|python|tests|examples|validation|benchmarks|docs|tools)/[\w./-]+)`',
+            read(page)):
+        assert (ROOT/name).exists() or (here/
+                                        name).exists(), f'{page} names {name}, which is not there'
 
 
 def test_make_targets_that_are_named_exist():
     makefile = read('Makefile')
     for page in PAGES:
-        for target in re.findall(r'`make ([a-z-]+)', read(page)) + re.findall(r'^ *make ([a-z-]+)', read(page), flags=re.M):
+        for target in re.findall(r'`make ([a-z-]+)', read(page)) + re.findall(
+                r'^ *make ([a-z-]+)', read(page), flags=re.M):
             assert re.search(rf'^{target}:', makefile, flags=re.M), f'{page} names make {target}'
 
 
 def test_every_public_method_is_in_a_guide_or_documented_reference():
     """What a user guide need not repeat is in docstrings; but no guide may name a method that is not there."""
     import openmmrigidhi
-    known = set(dir(openmmrigidhi.CustomRigidHIIntegrator)) | set(dir(openmmrigidhi)) | set(dir(openmmrigidhi.app))
+    known = set(dir(openmmrigidhi.CustomRigidHIIntegrator)) | set(dir(openmmrigidhi)) | set(
+        dir(openmmrigidhi.app))
     known |= set(dir(openmmrigidhi.CustomBodyForce)) | set(dir(openmmrigidhi.MobilityForce))
-    for page in ('README.md', 'docs/USER_GUIDE.md', 'docs/CONVENTIONS.md', 'docs/THEORY.md', *git_files('docs/schemes/*.md', 'docs/models/*.md')):
-        for name in re.findall(r'`(?:openmmrigidhi\.app\.)?((?:get|set|compute|addRigid)\w+)\(?', read(page)):
-            openmms = {'setPositions', 'setVelocities', 'setVelocitiesToTemperature', 'setState', 'getState',
-                       'setPeriodicBoxVectors', 'setDefaultPeriodicBoxVectors'}
-            assert name in known | openmms or name.startswith('setIntegration'), f'{page} names {name}'
+    for page in ('README.md', 'docs/USER_GUIDE.md', 'docs/CONVENTIONS.md', 'docs/THEORY.md',
+                 *git_files('docs/schemes/*.md', 'docs/models/*.md')):
+        for name in re.findall(r'`(?:openmmrigidhi\.app\.)?((?:get|set|compute|addRigid)\w+)\(?',
+                               read(page)):
+            openmms = {
+                'setPositions', 'setVelocities', 'setVelocitiesToTemperature', 'setState',
+                'getState', 'setPeriodicBoxVectors', 'setDefaultPeriodicBoxVectors'
+            }
+            assert name in known | openmms or name.startswith(
+                'setIntegration'), f'{page} names {name}'
 
 
 def test_pictures_are_not_huge():
     for name in git_files('*.png'):
-        assert pathlib.Path(ROOT / name).stat().st_size < 1_000_000, f'{name} is larger than 1 MB'
+        assert pathlib.Path(ROOT/name).stat().st_size < 1_000_000, f'{name} is larger than 1 MB'
 
 
 def test_cpp_reference_builds_without_warnings(tmp_path):
     if shutil.which('doxygen') is None:
         pytest.skip('doxygen is not installed')
     settings = read('Doxyfile') + f'\nOUTPUT_DIRECTORY = {tmp_path}\n'
-    finished = subprocess.run(['doxygen', '-'], input=settings, cwd=ROOT, capture_output=True, text=True)
+    finished = subprocess.run(['doxygen', '-'], input=settings, cwd=ROOT, capture_output=True,
+                              text=True)
     assert finished.returncode == 0 and finished.stderr == ''

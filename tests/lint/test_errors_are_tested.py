@@ -1,8 +1,9 @@
 """Every error message of the product is provoked by a test.
 
-A site is a call of `fail`, `refuse`, `wrongValue`, `throw OpenMMException` in C++ or a `raise` in Python, with the literal
-text of its message. It counts as tested if some string in a test holds LENGTH consecutive characters of that text that
-occur at no other site. So a new message needs a test that expects it, and nothing else.
+A site is a call of `fail`, `refuse`, `wrongValue`, `throw OpenMMException` in C++ or a `raise` in
+Python, with the literal text of its message. It counts as tested if some string in a test holds
+LENGTH consecutive characters of that text that occur at no other site. So a new message needs a
+test that expects it, and nothing else.
 """
 import ast
 import re
@@ -16,10 +17,14 @@ LENGTH = 14
 GAP = '\0'  # stands for a value inserted into a message
 #: Messages that no test can provoke, each with its reason. The key is a piece of the text.
 UNREACHABLE = {
-    'tried to create a kernel with unknown name': 'OpenMM asks a factory only for the kernels that were registered with it',
-    'unknown C++ exception in': 'a guard against exceptions that are no std::exception; nothing throws them',
-    'it must take what our own parser takes': 'a guard: our parser passes on nothing that muParser refuses',
-    ' needs a MobilityForce in the System': 'a guard: MobilityForce asks only after it has found itself in the Context',
+    'tried to create a kernel with unknown name': 'OpenMM asks a factory only for the kernels that '
+    'were registered with it',
+    'unknown C++ exception in': 'a guard against exceptions that are no std::exception; nothing '
+    'throws them',
+    'it must take what our own parser takes': 'a guard: our parser passes on nothing that muParser '
+    'refuses',
+    ' needs a MobilityForce in the System': 'a guard: MobilityForce asks only after it has found '
+    'itself in the Context',
 }
 #: Messages without words of their own: a piece of each, and the test that provokes it.
 INDISTINCT = {
@@ -59,7 +64,8 @@ def balanced(text, start):
 def strip_cpp_comments(text):
     """Comments replaced by blanks; literals are kept."""
     pattern = r'"(?:\\.|[^"\\])*"|//[^\n]*|/\*.*?\*/'
-    return re.sub(pattern, lambda m: m.group() if m.group().startswith('"') else ' ', text, flags=re.S)
+    return re.sub(pattern, lambda m: m.group()
+                  if m.group().startswith('"') else ' ', text, flags=re.S)
 
 
 def literals(text):
@@ -78,13 +84,15 @@ def cpp_sites():
         if not name.endswith(('.cpp', '.h', '.i')):
             continue
         text = strip_cpp_comments(read(name))
-        for match in re.finditer(r'\b(?:fail|refuse|reject|wrongValue|OpenMMException|PyErr_SetString|PyErr_Format|'
-                                 r'SWIG_exception_fail)\s*\(', text):
+        for match in re.finditer(
+                r'\b(?:fail|refuse|reject|wrongValue|OpenMMException|PyErr_SetString|PyErr_Format|'
+                r'SWIG_exception_fail)\s*\(', text):
             before = text[:match.start()].rstrip()
             if before.endswith(('void', 'inline')):
                 continue  # the definition of such a function
-            call = text[match.end()-1:balanced(text, match.end()-1)]
-            message = re.sub(r'^(?:CustomRigidHIIntegrator|MobilityForce|CustomBodyForce): ', '', literals(call))
+            call = text[match.end() - 1:balanced(text, match.end() - 1)]
+            message = re.sub(r'^(?:CustomRigidHIIntegrator|MobilityForce|CustomBodyForce): ', '',
+                             literals(call))
             if len(re.sub(r'[^A-Za-z]', '', message)) < MINIMUM:
                 continue  # forwards a message that is written elsewhere
             yield f'{name}:{text.count(chr(10), 0, match.start()) + 1}', message
@@ -122,8 +130,10 @@ def test_strings():
         if name.startswith('tests/lint/'):
             continue
         if name.endswith('.py'):
-            strings = [node.value for node in ast.walk(ast.parse(read(name)))
-                       if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+            strings = [
+                node.value for node in ast.walk(ast.parse(read(name)))
+                if isinstance(node, ast.Constant) and isinstance(node.value, str)
+            ]
         elif name.endswith(('.cpp', '.h')):
             strings = literals(strip_cpp_comments(read(name))).split(GAP)
         else:
@@ -142,7 +152,7 @@ SITES = list(cpp_sites()) + list(python_sites())
 
 def fragments(text):
     """All pieces of LENGTH characters, or the text itself if it is shorter."""
-    return {text[i:i+LENGTH] for i in range(max(1, len(text) - LENGTH + 1))}
+    return {text[i:i + LENGTH] for i in range(max(1, len(text) - LENGTH + 1))}
 
 
 @pytest.fixture(scope='module')
@@ -179,7 +189,8 @@ def test_message_is_expected_by_a_test(place, message, tied):
     assert place in tied, f'no test expects this message: {message.replace(GAP, "<...>")}'
 
 
-@pytest.mark.parametrize('piece', [*UNREACHABLE, *INDISTINCT], ids=lambda piece: piece.replace(GAP, '<...>'))
+@pytest.mark.parametrize('piece', [*UNREACHABLE, *INDISTINCT],
+                         ids=lambda piece: piece.replace(GAP, '<...>'))
 def test_exception_is_still_needed(piece):
     assert any(piece in message for _, message in SITES)
 

@@ -22,11 +22,14 @@ def configure(tmp_path, monkeypatch):
     monkeypatch.delenv('OPENMM_DIR', raising=False)
 
     def run(*options, version='7.7'):
-        (tmp_path / 'CMakeLists.txt').write_text(PROJECT.format(modules=ROOT / 'cmake', version=version))
-        shutil.rmtree(tmp_path / 'build', ignore_errors=True)
-        finished = subprocess.run(['cmake', '-S', tmp_path, '-B', tmp_path / 'build', *options], capture_output=True, text=True)
+        (tmp_path/'CMakeLists.txt').write_text(PROJECT.format(modules=ROOT/'cmake',
+                                                              version=version))
+        shutil.rmtree(tmp_path/'build', ignore_errors=True)
+        finished = subprocess.run(['cmake', '-S', tmp_path, '-B', tmp_path/'build', *options],
+                                  capture_output=True, text=True)
         # Messages of errors are broken into lines.
         return finished.returncode, ' '.join((finished.stdout + finished.stderr).split())
+
     return run
 
 
@@ -42,12 +45,12 @@ def test_in_the_directories_of_the_system_and_below_a_prefix(configure, tmp_path
     # /usr on Debian: libraries are in a directory of the architecture.
     if library.startswith('/usr/lib/'):
         assert found(configure('-DOPENMM_DIR=/usr')[1]) == library
-    prefix = tmp_path / 'prefix'
-    (prefix / 'lib').mkdir(parents=True)
-    (prefix / 'lib' / 'libOpenMM.so').symlink_to(library)
-    (prefix / 'include').symlink_to('/usr/include')
+    prefix = tmp_path/'prefix'
+    (prefix/'lib').mkdir(parents=True)
+    (prefix/'lib'/'libOpenMM.so').symlink_to(library)
+    (prefix/'include').symlink_to('/usr/include')
     monkeypatch.setenv('OPENMM_DIR', str(prefix))
-    assert found(configure()[1]) == str(prefix / 'lib' / 'libOpenMM.so')
+    assert found(configure()[1]) == str(prefix/'lib'/'libOpenMM.so')
 
 
 def test_what_is_wrong_is_said(configure, tmp_path):
@@ -55,8 +58,8 @@ def test_what_is_wrong_is_said(configure, tmp_path):
     assert status != 0 and f"OPENMM_DIR: '{tmp_path}'" in output and 'name the prefix in which it is: -DOPENMM_DIR=prefix' in output
     status, output = configure(version='99.5')
     assert status != 0 and 'is too old: openmm-rigidhi needs 99.5 or newer' in output
-    (tmp_path / 'lib').mkdir()
-    (tmp_path / 'lib' / 'libOpenMM.so').write_text('no library')
-    (tmp_path / 'include').symlink_to('/usr/include')
+    (tmp_path/'lib').mkdir()
+    (tmp_path/'lib'/'libOpenMM.so').write_text('no library')
+    (tmp_path/'include').symlink_to('/usr/include')
     status, output = configure(f'-DOPENMM_DIR={tmp_path}')
     assert status != 0 and 'are header and library of one version and for this compiler?' in output

@@ -9,7 +9,8 @@ PACKAGE = 'openmmrigidhi'
 GENERATED = {f'{PACKAGE}._bindings', f'{PACKAGE}._openmmrigidhi'}
 #: Imports of our own modules inside functions, (module, imported), each with its reason.
 IN_FUNCTIONS = {
-    (f'{PACKAGE}._loading', f'{PACKAGE}._bindings'): 'if the binding module does not load, the error says from where and why',
+    (f'{PACKAGE}._loading', f'{PACKAGE}._bindings'): 'if the binding module does not load, the '
+    'error says from where and why',
 }
 
 
@@ -33,11 +34,18 @@ def imports(name, source, isPackage, known):
             if isinstance(child, ast.Import):
                 targets = [alias.name for alias in child.names]
             elif isinstance(child, ast.ImportFrom):
-                above = package.split('.')[:len(package.split('.')) - child.level + 1] if child.level else []
+                above = package.split('.')[:len(package.split('.')) - child.level +
+                                           1] if child.level else []
                 base = '.'.join([*above, *([child.module] if child.module else [])])
-                targets = [f'{base}.{alias.name}' if f'{base}.{alias.name}' in known else base for alias in child.names]
-            found.extend((child.lineno, target, inFunction) for target in targets if target in known)
-            look(child, inFunction or isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)))
+                targets = [
+                    f'{base}.{alias.name}' if f'{base}.{alias.name}' in known else base
+                    for alias in child.names
+                ]
+            found.extend(
+                (child.lineno, target, inFunction) for target in targets if target in known)
+            look(
+                child, inFunction
+                or isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)))
 
     look(ast.parse(source), False)
     return found
@@ -70,32 +78,58 @@ def circles(graph):
 
 
 MODULES = python_modules()
-IMPORTS = {name: imports(name, read(path), path.endswith('__init__.py'), set(MODULES) | GENERATED) for name, path in MODULES.items()}
+IMPORTS = {
+    name: imports(name, read(path), path.endswith('__init__.py'),
+                  set(MODULES) | GENERATED)
+    for name, path in MODULES.items()
+}
 
 
 def test_no_circles():
-    graph = {name: {one for _, imported, _ in found for one in needs(name, imported)} - {name} for name, found in IMPORTS.items()}
+    graph = {
+        name: {one
+               for _, imported, _ in found for one in needs(name, imported)} - {name}
+        for name, found in IMPORTS.items()
+    }
     assert not circles(graph), '\n'.join(' -> '.join(circle) for circle in circles(graph))
 
 
 @pytest.mark.parametrize('name', MODULES)
 def test_own_modules_are_imported_at_the_top(name):
-    hidden = [f'line {line}: {imported}' for line, imported, inFunction in IMPORTS[name] if inFunction and (name, imported) not in IN_FUNCTIONS]
+    hidden = [
+        f'line {line}: {imported}' for line, imported, inFunction in IMPORTS[name]
+        if inFunction and (name, imported) not in IN_FUNCTIONS
+    ]
     assert not hidden, f'{name} imports in a function, where circles hide: {"; ".join(hidden)}: import it at the top, or say in this file why not'
 
 
 def test_reasons_are_still_needed():
-    hidden = {(name, imported) for name, found in IMPORTS.items() for _, imported, inFunction in found if inFunction}
+    hidden = {(name, imported)
+              for name, found in IMPORTS.items() for _, imported, inFunction in found if inFunction}
     assert set(IN_FUNCTIONS) <= hidden
 
 
 def test_what_counts_as_a_circle():
     """Two modules that import each other, also from within a function; two packages by way of what their __init__ imports."""
-    sources = {'p': '', 'p.a': 'from .b import x\ndef f():\n    from . import c', 'p.b': 'import numpy', 'p.c': 'from . import a',
-               'p.one': 'from .top import x', 'p.one.top': 'from ..two.leaf import y', 'p.two': 'from .root import z',
-               'p.two.root': 'from ..one import x', 'p.two.leaf': ''}
+    sources = {
+        'p': '', 'p.a': 'from .b import x\ndef f():\n    from . import c', 'p.b': 'import numpy',
+        'p.c': 'from . import a', 'p.one': 'from .top import x',
+        'p.one.top': 'from ..two.leaf import y', 'p.two': 'from .root import z',
+        'p.two.root': 'from ..one import x', 'p.two.leaf': ''
+    }
     packages = {'p', 'p.one', 'p.two'}
-    found = {name: imports(name, source, name in packages, sources) for name, source in sources.items()}
+    found = {
+        name: imports(name, source, name in packages, sources)
+        for name, source in sources.items()
+    }
     assert found['p.a'] == [(1, 'p.b', False), (3, 'p.c', True)]
-    graph = {name: {one for _, imported, _ in each for one in needs(name, imported)} - {name} for name, each in found.items()}
-    assert {frozenset(circle) for circle in circles(graph)} == {frozenset(('p.a', 'p.c')), frozenset(('p.one', 'p.one.top', 'p.two', 'p.two.root'))}
+    graph = {
+        name: {one
+               for _, imported, _ in each for one in needs(name, imported)} - {name}
+        for name, each in found.items()
+    }
+    assert {frozenset(circle)
+            for circle in circles(graph)} == {
+                frozenset(('p.a', 'p.c')),
+                frozenset(('p.one', 'p.one.top', 'p.two', 'p.two.root'))
+            }

@@ -48,10 +48,11 @@ def prefix(tmp_path_factory):
     import openmmrigidhi
     import pathlib
     build = pathlib.Path(openmmrigidhi.__file__).parents[2]
-    if not (build / 'CMakeCache.txt').exists():
+    if not (build/'CMakeCache.txt').exists():
         pytest.skip('openmmrigidhi was not imported from a build directory')
     target = tmp_path_factory.mktemp('prefix')
-    subprocess.run(['cmake', '--install', build, '--prefix', target], check=True, capture_output=True)
+    subprocess.run(['cmake', '--install', build, '--prefix', target], check=True,
+                   capture_output=True)
     return target
 
 
@@ -64,31 +65,37 @@ def test_installed_package_is_imported_and_steps(prefix, tmp_path, run_python):
 
 def test_installed_files_do_not_look_into_the_build_tree(prefix):
     for library in prefix.glob('**/*.so'):
-        assert str(ROOT).encode() not in library.read_bytes(), f'{library.name} contains the path of the source tree'
+        assert str(ROOT).encode() not in library.read_bytes(
+        ), f'{library.name} contains the path of the source tree'
 
 
 def test_every_python_file_is_installed(prefix):
     (package,) = prefix.glob('**/openmmrigidhi/__init__.py')
-    source = ROOT / 'python' / 'openmmrigidhi'
+    source = ROOT/'python'/'openmmrigidhi'
     for file in source.rglob('*.py'):
-        assert (package.parent / file.relative_to(source)).exists(), f'{file} is not installed'
+        assert (package.parent/file.relative_to(source)).exists(), f'{file} is not installed'
 
 
 def test_cpp_program_builds_against_the_installation(prefix, tmp_path):
     if shutil.which('g++') is None:
         pytest.skip('no g++')
-    (tmp_path / 'program.cpp').write_text(PROGRAM)
-    libraries = prefix / 'lib' / 'openmmrigidhi'
-    subprocess.run(['g++', '-std=c++17', '-O0', 'program.cpp', '-o', 'program', f'-I{prefix}/include', f'-L{libraries}',
-                    f'-Wl,-rpath,{libraries}', '-lOpenMMRigidHI', '-lOpenMM'], cwd=tmp_path, check=True)
-    finished = subprocess.run(['./program', libraries / 'plugins'], cwd=tmp_path, capture_output=True, text=True)
+    (tmp_path/'program.cpp').write_text(PROGRAM)
+    libraries = prefix/'lib'/'openmmrigidhi'
+    subprocess.run([
+        'g++', '-std=c++17', '-O0', 'program.cpp', '-o', 'program', f'-I{prefix}/include',
+        f'-L{libraries}', f'-Wl,-rpath,{libraries}', '-lOpenMMRigidHI', '-lOpenMM'
+    ], cwd=tmp_path, check=True)
+    finished = subprocess.run(['./program', libraries/'plugins'], cwd=tmp_path, capture_output=True,
+                              text=True)
     assert (finished.returncode, finished.stdout) == (0, '10\n'), finished.stderr
 
 
 def test_directory_for_the_package():
-    script = ROOT / 'tools' / 'python_directory.py'
+    script = ROOT/'tools'/'python_directory.py'
     command = [sys.executable, '-I', str(script)]
-    other = subprocess.run(command + ['/nowhere'], capture_output=True, text=True, check=True).stdout
+    other = subprocess.run(command + ['/nowhere'], capture_output=True, text=True,
+                           check=True).stdout
     assert other.strip() == 'lib/python3/dist-packages'
-    advice = subprocess.run(command + ['--advise', '/nowhere'], capture_output=True, text=True, check=True).stdout
+    advice = subprocess.run(command + ['--advise', '/nowhere'], capture_output=True, text=True,
+                            check=True).stdout
     assert 'export PYTHONPATH=/nowhere/lib/python3/dist-packages' in advice

@@ -6,10 +6,17 @@ import sys
 from conftest import git_files, read
 
 #: Which Debian package provides a Python module.
-MODULES = {'numpy': 'python3-numpy', 'scipy': 'python3-scipy', 'h5py': 'python3-h5py', 'gsd': 'python3-gsd', 'tqdm': 'python3-tqdm',
-           'matplotlib': 'python3-matplotlib', 'distributed': 'python3-distributed', 'dask': 'python3-distributed', 'PIL': 'python3-pil', 'openmm': 'python3-openmm|python3-simtk', 'pytest': 'python3-pytest'}
+MODULES = {
+    'numpy': 'python3-numpy', 'scipy': 'python3-scipy', 'h5py': 'python3-h5py',
+    'gsd': 'python3-gsd', 'tqdm': 'python3-tqdm', 'matplotlib': 'python3-matplotlib',
+    'distributed': 'python3-distributed', 'dask': 'python3-distributed', 'PIL': 'python3-pil',
+    'openmm': 'python3-openmm|python3-simtk', 'pytest': 'python3-pytest'
+}
 #: The same for what site/conf.py names: extensions, and the theme.
-EXTENSIONS = {'sphinx': 'python3-sphinx', 'myst_parser': 'python3-myst-parser', 'breathe': 'python3-breathe', 'furo': 'furo'}
+EXTENSIONS = {
+    'sphinx': 'python3-sphinx', 'myst_parser': 'python3-myst-parser', 'breathe': 'python3-breathe',
+    'furo': 'furo'
+}
 
 
 def packages(file='packages-debian.txt'):
@@ -25,11 +32,14 @@ def imported(name):
 
 
 def test_every_imported_module_has_its_package():
-    own = {'openmmrigidhi'} | {part for name in git_files('*.py') for part in re.split(r'[/.]', name)}
+    own = {'openmmrigidhi'
+           } | {part
+                for name in git_files('*.py') for part in re.split(r'[/.]', name)}
     for name in git_files('*.py'):
         for module in set(imported(name)) - set(sys.stdlib_module_names) - own:
             assert module in MODULES, f'{name} imports {module}: which Debian package has it?'
-            assert MODULES[module] in packages(), f'{name} imports {module}: add {MODULES[module]} to packages-debian.txt'
+            assert MODULES[module] in packages(
+            ), f'{name} imports {module}: add {MODULES[module]} to packages-debian.txt'
 
 
 def test_every_package_is_named_once():

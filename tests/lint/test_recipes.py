@@ -4,7 +4,7 @@ import importlib.util
 import pytest
 from conftest import ROOT
 
-spec = importlib.util.spec_from_file_location('follow_recipes', ROOT / 'tools/follow_recipes.py')
+spec = importlib.util.spec_from_file_location('follow_recipes', ROOT/'tools/follow_recipes.py')
 follow_recipes = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(follow_recipes)
 
@@ -12,7 +12,10 @@ LIST = b'#define ROWS(ROW) \\\n    ROW(A) \\\n    ROW(B)\n\n#endif\n'
 
 
 def follow(page, **files):
-    recipes = follow_recipes.Recipes({'page.md': page.encode(), **{name.replace('_', '.'): text for name, text in files.items()}})
+    recipes = follow_recipes.Recipes({
+        'page.md': page.encode(), **{name.replace('_', '.'): text
+                                     for name, text in files.items()}
+    })
     recipes.follow('page.md')
     return recipes
 
@@ -22,25 +25,27 @@ def test_every_step_of_every_page_can_be_followed():
 
 
 def test_blocks_go_where_the_page_says():
-    page = ('<!-- recipe: create new.h -->\n```cpp\nnew\n```\n\n<!-- recipe: add to the list in list.h -->\n```cpp\n    ROW(C)\n```\n'
-            '<!-- recipe: in old.h before third -->\n```cpp\nsecond\n```\n')
+    page = (
+        '<!-- recipe: create new.h -->\n```cpp\nnew\n```\n\n<!-- recipe: add to the list in list.h '
+        '-->\n```cpp\n    ROW(C)\n```\n'
+        '<!-- recipe: in old.h before third -->\n```cpp\nsecond\n```\n')
     files = follow(page, list_h=LIST, old_h=b'first\nthird\n').files
     assert files['new.h'] == b'new\n'
-    assert files['list.h'] == b'#define ROWS(ROW) \\\n    ROW(A) \\\n    ROW(B) \\\n    ROW(C)\n\n#endif\n'
+    assert files[
+        'list.h'] == b'#define ROWS(ROW) \\\n    ROW(A) \\\n    ROW(B) \\\n    ROW(C)\n\n#endif\n'
     assert files['old.h'] == b'first\nsecond\nthird\n'
 
 
-@pytest.mark.parametrize('step, block, message', [
-    ('create old.h', 'x', 'old.h is there already'),
-    ('create new.h', None, 'needs a code block'),
-    ('add to the list in old.h', 'x', 'old.h has no list'),
-    ('add to the list in none.h', 'x', 'there is no none.h'),
-    ('in old.h after second', 'x', '0 lines of old.h have "second"'),
-    ('test TestNothing', None, 'no test program TestNothing'),
-    ('test TestNothing', 'x', 'takes no code block'),
-    ('spoil old.h: second -> third, seen by TestNothing', None, '0 times, not once'),
-    ('guess', None, 'is no step'),
-])
+@pytest.mark.parametrize(
+    'step, block, message',
+    [('create old.h', 'x', 'old.h is there already'), ('create new.h', None, 'needs a code block'),
+     ('add to the list in old.h', 'x', 'old.h has no list'),
+     ('add to the list in none.h', 'x', 'there is no none.h'),
+     ('in old.h after second', 'x', '0 lines of old.h have "second"'),
+     ('test TestNothing', None, 'no test program TestNothing'),
+     ('test TestNothing', 'x', 'takes no code block'),
+     ('spoil old.h: second -> third, seen by TestNothing', None, '0 times, not once'),
+     ('guess', None, 'is no step'),])
 def test_a_step_that_cannot_be_followed_is_an_error(step, block, message):
     page = f'text\n<!-- recipe: {step} -->\n' + ('' if block is None else f'```cpp\n{block}\n```\n')
     with pytest.raises(follow_recipes.RecipeError, match=f'page.md, line 2: .*{message}'):

@@ -12,11 +12,18 @@ SCHEMES = [scheme.name for scheme in openmmrigidhi.CustomRigidHIIntegrator.Schem
 MODELS = [model.name for model in openmmrigidhi.MobilityForce.Model]
 BOUNDARIES = [boundary.name for boundary in openmmrigidhi.MobilityForce.Boundary]
 #: Sections of each kind of page, in their order.
-OF_SCHEME = ['Equation', 'One step', 'Symbols', 'What it samples', 'Order', 'Cost', 'Limits and errors', 'When to take it', 'When not to take it',
-             'Example', 'Paper']
-OF_MODEL = ['Equation', 'Symbols', 'What it has', 'Accuracy', 'Boundaries', 'Cost', 'Limits and errors', 'When to take it', 'When not to take it',
-            'Example', 'Paper']
-OF_TOPIC = ['Equation', 'Symbols', 'What it does', 'Limits and errors', 'When to take it', 'When not to take it', 'Example', 'Paper']
+OF_SCHEME = [
+    'Equation', 'One step', 'Symbols', 'What it samples', 'Order', 'Cost', 'Limits and errors',
+    'When to take it', 'When not to take it', 'Example', 'Paper'
+]
+OF_MODEL = [
+    'Equation', 'Symbols', 'What it has', 'Accuracy', 'Boundaries', 'Cost', 'Limits and errors',
+    'When to take it', 'When not to take it', 'Example', 'Paper'
+]
+OF_TOPIC = [
+    'Equation', 'Symbols', 'What it does', 'Limits and errors', 'When to take it',
+    'When not to take it', 'Example', 'Paper'
+]
 #: What is said of models beside the models themselves.
 TOPICS = ['driven_flows', 'free_particles', 'own_tensors']
 
@@ -48,10 +55,12 @@ def test_sections_are_there_in_their_order(page):
 def test_page_has_equations_symbols_and_one_example(page):
     found = sections(page)
     assert '$$' in found['Equation']
-    assert found['Symbols'].count('\n|') > 3 and '| symbol | what it is | unit |' in found['Symbols']
+    assert found['Symbols'].count(
+        '\n|') > 3 and '| symbol | what it is | unit |' in found['Symbols']
     examples = re.findall(r'^```python\n(.*?)^```', read(page), flags=re.S | re.M)
     assert len(examples) == 1 and examples[0].count('\n') <= 25
-    assert re.match('assert |print', examples[0].strip().splitlines()[-1]), f'the example of {page} ends without a check or a number'
+    assert re.match('assert |print', examples[0].strip().splitlines()
+                    [-1]), f'the example of {page} ends without a check or a number'
     assert max(map(len, examples[0].splitlines())) <= 130
 
 
@@ -71,11 +80,13 @@ def test_page_is_one_sentence_a_line(page):
 def test_page_has_the_facts_of_its_scheme(name):
     traits = openmmrigidhi.CustomRigidHIIntegrator.Scheme[name].traits
     page = read(_schemes.page(name))
-    assert page.startswith(f'# {name}\n') and _schemes.facts(traits) in page, f'put this into the page: {_schemes.facts(traits)}'
+    assert page.startswith(f'# {name}\n') and _schemes.facts(
+        traits) in page, f'put this into the page: {_schemes.facts(traits)}'
     number = {1: 'one force evaluation', 2: 'two force evaluations'}[traits.forces]
     assert f'A step costs {number}' in sections(_schemes.page(name))['Cost']
     assert f'Weak order {traits.weakOrder} of averages' in sections(_schemes.page(name))['Order']
-    assert re.search(rf'[oO]rder {traits.coldOrder} of trajectories at temperature 0', sections(_schemes.page(name))['Order'])
+    assert re.search(rf'[oO]rder {traits.coldOrder} of trajectories at temperature 0',
+                     sections(_schemes.page(name))['Order'])
 
 
 @pytest.mark.parametrize('name', MODELS)
@@ -90,7 +101,8 @@ def test_page_has_every_boundary_of_its_model(name):
             refused = False
         except openmm.OpenMMException:
             refused = True
-        assert said.startswith('It is refused') == refused, f'{name}, {boundary}: the page says otherwise'
+        assert said.startswith(
+            'It is refused') == refused, f'{name}, {boundary}: the page says otherwise'
 
 
 def one_sphere(model, boundary):
@@ -115,7 +127,9 @@ def make_context(system, fluid):
 
 def test_messages_that_are_quoted_are_those_of_the_library():
     """Parts of a message between dots of omission are searched in the strings of the sources."""
-    texts = ''.join(re.sub(r'"\s*\n?\s*"', '', read(name)) for name in cpp_files() if name.startswith(('openmmapi', 'platforms')))
+    texts = ''.join(
+        re.sub(r'"\s*\n?\s*"', '', read(name)) for name in cpp_files()
+        if name.startswith(('openmmapi', 'platforms')))
     for page in PAGES:
         for message in re.findall(r'"([^"\n]+)"', sections(page)['Limits and errors']):
             for part in re.split(r'…|\b[BN]\b', message):
@@ -123,33 +137,51 @@ def test_messages_that_are_quoted_are_those_of_the_library():
 
 
 def test_readme_and_guide_lead_to_every_page():
-    assert _schemes.markdown('') in read('docs/schemes/README.md'), f'put this table into docs/schemes/README.md:\n{_schemes.markdown("")}'
+    assert _schemes.markdown(
+        '') in read('docs/schemes/README.md'
+                    ), f'put this table into docs/schemes/README.md:\n{_schemes.markdown("")}'
     for page in PAGES:
         folder, name = page.split('/')[1:]
-        assert f']({name})' in read(f'docs/{folder}/README.md'), f'docs/{folder}/README.md does not lead to {name}'
-        assert f']({folder}/{name})' in read('docs/USER_GUIDE.md'), f'docs/USER_GUIDE.md does not lead to {page}'
+        assert f']({name})' in read(
+            f'docs/{folder}/README.md'), f'docs/{folder}/README.md does not lead to {name}'
+        assert f']({folder}/{name})' in read(
+            'docs/USER_GUIDE.md'), f'docs/USER_GUIDE.md does not lead to {page}'
 
 
 def table_of_times():
     """What steps cost, as benchmarks/overdamped.py measured it."""
     results = json.loads(read('benchmarks/results/overdamped.json'))
     one, interacting = results['one'], results['interacting']['4.0']
-    rows = ['| scheme | one boomerang, Reference, µs | one boomerang, CPU, µs | 64 that interact, CPU, ms | iterations |', '|---|---|---|---|---|']
+    rows = [
+        '| scheme | one boomerang, Reference, µs | one boomerang, CPU, µs | 64 that interact, CPU, '
+        'ms | iterations |', '|---|---|---|---|---|'
+    ]
     for traits in _schemes.TABLE:
         if traits.name not in one['CPU']:
             continue
-        alone = [f'{one[platform][traits.name]["microseconds_step"]["median"]:.1f}' for platform in ('Reference', 'CPU')]
+        alone = [
+            f'{one[platform][traits.name]["microseconds_step"]["median"]:.1f}'
+            for platform in ('Reference', 'CPU')
+        ]
         many = interacting.get(traits.name)
-        together = [f'{many["milliseconds_step"]["median"]:.1f}', f'{many["solverIterations"]:.0f}'] if many else ['–', '–']
-        rows.append(f'| [`{traits.name}`]({traits.name}.md) | ' + ' | '.join(alone + together) + ' |')
+        together = [
+            f'{many["milliseconds_step"]["median"]:.1f}', f'{many["solverIterations"]:.0f}'
+        ] if many else ['–', '–']
+        rows.append(f'| [`{traits.name}`]({traits.name}.md) | ' + ' | '.join(alone + together) +
+                    ' |')
     return '\n'.join(rows)
 
 
 def test_times_are_those_of_the_benchmark():
-    assert table_of_times() in read('docs/schemes/README.md'), f'put this table into docs/schemes/README.md:\n{table_of_times()}'
+    assert table_of_times() in read(
+        'docs/schemes/README.md'
+    ), f'put this table into docs/schemes/README.md:\n{table_of_times()}'
 
 
-@pytest.mark.parametrize('enumeration', [openmmrigidhi.CustomRigidHIIntegrator.Scheme, openmmrigidhi.MobilityForce.Model], ids=['Scheme', 'Model'])
+@pytest.mark.parametrize(
+    'enumeration',
+    [openmmrigidhi.CustomRigidHIIntegrator.Scheme, openmmrigidhi.MobilityForce.Model],
+    ids=['Scheme', 'Model'])
 def test_docstrings_of_enumerators_lead_to_their_pages(enumeration):
     folder = {'Scheme': 'schemes', 'Model': 'models'}[enumeration.__name__]
     assert f'docs/{folder}/README.md' in enumeration.__doc__

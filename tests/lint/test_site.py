@@ -13,7 +13,7 @@ import openmmrigidhi
 import pytest
 from conftest import ROOT, git_files, read
 
-sys.path.insert(0, str(ROOT / 'site'))
+sys.path.insert(0, str(ROOT/'site'))
 import check  # noqa: E402
 import collect  # noqa: E402
 
@@ -23,9 +23,9 @@ OTHER = '<html><body><p id="here"></p><a href="index.html">back</a><a href="http
 
 @pytest.fixture
 def pages(tmp_path):
-    (tmp_path / 'index.html').write_text(GOOD)
-    (tmp_path / 'other.html').write_text(OTHER)
-    (tmp_path / 'a.png').write_bytes(b'')
+    (tmp_path/'index.html').write_text(GOOD)
+    (tmp_path/'other.html').write_text(OTHER)
+    (tmp_path/'a.png').write_bytes(b'')
     return tmp_path
 
 
@@ -33,36 +33,41 @@ def test_check_is_content_with_good_pages(pages):
     assert check.faults(pages) == []
 
 
-@pytest.mark.parametrize('good, bad, said', [
-    ('other.html#here', 'another.html', 'another.html is not there'),
-    ('other.html#here', 'other.html#there', 'leads to no place on that page'),
-    ('other.html#here', '#here', 'leads to no place on that page'),
-    ('other.html#here', '../index.html', 'is not there'),
-    ('src="a.png"', 'src="b.png"', 'b.png is not there'),
-    (' alt="Two spheres"', '', 'has no text alternative'),
-    ('Two spheres', ' ', 'has no text alternative'),
-    ('Two spheres', 'a.png', 'has no text alternative'),
-    ('src="a.png"', 'src="https://openmm.org/a.png"', 'is fetched from elsewhere'),
-])
+@pytest.mark.parametrize(
+    'good, bad, said',
+    [('other.html#here', 'another.html', 'another.html is not there'),
+     ('other.html#here', 'other.html#there', 'leads to no place on that page'),
+     ('other.html#here', '#here', 'leads to no place on that page'),
+     ('other.html#here', '../index.html', 'is not there'),
+     ('src="a.png"', 'src="b.png"', 'b.png is not there'),
+     (' alt="Two spheres"', '', 'has no text alternative'),
+     ('Two spheres', ' ', 'has no text alternative'),
+     ('Two spheres', 'a.png', 'has no text alternative'),
+     ('src="a.png"', 'src="https://openmm.org/a.png"', 'is fetched from elsewhere'),])
 def test_check_finds(pages, good, bad, said):
     assert good in GOOD
-    (pages / 'index.html').write_text(GOOD.replace(good, bad))
+    (pages/'index.html').write_text(GOOD.replace(good, bad))
     found = check.faults(pages)
     assert len(found) == 1 and said in found[0] and found[0].startswith('index.html: ')
 
 
-@pytest.mark.parametrize('style, said', [('@import url(/elsewhere.css);', 'is not there'), ('a { background: url("https://openmm.org/a.png") }', 'from elsewhere')])
+@pytest.mark.parametrize('style, said',
+                         [('@import url(/elsewhere.css);', 'is not there'),
+                          ('a { background: url("https://openmm.org/a.png") }', 'from elsewhere')])
 def test_check_looks_into_styles(pages, style, said):
-    (pages / 'style.css').write_text(style)
+    (pages/'style.css').write_text(style)
     assert len(check.faults(pages)) == 1 and said in check.faults(pages)[0]
 
 
 def test_check_looks_into_scripts(pages):
-    (pages / 'index.html').write_text(GOOD.replace('</body>', '<script src="a.js?digest=1"></script></body>'))
-    (pages / 'a.js').write_text('const a = 1;\n')
+    (pages/'index.html').write_text(
+        GOOD.replace('</body>', '<script src="a.js?digest=1"></script></body>'))
+    (pages/'a.js').write_text('const a = 1;\n')
     assert check.faults(pages) == []
-    (pages / 'a.js').write_text('import b from "./b.js";\n')
-    assert check.faults(pages) == ['index.html: a.js?digest=1 is a module, but is loaded as a plain script']
+    (pages/'a.js').write_text('import b from "./b.js";\n')
+    assert check.faults(pages) == [
+        'index.html: a.js?digest=1 is a module, but is loaded as a plain script'
+    ]
 
 
 def test_check_wants_pages(tmp_path):
@@ -72,18 +77,20 @@ def test_check_wants_pages(tmp_path):
 @pytest.mark.parametrize('page', [page for page in git_files('*.md') if '![' in read(page)])
 def test_pictures_have_a_text_alternative(page):
     for words, picture in re.findall(r'!\[([^\]]*)\]\(([^)]*)\)', read(page)):
-        assert words.strip() and not words.endswith('.png'), f'{page}: say in words what {picture} shows'
+        assert words.strip(
+        ) and not words.endswith('.png'), f'{page}: say in words what {picture} shows'
 
 
-@pytest.mark.parametrize('text, expected', [
-    ('[a](../docs/THEORY.md#noise-laws)', '[a](docs/THEORY.md#noise-laws)'),
-    ('[`code`](../README.md) and `[b](../README.md)`', '[`code`](README.md) and `[b](../README.md)`'),
-    ('[a\nb](../docs)', 'a\nb'),
-    ('[a](https://openmm.org) [b](#here)', '[a](https://openmm.org) [b](#here)'),
-    ('```text\n[a](../docs/THEORY.md)\n```', '```text\n[a](../docs/THEORY.md)\n```'),
-])
+@pytest.mark.parametrize(
+    'text, expected',
+    [('[a](../docs/THEORY.md#noise-laws)', '[a](docs/THEORY.md#noise-laws)'),
+     ('[`code`](../README.md) and `[b](../README.md)`',
+      '[`code`](README.md) and `[b](../README.md)`'), ('[a\nb](../docs)', 'a\nb'),
+     ('[a](https://openmm.org) [b](#here)', '[a](https://openmm.org) [b](#here)'),
+     ('```text\n[a](../docs/THEORY.md)\n```', '```text\n[a](../docs/THEORY.md)\n```'),])
 def test_links_lead_on_the_site_to_what_they_lead_to_in_the_repository(text, expected, tmp_path):
-    assert collect.links_of_the_site(text, 'site/index.md', collect.markdown_files(), tmp_path) == expected
+    assert collect.links_of_the_site(text, 'site/index.md', collect.markdown_files(),
+                                     tmp_path) == expected
 
 
 def test_first_page_leads_three_kinds_of_readers_to_five_pages_each():
@@ -91,32 +98,43 @@ def test_first_page_leads_three_kinds_of_readers_to_five_pages_each():
     paths = text.split('\n### ')[1:]
     assert len(paths) == 3
     for path in paths:
-        targets = [target.partition('#')[0] for target in re.findall(r'^\d\. \[[^\]]+\]\(([^)]+)\)', path, flags=re.M)]
+        targets = [
+            target.partition('#')[0]
+            for target in re.findall(r'^\d\. \[[^\]]+\]\(([^)]+)\)', path, flags=re.M)
+        ]
         assert len(set(targets)) == 5, f'{path.splitlines()[0]}: {targets}'
 
 
-# ---- The built site ---------------------------------------------------------------------------------------------------
+# ---- The built site ------------------------------------------------------------------------------
+
 
 @pytest.fixture(scope='module')
 def html(tmp_path_factory):
     """The site, as `make site` builds it: half a minute."""
-    lacking = [name for name in ('sphinx', 'myst_parser', 'breathe', 'furo') if importlib.util.find_spec(name) is None]
+    lacking = [
+        name for name in ('sphinx', 'myst_parser', 'breathe', 'furo')
+        if importlib.util.find_spec(name) is None
+    ]
     lacking += [] if shutil.which('doxygen') else ['doxygen']
     if lacking:
-        pytest.skip(f'{", ".join(lacking)} not installed; `make site` installs what it needs and checks the site')
+        pytest.skip(
+            f'{", ".join(lacking)} not installed; `make site` installs what it needs and checks '
+            f'the site')
     output = tmp_path_factory.mktemp('site')
     environment = dict(os.environ, OPENBLAS_NUM_THREADS='1')
-    finished = subprocess.run([sys.executable, str(ROOT / 'site' / 'build.py'), str(output)], env=environment, capture_output=True, text=True, timeout=1200)
+    finished = subprocess.run(
+        [sys.executable, str(ROOT/'site'/'build.py'),
+         str(output)], env=environment, capture_output=True, text=True, timeout=1200)
     assert finished.returncode == 0, finished.stdout + finished.stderr
-    return output / 'html'
+    return output/'html'
 
 
 def anchors(html, page):
-    return set(re.findall(r' id="([^"]+)"', (html / page).read_text(encoding='utf-8')))
+    return set(re.findall(r' id="([^"]+)"', (html/page).read_text(encoding='utf-8')))
 
 
 def test_site_is_built_without_warnings_and_faults(html):
-    assert (html / 'searchindex.js').exists() and check.faults(html) == []
+    assert (html/'searchindex.js').exists() and check.faults(html) == []
 
 
 def test_every_public_thing_has_its_page(html):
@@ -124,7 +142,8 @@ def test_every_public_thing_has_its_page(html):
         module = getattr(openmmrigidhi, package)
         for name in module.__all__:
             thing = getattr(module, name)
-            wanted = f'module-{thing.__name__}' if isinstance(thing, types.ModuleType) else f'{module.__name__}.{name}'
+            wanted = f'module-{thing.__name__}' if isinstance(
+                thing, types.ModuleType) else f'{module.__name__}.{name}'
             assert wanted in anchors(html, f'api/{package}/{name}.html'), wanted
     for name in openmmrigidhi.__all__:
         if inspect.isfunction(getattr(openmmrigidhi, name)):
@@ -134,8 +153,10 @@ def test_every_public_thing_has_its_page(html):
 @pytest.mark.parametrize('name', ['CustomRigidHIIntegrator', 'MobilityForce', 'CustomBodyForce'])
 def test_every_method_and_enumerator_is_on_the_page_of_its_class(html, name):
     type_ = getattr(openmmrigidhi, name)
-    public = [key for key, value in vars(type_).items()
-              if not key.startswith('_') and (isinstance(value, (staticmethod, enum.Enum)) or inspect.isfunction(value))]
+    public = [
+        key for key, value in vars(type_).items() if not key.startswith('_') and (
+            isinstance(value, (staticmethod, enum.Enum)) or inspect.isfunction(value))
+    ]
     assert len(public) > 10
     missing = {f'openmmrigidhi.{name}.{key}' for key in public} - anchors(html, f'api/{name}.html')
     assert not missing
@@ -144,5 +165,8 @@ def test_every_method_and_enumerator_is_on_the_page_of_its_class(html, name):
 def test_every_public_header_is_in_the_cpp_reference(html):
     for header in git_files('openmmapi/include/openmmrigidhi/*.h'):
         if '/internal/' not in header:
-            for kind, name in re.findall(r'^(class|struct)\s+(?:OPENMM_EXPORT_RIGIDHI\s+)?(\w+)[^;\n]*\{', read(header), flags=re.M):
-                assert f'_CPPv4N13RigidHIPlugin{len(name)}{name}E' in anchors(html, f'cpp/{name}.html'), f'{kind} {name}'
+            for kind, name in re.findall(
+                    r'^(class|struct)\s+(?:OPENMM_EXPORT_RIGIDHI\s+)?(\w+)[^;\n]*\{', read(header),
+                    flags=re.M):
+                assert f'_CPPv4N13RigidHIPlugin{len(name)}{name}E' in anchors(
+                    html, f'cpp/{name}.html'), f'{kind} {name}'

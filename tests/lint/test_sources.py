@@ -3,6 +3,7 @@ import pathlib
 import re
 import shutil
 import subprocess
+import sys
 
 import pytest
 from conftest import ROOT, cpp_files, git_files, read
@@ -11,7 +12,8 @@ from openmmrigidhi import _schemes
 
 TEXT = ('.h', '.cpp', '.py', '.i', '.md', '.txt', '.json', '.cmake', '.sh', '.ini', '.html', '')
 BINARY = ('.png', '.gif', '.dcd', '.h5', '.npz', '.pdf', '.gz')
-SCHEMES = git_files('platforms/common/schemes/thermostats/*-inl.h') + git_files('platforms/common/schemes/overdamped/*.h')
+SCHEMES = git_files('platforms/common/schemes/thermostats/*-inl.h') + git_files(
+    'platforms/common/schemes/overdamped/*.h')
 PUBLIC_HEADERS = git_files('openmmapi/include/*.h')
 
 
@@ -49,17 +51,46 @@ def test_clang_format():
     version = subprocess.run([program, '--version'], capture_output=True, text=True).stdout.strip()
     if ' version 14.' not in version:
         pytest.skip(f'the sources are formatted by clang-format 14; this is {version}')
-    result = subprocess.run([program, '--dry-run', '-Werror', *cpp_files()], cwd=ROOT, capture_output=True, text=True)
-    unformatted = sorted({line.split(':')[0] for line in result.stderr.splitlines() if 'clang-format-violations' in line})
+    result = subprocess.run([program, '--dry-run', '-Werror', *cpp_files()], cwd=ROOT,
+                            capture_output=True, text=True)
+    unformatted = sorted({
+        line.split(':')[0]
+        for line in result.stderr.splitlines() if 'clang-format-violations' in line
+    })
     assert not unformatted, 'run `make format` on ' + ', '.join(unformatted)
+
+
+def test_yapf():
+    """By the version of Debian 12, as above."""
+    program = shutil.which('yapf3')
+    if program is None:
+        pytest.skip('yapf3 is not installed')
+    version = subprocess.run([program, '--version'], capture_output=True, text=True).stdout.strip()
+    if ' 0.32.' not in version:
+        pytest.skip(f'the sources are formatted by yapf 0.32; this is {version}')
+    result = subprocess.run([program, '--diff', '--parallel', *git_files('*.py')], cwd=ROOT,
+                            capture_output=True, text=True)
+    assert not result.stderr, result.stderr
+    unformatted = re.findall(r'^--- (\S+)', result.stdout, re.MULTILINE)
+    assert not unformatted, 'run `make format` on ' + ', '.join(unformatted)
+
+
+def test_a_sentence_of_markdown_is_a_line():
+    pages = [page for page in git_files('*.md') if '/results/' not in page]
+    result = subprocess.run([sys.executable, 'tools/format_markdown.py', '--check', *pages],
+                            cwd=ROOT, capture_output=True, text=True)
+    assert not result.stderr, result.stderr
+    assert not result.returncode, 'run `make format` on ' + ', '.join(result.stdout.split())
 
 
 @pytest.mark.parametrize('header', PUBLIC_HEADERS)
 def test_public_header_compiles_alone(header, tmp_path):
-    (tmp_path / 'alone.cpp').write_text(f'#include "{ROOT / header}"\n#include "{ROOT / header}"\nint main() {{}}\n')
-    result = subprocess.run(['g++', '-std=c++17', '-Wall', '-Wextra', '-Wno-unused-parameter', '-Werror',
-                             '-fsyntax-only', f'-I{ROOT}/openmmapi/include', 'alone.cpp'],
-                            cwd=tmp_path, capture_output=True, text=True)
+    (tmp_path/'alone.cpp'
+     ).write_text(f'#include "{ROOT / header}"\n#include "{ROOT / header}"\nint main() {{}}\n')
+    result = subprocess.run([
+        'g++', '-std=c++17', '-Wall', '-Wextra', '-Wno-unused-parameter', '-Werror',
+        '-fsyntax-only', f'-I{ROOT}/openmmapi/include', 'alone.cpp'
+    ], cwd=tmp_path, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
 
 
@@ -71,12 +102,15 @@ def compiled_first():
     return {f'platforms/common/{found[1]}' for found in included if found}
 
 
-@pytest.mark.parametrize('header', sorted(set(git_files('platforms/common/*.h')) - compiled_first()))
+@pytest.mark.parametrize('header',
+                         sorted(set(git_files('platforms/common/*.h')) - compiled_first()))
 def test_shared_header_compiles_alone(header, tmp_path, build_directory):
-    (tmp_path / 'alone.cpp').write_text(f'#include "{ROOT / header}"\nint main() {{}}\n')
-    result = subprocess.run(['g++', '-std=c++17', '-fsyntax-only', f'-I{ROOT}/openmmapi/include',
-                             f'-I{ROOT}/platforms/common', f'-I{build_directory}/generated', '-I/usr/include/eigen3', 'alone.cpp'],
-                            cwd=tmp_path, capture_output=True, text=True)
+    (tmp_path/'alone.cpp').write_text(f'#include "{ROOT / header}"\nint main() {{}}\n')
+    result = subprocess.run([
+        'g++', '-std=c++17', '-fsyntax-only', f'-I{ROOT}/openmmapi/include',
+        f'-I{ROOT}/platforms/common', f'-I{build_directory}/generated', '-I/usr/include/eigen3',
+        'alone.cpp'
+    ], cwd=tmp_path, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
 
 
@@ -99,23 +133,32 @@ def test_pages_know_the_schemes():
     assert _schemes.markdown() in read('docs/USER_GUIDE.md'), \
         f'put this table into docs/USER_GUIDE.md, "Schemes, and how to choose":\n{_schemes.markdown()}'
     for traits in _schemes.TABLE:
-        assert re.search(rf'`{traits.name}`', read('docs/THEORY.md')), f'docs/THEORY.md has no equations of {traits.name}'
+        assert re.search(
+            rf'`{traits.name}`',
+            read('docs/THEORY.md')), f'docs/THEORY.md has no equations of {traits.name}'
 
 
 def test_no_scheme_is_known_by_its_number():
     """What is true of some schemes is a column of the list (SchemeList.h), or a case of a switch without default."""
-    for source in git_files('openmmapi/*.cpp', 'platforms/*.cpp', 'platforms/*.h', 'serialization/*.cpp'):
-        assert not re.search(r'[sS]cheme(\(\))?[ ]*[<>]=?[ ]*(CustomRigidHIIntegrator::)?[A-Z]', read(source)), source
+    for source in git_files('openmmapi/*.cpp', 'platforms/*.cpp', 'platforms/*.h',
+                            'serialization/*.cpp'):
+        assert not re.search(r'[sS]cheme(\(\))?[ ]*[<>]=?[ ]*(CustomRigidHIIntegrator::)?[A-Z]',
+                             read(source)), source
 
 
 def test_statistics_that_sanitizers_leave_out_are_tests():
     """tests/CMakeLists.txt names them; a test that is renamed there must not come back to the sanitizers unnoticed."""
-    lists = re.findall(r'^set\(RIGIDHI_STATISTICS\w*\n(.*?)\)$', read('tests/CMakeLists.txt'), flags=re.S | re.M)
+    lists = re.findall(r'^set\(RIGIDHI_STATISTICS\w*\n(.*?)\)$', read('tests/CMakeLists.txt'),
+                       flags=re.S | re.M)
     named = re.findall(r'(\w+)\.(\w+)(\*?)', re.sub(r'#.*', '', '\n'.join(lists)))
-    tests = [found for source in git_files('tests/*.cpp') for found in re.findall(r'^TEST\((\w+), (\w+)\)', read(source), flags=re.M)]
+    tests = [
+        found for source in git_files('tests/*.cpp')
+        for found in re.findall(r'^TEST\((\w+), (\w+)\)', read(source), flags=re.M)
+    ]
     assert len(lists) == 2
     for suite, name, star in named:
-        assert any(test == (suite, name) or star and test[0] == suite and test[1].startswith(name) for test in tests), f'{suite}.{name}'
+        assert any(test == (suite, name) or star and test[0] == suite and test[1].startswith(name)
+                   for test in tests), f'{suite}.{name}'
 
 
 def test_python_compiles():

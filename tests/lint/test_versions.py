@@ -6,8 +6,11 @@ from conftest import read
 
 def test_every_place_has_the_one_version():
     version = re.search(r'project\(openmm-rigidhi VERSION ([0-9.]+)', read('CMakeLists.txt'))[1]
-    assert re.search(r'^version: (.*)$', read('CITATION.cff'), flags=re.M)[1] == version, 'CITATION.cff'
-    assert re.match(r'openmm-rigidhi \((.*?)\)', read('debian/changelog'))[1] == version, 'debian/changelog'
-    assert re.search(r'^## ([0-9.]+)', read('CHANGELOG.md'), flags=re.M)[1] == version, 'CHANGELOG.md'
+    assert re.search(r'^version: (.*)$', read('CITATION.cff'),
+                     flags=re.M)[1] == version, 'CITATION.cff'
+    assert re.match(r'openmm-rigidhi \((.*?)\)',
+                    read('debian/changelog'))[1] == version, 'debian/changelog'
+    assert re.search(r'^## ([0-9.]+)', read('CHANGELOG.md'),
+                     flags=re.M)[1] == version, 'CHANGELOG.md'
     assert re.search(r'^    find_package\(OpenMMRigidHI|find_package\(OpenMMRigidHI ([0-9.]+)', read('debian/tests/program'))[1] == \
         version.rpartition('.')[0], 'debian/tests/program'

@@ -26,14 +26,14 @@ int allocations = 0;
 }  // namespace
 
 #ifndef RIGIDHI_MALLOC_IS_TAKEN
-// The program's malloc goes before that of the C library, for all libraries: new, Eigen and the vectors of C++ come here. OpenBLAS, which
-// LAPACK is in, takes buffers of its own for some sizes.
+// The program's malloc goes before that of the C library, for all libraries: new, Eigen and the
+// vectors of C++ come here. OpenBLAS, which LAPACK is in, takes buffers of its own for some sizes.
 extern "C" {
 void* __libc_malloc(size_t);
 __attribute__((visibility("default"))) void* malloc(size_t size) {
     Dl_info caller;
-    if (counting && dladdr(__builtin_return_address(0), &caller) != 0 && !strstr(caller.dli_fname, "blas") &&
-        !strstr(caller.dli_fname, "lapack"))
+    if (counting && dladdr(__builtin_return_address(0), &caller) != 0 &&
+        !strstr(caller.dli_fname, "blas") && !strstr(caller.dli_fname, "lapack"))
         allocations++;
     return __libc_malloc(size);
 }
@@ -42,24 +42,39 @@ __attribute__((visibility("default"))) void* malloc(size_t size) {
 
 namespace {
 
-enum Kind { Spheres, Multiblobs, Rods, WithOwnTensor, AboveWall, OneMultiblob, FreeDraining, Stokesian, Unlubricated };
+enum Kind {
+    Spheres,
+    Multiblobs,
+    Rods,
+    WithOwnTensor,
+    AboveWall,
+    OneMultiblob,
+    FreeDraining,
+    Stokesian,
+    Unlubricated
+};
 
 /** How often a step allocates memory, the largest of three, after as many. */
-int countAllocations(CustomRigidHIIntegrator::Scheme scheme, Kind kind, int numBodies, bool inShear) {
+int countAllocations(CustomRigidHIIntegrator::Scheme scheme, Kind kind, int numBodies,
+                     bool inShear) {
     FluidScene scene(300, 1e-4);
     scene.integrator.setScheme(scheme);
     const vector<Vec3> threeOnALine = {Vec3(0, 0, -1), Vec3(0, 0, 0.2), Vec3(0, 0, 1.2)};
     const BodyKind rod = {"rod", 1, Vec3(0.4, 0.4, 0), threeOnALine, {0.5, 0.5, 0.5}};
     for (int i = 0; i < numBodies; i++)
-        scene.add(kind == Spheres || kind == AboveWall || kind == Stokesian || kind == Unlubricated ? sphereKind(0.5)
-                  : kind == Rods                                                                    ? rod
-                                                                                                    : boomerangKind(),
+        scene.add(kind == Spheres || kind == AboveWall || kind == Stokesian || kind == Unlubricated
+                      ? sphereKind(0.5)
+                  : kind == Rods ? rod
+                                 : boomerangKind(),
                   Vec3(6 * (i % 4), 6 * (i / 4), 3));
-    if (kind == Multiblobs) scene.addFree(traitsOf(scheme).isOverdamped() ? 0 : 1, 0.5, Vec3(0, 0, 9));
-    if (kind == WithOwnTensor) scene.fluid->setBodyMobility(0, rowsOf(0.01 * tensorWithoutSymmetry(1)));
+    if (kind == Multiblobs)
+        scene.addFree(traitsOf(scheme).isOverdamped() ? 0 : 1, 0.5, Vec3(0, 0, 9));
+    if (kind == WithOwnTensor)
+        scene.fluid->setBodyMobility(0, rowsOf(0.01 * tensorWithoutSymmetry(1)));
     if (kind == AboveWall) scene.fluid->setBoundary(MobilityForce::NoSlipWall);
     if (kind == FreeDraining) scene.fluid->setModel(MobilityForce::FreeDraining);
-    if (kind == Stokesian || kind == Unlubricated) scene.fluid->setModel(MobilityForce::StokesianDynamics);
+    if (kind == Stokesian || kind == Unlubricated)
+        scene.fluid->setModel(MobilityForce::StokesianDynamics);
     if (kind == Unlubricated) scene.fluid->setLubrication(false);
     if (inShear) scene.fluid->setBackgroundFlow(Vec3(), {0, 0, 0.1, 0, 0, 0, 0, 0, 0});
     scene.fluid->setSolver(MobilityForce::Dense);
@@ -100,15 +115,18 @@ TEST(Allocations, NoneInADenseStep) {
     if (whyNot) GTEST_SKIP() << whyNot;
     for (const SchemeTraits& traits : schemeTable) {
         if (traits.kind == SchemeKind::Thermostat) continue;
-        for (Kind kind :
-             {Spheres, Multiblobs, Rods, WithOwnTensor, AboveWall, OneMultiblob, FreeDraining, Stokesian, Unlubricated})
+        for (Kind kind : {Spheres, Multiblobs, Rods, WithOwnTensor, AboveWall, OneMultiblob,
+                          FreeDraining, Stokesian, Unlubricated})
             for (int numBodies : {4, 9})
                 for (bool inShear : {false, true}) {
                     if (kind == OneMultiblob) numBodies = 1;
-                    if (kind == WithOwnTensor && inShear) continue;  // how its blobs go is found in new matrices
-                    // LangevinHI decomposes a matrix: below 40 rows by Eigen, which has a vector of its own there.
+                    if (kind == WithOwnTensor && inShear)
+                        continue;  // how its blobs go is found in new matrices
+                    // LangevinHI decomposes a matrix: below 40 rows by Eigen, which has a vector of
+                    // its own there.
                     const bool eigen = !traits.isOverdamped() && numBodies == 4;
-                    EXPECT_LE(countAllocations(traits.scheme, kind, numBodies, inShear), eigen ? 1 : 0)
+                    EXPECT_LE(countAllocations(traits.scheme, kind, numBodies, inShear),
+                              eigen ? 1 : 0)
                         << traits.name << ", kind " << kind << ", " << numBodies << " bodies"
                         << (inShear ? " in a shear flow" : "");
                 }

@@ -1,5 +1,6 @@
-// What C++ users may do wrong: every call is an OpenMMException that names object, value, bound and remedy.
-// (tests/python/test_bad_input_*.py go through the same, and through runs and saved states, on both platforms.)
+// What C++ users may do wrong: every call is an OpenMMException that names object, value, bound and
+// remedy. (tests/python/test_bad_input_*.py go through the same, and through runs and saved states,
+// on both platforms.)
 
 #include <openmm/AndersenThermostat.h>
 #include <openmm/VirtualSite.h>
@@ -14,10 +15,12 @@ using namespace std;
 
 namespace {
 
-const double nan_ = numeric_limits<double>::quiet_NaN(), infinity = numeric_limits<double>::infinity();
+const double nan_ = numeric_limits<double>::quiet_NaN(),
+             infinity = numeric_limits<double>::infinity();
 const vector<Vec3> twoSites = {Vec3(), Vec3(0.1, 0, 0)};
 
-/** A kind of virtual site that this library has never heard of, as each version of OpenMM may bring one. */
+/** A kind of virtual site that this library has never heard of, as each version of OpenMM may bring
+ * one. */
 struct MirroredSite : VirtualSite {
     explicit MirroredSite(int particle) { setParticles({particle}); }
 };
@@ -28,27 +31,46 @@ struct BadInput : testing::Test {
 };
 
 TEST_F(BadInput, Particles) {
-    expectError([&] { integrator.addRigidBody({3, 2}); }, {"body 1", "particle 2 is already in body 0", "remove it"});
+    expectError(
+        [&] {
+            integrator.addRigidBody({3, 2});
+        },
+        {"body 1", "particle 2 is already in body 0", "remove it"});
     expectError([&] { integrator.addRigidBody({4, 4}); }, {"body 1", "particle 4 is named twice"});
-    expectError([&] { integrator.addRigidBody({-1}); }, {"body 1", "particle index -1 is negative"});
+    expectError([&] { integrator.addRigidBody({-1}); },
+                {"body 1", "particle index -1 is negative"});
     expectError([&] { integrator.addRigidBody({}); }, {"body 1", "it has no particles"});
-    expectError([&] { integrator.getRigidBodyParticles(1); }, {"body index 1 is out of range", "there are 1 bodies"});
-    expectError([&] { integrator.clearBodyFriction(-1); }, {"clearBodyFriction()", "body index -1 is out of range"});
+    expectError([&] { integrator.getRigidBodyParticles(1); },
+                {"body index 1 is out of range", "there are 1 bodies"});
+    expectError([&] { integrator.clearBodyFriction(-1); },
+                {"clearBodyFriction()", "body index -1 is out of range"});
     EXPECT_EQ(integrator.getNumRigidBodies(), 1);
 }
 
 TEST_F(BadInput, MassMomentsAndSites) {
     const Vec3 round(1, 1, 1);
     for (double bad : {-1.0, nan_, infinity}) {
-        expectError([&] { integrator.addRigidBody({3, 4}, bad, round, twoSites); }, {"body 1", "mass is"});
-        expectError([&] { integrator.addRigidBody({3, 4}, 1, Vec3(1, bad, 1), twoSites); }, {"moment about y"});
+        expectError(
+            [&] {
+                integrator.addRigidBody({3, 4}, bad, round, twoSites);
+            },
+            {"body 1", "mass is"});
+        expectError(
+            [&] {
+                integrator.addRigidBody({3, 4}, 1, Vec3(1, bad, 1), twoSites);
+            },
+            {"moment about y"});
     }
     expectError(
         [&] {
             integrator.addRigidBody({3, 4}, 1, Vec3(1, 2, 3.1), twoSites);
         },
         {"body 1", "(1, 2, 3.1)", "triangle inequality", "here 3"});
-    expectError([&] { integrator.addRigidBody({3, 4, 5}, 1, round, twoSites); }, {"3 particles but 2 site positions"});
+    expectError(
+        [&] {
+            integrator.addRigidBody({3, 4, 5}, 1, round, twoSites);
+        },
+        {"3 particles but 2 site positions"});
     expectError(
         [&] {
             integrator.addRigidBody({3, 4}, 1, round, {Vec3(), Vec3(0, nan_, 0)});
@@ -61,21 +83,29 @@ TEST_F(BadInput, Settings) {
     for (double bad : {-1.0, nan_, infinity}) {
         expectError([&] { integrator.setTemperature(bad); }, {"setTemperature()", "not negative"});
         expectError([&] { integrator.setFriction(bad); }, {"setFriction()", "1/ps"});
-        expectError([&] { integrator.setRotationalFriction(bad); }, {"setRotationalFriction()", "1/ps"});
+        expectError([&] { integrator.setRotationalFriction(bad); },
+                    {"setRotationalFriction()", "1/ps"});
         expectError([&] { integrator.setBodyFriction(0, bad, 1); }, {"body 0", "friction gamma"});
-        expectError([&] { integrator.setBodyFriction(0, 1, bad); }, {"body 0", "rotational friction Gamma"});
+        expectError([&] { integrator.setBodyFriction(0, 1, bad); },
+                    {"body 0", "rotational friction Gamma"});
     }
     for (double bad : {0.0, -1.0, nan_, infinity}) {
         expectError([&] { integrator.setStepSize(bad); }, {"setStepSize()", "positive"});
-        expectError([&] { integrator.setInertiaScale(bad); }, {"setInertiaScale()", "factor of the principal moments"});
+        expectError([&] { integrator.setInertiaScale(bad); },
+                    {"setInertiaScale()", "factor of the principal moments"});
         expectError([&] { integrator.setPoseTolerance(bad); }, {"setPoseTolerance()", "positive"});
-        expectError([&] { integrator.setConstraintTolerance(bad); }, {"setConstraintTolerance()", "positive"});
-        expectError([&] { integrator.setGradientRelaxationTime(bad); }, {"setGradientRelaxationTime()", "positive"});
-        expectError([&] { integrator.setGradientRotationalRelaxationTime(bad); }, {"Upsilon", "positive"});
+        expectError([&] { integrator.setConstraintTolerance(bad); },
+                    {"setConstraintTolerance()", "positive"});
+        expectError([&] { integrator.setGradientRelaxationTime(bad); },
+                    {"setGradientRelaxationTime()", "positive"});
+        expectError([&] { integrator.setGradientRotationalRelaxationTime(bad); },
+                    {"Upsilon", "positive"});
         expectError([&] { CustomRigidHIIntegrator(300, bad); }, {"step size"});
     }
-    expectError([&] { integrator.setScheme(static_cast<CustomRigidHIIntegrator::Scheme>(17)); }, {"scheme 17"});
-    expectError([&] { integrator.setNoiseLaw(static_cast<CustomRigidHIIntegrator::NoiseLaw>(-1)); }, {"law -1"});
+    expectError([&] { integrator.setScheme(static_cast<CustomRigidHIIntegrator::Scheme>(17)); },
+                {"scheme 17"});
+    expectError([&] { integrator.setNoiseLaw(static_cast<CustomRigidHIIntegrator::NoiseLaw>(-1)); },
+                {"law -1"});
     EXPECT_EQ(integrator.getTemperature(), 300);
     EXPECT_EQ(integrator.getStepSize(), 0.001);
     EXPECT_EQ(integrator.getInertiaScale(), 1);
@@ -84,7 +114,8 @@ TEST_F(BadInput, Settings) {
 TEST_F(BadInput, NoContext) {
     expectError([&] { integrator.step(1); }, {"step()", "needs a Context"});
     expectError([&] { integrator.getBodyPositions(); }, {"getBodyPositions()", "needs a Context"});
-    expectError([&] { integrator.setBodyVelocities({Vec3()}); }, {"setBodyVelocities()", "needs a Context"});
+    expectError([&] { integrator.setBodyVelocities({Vec3()}); },
+                {"setBodyVelocities()", "needs a Context"});
     expectError([&] { integrator.describeEffects(); }, {"describeEffects()", "needs a Context"});
     vector<int> particles;
     double mass;
@@ -98,9 +129,11 @@ TEST_F(BadInput, Systems) {
     auto create = [&](System& system) { Context context(system, integrator, testPlatform()); };
     System small, tied, site, copied, andersen, massless;
     small.addParticle(1);
-    expectError([&] { create(small); }, {"body 0", "particle index 1 is out of range", "the System has 1 particles"});
+    expectError([&] { create(small); },
+                {"body 0", "particle index 1 is out of range", "the System has 1 particles"});
     for (System* system : {&tied, &site, &andersen, &massless})
-        for (int i = 0; i < 4; i++) system->addParticle(system == &massless || (system == &site && i == 2) ? 0 : 1);
+        for (int i = 0; i < 4; i++)
+            system->addParticle(system == &massless || (system == &site && i == 2) ? 0 : 1);
     tied.addConstraint(2, 3, 0.1);
     expectError([&] { create(tied); }, {"constraint 0 ties particle 2 of body 0 to particle 3"});
     site.setVirtualSite(2, new TwoParticleAverageSite(0, 3, 0.5, 0.5));
@@ -108,13 +141,16 @@ TEST_F(BadInput, Systems) {
     for (int parent : {0, 3}) {  // in the body or not
         site.setVirtualSite(2, new MirroredSite(parent));
         expectError([&] { create(site); },
-                    {"virtual site particle 2 of body 0 is a MirroredSite defined by particle " + to_string(parent),
-                     "need not turn with a body", "use a TwoParticleAverageSite", "a massless member of the body"});
+                    {"virtual site particle 2 of body 0 is a MirroredSite defined by particle " +
+                         to_string(parent),
+                     "need not turn with a body", "use a TwoParticleAverageSite",
+                     "a massless member of the body"});
     }
     for (int i = 0; i < 4; i++) copied.addParticle(i == 3 ? 0 : 1);
     copied.setVirtualSite(3, new MirroredSite(1));
     expectError([&] { create(copied); },
-                {"virtual site particle 3 is a MirroredSite defined by particle 1 of body 0", "need not turn"});
+                {"virtual site particle 3 is a MirroredSite defined by particle 1 of body 0",
+                 "need not turn"});
     andersen.addForce(new AndersenThermostat(300, 1));
     expectError([&] { create(andersen); }, {"force 0", "AndersenThermostat", "remove it"});
     expectError([&] { create(massless); }, {"body 0 has mass 0", "explicit mass"});
@@ -129,10 +165,23 @@ TEST_F(BadInput, RowsOfBodyStates) {
     integrator.step(1);
     expectError([&] { integrator.step(-1); }, {"number of steps is -1"});
     expectError([&] { integrator.setBodyPositions({}); }, {"setBodyPositions()", "got 0 rows"});
-    expectError([&] { integrator.setBodyVelocities({Vec3(), Vec3()}); }, {"setBodyVelocities()", "got 2 rows"});
-    expectError([&] { integrator.setBodyAngularVelocities({Vec3(nan_, 0, 0)}); }, {"body 0", "angular velocity"});
-    expectError([&] { integrator.setBodyOrientations({{{2, 0, 0, 0}}}); }, {"body 0", "length 2", "(w, x, y, z)"});
-    expectError([&] { integrator.setBodyOrientations({{{nan_, 0, 0, 0}}}); }, {"body 0", "normalise it"});
+    expectError(
+        [&] {
+            integrator.setBodyVelocities({Vec3(), Vec3()});
+        },
+        {"setBodyVelocities()", "got 2 rows"});
+    expectError([&] { integrator.setBodyAngularVelocities({Vec3(nan_, 0, 0)}); },
+                {"body 0", "angular velocity"});
+    expectError(
+        [&] {
+            integrator.setBodyOrientations({{{2, 0, 0, 0}}});
+        },
+        {"body 0", "length 2", "(w, x, y, z)"});
+    expectError(
+        [&] {
+            integrator.setBodyOrientations({{{nan_, 0, 0, 0}}});
+        },
+        {"body 0", "normalise it"});
     integrator.step(1);
     // A body that is added now is not one of the Context's.
     integrator.addRigidBody({3});
@@ -141,11 +190,16 @@ TEST_F(BadInput, RowsOfBodyStates) {
     const vector<Vec3> R = integrator.getBodyPositions();
     integrator.setBodyPositions(R);
     const vector<string> fragments = {"got 2 rows; the Context has 1 bodies, the integrator 2",
-                                      "those that were added later wait for the next Context", "call reinitialize()"};
+                                      "those that were added later wait for the next Context",
+                                      "call reinitialize()"};
     expectError([&] { integrator.setBodyPositions({Vec3(), Vec3()}); }, fragments);
     expectError([&] { integrator.setBodyVelocities({Vec3(), Vec3()}); }, fragments);
     expectError([&] { integrator.setBodyAngularVelocities({Vec3(), Vec3()}); }, fragments);
-    expectError([&] { integrator.setBodyOrientations({{{1, 0, 0, 0}}, {{1, 0, 0, 0}}}); }, fragments);
+    expectError(
+        [&] {
+            integrator.setBodyOrientations({{{1, 0, 0, 0}}, {{1, 0, 0, 0}}});
+        },
+        fragments);
     integrator.step(1);
 }
 

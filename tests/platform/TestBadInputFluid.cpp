@@ -1,5 +1,6 @@
-// What users may do wrong with a MobilityForce and LangevinHI: every call is an OpenMMException that names object, value,
-// bound and remedy. (tests/python/test_bad_input_fluid.py has wrong types and shapes.)
+// What users may do wrong with a MobilityForce and LangevinHI: every call is an OpenMMException
+// that names object, value, bound and remedy. (tests/python/test_bad_input_fluid.py has wrong types
+// and shapes.)
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>
@@ -17,7 +18,8 @@ using namespace std;
 
 namespace {
 
-const double nan_ = numeric_limits<double>::quiet_NaN(), infinity = numeric_limits<double>::infinity();
+const double nan_ = numeric_limits<double>::quiet_NaN(),
+             infinity = numeric_limits<double>::infinity();
 
 vector<double> unitTensor() { return rowsOf(MatrixXd::Identity(6, 6)); }
 
@@ -29,7 +31,8 @@ struct Pair : FluidScene {
     }
 };
 
-/** Expect an error when the Context is created (or, where geometry is not known before, given positions). */
+/** Expect an error when the Context is created (or, where geometry is not known before, given
+ * positions). */
 void expectRefused(FluidScene& scene, const vector<string>& fragments) {
     expectError([&] { scene.start(testPlatform()); }, fragments);
 }
@@ -39,15 +42,18 @@ void expectRefused(FluidScene& scene, const vector<string>& fragments) {
 TEST(BadFluid, Settings) {
     MobilityForce fluid;
     for (double bad : {-0.1, nan_, infinity}) {
-        expectError([&] { fluid.addParticle(bad); }, {"particle 0: hydrodynamic radius is", "finite and not negative"});
-        expectError([&] { fluid.setMinimumGap(bad); }, {"setMinimumGap()", "mean radii; it must be finite and not"});
+        expectError([&] { fluid.addParticle(bad); },
+                    {"particle 0: hydrodynamic radius is", "finite and not negative"});
+        expectError([&] { fluid.setMinimumGap(bad); },
+                    {"setMinimumGap()", "mean radii; it must be finite and not"});
     }
     EXPECT_EQ(fluid.getNumParticles(), 0);
     fluid.addParticle(0.5);
     expectError([&] { fluid.setParticleRadius(0, -1); }, {"particle 0", "-1 nm"});
     EXPECT_EQ(fluid.getParticleRadius(0), 0.5);
     for (int index : {-1, 1}) {
-        expectError([&] { fluid.getParticleRadius(index); }, {"getParticleRadius(): particle index", "out of range"});
+        expectError([&] { fluid.getParticleRadius(index); },
+                    {"getParticleRadius(): particle index", "out of range"});
         expectError([&] { fluid.setParticleRadius(index, 1); },
                     {"setParticleRadius(): particle index", "out of range"});
     }
@@ -55,16 +61,23 @@ TEST(BadFluid, Settings) {
         expectError([&] { fluid.setViscosity(bad); },
                     {"setViscosity()", "dalton/(nm ps); it must be finite and positive"});
     for (double bad : {0.0, 1e-15, 0.2, nan_, infinity, -1e-6})
-        expectError([&] { fluid.setSolverTolerance(bad); }, {"tolerance is", "it must be between 1e-14 and 0.1"});
+        expectError([&] { fluid.setSolverTolerance(bad); },
+                    {"tolerance is", "it must be between 1e-14 and 0.1"});
     for (int bad : {-1, 17}) {
-        expectError([&] { fluid.setModel(static_cast<MobilityForce::Model>(bad)); },
-                    {"model " + to_string(bad), "it must be one of FreeDraining, RotnePragerYamakawa"});
+        expectError(
+            [&] { fluid.setModel(static_cast<MobilityForce::Model>(bad)); },
+            {"model " + to_string(bad), "it must be one of FreeDraining, RotnePragerYamakawa"});
         expectError([&] { fluid.setBoundary(static_cast<MobilityForce::Boundary>(bad)); },
-                    {"boundary " + to_string(bad) + " is unknown", "it must be one of Unbounded, NoSlipWall"});
+                    {"boundary " + to_string(bad) + " is unknown",
+                     "it must be one of Unbounded, NoSlipWall"});
         expectError([&] { fluid.setSolver(static_cast<MobilityForce::Solver>(bad)); },
                     {"solver " + to_string(bad), "it must be one of Auto, Dense, MatrixFree"});
     }
-    expectError([&] { fluid.setGroups({0, 1, -2}); }, {"body 2", "its group is -2; groups are numbered from 0"});
+    expectError(
+        [&] {
+            fluid.setGroups({0, 1, -2});
+        },
+        {"body 2", "its group is -2; groups are numbered from 0"});
     EXPECT_TRUE(fluid.getGroups().empty());
 }
 
@@ -74,17 +87,21 @@ TEST(BadFluid, Tensors) {
         const auto set = [&](int body, const vector<double>& tensor) {
             friction ? fluid.setBodyFriction(body, tensor) : fluid.setBodyMobility(body, tensor);
         };
-        expectError([&] { set(-1, unitTensor()); }, {"body index -1 is negative; bodies are counted from 0"});
-        expectError([&] { set(0, vector<double>(35, 1)); }, {"body 0", "its tensor has 35 numbers; it must be 6 x 6"});
+        expectError([&] { set(-1, unitTensor()); },
+                    {"body index -1 is negative; bodies are counted from 0"});
+        expectError([&] { set(0, vector<double>(35, 1)); },
+                    {"body 0", "its tensor has 35 numbers; it must be 6 x 6"});
         vector<double> tensor = unitTensor();
         tensor[1] = nan_;
-        expectError([&] { set(3, tensor); }, {"body 3: its tensor has an entry nan", "all must be finite"});
+        expectError([&] { set(3, tensor); },
+                    {"body 3: its tensor has an entry nan", "all must be finite"});
         tensor = unitTensor();
         tensor[1] = 0.1;
-        expectError([&] { set(3, tensor); },
-                    {"its tensor is not symmetric", "(1, 0) and (0, 1) are 0 and 0.1", "agree to 1e-9"});
+        expectError([&] { set(3, tensor); }, {"its tensor is not symmetric",
+                                              "(1, 0) and (0, 1) are 0 and 0.1", "agree to 1e-9"});
         tensor[1] = tensor[6] = 1.5;
-        expectError([&] { set(3, tensor); }, {"its tensor is not positive definite; a body that moves dissipates"});
+        expectError([&] { set(3, tensor); },
+                    {"its tensor is not positive definite; a body that moves dissipates"});
         tensor = unitTensor();
         tensor[35] = 0;
         expectError([&] { set(3, tensor); }, {"not positive definite"});
@@ -92,7 +109,8 @@ TEST(BadFluid, Tensors) {
         expectError([&] { set(3, tensor); }, {"not positive definite"});
     }
     EXPECT_FALSE(fluid.getBodyHasOwnTensor(3));
-    for (auto ask : {+[](MobilityForce& f) { f.getBodyMobility(3); }, +[](MobilityForce& f) { f.getBodyFriction(3); },
+    for (auto ask : {+[](MobilityForce& f) { f.getBodyMobility(3); },
+                     +[](MobilityForce& f) { f.getBodyFriction(3); },
                      +[](MobilityForce& f) { f.getBodyTensorIsFriction(3); }})
         expectError([&] { ask(fluid); },
                     {"body 3 has no tensor of its own; only those that were set can be asked for"});
@@ -101,26 +119,31 @@ TEST(BadFluid, Tensors) {
 TEST(BadFluid, RadiiAndGroupsOfAnotherNumber) {
     Pair tooMany, tooFew, groups, tensor;
     tooMany.fluid->addParticle(1);
-    expectRefused(tooMany, {"3 radii, but the System has 2", "call addParticle() once for each particle"});
+    expectRefused(tooMany,
+                  {"3 radii, but the System has 2", "call addParticle() once for each particle"});
     tooFew.system.addParticle(0);
     tooFew.positions.push_back(Vec3());
     expectRefused(tooFew, {"2 radii, but the System has 3"});
     groups.fluid->setGroups({0, 0, 1});
     expectRefused(groups, {"setGroups() was given 3 groups, but the integrator has 2 bodies"});
     tensor.fluid->setBodyMobility(2, unitTensor());
-    expectRefused(tensor, {"body 2 was given a tensor of its own, but the integrator has 2 bodies"});
+    expectRefused(tensor,
+                  {"body 2 was given a tensor of its own, but the integrator has 2 bodies"});
 }
 
 TEST(BadFluid, BodiesAndParticlesThatTheFluidCannotTake) {
     Pair unseen, massless, line;
     unseen.fluid->setParticleRadius(1, 0);
-    expectRefused(unseen, {"body 1 has no particle with a hydrodynamic radius", "give at least one"});
+    expectRefused(unseen,
+                  {"body 1 has no particle with a hydrodynamic radius", "give at least one"});
     massless.addFree(0, 0.4, Vec3(0, 3, 0));
-    expectRefused(massless, {"particle 2 has hydrodynamic radius 0.4", "is in no body and has no mass"});
+    expectRefused(massless,
+                  {"particle 2 has hydrodynamic radius 0.4", "is in no body and has no mass"});
     BodyKind rod = rodKind();
     rod.moments[2] = 0.01;
     line.add(rod, Vec3(0, 5, 0));
-    expectRefused(line, {"body 2: its hydrodynamic particles lie on a line", "it has inertia about that line"});
+    expectRefused(line, {"body 2: its hydrodynamic particles lie on a line",
+                         "it has inertia about that line"});
     // The line must be that of the dead axis, and go through the centre of mass.
     Pair shifted, askew;
     rod = rodKind();
@@ -145,7 +168,8 @@ TEST(BadFluid, BodiesAndParticlesThatTheFluidCannotTake) {
 
 namespace {
 
-/** A body of two blobs at one place beside a third, turned and moved at random: rounding differs from seed to seed. */
+/** A body of two blobs at one place beside a third, turned and moved at random: rounding differs
+ * from seed to seed. */
 BodyKind twinKind(int seed, double distance = 0, double otherRadius = 0.5) {
     mt19937 generator(seed);
     uniform_real_distribution<double> u(-1, 1);
@@ -166,14 +190,19 @@ TEST(BadFluid, BlobsOfABodyAtOnePlaceAreRefusedWithItsShape) {
     for (auto solver : solvers)
         for (int seed = 0; seed < 200; seed++) {
             // Exactly so, and by rounding or a little more: the bound is 1e-6 of the radius.
-            const double distance = seed % 4 == 0 ? 0 : seed % 4 == 1 ? 1e-16 : seed % 4 == 2 ? 1e-10 : 0.499e-6;
+            const double distance = seed % 4 == 0   ? 0
+                                    : seed % 4 == 1 ? 1e-16
+                                    : seed % 4 == 2 ? 1e-10
+                                                    : 0.499e-6;
             FluidScene scene;
             scene.add(sphereKind(0.5));
             scene.add(twinKind(seed, distance), Vec3(0, 5, 0));
             scene.fluid->setSolver(solver);
-            expectError([&] { Context context(scene.system, scene.integrator, testPlatform()); },
-                        {"particle 1 (body 1) and particle 4 (body 1), both of radius 0.5 nm, are at the same place",
-                         "5e-07 nm, 1e-6 of the radius, is the least", "give one of them the radius 0"});
+            expectError(
+                [&] { Context context(scene.system, scene.integrator, testPlatform()); },
+                {"particle 1 (body 1) and particle 4 (body 1), both of radius 0.5 nm, are at the "
+                 "same place",
+                 "5e-07 nm, 1e-6 of the radius, is the least", "give one of them the radius 0"});
         }
 }
 
@@ -183,7 +212,9 @@ TEST(BadFluid, BlobsOfABodyNearEachOtherOrOfOtherRadiiAreTaken) {
             for (bool concentric : {false, true}) {
                 FluidScene scene;
                 scene.add(sphereKind(0.5));
-                scene.add(concentric ? twinKind(seed, 0, 0.5 * (1 + 2e-6)) : twinKind(seed, 0.51e-6), Vec3(0, 5, 0));
+                scene.add(
+                    concentric ? twinKind(seed, 0, 0.5 * (1 + 2e-6)) : twinKind(seed, 0.51e-6),
+                    Vec3(0, 5, 0));
                 scene.fluid->setSolver(solver);
                 scene.start(testPlatform());
                 // A twin adds nothing to the body that it is in.
@@ -202,9 +233,13 @@ TEST(BadFluid, BlobsOfABodyNearEachOtherOrOfOtherRadiiAreTaken) {
 TEST(BadFluid, BlobsThatAreAllAtOnePlace) {
     for (double distance : {0.0, 1e-16, 4e-7}) {
         FluidScene scene;
-        scene.add({"concentric", 1, Vec3(1, 1, 1), {Vec3(0.1, 0.2, 0.3), Vec3(0.1, 0.2, 0.3 + distance)}, {0.5, 0.4}});
-        expectRefused(scene, {"body 0: its 2 hydrodynamic particles are all at one place", "do not resist rotation",
-                              "which makes the body a sphere"});
+        scene.add({"concentric",
+                   1,
+                   Vec3(1, 1, 1),
+                   {Vec3(0.1, 0.2, 0.3), Vec3(0.1, 0.2, 0.3 + distance)},
+                   {0.5, 0.4}});
+        expectRefused(scene, {"body 0: its 2 hydrodynamic particles are all at one place",
+                              "do not resist rotation", "which makes the body a sphere"});
     }
 }
 
@@ -224,15 +259,19 @@ TEST(BadFluid, SpheresAndFreeParticlesAtOnePlaceAreNamed) {
                     else
                         scene.add(sphereKind(0.5), Vec3(1 + distance, 1.3, -0.7));
                     scene.start(testPlatform());
-                    const vector<string> fragments = {"particle 1 (body 1) and particle 2 " +
-                                                          string(free ? "(in no body)" : "(body 2)") +
-                                                          ", both of radius 0.5 nm, are at the same place",
-                                                      "move one of them"};
+                    const vector<string> fragments = {
+                        "particle 1 (body 1) and particle 2 " +
+                            string(free ? "(in no body)" : "(body 2)") +
+                            ", both of radius 0.5 nm, are at the same place",
+                        "move one of them"};
                     expectError([&] { scene.integrator.step(1); }, fragments);
                     expectError([&] { scene.mobility(); }, fragments);
                     expectError([&] { scene.friction(); }, fragments);
                     expectError(
-                        [&] { scene.fluid->applyMobilityInContext(*scene.context, vector<double>(6 * (2 + !free))); },
+                        [&] {
+                            scene.fluid->applyMobilityInContext(*scene.context,
+                                                                vector<double>(6 * (2 + !free)));
+                        },
                         fragments);
                     // The Context keeps its state, and goes on from another.
                     auto R = scene.integrator.getBodyPositions();
@@ -247,7 +286,8 @@ TEST(BadFluid, ParticlesAtOnePlaceThatDoNotFeelEachOther) {
     // Replicas, free draining, different radii: none of them makes a matrix singular.
     FluidScene groups, draining, radii;
     for (FluidScene* scene : {&groups, &draining, &radii})
-        for (int b = 0; b < 2; b++) scene->add(sphereKind(scene == &radii ? 0.5 + 0.1 * b : 0.5), Vec3(1, 1, 1));
+        for (int b = 0; b < 2; b++)
+            scene->add(sphereKind(scene == &radii ? 0.5 + 0.1 * b : 0.5), Vec3(1, 1, 1));
     groups.fluid->setGroups({0, 1});
     draining.fluid->setModel(MobilityForce::FreeDraining);
     for (FluidScene* scene : {&groups, &draining, &radii}) {
@@ -268,7 +308,8 @@ TEST(BadFluid, ErrorsInOneOfManyGroupsReachTheUser) {
         }
     scene.fluid->setGroups(groups);
     scene.start(testPlatform(), 2);
-    expectError([&] { scene.integrator.step(1); }, {"particle 10 (body 10) and particle 11 (body 11)"});
+    expectError([&] { scene.integrator.step(1); },
+                {"particle 10 (body 10) and particle 11 (body 11)"});
 }
 
 TEST(BadFluid, WhatStokesianDynamicsCannotTake) {
@@ -277,13 +318,14 @@ TEST(BadFluid, WhatStokesianDynamicsCannotTake) {
         pair->fluid->setModel(MobilityForce::StokesianDynamics);
     overlapping.start(testPlatform());
     overlapping.integrator.setBodyPositions({Vec3(), Vec3(0.9, 0, 0)});
-    for (const auto& action :
-         {function<void()>([&] { overlapping.mobility(); }), function<void()>([&] { overlapping.integrator.step(1); })})
+    for (const auto& action : {function<void()>([&] { overlapping.mobility(); }),
+                               function<void()>([&] { overlapping.integrator.step(1); })})
         expectError(action, {"body 0", "body 1", "; separate them, allow it by setMinimumGap"});
     overlapping.integrator.setBodyPositions({Vec3(), Vec3(1.1, 0, 0)});
     overlapping.integrator.step(1);
     tensor.fluid->setBodyMobility(1, unitTensor());
-    expectRefused(tensor, {"body 1", "which model StokesianDynamics cannot take; use RotnePragerYamakawa"});
+    expectRefused(tensor,
+                  {"body 1", "which model StokesianDynamics cannot take; use RotnePragerYamakawa"});
     multiblob.add(boomerangKind(), Vec3(0, 4, 0));
     expectRefused(multiblob, {"StokesianDynamics", "body 2"});
     ratio.add(sphereKind(20), Vec3(0, 40, 0));
@@ -296,14 +338,15 @@ TEST(BadFluid, MatrixFreeWhereItCannotBe) {
     Pair model, dead;
     for (Pair* pair : {&model, &dead}) pair->fluid->setSolver(MobilityForce::MatrixFree);
     model.fluid->setModel(MobilityForce::StokesianDynamics);
-    expectRefused(model, {"solver MatrixFree is there for RotnePragerYamakawa", "not for StokesianDynamics",
-                          "use setSolver(Dense)"});
+    expectRefused(model, {"solver MatrixFree is there for RotnePragerYamakawa",
+                          "not for StokesianDynamics", "use setSolver(Dense)"});
     dead.add({"linear sphere", 1, Vec3(1, 1, 0), {Vec3()}, {0.4}}, Vec3(0, 4, 0));
     expectRefused(dead, {"solver MatrixFree", "with a zero moment"});
 }
 
 TEST(BadFluid, StepsThatEndInOverlapUnderStokesianDynamics) {
-    // Pushed together so hard, in so thin a fluid, that the step ends in overlap whatever the noise.
+    // Pushed together so hard, in so thin a fluid, that the step ends in overlap whatever the
+    // noise.
     for (double temperature : {0.0, 1e-6}) {
         FluidScene scene(temperature, 0.1);
         scene.fluid->setModel(MobilityForce::StokesianDynamics);
@@ -315,11 +358,11 @@ TEST(BadFluid, StepsThatEndInOverlapUnderStokesianDynamics) {
         scene.integrator.setMaximumRejections(7);
         scene.start(testPlatform());
         const auto before = positionsOf(*scene.context);
-        expectError(
-            [&] { scene.integrator.step(1); },
-            {temperature == 0 ? "at temperature 0 no other noise can help"
-                              : "the step was redone 7 times in a row, as often as setMaximumRejections() allows",
-             "body 0", "body 1"});
+        expectError([&] { scene.integrator.step(1); },
+                    {temperature == 0 ? "at temperature 0 no other noise can help"
+                                      : "the step was redone 7 times in a row, as often as "
+                                        "setMaximumRejections() allows",
+                     "body 0", "body 1"});
         EXPECT_TRUE(sameBits(positionsOf(*scene.context), before));
         EXPECT_EQ(scene.integrator.getNumRejectedSteps(), temperature == 0 ? 1 : 8);
         // A smaller step resolves it.
@@ -342,11 +385,13 @@ TEST(BadFluid, Integrators) {
     system.addForce(fluid);
     VerletIntegrator verlet(0.001);
     expectError([&] { Context context(system, verlet, testPlatform()); },
-                {"its integrator is not a CustomRigidHIIntegrator; other integrators would ignore the fluid"});
+                {"its integrator is not a CustomRigidHIIntegrator; other integrators would ignore "
+                 "the fluid"});
     for (auto scheme : thermostats()) {
         Pair pair;
         pair.integrator.setScheme(scheme);
-        expectRefused(pair, {"the System has a MobilityForce, which scheme", "would ignore; use LangevinHI"});
+        expectRefused(
+            pair, {"the System has a MobilityForce, which scheme", "would ignore; use LangevinHI"});
     }
 }
 
@@ -363,22 +408,25 @@ TEST(BadFluid, OneMobilityForceExactly) {
 TEST(BadFluid, ForcesThatDoNotGoWithIt) {
     Pair moving, pressed;
     moving.system.addForce(new CMMotionRemover());
-    expectRefused(moving, {"CMMotionRemover", "LangevinHI", "the fluid exchanges momentum with the bodies"});
+    expectRefused(
+        moving, {"CMMotionRemover", "LangevinHI", "the fluid exchanges momentum with the bodies"});
     pressed.system.addForce(new MonteCarloBarostat(1, 300));
     auto* periodic = new HarmonicBondForce();  // or OpenMM refuses the barostat first
     periodic->setUsesPeriodicBoundaryConditions(true);
     pressed.system.addForce(periodic);
-    expectRefused(pressed,
-                  {"a MonteCarloBarostat, which scheme LangevinHI does not support: the fluid has no pressure"});
+    expectRefused(pressed, {"a MonteCarloBarostat, which scheme LangevinHI does not support: the "
+                            "fluid has no pressure"});
 }
 
 TEST(BadFluid, ConstraintsOfFreeParticles) {
     for (bool seen : {false, true}) {
         Pair pair;
-        for (int i = 0; i < 2; i++) pair.addFree(1, seen && i == 1 ? 0.3 : 0, Vec3(0, 3 + 0.5 * i, 0));
+        for (int i = 0; i < 2; i++)
+            pair.addFree(1, seen && i == 1 ? 0.3 : 0, Vec3(0, 3 + 0.5 * i, 0));
         pair.system.addConstraint(2, 3, 0.5);
         if (seen)
-            expectRefused(pair, {"constraint 0 holds particle 3", "has a hydrodynamic radius", "set its radius to 0"});
+            expectRefused(pair, {"constraint 0 holds particle 3", "has a hydrodynamic radius",
+                                 "set its radius to 0"});
         else {
             pair.start(testPlatform());
             pair.integrator.step(1);
@@ -391,7 +439,8 @@ TEST(BadFluid, QuestionsWithoutAContextOrPositions) {
     other.start(testPlatform());
     EXPECT_THROW(pair.fluid->getMobilityInContext(*other.context), OpenMMException);
     EXPECT_THROW(pair.fluid->getFrictionInContext(*other.context), OpenMMException);
-    EXPECT_THROW(pair.fluid->applyMobilityInContext(*other.context, vector<double>(12)), OpenMMException);
+    EXPECT_THROW(pair.fluid->applyMobilityInContext(*other.context, vector<double>(12)),
+                 OpenMMException);
     EXPECT_THROW(pair.fluid->updateParametersInContext(*other.context), OpenMMException);
     pair.context.reset(new Context(pair.system, pair.integrator, testPlatform()));
     expectError([&] { pair.mobility(); }, {"getMobilityInContext() needs positions"});
@@ -428,8 +477,12 @@ TEST(BadFluid, WhatNeedsNoPositionsIsRefusedBeforeThem) {
     } cases[] = {
         {true, [](MobilityForce& f) { f.addParticle(1); }, {"5 radii, but the System has 4"}},
         {true, [](MobilityForce& f) { f.setGroups({0}); }, {"setGroups() was given 1 groups"}},
-        {true, [](MobilityForce& f) { f.setBodyMobility(2, unitTensor()); }, {"body 2 was given a tensor of its own"}},
-        {false, [](MobilityForce& f) { f.setParticleRadius(2, 0); }, {"body 1 has no particle with a hydrodynamic"}},
+        {true,
+         [](MobilityForce& f) { f.setBodyMobility(2, unitTensor()); },
+         {"body 2 was given a tensor of its own"}},
+        {false,
+         [](MobilityForce& f) { f.setParticleRadius(2, 0); },
+         {"body 1 has no particle with a hydrodynamic"}},
         {true,
          [](MobilityForce& f) { f.setModel(MobilityForce::StokesianDynamics); },
          {"a model of spheres that rotate"}},
@@ -459,7 +512,8 @@ TEST(BadFluid, WhatNeedsNoPositionsIsRefusedBeforeThem) {
          {"boundary NoSlipWall is there for"}},
         {true,
          [](MobilityForce& f) { f.setModel(MobilityForce::ForceCoupling); },
-         {"boundary Unbounded is there for the model FreeDraining or RotnePragerYamakawa or StokesianDynamics",
+         {"boundary Unbounded is there for the model FreeDraining or RotnePragerYamakawa or "
+          "StokesianDynamics",
           "not for ForceCoupling; use setModel(", "or setBoundary(Periodic or SlipChannel)"}},
         {true,
          [](MobilityForce& f) {
@@ -475,7 +529,8 @@ TEST(BadFluid, WhatNeedsNoPositionsIsRefusedBeforeThem) {
     for (const auto& c : cases) {
         Shapeless scene(c.multiblobs);
         c.spoil(*scene.fluid);
-        expectError([&] { Context context(scene.system, scene.integrator, testPlatform()); }, c.fragments);
+        expectError([&] { Context context(scene.system, scene.integrator, testPlatform()); },
+                    c.fragments);
     }
 }
 
@@ -519,8 +574,9 @@ TEST(BadFluid, Wrenches) {
     Pair pair;
     pair.start(testPlatform());
     for (int size : {0, 6, 11, 18})
-        expectError([&] { pair.fluid->applyMobilityInContext(*pair.context, vector<double>(size)); },
-                    {"was given " + to_string(size) + " numbers, but there are 2 bodies"});
+        expectError(
+            [&] { pair.fluid->applyMobilityInContext(*pair.context, vector<double>(size)); },
+            {"was given " + to_string(size) + " numbers, but there are 2 bodies"});
     vector<double> wrenches(12);
     wrenches[7] = nan_;
     expectError([&] { pair.fluid->applyMobilityInContext(*pair.context, wrenches); },
@@ -533,13 +589,16 @@ TEST(BadFluid, ChangesThatNeedANewContext) {
     const MatrixXd before = pair.mobility();
     const auto update = [&] { pair.fluid->updateParametersInContext(*pair.context); };
     pair.fluid->setModel(MobilityForce::FreeDraining);
-    expectError(update, {"the model or boundary of a MobilityForce cannot be changed by", "reinitialize"});
+    expectError(update,
+                {"the model or boundary of a MobilityForce cannot be changed by", "reinitialize"});
     pair.fluid->setModel(MobilityForce::RotnePragerYamakawa);
     pair.fluid->setGroups({0, 1});
     expectError(update, {"the groups of a MobilityForce cannot be changed by"});
     pair.fluid->setGroups({});
     pair.fluid->setParticleRadius(0, 0);
-    expectError(update, {"particle 0: its hydrodynamic radius cannot change between 0 and a positive value"});
+    expectError(
+        update,
+        {"particle 0: its hydrodynamic radius cannot change between 0 and a positive value"});
     pair.fluid->setParticleRadius(0, 0.5);
     pair.fluid->setBodyMobility(2, unitTensor());
     expectError(update, {"body 2 was given a tensor of its own"});
@@ -590,7 +649,8 @@ TEST(BadFluid, StepsThatAreNotFiniteLeaveTheLastGoodState) {
 }
 
 TEST(BadFluid, ForcesAlongARodThatCancelAreNoTorque) {
-    // Their wrench is nothing but rounding, in any direction: it must not be taken for a torque about the line.
+    // Their wrench is nothing but rounding, in any direction: it must not be taken for a torque
+    // about the line.
     for (int seed = 0; seed < 20; seed++) {
         Pair rod;
         mt19937 generator(seed);
@@ -611,7 +671,8 @@ TEST(BadFluid, ForcesAlongARodThatCancelAreNoTorque) {
 }
 
 TEST(BadFluid, TorquesAboutTheLineOfARod) {
-    // Neither the fluid nor inertia resists a turn about the line: the marker off the line, which the fluid does not see, is pulled.
+    // Neither the fluid nor inertia resists a turn about the line: the marker off the line, which
+    // the fluid does not see, is pulled.
     Pair rod;
     BodyKind marked = rodKind();
     marked.sites.push_back(Vec3(0.3, 0, 0.2));
@@ -626,8 +687,8 @@ TEST(BadFluid, TorquesAboutTheLineOfARod) {
     rod.integrator.step(2);
     const vector<Vec3> before = positionsOf(*rod.context);
     rod.context->setParameter("pull", 1);
-    expectError([&] { rod.integrator.step(1); },
-                {"body " + to_string(body) + ": a torque of", "about the line of its hydrodynamic particles"});
+    expectError([&] { rod.integrator.step(1); }, {"body " + to_string(body) + ": a torque of",
+                                                  "about the line of its hydrodynamic particles"});
     EXPECT_TRUE(sameBits(before, positionsOf(*rod.context)));
     vector<double> wrenches(6 * (body + 1), 0.0);
     wrenches[6 * body + 5] = 1;  // the rod lies along z

@@ -17,7 +17,8 @@ namespace {
 
 typedef CustomRigidHIIntegrator RigidIntegrator;
 
-/** Bodies with explicit mass, moments and four sites; the particles of the System are massless but for the first. */
+/** Bodies with explicit mass, moments and four sites; the particles of the System are massless but
+ * for the first. */
 struct Scene {
     System system;
     RigidIntegrator integrator;
@@ -57,7 +58,8 @@ struct Scene {
         append(integrator.getBodyAngularVelocities());
         append(integrator.getBodyForces());
         append(integrator.getBodyTorques());
-        for (const auto& q : integrator.getBodyOrientations()) values.insert(values.end(), q.begin(), q.end());
+        for (const auto& q : integrator.getBodyOrientations())
+            values.insert(values.end(), q.begin(), q.end());
         return values;
     }
 };
@@ -82,10 +84,13 @@ TEST(BodyForces, ConstantForceGivesAParabola) {
     EXPECT_LT(norm(scene.integrator.getBodyPositions()[0] - Vec3(1 + 0.1 * t, 2, 3)), 1e-13);
     const Vec3 expected = Vec3(5, 0, 0) + Vec3(0, 0.2, -1) * t + acceleration * (t * t / 2);
     EXPECT_LT(norm(scene.integrator.getBodyPositions()[1] - expected), 1e-12);
-    EXPECT_LT(norm(scene.integrator.getBodyVelocities()[1] - Vec3(0, 0.2, -1) - acceleration * t), 1e-12);
+    EXPECT_LT(norm(scene.integrator.getBodyVelocities()[1] - Vec3(0, 0.2, -1) - acceleration * t),
+              1e-12);
     EXPECT_LT(norm(scene.integrator.getBodyForces()[1] - Vec3(3, -6, 0.5)), 1e-15);
     EXPECT_LT(norm(scene.integrator.getBodyForces()[0]), 1e-15);
-    EXPECT_NE(scene.integrator.getEffects()["body forces"].find("on: 1 bodies, 1 CustomBodyForce(s)"), string::npos);
+    EXPECT_NE(
+        scene.integrator.getEffects()["body forces"].find("on: 1 bodies, 1 CustomBodyForce(s)"),
+        string::npos);
 }
 
 TEST(BodyForces, ConstantTorqueSpinsUpASphere) {
@@ -101,11 +106,12 @@ TEST(BodyForces, ConstantTorqueSpinsUpASphere) {
     // The axis stands, so the angle is omega t^2 / 2.
     const double angle = norm(omega) / 2;
     const Vec3 axis = omega / norm(omega);
-    const QuaternionArray turn = {
-        {cos(angle / 2), sin(angle / 2) * axis[0], sin(angle / 2) * axis[1], sin(angle / 2) * axis[2]}};
+    const QuaternionArray turn = {{cos(angle / 2), sin(angle / 2) * axis[0],
+                                   sin(angle / 2) * axis[1], sin(angle / 2) * axis[2]}};
     const QuaternionArray expected = product(turn, {{0.5, 0.5, -0.5, 0.5}}),
                           q = scene.integrator.getBodyOrientations()[0];
-    const double overlap = q[0] * expected[0] + q[1] * expected[1] + q[2] * expected[2] + q[3] * expected[3];
+    const double overlap =
+        q[0] * expected[0] + q[1] * expected[1] + q[2] * expected[2] + q[3] * expected[3];
     EXPECT_NEAR(abs(overlap), 1, 1e-9);
 }
 
@@ -120,25 +126,29 @@ TEST(BodyForces, TimeDependentForceConvergesWithSecondOrder) {
         // x'' = cos(w t) / m
         const double expected = (1 - cos(3 * 2.0)) / 9 / 2;
         errors.push_back(abs(scene.integrator.getBodyPositions()[0][0] - expected));
-        EXPECT_NEAR(scene.integrator.getBodyForces()[0][0], cos(6.0), 1e-12) << "that of the end of the step";
+        EXPECT_NEAR(scene.integrator.getBodyForces()[0][0], cos(6.0), 1e-12)
+            << "that of the end of the step";
     }
     EXPECT_NEAR(errors[0] / errors[1], 4, 0.2);
     EXPECT_NEAR(errors[1] / errors[2], 4, 0.1);
 }
 
 TEST(BodyForces, VelocityDependentForceConvergesWithSecondOrder) {
-    for (const auto scheme : {RigidIntegrator::LangevinA, RigidIntegrator::LangevinB, RigidIntegrator::LangevinC}) {
+    for (const auto scheme :
+         {RigidIntegrator::LangevinA, RigidIntegrator::LangevinB, RigidIntegrator::LangevinC}) {
         vector<double> errors;
         for (const double h : {0.04, 0.02, 0.01}) {
             Scene scene(h);
             scene.integrator.setScheme(scheme);
             scene.addBody(Vec3());
-            scene.addForce({"-c*v*vx; v=sqrt(vx^2+vy^2+vz^2); c=1.5", "0", "0", "0", "0", "0"})->addBody(0, {});
+            scene.addForce({"-c*v*vx; v=sqrt(vx^2+vy^2+vz^2); c=1.5", "0", "0", "0", "0", "0"})
+                ->addBody(0, {});
             scene.create();
             scene.integrator.setBodyVelocities({Vec3(2, 0, 0)});
             scene.integrator.step(int(2 / h + 0.5));
             // v' = -c/m v^2
-            const double rate = 1.5 / 2, v = 2 / (1 + rate * 2 * 2.0), x = log(1 + rate * 2 * 2.0) / rate;
+            const double rate = 1.5 / 2, v = 2 / (1 + rate * 2 * 2.0),
+                         x = log(1 + rate * 2 * 2.0) / rate;
             errors.push_back(abs(scene.integrator.getBodyVelocities()[0][0] - v) +
                              abs(scene.integrator.getBodyPositions()[0][0] - x));
         }
@@ -180,13 +190,16 @@ TEST(BodyForces, TrapEqualsCustomExternalForceOnTheParticle) {
 }
 
 TEST(BodyForces, ExpressionsSeeTheUsersFrame) {
-    // Whatever the order of the moments, which are sorted inside: a force along the body's own x axis, from q.
+    // Whatever the order of the moments, which are sorted inside: a force along the body's own x
+    // axis, from q.
     mt19937 generator(8);
-    for (const Vec3& moments :
-         {Vec3(1, 2, 2.5), Vec3(2, 1, 2.5), Vec3(2.5, 2, 1), Vec3(1, 2.5, 2), Vec3(2.5, 1, 2), Vec3(2, 2.5, 1)}) {
+    for (const Vec3& moments : {Vec3(1, 2, 2.5), Vec3(2, 1, 2.5), Vec3(2.5, 2, 1), Vec3(1, 2.5, 2),
+                                Vec3(2.5, 1, 2), Vec3(2, 2.5, 1)}) {
         Scene scene(0.001);
         scene.addBody(Vec3(), moments);
-        scene.addForce({"q0^2+q1^2-q2^2-q3^2", "2*(q1*q2+q0*q3)", "2*(q1*q3-q0*q2)", "x", "vy", "t"})->addBody(0, {});
+        scene
+            .addForce({"q0^2+q1^2-q2^2-q3^2", "2*(q1*q2+q0*q3)", "2*(q1*q3-q0*q2)", "x", "vy", "t"})
+            ->addBody(0, {});
         scene.create();
         const QuaternionArray q = randomQuaternion(generator);
         scene.integrator.setBodyOrientations({q});
@@ -211,8 +224,8 @@ TEST(BodyForces, DipoleInAFieldHasItsDistribution) {
     scene.integrator.setRotationalFriction(2);
     scene.integrator.setFriction(2);
     // E = 2 along z, n the body's axis z.
-    CustomBodyForce* force =
-        scene.addForce({"0", "0", "0", "2*ny; ny=2*(q2*q3-q0*q1)", "-2*nx; nx=2*(q1*q3+q0*q2)", "0"});
+    CustomBodyForce* force = scene.addForce(
+        {"0", "0", "0", "2*ny; ny=2*(q2*q3-q0*q1)", "-2*nx; nx=2*(q1*q3+q0*q2)", "0"});
     for (int b = 0; b < n; b++) force->addBody(b, {});
     scene.create();
     scene.context->setVelocitiesToTemperature(1 / boltzmann, 2);
@@ -244,7 +257,8 @@ TEST(BodyForces, SeveralForcesAndRepeatedBodiesAddUp) {
     EXPECT_LT(norm(scene.integrator.getBodyForces()[0] - Vec3(111, 7, 0)), 1e-12);
     EXPECT_LT(norm(scene.integrator.getBodyForces()[1] - Vec3(100, 7, 0)), 1e-12);
     EXPECT_LT(norm(scene.integrator.getBodyTorques()[0] - Vec3(0, 0, 11)), 1e-12);
-    // New parameters and Context parameters count from the next evaluation, also for the forces kept from the last step.
+    // New parameters and Context parameters count from the next evaluation, also for the forces
+    // kept from the last step.
     const Vec3 before = scene.integrator.getBodyVelocities()[0];
     first->setBodyParameters(1, 0, {-1000});
     first->updateParametersInContext(*scene.context);
@@ -263,7 +277,8 @@ TEST(BodyForces, HonourForceGroups) {
     second->addBody(0, {});
     second->setForceGroup(3);
     scene.create();
-    const vector<pair<int, double> > cases = {{1 << 3, 10}, {1, 1}, {1 | 1 << 3, 11}, {1 << 5, 0}, {-1, 11}};
+    const vector<pair<int, double> > cases = {
+        {1 << 3, 10}, {1, 1}, {1 | 1 << 3, 11}, {1 << 5, 0}, {-1, 11}};
     for (const auto& c : cases) {
         scene.integrator.setIntegrationForceGroups(c.first);
         scene.integrator.step(1);
@@ -300,8 +315,8 @@ TEST(BodyForces, ResumeBitForBit) {
                         scene.addBody(Vec3(b, 0.5, 0), b % 2 ? Vec3(2, 1, 2.5) : Vec3(1, 2, 2.5));
                     const bool momenta = scheme != RigidIntegrator::GradientThermostat;
                     const string drag = momenta ? "-0.3*vx*abs(vx)" : "0";
-                    CustomBodyForce* force =
-                        scene.addForce({"-9*x+5*cos(3*t)+" + drag, "sin(t)", "-z", drag + "+q1*q2", "t", "x*y"});
+                    CustomBodyForce* force = scene.addForce(
+                        {"-9*x+5*cos(3*t)+" + drag, "sin(t)", "-z", drag + "+q1*q2", "t", "x*y"});
                     for (int b = 0; b < 9; b += 2) force->addBody(b, {});
                     scene.create();
                     scene.context->setVelocitiesToTemperature(300, 1);
@@ -310,7 +325,8 @@ TEST(BodyForces, ResumeBitForBit) {
                         stringstream stream;
                         scene.context->createCheckpoint(stream);
                         saved = stream.str();
-                        state = scene.context->getState(State::Positions | State::Velocities | State::Parameters |
+                        state = scene.context->getState(State::Positions | State::Velocities |
+                                                        State::Parameters |
                                                         State::IntegratorParameters);
                     } else if (throughState)
                         scene.context->setState(state);
@@ -339,7 +355,8 @@ TEST(BodyForces, WithoutAnyNothingChanges) {
         scene.create();
         scene.integrator.step(20);
         EXPECT_EQ(scene.integrator.getEffects()["body forces"],
-                  idle ? "off: none of the 1 CustomBodyForce(s) has bodies and is in an integrated force group"
+                  idle ? "off: none of the 1 CustomBodyForce(s) has bodies and is in an integrated "
+                         "force group"
                        : "off: the System has no CustomBodyForce");
         results.push_back(scene.stateOfBodies());
     }
@@ -356,44 +373,54 @@ TEST(BodyForces, NonFiniteOnesAreReportedAndNothingIsLost) {
         scene.integrator.step(2);
         const vector<double> before = scene.stateOfBodies();
         for (int attempt = 0; attempt < 2; attempt++)
-            expectError([&] { scene.integrator.step(1); }, {"step 3: body 1", "non-finite force, torque or momentum"});
+            expectError([&] { scene.integrator.step(1); },
+                        {"step 3: body 1", "non-finite force, torque or momentum"});
         vector<double> after = scene.stateOfBodies();
         EXPECT_TRUE(equal(before.begin(), before.begin() + 18, after.begin()));
     }
 }
 
 TEST(BodyForces, Refusals) {
-    const auto creation = [](const vector<string>& expressions, int body, const vector<double>& parameters,
-                             CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::LangevinC) {
-        Scene scene(0.01);
-        scene.integrator.setScheme(scheme);
-        scene.addBody(Vec3());
-        CustomBodyForce* force = scene.addForce(expressions);
-        force->addPerBodyParameter("a");
-        force->addBody(body, parameters);
-        scene.create();
-    };
+    const auto creation =
+        [](const vector<string>& expressions, int body, const vector<double>& parameters,
+           CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::LangevinC) {
+            Scene scene(0.01);
+            scene.integrator.setScheme(scheme);
+            scene.addBody(Vec3());
+            CustomBodyForce* force = scene.addForce(expressions);
+            force->addPerBodyParameter("a");
+            force->addBody(body, parameters);
+            scene.create();
+        };
     EXPECT_NO_THROW(creation(none, 0, {1}));
     expectError(
         [&] { creation(none, 1, {1}); },
-        {"CustomBodyForce: entry 0 acts on body 1, but the integrator's 1 bodies are numbered", "correct the entry"});
-    expectError([&] { creation(none, 0, {}); },
-                {"entry 0 (body 0) has 0 parameters", "the force has 1 per-body parameters", "addBody()"});
+        {"CustomBodyForce: entry 0 acts on body 1, but the integrator's 1 bodies are numbered",
+         "correct the entry"});
+    expectError(
+        [&] { creation(none, 0, {}); },
+        {"entry 0 (body 0) has 0 parameters", "the force has 1 per-body parameters", "addBody()"});
     expectError([&] { creation(none, 0, {1, 2}); }, {"entry 0 (body 0) has 2 parameters"});
     expectError(
         [&] {
             creation({"0", "0", "0", "0", "b*x", "0"}, 0, {1});
         },
-        {"CustomBodyForce: force 0: ty: expression \"b*x\": there is no variable or parameter 'b'", "vz, t, a"});
+        {"CustomBodyForce: force 0: ty: expression \"b*x\": there is no variable or parameter 'b'",
+         "vz, t, a"});
     expectError(
         [&] {
             creation({"x+", "0", "0", "0", "0", "0"}, 0, {1});
         },
         {"fx: expression \"x+\": it ends too early"});
-    expectError([&] { creation({"", "0", "0", "0", "0", "0"}, 0, {1}); }, {"fx: expression \"\": it ends too early"});
     expectError(
         [&] {
-            creation({"vx", "0", "0", "0", "0", "0"}, 0, {1}, CustomRigidHIIntegrator::GradientThermostat);
+            creation({"", "0", "0", "0", "0", "0"}, 0, {1});
+        },
+        {"fx: expression \"\": it ends too early"});
+    expectError(
+        [&] {
+            creation({"vx", "0", "0", "0", "0", "0"}, 0, {1},
+                     CustomRigidHIIntegrator::GradientThermostat);
         },
         {"force 0, a CustomBodyForce, depends on vx, vy or vz, but scheme GradientThermostat",
          "use a Langevin scheme"});
@@ -407,14 +434,15 @@ TEST(BodyForces, Refusals) {
     expectError([&] { scene.integrator.step(1); }, {"depends on vx, vy or vz"});
     // Another integrator.
     VerletIntegrator verlet(0.001);
-    expectError(
-        [&] { Context context(scene.system, verlet, testPlatform()); },
-        {"the Context's integrator is a VerletIntegrator, which has no rigid bodies", "CustomRigidHIIntegrator only"});
+    expectError([&] { Context context(scene.system, verlet, testPlatform()); },
+                {"the Context's integrator is a VerletIntegrator, which has no rigid bodies",
+                 "CustomRigidHIIntegrator only"});
     // Other bodies than at creation.
     CustomBodyForce& force = dynamic_cast<CustomBodyForce&>(scene.system.getForce(0));
     force.addBody(0, {});
-    expectError([&] { force.updateParametersInContext(*scene.context); },
-                {"the force acts on other bodies than when the Context was created", "reinitialize()"});
+    expectError(
+        [&] { force.updateParametersInContext(*scene.context); },
+        {"the force acts on other bodies than when the Context was created", "reinitialize()"});
 }
 
 TEST(BodyForces, SettersRefuse) {
@@ -426,32 +454,42 @@ TEST(BodyForces, SettersRefuse) {
     for (const string name : {"x", "y", "z", "q0", "q1", "q2", "q3", "vx", "vy", "vz", "t"})
         expectError([&] { force.addPerBodyParameter(name); },
                     {"the name '" + name + "' is that of a variable", "choose another"});
-    for (const string name :
-         {"", "1a", ".5", "a b", "a+b", "-a", "f(", "a)", "a,b", "a;", "a=b", "a^2", "a/b", "a*b", "\ta"}) {
+    for (const string name : {"", "1a", ".5", "a b", "a+b", "-a", "f(", "a)", "a,b", "a;", "a=b",
+                              "a^2", "a/b", "a*b", "\ta"}) {
         expectError([&] { force.addPerBodyParameter(name); },
                     {"the name '" + name + "' could not be used in an expression"});
-        expectError([&] { force.addGlobalParameter(name, 0); }, {"could not be used in an expression"});
-        expectError([&] { force.setGlobalParameterName(0, name); }, {"could not be used in an expression"});
-        expectError([&] { force.setPerBodyParameterName(0, name); }, {"could not be used in an expression"});
+        expectError([&] { force.addGlobalParameter(name, 0); },
+                    {"could not be used in an expression"});
+        expectError([&] { force.setGlobalParameterName(0, name); },
+                    {"could not be used in an expression"});
+        expectError([&] { force.setPerBodyParameterName(0, name); },
+                    {"could not be used in an expression"});
     }
-    expectError([&] { force.addPerBodyParameter("b"); }, {"there is a parameter 'b' already", "different names"});
+    expectError([&] { force.addPerBodyParameter("b"); },
+                {"there is a parameter 'b' already", "different names"});
     expectError([&] { force.addGlobalParameter("a", 0); }, {"there is a parameter 'a' already"});
-    expectError([&] { force.setPerBodyParameterName(0, "b"); }, {"there is a parameter 'b' already"});
+    expectError([&] { force.setPerBodyParameterName(0, "b"); },
+                {"there is a parameter 'b' already"});
     expectError([&] { force.addGlobalParameter("c", NAN); },
                 {"the default value of 'c' is nan", "parameters must be finite"});
-    expectError([&] { force.setGlobalParameterDefaultValue(0, INFINITY); }, {"the default value of 'b' is inf"});
-    expectError([&] { force.addBody(-1, {1}); }, {"entry 0: body index -1 is negative", "bodies are counted from 0"});
+    expectError([&] { force.setGlobalParameterDefaultValue(0, INFINITY); },
+                {"the default value of 'b' is inf"});
+    expectError([&] { force.addBody(-1, {1}); },
+                {"entry 0: body index -1 is negative", "bodies are counted from 0"});
     expectError([&] { force.addBody(0, {NAN}); }, {"entry 0: parameter 'a' is nan"});
     EXPECT_EQ(force.getNumBodies(), 0);
     EXPECT_EQ(force.addBody(2, {1}), 0);
     expectError([&] { force.setBodyParameters(0, -2, {1}); }, {"body index -2 is negative"});
-    expectError([&] { force.getExpression("fw"); }, {"component 'fw' is unknown", "fx, fy, fz, tx, ty, tz"});
+    expectError([&] { force.getExpression("fw"); },
+                {"component 'fw' is unknown", "fx, fy, fz, tx, ty, tz"});
     expectError([&] { force.setExpression("", "0"); }, {"component '' is unknown"});
     int body;
     vector<double> values;
     expectError([&] { force.getBodyParameters(1, body, values); },
-                {"nothing has index 1", "this force has 1 entries, numbered from 0", "add it first, or name another"});
+                {"nothing has index 1", "this force has 1 entries, numbered from 0",
+                 "add it first, or name another"});
     expectError([&] { force.setBodyParameters(-1, 0, {}); }, {"nothing has index -1"});
     expectError([&] { force.getGlobalParameterName(1); }, {"this force has 1 global parameters"});
-    expectError([&] { force.getPerBodyParameterName(1); }, {"this force has 1 per-body parameters"});
+    expectError([&] { force.getPerBodyParameterName(1); },
+                {"this force has 1 per-body parameters"});
 }

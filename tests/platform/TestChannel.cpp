@@ -1,4 +1,5 @@
-// A fluid between slip walls in a Context: dense and on a grid, rejections, boxes, resume, bad input.
+// A fluid between slip walls in a Context: dense and on a grid, rejections, boxes, resume, bad
+// input.
 
 #include <openmm/CustomExternalForce.h>
 #include <openmm/MonteCarloBarostat.h>
@@ -54,13 +55,16 @@ TEST(Channel, GridsAreTheLatticeSumToTheTolerance) {
         scene.addBodies();
         scene.start(testPlatform());
         const MatrixXd error = root.asDiagonal() * (scene.mobility() - N) * root.asDiagonal();
-        EXPECT_LE(Eigen::SelfAdjointEigenSolver<MatrixXd>(error).eigenvalues().cwiseAbs().maxCoeff(), tolerance);
+        EXPECT_LE(
+            Eigen::SelfAdjointEigenSolver<MatrixXd>(error).eigenvalues().cwiseAbs().maxCoeff(),
+            tolerance);
     }
 }
 
 TEST(Channel, ResumesBitForBit) {
     for (auto solver : {MobilityForce::Dense, MobilityForce::MatrixFree})
-        for (auto scheme : {RigidHI::LangevinHI, RigidHI::DriftCorrectorFD, RigidHI::TrapezoidalSlip}) {
+        for (auto scheme :
+             {RigidHI::LangevinHI, RigidHI::DriftCorrectorFD, RigidHI::TrapezoidalSlip}) {
             const auto start = [&](int threads) {
                 auto scene = make_unique<ChannelScene>(T1, scheme, solver);
                 scene->addBodies();
@@ -77,11 +81,12 @@ TEST(Channel, ResumesBitForBit) {
 }
 
 TEST(Channel, StepsBeyondEitherWallAreRedone) {
-    // A sphere that is pushed to a wall: with Overlap its surface, with Crossing its centre stays inside. Near
-    // a wall it moves little, so crossing takes long steps.
+    // A sphere that is pushed to a wall: with Overlap its surface, with Crossing its centre stays
+    // inside. Near a wall it moves little, so crossing takes long steps.
     for (bool crossing : {false, true})
         for (double y : {2.0, 5.5}) {
-            ChannelScene scene(T1, RigidHI::EulerMaruyama, MobilityForce::Dense, crossing ? 5 : 0.2);
+            ChannelScene scene(T1, RigidHI::EulerMaruyama, MobilityForce::Dense,
+                               crossing ? 5 : 0.2);
             scene.integrator.setWallRejection(crossing ? RigidHI::Crossing : RigidHI::Overlap);
             scene.add(sphereKind(1), Vec3(4, y, 4));
             auto* push = new CustomExternalForce(y < 4 ? "3*y" : "-3*y");
@@ -106,8 +111,9 @@ TEST(Channel, StartsBeyondAWallAreRefused) {
         scene.add(sphereKind(0.8), Vec3(4, y, 4));
         scene.start(testPlatform());
         expectError([&] { scene.integrator.step(1); },
-                    {"SlipChannel: particle 0 (body 0) has its centre at y = ", "between walls at 1 and 6.5 nm",
-                     "nearer to one than its radius, 0.8 nm", "setWallRejection(Crossing)"});
+                    {"SlipChannel: particle 0 (body 0) has its centre at y = ",
+                     "between walls at 1 and 6.5 nm", "nearer to one than its radius, 0.8 nm",
+                     "setWallRejection(Crossing)"});
         scene.integrator.setWallRejection(RigidHI::Crossing);
         scene.integrator.step(1);
         scene.pose({Vec3(4, y < 4 ? 0.9 : 6.6, 4)}, {{1, 0, 0, 0}});
@@ -123,12 +129,12 @@ TEST(Channel, BoxesThatDoNotHoldItAreRefused) {
     scene.integrator.step(1);
     scene.context->setPeriodicBoxVectors(Vec3(9, 0, 0), Vec3(0, 5.5, 0), Vec3(0, 0, 9));
     expectError([&] { scene.integrator.step(1); },
-                {"SlipChannel needs a periodic box whose y edge is longer than the channel is wide", "5.5 nm",
-                 "walls are at 1 and 6.5 nm", "setChannelWalls()"});
+                {"SlipChannel needs a periodic box whose y edge is longer than the channel is wide",
+                 "5.5 nm", "walls are at 1 and 6.5 nm", "setChannelWalls()"});
     scene.context->setPeriodicBoxVectors(Vec3(9, 0, 0), Vec3(1, 9, 0), Vec3(0, 0, 9));
-    expectError(
-        [&] { scene.integrator.step(1); },
-        {"SlipChannel needs a periodic box ", "with edges along the axes, but the box has the vectors ", "(1, 9, 0)"});
+    expectError([&] { scene.integrator.step(1); },
+                {"SlipChannel needs a periodic box ",
+                 "with edges along the axes, but the box has the vectors ", "(1, 9, 0)"});
     scene.context->setPeriodicBoxVectors(Vec3(9, 0, 0), Vec3(0, 5.6, 0), Vec3(0, 0, 9));
     scene.integrator.step(1);
 }
@@ -136,13 +142,14 @@ TEST(Channel, BoxesThatDoNotHoldItAreRefused) {
 TEST(Channel, WhatIsNotThereIsRefused) {
     MobilityForce fluid;
     const double nan = numeric_limits<double>::quiet_NaN();
-    const vector<pair<double, double>> bad = {{1, 1}, {2, 1}, {nan, 1}, {0, numeric_limits<double>::infinity()}};
+    const vector<pair<double, double>> bad = {
+        {1, 1}, {2, 1}, {nan, 1}, {0, numeric_limits<double>::infinity()}};
     for (const auto& [yLow, yHigh] : bad)
-        expectError(
-            [&, yLow = yLow, yHigh = yHigh] { fluid.setChannelWalls(yLow, yHigh); },
-            {"setChannelWalls(): the walls are at y = ", "the first below the second", "give the lower wall first"});
-    for (auto model :
-         {MobilityForce::RotnePragerYamakawa, MobilityForce::StokesianDynamics, MobilityForce::FreeDraining}) {
+        expectError([&, yLow = yLow, yHigh = yHigh] { fluid.setChannelWalls(yLow, yHigh); },
+                    {"setChannelWalls(): the walls are at y = ", "the first below the second",
+                     "give the lower wall first"});
+    for (auto model : {MobilityForce::RotnePragerYamakawa, MobilityForce::StokesianDynamics,
+                       MobilityForce::FreeDraining}) {
         ChannelScene scene;
         scene.add(sphereKind(0.8), Vec3(4, 4, 4));
         scene.fluid->setModel(model);
@@ -173,7 +180,8 @@ TEST(Channel, EffectsNameTheWalls) {
     scene.start(testPlatform());
     scene.integrator.step(1);
     const string text = scene.integrator.getEffects().at("hydrodynamics");
-    for (const char* words : {"ForceCoupling between walls at y = 1 and 6.5 nm that it slips along", "overlaps one"})
+    for (const char* words :
+         {"ForceCoupling between walls at y = 1 and 6.5 nm that it slips along", "overlaps one"})
         EXPECT_NE(text.find(words), string::npos) << text;
 }
 
@@ -186,7 +194,8 @@ TEST(Channel, StatisticsCountTheTimeOfProductsOnce) {
     scene.integrator.step(2);
     const double wall = chrono::duration<double>(chrono::steady_clock::now() - start).count();
     double sum = 0;
-    for (const char* part : {"seconds_spreading", "seconds_fft", "seconds_averaging", "seconds_solver"}) {
+    for (const char* part :
+         {"seconds_spreading", "seconds_fft", "seconds_averaging", "seconds_solver"}) {
         EXPECT_GT(scene.integrator.getStepStatistics().at(part), 0) << part;
         sum += scene.integrator.getStepStatistics().at(part);
     }

@@ -1,5 +1,6 @@
-// Bodies in flows that users drive: against closed forms, rigid multiblobs assembled a second time, spheres with stresslets written down a
-// second time, Jeffery's orbits, exact averages; invariance, resume.
+// Bodies in flows that users drive: against closed forms, rigid multiblobs assembled a second time,
+// spheres with stresslets written down a second time, Jeffery's orbits, exact averages; invariance,
+// resume.
 
 #include <openmm/CustomExternalForce.h>
 
@@ -21,7 +22,8 @@ TEST(DrivenFlow, CarriesSpheresAndFreeParticlesAndTurnsSpheres) {
     for (const SchemeTraits& traits : overdampedSchemes())
         for (auto model : {MobilityForce::FreeDraining, MobilityForce::RotnePragerYamakawa})
             for (auto solver : {MobilityForce::Dense, MobilityForce::MatrixFree}) {
-                if (model == MobilityForce::FreeDraining && solver == MobilityForce::MatrixFree) continue;
+                if (model == MobilityForce::FreeDraining && solver == MobilityForce::MatrixFree)
+                    continue;
                 SCOPED_TRACE(traits.name);
                 FlowScene scene(0, 0.5, traits.scheme);
                 scene.fluid->setModel(model);
@@ -34,9 +36,11 @@ TEST(DrivenFlow, CarriesSpheresAndFreeParticlesAndTurnsSpheres) {
                 VectorXd expected(15);
                 // Both ends or the mid-point: of a linear field their averages are the same.
                 const double h = 0.5, between = traits.coldOrder == 2 ? h / 2 : 0;
-                const auto carried = [&](const Vec3& x) { return flow.at(toEigen(x) + between * flow.at(toEigen(x))); };
-                expected << carried(places[0]), flow.halfCurl(), carried(places[1]), flow.halfCurl(),
-                    carried(places[2]);
+                const auto carried = [&](const Vec3& x) {
+                    return flow.at(toEigen(x) + between * flow.at(toEigen(x)));
+                };
+                expected << carried(places[0]), flow.halfCurl(), carried(places[1]),
+                    flow.halfCurl(), carried(places[2]);
                 expectNear(scene.stepTwists(), expected, 1e-13);
             }
 }
@@ -68,7 +72,9 @@ TEST(DrivenFlow, MultiblobsGoAsTheirBlobsLetThem) {
                     for (const LabBody& body : scene.labBodies()) {
                         for (const Vector3d& offset : body.offsets) {
                             wrenches.segment<3>(row) -= 0.1 * Vector3d::UnitZ();
-                            if (!body.isFree) wrenches.segment<3>(row + 3) -= 0.1 * offset.cross(Vector3d::UnitZ());
+                            if (!body.isFree)
+                                wrenches.segment<3>(row + 3) -=
+                                    0.1 * offset.cross(Vector3d::UnitZ());
                         }
                         row += body.rows();
                     }
@@ -89,7 +95,8 @@ TEST(DrivenFlow, MatrixFreeKeepsItsTolerance) {
         scene.addMixture();
         scene.start();
         const IndependentMobility reference = scene.expected();
-        const VectorXd expected = reference.following * scene.slips(flow), error = scene.stepTwists() - expected;
+        const VectorXd expected = reference.following * scene.slips(flow),
+                       error = scene.stepTwists() - expected;
         EXPECT_LE(sqrt(error.dot(reference.friction * error)),
                   readTolerance(tolerance * sqrt(expected.dot(reference.friction * expected)), 10));
     }
@@ -122,11 +129,13 @@ TEST(DrivenFlow, BodiesWithTensorsOfTheirOwnGoAsTheirBlobs) {
         scene.fluid->setSolverTolerance(1e-11);
         flow.set(*scene.fluid);
         scene.addMixture();
-        for (int body : {0, 2}) scene.fluid->setBodyMobility(body, rowsOf(tensorWithoutSymmetry(body)));
+        for (int body : {0, 2})
+            scene.fluid->setBodyMobility(body, rowsOf(tensorWithoutSymmetry(body)));
         scene.start();
         expectNear(scene.stepTwists(), scene.expected().following * scene.slips(flow), 1e-10);
     }
-    // FreeDraining takes tensors as they are: also of bodies on a line and of bodies without hydrodynamic particles, which go with the flow at their origin.
+    // FreeDraining takes tensors as they are: also of bodies on a line and of bodies without
+    // hydrodynamic particles, which go with the flow at their origin.
     FlowScene scene;
     scene.fluid->setModel(MobilityForce::FreeDraining);
     flow.set(*scene.fluid);
@@ -135,13 +144,15 @@ TEST(DrivenFlow, BodiesWithTensorsOfTheirOwnGoAsTheirBlobs) {
     BodyKind unseen = boomerangKind();
     unseen.radii.assign(unseen.radii.size(), 0);
     scene.add(unseen, Vec3(2, -1, 1));
-    for (int body : {0, 1, 2}) scene.fluid->setBodyMobility(body, rowsOf(tensorWithoutSymmetry(body)));
+    for (int body : {0, 1, 2})
+        scene.fluid->setBodyMobility(body, rowsOf(tensorWithoutSymmetry(body)));
     scene.start();
     const auto bodies = scene.labBodies();
     const VectorXd slips = scene.slips(flow);
     VectorXd expected(18);
     expected << scene.expected({bodies[0]}).following * slips.head<15>(),
-        scene.expected({bodies[1]}).following * slips.segment<9>(15), flow.at(bodies[2].R), flow.halfCurl();
+        scene.expected({bodies[1]}).following * slips.segment<9>(15), flow.at(bodies[2].R),
+        flow.halfCurl();
     // How a rod turns about itself its blobs do not say, and its own tensor does: with the flow.
     const Vector3d line = (bodies[1].offsets[1] - bodies[1].offsets[0]).normalized();
     expected.segment<3>(9) += line * line.dot(flow.halfCurl());
@@ -152,7 +163,8 @@ TEST(DrivenFlow, BodiesWithTensorsOfTheirOwnGoAsTheirBlobs) {
 
 namespace {
 
-/** The corners of a square prism: its symmetry makes its rotation that of a body of revolution (Bretherton 1962). */
+/** The corners of a square prism: its symmetry makes its rotation that of a body of revolution
+ * (Bretherton 1962). */
 BodyKind prismKind(double halfHeight) {
     BodyKind kind = {"prism", 1, Vec3(1, 1, 1), {}, {}};
     for (double x : {-0.6, 0.6})
@@ -163,8 +175,8 @@ BodyKind prismKind(double halfHeight) {
 }
 
 /** Where the axis n of a prism is after this time in shear, in so many steps. */
-Vector3d axisAfter(RigidHI::Scheme scheme, double halfHeight, const QuaternionArray& q, double rate, double time,
-                   int steps) {
+Vector3d axisAfter(RigidHI::Scheme scheme, double halfHeight, const QuaternionArray& q, double rate,
+                   double time, int steps) {
     FlowScene scene(0, time / steps, scheme);
     shear(rate).set(*scene.fluid);
     scene.add(prismKind(halfHeight), Vec3(), q);
@@ -174,7 +186,8 @@ Vector3d axisAfter(RigidHI::Scheme scheme, double halfHeight, const QuaternionAr
     return rotationOf(scene.integrator.getBodyOrientations()[0]) * Vector3d::UnitZ();
 }
 
-/** Of Jeffery's orbits, by the rotation of a prism that lies along the flow: B = (ratio^2 - 1)/(ratio^2 + 1) of an equivalent spheroid. */
+/** Of Jeffery's orbits, by the rotation of a prism that lies along the flow: B = (ratio^2 -
+ * 1)/(ratio^2 + 1) of an equivalent spheroid. */
 double brethertonConstant(double halfHeight) {
     FlowScene scene;
     scene.add(prismKind(halfHeight), Vec3(), {{sqrt(0.5), 0, sqrt(0.5), 0}});  // z to x
@@ -195,12 +208,15 @@ TEST(DrivenFlow, JefferysOrbits) {
         const Vector3d n = rotationOf(q) * Vector3d::UnitZ();
         for (auto scheme : {RigidHI::FixmanMidpoint, RigidHI::TrapezoidalSlip}) {
             double errors[2];
-            for (int i : {0, 1}) errors[i] = (axisAfter(scheme, halfHeight, q, rate, period, 100 << i) - n).norm();
+            for (int i : {0, 1})
+                errors[i] = (axisAfter(scheme, halfHeight, q, rate, period, 100 << i) - n).norm();
             EXPECT_LT(errors[1], 0.01);
             EXPECT_NEAR(errors[0] / errors[1], 4, 0.6) << traitsOf(scheme).name;
         }
-        // Half an orbit turns the axis by half a turn about the vorticity; its component along that is the same again.
-        const Vector3d half = axisAfter(RigidHI::FixmanMidpoint, halfHeight, q, rate, period / 2, 400);
+        // Half an orbit turns the axis by half a turn about the vorticity; its component along that
+        // is the same again.
+        const Vector3d half =
+            axisAfter(RigidHI::FixmanMidpoint, halfHeight, q, rate, period / 2, 400);
         EXPECT_NEAR(half[2], n[2], 1e-3);
         EXPECT_NEAR(half[0], -n[0], 1e-3);
         EXPECT_NEAR(half[1], -n[1], 1e-3);
@@ -209,7 +225,8 @@ TEST(DrivenFlow, JefferysOrbits) {
     EXPECT_NEAR(brethertonConstant(0.6), 0, 1e-12);
     for (auto scheme : {RigidHI::EulerMaruyama, RigidHI::FixmanMidpoint}) {
         const Vector3d n = axisAfter(scheme, 0.6, q, rate, 2, 7);
-        const Vector3d expected = Eigen::AngleAxisd(-rate, Vector3d::UnitZ()) * (rotationOf(q) * Vector3d::UnitZ());
+        const Vector3d expected =
+            Eigen::AngleAxisd(-rate, Vector3d::UnitZ()) * (rotationOf(q) * Vector3d::UnitZ());
         EXPECT_LT((n - expected).norm(), 1e-12);
     }
 }
@@ -232,7 +249,8 @@ TEST(DrivenFlow, OrderWithoutNoise) {
     SKIP_ON_SINGLE_PRECISION_DEVICES("errors are below what positions in single precision tell");
     const VectorXd exact = end(RigidHI::FixmanMidpoint, 1024);
     for (const SchemeTraits& traits : overdampedSchemes()) {
-        const double coarse = (end(traits.scheme, 16) - exact).norm(), fine = (end(traits.scheme, 32) - exact).norm();
+        const double coarse = (end(traits.scheme, 16) - exact).norm(),
+                     fine = (end(traits.scheme, 32) - exact).norm();
         const double order = log2(coarse / fine);
         EXPECT_NEAR(order, traits.coldOrder, 0.15) << traits.name;
     }
@@ -255,7 +273,8 @@ void derivatives(const Eigen::Matrix<T, 3, 1>& x, double c, Eigen::Matrix<T, 3, 
                                   (k == l ? x[i] * g : T(0)) + x[i] * x[k] * g1 * x[l] / r;
 }
 
-/** The flow of a stresslet, u_i = S_kl d_l H_ik/(8 pi eta) at x from it, or its gradient d_m u_i by a complex step. */
+/** The flow of a stresslet, u_i = S_kl d_l H_ik/(8 pi eta) at x from it, or its gradient d_m u_i by
+ * a complex step. */
 Vector3d stressletVelocity(const Vector3d& x, double c, const Matrix3d& S, double eta) {
     Matrix3d d[3];
     derivatives<double>(x, c, d);
@@ -279,8 +298,10 @@ Matrix3d stressletGradient(const Vector3d& x, double c, const Matrix3d& S, doubl
     return gradient;
 }
 
-/** Twists of spheres without forces in a linear flow, each with a stresslet (Faxen's laws; Kim and Karrila, 1991), by reflections. */
-VectorXd spheresInFlow(const vector<Vector3d>& x, const vector<double>& a, const LinearFlow& flow, double eta) {
+/** Twists of spheres without forces in a linear flow, each with a stresslet (Faxen's laws; Kim and
+ * Karrila, 1991), by reflections. */
+VectorXd spheresInFlow(const vector<Vector3d>& x, const vector<double>& a, const LinearFlow& flow,
+                       double eta) {
     const size_t n = x.size();
     vector<Matrix3d> S(n, Matrix3d::Zero());
     for (int reflection = 0; reflection < 200; reflection++) {
@@ -289,7 +310,8 @@ VectorXd spheresInFlow(const vector<Vector3d>& x, const vector<double>& a, const
             Matrix3d E = flow.strain();
             for (size_t j = 0; j < n; j++) {
                 if (j == i) continue;
-                const Matrix3d G = stressletGradient(x[i] - x[j], (a[i] * a[i] + a[j] * a[j]) / 10, before[j], eta);
+                const Matrix3d G = stressletGradient(x[i] - x[j], (a[i] * a[i] + a[j] * a[j]) / 10,
+                                                     before[j], eta);
                 E += 0.5 * (G + G.transpose());
             }
             S[i] = 20.0 / 3 * M_PI * eta * pow(a[i], 3) * E;
@@ -302,7 +324,8 @@ VectorXd spheresInFlow(const vector<Vector3d>& x, const vector<double>& a, const
         total.gradient = flow.gradient;
         for (size_t j = 0; j < n; j++) {
             if (j == i) continue;
-            total.velocity += stressletVelocity(x[i] - x[j], a[i] * a[i] / 6 + a[j] * a[j] / 10, S[j], eta);
+            total.velocity +=
+                stressletVelocity(x[i] - x[j], a[i] * a[i] / 6 + a[j] * a[j] / 10, S[j], eta);
             total.gradient += stressletGradient(x[i] - x[j], a[j] * a[j] / 10, S[j], eta);
         }
         twists.segment<6>(6 * i) << total.velocity, total.halfCurl();
@@ -311,7 +334,8 @@ VectorXd spheresInFlow(const vector<Vector3d>& x, const vector<double>& a, const
 }
 
 struct StokesianScene : FlowScene {
-    vector<Vector3d> x = {Vector3d(0.3, 0.1, -0.2), Vector3d(2.1, 0.9, 0.5), Vector3d(-0.4, 2.2, 1.4)};
+    vector<Vector3d> x = {Vector3d(0.3, 0.1, -0.2), Vector3d(2.1, 0.9, 0.5),
+                          Vector3d(-0.4, 2.2, 1.4)};
     vector<double> a = {1, 0.8, 0.6};
 
     explicit StokesianScene(bool lubrication) {
@@ -335,7 +359,8 @@ TEST(DrivenFlow, SpheresResistStrainByStresslets) {
         const VectorXd expected = spheresInFlow(scene.x, scene.a, flow, 0.6);
         // The scene would not tell much if stresslets were hardly felt.
         VectorXd carried(18);
-        for (int i = 0; i < 3; i++) carried.segment<6>(6 * i) << flow.at(scene.x[i]), flow.halfCurl();
+        for (int i = 0; i < 3; i++)
+            carried.segment<6>(6 * i) << flow.at(scene.x[i]), flow.halfCurl();
         EXPECT_GT((expected - carried).norm(), 0.05 * carried.norm());
         expectNear(scene.stepTwists(), expected, 1e-12);
         // And where that led.
@@ -354,8 +379,9 @@ TEST(DrivenFlow, SpheresResistStrainByStresslets) {
 }
 
 TEST(DrivenFlow, TwoSpheresFarApartAreThoseOfBatchelorAndGreen) {
-    // J. Fluid Mech. 56, 375 (1972): V = omega x r + E.r - [A nn + B (1 - nn)].E.r with A = 5/r^3 - 8/r^5 + 25/r^6, B = 16/(3 r^5), and
-    // then r^-8. With only one of the three terms missing the rest would fall more slowly.
+    // J. Fluid Mech. 56, 375 (1972): V = omega x r + E.r - [A nn + B (1 - nn)].E.r with A = 5/r^3 -
+    // 8/r^5 + 25/r^6, B = 16/(3 r^5), and then r^-8. With only one of the three terms missing the
+    // rest would fall more slowly.
     SKIP_ON_SINGLE_PRECISION_DEVICES("what is left is 1e-7 of the velocity");
     const LinearFlow flow = generalFlow();
     double left[2][2];
@@ -369,9 +395,11 @@ TEST(DrivenFlow, TwoSpheresFarApartAreThoseOfBatchelorAndGreen) {
         scene.addSpheres();
         scene.start();
         const VectorXd twists = scene.stepTwists();
-        const Vector3d stretched = r * (flow.strain() * n), across = stretched - n * n.dot(stretched);
+        const Vector3d stretched = r * (flow.strain() * n),
+                       across = stretched - n * n.dot(stretched);
         const Vector3d lost = r * (flow.gradient * n) - (twists.segment<3>(6) - twists.head<3>());
-        left[i][0] = lost.dot(n) / stretched.dot(n) - (5 / pow(r, 3) - 8 / pow(r, 5) + 25 / pow(r, 6));
+        left[i][0] =
+            lost.dot(n) / stretched.dot(n) - (5 / pow(r, 3) - 8 / pow(r, 5) + 25 / pow(r, 6));
         left[i][1] = lost.dot(across) / across.squaredNorm() - 16 / (3 * pow(r, 5));
         for (double rest : left[i]) EXPECT_LT(abs(rest) * pow(r, 8), 300);
     }
@@ -396,7 +424,8 @@ TEST(DrivenFlow, WavesCarryAndTurnParticlesByTheirAverages) {
                 }
                 scene.start();
                 expectNear(scene.stepTwists(), scene.waveSlips(wave), 1e-12);
-                // The wave follows the box, and the velocity 1/k^2. Stresslets of a sphere's own images cancel where the box is a cube.
+                // The wave follows the box, and the velocity 1/k^2. Stresslets of a sphere's own
+                // images cancel where the box is a cube.
                 if (model.model == MobilityForce::StokesianDynamics)
                     scene.setBox(9, 9, 9);
                 else
@@ -456,7 +485,8 @@ TEST(DrivenFlow, WavesInTriclinicBoxes) {
     scene.start();
     scene.context->setPeriodicBoxVectors(Vec3(8, 0, 0), Vec3(2, 8, 0), Vec3(-2, 2.5, 9));
     expectError([&] { scene.integrator.step(1); },
-                {"a wave of index 1 along the edge 0 of the box is not periodic along its vector (2, 8, 0) nm",
+                {"a wave of index 1 along the edge 0 of the box is not periodic along its vector "
+                 "(2, 8, 0) nm",
                  "take another wave axis or index, or an orthogonal box"});
 }
 
@@ -487,7 +517,8 @@ TEST(DrivenFlow, SpheresResistTheStrainOfWaves) {
     }
     scene.start();
     scene.setBox(8, 7.5, 9);
-    // The matrix of forces, torques and stresslets is tested elsewhere; here is what strains make of it, at the start and where that led.
+    // The matrix of forces, torques and stresslets is tested elsewhere; here is what strains make
+    // of it, at the start and where that led.
     RigidHIPlugin::LatticeSum sum(particles, RigidHIPlugin::overSurfaces(), true);
     sum.setBox({Vec3(8, 0, 0), Vec3(0, 7.5, 0), Vec3(0, 0, 9)});
     for (int step = 0; step < 2; step++) {
@@ -500,12 +531,14 @@ TEST(DrivenFlow, SpheresResistTheStrainOfWaves) {
             const Matrix3d E = wave.strain(toEigen(places[i]), 8, 0.6, t);
             for (int a = 0; a < 5; a++) {
                 Matrix3d basis;
-                for (int k = 0; k < 3; k++) basis.col(k) = RigidHIPlugin::contractBasis(Vector3d::Unit(k)).col(a);
+                for (int k = 0; k < 3; k++)
+                    basis.col(k) = RigidHIPlugin::contractBasis(Vector3d::Unit(k)).col(a);
                 strains[5 * i + a] = basis.cwiseProduct(E).sum();
             }
         }
         const VectorXd slips = scene.waveSlips(wave),
-                       response = all.topRightCorner(18, 15) * all.bottomRightCorner(15, 15).ldlt().solve(strains);
+                       response = all.topRightCorner(18, 15) *
+                                  all.bottomRightCorner(15, 15).ldlt().solve(strains);
         EXPECT_GT(response.norm(), 0.02 * slips.norm());
         expectNear(scene.stepTwists(), slips - response, 1e-12);
     }
@@ -534,7 +567,8 @@ TEST(DrivenFlow, TheMiddleOfALongWaveIsAShear) {
 // ---- With momenta ----
 
 TEST(DrivenFlow, MomentaGoToThoseOfTheFlow) {
-    // So little mass that a step is long and moves nothing: velocities are those of bodies without forces.
+    // So little mass that a step is long and moves nothing: velocities are those of bodies without
+    // forces.
     const LinearFlow flow = generalFlow();
     const double h = 1e-9, light = 1e-14;
     for (auto solver : {MobilityForce::Dense, MobilityForce::MatrixFree})
@@ -546,8 +580,8 @@ TEST(DrivenFlow, MomentaGoToThoseOfTheFlow) {
             scene.addMixture();
             for (size_t b = 0; b < scene.bodies.size(); b++) {
                 Vec3 moments = scene.bodies[b].moments;
-                scene.integrator.setRigidBodyParameters(b, scene.particles[b], light, moments * light,
-                                                        scene.bodies[b].sites);
+                scene.integrator.setRigidBodyParameters(b, scene.particles[b], light,
+                                                        moments * light, scene.bodies[b].sites);
             }
             scene.system.setParticleMass(scene.freeParticles[0], light);
             if (own) scene.fluid->setBodyMobility(2, rowsOf(tensorWithoutSymmetry(1)));
@@ -583,10 +617,11 @@ TEST(DrivenFlow, MomentaGoWhereStepsWithoutThemDo) {
                           {FCM, MobilityForce::SlipChannel, MatrixFree, FromModel}};
     const double light = 1e-14;
     for (const Case& c : cases) {
-        SCOPED_TRACE(testing::Message() << "model " << c.model << ", boundary " << c.boundary << ", solver "
-                                        << c.solver);
+        SCOPED_TRACE(testing::Message() << "model " << c.model << ", boundary " << c.boundary
+                                        << ", solver " << c.solver);
         const auto twists = [&](bool momenta) {
-            FlowScene scene(0, momenta ? 1e-9 : 1, momenta ? RigidHI::LangevinHI : RigidHI::EulerMaruyama);
+            FlowScene scene(0, momenta ? 1e-9 : 1,
+                            momenta ? RigidHI::LangevinHI : RigidHI::EulerMaruyama);
             scene.fluid->setModel(c.model);
             scene.fluid->setBoundary(c.boundary);
             scene.fluid->setSolver(c.solver);
@@ -594,7 +629,8 @@ TEST(DrivenFlow, MomentaGoWhereStepsWithoutThemDo) {
             scene.fluid->setSphereWallMobility(c.sphereWall);
             scene.fluid->setChannelWalls(0, 6.5);
             scene.side = 9;
-            const bool periodic = c.boundary == MobilityForce::Periodic || c.boundary == MobilityForce::SlipChannel;
+            const bool periodic =
+                c.boundary == MobilityForce::Periodic || c.boundary == MobilityForce::SlipChannel;
             LinearFlow flow = generalFlow();
             if (c.boundary == MobilityForce::NoSlipWall) {
                 flow = LinearFlow();
@@ -609,7 +645,8 @@ TEST(DrivenFlow, MomentaGoWhereStepsWithoutThemDo) {
             eccentric.sites[0] = Vec3(0.1, 0.3, -0.2);
             scene.add(eccentric, Vec3(4.5, 2, 1.5), {{0.6, 0, 0.8, 0}});
             // Iterations ask for moments about all axes.
-            scene.add(sphereKind(0.5, light, c.solver == MatrixFree ? light : 0), Vec3(3, 3.5, 2.7));
+            scene.add(sphereKind(0.5, light, c.solver == MatrixFree ? light : 0),
+                      Vec3(3, 3.5, 2.7));
             if (c.model != SD) {
                 BodyKind kind = boomerangKind();
                 kind.mass = light;
@@ -623,7 +660,8 @@ TEST(DrivenFlow, MomentaGoWhereStepsWithoutThemDo) {
             return scene.twists();
         };
         VectorXd expected = twists(false);
-        if (c.solver == Dense) expected.segment<3>(15).setZero();  // without moments a sphere does not turn
+        if (c.solver == Dense)
+            expected.segment<3>(15).setZero();  // without moments a sphere does not turn
         EXPECT_GT(expected.norm(), 0.1);
         expectNear(twists(true), expected, c.model == FCM && c.solver == MatrixFree ? 1e-5 : 1e-7);
     }
@@ -631,12 +669,13 @@ TEST(DrivenFlow, MomentaGoWhereStepsWithoutThemDo) {
 
 TEST(DrivenFlow, MomentaRelaxExponentially) {
     const LinearFlow flow = generalFlow();
-    const double h = 0.05, a = 0.7, eta = 0.6, mass = 2, moment = 0.9, freeMass = 0.7, freeRadius = 0.4;
+    const double h = 0.05, a = 0.7, eta = 0.6, mass = 2, moment = 0.9, freeMass = 0.7,
+                 freeRadius = 0.4;
     const double decay = exp(-6 * M_PI * eta * a * h / mass),
                  decayOfTurns = exp(-8 * M_PI * eta * a * a * a * h / moment),
                  freeDecay = exp(-6 * M_PI * eta * freeRadius * h / freeMass);
-    for (auto model :
-         {MobilityForce::FreeDraining, MobilityForce::RotnePragerYamakawa, MobilityForce::StokesianDynamics}) {
+    for (auto model : {MobilityForce::FreeDraining, MobilityForce::RotnePragerYamakawa,
+                       MobilityForce::StokesianDynamics}) {
         FlowScene scene(0, h, RigidHI::LangevinHI);
         scene.fluid->setModel(model);
         flow.set(*scene.fluid);
@@ -662,7 +701,8 @@ TEST(DrivenFlow, MomentaRelaxExponentially) {
 }
 
 TEST(DrivenFlow, OrderOfMomenta) {
-    // Linear: x' = V, V' = -(xi/m)(V - v(x)), started at rest; Taylor's series over so short times is exact to rounding.
+    // Linear: x' = V, V' = -(xi/m)(V - v(x)), started at rest; Taylor's series over so short times
+    // is exact to rounding.
     SKIP_ON_SINGLE_PRECISION_DEVICES("errors are below what positions in single precision tell");
     const LinearFlow flow = generalFlow();
     const double a = 0.5, eta = 0.6, mass = 10, rate = 6 * M_PI * eta * a / mass, time = 2;
@@ -695,8 +735,9 @@ TEST(DrivenFlow, OrderOfMomenta) {
 }
 
 TEST(DrivenFlow, VelocitiesInShearAreThermalAboutTheFlow) {
-    // Independent spheres in wells k y^2/2 and shear: m dV = -xi (V - c y e_x) dt + ... has <y^2> = kT/k, <V_y^2> = kT/m,
-    // <V_x y> = c <y^2>/(1 + k m/(2 xi^2)), from the equations of the second moments. <V_x> = 0, <V_z^2> = kT/m.
+    // Independent spheres in wells k y^2/2 and shear: m dV = -xi (V - c y e_x) dt + ... has <y^2> =
+    // kT/k, <V_y^2> = kT/m, <V_x y> = c <y^2>/(1 + k m/(2 xi^2)), from the equations of the second
+    // moments. <V_x> = 0, <V_z^2> = kT/m.
     const double a = 0.5, eta = 0.6, mass = 1.5, k = 2, c = 1.2, xi = 6 * M_PI * eta * a, h = 0.02;
     FlowScene scene(T1, h, RigidHI::LangevinHI);
     scene.fluid->setModel(MobilityForce::FreeDraining);
@@ -710,7 +751,8 @@ TEST(DrivenFlow, VelocitiesInShearAreThermalAboutTheFlow) {
     vector<double> samples[4];
     for (int sample = 0; sample < 60; sample++) {
         scene.integrator.step(50);
-        const auto x = scene.integrator.getBodyPositions(), V = scene.integrator.getBodyVelocities();
+        const auto x = scene.integrator.getBodyPositions(),
+                   V = scene.integrator.getBodyVelocities();
         double sums[4] = {};
         for (int i = 0; i < copies; i++) {
             const double y = x[i][1];
@@ -736,7 +778,8 @@ TEST(DrivenFlow, VelocitiesInShearAreThermalAboutTheFlow) {
 }
 
 TEST(DrivenFlow, EquipartitionIsAboutAUniformFlow) {
-    // The process is exact: after n steps from rest mean and variance are known. Angular velocities know nothing of the flow.
+    // The process is exact: after n steps from rest mean and variance are known. Angular velocities
+    // know nothing of the flow.
     const double a = 0.5, eta = 0.6, mass = 1.5, h = 0.05;
     const int copies = 3000, steps = 8;
     const Vector3d velocity(1.5, -2, 0.7);
@@ -752,7 +795,8 @@ TEST(DrivenFlow, EquipartitionIsAboutAUniformFlow) {
                 scene.add(sphereKind(a, mass, 0.4));
         scene.start();
         scene.integrator.step(steps);
-        const vector<Vec3> V = free ? velocitiesOf(*scene.context) : scene.integrator.getBodyVelocities();
+        const vector<Vec3> V =
+            free ? velocitiesOf(*scene.context) : scene.integrator.getBodyVelocities();
         for (int axis = 0; axis < 3; axis++) {
             vector<double> values, squares;
             const double mean = (1 - decay) * velocity[axis];
@@ -770,7 +814,8 @@ TEST(DrivenFlow, EquipartitionIsAboutAUniformFlow) {
 // ---- Noise and invariance ----
 
 TEST(DrivenFlow, ATrapHoldsWhatAFlowPushes) {
-    // Euler-Maruyama in a well k x^2/2 is x' = (1 - k mu h) x + v h + noise: mean v/(k mu), variance kT/k/(1 - k mu h/2).
+    // Euler-Maruyama in a well k x^2/2 is x' = (1 - k mu h) x + v h + noise: mean v/(k mu),
+    // variance kT/k/(1 - k mu h/2).
     const double a = 0.5, eta = 0.6, k = 3, h = 0.1, mu = 1 / (6 * M_PI * eta * a);
     const Vector3d velocity(0.5, -0.3, 0);
     FlowScene scene(T1, h);
@@ -790,7 +835,8 @@ TEST(DrivenFlow, ATrapHoldsWhatAFlowPushes) {
             squares.push_back(pow(x[axis] - mean, 2));
         }
         expectMean("mean along " + to_string(axis), estimate(values), mean);
-        expectMean("variance along " + to_string(axis), estimate(squares), 1 / (k * (1 - k * mu * h / 2)));
+        expectMean("variance along " + to_string(axis), estimate(squares),
+                   1 / (k * (1 - k * mu * h / 2)));
     }
 }
 
@@ -819,7 +865,8 @@ TEST(DrivenFlow, AUniformFlowOnlyShifts) {
             EXPECT_LT(largest, solver == MobilityForce::Dense ? 1e-8 : 1e-4);
             EXPECT_GT(norm(x[0] - still.positions[0]), 0.1);
         }
-    // With momenta, too, if they begin in the moving frame; also where a sphere is a thermostat without the flow.
+    // With momenta, too, if they begin in the moving frame; also where a sphere is a thermostat
+    // without the flow.
     for (auto model : {MobilityForce::FreeDraining, MobilityForce::RotnePragerYamakawa}) {
         FlowScene still(T1, h, RigidHI::LangevinHI), moving(T1, h, RigidHI::LangevinHI);
         uniform(velocity).set(*moving.fluid);
@@ -944,14 +991,16 @@ TEST(DrivenFlow, EffectsNameIt) {
     };
     FlowScene none;
     none.addMixture();
-    expectWords(effect(none), {"off", "neither setBackgroundFlow() nor setSinusoidalForceDensity()"});
+    expectWords(effect(none),
+                {"off", "neither setBackgroundFlow() nor setSinusoidalForceDensity()"});
     FlowScene linear;
     shear(0.2).set(*linear.fluid);
     linear.addMixture();
     linear.fluid->setBodyMobility(2, rowsOf(tensorWithoutSymmetry(1)));
-    expectWords(effect(linear),
-                {"velocity (0, 0, 0) nm/ps at the origin, gradient in rows (0, 0.2, 0), (0, 0, 0), (0, 0, 0)/ps",
-                 "multiblobs resist its strain by their blobs", "tensors of their own as the blobs that they have"});
+    expectWords(effect(linear), {"velocity (0, 0, 0) nm/ps at the origin, gradient in rows (0, "
+                                 "0.2, 0), (0, 0, 0), (0, 0, 0)/ps",
+                                 "multiblobs resist its strain by their blobs",
+                                 "tensors of their own as the blobs that they have"});
     FlowScene draining;
     draining.fluid->setModel(MobilityForce::FreeDraining);
     shear(0.2).set(*draining.fluid);
@@ -961,11 +1010,13 @@ TEST(DrivenFlow, EffectsNameIt) {
     StokesianScene spheres(true);
     shear(0.2).set(*spheres.fluid);
     spheres.addSpheres();
-    expectWords(effect(spheres), {"spheres resist its strain by stresslets, without lubrication of the strain"});
+    expectWords(effect(spheres),
+                {"spheres resist its strain by stresslets, without lubrication of the strain"});
     PeriodicScene periodic(periodicModels[0]);
     Wave{-0.3, 0, 2, 2}.set(*periodic.fluid);
     periodic.add(sphereKind(0.8));
-    expectWords(effect(periodic), {"force density along x with 4 nm along z", "a flow of up to 0.202"});
+    expectWords(effect(periodic),
+                {"force density along x with 4 nm along z", "a flow of up to 0.202"});
 }
 
 TEST(DrivenFlow, SettersRefuseWhatIsNoFlow) {
@@ -985,15 +1036,19 @@ TEST(DrivenFlow, SettersRefuseWhatIsNoFlow) {
         [&] {
             fluid.setBackgroundFlow(Vec3(), {1, 0, 0, 0, 1, 0, 0, 0, 1});
         },
-        {"setBackgroundFlow(): the trace of the gradient is 3/ps", "incompressible", "correct its diagonal"});
+        {"setBackgroundFlow(): the trace of the gradient is 3/ps", "incompressible",
+         "correct its diagonal"});
     expectError([&] { fluid.setSinusoidalForceDensity(nan, 0, 1, 1); },
-                {"setSinusoidalForceDensity(): f0 is nan kJ/(mol nm^4)", "give a finite force density, or 0 for none"});
-    expectError([&] { fluid.setSinusoidalForceDensity(1, 3, 1, 1); },
-                {"setSinusoidalForceDensity(): an axis is 3", "it must be 0, 1 or 2, for x, y or z"});
+                {"setSinusoidalForceDensity(): f0 is nan kJ/(mol nm^4)",
+                 "give a finite force density, or 0 for none"});
+    expectError(
+        [&] { fluid.setSinusoidalForceDensity(1, 3, 1, 1); },
+        {"setSinusoidalForceDensity(): an axis is 3", "it must be 0, 1 or 2, for x, y or z"});
     expectError([&] { fluid.setSinusoidalForceDensity(1, 1, 1, 1); },
                 {"setSinusoidalForceDensity(): both axes are 1", "makes pressure and no flow"});
     expectError([&] { fluid.setSinusoidalForceDensity(1, 0, 1, 0); },
-                {"setSinusoidalForceDensity(): the wave-vector index is 0", "give the number of periods in the box"});
+                {"setSinusoidalForceDensity(): the wave-vector index is 0",
+                 "give the number of periods in the box"});
     Vec3 velocity(1, 1, 1);
     vector<double> gradient;
     fluid.getBackgroundFlow(velocity, gradient);
@@ -1003,7 +1058,8 @@ TEST(DrivenFlow, SettersRefuseWhatIsNoFlow) {
 
 TEST(DrivenFlow, BoundariesWithoutItAreRefused) {
     const auto refusal = [](MobilityForce::Model model, MobilityForce::Boundary boundary,
-                            const function<void(MobilityForce&)>& set, const vector<string>& words) {
+                            const function<void(MobilityForce&)>& set,
+                            const vector<string>& words) {
         FlowScene scene;
         scene.fluid->setModel(model);
         scene.fluid->setBoundary(boundary);
@@ -1027,23 +1083,28 @@ TEST(DrivenFlow, BoundariesWithoutItAreRefused) {
         EXPECT_EQ(later.state(), before);
     };
     const auto wave = [](int force, int axis, int index) {
-        return [=](MobilityForce& fluid) { fluid.setSinusoidalForceDensity(1, force, axis, index); };
+        return
+            [=](MobilityForce& fluid) { fluid.setSinusoidalForceDensity(1, force, axis, index); };
     };
-    const auto linear = [](const LinearFlow& flow) { return [=](MobilityForce& fluid) { flow.set(fluid); }; };
+    const auto linear = [](const LinearFlow& flow) {
+        return [=](MobilityForce& fluid) { flow.set(fluid); };
+    };
     const auto RPY = MobilityForce::RotnePragerYamakawa, FCM = MobilityForce::ForceCoupling;
     refusal(RPY, MobilityForce::Unbounded, wave(0, 1, 1),
-            {"a sinusoidal force density needs a periodic fluid, and the boundary is Unbounded", "f0 = 0"});
-    refusal(RPY, MobilityForce::NoSlipWall, wave(0, 1, 1), {"needs a periodic fluid, and the boundary is NoSlipWall"});
+            {"a sinusoidal force density needs a periodic fluid, and the boundary is Unbounded",
+             "f0 = 0"});
+    refusal(RPY, MobilityForce::NoSlipWall, wave(0, 1, 1),
+            {"needs a periodic fluid, and the boundary is NoSlipWall"});
     for (auto [force, axis] : {pair<int, int>{0, 1}, {1, 0}, {2, 1}, {1, 2}})
         refusal(FCM, MobilityForce::SlipChannel, wave(force, axis, 1),
-                {"the sinusoidal force density is along axis " + to_string(force) + " with its wave along axis " +
-                     to_string(axis),
+                {"the sinusoidal force density is along axis " + to_string(force) +
+                     " with its wave along axis " + to_string(axis),
                  "a SlipChannel has its walls across axis 1", "give axes 0 and 2"});
     for (auto boundary : {MobilityForce::Periodic, MobilityForce::SlipChannel})
         for (const LinearFlow& flow : {generalFlow(), uniform(Vector3d(0, 0, 1e-9)), shear(1e-9)})
-            refusal(
-                FCM, boundary, linear(flow),
-                {"a background flow with boundary ", "where the mean velocity is 0 and a gradient is not periodic"});
+            refusal(FCM, boundary, linear(flow),
+                    {"a background flow with boundary ",
+                     "where the mean velocity is 0 and a gradient is not periodic"});
     LinearFlow pushesWall = shear(1), slips, along, ofRounding;
     slips.gradient(0, 2) = 0.3;  // 0 at z = 0, and the wall is at 0.5
     along.gradient(0, 0) = 0.1;

@@ -1,5 +1,6 @@
-// The flow of the fluid, as users read it: Stokes' solution, tracers, averages over particles, walls, modes, incompressibility, the Brownian stress;
-// which flow is answered when, and that asking changes nothing.
+// The flow of the fluid, as users read it: Stokes' solution, tracers, averages over particles,
+// walls, modes, incompressibility, the Brownian stress; which flow is answered when, and that
+// asking changes nothing.
 
 #include <openmm/serialization/XmlSerializer.h>
 
@@ -22,8 +23,8 @@ typedef vector<Vec3> Points;
 struct Pushed : PeriodicScene {
     CustomBodyForce* push = nullptr;  // the System's
 
-    explicit Pushed(const ModelCase& model = periodicModels[0], double temperature = 0, double h = 1,
-                    RigidHI::Scheme scheme = RigidHI::EulerMaruyama)
+    explicit Pushed(const ModelCase& model = periodicModels[0], double temperature = 0,
+                    double h = 1, RigidHI::Scheme scheme = RigidHI::EulerMaruyama)
         : PeriodicScene(model, temperature, h, scheme) {
         fluid->setBoundary(MobilityForce::Unbounded);
         fluid->setSolverTolerance(1e-10);
@@ -32,7 +33,8 @@ struct Pushed : PeriodicScene {
     void pushBy(const VectorXd& wrenches) {
         if (!push) {
             push = new CustomBodyForce("fx", "fy", "fz", "tx", "ty", "tz");
-            for (const char* name : {"fx", "fy", "fz", "tx", "ty", "tz"}) push->addPerBodyParameter(name);
+            for (const char* name : {"fx", "fy", "fz", "tx", "ty", "tz"})
+                push->addPerBodyParameter(name);
             for (size_t b = 0; b < bodies.size(); b++) push->addBody(b, vector<double>(6, 0.0));
             system.addForce(push);
         }
@@ -51,7 +53,8 @@ struct Pushed : PeriodicScene {
         return Eigen::Vector2d(amplitudes.at(0), amplitudes.at(1));
     }
     Eigen::Vector2d randomMode(int force, int wave, int index) {
-        const vector<double> amplitudes = fluid->getRandomFlowModeInContext(*context, force, wave, index);
+        const vector<double> amplitudes =
+            fluid->getRandomFlowModeInContext(*context, force, wave, index);
         return Eigen::Vector2d(amplitudes.at(0), amplitudes.at(1));
     }
 };
@@ -74,16 +77,19 @@ BodyKind apartKind() {
             {0.5, 0.4, 0.45, 0.3}};
 }
 
-/** Nodes and weights of Gauss and Legendre on -1..1, or of Gauss and Hermite for a normal distribution. */
+/** Nodes and weights of Gauss and Legendre on -1..1, or of Gauss and Hermite for a normal
+ * distribution. */
 void gauss(int n, bool normal, VectorXd& nodes, VectorXd& weights) {
     MatrixXd J = MatrixXd::Zero(n, n);  // Golub and Welsch
-    for (int i = 1; i < n; i++) J(i, i - 1) = J(i - 1, i) = normal ? sqrt(i) : i / sqrt(4.0 * i * i - 1);
+    for (int i = 1; i < n; i++)
+        J(i, i - 1) = J(i - 1, i) = normal ? sqrt(i) : i / sqrt(4.0 * i * i - 1);
     Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(J);
     nodes = eigen.eigenvalues();
     weights = eigen.eigenvectors().row(0).cwiseAbs2();
 }
 
-/** Points and weights for the average over a particle's envelope: its surface, or its Gaussian of width a/sqrt(pi). */
+/** Points and weights for the average over a particle's envelope: its surface, or its Gaussian of
+ * width a/sqrt(pi). */
 struct Envelope {
     Points points;
     vector<double> weights;
@@ -94,7 +100,8 @@ struct Envelope {
             for (int i = 0; i < n; i++)
                 for (int j = 0; j < n; j++)
                     for (int k = 0; k < n; k++)
-                        add(centre + a / sqrt(M_PI) * Vector3d(x[i], x[j], x[k]), w[i] * w[j] * w[k]);
+                        add(centre + a / sqrt(M_PI) * Vector3d(x[i], x[j], x[k]),
+                            w[i] * w[j] * w[k]);
             return;
         }
         gauss(n, false, x, w);
@@ -116,15 +123,19 @@ private:
     }
 };
 
-/** The largest difference between the average flow over a particle's envelope and the velocity of a rigid motion there. */
-double slipOfParticles(Pushed& scene, const vector<LabBody>& bodies, const VectorXd& twists, int n) {
+/** The largest difference between the average flow over a particle's envelope and the velocity of a
+ * rigid motion there. */
+double slipOfParticles(Pushed& scene, const vector<LabBody>& bodies, const VectorXd& twists,
+                       int n) {
     double largest = 0;
     int row = 0;
     for (const LabBody& body : bodies) {
         for (size_t i = 0; i < body.radii.size(); i++) {
             Vector3d velocity = twists.segment<3>(row);
-            if (!body.isFree) velocity += Vector3d(twists.segment<3>(row + 3)).cross(body.offsets[i]);
-            const Envelope envelope(scene.fluid->getModel(), body.R + body.offsets[i], body.radii[i], n);
+            if (!body.isFree)
+                velocity += Vector3d(twists.segment<3>(row + 3)).cross(body.offsets[i]);
+            const Envelope envelope(scene.fluid->getModel(), body.R + body.offsets[i],
+                                    body.radii[i], n);
             largest = max(largest, (envelope.average(scene) - velocity).cwiseAbs().maxCoeff());
         }
         row += body.rows();
@@ -132,7 +143,8 @@ double slipOfParticles(Pushed& scene, const vector<LabBody>& bodies, const Vecto
     return largest;
 }
 
-/** The divergence by central differences, and its error's bound by the third derivatives: differences over twice the step. */
+/** The divergence by central differences, and its error's bound by the third derivatives:
+ * differences over twice the step. */
 double divergenceOfFlow(Pushed& scene, const Vec3& x, double step) {
     double sum = 0;
     for (int k = 0; k < 3; k++) {
@@ -144,10 +156,11 @@ double divergenceOfFlow(Pushed& scene, const Vec3& x, double step) {
     return sum;
 }
 
-const ModelCase rotnePrager = periodicModels[0], forceCoupling = periodicModels[1], onGrid = periodicModels[2],
-                stokesian = periodicModels[3];
+const ModelCase rotnePrager = periodicModels[0], forceCoupling = periodicModels[1],
+                onGrid = periodicModels[2], stokesian = periodicModels[3];
 
-/** The velocity at x from a sphere at the origin with a force and a torque, and in it: Stokes 1851, Kirchhoff 1876. */
+/** The velocity at x from a sphere at the origin with a force and a torque, and in it: Stokes 1851,
+ * Kirchhoff 1876. */
 Vector3d stokes(const Vector3d& x, double a, double eta, const Vector3d& F, const Vector3d& T) {
     const double r = x.norm();
     if (r <= a) return F / (6 * M_PI * eta * a) + T.cross(x) / (8 * M_PI * eta * pow(a, 3));
@@ -168,7 +181,8 @@ TEST(Flow, OfASphereIsThatOfStokes) {
     const VectorXd wrench = someWrenches(1);
     for (auto model : {MobilityForce::RotnePragerYamakawa, MobilityForce::StokesianDynamics})
         for (auto solver : {MobilityForce::Dense, MobilityForce::MatrixFree}) {
-            if (model == MobilityForce::StokesianDynamics && solver == MobilityForce::MatrixFree) continue;
+            if (model == MobilityForce::StokesianDynamics && solver == MobilityForce::MatrixFree)
+                continue;
             Pushed scene({"", model, solver});
             scene.add(sphereKind(a), toVec3(centre), {{0.6, 0, 0.8, 0}});
             scene.pushBy(wrench);
@@ -179,8 +193,10 @@ TEST(Flow, OfASphereIsThatOfStokes) {
                     points.push_back(toVec3(centre + r / 3 * n));
             const MatrixXd flow = scene.flow(points);
             for (size_t p = 0; p < points.size(); p++)
-                expectNear(flow.col(p), stokes(toEigen(points[p]) - centre, a, eta, wrench.head<3>(), wrench.tail<3>()),
-                           1e-14);
+                expectNear(
+                    flow.col(p),
+                    stokes(toEigen(points[p]) - centre, a, eta, wrench.head<3>(), wrench.tail<3>()),
+                    1e-14);
         }
 }
 
@@ -201,17 +217,18 @@ TEST(Flow, OfSeveralIsTheSumAndOfFreeParticlesToo) {
     const MatrixXd flow = scene.flow(points);
     for (size_t p = 0; p < points.size(); p++) {
         const Vector3d at = toEigen(points[p]);
-        expectNear(flow.col(p),
-                   stokes(at - x[0], 0.8, eta, wrenches.head<3>() + field, wrenches.segment<3>(3)) +
-                       stokes(at - x[1], 0.5, eta, wrenches.segment<3>(6) + field, wrenches.tail<3>()) +
-                       stokes(at - x[2], freeRadius, eta, field, Vector3d::Zero()),
-                   forceTolerance(1e-13, 1));
+        expectNear(
+            flow.col(p),
+            stokes(at - x[0], 0.8, eta, wrenches.head<3>() + field, wrenches.segment<3>(3)) +
+                stokes(at - x[1], 0.5, eta, wrenches.segment<3>(6) + field, wrenches.tail<3>()) +
+                stokes(at - x[2], freeRadius, eta, field, Vector3d::Zero()),
+            forceTolerance(1e-13, 1));
     }
 }
 
 TEST(Flow, CarriesTracers) {
-    // A sphere too small to be felt goes with the flow: rows of the mobility matrix, which other tests compare with the papers. Its average over
-    // its surface is a^2/6 times the Laplacian off.
+    // A sphere too small to be felt goes with the flow: rows of the mobility matrix, which other
+    // tests compare with the papers. Its average over its surface is a^2/6 times the Laplacian off.
     SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
     struct Case {
         string name;
@@ -220,14 +237,18 @@ TEST(Flow, CarriesTracers) {
         bool bestKnown, own, blobs;
         double radius, tolerance;
     };
-    const ModelCase matrixFree = {"", MobilityForce::RotnePragerYamakawa, MobilityForce::MatrixFree};
+    const ModelCase matrixFree = {"", MobilityForce::RotnePragerYamakawa,
+                                  MobilityForce::MatrixFree};
     const Case cases[] = {
         {"unbounded", rotnePrager, MobilityForce::Unbounded, false, false, true, 1e-4, 1e-7},
-        {"unbounded, matrix-free", matrixFree, MobilityForce::Unbounded, false, false, true, 1e-4, 1e-7},
+        {"unbounded, matrix-free", matrixFree, MobilityForce::Unbounded, false, false, true, 1e-4,
+         1e-7},
         {"own tensors", rotnePrager, MobilityForce::Unbounded, false, true, true, 1e-4, 1e-7},
-        {"own tensors, matrix-free", matrixFree, MobilityForce::Unbounded, false, true, true, 1e-4, 1e-7},
+        {"own tensors, matrix-free", matrixFree, MobilityForce::Unbounded, false, true, true, 1e-4,
+         1e-7},
         {"wall", rotnePrager, MobilityForce::NoSlipWall, false, false, true, 1e-4, 1e-7},
-        {"wall, matrix-free", matrixFree, MobilityForce::NoSlipWall, false, false, true, 1e-4, 1e-7},
+        {"wall, matrix-free", matrixFree, MobilityForce::NoSlipWall, false, false, true, 1e-4,
+         1e-7},
         {"best known", rotnePrager, MobilityForce::NoSlipWall, true, false, true, 1e-4, 1e-7},
         {"periodic", rotnePrager, MobilityForce::Periodic, false, false, true, 1e-3, 1e-5},
         {"force coupling", forceCoupling, MobilityForce::Periodic, false, false, true, 0.02, 1e-3},
@@ -246,7 +267,8 @@ TEST(Flow, CarriesTracers) {
         eccentric.sites[0] = Vec3(0.1, 0.3, -0.2);
         scene.add(eccentric, Vec3(3.5, 4, 3), {{0.6, 0, 0.8, 0}});
         if (c.own)
-            for (int body : {0, 1}) scene.fluid->setBodyMobility(body, rowsOf(tensorWithoutSymmetry(body)));
+            for (int body : {0, 1})
+                scene.fluid->setBodyMobility(body, rowsOf(tensorWithoutSymmetry(body)));
         const VectorXd wrenches = someWrenches(3);
         for (const Vec3& x : points) scene.add(sphereKind(c.radius), x);
         VectorXd all = VectorXd::Zero(18 + 6 * points.size());
@@ -262,7 +284,8 @@ TEST(Flow, CarriesTracers) {
 }
 
 TEST(Flow, MatrixFreeIsDenseToItsTolerance) {
-    // Forces whose error is the part t of them in the norm of M (power P = F U) are wrong at a tracer of radius a by t sqrt(P/(6 pi eta a)) at most.
+    // Forces whose error is the part t of them in the norm of M (power P = F U) are wrong at a
+    // tracer of radius a by t sqrt(P/(6 pi eta a)) at most.
     SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
     const double a = 0.3, eta = 0.6;
     const VectorXd wrenches = someWrenches(3);
@@ -288,8 +311,9 @@ TEST(Flow, MatrixFreeIsDenseToItsTolerance) {
 }
 
 TEST(Flow, BlobsAreHeldByIt) {
-    // The average over the envelope of each blob is the rigid motion there: without a flow of one's own, in driven flows, with noise.
-    // A rule of degree 2n on a surface leaves (a_i/(r - a_j))^(2n) of the neighbour's flow: 0.55^32.
+    // The average over the envelope of each blob is the rigid motion there: without a flow of one's
+    // own, in driven flows, with noise. A rule of degree 2n on a surface leaves (a_i/(r -
+    // a_j))^(2n) of the neighbour's flow: 0.55^32.
     SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
     struct Case {
         ModelCase model;
@@ -297,12 +321,14 @@ TEST(Flow, BlobsAreHeldByIt) {
         int rule;
         double tolerance;
     };
-    const ModelCase matrixFree = {"RotnePragerYamakawa, matrix-free", MobilityForce::RotnePragerYamakawa,
-                                  MobilityForce::MatrixFree};
-    const Case cases[] = {
-        {rotnePrager, MobilityForce::Unbounded, 16, 1e-7},  {matrixFree, MobilityForce::Unbounded, 16, 1e-7},
-        {rotnePrager, MobilityForce::NoSlipWall, 16, 1e-7}, {matrixFree, MobilityForce::NoSlipWall, 16, 1e-7},
-        {rotnePrager, MobilityForce::Periodic, 12, 1e-5},   {forceCoupling, MobilityForce::Periodic, 12, 1e-5}};
+    const ModelCase matrixFree = {"RotnePragerYamakawa, matrix-free",
+                                  MobilityForce::RotnePragerYamakawa, MobilityForce::MatrixFree};
+    const Case cases[] = {{rotnePrager, MobilityForce::Unbounded, 16, 1e-7},
+                          {matrixFree, MobilityForce::Unbounded, 16, 1e-7},
+                          {rotnePrager, MobilityForce::NoSlipWall, 16, 1e-7},
+                          {matrixFree, MobilityForce::NoSlipWall, 16, 1e-7},
+                          {rotnePrager, MobilityForce::Periodic, 12, 1e-5},
+                          {forceCoupling, MobilityForce::Periodic, 12, 1e-5}};
     for (const Case& c : cases)
         for (double temperature : {0.0, T1}) {
             SCOPED_TRACE(c.model.name + testing::PrintToString(c.boundary));
@@ -321,13 +347,15 @@ TEST(Flow, BlobsAreHeldByIt) {
             scene.start();
             const auto before = scene.labBodies();
             const VectorXd twists = scene.stepTwists();
-            EXPECT_LT(slipOfParticles(scene, before, twists, c.rule), c.tolerance * twists.cwiseAbs().maxCoeff());
+            EXPECT_LT(slipOfParticles(scene, before, twists, c.rule),
+                      c.tolerance * twists.cwiseAbs().maxCoeff());
             EXPECT_GT(twists.norm(), 0.1);
         }
 }
 
 TEST(Flow, SpheresOnAGridAreHeldByIt) {
-    // With noise the flow has all waves of the grid; the rule sees those that Gaussians leave. Gaussians are cut off on the grid, to its tolerance.
+    // With noise the flow has all waves of the grid; the rule sees those that Gaussians leave.
+    // Gaussians are cut off on the grid, to its tolerance.
     SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
     for (double temperature : {0.0, T1}) {
         Pushed scene(onGrid, temperature, 1e-3);
@@ -345,13 +373,14 @@ TEST(Flow, SpheresOnAGridAreHeldByIt) {
 }
 
 TEST(Flow, OfEverySchemeHoldsSpheres) {
-    // Where it had its forces the step moved with the flow: at the start, at the mid-point, at both ends. Elsewhere by one power of the displacement less.
+    // Where it had its forces the step moved with the flow: at the start, at the mid-point, at both
+    // ends. Elsewhere by one power of the displacement less.
     SKIP_ON_SINGLE_PRECISION_DEVICES("differences of positions are rounded");
     for (const SchemeTraits& traits : overdampedSchemes())
         for (auto scaling : {RigidHI::SlipOnly, RigidHI::Whole})
             for (bool noise : {false, true}) {
-                const bool corrects =
-                    traits.scheme == RigidHI::DriftCorrectorFD || traits.scheme == RigidHI::DriftCorrectorRFD;
+                const bool corrects = traits.scheme == RigidHI::DriftCorrectorFD ||
+                                      traits.scheme == RigidHI::DriftCorrectorRFD;
                 if (scaling == RigidHI::Whole && !corrects) continue;
                 SCOPED_TRACE(string(traits.name) + (noise ? ", noise" : ""));
                 double slips[2];
@@ -371,11 +400,12 @@ TEST(Flow, OfEverySchemeHoldsSpheres) {
                     if (corrects)
                         for (size_t b = 0; noise && b < bodies.size(); b++)
                             bodies[b].R = 0.5 * (bodies[b].R + after[b].R);
-                    slips[i] = slipOfParticles(scene, bodies, twists, 16) / twists.cwiseAbs().maxCoeff();
+                    slips[i] =
+                        slipOfParticles(scene, bodies, twists, 16) / twists.cwiseAbs().maxCoeff();
                 }
                 // The trapezoidal rule has the slips of its start, and forces of both ends.
-                const bool atOnePlace =
-                    traits.scheme != RigidHI::FixmanMidpoint && (traits.scheme != RigidHI::TrapezoidalSlip || noise);
+                const bool atOnePlace = traits.scheme != RigidHI::FixmanMidpoint &&
+                                        (traits.scheme != RigidHI::TrapezoidalSlip || noise);
                 if (atOnePlace) {
                     for (double slip : slips) EXPECT_LT(slip, 1e-8);
                 } else {
@@ -411,7 +441,8 @@ TEST(Flow, SpheresWithStressletsAreRigid) {
     const double r = d.norm();
     const Matrix3d E = flow.strain();
     const Vector3d disturbed =
-        -pow(a / r, 5) * E * d - 2.5 * d * d.dot(E * d) * (pow(a, 3) / pow(r, 5) - pow(a, 5) / pow(r, 7));
+        -pow(a / r, 5) * E * d -
+        2.5 * d * d.dot(E * d) * (pow(a, 3) / pow(r, 5) - pow(a, 5) / pow(r, 7));
     expectNear(scene.flow({toVec3(centre + d)}), flow.at(centre + d) + disturbed, 1e-13);
 }
 
@@ -429,7 +460,10 @@ TEST(Flow, StaysAwayFromWalls) {
             scene.pushBy(someWrenches(2));
             scene.addField("0.3*x - 0.2*z");
             scene.start();
-            EXPECT_LT(scene.flow({Vec3(2, 1, 0.3), Vec3(3, 2, 0.3), Vec3(-4, 9, 0.3), Vec3(0, 2, 0.3)}).norm(), 1e-14);
+            EXPECT_LT(
+                scene.flow({Vec3(2, 1, 0.3), Vec3(3, 2, 0.3), Vec3(-4, 9, 0.3), Vec3(0, 2, 0.3)})
+                    .norm(),
+                1e-14);
             EXPECT_GT(scene.flow({Vec3(2, 1, 0.5)}).norm(), 1e-3);
         }
     for (auto solver : {MobilityForce::Dense, MobilityForce::MatrixFree})
@@ -456,23 +490,28 @@ TEST(Flow, StaysAwayFromWalls) {
 }
 
 TEST(Flow, HasNoSources) {
-    // Central differences of a step d leave d^2/6 times third derivatives of about scale/a^3, or k^3 = 40^3 of the noise on a grid.
+    // Central differences of a step d leave d^2/6 times third derivatives of about scale/a^3, or
+    // k^3 = 40^3 of the noise on a grid.
     SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
     const double d = 2e-5;
     const auto expectNone = [&](Pushed& scene, const Points& points, const string& what) {
         const double scale = scene.flow(points).cwiseAbs().maxCoeff();
         EXPECT_GT(scale, 1e-3) << what;
-        for (const Vec3& x : points) EXPECT_LT(abs(divergenceOfFlow(scene, x, d)), 2e-5 * scale) << what;
+        for (const Vec3& x : points)
+            EXPECT_LT(abs(divergenceOfFlow(scene, x, d)), 2e-5 * scale) << what;
     };
     for (const ModelCase& model : periodicModels)
-        for (auto boundary :
-             {MobilityForce::Unbounded, MobilityForce::NoSlipWall, MobilityForce::Periodic, MobilityForce::SlipChannel})
+        for (auto boundary : {MobilityForce::Unbounded, MobilityForce::NoSlipWall,
+                              MobilityForce::Periodic, MobilityForce::SlipChannel})
             for (bool noise : {false, true}) {
                 const bool coupling = model.model == MobilityForce::ForceCoupling;
-                const bool bounded = boundary == MobilityForce::Unbounded || boundary == MobilityForce::NoSlipWall;
+                const bool bounded =
+                    boundary == MobilityForce::Unbounded || boundary == MobilityForce::NoSlipWall;
                 if (coupling && bounded) continue;
                 if (!coupling && boundary == MobilityForce::SlipChannel) continue;
-                if (model.model == MobilityForce::StokesianDynamics && boundary == MobilityForce::NoSlipWall) continue;
+                if (model.model == MobilityForce::StokesianDynamics &&
+                    boundary == MobilityForce::NoSlipWall)
+                    continue;
                 Pushed scene(model, noise ? T1 : 0, 1e-3);
                 scene.fluid->setBoundary(boundary);
                 scene.fluid->setChannelWalls(-1, 6);
@@ -485,23 +524,25 @@ TEST(Flow, HasNoSources) {
                 scene.pushBy(someWrenches(2));
                 scene.start();
                 if (noise) scene.integrator.step(1);
-                expectNone(scene, {Vec3(2, 3, 2), Vec3(4.2, 2, 0.3), Vec3(1.9, 1.1, 3.1)}, model.name);
+                expectNone(scene, {Vec3(2, 3, 2), Vec3(4.2, 2, 0.3), Vec3(1.9, 1.1, 3.1)},
+                           model.name);
             }
 }
 
 // ---- Modes ----
 
 TEST(Flow, ModesAreThoseOfTheFlowAtPoints) {
-    // Sums over n^3 points are exact for a band-limited flow: that of a grid, whose Gaussians are cut off within the tolerance. Gaussians of width a/sqrt(pi) have exp(-(n pi/8)^2 a^2/(2 pi)) left at the last
-    // wave, surfaces, whose flow has a kink, only n^-3 of it.
+    // Sums over n^3 points are exact for a band-limited flow: that of a grid, whose Gaussians are
+    // cut off within the tolerance. Gaussians of width a/sqrt(pi) have exp(-(n pi/8)^2 a^2/(2 pi))
+    // left at the last wave, surfaces, whose flow has a kink, only n^-3 of it.
     SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
     struct Case {
         ModelCase model;
         int points;
         double tolerance;
     };
-    for (const Case& c : {Case{rotnePrager, 16, 3e-3}, Case{forceCoupling, 24, 1e-6}, Case{onGrid, 24, 1e-6},
-                          Case{stokesian, 16, 3e-3}})
+    for (const Case& c : {Case{rotnePrager, 16, 3e-3}, Case{forceCoupling, 24, 1e-6},
+                          Case{onGrid, 24, 1e-6}, Case{stokesian, 16, 3e-3}})
         for (bool noise : {false, true}) {
             SCOPED_TRACE(c.model.name);
             Pushed scene(c.model, noise ? T1 : 0, 1e-3, RigidHI::TrapezoidalSlip);
@@ -528,9 +569,11 @@ TEST(Flow, ModesAreThoseOfTheFlowAtPoints) {
                         Eigen::Vector2d sums(0, 0);
                         for (int p = 0; p < flow.cols(); p++) {
                             const double angle = 2 * M_PI * index / 8 * points[p][wave];
-                            sums += 2.0 / flow.cols() * flow(force, p) * Eigen::Vector2d(sin(angle), cos(angle));
+                            sums += 2.0 / flow.cols() * flow(force, p) *
+                                    Eigen::Vector2d(sin(angle), cos(angle));
                         }
-                        EXPECT_LT((sums - scene.mode(force, wave, index)).cwiseAbs().maxCoeff(), c.tolerance * scale)
+                        EXPECT_LT((sums - scene.mode(force, wave, index)).cwiseAbs().maxCoeff(),
+                                  c.tolerance * scale)
                             << force << wave << index;
                     }
         }
@@ -555,7 +598,8 @@ TEST(Flow, ModesInChannels) {
             Points points;
             const int n = 24, m = n / 2;
             for (int i = 0; i < n * m * n; i++)
-                points.push_back(Vec3(8.0 / n * (i / (n * m)), 1 + 4.0 / m * (i / n % m + 0.5), 8.0 / n * (i % n)));
+                points.push_back(Vec3(8.0 / n * (i / (n * m)), 1 + 4.0 / m * (i / n % m + 0.5),
+                                      8.0 / n * (i % n)));
             const MatrixXd flow = scene.flow(points);
             const double scale = flow.cwiseAbs().maxCoeff();
             for (int force : {0, 2})
@@ -564,15 +608,18 @@ TEST(Flow, ModesInChannels) {
                     Eigen::Vector2d sums(0, 0);
                     for (int p = 0; p < flow.cols(); p++) {
                         const double angle = 2 * M_PI * index / 8 * points[p][wave];
-                        sums += 2.0 / flow.cols() * flow(force, p) * Eigen::Vector2d(sin(angle), cos(angle));
+                        sums += 2.0 / flow.cols() * flow(force, p) *
+                                Eigen::Vector2d(sin(angle), cos(angle));
                     }
-                    EXPECT_LT((sums - scene.mode(force, wave, index)).cwiseAbs().maxCoeff(), 1e-6 * scale);
+                    EXPECT_LT((sums - scene.mode(force, wave, index)).cwiseAbs().maxCoeff(),
+                              1e-6 * scale);
                 }
         }
 }
 
 TEST(Flow, RandomModesAreThoseOfTheFluctuatingStress) {
-    // <A^2> of a mode of 2 kT/h times a field of covariance M: 2 kT/h times 2/(eta k^2 V), of sin and cos alike. 0 without a field.
+    // <A^2> of a mode of 2 kT/h times a field of covariance M: 2 kT/h times 2/(eta k^2 V), of sin
+    // and cos alike. 0 without a field.
     const int copies = 1000;
     const double h = 0.01;
     Pushed scene(onGrid, T1, h);
@@ -621,10 +668,13 @@ TEST(Flow, AUniformFlowIsAChangeOfFrame) {
             scene->pushBy(someWrenches(2));
             scene->start();
         }
-        if (scheme == RigidHI::LangevinHI) moving.integrator.setBodyVelocities(vector<Vec3>(2, toVec3(velocity)));
+        if (scheme == RigidHI::LangevinHI)
+            moving.integrator.setBodyVelocities(vector<Vec3>(2, toVec3(velocity)));
         for (Pushed* scene : {&still, &moving}) scene->integrator.step(1);
         // By how far it had gone where the forces were.
-        const double gone = scheme == RigidHI::LangevinHI ? h : scheme == RigidHI::FixmanMidpoint ? h / 2 : 0;
+        const double gone = scheme == RigidHI::LangevinHI       ? h
+                            : scheme == RigidHI::FixmanMidpoint ? h / 2
+                                                                : 0;
         Points shifted = points;
         for (Vec3& x : shifted) x += gone * toVec3(velocity);
         const MatrixXd difference = moving.flow(shifted) - still.flow(points);
@@ -693,7 +743,8 @@ TEST(Flow, IsThatOfForcesBeforeAStepAndAfterChanges) {
             };
             const auto expectOfStep = [&](const string& when) {
                 const MatrixXd found = scene.flow(somewhere);
-                EXPECT_GT((found - flowOfForces(scene, rotnePrager, boundary)).norm(), 1) << when;  // noise of h^-1/2
+                EXPECT_GT((found - flowOfForces(scene, rotnePrager, boundary)).norm(), 1)
+                    << when;  // noise of h^-1/2
                 EXPECT_EQ(scene.flow(somewhere), found);
             };
             expectOfForces("before a step");
@@ -742,8 +793,9 @@ TEST(Flow, OfAStepDoesNotDependOnWhenOneAsks) {
             for (int threads : {1, 2}) {
                 SCOPED_TRACE(traitsOf(scheme).name);
                 const auto make = [&](int threadCount) {
-                    auto scene = make_unique<Pushed>(ModelCase{"", MobilityForce::RotnePragerYamakawa, solver}, T1,
-                                                     5e-3, scheme);
+                    auto scene = make_unique<Pushed>(
+                        ModelCase{"", MobilityForce::RotnePragerYamakawa, solver}, T1, 5e-3,
+                        scheme);
                     scene->fluid->setSolverTolerance(1e-3);
                     generalFlow().set(*scene->fluid);
                     addChanging(*scene);
@@ -792,7 +844,8 @@ TEST(Flow, OfAStepThatWasRedoneIsThatOfWhatWasAccepted) {
             EXPECT_EQ(found, silent->flow(somewhere));
             // This scheme's flow is that of one place.
             if (traits.scheme == RigidHI::EulerMaruyama) {
-                EXPECT_LT(slipOfParticles(*asking, bodies, twists, 16), 1e-5 * twists.cwiseAbs().maxCoeff());
+                EXPECT_LT(slipOfParticles(*asking, bodies, twists, 16),
+                          1e-5 * twists.cwiseAbs().maxCoeff());
             }
         }
         EXPECT_EQ(redone, 3);
@@ -814,10 +867,11 @@ TEST(Flow, WithMomentaIsThatOfTheFriction) {
         const Vector3d F = 6 * M_PI * eta * a * (V - flow.at(centre)),
                        T = 8 * M_PI * eta * pow(a, 3) * (omega - flow.halfCurl());
         for (const Vector3d& d : {Vector3d(0.1, 0.2, 0.3), Vector3d(2, -1, 1)})
-            expectNear(scene.flow({toVec3(centre + d)}), flow.at(centre + d) + stokes(d, a, eta, F, T), 1e-13);
+            expectNear(scene.flow({toVec3(centre + d)}),
+                       flow.at(centre + d) + stokes(d, a, eta, F, T), 1e-13);
     }
-    const ModelCase matrixFree = {"RotnePragerYamakawa, matrix-free", MobilityForce::RotnePragerYamakawa,
-                                  MobilityForce::MatrixFree};
+    const ModelCase matrixFree = {"RotnePragerYamakawa, matrix-free",
+                                  MobilityForce::RotnePragerYamakawa, MobilityForce::MatrixFree};
     for (const ModelCase& model : {rotnePrager, matrixFree})
         for (auto boundary : {MobilityForce::Unbounded, MobilityForce::NoSlipWall}) {
             Pushed scene(model, T1, h, RigidHI::LangevinHI);
@@ -843,7 +897,8 @@ namespace {
 
 unique_ptr<Pushed> savedScene(RigidHI::Scheme scheme, MobilityForce::Solver solver, int threads,
                               double viscosity = 0.6) {
-    auto scene = make_unique<Pushed>(ModelCase{"", MobilityForce::RotnePragerYamakawa, solver}, T1, 5e-3, scheme);
+    auto scene = make_unique<Pushed>(ModelCase{"", MobilityForce::RotnePragerYamakawa, solver}, T1,
+                                     5e-3, scheme);
     scene->fluid->setSolverTolerance(1e-4);
     scene->fluid->setViscosity(viscosity);
     generalFlow().set(*scene->fluid);
@@ -865,7 +920,8 @@ TEST(Flow, IsSaved) {
     for (auto scheme : allWithFluid())
         for (auto solver : {MobilityForce::Dense, MobilityForce::MatrixFree}) {
             SCOPED_TRACE(traitsOf(scheme).name);
-            const auto scene = savedScene(scheme, solver, 1), second = savedScene(scheme, solver, 2),
+            const auto scene = savedScene(scheme, solver, 1),
+                       second = savedScene(scheme, solver, 2),
                        third = savedScene(scheme, solver, 1);
             scene->integrator.step(3);
             stringstream checkpoint, xml;
@@ -907,15 +963,17 @@ TEST(Flow, IsSavedForOtherPlatforms) {
 
 TEST(Flow, OfAStateOfAnotherFluidIsThatOfForces) {
     SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
-    for (auto scheme : {RigidHI::EulerMaruyama, RigidHI::DriftCorrectorFD, RigidHI::TrapezoidalSlip}) {
+    for (auto scheme :
+         {RigidHI::EulerMaruyama, RigidHI::DriftCorrectorFD, RigidHI::TrapezoidalSlip}) {
         const auto scene = savedScene(scheme, MobilityForce::Dense, 1),
                    thicker = savedScene(scheme, MobilityForce::Dense, 1, 0.9);
         scene->integrator.step(2);
         stringstream checkpoint, xml;
         saveState(*scene->context, checkpoint, xml);
         loadState(*thicker->context, xml);
-        const MatrixXd expected = flowOfForces(*thicker, rotnePrager, MobilityForce::Unbounded,
-                                               [](Pushed& fresh) { generalFlow().set(*fresh.fluid); });
+        const MatrixXd expected =
+            flowOfForces(*thicker, rotnePrager, MobilityForce::Unbounded,
+                         [](Pushed& fresh) { generalFlow().set(*fresh.fluid); });
         EXPECT_LT((thicker->flow(somewhere) - expected).cwiseAbs().maxCoeff(), 1e-11);
     }
 }
@@ -945,10 +1003,14 @@ TEST(Flow, DamagedLastStepsAreRefused) {
     const string groups = xml.substr(group, end - group);
     expectError([&] { load(xml.substr(0, end) + groups + xml.substr(end)); }, words);
     expectError([&] { load(replaced(xml, "value=\"", "value=\"-", at)); }, words);  // the step
-    expectError([&] { load(replaced(xml, "rows=\"18\"", "rows=\"17\"", at)); },
-                {"property 'rows' is '17'", "it must be the number of values over that of columns"});
     expectError(
-        [&] { load(replaced(xml, "<Vectors columns=\"1\" rows=\"15\"", "<Vectors columns=\"15\" rows=\"1\"", at)); },
+        [&] { load(replaced(xml, "rows=\"18\"", "rows=\"17\"", at)); },
+        {"property 'rows' is '17'", "it must be the number of values over that of columns"});
+    expectError(
+        [&] {
+            load(replaced(xml, "<Vectors columns=\"1\" rows=\"15\"",
+                          "<Vectors columns=\"15\" rows=\"1\"", at));
+        },
         words);
     // A quaternion of another length.
     const size_t poses = xml.find("rows=\"7\"", at);
@@ -994,7 +1056,8 @@ struct Observed {
     }
 };
 
-/** What the theory says: the matrix of what is observed for each wrench, and the divergences of that and of N, by differences of poses. */
+/** What the theory says: the matrix of what is observed for each wrench, and the divergences of
+ * that and of N, by differences of poses. */
 struct Theory {
     MatrixXd N_flow, N;
     VectorXd div_flow, div_N;
@@ -1034,8 +1097,9 @@ struct Theory {
 };
 
 /**
- * One step after another from the same poses, kT = 1 and no forces. The mean of what is observed, A, is to be div_flow; that of the bodies'
- * velocity U is div N. N_flow N^-1 U is the part of A that moves with the bodies, and large, of h^-1/2. It is subtracted: the mean of the rest is what
+ * One step after another from the same poses, kT = 1 and no forces. The mean of what is observed,
+ * A, is to be div_flow; that of the bodies' velocity U is div N. N_flow N^-1 U is the part of A
+ * that moves with the bodies, and large, of h^-1/2. It is subtracted: the mean of the rest is what
  * div_flow has beside N_flow N^-1 div N.
  */
 struct Draws {
@@ -1061,8 +1125,8 @@ Draws draw(Pushed& scene, const Observed& observed, const Theory& theory, int nu
 }
 
 /**
- * By how many standard errors means are off, root mean square over components; and whether each is within 5. Where nothing varies, the theory's
- * differences have errors.
+ * By how many standard errors means are off, root mean square over components; and whether each is
+ * within 5. Where nothing varies, the theory's differences have errors.
  */
 double offBy(const vector<vector<double>>& samples, const VectorXd& expected, const char* what) {
     double squares = 0;
@@ -1080,7 +1144,8 @@ vector<pair<RigidHI::Scheme, RigidHI::DriftCorrectorScaling>> schemesWithDrift()
     for (const SchemeTraits& traits : overdampedSchemes()) {
         if (traits.omitsDrift()) continue;
         found.push_back({traits.scheme, RigidHI::SlipOnly});
-        if (traits.scheme == RigidHI::DriftCorrectorRFD) found.push_back({traits.scheme, RigidHI::Whole});
+        if (traits.scheme == RigidHI::DriftCorrectorRFD)
+            found.push_back({traits.scheme, RigidHI::Whole});
     }
     return found;
 }
@@ -1098,7 +1163,8 @@ TEST(Flow, HasTheBrownianStress) {
                 scene->add(sphereKind(0.4), Vec3(0.9, 0.3, 0.2));
             } else
                 scene->add(apartKind(), Vec3(0, 0, 0));
-            if (bodies == TwoBodies) scene->add(apartKind(), Vec3(1.2, -1.3, 1.2), {{0.8, 0, 0.6, 0}});
+            if (bodies == TwoBodies)
+                scene->add(apartKind(), Vec3(1.2, -1.3, 1.2), {{0.8, 0, 0.6, 0}});
             scene->pushBy(VectorXd::Zero(6 * scene->bodies.size()));
             scene->start();
             return scene;
@@ -1106,7 +1172,8 @@ TEST(Flow, HasTheBrownianStress) {
         const Observed observed = {{Vec3(0.9, 0.9, 0.4), Vec3(0.5, -0.8, 0.1)}, {}};
         const auto cold = make(0, RigidHI::EulerMaruyama);
         const Theory theory(*cold, observed);
-        const VectorXd expected = theory.div_flow - theory.N_flow * theory.N.inverse() * theory.div_N;
+        const VectorXd expected =
+            theory.div_flow - theory.N_flow * theory.N.inverse() * theory.div_N;
         if (bodies == Spheres) {
             EXPECT_LT(theory.div_flow.norm(), 1e-6);
         } else {
@@ -1135,7 +1202,8 @@ namespace {
 
 /** The mean over so many steps of each scheme on a grid, which is to be known to a fifth of it. */
 void checkBrownianStressOnAGrid(const vector<RigidHI::Scheme>& schemes, int number) {
-    // Amplitudes of modes. The part of order h^-1/2 has no mean: it is what the same random numbers make in a step so short that nothing else is left of h.
+    // Amplitudes of modes. The part of order h^-1/2 has no mean: it is what the same random numbers
+    // make in a step so short that nothing else is left of h.
     const double h = 1e-3, shortness = 1e-6;
     const auto make = [&](double temperature, double step, RigidHI::Scheme scheme) {
         auto scene = make_unique<Pushed>(onGrid, temperature, step, scheme);
@@ -1185,7 +1253,8 @@ TEST(Flow, OnAGridHasTheBrownianStress) {
     checkBrownianStressOnAGrid({RigidHI::TrapezoidalSlip}, 600);
 }
 
-/** In drift correctors nu times the random field varies more. With random differences they do the same on a grid. */
+/** In drift correctors nu times the random field varies more. With random differences they do the
+ * same on a grid. */
 TEST(Flow, FullOnAGridHasTheBrownianStressOfOthers) {
     SKIP_ON_DEVICES("thousands of steps that copy positions");
     checkBrownianStressOnAGrid({RigidHI::RandomFiniteDifference}, 700);

@@ -17,11 +17,13 @@ namespace {
 
 typedef CustomRigidHIIntegrator RigidHI;
 const double T1 = 1 / boltzmann;  // the temperature with kT = 1
-const RigidHI::Scheme schemes[] = {RigidHI::LangevinHI, RigidHI::DriftCorrectorFD, RigidHI::TrapezoidalSlip};
+const RigidHI::Scheme schemes[] = {RigidHI::LangevinHI, RigidHI::DriftCorrectorFD,
+                                   RigidHI::TrapezoidalSlip};
 
 struct GridScene : FluidScene {
-    explicit GridScene(double temperature = 0, RigidHI::Scheme scheme = RigidHI::DriftCorrectorFD, double h = 0.002,
-                       MobilityForce::Solver solver = MobilityForce::MatrixFree, double tolerance = 1e-2)
+    explicit GridScene(double temperature = 0, RigidHI::Scheme scheme = RigidHI::DriftCorrectorFD,
+                       double h = 0.002, MobilityForce::Solver solver = MobilityForce::MatrixFree,
+                       double tolerance = 1e-2)
         : FluidScene(temperature, h) {
         fluid->setBoundary(MobilityForce::Periodic);
         fluid->setModel(MobilityForce::ForceCoupling);
@@ -30,7 +32,8 @@ struct GridScene : FluidScene {
         integrator.setScheme(scheme);
         side = 8;
     }
-    /** Spheres, multiblobs and a free particle, pulled; across faces of the box and outside of it. */
+    /** Spheres, multiblobs and a free particle, pulled; across faces of the box and outside of it.
+     */
     void addBodies() {
         add(sphereKind(1), Vec3(0, 0, 0));
         add(sphereKind(0.8), Vec3(2.1, 0.3, 8.2));
@@ -59,8 +62,10 @@ BodyKind hedgehogKind(double spacing) {
     return kind;
 }
 
-/** Poses in a periodic box, at random and then pushed apart until beads of different bodies no longer overlap. */
-void placeApart(const BodyKind& kind, int count, double side, vector<Vec3>& places, vector<QuaternionArray>& turns) {
+/** Poses in a periodic box, at random and then pushed apart until beads of different bodies no
+ * longer overlap. */
+void placeApart(const BodyKind& kind, int count, double side, vector<Vec3>& places,
+                vector<QuaternionArray>& turns) {
     mt19937 random(4);
     FluidScene pushed(0, 0.02);
     pushed.side = side;
@@ -108,7 +113,8 @@ TEST(ForceCouplingGrid, IsTheLatticeSumToTheTolerance) {
         scene.addBodies();
         scene.start(testPlatform());
         EXPECT_LE(relativeError(scene.mobility(), N), tolerance);
-        EXPECT_NE(scene.integrator.getEffects().at("hydrodynamics").find(" on a grid of "), string::npos);
+        EXPECT_NE(scene.integrator.getEffects().at("hydrodynamics").find(" on a grid of "),
+                  string::npos);
     }
 }
 
@@ -118,7 +124,9 @@ TEST(ForceCouplingGrid, TheSpacingOfTheUserMeansATolerance) {
     scene.fluid->setGridSpacing(0.3);
     scene.start(testPlatform());
     const string found = scene.integrator.getEffects().at("hydrodynamics");
-    EXPECT_NE(found.find("on a grid of 28 x 28 x 28 nodes, whose products have the tolerance "), string::npos) << found;
+    EXPECT_NE(found.find("on a grid of 28 x 28 x 28 nodes, whose products have the tolerance "),
+              string::npos)
+        << found;
     expectError([&] { scene.fluid->setGridSpacing(-1); },
                 {"setGridSpacing()", "spacing is -1 nm", "it must be finite and not negative",
                  "give a length, or 0 for the spacing that the solver tolerance wants"});
@@ -136,7 +144,8 @@ TEST(ForceCouplingGrid, TheSpacingOfTheUserMeansATolerance) {
     fine.addBodies();
     fine.fluid->setGridSpacing(0.08);
     fine.start(testPlatform());
-    EXPECT_NE(fine.integrator.getEffects().at("hydrodynamics").find("have the tolerance 1e-14"), string::npos);
+    EXPECT_NE(fine.integrator.getEffects().at("hydrodynamics").find("have the tolerance 1e-14"),
+              string::npos);
 }
 
 TEST(ForceCouplingGrid, TheBoxOfAStepIsThatOfTheContext) {
@@ -168,7 +177,8 @@ TEST(ForceCouplingGrid, TriclinicBoxesAreRefusedWithTheAlternative) {
     const VectorXd before = scene.state();
     scene.context->setPeriodicBoxVectors(Vec3(8, 0, 0), Vec3(1, 8, 0), Vec3(0, 0, 8));
     expectError([&] { scene.integrator.step(1); },
-                {"ForceCoupling on a grid needs a box with edges along the axes", "(1, 8, 0)", "setSolver(Dense)"});
+                {"ForceCoupling on a grid needs a box with edges along the axes", "(1, 8, 0)",
+                 "setSolver(Dense)"});
     EXPECT_EQ(scene.state(), before);
     scene.setBox(8, 8, 8);
     scene.integrator.step(1);
@@ -180,11 +190,13 @@ TEST(ForceCouplingGrid, GridsThatNoMachineHasAreRefusedBeforeTheyAreMade) {
     scene.side = 1000;
     scene.start(testPlatform());
     expectError([&] { scene.integrator.step(1); },
-                {"ForceCoupling on a grid would have", "nodes along an edge of 1000 nm", "raise setSolverTolerance()"});
+                {"ForceCoupling on a grid would have", "nodes along an edge of 1000 nm",
+                 "raise setSolverTolerance()"});
     scene.setBox(2.5, 2.5, 2.5);
-    expectError([&] { scene.integrator.step(1); },
-                {"ForceCoupling on a grid would take ",
-                 " GB are free; raise setSolverTolerance() or setGridSpacing(), or make the box smaller"});
+    expectError(
+        [&] { scene.integrator.step(1); },
+        {"ForceCoupling on a grid would take ",
+         " GB are free; raise setSolverTolerance() or setGridSpacing(), or make the box smaller"});
     scene.setBox(0.01, 0.01, 0.01);
     scene.integrator.step(1);
 }
@@ -240,9 +252,10 @@ TEST(ForceCouplingGrid, AStepOfTheDriftCorrectorTakesOneFieldAndOneSolve) {
 
 /** Fixman's midpoint alone wants wrenches, whose roots are found by iterations. */
 TEST(ForceCouplingGrid, SchemesTakeTheirNoiseFromTheField) {
-    const map<RigidHI::Scheme, int> solves = {{RigidHI::EulerMaruyama, 1},         {RigidHI::RandomFiniteDifference, 2},
-                                              {RigidHI::TractionEulerMaruyama, 2}, {RigidHI::TrapezoidalSlip, 2},
-                                              {RigidHI::DriftCorrectorRFD, 1},     {RigidHI::DriftCorrectorFD, 1}};
+    const map<RigidHI::Scheme, int> solves = {
+        {RigidHI::EulerMaruyama, 1},         {RigidHI::RandomFiniteDifference, 2},
+        {RigidHI::TractionEulerMaruyama, 2}, {RigidHI::TrapezoidalSlip, 2},
+        {RigidHI::DriftCorrectorRFD, 1},     {RigidHI::DriftCorrectorFD, 1}};
     for (const auto& [scheme, count] : solves) {
         SCOPED_TRACE(traitsOf(scheme).name);
         GridScene scene(T1, scheme);
@@ -256,7 +269,8 @@ TEST(ForceCouplingGrid, SchemesTakeTheirNoiseFromTheField) {
 }
 
 TEST(ForceCouplingGrid, StatisticsSayWhereTheTimeGoes) {
-    const char* const parts[] = {"seconds_spreading", "seconds_fft", "seconds_averaging", "seconds_solver"};
+    const char* const parts[] = {"seconds_spreading", "seconds_fft", "seconds_averaging",
+                                 "seconds_solver"};
     for (auto scheme : schemes) {
         GridScene scene(T1, scheme), matrices(T1, scheme, 0.002, MobilityForce::Dense);
         for (GridScene* one : {&scene, &matrices}) {
@@ -300,7 +314,8 @@ TEST(ForceCouplingGrid, SpheresAloneHaveNoDrift) {
 }
 
 TEST(ForceCouplingGrid, TheDriftFactorScalesSlipsOrAll) {
-    // Without noise nothing is scaled. With it the positions of both differ by (nu - 1) h N F: of the order of nu - 1.
+    // Without noise nothing is scaled. With it the positions of both differ by (nu - 1) h N F: of
+    // the order of nu - 1.
     for (double temperature : {0.0, T1}) {
         VectorXd ends[2];
         VectorXd start;
@@ -321,8 +336,12 @@ TEST(ForceCouplingGrid, TheDriftFactorScalesSlipsOrAll) {
         }
     }
     GridScene scene;
-    expectError([&] { scene.integrator.setDriftCorrectorScaling(static_cast<RigidHI::DriftCorrectorScaling>(7)); },
-                {"setDriftCorrectorScaling()", "7", "SlipOnly, Whole"});
+    expectError(
+        [&] {
+            scene.integrator.setDriftCorrectorScaling(
+                static_cast<RigidHI::DriftCorrectorScaling>(7));
+        },
+        {"setDriftCorrectorScaling()", "7", "SlipOnly, Whole"});
 }
 
 TEST(ForceCouplingGrid, WarnsWhereTheDriftFactorFluctuatesTooMuch) {
@@ -332,12 +351,15 @@ TEST(ForceCouplingGrid, WarnsWhereTheDriftFactorFluctuatesTooMuch) {
     testing::internal::CaptureStderr();
     scene.integrator.step(55);
     const string printed = testing::internal::GetCapturedStderr();
-    EXPECT_NE(printed.find("the drift factor nu of DriftCorrectorFD fluctuates by"), string::npos) << printed;
-    EXPECT_NE(scene.integrator.getEffects().at("warnings").find("the drift factor nu"), string::npos);
+    EXPECT_NE(printed.find("the drift factor nu of DriftCorrectorFD fluctuates by"), string::npos)
+        << printed;
+    EXPECT_NE(scene.integrator.getEffects().at("warnings").find("the drift factor nu"),
+              string::npos);
 }
 
 TEST(ForceCouplingGrid, GroupsShareAGridAndNoNoise) {
-    // Two groups of the same bodies at the same places: the same mobility, no interaction, other noise.
+    // Two groups of the same bodies at the same places: the same mobility, no interaction, other
+    // noise.
     GridScene scene(T1);
     for (int i = 0; i < 2; i++) {
         scene.add(sphereKind(0.8), Vec3(0, 0, 0));
@@ -356,7 +378,8 @@ TEST(ForceCouplingGrid, GroupsShareAGridAndNoNoise) {
 }
 
 TEST(ForceCouplingGrid, LangevinHITakesTheStepOfMatrices) {
-    // Same seed, same step: in the norm of mass-weighted momenta to five tolerances, as for all matrix-free fluids. Masses of bodies here are 1, moments less.
+    // Same seed, same step: in the norm of mass-weighted momenta to five tolerances, as for all
+    // matrix-free fluids. Masses of bodies here are 1, moments less.
     for (double temperature : {0.0, T1}) {
         const auto velocities = [&](MobilityForce::Solver solver, double tolerance) {
             GridScene scene(temperature, RigidHI::LangevinHI, 0.05, solver, tolerance);
@@ -365,18 +388,21 @@ TEST(ForceCouplingGrid, LangevinHITakesTheStepOfMatrices) {
             scene.integrator.step(1);
             const auto V = scene.integrator.getBodyVelocities();
             VectorXd all(3 * V.size());
-            for (size_t b = 0; b < V.size(); b++) all.segment<3>(3 * b) = sqrt(scene.bodies[b].mass) * toEigen(V[b]);
+            for (size_t b = 0; b < V.size(); b++)
+                all.segment<3>(3 * b) = sqrt(scene.bodies[b].mass) * toEigen(V[b]);
             return all;
         };
         const VectorXd exact = velocities(MobilityForce::Dense, 1e-6);
         for (double tolerance : {1e-2, 1e-4}) {
             const VectorXd error = velocities(MobilityForce::MatrixFree, tolerance) - exact;
-            EXPECT_LE(error.norm(), 5 * tolerance * exact.norm()) << temperature << " " << tolerance;
+            EXPECT_LE(error.norm(), 5 * tolerance * exact.norm())
+                << temperature << " " << tolerance;
         }
     }
 }
 
-/** Solves for 60 hedgehogs at a volume fraction of 0.2 take 9, 14 and 18 iterations for 1e-2, 1e-3 and 1e-4. */
+/** Solves for 60 hedgehogs at a volume fraction of 0.2 take 9, 14 and 18 iterations for 1e-2, 1e-3
+ * and 1e-4. */
 TEST(ForceCouplingGrid, HedgehogsTakeFewIterations) {
     const BodyKind kind = hedgehogKind(2);
     const int count = 60;
@@ -386,12 +412,14 @@ TEST(ForceCouplingGrid, HedgehogsTakeFewIterations) {
     placeApart(kind, count, side, places, turns);
     const map<double, int> most = {{1e-2, 9}, {1e-3, 14}, {1e-4, 18}};
     for (const auto& [tolerance, iterations] : most) {
-        GridScene scene(T1, RigidHI::DriftCorrectorFD, 1 / 600.0, MobilityForce::MatrixFree, tolerance);
+        GridScene scene(T1, RigidHI::DriftCorrectorFD, 1 / 600.0, MobilityForce::MatrixFree,
+                        tolerance);
         scene.side = side;
         scene.fluid->setViscosity(1 / (6 * M_PI));
         for (int b = 0; b < count; b++) scene.add(kind, places[b], turns[b]);
         auto* pull = new CustomExternalForce("sin(1.3*x+2.1*y-0.7*z)");
-        for (int i = 0; i < scene.system.getNumParticles(); i++) pull->addParticle(i, vector<double>());
+        for (int i = 0; i < scene.system.getNumParticles(); i++)
+            pull->addParticle(i, vector<double>());
         scene.system.addForce(pull);
         scene.start(testPlatform());
         scene.integrator.step(1);
@@ -400,8 +428,9 @@ TEST(ForceCouplingGrid, HedgehogsTakeFewIterations) {
 }
 
 /**
- * At half their spacing a hedgehog's beads overlap, and its own matrix has a condition number in the thousands: products keep to the tolerance of the grid, and
- * solves to that of iterations, in the norm of the friction.
+ * At half their spacing a hedgehog's beads overlap, and its own matrix has a condition number in
+ * the thousands: products keep to the tolerance of the grid, and solves to that of iterations, in
+ * the norm of the friction.
  */
 TEST(ForceCouplingGrid, OverlappingBeadsReachTheTolerance) {
     const BodyKind kind = hedgehogKind(1);
@@ -418,8 +447,9 @@ TEST(ForceCouplingGrid, OverlappingBeadsReachTheTolerance) {
     };
     const auto product = [](GridScene& scene, const VectorXd& forces, bool ofBlobs) {
         const vector<double> f(forces.data(), forces.data() + forces.size());
-        const vector<double> v = ofBlobs ? scene.fluid->applyBlobMobilityInContext(*scene.context, f)
-                                         : scene.fluid->applyMobilityInContext(*scene.context, f);
+        const vector<double> v = ofBlobs
+                                     ? scene.fluid->applyBlobMobilityInContext(*scene.context, f)
+                                     : scene.fluid->applyMobilityInContext(*scene.context, f);
         return VectorXd(Eigen::Map<const VectorXd>(v.data(), v.size()));
     };
     const auto blobs = [&](GridScene& scene) {
@@ -447,7 +477,9 @@ TEST(ForceCouplingGrid, OverlappingBeadsReachTheTolerance) {
             VectorXd wrench(N.rows());
             for (double& x : wrench) x = normal(random);
             const VectorXd twists = product(*grid, wrench, false), error = twists - N * wrench;
-            EXPECT_LE(sqrt(error.dot(factor.solve(error))), tolerance * sqrt(wrench.dot(N * wrench))) << tolerance;
+            EXPECT_LE(sqrt(error.dot(factor.solve(error))),
+                      tolerance * sqrt(wrench.dot(N * wrench)))
+                << tolerance;
             EXPECT_GT(error.norm(), 1e-14 * twists.norm());  // these were iterations
         }
     }

@@ -1,5 +1,6 @@
-// setInertiaScale(): moments times a factor in the dynamics of schemes with momenta. Equipartition and averages over configurations are those
-// of any moments; trajectories are those of bodies that have the scaled moments; what users see of motion are real angular velocities.
+// setInertiaScale(): moments times a factor in the dynamics of schemes with momenta. Equipartition
+// and averages over configurations are those of any moments; trajectories are those of bodies that
+// have the scaled moments; what users see of motion are real angular velocities.
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>
@@ -41,19 +42,25 @@ vector<Way> waysWithMomenta() {
             ways.push_back({name, traits.scheme, false, rpy, MobilityForce::Auto});
             continue;
         }
-        ways.push_back({name + ", constant tensors", traits.scheme, true, free, MobilityForce::Auto});
+        ways.push_back(
+            {name + ", constant tensors", traits.scheme, true, free, MobilityForce::Auto});
         ways.push_back({name + ", dense", traits.scheme, true, rpy, MobilityForce::Dense});
-        ways.push_back({name + ", matrix-free", traits.scheme, true, rpy, MobilityForce::MatrixFree});
+        ways.push_back(
+            {name + ", matrix-free", traits.scheme, true, rpy, MobilityForce::MatrixFree});
     }
     return ways;
 }
 
-/** Bodies that turn about three axes and about two, and a free particle, in a field that turns and pulls them. kT = 1. */
+/** Bodies that turn about three axes and about two, and a free particle, in a field that turns and
+ * pulls them. kT = 1. */
 struct Mixture : FluidScene {
-    Mixture(const Way& way, double inertiaScale, double factorOfMoments = 1) : FluidScene(1 / boltzmann, 0.02) {
+    Mixture(const Way& way, double inertiaScale, double factorOfMoments = 1)
+        : FluidScene(1 / boltzmann, 0.02) {
         mt19937 random(5);
         vector<BodyKind> kinds = {
-            boomerangKind(), {"sphere", 2, Vec3(0.5, 0.3, 0.4), {Vec3(), Vec3(0.1, 0.15, 0.7)}, {0.6, 0}}, rodKind()};
+            boomerangKind(),
+            {"sphere", 2, Vec3(0.5, 0.3, 0.4), {Vec3(), Vec3(0.1, 0.15, 0.7)}, {0.6, 0}},
+            rodKind()};
         for (size_t i = 0; i < kinds.size(); i++) {
             kinds[i].moments *= factorOfMoments;
             add(kinds[i], Vec3(2.7 * i, 0.2 * i, 0), randomQuaternion(random));
@@ -74,8 +81,9 @@ struct Mixture : FluidScene {
 };
 
 /**
- * Waters of four particles, the charge of oxygen on a virtual site, that feel nothing but a uniform field along z: a dipole k kT long in it, whose mean
- * direction is the Langevin function coth k - 1/k.
+ * Waters of four particles, the charge of oxygen on a virtual site, that feel nothing but a uniform
+ * field along z: a dipole k kT long in it, whose mean direction is the Langevin function coth k -
+ * 1/k.
  */
 struct Waters {
     System system;
@@ -99,14 +107,18 @@ struct Waters {
             for (double mass : water.masses) system.addParticle(mass);
             system.addParticle(0);
             for (int a = 0; a < 3; a++)
-                for (int b = 0; b < a; b++) system.addConstraint(p + a, p + b, norm(water.sites[a] - water.sites[b]));
-            system.setVirtualSite(p + 3, new ThreeParticleAverageSite(p, p + 1, p + 2, 1 - 2 * side, side, side));
+                for (int b = 0; b < a; b++)
+                    system.addConstraint(p + a, p + b, norm(water.sites[a] - water.sites[b]));
+            system.setVirtualSite(
+                p + 3, new ThreeParticleAverageSite(p, p + 1, p + 2, 1 - 2 * side, side, side));
             field->addParticle(p + 1, {1.0});
             field->addParticle(p + 2, {1.0});
             field->addParticle(p + 3, {-2.0});
             const QuaternionArray q = randomQuaternion(generator);
-            for (const Vec3& s : water.sites) positions.push_back(Vec3(0.3 * i, 0, 0) + rotate(q, s));
-            positions.push_back(positions[p] * (1 - 2 * side) + (positions[p + 1] + positions[p + 2]) * side);
+            for (const Vec3& s : water.sites)
+                positions.push_back(Vec3(0.3 * i, 0, 0) + rotate(q, s));
+            positions.push_back(positions[p] * (1 - 2 * side) +
+                                (positions[p + 1] + positions[p + 2]) * side);
             integrator.addRigidBody({p, p + 1, p + 2, p + 3});
         }
         system.addForce(field);
@@ -115,7 +127,8 @@ struct Waters {
         integrator.setRandomNumberSeed(31);
     }
     void start() {
-        context.reset(new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
+        context.reset(
+            new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
         context->setPositions(positions);
         context->setVelocitiesToTemperature(temperature, 3);
     }
@@ -155,11 +168,15 @@ struct Energies {
     }
 };
 
-/** What statistics are made of; devices take a tenth of a millisecond a launch, and the loops over bodies there are those of CPU. */
+/** What statistics are made of; devices take a tenth of a millisecond a launch, and the loops over
+ * bodies there are those of CPU. */
 vector<Scheme> schemesToSample() {
-    return onDevice() ? vector<Scheme>{CustomRigidHIIntegrator::LangevinC} : thermostatsWithMomenta();
+    return onDevice() ? vector<Scheme>{CustomRigidHIIntegrator::LangevinC}
+                      : thermostatsWithMomenta();
 }
-vector<double> factorsToSample() { return onDevice() ? vector<double>{4} : vector<double>{1, 4, 16}; }
+vector<double> factorsToSample() {
+    return onDevice() ? vector<double>{4} : vector<double>{1, 4, 16};
+}
 
 double langevinFunction(double k) { return 1 / tanh(k) - 1 / k; }
 
@@ -184,16 +201,18 @@ TEST(InertiaScale, MotionIsThatOfBodiesWithThoseMoments) {
 TEST(InertiaScale, SchemesWithoutMomentaTakeNoNotice) {
     for (const SchemeTraits& traits : schemeTable) {
         if (traits.hasMomenta) continue;
-        const Way way = {traits.name, traits.scheme, traits.needsFluid(), MobilityForce::RotnePragerYamakawa,
-                         MobilityForce::Auto};
+        const Way way = {traits.name, traits.scheme, traits.needsFluid(),
+                         MobilityForce::RotnePragerYamakawa, MobilityForce::Auto};
         vector<VectorXd> ends;
         for (double factor : {1.0, 7.0}) {
             Mixture scene(way, factor);
             scene.integrator.step(5);
             ends.push_back(scene.state());
             const string effect = scene.integrator.getEffects().at("inertia scale");
-            EXPECT_NE(effect.find(factor == 1 ? "off: the dynamics has the real principal moments"
-                                              : "off: a scheme without momenta, in which the factor 7 has no part"),
+            EXPECT_NE(effect.find(
+                          factor == 1
+                              ? "off: the dynamics has the real principal moments"
+                              : "off: a scheme without momenta, in which the factor 7 has no part"),
                       string::npos)
                 << effect;
         }
@@ -217,30 +236,34 @@ TEST(InertiaScale, EquipartitionPerAxis) {
                 integrator.setRandomNumberSeed(3);
                 Context context(system, integrator, testPlatform(), threads(testPlatformName(), 1));
                 context.setPositions(randomPoses(shape, copies, 1, 2));
-                // The slowest axis relaxes at about a fifth of Gamma, 0.1 ps, whatever the factor: ten times that to begin with, then squares of momenta are
-                // independent within exp(-6).
+                // The slowest axis relaxes at about a fifth of Gamma, 0.1 ps, whatever the factor:
+                // ten times that to begin with, then squares of momenta are independent within
+                // exp(-6).
                 integrator.step(500);
                 Energies energies;
                 for (int s = 0; s < 8; s++) {
                     integrator.step(150);
                     energies.add(integrator);
                 }
-                energies.expectEquipartition(
-                    string(RigidHIPlugin::traitsOf(scheme).name) + ", " + shape.name + ", factor " + to_string(factor),
-                    copies, {shape.name == "water", true, true}, boltzmann * 300);
+                energies.expectEquipartition(string(RigidHIPlugin::traitsOf(scheme).name) + ", " +
+                                                 shape.name + ", factor " + to_string(factor),
+                                             copies, {shape.name == "water", true, true},
+                                             boltzmann * 300);
             }
 }
 
 TEST(InertiaScale, EquipartitionInAFluid) {
-    // Friction is the fluid's, so angular momenta relax more slowly by the factor: the slowest of them at about 10/factor a unit of time, translation at
-    // about 4. Samples are apart by 1.2 sqrt(factor), so that squares of momenta are independent within exp(-5).
+    // Friction is the fluid's, so angular momenta relax more slowly by the factor: the slowest of
+    // them at about 10/factor a unit of time, translation at about 4. Samples are apart by 1.2
+    // sqrt(factor), so that squares of momenta are independent within exp(-5).
     const int copies = 100;
     for (double factor : factorsToSample()) {
         FluidScene scene(1 / boltzmann, 0.02);
         mt19937 random(2);
         const BodyKind kinds[] = {boomerangKind(), rodKind()};
         for (int i = 0; i < copies; i++)
-            scene.add(kinds[i % 2], Vec3(5.0 * (i % 10), 5.0 * (i / 10), 0), randomQuaternion(random));
+            scene.add(kinds[i % 2], Vec3(5.0 * (i % 10), 5.0 * (i / 10), 0),
+                      randomQuaternion(random));
         scene.fluid->setModel(MobilityForce::FreeDraining);
         scene.integrator.setInertiaScale(factor);
         scene.start(testPlatform());
@@ -254,7 +277,8 @@ TEST(InertiaScale, EquipartitionInAFluid) {
         expectMean("translation", {energies.translation / (3 * n) / halfKT, sqrt(2 / (3 * n))}, 1);
         for (int k = 0; k < 3; k++) {
             const double bodies = k == 0 ? n / 2 : n;  // rods do not turn about their line
-            expectMean("axis " + to_string(k + 1), {energies.rotation[k] / bodies / halfKT, sqrt(2 / bodies)}, 1);
+            expectMean("axis " + to_string(k + 1),
+                       {energies.rotation[k] / bodies / halfKT, sqrt(2 / bodies)}, 1);
         }
     }
 }
@@ -264,8 +288,10 @@ TEST(InertiaScale, AveragesOverConfigurationsStay) {
     const int copies = 60;
     for (Scheme scheme : schemesToSample())
         for (double factor : factorsToSample()) {
-            // Steps grow as the root of the factor. Directions forget in at most 1.5 ps, a third of what samples are apart. (Were the friction divided by the
-            // root, too, every factor would have the same path.) A CMMotionRemover has all velocities taken in at every step.
+            // Steps grow as the root of the factor. Directions forget in at most 1.5 ps, a third of
+            // what samples are apart. (Were the friction divided by the root, too, every factor
+            // would have the same path.) A CMMotionRemover has all velocities taken in at every
+            // step.
             Waters waters(scheme, 0.0015 * sqrt(factor), factor, k, copies);
             waters.integrator.setRotationalFriction(20);
             waters.integrator.setRandomNumberSeed(31 + static_cast<int>(factor));
@@ -280,9 +306,11 @@ TEST(InertiaScale, AveragesOverConfigurationsStay) {
                 waters.appendCosines(cosines);
                 energies.add(waters.integrator);
             }
-            const string what = string(RigidHIPlugin::traitsOf(scheme).name) + ", factor " + to_string(factor);
+            const string what =
+                string(RigidHIPlugin::traitsOf(scheme).name) + ", factor " + to_string(factor);
             expectMean(what + ", <cos>", estimate(cosines), langevinFunction(k));
-            energies.expectEquipartition(what, copies, {true, true, true}, boltzmann * 300, remover ? 3 : 0);
+            energies.expectEquipartition(what, copies, {true, true, true}, boltzmann * 300,
+                                         remover ? 3 : 0);
         }
 }
 
@@ -340,14 +368,16 @@ TEST(InertiaScale, EnergyIsConservedToSecondOrder) {
         }
         errors[i] = worst / (30 * k * boltzmann * 300);
     }
-    cout << "energy errors, in the energy of the dipoles: " << errors[0] << " and " << errors[1] << endl;
+    cout << "energy errors, in the energy of the dipoles: " << errors[0] << " and " << errors[1]
+         << endl;
     EXPECT_LT(errors[0], 0.02);
     EXPECT_NEAR(errors[0] / errors[1], 4.0, 0.4);
 }
 
 TEST(InertiaScale, UsersSeeRealAngularVelocities) {
     for (bool isExplicit : {false, true}) {
-        // Explicit bodies here have a marker without mass, so that their velocities are fitted in the other way.
+        // Explicit bodies here have a marker without mass, so that their velocities are fitted in
+        // the other way.
         System system;
         CustomRigidHIIntegrator integrator(0, 0.001);
         const Shape water = waterShape();
@@ -372,7 +402,8 @@ TEST(InertiaScale, UsersSeeRealAngularVelocities) {
             EXPECT_LT(norm(integrator.getBodyVelocities()[0] - velocity), close) << when;
             const auto v = velocitiesOf(context), x = positionsOf(context);
             const Vec3 R = integrator.getBodyPositions()[0];
-            for (int i = 0; i < 3; i++) EXPECT_LT(norm(v[i] - velocity - omega.cross(x[i] - R)), close) << when;
+            for (int i = 0; i < 3; i++)
+                EXPECT_LT(norm(v[i] - velocity - omega.cross(x[i] - R)), close) << when;
         };
         const auto rotational = [&] {
             const Vec3 e = integrator.computeRotationalKineticEnergies();
@@ -387,7 +418,8 @@ TEST(InertiaScale, UsersSeeRealAngularVelocities) {
             QuaternionArray q = integrator.getBodyOrientations()[0];
             for (int k = 1; k < 4; k++) q[k] = -q[k];
             const Vec3 omega_body = rotate(q, omega);
-            for (int k = 0; k < 3; k++) sum[k] = 0.5 * factor * moments[k] * omega_body[k] * omega_body[k];
+            for (int k = 0; k < 3; k++)
+                sum[k] = 0.5 * factor * moments[k] * omega_body[k] * omega_body[k];
             return sum[0] + sum[1] + sum[2];
         };
         integrator.setBodyVelocities({velocity});
@@ -403,8 +435,10 @@ TEST(InertiaScale, UsersSeeRealAngularVelocities) {
         expectTwist("set on the particles");
         EXPECT_NEAR(rotational(), rotationalOf(5), close);
         EXPECT_NEAR(context.getState(State::Energy).getKineticEnergy(),
-                    rotational() + integrator.computeTranslationalKineticEnergy() + 0.5 * 4 * 0.01, close);
-        // A change takes effect at once: velocities stay, energies of rotation follow, and no other.
+                    rotational() + integrator.computeTranslationalKineticEnergy() + 0.5 * 4 * 0.01,
+                    close);
+        // A change takes effect at once: velocities stay, energies of rotation follow, and no
+        // other.
         const double translational = integrator.computeTranslationalKineticEnergy();
         integrator.setInertiaScale(0.5);
         EXPECT_NEAR(rotational(), rotationalOf(0.5), close);
@@ -417,7 +451,8 @@ TEST(InertiaScale, UsersSeeRealAngularVelocities) {
 }
 
 TEST(InertiaScale, MayChangeBetweenSteps) {
-    // What goes on after a change is what a Context does that has the new factor from its start, and was given the same poses and velocities.
+    // What goes on after a change is what a Context does that has the new factor from its start,
+    // and was given the same poses and velocities.
     for (const Way& way : waysWithMomenta()) {
         Mixture changed(way, 1), fresh(way, 4);
         changed.integrator.step(3);
@@ -443,20 +478,23 @@ TEST(InertiaScale, ARunGoesOnBitForBit) {
     // No power of 2: what is saved are the angular momenta of the scaled moments, and their factor.
     for (const Way& way : waysWithMomenta()) {
         SCOPED_TRACE(way.name);
-        expectToResumeBitForBit<Mixture>([&](int) { return unique_ptr<Mixture>(new Mixture(way, 3.3)); },
-                                         [](Mixture& scene) {
-                                             scene.integrator.step(3);
-                                             scene.integrator.setInertiaScale(2.7);
-                                             scene.integrator.step(2);
-                                             scene.integrator.setInertiaScale(3.3);
-                                         },
-                                         4);
+        expectToResumeBitForBit<Mixture>(
+            [&](int) { return unique_ptr<Mixture>(new Mixture(way, 3.3)); },
+            [](Mixture& scene) {
+                scene.integrator.step(3);
+                scene.integrator.setInertiaScale(2.7);
+                scene.integrator.step(2);
+                scene.integrator.setInertiaScale(3.3);
+            },
+            4);
     }
 }
 
 TEST(InertiaScale, SchemesMayAlternate) {
-    // Without momenta there is nothing to scale: velocities wait as they are, and come back with the factor.
-    const auto C = CustomRigidHIIntegrator::LangevinC, none = CustomRigidHIIntegrator::GradientThermostat;
+    // Without momenta there is nothing to scale: velocities wait as they are, and come back with
+    // the factor.
+    const auto C = CustomRigidHIIntegrator::LangevinC,
+               none = CustomRigidHIIntegrator::GradientThermostat;
     Mixture scene({"", C, false, MobilityForce::FreeDraining, MobilityForce::Auto}, 4);
     scene.integrator.step(2);
     const auto spins = scene.spins();
@@ -470,17 +508,22 @@ TEST(InertiaScale, SchemesMayAlternate) {
 }
 
 TEST(InertiaScale, IsDescribed) {
-    Mixture scene({"", CustomRigidHIIntegrator::LangevinB, false, MobilityForce::FreeDraining, MobilityForce::Auto}, 1);
-    EXPECT_EQ(scene.integrator.getEffects().at("inertia scale"), "off: the dynamics has the real principal moments");
+    Mixture scene({"", CustomRigidHIIntegrator::LangevinB, false, MobilityForce::FreeDraining,
+                   MobilityForce::Auto},
+                  1);
+    EXPECT_EQ(scene.integrator.getEffects().at("inertia scale"),
+              "off: the dynamics has the real principal moments");
     const auto degrees = scene.integrator.getDegreesOfFreedom();
     scene.integrator.setInertiaScale(2.5);
     const string effect = scene.integrator.getEffects().at("inertia scale");
     EXPECT_EQ(effect.find("on: the dynamics has the principal moments times 2.5"), 0u) << effect;
     EXPECT_NE(effect.find("motion is not the real one"), string::npos);
     EXPECT_EQ(scene.integrator.getDegreesOfFreedom(), degrees);
-    // A step that does not resolve rotation does so with larger moments, as the warning that goes with it says at once.
+    // A step that does not resolve rotation does so with larger moments, as the warning that goes
+    // with it says at once.
     scene.integrator.setInertiaScale(1e-4);
-    EXPECT_NE(scene.integrator.getEffects().at("warnings").find("does not resolve the rotation"), string::npos);
+    EXPECT_NE(scene.integrator.getEffects().at("warnings").find("does not resolve the rotation"),
+              string::npos);
     scene.integrator.setInertiaScale(100);
     EXPECT_EQ(scene.integrator.getEffects().at("warnings"), "off: none");
 }

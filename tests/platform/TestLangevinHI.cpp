@@ -1,5 +1,6 @@
-// The scheme LangevinHI: against Langevin C where friction is constant, against linear theory in one step, against closed
-// forms in equilibrium; its order, its counters, its hard cases. Units with kT = 1 unless said otherwise.
+// The scheme LangevinHI: against Langevin C where friction is constant, against linear theory in
+// one step, against closed forms in equilibrium; its order, its counters, its hard cases. Units
+// with kT = 1 unless said otherwise.
 
 #include <openmm/CustomExternalForce.h>
 #include <openmm/VirtualSite.h>
@@ -25,16 +26,22 @@ struct ModelCase {
     bool takesMultiblobs, takesFreeParticles;
     MobilityForce::SphereWallMobility sphereWall = MobilityForce::FromModel;
 };
-void PrintTo(const ModelCase& model, ostream* out) { *out << model.name; }  // for GoogleTest's messages
+void PrintTo(const ModelCase& model, ostream* out) {
+    *out << model.name;
+}  // for GoogleTest's messages
 const vector<ModelCase> models = {
     {"FreeDraining", MobilityForce::FreeDraining, MobilityForce::Unbounded, true, true},
-    {"RotnePragerYamakawa", MobilityForce::RotnePragerYamakawa, MobilityForce::Unbounded, true, true},
+    {"RotnePragerYamakawa", MobilityForce::RotnePragerYamakawa, MobilityForce::Unbounded, true,
+     true},
     {"StokesianDynamics", MobilityForce::StokesianDynamics, MobilityForce::Unbounded, false, false},
-    {"RotnePragerYamakawaWall", MobilityForce::RotnePragerYamakawa, MobilityForce::NoSlipWall, true, true},
-    {"BestKnownAtTheWall", MobilityForce::RotnePragerYamakawa, MobilityForce::NoSlipWall, true, false,
-     MobilityForce::BestKnown},
-    {"RotnePragerYamakawaPeriodic", MobilityForce::RotnePragerYamakawa, MobilityForce::Periodic, true, false},
-    {"StokesianDynamicsPeriodic", MobilityForce::StokesianDynamics, MobilityForce::Periodic, false, false},
+    {"RotnePragerYamakawaWall", MobilityForce::RotnePragerYamakawa, MobilityForce::NoSlipWall, true,
+     true},
+    {"BestKnownAtTheWall", MobilityForce::RotnePragerYamakawa, MobilityForce::NoSlipWall, true,
+     false, MobilityForce::BestKnown},
+    {"RotnePragerYamakawaPeriodic", MobilityForce::RotnePragerYamakawa, MobilityForce::Periodic,
+     true, false},
+    {"StokesianDynamicsPeriodic", MobilityForce::StokesianDynamics, MobilityForce::Periodic, false,
+     false},
     {"ForceCouplingPeriodic", MobilityForce::ForceCoupling, MobilityForce::Periodic, false, false}};
 void choose(FluidScene& scene, const ModelCase& model) {
     scene.fluid->setModel(model.model);
@@ -45,7 +52,9 @@ void choose(FluidScene& scene, const ModelCase& model) {
 
 class EveryModel : public testing::TestWithParam<ModelCase> {};
 INSTANTIATE_TEST_SUITE_P(LangevinHI, EveryModel, testing::ValuesIn(models),
-                         [](const testing::TestParamInfo<ModelCase>& info) { return info.param.name; });
+                         [](const testing::TestParamInfo<ModelCase>& info) {
+                             return info.param.name;
+                         });
 
 /** A force on every particle from an energy of x, y, z. */
 void addField(System& system, const string& energy) {
@@ -62,7 +71,9 @@ BodyKind markedSphere(double radius, double mass, const Vec3& moments) {
 BodyKind linearSphere(double radius, double mass, double moment) {
     return {"linear sphere", mass, Vec3(moment, moment, 0), {Vec3(), Vec3(0, 0, 0.6)}, {radius, 0}};
 }
-BodyKind pointKind(double radius, double mass) { return {"point", mass, Vec3(), {Vec3()}, {radius}}; }
+BodyKind pointKind(double radius, double mass) {
+    return {"point", mass, Vec3(), {Vec3()}, {radius}};
+}
 
 /** Everything at once, spheres only where a model takes no more: places about 2.5 apart. */
 void addAllKinds(FluidScene& scene, bool multiblobs, const Vec3& offset = Vec3()) {
@@ -92,12 +103,14 @@ struct Snapshot {
     }
     void expectSameBits(const Snapshot& other, const string& what) const {
         EXPECT_TRUE(sameBits(x, other.x) && sameBits(v, other.v)) << what << ": particles";
-        EXPECT_TRUE(sameBits(R, other.R) && sameBits(V, other.V) && sameBits(omega, other.omega)) << what;
+        EXPECT_TRUE(sameBits(R, other.R) && sameBits(V, other.V) && sameBits(omega, other.omega))
+            << what;
         EXPECT_EQ(q, other.q) << what;
     }
     void expectNear(const Snapshot& other, double tolerance, const string& what) const {
         double worst = 0;
-        for (size_t i = 0; i < x.size(); i++) worst = max(worst, max(norm(x[i] - other.x[i]), norm(v[i] - other.v[i])));
+        for (size_t i = 0; i < x.size(); i++)
+            worst = max(worst, max(norm(x[i] - other.x[i]), norm(v[i] - other.v[i])));
         for (size_t b = 0; b < R.size(); b++) {
             worst = max(worst, norm(omega[b] - other.omega[b]));
             for (int k = 0; k < 4; k++) worst = max(worst, abs(q[b][k] - other.q[b][k]));
@@ -115,17 +128,20 @@ void setTwists(FluidScene& scene, const VectorXd& twists, const vector<Vec3>& fr
     }
     if (!freeVelocities.empty()) {
         vector<Vec3> v(scene.positions.size());
-        for (size_t i = 0; i < scene.freeParticles.size(); i++) v[scene.freeParticles[i]] = freeVelocities[i];
+        for (size_t i = 0; i < scene.freeParticles.size(); i++)
+            v[scene.freeParticles[i]] = freeVelocities[i];
         scene.context->setVelocities(v);
     }
     scene.integrator.setBodyVelocities(V);
     scene.integrator.setBodyAngularVelocities(omega);
 }
 VectorXd twistsOf(FluidScene& scene) {
-    const auto V = scene.integrator.getBodyVelocities(), omega = scene.integrator.getBodyAngularVelocities();
+    const auto V = scene.integrator.getBodyVelocities(),
+               omega = scene.integrator.getBodyAngularVelocities();
     const auto v = velocitiesOf(*scene.context);
     VectorXd result(6 * V.size() + 3 * scene.freeParticles.size());
-    for (size_t b = 0; b < V.size(); b++) result.segment<6>(6 * b) << toEigen(V[b]), toEigen(omega[b]);
+    for (size_t b = 0; b < V.size(); b++)
+        result.segment<6>(6 * b) << toEigen(V[b]), toEigen(omega[b]);
     for (size_t i = 0; i < scene.freeParticles.size(); i++)
         result.segment<3>(6 * V.size() + 3 * i) = toEigen(v[scene.freeParticles[i]]);
     return result;
@@ -134,7 +150,8 @@ VectorXd twistsOf(FluidScene& scene) {
 /** Inverse of masses and inertia tensors in the lab frame; zero about axes without inertia. */
 MatrixXd inverseInertia(FluidScene& scene) {
     const int n = scene.bodies.size();
-    MatrixXd result = MatrixXd::Zero(6 * n + 3 * scene.freeParticles.size(), 6 * n + 3 * scene.freeParticles.size());
+    MatrixXd result = MatrixXd::Zero(6 * n + 3 * scene.freeParticles.size(),
+                                     6 * n + 3 * scene.freeParticles.size());
     const auto q = scene.integrator.getBodyOrientations();
     for (int b = 0; b < n; b++) {
         const BodyKind& kind = scene.bodies[b];
@@ -146,7 +163,8 @@ MatrixXd inverseInertia(FluidScene& scene) {
     }
     for (size_t i = 0; i < scene.freeParticles.size(); i++) {
         const int row = 6 * n + 3 * i;
-        result.block(row, row, 3, 3) = Matrix3d::Identity() / scene.system.getParticleMass(scene.freeParticles[i]);
+        result.block(row, row, 3, 3) =
+            Matrix3d::Identity() / scene.system.getParticleMass(scene.freeParticles[i]);
     }
     return result;
 }
@@ -160,9 +178,11 @@ namespace {
 enum class Layout { FreeDraining, AloneUnderRpy, TwoGroups };
 
 /** The same bodies twice: in a fluid, and with Langevin C's frictions. */
-void compareWithLangevinC(Layout layout, CustomRigidHIIntegrator::NoiseLaw law, double temperature) {
-    vector<BodyKind> kinds = {markedSphere(0.5, 1.5, Vec3(0.3, 0.5, 0.4)), linearSphere(0.4, 2, 0.35),
-                              markedSphere(0.3, 1, Vec3(0.2, 0.2, 0.2)), pointKind(0.6, 3)};
+void compareWithLangevinC(Layout layout, CustomRigidHIIntegrator::NoiseLaw law,
+                          double temperature) {
+    vector<BodyKind> kinds = {markedSphere(0.5, 1.5, Vec3(0.3, 0.5, 0.4)),
+                              linearSphere(0.4, 2, 0.35), markedSphere(0.3, 1, Vec3(0.2, 0.2, 0.2)),
+                              pointKind(0.6, 3)};
     const double eta = 0.6;
     for (size_t first = 0; first < (layout == Layout::AloneUnderRpy ? kinds.size() : 1); first++) {
         vector<BodyKind> chosen = kinds;
@@ -172,19 +192,24 @@ void compareWithLangevinC(Layout layout, CustomRigidHIIntegrator::NoiseLaw law, 
         mt19937 random(9);
         for (size_t b = 0; b < chosen.size(); b++) {
             const QuaternionArray q = randomQuaternion(random);
-            for (FluidScene* scene : {&hydrodynamic, &plain}) scene->add(chosen[b], Vec3(0.4 * b, 0, 0), q);
+            for (FluidScene* scene : {&hydrodynamic, &plain})
+                scene->add(chosen[b], Vec3(0.4 * b, 0, 0), q);
         }
         if (layout == Layout::FreeDraining)
-            for (FluidScene* scene : {&hydrodynamic, &plain}) scene->addFree(2, 0.45, Vec3(1, 1, 1));
+            for (FluidScene* scene : {&hydrodynamic, &plain})
+                scene->addFree(2, 0.45, Vec3(1, 1, 1));
         if (layout == Layout::TwoGroups) hydrodynamic.fluid->setGroups({3, 1});
-        if (layout == Layout::FreeDraining) hydrodynamic.fluid->setModel(MobilityForce::FreeDraining);
+        if (layout == Layout::FreeDraining)
+            hydrodynamic.fluid->setModel(MobilityForce::FreeDraining);
         plain.removeFluid();
         plain.integrator.setScheme(CustomRigidHIIntegrator::LangevinC);
         for (size_t b = 0; b < chosen.size(); b++) {
             double sum = 0;
-            for (int k = 0; k < 3; k++) sum += chosen[b].moments[k] > 0 ? 1 / chosen[b].moments[k] : 0;
+            for (int k = 0; k < 3; k++)
+                sum += chosen[b].moments[k] > 0 ? 1 / chosen[b].moments[k] : 0;
             const double a = chosen[b].radii[0];
-            plain.integrator.setBodyFriction(b, 6 * M_PI * eta * a / chosen[b].mass, 8 * M_PI * eta * pow(a, 3) * sum);
+            plain.integrator.setBodyFriction(b, 6 * M_PI * eta * a / chosen[b].mass,
+                                             8 * M_PI * eta * pow(a, 3) * sum);
         }
         plain.integrator.setFriction(6 * M_PI * eta * 0.45 / 2);  // of the free particle
         vector<Snapshot> ends;
@@ -198,7 +223,8 @@ void compareWithLangevinC(Layout layout, CustomRigidHIIntegrator::NoiseLaw law, 
             ends.emplace_back(*scene);
             randomNumbers.push_back(scene->integrator.getStepStatistics().at("randomNumbers"));
         }
-        ends[0].expectNear(ends[1], 1e-11, "layout " + to_string(int(layout)) + " law " + to_string(law));
+        ends[0].expectNear(ends[1], 1e-11,
+                           "layout " + to_string(int(layout)) + " law " + to_string(law));
         EXPECT_EQ(randomNumbers[0], randomNumbers[1]);
     }
 }
@@ -234,7 +260,8 @@ TEST(LangevinHI, OwnIsotropicTensorsAreLangevinCToo) {
 }
 
 TEST(LangevinHI, TheCoupledPathWithIsotropicFrictionIsLangevinCUpToTheNeighbour) {
-    // Two spheres so far apart that they hardly feel each other take the general path, with the same random numbers.
+    // Two spheres so far apart that they hardly feel each other take the general path, with the
+    // same random numbers.
     FluidScene hydrodynamic(T1, 0.02), plain(T1, 0.02);
     const double far = 1e7;
     for (FluidScene* scene : {&hydrodynamic, &plain}) {
@@ -247,7 +274,8 @@ TEST(LangevinHI, TheCoupledPathWithIsotropicFrictionIsLangevinCUpToTheNeighbour)
     const double eta = 0.6;
     plain.integrator.setBodyFriction(0, 6 * M_PI * eta * 0.5 / 1.5,
                                      8 * M_PI * eta * 0.125 * (1 / 0.3 + 1 / 0.5 + 1 / 0.4));
-    plain.integrator.setBodyFriction(1, 6 * M_PI * eta * 0.4 / 2, 8 * M_PI * eta * 0.064 * 2 / 0.35);
+    plain.integrator.setBodyFriction(1, 6 * M_PI * eta * 0.4 / 2,
+                                     8 * M_PI * eta * 0.064 * 2 / 0.35);
     plain.integrator.setBodyFriction(2, 6 * M_PI * eta * 0.3, 0);
     for (FluidScene* scene : {&hydrodynamic, &plain}) {
         addField(scene->system, "x*0.3-y*0.2+z");
@@ -261,7 +289,8 @@ TEST(LangevinHI, TheCoupledPathWithIsotropicFrictionIsLangevinCUpToTheNeighbour)
 
 namespace {
 
-/** Response of all velocities to all velocities in one step without forces and noise, by central differences. */
+/** Response of all velocities to all velocities in one step without forces and noise, by central
+ * differences. */
 MatrixXd measuredResponse(FluidScene& scene, double size) {
     const int n = scene.bodies.size(), rows = 6 * n + 3 * scene.freeParticles.size();
     const auto R = scene.integrator.getBodyPositions();
@@ -287,7 +316,8 @@ MatrixXd measuredResponse(FluidScene& scene, double size) {
     return response;
 }
 
-/** The exponential of any square matrix: Taylor's series of a part of it, squared again and again. */
+/** The exponential of any square matrix: Taylor's series of a part of it, squared again and again.
+ */
 MatrixXd exponential(const MatrixXd& m) {
     const int squarings = max(0, int(ceil(log2(m.norm() + 1e-300))) + 3);
     const MatrixXd part = m * pow(0.5, squarings);
@@ -307,12 +337,14 @@ MatrixXd expectedResponse(const MatrixXd& friction, const MatrixXd& inverse, dou
     return exponential(-h * inverse * friction) * onLive;
 }
 
-MatrixXd squareRoot(const MatrixXd& m) { return Eigen::SelfAdjointEigenSolver<MatrixXd>(m).operatorSqrt(); }
+MatrixXd squareRoot(const MatrixXd& m) {
+    return Eigen::SelfAdjointEigenSolver<MatrixXd>(m).operatorSqrt();
+}
 
 MatrixXd fullFriction(FluidScene& scene, const ModelCase& model) {
     const auto bodies = scene.labBodies();
-    if (model.model == MobilityForce::RotnePragerYamakawa && model.sphereWall == MobilityForce::FromModel &&
-        !scene.isPeriodic())
+    if (model.model == MobilityForce::RotnePragerYamakawa &&
+        model.sphereWall == MobilityForce::FromModel && !scene.isPeriodic())
         return scene.expected().friction;
     // Others have unit tests of their matrices, and no free particles.
     if (model.model != MobilityForce::FreeDraining) return scene.friction();
@@ -336,15 +368,19 @@ TEST_P(EveryModel, OneStepResponseIsTheExponentialOfFrictionOverInertia) {
             choose(scene, GetParam());
             addAllKinds(scene, GetParam().takesMultiblobs);
             if (free)
-                for (double radius : {0.35, 0.5}) scene.addFree(1.3, radius, Vec3(-2, 2 * radius, 1));
+                for (double radius : {0.35, 0.5})
+                    scene.addFree(1.3, radius, Vec3(-2, 2 * radius, 1));
             scene.start(testPlatform());
-            const MatrixXd expected = expectedResponse(fullFriction(scene, GetParam()), inverseInertia(scene), h);
-            EXPECT_LT(difference(measuredResponse(scene, 1e-5), expected), readTolerance(1e-8, 1)) << "h = " << h;
+            const MatrixXd expected =
+                expectedResponse(fullFriction(scene, GetParam()), inverseInertia(scene), h);
+            EXPECT_LT(difference(measuredResponse(scene, 1e-5), expected), readTolerance(1e-8, 1))
+                << "h = " << h;
         }
 }
 
 TEST(LangevinHI, OneStepOfABodyAloneAndOfPairs) {
-    // The constant path; spheres only (the mobility is decomposed, not the friction); bodies without inertia about a line.
+    // The constant path; spheres only (the mobility is decomposed, not the friction); bodies
+    // without inertia about a line.
     const vector<vector<BodyKind> > scenes = {
         {boomerangKind()},
         {rodKind()},
@@ -361,7 +397,8 @@ TEST(LangevinHI, OneStepOfABodyAloneAndOfPairs) {
             for (size_t b = 0; b < kinds.size(); b++)
                 scene.add(kinds[b], Vec3(1.7 * b, 0.4 * b, 0), randomQuaternion(random));
             scene.start(testPlatform());
-            const MatrixXd expected = expectedResponse(scene.expected().friction, inverseInertia(scene), h);
+            const MatrixXd expected =
+                expectedResponse(scene.expected().friction, inverseInertia(scene), h);
             EXPECT_LT(difference(measuredResponse(scene, 1e-5), expected), readTolerance(1e-8, 1))
                 << kinds[0].name << ", h = " << h;
         }
@@ -374,7 +411,8 @@ TEST(LangevinHI, AChangedStepSizeIsHonoured) {
     scene.start(testPlatform());
     for (double h : {0.1, 0.03, 0.1}) {
         scene.integrator.setStepSize(h);
-        const MatrixXd expected = expectedResponse(scene.expected().friction, inverseInertia(scene), h);
+        const MatrixXd expected =
+            expectedResponse(scene.expected().friction, inverseInertia(scene), h);
         EXPECT_LT(difference(measuredResponse(scene, 1e-5), expected), readTolerance(1e-8, 1));
     }
 }
@@ -397,9 +435,10 @@ TEST(LangevinHI, HardRatiosOfMassesAndOfFrictionToMass) {
                                friction = scene.expected().friction;
                 const MatrixXd S = root * friction * root;
                 const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(S);
-                const MatrixXd expected = eigen.eigenvectors() *
-                                          (-h * eigen.eigenvalues().array()).exp().matrix().asDiagonal() *
-                                          eigen.eigenvectors().transpose();
+                const MatrixXd expected =
+                    eigen.eigenvectors() *
+                    (-h * eigen.eigenvalues().array()).exp().matrix().asDiagonal() *
+                    eigen.eigenvectors().transpose();
                 const MatrixXd measured = root.inverse() * measuredResponse(scene, 1e-5) * root;
                 EXPECT_LT((measured - expected).cwiseAbs().maxCoeff(), 1e-6)
                     << "mass ratio " << ratio << ", friction/mass " << frictionOverMass;
@@ -407,8 +446,9 @@ TEST(LangevinHI, HardRatiosOfMassesAndOfFrictionToMass) {
 }
 
 TEST_P(EveryModel, OneStepNoiseHasTheCovarianceOfTheory) {
-    // From rest, at a temperature so small that nothing moves: <V V^T> = kT (I^-1 - E I^-1 E^T), E the response. The
-    // samples are made white by the theory; entry (i, k) of their covariance then has the error sqrt((1 + delta_ik)/n).
+    // From rest, at a temperature so small that nothing moves: <V V^T> = kT (I^-1 - E I^-1 E^T), E
+    // the response. The samples are made white by the theory; entry (i, k) of their covariance then
+    // has the error sqrt((1 + delta_ik)/n).
     const double smallT = 1e-12 * T1;
     for (double h : {0.01, 0.5}) {
         FluidScene scene(smallT, h);
@@ -426,8 +466,9 @@ TEST_P(EveryModel, OneStepNoiseHasTheCovarianceOfTheory) {
         while (eigen.eigenvalues()[dead] < 1e-10 * eigen.eigenvalues()[rows - 1]) dead++;
         EXPECT_EQ(dead, GetParam().takesMultiblobs ? 5 : 4);  // two linear bodies or one, a point
         const int live = rows - dead;
-        const MatrixXd white = eigen.eigenvalues().tail(live).cwiseInverse().cwiseSqrt().asDiagonal() *
-                               eigen.eigenvectors().rightCols(live).transpose() * 1e6;
+        const MatrixXd white =
+            eigen.eigenvalues().tail(live).cwiseInverse().cwiseSqrt().asDiagonal() *
+            eigen.eigenvectors().rightCols(live).transpose() * 1e6;
         const auto R = scene.integrator.getBodyPositions();
         const auto q = scene.integrator.getBodyOrientations();
         MatrixXd sum = MatrixXd::Zero(live, live);
@@ -446,8 +487,10 @@ TEST_P(EveryModel, OneStepNoiseHasTheCovarianceOfTheory) {
         EXPECT_LT(unseen, 1e-11);  // 1e-6 is the size of the others
         double worst = mean.cwiseAbs().maxCoeff() * sqrt(n);
         for (int i = 0; i < live; i++)
-            for (int k = 0; k <= i; k++) worst = max(worst, abs(sum(i, k) - (i == k)) * sqrt(n / (i == k ? 2.0 : 1.0)));
-        cout << "h = " << h << ": largest z of " << live * (live + 3) / 2 << " entries: " << worst << endl;
+            for (int k = 0; k <= i; k++)
+                worst = max(worst, abs(sum(i, k) - (i == k)) * sqrt(n / (i == k ? 2.0 : 1.0)));
+        cout << "h = " << h << ": largest z of " << live * (live + 3) / 2 << " entries: " << worst
+             << endl;
         EXPECT_LT(worst, 5.5);  // some hundreds of entries, chi^2 tails
     }
 }
@@ -455,7 +498,8 @@ TEST_P(EveryModel, OneStepNoiseHasTheCovarianceOfTheory) {
 // ---- Deterministic limit ----
 
 TEST(LangevinHI, ASedimentingPairFallsAsItsMobilitySays) {
-    // Side by side, equal spheres keep their distance: V and omega of the steady state, as h^2 goes to 0.
+    // Side by side, equal spheres keep their distance: V and omega of the steady state, as h^2 goes
+    // to 0.
     const double apart = 1.4, radius = 0.5;
     double error[2][2], limit[2] = {0, 0};
     VectorXd expected;
@@ -482,7 +526,8 @@ TEST(LangevinHI, ASedimentingPairFallsAsItsMobilitySays) {
     for (int k = 0; k < 2; k++) {
         EXPECT_NEAR(error[0][k] / error[1][k], 4, 0.1);
         EXPECT_NEAR(limit[k] / expected[k == 0 ? 2 : 4], 1, 1e-3);
-        cout << "V, omega at h -> 0, relative to the mobility: " << limit[k] / expected[k == 0 ? 2 : 4] << endl;
+        cout << "V, omega at h -> 0, relative to the mobility: "
+             << limit[k] / expected[k == 0 ? 2 : 4] << endl;
     }
 }
 
@@ -532,7 +577,8 @@ struct Replicas {
         scene.system.addForce(field);
     }
     /** A body whose last three sites must be its origin and a pair of opposite markers. */
-    void add(const BodyKind& kind, int group, double x0, double k, double charge, const QuaternionArray& q) {
+    void add(const BodyKind& kind, int group, double x0, double k, double charge,
+             const QuaternionArray& q) {
         scene.add(kind, Vec3(x0, 0, 0), q);
         const vector<int>& p = scene.particles.back();
         const int n = p.size();
@@ -557,7 +603,11 @@ BodyKind heldBoomerang() {
     return kind;
 }
 BodyKind heldSphere(double radius, double mass, const Vec3& moments) {
-    return {"held sphere", mass, moments, {Vec3(), Vec3(), markerDirection, markerDirection * -1}, {radius, 0, 0, 0}};
+    return {"held sphere",
+            mass,
+            moments,
+            {Vec3(), Vec3(), markerDirection, markerDirection * -1},
+            {radius, 0, 0, 0}};
 }
 
 /** Mean and error from means over replicas that are independent of each other. */
@@ -579,8 +629,8 @@ struct ByReplica {
 }  // namespace
 
 TEST(LangevinHI, EquilibriumUnderStrongCouplingOfTranslationAndRotation) {
-    // A boomerang whose centre of mass is far from its blobs' middle, alone and with a neighbour in the same group: the
-    // trap, the field and the moments say where it is, not the friction.
+    // A boomerang whose centre of mass is far from its blobs' middle, alone and with a neighbour in
+    // the same group: the trap, the field and the moments say where it is, not the friction.
     const double k = 3, charge = 1, h = 0.04;
     for (bool neighbour : {false, true}) {
         Replicas replicas(T1, h);
@@ -612,9 +662,12 @@ TEST(LangevinHI, EquilibriumUnderStrongCouplingOfTranslationAndRotation) {
                 for (int c = 0; c < 3; c++) {
                     values[body + "k " + axes[c] + "^2"].push_back(k * x[c] * x[c]);
                     expected[body + "k " + axes[c] + "^2"] = 1;
-                    values[body + "I omega^2 of " + axes[c]].push_back(kind.moments[c] * omega[c] * omega[c]);
-                    values[body + "m v^2 of " + axes[c]].push_back(kind.mass * now.V[b][c] * now.V[b][c]);
-                    // Langevin C's middle step leaves momenta a bias of -h^2 w^2/4: below 2e-3 here.
+                    values[body + "I omega^2 of " + axes[c]].push_back(kind.moments[c] * omega[c] *
+                                                                       omega[c]);
+                    values[body + "m v^2 of " + axes[c]].push_back(kind.mass * now.V[b][c] *
+                                                                   now.V[b][c]);
+                    // Langevin C's middle step leaves momenta a bias of -h^2 w^2/4: below 2e-3
+                    // here.
                     expected[body + "I omega^2 of " + axes[c]] = 1;
                     expected[body + "m v^2 of " + axes[c]] = 1 - h * h * k / kind.mass / 4;
                     values[body + "x v of " + axes[c]].push_back(x[c] * now.V[b][c]);
@@ -629,25 +682,29 @@ TEST(LangevinHI, EquilibriumUnderStrongCouplingOfTranslationAndRotation) {
                 for (int c = 0; c < 3; c++)
                     for (size_t b = 0; b < now.R.size(); b += 2) {
                         const Vec3 home(5.0 * (b / 2), 0, 0);
-                        values["x1 x2 of " + to_string(c)].push_back((now.R[b] - home)[c] *
-                                                                     (now.R[b + 1] - home - Vec3(2, 0, 0))[c]);
+                        values["x1 x2 of " + to_string(c)].push_back(
+                            (now.R[b] - home)[c] * (now.R[b + 1] - home - Vec3(2, 0, 0))[c]);
                         values["v1 v2 of " + to_string(c)].push_back(now.V[b][c] * now.V[b + 1][c]);
-                        expected["x1 x2 of " + to_string(c)] = expected["v1 v2 of " + to_string(c)] = 0;
+                        expected["x1 x2 of " + to_string(c)] =
+                            expected["v1 v2 of " + to_string(c)] = 0;
                     }
             for (const auto& value : values) sums[value.first].add(value.second);
         }
-        for (const auto& sum : sums) expectMean(sum.first, sum.second.result(), expected.at(sum.first));
+        for (const auto& sum : sums)
+            expectMean(sum.first, sum.second.result(), expected.at(sum.first));
     }
 }
 
 TEST(LangevinHI, StaticCovariancesOfTwoTrappedSpheres) {
-    // Spheres that touch and overlap under RPY: friction varies strongly, the Gibbs distribution does not see it.
+    // Spheres that touch and overlap under RPY: friction varies strongly, the Gibbs distribution
+    // does not see it.
     const double k = 2, h = 0.1;
     Replicas replicas(T1, h);
     mt19937 random(3);
     for (int i = 0; i < 120; i++)
         for (int b = 0; b < 2; b++)
-            replicas.add(heldSphere(0.5, 1, Vec3(0.1, 0.1, 0.1)), i, b, k, 0, randomQuaternion(random));
+            replicas.add(heldSphere(0.5, 1, Vec3(0.1, 0.1, 0.1)), i, b, k, 0,
+                         randomQuaternion(random));
     replicas.start();
     replicas.scene.integrator.step(100);
     ByReplica xx[3], cross[3], vv[3];
@@ -675,8 +732,9 @@ TEST(LangevinHI, StaticCovariancesOfTwoTrappedSpheres) {
 }
 
 TEST(LangevinHI, DiffusionIsTheTemperatureTimesMobility) {
-    // The mean square displacement of the mobility centre, where coupling is symmetric, is linear in time once inertia is
-    // forgotten: 2 kT tr mu_tt t (Cichocki, Ekiel-Jezewska, Wajnryb, J. Chem. Phys. 136, 071102, 2012).
+    // The mean square displacement of the mobility centre, where coupling is symmetric, is linear
+    // in time once inertia is forgotten: 2 kT tr mu_tt t (Cichocki, Ekiel-Jezewska, Wajnryb, J.
+    // Chem. Phys. 136, 071102, 2012).
     FluidScene scene(T1, 0.01);
     scene.fluid->setModel(MobilityForce::FreeDraining);
     const int copies = 1500;
@@ -736,7 +794,8 @@ TEST(LangevinHI, TemperatureAtAnyFriction) {
         vector<int> groups;
         for (int i = 0; i < pairs; i++)
             for (int b = 0; b < 2; b++) {
-                scene.add(markedSphere(0.5, mass, Vec3(0.2, 0.2, 0.2) * mass), Vec3(3 * i + 1.2 * b, 0, 0));
+                scene.add(markedSphere(0.5, mass, Vec3(0.2, 0.2, 0.2) * mass),
+                          Vec3(3 * i + 1.2 * b, 0, 0));
                 groups.push_back(i);
             }
         scene.fluid->setGroups(groups);
@@ -748,26 +807,33 @@ TEST(LangevinHI, TemperatureAtAnyFriction) {
         for (int s = 0; s < 40; s++) {
             scene.integrator.step(3);
             translational.push_back(scene.integrator.computeTranslationalKineticEnergy());
-            for (int k = 0; k < 3; k++) rotational[k].push_back(scene.integrator.computeRotationalKineticEnergies()[k]);
+            for (int k = 0; k < 3; k++)
+                rotational[k].push_back(scene.integrator.computeRotationalKineticEnergies()[k]);
         }
         const double bodies = 2 * pairs;
         if (frictionOverMass < 1e-3) {
-            // 130 steps of 0.01 at this friction change the energy by less than 2e-6 and noise of its root.
+            // 130 steps of 0.01 at this friction change the energy by less than 2e-6 and noise of
+            // its root.
             for (double e : translational) ASSERT_NEAR(e / start, 1, 0.01);
             continue;
         }
         // Strong friction: every sample is independent; at 1/ps: a relaxation time is 100 steps.
         const double independent = frictionOverMass > 1e3 ? 40 : 1;
-        expectMean("translation at " + to_string(frictionOverMass),
-                   {estimate(translational).mean / (1.5 * bodies), sqrt(2 / (3 * bodies * independent))}, 1);
+        expectMean(
+            "translation at " + to_string(frictionOverMass),
+            {estimate(translational).mean / (1.5 * bodies), sqrt(2 / (3 * bodies * independent))},
+            1);
         for (int k = 0; k < 3; k++)
-            expectMean("axis " + to_string(k),
-                       {estimate(rotational[k]).mean / (0.5 * bodies), sqrt(2 / (bodies * independent))}, 1);
+            expectMean(
+                "axis " + to_string(k),
+                {estimate(rotational[k]).mean / (0.5 * bodies), sqrt(2 / (bodies * independent))},
+                1);
     }
 }
 
 TEST(LangevinHI, WeakFrictionKeepsEnergy) {
-    // T = 0, friction/mass 1e-6: a free flight loses 2 gamma t of its energy, and nothing by rounding.
+    // T = 0, friction/mass 1e-6: a free flight loses 2 gamma t of its energy, and nothing by
+    // rounding.
     const double mass = 6 * M_PI * 0.6 * 0.5 * 1e6;
     FluidScene scene(0, 0.01);
     for (int b = 0; b < 2; b++) scene.add(sphereKind(0.5, mass, 0.1 * mass), Vec3(1.2 * b, 0, 0));
@@ -780,14 +846,18 @@ TEST(LangevinHI, WeakFrictionKeepsEnergy) {
     VectorXd together = VectorXd::Zero(12);
     together[1] = together[7] = 1 / sqrt(2.0);
     const double drag = together.dot(scene.expected().friction * together);
-    EXPECT_NEAR(log(scene.integrator.computeTranslationalKineticEnergy() / start) / (-2 * drag / mass * 20), 1, 1e-5);
+    EXPECT_NEAR(
+        log(scene.integrator.computeTranslationalKineticEnergy() / start) / (-2 * drag / mass * 20),
+        1, 1e-5);
 }
 
 // ---- Only the effects the scene calls for ----
 
 namespace {
 
-double counter(FluidScene& scene, const string& name) { return scene.integrator.getStepStatistics().at(name); }
+double counter(FluidScene& scene, const string& name) {
+    return scene.integrator.getStepStatistics().at(name);
+}
 
 }  // namespace
 
@@ -803,12 +873,14 @@ TEST_P(EveryModel, RandomNumbersAreCountedExactly) {
     EXPECT_EQ(counter(scene, "squareRoots"), 0);
     scene.integrator.setTemperature(T1);
     scene.integrator.step(3);
-    // Two spheres and the boomerang 6, the linear sphere and the rod 5, the point and the free particles 3.
+    // Two spheres and the boomerang 6, the linear sphere and the rod 5, the point and the free
+    // particles 3.
     const int perStep = 2 * 6 + 5 + 3 + 3 + 3 + (GetParam().takesMultiblobs ? 11 : 0);
     EXPECT_EQ(counter(scene, "randomNumbers"), 3 * perStep);
     scene.integrator.setFriction(0);  // of the particle that the fluid does not see
     scene.integrator.step(1);
-    EXPECT_EQ(counter(scene, "randomNumbers"), 4 * perStep - (GetParam().takesFreeParticles ? 3 : 6));
+    EXPECT_EQ(counter(scene, "randomNumbers"),
+              4 * perStep - (GetParam().takesFreeParticles ? 3 : 6));
     EXPECT_EQ(counter(scene, "forceEvaluations"), counter(scene, "steps") + 1);
 }
 
@@ -866,7 +938,8 @@ TEST(LangevinHI, FreeParticlesThatTheFluidDoesNotSeeFeelLangevinC) {
         const int p = hydrodynamic.freeParticles[i];
         EXPECT_LT(norm(x[0][p] - x[1][p]), 1e-12) << p;
     }
-    EXPECT_GT(norm(x[0][hydrodynamic.freeParticles[0]] - x[1][hydrodynamic.freeParticles[0]]), 1e-3);
+    EXPECT_GT(norm(x[0][hydrodynamic.freeParticles[0]] - x[1][hydrodynamic.freeParticles[0]]),
+              1e-3);
 }
 
 TEST(LangevinHI, FreeParticlesBelongToGroupZero) {
@@ -900,8 +973,9 @@ TEST(LangevinHI, VirtualSitesFollowTheirBodies) {
             fluid->addParticle(i == 0 ? 0 : 0.05);
         }
         particles.push_back(system.addParticle(0));
-        system.setVirtualSite(particles[3],
-                              new ThreeParticleAverageSite(particles[0], particles[1], particles[2], 0.6, 0.2, 0.2));
+        system.setVirtualSite(
+            particles[3],
+            new ThreeParticleAverageSite(particles[0], particles[1], particles[2], 0.6, 0.2, 0.2));
         positions.push_back(Vec3());
         fluid->addParticle(0.14);
         integrator.addRigidBody(particles);
@@ -922,7 +996,8 @@ TEST(LangevinHI, VirtualSitesFollowTheirBodies) {
 }
 
 TEST(LangevinHI, ReplicasDoNotFeelEachOther) {
-    // Bit for bit: what a replica does not depend on where the others are, nor on how many there are.
+    // Bit for bit: what a replica does not depend on where the others are, nor on how many there
+    // are.
     const auto run = [](double apart, int replicas, int threadCount) {
         FluidScene scene(T1, 0.02);
         vector<int> groups;
@@ -976,14 +1051,17 @@ TEST(LangevinHI, MatrixFreeIsDenseToFiveTimesTheTolerance) {
                         mt19937 random(5);
                         for (int b = 0; b < 12; b++) {
                             const Vec3 place(1.1 * (b % 3), 1.2 * (b / 3 % 2), 1.3 * (b / 6));
-                            const BodyKind kind = !multiblobs ? markedSphere(0.3 + 0.03 * b, 1 + b, Vec3(0.2, 0.3, 0.4))
+                            const BodyKind kind = !multiblobs  ? markedSphere(0.3 + 0.03 * b, 1 + b,
+                                                                              Vec3(0.2, 0.3, 0.4))
                                                   : b % 3 == 0 ? boomerangKind()
                                                   : b % 3 == 1 ? rodKind()
                                                                : sphereKind(0.4);
-                            scene.add(kind, place * (multiblobs ? 2.5 : 1), randomQuaternion(random));
+                            scene.add(kind, place * (multiblobs ? 2.5 : 1),
+                                      randomQuaternion(random));
                         }
                         scene.addFree(1.5, 0.4, Vec3(-1, -1, -1));
-                        scene.fluid->setSolver(matrixFree ? MobilityForce::MatrixFree : MobilityForce::Dense);
+                        scene.fluid->setSolver(matrixFree ? MobilityForce::MatrixFree
+                                                          : MobilityForce::Dense);
                         scene.fluid->setSolverTolerance(tolerance);
                         scene.start(testPlatform());
                         // Slow, so that what the step turns does not show.
@@ -999,8 +1077,10 @@ TEST(LangevinHI, MatrixFreeIsDenseToFiveTimesTheTolerance) {
                         for (int b = 0; b < 12; b++) {
                             const BodyKind& kind = scene.bodies[b];
                             Z[matrixFree].segment<3>(6 * b) *= sqrt(kind.mass);
-                            const Vector3d omega = rotationOf(q[b]).transpose() * end.segment<3>(6 * b + 3);
-                            for (int k = 0; k < 3; k++) Z[matrixFree][6 * b + 3 + k] = sqrt(kind.moments[k]) * omega[k];
+                            const Vector3d omega =
+                                rotationOf(q[b]).transpose() * end.segment<3>(6 * b + 3);
+                            for (int k = 0; k < 3; k++)
+                                Z[matrixFree][6 * b + 3 + k] = sqrt(kind.moments[k]) * omega[k];
                         }
                         Z[matrixFree].tail<3>() *= sqrt(1.5);
                         EXPECT_EQ(counter(scene, "solverIterations") > 0, matrixFree);
@@ -1008,8 +1088,8 @@ TEST(LangevinHI, MatrixFreeIsDenseToFiveTimesTheTolerance) {
                     // Of nothing but decayed momenta, the start's norm is the measure.
                     const double scale = max(Z[0].norm(), temperature == 0 ? 5e-3 : 0.0);
                     const double error = (Z[1] - Z[0]).norm() / scale / tolerance;
-                    EXPECT_LT(error, 5) << "h = " << h << ", kT = " << temperature << ", tolerance " << tolerance
-                                        << (multiblobs ? ", multiblobs" : ", spheres");
+                    EXPECT_LT(error, 5) << "h = " << h << ", kT = " << temperature << ", tolerance "
+                                        << tolerance << (multiblobs ? ", multiblobs" : ", spheres");
                     worst = max(worst, error);
                 }
     cout << "largest difference, in tolerances: " << worst << endl;
@@ -1033,7 +1113,8 @@ TEST(LangevinHI, FullFiveHundredBodies) {
     scene.context->setVelocitiesToTemperature(T1, 3);
     scene.integrator.step(3);
     // Temperature within 5 sigma of what 1500 components leave.
-    EXPECT_NEAR(scene.integrator.computeTranslationalKineticEnergy() / 750, 1, 5 * sqrt(2.0 / 1500));
+    EXPECT_NEAR(scene.integrator.computeTranslationalKineticEnergy() / 750, 1,
+                5 * sqrt(2.0 / 1500));
 }
 
 // ---- Resuming and changing ----
@@ -1056,8 +1137,8 @@ TEST_P(EveryModel, ResumesBitForBit) {
             return;
         }
         if (scene.isPeriodic()) scene.bind();
-        scene.context.reset(
-            new Context(scene.system, scene.integrator, testPlatform(), threads(testPlatformName(), 1)));
+        scene.context.reset(new Context(scene.system, scene.integrator, testPlatform(),
+                                        threads(testPlatformName(), 1)));
     };
     FluidScene once(T1, 0.02), twice(T1, 0.02), third(T1, 0.02), fourth(T1, 0.02);
     make(once, true);
@@ -1069,8 +1150,8 @@ TEST_P(EveryModel, ResumesBitForBit) {
     twice.context->getState(State::Energy | State::Forces);
     stringstream checkpoint, xml;
     twice.context->createCheckpoint(checkpoint);
-    const State state =
-        twice.context->getState(State::Positions | State::Velocities | State::Parameters | State::IntegratorParameters);
+    const State state = twice.context->getState(State::Positions | State::Velocities |
+                                                State::Parameters | State::IntegratorParameters);
     XmlSerializer::serialize<State>(&state, "State", xml);
     twice.integrator.step(10);
     Snapshot(once).expectSameBits(Snapshot(twice), "step(20) and twice step(10)");
@@ -1114,7 +1195,8 @@ TEST(LangevinHI, SchemesChangeWhereTheSystemAllows) {
     scene.start(testPlatform());
     scene.integrator.step(2);
     scene.integrator.setScheme(CustomRigidHIIntegrator::LangevinC);
-    expectError([&] { scene.integrator.step(1); }, {"the System has a MobilityForce", "LangevinC", "use LangevinHI"});
+    expectError([&] { scene.integrator.step(1); },
+                {"the System has a MobilityForce", "LangevinC", "use LangevinHI"});
     scene.integrator.setScheme(CustomRigidHIIntegrator::LangevinHI);
     scene.integrator.step(2);
     dry.add(sphereKind(0.5));
@@ -1123,7 +1205,8 @@ TEST(LangevinHI, SchemesChangeWhereTheSystemAllows) {
     dry.start(testPlatform());
     dry.integrator.step(2);
     dry.integrator.setScheme(CustomRigidHIIntegrator::LangevinHI);
-    expectError([&] { dry.integrator.step(1); }, {"0 MobilityForces", "LangevinHI", "add a MobilityForce"});
+    expectError([&] { dry.integrator.step(1); },
+                {"0 MobilityForces", "LangevinHI", "add a MobilityForce"});
     dry.integrator.setScheme(CustomRigidHIIntegrator::LangevinC);
     dry.integrator.step(2);
 }

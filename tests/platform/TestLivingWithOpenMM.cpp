@@ -34,7 +34,8 @@ struct WaterBox {
     vector<Vec3> positions;
     unique_ptr<Context> context;
     int side;
-    explicit WaterBox(int side, double h = 0.001, bool periodic = false) : integrator(300, h), side(side) {
+    explicit WaterBox(int side, double h = 0.001, bool periodic = false)
+        : integrator(300, h), side(side) {
         const Shape water = waterShape();
         auto* nonbonded = new NonbondedForce();
         mt19937 generator(2);
@@ -46,8 +47,8 @@ struct WaterBox {
             system.addConstraint(p, p + 1, 0.09572);
             system.addConstraint(p, p + 2, 0.09572);
             system.addConstraint(p + 1, p + 2, norm(water.sites[1] - water.sites[2]));
-            system.setVirtualSite(p + 3,
-                                  new ThreeParticleAverageSite(p, p + 1, p + 2, 0.786646558, 0.106676721, 0.106676721));
+            system.setVirtualSite(p + 3, new ThreeParticleAverageSite(p, p + 1, p + 2, 0.786646558,
+                                                                      0.106676721, 0.106676721));
             nonbonded->addParticle(0, 0.315365, 0.6485);
             nonbonded->addParticle(0.52, 1, 0);
             nonbonded->addParticle(0.52, 1, 0);
@@ -55,14 +56,17 @@ struct WaterBox {
             for (int a = 0; a < 4; a++)
                 for (int b = 0; b < a; b++) nonbonded->addException(p + a, p + b, 0, 1, 0);
             const QuaternionArray q = randomQuaternion(generator);
-            const Vec3 origin(0.31 * (i % side), 0.31 * (i / side % side), 0.31 * (i / side / side));
+            const Vec3 origin(0.31 * (i % side), 0.31 * (i / side % side),
+                              0.31 * (i / side / side));
             for (const Vec3& s : water.sites) positions.push_back(origin + rotate(q, s));
-            positions.push_back(positions[p] * 0.786646558 + (positions[p + 1] + positions[p + 2]) * 0.106676721);
+            positions.push_back(positions[p] * 0.786646558 +
+                                (positions[p + 1] + positions[p + 2]) * 0.106676721);
             integrator.addRigidBody({p, p + 1, p + 2, p + 3});
         }
         if (periodic) {
             const double length = 0.31 * side;
-            system.setDefaultPeriodicBoxVectors(Vec3(length, 0, 0), Vec3(0, length, 0), Vec3(0, 0, length));
+            system.setDefaultPeriodicBoxVectors(Vec3(length, 0, 0), Vec3(0, length, 0),
+                                                Vec3(0, 0, length));
             nonbonded->setNonbondedMethod(NonbondedForce::CutoffPeriodic);
             nonbonded->setCutoffDistance(0.4 * length);
         }
@@ -70,7 +74,8 @@ struct WaterBox {
         integrator.setRandomNumberSeed(3);
     }
     void start() {
-        context.reset(new Context(system, integrator, testPlatform(), threads(testPlatformName(), 2)));
+        context.reset(
+            new Context(system, integrator, testPlatform(), threads(testPlatformName(), 2)));
         context->setPositions(positions);
     }
 };
@@ -87,8 +92,8 @@ TEST(VirtualSites, ForcesOnThemAreCountedOnce) {
     const auto q = box.integrator.getBodyOrientations();
     const auto forces = box.integrator.getBodyForces(), torques = box.integrator.getBodyTorques();
     auto energy = [&] { return box.context->getState(State::Energy).getPotentialEnergy(); };
-    // CPU evaluates pairs in single precision: a large displacement, a loose comparison; Reference does better. A device in double precision
-    // has functions of single precision.
+    // CPU evaluates pairs in single precision: a large displacement, a loose comparison; Reference
+    // does better. A device in double precision has functions of single precision.
     const bool coarse = hasSingleForces() || onDevice();
     const double delta = coarse ? 2e-3 : 1e-5, tolerance = coarse ? 0.02 : 1e-5;
     for (int b : {0, 5})
@@ -109,8 +114,11 @@ TEST(VirtualSites, ForcesOnThemAreCountedOnce) {
                 f[side] = energy();
                 box.integrator.setBodyOrientations(q);
             }
-            EXPECT_NEAR(forces[b][k], -(e[1] - e[0]) / (2 * delta), tolerance * norm(forces[b]) + tolerance) << b << k;
-            EXPECT_NEAR(torques[b][k], -(f[1] - f[0]) / (2 * delta), tolerance * norm(torques[b]) + tolerance)
+            EXPECT_NEAR(forces[b][k], -(e[1] - e[0]) / (2 * delta),
+                        tolerance * norm(forces[b]) + tolerance)
+                << b << k;
+            EXPECT_NEAR(torques[b][k], -(f[1] - f[0]) / (2 * delta),
+                        tolerance * norm(torques[b]) + tolerance)
                 << b << k;
         }
 }
@@ -123,11 +131,13 @@ TEST(VirtualSites, FollowTheirBodies) {
     box.integrator.step(20);
     const auto x = positionsOf(*box.context);
     for (size_t p = 0; p < x.size(); p += 4)
-        EXPECT_LT(norm(x[p + 3] - x[p] * 0.786646558 - (x[p + 1] + x[p + 2]) * 0.106676721), readTolerance(1e-8, 1));
+        EXPECT_LT(norm(x[p + 3] - x[p] * 0.786646558 - (x[p + 1] + x[p + 2]) * 0.106676721),
+                  readTolerance(1e-8, 1));
 }
 
 TEST(VirtualSites, OfVirtualSitesFollowTheirBodies) {
-    // Site 2 of each molecule depends on site 3, which depends on the atoms: in a body, then in a free molecule.
+    // Site 2 of each molecule depends on site 3, which depends on the atoms: in a body, then in a
+    // free molecule.
     System system;
     CustomRigidHIIntegrator integrator(300, 0.002);
     integrator.setRandomNumberSeed(8);
@@ -149,7 +159,8 @@ TEST(VirtualSites, OfVirtualSitesFollowTheirBodies) {
         context.reset(new Context(system, integrator, testPlatform()));
     } catch (const OpenMMException& error) {
         ASSERT_STREQ(error.what(), "A virtual site cannot depend on another virtual site");
-        GTEST_SKIP() << "OpenMM " << Platform::getOpenMMVersion() << " has no virtual sites that depend on others";
+        GTEST_SKIP() << "OpenMM " << Platform::getOpenMMVersion()
+                     << " has no virtual sites that depend on others";
     }
     context->setPositions(start);
     context->setVelocitiesToTemperature(300, 4);
@@ -160,9 +171,11 @@ TEST(VirtualSites, OfVirtualSitesFollowTheirBodies) {
         EXPECT_LT(norm(x[p + 2] - x[p] * 0.25 - x[p + 1] * 0.75), readTolerance(1e-7, 1)) << p;
         EXPECT_LT(norm(x[p + 3] - x[p] * 0.5 - x[p + 1] * 0.5), readTolerance(1e-7, 1)) << p;
     }
-    // The forces on all four are the body's: springs on weights of the atoms, -100 times the sum of all positions.
+    // The forces on all four are the body's: springs on weights of the atoms, -100 times the sum of
+    // all positions.
     const auto sum = x[0] + x[1] + x[2] + x[3];
-    EXPECT_LT(norm(integrator.getBodyForces()[0] + sum * 100.0), forceTolerance(1e-9, 100 * norm(sum)));
+    EXPECT_LT(norm(integrator.getBodyForces()[0] + sum * 100.0),
+              forceTolerance(1e-9, 100 * norm(sum)));
 }
 
 TEST(FreeParticles, ConstrainedFlexibleMoleculesKeepTheirConstraintsAndTemperature) {
@@ -181,13 +194,15 @@ TEST(FreeParticles, ConstrainedFlexibleMoleculesKeepTheirConstraintsAndTemperatu
         bonds->addBond(p, p + 3, 0.14, 20000);
         angles->addAngle(p + 1, p, p + 2, 1.9, 300);
         angles->addAngle(p + 1, p, p + 3, 1.9, 300);
-        for (const Vec3& x : {Vec3(), Vec3(0.1, 0, 0), Vec3(-0.03, 0.0953939, 0), Vec3(-0.04, -0.06, 0.12)})
+        for (const Vec3& x :
+             {Vec3(), Vec3(0.1, 0, 0), Vec3(-0.03, 0.0953939, 0), Vec3(-0.04, -0.06, 0.12)})
             positions.push_back(x + Vec3(0.5 * i, 0, 0));
     }
     system.addForce(bonds);
     system.addForce(angles);
     addBodies(system, integrator, waterShape(), 50);
-    for (const Vec3& x : randomPoses(waterShape(), 50, 0.5, 3)) positions.push_back(x + Vec3(0, 2, 0));
+    for (const Vec3& x : randomPoses(waterShape(), 50, 0.5, 3))
+        positions.push_back(x + Vec3(0, 2, 0));
     integrator.setFriction(10);
     integrator.setConstraintTolerance(1e-8);
     integrator.setRandomNumberSeed(10);
@@ -202,19 +217,24 @@ TEST(FreeParticles, ConstrainedFlexibleMoleculesKeepTheirConstraintsAndTemperatu
     vector<double> temperatures;
     for (int s = 0; s < 40; s++) {
         integrator.step(200);
-        temperatures.push_back(integrator.computeFreeParticleKineticEnergy() / (0.5 * boltzmann * dof.at("free")));
+        temperatures.push_back(integrator.computeFreeParticleKineticEnergy() /
+                               (0.5 * boltzmann * dof.at("free")));
         const auto x = positionsOf(context), v = velocitiesOf(context);
         for (int i = 0; i < 4 * copies; i += 4)
             for (int k : {1, 2}) {
                 const Vec3 d = x[i + k] - x[i];
-                // Of places, which lie that far from the origin; and of the direction that they tell.
+                // Of places, which lie that far from the origin; and of the direction that they
+                // tell.
                 const double reading = readTolerance(0, 0.5 * copies);
                 ASSERT_NEAR(norm(d), 0.1, 1e-8 + reading);
-                ASSERT_NEAR(d.dot(v[i + k] - v[i]) / norm(d), 0, 1e-5 + reading / 0.1 * norm(v[i + k] - v[i]));
+                ASSERT_NEAR(d.dot(v[i + k] - v[i]) / norm(d), 0,
+                            1e-5 + reading / 0.1 * norm(v[i + k] - v[i]));
             }
     }
-    // BAOAB's kinetic bias of the stiffest bond: h^2 w^2/4 of 1/10 of the energy, w^2 = 20000/6.9: 7e-5.
-    expectMean("free temperature", {estimate(temperatures).mean, 300 * sqrt(2.0 / (dof.at("free") * 40.0))}, 300);
+    // BAOAB's kinetic bias of the stiffest bond: h^2 w^2/4 of 1/10 of the energy, w^2 = 20000/6.9:
+    // 7e-5.
+    expectMean("free temperature",
+               {estimate(temperatures).mean, 300 * sqrt(2.0 / (dof.at("free") * 40.0))}, 300);
 }
 
 TEST(Velocities, ToTemperatureReplacesAndDrawsTwists) {
@@ -222,13 +242,15 @@ TEST(Velocities, ToTemperatureReplacesAndDrawsTwists) {
     CustomRigidHIIntegrator integrator(300, 0.001);
     const int copies = 3000;
     vector<Vec3> positions;
-    for (int i = 0; i < copies; i++) {  // spheres with an orientation: one site, so velocities say nothing of the spin
+    for (int i = 0; i < copies;
+         i++) {  // spheres with an orientation: one site, so velocities say nothing of the spin
         system.addParticle(3.0);
         integrator.addRigidBody({i}, 3.0, Vec3(0.3, 0.1, 0.2), {Vec3()});
         positions.push_back(Vec3(i, 0, 0));
     }
     addBodies(system, integrator, waterShape(), copies);
-    for (const Vec3& x : randomPoses(waterShape(), copies, 1, 3)) positions.push_back(x + Vec3(0, 2, 0));
+    for (const Vec3& x : randomPoses(waterShape(), copies, 1, 3))
+        positions.push_back(x + Vec3(0, 2, 0));
     Context context(system, integrator, testPlatform());
     context.setPositions(positions);
     const double half = boltzmann * 300 / 2;
@@ -239,7 +261,8 @@ TEST(Velocities, ToTemperatureReplacesAndDrawsTwists) {
         };
         check("translation", integrator.computeTranslationalKineticEnergy(), 6.0 * copies);
         for (int k = 0; k < 3; k++)
-            check("axis " + to_string(k + 1), integrator.computeRotationalKineticEnergies()[k], 2.0 * copies);
+            check("axis " + to_string(k + 1), integrator.computeRotationalKineticEnergies()[k],
+                  2.0 * copies);
     }
     // The twists agree with the particles' velocities.
     const auto x = positionsOf(context), v = velocitiesOf(context);
@@ -287,7 +310,8 @@ TEST(Velocities, AreProjectedOnRigidMotion) {
     integrator.setBodyAngularVelocities({Vec3(0, 0, 2)});
     const auto after = velocitiesOf(context);
     for (int i = 0; i < 3; i++)
-        EXPECT_LT(norm(after[i] - Vec3(1, 0, 0) - Vec3(0, 0, 2).cross(x[i] - R)), readTolerance(1e-14, 1));
+        EXPECT_LT(norm(after[i] - Vec3(1, 0, 0) - Vec3(0, 0, 2).cross(x[i] - R)),
+                  readTolerance(1e-14, 1));
 }
 
 TEST(Poses, MembersWithinToleranceArePutBackOthersAreAnError) {
@@ -300,13 +324,16 @@ TEST(Poses, MembersWithinToleranceArePutBackOthersAreAnError) {
     EXPECT_LT(box.integrator.getPoseResidual(), 3e-4);
     box.integrator.step(1);
     const auto x = positionsOf(*box.context);
-    for (int p = 0; p < 8; p += 4) EXPECT_NEAR(norm(x[p] - x[p + 1]), 0.09572, readTolerance(1e-14, 1));
+    for (int p = 0; p < 8; p += 4)
+        EXPECT_NEAR(norm(x[p] - x[p + 1]), 0.09572, readTolerance(1e-14, 1));
     moved[5] += Vec3(0, 0.05, 0);
     box.context->setPositions(moved);
-    expectError([&] { box.integrator.step(1); }, {"body 1", "particle ", "nm from its place", "setPoseTolerance"});
+    expectError([&] { box.integrator.step(1); },
+                {"body 1", "particle ", "nm from its place", "setPoseTolerance"});
     // What was given is still there, and good positions mend it.
     const auto kept = positionsOf(*box.context);
-    for (size_t p = 0; p < moved.size(); p++) EXPECT_LE(norm(kept[p] - moved[p]), readTolerance(0, 1));
+    for (size_t p = 0; p < moved.size(); p++)
+        EXPECT_LE(norm(kept[p] - moved[p]), readTolerance(0, 1));
     box.context->setPositions(box.positions);
     box.integrator.step(1);
     auto broken = box.positions;
@@ -354,7 +381,8 @@ TEST(Others, CMMotionRemoverRemovesMomentumAndThreeDegreesOfFreedom) {
     EXPECT_EQ(box.integrator.getDegreesOfFreedom().at("removed"), 3);
     EXPECT_EQ(box.integrator.getDegreesOfFreedom().at("total"), 27 * 6 - 3);
     const auto spinsBefore = box.integrator.getBodyAngularVelocities();
-    // Before the drift of a step the remover acts: with no forces of time the momentum after a step is that of one step of noise.
+    // Before the drift of a step the remover acts: with no forces of time the momentum after a step
+    // is that of one step of noise.
     box.integrator.setFriction(0);
     box.integrator.setRotationalFriction(0);
     box.integrator.step(5);
@@ -377,7 +405,8 @@ TEST(Others, CMMotionRemoverLeavesRotationAlone) {
         double y = 0;
         for (const Shape& shape : allShapes()) {
             addBodies(system, integrator, shape, 2);
-            for (const Vec3& x : randomPoses(shape, 2, 5, 3)) positions.push_back(x + Vec3(0, y, 0));
+            for (const Vec3& x : randomPoses(shape, 2, 5, 3))
+                positions.push_back(x + Vec3(0, y, 0));
             y += 5;
         }
         system.addParticle(7.0);
@@ -395,7 +424,8 @@ TEST(Others, CMMotionRemoverLeavesRotationAlone) {
         for (int i = 0; i < system.getNumParticles(); i++) p += v[i] * system.getParticleMass(i);
         EXPECT_LT(norm(p), readTolerance(1e-10, 1e3));  // of that much mass
     }
-    // Taking in the shifted velocities adds rounding only; a needle's thin axis turns 1e-16 into 1e-11.
+    // Taking in the shifted velocities adds rounding only; a needle's thin axis turns 1e-16 into
+    // 1e-11.
     EXPECT_LT(norm(rotational[1] - rotational[0]) / norm(rotational[0]), readTolerance(1e-9, 1));
     EXPECT_LT(whole[1], whole[0]);
 }
@@ -463,7 +493,8 @@ struct OddMasses {
     vector<Vec3> positions;
     vector<double> masses;  // of the bodies
     unique_ptr<Context> context;
-    void add(const vector<double>& systemMasses, double mass, const Vec3& moments, const vector<Vec3>& sites) {
+    void add(const vector<double>& systemMasses, double mass, const Vec3& moments,
+             const vector<Vec3>& sites) {
         vector<int> members;
         for (size_t i = 0; i < sites.size(); i++) {
             members.push_back(system.addParticle(systemMasses[i]));
@@ -480,21 +511,23 @@ struct OddMasses {
         integrator.setRotationalFriction(0);
         const vector<Vec3> pair = {Vec3(-0.1, 0, 0), Vec3(0.2, 0, 0)},
                            three = {Vec3(-0.1, 0, 0), Vec3(0.2, 0.1, 0), Vec3(0, 0, 0.3)};
-        add({1, 1}, 100, Vec3(0.9, 1, 1.1), pair);          // heavier than in the System
-        add({1, 1}, 1, Vec3(0.9, 1, 1.1), pair);            // lighter
-        add({0, 0, 0}, 20, Vec3(1, 2, 3), three);           // without mass in the System
-        add({1, 7, 2}, 10, Vec3(1, 2, 3), three);           // the same mass, its centre elsewhere
-        add({5, 0, 3}, 8, Vec3(1, 2, 3), three);            // a marker without mass
-        add({5, 0}, 5, Vec3(), {Vec3(), Vec3(0.2, 0, 0)});  // likewise, where only the marker can tell a spin
-        add({3}, 4, Vec3(0.3, 0.4, 0.5), {Vec3()});         // one site that rotates
-        add({16, 1, 1}, 18, Vec3(), waterShape().sites);    // the System's masses
+        add({1, 1}, 100, Vec3(0.9, 1, 1.1), pair);  // heavier than in the System
+        add({1, 1}, 1, Vec3(0.9, 1, 1.1), pair);    // lighter
+        add({0, 0, 0}, 20, Vec3(1, 2, 3), three);   // without mass in the System
+        add({1, 7, 2}, 10, Vec3(1, 2, 3), three);   // the same mass, its centre elsewhere
+        add({5, 0, 3}, 8, Vec3(1, 2, 3), three);    // a marker without mass
+        add({5, 0}, 5, Vec3(),
+            {Vec3(), Vec3(0.2, 0, 0)});  // likewise, where only the marker can tell a spin
+        add({3}, 4, Vec3(0.3, 0.4, 0.5), {Vec3()});                     // one site that rotates
+        add({16, 1, 1}, 18, Vec3(), waterShape().sites);                // the System's masses
         add({2, 2}, 4, Vec3(), {Vec3(-0.1, 0, 0), Vec3(0.1, 0.1, 0)});  // two sites, likewise
         system.addParticle(7.0);
         system.addParticle(0.0);
         for (double y : {5.0, 6.0}) positions.push_back(Vec3(0, y, 0));
         if (frequency > 0) system.addForce(new CMMotionRemover(frequency));
         if (other) system.addForce(other);
-        context.reset(new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
+        context.reset(
+            new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
         context->setPositions(positions);
         push();
     }
@@ -533,16 +566,20 @@ TEST(Others, CMMotionRemoverRemovesTheMomentumOfBodiesWithMassesOfTheirOwn) {
         for (OddMasses* scene : {&removed, &free}) scene->integrator.step(steps);
         EXPECT_LT(norm(removed.momentum()), readTolerance(1e-12, 3) * mass);
         // All velocities are changed by the same, so rotation is not, nor what particles say of it.
-        const auto v = removed.integrator.getBodyVelocities(), v0 = free.integrator.getBodyVelocities(),
+        const auto v = removed.integrator.getBodyVelocities(),
+                   v0 = free.integrator.getBodyVelocities(),
                    omega = removed.integrator.getBodyAngularVelocities(),
                    omega0 = free.integrator.getBodyAngularVelocities();
         for (size_t b = 0; b < v.size(); b++) {
             EXPECT_LT(norm(v[b] - v0[b] + drift), readTolerance(1e-12, 3)) << "body " << b;
             EXPECT_LT(norm(omega[b] - omega0[b]), readTolerance(1e-11, 3)) << "body " << b;
         }
-        EXPECT_LT(norm(removed.freeVelocity() - free.freeVelocity() + drift), readTolerance(1e-12, 3));
+        EXPECT_LT(norm(removed.freeVelocity() - free.freeVelocity() + drift),
+                  readTolerance(1e-12, 3));
     }
-    EXPECT_NE(removed.integrator.getEffects().at("centre-of-mass motion removal").find("bodies' own"), string::npos);
+    EXPECT_NE(
+        removed.integrator.getEffects().at("centre-of-mass motion removal").find("bodies' own"),
+        string::npos);
 }
 
 TEST(Others, CMMotionRemoverActsWhenItIsDue) {
@@ -552,7 +589,8 @@ TEST(Others, CMMotionRemoverActsWhenItIsDue) {
     for (int step = 0; step < 7; step++) {
         scene.push();
         scene.integrator.step(1);
-        EXPECT_LT(norm(scene.momentum() - (step % 3 == 0 ? Vec3() : pushed)), readTolerance(1e-12, 3) * mass)
+        EXPECT_LT(norm(scene.momentum() - (step % 3 == 0 ? Vec3() : pushed)),
+                  readTolerance(1e-12, 3) * mass)
             << "step " << step;
     }
 }
@@ -563,20 +601,23 @@ TEST(Others, WhatAnotherForceDoesToVelocitiesIsNotTakenForTheRemovers) {
     OddMasses scene(1, new Kick(freeParticle, kick));
     const Vec3 before = scene.freeVelocity() - scene.integrator.getBodyVelocities()[water];
     scene.integrator.step(1);
-    EXPECT_LT(norm(scene.freeVelocity() - scene.integrator.getBodyVelocities()[water] - before - kick),
-              readTolerance(1e-12, 5));
+    EXPECT_LT(
+        norm(scene.freeVelocity() - scene.integrator.getBodyVelocities()[water] - before - kick),
+        readTolerance(1e-12, 5));
     EXPECT_LT(norm(scene.momentum()), readTolerance(1e-12, 3) * scene.totalMass());
 }
 
 TEST(Others, EquipartitionOfTwoBodiesUnderACMMotionRemover) {
-    // Masses of 100 and 1 Da on System masses of 1 Da. Along each axis the relative velocity has the variance kT/mu, that of
-    // the centre of mass what noise of the step after the removal leaves: kT (1 - exp(-2 gamma h))/M.
+    // Masses of 100 and 1 Da on System masses of 1 Da. Along each axis the relative velocity has
+    // the variance kT/mu, that of the centre of mass what noise of the step after the removal
+    // leaves: kT (1 - exp(-2 gamma h))/M.
     System system;
     const double gamma = 20, h = 0.002, kT = boltzmann * 300, masses[] = {100, 1};
     CustomRigidHIIntegrator integrator(300, h);
     for (int b = 0; b < 2; b++) {
         for (int i = 0; i < 2; i++) system.addParticle(1.0);
-        integrator.addRigidBody({2 * b, 2 * b + 1}, masses[b], Vec3(1, 1, 1), {Vec3(-0.1, 0, 0), Vec3(0.1, 0, 0)});
+        integrator.addRigidBody({2 * b, 2 * b + 1}, masses[b], Vec3(1, 1, 1),
+                                {Vec3(-0.1, 0, 0), Vec3(0.1, 0, 0)});
     }
     integrator.setFriction(gamma);
     integrator.setRotationalFriction(gamma);
@@ -585,7 +626,8 @@ TEST(Others, EquipartitionOfTwoBodiesUnderACMMotionRemover) {
     Context context(system, integrator, testPlatform(), threads(testPlatformName(), 1));
     context.setPositions({Vec3(-0.1, 0, 0), Vec3(0.1, 0, 0), Vec3(-0.1, 1, 0), Vec3(0.1, 1, 0)});
     const int samples = onCpu() ? 200 : 1000,
-              interval = 40;  // exp(-40 gamma h) = 0.2: their squares are independent within 4 per cent
+              interval =
+                  40;  // exp(-40 gamma h) = 0.2: their squares are independent within 4 per cent
     vector<double> relative[3], centre[3];
     for (int s = 0; s < samples; s++) {
         integrator.step(interval);
@@ -598,13 +640,15 @@ TEST(Others, EquipartitionOfTwoBodiesUnderACMMotionRemover) {
     }
     for (int k = 0; k < 3; k++) {
         expectMean("relative motion, axis " + to_string(k), estimate(relative[k]), 1);
-        expectMean("centre of mass, axis " + to_string(k), estimate(centre[k]), -expm1(-2 * gamma * h));
+        expectMean("centre of mass, axis " + to_string(k), estimate(centre[k]),
+                   -expm1(-2 * gamma * h));
     }
 }
 
 namespace {
 
-/** Two waters and a free particle under several forces, of which every setting can be changed between steps. */
+/** Two waters and a free particle under several forces, of which every setting can be changed
+ * between steps. */
 struct ChangeableScene {
     System system;
     CustomRigidHIIntegrator integrator;
@@ -622,7 +666,8 @@ struct ChangeableScene {
         for (int b = 0; b < 2; b++) {
             addBodies(system, integrator, water, 1);
             for (int i = 0; i < 3; i++) {
-                system.addConstraint(3 * b + i, 3 * b + (i + 1) % 3, norm(water.sites[i] - water.sites[(i + 1) % 3]));
+                system.addConstraint(3 * b + i, 3 * b + (i + 1) % 3,
+                                     norm(water.sites[i] - water.sites[(i + 1) % 3]));
                 positions.push_back(water.sites[i] + Vec3(0.4 * b, 0.1, 0.2));
                 fluid->addParticle(i == 0 ? 0.1 : 0);
             }
@@ -643,12 +688,15 @@ struct ChangeableScene {
         bond->addBond(0, 6, 0.3, 10);
         bond->setUsesPeriodicBoundaryConditions(true);
         system.setDefaultPeriodicBoxVectors(Vec3(4, 0, 0), Vec3(0, 4, 0), Vec3(0, 0, 4));
-        for (Force* force : {(Force*)well, (Force*)bond, (Force*)nonbonded, (Force*)push}) system.addForce(force);
-        if (scheme == CustomRigidHIIntegrator::LangevinHI || scheme >= CustomRigidHIIntegrator::EulerMaruyama)
+        for (Force* force : {(Force*)well, (Force*)bond, (Force*)nonbonded, (Force*)push})
+            system.addForce(force);
+        if (scheme == CustomRigidHIIntegrator::LangevinHI ||
+            scheme >= CustomRigidHIIntegrator::EulerMaruyama)
             system.addForce(fluid);
         else
             delete fluid;
-        context.reset(new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
+        context.reset(
+            new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
         context->setPositions(positions);
         integrator.step(2);
     }
@@ -673,17 +721,22 @@ vector<Change> changesOfForces() {
         s.context->reinitialize(true);
         onlyGroup0(s);
     };
-    // Version 7 looks at the groups of its own Forces in each evaluation, but for what is on a device; later ones keep those of the start.
-    const bool keepsGroups = Platform::getOpenMMVersion().substr(0, 2) != "7.", keepsDirect = keepsGroups || onDevice();
+    // Version 7 looks at the groups of its own Forces in each evaluation, but for what is on a
+    // device; later ones keep those of the start.
+    const bool keepsGroups = Platform::getOpenMMVersion().substr(0, 2) != "7.",
+               keepsDirect = keepsGroups || onDevice();
     return {
-        {"integration force groups", [](ChangeableScene& s) { s.integrator.setIntegrationForceGroups(~(1 << 3)); }},
-        {"force group of an OpenMM force", [](ChangeableScene& s) { s.well->setForceGroup(0); }, onlyGroup0,
-         keepsDirect},
-        {"force group of a body force", [](ChangeableScene& s) { s.push->setForceGroup(7); }, onlyGroup0},
-        {"reciprocal-space group", [](ChangeableScene& s) { s.nonbonded->setReciprocalSpaceForceGroup(5); },
-         ewaldInGroup0, keepsGroups},
-        {"direct space", [](ChangeableScene& s) { s.nonbonded->setIncludeDirectSpace(false); }, ewaldInGroup0,
-         keepsDirect},
+        {"integration force groups",
+         [](ChangeableScene& s) { s.integrator.setIntegrationForceGroups(~(1 << 3)); }},
+        {"force group of an OpenMM force", [](ChangeableScene& s) { s.well->setForceGroup(0); },
+         onlyGroup0, keepsDirect},
+        {"force group of a body force", [](ChangeableScene& s) { s.push->setForceGroup(7); },
+         onlyGroup0},
+        {"reciprocal-space group",
+         [](ChangeableScene& s) { s.nonbonded->setReciprocalSpaceForceGroup(5); }, ewaldInGroup0,
+         keepsGroups},
+        {"direct space", [](ChangeableScene& s) { s.nonbonded->setIncludeDirectSpace(false); },
+         ewaldInGroup0, keepsDirect},
         {"force group and reinitialize()",
          [](ChangeableScene& s) {
              s.integrator.setIntegrationForceGroups(~(1 << 5));
@@ -691,7 +744,8 @@ vector<Change> changesOfForces() {
              s.context->reinitialize(true);
          }},
         {"global parameter", [](ChangeableScene& s) { s.context->setParameter("strength", 3.0); }},
-        {"global parameter of a body force", [](ChangeableScene& s) { s.context->setParameter("pull", 3.0); }},
+        {"global parameter of a body force",
+         [](ChangeableScene& s) { s.context->setParameter("pull", 3.0); }},
         {"parameters of particles",
          [](ChangeableScene& s) {
              for (int p = 0; p < 7; p++) s.well->setParticleParameters(p, p, {2.0});
@@ -704,7 +758,8 @@ vector<Change> changesOfForces() {
          }},
         {"charges",
          [](ChangeableScene& s) {
-             for (int p = 0; p < 7; p++) s.nonbonded->setParticleParameters(p, 0.2 * (p - 3), 0.1, 0.1);
+             for (int p = 0; p < 7; p++)
+                 s.nonbonded->setParticleParameters(p, 0.2 * (p - 3), 0.1, 0.1);
              s.nonbonded->updateParametersInContext(*s.context);
          }},
         {"parameters of bodies",
@@ -713,16 +768,20 @@ vector<Change> changesOfForces() {
              s.push->updateParametersInContext(*s.context);
          }},
         {"box",
-         [](ChangeableScene& s) { s.context->setPeriodicBoxVectors(Vec3(1.2, 0, 0), Vec3(0, 2, 0), Vec3(0, 0, 2)); }},
+         [](ChangeableScene& s) {
+             s.context->setPeriodicBoxVectors(Vec3(1.2, 0, 0), Vec3(0, 2, 0), Vec3(0, 0, 2));
+         }},
     };
 }
 
 }  // namespace
 
 TEST(Others, TheNextStepHasTheForcesOfTheNewSettings) {
-    // As an integrator that evaluates all forces in every step: here one that is told that its positions are new ones.
-    for (auto scheme : {CustomRigidHIIntegrator::LangevinC, CustomRigidHIIntegrator::GradientThermostat,
-                        CustomRigidHIIntegrator::LangevinHI, CustomRigidHIIntegrator::FixmanMidpoint})
+    // As an integrator that evaluates all forces in every step: here one that is told that its
+    // positions are new ones.
+    for (auto scheme :
+         {CustomRigidHIIntegrator::LangevinC, CustomRigidHIIntegrator::GradientThermostat,
+          CustomRigidHIIntegrator::LangevinHI, CustomRigidHIIntegrator::FixmanMidpoint})
         for (const Change& change : changesOfForces()) {
             ChangeableScene kept(scheme), anew(scheme), unchanged(scheme);
             for (ChangeableScene* scene : {&kept, &anew, &unchanged}) change.prepare(*scene);
@@ -735,19 +794,22 @@ TEST(Others, TheNextStepHasTheForcesOfTheNewSettings) {
             EXPECT_TRUE(sameBits(velocitiesOf(*kept.context), velocitiesOf(*anew.context)))
                 << change.name << ", scheme " << scheme;
             if (change.isLater && onDevice()) continue;
-            EXPECT_EQ(sameBits(positionsOf(*anew.context), positionsOf(*unchanged.context)), change.isLater)
+            EXPECT_EQ(sameBits(positionsOf(*anew.context), positionsOf(*unchanged.context)),
+                      change.isLater)
                 << change.name;
         }
 }
 
 TEST(Others, LookingAtForcesOfOtherGroupsChangesNothing) {
-    for (auto scheme : {CustomRigidHIIntegrator::LangevinC, CustomRigidHIIntegrator::GradientThermostat,
-                        CustomRigidHIIntegrator::LangevinHI, CustomRigidHIIntegrator::FixmanMidpoint}) {
+    for (auto scheme :
+         {CustomRigidHIIntegrator::LangevinC, CustomRigidHIIntegrator::GradientThermostat,
+          CustomRigidHIIntegrator::LangevinHI, CustomRigidHIIntegrator::FixmanMidpoint}) {
         ChangeableScene looked(scheme), left(scheme);
         looked.context->getState(State::Forces | State::Energy, false, 1 << 3);
         looked.integrator.setIntegrationForceGroups(looked.integrator.getIntegrationForceGroups());
         for (ChangeableScene* scene : {&looked, &left}) scene->integrator.step(2);
-        EXPECT_TRUE(sameBits(positionsOf(*looked.context), positionsOf(*left.context))) << "scheme " << scheme;
+        EXPECT_TRUE(sameBits(positionsOf(*looked.context), positionsOf(*left.context)))
+            << "scheme " << scheme;
         EXPECT_EQ(looked.integrator.getStepStatistics().at("forceEvaluations"),
                   left.integrator.getStepStatistics().at("forceEvaluations"));
     }
@@ -777,7 +839,8 @@ TEST(Others, BarostatMovesBodiesAsAWhole) {
     EXPECT_NE(a0[0], a[0]);
     Shape water = waterShape();
     const auto x = positionsOf(*box.context);
-    for (size_t p = 0; p < x.size(); p += 4) EXPECT_NEAR(norm(x[p] - x[p + 1]), 0.09572, readTolerance(1e-13, 2));
+    for (size_t p = 0; p < x.size(); p += 4)
+        EXPECT_NEAR(norm(x[p] - x[p + 1]), 0.09572, readTolerance(1e-13, 2));
     EXPECT_LT(box.integrator.getPoseResidual(), readTolerance(1e-12, 2));
     EXPECT_NE(box.integrator.getEffects().at("barostat").find("MonteCarloBarostat"), string::npos);
 }
@@ -831,7 +894,8 @@ TEST(Others, BodiesAcrossPeriodicBoundariesStayWhole) {
     box.integrator.step(500);
     const State state = box.context->getState(State::Positions, true);
     for (int p = 0; p < (int)box.positions.size(); p += 4)
-        EXPECT_NEAR(norm(state.getPositions()[p] - state.getPositions()[p + 1]), 0.09572, readTolerance(1e-12, 2));
+        EXPECT_NEAR(norm(state.getPositions()[p] - state.getPositions()[p + 1]), 0.09572,
+                    readTolerance(1e-12, 2));
     // Wrapped whole molecules are taken in.
     box.context->setPositions(state.getPositions());
     box.integrator.step(5);
@@ -839,14 +903,16 @@ TEST(Others, BodiesAcrossPeriodicBoundariesStayWhole) {
 }
 
 TEST(Others, CreatingAContextCostsNoMoreABodyInALargerSystem) {
-    // Four times as many bodies took thirteen times as long when each looked at the constraints of all.
+    // Four times as many bodies took thirteen times as long when each looked at the constraints of
+    // all.
     const auto seconds = [](int copies, bool constrained) {
         System system;
         CustomRigidHIIntegrator integrator(300, 0.001);
         const Shape water = waterShape();
         addBodies(system, integrator, water, copies);
         for (int p = 0; constrained && p < 3 * copies; p++)
-            system.addConstraint(p, p % 3 == 2 ? p - 2 : p + 1, norm(water.sites[p % 3] - water.sites[(p + 1) % 3]));
+            system.addConstraint(p, p % 3 == 2 ? p - 2 : p + 1,
+                                 norm(water.sites[p % 3] - water.sites[(p + 1) % 3]));
         double least = INFINITY;
         // The processor's time, which other programs do not change.
         for (int repeat = 0; repeat < 5; repeat++) {
@@ -860,15 +926,18 @@ TEST(Others, CreatingAContextCostsNoMoreABodyInALargerSystem) {
         // Without constraints so few take no time that a clock could tell.
         const int number = constrained ? 2000 : 8000;
         const double few = seconds(number, constrained), many = seconds(4 * number, constrained);
-        cout << number << " bodies: " << few << " s, " << 4 * number << ": " << many << " s" << endl;
+        cout << number << " bodies: " << few << " s, " << 4 * number << ": " << many << " s"
+             << endl;
         EXPECT_LT(many, 8 * few);
     }
 }
 
 TEST(Others, ConstraintsOfFreeParticlesArePreparedOnce) {
     SKIP_ON_DEVICES(
-        "the Context's constraints are the device's, and those of free particles are prepared on the host beside them");
-    // OpenMM takes quadratic time to prepare those that are no water; doing it again for us took as long.
+        "the Context's constraints are the device's, and those of free particles are prepared on "
+        "the host beside them");
+    // OpenMM takes quadratic time to prepare those that are no water; doing it again for us took as
+    // long.
     System system;
     const int molecules = 1500;
     for (int m = 0; m < molecules; m++) {
@@ -883,7 +952,8 @@ TEST(Others, ConstraintsOfFreeParticlesArePreparedOnce) {
             const auto start = chrono::steady_clock::now();
             Context context(system, own ? (Integrator&)integrator : verlet, testPlatform(),
                             threads(testPlatformName(), 1));
-            least[own] = min(least[own], chrono::duration<double>(chrono::steady_clock::now() - start).count());
+            least[own] = min(least[own],
+                             chrono::duration<double>(chrono::steady_clock::now() - start).count());
         }
     cout << "Verlet " << least[0] << " s, this one " << least[1] << " s" << endl;
     EXPECT_LT(least[1], 1.5 * least[0]);

@@ -17,7 +17,8 @@ enum class Scene { Spheres, Multiblobs, Mixture, Rods, OwnTensors };
 /** Eight bodies on a loose lattice, unequal blobs, and a free particle. */
 class FluidScene {
 public:
-    FluidScene(Scene kind, MobilityForce::Solver solver, double tolerance, double temperature, double h)
+    FluidScene(Scene kind, MobilityForce::Solver solver, double tolerance, double temperature,
+               double h)
         : integrator(temperature, h), force(new MobilityForce()) {
         mt19937 generator(11);
         uniform_real_distribution<double> uniform(-1, 1);
@@ -34,7 +35,8 @@ public:
             } else if (kind == Scene::Multiblobs || (kind == Scene::Mixture && b % 2 == 0)) {
                 sites.clear();
                 for (int i = 0; i < 7; i++)
-                    sites.push_back(Vec3(uniform(generator), uniform(generator), uniform(generator)) * 1.5);
+                    sites.push_back(
+                        Vec3(uniform(generator), uniform(generator), uniform(generator)) * 1.5);
                 moments = Vec3(2.5, 2, 3);
             }
             vector<int> particles;
@@ -59,14 +61,17 @@ public:
         system.addForce(force);
         integrator.setScheme(CustomRigidHIIntegrator::LangevinHI);
         integrator.setRandomNumberSeed(5);
-        context.reset(new Context(system, integrator, testPlatform(), threads(testPlatformName(), 2)));
+        context.reset(
+            new Context(system, integrator, testPlatform(), threads(testPlatformName(), 2)));
         context->setPositions(positions);
         context->setVelocitiesToTemperature(1 / boltzmann, 3);
     }
-    /** Mass-weighted momenta, angular ones in the lab frame, where the rotation after the fluid's part leaves them alone. */
+    /** Mass-weighted momenta, angular ones in the lab frame, where the rotation after the fluid's
+     * part leaves them alone. */
     vector<double> Z() {
         vector<double> result;
-        const vector<Vec3> v = integrator.getBodyVelocities(), w = integrator.getBodyAngularVelocities();
+        const vector<Vec3> v = integrator.getBodyVelocities(),
+                           w = integrator.getBodyAngularVelocities();
         const vector<QuaternionArray> q = integrator.getBodyOrientations();
         for (size_t b = 0; b < v.size(); b++) {
             vector<int> particles;
@@ -103,7 +108,8 @@ double difference(const vector<double>& a, const vector<double>& b) {
     return sqrt(square / scale);
 }
 
-const vector<Scene> scenes = {Scene::Spheres, Scene::Multiblobs, Scene::Mixture, Scene::Rods, Scene::OwnTensors};
+const vector<Scene> scenes = {Scene::Spheres, Scene::Multiblobs, Scene::Mixture, Scene::Rods,
+                              Scene::OwnTensors};
 
 }  // namespace
 
@@ -117,15 +123,16 @@ TEST(MatrixFree, OneStepAgreesWithTheDenseOneToFiveTolerances) {
                     FluidScene krylov(kind, MobilityForce::MatrixFree, tolerance, T, h);
                     krylov.integrator.step(1);
                     EXPECT_LT(difference(krylov.Z(), dense.Z()), 5 * tolerance)
-                        << "scene " << (int)kind << " T " << T << " h " << h << " tolerance " << tolerance;
+                        << "scene " << (int)kind << " T " << T << " h " << h << " tolerance "
+                        << tolerance;
                     EXPECT_GT(krylov.integrator.getStepStatistics()["solverIterations"], 0);
                 }
             }
 }
 
 TEST(MatrixFree, WeakFrictionIsAccurateItself) {
-    // What the fluid changes in a short step is far below the momenta: it must be right relative to itself, or a long run
-    // at a coarse tolerance would have another temperature.
+    // What the fluid changes in a short step is far below the momenta: it must be right relative to
+    // itself, or a long run at a coarse tolerance would have another temperature.
     const double h = 1e-6, tolerance = 1e-4;
     for (Scene kind : scenes) {
         FluidScene dense(kind, MobilityForce::Dense, 1e-6, 0, h),
@@ -152,8 +159,10 @@ TEST(MatrixFree, ResumeAndThreadsChangeNothing) {
         FluidScene resumed(kind, MobilityForce::MatrixFree, 1e-3, 1 / boltzmann, 0.05);
         resumed.context->loadCheckpoint(saved);
         resumed.integrator.step(3);
-        EXPECT_TRUE(sameBits(positionsOf(*whole.context), positionsOf(*resumed.context))) << "scene " << (int)kind;
-        EXPECT_TRUE(sameBits(velocitiesOf(*whole.context), velocitiesOf(*resumed.context))) << "scene " << (int)kind;
+        EXPECT_TRUE(sameBits(positionsOf(*whole.context), positionsOf(*resumed.context)))
+            << "scene " << (int)kind;
+        EXPECT_TRUE(sameBits(velocitiesOf(*whole.context), velocitiesOf(*resumed.context)))
+            << "scene " << (int)kind;
     }
 }
 

@@ -1,4 +1,5 @@
-// Properties that every hydrodynamic model has, and what MobilityForce gives to users, by the public API.
+// Properties that every hydrodynamic model has, and what MobilityForce gives to users, by the
+// public API.
 
 #include <openmm/VirtualSite.h>
 
@@ -11,7 +12,8 @@ using namespace std;
 
 namespace {
 
-/** What tests need to know about a model. A new model, or a model with another boundary, is a line here. */
+/** What tests need to know about a model. A new model, or a model with another boundary, is a line
+ * here. */
 struct ModelCase {
     string name;
     MobilityForce::Model model;
@@ -22,19 +24,28 @@ struct ModelCase {
     bool couplesBodies;
     MobilityForce::SphereWallMobility sphereWall = MobilityForce::FromModel;
 };
-void PrintTo(const ModelCase& model, ostream* out) { *out << model.name; }  // for GoogleTest's messages
+void PrintTo(const ModelCase& model, ostream* out) {
+    *out << model.name;
+}  // for GoogleTest's messages
 const vector<ModelCase> models = {
-    {"FreeDraining", MobilityForce::FreeDraining, MobilityForce::Unbounded, true, true, true, false},
-    {"RotnePragerYamakawa", MobilityForce::RotnePragerYamakawa, MobilityForce::Unbounded, true, true, true, true},
-    {"StokesianDynamics", MobilityForce::StokesianDynamics, MobilityForce::Unbounded, false, false, false, true},
-    {"RotnePragerYamakawaWall", MobilityForce::RotnePragerYamakawa, MobilityForce::NoSlipWall, true, true, true, true},
-    {"BestKnownAtTheWall", MobilityForce::RotnePragerYamakawa, MobilityForce::NoSlipWall, true, true, true, true,
-     MobilityForce::BestKnown},
-    {"RotnePragerYamakawaPeriodic", MobilityForce::RotnePragerYamakawa, MobilityForce::Periodic, true, true, true,
-     true},
-    {"StokesianDynamicsPeriodic", MobilityForce::StokesianDynamics, MobilityForce::Periodic, false, false, false, true},
-    {"ForceCouplingPeriodic", MobilityForce::ForceCoupling, MobilityForce::Periodic, true, true, true, true},
-    {"ForceCouplingChannel", MobilityForce::ForceCoupling, MobilityForce::SlipChannel, true, true, true, true},
+    {"FreeDraining", MobilityForce::FreeDraining, MobilityForce::Unbounded, true, true, true,
+     false},
+    {"RotnePragerYamakawa", MobilityForce::RotnePragerYamakawa, MobilityForce::Unbounded, true,
+     true, true, true},
+    {"StokesianDynamics", MobilityForce::StokesianDynamics, MobilityForce::Unbounded, false, false,
+     false, true},
+    {"RotnePragerYamakawaWall", MobilityForce::RotnePragerYamakawa, MobilityForce::NoSlipWall, true,
+     true, true, true},
+    {"BestKnownAtTheWall", MobilityForce::RotnePragerYamakawa, MobilityForce::NoSlipWall, true,
+     true, true, true, MobilityForce::BestKnown},
+    {"RotnePragerYamakawaPeriodic", MobilityForce::RotnePragerYamakawa, MobilityForce::Periodic,
+     true, true, true, true},
+    {"StokesianDynamicsPeriodic", MobilityForce::StokesianDynamics, MobilityForce::Periodic, false,
+     false, false, true},
+    {"ForceCouplingPeriodic", MobilityForce::ForceCoupling, MobilityForce::Periodic, true, true,
+     true, true},
+    {"ForceCouplingChannel", MobilityForce::ForceCoupling, MobilityForce::SlipChannel, true, true,
+     true, true},
 };
 /** Below all particles of the mixture where origins have z >= 0. */
 const double wallHeight = -2;
@@ -47,7 +58,8 @@ void choose(FluidScene& scene, const ModelCase& model) {
     scene.fluid->setChannelWalls(wallHeight, wallHeight + channelWidth);
     if (model.boundary == MobilityForce::SlipChannel) scene.side = channelWidth + 1;
 }
-/** So far from the scene that no more is left of a wall, or of images, than a radius divided by the distance. */
+/** So far from the scene that no more is left of a wall, or of images, than a radius divided by the
+ * distance. */
 void removeBoundary(FluidScene& scene, double distance = 1e18) {
     scene.fluid->setWallHeight(-distance);
     scene.fluid->setChannelWalls(-0.4 * distance, 0.4 * distance);
@@ -66,13 +78,15 @@ void addMixture(FluidScene& scene, const ModelCase& model, int copies = 1) {
         scene.add({"sphere off the origin", 1, Vec3(0.3, 0.5, 0.6), {Vec3(0.2, 0.1, -0.4)}, {0.7}});
     }
 }
-const double largestExtent = 1.9;  // of the mixture's bodies, from their origin, with the blob's radius
+const double largestExtent =
+    1.9;  // of the mixture's bodies, from their origin, with the blob's radius
 
 struct Configuration {
     vector<Vec3> R;
     vector<QuaternionArray> q;
 };
-Configuration randomConfiguration(const FluidScene& scene, const ModelCase& model, double size, int seed) {
+Configuration randomConfiguration(const FluidScene& scene, const ModelCase& model, double size,
+                                  int seed) {
     mt19937 random(seed);
     const int n = scene.bodies.size();
     const double contact = model.takesMultiblobs ? 2 * largestExtent : 1.6;
@@ -83,7 +97,9 @@ Configuration randomConfiguration(const FluidScene& scene, const ModelCase& mode
 
 class EveryModel : public testing::TestWithParam<ModelCase> {};
 INSTANTIATE_TEST_SUITE_P(Models, EveryModel, testing::ValuesIn(models),
-                         [](const testing::TestParamInfo<ModelCase>& info) { return info.param.name; });
+                         [](const testing::TestParamInfo<ModelCase>& info) {
+                             return info.param.name;
+                         });
 
 }  // namespace
 
@@ -104,7 +120,8 @@ TEST_P(EveryModel, IsSymmetricAndPositiveOverRandomConfigurations) {
         ASSERT_LT((N - N.transpose()).cwiseAbs().maxCoeff(), 1e-15 * N.cwiseAbs().maxCoeff());
         const VectorXd d = N.diagonal().cwiseSqrt().cwiseInverse();
         const double least =
-            Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * N * d.asDiagonal()).eigenvalues()[0];
+            Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * N * d.asDiagonal())
+                .eigenvalues()[0];
         ASSERT_GT(least, 0) << "configuration " << trial;
         smallest = min(smallest, least);
     }
@@ -125,9 +142,11 @@ TEST_P(EveryModel, FrictionIsTheInverseAndProductsAreTheMatrix) {
         EXPECT_LT((N * xi - (N * xi).transpose()).cwiseAbs().maxCoeff(), 1e-11);
         // No torque about the line of a rod, which is refused.
         const VectorXd wrenches = xi * (N * VectorXd::Random(N.rows()));
-        const vector<double> twists =
-            scene.fluid->applyMobilityInContext(*scene.context, {wrenches.data(), wrenches.data() + wrenches.size()});
-        EXPECT_LT(difference(Eigen::Map<const VectorXd>(twists.data(), twists.size()), N * wrenches), 1e-12);
+        const vector<double> twists = scene.fluid->applyMobilityInContext(
+            *scene.context, {wrenches.data(), wrenches.data() + wrenches.size()});
+        EXPECT_LT(
+            difference(Eigen::Map<const VectorXd>(twists.data(), twists.size()), N * wrenches),
+            1e-12);
     }
 }
 
@@ -179,7 +198,8 @@ TEST_P(EveryModel, DoesNotDependOnTheOrderOfBodiesOrParticles) {
     const MatrixXd a = first.mobility(), b = second.mobility();
     MatrixXd expected(6 * n, 6 * n);
     for (int i = 0; i < n; i++)
-        for (int k = 0; k < n; k++) expected.block(6 * i, 6 * k, 6, 6) = a.block(6 * order[i], 6 * order[k], 6, 6);
+        for (int k = 0; k < n; k++)
+            expected.block(6 * i, 6 * k, 6, 6) = a.block(6 * order[i], 6 * order[k], 6, 6);
     EXPECT_LT(difference(b, expected), 1e-12);
 }
 
@@ -201,7 +221,8 @@ TEST_P(EveryModel, OneSphereHasStokesDrag) {
 
 TEST_P(EveryModel, BodiesAloneHaveTheTensorOfTheirBlobs) {
     if (!GetParam().takesMultiblobs) GTEST_SKIP() << "spheres only";
-    if (GetParam().model == MobilityForce::ForceCoupling) GTEST_SKIP() << "of Gaussians: TestPeriodicMobility";
+    if (GetParam().model == MobilityForce::ForceCoupling)
+        GTEST_SKIP() << "of Gaussians: TestPeriodicMobility";
     for (const BodyKind& kind : {boomerangKind(), rodKind()})
         for (int seed = 0; seed < 3; seed++) {
             mt19937 random(seed);
@@ -236,20 +257,24 @@ TEST_P(EveryModel, FarAwayIsThatOfAPointForce) {
             MatrixXd expected = MatrixXd::Zero(6, 6);
             if (GetParam().couplesBodies) {
                 expected.topLeftCorner(3, 3) = scale * (Matrix3d::Identity() + u * u.transpose());
-                expected.bottomLeftCorner(3, 3) = expected.topRightCorner(3, 3) = -scale / r * cross(u);
+                expected.bottomLeftCorner(3, 3) = expected.topRightCorner(3, 3) =
+                    -scale / r * cross(u);
                 expected.bottomRightCorner(3, 3) =
                     -0.5 * scale / (r * r) * (Matrix3d::Identity() - 3 * u * u.transpose());
             }
             const MatrixXd block = N.block(6 * i, 6 * k, 6, 6);
-            // Bodies off their origin, and those that turn when pushed, correct it by their size over the distance.
+            // Bodies off their origin, and those that turn when pushed, correct it by their size
+            // over the distance.
             const double size = 3 / r;
             EXPECT_LT((block - expected).topLeftCorner(3, 3).norm(), scale * size) << i << " " << k;
             if (!GetParam().couplesBodies) {
                 EXPECT_EQ(block.norm(), 0);
             }
             if (i > 2 || k > 2) continue;
-            EXPECT_LT((block - expected).bottomLeftCorner(3, 3).norm(), scale / r * size) << i << " " << k;
-            EXPECT_LT((block - expected).bottomRightCorner(3, 3).norm(), scale / (r * r) * size) << i << " " << k;
+            EXPECT_LT((block - expected).bottomLeftCorner(3, 3).norm(), scale / r * size)
+                << i << " " << k;
+            EXPECT_LT((block - expected).bottomRightCorner(3, 3).norm(), scale / (r * r) * size)
+                << i << " " << k;
         }
 }
 
@@ -282,7 +307,8 @@ TEST_P(EveryModel, ScalesWithLengthsAndViscosity) {
     for (int row = 0; row < N[0].rows(); row += 3)
         for (int column = 0; column < N[0].cols(); column += 3) {
             const int rotations = row / 3 % 2 + column / 3 % 2;
-            EXPECT_LT((N[1].block(row, column, 3, 3) * pow(scale, 1 + rotations) - N[0].block(row, column, 3, 3))
+            EXPECT_LT((N[1].block(row, column, 3, 3) * pow(scale, 1 + rotations) -
+                       N[0].block(row, column, 3, 3))
                           .cwiseAbs()
                           .maxCoeff(),
                       1e-11 * N[0].cwiseAbs().maxCoeff());
@@ -304,7 +330,8 @@ TEST_P(EveryModel, ReferenceAndCpuAgree) {
             xi[p] = scene.friction();
         }
         EXPECT_LT(difference(N[1], N[0]), 1e-12);
-        const VectorXd values = Eigen::SelfAdjointEigenSolver<MatrixXd>(N[0]).eigenvalues().cwiseAbs();
+        const VectorXd values =
+            Eigen::SelfAdjointEigenSolver<MatrixXd>(N[0]).eigenvalues().cwiseAbs();
         double least = values.maxCoeff();
         for (double v : values)
             if (v > 1e-9 * values.maxCoeff()) least = min(least, v);
@@ -338,9 +365,12 @@ TEST_P(EveryModel, GroupsAreScenesOfTheirOwn) {
         for (int i = 0; i < n; i++)
             for (int k = 0; k < n; k++) {
                 ASSERT_EQ(N.block(12 * i, 12 * k, 6, 6), expected.block(6 * i, 6 * k, 6, 6));
-                ASSERT_EQ(xi.block(12 * i, 12 * k, 6, 6), expectedFriction.block(6 * i, 6 * k, 6, 6));
-                ASSERT_LT((N.block(12 * i + 6, 12 * k + 6, 6, 6) - expected.block(6 * i, 6 * k, 6, 6)).norm(),
-                          1e-9 * expected.norm());
+                ASSERT_EQ(xi.block(12 * i, 12 * k, 6, 6),
+                          expectedFriction.block(6 * i, 6 * k, 6, 6));
+                ASSERT_LT(
+                    (N.block(12 * i + 6, 12 * k + 6, 6, 6) - expected.block(6 * i, 6 * k, 6, 6))
+                        .norm(),
+                    1e-9 * expected.norm());
                 ASSERT_EQ(N.block(12 * i, 12 * k + 6, 6, 6).norm(), 0);
                 ASSERT_EQ(xi.block(12 * i + 6, 12 * k, 6, 6).norm(), 0);
             }
@@ -377,7 +407,9 @@ TEST_P(EveryModel, ChangedParametersReachTheContext) {
     EXPECT_EQ(scene.mobility(), before);  // not before it is told
     scene.fluid->updateParametersInContext(*scene.context);
     EXPECT_LT(difference(2 * scene.mobility(), before), 1e-13);
-    EXPECT_LT(difference(0.5 * scene.friction() * before * scene.friction() * 0.5, scene.friction() * 0.5), 1e-10);
+    EXPECT_LT(difference(0.5 * scene.friction() * before * scene.friction() * 0.5,
+                         scene.friction() * 0.5),
+              1e-10);
     scene.fluid->setViscosity(0.6);
     for (int p = 0; p < scene.fluid->getNumParticles(); p++)
         scene.fluid->setParticleRadius(p, 0.9 * scene.fluid->getParticleRadius(p));
@@ -399,7 +431,8 @@ TEST(EveryEnumerator, RunsTheOperatorOfItsNameOnThisPlatform) {
         for (int b = 0; *RigidHIPlugin::boundaryName(MobilityForce::Boundary(b)); b++) {
             const auto model = MobilityForce::Model(m);
             const auto boundary = MobilityForce::Boundary(b);
-            const string name = string(RigidHIPlugin::modelName(model)) + ", " + RigidHIPlugin::boundaryName(boundary);
+            const string name = string(RigidHIPlugin::modelName(model)) + ", " +
+                                RigidHIPlugin::boundaryName(boundary);
             FluidScene scene;
             scene.fluid->setModel(model);
             scene.fluid->setBoundary(boundary);
@@ -417,7 +450,9 @@ TEST(EveryEnumerator, RunsTheOperatorOfItsNameOnThisPlatform) {
             particles.add(0.8, true, 1, 1);
             const auto common = RigidHIPlugin::createMobility(*scene.fluid, false, particles);
             MatrixXd M;
-            common->at({scene.positions, {Vec3(scene.side, 0, 0), Vec3(0, scene.side, 0), Vec3(0, 0, scene.side)}})
+            common
+                ->at({scene.positions,
+                      {Vec3(scene.side, 0, 0), Vec3(0, scene.side, 0), Vec3(0, 0, scene.side)}})
                 ->dense(M);
             // Without interaction every body is in a fluid of its own.
             if (model == MobilityForce::FreeDraining)
@@ -426,8 +461,11 @@ TEST(EveryEnumerator, RunsTheOperatorOfItsNameOnThisPlatform) {
             for (const MatrixXd& other : known)
                 EXPECT_GT(difference(N, other), 1e-6) << name << " runs as another model";
             known.push_back(N);
-            const auto isThis = [&](const ModelCase& c) { return c.model == model && c.boundary == boundary; };
-            EXPECT_TRUE(any_of(models.begin(), models.end(), isThis)) << name << " is not in the table of models";
+            const auto isThis = [&](const ModelCase& c) {
+                return c.model == model && c.boundary == boundary;
+            };
+            EXPECT_TRUE(any_of(models.begin(), models.end(), isThis))
+                << name << " is not in the table of models";
         }
     EXPECT_GE(known.size(), 4u);
 }
@@ -437,8 +475,9 @@ TEST(EveryEnumerator, OthersAreRefused) {
     const auto badBoundary = static_cast<MobilityForce::Boundary>(-1);
     expectError([&] { RigidHIPlugin::checkOperator(badModel, MobilityForce::Unbounded); },
                 {"nothing computes model 17 with boundary Unbounded"});
-    expectError([&] { RigidHIPlugin::checkOperator(MobilityForce::RotnePragerYamakawa, badBoundary); },
-                {"model RotnePragerYamakawa with boundary -1"});
+    expectError(
+        [&] { RigidHIPlugin::checkOperator(MobilityForce::RotnePragerYamakawa, badBoundary); },
+        {"model RotnePragerYamakawa with boundary -1"});
     // Not the operator of unbounded fluid without a word.
     MobilityForce fluid;
     fluid.setModel(MobilityForce::StokesianDynamics);
@@ -455,28 +494,32 @@ namespace {
 
 /** Three rows a particle of the System. */
 VectorXd blobVelocities(FluidScene& scene, const VectorXd& forces) {
-    const vector<double> v =
-        scene.fluid->applyBlobMobilityInContext(*scene.context, {forces.data(), forces.data() + forces.size()});
+    const vector<double> v = scene.fluid->applyBlobMobilityInContext(
+        *scene.context, {forces.data(), forces.data() + forces.size()});
     return Eigen::Map<const VectorXd>(v.data(), v.size());
 }
 
-/** Likewise by Rotne, Prager and Yamakawa, written down independently. @param labels  who feels whom, a number a particle */
-VectorXd expectedBlobVelocities(FluidScene& scene, const vector<int>& labels, const VectorXd& forces) {
+/** Likewise by Rotne, Prager and Yamakawa, written down independently. @param labels  who feels
+ * whom, a number a particle */
+VectorXd expectedBlobVelocities(FluidScene& scene, const vector<int>& labels,
+                                const VectorXd& forces) {
     const auto x = positionsOf(*scene.context);
     const int n = x.size();
     const double height = scene.fluid->getWallHeight();
     VectorXd v = VectorXd::Zero(3 * n);
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++) {
-            const double a = scene.fluid->getParticleRadius(i), b = scene.fluid->getParticleRadius(j);
+            const double a = scene.fluid->getParticleRadius(i),
+                         b = scene.fluid->getParticleRadius(j);
             if (a == 0 || b == 0 || labels[i] != labels[j]) continue;
-            Matrix3d M = pairOfSpheres(a, b, toEigen(x[i] - x[j]), scene.fluid->getViscosity()).topLeftCorner(3, 3);
+            Matrix3d M = pairOfSpheres(a, b, toEigen(x[i] - x[j]), scene.fluid->getViscosity())
+                             .topLeftCorner(3, 3);
             if (scene.fluid->getBoundary() == MobilityForce::NoSlipWall) {
                 RigidHIPlugin::HydrodynamicParticles pair;
                 pair.add(a, false, 0, -1);
                 if (i != j) pair.add(b, false, 1, -1);
-                RigidHIPlugin::RotnePragerYamakawaWall above(pair, scene.fluid->getViscosity(),
-                                                             RigidHIPlugin::NoSlipPlane(height, false));
+                RigidHIPlugin::RotnePragerYamakawaWall above(
+                    pair, scene.fluid->getViscosity(), RigidHIPlugin::NoSlipPlane(height, false));
                 MatrixXd both;
                 above.at({i == j ? vector<Vec3>{x[i]} : vector<Vec3>{x[i], x[j]}})->dense(both);
                 M = both.topRightCorner(3, 3);
@@ -490,9 +533,10 @@ VectorXd expectedBlobVelocities(FluidScene& scene, const vector<int>& labels, co
 
 TEST_P(EveryModel, BlobsMoveByTheParticlesMobility) {
     const ModelCase& model = GetParam();
-    const bool ofPairs =
-        model.model == MobilityForce::RotnePragerYamakawa || model.model == MobilityForce::FreeDraining;
-    if (!ofPairs || model.sphereWall == MobilityForce::BestKnown || model.boundary == MobilityForce::Periodic)
+    const bool ofPairs = model.model == MobilityForce::RotnePragerYamakawa ||
+                         model.model == MobilityForce::FreeDraining;
+    if (!ofPairs || model.sphereWall == MobilityForce::BestKnown ||
+        model.boundary == MobilityForce::Periodic)
         GTEST_SKIP() << "other than RotnePragerYamakawa's pairs: see SpheresMoveByTheirTranslation";
     for (auto solver : {MobilityForce::Dense, MobilityForce::MatrixFree}) {
         FluidScene scene;
@@ -519,10 +563,12 @@ TEST_P(EveryModel, BlobsMoveByTheParticlesMobility) {
         const Configuration c = randomConfiguration(scene, model, 6, 1);
         scene.pose(c.R, c.q);
         const VectorXd forces = VectorXd::Random(3 * scene.positions.size());
-        const VectorXd v = blobVelocities(scene, forces), expected = expectedBlobVelocities(scene, labels, forces);
+        const VectorXd v = blobVelocities(scene, forces),
+                       expected = expectedBlobVelocities(scene, labels, forces);
         EXPECT_LT(difference(v, expected), readTolerance(1e-12, 1));
         for (size_t p = 0; p < scene.positions.size(); p++)
-            EXPECT_EQ(v.segment<3>(3 * p).isZero(0), scene.fluid->getParticleRadius(p) == 0) << "particle " << p;
+            EXPECT_EQ(v.segment<3>(3 * p).isZero(0), scene.fluid->getParticleRadius(p) == 0)
+                << "particle " << p;
     }
 }
 
@@ -539,7 +585,8 @@ TEST_P(EveryModel, SpheresMoveByTheirTranslation) {
         VectorXd expected = VectorXd::Zero(9);
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 3; j++)
-                expected.segment<3>(3 * i) += N.block<3, 3>(6 * i, 6 * j) * forces.segment<3>(3 * j);
+                expected.segment<3>(3 * i) +=
+                    N.block<3, 3>(6 * i, 6 * j) * forces.segment<3>(3 * j);
         EXPECT_LT(difference(blobVelocities(scene, forces), expected), 1e-12);
         // The question leaves nothing behind.
         EXPECT_EQ(scene.mobility(), N);
@@ -568,7 +615,8 @@ TEST(RotnePragerYamakawaForce, PairsMixturesAndFreeParticles) {
         FluidScene scene;
         addMixture(scene, models[1], 1 + seed % 3);
         if (seed % 2)
-            for (int i = 0; i < 4; i++) scene.addFree(1, i == 2 ? 0 : 0.3 + 0.2 * i, Vec3(2 * i, 0.3, 0.1 * i * i));
+            for (int i = 0; i < 4; i++)
+                scene.addFree(1, i == 2 ? 0 : 0.3 + 0.2 * i, Vec3(2 * i, 0.3, 0.1 * i * i));
         scene.start(testPlatform());
         const Configuration c = randomConfiguration(scene, models[1], seed < 10 ? 8 : 2.5, seed);
         scene.pose(c.R, c.q);
@@ -583,12 +631,19 @@ TEST(RotnePragerYamakawaForce, PairsMixturesAndFreeParticles) {
 }
 
 TEST(RotnePragerYamakawaForce, ValuesOfPairsComputedElsewhere) {
-    // By quadrature over the surfaces, eta = 1: tt across and along, rr across and along, c of F x n.
+    // By quadrature over the surfaces, eta = 1: tt across and along, rr across and along, c of F x
+    // n.
     const struct {
         double a_i, a_j, R, expected[5];
     } cases[] = {
-        {1, 1, 3, {0.0142453498446, 0.0245609480080, -0.000736828440, 0.00147365688, 0.00442097064}},
-        {1, 1, 1.5, {0.0306704838250, 0.0381308717824, -7.77123746e-05, 0.0104134582, 0.0130556789}},
+        {1,
+         1,
+         3,
+         {0.0142453498446, 0.0245609480080, -0.000736828440, 0.00147365688, 0.00442097064}},
+        {1,
+         1,
+         1.5,
+         {0.0306704838250, 0.0381308717824, -7.77123746e-05, 0.0104134582, 0.0130556789}},
         {1, 0.5, 1, {0.0445550947458, 0.0501503857139, 0.00986947157, 0.0287535786, 0.0251788094}},
     };
     for (const auto& c : cases) {
@@ -630,12 +685,14 @@ TEST(RotnePragerYamakawaForce, VirtualSitesAndBodiesMadeFromParticlesHaveRadii) 
     const auto x = positionsOf(context);
     body.offsets = {toEigen(x[1]) - body.R, toEigen(x[2]) - body.R, toEigen(x[3]) - body.R};
     body.radii = {0.2, 0.25, 0.3};
-    EXPECT_LT(difference(squareOf(fluid->getMobilityInContext(context)), IndependentMobility({body}, 1.5).mobility),
+    EXPECT_LT(difference(squareOf(fluid->getMobilityInContext(context)),
+                         IndependentMobility({body}, 1.5).mobility),
               readTolerance(1e-11, 1));
 }
 
 TEST(OwnTensors, AreThoseOfTheUsersBodyFrame) {
-    // The boomerang's moments are not ascending, so inside its axes are relabelled; tensors must follow.
+    // The boomerang's moments are not ascending, so inside its axes are relabelled; tensors must
+    // follow.
     const MatrixXd own = tensorWithoutSymmetry(4);
     for (auto model : {MobilityForce::FreeDraining, MobilityForce::RotnePragerYamakawa})
         for (bool asFriction : {false, true}) {
@@ -649,10 +706,12 @@ TEST(OwnTensors, AreThoseOfTheUsersBodyFrame) {
             else
                 scene.fluid->setBodyMobility(0, rowsOf(own));
             scene.start(testPlatform());
-            EXPECT_LT(difference(asFriction ? scene.friction() : scene.mobility(), turned(own, rotationOf(q))), 1e-12);
-            EXPECT_LT(
-                difference(asFriction ? scene.mobility() : scene.friction(), turned(own, rotationOf(q)).inverse()),
-                1e-12);
+            EXPECT_LT(difference(asFriction ? scene.friction() : scene.mobility(),
+                                 turned(own, rotationOf(q))),
+                      1e-12);
+            EXPECT_LT(difference(asFriction ? scene.mobility() : scene.friction(),
+                                 turned(own, rotationOf(q)).inverse()),
+                      1e-12);
         }
 }
 
@@ -671,9 +730,13 @@ TEST(OwnTensors, AreChangedInAContext) {
     EXPECT_LT(difference(scene.mobility(), before), 1e-12);
     scene.fluid->setBodyMobility(0, rowsOf(2 * alone.mobility()));
     scene.fluid->updateParametersInContext(*scene.context);
-    EXPECT_LT(difference(scene.mobility().topLeftCorner(6, 6), 2 * before.topLeftCorner(6, 6)), 1e-12);
-    EXPECT_LT(difference(scene.mobility().topRightCorner(6, 6), sqrt(2) * before.topRightCorner(6, 6)), 1e-12);
-    EXPECT_LT(difference(scene.mobility().bottomRightCorner(6, 6), before.bottomRightCorner(6, 6)), 1e-12);
+    EXPECT_LT(difference(scene.mobility().topLeftCorner(6, 6), 2 * before.topLeftCorner(6, 6)),
+              1e-12);
+    EXPECT_LT(
+        difference(scene.mobility().topRightCorner(6, 6), sqrt(2) * before.topRightCorner(6, 6)),
+        1e-12);
+    EXPECT_LT(difference(scene.mobility().bottomRightCorner(6, 6), before.bottomRightCorner(6, 6)),
+              1e-12);
     scene.fluid->clearBodyTensor(0);
     scene.fluid->updateParametersInContext(*scene.context);
     EXPECT_EQ(scene.mobility(), before);

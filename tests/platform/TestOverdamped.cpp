@@ -1,5 +1,6 @@
-// Schemes without momenta by the public API: order without noise, exact averages, effects and counters, resume, what is refused.
-// The drift and the covariance of one step: unit/TestOverdampedSchemes.cpp.
+// Schemes without momenta by the public API: order without noise, exact averages, effects and
+// counters, resume, what is refused. The drift and the covariance of one step:
+// unit/TestOverdampedSchemes.cpp.
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>
@@ -41,17 +42,20 @@ struct Named {
 vector<Named> overdampedSchemes() {
     vector<Named> found;
     for (const SchemeTraits& traits : schemeTable)
-        if (traits.isOverdamped()) found.push_back({traits.scheme, traits.name, traits.coldOrder, traits.forces});
+        if (traits.isOverdamped())
+            found.push_back({traits.scheme, traits.name, traits.coldOrder, traits.forces});
     return found;
 }
 const vector<Named> schemes = overdampedSchemes();
 
 /** Bodies and free particles without masses. */
 struct OverdampedScene : FluidScene {
-    explicit OverdampedScene(Scheme scheme, double temperature = 0, double h = 0.01) : FluidScene(temperature, h) {
+    explicit OverdampedScene(Scheme scheme, double temperature = 0, double h = 0.01)
+        : FluidScene(temperature, h) {
         integrator.setScheme(scheme);
     }
-    void addMassless(BodyKind kind, const Vec3& R = Vec3(), const QuaternionArray& q = {{1, 0, 0, 0}}) {
+    void addMassless(BodyKind kind, const Vec3& R = Vec3(),
+                     const QuaternionArray& q = {{1, 0, 0, 0}}) {
         kind.mass = 0;
         kind.moments = Vec3();
         add(kind, R, q);
@@ -61,7 +65,8 @@ struct OverdampedScene : FluidScene {
         for (int i = 0; i < system.getNumParticles(); i++) field->addParticle(i, vector<double>());
         system.addForce(field);
     }
-    /** Multiblob, sphere off its origin, rod or not, free particle or not, all in wells, above a wall or not. */
+    /** Multiblob, sphere off its origin, rod or not, free particle or not, all in wells, above a
+     * wall or not. */
     void addMixture(bool wall, bool rod = false, bool free = true) {
         addMassless(boomerangKind(), Vec3(0, 0, 4), randomTurn(1));
         BodyKind sphere = sphereKind(0.8);
@@ -84,7 +89,8 @@ struct OverdampedScene : FluidScene {
         for (const LabBody& body : bodies) {
             for (const Vector3d& offset : body.offsets) {
                 const Vector3d x = body.R + offset;
-                const Vector3d f(-4 * (x[0] - 1) - 0.3 * x[1], -2 * (x[1] + 1) - 0.3 * x[0], -2 * pow(x[2] - 4, 3));
+                const Vector3d f(-4 * (x[0] - 1) - 0.3 * x[1], -2 * (x[1] + 1) - 0.3 * x[0],
+                                 -2 * pow(x[2] - 4, 3));
                 wrenches.segment<3>(row) += f;
                 if (!body.isFree) wrenches.segment<3>(row + 3) += offset.cross(f);
             }
@@ -152,17 +158,20 @@ TEST(Overdamped, TimeDependentForcesAreTakenWhereTheSchemesTakeThem) {
             scene.start(testPlatform());
             scene.integrator.step(steps);
             const double mu = 1 / (6 * M_PI * scene.fluid->getViscosity());
-            error[k] = abs(scene.integrator.getBodyPositions()[0][0] - mu * (1 - cos(w * total)) / w);
+            error[k] =
+                abs(scene.integrator.getBodyPositions()[0][0] - mu * (1 - cos(w * total)) / w);
         }
         // Mid-point forces, as the drift-corrector's, make order 2 here.
-        const int order = RigidHIPlugin::overdampedScheme(s.scheme).forcesAt.back() == 0.5 ? 2 : s.order;
+        const int order =
+            RigidHIPlugin::overdampedScheme(s.scheme).forcesAt.back() == 0.5 ? 2 : s.order;
         EXPECT_NEAR(log2(error[0] / error[1]), order, 0.1) << s.name;
     }
 }
 
 TEST(Overdamped, VelocityIsMobilityTimesForce) {
-    // Every row, within the O(h) by which velocities change during the step. getMobilityInContext() has no rows of free particles, and
-    // the forces on these act on bodies too: so the mobility is the independent one, which is compared with the other where that is all.
+    // Every row, within the O(h) by which velocities change during the step. getMobilityInContext()
+    // has no rows of free particles, and the forces on these act on bodies too: so the mobility is
+    // the independent one, which is compared with the other where that is all.
     const double h = 1e-7;
     for (const Named& s : schemes) {
         for (bool wall : {false, true}) {
@@ -186,7 +195,8 @@ TEST(Overdamped, VelocityIsMobilityTimesForce) {
                 VectorXd found(twists.size());
                 for (size_t b = 0; b < R.size(); b++) {
                     const Eigen::AngleAxisd turn(rotationOf(q1[b]) * rotationOf(q[b]).transpose());
-                    found.segment(6 * b, 6) << toEigen(R1[b] - R[b]) / h, turn.angle() / h * turn.axis();
+                    found.segment(6 * b, 6) << toEigen(R1[b] - R[b]) / h,
+                        turn.angle() / h * turn.axis();
                 }
                 if (free) {
                     const int p = scene.freeParticles[0];
@@ -195,8 +205,9 @@ TEST(Overdamped, VelocityIsMobilityTimesForce) {
                 // Places of free particles are read from the Context, in its precision.
                 for (int i = 0; i < found.size(); i++)
                     EXPECT_NEAR(found[i], twists[i],
-                                free && i >= found.size() - 3 ? readTolerance(1e-6 * twists.norm(), 3 / h)
-                                                              : 1e-6 * twists.norm())
+                                free && i >= found.size() - 3
+                                    ? readTolerance(1e-6 * twists.norm(), 3 / h)
+                                    : 1e-6 * twists.norm())
                         << "row " << i;
                 // Nothing here is so small that it would pass as zero.
                 for (int i = 0; i < found.size(); i += 3)
@@ -209,7 +220,8 @@ TEST(Overdamped, VelocityIsMobilityTimesForce) {
 // ---- Averages ----
 
 TEST(Overdamped, DipoleInAField) {
-    // U = -k n_z in units of kT: <n_z> = coth k - 1/k. The body sits about a point off its centre of mobility, so N couples.
+    // U = -k n_z in units of kT: <n_z> = coth k - 1/k. The body sits about a point off its centre
+    // of mobility, so N couples.
     const double k = 2, exact = 1 / tanh(k) - 1 / k;
     for (const Named& s : schemes) {
         if (s.scheme == RigidHI::EulerMaruyama) continue;
@@ -217,7 +229,8 @@ TEST(Overdamped, DipoleInAField) {
         const int replicas = 50, steps = 2000, discard = 300;
         vector<int> groups;
         // n = (2(q1q3+q0q2), 2(q2q3-q0q1), ...), torque = k n x e_z = k (n_y, -n_x, 0).
-        auto* field = new CustomBodyForce("-0.5*x", "-0.5*y", "-0.5*z", "2*2*(q2*q3-q0*q1)", "-2*2*(q1*q3+q0*q2)", "0");
+        auto* field = new CustomBodyForce("-0.5*x", "-0.5*y", "-0.5*z", "2*2*(q2*q3-q0*q1)",
+                                          "-2*2*(q1*q3+q0*q2)", "0");
         for (int i = 0; i < replicas; i++) {
             scene.addMassless(boomerangKind(), Vec3(), OverdampedScene::randomTurn(i));
             field->addBody(i, {});
@@ -279,10 +292,11 @@ TEST(Overdamped, SpheresInFluidsWithoutWallsHaveNoDriftTerms) {
         MobilityForce::Solver solver;
         MobilityForce::Model model;
         MobilityForce::Boundary boundary;
-    } fluids[] = {{MobilityForce::Dense, MobilityForce::RotnePragerYamakawa, MobilityForce::Unbounded},
-                  {MobilityForce::MatrixFree, MobilityForce::RotnePragerYamakawa, MobilityForce::Unbounded},
-                  {MobilityForce::Dense, MobilityForce::RotnePragerYamakawa, MobilityForce::Periodic},
-                  {MobilityForce::Dense, MobilityForce::ForceCoupling, MobilityForce::Periodic}};
+    } fluids[] = {
+        {MobilityForce::Dense, MobilityForce::RotnePragerYamakawa, MobilityForce::Unbounded},
+        {MobilityForce::MatrixFree, MobilityForce::RotnePragerYamakawa, MobilityForce::Unbounded},
+        {MobilityForce::Dense, MobilityForce::RotnePragerYamakawa, MobilityForce::Periodic},
+        {MobilityForce::Dense, MobilityForce::ForceCoupling, MobilityForce::Periodic}};
     for (const auto& fluid : fluids) {
         const auto solver = fluid.solver;
         VectorXd eulerMaruyama;
@@ -296,9 +310,10 @@ TEST(Overdamped, SpheresInFluidsWithoutWallsHaveNoDriftTerms) {
             scene.fluid->setBoundary(fluid.boundary);
             scene.start(testPlatform());
             const auto effects = scene.integrator.getEffects();
-            EXPECT_EQ(effects.at("stochastic drift"), string("off: the mobility of spheres in ") +
-                                                          (scene.isPeriodic() ? "a periodic" : "an unbounded") +
-                                                          " fluid has no divergence");
+            EXPECT_EQ(effects.at("stochastic drift"),
+                      string("off: the mobility of spheres in ") +
+                          (scene.isPeriodic() ? "a periodic" : "an unbounded") +
+                          " fluid has no divergence");
             EXPECT_EQ(effects.at("finite differences").substr(0, 4), "off:");
             EXPECT_EQ(effects.at("warnings"), "off: none");
             scene.integrator.step(steps);
@@ -319,7 +334,9 @@ TEST(Overdamped, SpheresInFluidsWithoutWallsHaveNoDriftTerms) {
                 eulerMaruyama = scene.state();
                 itsStatistics = statistics;
             }
-            if (s.scheme != RigidHI::RandomFiniteDifference && s.scheme != RigidHI::TractionEulerMaruyama) continue;
+            if (s.scheme != RigidHI::RandomFiniteDifference &&
+                s.scheme != RigidHI::TractionEulerMaruyama)
+                continue;
             EXPECT_EQ((scene.state() - eulerMaruyama).cwiseAbs().maxCoeff(), 0);
             for (const char* name : {"mobilityProducts", "solverIterations"})
                 EXPECT_EQ(statistics.at(name), itsStatistics.at(name)) << name;
@@ -328,7 +345,8 @@ TEST(Overdamped, SpheresInFluidsWithoutWallsHaveNoDriftTerms) {
 }
 
 TEST(Overdamped, DriftIsOffOnlyWhereItIsZero) {
-    // A sphere off its body's origin, an own tensor, a wall, lubrication, and a multiblob beside a sphere have one.
+    // A sphere off its body's origin, an own tensor, a wall, lubrication, and a multiblob beside a
+    // sphere have one.
     const vector<pair<string, function<void(OverdampedScene&)> > > changes = {
         {"off the origin",
          [](OverdampedScene& scene) {
@@ -337,13 +355,16 @@ TEST(Overdamped, DriftIsOffOnlyWhereItIsZero) {
              scene.addMassless(sphere, Vec3(0, 5, 0));
          }},
         {"own tensor",
-         [](OverdampedScene& scene) { scene.fluid->setBodyMobility(0, rowsOf(tensorWithoutSymmetry(1))); }},
+         [](OverdampedScene& scene) {
+             scene.fluid->setBodyMobility(0, rowsOf(tensorWithoutSymmetry(1)));
+         }},
         {"wall",
          [](OverdampedScene& scene) {
              scene.fluid->setBoundary(MobilityForce::NoSlipWall);
              scene.fluid->setWallHeight(-3);
          }},
-        {"lubrication", [](OverdampedScene& scene) { scene.fluid->setModel(MobilityForce::StokesianDynamics); }},
+        {"lubrication",
+         [](OverdampedScene& scene) { scene.fluid->setModel(MobilityForce::StokesianDynamics); }},
         {"lubrication in a box",
          [](OverdampedScene& scene) {
              scene.fluid->setModel(MobilityForce::StokesianDynamics);
@@ -354,7 +375,8 @@ TEST(Overdamped, DriftIsOffOnlyWhereItIsZero) {
              scene.fluid->setBoundary(MobilityForce::Periodic);
              scene.addMassless(boomerangKind(), Vec3(0, 5, 0));
          }},
-        {"multiblob", [](OverdampedScene& scene) { scene.addMassless(boomerangKind(), Vec3(0, 5, 0)); }}};
+        {"multiblob",
+         [](OverdampedScene& scene) { scene.addMassless(boomerangKind(), Vec3(0, 5, 0)); }}};
     for (const auto& change : changes)
         for (const Named& s : schemes) {
             SCOPED_TRACE(change.first + ", " + s.name);
@@ -372,11 +394,12 @@ TEST(Overdamped, DriftIsOffOnlyWhereItIsZero) {
 }
 
 TEST(Overdamped, SpheresOnASpringHaveTheirDistance) {
-    // Two unequal spheres on a spring of energy k r^2/2: <r^2> = 3 kT/k, where they overlap and their mobility changes most. Square roots at
-    // the mid-point without the divergence of slips are 8 % off. The other schemes are one of these here.
+    // Two unequal spheres on a spring of energy k r^2/2: <r^2> = 3 kT/k, where they overlap and
+    // their mobility changes most. Square roots at the mid-point without the divergence of slips
+    // are 8 % off. The other schemes are one of these here.
     const double k = 3, exact = 3 / k;
-    for (Scheme scheme :
-         {RigidHI::EulerMaruyama, RigidHI::FixmanMidpoint, RigidHI::TrapezoidalSlip, RigidHI::DriftCorrectorRFD}) {
+    for (Scheme scheme : {RigidHI::EulerMaruyama, RigidHI::FixmanMidpoint, RigidHI::TrapezoidalSlip,
+                          RigidHI::DriftCorrectorRFD}) {
         OverdampedScene scene(scheme, T1, 0.04);
         const int replicas = 100, steps = 1500, discard = 50;
         vector<int> groups;
@@ -423,7 +446,10 @@ TEST(Overdamped, GroupsDoNotFeelEachOther) {
         one.start(testPlatform());
         both.integrator.step(5);
         one.integrator.step(5);
-        EXPECT_LT(norm(both.integrator.getBodyPositions()[2] - one.integrator.getBodyPositions()[0]), 1e-12) << s.name;
+        EXPECT_LT(
+            norm(both.integrator.getBodyPositions()[2] - one.integrator.getBodyPositions()[0]),
+            1e-12)
+            << s.name;
     }
 }
 
@@ -488,17 +514,19 @@ TEST(Overdamped, AnswersDoNotDependOnMasses) {
             EXPECT_EQ(effect,
                       solver == MobilityForce::MatrixFree
                           ? "on: applyMobilityInContext() does 1 group by iterations to 0.001; "
-                            "getMobilityInContext() 1 group by dense matrices; getFrictionInContext() 1 group by "
+                            "getMobilityInContext() 1 group by dense matrices; "
+                            "getFrictionInContext() 1 group by "
                             "dense matrices"
                           : "on: applyMobilityInContext() does 1 group by dense matrices; "
-                            "getMobilityInContext() 1 group by dense matrices; getFrictionInContext() 1 group by "
+                            "getMobilityInContext() 1 group by dense matrices; "
+                            "getFrictionInContext() 1 group by "
                             "dense matrices");
         }
         // Iterations are right to the tolerance in the norm of the friction, and do stop there.
         AnswerScene exact(false, MobilityForce::Dense, tolerance);
         const auto expected = exact.twists();
-        const VectorXd error =
-            Eigen::Map<const VectorXd>(found.data(), 24) - Eigen::Map<const VectorXd>(expected.data(), 24);
+        const VectorXd error = Eigen::Map<const VectorXd>(found.data(), 24) -
+                               Eigen::Map<const VectorXd>(expected.data(), 24);
         const double norm = Eigen::Map<const VectorXd>(expected.data(), 24).norm();
         EXPECT_LT(error.norm(), 5 * tolerance * norm);
         EXPECT_EQ(error.norm() > 1e-9 * norm, solver == MobilityForce::MatrixFree);
@@ -513,14 +541,17 @@ TEST(Overdamped, EffectsSayHowQuestionsAreAnswered) {
     spheres.fluid->setGroups({0, 0, 1});
     spheres.start(testPlatform());
     EXPECT_EQ(spheres.integrator.getEffects().at("mobilities asked for"),
-              "on: applyMobilityInContext() does 1 group by a constant tensor, 1 group by products without a matrix; "
-              "getMobilityInContext() 1 group by a constant tensor, 1 group by dense matrices; getFrictionInContext() "
+              "on: applyMobilityInContext() does 1 group by a constant tensor, 1 group by products "
+              "without a matrix; "
+              "getMobilityInContext() 1 group by a constant tensor, 1 group by dense matrices; "
+              "getFrictionInContext() "
               "1 group "
               "by a constant tensor, 1 group by dense matrices");
 }
 
 TEST(Overdamped, ColumnsOfManyBlobs) {
-    // A block of 864 blobs above a wall. Whether its mobility is made by iterations depends on the platform, its numbers only to the tolerance.
+    // A block of 864 blobs above a wall. Whether its mobility is made by iterations depends on the
+    // platform, its numbers only to the tolerance.
     const double tolerance = 1e-4;
     MatrixXd N[2];
     for (int k = 0; k < 2; k++) {
@@ -539,7 +570,8 @@ TEST(Overdamped, ColumnsOfManyBlobs) {
         const bool byColumns = k == 1 && (onCpu() || onDevice());
         EXPECT_NE(scene.integrator.getEffects()
                       .at("mobilities asked for")
-                      .find(byColumns ? "getMobilityInContext() 1 group by iterations to 0.0001, column by column;"
+                      .find(byColumns ? "getMobilityInContext() 1 group by iterations to 0.0001, "
+                                        "column by column;"
                                       : "getMobilityInContext() 1 group by dense matrices;"),
                   string::npos);
         EXPECT_EQ(N[k], N[k].transpose().eval());
@@ -551,10 +583,13 @@ TEST(Overdamped, ColumnsOfManyBlobs) {
 }
 
 TEST(Overdamped, SmallDifferencesOfIterationsAreNotRounding) {
-    // At this tolerance products within iterations may be in single precision, whose 1e-7 a finite-difference step of 1e-6 would make 6 to 16 % of
-    // the drift. In a step so long that noise is nothing beside it, the drift is that of exact matrices, from the same random directions.
+    // At this tolerance products within iterations may be in single precision, whose 1e-7 a
+    // finite-difference step of 1e-6 would make 6 to 16 % of the drift. In a step so long that
+    // noise is nothing beside it, the drift is that of exact matrices, from the same random
+    // directions.
     const double h = 1e9, tolerance = 1e-3;
-    const auto velocities = [&](Scheme scheme, MobilityForce::Solver solver, double solverTolerance) {
+    const auto velocities = [&](Scheme scheme, MobilityForce::Solver solver,
+                                double solverTolerance) {
         OverdampedScene scene(scheme, 300, h);
         for (int b = 0; b < 6; b++)
             scene.addMassless(boomerangKind(), Vec3(2.5 * (b % 2), 2.7 * (b / 2), 0.3 * b),
@@ -568,11 +603,13 @@ TEST(Overdamped, SmallDifferencesOfIterationsAreNotRounding) {
         const auto after = scene.integrator.getBodyPositions();
         // Translations only: bodies turn too often.
         VectorXd result(3 * before.size());
-        for (size_t b = 0; b < before.size(); b++) result.segment(3 * b, 3) = toEigen(after[b] - before[b]) / h;
+        for (size_t b = 0; b < before.size(); b++)
+            result.segment(3 * b, 3) = toEigen(after[b] - before[b]) / h;
         return result;
     };
-    // Differences are of iterations to a tenth of the tolerance. Dense roots have other noise, so the drift-corrector is compared with fine iterations;
-    // its divergence is less exact than its roots.
+    // Differences are of iterations to a tenth of the tolerance. Dense roots have other noise, so
+    // the drift-corrector is compared with fine iterations; its divergence is less exact than its
+    // roots.
     const struct {
         Scheme scheme;
         MobilityForce::Solver exactSolver;
@@ -626,7 +663,8 @@ TEST(Overdamped, SchemeMayChangeBetweenSteps) {
 }
 
 TEST(Overdamped, MasslessBodiesFromPositions) {
-    // The body frame is the principal frame of equal weights, its origin the centroid; inertia is zero.
+    // The body frame is the principal frame of equal weights, its origin the centroid; inertia is
+    // zero.
     OverdampedScene scene(RigidHI::RandomFiniteDifference, 300);
     const vector<Vec3> places = {Vec3(0, 0, 0), Vec3(2, 0, 0), Vec3(0, 1.5, 0), Vec3(0.3, 0, 1)};
     vector<int> members;
@@ -647,23 +685,25 @@ TEST(Overdamped, MasslessBodiesFromPositions) {
             EXPECT_NEAR(norm(x[i] - x[j]), norm(places[i] - places[j]), readTolerance(1e-12, 2));
     // Another scheme needs masses, of free particles too.
     scene.integrator.setScheme(RigidHI::LangevinHI);
-    expectError([&] { scene.integrator.step(1); }, {"body 0 has mass 0", "LangevinHI needs a positive mass"});
+    expectError([&] { scene.integrator.step(1); },
+                {"body 0 has mass 0", "LangevinHI needs a positive mass"});
 }
 
 // ---- What is refused ----
 
 TEST(Overdamped, Refused) {
     for (const Named& s : schemes) {
-        OverdampedScene unseen(s.scheme), remover(s.scheme), barostat(s.scheme), velocities(s.scheme),
-            constraint(s.scheme);
+        OverdampedScene unseen(s.scheme), remover(s.scheme), barostat(s.scheme),
+            velocities(s.scheme), constraint(s.scheme);
         unseen.addMixture(false);
         unseen.addFree(5, 0, Vec3(0, 9, 9));
-        expectError(
-            [&] { unseen.start(testPlatform()); },
-            {"particle", "is in no body and has hydrodynamic radius 0, so scheme " + s.name, "mass 0 to hold it"});
+        expectError([&] { unseen.start(testPlatform()); },
+                    {"particle", "is in no body and has hydrodynamic radius 0, so scheme " + s.name,
+                     "mass 0 to hold it"});
         remover.addMixture(false);
         remover.system.addForce(new CMMotionRemover());
-        expectError([&] { remover.start(testPlatform()); }, {"CMMotionRemover", s.name, "no momenta to remove"});
+        expectError([&] { remover.start(testPlatform()); },
+                    {"CMMotionRemover", s.name, "no momenta to remove"});
         velocities.addMixture(false);
         auto* drag = new CustomBodyForce("-vx", "0", "0", "0", "0", "0");
         drag->addBody(0, {});
@@ -673,7 +713,8 @@ TEST(Overdamped, Refused) {
         constraint.addMixture(false);
         constraint.addFree(1, 0.2, Vec3(9, 9, 9));
         constraint.addFree(1, 0.2, Vec3(9, 9, 8));
-        constraint.system.addConstraint(constraint.freeParticles[1], constraint.freeParticles[2], 1);
+        constraint.system.addConstraint(constraint.freeParticles[1], constraint.freeParticles[2],
+                                        1);
         expectError([&] { constraint.start(testPlatform()); },
                     {"constraints between particles that are in no body", s.name});
 
@@ -692,7 +733,8 @@ TEST(Overdamped, LangevinNeedsMassesOfFreeParticles) {
     scene.add(sphereKind(1));
     scene.addFree(0, 0.4, Vec3(0, 5, 0));
     expectError([&] { scene.start(testPlatform()); },
-                {"particle 1 has hydrodynamic radius 0.4", "which scheme LangevinHI needs; give it a mass"});
+                {"particle 1 has hydrodynamic radius 0.4",
+                 "which scheme LangevinHI needs; give it a mass"});
     // A virtual site is moved by others.
     OverdampedScene site(RigidHI::EulerMaruyama);
     site.addMassless(sphereKind(1));
@@ -700,15 +742,17 @@ TEST(Overdamped, LangevinNeedsMassesOfFreeParticles) {
     site.addFree(0, 0.5, Vec3(4, 0, 0));
     site.addFree(0, 0.5, Vec3(3.5, 0, 0));
     site.system.setVirtualSite(3, new OpenMM::TwoParticleAverageSite(1, 2, 0.5, 0.5));
-    expectError([&] { site.start(testPlatform()); }, {"particle 3 has hydrodynamic radius 0.5",
-                                                      "is a virtual site in no body, which the fluid cannot move"});
+    expectError([&] { site.start(testPlatform()); },
+                {"particle 3 has hydrodynamic radius 0.5",
+                 "is a virtual site in no body, which the fluid cannot move"});
 }
 
 TEST(Overdamped, Settings) {
     RigidHI integrator(300, 0.01);
     EXPECT_EQ(integrator.getFiniteDifferenceStep(), 0);
     for (double bad : {-1e-3, 0.2, double(NAN)})
-        expectError([&] { integrator.setFiniteDifferenceStep(bad); }, {"setFiniteDifferenceStep()", "relative step"});
+        expectError([&] { integrator.setFiniteDifferenceStep(bad); },
+                    {"setFiniteDifferenceStep()", "relative step"});
     expectError([&] { integrator.setFiniteDifferenceStep(0.2); }, {"must not be above 0.1"});
     const int beyond = size(schemeTable);
     expectError([&] { integrator.setScheme(Scheme(beyond)); },
@@ -728,7 +772,8 @@ TEST(Overdamped, MessagesNameTheToleranceThatWasSet) {
             scene.integrator.step(5);
         } catch (const OpenMM::OpenMMException& error) {
             cout << s.name << ": " << error.what() << endl;
-            EXPECT_NE(string(error.what()).find("the tolerance of 1e-14"), string::npos) << error.what();
+            EXPECT_NE(string(error.what()).find("the tolerance of 1e-14"), string::npos)
+                << error.what();
             seen++;
         }
     }
@@ -737,18 +782,19 @@ TEST(Overdamped, MessagesNameTheToleranceThatWasSet) {
 
 /** Spheres on all sides of each other, nearer than any finite difference. */
 TEST(Overdamped, FiniteDifferencesThatLeadNowhere) {
-    for (Scheme scheme : {RigidHI::RandomFiniteDifference, RigidHI::TractionEulerMaruyama, RigidHI::TrapezoidalSlip,
-                          RigidHI::DriftCorrectorRFD}) {
+    for (Scheme scheme : {RigidHI::RandomFiniteDifference, RigidHI::TractionEulerMaruyama,
+                          RigidHI::TrapezoidalSlip, RigidHI::DriftCorrectorRFD}) {
         OverdampedScene scene(scheme, T1, 1e-12);
         scene.fluid->setModel(MobilityForce::StokesianDynamics);
         scene.integrator.setFiniteDifferenceStep(0.1);
         const double d = 2 + 1e-7;
-        for (const Vec3& x :
-             {Vec3(0, 0, 0), Vec3(1, 1, 0), Vec3(1, 0, 1), Vec3(0, 1, 1), Vec3(2, 0, 0), Vec3(-1, 1, 0)})
+        for (const Vec3& x : {Vec3(0, 0, 0), Vec3(1, 1, 0), Vec3(1, 0, 1), Vec3(0, 1, 1),
+                              Vec3(2, 0, 0), Vec3(-1, 1, 0)})
             scene.addMassless(sphereKind(1), x * (d / sqrt(2.0)));
         scene.start(testPlatform());
         expectError([&] { scene.integrator.step(1); },
-                    {"finite difference of the stochastic drift leads where the model has no mobility, both ways",
+                    {"finite difference of the stochastic drift leads where the model has no "
+                     "mobility, both ways",
                      "use a smaller setFiniteDifferenceStep()"});
     }
 }
@@ -782,7 +828,8 @@ TEST(Overdamped, StartsInContactWithTheWall) {
             scene.integrator.step(200);
             const auto x = positionsOf(*scene.context);
             for (int i = 0; i < scene.system.getNumParticles(); i++)
-                EXPECT_GE(x[i][2], crossing ? 0 : scene.fluid->getParticleRadius(i) * (1 - 1e-12)) << s.name;
+                EXPECT_GE(x[i][2], crossing ? 0 : scene.fluid->getParticleRadius(i) * (1 - 1e-12))
+                    << s.name;
             if (!crossing) {
                 EXPECT_GT(scene.integrator.getNumRejectedSteps(), 0) << s.name;
             }
@@ -810,7 +857,8 @@ void expectIntact(OverdampedScene& scene, const vector<Vec3>& before, double tol
     double lowest = INFINITY, largest = 0;
     for (size_t i = 0; i < x.size(); i++) {
         lowest = min(lowest, x[i][2]);
-        for (size_t j = 0; j < i; j++) largest = max(largest, abs(norm(x[i] - x[j]) - norm(before[i] - before[j])));
+        for (size_t j = 0; j < i; j++)
+            largest = max(largest, abs(norm(x[i] - x[j]) - norm(before[i] - before[j])));
     }
     EXPECT_GE(lowest, 1 - readTolerance(1e-12, 1));
     EXPECT_LT(largest, readTolerance(tolerance, 10));
@@ -818,10 +866,12 @@ void expectIntact(OverdampedScene& scene, const vector<Vec3>& before, double tol
 
 }  // namespace
 
-/** A hundred times the weight presses the boomerang on the wall, where steps are ten times too long for the repulsion. */
+/** A hundred times the weight presses the boomerang on the wall, where steps are ten times too long
+ * for the repulsion. */
 TEST(Overdamped, StrongGravity) {
     for (const Named& s : schemes) {
-        if (s.scheme == RigidHI::DriftCorrectorFD) continue;  // as the other, at three times the cost
+        if (s.scheme == RigidHI::DriftCorrectorFD)
+            continue;  // as the other, at three times the cost
         OverdampedScene scene(s.scheme, T1, 0.05);
         addBoomerang(scene, 100);
         scene.integrator.setMaximumRejections(10000);
@@ -867,7 +917,8 @@ TEST(Overdamped, StepsThroughTheWallWithoutNoiseAreAnError) {
     }
 }
 
-/** What is wrong with a start is said of it, not of the step: also by schemes that take no mobility there. */
+/** What is wrong with a start is said of it, not of the step: also by schemes that take no mobility
+ * there. */
 TEST(Overdamped, StartsBelowTheWallAreNamed) {
     for (const Named& s : schemes)
         for (double temperature : {0.0, T1}) {
@@ -900,7 +951,8 @@ TEST(Overdamped, StiffStepsEndInAnErrorThatNamesTheBody) {
                 {"(body 0)", "the step was redone 5 times in a row", "take a smaller step"});
 }
 
-/** The mean height of a sphere above a wall: exp(-U/kT) with the drift, exp(-U/kT)/mu_perp without it. */
+/** The mean height of a sphere above a wall: exp(-U/kT) with the drift, exp(-U/kT)/mu_perp without
+ * it. */
 TEST(Overdamped, HeightAboveAWall) {
     const double a = 1, g = 1, repulsion = 10, decay = 3;
     double sum[2] = {0, 0}, first[2] = {0, 0};
@@ -943,10 +995,12 @@ TEST(Overdamped, HeightAboveAWall) {
             const auto R = scene.integrator.getBodyPositions();
             for (int b = 0; b < replicas; b++) means[b] += R[b][2] / (steps / 10);
         }
-        // Relaxation takes about 10 time units, so every replica has about 8 independent heights of standard deviation 1.
+        // Relaxation takes about 10 time units, so every replica has about 8 independent heights of
+        // standard deviation 1.
         const Estimate found = estimate(means);
         EXPECT_LT(found.error, 0.05);
-        expectMean(name + ", height", found, scheme == RigidHI::EulerMaruyama ? withoutDrift : right);
+        expectMean(name + ", height", found,
+                   scheme == RigidHI::EulerMaruyama ? withoutDrift : right);
         if (scheme == RigidHI::EulerMaruyama) {
             EXPECT_GT(right - found.mean, 5 * found.error);
         } else {
@@ -971,7 +1025,8 @@ TEST(Overdamped, ParticlesWithoutMassAndRadiusDoNotMove) {
     }
 }
 
-/** Default finite differences must not lead long bodies near the wall through it, however coarse the tolerance. */
+/** Default finite differences must not lead long bodies near the wall through it, however coarse
+ * the tolerance. */
 TEST(Overdamped, CoarseTolerancesNearTheWall) {
     for (const Named& s : schemes) {
         OverdampedScene scene(s.scheme, T1, 1e-3);
@@ -1005,7 +1060,8 @@ TEST(Overdamped, TwoHundredBodiesAboveAWall) {
         for (const Vec3& v : {Vec3(1, 1, 1), Vec3(1, -1, -1), Vec3(-1, 1, -1), Vec3(-1, -1, 1)})
             tetramer.sites.push_back(v * (0.5 / sqrt(2.0)));
         for (int i = 0; i < n; i++)
-            scene.addMassless(i % 4 ? sphereKind(1) : tetramer, Vec3(spacing * (i % 15), spacing * (i / 15), 1.6),
+            scene.addMassless(i % 4 ? sphereKind(1) : tetramer,
+                              Vec3(spacing * (i % 15), spacing * (i / 15), 1.6),
                               OverdampedScene::randomTurn(i));
         scene.addWells("z + 10*exp(-3*(z-0.6))");
         scene.start(testPlatform(), 2);
@@ -1013,7 +1069,8 @@ TEST(Overdamped, TwoHundredBodiesAboveAWall) {
         scene.integrator.step(2);
         const VectorXd moved = scene.state() - before;
         EXPECT_TRUE(moved.allFinite()) << s.name;
-        // Each coordinate's variance is at most 2 kT t/(6 pi eta a), a >= 0.5, and turning adds as much again.
+        // Each coordinate's variance is at most 2 kT t/(6 pi eta a), a >= 0.5, and turning adds as
+        // much again.
         EXPECT_LT(moved.cwiseAbs().maxCoeff(), 6 * sqrt(2 * 0.04 * 2 * 2)) << s.name;
         EXPECT_GT(moved.squaredNorm() / moved.size(), 0.01) << s.name;
         EXPECT_GT(scene.integrator.getStepStatistics().at("solverIterations"), 0) << s.name;

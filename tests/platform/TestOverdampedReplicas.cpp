@@ -30,15 +30,17 @@ vector<Named> overdampedSchemes() {
     vector<Named> found;
     for (const RigidHIPlugin::SchemeTraits& traits : RigidHIPlugin::schemeTable)
         if (traits.isOverdamped())
-            found.push_back(
-                {traits.scheme, traits.name, RigidHIPlugin::overdampedScheme(traits.scheme).numStages() > 1});
+            found.push_back({traits.scheme, traits.name,
+                             RigidHIPlugin::overdampedScheme(traits.scheme).numStages() > 1});
     return found;
 }
 const vector<Named> schemes = overdampedSchemes();
 
-/** Massless bodies of mobility about 1 above a wall at z = 0, under a weight of 1 on each particle. */
+/** Massless bodies of mobility about 1 above a wall at z = 0, under a weight of 1 on each particle.
+ */
 struct ReplicaScene : FluidScene {
-    explicit ReplicaScene(Scheme scheme, double temperature = T1, double h = 0.3) : FluidScene(temperature, h) {
+    explicit ReplicaScene(Scheme scheme, double temperature = T1, double h = 0.3)
+        : FluidScene(temperature, h) {
         integrator.setScheme(scheme);
         fluid->setBoundary(MobilityForce::NoSlipWall);
         fluid->setViscosity(1 / (6 * M_PI));
@@ -65,7 +67,8 @@ struct ReplicaScene : FluidScene {
 
 }  // namespace
 
-/** A step of 64 replicas of which each redoes one step in seven costs hardly more than one in which none does. */
+/** A step of 64 replicas of which each redoes one step in seven costs hardly more than one in which
+ * none does. */
 TEST(OverdampedReplicas, AStepIsRedoneByThoseThatMust) {
     const int n = 64, steps = 100, limit = 20;
     for (const Named& s : schemes) {
@@ -78,12 +81,13 @@ TEST(OverdampedReplicas, AStepIsRedoneByThoseThatMust) {
             const int before = scene.integrator.getNumRejectedSteps();
             scene.integrator.step(1);
             most = max(most, scene.integrator.getNumRejectedSteps() - before);
-            for (const Vec3& R : scene.integrator.getBodyPositions()) ASSERT_GE(R[2], 1 - 1e-11) << s.name;
+            for (const Vec3& R : scene.integrator.getBodyPositions())
+                ASSERT_GE(R[2], 1 - 1e-11) << s.name;
         }
         const double perReplica = scene.integrator.getNumRejectedSteps() / double(n * steps),
                      forces = scene.integrator.getStepStatistics().at("forceEvaluations") / steps;
-        cout << s.name << ": " << perReplica << " of the replicas' steps were redone, " << most << " in one step; "
-             << forces << " force evaluations a step" << endl;
+        cout << s.name << ": " << perReplica << " of the replicas' steps were redone, " << most
+             << " in one step; " << forces << " force evaluations a step" << endl;
         EXPECT_GT(perReplica, 0.05) << s.name;
         EXPECT_LT(perReplica, 0.35) << s.name;
         // The limit is one replica's: together they redo more.
@@ -96,19 +100,23 @@ TEST(OverdampedReplicas, AStepIsRedoneByThoseThatMust) {
     }
 }
 
-/** What one replica does, bit for bit, depends neither on what others redo nor on whether there are any. */
+/** What one replica does, bit for bit, depends neither on what others redo nor on whether there are
+ * any. */
 TEST(OverdampedReplicas, AReplicaDoesNotFeelWhatOthersRedo) {
     const int n = 24, steps = 100;
     for (const Named& s : schemes) {
-        // All near the wall; number 0 with free particles, which belong to its group, alone; all but these and one replica far up.
-        ReplicaScene all(s.scheme, T1, 0.1), alone(s.scheme, T1, 0.1), othersHigh(s.scheme, T1, 0.1);
+        // All near the wall; number 0 with free particles, which belong to its group, alone; all
+        // but these and one replica far up.
+        ReplicaScene all(s.scheme, T1, 0.1), alone(s.scheme, T1, 0.1),
+            othersHigh(s.scheme, T1, 0.1);
         int vsite = 0;
         for (ReplicaScene* scene : {&all, &alone, &othersHigh}) {
             scene->addReplica(boomerangKind(), 3);
             for (double y : {0.0, 3.0}) scene->addFree(0, 1, Vec3(6, y, 1.5));
             const vector<int>& free = scene->freeParticles;
             vsite = scene->system.addParticle(0);
-            scene->system.setVirtualSite(vsite, new TwoParticleAverageSite(free[0], free[1], 0.25, 0.75));
+            scene->system.setVirtualSite(vsite,
+                                         new TwoParticleAverageSite(free[0], free[1], 0.25, 0.75));
             scene->fluid->addParticle(0);
             scene->positions.push_back(Vec3());
             if (scene != &alone) scene->addSpheres(n - 1, scene == &all ? 1.5 : 1000);
@@ -125,26 +133,33 @@ TEST(OverdampedReplicas, AReplicaDoesNotFeelWhatOthersRedo) {
                        xHigh = positionsOf(*othersHigh.context);
             const vector<Vec3> ofFirst(x.begin(), x.begin() + xAlone.size());
             ASSERT_TRUE(sameBits(ofFirst, xAlone)) << s.name << " step " << i;
-            ASSERT_TRUE(sameBits(ofFirst, vector<Vec3>(xHigh.begin(), xHigh.begin() + xAlone.size()))) << s.name;
+            ASSERT_TRUE(
+                sameBits(ofFirst, vector<Vec3>(xHigh.begin(), xHigh.begin() + xAlone.size())))
+                << s.name;
             ASSERT_TRUE(sameBits({all.integrator.getBodyPositions()[replica]},
                                  {othersHigh.integrator.getBodyPositions()[replica]}))
                 << s.name << " step " << i;
             EXPECT_EQ(all.integrator.getBodyOrientations()[replica],
                       othersHigh.integrator.getBodyOrientations()[replica]);
-            ASSERT_LT(norm(x[vsite] - (x[free[0]] * 0.25 + x[free[1]] * 0.75)), readTolerance(1e-12, 10)) << s.name;
+            ASSERT_LT(norm(x[vsite] - (x[free[0]] * 0.25 + x[free[1]] * 0.75)),
+                      readTolerance(1e-12, 10))
+                << s.name;
         }
-        // Forces are those of where the scheme took them last, whether it asked for them again or not.
-        EXPECT_TRUE(sameBits({all.integrator.getBodyForces()[0], all.integrator.getBodyTorques()[0]},
-                             {alone.integrator.getBodyForces()[0], alone.integrator.getBodyTorques()[0]}))
-            << s.name;
+        // Forces are those of where the scheme took them last, whether it asked for them again or
+        // not.
         EXPECT_TRUE(
-            sameBits({all.integrator.getBodyForces()[replica]}, {othersHigh.integrator.getBodyForces()[replica]}))
+            sameBits({all.integrator.getBodyForces()[0], all.integrator.getBodyTorques()[0]},
+                     {alone.integrator.getBodyForces()[0], alone.integrator.getBodyTorques()[0]}))
+            << s.name;
+        EXPECT_TRUE(sameBits({all.integrator.getBodyForces()[replica]},
+                             {othersHigh.integrator.getBodyForces()[replica]}))
             << s.name;
         // It can fail: number 0, this replica and many others were redone.
-        const int byFirst = alone.integrator.getNumRejectedSteps(), byTwo = othersHigh.integrator.getNumRejectedSteps();
+        const int byFirst = alone.integrator.getNumRejectedSteps(),
+                  byTwo = othersHigh.integrator.getNumRejectedSteps();
         EXPECT_GT(byFirst, 3) << s.name;
-        cout << s.name << ": redone by the first " << byFirst << ", with the replica " << byTwo << ", by all "
-             << all.integrator.getNumRejectedSteps() << endl;
+        cout << s.name << ": redone by the first " << byFirst << ", with the replica " << byTwo
+             << ", by all " << all.integrator.getNumRejectedSteps() << endl;
         EXPECT_GT(byTwo, byFirst) << s.name;
         EXPECT_GT(all.integrator.getNumRejectedSteps(), byTwo + 5 * n) << s.name;
     }
@@ -153,8 +168,8 @@ TEST(OverdampedReplicas, AReplicaDoesNotFeelWhatOthersRedo) {
 /** Heights of many replicas are those of one. */
 TEST(OverdampedReplicas, HeightsAreThoseOfOneReplica) {
     const int n = 64, steps = 150, discard = 50;
-    for (Scheme scheme : {RigidHI::RandomFiniteDifference, RigidHI::FixmanMidpoint, RigidHI::TrapezoidalSlip,
-                          RigidHI::DriftCorrectorRFD}) {
+    for (Scheme scheme : {RigidHI::RandomFiniteDifference, RigidHI::FixmanMidpoint,
+                          RigidHI::TrapezoidalSlip, RigidHI::DriftCorrectorRFD}) {
         ReplicaScene many(scheme), one(scheme);
         many.addSpheres(n, 1.8);
         one.addSpheres(1, 1.8);
@@ -163,7 +178,8 @@ TEST(OverdampedReplicas, HeightsAreThoseOfOneReplica) {
         one.begin();
         many.integrator.step(discard);
         one.integrator.step(discard);
-        vector<double> heights(n, 0.0), blocks(n, 0.0), nearContact(n, 0.0), blocksNearContact(n, 0.0);
+        vector<double> heights(n, 0.0), blocks(n, 0.0), nearContact(n, 0.0),
+            blocksNearContact(n, 0.0);
         for (int i = 0; i < steps; i++) {
             many.integrator.step(1);
             const auto R = many.integrator.getBodyPositions();
@@ -172,7 +188,8 @@ TEST(OverdampedReplicas, HeightsAreThoseOfOneReplica) {
                 nearContact[b] += (R[b][2] < 1.2) / double(steps);
             }
         }
-        // Heights relax in about 4 time units, 13 steps, so blocks as long as the replicas' runs are independent.
+        // Heights relax in about 4 time units, 13 steps, so blocks as long as the replicas' runs
+        // are independent.
         for (int i = 0; i < n * steps; i++) {
             one.integrator.step(1);
             const double z = one.integrator.getBodyPositions()[0][2];
@@ -184,12 +201,14 @@ TEST(OverdampedReplicas, HeightsAreThoseOfOneReplica) {
             expectMean(what, {a.mean - b.mean, hypot(a.error, b.error)}, 0);
         };
         expectEqual("difference of mean heights", estimate(heights), estimate(blocks));
-        expectEqual("difference of times near contact", estimate(nearContact), estimate(blocksNearContact));
+        expectEqual("difference of times near contact", estimate(nearContact),
+                    estimate(blocksNearContact));
         EXPECT_LT(estimate(heights).error, 0.15);
     }
 }
 
-/** A replica that no noise helps is an error, which leaves all as they were: those too that had reached their ends. */
+/** A replica that no noise helps is an error, which leaves all as they were: those too that had
+ * reached their ends. */
 TEST(OverdampedReplicas, ARejectionThatDoesNotHelpRestoresAll) {
     for (const Named& s : schemes)
         for (bool onlyInBetween : {false, true}) {
@@ -197,15 +216,17 @@ TEST(OverdampedReplicas, ARejectionThatDoesNotHelpRestoresAll) {
             ReplicaScene scene(s.scheme, T1, 1e-3);
             scene.addSpheres(8, 3);
             // In between the time is h/2 or h.
-            auto* push = new CustomBodyForce("0", "0", onlyInBetween ? "-1e6*step(t-1e-4)" : "-1e6", "0", "0", "0");
+            auto* push = new CustomBodyForce("0", "0", onlyInBetween ? "-1e6*step(t-1e-4)" : "-1e6",
+                                             "0", "0", "0");
             push->addBody(5, {});
             scene.system.addForce(push);
             scene.integrator.setMaximumRejections(4);
             scene.begin();
             const auto before = positionsOf(*scene.context);
             const auto q = scene.integrator.getBodyOrientations();
-            expectError([&] { scene.integrator.step(1); },
-                        {"step 1: ", "particle 5 (body 5)", "the step was redone 4 times in a row"});
+            expectError(
+                [&] { scene.integrator.step(1); },
+                {"step 1: ", "particle 5 (body 5)", "the step was redone 4 times in a row"});
             EXPECT_TRUE(sameBits(positionsOf(*scene.context), before)) << s.name;
             EXPECT_EQ(scene.integrator.getBodyOrientations(), q) << s.name;
             EXPECT_EQ(scene.integrator.getNumRejectedSteps(), 5) << s.name;
@@ -218,7 +239,8 @@ TEST(OverdampedReplicas, ARejectionThatDoesNotHelpRestoresAll) {
             const double perSphere = calm.integrator.getStepStatistics().at("randomNumbers") / 8;
             EXPECT_EQ(statistics.at("randomNumbers"), perSphere * (8 + 4)) << s.name;
             // Forces in between are wanted again for each attempt, where one comes so far.
-            const bool atStart = s.name.substr(0, 5) != "Drift", inBetween = onlyInBetween || !atStart;
+            const bool atStart = s.name.substr(0, 5) != "Drift",
+                       inBetween = onlyInBetween || !atStart;
             EXPECT_EQ(statistics.at("forceEvaluations"), atStart + 5 * inBetween) << s.name;
             // All go on when it can, out of reach of the wall.
             auto R = scene.integrator.getBodyPositions();
@@ -228,7 +250,8 @@ TEST(OverdampedReplicas, ARejectionThatDoesNotHelpRestoresAll) {
         }
 }
 
-/** Groups large enough to be spread over threads: the same steps are redone, and lead to the same places. */
+/** Groups large enough to be spread over threads: the same steps are redone, and lead to the same
+ * places. */
 TEST(OverdampedReplicas, ThreadsDoNotMatter) {
     for (const Named& s : schemes) {
         vector<Vec3> places[2];
@@ -278,6 +301,7 @@ TEST(OverdampedReplicas, AForbiddenStartIsNamed) {
             const bool asksLater = temperature == 0 && s.name.substr(0, 5) == "Drift";
             expectError([&] { scene.integrator.step(1); },
                         {"particle 2 (body 2) has its centre 0.9 nm above the wall", "move it up",
-                         asksLater ? "step 1: it starts where the model has no mobility: " : "MobilityForce: "});
+                         asksLater ? "step 1: it starts where the model has no mobility: "
+                                   : "MobilityForce: "});
         }
 }

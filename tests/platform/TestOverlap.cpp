@@ -19,13 +19,15 @@ namespace {
 
 /** Two unit spheres on the x axis at a gap, pushed together by a force. */
 struct Pair {
-    Pair(double gap, double push, double temperature, double h, double minimumGap = 0, double mass = 1, int seed = 3)
+    Pair(double gap, double push, double temperature, double h, double minimumGap = 0,
+         double mass = 1, int seed = 3)
         : integrator(temperature, h), force(new MobilityForce()) {
         auto* pushing = new CustomExternalForce("side*push*x");
         pushing->addPerParticleParameter("side");
         pushing->addGlobalParameter("push", push);
         for (int i = 0; i < 2; i++) {
-            integrator.addRigidBody({system.addParticle(mass)}, mass, Vec3(0.4, 0.4, 0.4) * mass, {Vec3()});
+            integrator.addRigidBody({system.addParticle(mass)}, mass, Vec3(0.4, 0.4, 0.4) * mass,
+                                    {Vec3()});
             force->addParticle(1);
             pushing->addParticle(i, {i == 0 ? -1.0 : 1.0});
         }
@@ -36,7 +38,8 @@ struct Pair {
         system.addForce(pushing);
         integrator.setScheme(CustomRigidHIIntegrator::LangevinHI);
         integrator.setRandomNumberSeed(seed);
-        context.reset(new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
+        context.reset(
+            new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
         context->setPositions({Vec3(-1 - gap / 2, 0, 0), Vec3(1 + gap / 2, 0, 0)});
     }
     double gap() {
@@ -53,9 +56,11 @@ struct Pair {
 
 TEST(Overlap, AnOverlappingStartIsRefusedWithThePairNamed) {
     Pair pair(-0.1, 0, 300, 0.01);
-    expectError([&] { pair.integrator.step(1); }, {"particle 0 (body 0)", "particle 1 (body 1)", "overlap",
-                                                   readTolerance(0, 1) < 1e-12 ? "1.9 nm" : "1.8999999"});
-    expectError([&] { pair.force->getMobilityInContext(*pair.context); }, {"overlap", "setMinimumGap"});
+    expectError([&] { pair.integrator.step(1); },
+                {"particle 0 (body 0)", "particle 1 (body 1)", "overlap",
+                 readTolerance(0, 1) < 1e-12 ? "1.9 nm" : "1.8999999"});
+    expectError([&] { pair.force->getMobilityInContext(*pair.context); },
+                {"overlap", "setMinimumGap"});
     EXPECT_NEAR(pair.gap(), -0.1, readTolerance(1e-12, 1));
 }
 
@@ -99,7 +104,8 @@ TEST(Overlap, WithoutNoiseOrPatienceItIsAnError) {
     expectError([&] { collide(warm); }, {"7 times in a row", "setMaximumRejections()"});
     EXPECT_GT(warm.gap(), 0);
     EXPECT_EQ(warm.integrator.getNumRejectedSteps(), 8);
-    expectError([&] { warm.integrator.setMaximumRejections(-1); }, {"setMaximumRejections()", "-1"});
+    expectError([&] { warm.integrator.setMaximumRejections(-1); },
+                {"setMaximumRejections()", "-1"});
 }
 
 TEST(Overlap, AMinimumGapLetsSpheresThrough) {
@@ -112,9 +118,10 @@ TEST(Overlap, AMinimumGapLetsSpheresThrough) {
 }
 
 TEST(Overlap, LooksAheadWithTheForcesThatTheNextStepStartsWith) {
-    // A drive of c v with c h/2m = 0.5: the force predicted for the end of a step is less than that for the velocity
-    // reached, with which the next step starts. A look ahead with the former passes gaps of 0.202 to 0.208, which overlap
-    // at the next mid-step, where no noise can help and nothing is redone.
+    // A drive of c v with c h/2m = 0.5: the force predicted for the end of a step is less than that
+    // for the velocity reached, with which the next step starts. A look ahead with the former
+    // passes gaps of 0.202 to 0.208, which overlap at the next mid-step, where no noise can help
+    // and nothing is redone.
     int refused = 0;
     for (double gap = 0.1; gap < 0.4; gap += 0.002) {
         Pair pair(gap, 0, 0, 0.1, 0, 1000);
@@ -127,7 +134,8 @@ TEST(Overlap, LooksAheadWithTheForcesThatTheNextStepStartsWith) {
         try {
             pair.integrator.step(3);
         } catch (const OpenMMException& e) {
-            EXPECT_NE(string(e.what()).find("at temperature 0 no other noise can help"), string::npos)
+            EXPECT_NE(string(e.what()).find("at temperature 0 no other noise can help"),
+                      string::npos)
                 << gap << ": " << e.what();
             refused++;
         }

@@ -1,4 +1,5 @@
-// Periodic fluids in a Context: the box at every step, what does not fit into it, what it does to schemes.
+// Periodic fluids in a Context: the box at every step, what does not fit into it, what it does to
+// schemes.
 
 #include <openmm/CustomExternalForce.h>
 #include <openmm/HarmonicBondForce.h>
@@ -21,10 +22,13 @@ struct Box {
 };
 const Box small = {Vec3(6, 0, 0), Vec3(0, 6.5, 0), Vec3(0, 0, 7)},
           large = {Vec3(11, 0, 0), Vec3(2, 10, 0), Vec3(-3, 1, 9)};
-void setBox(FluidScene& scene, const Box& box) { scene.context->setPeriodicBoxVectors(box.a, box.b, box.c); }
+void setBox(FluidScene& scene, const Box& box) {
+    scene.context->setPeriodicBoxVectors(box.a, box.b, box.c);
+}
 
 struct PeriodicScene : FluidScene {
-    explicit PeriodicScene(double temperature = 0, double h = 0.01, RigidHI::Scheme scheme = RigidHI::LangevinHI,
+    explicit PeriodicScene(double temperature = 0, double h = 0.01,
+                           RigidHI::Scheme scheme = RigidHI::LangevinHI,
                            MobilityForce::Model model = MobilityForce::RotnePragerYamakawa)
         : FluidScene(temperature, h) {
         fluid->setBoundary(MobilityForce::Periodic);
@@ -35,24 +39,28 @@ struct PeriodicScene : FluidScene {
     void addBodies() {
         add(sphereKind(1), Vec3(0, 0, 0));
         add(sphereKind(0.6), Vec3(2.1, 0.3, 0.2));
-        if (fluid->getModel() != MobilityForce::StokesianDynamics) add(boomerangKind(), Vec3(-1, 2.5, 2.4));
+        if (fluid->getModel() != MobilityForce::StokesianDynamics)
+            add(boomerangKind(), Vec3(-1, 2.5, 2.4));
         auto* pull = new CustomExternalForce("0.7*x-0.4*y+0.2*z*z");
         for (int i = 0; i < system.getNumParticles(); i++) pull->addParticle(i, vector<double>());
         system.addForce(pull);
     }
 };
-const MobilityForce::Model models[] = {MobilityForce::RotnePragerYamakawa, MobilityForce::StokesianDynamics,
+const MobilityForce::Model models[] = {MobilityForce::RotnePragerYamakawa,
+                                       MobilityForce::StokesianDynamics,
                                        MobilityForce::ForceCoupling};
-const RigidHI::Scheme schemes[] = {RigidHI::LangevinHI, RigidHI::EulerMaruyama, RigidHI::TrapezoidalSlip,
-                                   RigidHI::DriftCorrectorFD};
+const RigidHI::Scheme schemes[] = {RigidHI::LangevinHI, RigidHI::EulerMaruyama,
+                                   RigidHI::TrapezoidalSlip, RigidHI::DriftCorrectorFD};
 
 }  // namespace
 
 TEST(Periodic, TheBoxOfAStepIsThatOfTheContextWhenItBegins) {
-    // A box that is changed between steps: the same step as in a Context that always had it, bit for bit.
+    // A box that is changed between steps: the same step as in a Context that always had it, bit
+    // for bit.
     for (auto model : models)
         for (auto scheme : schemes) {
-            PeriodicScene changed(0.1 * T1, 0.01, scheme, model), always(0.1 * T1, 0.01, scheme, model);
+            PeriodicScene changed(0.1 * T1, 0.01, scheme, model),
+                always(0.1 * T1, 0.01, scheme, model);
             for (PeriodicScene* scene : {&changed, &always}) {
                 scene->addBodies();
                 scene->start(testPlatform());
@@ -89,13 +97,15 @@ TEST(Periodic, StepsFollowTheMobilityOfTheBox) {
             scene.pose(R, q);
             const MatrixXd N = scene.mobility();
             scene.integrator.step(1);
-            const auto moved = scene.integrator.getBodyPositions(), F = scene.integrator.getBodyForces(),
-                       T = scene.integrator.getBodyTorques();
+            const auto moved = scene.integrator.getBodyPositions(),
+                       F = scene.integrator.getBodyForces(), T = scene.integrator.getBodyTorques();
             VectorXd wrenches(N.rows());
-            for (size_t b = 0; b < R.size(); b++) wrenches.segment<6>(6 * b) << toEigen(F[b]), toEigen(T[b]);
+            for (size_t b = 0; b < R.size(); b++)
+                wrenches.segment<6>(6 * b) << toEigen(F[b]), toEigen(T[b]);
             const VectorXd U = N * wrenches;
             for (size_t b = 0; b < R.size(); b++)
-                EXPECT_LT((toEigen(moved[b] - R[b]) / 1e-4 - U.segment<3>(6 * b)).norm(), 1e-9 * U.norm());
+                EXPECT_LT((toEigen(moved[b] - R[b]) / 1e-4 - U.segment<3>(6 * b)).norm(),
+                          1e-9 * U.norm());
         }
     }
 }
@@ -122,17 +132,22 @@ TEST(Periodic, BodiesThatOverlapTheirOwnImagesAreRefused) {
         bool blobs;
         double side;
         vector<string> fragments;
-    } cases[] = {{false,
-                  1.9,
-                  {"body 1 has the length 2 nm, its radii included", "would overlap its own image",
-                   "the periodic box (1.9, 0, 0), (0, 1.9, 0), (0, 0, 1.9) nm",
-                   "the shortest lattice vector has 1.9 nm", "setPeriodicBoxVectors()"}},
-                 {true, 2.9, {"body 0 has the length 3", "the shortest lattice vector has 2.9 nm"}}};
+    } cases[] = {
+        {false,
+         1.9,
+         {"body 1 has the length 2 nm, its radii included", "would overlap its own image",
+          "the periodic box (1.9, 0, 0), (0, 1.9, 0), (0, 0, 1.9) nm",
+          "the shortest lattice vector has 1.9 nm", "setPeriodicBoxVectors()"}},
+        {true, 2.9, {"body 0 has the length 3", "the shortest lattice vector has 2.9 nm"}}};
     for (const auto& c : cases)
         for (auto scheme : schemes) {
             PeriodicScene scene(0, 0.001, scheme);
             if (c.blobs)
-                scene.add({"rod", 1, Vec3(1, 1, 0), {Vec3(0, 0, -1), Vec3(), Vec3(0, 0, 1)}, {0.5, 0.5, 0.5}});
+                scene.add({"rod",
+                           1,
+                           Vec3(1, 1, 0),
+                           {Vec3(0, 0, -1), Vec3(), Vec3(0, 0, 1)},
+                           {0.5, 0.5, 0.5}});
             else {
                 scene.add(sphereKind(0.9), Vec3(0.3, 0, 0));
                 scene.add(sphereKind(1));
@@ -145,9 +160,12 @@ TEST(Periodic, BodiesThatOverlapTheirOwnImagesAreRefused) {
             EXPECT_EQ(scene.state(), before);
             // A body may touch its own image.
             const double enough = c.blobs ? 3 : 2;
-            scene.context->setPeriodicBoxVectors(Vec3(enough, 0, 0), Vec3(0, enough, 0), Vec3(0, 0, enough));
+            scene.context->setPeriodicBoxVectors(Vec3(enough, 0, 0), Vec3(0, enough, 0),
+                                                 Vec3(0, 0, enough));
             scene.integrator.step(2);
-            EXPECT_GT(Eigen::SelfAdjointEigenSolver<MatrixXd>(scene.mobility()).eigenvalues()[c.blobs ? 1 : 0], 1e-3);
+            EXPECT_GT(Eigen::SelfAdjointEigenSolver<MatrixXd>(scene.mobility())
+                          .eigenvalues()[c.blobs ? 1 : 0],
+                      1e-3);
         }
 }
 
@@ -169,8 +187,8 @@ TEST(Periodic, EffectsNameTheBox) {
     scene.addBodies();
     scene.start(testPlatform());
     const auto hydrodynamics = [&] { return scene.integrator.getEffects().at("hydrodynamics"); };
-    EXPECT_NE(hydrodynamics().find(
-                  "RotnePragerYamakawa with all images in the periodic box (13, 0, 0), (0, 13, 0), (0, 0, 13) nm"),
+    EXPECT_NE(hydrodynamics().find("RotnePragerYamakawa with all images in the periodic box (13, "
+                                   "0, 0), (0, 13, 0), (0, 0, 13) nm"),
               string::npos);
     setBox(scene, large);
     EXPECT_NE(hydrodynamics().find("(11, 0, 0), (2, 10, 0), (-3, 1, 9) nm"), string::npos);
@@ -194,7 +212,8 @@ TEST(Periodic, WhatIsNotThereIsRefused) {
         scene.start(testPlatform());
     };
     expectError([&] { start(MobilityForce::FreeDraining, MobilityForce::Auto); },
-                {"boundary Periodic is there for the model RotnePragerYamakawa or StokesianDynamics or ForceCoupling",
+                {"boundary Periodic is there for the model RotnePragerYamakawa or "
+                 "StokesianDynamics or ForceCoupling",
                  "not for FreeDraining", "or setBoundary(Unbounded)"});
     expectError([&] { start(MobilityForce::StokesianDynamics, MobilityForce::MatrixFree); },
                 {"solver MatrixFree is there for", "with boundary Periodic; use setSolver(Dense)"});
@@ -221,7 +240,9 @@ TEST(Periodic, ABodyAloneTurnsItsTensorInTheBox) {
         scene.pose({Vec3(2, 1, 4)}, {turn});
         EXPECT_GT(difference(scene.mobility(), turned(before, rotationOf(turn))), 1e-4);
         scene.pose({Vec3(2, 1, 4)}, {{{sqrt(0.5), 0, 0, sqrt(0.5)}}});
-        EXPECT_LT(difference(scene.mobility(), turned(before, rotationOf({{sqrt(0.5), 0, 0, sqrt(0.5)}}))), 1e-11);
+        EXPECT_LT(difference(scene.mobility(),
+                             turned(before, rotationOf({{sqrt(0.5), 0, 0, sqrt(0.5)}}))),
+                  1e-11);
         EXPECT_EQ(scene.integrator.getEffects().at("stochastic drift").substr(0, 3), "on:");
         scene.integrator.step(2);
     }
@@ -238,14 +259,17 @@ TEST(Periodic, OwnTensorsAreThoseOfABodyAlone) {
         scene.fluid->setBodyMobility(0, rowsOf(own));
         scene.side = 1e13;
         scene.start(testPlatform());
-        EXPECT_LT(difference(scene.mobility().topLeftCorner(6, 6), turned(own, rotationOf(q))), 1e-9) << model;
+        EXPECT_LT(difference(scene.mobility().topLeftCorner(6, 6), turned(own, rotationOf(q))),
+                  1e-9)
+            << model;
     }
 }
 
 TEST(Periodic, BodiesAcrossFacesAndFarAway) {
     // A million boxes away, in a box whose sides are powers of two, so that no place is rounded.
     for (auto model : models) {
-        PeriodicScene near(0, 0.01, RigidHI::LangevinHI, model), far(0, 0.01, RigidHI::LangevinHI, model);
+        PeriodicScene near(0, 0.01, RigidHI::LangevinHI, model),
+            far(0, 0.01, RigidHI::LangevinHI, model);
         MatrixXd N[2];
         for (PeriodicScene* scene : {&near, &far}) {
             const bool away = scene == &far;
@@ -254,12 +278,17 @@ TEST(Periodic, BodiesAcrossFacesAndFarAway) {
             scene->add(sphereKind(1), Vec3(0.5, 0.25, 0.125));
             scene->add(sphereKind(0.5), Vec3(7, 1, 0.5) + shift);
             if (model != MobilityForce::StokesianDynamics)
-                scene->add({"marked", 1, Vec3(1, 1, 1), {Vec3(), Vec3(1, 0.5, 0.25), Vec3(0, 1, 0)}, {0.5, 0.25, 0.5}},
+                scene->add({"marked",
+                            1,
+                            Vec3(1, 1, 1),
+                            {Vec3(), Vec3(1, 0.5, 0.25), Vec3(0, 1, 0)},
+                            {0.5, 0.25, 0.5}},
                            Vec3(-0.5, 3, 7.75) - shift);
             scene->start(testPlatform());
             N[away] = scene->mobility();
         }
-        EXPECT_LT(difference(N[1], N[0]), 1e-8) << model;  // sites are placed by rotations, with 1e-9 at this distance
+        EXPECT_LT(difference(N[1], N[0]), 1e-8)
+            << model;  // sites are placed by rotations, with 1e-9 at this distance
         const int spheres = model == MobilityForce::StokesianDynamics ? 12 : 0;
         if (spheres > 0) {
             EXPECT_LT(difference(N[1], N[0]), 1e-11);
@@ -285,7 +314,8 @@ TEST(Periodic, StepsThatOverlapImagesAreRedone) {
 }
 
 TEST(Periodic, MultiblobsAreMadeOfTheirBlobs) {
-    // N = (K^T M^-1 K)^-1 of the lattice sum's matrix, as the tables of models have it for unbounded fluid.
+    // N = (K^T M^-1 K)^-1 of the lattice sum's matrix, as the tables of models have it for
+    // unbounded fluid.
     for (auto model : {MobilityForce::RotnePragerYamakawa, MobilityForce::ForceCoupling}) {
         PeriodicScene scene(0, 0.01, RigidHI::LangevinHI, model);
         scene.addBodies();

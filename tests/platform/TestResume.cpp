@@ -1,5 +1,5 @@
-// Exact resume and determinism: bit for bit on Reference; on CPU for this plugin's own arithmetic (the forces of these
-// Systems are evaluated by one thread there too), with any number of threads.
+// Exact resume and determinism: bit for bit on Reference; on CPU for this plugin's own arithmetic
+// (the forces of these Systems are evaluated by one thread there too), with any number of threads.
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>
@@ -43,9 +43,10 @@ struct Scene {
                 if (shape.name == "water") {
                     particles.push_back(system.addParticle(0));
                     const int p = particles[0];
-                    system.setVirtualSite(particles.back(),
-                                          new ThreeParticleAverageSite(p, p + 1, p + 2, 0.8, 0.1, 0.1));
-                    positions.push_back(positions[p] * 0.8 + positions[p + 1] * 0.1 + positions[p + 2] * 0.1);
+                    system.setVirtualSite(particles.back(), new ThreeParticleAverageSite(
+                                                                p, p + 1, p + 2, 0.8, 0.1, 0.1));
+                    positions.push_back(positions[p] * 0.8 + positions[p + 1] * 0.1 +
+                                        positions[p + 2] * 0.1);
                 }
                 implicitBodies.push_back(particles);
                 place++;
@@ -83,7 +84,9 @@ struct Scene {
         else
             delete nonbonded;
     }
-    static Vec3 origin(int place) { return Vec3(1.3 * (place % 4), 1.3 * (place / 4 % 4), 1.3 * (place / 16)); }
+    static Vec3 origin(int place) {
+        return Vec3(1.3 * (place % 4), 1.3 * (place / 4 % 4), 1.3 * (place / 16));
+    }
     unique_ptr<CustomRigidHIIntegrator> makeIntegrator(int seed) const {
         unique_ptr<CustomRigidHIIntegrator> integrator(new CustomRigidHIIntegrator(300, 0.002));
         for (const auto& body : implicitBodies) integrator->addRigidBody(body);
@@ -120,7 +123,8 @@ struct Trajectory {
                CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::LangevinC)
         : integrator(scene.makeIntegrator(seed)) {
         integrator->setScheme(scheme);
-        context.reset(new Context(scene.system, *integrator, testPlatform(), threads(testPlatformName(), threadCount)));
+        context.reset(new Context(scene.system, *integrator, testPlatform(),
+                                  threads(testPlatformName(), threadCount)));
         if (!start) return;
         context->setPositions(scene.positions);
         context->setVelocitiesToTemperature(300, 9);
@@ -136,7 +140,8 @@ TEST(Resume, TwentyStepsAreTenAndTen) {
         Trajectory one(scene, 5, 2, true, scheme), two(scene, 5, 2, true, scheme);
         one.integrator->step(20);
         two.integrator->step(10);
-        two.context->getState(State::Energy | State::Forces | State::Positions);  // looking changes nothing
+        two.context->getState(State::Energy | State::Forces |
+                              State::Positions);  // looking changes nothing
         two.now();
         two.integrator->step(10);
         expectSame(one.now(), two.now(), "scheme " + to_string(scheme));
@@ -152,8 +157,9 @@ TEST(Resume, CheckpointsAndStatesContinueTheRunAtAnyStep) {
             whole.integrator->step(1 + generator() % 7);
             stringstream checkpoint;
             whole.context->createCheckpoint(checkpoint);
-            const State state = whole.context->getState(State::Positions | State::Velocities | State::Parameters |
-                                                        State::IntegratorParameters);
+            const State state =
+                whole.context->getState(State::Positions | State::Velocities | State::Parameters |
+                                        State::IntegratorParameters);
             stringstream xml;
             XmlSerializer::serialize<State>(&state, "State", xml);
             whole.integrator->step(9);
@@ -198,7 +204,8 @@ TEST(Resume, TheGradientThermostatContinuesToo) {
 }
 
 TEST(Resume, AStateSavedBeforeMembersWerePutBackContinuesTheSame) {
-    SKIP_ON_SINGLE_PRECISION_DEVICES("poses of members off their places are fitted anew, to places that were rounded");
+    SKIP_ON_SINGLE_PRECISION_DEVICES(
+        "poses of members off their places are fitted anew, to places that were rounded");
     Scene scene(!onCpu());
     Trajectory whole(scene, 5, 1, true);
     whole.integrator->step(3);
@@ -225,7 +232,8 @@ TEST(Resume, PositionsSetAfterLoadingAreNotIgnored) {
     for (Vec3& x : shifted) x += Vec3(0, 0, 0.5);
     const double before = resumed.integrator->getBodyPositions()[0][2];
     resumed.context->setPositions(shifted);
-    EXPECT_NEAR(resumed.integrator->getBodyPositions()[0][2], before + 0.5, readTolerance(1e-12, 1));
+    EXPECT_NEAR(resumed.integrator->getBodyPositions()[0][2], before + 0.5,
+                readTolerance(1e-12, 1));
 }
 
 TEST(Resume, TheNumberOfThreadsDoesNotMatter) {
@@ -296,7 +304,8 @@ TEST(Resume, ForeignAndDamagedStatesAreRefused) {
         other.context->loadCheckpoint(stream);
     };
     load(bytes);
-    expectError([&] { load(bytes.substr(0, bytes.size() - 100)); }, {"checkpoint is corrupt", "ends too early"});
+    expectError([&] { load(bytes.substr(0, bytes.size() - 100)); },
+                {"checkpoint is corrupt", "ends too early"});
     string damaged = bytes;
     damaged[bytes.size() - 50] ^= 1;
     expectError([&] { load(damaged); }, {"check sum does not match", "use another checkpoint"});
@@ -313,6 +322,7 @@ TEST(Resume, ForeignAndDamagedStatesAreRefused) {
     Scene smaller(false);
     smaller.implicitBodies.pop_back();
     Trajectory other(smaller, 5, 1, true);
-    const State state = other.context->getState(State::Positions | State::Velocities | State::IntegratorParameters);
+    const State state =
+        other.context->getState(State::Positions | State::Velocities | State::IntegratorParameters);
     expectError([&] { run.context->setState(state); }, {"the saved state has", "bodies"});
 }

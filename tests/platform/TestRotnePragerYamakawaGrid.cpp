@@ -1,4 +1,5 @@
-// Periodic Rotne-Prager-Yamakawa by pairs and waves in a Context: against lattice sums, boxes, noise, drift, resume.
+// Periodic Rotne-Prager-Yamakawa by pairs and waves in a Context: against lattice sums, boxes,
+// noise, drift, resume.
 
 #include <openmm/CustomExternalForce.h>
 
@@ -13,11 +14,13 @@ namespace {
 
 typedef CustomRigidHIIntegrator RigidHI;
 const double T1 = 1 / boltzmann;  // the temperature with kT = 1
-const RigidHI::Scheme schemes[] = {RigidHI::LangevinHI, RigidHI::DriftCorrectorRFD, RigidHI::TrapezoidalSlip};
+const RigidHI::Scheme schemes[] = {RigidHI::LangevinHI, RigidHI::DriftCorrectorRFD,
+                                   RigidHI::TrapezoidalSlip};
 
 struct SplitScene : FluidScene {
-    explicit SplitScene(double temperature = 0, RigidHI::Scheme scheme = RigidHI::DriftCorrectorRFD, double h = 0.002,
-                        MobilityForce::Solver solver = MobilityForce::MatrixFree, double tolerance = 1e-2)
+    explicit SplitScene(double temperature = 0, RigidHI::Scheme scheme = RigidHI::DriftCorrectorRFD,
+                        double h = 0.002, MobilityForce::Solver solver = MobilityForce::MatrixFree,
+                        double tolerance = 1e-2)
         : FluidScene(temperature, h) {
         fluid->setBoundary(MobilityForce::Periodic);
         fluid->setModel(MobilityForce::RotnePragerYamakawa);
@@ -26,7 +29,8 @@ struct SplitScene : FluidScene {
         integrator.setScheme(scheme);
         side = 8;
     }
-    /** Spheres, multiblobs and a free particle, pulled; across faces of the box and outside of it. */
+    /** Spheres, multiblobs and a free particle, pulled; across faces of the box and outside of it.
+     */
     void addBodies() {
         add(sphereKind(1), Vec3(0, 0, 0));
         add(sphereKind(0.8), Vec3(2.1, 0.3, 8.2));
@@ -58,11 +62,13 @@ TEST(RotnePragerYamakawaGrid, IsTheLatticeSumToTheTolerance) {
     exact.start(testPlatform());
     const MatrixXd N = exact.mobility();
     for (double tolerance : {1e-2, 1e-3, 1e-5}) {
-        SplitScene scene(0, RigidHI::DriftCorrectorRFD, 0.002, MobilityForce::MatrixFree, tolerance);
+        SplitScene scene(0, RigidHI::DriftCorrectorRFD, 0.002, MobilityForce::MatrixFree,
+                         tolerance);
         scene.addBodies();
         scene.start(testPlatform());
         EXPECT_LE(relativeError(scene.mobility(), N), tolerance);
-        EXPECT_NE(scene.effect("hydrodynamics").find(" on a grid of "), string::npos) << scene.effect("hydrodynamics");
+        EXPECT_NE(scene.effect("hydrodynamics").find(" on a grid of "), string::npos)
+            << scene.effect("hydrodynamics");
     }
 }
 
@@ -77,7 +83,8 @@ TEST(RotnePragerYamakawaGrid, TheSpacingOfTheUserKeepsTheTolerance) {
         scene.addBodies();
         scene.fluid->setGridSpacing(spacing);
         scene.start(testPlatform());
-        EXPECT_NE(scene.effect("hydrodynamics").find(nodes), string::npos) << scene.effect("hydrodynamics");
+        EXPECT_NE(scene.effect("hydrodynamics").find(nodes), string::npos)
+            << scene.effect("hydrodynamics");
         EXPECT_LE(relativeError(scene.mobility(), N), 1e-3);
     }
 }
@@ -110,9 +117,9 @@ TEST(RotnePragerYamakawaGrid, WhatItHasNotIsRefusedWithTheAlternative) {
     scene.integrator.step(1);
     const VectorXd before = scene.state();
     scene.context->setPeriodicBoxVectors(Vec3(8, 0, 0), Vec3(1, 8, 0), Vec3(0, 0, 8));
-    expectError(
-        [&] { scene.integrator.step(1); },
-        {"RotnePragerYamakawa on a grid needs a box with edges along the axes", "(1, 8, 0)", "setSolver(Dense)"});
+    expectError([&] { scene.integrator.step(1); },
+                {"RotnePragerYamakawa on a grid needs a box with edges along the axes", "(1, 8, 0)",
+                 "setSolver(Dense)"});
     EXPECT_EQ(scene.state(), before);
     scene.setBox(8, 8, 8);
     scene.integrator.step(1);
@@ -162,7 +169,8 @@ TEST(RotnePragerYamakawaGrid, WithoutTemperatureNoFieldIsDrawn) {
     }
 }
 
-/** Of the field the part of pairs is a square root, which the drift-corrector takes at the start, displaced, and at the mid-point. */
+/** Of the field the part of pairs is a square root, which the drift-corrector takes at the start,
+ * displaced, and at the mid-point. */
 TEST(RotnePragerYamakawaGrid, SchemesTakeTheirNoiseFromTheField) {
     const map<RigidHI::Scheme, int> roots = {{RigidHI::EulerMaruyama, 1},
                                              {RigidHI::RandomFiniteDifference, 1},
@@ -199,7 +207,8 @@ TEST(RotnePragerYamakawaGrid, SpheresAloneHaveNoDrift) {
 }
 
 TEST(RotnePragerYamakawaGrid, GroupsShareAGridAndNoNoise) {
-    // Two groups of the same bodies at the same places: the same mobility, no interaction, other noise.
+    // Two groups of the same bodies at the same places: the same mobility, no interaction, other
+    // noise.
     SplitScene scene(T1);
     for (int i = 0; i < 2; i++) {
         scene.add(sphereKind(0.8), Vec3(0, 0, 0));
@@ -218,7 +227,8 @@ TEST(RotnePragerYamakawaGrid, GroupsShareAGridAndNoNoise) {
 }
 
 TEST(RotnePragerYamakawaGrid, LangevinHITakesTheStepOfMatrices) {
-    // Same seed, same step: in the norm of mass-weighted momenta to five tolerances, as for all matrix-free fluids.
+    // Same seed, same step: in the norm of mass-weighted momenta to five tolerances, as for all
+    // matrix-free fluids.
     for (double temperature : {0.0, T1}) {
         const auto velocities = [&](MobilityForce::Solver solver, double tolerance) {
             SplitScene scene(temperature, RigidHI::LangevinHI, 0.05, solver, tolerance);
@@ -227,13 +237,15 @@ TEST(RotnePragerYamakawaGrid, LangevinHITakesTheStepOfMatrices) {
             scene.integrator.step(1);
             const auto V = scene.integrator.getBodyVelocities();
             VectorXd all(3 * V.size());
-            for (size_t b = 0; b < V.size(); b++) all.segment<3>(3 * b) = sqrt(scene.bodies[b].mass) * toEigen(V[b]);
+            for (size_t b = 0; b < V.size(); b++)
+                all.segment<3>(3 * b) = sqrt(scene.bodies[b].mass) * toEigen(V[b]);
             return all;
         };
         const VectorXd exact = velocities(MobilityForce::Dense, 1e-6);
         for (double tolerance : {1e-2, 1e-4}) {
             const VectorXd error = velocities(MobilityForce::MatrixFree, tolerance) - exact;
-            EXPECT_LE(error.norm(), 5 * tolerance * exact.norm()) << temperature << " " << tolerance;
+            EXPECT_LE(error.norm(), 5 * tolerance * exact.norm())
+                << temperature << " " << tolerance;
         }
     }
 }

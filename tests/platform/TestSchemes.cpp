@@ -1,4 +1,5 @@
-// The schemes without a fluid against closed forms, their orders, and what they do without noise. Units with kT = 1.
+// The schemes without a fluid against closed forms, their orders, and what they do without noise.
+// Units with kT = 1.
 
 #include <openmm/CustomExternalForce.h>
 
@@ -16,9 +17,11 @@ const double T1 = 1 / boltzmann;  // the temperature with kT = 1
 
 typedef CustomRigidHIIntegrator::Scheme Scheme;
 const auto A = CustomRigidHIIntegrator::LangevinA, B = CustomRigidHIIntegrator::LangevinB,
-           C = CustomRigidHIIntegrator::LangevinC, Gradient = CustomRigidHIIntegrator::GradientThermostat;
+           C = CustomRigidHIIntegrator::LangevinC,
+           Gradient = CustomRigidHIIntegrator::GradientThermostat;
 
-/** Many copies of a body, their centres of mass in a harmonic well k/2 R^2 (a force on each site in proportion to mass). */
+/** Many copies of a body, their centres of mass in a harmonic well k/2 R^2 (a force on each site in
+ * proportion to mass). */
 struct Trap {
     System system;
     CustomRigidHIIntegrator integrator;
@@ -36,18 +39,22 @@ struct Trap {
         else
             addBodies(system, integrator, shape, copies);
         positions = randomPoses(free ? Shape{"", {mass}, {Vec3()}} : shape, copies, 0, 11);
-        for (int i = 0; i < system.getNumParticles(); i++) well->addParticle(i, {k * system.getParticleMass(i) / mass});
+        for (int i = 0; i < system.getNumParticles(); i++)
+            well->addParticle(i, {k * system.getParticleMass(i) / mass});
         system.addForce(well);
         integrator.setScheme(scheme);
         integrator.setRandomNumberSeed(1234);
-        context.reset(new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
+        context.reset(
+            new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
         context->setPositions(positions);
         if (traitsOf(scheme).hasMomenta) context->setVelocitiesToTemperature(T1, 5);
     }
 };
 
-/** Variance of a component of the centre and of the momentum, from all bodies at `samples` times. */
-void sampleTrap(Trap& trap, int burnIn, int apart, int samples, double mass, Estimate& x2, Estimate& p2) {
+/** Variance of a component of the centre and of the momentum, from all bodies at `samples` times.
+ */
+void sampleTrap(Trap& trap, int burnIn, int apart, int samples, double mass, Estimate& x2,
+                Estimate& p2) {
     trap.integrator.step(burnIn);
     vector<double> xs, ps;
     for (int s = 0; s < samples; s++) {
@@ -72,7 +79,8 @@ void sampleTrap(Trap& trap, int burnIn, int apart, int samples, double mass, Est
 }  // namespace
 
 TEST(Schemes, HarmonicWellHasItsClosedFormsAtAnyStep) {
-    // Any h, w^2 = k/m: Langevin C has <x^2> = kT/k and <p^2> = m kT (1 - h^2 w^2/4); Langevin B the other way round.
+    // Any h, w^2 = k/m: Langevin C has <x^2> = kT/k and <p^2> = m kT (1 - h^2 w^2/4); Langevin B
+    // the other way round.
     const double m = 2, k = 2, h = 1.0, w2 = k / m;
     const Shape ball{"ball", {m}, {Vec3()}};
     for (bool free : {false, true})
@@ -81,14 +89,16 @@ TEST(Schemes, HarmonicWellHasItsClosedFormsAtAnyStep) {
             trap.integrator.setFriction(1);
             Estimate x2, p2;
             sampleTrap(trap, 20, 10, 30, m, x2, p2);
-            const string name = string(free ? "free particles " : "bodies ") + (scheme == B ? "B" : "C");
+            const string name =
+                string(free ? "free particles " : "bodies ") + (scheme == B ? "B" : "C");
             expectMean(name + " <x^2>", x2, scheme == C ? 1 / k : 1 / k / (1 - h * h * w2 / 4));
             expectMean(name + " <p^2>", p2, scheme == B ? m : m * (1 - h * h * w2 / 4));
         }
 }
 
 TEST(Schemes, LangevinAHarmonicWellMatchesItsExactCovariance) {
-    // The stationary covariance of the linear map (m = k = kT = 1, h = gamma' = 0.2 and 1), computed independently.
+    // The stationary covariance of the linear map (m = k = kT = 1, h = gamma' = 0.2 and 1),
+    // computed independently.
     Trap trap(A, 0.2, Shape{"ball", {1.0}, {Vec3()}}, 4000, 1.0);
     trap.integrator.setFriction(1.0);
     Estimate x2, p2;
@@ -129,20 +139,22 @@ struct Dipoles {
     CustomRigidHIIntegrator integrator;
     unique_ptr<Context> context;
     int copies;
-    Dipoles(Scheme scheme, double h, const Vec3& moments, const Vec3& direction, double k, int copies,
-            const string& energy = "-charge*z")
+    Dipoles(Scheme scheme, double h, const Vec3& moments, const Vec3& direction, double k,
+            int copies, const string& energy = "-charge*z")
         : integrator(T1, h), copies(copies) {
         auto* field = new CustomExternalForce(energy);
         field->addPerParticleParameter("charge");
         field->addGlobalParameter("strength", k);
         for (int i = 0; i < copies; i++) {
-            for (double sign : {1.0, -1.0}) field->addParticle(system.addParticle(1.0), {sign * k / 2});
+            for (double sign : {1.0, -1.0})
+                field->addParticle(system.addParticle(1.0), {sign * k / 2});
             integrator.addRigidBody({2 * i, 2 * i + 1}, 1.0, moments, {direction, direction * -1});
         }
         system.addForce(field);
         integrator.setScheme(scheme);
         integrator.setRandomNumberSeed(77);
-        context.reset(new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
+        context.reset(
+            new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
         mt19937 generator(8);
         vector<QuaternionArray> q;
         for (int i = 0; i < copies; i++) q.push_back(randomQuaternion(generator));
@@ -154,12 +166,15 @@ struct Dipoles {
     }
     vector<double> cosines(const Vec3& direction) {
         vector<double> result;
-        for (const auto& q : integrator.getBodyOrientations()) result.push_back(rotate(q, direction)[2]);
+        for (const auto& q : integrator.getBodyOrientations())
+            result.push_back(rotate(q, direction)[2]);
         return result;
     }
 };
 
-void append(vector<double>& to, const vector<double>& more) { to.insert(to.end(), more.begin(), more.end()); }
+void append(vector<double>& to, const vector<double>& more) {
+    to.insert(to.end(), more.begin(), more.end());
+}
 
 }  // namespace
 
@@ -186,7 +201,8 @@ TEST(Schemes, DipolesInAFieldReachTheLangevinFunction) {
 }
 
 TEST(Schemes, RotationalErrorsAreOfSecondOrder) {
-    // The bias of the rotational kinetic energy of strongly held dipoles, at h and h/2: their ratio is 4 for order 2.
+    // The bias of the rotational kinetic energy of strongly held dipoles, at h and h/2: their ratio
+    // is 4 for order 2.
     const double k = 20;
     for (Scheme scheme : {C}) {
         double bias[2], error[2];
@@ -208,17 +224,21 @@ TEST(Schemes, RotationalErrorsAreOfSecondOrder) {
             cout << "h = " << h << ": bias " << bias[i] << " +- " << error[i] << endl;
         }
         const double ratio = bias[0] / bias[1];
-        const double ratioError = ratio * sqrt(pow(error[0] / bias[0], 2) + pow(error[1] / bias[1], 2));
+        const double ratioError =
+            ratio * sqrt(pow(error[0] / bias[0], 2) + pow(error[1] / bias[1], 2));
         // Order 4 terms make about (h^2 w^2/4)^2: allow 0.4 beside the statistical error.
         EXPECT_NEAR(ratio, 4.0, 0.4 + 5 * ratioError) << "scheme " << scheme;
-        EXPECT_LT(5 * ratioError, 1.5);  // or the test could not tell order 1 (ratio 2) from order 2
+        EXPECT_LT(5 * ratioError,
+                  1.5);  // or the test could not tell order 1 (ratio 2) from order 2
     }
 }
 
 TEST(Schemes, IsotropicRotationalDiffusionOfTheGradientThermostat) {
-    // Free bodies: <u_i(t) u_i(0)> = exp(-2 D t) with D = kT 4 Upsilon/M (M = 4/sum 1/I), whatever the moments.
+    // Free bodies: <u_i(t) u_i(0)> = exp(-2 D t) with D = kT 4 Upsilon/M (M = 4/sum 1/I), whatever
+    // the moments.
     const Vec3 moments(1, 2, 2.5);
-    const double M = 4 / (1 / 1.0 + 1 / 2.0 + 1 / 2.5), Upsilon = 0.05, h = 0.01, D = 4 * Upsilon / M;
+    const double M = 4 / (1 / 1.0 + 1 / 2.0 + 1 / 2.5), Upsilon = 0.05, h = 0.01,
+                 D = 4 * Upsilon / M;
     Dipoles dipoles(Gradient, h, moments, Vec3(0, 0, 1), 0, 20000);
     dipoles.integrator.setGradientRotationalRelaxationTime(Upsilon);
     const auto q0 = dipoles.integrator.getBodyOrientations();
@@ -229,8 +249,10 @@ TEST(Schemes, IsotropicRotationalDiffusionOfTheGradientThermostat) {
         Vec3 axis;
         axis[k] = 1;
         vector<double> c;
-        for (size_t i = 0; i < q0.size(); i++) c.push_back(rotate(q0[i], axis).dot(rotate(q1[i], axis)));
-        // One step turns by 2 b eta (|eta| Maxwell): <cos> along an axis is exactly 1/3 + 2/3 <cos 2 b |eta|>.
+        for (size_t i = 0; i < q0.size(); i++)
+            c.push_back(rotate(q0[i], axis).dot(rotate(q1[i], axis)));
+        // One step turns by 2 b eta (|eta| Maxwell): <cos> along an axis is exactly 1/3 + 2/3 <cos
+        // 2 b |eta|>.
         const double variance = 8 * Upsilon * h / M;
         const double perStep = 1.0 / 3 + 2.0 / 3 * (1 - variance) * exp(-variance / 2);
         expectMean("axis " + to_string(k), estimate(c), pow(perStep, steps));
@@ -251,13 +273,15 @@ TEST(Schemes, EquipartitionPerAxis) {
         integrator.setRandomNumberSeed(3);
         Context context(system, integrator, testPlatform(), threads(testPlatformName(), 1));
         context.setPositions(randomPoses(water, copies, 1, 2));
-        // Ten times the slowest relaxation time: 1/gamma = 0.2 ps; the slowest axis relaxes at about 1.9/ps: 5.3 ps.
+        // Ten times the slowest relaxation time: 1/gamma = 0.2 ps; the slowest axis relaxes at
+        // about 1.9/ps: 5.3 ps.
         integrator.step(2700);
         vector<double> translational, rotational[3];
         for (int s = 0; s < 8; s++) {
             integrator.step(700);
             translational.push_back(integrator.computeTranslationalKineticEnergy());
-            for (int k = 0; k < 3; k++) rotational[k].push_back(integrator.computeRotationalKineticEnergies()[k]);
+            for (int k = 0; k < 3; k++)
+                rotational[k].push_back(integrator.computeRotationalKineticEnergies()[k]);
         }
         // chi^2 with copies * samples degrees of freedom an axis gives the error.
         const double kT = boltzmann * 300, n = copies * translational.size();
@@ -307,7 +331,8 @@ TEST(Schemes, AtZeroTemperatureNoRandomNumberIsDrawn) {
         EXPECT_EQ(trap.integrator.getStepStatistics().at("randomNumbers"), 0);
         trap.integrator.setTemperature(100);
         trap.integrator.step(1);
-        const long long numbers = trap.integrator.getStepStatistics().at("randomNumbers"), aDraw = 20 * 6;
+        const long long numbers = trap.integrator.getStepStatistics().at("randomNumbers"),
+                        aDraw = 20 * 6;
         EXPECT_GT(numbers, 0) << traitsOf(scheme).name;
         EXPECT_EQ(numbers % aDraw, 0) << traitsOf(scheme).name;
         const auto known = draws.find(scheme);
@@ -318,7 +343,8 @@ TEST(Schemes, AtZeroTemperatureNoRandomNumberIsDrawn) {
 }
 
 TEST(Schemes, TrajectoriesWithFrictionConvergeWithTheirOrder) {
-    // T = 0: the deterministic part, with friction and torques. Order 1 takes a finer step to be compared with.
+    // T = 0: the deterministic part, with friction and torques. Order 1 takes a finer step to be
+    // compared with.
     for (Scheme scheme : thermostats()) {
         auto end = [&](double h) {
             Dipoles dipoles(scheme, h, Vec3(2.5, 1.0, 1.9), Vec3(0.6, 0.48, 0.64), 3.0, 8);
@@ -354,7 +380,8 @@ TEST(Schemes, ReferenceAndCpuTakeTheSameStep) {
             int offset = 0;
             for (const Shape& shape : allShapes()) {
                 addBodies(system, integrator, shape, 3);
-                for (Vec3 x : randomPoses(shape, 3, 5, 1)) start.push_back(x + Vec3(0, 5 * offset, 0));
+                for (Vec3 x : randomPoses(shape, 3, 5, 1))
+                    start.push_back(x + Vec3(0, 5 * offset, 0));
                 offset++;
             }
             for (int i = 0; i < 5; i++) {
@@ -362,7 +389,8 @@ TEST(Schemes, ReferenceAndCpuTakeTheSameStep) {
                 start.push_back(Vec3(i, -5, 0));
             }
             auto* force = new CustomExternalForce("x*y+z^2");
-            for (int i = 0; i < system.getNumParticles(); i++) force->addParticle(i, vector<double>());
+            for (int i = 0; i < system.getNumParticles(); i++)
+                force->addParticle(i, vector<double>());
             system.addForce(force);
             integrator.setScheme(scheme);
             integrator.setRandomNumberSeed(42);
@@ -374,8 +402,10 @@ TEST(Schemes, ReferenceAndCpuTakeTheSameStep) {
             velocities[p] = velocitiesOf(context);
         }
         for (size_t i = 0; i < positions[0].size(); i++) {
-            ASSERT_LT(norm(positions[0][i] - positions[1][i]), 1e-12) << "scheme " << scheme << " particle " << i;
-            ASSERT_LT(norm(velocities[0][i] - velocities[1][i]), 1e-11) << "scheme " << scheme << " particle " << i;
+            ASSERT_LT(norm(positions[0][i] - positions[1][i]), 1e-12)
+                << "scheme " << scheme << " particle " << i;
+            ASSERT_LT(norm(velocities[0][i] - velocities[1][i]), 1e-11)
+                << "scheme " << scheme << " particle " << i;
         }
     }
 }

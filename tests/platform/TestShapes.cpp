@@ -1,4 +1,5 @@
-// Every shape: rigid, finite, the right temperature about every axis, nothing about axes without inertia.
+// Every shape: rigid, finite, the right temperature about every axis, nothing about axes without
+// inertia.
 
 #include <openmm/CustomExternalForce.h>
 
@@ -10,16 +11,19 @@ using namespace std;
 
 namespace {
 
-/** Ends in 1e-12 nm: members of a body at coordinates of 1000 nm cannot be placed better than 1e-13. */
+/** Ends in 1e-12 nm: members of a body at coordinates of 1000 nm cannot be placed better than
+ * 1e-13. */
 const double rigidity = 1e-12;
 
 void checkShape(const Shape& shape, int copies, int steps) {
     System system;
-    // A Gamma that relaxes the slowest axis at 1/ps: needles need a large one (the rate is Gamma/(I sum 1/I)).
+    // A Gamma that relaxes the slowest axis at 1/ps: needles need a large one (the rate is Gamma/(I
+    // sum 1/I)).
     CustomRigidHIIntegrator integrator(300, 0.002);
     addBodies(system, integrator, shape, copies);
     // A force that turns bodies and pulls them back.
-    auto* force = new CustomExternalForce("(5*(y^2+z^2)+2*sin(3*y)*z)/" + to_string(shape.sites.size()));
+    auto* force =
+        new CustomExternalForce("(5*(y^2+z^2)+2*sin(3*y)*z)/" + to_string(shape.sites.size()));
     for (int i = 0; i < system.getNumParticles(); i++) force->addParticle(i, vector<double>());
     system.addForce(force);
     integrator.setRandomNumberSeed(31);
@@ -65,22 +69,27 @@ void checkShape(const Shape& shape, int copies, int steps) {
             for (double e : rotational[k]) ASSERT_EQ(e, 0.0) << shape.name;
             continue;
         }
-        // Samples lie 2 ps apart, at least 2 relaxation times: their correlation exp(-4) of squares adds 4 % of error.
+        // Samples lie 2 ps apart, at least 2 relaxation times: their correlation exp(-4) of squares
+        // adds 4 % of error.
         const Estimate e = estimate(rotational[k]);
         expectMean(shape.name + " axis " + to_string(k + 1),
-                   {e.mean / copies / (kT / 2), 1.04 * sqrt(2.0 / (copies * rotational[k].size()))}, 1);
+                   {e.mean / copies / (kT / 2), 1.04 * sqrt(2.0 / (copies * rotational[k].size()))},
+                   1);
     }
 }
 
 }  // namespace
 
 TEST(Shapes, AreRigidFiniteAndThermal) {
-    for (const Shape& shape : allShapes()) checkShape(shape, shape.sites.size() > 100 ? 8 : 64, 12000);
+    for (const Shape& shape : allShapes())
+        checkShape(shape, shape.sites.size() > 100 ? 8 : 64, 12000);
 }
 
 TEST(Shapes, FullAThousandOrientationsAHundredThousandSteps) {
-    SKIP_ON_SINGLE_PRECISION_DEVICES("shapes are found from places that are rounded to 1e-4 nm at these distances");
-    for (const Shape& shape : allShapes()) checkShape(shape, shape.sites.size() > 100 ? 50 : 1000, 100000);
+    SKIP_ON_SINGLE_PRECISION_DEVICES(
+        "shapes are found from places that are rounded to 1e-4 nm at these distances");
+    for (const Shape& shape : allShapes())
+        checkShape(shape, shape.sites.size() > 100 ? 50 : 1000, 100000);
 }
 
 TEST(Shapes, ExplicitMomentsInEveryAxisOrder) {
@@ -106,16 +115,20 @@ TEST(Shapes, ExplicitMomentsInEveryAxisOrder) {
         vector<double> energies[3];
         for (int s = 0; s < 10; s++) {
             integrator.step(1000);
-            for (int k = 0; k < 3; k++) energies[k].push_back(integrator.computeRotationalKineticEnergies()[k]);
+            for (int k = 0; k < 3; k++)
+                energies[k].push_back(integrator.computeRotationalKineticEnergies()[k]);
         }
         for (int k = 0; k < 3; k++)
             expectMean("thin axis " + to_string(thin) + ", axis " + to_string(k + 1),
-                       {estimate(energies[k]).mean / copies / (boltzmann * 150), 1.04 * sqrt(2.0 / (copies * 10))}, 1);
+                       {estimate(energies[k]).mean / copies / (boltzmann * 150),
+                        1.04 * sqrt(2.0 / (copies * 10))},
+                       1);
     }
 }
 
 TEST(Shapes, SingularMomentsOfTenToTheSix) {
-    // Moments 1 : 1e6 : 1e6 and 1 : 0.9e6 : 1e6 (the second is not resolved at a large step, and the user is told).
+    // Moments 1 : 1e6 : 1e6 and 1 : 0.9e6 : 1e6 (the second is not resolved at a large step, and
+    // the user is told).
     System system;
     CustomRigidHIIntegrator integrator(300, 0.001);
     system.addParticle(1.0);
@@ -130,7 +143,8 @@ TEST(Shapes, SingularMomentsOfTenToTheSix) {
     coarse.addRigidBody({0}, 1.0, Vec3(1e-4, 0.01, 0.0101), {Vec3()});
     Context second(other, coarse, testPlatform());
     second.setPositions({Vec3()});
-    EXPECT_NE(coarse.getEffects().at("warnings").find("does not resolve the rotation of 1 bodies"), string::npos);
+    EXPECT_NE(coarse.getEffects().at("warnings").find("does not resolve the rotation of 1 bodies"),
+              string::npos);
 }
 
 TEST(Shapes, AMillionStepsThroughAContextKeepTheQuaternion) {

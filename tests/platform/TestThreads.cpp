@@ -1,4 +1,5 @@
-// Contexts that step at the same time in different threads of a program, as Python's threads do, since bindings let go of its lock.
+// Contexts that step at the same time in different threads of a program, as Python's threads do,
+// since bindings let go of its lock.
 
 #include <atomic>
 #include <chrono>
@@ -18,12 +19,14 @@ using namespace std;
 
 namespace {
 
-/** Dense matrices of so many rows that OpenBLAS would share products with them among threads (from 200 rows on). */
+/** Dense matrices of so many rows that OpenBLAS would share products with them among threads (from
+ * 200 rows on). */
 unique_ptr<FluidScene> denseScene(Platform& platform, int seed) {
     unique_ptr<FluidScene> scene(new FluidScene(300, 0.002));
     scene->integrator.setRandomNumberSeed(seed);
     scene->fluid->setSolver(MobilityForce::Dense);
-    for (int i = 0; i < 40; i++) scene->add(sphereKind(0.5), Vec3(1.5 * (i % 4), 1.5 * (i / 4 % 4), 1.5 * (i / 16)));
+    for (int i = 0; i < 40; i++)
+        scene->add(sphereKind(0.5), Vec3(1.5 * (i % 4), 1.5 * (i / 4 % 4), 1.5 * (i / 16)));
     scene->start(platform);
     return scene;
 }
@@ -45,23 +48,28 @@ protected:
     const int before = openblas_get_num_threads();
 };
 
-Platform& otherPlatform() { return platform(testPlatform().getName() == "CPU" ? "Reference" : "CPU"); }
+Platform& otherPlatform() {
+    return platform(testPlatform().getName() == "CPU" ? "Reference" : "CPU");
+}
 
 }  // namespace
 
 TEST_F(TwoBlasThreads, ContextsInTwoThreadsGiveWhatEachGivesAlone) {
     // Of both platforms, whose libraries share nothing but the API library.
     for (Platform* second : {&testPlatform(), &otherPlatform()}) {
-        vector<vector<Vec3> > alone = {resultOf(*denseScene(testPlatform(), 1)), resultOf(*denseScene(*second, 2))};
+        vector<vector<Vec3> > alone = {resultOf(*denseScene(testPlatform(), 1)),
+                                       resultOf(*denseScene(*second, 2))};
         for (int trial = 0; trial < 3; trial++) {
             vector<unique_ptr<FluidScene> > scenes;
             scenes.push_back(denseScene(testPlatform(), 1));
             scenes.push_back(denseScene(*second, 2));
             vector<vector<Vec3> > together(2);
             vector<thread> threads;
-            for (int i = 0; i < 2; i++) threads.emplace_back([&, i] { together[i] = resultOf(*scenes[i]); });
+            for (int i = 0; i < 2; i++)
+                threads.emplace_back([&, i] { together[i] = resultOf(*scenes[i]); });
             for (thread& t : threads) t.join();
-            for (int i = 0; i < 2; i++) EXPECT_TRUE(together[i] == alone[i]) << "Context " << i << ", trial " << trial;
+            for (int i = 0; i < 2; i++)
+                EXPECT_TRUE(together[i] == alone[i]) << "Context " << i << ", trial " << trial;
             EXPECT_EQ(openblas_get_num_threads(), 2);
         }
     }
@@ -79,7 +87,8 @@ TEST_F(TwoBlasThreads, AContextThatEndsItsStepLeavesOthersTheirOneThread) {
             this_thread::sleep_for(2 * pause);
         }
     });
-    // Most of these begin within a step, which then ends. This test's copy of the numerics is none of the platform's.
+    // Most of these begin within a step, which then ends. This test's copy of the numerics is none
+    // of the platform's.
     int others = 0;
     for (int i = 0; i < 10; i++) {
         for (const int last = steps; steps == last;) this_thread::yield();

@@ -1,4 +1,5 @@
-// A no-slip wall by the public API: published values, nothing lost near contact, rejected steps, what is refused, equilibrium.
+// A no-slip wall by the public API: published values, nothing lost near contact, rejected steps,
+// what is refused, equilibrium.
 
 #include <openmm/CustomExternalForce.h>
 #include <openmm/serialization/XmlSerializer.h>
@@ -16,7 +17,8 @@ namespace {
 const double T1 = 1 / boltzmann;  // the temperature with kT = 1
 
 struct WallScene : FluidScene {
-    explicit WallScene(double height = 0, double temperature = 0, double h = 0.01) : FluidScene(temperature, h) {
+    explicit WallScene(double height = 0, double temperature = 0, double h = 0.01)
+        : FluidScene(temperature, h) {
         fluid->setBoundary(MobilityForce::NoSlipWall);
         fluid->setWallHeight(height);
     }
@@ -25,7 +27,8 @@ struct WallScene : FluidScene {
 /** The smallest eigenvalue in units in which every diagonal entry is 1. */
 double smallestEigenvalue(const MatrixXd& M) {
     const VectorXd d = M.diagonal().cwiseSqrt().cwiseInverse();
-    return Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * M * d.asDiagonal()).eigenvalues()[0];
+    return Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * M * d.asDiagonal())
+        .eigenvalues()[0];
 }
 
 /** The lowest point of the blobs of a kind, its origin at 0. */
@@ -50,7 +53,8 @@ TEST(Wall, ValuesOfOneSphere) {
         scene.start(testPlatform());
         const double t = 1 / (6 * M_PI * eta * a), r = 1 / (8 * M_PI * eta * a * a * a);
         MatrixXd expected = MatrixXd::Zero(6, 6);
-        expected.diagonal() << Vector3d::Constant(t * (1 - 9 * u / 16 + pow(u, 3) / 8 - pow(u, 5) / 16)),
+        expected.diagonal() << Vector3d::Constant(
+            t * (1 - 9 * u / 16 + pow(u, 3) / 8 - pow(u, 5) / 16)),
             Vector3d::Constant(r * (1 - 5 * pow(u, 3) / 16));
         expected(2, 2) = t * (1 - 9 * u / 8 + pow(u, 3) / 2 - pow(u, 5) / 8);
         expected(5, 5) = r * (1 - pow(u, 3) / 8);
@@ -68,12 +72,12 @@ TEST(Wall, ValuesOfTwoSpheres) {
     scene.add(sphereKind(1), Vec3(2.5, 1, 3));
     scene.start(testPlatform());
     Matrix3d tt, rt, rr;
-    tt << 0.1563498397, 0.0399050815, 0.0959610869, 0.0399050815, 0.0725491686, 0.0383844348, 0.0104756178,
-        0.0041902471, 0.0076203779;
-    rt << -0.0098960427, -0.0348598456, -0.0010756279, 0.0556415353, 0.0098960427, 0.0026890697, -0.0160350448,
-        0.0400876120, 0;
-    rr << -0.0026775858, 0.0051614653, 0.0180264142, 0.0051614653, -0.0135166629, 0.0072105657, 0.0103826096,
-        0.0041530439, -0.0042110697;
+    tt << 0.1563498397, 0.0399050815, 0.0959610869, 0.0399050815, 0.0725491686, 0.0383844348,
+        0.0104756178, 0.0041902471, 0.0076203779;
+    rt << -0.0098960427, -0.0348598456, -0.0010756279, 0.0556415353, 0.0098960427, 0.0026890697,
+        -0.0160350448, 0.0400876120, 0;
+    rr << -0.0026775858, 0.0051614653, 0.0180264142, 0.0051614653, -0.0135166629, 0.0072105657,
+        0.0103826096, 0.0041530439, -0.0042110697;
     const MatrixXd N = scene.mobility();
     EXPECT_LT((N.block(0, 6, 3, 3) - tt).cwiseAbs().maxCoeff(), 1e-10);
     EXPECT_LT((N.block(3, 6, 3, 3) - rt).cwiseAbs().maxCoeff(), 1e-10);
@@ -86,7 +90,8 @@ TEST(Wall, MixturesOfBodiesAndFreeParticles) {
         WallScene scene(0.4);
         for (const BodyKind& kind :
              {sphereKind(0.5), boomerangKind(), rodKind(),
-              BodyKind{"sphere off the origin", 1, Vec3(0.3, 0.5, 0.6), {Vec3(0.2, 0.1, -0.4)}, {0.7}}})
+              BodyKind{
+                  "sphere off the origin", 1, Vec3(0.3, 0.5, 0.6), {Vec3(0.2, 0.1, -0.4)}, {0.7}}})
             scene.add(kind);
         if (seed % 2)
             for (double radius : {0.3, 0.0, 0.6})
@@ -101,17 +106,20 @@ TEST(Wall, MixturesOfBodiesAndFreeParticles) {
         scene.pose(R, q);
         const MatrixXd expected = scene.expected().mobility.topLeftCorner(24, 24);
         EXPECT_LT(difference(scene.mobility(), expected), 1e-10) << "scene " << seed;
-        EXPECT_LT(difference(expected * scene.friction() * expected, expected), 1e-9) << "scene " << seed;
+        EXPECT_LT(difference(expected * scene.friction() * expected, expected), 1e-9)
+            << "scene " << seed;
     }
 }
 
 TEST(Wall, PositiveDefiniteAtTheWall) {
-    // Overlapping bodies, some of them touching the wall or reaching through it as far as Crossing lets them.
+    // Overlapping bodies, some of them touching the wall or reaching through it as far as Crossing
+    // lets them.
     for (auto rejection : {CustomRigidHIIntegrator::Overlap, CustomRigidHIIntegrator::Crossing}) {
         const bool crossing = rejection == CustomRigidHIIntegrator::Crossing;
         WallScene scene(-0.7);
         scene.integrator.setWallRejection(rejection);
-        for (const BodyKind& kind : {sphereKind(0.5), sphereKind(0.9), boomerangKind(), sphereKind(0.2)})
+        for (const BodyKind& kind :
+             {sphereKind(0.5), sphereKind(0.9), boomerangKind(), sphereKind(0.2)})
             scene.add(kind);
         mt19937 random(3);
         uniform_real_distribution<double> u(0, 1);
@@ -120,10 +128,13 @@ TEST(Wall, PositiveDefiniteAtTheWall) {
             vector<QuaternionArray> q = randomTurns(4, random);
             vector<Vec3> R = randomPlaces(4, trial % 2 ? 1 : 4, 0, random);
             for (int b = 0; b < 4; b++) {
-                // Under Crossing no centre may be behind: the smallest blob of each kind says how far it may sink.
-                const double depth =
-                    crossing ? 0.9 * *min_element(scene.bodies[b].radii.begin(), scene.bodies[b].radii.end()) : 0;
-                R[b][2] = -0.7 - lowestPoint(scene.bodies[b], q[b]) - depth + (u(random) < 0.4 ? 0 : 2 * u(random));
+                // Under Crossing no centre may be behind: the smallest blob of each kind says how
+                // far it may sink.
+                const double depth = crossing ? 0.9 * *min_element(scene.bodies[b].radii.begin(),
+                                                                   scene.bodies[b].radii.end())
+                                              : 0;
+                R[b][2] = -0.7 - lowestPoint(scene.bodies[b], q[b]) - depth +
+                          (u(random) < 0.4 ? 0 : 2 * u(random));
             }
             if (trial == 0) scene.start(testPlatform());
             scene.pose(R, q);
@@ -148,7 +159,8 @@ TEST(Wall, AStartAtContactIsNoOverlap) {
         int below = 0;
         for (int trial = 0; trial < 30; trial++) {
             const vector<QuaternionArray> q = randomTurns(2, random);
-            const vector<Vec3> R = {Vec3(0, 0, height - lowestPoint(scene.bodies[0], q[0])), Vec3(5, 0, height + 0.3)};
+            const vector<Vec3> R = {Vec3(0, 0, height - lowestPoint(scene.bodies[0], q[0])),
+                                    Vec3(5, 0, height + 0.3)};
             if (trial == 0) scene.start(testPlatform());
             scene.pose(R, q);
             for (const LabBody& body : scene.labBodies())
@@ -158,9 +170,11 @@ TEST(Wall, AStartAtContactIsNoOverlap) {
         }
         EXPECT_GT(below, 0) << height;
         // More than rounding is an overlap.
-        scene.pose({Vec3(0, 0, height + 9), Vec3(5, 0, height + 0.3 * (1 - 1e-9) - 1e-11 * abs(height))},
-                   {{{1, 0, 0, 0}}, {{1, 0, 0, 0}}});
-        expectError([&] { scene.mobility(); }, {"particle 5 (body 1)", "less than its radius, 0.3 nm"});
+        scene.pose(
+            {Vec3(0, 0, height + 9), Vec3(5, 0, height + 0.3 * (1 - 1e-9) - 1e-11 * abs(height))},
+            {{{1, 0, 0, 0}}, {{1, 0, 0, 0}}});
+        expectError([&] { scene.mobility(); },
+                    {"particle 5 (body 1)", "less than its radius, 0.3 nm"});
     }
 }
 
@@ -177,14 +191,18 @@ TEST(Wall, AStartBelowTheLimitNamesParticleAndBody) {
         const string sign = crossing ? "-" : "";
         const double z = crossing ? 1.875 : 2.125;
         const vector<string> remedy =
-            crossing ? vector<string>{"no mobility; move it above the wall, or use smaller time steps"}
-                     : vector<string>{"less than its radius", "setWallRejection(Crossing)"};
+            crossing
+                ? vector<string>{"no mobility; move it above the wall, or use smaller time steps"}
+                : vector<string>{"less than its radius", "setWallRejection(Crossing)"};
         const auto expectNamed = [&](const string& particle) {
-            vector<string> fragments = {particle + " has its centre " + sign + "0.125 nm above the wall at z = 2 nm"};
+            vector<string> fragments = {particle + " has its centre " + sign +
+                                        "0.125 nm above the wall at z = 2 nm"};
             fragments.insert(fragments.end(), remedy.begin(), remedy.end());
             expectError([&] { scene.mobility(); }, fragments);
             expectError([&] { scene.friction(); }, fragments);
-            expectError([&] { scene.fluid->applyMobilityInContext(*scene.context, vector<double>(12)); }, fragments);
+            expectError(
+                [&] { scene.fluid->applyMobilityInContext(*scene.context, vector<double>(12)); },
+                fragments);
             expectError([&] { scene.integrator.step(1); }, fragments);
         };
         const vector<QuaternionArray> q(2, {{1, 0, 0, 0}});
@@ -218,7 +236,8 @@ TEST(Wall, RejectionActsAtOnceAndIsTheIntegrators) {
     EXPECT_LT(difference(crossing, scene.expected().mobility), 1e-13);
     EXPECT_NEAR(crossing(2, 2) * 6 * M_PI * 0.6 * 0.5, 0.25 * (1 - 9.0 / 8 + 0.5 - 1.0 / 8), 1e-15);
     scene.integrator.step(1);
-    EXPECT_GT(scene.integrator.getStepStatistics().at("mobilityProducts"), products);  // counters go on
+    EXPECT_GT(scene.integrator.getStepStatistics().at("mobilityProducts"),
+              products);  // counters go on
     scene.integrator.setWallRejection(CustomRigidHIIntegrator::Overlap);
     expectError([&] { scene.integrator.step(1); }, {"particle 0 (body 0)"});
     scene.integrator.setWallRejection(CustomRigidHIIntegrator::Crossing);
@@ -226,13 +245,16 @@ TEST(Wall, RejectionActsAtOnceAndIsTheIntegrators) {
 }
 
 TEST(Wall, StepsThroughTheWallAreRedone) {
-    // Pressed to the wall so hard that many steps would end in it. Nothing is ever found beyond the limit.
+    // Pressed to the wall so hard that many steps would end in it. Nothing is ever found beyond the
+    // limit.
     for (auto rejection : {CustomRigidHIIntegrator::Overlap, CustomRigidHIIntegrator::Crossing})
         for (bool multiblob : {false, true}) {
-            const double height = 1.5, limit = rejection == CustomRigidHIIntegrator::Overlap ? 1 : 0;
+            const double height = 1.5,
+                         limit = rejection == CustomRigidHIIntegrator::Overlap ? 1 : 0;
             WallScene scene(height, T1, 0.1);
             scene.integrator.setWallRejection(rejection);
-            scene.add(multiblob ? boomerangKind() : sphereKind(0.5), Vec3(0, 0, height + (multiblob ? 2.2 : 0.6)));
+            scene.add(multiblob ? boomerangKind() : sphereKind(0.5),
+                      Vec3(0, 0, height + (multiblob ? 2.2 : 0.6)));
             auto* weight = new CustomExternalForce("4*z");
             weight->addParticle(0, vector<double>());
             scene.system.addForce(weight);
@@ -249,7 +271,8 @@ TEST(Wall, StepsThroughTheWallAreRedone) {
 }
 
 TEST(Wall, RejectionsThatDoNotHelp) {
-    // Pushed so hard that no noise helps; without noise; and so hard that the wall is reached before any noise acts.
+    // Pushed so hard that no noise helps; without noise; and so hard that the wall is reached
+    // before any noise acts.
     for (double force : {30.0, 1000.0})
         for (double temperature : {0.0, 1e-6}) {
             WallScene scene(0, temperature, 0.1);
@@ -262,10 +285,10 @@ TEST(Wall, RejectionsThatDoNotHelp) {
             scene.start(testPlatform());
             const auto before = positionsOf(*scene.context);
             expectError([&] { scene.integrator.step(1); },
-                        {force > 100 ? "half a step ahead, where the friction is taken: "
-                         : temperature == 0
-                             ? "at temperature 0 no other noise can help: take a smaller step, or add a repulsion"
-                             : "5 times in a row",
+                        {force > 100        ? "half a step ahead, where the friction is taken: "
+                         : temperature == 0 ? "at temperature 0 no other noise can help: take a "
+                                              "smaller step, or add a repulsion"
+                                            : "5 times in a row",
                          "step 1: ", "particle 0 (body 0)", "above the wall at z = 0 nm"});
             EXPECT_TRUE(sameBits(positionsOf(*scene.context), before));
         }
@@ -278,34 +301,43 @@ TEST(Wall, ModelsWithoutAWall) {
         WallScene scene;
         scene.fluid->setModel(model);
         scene.add(sphereKind(0.5), Vec3(0, 0, 3));
-        expectError([&] { scene.start(testPlatform()); },
-                    {"boundary NoSlipWall is there for the model RotnePragerYamakawa, not for ",
-                     model == MobilityForce::FreeDraining ? "FreeDraining; use" : "StokesianDynamics; use",
-                     model == MobilityForce::FreeDraining
-                         ? "setModel(RotnePragerYamakawa) or setBoundary(Unbounded)"
-                         : "setModel(RotnePragerYamakawa) or setBoundary(Unbounded or Periodic)"});
+        expectError(
+            [&] { scene.start(testPlatform()); },
+            {"boundary NoSlipWall is there for the model RotnePragerYamakawa, not for ",
+             model == MobilityForce::FreeDraining ? "FreeDraining; use" : "StokesianDynamics; use",
+             model == MobilityForce::FreeDraining
+                 ? "setModel(RotnePragerYamakawa) or setBoundary(Unbounded)"
+                 : "setModel(RotnePragerYamakawa) or setBoundary(Unbounded or Periodic)"});
     }
 }
 
 TEST(Wall, SettingsOutOfBounds) {
     MobilityForce fluid;
     for (double bad : {double(NAN), double(INFINITY), -double(INFINITY)})
-        expectError([&] { fluid.setWallHeight(bad); }, {"setWallHeight(): height is ", "give the z of the wall"});
+        expectError([&] { fluid.setWallHeight(bad); },
+                    {"setWallHeight(): height is ", "give the z of the wall"});
     CustomRigidHIIntegrator integrator(300, 0.001);
     for (int bad : {-1, 2}) {
-        expectError([&] { fluid.setSphereWallMobility(static_cast<MobilityForce::SphereWallMobility>(bad)); },
-                    {"sphere-wall mobility " + to_string(bad) + " is unknown", "FromModel, BestKnown"});
-        expectError([&] { integrator.setWallRejection(static_cast<CustomRigidHIIntegrator::WallRejection>(bad)); },
-                    {"wall rejection " + to_string(bad) + " is unknown", "Overlap, Crossing"});
+        expectError(
+            [&] {
+                fluid.setSphereWallMobility(static_cast<MobilityForce::SphereWallMobility>(bad));
+            },
+            {"sphere-wall mobility " + to_string(bad) + " is unknown", "FromModel, BestKnown"});
+        expectError(
+            [&] {
+                integrator.setWallRejection(
+                    static_cast<CustomRigidHIIntegrator::WallRejection>(bad));
+            },
+            {"wall rejection " + to_string(bad) + " is unknown", "Overlap, Crossing"});
     }
     EXPECT_EQ(fluid.getWallHeight(), 0);
     EXPECT_EQ(integrator.getWallRejection(), CustomRigidHIIntegrator::Overlap);
 }
 
 TEST(Wall, BestKnownDoesNotGoWithCrossing) {
-    const vector<string> fragments = {"sphere-wall mobility BestKnown",
-                                      "it does not go with the wall rejection Crossing",
-                                      "setWallRejection(Overlap) or setSphereWallMobility(FromModel)"};
+    const vector<string> fragments = {
+        "sphere-wall mobility BestKnown", "it does not go with the wall rejection Crossing",
+        "setWallRejection(Overlap) or setSphereWallMobility(FromModel)"};
     WallScene scene;
     scene.fluid->setSphereWallMobility(MobilityForce::BestKnown);
     scene.integrator.setWallRejection(CustomRigidHIIntegrator::Crossing);
@@ -324,7 +356,8 @@ TEST(Wall, BestKnownDoesNotGoWithCrossing) {
 
 TEST(Wall, BestKnownAndCrossingAreRefusedWhereverTheyMeet) {
     // The shape comes from the first positions, so that the fluid is made there.
-    const vector<string> fragments = {"BestKnown", "it does not go with the wall rejection Crossing"};
+    const vector<string> fragments = {"BestKnown",
+                                      "it does not go with the wall rejection Crossing"};
     WallScene scene;
     scene.fluid->setSphereWallMobility(MobilityForce::BestKnown);
     for (int p = 0; p < 3; p++) {
@@ -344,15 +377,17 @@ TEST(Wall, BestKnownAndCrossingAreRefusedWhereverTheyMeet) {
 }
 
 TEST(Wall, BestKnownWithoutAWallIsRefused) {
-    const vector<string> fragments = {"sphere-wall mobility BestKnown", "boundary Unbounded", "setBoundary(NoSlipWall)",
+    const vector<string> fragments = {"sphere-wall mobility BestKnown", "boundary Unbounded",
+                                      "setBoundary(NoSlipWall)",
                                       "setSphereWallMobility(FromModel)"};
-    for (auto model :
-         {MobilityForce::RotnePragerYamakawa, MobilityForce::FreeDraining, MobilityForce::StokesianDynamics}) {
+    for (auto model : {MobilityForce::RotnePragerYamakawa, MobilityForce::FreeDraining,
+                       MobilityForce::StokesianDynamics}) {
         FluidScene scene;
         scene.fluid->setModel(model);
         scene.fluid->setSphereWallMobility(MobilityForce::BestKnown);
         scene.add(sphereKind(0.5), Vec3(0, 0, 3));
-        expectError([&] { Context context(scene.system, scene.integrator, testPlatform()); }, fragments);
+        expectError([&] { Context context(scene.system, scene.integrator, testPlatform()); },
+                    fragments);
         scene.fluid->setSphereWallMobility(MobilityForce::FromModel);
         scene.start(testPlatform());
         scene.integrator.step(1);
@@ -360,17 +395,23 @@ TEST(Wall, BestKnownWithoutAWallIsRefused) {
 }
 
 TEST(Wall, BlobsAboveEachOtherThatAreBothLiftedToContact) {
-    // Crossing takes blobs below contact for blobs at contact: those above each other are then at one place.
+    // Crossing takes blobs below contact for blobs at contact: those above each other are then at
+    // one place.
     for (double x : {0.0, 0.1}) {
         WallScene scene;
         scene.integrator.setWallRejection(CustomRigidHIIntegrator::Crossing);
-        scene.add({"blobs", 1, Vec3(1, 1, 1), {Vec3(0, 0, 0.2), Vec3(x, 0, 0.5), Vec3(1, 0, 1)}, {0.6, 0.6, 0.6}});
+        scene.add({"blobs",
+                   1,
+                   Vec3(1, 1, 1),
+                   {Vec3(0, 0, 0.2), Vec3(x, 0, 0.5), Vec3(1, 0, 1)},
+                   {0.6, 0.6, 0.6}});
         scene.start(testPlatform());
         if (x > 0) {
             scene.integrator.step(1);
             continue;
         }
-        expectError([&] { scene.integrator.step(1); }, {"particle 0 (body 0) and particle 1 (body 0)", "same place"});
+        expectError([&] { scene.integrator.step(1); },
+                    {"particle 0 (body 0) and particle 1 (body 0)", "same place"});
         expectError([&] { scene.mobility(); }, {"particle 0 (body 0) and particle 1 (body 0)"});
     }
 }
@@ -382,11 +423,13 @@ TEST(Wall, WhatNeedsReinitialize) {
     const MatrixXd before = scene.mobility();
     const auto update = [&] { scene.fluid->updateParametersInContext(*scene.context); };
     scene.fluid->setBoundary(MobilityForce::Unbounded);
-    expectError(update, {"the model or boundary of a MobilityForce cannot be changed", "reinitialize"});
+    expectError(update,
+                {"the model or boundary of a MobilityForce cannot be changed", "reinitialize"});
     scene.fluid->setBoundary(MobilityForce::NoSlipWall);
     scene.fluid->setWallHeight(-1);
     expectError(update,
-                {"the wall height or sphere-wall mobility of a MobilityForce cannot be changed", "reinitialize"});
+                {"the wall height or sphere-wall mobility of a MobilityForce cannot be changed",
+                 "reinitialize"});
     EXPECT_EQ(scene.mobility(), before);
     scene.context->reinitialize(true);
     EXPECT_GT(scene.mobility()(2, 2), 1.2 * before(2, 2));
@@ -408,7 +451,8 @@ TEST(Wall, BestKnownMobilityOfOneSphere) {
             scene.fluid->setSphereWallMobility(MobilityForce::BestKnown);
             scene.fluid->setViscosity(eta);
             scene.add(sphereKind(a), Vec3(1, 1, height + a * (1 + row.gap)));
-            if (free) scene.addFree(1, 1e-9, Vec3(0, 0, height + 1e5));  // too small and far to matter
+            if (free)
+                scene.addFree(1, 1e-9, Vec3(0, 0, height + 1e5));  // too small and far to matter
             scene.start(testPlatform());
             const MatrixXd N = scene.mobility() * 6 * M_PI * eta * a;
             EXPECT_NEAR(N(0, 0), row.along, 1e-6);
@@ -447,10 +491,12 @@ TEST(Wall, BestKnownRefusesContact) {
     scene.add(sphereKind(0.5), Vec3(0, 0, 0.5));
     scene.add(boomerangKind(), Vec3(5, 0, 0.5));  // the lowest blobs touch, which the model takes
     scene.start(testPlatform());
-    const vector<string> fragments = {"particle 0 (body 0) touches the wall", "BestKnown", "move it up"};
+    const vector<string> fragments = {"particle 0 (body 0) touches the wall", "BestKnown",
+                                      "move it up"};
     expectError([&] { scene.mobility(); }, fragments);
     expectError([&] { scene.integrator.step(1); }, fragments);
-    scene.pose({Vec3(0, 0, 0.5 + 1e-9), Vec3(5, 0, 0.5)}, vector<QuaternionArray>(2, {{1, 0, 0, 0}}));
+    scene.pose({Vec3(0, 0, 0.5 + 1e-9), Vec3(5, 0, 0.5)},
+               vector<QuaternionArray>(2, {{1, 0, 0, 0}}));
     const MatrixXd N = scene.mobility();
     EXPECT_NEAR(N(2, 2) * 6 * M_PI * 0.6 * 0.5 / 2e-9, 1, 1e-5);  // but for the neighbour
     EXPECT_GT(smallestEigenvalue(N), 0);
@@ -459,7 +505,8 @@ TEST(Wall, BestKnownRefusesContact) {
 // ---- Beside other features ----
 
 TEST(Wall, OwnTensorsAreThoseOfUnboundedFluid) {
-    SKIP_ON_SINGLE_PRECISION_DEVICES("members 1e9 nm above the wall have no distance from each other there");
+    SKIP_ON_SINGLE_PRECISION_DEVICES(
+        "members 1e9 nm above the wall have no distance from each other there");
     const MatrixXd own = tensorWithoutSymmetry(5);
     for (double gap : {1e9, 0.3}) {
         WallScene scene, plain, bulk;
@@ -469,7 +516,8 @@ TEST(Wall, OwnTensorsAreThoseOfUnboundedFluid) {
         for (WallScene* s : {&scene, &plain, &bulk}) s->start(testPlatform());
         const auto power = [](const MatrixXd& m, double p) {
             const Eigen::SelfAdjointEigenSolver<MatrixXd> e(m);
-            return MatrixXd(e.eigenvectors() * e.eigenvalues().array().pow(p).matrix().asDiagonal() *
+            return MatrixXd(e.eigenvectors() *
+                            e.eigenvalues().array().pow(p).matrix().asDiagonal() *
                             e.eigenvectors().transpose());
         };
         // Roots depend on the axes' order inside as little as on the frame.
@@ -482,7 +530,8 @@ TEST(Wall, OwnTensorsAreThoseOfUnboundedFluid) {
 }
 
 TEST(Wall, OneBodyIsNotConstantInItsFrame) {
-    // What is taken once in unbounded fluid is taken anew in every step here; also of a sphere, and of a free particle.
+    // What is taken once in unbounded fluid is taken anew in every step here; also of a sphere, and
+    // of a free particle.
     for (int kind = 0; kind < 3; kind++) {
         WallScene scene(0, T1, 0.001);
         if (kind == 2)
@@ -494,7 +543,8 @@ TEST(Wall, OneBodyIsNotConstantInItsFrame) {
         const auto before = scene.integrator.getStepStatistics();
         EXPECT_GE(before.at("mobilityProducts"), 10) << kind;
         EXPECT_EQ(before.at("squareRoots"), 10) << kind;
-        EXPECT_NE(scene.integrator.describeEffects().find("above a no-slip wall at z = 0 nm"), string::npos);
+        EXPECT_NE(scene.integrator.describeEffects().find("above a no-slip wall at z = 0 nm"),
+                  string::npos);
         if (kind == 2) continue;
         const MatrixXd low = scene.mobility();
         scene.pose({Vec3(0, 0, 5)}, {{{1, 0, 0, 0}}});
@@ -524,27 +574,35 @@ TEST(Wall, MatrixFreeIsDense) {
             VectorXd Z[2];
             for (bool matrixFree : {false, true}) {
                 WallScene scene(0, 1e-8 * T1, h);
-                scene.fluid->setSphereWallMobility(bestKnown ? MobilityForce::BestKnown : MobilityForce::FromModel);
-                scene.fluid->setSolver(matrixFree ? MobilityForce::MatrixFree : MobilityForce::Dense);
+                scene.fluid->setSphereWallMobility(bestKnown ? MobilityForce::BestKnown
+                                                             : MobilityForce::FromModel);
+                scene.fluid->setSolver(matrixFree ? MobilityForce::MatrixFree
+                                                  : MobilityForce::Dense);
                 scene.fluid->setSolverTolerance(tolerance);
                 mt19937 random(5);
                 for (int b = 0; b < 8; b++) {
-                    const BodyKind kind = b % 3 == 0 ? boomerangKind() : b % 3 == 1 ? rodKind() : sphereKind(0.4);
+                    const BodyKind kind = b % 3 == 0   ? boomerangKind()
+                                          : b % 3 == 1 ? rodKind()
+                                                       : sphereKind(0.4);
                     const QuaternionArray q = randomQuaternion(random);
-                    scene.add(kind, Vec3(2.5 * (b % 3), 2.5 * (b / 3), 1e-3 - lowestPoint(kind, q)), q);
+                    scene.add(kind, Vec3(2.5 * (b % 3), 2.5 * (b / 3), 1e-3 - lowestPoint(kind, q)),
+                              q);
                 }
                 scene.addFree(1.5, 0.4, Vec3(-1, -1, 0.45));
                 scene.start(testPlatform());
                 scene.integrator.step(1);
-                EXPECT_EQ(scene.integrator.getStepStatistics().at("solverIterations") > 0, matrixFree);
+                EXPECT_EQ(scene.integrator.getStepStatistics().at("solverIterations") > 0,
+                          matrixFree);
                 Z[matrixFree].resize(6 * 8 + 3);
-                const auto V = scene.integrator.getBodyVelocities(), W = scene.integrator.getBodyAngularVelocities();
+                const auto V = scene.integrator.getBodyVelocities(),
+                           W = scene.integrator.getBodyAngularVelocities();
                 const auto q = scene.integrator.getBodyOrientations();
                 for (int b = 0; b < 8; b++) {
                     const BodyKind& kind = scene.bodies[b];
                     Z[matrixFree].segment<3>(6 * b) = sqrt(kind.mass) * toEigen(V[b]);
                     const Vector3d omega = rotationOf(q[b]).transpose() * toEigen(W[b]);
-                    for (int k = 0; k < 3; k++) Z[matrixFree][6 * b + 3 + k] = sqrt(kind.moments[k]) * omega[k];
+                    for (int k = 0; k < 3; k++)
+                        Z[matrixFree][6 * b + 3 + k] = sqrt(kind.moments[k]) * omega[k];
                 }
                 Z[matrixFree].tail<3>() = sqrt(1.5) * toEigen(velocitiesOf(*scene.context).back());
             }
@@ -557,13 +615,15 @@ TEST(Wall, MatrixFreeIsDense) {
 
 namespace {
 
-/** Of every body: 3 kT for each nm of height of its blobs' centre; of every blob 10 kT exp(-gap/0.4 nm). */
+/** Of every body: 3 kT for each nm of height of its blobs' centre; of every blob 10 kT exp(-gap/0.4
+ * nm). */
 const double weight = 3, repulsion = 10, range = 0.4;
 double blobEnergy(double z, double radius, int blobs) {
     return weight / blobs * z + repulsion * exp(-(z - radius) / range);
 }
 
-/** Averages by quadrature over height and the vertical as the body sees it, with all blobs above the wall at 0. */
+/** Averages by quadrature over height and the vertical as the body sees it, with all blobs above
+ * the wall at 0. */
 map<string, double> gibbs(const BodyKind& kind) {
     const int heights = 200, rings = 24;
     const double highest = 6;  // in units of 0.03, so that cells end where "near" does
@@ -572,7 +632,8 @@ map<string, double> gibbs(const BodyKind& kind) {
     for (int i = 0; i < rings; i++)
         for (int k = 0; k < 2 * rings; k++) {
             // Uniform in n_z by mid-points; even spacing around.
-            const double nz = (2 * i + 1.0) / rings - 1, s = sqrt(1 - nz * nz), angle = (k + 0.5) * M_PI / rings;
+            const double nz = (2 * i + 1.0) / rings - 1, s = sqrt(1 - nz * nz),
+                         angle = (k + 0.5) * M_PI / rings;
             const Vec3 n(s * cos(angle), s * sin(angle), nz);
             double lowest = INFINITY;
             for (size_t b = 0; b < kind.sites.size(); b++)
@@ -581,7 +642,8 @@ map<string, double> gibbs(const BodyKind& kind) {
                 const double above = (j + 0.5) * highest / heights, z = above - lowest;
                 double U = 0;
                 for (size_t b = 0; b < kind.sites.size(); b++)
-                    if (kind.radii[b] > 0) U += blobEnergy(z + kind.sites[b].dot(n), kind.radii[b], kind.sites.size());
+                    if (kind.radii[b] > 0)
+                        U += blobEnergy(z + kind.sites[b].dot(n), kind.radii[b], kind.sites.size());
                 const double p = exp(-U);
                 norm_ += p;
                 mean["height"] += p * z;
@@ -598,9 +660,10 @@ map<string, double> gibbs(const BodyKind& kind) {
 }  // namespace
 
 TEST(Wall, HeightsFollowGibbsAndVelocitiesMaxwell) {
-    // LangevinHI needs no drift term, however the friction depends on height and orientation. Replicas are groups. Were friction
-    // and noise not taken at the same place, P would have a factor like the inverse mobility, which would lower the sphere's
-    // mean height by 4 %: five standard errors.
+    // LangevinHI needs no drift term, however the friction depends on height and orientation.
+    // Replicas are groups. Were friction and noise not taken at the same place, P would have a
+    // factor like the inverse mobility, which would lower the sphere's mean height by 4 %: five
+    // standard errors.
     const double h = 0.05;
     for (bool multiblob : {false, true})
         for (bool bestKnown : {false, true}) {
@@ -632,7 +695,8 @@ TEST(Wall, HeightsFollowGibbsAndVelocitiesMaxwell) {
             const int samples = 60;
             for (int s = 0; s < samples; s++) {
                 scene.integrator.step(10);
-                const auto R = scene.integrator.getBodyPositions(), V = scene.integrator.getBodyVelocities(),
+                const auto R = scene.integrator.getBodyPositions(),
+                           V = scene.integrator.getBodyVelocities(),
                            W = scene.integrator.getBodyAngularVelocities();
                 const auto q = scene.integrator.getBodyOrientations();
                 for (int c = 0; c < copies; c++) {
@@ -655,10 +719,11 @@ TEST(Wall, HeightsFollowGibbsAndVelocitiesMaxwell) {
                 }
             }
             const map<string, double> expected = gibbs(kind);
-            cout << (multiblob ? "boomerang, " : "sphere, ") << scene.integrator.getNumRejectedSteps()
-                 << " rejections\n";
+            cout << (multiblob ? "boomerang, " : "sphere, ")
+                 << scene.integrator.getNumRejectedSteps() << " rejections\n";
             EXPECT_LT(scene.integrator.getNumRejectedSteps(), 30);
             for (const auto& sum : sums)
-                expectMean(sum.first, estimate(sum.second), expected.count(sum.first) ? expected.at(sum.first) : 1);
+                expectMean(sum.first, estimate(sum.second),
+                           expected.count(sum.first) ? expected.at(sum.first) : 1);
         }
 }

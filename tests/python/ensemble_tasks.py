@@ -31,7 +31,9 @@ def scene(bodies=3, temperature=300.0, broken=False, seed=1):
 
 def otherScene(bodies=3, seed=1):
     """The same parameters, another System, if the tests say so."""
-    return scenes.trap(bodies, gamma=5.0 if os.path.exists(os.path.join(os.environ[MARKS], 'changed')) else 10.0, seed=seed)
+    return scenes.trap(
+        bodies, gamma=5.0 if os.path.exists(os.path.join(os.environ[MARKS], 'changed')) else 10.0,
+        seed=seed)
 
 
 def bare(seed=1):
@@ -134,7 +136,9 @@ def countTogether(x, job):
     open(mine, 'w').close()
     deadline, enough = time.monotonic() + 20, None
     while time.monotonic() < (deadline if enough is None else enough):
-        seen = max(seen, sum(name.startswith(f'working{wanted}_') for name in os.listdir(os.environ[MARKS])))
+        seen = max(
+            seen,
+            sum(name.startswith(f'working{wanted}_') for name in os.listdir(os.environ[MARKS])))
         if seen >= wanted and enough is None:
             enough = time.monotonic() + 1
         time.sleep(0.05)

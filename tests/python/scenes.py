@@ -8,7 +8,6 @@ import openmmrigidhi
 
 class WaterBox:
     """TIP4P-Ew waters on a cubic lattice, randomly oriented, at the density of water, with a reaction field."""
-
     def __init__(self, side, rigidWater=True, nonbondedMethod=app.CutoffPeriodic, seed=1):
         spacing = (18.015/(0.997*602.2))**(1/3)  # nm; 0.997 g/mL
         self.box = side*spacing
@@ -17,10 +16,11 @@ class WaterBox:
         modeller = app.Modeller(*_lattice(side, spacing, np.random.default_rng(seed)))
         modeller.addExtraParticles(forceField)
         self.topology, self.positions = modeller.topology, modeller.positions
-        # With so short a cutoff, dispersion must be switched off smoothly: a jump of 0.4 kJ/mol stops any minimiser.
-        self.system = forceField.createSystem(self.topology, nonbondedMethod=nonbondedMethod, removeCMMotion=False,
-                                              nonbondedCutoff=0.45*self.box, switchDistance=0.35*self.box,
-                                              rigidWater=rigidWater)
+        # With so short a cutoff, dispersion must be switched off smoothly: a jump of 0.4 kJ/mol
+        # stops any minimiser.
+        self.system = forceField.createSystem(self.topology, nonbondedMethod=nonbondedMethod,
+                                              removeCMMotion=False, nonbondedCutoff=0.45*self.box,
+                                              switchDistance=0.35*self.box, rigidWater=rigidWater)
 
     def integrator(self, temperature=300, stepSize=0.002, seed=1):
         integrator = openmmrigidhi.CustomRigidHIIntegrator(temperature, stepSize)
@@ -29,7 +29,8 @@ class WaterBox:
         return integrator
 
     def simulation(self, platform, integrator=None):
-        simulation = app.Simulation(self.topology, self.system, integrator or self.integrator(), platform)
+        simulation = app.Simulation(self.topology, self.system, integrator or self.integrator(),
+                                    platform)
         simulation.context.setPositions(self.positions)
         return simulation
 
@@ -44,8 +45,10 @@ def _lattice(side, spacing, random):
     positions = []
     for cell in np.ndindex(side, side, side):
         residue = topology.addResidue('HOH', chain)
-        oxygen, *hydrogens = [topology.addAtom(name, app.Element.getBySymbol(name[0]), residue)
-                              for name in ('O', 'H1', 'H2')]
+        oxygen, *hydrogens = [
+            topology.addAtom(name, app.Element.getBySymbol(name[0]), residue)
+            for name in ('O', 'H1', 'H2')
+        ]
         for hydrogen in hydrogens:
             topology.addBond(oxygen, hydrogen)
         rotation = np.linalg.qr(random.normal(size=(3, 3)))[0]

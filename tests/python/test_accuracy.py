@@ -1,6 +1,7 @@
 """openmmrigidhi.accuracy: statistics on synthetic numbers, the advice it gives, and known orders on a scene with exact answers.
 
-Statistical tests have fixed seeds and print z; the limit of 4.5 is passed by chance with probability 7e-6 per comparison.
+Statistical tests have fixed seeds and print z; the limit of 4.5 is passed by chance with
+probability 7e-6 per comparison.
 """
 import csv
 import html.parser
@@ -32,7 +33,7 @@ def autoregressive(n, rho, rng):
     series = np.empty(n)
     series[0] = rng.normal()
     for k in range(1, n):
-        series[k] = rho*series[k-1] + noise[k]
+        series[k] = rho*series[k - 1] + noise[k]
     return series
 
 
@@ -43,15 +44,20 @@ def syntheticResult(errors, sigma, reference=100.0, unstable=(), observable='pot
         for fs, error in points.items():
             speed = fs*(8.0 if method == 'LangevinMiddle' else 10.0)
             stable = (method, fs) not in unstable
-            rows.append({'method': method, 'knob': 'step_size', 'value': fs/1000, 'step_size': fs/1000,
-                         'status': 'stable' if stable else 'unstable', 'message': '' if stable else 'after 1 ps: exploded',
-                         'ns_per_day': speed if stable else None, 'ns_per_day_low': speed, 'ns_per_day_high': speed,
-                         'ns_per_cpu_day': speed, 'speeds': [speed]*5 if stable else [], 'length': 100.0, 'equilibration': 5.0,
-                         'seed': 1, 'observable': observable, 'mean': reference + error if stable else None,
-                         'standard_error': sigma if stable else None, 'degrees': 1000, 'tau': 1.0, 'samples': 1000, 'drift': 0.0,
-                         'note': ''})
+            rows.append({
+                'method': method, 'knob': 'step_size', 'value': fs/1000, 'step_size': fs/1000,
+                'status': 'stable' if stable else 'unstable',
+                'message': '' if stable else 'after 1 ps: exploded',
+                'ns_per_day': speed if stable else None, 'ns_per_day_low': speed,
+                'ns_per_day_high': speed, 'ns_per_cpu_day': speed,
+                'speeds': [speed]*5 if stable else [], 'length': 100.0, 'equilibration': 5.0,
+                'seed': 1, 'observable': observable, 'mean': reference + error if stable else None,
+                'standard_error': sigma if stable else None, 'degrees': 1000, 'tau': 1.0,
+                'samples': 1000, 'drift': 0.0, 'note': ''
+            })
     return StudyResult(STEP_SIZE, {'name': 'synthetic', 'description': 'synthetic numbers'}, rows,
-                       {observable: Reference(observable, reference, 0.0, 'exact')}, dict.fromkeys(errors, 2),
+                       {observable: Reference(observable, reference, 0.0, 'exact')},
+                       dict.fromkeys(errors, 2),
                        {observable: {'label': 'potential energy per body', 'unit': 'kJ/mol'}}, {},
                        {'platform': 'CPU', 'threads': 1, 'rounds': 5, 'clock': 'wall'})
 
@@ -67,7 +73,8 @@ class TestStatistics(unittest.TestCase):
             self.assertAlmostEqual(tau/expected, 1, delta=0.1)
 
     def testStandardErrorCoversTheTruth(self):
-        # 400 series of 200 tau; the mean of z^2 is 1 for a right error (t with ~10 blocks: (n-1)/(n-3) = 1.25).
+        # 400 series of 200 tau; the mean of z^2 is 1 for a right error (t with ~10 blocks:
+        # (n-1)/(n-3) = 1.25).
         rng = np.random.default_rng(2)
         z = []
         for _ in range(400):
@@ -88,8 +95,11 @@ class TestStatistics(unittest.TestCase):
             statistics.seriesStatistics([1.0])
 
     def testExtrapolationIsExactOnExactData(self):
-        points = [statistics.Point(method, h, 5.0 + E*h**order + F*h**(2*order), 0.01, order)
-                  for method, order, E, F in (('a', 2, 0.3, 0.02), ('b', 2, -0.1, 0.0), ('g', 1, 1.0, 0.1)) for h in (1, 2, 3, 4, 5)]
+        points = [
+            statistics.Point(method, h, 5.0 + E*h**order + F*h**(2*order), 0.01, order)
+            for method, order, E, F in (('a', 2, 0.3, 0.02), ('b', 2, -0.1, 0.0),
+                                        ('g', 1, 1.0, 0.1)) for h in (1, 2, 3, 4, 5)
+        ]
         fit = statistics.extrapolate(points)
         self.assertAlmostEqual(fit.value, 5.0, places=9)
         self.assertAlmostEqual(fit.weights.sum(), 1.0, places=9)
@@ -102,8 +112,10 @@ class TestStatistics(unittest.TestCase):
         steps = np.arange(1.0, 9.0)
         z = []
         for _ in range(500):
-            points = [statistics.Point(method, h, 2.0 + E*h**2 + 0.1*rng.normal(), 0.1, 2)
-                      for method, E in (('a', 0.01), ('b', -0.02)) for h in steps]
+            points = [
+                statistics.Point(method, h, 2.0 + E*h**2 + 0.1*rng.normal(), 0.1, 2)
+                for method, E in (('a', 0.01), ('b', -0.02)) for h in steps
+            ]
             fit = statistics.extrapolate(points)
             z.append((fit.value - 2.0)/fit.standardError)
         print(f'mean z {np.mean(z):.3f}, std {np.std(z):.3f}')
@@ -112,17 +124,28 @@ class TestStatistics(unittest.TestCase):
         self.assertGreater(np.std(z), 0.8)
 
     def testExtrapolationLeavesOutWhatDoesNotFit(self):
-        points = [statistics.Point('a', h, 1.0 + 0.01*h**2 + (5.0 if h == 8 else 0), 0.01, 2) for h in range(1, 9)]
+        points = [
+            statistics.Point('a', h, 1.0 + 0.01*h**2 + (5.0 if h == 8 else 0), 0.01, 2)
+            for h in range(1, 9)
+        ]
         fit = statistics.extrapolate(points)
         self.assertFalse(fit.used[-1])
         self.assertAlmostEqual(fit.value, 1.0, delta=0.02)
 
     def testExtrapolationNeedsTwoSteps(self):
-        self.assertIsNone(statistics.extrapolate([statistics.Point('a', 1.0, 1.0, 0.1, 2), statistics.Point('b', 2.0, 1.0, 0.1, 2)]))
+        self.assertIsNone(
+            statistics.extrapolate(
+                [statistics.Point('a', 1.0, 1.0, 0.1, 2),
+                 statistics.Point('b', 2.0, 1.0, 0.1, 2)]))
 
 
 class TestAdvice(unittest.TestCase):
-    errors = {'LangevinC': {h: 0.01*h**2 for h in (2, 4, 6, 8)}, 'LangevinMiddle': {h: 0.03*h**2 for h in (2, 4, 6, 8)}}
+    errors = {
+        'LangevinC': {h: 0.01*h**2
+                      for h in (2, 4, 6, 8)},
+        'LangevinMiddle': {h: 0.03*h**2
+                           for h in (2, 4, 6, 8)}
+    }
 
     def testCheapest(self):
         answer = syntheticResult(self.errors, 0.001).recommend('potential_energy:0.5%')
@@ -148,14 +171,16 @@ class TestAdvice(unittest.TestCase):
         self.assertEqual(answer.verdict, 'cannot tell')
         self.assertIsNone(answer.setting)
         self.assertRegex(answer.text, r'cannot tell.*run longer: about [0-9.]+ times')
-        # The easiest to decide in favour is LangevinC at 2 fs: error 0.04, 0.46 from the limit; 1.645*0.3 = 0.49.
+        # The easiest to decide in favour is LangevinC at 2 fs: error 0.04, 0.46 from the limit;
+        # 1.645*0.3 = 0.49.
         self.assertAlmostEqual(answer.factor, (1.6449*0.3/0.46)**2, places=3)
 
     def testFasterCandidateIsMentioned(self):
         errors = {'LangevinC': {2: 0.0, 4: 0.48}}
         answer = syntheticResult(errors, 0.05).recommend('potential_energy:0.5%')
         self.assertEqual(answer.setting['value'], 0.002)
-        self.assertIn('may or may not meet it: LangevinC at 4 fs; run longer: about 17 times', answer.text)
+        self.assertIn('may or may not meet it: LangevinC at 4 fs; run longer: about 17 times',
+                      answer.text)
 
     def testAtTheLimitNoLengthHelps(self):
         answer = syntheticResult({'LangevinC': {2: 0.5}}, 0.05).recommend('potential_energy:0.5%')
@@ -166,7 +191,8 @@ class TestAdvice(unittest.TestCase):
         result = syntheticResult(self.errors, 0.001, unstable=[('LangevinC', 8), ('LangevinC', 6)])
         self.assertEqual(result.recommend('potential_energy:0.5%').setting['value'], 0.004)
         everything = [(method, fs) for method, points in self.errors.items() for fs in points]
-        answer = syntheticResult(self.errors, 0.001, unstable=everything).recommend('potential_energy:1')
+        answer = syntheticResult(self.errors, 0.001,
+                                 unstable=everything).recommend('potential_energy:1')
         self.assertEqual(answer.verdict, 'none of these')
         self.assertIn('No setting was stable', answer.text)
 
@@ -193,21 +219,23 @@ class TestAdvice(unittest.TestCase):
 
     def testWrongWishesAreRefused(self):
         result = syntheticResult(self.errors, 0.1)
-        for wish, message in (('nothing:1%', 'the observable must be one of'), ('potential_energy:x', 'the error must be a positive number'),
-                              ('potential_energy:-1', 'positive number'), ('potential_energy:0%', 'positive number')):
+        for wish, message in (('nothing:1%', 'the observable must be one of'),
+                              ('potential_energy:x', 'the error must be a positive number'),
+                              ('potential_energy:-1', 'positive number'), ('potential_energy:0%',
+                                                                           'positive number')):
             with self.assertRaisesRegex(ValueError, message):
                 result.recommend(wish)
 
 
 class _Resources(html.parser.HTMLParser):
     """Collects everything a page refers to."""
-
     def __init__(self):
         super().__init__()
         self.found = []
 
     def handle_starttag(self, tag, attributes):
-        self.found += [(tag, name, value) for name, value in attributes if name in ('src', 'href', 'srcset', 'data')]
+        self.found += [(tag, name, value) for name, value in attributes
+                       if name in ('src', 'href', 'srcset', 'data')]
         if tag in ('script', 'link', 'iframe'):
             self.found.append((tag, '', ''))
 
@@ -217,8 +245,10 @@ class TestFiles(unittest.TestCase):
         result = syntheticResult(TestAdvice.errors, 0.01, unstable=[('LangevinMiddle', 8)])
         with tempfile.TemporaryDirectory() as directory:
             paths = result.write(directory, ['potential_energy:0.5%'])
-            self.assertEqual({os.path.basename(path) for path in paths},
-                             {'results.csv', 'results.json', 'report.html', 'error_potential_energy.png'})
+            self.assertEqual(
+                {os.path.basename(path)
+                 for path in paths},
+                {'results.csv', 'results.json', 'report.html', 'error_potential_energy.png'})
             with open(os.path.join(directory, 'results.csv'), newline='') as file:
                 rows = list(csv.DictReader(file))
             self.assertEqual(len(rows), 8)
@@ -241,11 +271,14 @@ class TestFiles(unittest.TestCase):
 
             # What was written says the same when it is read again.
             again = StudyResult.fromJson(os.path.join(directory, 'results.json'))
-            self.assertEqual(again.recommend('potential_energy:0.5%').text, result.recommend('potential_energy:0.5%').text)
+            self.assertEqual(
+                again.recommend('potential_energy:0.5%').text,
+                result.recommend('potential_energy:0.5%').text)
             with open(os.path.join(directory, 'results.json')) as file:
                 data = json.load(file)
             self.assertEqual(data['recommendations'][0]['verdict'], 'recommended')
-            self.assertGreater(data['at_wanted_error']['potential_energy:0.5%']['LangevinC']['ratio'], 1)
+            self.assertGreater(
+                data['at_wanted_error']['potential_energy:0.5%']['LangevinC']['ratio'], 1)
 
     def testAForeignJsonIsRefused(self):
         with tempfile.TemporaryDirectory() as directory:
@@ -260,9 +293,12 @@ class TestScenes(unittest.TestCase):
     def testScenesFromFilesAndFunctions(self):
         scene = accuracy.scenes.trap(bodies=5)
         integrator = scene.makeIntegrator()
-        context = scene.makeContext(integrator, openmm.Platform.getPlatformByName('Reference'), {}, 1)
+        context = scene.makeContext(integrator, openmm.Platform.getPlatformByName('Reference'), {},
+                                    1)
         with tempfile.TemporaryDirectory() as directory:
-            paths = [os.path.join(directory, name + '.xml') for name in ('system', 'state', 'integrator')]
+            paths = [
+                os.path.join(directory, name + '.xml') for name in ('system', 'state', 'integrator')
+            ]
             state = context.getState(getPositions=True, getVelocities=True)
             for path, thing in zip(paths, (scene.system, state, integrator)):
                 with open(path, 'w') as file:
@@ -278,7 +314,8 @@ class TestScenes(unittest.TestCase):
         with self.assertRaisesRegex(TypeError, 'which says what the bodies are'):
             accuracy.Scene(scene.system, scene.positions, openmm.VerletIntegrator(0.001))
         with self.assertRaisesRegex(ValueError, 'Scene: integrator: it has no bodies'):
-            accuracy.Scene(scene.system, scene.positions, openmmrigidhi.CustomRigidHIIntegrator(300, 0.001))
+            accuracy.Scene(scene.system, scene.positions,
+                           openmmrigidhi.CustomRigidHIIntegrator(300, 0.001))
         with self.assertRaisesRegex(ValueError, 'Scene: state: got positions of shape'):
             accuracy.Scene(scene.system, scene.positions[1:], scene.makeIntegrator())
 
@@ -288,8 +325,11 @@ class TestScenes(unittest.TestCase):
         system = openmm.XmlSerializer.clone(scene.system)
         openmmrigidhi.MobilityForce.cast(system.getForce(0)).setSinusoidalForceDensity(1.5, 0, 1, 1)
         driven = accuracy.Scene(system, scene.positions, scene.makeIntegrator())
-        with self.assertRaisesRegex(ValueError, r'StepSizeStudy: scene: its MobilityForce drives the fluid by a sinusoidal force density of 1.5 kJ.* no '
-                                                r'equilibrium in a driven flow.* setSinusoidalForceDensity\(\) with zeros'):
+        with self.assertRaisesRegex(
+                ValueError,
+                r'StepSizeStudy: scene: its MobilityForce drives the fluid by a sinusoidal force '
+                r'density of 1.5 kJ.* no '
+                r'equilibrium in a driven flow.* setSinusoidalForceDensity\(\) with zeros'):
             accuracy.StepSizeStudy(driven, ['LangevinC'])
 
     def testSmallWaterBoxesAreRefused(self):
@@ -297,13 +337,19 @@ class TestScenes(unittest.TestCase):
             accuracy.scenes.water(100)
 
     def testWrongNamesAreRefused(self):
-        for call, message in ((lambda: accuracy.methods.byName('Verlet'), 'must be a Method or the name of one of these: LangevinA'),
-                              (lambda: accuracy.observables.byName('entropy'), 'must be one of potential_energy'),
-                              (lambda: accuracy.scenes.fromFunction('nowhere'), 'it must have the form module:function'),
-                              (lambda: accuracy.scenes.fromFunction('nowhere:at_all'), 'cannot be imported'),
-                              (lambda: accuracy.StepSizeStudy(accuracy.scenes.trap(2), stepSizes=[-1]), 'a step must be positive, in ps'),
-                              (lambda: accuracy.StepSizeStudy(accuracy.scenes.trap(2), clock='moon'), 'it must be wall or cpu'),
-                              (lambda: accuracy.StepSizeStudy(accuracy.scenes.trap(2), observables=['pressure']*2), 'there must be at least one, and none twice')):
+        for call, message in (
+            (lambda: accuracy.methods.byName('Verlet'),
+             'must be a Method or the name of one of these: LangevinA'),
+            (lambda: accuracy.observables.byName('entropy'),
+             'must be one of potential_energy'), (lambda: accuracy.scenes.fromFunction('nowhere'),
+                                                  'it must have the form module:function'),
+            (lambda: accuracy.scenes.fromFunction('nowhere:at_all'), 'cannot be imported'),
+            (lambda: accuracy.StepSizeStudy(accuracy.scenes.trap(2), stepSizes=[-1]),
+             'a step must be positive, in ps'),
+            (lambda: accuracy.StepSizeStudy(accuracy.scenes.trap(2), clock='moon'),
+             'it must be wall or cpu'),
+            (lambda: accuracy.StepSizeStudy(accuracy.scenes.trap(2), observables=['pressure']*2),
+             'there must be at least one, and none twice')):
             with self.assertRaisesRegex(ValueError, message):
                 call()
 
@@ -325,12 +371,18 @@ class TestScenes(unittest.TestCase):
     def testParticlesAndBodiesGiveTheSameKineticEnergies(self):
         scene = accuracy.scenes.trap(bodies=20)
         integrator = scene.makeIntegrator()
-        context = scene.makeContext(integrator, openmm.Platform.getPlatformByName('Reference'), {}, 1)
+        context = scene.makeContext(integrator, openmm.Platform.getPlatformByName('Reference'), {},
+                                    1)
         integrator.step(10)
         state = context.getState(getPositions=True, getVelocities=True)
-        mine = scene.bodyTable().kineticEnergies(state.getPositions(asNumpy=True)._value, state.getVelocities(asNumpy=True)._value)
-        np.testing.assert_allclose(mine[0], integrator.computeTranslationalKineticEnergy()._value, rtol=1e-10)
-        np.testing.assert_allclose(mine[1:], integrator.computeRotationalKineticEnergies()._value, rtol=1e-8)
+        mine = scene.bodyTable().kineticEnergies(
+            state.getPositions(asNumpy=True)._value,
+            state.getVelocities(asNumpy=True)._value)
+        np.testing.assert_allclose(mine[0],
+                                   integrator.computeTranslationalKineticEnergy()._value,
+                                   rtol=1e-10)
+        np.testing.assert_allclose(mine[1:],
+                                   integrator.computeRotationalKineticEnergies()._value, rtol=1e-8)
         degrees = integrator.getDegreesOfFreedom()
         for name, value in scene.bodyTable().degrees.items():
             self.assertEqual(value, degrees[name], name)
@@ -354,9 +406,11 @@ class TestScenes(unittest.TestCase):
         integrator = gas.makeIntegrator()
         context = gas.makeContext(integrator, platform, {}, 1)
         pressure = accuracy.observables.byName('pressure')
-        value = pressure.measure(accuracy.observables.Sample(gas, context), pressure.setup(gas, platform, {}))
+        value = pressure.measure(accuracy.observables.Sample(gas, context),
+                                 pressure.setup(gas, platform, {}))
         # 1 kJ/mol/nm^3 = 1e3/6.02214076e23/1e-27 Pa
-        expected = 2*integrator.computeTranslationalKineticEnergy()._value/(3*64)*1e30/6.02214076e23/1e6
+        expected = 2*integrator.computeTranslationalKineticEnergy()._value/(
+            3*64)*1e30/6.02214076e23/1e6
         self.assertAlmostEqual(value/expected, 1, places=6)
         with self.assertRaisesRegex(ValueError, 'not periodic'):
             pressure.setup(scene, platform, {})
@@ -379,20 +433,23 @@ firstCoordinate.exact = 0.0
 
 class TestKnownOrders(unittest.TestCase):
     """Harmonic trap, w = 100/ps: C has <x^2> exact, T (1 - h^2 w^2/4); B the other way round; rotation per axis stays at T."""
-
     @classmethod
     def setUpClass(cls):
         cls.scene = accuracy.scenes.trap(bodies=150, gamma=20, Gamma=40)
         cls.study = accuracy.StepSizeStudy(
-            cls.scene, ['LangevinB', 'LangevinC'], [0.004, 0.008, 0.012, 0.03], platform='Reference', seed=7,
-            observables=['energy_group_0', 'energy_group_1', 'translational_temperature', 'rotational_temperature_1', firstCoordinate])
+            cls.scene, ['LangevinB', 'LangevinC'], [0.004, 0.008, 0.012, 0.03],
+            platform='Reference', seed=7, observables=[
+                'energy_group_0', 'energy_group_1', 'translational_temperature',
+                'rotational_temperature_1', firstCoordinate
+            ])
         cls.result = cls.study.run(length=8, rounds=4)
 
     def compare(self, method, observable, law):
         for row in self.result.select(observable, method):
             expected = law(row['value'])*self.result.references[observable].value
             z = (row['mean'] - expected)/row['standard_error']
-            print(f'{method} {observable} h = {row["value"]}: {row["mean"]:.4f} expected {expected:.4f} z = {z:.2f}, '
+            print(f'{method} {observable} h = {row["value"]}: {row["mean"]:.4f} expected '
+                  f'{expected:.4f} z = {z:.2f}, '
                   f'{row["degrees"] + 1} blocks')
             self.assertLess(abs(z), statistics.quantile(1 - 7e-6, row['degrees']))
 
@@ -406,14 +463,17 @@ class TestKnownOrders(unittest.TestCase):
 
     def testOrderIsFound(self):
         # |error| = h^2 w^2/4 T: the step for 9 % is 6 fs.
-        entry = self.result.compareAt('translational_temperature:9%', baseline='LangevinC')['LangevinC']
-        print(f'step for 9 %: {entry["step"]*1000:.3f} fs ({entry["step_low"]*1000:.3f} to {entry["step_high"]*1000:.3f})')
+        entry = self.result.compareAt('translational_temperature:9%',
+                                      baseline='LangevinC')['LangevinC']
+        print(f'step for 9 %: {entry["step"]*1000:.3f} fs ({entry["step_low"]*1000:.3f} to '
+              f'{entry["step_high"]*1000:.3f})')
         self.assertAlmostEqual(entry['step']*1000, 6, delta=0.5)
 
     def testBlowUpIsReported(self):
         # w h = 3 > 2
         for method in ('LangevinB', 'LangevinC'):
-            row = next(row for row in self.result.rows if row['method'] == method and row['value'] == 0.03)
+            row = next(row for row in self.result.rows
+                       if row['method'] == method and row['value'] == 0.03)
             self.assertEqual(row['status'], 'unstable')
             self.assertIn('the potential energy reached', row['message'])
 
@@ -422,10 +482,11 @@ class TestKnownOrders(unittest.TestCase):
         # Which of those that qualify is the fastest depends on what else the machine does.
         verdicts = {(c['method'], c['value']): c['verdict'] for c in answer.candidates}
         self.assertEqual(answer.verdict, 'recommended')
-        self.assertEqual(verdicts['LangevinB', 0.008], 'yes')       # 19 % of the energy, 0 of the temperature
-        self.assertEqual(verdicts['LangevinB', 0.012], 'no')        # 56 % of the energy
-        self.assertEqual(verdicts['LangevinC', 0.008], 'no')        # 16 % of the temperature
-        self.assertEqual(verdicts['LangevinC', 0.004], 'yes')       # 4 % of the temperature
+        self.assertEqual(verdicts['LangevinB', 0.008],
+                         'yes')  # 19 % of the energy, 0 of the temperature
+        self.assertEqual(verdicts['LangevinB', 0.012], 'no')  # 56 % of the energy
+        self.assertEqual(verdicts['LangevinC', 0.008], 'no')  # 16 % of the temperature
+        self.assertEqual(verdicts['LangevinC', 0.004], 'yes')  # 4 % of the temperature
         self.assertNotIn(('LangevinB', 0.03), verdicts)
 
     def testUsersObservable(self):
@@ -433,17 +494,22 @@ class TestKnownOrders(unittest.TestCase):
         self.assertLess(abs(row['error']/row['error_standard_error']), Z_LIMIT + 1)
 
     def testSameSeedSameNumbers(self):
-        short = [accuracy.StepSizeStudy(accuracy.scenes.trap(bodies=5), ['LangevinC', 'LangevinB'], [0.004], platform='Reference',
-                                        observables=['potential_energy'], seed=seed).run(length=2, rounds=2) for seed in (3, 3, 4)]
+        short = [
+            accuracy.StepSizeStudy(accuracy.scenes.trap(bodies=5), ['LangevinC', 'LangevinB'],
+                                   [0.004], platform='Reference', observables=['potential_energy'],
+                                   seed=seed).run(length=2, rounds=2) for seed in (3, 3, 4)
+        ]
         means = [[row['mean'] for row in result.rows] for result in short]
         self.assertEqual(means[0], means[1])
         self.assertNotEqual(means[0], means[2])
 
     def testABudgetIsSpent(self):
-        study = accuracy.StepSizeStudy(accuracy.scenes.trap(bodies=5), ['LangevinC'], [0.002, 0.008], platform='Reference',
+        study = accuracy.StepSizeStudy(accuracy.scenes.trap(bodies=5), ['LangevinC'],
+                                       [0.002, 0.008], platform='Reference',
                                        observables=['potential_energy'])
         calls = []
-        result = study.run(budget=3, rounds=4, progress=lambda done, total, text: calls.append((done, text)))
+        result = study.run(budget=3, rounds=4, progress=lambda done, total, text: calls.append(
+            (done, text)))
         self.assertGreaterEqual(result.provenance['rounds'], 3)
         small, large = result.rows
         self.assertGreater(min(small['length'], large['length']), 0)
@@ -453,20 +519,23 @@ class TestKnownOrders(unittest.TestCase):
     def testAThrowingObservableEndsTheRunOnly(self):
         def broken(context):
             raise ValueError('broken on purpose')
-        result = accuracy.StepSizeStudy(accuracy.scenes.trap(bodies=2), ['LangevinC'], [0.004], platform='Reference',
-                                        observables=[broken]).run(length=2)
+
+        result = accuracy.StepSizeStudy(accuracy.scenes.trap(bodies=2), ['LangevinC'], [0.004],
+                                        platform='Reference', observables=[broken]).run(length=2)
         self.assertEqual(result.rows[0]['status'], measurement.UNSTABLE)
         self.assertIn('broken on purpose', result.rows[0]['message'])
 
     def testAnInfiniteObservableEndsTheRun(self):
         def infinite(context):
             return math.inf
-        result = accuracy.StepSizeStudy(accuracy.scenes.trap(bodies=2), ['LangevinC'], [0.004], platform='Reference',
-                                        observables=[infinite]).run(length=2)
+
+        result = accuracy.StepSizeStudy(accuracy.scenes.trap(bodies=2), ['LangevinC'], [0.004],
+                                        platform='Reference', observables=[infinite]).run(length=2)
         self.assertIn('infinite has become infinite', result.rows[0]['message'])
 
     def testGradientThermostatHasNoTemperature(self):
-        result = accuracy.StepSizeStudy(accuracy.scenes.trap(bodies=5), ['GradientThermostat'], [0.001], platform='Reference',
+        result = accuracy.StepSizeStudy(accuracy.scenes.trap(bodies=5), ['GradientThermostat'],
+                                        [0.001], platform='Reference',
                                         observables=['translational_temperature']).run(length=2)
         self.assertEqual(result.rows[0]['note'], 'n/a')
         self.assertEqual(result.recommend('translational_temperature:1%').verdict, 'cannot tell')
@@ -474,39 +543,55 @@ class TestKnownOrders(unittest.TestCase):
 
 class TestCommandLine(unittest.TestCase):
     def run_(self, *arguments):
-        return subprocess.run([sys.executable, '-m', 'openmmrigidhi.accuracy', *arguments], capture_output=True, text=True,
-                              env=dict(os.environ, PYTHONPATH=os.path.dirname(os.path.dirname(openmmrigidhi.__file__))))
+        return subprocess.run([sys.executable, '-m', 'openmmrigidhi.accuracy', *arguments],
+                              capture_output=True, text=True, env=dict(
+                                  os.environ, PYTHONPATH=os.path.dirname(
+                                      os.path.dirname(openmmrigidhi.__file__))))
 
     def testShortRun(self):
         with tempfile.TemporaryDirectory() as directory:
-            done = self.run_('--scene', 'trap', '--bodies', '10', '--platform', 'Reference', '--length', '3', '--rounds', '3',
-                             '--methods', 'LangevinC', 'LangevinMiddle:4,40', '--steps', '4,8', '--observables', 'energy_group_0',
-                             '--wanted-error', 'energy_group_0:50%', '--output', directory, '--quiet')
+            done = self.run_('--scene', 'trap', '--bodies', '10', '--platform', 'Reference',
+                             '--length', '3', '--rounds', '3', '--methods', 'LangevinC',
+                             'LangevinMiddle:4,40', '--steps', '4,8', '--observables',
+                             'energy_group_0', '--wanted-error', 'energy_group_0:50%', '--output',
+                             directory, '--quiet')
             self.assertEqual(done.returncode, 0, done.stderr)
-            self.assertIn('For an error of at most 50% of energy of force group 0 per body', done.stdout)
+            self.assertIn('For an error of at most 50% of energy of force group 0 per body',
+                          done.stdout)
             self.assertIn('LangevinMiddle was unstable at 40 fs', done.stdout)
             self.assertIn('report.html', os.listdir(directory))
             with open(os.path.join(directory, 'results.csv')) as file:
                 self.assertIn('the potential energy is not finite', file.read())
             # Again, from what was written.
-            status = cli.main(['--from', os.path.join(directory, 'results.json'), '--wanted-error', 'energy_group_0:0.001',
-                               '--output', os.path.join(directory, 'again')])
+            status = cli.main([
+                '--from',
+                os.path.join(directory, 'results.json'), '--wanted-error', 'energy_group_0:0.001',
+                '--output',
+                os.path.join(directory, 'again')
+            ])
             self.assertEqual(status, 0)
             self.assertIn('report.html', os.listdir(os.path.join(directory, 'again')))
 
     def testTwoJobs(self):
         with tempfile.TemporaryDirectory() as directory:
-            done = self.run_('--scene', 'trap', '--bodies', '5', '--platform', 'Reference', '--length', '2', '--jobs', '2',
-                             '--methods', 'LangevinC', '--steps', '4', '--observables', 'potential_energy', '--output', directory, '--quiet')
+            done = self.run_('--scene', 'trap', '--bodies', '5', '--platform', 'Reference',
+                             '--length', '2', '--jobs', '2', '--methods', 'LangevinC', '--steps',
+                             '4', '--observables', 'potential_energy', '--output', directory,
+                             '--quiet')
             self.assertEqual(done.returncode, 0, done.stderr)
             result = StudyResult.fromJson(os.path.join(directory, 'results.json'))
             self.assertEqual(result.rows[0]['status'], 'stable')
             self.assertGreater(result.rows[0]['ns_per_day'], 0)
 
     def testWrongArguments(self):
-        for arguments, message in ((['--scene', 'nowhere'], ', or module:function: correct it'), (['--steps', 'x'], 'they must be positive numbers in fs'),
-                                   (['--methods', 'Verlet'], 'the name of one of these'), (['--wanted-error', 'x:1%'], ', which is not measured; name'),
-                                   (['--system', 'x.xml'], 'all three must be given'), (['--reference', 'potential_energy=x'], 'it must be name=value or name=value+-error')):
+        for arguments, message in ((['--scene', 'nowhere'], ', or module:function: correct it'), ([
+                '--steps', 'x'
+        ], 'they must be positive numbers in fs'), (['--methods',
+                                                     'Verlet'], 'the name of one of these'),
+                                   (['--wanted-error', 'x:1%'], ', which is not measured; name'),
+                                   (['--system', 'x.xml'], 'all three must be given'), ([
+                                       '--reference', 'potential_energy=x'
+                                   ], 'it must be name=value or name=value+-error')):
             with self.subTest(arguments), tempfile.TemporaryFile('w+') as file:
                 standard, sys.stderr = sys.stderr, file
                 try:
@@ -519,8 +604,11 @@ class TestCommandLine(unittest.TestCase):
     def testAWrongAmountIsRefusedBeforeAnythingIsMeasured(self):
         with unittest.mock.patch.object(accuracy.StepSizeStudy, 'run', side_effect=AssertionError('it was measured')), \
                 unittest.mock.patch('sys.stderr', io.StringIO()) as error:
-            self.assertEqual(cli.main(['--scene', 'trap', '--bodies', '2', '--platform', 'Reference', '--wanted-error',
-                                       'potential_energy:much', '--quiet']), 2)
+            self.assertEqual(
+                cli.main([
+                    '--scene', 'trap', '--bodies', '2', '--platform', 'Reference', '--wanted-error',
+                    'potential_energy:much', '--quiet'
+                ]), 2)
         self.assertIn('the error must be a positive number or percentage', error.getvalue())
 
     def testAResultOfAnotherKindIsRefused(self):
@@ -528,7 +616,8 @@ class TestCommandLine(unittest.TestCase):
             path = os.path.join(directory, 'results.json')
             syntheticResult(TestAdvice.errors, 0.01).writeJson(path)
             self.assertTrue(StudyResult.isOne(path))
-            with self.assertRaisesRegex(ValueError, 'no result of openmmrigidhi.accuracy that a LadderResult wrote'):
+            with self.assertRaisesRegex(
+                    ValueError, 'no result of openmmrigidhi.accuracy that a LadderResult wrote'):
                 accuracy.LadderResult.fromJson(path)
 
 

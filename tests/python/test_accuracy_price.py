@@ -1,6 +1,7 @@
 """openmmrigidhi.accuracy: what a number costs, bias and noise together, on synthetic series and on oscillators with exact correlation times.
 
-Statistical tests have fixed seeds; bounds are 4.5 standard deviations of what is counted (passed by chance with probability 7e-6), unless said.
+Statistical tests have fixed seeds; bounds are 4.5 standard deviations of what is counted (passed by
+chance with probability 7e-6), unless said.
 """
 import json
 import math
@@ -40,42 +41,54 @@ def resultOf(settings, observables=(OBSERVABLE,), rounds=7, clock='wall'):
     """
     methods = {name: types.SimpleNamespace(name=name) for name, _, _ in settings}
     runs = [(Setting(methods[name], fs/1000, fs/1000), record, 1) for name, fs, record in settings]
-    rows = measurement.summarise(STEP_SIZE, runs, [types.SimpleNamespace(name=name) for name in observables], clock)
-    return StudyResult(STEP_SIZE, {'name': 'synthetic', 'description': 'synthetic numbers'}, rows,
-                       {name: Reference(name, REFERENCE, 0.0, 'exact') for name in observables}, dict.fromkeys(methods, 2),
-                       {name: {'label': name.replace('_', ' '), 'unit': 'kJ/mol'} for name in observables}, {},
-                       {'platform': 'CPU', 'threads': 1, 'rounds': rounds, 'clock': clock})
+    rows = measurement.summarise(STEP_SIZE, runs,
+                                 [types.SimpleNamespace(name=name) for name in observables], clock)
+    return StudyResult(
+        STEP_SIZE, {'name': 'synthetic', 'description': 'synthetic numbers'}, rows,
+        {name: Reference(name, REFERENCE, 0.0, 'exact')
+         for name in observables}, dict.fromkeys(methods, 2),
+        {name: {'label': name.replace('_', ' '), 'unit': 'kJ/mol'}
+         for name in observables}, {},
+        {'platform': 'CPU', 'threads': 1, 'rounds': rounds, 'clock': clock})
 
 
 def record(series, interval, seconds, rounds=7, equilibration=1.0, rng=None):
     """A run: samples by observable, ps between them, seconds that the steps took; 10 % of scatter between the rounds if there is an rng."""
     n = len(next(iter(series.values())))
     scatter = np.ones(rounds) if rng is None else np.exp(0.1*rng.normal(size=rounds))
-    return measurement.Record(interval, {name: list(values) for name, values in series.items()},
-                              [(1000, 1000*seconds*each, 1000*seconds*each) for each in scatter], length=n*interval, equilibration=equilibration)
+    return measurement.Record(interval, {name: list(values)
+                                         for name, values in series.items()},
+                              [(1000, 1000*seconds*each, 1000*seconds*each) for each in scatter],
+                              length=n*interval, equilibration=equilibration)
 
 
 def knownResult(settings, sigma=1e-6, **kwargs):
     """A result with given numbers: settings are (method, fs, bias, noise in unit^2 ps, equilibration in ps); a step takes 1 ms."""
-    result = resultOf([(method, fs, record({OBSERVABLE: REFERENCE + np.random.default_rng(1).normal(size=50)}, 0.1, 0.001, equilibration=left))
+    result = resultOf([(method, fs,
+                        record({OBSERVABLE: REFERENCE + np.random.default_rng(1).normal(size=50)},
+                               0.1, 0.001, equilibration=left))
                        for method, fs, _, _, left in settings], **kwargs)
     for row, (_, _, bias, noise, _) in zip(result.rows, settings):
-        row.update(mean=REFERENCE + bias, standard_error=sigma, degrees=10**6, noise=noise, noise_degrees=10**6, own_tau=1.0, sample_interval=0.1,
-                   note='')
+        row.update(mean=REFERENCE + bias, standard_error=sigma, degrees=10**6, noise=noise,
+                   noise_degrees=10**6, own_tau=1.0, sample_interval=0.1, note='')
         result._compare(row)
     return result
 
 
-# ---- Arithmetic --------------------------------------------------------------------------------------------------------
+# ---- Arithmetic ----------------------------------------------------------------------------------
+
 
 def test_time_and_error_belong_together():
-    for bias, noise, speed, left in ((0.0, 0.3, 0.1, 0.0), (0.4, 2.0, 3.0, 5.0), (-0.4, 2.0, 3.0, 5.0)):
+    for bias, noise, speed, left in ((0.0, 0.3, 0.1, 0.0), (0.4, 2.0, 3.0, 5.0), (-0.4, 2.0, 3.0,
+                                                                                  5.0)):
         seconds = statistics.timeToError(0.5, bias, noise, speed, left)
         # bias^2 + noise/(sampled time) is the square of the wanted error, by hand.
         assert bias**2 + noise/(seconds*speed - left) == pytest.approx(0.25, rel=1e-12)
-        assert statistics.errorAfter(seconds, bias, noise, speed, left) == pytest.approx(0.5, rel=1e-12)
+        assert statistics.errorAfter(seconds, bias, noise, speed,
+                                     left) == pytest.approx(0.5, rel=1e-12)
     assert statistics.timeToError(0.5, 0.5, 1.0, 1.0, 0.0) == math.inf
-    assert statistics.timeToError(0.5, np.array([0.0, 0.6]), 1.0, 1.0, 0.0).tolist() == [4.0, math.inf]
+    assert statistics.timeToError(0.5, np.array([0.0, 0.6]), 1.0, 1.0,
+                                  0.0).tolist() == [4.0, math.inf]
     assert statistics.errorAfter(2.0, 0.0, 1.0, 1.0, 2.0) == math.inf
 
 
@@ -89,8 +102,10 @@ def test_noise_of_a_series_and_what_is_known_of_it():
         degrees = np.array([each.degrees for each in found])
         low, high = (degrees/scipy.stats.chi2.ppf(q, degrees) for q in (0.975, 0.025))
         outside = np.sum(relative*low > 1) + np.sum(relative*high < 1)
-        print(f'rho {rho}: mean {relative.mean():.3f}, spread {relative.std():.3f} (promised {np.sqrt(2/degrees).mean():.3f}), outside {outside} of {cases}')
-        # Of the window's own error and of what is of the second order in (2 W + 1)/n = 0.1 to 0.15, 10 % are allowed.
+        print(f'rho {rho}: mean {relative.mean():.3f}, spread {relative.std():.3f} (promised '
+              f'{np.sqrt(2/degrees).mean():.3f}), outside {outside} of {cases}')
+        # Of the window's own error and of what is of the second order in (2 W + 1)/n = 0.1 to 0.15,
+        # 10 % are allowed.
         assert abs(relative.mean() - 1) < 0.1 + 4.5*relative.std()/math.sqrt(cases)
         assert relative.std() == pytest.approx(np.sqrt(2/degrees).mean(), rel=0.3)
         # 5 %, and twice that for a law that is only nearly chi^2.
@@ -120,11 +135,13 @@ def test_a_constant_series_has_no_noise():
         statistics.noise([1.0])
 
 
-# ---- Answers on numbers that are known -------------------------------------------------------------------------------
+# ---- Answers on numbers that are known -----------------------------------------------------------
+
 
 def test_the_cheapest_by_hand():
     # 4 fs: (1 + 20/(1 - 0.01)) ps at 4 ps/s; 8 fs: (1 + 20/(1 - 0.49)) ps at 8 ps/s; 12 fs never.
-    result = knownResult([('LangevinC', 4, 0.1, 20, 1), ('LangevinC', 8, -0.7, 20, 1), ('LangevinC', 12, 1.5, 20, 1)])
+    result = knownResult([('LangevinC', 4, 0.1, 20, 1), ('LangevinC', 8, -0.7, 20, 1),
+                          ('LangevinC', 12, 1.5, 20, 1)])
     answer = result.price('potential_energy:1%')
     assert answer.verdict == 'recommended'
     assert (answer.setting['method'], answer.setting['value']) == ('LangevinC', 0.008)
@@ -161,14 +178,21 @@ def test_small_budgets_like_large_steps_and_large_budgets_small_ones():
 def test_the_slowest_observable_tells_the_time():
     rng = np.random.default_rng(2)
     names = (OBSERVABLE, 'dipole_squared')
-    result = resultOf([('LangevinC', fs, record({names[0]: REFERENCE + autoregressive(4000, 0.5, rng), names[1]: REFERENCE + autoregressive(4000, 0.95, rng)},
-                                                0.1, 0.001)) for fs in (4, 8)], names)
+    result = resultOf([('LangevinC', fs,
+                        record(
+                            {
+                                names[0]: REFERENCE + autoregressive(4000, 0.5, rng),
+                                names[1]: REFERENCE + autoregressive(4000, 0.95, rng)
+                            }, 0.1, 0.001)) for fs in (4, 8)], names)
     wanted = [name + ':0.6%' for name in names]
     alone = [result.price(each).candidates for each in wanted]
     both = result.price(','.join(wanted))
     assert both.text == result.price(wanted).text
     for each in both.candidates:
-        times = [next(one['seconds'] for one in candidates if one['value'] == each['value']) for candidates in alone]
+        times = [
+            next(one['seconds'] for one in candidates if one['value'] == each['value'])
+            for candidates in alone
+        ]
         assert each['seconds'] == max(times)
         assert each['observable'] == 'dipole_squared'
         assert times[1] > 5*times[0]
@@ -190,19 +214,23 @@ def test_a_biased_setting_is_never_recommended_however_fast():
         answer = result.price('potential_energy:0.5%')
         assert (answer.setting['method'], answer.verdict) == ('LangevinC', 'recommended')
     # Where the bias is not known well enough: not recommended either, but mentioned.
-    unclear = knownResult([('LangevinC', 2, 0.0, 20, 1), ('LangevinMiddle', 200, 0.45, 1e-9, 0)], sigma=0.1)
+    unclear = knownResult([('LangevinC', 2, 0.0, 20, 1), ('LangevinMiddle', 200, 0.45, 1e-9, 0)],
+                          sigma=0.1)
     answer = unclear.price('potential_energy:0.5%')
     assert answer.setting['method'] == 'LangevinC'
-    assert answer.candidates[0]['verdict'] == 'undecided' and answer.candidates[0]['seconds_high'] == math.inf
+    assert answer.candidates[0]['verdict'] == 'undecided' and answer.candidates[0][
+        'seconds_high'] == math.inf
     assert 'may cost less or never get there' in answer.text
     # (1.645*0.1/0.05)^2
     assert answer.factor == pytest.approx((1.6449*0.1/0.05)**2, rel=1e-3)
-    alone = knownResult([('LangevinMiddle', 200, 0.45, 1e-9, 0)], sigma=0.1).price('potential_energy:0.5%')
+    alone = knownResult([('LangevinMiddle', 200, 0.45, 1e-9, 0)],
+                        sigma=0.1).price('potential_energy:0.5%')
     assert alone.verdict == 'cannot tell' and alone.setting is None
     assert 'cannot tell. The bias is not known well enough for LangevinMiddle at 200 fs; run longer: about 11 times' in alone.text
 
 
-# ---- Coverage ------------------------------------------------------------------------------------------------------------
+# ---- Coverage ------------------------------------------------------------------------------------
+
 
 def test_coverage_of_times_and_errors():
     """Series of 80 correlation times with known bias: how often intervals of 95 % hold the true time, and the true error after it.
@@ -215,7 +243,9 @@ def test_coverage_of_times_and_errors():
     for bias in (0.0, 0.3, 0.75):
         missed = missedErrors = sharp = 0
         for _ in range(cases):
-            result = resultOf([('LangevinC', 4, record({OBSERVABLE: REFERENCE + bias + autoregressive(n, rho, rng)}, interval, 0.001, rng=rng))])
+            result = resultOf([('LangevinC', 4,
+                                record({OBSERVABLE: REFERENCE + bias + autoregressive(n, rho, rng)},
+                                       interval, 0.001, rng=rng))])
             one = result.price('potential_energy:1', resamplings=400).candidates[0]
             # 4 ps/s
             true = (1 + noise/(wanted**2 - bias**2))/4
@@ -223,8 +253,11 @@ def test_coverage_of_times_and_errors():
             sharp += one['seconds_high'] < 4*true
             spent = result.spend(OBSERVABLE, true, resamplings=400).candidates[0]
             missedErrors += not spent['total_error_low'] <= wanted <= spent['total_error_high']
-        print(f'bias {bias}: {missed} and {missedErrors} of {cases} missed; upper end below 4 times the true time: {sharp}')
-        # 5 %, and as much again for a bias and a median over seven rounds that are resampled, not known.
+        print(
+            f'bias {bias}: {missed} and {missedErrors} of {cases} missed; upper end below 4 times '
+            f'the true time: {sharp}')
+        # 5 %, and as much again for a bias and a median over seven rounds that are resampled, not
+        # known.
         allowed = 0.1*cases + 4.5*math.sqrt(0.1*0.9*cases)
         assert missed < allowed and missedErrors < allowed
         # And they say something: at small bias, mostly less than 4 times.
@@ -238,30 +271,44 @@ def test_the_truly_cheapest_is_named():
     for n, cases, least in ((400, 150, 0), (20000, 60, 55)):
         lost = recommended = 0
         for _ in range(cases):
-            result = resultOf([('LangevinC', fs, record({OBSERVABLE: REFERENCE + autoregressive(n, rho, rng)}, 0.1, 0.001, equilibration=0))
-                               for fs in (10, 13)])
+            result = resultOf([('LangevinC', fs,
+                                record({OBSERVABLE: REFERENCE + autoregressive(n, rho, rng)}, 0.1,
+                                       0.001, equilibration=0)) for fs in (10, 13)])
             answer = result.price('potential_energy:2', resamplings=400)
             verdicts = {each['value']: each['verdict'] for each in answer.candidates}
             recommended += verdicts[0.013] == 'cheapest'
             lost += verdicts[0.013] not in ('cheapest', 'not distinguishable')
         print(f'{n} samples: recommended {recommended}, lost {lost}')
-        # 2.5 % at most, for the dearer one is seldom the cheapest by that much. Of 20000 samples the ratio is known to 10 %, so that it is
-        # on the wrong side of 1 with probability 0.4 %.
+        # 2.5 % at most, for the dearer one is seldom the cheapest by that much. Of 20000 samples
+        # the ratio is known to 10 %, so that it is on the wrong side of 1 with probability 0.4 %.
         assert lost < 0.025*cases + 4.5*math.sqrt(0.025*cases)
         assert recommended >= least
 
 
-# ---- Doubts and wrong questions ---------------------------------------------------------------------------------------
+# ---- Doubts and wrong questions ------------------------------------------------------------------
+
 
 def test_doubts_are_marked():
     rng = np.random.default_rng(3)
     rare, short = rng.normal(size=400), autoregressive(200, 0.9, rng)
-    result = resultOf([('LangevinC', 4, record({OBSERVABLE: REFERENCE + 0.01*rare}, 0.1, 0.001)), ('LangevinB', 4, record({OBSERVABLE: REFERENCE + 0.01*short}, 0.1, 0.001))])
-    found = {each['method']: each['marks'] for each in result.price('potential_energy:1%').candidates}
+    result = resultOf([('LangevinC', 4, record({OBSERVABLE: REFERENCE + 0.01*rare}, 0.1, 0.001)),
+                       ('LangevinB', 4, record({OBSERVABLE: REFERENCE + 0.01*short}, 0.1, 0.001))])
+    found = {
+        each['method']: each['marks']
+        for each in result.price('potential_energy:1%').candidates
+    }
     # Independent samples have tau of half an interval; 200 samples are 21 times the other's.
-    assert [mark.startswith('samples are further apart than half a correlation time') for mark in found['LangevinC']] == [True]
-    assert [mark.startswith('the run is too short for its correlation time') for mark in found['LangevinB']] == [True]
-    long_ = resultOf([('LangevinC', 4, record({OBSERVABLE: REFERENCE + autoregressive(3000, 0.8, rng)}, 0.1, 0.001))])
+    assert [
+        mark.startswith('samples are further apart than half a correlation time')
+        for mark in found['LangevinC']
+    ] == [True]
+    assert [
+        mark.startswith('the run is too short for its correlation time')
+        for mark in found['LangevinB']
+    ] == [True]
+    long_ = resultOf([('LangevinC', 4,
+                       record({OBSERVABLE: REFERENCE + autoregressive(3000, 0.8, rng)}, 0.1,
+                              0.001))])
     assert long_.price('potential_energy:1%').candidates[0]['marks'] == []
     long_.rows[0]['note'] = 'drifts'
     assert 'Beware: the two halves of the run disagree.' in long_.price('potential_energy:1%').text
@@ -272,7 +319,8 @@ def test_wrong_questions_are_refused():
     for seconds in (0, -1, math.inf, math.nan):
         with pytest.raises(ValueError, match='the time to spend must be above 0 and finite'):
             result.spend(OBSERVABLE, seconds)
-    with pytest.raises(ValueError, match='of which nothing is known here: ask for one of potential_energy'):
+    with pytest.raises(ValueError,
+                       match='of which nothing is known here: ask for one of potential_energy'):
         result.spend('pressure', 10)
     with pytest.raises(ValueError, match='intervals need at least 100'):
         result.price('potential_energy:1%', resamplings=10)
@@ -282,7 +330,8 @@ def test_wrong_questions_are_refused():
 
 def test_without_a_correlation_time_or_a_reference_there_is_no_price():
     rng = np.random.default_rng(4)
-    result = resultOf([('LangevinC', 4, record({OBSERVABLE: REFERENCE + rng.normal(size=400)}, 0.1, 0.001))])
+    result = resultOf([('LangevinC', 4,
+                        record({OBSERVABLE: REFERENCE + rng.normal(size=400)}, 0.1, 0.001))])
     data = result.asDict()
     for row in data['rows']:
         row.update(tau=None, noise=None)
@@ -295,27 +344,37 @@ def test_without_a_correlation_time_or_a_reference_there_is_no_price():
     again = StudyResult.fromDict(data)
     assert again.price('potential_energy:1').verdict == 'cannot tell'
     assert again.spend(OBSERVABLE, 10).verdict == 'none of these'
-    dead = measurement.Record(0.1, {OBSERVABLE: []}, status=measurement.UNSTABLE, message='after 1 ps: exploded')
-    assert 'No setting was stable' in resultOf([('LangevinC', 4, dead)]).price('potential_energy:1%').text
+    dead = measurement.Record(0.1, {OBSERVABLE: []}, status=measurement.UNSTABLE,
+                              message='after 1 ps: exploded')
+    assert 'No setting was stable' in resultOf([('LangevinC', 4, dead)
+                                                ]).price('potential_energy:1%').text
 
 
 def test_results_without_noise_are_priced_by_their_blocks():
     """Results of before this was measured: the squared standard error times the length."""
-    result = resultOf([('LangevinC', 4, record({OBSERVABLE: REFERENCE + autoregressive(20000, 0.8, np.random.default_rng(7))}, 0.1, 0.001))])
+    result = resultOf(
+        [('LangevinC', 4,
+          record({OBSERVABLE: REFERENCE + autoregressive(20000, 0.8, np.random.default_rng(7))},
+                 0.1, 0.001))])
     new, = result.rows
     data = result.asDict()
     for row in data['rows']:
-        for key in ('sample_interval', 'variance', 'own_tau', 'own_tau_error', 'noise', 'noise_degrees', 'effective_per_second', 'effective_per_cpu_second',
+        for key in ('sample_interval', 'variance', 'own_tau', 'own_tau_error', 'noise',
+                    'noise_degrees', 'effective_per_second', 'effective_per_cpu_second',
                     'effective_per_wall_second', 'ns_per_wall_day'):
             del row[key]
     old, = StudyResult.fromDict(json.loads(json.dumps(data))).rows
     assert old['noise'] == pytest.approx(old['standard_error']**2*2000)
-    assert (old['noise_degrees'], old['sample_interval'], old['own_tau']) == (new['degrees'], pytest.approx(0.1), new['tau'])
+    assert (old['noise_degrees'], old['sample_interval'],
+            old['own_tau']) == (new['degrees'], pytest.approx(0.1), new['tau'])
     # Known to 14 % by 90 to 110 blocks, and to 10 % by Sokal's formula.
-    assert old['noise'] == pytest.approx(new['noise'], rel=4.5*math.sqrt(2/new['degrees'] + 2/new['noise_degrees']))
+    assert old['noise'] == pytest.approx(
+        new['noise'], rel=4.5*math.sqrt(2/new['degrees'] + 2/new['noise_degrees']))
     for row in (old, new):
         # The standard error after 50 s is that of so many independent samples.
-        assert statistics.errorAfter(50, 0, row['noise'], row['step_size']/0.001, 0) == pytest.approx(math.sqrt(row['variance']/(50*row['effective_per_second'])))
+        assert statistics.errorAfter(
+            50, 0, row['noise'], row['step_size']/0.001,
+            0) == pytest.approx(math.sqrt(row['variance']/(50*row['effective_per_second'])))
 
 
 STUDIES = os.path.join(os.path.dirname(__file__), '..', '..', 'validation', 'accuracy')
@@ -326,7 +385,10 @@ def test_the_documented_prices_are_those_of_the_committed_result():
     answer = result.price('potential_energy:0.5%')
     found = {(each['method'], round(1000*each['value'])): each for each in answer.candidates}
     with open(os.path.join(STUDIES, '..', '..', 'docs', 'accuracy.md')) as file:
-        lines = [line for line in file if line.startswith('| Langevin') and ' fs | ' in line and ' s | ' in line]
+        lines = [
+            line for line in file
+            if line.startswith('| Langevin') and ' fs | ' in line and ' s | ' in line
+        ]
     assert len(lines) == 4
     for line in lines:
         name, seconds, _, ratio, _, tau = (cell.strip() for cell in line.strip('| \n').split('|'))
@@ -335,103 +397,142 @@ def test_the_documented_prices_are_those_of_the_committed_result():
         print(line.strip(), each['seconds'], each['ratio'])
         assert (seconds, tau) == (f'{each["seconds"]:.1f} s', f'{each["own_tau"]:.2f}')
         assert float(ratio) == pytest.approx(each['ratio'], abs=0.05)
-    assert {key for key, each in found.items() if each['verdict'] == 'no'} == {('LangevinB', 4), ('LangevinB', 6), ('LangevinB', 8), ('LangevinC', 10), ('LangevinC', 11)}
+    assert {key
+            for key, each in found.items() if each['verdict'] == 'no'} == {('LangevinB', 4),
+                                                                           ('LangevinB', 6),
+                                                                           ('LangevinB', 8),
+                                                                           ('LangevinC', 10),
+                                                                           ('LangevinC', 11)}
 
 
 @pytest.mark.parametrize('scene', ['boomerang', 'suspension'])
 def test_studies_without_momenta_have_prices(scene):
     """Replicas share the noise: a run of all of them has the standard error that was measured, after its own time."""
-    result = StudyResult.fromJson(os.path.join(STUDIES, 'overdamped', 'results', scene, 'results.json'))
+    result = StudyResult.fromJson(
+        os.path.join(STUDIES, 'overdamped', 'results', scene, 'results.json'))
     for observable in result.observables:
         answer = result.price(f'{observable}:20%')
         assert answer.verdict == 'recommended'
         assert math.isfinite(answer.setting['seconds']) and answer.setting['bias'] == 'yes'
         for each in answer.candidates:
-            row = next(row for row in result.select(observable, each['method']) if row['value'] == each['value'])
+            row = next(row for row in result.select(observable, each['method'])
+                       if row['value'] == each['value'])
             own = (row['length'] + row['equilibration'])/(row['ns_per_day']/86.4)
-            error = next(one for one in result.spend(observable, own, resamplings=100).candidates if (one['method'], one['value']) == (each['method'], each['value']))
+            error = next(one for one in result.spend(observable, own, resamplings=100).candidates
+                         if (one['method'], one['value']) == (each['method'], each['value']))
             assert error['standard_error'] == pytest.approx(row['standard_error'])
             break
 
 
-# ---- Files and the command line ---------------------------------------------------------------------------------------
+# ---- Files and the command line ------------------------------------------------------------------
+
 
 def test_files_of_prices(tmp_path, capsys):
-    result = knownResult([('LangevinC', 4, 0.1, 20, 1), ('LangevinC', 8, -0.7, 20, 1), ('LangevinMiddle', 8, 1.5, 20, 1)])
-    paths = result.write(str(tmp_path/'first'), price=['potential_energy:1%', 'potential_energy:0.01%'], spend=[(OBSERVABLE, 2.0)])
+    result = knownResult([('LangevinC', 4, 0.1, 20, 1), ('LangevinC', 8, -0.7, 20, 1),
+                          ('LangevinMiddle', 8, 1.5, 20, 1)])
+    paths = result.write(str(tmp_path/'first'),
+                         price=['potential_energy:1%',
+                                'potential_energy:0.01%'], spend=[(OBSERVABLE, 2.0)])
     # Nothing reaches 0.01 %, so that there is nothing to draw.
-    assert {os.path.basename(path) for path in paths} == {'results.csv', 'results.json', 'report.html', 'error_potential_energy.png',
-                                                          'price_potential_energy_1pc.png'}
+    assert {os.path.basename(path)
+            for path in paths} == {
+                'results.csv', 'results.json', 'report.html', 'error_potential_energy.png',
+                'price_potential_energy_1pc.png'
+            }
     with open(tmp_path/'first'/'price_potential_energy_1pc.png', 'rb') as file:
         assert file.read(8) == b'\x89PNG\r\n\x1a\n'
     data = json.loads((tmp_path/'first'/'results.json').read_text(), parse_constant=pytest.fail)
     assert [each['verdict'] for each in data['prices']] == ['recommended', 'none of these']
     assert data['prices'][0]['setting']['seconds'] == pytest.approx((1 + 20/0.51)/8, rel=1e-3)
     assert data['prices'][0]['candidates'][-1]['seconds'] is None
-    assert (data['spendings'][0]['observable'], data['spendings'][0]['seconds'], data['spendings'][0]['setting']['value']) == (OBSERVABLE, 2.0, 0.008)
+    assert (data['spendings'][0]['observable'], data['spendings'][0]['seconds'],
+            data['spendings'][0]['setting']['value']) == (OBSERVABLE, 2.0, 0.008)
     page = (tmp_path/'first'/'report.html').read_text()
-    assert page.count('<p class="answer">') == 3 and 'To know potential energy to 1%' in page and page.count('<img') == 2
+    assert page.count(
+        '<p class="answer">') == 3 and 'To know potential energy to 1%' in page and page.count(
+            '<img') == 2
     head, first = (tmp_path/'first'/'results.csv').read_text().splitlines()[:2]
     row = dict(zip(head.split(','), first.split(',')))
     assert float(row['noise']) == 20 and float(row['effective_per_second']) > 0
 
     # Asked again from the file, by the command line.
-    assert cli.main(['--from', str(tmp_path/'first'/'results.json'), '--price', 'potential_energy:1%', '--spend', 'potential_energy:0.5min',
-                     '--output', str(tmp_path/'again')]) == 0
+    assert cli.main([
+        '--from',
+        str(tmp_path/'first'/'results.json'), '--price', 'potential_energy:1%', '--spend',
+        'potential_energy:0.5min', '--output',
+        str(tmp_path/'again')
+    ]) == 0
     told = capsys.readouterr().out
-    assert result.price('potential_energy:1%').text in told and result.spend(OBSERVABLE, 30).text in told
+    assert result.price('potential_energy:1%').text in told and result.spend(OBSERVABLE,
+                                                                             30).text in told
     assert 'With 30 s for potential energy' in told
     assert 'what it takes to know potential_energy:1%' in told
     assert 'price_potential_energy_1pc.png' in os.listdir(tmp_path/'again')
     # Without being asked for prices nothing of them is said.
-    assert cli.main(['--from', str(tmp_path/'first'/'results.json'), '--wanted-error', 'potential_energy:1%', '--output', str(tmp_path/'third')]) == 0
+    assert cli.main([
+        '--from',
+        str(tmp_path/'first'/'results.json'), '--wanted-error', 'potential_energy:1%', '--output',
+        str(tmp_path/'third')
+    ]) == 0
     assert 'To know' not in capsys.readouterr().out
 
 
 def test_a_short_run_with_prices(tmp_path, capsys):
-    assert cli.main(['--scene', 'trap', '--bodies', '10', '--platform', 'Reference', '--length', '3', '--rounds', '3', '--methods', 'LangevinC', '--steps', '4,8',
-                     '--sample-interval', '0.016', '--observables', 'energy_group_0', 'energy_group_1', '--price', 'energy_group_0:50%,energy_group_1:80%', '--spend', 'energy_group_0:1h',
-                     '--output', str(tmp_path), '--quiet']) == 0
-    assert 'energy of force group 0 per body to 50% and energy of force group 1 per body to 80%' in capsys.readouterr().out
+    assert cli.main([
+        '--scene', 'trap', '--bodies', '10', '--platform', 'Reference', '--length', '3', '--rounds',
+        '3', '--methods', 'LangevinC', '--steps', '4,8', '--sample-interval', '0.016',
+        '--observables', 'energy_group_0', 'energy_group_1', '--price',
+        'energy_group_0:50%,energy_group_1:80%', '--spend', 'energy_group_0:1h', '--output',
+        str(tmp_path), '--quiet'
+    ]) == 0
+    assert 'energy of force group 0 per body to 50% and energy of force group 1 per body to 80%' in capsys.readouterr(
+    ).out
     assert 'price_energy_group_0_50pc_energy_group_1_80pc.png' in os.listdir(tmp_path)
     result = StudyResult.fromJson(str(tmp_path/'results.json'))
     assert [row['sample_interval'] for row in result.rows] == pytest.approx([0.016]*4)
     for row in result.rows:
         for clock in ('cpu', 'wall'):
-            assert row[f'effective_per_{clock}_second'] == pytest.approx(row['variance']/row['noise']*row[f'ns_per_{clock}_day']/86.4)
+            assert row[f'effective_per_{clock}_second'] == pytest.approx(
+                row['variance']/row['noise']*row[f'ns_per_{clock}_day']/86.4)
         assert row['effective_per_second'] == row['effective_per_wall_second']
 
 
-@pytest.mark.parametrize('arguments, message', [
-    (['--price', 'potential_energy:much'], 'the error must be a positive number'), (['--price', 'dipole:1%'], ', which is not measured; name'),
-    (['--spend', 'potential_energy:0'], 'which is not an observable and its time'), (['--spend', 'potential_energy:3weeks'], 'which is not an observable and its time'),
-    (['--spend', 'dipole:2h'], 'which is not an observable and its time'), (['--spend', 'potential_energy'], 'which is not an observable and its time'),
-    (['--sample-interval', '0'], 'the time between samples must be positive, in ps'),
-    (['--overdamped', '--scene', 'boomerang', '--sample-interval', '0.1'], 'where samples are 1 tau_D apart: leave it out'),
-    (['--ladder', '--price', 'mobility:1%'], 'which measure no averages and so no noise')])
+@pytest.mark.parametrize(
+    'arguments, message',
+    [(['--price', 'potential_energy:much'], 'the error must be a positive number'),
+     (['--price', 'dipole:1%'], ', which is not measured; name'),
+     (['--spend', 'potential_energy:0'], 'which is not an observable and its time'),
+     (['--spend', 'potential_energy:3weeks'], 'which is not an observable and its time'),
+     (['--spend', 'dipole:2h'], 'which is not an observable and its time'),
+     (['--spend', 'potential_energy'], 'which is not an observable and its time'),
+     (['--sample-interval', '0'], 'the time between samples must be positive, in ps'),
+     (['--overdamped', '--scene', 'boomerang', '--sample-interval', '0.1'
+       ], 'where samples are 1 tau_D apart: leave it out'),
+     (['--ladder', '--price', 'mobility:1%'], 'which measure no averages and so no noise')])
 def test_wrong_arguments(arguments, message, capsys, monkeypatch):
     monkeypatch.setattr(accuracy.StepSizeStudy, 'run', lambda *_: pytest.fail('it was measured'))
-    assert cli.main(['--scene', 'trap', '--bodies', '2', '--platform', 'Reference', '--quiet', *arguments]) == 2
+    assert cli.main(
+        ['--scene', 'trap', '--bodies', '2', '--platform', 'Reference', '--quiet', *arguments]) == 2
     assert message in capsys.readouterr().err
 
 
 def test_times_in_words():
     names = [OBSERVABLE]
-    for text, seconds in (('90', 90), ('90s', 90), ('1.5min', 90), ('2h', 7200), ('0.5d', 43200), ('1e3 s', 1000)):
+    for text, seconds in (('90', 90), ('90s', 90), ('1.5min', 90), ('2h', 7200), ('0.5d', 43200),
+                          ('1e3 s', 1000)):
         assert price.parseSpending(f'{OBSERVABLE}:{text}', names) == (OBSERVABLE, seconds)
     from openmmrigidhi.accuracy._pages import duration
     assert [duration(each) for each in (2e-6, 0.0123, 5, 119, 600, 9000, 5*86400, math.inf)] == \
         ['2 us', '12.3 ms', '5 s', '119 s', '10 min', '2.5 h', '5 d', 'never']
 
 
-# ---- Oscillators whose correlation times are known ------------------------------------------------------------------
+# ---- Oscillators whose correlation times are known -----------------------------------------------
 
 FREQUENCY = 100.0
 
 
 class Friction:
     """LangevinB with a friction of its own, which changes correlation times and no average."""
-
     def __init__(self, gamma):
         self.gamma = gamma
 
@@ -447,14 +548,16 @@ class Friction:
 def oscillator(gamma, h):
     """One step of LangevinB for a coordinate in units of its thermal spread, (x, p): the map, and the stationary covariance.
 
-    Half an Ornstein-Uhlenbeck step, half a kick, a drift, half a kick, half an Ornstein-Uhlenbeck step.
+    Half an Ornstein-Uhlenbeck step, half a kick, a drift, half a kick, half an Ornstein-Uhlenbeck
+    step.
     """
     damp = np.diag([1, math.exp(-gamma*h/2)])
     noise = np.diag([0, 1 - math.exp(-gamma*h)])
     kick, drift = np.array([[1, 0], [-FREQUENCY*h/2, 1]]), np.array([[1, FREQUENCY*h], [0, 1]])
     inner = kick @ drift @ kick
     step = damp @ inner @ damp
-    return step, scipy.linalg.solve_discrete_lyapunov(step, damp @ inner @ noise @ inner.T @ damp.T + noise)
+    return step, scipy.linalg.solve_discrete_lyapunov(
+        step, damp @ inner @ noise @ inner.T @ damp.T + noise)
 
 
 def exactEnergy(gamma, h, interval):
@@ -477,8 +580,10 @@ def oscillators():
     """The trap, with three frictions and two steps; every step is taken to cost 1 ms, so that exact prices are known."""
     scene = accuracy.scenes.trap(bodies=10, frequency=FREQUENCY)
     methods = [accuracy.Method(f'friction {gamma}', Friction(gamma), 2) for gamma in (8, 120, 2500)]
-    result = accuracy.StepSizeStudy(scene, methods, [0.002, 0.004, 0.008], platform='Reference', seed=11, sampleInterval=0.008,
-                                    observables=['energy_group_0']).run(length=24, rounds=4, equilibration=0.1)
+    result = accuracy.StepSizeStudy(scene, methods, [0.002, 0.004, 0.008], platform='Reference',
+                                    seed=11, sampleInterval=0.008,
+                                    observables=['energy_group_0']).run(
+                                        length=24, rounds=4, equilibration=0.1)
     for row in result.rows:
         row['speeds'] = [row['step_size']*measurement.SECONDS_PER_DAY]*4
         row['ns_per_day'] = row['speeds'][0]
@@ -487,7 +592,8 @@ def oscillators():
 
 def exactSeconds(row, tolerance):
     """The time to a wanted relative error of the energy of the trap, by formulas alone."""
-    square, tau = exactEnergy(float(row['method'].split()[1]), row['step_size'], row['sample_interval'])
+    square, tau = exactEnergy(float(row['method'].split()[1]), row['step_size'],
+                              row['sample_interval'])
     # The mean of 3/2 has the variance 3/2 for each of 10 bodies.
     noise = 2*tau*square**2*1.5/10/1.5**2
     room = tolerance**2 - (square - 1)**2
@@ -506,11 +612,14 @@ def test_exact_oscillators():
 def test_correlation_times_are_right(oscillators):
     total = []
     for row in oscillators.rows:
-        square, tau = exactEnergy(float(row['method'].split()[1]), row['step_size'], row['sample_interval'])
+        square, tau = exactEnergy(float(row['method'].split()[1]), row['step_size'],
+                                  row['sample_interval'])
         noise = 2*tau*1.5*square**2/10*(accuracy.scenes.GAS_CONSTANT*300)**2
-        low, high = (row['noise_degrees']/scipy.stats.chi2.ppf(q, row['noise_degrees']) for q in (1 - 1e-5, 1e-5))
+        low, high = (row['noise_degrees']/scipy.stats.chi2.ppf(q, row['noise_degrees'])
+                     for q in (1 - 1e-5, 1e-5))
         total.append((row['noise']/noise - 1)/math.sqrt(2/row['noise_degrees']))
-        print(f'{row["method"]} {row["value"]}: tau {row["own_tau"]:.4f} ± {row["own_tau_error"]:.4f}, exact {tau:.4f}; noise over exact '
+        print(f'{row["method"]} {row["value"]}: tau {row["own_tau"]:.4f} ± '
+              f'{row["own_tau_error"]:.4f}, exact {tau:.4f}; noise over exact '
               f'{row["noise"]/noise:.3f}, {row["noise_degrees"]:.0f} degrees of freedom')
         assert row['noise']*low < noise < row['noise']*high
         assert abs(row['own_tau'] - tau) < 4.5*tau*math.sqrt(2/row['noise_degrees'])
@@ -519,21 +628,26 @@ def test_correlation_times_are_right(oscillators):
 
 @pytest.mark.parametrize('percent', [30, 10, 3])
 def test_the_cheapest_oscillator_is_recommended(oscillators, percent):
-    exact = {(row['method'], row['value']): exactSeconds(row, percent/100) for row in oscillators.rows}
+    exact = {(row['method'], row['value']): exactSeconds(row, percent/100)
+             for row in oscillators.rows}
     best = min(exact, key=exact.get)
     answer = oscillators.price(f'energy_group_0:{percent}%')
     outside = 0
     for each in answer.candidates:
         seconds = exact[each['method'], each['value']]
-        print(f'{each["method"]} {each["value"]}: {each["seconds"]:.3g} s ({each["seconds_low"]:.3g} to {each["seconds_high"]:.3g}), exact {seconds:.3g}; '
-              f'{each["verdict"]}')
+        print(
+            f'{each["method"]} {each["value"]}: {each["seconds"]:.3g} s ({each["seconds_low"]:.3g} '
+            f'to {each["seconds_high"]:.3g}), exact {seconds:.3g}; '
+            f'{each["verdict"]}')
         outside += not each['seconds_low'] <= seconds <= each['seconds_high']
         assert each['verdict'] in ('no', 'undecided') or math.isfinite(seconds)
     # Nine intervals of 95 %: five outside have probability 3e-5.
     assert outside < 5
-    # The friction in the middle forgets fastest; the largest step of which the bias is small enough wins.
+    # The friction in the middle forgets fastest; the largest step of which the bias is small enough
+    # wins.
     print(best)
     assert best[0] == 'friction 120'
     assert (answer.setting['method'], answer.setting['value']) == best
-    assert all(each['verdict'] == 'dearer' for each in answer.candidates if math.isfinite(exact[each['method'], each['value']])
+    assert all(each['verdict'] == 'dearer' for each in answer.candidates
+               if math.isfinite(exact[each['method'], each['value']])
                and exact[each['method'], each['value']] > 5*exact[best] and each['bias'] == 'yes')

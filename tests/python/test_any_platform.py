@@ -1,6 +1,7 @@
 """The integrator on a platform that keeps particles on a device: OpenCL, which a processor can be, too, stands for all of them.
 
-Forces are the device's, all else is the host's, so a few steps differ from those on Reference by the rounding of forces and positions.
+Forces are the device's, all else is the host's, so a few steps differ from those on Reference by
+the rounding of forces and positions.
 """
 import os
 import subprocess
@@ -20,7 +21,9 @@ REFERENCE = openmm.Platform.getPlatformByName('Reference')
 
 def device():
     """The OpenCL platform, in double precision; a skip that says why where there is no device for it."""
-    names = [openmm.Platform.getPlatform(i).getName() for i in range(openmm.Platform.getNumPlatforms())]
+    names = [
+        openmm.Platform.getPlatform(i).getName() for i in range(openmm.Platform.getNumPlatforms())
+    ]
     if 'OpenCL' not in names:
         pytest.skip('OpenMM has no platform OpenCL')
     platform = openmm.Platform.getPlatformByName('OpenCL')
@@ -42,7 +45,8 @@ def opencl():
 
 def trimers(scheme):
     """Three bodies that feel each other through a fluid if the scheme wants one, in a trap, one driven."""
-    system, integrator, momenta = openmm.System(), CustomRigidHIIntegrator(300, 0.002), not scheme.isOverdamped
+    system, integrator, momenta = openmm.System(), CustomRigidHIIntegrator(
+        300, 0.002), not scheme.isOverdamped
     integrator.setScheme(scheme.number)
     integrator.setRandomNumberSeed(3)
     sites = [(0, 0, 0), (0.2, 0, 0), (0, 0.3, 0)]
@@ -73,7 +77,8 @@ def trimers(scheme):
 
 def context(scene, platform, precision=None):
     system, integrator, positions = scene
-    made = openmm.Context(system, integrator, platform, {'Precision': precision} if precision else {})
+    made = openmm.Context(system, integrator, platform,
+                          {'Precision': precision} if precision else {})
     made.setPositions(positions)
     return made
 
@@ -90,27 +95,35 @@ def test_every_scheme_takes_the_steps_of_reference(opencl):
         ours[1].step(4)
         theirs[1].step(7)
         assert np.abs(bodies(ours[1]) - bodies(theirs[1])).max() < 1e-9, scheme.name
-        positions, expected = (c.getState(getPositions=True).getPositions(asNumpy=True)._value for c in (on_device, on_reference))
+        positions, expected = (c.getState(getPositions=True).getPositions(asNumpy=True)._value
+                               for c in (on_device, on_reference))
         assert np.abs(positions - expected).max() < 1e-9, scheme.name
         assert on_device.getState().getTime() == on_reference.getState().getTime()
 
 
-@pytest.mark.parametrize('precision', ['double', pytest.param('single', marks=pytest.mark.full), pytest.param('mixed', marks=pytest.mark.full)])
+@pytest.mark.parametrize('precision', [
+    'double',
+    pytest.param('single', marks=pytest.mark.full),
+    pytest.param('mixed', marks=pytest.mark.full)
+])
 def test_a_resumed_run_is_the_uninterrupted_one_to_rounding(opencl, precision):
     scheme = TABLE[CustomRigidHIIntegrator.LangevinC]
     scenes = [trimers(scheme) for _ in range(3)]
     whole, byState, byCheckpoint = (context(scene, opencl, precision) for scene in scenes)
     whole.setVelocitiesToTemperature(300*unit.kelvin, 1)
     scenes[0][1].step(20)
-    byState.setState(whole.getState(getPositions=True, getVelocities=True, getIntegratorParameters=True))
+    byState.setState(
+        whole.getState(getPositions=True, getVelocities=True, getIntegratorParameters=True))
     byCheckpoint.loadCheckpoint(whole.createCheckpoint())
     saved = bodies(scenes[0][1])
     for scene in scenes[1:]:
-        assert np.array_equal(bodies(scene[1]), saved)  # the doubles, not what the device holds of them
+        assert np.array_equal(bodies(scene[1]),
+                              saved)  # the doubles, not what the device holds of them
     for scene in scenes:
         scene[1].step(20)
     for scene in scenes[1:]:
-        assert np.abs(bodies(scene[1]) - bodies(scenes[0][1])).max() < (1e-10 if precision == 'double' else 1e-5)
+        assert np.abs(bodies(scene[1]) -
+                      bodies(scenes[0][1])).max() < (1e-10 if precision == 'double' else 1e-5)
 
 
 def test_what_others_do_is_honoured(opencl):
@@ -123,8 +136,10 @@ def test_what_others_do_is_honoured(opencl):
     made = context((system, integrator, positions), opencl, 'single')
     integrator.step(1)
     made.setPositions(positions + (0.25, 0, 0))
-    assert np.allclose(integrator.getBodyPositions()._value[0] - positions[0], np.array([0.25, 0, 0]) + np.average(
-        positions[:3] - positions[0], weights=(16, 2, 3), axis=0), atol=1e-6)
+    assert np.allclose(
+        integrator.getBodyPositions()._value[0] - positions[0],
+        np.array([0.25, 0, 0]) +
+        np.average(positions[:3] - positions[0], weights=(16, 2, 3), axis=0), atol=1e-6)
     for step in (1, 2, 3, 4):
         made.setVelocities(np.tile((1.0, 2.0, 3.0), (9, 1)))
         integrator.step(1)
@@ -141,13 +156,17 @@ def test_water_with_virtual_sites_barostat_and_minimisers(opencl, waterBox):
         simulation[name] = openmm.Context(system, integrator, platform, properties)
         simulation[name].setPositions(waterBox.positions)
         openmmrigidhi.app.minimize(simulation[name], maxIterations=20)
-    # Both have been minimised by numbers that differ in rounding: the device begins where Reference does.
+    # Both have been minimised by numbers that differ in rounding: the device begins where Reference
+    # does.
     start = simulation['Reference'].getState(getPositions=True).getPositions()
     for made in simulation.values():
         made.setPositions(start)
         made.setVelocitiesToTemperature(300*unit.kelvin, 2)
         made.getIntegrator().step(5)
-    positions = [made.getState(getPositions=True).getPositions(asNumpy=True)._value for made in simulation.values()]
+    positions = [
+        made.getState(getPositions=True).getPositions(asNumpy=True)._value
+        for made in simulation.values()
+    ]
     assert np.abs(positions[0] - positions[1]).max() < 1e-6
     del simulation, made
 
@@ -199,7 +218,8 @@ def test_non_finite_forces_name_the_body(opencl):
 def test_without_a_name_openmm_takes_the_fastest_platform(opencl, monkeypatch):
     monkeypatch.delenv('OPENMM_DEFAULT_PLATFORM', raising=False)
     system, integrator, positions = trimers(TABLE[CustomRigidHIIntegrator.LangevinC])
-    fastest = max((openmm.Platform.getPlatform(i) for i in range(openmm.Platform.getNumPlatforms())), key=lambda p: p.getSpeed())
+    fastest = max((openmm.Platform.getPlatform(i)
+                   for i in range(openmm.Platform.getNumPlatforms())), key=lambda p: p.getSpeed())
     assert openmm.Context(system, integrator).getPlatform().getName() == fastest.getName()
 
 
@@ -222,7 +242,9 @@ print(context.getPlatform().getName())
 
 
 def test_a_platform_that_is_loaded_later_is_served(opencl, tmp_path):
-    finished = subprocess.run([sys.executable, '-c', LATE, openmm.Platform.getDefaultPluginsDirectory()], capture_output=True, text=True,
-                              env=dict(os.environ, OPENMM_PLUGIN_DIR=str(tmp_path)))
+    finished = subprocess.run(
+        [sys.executable, '-c', LATE,
+         openmm.Platform.getDefaultPluginsDirectory()], capture_output=True, text=True,
+        env=dict(os.environ, OPENMM_PLUGIN_DIR=str(tmp_path)))
     assert finished.returncode == 0, finished.stderr
     assert finished.stdout.split()[-1] == 'OpenCL'

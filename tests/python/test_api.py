@@ -39,20 +39,22 @@ def bound(platform, count=2):
     return integrator, context
 
 
-# ---- Numbers and quantities ------------------------------------------------------------------------------------------
+# ---- Numbers and quantities ----------------------------------------------------------------------
 
-#: setter, getter, argument name, value as a quantity in another unit than ours, the same as a plain number
-SCALARS = [
-    ('setTemperature', 'getTemperature', 'temperature', 250*unit.kelvin, 250.0),
-    ('setFriction', 'getFriction', 'gamma', 5/unit.nanosecond, 0.005),
-    ('setRotationalFriction', 'getRotationalFriction', 'Gamma', 7/unit.nanosecond, 0.007),
-    ('setGradientRelaxationTime', 'getGradientRelaxationTime', 'upsilon', 3*unit.femtosecond, 0.003),
-    ('setGradientRotationalRelaxationTime', 'getGradientRotationalRelaxationTime', 'Upsilon', 2*unit.femtosecond, 0.002),
-    ('setPoseTolerance', 'getPoseTolerance', 'tolerance', 0.02*unit.angstrom, 0.002),
-    ('setInertiaScale', 'getInertiaScale', 'factor', 20/3*unit.dimensionless, 20/3),
-    ('setStepSize', 'getStepSize', 'size', 3*unit.femtosecond, 0.003),
-    ('setConstraintTolerance', 'getConstraintTolerance', 'tolerance', 1e-7*unit.dimensionless, 1e-7),
-]
+#: setter, getter, argument name, value as a quantity in another unit than ours, the same as a plain
+#: number
+SCALARS = [('setTemperature', 'getTemperature', 'temperature', 250*unit.kelvin, 250.0),
+           ('setFriction', 'getFriction', 'gamma', 5/unit.nanosecond, 0.005),
+           ('setRotationalFriction', 'getRotationalFriction', 'Gamma', 7/unit.nanosecond, 0.007),
+           ('setGradientRelaxationTime', 'getGradientRelaxationTime', 'upsilon', 3*unit.femtosecond,
+            0.003),
+           ('setGradientRotationalRelaxationTime', 'getGradientRotationalRelaxationTime', 'Upsilon',
+            2*unit.femtosecond, 0.002),
+           ('setPoseTolerance', 'getPoseTolerance', 'tolerance', 0.02*unit.angstrom, 0.002),
+           ('setInertiaScale', 'getInertiaScale', 'factor', 20/3*unit.dimensionless, 20/3),
+           ('setStepSize', 'getStepSize', 'size', 3*unit.femtosecond, 0.003),
+           ('setConstraintTolerance', 'getConstraintTolerance', 'tolerance',
+            1e-7*unit.dimensionless, 1e-7),]
 NAMES = [entry[0] for entry in SCALARS]
 
 
@@ -63,9 +65,11 @@ def plain(value):
 def test_constructor_takes_numbers_and_quantities():
     for integrator in (CustomRigidHIIntegrator(300, 0.004),
                        CustomRigidHIIntegrator(300*unit.kelvin, 4*unit.femtosecond),
-                       CustomRigidHIIntegrator(temperature=np.float32(300), stepSize=np.float64(0.004))):
+                       CustomRigidHIIntegrator(temperature=np.float32(300),
+                                               stepSize=np.float64(0.004))):
         assert integrator.getTemperature() == 300*unit.kelvin
-        assert integrator.getStepSize().value_in_unit(unit.femtosecond) == pytest.approx(4, rel=1e-12)
+        assert integrator.getStepSize().value_in_unit(unit.femtosecond) == pytest.approx(
+            4, rel=1e-12)
     assert isinstance(integrator, openmm.Integrator)
 
 
@@ -102,13 +106,16 @@ def test_wrong_dimensions_are_refused_by_name(setter, getter, name, quantity, nu
 
 
 def test_a_length_is_no_temperature():
-    with pytest.raises(TypeError, match='temperature: got a quantity in nanometer; it must be kelvin'):
+    with pytest.raises(TypeError,
+                       match='temperature: got a quantity in nanometer; it must be kelvin'):
         CustomRigidHIIntegrator(5*unit.nanometer, 0.002)
     with pytest.raises(TypeError, match='stepSize'):
         CustomRigidHIIntegrator(300, 0.002*unit.nanometer)
 
 
-@pytest.mark.parametrize('value', ['1', None, [1], True, 1j, object(), (300*unit.kelvin,)], ids=lambda value: type(value).__name__)
+@pytest.mark.parametrize(
+    'value', ['1', None, [1], True, 1j, object(),
+              (300*unit.kelvin,)], ids=lambda value: type(value).__name__)
 @pytest.mark.parametrize('setter', NAMES)
 def test_what_is_no_number_is_refused_by_name(setter, value):
     with pytest.raises(TypeError, match=setter):
@@ -122,8 +129,10 @@ def test_negative_and_non_finite_settings_are_refused(setter, value):
         getattr(make(), setter)(value)
 
 
-@pytest.mark.parametrize('setter', ['setGradientRelaxationTime', 'setGradientRotationalRelaxationTime',
-                                    'setPoseTolerance', 'setInertiaScale', 'setStepSize', 'setConstraintTolerance'])
+@pytest.mark.parametrize('setter', [
+    'setGradientRelaxationTime', 'setGradientRotationalRelaxationTime', 'setPoseTolerance',
+    'setInertiaScale', 'setStepSize', 'setConstraintTolerance'
+])
 def test_zero_is_refused_where_it_means_nothing(setter):
     with pytest.raises(openmm.OpenMMException, match='must be finite and positive'):
         getattr(make(), setter)(0)
@@ -142,7 +151,8 @@ def test_constructor_refuses_bad_values():
             CustomRigidHIIntegrator(*arguments)
 
 
-# ---- Constants -------------------------------------------------------------------------------------------------------
+# ---- Constants -----------------------------------------------------------------------------------
+
 
 @pytest.mark.parametrize('name', [scheme.name for scheme in openmmrigidhi.integrator.Scheme])
 def test_schemes_are_class_constants(name):
@@ -178,10 +188,15 @@ def test_constants_of_another_kind_are_refused():
             make().setScheme(value)
 
 
-# ---- Bodies ----------------------------------------------------------------------------------------------------------
+# ---- Bodies --------------------------------------------------------------------------------------
 
-@pytest.mark.parametrize('particles', [[5, 7], (5, 7), range(5, 8, 2), np.array([5, 7]), np.array([5, 7], dtype=np.uint8),
-                                       [np.int64(5), np.int32(7)], iter([5, 7])], ids=lambda p: type(p).__name__)
+
+@pytest.mark.parametrize('particles',
+                         [[5, 7], (5, 7),
+                          range(5, 8, 2),
+                          np.array([5, 7]),
+                          np.array([5, 7], dtype=np.uint8), [np.int64(5), np.int32(7)],
+                          iter([5, 7])], ids=lambda p: type(p).__name__)
 def test_particles_are_any_sequence_of_integers(particles):
     integrator = make()
     assert integrator.addRigidBody(particles) == 0
@@ -191,12 +206,20 @@ def test_particles_are_any_sequence_of_integers(particles):
 
 
 @pytest.mark.parametrize('sites', [
-    SITES, np.array(SITES), np.array(SITES, dtype=np.float32), np.asfortranarray(SITES), [openmm.Vec3(*s) for s in SITES],
-    10*np.array(SITES)*unit.angstrom, [10*openmm.Vec3(*s)*unit.angstrom for s in SITES],
-    [[10*x*unit.angstrom for x in s] for s in SITES], unit.Quantity([openmm.Vec3(*s) for s in SITES], unit.nanometer)],
-    ids=['list', 'array', 'float32', 'fortran', 'Vec3', 'quantity of array', 'list of quantities', 'nested quantities',
-         'quantity of list'])
-@pytest.mark.parametrize('moments', [(0.04, 0.04, 0), openmm.Vec3(0.04, 0.04, 0), np.array([0.04, 0.04, 0]),
+    SITES,
+    np.array(SITES),
+    np.array(SITES, dtype=np.float32),
+    np.asfortranarray(SITES), [openmm.Vec3(*s) for s in SITES], 10*np.array(SITES)*unit.angstrom,
+    [10*openmm.Vec3(*s)*unit.angstrom
+     for s in SITES], [[10*x*unit.angstrom for x in s] for s in SITES],
+    unit.Quantity([openmm.Vec3(*s) for s in SITES], unit.nanometer)
+], ids=[
+    'list', 'array', 'float32', 'fortran', 'Vec3', 'quantity of array', 'list of quantities',
+    'nested quantities', 'quantity of list'
+])
+@pytest.mark.parametrize('moments', [(0.04, 0.04, 0),
+                                     openmm.Vec3(0.04, 0.04, 0),
+                                     np.array([0.04, 0.04, 0]),
                                      (4, 4, 0)*unit.dalton*unit.angstrom**2,
                                      openmm.Vec3(4, 4, 0)*unit.dalton*unit.angstrom**2],
                          ids=['tuple', 'Vec3', 'array', 'quantity of tuple', 'quantity of Vec3'])
@@ -206,10 +229,12 @@ def test_explicit_bodies_come_back_as_given(sites, moments):
     particles, mass, gotMoments, gotSites = integrator.getRigidBodyParameters(index)
     assert particles == [8, 6]
     assert mass == 4*unit.dalton
-    assert np.allclose(gotMoments.value_in_unit(unit.dalton*unit.nanometer**2), (0.04, 0.04, 0), rtol=1e-6)
+    assert np.allclose(gotMoments.value_in_unit(unit.dalton*unit.nanometer**2), (0.04, 0.04, 0),
+                       rtol=1e-6)
     assert gotSites.value_in_unit(unit.nanometer).shape == (2, 3)
     assert np.allclose(gotSites.value_in_unit(unit.nanometer), SITES, rtol=1e-6)
-    assert integrator.getRigidBodyIsExplicit(index) and integrator.getRigidBodyGeometryIsKnown(index)
+    assert integrator.getRigidBodyIsExplicit(index) and integrator.getRigidBodyGeometryIsKnown(
+        index)
 
 
 def test_explicit_bodies_are_exact_to_the_last_bit():
@@ -218,7 +243,8 @@ def test_explicit_bodies_are_exact_to_the_last_bit():
     sites = random.normal(size=(4, 3))
     integrator.addRigidBody(range(4), 1/3, (1/3, 1/7, 2/7), sites)
     _, mass, moments, gotSites = integrator.getRigidBodyParameters(0)
-    assert plain(mass) == 1/3 and tuple(plain(moments)) == (1/3, 1/7, 2/7) and np.array_equal(plain(gotSites), sites)
+    assert plain(mass) == 1/3 and tuple(plain(moments)) == (1/3, 1/7, 2/7) and np.array_equal(
+        plain(gotSites), sites)
 
 
 def test_single_particles_and_massless_bodies_are_allowed():
@@ -229,23 +255,24 @@ def test_single_particles_and_massless_bodies_are_allowed():
     assert integrator.getNumRigidBodies() == 3
 
 
-@pytest.mark.parametrize('moments', [(1, 2, 3), (3, 1, 2), (0, 1, 1), (1, 0, 1), (1, 1, 0), (1e-9, 1, 1), (0, 0, 0)])
+@pytest.mark.parametrize('moments', [(1, 2, 3), (3, 1, 2), (0, 1, 1), (1, 0, 1), (1, 1, 0),
+                                     (1e-9, 1, 1), (0, 0, 0)])
 def test_moments_of_any_order_are_allowed_up_to_the_triangle_inequality(moments):
     make().addRigidBody([0], 1.0, moments, [(0, 0, 0)])
 
 
 @pytest.mark.parametrize('moments', [(1, 2, 3.001), (3.001, 1, 2), (0, 0, 1), (0, 1, 2)])
 def test_moments_beyond_the_triangle_inequality_are_refused(moments):
-    with pytest.raises(openmm.OpenMMException, match='body 0: moments .* violate the triangle inequality'):
+    with pytest.raises(openmm.OpenMMException,
+                       match='body 0: moments .* violate the triangle inequality'):
         make().addRigidBody([0], 1.0, moments, [(0, 0, 0)])
 
 
-@pytest.mark.parametrize('particles, message', [
-    ([], 'body 2: it has no particles'),
-    ([-1], 'body 2: particle index -1 is negative'),
-    ([5, 6, 5], 'body 2: particle 5 is named twice'),
-    ([5, 1], 'body 2: particle 1 is already in body 0'),
-    ([4], 'body 2: particle 4 is already in body 1')])
+@pytest.mark.parametrize('particles, message', [([], 'body 2: it has no particles'),
+                                                ([-1], 'body 2: particle index -1 is negative'),
+                                                ([5, 6, 5], 'body 2: particle 5 is named twice'),
+                                                ([5, 1], 'body 2: particle 1 is already in body 0'),
+                                                ([4], 'body 2: particle 4 is already in body 1')])
 def test_bad_particles_are_refused_naming_body_and_particle(particles, message):
     for explicit in ((), (1.0, (1, 1, 1), np.zeros((len(particles), 3)))):
         integrator = makeWithBodies()
@@ -254,8 +281,10 @@ def test_bad_particles_are_refused_naming_body_and_particle(particles, message):
         assert integrator.getNumRigidBodies() == 2
 
 
-@pytest.mark.parametrize('particles', [3, None, 'ab', [1.0], [1.5], [None], np.array([0.0, 1.0]), [[1, 2]], [1*unit.nanometer]],
-                         ids=repr)
+@pytest.mark.parametrize(
+    'particles',
+    [3, None, 'ab', [1.0], [1.5], [None],
+     np.array([0.0, 1.0]), [[1, 2]], [1*unit.nanometer]], ids=repr)
 def test_what_is_no_list_of_integers_is_a_TypeError(particles):
     with pytest.raises(TypeError, match='particles'):
         make().addRigidBody(particles)
@@ -266,16 +295,17 @@ def test_indices_that_do_not_fit_are_refused():
         make().addRigidBody([2**31])
 
 
-@pytest.mark.parametrize('mass, moments, sites, message', [
-    (-1, (1, 1, 1), SITES, 'body 0: mass is -1'),
-    (np.nan, (1, 1, 1), SITES, 'body 0: mass is nan'),
-    (np.inf, (1, 1, 1), SITES, 'body 0: mass is inf'),
-    (1, (1, -1, 1), SITES, 'body 0: moment about y is -1'),
-    (1, (1, 1, np.nan), SITES, 'body 0: moment about z is nan'),
-    (1, (np.inf, 1, 1), SITES, 'body 0: moment about x is inf'),
-    (1, (1, 1, 1), SITES[:1], 'body 0: it has 2 particles but 1 site'),
-    (1, (1, 1, 1), [], 'body 0: it has 2 particles but 0 site'),
-    (1, (1, 1, 1), [(0, 0, 0), (0, np.nan, 0)], 'body 0: site of particle 1')])
+@pytest.mark.parametrize('mass, moments, sites, message',
+                         [(-1, (1, 1, 1), SITES, 'body 0: mass is -1'),
+                          (np.nan, (1, 1, 1), SITES, 'body 0: mass is nan'),
+                          (np.inf, (1, 1, 1), SITES, 'body 0: mass is inf'),
+                          (1, (1, -1, 1), SITES, 'body 0: moment about y is -1'),
+                          (1, (1, 1, np.nan), SITES, 'body 0: moment about z is nan'),
+                          (1, (np.inf, 1, 1), SITES, 'body 0: moment about x is inf'),
+                          (1, (1, 1, 1), SITES[:1], 'body 0: it has 2 particles but 1 site'),
+                          (1, (1, 1, 1), [], 'body 0: it has 2 particles but 0 site'),
+                          (1, (1, 1, 1), [(0, 0, 0),
+                                          (0, np.nan, 0)], 'body 0: site of particle 1')])
 def test_bad_explicit_bodies_are_refused_naming_the_body(mass, moments, sites, message):
     integrator = make()
     with pytest.raises(openmm.OpenMMException, match=message):
@@ -287,21 +317,22 @@ def test_bad_explicit_bodies_are_refused_naming_the_body(mass, moments, sites, m
     assert not integrator.getRigidBodyIsExplicit(0)
 
 
-@pytest.mark.parametrize('arguments, error, name', [
-    ((4*unit.nanometer, (1, 1, 1), SITES), TypeError, 'mass'),
-    ((4, (1, 1, 1)*unit.nanometer, SITES), TypeError, 'principalMoments'),
-    ((4, (1, 1), SITES), ValueError, r'principalMoments: .*shape \(2,\)'),
-    ((4, 1, SITES), ValueError, 'principalMoments'),
-    ((4, ('a', 'b', 'c'), SITES), TypeError, 'principalMoments'),
-    ((4, (1, 1, 1), np.zeros((2, 2))), ValueError, r'sitePositions: .*shape \(2, 2\); the shape must be \(n, 3\)'),
-    ((4, (1, 1, 1), (0, 0, 0)), ValueError, 'sitePositions'),
-    ((4, (1, 1, 1), [(0, 0, 0), (0, 0)]), ValueError, 'sitePositions'),
-    ((4, (1, 1, 1), np.array(SITES)*unit.kelvin), TypeError, 'sitePositions'),
-    ((4, (1, 1, 1), [(0, 0, 1*unit.kelvin), (0, 0, 0)]), TypeError, 'sitePositions'),
-    ((4, (1, 1, 1), [('0', '0', '0')]*2), TypeError, 'sitePositions'),
-    ((4,), TypeError, 'needs all three'),
-    ((4, (1, 1, 1)), TypeError, 'needs all three'),
-    ((None, (1, 1, 1), SITES), TypeError, 'needs all three')])
+@pytest.mark.parametrize(
+    'arguments, error, name',
+    [((4*unit.nanometer, (1, 1, 1), SITES), TypeError, 'mass'),
+     ((4, (1, 1, 1)*unit.nanometer, SITES), TypeError, 'principalMoments'),
+     ((4, (1, 1), SITES), ValueError, r'principalMoments: .*shape \(2,\)'),
+     ((4, 1, SITES), ValueError, 'principalMoments'),
+     ((4, ('a', 'b', 'c'), SITES), TypeError, 'principalMoments'),
+     ((4, (1, 1, 1), np.zeros(
+         (2, 2))), ValueError, r'sitePositions: .*shape \(2, 2\); the shape must be \(n, 3\)'),
+     ((4, (1, 1, 1), (0, 0, 0)), ValueError, 'sitePositions'),
+     ((4, (1, 1, 1), [(0, 0, 0), (0, 0)]), ValueError, 'sitePositions'),
+     ((4, (1, 1, 1), np.array(SITES)*unit.kelvin), TypeError, 'sitePositions'),
+     ((4, (1, 1, 1), [(0, 0, 1*unit.kelvin), (0, 0, 0)]), TypeError, 'sitePositions'),
+     ((4, (1, 1, 1), [('0', '0', '0')]*2), TypeError, 'sitePositions'),
+     ((4,), TypeError, 'needs all three'), ((4, (1, 1, 1)), TypeError, 'needs all three'),
+     ((None, (1, 1, 1), SITES), TypeError, 'needs all three')])
 def test_wrong_types_shapes_and_dimensions_of_bodies_are_refused_by_name(arguments, error, name):
     integrator = make()
     with pytest.raises(error, match=name):
@@ -322,7 +353,8 @@ def test_setting_a_body_gives_up_its_old_particles_and_keeps_its_friction():
 
 
 def test_geometry_that_is_not_known_yet_is_an_error_that_says_what_to_do():
-    with pytest.raises(openmm.OpenMMException, match='body 0: its mass, moments and sites are not known.*set positions'):
+    with pytest.raises(openmm.OpenMMException,
+                       match='body 0: its mass, moments and sites are not known.*set positions'):
         makeWithBodies().getRigidBodyParameters(0)
 
 
@@ -333,11 +365,12 @@ def test_adding_many_bodies_is_linear():
     assert integrator.getNumRigidBodies() == 50000
 
 
-# ---- Indices ---------------------------------------------------------------------------------------------------------
+# ---- Indices -------------------------------------------------------------------------------------
 
-INDEXED = [('getRigidBodyParameters', ()), ('getRigidBodyParticles', ()), ('getRigidBodyIsExplicit', ()),
-           ('getRigidBodyGeometryIsKnown', ()), ('setRigidBodyParameters', ([8, 9], 1, (1, 1, 0), SITES)),
-           ('setBodyFriction', (1, 1)), ('getBodyFriction', ()), ('getBodyHasOwnFriction', ()), ('clearBodyFriction', ())]
+INDEXED = [('getRigidBodyParameters', ()), ('getRigidBodyParticles', ()),
+           ('getRigidBodyIsExplicit', ()), ('getRigidBodyGeometryIsKnown', ()),
+           ('setRigidBodyParameters', ([8, 9], 1, (1, 1, 0), SITES)), ('setBodyFriction', (1, 1)),
+           ('getBodyFriction', ()), ('getBodyHasOwnFriction', ()), ('clearBodyFriction', ())]
 
 
 @pytest.mark.parametrize('method, arguments', INDEXED, ids=[name for name, _ in INDEXED])
@@ -383,18 +416,23 @@ def test_seeds_are_integers():
             integrator.setRandomNumberSeed(value)
 
 
-# ---- What needs a Context --------------------------------------------------------------------------------------------
+# ---- What needs a Context ------------------------------------------------------------------------
 
 NEEDS_CONTEXT = [('getBodyPositions', ()), ('getBodyOrientations', ()), ('getBodyVelocities', ()),
                  ('getBodyAngularVelocities', ()), ('setBodyPositions', (np.zeros((2, 3)),)),
-                 ('setBodyOrientations', (np.array([(1, 0, 0, 0)]*2),)), ('setBodyVelocities', (np.zeros((2, 3)),)),
-                 ('setBodyAngularVelocities', (np.zeros((2, 3)),)), ('getBodyForces', ()), ('getBodyTorques', ()),
-                 ('getPoseResidual', ()), ('computeTranslationalKineticEnergy', ()), ('computeRotationalKineticEnergies', ()),
-                 ('computeFreeParticleKineticEnergy', ()), ('getDegreesOfFreedom', ()), ('computeSystemTemperature', ()),
-                 ('describeEffects', ()), ('getEffects', ()), ('getStepStatistics', ()), ('step', (1,))]
+                 ('setBodyOrientations', (np.array([(1, 0, 0, 0)]*2),)),
+                 ('setBodyVelocities', (np.zeros((2, 3)),)),
+                 ('setBodyAngularVelocities', (np.zeros((2, 3)),)), ('getBodyForces', ()),
+                 ('getBodyTorques', ()), ('getPoseResidual', ()),
+                 ('computeTranslationalKineticEnergy', ()),
+                 ('computeRotationalKineticEnergies', ()), ('computeFreeParticleKineticEnergy', ()),
+                 ('getDegreesOfFreedom', ()), ('computeSystemTemperature', ()),
+                 ('describeEffects', ()), ('getEffects', ()), ('getStepStatistics', ()),
+                 ('step', (1,))]
 
 
-@pytest.mark.parametrize('method, arguments', NEEDS_CONTEXT, ids=[name for name, _ in NEEDS_CONTEXT])
+@pytest.mark.parametrize('method, arguments', NEEDS_CONTEXT,
+                         ids=[name for name, _ in NEEDS_CONTEXT])
 def test_what_needs_a_context_says_so(method, arguments, platform):
     with pytest.raises(openmm.OpenMMException, match=rf'{method}\(\) needs a Context: create one'):
         getattr(makeWithBodies(), method)(*arguments)
@@ -406,8 +444,9 @@ def test_what_needs_a_context_says_so(method, arguments, platform):
         getattr(integrator, method)(*arguments)
 
 
-@pytest.mark.parametrize('method', ['getBodyPositions', 'getBodyOrientations', 'getBodyVelocities',
-                                    'getBodyAngularVelocities'])
+@pytest.mark.parametrize(
+    'method',
+    ['getBodyPositions', 'getBodyOrientations', 'getBodyVelocities', 'getBodyAngularVelocities'])
 def test_body_states_need_positions(method, platform):
     system, _, definitions = dumbbells(1)
     integrator = make()
@@ -420,16 +459,20 @@ def test_body_states_need_positions(method, platform):
 def test_body_states_are_arrays_with_units(platform):
     integrator, context = bound(platform)
     for value, dimension, columns in [
-            (integrator.getBodyPositions(), unit.nanometer, 3),
-            (integrator.getBodyVelocities(), unit.nanometer/unit.picosecond, 3),
-            (integrator.getBodyAngularVelocities(), unit.radian/unit.picosecond, 3),
-            (integrator.getBodyForces(), unit.kilojoule_per_mole/unit.nanometer, 3),
-            (integrator.getBodyTorques(), unit.kilojoule_per_mole, 3)]:
+        (integrator.getBodyPositions(), unit.nanometer, 3),
+        (integrator.getBodyVelocities(), unit.nanometer/unit.picosecond, 3),
+        (integrator.getBodyAngularVelocities(), unit.radian/unit.picosecond, 3),
+        (integrator.getBodyForces(), unit.kilojoule_per_mole/unit.nanometer, 3),
+        (integrator.getBodyTorques(), unit.kilojoule_per_mole, 3)
+    ]:
         array = value.value_in_unit(dimension)
-        assert isinstance(array, np.ndarray) and array.shape == (2, columns) and array.flags.writeable
+        assert isinstance(array,
+                          np.ndarray) and array.shape == (2, columns) and array.flags.writeable
     assert integrator.getBodyOrientations().shape == (2, 4)
-    assert integrator.computeTranslationalKineticEnergy().value_in_unit(unit.kilojoule_per_mole) == 0
-    assert integrator.computeRotationalKineticEnergies().value_in_unit(unit.kilojoule_per_mole).shape == (3,)
+    assert integrator.computeTranslationalKineticEnergy().value_in_unit(
+        unit.kilojoule_per_mole) == 0
+    assert integrator.computeRotationalKineticEnergies().value_in_unit(
+        unit.kilojoule_per_mole).shape == (3,)
     assert integrator.getPoseResidual().value_in_unit(unit.nanometer) < 1e-12
 
 
@@ -465,22 +508,26 @@ def test_angular_velocities_lose_what_has_no_inertia(platform):
     assert np.allclose(got, [(1, 2, 0), (4, 5, 0)], atol=1e-14)
     # 1/2 I w^2 with I = 0.04 about x and y; the smallest moment, about z, is zero.
     energies = plain(integrator.computeRotationalKineticEnergies())
-    assert energies[0] == 0 and energies[1:].sum() == pytest.approx(0.5*0.04*(1 + 4 + 16 + 25), rel=1e-14)
+    assert energies[0] == 0 and energies[1:].sum() == pytest.approx(0.5*0.04*
+                                                                    (1 + 4 + 16 + 25), rel=1e-14)
 
 
 def test_angular_velocities_are_per_time_with_or_without_radians(platform):
     integrator, context = bound(platform)
-    for value in (np.ones((2, 3))/unit.picosecond, np.ones((2, 3))*unit.radian/unit.picosecond,
-                  np.full((2, 3), 180/np.pi)*unit.degree/unit.picosecond):
+    for value in (np.ones((2, 3))/unit.picosecond, np.ones(
+        (2, 3))*unit.radian/unit.picosecond, np.full(
+            (2, 3), 180/np.pi)*unit.degree/unit.picosecond):
         integrator.setBodyAngularVelocities(value)
         assert plain(integrator.getBodyAngularVelocities())[0, 0] == pytest.approx(1, rel=1e-12)
 
 
-@pytest.mark.parametrize('method, columns', [('setBodyPositions', 3), ('setBodyOrientations', 4), ('setBodyVelocities', 3),
+@pytest.mark.parametrize('method, columns', [('setBodyPositions', 3), ('setBodyOrientations', 4),
+                                             ('setBodyVelocities', 3),
                                              ('setBodyAngularVelocities', 3)])
 def test_arrays_of_the_wrong_shape_are_refused_with_both_shapes(method, columns, platform):
     integrator, context = bound(platform)
-    for shape in [(columns,), (1, columns), (3, columns), (2, columns + 1), (columns, 2), (2, columns, 1), (0, columns)]:
+    for shape in [(columns,), (1, columns), (3, columns), (2, columns + 1), (columns, 2),
+                  (2, columns, 1), (0, columns)]:
         with pytest.raises(ValueError) as error:
             getattr(integrator, method)(np.ones(shape))
         assert str(shape) in str(error.value) and f'(2, {columns})' in str(error.value)
@@ -491,7 +538,8 @@ def test_arrays_of_the_wrong_shape_are_refused_with_both_shapes(method, columns,
             getattr(integrator, method)(value)
 
 
-@pytest.mark.parametrize('method', ['setBodyPositions', 'setBodyVelocities', 'setBodyAngularVelocities'])
+@pytest.mark.parametrize('method',
+                         ['setBodyPositions', 'setBodyVelocities', 'setBodyAngularVelocities'])
 @pytest.mark.parametrize('bad', [np.nan, np.inf])
 def test_non_finite_rows_are_refused_naming_the_body(method, bad, platform):
     integrator, context = bound(platform)
@@ -501,7 +549,8 @@ def test_non_finite_rows_are_refused_naming_the_body(method, bad, platform):
         getattr(integrator, method)(rows)
 
 
-@pytest.mark.parametrize('quaternion', [(0, 0, 0, 0), (1.1, 0, 0, 0), (0.99, 0, 0, 0), (np.nan, 0, 0, 0), (np.inf, 0, 0, 0)])
+@pytest.mark.parametrize('quaternion', [(0, 0, 0, 0), (1.1, 0, 0, 0), (0.99, 0, 0, 0),
+                                        (np.nan, 0, 0, 0), (np.inf, 0, 0, 0)])
 def test_quaternions_must_have_unit_length(quaternion, platform):
     integrator, context = bound(platform)
     with pytest.raises(openmm.OpenMMException, match='body 1: its quaternion has length'):
@@ -514,7 +563,8 @@ def test_quaternions_are_normalised(platform):
     assert np.allclose(integrator.getBodyOrientations()[1], (0, 1, 0, 0), rtol=0, atol=1e-15)
 
 
-# ---- Stepping and Contexts -------------------------------------------------------------------------------------------
+# ---- Stepping and Contexts -----------------------------------------------------------------------
+
 
 @pytest.mark.parametrize('steps', [-1, -1000])
 def test_a_negative_number_of_steps_is_refused(steps, platform):
@@ -535,7 +585,8 @@ def test_steps_are_counted(platform):
     for steps in (0, 1, np.int64(49), 50, 51, 149):
         integrator.step(steps)
     assert context.getStepCount() == 300
-    assert context.getState().getTime().value_in_unit(unit.picosecond) == pytest.approx(0.6, rel=1e-12)
+    assert context.getState().getTime().value_in_unit(unit.picosecond) == pytest.approx(
+        0.6, rel=1e-12)
     statistics = integrator.getStepStatistics()
     assert statistics['steps'] == 300 and isinstance(statistics['steps'], int)
 
@@ -644,14 +695,17 @@ def test_steps_release_the_interpreter(platform):
 
     thread = threading.Thread(target=tick)
     thread.start()
-    openmmrigidhi._bindings.CustomRigidHIIntegrator.step(integrator, {'Reference': 500000, 'CPU': 20000}[platform.getName()])
+    openmmrigidhi._bindings.CustomRigidHIIntegrator.step(integrator,
+                                                         {'Reference': 500000,
+                                                          'CPU': 20000}[platform.getName()])
     during = len(ticks)
     done.set()
     thread.join()
     assert during > 3
 
 
-# ---- Nothing crashes at the border -----------------------------------------------------------------------------------
+# ---- Nothing crashes at the border ---------------------------------------------------------------
+
 
 def test_no_object_is_a_TypeError():
     base = openmmrigidhi._bindings.CustomRigidHIIntegrator
@@ -662,25 +716,32 @@ def test_no_object_is_a_TypeError():
 
 
 def test_cast_refuses_what_is_something_else():
-    for value in (None, 3, openmm.VerletIntegrator(0.001), openmm.System(), CustomRigidHIIntegrator):
+    for value in (None, 3, openmm.VerletIntegrator(0.001), openmm.System(),
+                  CustomRigidHIIntegrator):
         with pytest.raises(TypeError, match='cast'):
             CustomRigidHIIntegrator.cast(value)
 
 
 def test_bindings_refuse_buffers_of_the_wrong_kind():
     base = openmmrigidhi._bindings.CustomRigidHIIntegrator
-    for buffer in (b'123', np.zeros(3), np.zeros(3, dtype=np.int64), np.arange(8, dtype=np.intc)[::2], 'abc', None, [1, 2]):
+    for buffer in (b'123', np.zeros(3), np.zeros(3, dtype=np.int64), np.arange(
+            8, dtype=np.intc)[::2], 'abc', None, [1, 2]):
         with pytest.raises(TypeError):
             base.addRigidBody(make(), buffer)
     with pytest.raises(TypeError):
         base.addRigidBody(make(), np.arange(1, dtype=np.intc), 1.0, np.zeros(6), np.zeros((1, 3)))
 
 
-# ---- Loading ---------------------------------------------------------------------------------------------------------
+# ---- Loading -------------------------------------------------------------------------------------
+
 
 def run(code, path=None, **variables):
-    environment = {**os.environ, 'PYTHONPATH': path or os.path.dirname(os.path.dirname(openmmrigidhi.__file__)), **variables}
-    return subprocess.run([sys.executable, '-c', code], env=environment, capture_output=True, text=True)
+    environment = {
+        **os.environ, 'PYTHONPATH': path
+        or os.path.dirname(os.path.dirname(openmmrigidhi.__file__)), **variables
+    }
+    return subprocess.run([sys.executable, '-c', code], env=environment, capture_output=True,
+                          text=True)
 
 
 def packageDirectory():
@@ -690,13 +751,15 @@ def packageDirectory():
 def test_checkPlatform_says_why():
     openmmrigidhi.checkPlatform('Reference')
     openmmrigidhi.checkPlatform(openmm.Platform.getPlatformByName('CPU'))
-    with pytest.raises(openmm.OpenMMException, match="'Nonsense': OpenMM has none of this name.*Reference, CPU"):
+    with pytest.raises(openmm.OpenMMException,
+                       match="'Nonsense': OpenMM has none of this name.*Reference, CPU"):
         openmmrigidhi.checkPlatform('Nonsense')
 
 
 def test_importing_needs_no_environment_and_loads_twice_harmlessly():
     code = ('import importlib, openmm, openmmrigidhi; openmmrigidhi._loading.load(); '
-            'openmmrigidhi.checkPlatform("Reference"); print(openmmrigidhi.app.sphereShell(12, 1).shape)')
+            'openmmrigidhi.checkPlatform("Reference"); print(openmmrigidhi.app.sphereShell(12, '
+            '1).shape)')
     result = run(code)
     assert result.returncode == 0, result.stderr
     assert result.stdout.strip() == '(12, 3)'
@@ -709,7 +772,9 @@ def test_a_library_that_does_not_load_fails_loudly(tmp_path):
     result = run('import openmmrigidhi', str(tmp_path))
     assert result.returncode != 0
     assert 'ImportError: openmmrigidhi: cannot load the platform library libOpenMMRigidHICPU.so' in result.stderr
-    assert str(package) in result.stderr and 'invalid ELF header' in result.stderr or 'file too short' in result.stderr
+    assert str(
+        package
+    ) in result.stderr and 'invalid ELF header' in result.stderr or 'file too short' in result.stderr
 
 
 def test_another_copy_of_the_library_is_not_mixed_in(tmp_path):
@@ -723,9 +788,12 @@ def test_another_copy_of_the_library_is_not_mixed_in(tmp_path):
 def test_describe_says_what_a_bug_report_needs():
     text = openmmrigidhi.describe()
     version = openmm.Platform.getOpenMMVersion()
-    compiledFor = '.'.join(version.split('.')[:2])   # version 7.7 says no more, later ones do
-    assert text.startswith(f'openmmrigidhi {openmmrigidhi.__version__}, compiled for OpenMM {compiledFor}, from ') and f'\nOpenMM {version}; ' in text
-    for name in ('Reference', 'CPU', f'NumPy {np.__version__}', 'instruction set: ', 'Eigen 3.', 'OpenBLAS', 'fftw-3', 'Highway', 'muParser'):
+    compiledFor = '.'.join(version.split('.')[:2])  # version 7.7 says no more, later ones do
+    assert text.startswith(
+        f'openmmrigidhi {openmmrigidhi.__version__}, compiled for OpenMM {compiledFor}, from '
+    ) and f'\nOpenMM {version}; ' in text
+    for name in ('Reference', 'CPU', f'NumPy {np.__version__}', 'instruction set: ', 'Eigen 3.',
+                 'OpenBLAS', 'fftw-3', 'Highway', 'muParser'):
         assert name in text, name
 
 
@@ -735,7 +803,11 @@ def test_kernels_in_the_plugin_directory_of_openmm_serve(tmp_path):
     shutil.copytree(packageDirectory(), package)
     shutil.move(package/'lib', tmp_path/'openmm')
     code = 'import openmmrigidhi; openmmrigidhi.checkPlatform("CPU"); print(openmmrigidhi.describe())'
-    environment = {'OPENMM_PLUGIN_DIR': os.pathsep.join([str(tmp_path/'openmm'/'plugins'), openmm.Platform.getDefaultPluginsDirectory()])}
+    environment = {
+        'OPENMM_PLUGIN_DIR': os.pathsep.join(
+            [str(tmp_path/'openmm'/'plugins'),
+             openmm.Platform.getDefaultPluginsDirectory()])
+    }
     result = run(code, str(package.parent), **environment)
     assert result.returncode == 0, result.stderr
     assert str(tmp_path/'openmm'/'libOpenMMRigidHI.so') in result.stdout
@@ -783,10 +855,12 @@ except openmm.OpenMMException as error:
     finally:
         del os.environ['OPENMM_PLUGIN_DIR']
     assert result.returncode == 0, result.stderr
-    assert "platform 'CPU': OpenMM has none of this name" in result.stdout and str(tmp_path) in result.stdout
+    assert "platform 'CPU': OpenMM has none of this name" in result.stdout and str(
+        tmp_path) in result.stdout
 
 
-# ---- Documentation ---------------------------------------------------------------------------------------------------
+# ---- Documentation -------------------------------------------------------------------------------
+
 
 def test_every_public_method_is_documented():
     for name, method in vars(CustomRigidHIIntegrator).items():

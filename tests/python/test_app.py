@@ -26,11 +26,13 @@ def energyOf(context):
     return context.getState(getEnergy=True).getPotentialEnergy()._value
 
 
-# ---- Bodies from residues --------------------------------------------------------------------------------------------
+# ---- Bodies from residues ------------------------------------------------------------------------
+
 
 def test_every_water_becomes_a_body_with_its_extra_particle(waterBox):
     integrator = CustomRigidHIIntegrator(300, 0.002)
-    assert openmmrigidhi.app.addRigidWater(integrator, waterBox.topology, waterBox.system) == list(range(27))
+    assert openmmrigidhi.app.addRigidWater(integrator, waterBox.topology,
+                                           waterBox.system) == list(range(27))
     for body, residue in enumerate(waterBox.topology.residues()):
         assert integrator.getRigidBodyParticles(body) == [atom.index for atom in residue.atoms()]
         assert len(integrator.getRigidBodyParticles(body)) == 4
@@ -53,8 +55,10 @@ def test_the_shape_of_water_comes_from_constraints_not_from_coordinates(waterBox
 
 def test_flexible_water_is_refused_if_the_system_is_given():
     flexible = WaterBox(2, rigidWater=False, nonbondedMethod=app.NoCutoff)
-    with pytest.raises(ValueError, match='residue HOH 1: particles .* have no constraint.*rigidWater=True'):
-        openmmrigidhi.app.addRigidWater(CustomRigidHIIntegrator(300, 0.002), flexible.topology, flexible.system)
+    with pytest.raises(ValueError,
+                       match='residue HOH 1: particles .* have no constraint.*rigidWater=True'):
+        openmmrigidhi.app.addRigidWater(CustomRigidHIIntegrator(300, 0.002), flexible.topology,
+                                        flexible.system)
 
 
 def test_residues_are_chosen_by_name(waterBox):
@@ -65,12 +69,14 @@ def test_residues_are_chosen_by_name(waterBox):
         openmmrigidhi.app.addRigidResidues(integrator, waterBox.topology, 'HOH')
     with pytest.raises(TypeError, match='cast'):
         openmmrigidhi.app.addRigidWater(openmm.VerletIntegrator(0.001), waterBox.topology)
-    assert len(openmmrigidhi.app.addRigidResidues(integrator, waterBox.topology, {'HOH', 'LIG'})) == 27
+    assert len(openmmrigidhi.app.addRigidResidues(integrator, waterBox.topology,
+                                                  {'HOH', 'LIG'})) == 27
     with pytest.raises(openmm.OpenMMException, match='already in body 0'):
         openmmrigidhi.app.addRigidWater(integrator, waterBox.topology)
 
 
-# ---- Bodies as molecules ---------------------------------------------------------------------------------------------
+# ---- Bodies as molecules -------------------------------------------------------------------------
+
 
 def periodicDumbbells():
     """Two molecules without constraints in a periodic box of 2 nm; the first straddles its edge."""
@@ -117,7 +123,8 @@ def test_binding_does_not_make_a_system_periodic(platform):
     assert not system.usesPeriodicBoundaryConditions()
 
 
-# ---- Minimising ------------------------------------------------------------------------------------------------------
+# ---- Minimising ----------------------------------------------------------------------------------
+
 
 def mixedBox(platform, numBodies=14):
     """Waters of which the first are bodies and the others free particles held by constraints."""
@@ -132,7 +139,8 @@ def checkShapes(box, context, tolerance):
     positions = positionsOf(context)
     for i in range(box.system.getNumConstraints()):
         first, second, distance = box.system.getConstraintParameters(i)
-        assert np.linalg.norm(positions[first] - positions[second]) == pytest.approx(distance._value, rel=tolerance)
+        assert np.linalg.norm(positions[first] - positions[second]) == pytest.approx(
+            distance._value, rel=tolerance)
     before = positions.copy()
     context.computeVirtualSites()
     assert np.allclose(positionsOf(context), before, rtol=0, atol=1e-7)
@@ -144,7 +152,8 @@ def test_minimising_a_water_box_lowers_the_energy_and_keeps_shapes(start, waterB
     integrator = simulation.integrator
     random = np.random.default_rng(2)
     if start == 'perturbed':
-        integrator.setBodyPositions(integrator.getBodyPositions()._value + random.normal(scale=0.005, size=(27, 3)))
+        integrator.setBodyPositions(integrator.getBodyPositions()._value +
+                                    random.normal(scale=0.005, size=(27, 3)))
     elif start == 'clashing':
         integrator.setBodyPositions(random.uniform(0, waterBox.box, size=(27, 3)))
     before = energyOf(simulation.context)
@@ -152,7 +161,8 @@ def test_minimising_a_water_box_lowers_the_energy_and_keeps_shapes(start, waterB
     assert result.converged and result.rmsForce._value <= 10
     assert result.initialEnergy._value == pytest.approx(before, rel=1e-5)
     assert result.finalEnergy._value == pytest.approx(energyOf(simulation.context), rel=1e-5)
-    assert result.finalEnergy._value < min(before, -27*45)  # liquid water has about -45 kJ/mol a molecule at 300 K
+    assert result.finalEnergy._value < min(
+        before, -27*45)  # liquid water has about -45 kJ/mol a molecule at 300 K
     checkShapes(waterBox, simulation.context, 1e-12)
     simulation.step(2)
 
@@ -215,7 +225,8 @@ def test_minimising_finds_a_known_minimum_from_afar(turn, platform):
     result = openmmrigidhi.app.minimize(context, tolerance=0.01)
     assert result.converged
     got = positionsOf(context)
-    # A force of 0.01 against springs of 1000 kJ/(mol nm^2) leaves 1e-5 nm, in any of eight coordinates.
+    # A force of 0.01 against springs of 1000 kJ/(mol nm^2) leaves 1e-5 nm, in any of eight
+    # coordinates.
     assert np.allclose(got[:3], [(0.5, 0, -0.1), (0.5, 0, 0.1), (0, 0, 0)], rtol=0, atol=8e-5)
     assert np.array_equal(got[3], (0, 0, 0))  # massless and in no body
     assert np.linalg.norm(got[1] - got[0]) == pytest.approx(0.2, rel=1e-12)
@@ -224,12 +235,14 @@ def test_minimising_finds_a_known_minimum_from_afar(turn, platform):
 def test_iterations_are_limited_and_reported(waterBox, platform):
     simulation = waterBox.simulation(platform)
     seen = []
-    result = openmmrigidhi.app.minimize(simulation.context, 1e-3, 7, reporter=lambda *values: seen.append(values))
+    result = openmmrigidhi.app.minimize(simulation.context, 1e-3, 7,
+                                        reporter=lambda *values: seen.append(values))
     assert result.iterations == 7 and not result.converged and result.evaluations >= 7
     assert [iteration for iteration, _, _ in seen] == list(range(1, 8))
     energies = [energy.value_in_unit(unit.kilojoule_per_mole) for _, energy, _ in seen]
     assert energies == sorted(energies, reverse=True)
-    assert seen[-1][2].value_in_unit(unit.kilojoule_per_mole/unit.nanometer) == result.rmsForce._value
+    assert seen[-1][2].value_in_unit(
+        unit.kilojoule_per_mole/unit.nanometer) == result.rmsForce._value
 
 
 def test_a_minimum_stays_where_it_is(platform):
@@ -274,7 +287,8 @@ def test_minimising_needs_positions_and_finite_energies(waterBox, platform):
         openmmrigidhi.app.minimize(context)
 
 
-# ---- Temperatures ----------------------------------------------------------------------------------------------------
+# ---- Temperatures --------------------------------------------------------------------------------
+
 
 def readTable(text):
     lines = text.strip().splitlines()
@@ -282,13 +296,15 @@ def readTable(text):
     return names, [dict(zip(names, line.split(','))) for line in lines[1:]]
 
 
-TEMPERATURES = ['Temperature (K)', 'Translational Temperature (K)'] + [f'Rotational Temperature {k} (K)' for k in (1, 2, 3)]
+TEMPERATURES = ['Temperature (K)', 'Translational Temperature (K)'
+                ] + [f'Rotational Temperature {k} (K)' for k in (1, 2, 3)]
 
 
 def reportTemperatures(simulation, count, prepare):
     """The table that a StateDataReporter writes of so many prepared states."""
     out = io.StringIO()
-    reporter = openmmrigidhi.app.StateDataReporter(out, 1, temperature=True, translationalTemperature=True,
+    reporter = openmmrigidhi.app.StateDataReporter(out, 1, temperature=True,
+                                                   translationalTemperature=True,
                                                    rotationalTemperatures=True)
     for k in range(count):
         prepare(k)
@@ -308,7 +324,8 @@ def checkTemperatures(table, expected, degrees):
 
 def test_temperatures_are_right_at_equilibrium(waterBox, platform):
     simulation = waterBox.simulation(platform)
-    table = reportTemperatures(simulation, 200, lambda k: simulation.context.setVelocitiesToTemperature(300, k + 1))
+    table = reportTemperatures(simulation, 200,
+                               lambda k: simulation.context.setVelocitiesToTemperature(300, k + 1))
     checkTemperatures(table, 300, (6*27, 3*27, 27, 27, 27))
 
 
@@ -335,15 +352,20 @@ def test_the_total_energy_column_matches_the_temperature(waterBox, platform):
     out = io.StringIO()
     simulation = waterBox.simulation(platform)
     simulation.context.setVelocitiesToTemperature(300, 1)
-    simulation.reporters.append(openmmrigidhi.app.StateDataReporter(
-        out, 2, step=True, time=True, kineticEnergy=True, temperature=True, volume=True, density=True, speed=True))
+    simulation.reporters.append(
+        openmmrigidhi.app.StateDataReporter(out, 2, step=True, time=True, kineticEnergy=True,
+                                            temperature=True, volume=True, density=True,
+                                            speed=True))
     simulation.step(4)
     names, rows = readTable(out.getvalue())
-    assert names == ['Step', 'Time (ps)', 'Kinetic Energy (kJ/mole)', 'Temperature (K)', 'Box Volume (nm^3)',
-                     'Density (g/mL)', 'Speed (ns/day)']
+    assert names == [
+        'Step', 'Time (ps)', 'Kinetic Energy (kJ/mole)', 'Temperature (K)', 'Box Volume (nm^3)',
+        'Density (g/mL)', 'Speed (ns/day)'
+    ]
     for row in rows:
         kinetic = float(row['Kinetic Energy (kJ/mole)'])
-        assert float(row['Temperature (K)']) == pytest.approx(2*kinetic/(6*27*GAS_CONSTANT), rel=1e-9)
+        assert float(row['Temperature (K)']) == pytest.approx(2*kinetic/(6*27*GAS_CONSTANT),
+                                                              rel=1e-9)
     assert float(rows[0]['Density (g/mL)']) == pytest.approx(0.997, abs=0.002)
 
 
@@ -363,11 +385,14 @@ def test_massless_systems_report_not_available_and_density_zero(platform):
     simulation = app.Simulation(topology, system, CustomRigidHIIntegrator(300, 0.002), platform)
     simulation.context.setPositions([(0, 0, 0)])
     out = io.StringIO()
-    simulation.reporters.append(openmmrigidhi.app.StateDataReporter(
-        out, 1, temperature=True, density=True, translationalTemperature=True, rotationalTemperatures=True))
+    simulation.reporters.append(
+        openmmrigidhi.app.StateDataReporter(out, 1, temperature=True, density=True,
+                                            translationalTemperature=True,
+                                            rotationalTemperatures=True))
     simulation.step(1)
     _, rows = readTable(out.getvalue())
-    assert [rows[0][name] for name in TEMPERATURES] == ['n/a']*5 and float(rows[0]['Density (g/mL)']) == 0
+    assert [rows[0][name]
+            for name in TEMPERATURES] == ['n/a']*5 and float(rows[0]['Density (g/mL)']) == 0
 
 
 def test_linear_bodies_have_two_rotational_temperatures(platform):
@@ -381,18 +406,23 @@ def test_linear_bodies_have_two_rotational_temperatures(platform):
         topology.addAtom('X', None, residue)
     simulation = app.Simulation(topology, system, integrator, platform)
     simulation.context.setPositions(positions)
-    table = reportTemperatures(simulation, 1, lambda k: simulation.context.setVelocitiesToTemperature(300, 1))
+    table = reportTemperatures(simulation, 1,
+                               lambda k: simulation.context.setVelocitiesToTemperature(300, 1))
     assert table[0]['Rotational Temperature 1 (K)'] == 'n/a'
     assert float(table[0]['Rotational Temperature 2 (K)']) > 0
 
 
-# ---- OpenMM's own reporters, states and checkpoints ------------------------------------------------------------------
+# ---- OpenMM's own reporters, states and checkpoints ----------------------------------------------
+
 
 def test_openmm_reporters_work(tmp_path, waterBox, platform):
     simulation = waterBox.simulation(platform)
     text = io.StringIO()
-    simulation.reporters += [app.DCDReporter(str(tmp_path/'out.dcd'), 2), app.StateDataReporter(text, 2, temperature=True),
-                             app.PDBReporter(str(tmp_path/'out.pdb'), 2)]
+    simulation.reporters += [
+        app.DCDReporter(str(tmp_path/'out.dcd'), 2),
+        app.StateDataReporter(text, 2, temperature=True),
+        app.PDBReporter(str(tmp_path/'out.pdb'), 2)
+    ]
     simulation.step(6)
     simulation.reporters.clear()
     atoms = waterBox.topology.getNumAtoms()
@@ -420,7 +450,8 @@ def test_a_simulation_resumes_bit_for_bit_on_reference(way, tmp_path, waterBox):
     assert second.currentStep == 3
     second.step(4)
     assert np.array_equal(positionsOf(first.context), positionsOf(second.context))
-    assert np.array_equal(first.integrator.getBodyOrientations(), second.integrator.getBodyOrientations())
+    assert np.array_equal(first.integrator.getBodyOrientations(),
+                          second.integrator.getBodyOrientations())
     assert np.array_equal(first.integrator.getBodyAngularVelocities()._value,
                           second.integrator.getBodyAngularVelocities()._value)
 
@@ -434,8 +465,11 @@ def test_a_simulation_resumes_on_cpu(tmp_path, waterBox):
     first.saveState(str(tmp_path/'state'))
     second.loadState(str(tmp_path/'state'))
     for getter in ('getBodyPositions', 'getBodyVelocities', 'getBodyAngularVelocities'):
-        assert np.array_equal(getattr(first.integrator, getter)()._value, getattr(second.integrator, getter)()._value)
-    assert np.array_equal(first.integrator.getBodyOrientations(), second.integrator.getBodyOrientations())
+        assert np.array_equal(
+            getattr(first.integrator, getter)()._value,
+            getattr(second.integrator, getter)()._value)
+    assert np.array_equal(first.integrator.getBodyOrientations(),
+                          second.integrator.getBodyOrientations())
     first.step(3)
     second.step(3)
     assert np.allclose(positionsOf(first.context), positionsOf(second.context), rtol=0, atol=1e-5)
@@ -451,7 +485,8 @@ def test_openmm_minimiser_works_on_constrained_bodies(waterBox, platform):
     checkShapes(waterBox, simulation.context, 1e-12)
 
 
-# ---- Files of body states --------------------------------------------------------------------------------------------
+# ---- Files of body states ------------------------------------------------------------------------
+
 
 def runWithReporter(waterBox, platform, file, steps=6):
     simulation = waterBox.simulation(platform)
@@ -467,25 +502,33 @@ def test_body_states_come_back_from_the_file(tmp_path, waterBox, platform):
     states = openmmrigidhi.app.readBodyStates(tmp_path/'states.h5')
     assert len(states) == 3 and states.step.tolist() == [2, 4, 6]
     assert np.allclose(states.time.value_in_unit(unit.femtosecond), [4, 8, 12])
-    assert np.array_equal(states.positions[-1].value_in_unit(unit.nanometer), integrator.getBodyPositions()._value)
+    assert np.array_equal(states.positions[-1].value_in_unit(unit.nanometer),
+                          integrator.getBodyPositions()._value)
     assert np.array_equal(states.orientations[-1], integrator.getBodyOrientations())
     assert np.array_equal(states.velocities[-1]._value, integrator.getBodyVelocities()._value)
-    assert np.array_equal(states.angularVelocities[-1]._value, integrator.getBodyAngularVelocities()._value)
+    assert np.array_equal(states.angularVelocities[-1]._value,
+                          integrator.getBodyAngularVelocities()._value)
     assert np.allclose(states.boxVectors[0].value_in_unit(unit.nanometer), np.eye(3)*waterBox.box)
-    for body, (particles, mass, moments, sites) in enumerate(map(integrator.getRigidBodyParameters, range(27))):
+    for body, (particles, mass, moments, sites) in enumerate(
+            map(integrator.getRigidBodyParameters, range(27))):
         assert states.particles[body] == particles and states.mass[body] == mass
-        assert np.all(states.principalMoments[body] == moments) and np.all(states.sitePositions[body] == sites)
+        assert np.all(states.principalMoments[body] == moments) and np.all(
+            states.sitePositions[body] == sites)
 
 
 def test_the_documented_layout_is_there(tmp_path, waterBox):
-    runWithReporter(waterBox, openmm.Platform.getPlatformByName('Reference'), tmp_path/'states.h5', 2)
+    runWithReporter(waterBox, openmm.Platform.getPlatformByName('Reference'), tmp_path/'states.h5',
+                    2)
     from openmmrigidhi.app import bodystates
-    documented = [line.split()[0] for line in bodystates.__doc__.splitlines() if line.startswith('    /')]
+    documented = [
+        line.split()[0] for line in bodystates.__doc__.splitlines() if line.startswith('    /')
+    ]
     with h5py.File(tmp_path/'states.h5') as file:
         for path in documented[1:]:
             assert 'unit' in file[path].attrs, path
         found = []
-        file.visititems(lambda name, item: found.append('/' + name) if isinstance(item, h5py.Dataset) else None)
+        file.visititems(lambda name, item: found.append('/' + name)
+                        if isinstance(item, h5py.Dataset) else None)
     assert sorted(found) == sorted(documented[1:])
 
 
@@ -502,9 +545,12 @@ def test_a_resumed_run_leaves_the_file_of_the_uninterrupted_one(tmp_path, waterB
     first.step(3)
     second = waterBox.simulation(reference)
     second.loadCheckpoint(str(tmp_path/'checkpoint'))
-    second.reporters.append(openmmrigidhi.app.RigidBodyReporter(tmp_path/'parts.h5', 2, append=True))
+    second.reporters.append(openmmrigidhi.app.RigidBodyReporter(tmp_path/'parts.h5', 2,
+                                                                append=True))
     second.step(5)
-    whole, parts = [openmmrigidhi.app.readBodyStates(tmp_path/name) for name in ('whole.h5', 'parts.h5')]
+    whole, parts = [
+        openmmrigidhi.app.readBodyStates(tmp_path/name) for name in ('whole.h5', 'parts.h5')
+    ]
     assert whole.step.tolist() == parts.step.tolist() == [2, 4, 6, 8]
     assert np.array_equal(whole.positions._value, parts.positions._value)
     assert np.array_equal(whole.orientations, parts.orientations)
@@ -518,7 +564,8 @@ def test_a_frame_that_was_half_written_is_ignored_and_overwritten(tmp_path, wate
     assert len(openmmrigidhi.app.readBodyStates(tmp_path/'states.h5')) == 2
     simulation = waterBox.simulation(platform)
     simulation.currentStep = 4
-    simulation.reporters.append(openmmrigidhi.app.RigidBodyReporter(tmp_path/'states.h5', 2, append=True))
+    simulation.reporters.append(
+        openmmrigidhi.app.RigidBodyReporter(tmp_path/'states.h5', 2, append=True))
     simulation.step(2)
     states = openmmrigidhi.app.readBodyStates(tmp_path/'states.h5')
     assert states.step.tolist() == [2, 4, 6] and len(states.positions) == 3
@@ -532,8 +579,10 @@ def test_files_of_others_are_refused(tmp_path, waterBox):
         openmmrigidhi.app.readBodyStates(tmp_path/'foreign.h5')
     runWithReporter(waterBox, platform, tmp_path/'states.h5', 2)
     _, simulation = mixedBox(platform)
-    simulation.reporters.append(openmmrigidhi.app.RigidBodyReporter(tmp_path/'states.h5', 2, append=True))
-    with pytest.raises(ValueError, match=r'it holds other bodies \(27\) than the integrator \(14\)'):
+    simulation.reporters.append(
+        openmmrigidhi.app.RigidBodyReporter(tmp_path/'states.h5', 2, append=True))
+    with pytest.raises(ValueError,
+                       match=r'it holds other bodies \(27\) than the integrator \(14\)'):
         simulation.step(2)
     for interval in (0, -3):
         with pytest.raises(ValueError, match='reportInterval'):
@@ -542,7 +591,8 @@ def test_files_of_others_are_refused(tmp_path, waterBox):
         openmmrigidhi.app.RigidBodyReporter(tmp_path/'x.h5', 1.5)
 
 
-# ---- Shapes ----------------------------------------------------------------------------------------------------------
+# ---- Shapes --------------------------------------------------------------------------------------
+
 
 @pytest.mark.parametrize('n', [12, 42, 162, 642, 2562])
 def test_sphere_shells_are_even(n):
@@ -553,7 +603,8 @@ def test_sphere_shells_are_even(n):
     # Icosahedral symmetry: the second moments are isotropic.
     assert np.allclose(points.T @ points/n, np.eye(3)*0.2**2/3, atol=1e-14)
     nearest = scipy.spatial.cKDTree(points).query(points, 2)[0][:, 1]
-    # The nearest neighbours of the flattened icosahedron's faces are at most 1.2 times as far as those at its vertices.
+    # The nearest neighbours of the flattened icosahedron's faces are at most 1.2 times as far as
+    # those at its vertices.
     assert nearest.max()/nearest.min() < 1.2
 
 
@@ -563,15 +614,17 @@ def test_the_twelve_points_are_an_icosahedron():
     assert np.allclose(distances[1:6], 4/np.sqrt(10 + 2*np.sqrt(5)), rtol=1e-14)
 
 
-@pytest.mark.parametrize('arguments, error', [((13, 1), ValueError), ((12, 0), ValueError), ((12, -1), ValueError),
-                                              ((12, np.nan), ValueError), ((12.0, 1), TypeError), ((12, 'a'), TypeError),
+@pytest.mark.parametrize('arguments, error', [((13, 1), ValueError), ((12, 0), ValueError),
+                                              ((12, -1), ValueError), ((12, np.nan), ValueError),
+                                              ((12.0, 1), TypeError), ((12, 'a'), TypeError),
                                               ((12, 1*unit.kelvin), TypeError)])
 def test_bad_shells_are_refused(arguments, error):
     with pytest.raises(error, match='sphereShell'):
         openmmrigidhi.app.sphereShell(*arguments)
 
 
-# ---- The package -----------------------------------------------------------------------------------------------------
+# ---- The package ---------------------------------------------------------------------------------
+
 
 def test_everything_in_app_is_documented():
     for name in openmmrigidhi.app.__all__:

@@ -25,10 +25,12 @@ def refused(*pieces, error=openmm.OpenMMException):
     return pytest.raises(error, match='.*'.join(re.escape(piece) for piece in pieces))
 
 
-# ---- Particles ---------------------------------------------------------------------------------------------------------
+# ---- Particles -----------------------------------------------------------------------------------
+
 
 def test_a_particle_in_two_bodies(integrator):
-    with refused('body 1', 'particle 2', 'is already in body 0', 'a particle may be in one body only', 'remove it'):
+    with refused('body 1', 'particle 2', 'is already in body 0',
+                 'a particle may be in one body only', 'remove it'):
         integrator.addRigidBody([3, 2])
     assert integrator.getNumRigidBodies() == 1
 
@@ -52,15 +54,18 @@ def test_an_empty_body(integrator):
 
 def test_a_body_index_out_of_range(integrator):
     for index in (1, -1):
-        with refused('getRigidBodyParticles()', f'body index {index} is out of range', 'there are 1 bodies, counted from 0'):
+        with refused('getRigidBodyParticles()', f'body index {index} is out of range',
+                     'there are 1 bodies, counted from 0'):
             integrator.getRigidBodyParticles(index)
 
 
-# ---- Mass, moments, sites ----------------------------------------------------------------------------------------------
+# ---- Mass, moments, sites ------------------------------------------------------------------------
+
 
 @pytest.mark.parametrize('mass', [-1, np.nan, np.inf])
 def test_a_bad_mass(integrator, mass):
-    with refused('body 1', 'mass is', 'it must be finite and not negative', 'give a value from 0 up'):
+    with refused('body 1', 'mass is', 'it must be finite and not negative',
+                 'give a value from 0 up'):
         integrator.addRigidBody([3, 4], mass, (1, 1, 1), SITES)
 
 
@@ -77,7 +82,8 @@ def test_moments_that_no_body_has(integrator):
 
 
 def test_another_number_of_sites_than_particles(integrator):
-    with refused('body 1', 'it has 3 particles but 2 site positions', 'give as many sites as particles'):
+    with refused('body 1', 'it has 3 particles but 2 site positions',
+                 'give as many sites as particles'):
         integrator.addRigidBody([3, 4, 5], 1, (1, 1, 1), SITES)
 
 
@@ -86,7 +92,8 @@ def test_a_site_that_is_not_finite(integrator):
         integrator.addRigidBody([3, 4], 1, (1, 1, 1), [(0, 0, 0), (np.nan, 0, 0)])
 
 
-# ---- Settings ----------------------------------------------------------------------------------------------------------
+# ---- Settings ------------------------------------------------------------------------------------
+
 
 @pytest.mark.parametrize('setter', ['setTemperature', 'setFriction', 'setRotationalFriction'])
 @pytest.mark.parametrize('value', [-1e-9, np.nan, np.inf])
@@ -95,8 +102,10 @@ def test_a_negative_or_non_finite_setting(integrator, setter, value):
         getattr(integrator, setter)(value)
 
 
-@pytest.mark.parametrize('setter', ['setStepSize', 'setPoseTolerance', 'setConstraintTolerance', 'setInertiaScale',
-                                    'setGradientRelaxationTime', 'setGradientRotationalRelaxationTime'])
+@pytest.mark.parametrize('setter', [
+    'setStepSize', 'setPoseTolerance', 'setConstraintTolerance', 'setInertiaScale',
+    'setGradientRelaxationTime', 'setGradientRotationalRelaxationTime'
+])
 @pytest.mark.parametrize('value', [0, -1, np.nan, np.inf])
 def test_a_setting_that_must_be_positive(integrator, setter, value):
     with refused(setter, 'it must be finite and positive', 'give a value above 0'):
@@ -105,7 +114,8 @@ def test_a_setting_that_must_be_positive(integrator, setter, value):
 
 @pytest.mark.parametrize('number', [-1, 65536, 2**31 - 1])
 def test_more_rejections_than_have_random_numbers(integrator, number):
-    with refused('setMaximumRejections()', f'the number is {number}', 'it must be from 0 to 65535, as many attempts', 'a smaller step'):
+    with refused('setMaximumRejections()', f'the number is {number}',
+                 'it must be from 0 to 65535, as many attempts', 'a smaller step'):
         integrator.setMaximumRejections(number)
     assert integrator.getMaximumRejections() == 100
     integrator.setMaximumRejections(65535)
@@ -114,7 +124,8 @@ def test_more_rejections_than_have_random_numbers(integrator, number):
 
 @pytest.mark.parametrize('number', [-1, 1025, -2**31])
 def test_more_threads_than_machines_have(integrator, number):
-    with refused('setNumHostThreads()', f'the number is {number}', 'it must be from 0 to 1024', '0 for OpenMM'):
+    with refused('setNumHostThreads()', f'the number is {number}', 'it must be from 0 to 1024',
+                 '0 for OpenMM'):
         integrator.setNumHostThreads(number)
     assert integrator.getNumHostThreads() == 0
     integrator.setNumHostThreads(1024)
@@ -130,45 +141,52 @@ def test_unknown_constants(integrator):
         integrator.setScheme(Integrator.Gaussian)
 
 
-# ---- Types, dimensions and shapes --------------------------------------------------------------------------------------
+# ---- Types, dimensions and shapes ----------------------------------------------------------------
+
 
 def test_quantities_of_the_wrong_dimension(integrator):
-    with refused('setTemperature: temperature: got a quantity in nanometer', 'convert it or give a number in kelvin',
-                 error=TypeError):
+    with refused('setTemperature: temperature: got a quantity in nanometer',
+                 'convert it or give a number in kelvin', error=TypeError):
         integrator.setTemperature(5*unit.nanometer)
     with refused('got a quantity in', 'convert it or give', error=TypeError):
         integrator.addRigidBody([3, 4], 1*unit.dalton, (1, 1, 1)*unit.nanometer, SITES)
 
 
 def test_what_is_no_number(integrator):
-    with refused('setFriction: gamma', "'high'", 'it must be a number', 'give one in 1/ps', error=TypeError):
+    with refused('setFriction: gamma', "'high'", 'it must be a number', 'give one in 1/ps',
+                 error=TypeError):
         integrator.setFriction('high')
 
 
 def test_what_is_no_integer(integrator):
-    with refused('setRandomNumberSeed: seed: got 1.5', 'it must be an integer: convert it', error=TypeError):
+    with refused('setRandomNumberSeed: seed: got 1.5', 'it must be an integer: convert it',
+                 error=TypeError):
         integrator.setRandomNumberSeed(1.5)
     with refused('it must be from -2^31 to 2^31-1', error=ValueError):
         integrator.setRandomNumberSeed(2**31)
 
 
 def test_what_is_no_list_of_particles(integrator):
-    with refused('addRigidBody: particles: got 3', 'give a list of particle indices', error=TypeError):
+    with refused('addRigidBody: particles: got 3', 'give a list of particle indices',
+                 error=TypeError):
         integrator.addRigidBody(3)
 
 
 def test_only_some_of_an_explicit_body(integrator):
-    with refused('addRigidBody: only some of mass, principalMoments and sitePositions are given', error=TypeError):
+    with refused('addRigidBody: only some of mass, principalMoments and sitePositions are given',
+                 error=TypeError):
         integrator.addRigidBody([3, 4], mass=1)
 
 
 def test_arrays_of_the_wrong_shape(integrator):
-    with refused('principalMoments: got an array of shape (2,)', 'the shape must be (3,): give three numbers',
-                 error=ValueError):
+    with refused('principalMoments: got an array of shape (2,)',
+                 'the shape must be (3,): give three numbers', error=ValueError):
         integrator.addRigidBody([3, 4], 1, (1, 1), SITES)
-    with refused('sitePositions: got an array of shape (2, 2)', 'give one row per item', error=ValueError):
+    with refused('sitePositions: got an array of shape (2, 2)', 'give one row per item',
+                 error=ValueError):
         integrator.addRigidBody([3, 4], 1, (1, 1, 1), [(0, 0), (1, 1)])
-    with refused('sitePositions: the rows have different lengths', 'give rows of equal length', error=ValueError):
+    with refused('sitePositions: the rows have different lengths', 'give rows of equal length',
+                 error=ValueError):
         integrator.addRigidBody([3, 4], 1, (1, 1, 1), [(0, 0, 0), (1, 1)])
     with refused('its elements must be numbers', 'give numbers in nm', error=TypeError):
         integrator.addRigidBody([3, 4], 1, (1, 1, 1), [('a', 'b', 'c'), ('d', 'e', 'f')])
@@ -180,7 +198,8 @@ def test_bindings_check_their_buffers(integrator):
     one = np.array([3], dtype=np.intc)
     with refused('openmmrigidhi: expected an object with a C-contiguous buffer', error=TypeError):
         Base.setBodyPositions(integrator, [1, 2, 3])
-    with refused('openmmrigidhi: expected a buffer of format', 'with rows of 3 numbers', error=TypeError):
+    with refused('openmmrigidhi: expected a buffer of format', 'with rows of 3 numbers',
+                 error=TypeError):
         Base.setBodyPositions(integrator, np.zeros((1, 3), dtype='f4'))
     with refused('openmmrigidhi: expected a buffer of 3 numbers', error=TypeError):
         Base.addRigidBody(integrator, one, 1.0, np.zeros(6), np.zeros((1, 3)))
@@ -188,7 +207,8 @@ def test_bindings_check_their_buffers(integrator):
         Base.getTemperature(None)
 
 
-# ---- Before there is a Context -----------------------------------------------------------------------------------------
+# ---- Before there is a Context -------------------------------------------------------------------
+
 
 def test_state_of_the_bodies_needs_a_context(integrator):
     with refused('getBodyPositions() needs a Context', 'create one with this integrator first'):

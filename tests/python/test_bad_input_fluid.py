@@ -21,24 +21,25 @@ def fluid():
     return fluid
 
 
-# ---- Types, dimensions, shapes -----------------------------------------------------------------------------------------
+# ---- Types, dimensions, shapes -------------------------------------------------------------------
+
 
 @pytest.mark.parametrize('bad', ['0.5', None, [0.5], True, 1j, np.array([0.5])])
 def test_numbers(fluid, bad):
-    for method in (fluid.addParticle, fluid.setViscosity, fluid.setMinimumGap, fluid.setSolverTolerance, fluid.setWallHeight):
+    for method in (fluid.addParticle, fluid.setViscosity, fluid.setMinimumGap,
+                   fluid.setSolverTolerance, fluid.setWallHeight):
         with refused('MobilityForce.' + method.__name__, 'it must be a number', error=TypeError):
             method(bad)
     assert fluid.getNumParticles() == 1
 
 
-@pytest.mark.parametrize('method, bad, expected', [
-    ('addParticle', 0.5*unit.picosecond, 'it must be nm'),
-    ('setViscosity', 5*unit.nanometer, 'it must be dalton/(nm ps)'),
-    ('setViscosity', 1*unit.pascal, 'it must be dalton/(nm ps)'),
-    ('setMinimumGap', 0.1*unit.nanometer, 'it must be a plain number'),
-    ('setWallHeight', 1*unit.picosecond, 'it must be nm'),
-    ('setSolverTolerance', 1e-6*unit.kelvin, 'it must be a plain number'),
-])
+@pytest.mark.parametrize('method, bad, expected',
+                         [('addParticle', 0.5*unit.picosecond, 'it must be nm'),
+                          ('setViscosity', 5*unit.nanometer, 'it must be dalton/(nm ps)'),
+                          ('setViscosity', 1*unit.pascal, 'it must be dalton/(nm ps)'),
+                          ('setMinimumGap', 0.1*unit.nanometer, 'it must be a plain number'),
+                          ('setWallHeight', 1*unit.picosecond, 'it must be nm'),
+                          ('setSolverTolerance', 1e-6*unit.kelvin, 'it must be a plain number'),])
 def test_dimensions(fluid, method, bad, expected):
     with refused('MobilityForce.' + method, 'got a quantity in', expected, error=TypeError):
         getattr(fluid, method)(bad)
@@ -51,8 +52,8 @@ def test_a_radius_of_the_wrong_dimension(fluid):
 
 @pytest.mark.parametrize('bad', [0.0, '0', None, 1.5*unit.nanometer])
 def test_indices(fluid, bad):
-    for method in (fluid.getParticleRadius, fluid.getBodyHasOwnTensor, fluid.getBodyMobility, fluid.getBodyFriction,
-                   fluid.getBodyTensorIsFriction, fluid.clearBodyTensor):
+    for method in (fluid.getParticleRadius, fluid.getBodyHasOwnTensor, fluid.getBodyMobility,
+                   fluid.getBodyFriction, fluid.getBodyTensorIsFriction, fluid.clearBodyTensor):
         with refused('MobilityForce.' + method.__name__, 'it must be an integer', error=TypeError):
             method(bad)
     with refused('setBodyMobility: body', 'it must be an integer', error=TypeError):
@@ -69,16 +70,20 @@ def test_indices_out_of_range(fluid):
 
 @pytest.mark.parametrize('bad', [1, 0, 'True', None, 1.0])
 def test_truth_values(fluid, bad):
-    with refused('MobilityForce.setLubrication: enabled', 'it must be True or False: give one of them', error=TypeError):
+    with refused('MobilityForce.setLubrication: enabled',
+                 'it must be True or False: give one of them', error=TypeError):
         fluid.setLubrication(bad)
-    with refused('MobilityForce.setFastSummation: enabled', 'it must be True or False: give one of them', error=TypeError):
+    with refused('MobilityForce.setFastSummation: enabled',
+                 'it must be True or False: give one of them', error=TypeError):
         fluid.setFastSummation(bad)
 
 
 def test_constants(fluid):
-    with refused('MobilityForce.setModel: model', 'it must be a Model: use one of FreeDraining', error=TypeError):
+    with refused('MobilityForce.setModel: model', 'it must be a Model: use one of FreeDraining',
+                 error=TypeError):
         fluid.setModel(MobilityForce.Dense)
-    with refused('MobilityForce.setSolver: solver', 'it must be a Solver: use one of Auto', error=TypeError):
+    with refused('MobilityForce.setSolver: solver', 'it must be a Solver: use one of Auto',
+                 error=TypeError):
         fluid.setSolver(MobilityForce.Unbounded)
     with refused('MobilityForce.setBoundary: boundary', 'it must be a Boundary', error=TypeError):
         fluid.setBoundary(CustomRigidHIIntegrator.LangevinA)
@@ -95,8 +100,10 @@ def test_constants(fluid):
 @pytest.mark.parametrize('shape', [(36,), (5, 6), (6, 7), (1, 6, 6), ()])
 def test_tensors_of_another_shape(fluid, shape):
     for method in (fluid.setBodyMobility, fluid.setBodyFriction):
-        with refused('MobilityForce.' + method.__name__, f'got an array of shape {shape}; the shape must be (6, 6): give '
-                     "plain numbers in OpenMM's units", error=ValueError):
+        with refused(
+                'MobilityForce.' + method.__name__,
+                f'got an array of shape {shape}; the shape must be (6, 6): give '
+                "plain numbers in OpenMM's units", error=ValueError):
             method(0, np.ones(shape))
 
 
@@ -118,7 +125,8 @@ def test_tensors_that_are_none(fluid):
 def test_groups(fluid):
     with refused('MobilityForce.setGroups: groups', 'it must be an integer', error=TypeError):
         fluid.setGroups([0, 1.5])
-    with refused('MobilityForce.setGroups: groups', 'it must be a sequence of integers', error=TypeError):
+    with refused('MobilityForce.setGroups: groups', 'it must be a sequence of integers',
+                 error=TypeError):
         fluid.setGroups(3)
     with refused('body 1', 'its group is -1'):
         fluid.setGroups([0, -1])
@@ -126,11 +134,13 @@ def test_groups(fluid):
 
 def test_a_negative_minimum_gap(fluid):
     for bad in (-1e-9, np.nan, np.inf):
-        with refused('setMinimumGap()', 'gap is', 'mean radii', 'finite and not negative', 'give a value from 0 up'):
+        with refused('setMinimumGap()', 'gap is', 'mean radii', 'finite and not negative',
+                     'give a value from 0 up'):
             fluid.setMinimumGap(bad)
 
 
-# ---- In a Context ------------------------------------------------------------------------------------------------------
+# ---- In a Context --------------------------------------------------------------------------------
+
 
 @pytest.fixture
 def scene(platform):
@@ -150,7 +160,8 @@ def test_wrenches(scene):
     context = openmm.Context(system, integrator, platform)
     context.setPositions([(0, 0, 0), (2, 0, 0)])
     for bad in (np.zeros(12), np.zeros((2, 3)), np.zeros((2, 7))):
-        with refused('MobilityForce.applyMobilityInContext', 'the shape must be (n, 6)', error=ValueError):
+        with refused('MobilityForce.applyMobilityInContext', 'the shape must be (n, 6)',
+                     error=ValueError):
             fluid.applyMobilityInContext(context, bad)
     for rows in (0, 1, 3):
         with refused('applyMobilityInContext()', f'{6*rows} numbers, but there are 2 bodies'):
@@ -166,12 +177,15 @@ def test_forces_on_blobs(scene):
         fluid.applyBlobMobilityInContext(context, np.zeros((2, 3)))
     context.setPositions([(0, 0, 0), (2, 0, 0)])
     for bad in (np.zeros(6), np.zeros((2, 6))):
-        with refused('MobilityForce.applyBlobMobilityInContext: forces', 'the shape must be (n, 3)', error=ValueError):
+        with refused('MobilityForce.applyBlobMobilityInContext: forces', 'the shape must be (n, 3)',
+                     error=ValueError):
             fluid.applyBlobMobilityInContext(context, bad)
     with refused('MobilityForce.applyBlobMobilityInContext: forces', error=TypeError):
         fluid.applyBlobMobilityInContext(context, np.zeros((2, 3))*unit.kilojoule_per_mole)
     for rows in (0, 1, 3):
-        with refused('applyBlobMobilityInContext()', f'{3*rows} numbers, but the System has 2 particles', 'give 3 numbers for each of them'):
+        with refused('applyBlobMobilityInContext()',
+                     f'{3*rows} numbers, but the System has 2 particles',
+                     'give 3 numbers for each of them'):
             fluid.applyBlobMobilityInContext(context, np.zeros((rows, 3)))
     with refused('the force on particle 1 is not finite; forces on blobs must be finite'):
         fluid.applyBlobMobilityInContext(context, [[0]*3, [0, 0, np.inf]])
@@ -182,10 +196,13 @@ def test_forces_on_blobs(scene):
 def test_questions_too_early(scene):
     system, fluid, integrator, platform = scene
     for wrong in (None, system, integrator):
-        for ask in (fluid.getMobilityInContext, fluid.getFrictionInContext, fluid.updateParametersInContext):
-            with refused('MobilityForce.' + ask.__name__, 'it must be an openmm.Context', error=TypeError):
+        for ask in (fluid.getMobilityInContext, fluid.getFrictionInContext,
+                    fluid.updateParametersInContext):
+            with refused('MobilityForce.' + ask.__name__, 'it must be an openmm.Context',
+                         error=TypeError):
                 ask(wrong)
-        with refused('applyMobilityInContext: context: got', 'give the Context whose System has', error=TypeError):
+        with refused('applyMobilityInContext: context: got', 'give the Context whose System has',
+                     error=TypeError):
             fluid.applyMobilityInContext(wrong, np.zeros((2, 6)))
     context = openmm.Context(system, integrator, platform)
     for ask in (fluid.getMobilityInContext, fluid.getFrictionInContext):
@@ -198,7 +215,8 @@ def test_a_force_that_is_not_in_the_context(scene):
     context = openmm.Context(system, integrator, platform)
     context.setPositions([(0, 0, 0), (2, 0, 0)])
     stranger = MobilityForce()
-    for ask in (stranger.getMobilityInContext, stranger.getFrictionInContext, stranger.updateParametersInContext):
+    for ask in (stranger.getMobilityInContext, stranger.getFrictionInContext,
+                stranger.updateParametersInContext):
         with pytest.raises(openmm.OpenMMException):
             ask(context)
 
@@ -222,11 +240,13 @@ def test_other_schemes(scene):
     for scheme in type(integrator.getScheme()):
         if scheme.name in ('LangevinA', 'LangevinB', 'LangevinC', 'GradientThermostat'):
             integrator.setScheme(scheme)
-            with refused('the System has a MobilityForce, which scheme', scheme.name, 'would ignore'):
+            with refused('the System has a MobilityForce, which scheme', scheme.name,
+                         'would ignore'):
                 openmm.Context(system, integrator, platform)
 
 
-# ---- Damaged XML -------------------------------------------------------------------------------------------------------
+# ---- Damaged XML ---------------------------------------------------------------------------------
+
 
 def test_damaged_xml():
     fluid = MobilityForce()
@@ -235,12 +255,17 @@ def test_damaged_xml():
     fluid.setGroups([1])
     xml = openmm.XmlSerializer.serialize(fluid)
     openmm.XmlSerializer.deserialize(xml)
-    for before, after in (('viscosity="[^"]*"', 'viscosity="-1"'), ('viscosity="[^"]*"', 'viscosity="thick"'),
-                          ('viscosity="[^"]*"', ''), ('model="[^"]*"', 'model="Oseen"'), ('boundary="[^"]*"', 'boundary="1"'),
-                          ('radius="[^"]*"', 'radius="-0.5"'), ('v0="[^"]*"', 'v0="-1"'), ('v35="[^"]*"', ''),
-                          ('group="[^"]*"', 'group="-3"'), ('<Particles count="1"', '<Particles count="2"'),
+    for before, after in (('viscosity="[^"]*"', 'viscosity="-1"'), ('viscosity="[^"]*"',
+                                                                    'viscosity="thick"'),
+                          ('viscosity="[^"]*"', ''), ('model="[^"]*"', 'model="Oseen"'),
+                          ('boundary="[^"]*"', 'boundary="1"'), ('radius="[^"]*"', 'radius="-0.5"'),
+                          ('v0="[^"]*"', 'v0="-1"'), ('v35="[^"]*"',
+                                                      ''), ('group="[^"]*"',
+                                                            'group="-3"'), ('<Particles count="1"',
+                                                                            '<Particles count="2"'),
                           ('version="1"', 'version="99"'), ('friction="[^"]*"', 'friction="7"'),
-                          ('solver="[^"]*"', 'solver="Fast"'), ('minimumGap="[^"]*"', 'minimumGap="nan"')):
+                          ('solver="[^"]*"', 'solver="Fast"'), ('minimumGap="[^"]*"',
+                                                                'minimumGap="nan"')):
         damaged, count = re.subn(before, after, xml)
         assert count >= 1, before
         with pytest.raises(openmm.OpenMMException, match='MobilityForce'):

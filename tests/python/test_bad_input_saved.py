@@ -45,7 +45,8 @@ def load_xml(context, xml):
     context.setState(openmm.XmlSerializer.deserialize(xml))
 
 
-# ---- XML of the integrator ---------------------------------------------------------------------------------------------
+# ---- XML of the integrator -----------------------------------------------------------------------
+
 
 @pytest.fixture(scope='module')
 def xml():
@@ -54,19 +55,25 @@ def xml():
     return openmm.XmlSerializer.serialize(integrator)
 
 
-@pytest.mark.parametrize('pattern, replacement, pieces', [
-    (r' friction="[^"]*"', '', ["property 'friction' is missing", 'every property must be there']),
-    (r' temperature="[^"]*"', ' temperature="warm"', ["property 'temperature' is 'warm'", 'it must be a number']),
-    (r' randomSeed="[^"]*"', ' randomSeed="0.5"', ["property 'randomSeed' is '0.5'", 'it must be an integer']),
-    (r' scheme="[^"]*"', ' scheme="LangevinZ"', ["property 'scheme' is 'LangevinZ'", 'it must be one of']),
-    (r' explicit="[^"]*"', ' explicit="2"', ["property 'explicit' is '2'", 'it must be 0 or 1']),
-    (r' geometryIsKnown="[^"]*"', ' geometryIsKnown="0"', ["property 'geometryIsKnown' is '0'", '1 for an explicit body']),
-    (r' version="1"', ' version="99"', ["property 'version' is '99'"]),
-    (r'<PrincipalMoments [^>]*/>', '', ["the element 'PrincipalMoments' is missing", 'it must be there']),
-    (r'<RigidBodies count="1"', '<RigidBodies count="2"',
-     ['it has 1 elements', "there must be 2 as its property 'count' says"]),
-    (r' temperature="[^"]*"', ' temperature="-1"', ['temperature is -1 K', 'finite and not negative']),
-])
+@pytest.mark.parametrize(
+    'pattern, replacement, pieces',
+    [(r' friction="[^"]*"', '', ["property 'friction' is missing", 'every property must be there']),
+     (r' temperature="[^"]*"', ' temperature="warm"',
+      ["property 'temperature' is 'warm'", 'it must be a number']),
+     (r' randomSeed="[^"]*"', ' randomSeed="0.5"',
+      ["property 'randomSeed' is '0.5'", 'it must be an integer']),
+     (r' scheme="[^"]*"', ' scheme="LangevinZ"',
+      ["property 'scheme' is 'LangevinZ'", 'it must be one of']),
+     (r' explicit="[^"]*"', ' explicit="2"', ["property 'explicit' is '2'", 'it must be 0 or 1']),
+     (r' geometryIsKnown="[^"]*"', ' geometryIsKnown="0"',
+      ["property 'geometryIsKnown' is '0'", '1 for an explicit body']),
+     (r' version="1"', ' version="99"', ["property 'version' is '99'"]),
+     (r'<PrincipalMoments [^>]*/>', '',
+      ["the element 'PrincipalMoments' is missing", 'it must be there']),
+     (r'<RigidBodies count="1"', '<RigidBodies count="2"',
+      ['it has 1 elements', "there must be 2 as its property 'count' says"]),
+     (r' temperature="[^"]*"', ' temperature="-1"',
+      ['temperature is -1 K', 'finite and not negative']),])
 def test_damaged_xml_of_an_integrator(xml, pattern, replacement, pieces):
     damaged, count = re.subn(pattern, replacement, xml, count=1)
     assert count == 1
@@ -75,16 +82,19 @@ def test_damaged_xml_of_an_integrator(xml, pattern, replacement, pieces):
 
 
 def test_damaged_xml_names_element_and_remedy(xml):
-    with refused("XML element '", 'the file is damaged or foreign, write it anew with XmlSerializer'):
+    with refused("XML element '",
+                 'the file is damaged or foreign, write it anew with XmlSerializer'):
         openmm.XmlSerializer.deserialize(re.sub(' friction="[^"]*"', '', xml))
 
 
-# ---- Checkpoints -------------------------------------------------------------------------------------------------------
+# ---- Checkpoints ---------------------------------------------------------------------------------
+
 
 def test_a_foreign_checkpoint(platform):
     context, _ = make(platform)
     foreign, _ = make(platform, integrator=openmm.LangevinMiddleIntegrator(300, 1, 0.001))
-    with refused('the checkpoint was not written by this integrator', 'use one that was, or a State'):
+    with refused('the checkpoint was not written by this integrator',
+                 'use one that was, or a State'):
         context.loadCheckpoint(foreign.createCheckpoint())
 
 
@@ -117,12 +127,14 @@ def test_checkpoints_with_a_flipped_bit(platform):
     context.loadCheckpoint(checkpoint)
 
 
-# ---- States ------------------------------------------------------------------------------------------------------------
+# ---- States --------------------------------------------------------------------------------------
+
 
 def test_a_state_of_another_integrator(platform):
     context, _ = make(platform)
     xml = state_xml(context)
-    with refused("the State's integrator parameters belong to another integrator", 'getIntegratorParameters=False'):
+    with refused("the State's integrator parameters belong to another integrator",
+                 'getIntegratorParameters=False'):
         load_xml(context, re.sub('RigidBodyState', 'NoseHooverChain', xml))
 
 
@@ -136,13 +148,16 @@ def test_a_state_without_integrator_parameters_serves(platform):
 
 def test_a_state_of_another_version(platform):
     context, _ = make(platform)
-    with refused('the State has version 7', 'of the body state, but this library reads versions 1 to 3'):
-        load_xml(context, re.sub('(<RigidBodyState[^>]*) version="3"', r'\1 version="7"', state_xml(context)))
+    with refused('the State has version 7',
+                 'of the body state, but this library reads versions 1 to 3'):
+        load_xml(
+            context,
+            re.sub('(<RigidBodyState[^>]*) version="3"', r'\1 version="7"', state_xml(context)))
 
 
-@pytest.mark.parametrize('pattern, replacement', [
-    (' seed="[^"]*"', ''), (' velocitiesHash="[^"]*"', ' velocitiesHash="x"'), (' qw="[^"]*"', ''), (' mass="[^"]*"', ''),
-    ('<Bodies>', '<Corpses>')])
+@pytest.mark.parametrize('pattern, replacement',
+                         [(' seed="[^"]*"', ''), (' velocitiesHash="[^"]*"', ' velocitiesHash="x"'),
+                          (' qw="[^"]*"', ''), (' mass="[^"]*"', ''), ('<Bodies>', '<Corpses>')])
 def test_a_damaged_state(platform, pattern, replacement):
     context, _ = make(platform)
     damaged, count = re.subn(pattern, replacement, state_xml(context), count=1)
@@ -162,8 +177,10 @@ def test_a_state_with_a_number_that_is_not_finite(platform):
 def test_a_state_of_other_bodies(platform, save):
     def load(context, saved):
         context.loadCheckpoint(saved) if isinstance(saved, bytes) else load_xml(context, saved)
+
     saved = save(make(platform)[0])
-    with refused('the saved state has 2 bodies, but this integrator has 1', 'load it into an integrator with the same bodies'):
+    with refused('the saved state has 2 bodies, but this integrator has 1',
+                 'load it into an integrator with the same bodies'):
         load(make(platform, bodies=[(0, 1, 2, 3)])[0], saved)
     with refused('body 1: the saved state has 4 particles for it, but this integrator has 3'):
         load(make(platform, bodies=[(0, 1, 2, 3), (4, 5, 6)])[0], saved)
@@ -172,7 +189,8 @@ def test_a_state_of_other_bodies(platform, save):
         load(make(platform, explicitMass=1)[0], heavy)
 
 
-# ---- Body-state files --------------------------------------------------------------------------------------------------
+# ---- Body-state files ----------------------------------------------------------------------------
+
 
 def run_with_reporter(path, bodies, append=False):
     context, integrator = make(openmm.Platform.getPlatformByName('Reference'), bodies)
@@ -180,21 +198,22 @@ def run_with_reporter(path, bodies, append=False):
 
     class Simulation:
         currentStep = 3
+
     Simulation.context = context
     reporter.report(Simulation, context.getState())
 
 
 def test_a_body_state_file_of_other_bodies(tmp_path):
-    path = tmp_path / 'bodies.h5'
+    path = tmp_path/'bodies.h5'
     run_with_reporter(path, [(0, 1, 2, 3), (4, 5, 6, 7)])
-    with refused('RigidBodyReporter', 'it holds other bodies (2) than the integrator (1)', 'write to another file',
-                 error=ValueError):
+    with refused('RigidBodyReporter', 'it holds other bodies (2) than the integrator (1)',
+                 'write to another file', error=ValueError):
         run_with_reporter(path, [(0, 1, 2, 3)], append=True)
 
 
 def test_what_is_no_body_state_file(tmp_path):
     import h5py
-    path = tmp_path / 'other.h5'
+    path = tmp_path/'other.h5'
     h5py.File(path, 'w').close()
     with refused('give a file that a RigidBodyReporter wrote', error=ValueError):
         openmmrigidhi.app.readBodyStates(path)

@@ -18,7 +18,6 @@ def refused(*pieces, error=openmm.OpenMMException):
 
 class Scene:
     """Two triangles and a free particle; any particle can be given a bad force."""
-
     def __init__(self, platform, masses=(1,)*7):
         self.system = openmm.System()
         for mass in masses:
@@ -50,10 +49,15 @@ class Scene:
 
     def everything(self):
         state = self.context.getState(getPositions=True, getVelocities=True)
-        return [state.getPositions(asNumpy=True)._value, state.getVelocities(asNumpy=True)._value,
-                self.integrator.getBodyPositions()._value, self.integrator.getBodyOrientations(),
-                self.integrator.getBodyVelocities()._value, self.integrator.getBodyAngularVelocities()._value,
-                state.getTime()._value]
+        return [
+            state.getPositions(asNumpy=True)._value,
+            state.getVelocities(asNumpy=True)._value,
+            self.integrator.getBodyPositions()._value,
+            self.integrator.getBodyOrientations(),
+            self.integrator.getBodyVelocities()._value,
+            self.integrator.getBodyAngularVelocities()._value,
+            state.getTime()._value
+        ]
 
 
 @pytest.fixture
@@ -61,11 +65,14 @@ def scene(platform):
     return Scene(platform)
 
 
-# ---- Positions and velocities ------------------------------------------------------------------------------------------
+# ---- Positions and velocities --------------------------------------------------------------------
 
-@pytest.mark.parametrize('call', [lambda i: i.step(1), lambda i: i.getBodyPositions(),
-                                  lambda i: i.setBodyOrientations(np.tile([1, 0, 0, 0], (2, 1))),
-                                  lambda i: i.getRigidBodyParameters(0)])
+
+@pytest.mark.parametrize('call', [
+    lambda i: i.step(1), lambda i: i.getBodyPositions(),
+    lambda i: i.setBodyOrientations(np.tile([1, 0, 0, 0],
+                                            (2, 1))), lambda i: i.getRigidBodyParameters(0)
+])
 def test_no_positions_yet(scene, call):
     with refused('needs positions: call setPositions() on the Context first'):
         call(scene.integrator)
@@ -74,7 +81,8 @@ def test_no_positions_yet(scene, call):
 def test_first_positions_that_are_not_finite(scene):
     scene.positions[4] = np.nan
     scene.context.setPositions(scene.positions)
-    with refused('body 1: particle 4 has a non-finite position; set finite positions before stepping'):
+    with refused(
+            'body 1: particle 4 has a non-finite position; set finite positions before stepping'):
         scene.integrator.step(1)
 
 
@@ -90,7 +98,8 @@ def test_positions_that_do_not_fit(scene):
     scene.start()
     scene.positions[3, 2] += 0.05
     scene.context.setPositions(scene.positions)
-    with refused('body 1: particle', 'nm from its place in the body, more than the pose tolerance 0.001 nm',
+    with refused('body 1: particle',
+                 'nm from its place in the body, more than the pose tolerance 0.001 nm',
                  'raise setPoseTolerance(), or call resetBodyGeometry()'):
         scene.integrator.step(1)
     scene.integrator.resetBodyGeometry()
@@ -117,17 +126,21 @@ def test_velocities_of_a_bad_temperature(scene, temperature):
         scene.context.setVelocitiesToTemperature(temperature)
 
 
-# ---- Body states -------------------------------------------------------------------------------------------------------
+# ---- Body states ---------------------------------------------------------------------------------
+
 
 @pytest.mark.parametrize('setter, columns', [('setBodyPositions', 3), ('setBodyOrientations', 4),
-                                             ('setBodyVelocities', 3), ('setBodyAngularVelocities', 3)])
+                                             ('setBodyVelocities', 3),
+                                             ('setBodyAngularVelocities', 3)])
 def test_rows_of_body_states(scene, setter, columns):
     scene.start()
     rows = np.tile(np.eye(columns)[0], (2, 1))
-    with refused(setter, 'got an array of shape (3,', f'the shape must be (2, {columns})', error=ValueError):
+    with refused(setter, 'got an array of shape (3,', f'the shape must be (2, {columns})',
+                 error=ValueError):
         getattr(scene.integrator, setter)(np.tile(rows[0], (3, 1)))
     with refused(setter, 'got 3 rows', 'there must be one for each of the 2 bodies'):
-        getattr(_bindings.CustomRigidHIIntegrator, setter)(scene.integrator, np.tile(rows[0], (3, 1)))
+        getattr(_bindings.CustomRigidHIIntegrator, setter)(scene.integrator,
+                                                           np.tile(rows[0], (3, 1)))
     rows[1, 0] = np.nan
     before = scene.everything()
     with refused('body 1'):
@@ -144,7 +157,8 @@ def test_a_body_state_that_is_not_finite(scene):
 
 def test_quaternions_that_are_no_rotation(scene):
     scene.start()
-    with refused('body 1: its quaternion has length 1.1', 'normalise it, in the order (w, x, y, z)'):
+    with refused('body 1: its quaternion has length 1.1',
+                 'normalise it, in the order (w, x, y, z)'):
         scene.integrator.setBodyOrientations([(1, 0, 0, 0), (1.1, 0, 0, 0)])
 
 
@@ -154,7 +168,8 @@ def test_steps_that_are_negative(scene):
         scene.integrator.step(-1)
 
 
-# ---- During a run ------------------------------------------------------------------------------------------------------
+# ---- During a run --------------------------------------------------------------------------------
+
 
 @pytest.mark.parametrize('strength', [np.nan, np.inf])
 def test_a_force_that_blows_up_on_a_body(scene, strength):
@@ -210,11 +225,13 @@ def test_a_force_too_large_to_add_up():
         integrator.step(1)
 
 
-# ---- Temperatures ------------------------------------------------------------------------------------------------------
+# ---- Temperatures --------------------------------------------------------------------------------
+
 
 def test_a_temperature_without_momenta(scene):
     scene.start().integrator.setScheme(Integrator.GradientThermostat)
-    with refused('computeSystemTemperature(): the scheme has no momenta', 'a temperature needs momenta'):
+    with refused('computeSystemTemperature(): the scheme has no momenta',
+                 'a temperature needs momenta'):
         scene.integrator.computeSystemTemperature()
 
 
@@ -238,7 +255,8 @@ def test_bodies_that_were_added_later_wait_for_the_next_context(scene):
         getattr(integrator, 'set' + name)(values)
         rows = np.concatenate([np.asarray(getattr(values, '_value', values))]*2)[:3]
         with refused('set' + name, 'got 3 rows; 2 of the integrator', '3 bodies are there',
-                     'others were added after the Context was created', 'or reinitialize the Context', error=ValueError):
+                     'others were added after the Context was created',
+                     'or reinitialize the Context', error=ValueError):
             getattr(integrator, 'set' + name)(rows)
     openmmrigidhi.app.minimize(context, maxIterations=1)
     context.reinitialize(preserveState=False)

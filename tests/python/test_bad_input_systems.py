@@ -16,7 +16,8 @@ Integrator = openmmrigidhi.CustomRigidHIIntegrator
 
 
 def refused(*pieces):
-    return pytest.raises(openmm.OpenMMException, match='.*'.join(re.escape(piece) for piece in pieces))
+    return pytest.raises(openmm.OpenMMException,
+                         match='.*'.join(re.escape(piece) for piece in pieces))
 
 
 def system_of(*masses):
@@ -35,16 +36,20 @@ def integrator_of(*bodies, scheme=None):
     return integrator
 
 
-# ---- Particles and bodies ----------------------------------------------------------------------------------------------
+# ---- Particles and bodies ------------------------------------------------------------------------
+
 
 def test_an_index_beyond_the_system(platform):
     with refused('body 0: particle index 3 is out of range', 'the System has 3 particles, 0 to 2'):
         openmm.Context(system_of(1, 1, 1), integrator_of([1, 2, 3]), platform)
 
 
-@pytest.mark.parametrize('scheme', [scheme for scheme in openmmrigidhi.integrator.Scheme if not scheme.traits.needsFluid])
+@pytest.mark.parametrize(
+    'scheme',
+    [scheme for scheme in openmmrigidhi.integrator.Scheme if not scheme.traits.needsFluid])
 def test_a_massless_body(platform, scheme):
-    with refused('body 0 has mass 0', f'scheme {scheme.name} needs a positive mass', 'add it with explicit mass',
+    with refused('body 0 has mass 0', f'scheme {scheme.name} needs a positive mass',
+                 'add it with explicit mass',
                  'a scheme without momenta such as FixmanMidpoint, with a MobilityForce'):
         openmm.Context(system_of(0, 0), integrator_of([0, 1], scheme=scheme), platform)
     integrator = Integrator(300, 0.001)
@@ -57,21 +62,24 @@ def test_a_constraint_out_of_a_body(platform):
     system = system_of(1, 1, 1, 1)
     system.addConstraint(0, 1, 0.1)
     system.addConstraint(3, 2, 0.1)
-    with refused('constraint 1 ties particle 2 of body 0 to particle 3 outside it', 'add both particles to one body'):
+    with refused('constraint 1 ties particle 2 of body 0 to particle 3 outside it',
+                 'add both particles to one body'):
         openmm.Context(system, integrator_of([0, 1, 2]), platform)
 
 
 def test_a_virtual_site_that_depends_on_particles_outside(platform):
     system = system_of(1, 1, 0)
     system.setVirtualSite(2, openmm.TwoParticleAverageSite(0, 1, 0.5, 0.5))
-    with refused('virtual site particle 2 of body 0 depends on particle 1 outside the body', 'add them to it'):
+    with refused('virtual site particle 2 of body 0 depends on particle 1 outside the body',
+                 'add them to it'):
         openmm.Context(system, integrator_of([0, 2]), platform)
 
 
 def test_a_virtual_site_outside_that_depends_on_a_body(platform):
     system = system_of(1, 1, 0)
     system.setVirtualSite(2, openmm.TwoParticleAverageSite(0, 1, 0.5, 0.5))
-    with refused('virtual site particle 2 depends on particle 0 of body 0', 'belong into one body: add them to it'):
+    with refused('virtual site particle 2 depends on particle 0 of body 0',
+                 'belong into one body: add them to it'):
         openmm.Context(system, integrator_of([0, 1]), platform)
 
 
@@ -87,15 +95,18 @@ def test_a_body_of_virtual_sites_only(platform):
 def symmetrySite(parent):
     if not hasattr(openmm, 'SymmetrySite'):
         pytest.skip('this OpenMM has no SymmetrySite')
-    return openmm.SymmetrySite(parent, openmm.Vec3(-1, 0, 0), openmm.Vec3(0, -1, 0), openmm.Vec3(0, 0, 1), openmm.Vec3(0, 0, 0.5), False)
+    return openmm.SymmetrySite(parent, openmm.Vec3(-1, 0, 0), openmm.Vec3(0, -1, 0),
+                               openmm.Vec3(0, 0, 1), openmm.Vec3(0, 0, 0.5), False)
 
 
 def test_a_symmetry_site_of_a_body(platform):
     system = system_of(1, 1, 0)
     system.setVirtualSite(2, symmetrySite(0))
     for members in ([0, 1], [0, 1, 2]):
-        with refused('virtual site particle 2', ' is a SymmetrySite defined by particle 0 of body 0, a kind that need not turn with a body',
-                     'use a TwoParticleAverageSite'):
+        with refused(
+                'virtual site particle 2',
+                ' is a SymmetrySite defined by particle 0 of body 0, a kind that need not turn '
+                'with a body', 'use a TwoParticleAverageSite'):
             openmm.Context(system, integrator_of(members), platform)
 
 
@@ -117,17 +128,20 @@ def test_an_explicit_site_that_contradicts_the_virtual_site(platform):
     system.setVirtualSite(2, openmm.TwoParticleAverageSite(0, 1, 0.5, 0.5))
     integrator = Integrator(300, 0.001)
     integrator.addRigidBody([0, 1, 2], 2, (0, 1, 1), [(-0.1, 0, 0), (0.1, 0, 0), (0.05, 0, 0)])
-    with refused('body 0: the site given for particle 2 is 0.05 nm', 'from where the System', 'mend the site position'):
+    with refused('body 0: the site given for particle 2 is 0.05 nm', 'from where the System',
+                 'mend the site position'):
         openmm.Context(system, integrator, platform)
 
 
-# ---- Constraints that no shape satisfies -------------------------------------------------------------------------------
+# ---- Constraints that no shape satisfies ---------------------------------------------------------
+
 
 def test_a_triangle_that_does_not_close(platform):
     system = system_of(1, 1, 1)
     for i, j, d in [(0, 1, 0.1), (0, 2, 0.1), (1, 2, 0.3)]:
         system.addConstraint(i, j, d)
-    with refused('body 0: constraint lengths 0.1', 'nm violate the triangle inequality', "mend the System's constraints"):
+    with refused('body 0: constraint lengths 0.1', 'nm violate the triangle inequality',
+                 "mend the System's constraints"):
         openmm.Context(system, integrator_of([0, 1, 2]), platform)
 
 
@@ -136,14 +150,16 @@ def test_distances_that_do_not_fit_into_space(platform):
     for i in range(5):
         for j in range(i):
             system.addConstraint(i, j, 0.1)  # five points at equal distances need four dimensions
-    with refused('body 0: the constraints between particles', 'cannot be satisfied in three dimensions'):
+    with refused('body 0: the constraints between particles',
+                 'cannot be satisfied in three dimensions'):
         integrator = integrator_of(range(5))
         context = openmm.Context(system, integrator, platform)
         context.setPositions(np.random.default_rng(1).random((5, 3)))
         integrator.step(1)
 
 
-# ---- Periodic boundaries -----------------------------------------------------------------------------------------------
+# ---- Periodic boundaries -------------------------------------------------------------------------
+
 
 def periodic_system():
     system = system_of(1, 1, 1)
@@ -157,19 +173,22 @@ def periodic_system():
 
 
 def test_a_body_of_several_molecules_in_a_periodic_system(platform):
-    with refused('body 0: particle 0 and particle 1 are in different molecules', 'bindBodies(system, integrator)'):
+    with refused('body 0: particle 0 and particle 1 are in different molecules',
+                 'bindBodies(system, integrator)'):
         openmm.Context(periodic_system(), integrator_of([0, 1, 2]), platform)
     system, integrator = periodic_system(), integrator_of([0, 1, 2])
     openmmrigidhi.app.bindBodies(system, integrator)
     openmm.Context(system, integrator, platform)
 
 
-# ---- Forces ------------------------------------------------------------------------------------------------------------
+# ---- Forces --------------------------------------------------------------------------------------
+
 
 def test_an_andersen_thermostat(platform):
     system = system_of(1, 1, 1)
     system.addForce(openmm.AndersenThermostat(300, 1))
-    with refused('force 0, an AndersenThermostat, changes velocities of single particles', 'remove it'):
+    with refused('force 0, an AndersenThermostat, changes velocities of single particles',
+                 'remove it'):
         openmm.Context(system, integrator_of([0, 1, 2]), platform)
 
 
@@ -180,7 +199,8 @@ def test_a_flexible_barostat(platform):
     integrator = integrator_of([0, 1, 2])
     openmmrigidhi.app.bindBodies(system, integrator)
     system.addForce(openmm.MonteCarloFlexibleBarostat(1, 300))
-    with refused('a MonteCarloFlexibleBarostat, may deform rigid bodies', 'use a MonteCarloBarostat'):
+    with refused('a MonteCarloFlexibleBarostat, may deform rigid bodies',
+                 'use a MonteCarloBarostat'):
         openmm.Context(system, integrator, platform)
 
 
@@ -189,36 +209,46 @@ def test_drude_particles():
     force = openmm.DrudeForce()
     force.addParticle(1, 0, -1, -1, -1, -0.1, 0.001, 1, 1)
     system.addForce(force)
-    with refused('force 0, a DrudeForce, needs an integrator for Drude particles', 'DrudeLangevinIntegrator'):
-        openmm.Context(system, integrator_of([0, 1]), openmm.Platform.getPlatformByName('Reference'))
+    with refused('force 0, a DrudeForce, needs an integrator for Drude particles',
+                 'DrudeLangevinIntegrator'):
+        openmm.Context(system, integrator_of([0, 1]),
+                       openmm.Platform.getPlatformByName('Reference'))
 
 
-# ---- The gradient thermostat -------------------------------------------------------------------------------------------
+# ---- The gradient thermostat ---------------------------------------------------------------------
+
 
 def test_the_gradient_thermostat_has_no_constraints_of_free_particles(platform):
     system = system_of(1, 1, 1, 1)
     system.addConstraint(2, 3, 0.1)
-    with refused('the System has 1 constraints between particles that are in no body', 'GradientThermostat allows none'):
-        openmm.Context(system, integrator_of([0, 1], scheme=Integrator.GradientThermostat), platform)
+    with refused('the System has 1 constraints between particles that are in no body',
+                 'GradientThermostat allows none'):
+        openmm.Context(system, integrator_of([0, 1], scheme=Integrator.GradientThermostat),
+                       platform)
 
 
 def test_the_gradient_thermostat_has_no_momenta_to_remove(platform):
     system = system_of(1, 1)
     system.addForce(openmm.CMMotionRemover())
-    with refused('the System has a CMMotionRemover, but scheme GradientThermostat has no momenta', 'removeCMMotion=False'):
-        openmm.Context(system, integrator_of([0, 1], scheme=Integrator.GradientThermostat), platform)
+    with refused('the System has a CMMotionRemover, but scheme GradientThermostat has no momenta',
+                 'removeCMMotion=False'):
+        openmm.Context(system, integrator_of([0, 1], scheme=Integrator.GradientThermostat),
+                       platform)
 
 
-@pytest.mark.parametrize('barostat', [openmm.MonteCarloBarostat(1, 300),
-                                      openmm.MonteCarloAnisotropicBarostat(openmm.Vec3(1, 1, 1), 300),
-                                      openmm.MonteCarloMembraneBarostat(1, 0, 300, 0, 0)])
+@pytest.mark.parametrize('barostat', [
+    openmm.MonteCarloBarostat(1, 300),
+    openmm.MonteCarloAnisotropicBarostat(openmm.Vec3(1, 1, 1), 300),
+    openmm.MonteCarloMembraneBarostat(1, 0, 300, 0, 0)
+])
 def test_the_gradient_thermostat_has_no_barostat(platform, barostat):
     system = periodic_system()
     integrator = integrator_of([0, 1, 2], scheme=Integrator.GradientThermostat)
     openmmrigidhi.app.bindBodies(system, integrator)
     system.addForce(openmm.XmlSerializer.clone(barostat))
-    with refused(f'the System has a {type(barostat).__name__}, which is supported with the schemes LangevinA',
-                 'change the scheme or remove the barostat'):
+    with refused(
+            f'the System has a {type(barostat).__name__}, which is supported with the schemes '
+            f'LangevinA', 'change the scheme or remove the barostat'):
         openmm.Context(system, integrator, platform)
 
 
@@ -236,7 +266,8 @@ def test_a_scheme_is_checked_when_it_is_changed(platform):
     integrator.step(1)
 
 
-# ---- Contexts and platforms --------------------------------------------------------------------------------------------
+# ---- Contexts and platforms ----------------------------------------------------------------------
+
 
 def test_one_context_at_a_time(platform):
     integrator = integrator_of([0, 1])
@@ -249,19 +280,21 @@ def test_one_context_at_a_time(platform):
 def test_part_of_another_integrator(platform):
     compound = openmm.CompoundIntegrator()
     compound.addIntegrator(integrator_of([0, 1]))
-    with refused('this integrator is part of another one', 'do not put it into a CompoundIntegrator'):
+    with refused('this integrator is part of another one',
+                 'do not put it into a CompoundIntegrator'):
         openmm.Context(system_of(1, 1), compound, platform)
 
 
 def test_platforms_without_our_kernels():
-    with refused("openmmrigidhi: platform 'Abacus': OpenMM has none of this name", 'load its plugin first'):
+    with refused("openmmrigidhi: platform 'Abacus': OpenMM has none of this name",
+                 'load its plugin first'):
         openmmrigidhi.checkPlatform('Abacus')
 
 
 def broken_package(tmp_path, damage, then=''):
     """Import a copy of the package after `damage`, and run a line; returns what Python wrote to standard error."""
     source = pathlib.Path(openmmrigidhi.__file__).parent
-    copy = tmp_path / 'openmmrigidhi'
+    copy = tmp_path/'openmmrigidhi'
     shutil.copytree(source, copy, symlinks=False)
     damage(copy)
     script = textwrap.dedent(f'''
@@ -270,36 +303,41 @@ def broken_package(tmp_path, damage, then=''):
         import openmmrigidhi
         {then}
     ''')
-    return subprocess.run([sys.executable, '-I', '-c', script], capture_output=True, text=True).stderr
+    return subprocess.run([sys.executable, '-I', '-c', script], capture_output=True,
+                          text=True).stderr
 
 
 def test_a_package_without_platform_libraries(tmp_path):
     def damage(package):
-        for library in (package / 'lib' / 'plugins').iterdir():
+        for library in (package/'lib'/'plugins').iterdir():
             library.unlink()
+
     errors = broken_package(tmp_path, damage)
     assert 'openmmrigidhi: there is no platform library (libOpenMMRigidHI*.so) in ' in errors
     assert 'ImportError' in errors and str(tmp_path) in errors
 
 
 def test_a_platform_library_that_does_not_load(tmp_path):
-    errors = broken_package(tmp_path, lambda package: (package / 'lib' / 'plugins' / 'libOpenMMRigidHICPU.so').write_text(''))
+    errors = broken_package(
+        tmp_path, lambda package: (package/'lib'/'plugins'/'libOpenMMRigidHICPU.so').write_text(''))
     assert 'openmmrigidhi: cannot load the platform library libOpenMMRigidHICPU.so from ' in errors
 
 
 def test_a_platform_whose_library_is_missing(tmp_path):
-    errors = broken_package(tmp_path, lambda package: (package / 'lib' / 'plugins' / 'libOpenMMRigidHICPU.so').unlink(),
-                            'openmmrigidhi.checkPlatform("CPU")')
+    errors = broken_package(
+        tmp_path, lambda package: (package/'lib'/'plugins'/'libOpenMMRigidHICPU.so').unlink(),
+        'openmmrigidhi.checkPlatform("CPU")')
     assert "openmmrigidhi: platform 'CPU': it has no kernels of this plugin" in errors
     assert "use one of Reference" in errors
 
 
 def test_a_package_without_its_binding_module(tmp_path):
-    errors = broken_package(tmp_path, lambda package: (package / '_openmmrigidhi.so').unlink())
+    errors = broken_package(tmp_path, lambda package: (package/'_openmmrigidhi.so').unlink())
     assert 'openmmrigidhi: cannot load its binding module _openmmrigidhi.so from ' in errors
 
 
-# ---- Definitions that change under a Context ---------------------------------------------------------------------------
+# ---- Definitions that change under a Context -----------------------------------------------------
+
 
 def test_bodies_that_change_under_a_context_wait_for_the_next_one(platform):
     """Whatever they are given meanwhile, the Context keeps the bodies it was created with."""
@@ -309,7 +347,8 @@ def test_bodies_that_change_under_a_context_wait_for_the_next_one(platform):
     context.setPositions(positions)
     integrator.step(2)
     integrator.addRigidBody([3, 4])
-    integrator.setRigidBodyParameters(0, [0, 1, 2000000], 1, (1, 1, 1), [(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0)])
+    integrator.setRigidBodyParameters(0, [0, 1, 2000000], 1, (1, 1, 1), [(0, 0, 0), (0.1, 0, 0),
+                                                                         (0, 0.1, 0)])
     integrator.step(2)
     context.setPositions(positions)
     integrator.step(2)

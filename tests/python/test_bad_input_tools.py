@@ -18,7 +18,8 @@ def test_residues_that_are_not_there():
     residue = topology.addResidue('ALA', topology.addChain())
     topology.addAtom('C', app.Element.getBySymbol('C'), residue)
     integrator = openmmrigidhi.CustomRigidHIIntegrator(300, 0.001)
-    with refused('addRigidResidues: names: no residue is named', 'the topology has ALA: correct the names'):
+    with refused('addRigidResidues: names: no residue is named',
+                 'the topology has ALA: correct the names'):
         openmmrigidhi.app.addRigidWater(integrator, topology)
     with refused('addRigidResidues: names: got the string', "give ['ALA']", error=TypeError):
         openmmrigidhi.app.addRigidResidues(integrator, topology, 'ALA')
@@ -41,7 +42,8 @@ def test_a_minimisation_from_infinite_energy(platform):
     integrator.addRigidBody([0, 1])
     context = openmm.Context(system, integrator, platform)
     context.setPositions([(0, 0, 0), (0.1, 0, 0)])
-    with refused('minimize: energy at the start is', 'look for particles at the same place', error=openmm.OpenMMException):
+    with refused('minimize: energy at the start is', 'look for particles at the same place',
+                 error=openmm.OpenMMException):
         openmmrigidhi.app.minimize(context)
 
 

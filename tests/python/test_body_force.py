@@ -36,9 +36,13 @@ def throughSystem(force):
     return copy.copy(CustomBodyForce.cast(twin.getForce(0)))
 
 
-COPIES = {'xml': lambda force: CustomBodyForce.cast(openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(force))),
-          'copy': copy.copy, 'deepcopy': copy.deepcopy, 'pickle': lambda force: pickle.loads(pickle.dumps(force)),
-          'clone': lambda force: CustomBodyForce.cast(openmm.XmlSerializer.clone(force)), 'system': throughSystem}
+COPIES = {
+    'xml': lambda force: CustomBodyForce.cast(
+        openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(force))), 'copy': copy.copy,
+    'deepcopy': copy.deepcopy, 'pickle': lambda force: pickle.loads(pickle.dumps(force)),
+    'clone': lambda force: CustomBodyForce.cast(openmm.XmlSerializer.clone(force)),
+    'system': throughSystem
+}
 
 
 def scene(force, platform, temperature=0):
@@ -53,15 +57,18 @@ def scene(force, platform, temperature=0):
     return system, integrator, context
 
 
-# ---- Getters, setters, units -----------------------------------------------------------------------------------------
+# ---- Getters, setters, units ---------------------------------------------------------------------
+
 
 def test_what_is_set_is_got():
     force = make()
-    assert [force.getExpression(c) for c in COMPONENTS] == ['-k*x; k=2*stiffness', 'a<0.5', '"\'&\t', 'cos(w*t)', 'b^2', '0']
+    assert [force.getExpression(c) for c in COMPONENTS
+            ] == ['-k*x; k=2*stiffness', 'a<0.5', '"\'&\t', 'cos(w*t)', 'b^2', '0']
     for component in COMPONENTS:
         force.setExpression(component, component + '1')
     assert [force.getExpression(c) for c in COMPONENTS] == [c + '1' for c in COMPONENTS]
-    assert force.getNumGlobalParameters() == 2 and force.getNumPerBodyParameters() == 2 and force.getNumBodies() == 3
+    assert force.getNumGlobalParameters() == 2 and force.getNumPerBodyParameters(
+    ) == 2 and force.getNumBodies() == 3
     assert force.getGlobalParameterName(1) == 'w' and force.getGlobalParameterDefaultValue(0) == 1/3
     force.setGlobalParameterName(1, 'ω')
     force.setGlobalParameterDefaultValue(1, 4)
@@ -72,17 +79,20 @@ def test_what_is_set_is_got():
     force.setBodyParameters(np.int64(0), np.int32(2), [5, 6])
     assert force.getBodyParameters(0) == (2, (5, 6))
     assert not force.usesPeriodicBoundaryConditions()
-    assert isinstance(force, openmm.Force) and force.getForceGroup() == 5 and 'trap' == force.getName()
+    assert isinstance(force,
+                      openmm.Force) and force.getForceGroup() == 5 and 'trap' == force.getName()
     assert "fx='fx1'" in repr(force) and '3 bodies' in repr(force)
     assert CustomBodyForce(*6*['0']).getName() == 'CustomBodyForce'
 
 
-@pytest.mark.parametrize('value, expected', [
-    (2, 2), (2*unit.kilojoule_per_mole/unit.angstrom**2, 200), (1*unit.kilocalorie_per_mole, 4.184), (3*unit.angstrom, 0.3),
-    (90*unit.degree, np.pi/2), (1*unit.elementary_charge, 1), (5*unit.gram/unit.mole, 5), (np.float32(2), 2),
-    # Per particle, not per mole: what OpenMM's own conversion gets wrong by Avogadro's number.
-    (1*unit.piconewton, 0.602214076), (1*unit.volt, 96.48533212), (1.66053906660e-24*unit.gram, 1),
-])
+@pytest.mark.parametrize(
+    'value, expected',
+    [(2, 2), (2*unit.kilojoule_per_mole/unit.angstrom**2, 200),
+     (1*unit.kilocalorie_per_mole, 4.184), (3*unit.angstrom, 0.3), (90*unit.degree, np.pi/2),
+     (1*unit.elementary_charge, 1), (5*unit.gram/unit.mole, 5), (np.float32(2), 2),
+     # Per particle, not per mole: what OpenMM's own conversion gets wrong by Avogadro's number.
+     (1*unit.piconewton, 0.602214076), (1*unit.volt, 96.48533212),
+     (1.66053906660e-24*unit.gram, 1),])
 def test_parameters_take_quantities_of_any_dimension(value, expected):
     force = CustomBodyForce(*6*['0'])
     force.addGlobalParameter('g', value)
@@ -108,7 +118,8 @@ def test_parameters_take_quantities_of_any_dimension(value, expected):
     (lambda f: f.addBody(0, 5), 'addBody: parameters: got 5; it must be a sequence of numbers'),
     (lambda f: f.addBody(0, ['a']), "addBody: parameter 0: got 'a'; it must be a number"),
     (lambda f: f.addBody(1.5), 'addBody: bodyIndex: got 1.5; it must be an integer'),
-    (lambda f: f.setBodyParameters('0', 0), "setBodyParameters: index: got '0'; it must be an integer"),
+    (lambda f: f.setBodyParameters('0', 0),
+     "setBodyParameters: index: got '0'; it must be an integer"),
     (lambda f: super(CustomBodyForce, f).addPerBodyParameter(3), 'expected text as argument 2'),
 ])
 def test_wrong_types(action, message):
@@ -116,7 +127,8 @@ def test_wrong_types(action, message):
         action(make())
 
 
-# ---- Copies and casts ------------------------------------------------------------------------------------------------
+# ---- Copies and casts ----------------------------------------------------------------------------
+
 
 @pytest.mark.parametrize('duplicate', COPIES.values(), ids=COPIES)
 def test_everything_survives(duplicate):
@@ -124,8 +136,10 @@ def test_everything_survives(duplicate):
     result = duplicate(force)
     assert type(result) is CustomBodyForce and CustomBodyForce.cast(result) is result
     assert openmm.XmlSerializer.serialize(result) == openmm.XmlSerializer.serialize(force)
-    assert [result.getExpression(c) for c in COMPONENTS] == [force.getExpression(c) for c in COMPONENTS]
-    assert [result.getBodyParameters(i) for i in range(3)] == [force.getBodyParameters(i) for i in range(3)]
+    assert [result.getExpression(c)
+            for c in COMPONENTS] == [force.getExpression(c) for c in COMPONENTS]
+    assert [result.getBodyParameters(i)
+            for i in range(3)] == [force.getBodyParameters(i) for i in range(3)]
     result.addBody(9)
     assert force.getNumBodies() == 3
 
@@ -151,29 +165,32 @@ def xml():
     return openmm.XmlSerializer.serialize(make())
 
 
-@pytest.mark.parametrize('attribute', sorted(set(re.findall(r' (\w+)="', xml())) - {'type', 'openmmVersion'}))
+@pytest.mark.parametrize('attribute',
+                         sorted(set(re.findall(r' (\w+)="', xml())) - {'type', 'openmmVersion'}))
 def test_a_missing_property_is_refused_by_name(attribute):
     with pytest.raises(openmm.OpenMMException, match=f"'{attribute}'"):
         openmm.XmlSerializer.deserialize(re.sub(rf' {attribute}="[^"]*"', '', xml()))
 
 
-@pytest.mark.parametrize('before, after, message', [
-    ('version="1"', 'version="2"', "property 'version' is '2'; it must be 1"),
-    ('count="3"', 'count="4"', "it has 3 elements; there must be 4"),
-    ('parameters="2"', 'parameters="1"', "it has 2 elements; there must be 1"),
-    ('value="-2"', 'value="two"', "property 'value' is 'two'; it must be a number"),
-    ('index="3"', 'index="-3"', 'body index -3 is negative'),
-    ('name="a"', 'name="q0"', "the name 'q0' is that of a variable"),
-    ('<Bodies', '<Corps', "the element 'Bodies' is missing"),
-])
+@pytest.mark.parametrize(
+    'before, after, message',
+    [('version="1"', 'version="2"', "property 'version' is '2'; it must be 1"),
+     ('count="3"', 'count="4"', "it has 3 elements; there must be 4"),
+     ('parameters="2"', 'parameters="1"', "it has 2 elements; there must be 1"),
+     ('value="-2"', 'value="two"', "property 'value' is 'two'; it must be a number"),
+     ('index="3"', 'index="-3"', 'body index -3 is negative'),
+     ('name="a"', 'name="q0"', "the name 'q0' is that of a variable"),
+     ('<Bodies', '<Corps', "the element 'Bodies' is missing"),])
 def test_damaged_files_are_refused(before, after, message):
-    damaged = xml().replace(before, after).replace('</Bodies', '</Corps' if 'Corps' in after else '</Bodies')
+    damaged = xml().replace(before, after).replace('</Bodies',
+                                                   '</Corps' if 'Corps' in after else '</Bodies')
     assert damaged != xml()
     with pytest.raises(openmm.OpenMMException, match=re.escape(message)):
         openmm.XmlSerializer.deserialize(damaged)
 
 
-# ---- In a Context ----------------------------------------------------------------------------------------------------
+# ---- In a Context --------------------------------------------------------------------------------
+
 
 def test_parameters_and_forces(platform):
     force = CustomBodyForce('-k*(x-x0)', '0', '3', '0', 'k', '0')
@@ -184,7 +201,8 @@ def test_parameters_and_forces(platform):
     assert dict(context.getParameters()) == {'k': 10}
     integrator.step(1)
     x = integrator.getBodyPositions()[1, 0]._value
-    assert np.allclose(integrator.getBodyForces()._value, [(0, 0, 0), (-10*(x - 0.5), 0, 3)], atol=1e-12)
+    assert np.allclose(integrator.getBodyForces()._value, [(0, 0, 0), (-10*(x - 0.5), 0, 3)],
+                       atol=1e-12)
     assert np.allclose(integrator.getBodyTorques()._value, [(0, 0, 0), (0, 10, 0)], atol=1e-12)
     context.setParameter('k', 0)
     mine = CustomBodyForce.cast(system.getForce(0))
@@ -211,12 +229,16 @@ def test_a_new_expression_waits_for_reinitialize(platform):
     assert integrator.getBodyForces()[0, 0]._value == 2
 
 
-@pytest.mark.parametrize('other', [lambda: openmm.VerletIntegrator(0.001), lambda: openmm.LangevinMiddleIntegrator(300, 1, 0.001)])
+@pytest.mark.parametrize('other', [
+    lambda: openmm.VerletIntegrator(0.001), lambda: openmm.LangevinMiddleIntegrator(300, 1, 0.001)
+])
 def test_other_integrators_are_refused_by_name(other, platform):
     system = dumbbells(1)[0]
     system.addForce(CustomBodyForce(*6*['0']))
     integrator = other()
-    with pytest.raises(openmm.OpenMMException, match=f'integrator is a {type(integrator).__name__}, which has no rigid bodies'):
+    with pytest.raises(
+            openmm.OpenMMException,
+            match=f'integrator is a {type(integrator).__name__}, which has no rigid bodies'):
         openmm.Context(system, integrator, platform)
 
 
@@ -234,8 +256,9 @@ def test_resume_through_files(tmp_path):
     context.reinitialize(preserveState=True)
     context.setVelocitiesToTemperature(300, 3)
     integrator.step(5)
-    state = openmm.XmlSerializer.serialize(context.getState(getPositions=True, getVelocities=True, getParameters=True,
-                                                            getIntegratorParameters=True))
+    state = openmm.XmlSerializer.serialize(
+        context.getState(getPositions=True, getVelocities=True, getParameters=True,
+                         getIntegratorParameters=True))
     integrator.step(30)
     _, other, twin = simulation()
     twin.setState(openmm.XmlSerializer.deserialize(state))
@@ -244,7 +267,8 @@ def test_resume_through_files(tmp_path):
     assert np.array_equal(integrator.getBodyForces()._value, other.getBodyForces()._value)
 
 
-@pytest.mark.parametrize('scheme, order', [('LangevinA', 1), ('LangevinB', 1), ('LangevinC', 2), ('LangevinHI', 2)])
+@pytest.mark.parametrize('scheme, order', [('LangevinA', 1), ('LangevinB', 1), ('LangevinC', 2),
+                                           ('LangevinHI', 2)])
 def test_order_with_velocities_and_friction(scheme, order):
     """Self-convergence at T = 0: what the documentation promises, no less and no more."""
     def run(stepSize):
@@ -267,7 +291,9 @@ def test_order_with_velocities_and_friction(scheme, order):
         context.setPositions([(0, 0, 0), (1, 0.5, 0)])
         integrator.setBodyVelocities([(2, 1, 0), (0, 1, 1)])
         integrator.step(round(2/stepSize))
-        return np.concatenate([integrator.getBodyPositions()._value, integrator.getBodyVelocities()._value])
+        return np.concatenate(
+            [integrator.getBodyPositions()._value,
+             integrator.getBodyVelocities()._value])
 
     results = [run(h) for h in (0.02, 0.01, 0.005)]
     ratio = np.abs(results[0] - results[1]).max()/np.abs(results[1] - results[2]).max()

@@ -11,7 +11,8 @@ from openmmrigidhi.accuracy.statistics import quantile
 KT = (unit.MOLAR_GAS_CONSTANT_R*300*unit.kelvin).value_in_unit(unit.kilojoule_per_mole)
 
 
-def channel(platform, positions, radii, solver=MobilityForce.Dense, walls=(0, 5.5), box=(9, 8, 10), scheme='DriftCorrectorFD', temperature=0):
+def channel(platform, positions, radii, solver=MobilityForce.Dense, walls=(0, 5.5), box=(9, 8, 10),
+            scheme='DriftCorrectorFD', temperature=0):
     """A Context of spheres in a channel."""
     system, fluid = openmm.System(), MobilityForce()
     integrator = CustomRigidHIIntegrator(temperature, 0.01)
@@ -40,11 +41,13 @@ def test_one_sphere(platform, solver):
     fluid, _, context = channel(platform, [(3, 1, 2)], [1], solver)
     diagonal = np.diag(fluid.getMobilityInContext(context))[:3]
     # The grid's tolerance is one of the norm.
-    assert np.allclose(diagonal, [0.04824844196, 0.01853161598, 0.04607665115], rtol=0, atol=1e-11 if solver == MobilityForce.Dense else 5e-8)
+    assert np.allclose(diagonal, [0.04824844196, 0.01853161598, 0.04607665115], rtol=0,
+                       atol=1e-11 if solver == MobilityForce.Dense else 5e-8)
 
 
 def test_images_are_particles_of_a_periodic_fluid():
-    # The same channel, made by hand: images with reflected forces and torques in a box of twice the width.
+    # The same channel, made by hand: images with reflected forces and torques in a box of twice the
+    # width.
     positions, radii = np.array([(3, 1.4, 2), (4.1, 3.8, 9.5)]), [1, 0.7]
     fluid, _, context = channel('Reference', positions, radii)
     N = fluid.getMobilityInContext(context)
@@ -68,10 +71,14 @@ def test_images_are_particles_of_a_periodic_fluid():
 
 
 @pytest.mark.parametrize('platform', ['Reference', 'CPU'])
-@pytest.mark.parametrize('scheme', ['DriftCorrectorFD', 'FixmanMidpoint', 'RandomFiniteDifference', 'TractionEulerMaruyama', 'TrapezoidalSlip'])
+@pytest.mark.parametrize('scheme', [
+    'DriftCorrectorFD', 'FixmanMidpoint', 'RandomFiniteDifference', 'TractionEulerMaruyama',
+    'TrapezoidalSlip'
+])
 @pytest.mark.parametrize('solver', [MobilityForce.Dense, MobilityForce.MatrixFree])
 def test_spheres_stay_inside(platform, scheme, solver):
-    fluid, integrator, context = channel(platform, [(3, 1.2, 2), (6, 4.2, 7)], [1, 0.8], solver, scheme=scheme, temperature=1000)
+    fluid, integrator, context = channel(platform, [(3, 1.2, 2), (6, 4.2, 7)], [1, 0.8], solver,
+                                         scheme=scheme, temperature=1000)
     fluid.setSolverTolerance(1e-3)
     context.reinitialize(preserveState=True)
     integrator.step(20)
@@ -86,16 +93,19 @@ def test_xml():
     fluid.setBoundary(fluid.SlipChannel)
     xml = openmm.XmlSerializer.serialize(fluid)
     twin = MobilityForce.cast(openmm.XmlSerializer.deserialize(xml))
-    assert twin.getChannelWalls() == (-0.5*unit.nanometer, 2*unit.nanometer) and twin.getBoundary() is MobilityForce.SlipChannel
+    assert twin.getChannelWalls() == (
+        -0.5*unit.nanometer, 2*unit.nanometer) and twin.getBoundary() is MobilityForce.SlipChannel
     # Files of earlier versions have no channel.
     older, count = re.subn(r' channel(Low|High)="[^"]*"', '', xml)
     assert count == 2
-    assert MobilityForce.cast(openmm.XmlSerializer.deserialize(older)).getChannelWalls() == (0*unit.nanometer, 0*unit.nanometer)
+    assert MobilityForce.cast(
+        openmm.XmlSerializer.deserialize(older)).getChannelWalls() == (0*unit.nanometer,
+                                                                       0*unit.nanometer)
 
 
-@pytest.mark.parametrize('walls, problem', [
-    ((1, 1), 'the walls are at y = 1 and 1 nm'), ((3, 1), 'the walls are at y = 3 and 1 nm'), ((0, float('nan')), 'both must be finite'),
-])
+@pytest.mark.parametrize('walls, problem', [((1, 1), 'the walls are at y = 1 and 1 nm'),
+                                            ((3, 1), 'the walls are at y = 3 and 1 nm'),
+                                            ((0, float('nan')), 'both must be finite'),])
 def test_walls_that_are_none(walls, problem):
     with pytest.raises(openmm.OpenMMException, match=problem):
         MobilityForce().setChannelWalls(*walls)
@@ -107,23 +117,32 @@ def test_wrong_units():
 
 
 def test_refused():
-    with pytest.raises(openmm.OpenMMException, match=r'boundary SlipChannel has walls at y = 0 and 0 nm.*setChannelWalls'):
+    with pytest.raises(openmm.OpenMMException,
+                       match=r'boundary SlipChannel has walls at y = 0 and 0 nm.*setChannelWalls'):
         channel('Reference', [(3, 1, 2)], [1], walls=None)
     _, integrator, _ = channel('Reference', [(3, 1, 2)], [1], box=(9, 5, 9))
-    with pytest.raises(openmm.OpenMMException, match='whose y edge is longer than the channel is wide, but it has 5 nm'):
+    with pytest.raises(openmm.OpenMMException,
+                       match='whose y edge is longer than the channel is wide, but it has 5 nm'):
         integrator.step(1)
     _, integrator, _ = channel('Reference', [(3, 5, 2)], [1])
-    with pytest.raises(openmm.OpenMMException, match=r'particle 0 \(body 0\) has its centre at y = 5 nm, between walls at 0 and 5.5 nm'):
+    with pytest.raises(
+            openmm.OpenMMException,
+            match=r'particle 0 \(body 0\) has its centre at y = 5 nm, between walls at 0 and 5.5 nm'
+    ):
         integrator.step(1)
 
 
-@pytest.mark.parametrize('rejection, lowest, highest', [('Overlap', [1, 0.5], [4.5, 5]), ('Crossing', [0, 0], [5.5, 5.5])])
+@pytest.mark.parametrize('rejection, lowest, highest', [('Overlap', [1, 0.5], [4.5, 5]),
+                                                        ('Crossing', [0, 0], [5.5, 5.5])])
 def test_a_sampler_knows_the_walls(rejection, lowest, highest):
     """Two spheres that the same weight pulls down: y - lowest has an exponential law that ends at the upper wall; they do not see each other."""
-    _, integrator, context = channel('Reference', [(3, 1.5, 2), (6, 4, 7)], [1, 0.5], temperature=300)
+    _, integrator, context = channel('Reference', [(3, 1.5, 2), (6, 4, 7)], [1, 0.5],
+                                     temperature=300)
     integrator.setWallRejection(getattr(CustomRigidHIIntegrator, rejection))
     weight = 0.6*KT
-    sampler = analysis.GibbsBoltzmannSampler(context, energyFunction=lambda R, q: weight*R[:, 1].sum(), coordinates=['y'], seed=4)
+    sampler = analysis.GibbsBoltzmannSampler(context,
+                                             energyFunction=lambda R, q: weight*R[:, 1].sum(),
+                                             coordinates=['y'], seed=4)
     sampler.burnIn(200, progress=False)
     samples = sampler.sample(4000, 2, progress=False)
     y = samples.positions._value[:, :, 1]
@@ -135,15 +154,22 @@ def test_a_sampler_knows_the_walls(rejection, lowest, highest):
             exact = (grid**power @ law)/law.sum()
             found = samples.average(y[:, k]**power)
             z = (found.mean - exact)/found.standardError
-            print(f'<y^{power}> {found.mean:.4f} +- {found.standardError:.4f}, exact {exact:.4f}, z = {z:.2f}')
-            # 7 in a million each, as in test_gibbs_boltzmann.py; a wall off by 0.1 would move the mean by 0.05 or more.
-            assert found.degrees >= 20 and abs(z) < quantile(1 - 7e-6, found.degrees) and found.standardError < 0.05*exact
-    integrator.step(1)      # the Context is left where a step may begin
+            print(
+                f'<y^{power}> {found.mean:.4f} +- {found.standardError:.4f}, exact {exact:.4f}, z '
+                f'= {z:.2f}')
+            # 7 in a million each, as in test_gibbs_boltzmann.py; a wall off by 0.1 would move the
+            # mean by 0.05 or more.
+            assert found.degrees >= 20 and abs(z) < quantile(
+                1 - 7e-6, found.degrees) and found.standardError < 0.05*exact
+    integrator.step(1)  # the Context is left where a step may begin
 
 
 def test_a_sampler_begins_between_the_walls():
     _, integrator, context = channel('Reference', [(3, 4.75, 2)], [1], temperature=300)
-    with pytest.raises(ValueError, match=r'particle 0 \(body 0\) is at y = 4.75 nm, where a wall allows 4.5 nm or less; a start must be allowed'):
+    with pytest.raises(
+            ValueError, match=
+            r'particle 0 \(body 0\) is at y = 4.75 nm, where a wall allows 4.5 nm or less; a start '
+            r'must be allowed'):
         analysis.GibbsBoltzmannSampler(context)
     integrator.setWallRejection(CustomRigidHIIntegrator.Crossing)
     analysis.GibbsBoltzmannSampler(context)

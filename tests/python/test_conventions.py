@@ -18,7 +18,8 @@ def turn(axis, degrees):
 
 
 def product(a, b):
-    return np.concatenate([[a[0]*b[0] - a[1:] @ b[1:]], a[0]*b[1:] + b[0]*a[1:] + np.cross(a[1:], b[1:])])
+    return np.concatenate([[a[0]*b[0] - a[1:] @ b[1:]],
+                           a[0]*b[1:] + b[0]*a[1:] + np.cross(a[1:], b[1:])])
 
 
 @pytest.fixture
@@ -45,14 +46,14 @@ def markers(context):
     return context.getState(getPositions=True).getPositions(asNumpy=True)._value
 
 
-@pytest.mark.parametrize('q, x, y, z', [
-    (turn((1, 0, 0), 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)),
-    (turn((0, 0, 1), 90), (0, 1, 0), (-1, 0, 0), (0, 0, 1)),
-    (turn((1, 0, 0), 90), (1, 0, 0), (0, 0, 1), (0, -1, 0)),
-    (turn((0, 1, 0), 90), (0, 0, -1), (0, 1, 0), (1, 0, 0)),
-    # A product turns by its right factor first: y goes to -x, then stays; x goes to y, then to z.
-    (product(turn((1, 0, 0), 90), turn((0, 0, 1), 90)), (0, 0, 1), (-1, 0, 0), (0, -1, 0)),
-])
+@pytest.mark.parametrize(
+    'q, x, y, z',
+    [(turn((1, 0, 0), 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)),
+     (turn((0, 0, 1), 90), (0, 1, 0), (-1, 0, 0), (0, 0, 1)),
+     (turn((1, 0, 0), 90), (1, 0, 0), (0, 0, 1), (0, -1, 0)),
+     (turn((0, 1, 0), 90), (0, 0, -1), (0, 1, 0), (1, 0, 0)),
+     # A product turns by its right factor first: y goes to -x, then stays; x goes to y, then to z.
+     (product(turn((1, 0, 0), 90), turn((0, 0, 1), 90)), (0, 0, 1), (-1, 0, 0), (0, -1, 0)),])
 def test_a_quaternion_turns_a_marked_body(marked, q, x, y, z):
     context, integrator = marked
     for sign in (1, -1):
@@ -79,11 +80,13 @@ def test_angular_velocity_is_right_handed_and_in_the_lab_frame(marked):
     velocities = context.getState(getVelocities=True).getVelocities(asNumpy=True)._value
     np.testing.assert_allclose(velocities[1], [0, 10, 0], atol=1e-12)  # of the marker at lab x
     # The energy is about body y, which has the largest moment: the third of the sorted axes.
-    np.testing.assert_allclose(integrator.computeRotationalKineticEnergies()._value, [0, 0, 0.5*4*100], atol=1e-9)
+    np.testing.assert_allclose(integrator.computeRotationalKineticEnergies()._value,
+                               [0, 0, 0.5*4*100], atol=1e-9)
     integrator.step(100)  # 0.1 rad
     np.testing.assert_allclose(markers(context)[1], [np.cos(0.1), np.sin(0.1), 0], atol=1e-9)
-    np.testing.assert_allclose(integrator.getBodyOrientations()[0], product(turn((0, 0, 1), np.rad2deg(0.1)),
-                                                                           turn((1, 0, 0), 90)), atol=1e-9)
+    np.testing.assert_allclose(integrator.getBodyOrientations()[0],
+                               product(turn((0, 0, 1), np.rad2deg(0.1)), turn((1, 0, 0), 90)),
+                               atol=1e-9)
 
 
 def test_torque_is_arm_times_force(marked):
@@ -91,7 +94,8 @@ def test_torque_is_arm_times_force(marked):
     context.setParameter('strength', 2.5)
     integrator.step(1)
     np.testing.assert_allclose(integrator.getBodyForces()._value, [[0, 2.5, 0]], rtol=1e-6)
-    np.testing.assert_allclose(integrator.getBodyTorques()._value, [[0, 0, 2.5]], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(integrator.getBodyTorques()._value, [[0, 0, 2.5]], rtol=1e-6,
+                               atol=1e-6)
     assert integrator.getBodyAngularVelocities()._value[0, 2] > 0
 
 
@@ -101,7 +105,8 @@ def test_energies_are_sorted_by_moment(marked):
         integrator.setBodyAngularVelocities([np.eye(3)[axis]])
         expected = np.zeros(3)
         expected[place] = 0.5*MOMENTS[axis]
-        np.testing.assert_allclose(integrator.computeRotationalKineticEnergies()._value, expected, atol=1e-14)
+        np.testing.assert_allclose(integrator.computeRotationalKineticEnergies()._value, expected,
+                                   atol=1e-14)
 
 
 @pytest.mark.parametrize('axis', range(3))
@@ -114,8 +119,10 @@ def test_rotation_relaxes_at_the_documented_rate(marked, axis):
     integrator.step(50)
     time = 50e-4
     rate = 7/(MOMENTS[axis]*np.sum(1/MOMENTS))
-    np.testing.assert_allclose(integrator.getBodyVelocities()._value[0, 0], np.exp(-3*time), rtol=1e-12)
-    np.testing.assert_allclose(integrator.getBodyAngularVelocities()._value[0, axis], 1e-3*np.exp(-rate*time), rtol=1e-9)
+    np.testing.assert_allclose(integrator.getBodyVelocities()._value[0, 0], np.exp(-3*time),
+                               rtol=1e-12)
+    np.testing.assert_allclose(integrator.getBodyAngularVelocities()._value[0, axis],
+                               1e-3*np.exp(-rate*time), rtol=1e-9)
 
 
 def test_degrees_of_freedom(platform):
@@ -129,10 +136,12 @@ def test_degrees_of_freedom(platform):
     for body in ([0, 1, 2], [3, 4], [5]):
         integrator.addRigidBody(body)
     context = openmm.Context(system, integrator, platform)
-    context.setPositions([(0, 0, 0), (0.1, 0, 0), (0, 0.2, 0), (1, 0, 0), (1, 0.1, 0), (2, 0, 0), (3, 0, 0), (4, 0, 0),
-                          (4, 0.1, 0)])
+    context.setPositions([(0, 0, 0), (0.1, 0, 0), (0, 0.2, 0), (1, 0, 0), (1, 0.1, 0), (2, 0, 0),
+                          (3, 0, 0), (4, 0, 0), (4, 0.1, 0)])
     assert integrator.getDegreesOfFreedom() == {
-        'translational': 9, 'rotational1': 1, 'rotational2': 2, 'rotational3': 2, 'free': 8, 'removed': 3, 'total': 19}
+        'translational': 9, 'rotational1': 1, 'rotational2': 2, 'rotational3': 2, 'free': 8,
+        'removed': 3, 'total': 19
+    }
 
 
 def test_boltzmanns_constant():
@@ -143,4 +152,5 @@ def test_boltzmanns_constant():
     context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
     context.setPositions([(0, 0, 0)])
     context.setVelocities([(1, 0, 0)])
-    np.testing.assert_allclose(integrator.computeSystemTemperature()._value, 2/(3*BOLTZMANN), rtol=1e-14)
+    np.testing.assert_allclose(integrator.computeSystemTemperature()._value, 2/(3*BOLTZMANN),
+                               rtol=1e-14)

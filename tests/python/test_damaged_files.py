@@ -12,8 +12,11 @@ import openmmrigidhi
 from gsdversions import WRITE
 
 tools = openmmrigidhi.app
-READERS = {'bodies.h5': tools.readBodyStates, 'trajectory.h5md': tools.readH5md, 'trajectory.gsd': tools.readGsd,
-           'shape.vertex': tools.readVertexFile, 'places.clones': tools.readClones}
+READERS = {
+    'bodies.h5': tools.readBodyStates, 'trajectory.h5md': tools.readH5md,
+    'trajectory.gsd': tools.readGsd, 'shape.vertex': tools.readVertexFile,
+    'places.clones': tools.readClones
+}
 
 
 @pytest.fixture(scope='module')
@@ -28,10 +31,14 @@ def files(tmp_path_factory):
             system.addParticle(1)
             topology.addAtom('C', None, residue)
         integrator.addRigidBody([2*body, 2*body + 1], 2, (1, 1, 1), [(-0.1, 0, 0), (0.1, 0, 0)])
-    simulation = app.Simulation(topology, system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    simulation = app.Simulation(topology, system, integrator,
+                                openmm.Platform.getPlatformByName('Reference'))
     simulation.context.setPositions([(-0.1, 0, 0), (0.1, 0, 0), (-0.1, 1, 0), (0.1, 1, 0)])
-    simulation.reporters += [tools.RigidBodyReporter(folder/'bodies.h5', 2), tools.H5mdReporter(folder/'trajectory.h5md', 2, velocities=True),
-                             tools.GsdReporter(folder/'trajectory.gsd', 2, radii=0.1)]
+    simulation.reporters += [
+        tools.RigidBodyReporter(folder/'bodies.h5', 2),
+        tools.H5mdReporter(folder/'trajectory.h5md', 2, velocities=True),
+        tools.GsdReporter(folder/'trajectory.gsd', 2, radii=0.1)
+    ]
     simulation.step(6)
     (folder/'shape.vertex').write_text('3 0.5\n0 0 0\n1 0 0\n0 1 0\n')
     tools.writeClones(folder/'places.clones', np.zeros((2, 3)), np.tile([1, 0, 0, 0], (2, 1)))
@@ -66,20 +73,23 @@ def test_damaged_files_are_errors_that_name_them(files, tmp_path, name):
         except ValueError as error:
             assert type(error) is ValueError and str(copy) in str(error)
             refused += 1
-    assert refused >= 20                                         # the rest is damage to numbers, or to unused bytes
+    assert refused >= 20  # the rest is damage to numbers, or to unused bytes
 
 
 @pytest.mark.parametrize('name', ['bodies.h5', 'trajectory.h5md', 'trajectory.gsd'])
 def test_damage_names_its_kind_and_a_remedy(files, tmp_path, name):
     (tmp_path/name).write_bytes((files/name).read_bytes()[:-700])
-    with pytest.raises(ValueError, match=f'{name}: it is damaged, or of another kind .* restore it from a copy'):
+    with pytest.raises(
+            ValueError,
+            match=f'{name}: it is damaged, or of another kind .* restore it from a copy'):
         READERS[name](tmp_path/name)
     (tmp_path/name).unlink()
     with pytest.raises(FileNotFoundError, match=name):
         READERS[name](tmp_path/name)
 
 
-@pytest.mark.parametrize('reporter, name', [(tools.RigidBodyReporter, 'bodies.h5'), (tools.H5mdReporter, 'trajectory.h5md'),
+@pytest.mark.parametrize('reporter, name', [(tools.RigidBodyReporter, 'bodies.h5'),
+                                            (tools.H5mdReporter, 'trajectory.h5md'),
                                             (tools.GsdReporter, 'trajectory.gsd')])
 def test_damaged_files_are_not_continued(files, tmp_path, reporter, name):
     whole = (files/name).read_bytes()
@@ -90,7 +100,8 @@ def test_damaged_files_are_not_continued(files, tmp_path, reporter, name):
     integrator.addRigidBody([0], 1, (1, 1, 1), [(0, 0, 0)])
     topology = app.Topology()
     topology.addAtom('C', None, topology.addResidue('A', topology.addChain()))
-    simulation = app.Simulation(topology, system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    simulation = app.Simulation(topology, system, integrator,
+                                openmm.Platform.getPlatformByName('Reference'))
     simulation.context.setPositions([(0, 0, 0)])
     simulation.reporters.append(reporter(tmp_path/name, 1, append=True))
     with pytest.raises(ValueError, match=f'{reporter.__name__}: .*{name}: it is damaged'):
@@ -106,18 +117,27 @@ def test_shapes_that_do_not_fit(files, tmp_path):
             del file[path]
             file.create_dataset(path, shape, 'f8', chunks=True)
         return copy
-    with pytest.raises(ValueError, match=r'positions has the shape \(3, 1, 3\); with 3 frames of 2 bodies it must be \(3, 2, 3\)'):
+
+    with pytest.raises(
+            ValueError, match=
+            r'positions has the shape \(3, 1, 3\); with 3 frames of 2 bodies it must be \(3, 2, 3\)'
+    ):
         tools.readBodyStates(spoil('bodies.h5', 'positions', (3, 1, 3)))
-    with pytest.raises(ValueError, match=r'positions have the shape \(3, 2, 3\), orientations \(3, 1, 4\)'):
+    with pytest.raises(ValueError,
+                       match=r'positions have the shape \(3, 2, 3\), orientations \(3, 1, 4\)'):
         tools.readH5md(spoil('trajectory.h5md', 'particles/bodies/orientation/value', (3, 1, 4)))
     # Data that was never written takes no room in a file, but in memory.
-    with pytest.raises(ValueError, match=r'data set positions has the shape \(3, 1000000000, 3\), 7.2e\+10 bytes; in a file of \d+ bytes there is'):
+    with pytest.raises(
+            ValueError, match=
+            r'data set positions has the shape \(3, 1000000000, 3\), 7.2e\+10 bytes; in a file of '
+            r'\d+ bytes there is'):
         tools.readBodyStates(spoil('bodies.h5', 'positions', (3, 10**9, 3)))
 
 
 def test_a_gsd_file_that_claims_more_particles_than_it_can_hold(tmp_path):
     name = str(tmp_path/'large.gsd')
-    with gsd.fl.open(name=name, mode=WRITE, application='test', schema='hoomd', schema_version=[1, 4]) as file:
+    with gsd.fl.open(name=name, mode=WRITE, application='test', schema='hoomd',
+                     schema_version=[1, 4]) as file:
         file.write_chunk('particles/N', np.array([4*10**9], dtype=np.uint32))
         file.end_frame()
     with pytest.raises(ValueError, match='frame 0 has 4000000000 particles; in a file of'):

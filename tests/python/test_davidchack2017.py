@@ -15,14 +15,17 @@ FOLDER = pathlib.Path(__file__).resolve().parents[2]/'validation'/'davidchack201
 
 def run(script, folder, *options):
     """Run a script with --quick; what it wrote, by file name."""
-    finished = subprocess.run([sys.executable, str(FOLDER/script), '--quick', '--output', str(folder), *options], capture_output=True,
-                              text=True, timeout=600)
+    finished = subprocess.run(
+        [sys.executable,
+         str(FOLDER/script), '--quick', '--output',
+         str(folder), *options], capture_output=True, text=True, timeout=600)
     assert finished.returncode == 0, finished.stdout + finished.stderr
     for picture in folder.glob('*.png'):
         assert picture.stat().st_size > 5000
     written = {path.name: json.loads(path.read_text()) for path in folder.glob('*.json')}
     for data in written.values():
-        assert {'processor', 'openmm', 'commit', 'plugin_sha256', 'arguments'} <= set(data['provenance'])
+        assert {'processor', 'openmm', 'commit', 'plugin_sha256', 'arguments'} <= set(
+            data['provenance'])
     return written
 
 
@@ -33,7 +36,8 @@ def test_sedimenting_spheres(tmp_path):
     assert exact['F/U_fundamental_solutions'] == pytest.approx(1.1840839517, rel=1e-9)
     assert exact['omega/U_fundamental_solutions'] == pytest.approx(0.064558335059, rel=1e-9)
     # What each rung misses at l = 3, computed independently to the digits given.
-    for model, drag, spin in (('RPY', -1.35e-3, 1.76e-2), ('FTS', -9.45e-4, 1.8e-4), ('multiblob 12', 4.2e-5, -7.9e-3)):
+    for model, drag, spin in (('RPY', -1.35e-3, 1.76e-2), ('FTS', -9.45e-4, 1.8e-4),
+                              ('multiblob 12', 4.2e-5, -7.9e-3)):
         error = result['models'][model]['3']['relative_error']
         assert error['F/U'] == pytest.approx(drag, abs=1e-5), model
         assert error['omega/U'] == pytest.approx(spin, abs=2e-4), model
@@ -50,14 +54,17 @@ def test_trapped_spheres(tmp_path):
     assert len(runs) == 2
     for r in runs:
         assert r['bias_of_this_step'] < 0.002
-        # Ten functions, each an average of squares over many correlated lags: 3 is far out for a chi^2 with a few degrees of freedom.
+        # Ten functions, each an average of squares over many correlated lags: 3 is far out for a
+        # chi^2 with a few degrees of freedom.
         print(r['set'], r['rms_z'])
         assert max(r['rms_z'].values()) < 3
         assert max(r['largest_difference'].values()) < 6*r['largest_standard_error']
-    # The theory against numbers computed independently (exact pair friction, inertial set, R = 3): value and time of extremes.
+    # The theory against numbers computed independently (exact pair friction, inertial set, R = 3):
+    # value and time of extremes.
     theory, times = runs[0]['theory'], np.array(runs[0]['times'])
-    for name, value, time in (('z1 z2', -0.22006, 0.93), ('x1 x2', -0.11039, 0.94), ('x1 chiy2', 0.03437, 0.61),
-                              ('x1 chiy1', 0.00791, 0.57), ('chiy1 chiy2', 0.00896, 0.41), ('chiz1 chiz2', -0.01657, 0.41)):
+    for name, value, time in (('z1 z2', -0.22006, 0.93), ('x1 x2', -0.11039, 0.94),
+                              ('x1 chiy2', 0.03437, 0.61), ('x1 chiy1', 0.00791, 0.57),
+                              ('chiy1 chiy2', 0.00896, 0.41), ('chiz1 chiz2', -0.01657, 0.41)):
         curve = np.array(theory[name])
         k = np.argmax(np.sign(value)*curve)
         # The extremes lie between samples 0.05 apart: at most half a percent lower there.
@@ -87,7 +94,8 @@ def test_ring_classifier():
     period = 60.0
 
     def wave(phase, harmonic=1):
-        return np.sin(2*np.pi*harmonic*(t/period + phase)) + 0.4*np.sin(4*np.pi*harmonic*(t/period + phase))
+        return np.sin(2*np.pi*harmonic*(t/period + phase)) + 0.4*np.sin(4*np.pi*harmonic*
+                                                                        (t/period + phase))
 
     def gaps(phases):
         return np.pi/3 + 0.2*np.stack([wave(p) for p in phases], axis=1)
@@ -103,22 +111,28 @@ def test_ring_classifier():
     assert state == '5+1 drafting' and found == pytest.approx(period, abs=0.3)
     assert ring.classify(gaps(2*[0, 0.1, 0.5]))[0] == 'in-phase triplets'
     # A shift by two gaps is a third of a period, but odd and even gaps differ.
-    odd = np.pi/3 + np.stack([0.2*wave(k/6) if k % 2 else 0.1*wave(k/6, 2) for k in range(6)], axis=1)
+    odd = np.pi/3 + np.stack([0.2*wave(k/6) if k % 2 else 0.1*wave(k/6, 2)
+                              for k in range(6)], axis=1)
     assert ring.classify(odd)[0] == 'pair drafting'
-    triplets = np.pi/3 + np.stack([0.2*wave(k//3/2 + 0.1*(k % 3), 1 + k % 3) for k in range(6)], axis=1)
-    triplets[:, [2, 5]] += 0.1*np.stack([np.sin(2*np.pi*t/period), -np.sin(2*np.pi*t/period)], axis=1)
+    triplets = np.pi/3 + np.stack([0.2*wave(k // 3/2 + 0.1*(k % 3), 1 + k % 3)
+                                   for k in range(6)], axis=1)
+    triplets[:,
+             [2, 5]] += 0.1*np.stack([np.sin(2*np.pi*t/period), -np.sin(2*np.pi*t/period)], axis=1)
     assert ring.classify(triplets)[0] == 'alternating triplets'
 
 
 def checkLennardJones(runs):
-    # Monte Carlo, plus the paper's error constant (below 0.001 at these steps), within 4.5 standard errors: a false alarm in 1e5.
+    # Monte Carlo, plus the paper's error constant (below 0.001 at these steps), within 4.5 standard
+    # errors: a false alarm in 1e5.
     for r in runs:
         expected = -2.34371 - 0.0098*r['h']**2
         z = (r['mean']['U/N'] - expected)/np.hypot(r['error']['U/N'], 4e-4)
         print(r['model'], r['h'], z)
         assert abs(z) < 4.5
-        for name, constant in (('kT_t', -0.0697), ('kT_r1', 0), ('kT_r2', -0.006), ('kT_r3', -0.014)):
-            assert r['mean'][name] == pytest.approx(0.1 + constant*r['h']**2, abs=5*r['error'][name] + 3e-4), name
+        for name, constant in (('kT_t', -0.0697), ('kT_r1', 0), ('kT_r2', -0.006), ('kT_r3',
+                                                                                    -0.014)):
+            assert r['mean'][name] == pytest.approx(0.1 + constant*r['h']**2,
+                                                    abs=5*r['error'][name] + 3e-4), name
 
 
 def test_lennard_jones(tmp_path):
@@ -131,7 +145,8 @@ def test_lennard_jones_in_a_periodic_fluid(tmp_path):
     assert {r['model'] for r in result['runs']} == {'SD periodic', 'RPY periodic'}
     checkLennardJones(result['runs'])
     # The published runs without interactions stand beside them.
-    assert {m['model'] for m in result['analysis']['kT=0.1']['models']} == {'SD periodic', 'RPY periodic'}
+    assert {m['model']
+            for m in result['analysis']['kT=0.1']['models']} == {'SD periodic', 'RPY periodic'}
 
 
 @pytest.fixture
@@ -146,7 +161,9 @@ def test_a_longer_run_goes_on_from_what_is_kept(tmp_path, scripts):
     lennard_jones = scripts('lennard_jones')
 
     def run(duration, job, seed=3):
-        return lennard_jones.run((0.1, 0.2, 'RPY periodic', duration, 2, seed, 'Reference', 20.0), job)
+        return lennard_jones.run((0.1, 0.2, 'RPY periodic', duration, 2, seed, 'Reference', 20.0),
+                                 job)
+
     job = tasks.Job(0, 'run', str(tmp_path))
     first, longer, whole = run(10.0, job), run(20.0, job), run(20.0, None)
     assert first['samples'] == 25 and longer['samples'] == whole['samples'] == 50
@@ -160,19 +177,26 @@ def test_trapped_spheres_go_on(tmp_path, scripts):
 
     def run(duration, job):
         return trapped.run(('inertial (Figs 2, 3)', 3.0, 0.01, 'RPY', duration, 5, np.inf), job)
+
     job = tasks.Job(0, 'run', str(tmp_path))
     run(130.0, job)
     longer, whole = run(300.0, job), run(300.0, None)
     assert longer['samples'] == whole['samples'] == 6000
-    assert all(np.array_equal(longer['measured'][name], whole['measured'][name]) for name in whole['measured'])
+    assert all(
+        np.array_equal(longer['measured'][name], whole['measured'][name])
+        for name in whole['measured'])
 
 
 def test_a_ring_that_has_settled_need_not_do_so_again(tmp_path, scripts):
     ring = scripts('ring')
-    arguments = {'f': 1.0, 'tau': 0.0, 'kT': 1e-3, 'model': 'RPY', 'truncation': 'switch', 'kind': 'random', 'settle': 20.0, 'window': 20.0, 'seed': 1, 'step': 0.05, 'attempts': 1}
+    arguments = {
+        'f': 1.0, 'tau': 0.0, 'kT': 1e-3, 'model': 'RPY', 'truncation': 'switch', 'kind': 'random',
+        'settle': 20.0, 'window': 20.0, 'seed': 1, 'step': 0.05, 'attempts': 1
+    }
     job = tasks.Job(0, 'run', str(tmp_path))
     first, again = ring.runState(arguments, job), ring.runState(arguments, job)
-    assert first['orbital_speed'] == again['orbital_speed'] == ring.runState(arguments)['orbital_speed'] and len(list(tmp_path.iterdir())) == 1
+    assert first['orbital_speed'] == again['orbital_speed'] == ring.runState(
+        arguments)['orbital_speed'] and len(list(tmp_path.iterdir())) == 1
 
 
 def test_two_runs_at_a_time(tmp_path):
@@ -180,8 +204,13 @@ def test_two_runs_at_a_time(tmp_path):
     models = ('--models', 'RPY', 'FTS')
 
     def found(folder, *options):
-        rows = run('sedimenting_spheres.py', folder, *models, *options)['sedimenting_spheres.json']['models']
-        return {name: (row['3']['F/U'], row['3']['omega/U']) for name, row in rows.items()}, {name: row['3']['seconds'] for name, row in rows.items()}
+        rows = run('sedimenting_spheres.py', folder, *models,
+                   *options)['sedimenting_spheres.json']['models']
+        return {name: (row['3']['F/U'], row['3']['omega/U'])
+                for name, row in rows.items()
+                }, {name: row['3']['seconds']
+                    for name, row in rows.items()}
+
     together, seconds = found(tmp_path, '--jobs', '2', '--cluster', 'processes')
     assert list(together) == ['RPY', 'FTS']
     again = found(tmp_path, '--work', str(tmp_path/'work'))
@@ -201,4 +230,5 @@ def test_runs_that_fail_are_named(tmp_path, scripts, capsys):
     done = []
     with pytest.raises(SystemExit, match=r'1 of 1 runs failed \(some_run\)'):
         campaign.run(fails, [1], ['some run'], args, finished=done.append)
-    assert 'no 1' in capsys.readouterr().err and not done and not (tmp_path/'some_run'/'result.json').exists()
+    assert 'no 1' in capsys.readouterr().err and not done and not (tmp_path/'some_run'/
+                                                                   'result.json').exists()

@@ -13,7 +13,7 @@ from openmm import unit  # noqa: E402
 
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, app  # noqa: E402
 
-FRONT = (0, -90)                                                 # x to the right, z upwards, seen from negative y
+FRONT = (0, -90)  # x to the right, z upwards, seen from negative y
 
 
 def refused(*pieces, error=ValueError):
@@ -22,11 +22,14 @@ def refused(*pieces, error=ValueError):
 
 class Scene:
     """A rod of three blobs, a sphere, and a free particle."""
-
     def __init__(self, boundary=MobilityForce.Unbounded, periodic=False, fluid=True):
-        self.system, self.fluid, self.integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(300, 0.01)
-        app.addRigidMultiblob(self.system, self.integrator, self.fluid, [(-0.5, 0, 0), (0, 0, 0), (0.5, 0, 0)], [0.2, 0.25, 0.3], 30, (0, 5, 5))
-        app.addRigidMultiblob(self.system, self.integrator, self.fluid, [(0, 0, 0)], [0.4], 20, (2, 2, 2))
+        self.system, self.fluid, self.integrator = openmm.System(), MobilityForce(
+        ), CustomRigidHIIntegrator(300, 0.01)
+        app.addRigidMultiblob(self.system, self.integrator, self.fluid, [(-0.5, 0, 0), (0, 0, 0),
+                                                                         (0.5, 0, 0)],
+                              [0.2, 0.25, 0.3], 30, (0, 5, 5))
+        app.addRigidMultiblob(self.system, self.integrator, self.fluid, [(0, 0, 0)], [0.4], 20,
+                              (2, 2, 2))
         self.system.addParticle(7)
         self.fluid.addParticle(0.15)
         self.fluid.setBoundary(boundary)
@@ -45,7 +48,8 @@ class Scene:
         residue = topology.addResidue('X', topology.addChain())
         for _ in range(5):
             topology.addAtom('X', openmm.app.Element.getBySymbol('C'), residue)
-        self.simulation = openmm.app.Simulation(topology, self.system, self.integrator, openmm.Platform.getPlatformByName('Reference'))
+        self.simulation = openmm.app.Simulation(topology, self.system, self.integrator,
+                                                openmm.Platform.getPlatformByName('Reference'))
         self.context = self.simulation.context
         self.context.setPositions([(0.5, 2, 2), (1, 2, 2), (1.5, 2, 2), (2.5, 1, 3), (3, 3, 1)])
 
@@ -53,13 +57,15 @@ class Scene:
 def discs(ax):
     """Offsets, widths and colours of what spheres are drawn with, from the farthest to the nearest."""
     collection, = (each for each in ax.collections if type(each).__name__ == 'EllipseCollection')
-    return np.array(collection.get_offsets()), 2*collection._widths, collection.get_facecolors()[:, :3]
+    return np.array(
+        collection.get_offsets()), 2*collection._widths, collection.get_facecolors()[:, :3]
 
 
 def rims(ax):
     """Places and radii of spheres: the largest of the four discs of each, which is the first."""
     offsets, widths, _ = discs(ax)
-    return [(tuple(np.round(offset, 9)), round(width/2, 9)) for offset, width in zip(offsets, widths)]
+    return [(tuple(np.round(offset, 9)), round(width/2, 9))
+            for offset, width in zip(offsets, widths)]
 
 
 @pytest.fixture(autouse=True)
@@ -75,10 +81,13 @@ def test_spheres_are_where_they_are_seen():
     for x, z, radius in ((0.5, 2, 0.2), (1, 2, 0.25), (1.5, 2, 0.3), (2.5, 3, 0.4), (3, 1, 0.15)):
         assert ((x, z), radius) in rims(ax)
     (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
-    assert left < 0.3 and right > 3.15 and low < 0.85 and high > 3.4 and ax.get_title() == 't = 0 ps'
+    assert left < 0.3 and right > 3.15 and low < 0.85 and high > 3.4 and ax.get_title(
+    ) == 't = 0 ps'
 
 
-@pytest.mark.parametrize('view, first, last', [(FRONT, (3, 1), (2.5, 3)), ((0, 90), (-2.5, 3), (-3, 1)), ((90, -90), (3, 3), (2.5, 1))])
+@pytest.mark.parametrize('view, first, last', [(FRONT, (3, 1), (2.5, 3)),
+                                               ((0, 90), (-2.5, 3), (-3, 1)),
+                                               ((90, -90), (3, 3), (2.5, 1))])
 def test_the_nearest_is_drawn_last(view, first, last):
     """Depth is that of centres: from the front y, from behind -y, from above z."""
     found = rims(app.show(Scene().context, view=view))
@@ -89,8 +98,10 @@ def test_the_nearest_is_drawn_last(view, first, last):
 def test_marks_turn_with_a_sphere_and_hide_behind_it():
     """The axis x of the body is a white mark, z a black one; half a turn about z hides the former, when it pointed to the viewer."""
     scene = Scene()
-    for turn, white, black in (((1, 0, 0, 0), False, False), ((np.sqrt(0.5), 0, 0, -np.sqrt(0.5)), True, False),
-                               ((np.sqrt(0.5), 0, 0, np.sqrt(0.5)), False, False), ((np.sqrt(0.5), np.sqrt(0.5), 0, 0), False, True)):
+    for turn, white, black in (((1, 0, 0, 0), False,
+                                False), ((np.sqrt(0.5), 0, 0, -np.sqrt(0.5)), True,
+                                         False), ((np.sqrt(0.5), 0, 0, np.sqrt(0.5)), False, False),
+                               ((np.sqrt(0.5), np.sqrt(0.5), 0, 0), False, True)):
         q = scene.integrator.getBodyOrientations()
         q[1] = turn
         scene.integrator.setBodyOrientations(q)
@@ -101,14 +112,20 @@ def test_marks_turn_with_a_sphere_and_hide_behind_it():
 
 def test_a_body_is_light_where_its_own_x_is_positive():
     offsets, widths, colours = discs(app.show(Scene().context, view=FRONT))
-    shade = {round(float(offset[0]), 6): colour.sum() for offset, width, colour in zip(offsets, widths, colours) if width/2 in (0.2, 0.3)}
+    shade = {
+        round(float(offset[0]), 6): colour.sum()
+        for offset, width, colour in zip(offsets, widths, colours) if width/2 in (0.2, 0.3)
+    }
     assert shade[0.5] < shade[1.5]
 
 
 def test_radii_come_from_the_fluid_or_sigma_or_the_caller():
-    assert ((2.5, 3.0), 0.4) in rims(app.show(Scene(periodic=True, fluid=False).context, view=FRONT))
-    assert ((2.5, 3.0), 0.7) in rims(app.show(Scene().context, radii=[0.1, 0.1, 0.1, 0.7, 0.1], view=FRONT))
-    assert ((1.0, 2.0), 0.02) in rims(app.show(Scene().context, radii=[0.1, 0.02*unit.nanometer, 0.1, 0.7, 0.1], view=FRONT))
+    assert ((2.5, 3.0), 0.4) in rims(app.show(
+        Scene(periodic=True, fluid=False).context, view=FRONT))
+    assert ((2.5, 3.0), 0.7) in rims(
+        app.show(Scene().context, radii=[0.1, 0.1, 0.1, 0.7, 0.1], view=FRONT))
+    assert ((1.0, 2.0), 0.02) in rims(
+        app.show(Scene().context, radii=[0.1, 0.02*unit.nanometer, 0.1, 0.7, 0.1], view=FRONT))
 
 
 def test_walls_and_boxes():
@@ -119,15 +136,19 @@ def test_walls_and_boxes():
     ax = app.show(Scene(periodic=True).context, view=FRONT)
     edges, = (each for each in ax.collections if type(each).__name__ == 'LineCollection')
     points = np.concatenate(edges.get_segments())
-    assert len(edges.get_segments()) == 12 and points.min() == 0 and points[:, 0].max() == 4 and points[:, 1].max() == 6 and not ax.patches
+    assert len(edges.get_segments()) == 12 and points.min() == 0 and points[:, 0].max(
+    ) == 4 and points[:, 1].max() == 6 and not ax.patches
 
 
 def test_bodies_are_drawn_within_the_box_unless_told_otherwise():
     """The origin decides: a rod stays whole where it reaches through a face."""
     scene = Scene(periodic=True)
-    scene.context.setPositions([(3.5 + 4, 2 - 5, 2), (4 + 4, 2 - 5, 2), (4.5 + 4, 2 - 5, 2), (2.5, 1, 3 + 12), (3, 3, 1)])
+    scene.context.setPositions([(3.5 + 4, 2 - 5, 2), (4 + 4, 2 - 5, 2), (4.5 + 4, 2 - 5, 2),
+                                (2.5, 1, 3 + 12), (3, 3, 1)])
     found = rims(app.show(scene.context, view=FRONT))
-    assert all((((x, 2.0), radius) in found) for x, radius in ((-0.5, 0.2), (0.0, 0.25), (0.5, 0.3))) and ((2.5, 3.0), 0.4) in found
+    assert all(
+        (((x, 2.0), radius) in found)
+        for x, radius in ((-0.5, 0.2), (0.0, 0.25), (0.5, 0.3))) and ((2.5, 3.0), 0.4) in found
     found = rims(app.show(scene.context, view=FRONT, wrap=False))
     assert ((8.5, 2.0), 0.3) in found and ((2.5, 15.0), 0.4) in found
 
@@ -135,28 +156,33 @@ def test_bodies_are_drawn_within_the_box_unless_told_otherwise():
 def test_axes_of_the_caller_are_taken():
     import matplotlib.pyplot as plt
     _, axes = plt.subplots(1, 2)
-    assert app.show(Scene().context, ax=axes[1], title='now') is axes[1] and axes[1].get_title() == 'now' and not axes[0].collections
+    assert app.show(Scene().context, ax=axes[1], title='now') is axes[1] and axes[1].get_title(
+    ) == 'now' and not axes[0].collections
 
 
 def written(folder, kind, **options):
     """A trajectory of 5 frames and its file, (scene, name)."""
     scene = Scene(periodic=True)
     name = str(folder/{'gsd': 'run.gsd', 'h5md': 'run.h5', 'states': 'states.h5'}[kind])
-    reporter = {'gsd': app.GsdReporter, 'h5md': app.H5mdReporter, 'states': app.RigidBodyReporter}[kind]
+    reporter = {'gsd': app.GsdReporter, 'h5md': app.H5mdReporter,
+                'states': app.RigidBodyReporter}[kind]
     scene.simulation.reporters.append(reporter(name, 2, **options))
     scene.simulation.step(10)
     return scene, name
 
 
-@pytest.mark.parametrize('kind, options', [('gsd', {}), ('gsd', {'blobs': True}), ('h5md', {}), ('h5md', {'blobs': True})])
+@pytest.mark.parametrize('kind, options', [('gsd', {}), ('gsd', {'blobs': True}), ('h5md', {}),
+                                           ('h5md', {'blobs': True})])
 def test_files_tell_sites_and_radii(tmp_path, kind, options):
     if kind == 'gsd':
         pytest.importorskip('gsd')
     _, name = written(tmp_path, kind, **options)
     trajectory = (app.readGsd if kind == 'gsd' else app.readH5md)(name)
     sites = [each.value_in_unit(unit.nanometer) for each in trajectory.sites]
-    assert np.allclose(sites[0], [(-0.5, 0, 0), (0, 0, 0), (0.5, 0, 0)], atol=2e-6) and np.allclose(sites[1], 0, atol=2e-6)
-    assert np.allclose(trajectory.siteRadii[0]._value, [0.2, 0.25, 0.3]) and np.allclose(trajectory.siteRadii[1]._value, 0.4)
+    assert np.allclose(sites[0], [(-0.5, 0, 0), (0, 0, 0),
+                                  (0.5, 0, 0)], atol=2e-6) and np.allclose(sites[1], 0, atol=2e-6)
+    assert np.allclose(trajectory.siteRadii[0]._value, [0.2, 0.25, 0.3]) and np.allclose(
+        trajectory.siteRadii[1]._value, 0.4)
 
 
 @pytest.mark.parametrize('kind', ['gsd', 'h5md', 'states'])
@@ -166,10 +192,12 @@ def test_a_film_has_the_frames_of_the_file(tmp_path, kind):
     from PIL import Image
     scene, name = written(tmp_path, kind)
     for every, frames in ((1, 5), (2, 3)):
-        film = app.movie(name, tmp_path/f'film{every}.gif', context=scene.context, every=every, width=2, quiet=True)
+        film = app.movie(name, tmp_path/f'film{every}.gif', context=scene.context, every=every,
+                         width=2, quiet=True)
         with Image.open(film) as image:
             assert image.n_frames == frames and image.size[0] == 200
-    assert app.movie(name, width=1, radii=0.3, every=5, walls=[('z', 0)], quiet=True) == str(tmp_path/(name.rsplit('.', 1)[0] + '.gif'))
+    assert app.movie(name, width=1, radii=0.3, every=5, walls=[('z', 0)],
+                     quiet=True) == str(tmp_path/(name.rsplit('.', 1)[0] + '.gif'))
 
 
 def test_pictures_of_a_film_differ_as_bodies_move(tmp_path):
@@ -203,7 +231,8 @@ def test_what_cannot_be_drawn_is_refused(tmp_path):
     with refused('movie', 'context', '3 bodies', '2', 'give the Context of the file'):
         app.movie(states, context=other.context)
     (tmp_path/'text.h5').write_text('no HDF5')
-    with refused('text.h5', 'it must be a file of GsdReporter, whose name ends in .gsd', 'RigidBodyReporter'):
+    with refused('text.h5', 'it must be a file of GsdReporter, whose name ends in .gsd',
+                 'RigidBodyReporter'):
         app.movie(tmp_path/'text.h5')
     empty = tmp_path/'empty.h5'
     scene.simulation.reporters[:] = [app.H5mdReporter(str(empty), 1000)]

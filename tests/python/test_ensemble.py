@@ -56,25 +56,30 @@ def cluster(folderOfMarks):
     """Two workers behind a scheduler that has an address."""
     if distributed is None:
         pytest.skip('dask.distributed is not installed')
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address='127.0.0.1:0', memory_limit=0, silence_logs=50) as made:
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1,
+                                  dashboard_address='127.0.0.1:0', memory_limit=0,
+                                  silence_logs=50) as made:
         yield made
 
 
 @pytest.fixture
 def where(request):
     """What run() gets as its cluster."""
-    return request.getfixturevalue('cluster').scheduler_address if request.param == 'scheduler' else request.param
+    return request.getfixturevalue(
+        'cluster').scheduler_address if request.param == 'scheduler' else request.param
 
 
 def small(observables=('ensemble_tasks:energy',), length=3.0, replicas=3, **kwargs):
     kwargs.setdefault('settings', ({},))
-    return ensemble.Study(SCENE, replicas=replicas, length=length, observables=observables, platform='Reference', checkpointInterval=0.0, equilibration=0.5,
-                          **kwargs)
+    return ensemble.Study(SCENE, replicas=replicas, length=length, observables=observables,
+                          platform='Reference', checkpointInterval=0.0, equilibration=0.5, **kwargs)
 
 
 def samples(result):
     """All series, by setting and replica, whatever the observable is called."""
-    return {(task.setting, task.replica): result.series(next(iter(result.observables)), task.setting, task.replica) for task in result.tasks}
+    return {(task.setting, task.replica): result.series(next(iter(result.observables)),
+                                                        task.setting, task.replica)
+            for task in result.tasks}
 
 
 def same(one, other):
@@ -91,16 +96,20 @@ def undisturbed(tmp_path_factory):
     return result
 
 
-# ---- The lower layer -----------------------------------------------------------------------------------------------------
+# ---- The lower layer -----------------------------------------------------------------------------
+
 
 @pytest.mark.parametrize('where', [None, *CLUSTERS], indirect=True)
 def test_a_task_that_throws_is_reported_and_the_rest_goes_on(where):
     seen = []
-    outcomes = tasks.run(ensemble_tasks.throwAtThree, range(5), 1 if where is None else 2, where, names='abcde', quiet=True, finished=seen.append)
+    outcomes = tasks.run(ensemble_tasks.throwAtThree, range(5), 1 if where is None else 2, where,
+                         names='abcde', quiet=True, finished=seen.append)
     assert [outcome.value for outcome in outcomes] == [0, 1, 4, None, 16]
     assert sorted(outcome.index for outcome in seen) == list(range(5))
     failure = outcomes[3].failure
-    assert (failure.kind, failure.message) == ('ValueError', 'three is not wanted here') and 'throwAtThree' in failure.traceback
+    assert (failure.kind,
+            failure.message) == ('ValueError',
+                                 'three is not wanted here') and 'throwAtThree' in failure.traceback
     with pytest.raises(tasks.TaskError, match='task d: it failed with ValueError: three is not'):
         outcomes[3].get()
 
@@ -110,14 +119,18 @@ def test_a_task_that_kills_every_worker_is_given_up(where):
     """Dead workers are replaced, each attempt is counted, and there is an end to it."""
     outcomes = tasks.run(ensemble_tasks.alwaysDie, range(4), 2, where, retries=1, quiet=True)
     assert [outcome.value for outcome in outcomes] == [0, None, 2, 3]
-    assert outcomes[1].failure.kind == 'WorkerDied' and 'are not made: look for what ends the process' in outcomes[1].failure.message
-    # This scheduler would allow 3 failures: it has begun another attempt when we say that it is enough.
+    assert outcomes[
+        1].failure.kind == 'WorkerDied' and 'are not made: look for what ends the process' in outcomes[
+            1].failure.message
+    # This scheduler would allow 3 failures: it has begun another attempt when we say that it is
+    # enough.
     assert outcomes[1].attempts == (2 if where == 'processes' else 3)
 
 
 @pytest.mark.parametrize('where', CLUSTERS, indirect=True)
 def test_a_task_goes_on_from_what_is_in_its_directory(where, tmp_path):
-    outcomes = tasks.run(ensemble_tasks.countInDirectory, range(2), 2, where, directory=str(tmp_path/'own'), quiet=True)
+    outcomes = tasks.run(ensemble_tasks.countInDirectory, range(2), 2, where,
+                         directory=str(tmp_path/'own'), quiet=True)
     assert [outcome.get() for outcome in outcomes] == [3, 0]
     assert [outcome.attempts for outcome in outcomes] == [2, 1]
     assert (tmp_path/'own'/'0'/'count').read_text() == '6'
@@ -126,7 +139,8 @@ def test_a_task_goes_on_from_what_is_in_its_directory(where, tmp_path):
 @pytest.mark.parametrize('where', CLUSTERS, indirect=True)
 def test_workers_that_die_are_no_end_where_each_comes_further(where, tmp_path):
     """Four deaths, with one retry: not one of them without progress."""
-    outcome, = tasks.run(ensemble_tasks.dieOften, [0], 2, where, directory=str(tmp_path), amounts=[4], retries=1, quiet=True)
+    outcome, = tasks.run(ensemble_tasks.dieOften, [0], 2, where, directory=str(tmp_path),
+                         amounts=[4], retries=1, quiet=True)
     assert outcome.get() == 4 and outcome.attempts == 5
 
 
@@ -134,13 +148,17 @@ def test_workers_that_die_are_no_end_where_each_comes_further(where, tmp_path):
 def test_as_many_at_a_time_as_there_are_jobs(where):
     """One is one, and three are three, whatever number of processors there is: tasks wait until so many have begun, or a while."""
     for jobs in (1, 3):
-        begun = [outcome.get() for outcome in tasks.run(ensemble_tasks.countTogether, [(jobs, k) for k in range(3)], jobs, where, quiet=True)]
+        begun = [
+            outcome.get() for outcome in tasks.run(ensemble_tasks.countTogether, [(
+                jobs, k) for k in range(3)], jobs, where, quiet=True)
+        ]
         assert max(begun) == jobs
 
 
 def test_values_that_cannot_be_sent_and_exits_are_failures():
     outcome, = tasks.run(ensemble_tasks.unpicklable, [1], 2, 'processes', quiet=True)
-    assert outcome.failure is not None and outcome.failure.message.startswith('what it returned cannot be pickled: ')
+    assert outcome.failure is not None and outcome.failure.message.startswith(
+        'what it returned cannot be pickled: ')
     outcome, = tasks.run(ensemble_tasks.leave, [1], 2, 'processes', quiet=True)
     assert (outcome.failure.kind, outcome.failure.message) == ('SystemExit', 'leaving')
 
@@ -152,8 +170,10 @@ def test_without_dask_there_are_plain_processes(monkeypatch):
         tasks.run(ensemble_tasks.square, [1], cluster='tcp://127.0.0.1:1')
 
 
-@pytest.mark.parametrize('wrong, text', [(dict(jobs=0), 'whole number of 1 or more'), (dict(retries=-1), 'a number of retries from 0 on'),
-                                         (dict(names=['a', 'a']), 'each task needs one of its own')])
+@pytest.mark.parametrize('wrong, text',
+                         [(dict(jobs=0), 'whole number of 1 or more'),
+                          (dict(retries=-1), 'a number of retries from 0 on'),
+                          (dict(names=['a', 'a']), 'each task needs one of its own')])
 def test_wrong_numbers_are_refused(wrong, text):
     with pytest.raises(ValueError, match=text):
         tasks.run(ensemble_tasks.square, [1, 2], **wrong)
@@ -172,21 +192,28 @@ def test_a_cluster_that_does_not_answer(listens):
             server.listen()
         began = time.monotonic()
         with pytest.raises(ConnectionError, match='it gave no answer within 1 s'):
-            tasks.run(ensemble_tasks.square, [1], cluster=f'tcp://127.0.0.1:{server.getsockname()[1]}', timeout=1.0, quiet=True)
+            tasks.run(ensemble_tasks.square, [1],
+                      cluster=f'tcp://127.0.0.1:{server.getsockname()[1]}', timeout=1.0, quiet=True)
         assert time.monotonic() - began < 15
 
 
 @needsDask
 def test_a_cluster_without_workers():
-    scheduler = {'cls': distributed.Scheduler, 'options': {'host': '127.0.0.1', 'dashboard_address': '127.0.0.1:0'}}
+    scheduler = {
+        'cls': distributed.Scheduler,
+        'options': {'host': '127.0.0.1', 'dashboard_address': '127.0.0.1:0'}
+    }
     with distributed.SpecCluster(scheduler=scheduler, workers={}, silence_logs=50) as empty:
         with pytest.raises(ConnectionError, match='no worker came within 0.5 s'):
-            tasks.run(ensemble_tasks.square, [1], cluster=empty.scheduler_address, timeout=0.5, quiet=True)
+            tasks.run(ensemble_tasks.square, [1], cluster=empty.scheduler_address, timeout=0.5,
+                      quiet=True)
 
 
 @needsDask
 def test_workers_without_the_plugin_or_with_another_version(cluster, monkeypatch):
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address='127.0.0.1:0', silence_logs=50, memory_limit=0) as other:
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1,
+                                  dashboard_address='127.0.0.1:0', silence_logs=50,
+                                  memory_limit=0) as other:
         with distributed.Client(other, set_as_default=False) as client:
             # As if it had never been there.
             client.run(exec, "import sys; sys.modules['openmmrigidhi'] = None")
@@ -210,13 +237,15 @@ if __name__ == '__main__':
 
 
 @needsDask
-@pytest.mark.parametrize('what, text', [('workers', 'it has had no worker for 2 s'), ('scheduler', 'connection to its scheduler was lost')])
+@pytest.mark.parametrize('what, text', [('workers', 'it has had no worker for 2 s'),
+                                        ('scheduler', 'connection to its scheduler was lost')])
 def test_a_cluster_that_goes_away_is_an_error(what, text, tmp_path):
     """The workers are gone, or the scheduler is: the wait has an end, and what was saved is there."""
     script, directory = tmp_path/'cluster.py', tmp_path/'study'
     script.write_text(CLUSTER_SCRIPT)
-    process = subprocess.Popen([sys.executable, str(script)], env=dict(os.environ, PYTHONPATH=os.pathsep.join(sys.path)), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                               stderr=subprocess.DEVNULL, text=True)
+    process = subprocess.Popen([sys.executable, str(script)], env=dict(
+        os.environ, PYTHONPATH=os.pathsep.join(sys.path)), stdin=subprocess.PIPE,
+                               stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     address = process.stdout.readline().strip()
 
     def destroy():
@@ -231,7 +260,8 @@ def test_a_cluster_that_goes_away_is_an_error(what, text, tmp_path):
     thread.start()
     try:
         with pytest.raises(ConnectionError, match=text):
-            small(['ensemble_tasks:energyOfTheSlow'], replicas=1, length=100.0).run(str(directory), cluster=address, timeout=2.0, quiet=True)
+            small(['ensemble_tasks:energyOfTheSlow'], replicas=1,
+                  length=100.0).run(str(directory), cluster=address, timeout=2.0, quiet=True)
     finally:
         thread.join()
         process.kill()
@@ -247,7 +277,8 @@ def waitFor(condition, seconds=60):
         time.sleep(0.05)
 
 
-# ---- Studies: the same numbers, whoever computes them --------------------------------------------------------------------------
+# ---- Studies: the same numbers, whoever computes them --------------------------------------------
+
 
 @pytest.mark.parametrize('where', CLUSTERS, indirect=True)
 def test_two_workers_give_the_same_numbers(where, undisturbed, tmp_path):
@@ -259,13 +290,15 @@ def test_two_workers_give_the_same_numbers(where, undisturbed, tmp_path):
 @pytest.mark.parametrize('where', ['processes', *(['local'] if distributed else [])])
 def test_one_of_two_workers_is_killed_and_nothing_is_lost(where, undisturbed, tmp_path, marks):
     """SIGKILL within a task; another worker goes on from the checkpoint, which the sessions in its file tell."""
-    result = small(['ensemble_tasks:energyOfMortals']).run(str(tmp_path/'study'), 2, where, quiet=True)
+    result = small(['ensemble_tasks:energyOfMortals']).run(str(tmp_path/'study'), 2, where,
+                                                           quiet=True)
     assert (marks/'died').exists()
     assert result.isComplete and same(samples(result), samples(undisturbed))
     sessions = [taskfiles.load(task.path).about['sessions'] for task in result.tasks]
     assert sorted(len(each) for each in sessions) == [1, 1, 2]
     resumed = max(sessions, key=len)
-    # 0.5 ps of equilibration and 1 ps of samples, at 0.05 ps, were done and saved when it died at 1.55 ps.
+    # 0.5 ps of equilibration and 1 ps of samples, at 0.05 ps, were done and saved when it died at
+    # 1.55 ps.
     assert resumed[0]['to_position'] == resumed[1]['from_position'] == 30
     assert result.about['sessions'][0]['attempts'] == 4
 
@@ -285,7 +318,8 @@ def test_workers_of_a_scheduler_are_killed_from_outside(cluster, tmp_path):
     thread.start()
     result = study.run(str(directory), cluster=cluster.scheduler_address, quiet=True)
     thread.join()
-    assert sorted(len(taskfiles.load(task.path).about['sessions']) for task in result.tasks) == [1, 2]
+    assert sorted(len(taskfiles.load(task.path).about['sessions'])
+                  for task in result.tasks) == [1, 2]
     alone = small(length=4.0, replicas=2).run(str(tmp_path/'alone'), quiet=True)
     assert same(samples(result), samples(alone))
 
@@ -294,7 +328,8 @@ def test_extension_equals_one_long_run(undisturbed, tmp_path):
     """Longer, more replicas, more settings; what was there stays as it is."""
     directory = str(tmp_path/'study')
     begun = small(length=1.0, replicas=2).run(directory, quiet=True)
-    larger = ensemble.Study.load(directory, 0.0).extended(length=3.0, replicas=3, settings=[{'temperature': 280.0}])
+    larger = ensemble.Study.load(directory, 0.0).extended(length=3.0, replicas=3,
+                                                          settings=[{'temperature': 280.0}])
     result = larger.run(directory, extend=True, quiet=True)
     of = samples(result)
     assert all(np.array_equal(of[key][:20], values) for key, values in samples(begun).items())
@@ -307,9 +342,13 @@ def test_extension_equals_one_long_run(undisturbed, tmp_path):
 
 def test_a_study_goes_on_where_the_whole_program_was_killed(undisturbed, tmp_path):
     directory = tmp_path/'study'
-    script = (f'import sys; sys.path.insert(0, {os.path.dirname(__file__)!r})\nfrom test_ensemble import small\n'
-              f"small(['ensemble_tasks:energyOfMortals']).run({str(directory)!r}, quiet=True)")
-    finished = subprocess.run([sys.executable, '-c', script], env=dict(os.environ, PYTHONPATH=os.pathsep.join(sys.path)), timeout=120)
+    script = (
+        f'import sys; sys.path.insert(0, {os.path.dirname(__file__)!r})\nfrom test_ensemble import '
+        f'small\n'
+        f"small(['ensemble_tasks:energyOfMortals']).run({str(directory)!r}, quiet=True)")
+    finished = subprocess.run([sys.executable, '-c', script],
+                              env=dict(os.environ,
+                                       PYTHONPATH=os.pathsep.join(sys.path)), timeout=120)
     assert finished.returncode == -signal.SIGKILL
     before = ensemble.read(directory)
     assert not before.isComplete and 0 < before.tasks[0].samples < 60
@@ -321,7 +360,9 @@ def test_observables_of_the_sample_before_go_on(tmp_path):
     """msd compares with the sample before, also where that was measured by a process that is gone."""
     def run(directory, *lengths):
         for length in lengths:
-            study = ensemble.Study('boomerang', [{'replicas': 2, 'blobsPerArm': 1, 'stepSize': 500.0}], 1, length, ['height', 'msd'], platform='Reference',
+            study = ensemble.Study('boomerang',
+                                   [{'replicas': 2, 'blobsPerArm': 1, 'stepSize': 500.0}], 1,
+                                   length, ['height', 'msd'], platform='Reference',
                                    equilibration=0.0, sampleInterval=5000.0)
             result = study.run(str(directory), extend=True, quiet=True)
         return result.series('msd', 0, 0)
@@ -347,22 +388,26 @@ def test_replicas_whose_first_numbers_coincide_get_others(monkeypatch):
 
     monkeypatch.setattr(np.random, 'SeedSequence', Short)
     six = [ensemble.taskSeed(1, 0, replica) for replica in range(6)]
-    assert len(set(six)) == 6 and six[:3] == [ensemble.taskSeed(1, 0, replica) for replica in range(3)]
+    assert len(
+        set(six)) == 6 and six[:3] == [ensemble.taskSeed(1, 0, replica) for replica in range(3)]
 
 
 def test_a_scene_is_kept_with_its_study(undisturbed, tmp_path):
     """A Scene is no function that could be called again: its XML lies in the directory, and load() needs nothing else."""
     scene = scenes.trap(3)
     directory = str(tmp_path/'study')
-    first = ensemble.Study(scene, replicas=2, length=1.0, observables=['ensemble_tasks:energy'], platform='Reference', equilibration=0.5)
+    first = ensemble.Study(scene, replicas=2, length=1.0, observables=['ensemble_tasks:energy'],
+                           platform='Reference', equilibration=0.5)
     first.run(directory, quiet=True)
-    result = ensemble.Study.load(directory).extended(length=2.0).run(directory, extend=True, quiet=True)
-    whole = ensemble.Study(scene, replicas=2, length=2.0, observables=['ensemble_tasks:energy'], platform='Reference', equilibration=0.5)
+    result = ensemble.Study.load(directory).extended(length=2.0).run(directory, extend=True,
+                                                                     quiet=True)
+    whole = ensemble.Study(scene, replicas=2, length=2.0, observables=['ensemble_tasks:energy'],
+                           platform='Reference', equilibration=0.5)
     assert same(samples(result), samples(whole.run(str(tmp_path/'whole'), quiet=True)))
     for name in ('system.xml', 'integrator.xml', 'start.npz', 'scene.json'):
         path = tmp_path/'study'/'scene'/name
         whole = path.read_bytes()
-        path.write_bytes(whole[:len(whole)//2])
+        path.write_bytes(whole[:len(whole) // 2])
         with pytest.raises(ValueError, match='the scene of the study is damaged'):
             ensemble.Study.load(directory)
         path.write_bytes(whole)
@@ -370,15 +415,17 @@ def test_a_scene_is_kept_with_its_study(undisturbed, tmp_path):
 
 
 def test_functions_may_return_parts_and_the_integrator_can_be_set(tmp_path):
-    study = ensemble.Study(ensemble_tasks.bare, [{'scheme': 'LangevinA', 'stepSize': 0.001}, {'stepSize': 0.004}], 1, 1.0, ['potential_energy'], platform='Reference',
-                           sampleInterval=0.1)
+    study = ensemble.Study(ensemble_tasks.bare,
+                           [{'scheme': 'LangevinA', 'stepSize': 0.001}, {'stepSize': 0.004}], 1,
+                           1.0, ['potential_energy'], platform='Reference', sampleInterval=0.1)
     result = study.run(str(tmp_path/'study'), quiet=True)
     assert result.isComplete
     assert [taskfiles.load(task.path).about['step_size'] for task in result.tasks] == [0.001, 0.004]
     assert 'one replica' in result.row('potential_energy')['note']
 
 
-# ---- What goes wrong ---------------------------------------------------------------------------------------------------------
+# ---- What goes wrong -----------------------------------------------------------------------------
+
 
 def test_a_failing_setting_is_reported_and_the_rest_goes_on(tmp_path):
     study = small(settings=[{}, {'broken': True}], replicas=2, length=1.0)
@@ -415,14 +462,17 @@ def test_damaged_files_are_named_and_the_rest_is_used(undisturbed, tmp_path):
     path.write_bytes(path.read_bytes()[:1000])
     damaged = ensemble.read(directory)
     assert [task.status for task in damaged.tasks] == ['complete', 'damaged', 'complete']
-    assert 's0000_r0001.h5: it is damaged' in damaged.table() and damaged.row('energy')['replicas'] == 2
+    assert 's0000_r0001.h5: it is damaged' in damaged.table() and damaged.row(
+        'energy')['replicas'] == 2
     assert np.array_equal(damaged.series('energy', 0, 2), whole.series('energy', 0, 2))
     with pytest.raises(ValueError, match='there are no samples of .*, of a task that has begun'):
         damaged.series('energy', 0, 1)
     again = study.run(str(directory), quiet=True)
     assert same(samples(again), samples(undisturbed))
     assert (directory/'tasks'/'s0000_r0001.h5.damaged1').stat().st_size == 1000
-    assert again.about['sessions'][-1]['put_aside'] == [str(directory/'tasks'/'s0000_r0001.h5.damaged1')]
+    assert again.about['sessions'][-1]['put_aside'] == [
+        str(directory/'tasks'/'s0000_r0001.h5.damaged1')
+    ]
 
 
 def test_every_flipped_byte_that_matters_is_noticed(undisturbed, tmp_path):
@@ -440,9 +490,11 @@ def test_every_flipped_byte_that_matters_is_noticed(undisturbed, tmp_path):
             found = taskfiles.load(path)
         except taskfiles.DamagedFile as error:
             refused += 1
-            assert 'flipped.h5: it is damaged' in str(error) and 'it must be a whole file of a task' in str(error)
+            assert 'flipped.h5: it is damaged' in str(
+                error) and 'it must be a whole file of a task' in str(error)
         else:
-            assert found.about == good.about and found.state == good.state and same(found.series, good.series)
+            assert found.about == good.about and found.state == good.state and same(
+                found.series, good.series)
     print(f'{refused} of 150 were refused')
     # Nearly half of so small a file are bytes that mean nothing.
     assert refused > 50
@@ -471,7 +523,8 @@ def test_a_writer_that_fails_leaves_the_old_file(undisturbed, tmp_path, monkeypa
     content.series['energy'] = ['not a number']
     with pytest.raises(ValueError):
         taskfiles.save(path, content)
-    assert open(path, 'rb').read() == before and os.listdir(tmp_path/'..'/tmp_path.name) == sorted(os.listdir(tmp_path))
+    assert open(path, 'rb').read() == before and os.listdir(tmp_path/'..'/tmp_path.name) == sorted(
+        os.listdir(tmp_path))
     assert not [name for name in os.listdir(tmp_path) if name.endswith('.part')]
     (tmp_path/'task.h5.host.1.part').write_text('')
     taskfiles.clean(str(tmp_path))
@@ -486,7 +539,8 @@ def test_a_study_that_is_damaged_or_missing(tmp_path):
     about = (directory/'study.json').read_text()
     for text in (about[:200], '{}', json.dumps(dict(json.loads(about), seeds=None, definition=[]))):
         (directory/'study.json').write_text(text)
-        with pytest.raises(ValueError, match='study.json: it is damaged .*it must say what the study is'):
+        with pytest.raises(ValueError,
+                           match='study.json: it is damaged .*it must say what the study is'):
             ensemble.read(directory)
     (directory/'study.json').unlink()
     with pytest.raises(ValueError, match='it has tasks but no .*a study begins in an empty'):
@@ -496,7 +550,8 @@ def test_a_study_that_is_damaged_or_missing(tmp_path):
 def test_another_study_in_the_directory_is_refused(tmp_path):
     directory = str(tmp_path/'study')
     small(replicas=2, length=0.2).run(directory, quiet=True)
-    with pytest.raises(ValueError, match='its study has seed 1, and this one 2; it must be the same'):
+    with pytest.raises(ValueError,
+                       match='its study has seed 1, and this one 2; it must be the same'):
         small(replicas=2, length=0.2, seed=2).run(directory, extend=True, quiet=True)
     with pytest.raises(ValueError, match='nothing that is there may be left out'):
         small(replicas=1, length=0.2).run(directory, extend=True, quiet=True)
@@ -515,7 +570,8 @@ def test_two_processes_do_not_run_one_study(tmp_path):
 
 def test_a_scene_that_has_changed_is_noticed(tmp_path, marks):
     directory = str(tmp_path/'study')
-    study = ensemble.Study('ensemble_tasks:otherScene', replicas=1, length=1.0, observables=['potential_energy'], platform='Reference')
+    study = ensemble.Study('ensemble_tasks:otherScene', replicas=1, length=1.0,
+                           observables=['potential_energy'], platform='Reference')
     study.run(directory, quiet=True)
     (marks/'changed').touch()
     result = study.extended(length=2.0).run(directory, extend=True, quiet=True)
@@ -534,20 +590,20 @@ def test_a_worker_that_does_not_see_the_directory(tmp_path):
     assert outcome.failure.kind == 'FileNotFoundError' and 'it does not see the study in' in outcome.failure.message
 
 
-@pytest.mark.parametrize('wrong, text', [
-    (dict(scene='nothing'), 'module:function, a function or a Scene: correct'),
-    (dict(scene='nowhere:nothing'), 'which cannot be imported'),
-    (dict(observables=[]), 'one at least, and none twice'),
-    (dict(observables=['potential_energy']*2), 'one at least, and none twice'),
-    (dict(replicas=0), 'replicas: got 0, where a whole number from'),
-    (dict(replicas=1.5), 'replicas: got 1.5, where a whole number from'),
-    (dict(seed=-1), 'seed: got -1, where a whole number from'),
-    (dict(length=None), 'it must be a finite time above 0, in ps'),
-    (dict(length=math.inf), 'it must be a finite time above 0, in ps'),
-    (dict(checkpointInterval=-1), 'it must be a finite time above or at 0, in s'),
-    (dict(settings=[]), 'the list is empty; there must be one'),
-    (dict(settings=[{'size': 3}]), "got 'size', which the scene trap has not"),
-    (dict(settings=[{'bodies': 3}]*2), 'is there already; settings must differ')])
+@pytest.mark.parametrize(
+    'wrong, text', [(dict(scene='nothing'), 'module:function, a function or a Scene: correct'),
+                    (dict(scene='nowhere:nothing'), 'which cannot be imported'),
+                    (dict(observables=[]), 'one at least, and none twice'),
+                    (dict(observables=['potential_energy']*2), 'one at least, and none twice'),
+                    (dict(replicas=0), 'replicas: got 0, where a whole number from'),
+                    (dict(replicas=1.5), 'replicas: got 1.5, where a whole number from'),
+                    (dict(seed=-1), 'seed: got -1, where a whole number from'),
+                    (dict(length=None), 'it must be a finite time above 0, in ps'),
+                    (dict(length=math.inf), 'it must be a finite time above 0, in ps'),
+                    (dict(checkpointInterval=-1), 'it must be a finite time above or at 0, in s'),
+                    (dict(settings=[]), 'the list is empty; there must be one'),
+                    (dict(settings=[{'size': 3}]), "got 'size', which the scene trap has not"),
+                    (dict(settings=[{'bodies': 3}]*2), 'is there already; settings must differ')])
 def test_wrong_studies_are_refused(wrong, text):
     with pytest.raises(ValueError, match=text):
         ensemble.Study(**{'scene': 'trap', 'length': 1.0, **wrong})
@@ -558,16 +614,20 @@ def test_settings_must_be_what_json_takes():
         ensemble.Study('trap', [{'bodies': {1, 2}}], length=1.0)
 
 
-# ---- Numbers -----------------------------------------------------------------------------------------------------------------
+# ---- Numbers -------------------------------------------------------------------------------------
+
 
 def test_means_and_errors_of_a_scene_whose_averages_are_known(tmp_path):
     """Student's t of 6 replicas, two exact means: each beyond 6.9 (5 degrees) once in 1000."""
-    study = ensemble.Study('trap', [{'bodies': 20}], 6, 10.0, ['energy_group_0', 'translational_temperature'], platform='Reference', seed=3)
+    study = ensemble.Study('trap', [{'bodies': 20}], 6, 10.0,
+                           ['energy_group_0', 'translational_temperature'], platform='Reference',
+                           seed=3)
     result = study.run(str(tmp_path/'study'), 2, 'processes', quiet=True)
     for row in result.rows:
         exact = 300.0 if row['exact'] is None else row['exact']
         t = (row['mean'] - exact)/row['standard_error']
-        print(f'{row["observable"]}: t {t:.2f}, R-hat {row["r_hat"]:.4f}, {row["effective_samples"]:.0f} effective samples')
+        print(f'{row["observable"]}: t {t:.2f}, R-hat {row["r_hat"]:.4f}, '
+              f'{row["effective_samples"]:.0f} effective samples')
         assert abs(t) < 6.9 and row['degrees'] == 5 and row['replicas'] == 6
         means = [result.series(row['observable'], 0, replica).mean() for replica in range(6)]
         assert row['mean'] == pytest.approx(np.mean(means), rel=1e-12)
@@ -586,7 +646,7 @@ def autoregressive(count, n, rho, rng):
     chains = np.empty((n, count))
     chains[0] = noise[0]
     for k in range(1, n):
-        chains[k] = rho*chains[k-1] + math.sqrt(1 - rho*rho)*noise[k]
+        chains[k] = rho*chains[k - 1] + math.sqrt(1 - rho*rho)*noise[k]
     return chains.T
 
 
@@ -603,16 +663,19 @@ def test_rhat_sees_means_widths_and_drifts():
     chains = rng.normal(size=(4, 4000))
     d = 0.5
     shifted = chains + d*np.array([-0.5, -0.5, 0.5, 0.5])[:, None]
-    # Normal scores have variance 1 in all; between the halves of chains d^2/4 of (1 + d^2/4) lies, 8 of them with ddof 1.
+    # Normal scores have variance 1 in all; between the halves of chains d^2/4 of (1 + d^2/4) lies,
+    # 8 of them with ddof 1.
     between = d*d/4/(1 + d*d/4)
     expected = math.sqrt(1 + 8/7*between/(1 - between))
     value = seriesModule.splitRHat(shifted)
     print(f'means: {value:.4f}, expected {expected:.4f}')
     assert value == pytest.approx(expected, abs=0.015)
     wide = chains*np.array([1, 1, 1, 3])[:, None]
-    assert seriesModule._rHat(seriesModule._normalScores(wide)) < 1.01 < 1.1 < seriesModule.splitRHat(wide)
+    assert seriesModule._rHat(
+        seriesModule._normalScores(wide)) < 1.01 < 1.1 < seriesModule.splitRHat(wide)
     assert seriesModule.splitRHat(chains[:1] + np.linspace(-1, 1, 4000)) > 1.2
-    # Ranks are what counts: heavy tails do no harm, nor does any monotone function; reflections leave it, too.
+    # Ranks are what counts: heavy tails do no harm, nor does any monotone function; reflections
+    # leave it, too.
     bulk = seriesModule._rHat(seriesModule._normalScores(np.exp(5*shifted)))
     assert bulk == pytest.approx(seriesModule._rHat(seriesModule._normalScores(shifted)), rel=1e-12)
 
@@ -623,7 +686,8 @@ def test_rhat_by_hand():
     chains = np.arange(1.0, 9).reshape(2, 4)
     z = norm.ppf((np.array([1, 2, 3, 4, 5, 6, 7, 8]) - 0.375)/8.25).reshape(4, 2)
     between, within = 2*np.var(z.mean(axis=1), ddof=1), np.var(z, axis=1, ddof=1).mean()
-    assert seriesModule.splitRHat(chains) == pytest.approx(math.sqrt((0.5*within + between/2)/within), rel=1e-12)
+    assert seriesModule.splitRHat(chains) == pytest.approx(
+        math.sqrt((0.5*within + between/2)/within), rel=1e-12)
     assert math.isnan(seriesModule.splitRHat(np.ones((2, 8))))
     with pytest.raises(ValueError, match='there must be rows of at least 4 samples'):
         seriesModule.splitRHat([[1, 2, 3]])
@@ -632,12 +696,14 @@ def test_rhat_by_hand():
 def test_effective_samples_of_autoregressive_chains():
     """rho 0.8: tau = 1/2 + 0.8/0.2 = 4.5, 40000 samples are 4444 independent ones.
 
-    The relative error of tau is sqrt(2 (2 W + 1)/n) = 0.05 with the window W = 5 tau, for n = 40000 samples in all; three of them are allowed.
+    The relative error of tau is sqrt(2 (2 W + 1)/n) = 0.05 with the window W = 5 tau, for n = 40000
+    samples in all; three of them are allowed.
     """
     chains = autoregressive(4, 10000, 0.8, np.random.default_rng(3))
     found = seriesModule.independentRuns(chains)
     print(f'effective samples {found.effectiveSamples:.0f} of 4444')
-    assert found.effectiveSamples == pytest.approx(40000/9, rel=0.15) and found.samples == 40000 and found.degrees == 3
+    assert found.effectiveSamples == pytest.approx(
+        40000/9, rel=0.15) and found.samples == 40000 and found.degrees == 3
 
 
 def test_students_errors_cover_the_truth():
@@ -662,7 +728,8 @@ def test_runs_of_unequal_lengths_and_single_ones():
         seriesModule.independentRuns([])
 
 
-# ---- Who else takes its processes from here --------------------------------------------------------------------------------------
+# ---- Who else takes its processes from here ------------------------------------------------------
+
 
 def withoutTimes(rows):
     times = ('ns_per', 'seconds', 'speeds', 'effective_per', 'platform', 'solver')
@@ -671,7 +738,8 @@ def withoutTimes(rows):
 
 @pytest.mark.parametrize('where', CLUSTERS, indirect=True)
 def test_accuracy_gives_the_same_numbers_whoever_makes_its_runs(where):
-    study = accuracy.StepSizeStudy(scenes.trap(5), ['LangevinC'], [0.004, 0.008], platform='Reference')
+    study = accuracy.StepSizeStudy(scenes.trap(5), ['LangevinC'], [0.004, 0.008],
+                                   platform='Reference')
     one = study.run(length=3, rounds=2)
     two = study.run(length=3, rounds=2, jobs=2, cluster=where)
     assert withoutTimes(two.rows) == withoutTimes(one.rows)
@@ -680,7 +748,8 @@ def test_accuracy_gives_the_same_numbers_whoever_makes_its_runs(where):
 
 @pytest.mark.parametrize('where', CLUSTERS, indirect=True)
 def test_the_ladder_gives_the_same_numbers_whoever_computes_mobilities(where):
-    study = accuracy.LadderStudy(scenes.pairs([0.1, 1.0]), ['RPY', 'FTS', 'FTS+lubrication', 'multiblob12', 'ForceCoupling'])
+    study = accuracy.LadderStudy(scenes.pairs([0.1, 1.0]),
+                                 ['RPY', 'FTS', 'FTS+lubrication', 'multiblob12', 'ForceCoupling'])
     one, two = study.run(rounds=1), study.run(rounds=1, jobs=2, cluster=where)
     assert withoutTimes(two.rows) == withoutTimes(one.rows)
     assert {row['status'] for row in two.rows} == {'stable', 'not applicable'}
@@ -697,18 +766,25 @@ def test_times_that_end_where_the_runs_did_not(monkeypatch):
             advance(self, samples, record, progress)
 
     monkeypatch.setattr(Run, 'advance', explode)
-    rows = accuracy.StepSizeStudy(scenes.trap(3), ['LangevinC'], [0.004], platform='Reference').run(length=2, jobs=2, cluster='processes').rows
-    assert rows[0]['status'] == 'stable' and rows[0]['samples'] == 40 and rows[0]['ns_per_day'] is None
+    rows = accuracy.StepSizeStudy(scenes.trap(3), ['LangevinC'], [0.004],
+                                  platform='Reference').run(length=2, jobs=2,
+                                                            cluster='processes').rows
+    assert rows[0]['status'] == 'stable' and rows[0][
+        'samples'] == 40 and rows[0]['ns_per_day'] is None
 
 
 def test_a_run_of_accuracy_that_fails_names_its_setting(capsys):
     from openmmrigidhi.accuracy import cli as accuracyCli
-    assert accuracyCli.main(['--scene', 'trap', '--bodies', '3', '--platform', 'Reference', '--length', '1', '--jobs', '2', '--cluster', 'processes', '--methods',
-                             'LangevinC', '--steps', '4', '--observables', 'ensemble_tasks:exits', '--quiet']) == 2
+    assert accuracyCli.main([
+        '--scene', 'trap', '--bodies', '3', '--platform', 'Reference', '--length', '1', '--jobs',
+        '2', '--cluster', 'processes', '--methods', 'LangevinC', '--steps', '4', '--observables',
+        'ensemble_tasks:exits', '--quiet'
+    ]) == 2
     assert 'task LangevinC 4 fs: it failed with SystemExit' in capsys.readouterr().err
 
 
-# ---- The command line ----------------------------------------------------------------------------------------------------------
+# ---- The command line ----------------------------------------------------------------------------
+
 
 def command(*words):
     return cli.main([str(word) for word in words])
@@ -716,26 +792,30 @@ def command(*words):
 
 def test_the_command_line_begins_continues_and_extends(tmp_path, capsys):
     directory = tmp_path/'study'
-    begin = (directory, '--scene', SCENE, '--set', 'bodies=2', '--sweep', 'temperature=280,320', '--replicas', 2, '--length', 1, '--platform', 'Reference',
-             '--observables', 'potential_energy', 'translational_temperature', '--quiet')
+    begin = (directory, '--scene', SCENE, '--set', 'bodies=2', '--sweep', 'temperature=280,320',
+             '--replicas', 2, '--length', 1, '--platform', 'Reference', '--observables',
+             'potential_energy', 'translational_temperature', '--quiet')
     assert command(*begin) == 0
     assert 'bodies 2, temperature 320' in capsys.readouterr().out
     assert command(*begin) == 2
     assert 'there is a study in it already; a new one' in capsys.readouterr().err
     assert command(directory, '--resume', '--quiet') == 0
-    assert command(directory, '--extend', '--length', 2, '--sweep', 'temperature=300', '--jobs', 2, '--cluster', 'processes') == 0
+    assert command(directory, '--extend', '--length', 2, '--sweep', 'temperature=300', '--jobs', 2,
+                   '--cluster', 'processes') == 0
     assert 'complete, 2 ps' in capsys.readouterr().err
     assert command(directory, '--show') == 0
     result = ensemble.read(directory)
-    assert result.definition['settings'][2] == {'temperature': 300} and len(result.tasks) == 6 and result.isComplete
+    assert result.definition['settings'][2] == {'temperature': 300} and len(
+        result.tasks) == 6 and result.isComplete
 
 
-@pytest.mark.parametrize('words, text', [
-    (('--scene', 'trap'), 'a new study needs both: give them'),
-    (('--resume',), 'in it, so no study'),
-    (('--resume', '--extend'), 'a study is begun, continued or extended'),
-    (('--scene', 'trap', '--length', '1', '--set', 'bodies'), 'a name and its value are needed'),
-    (('--scene', 'trap', '--length', '1', '--cluster', 'nonsense'), 'it gave no answer within')])
+@pytest.mark.parametrize(
+    'words, text',
+    [(('--scene', 'trap'), 'a new study needs both: give them'),
+     (('--resume',), 'in it, so no study'),
+     (('--resume', '--extend'), 'a study is begun, continued or extended'),
+     (('--scene', 'trap', '--length', '1', '--set', 'bodies'), 'a name and its value are needed'),
+     (('--scene', 'trap', '--length', '1', '--cluster', 'nonsense'), 'it gave no answer within')])
 def test_wrong_command_lines(words, text, tmp_path, capsys):
     if 'nonsense' in words and distributed is None:
         pytest.skip('dask.distributed is not installed')
@@ -750,22 +830,27 @@ def test_a_resumed_study_takes_no_other_length(tmp_path, capsys):
 
 
 def test_failures_show_in_the_exit_status(tmp_path, capsys):
-    assert command(tmp_path/'study', '--scene', SCENE, '--set', 'broken=true', '--replicas', 1, '--length', 1, '--platform', 'Reference', '--quiet') == 1
+    assert command(tmp_path/'study', '--scene', SCENE, '--set', 'broken=true', '--replicas', 1,
+                   '--length', 1, '--platform', 'Reference', '--quiet') == 1
     assert 'this scene is broken on purpose' in capsys.readouterr().out
 
 
 def test_ctrl_c_keeps_what_was_saved(tmp_path, undisturbed):
     """SIGINT to the program, while two processes compute: it ends soon, with what there is."""
     directory = tmp_path/'study'
-    # Who runs these tests in the background of a shell has the signal ignored, and programs inherit that.
-    script = (f'import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); sys.path.insert(0, {os.path.dirname(__file__)!r})\n'
+    # Who runs these tests in the background of a shell has the signal ignored, and programs inherit
+    # that.
+    script = (f'import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); '
+              f'sys.path.insert(0, {os.path.dirname(__file__)!r})\n'
               'from test_ensemble import small\n'
               "if __name__ == '__main__':\n"
-              f"    small(['ensemble_tasks:energyOfTheSlow'], length=100.0, replicas=2).run({str(directory)!r}, 2, 'processes', quiet=True)\n"
+              f"    small(['ensemble_tasks:energyOfTheSlow'], length=100.0, "
+              f"replicas=2).run({str(directory)!r}, 2, 'processes', quiet=True)\n"
               "    print('ended by itself')")
     path = tmp_path/'script.py'
     path.write_text(script)
-    process = subprocess.Popen([sys.executable, str(path)], env=dict(os.environ, PYTHONPATH=os.pathsep.join(sys.path)), stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen([sys.executable, str(path)], env=dict(
+        os.environ, PYTHONPATH=os.pathsep.join(sys.path)), stdout=subprocess.PIPE, text=True)
     try:
         waitFor(lambda: all((directory/'tasks'/f's0000_r000{k}.h5').exists() for k in (0, 1)))
         process.send_signal(signal.SIGINT)
@@ -773,7 +858,10 @@ def test_ctrl_c_keeps_what_was_saved(tmp_path, undisturbed):
     finally:
         process.kill()
     result = ensemble.read(directory)
-    assert [task.status for task in result.tasks] == ['unfinished']*2 and result.about['sessions'][-1]['interrupted']
+    assert [task.status for task in result.tasks
+            ] == ['unfinished']*2 and result.about['sessions'][-1]['interrupted']
     for replica in range(2):
         known = min(result.tasks[replica].samples, 60)
-        assert np.array_equal(result.series('energyOfTheSlow', 0, replica)[:known], undisturbed.series('energy', 0, replica)[:known])
+        assert np.array_equal(
+            result.series('energyOfTheSlow', 0, replica)[:known],
+            undisturbed.series('energy', 0, replica)[:known])

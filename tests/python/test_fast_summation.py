@@ -32,7 +32,8 @@ def manySpheres(count, edge, boundary, tolerance, fast, free=False, platform='CP
     return context, fluid, integrator
 
 
-@pytest.mark.parametrize('boundary, count', [(MobilityForce.Unbounded, 6500), (MobilityForce.NoSlipWall, 4500)])
+@pytest.mark.parametrize('boundary, count', [(MobilityForce.Unbounded, 6500),
+                                             (MobilityForce.NoSlipWall, 4500)])
 def test_answers_to_the_tolerance(boundary, count):
     wrenches = np.random.default_rng(4).normal(size=(count, 6))
     answers, effects = {}, {}
@@ -49,7 +50,8 @@ def test_few_particles_and_the_default_tolerance_are_summed_over_pairs():
     for count, tolerance in ((1000, 1e-2), (7000, 1e-6)):
         answers = []
         for fast in (True, False):
-            context, fluid, integrator = manySpheres(count, 70, MobilityForce.Unbounded, tolerance, fast)
+            context, fluid, integrator = manySpheres(count, 70, MobilityForce.Unbounded, tolerance,
+                                                     fast)
             answers.append(fluid.applyMobilityInContext(context, np.ones((count, 6))))
             assert 'multipoles' not in str(integrator.getEffects())
         assert np.array_equal(*answers)
@@ -58,7 +60,8 @@ def test_few_particles_and_the_default_tolerance_are_summed_over_pairs():
 def test_forces_in_a_step():
     moved = {}
     for fast in (True, False):
-        context, _, integrator = manySpheres(10500, 90, MobilityForce.Unbounded, 0.1, fast, free=True)
+        context, _, integrator = manySpheres(10500, 90, MobilityForce.Unbounded, 0.1, fast,
+                                             free=True)
         before = context.getState(getPositions=True).getPositions(asNumpy=True)._value
         integrator.step(1)
         moved[fast] = context.getState(getPositions=True).getPositions(asNumpy=True)._value - before
@@ -68,5 +71,6 @@ def test_forces_in_a_step():
 
 
 def test_reference_sums_over_pairs():
-    context, fluid, integrator = manySpheres(100, 20, MobilityForce.Unbounded, 1e-2, True, platform='Reference')
+    context, fluid, integrator = manySpheres(100, 20, MobilityForce.Unbounded, 1e-2, True,
+                                             platform='Reference')
     assert fluid.getFastSummation() is True and 'multipoles' not in str(integrator.getEffects())

@@ -16,8 +16,9 @@ DENSITY = unit.kilojoule_per_mole/unit.nanometer**4
 GRADIENT = np.array([[0.05, 0.21, -0.13], [-0.08, 0.04, 0.17], [0.11, -0.02, -0.09]])
 
 
-def spheres(platform, positions, radii, setUp, model=MobilityForce.RotnePragerYamakawa, boundary=MobilityForce.Unbounded, temperature=0,
-            scheme='EulerMaruyama', box=(9, 8, 10), step=1):
+def spheres(platform, positions, radii, setUp, model=MobilityForce.RotnePragerYamakawa,
+            boundary=MobilityForce.Unbounded, temperature=0, scheme='EulerMaruyama', box=(9, 8, 10),
+            step=1):
     """A Context of spheres in a flow."""
     system, fluid = openmm.System(), MobilityForce()
     integrator = CustomRigidHIIntegrator(temperature, step)
@@ -31,19 +32,22 @@ def spheres(platform, positions, radii, setUp, model=MobilityForce.RotnePragerYa
     fluid.setChannelWalls(0, 5.5)
     setUp(fluid)
     system.addForce(fluid)
-    system.setDefaultPeriodicBoxVectors(*(np.diag(box) if np.ndim(box) == 1 else np.asarray(box)).tolist())
+    system.setDefaultPeriodicBoxVectors(
+        *(np.diag(box) if np.ndim(box) == 1 else np.asarray(box)).tolist())
     context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platform))
     context.setPositions(positions)
     return fluid, integrator, context
 
 
-# ---- Settings ----------------------------------------------------------------------------------------------------------
+# ---- Settings ------------------------------------------------------------------------------------
+
 
 def test_defaults_are_no_flow():
     fluid = MobilityForce()
     velocity, gradient = fluid.getBackgroundFlow()
     assert velocity.unit == VELOCITY and np.array_equal(velocity._value, np.zeros(3))
-    assert gradient.unit == unit.picosecond**-1 and np.array_equal(gradient._value, np.zeros((3, 3)))
+    assert gradient.unit == unit.picosecond**-1 and np.array_equal(gradient._value, np.zeros(
+        (3, 3)))
     assert fluid.getSinusoidalForceDensity() == (0*DENSITY, 0, 1, 1)
 
 
@@ -62,13 +66,17 @@ def test_background_flow_in_any_unit(velocity, gradient):
     assert np.allclose(fluid.getBackgroundFlow()[1]._value, GRADIENT, rtol=1e-13, atol=0)
 
 
-@pytest.mark.parametrize('f0', [0.25, 0.25*DENSITY, 0.25e-4*unit.kilojoule_per_mole/unit.angstrom**4,
-                                0.25/4.184*unit.kilocalorie_per_mole/unit.nanometer**4, np.float64(0.25)])
+@pytest.mark.parametrize('f0', [
+    0.25, 0.25*DENSITY, 0.25e-4*unit.kilojoule_per_mole/unit.angstrom**4,
+    0.25/4.184*unit.kilocalorie_per_mole/unit.nanometer**4,
+    np.float64(0.25)
+])
 def test_force_density_in_any_unit(f0):
     fluid = MobilityForce()
     fluid.setSinusoidalForceDensity(f0, np.int64(2), 0, 3)
     found = fluid.getSinusoidalForceDensity()
-    assert found[0].unit == DENSITY and found[0]._value == pytest.approx(0.25, rel=1e-12) and found[1:] == (2, 0, 3)
+    assert found[0].unit == DENSITY and found[0]._value == pytest.approx(
+        0.25, rel=1e-12) and found[1:] == (2, 0, 3)
     fluid.setSinusoidalForceDensity(*found)
     assert fluid.getSinusoidalForceDensity() == found
 
@@ -78,9 +86,12 @@ def test_xml_and_copies():
     fluid.setBackgroundFlow((1/3, -2, 3), GRADIENT)
     fluid.setSinusoidalForceDensity(1/7, 2, 1, 5)
     xml = openmm.XmlSerializer.serialize(fluid)
-    for twin in (MobilityForce.cast(openmm.XmlSerializer.deserialize(xml)), copy.copy(fluid), copy.deepcopy(fluid)):
-        assert np.array_equal(twin.getBackgroundFlow()[0]._value, fluid.getBackgroundFlow()[0]._value)
-        assert np.array_equal(twin.getBackgroundFlow()[1]._value, fluid.getBackgroundFlow()[1]._value)
+    for twin in (MobilityForce.cast(openmm.XmlSerializer.deserialize(xml)), copy.copy(fluid),
+                 copy.deepcopy(fluid)):
+        assert np.array_equal(twin.getBackgroundFlow()[0]._value,
+                              fluid.getBackgroundFlow()[0]._value)
+        assert np.array_equal(twin.getBackgroundFlow()[1]._value,
+                              fluid.getBackgroundFlow()[1]._value)
         assert twin.getSinusoidalForceDensity() == fluid.getSinusoidalForceDensity()
         assert openmm.XmlSerializer.serialize(twin) == xml
     # Files of earlier versions have no flows.
@@ -88,7 +99,8 @@ def test_xml_and_copies():
     older, elements = re.subn(r'\s*<(SinusoidalForceDensity|BackgroundFlow) [^>]*/>', '', older)
     assert marks == 1 and elements == 2
     still = MobilityForce.cast(openmm.XmlSerializer.deserialize(older))
-    assert not still.getBackgroundFlow()[1]._value.any() and still.getSinusoidalForceDensity() == (0*DENSITY, 0, 1, 1)
+    assert not still.getBackgroundFlow()[1]._value.any() and still.getSinusoidalForceDensity() == (
+        0*DENSITY, 0, 1, 1)
     # Half a flow is a damaged file.
     with pytest.raises(openmm.OpenMMException, match='BackgroundFlow'):
         openmm.XmlSerializer.deserialize(re.sub(r'<BackgroundFlow [^>]*/>', '', xml))
@@ -96,25 +108,37 @@ def test_xml_and_copies():
         openmm.XmlSerializer.deserialize(xml.replace('forceAxis="2"', 'forceAxis="1"'))
 
 
-# ---- What is refused ---------------------------------------------------------------------------------------------------
+# ---- What is refused -----------------------------------------------------------------------------
 
-@pytest.mark.parametrize('velocity, gradient, error, problem', [
-    ((0, 0), GRADIENT, ValueError, r'setBackgroundFlow: velocity: got an array of shape \(2,\); the shape must be \(3,\)'),
-    ((0, 0, 0), GRADIENT[:2], ValueError, r'setBackgroundFlow: gradient: got an array of shape \(2, 3\); the shape must be \(3, 3\)'),
-    ((0, 0, 0), GRADIENT.reshape(-1), ValueError, r'gradient: got an array of shape \(9,\); the shape must be \(3, 3\)'),
-    ((0, 0, 0)*unit.nanometer, GRADIENT, TypeError, 'setBackgroundFlow: velocity: got a quantity in'),
-    ((0, 0, 0), GRADIENT*unit.picosecond, TypeError, 'setBackgroundFlow: gradient: got a quantity in'),
-    ((0, 0, float('inf')), GRADIENT, openmm.OpenMMException, r'setBackgroundFlow\(\): the velocity is .*inf.* nm/ps; it must be finite: give a finite velocity at the origin'),
-    ((0, 0, 0), GRADIENT*[1, 1, float('nan')], openmm.OpenMMException, 'the gradient has an entry nan; all must be finite: give finite numbers'),
-    ((0, 0, 0), np.eye(3), openmm.OpenMMException, 'the trace of the gradient is 3/ps; it must be 0 to 1e-12 of its largest entry, '
-     'since the fluid is incompressible: correct its diagonal'),
-    ((0, 0, 0), np.diag([1, -1, 1e-11]), openmm.OpenMMException, 'the trace of the gradient is 1e-11/ps'),
-])
+
+@pytest.mark.parametrize(
+    'velocity, gradient, error, problem',
+    [((0, 0), GRADIENT, ValueError,
+      r'setBackgroundFlow: velocity: got an array of shape \(2,\); the shape must be \(3,\)'),
+     ((0, 0, 0), GRADIENT[:2], ValueError,
+      r'setBackgroundFlow: gradient: got an array of shape \(2, 3\); the shape must be \(3, 3\)'),
+     ((0, 0, 0), GRADIENT.reshape(-1), ValueError,
+      r'gradient: got an array of shape \(9,\); the shape must be \(3, 3\)'),
+     ((0, 0, 0)*unit.nanometer, GRADIENT, TypeError,
+      'setBackgroundFlow: velocity: got a quantity in'),
+     ((0, 0, 0), GRADIENT*unit.picosecond, TypeError,
+      'setBackgroundFlow: gradient: got a quantity in'),
+     ((0, 0, float('inf')), GRADIENT, openmm.OpenMMException,
+      r'setBackgroundFlow\(\): the velocity is .*inf.* nm/ps; it must be finite: give a finite '
+      r'velocity at the origin'),
+     ((0, 0, 0), GRADIENT*[1, 1, float('nan')], openmm.OpenMMException,
+      'the gradient has an entry nan; all must be finite: give finite numbers'),
+     ((0, 0, 0), np.eye(3), openmm.OpenMMException,
+      'the trace of the gradient is 3/ps; it must be 0 to 1e-12 of its largest entry, '
+      'since the fluid is incompressible: correct its diagonal'),
+     ((0, 0, 0), np.diag([1, -1, 1e-11
+                          ]), openmm.OpenMMException, 'the trace of the gradient is 1e-11/ps'),])
 def test_background_flows_that_are_none(velocity, gradient, error, problem):
     fluid = MobilityForce()
     with pytest.raises(error, match=problem):
         fluid.setBackgroundFlow(velocity, gradient)
-    assert not fluid.getBackgroundFlow()[0]._value.any() and not fluid.getBackgroundFlow()[1]._value.any()
+    assert not fluid.getBackgroundFlow()[0]._value.any() and not fluid.getBackgroundFlow(
+    )[1]._value.any()
 
 
 def test_traces_are_zero_to_rounding():
@@ -125,15 +149,24 @@ def test_traces_are_zero_to_rounding():
 
 
 @pytest.mark.parametrize('arguments, error, problem', [
-    ((float('nan'), 0, 1, 1), openmm.OpenMMException, r'setSinusoidalForceDensity\(\): f0 is nan kJ/\(mol nm\^4\); it must be finite: give a finite force density, or 0 for none'),
-    ((1, 3, 1, 1), openmm.OpenMMException, 'an axis is 3; it must be 0, 1 or 2, for x, y or z: correct the axis'),
+    ((float('nan'), 0, 1, 1), openmm.OpenMMException,
+     r'setSinusoidalForceDensity\(\): f0 is nan kJ/\(mol nm\^4\); it must be finite: give a finite '
+     r'force density, or 0 for none'),
+    ((1, 3, 1, 1), openmm.OpenMMException,
+     'an axis is 3; it must be 0, 1 or 2, for x, y or z: correct the axis'),
     ((1, 0, -1, 1), openmm.OpenMMException, 'an axis is -1; it must be 0, 1 or 2'),
-    ((1, 2, 2, 1), openmm.OpenMMException, 'both axes are 2; a force along its own wave makes pressure and no flow'),
-    ((1, 0, 1, 0), openmm.OpenMMException, 'the wave-vector index is 0; it must be at least 1: give the number of periods in the box'),
-    ((1*unit.kilojoule_per_mole, 0, 1, 1), TypeError, 'setSinusoidalForceDensity: f0: got a quantity in'),
-    ((1, 0.0, 1, 1), TypeError, 'setSinusoidalForceDensity: forceAxis: got 0.0; it must be an integer'),
-    ((1, 0, 'y', 1), TypeError, "setSinusoidalForceDensity: waveAxis: got 'y'; it must be an integer"),
-    ((1, 0, 1, 1.5), TypeError, 'setSinusoidalForceDensity: waveVectorIndex: got 1.5; it must be an integer'),
+    ((1, 2, 2, 1), openmm.OpenMMException,
+     'both axes are 2; a force along its own wave makes pressure and no flow'),
+    ((1, 0, 1, 0), openmm.OpenMMException,
+     'the wave-vector index is 0; it must be at least 1: give the number of periods in the box'),
+    ((1*unit.kilojoule_per_mole, 0, 1, 1), TypeError,
+     'setSinusoidalForceDensity: f0: got a quantity in'),
+    ((1, 0.0, 1, 1), TypeError,
+     'setSinusoidalForceDensity: forceAxis: got 0.0; it must be an integer'),
+    ((1, 0, 'y', 1), TypeError,
+     "setSinusoidalForceDensity: waveAxis: got 'y'; it must be an integer"),
+    ((1, 0, 1, 1.5), TypeError,
+     'setSinusoidalForceDensity: waveVectorIndex: got 1.5; it must be an integer'),
 ])
 def test_force_densities_that_are_none(arguments, error, problem):
     fluid = MobilityForce()
@@ -150,22 +183,30 @@ def wave(*arguments):
     return lambda fluid: fluid.setSinusoidalForceDensity(*arguments)
 
 
-@pytest.mark.parametrize('boundary, setUp, problem', [
-    ('Unbounded', wave(1, 0, 1, 1), 'a sinusoidal force density needs a periodic fluid, and the boundary is Unbounded; use '
-     r'setBoundary\(Periodic\) or \(SlipChannel\)'),
-    ('NoSlipWall', wave(1, 0, 1, 1), 'needs a periodic fluid, and the boundary is NoSlipWall'),
-    ('SlipChannel', wave(1, 1, 0, 1), 'the sinusoidal force density is along axis 1 with its wave along axis 0, and a SlipChannel has its walls '
-     'across axis 1; both must be along the walls: give axes 0 and 2'),
-    ('SlipChannel', wave(1, 0, 1, 1), 'along axis 0 with its wave along axis 1'),
-    ('Periodic', background((0, 0, 1), np.zeros((3, 3))), 'a background flow with boundary Periodic, where the mean velocity is 0 and a gradient is '
-     r'not periodic; use setSinusoidalForceDensity\(\)'),
-    ('SlipChannel', background((0, 0, 0), GRADIENT), 'a background flow with boundary SlipChannel'),
-    ('NoSlipWall', background((0, 0, 0), [(0, 1, 0), (0, 0, 0), (0, 0, 0)]), 'the background flow is not 0 at the NoSlipWall z = 0 nm: component 0'),
-    ('NoSlipWall', background((0, 0.5, 0), np.zeros((3, 3))), 'component 1 is 0.5 nm/ps above the origin and has the gradients 0 and 0/ps along the wall; '
-     'give a flow of z alone that is 0 there, as a shear flow'),
-])
+@pytest.mark.parametrize(
+    'boundary, setUp, problem',
+    [('Unbounded', wave(1, 0, 1, 1),
+      'a sinusoidal force density needs a periodic fluid, and the boundary is Unbounded; use '
+      r'setBoundary\(Periodic\) or \(SlipChannel\)'),
+     ('NoSlipWall', wave(1, 0, 1, 1), 'needs a periodic fluid, and the boundary is NoSlipWall'),
+     ('SlipChannel', wave(1, 1, 0, 1),
+      'the sinusoidal force density is along axis 1 with its wave along axis 0, and a SlipChannel '
+      'has its walls '
+      'across axis 1; both must be along the walls: give axes 0 and 2'),
+     ('SlipChannel', wave(1, 0, 1, 1), 'along axis 0 with its wave along axis 1'),
+     ('Periodic', background((0, 0, 1), np.zeros((3, 3))),
+      'a background flow with boundary Periodic, where the mean velocity is 0 and a gradient is '
+      r'not periodic; use setSinusoidalForceDensity\(\)'),
+     ('SlipChannel', background(
+         (0, 0, 0), GRADIENT), 'a background flow with boundary SlipChannel'),
+     ('NoSlipWall', background((0, 0, 0), [(0, 1, 0), (0, 0, 0), (0, 0, 0)]),
+      'the background flow is not 0 at the NoSlipWall z = 0 nm: component 0'),
+     ('NoSlipWall', background((0, 0.5, 0), np.zeros((3, 3))),
+      'component 1 is 0.5 nm/ps above the origin and has the gradients 0 and 0/ps along the wall; '
+      'give a flow of z alone that is 0 there, as a shear flow'),])
 def test_boundaries_that_do_not_have_the_flow(boundary, setUp, problem):
-    model = MobilityForce.ForceCoupling if boundary in ('Periodic', 'SlipChannel') else MobilityForce.RotnePragerYamakawa
+    model = MobilityForce.ForceCoupling if boundary in (
+        'Periodic', 'SlipChannel') else MobilityForce.RotnePragerYamakawa
     with pytest.raises(openmm.OpenMMException, match=problem):
         spheres('Reference', [(3, 2, 4)], [1], setUp, model, getattr(MobilityForce, boundary))
 
@@ -177,11 +218,16 @@ def test_waves_that_boxes_and_grids_do_not_have():
             fluid.setSolver(fluid.MatrixFree)
             fluid.setGridSpacing(0.3)
             fluid.setSinusoidalForceDensity(1, 0, 1, index)
-        return lambda: spheres('Reference', [(3, 2, 4)], [1], setUp, MobilityForce.ForceCoupling, MobilityForce.Periodic)
+
+        return lambda: spheres('Reference', [(3, 2, 4)], [1], setUp, MobilityForce.ForceCoupling,
+                               MobilityForce.Periodic)
 
     def tooShort():
-        return pytest.raises(openmm.OpenMMException, match=r'a wave of index 14 along the edge 1 of the box is too short for a grid of 28 nodes along it; '
-                                                           r'take an index below 14, or a finer grid by setGridSpacing\(\)')
+        return pytest.raises(
+            openmm.OpenMMException, match=
+            r'a wave of index 14 along the edge 1 of the box is too short for a grid of 28 nodes '
+            r'along it; '
+            r'take an index below 14, or a finer grid by setGridSpacing\(\)')
 
     with tooShort():
         onAGrid(14)()
@@ -193,10 +239,13 @@ def test_waves_that_boxes_and_grids_do_not_have():
     integrator.step(1)
 
     def skewed(index):
-        return spheres('Reference', [(3, 2, 4)], [1], wave(1, 1, 0, index), boundary=MobilityForce.Periodic, box=[(9, 0, 0), (3, 8, 0), (0, 0, 10)])
+        return spheres('Reference', [(3, 2, 4)], [1], wave(1, 1, 0, index),
+                       boundary=MobilityForce.Periodic, box=[(9, 0, 0), (3, 8, 0), (0, 0, 10)])
 
-    with pytest.raises(openmm.OpenMMException, match=r'MobilityForce: a wave of index 1 along the edge 0 of the box is not periodic along '
-                                                     r'its vector \(3, 8, 0\) nm; take another wave axis or index, or an orthogonal box'):
+    with pytest.raises(
+            openmm.OpenMMException, match=
+            r'MobilityForce: a wave of index 1 along the edge 0 of the box is not periodic along '
+            r'its vector \(3, 8, 0\) nm; take another wave axis or index, or an orthogonal box'):
         skewed(1)
     _, integrator, context = skewed(3)
     integrator.step(1)
@@ -209,19 +258,26 @@ def test_waves_that_boxes_and_grids_do_not_have():
     fluid.setSinusoidalForceDensity(1, 1, 0, 1)
     system.addForce(fluid)
     system.setDefaultPeriodicBoxVectors((9, 0, 0), (3, 8, 0), (0, 0, 10))
-    with pytest.raises(openmm.OpenMMException, match='a wave of index 1 along the edge 0 of the box is not periodic'):
+    with pytest.raises(openmm.OpenMMException,
+                       match='a wave of index 1 along the edge 0 of the box is not periodic'):
         openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
 
 
-# ---- What bodies do ----------------------------------------------------------------------------------------------------
+# ---- What bodies do ------------------------------------------------------------------------------
+
 
 def test_spheres_go_with_a_linear_flow(platform):
     velocity, x = np.array((0.2, -0.1, 0.3)), np.array([(1, 2, 3), (-2, 0.5, 1)])
-    _, integrator, _ = spheres(platform.getName(), x, [0.5, 0.8], background(velocity, GRADIENT), step=0.5)
+    _, integrator, _ = spheres(platform.getName(), x, [0.5, 0.8], background(velocity, GRADIENT),
+                               step=0.5)
     integrator.step(1)
-    assert np.allclose(integrator.getBodyPositions()._value, x + 0.5*(velocity + x @ GRADIENT.T), rtol=0, atol=1e-13)
+    assert np.allclose(integrator.getBodyPositions()._value, x + 0.5*(velocity + x @ GRADIENT.T),
+                       rtol=0, atol=1e-13)
     # Half the curl, by a turn of 0.5 ps.
-    omega = 0.5*np.array([GRADIENT[2, 1] - GRADIENT[1, 2], GRADIENT[0, 2] - GRADIENT[2, 0], GRADIENT[1, 0] - GRADIENT[0, 1]])
+    omega = 0.5*np.array([
+        GRADIENT[2, 1] - GRADIENT[1, 2], GRADIENT[0, 2] - GRADIENT[2, 0],
+        GRADIENT[1, 0] - GRADIENT[0, 1]
+    ])
     angle = 0.5*np.linalg.norm(omega)
     expected = np.array([np.cos(angle/2), *np.sin(angle/2)*omega/np.linalg.norm(omega)])
     assert np.allclose(integrator.getBodyOrientations(), [expected]*2, rtol=0, atol=1e-14)
@@ -230,21 +286,28 @@ def test_spheres_go_with_a_linear_flow(platform):
 
 def test_a_wave_carries_its_spheres(platform):
     x = np.array([(1, 2, 3), (4, 6, 7)])
-    _, integrator, _ = spheres(platform.getName(), x, [1, 0.7], wave(0.6, 0, 1, 2), boundary=MobilityForce.Periodic)
+    _, integrator, _ = spheres(platform.getName(), x, [1, 0.7], wave(0.6, 0, 1, 2),
+                               boundary=MobilityForce.Periodic)
     integrator.step(1)
     k = 2*np.pi*2/8
     s = np.sin(k*np.array([1, 0.7]))/(k*np.array([1, 0.7]))
     moved = integrator.getBodyPositions()._value - x
-    assert np.allclose(moved[:, 0], s*0.6/(ETA*k**2)*np.sin(k*x[:, 1]), rtol=0, atol=1e-13) and abs(moved[:, 1:]).max() < 1e-13
+    assert np.allclose(moved[:, 0], s*0.6/(ETA*k**2)*np.sin(k*x[:, 1]), rtol=0,
+                       atol=1e-13) and abs(moved[:, 1:]).max() < 1e-13
     assert 'force density along x with 4 nm along y' in integrator.getEffects()['driven flow']
 
 
 def test_a_flow_goes_through_a_saved_simulation(platform):
-    fluid, integrator, context = spheres(platform.getName(), [(1, 2, 3), (-2, 0.5, 1)], [0.5, 0.8], background((0.2, -0.1, 0.3), GRADIENT),
-                                         temperature=300, scheme='LangevinHI', step=0.01)
+    fluid, integrator, context = spheres(platform.getName(), [(1, 2, 3), (-2, 0.5, 1)], [0.5, 0.8],
+                                         background((0.2, -0.1, 0.3), GRADIENT), temperature=300,
+                                         scheme='LangevinHI', step=0.01)
     integrator.step(5)
-    files = [openmm.XmlSerializer.serialize(thing) for thing in (
-        context.getSystem(), integrator, context.getState(getPositions=True, getVelocities=True, getParameters=True, getIntegratorParameters=True))]
+    files = [
+        openmm.XmlSerializer.serialize(thing)
+        for thing in (context.getSystem(), integrator,
+                      context.getState(getPositions=True, getVelocities=True, getParameters=True,
+                                       getIntegratorParameters=True))
+    ]
     integrator.step(5)
     system, twin, state = (openmm.XmlSerializer.deserialize(file) for file in files)
     twin = CustomRigidHIIntegrator.cast(twin)
@@ -256,7 +319,8 @@ def test_a_flow_goes_through_a_saved_simulation(platform):
 
 
 def test_a_shell_of_blobs_turns_like_a_sphere(platform):
-    # An icosahedral shell has no preferred direction: it is carried by v at its centre and turned by half the curl, exactly.
+    # An icosahedral shell has no preferred direction: it is carried by v at its centre and turned
+    # by half the curl, exactly.
     sites, radius = app.multiblobSphere(12, 1.0)
     system, fluid = openmm.System(), MobilityForce()
     integrator = CustomRigidHIIntegrator(0, 0.1)
@@ -269,14 +333,17 @@ def test_a_shell_of_blobs_turns_like_a_sphere(platform):
     context.setPositions(np.asarray(sites.value_in_unit(unit.nanometer)) + (1, 2, 3))
     integrator.setBodyOrientations([(1, 0, 0, 0)])
     integrator.step(20)
-    assert np.allclose(integrator.getBodyPositions()._value, [(1 + 0.4*2*2, 2, 3)], rtol=0, atol=1e-7)
-    assert np.allclose(integrator.getBodyOrientations(), [(np.cos(0.2), 0, 0, -np.sin(0.2))], rtol=0, atol=1e-8)
+    assert np.allclose(integrator.getBodyPositions()._value, [(1 + 0.4*2*2, 2, 3)], rtol=0,
+                       atol=1e-7)
+    assert np.allclose(integrator.getBodyOrientations(), [(np.cos(0.2), 0, 0, -np.sin(0.2))],
+                       rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize('height', [12, 24])
 def test_a_shell_lags_behind_shear_above_a_wall(height):
-    # Goldman, Cox, Brenner, Chem. Eng. Sci. 22, 653 (1967): far from the wall V/(rate h) and 2 omega/rate are 1 - 5/16 (a/h)^3. The next terms are
-    # smaller by (a/h)^2, 0.7 % here; the shell's radius for rotation is 0.55 % too small, which is 1.7 % of a^3.
+    # Goldman, Cox, Brenner, Chem. Eng. Sci. 22, 653 (1967): far from the wall V/(rate h) and 2
+    # omega/rate are 1 - 5/16 (a/h)^3. The next terms are smaller by (a/h)^2, 0.7 % here; the
+    # shell's radius for rotation is 0.55 % too small, which is 1.7 % of a^3.
     sites, radius = app.multiblobSphere(162, 1.0)
     system, fluid = openmm.System(), MobilityForce()
     integrator = CustomRigidHIIntegrator(0, 0.01)

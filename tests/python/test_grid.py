@@ -7,8 +7,8 @@ import pytest
 
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, app
 
-OVERDAMPED = ('EulerMaruyama', 'FixmanMidpoint', 'RandomFiniteDifference', 'TractionEulerMaruyama', 'TrapezoidalSlip', 'DriftCorrectorFD',
-              'DriftCorrectorRFD')
+OVERDAMPED = ('EulerMaruyama', 'FixmanMidpoint', 'RandomFiniteDifference', 'TractionEulerMaruyama',
+              'TrapezoidalSlip', 'DriftCorrectorFD', 'DriftCorrectorRFD')
 SCHEMES = (*OVERDAMPED, 'LangevinHI')
 MODELS = ('ForceCoupling', 'RotnePragerYamakawa')
 KT = 2.494338785445972  # of 300 K, kJ/mol
@@ -17,9 +17,10 @@ BOX = (8, 7, 9)
 
 class Scene:
     """Two spheres, two multiblobs, a free particle, of different radii, across faces of the box and outside of it, pulled; viscosity 1."""
-
-    def __init__(self, platform, scheme='FixmanMidpoint', solver=MobilityForce.MatrixFree, tolerance=1e-3, temperature=0, stepSize=0.05, box=BOX, model='ForceCoupling'):
-        self.system, self.fluid, self.integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(temperature, stepSize)
+    def __init__(self, platform, scheme='FixmanMidpoint', solver=MobilityForce.MatrixFree,
+                 tolerance=1e-3, temperature=0, stepSize=0.05, box=BOX, model='ForceCoupling'):
+        self.system, self.fluid, self.integrator = openmm.System(), MobilityForce(
+        ), CustomRigidHIIntegrator(temperature, stepSize)
         self.system.setDefaultPeriodicBoxVectors(*np.diag(box).astype(float))
         self.integrator.setScheme(getattr(CustomRigidHIIntegrator, scheme))
         self.integrator.setRandomNumberSeed(3)
@@ -31,12 +32,14 @@ class Scene:
         mass = 1 if scheme == 'LangevinHI' else 0
         positions = [(0, 0, 0), (2.1, 0.3, 8.8)]
         for radius in (1, 0.8):
-            self.integrator.addRigidBody([self.system.addParticle(mass)], mass, (0.4*mass,)*3, [(0, 0, 0)])
+            self.integrator.addRigidBody([self.system.addParticle(mass)], mass, (0.4*mass,)*3,
+                                         [(0, 0, 0)])
             self.fluid.addParticle(radius)
         sites = np.array([(0.3, 0.6, 0), (-0.6, 0, 0), (0.3, -0.6, 0)])
         moments = mass*np.array([0.72, 0.54, 1.26])
         for place in ((-1, 2.5, 2.4), (3.5, -2.5, 0.4)):
-            app.addRigidMultiblob(self.system, self.integrator, self.fluid, sites, 0.5, 3*mass, moments)
+            app.addRigidMultiblob(self.system, self.integrator, self.fluid, sites, 0.5, 3*mass,
+                                  moments)
             positions.extend(sites + place)
         self.system.addParticle(mass)
         self.fluid.addParticle(0.6)
@@ -60,7 +63,8 @@ class Scene:
         return self.positions() - before
 
 
-def spheres(platform, solver, tolerance=1e-3, count=6, radii=(1, 0.7), scheme='FixmanMidpoint', temperature=0, stepSize=0.01, side=7.0, model='ForceCoupling'):
+def spheres(platform, solver, tolerance=1e-3, count=6, radii=(1, 0.7), scheme='FixmanMidpoint',
+            temperature=0, stepSize=0.01, side=7.0, model='ForceCoupling'):
     """Spheres at random, without overlap of spheres of radius 1, viscosity 1: (Context, MobilityForce, integrator)."""
     rng, places = np.random.default_rng(5), []
     while len(places) < count:
@@ -68,7 +72,8 @@ def spheres(platform, solver, tolerance=1e-3, count=6, radii=(1, 0.7), scheme='F
         separations = [(place - other + side/2) % side - side/2 for other in places]
         if all(np.linalg.norm(r) > 2 for r in separations):
             places.append(place)
-    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(temperature, stepSize)
+    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
+        temperature, stepSize)
     system.setDefaultPeriodicBoxVectors(*side*np.eye(3))
     integrator.setScheme(getattr(CustomRigidHIIntegrator, scheme))
     integrator.setRandomNumberSeed(7)
@@ -90,8 +95,12 @@ def columns(context, fluid, blobs=False):
     """The mobility matrix, product by product."""
     n = context.getSystem().getNumParticles()
     if blobs:
-        return np.array([fluid.applyBlobMobilityInContext(context, row.reshape(n, 3))._value.ravel() for row in np.eye(3*n)]).T
-    return np.array([fluid.applyMobilityInContext(context, row.reshape(n, 6)).ravel() for row in np.eye(6*n)]).T
+        return np.array([
+            fluid.applyBlobMobilityInContext(context, row.reshape(n, 3))._value.ravel()
+            for row in np.eye(3*n)
+        ]).T
+    return np.array(
+        [fluid.applyMobilityInContext(context, row.reshape(n, 6)).ravel() for row in np.eye(6*n)]).T
 
 
 def errorOf(M, exact):
@@ -100,18 +109,23 @@ def errorOf(M, exact):
     return np.linalg.norm(root[:, None]*(M - exact)*root, 2)
 
 
-# ---- Products --------------------------------------------------------------------------------------------------------
+# ---- Products ------------------------------------------------------------------------------------
+
 
 @pytest.mark.parametrize('model', MODELS)
 @pytest.mark.parametrize('tolerance', (1e-3, 1e-4, 1e-6, 1e-8))
 def test_products_are_lattice_sums_to_the_tolerance(platform, tolerance, model):
-    dense, grid = spheres(platform, MobilityForce.Dense, model=model), spheres(platform, MobilityForce.MatrixFree, tolerance, model=model)
-    assert ' on a grid of ' in grid[2].getEffects()['hydrodynamics'] and ' on a grid' not in dense[2].getEffects()['hydrodynamics']
+    dense, grid = spheres(platform, MobilityForce.Dense,
+                          model=model), spheres(platform, MobilityForce.MatrixFree, tolerance,
+                                                model=model)
+    assert ' on a grid of ' in grid[2].getEffects(
+    )['hydrodynamics'] and ' on a grid' not in dense[2].getEffects()['hydrodynamics']
     for blobs in (False, True):
         M, exact = (columns(context, fluid, blobs) for context, fluid, _ in (grid, dense))
         error = errorOf(M, exact)
         print(f'{tolerance:g}: {error:.1e}, asymmetry {np.abs(M - M.T).max()/M.max():.1e}')
-        # It is a grid, and one that is no finer than it has to be: of forces alone its torques ask for more than they need.
+        # It is a grid, and one that is no finer than it has to be: of forces alone its torques ask
+        # for more than they need.
         assert error < tolerance and (blobs or error > tolerance/100)
         assert np.abs(M - M.T).max() < 1e-14*M.max()
     assert grid[2].getStepStatistics()['seconds_fft'] > 0
@@ -132,7 +146,8 @@ def test_a_spacing_means_the_tolerance_that_is_described(platform, spacing):
     assert tolerance/1000 < error < tolerance
 
 
-# ---- Steps -----------------------------------------------------------------------------------------------------------
+# ---- Steps ---------------------------------------------------------------------------------------
+
 
 @pytest.mark.parametrize('model', MODELS)
 @pytest.mark.parametrize('scheme', SCHEMES)
@@ -143,7 +158,8 @@ def test_without_temperature_it_is_the_trajectory_of_lattice_sums(platform, sche
     for tolerance in (1e-3, 1e-6):
         scene = Scene(platform, scheme, tolerance=tolerance, model=model)
         moved = scene.moved(3)
-        assert ' on a grid of ' in scene.integrator.getEffects()['hydrodynamics'] and scene.integrator.getStepStatistics()['randomNumbers'] == 0
+        assert ' on a grid of ' in scene.integrator.getEffects(
+        )['hydrodynamics'] and scene.integrator.getStepStatistics()['randomNumbers'] == 0
         errors.append(np.linalg.norm(moved - exact)/np.linalg.norm(exact))
         # The product and the solve have the tolerance each; momenta five of them.
         assert errors[-1] < (5 if scheme == 'LangevinHI' else 2)*tolerance
@@ -156,7 +172,9 @@ def test_without_temperature_it_is_the_trajectory_of_lattice_sums(platform, sche
 def test_displacements_have_the_covariance_of_the_mobility(platform, scheme, model):
     """Spheres that hardly move in a step: each displacement is drawn from 2 kT h N, whose inverse makes 18 squares of it a chi squared."""
     count, steps, stepSize = 6, 120, 1e-6
-    context, fluid, integrator = spheres(platform, MobilityForce.MatrixFree, 1e-2, count, scheme=scheme, temperature=300, stepSize=stepSize, model=model)
+    context, fluid, integrator = spheres(platform, MobilityForce.MatrixFree, 1e-2, count,
+                                         scheme=scheme, temperature=300, stepSize=stepSize,
+                                         model=model)
     rows = [6*k + axis for k in range(count) for axis in range(3)]
     N = fluid.getMobilityInContext(context)[np.ix_(rows, rows)]
     inverse = np.linalg.inv(2*KT*stepSize*N)
@@ -169,26 +187,30 @@ def test_displacements_have_the_covariance_of_the_mobility(platform, scheme, mod
     degrees = steps*len(rows)
     z = (total - degrees)/np.sqrt(2*degrees)
     print(f'{scheme}: z = {z:.2f}')
-    # 2160 squares: 9.5 % of all noise; errors of the square roots are 2 tolerances. A false alarm in 15000.
+    # 2160 squares: 9.5 % of all noise; errors of the square roots are 2 tolerances. A false alarm
+    # in 15000.
     assert abs(z) < 4
 
 
 @pytest.mark.parametrize('tolerance, difference', [(1e-3, 1e-5), (1e-5, 1e-8)])
 @pytest.mark.parametrize('model', MODELS)
 @pytest.mark.parametrize('scheme', SCHEMES)
-def test_with_temperature_both_platforms_take_the_same_finite_steps(scheme, tolerance, difference, model):
-    # Iterations on CPU multiply in single precision, to 1e-6, which they and the preconditioner make a few times larger; at 1e-5 exact products in between
-    # take that away.
+def test_with_temperature_both_platforms_take_the_same_finite_steps(scheme, tolerance, difference,
+                                                                    model):
+    # Iterations on CPU multiply in single precision, to 1e-6, which they and the preconditioner
+    # make a few times larger; at 1e-5 exact products in between take that away.
     ends = []
     for name in ('Reference', 'CPU'):
-        scene = Scene(openmm.Platform.getPlatformByName(name), scheme, temperature=300, stepSize=1e-3, tolerance=tolerance, model=model)
+        scene = Scene(openmm.Platform.getPlatformByName(name), scheme, temperature=300,
+                      stepSize=1e-3, tolerance=tolerance, model=model)
         ends.append(scene.moved(2))
         assert scene.integrator.getStepStatistics()['randomNumbers'] > 0
     assert np.isfinite(ends).all() and np.linalg.norm(ends[0], axis=1).min() > 1e-4
     assert np.abs(ends[1] - ends[0]).max() < difference*np.abs(ends[0]).max()
 
 
-# ---- Boxes, saving ---------------------------------------------------------------------------------------------------
+# ---- Boxes, saving -------------------------------------------------------------------------------
+
 
 @pytest.mark.parametrize('scheme', SCHEMES)
 def test_the_box_of_a_step_is_that_of_the_context(platform, scheme):
@@ -207,18 +229,21 @@ def test_a_copy_from_xml_and_a_saved_state_go_on_alike(platform, scheme):
     once.fluid.setGridSpacing(0.3)
     once.fluid.updateParametersInContext(once.context)
     once.integrator.step(2)
-    state = openmm.XmlSerializer.serialize(once.context.getState(getPositions=True, getVelocities=True, getParameters=True,
-                                                                getIntegratorParameters=True))
+    state = openmm.XmlSerializer.serialize(
+        once.context.getState(getPositions=True, getVelocities=True, getParameters=True,
+                              getIntegratorParameters=True))
     system = openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(once.system))
     integrator = CustomRigidHIIntegrator.cast(openmm.XmlSerializer.clone(once.integrator))
     fluid = MobilityForce.cast(system.getForce(1))
-    assert fluid.getGridSpacing()._value == 0.3 and fluid.getSolver() == MobilityForce.MatrixFree and fluid.getModel() == MobilityForce.ForceCoupling
+    assert fluid.getGridSpacing()._value == 0.3 and fluid.getSolver(
+    ) == MobilityForce.MatrixFree and fluid.getModel() == MobilityForce.ForceCoupling
     context = openmm.Context(system, integrator, platform)
     context.setState(openmm.XmlSerializer.deserialize(state))
     assert 'on a grid of 28 x 24 x 30 nodes' in integrator.getEffects()['hydrodynamics']
     once.integrator.step(2)
     integrator.step(2)
-    assert np.array_equal(context.getState(getPositions=True).getPositions(asNumpy=True)._value, once.positions())
+    assert np.array_equal(
+        context.getState(getPositions=True).getPositions(asNumpy=True)._value, once.positions())
 
 
 def test_copies_of_the_force_keep_the_grid():
@@ -230,15 +255,20 @@ def test_copies_of_the_force_keep_the_grid():
         assert other.getGridSpacing()._value == 0.3 and other.getSolverTolerance() == 1e-5
 
 
-# ---- What is refused -------------------------------------------------------------------------------------------------
+# ---- What is refused -----------------------------------------------------------------------------
+
 
 def test_triclinic_boxes_are_refused_and_lattice_sums_take_them(platform):
     vectors = (8, 0, 0), (1, 7, 0), (0, 0, 9)
     scene = Scene(platform)
     before = scene.positions()
     scene.context.setPeriodicBoxVectors(*vectors)
-    for ask in (lambda: scene.integrator.step(1), lambda: scene.fluid.getMobilityInContext(scene.context)):
-        with pytest.raises(openmm.OpenMMException, match=r'needs a box with edges along the axes, .*\(1, 7, 0\).*use setSolver\(Dense\)'):
+    for ask in (lambda: scene.integrator.step(1),
+                lambda: scene.fluid.getMobilityInContext(scene.context)):
+        with pytest.raises(
+                openmm.OpenMMException,
+                match=r'needs a box with edges along the axes, .*\(1, 7, 0\).*use '
+                r'setSolver\(Dense\)'):
             ask()
     assert np.array_equal(scene.positions(), before)
     scene.fluid.setSolver(MobilityForce.Dense)
@@ -250,7 +280,10 @@ def test_triclinic_boxes_are_refused_and_lattice_sums_take_them(platform):
 def test_a_spacing_that_is_too_coarse_is_refused(platform, spacing):
     scene = Scene(platform)
     scene.fluid.setGridSpacing(spacing)
-    with pytest.raises(openmm.OpenMMException, match=fr'the spacing is {spacing} nm, too coarse for the smallest particle of .*give at most 0\.521 nm, or 0'):
+    with pytest.raises(
+            openmm.OpenMMException, match=
+            fr'the spacing is {spacing} nm, too coarse for the smallest particle of .*give at most '
+            fr'0\.521 nm, or 0'):
         scene.fluid.updateParametersInContext(scene.context)
     # What the Context had serves on, and what was named does.
     scene.integrator.step(1)
@@ -273,21 +306,29 @@ def test_a_spacing_far_below_rounding_is_one_at_rounding(platform):
 def test_a_box_smaller_than_a_particle_is_refused(platform, box):
     scene = Scene(platform)
     scene.context.setPeriodicBoxVectors(*np.diag(box).astype(float))
-    with pytest.raises(openmm.OpenMMException, match='body 0 has the length 2 nm, its radii included, and would overlap its own image'):
+    with pytest.raises(
+            openmm.OpenMMException,
+            match='body 0 has the length 2 nm, its radii included, and would overlap its own image'
+    ):
         scene.integrator.step(1)
 
 
 def test_grids_that_no_machine_has_are_refused(platform):
-    context, fluid, integrator = spheres(platform, MobilityForce.MatrixFree, 1e-10, 1, radii=(0.001,))
+    context, fluid, integrator = spheres(platform, MobilityForce.MatrixFree, 1e-10, 1,
+                                         radii=(0.001,))
     context.setPeriodicBoxVectors(*1000*np.eye(3))
-    with pytest.raises(openmm.OpenMMException, match='nodes along an edge of 1000 nm, where it may have .*raise setSolverTolerance'):
+    with pytest.raises(
+            openmm.OpenMMException,
+            match='nodes along an edge of 1000 nm, where it may have .*raise setSolverTolerance'):
         fluid.applyMobilityInContext(context, np.zeros((1, 6)))
 
 
 def test_wrong_settings():
     fluid = MobilityForce()
     for spacing in (-0.1, np.nan, np.inf):
-        with pytest.raises(openmm.OpenMMException, match=r'setGridSpacing\(\): spacing is .* nm; it must be finite and not negative'):
+        with pytest.raises(
+                openmm.OpenMMException,
+                match=r'setGridSpacing\(\): spacing is .* nm; it must be finite and not negative'):
             fluid.setGridSpacing(spacing)
     for spacing in ('fine', 1*openmm.unit.kelvin, None):
         with pytest.raises(TypeError, match='setGridSpacing: spacing: got'):

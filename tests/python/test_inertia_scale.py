@@ -21,7 +21,8 @@ def waters(waterBox, platform, factor, step=0.001):
 
 
 def state(context):
-    return openmm.XmlSerializer.serialize(context.getState(getPositions=True, getVelocities=True, getIntegratorParameters=True))
+    return openmm.XmlSerializer.serialize(
+        context.getState(getPositions=True, getVelocities=True, getIntegratorParameters=True))
 
 
 def test_temperatures_are_those_of_the_scaled_moments(platform):
@@ -34,7 +35,10 @@ def test_temperatures_are_those_of_the_scaled_moments(platform):
     context = openmm.Context(system, integrator, platform)
     context.setPositions(positions)
     context.setVelocitiesToTemperature(300, 4)
-    energies = np.array([integrator.computeTranslationalKineticEnergy()._value, *integrator.computeRotationalKineticEnergies()._value])
+    energies = np.array([
+        integrator.computeTranslationalKineticEnergy()._value,
+        *integrator.computeRotationalKineticEnergies()._value
+    ])
     degrees = np.array([1200, 0, 400, 400])
     assert energies[1] == 0
     for energy, number in zip(energies[degrees > 0], degrees[degrees > 0]):
@@ -44,7 +48,8 @@ def test_temperatures_are_those_of_the_scaled_moments(platform):
     moment = integrator.getRigidBodyParameters(0)[2]._value[0]
     assert moment == 0.04
     assert 0.5*9*moment*(omega**2).sum() == pytest.approx(energies.sum() - energies[0], rel=1e-12)
-    assert context.getState(getEnergy=True).getKineticEnergy()._value == pytest.approx(energies.sum(), rel=1e-12)
+    assert context.getState(getEnergy=True).getKineticEnergy()._value == pytest.approx(
+        energies.sum(), rel=1e-12)
     topology = app.Topology()
     chain = topology.addChain()
     for _ in range(400):
@@ -52,13 +57,18 @@ def test_temperatures_are_those_of_the_scaled_moments(platform):
         for name in ('A', 'B'):
             topology.addAtom(name, app.element.carbon, residue)
     out = io.StringIO()
-    reporter = openmmrigidhi.app.StateDataReporter(out, 1, temperature=True, rotationalTemperatures=True)
+    reporter = openmmrigidhi.app.StateDataReporter(out, 1, temperature=True,
+                                                   rotationalTemperatures=True)
     simulation = app.Simulation(topology, system, openmm.XmlSerializer.clone(integrator), platform)
-    simulation.context.setState(context.getState(getPositions=True, getVelocities=True, getIntegratorParameters=True))
-    reporter.report(simulation, simulation.context.getState(getPositions=True, getVelocities=True, getEnergy=True))
+    simulation.context.setState(
+        context.getState(getPositions=True, getVelocities=True, getIntegratorParameters=True))
+    reporter.report(
+        simulation,
+        simulation.context.getState(getPositions=True, getVelocities=True, getEnergy=True))
     header, values = (line.split(',') for line in out.getvalue().strip().splitlines())
     temperature = {name.strip('#"'): value for name, value in zip(header, values)}
-    assert float(temperature['Temperature (K)']) == pytest.approx(energies.sum()/1000/KT*300, rel=1e-9)
+    assert float(temperature['Temperature (K)']) == pytest.approx(energies.sum()/1000/KT*300,
+                                                                  rel=1e-9)
 
 
 def test_files_have_real_moments_and_angular_velocities(waterBox, platform, tmp_path):
@@ -69,11 +79,14 @@ def test_files_have_real_moments_and_angular_velocities(waterBox, platform, tmp_
     simulation.step(2)
     simulation.reporters.clear()
     states = openmmrigidhi.app.readBodyStates(file)
-    assert np.array_equal(states.principalMoments[0]._value, integrator.getRigidBodyParameters(0)[2]._value)
-    assert np.allclose(states.angularVelocities[-1]._value, integrator.getBodyAngularVelocities()._value, rtol=1e-6)
+    assert np.array_equal(states.principalMoments[0]._value,
+                          integrator.getRigidBodyParameters(0)[2]._value)
+    assert np.allclose(states.angularVelocities[-1]._value,
+                       integrator.getBodyAngularVelocities()._value, rtol=1e-6)
     plain, real = waters(waterBox, platform, 1)
     plain.step(1)
-    assert np.array_equal(real.getRigidBodyParameters(0)[2]._value, states.principalMoments[0]._value)
+    assert np.array_equal(
+        real.getRigidBodyParameters(0)[2]._value, states.principalMoments[0]._value)
 
 
 @pytest.mark.parametrize('way', ['checkpoint', 'State'])
@@ -82,7 +95,8 @@ def test_a_saved_state_goes_on_under_another_factor(waterBox, platform, way):
     simulation, slow = waters(waterBox, platform, 8)
     simulation.context.setVelocitiesToTemperature(300, 2)
     simulation.step(3)
-    saved = simulation.context.createCheckpoint() if way == 'checkpoint' else state(simulation.context)
+    saved = simulation.context.createCheckpoint() if way == 'checkpoint' else state(
+        simulation.context)
     other, real = waters(waterBox, platform, 1)
     other.step(1)
     if way == 'checkpoint':
@@ -90,8 +104,10 @@ def test_a_saved_state_goes_on_under_another_factor(waterBox, platform, way):
     else:
         other.context.setState(openmm.XmlSerializer.deserialize(saved))
     assert np.array_equal(real.getBodyPositions()._value, slow.getBodyPositions()._value)
-    assert np.allclose(real.getBodyAngularVelocities()._value, slow.getBodyAngularVelocities()._value, rtol=1e-13, atol=1e-12)
-    assert np.allclose(8*real.computeRotationalKineticEnergies()._value, slow.computeRotationalKineticEnergies()._value, rtol=1e-13)
+    assert np.allclose(real.getBodyAngularVelocities()._value,
+                       slow.getBodyAngularVelocities()._value, rtol=1e-13, atol=1e-12)
+    assert np.allclose(8*real.computeRotationalKineticEnergies()._value,
+                       slow.computeRotationalKineticEnergies()._value, rtol=1e-13)
     assert real.computeTranslationalKineticEnergy() == slow.computeTranslationalKineticEnergy()
     other.step(2)
 
@@ -101,7 +117,8 @@ def test_reinitialize_takes_the_new_factor_along(waterBox, platform):
     simulation.context.setVelocitiesToTemperature(300, 2)
     simulation.step(2)
     integrator.setInertiaScale(6)
-    spins, energies = integrator.getBodyAngularVelocities()._value, integrator.computeRotationalKineticEnergies()._value
+    spins, energies = integrator.getBodyAngularVelocities(
+    )._value, integrator.computeRotationalKineticEnergies()._value
     simulation.context.reinitialize(preserveState=True)
     assert integrator.getInertiaScale() == 6
     assert np.array_equal(integrator.getBodyAngularVelocities()._value, spins)
@@ -111,19 +128,22 @@ def test_reinitialize_takes_the_new_factor_along(waterBox, platform):
 
 def test_effects_say_that_motion_is_not_the_real_one(waterBox, platform):
     simulation, integrator = waters(waterBox, platform, 1)
-    assert integrator.getEffects()['inertia scale'] == 'off: the dynamics has the real principal moments'
+    assert integrator.getEffects(
+    )['inertia scale'] == 'off: the dynamics has the real principal moments'
     integrator.setInertiaScale(4)
     assert 'inertia scale is on: the dynamics has the principal moments times 4: averages over configurations do not depend on it, ' \
            'but motion is not the real one' in integrator.describeEffects()
     integrator.setScheme(integrator.GradientThermostat)
-    assert integrator.getEffects()['inertia scale'] == 'off: a scheme without momenta, in which the factor 4 has no part'
+    assert integrator.getEffects(
+    )['inertia scale'] == 'off: a scheme without momenta, in which the factor 4 has no part'
 
 
 def test_long_time_diffusion_in_a_fluid_is_the_real_one():
     """A sphere's mean square turn under LangevinHI: momenta relax more slowly by the factor, D = kT/friction stays.
 
-    <cos> of the angle that an axis turns by in the time t is, once momenta are forgotten, exp(-2 D t) but for a time of relaxation: for the
-    moment I and the friction xi, exp(-2 D (t - I/xi (1 - exp(-xi t/I)))) to first order in D I/xi, here below 0.01. Steps of length h of Langevin C have
+    <cos> of the angle that an axis turns by in the time t is, once momenta are forgotten, exp(-2 D
+    t) but for a time of relaxation: for the moment I and the friction xi, exp(-2 D (t - I/xi (1 -
+    exp(-xi t/I)))) to first order in D I/xi, here below 0.01. Steps of length h of Langevin C have
     the diffusion D x/tanh(x), x = h xi/(2 I).
     """
     bodies, kT, friction, moment, step, steps = 600, 1.0, 8.0, 0.1, 0.005, 100
@@ -161,16 +181,20 @@ def test_long_time_diffusion_in_a_fluid_is_the_real_one():
         print(f'factor {factor}: <cos> {turns.mean():.4f}, expected {expected:.4f}, z = {z:.2f}')
         assert abs(z) < FIVE_SIGMA
         # The test tells a diffusion that is slower by the factor.
-        assert factor == 1 or (np.exp(-2*D*t/factor) - expected)/(turns.std()/np.sqrt(len(turns))) > 2*FIVE_SIGMA
+        assert factor == 1 or (np.exp(-2*D*t/factor) -
+                               expected)/(turns.std()/np.sqrt(len(turns))) > 2*FIVE_SIGMA
 
 
 def test_the_accuracy_tool_compares_inertia_scales():
     method = accuracy.methods.byName('LangevinC-I8')
     scene = accuracy.scenes.trap(2)
     integrator = method.makeIntegrator(scene, 0.003, 5)
-    assert integrator.getInertiaScale() == 8 and integrator.getScheme() == CustomRigidHIIntegrator.LangevinC
+    assert integrator.getInertiaScale() == 8 and integrator.getScheme(
+    ) == CustomRigidHIIntegrator.LangevinC
     assert method.order == 2 and method.name == 'LangevinC-I8' and 'moments times 8' in method.description
-    assert accuracy.methods.byName('LangevinC').makeIntegrator(scene, 0.003, 5).getInertiaScale() == 1
-    for wrong in ('GradientThermostat-I8', 'LangevinMiddle-I8', 'LangevinC-I0', 'LangevinC-Inf', 'LangevinC-I', 'LangevinC-I-2', 'Verlet-I2'):
+    assert accuracy.methods.byName('LangevinC').makeIntegrator(scene, 0.003,
+                                                               5).getInertiaScale() == 1
+    for wrong in ('GradientThermostat-I8', 'LangevinMiddle-I8', 'LangevinC-I0', 'LangevinC-Inf',
+                  'LangevinC-I', 'LangevinC-I-2', 'Verlet-I2'):
         with pytest.raises(ValueError, match='such as LangevinC-I8'):
             accuracy.methods.byName(wrong)

@@ -52,8 +52,9 @@ def assertSame(a, b):
     assert a.getNumParticles() == b.getNumParticles()
     for i in range(a.getNumParticles()):
         assert a.getParticleRadius(i) == b.getParticleRadius(i)
-    for name in ('Viscosity', 'Model', 'Boundary', 'WallHeight', 'ChannelWalls', 'SphereWallMobility', 'Lubrication', 'MinimumGap', 'Solver',
-                 'SolverTolerance', 'GridSpacing', 'FastSummation', 'SinusoidalForceDensity', 'ForceGroup', 'Name'):
+    for name in ('Viscosity', 'Model', 'Boundary', 'WallHeight', 'ChannelWalls',
+                 'SphereWallMobility', 'Lubrication', 'MinimumGap', 'Solver', 'SolverTolerance',
+                 'GridSpacing', 'FastSummation', 'SinusoidalForceDensity', 'ForceGroup', 'Name'):
         assert getattr(a, 'get' + name)() == getattr(b, 'get' + name)(), name
     for mine, other in zip(a.getBackgroundFlow(), b.getBackgroundFlow()):
         assert mine.unit == other.unit and np.array_equal(mine._value, other._value)
@@ -78,30 +79,37 @@ def throughSystem(fluid):
     return force
 
 
-COPIES = {'xml': lambda fluid: castForce(openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(fluid))),
-          'system': throughSystem, 'copy': copy.copy, 'deepcopy': copy.deepcopy,
-          'pickle': lambda fluid: pickle.loads(pickle.dumps(fluid)),
-          'clone': lambda fluid: castForce(openmm.XmlSerializer.clone(fluid))}
+COPIES = {
+    'xml': lambda fluid: castForce(
+        openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(fluid))),
+    'system': throughSystem, 'copy': copy.copy, 'deepcopy': copy.deepcopy,
+    'pickle': lambda fluid: pickle.loads(pickle.dumps(fluid)),
+    'clone': lambda fluid: castForce(openmm.XmlSerializer.clone(fluid))
+}
 
+# ---- Settings ------------------------------------------------------------------------------------
 
-# ---- Settings ----------------------------------------------------------------------------------------------------------
 
 def test_defaults():
     fluid = MobilityForce()
     assert fluid.getNumParticles() == 0
-    assert fluid.getModel() is MobilityForce.RotnePragerYamakawa and fluid.getBoundary() is MobilityForce.Unbounded
+    assert fluid.getModel() is MobilityForce.RotnePragerYamakawa and fluid.getBoundary(
+    ) is MobilityForce.Unbounded
     assert fluid.getSolver() is MobilityForce.Auto and fluid.getSolverTolerance() == 1e-6
-    assert fluid.getLubrication() is True and fluid.getFastSummation() is True and fluid.getMinimumGap() == 0
-    assert fluid.getWallHeight() == 0*unit.nanometer and fluid.getSphereWallMobility() is MobilityForce.FromModel
+    assert fluid.getLubrication() is True and fluid.getFastSummation(
+    ) is True and fluid.getMinimumGap() == 0
+    assert fluid.getWallHeight(
+    ) == 0*unit.nanometer and fluid.getSphereWallMobility() is MobilityForce.FromModel
     assert fluid.getViscosity()._value == pytest.approx(0.89e-3*PASCAL_SECOND, rel=1e-14)
     assert len(fluid.getGroups()) == 0 and len(fluid.getBodiesWithOwnTensors()) == 0
     assert not fluid.usesPeriodicBoundaryConditions()
 
 
-@pytest.mark.parametrize('value', [0.89e-3*PASCAL_SECOND, 0.89e-3*PASCAL_SECOND*unit.dalton/(unit.nanometer*unit.picosecond),
-                                   0.89e-3*unit.pascal*unit.second, 890*unit.micropascal*unit.second,
-                                   np.float64(0.89e-3*PASCAL_SECOND),
-                                   0.89e-3*unit.kilogram/(unit.meter*unit.second)])
+@pytest.mark.parametrize('value', [
+    0.89e-3*PASCAL_SECOND, 0.89e-3*PASCAL_SECOND*unit.dalton/(unit.nanometer*unit.picosecond),
+    0.89e-3*unit.pascal*unit.second, 890*unit.micropascal*unit.second,
+    np.float64(0.89e-3*PASCAL_SECOND), 0.89e-3*unit.kilogram/(unit.meter*unit.second)
+])
 def test_viscosity_in_any_unit(value):
     fluid = MobilityForce()
     fluid.setViscosity(1)
@@ -113,7 +121,8 @@ def test_viscosity_in_any_unit(value):
 
 def test_radii_in_any_unit():
     fluid = MobilityForce()
-    assert [fluid.addParticle(radius) for radius in (0.25, 0.25*unit.nanometer, 2.5*unit.angstrom)] == [0, 1, 2]
+    assert [fluid.addParticle(radius)
+            for radius in (0.25, 0.25*unit.nanometer, 2.5*unit.angstrom)] == [0, 1, 2]
     fluid.addParticle(0)
     fluid.setParticleRadius(3, 250*unit.picometer)
     for i in range(4):
@@ -146,9 +155,10 @@ def test_settings_come_back():
 
 def test_tensors_come_back_both_ways():
     fluid = MobilityForce()
-    for setter, getter, other, isFriction in (
-            (fluid.setBodyMobility, fluid.getBodyMobility, fluid.getBodyFriction, False),
-            (fluid.setBodyFriction, fluid.getBodyFriction, fluid.getBodyMobility, True)):
+    for setter, getter, other, isFriction in ((fluid.setBodyMobility, fluid.getBodyMobility,
+                                               fluid.getBodyFriction, False),
+                                              (fluid.setBodyFriction, fluid.getBodyFriction,
+                                               fluid.getBodyMobility, True)):
         value = tensor(3)
         setter(2, value)
         assert fluid.getBodyHasOwnTensor(2) and not fluid.getBodyHasOwnTensor(0)
@@ -171,7 +181,8 @@ def test_results_are_the_users_to_change():
     assert np.array_equal(fluid.getBodyMobility(4), tensor(1)/3)
 
 
-# ---- Copies ------------------------------------------------------------------------------------------------------------
+# ---- Copies --------------------------------------------------------------------------------------
+
 
 @pytest.mark.parametrize('way', COPIES)
 def test_everything_survives(way):
@@ -209,10 +220,16 @@ def test_cast():
     assertSame(result, everything())
 
 
-@pytest.mark.parametrize('other', [None, 3, 'fluid', openmm.HarmonicBondForce(), openmm.System(),
-                                   openmm.VerletIntegrator(0.001), CustomRigidHIIntegrator(300, 0.001)])
+@pytest.mark.parametrize('other', [
+    None, 3, 'fluid',
+    openmm.HarmonicBondForce(),
+    openmm.System(),
+    openmm.VerletIntegrator(0.001),
+    CustomRigidHIIntegrator(300, 0.001)
+])
 def test_cast_refuses_what_is_something_else(other):
-    with pytest.raises(TypeError, match=r'MobilityForce\.cast: obj: got .*; it must be a MobilityForce'):
+    with pytest.raises(TypeError,
+                       match=r'MobilityForce\.cast: obj: got .*; it must be a MobilityForce'):
         MobilityForce.cast(other)
 
 
@@ -227,12 +244,13 @@ def test_docstring_examples_run():
     assert result.attempted > 0 and result.failed == 0
 
 
-# ---- In a Context ------------------------------------------------------------------------------------------------------
+# ---- In a Context --------------------------------------------------------------------------------
+
 
 class Spheres:
     """Spheres on a line, in a Context."""
-
-    def __init__(self, platform, radii=(0.5, 0.3, 0.4), model=MobilityForce.RotnePragerYamakawa, temperature=300):
+    def __init__(self, platform, radii=(0.5, 0.3, 0.4), model=MobilityForce.RotnePragerYamakawa,
+                 temperature=300):
         self.system = openmm.System()
         self.fluid = MobilityForce()
         self.fluid.setModel(model)
@@ -248,10 +266,13 @@ class Spheres:
 
 def test_matrices_have_their_shapes(platform):
     scene = Spheres(platform)
-    mobility, friction = (ask(scene.context) for ask in (scene.fluid.getMobilityInContext, scene.fluid.getFrictionInContext))
+    mobility, friction = (ask(scene.context) for ask in (scene.fluid.getMobilityInContext,
+                                                         scene.fluid.getFrictionInContext))
     for matrix in (mobility, friction):
-        assert type(matrix) is np.ndarray and matrix.shape == (18, 18) and matrix.dtype == np.float64
-        assert np.array_equal(matrix, matrix.T) or np.allclose(matrix, matrix.T, rtol=0, atol=1e-15*abs(matrix).max())
+        assert type(matrix) is np.ndarray and matrix.shape == (18,
+                                                               18) and matrix.dtype == np.float64
+        assert np.array_equal(matrix, matrix.T) or np.allclose(matrix, matrix.T, rtol=0,
+                                                               atol=1e-15*abs(matrix).max())
     assert np.allclose(mobility @ friction, np.eye(18), atol=1e-10)
     eta = scene.fluid.getViscosity()._value
     assert mobility[0, 0] == pytest.approx(1/(6*np.pi*eta*0.5), rel=1e-13)
@@ -259,8 +280,10 @@ def test_matrices_have_their_shapes(platform):
     wrenches = np.random.default_rng(1).normal(size=(3, 6))
     twists = scene.fluid.applyMobilityInContext(scene.context, wrenches)
     assert twists.shape == (3, 6)
-    assert np.allclose(twists.ravel(), mobility @ wrenches.ravel(), rtol=1e-12, atol=1e-12*abs(twists).max())
-    assert np.array_equal(scene.fluid.applyMobilityInContext(scene.context, wrenches.tolist()), twists)
+    assert np.allclose(twists.ravel(), mobility @ wrenches.ravel(), rtol=1e-12,
+                       atol=1e-12*abs(twists).max())
+    assert np.array_equal(scene.fluid.applyMobilityInContext(scene.context, wrenches.tolist()),
+                          twists)
 
 
 def test_velocities_of_blobs(platform):
@@ -270,14 +293,18 @@ def test_velocities_of_blobs(platform):
     assert velocities.unit == unit.nanometer/unit.picosecond and velocities._value.shape == (3, 3)
     mobility = scene.fluid.getMobilityInContext(scene.context)
     translation = mobility.reshape(3, 6, 3, 6)[:, :3, :, :3].reshape(9, 9)
-    assert np.allclose(velocities._value.ravel(), translation @ forces.ravel(), rtol=1e-12, atol=1e-15)
+    assert np.allclose(velocities._value.ravel(), translation @ forces.ravel(), rtol=1e-12,
+                       atol=1e-15)
     # kcal/(mol A) are units of force too, and lists of rows are arrays.
-    other = scene.fluid.applyBlobMobilityInContext(scene.context, forces.tolist()*unit.kilocalorie_per_mole/unit.angstrom)
+    other = scene.fluid.applyBlobMobilityInContext(
+        scene.context,
+        forces.tolist()*unit.kilocalorie_per_mole/unit.angstrom)
     assert np.allclose(other._value, 41.84*velocities._value, rtol=1e-13, atol=0)
 
 
 def test_no_bodies(platform):
-    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(300, 0.001)
+    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
+        300, 0.001)
     for i in range(2):
         system.addParticle(1)
         fluid.addParticle(0.2)
@@ -297,13 +324,15 @@ def test_viscosity_in_a_context(platform):
     before = scene.fluid.getMobilityInContext(scene.context)
     scene.fluid.setViscosity(2*scene.fluid.getViscosity())
     scene.fluid.updateParametersInContext(scene.context)
-    assert np.allclose(2*scene.fluid.getMobilityInContext(scene.context), before, rtol=1e-13, atol=0)
+    assert np.allclose(2*scene.fluid.getMobilityInContext(scene.context), before, rtol=1e-13,
+                       atol=0)
 
 
 def test_a_force_from_the_system_answers_too(platform):
     scene = Spheres(platform)
     fluid = MobilityForce.cast(scene.context.getSystem().getForce(0))
-    assert np.array_equal(fluid.getMobilityInContext(scene.context), scene.fluid.getMobilityInContext(scene.context))
+    assert np.array_equal(fluid.getMobilityInContext(scene.context),
+                          scene.fluid.getMobilityInContext(scene.context))
 
 
 def test_the_force_has_no_energy(platform):
@@ -322,7 +351,7 @@ def test_reinitialize_takes_model_and_groups(platform):
     draining = scene.fluid.getMobilityInContext(scene.context)
     for i in range(3):
         for k in range(i):
-            block = np.s_[6*i:6*i+6, 6*k:6*k+6]
+            block = np.s_[6*i:6*i + 6, 6*k:6*k + 6]
             assert not draining[block].any() and coupled[block].any()
     scene.fluid.setModel(MobilityForce.RotnePragerYamakawa)
     scene.fluid.setGroups([0, 1, 0])
@@ -338,13 +367,15 @@ def test_a_saved_simulation_resumes(platform):
     scene.integrator.step(5)
     system, integrator, state = (openmm.XmlSerializer.serialize(thing) for thing in (
         scene.system, scene.integrator,
-        scene.context.getState(getPositions=True, getVelocities=True, getParameters=True, getIntegratorParameters=True)))
+        scene.context.getState(getPositions=True, getVelocities=True, getParameters=True,
+                               getIntegratorParameters=True)))
     scene.integrator.step(5)
     twin = CustomRigidHIIntegrator.cast(openmm.XmlSerializer.deserialize(integrator))
     context = openmm.Context(openmm.XmlSerializer.deserialize(system), twin, platform)
     context.setState(openmm.XmlSerializer.deserialize(state))
     twin.step(5)
-    assert np.array_equal(twin.getBodyPositions()._value, scene.integrator.getBodyPositions()._value)
+    assert np.array_equal(twin.getBodyPositions()._value,
+                          scene.integrator.getBodyPositions()._value)
     assert np.array_equal(twin.getBodyOrientations(), scene.integrator.getBodyOrientations())
 
 

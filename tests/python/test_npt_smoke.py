@@ -17,7 +17,8 @@ ROUNDING = 1e-12  # nm, on coordinates of a few nm
 def shapes(positions, numWaters):
     """Distances O-H, O-H, H-H, O-M of every water."""
     O, H1, H2, M = positions.reshape(numWaters, 4, 3).swapaxes(0, 1)
-    return np.array([np.linalg.norm(a - b, axis=1) for a, b in ((O, H1), (O, H2), (H1, H2), (O, M))])
+    return np.array(
+        [np.linalg.norm(a - b, axis=1) for a, b in ((O, H1), (O, H2), (H1, H2), (O, M))])
 
 
 def geometry(context):
@@ -67,19 +68,23 @@ def test_density_of_water_for_5_ps():
     example = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(example)
     topology, positions = example.waterBox(example.MOLECULES)
-    context, integrator, interval = example.makeContext(topology, positions, 'LangevinC', 4, seed=7, threads=2)
+    context, integrator, interval = example.makeContext(topology, positions, 'LangevinC', 4, seed=7,
+                                                        threads=2)
     mass = example.MOLECULES*integrator.getRigidBodyParameters(0)[1]
     start = example.density(context, mass)
     densities = []
     while context.getState().getTime() < 5*unit.picosecond:
         integrator.step(10*interval)
         densities.append(example.density(context, mass))
-    print(f'density {start:.0f} at the start, {np.mean(densities[-5:]):.0f} kg/m^3 in the last 2.5 ps')
+    print(
+        f'density {start:.0f} at the start, {np.mean(densities[-5:]):.0f} kg/m^3 in the last 2.5 ps'
+    )
     assert 800 < np.mean(densities[-5:]) < 1200
     assert len(set(densities)) > 5
     checkRigidAndInPlace(context, integrator)
     kinetic = integrator.computeSystemTemperature()._value
-    # 1293 degrees of freedom: one reading scatters by 4 %; six of these, and the 4 % by which Langevin C reads low at 4 fs.
+    # 1293 degrees of freedom: one reading scatters by 4 %; six of these, and the 4 % by which
+    # Langevin C reads low at 4 fs.
     assert 300*(1 - 0.04 - 0.24) < kinetic < 300*(1 + 0.24)
 
 

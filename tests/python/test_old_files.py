@@ -22,8 +22,10 @@ def test_mobility_force():
     np.testing.assert_allclose(force.getViscosity()._value, 535.97, rtol=1e-15)
     assert (force.getModel(), force.getBoundary()) == (force.RotnePragerYamakawa, force.NoSlipWall)
     assert (force.getWallHeight()._value, force.getSphereWallMobility()) == (-0.25, force.BestKnown)
-    assert (force.getSolver(), force.getSolverTolerance(), force.getMinimumGap(), force.getLubrication()) == (force.MatrixFree, 1e-4, 0.002, False)
-    assert [force.getParticleRadius(i)._value for i in range(force.getNumParticles())] == [0.5, 0.25, 0.125]
+    assert (force.getSolver(), force.getSolverTolerance(), force.getMinimumGap(),
+            force.getLubrication()) == (force.MatrixFree, 1e-4, 0.002, False)
+    assert [force.getParticleRadius(i)._value
+            for i in range(force.getNumParticles())] == [0.5, 0.25, 0.125]
     assert list(force.getGroups()) == [0, 0, 1]
     expected = np.diag([1., 2, 3, 4, 5, 6])
     expected[0, 1] = expected[1, 0] = 0.5
@@ -34,16 +36,22 @@ def test_mobility_force():
     # What the first version did not have is as it was then: nothing.
     assert force.getGridSpacing()._value == 0
     assert force.getSinusoidalForceDensity()[0]._value == 0
-    assert not np.any(force.getBackgroundFlow()[0]._value) and not np.any(force.getBackgroundFlow()[1]._value)
+    assert not np.any(force.getBackgroundFlow()[0]._value) and not np.any(
+        force.getBackgroundFlow()[1]._value)
 
 
 def test_body_force():
     force = CustomBodyForce.cast(read('body_force_version1.xml'))
     assert (force.getForceGroup(), force.getName()) == (4, 'drive')
-    assert [force.getExpression(name) for name in ('fx', 'fy', 'fz', 'tx', 'ty', 'tz')] == ['k*sin(q0)', '2*fx0', '-w', '0', '0', 't*vz']
-    assert [force.getPerBodyParameterName(i) for i in range(force.getNumPerBodyParameters())] == ['fx0', 'w']
+    assert [force.getExpression(name) for name in ('fx', 'fy', 'fz', 'tx', 'ty', 'tz')
+            ] == ['k*sin(q0)', '2*fx0', '-w', '0', '0', 't*vz']
+    assert [force.getPerBodyParameterName(i)
+            for i in range(force.getNumPerBodyParameters())] == ['fx0', 'w']
     assert (force.getGlobalParameterName(0), force.getGlobalParameterDefaultValue(0)) == ('k', 2.5)
-    assert [(body, list(values)) for body, values in (force.getBodyParameters(i) for i in range(force.getNumBodies()))] == [(2, [1.5, -2]), (0, [0, 4])]
+    assert [(body, list(values))
+            for body, values in (force.getBodyParameters(i)
+                                 for i in range(force.getNumBodies()))] == [(2, [1.5, -2]),
+                                                                            (0, [0, 4])]
 
 
 def test_integrator():

@@ -10,7 +10,8 @@ STEPS = 7
 
 def scene(platform, model, temperature, bodies=3, blobs=0, solver=MobilityForce.Auto):
     """Spheres, or multiblobs, in a row: (integrator, Context)."""
-    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(temperature, 0.001)
+    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
+        temperature, 0.001)
     integrator.setScheme(CustomRigidHIIntegrator.LangevinHI)
     integrator.setRandomNumberSeed(1)
     fluid.setModel(model)
@@ -20,7 +21,8 @@ def scene(platform, model, temperature, bodies=3, blobs=0, solver=MobilityForce.
         sites, radius = (x._value for x in app.multiblobSphere(blobs, 1.0))
     positions = []
     for body in range(bodies):
-        integrator.addRigidBody([system.addParticle(0.0) for _ in sites], 100.0, (40.0, 40.0, 40.0), sites)
+        integrator.addRigidBody([system.addParticle(0.0) for _ in sites], 100.0, (40.0, 40.0, 40.0),
+                                sites)
         for _ in sites:
             fluid.addParticle(radius)
         positions.extend(sites + (3*body, 0.1*body, 0))
@@ -52,7 +54,10 @@ def test_free_draining_spheres_have_no_matrices(platform):
     assert integrator.getEffects()['hydrodynamic interactions'].startswith('off')
 
 
-@pytest.mark.parametrize('model', (MobilityForce.FreeDraining, MobilityForce.RotnePragerYamakawa, MobilityForce.StokesianDynamics))
+@pytest.mark.parametrize(
+    'model',
+    (MobilityForce.FreeDraining, MobilityForce.RotnePragerYamakawa, MobilityForce.StokesianDynamics)
+)
 def test_no_noise_at_zero_temperature(platform, model):
     done = counted(*scene(platform, model, 0))
     assert done['randomNumbers'] == done['squareRoots'] == 0
@@ -60,7 +65,8 @@ def test_no_noise_at_zero_temperature(platform, model):
 
 
 def test_no_noise_at_zero_temperature_matrix_free(platform):
-    done = counted(*scene(platform, MobilityForce.RotnePragerYamakawa, 0, solver=MobilityForce.MatrixFree))
+    done = counted(
+        *scene(platform, MobilityForce.RotnePragerYamakawa, 0, solver=MobilityForce.MatrixFree))
     assert done['randomNumbers'] == done['squareRoots'] == 0 < done['solverIterations']
 
 
@@ -70,7 +76,10 @@ def test_interactions_cost_one_matrix_and_one_root_a_step(platform):
     assert done['randomNumbers'] == STEPS*3*6 and done['solverIterations'] == 0
 
 
-@pytest.mark.parametrize('model', (MobilityForce.FreeDraining, MobilityForce.RotnePragerYamakawa, MobilityForce.StokesianDynamics))
+@pytest.mark.parametrize(
+    'model',
+    (MobilityForce.FreeDraining, MobilityForce.RotnePragerYamakawa, MobilityForce.StokesianDynamics)
+)
 @pytest.mark.parametrize('blobs', (0, 12))
 def test_one_body_is_computed_once(platform, model, blobs):
     if blobs and model == MobilityForce.StokesianDynamics:
@@ -110,5 +119,6 @@ def test_a_warning_is_printed_once_for_its_cause(capfd):
         integrator.setFriction(200 + k)
         integrator.step(1)
     printed = capfd.readouterr().err
-    assert printed.count('does not resolve the rotation') == 1 and printed.count('LangevinA breaks down') == 1
+    assert printed.count('does not resolve the rotation') == 1 and printed.count(
+        'LangevinA breaks down') == 1
     assert 'gamma 209' in integrator.getEffects()['warnings']

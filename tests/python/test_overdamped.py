@@ -10,13 +10,18 @@ from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, app
 from openmmrigidhi.integrator import Scheme
 
 #: How each makes the stochastic drift, as getEffects() says it; and whether by finite differences.
-SCHEMES = {s.name: (s.traits.drift, s.traits.differenced != '') for s in Scheme if s.traits.isOverdamped and s.traits.drift}
+SCHEMES = {
+    s.name: (s.traits.drift, s.traits.differenced != '')
+    for s in Scheme if s.traits.isOverdamped and s.traits.drift
+}
 ALL = ('EulerMaruyama', *SCHEMES)
 
 
-def scene(scheme, temperature=300, wall=False, bodies=1, groups=None, sites=None, solver=MobilityForce.Auto, stepSize=0.001, context=True):
+def scene(scheme, temperature=300, wall=False, bodies=1, groups=None, sites=None,
+          solver=MobilityForce.Auto, stepSize=0.001, context=True):
     """Massless boomerangs of five blobs about their cross points: (integrator, Context or System)."""
-    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(temperature, stepSize)
+    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
+        temperature, stepSize)
     integrator.setScheme(getattr(CustomRigidHIIntegrator, scheme))
     integrator.setRandomNumberSeed(3)
     sites = np.asarray(app.boomerang(0.9, 2)._value if sites is None else sites)
@@ -73,8 +78,8 @@ def test_finite_difference_step():
 @pytest.mark.parametrize('name', ALL)
 def test_run_with_units(name):
     """Micrometres, seconds and pascals: the body moves as far in a step as its mobility says, and stays rigid."""
-    integrator, system = scene(name, wall=True, sites=app.boomerang(0.3*unit.micrometer, 2)._value, stepSize=0.001*unit.second,
-                               context=False)
+    integrator, system = scene(name, wall=True, sites=app.boomerang(0.3*unit.micrometer, 2)._value,
+                               stepSize=0.001*unit.second, context=False)
     fluid = MobilityForce.cast(system.getForce(0))
     fluid.setViscosity(8.9e-4*unit.pascal*unit.second)
     for particle in range(system.getNumParticles()):
@@ -86,17 +91,21 @@ def test_run_with_units(name):
         context.setPositions(start)
         integrator.step(1)
         squares.append((integrator.getBodyPositions()/unit.micrometer)[0] - (0, 0, 3))
-    positions = context.getState(getPositions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+    positions = context.getState(getPositions=True).getPositions(asNumpy=True).value_in_unit(
+        unit.nanometer)
     between = positions[:, None] - positions[None]
-    assert np.allclose((between**2).sum(axis=2), ((start[:, None] - start[None])**2).sum(axis=2), rtol=1e-10)
+    assert np.allclose((between**2).sum(axis=2), ((start[:, None] - start[None])**2).sum(axis=2),
+                       rtol=1e-10)
     context.setPositions(start)
     mobility = fluid.getMobilityInContext(context)[:3, :3]
-    expected = 2*1e9*300*8.31446261815324e-3*np.trace(mobility)*1e-6           # um^2
+    expected = 2*1e9*300*8.31446261815324e-3*np.trace(mobility)*1e-6  # um^2
     measured = np.mean(np.square(squares).sum(axis=1))
-    # A step's square has a standard deviation of 1.1 of its mean (the drifter-corrector's, measured; others' 0.82), so this is 4.5 standard errors.
+    # A step's square has a standard deviation of 1.1 of its mean (the drifter-corrector's,
+    # measured; others' 0.82), so this is 4.5 standard errors.
     print(measured/expected)
     assert abs(measured/expected - 1) < 0.5
-    assert not integrator.getBodyVelocities()._value.any() and integrator.getDegreesOfFreedom()['total'] == 0
+    assert not integrator.getBodyVelocities()._value.any() and integrator.getDegreesOfFreedom(
+    )['total'] == 0
 
 
 def warningsOf(scheme_, temperature, capfd):
@@ -122,13 +131,19 @@ def test_euler_maruyama_warns_once(capfd):
 
 
 @pytest.mark.parametrize('platform', ['Reference', 'CPU'])
-@pytest.mark.parametrize('case, warns', [('spheres', False), ('free draining', False), ('free', False), ('alone', False), ('wall', True), ('off its origin', True),
-                                         ('lubrication', True), ('alone off its centre', True)])
+@pytest.mark.parametrize('case, warns', [('spheres', False), ('free draining', False),
+                                         ('free', False), ('alone', False), ('wall', True),
+                                         ('off its origin', True), ('lubrication', True),
+                                         ('alone off its centre', True)])
 def test_euler_maruyama_warns_where_it_is_wrong(case, warns, platform, capfd):
     """Where div N = 0 nothing is omitted: spheres in an unbounded fluid, a body alone about its centre of mobility."""
-    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(300, 0.001)
+    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
+        300, 0.001)
     integrator.setScheme(CustomRigidHIIntegrator.EulerMaruyama)
-    sites = {'off its origin': [(0.1, 0, 0)], 'alone': [(-1, 0, 0), (1, 0, 0)], 'alone off its centre': [(0, 0, 0), (1, 0.5, 0), (0, 1, 0)]}.get(case, [(0, 0, 0)])
+    sites = {
+        'off its origin': [(0.1, 0, 0)], 'alone': [(-1, 0, 0), (1, 0, 0)],
+        'alone off its centre': [(0, 0, 0), (1, 0.5, 0), (0, 1, 0)]
+    }.get(case, [(0, 0, 0)])
     positions = []
     for body in range(1 if case.startswith('alone') else 3):
         if case == 'free':
@@ -150,7 +165,8 @@ def test_euler_maruyama_warns_where_it_is_wrong(case, warns, platform, capfd):
     printed = capfd.readouterr().err
     assert ('EulerMaruyama omits the stochastic drift' in printed) == warns, printed
     assert integrator.getEffects()['warnings'].startswith('on' if warns else 'off')
-    assert integrator.getEffects()['stochastic drift'].startswith('off: EulerMaruyama omits it' if warns else 'off: ')
+    assert integrator.getEffects()['stochastic drift'].startswith(
+        'off: EulerMaruyama omits it' if warns else 'off: ')
 
 
 @pytest.mark.parametrize('name', SCHEMES)
@@ -165,18 +181,24 @@ def test_effects_of_the_drift(name):
     integrator, _ = scene(name, wall=True)
     effects = integrator.getEffects()
     print(integrator.describeEffects())
-    assert effects['stochastic drift'].startswith('on: ' + how) and effects['stochastic drift'].endswith('for 1 group of bodies')
-    assert effects['finite differences'] == ('on: steps of 1e-05 body lengths, and radians' if hasDifferences else 'off: the scheme has none')
-    assert effects['hydrodynamic interactions'] == 'off: nothing feels others through the fluid, but everything feels the wall'
+    assert effects['stochastic drift'].startswith(
+        'on: ' + how) and effects['stochastic drift'].endswith('for 1 group of bodies')
+    assert effects['finite differences'] == ('on: steps of 1e-05 body lengths, and radians'
+                                             if hasDifferences else 'off: the scheme has none')
+    assert effects[
+        'hydrodynamic interactions'] == 'off: nothing feels others through the fluid, but everything feels the wall'
     assert effects['noise'] == 'on: temperature 300 K' and effects['momenta'].startswith('off')
-    assert '1 groups with dense matrices' in effects['hydrodynamics'] and effects['rotation'].startswith('on: 1 bodies')
+    assert '1 groups with dense matrices' in effects['hydrodynamics'] and effects[
+        'rotation'].startswith('on: 1 bodies')
     integrator.step(2)
     assert integrator.getEffects() == effects
     integrator.setFiniteDifferenceStep(2e-4)
-    assert not hasDifferences or integrator.getEffects()['finite differences'] == 'on: steps of 0.0002 body lengths, and radians'
+    assert not hasDifferences or integrator.getEffects(
+    )['finite differences'] == 'on: steps of 0.0002 body lengths, and radians'
     integrator.setTemperature(0)
     cold = integrator.getEffects()
-    assert cold['stochastic drift'] == 'off: the temperature is 0' and cold['noise'].startswith('off')
+    assert cold['stochastic drift'] == 'off: the temperature is 0' and cold['noise'].startswith(
+        'off')
 
 
 @pytest.mark.parametrize('name', SCHEMES)
@@ -186,13 +208,16 @@ def test_effects_of_constant_mobility(name):
     integrator, context = scene(name, bodies=2, groups=[0, 1])
     offCentre = integrator.getEffects()
     assert context
-    assert offCentre['stochastic drift'] == ('on: without differences for 2 groups of bodies alone in a uniform fluid' if hasDifferences
-                                             else 'on: by the mobility at the mid-point for 2 groups of bodies')
+    assert offCentre['stochastic drift'] == (
+        'on: without differences for 2 groups of bodies alone in a uniform fluid'
+        if hasDifferences else 'on: by the mobility at the mid-point for 2 groups of bodies')
     assert offCentre['finite differences'].startswith('off')
     integrator, _ = scene(name, sites=[(0, 0, -0.6), (0, 0, 0.6)])
     rod = integrator.getEffects()
-    assert rod['stochastic drift'] == 'off: every body is alone in a uniform fluid, and it is 0 about their origins'
-    assert '1 of them have their blobs on a line' in rod['rotation'] and '1 alone with a constant tensor' in rod['hydrodynamics']
+    assert rod[
+        'stochastic drift'] == 'off: every body is alone in a uniform fluid, and it is 0 about their origins'
+    assert '1 of them have their blobs on a line' in rod[
+        'rotation'] and '1 alone with a constant tensor' in rod['hydrodynamics']
     before = integrator.getStepStatistics()
     integrator.step(5)
     after = integrator.getStepStatistics()
@@ -202,7 +227,8 @@ def test_effects_of_constant_mobility(name):
 def test_effects_of_euler_maruyama():
     integrator, _ = scene('EulerMaruyama', bodies=2)
     effects = integrator.getEffects()
-    assert effects['stochastic drift'] == 'off: EulerMaruyama omits it, so averages are wrong for 1 group of bodies'
+    assert effects[
+        'stochastic drift'] == 'off: EulerMaruyama omits it, so averages are wrong for 1 group of bodies'
     assert effects['warnings'].startswith('on: EulerMaruyama omits the stochastic drift')
     assert effects['hydrodynamic interactions'].startswith('on: 2 bodies')
 
@@ -225,7 +251,8 @@ def test_effects_of_other_schemes():
     context.setPositions([(0, 0, 0)])
     assert integrator.getEffects()['stochastic drift'].startswith('off: the scheme has momenta')
     integrator.setScheme(CustomRigidHIIntegrator.GradientThermostat)
-    assert integrator.getEffects()['stochastic drift'] == 'off: the mobility does not depend on poses'
+    assert integrator.getEffects(
+    )['stochastic drift'] == 'off: the mobility does not depend on poses'
     assert integrator.getEffects()['finite differences'] == 'off: the scheme has none'
 
 
@@ -249,7 +276,8 @@ def test_temperature_is_not_available():
 
 def atOnePlace(sites, radii, bodies=1):
     """Bodies at one place above a wall: (integrator, Context)."""
-    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(300, 0.001)
+    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
+        300, 0.001)
     integrator.setScheme(CustomRigidHIIntegrator.RandomFiniteDifference)
     fluid.setBoundary(MobilityForce.NoSlipWall)
     for _ in range(bodies):
@@ -263,16 +291,21 @@ def atOnePlace(sites, radii, bodies=1):
 def test_blobs_at_one_place():
     """Two blobs of one radius would move alike under any forces; concentric ones of two radii do not resist rotation."""
     integrator, context = atOnePlace([(0, 0, 0), (1, 0, 0), (0, 1, 0)], 0.5, bodies=2)
-    with pytest.raises(openmm.OpenMMException, match=r'particle 0 \(body 0\) and particle 3 \(body 1\), both of radius 0.5 nm, are at the same'):
+    with pytest.raises(
+            openmm.OpenMMException, match=
+            r'particle 0 \(body 0\) and particle 3 \(body 1\), both of radius 0.5 nm, are at the '
+            r'same'):
         integrator.step(1)
     assert context.getState().getStepCount() == 0
-    with pytest.raises(openmm.OpenMMException, match='body 0: its 2 hydrodynamic particles are all at one place'):
+    with pytest.raises(openmm.OpenMMException,
+                       match='body 0: its 2 hydrodynamic particles are all at one place'):
         atOnePlace([(0, 0, 0), (0, 0, 0)], (0.5, 0.3))
 
 
 def test_a_virtual_site_with_a_radius():
     """Outside a body nothing says how the fluid would move it."""
-    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(300, 0.001)
+    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
+        300, 0.001)
     integrator.setScheme(CustomRigidHIIntegrator.FixmanMidpoint)
     for _ in range(3):
         system.addParticle(0)
@@ -280,7 +313,10 @@ def test_a_virtual_site_with_a_radius():
     system.setVirtualSite(2, openmm.TwoParticleAverageSite(0, 1, 0.5, 0.5))
     system.addForce(fluid)
     context = None
-    with pytest.raises(openmm.OpenMMException, match='particle 2 has hydrodynamic radius 0.4.* is a virtual site in no body, which the fluid'):
+    with pytest.raises(
+            openmm.OpenMMException, match=
+            'particle 2 has hydrodynamic radius 0.4.* is a virtual site in no body, which the fluid'
+    ):
         context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
         context.setPositions([(0, 0, 0), (2, 0, 0), (1, 0, 0)])
         integrator.step(1)

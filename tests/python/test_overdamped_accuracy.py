@@ -41,7 +41,10 @@ def test_quadrature_of_a_sphere(weight):
         def integrand(d):
             repulsion = overdamped.REPULSION/d*np.exp(-2*d)
             return value(d, repulsion)*np.exp(-weight*d - repulsion)
-        return sum(scipy.integrate.quad(integrand, a, b, epsabs=1e-13)[0] for a, b in ((1e-9, 1), (1, 5), (5, 30), (30, 400)))
+
+        return sum(
+            scipy.integrate.quad(integrand, a, b, epsabs=1e-13)[0]
+            for a, b in ((1e-9, 1), (1, 5), (5, 30), (30, 400)))
 
     norm = weighted(lambda d, u: 1)
     assert found['height'] == pytest.approx(1 + weighted(lambda d, u: d)/norm, rel=1e-6)
@@ -53,11 +56,13 @@ def test_the_start_is_in_equilibrium(small):
     """The potential energy that OpenMM sees is weight and repulsion of what is measured; observables are those of the particles."""
     integrator = overdamped.METHODS['TrapezoidalSlip'].makeIntegrator(small, small.stepSizes[0], 1)
     context = small.makeContext(integrator, reference(), {}, 1)
-    values = overdamped.measure(integrator.getBodyPositions()._value, integrator.getBodyOrientations(), small.sites)
+    values = overdamped.measure(integrator.getBodyPositions()._value,
+                                integrator.getBodyOrientations(), small.sites)
     heights = small.positions.reshape(8, 3, 3)[:, :, 2]
     assert np.allclose(values['height'], heights[:, 1], rtol=1e-12)
     energy = context.getState(getEnergy=True).getPotentialEnergy()._value/KT
-    assert energy == pytest.approx((10*overdamped.WEIGHT*heights.mean(axis=1) + values['repulsion']).sum(), rel=1e-10)
+    assert energy == pytest.approx(
+        (10*overdamped.WEIGHT*heights.mean(axis=1) + values['repulsion']).sum(), rel=1e-10)
     # cos^2 from the particles: the normal is that of the triangle.
     triangles = small.positions.reshape(8, 3, 3)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -76,8 +81,10 @@ def test_monte_carlo_of_the_suspension_has_the_forces_of_the_scene():
     energies = sampler.totalEnergy()
     for blobs, energy in zip(sampler.blobs, energies):
         context.setPositions(blobs.reshape(-1, 3)*overdamped.RADIUS)
-        assert context.getState(getEnergy=True).getPotentialEnergy()._value/KT == pytest.approx(energy, rel=1e-10)
-    assert set(scene.sampled) == {'height', 'cos2', 'repulsion'} and all(error > 0 for _, error in scene.sampled.values())
+        assert context.getState(getEnergy=True).getPotentialEnergy()._value/KT == pytest.approx(
+            energy, rel=1e-10)
+    assert set(scene.sampled) == {'height', 'cos2', 'repulsion'} and all(
+        error > 0 for _, error in scene.sampled.values())
 
 
 def test_monte_carlo_samples_the_quadrature():
@@ -88,7 +95,8 @@ def test_monte_carlo_samples_the_quadrature():
     heights = np.zeros(400)
     for _ in range(300):
         sampler.sweep()
-        heights += overdamped.measure(sampler.R*overdamped.RADIUS, sampler.q, sites)['height'][:, 0]/300
+        heights += overdamped.measure(sampler.R*overdamped.RADIUS, sampler.q,
+                                      sites)['height'][:, 0]/300
     exact = overdamped.quadrature(sites/overdamped.RADIUS, 3.0)['height']
     error = heights.std(ddof=1)/20
     print(f'{heights.mean():.4f} +- {error:.4f}, exact {exact:.4f}')
@@ -106,41 +114,63 @@ def test_masses_relax_at_the_rate_they_are_named_for(small, name):
     # Of the mean mobility, as diffusion sees it.
     mean = 3/np.trace(np.linalg.inv(N)[:3, :3])
     assert mean/mass*step == pytest.approx(overdamped.INERTIA[name], rel=1e-10)
-    assert np.allclose(1/np.diag(np.linalg.inv(N))[3:]/moments*step, overdamped.INERTIA[name], rtol=1e-10)
+    assert np.allclose(1/np.diag(np.linalg.inv(N))[3:]/moments*step, overdamped.INERTIA[name],
+                       rtol=1e-10)
 
 
 def test_what_the_study_finds():
     """Euler and Maruyama's omission is seen, and it takes no part in the reference of the motion."""
     scene = overdamped.boomerang(16, blobsPerArm=3)
-    study = overdamped.OverdampedStudy(scene, ['EulerMaruyama', 'RandomFiniteDifference', 'LangevinHI(0.3)'],
-                                       {'EulerMaruyama': [0.1], 'RandomFiniteDifference': [0.05, 0.1], 'LangevinHI(0.3)': [0.1]})
+    study = overdamped.OverdampedStudy(
+        scene, ['EulerMaruyama', 'RandomFiniteDifference', 'LangevinHI(0.3)'],
+        {'EulerMaruyama': [0.1], 'RandomFiniteDifference': [0.05, 0.1], 'LangevinHI(0.3)': [0.1]})
     result = study.run(length=160*scene.timeUnit, equilibration=10*scene.timeUnit, rounds=5)
-    repulsion = {(row['method'], round(row['value']/scene.timeUnit, 3)): row for row in result.select('repulsion')}
+    repulsion = {(row['method'], round(row['value']/scene.timeUnit, 3)): row
+                 for row in result.select('repulsion')}
     wrong, right = repulsion['EulerMaruyama', 0.1], repulsion['LangevinHI(0.3)', 0.1]
-    print({key: (row['relative_error'], row['error_standard_error']/result.references['repulsion'].value) for key, row in repulsion.items()})
+    print({
+        key:
+        (row['relative_error'], row['error_standard_error']/result.references['repulsion'].value)
+        for key, row in repulsion.items()
+    })
     assert wrong['error'] > 4*wrong['error_standard_error'] and wrong['error_standard_error'] < 0.03
     assert abs(right['error']) < 4.5*right['error_standard_error']
     assert result.references['repulsion'].kind == result.references['height'].kind == 'exact'
     motion = result.references['msd']
-    assert motion.kind == 'extrapolated' and {method for method, _ in motion.points} == {'RandomFiniteDifference'}
+    assert motion.kind == 'extrapolated' and {method
+                                              for method, _ in motion.points
+                                              } == {'RandomFiniteDifference'}
     assert all(row['mean'] > 0 for row in result.select('msd'))
     # Times of independent replicas add up.
     row = result.select('height', 'RandomFiniteDifference')[0]
     perSecond = row['ns_per_day']*1000/86400/scene.timeUnit*16
     assert row['ns_per_day']*result.knob.speedScale == pytest.approx(perSecond, rel=1e-12)
-    assert result.knob.speed(row['ns_per_day']).endswith(' τ_D/s') and result.knob.format(row['value']) == '0.05 τ_D'
+    assert result.knob.speed(row['ns_per_day']).endswith(' τ_D/s') and result.knob.format(
+        row['value']) == '0.05 τ_D'
 
 
 def test_refused(small):
-    with pytest.raises(ValueError, match='method: got .LangevinC., which is no road to the overdamped limit; choose among EulerMaruyama'):
+    with pytest.raises(
+            ValueError,
+            match='method: got .LangevinC., which is no road to the overdamped limit; choose among '
+            'EulerMaruyama'):
         overdamped.OverdampedStudy(small, ['LangevinC'])
-    with pytest.raises(ValueError, match='observable: got .pressure., which bodies above a wall do not have; choose among height'):
+    with pytest.raises(
+            ValueError, match=
+            'observable: got .pressure., which bodies above a wall do not have; choose among height'
+    ):
         overdamped.OverdampedStudy(small, observables=['pressure'])
     sheared = openmm.XmlSerializer.clone(small.system)
-    MobilityForce.cast(sheared.getForce(0)).setBackgroundFlow((0, 0, 0), [(0, 0, 0.5), (0, 0, 0), (0, 0, 0)])
-    sheared = overdamped.WallScene(sheared, small.positions, small.makeIntegrator(), small.sites, small.replicas)
-    with pytest.raises(ValueError, match=r'OverdampedStudy: scene: its MobilityForce drives the fluid by a background flow of .*0\.5.* there is no equilibrium '
-                                         r'in a driven flow, where alone all methods have the same averages.* setBackgroundFlow\(\) with zeros'):
+    MobilityForce.cast(sheared.getForce(0)).setBackgroundFlow((0, 0, 0), [(0, 0, 0.5), (0, 0, 0),
+                                                                          (0, 0, 0)])
+    sheared = overdamped.WallScene(sheared, small.positions, small.makeIntegrator(), small.sites,
+                                   small.replicas)
+    with pytest.raises(
+            ValueError, match=
+            r'OverdampedStudy: scene: its MobilityForce drives the fluid by a background flow of '
+            r'.*0\.5.* there is no equilibrium '
+            r'in a driven flow, where alone all methods have the same averages.* '
+            r'setBackgroundFlow\(\) with zeros'):
         overdamped.OverdampedStudy(sheared, ['TrapezoidalSlip'])
     with pytest.raises(ValueError, match='got 0.3; a whole number of steps must make 1'):
         overdamped.OverdampedStudy(small, ['TrapezoidalSlip'], [0.1, 0.3])
@@ -148,25 +178,38 @@ def test_refused(small):
 
 def test_command_line(tmp_path):
     directory = str(tmp_path/'found')
-    arguments = ['--overdamped', '--bodies', '4', '--methods', 'TractionEulerMaruyama:0.05,0.1', 'LangevinHI(1)', '--steps', '0.1', '--length', '6',
-                 '--equilibration', '1', '--rounds', '3', '--clock', 'cpu', '--quiet', '--observables', 'height', 'cos2', '--wanted-error', 'height:50%', '--output', directory]
+    arguments = [
+        '--overdamped', '--bodies', '4', '--methods', 'TractionEulerMaruyama:0.05,0.1',
+        'LangevinHI(1)', '--steps', '0.1', '--length', '6', '--equilibration', '1', '--rounds', '3',
+        '--clock', 'cpu', '--quiet', '--observables', 'height', 'cos2', '--wanted-error',
+        'height:50%', '--output', directory
+    ]
     out = io.StringIO()
     with contextlib.redirect_stdout(out):
         assert cli.main(arguments) == 0
-    assert 'τ_D/s' in out.getvalue() and 'LangevinHI(1)' in out.getvalue() and 'For an error of at most 50% of mean height' in out.getvalue()
-    assert {'results.csv', 'results.json', 'report.html', 'error_height.png', 'error_cos2.png'} <= set(os.listdir(directory))
+    assert 'τ_D/s' in out.getvalue() and 'LangevinHI(1)' in out.getvalue(
+    ) and 'For an error of at most 50% of mean height' in out.getvalue()
+    assert {'results.csv', 'results.json', 'report.html', 'error_height.png', 'error_cos2.png'
+            } <= set(os.listdir(directory))
     page = (tmp_path/'found'/'report.html').read_text()
     assert 'τ_D/s' in page and 'ns/day' not in page
     # Asked again from the file.
     again = io.StringIO()
     with contextlib.redirect_stdout(again):
-        assert cli.main(['--from', os.path.join(directory, 'results.json'), '--output', str(tmp_path/'again'), '--wanted-error', 'cos2:90%']) == 0
+        assert cli.main([
+            '--from',
+            os.path.join(directory, 'results.json'), '--output',
+            str(tmp_path/'again'), '--wanted-error', 'cos2:90%'
+        ]) == 0
     assert '0.05' in again.getvalue() and 'τ_D/s' in again.getvalue()
 
 
-@pytest.mark.parametrize('arguments, message', [(['--scene', 'water'], "--scene: got 'water' with --overdamped; it must be one of boomerang, suspension"),
-                                                (['--methods', 'TrapezoidalSlip:fast'], 'positive numbers in tau_D'),
-                                                (['--wanted-error', 'pressure:1%'], 'the observable must be one of height')])
+@pytest.mark.parametrize(
+    'arguments, message',
+    [(['--scene', 'water'
+       ], "--scene: got 'water' with --overdamped; it must be one of boomerang, suspension"),
+     (['--methods', 'TrapezoidalSlip:fast'], 'positive numbers in tau_D'),
+     (['--wanted-error', 'pressure:1%'], 'the observable must be one of height')])
 def test_wrong_arguments(arguments, message, capsys):
     assert cli.main(['--overdamped', '--quiet', *arguments]) == 2
     assert message in capsys.readouterr().err
@@ -177,7 +220,7 @@ def test_errors_come_from_replicas():
     rng = np.random.default_rng(11)
     inside, cases = 0, 400
     for _ in range(cases):
-        series = 3 + rng.normal(size=(1, 20)) + 0.1*rng.normal(size=(30, 20))        # correlated for ever
+        series = 3 + rng.normal(size=(1, 20)) + 0.1*rng.normal(size=(30, 20))  # correlated for ever
         found = statistics.replicaStatistics(series)
         inside += abs(found.mean - 3) < found.standardError
         assert found.degrees == 19 and found.isTrusted

@@ -27,25 +27,30 @@ def scene(positions, radii, box, model, lubrication=True, platform='Reference'):
         fluid.addParticle(radius)
         integrator.addRigidBody([i], 0, (0, 0, 0), [(0, 0, 0)])
     system.addForce(fluid)
-    platform = platform if isinstance(platform, openmm.Platform) else openmm.Platform.getPlatformByName(platform)
+    platform = platform if isinstance(
+        platform, openmm.Platform) else openmm.Platform.getPlatformByName(platform)
     context = openmm.Context(system, integrator, platform)
     context.setPositions(positions)
     return context, fluid, integrator
 
 
-@pytest.mark.parametrize('model, key', [(MobilityForce.RotnePragerYamakawa, 'rpy'), (MobilityForce.ForceCoupling, 'fcm'),
+@pytest.mark.parametrize('model, key', [(MobilityForce.RotnePragerYamakawa, 'rpy'),
+                                        (MobilityForce.ForceCoupling, 'fcm'),
                                         (MobilityForce.StokesianDynamics, 'fts_mobility')])
 def test_three_unequal_spheres(platform, model, key):
     case = REFERENCE['case']
     expected = np.array(case[key] if key in case else REFERENCE[key])
-    context, fluid, _ = scene(case['positions'], case['radii'], np.diag(case['box']), model, False, platform)
+    context, fluid, _ = scene(case['positions'], case['radii'], np.diag(case['box']), model, False,
+                              platform)
     M = fluid.getMobilityInContext(context)
     # 13 digits of the largest are printed.
     assert np.abs(M - expected).max() < 1e-12*np.abs(expected).max()
     # The same lattice by other vectors, as far as OpenMM takes them, and by other images.
     L = case['box'][0]
-    context.setPositions(np.array(case['positions']) + L*np.array([(3, -2, 0), (0, 5, -1), (1, 1, 1)]))
-    assert np.abs(fluid.getMobilityInContext(context) - expected).max() < 1e-12*np.abs(expected).max()
+    context.setPositions(
+        np.array(case['positions']) + L*np.array([(3, -2, 0), (0, 5, -1), (1, 1, 1)]))
+    assert np.abs(fluid.getMobilityInContext(context) -
+                  expected).max() < 1e-12*np.abs(expected).max()
 
 
 def test_force_coupling_is_its_definition():
@@ -62,8 +67,10 @@ def test_force_coupling_is_its_definition():
     blocks = []
     for a, place in zip(radii, x):
         phase = np.exp(-1j*(k @ place))[:, None, None]
-        blocks += [phase*np.exp(-a**2/np.pi*k2/2)[:, None, None]*np.eye(3),
-                   phase*0.5j*np.exp(-(a/(6*np.sqrt(np.pi))**(1/3))**2*k2/2)[:, None, None]*turn]
+        blocks += [
+            phase*np.exp(-a**2/np.pi*k2/2)[:, None, None]*np.eye(3),
+            phase*0.5j*np.exp(-(a/(6*np.sqrt(np.pi))**(1/3))**2*k2/2)[:, None, None]*turn
+        ]
     D = np.concatenate(blocks, 2)
     expected = np.einsum('kai,kab,kbj->ij', D.conj(), green, D, optimize=True).real
     context, fluid, _ = scene(x, radii, box, MobilityForce.ForceCoupling)
@@ -74,21 +81,24 @@ def _free(a, b, r):
     """Rotne-Prager-Yamakawa of two spheres in unbounded fluid (Zuk et al., 2014), 8 pi eta times it: 6 x 6, r = r_a - r_b."""
     R, sum_, d = np.linalg.norm(r), a + b, abs(a - b)
     n = r/R if R > 0 else r
-    I, nn, cross = np.eye(3), np.outer(n, n), np.array([(0, -n[2], n[1]), (n[2], 0, -n[0]), (-n[1], n[0], 0)])
+    I, nn, cross = np.eye(3), np.outer(n, n), np.array([(0, -n[2], n[1]), (n[2], 0, -n[0]),
+                                                        (-n[1], n[0], 0)])
     s2 = a*a + b*b
 
     def turn(first, second):
         if R > sum_:
             return 1/R**2
         if R > d:
-            return ((first - second + R)**2*(second**2 + 2*second*(first + R) - 3*(first - R)**2)
-                    / (16*R**2*first**3*second))
+            return ((first - second + R)**2*(second**2 + 2*second*(first + R) - 3*(first - R)**2)/
+                    (16*R**2*first**3*second))
         return R/first**3 if first > second else 0
+
     if R > sum_:
         tt, rr = ((1 + s2/(3*R**2))*I + (1 - s2/R**2)*nn)/R, (3*nn - I)/(2*R**3)
     elif R > d:
         tt = ((16*R**3*sum_ - (d**2 + 3*R**2)**2)*I + 3*(d**2 - R**2)**2*nn)/(32*R**3)*4/(3*a*b)
-        A = (5*R**6 - 27*R**4*s2 + 32*R**3*(a**3 + b**3) - 9*R**2*(a**2 - b**2)**2 - d**4*(s2 + 4*a*b))/(64*R**3)
+        A = (5*R**6 - 27*R**4*s2 + 32*R**3*(a**3 + b**3) - 9*R**2*(a**2 - b**2)**2 - d**4*
+             (s2 + 4*a*b))/(64*R**3)
         rr = (A*I + 3*(d**2 - R**2)**2*(s2 + 4*a*b - R**2)/(64*R**3)*nn)/(a*b)**3
     else:
         tt, rr = I*4/(3*max(a, b)), I/max(a, b)**3
@@ -100,6 +110,7 @@ def _screened(a, b, r, xi, k, weights):
     def j(n, x):
         return (np.sin(x)/x, np.sin(x)/x**2 - np.cos(x)/x,
                 (3/x**3 - 1/x)*np.sin(x) - 3*np.cos(x)/x**2)[n]
+
     R = np.linalg.norm(r)
     if R < 1e-3:
         R, n = 0, 0*r
@@ -109,7 +120,8 @@ def _screened(a, b, r, xi, k, weights):
         j0, j1x, j2, j1 = j(0, x), j(1, x)/x, j(2, x), j(1, x)
     H = 4/np.pi*weights*(1 + k**2/(4*xi**2))*np.exp(-k**2/(4*xi**2))
     s, t = [j(0, k*c) for c in (a, b)], [3*j(1, k*c)/(k*c) for c in (a, b)]
-    I, nn, cross = np.eye(3), np.outer(n, n), np.array([(0, -n[2], n[1]), (n[2], 0, -n[0]), (-n[1], n[0], 0)])
+    I, nn, cross = np.eye(3), np.outer(n, n), np.array([(0, -n[2], n[1]), (n[2], 0, -n[0]),
+                                                        (-n[1], n[0], 0)])
     tensor = [np.sum(H*f*(j0 - j1x))*I + np.sum(H*f*j2)*nn for f in (s[0]*s[1], t[0]*t[1]*k**2/4)]
     turns = [-np.sum(H*f*k*j1)/2*cross for f in (s[0]*t[1], t[0]*s[1])]
     return np.block([[tensor[0], turns[0]], [turns[1], tensor[1]]])
@@ -132,20 +144,24 @@ def _slowSum(x, radii, box, xi):
     turn = np.cross(waves[:, None, :], np.eye(3)).transpose(0, 2, 1)
     s = [np.sin(k*a)/(k*a) for a in radii]
     t = [3*(np.sin(k*a)/(k*a)**3 - np.cos(k*a)/(k*a)**2) for a in radii]
-    D = np.concatenate([np.exp(-1j*(waves @ place))[:, None, None]*block for place, si, ti in zip(x, s, t)
-                        for block in (si[:, None, None]*np.eye(3), 0.5j*ti[:, None, None]*turn)], 2)
+    D = np.concatenate([
+        np.exp(-1j*(waves @ place))[:, None, None]*block for place, si, ti in zip(x, s, t)
+        for block in (si[:, None, None]*np.eye(3), 0.5j*ti[:, None, None]*turn)
+    ], 2)
     M += np.einsum('kai,k,kab,kbj->ij', D.conj(), H, green, D, optimize=True).real
     for i, a in enumerate(radii):
         for j, b in enumerate(radii):
             for r in x[i] - x[j] + images:
                 if np.linalg.norm(r) < 6.5/xi + a + b:
-                    M[6*i:6*i + 6, 6*j:6*j + 6] += _free(a, b, r) - _screened(a, b, r, xi, nodes, weights)
+                    M[6*i:6*i + 6,
+                      6*j:6*j + 6] += _free(a, b, r) - _screened(a, b, r, xi, nodes, weights)
     return M/(8*np.pi)
 
 
 def test_rotne_prager_yamakawa_is_a_slow_sum():
     """Written down again, with another splitting, in a triclinic box: apart, overlapping, one inside another, ratio 10."""
-    box, radii = np.array([(7, 0, 0), (3.4, 6.5, 0), (-3.1, 2.9, 7.2)]), np.array([1, 0.7, 0.6, 0.1])
+    box, radii = np.array([(7, 0, 0), (3.4, 6.5, 0),
+                           (-3.1, 2.9, 7.2)]), np.array([1, 0.7, 0.6, 0.1])
     x = np.array([(0.41, 6.9, 1.2), (2.15, 0.35, 8.9), (2.3, 0.9, 9.4), (0.6, 7.1, 1.5)])
     context, fluid, _ = scene(x, radii, box, MobilityForce.RotnePragerYamakawa)
     M, expected = fluid.getMobilityInContext(context), _slowSum(x, radii, box, 0.8)
@@ -154,13 +170,16 @@ def test_rotne_prager_yamakawa_is_a_slow_sum():
 
 
 def test_a_box_that_changes():
-    context, fluid, integrator = scene([(0, 0, 0), (2.5, 0, 0)], [1, 1], 9*np.eye(3), MobilityForce.RotnePragerYamakawa)
+    context, fluid, integrator = scene([(0, 0, 0), (2.5, 0, 0)], [1, 1], 9*np.eye(3),
+                                       MobilityForce.RotnePragerYamakawa)
     assert 'the periodic box (9, 0, 0), (0, 9, 0), (0, 0, 9) nm' in integrator.describeEffects()
     before = fluid.getMobilityInContext(context)
     context.setPeriodicBoxVectors((20, 0, 0), (0, 20, 0), (0, 0, 20))
     assert fluid.getMobilityInContext(context)[0, 0] > before[0, 0]
     context.setPeriodicBoxVectors((1.9, 0, 0), (0, 9, 0), (0, 0, 9))
-    with pytest.raises(openmm.OpenMMException, match='body 0 has the length 2 nm, its radii included, and would overlap its own'):
+    with pytest.raises(
+            openmm.OpenMMException,
+            match='body 0 has the length 2 nm, its radii included, and would overlap its own'):
         integrator.step(1)
 
 

@@ -13,7 +13,9 @@ SCRIPT = pathlib.Path(__file__).resolve().parents[2]/'examples'/'rigid_proteins_
 @pytest.fixture(scope='module')
 def result(tmp_path_factory):
     folder = tmp_path_factory.mktemp('proteins')
-    finished = subprocess.run([sys.executable, str(SCRIPT), '--quick', '--output', str(folder)], capture_output=True, text=True, timeout=600)
+    finished = subprocess.run(
+        [sys.executable, str(SCRIPT), '--quick', '--output',
+         str(folder)], capture_output=True, text=True, timeout=600)
     assert finished.returncode == 0, finished.stdout + finished.stderr
     found = {}
     for name in ('rigid_proteins', 'prices'):
@@ -25,7 +27,10 @@ def result(tmp_path_factory):
 def test_resumed_runs(result):
     """Bit for bit on Reference; on CPU the same random numbers, so that only the rounding of OpenMM's forces differs."""
     rows = result['saved_and_resumed']
-    assert {(row['platform'], row['scheme']) for row in rows} == {(p, s) for p in ('Reference', 'CPU') for s in ('LangevinHI', 'DriftCorrectorFD')}
+    assert {(row['platform'], row['scheme'])
+            for row in rows} == {(p, s)
+                                 for p in ('Reference', 'CPU')
+                                 for s in ('LangevinHI', 'DriftCorrectorFD')}
     for row in rows:
         # Steps of 1e-3 nm: other noise would be of that size.
         assert row['moved_after'] > 1e-3
@@ -51,7 +56,9 @@ def test_fluid(result):
     price, = result['prices']
     kinds = price['kinds']
     for scheme in ('LangevinHI', 'DriftCorrectorFD'):
-        assert 'on a grid' in price['fluid'][scheme] and kinds[scheme]['ms_transforms'] > 0 and kinds[scheme]['iterations'] > 0
-    assert 'on a grid' not in price['fluid']['LangevinHI, dense'] and kinds['LangevinHI, dense']['ms_transforms'] == 0
+        assert 'on a grid' in price['fluid'][
+            scheme] and kinds[scheme]['ms_transforms'] > 0 and kinds[scheme]['iterations'] > 0
+    assert 'on a grid' not in price['fluid']['LangevinHI, dense'] and kinds['LangevinHI, dense'][
+        'ms_transforms'] == 0
     assert kinds['forces alone, Langevin C']['ms_fluid'] == 0
     assert all(row['force_evaluations'] == 1 for row in kinds.values())

@@ -16,7 +16,8 @@ SITES = [(0.05, 0, 0), (-0.04, 0.1, 0), (0, -0.1, 0.2)]
 
 
 def refused(*pieces):
-    return pytest.raises(openmm.OpenMMException, match='.*'.join(re.escape(piece) for piece in pieces))
+    return pytest.raises(openmm.OpenMMException,
+                         match='.*'.join(re.escape(piece) for piece in pieces))
 
 
 def explicitBody(platform, mass=9, moments=MOMENTS, sites=SITES, step=1e-9):
@@ -37,7 +38,8 @@ def start(context, integrator):
 
 
 def stateXml(context):
-    return openmm.XmlSerializer.serialize(context.getState(getPositions=True, getVelocities=True, getIntegratorParameters=True))
+    return openmm.XmlSerializer.serialize(
+        context.getState(getPositions=True, getVelocities=True, getIntegratorParameters=True))
 
 
 def load(context, saved):
@@ -51,14 +53,17 @@ WAYS = {'checkpoint': lambda context: context.createCheckpoint(), 'State': state
 
 
 def twist(integrator):
-    return np.concatenate([integrator.getBodyVelocities()._value, integrator.getBodyAngularVelocities()._value], 1)
+    return np.concatenate(
+        [integrator.getBodyVelocities()._value,
+         integrator.getBodyAngularVelocities()._value], 1)
 
 
 def places(context):
     return context.getState(getPositions=True).getPositions(asNumpy=True)._value
 
 
-# ---- Explicit bodies: another definition is refused ---------------------------------------------------------------------
+# ---- Explicit bodies: another definition is refused ----------------------------------------------
+
 
 @pytest.mark.parametrize('moments', [(2.5, 2, 1), (2, 1, 2.5), (1, 2, 2.6), (1, 2, 2.5*(1 + 1e-7))])
 @pytest.mark.parametrize('way', WAYS)
@@ -68,7 +73,8 @@ def test_other_moments_are_refused(platform, way, moments):
     saved = WAYS[way](context)
     other, otherIntegrator = explicitBody(platform, moments=moments)
     other.setPositions(np.array(SITES) + 1)
-    with refused('body 0 was saved with another shape or mass', 'moments (1, 2, 2.5) instead of', 'load the state into'):
+    with refused('body 0 was saved with another shape or mass', 'moments (1, 2, 2.5) instead of',
+                 'load the state into'):
         load(other, saved)
     # What was there before is as it was, but for positions that OpenMM may have replaced already.
     otherIntegrator.step(1)
@@ -79,7 +85,8 @@ def test_a_body_redefined_before_reinitialize_that_preserves_the_state(platform,
     context, integrator = explicitBody(platform)
     start(context, integrator)
     integrator.setRigidBodyParameters(0, [0, 1, 2], 9, moments, SITES)
-    with refused('body 0 was saved with another shape or mass', 'reinitialize() without preserveState'):
+    with refused('body 0 was saved with another shape or mass',
+                 'reinitialize() without preserveState'):
         context.reinitialize(preserveState=True)
     context.setPositions(np.array(SITES))
     integrator.step(1)
@@ -95,8 +102,10 @@ def test_another_mass_or_site_is_refused(platform, way, change):
     sites = np.array(SITES)
     if change == 'site':
         sites[1, 2] += 0.002
-    other, otherIntegrator = explicitBody(platform, mass=9*(1 + 1e-4) if change == 'mass' else 9, sites=sites)
-    with refused('body 0 was saved with another shape or mass', {'mass': 'mass 9 instead of 9.0009', 'site': 'particle 1'}[change]):
+    other, otherIntegrator = explicitBody(platform, mass=9*(1 + 1e-4) if change == 'mass' else 9,
+                                          sites=sites)
+    with refused('body 0 was saved with another shape or mass',
+                 {'mass': 'mass 9 instead of 9.0009', 'site': 'particle 1'}[change]):
         load(other, saved)
 
 
@@ -118,7 +127,8 @@ def test_moments_that_differ_by_rounding_are_the_same(platform, way, saved, give
     assert np.abs(places(other) - before).max() < 2e-8  # a velocity of 10 nm/ps for 1e-9 ps
 
 
-# ---- Implicit bodies: the System wins -----------------------------------------------------------------------------------
+# ---- Implicit bodies: the System wins ------------------------------------------------------------
+
 
 def water(platform, masses=(16, 1, 1), bond=0.1, constrained=True, shape=None):
     """Two waters: one held by constraints, one by its first positions."""
@@ -135,7 +145,8 @@ def water(platform, masses=(16, 1, 1), bond=0.1, constrained=True, shape=None):
 
 
 def waterPositions(bond=0.1):
-    triangle = np.array([(0, 0, 0), (0.08, np.sqrt(bond**2 - 0.08**2), 0), (-0.08, np.sqrt(bond**2 - 0.08**2), 0)])
+    triangle = np.array([(0, 0, 0), (0.08, np.sqrt(bond**2 - 0.08**2), 0),
+                         (-0.08, np.sqrt(bond**2 - 0.08**2), 0)])
     return np.concatenate([triangle, triangle + 1])
 
 
@@ -166,7 +177,8 @@ def checkBodies(integrator, masses, bond=0.1):
         assert np.abs(centre).max() < 1e-12
 
 
-@pytest.mark.parametrize('masses', [(10, 4, 4), (160, 10, 10), (2, 7, 9)], ids=['repartitioned', 'ten times', 'skew'])
+@pytest.mark.parametrize('masses', [(10, 4, 4), (160, 10, 10), (2, 7, 9)],
+                         ids=['repartitioned', 'ten times', 'skew'])
 @pytest.mark.parametrize('way', ['preserveState', 'State', 'checkpoint'])
 def test_changed_masses_win_over_saved_ones(platform, way, masses):
     """Particles stay where they are and keep their velocities, as under OpenMM's own integrators."""
@@ -180,13 +192,19 @@ def test_changed_masses_win_over_saved_ones(platform, way, masses):
         load(context, saved)
     checkBodies(integrator, masses)
     after = context.getState(getPositions=True, getVelocities=True)
-    assert np.array_equal(after.getPositions(asNumpy=True)._value, before.getPositions(asNumpy=True)._value)
-    assert np.array_equal(after.getVelocities(asNumpy=True)._value, before.getVelocities(asNumpy=True)._value)
+    assert np.array_equal(
+        after.getPositions(asNumpy=True)._value,
+        before.getPositions(asNumpy=True)._value)
+    assert np.array_equal(
+        after.getVelocities(asNumpy=True)._value,
+        before.getVelocities(asNumpy=True)._value)
     # Momentum and kinetic energy are those of the particles with their new masses.
     v = before.getVelocities(asNumpy=True)._value
     m = np.array(2*masses, dtype=float)[:, None]
-    assert np.allclose(integrator.getBodyVelocities()._value, (m*v).reshape(2, 3, 3).sum(1)/sum(masses), atol=1e-12)
-    assert context.getState(getEnergy=True).getKineticEnergy()._value == pytest.approx(0.5*(m*v**2).sum(), rel=1e-6)
+    assert np.allclose(integrator.getBodyVelocities()._value,
+                       (m*v).reshape(2, 3, 3).sum(1)/sum(masses), atol=1e-12)
+    assert context.getState(getEnergy=True).getKineticEnergy()._value == pytest.approx(
+        0.5*(m*v**2).sum(), rel=1e-6)
     integrator.setStepSize(1e-9)
     integrator.step(1)
     assert np.abs(places(context) - before.getPositions(asNumpy=True)._value).max() < 1e-7
@@ -220,7 +238,8 @@ def test_a_changed_constraint_wins_over_the_saved_shape(platform, way):
     if saved is not None:
         load(context, saved)
     checkBodies(integrator, (16, 1, 1), bond=0.12)
-    with refused('body 0: particle', 'nm from its place in the body', 'call applyConstraints() on the Context'):
+    with refused('body 0: particle', 'nm from its place in the body',
+                 'call applyConstraints() on the Context'):
         integrator.step(1)
     context.applyConstraints(1e-6)
     integrator.step(1)
@@ -238,7 +257,8 @@ def test_unchanged_bodies_resume_bit_for_bit_beside_changed_ones():
     assert np.array_equal(integrator.getBodyOrientations()[1], before[1])
 
 
-# ---- Files of earlier versions ------------------------------------------------------------------------------------------
+# ---- Files of earlier versions -------------------------------------------------------------------
+
 
 def versionOne(platform, state='state_version1.xml'):
     system = openmm.System()
@@ -247,7 +267,8 @@ def versionOne(platform, state='state_version1.xml'):
         system.addParticle(1 + i)
         force.addParticle(i, [])
     system.addForce(force)
-    integrator = CustomRigidHIIntegrator.cast(openmm.XmlSerializer.deserialize((DATA/'integrator_version1.xml').read_text()))
+    integrator = CustomRigidHIIntegrator.cast(
+        openmm.XmlSerializer.deserialize((DATA/'integrator_version1.xml').read_text()))
     context = openmm.Context(system, integrator, platform)
     load(context, (DATA/state).read_text())
     return context, integrator
@@ -261,7 +282,8 @@ def test_files_of_earlier_versions_are_read(state):
     expected = json.loads((DATA/'state_version1_after3steps.json').read_text())
     assert np.abs(integrator.getBodyPositions()._value - expected['positions']).max() < 1e-13
     assert np.abs(integrator.getBodyOrientations() - expected['orientations']).max() < 1e-13
-    assert np.abs(integrator.getBodyAngularVelocities()._value - expected['angularVelocities']).max() < 1e-11
+    assert np.abs(integrator.getBodyAngularVelocities()._value -
+                  expected['angularVelocities']).max() < 1e-11
 
 
 def test_a_checkpoint_of_another_version(platform):
@@ -270,8 +292,9 @@ def test_a_checkpoint_of_another_version(platform):
     saved = context.createCheckpoint()
     assert saved.count(b'RIGIDHI3') == 1
     for other in (b'1', b'4'):
-        with refused(f'the checkpoint has version {other.decode()}, but this library reads versions 2 to 3',
-                     'load it with the library it was saved with'):
+        with refused(
+                f'the checkpoint has version {other.decode()}, but this library reads versions 2 '
+                f'to 3', 'load it with the library it was saved with'):
             context.loadCheckpoint(saved.replace(b'RIGIDHI3', b'RIGIDHI' + other))
 
 
@@ -283,6 +306,7 @@ def test_a_checkpoint_of_version_two_has_no_inertia_scale_and_no_last_step(platf
     expected = places(context)
     at = 4 + 8 + 4 + 8 + 8  # seed, step number, whether there are bodies, two hashes
     assert struct.unpack_from('<d', saved, saved.index(b'RIGIDHI3') + 24 + at) == (1,)
+
     # A scheme with momenta has no last step: its name's length and the number of groups are 0.
     def asVersionTwo(body):
         assert body[-8:] == bytes(8)
@@ -293,7 +317,8 @@ def test_a_checkpoint_of_version_two_has_no_inertia_scale_and_no_last_step(platf
     assert np.array_equal(places(context), expected)
 
 
-# ---- Strict reading -----------------------------------------------------------------------------------------------------
+# ---- Strict reading ------------------------------------------------------------------------------
+
 
 @pytest.mark.parametrize('pattern, replacement, pieces', [
     (' Rx="[^"]*"', ' Rx="abc"', ["property 'Rx' is 'abc'", 'it must be a number']),
@@ -302,21 +327,30 @@ def test_a_checkpoint_of_version_two_has_no_inertia_scale_and_no_last_step(platf
     (' stepNumber="[^"]*"', ' stepNumber="1.5"', ["property 'stepNumber' is '1.5'"]),
     (' stepNumber="[^"]*"', ' stepNumber="-7"', ['its step number -7 is below 0; use another']),
     (' mass="[^"]*"', ' mass="abc"', ["property 'mass' is 'abc'"]),
-    (' mass="[^"]*"', ' mass="-1"', ['body 0: the saved state is corrupt: it has mass -1 amu; use another']),
+    (' mass="[^"]*"', ' mass="-1"',
+     ['body 0: the saved state is corrupt: it has mass -1 amu; use another']),
     (' mass="[^"]*"', ' mass="0"', ['body 0', 'it has mass 0 amu']),
     (' I1="[^"]*"', ' I1="-2"', ['body 0', 'no body has its moments (-2, ']),
     (' I1="[^"]*"', ' I1="200"', ['body 0', 'no body has its moments (200, ']),
-    (' qw="[^"]*"', ' qw="5"', ['body 0', 'its quaternion has length ', ', which must be 1; use another']),
-    (' qw="[^"]*"', ' qw="inf"', ['body 0: the saved state is corrupt: it has a non-finite number; use another']),
-    (' px="[^"]*"', ' px="nan"', ['body 0: the saved state is corrupt: it has a non-finite number; use another']),
+    (' qw="[^"]*"', ' qw="5"',
+     ['body 0', 'its quaternion has length ', ', which must be 1; use another']),
+    (' qw="[^"]*"', ' qw="inf"',
+     ['body 0: the saved state is corrupt: it has a non-finite number; use another']),
+    (' px="[^"]*"', ' px="nan"',
+     ['body 0: the saved state is corrupt: it has a non-finite number; use another']),
     (' Rx="[^"]*"', ' Rx="7"', ['body 0', 'particle', 'from where the saved pose puts it']),
-    (' inertiaScale="[^"]*"', ' inertiaScale="0"', ['the saved state is corrupt: its inertia scale 0', 'is not positive and finite; use another']),
-    (' inertiaScale="[^"]*"', ' inertiaScale="inf"', ['the saved state is corrupt: its inertia scale inf']),
-    (' inertiaScale="[^"]*"', ' inertiaScale="2"', ['body 0', 'its pose or twist is not that of its exact numbers']),
+    (' inertiaScale="[^"]*"', ' inertiaScale="0"', [
+        'the saved state is corrupt: its inertia scale 0', 'is not positive and finite; use another'
+    ]),
+    (' inertiaScale="[^"]*"', ' inertiaScale="inf"',
+     ['the saved state is corrupt: its inertia scale inf']),
+    (' inertiaScale="[^"]*"', ' inertiaScale="2"',
+     ['body 0', 'its pose or twist is not that of its exact numbers']),
     (' positionsHash="[^"]*"', ' positionsHash="12x"', ["property 'positionsHash' is '12x'"]),
     (' wx="[^"]*"', ' wx="7"', ['body 0', 'its pose or twist is not that of its exact numbers']),
     ('<Site [^>]*/>', '', ['body 0', 'particles']),
-    ('<Site x="[^"]*"', '<Site x="nan"', ['body 0: the saved state is corrupt: it has a non-finite number; use another']),
+    ('<Site x="[^"]*"', '<Site x="nan"',
+     ['body 0: the saved state is corrupt: it has a non-finite number; use another']),
 ])
 @pytest.mark.parametrize('version', [1, 3])
 def test_body_states_are_read_strictly(platform, version, pattern, replacement, pieces):
@@ -338,7 +372,8 @@ def test_body_states_are_read_strictly(platform, version, pattern, replacement, 
 def test_a_refused_state_leaves_the_bodies_as_they_were(platform):
     context, integrator = versionOne(platform)
     xml = stateXml(context)
-    before, spins = integrator.getBodyPositions()._value, integrator.getBodyAngularVelocities()._value
+    before, spins = integrator.getBodyPositions()._value, integrator.getBodyAngularVelocities(
+    )._value
     with refused('body 2'):
         at = xml.rindex(' qw="')
         load(context, xml[:at] + ' qw="3"' + xml[xml.index('"', at + 5) + 1:])
@@ -356,7 +391,8 @@ def forged(checkpoint, edit):
     value = 0xcbf29ce484222325
     for byte in body:
         value = ((value ^ byte)*0x100000001b3) % 2**64
-    return checkpoint[:at + 8] + len(body).to_bytes(8, 'little') + value.to_bytes(8, 'little') + bytes(body) + checkpoint[at + 24 + length:]
+    return checkpoint[:at + 8] + len(body).to_bytes(8, 'little') + value.to_bytes(
+        8, 'little') + bytes(body) + checkpoint[at + 24 + length:]
 
 
 def test_checkpoints_with_a_forged_check_sum(platform):
@@ -366,12 +402,15 @@ def test_checkpoints_with_a_forged_check_sum(platform):
     at = checkpoint.index(b'RIGIDHI3')
     length = int.from_bytes(checkpoint[at + 8:at + 16], 'little')
     numbers = 8 + 4 + 4 + 8 + 8 + 8 + 4  # before the bodies
-    poses, motion = (integrator.getBodyPositions()._value, integrator.getBodyOrientations()), twist(integrator)
+    poses, motion = (integrator.getBodyPositions()._value,
+                     integrator.getBodyOrientations()), twist(integrator)
     random = np.random.default_rng(1)
     refusals = 0
     for place in random.choice(np.arange(numbers, length), 150, replace=False):
+
         def edit(body):
             body[place] ^= 0x40 if random.random() < 0.5 else 0x7f
+
         try:
             context.loadCheckpoint(forged(checkpoint, edit))
         except openmm.OpenMMException:
@@ -383,10 +422,14 @@ def test_checkpoints_with_a_forged_check_sum(platform):
         integrator.step(1)
         assert np.isfinite(places(context)).all()
     assert refusals > 50  # of 150: the three leading bytes of eight
-    for edit, piece in ((lambda body: body + struct.pack('<ddi', 1e-7, 1e-7, 0) + b'\0', 'there are 1 bytes after its end'),
-                        (lambda body: body + b'\0', 'it ends too early'), (lambda body: body[:-8], 'it ends too early'),
-                        (lambda body: b'', 'it ends too early'), (lambda body: body[:40] + b'\xff\xff\xff\xff', 'it says to hold -1 bodies'),
-                        (lambda body: body[:-4] + b'\xff\xff\xff\xff', 'it says that -1 items follow; use another')):
+    for edit, piece in ((lambda body: body + struct.pack('<ddi', 1e-7, 1e-7, 0) + b'\0',
+                         'there are 1 bytes after its end'), (lambda body: body + b'\0',
+                                                              'it ends too early'),
+                        (lambda body: body[:-8], 'it ends too early'), (lambda body: b'',
+                                                                        'it ends too early'),
+                        (lambda body: body[:40] + b'\xff\xff\xff\xff', 'it says to hold -1 bodies'),
+                        (lambda body: body[:-4] + b'\xff\xff\xff\xff',
+                         'it says that -1 items follow; use another')):
         with refused('the checkpoint is corrupt', piece):
             context.loadCheckpoint(forged(checkpoint, edit))
     context.loadCheckpoint(forged(checkpoint, lambda body: None))
@@ -407,21 +450,35 @@ def test_memory_of_a_scheme_that_is_not_of_these_bodies(platform):
     context.setPositions([(0, 0, 0)])
     integrator.step(1)
     xml = stateXml(context)
-    for memory, pieces in (('<Group><Vectors rows="2" columns="1"/></Group>', ["property 'rows' is '2'", 'it must be the number of values over that of columns']),
-                           ('<Group/><Group/>', ["the saved state's memory of scheme FixmanMidpoint is damaged, or that of other bodies"]),
-                           ('<Group><Vectors rows="0" columns="0"/></Group>', ['is damaged, or that of other bodies'])):
+    for memory, pieces in (('<Group><Vectors rows="2" columns="1"/></Group>', [
+            "property 'rows' is '2'", 'it must be the number of values over that of columns'
+    ]), ('<Group/><Group/>', [
+            "the saved state's memory of scheme FixmanMidpoint is damaged, or that of other bodies"
+    ]), ('<Group><Vectors rows="0" columns="0"/></Group>', ['is damaged, or that of other bodies'
+                                                            ])):
         before = integrator.getBodyPositions()._value, integrator.getBodyOrientations()
         with refused(*pieces):
-            load(context, xml.replace('</RigidBodyState>', f'<SchemeMemory scheme="FixmanMidpoint">{memory}</SchemeMemory></RigidBodyState>'))
-        assert np.array_equal(integrator.getBodyPositions()._value, before[0]) and np.array_equal(integrator.getBodyOrientations(), before[1])
-    load(context, xml.replace('</RigidBodyState>', '<SchemeMemory scheme="FixmanMidpoint"><Group/></SchemeMemory></RigidBodyState>'))
+            load(
+                context,
+                xml.replace(
+                    '</RigidBodyState>', f'<SchemeMemory '
+                    f'scheme="FixmanMidpoint">{memory}</SchemeMemory></RigidBodyState>'))
+        assert np.array_equal(integrator.getBodyPositions()._value, before[0]) and np.array_equal(
+            integrator.getBodyOrientations(), before[1])
+    load(
+        context,
+        xml.replace(
+            '</RigidBodyState>',
+            '<SchemeMemory scheme="FixmanMidpoint"><Group/></SchemeMemory></RigidBodyState>'))
     integrator.step(1)
 
 
 def test_memory_that_a_scheme_cannot_have(platform):
     """The name is that of the present scheme, which is none of those that keep anything."""
     context, integrator = versionOne(platform)
-    xml = stateXml(context).replace('</RigidBodyState>', '<SchemeMemory scheme="LangevinC"><Group/></SchemeMemory></RigidBodyState>')
+    xml = stateXml(context).replace(
+        '</RigidBodyState>',
+        '<SchemeMemory scheme="LangevinC"><Group/></SchemeMemory></RigidBodyState>')
     load(context, xml)  # without a fluid there is nobody to remember
     integrator.step(1)
     system, fluid = openmm.System(), MobilityForce()
@@ -435,7 +492,11 @@ def test_memory_that_a_scheme_cannot_have(platform):
     context.setPositions([(0, 0, 0)])
     langevin.step(1)
     with refused("the saved state's memory of scheme LangevinHI is damaged"):
-        load(context, stateXml(context).replace('</RigidBodyState>', '<SchemeMemory scheme="LangevinHI"><Group/></SchemeMemory></RigidBodyState>'))
+        load(
+            context,
+            stateXml(context).replace(
+                '</RigidBodyState>',
+                '<SchemeMemory scheme="LangevinHI"><Group/></SchemeMemory></RigidBodyState>'))
     langevin.step(1)
 
 
@@ -446,13 +507,15 @@ def test_states_hold_what_users_mean(platform):
     xml = stateXml(context)
     body = re.search(r'<Body ([^>]*)>', xml).group(1)
     values = {name: float(value) for name, value in re.findall(r'(\w+)="([^"]*)"', body)}
-    assert [values['R' + axis] for axis in 'xyz'] == integrator.getBodyPositions()._value[0].tolist()
+    assert [values['R' + axis]
+            for axis in 'xyz'] == integrator.getBodyPositions()._value[0].tolist()
     assert [values['q' + axis] for axis in 'wxyz'] == integrator.getBodyOrientations()[0].tolist()
     assert [values['v' + axis] for axis in 'xyz'] == pytest.approx([0.3, 0.2, 0.1], rel=1e-14)
     assert [values['w' + axis] for axis in 'xyz'] == pytest.approx([3, -4, 5], rel=1e-13)
 
 
-# ---- First positions ----------------------------------------------------------------------------------------------------
+# ---- First positions -----------------------------------------------------------------------------
+
 
 def test_first_positions_that_are_refused_do_not_become_the_shape(platform):
     """The fluid refuses a body that is below the wall; its shape is not kept."""
@@ -471,10 +534,12 @@ def test_first_positions_that_are_refused_do_not_become_the_shape(platform):
     assert not integrator.getRigidBodyGeometryIsKnown(0)
     context.setPositions([(0, 0, 0), (0, 0, 0.3)])
     integrator.step(1)
-    assert np.linalg.norm(np.diff(integrator.getRigidBodyParameters(0)[3]._value, axis=0)) == pytest.approx(0.3)
+    assert np.linalg.norm(np.diff(integrator.getRigidBodyParameters(0)[3]._value,
+                                  axis=0)) == pytest.approx(0.3)
 
 
-# ---- The seed -----------------------------------------------------------------------------------------------------------
+# ---- The seed ------------------------------------------------------------------------------------
+
 
 def test_the_saved_seed_goes_on(platform):
     """A new seed takes effect where no state is preserved."""

@@ -29,8 +29,8 @@ PROPERTIES = [
     ('setRotationalFriction', 'getRotationalFriction', 1e20/3/unit.picosecond),
     ('setInertiaScale', 'getInertiaScale', 20/3),
     ('setGradientRelaxationTime', 'getGradientRelaxationTime', 1e-9/3*unit.picosecond),
-    ('setGradientRotationalRelaxationTime', 'getGradientRotationalRelaxationTime', 0.01/3*unit.picosecond),
-    ('setRandomNumberSeed', 'getRandomNumberSeed', -2**31),
+    ('setGradientRotationalRelaxationTime', 'getGradientRotationalRelaxationTime',
+     0.01/3*unit.picosecond), ('setRandomNumberSeed', 'getRandomNumberSeed', -2**31),
     ('setPoseTolerance', 'getPoseTolerance', 0.01/3*unit.nanometer),
     ('setMaximumRejections', 'getMaximumRejections', 17),
     ('setNumHostThreads', 'getNumHostThreads', 3),
@@ -39,12 +39,13 @@ PROPERTIES = [
     ('setFiniteDifferenceStep', 'getFiniteDifferenceStep', 1e-4/3),
 ]
 #: What files of earlier versions do not have: the getter, and the default.
-NEWER = {'inertiaScale': ('getInertiaScale', 1),
-         'maximumRejections': ('getMaximumRejections', 100),
-         'numHostThreads': ('getNumHostThreads', 0),
-         'finiteDifferenceStep': ('getFiniteDifferenceStep', 0),
-         'driftCorrectorScaling': ('getDriftCorrectorScaling', CustomRigidHIIntegrator.SlipOnly),
-         'wallRejection': ('getWallRejection', CustomRigidHIIntegrator.Overlap)}
+NEWER = {
+    'inertiaScale': ('getInertiaScale', 1), 'maximumRejections': ('getMaximumRejections', 100),
+    'numHostThreads': ('getNumHostThreads', 0),
+    'finiteDifferenceStep': ('getFiniteDifferenceStep', 0),
+    'driftCorrectorScaling': ('getDriftCorrectorScaling', CustomRigidHIIntegrator.SlipOnly),
+    'wallRejection': ('getWallRejection', CustomRigidHIIntegrator.Overlap)
+}
 
 
 def make():
@@ -60,12 +61,15 @@ def make():
 
 
 def throughXml(integrator):
-    return CustomRigidHIIntegrator.cast(openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(integrator)))
+    return CustomRigidHIIntegrator.cast(
+        openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(integrator)))
 
 
-COPIES = {'xml': throughXml, 'copy': copy.copy, 'deepcopy': copy.deepcopy,
-          'pickle': lambda integrator: pickle.loads(pickle.dumps(integrator)),
-          'clone': lambda integrator: CustomRigidHIIntegrator.cast(openmm.XmlSerializer.clone(integrator))}
+COPIES = {
+    'xml': throughXml, 'copy': copy.copy, 'deepcopy': copy.deepcopy,
+    'pickle': lambda integrator: pickle.loads(pickle.dumps(integrator)),
+    'clone': lambda integrator: CustomRigidHIIntegrator.cast(openmm.XmlSerializer.clone(integrator))
+}
 
 
 @pytest.fixture(params=COPIES)
@@ -87,9 +91,11 @@ def assertSameBodies(a, b):
                 assert np.all(x == y)
 
 
-# ---- What survives ---------------------------------------------------------------------------------------------------
+# ---- What survives -------------------------------------------------------------------------------
 
-@pytest.mark.parametrize('setter, getter, value', PROPERTIES, ids=[f'{p[0]}-{p[2]}' for p in PROPERTIES])
+
+@pytest.mark.parametrize('setter, getter, value', PROPERTIES,
+                         ids=[f'{p[0]}-{p[2]}' for p in PROPERTIES])
 def test_every_property_survives(setter, getter, value, duplicate):
     integrator = make()
     getattr(integrator, setter)(value)
@@ -100,8 +106,10 @@ def test_every_property_survives(setter, getter, value, duplicate):
 
 def test_every_setter_is_in_the_list_of_properties():
     """A new setting cannot be forgotten here. The others act on bodies or on the state of a Context."""
-    others = {'setBodyPositions', 'setBodyOrientations', 'setBodyVelocities', 'setBodyAngularVelocities',
-              'setRigidBodyParameters', 'setBodyFriction'}
+    others = {
+        'setBodyPositions', 'setBodyOrientations', 'setBodyVelocities', 'setBodyAngularVelocities',
+        'setRigidBodyParameters', 'setBodyFriction'
+    }
     setters = {name for name in dir(CustomRigidHIIntegrator) if name.startswith('set')}
     assert setters - others == {setter for setter, _, _ in PROPERTIES}
 
@@ -109,7 +117,8 @@ def test_every_setter_is_in_the_list_of_properties():
 def test_every_kind_of_body_survives(duplicate):
     integrator = make()
     assertSameBodies(integrator, duplicate(integrator))
-    assertSameBodies(CustomRigidHIIntegrator(300, 0.001), duplicate(CustomRigidHIIntegrator(300, 0.001)))
+    assertSameBodies(CustomRigidHIIntegrator(300, 0.001),
+                     duplicate(CustomRigidHIIntegrator(300, 0.001)))
 
 
 def test_geometry_that_was_derived_survives(duplicate, waterBox, platform):
@@ -124,7 +133,8 @@ def test_geometry_that_was_derived_survives(duplicate, waterBox, platform):
     assert integrator.getRigidBodyGeometryIsKnown(0)
 
 
-# ---- Copies are working objects --------------------------------------------------------------------------------------
+# ---- Copies are working objects ------------------------------------------------------------------
+
 
 def test_copies_are_of_our_class_and_independent(duplicate):
     integrator = make()
@@ -148,7 +158,8 @@ def test_copies_run_as_the_original_does(duplicate, waterBox):
         simulation = waterBox.simulation(platform, each)
         simulation.context.setVelocitiesToTemperature(300, 5)
         simulation.step(5)
-        positions.append(simulation.context.getState(getPositions=True).getPositions(asNumpy=True)._value)
+        positions.append(
+            simulation.context.getState(getPositions=True).getPositions(asNumpy=True)._value)
     assert np.array_equal(*positions)
 
 
@@ -166,7 +177,6 @@ def test_a_bound_integrator_copies_as_unbound(duplicate, platform):
 
 class Named(CustomRigidHIIntegrator):
     """A user's class with an attribute of its own."""
-
     def __init__(self, name):
         super().__init__(300, 0.002)
         self.name = name
@@ -229,7 +239,8 @@ def test_copies_leak_nothing():
     assert copies(500) - before < 5000  # kB; leaking every copy would take 15000
 
 
-# ---- Damaged and foreign files ---------------------------------------------------------------------------------------
+# ---- Damaged and foreign files -------------------------------------------------------------------
+
 
 def xml():
     return openmm.XmlSerializer.serialize(make())
@@ -237,7 +248,8 @@ def xml():
 
 def test_a_file_cut_short_is_refused_or_whole():
     """Cut after every element. OpenMM 7.7's own XML parser reads beyond the end of a text that stops inside a tag (found with
-    AddressSanitizer, for its own integrators just the same), so what happens then is not ours to promise.
+    AddressSanitizer, for its own integrators just the same), so what happens then is not ours to
+    promise.
     """
     whole = xml()
     lengths = [match.end() for match in re.finditer('>', whole)]
@@ -250,13 +262,15 @@ def test_a_file_cut_short_is_refused_or_whole():
         assert openmm.XmlSerializer.serialize(result) == whole, length
 
 
-@pytest.mark.parametrize('attribute', sorted(set(re.findall(r' (\w+)="', xml())) - {'type', 'openmmVersion'}))
+@pytest.mark.parametrize('attribute',
+                         sorted(set(re.findall(r' (\w+)="', xml())) - {'type', 'openmmVersion'}))
 def test_a_missing_property_is_refused_by_name(attribute):
     damaged, count = re.subn(rf' {attribute}="[^"]*"', '', xml())
     assert count > 0
     if attribute in NEWER:
         getter, default = NEWER[attribute]
-        assert getattr(CustomRigidHIIntegrator.cast(openmm.XmlSerializer.deserialize(damaged)), getter)() == default
+        assert getattr(CustomRigidHIIntegrator.cast(openmm.XmlSerializer.deserialize(damaged)),
+                       getter)() == default
         return
     if attribute in ('friction', 'rotationalFriction'):
         damaged = re.sub(rf'(<RigidBody [^>]*) {attribute}="[^"]*"', r'\1', xml())
@@ -265,60 +279,69 @@ def test_a_missing_property_is_refused_by_name(attribute):
 
 
 @pytest.mark.parametrize('garbage', ['', 'abc', '1x', '--1', '1e', '0x10', '1,5', ' 1'])
-@pytest.mark.parametrize('attribute', sorted(set(re.findall(r' (\w+)="', xml())) - {'type', 'openmmVersion'}))
+@pytest.mark.parametrize('attribute',
+                         sorted(set(re.findall(r' (\w+)="', xml())) - {'type', 'openmmVersion'}))
 def test_a_property_that_is_no_number_or_name_is_refused(attribute, garbage):
     damaged = re.sub(rf' {attribute}="[^"]*"', f' {attribute}="{garbage}"', xml())
-    with pytest.raises(openmm.OpenMMException, match=f"property '{attribute}' is '{re.escape(garbage)}'"):
+    with pytest.raises(openmm.OpenMMException,
+                       match=f"property '{attribute}' is '{re.escape(garbage)}'"):
         openmm.XmlSerializer.deserialize(damaged)
 
 
-@pytest.mark.parametrize('before, after, message', [
-    ('version="1"', 'version="2"', "property 'version' is '2'; it must be 1"),
-    ('temperature="300"', 'temperature="-300"', 'temperature is -300'),
-    ('temperature="300"', 'temperature="nan"', 'temperature is nan'),
-    ('stepSize=".002"', 'stepSize="0"', 'step size is 0'),
-    ('scheme="LangevinC"', 'scheme="LangevinD"', 'one of DriftCorrectorFD, DriftCorrectorRFD'),
-    ('noiseLaw="Gaussian"', 'noiseLaw="2"', 'one of Gaussian, ThreePoint'),
-    ('randomSeed="0"', 'randomSeed="99999999999"', "property 'randomSeed'"),
-    ('index="4"', 'index="7"', 'particle 7 is already in body 0'),
-    ('index="9"', 'index="2"', 'particle 2 is named twice'),
-    ('index="9"', 'index="-9"', 'particle index -9 is negative'),
-    ('<RigidBodies count="4">', '<RigidBodies count="5">', 'it has 4 elements; there must be 5'),
-    ('<Particles count="3">', '<Particles count="2">', 'it has 3 elements; there must be 2'),
-    ('explicit="1" geometryIsKnown="1"', 'explicit="1" geometryIsKnown="0"', 'geometryIsKnown'),
-    ('explicit="1"', 'explicit="7"', "property 'explicit' is '7'; it must be 0 or 1"),
-    ('RigidBodies', 'Bodies', "the element 'RigidBodies' is missing"),
-    ('Particles', 'Atoms', "the element 'Particles' is missing"),
-    ('PrincipalMoments', 'Moments', "the element 'PrincipalMoments' is missing"),
-    ('x=".3333', 'x="7.3333', 'triangle inequality'),
-    ('type="CustomRigidHIIntegrator"', 'type="Nonsense"', 'Nonsense'),
-    ('type="CustomRigidHIIntegrator"', '', 'type')])
+@pytest.mark.parametrize(
+    'before, after, message',
+    [('version="1"', 'version="2"', "property 'version' is '2'; it must be 1"),
+     ('temperature="300"', 'temperature="-300"', 'temperature is -300'),
+     ('temperature="300"', 'temperature="nan"', 'temperature is nan'),
+     ('stepSize=".002"', 'stepSize="0"', 'step size is 0'),
+     ('scheme="LangevinC"', 'scheme="LangevinD"', 'one of DriftCorrectorFD, DriftCorrectorRFD'),
+     ('noiseLaw="Gaussian"', 'noiseLaw="2"', 'one of Gaussian, ThreePoint'),
+     ('randomSeed="0"', 'randomSeed="99999999999"', "property 'randomSeed'"),
+     ('index="4"', 'index="7"', 'particle 7 is already in body 0'),
+     ('index="9"', 'index="2"', 'particle 2 is named twice'),
+     ('index="9"', 'index="-9"', 'particle index -9 is negative'),
+     ('<RigidBodies count="4">', '<RigidBodies count="5">', 'it has 4 elements; there must be 5'),
+     ('<Particles count="3">', '<Particles count="2">', 'it has 3 elements; there must be 2'),
+     ('explicit="1" geometryIsKnown="1"', 'explicit="1" geometryIsKnown="0"', 'geometryIsKnown'),
+     ('explicit="1"', 'explicit="7"', "property 'explicit' is '7'; it must be 0 or 1"),
+     ('RigidBodies', 'Bodies', "the element 'RigidBodies' is missing"),
+     ('Particles', 'Atoms', "the element 'Particles' is missing"),
+     ('PrincipalMoments', 'Moments', "the element 'PrincipalMoments' is missing"),
+     ('x=".3333', 'x="7.3333', 'triangle inequality'),
+     ('type="CustomRigidHIIntegrator"', 'type="Nonsense"', 'Nonsense'),
+     ('type="CustomRigidHIIntegrator"', '', 'type')])
 def test_a_wrong_value_is_refused_with_the_reason(before, after, message):
     assert before in xml()
-    with pytest.raises(openmm.OpenMMException, match=re.escape(message) if "'" in message else message):
+    with pytest.raises(openmm.OpenMMException,
+                       match=re.escape(message) if "'" in message else message):
         openmm.XmlSerializer.deserialize(xml().replace(before, after))
 
 
-@pytest.mark.parametrize('foreign', ['', 'no xml', '<Integrator/>', '<Integrator type="CustomRigidHIIntegrator"/>',
-                                     '<Integrator type="CustomRigidHIIntegrator" version="1"/>', '<Nonsense/>', '\x00\x01'])
+@pytest.mark.parametrize('foreign', [
+    '', 'no xml', '<Integrator/>', '<Integrator type="CustomRigidHIIntegrator"/>',
+    '<Integrator type="CustomRigidHIIntegrator" version="1"/>', '<Nonsense/>', '\x00\x01'
+])
 def test_foreign_text_is_refused(foreign):
     with pytest.raises((openmm.OpenMMException, ValueError)):
         openmm.XmlSerializer.deserialize(foreign)
 
 
 def test_another_integrator_file_is_not_ours():
-    other = openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(openmm.VerletIntegrator(0.001)))
+    other = openmm.XmlSerializer.deserialize(
+        openmm.XmlSerializer.serialize(openmm.VerletIntegrator(0.001)))
     with pytest.raises(TypeError, match='cast'):
         CustomRigidHIIntegrator.cast(other)
 
 
 def test_a_damaged_pickle_is_refused():
-    damaged = pickle.dumps(make()).replace(b'CustomRigidHIIntegrator" version="1"', b'CustomRigidHIIntegrator" version="9"')
+    damaged = pickle.dumps(make()).replace(b'CustomRigidHIIntegrator" version="1"',
+                                           b'CustomRigidHIIntegrator" version="9"')
     with pytest.raises(openmm.OpenMMException, match='version'):
         pickle.loads(damaged)
 
 
-# ---- States and checkpoints through Simulation -----------------------------------------------------------------------
+# ---- States and checkpoints through Simulation ---------------------------------------------------
+
 
 def test_xml_of_system_integrator_and_state_resumes_bit_for_bit(waterBox):
     """A run that is saved as XML only and rebuilt from it continues the first on Reference."""
@@ -326,18 +349,28 @@ def test_xml_of_system_integrator_and_state_resumes_bit_for_bit(waterBox):
     simulation = waterBox.simulation(platform)
     simulation.context.setVelocitiesToTemperature(300, 2)
     simulation.step(3)
-    state = simulation.context.getState(getPositions=True, getVelocities=True, getParameters=True, getIntegratorParameters=True)
-    saved = [openmm.XmlSerializer.serialize(x) for x in (simulation.system, simulation.integrator, state)]
+    state = simulation.context.getState(getPositions=True, getVelocities=True, getParameters=True,
+                                        getIntegratorParameters=True)
+    saved = [
+        openmm.XmlSerializer.serialize(x) for x in (simulation.system, simulation.integrator, state)
+    ]
     simulation.step(4)
     system, integrator, state = [openmm.XmlSerializer.deserialize(x) for x in saved]
     integrator = CustomRigidHIIntegrator.cast(integrator)
     context = openmm.Context(system, integrator, platform)
     context.setState(state)
     integrator.step(4)
-    expected, got = [c.getState(getPositions=True, getVelocities=True) for c in (simulation.context, context)]
-    assert np.array_equal(expected.getPositions(asNumpy=True)._value, got.getPositions(asNumpy=True)._value)
-    assert np.array_equal(expected.getVelocities(asNumpy=True)._value, got.getVelocities(asNumpy=True)._value)
-    assert np.array_equal(simulation.integrator.getBodyOrientations(), integrator.getBodyOrientations())
+    expected, got = [
+        c.getState(getPositions=True, getVelocities=True) for c in (simulation.context, context)
+    ]
+    assert np.array_equal(
+        expected.getPositions(asNumpy=True)._value,
+        got.getPositions(asNumpy=True)._value)
+    assert np.array_equal(
+        expected.getVelocities(asNumpy=True)._value,
+        got.getVelocities(asNumpy=True)._value)
+    assert np.array_equal(simulation.integrator.getBodyOrientations(),
+                          integrator.getBodyOrientations())
 
 
 def test_a_checkpoint_cut_short_is_refused(waterBox, platform):

@@ -1,8 +1,9 @@
 """The observables of validation/davidchack2015 against OpenMM: energies, forces, torques, Laplacians, pressure.
 
-Needs OpenMM only, not the plugin. The configuration is a lattice of randomly turned waters, jittered and minimised for a few
-steps: every pair function is exercised, and nothing depends on an equilibrated liquid. OpenMM's Reference platform (double
-precision) with the formula as printed is what everything is held against.
+Needs OpenMM only, not the plugin. The configuration is a lattice of randomly turned waters,
+jittered and minimised for a few steps: every pair function is exercised, and nothing depends on an
+equilibrated liquid. OpenMM's Reference platform (double precision) with the formula as printed is
+what everything is held against.
 """
 import os
 import sys
@@ -13,12 +14,15 @@ import openmm as mm
 import pytest
 from scipy.spatial.transform import Rotation
 
-sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "validation", "davidchack2015"))
+sys.path.insert(
+    0,
+    os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "validation",
+                 "davidchack2015"))
 import observables  # noqa: E402
 import tip4p_model as tip4p  # noqa: E402
 
 N = 440
-FINE_BIN = 1e-6     # nm^2: a hundredth of the default, so that a single configuration is good to 1e-4
+FINE_BIN = 1e-6  # nm^2: a hundredth of the default, so that a single configuration is good to 1e-4
 
 
 def reference_context(potential):
@@ -34,7 +38,8 @@ class TestTip4pObservables(unittest.TestCase):
         fast = tip4p.make_context(N, integrator)
         fast.setPositions(tip4p.lattice_positions(N, 7))
         mm.LocalEnergyMinimizer.minimize(fast, 10.0, 60)
-        cls.positions = tip4p.make_whole_rigid(fast.getState(getPositions=True).getPositions(asNumpy=True)._value)
+        cls.positions = tip4p.make_whole_rigid(
+            fast.getState(getPositions=True).getPositions(asNumpy=True)._value)
         cls.context = reference_context("exact")
         cls.sums = observables.PairSums(N, FINE_BIN)
         cls.sample = cls.sums.sample(cls.positions)
@@ -66,19 +71,26 @@ class TestTip4pObservables(unittest.TestCase):
         """u' and u'' against five-point differences, on both sides of r_m; zero beyond the cutoff."""
         r = np.concatenate([np.linspace(0.16, 0.9499, 40), np.linspace(0.9501, 0.998, 40)])
         d = 1e-5
-        difference = lambda f: (8 * (f(r + d) - f(r - d)) - (f(r + 2 * d) - f(r - 2 * d))) / (12 * d)
+        difference = lambda f: (8*(f(r + d) - f(r - d)) - (f(r + 2*d) - f(r - 2*d)))/(12*d)
         for function in (tip4p.coulomb, tip4p.lennard_jones):
             u, u1, u2 = function(r)
-            # rounding of phi: 1e-15/d = 1e-10 of the bare u, which is 1e-4 at 0.998 nm; truncation d^4 u^(5)/30 is less
-            self.assertLess(np.max(np.abs(difference(lambda x: function(x)[0]) - u1) / (np.abs(u1) + np.abs(u / r))), 1e-8)
-            self.assertLess(np.max(np.abs(difference(lambda x: function(x)[1]) - u2) / (np.abs(u2) + np.abs(u1 / r))), 1e-8)
+            # rounding of phi: 1e-15/d = 1e-10 of the bare u, which is 1e-4 at 0.998 nm; truncation
+            # d^4 u^(5)/30 is less
+            self.assertLess(
+                np.max(
+                    np.abs(difference(lambda x: function(x)[0]) - u1)/(np.abs(u1) + np.abs(u/r))),
+                1e-8)
+            self.assertLess(
+                np.max(
+                    np.abs(difference(lambda x: function(x)[1]) - u2)/(np.abs(u2) + np.abs(u1/r))),
+                1e-8)
             self.assertTrue(all(np.all(x == 0) for x in function(np.array([1.0, 1.1]))))
 
     def test_energy(self):
         """Histogram = OpenMM's formula; the default bins scatter by rounding of s, without bias worth mentioning."""
         exact = self.energy(self.positions)
-        self.assertLess(abs(self.sample["energy"] / exact - 1), 2e-5)
-        self.assertLess(abs(self.coarse_sample["energy"] / exact - 1), 3e-3)
+        self.assertLess(abs(self.sample["energy"]/exact - 1), 2e-5)
+        self.assertLess(abs(self.coarse_sample["energy"]/exact - 1), 3e-3)
         # for the default bins' bias see test_bins_do_not_bias
 
     def test_bins_do_not_bias(self):
@@ -86,19 +98,26 @@ class TestTip4pObservables(unittest.TestCase):
         rng = np.random.default_rng(11)
         difference = []
         for _ in range(12):
-            jittered = self.moved(shift=rng.normal(scale=2e-3, size=(N, 3)), turn=rng.normal(scale=0.02, size=(N, 3)))
-            fine, coarse = (sums.sample(jittered) for sums in (observables.PairSums(N, 1e-5), observables.PairSums(N)))
-            difference.append([coarse[k] / fine[k] - 1 for k in ("energy", "virial", "laplacian_translation", "laplacian_rotation")])
-        mean, error = np.mean(difference, axis=0), np.std(difference, axis=0, ddof=1) / np.sqrt(12)
+            jittered = self.moved(shift=rng.normal(scale=2e-3, size=(N, 3)),
+                                  turn=rng.normal(scale=0.02, size=(N, 3)))
+            fine, coarse = (sums.sample(jittered)
+                            for sums in (observables.PairSums(N, 1e-5), observables.PairSums(N)))
+            difference.append([
+                coarse[k]/fine[k] - 1
+                for k in ("energy", "virial", "laplacian_translation", "laplacian_rotation")
+            ])
+        mean, error = np.mean(difference, axis=0), np.std(difference, axis=0, ddof=1)/np.sqrt(12)
         print("\nbins, relative bias of energy, virial, two Laplacians:", mean, "+-", error)
-        self.assertTrue(np.all(np.abs(mean) < 5 * error + 1e-5))
+        self.assertTrue(np.all(np.abs(mean) < 5*error + 1e-5))
 
     def test_fast_variant_energy(self):
         """NonbondedForce's direct space less its constant = formula + the difference the histogram predicts."""
         fast = self.energy(self.positions, reference_context("fast")) - tip4p.fast_energy_offset(N)
         difference = fast - self.energy(self.positions)
-        print(f"\nfast - exact: {difference:.5f} kJ/mol for the box; predicted {self.sample['energy_fast_minus_exact']:.5f}")
-        # OpenMM 7.7 interpolates erfc from a table: 1e-6 or so of the direct-space energy (2e4 kJ/mol)
+        print(f"\nfast - exact: {difference:.5f} kJ/mol for the box; predicted "
+              f"{self.sample['energy_fast_minus_exact']:.5f}")
+        # OpenMM 7.7 interpolates erfc from a table: 1e-6 or so of the direct-space energy (2e4
+        # kJ/mol)
         self.assertLess(abs(difference - self.sample["energy_fast_minus_exact"]), 0.02)
 
     def test_fast_variant_forces(self):
@@ -109,7 +128,7 @@ class TestTip4pObservables(unittest.TestCase):
         measured = fast_force - self.forces(self.positions)[0]
         sites, centre = self.whole(self.positions)
         separation = centre[:, None] - centre[None]
-        separation -= self.sums.length * np.rint(separation / self.sums.length)
+        separation -= self.sums.length*np.rint(separation/self.sums.length)
         expected, d = np.zeros((N, 3)), 1e-6
         for a in range(4):
             for b in range(4):
@@ -119,16 +138,18 @@ class TestTip4pObservables(unittest.TestCase):
                 rs = r[shell]
                 if (a, b) == (0, 0):
                     fast_u = tip4p.lennard_jones_fast
-                    slope = (fast_u(rs + d) - fast_u(rs - d)) / (2 * d) - tip4p.lennard_jones(rs)[1]
+                    slope = (fast_u(rs + d) - fast_u(rs - d))/(2*d) - tip4p.lennard_jones(rs)[1]
                 else:
-                    slope = tip4p.CHARGES[a] * tip4p.CHARGES[b] * (tip4p.coulomb_bare(rs)[1] - tip4p.coulomb(rs)[1])
+                    slope = tip4p.CHARGES[a]*tip4p.CHARGES[b]*(tip4p.coulomb_bare(rs)[1] -
+                                                               tip4p.coulomb(rs)[1])
                 pair = np.zeros((N, N))
-                pair[shell] = -slope / rs
+                pair[shell] = -slope/rs
                 expected += np.einsum("ij,ijk->ik", pair, x)
         rms = lambda v: np.sqrt(np.mean(np.sum(v**2, axis=1)))
-        print(f"\nforces, fast - exact: rms {rms(measured):.3f} kJ/(mol nm), unexplained {rms(measured - expected):.5f}")
+        print(f"\nforces, fast - exact: rms {rms(measured):.3f} kJ/(mol nm), unexplained "
+              f"{rms(measured - expected):.5f}")
         # the rest is OpenMM's table of erfc
-        self.assertLess(rms(measured - expected), 0.02 * rms(measured))
+        self.assertLess(rms(measured - expected), 0.02*rms(measured))
 
     def test_forces_and_torques(self):
         """Force and torque per molecule = minus derivative of OpenMM's energy along rigid motions in random directions."""
@@ -138,10 +159,11 @@ class TestTip4pObservables(unittest.TestCase):
         for kind in ("shift", "turn"):
             for _ in range(2):
                 direction = rng.normal(size=(N, 3))
-                plus, minus = (self.energy(self.moved(**{kind: sign * d * direction})) for sign in (1, -1))
-                expected = -np.sum((force if kind == "shift" else torque) * direction)
+                plus, minus = (self.energy(self.moved(**{kind: sign*d*direction}))
+                               for sign in (1, -1))
+                expected = -np.sum((force if kind == "shift" else torque)*direction)
                 scale = np.linalg.norm(force if kind == "shift" else torque)
-                self.assertLess(abs((plus - minus) / (2 * d) - expected), 1e-4 * scale)
+                self.assertLess(abs((plus - minus)/(2*d) - expected), 1e-4*scale)
 
     def laplacian_by_differences(self, kind, molecules, d):
         """sum over the given molecules and 3 axes of the second derivative of OpenMM's energy along rigid motions, by
@@ -153,32 +175,32 @@ class TestTip4pObservables(unittest.TestCase):
                 displacement[m, k] = d
                 plus = self.forces(self.moved(**{kind: displacement}))[kind == "turn"][m, k]
                 minus = self.forces(self.moved(**{kind: -displacement}))[kind == "turn"][m, k]
-                total -= (plus - minus) / (2 * d)
+                total -= (plus - minus)/(2*d)
         return total
 
     def test_laplacians_of_single_molecules(self):
         """
         Closed form for single molecules against differences of OpenMM's forces and torques.
 
-        Three molecules: direct evaluation, generators written out, = differences. Whole box: histogram sums = sum over all
-        molecules of the direct evaluation.
+        Three molecules: direct evaluation, generators written out, = differences. Whole box:
+        histogram sums = sum over all molecules of the direct evaluation.
         """
         single = np.array([self.direct_laplacians(m) for m in range(N)])
-        self.assertLess(abs(self.sample["laplacian_translation"] / single[:, 0].sum() - 1), 2e-5)
-        self.assertLess(abs(self.sample["laplacian_rotation"] / single[:, 1].sum() - 1), 1e-4)
+        self.assertLess(abs(self.sample["laplacian_translation"]/single[:, 0].sum() - 1), 2e-5)
+        self.assertLess(abs(self.sample["laplacian_rotation"]/single[:, 1].sum() - 1), 1e-4)
         for m in (0, 123, 439):
             translation = self.laplacian_by_differences("shift", [m], 1e-5)
             rotation = self.laplacian_by_differences("turn", [m], 1e-4)
             print(f"\nmolecule {m}: lap_r U {single[m, 0]:.4f} (differences {translation:.4f}), "
                   f"lap_omega U {single[m, 1]:.5f} (differences {rotation:.5f})")
-            self.assertLess(abs(translation / single[m, 0] - 1), 1e-5)
-            self.assertLess(abs(rotation - single[m, 1]), 1e-5 * max(abs(single[m, 1]), 100.0))
+            self.assertLess(abs(translation/single[m, 0] - 1), 1e-5)
+            self.assertLess(abs(rotation - single[m, 1]), 1e-5*max(abs(single[m, 1]), 100.0))
 
     def direct_laplacians(self, m):
         """The formulas of observables.py for molecule m alone, pair by pair, without histograms."""
         sites, centre = self.whole(self.positions)
         separation = centre[m] - centre
-        separation -= self.sums.length * np.rint(separation / self.sums.length)
+        separation -= self.sums.length*np.rint(separation/self.sums.length)
         others = np.flatnonzero(np.arange(N) != m)
         translation = rotation = 0.0
         for a in range(4):
@@ -188,17 +210,17 @@ class TestTip4pObservables(unittest.TestCase):
                 if (a, b) == (0, 0):
                     _, u1, u2 = tip4p.lennard_jones(r)
                 else:
-                    _, u1, u2 = (tip4p.CHARGES[a] * tip4p.CHARGES[b] * f for f in tip4p.coulomb(r))
+                    _, u1, u2 = (tip4p.CHARGES[a]*tip4p.CHARGES[b]*f for f in tip4p.coulomb(r))
                 d = sites[m, a]
-                hessian = (np.einsum("p,ij->pij", u1 / r, np.eye(3)) +
-                           np.einsum("p,pi,pj->pij", (u2 - u1 / r) / r**2, r_vector, r_vector))
+                hessian = (np.einsum("p,ij->pij", u1/r, np.eye(3)) +
+                           np.einsum("p,pi,pj->pij", (u2 - u1/r)/r**2, r_vector, r_vector))
                 translation += np.trace(hessian.sum(axis=0))
                 # generators e_k x d of the three rotations
                 for k in range(3):
                     axis = np.eye(3)[k]
                     t = np.cross(axis, d)
                     rotation += t @ hessian.sum(axis=0) @ t
-                    rotation += np.sum((u1 / r)[:, None] * r_vector, axis=0) @ np.cross(axis, t)
+                    rotation += np.sum((u1/r)[:, None]*r_vector, axis=0) @ np.cross(axis, t)
         return translation, rotation
 
     def test_pressure(self):
@@ -206,19 +228,20 @@ class TestTip4pObservables(unittest.TestCase):
         sites, centre = self.whole(self.positions)
 
         def energy(factor):
-            edge = self.sums.length * factor
+            edge = self.sums.length*factor
             self.context.setPeriodicBoxVectors((edge, 0, 0), (0, edge, 0), (0, 0, edge))
-            return self.energy((sites + centre[:, None] * factor).reshape(-1, 3))
+            return self.energy((sites + centre[:, None]*factor).reshape(-1, 3))
 
         d = 1e-5
         try:
-            slope = (energy(1 + d) - energy(1 - d)) / (2 * d)      # dU/d(ln L) = 3 V dU/dV
+            slope = (energy(1 + d) - energy(1 - d))/(2*d)  # dU/d(ln L) = 3 V dU/dV
         finally:
-            self.context.setPeriodicBoxVectors(*np.diag([self.sums.length] * 3))
-        expected = -slope / (3 * self.sums.volume) * tip4p.MEGAPASCAL
+            self.context.setPeriodicBoxVectors(*np.diag([self.sums.length]*3))
+        expected = -slope/(3*self.sums.volume)*tip4p.MEGAPASCAL
         measured = self.sums.pressure(self.sample["virial"])
         print(f"\nP_ex {measured:.3f} MPa, -dU/dV {expected:.3f} MPa")
-        self.assertLess(abs(measured - expected), 0.5)             # of terms of the order of 1000 MPa that cancel
+        self.assertLess(abs(measured - expected),
+                        0.5)  # of terms of the order of 1000 MPa that cancel
 
     def test_rdf(self):
         """Counts: all pairs inside 1 nm, once; g = 1 for points without correlation (rigid triplets placed at random)."""
@@ -232,10 +255,10 @@ class TestTip4pObservables(unittest.TestCase):
         for kind, multiplicity in (("OO", 1), ("OH", 4), ("HH", 4)):
             r, g = sums.rdf(kind)
             outer = (r > 0.3)
-            mean = np.average(g[outer], weights=r[outer] ** 2)
-            pairs = frames * multiplicity * N * (N - 1) / 2 * 4 / 3 * np.pi / sums.volume
+            mean = np.average(g[outer], weights=r[outer]**2)
+            pairs = frames*multiplicity*N*(N - 1)/2*4/3*np.pi/sums.volume
             # sites of a molecule move together: at most `multiplicity` equal counts
-            z = (mean - 1) * np.sqrt(pairs / multiplicity)
+            z = (mean - 1)*np.sqrt(pairs/multiplicity)
             print(f"\nrandom {kind}: g = {mean:.5f}, z = {z:.2f}")
             self.assertLess(abs(z), 5)
         brute = 0
@@ -243,20 +266,20 @@ class TestTip4pObservables(unittest.TestCase):
         for a in range(2):
             for b in range(2):
                 x = (centre + h[a])[:, None] - (centre + h[b])[None]
-                x -= self.sums.length * np.rint(x / self.sums.length)
-                near = np.sum(x * x, axis=2) < tip4p.R_CUT**2
-                brute += (near.sum() - np.trace(near)) / 2
+                x -= self.sums.length*np.rint(x/self.sums.length)
+                near = np.sum(x*x, axis=2) < tip4p.R_CUT**2
+                brute += (near.sum() - np.trace(near))/2
         self.assertEqual(self.coarse.counts["HH"].sum(), brute)
 
     def test_rdf_value_and_maximum(self):
         """Fits on shells of 0.002 nm recover a peak as sharp as water's g_OH (half maxima 0.024 nm apart) to 0.1 %."""
-        peak = lambda r: 1.5 * np.exp(-0.5 * (np.log((r - 0.13) / 0.052) / 0.2) ** 2)
+        peak = lambda r: 1.5*np.exp(-0.5*(np.log((r - 0.13)/0.052)/0.2)**2)
         fine = np.linspace(0.16, 0.21, 50001)
         r = np.arange(0.141, 0.3, 0.002)
         where, height = observables.rdf_first_maximum(r, peak(r), 0.18)
-        self.assertLess(abs(height / peak(fine).max() - 1), 1e-3)
+        self.assertLess(abs(height/peak(fine).max() - 1), 1e-3)
         self.assertLess(abs(where - fine[np.argmax(peak(fine))]), 5e-4)
-        self.assertLess(abs(observables.rdf_value(r, peak(r), 0.182) / peak(0.182) - 1), 1e-3)
+        self.assertLess(abs(observables.rdf_value(r, peak(r), 0.182)/peak(0.182) - 1), 1e-3)
 
     def test_too_small_a_box_is_refused(self):
         with self.assertRaisesRegex(ValueError, "at least 440"):
@@ -275,14 +298,15 @@ def plugin_or_none():
 @unittest.skipIf(plugin_or_none() is None, "openmmrigidhi is not built")
 class TestWithPlugin(unittest.TestCase):
     """What the integrator hands out = what the Context's positions, velocities and forces give."""
-
     def check(self, scheme, platform):
         n = 265
         integrator = tip4p.make_integrator(n, scheme, 1.0, seed=3)
         context = tip4p.make_context(n, integrator, platform=platform)
         context.setPositions(tip4p.lattice_positions(n, 4))
         mm.LocalEnergyMinimizer.minimize(context, 100.0, 20)
-        context.setPositions(tip4p.make_whole_rigid(context.getState(getPositions=True).getPositions(asNumpy=True)._value))
+        context.setPositions(
+            tip4p.make_whole_rigid(
+                context.getState(getPositions=True).getPositions(asNumpy=True)._value))
         if scheme != "gradient":
             context.setVelocitiesToTemperature(300.0, 1)
         integrator.step(5)
@@ -295,9 +319,11 @@ class TestWithPlugin(unittest.TestCase):
         if scheme != "gradient":
             for own, generic in zip(observables.body_forces_and_torques(context, integrator),
                                     observables.body_forces_and_torques(context, Generic())):
-                self.assertLess(np.linalg.norm(own - generic), 1e-5 * np.linalg.norm(own))
-            own, generic = observables.kinetic_energies(context, integrator), observables.kinetic_energies(context, Generic())
-            self.assertLess(np.max(np.abs(own / generic - 1)), 1e-5)
+                self.assertLess(np.linalg.norm(own - generic), 1e-5*np.linalg.norm(own))
+            own, generic = observables.kinetic_energies(context,
+                                                        integrator), observables.kinetic_energies(
+                                                            context, Generic())
+            self.assertLess(np.max(np.abs(own/generic - 1)), 1e-5)
 
     def test_handed_out_values(self):
         for scheme in ("A", "B", "C", "gradient"):
@@ -315,7 +341,10 @@ def test_a_run_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
     import run
     monkeypatch.setattr(run.campaign, "NOTES_EVERY", 0.0)
     monkeypatch.setattr(run, "BLOCKS", 6)
-    spec = {"scheme": "C", "h_fs": 0.5, "molecules": N, "steps": 300, "equilibration_steps": 40, "seed": 3, "replica": 0, "potential": "fast", "platform": "CPU"}
+    spec = {
+        "scheme": "C", "h_fs": 0.5, "molecules": N, "steps": 300, "equilibration_steps": 40,
+        "seed": 3, "replica": 0, "potential": "fast", "platform": "CPU"
+    }
     start = tip4p.make_whole_rigid(tip4p.lattice_positions(N, 7))
 
     class Job:
@@ -336,6 +365,7 @@ def test_a_run_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
         assert resumed["blocks"][name][:2] == pytest.approx(values[:2], rel=1e-6), name
     with pytest.raises(ValueError, match="begun with other settings"):
         run.simulate(dict(spec, seed=4), start, job)
+
 
 if __name__ == "__main__":
     unittest.main()

@@ -28,13 +28,16 @@ def refused(*pieces, error=ValueError):
 
 class Scene:
     """Two dumbbells of two blobs, a sphere off its origin, and a free blob; all drift and turn, in a box of 4 nm or none."""
-
-    def __init__(self, periodic=None, bodies=3, velocity=30.0, fluid=False, ball=(0.1, 0.2, 0), tail=(0, 0, 0.5)):
-        self.system, self.fluid, self.integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(0, 0.01)
-        sites = [[(-0.3, 0, 0), (0.3, 0.1, 0), end] for end in ((0, 0, 0.5), tail)] + [[ball, (0, 0, 0.4)]]
+    def __init__(self, periodic=None, bodies=3, velocity=30.0, fluid=False, ball=(0.1, 0.2, 0),
+                 tail=(0, 0, 0.5)):
+        self.system, self.fluid, self.integrator = openmm.System(), MobilityForce(
+        ), CustomRigidHIIntegrator(0, 0.01)
+        sites = [[(-0.3, 0, 0), (0.3, 0.1, 0), end]
+                 for end in ((0, 0, 0.5), tail)] + [[ball, (0, 0, 0.4)]]
         radii = [[0.25, 0.35, 0.1 if fluid else 0]]*2 + [[0.5, 0]]
         for k in range(bodies):
-            app.addRigidMultiblob(self.system, self.integrator, self.fluid, sites[k], radii[k], 10 + k, (3, 4, 5))
+            app.addRigidMultiblob(self.system, self.integrator, self.fluid, sites[k], radii[k],
+                                  10 + k, (3, 4, 5))
         self.system.addParticle(7)
         self.fluid.addParticle(0.15)
         if periodic is not None:
@@ -48,7 +51,9 @@ class Scene:
         if fluid:
             self.system.addForce(self.fluid)
             self.integrator.setScheme(self.integrator.LangevinHI)
-        self.radii = [self.fluid.getParticleRadius(i)._value for i in range(self.fluid.getNumParticles())]
+        self.radii = [
+            self.fluid.getParticleRadius(i)._value for i in range(self.fluid.getNumParticles())
+        ]
         self.integrator.setFriction(0)
         self.integrator.setRotationalFriction(0)
         app.bindBodies(self.system, self.integrator)
@@ -57,7 +62,8 @@ class Scene:
         for _ in range(self.system.getNumParticles()):
             topology.addAtom('X', openmm.app.Element.getBySymbol('C'), residue)
         self.simulation = openmm.app.Simulation(topology, self.system, self.integrator, REFERENCE)
-        places = np.concatenate([np.array(sites[k]) + (3*k, 0.5, -1) for k in range(bodies)] + [[(1, 2, 3)]])
+        places = np.concatenate([np.array(sites[k]) + (3*k, 0.5, -1)
+                                 for k in range(bodies)] + [[(1, 2, 3)]])
         self.simulation.context.setPositions(places)
         random = np.random.default_rng(4)
         self.integrator.setBodyVelocities(velocity*random.normal(size=(bodies, 3)))
@@ -71,15 +77,20 @@ class Scene:
             self.simulation.step(1)
             integrator = self.integrator
             state = self.simulation.context.getState(getPositions=True)
-            seen.append({'time': state.getTime()._value, 'step': self.simulation.currentStep,
-                         'R': integrator.getBodyPositions()._value, 'q': integrator.getBodyOrientations(),
-                         'v': integrator.getBodyVelocities()._value, 'omega': integrator.getBodyAngularVelocities()._value,
-                         'box': state.getPeriodicBoxVectors(asNumpy=True)._value, 'x': state.getPositions(asNumpy=True)._value})
+            seen.append({
+                'time': state.getTime()._value, 'step': self.simulation.currentStep,
+                'R': integrator.getBodyPositions()._value, 'q': integrator.getBodyOrientations(),
+                'v': integrator.getBodyVelocities()._value,
+                'omega': integrator.getBodyAngularVelocities()._value,
+                'box': state.getPeriodicBoxVectors(asNumpy=True)._value,
+                'x': state.getPositions(asNumpy=True)._value
+            })
         return {name: np.array([frame[name] for frame in seen]) for name in seen[0]}
 
 
 TRICLINIC = ((4, 0, 0), (-0.5, 4.5, 0), (1.1, 0.7, 5))
-BOXES = pytest.mark.parametrize('periodic', [None, ((4, 0, 0), (0, 4.5, 0), (0, 0, 5)), TRICLINIC], ids=['open', 'cuboid', 'triclinic'])
+BOXES = pytest.mark.parametrize('periodic', [None, ((4, 0, 0), (0, 4.5, 0), (0, 0, 5)), TRICLINIC],
+                                ids=['open', 'cuboid', 'triclinic'])
 
 
 def checkAgainst(trajectory, seen, same, periodic):
@@ -91,24 +102,29 @@ def checkAgainst(trajectory, seen, same, periodic):
     same(trajectory.velocities.value_in_unit(unit.nanometer/unit.picosecond), seen['v'])
     same(trajectory.angularVelocities.value_in_unit(unit.radian/unit.picosecond), seen['omega'])
     same(trajectory.blobPositions.value_in_unit(unit.nanometer), seen['x'][:, [0, 1, 3, 4, 6, 8]])
-    same(trajectory.blobRadii.value_in_unit(unit.nanometer), np.array([0.25, 0.35, 0.25, 0.35, 0.5, 0.15]))
-    assert trajectory.blobBodies.tolist() == [0, 0, 1, 1, 2, -1] and trajectory.types == ['body0', 'body0', 'body1']
+    same(trajectory.blobRadii.value_in_unit(unit.nanometer),
+         np.array([0.25, 0.35, 0.25, 0.35, 0.5, 0.15]))
+    assert trajectory.blobBodies.tolist() == [0, 0, 1, 1, 2, -1
+                                              ] and trajectory.types == ['body0', 'body0', 'body1']
     if periodic is None:
         assert trajectory.boxVectors is None
     else:
         same(trajectory.boxVectors.value_in_unit(unit.nanometer), seen['box'])
 
 
-# ---- Write and read --------------------------------------------------------------------------------------------------
+# ---- Write and read ------------------------------------------------------------------------------
+
 
 @BOXES
 def test_h5md_comes_back_bit_for_bit(tmp_path, periodic):
     scene = Scene(periodic)
-    seen = scene.run(app.H5mdReporter(tmp_path/'x.h5', 1, velocities=True, blobs=True, radii=scene.radii))
+    seen = scene.run(
+        app.H5mdReporter(tmp_path/'x.h5', 1, velocities=True, blobs=True, radii=scene.radii))
     trajectory = app.readH5md(tmp_path/'x.h5')
 
     def same(found, expected):
         assert found.dtype == expected.dtype == np.float64 and np.array_equal(found, expected)
+
     checkAgainst(trajectory, seen, same, periodic)
     if periodic is not None:
         assert np.abs(seen['R']).max() > 5  # positions are unwrapped
@@ -118,15 +134,19 @@ def test_h5md_comes_back_bit_for_bit(tmp_path, periodic):
 def test_gsd_comes_back_in_single_precision(tmp_path, periodic):
     """Wrapped into the box a coordinate is off by its rounding, at most that of the box; products of rounded numbers by a few."""
     scene = Scene(periodic, velocity=300.0)
-    seen = scene.run(app.GsdReporter(tmp_path/'x.gsd', 1, velocities=True, blobs=True, radii=scene.radii))
+    seen = scene.run(
+        app.GsdReporter(tmp_path/'x.gsd', 1, velocities=True, blobs=True, radii=scene.radii))
     trajectory = app.readGsd(tmp_path/'x.gsd')
     assert np.abs(seen['R']).max() > 20
 
     def same(found, expected):
         assert found.shape == expected.shape and found.dtype == np.float64
-        scale = np.abs(expected).max() if periodic is None else np.minimum(np.abs(expected).max(), 20*np.ones(()))
-        images = 0 if periodic is None else np.abs(expected).max()  # the box itself is rounded, which images multiply
+        scale = np.abs(expected).max() if periodic is None else np.minimum(
+            np.abs(expected).max(), 20*np.ones(()))
+        images = 0 if periodic is None else np.abs(
+            expected).max()  # the box itself is rounded, which images multiply
         assert np.abs(found - expected).max() <= 8*SINGLE*(scale + images)
+
     checkAgainst(trajectory, seen, same, periodic)
 
 
@@ -136,18 +156,22 @@ def test_frames_go_into_the_functions_of_analysis(tmp_path):
     scene.simulation.reporters.append(app.H5mdReporter(tmp_path/'x.h5', 2))
     seen = scene.run(app.GsdReporter(tmp_path/'x.gsd', 2), 40)
     for trajectory in app.readH5md(tmp_path/'x.h5'), app.readGsd(tmp_path/'x.gsd'):
-        assert trajectory.velocities is None and trajectory.blobPositions is None and len(trajectory) == 20
+        assert trajectory.velocities is None and trajectory.blobPositions is None and len(
+            trajectory) == 20
         assert trajectory.frameInterval.value_in_unit(unit.picosecond) == pytest.approx(0.02)
-        msd = analysis.translationalMSD(trajectory.positions, trajectory.orientations, trajectory.frameInterval, (0, 0, 0), lags=[1, 4],
-                                        numBlocks=2)
+        msd = analysis.translationalMSD(trajectory.positions, trajectory.orientations,
+                                        trajectory.frameInterval, (0, 0, 0), lags=[1,
+                                                                                   4], numBlocks=2)
         expected = np.mean(np.sum(seen['v'][0]**2, axis=1))*np.array([0.02, 0.08])**2
         assert np.allclose(msd.trace.mean._value, expected, rtol=1e-4)
-        analysis.rotationalMSD(trajectory.orientations, trajectory.frameInterval, lags=[1], numBlocks=2)
+        analysis.rotationalMSD(trajectory.orientations, trajectory.frameInterval, lags=[1],
+                               numBlocks=2)
 
 
 def test_intervals_between_frames():
     def trajectory(times):
         return app.Trajectory(np.array(times)*unit.picosecond, np.arange(len(times)), None, None)
+
     assert trajectory([0, 0.5, 1]).frameInterval == 0.5*unit.picosecond
     with refused('frameInterval: there are 1 frames', 'an interval needs at least two'):
         trajectory([1]).frameInterval
@@ -155,7 +179,8 @@ def test_intervals_between_frames():
         trajectory([0, 1, 2, 4]).frameInterval
 
 
-# ---- What other programs find ----------------------------------------------------------------------------------------
+# ---- What other programs find --------------------------------------------------------------------
+
 
 def text(value):
     assert isinstance(value, np.bytes_), 'strings are of fixed length'
@@ -166,37 +191,51 @@ def text(value):
 def test_the_structure_is_that_of_h5md(tmp_path, periodic):
     """Specification 1.1 and its module units 1.0, as far as they demand anything of what is written."""
     scene = Scene(periodic)
-    scene.run(app.H5mdReporter(tmp_path/'x.h5', 1, velocities=True, blobs=True, radii=scene.radii, author='Ada'), 3)
+    scene.run(
+        app.H5mdReporter(tmp_path/'x.h5', 1, velocities=True, blobs=True, radii=scene.radii,
+                         author='Ada'), 3)
     with h5py.File(tmp_path/'x.h5') as file:
-        assert file['h5md'].attrs['version'].tolist() == [1, 1] and file['h5md'].attrs['version'].dtype.kind == 'i'
+        assert file['h5md'].attrs['version'].tolist() == [
+            1, 1
+        ] and file['h5md'].attrs['version'].dtype.kind == 'i'
         assert text(file['h5md/author'].attrs['name']) == 'Ada'
         assert text(file['h5md/creator'].attrs['name']) == 'openmm-rigidhi'
         assert text(file['h5md/creator'].attrs['version']) == openmmrigidhi.__version__
-        assert file['h5md/modules/units'].attrs['version'].tolist() == [1, 0] and text(file['h5md/modules/units'].attrs['system']) == 'SI'
+        assert file['h5md/modules/units'].attrs['version'].tolist() == [1, 0] and text(
+            file['h5md/modules/units'].attrs['system']) == 'SI'
         assert set(file) == {'h5md', 'particles', 'parameters'}
         for name, count in (('bodies', 3), ('blobs', 6)):
             group = file['particles'][name]
             box = group['box']
-            assert box.attrs['dimension'] == 3 and box.attrs['dimension'].shape == () and box.attrs['dimension'].dtype.kind == 'i'
+            assert box.attrs['dimension'] == 3 and box.attrs['dimension'].shape == (
+            ) and box.attrs['dimension'].dtype.kind == 'i'
             assert box.attrs['boundary'].shape == (3,) and box.attrs['boundary'].dtype.kind == 'S'
             assert set(box.attrs['boundary']) == {b'none' if periodic is None else b'periodic'}
             assert ('edges' in box) == (periodic is not None)
-            elements = [group[element] for element in group if isinstance(group[element], h5py.Group) and element != 'box']
+            elements = [
+                group[element] for element in group
+                if isinstance(group[element], h5py.Group) and element != 'box'
+            ]
             elements += [box['edges']] if 'edges' in box else []
             assert len(elements) == (4 if name == 'bodies' else 1) + (periodic is not None)
             for element in elements:
                 assert set(element) == {'step', 'time', 'value'}
-                assert element['step'].dtype.kind == 'i' and element['step'].shape == element['time'].shape == (3,)
+                assert element['step'].dtype.kind == 'i' and element['step'].shape == element[
+                    'time'].shape == (3,)
                 assert np.all(np.diff(element['step']) > 0) and np.all(np.diff(element['time']) > 0)
                 assert len(element['value']) == 3 and text(element['time'].attrs['unit']) == 'ps'
                 # Hard links: one data set.
-                assert element['step'] == group['position/step'] and element['time'] == group['position/time']
-            assert group['position/value'].shape == (3, count, 3) and text(group['position/value'].attrs['unit']) == 'nm'
+                assert element['step'] == group['position/step'] and element['time'] == group[
+                    'position/time']
+            assert group['position/value'].shape == (3, count, 3) and text(
+                group['position/value'].attrs['unit']) == 'nm'
         bodies = file['particles/bodies']
-        assert bodies['orientation/value'].shape == (3, 3, 4) and 'unit' not in bodies['orientation/value'].attrs
+        assert bodies['orientation/value'].shape == (
+            3, 3, 4) and 'unit' not in bodies['orientation/value'].attrs
         assert text(bodies['velocity/value'].attrs['unit']) == 'nm ps-1'
         assert text(bodies['angular_velocity/value'].attrs['unit']) == 'rad ps-1'
-        assert bodies['mass'][:].tolist() == [10, 11, 12] and text(bodies['mass'].attrs['unit']) == 'u'
+        assert bodies['mass'][:].tolist() == [10, 11, 12] and text(
+            bodies['mass'].attrs['unit']) == 'u'
         assert h5py.check_enum_dtype(bodies['species'].dtype) == {'body0': 0, 'body1': 1}
         assert bodies['species'][:].tolist() == [0, 0, 1]
 
@@ -204,6 +243,7 @@ def test_the_structure_is_that_of_h5md(tmp_path, periodic):
 def test_an_author_is_found(tmp_path, monkeypatch):
     def nobody():
         raise KeyError('uid not found')
+
     for name, login in (('grace', lambda: 'grace'), ('unknown', nobody)):
         monkeypatch.setattr('getpass.getuser', login)
         Scene().run(app.H5mdReporter(tmp_path/'x.h5', 1), 1)
@@ -214,13 +254,24 @@ def test_an_author_is_found(tmp_path, monkeypatch):
 def test_the_documented_layouts_are_there(tmp_path):
     from openmmrigidhi.app import gsdfiles, h5mdfiles
     scene = Scene(TRICLINIC)
-    scene.simulation.reporters.append(app.GsdReporter(tmp_path/'x.gsd', 1, velocities=True, blobs=True, radii=scene.radii))
-    scene.run(app.H5mdReporter(tmp_path/'x.h5', 1, velocities=True, blobs=True, radii=scene.radii), 2)
-    documented = {line.split()[0] for line in h5mdfiles.__doc__.splitlines() if line.startswith('    /')}
+    scene.simulation.reporters.append(
+        app.GsdReporter(tmp_path/'x.gsd', 1, velocities=True, blobs=True, radii=scene.radii))
+    scene.run(app.H5mdReporter(tmp_path/'x.h5', 1, velocities=True, blobs=True, radii=scene.radii),
+              2)
+    documented = {
+        line.split()[0]
+        for line in h5mdfiles.__doc__.splitlines() if line.startswith('    /')
+    }
     with h5py.File(tmp_path/'x.h5') as file:
-        present = {'/h5md', '/particles/blobs', '/parameters/bodies'} | {'/particles/bodies/' + name for name in file['particles/bodies']}
+        present = {'/h5md', '/particles/blobs', '/parameters/bodies'
+                   } | {'/particles/bodies/' + name
+                        for name in file['particles/bodies']}
     assert documented == present
-    documented = {name for line in gsdfiles.__doc__.splitlines() if line.startswith('    ') for name in chunkNames(line)}
+    documented = {
+        name
+        for line in gsdfiles.__doc__.splitlines() if line.startswith('    ')
+        for name in chunkNames(line)
+    }
     with gsd.fl.open(name=str(tmp_path/'x.gsd'), mode=READ) as file:
         assert file.application == f'openmm-rigidhi {openmmrigidhi.__version__}; nm, ps, dalton'
         assert set(file.find_matching_chunk_names('')) - {'particles/N'} == documented
@@ -235,7 +286,9 @@ def chunkNames(line):
 
 def test_gsd_as_its_own_library_reads_it(tmp_path):
     scene = Scene(((4, 0, 0), (0, 4.5, 0), (0, 0, 5)))
-    seen = scene.run(app.GsdReporter(tmp_path/'x.gsd', 1, velocities=True, radii=scene.radii, types=['bell', 'bell', 'ball']), 4)
+    seen = scene.run(
+        app.GsdReporter(tmp_path/'x.gsd', 1, velocities=True, radii=scene.radii,
+                        types=['bell', 'bell', 'ball']), 4)
     with gsd.hoomd.open(str(tmp_path/'x.gsd'), READ) as file:
         assert file.file.schema == 'hoomd' and file.file.schema_version == (1, 4) and len(file) == 4
         for k, frame in enumerate(file):
@@ -244,18 +297,30 @@ def test_gsd_as_its_own_library_reads_it(tmp_path):
             assert frame.configuration.step == k + 1 and frame.configuration.dimensions == 3
             assert frame.configuration.box.tolist() == [4, 4.5, 5, 0, 0, 0]
             assert np.all(np.abs(particles.position) <= np.array([2, 2.25, 2.5]))
-            assert np.allclose(particles.position + particles.image*[4, 4.5, 5], seen['R'][k], atol=1e-5)
-            assert particles.types == ['bell', 'ball'] and particles.typeid.tolist() == [0, 0, 1] and particles.body.tolist() == [-1]*3
-            assert particles.mass.tolist() == [10, 11, 12] and particles.moment_inertia.tolist() == [[3, 4, 5]]*3
+            assert np.allclose(particles.position + particles.image*[4, 4.5, 5], seen['R'][k],
+                               atol=1e-5)
+            assert particles.types == ['bell', 'ball'] and particles.typeid.tolist() == [
+                0, 0, 1
+            ] and particles.body.tolist() == [-1]*3
+            assert particles.mass.tolist() == [
+                10, 11, 12
+            ] and particles.moment_inertia.tolist() == [[3, 4, 5]]*3
             assert np.allclose(particles.diameter, [0.7, 0.7, 1])
-            # HOOMD: the angular momentum of the body axes is the vector part of conj(q) P/2; the energies agree.
+            # HOOMD: the angular momentum of the body axes is the vector part of conj(q) P/2; the
+            # energies agree.
             from openmmrigidhi._quaternions import conjugate, product
-            momenta = product(conjugate(particles.orientation.astype(float)), particles.angmom.astype(float))/2
+            momenta = product(conjugate(particles.orientation.astype(float)),
+                              particles.angmom.astype(float))/2
             energies = 0.5*(momenta[:, 1:]**2/(3, 4, 5)).sum(axis=0)
             if k == 3:
-                assert np.allclose(np.sort(energies), np.sort(scene.integrator.computeRotationalKineticEnergies()._value), rtol=1e-5)
+                assert np.allclose(
+                    np.sort(energies),
+                    np.sort(scene.integrator.computeRotationalKineticEnergies()._value), rtol=1e-5)
             bell, ball = particles.type_shapes
-            assert bell == {'type': 'SphereUnion', 'centers': [[-0.3, 0, 0], [0.3, 0.1, 0]], 'diameters': [0.5, 0.7]}
+            assert bell == {
+                'type': 'SphereUnion', 'centers': [[-0.3, 0, 0], [0.3, 0.1, 0]],
+                'diameters': [0.5, 0.7]
+            }
             assert ball == {'type': 'SphereUnion', 'centers': [[0.1, 0.2, 0]], 'diameters': [1.0]}
 
 
@@ -264,13 +329,19 @@ def test_blobs_in_gsd_are_constituents_as_hoomd_has_them(tmp_path):
     seen = scene.run(app.GsdReporter(tmp_path/'x.gsd', 1, blobs=True, radii=scene.radii), 2)
     with gsd.hoomd.open(str(tmp_path/'x.gsd'), READ) as file:
         particles = file[1].particles
-        assert particles.types == ['body0', 'body1', 'blob0', 'blob1', 'blob2', 'blob3'] and particles.N == 9
-        assert particles.body.tolist() == [0, 1, 2, 0, 0, 1, 1, 2, -1] and particles.typeid.tolist() == [0, 0, 1, 3, 4, 3, 4, 5, 2]
-        assert particles.type_shapes == [{}, {}] + [{'type': 'Sphere', 'diameter': d} for d in (0.3, 0.5, 0.7, 1.0)]
+        assert particles.types == ['body0', 'body1', 'blob0', 'blob1', 'blob2', 'blob3'
+                                   ] and particles.N == 9
+        assert particles.body.tolist() == [
+            0, 1, 2, 0, 0, 1, 1, 2, -1
+        ] and particles.typeid.tolist() == [0, 0, 1, 3, 4, 3, 4, 5, 2]
+        assert particles.type_shapes == [{}, {}] + [{'type': 'Sphere', 'diameter': d}
+                                                    for d in (0.3, 0.5, 0.7, 1.0)]
         assert np.allclose(particles.diameter[3:], [0.5, 0.7, 0.5, 0.7, 1, 0.3])
-        assert np.allclose(particles.position[3:], seen['x'][1][[0, 1, 3, 4, 6, 8]], atol=1e-5) and not particles.image.any()
+        assert np.allclose(particles.position[3:], seen['x'][1][[0, 1, 3, 4, 6, 8]],
+                           atol=1e-5) and not particles.image.any()
         edge = file[1].configuration.box[0]
-        assert np.log2(edge) == round(np.log2(edge)) and np.abs(particles.position).max() + 0.5 < edge/2
+        assert np.log2(edge) == round(
+            np.log2(edge)) and np.abs(particles.position).max() + 0.5 < edge/2
 
 
 def test_a_sphere_at_its_origin_is_a_sphere(tmp_path):
@@ -278,36 +349,47 @@ def test_a_sphere_at_its_origin_is_a_sphere(tmp_path):
     scene.run(app.GsdReporter(tmp_path/'x.gsd', 1, radii=[0, 0, 0.2, 0, 0, 0.2, 0.4, 0, 0]), 1)
     with gsd.hoomd.open(str(tmp_path/'x.gsd'), READ) as file:
         assert file[0].particles.type_shapes[1] == {'type': 'Sphere', 'diameter': 0.8}
-        assert file[0].particles.type_shapes[0] == {'type': 'SphereUnion', 'centers': [[0, 0, 0.5]], 'diameters': [0.4]}
+        assert file[0].particles.type_shapes[0] == {
+            'type': 'SphereUnion', 'centers': [[0, 0, 0.5]], 'diameters': [0.4]
+        }
     plain = Scene()
     plain.run(app.GsdReporter(tmp_path/'y.gsd', 1), 1)
     with gsd.hoomd.open(str(tmp_path/'y.gsd'), READ) as file:
-        assert not any(file[0].particles.type_shapes) and file[0].particles.types == ['body0', 'body1']
+        assert not any(file[0].particles.type_shapes) and file[0].particles.types == [
+            'body0', 'body1'
+        ]
 
 
-@pytest.mark.parametrize('options, radii', [({}, [0.2]*8 + [0]), ({'tail': (0, 0, 0.51)}, [0.2]*8 + [0]), ({}, [0.2]*4 + [0.3]*4 + [0])],
+@pytest.mark.parametrize('options, radii', [({}, [0.2]*8 + [0]),
+                                            ({'tail': (0, 0, 0.51)}, [0.2]*8 + [0]),
+                                            ({}, [0.2]*4 + [0.3]*4 + [0])],
                          ids=['alike', 'other sites', 'other radii'])
 def test_bodies_of_one_shape_are_of_one_type(tmp_path, options, radii):
     alike = not options and len(set(radii[:6])) == 1
     scene = Scene(**options)
     scene.run(app.H5mdReporter(tmp_path/'x.h5', 1, radii=radii), 1)
-    assert app.readH5md(tmp_path/'x.h5').types == (['body0', 'body0', 'body1'] if alike else ['body0', 'body1', 'body2'])
+    assert app.readH5md(
+        tmp_path/
+        'x.h5').types == (['body0', 'body0', 'body1'] if alike else ['body0', 'body1', 'body2'])
 
 
 def test_radii_of_the_fluid_are_taken(tmp_path):
     Scene(fluid=True).run(app.H5mdReporter(tmp_path/'x.h5', 1, blobs=True), 1)
-    assert app.readH5md(tmp_path/'x.h5').blobRadii._value.tolist() == [0.25, 0.35, 0.1, 0.25, 0.35, 0.1, 0.5, 0.15]
+    assert app.readH5md(
+        tmp_path/'x.h5').blobRadii._value.tolist() == [0.25, 0.35, 0.1, 0.25, 0.35, 0.1, 0.5, 0.15]
 
 
-# ---- Continuing files, and crashes -----------------------------------------------------------------------------------
+# ---- Continuing files, and crashes ---------------------------------------------------------------
 
-KINDS = pytest.mark.parametrize('reporter, read', [(app.H5mdReporter, app.readH5md), (app.GsdReporter, app.readGsd)],
+KINDS = pytest.mark.parametrize('reporter, read', [(app.H5mdReporter, app.readH5md),
+                                                   (app.GsdReporter, app.readGsd)],
                                 ids=['H5MD', 'GSD'])
 
 
 def equal(first, second):
     """Two trajectories hold the same numbers."""
-    for name in ('time', 'step', 'positions', 'orientations', 'velocities', 'angularVelocities', 'blobPositions'):
+    for name in ('time', 'step', 'positions', 'orientations', 'velocities', 'angularVelocities',
+                 'blobPositions'):
         a, b = (getattr(trajectory, name) for trajectory in (first, second))
         a, b = (value._value if unit.is_quantity(value) else value for value in (a, b))
         if not (a is b is None or np.array_equal(a, b)):
@@ -328,7 +410,8 @@ def test_a_resumed_run_leaves_the_file_of_the_uninterrupted_one(tmp_path, report
     first.simulation.step(3)
     second = Scene(velocity=1.0)
     second.simulation.loadCheckpoint(str(tmp_path/'checkpoint'))
-    second.simulation.reporters.append(reporter(tmp_path/'parts', 2, append=True, radii=second.radii, **options))
+    second.simulation.reporters.append(
+        reporter(tmp_path/'parts', 2, append=True, radii=second.radii, **options))
     second.simulation.step(7)
     whole, parts = read(tmp_path/'whole'), read(tmp_path/'parts')
     assert whole.step.tolist() == [2, 4, 6, 8, 10, 12] and equal(whole, parts)
@@ -341,7 +424,8 @@ def test_a_file_is_begun_anew_without_append_and_with_it_if_there_is_none(tmp_pa
     assert len(read(tmp_path/'x')) == 3
     Scene().run(reporter(tmp_path/'x', 1), 2)
     assert len(read(tmp_path/'x')) == 2
-    Scene().run(reporter(tmp_path/'x', 1, append=True), 1)   # from its beginning: nothing of the old file is left
+    Scene().run(reporter(tmp_path/'x', 1, append=True),
+                1)  # from its beginning: nothing of the old file is left
     assert len(read(tmp_path/'x')) == 1
 
 
@@ -363,7 +447,8 @@ os.kill(os.getpid(), signal.SIGKILL)
 def test_a_killed_run_leaves_all_frames_and_can_be_continued(tmp_path, reporter, read):
     file = str(tmp_path/'x')
     source = CRASH.format(tests=os.path.dirname(__file__), reporter=reporter.__name__, file=file)
-    finished = subprocess.run([sys.executable, '-c', source], timeout=100, capture_output=True, text=True)
+    finished = subprocess.run([sys.executable, '-c', source], timeout=100, capture_output=True,
+                              text=True)
     assert finished.returncode == -9, finished.stderr
     assert read(file).step.tolist() == list(range(1, 10))
     scene = Scene()
@@ -383,21 +468,26 @@ def test_a_frame_of_h5md_that_was_half_written_is_ignored_and_overwritten(tmp_pa
     del scene.simulation.reporters[:]
     more = scene.run(app.H5mdReporter(tmp_path/'x.h5', 1, append=True, velocities=True), 1)
     trajectory = app.readH5md(tmp_path/'x.h5')
-    assert trajectory.step.tolist() == [1, 2, 3] and np.array_equal(trajectory.positions._value, np.concatenate([seen['R'], more['R']]))
+    assert trajectory.step.tolist() == [1, 2, 3] and np.array_equal(
+        trajectory.positions._value, np.concatenate([seen['R'], more['R']]))
 
 
 def test_a_frame_of_gsd_that_was_half_written_is_ignored_and_overwritten(tmp_path):
     """Chunks without an end of frame, as a run that is killed within a report leaves them."""
     scene = Scene()
     scene.run(app.GsdReporter(tmp_path/'x.gsd', 1), 2)
-    source = (f"import gsd.fl, numpy, os, signal; f = gsd.fl.open(name='x.gsd', mode='{UPDATE}'); "
-              "f.write_chunk('particles/position', numpy.ones((3, 3), dtype='f4')); os.kill(os.getpid(), signal.SIGKILL)")
-    assert subprocess.run([sys.executable, '-c', source], cwd=tmp_path, timeout=100).returncode == -9
+    source = (
+        f"import gsd.fl, numpy, os, signal; f = gsd.fl.open(name='x.gsd', mode='{UPDATE}'); "
+        "f.write_chunk('particles/position', numpy.ones((3, 3), dtype='f4')); os.kill(os.getpid(), "
+        "signal.SIGKILL)")
+    assert subprocess.run([sys.executable, '-c', source], cwd=tmp_path,
+                          timeout=100).returncode == -9
     assert app.readGsd(tmp_path/'x.gsd').step.tolist() == [1, 2]
     del scene.simulation.reporters[:]
     more = scene.run(app.GsdReporter(tmp_path/'x.gsd', 1, append=True), 1)
     trajectory = app.readGsd(tmp_path/'x.gsd')
-    assert trajectory.step.tolist() == [1, 2, 3] and np.allclose(trajectory.positions._value[2], more['R'][0], atol=1e-5)
+    assert trajectory.step.tolist() == [1, 2, 3] and np.allclose(trajectory.positions._value[2],
+                                                                 more['R'][0], atol=1e-5)
 
 
 @KINDS
@@ -405,8 +495,10 @@ def test_other_bodies_are_not_appended(tmp_path, reporter, read):
     Scene().run(reporter(tmp_path/'x', 1), 2)
     scene = Scene(bodies=2)
     scene.simulation.currentStep = 2
-    pieces = ('it is of 3 bodies with 8 particles, the integrator has 2 with 6', 'write to another file') \
-        if reporter is app.H5mdReporter else ('it holds 3 bodies and 0 blobs, what is to be appended 2 and 0', 'write to another file')
+    pieces = ('it is of 3 bodies with 8 particles, the integrator has 2 with 6', 'write to another '
+                                                                                 'file') \
+        if reporter is app.H5mdReporter else ('it holds 3 bodies and 0 blobs, what is to be '
+                                              'appended 2 and 0', 'write to another file')
     with refused(reporter.__name__, *pieces):
         scene.run(reporter(tmp_path/'x', 1, append=True), 1)
     assert len(read(tmp_path/'x')) == 2
@@ -415,10 +507,12 @@ def test_other_bodies_are_not_appended(tmp_path, reporter, read):
 def test_other_data_are_not_appended(tmp_path):
     Scene().run(app.H5mdReporter(tmp_path/'x.h5', 1, velocities=True), 2)
     for options, pieces in (({}, 'it has velocities, what is to be appended has none'),
-                            ({'velocities': True, 'blobs': True}, 'it has no blobs, what is to be appended has ')):
+                            ({'velocities': True,
+                              'blobs': True}, 'it has no blobs, what is to be appended has ')):
         scene = Scene()
         with refused('all frames must hold the same data') as error:
-            scene.run(app.H5mdReporter(tmp_path/'x.h5', 1, append=True, radii=scene.radii, **options), 1)
+            scene.run(
+                app.H5mdReporter(tmp_path/'x.h5', 1, append=True, radii=scene.radii, **options), 1)
         assert pieces in str(error.value)
     scene = Scene()
     scene.run(app.H5mdReporter(tmp_path/'b.h5', 1, blobs=True, radii=scene.radii), 1)
@@ -433,7 +527,8 @@ def test_other_data_are_not_appended(tmp_path):
         Scene().run(app.GsdReporter(tmp_path/'x.gsd', 1, append=True, types=['a', 'a', 'c']), 1)
 
 
-# ---- Bad arguments, and files of others ------------------------------------------------------------------------------
+# ---- Bad arguments, and files of others ----------------------------------------------------------
+
 
 @KINDS
 def test_bad_reporters(tmp_path, reporter, read):
@@ -443,18 +538,24 @@ def test_bad_reporters(tmp_path, reporter, read):
             reporter(tmp_path/'x', interval)
     with refused(name, 'velocities: got 1', error=TypeError):
         reporter(tmp_path/'x', 1, velocities=1)
-    for options, pieces in (({'types': ['a']}, ("types: got ['a'] for 3 bodies", 'of ASCII characters')),
-                            ({'types': ['a', 'a', '\u00e4']}, ('types: got', 'of ASCII characters')),
-                            ({'types': ['a', 'b', 'a']}, ("bodies 0 and 2 are both 'a'", 'a type has one shape')),
-                            ({'blobs': True}, ('blobs: no particle has a radius', 'add a MobilityForce')),
+    for options, pieces in (({'types': ['a']
+                              }, ("types: got ['a'] for 3 bodies", 'of ASCII characters')), ({
+                                  'types': ['a', 'a', '\u00e4']
+                              }, ('types: got', 'of ASCII characters')), ({
+                                  'types': ['a', 'b', 'a']
+                              }, ("bodies 0 and 2 are both 'a'", 'a type has one shape')), ({
+                                  'blobs': True
+                              }, ('blobs: no particle has a radius', 'add a MobilityForce')),
                             ({'radii': [1]}, ('radii: got 1 for 9 sites',))):
         with refused(name, *pieces):
             Scene().run(reporter(tmp_path/'x', 1, **options), 1)
     system = openmm.System()
     system.addParticle(1)
     topology = openmm.app.Topology()
-    topology.addAtom('X', openmm.app.Element.getBySymbol('C'), topology.addResidue('X', topology.addChain()))
-    simulation = openmm.app.Simulation(topology, system, CustomRigidHIIntegrator(300, 0.001), REFERENCE)
+    topology.addAtom('X', openmm.app.Element.getBySymbol('C'),
+                     topology.addResidue('X', topology.addChain()))
+    simulation = openmm.app.Simulation(topology, system, CustomRigidHIIntegrator(300, 0.001),
+                                       REFERENCE)
     simulation.context.setPositions([(0, 0, 0)])
     simulation.reporters.append(reporter(tmp_path/'x', 1))
     with refused(name, 'the integrator has no rigid bodies', 'add them before'):
@@ -487,13 +588,15 @@ def test_h5md_of_other_programs(tmp_path):
     assert np.allclose(trajectory.positions.value_in_unit(unit.angstrom), R + image*[20, 30, 0])
     assert np.array_equal(trajectory.orientations, q)
     assert np.allclose(trajectory.velocities.value_in_unit(unit.micrometer/unit.second), 60*R)
-    assert np.allclose(trajectory.boxVectors.value_in_unit(unit.angstrom), np.diag([20, 30, 40])) and len(trajectory.boxVectors) == 5
+    assert np.allclose(trajectory.boxVectors.value_in_unit(unit.angstrom), np.diag(
+        [20, 30, 40])) and len(trajectory.boxVectors) == 5
     assert app.readH5md(tmp_path/'x.h5', 'colloids').frameInterval == 250*unit.picosecond
     with refused("group: 'dust' is not there; the groups are colloids"):
         app.readH5md(tmp_path/'x.h5', 'dust')
     with h5py.File(tmp_path/'x.h5', 'r+') as file:
         file['particles/colloids/velocity/value'].attrs['unit'] = 'nm ps'
-    with refused('/particles/colloids/velocity/value: its unit is', "'nm ps'", 'must be a unit of velocity'):
+    with refused('/particles/colloids/velocity/value: its unit is', "'nm ps'",
+                 'must be a unit of velocity'):
         app.readH5md(tmp_path/'x.h5')
     with h5py.File(tmp_path/'x.h5', 'r+') as file:
         file['particles/colloids/position/value'].attrs['unit'] = 'furlong'
@@ -533,14 +636,15 @@ def test_gsd_of_other_programs(tmp_path):
         frame = Frame()
         frame.configuration.step, frame.configuration.box = step, [10, 10, 10, 0, 0, 0]
         frame.particles.N, frame.particles.position = 2, [[step/50, 0, 0], [0, 1, 2]]
-        frame.particles.image = [[0, step//50, 0], [0, 0, 0]]
+        frame.particles.image = [[0, step // 50, 0], [0, 0, 0]]
         frames.append(frame)
     with gsd.hoomd.open(str(tmp_path/'x.gsd'), WRITE) as file:
         file.extend(frames)
     with refused('it holds steps, but no times', 'give stepSize'):
         app.readGsd(tmp_path/'x.gsd')
     trajectory = app.readGsd(tmp_path/'x.gsd', 2*unit.femtosecond)
-    assert np.allclose(trajectory.time.value_in_unit(unit.picosecond), [0, 0.1, 0.2]) and trajectory.types == ['A', 'A']
+    assert np.allclose(trajectory.time.value_in_unit(unit.picosecond),
+                       [0, 0.1, 0.2]) and trajectory.types == ['A', 'A']
     assert np.allclose(trajectory.positions._value[:, 0], [(0, 0, 0), (1, 10, 0), (2, 20, 0)])
     assert np.all(trajectory.orientations == (1, 0, 0, 0)) and trajectory.velocities is None
     frames[1].particles.N = 1
@@ -556,7 +660,9 @@ def test_gsd_of_other_programs(tmp_path):
 
 def test_gsd_is_not_needed_until_it_is(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, 'gsd.hoomd', None)
-    for use in (lambda: app.GsdReporter(tmp_path/'x.gsd', 1), lambda: app.readGsd(tmp_path/'x.gsd')):
-        with refused('GSD files need the Python package gsd', 'install the Debian package python3-gsd', error=ImportError):
+    for use in (lambda: app.GsdReporter(tmp_path/'x.gsd', 1),
+                lambda: app.readGsd(tmp_path/'x.gsd')):
+        with refused('GSD files need the Python package gsd',
+                     'install the Debian package python3-gsd', error=ImportError):
             use()
     Scene().run(app.H5mdReporter(tmp_path/'x.h5', 1), 1)

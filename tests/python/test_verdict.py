@@ -23,18 +23,24 @@ def test_differences(verdict):
     assert verdict.compared((3.0, 0.1), (2.0, 0.0), 'a reason') == ('-10.0', 'disagrees: a reason')
     # A constant that is not seen is no agreement, but may disagree.
     assert verdict.constant((0.1, 0.01), (0.2, 0.2))[1].startswith('not reached')
-    assert verdict.constant((0.1, 0.01), (0.2, 0.05))[1] == 'agrees' and verdict.constant((0.1, 0.01), (2.0, 0.2))[1] == 'disagrees'
+    assert verdict.constant((0.1, 0.01), (0.2, 0.05))[1] == 'agrees' and verdict.constant(
+        (0.1, 0.01), (2.0, 0.2))[1] == 'disagrees'
     # Rounding to hundredths hides a uniform distribution of that width.
-    assert verdict.printed('2.21') == (2.21, pytest.approx(0.01/12**0.5)) and verdict.printed('7')[1] == pytest.approx(1/12**0.5)
+    assert verdict.printed('2.21') == (2.21, pytest.approx(
+        0.01/12**0.5)) and verdict.printed('7')[1] == pytest.approx(1/12**0.5)
 
 
 def test_every_row_has_a_verdict_and_every_paper_its_folder(verdict):
     for folder, rows, *_ in verdict.PAPERS:
         assert (FOLDER/folder/'README.md').exists()
         for row in rows():
-            assert len(row) == 7 and any(cell.startswith(('agrees', 'disagrees', 'not reached: ')) for cell in row[5:]), row
+            assert len(row) == 7 and any(
+                cell.startswith(('agrees', 'disagrees', 'not reached: ')) for cell in row[5:]), row
     assert all((FOLDER/'accuracy'/name/'README.md').exists() for name, _ in verdict.STUDIES)
-    assert {path.name for path in FOLDER.iterdir() if (path/'README.md').exists()} == {folder for folder, *_ in verdict.PAPERS}
+    assert {path.name
+            for path in FOLDER.iterdir()
+            if (path/'README.md').exists()} == {folder
+                                                for folder, *_ in verdict.PAPERS}
 
 
 def test_maxima(verdict):

@@ -15,7 +15,7 @@ from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, analysis, app
 from openmmrigidhi.accuracy.statistics import quantile
 
 VALIDATION = pathlib.Path(__file__).resolve().parents[2]/'validation'
-FALSE_ALARMS = 1e-6     # of each comparison with noise
+FALSE_ALARMS = 1e-6  # of each comparison with noise
 ETA, F0 = 1.5, 0.7
 KT = 300*8.31446261815324e-3
 CROSS = np.array([(0, 0, 0), (1.8, 0, 0), (-1.8, 0, 0), (0, 1.8, 0), (0, 0, 1.8)])
@@ -34,8 +34,8 @@ def run():
         del sys.path[:2]
 
 
-def driven(bodies, box, model='RotnePragerYamakawa', temperature=0, scheme='DriftCorrectorFD', f0=F0, axes=(0, 1, 1), step=0.05, seed=3, platform='CPU',
-           setUp=lambda fluid: None):
+def driven(bodies, box, model='RotnePragerYamakawa', temperature=0, scheme='DriftCorrectorFD',
+           f0=F0, axes=(0, 1, 1), step=0.05, seed=3, platform='CPU', setUp=lambda fluid: None):
     """A Context of bodies (sites, radii, place): integrator, fluid, context."""
     system, fluid = openmm.System(), MobilityForce()
     integrator = CustomRigidHIIntegrator(temperature, step)
@@ -52,7 +52,8 @@ def driven(bodies, box, model='RotnePragerYamakawa', temperature=0, scheme='Drif
     system.addForce(fluid)
     system.setDefaultPeriodicBoxVectors(*np.diag(np.asarray(box, float)).tolist())
     app.bindBodies(system, integrator)
-    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platform), {'Threads': '1'} if platform == 'CPU' else {})
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platform),
+                             {'Threads': '1'} if platform == 'CPU' else {})
     context.setPositions(np.concatenate([np.asarray(sites) + place for sites, _, place in bodies]))
     integrator.setBodyPositions([place for _, _, place in bodies])
     integrator.setBodyOrientations([(1, 0, 0, 0)]*len(bodies))
@@ -63,7 +64,8 @@ def sphere(*place):
     return np.zeros((1, 3)), 1.0, place
 
 
-# ---- Without noise -----------------------------------------------------------------------------------------------------
+# ---- Without noise -------------------------------------------------------------------------------
+
 
 @pytest.mark.parametrize('blobs', [12, 42, 162])
 @pytest.mark.parametrize('model', ['RotnePragerYamakawa', 'ForceCoupling'])
@@ -81,7 +83,9 @@ def test_the_way_a_shell_is_turned_does_not_matter(run):
     sites, radius = run.shell(12)
     scene = run.Scene('RotnePragerYamakawa', [(sites, radius)], (40.0,)*3)
     q = np.random.default_rng(2).standard_normal((3, 4))
-    ratios = [scene.viscosity(np.zeros((1, 3)), turn[None]/np.linalg.norm(turn)).ratio for turn in q]
+    ratios = [
+        scene.viscosity(np.zeros((1, 3)), turn[None]/np.linalg.norm(turn)).ratio for turn in q
+    ]
     assert np.ptp(ratios) < 2e-3*(ratios[0] - 1) and ratios[0] > 1 + 2.4e-4
 
 
@@ -92,16 +96,21 @@ def test_dilute_spheres_with_stresslets(run):
     assert slope == pytest.approx(2.5*(1 - (2*np.pi/edge)**2/5), rel=3e-4)
 
 
-@pytest.mark.parametrize('model, solver', [('ForceCoupling', 'Dense'), ('ForceCoupling', 'MatrixFree'), ('RotnePragerYamakawa', 'Dense')])
+@pytest.mark.parametrize('model, solver', [('ForceCoupling', 'Dense'),
+                                           ('ForceCoupling', 'MatrixFree'),
+                                           ('RotnePragerYamakawa', 'Dense')])
 def test_spheres_without_stresslets_leave_the_viscosity_as_it_is(model, solver):
     """Free of forces they make no flow, whatever their number."""
     places = 2.2*np.stack(np.meshgrid(*[np.arange(3)]*3), axis=-1).reshape(-1, 3)
-    _, _, context = driven([sphere(*place) for place in places], (6.6,)*3, model, setUp=lambda fluid: fluid.setSolver(getattr(fluid, solver)))
+    _, _, context = driven([sphere(*place) for place in places], (6.6,)*3, model,
+                           setUp=lambda fluid: fluid.setSolver(getattr(fluid, solver)))
     found = analysis.viscosity(context)
-    assert found.ratio == pytest.approx(1, abs=1e-12) and found.ratioError == 0 and found.samples == 1 and found.isTrusted
+    assert found.ratio == pytest.approx(
+        1, abs=1e-12) and found.ratioError == 0 and found.samples == 1 and found.isTrusted
 
 
-@pytest.mark.parametrize('fraction, stresslets', [(0.027, 1.066332), (0.125, 1.301682), (0.45, 2.437858)])
+@pytest.mark.parametrize('fraction, stresslets', [(0.027, 1.066332), (0.125, 1.301682),
+                                                  (0.45, 2.437858)])
 def test_lattices_in_long_waves(run, fraction, stresslets):
     """Simple cubic arrays have the viscosity of uniform shear in waves that are much longer than their spacing: the next term is (k spacing)^2 and the fourth power
     after the extrapolation is left, (2 pi/32)^4 = 1.5e-3 of what stresslets make, which the prefactor makes smaller."""
@@ -119,11 +128,18 @@ def test_units_and_definitions():
         one = found[f0] = analysis.viscosity(context)
         k = 2*np.pi/11
         sine, cosine = fluid.getFlowModeInContext(context, 2, 1, 1)._value
-        assert one.viscosity.unit == fluid.getViscosity().unit and one.amplitude.unit == unit.nanometer/unit.picosecond
-        assert one.amplitude._value == pytest.approx(np.sign(f0)*sine, rel=1e-12) and one.cosine._value == pytest.approx(np.sign(f0)*cosine, rel=1e-9)
-        assert one.viscosity._value == pytest.approx(f0/(k**2*sine), rel=1e-12) and one.ratio == pytest.approx(one.viscosity._value/ETA, rel=1e-12)
-        assert one.shearRate._value == pytest.approx(k*abs(sine), rel=1e-12) and one.shearRate.unit == unit.picosecond**-1
-    assert found[-F0].ratio == pytest.approx(found[F0].ratio, rel=1e-10) == pytest.approx(found[5*F0].ratio, rel=1e-10) and found[F0].ratio > 1.001
+        assert one.viscosity.unit == fluid.getViscosity(
+        ).unit and one.amplitude.unit == unit.nanometer/unit.picosecond
+        assert one.amplitude._value == pytest.approx(
+            np.sign(f0)*sine, rel=1e-12) and one.cosine._value == pytest.approx(
+                np.sign(f0)*cosine, rel=1e-9)
+        assert one.viscosity._value == pytest.approx(f0/(k**2*sine),
+                                                     rel=1e-12) and one.ratio == pytest.approx(
+                                                         one.viscosity._value/ETA, rel=1e-12)
+        assert one.shearRate._value == pytest.approx(
+            k*abs(sine), rel=1e-12) and one.shearRate.unit == unit.picosecond**-1
+    assert found[-F0].ratio == pytest.approx(found[F0].ratio, rel=1e-10) == pytest.approx(
+        found[5*F0].ratio, rel=1e-10) and found[F0].ratio > 1.001
 
 
 def test_a_run_without_noise_is_a_mean_over_time():
@@ -138,11 +154,14 @@ def test_a_run_without_noise_is_a_mean_over_time():
         integrator.step(2)
         amplitudes.append(fluid.getFlowModeInContext(context, 0, 1, 1)._value)
     amplitudes = np.array(amplitudes)
-    again = analysis.viscosityFromAmplitudes(context, np.hstack([amplitudes, 0*amplitudes])*(unit.nanometer/unit.picosecond))
+    again = analysis.viscosityFromAmplitudes(
+        context,
+        np.hstack([amplitudes, 0*amplitudes])*(unit.nanometer/unit.picosecond))
     assert again == found and found.samples == 12
     statistics = analysis.series.seriesStatistics(amplitudes[:, 0])
     assert found.amplitude._value == statistics.mean and found.amplitudeError._value == statistics.standardError > 0
-    assert found.tau == pytest.approx(12*statistics.standardError**2/(2*np.var(amplitudes[:, 0], ddof=1)))
+    assert found.tau == pytest.approx(
+        12*statistics.standardError**2/(2*np.var(amplitudes[:, 0], ddof=1)))
     assert found.ratioError/found.ratio == pytest.approx(statistics.standardError/statistics.mean)
 
 
@@ -151,22 +170,28 @@ def test_a_channel_is_half_a_periodic_box():
     sites = CROSS*(1, 1, 1)
     place = np.array((2, 3.5, 4))
     mirrored = sites*(1, -1, 1)
-    _, _, channel = driven([(sites, 1.0, place)], (9, 12, 10), 'ForceCoupling', axes=(0, 2, 1), setUp=lambda fluid: (
-        fluid.setBoundary(fluid.SlipChannel), fluid.setChannelWalls(0, 7)))
-    _, _, box = driven([(sites, 1.0, place), (mirrored, 1.0, place*(1, -1, 1) + (0, 14, 0))], (9, 14, 10), 'ForceCoupling', axes=(0, 2, 1))
+    _, _, channel = driven([(sites, 1.0, place)], (9, 12, 10), 'ForceCoupling', axes=(0, 2, 1),
+                           setUp=lambda fluid:
+                           (fluid.setBoundary(fluid.SlipChannel), fluid.setChannelWalls(0, 7)))
+    _, _, box = driven([(sites, 1.0, place), (mirrored, 1.0, place*(1, -1, 1) + (0, 14, 0))],
+                       (9, 14, 10), 'ForceCoupling', axes=(0, 2, 1))
     one, two = analysis.viscosity(channel), analysis.viscosity(box)
     assert one.ratio == pytest.approx(two.ratio, rel=1e-9) and one.ratio > 1.02
 
 
-# ---- With noise --------------------------------------------------------------------------------------------------------
+# ---- With noise ----------------------------------------------------------------------------------
+
 
 def test_the_noise_of_a_step_and_a_mean_of_many():
     """Force-coupling spheres on a grid, free of forces: the amplitude is the driven flow and the random field's own, of variance 4 kT/(eta k^2 V h) and new at each
-    step. So the ratio is 1 within its errors, which are those of independent samples, and exactly without the field's own amplitude. EulerMaruyama will do, since their
+    step. So the ratio is 1 within its errors, which are those of independent samples, and exactly
+    without the field's own amplitude. EulerMaruyama will do, since their
     mobility has no divergence."""
     steps, edge, step = 1500, 6.0, 0.05
-    integrator, fluid, context = driven([sphere(1, 2, 3), sphere(4, 4, 1)], (edge,)*3, 'ForceCoupling', 300, 'EulerMaruyama', 5.0, setUp=lambda fluid: (
-        fluid.setSolver(fluid.MatrixFree), fluid.setSolverTolerance(1e-3)), step=step)
+    integrator, fluid, context = driven(
+        [sphere(1, 2, 3), sphere(4, 4, 1)], (edge,)*3, 'ForceCoupling', 300, 'EulerMaruyama', 5.0,
+        setUp=lambda fluid: (fluid.setSolver(fluid.MatrixFree), fluid.setSolverTolerance(1e-3)),
+        step=step)
     k = 2*np.pi/edge
     amplitudes = analysis.sampleFlowAmplitudes(context, steps, progress=False)._value
     spread = np.sqrt(4*KT/(ETA*k**2*edge**3*step))
@@ -174,13 +199,15 @@ def test_the_noise_of_a_step_and_a_mean_of_many():
         # Of n Gaussian samples the variance has the relative standard error sqrt(2/n).
         assert abs(column.var()/spread**2 - 1) < quantile(1 - FALSE_ALARMS, np.inf)*np.sqrt(2/steps)
     exact = analysis.viscosityFromAmplitudes(context, amplitudes)
-    assert exact.ratio == pytest.approx(1, abs=1e-10) and exact.ratioError < 1e-10 and abs(exact.cosine/exact.amplitude) < 1e-10
+    assert exact.ratio == pytest.approx(
+        1, abs=1e-10) and exact.ratioError < 1e-10 and abs(exact.cosine/exact.amplitude) < 1e-10
     found = analysis.viscosityFromAmplitudes(context, amplitudes*(1, 1, 0, 0))
     z = (found.ratio - 1)/found.ratioError
     print(f'{found.ratio:.4f} +- {found.ratioError:.4f}, z = {z:.2f}')
     assert abs(z) < quantile(1 - FALSE_ALARMS, found.degrees) and found.isTrusted
     # Twenty blocks: a chi-squared variable of 19 degrees.
-    low, high = (np.sqrt(stats.chi2.ppf(p, found.degrees)/found.degrees) for p in (FALSE_ALARMS/2, 1 - FALSE_ALARMS/2))
+    low, high = (np.sqrt(stats.chi2.ppf(p, found.degrees)/found.degrees)
+                 for p in (FALSE_ALARMS/2, 1 - FALSE_ALARMS/2))
     assert found.degrees == 19 and low < found.amplitudeError._value/(spread/np.sqrt(steps)) < high
     assert abs(found.cosine/found.cosineError) < quantile(1 - FALSE_ALARMS, found.degrees)
 
@@ -190,11 +217,14 @@ def test_the_fields_own_amplitude_is_taken_out_by_regression():
     _, _, context = driven([sphere(1, 2, 3)], (9, 9, 9))
     random, n = np.random.default_rng(5), 4000
     field, rest = 3*random.standard_normal((n, 2)), 0.2*random.standard_normal((n, 2))
-    found = analysis.viscosityFromAmplitudes(context, np.hstack([np.array((10, 0)) + 0.7*field + rest, field]))
-    low, high = (np.sqrt(stats.chi2.ppf(p, found.degrees)/found.degrees) for p in (FALSE_ALARMS/2, 1 - FALSE_ALARMS/2))
+    found = analysis.viscosityFromAmplitudes(
+        context, np.hstack([np.array((10, 0)) + 0.7*field + rest, field]))
+    low, high = (np.sqrt(stats.chi2.ppf(p, found.degrees)/found.degrees)
+                 for p in (FALSE_ALARMS/2, 1 - FALSE_ALARMS/2))
     for error in (found.amplitudeError, found.cosineError):
         assert low < error._value/(0.2/np.sqrt(n)) < high
-    for value, exact, error in ((found.amplitude, 10, found.amplitudeError), (found.cosine, 0, found.cosineError)):
+    for value, exact, error in ((found.amplitude, 10, found.amplitudeError), (found.cosine, 0,
+                                                                              found.cosineError)):
         assert abs(value._value - exact)/error._value < quantile(1 - FALSE_ALARMS, found.degrees)
 
 
@@ -205,13 +235,19 @@ def test_errors_know_slow_fluctuations_under_white_noise():
     slow = np.empty((n, replicas))
     slow[0] = random.standard_normal(replicas)
     for k in range(1, n):
-        slow[k] = memory*slow[k-1] + np.sqrt(1 - memory**2)*random.standard_normal(replicas)
+        slow[k] = memory*slow[k - 1] + np.sqrt(1 - memory**2)*random.standard_normal(replicas)
     amplitudes = 10 + random.standard_normal((n, replicas)) + np.sqrt(share)*slow
     tau = (0.5 + share*(0.5 + memory/(1 - memory)))/(1 + share)
-    found = [analysis.viscosityFromAmplitudes(context, np.stack([column, column, 0*column, 0*column], axis=1)) for column in amplitudes.T]
+    found = [
+        analysis.viscosityFromAmplitudes(context,
+                                         np.stack([column, column, 0*column, 0*column], axis=1))
+        for column in amplitudes.T
+    ]
     variance = 2*tau*(1 + share)/n
-    # Blocks of twelve memories: 8 % of the slow part's share is correlation between them. The mean of 150 variances of 19 degrees is known to 2.6 %.
-    assert np.mean([one.amplitudeError._value**2 for one in found]) == pytest.approx(variance, rel=0.15)
+    # Blocks of twelve memories: 8 % of the slow part's share is correlation between them. The mean
+    # of 150 variances of 19 degrees is known to 2.6 %.
+    assert np.mean([one.amplitudeError._value**2
+                    for one in found]) == pytest.approx(variance, rel=0.15)
     assert np.mean([one.tau for one in found]) == pytest.approx(tau, rel=0.15) and tau > 0.95
     z = np.array([(one.amplitude._value - 10)/one.amplitudeError._value for one in found])
     assert abs(z).max() < quantile(1 - FALSE_ALARMS/replicas, 19)
@@ -222,12 +258,17 @@ def test_parts_are_the_whole(scheme):
     """viscosity() of a run is viscosityFromAmplitudes() of its parts, with the same seed."""
     bodies = [(CROSS, 1.0, (1, 2, 3))]
     arguments = (bodies, (9, 9, 9), 'RotnePragerYamakawa', 300, scheme, 200.0)
-    whole = analysis.viscosity(driven(*arguments, platform='Reference')[2], 31, 4, 3, progress=False)
+    whole = analysis.viscosity(
+        driven(*arguments, platform='Reference')[2], 31, 4, 3, progress=False)
     integrator, _, context = driven(*arguments, platform='Reference')
     integrator.step(4)
-    parts = [analysis.sampleFlowAmplitudes(context, steps, 3, progress=False)._value for steps in (6, 9, 15)]
+    parts = [
+        analysis.sampleFlowAmplitudes(context, steps, 3, progress=False)._value
+        for steps in (6, 9, 15)
+    ]
     assert analysis.viscosityFromAmplitudes(context, np.concatenate(parts)) == whole
-    assert whole.samples == 10 and whole.ratioError > 0 and whole.ratio == pytest.approx(1.2, abs=0.5)
+    assert whole.samples == 10 and whole.ratioError > 0 and whole.ratio == pytest.approx(
+        1.2, abs=0.5)
 
 
 def test_progress_bars(capfd):
@@ -237,15 +278,20 @@ def test_progress_bars(capfd):
     assert 'equilibration' in shown and 'sampling the flow' in shown and '3/3' in shown
 
 
-# ---- What is refused ---------------------------------------------------------------------------------------------------
+# ---- What is refused -----------------------------------------------------------------------------
 
-@pytest.mark.parametrize('arguments, error, problem', [
-    ({'steps': -1}, ValueError, 'viscosity: steps: got -1; the number of steps must be at least 0: give more of them'),
-    ({'equilibration': -5}, ValueError, 'viscosity: equilibration: got -5; the number of steps must be at least 0'),
-    ({'steps': 100, 'interval': 0}, ValueError, 'viscosity: interval: got 0; it counts what is to be done and must be 1 or more'),
-    ({'steps': 10.0}, TypeError, 'viscosity: steps: got 10.0; it must be an integer'),
-    ({'steps': 7, 'interval': 5}, ValueError, 'viscosity: steps, interval: got 7 and 5, so 1 samples; a mean over time needs at least 2'),
-])
+
+@pytest.mark.parametrize(
+    'arguments, error, problem',
+    [({'steps': -1}, ValueError,
+      'viscosity: steps: got -1; the number of steps must be at least 0: give more of them'),
+     ({'equilibration': -5
+       }, ValueError, 'viscosity: equilibration: got -5; the number of steps must be at least 0'),
+     ({'steps': 100, 'interval': 0}, ValueError,
+      'viscosity: interval: got 0; it counts what is to be done and must be 1 or more'),
+     ({'steps': 10.0}, TypeError, 'viscosity: steps: got 10.0; it must be an integer'),
+     ({'steps': 7, 'interval': 5}, ValueError,
+      'viscosity: steps, interval: got 7 and 5, so 1 samples; a mean over time needs at least 2'),])
 def test_numbers_that_are_none(arguments, error, problem):
     _, _, context = driven([sphere(1, 2, 3)], (9, 9, 9))
     with pytest.raises(error, match=re.escape(problem)):
@@ -255,77 +301,115 @@ def test_numbers_that_are_none(arguments, error, problem):
 @pytest.mark.parametrize('arguments', [{}, {'steps': 9}, {'steps': 39, 'interval': 4}])
 def test_too_few_samples_of_noise(arguments):
     integrator, _, context = driven([sphere(1, 2, 3)], (9, 9, 9), temperature=300)
-    with pytest.raises(ValueError, match='a standard error needs at least 10 where there is noise: give more steps'):
+    with pytest.raises(
+            ValueError,
+            match='a standard error needs at least 10 where there is noise: give more steps'):
         analysis.viscosity(context, **arguments)
     assert integrator.getStepStatistics()['steps'] == 0
 
 
 def test_contexts_without_a_driven_flow():
-    with pytest.raises(TypeError, match='viscosity: context: got NoneType; it must be an openmm.Context'):
+    with pytest.raises(TypeError,
+                       match='viscosity: context: got NoneType; it must be an openmm.Context'):
         analysis.viscosity(None)
     _, _, context = driven([sphere(1, 2, 3)], (9, 9, 9), f0=0)
-    with pytest.raises(ValueError, match=re.escape('viscosity: context: its System has no MobilityForce with a sinusoidal force density other than 0; the viscosity is '
-                                                   'measured by the flow that one drives: call setSinusoidalForceDensity()')):
+    with pytest.raises(
+            ValueError, match=re.escape(
+                'viscosity: context: its System has no MobilityForce with a sinusoidal force '
+                'density other than 0; the viscosity is '
+                'measured by the flow that one drives: call setSinusoidalForceDensity()')):
         analysis.viscosity(context)
     system = openmm.System()
     system.addParticle(1)
-    plain = openmm.Context(system, CustomRigidHIIntegrator(300, 0.001), openmm.Platform.getPlatformByName('Reference'))
-    with pytest.raises(ValueError, match='sampleFlowAmplitudes: context: its System has no MobilityForce'):
+    plain = openmm.Context(system, CustomRigidHIIntegrator(300, 0.001),
+                           openmm.Platform.getPlatformByName('Reference'))
+    with pytest.raises(ValueError,
+                       match='sampleFlowAmplitudes: context: its System has no MobilityForce'):
         analysis.sampleFlowAmplitudes(plain, 10)
-    other = openmm.Context(system, openmm.VerletIntegrator(0.001), openmm.Platform.getPlatformByName('Reference'))
+    other = openmm.Context(system, openmm.VerletIntegrator(0.001),
+                           openmm.Platform.getPlatformByName('Reference'))
     with pytest.raises(TypeError):
         analysis.viscosity(other)
 
 
 def test_schemes_whose_mean_flow_lacks_the_brownian_stress():
-    for scheme, problem in (('EulerMaruyama', 'its scheme is EulerMaruyama at a temperature above 0, with bodies that have a stochastic drift, which it omits; its mean flow '
-                                              'then lacks Brownian stress: use DriftCorrectorFD'),
-                            ('LangevinHI', 'its scheme is LangevinHI, whose flow is that of the friction forces, at a temperature above 0; the mean must have the Brownian '
-                                           'stress: use a scheme without momenta')):
-        integrator, _, context = driven([(CROSS, 1.0, (1, 2, 3))], (9, 9, 9), temperature=300, scheme=scheme, step=1e-4)
-        for call in (lambda: analysis.viscosity(context, 20), lambda: analysis.viscosity(context, 20, 5), lambda: analysis.sampleFlowAmplitudes(context, 20)):
+    for scheme, problem in (
+        ('EulerMaruyama',
+         'its scheme is EulerMaruyama at a temperature above 0, with bodies that have a stochastic '
+         'drift, which it omits; its mean flow '
+         'then lacks Brownian stress: use DriftCorrectorFD'),
+        ('LangevinHI',
+         'its scheme is LangevinHI, whose flow is that of the friction forces, at a temperature '
+         'above 0; the mean must have the Brownian '
+         'stress: use a scheme without momenta')):
+        integrator, _, context = driven([(CROSS, 1.0, (1, 2, 3))], (9, 9, 9), temperature=300,
+                                        scheme=scheme, step=1e-4)
+        for call in (lambda: analysis.viscosity(context, 20),
+                     lambda: analysis.viscosity(context, 20, 5),
+                     lambda: analysis.sampleFlowAmplitudes(context, 20)):
             with pytest.raises(ValueError, match=problem):
                 call()
         assert integrator.getStepStatistics()['steps'] == 0
         # Without noise both are right.
         _, _, cold = driven([(CROSS, 1.0, (1, 2, 3))], (9, 9, 9), scheme=scheme, step=1e-4)
-        assert analysis.viscosity(cold, 2, progress=False).ratio > (1.01 if scheme == 'EulerMaruyama' else 0.9)
+        assert analysis.viscosity(
+            cold, 2, progress=False).ratio > (1.01 if scheme == 'EulerMaruyama' else 0.9)
 
 
 def test_a_flow_that_is_lost_in_noise():
     _, _, context = driven([sphere(1, 2, 3)], (9, 9, 9), 'ForceCoupling', 300, f0=1e-4)
-    with pytest.raises(ValueError, match=re.escape('viscosity: the amplitude of the flow is') + '.*' + re.escape(
-            'nm/ps; it must be more than 3 standard errors above 0: run longer, or drive by a larger f0')):
+    with pytest.raises(
+            ValueError,
+            match=re.escape('viscosity: the amplitude of the flow is') + '.*' + re.escape(
+                'nm/ps; it must be more than 3 standard errors above 0: run longer, or drive by a '
+                'larger f0')):
         analysis.viscosity(context, 20, progress=False)
 
 
 def test_amplitudes_that_are_none():
     _, _, context = driven([sphere(1, 2, 3)], (9, 9, 9))
-    with pytest.raises(ValueError, match=re.escape('viscosityFromAmplitudes: amplitudes: got 9; an error needs at least 10 samples, and 1 is taken to be without noise')):
+    with pytest.raises(
+            ValueError, match=re.escape(
+                'viscosityFromAmplitudes: amplitudes: got 9; an error needs at least 10 samples, '
+                'and 1 is taken to be without noise')):
         analysis.viscosityFromAmplitudes(context, np.ones((9, 4)))
-    with pytest.raises(ValueError, match='amplitudes: number 4 is not finite; all must be: leave out what follows a run that blew up'):
-        analysis.viscosityFromAmplitudes(context, np.where(np.arange(12)[:, None] == 4, np.nan, np.ones((12, 4))))
+    with pytest.raises(
+            ValueError, match=
+            'amplitudes: number 4 is not finite; all must be: leave out what follows a run that '
+            'blew up'):
+        analysis.viscosityFromAmplitudes(
+            context, np.where(np.arange(12)[:, None] == 4, np.nan, np.ones((12, 4))))
     with pytest.raises(ValueError, match=r'got an array of shape \(12, 3\)'):
         analysis.viscosityFromAmplitudes(context, np.ones((12, 3)))
     with pytest.raises(TypeError, match='got a quantity in'):
         analysis.viscosityFromAmplitudes(context, np.ones((12, 4))*unit.nanometer)
-    with pytest.raises(ValueError, match='sampleFlowAmplitudes: steps: got 4; the number of steps must be at least 5'):
+    with pytest.raises(
+            ValueError,
+            match='sampleFlowAmplitudes: steps: got 4; the number of steps must be at least 5'):
         analysis.sampleFlowAmplitudes(context, 4, 5)
 
 
 def test_two_schemes_of_rods_at_a_time(tmp_path):
     """Each is what it is alone, and a longer run begins with the shorter one's samples."""
     def rows(*options):
-        finished = subprocess.run([sys.executable, str(VALIDATION/'accuracy'/'viscosity'/'run.py'), '--brownian', '--output', str(tmp_path), *options], capture_output=True,
-                                  text=True, timeout=600)
+        finished = subprocess.run([
+            sys.executable,
+            str(VALIDATION/'accuracy'/'viscosity'/'run.py'), '--brownian', '--output',
+            str(tmp_path), *options
+        ], capture_output=True, text=True, timeout=600)
         assert finished.returncode == 0, finished.stdout + finished.stderr
-        return {row['scheme']: row['ratio_less_1'] for row in json.loads((tmp_path/'brownian.json').read_text())['rows']}
+        return {
+            row['scheme']: row['ratio_less_1']
+            for row in json.loads((tmp_path/'brownian.json').read_text())['rows']
+        }
 
     def samples():
         with np.load(tmp_path/'work'/'brownian_TractionEulerMaruyama'/'state.npz') as file:
             return file['rows']
+
     together = rows('--steps', '60', '--jobs', '2', '--cluster', 'processes')
     short = samples()
-    assert rows('--steps', '60', '--fresh', '--schemes', 'EulerMaruyama')['EulerMaruyama'] == together['EulerMaruyama']
+    assert rows('--steps', '60', '--fresh', '--schemes',
+                'EulerMaruyama')['EulerMaruyama'] == together['EulerMaruyama']
     rows('--steps', '80', '--schemes', 'TractionEulerMaruyama')
     assert len(samples()) == 80 and np.array_equal(samples()[:60], short)

@@ -61,7 +61,8 @@ def test_a_run_above_a_wall(platform):
 def test_rejection_may_change_between_steps():
     context, integrator, fluid = scene()
     context.setPositions([(0, 0, 1.3), (1.5, 0, 1.6), (2, 0, 1.6), (1.5, 0.5, 1.6)])
-    with pytest.raises(openmm.OpenMMException, match=re.escape('particle 0 (body 0) has its centre 0.3 nm above the wall')):
+    with pytest.raises(openmm.OpenMMException,
+                       match=re.escape('particle 0 (body 0) has its centre 0.3 nm above the wall')):
         integrator.step(1)
     integrator.setWallRejection(CustomRigidHIIntegrator.Crossing)
     assert integrator.getWallRejection() is CustomRigidHIIntegrator.Crossing
@@ -79,7 +80,7 @@ def test_best_known_and_far_from_the_wall():
             context.reinitialize(preserveState=True)
             mobilities[kind, height] = fluid.getMobilityInContext(context)
     stokes = 1/(6*np.pi*120.4428152*0.5)
-    brenner = 0.15770665                                      # at a gap of 0.2 radii; the other body, which is free to move, takes 1e-3 of it
+    brenner = 0.15770665  # at a gap of 0.2 radii; the other body, which is free to move, takes 1e-3 of it
     assert mobilities[MobilityForce.BestKnown, 1.4][2, 2]/stokes == pytest.approx(brenner, rel=2e-3)
     assert mobilities[MobilityForce.FromModel, 1.4][2, 2]/stokes > 0.3
     far = [mobilities[kind, -1e4] for kind in (MobilityForce.FromModel, MobilityForce.BestKnown)]
@@ -92,13 +93,18 @@ def test_files_of_earlier_versions_have_no_wall():
     fluid.addParticle(0.5)
     fluid.setWallHeight(3)
     fluid.setSphereWallMobility(MobilityForce.BestKnown)
-    xml, count = re.subn(r' (wallHeight|sphereWallMobility)="[^"]*"', '', openmm.XmlSerializer.serialize(fluid))
+    xml, count = re.subn(r' (wallHeight|sphereWallMobility)="[^"]*"', '',
+                         openmm.XmlSerializer.serialize(fluid))
     assert count == 2
     twin = MobilityForce.cast(openmm.XmlSerializer.deserialize(xml))
-    assert twin.getWallHeight()._value == 0 and twin.getSphereWallMobility() is MobilityForce.FromModel
-    # BestKnown without a wall is refused by a Context only: what a file holds can be read, and mended.
-    whole = MobilityForce.cast(openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(fluid)))
-    assert whole.getBoundary() is MobilityForce.Unbounded and whole.getSphereWallMobility() is MobilityForce.BestKnown
+    assert twin.getWallHeight(
+    )._value == 0 and twin.getSphereWallMobility() is MobilityForce.FromModel
+    # BestKnown without a wall is refused by a Context only: what a file holds can be read, and
+    # mended.
+    whole = MobilityForce.cast(
+        openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(fluid)))
+    assert whole.getBoundary() is MobilityForce.Unbounded and whole.getSphereWallMobility(
+    ) is MobilityForce.BestKnown
     damaged = openmm.XmlSerializer.serialize(fluid).replace('"BestKnown"', '"Best"')
     with pytest.raises(openmm.OpenMMException, match="it must be one of BestKnown, FromModel"):
         openmm.XmlSerializer.deserialize(damaged)
@@ -107,10 +113,15 @@ def test_files_of_earlier_versions_have_no_wall():
 def test_system_and_integrator_survive_together():
     context, integrator, fluid = scene(rejection=CustomRigidHIIntegrator.Crossing)
     system = openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(context.getSystem()))
-    twin = CustomRigidHIIntegrator.cast(openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(integrator)))
+    twin = CustomRigidHIIntegrator.cast(
+        openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(integrator)))
     copied = openmm.Context(system, twin, openmm.Platform.getPlatformByName('Reference'))
-    copied.setState(context.getState(getPositions=True, getVelocities=True, getParameters=True, getIntegratorParameters=True))
+    copied.setState(
+        context.getState(getPositions=True, getVelocities=True, getParameters=True,
+                         getIntegratorParameters=True))
     for stepper in (integrator, twin):
         stepper.step(10)
-    ends = [c.getState(getPositions=True).getPositions(asNumpy=True)._value for c in (context, copied)]
+    ends = [
+        c.getState(getPositions=True).getPositions(asNumpy=True)._value for c in (context, copied)
+    ]
     assert np.array_equal(*ends)

@@ -11,8 +11,9 @@ DEMO = pathlib.Path(__file__).resolve().parents[2]/'examples'/'water_demo'/'run.
 
 
 def test_water_demo(tmp_path):
-    finished = subprocess.run([sys.executable, str(DEMO), '--short', '--output', str(tmp_path)], capture_output=True, text=True,
-                              timeout=300)
+    finished = subprocess.run(
+        [sys.executable, str(DEMO), '--short', '--output',
+         str(tmp_path)], capture_output=True, text=True, timeout=300)
     assert finished.returncode == 0, finished.stdout + finished.stderr
     assert 'FAILED' not in finished.stdout and finished.stdout.count('[ok]') == 7
     for file in ('water.png', 'trajectory.dcd', 'half_way.chk', 'half_way.xml'):

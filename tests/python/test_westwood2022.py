@@ -13,7 +13,7 @@ from openmmrigidhi.accuracy.statistics import quantile
 from openmmrigidhi.ensemble import tasks
 
 FOLDER = pathlib.Path(__file__).resolve().parents[2]/'validation'/'westwood2022'
-FALSE_ALARMS = 7e-6     # of each comparison, as in test_gibbs_boltzmann.py
+FALSE_ALARMS = 7e-6  # of each comparison, as in test_gibbs_boltzmann.py
 
 
 @pytest.fixture(scope='module')
@@ -33,7 +33,8 @@ def begun(study, scene, count=2, sweeps=3, seed=1):
     """Systems a few sweeps after starts that overlap: energies of all sizes."""
     random = np.random.default_rng(seed)
     parts = [study.montecarlo.starts(scene, count, flat, random) for flat in (True, False)]
-    systems = study.montecarlo.Systems(scene, *(np.concatenate(both) for both in zip(*parts)), random)
+    systems = study.montecarlo.Systems(scene, *(np.concatenate(both) for both in zip(*parts)),
+                                       random)
     for _ in range(sweeps):
         systems.sweep(adapt=True)
     return systems
@@ -43,9 +44,11 @@ def test_the_rod(study):
     """Touching beads: neighbours in a layer and in adjacent layers are two radii apart, none is nearer; 16.142 long, 4 wide."""
     sites = study.model.SITES
     distances = np.linalg.norm(sites[:, None] - sites, axis=-1)[np.triu_indices(22, 1)]
-    assert distances.min() == pytest.approx(2, abs=1e-12) and np.count_nonzero(distances < 2 + 1e-9) == 11 + 4*10
+    assert distances.min() == pytest.approx(
+        2, abs=1e-12) and np.count_nonzero(distances < 2 + 1e-9) == 11 + 4*10
     assert np.ptp(sites[:, 2]) + 2 == pytest.approx(16.142, abs=1e-3)
-    assert np.ptp(sites[:, 0]) + 2 == pytest.approx(4) and np.ptp(sites[:, 1]) + 2 == pytest.approx(4)
+    assert np.ptp(sites[:, 0]) + 2 == pytest.approx(4) and np.ptp(sites[:,
+                                                                        1]) + 2 == pytest.approx(4)
 
 
 @pytest.mark.parametrize('fraction, rods', [(8, 64), (4, 128), (2, 256)])
@@ -84,7 +87,9 @@ def test_two_images_of_one_rod(study):
     assert systems.energies()[0] > 0
     assert systems.energies()[0] == pytest.approx(scene.energy(R, turned)[0], rel=1e-12)
     moved = R + [[(0, 0, 0), (0.3, 0.2, -0.4)]]
-    assert study.montecarlo.Systems(scene, moved, turned, np.random.default_rng(1)).energies()[0] == pytest.approx(scene.energy(moved, turned)[0], rel=1e-12)
+    assert study.montecarlo.Systems(scene, moved, turned,
+                                    np.random.default_rng(1)).energies()[0] == pytest.approx(
+                                        scene.energy(moved, turned)[0], rel=1e-12)
 
 
 def test_forces(study):
@@ -94,26 +99,35 @@ def test_forces(study):
     R, q = systems.R[1], systems.q[1]
     rods = study.model.Rods(scene, platform='Reference')
     rods.place(R, q)
-    forces = rods.context.getState(getForces=True).getForces(asNumpy=True)._value.reshape(scene.rods, 22, 3)
+    forces = rods.context.getState(getForces=True).getForces(asNumpy=True)._value.reshape(
+        scene.rods, 22, 3)
     arms, delta = rotate(q[:, None], study.model.SITES), 1e-5
     for rod in (0, 7):
         for axis in np.eye(3):
+
             def energy(shift, turn):
                 R2, q2 = R.copy(), q.copy()
                 R2[rod] += shift*axis
-                q2[rod] = study.montecarlo.product(np.append(np.cos(turn/2), np.sin(turn/2)*axis), q[rod])
+                q2[rod] = study.montecarlo.product(np.append(np.cos(turn/2),
+                                                             np.sin(turn/2)*axis), q[rod])
                 return scene.energy(R2, q2)
-            force, torque = forces[rod].sum(0) @ axis, np.cross(arms[rod], forces[rod]).sum(0) @ axis
-            # Differences of a smooth function: delta^2; the force jumps where beads come into reach (0.01) or touch.
-            assert -(energy(delta, 0) - energy(-delta, 0))/(2*delta) == pytest.approx(force, rel=1e-5, abs=1e-4)
-            assert -(energy(0, delta) - energy(0, -delta))/(2*delta) == pytest.approx(torque, rel=1e-5, abs=1e-3)
+
+            force, torque = forces[rod].sum(0) @ axis, np.cross(arms[rod],
+                                                                forces[rod]).sum(0) @ axis
+            # Differences of a smooth function: delta^2; the force jumps where beads come into reach
+            # (0.01) or touch.
+            assert -(energy(delta, 0) - energy(-delta, 0))/(2*delta) == pytest.approx(
+                force, rel=1e-5, abs=1e-4)
+            assert -(energy(0, delta) - energy(0, -delta))/(2*delta) == pytest.approx(
+                torque, rel=1e-5, abs=1e-3)
 
 
 def test_kept_energies_follow_moves(study):
     """After many accepted moves of all kinds the sums that the sampler keeps are still those of the configuration."""
     scene = study.model.Scene(8, 3.0)
     systems = begun(study, scene, 4, 30)
-    assert all(systems.accepted[kind] > 0 for kind in study.montecarlo.MOVES[:3]) and systems.tried['mirror'] > 0
+    assert all(systems.accepted[kind] > 0
+               for kind in study.montecarlo.MOVES[:3]) and systems.tried['mirror'] > 0
     energies = systems.energies()
     systems.computeEnergies()
     assert np.allclose(systems.energies(), energies, rtol=0, atol=1e-10*energies.max())
@@ -126,7 +140,8 @@ def test_the_mirror_image_is_a_rod(study):
     before = systems.R[:, 3, None] + systems.arms[:, 3]
     after = R[:, None] + rotate(q[:, None], study.model.SITES)
     before[..., 1] = scene.width - before[..., 1]
-    assert np.allclose(np.linalg.norm(before[:, :, None] - after[:, None], axis=-1).min(axis=-1), 0, atol=1e-12)
+    assert np.allclose(
+        np.linalg.norm(before[:, :, None] - after[:, None], axis=-1).min(axis=-1), 0, atol=1e-12)
 
 
 def test_chains_go_on_with_as_many_systems(study, tmp_path):
@@ -153,24 +168,33 @@ def test_one_rod_against_quadrature(study):
     scene.rods = 1
     random = np.random.default_rng(5)
     parts = [study.montecarlo.starts(scene, 100, flat, random) for flat in (True, False)]
-    systems = study.montecarlo.Systems(scene, *(np.concatenate(both) for both in zip(*parts)), random)
+    systems = study.montecarlo.Systems(scene, *(np.concatenate(both) for both in zip(*parts)),
+                                       random)
     found = []
     for sweep in range(900):
         systems.sweep(adapt=sweep < 100)
         if sweep >= 200 and sweep % 3 == 0:
-            found.append([np.abs(systems.R[:, 0, 1] - scene.width/2), study.model.angles(systems.q)[:, 0], systems.walls[:, 0].copy()])
+            found.append([
+                np.abs(systems.R[:, 0, 1] - scene.width/2),
+                study.model.angles(systems.q)[:, 0], systems.walls[:, 0].copy()
+            ])
     off, theta, energy = np.mean(found, axis=0)
 
-    # Gauss's points in y and in the cosine s = sin(theta); equal steps in the angle about the rod, of which a quarter turn is all there is.
+    # Gauss's points in y and in the cosine s = sin(theta); equal steps in the angle about the rod,
+    # of which a quarter turn is all there is.
     x, weight = np.polynomial.legendre.leggauss(160)
-    y, s = scene.width/4*(x + 1), (x + 1)/2     # the lower half of the channel
+    y, s = scene.width/4*(x + 1), (x + 1)/2  # the lower half of the channel
     psi = np.pi/2*(np.arange(16) + 0.5)/16
-    normal = np.stack(np.broadcast_arrays(np.sqrt(1 - s**2)[:, None]*np.cos(psi), np.sqrt(1 - s**2)[:, None]*np.sin(psi), s[:, None]), -1)
+    normal = np.stack(
+        np.broadcast_arrays(
+            np.sqrt(1 - s**2)[:, None]*np.cos(psi),
+            np.sqrt(1 - s**2)[:, None]*np.sin(psi), s[:, None]), -1)
     beads = y[:, None, None, None] + normal @ study.model.SITES.T
     U = study.model.wallEnergy(beads, scene.width)
     p = np.exp(-U)*weight[:, None, None]*weight[:, None]
     p /= p.sum()
-    exact = [(p.sum((1, 2))*(scene.width/2 - y)).sum(), (p.sum((0, 2))*np.arcsin(s)).sum(), (p*np.where(p > 0, U, 0)).sum()]
+    exact = [(p.sum((1, 2))*(scene.width/2 - y)).sum(), (p.sum((0, 2))*np.arcsin(s)).sum(),
+             (p*np.where(p > 0, U, 0)).sum()]
     for values, mean in zip((off, theta, energy), exact):
         assert check(values, mean) < 0.02*mean
 
@@ -190,9 +214,17 @@ def test_crowded_rods_against_the_librarys_sampler(study):
     found = []
     for sweep in range(600):
         systems.sweep()
-        found.append([systems.energies(), study.model.angles(systems.q).mean(1), np.abs(systems.R[..., 1] - scene.width/2).mean(1)])
+        found.append([
+            systems.energies(),
+            study.model.angles(systems.q).mean(1),
+            np.abs(systems.R[..., 1] - scene.width/2).mean(1)
+        ])
     mine = np.mean(found, axis=0)
-    other = [samples.energies._value, study.model.angles(samples.orientations).mean(1), np.abs(samples.positions._value[..., 1] - scene.width/2).mean(1)]
+    other = [
+        samples.energies._value,
+        study.model.angles(samples.orientations).mean(1),
+        np.abs(samples.positions._value[..., 1] - scene.width/2).mean(1)
+    ]
     for values, series in zip(mine, other):
         average = samples.average(series*unit.dimensionless)
         check(values, average.mean, average.standardError)
@@ -200,11 +232,14 @@ def test_crowded_rods_against_the_librarys_sampler(study):
 
 
 def run(folder, *arguments, name='rods.json'):
-    finished = subprocess.run([sys.executable, str(FOLDER/'rods.py'), '--silent', '--output', str(folder), *arguments], capture_output=True, text=True,
-                              timeout=600)
+    finished = subprocess.run(
+        [sys.executable,
+         str(FOLDER/'rods.py'), '--silent', '--output',
+         str(folder), *arguments], capture_output=True, text=True, timeout=600)
     assert finished.returncode == 0, finished.stdout + finished.stderr
     data = json.loads((folder/name).read_text())
-    assert {'processor', 'openmm', 'commit', 'plugin_sha256', 'arguments'} <= set(data['provenance'])
+    assert {'processor', 'openmm', 'commit', 'plugin_sha256', 'arguments'} <= set(
+        data['provenance'])
     return data, finished.stdout
 
 
@@ -216,24 +251,31 @@ def test_the_script(study, tmp_path):
         assert (tmp_path/name).stat().st_size > 5000
     scene, = first['scenes']
     moving, = scene['dynamics']
-    assert scene['rods'] == 16 and scene['monte_carlo']['sweeps'] == 30 and moving['runs'] == 2 and moving['steps'] == [60, 60]
+    assert scene['rods'] == 16 and scene['monte_carlo']['sweeps'] == 30 and moving[
+        'runs'] == 2 and moving['steps'] == [60, 60]
     for found in (scene['monte_carlo'], moving):
-        assert sum(found['y']['P']) == pytest.approx(1) and sum(found['theta']['P']) == pytest.approx(1)
-    # Ten steps of tau/600 hardly move a rod: the runs stand where their starts stood, but not exactly.
+        assert sum(found['y']['P']) == pytest.approx(1) and sum(
+            found['theta']['P']) == pytest.approx(1)
+    # Ten steps of tau/600 hardly move a rod: the runs stand where their starts stood, but not
+    # exactly.
     assert 0 < abs(moving['changes']['off']['mean']) < 0.3
     kept = [readAll(tmp_path/'work'/f'runs_L8_cutoff6_{k}'/'state.npz') for k in (0, 1)]
     second, _ = run(tmp_path, '--quick', '--long', '2', '--jobs', '2', '--cluster', 'processes')
     scene, = second['scenes']
     assert scene['monte_carlo']['sweeps'] == 60 and scene['dynamics'][0]['runs'] == 4
     again = [readAll(tmp_path/'work'/f'runs_L8_cutoff6_{k}'/'state.npz') for k in (0, 1)]
-    assert all(np.array_equal(old[key], new[key]) for old, new in zip(kept, again) for key in ('y', 'theta', 'R', 'means'))
+    assert all(
+        np.array_equal(old[key], new[key]) for old, new in zip(kept, again)
+        for key in ('y', 'theta', 'R', 'means'))
     # A rod's mobility towards a wall falls as it comes near.
     towards = np.array(first['own_mobilities']['L/8'])[:, 2]
     assert np.all(np.diff(towards) > 0) and towards[0] < 0.7*towards[-1]
-    # The paper's size begins with four copies of a kept state side by side, whose means are those of one.
+    # The paper's size begins with four copies of a kept state side by side, whose means are those
+    # of one.
     full, _ = run(tmp_path, '--full', '--widths', '8', '--steps', '2', name='rods_full.json')
     row, = full['rows']
-    assert row['rods'] == 64 and row['side'] == pytest.approx(77.65) and 'on a grid' in row['fluid'] and row['steps'] == 2
+    assert row['rods'] == 64 and row['side'] == pytest.approx(
+        77.65) and 'on a grid' in row['fluid'] and row['steps'] == 2
     alone = begunAt(study, tmp_path/'work'/'mc_L8_cutoff6'/'state.npz')
     assert row['means_before_and_after']['pairs'][0] == pytest.approx(alone, rel=1e-9)
 
@@ -248,5 +290,6 @@ def begunAt(study, path):
     """Pair energy a rod of the first kept system."""
     with np.load(path) as kept:
         scene = study.model.Scene(8, 6.0)
-        systems = study.montecarlo.Systems(scene, kept['R'][:1], kept['q'][:1], np.random.default_rng(1))
+        systems = study.montecarlo.Systems(scene, kept['R'][:1], kept['q'][:1],
+                                           np.random.default_rng(1))
     return systems.pairs[0].sum()/(2*scene.rods)

@@ -38,14 +38,16 @@ struct Named {
 /** One of each kind of body. */
 vector<Named> kinds() {
     return {
-        {"boomerang", element({{0.1, 0, 0}, {1.3, 0.1, 0}, {2.2, -0.4, 0.3}, {0, 1.1, 0.2}, {-0.3, 2, 0.1}},
-                              {0.7, 0.5, 0.6, 0.7, 0.4})},
+        {"boomerang",
+         element({{0.1, 0, 0}, {1.3, 0.1, 0}, {2.2, -0.4, 0.3}, {0, 1.1, 0.2}, {-0.3, 2, 0.1}},
+                 {0.7, 0.5, 0.6, 0.7, 0.4})},
         {"three blobs", element({{-1, 0, 0}, {1.2, 0.5, 0.3}, {0.2, -1.4, 1.1}}, {1, 1, 1})},
         {"sphere about its centre", element({{0, 0, 0}}, {0.8})},
         {"sphere off the body's origin", element({{0.3, -0.5, 0.9}}, {0.6})},
         {"dimer", element({{0, 0, -0.9}, {0, 0, 0.7}}, {0.8, 0.5})},
         {"rod along a skew line",
-         element({{-1.2, 0.6, 0.6}, {0, 0, 0}, {0.8, -0.4, -0.4}, {2, -1, -1}}, {0.6, 0.5, 0.4, 0.7})},
+         element({{-1.2, 0.6, 0.6}, {0, 0, 0}, {0.8, -0.4, -0.4}, {2, -1, -1}},
+                 {0.6, 0.5, 0.4, 0.7})},
         {"rod whose line misses the origin",
          element({{0.5, -1, 0.4}, {0.5, 0, 0.4}, {0.5, 1.3, 0.4}}, {0.5, 0.5, 0.6})},
         {"free particle", freeParticle(0.9)},
@@ -75,7 +77,8 @@ struct Scene {
             body.R = poses[e].R;
             body.radii = elements[e].radii;
             body.isFree = elements[e].isFree();
-            for (const Vector3d& s : elements[e].sites) body.offsets.push_back(poses[e].rotation() * s);
+            for (const Vector3d& s : elements[e].sites)
+                body.offsets.push_back(poses[e].rotation() * s);
             bodies.push_back(body);
         }
         return IndependentMobility(bodies, eta);
@@ -108,13 +111,15 @@ vector<Vector3d> icosphere(int subdivisions) {
             vertices.push_back(Vector3d(s, t, 0).normalized());
             vertices.push_back(Vector3d(t, 0, s).normalized());
         }
-    // The faces are the triples of nearest neighbours; subdividing keeps this true but for five- and sixfold stretching.
+    // The faces are the triples of nearest neighbours; subdividing keeps this true but for five-
+    // and sixfold stretching.
     vector<array<int, 3> > faces;
     for (int i = 0; i < 12; i++)
         for (int j = 0; j < i; j++)
             for (int k = 0; k < j; k++) {
                 const double edge = 1.06;
-                if ((vertices[i] - vertices[j]).norm() < edge && (vertices[j] - vertices[k]).norm() < edge &&
+                if ((vertices[i] - vertices[j]).norm() < edge &&
+                    (vertices[j] - vertices[k]).norm() < edge &&
                     (vertices[k] - vertices[i]).norm() < edge)
                     faces.push_back({{i, j, k}});
             }
@@ -131,7 +136,8 @@ vector<Vector3d> icosphere(int subdivisions) {
         vector<array<int, 3> > finer;
         for (const auto& f : faces) {
             const int a = between(f[0], f[1]), b = between(f[1], f[2]), c = between(f[2], f[0]);
-            finer.insert(finer.end(), {{{f[0], a, c}}, {{f[1], b, a}}, {{f[2], c, b}}, {{a, b, c}}});
+            finer.insert(finer.end(),
+                         {{{f[0], a, c}}, {{f[1], b, a}}, {{f[2], c, b}}, {{a, b, c}}});
         }
         faces = finer;
     }
@@ -184,7 +190,9 @@ TEST(BodyMobility, RowsFollowTheElements) {
     for (size_t e = 0; e < all.size(); e++) {
         EXPECT_EQ(measured->firstRow(e), row);
         row += all[e].element.numRows();
-        EXPECT_EQ(measured->hasNullVector(e), all[e].name.find("rod") == 0 || all[e].name == "dimer") << all[e].name;
+        EXPECT_EQ(measured->hasNullVector(e),
+                  all[e].name.find("rod") == 0 || all[e].name == "dimer")
+            << all[e].name;
     }
     EXPECT_EQ(measured->getNumRows(), row);
 }
@@ -194,13 +202,19 @@ TEST(BodyMobility, NothingHoldsRodsAboutTheirLine) {
         const Scene scene({kind.element, kinds()[0].element}, 6, 4);
         TestedBodies measured = scene.make();
         if (!measured->hasNullVector(0)) continue;
-        const VectorXd null = twoRotations(scene.poses[0].rotation()) * measured->getNullVector_body(0);
+        const VectorXd null =
+            twoRotations(scene.poses[0].rotation()) * measured->getNullVector_body(0);
         EXPECT_NEAR(null.norm(), 1, 1e-15);
-        EXPECT_LT((measured.friction().leftCols(6) * null).norm(), 1e-13 * measured.friction().norm()) << kind.name;
-        // Neither a torque about the line moves it nor does anything turn it about the line, wherever the origin.
+        EXPECT_LT((measured.friction().leftCols(6) * null).norm(),
+                  1e-13 * measured.friction().norm())
+            << kind.name;
+        // Neither a torque about the line moves it nor does anything turn it about the line,
+        // wherever the origin.
         VectorXd torque = null;
         torque.head(3).setZero();
-        EXPECT_LT((measured.mobility().leftCols(6) * torque).norm(), 1e-13 * measured.mobility().norm()) << kind.name;
+        EXPECT_LT((measured.mobility().leftCols(6) * torque).norm(),
+                  1e-13 * measured.mobility().norm())
+            << kind.name;
         // A generalised inverse: N xi N = N, xi N xi = xi.
         const MatrixXd &N = measured.mobility(), &xi = measured.friction();
         EXPECT_LT(difference(N * xi * N, N), 1e-12);
@@ -215,7 +229,9 @@ TEST(BodyMobility, ABodyTurnedAndMovedHasItsTensorTurnedOnly) {
         home.setPoses({Pose()});
         const Scene scene({kind.element}, 100, 9);
         away.setPoses(scene.poses);
-        EXPECT_LT(difference(away.mobility(), turned(home.mobility(), scene.poses[0].rotation())), 1e-12) << kind.name;
+        EXPECT_LT(difference(away.mobility(), turned(home.mobility(), scene.poses[0].rotation())),
+                  1e-12)
+            << kind.name;
     }
 }
 
@@ -250,14 +266,16 @@ TEST(BodyMobility, MatricesAreMadeOncePerPose) {
 
 TEST(BodyMobility, ShellsHaveTheirHydrodynamicRadii) {
     // Computed independently: blob radius half the smallest spacing, geometric radius 1.
-    const double translational[] = {1.262447, 1.122022, 1.052965}, rotational[] = {1.231345, 1.101902, 1.047197};
+    const double translational[] = {1.262447, 1.122022, 1.052965},
+                 rotational[] = {1.231345, 1.101902, 1.047197};
     for (int level = 0; level < 3; level++) {
         const vector<Vector3d> blobs = icosphere(level);
         ASSERT_EQ((int)blobs.size(), level == 0 ? 12 : level == 1 ? 42 : 162);
         double spacing = INFINITY;
         for (size_t i = 0; i < blobs.size(); i++)
             for (size_t k = 0; k < i; k++) spacing = min(spacing, (blobs[i] - blobs[k]).norm());
-        TestedBodies shell({element(blobs, vector<double>(blobs.size(), spacing / 2))}, makeRpy, true);
+        TestedBodies shell({element(blobs, vector<double>(blobs.size(), spacing / 2))}, makeRpy,
+                           true);
         shell.setPoses({Pose()});
         const MatrixXd& N = shell.mobility();
         EXPECT_NEAR(1 / (6 * M_PI * eta * N(0, 0)), translational[level], 1e-6);
@@ -272,8 +290,12 @@ TEST(BodyMobility, ShellsHaveTheirHydrodynamicRadii) {
 
 namespace {
 
-MatrixXd squareRoot(const MatrixXd& m) { return Eigen::SelfAdjointEigenSolver<MatrixXd>(m).operatorSqrt(); }
-MatrixXd inverseRoot(const MatrixXd& m) { return Eigen::SelfAdjointEigenSolver<MatrixXd>(m).operatorInverseSqrt(); }
+MatrixXd squareRoot(const MatrixXd& m) {
+    return Eigen::SelfAdjointEigenSolver<MatrixXd>(m).operatorSqrt();
+}
+MatrixXd inverseRoot(const MatrixXd& m) {
+    return Eigen::SelfAdjointEigenSolver<MatrixXd>(m).operatorInverseSqrt();
+}
 
 /** Bodies of the kinds that take tensors of their own, the first `owners` with one. */
 Scene ownTensorScene(int owners, double size, int seed) {
@@ -313,8 +335,8 @@ TEST(BodyMobility, OwnTensorsEnterByCongruence) {
                 const int row = measured->firstRow(e);
                 Scene alone({scene.elements[e]}, 1, 0);
                 alone.poses = {Pose()};
-                const MatrixXd B_body =
-                    squareRoot(scene.elements[e].ownMobility) * inverseRoot(alone.expected().mobility);
+                const MatrixXd B_body = squareRoot(scene.elements[e].ownMobility) *
+                                        inverseRoot(alone.expected().mobility);
                 B.block(row, row, 6, 6) = turned(B_body, scene.poses[e].rotation());
                 // The factor turns with the body: D B D^T.
             }
@@ -353,12 +375,14 @@ TEST(BodyMobility, OwnTensorsAreExactFarAwayAndPositiveNearby) {
         const MatrixXd N = measured.mobility();
         const VectorXd d = N.diagonal().cwiseSqrt().cwiseInverse();
         const double least =
-            Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * N * d.asDiagonal()).eigenvalues()[0];
+            Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * N * d.asDiagonal())
+                .eigenvalues()[0];
         ASSERT_GT(least, 0) << trial;
         smallest = min(smallest, least);
     }
     cout << "smallest eigenvalue " << smallest << endl;
-    // Far away: the self block is the own tensor, and forces on others make the flow of a point force.
+    // Far away: the self block is the own tensor, and forces on others make the flow of a point
+    // force.
     Scene far = ownTensorScene(2, 1, 5);
     far.poses[1].R += Vector3d(2e4, 0, 0);
     far.elements.resize(2);
@@ -366,7 +390,8 @@ TEST(BodyMobility, OwnTensorsAreExactFarAwayAndPositiveNearby) {
     TestedBodies measured = far.make();
     const MatrixXd N = measured.mobility();
     for (int e = 0; e < 2; e++)
-        EXPECT_LT(difference(N.block(6 * e, 6 * e, 6, 6), turned(far.elements[e].ownMobility, far.poses[e].rotation())),
+        EXPECT_LT(difference(N.block(6 * e, 6 * e, 6, 6),
+                             turned(far.elements[e].ownMobility, far.poses[e].rotation())),
                   1e-6);
 }
 
@@ -374,13 +399,15 @@ TEST(BodyMobility, OwnTensorsOfRodsCannotBeCombinedWithNeighbours) {
     FluidElement rod = kinds()[4].element;
     rod.ownMobility = tensorWithoutSymmetry(1);
     const Scene scene({kinds()[0].element, rod}, 9, 1);
-    expectError([&] { scene.make(); },
-                {"body 1 was given a tensor of its own", "the model has no mobility about the line"});
+    expectError([&] { scene.make(); }, {"body 1 was given a tensor of its own",
+                                        "the model has no mobility about the line"});
 }
 
 TEST(BodyMobility, BlobsAtOnePlaceAreAnError) {
-    const Scene scene({element({{0, 0, 0}, {0, 0, 0}, {0, 1, 0}}, {1, 1, 1}), kinds()[0].element}, 6, 1);
-    expectError([&] { scene.make(); }, {"particle 0 (body 0) and particle 1 (body 0)", "are at the same place"});
+    const Scene scene({element({{0, 0, 0}, {0, 0, 0}, {0, 1, 0}}, {1, 1, 1}), kinds()[0].element},
+                      6, 1);
+    expectError([&] { scene.make(); },
+                {"particle 0 (body 0) and particle 1 (body 0)", "are at the same place"});
     const Scene spheres({element({{0, 0, 0}}, {1}), element({{0, 0, 0}}, {1})}, 0, 1);
     expectError([&] { spheres.make().friction(); }, {"are at the same place: 0 nm apart"});
 }
@@ -394,7 +421,8 @@ public:
         : MobilityModel(particles, eta), fromFriction(friction), alone(alone) {}
     const char* name() const override { return "Indefinite"; }
     bool isMadeFromFriction() const override { return fromFriction; }
-    void ownMobility(const HydrodynamicParticles& body, const vector<Vec3>& sites, MatrixXd& mobility) const override {
+    void ownMobility(const HydrodynamicParticles& body, const vector<Vec3>& sites,
+                     MatrixXd& mobility) const override {
         if (alone)
             mobility = -MatrixXd::Identity(body.numRows, body.numRows);
         else
@@ -402,12 +430,15 @@ public:
     }
 
 protected:
-    unique_ptr<MobilityAt> makePlace() const override { return unique_ptr<MobilityAt>(new Place(*this)); }
+    unique_ptr<MobilityAt> makePlace() const override {
+        return unique_ptr<MobilityAt>(new Place(*this));
+    }
 
 private:
     class Place : public MobilityAt {
     public:
-        explicit Place(const Indefinite& model) : MobilityAt(model), fromFriction(model.fromFriction) {}
+        explicit Place(const Indefinite& model)
+            : MobilityAt(model), fromFriction(model.fromFriction) {}
         void apply(const MatrixXd& forces, MatrixXd& velocities) override { velocities = -forces; }
         void friction(MatrixXd& friction) override {
             if (fromFriction)
@@ -437,10 +468,12 @@ TEST(BodyMobility, ModelsThatAreNotPositiveDefiniteAreAnError) {
             const bool multiblob = body.particles.size() > 1;
             if (!friction)
                 expectError([&] { mobility.friction(); },
-                            {"hydrodynamic particles is not positive definite; look for particles at the same place"});
+                            {"hydrodynamic particles is not positive definite; look for particles "
+                             "at the same place"});
             else if (multiblob)
                 expectError([&] { mobility.mobility(); },
-                            {"the friction matrix of 1 bodies is not positive definite", "blobs are all at one place"});
+                            {"the friction matrix of 1 bodies is not positive definite",
+                             "blobs are all at one place"});
         }
     TestedBodies alone({kinds()[0].element}, [](const HydrodynamicParticles& particles) {
         return unique_ptr<MobilityModel>(new Indefinite(particles, false, true));

@@ -17,13 +17,15 @@ HydrodynamicParticles freeParticles(const vector<double>& radii, bool torque = f
     return particles;
 }
 
-/** The smallest eigenvalue of the matrix of two particles in units in which every diagonal entry is 1. */
+/** The smallest eigenvalue of the matrix of two particles in units in which every diagonal entry
+ * is 1. */
 double smallestEigenvalue(double distance, double otherRadius, bool torque) {
     RotnePragerYamakawa model(freeParticles({1, otherRadius}, torque), 1);
     MatrixXd M;
     model.at({{Vec3(), Vec3(0.6, 0, 0.8) * distance}})->dense(M);
     const VectorXd d = M.diagonal().cwiseSqrt().cwiseInverse();
-    return Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * M * d.asDiagonal()).eigenvalues()[0];
+    return Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * M * d.asDiagonal())
+        .eigenvalues()[0];
 }
 
 }  // namespace
@@ -35,14 +37,17 @@ TEST(CoincidenceCheck, ItsBoundIsWhereTheMatrixBecomesSingular) {
             for (double excess : {0.0, 1e-6, 1e-4, 1e-2}) {
                 const double smallest = smallestEigenvalue(distance, 1 + excess, torque),
                              larger = max(distance, excess);
-                EXPECT_GT(smallest, 0.187 * larger - 1e-15) << distance << " " << excess << " " << torque;
-                EXPECT_LT(smallest, 0.51 * larger + 1e-15) << distance << " " << excess << " " << torque;
+                EXPECT_GT(smallest, 0.187 * larger - 1e-15)
+                    << distance << " " << excess << " " << torque;
+                EXPECT_LT(smallest, 0.51 * larger + 1e-15)
+                    << distance << " " << excess << " " << torque;
             }
     CoincidenceCheck check;
     for (double distance : {0.0, 0.99e-6, 1.01e-6})
         for (double excess : {0.0, 0.99e-6, 1.01e-6})
-            EXPECT_EQ(check.find(freeParticles({1, 1 + excess}), {Vec3(), Vec3(0, distance, 0)}, 1).first,
-                      max(distance, excess) < 1e-6 ? 0 : -1);
+            EXPECT_EQ(
+                check.find(freeParticles({1, 1 + excess}), {Vec3(), Vec3(0, distance, 0)}, 1).first,
+                max(distance, excess) < 1e-6 ? 0 : -1);
 }
 
 TEST(CoincidenceCheck, FindsTheFirstPairAmongMany) {
@@ -52,7 +57,8 @@ TEST(CoincidenceCheck, FindsTheFirstPairAmongMany) {
     for (int repeat = 0; repeat < 20; repeat++) {
         // On a lattice, where many share coordinates, and far from the origin.
         vector<Vec3> places;
-        for (int i = 0; i < n; i++) places.push_back(Vec3(i % 8, i / 8 % 8, i / 64) * 0.1 + Vec3(1000, -2000, 300));
+        for (int i = 0; i < n; i++)
+            places.push_back(Vec3(i % 8, i / 8 % 8, i / 64) * 0.1 + Vec3(1000, -2000, 300));
         shuffle(places.begin(), places.end(), random);
         const HydrodynamicParticles particles = freeParticles(vector<double>(n, 0.05));
         EXPECT_EQ(check.find(particles, places, 1).first, -1);
@@ -77,7 +83,9 @@ TEST(CoincidenceCheck, SitesOfOneBodyHaveABoundOfTheirOwn) {
     EXPECT_EQ(check.find(particles, places, 1).second, 1);
     EXPECT_EQ(check.find(particles, places, 0.5).second, 2);
     expectError([&] { check.check(particles, places, 1); },
-                {"particle 7 (body 0) and particle 8 (body 0), both of radius 0.5 nm, are at the same place: 3e-07 nm",
+                {"particle 7 (body 0) and particle 8 (body 0), both of radius 0.5 nm, are at the "
+                 "same place: 3e-07 nm",
                  "where 5e-07 nm, 1e-6 of the radius", "another site"});
-    expectError([&] { check.check(particles, places, 0.5); }, {"particle 7 (body 0) and particle 9 (body 1)"});
+    expectError([&] { check.check(particles, places, 0.5); },
+                {"particle 7 (body 0) and particle 9 (body 1)"});
 }

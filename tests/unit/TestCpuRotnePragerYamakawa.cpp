@@ -23,7 +23,8 @@ namespace {
 
 enum Kind { Spheres, Blobs, Mixed };
 
-/** Wall: near contact for the lowest. Crossing: through which a good part of the particles reach. */
+/** Wall: near contact for the lowest. Crossing: through which a good part of the particles reach.
+ */
 enum Bounds { Unbounded, Wall, Crossing };
 
 struct Scene {
@@ -32,7 +33,8 @@ struct Scene {
     optional<NoSlipPlane> wall;
 
     unique_ptr<MobilityModel> reference() const {
-        if (wall) return unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, 0.7, *wall));
+        if (wall)
+            return unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, 0.7, *wall));
         return unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, 0.7));
     }
 };
@@ -42,8 +44,8 @@ Scene randomScene(int n, Kind kind, bool equalRadii, double size, Bounds bounds 
     uniform_real_distribution<double> u(0, 1);
     Scene scene;
     for (int i = 0; i < n; i++) {
-        scene.particles.add(equalRadii ? 0.8 : 0.2 + u(random), kind == Spheres || (kind == Mixed && u(random) < 0.5),
-                            i, -1);
+        scene.particles.add(equalRadii ? 0.8 : 0.2 + u(random),
+                            kind == Spheres || (kind == Mixed && u(random) < 0.5), i, -1);
         scene.positions.push_back(size * Vec3(u(random), u(random), u(random)));
     }
     if (bounds == Wall) scene.wall.emplace(-1.2, false);
@@ -54,7 +56,8 @@ Scene randomScene(int n, Kind kind, bool equalRadii, double size, Bounds bounds 
 struct Results {
     MatrixXd dense, velocities, rough;
 };
-Results results(const Scene& scene, const MatrixXd& forces, CpuRotnePragerYamakawa::ForRanges forRanges = {}) {
+Results results(const Scene& scene, const MatrixXd& forces,
+                CpuRotnePragerYamakawa::ForRanges forRanges = {}) {
     CpuRotnePragerYamakawa M(scene.particles, 0.7, forRanges, scene.wall);
     const auto at = M.at({scene.positions});
     Results r;
@@ -86,8 +89,8 @@ TEST(CpuRotnePragerYamakawa, AgreesWithTheScalarOne) {
         for (int n : {1, 2, 3, 7, 8, 9, 17, 100})
             for (Kind kind : {Spheres, Blobs, Mixed})
                 for (int variant = 0; variant < 12; variant++) {
-                    const Scene scene =
-                        randomScene(n, kind, variant % 2, variant / 2 % 2 ? 10 : 1, Bounds(variant / 4));
+                    const Scene scene = randomScene(n, kind, variant % 2, variant / 2 % 2 ? 10 : 1,
+                                                    Bounds(variant / 4));
                     const auto model = scene.reference();
                     const auto reference = model->at({scene.positions});
                     MatrixXd dense;
@@ -96,11 +99,13 @@ TEST(CpuRotnePragerYamakawa, AgreesWithTheScalarOne) {
                     for (int columns : {1, 2, 5}) {
                         const MatrixXd forces = MatrixXd::Random(scene.particles.numRows, columns);
                         const Results r = results(scene, forces);
-                        ASSERT_LT((r.dense - dense).cwiseAbs().maxCoeff(), 1e-13 * scale) << n << " " << kind;
+                        ASSERT_LT((r.dense - dense).cwiseAbs().maxCoeff(), 1e-13 * scale)
+                            << n << " " << kind;
                         ASSERT_EQ((r.dense - r.dense.transpose()).cwiseAbs().maxCoeff(), 0);
                         MatrixXd velocities;
                         reference->apply(forces, velocities);
-                        ASSERT_LT((r.velocities - velocities).cwiseAbs().maxCoeff(), 1e-12 * scale) << n << " " << kind;
+                        ASSERT_LT((r.velocities - velocities).cwiseAbs().maxCoeff(), 1e-12 * scale)
+                            << n << " " << kind;
                     }
                 }
     });
@@ -120,7 +125,8 @@ TEST(CpuRotnePragerYamakawa, AgreesWithTheScalarOneAroundBordersOfChunks) {
                         model->at({scene.positions})->dense(dense);
                         const double scale = dense.cwiseAbs().rowwise().sum().maxCoeff();
                         const MatrixXd velocities = results(scene, forces).velocities;
-                        ASSERT_LT((velocities - dense * forces).cwiseAbs().maxCoeff(), 1e-14 * scale)
+                        ASSERT_LT((velocities - dense * forces).cwiseAbs().maxCoeff(),
+                                  1e-14 * scale)
                             << n << " " << kind << " " << bounds;
                     }
     });
@@ -134,7 +140,8 @@ TEST(CpuRotnePragerYamakawa, ProductsAreSymmetric) {
                 const int rows = scene.particles.numRows;
                 const Results r = results(scene, MatrixXd::Identity(rows, rows));
                 const double scale = r.velocities.cwiseAbs().maxCoeff();
-                EXPECT_LT((r.velocities - r.velocities.transpose()).cwiseAbs().maxCoeff(), 1e-15 * scale);
+                EXPECT_LT((r.velocities - r.velocities.transpose()).cwiseAbs().maxCoeff(),
+                          1e-15 * scale);
                 EXPECT_LT((r.rough - r.rough.transpose()).cwiseAbs().maxCoeff(), 1e-6 * scale);
             }
     });
@@ -168,7 +175,8 @@ void expectNeitherThreadsNorWidthOfPacks(const Scene& scene) {
         task(count / 2, count);
     }));
     onEveryInstructionSet([&](int64_t target) {
-        if (target != HWY_AVX3 && target != HWY_AVX2) return;  // others round products before adding
+        if (target != HWY_AVX3 && target != HWY_AVX2)
+            return;  // others round products before adding
         const Results r = results(scene, forces);
         EXPECT_EQ((r.velocities.array() != alone.velocities.array()).count(), 0);
     });
@@ -189,8 +197,8 @@ TEST(CpuRotnePragerYamakawa, RoughProductsAreRightToSixDigits) {
         for (int n : {1, 9, 33, 100})
             for (Kind kind : {Spheres, Blobs, Mixed})
                 for (int variant = 0; variant < 12; variant++) {
-                    const Scene scene =
-                        randomScene(n, kind, variant % 2, variant / 2 % 2 ? 10 : 1, Bounds(variant / 4));
+                    const Scene scene = randomScene(n, kind, variant % 2, variant / 2 % 2 ? 10 : 1,
+                                                    Bounds(variant / 4));
                     const CpuRotnePragerYamakawa model(scene.particles, 0.7, {}, scene.wall);
                     const auto M = model.at({scene.positions});
                     MatrixXd dense, exact, rough;
@@ -268,7 +276,8 @@ TEST(PairTournament, EveryPairOnceAndAlwaysInTheSameOrder) {
             EXPECT_EQ(computed, tournament.getNumPairs());
             for (int a = 0; a < chunks; a++) {
                 ASSERT_EQ(static_cast<int>(partners[a].size()), chunks);
-                for (int round = 0; round < chunks; round++) EXPECT_EQ((a + partners[a][round]) % chunks, round);
+                for (int round = 0; round < chunks; round++)
+                    EXPECT_EQ((a + partners[a][round]) % chunks, round);
             }
         }
     }
@@ -284,18 +293,20 @@ TEST(PairSums, TwoRangesBothWays) {
             const Scene all = randomScene(33, Spheres, false, 4, bounds);
             Scene scene;
             if (all.wall) scene.wall.emplace(*all.wall);
-            vector<double> x(slots, PairSumArrays::farAway), y = x, z = x, radius(slots, 1.0), loads(6 * slots),
-                                                             sums(6 * slots);
+            vector<double> x(slots, PairSumArrays::farAway), y = x, z = x, radius(slots, 1.0),
+                                                             loads(6 * slots), sums(6 * slots);
             MatrixXd forces = MatrixXd::Random(6 * 33, 1);
             for (int i = 0, row = 0; i < 33; i++) {
-                const int range = i < counts[0] ? 0 : 1, slot = starts[range] + i - (range ? counts[0] : 0);
+                const int range = i < counts[0] ? 0 : 1,
+                          slot = starts[range] + i - (range ? counts[0] : 0);
                 scene.particles.add(all.particles.radii[i], torques[range], i, -1);
                 scene.positions.push_back(all.positions[i]);
                 x[slot] = all.positions[i][0];
                 y[slot] = all.positions[i][1];
                 z[slot] = all.positions[i][2] - (all.wall ? all.wall->getHeight() : 0);
                 radius[slot] = all.particles.radii[i];
-                for (int k = 0; k < (torques[range] ? 6 : 3); k++) loads[k * slots + slot] = forces(row++);
+                for (int k = 0; k < (torques[range] ? 6 : 3); k++)
+                    loads[k * slots + slot] = forces(row++);
             }
             forces.conservativeResize(scene.particles.numRows, 1);
             PairSumArrays arrays = {};
@@ -311,12 +322,14 @@ TEST(PairSums, TwoRangesBothWays) {
                                          {starts[1], starts[1] + counts[1], torques[1]}};
             addPairs(arrays, ranges[0], ranges[1], sums.data(), sums.data() + starts[1], slots);
             for (int r = 0; r < 2; r++)
-                addPairs(arrays, ranges[r], ranges[r], sums.data() + starts[r], sums.data() + starts[r], slots);
+                addPairs(arrays, ranges[r], ranges[r], sums.data() + starts[r],
+                         sums.data() + starts[r], slots);
             MatrixXd dense;
             scene.reference()->at({scene.positions})->dense(dense);
             const MatrixXd expected = 8 * M_PI * 0.7 * dense * forces;
             for (int i = 0, row = 0; i < 33; i++) {
-                const int range = i < counts[0] ? 0 : 1, slot = starts[range] + i - (range ? counts[0] : 0);
+                const int range = i < counts[0] ? 0 : 1,
+                          slot = starts[range] + i - (range ? counts[0] : 0);
                 for (int k = 0; k < (torques[range] ? 6 : 3); k++)
                     EXPECT_NEAR(sums[k * slots + slot], expected(row++), 1e-13 * expected.norm());
             }
@@ -344,7 +357,8 @@ TEST(CpuRotnePragerYamakawa, ReachesAsFarBeyondContact) {
         Scene scene = randomScene(9, Mixed, false, 3, bounds);
         CpuRotnePragerYamakawa M(scene.particles, 0.7, {}, scene.wall);
         const auto reference = scene.reference();
-        // At most a hundredth of a radius below contact; with crossing allowed, wherever there is a mobility.
+        // At most a hundredth of a radius below contact; with crossing allowed, wherever there is a
+        // mobility.
         const double a = scene.particles.radii[5], height = scene.wall->getHeight();
         for (double z : {0.98 * a, 0.995 * a, -0.01 * a}) {
             scene.positions[5][2] = height + z;
@@ -375,7 +389,8 @@ TEST(CpuRotnePragerYamakawa, ColumnsDoNotShowInEachOther) {
     const MatrixXd forces = MatrixXd::Random(scene.particles.numRows, 3);
     const MatrixXd together = results(scene, forces).velocities;
     for (int c = 0; c < 3; c++)
-        EXPECT_EQ((results(scene, forces.col(c)).velocities - together.col(c)).cwiseAbs().maxCoeff(), 0);
+        EXPECT_EQ(
+            (results(scene, forces.col(c)).velocities - together.col(c)).cwiseAbs().maxCoeff(), 0);
 }
 
 TEST(CpuRotnePragerYamakawa, ParticlesAtOnePlace) {

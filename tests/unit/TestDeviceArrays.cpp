@@ -1,5 +1,6 @@
-// A device without a device: a platform that keeps particles in single precision, and forces in fixed point, as OpenMM's device platforms do.
-// What is promised of them is tested here to the last bit, and without the tolerances that real ones need.
+// A device without a device: a platform that keeps particles in single precision, and forces in
+// fixed point, as OpenMM's device platforms do. What is promised of them is tested here to the last
+// bit, and without the tolerances that real ones need.
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>
@@ -30,8 +31,8 @@ Vec3 inFloats(const Vec3& x) { return Vec3(float(x[0]), float(x[1]), float(x[2])
 
 /** Passed on where OpenMM has it: from 8.1 on. */
 template <class Kernel>
-auto shiftVelocities(Kernel& kernel, ContextImpl& context, double time, vector<Vec3>& velocities, int)
-    -> decltype(kernel.computeShiftedVelocities(context, time, velocities)) {
+auto shiftVelocities(Kernel& kernel, ContextImpl& context, double time, vector<Vec3>& velocities,
+                     int) -> decltype(kernel.computeShiftedVelocities(context, time, velocities)) {
     kernel.computeShiftedVelocities(context, time, velocities);
 }
 template <class Kernel>
@@ -41,19 +42,26 @@ void shiftVelocities(Kernel&, ContextImpl&, double, vector<Vec3>&, long) {}
 class RoundingKernel : public UpdateStateDataKernel {
 public:
     RoundingKernel(const string& name, const Platform& platform, ContextImpl& context)
-        : UpdateStateDataKernel(name, platform), exactHandle(exactPlatform.createKernel(name, context)),
+        : UpdateStateDataKernel(name, platform),
+          exactHandle(exactPlatform.createKernel(name, context)),
           exact(exactHandle.getAs<UpdateStateDataKernel>()) {}
     void initialize(const System& system) override { exact.initialize(system); }
     double getTime(const ContextImpl& context) const override { return exact.getTime(context); }
     void setTime(ContextImpl& context, double time) override { exact.setTime(context, time); }
-    long long getStepCount(const ContextImpl& context) const override { return exact.getStepCount(context); }
-    void setStepCount(const ContextImpl& context, long long count) override { exact.setStepCount(context, count); }
+    long long getStepCount(const ContextImpl& context) const override {
+        return exact.getStepCount(context);
+    }
+    void setStepCount(const ContextImpl& context, long long count) override {
+        exact.setStepCount(context, count);
+    }
     // OpenMM 8.5 gave it an argument more, so either may be the one that overrides.
     void getPositions(ContextImpl& context, vector<Vec3>& positions) {
         exact.getPositions(context, positions);
         for (Vec3& x : positions) x = inFloats(x);
     }
-    void getPositions(ContextImpl& context, vector<Vec3>& positions, bool) { getPositions(context, positions); }
+    void getPositions(ContextImpl& context, vector<Vec3>& positions, bool) {
+        getPositions(context, positions);
+    }
     void setPositions(ContextImpl& context, const vector<Vec3>& positions) override {
         vector<Vec3> rounded = positions;
         for (Vec3& x : rounded) x = inFloats(x);
@@ -79,17 +87,23 @@ public:
             for (int k = 0; k < 3; k++)
                 if (!isfinite(f[k])) f[k] = lowest;
     }
-    void getEnergyParameterDerivatives(ContextImpl& context, map<string, double>& derivatives) override {
+    void getEnergyParameterDerivatives(ContextImpl& context,
+                                       map<string, double>& derivatives) override {
         exact.getEnergyParameterDerivatives(context, derivatives);
     }
     void getPeriodicBoxVectors(ContextImpl& context, Vec3& a, Vec3& b, Vec3& c) const override {
         exact.getPeriodicBoxVectors(context, a, b, c);
     }
-    void setPeriodicBoxVectors(ContextImpl& context, const Vec3& a, const Vec3& b, const Vec3& c) override {
+    void setPeriodicBoxVectors(ContextImpl& context, const Vec3& a, const Vec3& b,
+                               const Vec3& c) override {
         exact.setPeriodicBoxVectors(context, a, b, c);
     }
-    void createCheckpoint(ContextImpl& context, ostream& stream) override { exact.createCheckpoint(context, stream); }
-    void loadCheckpoint(ContextImpl& context, istream& stream) override { exact.loadCheckpoint(context, stream); }
+    void createCheckpoint(ContextImpl& context, ostream& stream) override {
+        exact.createCheckpoint(context, stream);
+    }
+    void loadCheckpoint(ContextImpl& context, istream& stream) override {
+        exact.loadCheckpoint(context, stream);
+    }
 
 private:
     ReferencePlatform exactPlatform;
@@ -102,8 +116,10 @@ KernelArrays* lastArrays = nullptr;
 
 class DeviceFactory : public KernelFactory {
 public:
-    KernelImpl* createKernelImpl(string name, const Platform& platform, ContextImpl& context) const override {
-        if (name == UpdateStateDataKernel::Name()) return new RoundingKernel(name, platform, context);
+    KernelImpl* createKernelImpl(string name, const Platform& platform,
+                                 ContextImpl& context) const override {
+        if (name == UpdateStateDataKernel::Name())
+            return new RoundingKernel(name, platform, context);
         PlatformParts parts;
         parts.arrays = [](ContextImpl& context) {
             lastArrays = new KernelArrays(context);
@@ -119,16 +135,20 @@ public:
     explicit DevicePlatform(const string& precision = "single") : precision(precision) {
         platform("Reference");  // loads the library, whose kernels some platform must have
         platformProperties.push_back("Precision");
-        for (const string& name : {UpdateStateDataKernel::Name(), IntegrateRigidBodiesKernel::Name()})
+        for (const string& name :
+             {UpdateStateDataKernel::Name(), IntegrateRigidBodiesKernel::Name()})
             registerKernelFactory(name, new DeviceFactory());
     }
-    const string& getPropertyValue(const Context&, const string&) const override { return precision; }
+    const string& getPropertyValue(const Context&, const string&) const override {
+        return precision;
+    }
 
 private:
     const string precision;
 };
 
-/** A Force of another plugin that pushes one particle before every step, and says that forces are invalid, or not. */
+/** A Force of another plugin that pushes one particle before every step, and says that forces are
+ * invalid, or not. */
 class Push : public Force {
 public:
     Push(int particle, const Vec3& by, bool says) : particle(particle), by(by), says(says) {}
@@ -158,7 +178,8 @@ private:
     const bool says;
 };
 
-/** Waters, a body of one site, which only its twist knows to turn, and free particles with a constraint and a virtual site. */
+/** Waters, a body of one site, which only its twist knows to turn, and free particles with a
+ * constraint and a virtual site. */
 struct DeviceScene {
     DevicePlatform device;
     System system;
@@ -166,8 +187,9 @@ struct DeviceScene {
     vector<Vec3> start;
     unique_ptr<Context> context;
     int numParticles = 0;
-    explicit DeviceScene(CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::LangevinC,
-                         Force* extra = nullptr, const string& precision = "single")
+    explicit DeviceScene(
+        CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::LangevinC,
+        Force* extra = nullptr, const string& precision = "single")
         : device(precision) {
         integrator.setScheme(scheme);
         integrator.setRandomNumberSeed(5);
@@ -182,7 +204,8 @@ struct DeviceScene {
         system.setVirtualSite(site, new TwoParticleAverageSite(first, second, 0.5, 0.5));
         for (double x : {0.0, 0.1, 0.05}) start.emplace_back(x + 1.0 / 3, 2.0 / 3, 0.0);
         numParticles = system.getNumParticles();
-        auto* field = new CustomExternalForce("20*(x^2+1.3*(y-1)^2+0.7*z^2)+select(broken,sqrt(-1-x^2),0)");
+        auto* field =
+            new CustomExternalForce("20*(x^2+1.3*(y-1)^2+0.7*z^2)+select(broken,sqrt(-1-x^2),0)");
         field->addGlobalParameter("broken", 0);
         for (int p = 0; p < numParticles; p++) field->addParticle(p);
         system.addForce(field);
@@ -220,7 +243,8 @@ TEST(DeviceArrays, APlainStepIsOnePushOfPositionsAndOneGetOfForces) {
         const KernelArrays::Transfers before = lastArrays->transfers();
         plain.integrator.step(steps);
         const KernelArrays::Transfers& after = lastArrays->transfers();
-        // Positions and velocities are looked at once, since the user may have changed them. At the end of the steps they are there for the user.
+        // Positions and velocities are looked at once, since the user may have changed them. At the
+        // end of the steps they are there for the user.
         EXPECT_EQ(after.positionsPulled - before.positionsPulled, 1);
         EXPECT_EQ(after.velocitiesPulled - before.velocitiesPulled, 1);
         EXPECT_EQ(after.positionsPushed - before.positionsPushed, steps);
@@ -282,20 +306,25 @@ TEST(DeviceArrays, WhatOthersDoIsHonoured) {
 }
 
 TEST(DeviceArrays, ForcesMoveParticlesIfTheySayThatForcesAreInvalid) {
-    // A barostat's rejected move may leave molecules in another image of the box, with forces that are valid: that is no motion.
+    // A barostat's rejected move may leave molecules in another image of the box, with forces that
+    // are valid: that is no motion.
     const Vec3 by(0.25, 0, 0);
     for (bool says : {true, false}) {
         DeviceScene pushed(CustomRigidHIIntegrator::LangevinC, new Push(9, by, says)), left;
         for (DeviceScene* scene : {&pushed, &left}) scene->integrator.setTemperature(0);
         pushed.integrator.step(1);
         left.integrator.step(1);
-        const double moved = norm(pushed.integrator.getBodyPositions()[3] - left.integrator.getBodyPositions()[3]);
+        const double moved =
+            norm(pushed.integrator.getBodyPositions()[3] - left.integrator.getBodyPositions()[3]);
         if (says)
             EXPECT_NEAR(moved, 0.25, 1e-2);
         else
             EXPECT_LT(moved, 1e-3);  // the velocity counts in any case
-        EXPECT_NEAR(norm(positionsOf(*pushed.context)[9] - pushed.integrator.getBodyPositions()[3]), 0, 1e-6);
-        EXPECT_GT(norm(pushed.integrator.getBodyVelocities()[3] - left.integrator.getBodyVelocities()[3]), 0.2);
+        EXPECT_NEAR(norm(positionsOf(*pushed.context)[9] - pushed.integrator.getBodyPositions()[3]),
+                    0, 1e-6);
+        EXPECT_GT(
+            norm(pushed.integrator.getBodyVelocities()[3] - left.integrator.getBodyVelocities()[3]),
+            0.2);
     }
 }
 
@@ -317,12 +346,14 @@ TEST(DeviceArrays, RemovalOfMomentumKeepsItsFrequency) {
         scene.integrator.setBodyVelocities(v);
         const Vec3 before = momentum();
         scene.integrator.step(1);
-        EXPECT_LT(norm(momentum() - (step % 3 == 0 ? Vec3() : before)), 1e-5) << "step " << step;  // free ones are read
+        EXPECT_LT(norm(momentum() - (step % 3 == 0 ? Vec3() : before)), 1e-5)
+            << "step " << step;  // free ones are read
     }
 }
 
 TEST(DeviceArrays, DrawnTwistsAreKept) {
-    // One site cannot tell a spin: it is known only if the velocities that come back count as those that were drawn.
+    // One site cannot tell a spin: it is known only if the velocities that come back count as those
+    // that were drawn.
     DeviceScene scene;
     EXPECT_GT(norm(scene.integrator.getBodyAngularVelocities()[3]), 0.1);
 }
@@ -355,8 +386,8 @@ TEST(DeviceArrays, CheckpointsAndStatesContinueFromTheDoubles) {
             whole.integrator.step(9);
             saved.integrator.step(4);
             if (asState) {
-                const State state =
-                    saved.context->getState(State::Positions | State::Velocities | State::IntegratorParameters);
+                const State state = saved.context->getState(State::Positions | State::Velocities |
+                                                            State::IntegratorParameters);
                 resumed.context->setState(state);
             } else {
                 stringstream stream;
@@ -373,14 +404,16 @@ TEST(DeviceArrays, CheckpointsAndStatesContinueFromTheDoubles) {
 TEST(DeviceArrays, DamagedStatesAreRefused) {
     DeviceScene scene;
     scene.integrator.step(2);
-    const State state = scene.context->getState(State::Positions | State::Velocities | State::IntegratorParameters);
+    const State state =
+        scene.context->getState(State::Positions | State::Velocities | State::IntegratorParameters);
     stringstream stream;
     XmlSerializer::serialize<State>(&state, "State", stream);
     const string xml = stream.str();
     // Load it with another value of the first attribute of this name after this element.
     const auto load = [&](const string& element, const string& attribute, const string& value) {
         string damaged = xml;
-        const size_t at = damaged.find(" " + attribute + "=\"", damaged.find("<" + element)) + attribute.size() + 3;
+        const size_t at = damaged.find(" " + attribute + "=\"", damaged.find("<" + element)) +
+                          attribute.size() + 3;
         damaged.replace(at, damaged.find("\"", at) - at, value);
         stringstream damagedStream(damaged);
         unique_ptr<State> read(XmlSerializer::deserialize<State>(damagedStream));
@@ -388,21 +421,27 @@ TEST(DeviceArrays, DamagedStatesAreRefused) {
     };
     for (const char* bad : {"-1e-7", "0.5", "nan"})
         expectError([&] { load("RoundedPlatform", "velocities", bad); },
-                    {"the saved state is corrupt: its platform's rounding ", " is not from 0 to 0.001; use another"});
-    expectError([&] { load("RoundedPlatform", "positions", "much"); }, {"corrupt", "'positions' is 'much'"});
+                    {"the saved state is corrupt: its platform's rounding ",
+                     " is not from 0 to 0.001; use another"});
+    expectError([&] { load("RoundedPlatform", "positions", "much"); },
+                {"corrupt", "'positions' is 'much'"});
     expectError([&] { load("Particle index", "x", "inf"); },
-                {"the saved state is corrupt: particle 1", ", which is in no body, has infinite or undefined numbers"});
+                {"the saved state is corrupt: particle 1",
+                 ", which is in no body, has infinite or undefined numbers"});
     expectError([&] { load("Particle index", "vy", "nan"); },
-                {"the saved state is corrupt: particle 1", ", which is in no body, has infinite or undefined numbers"});
+                {"the saved state is corrupt: particle 1",
+                 ", which is in no body, has infinite or undefined numbers"});
     scene.context->setState(state);
     scene.integrator.step(1);
 }
 
 TEST(DeviceArrays, AStateIsTakenByAnotherPlatform) {
-    // From the device to Reference: bodies have the poses that they had, not those of rounded positions.
+    // From the device to Reference: bodies have the poses that they had, not those of rounded
+    // positions.
     DeviceScene saved;
     saved.integrator.step(4);
-    const State state = saved.context->getState(State::Positions | State::Velocities | State::IntegratorParameters);
+    const State state =
+        saved.context->getState(State::Positions | State::Velocities | State::IntegratorParameters);
     const vector<Vec3> bodies = saved.bodies();
     DeviceScene other;
     other.context.reset();
@@ -430,12 +469,14 @@ struct FarScene {
     FarScene(int boxes, bool periodic) {
         integrator.setFriction(0);
         integrator.setPoseTolerance(0.01);  // far away positions are rounded to 0.002
-        system.setDefaultPeriodicBoxVectors(Vec3(edge, 0, 0), Vec3(0.5, edge, 0), Vec3(0.5, -0.25, edge));
+        system.setDefaultPeriodicBoxVectors(Vec3(edge, 0, 0), Vec3(0.5, edge, 0),
+                                            Vec3(0.5, -0.25, edge));
         addBodies(system, integrator, waterShape(), 2);
         for (int p = 0; p < 6; p++)  // a molecule is what constraints hold
             system.addConstraint(p, p % 3 == 2 ? p - 2 : p + 1,
                                  norm(waterShape().sites[p % 3] - waterShape().sites[(p + 1) % 3]));
-        auto* field = new CustomExternalForce(periodic ? "500*periodicdistance(x,y,z,1,1.5,2)^2" : "500*((x-1)^2+y^2)");
+        auto* field = new CustomExternalForce(periodic ? "500*periodicdistance(x,y,z,1,1.5,2)^2"
+                                                       : "500*((x-1)^2+y^2)");
         for (int p = 0; p < 6; p++) field->addParticle(p);
         system.addForce(field);
         auto* bond = new HarmonicBondForce();  // makes the System periodic in any case
@@ -447,16 +488,20 @@ struct FarScene {
         for (int p = 3; p < 6; p++) start[p] += shift(boxes);
         context->setPositions(start);
     }
-    static Vec3 shift(int boxes) { return Vec3(edge, 0, 0) * boxes + Vec3(0.5, -0.25, edge) * (2 * boxes); }
+    static Vec3 shift(int boxes) {
+        return Vec3(edge, 0, 0) * boxes + Vec3(0.5, -0.25, edge) * (2 * boxes);
+    }
 };
 
 }  // namespace
 
 TEST(DeviceArrays, ForcesFarFromTheBoxAreThoseNearIt) {
-    // 4096 boxes away single precision rounds coordinates to 0.002 nm, and forces to 1; poses are doubles.
+    // 4096 boxes away single precision rounds coordinates to 0.002 nm, and forces to 1; poses are
+    // doubles.
     const int boxes = 4096;
     FarScene near(0, true), far(boxes, true);
-    const Vec3 start = far.integrator.getBodyPositions()[1], nearStart = near.integrator.getBodyPositions()[1];
+    const Vec3 start = far.integrator.getBodyPositions()[1],
+               nearStart = near.integrator.getBodyPositions()[1];
     // The user's positions were rounded by the device: put the body where its image is.
     vector<Vec3> R = near.integrator.getBodyPositions();
     R[1] += FarScene::shift(boxes);
@@ -467,7 +512,9 @@ TEST(DeviceArrays, ForcesFarFromTheBoxAreThoseNearIt) {
     EXPECT_GT(norm(near.integrator.getBodyPositions()[1] - nearStart), 0.1);
     EXPECT_LT(norm(image - near.integrator.getBodyPositions()[1]), 1e-5);
     // What users see is where the body is, as well as the device can tell.
-    EXPECT_LT(norm(positionsOf(*far.context)[3] - FarScene::shift(boxes) - positionsOf(*near.context)[3]), 0.01);
+    EXPECT_LT(
+        norm(positionsOf(*far.context)[3] - FarScene::shift(boxes) - positionsOf(*near.context)[3]),
+        0.01);
     EXPECT_GT(norm(start), 1e4);
 }
 
@@ -490,7 +537,8 @@ TEST(DeviceArrays, AVirtualSiteOfAnUnknownKindIsRefused) {
     integrator.addRigidBody({0}, 5, Vec3(0.1, 0.2, 0.25), {Vec3()});
     DevicePlatform device;
     expectError([&] { Context context(system, integrator, device); },
-                {"virtual site particle 2 is a MirroredSite", "placed on the platforms Reference and CPU, but not on"});
+                {"virtual site particle 2 is a MirroredSite",
+                 "placed on the platforms Reference and CPU, but not on"});
     CustomRigidHIIntegrator there(300, 0.002);
     there.addRigidBody({0}, 5, Vec3(0.1, 0.2, 0.25), {Vec3()});
     Context context(system, there, platform("Reference"));  // which places all kinds itself

@@ -53,22 +53,26 @@ const vector<vector<double> > points = {
 
 TEST(Expression, HasTheValuesOfOpenMM) {
     for (const string text :
-         {"0", "1", "x", "1.", ".5", "1e3", "1E-3", "2.5e+2", "x+y", "x-y", "x*y", "x/z", "x-y-z", "x/z/k", "x-y+z",
-          "x/z*k", "2^3^2", "(2^3)^2", "-x^2", "-2^2", "(-2)^2", "2^-1", "2^-x", "2^-x^2", "-x^-2", "z^2", "z^3",
-          "z^-3", "z^0.5", "z^y", "x*-y", "x--y", "x - -y", "--x", "---x", "-(x)", "x^0", "0^0", "x+y*z", "(x+y)*z",
-          "x*y+z*k", "x*y^2*z", "-x*y", "-x+y", "x/-z", " x +\ty\n* z ", "((x))", "1/x", "-1/x", "x/0", "sqrt(z*z)",
-          "exp(x)", "log(z*z)", "log(10)", "log(0)", "sin(x)", "cos(x)", "sec(x)", "csc(y+3)", "tan(x)", "cot(y+3)",
-          "asin(x/5)", "acos(x/5)", "atan(x)", "atan2(x,y)", "atan2(y, x)", "sinh(x)", "cosh(x)", "tanh(x)", "erf(x)",
-          "erfc(x)", "step(x)", "step(-x)", "step(0)", "delta(x)", "delta(1)", "square(x)", "cube(x)", "recip(z)",
-          "min(x,y)", "max(x,y)", "max(x, min(y, z))", "abs(x)", "floor(x)", "ceil(x)", "floor(-0.5)", "ceil(-1.5)",
-          "select(x,y,z)", "select(0,y,z)", "select(step(x), sqrt(y), 1)", "sqrt(-1-z^2)", "sin(cos(tan(x)))",
-          "square(x-1)^2", "k*x^2", "0.5*k*((x-1)^2+(y-2)^2)", "long_name2*k", "exp(-x^2/2)/sqrt(2*3.14159265)", "x*x",
-          "x+x", "2*x*3", "2*(x*3)", "x*2/3*y", "1-1e-16-x", "1e300*1e300", "x^2-y^2", "(x-y)*(x+y)",
+         {"0", "1", "x", "1.", ".5", "1e3", "1E-3", "2.5e+2", "x+y", "x-y", "x*y", "x/z", "x-y-z",
+          "x/z/k", "x-y+z", "x/z*k", "2^3^2", "(2^3)^2", "-x^2", "-2^2", "(-2)^2", "2^-1", "2^-x",
+          "2^-x^2", "-x^-2", "z^2", "z^3", "z^-3", "z^0.5", "z^y", "x*-y", "x--y", "x - -y", "--x",
+          "---x", "-(x)", "x^0", "0^0", "x+y*z", "(x+y)*z", "x*y+z*k", "x*y^2*z", "-x*y", "-x+y",
+          "x/-z", " x +\ty\n* z ", "((x))", "1/x", "-1/x", "x/0", "sqrt(z*z)", "exp(x)", "log(z*z)",
+          "log(10)", "log(0)", "sin(x)", "cos(x)", "sec(x)", "csc(y+3)", "tan(x)", "cot(y+3)",
+          "asin(x/5)", "acos(x/5)", "atan(x)", "atan2(x,y)", "atan2(y, x)", "sinh(x)", "cosh(x)",
+          "tanh(x)", "erf(x)", "erfc(x)", "step(x)", "step(-x)", "step(0)", "delta(x)", "delta(1)",
+          "square(x)", "cube(x)", "recip(z)", "min(x,y)", "max(x,y)", "max(x, min(y, z))", "abs(x)",
+          "floor(x)", "ceil(x)", "floor(-0.5)", "ceil(-1.5)", "select(x,y,z)", "select(0,y,z)",
+          "select(step(x), sqrt(y), 1)", "sqrt(-1-z^2)", "sin(cos(tan(x)))", "square(x-1)^2",
+          "k*x^2", "0.5*k*((x-1)^2+(y-2)^2)", "long_name2*k", "exp(-x^2/2)/sqrt(2*3.14159265)",
+          "x*x", "x+x", "2*x*3", "2*(x*3)", "x*2/3*y", "1-1e-16-x", "1e300*1e300", "x^2-y^2",
+          "(x-y)*(x+y)",
           // definitions
-          "a; a=x", "a+b; a=x; b=y", "a; a=b; b=x+1", "a*a; a=b*b; b=c*c; c=x", "a;a=x;", "a;;a=x;;", "a ; a = x ; ",
-          "x; x=2", "x; x=x+1", "a; a=a+1; a=2", "a; a=1; a=2", "x; b=unknown", "sin(a); a=k^b; b=long_name2",
-          "r^2; r=sqrt(x*x+y*y+z*z)", "sin; sin=2", "sin(sin); sin=x", "x; 1=2", "x; a b=2", "a.b; a.b=x", "x?y; x?y=2",
-          "x<y; x<y=3", "_pi; _pi=3"})
+          "a; a=x", "a+b; a=x; b=y", "a; a=b; b=x+1", "a*a; a=b*b; b=c*c; c=x", "a;a=x;",
+          "a;;a=x;;", "a ; a = x ; ", "x; x=2", "x; x=x+1", "a; a=a+1; a=2", "a; a=1; a=2",
+          "x; b=unknown", "sin(a); a=k^b; b=long_name2", "r^2; r=sqrt(x*x+y*y+z*z)", "sin; sin=2",
+          "sin(sin); sin=x", "x; 1=2", "x; a b=2", "a.b; a.b=x", "x?y; x?y=2", "x<y; x<y=3",
+          "_pi; _pi=3"})
         for (const auto& values : points) expectSame(text, values);
 }
 
@@ -183,14 +187,18 @@ public:
         if (kind < 2) return names[pick(names.size())];
         if (kind < 4) return to_string(uniform_real_distribution<double>(0.1, 3)(generator));
         if (kind < 8) return (*this)(depth - 1) + "+-*/"[pick(4)] + (*this)(depth - 1);
-        if (kind < 9) return (*this)(depth - 1) + "^" + vector<string>{"2", "-1", "2^2", "-2^2", "3"}[pick(5)];
+        if (kind < 9)
+            return (*this)(depth - 1) + "^" +
+                   vector<string>{"2", "-1", "2^2", "-2^2", "3"}[pick(5)];
         if (kind < 10) return "-" + (*this)(depth - 1);
         if (kind < 12) return "(" + (*this)(depth - 1) + ")";
         if (kind < 13) {
-            const vector<string> functions = {"sin", "cos", "tanh", "square", "cube", "abs", "step", "atan", "erf"};
+            const vector<string> functions = {"sin", "cos",  "tanh", "square", "cube",
+                                              "abs", "step", "atan", "erf"};
             return functions[pick(functions.size())] + "(" + (*this)(depth - 1) + ")";
         }
-        return vector<string>{"min", "max"}[pick(2)] + "(" + (*this)(depth - 1) + "," + (*this)(depth - 1) + ")";
+        return vector<string>{"min", "max"}[pick(2)] + "(" + (*this)(depth - 1) + "," +
+               (*this)(depth - 1) + ")";
     }
 
 private:
@@ -205,7 +213,8 @@ TEST(Expression, RandomOnesHaveTheValuesOfOpenMM) {
         const string text = random(4);
         for (const auto& values : {points[0], points[2]}) {
             const double value = ourValue(text, values);
-            // OpenMM simplifies 0*x/0 to 1, and hangs over constants that are NaN. Cancellation magnifies rounding.
+            // OpenMM simplifies 0*x/0 to 1, and hangs over constants that are NaN. Cancellation
+            // magnifies rounding.
             if (!isfinite(value) || abs(value) > 1e8) continue;
             const double expected = openmmValue(text, values);
             finite++;
@@ -229,15 +238,18 @@ TEST(Expression, LongAndDeepOnes) {
     for (int i = 0; i < 800; i++) expected = sin(expected);
     EXPECT_EQ(ourValue(sines, values), expected);
     for (int i = 0; i < 800; i++) nested = "(" + nested + ")";
-    expectError([&] { ourValue(nested, values); }, {"nested deeper than 1000 levels", "use definitions"});
+    expectError([&] { ourValue(nested, values); },
+                {"nested deeper than 1000 levels", "use definitions"});
     // Doubles with every definition: 2^60 terms if it were substituted as text.
     string doubling = "a0";
-    for (int i = 0; i < 60; i++) doubling += "; a" + to_string(i) + "=a" + to_string(i + 1) + "+a" + to_string(i + 1);
+    for (int i = 0; i < 60; i++)
+        doubling += "; a" + to_string(i) + "=a" + to_string(i + 1) + "+a" + to_string(i + 1);
     EXPECT_EQ(ourValue(doubling + "; a60=x", values), ldexp(0.5, 60));
 }
 
 TEST(Expression, ChainsOfDefinitionsMayBeLong) {
-    // Each in one of the ways a definition may stand in the next: neither depth nor time grows faster than the text.
+    // Each in one of the ways a definition may stand in the next: neither depth nor time grows
+    // faster than the text.
     const int links = 15000;
     string counting = "a0", nested = "a0", wide = "0", later;
     for (int i = 0; i < links; i++) {
@@ -252,7 +264,8 @@ TEST(Expression, ChainsOfDefinitionsMayBeLong) {
     EXPECT_EQ(ourValue(counting + end, values), links + 0.5);
     EXPECT_EQ(ourValue(nested + end, values), 0.5);
     EXPECT_EQ(ourValue(wide + later, values), 0.25 * links * (links - 1.0));
-    expectError([&] { ourValue(counting, values); }, {"there is no variable or parameter 'a15000'"});
+    expectError([&] { ourValue(counting, values); },
+                {"there is no variable or parameter 'a15000'"});
 }
 
 TEST(Expression, FollowsItsValuesAndKnowsWhatItUses) {
@@ -275,8 +288,11 @@ TEST(Expression, FollowsItsValuesAndKnowsWhatItUses) {
 TEST(Expression, ErrorsNameWhatIsWrong) {
     const vector<double>& v = points[0];
     const vector<pair<string, vector<string> > > cases = {
-        {"x+foo", {"there is no variable or parameter 'foo'", "there are x, y, z, k, long_name2", "correct the name"}},
-        {"ln(x)", {"there is no function 'ln'", "select", "write the operator * if a product is meant"}},
+        {"x+foo",
+         {"there is no variable or parameter 'foo'", "there are x, y, z, k, long_name2",
+          "correct the name"}},
+        {"ln(x)",
+         {"there is no function 'ln'", "select", "write the operator * if a product is meant"}},
         {"min(x)", {"function 'min' has 1 arguments", "it takes 2", "write that many arguments"}},
         {"(x+1", {"a parenthesis is not closed before 'end'", "each '(' needs its ')'"}},
         {"x+", {"it ends too early", "an operand must follow there"}},

@@ -27,7 +27,8 @@ struct Scene {
 
     void add(mt19937& random, const Vec3& r, double radius, Kind kind) {
         uniform_real_distribution<double> u(0, 1);
-        particles.add(radius, kind == Spheres || (kind == Mixed && u(random) < 0.5), particles.size(), -1);
+        particles.add(radius, kind == Spheres || (kind == Mixed && u(random) < 0.5),
+                      particles.size(), -1);
         positions.push_back(r);
     }
     CpuRotnePragerYamakawa model(bool fastSums = true) const {
@@ -35,7 +36,8 @@ struct Scene {
         if (hasWall) wall.emplace(0, false);
         return CpuRotnePragerYamakawa(particles, 0.7, {}, wall, fastSums);
     }
-    /** Roots of own frictions, but for a factor: with these forces and torques of unit size are as strong. */
+    /** Roots of own frictions, but for a factor: with these forces and torques of unit size are as
+     * strong. */
     VectorXd scale() const {
         VectorXd s(particles.numRows);
         for (int i = 0; i < particles.size(); i++) {
@@ -56,7 +58,9 @@ Scene cloud(int n, Kind kind, bool equalRadii, bool hasWall, double size, double
     scene.hasWall = hasWall;
     for (int i = 0; i < n; i++) {
         const double a = equalRadii ? 1.0 : 0.3 + 1.2 * u(random);
-        scene.add(random, size * Vec3(u(random), u(random), u(random)) + Vec3(0, 0, bottom + 1.001 * a), a, kind);
+        scene.add(random,
+                  size * Vec3(u(random), u(random), u(random)) + Vec3(0, 0, bottom + 1.001 * a), a,
+                  kind);
     }
     return scene;
 }
@@ -78,13 +82,15 @@ Scene heldOut(int n, Held shape, Kind kind, bool hasWall) {
         if (shape == Slab) r = Vec3(3 * L * u(random), 0.5 * L * u(random), 0.2 * L * u(random));
         if (shape == Line) r = Vec3(2.0 * i / 3, 2 * g(random), 2 * g(random) + 8);
         if (shape == TwoClouds)
-            r = 0.25 * L * Vec3(g(random), g(random), g(random)) + Vec3(i % 2 ? 6 * L : 0, 0, 2 * L);
+            r = 0.25 * L * Vec3(g(random), g(random), g(random)) +
+                Vec3(i % 2 ? 6 * L : 0, 0, 2 * L);
         if (shape == Ring) {
             const double phi = 2 * M_PI * u(random), R = n / 8.0;
             r = Vec3(R * cos(phi), R * sin(phi), 3 + 3 * u(random));
         }
         if (shape == HighAbove) r = L * Vec3(u(random), u(random), u(random)) + Vec3(0, 0, 3.1 * L);
-        if (shape == Layer) r = sqrt(4.0 * n) * Vec3(u(random), u(random), 0) + Vec3(0, 0, 0.5 * u(random));
+        if (shape == Layer)
+            r = sqrt(4.0 * n) * Vec3(u(random), u(random), 0) + Vec3(0, 0, 0.5 * u(random));
         if (shape == Dilute) r = 8 * L * Vec3(u(random), u(random), u(random));
         if (shape == ChainOfBlobs) {
             Vec3 step(g(random), g(random), g(random));
@@ -172,12 +178,14 @@ TEST(ClusterTree, EveryPairIsInOnePairOfCubes) {
         for (double bottom : {0.0, 50.0}) {
             const Scene scene = cloud(400, Mixed, false, hasWall, 20, bottom);
             ClusterTree tree;
-            tree.build(scene.positions, scene.particles.radii, scene.particles.hasTorque, hasWall, {6, 0.7});
+            tree.build(scene.positions, scene.particles.radii, scene.particles.hasTorque, hasWall,
+                       {6, 0.7});
             const int n = scene.particles.size(), numCells = tree.cells.size();
             Eigen::MatrixXi times = Eigen::MatrixXi::Zero(n, n), imageTimes = times;
             const auto count = [&](Eigen::MatrixXi& in, int target, int source) {
                 for (int i = tree.cells[target].first; i < tree.cells[target].end; i++)
-                    for (int j = tree.cells[source].first; j < tree.cells[source].end; j++) in(i, j)++;
+                    for (int j = tree.cells[source].first; j < tree.cells[source].end; j++)
+                        in(i, j)++;
             };
             for (size_t l = 0; l < tree.leaves.size(); l++)
                 for (int k = tree.firstNear[l]; k < tree.firstNear[l + 1]; k++) {
@@ -189,13 +197,15 @@ TEST(ClusterTree, EveryPairIsInOnePairOfCubes) {
                 for (int p = of.first; p < of.end; p++) {
                     const auto& pair = tree.farPairs[p];
                     const bool image = pair.source >= numCells;
-                    const auto &to = tree.cells[pair.target], &from = tree.cells[pair.source % numCells];
+                    const auto &to = tree.cells[pair.target],
+                               &from = tree.cells[pair.source % numCells];
                     count(image ? imageTimes : times, pair.target, pair.source % numCells);
                     if (from.onWall) count(imageTimes, pair.target, pair.source);
                     onWall += from.onWall;
                     Vector3d place = from.centre;
                     if (image) place[2] *= -1;
-                    ASSERT_LT((of.D * from.half - (to.centre - place)).norm(), 1e-12 * (1 + place.norm()));
+                    ASSERT_LT((of.D * from.half - (to.centre - place)).norm(),
+                              1e-12 * (1 + place.norm()));
                 }
             EXPECT_GT(tree.farPairs.size(), 1000u);
             EXPECT_EQ(times.minCoeff(), 1);
@@ -218,12 +228,14 @@ TEST(FastSum, ConvergesToTheSumOverPairs) {
                 double before = 1;
                 for (int order : {3, 6, 10}) {
                     const MatrixXd error = fast(scene, forces, {order, 0.55, 6, 0}) - exact;
-                    const double relative = (scale.asDiagonal() * error).norm() / (scale.asDiagonal() * exact).norm();
+                    const double relative =
+                        (scale.asDiagonal() * error).norm() / (scale.asDiagonal() * exact).norm();
                     EXPECT_LT(relative, 0.2 * before) << order << " " << kind << " " << hasWall;
                     before = relative;
                 }
                 EXPECT_LT(before, 1e-5) << kind << " " << hasWall;
-                EXPECT_LT((fast(scene, forces, {2, 0.55, 500, 0}) - exact).norm(), 1e-14 * exact.norm());
+                EXPECT_LT((fast(scene, forces, {2, 0.55, 500, 0}) - exact).norm(),
+                          1e-14 * exact.norm());
             }
 }
 
@@ -234,7 +246,8 @@ TEST(FastSum, ErrorsAreBelowWhatWasAskedFor) {
         for (Held shape : allHeld) {
             const Scene scene = heldOut(n, shape, Kind(shape % 3), hasWall);
             const VectorXd scale = scene.scale();
-            const MatrixXd forces = forcesFor(scene), exact = scale.asDiagonal() * exactly(scene, forces);
+            const MatrixXd forces = forcesFor(scene),
+                           exact = scale.asDiagonal() * exactly(scene, forces);
             // The norm of M is at least what it makes of these forces.
             const VectorXd sizes = (scale.cwiseInverse().asDiagonal() * forces).colwise().norm();
             const double norm = exact.colwise().norm().transpose().cwiseQuotient(sizes).maxCoeff();
@@ -248,8 +261,10 @@ TEST(FastSum, ErrorsAreBelowWhatWasAskedFor) {
                 EXPECT_LT((found - exact).col(0).norm(), error * exact.col(0).norm())
                     << shape << " " << error << " " << hasWall;
                 // M is symmetric to that error: f.(M g) = g.(M f).
-                const MatrixXd products = forces.transpose() * scale.cwiseInverse().asDiagonal() * found;
-                EXPECT_LT(abs(products(0, 1) - products(1, 0)), 2 * error * norm * sizes[0] * sizes[1]);
+                const MatrixXd products =
+                    forces.transpose() * scale.cwiseInverse().asDiagonal() * found;
+                EXPECT_LT(abs(products(0, 1) - products(1, 0)),
+                          2 * error * norm * sizes[0] * sizes[1]);
             }
         }
 }
@@ -278,8 +293,8 @@ TEST(FastSum, NeitherThreadsNorWidthOfPacksShow) {
             const MatrixXd alone = fast(scene, forces, accuracy);
             for (int threads : {2, 3, 4}) {
                 ThreadPool pool(threads);
-                const MatrixXd together =
-                    fast(scene, forces, accuracy, [&](int count, const function<void(int, int)>& task) {
+                const MatrixXd together = fast(
+                    scene, forces, accuracy, [&](int count, const function<void(int, int)>& task) {
                         pool.execute([&](ThreadPool&, int thread) {
                             task(count * thread / threads, count * (thread + 1) / threads);
                         });
@@ -337,7 +352,8 @@ TEST(FastSum, HardPlaces) {
     };
     for (Vec3& r : scene.positions) r = Vec3(1, 2, 3);  // all at one place
     compare(1e-14);
-    for (int i = 0; i < 300; i++) scene.positions[i] = i % 2 ? Vec3(1e9, 0, 0) : Vec3(1e-3 * i, 0, 0);
+    for (int i = 0; i < 300; i++)
+        scene.positions[i] = i % 2 ? Vec3(1e9, 0, 0) : Vec3(1e-3 * i, 0, 0);
     compare(1e-4);
     scene = cloud(2000, Mixed, false, false, 60);
     scene.particles.radii[17] = 25;  // one holds many others
@@ -352,7 +368,8 @@ TEST(FastSum, HardPlaces) {
 // How a model takes it.
 TEST(FastSum, OfAModelAtAPlace) {
     for (bool hasWall : {false, true}) {
-        const Scene scene = cloud(10000, Blobs, true, hasWall, 80), moved = cloud(10000, Blobs, true, hasWall, 90);
+        const Scene scene = cloud(10000, Blobs, true, hasWall, 80),
+                    moved = cloud(10000, Blobs, true, hasWall, 90);
         const MatrixXd forces = forcesFor(scene);
         const CpuRotnePragerYamakawa model = scene.model(), without = scene.model(false);
         EXPECT_EQ(model.describeFastProducts(1e-2), "by multipoles of order 4");

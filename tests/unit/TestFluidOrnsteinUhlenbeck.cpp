@@ -40,7 +40,8 @@ struct Known {
     template <class Function>
     MatrixXd of(Function f) const {
         MatrixXl result = MatrixXl::Zero(rates.size(), rates.size());
-        for (int i = 0; i < rates.size(); i++) result += f(rates[i]) * Q.col(i) * Q.col(i).transpose();
+        for (int i = 0; i < rates.size(); i++)
+            result += f(rates[i]) * Q.col(i) * Q.col(i).transpose();
         return result.cast<double>();
     }
     MatrixXd S() const {
@@ -61,10 +62,13 @@ VectorXd randomVector(int n, int seed) {
 
 // From 40 rows on LAPACK does the work.
 const int sizes[] = {1, 2, 6, 12, 39, 40, 41, 90};
-/** The rates that S, rounded to doubles, leaves uncertain, relative to the largest: a few roundings. */
+/** The rates that S, rounded to doubles, leaves uncertain, relative to the largest: a few
+ * roundings. */
 const double rounding = 2e-15;
 
-double relativeError(const MatrixXd& a, const MatrixXd& exact) { return (a - exact).norm() / exact.norm(); }
+double relativeError(const MatrixXd& a, const MatrixXd& exact) {
+    return (a - exact).norm() / exact.norm();
+}
 
 }  // namespace
 
@@ -76,20 +80,25 @@ TEST(FluidOrnsteinUhlenbeck, BothMatrixFunctionsAtEveryScale) {
                 const double h = 0.002;
                 const Known known(n, powl(10, exponent) / h, condition, 31 * n + exponent);
                 const MatrixXd decay = known.of([&](long double x) { return expm1l(-x * h); });
-                const MatrixXd noise = known.of([&](long double x) { return sqrtl(-expm1l(-2 * x * h)); });
+                const MatrixXd noise =
+                    known.of([&](long double x) { return sqrtl(-expm1l(-2 * x * h)); });
                 for (bool inverse : {false, true}) {
                     FluidOrnsteinUhlenbeck process;
                     process.decompose(inverse ? known.inverse() : known.S(), inverse);
                     MatrixXd measuredDecay, measuredNoise;
                     process.matrices(h, measuredDecay, measuredNoise);
-                    const double error = max(relativeError(measuredDecay, decay), relativeError(measuredNoise, noise));
-                    ASSERT_LT(error, 1e-12) << n << " rows, h S = 1e" << exponent << ", condition " << condition;
+                    const double error = max(relativeError(measuredDecay, decay),
+                                             relativeError(measuredNoise, noise));
+                    ASSERT_LT(error, 1e-12)
+                        << n << " rows, h S = 1e" << exponent << ", condition " << condition;
                     worst = max(worst, error);
                     // exp(-S h) itself: as many digits as h S, rounded to doubles, fixes.
-                    const MatrixXd exponential = known.of([&](long double x) { return expl(-x * h); });
+                    const MatrixXd exponential =
+                        known.of([&](long double x) { return expl(-x * h); });
                     if (exponential.norm() < 1e-290) continue;
                     const MatrixXd all = measuredDecay + MatrixXd::Identity(n, n);
-                    ASSERT_LT((all - exponential).norm(), 1e-12 * max(exponential.norm(), sqrt(double(n))));
+                    ASSERT_LT((all - exponential).norm(),
+                              1e-12 * max(exponential.norm(), sqrt(double(n))));
                 }
             }
     cout << "largest relative error " << worst << endl;
@@ -105,7 +114,8 @@ TEST(FluidOrnsteinUhlenbeck, StepIsTheMatrices) {
                 process.decompose(inverse ? known.inverse() : known.S(), inverse);
                 const VectorXd start = randomVector(n, 1), chi = randomVector(n, 2);
                 const MatrixXd decay = known.of([&](long double x) { return expm1l(-x * h); });
-                const MatrixXd noise = known.of([&](long double x) { return sqrtl(-expm1l(-2 * x * h)); });
+                const MatrixXd noise =
+                    known.of([&](long double x) { return sqrtl(-expm1l(-2 * x * h)); });
                 VectorXd Z = start;
                 process.step(h, 0, Z, VectorXd());  // without noise nothing is asked of chi
                 // What is left where nothing is left is rounding of the start.
@@ -116,7 +126,8 @@ TEST(FluidOrnsteinUhlenbeck, StepIsTheMatrices) {
                 }
                 Z = start;
                 process.step(h, kT, Z, chi);
-                ASSERT_LT((Z - left - sqrt(kT) * noise * chi).norm(), 1e-12 * (start.norm() + chi.norm()));
+                ASSERT_LT((Z - left - sqrt(kT) * noise * chi).norm(),
+                          1e-12 * (start.norm() + chi.norm()));
                 // The noise alone keeps its digits where it is small.
                 Z.setZero();
                 process.step(h, kT, Z, chi);
@@ -145,9 +156,12 @@ TEST(FluidOrnsteinUhlenbeck, NoiseHasTheCovarianceThatKeepsTheGibbsDistribution)
             process.matrices(1, decayMinusOne, noise);
             EXPECT_LT((noise - noise.transpose()).norm(), 1e-14 * noise.norm());
             const MatrixXd covariance = noise * noise.transpose();
-            ASSERT_LT(relativeError(covariance, known.of([](long double x) { return -expm1l(-2 * x); })), 1e-12);
+            ASSERT_LT(
+                relativeError(covariance, known.of([](long double x) { return -expm1l(-2 * x); })),
+                1e-12);
             const MatrixXd decay = decayMinusOne + MatrixXd::Identity(n, n);
-            ASSERT_LT((decay * decay.transpose() + covariance - MatrixXd::Identity(n, n)).norm(), 1e-13 * n);
+            ASSERT_LT((decay * decay.transpose() + covariance - MatrixXd::Identity(n, n)).norm(),
+                      1e-13 * n);
         }
 }
 
@@ -164,8 +178,10 @@ TEST(FluidOrnsteinUhlenbeck, StepsAddUp) {
             decay[i] += MatrixXd::Identity(n, n);
         }
         EXPECT_LT(relativeError(decay[1] * decay[0], decay[2]), 1e-12);
-        const MatrixXd first = noise[0] * noise[0].transpose(), second = noise[1] * noise[1].transpose();
-        EXPECT_LT(relativeError(decay[1] * first * decay[1].transpose() + second, noise[2] * noise[2].transpose()),
+        const MatrixXd first = noise[0] * noise[0].transpose(),
+                       second = noise[1] * noise[1].transpose();
+        EXPECT_LT(relativeError(decay[1] * first * decay[1].transpose() + second,
+                                noise[2] * noise[2].transpose()),
                   1e-12);
         VectorXd once = randomVector(n, 3), twice = once;
         process.step(h[2], 0, once, VectorXd());
@@ -193,18 +209,21 @@ TEST(FluidOrnsteinUhlenbeck, OneObjectTakesMatricesOfAnySize) {
         process.decompose(known.S(), false);
         VectorXd Z = VectorXd::Ones(n);
         process.step(1, 0, Z, VectorXd());
-        const VectorXd expected = known.of([](long double x) { return expl(-x); }) * VectorXd::Ones(n);
+        const VectorXd expected =
+            known.of([](long double x) { return expl(-x); }) * VectorXd::Ones(n);
         EXPECT_LT((Z - expected).norm(), 1e-12 * expected.norm());
     }
 }
 
 TEST(FluidOrnsteinUhlenbeck, RotationsThatTheFluidDoesNotSeeKeepTheirMomentum) {
-    // A null vector of the friction, but for rounding of either sign: nothing decays along it, and no noise arises.
+    // A null vector of the friction, but for rounding of either sign: nothing decays along it, and
+    // no noise arises.
     for (int n : {6, 45})
         for (double rounded : {-1e-15, 0.0, 1e-15}) {
             Known known(n, 2, 10, n);
             known.rates[1] = 0;
-            MatrixXd S = known.S() + rounded * (known.Q.col(1) * known.Q.col(1).transpose()).cast<double>();
+            MatrixXd S =
+                known.S() + rounded * (known.Q.col(1) * known.Q.col(1).transpose()).cast<double>();
             FluidOrnsteinUhlenbeck process;
             process.decompose(S, false);
             const VectorXd line = known.Q.col(1).cast<double>();
@@ -224,8 +243,10 @@ TEST(FluidOrnsteinUhlenbeck, MatricesThatAreNotPositiveAreRefused) {
         FluidOrnsteinUhlenbeck process;
         if (n > 1) {
             expectError([&] { process.decompose(known.S(), false); },
-                        {"the friction matrix is not positive definite", "-0.001 to 1", "nearly touching particles"});
-            expectError([&] { process.decompose(known.S(), true); }, {"the mobility matrix is not positive definite"});
+                        {"the friction matrix is not positive definite", "-0.001 to 1",
+                         "nearly touching particles"});
+            expectError([&] { process.decompose(known.S(), true); },
+                        {"the mobility matrix is not positive definite"});
         }
         // A mobility must be positive, for its inverse is the friction.
         MatrixXd zero = MatrixXd::Zero(n, n);
@@ -233,6 +254,7 @@ TEST(FluidOrnsteinUhlenbeck, MatricesThatAreNotPositiveAreRefused) {
         MatrixXd bad = known.S();
         bad(0, n - 1) = bad(n - 1, 0) = NAN;
         expectError([&] { process.decompose(bad, false); },
-                    {"the eigenvalues of a symmetric matrix of " + to_string(n) + " rows did not converge"});
+                    {"the eigenvalues of a symmetric matrix of " + to_string(n) +
+                     " rows did not converge"});
     }
 }

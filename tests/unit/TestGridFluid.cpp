@@ -1,4 +1,5 @@
-// Force coupling on a grid: against the sum over Fourier modes of its definition, the covariance of its random field, stencils.
+// Force coupling on a grid: against the sum over Fourier modes of its definition, the covariance of
+// its random field, stencils.
 
 #include <Eigen/Dense>
 #include <cmath>
@@ -33,12 +34,17 @@ HydrodynamicParticles blobs(int number, double radius) {
 }
 /** Across faces, overlapping, and far outside of the box. */
 vector<Vec3> places(const BoxVectors& box) {
-    return {Vec3(0.05, 2.4, 1.1), Vec3(0.4, 2.2, 1.4), Vec3(box[0][0] - 0.01, -3.1, 0.2), Vec3(0.9, 0.02, 17.3)};
+    return {Vec3(0.05, 2.4, 1.1), Vec3(0.4, 2.2, 1.4), Vec3(box[0][0] - 0.01, -3.1, 0.2),
+            Vec3(0.9, 0.02, 17.3)};
 }
-BoxVectors orthogonal(double x, double y, double z) { return {{Vec3(x, 0, 0), Vec3(0, y, 0), Vec3(0, 0, z)}}; }
+BoxVectors orthogonal(double x, double y, double z) {
+    return {{Vec3(x, 0, 0), Vec3(0, y, 0), Vec3(0, 0, z)}};
+}
 
-/** The sum of the definition: (1/(eta V)) sum_k D_i^+ (1 - k k) k^-2 D_j exp(i k (r_i - r_j)), up to where envelopes end. */
-MatrixXd latticeSum(const HydrodynamicParticles& particles, const BoxVectors& box, const vector<Vec3>& at) {
+/** The sum of the definition: (1/(eta V)) sum_k D_i^+ (1 - k k) k^-2 D_j exp(i k (r_i - r_j)), up
+ * to where envelopes end. */
+MatrixXd latticeSum(const HydrodynamicParticles& particles, const BoxVectors& box,
+                    const vector<Vec3>& at) {
     double narrowest = 1e9;
     for (double a : particles.radii) narrowest = min(narrowest, torqueEnvelopeWidth(a));
     const double largest = sqrt(2 * 37.0) / narrowest;
@@ -50,7 +56,8 @@ MatrixXd latticeSum(const HydrodynamicParticles& particles, const BoxVectors& bo
     for (int x = 0; x <= n[0]; x++)
         for (int y = -n[1]; y <= n[1]; y++)
             for (int z = -n[2]; z <= n[2]; z++) {
-                const Vector3d k(2 * M_PI * x / box[0][0], 2 * M_PI * y / box[1][1], 2 * M_PI * z / box[2][2]);
+                const Vector3d k(2 * M_PI * x / box[0][0], 2 * M_PI * y / box[1][1],
+                                 2 * M_PI * z / box[2][2]);
                 const double k2 = k.squaredNorm();
                 if (k2 == 0 || k2 > largest * largest) continue;
                 Matrix3d cross;
@@ -59,16 +66,19 @@ MatrixXd latticeSum(const HydrodynamicParticles& particles, const BoxVectors& bo
                 for (int p = 0; p < particles.size(); p++) {
                     const double sF = forceEnvelopeWidth(particles.radii[p]),
                                  sT = torqueEnvelopeWidth(particles.radii[p]);
-                    const complex<double> phase =
-                        exp(complex<double>(0, -(k[0] * at[p][0] + k[1] * at[p][1] + k[2] * at[p][2])));
+                    const complex<double> phase = exp(
+                        complex<double>(0, -(k[0] * at[p][0] + k[1] * at[p][1] + k[2] * at[p][2])));
                     D.middleCols<3>(particles.firstRow[p]) =
-                        phase * exp(-sF * sF * k2 / 2) * Matrix3d::Identity().cast<complex<double> >();
+                        phase * exp(-sF * sF * k2 / 2) *
+                        Matrix3d::Identity().cast<complex<double> >();
                     if (particles.hasTorque[p])
                         D.middleCols<3>(particles.firstRow[p] + 3) =
-                            phase * exp(-sT * sT * k2 / 2) * complex<double>(0, 0.5) * cross.cast<complex<double> >();
+                            phase * exp(-sT * sT * k2 / 2) * complex<double>(0, 0.5) *
+                            cross.cast<complex<double> >();
                 }
                 const Matrix3d P = Matrix3d::Identity() - k * k.transpose() / k2;
-                M += (x == 0 ? 1 : 2) * (D.adjoint() * P.cast<complex<double> >() * D).real() / (eta * volume * k2);
+                M += (x == 0 ? 1 : 2) * (D.adjoint() * P.cast<complex<double> >() * D).real() /
+                     (eta * volume * k2);
             }
     return M;
 }
@@ -87,12 +97,16 @@ MatrixXd scaled(const MatrixXd& difference, const HydrodynamicParticles& particl
         const double a = particles.radii[p];
         root.segment<3>(particles.firstRow[p]).setConstant(sqrt(6 * M_PI * eta * a));
         if (particles.hasTorque[p])
-            root.segment<3>(particles.firstRow[p] + 3).setConstant(sqrt(8 * M_PI * eta * a * a * a));
+            root.segment<3>(particles.firstRow[p] + 3)
+                .setConstant(sqrt(8 * M_PI * eta * a * a * a));
     }
     return root.asDiagonal() * difference * root.asDiagonal();
 }
 double normOf(const MatrixXd& symmetric) {
-    return SelfAdjointEigenSolver<MatrixXd>(symmetric, EigenvaluesOnly).eigenvalues().cwiseAbs().maxCoeff();
+    return SelfAdjointEigenSolver<MatrixXd>(symmetric, EigenvaluesOnly)
+        .eigenvalues()
+        .cwiseAbs()
+        .maxCoeff();
 }
 
 }  // namespace
@@ -134,7 +148,10 @@ public:
             for (int c = 0; c < 3; c++) {
                 const bool same = array<int, 3>{nx[i], ny, nz} == mode,
                            mirrored = array<int, 3>{-nx[i], -ny, -nz} == mode;
-                numbers[c * count + i] = c != component ? 0.0 : same ? value : mirrored ? conj(value) : 0.0;
+                numbers[c * count + i] = c != component ? 0.0
+                                         : same         ? value
+                                         : mirrored     ? conj(value)
+                                                        : 0.0;
             }
     }
 
@@ -145,11 +162,13 @@ private:
 };
 
 TEST(GridFluid, RandomFieldsHaveTheCovarianceOfProducts) {
-    // Every number is a column of B: real and imaginary part, of variance 1/2, of three components of one of each pair of modes.
+    // Every number is a column of B: real and imaginary part, of variance 1/2, of three components
+    // of one of each pair of modes.
     const BoxVectors box = orthogonal(3.1, 2.6, 4.4);
     const HydrodynamicParticles particles = mixture();
     const GridResolution resolution(particles, 0.1, 0.5);
-    for (array<int, 3> size : {array<int, 3>{7, 6, 8}, array<int, 3>{6, 5, 7}, array<int, 3>{4, 11, 3}}) {
+    for (array<int, 3> size :
+         {array<int, 3>{7, 6, 8}, array<int, 3>{6, 5, 7}, array<int, 3>{4, 11, 3}}) {
         GridShape shape = resolution.shapeFor(box);
         shape.size = size;
         GridStencils stencils(particles, resolution);
@@ -164,26 +183,31 @@ TEST(GridFluid, RandomFieldsHaveTheCovarianceOfProducts) {
                 for (int nz = 0; nz <= size[2] / 2; nz++) {
                     if (CounterModeNoise::isMirrored(nx, ny, nz)) continue;
                     for (int c = 0; c < 3; c++)
-                        for (complex<double> value : {complex<double>(1, 0), complex<double>(0, 1)}) {
-                            fluid.draw(stencils, eta, UnitNoise({nx, ny, nz}, c, sqrt(0.5) * value), field);
+                        for (complex<double> value :
+                             {complex<double>(1, 0), complex<double>(0, 1)}) {
+                            fluid.draw(stencils, eta, UnitNoise({nx, ny, nz}, c, sqrt(0.5) * value),
+                                       field);
                             fluid.average(field, stencils, column);
                             covariance += column * column.transpose();
                         }
                 }
-        EXPECT_LE((covariance - M).norm(), 1e-12 * M.norm()) << size[0] << "x" << size[1] << "x" << size[2];
+        EXPECT_LE((covariance - M).norm(), 1e-12 * M.norm())
+            << size[0] << "x" << size[1] << "x" << size[2];
     }
 }
 
 // ---- Between slip walls
 
-/** Between walls at y = 0 and half of the edge: on a wall, overlapping a wall and each other, and so far from one that the stencil begins a little beyond it. */
+/** Between walls at y = 0 and half of the edge: on a wall, overlapping a wall and each other, and
+ * so far from one that the stencil begins a little beyond it. */
 vector<Vec3> inChannel(const BoxVectors& twice) {
     const double width = 0.5 * twice[1][1];
-    return {Vec3(0.05, 0.7 * width, 1.1), Vec3(0.4, 0.05, 1.4), Vec3(twice[0][0] - 0.01, width, 0.2),
-            Vec3(0.9, min(0.55 * width, 2.5), 17.3)};
+    return {Vec3(0.05, 0.7 * width, 1.1), Vec3(0.4, 0.05, 1.4),
+            Vec3(twice[0][0] - 0.01, width, 0.2), Vec3(0.9, min(0.55 * width, 2.5), 17.3)};
 }
 
-/** Grids with an even and an odd number of rows between the walls, wide and narrow channels, stencils longer than the box. */
+/** Grids with an even and an odd number of rows between the walls, wide and narrow channels,
+ * stencils longer than the box. */
 struct MirroredGrid {
     BoxVectors twice;
     array<int, 3> size;
@@ -201,15 +225,18 @@ GridShape mirroredShape(const GridResolution& resolution, const MirroredGrid& gr
 }
 
 TEST(GridFluid, MirroredProductsAreThoseOfImages) {
-    // The same nodes without the symmetry: particles and reflected images in a periodic box, forces reflected likewise.
+    // The same nodes without the symmetry: particles and reflected images in a periodic box, forces
+    // reflected likewise.
     const HydrodynamicParticles particles = mixture();
     HydrodynamicParticles both = particles;
-    for (int p = 0; p < particles.size(); p++) both.add(particles.radii[p], particles.hasTorque[p], p, -1);
+    for (int p = 0; p < particles.size(); p++)
+        both.add(particles.radii[p], particles.hasTorque[p], p, -1);
     const int rows = particles.numRows;
     VectorXd sign = VectorXd::Ones(rows);
     for (int p = 0; p < particles.size(); p++) {
         sign[particles.firstRow[p] + 1] = -1;
-        if (particles.hasTorque[p]) sign[particles.firstRow[p] + 3] = sign[particles.firstRow[p] + 5] = -1;
+        if (particles.hasTorque[p])
+            sign[particles.firstRow[p] + 3] = sign[particles.firstRow[p] + 5] = -1;
     }
     for (const MirroredGrid& grid : mirroredGrids) {
         const GridResolution resolution(particles, 1e-4, 0);
@@ -220,7 +247,8 @@ TEST(GridFluid, MirroredProductsAreThoseOfImages) {
         const vector<Vec3> at = inChannel(grid.twice);
         vector<Vec3> withImages;
         for (int side : {1, -1})
-            for (const Vec3& x : at) withImages.push_back(Vec3(x[0], side * x[1] - shape.firstNode(1), x[2]));
+            for (const Vec3& x : at)
+                withImages.push_back(Vec3(x[0], side * x[1] - shape.firstNode(1), x[2]));
         GridStencils ofBoth(both, resolution), own(particles, resolution);
         ofBoth.moveTo(whole, withImages, false);
         own.moveTo(shape, at, false);
@@ -235,7 +263,8 @@ TEST(GridFluid, MirroredProductsAreThoseOfImages) {
 }
 
 TEST(GridFluid, MirroredFieldsHaveTheCovarianceOfProducts) {
-    // As for periodic ones, with the modes that are drawn: ny is not negative, nor is nx where nz is 0. Of those along y only real parts count.
+    // As for periodic ones, with the modes that are drawn: ny is not negative, nor is nx where nz
+    // is 0. Of those along y only real parts count.
     const HydrodynamicParticles particles = mixture();
     for (const MirroredGrid& grid : mirroredGrids) {
         if (grid.size[1] > 30) continue;  // takes minutes
@@ -253,8 +282,10 @@ TEST(GridFluid, MirroredFieldsHaveTheCovarianceOfProducts) {
                 for (int nz = 0; nz <= shape.size[2] / 2; nz++) {
                     if (nz == 0 && nx < 0) continue;
                     for (int c = 0; c < 3; c++)
-                        for (complex<double> value : {complex<double>(1, 0), complex<double>(0, 1)}) {
-                            fluid.draw(stencils, eta, UnitNoise({nx, ny, nz}, c, sqrt(0.5) * value), field);
+                        for (complex<double> value :
+                             {complex<double>(1, 0), complex<double>(0, 1)}) {
+                            fluid.draw(stencils, eta, UnitNoise({nx, ny, nz}, c, sqrt(0.5) * value),
+                                       field);
                             fluid.average(field, stencils, column);
                             covariance += column * column.transpose();
                         }
@@ -277,7 +308,8 @@ TEST(GridFluid, FinerGridsKeepTheNoise) {
         fluid.draw(stencils, eta, noise, NoiseStream::RandomField, field);
         fluid.average(field, stencils, velocities[i]);
     }
-    // Modes that only the finer grid has are left out of the coarser one: a part 1e-6 of the variance, so 1e-3 of the amplitude.
+    // Modes that only the finer grid has are left out of the coarser one: a part 1e-6 of the
+    // variance, so 1e-3 of the amplitude.
     EXPECT_LE((velocities[0] - velocities[1]).norm(), 3e-3 * velocities[1].norm());
     EXPECT_GT(velocities[1].norm(), 0);
 }
@@ -305,8 +337,10 @@ TEST(GridFluid, GradientsAreThoseOfAveragesWithAnchoredStencils) {
         for (int p = 0; p < particles.size(); p++)
             for (int a = 0; a < 3; a++) {
                 const int row = particles.firstRow[p] + a;
-                // Central differences: an error of delta^2/6 times a third derivative, about 1/width^3.
-                EXPECT_NEAR((plus[row] - minus[row]) / (2 * delta), gradients(3 * a + b, p), 1e-6 * gradients.norm());
+                // Central differences: an error of delta^2/6 times a third derivative, about
+                // 1/width^3.
+                EXPECT_NEAR((plus[row] - minus[row]) / (2 * delta), gradients(3 * a + b, p),
+                            1e-6 * gradients.norm());
             }
     }
 }
@@ -325,7 +359,8 @@ TEST(GridFluid, RandomFieldsHaveNoSources) {
     MatrixXd gradients;
     fluid.averageGradients(field, stencils, gradients);
     for (int p = 0; p < particles.size(); p++)
-        EXPECT_LE(abs(gradients(0, p) + gradients(4, p) + gradients(8, p)), 10 * sqrt(tolerance) * gradients.norm());
+        EXPECT_LE(abs(gradients(0, p) + gradients(4, p) + gradients(8, p)),
+                  10 * sqrt(tolerance) * gradients.norm());
 }
 
 TEST(GridFluid, BoxesAwayMakeNoDifference) {
@@ -394,12 +429,14 @@ TEST(CpuGridFluid, IsThePlainOneToRounding) {
         EXPECT_LE((gradients[1] - gradients[0]).norm(), 1e-12 * gradients[0].norm());
     };
     for (const BoxVectors& box : {orthogonal(3.1, 2.6, 4.4), orthogonal(1.9, 2.3, 1.85)})
-        for (array<int, 3> size : {array<int, 3>{0, 0, 0}, array<int, 3>{23, 31, 29}, array<int, 3>{2, 2, 2}}) {
+        for (array<int, 3> size :
+             {array<int, 3>{0, 0, 0}, array<int, 3>{23, 31, 29}, array<int, 3>{2, 2, 2}}) {
             GridShape shape = resolution.shapeFor(box);
             if (size[0] > 0) shape.size = size;
             compare(shape, places(box));
         }
-    for (const MirroredGrid& grid : mirroredGrids) compare(mirroredShape(resolution, grid), inChannel(grid.twice));
+    for (const MirroredGrid& grid : mirroredGrids)
+        compare(mirroredShape(resolution, grid), inChannel(grid.twice));
 }
 
 TEST(CpuGridFluid, ThreadsDoNotChangeABit) {
@@ -409,7 +446,8 @@ TEST(CpuGridFluid, ThreadsDoNotChangeABit) {
     GridStencils stencils(particles, resolution);
     for (bool mirrored : {false, true}) {
         if (mirrored)
-            stencils.moveTo(mirroredShape(resolution, mirroredGrids[2]), inChannel(mirroredGrids[2].twice), false);
+            stencils.moveTo(mirroredShape(resolution, mirroredGrids[2]),
+                            inChannel(mirroredGrids[2].twice), false);
         else
             stencils.moveTo(resolution.shapeFor(box), places(box), false);
         const VectorXd forces = VectorXd::LinSpaced(particles.numRows, 1, 3);
@@ -434,7 +472,8 @@ TEST(CpuGridFluid, RoughProductsHaveTheErrorThatTheyPromise) {
     const HydrodynamicParticles particles = mixture();
     const GridResolution resolution(particles, 1e-4, 0);
     vector<pair<GridShape, vector<Vec3> > > cases;
-    for (const BoxVectors& box : {orthogonal(3.1, 2.6, 4.4), orthogonal(1.9, 2.3, 1.85), orthogonal(7, 5, 8)})
+    for (const BoxVectors& box :
+         {orthogonal(3.1, 2.6, 4.4), orthogonal(1.9, 2.3, 1.85), orthogonal(7, 5, 8)})
         cases.push_back({resolution.shapeFor(box), places(box)});
     for (const MirroredGrid& grid : mirroredGrids)
         cases.push_back({mirroredShape(resolution, grid), inChannel(grid.twice)});

@@ -1,4 +1,5 @@
-// Arrays that are copies on the host: a whole kernel on them takes the steps of the one whose arrays are the Context's own.
+// Arrays that are copies on the host: a whole kernel on them takes the steps of the one whose
+// arrays are the Context's own.
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>
@@ -21,15 +22,19 @@ namespace {
 
 class FactoryOfCopies : public KernelFactory {
 public:
-    KernelImpl* createKernelImpl(string name, const Platform& platform, ContextImpl&) const override {
+    KernelImpl* createKernelImpl(string name, const Platform& platform,
+                                 ContextImpl&) const override {
         PlatformParts parts;
-        parts.arrays = [](ContextImpl& context) { return unique_ptr<ContextArrays>(new KernelArrays(context)); };
+        parts.arrays = [](ContextImpl& context) {
+            return unique_ptr<ContextArrays>(new KernelArrays(context));
+        };
         parts.loops = [](ContextImpl&) { return unique_ptr<PlatformLoops>(new ScalarLoops()); };
         return new RigidBodyKernel(name, platform, parts);
     }
 };
 
-/** Waters with a massless marker, free particles with a constraint, forces, a CMMotionRemover; changed by the user half-way. */
+/** Waters with a massless marker, free particles with a constraint, forces, a CMMotionRemover;
+ * changed by the user half-way. */
 vector<Vec3> trajectory(CustomRigidHIIntegrator::Scheme scheme, Platform& on) {
     System system;
     CustomRigidHIIntegrator integrator(300, 0.002);
@@ -70,5 +75,6 @@ TEST(KernelArrays, StepsOnCopiesAreThoseOnTheContextsOwnArrays) {
     ReferencePlatform withCopies;
     withCopies.registerKernelFactory(IntegrateRigidBodiesKernel::Name(), new FactoryOfCopies());
     for (auto scheme : thermostats()) copies.push_back(trajectory(scheme, withCopies));
-    for (size_t i = 0; i < own.size(); i++) EXPECT_TRUE(sameBits(own[i], copies[i])) << "scheme " << i;
+    for (size_t i = 0; i < own.size(); i++)
+        EXPECT_TRUE(sameBits(own[i], copies[i])) << "scheme " << i;
 }

@@ -1,4 +1,5 @@
-// Functions of matrices times vectors by Lanczos: the promised accuracy, hard spectra, errors, suspensions of spheres.
+// Functions of matrices times vectors by Lanczos: the promised accuracy, hard spectra, errors,
+// suspensions of spheres.
 
 #include "linearalgebra/Lanczos.h"
 
@@ -46,7 +47,17 @@ KnownMatrix known(const vector<double>& values) {
     return {Eigen::Map<const VectorXd>(values.data(), values.size()), MatrixXd()};
 }
 
-enum Spectrum { Uniform, Logarithmic, Clusters, FewHigh, FewLow, Equal, ManyHigh, DenseEnds, numSpectra };
+enum Spectrum {
+    Uniform,
+    Logarithmic,
+    Clusters,
+    FewHigh,
+    FewLow,
+    Equal,
+    ManyHigh,
+    DenseEnds,
+    numSpectra
+};
 /** Between 1/condition and 1. */
 VectorXd spectrum(mt19937& random, Spectrum kind, int n, double condition) {
     uniform_real_distribution<double> uniform(0, 1);
@@ -56,7 +67,9 @@ VectorXd spectrum(mt19937& random, Spectrum kind, int n, double condition) {
         switch (kind) {
             case Uniform: v[i] = least + (1 - least) * u; break;
             case Logarithmic: v[i] = pow(condition, -u); break;
-            case Clusters: v[i] = pow(condition, -floor(4 * u) / 3) * (1 + 1e-3 * uniform(random)); break;
+            case Clusters:
+                v[i] = pow(condition, -floor(4 * u) / 3) * (1 + 1e-3 * uniform(random));
+                break;
             case FewHigh: v[i] = i < 3 ? 1 : least * (1 + u); break;
             case FewLow: v[i] = i < 3 ? least * (1 + u) : (1 + u) / 2; break;
             case Equal: v[i] = 1; break;
@@ -68,8 +81,8 @@ VectorXd spectrum(mt19937& random, Spectrum kind, int n, double condition) {
 }
 
 /** Relative to the norm of what is expected; both are nothing where that is. */
-double errorOf(const Lanczos& lanczos, const MatrixXd& result, const KnownMatrix& A, const SpectralFunction& f,
-               const VectorXd& x, int column = 0) {
+double errorOf(const Lanczos& lanczos, const MatrixXd& result, const KnownMatrix& A,
+               const SpectralFunction& f, const VectorXd& x, int column = 0) {
     const VectorXd expected = A.apply(lanczos.isIncrement(column) ? f.minusOne : f.value, x);
     const double nothing = 1e-139 * x.norm();
     if (expected.norm() < nothing) return result.col(column).norm() < 10 * nothing ? 0 : INFINITY;
@@ -104,9 +117,10 @@ TEST(Lanczos, ThePromiseHolds) {
                     const double scale = pow(10, 6 * uniform(random) - 3),
                                  tolerance = pow(10, -2 - 8 * uniform(random));
                     // From no decay to all, and every third time where most of the change is.
-                    const double h =
-                        scale * pow(10, repeat % 3 == 0 ? 6 * uniform(random) - 3 : 28 * uniform(random) - 14);
-                    KnownMatrix A = {scale * spectrum(random, Spectrum(kind), n, condition), MatrixXd()};
+                    const double h = scale * pow(10, repeat % 3 == 0 ? 6 * uniform(random) - 3
+                                                                     : 28 * uniform(random) - 14);
+                    KnownMatrix A = {scale * spectrum(random, Spectrum(kind), n, condition),
+                                     MatrixXd()};
                     if (repeat % 2 == 0) A.Q = rotation(random, n);
                     const auto f = function == 0   ? SpectralFunction::decay(h)
                                    : function == 1 ? SpectralFunction::decayNoise(h)
@@ -125,16 +139,19 @@ TEST(Lanczos, ThePromiseHolds) {
                     }
                     const double error = errorOf(lanczos, result, A, f, x) / tolerance;
                     worst = max(worst, error);
-                    EXPECT_LE(error, 5) << n << " " << kind << " " << function << " tolerance " << tolerance
-                                        << " condition " << condition << " h " << h / scale;
+                    EXPECT_LE(error, 5)
+                        << n << " " << kind << " " << function << " tolerance " << tolerance
+                        << " condition " << condition << " h " << h / scale;
                     EXPECT_LE(lanczos.getNumProducts(), n);
                 }
-    cout << cases << " cases, worst error " << worst << " tolerances, " << refused << " refused" << endl;
+    cout << cases << " cases, worst error " << worst << " tolerances, " << refused << " refused"
+         << endl;
     EXPECT_LE(refused, cases / 100);
 }
 
 TEST(Lanczos, RoughProductsTakeOverWhereTheyDoNoHarm) {
-    // Errors of the size that rough products may have, in random directions; and those of a matrix that is another one.
+    // Errors of the size that rough products may have, in random directions; and those of a matrix
+    // that is another one.
     mt19937 random(4);
     uniform_real_distribution<double> uniform(0, 1);
     int cases = 0, products = 0, roughOnes = 0, again = 0;
@@ -144,37 +161,42 @@ TEST(Lanczos, RoughProductsTakeOverWhereTheyDoNoHarm) {
             for (int repeat = 0; repeat < 12; repeat++) {
                 const int n = 80;
                 const double condition = pow(10, 2.5 * uniform(random));
-                KnownMatrix A = {spectrum(random, Spectrum(kind), n, condition), rotation(random, n)};
+                KnownMatrix A = {spectrum(random, Spectrum(kind), n, condition),
+                                 rotation(random, n)};
                 const double size = MobilityAt::roughError * A.values.maxCoeff();
-                KnownMatrix other = {A.values + 0.5 * size * normal(random, n, 1).array().sin().matrix(), A.Q};
+                KnownMatrix other = {
+                    A.values + 0.5 * size * normal(random, n, 1).array().sin().matrix(), A.Q};
                 int exact = 0, rough = 0;
                 const auto roughly = [&](const MatrixXd& x, MatrixXd& y) {
                     rough++;
                     y = other.times(x, other.values);
                     for (int c = 0; c < x.cols(); c++)
-                        y.col(c) += 0.5 * size * x.col(c).norm() * normal(random, n, 1).normalized();
+                        y.col(c) +=
+                            0.5 * size * x.col(c).norm() * normal(random, n, 1).normalized();
                 };
                 const auto exactly = [&](const MatrixXd& x, MatrixXd& y) {
                     exact++;
                     y = A.times(x, A.values);
                 };
-                const auto f = repeat % 3 == 0   ? SpectralFunction::squareRoot()
-                               : repeat % 3 == 1 ? SpectralFunction::inverseSquareRoot()
-                                                 : SpectralFunction::decay(pow(10, 2 * uniform(random) - 1));
+                const auto f = repeat % 3 == 0 ? SpectralFunction::squareRoot()
+                               : repeat % 3 == 1
+                                   ? SpectralFunction::inverseSquareRoot()
+                                   : SpectralFunction::decay(pow(10, 2 * uniform(random) - 1));
                 const VectorXd x = normal(random, n, 1);
                 Lanczos lanczos(tolerance);
                 MatrixXd result;
                 lanczos.apply(exactly, x, {f}, result, Lanczos::OwnNorm, roughly);
                 const double error = errorOf(lanczos, result, A, f, x) / tolerance;
-                EXPECT_LE(error, 5) << kind << " tolerance " << tolerance << " condition " << condition << " "
-                                    << repeat;
+                EXPECT_LE(error, 5) << kind << " tolerance " << tolerance << " condition "
+                                    << condition << " " << repeat;
                 worst = max(worst, error);
                 cases++;
                 again += exact + rough > lanczos.getNumProducts();
-                if (kind == Uniform && tolerance == 1e-6) products += exact + rough, roughOnes += rough;
+                if (kind == Uniform && tolerance == 1e-6)
+                    products += exact + rough, roughOnes += rough;
             }
-    cout << cases << " cases, worst error " << worst << " tolerances, " << again << " done again; at 1e-6 " << roughOnes
-         << " of " << products << " products rough" << endl;
+    cout << cases << " cases, worst error " << worst << " tolerances, " << again
+         << " done again; at 1e-6 " << roughOnes << " of " << products << " products rough" << endl;
     EXPECT_GT(roughOnes, products / 3);
 }
 
@@ -196,7 +218,8 @@ TEST(Lanczos, ExactInInvariantSubspaces) {
     EXPECT_EQ(lanczos.getNumProducts(), 1);
     EXPECT_NEAR(result(3), sqrt(A.values[3]), 1e-15);
     const KnownMatrix one = known({4});
-    lanczos.apply(one.product(), MatrixXd::Constant(1, 1, 3), {SpectralFunction::squareRoot()}, result);
+    lanczos.apply(one.product(), MatrixXd::Constant(1, 1, 3), {SpectralFunction::squareRoot()},
+                  result);
     EXPECT_NEAR(result(0), 6, 1e-14);
     lanczos.apply(A.product(), x, {SpectralFunction::squareRoot()}, result);
     EXPECT_LE(lanczos.getNumProducts(), 30);
@@ -228,8 +251,9 @@ TEST(Lanczos, ColumnsAreIndependentAndConvergedOnesAreLeftOut) {
     const KnownMatrix A = {spectrum(random, Uniform, 80, 1000), MatrixXd()};
     MatrixXd x = normal(random, 80, 4);
     x.col(2).setZero();
-    const vector<SpectralFunction> f = {SpectralFunction::decay(1e-2), SpectralFunction::decayNoise(1e3),
-                                        SpectralFunction::squareRoot(), SpectralFunction::squareRoot()};
+    const vector<SpectralFunction> f = {
+        SpectralFunction::decay(1e-2), SpectralFunction::decayNoise(1e3),
+        SpectralFunction::squareRoot(), SpectralFunction::squareRoot()};
     Lanczos lanczos(1e-6), alone(1e-6);
     MatrixXd together, again, single;
     int multiplied = 0, calls = 0;
@@ -263,14 +287,16 @@ TEST(Lanczos, DecayedColumnsMayBeMeasuredByTheSum) {
     const MatrixXd x = normal(random, 200, 2);
     const double tolerance = 1e-6;
     for (double h : {1e-3, 1.0, 5.0, 20.0, 1e3}) {
-        const vector<SpectralFunction> f = {SpectralFunction::decay(h), SpectralFunction::decayNoise(h)};
+        const vector<SpectralFunction> f = {SpectralFunction::decay(h),
+                                            SpectralFunction::decayNoise(h)};
         Lanczos own(tolerance), sum(tolerance);
         MatrixXd result;
         own.apply(A.product(), x, f, result);
         sum.apply(A.product(), x, f, result, Lanczos::NormOfSum);
         VectorXd expected = A.apply(f[1].value, x.col(1));
         expected += A.apply(sum.isIncrement(0) ? f[0].minusOne : f[0].value, x.col(0));
-        EXPECT_LT((result.rowwise().sum() - expected).norm(), 10 * tolerance * expected.norm()) << h;
+        EXPECT_LT((result.rowwise().sum() - expected).norm(), 10 * tolerance * expected.norm())
+            << h;
         EXPECT_LE(sum.getNumProducts(), own.getNumProducts());
         if (h == 20) {
             EXPECT_LT(sum.getNumProducts(), 0.8 * own.getNumProducts()) << h;
@@ -284,8 +310,10 @@ TEST(Lanczos, Errors) {
     const VectorXd x = normal(random, 40, 1);
     const auto root = SpectralFunction::squareRoot();
     MatrixXd result;
-    const auto solve = [&](const KnownMatrix& A, double tolerance, int maxIterations, const SpectralFunction& f) {
-        return messageOf([&] { Lanczos(tolerance, maxIterations).apply(A.product(), x, {f}, result); });
+    const auto solve = [&](const KnownMatrix& A, double tolerance, int maxIterations,
+                           const SpectralFunction& f) {
+        return messageOf(
+            [&] { Lanczos(tolerance, maxIterations).apply(A.product(), x, {f}, result); });
     };
     const KnownMatrix A = {spectrum(random, Logarithmic, 40, 1e4), MatrixXd()};
     const string slow = solve(A, 1e-9, 10, root);
@@ -293,27 +321,34 @@ TEST(Lanczos, Errors) {
     expectFragment(slow, "raise the tolerance (setSolverTolerance)");
     KnownMatrix indefinite = A;
     indefinite.values[7] = -0.1;
-    expectFragment(solve(indefinite, 1e-9, 100, root), "is not positive definite (eigenvalues from -0.0");
+    expectFragment(solve(indefinite, 1e-9, 100, root),
+                   "is not positive definite (eigenvalues from -0.0");
     const KnownMatrix hopeless = {spectrum(random, Logarithmic, 40, 1e14), MatrixXd()};
-    expectFragment(solve(hopeless, 1e-9, 100, SpectralFunction::decay(1e-20)), "rounding makes an error of");
+    expectFragment(solve(hopeless, 1e-9, 100, SpectralFunction::decay(1e-20)),
+                   "rounding makes an error of");
     // What is said to be out of reach is what the user asked for.
     const auto part = [&](const KnownMatrix& matrix, const SpectralFunction& f, int most) {
-        return messageOf([&] { Lanczos(1e-15, most, 1e-14).apply(matrix.product(), x, {f}, result); });
+        return messageOf(
+            [&] { Lanczos(1e-15, most, 1e-14).apply(matrix.product(), x, {f}, result); });
     };
-    expectFragment(part(hopeless, SpectralFunction::decay(1e-20), 100),
-                   "the tolerance of 1e-14, of which an iteration may take 1e-15, cannot be reached");
-    expectFragment(part(A, root, 10), "above the tolerance of 1e-14, of which an iteration may take 1e-15,");
+    expectFragment(
+        part(hopeless, SpectralFunction::decay(1e-20), 100),
+        "the tolerance of 1e-14, of which an iteration may take 1e-15, cannot be reached");
+    expectFragment(part(A, root, 10),
+                   "above the tolerance of 1e-14, of which an iteration may take 1e-15,");
     KnownMatrix broken = A;
     broken.values[0] = NAN;
     expectFragment(solve(broken, 1e-9, 100, root), "a product with the mobility is not finite");
-    expectFragment(solve(A, 1e-9, 100, {[](double) { return NAN; }, {}}), "a function of the mobility is not finite");
+    expectFragment(solve(A, 1e-9, 100, {[](double) { return NAN; }, {}}),
+                   "a function of the mobility is not finite");
     const VectorXd infinite = VectorXd::Constant(40, INFINITY);
     expectFragment(messageOf([&] { Lanczos(1e-3).apply(A.product(), infinite, {root}, result); }),
                    "a vector for the Lanczos iteration is not finite");
 }
 
 TEST(Lanczos, SuspensionsOfSpheres) {
-    // 100 spheres with force and torque, as a Langevin step sees them: masses 1, moments 0.4, S^-1 = K^-1/2 N K^-1/2.
+    // 100 spheres with force and torque, as a Langevin step sees them: masses 1, moments 0.4, S^-1
+    // = K^-1/2 N K^-1/2.
     const int n = 100;
     mt19937 random(7);
     for (double fraction : {0.05, 0.15, 0.25, 0.35}) {
@@ -323,7 +358,9 @@ TEST(Lanczos, SuspensionsOfSpheres) {
         HydrodynamicParticles particles;
         vector<Vec3> positions;
         for (int i = 0; i < nodes * nodes * nodes; i++)
-            positions.push_back(edge / nodes * Vec3(i % nodes + 0.5, i / nodes % nodes + 0.5, i / nodes / nodes + 0.5));
+            positions.push_back(
+                edge / nodes *
+                Vec3(i % nodes + 0.5, i / nodes % nodes + 0.5, i / nodes / nodes + 0.5));
         shuffle(positions.begin(), positions.end(), random);
         positions.resize(n);
         for (int i = 0; i < n; i++) particles.add(1, true, i, i);
@@ -350,21 +387,25 @@ TEST(Lanczos, SuspensionsOfSpheres) {
         for (double tolerance : {1e-3, 1e-6}) {
             int fewest = 1000, most = 0;
             for (double h : {1e-14, 1e-2, 0.1, 1.0, 10.0, 1e3, 1e14}) {
-                const vector<SpectralFunction> f = {SpectralFunction::decay(h), SpectralFunction::decayNoise(h)};
+                const vector<SpectralFunction> f = {SpectralFunction::decay(h),
+                                                    SpectralFunction::decayNoise(h)};
                 Lanczos lanczos(tolerance);
                 MatrixXd result;
-                lanczos.apply([&](const MatrixXd& in, MatrixXd& out) { out.noalias() = S * in; }, x, f, result,
-                              Lanczos::NormOfSum);
+                lanczos.apply([&](const MatrixXd& in, MatrixXd& out) { out.noalias() = S * in; }, x,
+                              f, result, Lanczos::NormOfSum);
                 fewest = min(fewest, lanczos.getNumIterations());
                 most = max(most, lanczos.getNumIterations());
                 for (int c = lanczos.isIncrement(0) ? 0 : 1; c < 2; c++)
-                    EXPECT_LT(errorOf(lanczos, result, A, f[c], x.col(c), c), 5 * tolerance) << fraction << " " << h;
+                    EXPECT_LT(errorOf(lanczos, result, A, f[c], x.col(c), c), 5 * tolerance)
+                        << fraction << " " << h;
                 VectorXd expected = A.apply(f[1].value, x.col(1));
                 expected += A.apply(lanczos.isIncrement(0) ? f[0].minusOne : f[0].value, x.col(0));
-                EXPECT_LT((result.rowwise().sum() - expected).norm(), 5 * tolerance * expected.norm());
+                EXPECT_LT((result.rowwise().sum() - expected).norm(),
+                          5 * tolerance * expected.norm());
             }
-            cout << "volume fraction " << fraction << ", condition " << A.values[6 * n - 1] / A.values[0]
-                 << ", tolerance " << tolerance << ": " << fewest << " to " << most << " iterations" << endl;
+            cout << "volume fraction " << fraction << ", condition "
+                 << A.values[6 * n - 1] / A.values[0] << ", tolerance " << tolerance << ": "
+                 << fewest << " to " << most << " iterations" << endl;
             EXPECT_LE(most, tolerance > 1e-4 ? 32 : 46);
         }
     }

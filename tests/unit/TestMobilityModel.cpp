@@ -38,24 +38,30 @@ struct Case {
 vector<Case> cases(const HydrodynamicParticles& particles) {
     const NoSlipPlane wall(0, false);
     vector<Case> all;
-    const auto add = [&](const string& name, MobilityModel* model, bool atWall, bool inBox = false) {
+    const auto add = [&](const string& name, MobilityModel* model, bool atWall,
+                         bool inBox = false) {
         all.push_back({name, unique_ptr<MobilityModel>(model), atWall, inBox});
     };
     add("RotnePragerYamakawa", new RotnePragerYamakawa(particles, eta), false);
     add("RotnePragerYamakawaWall", new RotnePragerYamakawaWall(particles, eta, wall), true);
     add("BestKnown",
-        new SphereWallCongruence(particles, eta, wall,
-                                 unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, eta, wall))),
+        new SphereWallCongruence(
+            particles, eta, wall,
+            unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, eta, wall))),
         true);
     add("CpuRotnePragerYamakawa", new CpuRotnePragerYamakawa(particles, eta), false);
-    add("CpuRotnePragerYamakawa at a wall", new CpuRotnePragerYamakawa(particles, eta, {}, wall), true);
-    add("StokesianDynamics", new StokesianDynamics(particles, eta, true, 0), false);
-    add("StokesianDynamics without lubrication", new StokesianDynamics(particles, eta, false, 0), false);
-    add("PeriodicRotnePragerYamakawa", new PeriodicRotnePragerYamakawa(particles, eta), false, true);
-    add("PeriodicForceCoupling", new PeriodicForceCoupling(particles, eta), false, true);
-    add("PeriodicStokesianDynamics", new PeriodicStokesianDynamics(particles, eta, true, 0), false, true);
-    add("PeriodicStokesianDynamics without lubrication", new PeriodicStokesianDynamics(particles, eta, false, 0), false,
+    add("CpuRotnePragerYamakawa at a wall", new CpuRotnePragerYamakawa(particles, eta, {}, wall),
         true);
+    add("StokesianDynamics", new StokesianDynamics(particles, eta, true, 0), false);
+    add("StokesianDynamics without lubrication", new StokesianDynamics(particles, eta, false, 0),
+        false);
+    add("PeriodicRotnePragerYamakawa", new PeriodicRotnePragerYamakawa(particles, eta), false,
+        true);
+    add("PeriodicForceCoupling", new PeriodicForceCoupling(particles, eta), false, true);
+    add("PeriodicStokesianDynamics", new PeriodicStokesianDynamics(particles, eta, true, 0), false,
+        true);
+    add("PeriodicStokesianDynamics without lubrication",
+        new PeriodicStokesianDynamics(particles, eta, false, 0), false, true);
     return all;
 }
 
@@ -110,7 +116,8 @@ TEST(MobilityModel, TraitsAreWhatTheMatricesDo) {
         MatrixXd Q6 = MatrixXd::Zero(M.rows(), M.rows());
         for (int i = 0; i < M.rows(); i += 3) Q6.block<3, 3>(i, i) = Q;
         const double shift = (Answers(*c.model->at(shifted)).dense - M).norm() / M.norm();
-        const double turn = (Answers(*c.model->at(turned)).dense - Q6 * M * Q6.transpose()).norm() / M.norm();
+        const double turn =
+            (Answers(*c.model->at(turned)).dense - Q6 * M * Q6.transpose()).norm() / M.norm();
         EXPECT_EQ(shift < eps, c.model->isHomogeneous()) << c.name << " " << shift;
         EXPECT_EQ(turn < eps, c.model->isIsotropic()) << c.name << " " << turn;
         EXPECT_EQ(c.model->isHomogeneous(), !c.atWall);
@@ -136,7 +143,8 @@ TEST(MobilityModel, ABodyByItselfIsThatOfUnboundedFluid) {
             PeriodicForceCoupling(body, eta)
                 .at({sites, {Vec3(L, 0, 0), Vec3(0, L, 0), Vec3(0, 0, L)}})
                 ->dense(expected);
-            EXPECT_LT((own - expected).cwiseAbs().maxCoeff(), 1e-14 * expected.maxCoeff()) << c.name;
+            EXPECT_LT((own - expected).cwiseAbs().maxCoeff(), 1e-14 * expected.maxCoeff())
+                << c.name;
             RotnePragerYamakawa(body, eta).at({sites})->dense(expected);
             continue;
         }
@@ -152,19 +160,27 @@ public:
     using MobilityModel::MobilityModel;
     const char* name() const override { return "InABox"; }
     bool mayObject() const override { return true; }
-    string objection(const Placement& placement) const override { return placement.box[0][0] < 0 ? "no box" : ""; }
+    string objection(const Placement& placement) const override {
+        return placement.box[0][0] < 0 ? "no box" : "";
+    }
 
 protected:
-    unique_ptr<MobilityAt> makePlace() const override { return unique_ptr<MobilityAt>(new Place(*this)); }
+    unique_ptr<MobilityAt> makePlace() const override {
+        return unique_ptr<MobilityAt>(new Place(*this));
+    }
 
 private:
     class Place : public MobilityAt {
     public:
         using MobilityAt::MobilityAt;
-        void apply(const MatrixXd& forces, MatrixXd& velocities) override { velocities = forces / (1 + volume); }
+        void apply(const MatrixXd& forces, MatrixXd& velocities) override {
+            velocities = forces / (1 + volume);
+        }
 
     protected:
-        void moveTo(const Placement& p, bool) override { volume = p.box[0][0] * p.box[1][1] * p.box[2][2]; }
+        void moveTo(const Placement& p, bool) override {
+            volume = p.box[0][0] * p.box[1][1] * p.box[2][2];
+        }
 
     private:
         double volume = 0;
@@ -200,10 +216,14 @@ TEST(MobilityModel, FlowAtPointsIsKnownOrRefused) {
         using RotnePragerYamakawa::RotnePragerYamakawa;
         struct At : MobilityAt {
             using MobilityAt::MobilityAt;
-            void apply(const MatrixXd& forces, MatrixXd& velocities) override { velocities = forces; }
+            void apply(const MatrixXd& forces, MatrixXd& velocities) override {
+                velocities = forces;
+            }
             void moveTo(const Placement&, bool) override {}
         };
-        unique_ptr<MobilityAt> makePlace() const override { return unique_ptr<MobilityAt>(new At(*this)); }
+        unique_ptr<MobilityAt> makePlace() const override {
+            return unique_ptr<MobilityAt>(new At(*this));
+        }
     };
     const HydrodynamicParticles particles = threeSpheres();
     const Nowhere model(particles, eta);

@@ -1,4 +1,5 @@
-// Noise of the mobility problem: covariance without matrices, and what units and radii do to its accuracy; the model's own random field.
+// Noise of the mobility problem: covariance without matrices, and what units and radii do to its
+// accuracy; the model's own random field.
 
 #include "CoupledBodiesSupport.h"
 #include "HydrodynamicSupport.h"
@@ -57,11 +58,13 @@ TEST(MobilityProblem, NoiseOfSpheresHasItsCovarianceInAnyUnit) {
         problem.thermalSlip(MatrixXd::Identity(n, n), slips);
         problem.thermalWrench(MatrixXd::Identity(n, n), wrenches);
         const MatrixXd N = scale.asDiagonal() * spheres.bodies->mobility() * scale.asDiagonal();
-        const MatrixXd xi =
-            scale.cwiseInverse().asDiagonal() * spheres.bodies->friction() * scale.cwiseInverse().asDiagonal();
-        const MatrixXd root = scale.asDiagonal() * slips, inverseRoot = scale.cwiseInverse().asDiagonal() * wrenches;
+        const MatrixXd xi = scale.cwiseInverse().asDiagonal() * spheres.bodies->friction() *
+                            scale.cwiseInverse().asDiagonal();
+        const MatrixXd root = scale.asDiagonal() * slips,
+                       inverseRoot = scale.cwiseInverse().asDiagonal() * wrenches;
         EXPECT_LT((root * root.transpose() - N).norm(), 10 * tolerance * N.norm()) << unit;
-        EXPECT_LT((inverseRoot * inverseRoot.transpose() - xi).norm(), 10 * tolerance * xi.norm()) << unit;
+        EXPECT_LT((inverseRoot * inverseRoot.transpose() - xi).norm(), 10 * tolerance * xi.norm())
+            << unit;
     }
 }
 
@@ -96,8 +99,10 @@ struct InAField {
     unique_ptr<TestedBodies> bodies;
     RandomFieldModel* model = nullptr;
     InAField() {
-        const vector<vector<Vector3d> > sites = {
-            {{-1, 0, 0}, {1.2, 0.5, 0.3}, {0.2, -1.4, 1.1}}, {{0, 0, 0}}, {{0, 0, -1}, {0, 0, 1.1}}, {{0, 0, 0}}};
+        const vector<vector<Vector3d> > sites = {{{-1, 0, 0}, {1.2, 0.5, 0.3}, {0.2, -1.4, 1.1}},
+                                                 {{0, 0, 0}},
+                                                 {{0, 0, -1}, {0, 0, 1.1}},
+                                                 {{0, 0, 0}}};
         for (int i = 0; i < 4; i++) {
             FluidElement e;
             e.body = i == 3 ? -1 : i;
@@ -127,7 +132,8 @@ struct InAField {
         (*bodies)->getMotion().place(at, turns, result);
         return result;
     }
-    /** Slips of each wave alone, as a strategy gives them: what random numbers are multiplied by. */
+    /** Slips of each wave alone, as a strategy gives them: what random numbers are multiplied by.
+     */
     MatrixXd response(BodyMobility& mobility) const {
         MatrixXd result(mobility.getSlipSpace().getNumRows(), model->numWaves()), slips;
         unique_ptr<RandomField> field;
@@ -153,7 +159,8 @@ TEST(MobilityProblem, SlipsOfTheModelsOwnFieldHaveTheCovarianceM) {
         MatrixXd M;
         scene.model->at(scene.placement(scene.poses))->dense(M);
         EXPECT_LT(difference(B * B.transpose(), M), 1e-14);
-        // The twists that they make of bodies have the covariance N, and no body turns about its line.
+        // The twists that they make of bodies have the covariance N, and no body turns about its
+        // line.
         MatrixXd U;
         mobility->solve(MatrixXd::Zero((*scene.bodies)->getNumRows(), B.cols()), B, U);
         scene.bodies->setPoses(scene.poses);
@@ -169,7 +176,8 @@ TEST(MobilityProblem, OneFieldIsLookedAtAtSeveralPlaces) {
         const MatrixXd here = scene.response(*mobility);
         mobility->setPoses(scene.others, true);
         const MatrixXd there = scene.response(*mobility);
-        // Covariances between the flows at all pairs of centres, from a formula that knows no field.
+        // Covariances between the flows at all pairs of centres, from a formula that knows no
+        // field.
         const Placement a = scene.placement(scene.poses), b = scene.placement(scene.others);
         const HydrodynamicParticles& particles = scene.model->getParticles();
         const MatrixXd both = here * there.transpose();
@@ -183,7 +191,8 @@ TEST(MobilityProblem, OneFieldIsLookedAtAtSeveralPlaces) {
     }
 }
 
-/** What schemes without momenta draw: the field, of which no root is taken; the same at any poses until the next drawing. */
+/** What schemes without momenta draw: the field, of which no root is taken; the same at any poses
+ * until the next drawing. */
 TEST(MobilityProblem, SchemesTakeTheModelsOwnField) {
     InAField scene;
     BodyMobility& mobility = scene.bodies->byMatrices();
@@ -215,7 +224,8 @@ TEST(MobilityProblem, SchemesTakeTheModelsOwnField) {
     EXPECT_EQ(mobility.getCosts().roots, 0);
 }
 
-/** A body with a tensor of its own has slips of its own: roots are taken, although the model has a field. */
+/** A body with a tensor of its own has slips of its own: roots are taken, although the model has a
+ * field. */
 TEST(MobilityProblem, OwnTensorsHaveNoField) {
     InAField scene;
     scene.elements.pop_back();
@@ -227,7 +237,8 @@ TEST(MobilityProblem, OwnTensorsHaveNoField) {
     });
     bodies.setPoses(scene.poses);
     unique_ptr<RandomField> field;
-    EXPECT_FALSE(bodies.byMatrices().drawField(NoiseStream(), NoiseStream::ParticleFirstDraw, field));
+    EXPECT_FALSE(
+        bodies.byMatrices().drawField(NoiseStream(), NoiseStream::ParticleFirstDraw, field));
     MatrixXd slips;
     bodies.byMatrices().thermalSlip(MatrixXd::Identity(12, 12), slips);
     EXPECT_LT(difference(slips * slips.transpose(), bodies.mobility()), 1e-12);
@@ -243,8 +254,9 @@ scalar::Quaternion<double> turned(const scalar::Quaternion<double>& q, const Vec
 }  // namespace
 
 TEST(MobilityProblem, TheDivergenceOfAFieldIsThatOfItsTwists) {
-    // Against central differences of one coordinate of one body after the other: multiblobs about points far from their middle, whose divergence is made
-    // of gradients; with a sphere about such a point, of differences of all bodies at once.
+    // Against central differences of one coordinate of one body after the other: multiblobs about
+    // points far from their middle, whose divergence is made of gradients; with a sphere about such
+    // a point, of differences of all bodies at once.
     for (int k = 0; k < 4; k++) {
         const bool withSphere = k % 2 == 1, inChannel = k >= 2;
         vector<FluidElement> elements;
@@ -267,9 +279,11 @@ TEST(MobilityProblem, TheDivergenceOfAFieldIsThatOfItsTwists) {
         }
         const shared_ptr<GridFluid> fluid(new PlainGridFluid());
         TestedBodies bodies(elements, [&](const HydrodynamicParticles& particles) {
-            unique_ptr<MobilityModel> periodic(new ForceCouplingGrid(particles, 1, 1e-6, 0, fluid, inChannel));
+            unique_ptr<MobilityModel> periodic(
+                new ForceCouplingGrid(particles, 1, 1e-6, 0, fluid, inChannel));
             if (!inChannel) return periodic;
-            return unique_ptr<MobilityModel>(new SlipChannel(particles, 1, {-3, 1.7, false}, move(periodic)));
+            return unique_ptr<MobilityModel>(
+                new SlipChannel(particles, 1, {-3, 1.7, false}, move(periodic)));
         });
         bodies->setBox({Vec3(5, 0, 0), Vec3(0, 5.5, 0), Vec3(0, 0, 6)});
         BodyMobility& mobility = bodies.byProducts();

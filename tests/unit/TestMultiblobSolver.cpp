@@ -1,4 +1,5 @@
-// The solver of rigid multiblobs: what it promises at any tolerance with exact and rough products, first guesses, threads.
+// The solver of rigid multiblobs: what it promises at any tolerance with exact and rough products,
+// first guesses, threads.
 
 #include "CoupledBodiesSupport.h"
 #include "HydrodynamicSupport.h"
@@ -17,7 +18,8 @@ namespace {
 vector<Vector3d> shell(int count, double radius) {
     vector<Vector3d> sites;
     for (int i = 0; i < count; i++) {
-        const double z = 1 - (2 * i + 1.0) / count, rho = sqrt(1 - z * z), angle = M_PI * (3 - sqrt(5.0)) * i;
+        const double z = 1 - (2 * i + 1.0) / count, rho = sqrt(1 - z * z),
+                     angle = M_PI * (3 - sqrt(5.0)) * i;
         sites.push_back(radius * Vector3d(rho * cos(angle), rho * sin(angle), z));
     }
     return sites;
@@ -35,8 +37,10 @@ struct Layer {
     vector<FluidElement> elements;
     vector<Pose> poses;
     unique_ptr<CoupledBodies> bodies;
-    /** @param threads  0: the model without SIMD, which has no rough products, in unbounded fluid */
-    Layer(const vector<Vector3d>& sites, double blobRadius, double spacing, int count, int threads = 1) {
+    /** @param threads  0: the model without SIMD, which has no rough products, in unbounded fluid
+     */
+    Layer(const vector<Vector3d>& sites, double blobRadius, double spacing, int count,
+          int threads = 1) {
         mt19937 random(7);
         for (int b = 0; b <= count; b++) {
             const bool isFree = b == count;
@@ -56,12 +60,14 @@ struct Layer {
         bodies.reset(new CoupledBodies(elements, [threads](const HydrodynamicParticles& particles) {
             unique_ptr<MobilityModel> model;
             const auto ranges = [threads](int size, const function<void(int, int)>& task) {
-                for (int t = 0; t < threads; t++) task(size * t / threads, size * (t + 1) / threads);
+                for (int t = 0; t < threads; t++)
+                    task(size * t / threads, size * (t + 1) / threads);
             };
             if (threads == 0)
                 model.reset(new RotnePragerYamakawa(particles, 1));
             else
-                model.reset(new CpuRotnePragerYamakawa(particles, 1, ranges, NoSlipPlane(0, false)));
+                model.reset(
+                    new CpuRotnePragerYamakawa(particles, 1, ranges, NoSlipPlane(0, false)));
             return model;
         }));
     }
@@ -103,7 +109,8 @@ struct SolverOf {
     unique_ptr<MobilityAt> place;
     MultiblobSolver solver;
     explicit SolverOf(Layer& layer)
-        : solver(layer.bodies->getMotion(), layer.bodies->getNullTwists(), layer.bodies->getModel()) {
+        : solver(layer.bodies->getMotion(), layer.bodies->getNullTwists(),
+                 layer.bodies->getModel()) {
         goTo(layer);
     }
     void goTo(Layer& layer) {
@@ -124,9 +131,11 @@ TEST(MultiblobSolver, RoughProductsKeepAnyTolerance) {
     SolverOf at(layer);
     for (double tolerance : {1e-1, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10}) {
         MatrixXd twists, exactly;
-        const int iterations = at.solver.solve(*at.place, wrenches, MatrixXd(), tolerance, false, twists);
+        const int iterations =
+            at.solver.solve(*at.place, wrenches, MatrixXd(), tolerance, false, twists);
         const int products = at.solver.getNumProducts(), exact = at.solver.getNumExactProducts();
-        const int exactIterations = at.solver.solve(*at.place, wrenches, MatrixXd(), tolerance, true, exactly);
+        const int exactIterations =
+            at.solver.solve(*at.place, wrenches, MatrixXd(), tolerance, true, exactly);
         for (int c = 0; c < 2; c++) {
             EXPECT_LT(layer.errorOf(twists, wrenches, c), 3 * tolerance) << tolerance;
             EXPECT_LT(layer.errorOf(exactly, wrenches, c), 3 * tolerance) << tolerance;
@@ -136,8 +145,9 @@ TEST(MultiblobSolver, RoughProductsKeepAnyTolerance) {
         EXPECT_EQ(products, 2 * (iterations + 1) + exact);
         EXPECT_LE(iterations, exactIterations + 1) << tolerance;
         EXPECT_EQ(at.solver.getNumExactProducts(), at.solver.getNumProducts());
-        cout << "tolerance " << tolerance << ": " << iterations << " iterations, " << exact / 2 << " of "
-             << products / 2 << " products exact; with exact ones only " << exactIterations << " iterations" << endl;
+        cout << "tolerance " << tolerance << ": " << iterations << " iterations, " << exact / 2
+             << " of " << products / 2 << " products exact; with exact ones only "
+             << exactIterations << " iterations" << endl;
     }
 }
 
@@ -145,7 +155,8 @@ TEST(MultiblobSolver, SlipsTooAndTheForcesOfBlobs) {
     mt19937 random(2);
     Layer layer(shell(20, 0.8), 0.25, 2.2, 5);
     layer.setPoses();
-    const MatrixXd M = layer.blobMobility(), wrenches = normal(random, layer.bodies->getNumRows(), 1);
+    const MatrixXd M = layer.blobMobility(),
+                   wrenches = normal(random, layer.bodies->getNumRows(), 1);
     const MatrixXd slips = M.llt().matrixL() * normal(random, M.rows(), 1);
     MatrixXd K;
     vector<Matrix3d> turns;
@@ -153,7 +164,8 @@ TEST(MultiblobSolver, SlipsTooAndTheForcesOfBlobs) {
     layer.bodies->getMotion().fill(turns, K);
     const Eigen::LLT<MatrixXd> factor(M);
     const MatrixXd N = (K.transpose() * factor.solve(K)).inverse();
-    const VectorXd U = N * (wrenches + K.transpose() * factor.solve(slips)), lambda = factor.solve(K * U - slips);
+    const VectorXd U = N * (wrenches + K.transpose() * factor.solve(slips)),
+                   lambda = factor.solve(K * U - slips);
     SolverOf at(layer);
     for (double tolerance : {1e-3, 1e-6, 1e-9}) {
         MatrixXd twists, forces;
@@ -170,7 +182,8 @@ TEST(MultiblobSolver, SlipsTooAndTheForcesOfBlobs) {
 }
 
 TEST(MultiblobSolver, IllConditionedBodiesAreNotTrustedToRoughProducts) {
-    // Blobs nearly at one place: errors of products are magnified by the root of the condition number of a body's matrix.
+    // Blobs nearly at one place: errors of products are magnified by the root of the condition
+    // number of a body's matrix.
     mt19937 random(3);
     vector<Vector3d> sites = shell(10, 0.8);
     sites.push_back(sites[3] + Vector3d(2e-5, 1e-5, 0));
@@ -203,7 +216,8 @@ TEST(MultiblobSolver, BeginsAtAGuessThatTurnsWithTheBodies) {
     Layer layer(shell(20, 0.8), 0.25, 2.2, 5);
     const MatrixXd wrenches = normal(random, layer.bodies->getNumRows(), 1),
                    change = normal(random, wrenches.rows(), 1);
-    const MatrixXd slips = layer.blobMobility().llt().matrixL() * normal(random, layer.bodies->getNumParticleRows(), 1);
+    const MatrixXd slips = layer.blobMobility().llt().matrixL() *
+                           normal(random, layer.bodies->getNumParticleRows(), 1);
     SolverOf at(layer);
     for (double tolerance : {1e-3, 1e-6})
         for (double step : {0.0, 1e-3, 1e-2}) {
@@ -214,15 +228,18 @@ TEST(MultiblobSolver, BeginsAtAGuessThatTurnsWithTheBodies) {
             at.solver.keepGuess(0);
             for (Pose& pose : moved.poses) {
                 pose.R += step * Vector3d(normal(random, 3, 1)).cwiseAbs();
-                pose.q = scalar::exponential(scalar::Vector3<double>{step, -step, 2 * step}) * pose.q;
+                pose.q =
+                    scalar::exponential(scalar::Vector3<double>{step, -step, 2 * step}) * pose.q;
             }
             at.goTo(moved);
             const MatrixXd wrenchesThere = wrenches + step * change;
             at.solver.solve(*at.place, wrenchesThere, slips, 1e-10, true, expected);
-            const int cold = at.solver.solve(*at.place, wrenchesThere, slips, tolerance, false, twists);
-            const int warm = at.solver.solve(*at.place, wrenchesThere, slips, tolerance, false, guessed, true);
-            cout << "step " << step << ", tolerance " << tolerance << ": " << warm << " iterations instead of " << cold
-                 << endl;
+            const int cold =
+                at.solver.solve(*at.place, wrenchesThere, slips, tolerance, false, twists);
+            const int warm =
+                at.solver.solve(*at.place, wrenchesThere, slips, tolerance, false, guessed, true);
+            cout << "step " << step << ", tolerance " << tolerance << ": " << warm
+                 << " iterations instead of " << cold << endl;
             EXPECT_LT((guessed - expected).norm(), 10 * tolerance * expected.norm());
             EXPECT_LE(warm, step == 0 ? 0 : cold - 1);
         }
@@ -237,7 +254,8 @@ TEST(MultiblobSolver, ThreadsDoNotShow) {
         if (threads == 1) first = normal(random, layer.bodies->getNumRows(), 1);
         MatrixXd twists, slips;
         layer.byProducts().solve(first, twists);
-        layer.byProducts().thermalSlip(MatrixXd::Constant(layer.bodies->getNumParticleRows(), 1, 0.3), slips);
+        layer.byProducts().thermalSlip(
+            MatrixXd::Constant(layer.bodies->getNumParticleRows(), 1, 0.3), slips);
         static MatrixXd twistsOfOne, slipsOfOne;
         if (threads == 1) twistsOfOne = twists, slipsOfOne = slips;
         EXPECT_EQ(twists, twistsOfOne) << threads;

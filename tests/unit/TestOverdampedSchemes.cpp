@@ -46,37 +46,49 @@ struct Scene {
     vector<Vector3d> R;
     vector<Quaternion> q;
     NoiseStream::Law law = NoiseStream::Gaussian;
-    bool wall = false, matrixFree = false, bestKnown = false, stokesian = false, field = false, inBox = false,
-         gaussians = false, channel = false;
+    bool wall = false, matrixFree = false, bestKnown = false, stokesian = false, field = false,
+         inBox = false, gaussians = false, channel = false;
     double viscosity = 1 / (6 * M_PI);
     void add(const FluidElement& e, const Vector3d& at, const Vector3d& turn = Vector3d::Zero()) {
         elements.push_back(e);
         R.push_back(at);
-        q.push_back(scalar::exponential(scalar::Vector3<double>{turn.x() / 2, turn.y() / 2, turn.z() / 2}));
+        q.push_back(
+            scalar::exponential(scalar::Vector3<double>{turn.x() / 2, turn.y() / 2, turn.z() / 2}));
     }
     CoupledBodies::ModelFactory factory() const {
         return [this](const HydrodynamicParticles& particles) {
-            if (stokesian) return unique_ptr<MobilityModel>(new StokesianDynamics(particles, viscosity, true, 0));
+            if (stokesian)
+                return unique_ptr<MobilityModel>(
+                    new StokesianDynamics(particles, viscosity, true, 0));
             if (field) return unique_ptr<MobilityModel>(new RandomFieldModel(particles));
             if (channel)
-                return unique_ptr<MobilityModel>(new SlipChannel(particles, viscosity, {-1.2, 4.2, false},
-                                                                 unique_ptr<MobilityModel>(new PeriodicForceCoupling(
-                                                                     SlipChannel::withImages(particles), viscosity))));
-            if (inBox && gaussians) return unique_ptr<MobilityModel>(new PeriodicForceCoupling(particles, viscosity));
-            if (inBox) return unique_ptr<MobilityModel>(new PeriodicRotnePragerYamakawa(particles, viscosity));
+                return unique_ptr<MobilityModel>(
+                    new SlipChannel(particles, viscosity, {-1.2, 4.2, false},
+                                    unique_ptr<MobilityModel>(new PeriodicForceCoupling(
+                                        SlipChannel::withImages(particles), viscosity))));
+            if (inBox && gaussians)
+                return unique_ptr<MobilityModel>(new PeriodicForceCoupling(particles, viscosity));
+            if (inBox)
+                return unique_ptr<MobilityModel>(
+                    new PeriodicRotnePragerYamakawa(particles, viscosity));
             const NoSlipPlane plane(0, false);
             if (bestKnown)
-                return unique_ptr<MobilityModel>(new SphereWallCongruence(
-                    particles, viscosity, plane,
-                    unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, viscosity, plane))));
-            return wall ? unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, viscosity, plane))
+                return unique_ptr<MobilityModel>(
+                    new SphereWallCongruence(particles, viscosity, plane,
+                                             unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(
+                                                 particles, viscosity, plane))));
+            return wall ? unique_ptr<MobilityModel>(
+                              new RotnePragerYamakawaWall(particles, viscosity, plane))
                         : unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, viscosity));
         };
     }
     TestedBodies mobility() const {
         TestedBodies bodies(elements, factory(), true, 1e-8);
-        if (inBox) bodies->setBox({OpenMM::Vec3(5, 0, 0), OpenMM::Vec3(1, 5.5, 0), OpenMM::Vec3(-2, 0.5, 6)});
-        if (channel) bodies->setBox({OpenMM::Vec3(4, 0, 0), OpenMM::Vec3(0, 7, 0), OpenMM::Vec3(0, 0, 4.2)});
+        if (inBox)
+            bodies->setBox(
+                {OpenMM::Vec3(5, 0, 0), OpenMM::Vec3(1, 5.5, 0), OpenMM::Vec3(-2, 0.5, 6)});
+        if (channel)
+            bodies->setBox({OpenMM::Vec3(4, 0, 0), OpenMM::Vec3(0, 7, 0), OpenMM::Vec3(0, 0, 4.2)});
         return bodies;
     }
 };
@@ -102,7 +114,8 @@ Scene threeBodiesAtWall() {
 Scene rodsUnbounded() {
     Scene s;
     s.name = "two rods and a sphere, unbounded";
-    s.add(element(0, {{0, 0, -1}, {0, 0, 0.2}, {0, 0, 1.2}}, {0.7, 0.7, 0.7}), {0, 0, 0}, {0.5, 0.2, 0});
+    s.add(element(0, {{0, 0, -1}, {0, 0, 0.2}, {0, 0, 1.2}}, {0.7, 0.7, 0.7}), {0, 0, 0},
+          {0.5, 0.2, 0});
     s.add(element(1, {{0.3, -1, 0}, {0.3, 1, 0}}, {0.8, 0.6}), {1.9, 0.4, 0.5}, {0.1, -0.6, 0.9});
     s.add(element(2, {{0, 0, 0}}, {0.7}), {0.2, 2.0, 0.3});
     return s;
@@ -178,7 +191,9 @@ Scene matrixFree(Scene s) {
     return s;
 }
 
-Matrix3d rotationMatrix(const Quaternion& q) { return Eigen::Quaterniond(q.w, q.x, q.y, q.z).toRotationMatrix(); }
+Matrix3d rotationMatrix(const Quaternion& q) {
+    return Eigen::Quaterniond(q.w, q.x, q.y, q.z).toRotationMatrix();
+}
 
 /** N where the twist vector `u` leads from the scene's places. */
 MatrixXd mobilityAt(const Scene& scene, TestedBodies& bodies, const VectorXd& u) {
@@ -190,13 +205,15 @@ MatrixXd mobilityAt(const Scene& scene, TestedBodies& bodies, const VectorXd& u)
         if (scene.elements[e].isFree()) continue;
         const Vector3d turn = u.segment<3>(row + 3);
         poses[e].q =
-            scalar::exponential(scalar::Vector3<double>{turn.x() / 2, turn.y() / 2, turn.z() / 2}) * scene.q[e];
+            scalar::exponential(scalar::Vector3<double>{turn.x() / 2, turn.y() / 2, turn.z() / 2}) *
+            scene.q[e];
     }
     bodies.setPoses(poses);
     return bodies.mobility();
 }
 
-/** div N = sum_k d_k N_ik by central differences; rows of twists, rotations by turning about lab axes. */
+/** div N = sum_k d_k N_ik by central differences; rows of twists, rotations by turning about lab
+ * axes. */
 VectorXd divergence(const Scene& scene) {
     auto bodies = scene.mobility();
     const int n = bodies->getNumRows();
@@ -204,12 +221,14 @@ VectorXd divergence(const Scene& scene) {
     VectorXd sum = VectorXd::Zero(n);
     for (int k = 0; k < n; k++) {
         const VectorXd u = delta * VectorXd::Unit(n, k);
-        sum += (mobilityAt(scene, bodies, u).col(k) - mobilityAt(scene, bodies, -u).col(k)) / (2 * delta);
+        sum += (mobilityAt(scene, bodies, u).col(k) - mobilityAt(scene, bodies, -u).col(k)) /
+               (2 * delta);
     }
     return sum;
 }
 
-/** What one step does, as a twist times time: translations, and rotation vectors in the lab frame. */
+/** What one step does, as a twist times time: translations, and rotation vectors in the lab frame.
+ */
 VectorXd increment(const OverdampedMove& move, const CoupledBodies& bodies) {
     VectorXd u = VectorXd::Zero(bodies.getNumRows());
     for (size_t e = 0; e < move.start.size(); e++) {
@@ -254,9 +273,10 @@ struct Steps {
         return ::increment(move, *bodies);
     }
     /**
-     * The part of order sqrt(h) of step i: its mean is 0, so what a step does less this has the same mean with a far smaller variance. It is
-     * found as what the scheme does, with the same random numbers, in a step so short that nothing else is left: of the drift
-     * sqrt(shortness) = 1e-4 is, and of rounding less.
+     * The part of order sqrt(h) of step i: its mean is 0, so what a step does less this has the
+     * same mean with a far smaller variance. It is found as what the scheme does, with the same
+     * random numbers, in a step so short that nothing else is left: of the drift sqrt(shortness) =
+     * 1e-4 is, and of rounding less.
      */
     VectorXd leadingNoise(int i, double h) {
         const double shortness = 1e-8;
@@ -272,7 +292,8 @@ struct Averages {
 /** Sums over samples, for means and their standard errors. */
 class Sampling {
 public:
-    Sampling(const VectorXd& direction) : direction(direction), sum(VectorXd::Zero(direction.size())), squares(sum) {}
+    Sampling(const VectorXd& direction)
+        : direction(direction), sum(VectorXd::Zero(direction.size())), squares(sum) {}
     void add(const VectorXd& x) {
         samples++;
         sum += x;
@@ -283,9 +304,11 @@ public:
     Averages averages() const {
         Averages result;
         result.mean = sum / samples;
-        result.error = ((squares / samples - result.mean.cwiseAbs2()) / samples).cwiseMax(0).cwiseSqrt();
+        result.error =
+            ((squares / samples - result.mean.cwiseAbs2()) / samples).cwiseMax(0).cwiseSqrt();
         result.along = alongSum / samples;
-        result.alongError = sqrt(max(0.0, alongSquares / samples - result.along * result.along) / samples);
+        result.alongError =
+            sqrt(max(0.0, alongSquares / samples - result.along * result.along) / samples);
         return result;
     }
     int samples = 0;
@@ -300,7 +323,8 @@ Averages average(Integrator::Scheme scheme, const Scene& scene, double h, double
                  const VectorXd& direction) {
     Steps steps(scheme, scene, kT);
     Sampling sampling(direction);
-    for (int i = 0; i < samples; i++) sampling.add(steps.increment(i, h) - steps.leadingNoise(i, h));
+    for (int i = 0; i < samples; i++)
+        sampling.add(steps.increment(i, h) - steps.leadingNoise(i, h));
     return sampling.averages();
 }
 
@@ -313,12 +337,15 @@ const vector<Integrator::Scheme> consistent = [] {
 }();
 
 /**
- * The mean increment is kT h div N. The rest after the leading noise is of order h with odd powers of sqrt(h) of zero mean, so at this h the
- * bias is h kT N/a^2 = 1e-4 of the drift. As many samples as a standard error below a tenth of the drift's norm takes, by scheme and scene;
- * 5 standard errors for all components of all schemes and scenes (about 300 numbers: 2e-4 of failing by chance).
+ * The mean increment is kT h div N. The rest after the leading noise is of order h with odd powers
+ * of sqrt(h) of zero mean, so at this h the bias is h kT N/a^2 = 1e-4 of the drift. As many samples
+ * as a standard error below a tenth of the drift's norm takes, by scheme and scene; 5 standard
+ * errors for all components of all schemes and scenes (about 300 numbers: 2e-4 of failing by
+ * chance).
  *
- * Where single rows are less well known than that, a scheme without drift could pass row by row. So the component along the expected drift
- * must be known to a tenth of it: no drift at all is then 10 errors off, where 5 are allowed.
+ * Where single rows are less well known than that, a scheme without drift could pass row by row. So
+ * the component along the expected drift must be known to a tenth of it: no drift at all is then 10
+ * errors off, where 5 are allowed.
  */
 void checkDrift(const Scene& scene, double error = 0.1) {
     const double h = 1e-4, kT = 1.3;
@@ -338,11 +365,13 @@ void checkDrift(const Scene& scene, double error = 0.1) {
             }
             found = sampling.averages();
         } while (sampling.samples < most &&
-                 (sampling.samples < 4 * block || found.alongError > 0.1 * size || found.error.norm() > error * size));
+                 (sampling.samples < 4 * block || found.alongError > 0.1 * size ||
+                  found.error.norm() > error * size));
         ASSERT_LT(sampling.samples, most);
         EXPECT_LT(abs(found.along - size), 5 * found.alongError + 1e-3 * size);
         for (int i = 0; i < expected.size(); i++)
-            EXPECT_LT(abs(found.mean[i] - expected[i]), 5 * found.error[i] + 1e-3 * size) << "row " << i;
+            EXPECT_LT(abs(found.mean[i] - expected[i]), 5 * found.error[i] + 1e-3 * size)
+                << "row " << i;
     }
     // A scheme that omits the drift fails, by far.
     const Averages found = average(Integrator::EulerMaruyama, scene, h, kT, 100, expected / size);
@@ -354,7 +383,8 @@ void checkDrift(const Scene& scene, double error = 0.1) {
 TEST(OverdampedSchemes, DriftOfThreeBlobsAboveAWall) {
     const Scene scene = boomerangAtWall();
     // Independent values: REFERENCE VALUES 7.
-    const double reference[6] = {0.02606396, -0.0487483, 0.35555906, 0.00676236, 0.00126031, 0.00062502};
+    const double reference[6] = {0.02606396, -0.0487483, 0.35555906,
+                                 0.00676236, 0.00126031, 0.00062502};
     const VectorXd found = divergence(scene);
     for (int i = 0; i < 6; i++) EXPECT_NEAR(found[i], reference[i], 2e-8);
     checkDrift(scene);
@@ -363,17 +393,21 @@ TEST(OverdampedSchemes, DriftOfThreeBlobsAboveAWall) {
 TEST(OverdampedSchemes, DriftOfThreeBodiesAboveAWall) { checkDrift(threeBodiesAtWall()); }
 TEST(OverdampedSchemes, DriftOfLubricatedSpheres) { checkDrift(lubricatedSpheres()); }
 TEST(OverdampedSchemes, DriftWithOwnTensors) { checkDrift(ownTensors()); }
-TEST(OverdampedSchemes, DriftWithOwnTensorsMatrixFree) { checkDrift(matrixFree(ownTensors()), 0.4); }
+TEST(OverdampedSchemes, DriftWithOwnTensorsMatrixFree) {
+    checkDrift(matrixFree(ownTensors()), 0.4);
+}
 TEST(OverdampedSchemes, DriftWithARandomField) { checkDrift(blobsInAField(), 0.4); }
 /** Row by row less exactly, for lattice sums take long. */
 TEST(OverdampedSchemes, DriftInASlipChannel) { checkDrift(bodyInAChannel(), 0.4); }
 TEST(OverdampedSchemes, DriftWithLubrication) { checkDrift(stokesianSpheres()); }
 TEST(OverdampedSchemes, DriftOfRodsUnbounded) { checkDrift(rodsUnbounded()); }
 TEST(OverdampedSchemes, DriftOfOneBodyAboutAnyPoint) { checkDrift(aloneOffCentre()); }
-/** Row by row less exactly, for it takes a millisecond a step: that the iterations do what the factors do is what is to be seen. */
+/** Row by row less exactly, for it takes a millisecond a step: that the iterations do what the
+ * factors do is what is to be seen. */
 TEST(OverdampedSchemes, DriftMatrixFree) { checkDrift(matrixFree(rodsUnbounded()), 0.4); }
 
-/** div N = 0 wherever bodies say so, to what differences leave of it; where they do not, it is 1e4 times larger. */
+/** div N = 0 wherever bodies say so, to what differences leave of it; where they do not, it is 1e4
+ * times larger. */
 TEST(OverdampedSchemes, DivergenceIsZeroWhereItIsSaidToBe) {
     mt19937 random(5);
     uniform_real_distribution<double> u(0, 1);
@@ -382,19 +416,24 @@ TEST(OverdampedSchemes, DivergenceIsZeroWhereItIsSaidToBe) {
         scene.viscosity = 1;
         scene.inBox = k % 4 == 3;
         scene.gaussians = k % 8 == 3;
-        const auto place = [&](double size) { return Vector3d(size * u(random), size * u(random), size * u(random)); };
+        const auto place = [&](double size) {
+            return Vector3d(size * u(random), size * u(random), size * u(random));
+        };
         for (int i = 0; i < 6; i++) {
             const bool isFree = u(random) < 0.3;
-            scene.add(element(isFree ? -1 : i, {{0, 0, 0}}, {0.4 + 1.1 * u(random)}), place(k % 2 ? 3 : 6), place(3));
+            scene.add(element(isFree ? -1 : i, {{0, 0, 0}}, {0.4 + 1.1 * u(random)}),
+                      place(k % 2 ? 3 : 6), place(3));
         }
         auto bodies = scene.mobility();
         EXPECT_TRUE(bodies->isDivergenceFree());
-        const double largest = mobilityAt(scene, bodies, VectorXd::Zero(bodies->getNumRows())).maxCoeff();
-        // Third derivatives are up to the inverse cube of a radius here, and differences wrong by a sixth of 1e-8 of them.
+        const double largest =
+            mobilityAt(scene, bodies, VectorXd::Zero(bodies->getNumRows())).maxCoeff();
+        // Third derivatives are up to the inverse cube of a radius here, and differences wrong by a
+        // sixth of 1e-8 of them.
         EXPECT_LT(divergence(scene).cwiseAbs().maxCoeff(), 1e-7 * largest) << k;
     }
-    for (const Scene& scene :
-         {threeBodiesAtWall(), rodsUnbounded(), lubricatedSpheres(), ownTensors(), stokesianSpheres()})
+    for (const Scene& scene : {threeBodiesAtWall(), rodsUnbounded(), lubricatedSpheres(),
+                               ownTensors(), stokesianSpheres()})
         EXPECT_FALSE(scene.mobility()->isDivergenceFree()) << scene.name;
     Scene offOrigin = spheresUnbounded();
     offOrigin.elements[0].sites[0] = Vector3d(0.1, 0, 0);
@@ -407,15 +446,18 @@ TEST(OverdampedSchemes, DivergenceIsZeroWhereItIsSaidToBe) {
 }
 
 /**
- * Without drift a step has the mean 0, and without forces the schemes but FixmanMidpoint are their leading noise and nothing else. What the
- * mid-point alone, or the divergence of slips alone, would do is 1e-2 of kT h here: kT h sum_jk (d_j L_ik) L_jk, L the root.
+ * Without drift a step has the mean 0, and without forces the schemes but FixmanMidpoint are their
+ * leading noise and nothing else. What the mid-point alone, or the divergence of slips alone, would
+ * do is 1e-2 of kT h here: kT h sum_jk (d_j L_ik) L_jk, L the root.
  */
 TEST(OverdampedSchemes, SpheresUnboundedHaveNoDrift) {
     const double h = 1e-4, kT = 1.3;
     for (Scene scene : {spheresUnbounded(), matrixFree(spheresUnbounded())}) {
         auto bodies = scene.mobility();
         const int n = bodies->getNumRows();
-        const auto root = [&](const VectorXd& u) { return MatrixXd(mobilityAt(scene, bodies, u).llt().matrixL()); };
+        const auto root = [&](const VectorXd& u) {
+            return MatrixXd(mobilityAt(scene, bodies, u).llt().matrixL());
+        };
         const double delta = 1e-4;
         const MatrixXd L = root(VectorXd::Zero(n));
         VectorXd halfDrift = VectorXd::Zero(n);
@@ -434,20 +476,23 @@ TEST(OverdampedSchemes, SpheresUnboundedHaveNoDrift) {
                                            halfDrift.normalized());
             SCOPED_TRACE(scene.name + ", " + traitsOf(scheme).name);
             if (!isFixman) {
-                // Iterations are right to 1e-8 of the noise; places of about 1, hence short steps, to 1e-16, which the shortness makes 1e-12.
+                // Iterations are right to 1e-8 of the noise; places of about 1, hence short steps,
+                // to 1e-16, which the shortness makes 1e-12.
                 const double noise = sqrt(2 * kT * h * L.squaredNorm());
                 EXPECT_LT(found.mean.norm(), scene.matrixFree ? 1e-7 * noise : 5e-12);
                 continue;
             }
             EXPECT_LT(found.alongError, (scene.matrixFree ? 0.5 : 0.1) * size);
-            for (int i = 0; i < n; i++) EXPECT_LT(abs(found.mean[i]), 5 * found.error[i]) << "row " << i;
+            for (int i = 0; i < n; i++)
+                EXPECT_LT(abs(found.mean[i]), 5 * found.error[i]) << "row " << i;
         }
     }
 }
 
 namespace {
 
-/** Increments have the covariance 2 kT h N: 5 standard errors, that of a normal product being sqrt(N_ii N_jj + N_ij^2). */
+/** Increments have the covariance 2 kT h N: 5 standard errors, that of a normal product being
+ * sqrt(N_ii N_jj + N_ij^2). */
 void checkCovariance(const Scene& scene) {
     const double h = 1e-6, kT = 0.8;
     const int samples = scene.matrixFree ? 1000 : 4000;
@@ -473,21 +518,23 @@ void checkCovariance(const Scene& scene) {
 }  // namespace
 
 TEST(OverdampedSchemes, Covariance) {
-    for (const Scene& scene :
-         {threeBodiesAtWall(), rodsUnbounded(), aloneOffCentre(), matrixFree(rodsUnbounded()), ownTensors(),
-          matrixFree(ownTensors()), stokesianSpheres(), spheresUnbounded(), blobsInAField()})
+    for (const Scene& scene : {threeBodiesAtWall(), rodsUnbounded(), aloneOffCentre(),
+                               matrixFree(rodsUnbounded()), ownTensors(), matrixFree(ownTensors()),
+                               stokesianSpheres(), spheresUnbounded(), blobsInAField()})
         checkCovariance(scene);
 }
 
 /**
- * Weak order 1 takes first and second moments of a step, for odd ones beyond vanish by symmetry: two-point numbers have them, in the noise as in the
- * directions of differences. Their products vary less than normal ones, three-point ones as much.
+ * Weak order 1 takes first and second moments of a step, for odd ones beyond vanish by symmetry:
+ * two-point numbers have them, in the noise as in the directions of differences. Their products
+ * vary less than normal ones, three-point ones as much.
  */
 TEST(OverdampedSchemes, DiscreteNoiseHasTheSameDriftAndCovariance) {
     for (auto law : {NoiseStream::ThreePoint, NoiseStream::TwoPoint})
         for (Scene scene : {boomerangAtWall(), threeBodiesAtWall(), aloneOffCentre()}) {
             scene.law = law;
-            scene.name += law == NoiseStream::TwoPoint ? ", two-point noise" : ", three-point noise";
+            scene.name +=
+                law == NoiseStream::TwoPoint ? ", two-point noise" : ", three-point noise";
             checkDrift(scene);
             checkCovariance(scene);
         }
@@ -514,7 +561,8 @@ TEST(OverdampedSchemes, NoNoiseAboutARodsLine) {
         move.begin(step);
         overdampedScheme(Integrator::EulerMaruyama).make()->run(0, move);
         for (int e = 0; e < 2; e++) {
-            const Vector3d line = rotationMatrix(scene.q[e]) * bodies->getNullVector_body(e).tail<3>().normalized();
+            const Vector3d line =
+                rotationMatrix(scene.q[e]) * bodies->getNullVector_body(e).tail<3>().normalized();
             const Vector3d W = increment(move, *bodies).segment<3>(bodies->firstRow(e) + 3);
             EXPECT_LT(abs(W.dot(line)), 1e-12 * W.norm());
         }
@@ -525,7 +573,8 @@ TEST(OverdampedSchemes, NoNoiseAboutARodsLine) {
 
 namespace {
 
-const vector<OpenMM::Vec3> pointsOfFluid = {OpenMM::Vec3(0.4, 1.2, 1.4), OpenMM::Vec3(1.5, -0.6, 2.1)};
+const vector<OpenMM::Vec3> pointsOfFluid = {OpenMM::Vec3(0.4, 1.2, 1.4),
+                                            OpenMM::Vec3(1.5, -0.6, 2.1)};
 
 /** What these shares of a step's flow make of the fluid at points. */
 VectorXd flowAt(BodyMobility& mobility, const FlowOfStep& made, RandomField* field,
@@ -533,8 +582,8 @@ VectorXd flowAt(BodyMobility& mobility, const FlowOfStep& made, RandomField* fie
     Velocities velocities = Velocities::Zero(3, pointsOfFluid.size());
     for (const FlowOfStep::Share& share : made.shares) {
         mobility.setPoses(share.poses, true);
-        mobility.addFlowAt(mobility.flowSources(share.forces, share.inFlow ? driven : nullptr), pointsOfFluid,
-                           share.weight, velocities);
+        mobility.addFlowAt(mobility.flowSources(share.forces, share.inFlow ? driven : nullptr),
+                           pointsOfFluid, share.weight, velocities);
     }
     if (made.fieldWeight != 0) field->addFlowAt(pointsOfFluid, made.fieldWeight, velocities);
     return velocities.reshaped();
@@ -544,7 +593,8 @@ VectorXd flowAt(BodyMobility& mobility, const FlowOfStep& made, RandomField* fie
 struct FlowingSteps : Steps {
     bool whole = true;  // or only what comes from solves for velocities
     const char* name;
-    FlowingSteps(Integrator::Scheme s, const Scene& scene, double kT) : Steps(s, scene, kT), name(traitsOf(s).name) {}
+    FlowingSteps(Integrator::Scheme s, const Scene& scene, double kT)
+        : Steps(s, scene, kT), name(traitsOf(s).name) {}
     /** The flow of step i, times h. */
     VectorXd flow(int i, double h) {
         FlowOfStep made;
@@ -566,7 +616,8 @@ struct FlowingSteps : Steps {
     }
 };
 
-/** div N_xQ, of the flow at points that a wrench makes, by central differences of the bodies' poses. */
+/** div N_xQ, of the flow at points that a wrench makes, by central differences of the bodies'
+ * poses. */
 VectorXd divergenceOfFlow(const Scene& scene) {
     auto bodies = scene.mobility();
     BodyMobility& mobility = bodies.byMatrices();
@@ -588,8 +639,9 @@ VectorXd divergenceOfFlow(const Scene& scene) {
 }
 
 /**
- * The mean flow of a step without forces is kT div N_xQ: the stochastic drift of a particle that were there, with the fluid's own derivative left out
- * because the point stays where it is. Samples and errors as of checkDrift().
+ * The mean flow of a step without forces is kT div N_xQ: the stochastic drift of a particle that
+ * were there, with the fluid's own derivative left out because the point stays where it is. Samples
+ * and errors as of checkDrift().
  */
 void checkMeanFlow(const Scene& scene, double error = 0.15) {
     const double h = 1e-4, kT = 1.3;
@@ -609,11 +661,13 @@ void checkMeanFlow(const Scene& scene, double error = 0.15) {
             }
             found = sampling.averages();
         } while (sampling.samples < most &&
-                 (sampling.samples < 4 * block || found.alongError > 0.1 * size || found.error.norm() > error * size));
+                 (sampling.samples < 4 * block || found.alongError > 0.1 * size ||
+                  found.error.norm() > error * size));
         ASSERT_LT(sampling.samples, most);
         EXPECT_LT(abs(found.along - size), 5 * found.alongError + 1e-3 * size);
         for (int i = 0; i < expected.size(); i++)
-            EXPECT_LT(abs(found.mean[i] - expected[i]), 5 * found.error[i] + 1e-3 * size) << "row " << i;
+            EXPECT_LT(abs(found.mean[i] - expected[i]), 5 * found.error[i] + 1e-3 * size)
+                << "row " << i;
     }
 }
 
@@ -626,7 +680,8 @@ TEST(OverdampedSchemes, MeanFlowWithOwnTensors) { checkMeanFlow(ownTensors()); }
 TEST(OverdampedSchemes, MeanFlowWithARandomField) { checkMeanFlow(blobsInAField(), 0.4); }
 TEST(OverdampedSchemes, MeanFlowWithLubrication) { checkMeanFlow(stokesianSpheres()); }
 
-/** The flow of the forces that keep bodies rigid has another mean: the random flow is correlated with nu. */
+/** The flow of the forces that keep bodies rigid has another mean: the random flow is correlated
+ * with nu. */
 TEST(OverdampedSchemes, MeanFlowNeedsTheRandomFlow) {
     const double h = 1e-4, kT = 1.3;
     for (const Scene& scene : {boomerangAtWall(), blobsInAField()}) {
@@ -636,11 +691,13 @@ TEST(OverdampedSchemes, MeanFlowNeedsTheRandomFlow) {
         Sampling sampling(expected / expected.norm());
         for (int i = 0; i < 4000; i++) sampling.add(steps.flow(i, h) - steps.leadingFlow(i, h));
         const Averages found = sampling.averages();
-        EXPECT_GT(((found.mean - expected).array() / found.error.array()).abs().maxCoeff(), 10) << scene.name;
+        EXPECT_GT(((found.mean - expected).array() / found.error.array()).abs().maxCoeff(), 10)
+            << scene.name;
     }
 }
 
-/** Spheres have no Brownian stress: the flow of a force has no sources, at either end. The mean is that of forces alone. */
+/** Spheres have no Brownian stress: the flow of a force has no sources, at either end. The mean is
+ * that of forces alone. */
 TEST(OverdampedSchemes, MeanFlowOfSpheresIsThatOfForces) {
     Scene scene;
     scene.add(element(0, {{0, 0, 0}}, {0.9}), {0, 0, 0});
@@ -654,10 +711,13 @@ TEST(OverdampedSchemes, MeanFlowOfSpheresIsThatOfForces) {
             Scene solved = iterate ? matrixFree(scene) : scene;
             FlowingSteps steps(scheme, solved, 1);
             Sampling sampling(VectorXd::Unit(6, 0));
-            for (int i = 0; i < (iterate ? 500 : 60000); i++) sampling.add(steps.flow(i, h) - steps.leadingFlow(i, h));
+            for (int i = 0; i < (iterate ? 500 : 60000); i++)
+                sampling.add(steps.flow(i, h) - steps.leadingFlow(i, h));
             const Averages found = sampling.averages();
-            for (int i = 0; i < 6; i++) EXPECT_LT(abs(found.mean[i]), 5 * found.error[i] + 1e-10) << "row " << i;
-            // Slips of the mid-point instead of the start's would leave the drift correctors 0.01 h in row 3 (seen: 7 errors).
+            for (int i = 0; i < 6; i++)
+                EXPECT_LT(abs(found.mean[i]), 5 * found.error[i] + 1e-10) << "row " << i;
+            // Slips of the mid-point instead of the start's would leave the drift correctors 0.01 h
+            // in row 3 (seen: 7 errors).
             if (!iterate) {
                 EXPECT_LT(found.error[3], 0.0025 * h);
             }
@@ -682,8 +742,8 @@ TEST(OverdampedSchemes, SayWhatTheirFlowIs) {
                 }
             }
     FlowOfStep forgotten;
-    expectError(
-        [&] { forgotten.check("Forgetful"); },
-        {"the scheme Forgetful does not say what the flow of its step is",
-         "its solves for velocities are in it 0.000000 times, and must be 1.000000 times", "record each such solve"});
+    expectError([&] { forgotten.check("Forgetful"); },
+                {"the scheme Forgetful does not say what the flow of its step is",
+                 "its solves for velocities are in it 0.000000 times, and must be 1.000000 times",
+                 "record each such solve"});
 }

@@ -1,4 +1,5 @@
-// Lattice sums: against sums written down by their definition, closed forms and published numbers of cubic arrays.
+// Lattice sums: against sums written down by their definition, closed forms and published numbers
+// of cubic arrays.
 
 #include <Eigen/Dense>
 #include <Eigen/Geometry>
@@ -29,8 +30,8 @@ HydrodynamicParticles particlesOf(const vector<double>& radii, bool torque = tru
 
 BoxVectors cube(double L) { return {Vec3(L, 0, 0), Vec3(0, L, 0), Vec3(0, 0, L)}; }
 
-MatrixXd sum(const vector<double>& radii, const vector<Vec3>& x, const BoxVectors& box, const Spreading& spreading,
-             bool stresslets = false, double xi = 0) {
+MatrixXd sum(const vector<double>& radii, const vector<Vec3>& x, const BoxVectors& box,
+             const Spreading& spreading, bool stresslets = false, double xi = 0) {
     LatticeSum lattice(particlesOf(radii), spreading, stresslets);
     lattice.setSplitting(xi);
     lattice.setBox(box);
@@ -47,7 +48,8 @@ double scaledDifference(const MatrixXd& a, const MatrixXd& b) {
 
 double leastEigenvalue(const MatrixXd& m) {
     const VectorXd d = m.diagonal().cwiseSqrt().cwiseInverse();
-    return Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * m * d.asDiagonal()).eigenvalues()[0];
+    return Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * m * d.asDiagonal())
+        .eigenvalues()[0];
 }
 
 /** Boxes of all kinds, of about the same volume. */
@@ -59,10 +61,12 @@ const vector<BoxVectors> boxes = {
 };
 const vector<double> radii = {1, 0.55, 0.8, 0.1};
 /** The second and third overlap; the first overlaps an image of the last. */
-const vector<Vec3> places = {Vec3(0.41, 6.9, 1.2), Vec3(2.15, 0.35, 8.9), Vec3(2.3, 0.9, 9.4), Vec3(0.7, 6.2, 1.5)};
+const vector<Vec3> places = {Vec3(0.41, 6.9, 1.2), Vec3(2.15, 0.35, 8.9), Vec3(2.3, 0.9, 9.4),
+                             Vec3(0.7, 6.2, 1.5)};
 
 /** Force coupling by its definition: every wave for itself, complex, both of k and -k. */
-MatrixXd byDefinition(const vector<double>& radii, const vector<Vec3>& x, const BoxVectors& box, double largestWave) {
+MatrixXd byDefinition(const vector<double>& radii, const vector<Vec3>& x, const BoxVectors& box,
+                      double largestWave) {
     typedef complex<double> Complex;
     Matrix3d A;
     for (int k = 0; k < 3; k++) A.col(k) = Vector3d(box[k][0], box[k][1], box[k][2]);
@@ -84,17 +88,20 @@ MatrixXd byDefinition(const vector<double>& radii, const vector<Vec3>& x, const 
                 for (int i = 0; i < n; i++) {
                     const double s = exp(-radii[i] * radii[i] / M_PI * k2 / 2),
                                  t = exp(-pow(radii[i] / cbrt(6 * sqrt(M_PI)), 2) * k2 / 2);
-                    const Complex phase = exp(Complex(0, -k.dot(Vector3d(x[i][0], x[i][1], x[i][2]))));
+                    const Complex phase =
+                        exp(Complex(0, -k.dot(Vector3d(x[i][0], x[i][1], x[i][2]))));
                     D.middleCols<3>(6 * i) = phase * s * Matrix3d::Identity();
                     D.middleCols<3>(6 * i + 3) = phase * Complex(0, 0.5) * t * turn;
                 }
-                const Matrix3d green = (Matrix3d::Identity() - k * k.transpose() / k2) / (k2 * volume);
+                const Matrix3d green =
+                    (Matrix3d::Identity() - k * k.transpose() / k2) / (k2 * volume);
                 M += (D.adjoint() * green * D).real();
             }
     return M;
 }
 
-/** The friction of one sphere of radius 1 in a simple cubic array of this volume fraction; over that of one alone: K, KR. */
+/** The friction of one sphere of radius 1 in a simple cubic array of this volume fraction; over
+ * that of one alone: K, KR. */
 pair<double, double> arrayFriction(MobilityModel& model, double fraction) {
     MatrixXd friction;
     model.at({{Vec3(0.3, 0.1, -5)}, cube(cbrt(4 * M_PI / 3 / fraction))})->friction(friction);
@@ -107,7 +114,9 @@ TEST(LatticeSum, ForceCouplingIsItsDefinition) {
     const vector<double> some = {1, 0.7, 0.8};
     const vector<Vec3> x(places.begin(), places.begin() + 3);
     for (const BoxVectors& box : boxes)
-        EXPECT_LT(scaledDifference(sum(some, x, box, overGaussians()), byDefinition(some, x, box, 24)), 1e-13);
+        EXPECT_LT(
+            scaledDifference(sum(some, x, box, overGaussians()), byDefinition(some, x, box, 24)),
+            1e-13);
 }
 
 TEST(LatticeSum, DoesNotDependOnTheSplitting) {
@@ -115,9 +124,9 @@ TEST(LatticeSum, DoesNotDependOnTheSplitting) {
         for (int kind = 0; kind < 3; kind++) {
             const Spreading& spreading = kind == 1 ? overGaussians() : overSurfaces();
             // Stresslets of spheres that do not overlap only.
-            const vector<Vec3> x =
-                kind == 2 ? vector<Vec3>{Vec3(0.4, 1, 3), Vec3(1.8, 2.5, 6), Vec3(2, 3.1, 1), Vec3(1, 3.1, 4.4)}
-                          : places;
+            const vector<Vec3> x = kind == 2 ? vector<Vec3>{Vec3(0.4, 1, 3), Vec3(1.8, 2.5, 6),
+                                                            Vec3(2, 3.1, 1), Vec3(1, 3.1, 4.4)}
+                                             : places;
             const MatrixXd M = sum(radii, x, box, spreading, kind == 2);
             for (double xi : {0.35, 0.9, 1.7})
                 EXPECT_LT(scaledDifference(sum(radii, x, box, spreading, kind == 2, xi), M), 1e-13)
@@ -130,7 +139,8 @@ TEST(LatticeSum, DoesNotDependOnTheSplitting) {
 }
 
 TEST(LatticeSum, OneSphereInACubeIsTheClosedForm) {
-    // Hasimoto's constant; the cubic terms are exact, for RotnePragerYamakawa while the sphere does not overlap its image.
+    // Hasimoto's constant; the cubic terms are exact, for RotnePragerYamakawa while the sphere does
+    // not overlap its image.
     const double hasimoto = 2.837297479480619;
     for (double x : {0.499, 0.3, 0.1, 1e-2, 1e-4, 1e-8}) {
         const BoxVectors box = cube(1 / x);
@@ -141,7 +151,9 @@ TEST(LatticeSum, OneSphereInACubeIsTheClosedForm) {
             // A rotating sphere's images make a uniform counter-rotation: 1 - volume fraction.
             EXPECT_NEAR(surfaces(3 + k, 3 + k) * 4 / 3, 1 - 4 * M_PI / 3 * x * x * x, 2e-14) << x;
             // What Gaussians overlap their images by is exp(-L^2/4 sigma^2).
-            EXPECT_NEAR(gaussians(k, k), 1 - hasimoto * x + 4 * x * x * x, 2e-14 + 20 * exp(-M_PI / (4 * x * x))) << x;
+            EXPECT_NEAR(gaussians(k, k), 1 - hasimoto * x + 4 * x * x * x,
+                        2e-14 + 20 * exp(-M_PI / (4 * x * x)))
+                << x;
         }
         EXPECT_LT((surfaces - MatrixXd(surfaces.diagonal().asDiagonal())).norm(), 1e-14);
     }
@@ -154,31 +166,36 @@ TEST(LatticeSum, LargeBoxesAreUnboundedFluid) {
     RotnePragerYamakawa(particlesOf(radii), 1).at({places})->dense(free);
     MatrixXd M;
     model.at({places, cube(L)})->dense(M);
-    // All velocities lag behind by the same, in units of 1/(6 pi eta); the rest is of order (r/L)^3.
+    // All velocities lag behind by the same, in units of 1/(6 pi eta); the rest is of order
+    // (r/L)^3.
     for (int i = 0; i < 24; i++)
         for (int j = 0; j < 24; j++) {
             const bool translations = i / 3 % 2 == 0 && i % 3 == j % 3 && j / 3 % 2 == 0;
-            EXPECT_NEAR(M(i, j), free(i, j) - (translations ? hasimoto / (6 * M_PI * L) : 0), 1e-13 * free(i, i))
+            EXPECT_NEAR(M(i, j), free(i, j) - (translations ? hasimoto / (6 * M_PI * L) : 0),
+                        1e-13 * free(i, i))
                 << i << " " << j;
         }
 }
 
 TEST(LatticeSum, EquivalentLatticeVectorsAreTheSameLattice) {
     const BoxVectors& box = boxes[2];
-    const vector<BoxVectors> others = {{box[1], box[2], box[0]},
-                                       {box[0], box[1] - box[0], box[2]},
-                                       {box[0] + box[1], box[1], box[2] - box[1] - box[0]},
-                                       {box[0] * -1, box[1] + box[0] * 3, box[2] + box[1] * 2 - box[0] * 5}};
+    const vector<BoxVectors> others = {
+        {box[1], box[2], box[0]},
+        {box[0], box[1] - box[0], box[2]},
+        {box[0] + box[1], box[1], box[2] - box[1] - box[0]},
+        {box[0] * -1, box[1] + box[0] * 3, box[2] + box[1] * 2 - box[0] * 5}};
     for (const Spreading* spreading : {&overSurfaces(), &overGaussians()})
         for (const BoxVectors& other : others) {
-            EXPECT_LT(scaledDifference(sum(radii, places, other, *spreading), sum(radii, places, box, *spreading)),
+            EXPECT_LT(scaledDifference(sum(radii, places, other, *spreading),
+                                       sum(radii, places, box, *spreading)),
                       1e-13);
         }
     // The same array by a box twice as long: two spheres that move alike.
     const MatrixXd one = sum({1}, {Vec3()}, boxes[0], overSurfaces());
-    const MatrixXd two =
-        sum({1, 1}, {Vec3(), boxes[0][0]}, {boxes[0][0] * 2, boxes[0][1], boxes[0][2]}, overSurfaces());
-    EXPECT_LT((two.topLeftCorner(6, 6) + two.topRightCorner(6, 6) - one).cwiseAbs().maxCoeff(), 1e-15);
+    const MatrixXd two = sum({1, 1}, {Vec3(), boxes[0][0]},
+                             {boxes[0][0] * 2, boxes[0][1], boxes[0][2]}, overSurfaces());
+    EXPECT_LT((two.topLeftCorner(6, 6) + two.topRightCorner(6, 6) - one).cwiseAbs().maxCoeff(),
+              1e-15);
 }
 
 TEST(LatticeSum, PlacesAreThoseOfTheBox) {
@@ -192,7 +209,9 @@ TEST(LatticeSum, PlacesAreThoseOfTheBox) {
         near.push_back(x);
         far.push_back(x + box[0] * (1e6 * i) - box[1] * 123456 + box[2] * (i == 2 ? -1e6 : 4096));
     }
-    EXPECT_LT(scaledDifference(sum(radii, far, box, overSurfaces()), sum(radii, near, box, overSurfaces())), 1e-13);
+    EXPECT_LT(scaledDifference(sum(radii, far, box, overSurfaces()),
+                               sum(radii, near, box, overSurfaces())),
+              1e-13);
 }
 
 TEST(LatticeSum, BoxesOfAspectTen) {
@@ -216,7 +235,8 @@ TEST(LatticeSum, SmallParticlesInAWideBox) {
         }
     for (bool stresslets : {false, true}) {
         const MatrixXd M = sum(some, x, cube(1e5), overSurfaces(), stresslets);
-        EXPECT_LT(scaledDifference(sum(some, x, cube(1e5), overSurfaces(), stresslets, 5e-5), M), 1e-13);
+        EXPECT_LT(scaledDifference(sum(some, x, cube(1e5), overSurfaces(), stresslets, 5e-5), M),
+                  1e-13);
         EXPECT_GT(leastEigenvalue(M), 0.1);
     }
 }
@@ -235,22 +255,29 @@ TEST(LatticeSum, FieldHasNoDivergence) {
                 }
                 divergence += (column[1] - column[0]) / (2 * delta);
             }
-        // Differences of second order, and overlapping spheres have kinks in their higher derivatives.
+        // Differences of second order, and overlapping spheres have kinks in their higher
+        // derivatives.
         EXPECT_LT(divergence.cwiseAbs().maxCoeff(), 1e-6);
     }
 }
 
-// Columns of simple cubic arrays, by this library's definitions: exact sums of FTS, and its viscosity.
+// Columns of simple cubic arrays, by this library's definitions: exact sums of FTS, and its
+// viscosity.
 TEST(PeriodicStokesianDynamics, SimpleCubicArrays) {
     const struct {
         double fraction, K_FTS, K, KR, eta;
-    } cases[] = {{0.001, 1.212139, 1.212139, 1.001001, 1.002498}, {0.027, 2.004151, 2.004679, 1.027825, 1.066332},
-                 {0.064, 2.778145, 2.780656, 1.069171, 1.155111}, {0.125, 4.082623, 4.090297, 1.147979, 1.301682},
-                 {0.216, 6.252788, 6.270378, 1.301371, 1.535882}, {0.343, 9.015767, 9.049385, 1.653346, 1.941957},
+    } cases[] = {{0.001, 1.212139, 1.212139, 1.001001, 1.002498},
+                 {0.027, 2.004151, 2.004679, 1.027825, 1.066332},
+                 {0.064, 2.778145, 2.780656, 1.069171, 1.155111},
+                 {0.125, 4.082623, 4.090297, 1.147979, 1.301682},
+                 {0.216, 6.252788, 6.270378, 1.301371, 1.535882},
+                 {0.343, 9.015767, 9.049385, 1.653346, 1.941957},
                  {0.45, 9.880996, 9.929177, 2.338201, 2.437858}};
     for (const auto& c : cases) {
-        PeriodicStokesianDynamics far(particlesOf({1}), 1, false, 0), whole(particlesOf({1}), 1, true, 0);
-        const auto FTS = arrayFriction(far, c.fraction), lubricated = arrayFriction(whole, c.fraction);
+        PeriodicStokesianDynamics far(particlesOf({1}), 1, false, 0),
+            whole(particlesOf({1}), 1, true, 0);
+        const auto FTS = arrayFriction(far, c.fraction),
+                   lubricated = arrayFriction(whole, c.fraction);
         EXPECT_NEAR(FTS.first, c.K_FTS, 1e-6 * c.K_FTS) << c.fraction;
         EXPECT_NEAR(FTS.second, 1 / (1 - c.fraction), 1e-13) << c.fraction;
         EXPECT_NEAR(lubricated.first, c.K, 1e-6 * c.K) << c.fraction;
@@ -280,7 +307,8 @@ TEST(PeriodicStokesianDynamics, LargeBoxesAreUnboundedFluid) {
 }
 
 TEST(PeriodicStokesianDynamics, LubricationOfImagesIsThatOfPairs) {
-    // Two spheres that are near across a face of the box, by a box and by its shifted places; and an array by a box twice as long.
+    // Two spheres that are near across a face of the box, by a box and by its shifted places; and
+    // an array by a box twice as long.
     const vector<double> some = {1, 0.7};
     MatrixXd across, inside;
     PeriodicStokesianDynamics model(particlesOf(some), 1, true, 0);
@@ -294,11 +322,13 @@ TEST(PeriodicStokesianDynamics, LubricationOfImagesIsThatOfPairs) {
     PeriodicStokesianDynamics(particlesOf({1, 1}), 1, true, 0)
         .at({{Vec3(), Vec3(2.01, 0, 0)}, {Vec3(4.02, 0, 0), Vec3(0, 3, 0), Vec3(0, 0, 3.3)}})
         ->friction(two);
-    EXPECT_LT((two.topLeftCorner(6, 6) + two.topRightCorner(6, 6) - one).cwiseAbs().maxCoeff(), 1e-10 * one.maxCoeff());
+    EXPECT_LT((two.topLeftCorner(6, 6) + two.topRightCorner(6, 6) - one).cwiseAbs().maxCoeff(),
+              1e-10 * one.maxCoeff());
 }
 
 TEST(PeriodicStokesianDynamics, DenseClustersArePositiveDefinite) {
-    // Unequal spheres with gaps from 1e-5 on, some across faces of a crowded box: lubrication only adds friction.
+    // Unequal spheres with gaps from 1e-5 on, some across faces of a crowded box: lubrication only
+    // adds friction.
     mt19937 random(7);
     uniform_real_distribution<double> u(-1, 1);
     const BoxVectors box = {Vec3(5, 0, 0), Vec3(1.5, 4.8, 0), Vec3(-1, 2, 4.6)};
@@ -309,10 +339,12 @@ TEST(PeriodicStokesianDynamics, DenseClustersArePositiveDefinite) {
         while (x.size() < some.size()) {
             const int i = x.size(), next = random() % i;
             const Vec3 v(u(random), u(random), u(random));
-            const Vec3 place = x[next] + v * ((some[i] + some[next]) * (1 + pow(10, -2.5 + 2.5 * u(random))) / norm(v));
+            const Vec3 place = x[next] + v * ((some[i] + some[next]) *
+                                              (1 + pow(10, -2.5 + 2.5 * u(random))) / norm(v));
             bool fits = true;
             for (int j = 0; j < i; j++)
-                fits = fits && lattice.nearestImage(place - x[j]).norm() > (some[i] + some[j]) * (1 + 5e-6);
+                fits = fits &&
+                       lattice.nearestImage(place - x[j]).norm() > (some[i] + some[j]) * (1 + 5e-6);
             if (fits) x.push_back(place);
         }
         MatrixXd far, whole;
@@ -323,20 +355,24 @@ TEST(PeriodicStokesianDynamics, DenseClustersArePositiveDefinite) {
         EXPECT_EQ((whole - whole.transpose()).norm(), 0);
         const VectorXd d = far.diagonal().cwiseSqrt().cwiseInverse();
         const VectorXd added =
-            Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * (whole - far) * d.asDiagonal()).eigenvalues();
+            Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * (whole - far) * d.asDiagonal())
+                .eigenvalues();
         EXPECT_GT(added[0], -1e-8 * added[added.size() - 1]);
     }
 }
 
 TEST(PeriodicStokesianDynamics, IsASmoothFunctionOfTheBox) {
-    // Where lubrication begins to end, at 8 mean radii, and ends, at 10: second differences show no kink.
+    // Where lubrication begins to end, at 8 mean radii, and ends, at 10: second differences show no
+    // kink.
     PeriodicStokesianDynamics model(particlesOf({1}), 1, true, 0);
     for (double L : {8.0, 10.0}) {
         double K[5];
         const double delta = 1e-3;
-        for (int i = 0; i < 5; i++) K[i] = arrayFriction(model, 4 * M_PI / 3 / pow(L + (i - 2) * delta, 3)).first;
+        for (int i = 0; i < 5; i++)
+            K[i] = arrayFriction(model, 4 * M_PI / 3 / pow(L + (i - 2) * delta, 3)).first;
         const double left = K[0] - 2 * K[1] + K[2], right = K[2] - 2 * K[3] + K[4];
-        EXPECT_NEAR(left / (delta * delta), right / (delta * delta), 1e-5 + 0.2 * abs(left + right) / (delta * delta))
+        EXPECT_NEAR(left / (delta * delta), right / (delta * delta),
+                    1e-5 + 0.2 * abs(left + right) / (delta * delta))
             << L;
     }
 }
@@ -349,13 +385,15 @@ TEST(PeriodicStokesianDynamics, RefusesSpheresThatTouchImages) {
         [&] {
             model.at({apart, cube(3.4)});
         },
-        {"StokesianDynamics: particle 0 (body 0) and an image of particle 1 (body 1) overlap or touch: their distance "
+        {"StokesianDynamics: particle 0 (body 0) and an image of particle 1 (body 1) overlap or "
+         "touch: their distance "
          "is 1.4"});
     expectError(
         [&] {
             model.at({apart, {Vec3(2, 0, 0), Vec3(0, 9, 0), Vec3(0, 0, 9)}});
         },
-        {"particle 0 (body 0) and the nearest image of particle 0 (body 0) overlap or touch: their distance is 2 nm"});
+        {"particle 0 (body 0) and the nearest image of particle 0 (body 0) overlap or touch: their "
+         "distance is 2 nm"});
     // With a smallest gap they may overlap.
     PeriodicStokesianDynamics bridged(particlesOf({1, 0.5}), 1, true, 1e-3);
     MatrixXd friction;
@@ -365,9 +403,9 @@ TEST(PeriodicStokesianDynamics, RefusesSpheresThatTouchImages) {
 
 TEST(PeriodicModels, ImagesAtOnePlaceAreRefused) {
     for (bool surfaces : {true, false}) {
-        unique_ptr<MobilityModel> model(surfaces
-                                            ? (MobilityModel*)new PeriodicRotnePragerYamakawa(particlesOf({1, 1}), 1)
-                                            : new PeriodicForceCoupling(particlesOf({1, 1}), 1));
+        unique_ptr<MobilityModel> model(
+            surfaces ? (MobilityModel*)new PeriodicRotnePragerYamakawa(particlesOf({1, 1}), 1)
+                     : new PeriodicForceCoupling(particlesOf({1, 1}), 1));
         expectError(
             [&] {
                 model->at({{Vec3(0.5, 1, 2), Vec3(8.5, -7, 2)}, cube(8)});
@@ -386,7 +424,8 @@ TEST(PeriodicModels, NeedABox) {
 TEST(PeriodicModels, TooManyRowsAreRefusedBeforeAnythingIsAllocated) {
     expectError([] { PeriodicRotnePragerYamakawa(particlesOf(vector<double>(2001, 1)), 1); },
                 {"dense matrices of up to 12000 rows", "12006"});
-    expectError([] { PeriodicForceCoupling(particlesOf(vector<double>(4001, 1), false), 1); }, {"12003"});
+    expectError([] { PeriodicForceCoupling(particlesOf(vector<double>(4001, 1), false), 1); },
+                {"12003"});
     expectError([] { PeriodicStokesianDynamics(particlesOf(vector<double>(1001, 1)), 1, true, 0); },
                 {"dense matrices of up to 11000 rows", "11011"});
 }

@@ -1,4 +1,5 @@
-// Counter-based random numbers: Random123's known answers, the SIMD stream against the scalar one, moments of the laws.
+// Counter-based random numbers: Random123's known answers, the SIMD stream against the scalar one,
+// moments of the laws.
 
 #include "TestSupport.h"
 #include "host/SimdBodyLoops.h"
@@ -10,7 +11,8 @@ using namespace std;
 
 TEST(Random, PhiloxGivesThePublishedKnownAnswer) {
     // Random123's kat_vectors, philox4x32-10, third line.
-    const auto out = r123::Philox4x32()({{0x243f6a88, 0x85a308d3, 0x13198a2e, 0x03707344}}, {{0xa4093822, 0x299f31d0}});
+    const auto out = r123::Philox4x32()({{0x243f6a88, 0x85a308d3, 0x13198a2e, 0x03707344}},
+                                        {{0xa4093822, 0x299f31d0}});
     EXPECT_EQ(out[0], 0xd16cfe09u);
     EXPECT_EQ(out[1], 0x94fdccebu);
     EXPECT_EQ(out[2], 0x5001e420u);

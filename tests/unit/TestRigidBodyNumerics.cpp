@@ -1,4 +1,5 @@
-// Quaternions, the free rotor, body geometry, pose and twist fits, the step of the gradient thermostat.
+// Quaternions, the free rotor, body geometry, pose and twist fits, the step of the gradient
+// thermostat.
 
 #include <openmm/VirtualSite.h>
 
@@ -37,9 +38,11 @@ TEST(Quaternion, BodyToLabConvention) {
     const Vector back = scalar::Rotation<double>(q).toBody(v);
     EXPECT_NEAR(back.x, 1, 1e-15);
     // Products compose: (a b) turns by b first.
-    const Quat a = scalar::exponential(Vector{0.3, -0.2, 0.5}), b = scalar::exponential(Vector{-0.1, 0.7, 0.2});
+    const Quat a = scalar::exponential(Vector{0.3, -0.2, 0.5}),
+               b = scalar::exponential(Vector{-0.1, 0.7, 0.2});
     const Vector once = scalar::Rotation<double>(a * b).toLab({1, 2, 3});
-    const Vector twice = scalar::Rotation<double>(a).toLab(scalar::Rotation<double>(b).toLab({1, 2, 3}));
+    const Vector twice =
+        scalar::Rotation<double>(a).toLab(scalar::Rotation<double>(b).toLab({1, 2, 3}));
     EXPECT_NEAR(once.x, twice.x, 1e-14);
     EXPECT_NEAR(once.y, twice.y, 1e-14);
     EXPECT_NEAR(once.z, twice.z, 1e-14);
@@ -58,12 +61,13 @@ TEST(FreeRotor, KeepsLabAngularMomentumAndItsErrorIsSecondOrder) {
     double previous = 0;
     for (int steps : {100, 200, 400}) {
         run(steps, q, l);
-        const Vector L = labMomentum(q, l), L0 = labMomentum({0.5, 0.5, -0.5, 0.5}, {1.0, 0.4, -0.7});
+        const Vector L = labMomentum(q, l),
+                     L0 = labMomentum({0.5, 0.5, -0.5, 0.5}, {1.0, 0.4, -0.7});
         EXPECT_NEAR(L.x, L0.x, 1e-12);
         EXPECT_NEAR(L.y, L0.y, 1e-12);
         EXPECT_NEAR(L.z, L0.z, 1e-12);
-        const double error =
-            sqrt(pow(q.w - fine.w, 2) + pow(q.x - fine.x, 2) + pow(q.y - fine.y, 2) + pow(q.z - fine.z, 2));
+        const double error = sqrt(pow(q.w - fine.w, 2) + pow(q.x - fine.x, 2) +
+                                  pow(q.y - fine.y, 2) + pow(q.z - fine.z, 2));
         if (previous > 0) {
             EXPECT_NEAR(log2(previous / error), 2.0, 0.1);
         }
@@ -96,10 +100,12 @@ void longRotor(long long steps) {
     for (long long i = 0; i < steps; i++) {
         scalar::rotateFreely(q, l, inverse, 0.05);
         scalar::renormalise(q);
-        if (i % 1000 == 0) worstEnergy = max(worstEnergy, abs(rotationalEnergy(l, inverse) / energy - 1));
+        if (i % 1000 == 0)
+            worstEnergy = max(worstEnergy, abs(rotationalEnergy(l, inverse) / energy - 1));
     }
     EXPECT_NEAR(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z, 1, 1e-15);
-    // |l| performs a random walk of rounding errors: about 1e-16 sqrt(10 steps), five times that allowed.
+    // |l| performs a random walk of rounding errors: about 1e-16 sqrt(10 steps), five times that
+    // allowed.
     EXPECT_NEAR(sqrt(scalar::dot(l, l)) / length, 1, 5e-16 * sqrt(10.0 * steps));
     EXPECT_LT(worstEnergy, 1e-3);  // bounded: a symplectic map, error (0.05)^2
 }
@@ -142,7 +148,8 @@ TEST(BodyGeometry, VirtualSitesMayDependOnOthers) {
     System system;
     for (double mass : {3.0, 1.0, 0.0, 0.0}) system.addParticle(mass);
     system.addConstraint(0, 1, 0.4);
-    system.setVirtualSite(2, new TwoParticleAverageSite(3, 1, 0.5, 0.5));  // the first site needs the second one
+    system.setVirtualSite(
+        2, new TwoParticleAverageSite(3, 1, 0.5, 0.5));  // the first site needs the second one
     system.setVirtualSite(3, new TwoParticleAverageSite(0, 1, 0.25, 0.75));
     const vector<int> particles = {0, 1, 2, 3};
     const BodyGeometryBuilder builder(system, ConstraintsOfParticles(system), particles, "body 0");
@@ -157,7 +164,8 @@ TEST(BodyGeometry, LocalCoordinatesSitesMayHaveTwoParents) {
     System system;
     for (double mass : {3.0, 1.0, 0.0}) system.addParticle(mass);
     system.addConstraint(0, 1, 0.4);
-    system.setVirtualSite(2, new LocalCoordinatesSite({0, 1}, {1, 0}, {1, -1}, {0, 0}, Vec3(0.1, 0, 0)));
+    system.setVirtualSite(
+        2, new LocalCoordinatesSite({0, 1}, {1, 0}, {1, -1}, {0, 0}, Vec3(0.1, 0, 0)));
     const vector<int> particles = {0, 1, 2};
     const BodyGeometryBuilder builder(system, ConstraintsOfParticles(system), particles, "body 0");
     const BodyGeometry g = builder.build({});
@@ -166,10 +174,10 @@ TEST(BodyGeometry, LocalCoordinatesSitesMayHaveTwoParents) {
 }
 
 TEST(BodyGeometry, AllPairsOfAChiralBodyKeepItsHandedness) {
-    const Shape shape{
-        "chiral",
-        {12, 1, 19, 35, 80},
-        {Vec3(), Vec3(0.1, 0.02, 0), Vec3(-0.03, 0.13, 0), Vec3(-0.05, -0.06, 0.17), Vec3(0, -0.1, -0.19)}};
+    const Shape shape{"chiral",
+                      {12, 1, 19, 35, 80},
+                      {Vec3(), Vec3(0.1, 0.02, 0), Vec3(-0.03, 0.13, 0), Vec3(-0.05, -0.06, 0.17),
+                       Vec3(0, -0.1, -0.19)}};
     for (double mirror : {1.0, -1.0}) {
         System system;
         vector<int> particles;
@@ -177,17 +185,23 @@ TEST(BodyGeometry, AllPairsOfAChiralBodyKeepItsHandedness) {
         for (int i = 0; i < 5; i++) {
             particles.push_back(system.addParticle(shape.masses[i]));
             const Vec3 s = shape.sites[i];
-            positions.push_back(Vec3(s[0], s[1], mirror * s[2]) + Vec3(1e-5 * i, 0, 1));  // slightly off
+            positions.push_back(Vec3(s[0], s[1], mirror * s[2]) +
+                                Vec3(1e-5 * i, 0, 1));  // slightly off
         }
         for (int i = 0; i < 5; i++)
-            for (int j = 0; j < i; j++) system.addConstraint(i, j, norm(shape.sites[i] - shape.sites[j]));
-        const BodyGeometryBuilder builder(system, ConstraintsOfParticles(system), particles, "body 0");
+            for (int j = 0; j < i; j++)
+                system.addConstraint(i, j, norm(shape.sites[i] - shape.sites[j]));
+        const BodyGeometryBuilder builder(system, ConstraintsOfParticles(system), particles,
+                                          "body 0");
         ASSERT_TRUE(builder.needsPositions());
         const BodyGeometry g = builder.build(positions);
         for (int i = 0; i < 5; i++)
             for (int j = 0; j < i; j++)
-                EXPECT_NEAR(norm(g.sites[i] - g.sites[j]), norm(shape.sites[i] - shape.sites[j]), 1e-14);
-        auto volume = [](const vector<Vec3>& x) { return (x[1] - x[0]).cross(x[2] - x[0]).dot(x[3] - x[0]); };
+                EXPECT_NEAR(norm(g.sites[i] - g.sites[j]), norm(shape.sites[i] - shape.sites[j]),
+                            1e-14);
+        auto volume = [](const vector<Vec3>& x) {
+            return (x[1] - x[0]).cross(x[2] - x[0]).dot(x[3] - x[0]);
+        };
         EXPECT_GT(volume(g.sites) * volume(positions), 0);
     }
 }
@@ -200,7 +214,8 @@ TEST(PoseFit, RecoversPosesOfEveryShape) {
         vector<int> particles;
         for (double m : shape.masses) particles.push_back(system.addParticle(m));
         const BodyGeometry g =
-            BodyGeometryBuilder(system, ConstraintsOfParticles(system), particles, "body 0").build(shape.sites);
+            BodyGeometryBuilder(system, ConstraintsOfParticles(system), particles, "body 0")
+                .build(shape.sites);
         const PoseFit fit(g, shape.masses, vector<bool>(particles.size(), false));
         for (int trial = 0; trial < 200; trial++) {
             const QuaternionArray q = randomQuaternion(generator);
@@ -219,7 +234,8 @@ TEST(PoseFit, RecoversPosesOfEveryShape) {
             fit.fitTwist(velocities, state, v, w);
             EXPECT_LT(norm(v - velocity), 1e-13) << shape.name;
             for (size_t i = 0; i < g.sites.size(); i++)
-                EXPECT_LT(norm(v + w.cross(positions[i] - state.R) - velocities[i]), 1e-12) << shape.name;
+                EXPECT_LT(norm(v + w.cross(positions[i] - state.R) - velocities[i]), 1e-12)
+                    << shape.name;
         }
     }
 }
@@ -305,16 +321,19 @@ TEST(BodySet, UserFrameIsKeptWhateverTheOrderOfMoments) {
         EXPECT_NEAR(norm(bodies.getAngularVelocity_lab(0) - omega), 0, 1e-13);
         // Kinetic energies come by ascending moment.
         const Vec3 energies = bodies.rotationalKineticEnergies();
-        for (int k = 0; k < 3; k++) EXPECT_NEAR(energies[order[k]], 0.5 * state.l[k] * state.l[k] / I[k], 1e-13);
+        for (int k = 0; k < 3; k++)
+            EXPECT_NEAR(energies[order[k]], 0.5 * state.l[k] * state.l[k] / I[k], 1e-13);
         // The site is where the user's frame puts it.
         double x[3], copy[3];
         scalar::BodyFlow<double>(bodies, StepSettings(), 0).scatterPositions(x, copy);
-        EXPECT_NEAR(norm(Vec3(x[0], x[1], x[2]) - state.R - rotate(state.q, Vec3(0.1, 0.2, 0.3))), 0, 1e-14);
+        EXPECT_NEAR(norm(Vec3(x[0], x[1], x[2]) - state.R - rotate(state.q, Vec3(0.1, 0.2, 0.3))),
+                    0, 1e-14);
     } while (next_permutation(order, order + 3));
 }
 
 TEST(GradientThermostat, TwoQuaternionProductsAreTheMatrixExponentialOfThePaper) {
-    // Davidchack 2015, eqs. 28-30: Q <- exp(Y) Q with Y = a (F Q^T - Q F^T) + b sum_l eta_l S_l, F = 2 S(Q)(0, tau).
+    // Davidchack 2015, eqs. 28-30: Q <- exp(Y) Q with Y = a (F Q^T - Q F^T) + b sum_l eta_l S_l, F
+    // = 2 S(Q)(0, tau).
     Eigen::Matrix4d S[3];
     S[0] << 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0;
     S[1] << 0, 0, -1, 0, 0, 0, 0, -1, 1, 0, 0, 0, 0, 1, 0, 0;
@@ -341,7 +360,8 @@ TEST(GradientThermostat, TwoQuaternionProductsAreTheMatrixExponentialOfThePaper)
             const Vector turn_body = {a * tau[0], a * tau[1], a * tau[2]};
             const Vector turn_lab = scalar::Rotation<double>(Q).toLab(turn_body);
             const Vector noise = {b * eta[0], b * eta[1], b * eta[2]};
-            const Quat result = scalar::exponential(turn_lab) * Q * scalar::exponential(turn_body + noise);
+            const Quat result =
+                scalar::exponential(turn_lab) * Q * scalar::exponential(turn_body + noise);
             EXPECT_NEAR(result.w, expected[0], 1e-13);
             EXPECT_NEAR(result.x, expected[1], 1e-13);
             EXPECT_NEAR(result.y, expected[2], 1e-13);

@@ -1,4 +1,5 @@
-// Rotne-Prager-Yamakawa: values computed elsewhere, continuity, symmetry, positive definiteness, covariance.
+// Rotne-Prager-Yamakawa: values computed elsewhere, continuity, symmetry, positive definiteness,
+// covariance.
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
@@ -23,8 +24,8 @@ struct Numbers {
 Numbers numbers(double a_i, double a_j, double R) {
     const auto m = pairMobility(R * R, a_i, a_j);
     const double scale = 1 / (8 * M_PI);
-    return {{scale * m.ttI, scale * (m.ttI + m.ttR * R * R), scale * m.rrI, scale * (m.rrI + m.rrR * R * R),
-             scale * m.rt * R, scale * m.tr * R}};
+    return {{scale * m.ttI, scale * (m.ttI + m.ttR * R * R), scale * m.rrI,
+             scale * (m.rrI + m.rrR * R * R), scale * m.rt * R, scale * m.tr * R}};
 }
 
 struct Scene {
@@ -41,29 +42,40 @@ struct Scene {
         positions.push_back(position);
     }
 };
-/** Particles of mixed radii and kinds in a cube so small that many overlap and some are inside others. */
+/** Particles of mixed radii and kinds in a cube so small that many overlap and some are inside
+ * others. */
 Scene randomScene(mt19937& random, int n, double size) {
     uniform_real_distribution<double> u(0, 1);
     Scene scene;
     for (int i = 0; i < n; i++)
-        scene.add(0.2 + 1.8 * u(random), u(random) < 0.5, size * Vec3(u(random), u(random), u(random)));
+        scene.add(0.2 + 1.8 * u(random), u(random) < 0.5,
+                  size * Vec3(u(random), u(random), u(random)));
     return scene;
 }
 
 }  // namespace
 
 TEST(RotnePragerYamakawa, ValuesComputedElsewhere) {
-    // By quadrature over the spheres' surfaces, good to 2e-12: tt across, along r, rr across, along, c.
+    // By quadrature over the spheres' surfaces, good to 2e-12: tt across, along r, rr across,
+    // along, c.
     const struct {
         double a_i, a_j, R, expected[5];
     } cases[] = {
-        {1, 1, 3, {0.0142453498446, 0.0245609480080, -0.000736828440, 0.00147365688, 0.00442097064}},
-        {1, 1, 1.5, {0.0306704838250, 0.0381308717824, -7.77123746e-05, 0.0104134582, 0.0130556789}},
+        {1,
+         1,
+         3,
+         {0.0142453498446, 0.0245609480080, -0.000736828440, 0.00147365688, 0.00442097064}},
+        {1,
+         1,
+         1.5,
+         {0.0306704838250, 0.0381308717824, -7.77123746e-05, 0.0104134582, 0.0130556789}},
         {1, 0.5, 1, {0.0445550947458, 0.0501503857139, 0.00986947157, 0.0287535786, 0.0251788094}},
     };
     for (const auto& c : cases)
-        for (int k = 0; k < 5; k++) EXPECT_NEAR(numbers(c.a_i, c.a_j, c.R).v[k], c.expected[k], 1e-9 * c.expected[1]);
-    // One inside the other: the large one's own numbers; force on the small one turns the large one, not the other way.
+        for (int k = 0; k < 5; k++)
+            EXPECT_NEAR(numbers(c.a_i, c.a_j, c.R).v[k], c.expected[k], 1e-9 * c.expected[1]);
+    // One inside the other: the large one's own numbers; force on the small one turns the large
+    // one, not the other way.
     const auto large = numbers(2, 0.5, 1.2), small = numbers(0.5, 2, 1.2);
     for (int k = 0; k < 2; k++) {
         EXPECT_NEAR(large.v[k], 1 / (6 * M_PI * 2), 1e-15);
@@ -86,7 +98,8 @@ TEST(RotnePragerYamakawa, ContinuousWhereTheFormulaChanges) {
                 const double scale = k < 2   ? 1 / sqrt(a[0] * a[1])
                                      : k < 4 ? pow(a[0] * a[1], -1.5)
                                              : pow(a[0] * a[1], -1);
-                EXPECT_NEAR(below.v[k], above.v[k], 1e-5 * scale) << a[0] << " " << a[1] << " " << R << " " << k;
+                EXPECT_NEAR(below.v[k], above.v[k], 1e-5 * scale)
+                    << a[0] << " " << a[1] << " " << R << " " << k;
             }
         }
 }
@@ -95,7 +108,10 @@ TEST(RotnePragerYamakawa, SymmetricPositiveDefinite) {
     mt19937 random(1);
     double smallest = INFINITY;
     for (int trial = 0; trial < 1000; trial++) {
-        const auto scene = randomScene(random, 2 + trial % 6, trial % 3 == 0 ? 1 : trial % 3 == 1 ? 3 : 8);
+        const auto scene = randomScene(random, 2 + trial % 6,
+                                       trial % 3 == 0   ? 1
+                                       : trial % 3 == 1 ? 3
+                                                        : 8);
         const MatrixXd M = scene.dense();
         ASSERT_EQ((M - M.transpose()).cwiseAbs().maxCoeff(), 0);
         // In units in which every particle's own mobility is 1.
@@ -136,7 +152,8 @@ TEST(RotnePragerYamakawa, OneSphere) {
 TEST(RotnePragerYamakawa, TurnsWithTheParticles) {
     mt19937 random(2);
     const Scene scene = randomScene(random, 6, 3);
-    const Eigen::Matrix3d A = Eigen::AngleAxisd(1.1, Eigen::Vector3d(1, -2, 0.5).normalized()).toRotationMatrix();
+    const Eigen::Matrix3d A =
+        Eigen::AngleAxisd(1.1, Eigen::Vector3d(1, -2, 0.5).normalized()).toRotationMatrix();
     Scene turned = scene;
     MatrixXd Q = MatrixXd::Zero(scene.particles.numRows, scene.particles.numRows);
     for (int row = 0; row < Q.rows(); row += 3) Q.block<3, 3>(row, row) = A;
@@ -145,7 +162,8 @@ TEST(RotnePragerYamakawa, TurnsWithTheParticles) {
         r = Vec3(v[0], v[1], v[2]);
     }
     const MatrixXd expected = Q * scene.dense() * Q.transpose();
-    EXPECT_LT((turned.dense() - expected).cwiseAbs().maxCoeff(), 1e-13 * expected.cwiseAbs().maxCoeff());
+    EXPECT_LT((turned.dense() - expected).cwiseAbs().maxCoeff(),
+              1e-13 * expected.cwiseAbs().maxCoeff());
 }
 
 TEST(RotnePragerYamakawa, ApplyIsTheMatrix) {

@@ -1,5 +1,6 @@
-// Rotne-Prager-Yamakawa above a no-slip wall: values computed elsewhere, averages of Blake's image over spheres, no slip,
-// symmetry, positive definiteness, invariances, limits, particles that reach through the wall, messages.
+// Rotne-Prager-Yamakawa above a no-slip wall: values computed elsewhere, averages of Blake's image
+// over spheres, no slip, symmetry, positive definiteness, invariances, limits, particles that reach
+// through the wall, messages.
 
 #include <Eigen/Dense>
 #include <random>
@@ -40,7 +41,9 @@ struct Scene {
     /** By apply(), which computes all blocks by themselves. */
     MatrixXd applied(double viscosity = 1) const {
         MatrixXd matrix;
-        model(viscosity).at({positions})->apply(MatrixXd::Identity(particles.numRows, particles.numRows), matrix);
+        model(viscosity)
+            .at({positions})
+            ->apply(MatrixXd::Identity(particles.numRows, particles.numRows), matrix);
         return matrix;
     }
     MatrixXd unbounded(double viscosity = 1) const {
@@ -52,8 +55,8 @@ struct Scene {
 };
 
 /**
- * Particles of mixed radii and kinds, some touching the wall, in a box so small that many overlap and some are inside others.
- * Gaps are from lowest times the radius on.
+ * Particles of mixed radii and kinds, some touching the wall, in a box so small that many overlap
+ * and some are inside others. Gaps are from lowest times the radius on.
  */
 Scene randomScene(mt19937& random, int n, double size, double lowest = 0) {
     uniform_real_distribution<double> u(0, 1);
@@ -62,9 +65,12 @@ Scene randomScene(mt19937& random, int n, double size, double lowest = 0) {
     scene.crossing = lowest < 0;
     for (int i = 0; i < n; i++) {
         const double radius = 0.2 + 1.8 * u(random);
-        // One in three on the wall, or as far through it as may be; positions keep a rounding error's distance.
-        const double gap = u(random) < 0.33 ? (lowest + 1e-12) * radius : lowest * radius + size * u(random);
-        scene.add(radius, u(random) < 0.5, Vec3(size * u(random), size * u(random), scene.height + radius + gap));
+        // One in three on the wall, or as far through it as may be; positions keep a rounding
+        // error's distance.
+        const double gap =
+            u(random) < 0.33 ? (lowest + 1e-12) * radius : lowest * radius + size * u(random);
+        scene.add(radius, u(random) < 0.5,
+                  Vec3(size * u(random), size * u(random), scene.height + radius + gap));
     }
     return scene;
 }
@@ -72,7 +78,8 @@ Scene randomScene(mt19937& random, int n, double size, double lowest = 0) {
 /** The smallest eigenvalue in units in which every particle's own mobility is 1. */
 double smallestEigenvalue(const MatrixXd& M) {
     const VectorXd d = M.diagonal().cwiseSqrt().cwiseInverse();
-    return Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * M * d.asDiagonal()).eigenvalues()[0];
+    return Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * M * d.asDiagonal())
+        .eigenvalues()[0];
 }
 
 double largest(const MatrixXd& M) { return M.cwiseAbs().maxCoeff(); }
@@ -83,7 +90,8 @@ Matrix3d crossMatrix(const Vector3d& v) {
     return m;
 }
 
-/** Blake's image of a point force at y over the wall z = 0, at x, as he wrote it; times 8 pi eta. */
+/** Blake's image of a point force at y over the wall z = 0, at x, as he wrote it; times 8 pi eta.
+ */
 Matrix3d blakeImage(const Vector3d& x, const Vector3d& y) {
     const double h = y.z();
     const Vector3d R(x.x() - y.x(), x.y() - y.y(), x.z() + h);
@@ -93,15 +101,17 @@ Matrix3d blakeImage(const Vector3d& x, const Vector3d& y) {
         for (int j = 0; j < 3; j++) {
             // d/dR_j of h R_i/d^3 - (delta_i3/d + R_i R_3/d^3)
             const double dipole = (i == j) / d3 - 3 * R[i] * R[j] / d5;
-            const double stokeslet =
-                -(i == 2) * R[j] / d3 + ((i == j) * R[2] + R[i] * (j == 2)) / d3 - 3 * R[i] * R[2] * R[j] / d5;
+            const double stokeslet = -(i == 2) * R[j] / d3 +
+                                     ((i == j) * R[2] + R[i] * (j == 2)) / d3 -
+                                     3 * R[i] * R[2] * R[j] / d5;
             const double sign = j == 2 ? -1 : 1;
             G(i, j) = -((i == j) / d + R[i] * R[j] / d3) + 2 * h * sign * (h * dipole - stokeslet);
         }
     return G;
 }
 
-/** Points and weights (sum 1) on the unit sphere: Gauss-Legendre in z, even spacing around. Exact to degree 2n - 1. */
+/** Points and weights (sum 1) on the unit sphere: Gauss-Legendre in z, even spacing around. Exact
+ * to degree 2n - 1. */
 struct SphereRule {
     vector<Vector3d> points;
     vector<double> weights;
@@ -111,24 +121,29 @@ struct SphereRule {
         const Eigen::SelfAdjointEigenSolver<MatrixXd> nodes(jacobi);
         for (int k = 0; k < n; k++)
             for (int l = 0; l < 2 * n; l++) {
-                const double z = nodes.eigenvalues()[k], s = sqrt(1 - z * z), angle = (l + 0.5 * (k % 2)) * M_PI / n;
+                const double z = nodes.eigenvalues()[k], s = sqrt(1 - z * z),
+                             angle = (l + 0.5 * (k % 2)) * M_PI / n;
                 points.push_back(Vector3d(s * cos(angle), s * sin(angle), z));
                 weights.push_back(pow(nodes.eigenvectors()(0, k), 2) / (2 * n));
             }
     }
 };
 
-/** (V, W) of a sphere from (F, T) on another by way of the wall: averages over both surfaces; times 8 pi eta. */
-MatrixXd averagedImage(const SphereRule& rule, const Vector3d& r_i, double a_i, const Vector3d& r_j, double a_j) {
+/** (V, W) of a sphere from (F, T) on another by way of the wall: averages over both surfaces; times
+ * 8 pi eta. */
+MatrixXd averagedImage(const SphereRule& rule, const Vector3d& r_i, double a_i, const Vector3d& r_j,
+                       double a_j) {
     MatrixXd M = MatrixXd::Zero(6, 6);
     Eigen::Matrix<double, 3, 6> source;
     Eigen::Matrix<double, 6, 3> target;
     source.leftCols<3>().setIdentity();
     target.topRows<3>().setIdentity();
     for (size_t p = 0; p < rule.points.size(); p++) {
-        target.bottomRows<3>() = 1.5 / a_i * crossMatrix(rule.points[p]);  // W = 3/(2 a^2) mean of rho x u
+        target.bottomRows<3>() =
+            1.5 / a_i * crossMatrix(rule.points[p]);  // W = 3/(2 a^2) mean of rho x u
         for (size_t q = 0; q < rule.points.size(); q++) {
-            source.rightCols<3>() = -1.5 / a_j * crossMatrix(rule.points[q]);  // traction 3/(2 a^2) T x rho
+            source.rightCols<3>() =
+                -1.5 / a_j * crossMatrix(rule.points[q]);  // traction 3/(2 a^2) T x rho
             const Matrix3d G = blakeImage(r_i + a_i * rule.points[p], r_j + a_j * rule.points[q]);
             M += rule.weights[p] * rule.weights[q] * target * (G * source);
         }
@@ -148,15 +163,18 @@ TEST(RotnePragerYamakawaWall, OneSphere) {
             scene.crossing = true;  // so that rounding of the height does not matter at contact
             scene.add(a, true, Vec3(1, 2, height + a / u));
             MatrixXd expected = MatrixXd::Zero(6, 6);
-            const double across = 1 - 9 * u / 8 + u3 / 2 - u5 / 8, along = 1 - 9 * u / 16 + u3 / 8 - u5 / 16;
-            expected.diagonal() << along, along, across, 1 - 5 * u3 / 16, 1 - 5 * u3 / 16, 1 - u3 / 8;
+            const double across = 1 - 9 * u / 8 + u3 / 2 - u5 / 8,
+                         along = 1 - 9 * u / 16 + u3 / 8 - u5 / 16;
+            expected.diagonal() << along, along, across, 1 - 5 * u3 / 16, 1 - 5 * u3 / 16,
+                1 - u3 / 8;
             expected.diagonal().head(3) /= 6 * M_PI * eta * a;
             expected.diagonal().tail(3) /= 8 * M_PI * eta * a * a * a;
             // A force along the wall makes the sphere roll along it.
             const double rolling = 3 * u3 * u / 32 / (6 * M_PI * eta * a * a);
             expected(4, 0) = expected(0, 4) = rolling;
             expected(3, 1) = expected(1, 3) = -rolling;
-            EXPECT_LT(largest(scene.dense(eta) - expected), 1e-14 * largest(expected)) << a << " " << u;
+            EXPECT_LT(largest(scene.dense(eta) - expected), 1e-14 * largest(expected))
+                << a << " " << u;
         }
 }
 
@@ -166,12 +184,12 @@ TEST(RotnePragerYamakawaWall, ValuesComputedElsewhere) {
     scene.add(1, true, Vec3(2.5, 1, 3));
     const MatrixXd M = scene.dense(1 / (6 * M_PI));
     Matrix3d TT, RT, RR;
-    TT << 0.1563498397, 0.0399050815, 0.0959610869, 0.0399050815, 0.0725491686, 0.0383844348, 0.0104756178,
-        0.0041902471, 0.0076203779;
-    RT << -0.0098960427, -0.0348598456, -0.0010756279, 0.0556415353, 0.0098960427, 0.0026890697, -0.0160350448,
-        0.0400876120, 0;
-    RR << -0.0026775858, 0.0051614653, 0.0180264142, 0.0051614653, -0.0135166629, 0.0072105657, 0.0103826096,
-        0.0041530439, -0.0042110697;
+    TT << 0.1563498397, 0.0399050815, 0.0959610869, 0.0399050815, 0.0725491686, 0.0383844348,
+        0.0104756178, 0.0041902471, 0.0076203779;
+    RT << -0.0098960427, -0.0348598456, -0.0010756279, 0.0556415353, 0.0098960427, 0.0026890697,
+        -0.0160350448, 0.0400876120, 0;
+    RR << -0.0026775858, 0.0051614653, 0.0180264142, 0.0051614653, -0.0135166629, 0.0072105657,
+        0.0103826096, 0.0041530439, -0.0042110697;
     const double digits = 5.1e-11;
     EXPECT_LT(largest(M.block(0, 6, 3, 3) - TT), digits) << M.block(0, 6, 3, 3);
     EXPECT_LT(largest(M.block(3, 6, 3, 3) - RT), digits) << M.block(3, 6, 3, 3);
@@ -194,14 +212,15 @@ TEST(RotnePragerYamakawaWall, AveragesOfBlakesImage) {
         const SphereRule rule(c.points);
         const MatrixXd expected = averagedImage(rule, Vector3d(c.r_i[0], c.r_i[1], c.r_i[2]), c.a_i,
                                                 Vector3d(c.r_j[0], c.r_j[1], c.r_j[2]), c.a_j);
-        // Two particles at one place are a fair scene too, so the self block is M's off-diagonal one here.
+        // Two particles at one place are a fair scene too, so the self block is M's off-diagonal
+        // one here.
         Scene scene;
         scene.add(c.a_i, true, c.r_i);
         scene.add(c.a_j, true, c.r_j);
         const MatrixXd M = 8 * M_PI * (scene.applied() - scene.unbounded());
         const double error = largest(M.topRightCorner(6, 6) - expected);
-        cout << "radii " << c.a_i << " " << c.a_j << ": largest element " << largest(expected) << ", error " << error
-             << endl;
+        cout << "radii " << c.a_i << " " << c.a_j << ": largest element " << largest(expected)
+             << ", error " << error << endl;
         EXPECT_LT(error, 1e-9 * largest(expected)) << M.topRightCorner(6, 6) << "\n\n" << expected;
     }
 }
@@ -227,7 +246,10 @@ TEST(RotnePragerYamakawaWall, SymmetricPositiveDefinite) {
     mt19937 random(2);
     double smallest = INFINITY, asymmetry = 0;
     for (int trial = 0; trial < 1000; trial++) {
-        const Scene scene = randomScene(random, 2 + trial % 6, trial % 3 == 0 ? 1 : trial % 3 == 1 ? 3 : 8);
+        const Scene scene = randomScene(random, 2 + trial % 6,
+                                        trial % 3 == 0   ? 1
+                                        : trial % 3 == 1 ? 3
+                                                         : 8);
         const MatrixXd M = scene.applied(), dense = scene.dense();
         ASSERT_EQ(largest(dense - dense.transpose()), 0);
         asymmetry = max(asymmetry, largest(M - M.transpose()) / largest(M));
@@ -243,9 +265,13 @@ TEST(RotnePragerYamakawaWall, NearbyPositionsPositiveDefinite) {
     mt19937 random(4);
     double smallest = INFINITY;
     for (int trial = 0; trial < 1000; trial++) {
-        Scene scene = randomScene(random, 2 + trial % 6, trial % 3 == 0 ? 1 : trial % 3 == 1 ? 3 : 8);
+        Scene scene = randomScene(random, 2 + trial % 6,
+                                  trial % 3 == 0   ? 1
+                                  : trial % 3 == 1 ? 3
+                                                   : 8);
         for (int i = 0; i < scene.particles.size(); i++)
-            if (i % 2 == trial % 2) scene.positions[i][2] = scene.height + 0.9901 * scene.particles.radii[i];
+            if (i % 2 == trial % 2)
+                scene.positions[i][2] = scene.height + 0.9901 * scene.particles.radii[i];
         RotnePragerYamakawaWall M(scene.particles, 1, NoSlipPlane(scene.height, false));
         ASSERT_EQ(M.acceptsNearby({scene.positions}), true);
         ASSERT_NE(M.objection({scene.positions}), "");
@@ -305,7 +331,8 @@ TEST(RotnePragerYamakawaWall, FarFromTheWall) {
     scene.height = 0;
     // What the wall does to all of them alike, to leading order in 1/height.
     const Vector3d translation = Vector3d(9.0 / 16, 9.0 / 16, 9.0 / 8) / (6 * M_PI * eta * rise);
-    const Vector3d rotation = Vector3d(5.0 / 16, 5.0 / 16, 1.0 / 8) / (8 * M_PI * eta * rise * rise * rise);
+    const Vector3d rotation =
+        Vector3d(5.0 / 16, 5.0 / 16, 1.0 / 8) / (8 * M_PI * eta * rise * rise * rise);
     const MatrixXd free = scene.unbounded(eta), M = scene.dense(eta);
     const auto& p = scene.particles;
     for (int i = 0; i < p.size(); i++)
@@ -322,14 +349,16 @@ TEST(RotnePragerYamakawaWall, FarFromTheWall) {
 }
 
 TEST(RotnePragerYamakawaWall, DriftOfARigidBody) {
-    // div N of a body of three blobs (rows about the tracked point): computed elsewhere, good to the digits.
+    // div N of a body of three blobs (rows about the tracked point): computed elsewhere, good to
+    // the digits.
     const vector<Vector3d> blobs = {{-1, 0, 2.5}, {1.2, 0.5, 2.8}, {0.2, -1.4, 3.6}};
     const Vector3d point(0, 0, 2.5);
     VectorXd expected(6);
     expected << 0.02606396, -0.0487483, 0.35555906, 0.00676236, 0.00126031, 0.00062502;
     const auto bodyMobility = [&](const Vector3d& shift, const Vector3d& turn) {
-        const Matrix3d A = turn.norm() > 0 ? Eigen::AngleAxisd(turn.norm(), turn.normalized()).toRotationMatrix()
-                                           : Matrix3d(Matrix3d::Identity());
+        const Matrix3d A =
+            turn.norm() > 0 ? Eigen::AngleAxisd(turn.norm(), turn.normalized()).toRotationMatrix()
+                            : Matrix3d(Matrix3d::Identity());
         Scene scene;
         MatrixXd K(9, 6);
         for (int i = 0; i < 3; i++) {
@@ -392,7 +421,11 @@ TEST(RotnePragerYamakawaWall, CrossingPositiveDefinite) {
     double smallest = INFINITY;
     for (int trial = 0; trial < 1000; trial++) {
         const double lowest = trial % 2 == 0 ? -0.5 : -0.999;
-        const Scene scene = randomScene(random, 2 + trial % 6, trial % 3 == 0 ? 1 : trial % 3 == 1 ? 3 : 8, lowest);
+        const Scene scene = randomScene(random, 2 + trial % 6,
+                                        trial % 3 == 0   ? 1
+                                        : trial % 3 == 1 ? 3
+                                                         : 8,
+                                        lowest);
         const MatrixXd M = scene.applied();
         ASSERT_LT(largest(M - M.transpose()), 1e-13 * largest(M)) << trial;
         smallest = min(smallest, smallestEigenvalue(scene.dense()));
@@ -406,27 +439,36 @@ TEST(RotnePragerYamakawaWall, RefusesParticlesThatReachThroughTheWall) {
     scene.height = 2;
     scene.particles.add(0.25, true, 4, 0);
     scene.particles.add(0.5, false, 17, -1);
-    const vector<Vec3> good = {Vec3(0, 0, 2.25), Vec3(0, 0, 2.5)}, low = {Vec3(0, 0, 2.25), Vec3(0, 0, 2.375)},
-                       lower = {Vec3(0, 0, 2.125), Vec3(0, 0, 3)}, on = {Vec3(0, 0, 2), Vec3(0, 0, 3)},
-                       behind = {Vec3(0, 0, 3), Vec3(0, 0, 1.5)}, nowhere = {Vec3(0, 0, 3), Vec3(0, 0, NAN)};
+    const vector<Vec3> good = {Vec3(0, 0, 2.25), Vec3(0, 0, 2.5)},
+                       low = {Vec3(0, 0, 2.25), Vec3(0, 0, 2.375)},
+                       lower = {Vec3(0, 0, 2.125), Vec3(0, 0, 3)},
+                       on = {Vec3(0, 0, 2), Vec3(0, 0, 3)},
+                       behind = {Vec3(0, 0, 3), Vec3(0, 0, 1.5)},
+                       nowhere = {Vec3(0, 0, 3), Vec3(0, 0, NAN)};
     RotnePragerYamakawaWall overlap(scene.particles, 1, NoSlipPlane(2, false)),
         crossing(scene.particles, 1, NoSlipPlane(2, true));
     EXPECT_TRUE(overlap.mayObject());
     EXPECT_TRUE(crossing.mayObject());
     EXPECT_EQ(overlap.objection({good}), "");
     for (const auto& positions : {good, low, lower}) EXPECT_EQ(crossing.objection({positions}), "");
-    const vector<string> inNoBody = {"particle 17 (in no body) has its centre 0.375 nm above the wall at z = 2 nm",
-                                     "less than its radius, 0.5 nm; move it up, use smaller time steps, or allow it by "
-                                     "setWallRejection(Crossing)"};
+    const vector<string> inNoBody = {
+        "particle 17 (in no body) has its centre 0.375 nm above the wall at z = 2 nm",
+        "less than its radius, 0.5 nm; move it up, use smaller time steps, or allow it by "
+        "setWallRejection(Crossing)"};
     expectError([&] { overlap.at({low}); }, inNoBody);
-    for (const string& text : inNoBody) EXPECT_NE(overlap.objection({low}).find(text), string::npos);
-    EXPECT_NE(overlap.objection({lower}).find("particle 4 (body 0) has its centre 0.125 nm above"), string::npos);
-    for (const auto& positions : {on, behind, nowhere}) EXPECT_NE(overlap.objection({positions}), "");
-    expectError(
-        [&] { crossing.at({on}); },
-        {"particle 4 (body 0) has its centre 0 nm above the wall at z = 2 nm, where a particle (this one of radius "
-         "0.25 nm) has no mobility; move it above the wall, or use smaller time steps"});
-    EXPECT_NE(crossing.objection({behind}).find("particle 17 (in no body) has its centre -0.5 nm above"), string::npos);
+    for (const string& text : inNoBody)
+        EXPECT_NE(overlap.objection({low}).find(text), string::npos);
+    EXPECT_NE(overlap.objection({lower}).find("particle 4 (body 0) has its centre 0.125 nm above"),
+              string::npos);
+    for (const auto& positions : {on, behind, nowhere})
+        EXPECT_NE(overlap.objection({positions}), "");
+    expectError([&] { crossing.at({on}); },
+                {"particle 4 (body 0) has its centre 0 nm above the wall at z = 2 nm, where a "
+                 "particle (this one of radius "
+                 "0.25 nm) has no mobility; move it above the wall, or use smaller time steps"});
+    EXPECT_NE(
+        crossing.objection({behind}).find("particle 17 (in no body) has its centre -0.5 nm above"),
+        string::npos);
     EXPECT_NE(crossing.objection({nowhere}), "");
     // What was refused leaves the last good positions.
     auto place = overlap.at({good});
@@ -439,5 +481,6 @@ TEST(RotnePragerYamakawaWall, RefusesParticlesThatReachThroughTheWall) {
 
 TEST(RotnePragerYamakawaWall, RefusesAWallNowhere) {
     for (double height : {double(NAN), double(INFINITY)})
-        expectError([&] { NoSlipPlane(height, false); }, {"the height of the no-slip wall is ", "it must be finite"});
+        expectError([&] { NoSlipPlane(height, false); },
+                    {"the height of the no-slip wall is ", "it must be finite"});
 }

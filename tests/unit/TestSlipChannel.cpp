@@ -1,4 +1,5 @@
-// A fluid between two walls that it slips along: reference values, what walls do to a flow, symmetry, noise.
+// A fluid between two walls that it slips along: reference values, what walls do to a flow,
+// symmetry, noise.
 
 #include <Eigen/Cholesky>
 
@@ -26,18 +27,21 @@ HydrodynamicParticles mixture() {
     particles.add(0.7, false, 3, 1);
     return particles;
 }
-const vector<Vec3> places = {Vec3(1, 0.1, 2), Vec3(2.2, -0.5, 3.1), Vec3(8.5, 3.4, 9.7), Vec3(2.9, 0.6, 3.3)};
+const vector<Vec3> places = {Vec3(1, 0.1, 2), Vec3(2.2, -0.5, 3.1), Vec3(8.5, 3.4, 9.7),
+                             Vec3(2.9, 0.6, 3.3)};
 
-unique_ptr<MobilityModel> dense(const HydrodynamicParticles& particles, bool crossingAllowed = false) {
+unique_ptr<MobilityModel> dense(const HydrodynamicParticles& particles,
+                                bool crossingAllowed = false) {
     return unique_ptr<MobilityModel>(
         new SlipChannel(particles, eta, {low, high, crossingAllowed},
-                        unique_ptr<MobilityModel>(new PeriodicForceCoupling(SlipChannel::withImages(particles), eta))));
+                        unique_ptr<MobilityModel>(
+                            new PeriodicForceCoupling(SlipChannel::withImages(particles), eta))));
 }
 unique_ptr<MobilityModel> onGrid(const HydrodynamicParticles& particles, double tolerance) {
     return unique_ptr<MobilityModel>(
         new SlipChannel(particles, eta, walls,
-                        unique_ptr<MobilityModel>(
-                            new ForceCouplingGrid(particles, eta, tolerance, 0, make_shared<PlainGridFluid>(), true))));
+                        unique_ptr<MobilityModel>(new ForceCouplingGrid(
+                            particles, eta, tolerance, 0, make_shared<PlainGridFluid>(), true))));
 }
 MatrixXd matrixAt(const MobilityModel& model, const vector<Vec3>& positions) {
     MatrixXd M;
@@ -48,7 +52,8 @@ MatrixXd matrixAt(const MobilityModel& model, const vector<Vec3>& positions) {
 }  // namespace
 
 TEST(SlipChannel, OneSphere) {
-    // Diagonals and the derivative towards the walls: PERIODIC fluids, part 4, which two other ways of summing gave.
+    // Diagonals and the derivative towards the walls: PERIODIC fluids, part 4, which two other ways
+    // of summing gave.
     HydrodynamicParticles one;
     one.add(1, true, 0, 0);
     const auto model = dense(one, true);
@@ -66,7 +71,8 @@ TEST(SlipChannel, OneSphere) {
 }
 
 TEST(SlipChannel, FlowsAlongItsWallsWithoutShear) {
-    // Points that drift with the flow of a force and a torque: no velocity through a wall, and along it none that changes with the distance.
+    // Points that drift with the flow of a force and a torque: no velocity through a wall, and
+    // along it none that changes with the distance.
     HydrodynamicParticles particles;
     particles.add(1, true, 0, 0);
     particles.add(1e-3, false, 1, -1);
@@ -127,7 +133,8 @@ TEST(SlipChannel, GridsHaveTheirTolerance) {
             .maxCoeff();
     };
     for (double tolerance : {1e-2, 1e-4, 1e-6})
-        EXPECT_LT(norm(matrixAt(*onGrid(particles, tolerance), places) - exact), tolerance * norm(exact));
+        EXPECT_LT(norm(matrixAt(*onGrid(particles, tolerance), places) - exact),
+                  tolerance * norm(exact));
 }
 
 TEST(SlipChannel, TheRandomFieldHasTheCovarianceOfProducts) {
@@ -148,7 +155,9 @@ TEST(SlipChannel, TheRandomFieldHasTheCovarianceOfProducts) {
     }
     for (int i = 0; i < M.rows(); i++)
         for (int k = 0; k <= i; k++)
-            EXPECT_LT(abs(sum(i, k) - M(i, k)), 5 * sqrt((M(i, i) * M(k, k) + M(i, k) * M(i, k)) / samples)) << i << k;
+            EXPECT_LT(abs(sum(i, k) - M(i, k)),
+                      5 * sqrt((M(i, i) * M(k, k) + M(i, k) * M(i, k)) / samples))
+                << i << k;
 }
 
 TEST(SlipChannel, GradientsAreThoseOfTheField) {

@@ -1,4 +1,5 @@
-// The best known mobility of a sphere above a wall: against exact values, at both ends, and as a congruence of many spheres.
+// The best known mobility of a sphere above a wall: against exact values, at both ends, and as a
+// congruence of many spheres.
 
 #include <Eigen/Dense>
 #include <random>
@@ -17,8 +18,9 @@ using RigidHITest::expectError;
 namespace {
 
 /**
- * Exact, by tools/sphere_wall_mobility.py (bispherical coordinates; at cosh 1 radii it has the resistance 1.5675 along the wall that
- * Goldman, Cox and Brenner print), in units of the free mobilities: V along, V across, W along, W normal, a W from F.
+ * Exact, by tools/sphere_wall_mobility.py (bispherical coordinates; at cosh 1 radii it has the
+ * resistance 1.5675 along the wall that Goldman, Cox and Brenner print), in units of the free
+ * mobilities: V along, V across, W along, W normal, a W from F.
  */
 const double exact[][6] = {
     {0.001, 0.22054656, 0.00099765, 0.32611529, 0.83399731, 0.03507902},
@@ -34,7 +36,9 @@ const double exact[][6] = {
     {10, 0.94894526, 0.89806654, 0.99976518, 0.99990609, 0.00000586},
 };
 
-double determinant(const SphereWallMobility& m) { return m.along * m.turnAlong - m.rolling * m.rolling; }
+double determinant(const SphereWallMobility& m) {
+    return m.along * m.turnAlong - m.rolling * m.rolling;
+}
 
 struct Scene {
     HydrodynamicParticles particles;
@@ -46,8 +50,9 @@ struct Scene {
         positions.push_back(Vec3(x, y, wall.getHeight() + radius + gap));
     }
     SphereWallCongruence best() const {
-        return SphereWallCongruence(particles, 1, wall,
-                                    unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, 1, wall)));
+        return SphereWallCongruence(
+            particles, 1, wall,
+            unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, 1, wall)));
     }
     MatrixXd dense() const {
         MatrixXd matrix;
@@ -75,14 +80,17 @@ TEST(SphereWallMobility, IsThatOfARigidSphere) {
         double sum = 0;
         for (int n = 1; n < 60 / alpha + 20; n++) {
             const double k = 2 * n + 1, half = sinh(k * alpha / 2), other = k * sinh(alpha);
-            const double ratio = (2 * sinh(k * alpha) + k * sinh(2 * alpha)) / (4 * half * half - other * other);
+            const double ratio =
+                (2 * sinh(k * alpha) + k * sinh(2 * alpha)) / (4 * half * half - other * other);
             sum += n * (n + 1.0) / ((2 * n - 1.0) * (2 * n + 3)) * (ratio - 1);
         }
-        EXPECT_NEAR(SphereWallMobility::bestKnown(gap).across * 4 / 3 * sinh(alpha) * sum, 1, 1e-8) << gap;
+        EXPECT_NEAR(SphereWallMobility::bestKnown(gap).across * 4 / 3 * sinh(alpha) * sum, 1, 1e-8)
+            << gap;
     }
 }
 
-/** What others print and what it replaces: Delong et al. 2015, eqs. 95 to 97, h of the first two being the gap. */
+/** What others print and what it replaces: Delong et al. 2015, eqs. 95 to 97, h of the first two
+ * being the gap. */
 TEST(SphereWallMobility, IsNearTheApproximationsOfThePaper) {
     for (double gap : {0.001, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0})
         EXPECT_NEAR(SphereWallMobility::bestKnown(gap).across,
@@ -90,13 +98,15 @@ TEST(SphereWallMobility, IsNearTheApproximationsOfThePaper) {
                     0.007 * SphereWallMobility::bestKnown(gap).across);
     for (double gap : {0.001, 0.003, 0.01, 0.03}) {
         const double l = log(gap);
-        EXPECT_NEAR(SphereWallMobility::bestKnown(gap).along, -2 * (l - 0.9543) / (l * l - 3.188 * l + 1.591),
+        EXPECT_NEAR(SphereWallMobility::bestKnown(gap).along,
+                    -2 * (l - 0.9543) / (l * l - 3.188 * l + 1.591),
                     0.009 * SphereWallMobility::bestKnown(gap).along);
     }
     for (double gap : {1.0, 3.0, 10.0, 30.0}) {
         const double u = 1 / (1 + gap);
         EXPECT_NEAR(SphereWallMobility::bestKnown(gap).along,
-                    1 - 9 * u / 16 + u * u * u / 8 - 45 * pow(u, 4) / 256 - pow(u, 5) / 16, 0.05 * pow(u, 4));
+                    1 - 9 * u / 16 + u * u * u / 8 - 45 * pow(u, 4) / 256 - pow(u, 5) / 16,
+                    0.05 * pow(u, 4));
     }
     // Between these no approximation of the paper is near: eq. 97 was 4.4 % low at 0.13 radii.
     EXPECT_NEAR(SphereWallMobility::bestKnown(0.13).along, 0.46772657, 1e-8);
@@ -109,20 +119,22 @@ TEST(SphereWallMobility, EndsContinuityAndPositivity) {
         ASSERT_GT(determinant(m), 0.5 * m.along * m.turnAlong) << gap;
         ASSERT_GT(min({m.along, m.across, m.turnAlong, m.turnNormal}), 0) << gap;
         ASSERT_LE(max({m.along, m.across, m.turnAlong / 0.75, m.turnNormal / 0.75}), 1) << gap;
-        // All but rolling rise with the gap, by no more than it does; a jump would be 0.1 % here at most.
-        for (auto member : {&SphereWallMobility::along, &SphereWallMobility::across, &SphereWallMobility::turnAlong,
-                            &SphereWallMobility::turnNormal}) {
+        // All but rolling rise with the gap, by no more than it does; a jump would be 0.1 % here at
+        // most.
+        for (auto member : {&SphereWallMobility::along, &SphereWallMobility::across,
+                            &SphereWallMobility::turnAlong, &SphereWallMobility::turnNormal}) {
             ASSERT_GE(m.*member, before.*member * (1 - 1e-14)) << gap;
             ASSERT_LE(m.*member, before.*member * 1.0012) << gap;
         }
         before = m;
     }
-    // Contact: lubrication. Across like the gap, along and turning like 1/ln (Goldman, Cox, Brenner 1967).
+    // Contact: lubrication. Across like the gap, along and turning like 1/ln (Goldman, Cox, Brenner
+    // 1967).
     const double gap = 1e-14, l = log(gap);
     const SphereWallMobility near = SphereWallMobility::bestKnown(gap);
     EXPECT_NEAR(near.across / gap, 1, 1e-12);
-    const double force = 0.9588 - 8 * l / 15, torque = 0.1895 + l / 10, turning = 0.3817 - 2 * l / 5,
-                 all = force * turning - 4 * torque * torque / 3;
+    const double force = 0.9588 - 8 * l / 15, torque = 0.1895 + l / 10,
+                 turning = 0.3817 - 2 * l / 5, all = force * turning - 4 * torque * torque / 3;
     EXPECT_NEAR(near.along / (turning / all), 1, 1e-3);
     EXPECT_NEAR(near.turnAlong / (0.75 * force / all), 1, 1e-3);
     EXPECT_NEAR(near.rolling / (-torque / all), 1, 1e-3);
@@ -154,8 +166,10 @@ TEST(SphereWallCongruence, OneSphereIsAsBestKnown) {
             expected(4, 0) = expected(0, 4) = m.rolling / radius;
             expected(3, 1) = expected(1, 3) = -m.rolling / radius;
             expected /= 6 * M_PI * radius;
-            EXPECT_LT((scene.dense() - expected).cwiseAbs().maxCoeff(), 1e-13 * expected.maxCoeff()) << gap;
-            EXPECT_LT((free.dense() - expected.topLeftCorner(3, 3)).cwiseAbs().maxCoeff(), 1e-13 * expected(0, 0));
+            EXPECT_LT((scene.dense() - expected).cwiseAbs().maxCoeff(), 1e-13 * expected.maxCoeff())
+                << gap;
+            EXPECT_LT((free.dense() - expected.topLeftCorner(3, 3)).cwiseAbs().maxCoeff(),
+                      1e-13 * expected(0, 0));
         }
 }
 
@@ -177,16 +191,20 @@ TEST(SphereWallCongruence, IsSymmetricPositiveDefiniteAndItsProductsAreTheMatrix
         ASSERT_EQ((M - M.transpose()).cwiseAbs().maxCoeff(), 0);
         const VectorXd d = M.diagonal().cwiseSqrt().cwiseInverse();
         smallest = min(smallest,
-                       Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * M * d.asDiagonal()).eigenvalues()[0]);
+                       Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * M * d.asDiagonal())
+                           .eigenvalues()[0]);
         ASSERT_GT(smallest, 0) << trial;
         MatrixXd products;
         const MatrixXd forces = MatrixXd::Random(M.rows(), 3);
         const SphereWallCongruence model = scene.best();
         const auto best = model.at({scene.positions});
         best->apply(forces, products);
-        ASSERT_LT((products - M * forces).cwiseAbs().maxCoeff(), 1e-13 * M.maxCoeff() * M.rows()) << trial;
+        ASSERT_LT((products - M * forces).cwiseAbs().maxCoeff(), 1e-13 * M.maxCoeff() * M.rows())
+            << trial;
         best->friction(products);
-        ASSERT_LT((d.asDiagonal() * (M * products * M - M) * d.asDiagonal()).cwiseAbs().maxCoeff(), 1e-9) << trial;
+        ASSERT_LT((d.asDiagonal() * (M * products * M - M) * d.asDiagonal()).cwiseAbs().maxCoeff(),
+                  1e-9)
+            << trial;
     }
     cout << "smallest eigenvalue " << smallest << endl;
 }
@@ -208,9 +226,10 @@ TEST(SphereWallCongruence, SpheresMustNotTouchTheWall) {
     EXPECT_TRUE(best.mayObject());
     for (double rounding : {0.0, 1e-14}) {
         scene.positions[1][2] = 0.2 - rounding;
-        expectError([&] { best.at({scene.positions}); },
-                    {"particle 1 (in no body) touches the wall, where a sphere cannot move by BestKnown",
-                     "setSphereWallMobility(FromModel)"});
+        expectError(
+            [&] { best.at({scene.positions}); },
+            {"particle 1 (in no body) touches the wall, where a sphere cannot move by BestKnown",
+             "setSphereWallMobility(FromModel)"});
     }
     scene.positions[1][2] = 0.19;
     EXPECT_NE(best.objection({scene.positions}).find("less than its radius, 0.5 nm"), string::npos);

@@ -1,4 +1,5 @@
-// Periodic Rotne-Prager-Yamakawa by pairs and waves: against lattice sums, both parts positive, the covariance of the waves' field.
+// Periodic Rotne-Prager-Yamakawa by pairs and waves: against lattice sums, both parts positive, the
+// covariance of the waves' field.
 
 #include <Eigen/Dense>
 #include <cmath>
@@ -21,7 +22,9 @@ namespace {
 
 const double eta = 0.7;
 
-BoxVectors orthogonal(double x, double y, double z) { return {{Vec3(x, 0, 0), Vec3(0, y, 0), Vec3(0, 0, z)}}; }
+BoxVectors orthogonal(double x, double y, double z) {
+    return {{Vec3(x, 0, 0), Vec3(0, y, 0), Vec3(0, 0, z)}};
+}
 
 /** Particles at random places, in and out of the box, overlapping as they come. */
 struct Scene {
@@ -30,28 +33,32 @@ struct Scene {
     Placement placement;
 
     enum Kind { Blobs, Spheres, Mixed };
-    Scene(const char* what, int number, const BoxVectors& box, Kind kind, const vector<double>& radii, unsigned seed)
+    Scene(const char* what, int number, const BoxVectors& box, Kind kind,
+          const vector<double>& radii, unsigned seed)
         : what(what) {
         mt19937 random(seed);
         uniform_real_distribution<double> uniform(-1, 2);
         placement.box = box;
         for (int i = 0; i < number; i++) {
-            particles.add(radii[i % radii.size()], kind == Spheres || (kind == Mixed && i % 3 > 0), i, i);
-            placement.positions.push_back(
-                Vec3(uniform(random) * box[0][0], uniform(random) * box[1][1], uniform(random) * box[2][2]));
+            particles.add(radii[i % radii.size()], kind == Spheres || (kind == Mixed && i % 3 > 0),
+                          i, i);
+            placement.positions.push_back(Vec3(uniform(random) * box[0][0],
+                                               uniform(random) * box[1][1],
+                                               uniform(random) * box[2][2]));
         }
     }
 };
 
 vector<Scene> scenes() {
-    return {{"blobs in a cube, 0.2", 100, orthogonal(12.8, 12.8, 12.8), Scene::Blobs, {1}, 1},
-            {"blobs, dilute", 40, orthogonal(40, 35, 52), Scene::Blobs, {1}, 2},
-            {"spheres", 50, orthogonal(9, 10.5, 12), Scene::Spheres, {1}, 3},
-            {"unequal blobs", 60, orthogonal(14, 10, 11), Scene::Blobs, {1, 0.6, 1.7}, 4},
-            {"unequal spheres and blobs", 36, orthogonal(9, 12, 10), Scene::Mixed, {1, 1.4}, 5},
-            {"crowded blobs", 120, orthogonal(5, 5.5, 6), Scene::Blobs, {1}, 6},
-            {"a box that pairs reach across", 3, orthogonal(2.6, 3, 2.4), Scene::Mixed, {1, 0.5}, 7},
-            {"one sphere", 1, orthogonal(5, 6, 7), Scene::Spheres, {1}, 8}};
+    return {
+        {"blobs in a cube, 0.2", 100, orthogonal(12.8, 12.8, 12.8), Scene::Blobs, {1}, 1},
+        {"blobs, dilute", 40, orthogonal(40, 35, 52), Scene::Blobs, {1}, 2},
+        {"spheres", 50, orthogonal(9, 10.5, 12), Scene::Spheres, {1}, 3},
+        {"unequal blobs", 60, orthogonal(14, 10, 11), Scene::Blobs, {1, 0.6, 1.7}, 4},
+        {"unequal spheres and blobs", 36, orthogonal(9, 12, 10), Scene::Mixed, {1, 1.4}, 5},
+        {"crowded blobs", 120, orthogonal(5, 5.5, 6), Scene::Blobs, {1}, 6},
+        {"a box that pairs reach across", 3, orthogonal(2.6, 3, 2.4), Scene::Mixed, {1, 0.5}, 7},
+        {"one sphere", 1, orthogonal(5, 6, 7), Scene::Spheres, {1}, 8}};
 }
 
 VectorXd roots(const HydrodynamicParticles& particles) {
@@ -60,7 +67,8 @@ VectorXd roots(const HydrodynamicParticles& particles) {
         const double a = particles.radii[p];
         root.segment<3>(particles.firstRow[p]).setConstant(sqrt(6 * M_PI * eta * a));
         if (particles.hasTorque[p])
-            root.segment<3>(particles.firstRow[p] + 3).setConstant(sqrt(8 * M_PI * eta * a * a * a));
+            root.segment<3>(particles.firstRow[p] + 3)
+                .setConstant(sqrt(8 * M_PI * eta * a * a * a));
     }
     return root;
 }
@@ -70,7 +78,10 @@ MatrixXd scaled(const MatrixXd& difference, const HydrodynamicParticles& particl
     return root.asDiagonal() * difference * root.asDiagonal();
 }
 double normOf(const MatrixXd& symmetric) {
-    return SelfAdjointEigenSolver<MatrixXd>(symmetric, EigenvaluesOnly).eigenvalues().cwiseAbs().maxCoeff();
+    return SelfAdjointEigenSolver<MatrixXd>(symmetric, EigenvaluesOnly)
+        .eigenvalues()
+        .cwiseAbs()
+        .maxCoeff();
 }
 
 MatrixXd latticeSum(const Scene& scene) {
@@ -121,26 +132,42 @@ TEST(SplitEwald, TablesAreThePairsToRounding) {
 
 namespace {
 
-/** Arrangements whose errors add up: a crystal, a cluster in a large box, shells of blobs that overlap, large particles among small ones. */
+/** Arrangements whose errors add up: a crystal, a cluster in a large box, shells of blobs that
+ * overlap, large particles among small ones. */
 vector<Scene> arrangements() {
     vector<Scene> all = {
-        {"a face-centred cubic array, 0.5", 108, orthogonal(9.67, 9.67, 9.67), Scene::Blobs, {1}, 1},
+        {"a face-centred cubic array, 0.5",
+         108,
+         orthogonal(9.67, 9.67, 9.67),
+         Scene::Blobs,
+         {1},
+         1},
         {"an array of spheres", 27, orthogonal(6.1, 6.1, 6.1), Scene::Spheres, {1}, 1},
         {"a cluster of blobs", 100, orthogonal(25, 25, 25), Scene::Blobs, {1}, 1},
         {"shells of blobs", 126, orthogonal(14, 14, 14), Scene::Blobs, {1}, 1},
-        {"large blobs among small ones", 100, orthogonal(16, 16, 16), Scene::Blobs, {3, 0.7, 0.7, 0.7, 0.7}, 1}};
-    vector<Vec3>*const cubic = &all[0].placement.positions, *const simple = &all[1].placement.positions,
-                       *const cluster = &all[2].placement.positions, *const shells = &all[3].placement.positions;
+        {"large blobs among small ones",
+         100,
+         orthogonal(16, 16, 16),
+         Scene::Blobs,
+         {3, 0.7, 0.7, 0.7, 0.7},
+         1}};
+    vector<Vec3>*const cubic = &all[0].placement.positions,
+                       *const simple = &all[1].placement.positions,
+                       *const cluster = &all[2].placement.positions,
+                       *const shells = &all[3].placement.positions;
     const Vec3 half[] = {Vec3(0, 0, 0), Vec3(0.5, 0.5, 0), Vec3(0.5, 0, 0.5), Vec3(0, 0.5, 0.5)};
     for (int i = 0; i < 108; i++)
-        (*cubic)[i] = (Vec3(i / 4 % 3, i / 12 % 3, i / 36) + half[i % 4]) * (9.67 / 3) + Vec3(0.1, 0.2, 0.3);
+        (*cubic)[i] =
+            (Vec3(i / 4 % 3, i / 12 % 3, i / 36) + half[i % 4]) * (9.67 / 3) + Vec3(0.1, 0.2, 0.3);
     for (int i = 0; i < 27; i++) (*simple)[i] = Vec3(i % 3, i / 3 % 3, i / 9) * (6.1 / 3);
     mt19937 random(2);
     normal_distribution<double> normal(0, 3);
     for (Vec3& r : *cluster) r = Vec3(normal(random), normal(random), normal(random));
     for (int i = 0; i < 126; i++) {
-        const double z = 1 - (2 * (i % 42) + 1) / 42.0, angle = 2.399963 * (i % 42), rho = sqrt(1 - z * z);
-        (*shells)[i] = Vec3(5 * (i / 42), 3 * (i / 42), i / 42) + Vec3(rho * cos(angle), rho * sin(angle), z) * 2.5;
+        const double z = 1 - (2 * (i % 42) + 1) / 42.0, angle = 2.399963 * (i % 42),
+                     rho = sqrt(1 - z * z);
+        (*shells)[i] = Vec3(5 * (i / 42), 3 * (i / 42), i / 42) +
+                       Vec3(rho * cos(angle), rho * sin(angle), z) * 2.5;
     }
     return all;
 }
@@ -155,12 +182,16 @@ TEST(SplitEwald, ProductsHaveTheTolerance) {
         const double norm = normOf(scaled(exact, scene.particles));
         double worst = 0;
         for (double tolerance : {1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8}) {
-            const RotnePragerYamakawaGrid model(scene.particles, eta, tolerance, 0, make_shared<CpuGridFluid>());
+            const RotnePragerYamakawaGrid model(scene.particles, eta, tolerance, 0,
+                                                make_shared<CpuGridFluid>());
             MatrixXd M;
             model.at(scene.placement)->dense(M);
-            const double error = normOf(scaled(0.5 * (M + M.transpose()) - exact, scene.particles)) / norm;
-            EXPECT_LE(error, tolerance) << scene.what << ", " << model.describe(scene.placement.box);
-            EXPECT_LE((M - M.transpose()).norm(), 1e-14 * M.norm()) << scene.what << " " << tolerance;
+            const double error =
+                normOf(scaled(0.5 * (M + M.transpose()) - exact, scene.particles)) / norm;
+            EXPECT_LE(error, tolerance)
+                << scene.what << ", " << model.describe(scene.placement.box);
+            EXPECT_LE((M - M.transpose()).norm(), 1e-14 * M.norm())
+                << scene.what << " " << tolerance;
             worst = max(worst, error / tolerance);
         }
         printf("%s: errors up to %.2f of the tolerance\n", scene.what, worst);
@@ -193,7 +224,10 @@ public:
             for (int c = 0; c < 3; c++) {
                 const bool same = array<int, 3>{nx[i], ny, nz} == mode,
                            mirrored = array<int, 3>{-nx[i], -ny, -nz} == mode;
-                numbers[c * count + i] = c != component ? 0.0 : same ? value : mirrored ? conj(value) : 0.0;
+                numbers[c * count + i] = c != component ? 0.0
+                                         : same         ? value
+                                         : mirrored     ? conj(value)
+                                                        : 0.0;
             }
     }
 
@@ -212,10 +246,13 @@ struct SplitScene {
     shared_ptr<GridFluid> fluid;
     NearField near;
     WaveField waves;
-    SplitScene(const Scene& scene, double tolerance, const shared_ptr<GridFluid>& fluid, double xi = 0)
+    SplitScene(const Scene& scene, double tolerance, const shared_ptr<GridFluid>& fluid,
+               double xi = 0)
         : scene(scene), kinds(kindsOf(scene.particles)),
-          inBox(kinds, EwaldSplitting(kinds, tolerance, 0, scene.placement.box, xi), scene.placement.box),
-          splitting(inBox.splitting), fluid(fluid), near(scene.particles), waves(scene.particles, kinds) {
+          inBox(kinds, EwaldSplitting(kinds, tolerance, 0, scene.placement.box, xi),
+                scene.placement.box),
+          splitting(inBox.splitting), fluid(fluid), near(scene.particles),
+          waves(scene.particles, kinds) {
         vector<int> kind;
         for (double a : scene.particles.radii)
             for (size_t k = 0; k < kinds.size(); k++)
@@ -226,7 +263,9 @@ struct SplitScene {
         waves.moveTo(scene.placement.positions, false);
     }
     Ranges ranges() const {
-        return [this](int count, const function<void(int, int)>& task) { fluid->forRanges(count, task); };
+        return [this](int count, const function<void(int, int)>& task) {
+            fluid->forRanges(count, task);
+        };
     }
     MatrixXd denseOfPairs() {
         const int rows = scene.particles.numRows;
@@ -261,12 +300,14 @@ TEST(SplitEwald, BothPartsArePositive) {
             const MatrixXd pairs = split.denseOfPairs(), waves = split.denseOfWaves();
             EXPECT_LE((pairs - pairs.transpose()).norm(), 1e-14 * pairs.norm()) << scene.what;
             EXPECT_LE((waves - waves.transpose()).norm(), 1e-14 * waves.norm()) << scene.what;
-            // Waves are a Gram matrix whatever is cut off; of pairs what is cut off is a part of the tolerance.
+            // Waves are a Gram matrix whatever is cut off; of pairs what is cut off is a part of
+            // the tolerance.
             const double rounding = 1e-13;
             EXPECT_GE(smallestEigenvalue(scaled(waves, scene.particles)),
                       -rounding * normOf(scaled(waves, scene.particles)))
                 << scene.what;
-            EXPECT_GE(smallestEigenvalue(scaled(pairs, scene.particles)), -0.3 * tolerance) << scene.what;
+            EXPECT_GE(smallestEigenvalue(scaled(pairs, scene.particles)), -0.3 * tolerance)
+                << scene.what;
         }
 }
 
@@ -277,7 +318,8 @@ TEST(SplitEwald, PairsDoNotDependOnTheCells) {
         const HydrodynamicParticles& particles = scene.particles;
         const Lattice lattice(scene.placement.box);
         const double largest = split.kinds.back().radius;
-        const vector<Vector3d> images = lattice.within(split.splitting.gap + 2 * largest + lattice.getReach());
+        const vector<Vector3d> images =
+            lattice.within(split.splitting.gap + 2 * largest + lattice.getReach());
         MatrixXd expected = MatrixXd::Zero(particles.numRows, particles.numRows);
         for (int i = 0; i < particles.size(); i++)
             for (int j = 0; j < particles.size(); j++) {
@@ -285,7 +327,8 @@ TEST(SplitEwald, PairsDoNotDependOnTheCells) {
                 const NearPair functions(a, b, split.splitting.xi, true);
                 PairBlocks pair;
                 pair.setZero();
-                const Vector3d nearest = lattice.wrapped(scene.placement.positions[i] - scene.placement.positions[j]);
+                const Vector3d nearest =
+                    lattice.wrapped(scene.placement.positions[i] - scene.placement.positions[j]);
                 for (const Vector3d& image : images)
                     if ((nearest + image).norm() < split.splitting.gap + a + b)
                         pair.add(functions.at((nearest + image).norm()), nearest + image, false);
@@ -302,8 +345,10 @@ TEST(SplitEwald, PairsDoNotDependOnTheCells) {
 }
 
 TEST(SplitEwald, FieldsOfWavesHaveTheCovarianceOfProducts) {
-    // Every number is a column of B: real and imaginary part, of variance 1/2, of three components of one of each pair of modes.
-    const Scene mixed("unequal spheres and blobs", 4, orthogonal(3.1, 2.6, 4.4), Scene::Mixed, {0.5, 0.8}, 5);
+    // Every number is a column of B: real and imaginary part, of variance 1/2, of three components
+    // of one of each pair of modes.
+    const Scene mixed("unequal spheres and blobs", 4, orthogonal(3.1, 2.6, 4.4), Scene::Mixed,
+                      {0.5, 0.8}, 5);
     for (bool fast : {false, true}) {
         SplitScene split(mixed, 1e-2, fast ? make_shared<CpuGridFluid>() : plainFluid());
         const MatrixXd M = split.denseOfWaves();
@@ -315,8 +360,10 @@ TEST(SplitEwald, FieldsOfWavesHaveTheCovarianceOfProducts) {
                 for (int nz = 0; nz <= size[2] / 2; nz++) {
                     if (CounterModeNoise::isMirrored(nx, ny, nz)) continue;
                     for (int c = 0; c < 3; c++)
-                        for (complex<double> value : {complex<double>(1, 0), complex<double>(0, 1)}) {
-                            split.waves.draw(*split.fluid, eta, UnitNoise({nx, ny, nz}, c, sqrt(0.5) * value), fields);
+                        for (complex<double> value :
+                             {complex<double>(1, 0), complex<double>(0, 1)}) {
+                            split.waves.draw(*split.fluid, eta,
+                                             UnitNoise({nx, ny, nz}, c, sqrt(0.5) * value), fields);
                             VectorXd column = VectorXd::Zero(M.rows());
                             split.waves.addAverages(*split.fluid, fields, column.data());
                             covariance += column * column.transpose();
@@ -345,7 +392,8 @@ TEST(SplitEwald, FastGridsArePlainOnesToRounding) {
             both[i]->waves.draw(*both[i]->fluid, eta, noise, NoiseStream::RandomField, fields);
             both[i]->waves.addAverages(*both[i]->fluid, fields, averages.col(i).data());
         }
-        EXPECT_LE((averages.col(0) - averages.col(1)).norm(), 1e-12 * averages.col(0).norm()) << scene.what;
+        EXPECT_LE((averages.col(0) - averages.col(1)).norm(), 1e-12 * averages.col(0).norm())
+            << scene.what;
         EXPECT_GT(averages.col(0).norm(), 0);
     }
 }
@@ -356,7 +404,8 @@ TEST(SplitEwald, BoxesAwayMakeNoDifference) {
         Placement away = scene.placement;
         for (size_t i = 0; i < away.positions.size(); i++)
             for (int axis = 0; axis < 3; axis++)
-                away.positions[i][axis] += ((int)(7 * i + axis) % 5 - 2) * 64.0 * away.box[axis][axis];
+                away.positions[i][axis] +=
+                    ((int)(7 * i + axis) % 5 - 2) * 64.0 * away.box[axis][axis];
         MatrixXd here, there;
         model.at(scene.placement)->dense(here);
         model.at(away)->dense(there);
@@ -365,8 +414,10 @@ TEST(SplitEwald, BoxesAwayMakeNoDifference) {
 }
 
 TEST(SplitEwald, PlacesNearbyKeepTheirPairs) {
-    // So central differences of products converge as their step squared: a pair more or less would be an error of tolerance/step.
-    const Scene scene("unequal spheres and blobs", 36, orthogonal(9, 12, 10), Scene::Mixed, {1, 1.4}, 5);
+    // So central differences of products converge as their step squared: a pair more or less would
+    // be an error of tolerance/step.
+    const Scene scene("unequal spheres and blobs", 36, orthogonal(9, 12, 10), Scene::Mixed,
+                      {1, 1.4}, 5);
     const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-2, 0, plainFluid());
     const VectorXd forces = VectorXd::LinSpaced(scene.particles.numRows, -1, 2);
     mt19937 random(9);
@@ -380,7 +431,8 @@ TEST(SplitEwald, PlacesNearbyKeepTheirPairs) {
         at->apply(forces, unused);
         for (int side = 0; side < 2; side++) {
             Placement moved = scene.placement;
-            for (size_t i = 0; i < direction.size(); i++) moved.positions[i] += direction[i] * ((side - 0.5) * step);
+            for (size_t i = 0; i < direction.size(); i++)
+                moved.positions[i] += direction[i] * ((side - 0.5) * step);
             // The anchors are those of the placement before.
             model.place(at, scene.placement);
             model.placeNear(at, moved);
@@ -425,8 +477,9 @@ TEST(SplitEwald, FieldsAreThoseOfWavesAndARootOfPairs) {
         split.waves.draw(*split.fluid, eta, ofWaves, NoiseStream::ParticleFirstDraw, fields);
         split.waves.addAverages(*split.fluid, fields, waves.data());
         // In units of own mobilities, of which 0.3 tolerances are added.
-        const MatrixXd pairs = scaled(split.denseOfPairs(), particles) +
-                               0.3 * tolerance * MatrixXd::Identity(particles.numRows, particles.numRows);
+        const MatrixXd pairs =
+            scaled(split.denseOfPairs(), particles) +
+            0.3 * tolerance * MatrixXd::Identity(particles.numRows, particles.numRows);
         const VectorXd expected = SelfAdjointEigenSolver<MatrixXd>(pairs).operatorSqrt() * W;
         const VectorXd found = roots(particles).asDiagonal() * (slips.col(0) - waves);
         EXPECT_LE((found - expected).norm(), 5 * 0.1 * tolerance * expected.norm()) << scene.what;
@@ -440,13 +493,15 @@ TEST(SplitEwald, FieldsAreThoseOfWavesAndARootOfPairs) {
         EXPECT_GT((others - slips).norm(), 0) << scene.what;
         field->slipsAt(scene.placement, false, again);
         EXPECT_EQ(again, slips) << scene.what;
-        EXPECT_EQ(field->getNumRandomNumbers(), GridModeNoise::numbersOf(split.splitting.shape) + particles.numRows);
+        EXPECT_EQ(field->getNumRandomNumbers(),
+                  GridModeNoise::numbersOf(split.splitting.shape) + particles.numRows);
     }
 }
 
 TEST(SplitEwald, FieldsAndProductsShareNoResults) {
     // Whoever was at a place before, with whatever was kept there: the same bits.
-    const Scene scene("unequal spheres and blobs", 36, orthogonal(9, 12, 10), Scene::Mixed, {1, 1.4}, 5);
+    const Scene scene("unequal spheres and blobs", 36, orthogonal(9, 12, 10), Scene::Mixed,
+                      {1, 1.4}, 5);
     Placement other = scene.placement, smaller = scene.placement;
     for (Vec3& r : other.positions) r += Vec3(0.3, -0.2, 0.1) * r[0];
     smaller.box = orthogonal(8, 11, 12);
@@ -462,7 +517,8 @@ TEST(SplitEwald, FieldsAndProductsShareNoResults) {
     unique_ptr<RandomField> field;
     MatrixXd velocities, slips;
     for (int round = 0; round < 2; round++)
-        for (const Placement* placement : vector<const Placement*>{&scene.placement, &other, &smaller}) {
+        for (const Placement* placement :
+             vector<const Placement*>{&scene.placement, &other, &smaller}) {
             model.drawField(NoiseStream(), NoiseStream::ParticleFirstDraw, placement->box, field);
             field->slipsAt(*placement, false, slips);
             model.place(a, *placement);
@@ -481,7 +537,8 @@ TEST(SplitEwald, FieldsAndProductsShareNoResults) {
 
 TEST(SplitEwald, ASplittingByHandIsRightToo) {
     // The fastest is a matter of time, not of accuracy.
-    const Scene scene("unequal spheres and blobs", 36, orthogonal(9, 12, 10), Scene::Mixed, {1, 1.4}, 5);
+    const Scene scene("unequal spheres and blobs", 36, orthogonal(9, 12, 10), Scene::Mixed,
+                      {1, 1.4}, 5);
     const MatrixXd exact = latticeSum(scene);
     const double norm = normOf(scaled(exact, scene.particles));
     for (double tolerance : {1e-2, 1e-5})
@@ -489,7 +546,8 @@ TEST(SplitEwald, ASplittingByHandIsRightToo) {
             SplitScene split(scene, tolerance, plainFluid(), xi);
             ASSERT_EQ(split.splitting.xi, xi);
             const MatrixXd M = split.denseOfPairs() + split.denseOfWaves();
-            EXPECT_LE(normOf(scaled(0.5 * (M + M.transpose()) - exact, scene.particles)), tolerance * norm)
+            EXPECT_LE(normOf(scaled(0.5 * (M + M.transpose()) - exact, scene.particles)),
+                      tolerance * norm)
                 << tolerance << " " << xi;
         }
 }

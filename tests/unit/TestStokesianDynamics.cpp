@@ -21,15 +21,16 @@ HydrodynamicParticles spheres(const vector<double>& radii) {
     return particles;
 }
 
-MatrixXd frictionOf(const vector<double>& radii, const vector<Vec3>& positions, bool lubrication = true,
-                    double minimumGap = 0, double viscosity = 1) {
+MatrixXd frictionOf(const vector<double>& radii, const vector<Vec3>& positions,
+                    bool lubrication = true, double minimumGap = 0, double viscosity = 1) {
     StokesianDynamics model(spheres(radii), viscosity, lubrication, minimumGap);
     MatrixXd friction;
     model.at({positions})->friction(friction);
     return friction;
 }
 
-/** Forces and torques in units of each sphere's own friction coefficients, so that eigenvalues of different kinds compare. */
+/** Forces and torques in units of each sphere's own friction coefficients, so that eigenvalues of
+ * different kinds compare. */
 MatrixXd scaled(const MatrixXd& friction, const vector<double>& radii) {
     VectorXd scale(friction.rows());
     for (size_t i = 0; i < radii.size(); i++) {
@@ -55,17 +56,20 @@ vector<Vec3> cluster(const vector<double>& radii, const vector<double>& gaps, mt
     while (positions.size() < radii.size()) {
         const int i = positions.size(), next = generator() % i;
         const double gap = gaps[generator() % gaps.size()];
-        const Vec3 trial = positions[next] + randomDirection(generator) * ((radii[i] + radii[next]) * (1 + gap / 2));
+        const Vec3 trial = positions[next] +
+                           randomDirection(generator) * ((radii[i] + radii[next]) * (1 + gap / 2));
         bool free = true;
         for (int j = 0; j < i; j++)
-            free = free && (j == next || norm(trial - positions[j]) > (radii[i] + radii[j]) * (1 + 5e-7));
+            free = free &&
+                   (j == next || norm(trial - positions[j]) > (radii[i] + radii[j]) * (1 + 5e-7));
         if (free) positions.push_back(trial);
     }
     return positions;
 }
 
 const vector<double> threeRadii = {1, 0.5, 0.8};
-const vector<Vec3> threePositions = {Vec3(0.1, -0.2, 0.3), Vec3(1.4, 0.6, 0.5), Vec3(-0.6, 1.6, -0.4)};
+const vector<Vec3> threePositions = {Vec3(0.1, -0.2, 0.3), Vec3(1.4, 0.6, 0.5),
+                                     Vec3(-0.6, 1.6, -0.4)};
 
 }  // namespace
 
@@ -78,14 +82,16 @@ TEST(StokesianDynamics, SingleSphere) {
         at->friction(friction);
         at->dense(mobility);
         VectorXd expected(6);
-        expected << VectorXd::Constant(3, 6 * M_PI * 1.3 * 0.7), VectorXd::Constant(3, 8 * M_PI * 1.3 * pow(0.7, 3));
+        expected << VectorXd::Constant(3, 6 * M_PI * 1.3 * 0.7),
+            VectorXd::Constant(3, 8 * M_PI * 1.3 * pow(0.7, 3));
         EXPECT_LT((friction - MatrixXd(expected.asDiagonal())).cwiseAbs().maxCoeff(), 1e-13);
         EXPECT_LT((friction * mobility - MatrixXd::Identity(6, 6)).cwiseAbs().maxCoeff(), 1e-14);
     }
 }
 
 TEST(StokesianDynamics, TwoSedimentingSpheres) {
-    // Davidchack et al. 2017, Table S1, exact values by collocation (1e-10), and what FTS without lubrication misses
+    // Davidchack et al. 2017, Table S1, exact values by collocation (1e-10), and what FTS without
+    // lubrication misses
     struct Case {
         double l, force, omega, ftsForceError, ftsOmegaError, tolerance;
     };
@@ -114,12 +120,14 @@ TEST(StokesianDynamics, TwoSedimentingSpheres) {
 }
 
 TEST(StokesianDynamics, IsolatedPairIsExact) {
-    // in a general direction, in either order, against the solution in bispherical coordinates: R.(U along the line) and so on
+    // in a general direction, in either order, against the solution in bispherical coordinates:
+    // R.(U along the line) and so on
     const double viscosity = 0.7;
     for (double gap : {1e-2, 0.3, 4.0})
         for (bool swapped : {false, true}) {
             const double a1 = 0.9, a2 = 0.36, mean = (a1 + a2) / 2;
-            const Vec3 d = Vec3(2, -1, 2) / 3, across = Vec3(1, 0, -1) / sqrt(2), third = across.cross(d);
+            const Vec3 d = Vec3(2, -1, 2) / 3, across = Vec3(1, 0, -1) / sqrt(2),
+                       third = across.cross(d);
             vector<double> radii = {a1, a2};
             vector<Vec3> positions = {Vec3(5, 6, 7), Vec3(5, 6, 7) + d * (a1 + a2 + gap * mean)};
             if (swapped) {
@@ -129,32 +137,40 @@ TEST(StokesianDynamics, IsolatedPairIsExact) {
             const MatrixXd friction = frictionOf(radii, positions, true, 0, viscosity);
             const TwoSphereValues<double> f = solveTwoSpheres(a2 / a1, gap);
             const int row[2] = {swapped ? 6 : 0, swapped ? 0 : 6};
-            const auto element = [&](int i, int j, const Vec3& u, const Vec3& v, int torque, int spin) {
+            const auto element = [&](int i, int j, const Vec3& u, const Vec3& v, int torque,
+                                     int spin) {
                 double sum = 0;
                 for (int k = 0; k < 3; k++)
                     for (int l = 0; l < 3; l++)
-                        sum += u[k] * friction(row[i] + 3 * torque + k, row[j] + 3 * spin + l) * v[l];
+                        sum +=
+                            u[k] * friction(row[i] + 3 * torque + k, row[j] + 3 * spin + l) * v[l];
                 return sum;
             };
             const double a[2] = {a1, a2};
             for (int i = 0; i < 2; i++)
                 for (int j = 0; j < 2; j++) {
-                    const double s = a[i] + a[j], A = 3 * M_PI * viscosity * s, B = A * s / 3, C = B * s;
+                    const double s = a[i] + a[j], A = 3 * M_PI * viscosity * s, B = A * s / 3,
+                                 C = B * s;
                     const double tolerance = 1e-10 * max(1.0, f[XA22]);
                     EXPECT_NEAR(element(i, j, d, d, 0, 0) / A, f[XA11 + i + j], tolerance);
-                    EXPECT_NEAR(element(i, j, across, across, 0, 0) / A, f[YA11 + i + j], tolerance);
+                    EXPECT_NEAR(element(i, j, across, across, 0, 0) / A, f[YA11 + i + j],
+                                tolerance);
                     EXPECT_NEAR(element(i, j, across, third, 0, 0) / A, 0, tolerance);
                     EXPECT_NEAR(element(i, j, d, d, 1, 1) / C, f[XC11 + i + j], tolerance);
-                    EXPECT_NEAR(element(i, j, across, across, 1, 1) / C, f[YC11 + i + j], tolerance);
+                    EXPECT_NEAR(element(i, j, across, across, 1, 1) / C, f[YC11 + i + j],
+                                tolerance);
                     // T = B U x d: across x d = third
-                    EXPECT_NEAR(element(i, j, third, across, 1, 0) / B, f[YB11 + 2 * i + j], tolerance);
-                    EXPECT_NEAR(element(j, i, across, third, 0, 1) / B, f[YB11 + 2 * i + j], tolerance);
+                    EXPECT_NEAR(element(i, j, third, across, 1, 0) / B, f[YB11 + 2 * i + j],
+                                tolerance);
+                    EXPECT_NEAR(element(j, i, across, third, 0, 1) / B, f[YB11 + 2 * i + j],
+                                tolerance);
                 }
         }
 }
 
 TEST(StokesianDynamics, ForceAndTorqueBlocksFarApart) {
-    // of Rotne-Prager-Yamakawa, at a distance where stresslets (a/r)^4 and lubrication are below the tolerance
+    // of Rotne-Prager-Yamakawa, at a distance where stresslets (a/r)^4 and lubrication are below
+    // the tolerance
     const vector<double> radii = {1, 0.6};
     const double r = 200;
     StokesianDynamics model(spheres(radii), 1, true, 0);
@@ -162,10 +178,12 @@ TEST(StokesianDynamics, ForceAndTorqueBlocksFarApart) {
     model.at({{Vec3(0, 0, r), Vec3()}})->dense(mobility);
     const double squares = 1.36, tolerance = 1e-9;
     EXPECT_NEAR(mobility(0, 6) * 8 * M_PI * r, 1 + squares / (3 * r * r), tolerance);
-    EXPECT_NEAR(mobility(2, 8) * 8 * M_PI * r, 2 - 2 * squares / (3 * r * r), 2e-7);  // the stresslets' share is 3e-8
+    EXPECT_NEAR(mobility(2, 8) * 8 * M_PI * r, 2 - 2 * squares / (3 * r * r),
+                2e-7);  // the stresslets' share is 3e-8
     EXPECT_NEAR(mobility(9, 3) * 16 * M_PI * r * r * r, -1, 1e-6);
     EXPECT_NEAR(mobility(11, 5) * 8 * M_PI * r * r * r, 1, 1e-6);
-    EXPECT_NEAR(mobility(3, 7) * 8 * M_PI * r * r, 1, 1e-6);  // Omega_0 = F_1 x n/(8 pi r²): y x z = x
+    EXPECT_NEAR(mobility(3, 7) * 8 * M_PI * r * r, 1,
+                1e-6);  // Omega_0 = F_1 x n/(8 pi r²): y x z = x
 }
 
 TEST(StokesianDynamics, MatricesAgreeAndAreSymmetric) {
@@ -186,7 +204,8 @@ TEST(StokesianDynamics, MatricesAgreeAndAreSymmetric) {
             EXPECT_LT((friction * mobility - MatrixXd::Identity(18, 18)).norm(), 1e-12);
             EXPECT_LT((mobility * forces - velocities).norm() / velocities.norm(), 1e-13);
         }
-        EXPECT_LT((friction - frictionOf(threeRadii, threePositions, lubrication, 0, 0.9)).norm(), 1e-12);
+        EXPECT_LT((friction - frictionOf(threeRadii, threePositions, lubrication, 0, 0.9)).norm(),
+                  1e-12);
     }
 }
 
@@ -203,7 +222,9 @@ TEST(StokesianDynamics, TurnsWithTheLaboratoryAndTheNumbering) {
     }
     MatrixXd all = MatrixXd::Zero(18, 18);
     for (int block = 0; block < 6; block++) all.block<3, 3>(3 * block, 3 * block) = rotation;
-    EXPECT_LT((frictionOf(threeRadii, turned) - all * friction * all.transpose()).norm() / friction.norm(), 1e-12);
+    EXPECT_LT((frictionOf(threeRadii, turned) - all * friction * all.transpose()).norm() /
+                  friction.norm(),
+              1e-12);
 
     const int order[3] = {2, 0, 1};
     vector<double> radii;
@@ -215,7 +236,8 @@ TEST(StokesianDynamics, TurnsWithTheLaboratoryAndTheNumbering) {
         permutation.block<6, 6>(6 * i, 6 * order[i]).setIdentity();
     }
     EXPECT_LT(
-        (frictionOf(radii, positions) - permutation * friction * permutation.transpose()).norm() / friction.norm(),
+        (frictionOf(radii, positions) - permutation * friction * permutation.transpose()).norm() /
+            friction.norm(),
         1e-13);
 }
 
@@ -238,7 +260,8 @@ TEST(StokesianDynamics, PositiveDefiniteForRandomClusters) {
     double smallest = 1e300;
     for (int sample = 0; sample < 1000; sample++) {
         vector<double> radii;
-        for (int i = 2 + generator() % 5; i > 0; i--) radii.push_back(sizes[generator() % sizes.size()]);
+        for (int i = 2 + generator() % 5; i > 0; i--)
+            radii.push_back(sizes[generator() % sizes.size()]);
         const vector<Vec3> positions = cluster(radii, gaps, generator);
         const MatrixXd friction = scaled(frictionOf(radii, positions), radii);
         const double value = eigenvalues(friction)[0];
@@ -252,14 +275,18 @@ TEST(StokesianDynamics, PositiveDefiniteForRandomClusters) {
 }
 
 TEST(StokesianDynamics, SmoothInThePositions) {
-    // finite differences of second order converge as h², also where the tables' nodes change their source
+    // finite differences of second order converge as h², also where the tables' nodes change their
+    // source
     for (double gap : {1e-3, 0.05, 2.0}) {
         const auto element = [&](double h) -> VectorXd {
-            const vector<Vec3> positions = {Vec3(), Vec3(2 + gap * (1 + h), 0.3 * gap * h, 0), Vec3(0.5, 2.5, 0.3)};
+            const vector<Vec3> positions = {Vec3(), Vec3(2 + gap * (1 + h), 0.3 * gap * h, 0),
+                                            Vec3(0.5, 2.5, 0.3)};
             return Eigen::Map<VectorXd>(frictionOf({1, 1, 1}, positions).data(), 18 * 18);
         };
         const VectorXd centre = element(0);
-        const auto second = [&](double h) -> VectorXd { return (element(h) - 2 * centre + element(-h)) / (h * h); };
+        const auto second = [&](double h) -> VectorXd {
+            return (element(h) - 2 * centre + element(-h)) / (h * h);
+        };
         const VectorXd a = second(0.08), b = second(0.04), c = second(0.02);
         EXPECT_NEAR((a - b).norm() / (b - c).norm(), 4, 0.2) << gap;
         EXPECT_LT((b - c).norm(), 0.01 * c.norm());
@@ -271,12 +298,17 @@ TEST(StokesianDynamics, MinimumGap) {
     const vector<double> radii = {1, 0.5};
     const auto at = [&](double gap) { return vector<Vec3>{Vec3(), Vec3(0, 0, 1.5 + 0.75 * gap)}; };
     const auto lubrication = [&](double gap) -> MatrixXd {
-        return frictionOf(radii, at(gap), true, minimumGap) - frictionOf(radii, at(gap), false, minimumGap);
+        return frictionOf(radii, at(gap), true, minimumGap) -
+               frictionOf(radii, at(gap), false, minimumGap);
     };
-    EXPECT_LT((frictionOf(radii, at(0.03), true, minimumGap) - frictionOf(radii, at(0.03))).norm(), 1e-12);
-    for (double gap : {0.01, 0.0, -0.1}) EXPECT_LT((lubrication(gap) - lubrication(minimumGap)).norm(), 1e-10) << gap;
-    EXPECT_LT((frictionOf(radii, at(-0.1), true, minimumGap) - frictionOf(radii, at(0), true, minimumGap)).norm(),
-              1e-10);
+    EXPECT_LT((frictionOf(radii, at(0.03), true, minimumGap) - frictionOf(radii, at(0.03))).norm(),
+              1e-12);
+    for (double gap : {0.01, 0.0, -0.1})
+        EXPECT_LT((lubrication(gap) - lubrication(minimumGap)).norm(), 1e-10) << gap;
+    EXPECT_LT(
+        (frictionOf(radii, at(-0.1), true, minimumGap) - frictionOf(radii, at(0), true, minimumGap))
+            .norm(),
+        1e-10);
     EXPECT_GT(eigenvalues(frictionOf(radii, at(-0.1), true, minimumGap))[0], 0.1);
     int i, j;
     EXPECT_FALSE(StokesianDynamics(spheres(radii), 1, true, minimumGap).overlaps(at(-0.1), i, j));
@@ -300,8 +332,9 @@ TEST(StokesianDynamics, RefusedOverlap) {
         auto place = model.at({apart});
         place->friction(before);
         expectError([&] { model.place(place, {overlapping}); },
-                    {"particle 101 (body 1)", "particle 102 (body 2)", "overlap or touch: their distance is 0.9 nm",
-                     "sum of their radii 1 nm", "setMinimumGap", "RotnePragerYamakawa"});
+                    {"particle 101 (body 1)", "particle 102 (body 2)",
+                     "overlap or touch: their distance is 0.9 nm", "sum of their radii 1 nm",
+                     "setMinimumGap", "RotnePragerYamakawa"});
         place->friction(after);
         EXPECT_EQ((before - after).norm(), 0) << "the last good positions stay";
     }
@@ -310,24 +343,29 @@ TEST(StokesianDynamics, RefusedOverlap) {
         [&] {
             allowed.at({{Vec3(1, 1, 1), Vec3(1, 1, 1)}});
         },
-        {"particle 100 (body 0) and particle 101 (body 1)", "are at the same place, so their line"});
+        {"particle 100 (body 0) and particle 101 (body 1)",
+         "are at the same place, so their line"});
 }
 
 TEST(StokesianDynamics, RefusedParticles) {
-    const auto construct = [](const HydrodynamicParticles& particles, bool lubrication = true, double minimumGap = 0) {
+    const auto construct = [](const HydrodynamicParticles& particles, bool lubrication = true,
+                              double minimumGap = 0) {
         StokesianDynamics model(particles, 1, lubrication, minimumGap);
     };
     HydrodynamicParticles freeParticle = spheres({1}), twoInABody = spheres({1, 1});
     freeParticle.add(0.5, false, 7, -1);
-    expectError([&] { construct(freeParticle); },
-                {"is a model of spheres that rotate", "particle 7 (in no body)", "RotnePragerYamakawa"});
+    expectError(
+        [&] { construct(freeParticle); },
+        {"is a model of spheres that rotate", "particle 7 (in no body)", "RotnePragerYamakawa"});
     twoInABody.add(1, true, 9, 1);
-    expectError([&] { construct(twoInABody); }, {"is a model of single spheres", "body 1 has particles 101 and 9"});
+    expectError([&] { construct(twoInABody); },
+                {"is a model of single spheres", "body 1 has particles 101 and 9"});
     expectError(
         [&] {
             construct(spheres({1, 0.05, 1.5}));
         },
-        {"the radii 1.5 nm of particle 102 (body 2) and 0.05 nm of particle 101 (body 1) have the ratio 30",
+        {"the radii 1.5 nm of particle 102 (body 2) and 0.05 nm of particle 101 (body 1) have the "
+         "ratio 30",
          "lubrication is known up to a ratio of 10", "setLubrication(False)"});
     construct(spheres({1, 0.05}), false);
     for (double gap : {-0.1, 1.0, double(NAN)})
@@ -344,7 +382,8 @@ TEST(StokesianDynamics, HopelessOverlapIsAnError) {
 }
 
 TEST(StokesianDynamics, StressletsAndStrainsAreReciprocal) {
-    // The power of forces F on spheres that go with a strain E is that of the stresslets that F makes: F.U(E) = S(F):E.
+    // The power of forces F on spheres that go with a strain E is that of the stresslets that F
+    // makes: F.U(E) = S(F):E.
     mt19937 generator(9);
     const double viscosity = 0.7;
     const vector<double> radii = {1, 0.8, 1.3, 0.6};
@@ -367,10 +406,13 @@ TEST(StokesianDynamics, StressletsAndStrainsAreReciprocal) {
         }
     }
     EXPECT_GT(largest, 0.1);
-    // One sphere in a strain has the stresslet -20/3 pi eta a^3 E (Batchelor 1970), and none of forces.
+    // One sphere in a strain has the stresslet -20/3 pi eta a^3 E (Batchelor 1970), and none of
+    // forces.
     StressletResponse alone;
     forceTorqueStressletMobility({1.4}, {Vec3(3, 2, 1)}, viscosity, &alone);
     const VectorXd E = VectorXd::LinSpaced(5, -1, 2), F = VectorXd::LinSpaced(6, 1, 3);
-    EXPECT_LT((alone.stresslets(F, E, viscosity) + 20 * M_PI / 3 * viscosity * pow(1.4, 3) * E).norm(), 1e-12);
+    EXPECT_LT(
+        (alone.stresslets(F, E, viscosity) + 20 * M_PI / 3 * viscosity * pow(1.4, 3) * E).norm(),
+        1e-12);
     EXPECT_EQ(velocitiesIn(alone, E).norm(), 0);
 }

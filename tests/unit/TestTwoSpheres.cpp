@@ -22,40 +22,46 @@ struct Reference {
 };
 
 /**
- * Equal spheres: boundary collocation with Lamb's solution. Unequal: Jeffrey and Onishi's power series
- * in 1/s, by their recursions, 110 to 130 terms without any resummation (converged to 1e-13 at these distances), and again by least squares
- * of Lamb's solutions about both centres on 150 points a meridian, 45 to 50 harmonics: both agree to the digits given.
+ * Equal spheres: boundary collocation with Lamb's solution. Unequal: Jeffrey and Onishi's power
+ * series in 1/s, by their recursions, 110 to 130 terms without any resummation (converged to 1e-13
+ * at these distances), and again by least squares of Lamb's solutions about both centres on 150
+ * points a meridian, 45 to 50 harmonics: both agree to the digits given.
  */
 const vector<Reference> references = {
     {1,
      3,
-     {1.3684796021, -0.6701750418, 1.3684796021, 1.0921017533, -0.2971758580, 1.0921017533, -0.0567464842, 0.1853881406,
-      -0.1853881406, 0.0567464842, 1.0019591542, -0.0371453527, 1.0019591542, 1.0179857151, 0.0216646650, 1.0179857151},
+     {1.3684796021, -0.6701750418, 1.3684796021, 1.0921017533, -0.2971758580, 1.0921017533,
+      -0.0567464842, 0.1853881406, -0.1853881406, 0.0567464842, 1.0019591542, -0.0371453527,
+      1.0019591542, 1.0179857151, 0.0216646650, 1.0179857151},
      6e-11},
     {1,
      25.0 / 12,
-     {4.5704210744, -3.9204733872, 4.5704210744, 1.4215986203, -0.6898578424, 1.4215986203, -0.4323363171, 0.6573566895,
-      -0.6573566895, 0.4323363171, 1.0305903123, -0.1207014998, 1.0305903123, 1.2605911008, 0.1093199134, 1.2605911008},
+     {4.5704210744, -3.9204733872, 4.5704210744, 1.4215986203, -0.6898578424, 1.4215986203,
+      -0.4323363171, 0.6573566895, -0.6573566895, 0.4323363171, 1.0305903123, -0.1207014998,
+      1.0305903123, 1.2605911008, 0.1093199134, 1.2605911008},
      6e-11},
     {1,
      2.01,
-     {27.034008, -26.388286, 27.034008, 1.7669602, -1.0414384, 1.7669602, -0.92097765, 1.1567743, -1.1567743,
-      0.92097765, 1.0467746, -0.14419486, 1.0467746, 1.6350647, 0.20555108, 1.6350647},
+     {27.034008, -26.388286, 27.034008, 1.7669602, -1.0414384, 1.7669602, -0.92097765, 1.1567743,
+      -1.1567743, 0.92097765, 1.0467746, -0.14419486, 1.0467746, 1.6350647, 0.20555108, 1.6350647},
      6e-7},
     {0.3,
      3,
-     {1.197567317114, -0.424038095726, 1.307187735486, 1.059630114724, -0.211222819147, 1.083232757099, -0.056251283498,
-      0.305176804514, -0.027235302349, 0.021160893875, 1.000528406786, -0.013277240737, 1.001228389918, 1.019155743680,
-      0.007501876945, 1.005828516298},
+     {1.197567317114, -0.424038095726, 1.307187735486, 1.059630114724, -0.211222819147,
+      1.083232757099, -0.056251283498, 0.305176804514, -0.027235302349, 0.021160893875,
+      1.000528406786, -0.013277240737, 1.001228389918, 1.019155743680, 0.007501876945,
+      1.005828516298},
      2e-12},
     {0.1,
      2.8,
-     {1.083820595069, -0.181626998333, 1.193690905069, 1.033049493864, -0.107425661908, 1.061876441864, -0.037687389531,
-      0.222289572594, -0.002199388304, 0.005802851952, 1.000075954703, -0.001646348782, 1.000387697001, 1.014497453615,
-      0.000894543054, 1.001380939914},
+     {1.083820595069, -0.181626998333, 1.193690905069, 1.033049493864, -0.107425661908,
+      1.061876441864, -0.037687389531, 0.222289572594, -0.002199388304, 0.005802851952,
+      1.000075954703, -0.001646348782, 1.000387697001, 1.014497453615, 0.000894543054,
+      1.001380939914},
      2e-12}};
 
-/** The functions with the spheres' numbers exchanged; the direction from 1 to 2 changes sign, and B with it. */
+/** The functions with the spheres' numbers exchanged; the direction from 1 to 2 changes sign, and B
+ * with it. */
 Values exchanged(const Values& f) {
     Values g = f;
     for (int first : {XA11, YA11, XC11, YC11}) swap(g[first], g[first + 2]);
@@ -67,7 +73,9 @@ Values exchanged(const Values& f) {
 }
 
 /** Largest difference, relative to the function where it exceeds 1. */
-double difference(const Values& f, const Values& g) { return ((f - g).abs() / g.abs().max(1)).maxCoeff(); }
+double difference(const Values& f, const Values& g) {
+    return ((f - g).abs() / g.abs().max(1)).maxCoeff();
+}
 
 const vector<double> ratios = {1, 0.7, 0.3, 0.1, 2.5};
 
@@ -77,7 +85,8 @@ TEST(TwoSpheres, ReferenceValues) {
     for (const Reference& reference : references) {
         const double gap = reference.s - 2;
         const Values expected = Eigen::Map<const Values>(reference.values.data());
-        EXPECT_LT((solveTwoSpheres(reference.ratio, gap) - expected).abs().maxCoeff(), reference.tolerance)
+        EXPECT_LT((solveTwoSpheres(reference.ratio, gap) - expected).abs().maxCoeff(),
+                  reference.tolerance)
             << reference.ratio;
         EXPECT_LT((TwoSphereResistance(reference.ratio).exact(gap) - expected).abs().maxCoeff(),
                   max(reference.tolerance, 1e-10));
@@ -85,14 +94,16 @@ TEST(TwoSpheres, ReferenceValues) {
 }
 
 TEST(TwoSpheres, TableAgainstSolutionAtEveryGap) {
-    // both sides of the gap where the nodes' values change from expansion to solution (2e-3 reduced radii), and far beyond its fit
+    // both sides of the gap where the nodes' values change from expansion to solution (2e-3 reduced
+    // radii), and far beyond its fit
     for (double ratio : ratios) {
         const TwoSphereResistance table(ratio);
         double worst = 0;
         for (double gap = 1e-4; gap < 1e3; gap *= 2.1) {
             // double's rounding grows as 1/gap
-            const Values solution = gap < 0.01 ? Values(solveTwoSpheres<long double>(ratio, gap).cast<double>())
-                                               : solveTwoSpheres(ratio, gap);
+            const Values solution =
+                gap < 0.01 ? Values(solveTwoSpheres<long double>(ratio, gap).cast<double>())
+                           : solveTwoSpheres(ratio, gap);
             worst = max(worst, difference(table.exact(gap), solution));
         }
         printf("ratio %g: largest error %.1e\n", ratio, worst);
@@ -104,14 +115,17 @@ TEST(TwoSpheres, FullTableNearContact) {
     for (double ratio : {1.0, 0.3}) {
         const TwoSphereResistance table(ratio);
         for (double gap : {1e-6, 1e-5})
-            EXPECT_LT(difference(table.exact(gap), solveTwoSpheres<long double>(ratio, gap).cast<double>()), 1e-9)
+            EXPECT_LT(difference(table.exact(gap),
+                                 solveTwoSpheres<long double>(ratio, gap).cast<double>()),
+                      1e-9)
                 << ratio << " " << gap;
     }
 }
 
 TEST(TwoSpheres, LubricationLimits) {
-    // that all constants of the singular terms are right is what the table's error at gaps below its fit shows, above
-    // equal spheres approaching: 1/(4 gap), the leading term of lubrication theory
+    // that all constants of the singular terms are right is what the table's error at gaps below
+    // its fit shows, above equal spheres approaching: 1/(4 gap), the leading term of lubrication
+    // theory
     EXPECT_NEAR(TwoSphereResistance(1).exact(1e-8)[XA11] * 1e-8, 0.25, 1e-7);
     // and shearing past each other: -(1/6) ln(gap)
     const TwoSphereResistance equal(1);
@@ -124,7 +138,9 @@ TEST(TwoSpheres, ExchangeOfSpheres) {
         for (double gap : {1e-8, 1e-3, 0.1, 3.0, 100.0}) {
             EXPECT_LT(difference(table.exact(gap), exchanged(other.exact(gap))), 1e-9);
             if (gap >= 1e-2) {
-                EXPECT_LT(difference(solveTwoSpheres(ratio, gap), exchanged(solveTwoSpheres(1 / ratio, gap))), 1e-11);
+                EXPECT_LT(difference(solveTwoSpheres(ratio, gap),
+                                     exchanged(solveTwoSpheres(1 / ratio, gap))),
+                          1e-11);
             }
         }
     }
@@ -137,13 +153,16 @@ TEST(TwoSpheres, FarApart) {
         Values alone = Values::Zero();
         for (int f : {XA11, XA22, YA11, YA22, XC11, XC22, YC11, YC22}) alone[f] = 1;
         EXPECT_LT((table.exact(1e7) - alone).abs().maxCoeff(), 1e-6);
-        // Rotne-Prager-Yamakawa is the far field of A12: -6 eta pi a_1 a_2 3/(2 r), and so on; FTS lacks much smaller terms
+        // Rotne-Prager-Yamakawa is the far field of A12: -6 eta pi a_1 a_2 3/(2 r), and so on; FTS
+        // lacks much smaller terms
         const double gap = 1e3, r = (1 + gap / 2) * (1 + ratio);
         EXPECT_NEAR(table.exact(gap)[XA12] * (1 + ratio) / 2 * r / (-1.5 * ratio), 1, 2e-4);
-        EXPECT_NEAR(table.exact(gap)[YB12] * (1 + ratio) * (1 + ratio) * r * r / (6 * ratio), 1, 3e-3);
+        EXPECT_NEAR(table.exact(gap)[YB12] * (1 + ratio) * (1 + ratio) * r * r / (6 * ratio), 1,
+                    3e-3);
         // multipoles beyond FTS: reflections of order (a/r)^6 and higher
         const auto missing = [&](double x) {
-            return (solveTwoSpheres<long double>(ratio, x).cast<double>() - forceTorqueStressletPair(ratio, x))
+            return (solveTwoSpheres<long double>(ratio, x).cast<double>() -
+                    forceTorqueStressletPair(ratio, x))
                 .abs()
                 .maxCoeff();
         };
@@ -153,7 +172,8 @@ TEST(TwoSpheres, FarApart) {
 }
 
 TEST(TwoSpheres, SmoothAtEveryGap) {
-    // the second derivative by finite differences converges as h² everywhere, so also where the table's nodes change their source
+    // the second derivative by finite differences converges as h² everywhere, so also where the
+    // table's nodes change their source
     for (double ratio : {1.0, 0.1}) {
         const TwoSphereResistance table(ratio);
         for (double gap : {3e-4, 1e-3, 2e-3, 0.02, 0.5, 5.0})
@@ -170,7 +190,8 @@ TEST(TwoSpheres, SmoothAtEveryGap) {
 }
 
 TEST(TwoSpheres, ForceTorqueStressletBySurfaceQuadrature) {
-    // Galerkin's matrix from its definition: tractions 1, e x n, B.n on both spheres, the Oseen tensor between them, by quadrature
+    // Galerkin's matrix from its definition: tractions 1, e x n, B.n on both spheres, the Oseen
+    // tensor between them, by quadrature
     const double a[2] = {1, 0.4}, distance = 1.9;
     const int numPolar = 28, numAzimuth = 28;
     Eigen::Matrix<double, numPolar, 1> diagonal = Eigen::Matrix<double, numPolar, 1>::Zero();
@@ -185,11 +206,12 @@ TEST(TwoSpheres, ForceTorqueStressletBySurfaceQuadrature) {
     for (int sphere = 0; sphere < 2; sphere++)
         for (int i = 0; i < numPolar; i++)
             for (int k = 0; k < numAzimuth; k++) {
-                const double x = gauss.eigenvalues()[i], phi = 2 * M_PI * (k + 0.5) / numAzimuth, q = sqrt(1 - x * x);
+                const double x = gauss.eigenvalues()[i], phi = 2 * M_PI * (k + 0.5) / numAzimuth,
+                             q = sqrt(1 - x * x);
                 const double weight = pow(gauss.eigenvectors()(0, i), 2) / numAzimuth;  // sums to 1
                 const Eigen::Vector3d n(q * cos(phi), q * sin(phi), x);
-                points[sphere].push_back(a[sphere] * n +
-                                         (sphere ? Eigen::Vector3d(-distance * line) : Eigen::Vector3d::Zero()));
+                points[sphere].push_back(a[sphere] * n + (sphere ? Eigen::Vector3d(-distance * line)
+                                                                 : Eigen::Vector3d::Zero()));
                 Tractions t;
                 t.leftCols<3>().setIdentity();
                 for (int axis = 0; axis < 3; axis++)  // torque 1: 3/(2 a) e x n
@@ -198,9 +220,10 @@ TEST(TwoSpheres, ForceTorqueStressletBySurfaceQuadrature) {
                 for (Eigen::Matrix3d& b : basis) b.setZero();
                 basis[0].diagonal() << -1 / sqrt(6), -1 / sqrt(6), 2 / sqrt(6);
                 basis[1].diagonal() << sqrt(0.5), -sqrt(0.5), 0;
-                basis[2](0, 1) = basis[2](1, 0) = basis[3](0, 2) = basis[3](2, 0) = basis[4](1, 2) = basis[4](2, 1) =
-                    sqrt(0.5);
-                for (int s = 0; s < 5; s++) t.col(6 + s) = 3 / a[sphere] * basis[s] * n;  // stresslet 1
+                basis[2](0, 1) = basis[2](1, 0) = basis[3](0, 2) = basis[3](2, 0) = basis[4](1, 2) =
+                    basis[4](2, 1) = sqrt(0.5);
+                for (int s = 0; s < 5; s++)
+                    t.col(6 + s) = 3 / a[sphere] * basis[s] * n;  // stresslet 1
                 tractions[sphere].push_back(weight * t);
             }
     Eigen::Matrix<double, 22, 22> full = Eigen::Matrix<double, 22, 22>::Zero();
@@ -209,7 +232,8 @@ TEST(TwoSpheres, ForceTorqueStressletBySurfaceQuadrature) {
         for (size_t j = 0; j < points[1].size(); j++) {
             const Eigen::Vector3d r = points[0][i] - points[1][j];
             const double inverse = 1 / r.norm();
-            const Eigen::Matrix3d oseen = inverse * Eigen::Matrix3d::Identity() + pow(inverse, 3) * r * r.transpose();
+            const Eigen::Matrix3d oseen =
+                inverse * Eigen::Matrix3d::Identity() + pow(inverse, 3) * r * r.transpose();
             sum += oseen * tractions[1][j];
         }
         full.block<11, 11>(0, 11) += tractions[0][i].transpose() * sum;
@@ -224,15 +248,17 @@ TEST(TwoSpheres, ForceTorqueStressletBySurfaceQuadrature) {
     const Eigen::Matrix<double, 22, 22> inverse = full.inverse();
     Eigen::Matrix<double, 12, 12> friction;
     for (int p = 0; p < 2; p++)
-        for (int q = 0; q < 2; q++) friction.block<6, 6>(6 * p, 6 * q) = inverse.block<6, 6>(11 * p, 11 * q);
-    const Eigen::MatrixXd mobility =
-        forceTorqueStressletMobility({a[0], a[1]}, {Vec3(), Vec3(line[0], line[1], line[2]) * -distance}, 1.0);
+        for (int q = 0; q < 2; q++)
+            friction.block<6, 6>(6 * p, 6 * q) = inverse.block<6, 6>(11 * p, 11 * q);
+    const Eigen::MatrixXd mobility = forceTorqueStressletMobility(
+        {a[0], a[1]}, {Vec3(), Vec3(line[0], line[1], line[2]) * -distance}, 1.0);
     EXPECT_LT((mobility - friction.inverse()).cwiseAbs().maxCoeff(), 1e-11);
 }
 
 TEST(TwoSpheres, RefusedRatios) {
     for (double ratio : {0.0999, 10.001, 0.0, -1.0, double(NAN)})
-        expectError([&] { TwoSphereResistance table(ratio); },
-                    {"the two-sphere resistance functions are tabulated", "1/10 to 10", to_string(ratio)});
+        expectError(
+            [&] { TwoSphereResistance table(ratio); },
+            {"the two-sphere resistance functions are tabulated", "1/10 to 10", to_string(ratio)});
     EXPECT_EQ(TwoSphereResistance::get(0.5), TwoSphereResistance::get(0.5));
 }

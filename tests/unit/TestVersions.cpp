@@ -13,7 +13,8 @@ using namespace std;
 namespace {
 
 void expectParts(const string& message, const initializer_list<string>& parts) {
-    for (const string& part : parts) EXPECT_NE(message.find(part), string::npos) << part << " is not in: " << message;
+    for (const string& part : parts)
+        EXPECT_NE(message.find(part), string::npos) << part << " is not in: " << message;
 }
 
 }  // namespace
@@ -26,14 +27,16 @@ TEST(Versions, BelongTogether) {
 
 TEST(Versions, OpenMMOfAnotherVersionIsNoticed) {
     for (const string other : {"1.0", "7", "7.70", "99.1"})
-        expectParts(versionConflict("libExample", getVersion(), other),
-                    {"libExample: it was compiled for OpenMM " + other, "the OpenMM that is loaded is version",
-                     "build openmm-rigidhi against this OpenMM"});
+        expectParts(
+            versionConflict("libExample", getVersion(), other),
+            {"libExample: it was compiled for OpenMM " + other,
+             "the OpenMM that is loaded is version", "build openmm-rigidhi against this OpenMM"});
 }
 
 TEST(Versions, AnotherCopyOfTheLibraryIsNoticed) {
     expectParts(versionConflict("libExample", "0.0.1", getOpenMMVersionOfBuild()),
                 {"libExample: it is version 0.0.1", getLibraryPath(),
-                 "which was loaded before it, is version " + getVersion(), "two copies of openmm-rigidhi are mixed"});
+                 "which was loaded before it, is version " + getVersion(),
+                 "two copies of openmm-rigidhi are mixed"});
     EXPECT_NE(getLibraryPath().find("libOpenMMRigidHI.so"), string::npos);
 }

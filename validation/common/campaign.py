@@ -1,7 +1,8 @@
 """The runs of a script, handed to openmmrigidhi.ensemble.tasks: options of the command line, and what is kept of each run.
 
-Every run has a directory of its own below --work. A run that is done leaves its result there, one that is not its state, so that the same command goes on
-where it was interrupted, here or on another worker.
+Every run has a directory of its own below --work. A run that is done leaves its result there, one
+that is not its state, so that the same command goes on where it was interrupted, here or on another
+worker.
 """
 import json
 import os
@@ -22,16 +23,22 @@ NOTES_EVERY = 60.0
 def addPlaces(parser):
     """--jobs, --cluster: who makes the runs."""
     group = parser.add_argument_group('who makes the runs')
-    group.add_argument('--jobs', type=int, default=1, help='runs at a time, in processes of this machine (%(default)s)')
-    group.add_argument('--cluster', metavar='ADDRESS', help='a scheduler of dask.distributed whose workers make the runs (docs/ensembles.md)')
+    group.add_argument('--jobs', type=int, default=1,
+                       help='runs at a time, in processes of this machine (%(default)s)')
+    group.add_argument(
+        '--cluster', metavar='ADDRESS',
+        help='a scheduler of dask.distributed whose workers make the runs (docs/ensembles.md)')
     return group
 
 
 def addOptions(parser):
     """--jobs, --cluster, --work, --fresh; after parsing call settle()."""
     group = addPlaces(parser)
-    group.add_argument('--work', type=pathlib.Path, help='where runs keep what they need to go on (the folder work in that of --output)')
-    group.add_argument('--fresh', action='store_true', help='begin all runs anew instead of going on with what --work has')
+    group.add_argument(
+        '--work', type=pathlib.Path,
+        help='where runs keep what they need to go on (the folder work in that of --output)')
+    group.add_argument('--fresh', action='store_true',
+                       help='begin all runs anew instead of going on with what --work has')
 
 
 def settle(args):
@@ -45,7 +52,8 @@ def directoryName(name):
     return re.sub(r'[^\w.+=-]+', '_', name)
 
 
-def run(function, arguments, names, args, amounts=None, unit='run', title='', finished=None, given=None):
+def run(function, arguments, names, args, amounts=None, unit='run', title='', finished=None,
+        given=None):
     """What function(argument, job) returns for each argument, as JSON has it: numbers, lists, dictionaries with str keys.
 
     A result that is in the run's directory, of an equal argument, is taken from there.
@@ -55,7 +63,8 @@ def run(function, arguments, names, args, amounts=None, unit='run', title='', fi
     function : callable
         of (argument, Job); both must be what pickle takes
     arguments : sequence
-        what JSON takes, or functions, which are known by their names, or objects whose repr() says all that the result depends on
+        what JSON takes, or functions, which are known by their names, or objects whose repr() says
+        all that the result depends on
     names : sequence of str
     args : argparse.Namespace
         with what addOptions() adds
@@ -64,7 +73,8 @@ def run(function, arguments, names, args, amounts=None, unit='run', title='', fi
     finished : callable, optional
         called with the index of a run and its result, as they come
     given : object, optional
-        what all runs need beside and the result depends on as on the script itself, e.g. an equilibrated scene: function's third argument
+        what all runs need beside and the result depends on as on the script itself, e.g. an
+        equilibrated scene: function's third argument
 
     Raises
     ------
@@ -81,13 +91,17 @@ def run(function, arguments, names, args, amounts=None, unit='run', title='', fi
         if outcome.failure is None and finished is not None:
             finished(outcome.index, outcome.value)
 
-    outcomes = tasks.run(_perform, [(function, argument, given) for argument in arguments], args.jobs, args.cluster, names=names, directory=str(args.work),
-                         amounts=amounts, unit=unit, title=title, finished=end, quiet=getattr(args, 'silent', False) or getattr(args, 'quick', False))
+    outcomes = tasks.run(_perform, [(function, argument, given) for argument in arguments],
+                         args.jobs, args.cluster, names=names, directory=str(args.work),
+                         amounts=amounts, unit=unit, title=title, finished=end,
+                         quiet=getattr(args, 'silent', False) or getattr(args, 'quick', False))
     failed = [outcome for outcome in outcomes if outcome.failure is not None]
     for outcome in failed:
-        print(f'{outcome.name}: {outcome.failure.message}\n{outcome.failure.traceback}', file=sys.stderr)
+        print(f'{outcome.name}: {outcome.failure.message}\n{outcome.failure.traceback}',
+              file=sys.stderr)
     if failed:
-        raise SystemExit(f'{len(failed)} of {len(outcomes)} runs failed ({", ".join(outcome.name for outcome in failed)}); the others are kept: '
+        raise SystemExit(f'{len(failed)} of {len(outcomes)} runs failed '
+                         f'({", ".join(outcome.name for outcome in failed)}); the others are kept: '
                          'the same command goes on with these')
     return [outcome.value for outcome in outcomes]
 
@@ -95,13 +109,17 @@ def run(function, arguments, names, args, amounts=None, unit='run', title='', fi
 def _perform(task, job):
     """The result of one run: the one that is there, or a new one."""
     function, argument, given = task
-    path, settings = os.path.join(job.directory, 'result.json'), json.loads(json.dumps(asJson(argument)))
+    path, settings = os.path.join(job.directory,
+                                  'result.json'), json.loads(json.dumps(asJson(argument)))
     if os.path.exists(path):
         with open(path) as file:
             kept = json.load(file)
         if kept['settings'] == settings:
             return kept['result']
-    text = json.dumps({'settings': settings, 'result': asJson(function(argument, job) if given is None else function(argument, job, given))})
+    text = json.dumps({
+        'settings': settings, 'result': asJson(
+            function(argument, job) if given is None else function(argument, job, given))
+    })
     with open(path + '.part', 'w') as file:
         file.write(text)
     os.replace(path + '.part', path)
@@ -133,7 +151,6 @@ class State:
     settings : object
         whose repr() must be the same for a run to go on; how long it is to be is no part of it
     """
-
     def __init__(self, place, settings):
         directory = getattr(place, 'directory', place)
         self.path = None if directory is None else pathlib.Path(directory)/'state.npz'
@@ -152,8 +169,10 @@ class State:
         with np.load(self.path) as file:
             found = dict(file)
         if str(found.pop('settings')) != self.settings:
-            raise ValueError(f'{self.path}: this run was begun with other settings than those asked for; it cannot go on with these: give another --work, or '
-                             '--fresh to begin all anew')
+            raise ValueError(
+                f'{self.path}: this run was begun with other settings than those asked for; it '
+                f'cannot go on with these: give another --work, or '
+                '--fresh to begin all anew')
         return found
 
     def isDue(self):

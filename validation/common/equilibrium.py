@@ -1,8 +1,9 @@
 """The Gibbs-Boltzmann distribution of one body above a wall, by quadrature over its height and orientation.
 
-With nothing that depends on x, y or the turn about z, a pose is the height h of the origin and u, the lab's z axis in the body frame:
-dR dq becomes dh du. The grid: Gauss-Legendre points within bins of h and of theta, the angle between the body's z axis and the lab's, and
-equally spaced azimuths; all smooth, so the integrals of bins are good to many digits.
+With nothing that depends on x, y or the turn about z, a pose is the height h of the origin and u,
+the lab's z axis in the body frame: dR dq becomes dh du. The grid: Gauss-Legendre points within bins
+of h and of theta, the angle between the body's z axis and the lab's, and equally spaced azimuths;
+all smooth, so the integrals of bins are good to many digits.
 """
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -24,13 +25,15 @@ def panels(edges, points=POINTS_PER_BIN):
 class Equilibrium:
     """Probabilities of bins, averages, and poses drawn from the distribution.
 
-    heightEdges are bins of the height of the body's origin; beyond the last one the grid goes on to where nothing is left.
+    heightEdges are bins of the height of the body's origin; beyond the last one the grid goes on to
+    where nothing is left.
     """
-
     def __init__(self, body, heightEdges, thetaEdges, azimuths=48):
         self.body = body
-        self.heightEdges, self.thetaEdges = np.asarray(heightEdges, float), np.asarray(thetaEdges, float)
-        # Below the bins no site is allowed or they begin at the wall; above, 60 decay lengths of the weight.
+        self.heightEdges, self.thetaEdges = np.asarray(heightEdges,
+                                                       float), np.asarray(thetaEdges, float)
+        # Below the bins no site is allowed or they begin at the wall; above, 60 decay lengths of
+        # the weight.
         top = self.heightEdges[-1] + 60/body.weights.sum()
         beyond = np.linspace(self.heightEdges[-1], top, 120)[1:]
         h, wh = panels(np.concatenate([self.heightEdges, beyond]))
@@ -63,19 +66,23 @@ class Equilibrium:
         """Height bins and mean height of the density times a function of the height alone."""
         marginal = self.probability.sum(1)*factorOfHeight(self.h)
         marginal /= marginal.sum()
-        return marginal.reshape(-1, POINTS_PER_BIN).sum(1)[:len(self.heightEdges) - 1], float(marginal @ self.h)
+        return marginal.reshape(-1, POINTS_PER_BIN).sum(1)[:len(self.heightEdges) - 1], float(
+            marginal @ self.h)
 
     def draw(self, random, count):
         """Independent poses: positions (count, 3) with x = y = 0, and quaternions (count, 4) with a random turn about z.
 
-        Points of the grid are drawn, and moved off it by some Monte Carlo moves, which leave the distribution as it is: averages of functions that
-        are not smooth would else see the grid.
+        Points of the grid are drawn, and moved off it by some Monte Carlo moves, which leave the
+        distribution as it is: averages of functions that are not smooth would else see the grid.
         """
         flat = self.probability.ravel()
         cumulative = np.cumsum(flat)
         chosen = np.searchsorted(cumulative, random.random(count)*cumulative[-1])
-        R, q = self.poses(*np.unravel_index(np.minimum(chosen, len(flat) - 1), self.probability.shape), random)
-        sampler = analysis.WalkerSampler(self._energies, TEMPERATURE, count, R, q, coordinates=('z', 'rotation'),
+        R, q = self.poses(
+            *np.unravel_index(np.minimum(chosen,
+                                         len(flat) - 1), self.probability.shape), random)
+        sampler = analysis.WalkerSampler(self._energies, TEMPERATURE, count, R, q,
+                                         coordinates=('z', 'rotation'),
                                          seed=int(random.integers(1, 2**31 - 1)))
         sampler.burnIn(SWEEPS_OFF_GRID, progress=False)
         samples = sampler.sample(1, progress=False)
@@ -101,18 +108,22 @@ class Equilibrium:
 
 def rotationalPlateau(equilibrium, random, pairs=100000):
     """The rotational mean square displacement at long times, eq. 71: mean and standard error of xx (or yy) and zz."""
-    first, second = (Rotation.from_quat(equilibrium.draw(random, pairs)[1][:, [1, 2, 3, 0]]) for _ in range(2))
+    first, second = (Rotation.from_quat(equilibrium.draw(random, pairs)[1][:, [1, 2, 3, 0]])
+                     for _ in range(2))
     turn = (second*first.inv()).as_quat()
     u = 2*turn[:, 3:]*turn[:, :3]
     planar, normal = (u[:, 0]**2 + u[:, 1]**2)/2, u[:, 2]**2
-    return {name: (float(v.mean()), float(v.std()/np.sqrt(pairs))) for name, v in (('xx', planar), ('zz', normal))}
+    return {
+        name: (float(v.mean()), float(v.std()/np.sqrt(pairs)))
+        for name, v in (('xx', planar), ('zz', normal))
+    }
 
 
 def withoutDrift(equilibrium, random, heights=96, rounds=20):
     """What a scheme without the stochastic drift tends to, exp(-U/kT)/mu(h), with the mean of N_zz at each height for mu.
 
-    Exact if N_zz depends on the height alone and is not coupled to rotation, as for a sphere; else an estimate. So many heights are taken where
-    there is any probability, and interpolated between.
+    Exact if N_zz depends on the height alone and is not coupled to rotation, as for a sphere; else
+    an estimate. So many heights are taken where there is any probability, and interpolated between.
     """
     replicas = Replicas(equilibrium.body, heights, 'RandomFiniteDifference', 1.0)
     marginal = equilibrium.probability.sum(1)
@@ -122,8 +133,12 @@ def withoutDrift(equilibrium, random, heights=96, rounds=20):
     for _ in range(rounds):
         R, q = np.empty((len(rows), 3)), np.empty((len(rows), 4))
         for k, row in enumerate(rows):
-            R[k], q[k] = [values[0] for values in equilibrium.poses(np.array([row]), random.choice(
-                len(equilibrium.up), 1, p=equilibrium.probability[row]/marginal[row]), random)]
+            R[k], q[k] = [
+                values[0] for values in equilibrium.poses(
+                    np.array([row]),
+                    random.choice(len(equilibrium.up), 1, p=equilibrium.probability[row]/
+                                  marginal[row]), random)
+            ]
         replicas.place(R, q)
         total += replicas.mobilities()[:, 2, 2]
     P, mean = equilibrium.reweighted(lambda h: rounds/np.interp(h, equilibrium.h[rows], total))
@@ -133,11 +148,12 @@ def withoutDrift(equilibrium, random, heights=96, rounds=20):
 def averageMobility(equilibrium, functions, random, poses, atATime=32):
     """Means and standard errors of functions of the mobility over the distribution, from so many independent poses.
 
-    functions maps names to f(N (n, 6, 6) times kT in the lab frame, A (n, 3, 3) body to lab, heights (n,)) -> (n,).
+    functions maps names to f(N (n, 6, 6) times kT in the lab frame, A (n, 3, 3) body to lab,
+    heights (n,)) -> (n,).
     """
     replicas = Replicas(equilibrium.body, atATime, 'RandomFiniteDifference', 1.0)
     values = {name: [] for name in functions}
-    R, q = equilibrium.draw(random, poses//atATime*atATime)
+    R, q = equilibrium.draw(random, poses // atATime*atATime)
     for k in range(0, len(R), atATime):
         part = slice(k, k + atATime)
         replicas.place(R[part], q[part])
@@ -145,12 +161,16 @@ def averageMobility(equilibrium, functions, random, poses, atATime=32):
         for name, function in functions.items():
             values[name].append(function(N, A, R[part, 2]))
     values = {name: np.concatenate(v) for name, v in values.items()}
-    return {name: (float(v.mean()), float(v.std(ddof=1)/np.sqrt(len(v)))) for name, v in values.items()}
+    return {
+        name: (float(v.mean()), float(v.std(ddof=1)/np.sqrt(len(v))))
+        for name, v in values.items()
+    }
 
 
 def sphereMobilities(heights, radius, viscosity):
     """Mobilities times kT (n, 6, 6) of a sphere with its centre at these heights, by the exact mobility (setSphereWallMobility)."""
-    sphere = Body('sphere', np.zeros((1, 3)), np.array([radius]), np.zeros(1), np.array([], int), 0.0, radius, 1.0, viscosity)
+    sphere = Body('sphere', np.zeros((1, 3)), np.array([radius]), np.zeros(1), np.array([], int),
+                  0.0, radius, 1.0, viscosity)
     replicas = Replicas(sphere, len(heights), 'RandomFiniteDifference', 1.0, bestKnown=True)
     positions = np.zeros((len(heights), 3))
     # At contact there is none.

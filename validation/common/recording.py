@@ -21,21 +21,31 @@ def provenance(arguments=None):
     """Machine, versions, commit, checksum of the plugin, command line, date."""
     def command(*words):
         try:
-            return subprocess.run(words, cwd=HERE, capture_output=True, text=True, check=True).stdout.strip()
+            return subprocess.run(words, cwd=HERE, capture_output=True, text=True,
+                                  check=True).stdout.strip()
         except (OSError, subprocess.CalledProcessError):
             return 'unknown'
+
     processor = 'unknown'
     if os.path.exists('/proc/cpuinfo'):
         with open('/proc/cpuinfo') as file:
-            processor = next((line.split(':', 1)[1].strip() for line in file if line.startswith('model name')), processor)
-    libraries = sorted((pathlib.Path(openmmrigidhi.__file__).parent/'lib').rglob('libOpenMMRigidHI*.so'))
-    digest = hashlib.sha256(b''.join(path.read_bytes() for path in libraries)).hexdigest()[:16] if libraries else 'unknown'
-    return {'script': pathlib.Path(sys.argv[0]).name, 'arguments': {k: str(v) for k, v in vars(arguments or object).items()
-                                                                   if k not in ('output', 'work', 'cluster', '__dict__', '__doc__')}
-            if arguments else {}, 'processor': processor, 'cores': os.cpu_count(), 'load': os.getloadavg(),
-            'system': platform.platform(), 'python': platform.python_version(), 'numpy': np.__version__,
-            'openmm': openmm.version.version, 'plugin_sha256': digest, 'commit': command('git', 'rev-parse', 'HEAD'),
-            'date': time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime())}
+            processor = next((line.split(':', 1)[1].strip()
+                              for line in file if line.startswith('model name')), processor)
+    libraries = sorted(
+        (pathlib.Path(openmmrigidhi.__file__).parent/'lib').rglob('libOpenMMRigidHI*.so'))
+    digest = hashlib.sha256(b''.join(
+        path.read_bytes() for path in libraries)).hexdigest()[:16] if libraries else 'unknown'
+    return {
+        'script': pathlib.Path(sys.argv[0]).name, 'arguments': {
+            k: str(v)
+            for k, v in vars(arguments or object).items()
+            if k not in ('output', 'work', 'cluster', '__dict__', '__doc__')
+        } if arguments else {}, 'processor': processor, 'cores': os.cpu_count(),
+        'load': os.getloadavg(), 'system': platform.platform(), 'python': platform.python_version(),
+        'numpy': np.__version__, 'openmm': openmm.version.version, 'plugin_sha256': digest,
+        'commit': command('git', 'rev-parse',
+                          'HEAD'), 'date': time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime())
+    }
 
 
 def plain(value):

@@ -1,9 +1,10 @@
 """Running replicas of one body: what is counted, errors from the spread of replicas, when to stop, and how to go on later.
 
-A run is made of chunks. Each chunk gives every replica its counts in bins, sums of observables, and mean square displacements; sums
-over chunks are kept in the run's directory with the last poses, which are all the state an overdamped scheme has. A later run goes on from
-there with new random numbers. Replicas are independent, so errors come from the spread of their own averages, whatever the correlation
-in time.
+A run is made of chunks. Each chunk gives every replica its counts in bins, sums of observables, and
+mean square displacements; sums over chunks are kept in the run's directory with the last poses,
+which are all the state an overdamped scheme has. A later run goes on from there with new random
+numbers. Replicas are independent, so errors come from the spread of their own averages, whatever
+the correlation in time.
 """
 import argparse
 import json
@@ -22,9 +23,11 @@ from openmmrigidhi import analysis
 from recording import provenance, save
 from walls import Replicas
 
-#: The wanted relative standard error of each mean, and chi^2 per bin of each histogram; else this many minutes a scheme.
+#: The wanted relative standard error of each mean, and chi^2 per bin of each histogram; else this
+#: many minutes a scheme.
 WANTED_ERROR, WANTED_CHI2, MINUTES = 0.005, 1.5, 60.0
-#: Bins are merged until each holds this much, or neither their errors nor their law are good for chi^2.
+#: Bins are merged until each holds this much, or neither their errors nor their law are good for
+#: chi^2.
 LEAST_IN_BIN, LEAST_FOR_TEST = 0.01, 0.05
 
 
@@ -38,38 +41,46 @@ class Plan:
     observables : dict
         name -> (f(heights (k, n), A (k, n, 3, 3)) -> (k, n), exact mean or None)
     msd : dict
-        name -> function(R, q, interval, lags) -> MeanSquareDisplacement of one number a lag, by replica
+        name -> function(R, q, interval, lags) -> MeanSquareDisplacement of one number a lag, by
+        replica
     settle : float
-        time before anything is counted: replicas start from the Boltzmann distribution, which is not that of the scheme
+        time before anything is counted: replicas start from the Boltzmann distribution, which is
+        not that of the scheme
     """
-
-    def __init__(self, name, body, equilibrium, scheme, step, every, frames, settle, observables, msd=None, lags=(1,), replicas=64,
-                 platform='Reference', seed=2015, labels=None,
+    def __init__(self, name, body, equilibrium, scheme, step, every, frames, settle, observables,
+                 msd=None, lags=(1,), replicas=64, platform='Reference', seed=2015, labels=None,
                  lateFrom=None):
         self.name, self.body, self.equilibrium, self.scheme, self.step = name, body, equilibrium, scheme, step
         self.every, self.frames, self.settle, self.observables = every, frames, settle, observables
-        self.msd, self.lags, self.replicas, self.platform, self.seed = msd or {}, np.unique(np.rint(lags).astype(int)), replicas, platform, seed
+        self.msd, self.lags, self.replicas, self.platform, self.seed = msd or {}, np.unique(
+            np.rint(lags).astype(int)), replicas, platform, seed
         self.labels, self.lateFrom = labels or {}, lateFrom
         self.edges = {'h': equilibrium.heightEdges, 'theta': equilibrium.thetaEdges}
         self.exact = {'h': equilibrium.heightBins(), 'theta': equilibrium.thetaBins()}
 
     def settings(self):
         """What must be the same to go on with a run."""
-        return json.dumps({'scheme': self.scheme, 'step': self.step, 'every': self.every, 'frames': self.frames, 'settle': self.settle,
-                           'replicas': self.replicas, 'lags': self.lags.tolist(), 'observables': list(self.observables),
-                           'msd': list(self.msd), 'edges': {k: [len(v), v[0], v[-1]] for k, v in self.edges.items()},
-                           'body': [self.body.name, self.body.strength, self.body.weights.sum()]})
+        return json.dumps({
+            'scheme': self.scheme, 'step': self.step, 'every': self.every, 'frames': self.frames,
+            'settle': self.settle, 'replicas': self.replicas, 'lags': self.lags.tolist(),
+            'observables': list(self.observables), 'msd': list(self.msd), 'edges': {
+                k: [len(v), v[0], v[-1]]
+                for k, v in self.edges.items()
+            }, 'body': [self.body.name, self.body.strength,
+                        self.body.weights.sum()]
+        })
 
 
 class Tally:
     """Sums over the chunks of a run, by replica."""
-
     def __init__(self, plan):
         self.plan = plan
         n = plan.replicas
-        self.arrays = {'positions': np.zeros((n, 3)), 'orientations': np.zeros((n, 4)),
-                       'numbers': np.zeros(6),  # chunks, frames, steps, redone steps, seconds, times begun
-                       'restarted': np.zeros(n, dtype=np.int64)}
+        self.arrays = {
+            'positions': np.zeros((n, 3)), 'orientations': np.zeros((n, 4)),
+            'numbers': np.zeros(6),  # chunks, frames, steps, redone steps, seconds, times begun
+            'restarted': np.zeros(n, dtype=np.int64)
+        }
         for key, edges in plan.edges.items():
             self.arrays['count ' + key] = np.zeros((n, len(edges) - 1), dtype=np.int64)
         for name in plan.observables:
@@ -89,7 +100,9 @@ class Tally:
 
     def add(self, R, q):
         """A chunk of poses: (frames, replicas, 3) and (frames, replicas, 4)."""
-        A = Rotation.from_quat(q.reshape(-1, 4)[:, [1, 2, 3, 0]]).as_matrix().reshape(q.shape[:2] + (3, 3))
+        A = Rotation.from_quat(q.reshape(-1,
+                                         4)[:,
+                                            [1, 2, 3, 0]]).as_matrix().reshape(q.shape[:2] + (3, 3))
         h, theta = R[..., 2], np.arccos(np.clip(A[..., 2, 2], -1, 1))
         for key, values in (('h', h), ('theta', theta)):
             edges, counts = self.plan.edges[key], self.arrays['count ' + key]
@@ -131,9 +144,10 @@ class Tally:
     def significance(self, key):
         """The probability that the exact distribution differs so much from a run of this length, all bins together.
 
-        Neighbouring bins' errors are correlated, so chi^2 per bin scatters widely about 1; this is Hotelling's test with their covariance from
-        the replicas, for bins merged to at least LEAST_FOR_TEST. The last bin follows from the others. None if there are too few
-        replicas or frames.
+        Neighbouring bins' errors are correlated, so chi^2 per bin scatters widely about 1; this is
+        Hotelling's test with their covariance from the replicas, for bins merged to at least
+        LEAST_FOR_TEST. The last bin follows from the others. None if there are too few replicas or
+        frames.
         """
         mine, exact = self.merged(key, LEAST_FOR_TEST)
         n, bins = len(mine), len(exact) - 1
@@ -143,7 +157,9 @@ class Tally:
         covariance = np.cov(mine[:, :-1].T)/n
         if np.linalg.matrix_rank(covariance) < bins:
             return None
-        return float(f.sf(difference @ np.linalg.solve(covariance, difference)*(n - bins)/(bins*(n - 1)), bins, n - bins))
+        return float(
+            f.sf(difference @ np.linalg.solve(covariance, difference)*(n - bins)/(bins*(n - 1)),
+                 bins, n - bins))
 
     def chi2(self, key):
         """chi^2 per bin against the exact probabilities, of bins merged to at least LEAST_IN_BIN, and the number of bins."""
@@ -179,7 +195,8 @@ class Tally:
 
     def reached(self):
         """Whether the wanted errors are reached, and whether the bins agree."""
-        return self.worstError() <= WANTED_ERROR, all(self.chi2(key)[0] <= WANTED_CHI2 for key in self.plan.edges)
+        return self.worstError() <= WANTED_ERROR, all(
+            self.chi2(key)[0] <= WANTED_CHI2 for key in self.plan.edges)
 
 
 def finished(tally):
@@ -200,8 +217,9 @@ def restart(replicas, tally, bodies, random):
 def step(replicas, tally, steps, random):
     """Step all replicas; those that are stuck at the wall or thrown from it begin anew, and are counted.
 
-    A blob that comes to lie all but in contact is pushed by a force beyond what the step resolves: high up, or through the wall on the other side of
-    the body, whatever the noise. The papers discard such runs. High up is above where 1e-9 of the distribution lies.
+    A blob that comes to lie all but in contact is pushed by a force beyond what the step resolves:
+    high up, or through the wall on the other side of the body, whatever the noise. The papers
+    discard such runs. High up is above where 1e-9 of the distribution lies.
     """
     try:
         replicas.integrator.step(steps)
@@ -227,7 +245,8 @@ def run(plan, job, minutes=MINUTES):
     numbers = tally.arrays['numbers']
     numbers[5] += 1
     with warnings.catch_warnings():
-        replicas = Replicas(plan.body, plan.replicas, plan.scheme, plan.step, seed=plan.seed + 100003*int(numbers[5]), platform=plan.platform)
+        replicas = Replicas(plan.body, plan.replicas, plan.scheme, plan.step,
+                            seed=plan.seed + 100003*int(numbers[5]), platform=plan.platform)
     random = np.random.default_rng(plan.seed + int(numbers[5]))
     if fresh:
         replicas.place(*plan.equilibrium.draw(random, plan.replicas))
@@ -243,7 +262,7 @@ def run(plan, job, minutes=MINUTES):
         began = now
         job.report(tally.seconds)
 
-    for _ in range(-(-settle//1000)):
+    for _ in range(-(-settle // 1000)):
         step(replicas, tally, min(1000, settle), random)
         advance()
     redone = replicas.integrator.getNumRejectedSteps()
@@ -268,21 +287,36 @@ def summary(tally):
     """What the JSON holds of a run."""
     plan, (_, frames, steps, redone, seconds, begun) = tally.plan, tally.arrays['numbers']
     errors, bins = tally.reached()
-    found = {'scheme': plan.scheme, 'step': plan.step, 'replicas': plan.replicas, 'spacing': plan.step*plan.every, 'frames': int(frames),
-             'steps': int(steps), 'time_of_all_replicas': steps*plan.step*plan.replicas, 'settled': plan.settle, 'seconds': seconds,
-             'us_per_step_and_body': 1e6*seconds/((steps + round(plan.settle/plan.step))*plan.replicas), 'redone_steps': int(redone),
-             'redone_per_step_and_body': redone/(steps*plan.replicas), 'restarted': int(tally.arrays['restarted'].sum()), 'seed': plan.seed, 'times_begun': int(begun), 'platform': plan.platform,
-             'worst_relative_error': tally.worstError(), 'reached_error': errors, 'reached_chi2': bins,
-             'means': {name: {'mean': m, 'error': e, 'exact': x} for name, (m, e, x) in tally.means().items()}, 'histograms': {}, 'msd': {}}
+    found = {
+        'scheme': plan.scheme, 'step': plan.step, 'replicas': plan.replicas,
+        'spacing': plan.step*plan.every, 'frames': int(frames), 'steps': int(steps),
+        'time_of_all_replicas': steps*plan.step*plan.replicas, 'settled': plan.settle,
+        'seconds': seconds,
+        'us_per_step_and_body': 1e6*seconds/((steps + round(plan.settle/plan.step))*plan.replicas),
+        'redone_steps': int(redone), 'redone_per_step_and_body': redone/(steps*plan.replicas),
+        'restarted': int(
+            tally.arrays['restarted'].sum()), 'seed': plan.seed, 'times_begun': int(begun),
+        'platform': plan.platform, 'worst_relative_error': tally.worstError(),
+        'reached_error': errors, 'reached_chi2': bins, 'means': {
+            name: {'mean': m, 'error': e, 'exact': x}
+            for name, (m, e, x) in tally.means().items()
+        }, 'histograms': {}, 'msd': {}
+    }
     for key, edges in plan.edges.items():
         P, error = tally.histogram(key)
         chi2, count = tally.chi2(key)
         l2 = tally.l2(key)
-        found['histograms'][key] = {'edges': edges, 'P': np.round(P, 8), 'error': np.round(error, 8), 'exact': np.round(plan.exact[key], 8),
-                                    'chi2_per_bin': chi2, 'bins_of_chi2': count,
-                                    'significance': tally.significance(key), 'L2': l2[0], 'L2_of_noise': l2[1], 'L2_without_noise': l2[2]}
+        found['histograms'][key] = {
+            'edges': edges, 'P': np.round(P, 8), 'error': np.round(error, 8),
+            'exact': np.round(plan.exact[key], 8), 'chi2_per_bin': chi2, 'bins_of_chi2': count,
+            'significance': tally.significance(key), 'L2': l2[0], 'L2_of_noise': l2[1],
+            'L2_without_noise': l2[2]
+        }
     if plan.lateFrom is not None:
-        found['late_slopes'] = {name: tally.lateSlope(name, plan.lateFrom) for name in plan.msd if name.startswith('parallel')}
+        found['late_slopes'] = {
+            name: tally.lateSlope(name, plan.lateFrom)
+            for name in plan.msd if name.startswith('parallel')
+        }
     for name in plan.msd:
         mean, error = tally.displacement(name)
         found['msd'][name] = {'lag': plan.lags*plan.step*plan.every, 'mean': mean, 'error': error}
@@ -305,10 +339,14 @@ def criterion(entry, minutes=MINUTES):
 
 def arguments(description, results, add=None):
     """The command line; add(parser) adds what a script has besides."""
-    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=description,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--quick', action='store_true', help='seconds: one chunk of few replicas')
-    parser.add_argument('--minutes', type=float, default=MINUTES, help='end a run after so long, those before an interruption included (%(default)s)')
-    parser.add_argument('--keep', action='store_true', help='runs of the JSON in --output that are not made again stay in it')
+    parser.add_argument(
+        '--minutes', type=float, default=MINUTES,
+        help='end a run after so long, those before an interruption included (%(default)s)')
+    parser.add_argument('--keep', action='store_true',
+                        help='runs of the JSON in --output that are not made again stay in it')
     parser.add_argument('--schemes', nargs='+', help='run only these')
     parser.add_argument('--seed', type=int, default=2015)
     parser.add_argument('--output', type=pathlib.Path, default=results)
@@ -318,14 +356,17 @@ def arguments(description, results, add=None):
     return campaign.settle(parser.parse_args())
 
 
-def plansOfCases(quick, seed, name, cases, usualStep, body, equilibrium, spacing, settle, observables, msd):
+def plansOfCases(quick, seed, name, cases, usualStep, body, equilibrium, spacing, settle,
+                 observables, msd):
     """A plan of 64 replicas for each (scheme, step) of cases; --quick takes those of the usual step only, with fewer replicas and frames."""
     frames = 40 if quick else 600
     made = []
     for k, (scheme, step) in enumerate(cases):
         if not (quick and step != usualStep):
-            made.append(Plan(f'{name}_{scheme}' + ('' if step == usualStep else f'_{step:g}'), body, equilibrium, scheme, step, round(spacing/step),
-                             frames, settle, observables, msd, np.geomspace(1, frames//2, 22), 32 if quick else 64, seed=seed + 7*k))
+            made.append(
+                Plan(f'{name}_{scheme}' + ('' if step == usualStep else f'_{step:g}'), body,
+                     equilibrium, scheme, step, round(spacing/step), frames, settle, observables,
+                     msd, np.geomspace(1, frames // 2, 22), 32 if quick else 64, seed=seed + 7*k))
     return made
 
 
@@ -350,7 +391,8 @@ def perform(argument, job):
 def drive(makePlans, data, args, name, wanted=lambda plan: True):
     """Run those plans that are wanted and whose scheme is; the JSON is written after each. Returns its data.
 
-    Of the others what --work has, if anything, goes into the JSON as it is, or with --keep what the JSON has already.
+    Of the others what --work has, if anything, goes into the JSON as it is, or with --keep what the
+    JSON has already.
     """
     plans = planned(makePlans, args.quick, args.seed)[1]
     order, rows, todo = [plan.name for plan in plans], {}, []
@@ -364,7 +406,11 @@ def drive(makePlans, data, args, name, wanted=lambda plan: True):
         if tally.load(campaign.State(args.work/campaign.directoryName(plan.name), plan.settings())):
             rows[plan.name] = dict(summary(tally), **plan.labels)
     for row in published:
-        same = [plan.name for plan in plans if plan.scheme == row['scheme'] and plan.step == row['step'] and all(row[k] == v for k, v in plan.labels.items())]
+        same = [
+            plan.name for plan in plans
+            if plan.scheme == row['scheme'] and plan.step == row['step'] and all(
+                row[k] == v for k, v in plan.labels.items())
+        ]
         rows.update((plan, row) for plan in same if plan not in rows)
 
     def collect():
@@ -378,28 +424,33 @@ def drive(makePlans, data, args, name, wanted=lambda plan: True):
         save(args.output, name, data)
 
     minutes = 0 if args.quick else args.minutes
-    campaign.run(perform, [(makePlans, args.quick, args.seed, plan.name, minutes) for plan in todo], [plan.name for plan in todo], args, [60*minutes]*len(todo), 's',
+    campaign.run(perform, [(makePlans, args.quick, args.seed, plan.name, minutes) for plan in todo],
+                 [plan.name for plan in todo], args, [60*minutes]*len(todo), 's',
                  name.partition('.')[0], end)
     collect()
     return data
 
 
-# ---- Mean square displacements, by replica ---------------------------------------------------------------------------------
+# ---- Mean square displacements, by replica -------------------------------------------------------
 def parallel(point):
     """Of a point of the body, along the wall: xx + yy."""
-    return lambda R, q, interval, lags: analysis.translationalMSD(R, q, interval, point, lags, 1, independentBodies=True).parallel
+    return lambda R, q, interval, lags: analysis.translationalMSD(R, q, interval, point, lags, 1,
+                                                                  independentBodies=True).parallel
 
 
 def perpendicular(point):
     """Of a point of the body, normal to the wall."""
-    return lambda R, q, interval, lags: analysis.translationalMSD(R, q, interval, point, lags, 1, independentBodies=True).perpendicular
+    return lambda R, q, interval, lags: analysis.translationalMSD(
+        R, q, interval, point, lags, 1, independentBodies=True).perpendicular
 
 
 def rotational(weights):
     """Rotational, sum of components with these weights."""
-    return lambda R, q, interval, lags: analysis.rotationalMSD(q, interval, lags, 1, independentBodies=True).component(weights)
+    return lambda R, q, interval, lags: analysis.rotationalMSD(
+        q, interval, lags, 1, independentBodies=True).component(weights)
 
 
 def planarAngle(vector):
     """Of the angle of a body vector's projection onto the wall."""
-    return lambda R, q, interval, lags: analysis.planarAngleMSD(q, interval, vector, lags, 1, independentBodies=True)
+    return lambda R, q, interval, lags: analysis.planarAngleMSD(q, interval, vector, lags, 1,
+                                                                independentBodies=True)

@@ -10,13 +10,16 @@ def densities(axis, entries, key, labels, markers='.'):
         width, middle = np.diff(edges), (edges[1:] + edges[:-1])/2
         if not k:
             axis.plot(middle, np.array(h['exact'])/width, 'k-', lw=1, label='quadrature')
-        axis.errorbar(middle, np.array(h['P'])/width, np.array(h['error'])/width, fmt=markers, ms=5, color=f'C{k}', label=label)
+        axis.errorbar(middle,
+                      np.array(h['P'])/width,
+                      np.array(h['error'])/width, fmt=markers, ms=5, color=f'C{k}', label=label)
 
 
 def withoutDrift(axis, entry, exact, label):
     """The density that a scheme without the stochastic drift tends to, in the bins of a run."""
     edges = np.array(entry['histograms']['h']['edges'])
-    axis.plot((edges[1:] + edges[:-1])/2, np.array(exact['without drift']['P'])/np.diff(edges), 'k:', lw=1, label=label)
+    axis.plot((edges[1:] + edges[:-1])/2,
+              np.array(exact['without drift']['P'])/np.diff(edges), 'k:', lw=1, label=label)
 
 
 def displacements(axis, entries, names, colours=None):
@@ -24,8 +27,9 @@ def displacements(axis, entries, names, colours=None):
     for k, entry in enumerate(entries):
         for j, name in enumerate(names):
             m = entry['msd'][name]
-            axis.errorbar(m['lag'], m['mean'], m['error'], fmt='osD^'[k if colours else j], ms=4, mfc='none',
-                          color=colours[j] if colours else f'C{k}', label=f'{name}, {entry["scheme"]}')
+            axis.errorbar(m['lag'], m['mean'], m['error'], fmt='osD^'[k if colours else j], ms=4,
+                          mfc='none', color=colours[j] if colours else f'C{k}',
+                          label=f'{name}, {entry["scheme"]}')
 
 
 def finish(axis, title, x, y, logarithmic=''):

@@ -1,7 +1,8 @@
 """Rigid bodies of blobs above a no-slip wall: what they are made of, how they are pushed, replicas of one in a Context.
 
-Units: the lengths of the papers (um, or blob radii) are taken for OpenMM's nm, their times for ps, and kT is 1 kJ/mol, so energies are
-in kT. Only kT/viscosity enters the dynamics: a viscosity of eta is given as kT/eta, in length^3/time.
+Units: the lengths of the papers (um, or blob radii) are taken for OpenMM's nm, their times for ps,
+and kT is 1 kJ/mol, so energies are in kT. Only kT/viscosity enters the dynamics: a viscosity of eta
+is given as kT/eta, in length^3/time.
 """
 import dataclasses
 
@@ -20,8 +21,8 @@ TEMPERATURE = KT/unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole
 class Body:
     """A rigid body of blobs, with weights and a repulsion from the wall at z = 0.
 
-    Its energy at heights z of its sites is sum_i weight_i z_i + sum_{i repelled} strength A/(z_i - A) exp(-(z_i - A)/debye), with the
-    contact distance A (Delong, eq. 73).
+    Its energy at heights z of its sites is sum_i weight_i z_i + sum_{i repelled} strength A/(z_i -
+    A) exp(-(z_i - A)/debye), with the contact distance A (Delong, eq. 73).
     """
 
     name: str
@@ -50,17 +51,19 @@ class Body:
 class Replicas:
     """Many independent copies of one body in one Context: bodies of different groups do not feel each other through the fluid.
 
-    scheme  its name; drift-correctors scale the whole step, as in the paper, or the noise alone if '+SlipOnly' follows
+    scheme  its name; drift-correctors scale the whole step, as in the paper, or the noise alone if
+    '+SlipOnly' follows
     """
-
-    def __init__(self, body, count, scheme, step, seed=1, boundary='NoSlipWall', platform='Reference', bestKnown=False):
+    def __init__(self, body, count, scheme, step, seed=1, boundary='NoSlipWall',
+                 platform='Reference', bestKnown=False):
         self.body = body
         self.count = count
         self.system = openmm.System()
         self.integrator = CustomRigidHIIntegrator(TEMPERATURE, step)
         name, _, scaling = scheme.partition('+')
         self.integrator.setScheme(getattr(CustomRigidHIIntegrator, name))
-        self.integrator.setDriftCorrectorScaling(getattr(CustomRigidHIIntegrator, scaling or 'Whole'))
+        self.integrator.setDriftCorrectorScaling(
+            getattr(CustomRigidHIIntegrator, scaling or 'Whole'))
         self.integrator.setRandomNumberSeed(seed)
         self.fluid = MobilityForce()
         self.fluid.setViscosity(body.viscosity*KT)
@@ -73,7 +76,8 @@ class Replicas:
         push.addPerParticleParameter('w')
         push.addPerParticleParameter('s')
         for k in range(count):
-            openmmrigidhi.app.addRigidMultiblob(self.system, self.integrator, self.fluid, body.sites, body.radii)
+            openmmrigidhi.app.addRigidMultiblob(self.system, self.integrator, self.fluid,
+                                                body.sites, body.radii)
             for i, weight in enumerate(body.weights):
                 strength = body.strength if i in body.repelled else 0
                 if weight or strength:
@@ -83,8 +87,10 @@ class Replicas:
         self.system.addForce(push)
         openmmrigidhi.app.bindBodies(self.system, self.integrator)
         properties = {'Threads': '1'} if platform == 'CPU' else {}
-        self.context = openmm.Context(self.system, self.integrator, openmm.Platform.getPlatformByName(platform), properties)
-        self.context.setPositions(body.sites[None].repeat(count, 0).reshape(-1, 3) + (0, 0, 1e3*body.contact))
+        self.context = openmm.Context(self.system, self.integrator,
+                                      openmm.Platform.getPlatformByName(platform), properties)
+        self.context.setPositions(body.sites[None].repeat(count, 0).reshape(-1, 3) +
+                                  (0, 0, 1e3*body.contact))
 
     def place(self, positions, orientations):
         """Give every copy its pose: origins (count, 3) and unit quaternions (count, 4)."""
@@ -92,9 +98,11 @@ class Replicas:
         self.integrator.setBodyOrientations(orientations)
 
     def poses(self):
-        return self.integrator.getBodyPositions()._value, np.asarray(self.integrator.getBodyOrientations())
+        return self.integrator.getBodyPositions()._value, np.asarray(
+            self.integrator.getBodyOrientations())
 
     def mobilities(self):
         """The mobility of each copy where it is, lab frame, times kT: (count, 6, 6)."""
-        N = np.asarray(self.fluid.getMobilityInContext(self.context)).reshape(self.count, 6, self.count, 6)
+        N = np.asarray(self.fluid.getMobilityInContext(self.context)).reshape(
+            self.count, 6, self.count, 6)
         return KT*N[np.arange(self.count), :, np.arange(self.count)]

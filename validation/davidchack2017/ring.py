@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
 """Davidchack 2017, Figures 7 and 8: six spheres driven around a ring by a tangential force f and a torque tau.
 
-The force goes along the ring and has no energy, so it is a CustomBodyForce, like the torque; the radial well is there too. Asymptotic
-states are classified from the gaps between neighbours alone: steady (uniform, pairs, triplets, cluster) or periodic (5+1 drafting, pair
-drafting, in-phase or alternating triplets), with period, orbital speed and spin. The paper says only "smoothly truncated at 2.4" of
-the repulsion and nothing of the start: here a switch from 2.2 to 2.4 (`--truncation none`: without), and several random starts.
+The force goes along the ring and has no energy, so it is a CustomBodyForce, like the torque; the
+radial well is there too. Asymptotic states are classified from the gaps between neighbours alone:
+steady (uniform, pairs, triplets, cluster) or periodic (5+1 drafting, pair drafting, in-phase or
+alternating triplets), with period, orbital speed and spin. The paper says only "smoothly truncated
+at 2.4" of the repulsion and nothing of the start: here a switch from 2.2 to 2.4 (`--truncation
+none`: without), and several random starts.
 
     python3 ring.py                          # the paper's (f, tau), noise, phase diagram, animation: an hour
     python3 ring.py --parts states noise     # some of: states noise diagram animation
@@ -24,8 +26,11 @@ from spheres import RESULTS, Spheres, campaign, provenance, pyplot, sample, save
 
 COUNT, MASS, MOMENT, RADIUS, KT, A = 6, 1.0, 0.4, 3.0, 10.0, 0.02
 SWITCH, CUTOFF = 2.2, 2.4
-MODELS = {'RPY': (MobilityForce.RotnePragerYamakawa, False), 'FTS': (MobilityForce.StokesianDynamics, False),
-          'FTS+lubrication': (MobilityForce.StokesianDynamics, True)}
+MODELS = {
+    'RPY': (MobilityForce.RotnePragerYamakawa, False),
+    'FTS': (MobilityForce.StokesianDynamics, False),
+    'FTS+lubrication': (MobilityForce.StokesianDynamics, True)
+}
 # The paper's step (0.2 % off in the spin) for its states; spacing of samples.
 STEP, SPACING = 0.02, 0.1
 #: For the phase diagram and noise: 1 % off in the spin, 0.6 % in the orbital speed.
@@ -34,25 +39,27 @@ COARSE_STEP = 0.05
 STEADY = 2e-3
 #: Shifted gaps match if they differ by less than this part of their fluctuation.
 MATCH = 0.06
-#: The phase diagram's times to settle and to follow at f = 1 or tau = 4; where both are smaller, everything is slower.
+#: The phase diagram's times to settle and to follow at f = 1 or tau = 4; where both are smaller,
+#: everything is slower.
 SETTLE, WINDOW = 800.0, 300.0
 PARTS = ('states', 'noise', 'diagram', 'animation')
-#: f, tau, kind of start, time to settle, window, what the paper shows, and what an independent calculation
-#: found (period, orbital speed, spin), by model and truncation.
-STATES = (
-    ('Fig 7', 1.0, 0.0, 'random', 700.0, 300.0, '5+1 drafting',
-     {('RPY', 'switch'): (46.2, 0.3077, 0.1092), ('FTS+lubrication', 'switch'): (64.8, 0.2889, 0.1227)}),
-    ('Fig 8(a)', 1.2, -4.0, 'random', 700.0, 200.0, 'steady pairs',
-     {('RPY', 'switch'): (None, 0.2117, -1.6605), ('FTS+lubrication', 'switch'): (None, 0.1488, -1.4271),
-      ('FTS+lubrication', 'none'): (None, 0.1488, -1.4271)}),
-    ('Fig 8(b)', 1.2, -3.0, 'random', 4000.0, 950.0, 'pair drafting', {}),
-    ('Fig 8(c)', 0.4, -4.0, 'random', 1200.0, 400.0, 'in-phase triplets', {}),
-    ('Fig 8(c), start with theta(i+3) = theta(i) + pi', 0.4, -4.0, 'opposite', 1200.0, 400.0, 'in-phase triplets',
-     {('FTS+lubrication', 'none'): (82.0, -0.054, None)}),
-    ('video f0tau-5', 0.0, -5.0, 'random', 1200.0, 400.0, 'drafting', {}))
+#: f, tau, kind of start, time to settle, window, what the paper shows, and what an independent
+#: calculation found (period, orbital speed, spin), by model and truncation.
+STATES = (('Fig 7', 1.0, 0.0, 'random', 700.0, 300.0, '5+1 drafting', {
+    ('RPY', 'switch'): (46.2, 0.3077, 0.1092), ('FTS+lubrication', 'switch'): (64.8, 0.2889, 0.1227)
+}), ('Fig 8(a)', 1.2, -4.0, 'random', 700.0,
+     200.0, 'steady pairs', {('RPY', 'switch'): (None, 0.2117, -1.6605),
+                             ('FTS+lubrication', 'switch'): (None, 0.1488, -1.4271),
+                             ('FTS+lubrication', 'none'): (None, 0.1488, -1.4271)}),
+          ('Fig 8(b)', 1.2, -3.0, 'random', 4000.0, 950.0, 'pair drafting',
+           {}), ('Fig 8(c)', 0.4, -4.0, 'random', 1200.0, 400.0, 'in-phase triplets',
+                 {}), ('Fig 8(c), start with theta(i+3) = theta(i) + pi', 0.4, -4.0, 'opposite',
+                       1200.0, 400.0, 'in-phase triplets', {
+                           ('FTS+lubrication', 'none'): (82.0, -0.054, None)
+                       }), ('video f0tau-5', 0.0, -5.0, 'random', 1200.0, 400.0, 'drafting', {}))
 
 
-# ---- The scene ---------------------------------------------------------------------------------------------------------
+# ---- The scene -----------------------------------------------------------------------------------
 def angles(kind, rng):
     """Start: random gaps of at least 0.72 rad (touching spheres: 0.68), or three such gaps twice (to 1e-3)."""
     least = 0.72
@@ -64,9 +71,10 @@ def angles(kind, rng):
 
 def build(f, tau, kT, model, truncation, start, seed, step=STEP):
     """The ring in a Context, spheres at rest at the angles `start`."""
-    scene = Spheres(COUNT, MASS, 3*(MOMENT,), kT, step, MODELS[model][0], MODELS[model][1], seed=seed)
-    drive = CustomBodyForce('(-kt*(rho-R)*x-f*y)/rho; rho=sqrt(x*x+y*y)', '(-kt*(rho-R)*y+f*x)/rho; rho=sqrt(x*x+y*y)', '-kt*z',
-                            '0', '0', 'tau')
+    scene = Spheres(COUNT, MASS, 3*(MOMENT,), kT, step, MODELS[model][0], MODELS[model][1],
+                    seed=seed)
+    drive = CustomBodyForce('(-kt*(rho-R)*x-f*y)/rho; rho=sqrt(x*x+y*y)',
+                            '(-kt*(rho-R)*y+f*x)/rho; rho=sqrt(x*x+y*y)', '-kt*z', '0', '0', 'tau')
     for name, value in (('kt', KT), ('R', RADIUS), ('f', f), ('tau', tau)):
         drive.addGlobalParameter(name, value)
     for i in range(COUNT):
@@ -76,8 +84,9 @@ def build(f, tau, kT, model, truncation, start, seed, step=STEP):
         repulsion = openmm.CustomNonbondedForce(f'{A}/((r/2)^12-1)')
         repulsion.setNonbondedMethod(openmm.CustomNonbondedForce.NoCutoff)
     else:
-        repulsion = openmm.CustomNonbondedForce(f'{A}/((r/2)^12-1)*(1-step(r-{SWITCH})*z*z*z*(10-z*(15-6*z))); '
-                                                f'z=(r*r-{SWITCH**2})/{CUTOFF**2 - SWITCH**2}')
+        repulsion = openmm.CustomNonbondedForce(
+            f'{A}/((r/2)^12-1)*(1-step(r-{SWITCH})*z*z*z*(10-z*(15-6*z))); '
+            f'z=(r*r-{SWITCH**2})/{CUTOFF**2 - SWITCH**2}')
         repulsion.setNonbondedMethod(openmm.CustomNonbondedForce.CutoffNonPeriodic)
         repulsion.setCutoffDistance(CUTOFF)
     for _ in range(COUNT):
@@ -89,7 +98,6 @@ def build(f, tau, kT, model, truncation, start, seed, step=STEP):
 
 class Trajectory:
     """Angles (unwrapped), spins, distances at equidistant times."""
-
     def __init__(self, scene, window, orientations=False):
         every = round(SPACING/scene.integrator.getStepSize()._value)
         theta, spin, places, turns = [], [], [], []
@@ -101,7 +109,8 @@ class Trajectory:
             if orientations:
                 turns.append(scene.orientations())
         self.theta = np.unwrap(np.array(theta), axis=0)
-        self.spin, self.places, self.orientations = np.array(spin), np.array(places), np.array(turns)
+        self.spin, self.places, self.orientations = np.array(spin), np.array(places), np.array(
+            turns)
 
     def gaps(self):
         """Gap of each sphere to the next anticlockwise, in the order around the ring."""
@@ -110,14 +119,15 @@ class Trajectory:
         return np.diff(np.hstack([theta, theta[:, :1] + 2*np.pi]), axis=1)
 
 
-# ---- The classifier ----------------------------------------------------------------------------------------------------
+# ---- The classifier ------------------------------------------------------------------------------
 def mismatch(gaps, shift, lags):
     """D_s(lag): rms of g_{k+s}(t+lag) - g_k(t) in units of the rms fluctuation of the gaps."""
     deviation = gaps - gaps.mean(0)
     fluctuation = np.sqrt(np.mean(deviation**2))
     moved = np.roll(gaps, -shift, axis=1)
     n = len(gaps)
-    return np.array([np.sqrt(np.mean((moved[lag:] - gaps[:n - lag])**2)) for lag in lags])/fluctuation
+    return np.array([np.sqrt(np.mean((moved[lag:] - gaps[:n - lag])**2))
+                     for lag in lags])/fluctuation
 
 
 def classify(gaps, steady=STEADY, match=MATCH):
@@ -129,7 +139,7 @@ def classify(gaps, steady=STEADY, match=MATCH):
             if np.sqrt(np.mean((np.roll(mean, shift) - mean)**2)) < 5*steady:
                 return name, fluctuation, None
         return 'steady cluster', fluctuation, None
-    lags = np.arange(0, len(gaps)//2, 2)
+    lags = np.arange(0, len(gaps) // 2, 2)
     zero = mismatch(gaps, 0, lags)
     period, left = None, np.argmax(zero > 0.5)
     if zero.max() > 0.5:
@@ -148,7 +158,10 @@ def classify(gaps, steady=STEADY, match=MATCH):
 def neighbourDistances(places, theta):
     """Mean distances of neighbours on the ring, sorted."""
     order = np.argsort(theta[0] % (2*np.pi))
-    return np.sort([np.linalg.norm(places[:, i] - places[:, j], axis=1).mean() for i, j in zip(order, np.roll(order, -1))])
+    return np.sort([
+        np.linalg.norm(places[:, i] - places[:, j], axis=1).mean()
+        for i, j in zip(order, np.roll(order, -1))
+    ])
 
 
 #: Parts in which a run settles: after each it can be kept.
@@ -158,11 +171,15 @@ SETTLING = 20
 def settled(arguments, job):
     """The scene of a run that has settled, what is kept of it, and seconds that it took before; goes on where it was interrupted.
 
-    The arguments say f, tau, kT, model, truncation, kind (of the start), settle, window, seed, step.
+    The arguments say f, tau, kT, model, truncation, kind (of the start), settle, window, seed,
+    step.
     """
     a = arguments
-    scene = build(a['f'], a['tau'], a['kT'], a['model'], a['truncation'], angles(a['kind'], np.random.default_rng(a['seed'])), a['seed'], a['step'])
-    state, began = campaign.State(job, {key: a[key] for key in sorted(a) if key not in ('window', 'attempts')}), time.time()
+    scene = build(a['f'], a['tau'], a['kT'], a['model'], a['truncation'],
+                  angles(a['kind'], np.random.default_rng(a['seed'])), a['seed'], a['step'])
+    state, began = campaign.State(
+        job, {key: a[key]
+              for key in sorted(a) if key not in ('window', 'attempts')}), time.time()
     kept = state.load()
     done, before = int(kept.get('done', 0)), float(kept.get('seconds', 0))
     if kept:
@@ -172,14 +189,16 @@ def settled(arguments, job):
         if job is not None:
             job.report((k + 1)/SETTLING*a['settle'])
         if state.isDue() or job is not None and k + 1 == SETTLING:
-            state.save(done=k + 1, seconds=before + time.time() - began, checkpoint=campaign.checkpoint(scene.context))
+            state.save(done=k + 1, seconds=before + time.time() - began,
+                       checkpoint=campaign.checkpoint(scene.context))
     return scene, state, before
 
 
 def runState(arguments, job=None):
     """Settle, follow, classify. If the state is undecided the run goes on, up to `attempts` windows."""
-    f, tau, kT, model, truncation, kind, settle, window, seed, step, attempts = (arguments[key] for key in (
-        'f', 'tau', 'kT', 'model', 'truncation', 'kind', 'settle', 'window', 'seed', 'step', 'attempts'))
+    f, tau, kT, model, truncation, kind, settle, window, seed, step, attempts = (
+        arguments[key] for key in ('f', 'tau', 'kT', 'model', 'truncation', 'kind', 'settle',
+                                   'window', 'seed', 'step', 'attempts'))
     began = time.time()
     scene, state, before = settled(arguments, job)
     for attempt in range(1, attempts + 1):
@@ -190,16 +209,24 @@ def runState(arguments, job=None):
             break
     orbit = (trajectory.theta[-1] - trajectory.theta[0]).mean()/(SPACING*(len(gaps) - 1))
     places = trajectory.places
-    nearest = min(np.linalg.norm(places[:, i] - places[:, j], axis=1).min() for i in range(COUNT) for j in range(i))
-    return {'f': f, 'tau': tau, 'kT': kT, 'model': model, 'truncation': truncation, 'start': kind, 'seed': seed, 'h': step,
-            'settle': settle + window*(attempt - 1), 'window': window, 'state': state, 'fluctuation': fluctuation, 'period': period,
-            'fingerprint': fingerprint(gaps), 'least_mismatch_by_one': float(mismatch(gaps, 1, np.arange(0, len(gaps)//2, 5)).min()),
-            'orbital_speed': orbit, 'spin': float(trajectory.spin.mean()), 'smallest_gap': float(nearest - 2),
-            'distances': neighbourDistances(places, trajectory.theta) if state.startswith('steady') else None,
-            'largest_out_of_plane': float(abs(places[:, :, 2]).max()), 'seconds': before + time.time() - began}
+    nearest = min(
+        np.linalg.norm(places[:, i] - places[:, j], axis=1).min() for i in range(COUNT)
+        for j in range(i))
+    return {
+        'f': f, 'tau': tau, 'kT': kT, 'model': model, 'truncation': truncation, 'start': kind,
+        'seed': seed, 'h': step, 'settle': settle + window*(attempt - 1), 'window': window,
+        'state': state, 'fluctuation': fluctuation, 'period': period,
+        'fingerprint': fingerprint(gaps), 'least_mismatch_by_one': float(
+            mismatch(gaps, 1, np.arange(0,
+                                        len(gaps) // 2, 5)).min()), 'orbital_speed': orbit,
+        'spin': float(trajectory.spin.mean()), 'smallest_gap': float(nearest - 2),
+        'distances': neighbourDistances(places, trajectory.theta)
+        if state.startswith('steady') else None, 'largest_out_of_plane': float(
+            abs(places[:, :, 2]).max()), 'seconds': before + time.time() - began
+    }
 
 
-# ---- Parts of the experiment -------------------------------------------------------------------------------------------
+# ---- Parts of the experiment ---------------------------------------------------------------------
 def made(args, path, tasks):
     """Do the runs of `tasks`, (arguments of runState, more entries of the row); with --keep only those that the file lacks.
 
@@ -208,18 +235,26 @@ def made(args, path, tasks):
     def key(row):
         return tuple(row[k] for k in ('f', 'tau', 'start', 'seed', 'h'))
 
-    rows = {key(r): r for r in json.loads(path.read_text())['rows']} if args.keep and path.exists() else {}
-    todo = [(arguments, more) for arguments, more in tasks if key(dict(arguments, start=arguments['kind'], h=arguments['step'])) not in rows]
-    order = list(rows) + [key(dict(arguments, start=arguments['kind'], h=arguments['step'])) for arguments, _ in todo]
+    rows = {key(r): r
+            for r in json.loads(path.read_text())['rows']} if args.keep and path.exists() else {}
+    todo = [(arguments, more) for arguments, more in tasks
+            if key(dict(arguments, start=arguments['kind'], h=arguments['step'])) not in rows]
+    order = list(rows) + [
+        key(dict(arguments, start=arguments['kind'], h=arguments['step'])) for arguments, _ in todo
+    ]
 
     def finish(index, row):
         more = todo[index][1]
         row.update(more)
         rows[key(row)] = row
-        save(path.parent, path.name, {'rows': [rows[k] for k in order if k in rows], 'provenance': provenance(args)})
-        print(f'f {row["f"]:g} tau {row["tau"]:g} seed {row["seed"]}: {row["state"]}, period {row["period"]}, '
-              f'Om {row["orbital_speed"]:.4f}, spin {row["spin"]:.4f}, smallest gap {row["smallest_gap"]:.3f} '
-              f'{more}  [{row["seconds"]:.0f} s]', flush=True)
+        save(path.parent, path.name,
+             {'rows': [rows[k] for k in order if k in rows], 'provenance': provenance(args)})
+        print(
+            f'f {row["f"]:g} tau {row["tau"]:g} seed {row["seed"]}: {row["state"]}, period '
+            f'{row["period"]}, '
+            f'Om {row["orbital_speed"]:.4f}, spin {row["spin"]:.4f}, smallest gap '
+            f'{row["smallest_gap"]:.3f} '
+            f'{more}  [{row["seconds"]:.0f} s]', flush=True)
 
     together(runState, [arguments for arguments, _ in todo], args, finish)
     return [rows[k] for k in order]
@@ -227,36 +262,49 @@ def made(args, path, tasks):
 
 def together(function, todo, args, finished=None):
     """Runs with these arguments of runState(), as many at a time as are asked for."""
-    names = [f'ring {a["model"]} {a["truncation"]} f {a["f"]:g} tau {a["tau"]:g} kT {a["kT"]:g} {a["kind"]} seed {a["seed"]} h {a["step"]:g} {function.__name__}'
-             for a in todo]
-    return campaign.run(function, todo, names, args, [a['settle'] for a in todo], 'time', 'ring', finished)
+    names = [
+        f'ring {a["model"]} {a["truncation"]} f {a["f"]:g} tau {a["tau"]:g} kT {a["kT"]:g} '
+        f'{a["kind"]} seed {a["seed"]} h {a["step"]:g} {function.__name__}' for a in todo
+    ]
+    return campaign.run(function, todo, names, args, [a['settle'] for a in todo], 'time', 'ring',
+                        finished)
 
 
 def states(args, path):
     tasks = []
     for k in range(1 if args.quick else args.starts):
-        for name, f, tau, kind, settle, window, paper, reference in STATES[:1] if args.quick else STATES:
+        for name, f, tau, kind, settle, window, paper, reference in STATES[:
+                                                                           1] if args.quick else STATES:
             if args.quick:
                 settle, window = 300.0, 180.0
-            tasks.append(({'f': f, 'tau': tau, 'kT': 0, 'model': args.model, 'truncation': args.truncation, 'kind': kind,
-                           'settle': settle, 'window': window, 'seed': args.seed + k, 'step': COARSE_STEP if args.quick else STEP, 'attempts': 3},
-                          {'name': name, 'paper': paper, 'independent': reference.get((args.model, args.truncation))}))
+            tasks.append(({
+                'f': f, 'tau': tau, 'kT': 0, 'model': args.model, 'truncation': args.truncation,
+                'kind': kind, 'settle': settle, 'window': window, 'seed': args.seed + k,
+                'step': COARSE_STEP if args.quick else STEP, 'attempts': 3
+            }, {
+                'name': name, 'paper': paper, 'independent': reference.get(
+                    (args.model, args.truncation))
+            }))
     return made(args, path, tasks)
 
 
 def fingerprint(gaps):
     """What a noisy state is recognised by: the time-means of the sorted gaps, and the sorted time-means of the gaps.
 
-    The first tell the shapes apart that the ring goes through, the second whether every sphere keeps its place in them.
+    The first tell the shapes apart that the ring goes through, the second whether every sphere
+    keeps its place in them.
     """
     return np.concatenate([np.sort(gaps, axis=1).mean(0), np.sort(gaps.mean(0))])
 
 
 def noise(args, path):
     """Both of the paper's robust states with noise: which of the two noiseless ones the run is nearer to, and is it still periodic?"""
-    todo = [(name, paper, {'f': f, 'tau': tau, 'kT': kT, 'model': args.model, 'truncation': args.truncation, 'kind': 'random', 'settle': settle,
-                           'window': window*(1 if kT < 1e-3 else 3), 'seed': args.seed, 'step': COARSE_STEP, 'attempts': 1})
-            for kT in (0.0, 1e-5, 1e-4, 1e-3, 1e-2) for name, f, tau, _, settle, window, paper, _ in STATES[:2]]
+    todo = [(name, paper, {
+        'f': f, 'tau': tau, 'kT': kT, 'model': args.model, 'truncation': args.truncation,
+        'kind': 'random', 'settle': settle, 'window': window*(1 if kT < 1e-3 else 3),
+        'seed': args.seed, 'step': COARSE_STEP, 'attempts': 1
+    }) for kT in (0.0, 1e-5, 1e-4, 1e-3, 1e-2)
+            for name, f, tau, _, settle, window, paper, _ in STATES[:2]]
     rows, noiseless = together(runState, [arguments for _, _, arguments in todo], args), {}
     for (name, paper, _), row in zip(todo, rows):
         mark = np.array(row['fingerprint'])
@@ -264,12 +312,18 @@ def noise(args, path):
             noiseless[row['state']] = mark
         else:
             row['by_classifier'] = row['state']
-            row['distances_to_noiseless'] = {state: float(np.sqrt(np.mean((mark - m)**2))) for state, m in noiseless.items()}
+            row['distances_to_noiseless'] = {
+                state: float(np.sqrt(np.mean((mark - m)**2)))
+                for state, m in noiseless.items()
+            }
             row['state'] = min(row['distances_to_noiseless'], key=row['distances_to_noiseless'].get)
         row.update({'name': name, 'paper': paper})
-        print(f'{name} kT {row["kT"]:g}: {row["state"]} (distances {row.get("distances_to_noiseless")}, fluctuation {row["fluctuation"]:.3f}, '
-              f'mismatch after a shift by one {row["least_mismatch_by_one"]:.2f}), Om {row["orbital_speed"]:.4f}, '
-              f'spin {row["spin"]:.4f}', flush=True)
+        print(
+            f'{name} kT {row["kT"]:g}: {row["state"]} (distances '
+            f'{row.get("distances_to_noiseless")}, fluctuation {row["fluctuation"]:.3f}, '
+            f'mismatch after a shift by one {row["least_mismatch_by_one"]:.2f}), Om '
+            f'{row["orbital_speed"]:.4f}, '
+            f'spin {row["spin"]:.4f}', flush=True)
     save(path.parent, path.name, {'rows': rows, 'provenance': provenance(args)})
     return rows
 
@@ -283,14 +337,19 @@ def diagram(args, path):
                 if f == 0 and tau == 0:
                     continue
                 slower = 1/np.clip(max(f, abs(tau)/4), 0.25, 1)
-                tasks.append(({'f': f, 'tau': tau, 'kT': 0, 'model': args.model, 'truncation': args.truncation, 'kind': 'random',
-                               'settle': SETTLE*slower, 'window': WINDOW*slower, 'seed': args.seed + k, 'step': COARSE_STEP,
-                               'attempts': args.attempts}, {}))
+                tasks.append(({
+                    'f': f, 'tau': tau, 'kT': 0, 'model': args.model, 'truncation': args.truncation,
+                    'kind': 'random', 'settle': SETTLE*slower, 'window': WINDOW*slower,
+                    'seed': args.seed + k, 'step': COARSE_STEP, 'attempts': args.attempts
+                }, {}))
     return made(args, path, tasks)
 
 
-COLOURS = {'5+1 drafting': 'C0', 'steady pairs': 'C1', 'pair drafting': 'C2', 'in-phase triplets': 'C3', 'alternating triplets': 'C4',
-           'uniform': 'C5', 'steady triplets': 'C6', 'steady cluster': 'C7', 'undecided': 'k'}
+COLOURS = {
+    '5+1 drafting': 'C0', 'steady pairs': 'C1', 'pair drafting': 'C2', 'in-phase triplets': 'C3',
+    'alternating triplets': 'C4', 'uniform': 'C5', 'steady triplets': 'C6', 'steady cluster': 'C7',
+    'undecided': 'k'
+}
 
 
 def drawDiagram(rows, path):
@@ -299,21 +358,26 @@ def drawDiagram(rows, path):
     figure, ax = plt.subplots(figsize=(9, 8), constrained_layout=True)
     named = set()
     for f, tau in sorted({(r['f'], r['tau']) for r in rows}):
-        here = sorted((r for r in rows if (r['f'], r['tau']) == (f, tau)), key=lambda r: list(COLOURS).index(r['state']))
+        here = sorted((r for r in rows if (r['f'], r['tau']) == (f, tau)),
+                      key=lambda r: list(COLOURS).index(r['state']))
         for k, r in enumerate(here):
             turn = 2*np.pi*np.linspace(k, k + 1, 20)/len(here)
             sector = np.stack([np.sin(turn), np.cos(turn)], axis=1)
             if len(here) > 1:
                 sector = np.vstack([[0, 0], sector])
             # matplotlib scales a marker to its largest coordinate.
-            ax.scatter([f], [tau], marker=sector, s=330*abs(sector).max()**2, color=COLOURS[r['state']], lw=0,
+            ax.scatter([f], [tau], marker=sector, s=330*abs(sector).max()**2,
+                       color=COLOURS[r['state']], lw=0,
                        label=None if r['state'] in named else r['state'])
             named.add(r['state'])
-        ax.annotate(f'{np.mean([r["orbital_speed"] for r in here]):+.2f}', (f, tau), ha='center', va='center', fontsize=6, color='w')
+        ax.annotate(f'{np.mean([r["orbital_speed"] for r in here]):+.2f}', (f, tau), ha='center',
+                    va='center', fontsize=6, color='w')
     ax.set(xlabel='f', ylabel=r'$\tau$')
     ax.margins(0.06)
     count = max(sum((r['f'], r['tau']) == (q['f'], q['tau']) for r in rows) for q in rows)
-    ax.set_title(f'{rows[0]["model"]}, {count} random start{"s" if count > 1 else ""} at each point; numbers: mean orbital speed', fontsize=10)
+    ax.set_title(
+        f'{rows[0]["model"]}, {count} random start{"s" if count > 1 else ""} at each point; '
+        f'numbers: mean orbital speed', fontsize=10)
     ax.legend(fontsize=8, bbox_to_anchor=(1.01, 1), loc='upper left')
     figure.savefig(path, dpi=80)
     plt.close(figure)
@@ -331,17 +395,23 @@ def animation(args, path):
     from matplotlib.animation import FuncAnimation, PillowWriter
     from matplotlib.patches import Circle, Wedge
     shown = [s for s in STATES if s[0] in ('Fig 7', 'Fig 8(a)', 'Fig 8(b)') or s[3] == 'opposite']
-    records = together(film, [{'f': f, 'tau': tau, 'kT': 0, 'model': args.model, 'truncation': args.truncation, 'kind': kind, 'settle': min(settle, 2000),
-                               'window': 96.0, 'seed': args.seed, 'step': COARSE_STEP} for _, f, tau, kind, settle, *_ in shown], args)
-    places, orientations = ([np.array(record[key]) for record in records] for key in ('places', 'orientations'))
+    records = together(film, [{
+        'f': f, 'tau': tau, 'kT': 0,
+        'model': args.model, 'truncation': args.truncation, 'kind': kind, 'settle': min(
+            settle, 2000), 'window': 96.0, 'seed': args.seed, 'step': COARSE_STEP
+    } for _, f, tau, kind, settle, *_ in shown], args)
+    places, orientations = ([np.array(record[key]) for record in records]
+                            for key in ('places', 'orientations'))
     names = [f'f = {f:g}, τ = {tau:g}' for _, f, tau, *_ in shown]
-    figure, axes = plt.subplots(1, len(shown), figsize=(2.6*len(shown), 2.8), constrained_layout=True)
+    figure, axes = plt.subplots(1, len(shown), figsize=(2.6*len(shown), 2.8),
+                                constrained_layout=True)
     every = 12
 
     def frame(k):
         for ax, x, turns, name in zip(axes, places, orientations, names):
             ax.clear()
-            ax.set(xlim=(-4.2, 4.2), ylim=(-4.2, 4.2), aspect='equal', xticks=[], yticks=[], title=name)
+            ax.set(xlim=(-4.2, 4.2), ylim=(-4.2, 4.2), aspect='equal', xticks=[], yticks=[],
+                   title=name)
             ax.add_patch(Circle((0, 0), RADIUS, fill=False, lw=0.5, color='0.6'))
             for i in range(COUNT):
                 place, q = x[k*every, i, :2], turns[k*every, i]
@@ -350,19 +420,26 @@ def animation(args, path):
                 ax.add_patch(Wedge(place, 1, turn, turn + 180, color='#08519c'))
                 ax.annotate(str(i + 1), place, ha='center', va='center', fontsize=7, color='w')
 
-    FuncAnimation(figure, frame, frames=len(places[0])//every).save(path, writer=PillowWriter(fps=12), dpi=65)
+    FuncAnimation(figure, frame,
+                  frames=len(places[0]) // every).save(path, writer=PillowWriter(fps=12), dpi=65)
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--quick', action='store_true', help='one state, one start')
     parser.add_argument('--parts', nargs='+', choices=PARTS, default=PARTS)
     parser.add_argument('--model', default='FTS+lubrication', choices=MODELS)
     parser.add_argument('--truncation', default='switch', choices=('switch', 'none'))
-    parser.add_argument('--starts', type=int, default=3, help='starts for each of the paper\'s states')
-    parser.add_argument('--diagram-starts', type=int, default=3, help='starts at each point of the phase diagram')
-    parser.add_argument('--attempts', type=int, default=12, help='windows that an undecided run of the diagram is followed for')
-    parser.add_argument('--keep', action='store_true', help='keep the states and points that the output folder has; do what is missing')
+    parser.add_argument('--starts', type=int, default=3,
+                        help='starts for each of the paper\'s states')
+    parser.add_argument('--diagram-starts', type=int, default=3,
+                        help='starts at each point of the phase diagram')
+    parser.add_argument('--attempts', type=int, default=12,
+                        help='windows that an undecided run of the diagram is followed for')
+    parser.add_argument(
+        '--keep', action='store_true',
+        help='keep the states and points that the output folder has; do what is missing')
     parser.add_argument('--f', type=float, nargs='+', default=[0, 0.2, 0.4, 0.6, 0.8, 1, 1.2])
     parser.add_argument('--tau', type=float, nargs='+', default=[k/2 for k in range(-10, 5)])
     parser.add_argument('--seed', type=int, default=2017)
@@ -375,7 +452,8 @@ def main():
         if part == 'animation':
             animation(args, args.output/f'ring_{suffix}.gif')
             continue
-        rows = {'states': states, 'noise': noise, 'diagram': diagram}[part](args, args.output/f'ring_{part}_{suffix}.json')
+        rows = {'states': states, 'noise': noise,
+                'diagram': diagram}[part](args, args.output/f'ring_{part}_{suffix}.json')
         if part == 'diagram':
             drawDiagram(rows, args.output/f'ring_diagram_{suffix}.png')
 

@@ -1,8 +1,8 @@
 """What the four experiments share: the paper's reduced units, spheres in a fluid, statistics.
 
-Reduced units of the paper (HYDROLIB's): sphere radius 1, viscosity 1/(4 pi), and a mass scale. They are used as if they were
-OpenMM's nm, ps, dalton, kJ/mol; kT becomes a temperature by OpenMM's gas constant. The Stokes friction of a sphere is then
-6 pi eta a = 1.5 and 8 pi eta a^3 = 2.
+Reduced units of the paper (HYDROLIB's): sphere radius 1, viscosity 1/(4 pi), and a mass scale. They
+are used as if they were OpenMM's nm, ps, dalton, kJ/mol; kT becomes a temperature by OpenMM's gas
+constant. The Stokes friction of a sphere is then 6 pi eta a = 1.5 and 8 pi eta a^3 = 2.
 """
 import pathlib
 import sys
@@ -24,15 +24,15 @@ VISCOSITY = 1/(4*np.pi)
 GAS_CONSTANT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
 
 
-# ---- Scenes ----------------------------------------------------------------------------------------------------------
+# ---- Scenes --------------------------------------------------------------------------------------
 class Spheres:
     """Spheres of radius 1, each a rigid body of its centre and, if asked for, a marker that the fluid does not see.
 
-    Forces are added to ``system`` before :meth:`start` makes the Context. The centre of sphere i is particle ``centre(i)``, its
-    marker ``marker(i)``.
+    Forces are added to ``system`` before :meth:`start` makes the Context. The centre of sphere i is
+    particle ``centre(i)``, its marker ``marker(i)``.
     """
-
-    def __init__(self, count, mass, moments, kT, step, model, lubrication=True, marker=None, seed=1):
+    def __init__(self, count, mass, moments, kT, step, model, lubrication=True, marker=None,
+                 seed=1):
         self.count = count
         self.kT = kT
         self.marked = marker is not None
@@ -66,8 +66,10 @@ class Spheres:
         """Make the Context, with the spheres' centres at these positions in their body frames' orientation."""
         openmmrigidhi.app.bindBodies(self.system, self.integrator)
         properties = {'Threads': '1'} if platformName == 'CPU' else {}
-        self.context = openmm.Context(self.system, self.integrator, openmm.Platform.getPlatformByName(platformName), properties)
-        self.context.setPositions((np.asarray(positions)[:, None, :] + self.sites[None]).reshape(-1, 3))
+        self.context = openmm.Context(self.system, self.integrator,
+                                      openmm.Platform.getPlatformByName(platformName), properties)
+        self.context.setPositions(
+            (np.asarray(positions)[:, None, :] + self.sites[None]).reshape(-1, 3))
 
     def positions(self):
         return self.integrator.getBodyPositions()._value
@@ -94,13 +96,13 @@ def sample(integrator, samples, every, report=None, done=0):
         yield k
 
 
-# ---- Statistics --------------------------------------------------------------------------------------------------------
+# ---- Statistics ----------------------------------------------------------------------------------
 def blockError(values, blockCounts=(64, 32, 16)):
     """Standard error of the mean of a time series: the largest of those from averages over 64, 32 and 16 blocks."""
     values = np.asarray(values, dtype=float)
     errors = []
     for blocks in blockCounts:
-        length = len(values)//blocks
+        length = len(values) // blocks
         if length:
             means = values[:blocks*length].reshape(blocks, length, *values.shape[1:]).mean(1)
             errors.append(means.std(0, ddof=1)/np.sqrt(blocks))
@@ -113,5 +115,6 @@ def weightedFit(columns, y, errors):
     covariance = np.linalg.inv(design.T @ design)
     coefficients = covariance @ design.T @ (np.asarray(y)/errors)
     freedom = len(y) - len(columns)
-    chi2 = np.sum((design @ coefficients - np.asarray(y)/errors)**2)/freedom if freedom else float('nan')
+    chi2 = np.sum(
+        (design @ coefficients - np.asarray(y)/errors)**2)/freedom if freedom else float('nan')
     return coefficients, np.sqrt(np.diag(covariance)), float(chi2)

@@ -1,16 +1,19 @@
 #!/usr/bin/env python3
 """Davidchack 2017, Figures 2 to 5: time-correlation functions of two spheres in harmonic traps, against exact linear theory.
 
-Two spheres a distance R apart on the z axis, each in a translational well kt/2 |r - r0|^2 and a rotational one -kr/2 n_x^2, with n
-the body's x axis. They feel each other through the fluid alone. For small amplitudes the friction is that at the trap's centres and
-everything is linear: state (x, v), dx = v dt, M dv = -(K x + xi v) dt + noise, C(t) = [exp(A t)]_qq diag(kT/K). The friction comes
+Two spheres a distance R apart on the z axis, each in a translational well kt/2 |r - r0|^2 and a
+rotational one -kr/2 n_x^2, with n the body's x axis. They feel each other through the fluid alone.
+For small amplitudes the friction is that at the trap's centres and everything is linear: state (x,
+v), dx = v dt, M dv = -(K x + xi v) dt + noise, C(t) = [exp(A t)]_qq diag(kT/K). The friction comes
 from `getFrictionInContext`, the exponential from scipy.
 
-The same linearisation gives the scheme's own correlations at a step h, [B^n]_qq Sigma with its one-step matrix B and stationary
-covariance Sigma: so the bias of a step size is known before anything is run, and the largest step with a bias below BIAS is taken.
+The same linearisation gives the scheme's own correlations at a step h, [B^n]_qq Sigma with its
+one-step matrix B and stationary covariance Sigma: so the bias of a step size is known before
+anything is run, and the largest step with a bias below BIAS is taken.
 
-At the paper's kT the traps are not quite linear (kr/kT = 200: a few 1e-3 in the rotational curves), so each set is also run at a tenth
-of it. Estimators use what is symmetric: the mirror z -> -z, which exchanges the spheres, and <a(t)b(0)> = <b(t)a(0)>.
+At the paper's kT the traps are not quite linear (kr/kT = 200: a few 1e-3 in the rotational curves),
+so each set is also run at a tenth of it. Estimators use what is symmetric: the mirror z -> -z,
+which exchanges the spheres, and <a(t)b(0)> = <b(t)a(0)>.
 
     python3 trapped_spheres.py               # 5 minutes for the inertial set, an hour for the overdamped one
     python3 trapped_spheres.py --sets overdamped --keep     # one set, the other's runs kept
@@ -28,16 +31,30 @@ import scipy.linalg
 from openmmrigidhi import MobilityForce
 from spheres import RESULTS, Spheres, campaign, provenance, pyplot, sample, save
 
-#: m, I, kt, kr, the paper's kT, how long the correlations are followed, spacing of samples, running time.
-SETS = {'inertial (Figs 2, 3)': {'m': 1.0, 'I': 0.4, 'kt': 10.0, 'kr': 20.0, 'kT': 0.1, 'lag': 4.0, 'every': 0.05, 'time': 5e4},
-        'overdamped (Figs 4, 5)': {'m': 0.05, 'I': 0.02, 'kt': 0.5, 'kr': 1.0, 'kT': 0.005, 'lag': 20.0, 'every': 0.1, 'time': 1.7e5}}
+#: m, I, kt, kr, the paper's kT, how long the correlations are followed, spacing of samples, running
+#: time.
+SETS = {
+    'inertial (Figs 2, 3)': {
+        'm': 1.0, 'I': 0.4, 'kt': 10.0, 'kr': 20.0, 'kT': 0.1, 'lag': 4.0, 'every': 0.05,
+        'time': 5e4
+    }, 'overdamped (Figs 4, 5)': {
+        'm': 0.05, 'I': 0.02, 'kt': 0.5, 'kr': 1.0, 'kT': 0.005, 'lag': 20.0, 'every': 0.1,
+        'time': 1.7e5
+    }
+}
 DISTANCES = (3.0, 3.5)
-MODELS = {'RPY': (MobilityForce.RotnePragerYamakawa, False), 'FTS': (MobilityForce.StokesianDynamics, False),
-          'FTS+lubrication': (MobilityForce.StokesianDynamics, True)}
+MODELS = {
+    'RPY': (MobilityForce.RotnePragerYamakawa, False),
+    'FTS': (MobilityForce.StokesianDynamics, False),
+    'FTS+lubrication': (MobilityForce.StokesianDynamics, True)
+}
 #: The ten functions: sphere and variable of a and of b.
-FUNCTIONS = {'x1 x1': ('x1', 'x1'), 'z1 z1': ('z1', 'z1'), 'chiy1 chiy1': ('chiy1', 'chiy1'), 'chiz1 chiz1': ('chiz1', 'chiz1'),
-             'x1 x2': ('x1', 'x2'), 'z1 z2': ('z1', 'z2'), 'chiy1 chiy2': ('chiy1', 'chiy2'), 'chiz1 chiz2': ('chiz1', 'chiz2'),
-             'x1 chiy2': ('x1', 'chiy2'), 'x1 chiy1': ('x1', 'chiy1')}
+FUNCTIONS = {
+    'x1 x1': ('x1', 'x1'), 'z1 z1': ('z1', 'z1'), 'chiy1 chiy1': ('chiy1', 'chiy1'),
+    'chiz1 chiz1': ('chiz1', 'chiz1'), 'x1 x2': ('x1', 'x2'), 'z1 z2': ('z1', 'z2'),
+    'chiy1 chiy2': ('chiy1', 'chiy2'), 'chiz1 chiz2': ('chiz1', 'chiz2'),
+    'x1 chiy2': ('x1', 'chiy2'), 'x1 chiy1': ('x1', 'chiy1')
+}
 VARIABLES = ('x1', 'z1', 'chiy1', 'chiz1', 'x2', 'z2', 'chiy2', 'chiz2')
 #: Sign of each kind under the mirror z -> -z that exchanges the spheres.
 MIRROR = {'x': 1, 'z': -1, 'chiy': -1, 'chiz': 1}
@@ -56,12 +73,12 @@ def row(name):
     return 6*(int(name[-1]) - 1) + ROW[kind(name)]
 
 
-# ---- Theory ------------------------------------------------------------------------------------------------------------
+# ---- Theory --------------------------------------------------------------------------------------
 class Linear:
     """The scene linearised about the traps: rows of position are x y z and the rotation vector of sphere 1, then of sphere 2."""
-
     def __init__(self, parameters, friction):
-        # Rotation about the body's x axis is free; a tiny spring there keeps its variance finite and touches nothing else we look at.
+        # Rotation about the body's x axis is free; a tiny spring there keeps its variance finite
+        # and touches nothing else we look at.
         free = 1e-9*parameters['kr']
         self.stiffness = np.diag(2*(3*[parameters['kt']] + [free] + 2*[parameters['kr']]))
         self.inverse = np.diag(2*(3*[1/parameters['m']] + 3*[1/parameters['I']]))
@@ -69,10 +86,12 @@ class Linear:
 
     def exact(self, times):
         """Normalised C(t), one 12 x 12 matrix for each time; times are multiples of the first step."""
-        a = np.block([[np.zeros((12, 12)), np.eye(12)], [-self.inverse @ self.stiffness, -self.inverse @ self.friction]])
+        a = np.block([[np.zeros((12, 12)), np.eye(12)],
+                      [-self.inverse @ self.stiffness, -self.inverse @ self.friction]])
         covariance = np.zeros((24, 24))
         covariance[:12, :12], covariance[12:, 12:] = np.linalg.inv(self.stiffness), self.inverse
-        return self._correlations(scipy.linalg.expm(a*(times[1] - times[0])), covariance, len(times))
+        return self._correlations(scipy.linalg.expm(a*(times[1] - times[0])), covariance,
+                                  len(times))
 
     def scheme(self, h, every, count):
         """The same for LangevinHI with step h, sampled every so many steps: half kick, half drift, Ornstein-Uhlenbeck, and back."""
@@ -132,16 +151,18 @@ def saveBiases(args):
     for setName, parameters in SETS.items():
         for R in DISTANCES:
             probe = build(parameters, R, args.model, 0.001, 1)
-            bias = biases(Linear(parameters, probe.fluid.getFrictionInContext(probe.context)), parameters)[2]
+            bias = biases(Linear(parameters, probe.fluid.getFrictionInContext(probe.context)),
+                          parameters)[2]
             result[f'{setName} R={R:g}'] = {f'{h:g}': b for h, b in bias.items()}
-    save(args.output, 'trapped_spheres_bias.json', {'largest_bias_by_step': result, 'provenance': provenance(args)})
+    save(args.output, 'trapped_spheres_bias.json',
+         {'largest_bias_by_step': result, 'provenance': provenance(args)})
 
 
-# ---- The run -----------------------------------------------------------------------------------------------------------
+# ---- The run -------------------------------------------------------------------------------------
 def build(parameters, R, model, step, seed):
     """Two trapped spheres; a marker at the end of each body's x axis carries the rotational trap."""
-    scene = Spheres(2, parameters['m'], 3*(parameters['I'],), parameters['kT'], step, MODELS[model][0], MODELS[model][1],
-                    marker=(1, 0, 0), seed=seed)
+    scene = Spheres(2, parameters['m'], 3*(parameters['I'],), parameters['kT'], step,
+                    MODELS[model][0], MODELS[model][1], marker=(1, 0, 0), seed=seed)
     trap = openmm.CustomCompoundBondForce(2, 'kt/2*(x1*x1+y1*y1+(z1-z0)*(z1-z0))-kr/2*n*n; n=x2-x1')
     trap.addGlobalParameter('kt', parameters['kt'])
     trap.addGlobalParameter('kr', parameters['kr'])
@@ -178,18 +199,22 @@ def measured(data, lags):
         return kind(name) + ('2' if name.endswith('1') else '1')
 
     variance = {k: np.mean([np.mean(series[k + s]**2) for s in '12']) for k in MIRROR}
-    length = len(data)//BLOCKS
+    length = len(data) // BLOCKS
     result, errors = {}, {}
     for name, (a, b) in FUNCTIONS.items():
         sign = MIRROR[kind(a)]*MIRROR[kind(b)]
         blocks = []
         for k in range(BLOCKS):
             part = slice(k*length, (k + 1)*length)
-            terms = [correlate(series[u][part], series[v][part], lags)*s
-                     for u, v, s in ((a, b, 1), (b, a, 1), (partner(a), partner(b), sign), (partner(b), partner(a), sign))]
+            terms = [
+                correlate(series[u][part], series[v][part], lags)*s
+                for u, v, s in ((a, b, 1), (b, a, 1), (partner(a), partner(b), sign),
+                                (partner(b), partner(a), sign))
+            ]
             blocks.append(np.mean(terms, axis=0)/np.sqrt(variance[kind(a)]*variance[kind(b)]))
         result[name] = np.mean(blocks, axis=0)
-        # The normalisation is measured with the same data: for auto-correlations it takes the error at lag 0 away.
+        # The normalisation is measured with the same data: for auto-correlations it takes the error
+        # at lag 0 away.
         if a == b:
             blocks = [block - result[name]*block[0] for block in blocks]
         errors[name] = np.std(blocks, axis=0, ddof=1)/np.sqrt(BLOCKS)
@@ -222,7 +247,8 @@ def run(argument, job=None):
     samples = round(duration/parameters['every'])
 
     def note():
-        state.save(data=data, seconds=time.time() - began, checkpoint=campaign.checkpoint(scene.context))
+        state.save(data=data, seconds=time.time() - began,
+                   checkpoint=campaign.checkpoint(scene.context))
 
     for _ in sample(scene.integrator, samples - len(data), every, job and job.report, len(data)):
         data.append(record(scene, R))
@@ -237,34 +263,52 @@ def run(argument, job=None):
     tcf, errors, variance = measured(data, len(times))
     difference = {n: tcf[n] - exact[n] for n in exact}
     z = {n: float(np.sqrt(np.mean((difference[n][1:]/errors[n][1:])**2))) for n in exact}
-    return {'set': setName, 'R': R, 'kT': kT, 'model': model, 'h': h, 'bias_of_this_step': bias, 'time': len(data)*parameters['every'], 'seed': seed,
-            'seconds': time.time() - began, 'samples': len(data), 'spacing': parameters['every'],
-            'variance_over_kT_by_K': {k: float(v*parameters['kr' if 'chi' in k else 'kt']/kT) for k, v in variance.items()},
-            'largest_standard_error': largest(errors), 'largest_difference': {n: float(abs(d).max()) for n, d in difference.items()},
-            'rms_z': z, 'extremes': {n: [float(times[abs(c).argmax()]), float(c[abs(c).argmax()])] for n, c in tcf.items()
-                                     if FUNCTIONS[n][0] != FUNCTIONS[n][1]},
-            'friction_x_and_z_rows': friction[np.ix_([0, 4, 6, 10], [0, 4, 6, 10])],
-            'times': times, 'measured': {n: np.round(v, 6) for n, v in tcf.items()},
-            'standard_error': {n: np.round(v, 6) for n, v in errors.items()}, 'theory': {n: np.round(v, 6) for n, v in exact.items()}}
+    return {
+        'set': setName, 'R': R, 'kT': kT, 'model': model, 'h': h, 'bias_of_this_step': bias,
+        'time': len(data)*parameters['every'], 'seed': seed, 'seconds': time.time() - began,
+        'samples': len(data), 'spacing': parameters['every'], 'variance_over_kT_by_K': {
+            k: float(v*parameters['kr' if 'chi' in k else 'kt']/kT)
+            for k, v in variance.items()
+        }, 'largest_standard_error': largest(errors),
+        'largest_difference': {n: float(abs(d).max())
+                               for n, d in difference.items()}, 'rms_z': z, 'extremes': {
+                                   n: [float(times[abs(c).argmax()]),
+                                       float(c[abs(c).argmax()])]
+                                   for n, c in tcf.items() if FUNCTIONS[n][0] != FUNCTIONS[n][1]
+                               }, 'friction_x_and_z_rows': friction[np.ix_([0, 4, 6, 10],
+                                                                           [0, 4, 6, 10])],
+        'times': times, 'measured': {n: np.round(v, 6)
+                                     for n, v in tcf.items()}, 'standard_error': {
+                                         n: np.round(v, 6)
+                                         for n, v in errors.items()
+                                     }, 'theory': {n: np.round(v, 6)
+                                                   for n, v in exact.items()}
+    }
 
 
 def draw(runs, folder):
     """Figures 2 to 5 and what differs from theory."""
     plt = pyplot()
-    panels = (('x1 x1', 'z1 z1'), ('x1 x2', 'z1 z2'), ('x1 chiy2', 'x1 chiy1'), ('chiy1 chiy1', 'chiz1 chiz1'),
-              ('chiy1 chiy2', 'chiz1 chiz2'))
+    panels = (('x1 x1', 'z1 z1'), ('x1 x2', 'z1 z2'), ('x1 chiy2', 'x1 chiy1'),
+              ('chiy1 chiy1', 'chiz1 chiz1'), ('chiy1 chiy2', 'chiz1 chiz2'))
     for setName in sorted({r['set'] for r in runs}):
         # The longest run of each distance.
-        chosen = [max((r for r in runs if r['set'] == setName and r['R'] == R), key=lambda r: r['time'])
-                  for R in sorted({r['R'] for r in runs if r['set'] == setName})]
-        figure, axes = plt.subplots(len(chosen), len(panels), figsize=(20, 3.8*len(chosen)), squeeze=False, constrained_layout=True)
+        chosen = [
+            max((r for r in runs if r['set'] == setName and r['R'] == R), key=lambda r: r['time'])
+            for R in sorted({r['R']
+                             for r in runs if r['set'] == setName})
+        ]
+        figure, axes = plt.subplots(len(chosen), len(panels), figsize=(20, 3.8*len(chosen)),
+                                    squeeze=False, constrained_layout=True)
         for ax, r in zip(axes, chosen):
             t = np.array(r['times'])
             for panel, names in zip(ax, panels):
                 for k, name in enumerate(names):
                     panel.plot(t, r['theory'][name], '-', color=f'C{k}', lw=1)
-                    thin = slice(None, None, max(1, len(t)//40))
-                    panel.errorbar(t[thin], np.array(r['measured'][name])[thin], np.array(r['standard_error'][name])[thin], fmt='o', ms=3,
+                    thin = slice(None, None, max(1, len(t) // 40))
+                    panel.errorbar(t[thin],
+                                   np.array(r['measured'][name])[thin],
+                                   np.array(r['standard_error'][name])[thin], fmt='o', ms=3,
                                    color=f'C{k}', label=f'⟨{name}⟩')
                 panel.axhline(0, color='k', lw=0.4)
                 panel.legend(fontsize=8)
@@ -276,47 +320,62 @@ def draw(runs, folder):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--quick', action='store_true', help='seconds: R = 3, about a hundredth of the time')
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--quick', action='store_true',
+                        help='seconds: R = 3, about a hundredth of the time')
     parser.add_argument('--model', default='FTS+lubrication', choices=MODELS)
-    parser.add_argument('--sets', nargs='+', default=['inertial', 'overdamped'], choices=['inertial', 'overdamped'])
-    parser.add_argument('--keep', action='store_true', help='keep the runs that the output folder has until they are done anew')
+    parser.add_argument('--sets', nargs='+', default=['inertial', 'overdamped'],
+                        choices=['inertial', 'overdamped'])
+    parser.add_argument('--keep', action='store_true',
+                        help='keep the runs that the output folder has until they are done anew')
     parser.add_argument('--bias-only', action='store_true', help='only the bias of the step sizes')
-    parser.add_argument('--long', type=float, default=1.0, metavar='FACTOR', help='multiply the length of every run')
-    parser.add_argument('--minutes', type=float, default=np.inf, help='end a run after so long (at the paper\'s kT: a quarter of it)')
+    parser.add_argument('--long', type=float, default=1.0, metavar='FACTOR',
+                        help='multiply the length of every run')
+    parser.add_argument('--minutes', type=float, default=np.inf,
+                        help='end a run after so long (at the paper\'s kT: a quarter of it)')
     parser.add_argument('--distances', nargs='+', type=float, default=DISTANCES)
-    parser.add_argument('--shares', nargs='+', type=float, default=(0.1, 1.0), help="temperatures, in those of the paper")
+    parser.add_argument('--shares', nargs='+', type=float, default=(0.1, 1.0),
+                        help="temperatures, in those of the paper")
     parser.add_argument('--seed', type=int, default=2017)
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     campaign.addOptions(parser)
     args = campaign.settle(parser.parse_args())
 
-    name = 'trapped_spheres' + ('' if args.model == 'FTS+lubrication' else '_' + args.model) + '.json'
+    name = 'trapped_spheres' + ('' if args.model == 'FTS+lubrication' else '_' +
+                                args.model) + '.json'
     saveBiases(args)
     todo = []
     for setName, parameters in SETS.items():
         if setName.split()[0] not in args.sets or args.bias_only:
             continue
-        duration = parameters['time']*(args.long if not args.quick else 0.02 if parameters['m'] == 1 else 0.007)
+        duration = parameters['time']*(args.long if not args.quick else
+                                       0.02 if parameters['m'] == 1 else 0.007)
         for share in args.shares if not args.quick else (0.1,):
             for R in args.distances if not args.quick else DISTANCES[:1]:
-                todo.append((setName, R, share*parameters['kT'], args.model, duration, seedOf(args.seed, setName, R, share),
-                             args.minutes*(1 if share < 1 else 0.25)))
+                todo.append((setName, R, share*parameters['kT'], args.model, duration,
+                             seedOf(args.seed, setName, R,
+                                    share), args.minutes*(1 if share < 1 else 0.25)))
     runs = []
     if args.keep and (args.output/name).exists():
         runs = json.loads((args.output/name).read_text())['runs']
 
     def finish(_, r):
         # A kept run goes only when its successor is there: an interrupted series loses nothing.
-        runs[:] = [k for k in runs if (k['set'], k['R'], k['kT']) != (r['set'], r['R'], r['kT'])] + [r]
+        runs[:] = [k for k in runs if (k['set'], k['R'], k['kT']) != (r['set'], r['R'], r['kT'])
+                   ] + [r]
         runs.sort(key=lambda r: (list(SETS).index(r['set']), r['kT'], r['R']))
-        print(f'{r["set"]} R {r["R"]:g} kT {r["kT"]:g}: h {r["h"]:g} (bias {r["bias_of_this_step"]:.1e}), largest error '
-              f'{r["largest_standard_error"]:.4f}, largest difference {max(r["largest_difference"].values()):.4f}, '
-              f'rms z {max(r["rms_z"].values()):.2f}  [{r["seconds"]:.0f} s]', flush=True)
+        print(
+            f'{r["set"]} R {r["R"]:g} kT {r["kT"]:g}: h {r["h"]:g} (bias '
+            f'{r["bias_of_this_step"]:.1e}), largest error '
+            f'{r["largest_standard_error"]:.4f}, largest difference '
+            f'{max(r["largest_difference"].values()):.4f}, '
+            f'rms z {max(r["rms_z"].values()):.2f}  [{r["seconds"]:.0f} s]', flush=True)
         save(args.output, name, {'runs': runs, 'provenance': provenance(args)})
 
     names = [f'{task[0].split()[0]} R {task[1]:g} kT {task[2]:g} {args.model}' for task in todo]
-    campaign.run(run, todo, names, args, [round(task[4]/SETS[task[0]]['every']) for task in todo], 'sample', 'trapped spheres', finish)
+    campaign.run(run, todo, names, args, [round(task[4]/SETS[task[0]]['every']) for task in todo],
+                 'sample', 'trapped spheres', finish)
     if runs:
         draw(runs, args.output)
 

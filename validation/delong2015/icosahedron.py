@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """Delong 2015, Figures 6 and 7: a sphere made of twelve blobs, one of them heavy, above a wall.
 
-Distributions of height and tilt against the exact ones, P(h) ~ exp(-2.5 h - 10/(h-0.5) exp(-(h-0.5)/0.5)) and P(theta) ~ sin theta
-exp(1.09375 cos theta); mean square displacements, translational and rotational, against what the mobilities of the blobs' icosahedron and of a
-sphere (best-known) say.
+Distributions of height and tilt against the exact ones, P(h) ~ exp(-2.5 h - 10/(h-0.5)
+exp(-(h-0.5)/0.5)) and P(theta) ~ sin theta exp(1.09375 cos theta); mean square displacements,
+translational and rotational, against what the mobilities of the blobs' icosahedron and of a sphere
+(best-known) say.
 
     python3 icosahedron.py                      # until the errors are small, or an hour a scheme
     python3 icosahedron.py --minutes 5 --jobs 2   # up to five minutes a scheme, two at a time; the same command again goes on
@@ -27,11 +28,12 @@ from walls import Body  # noqa: E402
 
 RESULTS = HERE/'results'
 RADIUS, BLOB = 0.5, 0.175
-#: Figure 6's is 0.04, Figure 7's 0.004. At 0.04 a step turns the sphere by 0.25 rad, and the mean of cos theta is 2.5 % low for any scheme
-#: that moves by F at the old pose, also for a sphere that only turns.
+#: Figure 6's is 0.04, Figure 7's 0.004. At 0.04 a step turns the sphere by 0.25 rad, and the mean
+#: of cos theta is 2.5 % low for any scheme that moves by F at the old pose, also for a sphere that
+#: only turns.
 STEP, PAPER_STEP, SPACING = 0.01, 0.04, 0.08
-CASES = (('EulerMaruyama', STEP), ('FixmanMidpoint', STEP), ('RandomFiniteDifference', STEP), ('DriftCorrectorRFD', STEP),
-         ('RandomFiniteDifference', PAPER_STEP))
+CASES = (('EulerMaruyama', STEP), ('FixmanMidpoint', STEP), ('RandomFiniteDifference', STEP),
+         ('DriftCorrectorRFD', STEP), ('RandomFiniteDifference', PAPER_STEP))
 HEIGHTS, ANGLES = np.linspace(0.5, 3.5, 61), np.linspace(0, np.pi, 31)
 VISCOSITY = 1/(6*np.pi*RADIUS**3)
 #: Caption and text: gravitational height 0.96 a_I.
@@ -43,33 +45,48 @@ def body():
     sites = np.concatenate([app.icosahedron(2.5*BLOB)._value, np.zeros((1, 3))])
     radii, weights = np.r_[np.full(12, BLOB), 0], np.zeros(13)
     weights[11] = 1.25/RADIUS
-    return Body('icosahedron', sites, radii, weights, np.array([12]), 20.0, RADIUS, RADIUS, VISCOSITY)
+    return Body('icosahedron', sites, radii, weights, np.array([12]), 20.0, RADIUS, RADIUS,
+                VISCOSITY)
 
 
 def exact(equilibrium, poses, random):
     height = equilibrium.average(lambda h, u: h + 0*u[:, 2])
-    functions = {'parallel': lambda N, A, h: 2*(N[:, 0, 0] + N[:, 1, 1]), 'perpendicular': lambda N, A, h: 2*N[:, 2, 2],
-                 'rotation xx': lambda N, A, h: N[:, 3, 3] + N[:, 4, 4], 'rotation zz': lambda N, A, h: 2*N[:, 5, 5]}
+    functions = {
+        'parallel': lambda N, A, h: 2*(N[:, 0, 0] + N[:, 1, 1]),
+        'perpendicular': lambda N, A, h: 2*N[:, 2, 2],
+        'rotation xx': lambda N, A, h: N[:, 3, 3] + N[:, 4, 4],
+        'rotation zz': lambda N, A, h: 2*N[:, 5, 5]
+    }
     # The sphere's depend on the height alone.
     marginal = equilibrium.probability.sum(1)
     seen = marginal > 1e-12
     N = sphereMobilities(equilibrium.h[seen], RADIUS, VISCOSITY)
-    return {'mean h': height, 'gravitational height': equilibrium.average(lambda h, u: (h - height)**2 + 0*u[:, 2])**0.5,
-            'mean cos theta': equilibrium.average(lambda h, u: u[:, 2] + 0*h), 'without drift': withoutDrift(equilibrium, random),
-            'slopes (mean, error)': averageMobility(equilibrium, functions, random, poses),
-            'slopes of the sphere': {name: float(marginal[seen] @ function(N, None, None)) for name, function in functions.items()},
-            'rotational plateau (mean, error)': rotationalPlateau(equilibrium, random)}
+    return {
+        'mean h': height,
+        'gravitational height': equilibrium.average(lambda h, u: (h - height)**2 + 0*u[:, 2])**0.5,
+        'mean cos theta': equilibrium.average(lambda h, u: u[:, 2] + 0*h),
+        'without drift': withoutDrift(equilibrium, random), 'slopes (mean, error)': averageMobility(
+            equilibrium, functions, random, poses), 'slopes of the sphere': {
+                name: float(marginal[seen] @ function(N, None, None))
+                for name, function in functions.items()
+            }, 'rotational plateau (mean, error)': rotationalPlateau(equilibrium, random)
+    }
 
 
 def plans(quick, seed):
     b = body()
     equilibrium = Equilibrium(b, HEIGHTS, ANGLES)
-    observables = {'h': (lambda h, A: h, equilibrium.average(lambda h, u: h + 0*u[:, 2])),
-                   'h²': (lambda h, A: h*h, equilibrium.average(lambda h, u: h*h + 0*u[:, 2])),
-                   'cosθ': (lambda h, A: A[..., 2, 2], equilibrium.average(lambda h, u: u[:, 2] + 0*h))}
-    msd = {'parallel': runs.parallel((0, 0, 0)), 'perpendicular': runs.perpendicular((0, 0, 0)),
-           'rotation xx': runs.rotational((0.5, 0.5, 0)), 'rotation zz': runs.rotational((0, 0, 1))}
-    return equilibrium, runs.plansOfCases(quick, seed, 'icosahedron', CASES, STEP, b, equilibrium, SPACING, 1 if quick else 30, observables, msd)
+    observables = {
+        'h': (lambda h, A: h, equilibrium.average(lambda h, u: h + 0*u[:, 2])),
+        'h²': (lambda h, A: h*h, equilibrium.average(lambda h, u: h*h + 0*u[:, 2])),
+        'cosθ': (lambda h, A: A[..., 2, 2], equilibrium.average(lambda h, u: u[:, 2] + 0*h))
+    }
+    msd = {
+        'parallel': runs.parallel((0, 0, 0)), 'perpendicular': runs.perpendicular((0, 0, 0)),
+        'rotation xx': runs.rotational((0.5, 0.5, 0)), 'rotation zz': runs.rotational((0, 0, 1))
+    }
+    return equilibrium, runs.plansOfCases(quick, seed, 'icosahedron', CASES, STEP, b, equilibrium,
+                                          SPACING, 1 if quick else 30, observables, msd)
 
 
 def draw(data, folder):
@@ -84,13 +101,17 @@ def draw(data, folder):
     pictures.displacements(axes[1, 0], right, ('parallel', 'perpendicular'))
     pictures.displacements(axes[1, 1], right, ('rotation xx', 'rotation zz'))
     lag = np.array(entries[0]['msd']['parallel']['lag'])
-    for slope, style, label in ((e['slopes (mean, error)']['parallel'][0], '-', 'icosahedron'), (e['slopes of the sphere']['parallel'], '--', 'sphere')):
+    for slope, style, label in ((e['slopes (mean, error)']['parallel'][0], '-', 'icosahedron'),
+                                (e['slopes of the sphere']['parallel'], '--', 'sphere')):
         axes[1, 0].plot(lag, slope*lag, 'k' + style, lw=1, label=f'4 kT⟨N∥⟩ t, {label}')
-    axes[1, 0].axhline(2*e['gravitational height']**2, color='k', ls=':', lw=1, label='2 var h (eq. 69)')
+    axes[1, 0].axhline(2*e['gravitational height']**2, color='k', ls=':', lw=1,
+                       label='2 var h (eq. 69)')
     for name, style in (('xx', '-'), ('zz', ':')):
-        axes[1, 1].plot(lag[:2], e['slopes of the sphere'][f'rotation {name}']*lag[:2], 'k' + style, lw=1, label=f'slope of the sphere, {name}')
+        axes[1, 1].plot(lag[:2], e['slopes of the sphere'][f'rotation {name}']*lag[:2], 'k' + style,
+                        lw=1, label=f'slope of the sphere, {name}')
     for name in ('xx', 'zz'):
-        axes[1, 1].axhline(e['rotational plateau (mean, error)'][name][0], color='k', ls='--', lw=1, label=f'eq. 71, {name}')
+        axes[1, 1].axhline(e['rotational plateau (mean, error)'][name][0], color='k', ls='--', lw=1,
+                           label=f'eq. 71, {name}')
     pictures.finish(axes[0, 0], 'Figure 6, left', 'h', 'P(h)')
     pictures.finish(axes[0, 1], 'Figure 6, right', 'θ', 'P(θ)')
     pictures.finish(axes[1, 0], 'Figure 7, left', 't', 'MSD', 'xy')
@@ -102,7 +123,10 @@ def draw(data, folder):
 def main():
     args = runs.arguments(__doc__, RESULTS)
     equilibrium = runs.planned(plans, args.quick, args.seed)[0]
-    data = {'paper': PAPER, 'exact': exact(equilibrium, 2560 if args.quick else 128000, np.random.default_rng(args.seed))}
+    data = {
+        'paper': PAPER, 'exact': exact(equilibrium, 2560 if args.quick else 128000,
+                                       np.random.default_rng(args.seed))
+    }
     draw(runs.drive(plans, data, args, 'icosahedron.json'), args.output)
 
 

@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
 """Westwood 2022, Figures 4 and 5: a boomerang above a wall, the error of its distribution against the step size, for every scheme.
 
-Distances in L2 of the densities of height and tilt from those of quadrature, at steps of 0.1, 0.2 and 0.3 diffusive times of a blob. What remains at
-finite length is noise: its part is estimated from the spread of replicas, and what is left without it is given too. The paper ran the trapezoidal slip
-scheme and both drift-correctors for 36 replicas of 30000 diffusive times. Its drift-correctors scale the whole step by nu; those named +SlipOnly scale the
-noise alone, which is this library's default.
+Distances in L2 of the densities of height and tilt from those of quadrature, at steps of 0.1, 0.2
+and 0.3 diffusive times of a blob. What remains at finite length is noise: its part is estimated
+from the spread of replicas, and what is left without it is given too. The paper ran the trapezoidal
+slip scheme and both drift-correctors for 36 replicas of 30000 diffusive times. Its drift-correctors
+scale the whole step by nu; those named +SlipOnly scale the noise alone, which is this library's
+default.
 
     python3 boomerang_steps.py                          # until the errors are small, or an hour a scheme and step
     python3 boomerang_steps.py --minutes 5 --jobs 2     # up to five minutes each, two at a time; the same command again goes on
@@ -27,8 +29,9 @@ from recording import pyplot  # noqa: E402
 from walls import Body  # noqa: E402
 
 RESULTS = HERE/'results'
-SCHEMES = ('EulerMaruyama', 'FixmanMidpoint', 'RandomFiniteDifference', 'TractionEulerMaruyama', 'TrapezoidalSlip', 'DriftCorrectorFD',
-           'DriftCorrectorRFD', 'DriftCorrectorFD+SlipOnly', 'DriftCorrectorRFD+SlipOnly')
+SCHEMES = ('EulerMaruyama', 'FixmanMidpoint', 'RandomFiniteDifference', 'TractionEulerMaruyama',
+           'TrapezoidalSlip', 'DriftCorrectorFD', 'DriftCorrectorRFD', 'DriftCorrectorFD+SlipOnly',
+           'DriftCorrectorRFD+SlipOnly')
 #: Large ones first: a look at all schemes comes soon.
 STEPS = (0.3, 0.2, 0.1)
 #: The paper's is 0.3, which steps of 0.2 do not divide.
@@ -40,18 +43,24 @@ PAPER_TIME = 36*30000.0
 
 
 def body():
-    return Body('boomerang', app.boomerang(1.0)._value, np.ones(15), np.full(15, 0.18/15), np.arange(15), 23.0, 1.0, 0.5, 1/(6*np.pi))
+    return Body('boomerang',
+                app.boomerang(1.0)._value, np.ones(15), np.full(15, 0.18/15), np.arange(15), 23.0,
+                1.0, 0.5, 1/(6*np.pi))
 
 
 def plans(quick, seed):
     b = body()
     e = Equilibrium(b, HEIGHTS, ANGLES)
-    observables = {'h': (lambda h, A: h, e.average(lambda h, u: h + 0*u[:, 2])),
-                   'cos²θ': (lambda h, A: A[..., 2, 2]**2, e.average(lambda h, u: u[:, 2]**2 + 0*h))}
-    return e, [runs.Plan(f'steps_{scheme}_{step:g}', b, e, scheme, step, round(SPACING/step), 20 if quick else 250,
-                         10 if quick else SETTLE, observables, replicas=32 if quick else 36, platform='CPU',
-                         seed=seed + 7*k + round(1000*step))
-               for step in STEPS[:1 if quick else None] for k, scheme in enumerate(SCHEMES)]
+    observables = {
+        'h': (lambda h, A: h, e.average(lambda h, u: h + 0*u[:, 2])),
+        'cos²θ': (lambda h, A: A[..., 2, 2]**2, e.average(lambda h, u: u[:, 2]**2 + 0*h))
+    }
+    return e, [
+        runs.Plan(f'steps_{scheme}_{step:g}', b, e, scheme, step, round(SPACING/step),
+                  20 if quick else 250, 10 if quick else SETTLE, observables,
+                  replicas=32 if quick else 36, platform='CPU', seed=seed + 7*k + round(1000*step))
+        for step in STEPS[:1 if quick else None] for k, scheme in enumerate(SCHEMES)
+    ]
 
 
 def draw(data, folder):
@@ -68,16 +77,21 @@ def draw(data, folder):
             row[1].plot(steps, [h['L2'] for h in errors], 'o-', color=f'C{k}', label=name)
             row[1].plot(steps, [h['L2_of_noise'] for h in errors], ':', color=f'C{k}', lw=1)
         pictures.finish(row[0], f'step {largest:g} τ', label, 'density')
-        pictures.finish(row[1], 'points: L2 distance; dotted: what noise makes of it', 'step / τ', 'L2 distance', 'y')
+        pictures.finish(row[1], 'points: L2 distance; dotted: what noise makes of it', 'step / τ',
+                        'L2 distance', 'y')
     axes[0, 0].set_xlim(1, 30)
     figure.savefig(folder/'boomerang_steps.png', dpi=75)
     plt.close(figure)
 
 
 def main():
-    args = runs.arguments(__doc__, RESULTS, lambda parser: parser.add_argument('--steps', nargs='+', type=float, default=STEPS))
+    args = runs.arguments(
+        __doc__, RESULTS,
+        lambda parser: parser.add_argument('--steps', nargs='+', type=float, default=STEPS))
     data = {'paper': {'time_of_all_replicas': PAPER_TIME}}
-    draw(runs.drive(plans, data, args, 'boomerang_steps.json', lambda plan: plan.step in args.steps), args.output)
+    draw(
+        runs.drive(plans, data, args, 'boomerang_steps.json', lambda plan: plan.step in args.steps),
+        args.output)
 
 
 if __name__ == '__main__':

@@ -6,11 +6,14 @@ import openmmrigidhi
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 from suspension import CONTACT, LENGTH, PAIR_RANGE, PAIR_STRENGTH, STEP, TEMPERATURE, VISCOSITY, Moving, placed
 
-BODIES = 1177                # in the paper's cubic box
+BODIES = 1177  # in the paper's cubic box
 #: Beads at the middle and at 2a, 4a, 6a on the six half axes.
-SITES = np.array([(0, 0, 0)] + [r*np.array(e) for r in (2, 4, 6) for e in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))], float)
-FRACTION = BODIES*len(SITES)*4/3*np.pi/LENGTH**3     # 0.2001
-WELL, WIDTH = 5.0, 0.5                               # A, kJ/mol, and lambda, nm, of eq. 61
+SITES = np.array([(0, 0, 0)] + [
+    r*np.array(e) for r in (2, 4, 6)
+    for e in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
+], float)
+FRACTION = BODIES*len(SITES)*4/3*np.pi/LENGTH**3  # 0.2001
+WELL, WIDTH = 5.0, 0.5  # A, kJ/mol, and lambda, nm, of eq. 61
 #: Where the potentials end, nm: eq. 60 is 0.007 kT there. The paper does not say.
 CUTOFF = 6.0
 #: Places r_c and signs of the Gaussians of eqs. 62 and 63.
@@ -31,16 +34,21 @@ def pairEnergy(r, potential):
     """Eqs. 62 and 63, kJ/mol, of two beads: from contact on as they are, below it by a straight line, shifted to be 0 at the cut-off."""
     r = np.asarray(r, float)
     atContact, slope = _outside(CONTACT, potential)
-    energy = np.where(r < CONTACT, atContact + slope*(r - CONTACT), _outside(np.maximum(r, CONTACT), potential)[0])
+    energy = np.where(r < CONTACT, atContact + slope*(r - CONTACT),
+                      _outside(np.maximum(r, CONTACT), potential)[0])
     return np.where(r < CUTOFF, energy - _outside(CUTOFF, potential)[0], 0.0)
 
 
 def pairForce(potential):
     """An OpenMM Force that has this energy, without particles."""
-    outside = ' + '.join(['U0*exp((s - r)/b)'] + [f'({sign})*A*exp(-((r - {place})/w)^2)' for place, sign in GAUSSIANS[potential]])
-    force = openmm.CustomNonbondedForce(f'select(step(s - r), start + slope*(r - s), {outside}) - last')
+    outside = ' + '.join(
+        ['U0*exp((s - r)/b)'] +
+        [f'({sign})*A*exp(-((r - {place})/w)^2)' for place, sign in GAUSSIANS[potential]])
+    force = openmm.CustomNonbondedForce(
+        f'select(step(s - r), start + slope*(r - s), {outside}) - last')
     atContact, slope = _outside(CONTACT, potential)
-    for name, value in (('U0', PAIR_STRENGTH), ('b', PAIR_RANGE), ('s', CONTACT), ('A', WELL), ('w', WIDTH), ('start', atContact), ('slope', slope),
+    for name, value in (('U0', PAIR_STRENGTH), ('b', PAIR_RANGE), ('s', CONTACT), ('A', WELL),
+                        ('w', WIDTH), ('start', atContact), ('slope', slope),
                         ('last', _outside(CUTOFF, potential)[0])):
         force.addGlobalParameter(name, value)
     force.setNonbondedMethod(openmm.CustomNonbondedForce.CutoffPeriodic)
@@ -81,12 +89,13 @@ class Hedgehogs(Moving):
 
     sites = SITES
 
-    def __init__(self, bodies, potential, bareShearRate, tolerance=1e-2, temperature=TEMPERATURE, seed=1, platform='CPU', solver=MobilityForce.Auto,
-                 step=STEP, edge=None):
+    def __init__(self, bodies, potential, bareShearRate, tolerance=1e-2, temperature=TEMPERATURE,
+                 seed=1, platform='CPU', solver=MobilityForce.Auto, step=STEP, edge=None):
         relax = bareShearRate is None
         self.bodies, self.side = bodies, edge or side(bodies)
         self.integrator = CustomRigidHIIntegrator(0 if relax else temperature, step)
-        self.integrator.setScheme(CustomRigidHIIntegrator.EulerMaruyama if relax else CustomRigidHIIntegrator.DriftCorrectorFD)
+        self.integrator.setScheme(CustomRigidHIIntegrator.EulerMaruyama
+                                  if relax else CustomRigidHIIntegrator.DriftCorrectorFD)
         self.integrator.setDriftCorrectorScaling(CustomRigidHIIntegrator.Whole)
         self.integrator.setRandomNumberSeed(seed)
         self.fluid = MobilityForce()
@@ -112,7 +121,8 @@ class Hedgehogs(Moving):
         system.addForce(self.fluid)
         system.setDefaultPeriodicBoxVectors((self.side, 0, 0), (0, self.side, 0), (0, 0, self.side))
         openmmrigidhi.app.bindBodies(system, self.integrator)
-        self.context = openmm.Context(system, self.integrator, openmm.Platform.getPlatformByName(platform),
+        self.context = openmm.Context(system, self.integrator,
+                                      openmm.Platform.getPlatformByName(platform),
                                       {'Threads': '1'} if platform == 'CPU' else {})
 
 

@@ -16,7 +16,8 @@ def potentials(path):
     r = np.linspace(1.5, 6, 600)
     for name in model.GAUSSIANS:
         ax.plot(r, model.pairEnergy(r, name), color=COLOURS[name], label=name)
-    ax.plot(r, model.PAIR_STRENGTH*np.exp((model.CONTACT - r)/model.PAIR_RANGE), ':', color='0.5', label='soft repulsion alone (eq. 60)')
+    ax.plot(r, model.PAIR_STRENGTH*np.exp((model.CONTACT - r)/model.PAIR_RANGE), ':', color='0.5',
+            label='soft repulsion alone (eq. 60)')
     ax.axhline(0, color='0.8', lw=0.7)
     ax.axvline(model.CONTACT, color='0.8', lw=0.7)
     ax.set(xlabel='distance of two beads, r/a', ylabel='energy/kT', xlim=(1.8, 6), ylim=(-4, 12))
@@ -30,12 +31,17 @@ def viscosities(data, bodies, path):
     plt = pyplot()
     figure, ax = plt.subplots(figsize=(6.4, 4.4), layout='constrained')
     for name in model.GAUSSIANS:
-        for size, fill in sorted({(row['bodies'], row['bodies'] == bodies) for row in data['runs']}, key=lambda pair: not pair[1]):
-            rows = [row for row in data['runs'] if row['potential'] == name and row['bodies'] == size and 'ratio' in row]
+        for size, fill in sorted({(row['bodies'], row['bodies'] == bodies)
+                                  for row in data['runs']}, key=lambda pair: not pair[1]):
+            rows = [
+                row for row in data['runs']
+                if row['potential'] == name and row['bodies'] == size and 'ratio' in row
+            ]
             if not rows:
                 continue
             x, y = (np.array([row[key] for row in rows]).T for key in ('shear_rate', 'ratio'))
-            ax.errorbar(x[0], y[0], xerr=x[1], yerr=y[1], fmt=MARKS[name] + ('-' if fill else ''), ms=5 if fill else 8, lw=1, capsize=2, color=COLOURS[name],
+            ax.errorbar(x[0], y[0], xerr=x[1], yerr=y[1], fmt=MARKS[name] + ('-' if fill else ''),
+                        ms=5 if fill else 8, lw=1, capsize=2, color=COLOURS[name],
                         mfc=None if fill else 'none', label=f'{name}, {size} hedgehogs')
     for name, ratio in data['without_forces_and_noise'].items():
         ax.axhline(ratio, color=COLOURS[name], lw=0.8, ls=':')
@@ -64,7 +70,8 @@ def distributions(data, bodies, path):
             ax.fill_between(r, g - error, g + error, color=grey, alpha=0.25, lw=0)
         ax.axhline(1, color='0.8', lw=0.7)
         ax.axvspan(8, 10, color='tab:orange', alpha=0.12, lw=0)
-        ax.set(title=f'{name}, {bodies} hedgehogs', xlabel='distance of centres, r/a', xlim=(0, None), ylim=(0, None))
+        ax.set(title=f'{name}, {bodies} hedgehogs', xlabel='distance of centres, r/a',
+               xlim=(0, None), ylim=(0, None))
         ax.legend(title='f0/(kη) τ', fontsize=8)
     axes[0].set_ylabel('g(r)')
     figure.savefig(path, dpi=110)
@@ -93,5 +100,7 @@ def animation(track, side, path, size=330):
             colour = tuple(int(c) for c in colours[owner[k]])
             u, v, r = scale*x[k, 0], size - scale*x[k, 1], scale
             draw.ellipse((u - r, v - r, u + r, v + r), fill=colour, outline=(40, 40, 40))
-        frames.append(image.quantize(16, dither=Image.Dither.NONE if hasattr(Image, 'Dither') else 0))
-    frames[0].save(path, save_all=True, append_images=frames[1:], duration=100, loop=0, optimize=True)
+        frames.append(
+            image.quantize(16, dither=Image.Dither.NONE if hasattr(Image, 'Dither') else 0))
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=100, loop=0,
+                   optimize=True)

@@ -7,9 +7,11 @@ from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 from openmmrigidhi._quaternions import rotate
 from suspension import CONTACT, LENGTH, PAIR_RANGE, PAIR_STRENGTH, STEP, TEMPERATURE, VISCOSITY, Moving, placed
 
-RODS = {8: 64, 4: 128, 2: 256}    # L/Ly: number of rods in the paper's periodic box, L x 2 Ly x L, a volume fraction of 10 %
-WALL_RANGE = 2.2             # b of eq. 59, nm
-WALL_STIFFNESS = 40/WALL_RANGE    # K = 40 kT/(ab), kJ/mol/nm^2
+RODS = {
+    8: 64, 4: 128, 2: 256
+}  # L/Ly: number of rods in the paper's periodic box, L x 2 Ly x L, a volume fraction of 10 %
+WALL_RANGE = 2.2  # b of eq. 59, nm
+WALL_STIFFNESS = 40/WALL_RANGE  # K = 40 kT/(ab), kJ/mol/nm^2
 LAYERS = 11
 
 
@@ -29,13 +31,16 @@ HALF_LENGTH, OFF_AXIS = SITES[:, 2].max(), 1.0
 def pairEnergy(r, cutoff):
     """Eq. 60, shifted to be 0 at the cut-off: forces that end there have this energy and no other."""
     def U(r):
-        return PAIR_STRENGTH*np.where(r < CONTACT, 1 + (CONTACT - r)/PAIR_RANGE, np.exp((CONTACT - r)/PAIR_RANGE))
+        return PAIR_STRENGTH*np.where(r < CONTACT, 1 +
+                                      (CONTACT - r)/PAIR_RANGE, np.exp((CONTACT - r)/PAIR_RANGE))
+
     return np.where(r < cutoff, U(r) - U(cutoff), 0.0)
 
 
 def wallEnergy(y, width):
     """Eq. 59 of beads at these heights, summed over the last axis; infinite for centres that are not between the walls."""
-    energy = 0.5*WALL_STIFFNESS*(np.maximum(WALL_RANGE - y, 0)**2 + np.maximum(WALL_RANGE - (width - y), 0)**2).sum(axis=-1)
+    energy = 0.5*WALL_STIFFNESS*(np.maximum(WALL_RANGE - y, 0)**2 +
+                                 np.maximum(WALL_RANGE - (width - y), 0)**2).sum(axis=-1)
     return np.where(np.all((y > 0) & (y < width), axis=-1), energy, np.inf)
 
 
@@ -54,19 +59,24 @@ class Scene:
     rods : int
         as many as keep the paper's density
     """
-
     def __init__(self, fraction, cutoff, part=0.5):
         self.fraction, self.cutoff, self.part = fraction, cutoff, part
         self.width, self.side = LENGTH/fraction, LENGTH*part
         self.rods = round(RODS[fraction]*part**2)
-        if not abs(self.rods/(RODS[fraction]*part**2) - 1) < 1e-9 or self.side < 2*(HALF_LENGTH + OFF_AXIS) + cutoff:
-            raise SystemExit(f'--part {part}: {RODS[fraction]*part**2:g} rods in a box of {self.side:.2f} a; there must be a whole number of rods, and '
-                             'a box in which no rod meets itself: give 0.5, 0.75 or 1')
+        if not abs(self.rods/(RODS[fraction]*part**2) -
+                   1) < 1e-9 or self.side < 2*(HALF_LENGTH + OFF_AXIS) + cutoff:
+            raise SystemExit(
+                f'--part {part}: {RODS[fraction]*part**2:g} rods in a box of {self.side:.2f} a; '
+                f'there must be a whole number of rods, and '
+                'a box in which no rod meets itself: give 0.5, 0.75 or 1')
         self.name = f'L{fraction}_cutoff{cutoff:g}' + ('' if part == 0.5 else f'_part{part:g}')
 
     def describe(self):
-        return {'width_over_L': 1/self.fraction, 'width': self.width, 'side': self.side, 'rods': self.rods, 'cutoff': self.cutoff,
-                'rods_of_paper': RODS[self.fraction], 'side_of_paper': LENGTH}
+        return {
+            'width_over_L': 1/self.fraction, 'width': self.width, 'side': self.side,
+            'rods': self.rods, 'cutoff': self.cutoff, 'rods_of_paper': RODS[self.fraction],
+            'side_of_paper': LENGTH
+        }
 
     def energy(self, R, q):
         """Energies (...,) of configurations R (..., n, 3), q (..., n, 4), bead by bead, kJ/mol. Plain, for checks; montecarlo.py is the fast one."""
@@ -76,7 +86,8 @@ class Scene:
             for j in range(i):
                 d = x[..., i, :, None, :] - x[..., j, None, :, :]
                 d[..., ::2] -= self.side*np.round(d[..., ::2]/self.side)
-                total = total + pairEnergy(np.linalg.norm(d, axis=-1), self.cutoff).sum(axis=(-1, -2))
+                total = total + pairEnergy(np.linalg.norm(d, axis=-1),
+                                           self.cutoff).sum(axis=(-1, -2))
         return total
 
     def system(self, integrator, tolerance, solver=MobilityForce.Auto):
@@ -90,11 +101,14 @@ class Scene:
         fluid.setSolverTolerance(tolerance)
         for _ in range(self.rods):
             openmmrigidhi.app.addRigidMultiblob(system, integrator, fluid, SITES, 1.0)
-        walls = openmm.CustomExternalForce('K/2*(max(0, reach - y)^2 + max(0, reach - (width - y))^2)')
+        walls = openmm.CustomExternalForce(
+            'K/2*(max(0, reach - y)^2 + max(0, reach - (width - y))^2)')
         for name, value in (('K', WALL_STIFFNESS), ('reach', WALL_RANGE), ('width', self.width)):
             walls.addGlobalParameter(name, value)
-        pairs = openmm.CustomNonbondedForce('U0*(select(step(s - r), 1 + (s - r)/b, exp((s - r)/b)) - exp((s - end)/b))')
-        for name, value in (('U0', PAIR_STRENGTH), ('b', PAIR_RANGE), ('s', CONTACT), ('end', self.cutoff)):
+        pairs = openmm.CustomNonbondedForce(
+            'U0*(select(step(s - r), 1 + (s - r)/b, exp((s - r)/b)) - exp((s - end)/b))')
+        for name, value in (('U0', PAIR_STRENGTH), ('b', PAIR_RANGE), ('s', CONTACT),
+                            ('end', self.cutoff)):
             pairs.addGlobalParameter(name, value)
         pairs.setNonbondedMethod(openmm.CustomNonbondedForce.CutoffPeriodic)
         pairs.setCutoffDistance(self.cutoff)
@@ -106,7 +120,8 @@ class Scene:
         for force in (walls, pairs, fluid):
             system.addForce(force)
         # Along y nothing must be seen through the walls.
-        system.setDefaultPeriodicBoxVectors((self.side, 0, 0), (0, self.width + 2*self.cutoff, 0), (0, 0, self.side))
+        system.setDefaultPeriodicBoxVectors((self.side, 0, 0), (0, self.width + 2*self.cutoff, 0),
+                                            (0, 0, self.side))
         openmmrigidhi.app.bindBodies(system, integrator)
         return system, fluid
 
@@ -122,7 +137,8 @@ class Rods(Moving):
 
     sites = SITES
 
-    def __init__(self, scene, scheme='DriftCorrectorFD', scaling='Whole', step=STEP, tolerance=1e-3, seed=1, platform='CPU', solver=MobilityForce.Auto):
+    def __init__(self, scene, scheme='DriftCorrectorFD', scaling='Whole', step=STEP, tolerance=1e-3,
+                 seed=1, platform='CPU', solver=MobilityForce.Auto):
         self.integrator = CustomRigidHIIntegrator(TEMPERATURE, step)
         self.integrator.setScheme(getattr(CustomRigidHIIntegrator, scheme))
         self.integrator.setDriftCorrectorScaling(getattr(CustomRigidHIIntegrator, scaling))
@@ -131,7 +147,8 @@ class Rods(Moving):
         self.integrator.setRandomNumberSeed(seed)
         system, self.fluid = scene.system(self.integrator, tolerance, solver)
         properties = {'Threads': '1'} if platform == 'CPU' else {}
-        self.context = openmm.Context(system, self.integrator, openmm.Platform.getPlatformByName(platform), properties)
+        self.context = openmm.Context(system, self.integrator,
+                                      openmm.Platform.getPlatformByName(platform), properties)
 
 
 def heights(R):

@@ -6,13 +6,16 @@ from openmmrigidhi.analysis._moves import StepSizes, uniformRotations
 from model import CONTACT, HALF_LENGTH, OFF_AXIS, PAIR_RANGE, PAIR_STRENGTH, SITES, wallEnergy
 
 AXIS = np.array((0.0, 0.0, 1.0))
-#: Kinds of moves of one rod. All are as likely as their inverses with respect to dR times Haar's measure:
-#: "shift" Gaussian along x, y, z; "turn" about the centre; "slide" Gaussian along the rod; "mirror": the image in the mid-plane (the rod has mirror
-#: planes through its axis, so its image is a rod), which takes rods from layer to layer. Moves to anywhere are accepted once in 1e4 trials here.
+#: Kinds of moves of one rod. All are as likely as their inverses with respect to dR times Haar's
+#: measure: "shift" Gaussian along x, y, z; "turn" about the centre; "slide" Gaussian along the rod;
+#: "mirror": the image in the mid-plane (the rod has mirror planes through its axis, so its image is
+#: a rod), which takes rods from layer to layer. Moves to anywhere are accepted once in 1e4 trials
+#: here.
 MOVES = ('shift', 'turn', 'slide', 'mirror')
 #: How often a rod tries the last in a sweep.
 MIRRORED = 0.5
-ADAPTED = {'shift': (0.5, 20.0), 'turn': (0.2, np.pi), 'slide': (2.0, 50.0)}    # first and largest sizes
+ADAPTED = {'shift': (0.5, 20.0), 'turn': (0.2, np.pi),
+           'slide': (2.0, 50.0)}  # first and largest sizes
 
 
 def inner(u, v):
@@ -32,7 +35,8 @@ def segmentDistances2(d, u, v):
     b, p, r = inner(u, v), inner(d, u), inner(d, v)
     denominator = 1 - b*b
     # Parallel ones: any s will do for the first guess.
-    s = clip(np.where(denominator > 1e-12, (p - b*r)/np.maximum(denominator, 1e-12), 0), -HALF_LENGTH, HALF_LENGTH)
+    s = clip(np.where(denominator > 1e-12, (p - b*r)/np.maximum(denominator, 1e-12), 0),
+             -HALF_LENGTH, HALF_LENGTH)
     t = clip(s*b - r, -HALF_LENGTH, HALF_LENGTH)
     s = clip(p + t*b, -HALF_LENGTH, HALF_LENGTH)
     t = clip(s*b - r, -HALF_LENGTH, HALF_LENGTH)
@@ -41,7 +45,6 @@ def segmentDistances2(d, u, v):
 
 class Systems:
     """Independent systems of one Scene, each at R (rods, 3), q (rods, 4)."""
-
     def __init__(self, scene, R, q, random):
         self.scene, self.random = scene, random
         self.R, self.q = np.array(R, float), np.array(q, float)
@@ -55,7 +58,10 @@ class Systems:
     def computeEnergies(self):
         everyone = np.arange(self.count)
         self.walls = wallEnergy(self.R[..., None, 1] + self.arms[..., 1], self.scene.width)
-        self.pairs = np.stack([self.pairEnergies(everyone, i, self.R[:, i], self.arms[:, i], self.axes[:, i]) for i in range(self.rods)], axis=1)
+        self.pairs = np.stack([
+            self.pairEnergies(everyone, i, self.R[:, i], self.arms[:, i], self.axes[:, i])
+            for i in range(self.rods)
+        ], axis=1)
 
     def energies(self):
         """Of the systems, kJ/mol."""
@@ -77,7 +83,8 @@ class Systems:
         beyond = side*np.copysign(1, shifts)
         shifts[:, 0] -= np.where(image % 2 == 1, beyond[:, 0], 0)
         shifts[:, 2] -= np.where(image >= 2, beyond[:, 2], 0)
-        close = segmentDistances2(shifts, axes[k], self.axes[systems[k], j]) < (cutoff + 2*OFF_AXIS)**2
+        close = segmentDistances2(shifts, axes[k], self.axes[systems[k],
+                                                             j]) < (cutoff + 2*OFF_AXIS)**2
         k, j, shifts = k[close], j[close], shifts[close]
         # |a - b|^2 = |a|^2 + |b|^2 - 2 a.b as one product of matrices of five columns.
         a, b = np.ones((2, len(k), len(SITES), 5))
@@ -90,9 +97,11 @@ class Systems:
         r = np.sqrt(np.maximum(r2[inside], 0))
         x = (CONTACT - r)/PAIR_RANGE
         # exp(x) beyond contact and 1 + x within: exp(min(x, 0)) + max(x, 0).
-        U = PAIR_STRENGTH*(np.exp(np.minimum(x, 0)) + np.maximum(x, 0) - np.exp((CONTACT - cutoff)/PAIR_RANGE))
-        found = (k*self.rods + j)[inside//len(SITES)**2]
-        return np.bincount(found, weights=U, minlength=len(systems)*self.rods).reshape(len(systems), self.rods)
+        U = PAIR_STRENGTH*(np.exp(np.minimum(x, 0)) + np.maximum(x, 0) - np.exp(
+            (CONTACT - cutoff)/PAIR_RANGE))
+        found = (k*self.rods + j)[inside // len(SITES)**2]
+        return np.bincount(found, weights=U,
+                           minlength=len(systems)*self.rods).reshape(len(systems), self.rods)
 
     def propose(self, kind, i):
         """R (systems, 3) and q (systems, 4) of rod i after a move."""
@@ -106,7 +115,8 @@ class Systems:
             q = product(uniformRotations(self.random, np.full(n, size)), q)
         else:
             R[:, 1] = self.scene.width - R[:, 1]
-            # y -> -y in the lab and x -> -x in the body, under which the beads are the same: half turns about both, j q i.
+            # y -> -y in the lab and x -> -x in the body, under which the beads are the same: half
+            # turns about both, j q i.
             q = q[:, ::-1]
         return R, q/np.linalg.norm(q, axis=1, keepdims=True)
 
@@ -115,7 +125,8 @@ class Systems:
         R, q = self.propose(kind, i)
         arms, axes = rotate(q[:, None], SITES), rotate(q, AXIS)
         walls = wallEnergy(R[:, None, 1] + arms[..., 1], self.scene.width)
-        limit = self.walls[:, i] + self.pairs[:, i].sum(axis=1) + self.random.standard_exponential(self.count)
+        limit = self.walls[:, i] + self.pairs[:, i].sum(axis=1) + self.random.standard_exponential(
+            self.count)
         # Pairs repel, so that walls alone may be too much.
         systems = np.flatnonzero(walls <= limit)
         pairs = self.pairEnergies(systems, i, R[systems], arms[systems], axes[systems])
@@ -152,7 +163,10 @@ def starts(scene, count, flat, random):
             # About z, then the axis from z to x, then about y.
             a, b = np.pi*random.random((2, n))
             onto = np.broadcast_to((np.sqrt(0.5), 0, np.sqrt(0.5), 0), (n, 4))
-            q[missing] = product(np.stack([np.cos(a), 0*a, np.sin(a), 0*a], axis=1), product(onto, np.stack([np.cos(b), 0*b, 0*b, np.sin(b)], axis=1)))
+            q[missing] = product(np.stack([np.cos(a), 0*a, np.sin(a), 0*a], axis=1),
+                                 product(onto, np.stack(
+                                     [np.cos(b), 0*b, 0*b, np.sin(b)], axis=1)))
         places = R[missing, None, 1] + rotate(q[missing, None], SITES)[..., 1]
-        missing = missing[~np.all((places > 0.5*CONTACT) & (places < scene.width - 0.5*CONTACT), axis=1)]
+        missing = missing[~np.all(
+            (places > 0.5*CONTACT) & (places < scene.width - 0.5*CONTACT), axis=1)]
     return R.reshape(count, -1, 3), q.reshape(count, -1, 4)

@@ -6,7 +6,7 @@ import model
 from recording import pyplot
 
 COLOURS = {8: 'tab:red', 4: 'tab:green', 2: 'tab:blue'}
-LINES = ('-', '--', ':')     # the largest cut-off first
+LINES = ('-', '--', ':')  # the largest cut-off first
 MARKS = {'DriftCorrectorFD': 'o', 'EulerMaruyama': 'x'}
 
 
@@ -18,7 +18,10 @@ def _scenes(data):
 
 
 def _atThePapersStep(scene):
-    return [run for run in scene['dynamics'] if run['scaling'] == 'Whole' and abs(run['step_over_tau']/model.STEP - 1) < 1e-6]
+    return [
+        run for run in scene['dynamics']
+        if run['scaling'] == 'Whole' and abs(run['step_over_tau']/model.STEP - 1) < 1e-6
+    ]
 
 
 def _density(found, parts=1):
@@ -32,26 +35,32 @@ def heights(data, path):
     """Figure 8: densities of the centres' y, each half the mirror image of the other."""
     plt = pyplot()
     fractions = [f for f in (8, 4, 2) if any(f == fraction for _, fraction, _ in _scenes(data))]
-    figure, axes = plt.subplots(1, len(fractions), figsize=(4.6*len(fractions), 3.8), layout='constrained', squeeze=False)
+    figure, axes = plt.subplots(1, len(fractions), figsize=(4.6*len(fractions), 3.8),
+                                layout='constrained', squeeze=False)
     for scene, fraction, line in _scenes(data):
         ax, half = axes[0, fractions.index(fraction)], scene['width']/2
 
         def both(off, values):
-            return np.concatenate([half - off[::-1], half + off]), np.concatenate([values[::-1], values])
+            return np.concatenate([half - off[::-1],
+                                   half + off]), np.concatenate([values[::-1], values])
+
         off, p, error = _density(scene['monte_carlo']['y'], 2)
         y, p2 = both(off, p)
         _, error2 = both(off, error)
         colour = ('k', 'tab:blue', 'tab:gray')[line]
-        ax.plot(y, p2, LINES[line], color=colour, lw=1.2, label=f'Monte Carlo, cut-off {scene["cutoff"]:g} a')
+        ax.plot(y, p2, LINES[line], color=colour, lw=1.2,
+                label=f'Monte Carlo, cut-off {scene["cutoff"]:g} a')
         ax.fill_between(y, p2 - error2, p2 + error2, color=colour, alpha=0.2, lw=0)
         for run in _atThePapersStep(scene):
             off, p, error = _density(run['y'], 2)
             y, p2 = both(off, p)
             _, error2 = both(off, error)
             name = 'gDC' if run['scheme'] == 'DriftCorrectorFD' else run['scheme']
-            ax.errorbar(y, p2, error2, fmt=MARKS[run['scheme']], ms=3, lw=0.7, color=('tab:red', 'tab:orange', 'tab:brown')[line],
+            ax.errorbar(y, p2, error2, fmt=MARKS[run['scheme']], ms=3, lw=0.7,
+                        color=('tab:red', 'tab:orange', 'tab:brown')[line],
                         label=f'{name}, cut-off {scene["cutoff"]:g} a')
-        ax.set(title=f'Ly = L/{fraction} = {scene["width"]:.2f} a, {scene["rods"]} rods', xlabel='y/a', ylabel='density of y, 1/a', xlim=(0, scene['width']))
+        ax.set(title=f'Ly = L/{fraction} = {scene["width"]:.2f} a, {scene["rods"]} rods',
+               xlabel='y/a', ylabel='density of y, 1/a', xlim=(0, scene['width']))
     for ax in axes.flat:
         ax.set_ylim(0, 1.25*ax.get_ylim()[1])
         ax.legend(fontsize=7, loc='upper center', ncols=2)
@@ -68,14 +77,17 @@ def angles(data, path):
         for ax in axes:
             ax.plot(theta, np.where(p > 0, p, np.nan), LINES[line], color=COLOURS[fraction], lw=1.2,
                     label=f'L/{fraction}, Monte Carlo, cut-off {scene["cutoff"]:g} a')
-            ax.fill_between(theta, np.maximum(p - error, 1e-5), p + error, color=COLOURS[fraction], alpha=0.15, lw=0)
+            ax.fill_between(theta, np.maximum(p - error, 1e-5), p + error, color=COLOURS[fraction],
+                            alpha=0.15, lw=0)
             for run in _atThePapersStep(scene):
                 if line == 0 and run['scheme'] == 'DriftCorrectorFD':
                     theta, q, error2 = _density(run['theta'])
-                    ax.errorbar(theta[q > 0], q[q > 0], error2[q > 0], fmt='o', ms=3, lw=0.7, color=COLOURS[fraction], label=f'L/{fraction}, gDC')
+                    ax.errorbar(theta[q > 0], q[q > 0], error2[q > 0], fmt='o', ms=3, lw=0.7,
+                                color=COLOURS[fraction], label=f'L/{fraction}, gDC')
     for ax in axes:
         ax.axvline(np.pi/8, color='0.7', lw=0.7)
-        ax.set(xlabel='θ, rad (the grey line is π/8)', ylabel='density of θ, 1/rad', xlim=(0, np.pi/2))
+        ax.set(xlabel='θ, rad (the grey line is π/8)', ylabel='density of θ, 1/rad',
+               xlim=(0, np.pi/2))
     axes[0].set(ylim=(0, None))
     axes[1].set(yscale='log', ylim=(1e-3, 20))
     axes[0].legend(fontsize=7)
@@ -91,14 +103,17 @@ def animation(scene, track, path, size=440, every=1):
     right = np.array([np.cos(turn), 0, -np.sin(turn)])
     up = np.array([-np.sin(tilt)*np.sin(turn), np.cos(tilt), -np.sin(tilt)*np.cos(turn)])
     towards = np.cross(right, up)
-    corners = np.array([(x, y, z) for y in (0, width) for x, z in ((0, 0), (1, 0), (1, 1), (0, 1))], float)*((side, 1, side))
+    corners = np.array([(x, y, z) for y in (0, width)
+                        for x, z in ((0, 0), (1, 0), (1, 1), (0, 1))], float)*((side, 1, side))
     flat = np.stack([corners @ right, corners @ up], axis=1)
     low, high = flat.min(0) - 3, flat.max(0) + 3
     scale = size/(high - low)[0]
     shape = size, int((high - low)[1]*scale)
 
     def place(points):
-        return (np.asarray(points) @ np.stack([right, up], axis=1) - low)*(scale, -scale) + (0, shape[1])
+        return (np.asarray(points) @ np.stack([right, up], axis=1) - low)*(scale, -scale) + (
+            0, shape[1])
+
     greys = np.random.default_rng(3).permutation(np.linspace(70, 215, scene.rods)).astype(int)
     frames = []
     for poses in track:
@@ -111,8 +126,10 @@ def animation(scene, track, path, size=440, every=1):
         radius = 1.15*scale
         for k in np.argsort(x @ towards):
             u, v = place(x[k])
-            draw.ellipse((u - radius, v - radius, u + radius, v + radius), fill=int(greys[k//len(model.SITES)]), outline=40)
+            draw.ellipse((u - radius, v - radius, u + radius, v + radius),
+                         fill=int(greys[k // len(model.SITES)]), outline=40)
         upper = [tuple(point) for point in place(corners[4:])]
         draw.line(upper + upper[:1], fill=150)
         frames.append(image.quantize(16))
-    frames[0].save(path, save_all=True, append_images=frames[1:], duration=110, loop=0, optimize=True)
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=110, loop=0,
+                   optimize=True)

@@ -7,10 +7,11 @@ from openmm import unit
 
 from openmmrigidhi._quaternions import rotate
 
-TEMPERATURE = 1/unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)   # kT = 1 kJ/mol
-VISCOSITY = 1/(6*np.pi)      # kJ/mol ps/nm^3
-STEP = 1/600                 # ps, that is tau/600, as in the paper
-LENGTH = 77.65               # L, nm, the edge of the paper's box
+TEMPERATURE = 1/unit.MOLAR_GAS_CONSTANT_R.value_in_unit(
+    unit.kilojoule_per_mole/unit.kelvin)  # kT = 1 kJ/mol
+VISCOSITY = 1/(6*np.pi)  # kJ/mol ps/nm^3
+STEP = 1/600  # ps, that is tau/600, as in the paper
+LENGTH = 77.65  # L, nm, the edge of the paper's box
 #: U0, kJ/mol, b and 2a, nm, of eq. 60.
 PAIR_STRENGTH, PAIR_RANGE, CONTACT = 20.0, 0.5, 2.0
 
@@ -22,14 +23,14 @@ def placed(sites, R, q):
 
 class Moving:
     """Bodies that move: what derives from it has a ``context``, its ``integrator``, and the ``sites`` of a body's beads."""
-
     def place(self, R, q):
         self.context.setPositions(placed(self.sites, R, q).reshape(-1, 3))
         self.integrator.setBodyPositions(R)
         self.integrator.setBodyOrientations(q)
 
     def poses(self):
-        return self.integrator.getBodyPositions()._value.copy(), self.integrator.getBodyOrientations().copy()
+        return self.integrator.getBodyPositions()._value.copy(
+        ), self.integrator.getBodyOrientations().copy()
 
     def energy(self):
         return self.context.getState(getEnergy=True).getPotentialEnergy()._value

@@ -15,22 +15,25 @@ namespace RigidHIPlugin {
 /**
  * A force and a torque on rigid bodies of a CustomRigidHIIntegrator, as expressions.
  *
- * Six expressions give the components of the force ("fx", "fy", "fz"; kJ/(mol nm)) and of the torque about the body's
- * origin ("tx", "ty", "tz"; kJ/mol), all in the lab frame. They are written in the language of OpenMM's Custom forces
- * (definitions after semicolons included) and may use
+ * Six expressions give the components of the force ("fx", "fy", "fz"; kJ/(mol nm)) and of the
+ * torque about the body's origin ("tx", "ty", "tz"; kJ/mol), all in the lab frame. They are written
+ * in the language of OpenMM's Custom forces (definitions after semicolons included) and may use
  *   - x, y, z: the position of the body's origin, nm, lab frame, unwrapped;
- *   - q0, q1, q2, q3: its orientation, the unit quaternion (w, x, y, z) that turns body-frame vectors into lab-frame vectors;
- *     q and -q are the same orientation and either may occur, so only expressions that are even in q make sense;
+ *   - q0, q1, q2, q3: its orientation, the unit quaternion (w, x, y, z) that turns body-frame
+ * vectors into lab-frame vectors; q and -q are the same orientation and either may occur, so only
+ * expressions that are even in q make sense;
  *   - vx, vy, vz: the velocity of the origin, nm/ps, lab frame (Langevin schemes only);
  *   - t: the time, ps;
  *   - per-body parameters, with a value for each body that was added;
  *   - global parameters, which are parameters of the Context.
  *
- * They are evaluated whenever the integrator evaluates OpenMM's forces, with positions and the time of that moment, if the
- * force group is one of the integrator's. They have no energy: minimisers and barostats do not feel them.
+ * They are evaluated whenever the integrator evaluates OpenMM's forces, with positions and the time
+ * of that moment, if the force group is one of the integrator's. They have no energy: minimisers
+ * and barostats do not feel them.
  *
- * Velocities: the first half kick of a step uses those at its beginning, the second those that it leads to (predicted
- * once). That is weak order 2 with LangevinC and LangevinHI, 1 with LangevinA and LangevinB (2 without friction).
+ * Velocities: the first half kick of a step uses those at its beginning, the second those that it
+ * leads to (predicted once). That is weak order 2 with LangevinC and LangevinHI, 1 with LangevinA
+ * and LangevinB (2 without friction).
  *
  * Every error is an OpenMMException that names the object, the value, the bound and the remedy.
  */
@@ -42,8 +45,8 @@ public:
      * @param fx, fy, fz  components of the force, kJ/(mol nm), lab frame
      * @param tx, ty, tz  components of the torque about the body's origin, kJ/mol, lab frame
      */
-    CustomBodyForce(const std::string& fx, const std::string& fy, const std::string& fz, const std::string& tx,
-                    const std::string& ty, const std::string& tz);
+    CustomBodyForce(const std::string& fx, const std::string& fy, const std::string& fz,
+                    const std::string& tx, const std::string& ty, const std::string& tz);
     ~CustomBodyForce();
 
     /**
@@ -52,7 +55,8 @@ public:
      * @throws OpenMMException for any other component
      */
     const std::string& getExpression(const std::string& component) const;
-    /** Set one of the six expressions. Takes effect at the next Context creation or reinitialize(). */
+    /** Set one of the six expressions. Takes effect at the next Context creation or reinitialize().
+     */
     void setExpression(const std::string& component, const std::string& expression);
 
     /** Get the number of per-body parameters. */
@@ -60,7 +64,8 @@ public:
     /**
      * Add a per-body parameter.
      * @return its index
-     * @throws OpenMMException for a name that no expression could contain, or that means something else already
+     * @throws OpenMMException for a name that no expression could contain, or that means something
+     * else already
      */
     int addPerBodyParameter(const std::string& name);
     /** Get the name of a per-body parameter. */
@@ -84,7 +89,8 @@ public:
     void setGlobalParameterName(int index, const std::string& name);
     /** Get the value of a global parameter in a new Context. */
     double getGlobalParameterDefaultValue(int index) const;
-    /** Set the value of a global parameter in a new Context. @throws OpenMMException if it is not finite */
+    /** Set the value of a global parameter in a new Context. @throws OpenMMException if it is not
+     * finite */
     void setGlobalParameterDefaultValue(int index, double defaultValue);
 
     /** Get the number of entries (bodies on which this force acts). */
@@ -94,30 +100,34 @@ public:
      * @param bodyIndex   index of the body in the integrator
      * @param parameters  values of the per-body parameters
      * @return index of the entry
-     * @throws OpenMMException for a negative body index, or a value that is not finite; at Context creation for a body that
-     *         is not there, or another number of values than of per-body parameters
+     * @throws OpenMMException for a negative body index, or a value that is not finite; at Context
+     * creation for a body that is not there, or another number of values than of per-body
+     * parameters
      */
     int addBody(int bodyIndex, const std::vector<double>& parameters);
     /** Get the body and the parameters of an entry. */
     void getBodyParameters(int index, int& bodyIndex, std::vector<double>& parameters) const;
     /**
-     * Set the body and the parameters of an entry. Takes effect at the next Context creation, or with
-     * updateParametersInContext(). Errors as in addBody().
+     * Set the body and the parameters of an entry. Takes effect at the next Context creation, or
+     * with updateParametersInContext(). Errors as in addBody().
      */
     void setBodyParameters(int index, int bodyIndex, const std::vector<double>& parameters);
 
     /**
-     * Copy the per-body parameters of all entries to a Context. Expressions, names, and which bodies there are stay as they
-     * were when it was created.
-     * @throws OpenMMException if this force is not in the Context, or other entries than parameters were changed
+     * Copy the per-body parameters of all entries to a Context. Expressions, names, and which
+     * bodies there are stay as they were when it was created.
+     * @throws OpenMMException if this force is not in the Context, or other entries than parameters
+     * were changed
      */
     void updateParametersInContext(OpenMM::Context& context);
-    /** Get whether this force uses periodic boundary conditions: it does not, positions are unwrapped. */
+    /** Get whether this force uses periodic boundary conditions: it does not, positions are
+     * unwrapped. */
     bool usesPeriodicBoundaryConditions() const override;
 
     /** @private The components in the order of the constructor. */
     static const std::array<std::string, 6>& componentNames();
-    /** @private The names that expressions may use besides parameters, in the order x y z q0 q1 q2 q3 vx vy vz t. */
+    /** @private The names that expressions may use besides parameters, in the order x y z q0 q1 q2
+     * q3 vx vy vz t. */
     static const std::vector<std::string>& variableNames();
 
 protected:

@@ -18,10 +18,12 @@
 namespace RigidHIPlugin {
 
 /**
- * What a platform does for a CustomRigidHIIntegrator: it owns the state of the bodies and advances it.
+ * What a platform does for a CustomRigidHIIntegrator: it owns the state of the bodies and advances
+ * it.
  *
- * Every method that looks at the bodies first brings them up to date with what others did to the Context's positions and
- * velocities (users, barostats, minimisers), by comparing with what the kernel wrote last.
+ * Every method that looks at the bodies first brings them up to date with what others did to the
+ * Context's positions and velocities (users, barostats, minimisers), by comparing with what the
+ * kernel wrote last.
  */
 class IntegrateRigidBodiesKernel : public OpenMM::KernelImpl {
 public:
@@ -29,12 +31,14 @@ public:
     IntegrateRigidBodiesKernel(const std::string& name, const OpenMM::Platform& platform)
         : OpenMM::KernelImpl(name, platform) {}
     /** Check the System against the integrator (throws where it is refused) and set up. */
-    virtual void initialize(OpenMM::ContextImpl& context, const CustomRigidHIIntegrator& integrator) = 0;
+    virtual void initialize(OpenMM::ContextImpl& context,
+                            const CustomRigidHIIntegrator& integrator) = 0;
     /** Take this many steps. */
     virtual void step(OpenMM::ContextImpl& context, int steps) = 0;
     /** The user changed something through the Context. */
     virtual void stateChanged(OpenMM::ContextImpl& context, OpenMM::State::DataType changed) = 0;
-    /** Implicit geometries were forgotten: derive them from the present positions when next needed. */
+    /** Implicit geometries were forgotten: derive them from the present positions when next needed.
+     */
     virtual void resetBodyGeometry(OpenMM::ContextImpl& context) = 0;
     /** Make sure that all geometries are known; throws if positions were not set. */
     virtual void requireGeometry(OpenMM::ContextImpl& context) = 0;
@@ -45,10 +49,12 @@ public:
     virtual std::vector<QuaternionArray> getBodyOrientations(OpenMM::ContextImpl& context) = 0;
     virtual std::vector<OpenMM::Vec3> getBodyVelocities(OpenMM::ContextImpl& context) = 0;
     virtual std::vector<OpenMM::Vec3> getBodyAngularVelocities(OpenMM::ContextImpl& context) = 0;
-    virtual void setBodyPositions(OpenMM::ContextImpl& context, const std::vector<OpenMM::Vec3>& positions) = 0;
+    virtual void setBodyPositions(OpenMM::ContextImpl& context,
+                                  const std::vector<OpenMM::Vec3>& positions) = 0;
     virtual void setBodyOrientations(OpenMM::ContextImpl& context,
                                      const std::vector<QuaternionArray>& orientations) = 0;
-    virtual void setBodyVelocities(OpenMM::ContextImpl& context, const std::vector<OpenMM::Vec3>& velocities) = 0;
+    virtual void setBodyVelocities(OpenMM::ContextImpl& context,
+                                   const std::vector<OpenMM::Vec3>& velocities) = 0;
     virtual void setBodyAngularVelocities(OpenMM::ContextImpl& context,
                                           const std::vector<OpenMM::Vec3>& angularVelocities) = 0;
     virtual std::vector<OpenMM::Vec3> getBodyForces(OpenMM::ContextImpl& context) = 0;
@@ -62,25 +68,30 @@ public:
     virtual std::map<std::string, std::string> getEffects(OpenMM::ContextImpl& context) = 0;
     virtual std::string describeEffects(OpenMM::ContextImpl& context) = 0;
     virtual std::map<std::string, double> getStepStatistics(OpenMM::ContextImpl& context) = 0;
-    /** Draw thermal particle velocities; body twists are kept for the setVelocities() that follows. */
-    virtual std::vector<OpenMM::Vec3> drawVelocities(OpenMM::ContextImpl& context, double temperature, int seed) = 0;
+    /** Draw thermal particle velocities; body twists are kept for the setVelocities() that follows.
+     */
+    virtual std::vector<OpenMM::Vec3> drawVelocities(OpenMM::ContextImpl& context,
+                                                     double temperature, int seed) = 0;
 
     // What a MobilityForce asks for.
     virtual void updateFluid(OpenMM::ContextImpl& context, const MobilityForce& force) = 0;
     virtual std::vector<double> getMobility(OpenMM::ContextImpl& context) = 0;
     virtual std::vector<double> getFriction(OpenMM::ContextImpl& context) = 0;
-    virtual std::vector<double> applyMobility(OpenMM::ContextImpl& context, const std::vector<double>& wrenches) = 0;
-    virtual std::vector<double> applyBlobMobility(OpenMM::ContextImpl& context, const std::vector<double>& forces) = 0;
+    virtual std::vector<double> applyMobility(OpenMM::ContextImpl& context,
+                                              const std::vector<double>& wrenches) = 0;
+    virtual std::vector<double> applyBlobMobility(OpenMM::ContextImpl& context,
+                                                  const std::vector<double>& forces) = 0;
     virtual std::vector<OpenMM::Vec3> getFlow(OpenMM::ContextImpl& context,
                                               const std::vector<OpenMM::Vec3>& points) = 0;
-    virtual std::vector<double> getFlowMode(OpenMM::ContextImpl& context, int forceAxis, int waveAxis,
-                                            int waveVectorIndex, bool randomOnly) = 0;
+    virtual std::vector<double> getFlowMode(OpenMM::ContextImpl& context, int forceAxis,
+                                            int waveAxis, int waveVectorIndex, bool randomOnly) = 0;
     virtual int getNumRejectedSteps(OpenMM::ContextImpl& context) = 0;
 
     virtual void createCheckpoint(OpenMM::ContextImpl& context, std::ostream& stream) = 0;
     virtual void loadCheckpoint(OpenMM::ContextImpl& context, std::istream& stream) = 0;
     virtual void serialize(OpenMM::ContextImpl& context, OpenMM::SerializationNode& node) = 0;
-    virtual void deserialize(OpenMM::ContextImpl& context, const OpenMM::SerializationNode& node) = 0;
+    virtual void deserialize(OpenMM::ContextImpl& context,
+                             const OpenMM::SerializationNode& node) = 0;
 };
 
 }  // namespace RigidHIPlugin

@@ -13,7 +13,8 @@ enum class SchemeKind {
     Overdamped        // without momenta, in a fluid
 };
 
-/** What a scheme takes finite differences of: of what comes from iterations, they magnify the errors. */
+/** What a scheme takes finite differences of: of what comes from iterations, they magnify the
+ * errors. */
 enum class Differenced { Nothing, Products, Solves, Roots };
 
 /** What is known of a scheme without running it; SchemeList.h explains each. */
@@ -35,14 +36,26 @@ struct SchemeTraits {
 
 /** All schemes, in the order of their numbers. */
 constexpr SchemeTraits schemeTable[] = {
-#define RIGIDHI_ROW(name, kind, momenta, weakOrder, coldOrder, forces, differenced, drift, description) \
-    {CustomRigidHIIntegrator::name, #name, SchemeKind::kind, momenta, weakOrder, coldOrder, forces,     \
-     Differenced::differenced,      drift, description},
+#define RIGIDHI_ROW(name, kind, momenta, weakOrder, coldOrder, forces, differenced, drift, \
+                    description)                                                           \
+    {                                                                                      \
+        CustomRigidHIIntegrator::name,                                                     \
+        #name,                                                                             \
+        SchemeKind::kind,                                                                  \
+        momenta,                                                                           \
+        weakOrder,                                                                         \
+        coldOrder,                                                                         \
+        forces,                                                                            \
+        Differenced::differenced,                                                          \
+        drift,                                                                             \
+        description},
     RIGIDHI_SCHEMES(RIGIDHI_ROW)
 #undef RIGIDHI_ROW
 };
 
-constexpr const SchemeTraits& traitsOf(CustomRigidHIIntegrator::Scheme scheme) { return schemeTable[scheme]; }
+constexpr const SchemeTraits& traitsOf(CustomRigidHIIntegrator::Scheme scheme) {
+    return schemeTable[scheme];
+}
 
 }  // namespace RigidHIPlugin
 

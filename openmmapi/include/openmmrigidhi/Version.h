@@ -10,22 +10,25 @@ namespace RigidHIPlugin {
 /** The version of libOpenMMRigidHI that is loaded, for example "0.1.0". */
 OPENMM_EXPORT_RIGIDHI std::string getVersion();
 
-/** The version of OpenMM (major.minor) that libOpenMMRigidHI was compiled for, for example "7.7". */
+/** The version of OpenMM (major.minor) that libOpenMMRigidHI was compiled for, for example "7.7".
+ */
 OPENMM_EXPORT_RIGIDHI std::string getOpenMMVersionOfBuild();
 
 /** The file that libOpenMMRigidHI was loaded from. */
 OPENMM_EXPORT_RIGIDHI std::string getLibraryPath();
 
 /**
- * Why libraries that are loaded cannot work together: OpenMM of another version than the one that libOpenMMRigidHI was compiled for, or a
- * library of this plugin of another version than libOpenMMRigidHI.
+ * Why libraries that are loaded cannot work together: OpenMM of another version than the one that
+ * libOpenMMRigidHI was compiled for, or a library of this plugin of another version than
+ * libOpenMMRigidHI.
  *
  * @param library         name of the library that asks
  * @param version         its version
  * @param openMMVersion   version of OpenMM (major.minor) that it was compiled for
  * @return  the reason and the remedy, or an empty text if all is well
  */
-OPENMM_EXPORT_RIGIDHI std::string versionConflict(const std::string& library, const std::string& version,
+OPENMM_EXPORT_RIGIDHI std::string versionConflict(const std::string& library,
+                                                  const std::string& version,
                                                   const std::string& openMMVersion);
 
 }  // namespace RigidHIPlugin

@@ -20,16 +20,17 @@ bool isOneOf(const Force& force) {
 bool onlyMakesForces(const Force& force) {
     return isOneOf<CMAPTorsionForce, CustomAngleForce, CustomBondForce, CustomCentroidBondForce,
                    CustomCompoundBondForce, CustomExternalForce, CustomGBForce, CustomHbondForce,
-                   CustomManyParticleForce, CustomNonbondedForce, CustomTorsionForce, GayBerneForce, GBSAOBCForce,
-                   HarmonicAngleForce, HarmonicBondForce, NonbondedForce, PeriodicTorsionForce, RBTorsionForce,
-                   RMSDForce, CustomBodyForce, MobilityForce>(force);
+                   CustomManyParticleForce, CustomNonbondedForce, CustomTorsionForce, GayBerneForce,
+                   GBSAOBCForce, HarmonicAngleForce, HarmonicBondForce, NonbondedForce,
+                   PeriodicTorsionForce, RBTorsionForce, RMSDForce, CustomBodyForce, MobilityForce>(
+        force);
 }
 
 }  // namespace
 
 bool feelsNoParticles(const Force& force) {
-    return isOneOf<CMMotionRemover, MonteCarloBarostat, MonteCarloAnisotropicBarostat, MonteCarloMembraneBarostat,
-                   CustomBodyForce, MobilityForce>(force);
+    return isOneOf<CMMotionRemover, MonteCarloBarostat, MonteCarloAnisotropicBarostat,
+                   MonteCarloMembraneBarostat, CustomBodyForce, MobilityForce>(force);
 }
 
 ActingForces::ActingForces(const System& system) {
@@ -37,7 +38,8 @@ ActingForces::ActingForces(const System& system) {
         const Force& force = system.getForce(i);
         if (isOneOf<CMMotionRemover>(force))
             removers = true;
-        else if (isOneOf<MonteCarloBarostat, MonteCarloAnisotropicBarostat, MonteCarloMembraneBarostat>(force))
+        else if (isOneOf<MonteCarloBarostat, MonteCarloAnisotropicBarostat,
+                         MonteCarloMembraneBarostat>(force))
             barostats = true;
         else if (!onlyMakesForces(force))
             others = true;

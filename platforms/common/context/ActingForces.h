@@ -8,7 +8,8 @@ class System;
 
 namespace RigidHIPlugin {
 
-/** What Forces of a System do when a step starts (ContextImpl::updateContextState()), beside making forces later. */
+/** What Forces of a System do when a step starts (ContextImpl::updateContextState()), beside making
+ * forces later. */
 struct ActingForces {
     explicit ActingForces(const OpenMM::System& system);
     bool removers = false;   // CMMotionRemovers, which change velocities
@@ -16,7 +17,8 @@ struct ActingForces {
     bool others = false;     // that are not known, so may do anything
 };
 
-/** Whether a Force makes no forces on particles by their positions in the Context: what moves or removes only, and ours on bodies. */
+/** Whether a Force makes no forces on particles by their positions in the Context: what moves or
+ * removes only, and ours on bodies. */
 bool feelsNoParticles(const OpenMM::Force& force);
 
 }  // namespace RigidHIPlugin

@@ -25,7 +25,7 @@ auto BodyAccess::ofBodies(Of of) const {
 
 bool BodyAccess::hasMomenta() const { return traitsOf(scene.integrator.getScheme()).hasMomenta; }
 
-// ---------------------------------------------------------------------------------------------------------------------
+// -------------------------------------------------------------------------------------------------
 // Poses and twists
 
 vector<Vec3> BodyAccess::getPositions() {
@@ -40,7 +40,9 @@ vector<array<double, 4> > BodyAccess::getOrientations() {
 
 vector<Vec3> BodyAccess::getVelocities() {
     prepare("getBodyVelocities()");
-    return ofBodies([&](int b) { return scene.bodies.getState(b).p / max(scene.bodies.inertia(b).mass, 1e-300); });
+    return ofBodies([&](int b) {
+        return scene.bodies.getState(b).p / max(scene.bodies.inertia(b).mass, 1e-300);
+    });
 }
 
 vector<Vec3> BodyAccess::getAngularVelocities() {
@@ -93,7 +95,8 @@ void BodyAccess::setVelocities(const vector<Vec3>& rows) {
 
 void BodyAccess::setAngularVelocities(const vector<Vec3>& rows) {
     prepare("setBodyAngularVelocities()");
-    for (int b = 0; b < scene.bodies.getNumBodies(); b++) scene.bodies.setAngularVelocity_lab(b, rows[b]);
+    for (int b = 0; b < scene.bodies.getNumBodies(); b++)
+        scene.bodies.setAngularVelocity_lab(b, rows[b]);
     mirror.writeTwists();
 }
 
@@ -102,7 +105,7 @@ double BodyAccess::getPoseResidual() {
     return mirror.getPoseResidual();
 }
 
-// ---------------------------------------------------------------------------------------------------------------------
+// -------------------------------------------------------------------------------------------------
 // Forces and energies
 
 void BodyAccess::requireGeometry() {
@@ -137,7 +140,7 @@ double BodyAccess::freeParticleKineticEnergy() {
     return scene.freeParticles->kineticEnergy(scene.arrays->velocities());
 }
 
-// ---------------------------------------------------------------------------------------------------------------------
+// -------------------------------------------------------------------------------------------------
 // What a MobilityForce asks for
 
 namespace {
@@ -153,7 +156,9 @@ Eigen::Map<const Eigen::VectorXd> asVector(const vector<double>& numbers) {
     return Eigen::Map<const Eigen::VectorXd>(numbers.data(), numbers.size());
 }
 
-vector<double> asNumbers(const Eigen::VectorXd& v) { return vector<double>(v.data(), v.data() + v.size()); }
+vector<double> asNumbers(const Eigen::VectorXd& v) {
+    return vector<double>(v.data(), v.data() + v.size());
+}
 
 }  // namespace
 
@@ -166,18 +171,21 @@ Fluid& BodyAccess::prepareFluid(const char* method) {
 }
 
 vector<double> BodyAccess::getMobility() {
-    return rowAfterRow(prepareFluid("getMobilityInContext()").mobility(scene.bodies, scene.arrays->positions()));
+    return rowAfterRow(
+        prepareFluid("getMobilityInContext()").mobility(scene.bodies, scene.arrays->positions()));
 }
 
 vector<double> BodyAccess::getFriction() {
-    return rowAfterRow(prepareFluid("getFrictionInContext()").friction(scene.bodies, scene.arrays->positions()));
+    return rowAfterRow(
+        prepareFluid("getFrictionInContext()").friction(scene.bodies, scene.arrays->positions()));
 }
 
 vector<double> BodyAccess::applyMobility(const vector<double>& wrenches) {
     Fluid& fluid = prepareFluid("applyMobilityInContext()");
     if ((int)wrenches.size() != 6 * scene.bodies.getNumBodies())
-        fail("applyMobilityInContext() was given " + to_string(wrenches.size()) + " numbers, but there are " +
-             to_string(scene.bodies.getNumBodies()) + " bodies; give 6 numbers for each");
+        fail("applyMobilityInContext() was given " + to_string(wrenches.size()) +
+             " numbers, but there are " + to_string(scene.bodies.getNumBodies()) +
+             " bodies; give 6 numbers for each");
     return asNumbers(fluid.apply(asVector(wrenches), scene.bodies, scene.arrays->positions()));
 }
 
@@ -188,7 +196,8 @@ bool BodyAccess::flowNeedsForces(const char* method) {
 
 Fluid::FlowQuestion BodyAccess::askForFlow() const {
     scene.arrays->pullVelocities();
-    return {scene.bodies, *scene.freeParticles, scene.arrays->positions(), scene.arrays->velocities(), hasMomenta()};
+    return {scene.bodies, *scene.freeParticles, scene.arrays->positions(),
+            scene.arrays->velocities(), hasMomenta()};
 }
 
 vector<Vec3> BodyAccess::getFlow(const vector<Vec3>& points) {
@@ -199,10 +208,12 @@ vector<Vec3> BodyAccess::getFlow(const vector<Vec3>& points) {
     return result;
 }
 
-vector<double> BodyAccess::getFlowMode(int forceAxis, int waveAxis, int waveVectorIndex, bool randomOnly) {
+vector<double> BodyAccess::getFlowMode(int forceAxis, int waveAxis, int waveVectorIndex,
+                                       bool randomOnly) {
     Fluid& fluid = prepareFluid("getFlowModeInContext()");
-    const auto amplitudes = randomOnly ? fluid.randomFlowMode(forceAxis, waveAxis, waveVectorIndex, askForFlow())
-                                       : fluid.flowMode(forceAxis, waveAxis, waveVectorIndex, askForFlow());
+    const auto amplitudes =
+        randomOnly ? fluid.randomFlowMode(forceAxis, waveAxis, waveVectorIndex, askForFlow())
+                   : fluid.flowMode(forceAxis, waveAxis, waveVectorIndex, askForFlow());
     return {amplitudes[0], amplitudes[1]};
 }
 
@@ -210,8 +221,9 @@ vector<double> BodyAccess::applyBlobMobility(const vector<double>& forces) {
     Fluid& fluid = prepareFluid("applyBlobMobilityInContext()");
     const int particles = scene.system.getNumParticles();
     if ((int)forces.size() != 3 * particles)
-        fail("applyBlobMobilityInContext() was given " + to_string(forces.size()) + " numbers, but the System has " +
-             to_string(particles) + " particles; give 3 numbers for each of them, whether the fluid sees it or not");
+        fail("applyBlobMobilityInContext() was given " + to_string(forces.size()) +
+             " numbers, but the System has " + to_string(particles) +
+             " particles; give 3 numbers for each of them, whether the fluid sees it or not");
     return asNumbers(fluid.applyToBlobs(asVector(forces), scene.bodies, scene.arrays->positions()));
 }
 

@@ -8,7 +8,8 @@
 
 namespace RigidHIPlugin {
 
-/** What users ask of bodies and their fluid, and set. What others did to the Context is taken in first. */
+/** What users ask of bodies and their fluid, and set. What others did to the Context is taken in
+ * first. */
 class BodyAccess {
 public:
     BodyAccess(Scene& scene, ContextMirror& mirror) : scene(scene), mirror(mirror) {}
@@ -38,10 +39,12 @@ public:
     std::vector<double> getFriction();
     std::vector<double> applyMobility(const std::vector<double>& wrenches);
     std::vector<double> applyBlobMobility(const std::vector<double>& forces);
-    /** Whether the flow is that of present forces, which are to be evaluated before it is asked for. */
+    /** Whether the flow is that of present forces, which are to be evaluated before it is asked
+     * for. */
     bool flowNeedsForces(const char* method);
     std::vector<OpenMM::Vec3> getFlow(const std::vector<OpenMM::Vec3>& points);
-    std::vector<double> getFlowMode(int forceAxis, int waveAxis, int waveVectorIndex, bool randomOnly);
+    std::vector<double> getFlowMode(int forceAxis, int waveAxis, int waveVectorIndex,
+                                    bool randomOnly);
 
 private:
     void prepare(const char* method);

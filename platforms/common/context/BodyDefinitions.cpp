@@ -16,7 +16,8 @@ namespace {
 
 /** An integrator that is bound to nothing, with the scheme and the bodies of another. */
 unique_ptr<CustomRigidHIIntegrator> copyDefinitions(const CustomRigidHIIntegrator& from) {
-    unique_ptr<CustomRigidHIIntegrator> to(new CustomRigidHIIntegrator(from.getTemperature(), from.getStepSize()));
+    unique_ptr<CustomRigidHIIntegrator> to(
+        new CustomRigidHIIntegrator(from.getTemperature(), from.getStepSize()));
     to->setScheme(from.getScheme());
     for (int b = 0; b < from.getNumRigidBodies(); b++) {
         vector<int> particles = from.getRigidBodyParticles(b);
@@ -70,7 +71,8 @@ void BodyDefinitions::takeFromSystem() {
         BodyGeometry& g = geometries_[b];
         if (known) definitions->getRigidBodyParameters(b, members, g.mass, g.moments, g.sites);
         if (isExplicit(b)) continue;
-        // The System wins: a known shape is kept only as far as the System leaves it open, and with the System's masses.
+        // The System wins: a known shape is kept only as far as the System leaves it open, and with
+        // the System's masses.
         const BodyGeometryBuilder bySystem = builder(b);
         if (known || !bySystem.needsPositions()) {
             g = bySystem.update(g);
@@ -94,27 +96,34 @@ BodyGeometry BodyDefinitions::updateBySystem(int b, const BodyGeometry& known) c
     return builder(b).update(known);
 }
 
-/** A shape has become known: tell the integrator too, unless it has been given another definition of the body meanwhile. */
+/** A shape has become known: tell the integrator too, unless it has been given another definition
+ * of the body meanwhile. */
 void BodyDefinitions::record(int b, const BodyGeometry& g) {
     definitions->recordBodyGeometry(b, g.mass, g.moments, g.sites);
-    if (!integrator.getRigidBodyIsExplicit(b) && integrator.getRigidBodyParticles(b) == particles(b))
+    if (!integrator.getRigidBodyIsExplicit(b) &&
+        integrator.getRigidBodyParticles(b) == particles(b))
         integrator.recordBodyGeometry(b, g.mass, g.moments, g.sites);
 }
 
 void BodyDefinitions::checkVirtualSites(int b, const BodyGeometry& g) const {
     const vector<int>& members = particles(b);
-    if (none_of(members.begin(), members.end(), [&](int particle) { return system.isVirtualSite(particle); })) return;
+    if (none_of(members.begin(), members.end(),
+                [&](int particle) { return system.isVirtualSite(particle); }))
+        return;
     map<int, Vec3> siteOfParticle;
     for (size_t i = 0; i < members.size(); i++) siteOfParticle[members[i]] = g.sites[i];
     for (size_t i = 0; i < members.size(); i++) {
         if (!system.isVirtualSite(members[i])) continue;
-        const Vec3 off =
-            g.sites[i] - virtualSitePosition(system, members[i], [&](int parent) { return siteOfParticle.at(parent); });
+        const Vec3 off = g.sites[i] - virtualSitePosition(system, members[i], [&](int parent) {
+                             return siteOfParticle.at(parent);
+                         });
         const double distance = sqrt(off.dot(off));
         if (!(distance <= integrator.getPoseTolerance()))
-            fail("body " + to_string(b) + ": the site given for particle " + to_string(members[i]) + " is " +
-                 number(distance) + " nm from where the System's virtual site puts it, more than the pose tolerance " +
-                 number(integrator.getPoseTolerance()) + " nm; mend the site position or the virtual site");
+            fail("body " + to_string(b) + ": the site given for particle " + to_string(members[i]) +
+                 " is " + number(distance) +
+                 " nm from where the System's virtual site puts it, more than the pose tolerance " +
+                 number(integrator.getPoseTolerance()) +
+                 " nm; mend the site position or the virtual site");
     }
 }
 

@@ -14,18 +14,23 @@
 namespace RigidHIPlugin {
 
 /**
- * The bodies as they were when the Context was created, and their geometries: the one owner of both.
+ * The bodies as they were when the Context was created, and their geometries: the one owner of
+ * both.
  *
- * What users add or redefine later takes effect in the next Context. A geometry that becomes known is recorded in the integrator too.
+ * What users add or redefine later takes effect in the next Context. A geometry that becomes known
+ * is recorded in the integrator too.
  */
 class BodyDefinitions {
 public:
     BodyDefinitions(const CustomRigidHIIntegrator& integrator, const OpenMM::System& system);
-    /** The bodies under the integrator's present scheme, for checks: an integrator that is bound to nothing. */
+    /** The bodies under the integrator's present scheme, for checks: an integrator that is bound to
+     * nothing. */
     const CustomRigidHIIntegrator& underPresentScheme();
 
     int getNumBodies() const { return definitions->getNumRigidBodies(); }
-    const std::vector<int>& particles(int body) const { return definitions->getRigidBodyParticles(body); }
+    const std::vector<int>& particles(int body) const {
+        return definitions->getRigidBodyParticles(body);
+    }
     std::vector<std::vector<int> > particlesOfBodies() const;
     bool isExplicit(int body) const { return definitions->getRigidBodyIsExplicit(body); }
     bool isKnown(int body) const { return definitions->getRigidBodyGeometryIsKnown(body); }
@@ -34,7 +39,8 @@ public:
     const std::vector<BodyGeometry>& geometries() const { return geometries_; }
     const PoseFit& fit(int body) const { return fits[body]; }
 
-    /** Find all geometries for which no positions are needed. Particle indices must have been checked. */
+    /** Find all geometries for which no positions are needed. Particle indices must have been
+     * checked. */
     void takeFromSystem();
     /** All geometries; those that are not known come from positions. */
     std::vector<BodyGeometry> fromPositions(const std::vector<OpenMM::Vec3>& positions) const;
@@ -45,7 +51,8 @@ public:
     /** Geometries of implicit bodies are not known any more. */
     void reset() { definitions->resetBodyGeometry(); }
 
-    /** What stands on geometries; states are at the origin. @throws OpenMMException for sites that are not where they must be */
+    /** What stands on geometries; states are at the origin. @throws OpenMMException for sites that
+     * are not where they must be */
     struct Bodies {
         std::vector<BodyGeometry> geometries;
         std::vector<PoseFit> fits;

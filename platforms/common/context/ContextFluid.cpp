@@ -16,21 +16,22 @@ ContextFluid::ContextFluid(Scene& scene, const MobilityForce* inSystem) : scene(
 
 void ContextFluid::check(const MobilityForce& force) const {
     checkBoundary(force, scene.integrator);
-    Fluid::check(force, scene.integrator.getWallRejection(), scene.system, scene.definitions.particlesOfBodies(),
-                 *scene.freeParticles, *scene.loops);
+    Fluid::check(force, scene.integrator.getWallRejection(), scene.system,
+                 scene.definitions.particlesOfBodies(), *scene.freeParticles, *scene.loops);
 }
 
 void ContextFluid::check() const {
     if (parameters) check(*parameters);
 }
 
-unique_ptr<Fluid> ContextFluid::make(const vector<BodyGeometry>& geometries, const BodySet& bodies) const {
+unique_ptr<Fluid> ContextFluid::make(const vector<BodyGeometry>& geometries,
+                                     const BodySet& bodies) const {
     if (!parameters) return nullptr;
     // The wall rejection is the integrator's, and may have been set since the Context was created.
     checkBoundary(*parameters, scene.integrator);
     unique_ptr<Fluid> made(new Fluid(*parameters, scene.integrator.getWallRejection(), scene.system,
-                                     scene.definitions.particlesOfBodies(), geometries, bodies, *scene.freeParticles,
-                                     *scene.loops));
+                                     scene.definitions.particlesOfBodies(), geometries, bodies,
+                                     *scene.freeParticles, *scene.loops));
     made->setBox(scene.getBox());
     made->checkWave();
     return made;
@@ -71,15 +72,21 @@ void ContextFluid::rebuild() {
 }
 
 void ContextFluid::adoptWallRejection() {
-    if (!fluid || !fluid->hasWalls() || fluid->getWallRejection() == scene.integrator.getWallRejection()) return;
+    if (!fluid || !fluid->hasWalls() ||
+        fluid->getWallRejection() == scene.integrator.getWallRejection())
+        return;
     rebuild();
 }
 
 void ContextFluid::update(const MobilityForce& force) {
     if (!parameters) fail("updateParametersInContext() needs a MobilityForce in the System");
     const string remedy = "; call reinitialize(preserveState=True) on the Context";
-    if (force.getModel() != parameters->getModel() || force.getBoundary() != parameters->getBoundary())
-        fail("the model or boundary of a MobilityForce cannot be changed by updateParametersInContext()" + remedy);
+    if (force.getModel() != parameters->getModel() ||
+        force.getBoundary() != parameters->getBoundary())
+        fail(
+            "the model or boundary of a MobilityForce cannot be changed by "
+            "updateParametersInContext()" +
+            remedy);
     if (force.getWallHeight() != parameters->getWallHeight() ||
         force.getSphereWallMobility() != parameters->getSphereWallMobility())
         fail(
@@ -90,11 +97,16 @@ void ContextFluid::update(const MobilityForce& force) {
     force.getChannelWalls(low, high);
     parameters->getChannelWalls(lowBefore, highBefore);
     if (low != lowBefore || high != highBefore)
-        fail("the walls of a SlipChannel cannot be changed by updateParametersInContext()" + remedy);
+        fail("the walls of a SlipChannel cannot be changed by updateParametersInContext()" +
+             remedy);
     if (force.getGroups() != parameters->getGroups())
-        fail("the groups of a MobilityForce cannot be changed by updateParametersInContext()" + remedy);
+        fail("the groups of a MobilityForce cannot be changed by updateParametersInContext()" +
+             remedy);
     if (force.getNumParticles() != parameters->getNumParticles())
-        fail("the number of particles of a MobilityForce cannot be changed by updateParametersInContext()" + remedy);
+        fail(
+            "the number of particles of a MobilityForce cannot be changed by "
+            "updateParametersInContext()" +
+            remedy);
     for (int p = 0; p < force.getNumParticles(); p++)
         if ((force.getParticleRadius(p) > 0) != (parameters->getParticleRadius(p) > 0))
             fail("particle " + to_string(p) +

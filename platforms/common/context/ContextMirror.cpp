@@ -16,19 +16,22 @@ using namespace std;
 namespace RigidHIPlugin {
 
 ContextMirror::ContextMirror(Scene& scene)
-    : scene(scene), lastPositions(scene.system.getNumParticles(), unsetVec3), lastVelocities(lastPositions) {}
+    : scene(scene), lastPositions(scene.system.getNumParticles(), unsetVec3),
+      lastVelocities(lastPositions) {}
 
 LoopResult ContextMirror::run(BodyLoop loop) {
-    static_assert(sizeof(Vec3) == 3 * sizeof(double), "the loops take arrays of Vec3 as arrays of doubles");
+    static_assert(sizeof(Vec3) == 3 * sizeof(double),
+                  "the loops take arrays of Vec3 as arrays of doubles");
     ContextArrays& arrays = *scene.arrays;
-    return scene.loops->run(
-        loop, scene.bodies, scene.settings,
-        {&arrays.positions()[0][0], &arrays.velocities()[0][0], reinterpret_cast<const double*>(arrays.forces().data()),
-         &lastPositions[0][0], &lastVelocities[0][0]});
+    return scene.loops->run(loop, scene.bodies, scene.settings,
+                            {&arrays.positions()[0][0], &arrays.velocities()[0][0],
+                             reinterpret_cast<const double*>(arrays.forces().data()),
+                             &lastPositions[0][0], &lastVelocities[0][0]});
 }
 
 void ContextMirror::requirePositions(const char* what) const {
-    if (!positionsAreSet) fail(string(what) + " needs positions: call setPositions() on the Context first");
+    if (!positionsAreSet)
+        fail(string(what) + " needs positions: call setPositions() on the Context first");
 }
 
 void ContextMirror::forgetWritten() {
@@ -41,7 +44,8 @@ void ContextMirror::forgetWritten() {
 void ContextMirror::positionsWereSet() {
     positionsAreSet = true;
     if (loaded) {
-        // The positions of a checkpoint come after its bodies. Where they contradict, positions count.
+        // The positions of a checkpoint come after its bodies. Where they contradict, positions
+        // count.
         unique_ptr<Loaded> judged(move(loaded));
         scene.arrays->pullPositions();
         checkPosesAgainstPositions(scene, judged->saved);
@@ -64,7 +68,7 @@ void ContextMirror::stateWasLoaded(const SavedState& saved, const vector<int>& t
     loaded.reset(new Loaded{saved, toBeFitted});
 }
 
-// ---------------------------------------------------------------------------------------------------------------------
+// -------------------------------------------------------------------------------------------------
 // Taking in what others did to the Context
 
 void ContextMirror::takeInChanges(bool stepping) {
@@ -82,7 +86,8 @@ void ContextMirror::takeInChanges(bool stepping) {
     if (stepping) scene.fluid.adoptBox();
     if (loaded) takeInLoaded();
     if (!sameBits(arrays.positions(), lastPositions)) takeInPositions();
-    if (!sameBits(arrays.velocities(), lastVelocities)) takeInVelocities(stepping && scene.settings.hasMomenta());
+    if (!sameBits(arrays.velocities(), lastVelocities))
+        takeInVelocities(stepping && scene.settings.hasMomenta());
 }
 
 void ContextMirror::takeInVelocitiesIfChanged() {
@@ -94,9 +99,11 @@ void ContextMirror::takeInVelocitiesIfChanged() {
     takeInChanges();
 }
 
-/** A state was loaded. Where the Context's arrays are those it was saved with, it stands as it is. */
+/** A state was loaded. Where the Context's arrays are those it was saved with, it stands as it is.
+ */
 void ContextMirror::takeInLoaded() {
-    const vector<Vec3>&positions = scene.arrays->positions(), &velocities = scene.arrays->velocities();
+    const vector<Vec3>&positions = scene.arrays->positions(),
+          &velocities = scene.arrays->velocities();
     const Rounding rounding = loaded->saved.rounding + scene.arrays->rounding();
     if (hashOf(positions) == loaded->saved.positionsHash)
         lastPositions = positions;
@@ -107,13 +114,15 @@ void ContextMirror::takeInLoaded() {
     else if (!rounding.isExact() && scene.settings.hasMomenta())
         keepWhatAgrees(*loaded, rounding, false);
     for (int b : loaded->toBeFitted)
-        for (int p : scene.definitions.particles(b)) lastPositions[p] = lastVelocities[p] = unsetVec3;
+        for (int p : scene.definitions.particles(b))
+            lastPositions[p] = lastVelocities[p] = unsetVec3;
     loaded.reset();
     owed = Owed::Poses;
 }
 
 /**
- * Arrays that a platform has rounded since they were saved: bodies and free particles whose numbers agree with it go on from the saved doubles.
+ * Arrays that a platform has rounded since they were saved: bodies and free particles whose numbers
+ * agree with it go on from the saved doubles.
  *
  * @param positions  these, or else velocities
  */
@@ -130,7 +139,8 @@ void ContextMirror::keepWhatAgrees(const Loaded& loaded, const Rounding& roundin
     run(positions ? BodyLoop::ScatterPositions : BodyLoop::ScatterVelocities);
     for (int b = 0; b < scene.bodies.getNumBodies(); b++) {
         const vector<int>& particles = scene.definitions.particles(b);
-        if (all_of(particles.begin(), particles.end(), [&](int p) { return agrees(p, array[p]); })) continue;
+        if (all_of(particles.begin(), particles.end(), [&](int p) { return agrees(p, array[p]); }))
+            continue;
         for (int p : particles) {
             array[p] = now[p];
             last[p] = unsetVec3;
@@ -144,7 +154,8 @@ void ContextMirror::keepWhatAgrees(const Loaded& loaded, const Rounding& roundin
     }
 }
 
-bool ContextMirror::bodyMembersDiffer(int body, const vector<Vec3>& a, const vector<Vec3>& b) const {
+bool ContextMirror::bodyMembersDiffer(int body, const vector<Vec3>& a,
+                                      const vector<Vec3>& b) const {
     for (int p : scene.definitions.particles(body))
         if (memcmp(&a[p], &b[p], sizeof(Vec3)) != 0) return true;
     return false;
@@ -160,23 +171,28 @@ BodyState ContextMirror::fitted(int b, double& residual) const {
             fail("body " + to_string(b) + ": particle " + to_string(p) +
                  " has a non-finite position; set finite positions");
     }
-    // Virtual sites follow their parents, and users often leave them behind: they are put in place, not judged.
+    // Virtual sites follow their parents, and users often leave them behind: they are put in place,
+    // not judged.
     map<int, Vec3> positionOf;
     for (size_t i = 0; i < particles.size(); i++) positionOf[particles[i]] = members[i];
     for (size_t i = 0; i < particles.size(); i++)
         if (scene.system.isVirtualSite(particles[i]))
-            members[i] =
-                virtualSitePosition(scene.system, particles[i], [&](int parent) { return positionOf.at(parent); });
+            members[i] = virtualSitePosition(scene.system, particles[i],
+                                             [&](int parent) { return positionOf.at(parent); });
     BodyState state = scene.bodies.getState(b);
     int worst = 0;
     const double distance = scene.definitions.fit(b).fitPose(members, state, worst),
                  tolerance = scene.integrator.getPoseTolerance();
     if (!(distance <= tolerance))
-        fail("body " + to_string(b) + ": particle " + to_string(particles[worst]) + " is " + number(distance) +
-             " nm from its place in the body, more than the pose tolerance " + number(tolerance) +
-             " nm; give positions that fit the body's shape: whole molecules, not wrapped across the periodic box; "
-             "where constraints define the shape, call applyConstraints() on the Context, elsewhere minimise with "
-             "openmmrigidhi.app.minimize(); raise setPoseTolerance(), or call resetBodyGeometry() if the shape "
+        fail("body " + to_string(b) + ": particle " + to_string(particles[worst]) + " is " +
+             number(distance) + " nm from its place in the body, more than the pose tolerance " +
+             number(tolerance) +
+             " nm; give positions that fit the body's shape: whole molecules, not wrapped across "
+             "the periodic box; "
+             "where constraints define the shape, call applyConstraints() on the Context, "
+             "elsewhere minimise with "
+             "openmmrigidhi.app.minimize(); raise setPoseTolerance(), or call resetBodyGeometry() "
+             "if the shape "
              "itself has changed");
     residual = max(residual, distance);
     return state;
@@ -192,7 +208,8 @@ void ContextMirror::takeInPositions() {
         poseResidual = residual;
         owed = Owed::Poses;
     }
-    for (auto& bodyAndState : changed) scene.bodies.setState(bodyAndState.first, bodyAndState.second);
+    for (auto& bodyAndState : changed)
+        scene.bodies.setState(bodyAndState.first, bodyAndState.second);
     if (scene.fluid) scene.fluid->forgetMemory();
     lastPositions = scene.arrays->positions();
     scene.noteChange();
@@ -200,7 +217,8 @@ void ContextMirror::takeInPositions() {
     for (auto& bodyAndState : changed) takeInTwist(bodyAndState.first);
 }
 
-/** @param putBack  whether particle velocities may become those of rigid bodies now, or only when a step starts */
+/** @param putBack  whether particle velocities may become those of rigid bodies now, or only when a
+ * step starts */
 void ContextMirror::takeInVelocities(bool putBack) {
     const vector<Vec3>& velocities = scene.arrays->velocities();
     double sum = 0;
@@ -211,12 +229,14 @@ void ContextMirror::takeInVelocities(bool putBack) {
             fail("particle " + to_string(p) + (body >= 0 ? " of body " + to_string(body) : "") +
                  " has a non-finite velocity; set finite velocities");
         }
-    // A CMMotionRemover changes all velocities at every step: most bodies take the fast way, in one pass.
+    // A CMMotionRemover changes all velocities at every step: most bodies take the fast way, in one
+    // pass.
     run(putBack ? BodyLoop::TakeInAndScatterVelocities : BodyLoop::TakeInVelocities);
     if (putBack) scene.arrays->pushVelocities();
     bool slowBodies = false;
     for (int b = 0; b < scene.bodies.getNumBodies(); b++) {
-        if (scene.bodies.blocks[scene.bodies.slot(b) / BodySet::blockSize].massesMakeTheBodies) continue;
+        if (scene.bodies.blocks[scene.bodies.slot(b) / BodySet::blockSize].massesMakeTheBodies)
+            continue;
         slowBodies = true;
         if (bodyMembersDiffer(b, velocities, lastVelocities)) takeInTwist(b);
     }
@@ -240,7 +260,7 @@ void ContextMirror::takeInTwist(int b) {
     bodies.setAngularVelocity_lab(b, omega_lab);
 }
 
-// ---------------------------------------------------------------------------------------------------------------------
+// -------------------------------------------------------------------------------------------------
 // Writing to the Context
 
 void ContextMirror::putMembersBack() {
@@ -266,7 +286,8 @@ void ContextMirror::writeTwists() {
 }
 
 void ContextMirror::rememberFreeVelocities() {
-    for (int p : scene.freeParticles->getParticles()) lastVelocities[p] = scene.arrays->velocities()[p];
+    for (int p : scene.freeParticles->getParticles())
+        lastVelocities[p] = scene.arrays->velocities()[p];
 }
 
 void ContextMirror::placeFreeVirtualSites() {

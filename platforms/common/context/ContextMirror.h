@@ -11,10 +11,11 @@
 namespace RigidHIPlugin {
 
 /**
- * Bodies and the Context's particles as mirror images: writes poses and twists to particles, notices what others did to these, and takes
- * it in.
+ * Bodies and the Context's particles as mirror images: writes poses and twists to particles,
+ * notices what others did to these, and takes it in.
  *
- * OpenMM does not tell everything that happens to particles. So the mirror keeps what it wrote last, and compares bits.
+ * OpenMM does not tell everything that happens to particles. So the mirror keeps what it wrote
+ * last, and compares bits.
  */
 class ContextMirror {
 public:
@@ -31,11 +32,13 @@ public:
 
     /** Bring poses and twists up to date with the Context's positions, velocities and box. */
     void takeInChanges(bool stepping = false);
-    /** Likewise, but not because of positions: a barostat asks for the energy of trial positions. */
+    /** Likewise, but not because of positions: a barostat asks for the energy of trial positions.
+     */
     void takeInVelocitiesIfChanged();
     /** A step starts: members that others moved within the tolerance go back to their places. */
     void putMembersBack();
-    /** Whether a step must take in and put back before Forces that change the state (barostats) see it. */
+    /** Whether a step must take in and put back before Forces that change the state (barostats) see
+     * it. */
     bool awaitsTakingIn() const { return setSinceStep || loaded || !scene.isBuilt(); }
     /** A step has taken in what others did. */
     void stepTookIn() { setSinceStep = false; }
@@ -47,26 +50,30 @@ public:
     /** Write poses and twists to the Context's particles. */
     void writePoses();
     void writeTwists();
-    /** Velocities of free particles that were changed beside the twists count as written by the mirror. */
+    /** Velocities of free particles that were changed beside the twists count as written by the
+     * mirror. */
     void rememberFreeVelocities();
-    /** New positions are complete: virtual sites in bodies are placed with them, OpenMM places the others. */
+    /** New positions are complete: virtual sites in bodies are placed with them, OpenMM places the
+     * others. */
     void placeFreeVirtualSites();
     /** A step has moved the particles that are in no body. */
     void rememberOtherParticles();
 
-    /** setVelocitiesToTemperature(): velocities for all particles, whose twists are kept for the velocitiesWereSet() that follows. */
+    /** setVelocitiesToTemperature(): velocities for all particles, whose twists are kept for the
+     * velocitiesWereSet() that follows. */
     std::vector<OpenMM::Vec3> drawVelocities(double temperature, int seed) {
         return drawn.draw(scene, temperature, seed);
     }
 
     /**
-     * A saved state has become that of the bodies. It stands where the Context's arrays turn out to be those it was saved with, but for
-     * the bodies in the list: these are fitted.
+     * A saved state has become that of the bodies. It stands where the Context's arrays turn out to
+     * be those it was saved with, but for the bodies in the list: these are fitted.
      */
     void stateWasLoaded(const SavedState& saved, const std::vector<int>& toBeFitted);
 
 private:
-    /** Not yet compared with the Context's arrays: OpenMM restores arrays and parameters in different orders. */
+    /** Not yet compared with the Context's arrays: OpenMM restores arrays and parameters in
+     * different orders. */
     struct Loaded {
         SavedState saved;
         std::vector<int> toBeFitted;
@@ -80,7 +87,8 @@ private:
     void takeInVelocities(bool putBack);
     void takeInTwist(int body);
     BodyState fitted(int body, double& residual) const;
-    bool bodyMembersDiffer(int body, const std::vector<OpenMM::Vec3>& a, const std::vector<OpenMM::Vec3>& b) const;
+    bool bodyMembersDiffer(int body, const std::vector<OpenMM::Vec3>& a,
+                           const std::vector<OpenMM::Vec3>& b) const;
 
     Scene& scene;
     // What the mirror wrote or took in last. Entries that are unset count as changed.

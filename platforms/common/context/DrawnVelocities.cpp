@@ -24,7 +24,8 @@ vector<Vec3> DrawnVelocities::draw(Scene& scene, double temperature, int seed) {
     const double kT = BOLTZ * temperature;
     for (int b = 0; b < bodies.getNumBodies(); b++) {
         double z[6];
-        for (int k = 0; k < 3; k++) noise.pair(NoiseStream::Velocities, b, k, z[2 * k], z[2 * k + 1]);
+        for (int k = 0; k < 3; k++)
+            noise.pair(NoiseStream::Velocities, b, k, z[2 * k], z[2 * k + 1]);
         const BodyState old = bodies.getState(b);
         const BodyInertia& inertia = bodies.inertia(b);
         const array<double, 13> before = bodies.getStoredState(b);
@@ -35,7 +36,8 @@ vector<Vec3> DrawnVelocities::draw(Scene& scene, double temperature, int seed) {
         }
         bodies.setStoredState(b, stored);
         twists.push_back(bodies.getState(b));
-        const Vec3 velocity = twists[b].p / inertia.mass, omega_lab = bodies.getAngularVelocity_lab(b);
+        const Vec3 velocity = twists[b].p / inertia.mass,
+                   omega_lab = bodies.getAngularVelocity_lab(b);
         for (int p : scene.definitions.particles(b))
             velocities[p] = velocity + omega_lab.cross(scene.arrays->positions()[p] - old.R);
         bodies.setStoredState(b, before);
@@ -55,7 +57,8 @@ bool DrawnVelocities::takeIn(Scene& scene) {
     const double rounding = scene.arrays->rounding().velocities;
     bool areThose = !twists.empty() && read.size() == velocities.size();
     for (size_t p = 0; areThose && p < read.size(); p++)
-        areThose = memcmp(&read[p], &velocities[p], sizeof(Vec3)) == 0 || isRounded(read[p], velocities[p], rounding);
+        areThose = memcmp(&read[p], &velocities[p], sizeof(Vec3)) == 0 ||
+                   isRounded(read[p], velocities[p], rounding);
     if (areThose) read = velocities;
     BodySet& bodies = scene.bodies;
     for (int b = 0; areThose && b < bodies.getNumBodies(); b++) {

@@ -10,14 +10,17 @@ namespace RigidHIPlugin {
 class Scene;
 
 /**
- * setVelocitiesToTemperature(): OpenMM asks for velocities of particles, and then sets them. These cannot tell the spin of one-site or
- * linear bodies, so the twists that were drawn are kept until then.
+ * setVelocitiesToTemperature(): OpenMM asks for velocities of particles, and then sets them. These
+ * cannot tell the spin of one-site or linear bodies, so the twists that were drawn are kept until
+ * then.
  */
 class DrawnVelocities {
 public:
-    /** Draw twists of bodies and velocities of free particles. @return velocities of all particles */
+    /** Draw twists of bodies and velocities of free particles. @return velocities of all particles
+     */
     std::vector<OpenMM::Vec3> draw(Scene& scene, double temperature, int seed);
-    /** Velocities have been set. @return whether they are those that were drawn: then the twists are the bodies' now */
+    /** Velocities have been set. @return whether they are those that were drawn: then the twists
+     * are the bodies' now */
     bool takeIn(Scene& scene);
 
 private:

@@ -18,8 +18,8 @@ namespace {
 class EffectFinder {
 public:
     EffectFinder(const Scene& scene, const string& platform)
-        : scene(scene), platform(platform), scheme(traitsOf(scene.integrator.getScheme())), fluid(scene.fluid),
-          temperature(scene.integrator.getTemperature()) {
+        : scene(scene), platform(platform), scheme(traitsOf(scene.integrator.getScheme())),
+          fluid(scene.fluid), temperature(scene.integrator.getTemperature()) {
         const CustomRigidHIIntegrator& integrator = scene.integrator;
         gamma = integrator.getFriction();
         for (int b = 0; scene.isBuilt() && b < scene.bodies.getNumBodies(); b++) {
@@ -45,7 +45,9 @@ public:
     }
 
 private:
-    void set(const string& name, bool on, const string& why) { effects[name] = (on ? "on: " : "off: ") + why; }
+    void set(const string& name, bool on, const string& why) {
+        effects[name] = (on ? "on: " : "off: ") + why;
+    }
 
     /** What the scheme does, with which noise and friction. */
     void findScheme() {
@@ -55,10 +57,14 @@ private:
         set("momenta", momenta, momenta ? "the scheme has them" : "a scheme without momenta");
         const bool dissipates = !momenta || gamma > 0 || Gamma > 0 || hydrodynamic;
         set("noise", temperature > 0 && dissipates,
-            temperature == 0 ? "the temperature is 0: no random numbers are drawn, no square roots taken"
-            : dissipates     ? "temperature " + number(temperature) + " K"
-                             : string("all frictions are 0: no random numbers are drawn and energy is conserved"));
-        const string noRates = hydrodynamic ? "the fluid's friction takes its place" : "a scheme without momenta";
+            temperature == 0
+                ? "the temperature is 0: no random numbers are drawn, no square roots taken"
+            : dissipates
+                ? "temperature " + number(temperature) + " K"
+                : string(
+                      "all frictions are 0: no random numbers are drawn and energy is conserved"));
+        const string noRates =
+            hydrodynamic ? "the fluid's friction takes its place" : "a scheme without momenta";
         set("translational friction", hasRates() && gamma > 0,
             hasRates() ? "gamma up to " + number(gamma) + "/ps" : noRates);
         set("rotational friction", hasRates() && Gamma > 0,
@@ -68,38 +74,44 @@ private:
     /** Who feels whom through which fluid. */
     void findFluid() {
         const bool hasForce = fluid.getParameters() != nullptr;
-        const string missing = hasForce ? "positions are not set yet" : "the System has no MobilityForce";
+        const string missing =
+            hasForce ? "positions are not set yet" : "the System has no MobilityForce";
         set("hydrodynamics", hasForce, fluid ? fluid->describe(scheme.isOverdamped()) : missing);
         set("mobilities asked for", hasForce, fluid ? fluid->describeAnswers() : missing);
         const string flow = fluid ? fluid->describeFlow() : "";
         set("driven flow", !flow.empty(),
-            !fluid         ? missing
-            : flow.empty() ? string("neither setBackgroundFlow() nor setSinusoidalForceDensity() drives one")
-                           : flow);
+            !fluid ? missing
+            : flow.empty()
+                ? string("neither setBackgroundFlow() nor setSinusoidalForceDensity() drives one")
+                : flow);
         const int interacting = fluid ? fluid->numInteracting() : 0;
         set("hydrodynamic interactions", interacting > 0,
             !fluid            ? missing
-            : interacting > 0 ? to_string(interacting) + " bodies and free particles feel others through the fluid"
+            : interacting > 0 ? to_string(interacting) +
+                                    " bodies and free particles feel others through the fluid"
             : !fluid->isUniform()
                 ? string("nothing feels others through the fluid, but everything feels ") +
                       (fluid->isPeriodic() ? "its own images" : "the wall")
-                : string("nothing feels others through the fluid: every tensor is constant and known once for all"));
+                : string("nothing feels others through the fluid: every tensor is constant and "
+                         "known once for all"));
     }
 
     /** Drift of schemes without momenta, and how it is found. */
     void findDrift() {
         if (scheme.isOverdamped() && fluid) {
-            for (const auto& effect :
-                 fluid->describeDrift(scheme, BOLTZ * temperature, scene.integrator.getFiniteDifferenceStep()))
+            for (const auto& effect : fluid->describeDrift(
+                     scheme, BOLTZ * temperature, scene.integrator.getFiniteDifferenceStep()))
                 effects.insert(effect);
             return;
         }
         set("stochastic drift", false,
             scheme.isOverdamped() ? "positions are not set yet"
-            : scheme.hasMomenta   ? "the scheme has momenta, which relax while the friction changes: what makes it is "
-                                    "there without a term of its own"
-                                  : "the mobility does not depend on poses");
-        set("finite differences", false, scheme.isOverdamped() ? "positions are not set yet" : "the scheme has none");
+            : scheme.hasMomenta ? "the scheme has momenta, which relax while the friction changes: "
+                                  "what makes it is "
+                                  "there without a term of its own"
+                                : "the mobility does not depend on poses");
+        set("finite differences", false,
+            scheme.isOverdamped() ? "positions are not set yet" : "the scheme has none");
     }
 
     void findInertia() {
@@ -107,9 +119,11 @@ private:
         const bool on = factor != 1 && scheme.hasMomenta;
         set("inertia scale", on,
             on ? "the dynamics has the principal moments times " + number(factor) +
-                     ": averages over configurations do not depend on it, but motion is not the real one"
+                     ": averages over configurations do not depend on it, but motion is not the "
+                     "real one"
             : factor == 1 ? string("the dynamics has the real principal moments")
-                          : "a scheme without momenta, in which the factor " + number(factor) + " has no part");
+                          : "a scheme without momenta, in which the factor " + number(factor) +
+                                " has no part");
     }
 
     void findRotation() {
@@ -128,9 +142,9 @@ private:
              : scene.bodies.rotor(b) == RotorKind::Linear ? linear
                                                           : points)++;
         set("rotation", general + linear > 0,
-            to_string(general) + " bodies about three axes (symmetric splitting), " + to_string(linear) +
-                " linear bodies (exact), " + to_string(points) + " without rotation" +
-                (scene.isBuilt() ? "" : " (positions are not set yet)"));
+            to_string(general) + " bodies about three axes (symmetric splitting), " +
+                to_string(linear) + " linear bodies (exact), " + to_string(points) +
+                " without rotation" + (scene.isBuilt() ? "" : " (positions are not set yet)"));
     }
 
     /** What the System has beside bodies. */
@@ -138,34 +152,42 @@ private:
         const int numFree = scene.freeParticles->getNumParticles(),
                   constraints = scene.freeParticles->getNumConstraints();
         set("free particles", numFree > 0,
-            to_string(numFree) + (scheme.isOverdamped() ? " particles that the fluid sees are in no body"
-                                                        : " massive particles are in no body"));
-        set("constraints of free particles", constraints > 0, to_string(constraints) + " constraints");
+            to_string(numFree) + (scheme.isOverdamped()
+                                      ? " particles that the fluid sees are in no body"
+                                      : " massive particles are in no body"));
+        set("constraints of free particles", constraints > 0,
+            to_string(constraints) + " constraints");
         set("centre-of-mass motion removal", scene.stock.hasCMMotionRemover,
             !scene.stock.hasCMMotionRemover ? "the System has no CMMotionRemover"
-            : massesAreTheSystems(scene)    ? "the System has a CMMotionRemover"
-                                            : "the System has a CMMotionRemover; what is removed is the bodies' own "
-                                              "momentum, since not all their masses are the System's");
+            : massesAreTheSystems(scene)
+                ? "the System has a CMMotionRemover"
+                : "the System has a CMMotionRemover; what is removed is the bodies' own "
+                  "momentum, since not all their masses are the System's");
         set("barostat", !scene.stock.barostat.empty(),
-            scene.stock.barostat.empty() ? "the System has none" : "the System has a " + scene.stock.barostat);
+            scene.stock.barostat.empty() ? "the System has none"
+                                         : "the System has a " + scene.stock.barostat);
         const int groups = scene.integrator.getIntegrationForceGroups();
         set("body forces", scene.bodyForces.isOn(groups), scene.bodyForces.describe(groups));
     }
 
-    /** In water the three axes differ by a factor 3; here an axis relaxes ten times slower than the mean of the live ones. */
+    /** In water the three axes differ by a factor 3; here an axis relaxes ten times slower than the
+     * mean of the live ones. */
     void findWeakThermostats() {
         const double slow = 0.1;
         int slowBodies = 0, firstSlow = -1;
         for (int b = 0; scene.isBuilt() && hasRates() && b < scene.bodies.getNumBodies(); b++) {
             const BodyInertia& inertia = scene.bodies.inertia(b);
             const int live = inertia.isLive(0) + inertia.isLive(1) + inertia.isLive(2);
-            if (inertia.isLive(2) && inertia.rotationalRate(2, 1.0) < slow / live && slowBodies++ == 0) firstSlow = b;
+            if (inertia.isLive(2) && inertia.rotationalRate(2, 1.0) < slow / live &&
+                slowBodies++ == 0)
+                firstSlow = b;
         }
         set("weakly thermostatted axes", slowBodies > 0,
-            slowBodies == 0
-                ? string("no body is that elongated")
-                : to_string(slowBodies) + " elongated bodies, the first of them body " + to_string(firstSlow) +
-                      ": their thick axes relax at Gamma/(I sum 1/I), less than a tenth of the mean rate");
+            slowBodies == 0 ? string("no body is that elongated")
+                            : to_string(slowBodies) + " elongated bodies, the first of them body " +
+                                  to_string(firstSlow) +
+                                  ": their thick axes relax at Gamma/(I sum 1/I), less than a "
+                                  "tenth of the mean rate");
     }
 
     /** Whether friction is a rate of the integrator's. */
@@ -188,17 +210,20 @@ map<string, string> findEffects(const Scene& scene, const string& platform) {
 
 map<string, int> countDegreesOfFreedom(const Scene& scene) {
     const BodySet& bodies = scene.bodies;
-    map<string, int> dof = {{"translational", 0}, {"rotational1", 0}, {"rotational2", 0}, {"rotational3", 0},
-                            {"free", 0},          {"removed", 0},     {"total", 0}};
+    map<string, int> dof = {{"translational", 0}, {"rotational1", 0}, {"rotational2", 0},
+                            {"rotational3", 0},   {"free", 0},        {"removed", 0},
+                            {"total", 0}};
     if (!traitsOf(scene.integrator.getScheme()).hasMomenta) return dof;
     dof["translational"] = 3 * bodies.getNumBodies();
     for (int b = 0; b < bodies.getNumBodies(); b++)
-        for (int k = 0; k < 3; k++) dof["rotational" + to_string(k + 1)] += bodies.inertia(b).isLive(k);
-    dof["free"] = 3 * scene.freeParticles->getNumParticles() - scene.freeParticles->getNumConstraints();
+        for (int k = 0; k < 3; k++)
+            dof["rotational" + to_string(k + 1)] += bodies.inertia(b).isLive(k);
+    dof["free"] =
+        3 * scene.freeParticles->getNumParticles() - scene.freeParticles->getNumConstraints();
     const bool anythingMoves = dof["translational"] + dof["free"] > 0;
     dof["removed"] = scene.stock.hasCMMotionRemover && anythingMoves ? 3 : 0;
-    dof["total"] = dof["translational"] + dof["rotational1"] + dof["rotational2"] + dof["rotational3"] + dof["free"] -
-                   dof["removed"];
+    dof["total"] = dof["translational"] + dof["rotational1"] + dof["rotational2"] +
+                   dof["rotational3"] + dof["free"] - dof["removed"];
     return dof;
 }
 

@@ -21,28 +21,34 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Device platforms have fixed-point forces below 2^31 kJ/(mol nm): NaN and what is larger come back as about that. */
+/** Device platforms have fixed-point forces below 2^31 kJ/(mol nm): NaN and what is larger come
+ * back as about that. */
 const double largestForce = 2e9;
 
-/** OpenMM's device platforms tell their precision by a property; a platform without it is taken to keep doubles. */
+/** OpenMM's device platforms tell their precision by a property; a platform without it is taken to
+ * keep doubles. */
 Rounding roundingOf(ContextImpl& context) {
     const Platform& platform = context.getPlatform();
     const vector<string>& names = platform.getPropertyNames();
     if (find(names.begin(), names.end(), "Precision") == names.end()) return Rounding();
     const string precision = platform.getPropertyValue(context.getOwner(), "Precision");
-    // Positions are wrapped and unwrapped when the platform sorts particles: three roundings of half a unit, and as much as margin.
+    // Positions are wrapped and unwrapped when the platform sorts particles: three roundings of
+    // half a unit, and as much as margin.
     const double few = 4, single = few * pow(2, -24), dual = few * pow(2, -53);
     Rounding rounding;
-    rounding.positions = precision == "double" ? dual : single;  // "mixed" sorts in single precision
+    rounding.positions =
+        precision == "double" ? dual : single;  // "mixed" sorts in single precision
     rounding.velocities = precision == "single" ? single : dual;
     return rounding;
 }
 
 /** Entries that are others than the platform was given are taken over. */
-void takeChanged(const vector<Vec3>& now, double rounding, double beside, vector<Vec3>& shown, vector<Vec3>& own) {
+void takeChanged(const vector<Vec3>& now, double rounding, double beside, vector<Vec3>& shown,
+                 vector<Vec3>& own) {
     if (sameBits(now, shown)) return;
     for (size_t p = 0; p < now.size(); p++)
-        if (memcmp(&now[p], &shown[p], sizeof(Vec3)) != 0 && !isRounded(now[p], shown[p], rounding, beside))
+        if (memcmp(&now[p], &shown[p], sizeof(Vec3)) != 0 &&
+            !isRounded(now[p], shown[p], rounding, beside))
             own[p] = shown[p] = now[p];
 }
 
@@ -52,14 +58,15 @@ KernelArrays::KernelArrays(ContextImpl& context)
     : ContextArrays(ownPositions, ownVelocities, ownForces), context(context), sizes(0.001),
       buffers(context.getPlatform().createKernel(IntegrateVerletStepKernel::Name(), context)),
       handle(context.getPlatform().createKernel(UpdateStateDataKernel::Name(), context)),
-      rounding_(roundingOf(context)), isPeriodic(context.getSystem().usesPeriodicBoundaryConditions()),
+      rounding_(roundingOf(context)),
+      isPeriodic(context.getSystem().usesPeriodicBoundaryConditions()),
       acting(context.getSystem()) {
     const System& system = context.getSystem();
     buffers.getAs<IntegrateVerletStepKernel>().initialize(system, sizes);
     kernel().initialize(system);
     const int n = system.getNumParticles();
-    for (auto* array :
-         {&ownPositions, &ownVelocities, &ownForces, &read, &positionsThere.shown, &velocitiesThere.shown})
+    for (auto* array : {&ownPositions, &ownVelocities, &ownForces, &read, &positionsThere.shown,
+                        &velocitiesThere.shown})
         array->resize(n);
     for (int p = 0; p < n; p++)
         if (system.isVirtualSite(p)) virtualSites.push_back(p);
@@ -76,7 +83,8 @@ void KernelArrays::pullPositions() {
     kernel().getPositions(context, read);
     transfers_.positionsPulled++;
     positionsThere.isImage = false;  // steps end with positions themselves, and Forces act on these
-    takeChanged(read, rounding_.positions, isPeriodic ? longestEdge() : 0, positionsThere.shown, ownPositions);
+    takeChanged(read, rounding_.positions, isPeriodic ? longestEdge() : 0, positionsThere.shown,
+                ownPositions);
     positionsThere.isShown = positionsThere.isKnown = true;
 }
 
@@ -104,7 +112,8 @@ void KernelArrays::requireFinite(const vector<Vec3>& array, const char* what) co
     for (size_t p = 0; p < array.size(); p++)
         if (!isFinite(array[p]))
             fail("particle " + to_string(p) + " has a non-finite " + what + ", which platform " +
-                 context.getPlatform().getName() + " cannot be given; set finite positions and velocities");
+                 context.getPlatform().getName() +
+                 " cannot be given; set finite positions and velocities");
 }
 
 void KernelArrays::give(const vector<Vec3>& positions) {
@@ -116,7 +125,9 @@ void KernelArrays::give(const vector<Vec3>& positions) {
 }
 
 void KernelArrays::pushPositions() {
-    if (positionsThere.isShown && !positionsThere.isImage && sameBits(ownPositions, positionsThere.shown)) return;
+    if (positionsThere.isShown && !positionsThere.isImage &&
+        sameBits(ownPositions, positionsThere.shown))
+        return;
     give(ownPositions);
     positionsThere.isImage = false;
 }
@@ -125,7 +136,9 @@ void KernelArrays::pushPositionsForForces() {
     Vec3 box[3];
     getBox(box);
     if (!images || !images->find(ownPositions, box, imagePositions)) return pushPositions();
-    if (positionsThere.isShown && positionsThere.isImage && sameBits(ownPositions, positionsThere.shown)) return;
+    if (positionsThere.isShown && positionsThere.isImage &&
+        sameBits(ownPositions, positionsThere.shown))
+        return;
     give(imagePositions);
     positionsThere.isImage = true;
 }
@@ -178,7 +191,8 @@ void KernelArrays::afterForcesActed(bool movedParticles) {
     if (movedParticles || memcmp(box, boxBefore, sizeof box) != 0)
         positionsThere.isKnown = false;
     else
-        // A barostat whose move is rejected may leave molecules shifted by the box, which is no motion.
+        // A barostat whose move is rejected may leave molecules shifted by the box, which is no
+        // motion.
         positionsThere.isShown = false;
 }
 
@@ -196,13 +210,15 @@ void KernelArrays::checkVirtualSites() const {
         if (!turnsWithItsParents(site))
             fail("virtual site particle " + to_string(p) + " is a " + kindOf(site) +
                  ", a kind that is placed on the platforms Reference and CPU, but not on " +
-                 context.getPlatform().getName() + "; use one of these platforms or another kind of virtual site");
+                 context.getPlatform().getName() +
+                 "; use one of these platforms or another kind of virtual site");
     }
 }
 
 void KernelArrays::computeVirtualSites() {
     for (int p : virtualSites)
-        ownPositions[p] = virtualSitePosition(context.getSystem(), p, [&](int parent) { return ownPositions[parent]; });
+        ownPositions[p] = virtualSitePosition(context.getSystem(), p,
+                                              [&](int parent) { return ownPositions[parent]; });
 }
 
 }  // namespace RigidHIPlugin

@@ -14,13 +14,19 @@ namespace {
 
 class RigidBodyKernelFactory : public KernelFactory {
 public:
-    RigidBodyKernelFactory(const std::string& library, const PlatformParts& parts) : library(library), parts(parts) {}
-    KernelImpl* createKernelImpl(std::string name, const Platform& platform, ContextImpl&) const override {
-        // Not when the library is loaded: an exception there would end the loading of all of OpenMM.
-        const std::string conflict = versionConflict(library, RIGIDHI_VERSION, RIGIDHI_OPENMM_VERSION);
+    RigidBodyKernelFactory(const std::string& library, const PlatformParts& parts)
+        : library(library), parts(parts) {}
+    KernelImpl* createKernelImpl(std::string name, const Platform& platform,
+                                 ContextImpl&) const override {
+        // Not when the library is loaded: an exception there would end the loading of all of
+        // OpenMM.
+        const std::string conflict =
+            versionConflict(library, RIGIDHI_VERSION, RIGIDHI_OPENMM_VERSION);
         if (!conflict.empty()) throw OpenMMException(conflict);
-        if (name == IntegrateRigidBodiesKernel::Name()) return new RigidBodyKernel(name, platform, parts);
-        throw OpenMMException(library + ": tried to create a kernel with unknown name '" + name + "'");
+        if (name == IntegrateRigidBodiesKernel::Name())
+            return new RigidBodyKernel(name, platform, parts);
+        throw OpenMMException(library + ": tried to create a kernel with unknown name '" + name +
+                              "'");
     }
 
 private:
@@ -30,7 +36,8 @@ private:
 
 }  // namespace
 
-void registerKernel(const std::string& platformName, const std::string& library, const PlatformParts& parts) {
+void registerKernel(const std::string& platformName, const std::string& library,
+                    const PlatformParts& parts) {
     for (int i = 0; i < Platform::getNumPlatforms(); i++) {
         Platform& platform = Platform::getPlatform(i);
         if (platform.getName() == platformName)

@@ -8,11 +8,13 @@
 namespace RigidHIPlugin {
 
 /**
- * From now on Contexts on the platform of this name make the integrator's kernel of these parts; nothing if there is no such platform.
+ * From now on Contexts on the platform of this name make the integrator's kernel of these parts;
+ * nothing if there is no such platform.
  *
  * @param library  in the message about a kernel that the library does not have
  */
-void registerKernel(const std::string& platform, const std::string& library, const PlatformParts& parts);
+void registerKernel(const std::string& platform, const std::string& library,
+                    const PlatformParts& parts);
 
 }  // namespace RigidHIPlugin
 

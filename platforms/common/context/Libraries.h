@@ -5,7 +5,8 @@
 
 namespace RigidHIPlugin {
 
-/** The instruction set that packs use on this machine, the compiler, and the libraries that the numerics stand on, with their versions. */
+/** The instruction set that packs use on this machine, the compiler, and the libraries that the
+ * numerics stand on, with their versions. */
 std::string describeLibraries();
 
 }  // namespace RigidHIPlugin

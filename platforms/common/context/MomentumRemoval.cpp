@@ -47,7 +47,8 @@ void MomentumRemoval::undo() {
     for (size_t p = 0; p < before.size(); p++) {
         const Vec3 change = velocities[p] - before[p],
                    unexplained = scene.system.getParticleMass(p) > 0 ? change + shift : change;
-        // Another Force has changed velocities too: its part cannot be told from the remover's, so both are kept.
+        // Another Force has changed velocities too: its part cannot be told from the remover's, so
+        // both are kept.
         if (!(unexplained.dot(unexplained) <= rounding * rounding * largest * largest)) return;
     }
     velocities = before;
@@ -72,7 +73,8 @@ void MomentumRemoval::remove() {
     if (mass == 0) return;
     const Vec3 shift = momentum / mass;
     for (int b = 0; b < bodies.getNumBodies(); b++)
-        for (int k = 0; k < 3; k++) bodies.p[k][bodies.slot(b)] -= shift[k] * bodies.inertia(b).mass;
+        for (int k = 0; k < 3; k++)
+            bodies.p[k][bodies.slot(b)] -= shift[k] * bodies.inertia(b).mass;
     for (int p : free.getParticles()) velocities[p] -= shift;
     mirror.writeTwists();
     mirror.rememberFreeVelocities();

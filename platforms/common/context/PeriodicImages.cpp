@@ -17,12 +17,15 @@ namespace {
 /** Forces within molecules: OpenMM makes molecules of bonds, but not of angles and torsions. */
 class WithinMolecules {
 public:
-    explicit WithinMolecules(const vector<vector<int> >& molecules, int numParticles) : moleculeOf(numParticles) {
+    explicit WithinMolecules(const vector<vector<int> >& molecules, int numParticles)
+        : moleculeOf(numParticles) {
         for (size_t m = 0; m < molecules.size(); m++)
             for (int p : molecules[m]) moleculeOf[p] = m;
     }
     bool hold(const Force& force) const {
-        if (dynamic_cast<const HarmonicBondForce*>(&force) || dynamic_cast<const CustomBondForce*>(&force)) return true;
+        if (dynamic_cast<const HarmonicBondForce*>(&force) ||
+            dynamic_cast<const CustomBondForce*>(&force))
+            return true;
         int p[4];
         double unused[6];
         if (auto* angles = dynamic_cast<const HarmonicAngleForce*>(&force)) {
@@ -35,15 +38,16 @@ public:
         if (auto* torsions = dynamic_cast<const PeriodicTorsionForce*>(&force)) {
             for (int i = 0; i < torsions->getNumTorsions(); i++) {
                 int periodicity;
-                torsions->getTorsionParameters(i, p[0], p[1], p[2], p[3], periodicity, unused[0], unused[1]);
+                torsions->getTorsionParameters(i, p[0], p[1], p[2], p[3], periodicity, unused[0],
+                                               unused[1]);
                 if (!isOne({p[0], p[1], p[2], p[3]})) return false;
             }
             return true;
         }
         if (auto* torsions = dynamic_cast<const RBTorsionForce*>(&force)) {
             for (int i = 0; i < torsions->getNumTorsions(); i++) {
-                torsions->getTorsionParameters(i, p[0], p[1], p[2], p[3], unused[0], unused[1], unused[2], unused[3],
-                                               unused[4], unused[5]);
+                torsions->getTorsionParameters(i, p[0], p[1], p[2], p[3], unused[0], unused[1],
+                                               unused[2], unused[3], unused[4], unused[5]);
                 if (!isOne({p[0], p[1], p[2], p[3]})) return false;
             }
             return true;
@@ -82,7 +86,8 @@ PeriodicImages::PeriodicImages(ContextImpl& context) {
     if (anyIsPeriodic) molecules = context.getMolecules();
 }
 
-bool PeriodicImages::find(const vector<Vec3>& positions, const Vec3 (&box)[3], vector<Vec3>& images) const {
+bool PeriodicImages::find(const vector<Vec3>& positions, const Vec3 (&box)[3],
+                          vector<Vec3>& images) const {
     const double far = 2;  // boxes: nearer ones are rounded about as well as those in it
     bool any = false;
     for (const vector<int>& molecule : molecules) {

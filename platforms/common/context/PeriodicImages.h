@@ -9,14 +9,17 @@
 namespace RigidHIPlugin {
 
 /**
- * Molecules that are far from the box, as they are shown to a platform that would round their coordinates coarsely: in the box, as a whole.
+ * Molecules that are far from the box, as they are shown to a platform that would round their
+ * coordinates coarsely: in the box, as a whole.
  *
- * That changes no force only if all Forces between molecules are periodic. Where one is not known to be, nothing is moved.
+ * That changes no force only if all Forces between molecules are periodic. Where one is not known
+ * to be, nothing is moved.
  */
 class PeriodicImages {
 public:
     explicit PeriodicImages(OpenMM::ContextImpl& context);
-    /** @return whether any molecule is far; then `images` are positions of the same forces near the box */
+    /** @return whether any molecule is far; then `images` are positions of the same forces near the
+     * box */
     bool find(const std::vector<OpenMM::Vec3>& positions, const OpenMM::Vec3 (&box)[3],
               std::vector<OpenMM::Vec3>& images) const;
 

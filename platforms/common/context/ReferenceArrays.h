@@ -8,17 +8,21 @@
 
 namespace RigidHIPlugin {
 
-/** The arrays of OpenMM's Reference and CPU platforms: the Context's own, so there is nothing to pull or push. */
+/** The arrays of OpenMM's Reference and CPU platforms: the Context's own, so there is nothing to
+ * pull or push. */
 class ReferenceArrays : public ContextArrays {
 public:
     explicit ReferenceArrays(OpenMM::ContextImpl& context)
-        : ReferenceArrays(context, *static_cast<OpenMM::ReferencePlatform::PlatformData*>(context.getPlatformData())) {}
+        : ReferenceArrays(context, *static_cast<OpenMM::ReferencePlatform::PlatformData*>(
+                                       context.getPlatformData())) {}
     void pullPositions() override {}
     void pullVelocities() override {}
     void pullForces() override {}
     void pushPositions() override {}
     void pushVelocities() override {}
-    void getBox(OpenMM::Vec3 (&box)[3]) const override { context.getPeriodicBoxVectors(box[0], box[1], box[2]); }
+    void getBox(OpenMM::Vec3 (&box)[3]) const override {
+        context.getPeriodicBoxVectors(box[0], box[1], box[2]);
+    }
     double getTime() const override { return data.time; }
     void setTime(double time) override { data.time = time; }
     long long getStepCount() const override { return data.stepCount; }
@@ -28,7 +32,8 @@ public:
 
 private:
     ReferenceArrays(OpenMM::ContextImpl& context, OpenMM::ReferencePlatform::PlatformData& data)
-        : ContextArrays(*data.positions, *data.velocities, *data.forces), context(context), data(data) {}
+        : ContextArrays(*data.positions, *data.velocities, *data.forces), context(context),
+          data(data) {}
     OpenMM::ContextImpl& context;
     OpenMM::ReferencePlatform::PlatformData& data;
 };

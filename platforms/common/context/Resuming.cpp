@@ -16,37 +16,44 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Masses and moments that agree to this are the same number, computed or printed in another way. */
+/** Masses and moments that agree to this are the same number, computed or printed in another way.
+ */
 const double definitionTolerance = 1e-9;
 
 bool agree(double a, double b, double scale) {
     return abs(a - b) <= definitionTolerance * max(a, b) + zeroMomentFraction * scale;
 }
 
-/** An explicit body's definition is the integrator's; a state that was saved with another one is not its state. */
+/** An explicit body's definition is the integrator's; a state that was saved with another one is
+ * not its state. */
 void checkAgainstDefinition(const Scene& scene, int b, const BodyGeometry& saved) {
     const BodyGeometry& own = scene.definitions.geometries()[b];
     string difference;
     const double largest = max(own.moments[0], max(own.moments[1], own.moments[2]));
     bool sameMoments = true;
-    for (int k = 0; k < 3; k++) sameMoments = sameMoments && agree(saved.moments[k], own.moments[k], largest);
+    for (int k = 0; k < 3; k++)
+        sameMoments = sameMoments && agree(saved.moments[k], own.moments[k], largest);
     if (!agree(saved.mass, own.mass, 0))
         difference = "mass " + text(saved.mass) + " instead of " + text(own.mass) + " amu";
     else if (!sameMoments)
-        difference = "moments " + text(saved.moments) + " instead of " + text(own.moments) + " amu nm^2";
+        difference =
+            "moments " + text(saved.moments) + " instead of " + text(own.moments) + " amu nm^2";
     for (size_t i = 0; i < own.sites.size() && difference.empty(); i++) {
         const Vec3 off = saved.sites[i] - own.sites[i];
         if (!(sqrt(off.dot(off)) <= scene.integrator.getPoseTolerance()))
-            difference = "particle " + to_string(scene.definitions.particles(b)[i]) + " at " + text(saved.sites[i]) +
-                         " instead of " + text(own.sites[i]) + " nm";
+            difference = "particle " + to_string(scene.definitions.particles(b)[i]) + " at " +
+                         text(saved.sites[i]) + " instead of " + text(own.sites[i]) + " nm";
     }
     if (difference.empty()) return;
-    fail("body " + to_string(b) + " was saved with another shape or mass than this integrator gives it: " + difference +
-         "; load the state into the integrator it was saved with, or (after setRigidBodyParameters()) call "
+    fail("body " + to_string(b) +
+         " was saved with another shape or mass than this integrator gives it: " + difference +
+         "; load the state into the integrator it was saved with, or (after "
+         "setRigidBodyParameters()) call "
          "reinitialize() without preserveState and set positions and velocities again");
 }
 
-/** The geometry that a body has by its definition, its saved geometry and the System as it is now. */
+/** The geometry that a body has by its definition, its saved geometry and the System as it is now.
+ */
 BodyGeometry geometryNow(const Scene& scene, int b, const BodyGeometry& saved) {
     const size_t particles = scene.definitions.particles(b).size();
     if (saved.sites.size() != particles)
@@ -61,8 +68,9 @@ BodyGeometry geometryNow(const Scene& scene, int b, const BodyGeometry& saved) {
 void adoptBodies(const SavedState& saved, Scene& scene, ContextMirror& mirror) {
     const int n = scene.definitions.getNumBodies();
     if ((int)saved.bodies.size() != n)
-        fail("the saved state has " + to_string(saved.bodies.size()) + " bodies, but this integrator has " +
-             to_string(n) + "; load it into an integrator with the same bodies");
+        fail("the saved state has " + to_string(saved.bodies.size()) +
+             " bodies, but this integrator has " + to_string(n) +
+             "; load it into an integrator with the same bodies");
     vector<BodyGeometry> now;
     vector<int> others;
     for (int b = 0; b < n; b++) {
@@ -132,7 +140,8 @@ SavedState collectState(Scene& scene, ContextMirror& mirror) {
     saved.rounding = scene.arrays->rounding();
     if (!saved.rounding.isExact())
         for (int p : scene.stock.otherParticles)
-            saved.particles.push_back({p, scene.arrays->positions()[p], scene.arrays->velocities()[p]});
+            saved.particles.push_back(
+                {p, scene.arrays->positions()[p], scene.arrays->velocities()[p]});
     return saved;
 }
 
@@ -143,7 +152,8 @@ void adoptState(const SavedState& saved, Scene& scene, ContextMirror& mirror) {
 }
 
 void adoptState(const SerializationNode& node, Scene& scene, ContextMirror& mirror) {
-    // A State that was saved under an integrator without parameters carries none: its positions and velocities serve.
+    // A State that was saved under an integrator without parameters carries none: its positions and
+    // velocities serve.
     if (node.getChildren().empty() && node.getProperties().empty()) return;
     for (const SerializationNode& child : node.getChildren())
         if (child.getName() == "RigidBodyState") {
@@ -151,8 +161,10 @@ void adoptState(const SerializationNode& node, Scene& scene, ContextMirror& mirr
             return;
         }
     fail(
-        "the State's integrator parameters belong to another integrator; save it without them (in Python: "
-        "getState(getIntegratorParameters=False)), or load it under the integrator it was saved with");
+        "the State's integrator parameters belong to another integrator; save it without them (in "
+        "Python: "
+        "getState(getIntegratorParameters=False)), or load it under the integrator it was saved "
+        "with");
 }
 
 void checkPosesAgainstPositions(const Scene& scene, const SavedState& saved) {
@@ -167,10 +179,12 @@ void checkPosesAgainstPositions(const Scene& scene, const SavedState& saved) {
             if (scene.system.isVirtualSite(particles[i])) continue;
             const Vec3 place = body.R + toVec3(q * toEigen(body.geometry.sites[i])),
                        off = positions[particles[i]] - place;
-            const double distance = sqrt(off.dot(off)), tolerance = scene.integrator.getPoseTolerance();
+            const double distance = sqrt(off.dot(off)),
+                         tolerance = scene.integrator.getPoseTolerance();
             if (!(distance <= tolerance))
-                fail("body " + to_string(b) + ": the saved state is corrupt: particle " + to_string(particles[i]) +
-                     " is " + text(distance) + " nm from where the saved pose puts it, more than the pose tolerance " +
+                fail("body " + to_string(b) + ": the saved state is corrupt: particle " +
+                     to_string(particles[i]) + " is " + text(distance) +
+                     " nm from where the saved pose puts it, more than the pose tolerance " +
                      text(tolerance) + " nm; use another");
         }
     }

@@ -37,19 +37,27 @@ void RigidBodyKernel::requireGeometry(ContextImpl&) { access->requireGeometry();
 
 vector<Vec3> RigidBodyKernel::getBodyPositions(ContextImpl&) { return access->getPositions(); }
 
-vector<QuaternionArray> RigidBodyKernel::getBodyOrientations(ContextImpl&) { return access->getOrientations(); }
+vector<QuaternionArray> RigidBodyKernel::getBodyOrientations(ContextImpl&) {
+    return access->getOrientations();
+}
 
 vector<Vec3> RigidBodyKernel::getBodyVelocities(ContextImpl&) { return access->getVelocities(); }
 
-vector<Vec3> RigidBodyKernel::getBodyAngularVelocities(ContextImpl&) { return access->getAngularVelocities(); }
+vector<Vec3> RigidBodyKernel::getBodyAngularVelocities(ContextImpl&) {
+    return access->getAngularVelocities();
+}
 
-void RigidBodyKernel::setBodyPositions(ContextImpl&, const vector<Vec3>& rows) { access->setPositions(rows); }
+void RigidBodyKernel::setBodyPositions(ContextImpl&, const vector<Vec3>& rows) {
+    access->setPositions(rows);
+}
 
 void RigidBodyKernel::setBodyOrientations(ContextImpl&, const vector<QuaternionArray>& rows) {
     access->setOrientations(rows);
 }
 
-void RigidBodyKernel::setBodyVelocities(ContextImpl&, const vector<Vec3>& rows) { access->setVelocities(rows); }
+void RigidBodyKernel::setBodyVelocities(ContextImpl&, const vector<Vec3>& rows) {
+    access->setVelocities(rows);
+}
 
 void RigidBodyKernel::setBodyAngularVelocities(ContextImpl&, const vector<Vec3>& rows) {
     access->setAngularVelocities(rows);
@@ -61,11 +69,17 @@ vector<Vec3> RigidBodyKernel::getBodyTorques(ContextImpl&) { return access->getT
 
 double RigidBodyKernel::getPoseResidual(ContextImpl&) { return access->getPoseResidual(); }
 
-double RigidBodyKernel::computeTranslationalKineticEnergy(ContextImpl&) { return access->translationalKineticEnergy(); }
+double RigidBodyKernel::computeTranslationalKineticEnergy(ContextImpl&) {
+    return access->translationalKineticEnergy();
+}
 
-Vec3 RigidBodyKernel::computeRotationalKineticEnergies(ContextImpl&) { return access->rotationalKineticEnergies(); }
+Vec3 RigidBodyKernel::computeRotationalKineticEnergies(ContextImpl&) {
+    return access->rotationalKineticEnergies();
+}
 
-double RigidBodyKernel::computeFreeParticleKineticEnergy(ContextImpl&) { return access->freeParticleKineticEnergy(); }
+double RigidBodyKernel::computeFreeParticleKineticEnergy(ContextImpl&) {
+    return access->freeParticleKineticEnergy();
+}
 
 map<string, int> RigidBodyKernel::getDegreesOfFreedom(ContextImpl&) {
     if (traitsOf(scene->integrator.getScheme()).hasMomenta) access->requireGeometry();
@@ -81,15 +95,20 @@ map<string, string> RigidBodyKernel::getEffects(ContextImpl&) {
 
 string RigidBodyKernel::describeEffects(ContextImpl& context) {
     string text;
-    for (const auto& effect : getEffects(context)) text += effect.first + " is " + effect.second + "\n";
+    for (const auto& effect : getEffects(context))
+        text += effect.first + " is " + effect.second + "\n";
     return text;
 }
 
-map<string, double> RigidBodyKernel::getStepStatistics(ContextImpl&) { return nameCounters(*scene); }
+map<string, double> RigidBodyKernel::getStepStatistics(ContextImpl&) {
+    return nameCounters(*scene);
+}
 
 int RigidBodyKernel::getNumRejectedSteps(ContextImpl&) {
-    // The public type is int, the counter is not: a long run stays at the largest number instead of becoming negative.
-    return static_cast<int>(min<long long>(scene->counters.rejectedSteps, numeric_limits<int>::max()));
+    // The public type is int, the counter is not: a long run stays at the largest number instead of
+    // becoming negative.
+    return static_cast<int>(
+        min<long long>(scene->counters.rejectedSteps, numeric_limits<int>::max()));
 }
 
 vector<Vec3> RigidBodyKernel::drawVelocities(ContextImpl&, double temperature, int seed) {
@@ -101,7 +120,9 @@ vector<Vec3> RigidBodyKernel::drawVelocities(ContextImpl&, double temperature, i
     return mirror->drawVelocities(temperature, seed);
 }
 
-void RigidBodyKernel::updateFluid(ContextImpl&, const MobilityForce& force) { scene->fluid.update(force); }
+void RigidBodyKernel::updateFluid(ContextImpl&, const MobilityForce& force) {
+    scene->fluid.update(force);
+}
 
 vector<double> RigidBodyKernel::getMobility(ContextImpl&) { return access->getMobility(); }
 
@@ -116,8 +137,8 @@ vector<Vec3> RigidBodyKernel::getFlow(ContextImpl&, const vector<Vec3>& points) 
     return access->getFlow(points);
 }
 
-vector<double> RigidBodyKernel::getFlowMode(ContextImpl&, int forceAxis, int waveAxis, int waveVectorIndex,
-                                            bool randomOnly) {
+vector<double> RigidBodyKernel::getFlowMode(ContextImpl&, int forceAxis, int waveAxis,
+                                            int waveVectorIndex, bool randomOnly) {
     if (access->flowNeedsForces("getFlowModeInContext()")) stepper->evaluateForces();
     return access->getFlowMode(forceAxis, waveAxis, waveVectorIndex, randomOnly);
 }
@@ -126,14 +147,20 @@ vector<double> RigidBodyKernel::applyBlobMobility(ContextImpl&, const vector<dou
     return access->applyBlobMobility(forces);
 }
 
-void RigidBodyKernel::createCheckpoint(ContextImpl&, ostream& stream) { collectState(*scene, *mirror).write(stream); }
+void RigidBodyKernel::createCheckpoint(ContextImpl&, ostream& stream) {
+    collectState(*scene, *mirror).write(stream);
+}
 
 void RigidBodyKernel::loadCheckpoint(ContextImpl&, istream& stream) {
     adoptState(SavedState::read(stream), *scene, *mirror);
 }
 
-void RigidBodyKernel::serialize(ContextImpl&, SerializationNode& node) { collectState(*scene, *mirror).write(node); }
+void RigidBodyKernel::serialize(ContextImpl&, SerializationNode& node) {
+    collectState(*scene, *mirror).write(node);
+}
 
-void RigidBodyKernel::deserialize(ContextImpl&, const SerializationNode& node) { adoptState(node, *scene, *mirror); }
+void RigidBodyKernel::deserialize(ContextImpl&, const SerializationNode& node) {
+    adoptState(node, *scene, *mirror);
+}
 
 }  // namespace RigidHIPlugin

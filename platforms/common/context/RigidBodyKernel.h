@@ -26,9 +26,11 @@ struct PlatformParts {
 /** The integrator's kernel of every platform: it hands on to those who do the work. */
 class RigidBodyKernel : public IntegrateRigidBodiesKernel {
 public:
-    RigidBodyKernel(const std::string& name, const OpenMM::Platform& platform, const PlatformParts& parts)
+    RigidBodyKernel(const std::string& name, const OpenMM::Platform& platform,
+                    const PlatformParts& parts)
         : IntegrateRigidBodiesKernel(name, platform), parts(parts) {}
-    void initialize(OpenMM::ContextImpl& context, const CustomRigidHIIntegrator& integrator) override;
+    void initialize(OpenMM::ContextImpl& context,
+                    const CustomRigidHIIntegrator& integrator) override;
     void step(OpenMM::ContextImpl& context, int steps) override;
     void stateChanged(OpenMM::ContextImpl& context, OpenMM::State::DataType changed) override;
     void resetBodyGeometry(OpenMM::ContextImpl& context) override;
@@ -38,9 +40,12 @@ public:
     std::vector<QuaternionArray> getBodyOrientations(OpenMM::ContextImpl& context) override;
     std::vector<OpenMM::Vec3> getBodyVelocities(OpenMM::ContextImpl& context) override;
     std::vector<OpenMM::Vec3> getBodyAngularVelocities(OpenMM::ContextImpl& context) override;
-    void setBodyPositions(OpenMM::ContextImpl& context, const std::vector<OpenMM::Vec3>& positions) override;
-    void setBodyOrientations(OpenMM::ContextImpl& context, const std::vector<QuaternionArray>& orientations) override;
-    void setBodyVelocities(OpenMM::ContextImpl& context, const std::vector<OpenMM::Vec3>& velocities) override;
+    void setBodyPositions(OpenMM::ContextImpl& context,
+                          const std::vector<OpenMM::Vec3>& positions) override;
+    void setBodyOrientations(OpenMM::ContextImpl& context,
+                             const std::vector<QuaternionArray>& orientations) override;
+    void setBodyVelocities(OpenMM::ContextImpl& context,
+                           const std::vector<OpenMM::Vec3>& velocities) override;
     void setBodyAngularVelocities(OpenMM::ContextImpl& context,
                                   const std::vector<OpenMM::Vec3>& angularVelocities) override;
     std::vector<OpenMM::Vec3> getBodyForces(OpenMM::ContextImpl& context) override;
@@ -53,15 +58,19 @@ public:
     std::map<std::string, std::string> getEffects(OpenMM::ContextImpl& context) override;
     std::string describeEffects(OpenMM::ContextImpl& context) override;
     std::map<std::string, double> getStepStatistics(OpenMM::ContextImpl& context) override;
-    std::vector<OpenMM::Vec3> drawVelocities(OpenMM::ContextImpl& context, double temperature, int seed) override;
+    std::vector<OpenMM::Vec3> drawVelocities(OpenMM::ContextImpl& context, double temperature,
+                                             int seed) override;
     void updateFluid(OpenMM::ContextImpl& context, const MobilityForce& force) override;
     std::vector<double> getMobility(OpenMM::ContextImpl& context) override;
     std::vector<double> getFriction(OpenMM::ContextImpl& context) override;
-    std::vector<double> applyMobility(OpenMM::ContextImpl& context, const std::vector<double>& wrenches) override;
-    std::vector<double> applyBlobMobility(OpenMM::ContextImpl& context, const std::vector<double>& forces) override;
-    std::vector<OpenMM::Vec3> getFlow(OpenMM::ContextImpl& context, const std::vector<OpenMM::Vec3>& points) override;
-    std::vector<double> getFlowMode(OpenMM::ContextImpl& context, int forceAxis, int waveAxis, int waveVectorIndex,
-                                    bool randomOnly) override;
+    std::vector<double> applyMobility(OpenMM::ContextImpl& context,
+                                      const std::vector<double>& wrenches) override;
+    std::vector<double> applyBlobMobility(OpenMM::ContextImpl& context,
+                                          const std::vector<double>& forces) override;
+    std::vector<OpenMM::Vec3> getFlow(OpenMM::ContextImpl& context,
+                                      const std::vector<OpenMM::Vec3>& points) override;
+    std::vector<double> getFlowMode(OpenMM::ContextImpl& context, int forceAxis, int waveAxis,
+                                    int waveVectorIndex, bool randomOnly) override;
     int getNumRejectedSteps(OpenMM::ContextImpl& context) override;
     void createCheckpoint(OpenMM::ContextImpl& context, std::ostream& stream) override;
     void loadCheckpoint(OpenMM::ContextImpl& context, std::istream& stream) override;

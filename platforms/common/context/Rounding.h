@@ -8,7 +8,8 @@
 
 namespace RigidHIPlugin {
 
-/** How a platform rounds positions and velocities: an array that it gives back is the one it was given if it is within this. */
+/** How a platform rounds positions and velocities: an array that it gives back is the one it was
+ * given if it is within this. */
 struct Rounding {
     /** A few units in the last place, relative; 0 where the platform keeps every bit. */
     double positions = 0, velocities = 0;
@@ -26,13 +27,16 @@ struct Rounding {
  * Whether a vector may be what a platform gives back of `given`.
  *
  * @param relative  Rounding::positions or velocities
- * @param beside    the largest length that was added and subtracted on the way: of the periodic box, for positions
+ * @param beside    the largest length that was added and subtracted on the way: of the periodic
+ * box, for positions
  */
-inline bool isRounded(const OpenMM::Vec3& read, const OpenMM::Vec3& given, double relative, double beside = 0) {
+inline bool isRounded(const OpenMM::Vec3& read, const OpenMM::Vec3& given, double relative,
+                      double beside = 0) {
     double largest = beside;
     for (int k = 0; k < 3; k++) largest = std::max(largest, std::abs(given[k]));
     bool within = true;
-    for (int k = 0; k < 3; k++) within = within && std::abs(read[k] - given[k]) <= relative * largest;
+    for (int k = 0; k < 3; k++)
+        within = within && std::abs(read[k] - given[k]) <= relative * largest;
     return within;
 }
 

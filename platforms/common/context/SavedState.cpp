@@ -18,13 +18,15 @@ namespace RigidHIPlugin {
 
 namespace {
 
-const int version = 3, firstVersionWithUserFrame = 2, firstVersionWithInertiaScale = 3, firstVersionWithLastStep = 3;
+const int version = 3, firstVersionWithUserFrame = 2, firstVersionWithInertiaScale = 3,
+          firstVersionWithLastStep = 3;
 const char checkpointMark[7] = {'R', 'I', 'G', 'I', 'D', 'H', 'I'};  // and the version's digit
 const char* const quaternionNames[4] = {"qw", "qx", "qy", "qz"};
 const char* const momentumNames[6] = {"px", "py", "pz", "lx", "ly", "lz"};
 const char* const axisNames[3] = {"x", "y", "z"};
 
-/** How far a quaternion's length, and numbers that belong to the same motion, may be from where they must be: rounding. */
+/** How far a quaternion's length, and numbers that belong to the same motion, may be from where
+ * they must be: rounding. */
 const double consistencyTolerance = 1e-9;
 
 /** The user's side of stored numbers, by the moments that they were stored with. */
@@ -45,7 +47,8 @@ void deriveUserStates(vector<SavedBody>& bodies, double inertiaScale) {
         const BodyState state = set.getState(b);
         bodies[b].R = state.R;
         bodies[b].q = state.q;
-        bodies[b].velocity = bodies[b].geometry.mass > 0 ? state.p / bodies[b].geometry.mass : Vec3();
+        bodies[b].velocity =
+            bodies[b].geometry.mass > 0 ? state.p / bodies[b].geometry.mass : Vec3();
         bodies[b].omega_lab = set.getAngularVelocity_lab(b);
     }
 }
@@ -53,12 +56,13 @@ void deriveUserStates(vector<SavedBody>& bodies, double inertiaScale) {
 /** Object to what no body can have. */
 void check(const SavedState& saved) {
     if (saved.stepNumber < 0)
-        fail("the saved state is corrupt: its step number " + to_string(saved.stepNumber) + " is below 0; use another");
+        fail("the saved state is corrupt: its step number " + to_string(saved.stepNumber) +
+             " is below 0; use another");
     const double coarsest = 1e-3;  // single precision is finer
     for (double rounding : {saved.rounding.positions, saved.rounding.velocities})
         if (!(rounding >= 0 && rounding <= coarsest))
-            fail("the saved state is corrupt: its platform's rounding " + text(rounding) + " is not from 0 to " +
-                 text(coarsest) + "; use another");
+            fail("the saved state is corrupt: its platform's rounding " + text(rounding) +
+                 " is not from 0 to " + text(coarsest) + "; use another");
     if (!(saved.inertiaScale > 0) || !isfinite(saved.inertiaScale))
         fail("the saved state is corrupt: its inertia scale " + text(saved.inertiaScale) +
              " is not positive and finite; use another");
@@ -70,8 +74,8 @@ void check(const SavedState& saved) {
         const SavedBody& body = saved.bodies[b];
         const string corrupt = "body " + to_string(b) + ": the saved state is corrupt: ";
         const BodyGeometry& g = body.geometry;
-        bool finite = isfinite(g.mass) && isFinite(g.moments) && isFinite(body.R) && isFinite(body.velocity) &&
-                      isFinite(body.omega_lab);
+        bool finite = isfinite(g.mass) && isFinite(g.moments) && isFinite(body.R) &&
+                      isFinite(body.velocity) && isFinite(body.omega_lab);
         for (double x : body.stored) finite = finite && isfinite(x);
         for (double x : body.q) finite = finite && isfinite(x);
         for (const Vec3& site : g.sites) finite = finite && isFinite(site);
@@ -81,14 +85,17 @@ void check(const SavedState& saved) {
         if (g.mass < 0 || (g.mass == 0 && hasMomentum))
             fail(corrupt + "it has mass " + text(g.mass) + " amu; use another");
         for (int k = 0; k < 3; k++)
-            if (g.moments[k] < 0 || g.moments[k] > (sum - g.moments[k]) * (1 + consistencyTolerance))
-                fail(corrupt + "no body has its moments (" + text(g.moments[0]) + ", " + text(g.moments[1]) + ", " +
-                     text(g.moments[2]) + ") amu nm^2; use another");
+            if (g.moments[k] < 0 ||
+                g.moments[k] > (sum - g.moments[k]) * (1 + consistencyTolerance))
+                fail(corrupt + "no body has its moments (" + text(g.moments[0]) + ", " +
+                     text(g.moments[1]) + ", " + text(g.moments[2]) + ") amu nm^2; use another");
         for (int inner = 0; inner < 2; inner++) {
             double square = 0;
-            for (int k = 0; k < 4; k++) square += pow(inner == 1 ? body.stored[3 + k] : body.q[k], 2);
+            for (int k = 0; k < 4; k++)
+                square += pow(inner == 1 ? body.stored[3 + k] : body.q[k], 2);
             if (!(abs(sqrt(square) - 1) <= consistencyTolerance))
-                fail(corrupt + "its quaternion has length " + text(sqrt(square)) + ", which must be 1; use another");
+                fail(corrupt + "its quaternion has length " + text(sqrt(square)) +
+                     ", which must be 1; use another");
         }
     }
 }
@@ -105,10 +112,11 @@ void checkUserStates(const SavedState& saved) {
         const SavedBody &is = saved.bodies[b], &must = derived[b];
         double turn = 0;
         for (int k = 0; k < 4; k++) turn = max(turn, abs(is.q[k] - must.q[k]));
-        if (turn > consistencyTolerance || differ(is.R, must.R) || differ(is.velocity, must.velocity) ||
-            differ(is.omega_lab, must.omega_lab))
+        if (turn > consistencyTolerance || differ(is.R, must.R) ||
+            differ(is.velocity, must.velocity) || differ(is.omega_lab, must.omega_lab))
             fail("body " + to_string(b) +
-                 ": the saved state is corrupt: its pose or twist is not that of its exact numbers; use another");
+                 ": the saved state is corrupt: its pose or twist is not that of its exact "
+                 "numbers; use another");
     }
 }
 
@@ -130,11 +138,13 @@ public:
         at += sizeof value;
         return value;
     }
-    /** A count that the rest of the bytes can hold, so that a damaged one cannot ask for all the memory. */
+    /** A count that the rest of the bytes can hold, so that a damaged one cannot ask for all the
+     * memory. */
     int count() {
         const int32_t n = get<int32_t>();
         if (n < 0 || static_cast<size_t>(n) > bytes.size() - at)
-            fail("the checkpoint is corrupt: it says that " + to_string(n) + " items follow; use another checkpoint");
+            fail("the checkpoint is corrupt: it says that " + to_string(n) +
+                 " items follow; use another checkpoint");
         return n;
     }
     string characters(int n) {
@@ -177,7 +187,8 @@ SchemeMemory readMemory(ByteReader& reader) {
         for (Eigen::MatrixXd& vectors : group) {
             const int rows = reader.count(), columns = reader.count();
             vector<double> values;
-            for (int64_t i = 0; i < int64_t(rows) * columns; i++) values.push_back(reader.get<double>());
+            for (int64_t i = 0; i < int64_t(rows) * columns; i++)
+                values.push_back(reader.get<double>());
             vectors = Eigen::Map<Eigen::MatrixXd>(values.data(), rows, columns);
         }
     }
@@ -212,7 +223,8 @@ SchemeMemory readMemory(const StrictNode& node) {
                 values.push_back(StrictNode(value, "State").number("value"));
             if (rows < 0 || columns < 0 || int64_t(rows) * columns != (int64_t)values.size())
                 vectors.wrongValue("rows", "the number of values over that of columns");
-            memory.groups.back().push_back(Eigen::Map<Eigen::MatrixXd>(values.data(), rows, columns));
+            memory.groups.back().push_back(
+                Eigen::Map<Eigen::MatrixXd>(values.data(), rows, columns));
         }
     }
     return memory;
@@ -243,7 +255,8 @@ SavedBody readBody(const StrictNode& node, int fileVersion) {
     body.geometry.mass = node.number("mass");
     body.geometry.moments = Vec3(node.number("I1"), node.number("I2"), node.number("I3"));
     for (const SerializationNode& child : node.children())
-        if (child.getName() == "Site") body.geometry.sites.push_back(readVector(StrictNode(child, "State"), ""));
+        if (child.getName() == "Site")
+            body.geometry.sites.push_back(readVector(StrictNode(child, "State"), ""));
     return body;
 }
 
@@ -252,7 +265,8 @@ void readRounded(const StrictNode& node, SavedState& saved) {
     saved.rounding.velocities = node.number("velocities");
     for (const SerializationNode& child : node.children()) {
         const StrictNode particle(child, "State");
-        saved.particles.push_back({particle.integer("index"), readVector(particle, ""), readVector(particle, "v")});
+        saved.particles.push_back(
+            {particle.integer("index"), readVector(particle, ""), readVector(particle, "v")});
     }
 }
 
@@ -264,7 +278,8 @@ SavedState readNode(const StrictNode& root, int fileVersion) {
     if (!saved.hasBodies) return saved;
     saved.positionsHash = root.integer<uint64_t>("positionsHash");
     saved.velocitiesHash = root.integer<uint64_t>("velocitiesHash");
-    if (fileVersion >= firstVersionWithInertiaScale) saved.inertiaScale = root.number("inertiaScale");
+    if (fileVersion >= firstVersionWithInertiaScale)
+        saved.inertiaScale = root.number("inertiaScale");
     for (const SerializationNode& body : root.child("Bodies").children())
         saved.bodies.push_back(readBody(StrictNode(body, "State"), fileVersion));
     for (const SerializationNode& child : root.children())
@@ -281,8 +296,8 @@ SavedState readNode(const StrictNode& root, int fileVersion) {
 
 bool sameGeometry(const BodyGeometry& a, const BodyGeometry& b) {
     const auto same = [](const Vec3& u, const Vec3& v) { return memcmp(&u, &v, sizeof u) == 0; };
-    bool result =
-        memcmp(&a.mass, &b.mass, sizeof a.mass) == 0 && same(a.moments, b.moments) && a.sites.size() == b.sites.size();
+    bool result = memcmp(&a.mass, &b.mass, sizeof a.mass) == 0 && same(a.moments, b.moments) &&
+                  a.sites.size() == b.sites.size();
     for (size_t i = 0; result && i < a.sites.size(); i++) result = same(a.sites[i], b.sites[i]);
     return result;
 }
@@ -333,9 +348,9 @@ SavedState SavedState::read(istream& checkpoint) {
         fail("the checkpoint was not written by this integrator; use one that was, or a State");
     const int fileVersion = digit - '0', oldest = 2;
     if (fileVersion < oldest || fileVersion > version)
-        fail("the checkpoint has version " + to_string(fileVersion) + ", but this library reads versions " +
-             to_string(oldest) + " to " + to_string(version) +
-             "; load it with the library it was saved with, or use a State");
+        fail("the checkpoint has version " + to_string(fileVersion) +
+             ", but this library reads versions " + to_string(oldest) + " to " +
+             to_string(version) + "; load it with the library it was saved with, or use a State");
     uint64_t length = 0, hash = 0;
     checkpoint.read(reinterpret_cast<char*>(&length), sizeof length);
     checkpoint.read(reinterpret_cast<char*>(&hash), sizeof hash);
@@ -347,10 +362,12 @@ SavedState SavedState::read(istream& checkpoint) {
     char piece[65536];
     while (bytes.size() < length) {
         checkpoint.read(piece, min<uint64_t>(sizeof piece, length - bytes.size()));
-        if (checkpoint.gcount() == 0) fail("the checkpoint is corrupt: it ends too early; use another checkpoint");
+        if (checkpoint.gcount() == 0)
+            fail("the checkpoint is corrupt: it ends too early; use another checkpoint");
         bytes.append(piece, checkpoint.gcount());
     }
-    if (hashOf(bytes) != hash) fail("the checkpoint is corrupt: its check sum does not match; use another checkpoint");
+    if (hashOf(bytes) != hash)
+        fail("the checkpoint is corrupt: its check sum does not match; use another checkpoint");
     ByteReader reader(bytes);
     SavedState saved;
     saved.seed = reader.get<uint32_t>();
@@ -362,7 +379,8 @@ SavedState SavedState::read(istream& checkpoint) {
     if (fileVersion >= firstVersionWithInertiaScale) saved.inertiaScale = reader.get<double>();
     const int32_t count = reader.get<int32_t>();
     if (hasBodies < 0 || hasBodies > 1 || count < 0 || (count > 0 && !saved.hasBodies))
-        fail("the checkpoint is corrupt: it says to hold " + to_string(count) + " bodies; use another checkpoint");
+        fail("the checkpoint is corrupt: it says to hold " + to_string(count) +
+             " bodies; use another checkpoint");
     for (int b = 0; b < count; b++) {
         SavedBody body;
         body.stored = reader.get<array<double, 13> >();
@@ -415,7 +433,8 @@ void SavedState::write(SerializationNode& node) const {
             .setDoubleProperty("I2", g.moments[1])
             .setDoubleProperty("I3", g.moments[2]);
         SerializationNode& exact = body.createChildNode("Exact");
-        for (int k = 0; k < 4; k++) exact.setDoubleProperty(quaternionNames[k], saved.stored[3 + k]);
+        for (int k = 0; k < 4; k++)
+            exact.setDoubleProperty(quaternionNames[k], saved.stored[3 + k]);
         for (int k = 0; k < 6; k++) exact.setDoubleProperty(momentumNames[k], saved.stored[7 + k]);
         for (const Vec3& site : g.sites) writeVector(body.createChildNode("Site"), "", site);
     }
@@ -423,7 +442,8 @@ void SavedState::write(SerializationNode& node) const {
     writeMemory(root, "LastStep", lastStep);
     if (rounding.isExact()) return;
     SerializationNode& rest = root.createChildNode("RoundedPlatform");
-    rest.setDoubleProperty("positions", rounding.positions).setDoubleProperty("velocities", rounding.velocities);
+    rest.setDoubleProperty("positions", rounding.positions)
+        .setDoubleProperty("velocities", rounding.velocities);
     for (const SavedParticle& particle : particles) {
         SerializationNode& child = rest.createChildNode("Particle");
         child.setIntProperty("index", particle.index);
@@ -440,7 +460,8 @@ SavedState SavedState::read(const SerializationNode& node) {
         fileVersion = root.integer("version");
         if (fileVersion >= 1 && fileVersion <= version) saved = readNode(root, fileVersion);
     } catch (const std::exception& e) {
-        fail(string("the State's integrator parameters are corrupt (") + e.what() + "); use another State");
+        fail(string("the State's integrator parameters are corrupt (") + e.what() +
+             "); use another State");
     }
     if (fileVersion < 1 || fileVersion > version)
         fail("the State has version " + to_string(fileVersion) +

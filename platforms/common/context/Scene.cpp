@@ -7,10 +7,11 @@ using namespace std;
 
 namespace RigidHIPlugin {
 
-Scene::Scene(ContextImpl& context, const CustomRigidHIIntegrator& integrator, unique_ptr<ContextArrays> arraysToUse,
-             unique_ptr<PlatformLoops> loopsToUse)
-    : integrator(integrator), system(context.getSystem()), arrays(move(arraysToUse)), loops(move(loopsToUse)),
-      definitions(integrator, system), stock(takeStock(context, definitions.underPresentScheme())), bodyForces(context),
+Scene::Scene(ContextImpl& context, const CustomRigidHIIntegrator& integrator,
+             unique_ptr<ContextArrays> arraysToUse, unique_ptr<PlatformLoops> loopsToUse)
+    : integrator(integrator), system(context.getSystem()), arrays(move(arraysToUse)),
+      loops(move(loopsToUse)), definitions(integrator, system),
+      stock(takeStock(context, definitions.underPresentScheme())), bodyForces(context),
       fluid(*this, stock.mobilityForce) {
     arrays->checkVirtualSites();
     stock.velocityDependentForce = bodyForces.velocityDependence();
@@ -57,7 +58,8 @@ void Scene::buildFromPositions() {
 }
 
 void Scene::adoptInertiaScale() {
-    bodies.setInertiaScale(traitsOf(integrator.getScheme()).hasMomenta ? integrator.getInertiaScale() : 1);
+    bodies.setInertiaScale(
+        traitsOf(integrator.getScheme()).hasMomenta ? integrator.getInertiaScale() : 1);
 }
 
 BoxVectors Scene::getBox() const {

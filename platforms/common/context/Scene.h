@@ -21,20 +21,23 @@
 
 namespace RigidHIPlugin {
 
-/** What moves in one Context: bodies, free particles, the fluid between them, and the settings by which steps are taken. */
+/** What moves in one Context: bodies, free particles, the fluid between them, and the settings by
+ * which steps are taken. */
 class Scene {
 public:
-    /** Check the System against the integrator (throws where it is refused), and make what needs no positions. */
+    /** Check the System against the integrator (throws where it is refused), and make what needs no
+     * positions. */
     Scene(OpenMM::ContextImpl& context, const CustomRigidHIIntegrator& integrator,
           std::unique_ptr<ContextArrays> arrays, std::unique_ptr<PlatformLoops> loops);
     Scene(const Scene&) = delete;
 
     /**
-     * Make everything that stands on the geometries of the bodies, or throw and leave it as it was. States stay at the origin until positions
-     * are taken in.
+     * Make everything that stands on the geometries of the bodies, or throw and leave it as it was.
+     * States stay at the origin until positions are taken in.
      */
     void build(const std::vector<BodyGeometry>& geometries);
-    /** Likewise where some geometries come from positions. They are known when everything that stands on them is made. */
+    /** Likewise where some geometries come from positions. They are known when everything that
+     * stands on them is made. */
     void buildFromPositions();
     /** Implicit geometries are to be found anew. */
     void resetGeometry();
@@ -42,13 +45,15 @@ public:
     bool isBuilt() const { return built; }
     /** Recompute what depends on settings, if any was changed. */
     void updateSettings() { settings.update(*this); }
-    /** The integrator's inertia scale holds from now on, if the scheme has momenta: before anything that looks at momenta. */
+    /** The integrator's inertia scale holds from now on, if the scheme has momenta: before anything
+     * that looks at momenta. */
     void adoptInertiaScale();
 
     /** The Context's periodic box at present. */
     BoxVectors getBox() const;
 
-    /** Forces that were evaluated before do not serve any more: others changed positions, box or parameters. */
+    /** Forces that were evaluated before do not serve any more: others changed positions, box or
+     * parameters. */
     void noteChange() { changes++; }
     /** How many such changes there were. */
     long long numChanges() const { return changes; }

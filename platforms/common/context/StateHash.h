@@ -19,7 +19,8 @@ inline uint64_t hashOf(const std::string& bytes) {
 }
 
 /** What no array holds: different from everything, so it counts as changed. */
-const OpenMM::Vec3 unsetVec3(std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::quiet_NaN(),
+const OpenMM::Vec3 unsetVec3(std::numeric_limits<double>::quiet_NaN(),
+                             std::numeric_limits<double>::quiet_NaN(),
                              std::numeric_limits<double>::quiet_NaN());
 
 /** Recognises an array of positions or velocities after a checkpoint or State was loaded. */
@@ -38,7 +39,8 @@ inline uint64_t hashOf(const std::vector<OpenMM::Vec3>& v) {
 
 /** Whether two arrays are the same to the last bit. */
 inline bool sameBits(const std::vector<OpenMM::Vec3>& a, const std::vector<OpenMM::Vec3>& b) {
-    return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(OpenMM::Vec3)) == 0;
+    return a.size() == b.size() &&
+           std::memcmp(a.data(), b.data(), a.size() * sizeof(OpenMM::Vec3)) == 0;
 }
 
 }  // namespace RigidHIPlugin

@@ -24,7 +24,9 @@ namespace RigidHIPlugin {
 
 namespace {
 
-[[noreturn]] void refuse(const string& message) { throw OpenMMException("CustomRigidHIIntegrator: " + message); }
+[[noreturn]] void refuse(const string& message) {
+    throw OpenMMException("CustomRigidHIIntegrator: " + message);
+}
 
 string particleText(int p) { return "particle " + to_string(p); }
 string bodyText(int b) { return "body " + to_string(b); }
@@ -36,9 +38,10 @@ void checkTies(const System& system, const vector<int>& bodyOf) {
         system.getConstraintParameters(i, a, b, distance);
         if (bodyOf[a] != bodyOf[b]) {
             const int inside = bodyOf[a] >= 0 ? a : b, outside = inside == a ? b : a;
-            refuse("constraint " + to_string(i) + " ties " + particleText(inside) + " of " + bodyText(bodyOf[inside]) +
-                   " to " + particleText(outside) +
-                   " outside it; a body moves as a whole: add both particles to one body or remove the constraint");
+            refuse("constraint " + to_string(i) + " ties " + particleText(inside) + " of " +
+                   bodyText(bodyOf[inside]) + " to " + particleText(outside) +
+                   " outside it; a body moves as a whole: add both particles to one body or remove "
+                   "the constraint");
         }
     }
     for (int i = 0; i < system.getNumParticles(); i++) {
@@ -46,22 +49,28 @@ void checkTies(const System& system, const vector<int>& bodyOf) {
         const VirtualSite& site = system.getVirtualSite(i);
         for (int k = 0; k < site.getNumParticles(); k++) {
             const int parent = site.getParticle(k);
-            const auto owner = [&](int p) { return bodyOf[p] >= 0 ? " of " + bodyText(bodyOf[p]) : string(); };
+            const auto owner = [&](int p) {
+                return bodyOf[p] >= 0 ? " of " + bodyText(bodyOf[p]) : string();
+            };
             if ((bodyOf[i] >= 0 || bodyOf[parent] >= 0) && !turnsWithItsParents(site))
-                refuse("virtual site " + particleText(i) + owner(i) + " is a " + kindOf(site) + " defined by " +
-                       particleText(parent) + owner(parent) +
+                refuse("virtual site " + particleText(i) + owner(i) + " is a " + kindOf(site) +
+                       " defined by " + particleText(parent) + owner(parent) +
                        ", a kind that need not turn with a body; use a TwoParticleAverageSite, "
-                       "ThreeParticleAverageSite, OutOfPlaneSite or LocalCoordinatesSite, or make it a massless "
+                       "ThreeParticleAverageSite, OutOfPlaneSite or LocalCoordinatesSite, or make "
+                       "it a massless "
                        "member of the body that is no virtual site");
             if (bodyOf[parent] == bodyOf[i]) continue;
-            refuse("virtual site " + particleText(i) + owner(i) + " depends on " + particleText(parent) +
+            refuse("virtual site " + particleText(i) + owner(i) + " depends on " +
+                   particleText(parent) +
                    (bodyOf[parent] >= 0 ? " of " + bodyText(bodyOf[parent]) : " outside the body") +
-                   "; a virtual site and the particles that define it belong into one body: add them to it");
+                   "; a virtual site and the particles that define it belong into one body: add "
+                   "them to it");
         }
     }
 }
 
-void checkMolecules(const ContextImpl& context, const CustomRigidHIIntegrator& integrator, const string& barostat) {
+void checkMolecules(const ContextImpl& context, const CustomRigidHIIntegrator& integrator,
+                    const string& barostat) {
     if (!context.getSystem().usesPeriodicBoundaryConditions() && barostat.empty()) return;
     vector<int> moleculeOf(context.getSystem().getNumParticles());
     const auto& molecules = context.getMolecules();
@@ -72,8 +81,10 @@ void checkMolecules(const ContextImpl& context, const CustomRigidHIIntegrator& i
         for (int p : particles)
             if (moleculeOf[p] != moleculeOf[particles[0]])
                 refuse(bodyText(b) + ": " + particleText(particles[0]) + " and " + particleText(p) +
-                       " are in different molecules, so OpenMM would tear the body apart at the periodic boundary; tie "
-                       "them with bonds or constraints, or call openmmrigidhi.app.bindBodies(system, integrator)");
+                       " are in different molecules, so OpenMM would tear the body apart at the "
+                       "periodic boundary; tie "
+                       "them with bonds or constraints, or call "
+                       "openmmrigidhi.app.bindBodies(system, integrator)");
     }
 }
 
@@ -97,8 +108,9 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
     for (int b = 0; b < integrator.getNumRigidBodies(); b++)
         for (int p : integrator.getRigidBodyParticles(b)) {
             if (p >= numParticles)
-                refuse(bodyText(b) + ": particle index " + to_string(p) + " is out of range; the System has " +
-                       to_string(numParticles) + " particles, 0 to " + to_string(numParticles - 1) +
+                refuse(bodyText(b) + ": particle index " + to_string(p) +
+                       " is out of range; the System has " + to_string(numParticles) +
+                       " particles, 0 to " + to_string(numParticles - 1) +
                        ": build the body from particles of this System");
             stock.bodyOfParticle[p] = b;
         }
@@ -115,11 +127,13 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
         int a, b;
         double distance;
         system.getConstraintParameters(i, a, b, distance);
-        if (stock.bodyOfParticle[a] < 0 && system.getParticleMass(a) > 0) stock.numFreeConstraints++;
+        if (stock.bodyOfParticle[a] < 0 && system.getParticleMass(a) > 0)
+            stock.numFreeConstraints++;
     }
     for (int i = 0; i < system.getNumForces(); i++) {
         const Force& force = system.getForce(i);
-        // DrudeForce lives in a plugin of OpenMM that this library does not need otherwise: know it by its type's name.
+        // DrudeForce lives in a plugin of OpenMM that this library does not need otherwise: know it
+        // by its type's name.
         if (string(typeid(force).name()).find("DrudeForce") != string::npos)
             refuse("force " + to_string(i) +
                    ", a DrudeForce, needs an integrator for Drude particles; remove it, or use "
@@ -135,53 +149,63 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
         if (dynamic_cast<const MonteCarloBarostat*>(&force)) stock.barostat = "MonteCarloBarostat";
         if (dynamic_cast<const MonteCarloAnisotropicBarostat*>(&force))
             stock.barostat = "MonteCarloAnisotropicBarostat";
-        if (dynamic_cast<const MonteCarloMembraneBarostat*>(&force)) stock.barostat = "MonteCarloMembraneBarostat";
+        if (dynamic_cast<const MonteCarloMembraneBarostat*>(&force))
+            stock.barostat = "MonteCarloMembraneBarostat";
         if (string(typeid(force).name()).find("MonteCarloFlexibleBarostat") != string::npos)
-            refuse("force " + to_string(i) +
-                   ", a MonteCarloFlexibleBarostat, may deform rigid bodies; use a "
-                   "MonteCarloBarostat, MonteCarloAnisotropicBarostat or MonteCarloMembraneBarostat");
+            refuse(
+                "force " + to_string(i) +
+                ", a MonteCarloFlexibleBarostat, may deform rigid bodies; use a "
+                "MonteCarloBarostat, MonteCarloAnisotropicBarostat or MonteCarloMembraneBarostat");
     }
     checkMolecules(context, integrator, stock.barostat);
     return stock;
 }
 
 void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& integrator) {
-    const auto fail = [](const string& message) { throw OpenMMException("MobilityForce: " + message); };
+    const auto fail = [](const string& message) {
+        throw OpenMMException("MobilityForce: " + message);
+    };
     if (!hasBoundary(force.getModel(), force.getBoundary())) {
         string models, boundaries;
         for (int m = 0; *modelName(MobilityForce::Model(m)); m++)
             if (hasBoundary(MobilityForce::Model(m), force.getBoundary()))
-                models += (models.empty() ? "" : " or ") + string(modelName(MobilityForce::Model(m)));
+                models +=
+                    (models.empty() ? "" : " or ") + string(modelName(MobilityForce::Model(m)));
         for (int b = 0; *boundaryName(MobilityForce::Boundary(b)); b++)
             if (hasBoundary(force.getModel(), MobilityForce::Boundary(b)))
-                boundaries += (boundaries.empty() ? "" : " or ") + string(boundaryName(MobilityForce::Boundary(b)));
-        fail(string("boundary ") + boundaryName(force.getBoundary()) + " is there for the model " + models +
-             ", not for " + modelName(force.getModel()) + "; use setModel(" + models + ") or setBoundary(" +
-             boundaries + ")");
+                boundaries += (boundaries.empty() ? "" : " or ") +
+                              string(boundaryName(MobilityForce::Boundary(b)));
+        fail(string("boundary ") + boundaryName(force.getBoundary()) + " is there for the model " +
+             models + ", not for " + modelName(force.getModel()) + "; use setModel(" + models +
+             ") or setBoundary(" + boundaries + ")");
     }
     if (force.getBoundary() == MobilityForce::SlipChannel) {
         double low, high;
         force.getChannelWalls(low, high);
         if (!(low < high))
             fail(
-                "boundary SlipChannel has walls at y = 0 and 0 nm, where the first must be below the second; set them "
+                "boundary SlipChannel has walls at y = 0 and 0 nm, where the first must be below "
+                "the second; set them "
                 "by setChannelWalls()");
     }
     if (force.getSphereWallMobility() != MobilityForce::BestKnown) return;
     if (force.getBoundary() != MobilityForce::NoSlipWall)
-        fail(string("sphere-wall mobility BestKnown is for the boundary NoSlipWall, but the boundary ") +
+        fail(string("sphere-wall mobility BestKnown is for the boundary NoSlipWall, but the "
+                    "boundary ") +
              boundaryName(force.getBoundary()) +
              " has no wall; use setBoundary(NoSlipWall) or setSphereWallMobility(FromModel)");
     if (integrator.getWallRejection() == CustomRigidHIIntegrator::Crossing)
         fail(
-            "sphere-wall mobility BestKnown is that of spheres outside the wall, so it does not go with the wall "
+            "sphere-wall mobility BestKnown is that of spheres outside the wall, so it does not go "
+            "with the wall "
             "rejection "
             "Crossing; use setWallRejection(Overlap) or setSphereWallMobility(FromModel)");
 }
 
-/** What depends on inertia: schemes with momenta need it everywhere, and GradientThermostat in its rates. */
-static void checkMasses(const System& system, const CustomRigidHIIntegrator& integrator, const SystemInventory& stock,
-                        const string& name) {
+/** What depends on inertia: schemes with momenta need it everywhere, and GradientThermostat in its
+ * rates. */
+static void checkMasses(const System& system, const CustomRigidHIIntegrator& integrator,
+                        const SystemInventory& stock, const string& name) {
     for (int b = 0; b < integrator.getNumRigidBodies(); b++) {
         double mass = 0;
         if (integrator.getRigidBodyIsExplicit(b)) {
@@ -192,12 +216,13 @@ static void checkMasses(const System& system, const CustomRigidHIIntegrator& int
         } else
             for (int p : integrator.getRigidBodyParticles(b)) mass += system.getParticleMass(p);
         if (mass == 0)
-            refuse(
-                bodyText(b) + " has mass 0, but scheme " + name +
-                " needs a positive mass; give its particles masses in the System, add it with explicit mass, moments "
-                "and "
-                "site positions, or choose a scheme without momenta such as FixmanMidpoint, with a MobilityForce: that "
-                "serves Monte Carlo too");
+            refuse(bodyText(b) + " has mass 0, but scheme " + name +
+                   " needs a positive mass; give its particles masses in the System, add it with "
+                   "explicit mass, moments "
+                   "and "
+                   "site positions, or choose a scheme without momenta such as FixmanMidpoint, "
+                   "with a MobilityForce: that "
+                   "serves Monte Carlo too");
     }
     for (int p : stock.freeParticles)
         if (system.getParticleMass(p) == 0)
@@ -211,14 +236,17 @@ static void checkMasses(const System& system, const CustomRigidHIIntegrator& int
 static void checkOverdamped(const SystemInventory& stock, const string& name) {
     for (int p : stock.freeParticles)
         if (!seenByFluid(stock, p))
-            refuse(particleText(p) + " is in no body and has hydrodynamic radius 0, so scheme " + name +
-                   " has no mobility for it; give it a radius with MobilityForce.addParticle(), make it part of a "
+            refuse(particleText(p) + " is in no body and has hydrodynamic radius 0, so scheme " +
+                   name +
+                   " has no mobility for it; give it a radius with MobilityForce.addParticle(), "
+                   "make it part of a "
                    "body, or "
                    "give it mass 0 to hold it where it is");
 }
 
 /** What a scheme without velocities cannot serve. */
-static void checkNoMomenta(const SystemInventory& stock, const string& name, const string& instead) {
+static void checkNoMomenta(const SystemInventory& stock, const string& name,
+                           const string& instead) {
     if (!stock.velocityDependentForce.empty())
         refuse(stock.velocityDependentForce + ", depends on vx, vy or vz, but scheme " + name +
                " has no velocities; use a Langevin scheme, or expressions without them");
@@ -228,24 +256,29 @@ static void checkNoMomenta(const SystemInventory& stock, const string& name, con
                " allows none: make rigid groups bodies, or use " + instead);
     if (stock.hasCMMotionRemover)
         refuse("the System has a CMMotionRemover, but scheme " + name +
-               " has no momenta to remove; create the System with removeCMMotion=False, or remove the force");
+               " has no momenta to remove; create the System with removeCMMotion=False, or remove "
+               "the force");
     if (!stock.barostat.empty())
         refuse("the System has a " + stock.barostat +
-               ", which is supported with the schemes LangevinA, LangevinB and LangevinC only, not with " + name +
-               "; change the scheme or remove the barostat");
+               ", which is supported with the schemes LangevinA, LangevinB and LangevinC only, not "
+               "with " +
+               name + "; change the scheme or remove the barostat");
 }
 
-void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator, const SystemInventory& stock) {
+void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator,
+                 const SystemInventory& stock) {
     const CustomRigidHIIntegrator::Scheme scheme = integrator.getScheme();
     const SchemeTraits& traits = traitsOf(scheme);
     const string name = traits.name;
     const bool hydrodynamic = traits.needsFluid();
     if (hydrodynamic && stock.numMobilityForces != 1)
-        refuse("the System has " + to_string(stock.numMobilityForces) + " MobilityForces, but scheme " + name +
+        refuse("the System has " + to_string(stock.numMobilityForces) +
+               " MobilityForces, but scheme " + name +
                " needs exactly one; add a MobilityForce to the System, or keep only one");
     if (!hydrodynamic && stock.numMobilityForces > 0)
         refuse("the System has a MobilityForce, which scheme " + name +
-               " would ignore; use LangevinHI or a scheme without momenta, or remove the MobilityForce");
+               " would ignore; use LangevinHI or a scheme without momenta, or remove the "
+               "MobilityForce");
     if (traits.isOverdamped())
         checkOverdamped(stock, name);
     else
@@ -253,13 +286,14 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
     if (!traits.hasMomenta) checkNoMomenta(stock, name, hydrodynamic ? "LangevinHI" : "LangevinC");
     if (traits.kind == SchemeKind::FluidThermostat) {
         if (stock.hasCMMotionRemover)
-            refuse(
-                "the System has a CMMotionRemover, but with scheme " + name +
-                " the fluid exchanges momentum with the bodies; create the System with removeCMMotion=False, or remove "
-                "the force");
+            refuse("the System has a CMMotionRemover, but with scheme " + name +
+                   " the fluid exchanges momentum with the bodies; create the System with "
+                   "removeCMMotion=False, or remove "
+                   "the force");
         if (!stock.barostat.empty())
             refuse("the System has a " + stock.barostat + ", which scheme " + name +
-                   " does not support: the fluid has no pressure that could balance it; remove the barostat, or use "
+                   " does not support: the fluid has no pressure that could balance it; remove the "
+                   "barostat, or use "
                    "LangevinC");
         for (int i = 0; i < system.getNumConstraints(); i++) {
             int a, b;
@@ -268,11 +302,11 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
             for (int p : {a, b})
                 if (stock.bodyOfParticle[p] < 0 && p < stock.mobilityForce->getNumParticles() &&
                     stock.mobilityForce->getParticleRadius(p) > 0)
-                    refuse(
-                        "constraint " + to_string(i) + " holds " + particleText(p) +
-                        ", which is in no body and has a hydrodynamic radius; scheme " + name +
-                        " takes constraints of free particles without one only: make its molecule a rigid body, or set "
-                        "its radius to 0");
+                    refuse("constraint " + to_string(i) + " holds " + particleText(p) +
+                           ", which is in no body and has a hydrodynamic radius; scheme " + name +
+                           " takes constraints of free particles without one only: make its "
+                           "molecule a rigid body, or set "
+                           "its radius to 0");
         }
     }
 }

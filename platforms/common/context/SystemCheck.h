@@ -21,22 +21,27 @@ struct SystemInventory {
     bool hasCMMotionRemover = false;
     std::vector<int> removalFrequencies;  // of every CMMotionRemover, steps
     std::string barostat;                 // its class name, or empty
-    std::string velocityDependentForce;   // a CustomBodyForce whose expressions use velocities, or empty
+    std::string
+        velocityDependentForce;  // a CustomBodyForce whose expressions use velocities, or empty
     const class MobilityForce* mobilityForce = nullptr;
     int numMobilityForces = 0;
 };
 
 /**
- * Check everything about a System that does not depend on the scheme, and take stock. Throws OpenMMException with object,
- * value, bound and remedy for: particle indices out of range; constraints and virtual sites that tie a body to something
- * outside it; bodies that OpenMM would tear apart across periodic boundaries; Forces that cannot work with bodies.
+ * Check everything about a System that does not depend on the scheme, and take stock. Throws
+ * OpenMMException with object, value, bound and remedy for: particle indices out of range;
+ * constraints and virtual sites that tie a body to something outside it; bodies that OpenMM would
+ * tear apart across periodic boundaries; Forces that cannot work with bodies.
  */
-SystemInventory takeStock(const OpenMM::ContextImpl& context, const CustomRigidHIIntegrator& integrator);
+SystemInventory takeStock(const OpenMM::ContextImpl& context,
+                          const CustomRigidHIIntegrator& integrator);
 
 /** Check what depends on the scheme (it may change between steps). */
-void checkScheme(const OpenMM::System& system, const CustomRigidHIIntegrator& integrator, const SystemInventory& stock);
+void checkScheme(const OpenMM::System& system, const CustomRigidHIIntegrator& integrator,
+                 const SystemInventory& stock);
 
-/** Check that a MobilityForce's model has its boundary, and that its options and the integrator's go together. */
+/** Check that a MobilityForce's model has its boundary, and that its options and the integrator's
+ * go together. */
 void checkBoundary(const class MobilityForce& force, const CustomRigidHIIntegrator& integrator);
 
 }  // namespace RigidHIPlugin

@@ -14,7 +14,8 @@ namespace RigidHIPlugin {
 
 namespace {
 
-// Where the schemes of Davidchack 2015 stop resolving a body's fast rotation (measured; docs/CONVENTIONS.md).
+// Where the schemes of Davidchack 2015 stop resolving a body's fast rotation (measured;
+// docs/CONVENTIONS.md).
 const double resolutionLimit = 0.1;
 // Davidchack 2015, section VI: Langevin A breaks down above about these, 1/ps.
 const double langevinAGammaLimit = 100, langevinARotationalLimit = 200;
@@ -29,7 +30,8 @@ map<WarningCause, string> findWarnings(const Scene& scene) {
     const SchemeTraits& traits = traitsOf(integrator.getScheme());
     const bool langevinA = traits.scheme == CustomRigidHIIntegrator::LangevinA;
     int unresolved = 0, firstUnresolved = -1;
-    double worst = 0, largestGamma = integrator.getFriction(), largestRotational = integrator.getRotationalFriction();
+    double worst = 0, largestGamma = integrator.getFriction(),
+           largestRotational = integrator.getRotationalFriction();
     for (int b = 0; b < bodies.getNumBodies(); b++) {
         double gamma, Gamma;
         integrator.getBodyFriction(b, gamma, Gamma);
@@ -44,25 +46,31 @@ map<WarningCause, string> findWarnings(const Scene& scene) {
     if (traits.omitsDrift() && kT > 0 && scene.fluid && scene.fluid->hasStochasticDrift())
         result[WarningCause::OmittedDrift] =
             string(traits.name) +
-            " omits the stochastic drift kT div N, which is not 0 here, and samples a wrong distribution; use "
+            " omits the stochastic drift kT div N, which is not 0 here, and samples a wrong "
+            "distribution; use "
             "RandomFiniteDifference, FixmanMidpoint, TrapezoidalSlip or DriftCorrectorRFD";
     if (unresolved > 0 && traits.hasMomenta)
         result[WarningCause::UnresolvedRotation] =
-            "the step of " + number(h) + " ps does not resolve the rotation of " + to_string(unresolved) +
-            " bodies, the first of them body " + to_string(firstUnresolved) +
-            " (h sqrt(kT I2 I3/I1) (1/I2 - 1/I3) is up to " + number(worst) + ", above " + number(resolutionLimit) +
-            "): their temperature will be wrong; take a step of " + number(h * resolutionLimit / worst) + " ps or less";
-    if (langevinA && (largestGamma > langevinAGammaLimit || largestRotational > langevinARotationalLimit))
-        result[WarningCause::LargeFriction] = "LangevinA breaks down at large friction (gamma " + number(largestGamma) +
-                                              "/ps, limit about " + number(langevinAGammaLimit) + "; Gamma " +
-                                              number(largestRotational) + "/ps, limit about " +
-                                              number(langevinARotationalLimit) + "); use LangevinB or LangevinC";
+            "the step of " + number(h) + " ps does not resolve the rotation of " +
+            to_string(unresolved) + " bodies, the first of them body " +
+            to_string(firstUnresolved) + " (h sqrt(kT I2 I3/I1) (1/I2 - 1/I3) is up to " +
+            number(worst) + ", above " + number(resolutionLimit) +
+            "): their temperature will be wrong; take a step of " +
+            number(h * resolutionLimit / worst) + " ps or less";
+    if (langevinA &&
+        (largestGamma > langevinAGammaLimit || largestRotational > langevinARotationalLimit))
+        result[WarningCause::LargeFriction] =
+            "LangevinA breaks down at large friction (gamma " + number(largestGamma) +
+            "/ps, limit about " + number(langevinAGammaLimit) + "; Gamma " +
+            number(largestRotational) + "/ps, limit about " + number(langevinARotationalLimit) +
+            "); use LangevinB or LangevinC";
     const double spread = scene.fluid ? scene.fluid->getDriftFactorSpread() : 0;
     if (traits.isOverdamped() && spread > driftFactorLimit)
         result[WarningCause::DriftFactorSpread] =
-            "the drift factor nu of " + string(traits.name) + " fluctuates by " + number(spread) + " about 1, above " +
-            number(driftFactorLimit) +
-            ", so that the step is too large for the drift; take a smaller step, or RandomFiniteDifference or "
+            "the drift factor nu of " + string(traits.name) + " fluctuates by " + number(spread) +
+            " about 1, above " + number(driftFactorLimit) +
+            ", so that the step is too large for the drift; take a smaller step, or "
+            "RandomFiniteDifference or "
             "TrapezoidalSlip";
     return result;
 }

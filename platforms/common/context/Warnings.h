@@ -8,7 +8,8 @@ namespace RigidHIPlugin {
 
 class Scene;
 
-/** What the user should know about the settings. A cause is told once, though its numbers may change from step to step. */
+/** What the user should know about the settings. A cause is told once, though its numbers may
+ * change from step to step. */
 enum class WarningCause { OmittedDrift, UnresolvedRotation, LargeFriction, DriftFactorSpread };
 /** The spread of drift factors above which they are no small correction any more. */
 constexpr double driftFactorLimit = 0.3;

@@ -19,7 +19,9 @@ namespace RigidHIPlugin {
 
 namespace {
 
-[[noreturn]] void fail(const string& message) { throw OpenMM::OpenMMException("MobilityForce: " + message); }
+[[noreturn]] void fail(const string& message) {
+    throw OpenMM::OpenMMException("MobilityForce: " + message);
+}
 
 /** Forces on sites of a line give a torque about it of about 1e-16 of force times size. */
 const double torqueTolerance = 1e-9;
@@ -29,13 +31,14 @@ const double torqueTolerance = 1e-9;
 void Fluid::check(const MobilityForce& force, CustomRigidHIIntegrator::WallRejection wallRejection,
                   const OpenMM::System& system, const vector<vector<int>>& particlesOfBodies,
                   const FreeParticles& freeParticles, PlatformLoops& loops) {
-    GroupBuilder(force, wallRejection, system, particlesOfBodies, freeParticles, loops).checkModels();
+    GroupBuilder(force, wallRejection, system, particlesOfBodies, freeParticles, loops)
+        .checkModels();
 }
 
 Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejection wallRejection,
              const OpenMM::System& system, const vector<vector<int>>& particlesOfBodiesToUse,
-             const vector<BodyGeometry>& geometries, const BodySet& bodies, const FreeParticles& freeParticles,
-             PlatformLoops& loops)
+             const vector<BodyGeometry>& geometries, const BodySet& bodies,
+             const FreeParticles& freeParticles, PlatformLoops& loops)
     : force(forceToUse), userFlow(force), wallRejection(wallRejection), loops(loops),
       particlesOfBodies(particlesOfBodiesToUse),
       groups(GroupBuilder(force, wallRejection, system, particlesOfBodies, freeParticles, loops)
@@ -51,10 +54,12 @@ Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejec
                 groupOfBody[elements[e].body] = g;
         if (group.isThermostat) continue;
         coupledGroups.push_back(&group);
-        const double rows = group.relaxation->getNumRows(), particleRows = group.bodies.getNumParticleRows();
-        operationsPerStep += group.bodies.isConstantInBodyFrame()
-                                 ? operationsOfConstantTensor
-                                 : 20 * rows * rows * rows + particleRows * particleRows * particleRows / 3;
+        const double rows = group.relaxation->getNumRows(),
+                     particleRows = group.bodies.getNumParticleRows();
+        operationsPerStep +=
+            group.bodies.isConstantInBodyFrame()
+                ? operationsOfConstantTensor
+                : 20 * rows * rows * rows + particleRows * particleRows * particleRows / 3;
     }
 }
 
@@ -63,13 +68,15 @@ void Fluid::checkInertia(const BodySet& bodies) const {
         if (force.getSolver() == MobilityForce::MatrixFree && group->relaxation &&
             group->relaxation->getMobility().getWay() == BodyMobility::Dense)
             fail(
-                "solver MatrixFree is there for bodies that the fluid and their moments let rotate about the same "
+                "solver MatrixFree is there for bodies that the fluid and their moments let rotate "
+                "about the same "
                 "axes, "
                 "not for spheres and blobs off a line with a zero moment; use setSolver(Dense)");
         const auto& elements = group->bodies.getElements();
         for (size_t e = 0; e < elements.size(); e++) {
             if (!group->bodies.hasNullVector(e)) continue;
-            // The null twist must be one that the body has no momentum for: rotation about dead axes only.
+            // The null twist must be one that the body has no momentum for: rotation about dead
+            // axes only.
             const VectorXd& twist = group->bodies.getNullVector_body(e);
             const BodyInertia& inertia = bodies.inertia(elements[e].body);
             double momentum = twist.head<3>().norm();
@@ -78,13 +85,16 @@ void Fluid::checkInertia(const BodySet& bodies) const {
             const double directionTolerance = 1e-6;
             if (momentum > directionTolerance)
                 fail("body " + to_string(elements[e].body) +
-                     ": its hydrodynamic particles lie on a line, about which the fluid does not hold it, but it has "
-                     "inertia about that line; give it a zero moment about the line, or more particles off the line");
+                     ": its hydrodynamic particles lie on a line, about which the fluid does not "
+                     "hold it, but it has "
+                     "inertia about that line; give it a zero moment about the line, or more "
+                     "particles off the line");
         }
     }
 }
 
-/** The power of a wrench on the twist about the line, relative to what rounding of forces at the sites leaves. */
+/** The power of a wrench on the twist about the line, relative to what rounding of forces at the
+ * sites leaves. */
 void Fluid::checkTorque(const FluidGroup& group, int e, const Matrix<double, 6, 1>& wrench_body,
                         double siteForces) const {
     if (!group.bodies.hasNullVector(e)) return;
@@ -93,13 +103,16 @@ void Fluid::checkTorque(const FluidGroup& group, int e, const Matrix<double, 6, 
     double size = 0;
     for (const Vector3d& site : element.sites) size = max(size, site.norm());
     // Site forces may cancel in the wrench, but not in its rounding.
-    const double scale = wrench_body.tail<3>().norm() + size * (wrench_body.head<3>().norm() + siteForces);
+    const double scale =
+        wrench_body.tail<3>().norm() + size * (wrench_body.head<3>().norm() + siteForces);
     if (abs(power) <= torqueTolerance * scale) return;
     ostringstream text;
     text << "body " << element.body << ": a torque of " << power
-         << " kJ/mol acts about the line of its hydrodynamic particles, where neither the fluid nor inertia resists; "
+         << " kJ/mol acts about the line of its hydrodynamic particles, where neither the fluid "
+            "nor inertia resists; "
             "it must be 0 "
-            "within 1e-9 of force times size and torque: remove it, or give the body hydrodynamic particles off the "
+            "within 1e-9 of force times size and torque: remove it, or give the body hydrodynamic "
+            "particles off the "
             "line";
     fail(text.str());
 }
@@ -114,16 +127,20 @@ void Fluid::checkTorques(const BodySet& bodies, const vector<OpenMM::Vec3>& forc
             const int s = bodies.slot(elements[e].body);
             const Matrix3d A = poseOf(bodies, elements[e].body).rotation();
             wrench.head<3>() =
-                A.transpose() * Vector3d(bodies.force_lab[0][s], bodies.force_lab[1][s], bodies.force_lab[2][s]);
-            wrench.tail<3>() = Vector3d(bodies.torque_body[0][s], bodies.torque_body[1][s], bodies.torque_body[2][s]);
+                A.transpose() *
+                Vector3d(bodies.force_lab[0][s], bodies.force_lab[1][s], bodies.force_lab[2][s]);
+            wrench.tail<3>() = Vector3d(bodies.torque_body[0][s], bodies.torque_body[1][s],
+                                        bodies.torque_body[2][s]);
             double siteForces = 0;
-            for (int p : particlesOfBodies[elements[e].body]) siteForces += sqrt(forces[p].dot(forces[p]));
+            for (int p : particlesOfBodies[elements[e].body])
+                siteForces += sqrt(forces[p].dot(forces[p]));
             checkTorque(*group, e, wrench, siteForces);
         }
     }
 }
 
-void FluidGroup::readPoses(const BodySet& bodies, const vector<OpenMM::Vec3>& positions, vector<Pose>& to) const {
+void FluidGroup::readPoses(const BodySet& bodies, const vector<OpenMM::Vec3>& positions,
+                           vector<Pose>& to) const {
     const auto& elements = this->bodies.getElements();
     for (size_t e = 0; e < elements.size(); e++)
         if (elements[e].isFree())
@@ -153,8 +170,9 @@ void Fluid::checkBox() {
             ostringstream text;
             text << (element.isFree() ? "particle " + to_string(element.particles[0])
                                       : "body " + to_string(element.body))
-                 << " has the length " << length << " nm, its radii included, and would overlap its own image: in "
-                 << describeBox() << " the shortest lattice vector has " << shortest
+                 << " has the length " << length
+                 << " nm, its radii included, and would overlap its own image: in " << describeBox()
+                 << " the shortest lattice vector has " << shortest
                  << " nm; make the box larger by setPeriodicBoxVectors() on the Context (or "
                     "setDefaultPeriodicBoxVectors() on the "
                     "System before), or use the boundary Unbounded";
@@ -183,7 +201,8 @@ void Fluid::continueFrom(const Fluid& before) {
     gridSecondsBefore = before.getGridSeconds();
     gridSecondsBefore.add(own, -1);
     secondsOfSolverBefore = before.getSecondsOfSolver();
-    if (!traitsOf(before.overdampedScheme_).isOverdamped() || groups.size() != before.groups.size()) return;
+    if (!traitsOf(before.overdampedScheme_).isOverdamped() || groups.size() != before.groups.size())
+        return;
     setMemory(before.getMemory(), before.overdampedScheme_);
 }
 

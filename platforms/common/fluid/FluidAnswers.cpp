@@ -28,7 +28,8 @@ void scatterBlocks(const MatrixXd& from, const CoupledBodies& bodies, MatrixXd& 
 
 }  // namespace
 
-BodyMobility& Fluid::answering(FluidGroup& group, const BodySet& bodies, const vector<OpenMM::Vec3>& positions) const {
+BodyMobility& Fluid::answering(FluidGroup& group, const BodySet& bodies,
+                               const vector<OpenMM::Vec3>& positions) const {
     group.answering->setTolerance(force.getSolverTolerance());
     group.answering->setPoses(group.readPoses(bodies, positions));
     return *group.answering;
@@ -37,7 +38,8 @@ BodyMobility& Fluid::answering(FluidGroup& group, const BodySet& bodies, const v
 MatrixXd Fluid::mobility(const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
     const OneBlasThread single;
     MatrixXd result = MatrixXd::Zero(6 * groupOfBody.size(), 6 * groupOfBody.size());
-    for (auto& group : groups) scatterBlocks(answering(*group, bodies, positions).mobility(), group->bodies, result);
+    for (auto& group : groups)
+        scatterBlocks(answering(*group, bodies, positions).mobility(), group->bodies, result);
     return result;
 }
 
@@ -53,16 +55,19 @@ MatrixXd Fluid::friction(const BodySet& bodies, const vector<OpenMM::Vec3>& posi
             scatterBlocks(friction, group->bodies, result);
             continue;
         }
-        // Free particles are force-free, so this is the inverse of the bodies' part of the mobility: Schur's complement.
+        // Free particles are force-free, so this is the inverse of the bodies' part of the
+        // mobility: Schur's complement.
         vector<int> bodyRows, freeRows;
         for (size_t e = 0; e < elements.size(); e++)
             for (int i = 0; i < elements[e].numRows(); i++)
-                (elements[e].isFree() ? freeRows : bodyRows).push_back(group->bodies.firstRow(e) + i);
+                (elements[e].isFree() ? freeRows : bodyRows)
+                    .push_back(group->bodies.firstRow(e) + i);
         if (bodyRows.empty()) continue;
         MatrixXd xi = friction;
         const MatrixXd coupling = xi(freeRows, bodyRows);
         const MatrixXd schur =
-            xi(bodyRows, bodyRows) - coupling.transpose() * MatrixXd(xi(freeRows, freeRows)).llt().solve(coupling);
+            xi(bodyRows, bodyRows) -
+            coupling.transpose() * MatrixXd(xi(freeRows, freeRows)).llt().solve(coupling);
         for (size_t i = 0; i < bodyRows.size(); i++)
             for (size_t k = 0; k < bodyRows.size(); k++) xi(bodyRows[i], bodyRows[k]) = schur(i, k);
         scatterBlocks(xi, group->bodies, result);
@@ -70,7 +75,8 @@ MatrixXd Fluid::friction(const BodySet& bodies, const vector<OpenMM::Vec3>& posi
     return result;
 }
 
-VectorXd Fluid::apply(const VectorXd& wrenches, const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
+VectorXd Fluid::apply(const VectorXd& wrenches, const BodySet& bodies,
+                      const vector<OpenMM::Vec3>& positions) {
     const OneBlasThread single;
     VectorXd result = VectorXd::Zero(wrenches.size());
     MatrixXd f, u;
@@ -80,26 +86,32 @@ VectorXd Fluid::apply(const VectorXd& wrenches, const BodySet& bodies, const vec
         f.setZero(group->bodies.getNumRows(), 1);
         for (size_t e = 0; e < elements.size(); e++)
             if (!elements[e].isFree()) {
-                const Eigen::Matrix<double, 6, 1> wrench = wrenches.segment<6>(6 * elements[e].body);
+                const Eigen::Matrix<double, 6, 1> wrench =
+                    wrenches.segment<6>(6 * elements[e].body);
                 f.middleRows<6>(group->bodies.firstRow(e)) = wrench;
                 if (group->hasNullVectors)
-                    checkTorque(*group, e, twoRotations(mobility.getTurn(e)).transpose() * wrench, 0);
+                    checkTorque(*group, e, twoRotations(mobility.getTurn(e)).transpose() * wrench,
+                                0);
             }
         // Exact ones where nothing is gained: rounding to floats gains little in one product.
-        const bool fast = group->bodies.hasModel() &&
-                          !group->bodies.getModel().describeFastProducts(force.getSolverTolerance()).empty();
+        const bool fast =
+            group->bodies.hasModel() &&
+            !group->bodies.getModel().describeFastProducts(force.getSolverTolerance()).empty();
         mobility.multiply(f, u, fast ? force.getSolverTolerance() : 0);
         for (size_t e = 0; e < elements.size(); e++)
             if (!elements[e].isFree())
-                result.segment<6>(6 * elements[e].body) = u.middleRows<6>(group->bodies.firstRow(e));
+                result.segment<6>(6 * elements[e].body) =
+                    u.middleRows<6>(group->bodies.firstRow(e));
     }
     return result;
 }
 
-VectorXd Fluid::applyToBlobs(const VectorXd& forces, const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
+VectorXd Fluid::applyToBlobs(const VectorXd& forces, const BodySet& bodies,
+                             const vector<OpenMM::Vec3>& positions) {
     const OneBlasThread single;
     VectorXd result = VectorXd::Zero(forces.size());
-    for (auto& group : groups) answering(*group, bodies, positions).applyToParticles(forces, result);
+    for (auto& group : groups)
+        answering(*group, bodies, positions).applyToParticles(forces, result);
     return result;
 }
 
@@ -111,7 +123,8 @@ string Fluid::objection(const BodySet& bodies, const vector<OpenMM::Vec3>& posit
     return {};
 }
 
-string Fluid::objection(FluidGroup& group, const BodySet& bodies, const vector<OpenMM::Vec3>& positions) const {
+string Fluid::objection(FluidGroup& group, const BodySet& bodies,
+                        const vector<OpenMM::Vec3>& positions) const {
     BodyMobility& mobility = *group.answering;
     return mobility.mayObject() ? mobility.objection(group.readPoses(bodies, positions)) : string();
 }
@@ -149,7 +162,8 @@ string Fluid::describeBox() const {
     ostringstream text;
     text << "the periodic box";
     for (int k = 0; k < 3; k++)
-        text << (k == 0 ? " (" : ", (") << box[k][0] << ", " << box[k][1] << ", " << box[k][2] << ")";
+        text << (k == 0 ? " (" : ", (") << box[k][0] << ", " << box[k][1] << ", " << box[k][2]
+             << ")";
     text << " nm";
     return text.str();
 }
@@ -162,23 +176,27 @@ string Fluid::describe(bool overdamped) const {
         if (!overdamped && !group->relaxation)
             thermostats++;
         else
-            ways[(overdamped ? *group->overdamped.mobility : group->relaxation->getMobility()).getWay()]++;
+            ways[(overdamped ? *group->overdamped.mobility : group->relaxation->getMobility())
+                     .getWay()]++;
     ostringstream text;
     text << modelName(force.getModel());
     if (force.getBoundary() == MobilityForce::NoSlipWall)
         text << " above a no-slip wall at z = " << force.getWallHeight()
              << " nm (steps are redone after which a particle "
-             << (wallRejection == CustomRigidHIIntegrator::Crossing ? "has its centre behind it)" : "overlaps it)");
+             << (wallRejection == CustomRigidHIIntegrator::Crossing ? "has its centre behind it)"
+                                                                    : "overlaps it)");
     if (force.getBoundary() == MobilityForce::SlipChannel) {
         double low, high;
         force.getChannelWalls(low, high);
         text << " between walls at y = " << low << " and " << high
              << " nm that it slips along (steps are redone after which a particle "
-             << (wallRejection == CustomRigidHIIntegrator::Crossing ? "has its centre behind one)" : "overlaps one)");
+             << (wallRejection == CustomRigidHIIntegrator::Crossing ? "has its centre behind one)"
+                                                                    : "overlaps one)");
     }
     if (isPeriodic())
-        text << (force.getBoundary() == MobilityForce::SlipChannel ? " with all images along x and z in "
-                                                                   : " with all images in ")
+        text << (force.getBoundary() == MobilityForce::SlipChannel
+                     ? " with all images along x and z in "
+                     : " with all images in ")
              << describeBox();
     const FluidGroup* largest = nullptr;
     for (const auto& group : groups)
@@ -191,11 +209,11 @@ string Fluid::describe(bool overdamped) const {
     text << ", " << bodies << " bodies and " << free << " free particles; ";
     if (!overdamped) text << thermostats << " alone with constant isotropic drag (no matrices), ";
     text << ways[BodyMobility::Constant] << " alone with a constant tensor (computed once), "
-         << ways[BodyMobility::Dense] << " groups with dense matrices, " << ways[BodyMobility::Krylov]
-         << " groups matrix-free";
+         << ways[BodyMobility::Dense] << " groups with dense matrices, "
+         << ways[BodyMobility::Krylov] << " groups matrix-free";
     if (largest && largest->bodies.hasModel() && ways[BodyMobility::Krylov] > 0) {
-        const string products =
-            largest->bodies.getModel().describeFastProducts(MobilityAt::errorFor(force.getSolverTolerance()));
+        const string products = largest->bodies.getModel().describeFastProducts(
+            MobilityAt::errorFor(force.getSolverTolerance()));
         if (!products.empty()) text << ", products of iterations " << products;
     }
     return text.str();
@@ -205,22 +223,29 @@ string Fluid::describeFlow() const {
     if (!isDriven) return {};
     ostringstream text;
     const char* const axes = "xyz";
-    const auto row = [&](int k) { return RigidHIPlugin::text(toVec3(flow.gradient.row(k).transpose())); };
+    const auto row = [&](int k) {
+        return RigidHIPlugin::text(toVec3(flow.gradient.row(k).transpose()));
+    };
     if (flow.waveVelocity != 0)
-        text << "a wave of the force density along " << axes[flow.forceAxis] << " with " << 2 * M_PI / flow.k
-             << " nm along " << axes[flow.waveAxis] << ", which without bodies is a flow of up to "
-             << abs(flow.waveVelocity) << " nm/ps";
+        text << "a wave of the force density along " << axes[flow.forceAxis] << " with "
+             << 2 * M_PI / flow.k << " nm along " << axes[flow.waveAxis]
+             << ", which without bodies is a flow of up to " << abs(flow.waveVelocity) << " nm/ps";
     else
-        text << "velocity " << RigidHIPlugin::text(toVec3(flow.velocity)) << " nm/ps at the origin, gradient in rows "
-             << row(0) << ", " << row(1) << ", " << row(2) << "/ps";
+        text << "velocity " << RigidHIPlugin::text(toVec3(flow.velocity))
+             << " nm/ps at the origin, gradient in rows " << row(0) << ", " << row(1) << ", "
+             << row(2) << "/ps";
     if (!flow.hasGradient()) return text.str();
     bool stresslets = true, own = false;
     for (const auto& group : groups) {
-        stresslets = stresslets && group->bodies.hasModel() && group->bodies.getModel().hasStresslets();
-        for (const FluidElement& element : group->bodies.getElements()) own = own || element.ownMobility.size() > 0;
+        stresslets =
+            stresslets && group->bodies.hasModel() && group->bodies.getModel().hasStresslets();
+        for (const FluidElement& element : group->bodies.getElements())
+            own = own || element.ownMobility.size() > 0;
     }
-    text << (stresslets ? "; spheres resist its strain by stresslets, without lubrication of the strain"
-                        : "; multiblobs resist its strain by their blobs, single spheres and blobs do not");
+    text
+        << (stresslets
+                ? "; spheres resist its strain by stresslets, without lubrication of the strain"
+                : "; multiblobs resist its strain by their blobs, single spheres and blobs do not");
     if (own) text << ", and bodies with tensors of their own as the blobs that they have";
     return text.str();
 }
@@ -242,23 +267,25 @@ string Fluid::describeAnswers() const {
         string all;
         for (const auto& way : ways)
             if (way.first > 0)
-                all += (all.empty() ? "" : ", ") + to_string(way.first) + (way.first == 1 ? " group " : " groups ") +
-                       way.second;
+                all += (all.empty() ? "" : ", ") + to_string(way.first) +
+                       (way.first == 1 ? " group " : " groups ") + way.second;
         return all.empty() ? string("no groups") : all;
     };
     ostringstream tolerance;
     tolerance << "by iterations to " << force.getSolverTolerance();
     const string known = "by a constant tensor", matrices = "by dense matrices";
     return "applyMobilityInContext() does " +
-           list({{constant, known},
-                 {products, "by products without a matrix" + (fast.empty() ? string() : " " + fast)},
-                 {iterations, tolerance.str()},
-                 {dense, matrices}}) +
+           list(
+               {{constant, known},
+                {products, "by products without a matrix" + (fast.empty() ? string() : " " + fast)},
+                {iterations, tolerance.str()},
+                {dense, matrices}}) +
            "; getMobilityInContext() " +
            list({{constant, known},
                  {columns, tolerance.str() + ", column by column"},
                  {int(groups.size()) - constant - columns, matrices}}) +
-           "; getFrictionInContext() " + list({{constant, known}, {int(groups.size()) - constant, matrices}});
+           "; getFrictionInContext() " +
+           list({{constant, known}, {int(groups.size()) - constant, matrices}});
 }
 
 }  // namespace RigidHIPlugin

@@ -25,12 +25,13 @@ namespace {
 bool samePoses(const vector<Pose>& a, const vector<Pose>& b) {
     bool same = a.size() == b.size();
     for (size_t e = 0; same && e < a.size(); e++)
-        same = a[e].R == b[e].R && a[e].q.w == b[e].q.w && a[e].q.x == b[e].q.x && a[e].q.y == b[e].q.y &&
-               a[e].q.z == b[e].q.z;
+        same = a[e].R == b[e].R && a[e].q.w == b[e].q.w && a[e].q.x == b[e].q.x &&
+               a[e].q.y == b[e].q.y && a[e].q.z == b[e].q.z;
     return same;
 }
 
-/** How far a step that is done again may end from where it ended, relative to its largest move: a state may come from another platform, or from another fluid. */
+/** How far a step that is done again may end from where it ended, relative to its largest move: a
+ * state may come from another platform, or from another fluid. */
 const double replayTolerance = 1e-2;
 
 /** In lengths of the body, and half radians. */
@@ -60,8 +61,9 @@ const int numNumbersOfStep = 18;
 /** The numbers of a step, but poses and forces. */
 MatrixXd toMatrix(const OverdampedStep& step, const BoxVectors& box) {
     MatrixXd numbers(numNumbersOfStep, 1);
-    numbers << step.h, step.kT, step.difference, step.driftFactorScalesAll, step.noise.seed, double(step.noise.step),
-        step.noise.attempt, step.noise.law, step.noise.field, toEigen(box[0]), toEigen(box[1]), toEigen(box[2]);
+    numbers << step.h, step.kT, step.difference, step.driftFactorScalesAll, step.noise.seed,
+        double(step.noise.step), step.noise.attempt, step.noise.law, step.noise.field,
+        toEigen(box[0]), toEigen(box[1]), toEigen(box[2]);
     return numbers;
 }
 
@@ -83,7 +85,8 @@ OverdampedStep toStep(const MatrixXd& numbers) {
 
 BoxVectors toBox(const MatrixXd& numbers) {
     BoxVectors box;
-    for (int i = 0; i < 3; i++) box[i] = OpenMM::Vec3(numbers(9 + 3 * i), numbers(10 + 3 * i), numbers(11 + 3 * i));
+    for (int i = 0; i < 3; i++)
+        box[i] = OpenMM::Vec3(numbers(9 + 3 * i), numbers(10 + 3 * i), numbers(11 + 3 * i));
     return box;
 }
 
@@ -102,10 +105,13 @@ bool Fluid::lastStepIsPresent(const BodySet& bodies, const vector<OpenMM::Vec3>&
 
 FluidGroup& Fluid::onlyGroup(const char* method) const {
     if (force.getModel() == MobilityForce::FreeDraining)
-        fail(method, "model FreeDraining has a fluid for each body, and no flow between them; use RotnePragerYamakawa");
+        fail(method,
+             "model FreeDraining has a fluid for each body, and no flow between them; use "
+             "RotnePragerYamakawa");
     if (!hasOneFlow())
-        fail(method, "there are " + to_string(groups.size()) +
-                         " groups of bodies, each in a fluid of its own; ask in a Context with one group");
+        fail(method,
+             "there are " + to_string(groups.size()) +
+                 " groups of bodies, each in a fluid of its own; ask in a Context with one group");
     return *groups[0];
 }
 
@@ -135,8 +141,9 @@ void Fluid::replay(FluidGroup& group, FlowOfGroup& result) const {
 }
 
 /** Without noise, under the forces as last gathered. */
-void Fluid::flowOfForces(FluidGroup& group, const BodySet& bodies, const FreeParticles& freeParticles,
-                         const vector<OpenMM::Vec3>& positions, FlowOfGroup& result) const {
+void Fluid::flowOfForces(FluidGroup& group, const BodySet& bodies,
+                         const FreeParticles& freeParticles, const vector<OpenMM::Vec3>& positions,
+                         FlowOfGroup& result) const {
     moveOf(group);
     takeForces(group, bodies, freeParticles);
     result.move.reset(new OverdampedMove(*group.overdamped.mobility));
@@ -156,8 +163,10 @@ void Fluid::flowOfForces(FluidGroup& group, const BodySet& bodies, const FreePar
     move.record(nullptr);
 }
 
-/** LangevinHI: of the friction forces, with which bodies are held at the velocities that they have. */
-void Fluid::flowOfVelocities(FluidGroup& group, const BodySet& bodies, const vector<OpenMM::Vec3>& positions,
+/** LangevinHI: of the friction forces, with which bodies are held at the velocities that they have.
+ */
+void Fluid::flowOfVelocities(FluidGroup& group, const BodySet& bodies,
+                             const vector<OpenMM::Vec3>& positions,
                              const vector<OpenMM::Vec3>& velocities, FlowOfGroup& result) const {
     const auto& elements = group.bodies.getElements();
     MatrixXd twists(group.bodies.getNumRows(), 1), forces;
@@ -200,7 +209,8 @@ bool Fluid::findFlowOfLastStep(const BodySet& bodies, const vector<OpenMM::Vec3>
 }
 
 Fluid::FlowOfGroup& Fluid::findFlow(FluidGroup& group, const FlowQuestion& question) {
-    if (!question.hasMomenta && findFlowOfLastStep(question.bodies, question.positions)) return *flowOfLastStep;
+    if (!question.hasMomenta && findFlowOfLastStep(question.bodies, question.positions))
+        return *flowOfLastStep;
     flowOfLastStep.reset(new FlowOfGroup());
     FlowOfGroup& result = *flowOfLastStep;
     if (question.hasMomenta)
@@ -217,7 +227,8 @@ void Fluid::forSources(FluidGroup& group, FlowOfGroup& flowOfGroup, const Add& a
     for (const FlowOfStep::Share& share : flowOfGroup.made.shares) {
         // Displaced poses may reach a little beyond what the model accepts.
         mobility.setPoses(share.poses, !mobility.objection(share.poses).empty());
-        const FlowSources sources = mobility.flowSources(share.forces, share.inFlow ? &flow : nullptr);
+        const FlowSources sources =
+            mobility.flowSources(share.forces, share.inFlow ? &flow : nullptr);
         add(mobility, sources, share.weight);
     }
 }
@@ -235,7 +246,8 @@ Velocities Fluid::flowAt(const vector<OpenMM::Vec3>& points, const FlowQuestion&
         const double coordinate = channel ? x[1] : x[2];
         if (coordinate < low || coordinate > high)
             fail(method, "point " + to_string(p) + " at " + text(x) +
-                             " nm is behind a wall, where there is no fluid; give points between walls or above them");
+                             " nm is behind a wall, where there is no fluid; give points between "
+                             "walls or above them");
     }
     FlowOfGroup& made = findFlow(group, question);
     Velocities velocities = Velocities::Zero(3, points.size());
@@ -250,13 +262,15 @@ Velocities Fluid::flowAt(const vector<OpenMM::Vec3>& points, const FlowQuestion&
     return velocities;
 }
 
-FluidGroup& Fluid::groupWithWave(const char* method, int forceAxis, int waveAxis, int waveVectorIndex,
-                                 DrivenFlow& wave) const {
+FluidGroup& Fluid::groupWithWave(const char* method, int forceAxis, int waveAxis,
+                                 int waveVectorIndex, DrivenFlow& wave) const {
     FluidGroup& group = onlyGroup(method);
     const MobilityModel& model = group.bodies.getModel();
     if (!(model.fluidVolume(box) > 0))
-        fail(method, "the fluid has no modes with the boundary " + string(boundaryName(force.getBoundary())) +
-                         "; ask with the boundary Periodic or SlipChannel, or use getFlowInContext()");
+        fail(method,
+             "the fluid has no modes with the boundary " +
+                 string(boundaryName(force.getBoundary())) +
+                 "; ask with the boundary Periodic or SlipChannel, or use getFlowInContext()");
     if (force.getBoundary() == MobilityForce::SlipChannel && (forceAxis == 1 || waveAxis == 1))
         fail(method, "the axes are " + to_string(forceAxis) + " and " + to_string(waveAxis) +
                          ", and in a SlipChannel both must be along the walls; give 0 and 2");
@@ -268,10 +282,12 @@ FluidGroup& Fluid::groupWithWave(const char* method, int forceAxis, int waveAxis
     return group;
 }
 
-array<double, 2> Fluid::flowMode(int forceAxis, int waveAxis, int waveVectorIndex, const FlowQuestion& question) {
+array<double, 2> Fluid::flowMode(int forceAxis, int waveAxis, int waveVectorIndex,
+                                 const FlowQuestion& question) {
     const OneBlasThread single;
     DrivenFlow wave;
-    FluidGroup& group = groupWithWave("getFlowModeInContext()", forceAxis, waveAxis, waveVectorIndex, wave);
+    FluidGroup& group =
+        groupWithWave("getFlowModeInContext()", forceAxis, waveAxis, waveVectorIndex, wave);
     const double volume = group.bodies.getModel().fluidVolume(box);
     FlowOfGroup& made = findFlow(group, question);
     const double unit = 2 / (force.getViscosity() * wave.k * wave.k * volume);
@@ -284,15 +300,18 @@ array<double, 2> Fluid::flowMode(int forceAxis, int waveAxis, int waveVectorInde
         if (made.made.fieldWeight != 0 && made.move->getField())
             amplitudes[part] += made.made.fieldWeight * made.move->getField()->amplitudeOf(wave);
     }
-    if (flow.waveVelocity != 0 && flow.forceAxis == forceAxis && flow.waveAxis == waveAxis && flow.k == wave.k)
+    if (flow.waveVelocity != 0 && flow.forceAxis == forceAxis && flow.waveAxis == waveAxis &&
+        flow.k == wave.k)
         amplitudes[0] += made.made.flowWeight * flow.waveVelocity;
     return amplitudes;
 }
 
-array<double, 2> Fluid::randomFlowMode(int forceAxis, int waveAxis, int waveVectorIndex, const FlowQuestion& question) {
+array<double, 2> Fluid::randomFlowMode(int forceAxis, int waveAxis, int waveVectorIndex,
+                                       const FlowQuestion& question) {
     const OneBlasThread single;
     DrivenFlow wave;
-    FluidGroup& group = groupWithWave("getRandomFlowModeInContext()", forceAxis, waveAxis, waveVectorIndex, wave);
+    FluidGroup& group =
+        groupWithWave("getRandomFlowModeInContext()", forceAxis, waveAxis, waveVectorIndex, wave);
     FlowOfGroup& made = findFlow(group, question);
     array<double, 2> amplitudes = {0, 0};
     RandomField* field = made.move ? made.move->getField() : nullptr;
@@ -308,7 +327,8 @@ SchemeMemory Fluid::getLastStep() const {
     for (const auto& group : groups) {
         const LastStep& last = group->overdamped.last;
         if (!last.isKnown) return {};
-        vector<MatrixXd> own = {toMatrix(last.step, last.box), toMatrix(last.start), toMatrix(last.end)};
+        vector<MatrixXd> own = {toMatrix(last.step, last.box), toMatrix(last.start),
+                                toMatrix(last.end)};
         own.insert(own.end(), last.forces.begin(), last.forces.end());
         own.insert(own.end(), last.memory.begin(), last.memory.end());
         saved.groups.push_back(own);
@@ -319,7 +339,8 @@ SchemeMemory Fluid::getLastStep() const {
 
 bool Fluid::isLastStepOf(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) const {
     // That of another scheme serves nobody.
-    return !saved.groups.empty() && saved.scheme == traitsOf(scheme).name && traitsOf(scheme).isOverdamped();
+    return !saved.groups.empty() && saved.scheme == traitsOf(scheme).name &&
+           traitsOf(scheme).isOverdamped();
 }
 
 void Fluid::checkLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) const {
@@ -330,23 +351,29 @@ void Fluid::checkLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Sc
     for (size_t g = 0; fits && g < groups.size(); g++) {
         const vector<MatrixXd>& numbers = saved.groups[g];
         const int elements = groups[g]->poses.size(), rows = groups[g]->bodies.getNumRows();
-        fits = (int)numbers.size() == 3 + numStages + numMemories && numbers[0].size() == numNumbersOfStep;
+        fits = (int)numbers.size() == 3 + numStages + numMemories &&
+               numbers[0].size() == numNumbersOfStep;
         for (int i = 0; fits && i < (int)numbers.size(); i++) {
             fits = numbers[i].allFinite();
-            if (i == 1 || i == 2) fits = fits && numbers[i].rows() == 7 && numbers[i].cols() == elements;
+            if (i == 1 || i == 2)
+                fits = fits && numbers[i].rows() == 7 && numbers[i].cols() == elements;
             if (i > 2) fits = fits && (numbers[i].size() == 0 || numbers[i].rows() == rows);
-            if (i > 2 && i < 3 + numStages && entry.needsForces(i - 3)) fits = fits && numbers[i].cols() == 1;
+            if (i > 2 && i < 3 + numStages && entry.needsForces(i - 3))
+                fits = fits && numbers[i].cols() == 1;
         }
         // The step and its kT, and what are whole numbers of 32 bits.
         fits = fits && numbers[0](0) > 0 && numbers[0](1) >= 0;
-        for (int i : {4, 6, 7, 8}) fits = fits && numbers[0](i) >= 0 && numbers[0](i) <= 4294967295.0;
+        for (int i : {4, 6, 7, 8})
+            fits = fits && numbers[0](i) >= 0 && numbers[0](i) <= 4294967295.0;
         for (int i = 1; fits && i < 3; i++)
-            for (int e = 0; e < elements; e++) fits = fits && abs(numbers[i].col(e).tail<4>().norm() - 1) <= 1e-9;
+            for (int e = 0; e < elements; e++)
+                fits = fits && abs(numbers[i].col(e).tail<4>().norm() - 1) <= 1e-9;
     }
     if (!fits)
         throw OpenMM::OpenMMException(
             "CustomRigidHIIntegrator: the saved state's last step of scheme " + saved.scheme +
-            " is damaged, or that of other bodies; load it into an integrator with the same bodies and groups, or use "
+            " is damaged, or that of other bodies; load it into an integrator with the same bodies "
+            "and groups, or use "
             "another");
 }
 

@@ -18,11 +18,13 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** The default of setFiniteDifferenceStep(): rounding of 1e-16 against the error of the difference. */
+/** The default of setFiniteDifferenceStep(): rounding of 1e-16 against the error of the difference.
+ */
 const double denseDifference = 1e-5;
 
-/** Of iterations of a tolerance t the difference is wrong by t/step, beside step^2: t^(1/3), and not so large that bodies leave the
- * neighbourhood in which the mobility is smooth, with solves to a part of the tolerance. */
+/** Of iterations of a tolerance t the difference is wrong by t/step, beside step^2: t^(1/3), and
+ * not so large that bodies leave the neighbourhood in which the mobility is smooth, with solves to
+ * a part of the tolerance. */
 const double largestDifference = 1e-2, toleranceOfDifferences = 0.1;
 
 /** Drifts below this part of mobility/length are rounding of a body's symmetry. */
@@ -31,7 +33,8 @@ const double zeroDrift = 1e-12;
 }  // namespace
 
 OverdampedMove& Fluid::moveOf(FluidGroup& group) const {
-    if (!group.overdamped.move) group.overdamped.move.reset(new OverdampedMove(*group.overdamped.mobility));
+    if (!group.overdamped.move)
+        group.overdamped.move.reset(new OverdampedMove(*group.overdamped.mobility));
     return *group.overdamped.move;
 }
 
@@ -52,13 +55,16 @@ bool Fluid::differencesIterate(const FluidGroup& group, const SchemeTraits& sche
 /** Of what iterates in a step with this finite-difference step. */
 void Fluid::setTolerance(FluidGroup& group, const SchemeTraits& scheme, double difference) const {
     const bool iterate = differencesIterate(group, scheme);
-    const bool isDifferenced = !group.overdamped.move->driftIsKnown() && scheme.differenced != Differenced::Nothing;
-    group.overdamped.mobility->setTolerance(force.getSolverTolerance() * (iterate ? toleranceOfDifferences : 1),
-                                            iterate && difference < largestDifference, isDifferenced);
+    const bool isDifferenced =
+        !group.overdamped.move->driftIsKnown() && scheme.differenced != Differenced::Nothing;
+    group.overdamped.mobility->setTolerance(
+        force.getSolverTolerance() * (iterate ? toleranceOfDifferences : 1),
+        iterate && difference < largestDifference, isDifferenced);
 }
 
 /** The finite-difference step: as set, or by the errors of what is differenced. */
-double Fluid::differenceOf(const FluidGroup& group, const SchemeTraits& scheme, double wanted) const {
+double Fluid::differenceOf(const FluidGroup& group, const SchemeTraits& scheme,
+                           double wanted) const {
     if (wanted > 0) return wanted;
     if (!differencesIterate(group, scheme)) return denseDifference;
     return min(largestDifference, max(denseDifference, cbrt(force.getSolverTolerance())));
@@ -74,7 +80,8 @@ Fluid::Drifts Fluid::findDrifts() const {
         else if (move.driftIsZero())
             drifts.ofSpheres++;
         else if (group->bodies.isConstantInBodyFrame() &&
-                 mobility.uniformDivergence().norm() > zeroDrift * mobility.mobility()(0, 0) / group->bodies.length(0))
+                 mobility.uniformDivergence().norm() >
+                     zeroDrift * mobility.mobility()(0, 0) / group->bodies.length(0))
             drifts.known++;
         else
             drifts.zero++;
@@ -84,9 +91,11 @@ Fluid::Drifts Fluid::findDrifts() const {
 
 bool Fluid::hasStochasticDrift() const { return findDrifts().numNotZero() > 0; }
 
-map<string, string> Fluid::describeDrift(const SchemeTraits& scheme, double kT, double difference) const {
+map<string, string> Fluid::describeDrift(const SchemeTraits& scheme, double kT,
+                                         double difference) const {
     const Drifts drifts = findDrifts();
-    const int others = drifts.differenced.size(), known = drifts.known, zero = drifts.zero + drifts.ofSpheres;
+    const int others = drifts.differenced.size(), known = drifts.known,
+              zero = drifts.zero + drifts.ofSpheres;
     double smallest = 0, largest = 0;
     bool byFields = scheme.differenced == Differenced::Roots;
     for (const FluidGroup* group : drifts.differenced) {
@@ -96,10 +105,13 @@ map<string, string> Fluid::describeDrift(const SchemeTraits& scheme, double kT, 
         largest = max(largest, step);
     }
     const string uniform = "every body is alone in a uniform fluid",
-                 spheres = string("the mobility of spheres in ") + (isPeriodic() ? "a periodic" : "an unbounded") +
+                 spheres = string("the mobility of spheres in ") +
+                           (isPeriodic() ? "a periodic" : "an unbounded") +
                            " fluid has no divergence",
                  alone = ", and other bodies are alone in a uniform fluid";
-    const auto count = [](int n) { return to_string(n) + (n == 1 ? " group of bodies" : " groups of bodies"); };
+    const auto count = [](int n) {
+        return to_string(n) + (n == 1 ? " group of bodies" : " groups of bodies");
+    };
     ostringstream drift, differences;
     if (kT == 0)
         drift << "off: the temperature is 0";
@@ -109,7 +121,8 @@ map<string, string> Fluid::describeDrift(const SchemeTraits& scheme, double kT, 
                   : drifts.zero == 0    ? spheres
                                         : spheres + alone + ", where it is 0 about their origins");
     else if (!*scheme.drift)
-        drift << "off: " << scheme.name << " omits it, so averages are wrong for " << count(known + others);
+        drift << "off: " << scheme.name << " omits it, so averages are wrong for "
+              << count(known + others);
     else {
         const int asWritten = scheme.differenced != Differenced::Nothing ? others : known + others;
         drift << "on: ";
@@ -125,13 +138,14 @@ map<string, string> Fluid::describeDrift(const SchemeTraits& scheme, double kT, 
         differences << "off: the temperature is 0";
     else if (others == 0)
         differences << "off: "
-                    << (drifts.ofSpheres == 0              ? uniform + ", whose divergence is known"
-                        : drifts.ofSpheres == zero + known ? spheres
-                                                           : spheres + alone + ", whose divergence is known");
+                    << (drifts.ofSpheres == 0 ? uniform + ", whose divergence is known"
+                        : drifts.ofSpheres == zero + known
+                            ? spheres
+                            : spheres + alone + ", whose divergence is known");
     else if (byFields)
-        differences
-            << "off: the divergence is that of the random field, by its gradient; setFiniteDifferenceStep() has "
-               "no effect";
+        differences << "off: the divergence is that of the random field, by its gradient; "
+                       "setFiniteDifferenceStep() has "
+                       "no effect";
     else {
         differences << "on: steps of " << smallest;
         if (largest > smallest) differences << " (dense) and " << largest << " (matrix-free)";
@@ -141,7 +155,8 @@ map<string, string> Fluid::describeDrift(const SchemeTraits& scheme, double kT, 
 }
 
 /** Forces and torques as last gathered, at the poses that the bodies have. */
-void Fluid::takeForces(FluidGroup& group, const BodySet& bodies, const FreeParticles& freeParticles) const {
+void Fluid::takeForces(FluidGroup& group, const BodySet& bodies,
+                       const FreeParticles& freeParticles) const {
     const auto& elements = group.bodies.getElements();
     for (size_t e = 0; e < elements.size(); e++) {
         double* to = &group.overdamped.move->force(group.bodies.firstRow(e), 0);
@@ -151,9 +166,10 @@ void Fluid::takeForces(FluidGroup& group, const BodySet& bodies, const FreeParti
             continue;
         }
         const int s = bodies.slot(elements[e].body);
-        const scalar::Rotation<double> turn({bodies.q[0][s], bodies.q[1][s], bodies.q[2][s], bodies.q[3][s]});
-        const auto torque_lab =
-            turn.toLab({bodies.torque_body[0][s], bodies.torque_body[1][s], bodies.torque_body[2][s]});
+        const scalar::Rotation<double> turn(
+            {bodies.q[0][s], bodies.q[1][s], bodies.q[2][s], bodies.q[3][s]});
+        const auto torque_lab = turn.toLab(
+            {bodies.torque_body[0][s], bodies.torque_body[1][s], bodies.torque_body[2][s]});
         for (int k = 0; k < 3; k++) to[k] = bodies.force_lab[k][s];
         to[3] = torque_lab.x;
         to[4] = torque_lab.y;
@@ -161,7 +177,8 @@ void Fluid::takeForces(FluidGroup& group, const BodySet& bodies, const FreeParti
     }
 }
 
-/** A scheme's poses become the bodies'. Forces stay those of where they were evaluated, in the lab. */
+/** A scheme's poses become the bodies'. Forces stay those of where they were evaluated, in the lab.
+ */
 bool Fluid::writePlaces(const FluidGroup& group, const vector<Pose>& places, BodySet& bodies,
                         vector<OpenMM::Vec3>& positions) const {
     const auto& elements = group.bodies.getElements();
@@ -174,9 +191,10 @@ bool Fluid::writePlaces(const FluidGroup& group, const vector<Pose>& places, Bod
             continue;
         }
         const int s = bodies.slot(elements[e].body);
-        const scalar::Rotation<double> before({bodies.q[0][s], bodies.q[1][s], bodies.q[2][s], bodies.q[3][s]});
-        const auto torque_body = scalar::Rotation<double>(place.q).toBody(
-            before.toLab({bodies.torque_body[0][s], bodies.torque_body[1][s], bodies.torque_body[2][s]}));
+        const scalar::Rotation<double> before(
+            {bodies.q[0][s], bodies.q[1][s], bodies.q[2][s], bodies.q[3][s]});
+        const auto torque_body = scalar::Rotation<double>(place.q).toBody(before.toLab(
+            {bodies.torque_body[0][s], bodies.torque_body[1][s], bodies.torque_body[2][s]}));
         for (int k = 0; k < 3; k++) bodies.R[k][s] = place.R[k];
         bodies.q[0][s] = place.q.w;
         bodies.q[1][s] = place.q.x;
@@ -191,7 +209,8 @@ bool Fluid::writePlaces(const FluidGroup& group, const vector<Pose>& places, Bod
 }
 
 OverdampedScheme& Fluid::schemeOf(FluidGroup& group) const {
-    if (!group.overdamped.scheme) group.overdamped.scheme = overdampedScheme(overdampedScheme_).make();
+    if (!group.overdamped.scheme)
+        group.overdamped.scheme = overdampedScheme(overdampedScheme_).make();
     return *group.overdamped.scheme;
 }
 
@@ -217,8 +236,8 @@ int Fluid::nextStage() const {
     return next;
 }
 
-LoopResult Fluid::runStage(int stage, const StepSettings& settings, BodySet& bodies, const FreeParticles& freeParticles,
-                           vector<OpenMM::Vec3>& positions) {
+LoopResult Fluid::runStage(int stage, const StepSettings& settings, BodySet& bodies,
+                           const FreeParticles& freeParticles, vector<OpenMM::Vec3>& positions) {
     const OneBlasThread single;
     flowOfLastStep.reset();
     const OverdampedEntry& entry = overdampedScheme(settings.scheme);
@@ -226,9 +245,11 @@ LoopResult Fluid::runStage(int stage, const StepSettings& settings, BodySet& bod
     for (auto& group : groups) {
         moveOf(*group);
         group->overdamped.isFinite = true;
-        group->overdamped.randomNumbers = group->overdamped.squareRoots = group->overdamped.iterations = 0;
+        group->overdamped.randomNumbers = group->overdamped.squareRoots =
+            group->overdamped.iterations = 0;
         if (group->overdamped.stage != stage) continue;
-        const double rows = group->bodies.getNumRows(), particleRows = group->bodies.getNumParticleRows();
+        const double rows = group->bodies.getNumRows(),
+                     particleRows = group->bodies.getNumParticleRows();
         operations += group->bodies.isConstantInBodyFrame()
                           ? operationsOfConstantTensor
                           : rows * rows * rows + particleRows * particleRows * particleRows;
@@ -279,7 +300,8 @@ LoopResult Fluid::runStage(int stage, const StepSettings& settings, BodySet& bod
         if (group.overdamped.stage < entry.numStages())
             group.overdamped.placesOfForces[group.overdamped.stage] = move.present;
         group.overdamped.isFinite = writePlaces(group, move.present, bodies, positions);
-        if (group.overdamped.isFinite) group.overdamped.objection = objection(group, bodies, positions);
+        if (group.overdamped.isFinite)
+            group.overdamped.objection = objection(group, bodies, positions);
         group.overdamped.randomNumbers = move.randomNumbers;
         group.overdamped.squareRoots = mobility.getCosts().roots - before.roots;
         group.overdamped.iterations = mobility.getCosts().iterations - before.iterations;
@@ -299,8 +321,9 @@ LoopResult Fluid::runStage(int stage, const StepSettings& settings, BodySet& bod
 }
 
 Fluid::Rejections Fluid::takeBackRejected(const BodySet::Snapshot& bodiesAtStart,
-                                          const FreeParticles::Snapshot& freeAtStart, BodySet& bodies,
-                                          FreeParticles& freeParticles, vector<OpenMM::Vec3>& positions) {
+                                          const FreeParticles::Snapshot& freeAtStart,
+                                          BodySet& bodies, FreeParticles& freeParticles,
+                                          vector<OpenMM::Vec3>& positions) {
     Rejections result;
     for (auto& group : groups) {
         if (group->overdamped.objection.empty()) continue;
@@ -335,7 +358,8 @@ double Fluid::getDriftFactorSpread() const {
     double spread = 0;
     for (const auto& group : groups) {
         const OverdampedMove* move = group->overdamped.move.get();
-        if (move && move->getNumDriftFactors() >= enough) spread = max(spread, move->driftFactorSpread());
+        if (move && move->getNumDriftFactors() >= enough)
+            spread = max(spread, move->driftFactorSpread());
     }
     return spread;
 }
@@ -377,13 +401,15 @@ void Fluid::checkMemory(const SchemeMemory& saved, CustomRigidHIIntegrator::Sche
     for (size_t g = 0; fits && g < groups.size(); g++) {
         fits = saved.groups[g].size() == count;
         for (const MatrixXd& vectors : saved.groups[g])
-            fits = fits &&
-                   (vectors.size() == 0 || (vectors.rows() == groups[g]->bodies.getNumRows() && vectors.allFinite()));
+            fits =
+                fits && (vectors.size() == 0 ||
+                         (vectors.rows() == groups[g]->bodies.getNumRows() && vectors.allFinite()));
     }
     if (!fits)
         throw OpenMM::OpenMMException(
             "CustomRigidHIIntegrator: the saved state's memory of scheme " + saved.scheme +
-            " is damaged, or that of other bodies; load it into an integrator with the same bodies and groups, or use "
+            " is damaged, or that of other bodies; load it into an integrator with the same bodies "
+            "and groups, or use "
             "another");
 }
 

@@ -19,7 +19,8 @@ Thermostat Fluid::bodyThermostat(int body, const BodyInertia& inertia, double kT
     return ornsteinUhlenbeckCoefficients(inertia, group.drag_t / inertia.mass, rates, kT, h);
 }
 
-bool Fluid::freeThermostat(int freeParticle, double mass, double kT, double h, Thermostat& thermostat) const {
+bool Fluid::freeThermostat(int freeParticle, double mass, double kT, double h,
+                           Thermostat& thermostat) const {
     if (groupOfFree[freeParticle] < 0) return false;
     thermostat = Thermostat();
     const FluidGroup& group = *groups[groupOfFree[freeParticle]];

@@ -15,67 +15,81 @@ namespace RigidHIPlugin {
 
 namespace {
 
-[[noreturn]] void fail(const string& message) { throw OpenMM::OpenMMException("MobilityForce: " + message); }
+[[noreturn]] void fail(const string& message) {
+    throw OpenMM::OpenMMException("MobilityForce: " + message);
+}
 
-/** Up to this many rows Auto decomposes matrices, beyond it takes Lanczos: 30 spheres, where this wins at the default tolerance. */
+/** Up to this many rows Auto decomposes matrices, beyond it takes Lanczos: 30 spheres, where this
+ * wins at the default tolerance. */
 const int largestDenseRows = 180;
 /** Likewise for the particles of multiblobs, whose matrix is factorised. */
 const int largestDenseParticleRows = 1500;
 
-/** For schemes without momenta, whose iterations are few: 8 boomerangs of 15 blobs, where both take as long at the default tolerance. */
+/** For schemes without momenta, whose iterations are few: 8 boomerangs of 15 blobs, where both take
+ * as long at the default tolerance. */
 const int largestDenseOverdampedRows = 360;
 
 /** Rounding that a product of rotations leaves in a tensor. */
 const double isotropyTolerance = 1e-13;
 
-/** Whether a friction tensor is isotropic in translation, diagonal in rotation, and without coupling. */
+/** Whether a friction tensor is isotropic in translation, diagonal in rotation, and without
+ * coupling. */
 bool isThermostatTensor(const MatrixXd& friction) {
     for (int i = 0; i < friction.rows(); i++)
         for (int k = 0; k < friction.cols(); k++)
-            if (i != k && abs(friction(i, k)) > isotropyTolerance * sqrt(abs(friction(i, i) * friction(k, k))))
+            if (i != k && abs(friction(i, k)) >
+                              isotropyTolerance * sqrt(abs(friction(i, i) * friction(k, k))))
                 return false;
     return abs(friction(0, 0) - friction(1, 1)) <= isotropyTolerance * friction(0, 0) &&
            abs(friction(0, 0) - friction(2, 2)) <= isotropyTolerance * friction(0, 0);
 }
 
 [[noreturn]] void refuseMatrixFree(const MobilityForce& force) {
-    fail("solver MatrixFree is there for RotnePragerYamakawa, not for " + string(modelName(force.getModel())) +
-         (force.getBoundary() == MobilityForce::Periodic ? " with boundary Periodic" : "") + "; use setSolver(Dense)");
+    fail("solver MatrixFree is there for RotnePragerYamakawa, not for " +
+         string(modelName(force.getModel())) +
+         (force.getBoundary() == MobilityForce::Periodic ? " with boundary Periodic" : "") +
+         "; use setSolver(Dense)");
 }
 
 }  // namespace
 
 /**
- * Who feels whom, in the order of the groups' labels; without interaction every body is a group of its own. Elements lack
- * what needs the shapes of bodies: sites and own tensors.
+ * Who feels whom, in the order of the groups' labels; without interaction every body is a group of
+ * its own. Elements lack what needs the shapes of bodies: sites and own tensors.
  */
-GroupBuilder::GroupBuilder(const MobilityForce& force, CustomRigidHIIntegrator::WallRejection wallRejection,
-                           const OpenMM::System& system, const vector<vector<int>>& particlesOfBodies,
+GroupBuilder::GroupBuilder(const MobilityForce& force,
+                           CustomRigidHIIntegrator::WallRejection wallRejection,
+                           const OpenMM::System& system,
+                           const vector<vector<int>>& particlesOfBodies,
                            const FreeParticles& freeParticles, PlatformLoops& loops)
-    : force(force), wallRejection(wallRejection), particlesOfBodies(particlesOfBodies), freeParticles(freeParticles),
-      loops(loops), flow(force), indexOfFree(system.getNumParticles(), -1) {
+    : force(force), wallRejection(wallRejection), particlesOfBodies(particlesOfBodies),
+      freeParticles(freeParticles), loops(loops), flow(force),
+      indexOfFree(system.getNumParticles(), -1) {
     system.getDefaultPeriodicBoxVectors(defaultBox[0], defaultBox[1], defaultBox[2]);
     const int numBodies = particlesOfBodies.size();
     const bool freeDraining = force.getModel() == MobilityForce::FreeDraining;
     if (force.getNumParticles() != system.getNumParticles())
         fail("it has " + to_string(force.getNumParticles()) + " radii, but the System has " +
              to_string(system.getNumParticles()) +
-             " particles; call addParticle() once for each particle of the System, with radius 0 where the fluid does "
+             " particles; call addParticle() once for each particle of the System, with radius 0 "
+             "where the fluid does "
              "not see it");
     flow.check();
     const vector<int>& labels = force.getGroups();
     if (!labels.empty() && (int)labels.size() != numBodies)
-        fail("setGroups() was given " + to_string(labels.size()) + " groups, but the integrator has " +
-             to_string(numBodies) + " bodies; give one for each body");
+        fail("setGroups() was given " + to_string(labels.size()) +
+             " groups, but the integrator has " + to_string(numBodies) +
+             " bodies; give one for each body");
     for (int b : force.getBodiesWithOwnTensors()) {
         if (b >= numBodies)
-            fail("body " + to_string(b) + " was given a tensor of its own, but the integrator has " +
-                 to_string(numBodies) + " bodies, counted from 0; correct the index");
+            fail("body " + to_string(b) +
+                 " was given a tensor of its own, but the integrator has " + to_string(numBodies) +
+                 " bodies, counted from 0; correct the index");
         if (force.getModel() == MobilityForce::StokesianDynamics)
-            fail(
-                "body " + to_string(b) +
-                " was given a tensor of its own, which model StokesianDynamics cannot take; use RotnePragerYamakawa or "
-                "FreeDraining");
+            fail("body " + to_string(b) +
+                 " was given a tensor of its own, which model StokesianDynamics cannot take; use "
+                 "RotnePragerYamakawa or "
+                 "FreeDraining");
     }
 
     int nextGroup = 0;
@@ -89,9 +103,13 @@ GroupBuilder::GroupBuilder(const MobilityForce& force, CustomRigidHIIntegrator::
         }
         if (element.particles.empty() && !(freeDraining && force.getBodyHasOwnTensor(b)))
             fail("body " + to_string(b) +
-                 " has no particle with a hydrodynamic radius, so the fluid would not see it; give at least one of its "
+                 " has no particle with a hydrodynamic radius, so the fluid would not see it; give "
+                 "at least one of its "
                  "particles a radius above 0");
-        elementsOfGroups[freeDraining ? nextGroup++ : labels.empty() ? 0 : labels[b]].push_back(element);
+        elementsOfGroups[freeDraining     ? nextGroup++
+                         : labels.empty() ? 0
+                                          : labels[b]]
+            .push_back(element);
     }
     vector<char> known(system.getNumParticles(), false);
     for (int p : freeParticles.getParticles()) {
@@ -106,11 +124,13 @@ GroupBuilder::GroupBuilder(const MobilityForce& force, CustomRigidHIIntegrator::
         for (int p : particles) known[p] = true;
     for (int p = 0; p < system.getNumParticles(); p++)
         if (force.getParticleRadius(p) > 0 && !known[p])
-            fail(
-                "particle " + to_string(p) + " has hydrodynamic radius " + to_string(force.getParticleRadius(p)) +
-                " nm but is a virtual site in no body, which the fluid cannot move; make it part of a body, or give it "
-                "radius 0");
-    for (int i = 0; i < freeParticles.getNumParticles(); i++) indexOfFree[freeParticles.getParticles()[i]] = i;
+            fail("particle " + to_string(p) + " has hydrodynamic radius " +
+                 to_string(force.getParticleRadius(p)) +
+                 " nm but is a virtual site in no body, which the fluid cannot move; make it part "
+                 "of a body, or give it "
+                 "radius 0");
+    for (int i = 0; i < freeParticles.getNumParticles(); i++)
+        indexOfFree[freeParticles.getParticles()[i]] = i;
 }
 
 /** Add the sites of particles, and what the body's own tensor is in the inner frame. */
@@ -127,13 +147,17 @@ void GroupBuilder::addShape(FluidElement& element, const vector<BodyGeometry>& g
     if (!force.getBodyHasOwnTensor(b)) return;
     const vector<double> user = force.getBodyMobility(b);
     Matrix3d toInner;
-    for (int k = 0; k < 3; k++) toInner.col(k) = toEigen(bodies.toInner(b, OpenMM::Vec3(k == 0, k == 1, k == 2)));
+    for (int k = 0; k < 3; k++)
+        toInner.col(k) = toEigen(bodies.toInner(b, OpenMM::Vec3(k == 0, k == 1, k == 2)));
     const Matrix<double, 6, 6> turn = twoRotations(toInner);
-    element.ownMobility = turn * Map<const Matrix<double, 6, 6, RowMajor>>(user.data()) * turn.transpose();
+    element.ownMobility =
+        turn * Map<const Matrix<double, 6, 6, RowMajor>>(user.data()) * turn.transpose();
 }
 
-unique_ptr<MobilityModel> GroupBuilder::makeModel(const HydrodynamicParticles& particles, bool mayUseThreads) const {
-    return loops.createMobility(force, wallRejection == CustomRigidHIIntegrator::Crossing, particles, mayUseThreads);
+unique_ptr<MobilityModel> GroupBuilder::makeModel(const HydrodynamicParticles& particles,
+                                                  bool mayUseThreads) const {
+    return loops.createMobility(force, wallRejection == CustomRigidHIIntegrator::Crossing,
+                                particles, mayUseThreads);
 }
 
 void GroupBuilder::checkModels() const {
@@ -143,7 +167,8 @@ void GroupBuilder::checkModels() const {
         const auto model = makeModel(particles, false);
         if (flow.hasWave()) model->checkWave(defaultBox, flow.waveAxis, flow.waveVectorIndex);
         // Of one element in a uniform fluid the tensor is constant, so that nothing is ever solved.
-        const bool isAlone = entry.second.size() == 1 && model->isHomogeneous() && model->isIsotropic();
+        const bool isAlone =
+            entry.second.size() == 1 && model->isHomogeneous() && model->isIsotropic();
         if (force.getSolver() == MobilityForce::MatrixFree && !model->hasProducts() && !isAlone)
             refuseMatrixFree(force);
     }
@@ -160,13 +185,16 @@ vector<unique_ptr<FluidGroup>> GroupBuilder::build(const vector<BodyGeometry>& g
     return groups;
 }
 
-unique_ptr<FluidGroup> GroupBuilder::makeGroup(const vector<FluidElement>& elements, const BodySet& bodies) const {
+unique_ptr<FluidGroup> GroupBuilder::makeGroup(const vector<FluidElement>& elements,
+                                               const BodySet& bodies) const {
     const bool mayUseThreads = elementsOfGroups.size() == 1;  // several groups are spread over them
     unique_ptr<FluidGroup> group(new FluidGroup(
-        elements, [&](const HydrodynamicParticles& particles) { return makeModel(particles, mayUseThreads); },
+        elements,
+        [&](const HydrodynamicParticles& particles) { return makeModel(particles, mayUseThreads); },
         force.getSolverTolerance()));
     for (size_t e = 0; e < elements.size(); e++) {
-        group->freeIndex.push_back(elements[e].isFree() ? indexOfFree[elements[e].particles[0]] : -1);
+        group->freeIndex.push_back(elements[e].isFree() ? indexOfFree[elements[e].particles[0]]
+                                                        : -1);
         group->hasNullVectors = group->hasNullVectors || group->bodies.hasNullVector(e);
     }
     chooseStrategies(*group, bodies);
@@ -187,7 +215,8 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
         const MatrixXd& friction = mobility.friction();
         group.isThermostat = isThermostatTensor(friction) && !flow.isAny();
         group.drag_t = friction(0, 0);
-        for (int k = 0; k < 3 && friction.rows() == 6; k++) group.drag_r[k] = friction(3 + k, 3 + k);
+        for (int k = 0; k < 3 && friction.rows() == 6; k++)
+            group.drag_r[k] = friction(3 + k, 3 + k);
     }
     const bool solved = !group.isThermostat && !coupled.isConstantInBodyFrame();
     const bool wanted = force.getSolver() == MobilityForce::MatrixFree;
@@ -199,16 +228,19 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
     };
     const int particleRows = coupled.getNumParticleRows();
     group.overdamped.mobility = &strategy(takesKrylov(particleRows > largestDenseOverdampedRows));
-    // What users ask for knows no inertia: as with the masses that go with the fluid, whatever the bodies have.
+    // What users ask for knows no inertia: as with the masses that go with the fluid, whatever the
+    // bodies have.
     int rows = coupled.getNumRows();
     for (size_t e = 0; e < coupled.getElements().size(); e++) rows -= coupled.hasNullVector(e);
-    group.answering = &strategy(coupled.multipliesWithoutIterations() ||
-                                takesKrylov(rows > largestDenseRows || particleRows > largestDenseParticleRows));
+    group.answering =
+        &strategy(coupled.multipliesWithoutIterations() ||
+                  takesKrylov(rows > largestDenseRows || particleRows > largestDenseParticleRows));
     if (group.isThermostat) return;
     const MomentumScaling scaling(coupled, group.freeIndex, bodies);
-    const bool large = scaling.getNumRows() > largestDenseRows || particleRows > largestDenseParticleRows;
-    group.relaxation =
-        makeRelaxation(strategy(scaling.deadAxesAreNull() && takesKrylov(large)), scaling, force.getSolverTolerance());
+    const bool large =
+        scaling.getNumRows() > largestDenseRows || particleRows > largestDenseParticleRows;
+    group.relaxation = makeRelaxation(strategy(scaling.deadAxesAreNull() && takesKrylov(large)),
+                                      scaling, force.getSolverTolerance());
 }
 
 }  // namespace RigidHIPlugin

@@ -14,30 +14,36 @@
 namespace RigidHIPlugin {
 
 /**
- * Reads a MobilityForce, bodies and free particles into groups, refuses what is wrong, and chooses each group's strategies: constant where the
- * tensor is so; else dense or matrix-free, by the number of rows only, so that a resumed run chooses the same.
+ * Reads a MobilityForce, bodies and free particles into groups, refuses what is wrong, and chooses
+ * each group's strategies: constant where the tensor is so; else dense or matrix-free, by the
+ * number of rows only, so that a resumed run chooses the same.
  */
 class GroupBuilder {
 public:
     /**
      * @param wallRejection  whether surfaces of particles may reach through a wall
-     * @throws OpenMMException for radii that are not one per particle, a body without hydrodynamic particles, tensors and
-     *         groups of other numbers of bodies
+     * @throws OpenMMException for radii that are not one per particle, a body without hydrodynamic
+     * particles, tensors and groups of other numbers of bodies
      */
     GroupBuilder(const MobilityForce& force, CustomRigidHIIntegrator::WallRejection wallRejection,
-                 const OpenMM::System& system, const std::vector<std::vector<int>>& particlesOfBodies,
+                 const OpenMM::System& system,
+                 const std::vector<std::vector<int>>& particlesOfBodies,
                  const FreeParticles& freeParticles, PlatformLoops& loops);
-    /** What the model refuses, as far as that does not depend on the shapes of bodies. @throws OpenMMException */
+    /** What the model refuses, as far as that does not depend on the shapes of bodies. @throws
+     * OpenMMException */
     void checkModels() const;
     /** @throws OpenMMException  likewise, and for what the shapes of bodies make wrong */
     std::vector<std::unique_ptr<FluidGroup>> build(const std::vector<BodyGeometry>& geometries,
                                                    const BodySet& bodies) const;
 
 private:
-    void addShape(FluidElement& element, const std::vector<BodyGeometry>& geometries, const BodySet& bodies) const;
-    std::unique_ptr<FluidGroup> makeGroup(const std::vector<FluidElement>& elements, const BodySet& bodies) const;
+    void addShape(FluidElement& element, const std::vector<BodyGeometry>& geometries,
+                  const BodySet& bodies) const;
+    std::unique_ptr<FluidGroup> makeGroup(const std::vector<FluidElement>& elements,
+                                          const BodySet& bodies) const;
     void chooseStrategies(FluidGroup& group, const BodySet& bodies) const;
-    std::unique_ptr<MobilityModel> makeModel(const HydrodynamicParticles& particles, bool mayUseThreads) const;
+    std::unique_ptr<MobilityModel> makeModel(const HydrodynamicParticles& particles,
+                                             bool mayUseThreads) const;
 
     const MobilityForce& force;
     const CustomRigidHIIntegrator::WallRejection wallRejection;
@@ -45,9 +51,10 @@ private:
     const FreeParticles& freeParticles;
     PlatformLoops& loops;
     const UserFlow flow;
-    BoxVectors defaultBox;                                      // of the System
-    std::map<int, std::vector<FluidElement>> elementsOfGroups;  // by label; elements lack sites and own tensors
-    std::vector<int> indexOfFree;                               // of particles in FreeParticles
+    BoxVectors defaultBox;  // of the System
+    std::map<int, std::vector<FluidElement>>
+        elementsOfGroups;          // by label; elements lack sites and own tensors
+    std::vector<int> indexOfFree;  // of particles in FreeParticles
 };
 
 }  // namespace RigidHIPlugin

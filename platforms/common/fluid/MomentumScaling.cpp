@@ -7,7 +7,8 @@ using namespace std;
 
 namespace RigidHIPlugin {
 
-MomentumScaling::MomentumScaling(const CoupledBodies& coupled, const vector<int>& freeIndex, const BodySet& bodies)
+MomentumScaling::MomentumScaling(const CoupledBodies& coupled, const vector<int>& freeIndex,
+                                 const BodySet& bodies)
     : coupled(coupled), freeIndex(freeIndex) {
     const auto& elements = coupled.getElements();
     for (size_t e = 0; e < elements.size(); e++) {
@@ -32,8 +33,8 @@ void MomentumScaling::matrix(bool inverse, BodyMobility& mobility, const BodySet
     for (int pass = 0; pass < 2; pass++)
         for (size_t e = 0; e < elements.size(); e++) {
             const int row = coupled.firstRow(e), z = firstRows[e];
-            const double mass =
-                elements[e].isFree() ? freeParticles.mass(freeIndex[e]) : bodies.inertia(elements[e].body).mass;
+            const double mass = elements[e].isFree() ? freeParticles.mass(freeIndex[e])
+                                                     : bodies.inertia(elements[e].body).mass;
             if (pass == 0)
                 half.middleRows<3>(z) = weight(mass) * matrix.middleRows<3>(row);
             else
@@ -52,18 +53,21 @@ void MomentumScaling::matrix(bool inverse, BodyMobility& mobility, const BodySet
         }
 }
 
-void MomentumScaling::wrenches(const MatrixXd& x, const BodyMobility& mobility, const BodySet& bodies,
-                               const FreeParticles& freeParticles, MatrixXd& wrenches) const {
+void MomentumScaling::wrenches(const MatrixXd& x, const BodyMobility& mobility,
+                               const BodySet& bodies, const FreeParticles& freeParticles,
+                               MatrixXd& wrenches) const {
     scale(x, true, mobility, bodies, freeParticles, wrenches);
 }
 
-void MomentumScaling::scaled(const MatrixXd& twists, const BodyMobility& mobility, const BodySet& bodies,
-                             const FreeParticles& freeParticles, MatrixXd& x) const {
+void MomentumScaling::scaled(const MatrixXd& twists, const BodyMobility& mobility,
+                             const BodySet& bodies, const FreeParticles& freeParticles,
+                             MatrixXd& x) const {
     scale(twists, false, mobility, bodies, freeParticles, x);
 }
 
-void MomentumScaling::scale(const MatrixXd& from, bool fromZ, const BodyMobility& mobility, const BodySet& bodies,
-                            const FreeParticles& freeParticles, MatrixXd& to) const {
+void MomentumScaling::scale(const MatrixXd& from, bool fromZ, const BodyMobility& mobility,
+                            const BodySet& bodies, const FreeParticles& freeParticles,
+                            MatrixXd& to) const {
     const auto& elements = coupled.getElements();
     to.resize(fromZ ? coupled.getNumRows() : numRows, from.cols());
     for (size_t e = 0; e < elements.size(); e++) {
@@ -74,7 +78,8 @@ void MomentumScaling::scale(const MatrixXd& from, bool fromZ, const BodyMobility
             continue;
         }
         const BodyInertia& inertia = bodies.inertia(elements[e].body);
-        to.middleRows<3>(fromZ ? row : z) = sqrt(inertia.mass) * from.middleRows<3>(fromZ ? z : row);
+        to.middleRows<3>(fromZ ? row : z) =
+            sqrt(inertia.mass) * from.middleRows<3>(fromZ ? z : row);
         if (fromZ) to.middleRows<3>(row + 3).setZero();
         for (int k = 0, next = z + 3; k < 3; k++) {
             if (!inertia.isLive(k)) continue;

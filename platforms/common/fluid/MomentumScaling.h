@@ -11,15 +11,18 @@
 namespace RigidHIPlugin {
 
 /**
- * Momenta of a group in the units in which their relaxation is symmetric: Z = K^(1/2) (p, l), K the inverse masses and moments, l in the body
- * frame. Of each element three rows for p, then one for each live axis.
+ * Momenta of a group in the units in which their relaxation is symmetric: Z = K^(1/2) (p, l), K the
+ * inverse masses and moments, l in the body frame. Of each element three rows for p, then one for
+ * each live axis.
  *
- * T scales velocities, T V = Z for the momenta of bodies with these velocities: it has m^(1/2) and I_k^(1/2) (A e_k)^T.
+ * T scales velocities, T V = Z for the momenta of bodies with these velocities: it has m^(1/2) and
+ * I_k^(1/2) (A e_k)^T.
  */
 class MomentumScaling {
 public:
     /** @param freeIndex  of each element in FreeParticles, -1: a body */
-    MomentumScaling(const CoupledBodies& coupled, const std::vector<int>& freeIndex, const BodySet& bodies);
+    MomentumScaling(const CoupledBodies& coupled, const std::vector<int>& freeIndex,
+                    const BodySet& bodies);
     int getNumRows() const { return numRows; }
     int firstRow(int element) const { return firstRows[element]; }
     int getNumLive(int element) const { return numLive[element]; }
@@ -27,9 +30,10 @@ public:
     bool deadAxesAreNull() const { return deadAxesAreNull_; }
     const std::vector<int>& getFreeIndex() const { return freeIndex; }
 
-    /** S = T^-T xi T^-1, or its inverse, T N T^T, at the poses that the mobility has; S^-1 only if deadAxesAreNull(). */
-    void matrix(bool inverse, BodyMobility& mobility, const BodySet& bodies, const FreeParticles& freeParticles,
-                Eigen::MatrixXd& S);
+    /** S = T^-T xi T^-1, or its inverse, T N T^T, at the poses that the mobility has; S^-1 only if
+     * deadAxesAreNull(). */
+    void matrix(bool inverse, BodyMobility& mobility, const BodySet& bodies,
+                const FreeParticles& freeParticles, Eigen::MatrixXd& S);
     /** wrenches = T^T x, and x = T twists, for columns. */
     void wrenches(const Eigen::MatrixXd& x, const BodyMobility& mobility, const BodySet& bodies,
                   const FreeParticles& freeParticles, Eigen::MatrixXd& wrenches) const;
@@ -37,8 +41,9 @@ public:
                 const FreeParticles& freeParticles, Eigen::MatrixXd& x) const;
 
 private:
-    void scale(const Eigen::MatrixXd& from, bool fromZ, const BodyMobility& mobility, const BodySet& bodies,
-               const FreeParticles& freeParticles, Eigen::MatrixXd& to) const;
+    void scale(const Eigen::MatrixXd& from, bool fromZ, const BodyMobility& mobility,
+               const BodySet& bodies, const FreeParticles& freeParticles,
+               Eigen::MatrixXd& to) const;
 
     const CoupledBodies& coupled;
     const std::vector<int> freeIndex;

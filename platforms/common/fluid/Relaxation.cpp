@@ -12,10 +12,12 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** How much more exactly than the tolerance Lanczos' products are taken where they are solves themselves. */
+/** How much more exactly than the tolerance Lanczos' products are taken where they are solves
+ * themselves. */
 const double innerTolerance = 0.05;
 
-/** One body's constant process: its matrices are known in the body's frame, for each step size and inertia scale. */
+/** One body's constant process: its matrices are known in the body's frame, for each step size and
+ * inertia scale. */
 class ConstantRelaxation : public Relaxation {
 public:
     using Relaxation::Relaxation;
@@ -58,7 +60,8 @@ public:
 
 protected:
     void evolve(const RelaxationStep& step) override {
-        // A dead axis makes S a part of K^(1/2) xi K^(1/2), whose inverse is not that part of the mobility.
+        // A dead axis makes S a part of K^(1/2) xi K^(1/2), whose inverse is not that part of the
+        // mobility.
         const bool inverse = scaling.deadAxesAreNull() && !mobility.getBodies().prefersFriction();
         scaling.matrix(inverse, mobility, step.bodies, step.freeParticles, S);
         process.decompose(S, inverse);
@@ -95,10 +98,11 @@ protected:
             functions.push_back(SpectralFunction::decayNoise(step.h));
         }
         // Of multiblobs a product is a solve, whose own products are rough where that serves.
-        const bool hasRough =
-            mobility.getBodies().multipliesWithoutIterations() && mobility.getBodies().getModel().hasRoughProducts();
+        const bool hasRough = mobility.getBodies().multipliesWithoutIterations() &&
+                              mobility.getBodies().getModel().hasRoughProducts();
         lanczos.apply(product(0), columns, functions, results, Lanczos::NormOfSum,
-                      hasRough ? Lanczos::Product(product(MobilityAt::leastRoughTolerance)) : Lanczos::Product());
+                      hasRough ? Lanczos::Product(product(MobilityAt::leastRoughTolerance))
+                               : Lanczos::Product());
         if (!lanczos.isIncrement(0)) Z.setZero();
         for (int c = 0; c < results.cols(); c++) Z += results.col(c);
         iterations += lanczos.getNumIterations();
@@ -112,10 +116,13 @@ private:
 
 }  // namespace
 
-unique_ptr<Relaxation> makeRelaxation(BodyMobility& mobility, const MomentumScaling& scaling, double tolerance) {
+unique_ptr<Relaxation> makeRelaxation(BodyMobility& mobility, const MomentumScaling& scaling,
+                                      double tolerance) {
     switch (mobility.getWay()) {
-        case BodyMobility::Constant: return unique_ptr<Relaxation>(new ConstantRelaxation(mobility, scaling));
-        case BodyMobility::Dense: return unique_ptr<Relaxation>(new DenseRelaxation(mobility, scaling));
+        case BodyMobility::Constant:
+            return unique_ptr<Relaxation>(new ConstantRelaxation(mobility, scaling));
+        case BodyMobility::Dense:
+            return unique_ptr<Relaxation>(new DenseRelaxation(mobility, scaling));
         default: return unique_ptr<Relaxation>(new KrylovRelaxation(mobility, scaling, tolerance));
     }
 }
@@ -147,7 +154,8 @@ void Relaxation::takeMomenta(const RelaxationStep& step) {
         double numbers[6];
         if (elements[e].isFree()) {
             const int p = elements[e].particles[0];
-            Z.segment<3>(z) = sqrt(step.freeParticles.mass(scaling.getFreeIndex()[e])) * toEigen(step.velocities[p]);
+            Z.segment<3>(z) = sqrt(step.freeParticles.mass(scaling.getFreeIndex()[e])) *
+                              toEigen(step.velocities[p]);
             if (step.kT == 0) continue;
             step.loops.fillNoise(step.noise, NoiseStream::FreeFirstDraw, &p, 1, numbers);
             chi.segment<3>(z) = Vector3d(numbers[0], numbers[1], numbers[2]);
@@ -156,8 +164,10 @@ void Relaxation::takeMomenta(const RelaxationStep& step) {
         }
         const int b = elements[e].body, s = bodies.slot(b);
         const BodyInertia& inertia = bodies.inertia(b);
-        Z.segment<3>(z) = Vector3d(bodies.p[0][s], bodies.p[1][s], bodies.p[2][s]) / sqrt(inertia.mass);
-        // Langevin C's numbers, so that with constant isotropic friction this is Langevin C (CONVENTIONS.md).
+        Z.segment<3>(z) =
+            Vector3d(bodies.p[0][s], bodies.p[1][s], bodies.p[2][s]) / sqrt(inertia.mass);
+        // Langevin C's numbers, so that with constant isotropic friction this is Langevin C
+        // (CONVENTIONS.md).
         if (step.kT > 0) {
             for (int k = 0; k < 3; k++)
                 step.noise.pair(NoiseStream::FirstDraw, b, k, numbers[2 * k], numbers[2 * k + 1]);

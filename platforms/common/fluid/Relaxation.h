@@ -24,15 +24,20 @@ struct RelaxationStep {
 };
 
 /**
- * What the fluid does to the momenta of one group in a step of LangevinHI (Davidchack 2017, eq. 26): the exact Ornstein-Uhlenbeck process
- * of Z at the present poses; in a driven flow of the momenta relative to those of bodies that go with the flow without forces (about axes without moments bodies turn with the flow). How is a class of its own for each strategy of BodyMobility, made by makeRelaxation().
+ * What the fluid does to the momenta of one group in a step of LangevinHI (Davidchack 2017, eq.
+ * 26): the exact Ornstein-Uhlenbeck process of Z at the present poses; in a driven flow of the
+ * momenta relative to those of bodies that go with the flow without forces (about axes without
+ * moments bodies turn with the flow). How is a class of its own for each strategy of BodyMobility,
+ * made by makeRelaxation().
  */
 class Relaxation {
 public:
-    Relaxation(BodyMobility& mobility, const MomentumScaling& scaling) : mobility(mobility), scaling(scaling) {}
+    Relaxation(BodyMobility& mobility, const MomentumScaling& scaling)
+        : mobility(mobility), scaling(scaling) {}
     virtual ~Relaxation() {}
     BodyMobility& getMobility() const { return mobility; }
-    /** Momenta of bodies and velocities of free particles over the time h. @param poses  of the elements */
+    /** Momenta of bodies and velocities of free particles over the time h. @param poses  of the
+     * elements */
     void relax(const std::vector<Pose>& poses, const RelaxationStep& step);
     /** Of the last step. */
     long long getNumRandomNumbers() const { return randomNumbers; }
@@ -62,7 +67,8 @@ private:
  *
  * @param tolerance  of KrylovMobility, as the user has set it
  */
-std::unique_ptr<Relaxation> makeRelaxation(BodyMobility& mobility, const MomentumScaling& scaling, double tolerance);
+std::unique_ptr<Relaxation> makeRelaxation(BodyMobility& mobility, const MomentumScaling& scaling,
+                                           double tolerance);
 
 }  // namespace RigidHIPlugin
 

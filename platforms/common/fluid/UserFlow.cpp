@@ -15,12 +15,15 @@ namespace RigidHIPlugin {
 
 namespace {
 
-[[noreturn]] void fail(const string& message) { throw OpenMM::OpenMMException("MobilityForce: " + message); }
+[[noreturn]] void fail(const string& message) {
+    throw OpenMM::OpenMMException("MobilityForce: " + message);
+}
 
 }  // namespace
 
 UserFlow::UserFlow(const MobilityForce& force)
-    : boundary(force.getBoundary()), viscosity(force.getViscosity()), wallHeight(force.getWallHeight()) {
+    : boundary(force.getBoundary()), viscosity(force.getViscosity()),
+      wallHeight(force.getWallHeight()) {
     force.getSinusoidalForceDensity(f0, forceAxis, waveAxis, waveVectorIndex);
     force.getBackgroundFlow(velocity, gradient);
 }
@@ -47,15 +50,18 @@ void UserFlow::check() const {
     if (hasWave() && boundary != MobilityForce::Periodic && boundary != MobilityForce::SlipChannel)
         fail("a sinusoidal force density needs a periodic fluid, and the boundary is " +
              string(boundaryName(boundary)) +
-             "; use setBoundary(Periodic) or (SlipChannel), or setSinusoidalForceDensity() with f0 = 0");
+             "; use setBoundary(Periodic) or (SlipChannel), or setSinusoidalForceDensity() with f0 "
+             "= 0");
     if (hasWave() && boundary == MobilityForce::SlipChannel && (forceAxis == 1 || waveAxis == 1))
-        fail("the sinusoidal force density is along axis " + to_string(forceAxis) + " with its wave along axis " +
-             to_string(waveAxis) +
-             ", and a SlipChannel has its walls across axis 1; both must be along the walls: give axes 0 and 2");
+        fail("the sinusoidal force density is along axis " + to_string(forceAxis) +
+             " with its wave along axis " + to_string(waveAxis) +
+             ", and a SlipChannel has its walls across axis 1; both must be along the walls: give "
+             "axes 0 and 2");
     if (!hasBackground()) return;
     if (boundary == MobilityForce::Periodic || boundary == MobilityForce::SlipChannel)
         fail("a background flow with boundary " + string(boundaryName(boundary)) +
-             ", where the mean velocity is 0 and a gradient is not periodic; use setSinusoidalForceDensity(), or "
+             ", where the mean velocity is 0 and a gradient is not periodic; use "
+             "setSinusoidalForceDensity(), or "
              "setBoundary(Unbounded)");
     if (boundary != MobilityForce::NoSlipWall) return;
     const double rounding = 1e-12, height = wallHeight;
@@ -67,10 +73,12 @@ void UserFlow::check() const {
         if (along <= rounding * largest &&
             abs(atWall) <= rounding * max(abs(velocity[a]), abs(gradient[3 * a + 2] * height)))
             continue;
-        fail("the background flow is not 0 at the NoSlipWall z = " + number(height) + " nm: component " + to_string(a) +
-             " is " + number(atWall) + " nm/ps above the origin and has the gradients " + number(gradient[3 * a]) +
-             " and " + number(gradient[3 * a + 1]) +
-             "/ps along the wall; give a flow of z alone that is 0 there, as a shear flow, by setBackgroundFlow()");
+        fail("the background flow is not 0 at the NoSlipWall z = " + number(height) +
+             " nm: component " + to_string(a) + " is " + number(atWall) +
+             " nm/ps above the origin and has the gradients " + number(gradient[3 * a]) + " and " +
+             number(gradient[3 * a + 1]) +
+             "/ps along the wall; give a flow of z alone that is 0 there, as a shear flow, by "
+             "setBackgroundFlow()");
     }
 }
 

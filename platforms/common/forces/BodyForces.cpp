@@ -15,7 +15,8 @@ namespace RigidHIPlugin {
 
 namespace {
 
-// Where variables are among the values of a force; parameters follow (CustomBodyForce::variableNames()).
+// Where variables are among the values of a force; parameters follow
+// (CustomBodyForce::variableNames()).
 const int X = 0, Q = 3, V = 7, T = 10, firstParameter = 11;
 
 }  // namespace
@@ -49,9 +50,11 @@ BodyForces::BodyForces(ContextImpl& context) {
         const auto* impl = dynamic_cast<const CustomBodyForceImpl*>(impls[i]);
         if (impl == nullptr) continue;
         const CustomBodyForce& owner = impl->getOwner();
-        unique_ptr<Force> force(new Force{(int)i, *impl, owner.getNumPerBodyParameters(), {}, {}, {}});
+        unique_ptr<Force> force(
+            new Force{(int)i, *impl, owner.getNumPerBodyParameters(), {}, {}, {}});
         vector<string> names = CustomBodyForce::variableNames();
-        for (int k = 0; k < owner.getNumPerBodyParameters(); k++) names.push_back(owner.getPerBodyParameterName(k));
+        for (int k = 0; k < owner.getNumPerBodyParameters(); k++)
+            names.push_back(owner.getPerBodyParameterName(k));
         for (int k = 0; k < owner.getNumGlobalParameters(); k++) {
             force->globals.push_back(owner.getGlobalParameterName(k));
             names.push_back(force->globals.back());
@@ -60,7 +63,8 @@ BodyForces::BodyForces(ContextImpl& context) {
         for (const string& component : CustomBodyForce::componentNames()) {
             const string where = "CustomBodyForce: force " + to_string(i) + ": " + component + ": ";
             try {
-                force->expressions.emplace_back(owner.getExpression(component), names, force->values.data());
+                force->expressions.emplace_back(owner.getExpression(component), names,
+                                                force->values.data());
             } catch (const OpenMMException& error) {
                 throw OpenMMException(where + error.what());
             }
@@ -73,7 +77,8 @@ BodyForces::BodyForces(ContextImpl& context) {
 
 string BodyForces::velocityDependence() const {
     for (const auto& force : forces)
-        if (force->uses(V, V + 3)) return "force " + to_string(force->index) + ", a CustomBodyForce";
+        if (force->uses(V, V + 3))
+            return "force " + to_string(force->index) + ", a CustomBodyForce";
     return "";
 }
 
@@ -83,13 +88,15 @@ bool BodyForces::isOn(int groups) const {
     return false;
 }
 
-/** The velocities that expressions see: those after a kick of so long with the forces that the bodies have. */
+/** The velocities that expressions see: those after a kick of so long with the forces that the
+ * bodies have. */
 void BodyForces::setVelocities(const BodySet& bodies, double lookAhead) {
     velocity.resize(bodies.getNumBodies());
     for (int b = 0; b < bodies.getNumBodies(); b++) {
         const int slot = bodies.slot(b);
         for (int k = 0; k < 3; k++)
-            velocity[b][k] = bodies.inverseMass[slot] * (bodies.p[k][slot] + lookAhead * bodies.force_lab[k][slot]);
+            velocity[b][k] = bodies.inverseMass[slot] *
+                             (bodies.p[k][slot] + lookAhead * bodies.force_lab[k][slot]);
     }
 }
 
@@ -110,13 +117,15 @@ void BodyForces::addOnce(ContextImpl& context, BodySet& bodies, int groups, doub
             for (int k = 0; k < force->numPerBody; k++) values[firstParameter + k] = *parameters++;
             Vec3 wrench[2];
             for (int c = 0; c < 6; c++)
-                if (!force->expressions[c].isZero()) wrench[c / 3][c % 3] = force->expressions[c].evaluate();
+                if (!force->expressions[c].isZero())
+                    wrench[c / 3][c % 3] = force->expressions[c].evaluate();
             bodies.addForceAndTorque_lab(b, wrench[0], wrench[1]);
         }
     }
 }
 
-bool BodyForces::add(ContextImpl& context, BodySet& bodies, int groups, double t, double lookAhead) {
+bool BodyForces::add(ContextImpl& context, BodySet& bodies, int groups, double t,
+                     double lookAhead) {
     if (velocities) {
         for (int k = 0; k < 3; k++) {
             force_lab[k] = bodies.force_lab[k];
@@ -134,7 +143,8 @@ bool BodyForces::add(ContextImpl& context, BodySet& bodies, int groups, double t
     bool finite = true;
     for (int k = 0; k < 3; k++)
         for (size_t s = 0; s < bodies.bodyOfSlot.size(); s++)
-            finite = finite && isfinite(bodies.force_lab[k][s]) && isfinite(bodies.torque_body[k][s]);
+            finite =
+                finite && isfinite(bodies.force_lab[k][s]) && isfinite(bodies.torque_body[k][s]);
     return finite;
 }
 

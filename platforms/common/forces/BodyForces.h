@@ -12,14 +12,15 @@
 namespace RigidHIPlugin {
 
 /**
- * All CustomBodyForces of a Context, ready to be evaluated. A Context without any costs nothing: isOn() is false then, and
- * nothing else needs to be called.
+ * All CustomBodyForces of a Context, ready to be evaluated. A Context without any costs nothing:
+ * isOn() is false then, and nothing else needs to be called.
  */
 class BodyForces {
 public:
     BodyForces();
     ~BodyForces();
-    /** Find the forces of a Context and compile their expressions. @throws OpenMMException for one that cannot be */
+    /** Find the forces of a Context and compile their expressions. @throws OpenMMException for one
+     * that cannot be */
     explicit BodyForces(OpenMM::ContextImpl& context);
     BodyForces& operator=(BodyForces&&);
 
@@ -34,7 +35,8 @@ public:
      * Add forces and torques to those that the bodies have.
      *
      * @param t         time, ps
-     * @param lookAhead velocities are those that the present momenta have after a kick of so long, ps; 0: the present ones
+     * @param lookAhead velocities are those that the present momenta have after a kick of so long,
+     * ps; 0: the present ones
      * @return whether all forces and torques are finite
      */
     bool add(OpenMM::ContextImpl& context, BodySet& bodies, int groups, double t, double lookAhead);

@@ -41,7 +41,10 @@ const map<string, Function2> functions2 = {{"atan2", atan2}, {"min", smaller}, {
 
 /** How many arguments a function has; 0: there is none of that name. */
 int numArguments(const string& function) {
-    return functions1.count(function) ? 1 : functions2.count(function) ? 2 : function == "select" ? 3 : 0;
+    return functions1.count(function)   ? 1
+           : functions2.count(function) ? 2
+           : function == "select"       ? 3
+                                        : 0;
 }
 
 /** Deeper nesting is refused, before it could exhaust the stack. */
@@ -114,7 +117,8 @@ private:
         at = depth = 0;
         const int result = parsePrecedence(0);
         if (tokens[at].kind != Token::End)
-            fail("unexpected '" + tokens[at].text + "'", "an expression must end or go on with an operator there",
+            fail("unexpected '" + tokens[at].text + "'",
+                 "an expression must end or go on with an operator there",
                  "add the operator that is missing, or remove the rest");
         return result;
     }
@@ -137,7 +141,8 @@ private:
                     const bool isE = (part[i] == 'e' || part[i] == 'E') && !hasExponent;
                     if (!isDigit(part[i]) && part[i] != '.' && !isE) break;
                     hasExponent = hasExponent || isE;
-                    if (isE && i + 1 < part.size() && (part[i + 1] == '-' || part[i + 1] == '+')) i++;
+                    if (isE && i + 1 < part.size() && (part[i + 1] == '-' || part[i + 1] == '+'))
+                        i++;
                 }
             } else {
                 while (i < part.size() && !isOperator(part[i]) && !isSpace(part[i]) &&
@@ -174,7 +179,8 @@ private:
             if (precedence(op) < lowest) break;
             at++;
             if (chain.operands.empty()) chain.operands = {first};
-            chain.operands.push_back(parsePrecedence(op == '^' ? precedence(op) : precedence(op) + 1));
+            chain.operands.push_back(
+                parsePrecedence(op == '^' ? precedence(op) : precedence(op) + 1));
             chain.name += op;
         }
         depth--;
@@ -191,7 +197,8 @@ private:
             const char* end = token.text.data() + token.text.size();
             const auto parsed = from_chars(token.text.data(), end, node.value);
             if (parsed.ec != errc() || parsed.ptr != end)
-                fail("'" + token.text + "' is no number", "a number looks like 1, 0.5 or 6.02e23", "correct it");
+                fail("'" + token.text + "' is no number", "a number looks like 1, 0.5 or 6.02e23",
+                     "correct it");
             return add(node);
         }
         if (token.kind == Token::Name) {
@@ -233,13 +240,14 @@ private:
             node.operands = {parsePrecedence(2)};
             return add(node);
         }
-        fail("unexpected '" + token.text + "'", "a number, a name, a function, '(' or '-' must stand there",
-             "correct it there");
+        fail("unexpected '" + token.text + "'",
+             "a number, a name, a function, '(' or '-' must stand there", "correct it there");
     }
 
     void closeParenthesis() {
         if (tokens[at].kind != Token::Close)
-            fail("a parenthesis is not closed before '" + tokens[at].text + "'", "each '(' needs its ')'", "add it");
+            fail("a parenthesis is not closed before '" + tokens[at].text + "'",
+                 "each '(' needs its ')'", "add it");
         at++;
     }
 
@@ -262,8 +270,8 @@ namespace {
 /**
  * Writes what the parser found for muParser.
  *
- * A chain of definitions may be as long as memory allows, so what is being written is on a stack of our own. The cost is
- * linear in the text: each piece's parser knows only what that piece uses.
+ * A chain of definitions may be as long as memory allows, so what is being written is on a stack of
+ * our own. The cost is linear in the text: each piece's parser knows only what that piece uses.
  */
 template <class Piece>
 class Compiler {
@@ -306,7 +314,8 @@ private:
     int nextOperand(const Writing& now) const {
         const Node& node = *now.node;
         if (node.kind == Node::Definition)
-            return pieceOfDefinition[node.definition] < 0 ? parser.definitions[node.definition] : -1;
+            return pieceOfDefinition[node.definition] < 0 ? parser.definitions[node.definition]
+                                                          : -1;
         return now.numWritten < node.operands.size() ? node.operands[now.numWritten] : -1;
     }
 
@@ -328,7 +337,9 @@ private:
     string finish(Writing& now) {
         const Node& node = *now.node;
         switch (node.kind) {
-            case Node::Number: constants.push_back(node.value); return "c" + to_string(constants.size() - 1);
+            case Node::Number:
+                constants.push_back(node.value);
+                return "c" + to_string(constants.size() - 1);
             case Node::Name: return "v" + to_string(findName(node.name));
             case Node::Definition: return "p" + to_string(pieceOfDefinition[node.definition]);
             case Node::Negation: now.text = "(-" + now.text + ")"; break;
@@ -383,8 +394,11 @@ private:
             string known;
             for (const string& n : names) known += (known.empty() ? "" : ", ") + n;
             if (parser.definitionOfName.count(name))
-                parser.fail("'" + name + "' is defined by way of itself, or used to the right of its definition",
-                            "a definition may use only definitions that stand to its right", "reorder them");
+                parser.fail(
+                    "'" + name +
+                        "' is defined by way of itself, or used to the right of its definition",
+                    "a definition may use only definitions that stand to its right",
+                    "reorder them");
             parser.fail("there is no variable or parameter '" + name + "'", "there are " + known,
                         "correct the name, or add a parameter or a definition of this name");
         }
@@ -411,7 +425,8 @@ Expression::Expression(const string& text, const vector<string>& names, const do
     try {
         compiler.compile();
     } catch (const mu::Parser::exception_type& error) {
-        parser.fail("muParser: " + error.GetMsg(), "it must take what our own parser takes", "report this text");
+        parser.fail("muParser: " + error.GetMsg(), "it must take what our own parser takes",
+                    "report this text");
     }
     zero = find(used.begin(), used.end(), true) == used.end() && evaluate() == 0;
 }

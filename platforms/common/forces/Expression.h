@@ -10,10 +10,12 @@ namespace RigidHIPlugin {
 /**
  * A mathematical expression in OpenMM's language, compiled by muParser.
  *
- * The language is that of OpenMM's Custom forces, no more: numbers, names, + - * / ^, unary minus, functions with exactly
- * as many arguments as they have, and definitions after semicolons ("a^2 + b; b = 2*a; a = x"), each of which may use those
- * to its right. muParser's own grammar differs (-x^2, log, ?:, built-in constants, ...), so the text is parsed here, and
- * muParser gets it in one unambiguous form with functions of ours. A definition is evaluated once, however often it is used.
+ * The language is that of OpenMM's Custom forces, no more: numbers, names, + - * / ^, unary minus,
+ * functions with exactly as many arguments as they have, and definitions after semicolons ("a^2 +
+ * b; b = 2*a; a = x"), each of which may use those to its right. muParser's own grammar differs
+ * (-x^2, log, ?:, built-in constants, ...), so the text is parsed here, and muParser gets it in one
+ * unambiguous form with functions of ours. A definition is evaluated once, however often it is
+ * used.
  */
 class Expression {
 public:
@@ -23,7 +25,8 @@ public:
      * @param values  the values of these names at every evaluation; must outlive this object
      * @throws OpenMMException with the expression, what is wrong with it, and the remedy
      */
-    Expression(const std::string& text, const std::vector<std::string>& names, const double* values);
+    Expression(const std::string& text, const std::vector<std::string>& names,
+               const double* values);
     ~Expression();
     Expression(Expression&&);
     /** The value at the present values of the names. Does not allocate. */

@@ -1,7 +1,7 @@
 // The loops over bodies, for one body at a time (Real = double) or a SIMD pack of bodies.
 //
-// A Real brings: arithmetic, construction from double, sincos, squareRoot, maximum (Quaternion-inl.h), and the
-// functions load, store, lanes and noisePairs below.
+// A Real brings: arithmetic, construction from double, sincos, squareRoot, maximum
+// (Quaternion-inl.h), and the functions load, store, lanes and noisePairs below.
 
 #if defined(RIGIDHI_BODY_LOOPS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_BODY_LOOPS_INL_H_
@@ -25,9 +25,10 @@ inline void store(double x, double* to) { *to = x; }
 inline int lanes(double) { return 1; }
 inline bool isFinite(double x) { return x - x == 0; }
 template <int count>
-inline void noisePairs(const NoiseStream& noise, uint32_t purpose, const int* index, uint32_t firstBlock,
-                       double (&numbers)[2 * count]) {
-    for (int k = 0; k < count; k++) noise.pair(purpose, index[0], firstBlock + k, numbers[2 * k], numbers[2 * k + 1]);
+inline void noisePairs(const NoiseStream& noise, uint32_t purpose, const int* index,
+                       uint32_t firstBlock, double (&numbers)[2 * count]) {
+    for (int k = 0; k < count; k++)
+        noise.pair(purpose, index[0], firstBlock + k, numbers[2 * k], numbers[2 * k + 1]);
 }
 
 template <class Real>
@@ -58,7 +59,8 @@ template <class Real>
 class BodyFlow {
 public:
     BodyFlow(BodySet& bodies, const StepSettings& settings, int slot)
-        : bodies(bodies), settings(settings), slot(slot), block(bodies.blocks[slot / BodySet::blockSize]) {
+        : bodies(bodies), settings(settings), slot(slot),
+          block(bodies.blocks[slot / BodySet::blockSize]) {
         R = loadVector<Real>(bodies.R, slot);
         p = loadVector<Real>(bodies.p, slot);
         l = loadVector<Real>(bodies.l, slot);
@@ -109,7 +111,8 @@ public:
         Vector3<Real> xi, eta;
         drawNoise(draw, xi, eta);
         p += loadScalar<Real>(bodies.noise_p, slot) * xi;
-        if (block.rotor != RotorKind::Point) l += multiply(loadVector<Real>(bodies.noise_l, slot), eta);
+        if (block.rotor != RotorKind::Point)
+            l += multiply(loadVector<Real>(bodies.noise_l, slot), eta);
     }
     void ornsteinUhlenbeck(int draw) {
         damp();
@@ -126,19 +129,22 @@ public:
             Vector3<Real> xi, eta;
             drawNoise(draw, xi, eta);
             R += loadScalar<Real>(bodies.noise_R, slot) * xi;
-            if (block.rotor != RotorKind::Point) right += multiply(loadVector<Real>(bodies.noise_q, slot), eta);
+            if (block.rotor != RotorKind::Point)
+                right += multiply(loadVector<Real>(bodies.noise_q, slot), eta);
         }
         if (block.rotor != RotorKind::Point) q = exponential(left) * q * exponential(right);
     }
 
-    /** Add up the forces of the particles: force in the lab frame, torque about the origin in the body frame. */
+    /** Add up the forces of the particles: force in the lab frame, torque about the origin in the
+     * body frame. */
     void gatherForces(const double* forces) {
         const int lane = slot % BodySet::blockSize;
         force_lab = {Real(0.0), Real(0.0), Real(0.0)};
         Vector3<Real> torque_lab = force_lab;
         const Rotation<Real> A(q);
         for (int s = block.firstSite; s < block.firstSite + block.numSites; s++) {
-            const Vector3<Real> force = gather(&bodies.forceParticle[s * BodySet::blockSize + lane], forces);
+            const Vector3<Real> force =
+                gather(&bodies.forceParticle[s * BodySet::blockSize + lane], forces);
             force_lab += force;
             torque_lab += cross(A.toLab(site(s, lane)), force);
         }
@@ -147,8 +153,8 @@ public:
         storeVector(torque_body, bodies.torque_body, slot);
     }
     /**
-     * Momentum and angular momentum that go with the velocities of the members: p = sum m v and, in the body frame, l = sum m s x v times the
-     * inertia scale.
+     * Momentum and angular momentum that go with the velocities of the members: p = sum m v and, in
+     * the body frame, l = sum m s x v times the inertia scale.
      */
     void gatherMomenta(const double* velocities) {
         const int lane = slot % BodySet::blockSize;
@@ -184,7 +190,8 @@ public:
     bool poseIsFinite() const { return isFinite(R.x + R.y + R.z + q.w + q.x + q.y + q.z); }
     bool momentaAreFinite() const { return isFinite(p.x + p.y + p.z + l.x + l.y + l.z); }
     bool forcesAreFinite() const {
-        return isFinite(force_lab.x + force_lab.y + force_lab.z + torque_body.x + torque_body.y + torque_body.z);
+        return isFinite(force_lab.x + force_lab.y + force_lab.z + torque_body.x + torque_body.y +
+                        torque_body.z);
     }
 
     Vector3<Real> R, p, l, force_lab, torque_body, inverseMoments;
@@ -226,7 +233,8 @@ private:
         const int* particle = &bodies.siteParticle[s * BodySet::blockSize + lane];
         for (int i = 0; i < width; i++)
             if (particle[i] >= 0)
-                for (int c = 0; c < 3; c++) copy[3 * particle[i] + c] = to[3 * particle[i] + c] = v[c][i];
+                for (int c = 0; c < 3; c++)
+                    copy[3 * particle[i] + c] = to[3 * particle[i] + c] = v[c][i];
     }
     void drawNoise(int draw, Vector3<Real>& xi, Vector3<Real>& eta) {
         const uint32_t purpose = draw == 0 ? NoiseStream::FirstDraw : NoiseStream::SecondDraw;
@@ -244,7 +252,9 @@ private:
         }
         int active = 0;
         for (int i = 0; i < lanes(R.x); i++) active += bodies.drawsNoise[slot + i];
-        randomNumbers += active * (block.rotor == RotorKind::Point ? 3 : block.rotor == RotorKind::Linear ? 5 : 6);
+        randomNumbers += active * (block.rotor == RotorKind::Point    ? 3
+                                   : block.rotor == RotorKind::Linear ? 5
+                                                                      : 6);
     }
     BodySet& bodies;
     const StepSettings& settings;
@@ -252,13 +262,15 @@ private:
     const BodySet::Block& block;
 };
 
-/** Call action(flow) for every body (or pack) of a range of blocks; it returns whether what it saw was finite. */
+/** Call action(flow) for every body (or pack) of a range of blocks; it returns whether what it saw
+ * was finite. */
 template <class Real, class Action>
-inline LoopResult forEachBody(BodySet& bodies, const StepSettings& settings, int firstBlock, int endBlock,
-                              Action action) {
+inline LoopResult forEachBody(BodySet& bodies, const StepSettings& settings, int firstBlock,
+                              int endBlock, Action action) {
     LoopResult result;
     const int width = lanes(Real(0.0));
-    for (int slot = firstBlock * BodySet::blockSize; slot < endBlock * BodySet::blockSize; slot += width) {
+    for (int slot = firstBlock * BodySet::blockSize; slot < endBlock * BodySet::blockSize;
+         slot += width) {
         if (bodies.bodyOfSlot[slot] < 0) continue;  // padding comes last in a block
         BodyFlow<Real> flow(bodies, settings, slot);
         result.finite &= action(flow);
@@ -281,7 +293,8 @@ struct BeforeForces {
     }
 };
 
-/** The part of a step before the fluid changes momenta, where this needs poses in between: new poses. */
+/** The part of a step before the fluid changes momenta, where this needs poses in between: new
+ * poses. */
 template <class Real, class Scheme>
 struct BeforeFriction {
     const StepSettings& settings;
@@ -332,8 +345,10 @@ struct SchemelessLoop {
             flow.gatherForces(arrays.forces);
             return flow.forcesAreFinite();
         }
-        if (loop == BodyLoop::ScatterPositions) flow.scatterPositions(arrays.positions, arrays.lastPositions);
-        if (loop == BodyLoop::ScatterVelocities) flow.scatterVelocities(arrays.velocities, arrays.lastVelocities);
+        if (loop == BodyLoop::ScatterPositions)
+            flow.scatterPositions(arrays.positions, arrays.lastPositions);
+        if (loop == BodyLoop::ScatterVelocities)
+            flow.scatterVelocities(arrays.velocities, arrays.lastVelocities);
         const bool scatter = loop == BodyLoop::TakeInAndScatterVelocities;
         if ((loop == BodyLoop::TakeInVelocities || scatter) && flow.massesMakeTheBodies()) {
             flow.gatherMomenta(arrays.velocities);
@@ -348,7 +363,9 @@ struct SchemelessLoop {
 template <class Real>
 inline LoopResult runBodyLoop(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
                               const ParticleArrays& arrays, int firstBlock, int endBlock) {
-    const auto run = [&](auto action) { return forEachBody<Real>(bodies, settings, firstBlock, endBlock, action); };
+    const auto run = [&](auto action) {
+        return forEachBody<Real>(bodies, settings, firstBlock, endBlock, action);
+    };
     switch (loop) {
         case BodyLoop::BeforeForces:
             return withThermostat(settings.scheme, [&](auto scheme) {
@@ -359,8 +376,9 @@ inline LoopResult runBodyLoop(BodyLoop loop, BodySet& bodies, const StepSettings
                 return run(AfterForces<Real, decltype(scheme)>{settings, arrays});
             });
         case BodyLoop::BeforeFriction:
-            return withFluidThermostat(
-                settings.scheme, [&](auto scheme) { return run(BeforeFriction<Real, decltype(scheme)>{settings}); });
+            return withFluidThermostat(settings.scheme, [&](auto scheme) {
+                return run(BeforeFriction<Real, decltype(scheme)>{settings});
+            });
         case BodyLoop::AfterFriction:
             return withFluidThermostat(settings.scheme, [&](auto scheme) {
                 return run(AfterFriction<Real, decltype(scheme)>{settings, arrays});
@@ -376,7 +394,8 @@ inline LoopResult runBodyLoop(BodyLoop loop, BodySet& bodies, const StepSettings
 
 /** Fill xi with three numbers for each of `count` particles (their indices are in `index`). */
 template <class Real>
-inline void fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count, double* xi) {
+inline void fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count,
+                      double* xi) {
     const int width = lanes(Real(0.0));
     for (int i = 0; i < count; i += width) {
         int padded[BodySet::blockSize] = {0};

@@ -15,14 +15,18 @@ namespace RigidHIPlugin {
 class PlatformLoops {
 public:
     virtual ~PlatformLoops() {}
-    /** Run a loop over all bodies. The result does not depend on how the platform divides the work. */
+    /** Run a loop over all bodies. The result does not depend on how the platform divides the work.
+     */
     virtual LoopResult run(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
                            const ParticleArrays& arrays) = 0;
     /** Fill xi (3 numbers a particle) for free particles. */
-    virtual void fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count, double* xi) = 0;
-    /** Call task(first, end) over ranges that cover 0 ... count - 1; ranges may run at the same time. */
+    virtual void fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count,
+                           double* xi) = 0;
+    /** Call task(first, end) over ranges that cover 0 ... count - 1; ranges may run at the same
+     * time. */
     virtual void forRanges(int count, const std::function<void(int, int)>& task) = 0;
-    /** Call task(i) for i = 0 ... count - 1, each large enough for a thread of its own; several may run at the same time. */
+    /** Call task(i) for i = 0 ... count - 1, each large enough for a thread of its own; several may
+     * run at the same time. */
     virtual void forTasks(int count, const std::function<void(int)>& task) = 0;
     /**
      * The model of a MobilityForce, with its boundary, for particles that feel each other.
@@ -30,7 +34,8 @@ public:
      * @param crossingAllowed  whether surfaces of particles may reach through a wall
      * @param mayUseThreads    false for models that are used inside of forTasks()
      */
-    virtual std::unique_ptr<MobilityModel> createMobility(const MobilityForce& force, bool crossingAllowed,
+    virtual std::unique_ptr<MobilityModel> createMobility(const MobilityForce& force,
+                                                          bool crossingAllowed,
                                                           const HydrodynamicParticles& particles,
                                                           bool mayUseThreads) = 0;
     /** How the loops run, for describeEffects(). */

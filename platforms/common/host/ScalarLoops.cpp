@@ -10,7 +10,8 @@ LoopResult ScalarLoops::run(BodyLoop loop, BodySet& bodies, const StepSettings& 
     return scalar::runBodyLoop<double>(loop, bodies, settings, arrays, 0, bodies.getNumBlocks());
 }
 
-void ScalarLoops::fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count, double* xi) {
+void ScalarLoops::fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count,
+                            double* xi) {
     scalar::fillNoise<double>(noise, purpose, index, count, xi);
 }
 
@@ -18,8 +19,10 @@ void ScalarLoops::forTasks(int count, const std::function<void(int)>& task) {
     for (int i = 0; i < count; i++) task(i);
 }
 
-std::unique_ptr<MobilityModel> ScalarLoops::createMobility(const MobilityForce& force, bool crossingAllowed,
-                                                           const HydrodynamicParticles& particles, bool) {
+std::unique_ptr<MobilityModel> ScalarLoops::createMobility(const MobilityForce& force,
+                                                           bool crossingAllowed,
+                                                           const HydrodynamicParticles& particles,
+                                                           bool) {
     PlatformModels own;
     own.gridFluid = [&] {
         std::shared_ptr<GridFluid> fluid = gridFluid.lock();

@@ -10,12 +10,17 @@ class GridFluid;
 /** One thread, one body after the other. */
 class ScalarLoops : public PlatformLoops {
 public:
-    LoopResult run(BodyLoop loop, BodySet& bodies, const StepSettings& settings, const ParticleArrays& arrays) override;
-    void fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count, double* xi) override;
-    void forRanges(int count, const std::function<void(int, int)>& task) override { task(0, count); }
+    LoopResult run(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
+                   const ParticleArrays& arrays) override;
+    void fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count,
+                   double* xi) override;
+    void forRanges(int count, const std::function<void(int, int)>& task) override {
+        task(0, count);
+    }
     void forTasks(int count, const std::function<void(int)>& task) override;
     std::unique_ptr<MobilityModel> createMobility(const MobilityForce& force, bool crossingAllowed,
-                                                  const HydrodynamicParticles& particles, bool mayUseThreads) override;
+                                                  const HydrodynamicParticles& particles,
+                                                  bool mayUseThreads) override;
     std::string describe() const override { return "one thread, one body at a time"; }
 
 private:

@@ -1,4 +1,5 @@
-// The loops over bodies, compiled once for each instruction set; the best is chosen at run time (Highway).
+// The loops over bodies, compiled once for each instruction set; the best is chosen at run time
+// (Highway).
 
 #include "host/SimdTargets.h"  // must precede foreach_target.h
 
@@ -21,11 +22,12 @@ HWY_BEFORE_NAMESPACE();
 namespace RigidHIPlugin {
 namespace HWY_NAMESPACE {
 
-LoopResult runPackLoop(BodyLoop loop, BodySet& bodies, const StepSettings& settings, const ParticleArrays& arrays,
-                       int firstBlock, int endBlock) {
+LoopResult runPackLoop(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
+                       const ParticleArrays& arrays, int firstBlock, int endBlock) {
     return runBodyLoop<Pack>(loop, bodies, settings, arrays, firstBlock, endBlock);
 }
-void fillPackNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count, double* xi) {
+void fillPackNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count,
+                   double* xi) {
     fillNoise<Pack>(noise, purpose, index, count, xi);
 }
 const char* targetName() { return hwy::TargetName(HWY_TARGET); }
@@ -44,11 +46,12 @@ HWY_EXPORT(fillPackNoise);
 HWY_EXPORT(targetName);
 HWY_EXPORT(packWidth);
 
-LoopResult runSimdBodyLoop(BodyLoop loop, BodySet& bodies, const StepSettings& settings, const ParticleArrays& arrays,
-                           int firstBlock, int endBlock) {
+LoopResult runSimdBodyLoop(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
+                           const ParticleArrays& arrays, int firstBlock, int endBlock) {
     return HWY_DYNAMIC_DISPATCH(runPackLoop)(loop, bodies, settings, arrays, firstBlock, endBlock);
 }
-void fillSimdNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count, double* xi) {
+void fillSimdNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count,
+                   double* xi) {
     HWY_DYNAMIC_DISPATCH(fillPackNoise)(noise, purpose, index, count, xi);
 }
 const char* simdTargetName() { return HWY_DYNAMIC_DISPATCH(targetName)(); }

@@ -7,9 +7,10 @@
 namespace RigidHIPlugin {
 
 /** BodyLoops-inl.h with SIMD packs, for the best instruction set of this machine. */
-LoopResult runSimdBodyLoop(BodyLoop loop, BodySet& bodies, const StepSettings& settings, const ParticleArrays& arrays,
-                           int firstBlock, int endBlock);
-void fillSimdNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count, double* xi);
+LoopResult runSimdBodyLoop(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
+                           const ParticleArrays& arrays, int firstBlock, int endBlock);
+void fillSimdNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count,
+                   double* xi);
 /** The instruction set that was chosen, such as "AVX3". */
 const char* simdTargetName();
 /** Doubles in a pack. */

@@ -1,5 +1,5 @@
-// Pack: a number type for the templates of platforms/common that holds one double of each of several bodies.
-// Built on Google Highway; compiled once per instruction set (rigidbody/Target.h).
+// Pack: a number type for the templates of platforms/common that holds one double of each of
+// several bodies. Built on Google Highway; compiled once per instruction set (rigidbody/Target.h).
 
 #if defined(RIGIDHI_SIMD_REAL_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_SIMD_REAL_INL_H_
@@ -40,16 +40,22 @@ HWY_INLINE Pack operator*(const Pack& a, const Pack& b) { return hn::Mul(a.v, b.
 HWY_INLINE Pack operator/(const Pack& a, const Pack& b) { return hn::Div(a.v, b.v); }
 HWY_INLINE Pack squareRoot(const Pack& a) { return hn::Sqrt(a.v); }
 HWY_INLINE Pack maximum(const Pack& a, const Pack& b) { return hn::Max(a.v, b.v); }
-HWY_INLINE Pack multiplyAdd(const Pack& a, const Pack& b, const Pack& c) { return hn::MulAdd(a.v, b.v, c.v); }
+HWY_INLINE Pack multiplyAdd(const Pack& a, const Pack& b, const Pack& c) {
+    return hn::MulAdd(a.v, b.v, c.v);
+}
 HWY_INLINE Pack negativeMultiplyAdd(const Pack& a, const Pack& b, const Pack& c) {
     return hn::NegMulAdd(a.v, b.v, c.v);
 }
-HWY_INLINE Pack multiplySubtract(const Pack& a, const Pack& b, const Pack& c) { return hn::MulSub(a.v, b.v, c.v); }
+HWY_INLINE Pack multiplySubtract(const Pack& a, const Pack& b, const Pack& c) {
+    return hn::MulSub(a.v, b.v, c.v);
+}
 HWY_INLINE Pack inverseSquareRoot(const Pack& a) { return Pack(1.0) / squareRoot(a); }
 HWY_INLINE Pack selectGreater(const Pack& a, const Pack& b, const Pack& x, const Pack& y) {
     return hn::IfThenElse(hn::Gt(a.v, b.v), x.v, y.v);
 }
-HWY_INLINE bool allGreater(const Pack& a, const Pack& b) { return hn::AllTrue(Doubles(), hn::Gt(a.v, b.v)); }
+HWY_INLINE bool allGreater(const Pack& a, const Pack& b) {
+    return hn::AllTrue(Doubles(), hn::Gt(a.v, b.v));
+}
 HWY_INLINE void load(const double* from, Pack& x) { x.v = hn::LoadU(Doubles(), from); }
 HWY_INLINE void store(const Pack& x, double* to) { hn::StoreU(x.v, Doubles(), to); }
 HWY_INLINE int lanes(const Pack&) { return hn::Lanes(Doubles()); }
@@ -57,7 +63,8 @@ HWY_INLINE bool isFinite(const Pack& x) {
     return hn::AllTrue(Doubles(), hn::Eq(hn::Sub(x.v, x.v), hn::Zero(Doubles())));
 }
 
-/** Floats, as many as fit where the doubles of a Pack do: of two packs, for sums of which six digits are enough. */
+/** Floats, as many as fit where the doubles of a Pack do: of two packs, for sums of which six
+ * digits are enough. */
 #if HWY_TARGET == HWY_SCALAR
 typedef hn::Rebind<float, Doubles> Floats;
 #else
@@ -71,35 +78,53 @@ struct SinglePack {
     explicit SinglePack(double x) : v(hn::Set(Floats(), static_cast<float>(x))) {}
     SinglePack(hn::Vec<Floats> v) : v(v) {}
 };
-HWY_INLINE SinglePack operator+(const SinglePack& a, const SinglePack& b) { return hn::Add(a.v, b.v); }
-HWY_INLINE SinglePack operator-(const SinglePack& a, const SinglePack& b) { return hn::Sub(a.v, b.v); }
-HWY_INLINE SinglePack operator*(const SinglePack& a, const SinglePack& b) { return hn::Mul(a.v, b.v); }
-HWY_INLINE SinglePack operator/(const SinglePack& a, const SinglePack& b) { return hn::Div(a.v, b.v); }
+HWY_INLINE SinglePack operator+(const SinglePack& a, const SinglePack& b) {
+    return hn::Add(a.v, b.v);
+}
+HWY_INLINE SinglePack operator-(const SinglePack& a, const SinglePack& b) {
+    return hn::Sub(a.v, b.v);
+}
+HWY_INLINE SinglePack operator*(const SinglePack& a, const SinglePack& b) {
+    return hn::Mul(a.v, b.v);
+}
+HWY_INLINE SinglePack operator/(const SinglePack& a, const SinglePack& b) {
+    return hn::Div(a.v, b.v);
+}
 HWY_INLINE SinglePack squareRoot(const SinglePack& a) { return hn::Sqrt(a.v); }
 HWY_INLINE SinglePack multiplyAdd(const SinglePack& a, const SinglePack& b, const SinglePack& c) {
     return hn::MulAdd(a.v, b.v, c.v);
 }
-HWY_INLINE SinglePack negativeMultiplyAdd(const SinglePack& a, const SinglePack& b, const SinglePack& c) {
+HWY_INLINE SinglePack negativeMultiplyAdd(const SinglePack& a, const SinglePack& b,
+                                          const SinglePack& c) {
     return hn::NegMulAdd(a.v, b.v, c.v);
 }
-HWY_INLINE SinglePack multiplySubtract(const SinglePack& a, const SinglePack& b, const SinglePack& c) {
+HWY_INLINE SinglePack multiplySubtract(const SinglePack& a, const SinglePack& b,
+                                       const SinglePack& c) {
     return hn::MulSub(a.v, b.v, c.v);
 }
-HWY_INLINE SinglePack inverseSquareRoot(const SinglePack& a) { return SinglePack(1.0) / squareRoot(a); }
+HWY_INLINE SinglePack inverseSquareRoot(const SinglePack& a) {
+    return SinglePack(1.0) / squareRoot(a);
+}
 HWY_INLINE void load(const float* from, SinglePack& x) { x.v = hn::LoadU(Floats(), from); }
 HWY_INLINE void store(const SinglePack& x, float* to) { hn::StoreU(x.v, Floats(), to); }
 HWY_INLINE int lanes(const SinglePack&) { return hn::Lanes(Floats()); }
-HWY_INLINE bool allGreater(const SinglePack& a, const SinglePack& b) { return hn::AllTrue(Floats(), hn::Gt(a.v, b.v)); }
+HWY_INLINE bool allGreater(const SinglePack& a, const SinglePack& b) {
+    return hn::AllTrue(Floats(), hn::Gt(a.v, b.v));
+}
 HWY_INLINE void round(const Pack (&x)[1], Pack& to) { to = x[0]; }
-/** What is too large for a float becomes 1e30: times 0, as a factor of the distance 0 is, it must not make a NaN. */
+/** What is too large for a float becomes 1e30: times 0, as a factor of the distance 0 is, it must
+ * not make a NaN. */
 HWY_INLINE void round(const Pack (&x)[SinglePack::packs], SinglePack& to) {
     const Doubles d;
-    const auto bounded = [&](const Pack& a) { return hn::Clamp(a.v, hn::Set(d, -1e30), hn::Set(d, 1e30)); };
+    const auto bounded = [&](const Pack& a) {
+        return hn::Clamp(a.v, hn::Set(d, -1e30), hn::Set(d, 1e30));
+    };
 #if HWY_TARGET == HWY_SCALAR
     to.v = hn::DemoteTo(Floats(), bounded(x[0]));
 #else
     const hn::Half<Floats> half;
-    to.v = hn::Combine(Floats(), hn::DemoteTo(half, bounded(x[1])), hn::DemoteTo(half, bounded(x[0])));
+    to.v =
+        hn::Combine(Floats(), hn::DemoteTo(half, bounded(x[1])), hn::DemoteTo(half, bounded(x[0])));
 #endif
 }
 /** sum += x */
@@ -135,13 +160,15 @@ HWY_MAYBE_UNUSED static HWY_NOINLINE void sincosOfLarge(const Pack& x, Pack& sin
 }
 
 /**
- * Sine and cosine of |x| <= pi/4: the Taylor series to x^15 and x^16 leave out less than x^16/17! = 6e-17 of sin x/x and
- * x^18/18! = 2e-18 of cos x, below rounding.
+ * Sine and cosine of |x| <= pi/4: the Taylor series to x^15 and x^16 leave out less than x^16/17! =
+ * 6e-17 of sin x/x and x^18/18! = 2e-18 of cos x, below rounding.
  */
 HWY_INLINE void sincosOfSmall(DoubleVec x, DoubleVec& sine, DoubleVec& cosine) {
     const Doubles d;
     const DoubleVec z = hn::Mul(x, x);
-    auto series = [&](DoubleVec sum, double coefficient) { return hn::MulAdd(sum, z, hn::Set(d, coefficient)); };
+    auto series = [&](DoubleVec sum, double coefficient) {
+        return hn::MulAdd(sum, z, hn::Set(d, coefficient));
+    };
     DoubleVec s = hn::Set(d, -1.0 / 1307674368000.0);  // -1/15!
     s = series(s, 1.0 / 6227020800.0);
     s = series(s, -1.0 / 39916800.0);
@@ -171,8 +198,9 @@ HWY_INLINE void sincos(const Pack& x, Pack& sine, Pack& cosine) {
 }
 
 /**
- * Philox4x32-10, one counter a lane, for `count` independent sets of counters: bit for bit what Random123 gives (a test
- * compares them). A set is one long chain of dependent operations, so sets are interleaved.
+ * Philox4x32-10, one counter a lane, for `count` independent sets of counters: bit for bit what
+ * Random123 gives (a test compares them). A set is one long chain of dependent operations, so sets
+ * are interleaved.
  */
 template <int count>
 HWY_INLINE void philox(WordVec (&c)[count][4], uint32_t key0, uint32_t key1) {
@@ -186,7 +214,9 @@ HWY_INLINE void philox(WordVec (&c)[count][4], uint32_t key0, uint32_t key1) {
 #else
     const Words d;
     const hn::Repartition<uint32_t, Words> half;
-    auto product = [&](WordVec a, WordVec b) { return hn::MulEven(hn::BitCast(half, a), hn::BitCast(half, b)); };
+    auto product = [&](WordVec a, WordVec b) {
+        return hn::MulEven(hn::BitCast(half, a), hn::BitCast(half, b));
+    };
     const WordVec m0 = hn::Set(d, 0xD2511F53u), m1 = hn::Set(d, 0xCD9E8D57u);
     for (int round = 0; round < 10; round++) {
         for (auto& set : c) {
@@ -204,16 +234,18 @@ HWY_INLINE void philox(WordVec (&c)[count][4], uint32_t key0, uint32_t key1) {
 }
 
 /**
- * Sine and cosine of 2 pi v for v in [0, 1): the nearest quarter turn is taken off exactly, and on the eighth of a turn
- * that is left the series serve.
+ * Sine and cosine of 2 pi v for v in [0, 1): the nearest quarter turn is taken off exactly, and on
+ * the eighth of a turn that is left the series serve.
  */
 HWY_INLINE void sincosOfTurn(DoubleVec v, DoubleVec& sine, DoubleVec& cosine) {
     const Doubles d;
     const DoubleVec quarters = hn::Round(hn::Mul(v, hn::Set(d, 4.0)));  // 0 ... 4
-    const DoubleVec x = hn::Mul(hn::Set(d, 2.0 * M_PI), hn::NegMulAdd(quarters, hn::Set(d, 0.25), v));
+    const DoubleVec x =
+        hn::Mul(hn::Set(d, 2.0 * M_PI), hn::NegMulAdd(quarters, hn::Set(d, 0.25), v));
     DoubleVec s, c;
     sincosOfSmall(x, s, c);
-    // Quarter turns: 1 and 3 swap sine and cosine; sine is negative after 2 and 3, cosine after 1 and 2.
+    // Quarter turns: 1 and 3 swap sine and cosine; sine is negative after 2 and 3, cosine after 1
+    // and 2.
     const auto one = hn::Eq(quarters, hn::Set(d, 1.0)), two = hn::Eq(quarters, hn::Set(d, 2.0)),
                three = hn::Eq(quarters, hn::Set(d, 3.0));
     const auto odd = hn::Or(one, three);
@@ -232,16 +264,18 @@ HWY_INLINE Pack uniform(WordVec low, WordVec high) {
 HWY_INLINE Pack discrete(const NoiseStream& noise, const Pack& u) {
     const Doubles d;
     const DoubleVec one = hn::Set(d, 1.0), root3 = hn::Set(d, std::sqrt(3.0));
-    if (noise.law == NoiseStream::TwoPoint) return hn::IfThenElse(hn::Lt(u.v, hn::Set(d, 0.5)), hn::Neg(one), one);
+    if (noise.law == NoiseStream::TwoPoint)
+        return hn::IfThenElse(hn::Lt(u.v, hn::Set(d, 0.5)), hn::Neg(one), one);
     return hn::IfThenElse(hn::Lt(u.v, hn::Set(d, 1.0 / 6.0)), hn::Neg(root3),
                           hn::IfThenElse(hn::Lt(u.v, hn::Set(d, 5.0 / 6.0)), hn::Zero(d), root3));
 }
 
-/** NoiseStream::pair for every lane, for blocks firstBlock, firstBlock + 1, ...: numbers 2k and 2k + 1 are block k's.
+/** NoiseStream::pair for every lane, for blocks firstBlock, firstBlock + 1, ...: numbers 2k and 2k
+ * + 1 are block k's.
  */
 template <int count>
-HWY_NOINLINE void noisePairs(const NoiseStream& noise, uint32_t purpose, const int* index, uint32_t firstBlock,
-                             Pack (&numbers)[2 * count]) {
+HWY_NOINLINE void noisePairs(const NoiseStream& noise, uint32_t purpose, const int* index,
+                             uint32_t firstBlock, Pack (&numbers)[2 * count]) {
     const Words d;
     const Doubles dd;
     HWY_ALIGN uint64_t indices[BodySet::blockSize];
@@ -262,8 +296,8 @@ HWY_NOINLINE void noisePairs(const NoiseStream& noise, uint32_t purpose, const i
     }
     if (noise.law == NoiseStream::Gaussian) {
         for (int k = 0; k < count; k++) {
-            const DoubleVec radius =
-                hn::Sqrt(hn::Mul(hn::Set(dd, -2.0), hn::Log(dd, hn::Sub(hn::Set(dd, 1.0), u[k].v))));
+            const DoubleVec radius = hn::Sqrt(
+                hn::Mul(hn::Set(dd, -2.0), hn::Log(dd, hn::Sub(hn::Set(dd, 1.0), u[k].v))));
             DoubleVec sine, cosine;
             sincosOfTurn(v[k].v, sine, cosine);
             numbers[2 * k] = hn::Mul(radius, cosine);

@@ -14,8 +14,8 @@ using namespace OpenMM;
 
 namespace RigidHIPlugin {
 
-// Waking a sleeping thread takes 10 to 90 microseconds (benchmarks/README.md); a block of bodies takes half a
-// microsecond a loop, a free particle ten nanoseconds a move.
+// Waking a sleeping thread takes 10 to 90 microseconds (benchmarks/README.md); a block of bodies
+// takes half a microsecond a loop, a free particle ten nanoseconds a move.
 static const int minimumBlocksPerThread = 128, minimumParticlesPerThread = 4096;
 
 /** Every element is computed on its own, so the division does not show in the results. */
@@ -53,9 +53,11 @@ LoopResult ThreadedLoops::run(BodyLoop loop, BodySet& bodies, const StepSettings
     return all;
 }
 
-void ThreadedLoops::fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count, double* xi) {
-    split(count, minimumParticlesPerThread,
-          [&](int first, int end, int) { fillSimdNoise(noise, purpose, index + first, end - first, xi + 3 * first); });
+void ThreadedLoops::fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index,
+                              int count, double* xi) {
+    split(count, minimumParticlesPerThread, [&](int first, int end, int) {
+        fillSimdNoise(noise, purpose, index + first, end - first, xi + 3 * first);
+    });
 }
 
 void ThreadedLoops::forRanges(int count, const std::function<void(int, int)>& task) {
@@ -68,7 +70,8 @@ void ThreadedLoops::forTasks(int count, const std::function<void(int)>& task) {
     });
 }
 
-std::unique_ptr<MobilityModel> ThreadedLoops::createMobility(const MobilityForce& force, bool crossingAllowed,
+std::unique_ptr<MobilityModel> ThreadedLoops::createMobility(const MobilityForce& force,
+                                                             bool crossingAllowed,
                                                              const HydrodynamicParticles& particles,
                                                              bool mayUseThreads) {
     CpuRotnePragerYamakawa::ForRanges threads;
@@ -95,8 +98,8 @@ std::unique_ptr<MobilityModel> ThreadedLoops::createMobility(const MobilityForce
 }
 
 std::string ThreadedLoops::describe() const {
-    return std::to_string(pool.getNumThreads()) + " threads, " + std::to_string(simdWidth()) + " bodies at a time (" +
-           simdTargetName() + ")";
+    return std::to_string(pool.getNumThreads()) + " threads, " + std::to_string(simdWidth()) +
+           " bodies at a time (" + simdTargetName() + ")";
 }
 
 }  // namespace RigidHIPlugin

@@ -13,18 +13,22 @@ class GridFluid;
 class ThreadedLoops : public PlatformLoops {
 public:
     explicit ThreadedLoops(int threads) : pool(threads) {}
-    LoopResult run(BodyLoop loop, BodySet& bodies, const StepSettings& settings, const ParticleArrays& arrays) override;
-    void fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count, double* xi) override;
+    LoopResult run(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
+                   const ParticleArrays& arrays) override;
+    void fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count,
+                   double* xi) override;
     void forRanges(int count, const std::function<void(int, int)>& task) override;
     void forTasks(int count, const std::function<void(int)>& task) override;
     std::unique_ptr<MobilityModel> createMobility(const MobilityForce& force, bool crossingAllowed,
-                                                  const HydrodynamicParticles& particles, bool mayUseThreads) override;
+                                                  const HydrodynamicParticles& particles,
+                                                  bool mayUseThreads) override;
     std::string describe() const override;
 
 private:
     template <class Task>
     void split(int count, int minimum, Task task);
-    // What models share while there are any: with threads, and for groups that are spread over threads.
+    // What models share while there are any: with threads, and for groups that are spread over
+    // threads.
     std::weak_ptr<GridFluid> gridFluid, gridFluidOfOne;
     OpenMM::ThreadPool pool;
 };

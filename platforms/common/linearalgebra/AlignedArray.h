@@ -11,7 +11,8 @@
 
 namespace RigidHIPlugin {
 
-/** Numbers that begin where a cache line does, as packs and transforms want them. Not initialised. Large ones ask for large pages. */
+/** Numbers that begin where a cache line does, as packs and transforms want them. Not initialised.
+ * Large ones ask for large pages. */
 template <typename T>
 class AlignedArrayOf {
 public:
@@ -21,7 +22,8 @@ public:
         memory.reset();
         count = 0;
         const size_t bytes = newSize * sizeof(T);
-        // Where pages are small, looking them up takes as long as the numbers in strides through a grid.
+        // Where pages are small, looking them up takes as long as the numbers in strides through a
+        // grid.
         const bool large = bytes >= 2 * largePage;
         const auto alignment = static_cast<std::align_val_t>(large ? largePage : cacheLine);
         T* const made = static_cast<T*>(::operator new(bytes, alignment));

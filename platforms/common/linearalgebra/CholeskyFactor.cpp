@@ -6,15 +6,17 @@
 // OpenBLAS has LAPACK in it; its header would bring C++-hostile complex types.
 extern "C" {
 void dpotrf_(const char* triangle, const int* n, double* a, const int* lda, int* info);
-void dtrsm_(const char* side, const char* triangle, const char* transposed, const char* diagonal, const int* rows,
-            const int* columns, const double* factor, const double* a, const int* lda, double* b, const int* ldb);
+void dtrsm_(const char* side, const char* triangle, const char* transposed, const char* diagonal,
+            const int* rows, const int* columns, const double* factor, const double* a,
+            const int* lda, double* b, const int* ldb);
 }
 
 namespace RigidHIPlugin {
 
 namespace {
 
-/** From this many rows on LAPACK is faster than Eigen, and from so many columns its triangular solves are. */
+/** From this many rows on LAPACK is faster than Eigen, and from so many columns its triangular
+ * solves are. */
 const int lapackRows = 32, lapackColumns = 4;
 
 }  // namespace

@@ -6,12 +6,14 @@
 namespace RigidHIPlugin {
 
 /**
- * A = L L^T of a symmetric positive definite matrix: by Eigen where it is small, else by LAPACK, which takes half the time
- * (benchmarks/README.md). Nothing is allocated or copied: matrix and factor exchange their memory.
+ * A = L L^T of a symmetric positive definite matrix: by Eigen where it is small, else by LAPACK,
+ * which takes half the time (benchmarks/README.md). Nothing is allocated or copied: matrix and
+ * factor exchange their memory.
  */
 class CholeskyFactor {
 public:
-    /** @param matrix  its lower triangle is read; it has no meaning afterwards. @return whether it is positive definite */
+    /** @param matrix  its lower triangle is read; it has no meaning afterwards. @return whether it
+     * is positive definite */
     bool compute(Eigen::MatrixXd& matrix);
     auto L() const { return factor.triangularView<Eigen::Lower>(); }
     auto U() const { return factor.transpose().triangularView<Eigen::Upper>(); }

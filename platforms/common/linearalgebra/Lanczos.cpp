@@ -18,15 +18,16 @@ namespace RigidHIPlugin {
 
 namespace {
 
-// Rounding errors of the iteration are those of a matrix that differs from A by this share of its norm (full
-// reorthogonalisation is backward stable), and of a result that differs by this share. TestLanczos compares with errors
-// seen; with 4, and without the second share, one case in twenty exceeded its estimate.
+// Rounding errors of the iteration are those of a matrix that differs from A by this share of its
+// norm (full reorthogonalisation is backward stable), and of a result that differs by this share.
+// TestLanczos compares with errors seen; with 4, and without the second share, one case in twenty
+// exceeded its estimate.
 const double roundingError = 8 * DBL_EPSILON;
 
 /** (f(a) - f(b))/(a - b), and f'(a) for a = b. */
 double slope(const std::function<double(double)>& f, double a, double f_a, double b, double f_b) {
-    const double separated =
-        1e-6;  // below it the difference quotient loses half of the digits; then it is the derivative
+    const double separated = 1e-6;  // below it the difference quotient loses half of the digits;
+                                    // then it is the derivative
     if (std::abs(a - b) > separated * std::max(a, b)) return (f_a - f_b) / (a - b);
     return (f(a * (1 + separated)) - f(a * (1 - separated))) / (2 * separated * a);
 }
@@ -34,7 +35,8 @@ double slope(const std::function<double(double)>& f, double a, double f_a, doubl
 }  // namespace
 
 SpectralFunction SpectralFunction::decay(double h) {
-    return {[h](double x) { return std::exp(-h / x); }, [h](double x) { return std::expm1(-h / x); }};
+    return {[h](double x) { return std::exp(-h / x); },
+            [h](double x) { return std::expm1(-h / x); }};
 }
 SpectralFunction SpectralFunction::decayNoise(double h) {
     return {[h](double x) { return std::sqrt(-std::expm1(-2 * h / x)); }, {}};
@@ -53,8 +55,9 @@ SpectralFunction SpectralFunction::inverse() {
 Lanczos::Lanczos(double tolerance, int maxIterations, double wanted)
     : tolerance(tolerance), maxIterations(maxIterations), wanted(wanted) {}
 
-void Lanczos::apply(const Product& multiply, const MatrixXd& x, const std::vector<SpectralFunction>& functions,
-                    MatrixXd& result, Measure measure, const Product& rough) {
+void Lanczos::apply(const Product& multiply, const MatrixXd& x,
+                    const std::vector<SpectralFunction>& functions, MatrixXd& result,
+                    Measure measure, const Product& rough) {
     numProducts = numIterations = 0;
     if (rough) {
         try {
@@ -67,7 +70,8 @@ void Lanczos::apply(const Product& multiply, const MatrixXd& x, const std::vecto
 }
 
 void Lanczos::iterate(const Product& multiply, const Product& rough, const MatrixXd& x,
-                      const std::vector<SpectralFunction>& functions, MatrixXd& result, Measure measure) {
+                      const std::vector<SpectralFunction>& functions, MatrixXd& result,
+                      Measure measure) {
     isRough = rough && tolerance >= MobilityAt::leastRoughTolerance;
     const int n = x.rows(), count = x.cols();
     result.setZero(n, count);
@@ -93,7 +97,8 @@ void Lanczos::iterate(const Product& multiply, const Product& rough, const Matri
             return column.active && (column.exact || last || k == column.nextLook);
         };
         for (int c = 0; c < count; c++)
-            if (isDue(columns[c]) || (mayBecomeRough && columns[c].active)) evaluate(columns[c], functions[c]);
+            if (isDue(columns[c]) || (mayBecomeRough && columns[c].active))
+                evaluate(columns[c], functions[c]);
         for (int c = 0; c < count; c++) {
             Column& column = columns[c];
             if (!isDue(column)) continue;
@@ -104,26 +109,29 @@ void Lanczos::iterate(const Product& multiply, const Product& rough, const Matri
             } else if (last) {
                 if (isRough) throw TooRough();
                 std::ostringstream message;
-                message << "MobilityForce: after " << k << " products the Lanczos iteration is at a relative error of "
+                message << "MobilityForce: after " << k
+                        << " products the Lanczos iteration is at a relative error of "
                         << column.error << ", above " << toleranceText(tolerance, wanted)
                         << "; raise the tolerance (setSolverTolerance) or use the solver Dense";
                 throw OpenMMException(message.str());
             }
         }
         if (mayBecomeRough)
-            isRough = std::all_of(columns.begin(), columns.end(),
-                                  [&](const Column& column) { return !column.active || allowsRoughProducts(column); });
+            isRough = std::all_of(columns.begin(), columns.end(), [&](const Column& column) {
+                return !column.active || allowsRoughProducts(column);
+            });
     }
 }
 
 /**
- * Errors of the products so far enter the result with factors that shrink about as fast as its coefficients; so the next ones together do not exceed a few
- * times what the last one would do.
+ * Errors of the products so far enter the result with factors that shrink about as fast as its
+ * coefficients; so the next ones together do not exceed a few times what the last one would do.
  */
 bool Lanczos::allowsRoughProducts(const Column& column) const {
     const double shareOfRough = 0.25;  // of the rounding that isConverged() allows
     const Iterate& iterate = column.iterate[column.form];
-    return MobilityAt::roughError * column.scale * iterate.lastFactor <= shareOfRough * tolerance * iterate.norm;
+    return MobilityAt::roughError * column.scale * iterate.lastFactor <=
+           shareOfRough * tolerance * iterate.norm;
 }
 
 void Lanczos::start(Column& column, const VectorXd& x) {
@@ -142,7 +150,8 @@ void Lanczos::start(Column& column, const VectorXd& x) {
     column.error = 0;
     for (Iterate& iterate : column.iterate) iterate.coefficients.resize(0);
     const int atFirst = 32;
-    if (column.basis.rows() != x.size()) column.basis.resize(x.size(), std::min<int>(atFirst, x.size()));
+    if (column.basis.rows() != x.size())
+        column.basis.resize(x.size(), std::min<int>(atFirst, x.size()));
     if (column.active) column.basis.col(0) = x / column.norm;
 }
 
@@ -160,11 +169,13 @@ void Lanczos::extend(Column& column, const VectorXd& product) {
     const double beta = w.norm();
     if (!std::isfinite(alpha + beta) && isRough) throw TooRough();
     if (!std::isfinite(alpha + beta))
-        throw OpenMMException("MobilityForce: a product with the mobility is not finite; look at the positions");
+        throw OpenMMException(
+            "MobilityForce: a product with the mobility is not finite; look at the positions");
     column.alpha.push_back(alpha);
     column.scale = std::max(column.scale, std::abs(alpha) + beta);
     column.wasRough.push_back(isRough);
-    column.exact = k == n || beta <= (isRough ? MobilityAt::roughError : roundingError) * column.scale;
+    column.exact =
+        k == n || beta <= (isRough ? MobilityAt::roughError : roundingError) * column.scale;
     if (column.exact) return;
     column.beta.push_back(beta);
     if (column.basis.cols() == k) column.basis.conservativeResize(n, std::min(2 * k, n));
@@ -176,19 +187,22 @@ void Lanczos::evaluate(Column& column, const SpectralFunction& f) {
     const int k = column.alpha.size();
     // Scaled to about 1: Eigen's test for zeros beside the diagonal is made for that.
     Eigen::SelfAdjointEigenSolver<MatrixXd> solver;
-    solver.computeFromTridiagonal(Eigen::Map<const VectorXd>(column.alpha.data(), k) / column.scale,
-                                  Eigen::Map<const VectorXd>(column.beta.data(), k - 1) / column.scale);
+    solver.computeFromTridiagonal(
+        Eigen::Map<const VectorXd>(column.alpha.data(), k) / column.scale,
+        Eigen::Map<const VectorXd>(column.beta.data(), k - 1) / column.scale);
     ritzValues = column.scale * solver.eigenvalues();
     column.smallest = ritzValues[0];
     column.largest = ritzValues[k - 1];
     if (solver.info() != Eigen::Success || !(column.smallest > 0)) {
         if (isRough) throw TooRough();
         std::ostringstream message;
-        message << "MobilityForce: the mobility is not positive definite (eigenvalues from " << column.smallest
-                << " to " << column.largest << "); look for particles at the same place";
+        message << "MobilityForce: the mobility is not positive definite (eigenvalues from "
+                << column.smallest << " to " << column.largest
+                << "); look for particles at the same place";
         throw OpenMMException(message.str());
     }
-    const VectorXd firstRow = solver.eigenvectors().row(0), lastRow = solver.eigenvectors().row(k - 1);
+    const VectorXd firstRow = solver.eigenvectors().row(0),
+                   lastRow = solver.eigenvectors().row(k - 1);
     for (Form form : {Value, Increment}) {
         const auto& function = form == Value ? f.value : f.minusOne;
         if (!function) continue;
@@ -197,16 +211,20 @@ void Lanczos::evaluate(Column& column, const SpectralFunction& f) {
         if (!functionValues.allFinite())
             throw OpenMMException("MobilityForce: a function of the mobility is not finite");
         Iterate& iterate = column.iterate[form];
-        iterate.coefficients.noalias() = solver.eigenvectors() * functionValues.cwiseProduct(firstRow);
+        iterate.coefficients.noalias() =
+            solver.eigenvectors() * functionValues.cwiseProduct(firstRow);
         iterate.norm = iterate.coefficients.norm();
-        // To first order a change E of the matrix changes f by f[a, b] E_ab between eigenvectors of a and b.
+        // To first order a change E of the matrix changes f by f[a, b] E_ab between eigenvectors of
+        // a and b.
         slopes.resize(k, k);
         for (int i = 0; i < k; i++)
             for (int j = 0; j <= i; j++)
-                slopes(i, j) = slopes(j, i) =
-                    slope(function, ritzValues[i], functionValues[i], ritzValues[j], functionValues[j]);
-        const double steepest = slopes.cwiseAbs().colwise().maxCoeff().transpose().cwiseProduct(firstRow).norm();
-        // An error of the j-th product is a change of what the j-th basis vector becomes, and nothing else.
+                slopes(i, j) = slopes(j, i) = slope(function, ritzValues[i], functionValues[i],
+                                                    ritzValues[j], functionValues[j]);
+        const double steepest =
+            slopes.cwiseAbs().colwise().maxCoeff().transpose().cwiseProduct(firstRow).norm();
+        // An error of the j-th product is a change of what the j-th basis vector becomes, and
+        // nothing else.
         double ofRough = 0;
         for (int j = 0; j < k; j++) {
             weights = solver.eigenvectors().row(j).transpose().cwiseProduct(firstRow);
@@ -215,11 +233,14 @@ void Lanczos::evaluate(Column& column, const SpectralFunction& f) {
         }
         iterate.roundoff = roundingError * (column.scale * steepest + iterate.norm) +
                            MobilityAt::roughError * column.scale * std::min(ofRough, steepest);
-        iterate.bound = column.exact ? 0
-                                     : column.beta[k - 1] * largestFactor(function, functionValues, firstRow, lastRow,
-                                                                          column.beta[k - 1]);
+        iterate.bound = column.exact
+                            ? 0
+                            : column.beta[k - 1] * largestFactor(function, functionValues, firstRow,
+                                                                 lastRow, column.beta[k - 1]);
     }
-    column.form = f.minusOne && column.iterate[Increment].norm < column.iterate[Value].norm ? Increment : Value;
+    column.form = f.minusOne && column.iterate[Increment].norm < column.iterate[Value].norm
+                      ? Increment
+                      : Value;
 }
 
 /**
@@ -227,17 +248,21 @@ void Lanczos::evaluate(Column& column, const SpectralFunction& f) {
  *
  *     beta_k (u.v_k+1) sum_i S_ki S_1i f[theta_i, x]
  *
- * with Ritz values theta and eigenvectors S of the tridiagonal matrix (compare f(A) v_1 with the polynomial that takes f's
- * values at theta). So the largest magnitude of this sum over an interval that holds all eigenvalues bounds the error. The
- * interval: extreme Ritz values and their residuals.
+ * with Ritz values theta and eigenvectors S of the tridiagonal matrix (compare f(A) v_1 with the
+ * polynomial that takes f's values at theta). So the largest magnitude of this sum over an interval
+ * that holds all eigenvalues bounds the error. The interval: extreme Ritz values and their
+ * residuals.
  */
-double Lanczos::largestFactor(const std::function<double(double)>& f, const VectorXd& functionValues,
-                              const VectorXd& firstRow, const VectorXd& lastRow, double beta) const {
-    // An eigenvalue lies within one residual of each Ritz value, but the extreme one may be farther out. At first residuals
-    // say nothing yet; then this is as far as the interval reaches towards zero.
+double Lanczos::largestFactor(const std::function<double(double)>& f,
+                              const VectorXd& functionValues, const VectorXd& firstRow,
+                              const VectorXd& lastRow, double beta) const {
+    // An eigenvalue lies within one residual of each Ritz value, but the extreme one may be farther
+    // out. At first residuals say nothing yet; then this is as far as the interval reaches towards
+    // zero.
     const double residuals = 3, least = 0.01;
     const int k = ritzValues.size();
-    const double low = std::max(ritzValues[0] - residuals * beta * std::abs(lastRow[0]), least * ritzValues[0]);
+    const double low =
+        std::max(ritzValues[0] - residuals * beta * std::abs(lastRow[0]), least * ritzValues[0]);
     const double high = ritzValues[k - 1] + residuals * beta * std::abs(lastRow[k - 1]);
     // The sum is smooth, and for most functions largest at an end.
     const int samples = 24;
@@ -252,18 +277,23 @@ double Lanczos::largestFactor(const std::function<double(double)>& f, const Vect
     return largest;
 }
 
-bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure measure, MatrixXd& result) {
-    // The promise is five tolerances: so much is for the iteration's error (which the bound exceeds), so much for rounding,
-    // and the rest for the interval that eigenvalues are thought to be in.
+bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure measure,
+                          MatrixXd& result) {
+    // The promise is five tolerances: so much is for the iteration's error (which the bound
+    // exceeds), so much for rounding, and the rest for the interval that eigenvalues are thought to
+    // be in.
     const double shareOfIteration = 3, shareOfRounding = 1;
-    // A result this much smaller than its vector is nothing: squares of its elements are not numbers any more.
+    // A result this much smaller than its vector is nothing: squares of its elements are not
+    // numbers any more.
     const double nothing = 1e-140;
     const Iterate& iterate = column.iterate[column.form];
     // No bound can be smaller than the rounding error in computing it.
     const auto iterationConverged = [&](double norm) {
         return iterate.bound <= std::max(shareOfIteration * tolerance * norm, iterate.roundoff);
     };
-    const auto roundingIsSmall = [&](double norm) { return iterate.roundoff <= shareOfRounding * tolerance * norm; };
+    const auto roundingIsSmall = [&](double norm) {
+        return iterate.roundoff <= shareOfRounding * tolerance * norm;
+    };
     double norm = std::max(iterate.norm, nothing);
     if (measure == NormOfSum && f.minusOne && column.form == Value &&
         !(iterationConverged(norm) && roundingIsSmall(norm))) {
@@ -281,8 +311,10 @@ bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure mea
         std::ostringstream message;
         message << "MobilityForce: " << toleranceText(tolerance, wanted)
                 << " cannot be reached: rounding makes an error of " << column.error
-                << " with a mobility whose eigenvalues go from " << column.smallest << " to " << column.largest
-                << "; raise the tolerance (setSolverTolerance), or change radii, masses or step size that differ by so "
+                << " with a mobility whose eigenvalues go from " << column.smallest << " to "
+                << column.largest
+                << "; raise the tolerance (setSolverTolerance), or change radii, masses or step "
+                   "size that differ by so "
                    "much";
         throw OpenMMException(message.str());
     }
@@ -290,7 +322,8 @@ bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure mea
 }
 
 /**
- * A look costs k^3 operations, so: seldom while the error is far too large, but no iteration too many in the end.
+ * A look costs k^3 operations, so: seldom while the error is far too large, but no iteration too
+ * many in the end.
  *
  * @param excess  error over what is allowed
  */
@@ -299,7 +332,8 @@ void Lanczos::planNextLook(Column& column, double excess) const {
     int wait = std::max(1, k / 4);
     // Errors shrink by about the same factor each iteration, later by more.
     const double rate = std::log(column.excess / excess) / (k - column.lastLook), share = 0.6;
-    if (column.lastLook > 0 && rate > 0) wait = std::min<double>(wait, std::max(1.0, share * std::log(excess) / rate));
+    if (column.lastLook > 0 && rate > 0)
+        wait = std::min<double>(wait, std::max(1.0, share * std::log(excess) / rate));
     column.lastLook = k;
     column.nextLook = k + wait;
     column.excess = excess;

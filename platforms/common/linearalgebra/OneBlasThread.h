@@ -4,11 +4,13 @@
 namespace RigidHIPlugin {
 
 /**
- * One BLAS thread in the whole process while any of these lives, so that results do not depend on their number.
+ * One BLAS thread in the whole process while any of these lives, so that results do not depend on
+ * their number.
  *
- * The number is the process's, not a thread's: Contexts that step at the same time hold it together, whichever platform they
- * are on. The first holder saves it, the last one restores it. If somebody else sets another number than 1 meanwhile, then
- * that is what is restored, but what holders compute until the next one comes may depend on it.
+ * The number is the process's, not a thread's: Contexts that step at the same time hold it
+ * together, whichever platform they are on. The first holder saves it, the last one restores it. If
+ * somebody else sets another number than 1 meanwhile, then that is what is restored, but what
+ * holders compute until the next one comes may depend on it.
  *
  * OpenBLAS reads the number once a call, so that calls in progress in other threads keep theirs.
  *

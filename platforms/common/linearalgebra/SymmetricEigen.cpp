@@ -6,8 +6,8 @@
 
 // OpenBLAS has LAPACK in it; its header would bring C++-hostile complex types.
 extern "C" {
-void dsyevd_(const char* job, const char* triangle, const int* n, double* a, const int* lda, double* w, double* work,
-             const int* lwork, int* iwork, const int* liwork, int* info);
+void dsyevd_(const char* job, const char* triangle, const int* n, double* a, const int* lda,
+             double* w, double* work, const int* lwork, int* iwork, const int* liwork, int* info);
 }
 
 namespace RigidHIPlugin {
@@ -46,8 +46,8 @@ void SymmetricEigen::compute(const Eigen::MatrixXd& matrix) {
     if ((int)work.size() < realSize) work.resize(realSize);
     if ((int)integerWork.size() < integerSize) integerWork.resize(integerSize);
     int info = 0;
-    dsyevd_("V", "L", &n, eigenvectors.data(), &n, eigenvalues.data(), work.data(), &realSize, integerWork.data(),
-            &integerSize, &info);
+    dsyevd_("V", "L", &n, eigenvectors.data(), &n, eigenvalues.data(), work.data(), &realSize,
+            integerWork.data(), &integerSize, &info);
     if (info != 0) reportFailure(n);
 }
 

@@ -7,8 +7,9 @@
 namespace RigidHIPlugin {
 
 /**
- * matrix = V diag(values) V^T of a symmetric matrix: by Eigen where it is small, else by LAPACK's divide and conquer
- * (dsyevd; callers hold a OneBlasThread), which is faster from a few tens of rows on. Cost about 9 n^3 flops.
+ * matrix = V diag(values) V^T of a symmetric matrix: by Eigen where it is small, else by LAPACK's
+ * divide and conquer (dsyevd; callers hold a OneBlasThread), which is faster from a few tens of
+ * rows on. Cost about 9 n^3 flops.
  */
 class SymmetricEigen {
 public:

@@ -5,7 +5,8 @@
 
 namespace RigidHIPlugin {
 
-/** The lower triangle of `sum` <- that of sum + factor A A^T; of A the first `columns` are taken. By BLAS. */
+/** The lower triangle of `sum` <- that of sum + factor A A^T; of A the first `columns` are taken.
+ * By BLAS. */
 void addProductOfRows(const Eigen::MatrixXd& A, int columns, double factor, Eigen::MatrixXd& sum);
 /** Likewise with A^T A. */
 void addProductOfColumns(const Eigen::MatrixXd& A, double factor, Eigen::MatrixXd& sum);

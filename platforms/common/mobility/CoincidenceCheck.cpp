@@ -13,11 +13,13 @@ using namespace std;
 namespace RigidHIPlugin {
 
 CoincidenceCheck::Pair CoincidenceCheck::find(const HydrodynamicParticles& particles,
-                                              const vector<OpenMM::Vec3>& places, double inOneBody) {
+                                              const vector<OpenMM::Vec3>& places,
+                                              double inOneBody) {
     Pair found;
     const int n = particles.size();
     if (n < 2) return found;
-    // Sorted along a line in general direction, on which points of a lattice do not fall together, near particles are neighbours.
+    // Sorted along a line in general direction, on which points of a lattice do not fall together,
+    // near particles are neighbours.
     const OpenMM::Vec3 direction(0.5773, 0.2111, 0.7888);
     order.clear();
     double largest = 0, radius = 0;
@@ -30,24 +32,27 @@ CoincidenceCheck::Pair CoincidenceCheck::find(const HydrodynamicParticles& parti
     const double rounding = 1e-15, window = bound * radius + rounding * largest;
     for (int k = 0; k < n; k++)
         for (int l = k + 1; l < n && order[l].first - order[k].first <= window; l++) {
-            const int i = min(order[k].second, order[l].second), j = max(order[k].second, order[l].second);
+            const int i = min(order[k].second, order[l].second),
+                      j = max(order[k].second, order[l].second);
             const double smaller = min(particles.radii[i], particles.radii[j]);
             const bool together = particles.body[i] >= 0 && particles.body[i] == particles.body[j];
             if (abs(particles.radii[i] - particles.radii[j]) > bound * smaller) continue;
             const OpenMM::Vec3 r = places[i] - places[j];
             const double distance = sqrt(r.dot(r));
             if (!(distance <= (together ? inOneBody : 1) * bound * smaller)) continue;
-            if (found.first >= 0 && make_pair(i, j) > make_pair(found.first, found.second)) continue;
+            if (found.first >= 0 && make_pair(i, j) > make_pair(found.first, found.second))
+                continue;
             found = {i, j, distance};
         }
     return found;
 }
 
-void CoincidenceCheck::check(const HydrodynamicParticles& particles, const vector<OpenMM::Vec3>& places,
-                             double inOneBody) {
+void CoincidenceCheck::check(const HydrodynamicParticles& particles,
+                             const vector<OpenMM::Vec3>& places, double inOneBody) {
     const Pair pair = find(particles, places, inOneBody);
     if (pair.first < 0) return;
-    const bool together = particles.body[pair.first] >= 0 && particles.body[pair.first] == particles.body[pair.second];
+    const bool together = particles.body[pair.first] >= 0 &&
+                          particles.body[pair.first] == particles.body[pair.second];
     const double radius = min(particles.radii[pair.first], particles.radii[pair.second]);
     ostringstream text;
     text << "MobilityForce: " << particleAndBody(particles, pair.first) << " and "

@@ -9,13 +9,15 @@ using Eigen::Vector3d;
 
 Vector3d DrivenFlow::velocityAt(const Vector3d& x, const WaveFactors& factors) const {
     Vector3d v = velocity + gradient * x;
-    if (waveVelocity != 0) v[forceAxis] += factors.s * waveVelocity * std::sin(k * x[waveAxis] + phase);
+    if (waveVelocity != 0)
+        v[forceAxis] += factors.s * waveVelocity * std::sin(k * x[waveAxis] + phase);
     return v;
 }
 
 Matrix3d DrivenFlow::gradientAt(const Vector3d& x, double t) const {
     Matrix3d G = gradient;
-    if (waveVelocity != 0) G(forceAxis, waveAxis) += t * waveVelocity * k * std::cos(k * x[waveAxis] + phase);
+    if (waveVelocity != 0)
+        G(forceAxis, waveAxis) += t * waveVelocity * k * std::cos(k * x[waveAxis] + phase);
     return G;
 }
 

@@ -5,12 +5,14 @@
 
 namespace RigidHIPlugin {
 
-/** How much of a wave a particle feels: s of its velocity, t of its angular velocity and strain. Both are 1 of a wave much longer than its radius. */
+/** How much of a wave a particle feels: s of its velocity, t of its angular velocity and strain.
+ * Both are 1 of a wave much longer than its radius. */
 struct WaveFactors {
     double s = 1, t = 1;
 };
 
-/** A flow without particles: v(x) = velocity + gradient x + waveVelocity sin(k x_b + phase) e_a, with a != b. */
+/** A flow without particles: v(x) = velocity + gradient x + waveVelocity sin(k x_b + phase) e_a,
+ * with a != b. */
 struct DrivenFlow {
     Eigen::Vector3d velocity = Eigen::Vector3d::Zero();  // nm/ps, at the origin of coordinates
     Eigen::Matrix3d gradient = Eigen::Matrix3d::Zero();  // dv_a/dx_b, 1/ps

@@ -5,7 +5,8 @@
 
 namespace RigidHIPlugin {
 
-/** What the fluid flows from: forces of particles upon it (rows of HydrodynamicParticles), and stresslets in the basis of StressletBasis.h, five numbers a particle, or none. */
+/** What the fluid flows from: forces of particles upon it (rows of HydrodynamicParticles), and
+ * stresslets in the basis of StressletBasis.h, five numbers a particle, or none. */
 struct FlowSources {
     Eigen::MatrixXd forces;
     Eigen::VectorXd stresslets;

@@ -6,7 +6,8 @@
 
 namespace RigidHIPlugin {
 
-/** Seconds that a fluid on a grid has taken, of all threads together, for getStepStatistics(). Zeros without a grid. */
+/** Seconds that a fluid on a grid has taken, of all threads together, for getStepStatistics().
+ * Zeros without a grid. */
 struct GridSeconds {
     double spreading = 0;   // forces to nodes
     double transforms = 0;  // Fourier transforms, with the fluid's response to each mode
@@ -29,7 +30,9 @@ struct GridSeconds {
 class TimeOfLife {
 public:
     explicit TimeOfLife(double& seconds) : seconds(seconds) {}
-    ~TimeOfLife() { seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); }
+    ~TimeOfLife() {
+        seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    }
     TimeOfLife(const TimeOfLife&) = delete;
 
 private:

@@ -17,33 +17,40 @@ void refuseIndefiniteMobility(int numParticles) {
 }
 
 void refuseIndefiniteFriction(int numBodies) {
-    throw OpenMM::OpenMMException("MobilityForce: the friction matrix of " + std::to_string(numBodies) +
-                                  " bodies is not positive definite; look for a body whose blobs are all at one place");
+    throw OpenMM::OpenMMException(
+        "MobilityForce: the friction matrix of " + std::to_string(numBodies) +
+        " bodies is not positive definite; look for a body whose blobs are all at one place");
 }
 
 std::string toleranceText(double tolerance, double wanted) {
     std::ostringstream text;
     text << "the tolerance of " << (wanted > 0 ? wanted : tolerance);
-    if (wanted > 0 && wanted != tolerance) text << ", of which an iteration may take " << tolerance << ",";
+    if (wanted > 0 && wanted != tolerance)
+        text << ", of which an iteration may take " << tolerance << ",";
     return text.str();
 }
 
-void MobilityModel::follow(const DrivenFlow& flow, const Placement& placement, Eigen::MatrixXd& slips) const {
+void MobilityModel::follow(const DrivenFlow& flow, const Placement& placement,
+                           Eigen::MatrixXd& slips) const {
     slips.resize(particles.numRows, 1);
     for (int i = 0; i < particles.size(); i++) {
         const Eigen::Vector3d x = toEigen(placement.positions[i]);
         const WaveFactors factors = waveFactors(particles.radii[i], flow.k);
         const int row = particles.firstRow[i];
         slips.block<3, 1>(row, 0) = flow.velocityAt(x, factors);
-        if (particles.hasTorque[i]) slips.block<3, 1>(row + 3, 0) = flow.angularVelocityAt(x, factors);
+        if (particles.hasTorque[i])
+            slips.block<3, 1>(row + 3, 0) = flow.angularVelocityAt(x, factors);
     }
 }
 
-MobilityAt::MobilityAt(const MobilityModel& model) : particles(model.getParticles()), viscosity(model.getViscosity()) {}
+MobilityAt::MobilityAt(const MobilityModel& model)
+    : particles(model.getParticles()), viscosity(model.getViscosity()) {}
 
-void MobilityAt::addFlowAt(const FlowSources&, const std::vector<OpenMM::Vec3>&, double, Velocities&) {
+void MobilityAt::addFlowAt(const FlowSources&, const std::vector<OpenMM::Vec3>&, double,
+                           Velocities&) {
     throw OpenMM::OpenMMException(
-        "MobilityForce: the model does not know the flow at points of the fluid; ask for the velocities of bodies by "
+        "MobilityForce: the model does not know the flow at points of the fluid; ask for the "
+        "velocities of bodies by "
         "applyMobilityInContext()");
 }
 
@@ -94,7 +101,8 @@ void MobilityModel::placeNear(std::unique_ptr<MobilityAt>& at, const Placement& 
     at->moveTo(placement, holdsNearby() || isAnchored());
 }
 
-void MobilityModel::ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
+void MobilityModel::ownMobility(const HydrodynamicParticles& body,
+                                const std::vector<OpenMM::Vec3>& sites,
                                 Eigen::MatrixXd& mobility) const {
     RotnePragerYamakawa(body, viscosity).at({sites})->dense(mobility);
 }

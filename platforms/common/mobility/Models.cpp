@@ -22,20 +22,25 @@ namespace RigidHIPlugin {
 namespace {
 
 [[noreturn]] void refuse(MobilityForce::Model model, MobilityForce::Boundary boundary) {
-    const auto text = [](const char* name, int value) { return *name ? string(name) : to_string(value); };
-    throw OpenMM::OpenMMException("MobilityForce: nothing computes model " + text(modelName(model), model) +
-                                  " with boundary " + text(boundaryName(boundary), boundary) +
-                                  "; choose a model and a boundary that it has by setModel() and setBoundary()");
+    const auto text = [](const char* name, int value) {
+        return *name ? string(name) : to_string(value);
+    };
+    throw OpenMM::OpenMMException(
+        "MobilityForce: nothing computes model " + text(modelName(model), model) +
+        " with boundary " + text(boundaryName(boundary), boundary) +
+        "; choose a model and a boundary that it has by setModel() and setBoundary()");
 }
 
 /** A model above the wall, with what setSphereWallMobility() asks for. */
-unique_ptr<MobilityModel> withSphereWallMobility(const MobilityForce& force, const HydrodynamicParticles& particles,
+unique_ptr<MobilityModel> withSphereWallMobility(const MobilityForce& force,
+                                                 const HydrodynamicParticles& particles,
                                                  unique_ptr<MobilityModel> model) {
     switch (force.getSphereWallMobility()) {
         case MobilityForce::FromModel: return model;
         case MobilityForce::BestKnown:
-            return unique_ptr<MobilityModel>(new SphereWallCongruence(
-                particles, force.getViscosity(), NoSlipPlane(force.getWallHeight(), false), move(model)));
+            return unique_ptr<MobilityModel>(
+                new SphereWallCongruence(particles, force.getViscosity(),
+                                         NoSlipPlane(force.getWallHeight(), false), move(model)));
     }
     refuse(force.getModel(), force.getBoundary());
 }
@@ -45,8 +50,10 @@ shared_ptr<GridFluid> gridFluid(const PlatformModels& own) {
 }
 
 /**
- * Up to this many rows Auto takes lattice sums and matrices. Measured (benchmarks/README.md): a step takes as long either way for fewer than 10 spheres or
- * blobs, and where roots of the whole matrix are wanted to 1e-6 for about 10. This is more, for matrices are exact and take triclinic boxes.
+ * Up to this many rows Auto takes lattice sums and matrices. Measured (benchmarks/README.md): a
+ * step takes as long either way for fewer than 10 spheres or blobs, and where roots of the whole
+ * matrix are wanted to 1e-6 for about 10. This is more, for matrices are exact and take triclinic
+ * boxes.
  */
 const int largestDenseSurfaceRows = 150;
 
@@ -62,13 +69,17 @@ unique_ptr<MobilityModel> periodicRotnePragerYamakawa(const MobilityForce& force
                      (int)kindsOf(particles).size() <= RotnePragerYamakawaGrid::mostRadii;
             break;
     }
-    if (!onGrid) return unique_ptr<MobilityModel>(new PeriodicRotnePragerYamakawa(particles, force.getViscosity()));
-    return unique_ptr<MobilityModel>(new RotnePragerYamakawaGrid(
-        particles, force.getViscosity(), force.getSolverTolerance(), force.getGridSpacing(), gridFluid(own)));
+    if (!onGrid)
+        return unique_ptr<MobilityModel>(
+            new PeriodicRotnePragerYamakawa(particles, force.getViscosity()));
+    return unique_ptr<MobilityModel>(
+        new RotnePragerYamakawaGrid(particles, force.getViscosity(), force.getSolverTolerance(),
+                                    force.getGridSpacing(), gridFluid(own)));
 }
 
 unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force, bool crossingAllowed,
-                                              const HydrodynamicParticles& particles, const PlatformModels& own) {
+                                              const HydrodynamicParticles& particles,
+                                              const PlatformModels& own) {
     const double eta = force.getViscosity();
     switch (force.getBoundary()) {
         case MobilityForce::Unbounded:
@@ -78,8 +89,9 @@ unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force, bool c
             const NoSlipPlane wall(force.getWallHeight(), crossingAllowed);
             return withSphereWallMobility(
                 force, particles,
-                own.rotnePragerYamakawa ? own.rotnePragerYamakawa(particles, eta, wall)
-                                        : unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, eta, wall)));
+                own.rotnePragerYamakawa
+                    ? own.rotnePragerYamakawa(particles, eta, wall)
+                    : unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, eta, wall)));
         }
         case MobilityForce::Periodic: return periodicRotnePragerYamakawa(force, particles, own);
         case MobilityForce::SlipChannel: break;
@@ -88,13 +100,16 @@ unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force, bool c
 }
 
 /**
- * Up to this many rows Auto takes lattice sums and matrices, beyond it a grid. Measured (benchmarks/README.md, default tolerance): a product takes as long
- * either way for fewer than 8, about 40, about 1000 blobs at volume fractions of 0.1, 0.01, 0.001, a step of DriftCorrectorFD for fewer, and one of
- * EulerMaruyama, with a root or a field, for about 75 at 0.1, 220 at 0.01 and more in dilute suspensions. The model does not know the box, so this is a number between.
+ * Up to this many rows Auto takes lattice sums and matrices, beyond it a grid. Measured
+ * (benchmarks/README.md, default tolerance): a product takes as long either way for fewer than 8,
+ * about 40, about 1000 blobs at volume fractions of 0.1, 0.01, 0.001, a step of DriftCorrectorFD
+ * for fewer, and one of EulerMaruyama, with a root or a field, for about 75 at 0.1, 220 at 0.01 and
+ * more in dilute suspensions. The model does not know the box, so this is a number between.
  */
 const int largestDenseLatticeRows = 300;
 
-unique_ptr<MobilityModel> periodicForceCoupling(const MobilityForce& force, const HydrodynamicParticles& particles,
+unique_ptr<MobilityModel> periodicForceCoupling(const MobilityForce& force,
+                                                const HydrodynamicParticles& particles,
                                                 bool inChannel, const PlatformModels& own) {
     bool onGrid = false;
     const int rows = (inChannel ? 2 : 1) * particles.numRows;
@@ -106,37 +121,46 @@ unique_ptr<MobilityModel> periodicForceCoupling(const MobilityForce& force, cons
     if (!onGrid)
         return unique_ptr<MobilityModel>(new PeriodicForceCoupling(
             inChannel ? SlipChannel::withImages(particles) : particles, force.getViscosity()));
-    return unique_ptr<MobilityModel>(new ForceCouplingGrid(particles, force.getViscosity(), force.getSolverTolerance(),
-                                                           force.getGridSpacing(), gridFluid(own), inChannel));
+    return unique_ptr<MobilityModel>(
+        new ForceCouplingGrid(particles, force.getViscosity(), force.getSolverTolerance(),
+                              force.getGridSpacing(), gridFluid(own), inChannel));
 }
 
 unique_ptr<MobilityModel> forceCoupling(const MobilityForce& force, bool crossingAllowed,
-                                        const HydrodynamicParticles& particles, const PlatformModels& own) {
-    if (force.getBoundary() != MobilityForce::SlipChannel) return periodicForceCoupling(force, particles, false, own);
+                                        const HydrodynamicParticles& particles,
+                                        const PlatformModels& own) {
+    if (force.getBoundary() != MobilityForce::SlipChannel)
+        return periodicForceCoupling(force, particles, false, own);
     SlipWalls walls;
     force.getChannelWalls(walls.low, walls.high);
     walls.crossingAllowed = crossingAllowed;
     return unique_ptr<MobilityModel>(
-        new SlipChannel(particles, force.getViscosity(), walls, periodicForceCoupling(force, particles, true, own)));
+        new SlipChannel(particles, force.getViscosity(), walls,
+                        periodicForceCoupling(force, particles, true, own)));
 }
 
 }  // namespace
 
-// No default in these switches: the compiler then names those that do not know a new model or boundary.
+// No default in these switches: the compiler then names those that do not know a new model or
+// boundary.
 unique_ptr<MobilityModel> createMobility(const MobilityForce& force, bool crossingAllowed,
-                                         const HydrodynamicParticles& particles, const PlatformModels& own) {
+                                         const HydrodynamicParticles& particles,
+                                         const PlatformModels& own) {
     checkOperator(force.getModel(), force.getBoundary());
     switch (force.getModel()) {
         case MobilityForce::StokesianDynamics:
             if (force.getBoundary() == MobilityForce::Periodic)
-                return unique_ptr<MobilityModel>(new PeriodicStokesianDynamics(
-                    particles, force.getViscosity(), force.getLubrication(), force.getMinimumGap()));
-            return unique_ptr<MobilityModel>(
-                new StokesianDynamics(particles, force.getViscosity(), force.getLubrication(), force.getMinimumGap()));
-        case MobilityForce::ForceCoupling: return forceCoupling(force, crossingAllowed, particles, own);
+                return unique_ptr<MobilityModel>(
+                    new PeriodicStokesianDynamics(particles, force.getViscosity(),
+                                                  force.getLubrication(), force.getMinimumGap()));
+            return unique_ptr<MobilityModel>(new StokesianDynamics(
+                particles, force.getViscosity(), force.getLubrication(), force.getMinimumGap()));
+        case MobilityForce::ForceCoupling:
+            return forceCoupling(force, crossingAllowed, particles, own);
         // What does not feel others still feels itself: the blobs of one body make its tensor.
         case MobilityForce::FreeDraining:
-        case MobilityForce::RotnePragerYamakawa: return rotnePragerYamakawa(force, crossingAllowed, particles, own);
+        case MobilityForce::RotnePragerYamakawa:
+            return rotnePragerYamakawa(force, crossingAllowed, particles, own);
     }
     refuse(force.getModel(), force.getBoundary());
 }
@@ -147,14 +171,18 @@ void checkOperator(MobilityForce::Model model, MobilityForce::Boundary boundary)
 
 const char* modelName(MobilityForce::Model model) { return nameIn(modelNames, model); }
 
-const char* boundaryName(MobilityForce::Boundary boundary) { return nameIn(boundaryNames, boundary); }
+const char* boundaryName(MobilityForce::Boundary boundary) {
+    return nameIn(boundaryNames, boundary);
+}
 
 bool hasBoundary(MobilityForce::Model model, MobilityForce::Boundary boundary) {
     switch (boundary) {
-        case MobilityForce::Unbounded: return *modelName(model) != 0 && model != MobilityForce::ForceCoupling;
+        case MobilityForce::Unbounded:
+            return *modelName(model) != 0 && model != MobilityForce::ForceCoupling;
         case MobilityForce::NoSlipWall: return model == MobilityForce::RotnePragerYamakawa;
         case MobilityForce::Periodic:
-            return model == MobilityForce::RotnePragerYamakawa || model == MobilityForce::StokesianDynamics ||
+            return model == MobilityForce::RotnePragerYamakawa ||
+                   model == MobilityForce::StokesianDynamics ||
                    model == MobilityForce::ForceCoupling;
         case MobilityForce::SlipChannel: return model == MobilityForce::ForceCoupling;
     }

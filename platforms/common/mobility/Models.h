@@ -11,10 +11,12 @@
 
 namespace RigidHIPlugin {
 
-/** What a platform makes itself because it has something faster; where it gives nothing, the readable models of one thread serve. */
+/** What a platform makes itself because it has something faster; where it gives nothing, the
+ * readable models of one thread serve. */
 struct PlatformModels {
     /** RotnePragerYamakawa, above the wall if there is one. */
-    std::function<std::unique_ptr<MobilityModel>(const HydrodynamicParticles& particles, double viscosity,
+    std::function<std::unique_ptr<MobilityModel>(const HydrodynamicParticles& particles,
+                                                 double viscosity,
                                                  const std::optional<NoSlipPlane>& wall)>
         rotnePragerYamakawa;
     /** The fluid of a grid, which models of several groups may share. */
@@ -27,10 +29,13 @@ struct PlatformModels {
  * @throws OpenMMException as checkOperator(), and what the model refuses
  */
 std::unique_ptr<MobilityModel> createMobility(const MobilityForce& force, bool crossingAllowed,
-                                              const HydrodynamicParticles& particles, const PlatformModels& own = {});
-/** @throws OpenMMException for a model or boundary that is none of the enumerators, and for a boundary that the model has not */
+                                              const HydrodynamicParticles& particles,
+                                              const PlatformModels& own = {});
+/** @throws OpenMMException for a model or boundary that is none of the enumerators, and for a
+ * boundary that the model has not */
 void checkOperator(MobilityForce::Model model, MobilityForce::Boundary boundary);
-/** The names of a model and of a boundary, for describeEffects() and messages; empty for values that are no enumerators. */
+/** The names of a model and of a boundary, for describeEffects() and messages; empty for values
+ * that are no enumerators. */
 const char* modelName(MobilityForce::Model model);
 const char* boundaryName(MobilityForce::Boundary boundary);
 /** Whether a model has a boundary. A new boundary is entered here. */

@@ -14,9 +14,12 @@ namespace RigidHIPlugin {
 struct Placement;
 
 /**
- * A model's own random flow, of unit temperature and time: drawn once (MobilityModel::drawField()), and then the same wherever it is looked at.
- * Velocities of particles at a placement have the covariance M there; those at two placements the covariance that M would have between the
- * particles of both, if the model says that the field is local (MobilityModel::fieldIsLocal()). So what schemes difference between placements changes with the places alone, not with new random numbers.
+ * A model's own random flow, of unit temperature and time: drawn once (MobilityModel::drawField()),
+ * and then the same wherever it is looked at. Velocities of particles at a placement have the
+ * covariance M there; those at two placements the covariance that M would have between the
+ * particles of both, if the model says that the field is local (MobilityModel::fieldIsLocal()). So
+ * what schemes difference between placements changes with the places alone, not with new random
+ * numbers.
  */
 class RandomField {
 public:
@@ -33,7 +36,8 @@ public:
     /** These: dv_a/dx_b at (3 a + b, particle), of velocities, not of angular ones. */
     virtual void gradientsAt(const Placement& placement, bool nearby, Eigen::MatrixXd& gradients) {}
     /** velocities += factor times the field at points of the fluid, of all modes that it has. */
-    virtual void addFlowAt(const std::vector<OpenMM::Vec3>& points, double factor, Velocities& velocities) = 0;
+    virtual void addFlowAt(const std::vector<OpenMM::Vec3>& points, double factor,
+                           Velocities& velocities) = 0;
     /** Its component along sin(k x_b + phase) e_a of a wave. */
     virtual double amplitudeOf(const DrivenFlow& wave) = 0;
     /** Random numbers that were drawn for it. */

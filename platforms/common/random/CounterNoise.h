@@ -10,9 +10,10 @@
 namespace RigidHIPlugin {
 
 /**
- * Random numbers without state: a function of (seed, step, attempt, purpose, index, component) through Random123's
- * Philox4x32-10 (Salmon et al., SC'11). So a run does not depend on the number of threads or the order of bodies, a resumed
- * run continues the interrupted one, and a step that is redone (another attempt) gets new numbers.
+ * Random numbers without state: a function of (seed, step, attempt, purpose, index, component)
+ * through Random123's Philox4x32-10 (Salmon et al., SC'11). So a run does not depend on the number
+ * of threads or the order of bodies, a resumed run continues the interrupted one, and a step that
+ * is redone (another attempt) gets new numbers.
  */
 struct NoiseStream {
     enum Law { Gaussian = 0, ThreePoint = 1, TwoPoint = 2 };
@@ -35,23 +36,27 @@ struct NoiseStream {
     /** Below 2^16: CustomRigidHIIntegrator::setMaximumRejections() sees to it. */
     uint32_t attempt = 0;
     Law law = Gaussian;
-    /** Which of several random fields in one Context, each with its own numbers for the same modes; 0 for everything else. */
+    /** Which of several random fields in one Context, each with its own numbers for the same modes;
+     * 0 for everything else. */
     uint32_t field = 0;
 
     /** The counter of one block of two numbers. */
     r123::Philox4x32::ctr_type counter(uint32_t purpose, uint32_t index, uint32_t block) const {
         const uint64_t s = static_cast<uint64_t>(step);
-        return {{static_cast<uint32_t>(s), static_cast<uint32_t>(s >> 32), index, lastWord(purpose, block)}};
+        return {{static_cast<uint32_t>(s), static_cast<uint32_t>(s >> 32), index,
+                 lastWord(purpose, block)}};
     }
     uint32_t lastWord(uint32_t purpose, uint32_t block) const {
         return purpose << 24 | (attempt & 0xffffu) << 8 | block;
     }
-    /** The second word of the Philox key; it only sets this plugin's numbers apart from other users of the same seed. */
+    /** The second word of the Philox key; it only sets this plugin's numbers apart from other users
+     * of the same seed. */
     static const uint32_t keyWord = 0x52484931u;
 
     /** Two independent numbers of mean 0 and variance 1. */
     void pair(uint32_t purpose, uint32_t index, uint32_t block, double& a, double& b) const {
-        const auto bits = r123::Philox4x32()(counter(purpose, index, block), {{seed, keyWord + field}});
+        const auto bits =
+            r123::Philox4x32()(counter(purpose, index, block), {{seed, keyWord + field}});
         const double u = uniform(bits[0], bits[1]), v = uniform(bits[2], bits[3]);
         if (law == Gaussian) {  // Box and Muller; 1 - u is in (0, 1]
             const double radius = std::sqrt(-2.0 * std::log(1.0 - u));
@@ -63,7 +68,8 @@ struct NoiseStream {
             b = discrete(v);
         }
     }
-    // Of a mode of a random field on a grid, with the integer wave numbers |nx|, |ny| < 4096, 0 <= nz < 4096: the arguments of pair().
+    // Of a mode of a random field on a grid, with the integer wave numbers |nx|, |ny| < 4096, 0 <=
+    // nz < 4096: the arguments of pair().
     static uint32_t indexOfMode(int nx, int ny, int nz) {
         return static_cast<uint32_t>(nx + 4096) << 19 | static_cast<uint32_t>(ny + 4096) << 6 |
                static_cast<uint32_t>(nz) >> 6;

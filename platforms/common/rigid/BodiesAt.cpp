@@ -38,7 +38,8 @@ void BodiesAt::checkPlaces() {
         lifted = lifted || placesInFormulas[i] != placement.positions[i];
     }
     // Blobs of one body alone keep their distances, which are known.
-    if (bodies.getElements().size() > 1 || lifted) coincidence.check(particles, placesInFormulas, roomForRounding);
+    if (bodies.getElements().size() > 1 || lifted)
+        coincidence.check(particles, placesInFormulas, roomForRounding);
 }
 
 /** xi = K^T M^-1 K, before own tensors. */
@@ -73,28 +74,30 @@ double BodiesAt::powerOn(const DrivenFlow& flow, const FlowSources& sources) con
     if (sources.stresslets.size() == 0) return power;
     const HydrodynamicParticles& particles = bodies.getParticles();
     for (int i = 0; i < particles.size(); i++)
-        power += sources.stresslets.segment<5>(5 * i).dot(inStressletBasis(
-            flow.strainRateAt(toEigen(placement.positions[i]), model.waveFactors(particles.radii[i], flow.k))));
+        power += sources.stresslets.segment<5>(5 * i).dot(inStressletBasis(flow.strainRateAt(
+            toEigen(placement.positions[i]), model.waveFactors(particles.radii[i], flow.k))));
     return power;
 }
 
-void BodiesAt::forceFreeTwists(const MatrixXd& slips, const NullTwists& nullTwists, MatrixXd& twists) {
+void BodiesAt::forceFreeTwists(const MatrixXd& slips, const NullTwists& nullTwists,
+                               MatrixXd& twists) {
     if (bodies.getMotion().isIdentity()) {
         twists = slips;
         return;
     }
     MatrixXd unused;
-    moveBodies(MatrixXd::Zero(bodies.getNumRows(), slips.cols()), slips, nullTwists, twists, unused);
+    moveBodies(MatrixXd::Zero(bodies.getNumRows(), slips.cols()), slips, nullTwists, twists,
+               unused);
 }
 
-void BodiesAt::particleForces(const MatrixXd& wrenches, const MatrixXd& slips, const NullTwists& nullTwists,
-                              MatrixXd& forces) {
+void BodiesAt::particleForces(const MatrixXd& wrenches, const MatrixXd& slips,
+                              const NullTwists& nullTwists, MatrixXd& forces) {
     MatrixXd twists;
     moveBodies(wrenches, slips, nullTwists, twists, forces);
 }
 
-void BodiesAt::moveBodies(const MatrixXd& wrenches, const MatrixXd& slips, const NullTwists& nullTwists,
-                          MatrixXd& twists, MatrixXd& forces) {
+void BodiesAt::moveBodies(const MatrixXd& wrenches, const MatrixXd& slips,
+                          const NullTwists& nullTwists, MatrixXd& twists, MatrixXd& forces) {
     costs.matrices++;
     MatrixXd motion, M_inverse_K, M_inverse_slips = slips;
     bodies.getMotion().fill(turns, motion);

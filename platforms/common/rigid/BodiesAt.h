@@ -14,8 +14,8 @@ namespace RigidHIPlugin {
 
 /** What was computed, for getStepStatistics(). */
 struct MobilityCosts {
-    long long matrices = 0;      // dense mobility or friction; turning a constant one is not making it
-    long long products = 0;      // with M
+    long long matrices = 0;  // dense mobility or friction; turning a constant one is not making it
+    long long products = 0;  // with M
     long long iterations = 0;    // of solvers
     long long roots = 0;         // that of a constant tensor is known once for all
     double secondsOfSolver = 0;  // of Krylov methods with a grid, without its products
@@ -30,15 +30,16 @@ struct MobilityCosts {
 };
 
 /**
- * Coupled bodies at one configuration: the particles' mobility there, and the matrices of the bodies, made when first asked for. Several
- * may live at once; what is known lives as long as the poses, the memory longer.
+ * Coupled bodies at one configuration: the particles' mobility there, and the matrices of the
+ * bodies, made when first asked for. Several may live at once; what is known lives as long as the
+ * poses, the memory longer.
  */
 class BodiesAt {
 public:
     BodiesAt(const CoupledBodies& bodies, MobilityCosts& costs) : bodies(bodies), costs(costs) {}
     /**
-     * One pose an element; a free particle's q is not used. @throws what the model's at() throws, and for two particles of one radius at
-     * one place
+     * One pose an element; a free particle's q is not used. @throws what the model's at() throws,
+     * and for two particles of one radius at one place
      *
      * @param nearby  these are a small displacement from accepted ones: near() of the model
      */
@@ -49,8 +50,9 @@ public:
     /** Whether they were set as such. */
     bool isNearby() const { return nearbyPoses; }
     /**
-     * These will be small displacements from the poses of the other, and are compared with each other. A model that keeps something of the
-     * placement before (MobilityModel::isAnchored()) is brought there first.
+     * These will be small displacements from the poses of the other, and are compared with each
+     * other. A model that keeps something of the placement before (MobilityModel::isAnchored()) is
+     * brought there first.
      */
     void anchorTo(const BodiesAt& other);
     MobilityAt& particles() { return *place; }
@@ -59,14 +61,17 @@ public:
     /** BodyMobility::powerOn() */
     double powerOn(const DrivenFlow& flow, const FlowSources& sources) const;
     /**
-     * The twists of bodies without forces whose particles have these slips, (K^T M^-1 K)^-1 K^T M^-1 s, by matrices; own tensors have no part in it.
+     * The twists of bodies without forces whose particles have these slips, (K^T M^-1 K)^-1 K^T
+     * M^-1 s, by matrices; own tensors have no part in it.
      *
      * @param nullTwists  those of the friction K^T M^-1 K
      */
-    void forceFreeTwists(const Eigen::MatrixXd& slips, const NullTwists& nullTwists, Eigen::MatrixXd& twists);
-    /** The forces of particles, M^-1 (K U - s), of bodies with these wrenches and slips (one column each), U = (K^T M^-1 K)^-1 (F + K^T M^-1 s); likewise. */
-    void particleForces(const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips, const NullTwists& nullTwists,
-                        Eigen::MatrixXd& forces);
+    void forceFreeTwists(const Eigen::MatrixXd& slips, const NullTwists& nullTwists,
+                         Eigen::MatrixXd& twists);
+    /** The forces of particles, M^-1 (K U - s), of bodies with these wrenches and slips (one column
+     * each), U = (K^T M^-1 K)^-1 (F + K^T M^-1 s); likewise. */
+    void particleForces(const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips,
+                        const NullTwists& nullTwists, Eigen::MatrixXd& forces);
     /** Of all products so far: MobilityAt::getSecondsOfGrid(). */
     double getSecondsOfGrid() const { return place ? place->getSecondsOfGrid() : 0; }
     /** N, computed when first asked for. */
@@ -77,8 +82,8 @@ public:
 private:
     void checkPlaces();
     void computeFriction();
-    void moveBodies(const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips, const NullTwists& nullTwists,
-                    Eigen::MatrixXd& twists, Eigen::MatrixXd& forces);
+    void moveBodies(const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips,
+                    const NullTwists& nullTwists, Eigen::MatrixXd& twists, Eigen::MatrixXd& forces);
 
     const CoupledBodies& bodies;
     MobilityCosts& costs;

@@ -8,14 +8,17 @@
 namespace RigidHIPlugin {
 
 /**
- * The strategies for one group of bodies: which class serves which way is known here only. Each is made when it is first asked for, and shared
- * by all who ask for it: they set poses and tolerance before use.
+ * The strategies for one group of bodies: which class serves which way is known here only. Each is
+ * made when it is first asked for, and shared by all who ask for it: they set poses and tolerance
+ * before use.
  */
 class BodyMobilities {
 public:
     /** @param tolerance  of the matrix-free way, as the user has set it */
-    BodyMobilities(const CoupledBodies& bodies, double tolerance) : bodies(bodies), tolerance(tolerance) {}
-    /** @param way  Constant only where the bodies are so (CoupledBodies), Krylov only where the model has products */
+    BodyMobilities(const CoupledBodies& bodies, double tolerance)
+        : bodies(bodies), tolerance(tolerance) {}
+    /** @param way  Constant only where the bodies are so (CoupledBodies), Krylov only where the
+     * model has products */
     BodyMobility& get(BodyMobility::Way way);
     /** Of all of them. */
     MobilityCosts getCosts() const;

@@ -29,7 +29,8 @@ void BodyMobility::flowSlips(const DrivenFlow& flow, MatrixXd& slips) {
         slips.resize(bodies.getNumRows(), 1);
         for (size_t e = 0; e < bodies.getElements().size(); e++) {
             slips.block<3, 1>(bodies.firstRow(e), 0) = flow.velocityAt(getPoses()[e].R, {});
-            slips.block<3, 1>(bodies.firstRow(e) + 3, 0) = flow.angularVelocityAt(getPoses()[e].R, {});
+            slips.block<3, 1>(bodies.firstRow(e) + 3, 0) =
+                flow.angularVelocityAt(getPoses()[e].R, {});
         }
         return;
     }
@@ -52,7 +53,8 @@ void BodyMobility::flowTwists(const DrivenFlow& flow, MatrixXd& twists) {
     solve(noWrenches, slipsOfFlow, twists);
 }
 
-void BodyMobility::forcesOfTwists(const MatrixXd& twists, const DrivenFlow* flow, MatrixXd& forces) {
+void BodyMobility::forcesOfTwists(const MatrixXd& twists, const DrivenFlow* flow,
+                                  MatrixXd& forces) {
     MatrixXd relative = twists, slips;
     if (slipSpace.areOfBodies()) {
         if (flow) {
@@ -82,7 +84,8 @@ FlowSources BodyMobility::flowSources(const MatrixXd& forces, const DrivenFlow* 
     return here.particles().sources(ofParticles, flow);
 }
 
-bool BodyMobility::drawField(const NoiseStream& noise, uint32_t purpose, unique_ptr<RandomField>& field) const {
+bool BodyMobility::drawField(const NoiseStream& noise, uint32_t purpose,
+                             unique_ptr<RandomField>& field) const {
     if (!slipsAreOfField()) return false;
     bodies.getModel().drawField(noise, purpose, bodies.getBox(), field);
     return true;
@@ -102,7 +105,8 @@ double BodyMobility::divergenceOf(RandomField& field) {
     return known ? divergenceByGradients(field) : divergenceByDifferences(field);
 }
 
-/** The nearest twist of a body is A P A^T v, with P in its frame: shifted, v changes; turned, v and A do. The trace is of its own coordinates. */
+/** The nearest twist of a body is A P A^T v, with P in its frame: shifted, v changes; turned, v and
+ * A do. The trace is of its own coordinates. */
 double BodyMobility::divergenceByGradients(RandomField& field) {
     BodiesAt& here = particlesHere();
     field.slipsAt(here.getPlacement(), here.isNearby(), fieldSlips);
@@ -119,9 +123,12 @@ double BodyMobility::divergenceByGradients(RandomField& field) {
         for (size_t i = 0; i < element.sites.size(); i++) {
             const Matrix3d P_t = A * nearest.block<3, 3>(0, 3 * i) * A.transpose(),
                            P_r = A * nearest.block<3, 3>(3, 3 * i) * A.transpose();
-            const Matrix3d G = Map<const Matrix<double, 3, 3, RowMajor>>(&gradients(0, firstParticle + i));
-            const Vector3d v = fieldSlips.col(0).segment<3>(firstRow + 3 * i), arm = A * element.sites[i];
-            sum += (P_t * G).trace() + (P_r * crossMatrix(v)).trace() - (P_r * G * crossMatrix(arm)).trace();
+            const Matrix3d G =
+                Map<const Matrix<double, 3, 3, RowMajor>>(&gradients(0, firstParticle + i));
+            const Vector3d v = fieldSlips.col(0).segment<3>(firstRow + 3 * i),
+                           arm = A * element.sites[i];
+            sum += (P_t * G).trace() + (P_r * crossMatrix(v)).trace() -
+                   (P_r * G * crossMatrix(arm)).trace();
         }
     }
     return sum;
@@ -129,7 +136,8 @@ double BodyMobility::divergenceByGradients(RandomField& field) {
 
 double BodyMobility::divergenceByDifferences(RandomField& field) {
     BodiesAt& here = particlesHere();
-    // The field's slips are exact functions of positions, so central differences are right to delta^2 and rounding/delta.
+    // The field's slips are exact functions of positions, so central differences are right to
+    // delta^2 and rounding/delta.
     const double delta = 1e-5;
     const auto& elements = bodies.getElements();
     double sum = 0;
@@ -145,7 +153,8 @@ double BodyMobility::divergenceByDifferences(RandomField& field) {
                     if (axis < 3) {
                         x[axis] += step;
                     } else if (!elements[e].isFree()) {
-                        const Vector3d arm = here.getTurns()[e] * elements[e].sites[i], moved = turn * arm - arm;
+                        const Vector3d arm = here.getTurns()[e] * elements[e].sites[i],
+                                       moved = turn * arm - arm;
                         x += OpenMM::Vec3(moved[0], moved[1], moved[2]);
                     }
                 }
@@ -170,7 +179,8 @@ void BodyMobility::applyToParticles(const VectorXd& forces, VectorXd& velocities
     particlesHere().particles().apply(f, u);
     costs.products += bodies.hasProducts();
     for (int i = 0; i < particles.size(); i++)
-        velocities.segment<3>(3 * particles.systemIndex[i]) = u.middleRows<3>(particles.firstRow[i]);
+        velocities.segment<3>(3 * particles.systemIndex[i]) =
+            u.middleRows<3>(particles.firstRow[i]);
 }
 
 }  // namespace RigidHIPlugin

@@ -17,7 +17,8 @@ OwnTensors::Matrix6d turned(const OwnTensors::Matrix6d& tensor_body, const Matri
 
 }  // namespace
 
-ConstantMobility::ConstantMobility(const CoupledBodies& bodies) : BodyMobility(bodies), particles(bodies, costs) {
+ConstantMobility::ConstantMobility(const CoupledBodies& bodies)
+    : BodyMobility(bodies), particles(bodies, costs) {
     const MatrixXd& own = bodies.getElements()[0].ownMobility;
     if (own.size() > 0) {
         mobility_body = own;
@@ -71,15 +72,18 @@ const NullTwists& ConstantMobility::nullTwistsOfBlobs() {
     return lineOfBlobs.any() ? lineOfBlobs : bodies.getNullTwists();
 }
 
-void ConstantMobility::particleForces(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) {
+void ConstantMobility::particleForces(const MatrixXd& wrenches, const MatrixXd& slips,
+                                      MatrixXd& forces) {
     particlesHere().particleForces(wrenches, slips, nullTwistsOfBlobs(), forces);
 }
 
-void ConstantMobility::forceFreeTwists(const DrivenFlow& flow, const MatrixXd& slips, MatrixXd& twists) {
+void ConstantMobility::forceFreeTwists(const DrivenFlow& flow, const MatrixXd& slips,
+                                       MatrixXd& twists) {
     if (forceFree_body.size() == 0) {
         BodiesAt inBody(bodies, costs);
         inBody.setPoses({Pose()});
-        inBody.forceFreeTwists(MatrixXd::Identity(slips.rows(), slips.rows()), nullTwistsOfBlobs(), forceFree_body);
+        inBody.forceFreeTwists(MatrixXd::Identity(slips.rows(), slips.rows()), nullTwistsOfBlobs(),
+                               forceFree_body);
     }
     const Matrix3d& A = turns[0];
     slips_body.resize(slips.rows(), slips.cols());
@@ -90,10 +94,12 @@ void ConstantMobility::forceFreeTwists(const DrivenFlow& flow, const MatrixXd& s
     if (!lineOfBlobs.any()) return;
     // So about that line it goes with the flow.
     const Matrix<double, 6, 1> n = twoRotations(A) * lineOfBlobs.inBody(0);
-    twists.col(0) += n.tail<3>().dot(flow.angularVelocityAt(poses[0].R, {})) / n.tail<3>().squaredNorm() * n;
+    twists.col(0) +=
+        n.tail<3>().dot(flow.angularVelocityAt(poses[0].R, {})) / n.tail<3>().squaredNorm() * n;
 }
 
-void ConstantMobility::multiplyNearby(const vector<Pose>& there, const MatrixXd& forces, MatrixXd& slips) {
+void ConstantMobility::multiplyNearby(const vector<Pose>& there, const MatrixXd& forces,
+                                      MatrixXd& slips) {
     N = turned(mobility_body, there[0].rotation());
     slips.noalias() = N * forces;
 }

@@ -6,7 +6,8 @@
 
 namespace RigidHIPlugin {
 
-/** Of a body alone in a uniform fluid: its tensor, its own or what the model makes of it, is known once in its frame, and turns with it. */
+/** Of a body alone in a uniform fluid: its tensor, its own or what the model makes of it, is known
+ * once in its frame, and turns with it. */
 class ConstantMobility : public BodyMobility {
 public:
     explicit ConstantMobility(const CoupledBodies& bodies);
@@ -15,16 +16,22 @@ public:
     using BodyMobility::solve;
     void solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) override;
     void getBlobForces(MatrixXd& lambda) override { lambda = wrenchesOfSolve; }
-    void multiplyNearby(const std::vector<Pose>& poses, const MatrixXd& lambda, MatrixXd& slips) override;
+    void multiplyNearby(const std::vector<Pose>& poses, const MatrixXd& lambda,
+                        MatrixXd& slips) override;
     void thermalWrench(const MatrixXd& W, MatrixXd& wrench) override;
     void thermalSlip(const MatrixXd& W, MatrixXd& slips) override;
-    void forcesOfThermalSlip(const MatrixXd& W, MatrixXd& forces) override { thermalWrench(W, forces); }
+    void forcesOfThermalSlip(const MatrixXd& W, MatrixXd& forces) override {
+        thermalWrench(W, forces);
+    }
     // Slips live on the body, whose inverse is the friction.
-    void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) override { forces = friction() * slips; }
+    void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) override {
+        forces = friction() * slips;
+    }
     Eigen::Vector3d uniformDivergence() const override;
     const MatrixXd& mobility() override;
     const MatrixXd& friction() override;
-    void multiply(const MatrixXd& wrenches, MatrixXd& twists, double toleranceOfProducts = 0) override;
+    void multiply(const MatrixXd& wrenches, MatrixXd& twists,
+                  double toleranceOfProducts = 0) override;
 
 protected:
     const std::vector<Eigen::Matrix3d>& getTurns() const override { return turns; }
@@ -41,8 +48,9 @@ private:
     std::vector<Eigen::Matrix3d> turns;
     BodiesAt particles;  // of which nothing is needed but by applyToParticles()
     MatrixXd N, xi, wrenchesOfSolve, thermal;
-    MatrixXd forceFree_body, slips_body, twist_body;  // of forceFreeTwists(), known when first needed
-    NullTwists lineOfBlobs{{0}};                      // likewise, of blobs of a body with a tensor of its own
+    MatrixXd forceFree_body, slips_body,
+        twist_body;               // of forceFreeTwists(), known when first needed
+    NullTwists lineOfBlobs{{0}};  // likewise, of blobs of a body with a tensor of its own
 };
 
 }  // namespace RigidHIPlugin

@@ -22,12 +22,13 @@ vector<int> firstRows(const RigidMotion& motion) {
 
 }  // namespace
 
-CoupledBodies::CoupledBodies(const vector<FluidElement>& elements, const ModelFactory& makeModel, bool mayBeConstant)
+CoupledBodies::CoupledBodies(const vector<FluidElement>& elements, const ModelFactory& makeModel,
+                             bool mayBeConstant)
     : motion(elements), nullTwists(firstRows(motion)), ownTensors(firstRows(motion)) {
     const HydrodynamicParticles& particles = getParticles();
     if (particles.size() > 0) model = makeModel(particles);
-    aloneInUniformFluid =
-        mayBeConstant && elements.size() == 1 && (!model || (model->isHomogeneous() && model->isIsotropic()));
+    aloneInUniformFluid = mayBeConstant && elements.size() == 1 &&
+                          (!model || (model->isHomogeneous() && model->isIsotropic()));
     const bool constant = isConstantInBodyFrame();
     for (size_t e = 0; e < elements.size(); e++) {
         const FluidElement& element = elements[e];
@@ -38,15 +39,17 @@ CoupledBodies::CoupledBodies(const vector<FluidElement>& elements, const ModelFa
             nullTwists.find(e, element.sites);
         }
         if (hasOwnTensor && hasNullVector(e))
-            throw OpenMM::OpenMMException(
-                "MobilityForce: body " + to_string(element.body) +
-                " was given a tensor of its own, but its hydrodynamic particles lie on a line: the model has no "
-                "mobility about the line that the tensor could be combined with; give only one of them a radius, or "
-                "use FreeDraining");
+            throw OpenMM::OpenMMException("MobilityForce: body " + to_string(element.body) +
+                                          " was given a tensor of its own, but its hydrodynamic "
+                                          "particles lie on a line: the model has no "
+                                          "mobility about the line that the tensor could be "
+                                          "combined with; give only one of them a radius, or "
+                                          "use FreeDraining");
     }
     if (constant) return;
     for (size_t e = 0; e < elements.size(); e++)
-        if (elements[e].ownMobility.size() > 0) ownTensors.set(e, elements[e].ownMobility, modelMobilityAlone(e));
+        if (elements[e].ownMobility.size() > 0)
+            ownTensors.set(e, elements[e].ownMobility, modelMobilityAlone(e));
 }
 
 /** What the model makes of a body by itself in unbounded fluid, body frame. */
@@ -68,7 +71,8 @@ MatrixXd CoupledBodies::modelMobilityAlone(int e) const {
 void CoupledBodies::checkSites(int e) const {
     const FluidElement& element = getElements()[e];
     CoincidenceCheck().check(particlesOf({element}), sitesOf(element), 1);
-    // Blobs of different radii at one place have a mobility, but forces on them cannot turn the body.
+    // Blobs of different radii at one place have a mobility, but forces on them cannot turn the
+    // body.
     double largestRadius = 0, size = 0;
     for (size_t i = 0; i < element.sites.size(); i++) {
         largestRadius = max(largestRadius, element.radii[i]);
@@ -78,8 +82,10 @@ void CoupledBodies::checkSites(int e) const {
     ostringstream text;
     text << "MobilityForce: body " << element.body << ": its " << element.sites.size()
          << " hydrodynamic particles are all at one place, within " << size
-         << " nm; blobs that are nearer than 1e-6 of their radius, here " << CoincidenceCheck::bound * largestRadius
-         << " nm, do not resist rotation: give all but one the radius 0, which makes the body a sphere, or other sites";
+         << " nm; blobs that are nearer than 1e-6 of their radius, here "
+         << CoincidenceCheck::bound * largestRadius
+         << " nm, do not resist rotation: give all but one the radius 0, which makes the body a "
+            "sphere, or other sites";
     throw OpenMM::OpenMMException(text.str());
 }
 
@@ -88,7 +94,8 @@ double CoupledBodies::length(int e) const {
     double longest = 0;
     for (size_t i = 0; i < element.sites.size(); i++)
         for (size_t k = 0; k <= i; k++)
-            longest = max(longest, (element.sites[i] - element.sites[k]).norm() + element.radii[i] + element.radii[k]);
+            longest = max(longest, (element.sites[i] - element.sites[k]).norm() + element.radii[i] +
+                                       element.radii[k]);
     return longest > 0 ? longest : 1;
 }
 

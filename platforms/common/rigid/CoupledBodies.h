@@ -15,23 +15,29 @@
 namespace RigidHIPlugin {
 
 /**
- * Rigid bodies that feel each other through the fluid: what does not depend on where they are. BodiesAt are the same at a place.
+ * Rigid bodies that feel each other through the fluid: what does not depend on where they are.
+ * BodiesAt are the same at a place.
  *
- * Their mobility is made from that of their particles, N = (K^T M^-1 K)^-1, where the rows of K give the velocities of the particles from V
- * and W of their body (Westwood 2022, eqs. 7 to 10). A sphere carries force and torque, the blobs of a multiblob forces only. Where all
- * blobs of a body are on a line its mobility is the generalised inverse that NullTwists describes.
+ * Their mobility is made from that of their particles, N = (K^T M^-1 K)^-1, where the rows of K
+ * give the velocities of the particles from V and W of their body (Westwood 2022, eqs. 7 to 10). A
+ * sphere carries force and torque, the blobs of a multiblob forces only. Where all blobs of a body
+ * are on a line its mobility is the generalised inverse that NullTwists describes.
  *
- * Rows: six a body (V, W about its origin; lab frame), then three a free particle, in the order of the elements.
+ * Rows: six a body (V, W about its origin; lab frame), then three a free particle, in the order of
+ * the elements.
  */
 class CoupledBodies {
 public:
-    typedef std::function<std::unique_ptr<MobilityModel>(const HydrodynamicParticles&)> ModelFactory;
+    typedef std::function<std::unique_ptr<MobilityModel>(const HydrodynamicParticles&)>
+        ModelFactory;
     /**
      * @param elements      what feels each other
      * @param makeModel     makes the model of given particles
-     * @param mayBeConstant false: the tensor of a body that is alone in a uniform fluid is made anew at every pose too
+     * @param mayBeConstant false: the tensor of a body that is alone in a uniform fluid is made
+     * anew at every pose too
      */
-    CoupledBodies(const std::vector<FluidElement>& elements, const ModelFactory& makeModel, bool mayBeConstant = true);
+    CoupledBodies(const std::vector<FluidElement>& elements, const ModelFactory& makeModel,
+                  bool mayBeConstant = true);
 
     const std::vector<FluidElement>& getElements() const { return motion.getElements(); }
     const HydrodynamicParticles& getParticles() const { return motion.getParticles(); }
@@ -45,10 +51,14 @@ public:
     const MobilityModel& getModel() const { return *model; }
     /** Whether there are particles; if not, a tensor of its own is all that is known of a body. */
     bool hasModel() const { return model != nullptr; }
-    /** The null vector of element's friction in its frame (unit length), if its blobs are on a line. */
+    /** The null vector of element's friction in its frame (unit length), if its blobs are on a
+     * line. */
     bool hasNullVector(int element) const { return nullTwists.has(element); }
-    const Eigen::VectorXd& getNullVector_body(int element) const { return nullTwists.inBody(element); }
-    /** Longest distance between points of the element's particles, nm: what finite differences scale translations with. */
+    const Eigen::VectorXd& getNullVector_body(int element) const {
+        return nullTwists.inBody(element);
+    }
+    /** Longest distance between points of the element's particles, nm: what finite differences
+     * scale translations with. */
     double length(int element) const;
 
     /** The vectors of the periodic box, from the next poses on; zeros: there is none. */
@@ -58,26 +68,31 @@ public:
     // ---- What strategies are chosen by
     /** Whether there is one element only in a fluid that is the same everywhere. */
     bool isAloneInUniformFluid() const { return aloneInUniformFluid; }
-    /** Whether the tensor is that of one body in a homogeneous fluid, known once for all in its own frame. */
+    /** Whether the tensor is that of one body in a homogeneous fluid, known once for all in its own
+     * frame. */
     bool isConstantInBodyFrame() const { return aloneInUniformFluid && !getElements()[0].isFree(); }
     /**
-     * Whether div N = 0 at all poses: spheres about their centres do not feel how they are turned, so the divergence is that of the
-     * particles' mobility.
+     * Whether div N = 0 at all poses: spheres about their centres do not feel how they are turned,
+     * so the divergence is that of the particles' mobility.
      */
     bool isDivergenceFree() const {
         return motion.isIdentity() && !ownTensors.any() && model && model->isDivergenceFree();
     }
-    /** Whether slips live on bodies because there is no M: one body with a constant tensor, own tensors, models made from friction. */
+    /** Whether slips live on bodies because there is no M: one body with a constant tensor, own
+     * tensors, models made from friction. */
     bool slipsAreOfBodies() const {
         return isConstantInBodyFrame() || ownTensors.any() || !model || model->isMadeFromFriction();
     }
     /** Whether the friction is the matrix that costs less. */
-    bool prefersFriction() const { return !motion.isIdentity() || (model && model->isMadeFromFriction()); }
+    bool prefersFriction() const {
+        return !motion.isIdentity() || (model && model->isMadeFromFriction());
+    }
     /** Whether N can be multiplied by without a matrix: the model has products. */
     bool hasProducts() const { return model && model->hasProducts(); }
     /** Whether that has no iterations, and so no error: spheres. */
     bool multipliesWithoutIterations() const { return motion.isIdentity() && hasProducts(); }
-    /** Whether N takes less time by iterations, column by column, than by factors. By numbers of rows only, so that it is so on any machine. */
+    /** Whether N takes less time by iterations, column by column, than by factors. By numbers of
+     * rows only, so that it is so on any machine. */
     bool isWorthIterations() const {
         return hasProducts() && !motion.isIdentity() &&
                getNumParticleRows() > model->rowsWorthIterations() * getNumRows();

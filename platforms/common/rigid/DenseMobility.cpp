@@ -6,15 +6,16 @@ using namespace std;
 namespace RigidHIPlugin {
 
 DenseMobility::DenseMobility(const CoupledBodies& bodies)
-    : BodyMobility(bodies), slipsAreTwists(getSlipSpace().isIdentity()), here(bodies, costs), elsewhere(bodies, costs) {
-}
+    : BodyMobility(bodies), slipsAreTwists(getSlipSpace().isIdentity()), here(bodies, costs),
+      elsewhere(bodies, costs) {}
 
 void DenseMobility::setPoses(const vector<Pose>& poses, bool nearby) {
     here.setPoses(poses, nearby);
     isFactorised = false;
 }
 
-/** The friction of bodies, in the lower triangle of `lifted`, lifted along null twists, as its Cholesky factor. */
+/** The friction of bodies, in the lower triangle of `lifted`, lifted along null twists, as its
+ * Cholesky factor. */
 void DenseMobility::factoriseFriction() {
     bodies.getNullTwists().lift(here.getTurns(), lifted);
     if (!xi.compute(lifted)) refuseIndefiniteFriction(bodies.getElements().size());
@@ -50,7 +51,8 @@ void DenseMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, Matri
     const bool withSlips = slips.size() > 0;
     numColumns = wrenches.cols();
     if ((int)columns.size() <= numColumns) columns.resize(numColumns + 1);
-    MatrixXd &halfSlips = columns[numColumns].halfSlips, &halfForces = columns[numColumns].halfForces;
+    MatrixXd &halfSlips = columns[numColumns].halfSlips,
+             &halfForces = columns[numColumns].halfForces;
     factorise();
     if (!slipsAreTwists) {
         twists = wrenches;
@@ -125,7 +127,8 @@ void DenseMobility::forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) {
     M.solve(forces);
 }
 
-void DenseMobility::multiplyNearby(const vector<Pose>& poses, const MatrixXd& forces, MatrixXd& slips) {
+void DenseMobility::multiplyNearby(const vector<Pose>& poses, const MatrixXd& forces,
+                                   MatrixXd& slips) {
     elsewhere.anchorTo(here);
     elsewhere.setPoses(poses, true);
     if (getSlipSpace().areOfBodies()) {

@@ -7,8 +7,8 @@
 namespace RigidHIPlugin {
 
 /**
- * By matrices: Cholesky's factors of M and of the friction K^T M^-1 K (of the friction alone where slips live on bodies, of M alone where
- * K = 1), once a configuration, when first needed.
+ * By matrices: Cholesky's factors of M and of the friction K^T M^-1 K (of the friction alone where
+ * slips live on bodies, of M alone where K = 1), once a configuration, when first needed.
  */
 class DenseMobility : public BodyMobility {
 public:
@@ -18,14 +18,16 @@ public:
     using BodyMobility::solve;
     void solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) override;
     void getBlobForces(MatrixXd& lambda) override;
-    void multiplyNearby(const std::vector<Pose>& poses, const MatrixXd& lambda, MatrixXd& slips) override;
+    void multiplyNearby(const std::vector<Pose>& poses, const MatrixXd& lambda,
+                        MatrixXd& slips) override;
     void thermalWrench(const MatrixXd& W, MatrixXd& wrench) override;
     void thermalSlip(const MatrixXd& W, MatrixXd& slips) override;
     void forcesOfThermalSlip(const MatrixXd& W, MatrixXd& forces) override;
     void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) override;
     const MatrixXd& mobility() override { return here.mobility(); }
     const MatrixXd& friction() override { return here.friction(); }
-    void multiply(const MatrixXd& wrenches, MatrixXd& twists, double toleranceOfProducts = 0) override;
+    void multiply(const MatrixXd& wrenches, MatrixXd& twists,
+                  double toleranceOfProducts = 0) override;
 
 protected:
     const std::vector<Eigen::Matrix3d>& getTurns() const override { return here.getTurns(); }

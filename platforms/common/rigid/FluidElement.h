@@ -10,11 +10,12 @@ namespace RigidHIPlugin {
 
 /** What the fluid sees of a body, or of a free particle. */
 struct FluidElement {
-    int body = -1;                       // index of the body, -1: a free particle
-    std::vector<int> particles;          // hydrodynamic particles, indices in the System
-    std::vector<Eigen::Vector3d> sites;  // their places in the body frame, nm from the body's origin
-    std::vector<double> radii;           // nm
-    Eigen::MatrixXd ownMobility;         // 6 x 6, body frame, or empty: setBodyMobility()
+    int body = -1;               // index of the body, -1: a free particle
+    std::vector<int> particles;  // hydrodynamic particles, indices in the System
+    std::vector<Eigen::Vector3d>
+        sites;                    // their places in the body frame, nm from the body's origin
+    std::vector<double> radii;    // nm
+    Eigen::MatrixXd ownMobility;  // 6 x 6, body frame, or empty: setBodyMobility()
 
     bool isFree() const { return body < 0; }
     /** One hydrodynamic particle takes force and torque; those of a multiblob take forces only. */

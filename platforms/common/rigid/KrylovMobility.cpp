@@ -8,8 +8,9 @@ using namespace std;
 namespace RigidHIPlugin {
 
 KrylovMobility::KrylovMobility(const CoupledBodies& bodies, double tolerance)
-    : BodyMobility(bodies), spheres(bodies.getMotion().isIdentity()), wantedTolerance(tolerance), tolerance(tolerance),
-      toleranceOfProducts(tolerance), here(bodies, costs), elsewhere(bodies, costs) {
+    : BodyMobility(bodies), spheres(bodies.getMotion().isIdentity()), wantedTolerance(tolerance),
+      tolerance(tolerance), toleranceOfProducts(tolerance), here(bodies, costs),
+      elsewhere(bodies, costs) {
     if (!spheres) return;
     const HydrodynamicParticles& particles = bodies.getParticles();
     ownScale.resize(particles.numRows);
@@ -22,11 +23,13 @@ KrylovMobility::KrylovMobility(const CoupledBodies& bodies, double tolerance)
 }
 
 void KrylovMobility::setTolerance(double relative, bool exactProducts, bool exactSolves) {
-    // The tolerance is in the norm of the friction there, in which errors of products were up to a hundred times as large.
+    // The tolerance is in the norm of the friction there, in which errors of products were up to a
+    // hundred times as large.
     const double part = 0.01;
     toleranceOfProducts = exactProducts ? 0 : relative;
-    errorOfSolves =
-        exactSolves || bodies.getModel().describeFastProducts(part * relative).empty() ? 0 : part * relative;
+    errorOfSolves = exactSolves || bodies.getModel().describeFastProducts(part * relative).empty()
+                        ? 0
+                        : part * relative;
     if (relative == tolerance) return;
     tolerance = relative;
     lanczos.reset();
@@ -40,18 +43,22 @@ void KrylovMobility::beginSolving() {
 
 void KrylovMobility::endSolving() {
     if (!bodies.getModel().isMatrixFree() || --solving > 0) return;
-    costs.secondsOfSolver += chrono::duration<double>(chrono::steady_clock::now() - beginOfSolving).count() -
-                             (here.getSecondsOfGrid() + elsewhere.getSecondsOfGrid() - gridSecondsBefore);
+    costs.secondsOfSolver +=
+        chrono::duration<double>(chrono::steady_clock::now() - beginOfSolving).count() -
+        (here.getSecondsOfGrid() + elsewhere.getSecondsOfGrid() - gridSecondsBefore);
 }
 
 MultiblobSolver& KrylovMobility::solverAt(const BodiesAt& at) {
-    if (!solver) solver.reset(new MultiblobSolver(bodies.getMotion(), bodies.getNullTwists(), bodies.getModel()));
+    if (!solver)
+        solver.reset(
+            new MultiblobSolver(bodies.getMotion(), bodies.getNullTwists(), bodies.getModel()));
     solver->wantedTolerance = wantedTolerance;
     solver->setTurns(at.getTurns());
     return *solver;
 }
 
-void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists, double errorOfProducts) {
+void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists,
+                                double errorOfProducts) {
     const Solving timed(*this);
     const OwnTensors& own = bodies.getOwnTensors();
     const MatrixXd* forces = &wrenches;
@@ -65,18 +72,19 @@ void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd
         costs.products += wrenches.cols();
     } else {
         const bool exactProducts = toleranceOfProducts == 0;
-        const int iterations =
-            solverAt(at).solve(at.particles(), *forces, MatrixXd(), tolerance, exactProducts, twists);
+        const int iterations = solverAt(at).solve(at.particles(), *forces, MatrixXd(), tolerance,
+                                                  exactProducts, twists);
         costs.iterations += iterations;
         costs.products += solver->getNumProducts();
     }
     own.twists(at.getTurns(), twists);
 }
 
-void KrylovMobility::iterate(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists, bool fromGuess) {
+void KrylovMobility::iterate(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists,
+                             bool fromGuess) {
     const bool exactProducts = toleranceOfProducts == 0;
-    costs.iterations +=
-        solverAt(here).solve(here.particles(), wrenches, slips, tolerance, exactProducts, twists, fromGuess);
+    costs.iterations += solverAt(here).solve(here.particles(), wrenches, slips, tolerance,
+                                             exactProducts, twists, fromGuess);
     costs.products += solver->getNumProducts();
 }
 
@@ -95,7 +103,8 @@ void KrylovMobility::keepForces(int column) {
     if (!getSlipSpace().isIdentity()) solver->keepGuess(column);
 }
 
-void KrylovMobility::solveFromKept(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) {
+void KrylovMobility::solveFromKept(const MatrixXd& wrenches, const MatrixXd& slips,
+                                   MatrixXd& twists) {
     const Solving timed(*this);
     if (getSlipSpace().isIdentity())
         solve(wrenches, slips, twists);
@@ -116,7 +125,8 @@ void KrylovMobility::getBlobForces(MatrixXd& lambda) {
         solver->getBlobForces(lambda);
 }
 
-void KrylovMobility::multiplyNearby(const vector<Pose>& poses, const MatrixXd& forces, MatrixXd& slips) {
+void KrylovMobility::multiplyNearby(const vector<Pose>& poses, const MatrixXd& forces,
+                                    MatrixXd& slips) {
     elsewhere.anchorTo(here);
     elsewhere.setPoses(poses, true);
     if (getSlipSpace().areOfBodies()) {
@@ -127,10 +137,12 @@ void KrylovMobility::multiplyNearby(const vector<Pose>& poses, const MatrixXd& f
     costs.products += forces.cols();
 }
 
-/** result = f(S) W for a matrix S that stands for M: that of MultiblobSolver, or ownScale M ownScale for spheres. */
+/** result = f(S) W for a matrix S that stands for M: that of MultiblobSolver, or ownScale M
+ * ownScale for spheres. */
 void KrylovMobility::applyRoot(const SpectralFunction& f, const MatrixXd& W, MatrixXd& result) {
     const Solving timed(*this);
-    if (!lanczos) lanczos.reset(new Lanczos(tolerance, Lanczos::defaultIterations, wantedTolerance));
+    if (!lanczos)
+        lanczos.reset(new Lanczos(tolerance, Lanczos::defaultIterations, wantedTolerance));
     const vector<SpectralFunction> functions(W.cols(), f);
     MobilityAt& blobs = here.particles();
     MultiblobSolver* scaledSolver = spheres ? nullptr : &solverAt(here);
@@ -205,7 +217,8 @@ void KrylovMobility::forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) {
     forcesFromScaled(scratch, forces);
 }
 
-void KrylovMobility::particleForces(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) {
+void KrylovMobility::particleForces(const MatrixXd& wrenches, const MatrixXd& slips,
+                                    MatrixXd& forces) {
     const Solving timed(*this);
     MatrixXd twists;
     iterate(wrenches, slips, twists);

@@ -11,17 +11,22 @@
 namespace RigidHIPlugin {
 
 /**
- * Without any matrix over all bodies: products with the particles' mobility, MultiblobSolver where there are multiblobs, Lanczos for noise,
- * to the tolerance. Lanczos sees M scaled by the particles' own mobilities (multiblobs: own matrices), so that neither units nor unequal
- * radii matter.
+ * Without any matrix over all bodies: products with the particles' mobility, MultiblobSolver where
+ * there are multiblobs, Lanczos for noise, to the tolerance. Lanczos sees M scaled by the
+ * particles' own mobilities (multiblobs: own matrices), so that neither units nor unequal radii
+ * matter.
  */
 class KrylovMobility : public BodyMobility {
 public:
-    /** @param tolerance  relative, as the user has set it: iterations may be wanted to a part of it by setTolerance() */
+    /** @param tolerance  relative, as the user has set it: iterations may be wanted to a part of it
+     * by setTolerance() */
     KrylovMobility(const CoupledBodies& bodies, double tolerance);
     Way getWay() const override { return Krylov; }
-    void setPoses(const std::vector<Pose>& poses, bool nearby = false) override { here.setPoses(poses, nearby); }
-    void setTolerance(double relative, bool exactProducts = false, bool exactSolves = true) override;
+    void setPoses(const std::vector<Pose>& poses, bool nearby = false) override {
+        here.setPoses(poses, nearby);
+    }
+    void setTolerance(double relative, bool exactProducts = false,
+                      bool exactSolves = true) override;
     bool productsIterate() const override { return getSlipSpace().areOfBodies() && !spheres; }
     bool solvesIterate() const override { return !spheres; }
     bool rootsIterate() const override { return true; }
@@ -30,7 +35,8 @@ public:
     void keepForces(int column) override;
     void solveFromKept(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) override;
     void getBlobForces(MatrixXd& lambda) override;
-    void multiplyNearby(const std::vector<Pose>& poses, const MatrixXd& lambda, MatrixXd& slips) override;
+    void multiplyNearby(const std::vector<Pose>& poses, const MatrixXd& lambda,
+                        MatrixXd& slips) override;
     bool wrenchNoiseIsOfBodies() const override { return false; }
     void thermalWrench(const MatrixXd& W, MatrixXd& wrench) override;
     void thermalSlip(const MatrixXd& W, MatrixXd& slips) override;
@@ -52,8 +58,10 @@ protected:
     void endSolving() override;
 
 private:
-    void iterate(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists, bool fromGuess = false);
-    void multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists, double errorOfProducts);
+    void iterate(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists,
+                 bool fromGuess = false);
+    void multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists,
+                    double errorOfProducts);
     void applyRoot(const SpectralFunction& f, const MatrixXd& W, MatrixXd& result);
     void forcesFromScaled(const MatrixXd& x, MatrixXd& forces);
     MultiblobSolver& solverAt(const BodiesAt& at);
@@ -64,7 +72,8 @@ private:
     BodiesAt here, elsewhere;
     std::unique_ptr<MultiblobSolver> solver;  // made when first needed
     std::unique_ptr<Lanczos> lanczos;         // likewise, for each tolerance
-    Eigen::VectorXd ownScale;  // of rows of spheres: about the root of a particle's own friction over 6 pi viscosity
+    Eigen::VectorXd ownScale;  // of rows of spheres: about the root of a particle's own friction
+                               // over 6 pi viscosity
     int solving = 0;           // nested
     std::chrono::steady_clock::time_point beginOfSolving;
     double gridSecondsBefore = 0;

@@ -22,9 +22,11 @@ const int maxRoughIterations = 100;
 
 }  // namespace
 
-MultiblobSolver::MultiblobSolver(const RigidMotion& motion, const NullTwists& nullTwists, const MobilityModel& model)
+MultiblobSolver::MultiblobSolver(const RigidMotion& motion, const NullTwists& nullTwists,
+                                 const MobilityModel& model)
     : hasRoughProducts(model.hasRoughProducts()), numRows(motion.getNumRows()),
-      numBlobRowsTotal(motion.getParticles().numRows), turns(motion.getElements().size(), Matrix3d::Identity()) {
+      numBlobRowsTotal(motion.getParticles().numRows),
+      turns(motion.getElements().size(), Matrix3d::Identity()) {
     vector<shared_ptr<const Shape> > known;
     for (size_t e = 0; e < turns.size(); e++) {
         const FluidElement& element = motion.getElements()[e];
@@ -49,8 +51,9 @@ MultiblobSolver::MultiblobSolver(const RigidMotion& motion, const NullTwists& nu
             const double smallestCondition = 1e-14;
             if (shape->M.info() != Success || !(shape->M.rcond() > smallestCondition))
                 throw OpenMM::OpenMMException(
-                    "MobilityForce: the mobility matrix of the " + to_string(element.sites.size()) + " blobs of body " +
-                    to_string(element.body) + " is not positive definite; look for blobs at the same place");
+                    "MobilityForce: the mobility matrix of the " + to_string(element.sites.size()) +
+                    " blobs of body " + to_string(element.body) +
+                    " is not positive definite; look for blobs at the same place");
             // In the energy norm errors of products grow by the root of the condition number.
             roughReduction = max(roughReduction, MobilityAt::roughError / sqrt(shape->M.rcond()));
             shape->K = motion.ofElement_body(e);
@@ -84,14 +87,16 @@ void MultiblobSolver::turn(Rows kind, bool toBody, const MatrixXd& from, MatrixX
 }
 
 /**
- * preconditioned = M~^-1 (residual - K u) with K^T preconditioned = 0, M~ the bodies' own matrices: u = N~ K^T M~^-1 residual. The
- * residual hands K u over to the twists: one that goes to zero keeps its digits (Gould et al., section 5).
+ * preconditioned = M~^-1 (residual - K u) with K^T preconditioned = 0, M~ the bodies' own matrices:
+ * u = N~ K^T M~^-1 residual. The residual hands K u over to the twists: one that goes to zero keeps
+ * its digits (Gould et al., section 5).
  */
 void MultiblobSolver::project() {
     preconditioned.resize(residual.rows(), residual.cols());
     for (size_t e = 0; e < shapes.size(); e++) {
         const Shape& shape = *shapes[e];
-        const int first = blobRow[e], count = numBlobRows[e], row = rows[e], own = shape.isFree ? 3 : 6;
+        const int first = blobRow[e], count = numBlobRows[e], row = rows[e],
+                  own = shape.isFree ? 3 : 6;
         const MatrixXd u = shape.N * (shape.MinvK.transpose() * residual.middleRows(first, count));
         residual.middleRows(first, count).noalias() -= shape.K * u;
         twists_body.middleRows(row, own) += u;
@@ -99,24 +104,27 @@ void MultiblobSolver::project() {
     }
 }
 
-void MultiblobSolver::multiply(MobilityAt& blobs, double tolerance, const MatrixXd& from, MatrixXd& to) {
+void MultiblobSolver::multiply(MobilityAt& blobs, double tolerance, const MatrixXd& from,
+                               MatrixXd& to) {
     turn(OfBlobs, false, from, lab);
     blobs.applyFor(tolerance, lab, labProduct);
     turn(OfBlobs, true, labProduct, to);
 }
 
-void MultiblobSolver::multiplyForSolve(MobilityAt& blobs, bool rough, const MatrixXd& from, MatrixXd& to) {
+void MultiblobSolver::multiplyForSolve(MobilityAt& blobs, bool rough, const MatrixXd& from,
+                                       MatrixXd& to) {
     multiply(blobs, rough ? MobilityAt::leastRoughTolerance : 0, from, to);
     numProducts += from.cols();
     if (!rough) numExactProducts += from.cols();
 }
 
-int MultiblobSolver::apply(MobilityAt& blobs, const MatrixXd& wrenches, double tolerance, MatrixXd& twists) {
+int MultiblobSolver::apply(MobilityAt& blobs, const MatrixXd& wrenches, double tolerance,
+                           MatrixXd& twists) {
     return solve(blobs, wrenches, MatrixXd(), tolerance, false, twists);
 }
 
-int MultiblobSolver::solve(MobilityAt& blobs, const MatrixXd& wrenches, const MatrixXd& slips, double tolerance,
-                           bool exactProducts, MatrixXd& twists, bool fromGuess) {
+int MultiblobSolver::solve(MobilityAt& blobs, const MatrixXd& wrenches, const MatrixXd& slips,
+                           double tolerance, bool exactProducts, MatrixXd& twists, bool fromGuess) {
     numProducts = numExactProducts = 0;
     turn(OfBodies, true, wrenches, wrenches_body);
     if (slips.size() > 0)
@@ -138,7 +146,8 @@ int MultiblobSolver::solve(MobilityAt& blobs, const MatrixXd& wrenches, const Ma
 }
 
 /** The forces of blobs if bodies did not see each other. */
-void MultiblobSolver::begin(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) const {
+void MultiblobSolver::begin(const MatrixXd& wrenches, const MatrixXd& slips,
+                            MatrixXd& forces) const {
     forces.resize(numBlobRowsTotal, wrenches.cols());
     for (size_t e = 0; e < shapes.size(); e++) {
         const Shape& shape = *shapes[e];
@@ -174,7 +183,8 @@ void MultiblobSolver::beginFromGuess(const MatrixXd& wrenches, const MatrixXd& s
     lambda += lambdaOfGuess;
 }
 
-/** @return iterations; if products are rough, more than the most there may be if it does not converge */
+/** @return iterations; if products are rough, more than the most there may be if it does not
+ * converge */
 int MultiblobSolver::iterate(MobilityAt& blobs, double tolerance, bool rough, bool fromGuess) {
     const int columns = wrenches_body.cols();
     const bool withSlips = slips_body.size() > 0;
@@ -195,7 +205,8 @@ int MultiblobSolver::iterate(MobilityAt& blobs, double tolerance, bool rough, bo
         twists_body.setZero(numRows, columns);
         project();
     };
-    // Rough products bring the residual down to these parts of what it was, one after the other, with an exact residual in between.
+    // Rough products bring the residual down to these parts of what it was, one after the other,
+    // with an exact residual in between.
     const double reduction = max(roughReduction, MobilityAt::leastRoughTolerance);
     const int stages = rough && tolerance < reduction ? ceil(log(tolerance) / log(reduction)) : 1;
     int stage = 1;
@@ -207,8 +218,8 @@ int MultiblobSolver::iterate(MobilityAt& blobs, double tolerance, bool rough, bo
         worst = 0;
         for (int c = 0; c < columns; c++) {
             gradient[c] = residual.col(c).dot(preconditioned.col(c));
-            energy[c] =
-                lambda.col(c).dot(residual.col(c)) + wrenches_body.col(c).dot(twists_body.col(c)) + slipEnergy[c];
+            energy[c] = lambda.col(c).dot(residual.col(c)) +
+                        wrenches_body.col(c).dot(twists_body.col(c)) + slipEnergy[c];
             if (withSlips) energy[c] -= lambda.col(c).dot(slips_body.col(c));
             if (!(gradient[c] <= wanted * wanted * energy[c])) reached = false;
             if (energy[c] > 0) worst = max(worst, sqrt(abs(gradient[c]) / energy[c]));
@@ -219,7 +230,9 @@ int MultiblobSolver::iterate(MobilityAt& blobs, double tolerance, bool rough, bo
     int iteration = 0;
     while (true) {
         double worst;
-        const auto target = [&] { return stage == stages ? tolerance : pow(tolerance, double(stage) / stages); };
+        const auto target = [&] {
+            return stage == stages ? tolerance : pow(tolerance, double(stage) / stages);
+        };
         bool reached = lookAt(target(), worst);
         while (reached && stage < stages) {
             stage++;
@@ -227,12 +240,15 @@ int MultiblobSolver::iterate(MobilityAt& blobs, double tolerance, bool rough, bo
             reached = lookAt(target(), worst);
         }
         if (reached) break;
-        if (rough && (iteration == maxRoughIterations || !gradient.allFinite())) return maxRoughIterations + 1;
+        if (rough && (iteration == maxRoughIterations || !gradient.allFinite()))
+            return maxRoughIterations + 1;
         if (iteration++ == maxIterations || !gradient.allFinite()) {
             ostringstream text;
-            text << "MobilityForce: the solver of rigid multiblobs has a relative residual of " << worst << " after "
-                 << iteration << " iterations, above " << toleranceText(tolerance, wantedTolerance)
-                 << "; raise setSolverTolerance(), use setSolver(Dense), or look for bodies that overlap deeply";
+            text << "MobilityForce: the solver of rigid multiblobs has a relative residual of "
+                 << worst << " after " << iteration << " iterations, above "
+                 << toleranceText(tolerance, wantedTolerance)
+                 << "; raise setSolverTolerance(), use setSolver(Dense), or look for bodies that "
+                    "overlap deeply";
             throw OpenMM::OpenMMException(text.str());
         }
         if (iteration > 1)
@@ -255,9 +271,12 @@ int MultiblobSolver::iterate(MobilityAt& blobs, double tolerance, bool rough, bo
     return iteration;
 }
 
-void MultiblobSolver::getBlobForces(MatrixXd& lambda_lab) const { turn(OfBlobs, false, lambda, lambda_lab); }
+void MultiblobSolver::getBlobForces(MatrixXd& lambda_lab) const {
+    turn(OfBlobs, false, lambda, lambda_lab);
+}
 
-void MultiblobSolver::multiplyScaled(MobilityAt& blobs, double tolerance, const MatrixXd& x, MatrixXd& y) {
+void MultiblobSolver::multiplyScaled(MobilityAt& blobs, double tolerance, const MatrixXd& x,
+                                     MatrixXd& y) {
     scaled.resize(x.rows(), x.cols());
     for (size_t e = 0; e < shapes.size(); e++)
         scaled.middleRows(blobRow[e], numBlobRows[e]) =

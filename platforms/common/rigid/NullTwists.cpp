@@ -15,10 +15,12 @@ namespace {
 
 typedef Matrix<double, 6, 1> Vector6d;
 
-/** Blobs nearer to a line than this, relative to the body's size, are on it: coordinates are rarely given to more digits. */
+/** Blobs nearer to a line than this, relative to the body's size, are on it: coordinates are rarely
+ * given to more digits. */
 const double lineTolerance = 1e-9;
 
-/** The twist about a line that leaves all sites where they are, or an empty vector if they are not on one line. */
+/** The twist about a line that leaves all sites where they are, or an empty vector if they are not
+ * on one line. */
 VectorXd twistAboutLine(const vector<Vector3d>& sites) {
     Vector3d centre = Vector3d::Zero();
     for (const Vector3d& s : sites) centre += s / sites.size();
@@ -27,7 +29,8 @@ VectorXd twistAboutLine(const vector<Vector3d>& sites) {
     const SelfAdjointEigenSolver<Matrix3d> solver(spread * spread.transpose());
     const Vector3d line = solver.eigenvectors().col(2);
     for (size_t i = 0; i < sites.size(); i++)
-        if (Vector3d(spread.col(i)).cross(line).norm() > lineTolerance * spread.norm()) return VectorXd();
+        if (Vector3d(spread.col(i)).cross(line).norm() > lineTolerance * spread.norm())
+            return VectorXd();
     VectorXd twist(6);
     twist << -line.cross(centre), line;
     return twist / twist.norm();
@@ -36,7 +39,8 @@ VectorXd twistAboutLine(const vector<Vector3d>& sites) {
 /** Q twists, in place: the multiple of n subtracted that makes them not turn about the line. */
 void removeTurn(const Vector6d& n, Ref<MatrixXd> twists) {
     const Vector3d line = n.tail<3>();
-    for (int c = 0; c < twists.cols(); c++) twists.col(c) -= line.dot(twists.col(c).tail<3>()) / line.squaredNorm() * n;
+    for (int c = 0; c < twists.cols(); c++)
+        twists.col(c) -= line.dot(twists.col(c).tail<3>()) / line.squaredNorm() * n;
 }
 
 /** Q^T wrenches: the torque about the line subtracted that makes them do no work on n. */
@@ -64,7 +68,9 @@ void NullTwists::forEach(const vector<Matrix3d>& turns, const Action& action) co
 void NullTwists::lift(const vector<Matrix3d>& turns, MatrixXd& friction) const {
     if (!hasAny) return;
     const double size = friction.trace() / friction.rows();
-    forEach(turns, [&](const Vector6d& n, int row) { friction.block<6, 6>(row, row) += size * n * n.transpose(); });
+    forEach(turns, [&](const Vector6d& n, int row) {
+        friction.block<6, 6>(row, row) += size * n * n.transpose();
+    });
 }
 
 void NullTwists::project(const vector<Matrix3d>& turns, MatrixXd& inverse) const {
@@ -72,7 +78,8 @@ void NullTwists::project(const vector<Matrix3d>& turns, MatrixXd& inverse) const
         removeTurn(n, inverse.middleRows<6>(row));
         Matrix<double, 6, 6> own = inverse.block<6, 6>(row, row).transpose();
         removeTurn(n, own);
-        for (int i = 0; i < inverse.rows(); i++) inverse.row(i).segment<6>(row) = inverse.col(i).segment<6>(row);
+        for (int i = 0; i < inverse.rows(); i++)
+            inverse.row(i).segment<6>(row) = inverse.col(i).segment<6>(row);
         inverse.block<6, 6>(row, row) = own;
     });
 }
@@ -82,7 +89,8 @@ void NullTwists::removeTurns(const vector<Matrix3d>& turns, MatrixXd& twists) co
 }
 
 void NullTwists::removeTorques(const vector<Matrix3d>& turns, MatrixXd& wrenches) const {
-    forEach(turns, [&](const Vector6d& n, int row) { removeTorque(n, wrenches.middleRows<6>(row)); });
+    forEach(turns,
+            [&](const Vector6d& n, int row) { removeTorque(n, wrenches.middleRows<6>(row)); });
 }
 
 void NullTwists::removeLift(const vector<Matrix3d>& turns, MatrixXd& wrenches) const {

@@ -7,12 +7,14 @@
 namespace RigidHIPlugin {
 
 /**
- * The null vectors of the friction of bodies whose particles are on a line: a twist n = (V, line) that leaves all of them where they are;
- * and the symmetric generalised inverse N of a friction xi with such null vectors (xi N xi = xi, N xi N = N) whose twists do not turn bodies
- * about their lines, W.line = 0. For an origin on the line that is the pseudo-inverse; elsewhere the latter would depend on the origin and on
- * units, and this does not (THEORY.md).
+ * The null vectors of the friction of bodies whose particles are on a line: a twist n = (V, line)
+ * that leaves all of them where they are; and the symmetric generalised inverse N of a friction xi
+ * with such null vectors (xi N xi = xi, N xi N = N) whose twists do not turn bodies about their
+ * lines, W.line = 0. For an origin on the line that is the pseudo-inverse; elsewhere the latter
+ * would depend on the origin and on units, and this does not (THEORY.md).
  *
- * Method: the friction is lifted along n before it is inverted or factorised, and what is of the lift removed from results.
+ * Method: the friction is lifted along n before it is inverted or factorised, and what is of the
+ * lift removed from results.
  */
 class NullTwists {
 public:
@@ -25,7 +27,8 @@ public:
     /** In the body frame, of unit length; empty if there is none. */
     const Eigen::VectorXd& inBody(int element) const { return twists_body[element]; }
 
-    /** Add friction along the null twists, as much as the mean of the others, to the matrix of all bodies. */
+    /** Add friction along the null twists, as much as the mean of the others, to the matrix of all
+     * bodies. */
     void lift(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& friction) const;
     /** Of the inverse of a lifted friction: the generalised inverse. */
     void project(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& inverse) const;
@@ -33,7 +36,8 @@ public:
     void removeTurns(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& twists) const;
     /** Subtract from wrenches the torque that does work on the null twists. */
     void removeTorques(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& wrenches) const;
-    /** Subtract from wrenches what is along the null twists, as of random ones made with a lifted friction. */
+    /** Subtract from wrenches what is along the null twists, as of random ones made with a lifted
+     * friction. */
     void removeLift(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& wrenches) const;
 
 private:
@@ -45,8 +49,10 @@ private:
     bool hasAny = false;
 };
 
-/** The generalised inverse of one body's friction in its own frame, with at most one null vector (of unit length; or empty). */
-Eigen::MatrixXd generalisedInverse(const Eigen::MatrixXd& friction, const Eigen::VectorXd& nullVector);
+/** The generalised inverse of one body's friction in its own frame, with at most one null vector
+ * (of unit length; or empty). */
+Eigen::MatrixXd generalisedInverse(const Eigen::MatrixXd& friction,
+                                   const Eigen::VectorXd& nullVector);
 
 }  // namespace RigidHIPlugin
 

@@ -28,8 +28,9 @@ void OwnTensors::set(int e, const MatrixXd& own, const MatrixXd& alone) {
 
 OwnTensors::Matrix6d OwnTensors::factor(int e, Kind kind, const Matrix3d& A) const {
     const Matrix6d turn = twoRotations(A);
-    Matrix6d factor =
-        turn * (kind == InverseTransposedB ? factors[e].inverseB_body : factors[e].B_body) * turn.transpose();
+    Matrix6d factor = turn *
+                      (kind == InverseTransposedB ? factors[e].inverseB_body : factors[e].B_body) *
+                      turn.transpose();
     if (kind != B) factor.transposeInPlace();
     return factor;
 }
@@ -42,7 +43,8 @@ void OwnTensors::congruence(const Turns& turns, Kind kind, MatrixXd& matrix) con
         for (int c = 0; c < matrix.cols(); c++)
             matrix.col(c).segment<6>(rows[e]) = (F * matrix.col(c).segment<6>(rows[e])).eval();
         for (int r = 0; r < matrix.rows(); r++)
-            matrix.row(r).segment<6>(rows[e]) = (matrix.row(r).segment<6>(rows[e]) * F.transpose()).eval();
+            matrix.row(r).segment<6>(rows[e]) =
+                (matrix.row(r).segment<6>(rows[e]) * F.transpose()).eval();
     }
 }
 
@@ -55,9 +57,15 @@ void OwnTensors::multiply(const Turns& turns, Kind kind, MatrixXd& vectors) cons
     }
 }
 
-void OwnTensors::mobility(const Turns& turns, MatrixXd& matrix) const { congruence(turns, B, matrix); }
-void OwnTensors::friction(const Turns& turns, MatrixXd& matrix) const { congruence(turns, InverseTransposedB, matrix); }
-void OwnTensors::twists(const Turns& turns, MatrixXd& vectors) const { multiply(turns, B, vectors); }
+void OwnTensors::mobility(const Turns& turns, MatrixXd& matrix) const {
+    congruence(turns, B, matrix);
+}
+void OwnTensors::friction(const Turns& turns, MatrixXd& matrix) const {
+    congruence(turns, InverseTransposedB, matrix);
+}
+void OwnTensors::twists(const Turns& turns, MatrixXd& vectors) const {
+    multiply(turns, B, vectors);
+}
 void OwnTensors::wrenchesForModel(const Turns& turns, MatrixXd& vectors) const {
     multiply(turns, TransposedB, vectors);
 }

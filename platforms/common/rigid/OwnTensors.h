@@ -7,8 +7,9 @@
 namespace RigidHIPlugin {
 
 /**
- * Tensors of bodies' own enter by congruence: N = B N_model B^T, B = N_own^(1/2) N_alone^(-1/2) of each body in its frame, alone in unbounded
- * fluid: at a wall a body's own tensor then feels the wall as the model's does.
+ * Tensors of bodies' own enter by congruence: N = B N_model B^T, B = N_own^(1/2) N_alone^(-1/2) of
+ * each body in its frame, alone in unbounded fluid: at a wall a body's own tensor then feels the
+ * wall as the model's does.
  *
  * Turns are the rotations of the bodies, body to lab.
  */
@@ -26,7 +27,8 @@ public:
     /** N = B N_model B^T, and xi = B^-T xi_model B^-1. */
     void mobility(const Turns& turns, Eigen::MatrixXd& matrix) const;
     void friction(const Turns& turns, Eigen::MatrixXd& matrix) const;
-    /** B twists; B^T wrenches, with which the model is asked; B^-T wrenches, of the model's random ones. */
+    /** B twists; B^T wrenches, with which the model is asked; B^-T wrenches, of the model's random
+     * ones. */
     void twists(const Turns& turns, Eigen::MatrixXd& vectors) const;
     void wrenchesForModel(const Turns& turns, Eigen::MatrixXd& vectors) const;
     void wrenchesFromModel(const Turns& turns, Eigen::MatrixXd& vectors) const;

@@ -12,7 +12,8 @@ namespace RigidHIPlugin {
 namespace {
 
 /** K of one element at a place in a larger matrix of zeros. */
-void placeElement(const FluidElement& element, const Matrix3d& A, MatrixXd& K, int row, int column) {
+void placeElement(const FluidElement& element, const Matrix3d& A, MatrixXd& K, int row,
+                  int column) {
     for (const Vector3d& site : element.sites) {
         K.block<3, 3>(row, column).setIdentity();
         if (!element.isFree()) K.block<3, 3>(row, column + 3) = -crossMatrix(A * site);
@@ -48,7 +49,8 @@ void setTurns(const vector<Pose>& poses, vector<Matrix3d>& turns) {
     for (size_t e = 0; e < poses.size(); e++) turns[e] = poses[e].rotation();
 }
 
-RigidMotion::RigidMotion(const vector<FluidElement>& elements) : elements(elements), particles(particlesOf(elements)) {
+RigidMotion::RigidMotion(const vector<FluidElement>& elements)
+    : elements(elements), particles(particlesOf(elements)) {
     int particleRow = 0, particle = 0;
     for (const FluidElement& element : elements) {
         firstParticles.push_back(particle);
@@ -57,11 +59,13 @@ RigidMotion::RigidMotion(const vector<FluidElement>& elements) : elements(elemen
         particleRows.push_back(particleRow);
         numRows += element.numRows();
         particleRow += element.numParticleRows();
-        if (!element.isFree() && (element.particles.size() != 1 || !element.sites[0].isZero(0))) identity = false;
+        if (!element.isFree() && (element.particles.size() != 1 || !element.sites[0].isZero(0)))
+            identity = false;
     }
 }
 
-void RigidMotion::place(const vector<Pose>& poses, const vector<Matrix3d>& turns, Placement& placement) const {
+void RigidMotion::place(const vector<Pose>& poses, const vector<Matrix3d>& turns,
+                        Placement& placement) const {
     placement.positions.resize(particles.size());
     auto to = placement.positions.begin();
     for (size_t e = 0; e < elements.size(); e++)
@@ -70,7 +74,8 @@ void RigidMotion::place(const vector<Pose>& poses, const vector<Matrix3d>& turns
 
 void RigidMotion::fill(const vector<Matrix3d>& turns, MatrixXd& K) const {
     K.setZero(particles.numRows, numRows);
-    for (size_t e = 0; e < elements.size(); e++) placeElement(elements[e], turns[e], K, particleRows[e], rows[e]);
+    for (size_t e = 0; e < elements.size(); e++)
+        placeElement(elements[e], turns[e], K, particleRows[e], rows[e]);
 }
 
 MatrixXd RigidMotion::ofElement_body(int e) const {
@@ -79,7 +84,8 @@ MatrixXd RigidMotion::ofElement_body(int e) const {
     return K;
 }
 
-void RigidMotion::slips(const vector<Matrix3d>& turns, const MatrixXd& twists, MatrixXd& slips) const {
+void RigidMotion::slips(const vector<Matrix3d>& turns, const MatrixXd& twists,
+                        MatrixXd& slips) const {
     slips.resize(particles.numRows, twists.cols());
     for (size_t e = 0; e < elements.size(); e++) {
         const FluidElement& element = elements[e];
@@ -98,7 +104,8 @@ void RigidMotion::slips(const vector<Matrix3d>& turns, const MatrixXd& twists, M
     }
 }
 
-void RigidMotion::wrenches(const vector<Matrix3d>& turns, const MatrixXd& forces, MatrixXd& wrenches) const {
+void RigidMotion::wrenches(const vector<Matrix3d>& turns, const MatrixXd& forces,
+                           MatrixXd& wrenches) const {
     wrenches.setZero(numRows, forces.cols());
     for (size_t e = 0; e < elements.size(); e++) {
         const FluidElement& element = elements[e];
@@ -110,7 +117,8 @@ void RigidMotion::wrenches(const vector<Matrix3d>& turns, const MatrixXd& forces
                 wrenches.col(c).segment<3>(rows[e]) += force;
                 if (element.isFree()) continue;
                 wrenches.col(c).segment<3>(rows[e] + 3) += r.cross(force);
-                if (element.isSphere()) wrenches.col(c).segment<3>(rows[e] + 3) += forces.col(c).segment<3>(row + 3);
+                if (element.isSphere())
+                    wrenches.col(c).segment<3>(rows[e] + 3) += forces.col(c).segment<3>(row + 3);
             }
             row += element.isSphere() ? 6 : 3;
         }

@@ -10,9 +10,11 @@
 namespace RigidHIPlugin {
 
 /**
- * How particles move with their bodies: K, whose rows give the velocities of particles from V and W of their body (Westwood 2022, eqs. 7 to
- * 10), and where bodies put them. Rows of twists and wrenches: six a body (V, W about its origin; lab frame), three a free particle, in
- * the order of the elements; of slips and forces: as HydrodynamicParticles says. Turns are the rotations of the poses.
+ * How particles move with their bodies: K, whose rows give the velocities of particles from V and W
+ * of their body (Westwood 2022, eqs. 7 to 10), and where bodies put them. Rows of twists and
+ * wrenches: six a body (V, W about its origin; lab frame), three a free particle, in the order of
+ * the elements; of slips and forces: as HydrodynamicParticles says. Turns are the rotations of the
+ * poses.
  */
 class RigidMotion {
 public:
@@ -28,11 +30,13 @@ public:
     bool isIdentity() const { return identity; }
 
     /** The positions of the particles. */
-    void place(const std::vector<Pose>& poses, const std::vector<Eigen::Matrix3d>& turns, Placement& placement) const;
+    void place(const std::vector<Pose>& poses, const std::vector<Eigen::Matrix3d>& turns,
+               Placement& placement) const;
     /** K; without allocation if it has its size already. */
     void fill(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& K) const;
     /** slips = K U, without the matrix. */
-    void slips(const std::vector<Eigen::Matrix3d>& turns, const Eigen::MatrixXd& twists, Eigen::MatrixXd& slips) const;
+    void slips(const std::vector<Eigen::Matrix3d>& turns, const Eigen::MatrixXd& twists,
+               Eigen::MatrixXd& slips) const;
     /** wrenches = K^T lambda, likewise. */
     void wrenches(const std::vector<Eigen::Matrix3d>& turns, const Eigen::MatrixXd& forces,
                   Eigen::MatrixXd& wrenches) const;

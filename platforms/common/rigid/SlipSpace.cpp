@@ -6,12 +6,14 @@ using namespace std;
 namespace RigidHIPlugin {
 
 SlipSpace::SlipSpace(const CoupledBodies& bodies)
-    : bodies(bodies), ofBodies(bodies.slipsAreOfBodies()), identity(ofBodies || bodies.getMotion().isIdentity()) {
+    : bodies(bodies), ofBodies(bodies.slipsAreOfBodies()),
+      identity(ofBodies || bodies.getMotion().isIdentity()) {
     nearest_body.resize(bodies.getElements().size());
     if (identity) return;
     for (size_t e = 0; e < nearest_body.size(); e++) {
         const MatrixXd K = bodies.getMotion().ofElement_body(e);
-        nearest_body[e] = generalisedInverse(K.transpose() * K, bodies.getNullTwists().inBody(e)) * K.transpose();
+        nearest_body[e] =
+            generalisedInverse(K.transpose() * K, bodies.getNullTwists().inBody(e)) * K.transpose();
     }
 }
 
@@ -24,7 +26,8 @@ void SlipSpace::rigidSlips(const vector<Pose>& poses, const MatrixXd& twists, Ma
     bodies.getMotion().slips(turns, twists, slips);
 }
 
-void SlipSpace::totalWrenches(const vector<Pose>& poses, const MatrixXd& forces, MatrixXd& wrenches) {
+void SlipSpace::totalWrenches(const vector<Pose>& poses, const MatrixXd& forces,
+                              MatrixXd& wrenches) {
     if (identity) {
         wrenches = forces;
         return;
@@ -33,7 +36,8 @@ void SlipSpace::totalWrenches(const vector<Pose>& poses, const MatrixXd& forces,
     bodies.getMotion().wrenches(turns, forces, wrenches);
 }
 
-void SlipSpace::nearestTwists(const vector<Matrix3d>& turnsHere, const MatrixXd& slips, MatrixXd& twists) const {
+void SlipSpace::nearestTwists(const vector<Matrix3d>& turnsHere, const MatrixXd& slips,
+                              MatrixXd& twists) const {
     if (identity) {
         twists = slips;
         return;
@@ -46,8 +50,10 @@ void SlipSpace::nearestTwists(const vector<Matrix3d>& turnsHere, const MatrixXd&
         for (int c = 0; c < slips.cols(); c++) {
             auto own = twists.col(c).segment(bodies.firstRow(e), bodies.getElements()[e].numRows());
             for (int r = 0; r < nearest.cols(); r += 3)
-                own.noalias() += nearest.middleCols<3>(r) * (A.transpose() * slips.col(c).segment<3>(first + r));
-            for (int r = 0; r < own.size(); r += 3) own.segment<3>(r) = (A * own.segment<3>(r)).eval();
+                own.noalias() +=
+                    nearest.middleCols<3>(r) * (A.transpose() * slips.col(c).segment<3>(first + r));
+            for (int r = 0; r < own.size(); r += 3)
+                own.segment<3>(r) = (A * own.segment<3>(r)).eval();
         }
     }
 }

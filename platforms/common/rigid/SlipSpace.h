@@ -9,8 +9,9 @@
 namespace RigidHIPlugin {
 
 /**
- * What slips (random velocities) live on: hydrodynamic particles, three rows each, six for a sphere; or bodies, where there is no M
- * (CoupledBodies::slipsAreOfBodies()). On bodies, and on spheres about their centres, K = 1.
+ * What slips (random velocities) live on: hydrodynamic particles, three rows each, six for a
+ * sphere; or bodies, where there is no M (CoupledBodies::slipsAreOfBodies()). On bodies, and on
+ * spheres about their centres, K = 1.
  */
 class SlipSpace {
 public:
@@ -20,13 +21,18 @@ public:
     bool isIdentity() const { return identity; }
 
     /** slips = K U, wrenches = K^T lambda at any poses. */
-    void rigidSlips(const std::vector<Pose>& poses, const Eigen::MatrixXd& twists, Eigen::MatrixXd& slips);
-    void totalWrenches(const std::vector<Pose>& poses, const Eigen::MatrixXd& lambda, Eigen::MatrixXd& wrenches);
-    /** The twists (K^T K)^-1 K^T s nearest to slips (Westwood 2022, eq. 38). @param turns  rotations of the bodies */
+    void rigidSlips(const std::vector<Pose>& poses, const Eigen::MatrixXd& twists,
+                    Eigen::MatrixXd& slips);
+    void totalWrenches(const std::vector<Pose>& poses, const Eigen::MatrixXd& lambda,
+                       Eigen::MatrixXd& wrenches);
+    /** The twists (K^T K)^-1 K^T s nearest to slips (Westwood 2022, eq. 38). @param turns rotations
+     * of the bodies */
     void nearestTwists(const std::vector<Eigen::Matrix3d>& turns, const Eigen::MatrixXd& slips,
                        Eigen::MatrixXd& twists) const;
     /** The matrix (K^T K)^-1 K^T of an element in its frame; empty where K = 1. */
-    const Eigen::MatrixXd& nearestOfElement_body(int element) const { return nearest_body[element]; }
+    const Eigen::MatrixXd& nearestOfElement_body(int element) const {
+        return nearest_body[element];
+    }
 
 private:
     const CoupledBodies& bodies;

@@ -18,7 +18,8 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Principal axes as columns (right-handed) and moments in ascending order, about the centre of mass. */
+/** Principal axes as columns (right-handed) and moments in ascending order, about the centre of
+ * mass. */
 struct PrincipalFrame {
     Vec3 centre, moments;
     Eigen::Matrix3d axes;
@@ -29,14 +30,16 @@ struct PrincipalFrame {
             centre += x[i] * masses[i];
         }
         centre /= mass;
-        // The second-moment tensor has the same axes; its eigenvalues keep the thin directions of needles accurate, where
-        // the inertia tensor would subtract large numbers.
+        // The second-moment tensor has the same axes; its eigenvalues keep the thin directions of
+        // needles accurate, where the inertia tensor would subtract large numbers.
         Eigen::MatrixXd scaled(3, x.size());
-        for (size_t i = 0; i < x.size(); i++) scaled.col(i) = sqrt(masses[i]) * toEigen(x[i] - centre);
+        for (size_t i = 0; i < x.size(); i++)
+            scaled.col(i) = sqrt(masses[i]) * toEigen(x[i] - centre);
         const Eigen::JacobiSVD<Eigen::MatrixXd> svd(scaled, Eigen::ComputeFullU);
         const int rank = min<int>(3, x.size());
         Eigen::Vector3d second = Eigen::Vector3d::Zero();
-        second.head(rank) = svd.singularValues().head(rank).cwiseAbs2();  // descending: axis 0 is the longest
+        second.head(rank) =
+            svd.singularValues().head(rank).cwiseAbs2();  // descending: axis 0 is the longest
         moments = Vec3(second[1] + second[2], second[0] + second[2], second[0] + second[1]);
         axes = svd.matrixU();
         if (axes.determinant() < 0) axes.col(2) = -axes.col(2);
@@ -45,7 +48,8 @@ struct PrincipalFrame {
     Vec3 toOutside(const Vec3& s) const { return toVec3(axes * toEigen(s)) + centre; }
 };
 
-/** How exactly a shape has the lengths of its constraints, relative: six digits are what force fields give. */
+/** How exactly a shape has the lengths of its constraints, relative: six digits are what force
+ * fields give. */
 const double constraintTolerance = 1e-6;
 /** Where a virtual site is, relative to the body's size: far above rounding. */
 const double virtualSiteTolerance = 1e-9;
@@ -56,7 +60,8 @@ BodyInertia liveInertia(double mass, const Vec3& moments) {
     BodyInertia inertia;
     inertia.mass = mass;
     const double largest = max(moments[0], max(moments[1], moments[2]));
-    for (int k = 0; k < 3; k++) inertia.moments[k] = moments[k] > zeroMomentFraction * largest ? moments[k] : 0;
+    for (int k = 0; k < 3; k++)
+        inertia.moments[k] = moments[k] > zeroMomentFraction * largest ? moments[k] : 0;
     return inertia;
 }
 
@@ -77,16 +82,20 @@ bool massesMake(const BodyGeometry& geometry, const vector<double>& masses) {
     for (int k = 0; k < 3; k++) {
         const int a = (k + 1) % 3, b = (k + 2) % 3;
         const double moment = second(a, a) + second(b, b);
-        if (abs(moment - live.moments[k]) > tolerance * (live.isLive(k) ? live.moments[k] : largest)) return false;
+        if (abs(moment - live.moments[k]) >
+            tolerance * (live.isLive(k) ? live.moments[k] : largest))
+            return false;
         // Off-diagonal elements couple two axes: measure them by both.
-        if (second(a, b) * second(a, b) > tolerance * tolerance * max(live.moments[a], tolerance * largest) *
+        if (second(a, b) * second(a, b) > tolerance * tolerance *
+                                              max(live.moments[a], tolerance * largest) *
                                               max(live.moments[b], tolerance * largest))
             return false;
     }
     return centre.dot(centre) <= tolerance * tolerance * largest * total;
 }
 
-ConstraintsOfParticles::ConstraintsOfParticles(const System& system) : first(system.getNumParticles() + 1, 0) {
+ConstraintsOfParticles::ConstraintsOfParticles(const System& system)
+    : first(system.getNumParticles() + 1, 0) {
     const auto forEnds = [&](auto action) {
         for (int c = 0; c < system.getNumConstraints(); c++) {
             int a, b;
@@ -103,9 +112,11 @@ ConstraintsOfParticles::ConstraintsOfParticles(const System& system) : first(sys
     forEnds([&](int particle, int constraint) { constraints[next[particle]++] = constraint; });
 }
 
-BodyGeometryBuilder::BodyGeometryBuilder(const System& system, const ConstraintsOfParticles& constraints,
+BodyGeometryBuilder::BodyGeometryBuilder(const System& system,
+                                         const ConstraintsOfParticles& constraints,
                                          const vector<int>& particles, const string& name)
-    : system(system), particles(particles), name(name), fixedByConstraints(true), hasOtherMassless(false) {
+    : system(system), particles(particles), name(name), fixedByConstraints(true),
+      hasOtherMassless(false) {
     map<int, int> placeOfParticle;
     for (size_t i = 0; i < particles.size(); i++) {
         const double mass = system.getParticleMass(particles[i]);
@@ -136,13 +147,14 @@ BodyGeometryBuilder::BodyGeometryBuilder(const System& system, const Constraints
             if (ia == placeOfParticle.end() || ib == placeOfParticle.end() || distance == 0) return;
             distanceOf[minmax(ia->second, ib->second, greater<int>())] = distance;
         });
-    // The matrix of a large body would be larger than all the rest: it is made only where all of it is known.
+    // The matrix of a large body would be larger than all the rest: it is made only where all of it
+    // is known.
     fixedByConstraints = distanceOf.size() == n * (n - 1) / 2;
     if (!fixedByConstraints) return;
     distances.assign(n, vector<double>(n, 0.0));
     for (const auto& entry : distanceOf)
-        distances[entry.first.first][entry.first.second] = distances[entry.first.second][entry.first.first] =
-            entry.second;
+        distances[entry.first.first][entry.first.second] =
+            distances[entry.first.second][entry.first.first] = entry.second;
 }
 
 bool BodyGeometryBuilder::needsPositions() const {
@@ -150,18 +162,21 @@ bool BodyGeometryBuilder::needsPositions() const {
     return !fixedByConstraints || hasOtherMassless || massive.size() > 3;
 }
 
-/** Coordinates, about the centre of mass, with the given distances; mirrored to fit the positions where that matters. */
+/** Coordinates, about the centre of mass, with the given distances; mirrored to fit the positions
+ * where that matters. */
 vector<Vec3> BodyGeometryBuilder::shapeFromDistances(const vector<Vec3>& members) const {
     const int n = massive.size();
     vector<Vec3> x(n);
-    const string remedy = "; mend the System's constraints, or give the body explicit site positions";
+    const string remedy =
+        "; mend the System's constraints, or give the body explicit site positions";
     if (n == 2) x[1] = Vec3(distances[0][1], 0, 0);
     if (n == 3) {
         const double a = distances[0][1], b = distances[0][2], c = distances[1][2];
         const double along = (a * a + b * b - c * c) / (2 * a), across2 = b * b - along * along;
         if (across2 < -1e-12 * b * b)
-            throw OpenMMException("CustomRigidHIIntegrator: " + name + ": constraint lengths " + to_string(a) + ", " +
-                                  to_string(b) + ", " + to_string(c) + " nm violate the triangle inequality" + remedy);
+            throw OpenMMException("CustomRigidHIIntegrator: " + name + ": constraint lengths " +
+                                  to_string(a) + ", " + to_string(b) + ", " + to_string(c) +
+                                  " nm violate the triangle inequality" + remedy);
         x[1] = Vec3(a, 0, 0);
         x[2] = Vec3(along, sqrt(max(0.0, across2)), 0);
     }
@@ -171,28 +186,34 @@ vector<Vec3> BodyGeometryBuilder::shapeFromDistances(const vector<Vec3>& members
     Eigen::MatrixXd squared(n, n);
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++) squared(i, j) = distances[i][j] * distances[i][j];
-    const Eigen::MatrixXd centring = Eigen::MatrixXd::Identity(n, n) - Eigen::MatrixXd::Constant(n, n, 1.0 / n);
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(-0.5 * centring * squared * centring);
+    const Eigen::MatrixXd centring =
+        Eigen::MatrixXd::Identity(n, n) - Eigen::MatrixXd::Constant(n, n, 1.0 / n);
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(-0.5 * centring * squared *
+                                                               centring);
     const double largest = eigen.eigenvalues()[n - 1];
     for (int i = 0; i < n; i++)
         for (int k = 0; k < 3; k++) {
             const double value = eigen.eigenvalues()[n - 1 - k];
-            // Below this the coordinate is rounding: the square root of 1e-16 would make 1e-8 of it.
-            x[i][k] = value > 1e-12 * largest ? sqrt(value) * eigen.eigenvectors()(i, n - 1 - k) : 0;
+            // Below this the coordinate is rounding: the square root of 1e-16 would make 1e-8 of
+            // it.
+            x[i][k] =
+                value > 1e-12 * largest ? sqrt(value) * eigen.eigenvectors()(i, n - 1 - k) : 0;
         }
     for (int i = 0; i < n; i++)
         for (int j = 0; j < i; j++) {
             const Vec3 d = x[i] - x[j];
             if (abs(sqrt(d.dot(d)) - distances[i][j]) > constraintTolerance * distances[i][j])
-                throw OpenMMException("CustomRigidHIIntegrator: " + name + ": the constraints between particles " +
-                                      to_string(particles[massive[i]]) + " and " + to_string(particles[massive[j]]) +
-                                      " and the others cannot be satisfied in three dimensions" + remedy);
+                throw OpenMMException(
+                    "CustomRigidHIIntegrator: " + name + ": the constraints between particles " +
+                    to_string(particles[massive[i]]) + " and " + to_string(particles[massive[j]]) +
+                    " and the others cannot be satisfied in three dimensions" + remedy);
         }
     double handedness = 0;  // of the positions against the coordinates: sign of det sum x y^T
     Eigen::Matrix3d correlation = Eigen::Matrix3d::Zero();
     Vec3 centre;
     for (int i = 0; i < n; i++) centre += members[massive[i]] / n;
-    for (int i = 0; i < n; i++) correlation += toEigen(members[massive[i]] - centre) * toEigen(x[i]).transpose();
+    for (int i = 0; i < n; i++)
+        correlation += toEigen(members[massive[i]] - centre) * toEigen(x[i]).transpose();
     handedness = correlation.determinant();
     if (handedness < 0)
         for (Vec3& v : x) v[2] = -v[2];
@@ -207,7 +228,8 @@ bool BodyGeometryBuilder::agrees(const BodyGeometry& known) const {
     for (size_t i = 0; i < massive.size() && fixedByConstraints && !massless; i++)
         for (size_t j = 0; j < i; j++) {
             const Vec3 d = known.sites[massive[i]] - known.sites[massive[j]];
-            if (abs(sqrt(d.dot(d)) - distances[i][j]) > constraintTolerance * distances[i][j]) return false;
+            if (abs(sqrt(d.dot(d)) - distances[i][j]) > constraintTolerance * distances[i][j])
+                return false;
         }
     map<int, Vec3> siteOfParticle;
     double size = 0;
@@ -217,8 +239,9 @@ bool BodyGeometryBuilder::agrees(const BodyGeometry& known) const {
     }
     for (size_t i = 0; i < particles.size(); i++) {
         if (!system.isVirtualSite(particles[i])) continue;
-        const Vec3 off = known.sites[i] - virtualSitePosition(system, particles[i],
-                                                              [&](int parent) { return siteOfParticle.at(parent); });
+        const Vec3 off = known.sites[i] -
+                         virtualSitePosition(system, particles[i],
+                                             [&](int parent) { return siteOfParticle.at(parent); });
         if (!(sqrt(off.dot(off)) <= virtualSiteTolerance * size)) return false;
     }
     return true;
@@ -233,12 +256,14 @@ BodyGeometry BodyGeometryBuilder::build(const vector<Vec3>& members) const {
     if (needsPositions())
         for (size_t i = 0; i < particles.size(); i++)
             if (!system.isVirtualSite(particles[i]) && !isFinite(members[i]))
-                throw OpenMMException("CustomRigidHIIntegrator: " + name + ": particle " + to_string(particles[i]) +
-                                      " has a non-finite position; set finite positions before stepping");
+                throw OpenMMException(
+                    "CustomRigidHIIntegrator: " + name + ": particle " + to_string(particles[i]) +
+                    " has a non-finite position; set finite positions before stepping");
     vector<Vec3> actual(massive.size());
     if (needsPositions())
         for (size_t i = 0; i < massive.size(); i++) actual[i] = members[massive[i]];
-    const vector<Vec3> shape = fixedByConstraints && massive.size() > 1 ? shapeFromDistances(members) : actual;
+    const vector<Vec3> shape =
+        fixedByConstraints && massive.size() > 1 ? shapeFromDistances(members) : actual;
     const PrincipalFrame frame(masses, shape);
 
     BodyGeometry geometry;
@@ -251,24 +276,28 @@ BodyGeometry BodyGeometryBuilder::build(const vector<Vec3>& members) const {
     for (size_t i = 0; i < massive.size(); i++)
         siteOfParticle[particles[massive[i]]] = geometry.sites[massive[i]] = frame.toBody(shape[i]);
     if (hasOtherMassless) {
-        // Place them by the rotation that takes the massive members from their positions into the body frame.
+        // Place them by the rotation that takes the massive members from their positions into the
+        // body frame.
         Vec3 centre;
         for (size_t i = 0; i < massive.size(); i++) centre += actual[i] * (masses[i] / frame.mass);
         Eigen::Matrix3d correlation = Eigen::Matrix3d::Zero();
         for (size_t i = 0; i < massive.size(); i++)
-            correlation += masses[i] * toEigen(geometry.sites[massive[i]]) * toEigen(actual[i] - centre).transpose();
-        Eigen::JacobiSVD<Eigen::Matrix3d> svd(correlation, Eigen::ComputeFullU | Eigen::ComputeFullV);
+            correlation += masses[i] * toEigen(geometry.sites[massive[i]]) *
+                           toEigen(actual[i] - centre).transpose();
+        Eigen::JacobiSVD<Eigen::Matrix3d> svd(correlation,
+                                              Eigen::ComputeFullU | Eigen::ComputeFullV);
         Eigen::Matrix3d fix = Eigen::Matrix3d::Identity();
         fix(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1;
         const Eigen::Matrix3d toBody = svd.matrixU() * fix * svd.matrixV().transpose();
         for (size_t i = 0; i < particles.size(); i++)
             if (system.getParticleMass(particles[i]) == 0 && !system.isVirtualSite(particles[i]))
-                siteOfParticle[particles[i]] = geometry.sites[i] = toVec3(toBody * toEigen(members[i] - centre));
+                siteOfParticle[particles[i]] = geometry.sites[i] =
+                    toVec3(toBody * toEigen(members[i] - centre));
     }
     for (size_t i = 0; i < particles.size(); i++)
         if (system.isVirtualSite(particles[i]))
-            geometry.sites[i] =
-                virtualSitePosition(system, particles[i], [&](int parent) { return siteOfParticle.at(parent); });
+            geometry.sites[i] = virtualSitePosition(
+                system, particles[i], [&](int parent) { return siteOfParticle.at(parent); });
     return geometry;
 }
 

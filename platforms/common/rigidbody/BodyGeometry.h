@@ -18,13 +18,15 @@ struct BodyGeometry {
     std::vector<OpenMM::Vec3> sites;
 };
 
-/** A moment below this fraction of the largest is taken as zero: rounding of positions leaves about 1e-26 of a line's. */
+/** A moment below this fraction of the largest is taken as zero: rounding of positions leaves about
+ * 1e-26 of a line's. */
 constexpr double zeroMomentFraction = 1e-13;
 
 /** The inertia that the schemes use: moments that count as zero set to zero. */
 BodyInertia liveInertia(double mass, const OpenMM::Vec3& moments);
 
-/** The constraints of a System, by particle: bodies ask for their own, and each is looked at a few times only. */
+/** The constraints of a System, by particle: bodies ask for their own, and each is looked at a few
+ * times only. */
 class ConstraintsOfParticles {
 public:
     explicit ConstraintsOfParticles(const OpenMM::System& system);
@@ -35,22 +37,25 @@ public:
     }
 
 private:
-    std::vector<int> first, constraints;  // those of particle p are from first[p] to before first[p + 1]
+    std::vector<int> first,
+        constraints;  // those of particle p are from first[p] to before first[p + 1]
 };
 
 /**
- * Whether point masses at the sites have the mass and moments of a geometry, its origin as their centre and its axes as principal
- * axes, to 1e-10: far above rounding, far below any intended difference.
+ * Whether point masses at the sites have the mass and moments of a geometry, its origin as their
+ * centre and its axes as principal axes, to 1e-10: far above rounding, far below any intended
+ * difference.
  */
 bool massesMake(const BodyGeometry& geometry, const std::vector<double>& masses);
 
 /**
  * The shape, mass and inertia of a body that was given by its particles alone.
  *
- * The massive members' shape comes from the System's constraints where these fix it (one pair, a triangle, or all pairs),
- * else from positions; virtual sites come from their definitions; other massless members from positions. The body frame has
- * its origin at the centre of mass and its axes along the principal axes, smallest moment first. A body of massless members
- * has the frame of equal weights, and no inertia.
+ * The massive members' shape comes from the System's constraints where these fix it (one pair, a
+ * triangle, or all pairs), else from positions; virtual sites come from their definitions; other
+ * massless members from positions. The body frame has its origin at the centre of mass and its axes
+ * along the principal axes, smallest moment first. A body of massless members has the frame of
+ * equal weights, and no inertia.
  */
 class BodyGeometryBuilder {
 public:
@@ -63,13 +68,15 @@ public:
     /** Whether positions are needed, or the System alone fixes the geometry. */
     bool needsPositions() const;
     /**
-     * @param members  positions of the body's particles in any frame, nm; not looked at unless needsPositions()
+     * @param members  positions of the body's particles in any frame, nm; not looked at unless
+     * needsPositions()
      * @throws OpenMMException if constraints cannot be satisfied, or positions are not finite
      */
     BodyGeometry build(const std::vector<OpenMM::Vec3>& members) const;
     /**
-     * The geometry by the System as it is now, of a body whose shape was found earlier: the known one to the last bit where the System
-     * still says the same; otherwise built anew, with the known sites as positions.
+     * The geometry by the System as it is now, of a body whose shape was found earlier: the known
+     * one to the last bit where the System still says the same; otherwise built anew, with the
+     * known sites as positions.
      */
     BodyGeometry update(const BodyGeometry& known) const;
 
@@ -81,7 +88,8 @@ private:
     std::string name;
     std::vector<int> massive;  // places in `particles`
     std::vector<double> masses;
-    std::vector<std::vector<double> > distances;  // between massive members, if constraints fix all of them
+    std::vector<std::vector<double> >
+        distances;  // between massive members, if constraints fix all of them
     bool fixedByConstraints, hasOtherMassless, massless = false;
 };
 

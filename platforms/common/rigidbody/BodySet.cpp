@@ -22,7 +22,8 @@ RotorKind rotorKind(const BodyInertia& inertia) {
 }  // namespace
 
 BodySet::BodySet(const vector<BodyGeometry>& geometries, const vector<vector<int> >& particles,
-                 const vector<vector<double> >& siteMasses, const vector<vector<bool> >& carriesForce) {
+                 const vector<vector<double> >& siteMasses,
+                 const vector<vector<bool> >& carriesForce) {
     const int n = geometries.size();
     inertias.resize(n);
     axisOrder.resize(n);
@@ -33,7 +34,8 @@ BodySet::BodySet(const vector<BodyGeometry>& geometries, const vector<vector<int
         const BodyInertia inertia = liveInertia(geometries[i].mass, geometries[i].moments);
         array<int, 3>& order = axisOrder[i];
         order = {{0, 1, 2}};
-        stable_sort(order.begin(), order.end(), [&](int a, int b) { return inertia.moments[a] < inertia.moments[b]; });
+        stable_sort(order.begin(), order.end(),
+                    [&](int a, int b) { return inertia.moments[a] < inertia.moments[b]; });
         const bool odd = (order[0] > order[1]) ^ (order[0] > order[2]) ^ (order[1] > order[2]);
         if (odd) axisSign[i][2] = -1;  // keep the frame right-handed
         inertias[i].mass = inertia.mass;
@@ -74,7 +76,8 @@ BodySet::BodySet(const vector<BodyGeometry>& geometries, const vector<vector<int
                     &noise_q[2]})
         v->assign(numSlots, 0.0);
     // clang-format on
-    for (auto* v : {&q[0], &decay_p, &decay_l[0], &decay_l[1], &decay_l[2]}) v->assign(numSlots, 1.0);
+    for (auto* v : {&q[0], &decay_p, &decay_l[0], &decay_l[1], &decay_l[2]})
+        v->assign(numSlots, 1.0);
 
     for (int b = 0; b < getNumBlocks(); b++) {
         Block& block = blocks[b];
@@ -97,8 +100,10 @@ BodySet::BodySet(const vector<BodyGeometry>& geometries, const vector<vector<int
             for (size_t s = 0; s < particles[body].size(); s++) {
                 const int entry = block.firstSite + s;
                 siteParticle[entry * blockSize + lane] = particles[body][s];
-                if (!siteMasses[body].empty()) siteMass[entry * blockSize + lane] = siteMasses[body][s];
-                if (carriesForce[body][s]) forceParticle[entry * blockSize + lane] = particles[body][s];
+                if (!siteMasses[body].empty())
+                    siteMass[entry * blockSize + lane] = siteMasses[body][s];
+                if (carriesForce[body][s])
+                    forceParticle[entry * blockSize + lane] = particles[body][s];
                 const Vec3 site = toInner(body, geometries[body].sites[s]);
                 for (int c = 0; c < 3; c++) sites[(entry * 3 + c) * blockSize + lane] = site[c];
             }
@@ -110,7 +115,8 @@ BodySet::BodySet(const vector<BodyGeometry>& geometries, const vector<vector<int
 void BodySet::setInverseMoments() {
     for (int b = 0; b < getNumBodies(); b++)
         for (int k = 0; k < 3; k++)
-            inverseMoments[k][slotOfBody[b]] = inertias[b].isLive(k) ? 1 / inertias[b].moments[k] : 0;
+            inverseMoments[k][slotOfBody[b]] =
+                inertias[b].isLive(k) ? 1 / inertias[b].moments[k] : 0;
 }
 
 void BodySet::setInertiaScale(double factor) {
@@ -147,7 +153,9 @@ void write(vector<double>* v, int slot, const Vec3& x) {
 }
 }  // namespace
 
-Vec3 BodySet::toLab(int slot, const Vec3& v) const { return toVec3(rotation(q, slot).toLab({v[0], v[1], v[2]})); }
+Vec3 BodySet::toLab(int slot, const Vec3& v) const {
+    return toVec3(rotation(q, slot).toLab({v[0], v[1], v[2]}));
+}
 
 Vec3 BodySet::toInnerBody(int slot, const Vec3& v) const {
     return toVec3(rotation(q, slot).toBody({v[0], v[1], v[2]}));
@@ -161,7 +169,8 @@ BodyState BodySet::getState(int body) const {
     state.l = toUser(body, read(l, slot));
     const auto& turn = frameTurn[body];
     const scalar::Quaternion<double> inner = {q[0][slot], q[1][slot], q[2][slot], q[3][slot]};
-    const auto user = inner * scalar::conjugate(scalar::Quaternion<double>{turn[0], turn[1], turn[2], turn[3]});
+    const auto user =
+        inner * scalar::conjugate(scalar::Quaternion<double>{turn[0], turn[1], turn[2], turn[3]});
     state.q = {{user.w, user.x, user.y, user.z}};
     return state;
 }
@@ -185,8 +194,8 @@ void BodySet::setState(int body, const BodyState& state) {
 
 array<double, 13> BodySet::getStoredState(int body) const {
     const int s = slotOfBody[body];
-    return {{R[0][s], R[1][s], R[2][s], q[0][s], q[1][s], q[2][s], q[3][s], p[0][s], p[1][s], p[2][s], l[0][s], l[1][s],
-             l[2][s]}};
+    return {{R[0][s], R[1][s], R[2][s], q[0][s], q[1][s], q[2][s], q[3][s], p[0][s], p[1][s],
+             p[2][s], l[0][s], l[1][s], l[2][s]}};
 }
 
 void BodySet::setStoredState(int body, const array<double, 13>& v) {
@@ -201,9 +210,12 @@ void BodySet::setStoredState(int body, const array<double, 13>& v) {
 
 Vec3 BodySet::getForce_lab(int body) const { return read(force_lab, slotOfBody[body]); }
 
-Vec3 BodySet::getTorque_lab(int body) const { return toLab(slotOfBody[body], read(torque_body, slotOfBody[body])); }
+Vec3 BodySet::getTorque_lab(int body) const {
+    return toLab(slotOfBody[body], read(torque_body, slotOfBody[body]));
+}
 
-void BodySet::addForceAndTorque_lab(int body, const Vec3& addedForce_lab, const Vec3& addedTorque_lab) {
+void BodySet::addForceAndTorque_lab(int body, const Vec3& addedForce_lab,
+                                    const Vec3& addedTorque_lab) {
     const int slot = slotOfBody[body];
     write(force_lab, slot, read(force_lab, slot) + addedForce_lab);
     write(torque_body, slot, read(torque_body, slot) + toInnerBody(slot, addedTorque_lab));
@@ -249,7 +261,8 @@ double BodySet::translationalKineticEnergy() const {
 Vec3 BodySet::rotationalKineticEnergies() const {
     Vec3 sum;
     for (int k = 0; k < 3; k++)
-        for (size_t s = 0; s < bodyOfSlot.size(); s++) sum[k] += 0.5 * inverseMoments[k][s] * l[k][s] * l[k][s];
+        for (size_t s = 0; s < bodyOfSlot.size(); s++)
+            sum[k] += 0.5 * inverseMoments[k][s] * l[k][s] * l[k][s];
     return sum;
 }
 

@@ -11,7 +11,8 @@
 
 namespace RigidHIPlugin {
 
-/** How a body rotates: not at all, as a linear body (no moment about its line), or about three axes. */
+/** How a body rotates: not at all, as a linear body (no moment about its line), or about three
+ * axes. */
 enum class RotorKind { Point, Linear, General };
 
 /** State of one body, in its user's body frame. */
@@ -21,20 +22,24 @@ struct BodyState {
 };
 
 /**
- * All rigid bodies of a Context as structure of arrays, so that the same loops run over one body or a SIMD pack of bodies.
+ * All rigid bodies of a Context as structure of arrays, so that the same loops run over one body or
+ * a SIMD pack of bodies.
  *
- * Bodies are kept in *slots*, sorted by how they rotate and padded to whole blocks with bodies that do nothing. Inside, the
- * body frame has its axes in the order of the moments, I_1 <= I_2 <= I_3 (FreeRotor-inl.h says why); getState() and
- * setState() translate to and from the user's body frame.
+ * Bodies are kept in *slots*, sorted by how they rotate and padded to whole blocks with bodies that
+ * do nothing. Inside, the body frame has its axes in the order of the moments, I_1 <= I_2 <= I_3
+ * (FreeRotor-inl.h says why); getState() and setState() translate to and from the user's body
+ * frame.
  */
 class BodySet {
 public:
-    /** Bodies a block; a multiple of every SIMD width in doubles. Fixed, so that results do not depend on the width. */
+    /** Bodies a block; a multiple of every SIMD width in doubles. Fixed, so that results do not
+     * depend on the width. */
     static const int blockSize = 8;
     struct Block {
         RotorKind rotor = RotorKind::Point;
         bool hasNoise = false;
-        bool massesMakeTheBodies = false;  // of every body: its sites' masses are its mass and inertia
+        bool massesMakeTheBodies =
+            false;  // of every body: its sites' masses are its mass and inertia
         int firstSite = 0, numSites = 0;
     };
 
@@ -42,30 +47,35 @@ public:
     /**
      * @param geometries      one per body
      * @param particles       the particles of each body
-     * @param siteMasses      the mass of each particle of each body, where these masses add up to the body's mass and inertia
-     *                        about its origin; an empty list for other bodies
-     * @param carriesForce    for each particle of each body, whether its force counts (a virtual site's does not: OpenMM
-     *                        has already given it to the parents)
+     * @param siteMasses      the mass of each particle of each body, where these masses add up to
+     * the body's mass and inertia about its origin; an empty list for other bodies
+     * @param carriesForce    for each particle of each body, whether its force counts (a virtual
+     * site's does not: OpenMM has already given it to the parents)
      */
-    BodySet(const std::vector<BodyGeometry>& geometries, const std::vector<std::vector<int> >& particles,
-            const std::vector<std::vector<double> >& siteMasses, const std::vector<std::vector<bool> >& carriesForce);
+    BodySet(const std::vector<BodyGeometry>& geometries,
+            const std::vector<std::vector<int> >& particles,
+            const std::vector<std::vector<double> >& siteMasses,
+            const std::vector<std::vector<bool> >& carriesForce);
 
     int getNumBodies() const { return slotOfBody.size(); }
     int getNumBlocks() const { return blocks.size(); }
     int slot(int body) const { return slotOfBody[body]; }
     RotorKind rotor(int body) const { return blocks[slotOfBody[body] / blockSize].rotor; }
-    /** Mass and moments in ascending order, zero moments marked; the moments times the inertia scale. */
+    /** Mass and moments in ascending order, zero moments marked; the moments times the inertia
+     * scale. */
     const BodyInertia& inertia(int body) const { return inertias[body]; }
     /**
-     * Let the dynamics have the moments of the geometries times this factor: the one place where moments are scaled. Angular velocities stay,
-     * angular momenta follow. Thermostats are the caller's to set anew.
+     * Let the dynamics have the moments of the geometries times this factor: the one place where
+     * moments are scaled. Angular velocities stay, angular momenta follow. Thermostats are the
+     * caller's to set anew.
      */
     void setInertiaScale(double factor);
     double getInertiaScale() const { return inertiaScale; }
 
     BodyState getState(int body) const;
     void setState(int body, const BodyState& state);
-    /** R, q, p, l of one body exactly as they are stored (inner frame), for saving and resuming bit for bit. */
+    /** R, q, p, l of one body exactly as they are stored (inner frame), for saving and resuming bit
+     * for bit. */
     std::array<double, 13> getStoredState(int body) const;
     void setStoredState(int body, const std::array<double, 13>& values);
     /** A vector of the user's body frame in the inner one. */
@@ -74,8 +84,10 @@ public:
     OpenMM::Vec3 getForce_lab(int body) const;
     OpenMM::Vec3 getTorque_lab(int body) const;
     /** Add to force and torque (lab). */
-    void addForceAndTorque_lab(int body, const OpenMM::Vec3& force_lab, const OpenMM::Vec3& torque_lab);
-    /** Angular velocity in the lab frame from l, and back (components about dead axes are dropped). */
+    void addForceAndTorque_lab(int body, const OpenMM::Vec3& force_lab,
+                               const OpenMM::Vec3& torque_lab);
+    /** Angular velocity in the lab frame from l, and back (components about dead axes are dropped).
+     */
     OpenMM::Vec3 getAngularVelocity_lab(int body) const;
     void setAngularVelocity_lab(int body, const OpenMM::Vec3& omega_lab);
     void setThermostat(int body, const Thermostat& thermostat);
@@ -96,12 +108,14 @@ public:
     // Arrays over slots; [3] and [4] are components. l and torque_body are in the inner body frame.
     std::vector<double> R[3], q[4], p[3], l[3], force_lab[3], torque_body[3];
     std::vector<double> inverseMass, inverseMoments[3];
-    std::vector<double> decay_p, noise_p, decay_l[3], noise_l[3], move_R, noise_R, move_q[3], noise_q[3];
+    std::vector<double> decay_p, noise_p, decay_l[3], noise_l[3], move_R, noise_R, move_q[3],
+        noise_q[3];
     std::vector<int> bodyOfSlot;   // -1 for padding
     std::vector<char> drawsNoise;  // whether the thermostat of the slot's body has noise
     std::vector<Block> blocks;
     // Sites, block by block: entry s of a block holds site s of each of its bodies.
-    std::vector<double> sites;       // [(entry * 3 + component) * blockSize + lane], inner body frame, nm
+    std::vector<double>
+        sites;  // [(entry * 3 + component) * blockSize + lane], inner body frame, nm
     std::vector<double> siteMass;    // [entry * blockSize + lane], 0 where there is no such site
     std::vector<int> siteParticle;   // [entry * blockSize + lane], -1: no such site
     std::vector<int> forceParticle;  // likewise, -1 also for virtual sites
@@ -109,9 +123,9 @@ public:
 private:
     std::vector<int> slotOfBody;
     double inertiaScale = 1;
-    std::vector<BodyInertia> ownInertias;           // of the geometries, moments ascending
-    std::vector<BodyInertia> inertias;              // of the dynamics: these moments times the inertia scale
-    std::vector<std::array<int, 3> > axisOrder;     // inner axis k is the user's axis axisOrder[k] ...
+    std::vector<BodyInertia> ownInertias;  // of the geometries, moments ascending
+    std::vector<BodyInertia> inertias;     // of the dynamics: these moments times the inertia scale
+    std::vector<std::array<int, 3> > axisOrder;  // inner axis k is the user's axis axisOrder[k] ...
     std::vector<std::array<double, 3> > axisSign;   // ... times axisSign[k]
     std::vector<std::array<double, 4> > frameTurn;  // q_inner = q_user * frameTurn
     void setInverseMoments();

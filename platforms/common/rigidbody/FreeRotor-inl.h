@@ -2,7 +2,8 @@
 //
 // Equation:  dq/dt = q (0, w)/2, dl/dt = l x w, w_k = l_k / I_k (body frame).
 // Order:     2 in t (symmetric splitting); exact for linear bodies.
-// Reference: Miller et al., J. Chem. Phys. 116, 8649 (2002); Davidchack et al. 2015, eqs. 17 and 18. There the conjugate
+// Reference: Miller et al., J. Chem. Phys. 116, 8649 (2002); Davidchack et al. 2015, eqs. 17
+// and 18. There the conjugate
 //            momentum is pi = 2 S(q)(0, l), and chi_l t is half the angle used here.
 
 #if defined(RIGIDHI_FREE_ROTOR_INL_H_) == defined(HWY_TARGET_TOGGLE)
@@ -19,21 +20,27 @@ namespace RIGIDHI_TARGET {
 
 /** q turned about body axis 1, 2 or 3 by twice the half angle: q * (cos, sin e_axis). */
 template <int axis, class Real>
-inline Quaternion<Real> turnAboutAxis(const Quaternion<Real>& q, const Real& sine, const Real& cosine) {
+inline Quaternion<Real> turnAboutAxis(const Quaternion<Real>& q, const Real& sine,
+                                      const Real& cosine) {
     if (axis == 1)
         return {cosine * q.w - sine * q.x, cosine * q.x + sine * q.w, cosine * q.y + sine * q.z,
                 cosine * q.z - sine * q.y};
     if (axis == 2)
         return {cosine * q.w - sine * q.y, cosine * q.x - sine * q.z, cosine * q.y + sine * q.w,
                 cosine * q.z + sine * q.x};
-    return {cosine * q.w - sine * q.z, cosine * q.x + sine * q.y, cosine * q.y - sine * q.x, cosine * q.z + sine * q.w};
+    return {cosine * q.w - sine * q.z, cosine * q.x + sine * q.y, cosine * q.y - sine * q.x,
+            cosine * q.z + sine * q.w};
 }
 
-/** Psi_{t,axis} of eq. 17: rotation about one body axis only; l in the body frame turns the other way. */
+/** Psi_{t,axis} of eq. 17: rotation about one body axis only; l in the body frame turns the other
+ * way. */
 template <int axis, class Real>
-inline void rotateAboutAxis(Quaternion<Real>& q, Vector3<Real>& l, const Vector3<Real>& inverseMoments, double t) {
+inline void rotateAboutAxis(Quaternion<Real>& q, Vector3<Real>& l,
+                            const Vector3<Real>& inverseMoments, double t) {
     const Real l_axis = axis == 1 ? l.x : axis == 2 ? l.y : l.z;
-    const Real inverseMoment = axis == 1 ? inverseMoments.x : axis == 2 ? inverseMoments.y : inverseMoments.z;
+    const Real inverseMoment = axis == 1   ? inverseMoments.x
+                               : axis == 2 ? inverseMoments.y
+                                           : inverseMoments.z;
     Real sine, cosine;
     sincos(Real(0.5 * t) * l_axis * inverseMoment, sine, cosine);
     q = turnAboutAxis<axis>(q, sine, cosine);
@@ -48,10 +55,12 @@ inline void rotateAboutAxis(Quaternion<Real>& q, Vector3<Real>& l, const Vector3
 }
 
 /**
- * Psi_t of eq. 18: axes 3-2-1-2-3. With I_1 <= I_2 <= I_3 the thinnest axis is innermost, where its fast spin does no harm.
+ * Psi_t of eq. 18: axes 3-2-1-2-3. With I_1 <= I_2 <= I_3 the thinnest axis is innermost, where its
+ * fast spin does no harm.
  */
 template <class Real>
-inline void rotateFreely(Quaternion<Real>& q, Vector3<Real>& l, const Vector3<Real>& inverseMoments, double t) {
+inline void rotateFreely(Quaternion<Real>& q, Vector3<Real>& l, const Vector3<Real>& inverseMoments,
+                         double t) {
     rotateAboutAxis<3>(q, l, inverseMoments, 0.5 * t);
     rotateAboutAxis<2>(q, l, inverseMoments, 0.5 * t);
     rotateAboutAxis<1>(q, l, inverseMoments, t);
@@ -60,12 +69,12 @@ inline void rotateFreely(Quaternion<Real>& q, Vector3<Real>& l, const Vector3<Re
 }
 
 /**
- * The exact rotation of a linear body (I_1 = 0, l_1 = 0, I_2 = I_3): about l itself, which stays. The splitting above would
- * let l_1, which no friction holds, drift away from 0.
+ * The exact rotation of a linear body (I_1 = 0, l_1 = 0, I_2 = I_3): about l itself, which stays.
+ * The splitting above would let l_1, which no friction holds, drift away from 0.
  */
 template <class Real>
-inline void rotateLinearBodyFreely(Quaternion<Real>& q, const Vector3<Real>& l, const Vector3<Real>& inverseMoments,
-                                   double t) {
+inline void rotateLinearBodyFreely(Quaternion<Real>& q, const Vector3<Real>& l,
+                                   const Vector3<Real>& inverseMoments, double t) {
     q = q * exponential(Real(0.5 * t) * multiply(l, inverseMoments));
 }
 

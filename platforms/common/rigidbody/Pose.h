@@ -11,7 +11,8 @@ namespace RigidHIPlugin {
 inline Eigen::Matrix3d rotationOf(const scalar::Quaternion<double>& q) {
     const scalar::Rotation<double> turn(q);
     Eigen::Matrix3d A;
-    for (int k = 0; k < 3; k++) A.row(k) = Eigen::Vector3d(turn.row[k].x, turn.row[k].y, turn.row[k].z);
+    for (int k = 0; k < 3; k++)
+        A.row(k) = Eigen::Vector3d(turn.row[k].x, turn.row[k].y, turn.row[k].z);
     return A;
 }
 

@@ -15,8 +15,8 @@ namespace {
 const double rankTolerance = 1e-10;
 
 /**
- * The principal frame of weighted sites about their centre. Not by eigenvalues of the second moments: their rounding is the
- * square root of what singular values have.
+ * The principal frame of weighted sites about their centre. Not by eigenvalues of the second
+ * moments: their rounding is the square root of what singular values have.
  */
 struct Principal {
     Eigen::Vector3d centre = Eigen::Vector3d::Zero();
@@ -32,9 +32,11 @@ struct Principal {
         }
         centre /= total;
         Eigen::Matrix3Xd scaled(3, sites.size());
-        for (size_t i = 0; i < sites.size(); i++) scaled.col(i) = sqrt(weights[i]) * (sites[i] - centre);
+        for (size_t i = 0; i < sites.size(); i++)
+            scaled.col(i) = sqrt(weights[i]) * (sites[i] - centre);
         const Eigen::JacobiSVD<Eigen::Matrix3Xd> svd(scaled, Eigen::ComputeFullU);
-        const auto& values = svd.singularValues();  // descending, the lesser of 3 and the number of sites
+        const auto& values =
+            svd.singularValues();  // descending, the lesser of 3 and the number of sites
         if (values.size() == 0 || !(values[0] > 0)) return;
         rank = values.size() > 1 && values[1] > rankTolerance * values[0] ? 2 : 1;
         second.head(values.size()) = values.cwiseAbs2();
@@ -48,7 +50,8 @@ Eigen::Quaterniond smallestTurn(const Eigen::Vector3d& a, const Eigen::Vector3d&
     return Eigen::Quaterniond::FromTwoVectors(a, b);  // any perpendicular axis where b = -a
 }
 
-/** Horn's quaternion: the rotation that maximises sum w x . (A s), from the correlation sum w x s^T. */
+/** Horn's quaternion: the rotation that maximises sum w x . (A s), from the correlation sum w x
+ * s^T. */
 Eigen::Quaterniond bestTurn(const Eigen::Matrix3d& c) {
     Eigen::Matrix4d k;
     const double xx = c(0, 0), yy = c(1, 1), zz = c(2, 2);
@@ -63,7 +66,8 @@ Eigen::Quaterniond bestTurn(const Eigen::Matrix3d& c) {
 
 }  // namespace
 
-PoseFit::PoseFit(const BodyGeometry& geometry, const vector<double>& masses, const vector<bool>& isVirtual)
+PoseFit::PoseFit(const BodyGeometry& geometry, const vector<double>& masses,
+                 const vector<bool>& isVirtual)
     : weights(masses) {
     for (const Vec3& s : geometry.sites) sites.push_back(toEigen(s));
     vector<double> equal(sites.size());
@@ -85,8 +89,8 @@ PoseFit::PoseFit(const BodyGeometry& geometry, const vector<double>& masses, con
     shape = principal.rank == 0 ? Shape::Point : principal.rank == 1 ? Shape::Line : Shape::Spatial;
     inverseMoments.setZero();
     if (shape != Shape::Point)
-        inverseMoments << (shape == Shape::Line ? 0 : 1 / (second[1] + second[2])), 1 / (second[0] + second[2]),
-            1 / (second[0] + second[1]);
+        inverseMoments << (shape == Shape::Line ? 0 : 1 / (second[1] + second[2])),
+            1 / (second[0] + second[2]), 1 / (second[0] + second[1]);
     for (const auto& s : sites) arms.push_back(axes.transpose() * (s - centre_body));
 }
 
@@ -102,20 +106,23 @@ double PoseFit::fitPose(const vector<Vec3>& positions, BodyState& state, int& wo
     Eigen::Quaterniond q(state.q[0], state.q[1], state.q[2], state.q[3]);
     if (shape == Shape::Line) {
         Eigen::Vector3d direction = Eigen::Vector3d::Zero();
-        for (int i = 0; i < n; i++) direction += weights[i] * arms[i][0] * (toEigen(positions[i]) - centre);
+        for (int i = 0; i < n; i++)
+            direction += weights[i] * arms[i][0] * (toEigen(positions[i]) - centre);
         if (direction.norm() > 0) q = smallestTurn(q * axes.col(0), direction) * q;
     } else if (shape == Shape::Spatial) {
         Eigen::Matrix3d correlation = Eigen::Matrix3d::Zero();
         for (int i = 0; i < n; i++)
-            correlation += weights[i] * (toEigen(positions[i]) - centre) * (sites[i] - centre_body).transpose();
+            correlation += weights[i] * (toEigen(positions[i]) - centre) *
+                           (sites[i] - centre_body).transpose();
         q = bestTurn(correlation);
-        // The eigenvector has an error of 1e-16 over the relative thinness of the body; Gauss-Newton steps, which work on
-        // small differences, remove it.
+        // The eigenvector has an error of 1e-16 over the relative thinness of the body;
+        // Gauss-Newton steps, which work on small differences, remove it.
         for (int iteration = 0; iteration < 2; iteration++) {
             const Eigen::Matrix3d toPrincipal = (q.toRotationMatrix() * axes).transpose();
             Eigen::Vector3d moment = Eigen::Vector3d::Zero();
             for (int i = 0; i < n; i++)
-                moment += weights[i] * arms[i].cross(toPrincipal * (toEigen(positions[i]) - centre) - arms[i]);
+                moment += weights[i] *
+                          arms[i].cross(toPrincipal * (toEigen(positions[i]) - centre) - arms[i]);
             const Eigen::Vector3d turn_body = axes * moment.cwiseProduct(inverseMoments);
             q = q * Eigen::Quaterniond(1, turn_body[0] / 2, turn_body[1] / 2, turn_body[2] / 2);
             q.normalize();
@@ -123,7 +130,8 @@ double PoseFit::fitPose(const vector<Vec3>& positions, BodyState& state, int& wo
     }
     q.normalize();
     // Of q and -q take the one near the last orientation, so that orientations stay continuous.
-    if (q.w() * state.q[0] + q.x() * state.q[1] + q.y() * state.q[2] + q.z() * state.q[3] < 0) q.coeffs() = -q.coeffs();
+    if (q.w() * state.q[0] + q.x() * state.q[1] + q.y() * state.q[2] + q.z() * state.q[3] < 0)
+        q.coeffs() = -q.coeffs();
     const Eigen::Matrix3d A = q.toRotationMatrix();
     const Eigen::Vector3d R = centre - A * centre_body;
     state.R = toVec3(R);
@@ -139,9 +147,11 @@ double PoseFit::fitPose(const vector<Vec3>& positions, BodyState& state, int& wo
     return largest;
 }
 
-void PoseFit::fitTwist(const vector<Vec3>& velocities, const BodyState& state, Vec3& velocity, Vec3& omega_lab) const {
-    const Eigen::Matrix3d A =
-        Eigen::Quaterniond(state.q[0], state.q[1], state.q[2], state.q[3]).normalized().toRotationMatrix();
+void PoseFit::fitTwist(const vector<Vec3>& velocities, const BodyState& state, Vec3& velocity,
+                       Vec3& omega_lab) const {
+    const Eigen::Matrix3d A = Eigen::Quaterniond(state.q[0], state.q[1], state.q[2], state.q[3])
+                                  .normalized()
+                                  .toRotationMatrix();
     Eigen::Vector3d mean = Eigen::Vector3d::Zero();
     for (size_t i = 0; i < sites.size(); i++) mean += weights[i] * toEigen(velocities[i]);
     mean /= totalWeight;

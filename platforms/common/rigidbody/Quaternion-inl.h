@@ -1,5 +1,6 @@
 // Vectors and quaternions over a number type: `double`, or a SIMD pack of bodies.
-// Quaternions are (w, x, y, z); a body's q turns body-frame vectors into lab-frame ones: v_lab = q v_body q^-1.
+// Quaternions are (w, x, y, z); a body's q turns body-frame vectors into lab-frame ones: v_lab = q
+// v_body q^-1.
 
 #if defined(RIGIDHI_QUATERNION_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_QUATERNION_INL_H_
@@ -68,18 +69,22 @@ struct Quaternion {
 /** The Hamilton product: (a b) turns by b first, then by a. */
 template <class Real>
 inline Quaternion<Real> operator*(const Quaternion<Real>& a, const Quaternion<Real>& b) {
-    return {a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z, a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
-            a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x, a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w};
+    return {a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z,
+            a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
+            a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x,
+            a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w};
 }
 template <class Real>
 inline Quaternion<Real> conjugate(const Quaternion<Real>& q) {
     return {q.w, Real(0.0) - q.x, Real(0.0) - q.y, Real(0.0) - q.z};
 }
 
-/** exp of the pure quaternion (0, v): (cos |v|, sin |v| v/|v|); a turn by the angle 2|v| about v. */
+/** exp of the pure quaternion (0, v): (cos |v|, sin |v| v/|v|); a turn by the angle 2|v| about v.
+ */
 template <class Real>
 inline Quaternion<Real> exponential(const Vector3<Real>& v) {
-    // Below this length v itself is lost beside 1, and dividing by it instead of |v| only avoids 0/0.
+    // Below this length v itself is lost beside 1, and dividing by it instead of |v| only avoids
+    // 0/0.
     const double tiny = 1e-150;
     const Real length = squareRoot(dot(v, v));
     Real sine, cosine;
@@ -89,8 +94,9 @@ inline Quaternion<Real> exponential(const Vector3<Real>& v) {
 }
 
 /**
- * Pull |q| back to 1. Every step multiplies q by unit quaternions, so |q| - 1 is a random walk of rounding errors; one
- * Newton step for 1/sqrt keeps it at rounding level for any number of steps, and changes nothing else.
+ * Pull |q| back to 1. Every step multiplies q by unit quaternions, so |q| - 1 is a random walk of
+ * rounding errors; one Newton step for 1/sqrt keeps it at rounding level for any number of steps,
+ * and changes nothing else.
  */
 template <class Real>
 inline void renormalise(Quaternion<Real>& q) {
@@ -104,9 +110,12 @@ struct Rotation {
     Vector3<Real> row[3];
     explicit Rotation(const Quaternion<Real>& q) {
         const Real two(2.0), one(1.0);
-        row[0] = {one - two * (q.y * q.y + q.z * q.z), two * (q.x * q.y - q.w * q.z), two * (q.x * q.z + q.w * q.y)};
-        row[1] = {two * (q.x * q.y + q.w * q.z), one - two * (q.x * q.x + q.z * q.z), two * (q.y * q.z - q.w * q.x)};
-        row[2] = {two * (q.x * q.z - q.w * q.y), two * (q.y * q.z + q.w * q.x), one - two * (q.x * q.x + q.y * q.y)};
+        row[0] = {one - two * (q.y * q.y + q.z * q.z), two * (q.x * q.y - q.w * q.z),
+                  two * (q.x * q.z + q.w * q.y)};
+        row[1] = {two * (q.x * q.y + q.w * q.z), one - two * (q.x * q.x + q.z * q.z),
+                  two * (q.y * q.z - q.w * q.x)};
+        row[2] = {two * (q.x * q.z - q.w * q.y), two * (q.y * q.z + q.w * q.x),
+                  one - two * (q.x * q.x + q.y * q.y)};
     }
     Vector3<Real> toLab(const Vector3<Real>& v_body) const {
         return {dot(row[0], v_body), dot(row[1], v_body), dot(row[2], v_body)};

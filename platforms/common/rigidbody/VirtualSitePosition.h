@@ -10,7 +10,8 @@
 
 namespace RigidHIPlugin {
 
-/** Whether a virtual site moves and turns rigidly with the particles that define it: the kinds of OpenMM 7.7 do. */
+/** Whether a virtual site moves and turns rigidly with the particles that define it: the kinds of
+ * OpenMM 7.7 do. */
 bool turnsWithItsParents(const OpenMM::VirtualSite& site);
 
 /** The class of a virtual site, as users call it. */
@@ -23,15 +24,18 @@ OpenMM::Vec3 virtualSitePosition(const OpenMM::System& system, int particle, Pos
     // From OpenMM 8.2 on a virtual site may depend on others, but not in circles.
     auto parent = [&](int i) {
         const int p = site.getParticle(i);
-        return system.isVirtualSite(p) ? virtualSitePosition(system, p, position) : Vec3(position(p));
+        return system.isVirtualSite(p) ? virtualSitePosition(system, p, position)
+                                       : Vec3(position(p));
     };
     if (auto* two = dynamic_cast<const TwoParticleAverageSite*>(&site))
         return parent(0) * two->getWeight(0) + parent(1) * two->getWeight(1);
     if (auto* three = dynamic_cast<const ThreeParticleAverageSite*>(&site))
-        return parent(0) * three->getWeight(0) + parent(1) * three->getWeight(1) + parent(2) * three->getWeight(2);
+        return parent(0) * three->getWeight(0) + parent(1) * three->getWeight(1) +
+               parent(2) * three->getWeight(2);
     if (auto* out = dynamic_cast<const OutOfPlaneSite*>(&site)) {
         const Vec3 v12 = parent(1) - parent(0), v13 = parent(2) - parent(0);
-        return parent(0) + v12 * out->getWeight12() + v13 * out->getWeight13() + v12.cross(v13) * out->getWeightCross();
+        return parent(0) + v12 * out->getWeight12() + v13 * out->getWeight13() +
+               v12.cross(v13) * out->getWeightCross();
     }
     const auto& local = dynamic_cast<const LocalCoordinatesSite&>(site);
     std::vector<double> originWeights, xWeights, yWeights;

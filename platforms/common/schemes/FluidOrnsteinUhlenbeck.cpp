@@ -9,7 +9,8 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Eigenvalues above -this times the largest are zeros with rounding: friction of a rotation that the fluid does not see. */
+/** Eigenvalues above -this times the largest are zeros with rounding: friction of a rotation that
+ * the fluid does not see. */
 const double roundingOfZero = 1e-12;
 
 }  // namespace
@@ -23,25 +24,30 @@ void FluidOrnsteinUhlenbeck::decompose(const Eigen::MatrixXd& matrix, bool isInv
     if (!(smallest > (isInverse ? 0 : -roundingOfZero * largest))) {
         std::ostringstream text;
         text << "LangevinHI: the " << (isInverse ? "mobility" : "friction")
-             << " matrix is not positive definite: its mass-weighted eigenvalues are from " << smallest << " to "
-             << largest
-             << ", and rounding is about 1e-16 of the largest; look for overlapping or nearly touching particles, or "
+             << " matrix is not positive definite: its mass-weighted eigenvalues are from "
+             << smallest << " to " << largest
+             << ", and rounding is about 1e-16 of the largest; look for overlapping or nearly "
+                "touching particles, or "
                 "make the masses and radii of bodies more alike";
         throw OpenMM::OpenMMException(text.str());
     }
     for (int i = 0; i < n; i++) rates[i] = isInverse ? 1 / rates[i] : std::max(0.0, rates[i]);
 }
 
-void FluidOrnsteinUhlenbeck::step(double h, double kT, Eigen::VectorXd& Z, const Eigen::VectorXd& chi) {
-    // Where nothing decays much, Z + (exp(-S h) - 1) Z keeps the digits of Z that V V^T Z would cost.
+void FluidOrnsteinUhlenbeck::step(double h, double kT, Eigen::VectorXd& Z,
+                                  const Eigen::VectorXd& chi) {
+    // Where nothing decays much, Z + (exp(-S h) - 1) Z keeps the digits of Z that V V^T Z would
+    // cost.
     const int n = rates.size();
     if (n == 0) return;
     const bool weak = rates.maxCoeff() * h < 0.5;
     modes.noalias() = eigen.vectors().transpose() * Z;
-    for (int i = 0; i < n; i++) modes[i] *= weak ? std::expm1(-rates[i] * h) : std::exp(-rates[i] * h);
+    for (int i = 0; i < n; i++)
+        modes[i] *= weak ? std::expm1(-rates[i] * h) : std::exp(-rates[i] * h);
     if (kT > 0) {
         noiseModes.noalias() = eigen.vectors().transpose() * chi;
-        for (int i = 0; i < n; i++) modes[i] += std::sqrt(-kT * std::expm1(-2 * rates[i] * h)) * noiseModes[i];
+        for (int i = 0; i < n; i++)
+            modes[i] += std::sqrt(-kT * std::expm1(-2 * rates[i] * h)) * noiseModes[i];
     }
     if (weak)
         Z.noalias() += eigen.vectors() * modes;
@@ -49,7 +55,8 @@ void FluidOrnsteinUhlenbeck::step(double h, double kT, Eigen::VectorXd& Z, const
         Z.noalias() = eigen.vectors() * modes;
 }
 
-void FluidOrnsteinUhlenbeck::matrices(double h, Eigen::MatrixXd& decayMinusOne, Eigen::MatrixXd& noise) {
+void FluidOrnsteinUhlenbeck::matrices(double h, Eigen::MatrixXd& decayMinusOne,
+                                      Eigen::MatrixXd& noise) {
     const auto& V = eigen.vectors();
     modes = rates;
     noiseModes = rates;

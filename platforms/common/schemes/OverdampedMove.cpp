@@ -13,13 +13,17 @@ namespace {
 
 /** Rotate(q, turn): by |turn| about turn, lab frame. */
 scalar::Quaternion<double> rotated(const scalar::Quaternion<double>& q, const Vector3d& turn) {
-    return scalar::exponential(scalar::Vector3<double>{0.5 * turn.x(), 0.5 * turn.y(), 0.5 * turn.z()}) * q;
+    return scalar::exponential(
+               scalar::Vector3<double>{0.5 * turn.x(), 0.5 * turn.y(), 0.5 * turn.z()}) *
+           q;
 }
 
-/** Of the flow of a known drift, in body lengths and radians: rounding of 1e-16 against the error of the difference. */
+/** Of the flow of a known drift, in body lengths and radians: rounding of 1e-16 against the error
+ * of the difference. */
 const double recordedDifference = 1e-5;
 
-/** How often a finite difference is tried with a tenth of its step, where the model has no mobility at its ends. */
+/** How often a finite difference is tried with a tenth of its step, where the model has no mobility
+ * at its ends. */
 const int maxShrinks = 3;
 
 }  // namespace
@@ -30,7 +34,8 @@ OverdampedMove::OverdampedMove(BodyMobility& mobility) : mobility(mobility) {
     start.resize(elements.size());
     present = start;
     for (size_t e = 0; e < elements.size(); e++)
-        for (int i = 0; i < elements[e].numRows(); i++) lengths.push_back(i < 3 ? bodies.length(e) : 1);
+        for (int i = 0; i < elements[e].numRows(); i++)
+            lengths.push_back(i < 3 ? bodies.length(e) : 1);
     force.setZero(bodies.getNumRows(), 1);
 }
 
@@ -92,18 +97,21 @@ void OverdampedMove::thermalWrench(Draw draw, Vectors& wrench) {
         drawForBodies(draw == First ? NoiseStream::FirstDraw : NoiseStream::SecondDraw,
                       draw == First ? NoiseStream::FreeFirstDraw : NoiseStream::FreeSecondDraw, W);
     else
-        drawForParticles(draw == First ? NoiseStream::ParticleFirstDraw : NoiseStream::ParticleSecondDraw, W);
+        drawForParticles(
+            draw == First ? NoiseStream::ParticleFirstDraw : NoiseStream::ParticleSecondDraw, W);
     mobility.thermalWrench(W, wrench);
 }
 
 void OverdampedMove::drawForSlips(Draw draw) {
-    const uint32_t ofParticles = draw == First ? NoiseStream::ParticleFirstDraw : NoiseStream::ParticleSecondDraw;
+    const uint32_t ofParticles =
+        draw == First ? NoiseStream::ParticleFirstDraw : NoiseStream::ParticleSecondDraw;
     slipsAreOfField = mobility.drawField(stream, ofParticles, field);
     if (slipsAreOfField)
         randomNumbers += field->getNumRandomNumbers();
     else if (mobility.slipNoiseIsOfBodies())
         drawForBodies(draw == First ? NoiseStream::FirstDraw : NoiseStream::SecondDraw,
-                      draw == First ? NoiseStream::FreeFirstDraw : NoiseStream::FreeSecondDraw, W_slip);
+                      draw == First ? NoiseStream::FreeFirstDraw : NoiseStream::FreeSecondDraw,
+                      W_slip);
     else
         drawForParticles(ofParticles, W_slip);
 }
@@ -126,17 +134,19 @@ void OverdampedMove::addFlow(Vectors& slips, int column, int columns) {
 void FlowOfStep::check(const string& scheme) const {
     const double rounding = 1e-9;
     if (abs(solveWeight - flowWeight) <= rounding * (1 + abs(flowWeight))) return;
-    throw OpenMM::OpenMMException("CustomRigidHIIntegrator: the scheme " + scheme +
-                                  " does not say what the flow of its step is: its solves for velocities are in it " +
-                                  to_string(solveWeight) + " times, and must be " + to_string(flowWeight) +
-                                  " times; use another scheme, or record each such solve (CONTRIBUTING.md)");
+    throw OpenMM::OpenMMException(
+        "CustomRigidHIIntegrator: the scheme " + scheme +
+        " does not say what the flow of its step is: its solves for velocities are in it " +
+        to_string(solveWeight) + " times, and must be " + to_string(flowWeight) +
+        " times; use another scheme, or record each such solve (CONTRIBUTING.md)");
 }
 
 void OverdampedMove::recordSolve(double weight, int column, bool givesVelocity) {
     if (!recorded) return;
     Vectors forces;
     mobility.getBlobForces(forces);
-    recorded->shares.push_back({weight, mobility.posesHere(), forces.col(column), givesVelocity && flow});
+    recorded->shares.push_back(
+        {weight, mobility.posesHere(), forces.col(column), givesVelocity && flow});
     if (givesVelocity) recorded->solveWeight += weight;
 }
 
@@ -184,7 +194,8 @@ void OverdampedMove::addKnownDrift(double factor, Vectors& twists) {
     if (recorded) recordKnownDrift(factor);
 }
 
-/** Where the fluid is elsewhere its divergence is not that of the body: coordinate by coordinate, since cost is no concern here. */
+/** Where the fluid is elsewhere its divergence is not that of the body: coordinate by coordinate,
+ * since cost is no concern here. */
 void OverdampedMove::recordKnownDrift(double factor) {
     vector<Pose> displaced;
     Vectors wrench, twists;
@@ -229,7 +240,8 @@ bool OverdampedMove::isAccepted(const vector<Pose>& at) { return mobility.accept
 
 void OverdampedMove::failToDisplace(const vector<Pose>& at) {
     throw OpenMM::OpenMMException(
-        "the finite difference of the stochastic drift leads where the model has no mobility, both ways: " +
+        "the finite difference of the stochastic drift leads where the model has no mobility, both "
+        "ways: " +
         mobility.objection(at) + "; use a smaller setFiniteDifferenceStep(), or FixmanMidpoint");
 }
 

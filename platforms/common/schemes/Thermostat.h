@@ -7,7 +7,8 @@
 
 namespace RigidHIPlugin {
 
-/** Mass and principal moments of a body, as the thermostats see them. A moment of 0 marks an axis without rotation. */
+/** Mass and principal moments of a body, as the thermostats see them. A moment of 0 marks an axis
+ * without rotation. */
 struct BodyInertia {
     double mass = 0;
     double moments[3] = {0, 0, 0};
@@ -23,44 +24,50 @@ struct BodyInertia {
     double rotationalRate(int k, double Gamma) const { return Gamma * M() / (4 * moments[k]); }
 };
 
-/** What the heat bath does to a body: temperature, frictions (Langevin) and mobilities (gradient). */
+/** What the heat bath does to a body: temperature, frictions (Langevin) and mobilities (gradient).
+ */
 struct HeatBath {
     double kT = 0, gamma = 0, Gamma = 0, upsilon = 0, Upsilon = 0;
 };
 
-/** The factors of one step of one body, computed once per setting. Axes without rotation have decay 1 and no noise. */
+/** The factors of one step of one body, computed once per setting. Axes without rotation have decay
+ * 1 and no noise. */
 struct Thermostat {
     double decay_p = 1, noise_p = 0;
     double decay_l[3] = {1, 1, 1}, noise_l[3] = {0, 0, 0};
     double move_R = 0, noise_R = 0;
     double move_q[3] = {0, 0, 0}, noise_q[3] = {0, 0, 0};
     bool hasNoise() const {
-        return noise_p != 0 || noise_l[0] != 0 || noise_l[1] != 0 || noise_l[2] != 0 || noise_R != 0 ||
-               noise_q[0] != 0 || noise_q[1] != 0 || noise_q[2] != 0;
+        return noise_p != 0 || noise_l[0] != 0 || noise_l[1] != 0 || noise_l[2] != 0 ||
+               noise_R != 0 || noise_q[0] != 0 || noise_q[1] != 0 || noise_q[2] != 0;
     }
 };
 
 /**
- * The exact Ornstein-Uhlenbeck process of a momentum over the time t (Davidchack 2015, eqs. 25 and 26):
- * p <- exp(-rate t) p + sqrt(inertia kT (1 - exp(-2 rate t))) xi. expm1 keeps weak friction exact.
+ * The exact Ornstein-Uhlenbeck process of a momentum over the time t (Davidchack 2015, eqs. 25 and
+ * 26): p <- exp(-rate t) p + sqrt(inertia kT (1 - exp(-2 rate t))) xi. expm1 keeps weak friction
+ * exact.
  */
-inline void setOrnsteinUhlenbeck(double inertia, double rate, double kT, double t, double& decay, double& noise) {
+inline void setOrnsteinUhlenbeck(double inertia, double rate, double kT, double t, double& decay,
+                                 double& noise) {
     decay = std::exp(-rate * t);
     noise = std::sqrt(-inertia * kT * std::expm1(-2 * rate * t));
 }
 
 /** That process of the momentum and the live angular momenta of a body, at these rates. */
-inline Thermostat ornsteinUhlenbeckCoefficients(const BodyInertia& body, double rate_p, const double (&rates_l)[3],
-                                                double kT, double t) {
+inline Thermostat ornsteinUhlenbeckCoefficients(const BodyInertia& body, double rate_p,
+                                                const double (&rates_l)[3], double kT, double t) {
     Thermostat c;
     setOrnsteinUhlenbeck(body.mass, rate_p, kT, t, c.decay_p, c.noise_p);
     for (int k = 0; k < 3; k++)
-        if (body.isLive(k)) setOrnsteinUhlenbeck(body.moments[k], rates_l[k], kT, t, c.decay_l[k], c.noise_l[k]);
+        if (body.isLive(k))
+            setOrnsteinUhlenbeck(body.moments[k], rates_l[k], kT, t, c.decay_l[k], c.noise_l[k]);
     return c;
 }
 
 /** Likewise with a heat bath's frictions: gamma, and Gamma M/(4 I_k). */
-inline Thermostat ornsteinUhlenbeckCoefficients(const BodyInertia& body, const HeatBath& bath, double t) {
+inline Thermostat ornsteinUhlenbeckCoefficients(const BodyInertia& body, const HeatBath& bath,
+                                                double t) {
     double rates[3] = {0, 0, 0};
     for (int k = 0; k < 3; k++)
         if (body.isLive(k)) rates[k] = body.rotationalRate(k, bath.Gamma);

@@ -9,13 +9,15 @@ void BrownianStep::take() {
     Scene& scene = parts.scene;
     Fluid& fluid = *scene.fluid.get();
     const OverdampedEntry& scheme = overdampedScheme(scene.settings.scheme);
-    fluid.beginOverdamped(scene.settings.scheme);  // first: whatever fails from here on puts back what this keeps
+    fluid.beginOverdamped(
+        scene.settings.scheme);  // first: whatever fails from here on puts back what this keeps
     if (scheme.needsForces(0)) fluid.checkTorques(scene.bodies, scene.arrays->forces());
     for (int stage = 0; stage < scheme.numStages(); stage = fluid.nextStage()) {
         if (stage > 0) {
             fluid.showStage(stage, scene.bodies, scene.arrays->positions());
             writePositions();
-            parts.forces.evaluate(scene.arrays->getTime() + scheme.forcesAt[stage] * scene.settings.h);
+            parts.forces.evaluate(scene.arrays->getTime() +
+                                  scheme.forcesAt[stage] * scene.settings.h);
             fluid.checkTorques(scene.bodies, scene.arrays->forces());
         }
         runStage(stage);
@@ -28,16 +30,17 @@ void BrownianStep::take() {
 void BrownianStep::runStage(int stage) {
     Scene& scene = parts.scene;
     const double start = StepCounters::now();
-    const LoopResult result =
-        scene.fluid->runStage(stage, scene.settings, scene.bodies, *scene.freeParticles, scene.arrays->positions());
+    const LoopResult result = scene.fluid->runStage(
+        stage, scene.settings, scene.bodies, *scene.freeParticles, scene.arrays->positions());
     scene.counters.seconds_mobility += StepCounters::now() - start;
     scene.counters.randomNumbers += result.randomNumbers;
     parts.forces.drop();  // poses are others now
     if (!result.finite) reportNonFinite(scene, "position");
-    const Fluid::Rejections rejected =
-        scene.fluid->takeBackRejected(parts.start.bodies(), parts.start.freeParticles(), scene.bodies,
-                                      *scene.freeParticles, scene.arrays->positions());
-    if (rejected.number > 0) parts.rejections.count(rejected.number, rejected.attempts, rejected.objection);
+    const Fluid::Rejections rejected = scene.fluid->takeBackRejected(
+        parts.start.bodies(), parts.start.freeParticles(), scene.bodies, *scene.freeParticles,
+        scene.arrays->positions());
+    if (rejected.number > 0)
+        parts.rejections.count(rejected.number, rejected.attempts, rejected.objection);
 }
 
 void BrownianStep::writePositions() {

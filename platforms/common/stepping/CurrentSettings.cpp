@@ -14,9 +14,10 @@ namespace RigidHIPlugin {
 
 namespace {
 
-Thermostat schemeCoefficients(CustomRigidHIIntegrator::Scheme scheme, const BodyInertia& body, const HeatBath& bath,
-                              double h) {
-    return scalar::withThermostat(scheme, [&](auto named) { return named.coefficients(body, bath, h); });
+Thermostat schemeCoefficients(CustomRigidHIIntegrator::Scheme scheme, const BodyInertia& body,
+                              const HeatBath& bath, double h) {
+    return scalar::withThermostat(scheme,
+                                  [&](auto named) { return named.coefficients(body, bath, h); });
 }
 
 }  // namespace
@@ -55,8 +56,9 @@ void CurrentSettings::setThermostats(Scene& scene) {
     for (auto& block : bodies.blocks) block.hasNoise = false;
     for (int b = 0; b < bodies.getNumBodies(); b++) {
         integrator.getBodyFriction(b, bath.gamma, bath.Gamma);
-        bodies.setThermostat(b, hydrodynamic ? scene.fluid->bodyThermostat(b, bodies.inertia(b), kT, h)
-                                             : schemeCoefficients(scheme, bodies.inertia(b), bath, h));
+        bodies.setThermostat(b, hydrodynamic
+                                    ? scene.fluid->bodyThermostat(b, bodies.inertia(b), kT, h)
+                                    : schemeCoefficients(scheme, bodies.inertia(b), bath, h));
     }
     bath.gamma = integrator.getFriction();
     vector<Thermostat> free;
@@ -70,7 +72,8 @@ void CurrentSettings::setThermostats(Scene& scene) {
 }
 
 void CurrentSettings::warnOfDriftFactor(const Scene& scene) {
-    if (scene.fluid->getDriftFactorSpread() > driftFactorLimit && printed.count(WarningCause::DriftFactorSpread) == 0)
+    if (scene.fluid->getDriftFactorSpread() > driftFactorLimit &&
+        printed.count(WarningCause::DriftFactorSpread) == 0)
         printWarnings(scene);
 }
 

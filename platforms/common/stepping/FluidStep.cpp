@@ -30,12 +30,15 @@ string FluidStep::attempt() {
 
 string FluidStep::objection() const {
     const Scene& scene = parts.scene;
-    return scene.fluid->mayObject() ? scene.fluid->objection(scene.bodies, scene.arrays->positions()) : string();
+    return scene.fluid->mayObject()
+               ? scene.fluid->objection(scene.bodies, scene.arrays->positions())
+               : string();
 }
 
 string FluidStep::objectionHalfAStepAhead() {
     Scene& scene = parts.scene;
-    // The next step starts with forces for the velocities that the bodies have now, not for the predicted ones.
+    // The next step starts with forces for the velocities that the bodies have now, not for the
+    // predicted ones.
     parts.forces.renewVelocityDependent(scene.arrays->getTime() + scene.settings.h);
     scene.bodies.save(aheadBodies);
     scene.freeParticles->save(aheadFree, scene.arrays->positions(), scene.arrays->velocities());
@@ -60,11 +63,13 @@ void FluidStep::moveThroughFluid() {
         parts.start.show();
         const string atStart = objection();
         fail("step " + to_string(scene.arrays->getStepCount() + 1) + ": " +
-             (atStart.empty() ? "half a step ahead, where the friction is taken: " + ahead : atStart));
+             (atStart.empty() ? "half a step ahead, where the friction is taken: " + ahead
+                              : atStart));
     }
     const double start = StepCounters::now();
-    result.add(scene.fluid->relax(settings.h, settings.kT, settings.noise, scene.bodies, *scene.freeParticles,
-                                  scene.arrays->positions(), scene.arrays->velocities()));
+    result.add(scene.fluid->relax(settings.h, settings.kT, settings.noise, scene.bodies,
+                                  *scene.freeParticles, scene.arrays->positions(),
+                                  scene.arrays->velocities()));
     scene.counters.seconds_mobility += StepCounters::now() - start;
     result.add(parts.mirror.run(BodyLoop::AfterFriction));
     result.add(moveFree(&FreeParticles::afterFriction));

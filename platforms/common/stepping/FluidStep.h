@@ -7,7 +7,8 @@
 
 namespace RigidHIPlugin {
 
-/** LangevinHI where the fluid couples bodies. A step that leads to where the model has no mobility is redone as a whole. */
+/** LangevinHI where the fluid couples bodies. A step that leads to where the model has no mobility
+ * is redone as a whole. */
 class FluidStep : public PlainStep {
 public:
     using PlainStep::PlainStep;

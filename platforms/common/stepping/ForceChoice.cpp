@@ -28,7 +28,8 @@ bool ForceChoice::isNonbonded(int index, const Force& force) {
     if (index >= (int)kinds.size()) kinds.resize(index + 1);
     Kind& kind = kinds[index];
     // A dynamic_cast of every Force in every step would take longer than the step of a single body.
-    if (kind.type != &typeid(force)) kind = {&typeid(force), dynamic_cast<const NonbondedForce*>(&force) != nullptr};
+    if (kind.type != &typeid(force))
+        kind = {&typeid(force), dynamic_cast<const NonbondedForce*>(&force) != nullptr};
     return kind.isNonbonded;
 }
 

@@ -12,10 +12,11 @@ class System;
 namespace RigidHIPlugin {
 
 /**
- * Which forces of a Context an evaluation counts in: the integrator's groups and the group of every Force.
+ * Which forces of a Context an evaluation counts in: the integrator's groups and the group of every
+ * Force.
  *
- * Both may be set between steps, and OpenMM tells nobody; its own integrators see it because they evaluate forces in every
- * step.
+ * Both may be set between steps, and OpenMM tells nobody; its own integrators see it because they
+ * evaluate forces in every step.
  */
 class ForceChoice {
 public:

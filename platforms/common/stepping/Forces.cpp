@@ -41,7 +41,8 @@ void Forces::evaluate(double time) {
 void Forces::evaluateForAfterForces(double time, double lookAhead) {
     calculate();
     if (!scene.freeParticles->gatherForces(scene.arrays->forces())) reportNonFinite(scene, "force");
-    scene.settings.forcesAreGathered = scene.bodyForces.isOn(scene.integrator.getIntegrationForceGroups());
+    scene.settings.forcesAreGathered =
+        scene.bodyForces.isOn(scene.integrator.getIntegrationForceGroups());
     if (!scene.settings.forcesAreGathered) return;
     if (!mirror.run(BodyLoop::GatherForces).finite) reportNonFinite(scene, "force");
     addBodyForces(time, lookAhead);
@@ -51,7 +52,8 @@ void Forces::addBodyForces(double time, double lookAhead) {
     const int groups = scene.integrator.getIntegrationForceGroups();
     scene.settings.forcesAreGathered = scene.bodyForces.isOn(groups);
     bodyForcesTime = time;
-    if (scene.settings.forcesAreGathered && !scene.bodyForces.add(context, scene.bodies, groups, time, lookAhead))
+    if (scene.settings.forcesAreGathered &&
+        !scene.bodyForces.add(context, scene.bodies, groups, time, lookAhead))
         reportNonFinite(scene, "force");
 }
 

@@ -22,15 +22,18 @@ public:
     /** Evaluate and gather them at the present positions. @param time  of CustomBodyForces, ps */
     void evaluate(double time);
     /**
-     * Likewise for the AfterForces loop, which itself gathers forces on bodies where no CustomBodyForce adds to them.
+     * Likewise for the AfterForces loop, which itself gathers forces on bodies where no
+     * CustomBodyForce adds to them.
      * @param lookAhead  BodyForces::add()
      */
     void evaluateForAfterForces(double time, double lookAhead);
-    /** Forces that depend on velocities are evaluated anew with the present ones; the others stay. */
+    /** Forces that depend on velocities are evaluated anew with the present ones; the others stay.
+     */
     void renewVelocityDependent(double time);
     /** They belong to no configuration that a step may begin with. */
     void drop() { evaluatedAfter = -1; }
-    /** A step is given up, and bodies and free particles are to have the forces with which it began. */
+    /** A step is given up, and bodies and free particles are to have the forces with which it
+     * began. */
     void stepFailed();
 
 private:

@@ -12,7 +12,8 @@ using namespace std;
 
 namespace RigidHIPlugin {
 
-FreeParticles::FreeParticles(const System& system, const vector<int>& particles, ReferenceConstraints* ofContext)
+FreeParticles::FreeParticles(const System& system, const vector<int>& particles,
+                             ReferenceConstraints* ofContext)
     : particles(particles), thermostats(particles.size()), forces(particles.size()) {
     vector<bool> isFree(system.getNumParticles(), false);
     inverseMasses.assign(system.getNumParticles(), 0.0);
@@ -31,13 +32,17 @@ FreeParticles::FreeParticles(const System& system, const vector<int>& particles,
     };
     forEach([&](int, int, double) { numConstraints++; });
     if (numConstraints == 0) return;
-    // To make OpenMM's algorithm takes a time that is quadratic in constraints: where there are no others, the Context's serves.
+    // To make OpenMM's algorithm takes a time that is quadratic in constraints: where there are no
+    // others, the Context's serves.
     constraints = ofContext;
     if (constraints && numConstraints == system.getNumConstraints()) return;
-    // The Context's own constraints would also hold every rigid body's, so give OpenMM's algorithms a System of ours.
+    // The Context's own constraints would also hold every rigid body's, so give OpenMM's algorithms
+    // a System of ours.
     constraintSystem.reset(new System());
-    for (int i = 0; i < system.getNumParticles(); i++) constraintSystem->addParticle(system.getParticleMass(i));
-    forEach([&](int a, int b, double distance) { constraintSystem->addConstraint(a, b, distance); });
+    for (int i = 0; i < system.getNumParticles(); i++)
+        constraintSystem->addParticle(system.getParticleMass(i));
+    forEach(
+        [&](int a, int b, double distance) { constraintSystem->addConstraint(a, b, distance); });
     for (int i = 0; i < system.getNumForces(); i++)  // they help the constraint matrix to converge
         if (auto* angles = dynamic_cast<const HarmonicAngleForce*>(&system.getForce(i)))
             constraintSystem->addForce(new HarmonicAngleForce(*angles));
@@ -75,7 +80,8 @@ double FreeParticles::kineticEnergy(const vector<Vec3>& velocities) const {
     return 0.5 * sum;
 }
 
-void FreeParticles::save(Snapshot& snapshot, const vector<Vec3>& positions, const vector<Vec3>& velocities) const {
+void FreeParticles::save(Snapshot& snapshot, const vector<Vec3>& positions,
+                         const vector<Vec3>& velocities) const {
     if (particles.empty()) return;
     snapshot.positions.resize(particles.size());
     snapshot.velocities.resize(particles.size());
@@ -86,7 +92,8 @@ void FreeParticles::save(Snapshot& snapshot, const vector<Vec3>& positions, cons
     }
 }
 
-void FreeParticles::restore(const Snapshot& snapshot, vector<Vec3>& positions, vector<Vec3>& velocities) {
+void FreeParticles::restore(const Snapshot& snapshot, vector<Vec3>& positions,
+                            vector<Vec3>& velocities) {
     if (particles.empty()) return;
     forces = snapshot.forces;
     for (size_t i = 0; i < particles.size(); i++) {
@@ -100,15 +107,17 @@ void FreeParticles::restore(const Snapshot& snapshot, int i, vector<Vec3>& posit
     positions[particles[i]] = snapshot.positions[i];
 }
 
-/** The moves that schemes are made of, for all free particles; velocities take the place of momenta. */
+/** The moves that schemes are made of, for all free particles; velocities take the place of
+ * momenta. */
 class FreeParticles::Flow {
 public:
-    Flow(FreeParticles& owner, const StepSettings& settings, PlatformLoops& loops, vector<Vec3>& positions,
-         vector<Vec3>& velocities, double tolerance)
-        : owner(owner), settings(settings), loops(loops), positions(positions), velocities(velocities),
-          tolerance(tolerance) {}
+    Flow(FreeParticles& owner, const StepSettings& settings, PlatformLoops& loops,
+         vector<Vec3>& positions, vector<Vec3>& velocities, double tolerance)
+        : owner(owner), settings(settings), loops(loops), positions(positions),
+          velocities(velocities), tolerance(tolerance) {}
     void kick(double t) {
-        each([&](int i, int p) { velocities[p] += owner.forces[i] * (t * owner.inverseMasses[p]); });
+        each(
+            [&](int i, int p) { velocities[p] += owner.forces[i] * (t * owner.inverseMasses[p]); });
         constrainVelocities();
     }
     void drift(double t) {
@@ -130,7 +139,8 @@ public:
         if (owner.noisyParticles.empty()) return;
         drawNoise(draw);
         each([&](int i, int p) {
-            if (owner.noiseOf[i] >= 0) velocities[p] += xi(i) * (owner.thermostats[i].noise_p * owner.inverseMasses[p]);
+            if (owner.noiseOf[i] >= 0)
+                velocities[p] += xi(i) * (owner.thermostats[i].noise_p * owner.inverseMasses[p]);
         });
         constrainVelocities();
     }
@@ -166,12 +176,14 @@ private:
     }
     void constrainVelocities() {
         if (owner.constraints)
-            owner.constraints->applyToVelocities(positions, velocities, owner.inverseMasses, tolerance);
+            owner.constraints->applyToVelocities(positions, velocities, owner.inverseMasses,
+                                                 tolerance);
     }
     void drawNoise(int draw) {
         const int count = owner.noisyParticles.size();
         owner.noise.resize(3 * count);
-        loops.fillNoise(settings.noise, draw == 0 ? NoiseStream::FreeFirstDraw : NoiseStream::FreeSecondDraw,
+        loops.fillNoise(settings.noise,
+                        draw == 0 ? NoiseStream::FreeFirstDraw : NoiseStream::FreeSecondDraw,
                         owner.noisyParticles.data(), count, owner.noise.data());
         randomNumbers += 3 * count;
     }
@@ -187,35 +199,43 @@ private:
     long long randomNumbers = 0;
 };
 
-LoopResult FreeParticles::beforeForces(const StepSettings& settings, PlatformLoops& loops, vector<Vec3>& positions,
-                                       vector<Vec3>& velocities, double tolerance) {
+LoopResult FreeParticles::beforeForces(const StepSettings& settings, PlatformLoops& loops,
+                                       vector<Vec3>& positions, vector<Vec3>& velocities,
+                                       double tolerance) {
     if (particles.empty()) return {};
     Flow flow(*this, settings, loops, positions, velocities, tolerance);
-    scalar::withThermostat(settings.scheme, [&](auto scheme) { scheme.beforeForces(flow, settings.h); });
+    scalar::withThermostat(settings.scheme,
+                           [&](auto scheme) { scheme.beforeForces(flow, settings.h); });
     return flow.result();
 }
 
-LoopResult FreeParticles::beforeFriction(const StepSettings& settings, PlatformLoops& loops, vector<Vec3>& positions,
-                                         vector<Vec3>& velocities, double tolerance) {
+LoopResult FreeParticles::beforeFriction(const StepSettings& settings, PlatformLoops& loops,
+                                         vector<Vec3>& positions, vector<Vec3>& velocities,
+                                         double tolerance) {
     if (particles.empty()) return {};
     Flow flow(*this, settings, loops, positions, velocities, tolerance);
-    scalar::withFluidThermostat(settings.scheme, [&](auto scheme) { scheme.beforeFriction(flow, settings.h); });
+    scalar::withFluidThermostat(settings.scheme,
+                                [&](auto scheme) { scheme.beforeFriction(flow, settings.h); });
     return flow.result();
 }
 
-LoopResult FreeParticles::afterFriction(const StepSettings& settings, PlatformLoops& loops, vector<Vec3>& positions,
-                                        vector<Vec3>& velocities, double tolerance) {
+LoopResult FreeParticles::afterFriction(const StepSettings& settings, PlatformLoops& loops,
+                                        vector<Vec3>& positions, vector<Vec3>& velocities,
+                                        double tolerance) {
     if (particles.empty()) return {};
     Flow flow(*this, settings, loops, positions, velocities, tolerance);
-    scalar::withFluidThermostat(settings.scheme, [&](auto scheme) { scheme.afterFriction(flow, settings.h); });
+    scalar::withFluidThermostat(settings.scheme,
+                                [&](auto scheme) { scheme.afterFriction(flow, settings.h); });
     return flow.result();
 }
 
-LoopResult FreeParticles::afterForces(const StepSettings& settings, PlatformLoops& loops, vector<Vec3>& positions,
-                                      vector<Vec3>& velocities, double tolerance) {
+LoopResult FreeParticles::afterForces(const StepSettings& settings, PlatformLoops& loops,
+                                      vector<Vec3>& positions, vector<Vec3>& velocities,
+                                      double tolerance) {
     if (particles.empty()) return {};
     Flow flow(*this, settings, loops, positions, velocities, tolerance);
-    scalar::withThermostat(settings.scheme, [&](auto scheme) { scheme.afterForces(flow, settings.h); });
+    scalar::withThermostat(settings.scheme,
+                           [&](auto scheme) { scheme.afterForces(flow, settings.h); });
     return flow.result();
 }
 

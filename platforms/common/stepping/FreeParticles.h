@@ -17,15 +17,17 @@ class ReferenceConstraints;
 namespace RigidHIPlugin {
 
 /**
- * The massive particles that are in no body. They take the same schemes as bodies, as point particles; constraints among
- * them hold positions after every drift and velocities after every move. Their state lives in the Context's arrays.
+ * The massive particles that are in no body. They take the same schemes as bodies, as point
+ * particles; constraints among them hold positions after every drift and velocities after every
+ * move. Their state lives in the Context's arrays.
  */
 class FreeParticles {
 public:
     FreeParticles() = default;
     /**
      * @param particles    indices of the massive particles that are in no body
-     * @param ofContext    OpenMM's constraints of the whole System, which outlive this object; null: there are none
+     * @param ofContext    OpenMM's constraints of the whole System, which outlive this object;
+     * null: there are none
      */
     FreeParticles(const OpenMM::System& system, const std::vector<int>& particles,
                   OpenMM::ReferenceConstraints* ofContext);
@@ -34,17 +36,23 @@ public:
     int getNumConstraints() const { return numConstraints; }
     const std::vector<int>& getParticles() const { return particles; }
 
-    /** The part of a step before the force evaluation, and the part after it. @return finite, random numbers */
-    LoopResult beforeForces(const StepSettings& settings, PlatformLoops& loops, std::vector<OpenMM::Vec3>& positions,
+    /** The part of a step before the force evaluation, and the part after it. @return finite,
+     * random numbers */
+    LoopResult beforeForces(const StepSettings& settings, PlatformLoops& loops,
+                            std::vector<OpenMM::Vec3>& positions,
                             std::vector<OpenMM::Vec3>& velocities, double constraintTolerance);
     /** LangevinHI: the part before forces in two, between which the fluid changes velocities. */
-    LoopResult beforeFriction(const StepSettings& settings, PlatformLoops& loops, std::vector<OpenMM::Vec3>& positions,
+    LoopResult beforeFriction(const StepSettings& settings, PlatformLoops& loops,
+                              std::vector<OpenMM::Vec3>& positions,
                               std::vector<OpenMM::Vec3>& velocities, double constraintTolerance);
-    LoopResult afterFriction(const StepSettings& settings, PlatformLoops& loops, std::vector<OpenMM::Vec3>& positions,
+    LoopResult afterFriction(const StepSettings& settings, PlatformLoops& loops,
+                             std::vector<OpenMM::Vec3>& positions,
                              std::vector<OpenMM::Vec3>& velocities, double constraintTolerance);
-    LoopResult afterForces(const StepSettings& settings, PlatformLoops& loops, std::vector<OpenMM::Vec3>& positions,
+    LoopResult afterForces(const StepSettings& settings, PlatformLoops& loops,
+                           std::vector<OpenMM::Vec3>& positions,
                            std::vector<OpenMM::Vec3>& velocities, double constraintTolerance);
-    /** Keep the forces, which others may overwrite in the Context. @return whether they are finite */
+    /** Keep the forces, which others may overwrite in the Context. @return whether they are finite
+     */
     bool gatherForces(const std::vector<OpenMM::Vec3>& contextForces);
     void setThermostats(const std::vector<Thermostat>& perParticle);
     double kineticEnergy(const std::vector<OpenMM::Vec3>& velocities) const;
@@ -56,7 +64,8 @@ public:
     };
     void save(Snapshot& snapshot, const std::vector<OpenMM::Vec3>& positions,
               const std::vector<OpenMM::Vec3>& velocities) const;
-    void restore(const Snapshot& snapshot, std::vector<OpenMM::Vec3>& positions, std::vector<OpenMM::Vec3>& velocities);
+    void restore(const Snapshot& snapshot, std::vector<OpenMM::Vec3>& positions,
+                 std::vector<OpenMM::Vec3>& velocities);
     /** Position and force of one of them. */
     void restore(const Snapshot& snapshot, int i, std::vector<OpenMM::Vec3>& positions);
 
@@ -65,14 +74,16 @@ private:
     std::vector<int> particles;
     std::vector<double> masses;
     std::vector<Thermostat> thermostats;
-    std::vector<int> noisyParticles, noiseOf;  // those with noise; of each particle its place among them, or -1
+    std::vector<int> noisyParticles,
+        noiseOf;  // those with noise; of each particle its place among them, or -1
     std::vector<OpenMM::Vec3> forces;
     std::vector<double> noise;
     int numConstraints = 0;
     std::unique_ptr<OpenMM::System> constraintSystem;
     std::unique_ptr<OpenMM::ReferenceConstraints> ownConstraints;
     OpenMM::ReferenceConstraints* constraints = nullptr;  // these, or the Context's
-    std::vector<double> inverseMasses;  // of all particles of the System; 0 where constraints must not act
+    std::vector<double>
+        inverseMasses;  // of all particles of the System; 0 where constraints must not act
     std::vector<OpenMM::Vec3> before, after;
 };
 

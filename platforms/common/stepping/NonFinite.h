@@ -5,7 +5,8 @@ namespace RigidHIPlugin {
 
 class Scene;
 
-/** A step met a force, position or velocity that is not finite. @throws OpenMMException naming the body or particle */
+/** A step met a force, position or velocity that is not finite. @throws OpenMMException naming the
+ * body or particle */
 [[noreturn]] void reportNonFinite(Scene& scene, const char* what);
 
 }  // namespace RigidHIPlugin

@@ -5,7 +5,8 @@
 
 namespace RigidHIPlugin {
 
-/** Bodies and free particles by themselves: the thermostats, and LangevinHI where the fluid couples nothing. One attempt always does. */
+/** Bodies and free particles by themselves: the thermostats, and LangevinHI where the fluid couples
+ * nothing. One attempt always does. */
 class PlainStep : public Step {
 public:
     explicit PlainStep(const StepParts& parts) : parts(parts) {}
@@ -19,7 +20,8 @@ protected:
     LoopResult moveFree(Part part) {
         Scene& scene = parts.scene;
         return (*scene.freeParticles.*part)(scene.settings, *scene.loops, scene.arrays->positions(),
-                                            scene.arrays->velocities(), scene.integrator.getConstraintTolerance());
+                                            scene.arrays->velocities(),
+                                            scene.integrator.getConstraintTolerance());
     }
     void count(const LoopResult& result, const char* judged);
     StepParts parts;

@@ -11,14 +11,17 @@ void Rejections::count(int number, int attempts, const string& objection) {
     scene.counters.rejectedSteps += number;
     const int limit = scene.integrator.getMaximumRejections();
     if (scene.settings.kT > 0 && attempts <= limit) return;
-    const string step = "step " + to_string(scene.arrays->getStepCount() + 1) + ": ", where = step + objection;
+    const string step = "step " + to_string(scene.arrays->getStepCount() + 1) + ": ",
+                 where = step + objection;
     // Schemes that ask for no mobility at the start have not refused it.
     const string atStart = scene.fluid->objection(scene.bodies, scene.arrays->positions());
     if (!atStart.empty()) fail(step + "it starts where the model has no mobility: " + atStart);
     if (scene.settings.kT == 0)
-        fail(where + "; at temperature 0 no other noise can help: take a smaller step, or add a repulsion");
+        fail(where +
+             "; at temperature 0 no other noise can help: take a smaller step, or add a repulsion");
     fail(where + "; the step was redone " + to_string(limit) +
-         " times in a row, as often as setMaximumRejections() allows: take a smaller step, or add a stiffer repulsion");
+         " times in a row, as often as setMaximumRejections() allows: take a smaller step, or add "
+         "a stiffer repulsion");
 }
 
 }  // namespace RigidHIPlugin

@@ -7,7 +7,8 @@ namespace RigidHIPlugin {
 
 class Scene;
 
-/** Steps that led to where the model has no mobility. They are redone with new noise, if that can help, and not for ever. */
+/** Steps that led to where the model has no mobility. They are redone with new noise, if that can
+ * help, and not for ever. */
 class Rejections {
 public:
     explicit Rejections(Scene& scene) : scene(scene) {}

@@ -9,7 +9,8 @@ void StartOfStep::save() {
 
 void StartOfStep::show() {
     scene.bodies.restore(bodySnapshot);
-    scene.freeParticles->restore(freeSnapshot, scene.arrays->positions(), scene.arrays->velocities());
+    scene.freeParticles->restore(freeSnapshot, scene.arrays->positions(),
+                                 scene.arrays->velocities());
 }
 
 void StartOfStep::putBack() {

@@ -10,7 +10,8 @@ class StartOfStep {
 public:
     StartOfStep(Scene& scene, ContextMirror& mirror) : scene(scene), mirror(mirror) {}
     void save();
-    /** Bodies, free particles and the fluid's memory go back, and the Context's particles with them. */
+    /** Bodies, free particles and the fluid's memory go back, and the Context's particles with
+     * them. */
     void putBack();
     /** Bodies and free particles only: to see what was there. */
     void show();

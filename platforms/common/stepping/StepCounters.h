@@ -5,14 +5,16 @@
 
 namespace RigidHIPlugin {
 
-/** What steps have taken so far. Plain numbers: a step must not allocate (getStepStatistics() gives them names). */
+/** What steps have taken so far. Plain numbers: a step must not allocate (getStepStatistics() gives
+ * them names). */
 struct StepCounters {
     long long steps = 0, forceEvaluations = 0, randomNumbers = 0, rejectedSteps = 0;
     double seconds_forces = 0, seconds_mobility = 0, seconds_scheme = 0;
 
     /** Seconds since an arbitrary point. */
     static double now() {
-        return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+        return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch())
+            .count();
     }
 };
 

@@ -10,17 +10,20 @@ namespace RigidHIPlugin {
 struct StepSettings {
     CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::LangevinC;
     double h = 0, kT = 0;
-    /** LangevinHI: some bodies feel each other, so that a step has a part before and one after the fluid's. */
+    /** LangevinHI: some bodies feel each other, so that a step has a part before and one after the
+     * fluid's. */
     bool fluidCouplesBodies = false;
     NoiseStream noise;
     bool forcesAreGathered = false;  // before AfterForces, with what CustomBodyForces add
     double difference = 0;           // setFiniteDifferenceStep()
-    CustomRigidHIIntegrator::DriftCorrectorScaling driftCorrectorScaling = CustomRigidHIIntegrator::SlipOnly;
+    CustomRigidHIIntegrator::DriftCorrectorScaling driftCorrectorScaling =
+        CustomRigidHIIntegrator::SlipOnly;
     const SchemeTraits& traits() const { return traitsOf(scheme); }
     bool hasMomenta() const { return traits().hasMomenta; }
 };
 
-/** The Context's arrays, three doubles a particle, and the copies of what this plugin wrote to them last. */
+/** The Context's arrays, three doubles a particle, and the copies of what this plugin wrote to them
+ * last. */
 struct ParticleArrays {
     double *positions, *velocities;
     const double* forces;
@@ -39,14 +42,15 @@ struct LoopResult {
 
 /** The loops over bodies of one step; see BodyLoops-inl.h. */
 enum class BodyLoop {
-    BeforeForces,               // the scheme up to the force evaluation; new positions to the particles
-    BeforeFriction,             // LangevinHI: the scheme up to the fluid's part; new poses
-    AfterFriction,              // ... from there up to the force evaluation; new positions to the particles
-    AfterForces,                // forces from the particles; the rest of the scheme; new velocities to the particles
-    GatherForces,               // forces from the particles only
-    ScatterPositions,           // poses to the particles
-    ScatterVelocities,          // twists to the particles
-    TakeInVelocities,           // momenta from the particles, in blocks where their masses make the bodies
+    BeforeForces,       // the scheme up to the force evaluation; new positions to the particles
+    BeforeFriction,     // LangevinHI: the scheme up to the fluid's part; new poses
+    AfterFriction,      // ... from there up to the force evaluation; new positions to the particles
+    AfterForces,        // forces from the particles; the rest of the scheme; new velocities to the
+                        // particles
+    GatherForces,       // forces from the particles only
+    ScatterPositions,   // poses to the particles
+    ScatterVelocities,  // twists to the particles
+    TakeInVelocities,   // momenta from the particles, in blocks where their masses make the bodies
     TakeInAndScatterVelocities  // likewise, and the twists back to the particles
 };
 

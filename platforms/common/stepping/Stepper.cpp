@@ -5,9 +5,11 @@ using namespace OpenMM;
 namespace RigidHIPlugin {
 
 Stepper::Stepper(ContextImpl& context, Scene& scene, ContextMirror& mirror)
-    : context(context), scene(scene), mirror(mirror), momentum(scene, mirror), forces(context, scene, mirror),
-      start(scene, mirror), rejections(scene), plain({scene, mirror, forces, start, rejections}),
-      withFluid({scene, mirror, forces, start, rejections}), overdamped({scene, mirror, forces, start, rejections}) {}
+    : context(context), scene(scene), mirror(mirror), momentum(scene, mirror),
+      forces(context, scene, mirror), start(scene, mirror), rejections(scene),
+      plain({scene, mirror, forces, start, rejections}),
+      withFluid({scene, mirror, forces, start, rejections}),
+      overdamped({scene, mirror, forces, start, rejections}) {}
 
 /** The arrays are told when work on them begins and, whatever is thrown, when it ends. */
 template <class Work>
@@ -51,7 +53,8 @@ void Stepper::evaluateForces() {
 void Stepper::takeStep() {
     mirror.requirePositions("step()");
     if (scene.isBuilt()) scene.updateSettings();
-    if (mirror.awaitsTakingIn()) takeInChanges();  // before Forces that change the state (barostats) see it
+    if (mirror.awaitsTakingIn())
+        takeInChanges();  // before Forces that change the state (barostats) see it
     const bool removal = momentum.isToBeUndone(), removesMomentum = removal && momentum.isDue();
     if (removal) {
         mirror.takeInChanges(true);
@@ -62,15 +65,16 @@ void Stepper::takeStep() {
     scene.arrays->afterForcesActed(forcesAreInvalid);
     if (forcesAreInvalid) scene.noteChange();
     StepCounters& counters = scene.counters;
-    const double begin = StepCounters::now(), elsewhere = counters.seconds_forces + counters.seconds_mobility;
+    const double begin = StepCounters::now(),
+                 elsewhere = counters.seconds_forces + counters.seconds_mobility;
     if (removal) momentum.undo();
     takeInChanges();
     if (removesMomentum) momentum.remove();
     forces.prepare();
     advance();
     counters.steps++;
-    counters.seconds_scheme +=
-        StepCounters::now() - begin - (counters.seconds_forces + counters.seconds_mobility - elsewhere);
+    counters.seconds_scheme += StepCounters::now() - begin -
+                               (counters.seconds_forces + counters.seconds_mobility - elsewhere);
 }
 
 void Stepper::takeInChanges() {
@@ -85,7 +89,8 @@ Step& Stepper::kindOfStep() {
     return plain;
 }
 
-/** The scheme: from the forces with which it begins to new positions and velocities; or an exception and nothing changed. */
+/** The scheme: from the forces with which it begins to new positions and velocities; or an
+ * exception and nothing changed. */
 void Stepper::advance() {
     scene.settings.noise.attempt = 0;
     start.save();

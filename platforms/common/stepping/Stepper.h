@@ -13,8 +13,9 @@ class Stepper {
 public:
     Stepper(OpenMM::ContextImpl& context, Scene& scene, ContextMirror& mirror);
     /**
-     * Steps, each of them: others' changes are taken in -> forces -> scheme -> new poses, momenta, particle positions and velocities. Or an
-     * exception, and bodies and particles as they were before the scheme began.
+     * Steps, each of them: others' changes are taken in -> forces -> scheme -> new poses, momenta,
+     * particle positions and velocities. Or an exception, and bodies and particles as they were
+     * before the scheme began.
      */
     void takeSteps(int number);
     /** Forces at the present poses and time, gathered for bodies and free particles. */

@@ -2,10 +2,9 @@
 
 From the shell, ``python3 -m openmmrigidhi.accuracy --help``; from Python::
 
-    from openmmrigidhi import accuracy
-    scene = accuracy.scenes.water(216)
-    result = accuracy.StepSizeStudy(scene, ['LangevinC', 'LangevinMiddle'], [0.002, 0.004, 0.006, 0.008]).run(budget=1200)
-    print(result.recommend('potential_energy:0.5%'))
+    from openmmrigidhi import accuracy scene = accuracy.scenes.water(216) result =
+    accuracy.StepSizeStudy(scene, ['LangevinC', 'LangevinMiddle'], [0.002, 0.004, 0.006,
+    0.008]).run(budget=1200) print(result.recommend('potential_energy:0.5%'))
     result.write('accuracy', wanted=['potential_energy:0.5%'])
 
 The same for models of the fluid::
@@ -37,6 +36,9 @@ from .rungs import Rung
 from .scenes import Scene
 from .study import Knob, Setting, StepSizeStudy, Study
 
-__all__ = ['StepSizeStudy', 'StudyResult', 'Recommendation', 'Reference', 'Scene', 'Method', 'Observable', 'Study', 'Knob',
-           'Setting', 'LadderStudy', 'LadderResult', 'Rung', 'MobilityObservable', 'scenes', 'methods', 'observables', 'mobilities',
-           'rungs', 'statistics', 'OverdampedStudy', 'WallScene', 'overdamped', 'GridStudy', 'GridResult']
+__all__ = [
+    'StepSizeStudy', 'StudyResult', 'Recommendation', 'Reference', 'Scene', 'Method', 'Observable',
+    'Study', 'Knob', 'Setting', 'LadderStudy', 'LadderResult', 'Rung', 'MobilityObservable',
+    'scenes', 'methods', 'observables', 'mobilities', 'rungs', 'statistics', 'OverdampedStudy',
+    'WallScene', 'overdamped', 'GridStudy', 'GridResult'
+]

@@ -11,7 +11,8 @@ import numpy as np
 class Report:
     """What is to be said and shown about a result, for some wanted errors, and its files.
 
-    A kind of report has the texts and panels of its study: textTable(), paragraphs(), panels(), body(), how().
+    A kind of report has the texts and panels of its study: textTable(), paragraphs(), panels(),
+    body(), how().
 
     Parameters
     ----------
@@ -22,7 +23,8 @@ class Report:
 
     #: Names of the CSV, the JSON and the page; how the names of pictures begin.
     FILES, PICTURE = (), ''
-    #: Of the page, before the scene's name; what is chosen for a wanted error, and an example of one.
+    #: Of the page, before the scene's name; what is chosen for a wanted error, and an example of
+    #: one.
     TITLE, CHOICE, EXAMPLE = '', '', ''
     #: What the JSON keeps of an answer.
     ANSWER = ('verdict', 'setting', 'text', 'candidates')
@@ -32,7 +34,8 @@ class Report:
         self.wanted = [wanted] if isinstance(wanted, str) else list(wanted)
         self.answers = [result.recommend(item) for item in self.wanted]
         #: Several observables in one wish share an answer; here they are one by one.
-        self.single = list(dict.fromkeys(part.strip() for item in self.wanted for part in item.split(',')))
+        self.single = list(
+            dict.fromkeys(part.strip() for item in self.wanted for part in item.split(',')))
 
     def write(self, directory):
         """Write all files into a directory, which is made if it does not exist; returns their paths."""
@@ -44,7 +47,8 @@ class Report:
         for observable in self.result.observables:
             if any(row['error'] is not None for row in self.result.select(observable)):
                 pictures[observable] = self.draw(observable)
-                path = os.path.join(directory, f'{self.PICTURE}_{re.sub("[^A-Za-z0-9_]", "_", observable)}.png')
+                path = os.path.join(
+                    directory, f'{self.PICTURE}_{re.sub("[^A-Za-z0-9_]", "_", observable)}.png')
                 with open(path, 'wb') as file:
                     file.write(pictures[observable])
                 paths.append(path)
@@ -66,16 +70,26 @@ class Report:
 
     def extras(self):
         """What the JSON has besides the result."""
-        return {'recommendations': [{'wanted': [vars(each) for each in answer.wanted], **{key: getattr(answer, key) for key in self.ANSWER}}
-                                    for answer in self.answers]}
+        return {
+            'recommendations': [{
+                'wanted': [vars(each) for each in answer.wanted],
+                **{key: getattr(answer, key)
+                   for key in self.ANSWER}
+            } for answer in self.answers]
+        }
 
     def limits(self, observable):
         """The wanted errors of one observable."""
-        return [each for item in self.single for each in self.result.parseWanted(item) if each.observable == observable]
+        return [
+            each for item in self.single for each in self.result.parseWanted(item)
+            if each.observable == observable
+        ]
 
     def draw(self, observable):
         """The picture of an observable, a PNG."""
-        figure, panels = emptyPanels(f'{sentence(self.result.observables[observable]["label"])}, {self.result.scene["name"]}', self.widths(observable))
+        figure, panels = emptyPanels(
+            f'{sentence(self.result.observables[observable]["label"])}, '
+            f'{self.result.scene["name"]}', self.widths(observable))
         self.panels(*panels, observable, self.limits(observable))
         return png(figure, f'Error of {observable}')
 
@@ -86,20 +100,33 @@ class Report:
     def page(self, pictures):
         """One HTML page with everything in it; nothing is loaded from elsewhere. pictures: observable -> PNG."""
         title, texts = f'{self.TITLE}: {self.result.scene["name"]}', self.paragraphs()
-        parts = [f'<h1>{html.escape(title)}</h1>', paragraph(self.result.scene['description'] + '.'), '<h2>In words</h2>']
+        parts = [
+            f'<h1>{html.escape(title)}</h1>',
+            paragraph(self.result.scene['description'] + '.'), '<h2>In words</h2>'
+        ]
         count = len(self.answerTexts())
         parts += [f'<p class="answer">{html.escape(text)}</p>' for text in texts[:count]]
         parts += map(paragraph, texts[count:])
         if not count:
-            parts.append(paragraph(f'No wanted error was given; with one (for example {self.EXAMPLE}) this page names the cheapest {self.CHOICE}.'))
+            parts.append(
+                paragraph(
+                    f'No wanted error was given; with one (for example {self.EXAMPLE}) this page '
+                    f'names the cheapest {self.CHOICE}.'))
         parts += self.body(pictures)
-        parts += ['<h2>How it was measured</h2>', *map(paragraph, self.how()), '<details><summary>Machine, versions, seed</summary>'
-                  + table(None, _flatten(self.result.provenance), notes=True) + '</details>']
-        return '\n'.join(['<!DOCTYPE html>', f'<html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>'
-                          f'<style>{_CSS}</style></head><body>', *parts, '</body></html>']) + '\n'
+        parts += [
+            '<h2>How it was measured</h2>', *map(paragraph, self.how()),
+            '<details><summary>Machine, versions, seed</summary>' +
+            table(None, _flatten(self.result.provenance), notes=True) + '</details>'
+        ]
+        return '\n'.join([
+            '<!DOCTYPE html>',
+            f'<html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>'
+            f'<style>{_CSS}</style></head><body>', *parts, '</body></html>'
+        ]) + '\n'
 
 
-# ---- Pictures --------------------------------------------------------------------------------------------------------
+# ---- Pictures ------------------------------------------------------------------------------------
+
 
 def emptyPanels(title, widths):
     """An empty figure with panels side by side, of relative widths: (figure, panels)."""
@@ -134,7 +161,7 @@ def plainTicks(axes):
         axis.set_minor_formatter(NullFormatter())
 
 
-# ---- HTML ------------------------------------------------------------------------------------------------------------
+# ---- HTML ----------------------------------------------------------------------------------------
 
 _CSS = '''body{font:15px/1.5 sans-serif;max-width:1150px;margin:2em auto;padding:0 1em;color:#222}
 img{max-width:100%}table{border-collapse:collapse;font-size:13px;margin:1em 0}td,th{border:1px solid #ccc;padding:2px 8px;text-align:right}
@@ -162,7 +189,8 @@ def duration(seconds):
     if not np.isfinite(seconds):
         return 'never'
     units = (('d', 86400), ('h', 3600), ('min', 60), ('s', 1), ('ms', 1e-3), ('us', 1e-6))
-    name, scale = next((each for each in units if seconds >= each[1]*(2 if each[1] > 1 else 1)), units[-1])
+    name, scale = next((each for each in units if seconds >= each[1]*(2 if each[1] > 1 else 1)),
+                       units[-1])
     return f'{seconds/scale:.3g} {name}'
 
 
@@ -190,9 +218,14 @@ def table(head, rows, notes=False, pale=()):
     """
     def line(tag, cells, shade=''):
         tags = [tag]*(len(cells) - notes) + [f'{tag} class="t"' if tag == 'td' else tag]*notes
-        return f'<tr{shade}>' + ''.join(f'<{opening}>{html.escape(cell)}</{tag}>' for opening, cell in zip(tags, cells)) + '</tr>'
-    return '\n'.join(['<table>', *([line('th', head)] if head else ()),
-                      *(line('td', row, ' class="bad"' if k in pale else '') for k, row in enumerate(rows)), '</table>'])
+        return f'<tr{shade}>' + ''.join(f'<{opening}>{html.escape(cell)}</{tag}>'
+                                        for opening, cell in zip(tags, cells)) + '</tr>'
+
+    return '\n'.join([
+        '<table>', *([line('th', head)] if head else ()),
+        *(line('td', row, ' class="bad"' if k in pale else '') for k, row in enumerate(rows)),
+        '</table>'
+    ])
 
 
 def _flatten(data):

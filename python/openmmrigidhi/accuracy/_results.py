@@ -19,8 +19,8 @@ RECOMMENDED, NONE, UNDECIDED = 'recommended', 'none of these', 'cannot tell'
 #: Above this, "run N times longer" is no advice.
 LARGEST_FACTOR = 1000
 
+# ---- Wanted errors and answers -------------------------------------------------------------------
 
-# ---- Wanted errors and answers ---------------------------------------------------------------------------------------
 
 @dataclass
 class Wanted:
@@ -44,9 +44,11 @@ class Recommendation:
     text : str
         one paragraph in plain words
     candidates : list of dict
-        every setting that can be used, fastest first, with its verdict ('yes', 'no', 'undecided', 'n/a') and what recommend() says
+        every setting that can be used, fastest first, with its verdict ('yes', 'no', 'undecided',
+        'n/a') and what recommend() says
     factor : float or None
-        how many times longer a run would settle an undecided answer, or find out about a faster setting
+        how many times longer a run would settle an undecided answer, or find out about a faster
+        setting
     """
 
     verdict: str
@@ -81,15 +83,18 @@ def splitWanted(wanted, names, example):
     for item in items:
         name, _, amount = item.strip().rpartition(':')
         if name not in names:
-            raise ValueError(f'wanted error: got {item.strip()!r}, which is not measured; name one that is: the observable must be one of '
-                             f'{", ".join(names)}, as in {example}')
+            raise ValueError(
+                f'wanted error: got {item.strip()!r}, which is not measured; name one that is: the '
+                f'observable must be one of '
+                f'{", ".join(names)}, as in {example}')
         try:
             value = float(amount.rstrip('%'))
         except ValueError:
             value = math.nan
         if not value > 0 or not math.isfinite(value):
-            raise ValueError(f'wanted error: got {item!r}; the error must be a positive number or percentage: '
-                             f'write e.g. {example}')
+            raise ValueError(
+                f'wanted error: got {item!r}; the error must be a positive number or percentage: '
+                f'write e.g. {example}')
         result.append((name, amount, value))
     return result
 
@@ -114,7 +119,8 @@ def longer(factor):
     return f'run longer: about {max(1.1, factor):.2g} times'
 
 
-# ---- Files -----------------------------------------------------------------------------------------------------------
+# ---- Files ---------------------------------------------------------------------------------------
+
 
 class Result:
     """Rows of a table, and how it was measured. A kind of result has an asDict() and a fromDict(), recommend() and a REPORT.
@@ -174,7 +180,8 @@ class Result:
         path : str
         """
         # Lists of numbers are on one line.
-        text = re.sub(r'\[[^\[\]{}"]*\]', lambda match: ' '.join(match.group().split()), json.dumps(dict(self.asDict(), **extra), indent=1))
+        text = re.sub(r'\[[^\[\]{}"]*\]', lambda match: ' '.join(match.group().split()),
+                      json.dumps(dict(self.asDict(), **extra), indent=1))
         with open(path, 'w') as file:
             file.write(text + '\n')
 
@@ -203,7 +210,9 @@ class Result:
         """
         data = _read(path)
         if data.get('format') != cls.FORMAT:
-            raise ValueError(f'{path}: it is no result of openmmrigidhi.accuracy that a {cls.__name__} wrote: give the file of such a study')
+            raise ValueError(
+                f'{path}: it is no result of openmmrigidhi.accuracy that a {cls.__name__} wrote: '
+                f'give the file of such a study')
         return cls.fromDict(data)
 
     def writeCsv(self, path):
@@ -217,8 +226,11 @@ class Result:
             writer = csv.writer(file, lineterminator='\n')
             writer.writerow(self.COLUMNS)
             for row in self.rows:
-                writer.writerow(['' if row.get(key) is None else f'{row[key]:.8g}' if isinstance(row[key], float) else row[key]
-                                 for key in self.COLUMNS])
+                writer.writerow([
+                    '' if row.get(key) is None else
+                    f'{row[key]:.8g}' if isinstance(row[key], float) else row[key]
+                    for key in self.COLUMNS
+                ])
 
 
 def _read(path):
@@ -226,7 +238,8 @@ def _read(path):
         return json.load(file)
 
 
-# ---- The machine -----------------------------------------------------------------------------------------------------
+# ---- The machine ---------------------------------------------------------------------------------
+
 
 def beginning():
     """When a measurement began, and how busy the machine was."""
@@ -245,10 +258,14 @@ def provenance(began):
     -------
     dict
     """
-    return {'finished': _now(), 'wall_seconds': round(time.perf_counter() - began, 1), 'load_at_end': _load(), 'processor': _processor(),
-            'processors': os.cpu_count(), 'system': platform.system(), 'architecture': platform.machine(),
-            'versions': {'openmmrigidhi': _loading.version, 'openmm': openmm.version.full_version, 'python': platform.python_version(),
-                         'numpy': np.__version__, 'scipy': scipy.__version__}}
+    return {
+        'finished': _now(), 'wall_seconds': round(time.perf_counter() - began, 1),
+        'load_at_end': _load(), 'processor': _processor(), 'processors': os.cpu_count(),
+        'system': platform.system(), 'architecture': platform.machine(), 'versions': {
+            'openmmrigidhi': _loading.version, 'openmm': openmm.version.full_version,
+            'python': platform.python_version(), 'numpy': np.__version__, 'scipy': scipy.__version__
+        }
+    }
 
 
 def _now():

@@ -37,67 +37,123 @@ EPILOG = '''examples:
 
 def parser():
     """The argument parser."""
-    result = argparse.ArgumentParser(prog='python3 -m openmmrigidhi.accuracy', description=DESCRIPTION, epilog=EPILOG,
+    result = argparse.ArgumentParser(prog='python3 -m openmmrigidhi.accuracy',
+                                     description=DESCRIPTION, epilog=EPILOG,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     scene = result.add_argument_group('scene')
-    scene.add_argument('--scene', default=None, help='water (default), trap; with --ladder pairs (default), suspension, arrays (simple cubic, periodic), periodic (a suspension); with --overdamped boomerang (default), suspension; or module:function that returns a Scene, '
-                       '(system, state or positions, integrator) or (system, topology, positions, integrator)')
-    scene.add_argument('--system', help='System as XML: your own scene, with --state and --integrator')
+    scene.add_argument(
+        '--scene', default=None, help=
+        'water (default), trap; with --ladder pairs (default), suspension, arrays (simple cubic, '
+        'periodic), periodic (a suspension); with --overdamped boomerang (default), suspension; or '
+        'module:function that returns a Scene, '
+        '(system, state or positions, integrator) or (system, topology, positions, integrator)')
+    scene.add_argument('--system',
+                       help='System as XML: your own scene, with --state and --integrator')
     scene.add_argument('--state', help='State as XML: the start, which should be equilibrated')
-    scene.add_argument('--integrator', help='CustomRigidHIIntegrator as XML: says what the bodies, temperature and frictions are')
-    scene.add_argument('--bodies', type=int, help='number of molecules of water (216), or of bodies in trap (400), suspension (12; 16 with --overdamped), periodic (8; 500 with --grid) or boomerang (32 replicas)')
+    scene.add_argument(
+        '--integrator',
+        help='CustomRigidHIIntegrator as XML: says what the bodies, temperature and frictions are')
+    scene.add_argument(
+        '--bodies', type=int, help=
+        'number of molecules of water (216), or of bodies in trap (400), suspension (12; 16 with '
+        '--overdamped), periodic (8; 500 with --grid) or boomerang (32 replicas)')
     scene.add_argument('--temperature', type=float, help='K, of a built-in scene')
-    scene.add_argument('--gamma', type=float, help='translational friction of a built-in scene and of LangevinMiddle, 1/ps')
+    scene.add_argument(
+        '--gamma', type=float,
+        help='translational friction of a built-in scene and of LangevinMiddle, 1/ps')
     scene.add_argument('--Gamma', type=float, help='rotational friction of a built-in scene, 1/ps')
     what = result.add_argument_group('what is compared')
-    what.add_argument('--methods', nargs='+', default=None, metavar='NAME[:STEPS]',
-                      help=f'among {", ".join(methods.BUILT_IN)}; with step sizes of its own in fs, e.g. GradientThermostat:1,2,3,4; '
-                      'options may follow a name: -I8 inertia scale, -g2 and -G4 frictions, -H3 hydrogens of 3 dalton, -N2 reciprocal space in every other step '
-                      f'(default: LangevinC LangevinMiddle); with --overdamped among {", ".join(overdamped.METHODS)}, steps in tau_D (default: all)')
-    what.add_argument('--steps', metavar='FS', help='step sizes of all methods in fs (with --overdamped in tau_D), e.g. 1,2,4,6,8 (default: the scene\'s)')
-    what.add_argument('--observables', nargs='+', default=None, metavar='NAME',
-                      help=f'among {", ".join(observables.BUILT_IN)}, energy_group_N, or module:function of the Context '
-                      f'(default: energy and temperatures); with --overdamped among {", ".join(overdamped.OBSERVABLES)} (default: all)')
-    what.add_argument('--wanted-error', nargs='+', default=[], metavar='NAME:ERROR',
-                      help='e.g. potential_energy:0.5%%, or potential_energy:0.2 in its unit; several in one word, with commas, must '
-                      'all be met')
-    what.add_argument('--price', nargs='+', default=[], metavar='NAME:ERROR',
-                      help='what it takes to know a number to this error, bias and standard error together: the time of every setting, and the cheapest; '
-                      'written as for --wanted-error')
-    what.add_argument('--spend', nargs='+', default=[], metavar='NAME:TIME',
-                      help='the setting that makes a number known best in this time, e.g. potential_energy:2h (s, min, h, d)')
+    what.add_argument(
+        '--methods', nargs='+', default=None, metavar='NAME[:STEPS]',
+        help=f'among {", ".join(methods.BUILT_IN)}; with step sizes of its own in fs, e.g. '
+        f'GradientThermostat:1,2,3,4; '
+        'options may follow a name: -I8 inertia scale, -g2 and -G4 frictions, -H3 hydrogens of 3 '
+        'dalton, -N2 reciprocal space in every other step '
+        f'(default: LangevinC LangevinMiddle); with --overdamped among '
+        f'{", ".join(overdamped.METHODS)}, steps in tau_D (default: all)')
+    what.add_argument(
+        '--steps', metavar='FS',
+        help='step sizes of all methods in fs (with --overdamped in tau_D), e.g. 1,2,4,6,8 (default: '
+        'the scene\'s)')
+    what.add_argument(
+        '--observables', nargs='+', default=None, metavar='NAME',
+        help=f'among {", ".join(observables.BUILT_IN)}, energy_group_N, or module:function of the '
+        f'Context '
+        f'(default: energy and temperatures); with --overdamped among '
+        f'{", ".join(overdamped.OBSERVABLES)} (default: all)')
+    what.add_argument(
+        '--wanted-error', nargs='+', default=[], metavar='NAME:ERROR',
+        help='e.g. potential_energy:0.5%%, or potential_energy:0.2 in its unit; several in one word, '
+        'with commas, must '
+        'all be met')
+    what.add_argument(
+        '--price', nargs='+', default=[], metavar='NAME:ERROR', help=
+        'what it takes to know a number to this error, bias and standard error together: the time '
+        'of every setting, and the cheapest; '
+        'written as for --wanted-error')
+    what.add_argument(
+        '--spend', nargs='+', default=[], metavar='NAME:TIME',
+        help='the setting that makes a number known best in this time, e.g. potential_energy:2h (s, '
+        'min, h, d)')
     what.add_argument('--reference', nargs='+', default=[], metavar='NAME=VALUE[+-ERROR]',
                       help='a known average, used instead of the extrapolation to step 0')
     ladder = result.add_argument_group('the hydrodynamic ladder')
-    ladder.add_argument('--ladder', action='store_true', help='compare models of the fluid instead of step sizes; the scene has spheres and '
-                        f'a MobilityForce. Observables: {", ".join(mobilities.BUILT_IN)}, or module:function of the MobilitySample')
-    ladder.add_argument('--rungs', nargs='+', metavar='NAME',
-                        help=f'among {", ".join(rungs.RUNGS)} (default: all but multiblob642 and those with +self)')
-    ladder.add_argument('--gaps', metavar='RADII', help='of pairs, between the surfaces, in radii, e.g. 0.01,0.1,1,10')
-    ladder.add_argument('--ladder-reference', metavar='NAME', help='the rung that others are compared with (default: the best)')
+    ladder.add_argument(
+        '--ladder', action='store_true',
+        help='compare models of the fluid instead of step sizes; the scene has spheres and '
+        f'a MobilityForce. Observables: {", ".join(mobilities.BUILT_IN)}, or module:function of '
+        f'the MobilitySample')
+    ladder.add_argument(
+        '--rungs', nargs='+', metavar='NAME',
+        help=f'among {", ".join(rungs.RUNGS)} (default: all but multiblob642 and those with +self)')
+    ladder.add_argument('--gaps', metavar='RADII',
+                        help='of pairs, between the surfaces, in radii, e.g. 0.01,0.1,1,10')
+    ladder.add_argument('--ladder-reference', metavar='NAME',
+                        help='the rung that others are compared with (default: the best)')
     road = result.add_argument_group('the overdamped limit')
-    road.add_argument('--overdamped', action='store_true', help='compare the schemes without momenta and LangevinHI at high friction')
+    road.add_argument('--overdamped', action='store_true',
+                      help='compare the schemes without momenta and LangevinHI at high friction')
     nodes = result.add_argument_group('the grid of a periodic fluid')
-    nodes.add_argument('--grid', action='store_true', help='compare tolerances of ForceCoupling on a grid; the scene has spheres and a MobilityForce with the boundary '
-                       f'Periodic. Observables: {", ".join(grid.OBSERVABLES)}')
-    nodes.add_argument('--tolerances', metavar='EPS', help='e.g. 1e-2,1e-4,1e-6 (default: 1e-2 to 1e-10)')
+    nodes.add_argument(
+        '--grid', action='store_true', help=
+        'compare tolerances of ForceCoupling on a grid; the scene has spheres and a MobilityForce '
+        'with the boundary '
+        f'Periodic. Observables: {", ".join(grid.OBSERVABLES)}')
+    nodes.add_argument('--tolerances', metavar='EPS',
+                       help='e.g. 1e-2,1e-4,1e-6 (default: 1e-2 to 1e-10)')
     how = result.add_argument_group('how it is measured')
-    how.add_argument('--budget', type=float, default=600, help='seconds for the measurement; run lengths are planned from it (600)')
-    how.add_argument('--length', type=float, help='ps (with --overdamped tau_D) for every setting, instead of a budget')
-    how.add_argument('--equilibration', type=float, help='ps (with --overdamped tau_D) left out at the start of each run')
-    how.add_argument('--sample-interval', type=float, metavar='PS', help='between samples, rounded to whole steps (default: the scene\'s)')
+    how.add_argument('--budget', type=float, default=600,
+                     help='seconds for the measurement; run lengths are planned from it (600)')
+    how.add_argument('--length', type=float,
+                     help='ps (with --overdamped tau_D) for every setting, instead of a budget')
+    how.add_argument('--equilibration', type=float,
+                     help='ps (with --overdamped tau_D) left out at the start of each run')
+    how.add_argument('--sample-interval', type=float, metavar='PS',
+                     help='between samples, rounded to whole steps (default: the scene\'s)')
     how.add_argument('--rounds', type=int, default=20, help='number of turns (20)')
-    how.add_argument('--platform', choices=['CPU', 'Reference'], help='(CPU, also with --grid; with --ladder the faster of the two; with --overdamped Reference)')
+    how.add_argument(
+        '--platform', choices=['CPU', 'Reference'], help=
+        '(CPU, also with --grid; with --ladder the faster of the two; with --overdamped Reference)')
     how.add_argument('--threads', type=int, default=1, help='of the CPU platform (1)')
-    how.add_argument('--jobs', type=int, default=1, help='runs at the same time, with --ladder mobilities; times are then measured afterwards, alone (1)')
-    how.add_argument('--cluster', metavar='ADDRESS', help='a scheduler of dask.distributed whose workers make the runs; local or processes: on this machine (docs/ensembles.md)')
-    how.add_argument('--clock', default='wall', choices=['wall', 'cpu'],
-                     help='what ns/day is computed from; cpu is less disturbed by other programs (wall)')
+    how.add_argument(
+        '--jobs', type=int, default=1,
+        help='runs at the same time, with --ladder mobilities; times are then measured afterwards, '
+        'alone (1)')
+    how.add_argument(
+        '--cluster', metavar='ADDRESS', help=
+        'a scheduler of dask.distributed whose workers make the runs; local or processes: on this '
+        'machine (docs/ensembles.md)')
+    how.add_argument(
+        '--clock', default='wall', choices=['wall', 'cpu'],
+        help='what ns/day is computed from; cpu is less disturbed by other programs (wall)')
     how.add_argument('--seed', type=int, default=1)
     out = result.add_argument_group('output')
     out.add_argument('--output', default='accuracy', help='directory (accuracy)')
-    out.add_argument('--baseline', help='method that speeds are compared with (LangevinMiddle; with --overdamped TrapezoidalSlip)')
-    out.add_argument('--from', dest='source', metavar='RESULTS.JSON', help='measure nothing: report again from an earlier result')
+    out.add_argument(
+        '--baseline', help=
+        'method that speeds are compared with (LangevinMiddle; with --overdamped TrapezoidalSlip)')
+    out.add_argument('--from', dest='source', metavar='RESULTS.JSON',
+                     help='measure nothing: report again from an earlier result')
     out.add_argument('--quiet', action='store_true', help='no progress bar')
     return result
 
@@ -118,16 +174,23 @@ def main(arguments=None):
     options = parser().parse_args(arguments)
     try:
         if (options.ladder or options.grid) and (options.price or options.spend):
-            raise ValueError('--price, --spend: got one with --ladder or --grid, which measure no averages and so no noise: leave it out')
+            raise ValueError(
+                '--price, --spend: got one with --ladder or --grid, which measure no averages and '
+                'so no noise: leave it out')
         if options.source:
-            result = next((kind for kind in (LadderResult, GridResult) if kind.isOne(options.source)), StudyResult).fromJson(options.source)
+            result = next(
+                (kind for kind in (LadderResult, GridResult) if kind.isOne(options.source)),
+                StudyResult).fromJson(options.source)
         else:
-            result = (_ladder if options.ladder else _grid if options.grid else _overdamped if options.overdamped else _stepSizes)(options)
+            result = (_ladder if options.ladder else _grid if options.grid else
+                      _overdamped if options.overdamped else _stepSizes)(options)
         if isinstance(result, (LadderResult, GridResult)):
             report = result.report(options.wanted_error)
         else:
-            report = result.report(options.wanted_error, options.baseline or ('TrapezoidalSlip' if options.overdamped else 'LangevinMiddle'),
-                                   options.price, [parseSpending(text, list(result.observables)) for text in options.spend])
+            report = result.report(
+                options.wanted_error, options.baseline
+                or ('TrapezoidalSlip' if options.overdamped else 'LangevinMiddle'), options.price,
+                [parseSpending(text, list(result.observables)) for text in options.spend])
         paths = report.write(options.output)
     except (ValueError, TypeError, OSError, ImportError, _tasks.TaskError) as error:
         print(f'error: {error}', file=sys.stderr)
@@ -139,50 +202,66 @@ def main(arguments=None):
     return 0
 
 
-# ---- The studies -----------------------------------------------------------------------------------------------------
+# ---- The studies ---------------------------------------------------------------------------------
+
 
 def _stepSizes(options):
     """The study of step sizes."""
     options.platform = options.platform or 'CPU'
-    found, steps = _methods(options.methods or ['LangevinC', 'LangevinMiddle'], methods.byName, options.steps, 'fs')
+    found, steps = _methods(options.methods or ['LangevinC', 'LangevinMiddle'], methods.byName,
+                            options.steps, 'fs')
     steps = {name: [h/1000 for h in own] for name, own in steps.items()}
     asked = options.observables or observables.DEFAULT
     names = [observables.byName(name).name for name in asked]
     _checkWanted(options, names, 'potential_energy:0.5%')
     references = dict(_reference(text, names) for text in options.reference)
     with _Bar(options.quiet) as bar:
-        study = StepSizeStudy(_scene(options, bar), found, steps, references, observables=asked, platform=options.platform,
-                              threads=options.threads, seed=options.seed, clock=options.clock, sampleInterval=options.sample_interval)
-        return study.run(options.budget, options.length, options.equilibration, options.rounds, options.jobs, bar.study, options.cluster)
+        study = StepSizeStudy(_scene(options, bar), found, steps, references, observables=asked,
+                              platform=options.platform, threads=options.threads, seed=options.seed,
+                              clock=options.clock, sampleInterval=options.sample_interval)
+        return study.run(options.budget, options.length, options.equilibration, options.rounds,
+                         options.jobs, bar.study, options.cluster)
 
 
 def _overdamped(options):
     """The study of the overdamped limit."""
     name = options.scene or 'boomerang'
     if name not in overdamped.SCENES or options.system or options.state or options.integrator:
-        raise ValueError(f'--scene: got {name!r} with --overdamped; it must be one of {", ".join(overdamped.SCENES)}, without --system, --state and '
+        raise ValueError(f'--scene: got {name!r} with --overdamped; it must be one of '
+                         f'{", ".join(overdamped.SCENES)}, without --system, --state and '
                          '--integrator: choose one of these')
     if options.sample_interval is not None:
-        raise ValueError(f'--sample-interval: got {options.sample_interval} with --overdamped, where samples are 1 tau_D apart: leave it out')
-    found, steps = _methods(options.methods or overdamped.METHODS, overdamped.byName, options.steps, 'tau_D')
+        raise ValueError(
+            f'--sample-interval: got {options.sample_interval} with --overdamped, where samples '
+            f'are 1 tau_D apart: leave it out')
+    found, steps = _methods(options.methods or overdamped.METHODS, overdamped.byName, options.steps,
+                            'tau_D')
     names = options.observables or list(overdamped.OBSERVABLES)
     _checkWanted(options, names, 'height:1%')
-    given = {} if options.bodies is None else {'replicas' if name == 'boomerang' else 'bodies': options.bodies}
+    given = {} if options.bodies is None else {
+        'replicas' if name == 'boomerang' else 'bodies': options.bodies
+    }
     scene = overdamped.SCENES[name](seed=options.seed, **given)
-    study = overdamped.OverdampedStudy(scene, [method.name for method in found], steps, names, platform=options.platform or 'Reference',
-                                       threads=options.threads, seed=options.seed, clock=options.clock)
+    study = overdamped.OverdampedStudy(scene, [method.name for method in found], steps, names,
+                                       platform=options.platform or 'Reference',
+                                       threads=options.threads, seed=options.seed,
+                                       clock=options.clock)
     with _Bar(options.quiet) as bar:
-        return study.run(options.budget, None if options.length is None else options.length*scene.timeUnit,
-                         (30 if options.equilibration is None else options.equilibration)*scene.timeUnit, options.rounds, options.jobs, bar.study, options.cluster)
+        return study.run(
+            options.budget, None if options.length is None else options.length*scene.timeUnit,
+            (30 if options.equilibration is None else options.equilibration)*scene.timeUnit,
+            options.rounds, options.jobs, bar.study, options.cluster)
 
 
 def _ladder(options):
     """The hydrodynamic ladder."""
-    study = LadderStudy(_sphereScene(options), options.rungs, options.observables, options.ladder_reference,
-                        (options.platform,) if options.platform else ('Reference', 'CPU'), options.threads, seed=options.seed)
+    study = LadderStudy(_sphereScene(options), options.rungs, options.observables,
+                        options.ladder_reference, (options.platform,) if options.platform else
+                        ('Reference', 'CPU'), options.threads, seed=options.seed)
     _checkWanted(options, [observable.name for observable in study.observables], 'mobility:1%')
     with _Bar(options.quiet, 'run') as bar:
-        return study.run(options.rounds, progress=bar.study, jobs=options.jobs, cluster=options.cluster)
+        return study.run(options.rounds, progress=bar.study, jobs=options.jobs,
+                         cluster=options.cluster)
 
 
 def _grid(options):
@@ -191,17 +270,21 @@ def _grid(options):
     _checkWanted(options, names, 'forces:1e-4')
     tolerances = _positives(options.tolerances) if options.tolerances else grid.TOLERANCES
     if not tolerances:
-        raise ValueError(f'--tolerances: got {options.tolerances!r}, where a list of numbers is wanted: write e.g. 1e-2,1e-4')
+        raise ValueError(
+            f'--tolerances: got {options.tolerances!r}, where a list of numbers is wanted: write '
+            f'e.g. 1e-2,1e-4')
     if not any((options.scene, options.system, options.state, options.integrator)):
         scene = scenes.periodicSuspension(options.bodies or 500, 0.1, seed=options.seed)
     else:
         scene = _sphereScene(options)
-    study = GridStudy(scene, tolerances, observables=names, platform=options.platform or 'CPU', threads=options.threads, seed=options.seed)
+    study = GridStudy(scene, tolerances, observables=names, platform=options.platform or 'CPU',
+                      threads=options.threads, seed=options.seed)
     with _Bar(options.quiet, 'run') as bar:
         return study.run(options.rounds, progress=bar.study)
 
 
-# ---- What the arguments mean -----------------------------------------------------------------------------------------
+# ---- What the arguments mean ---------------------------------------------------------------------
+
 
 def _checkWanted(options, names, example):
     """Wrong wishes are found before anything is measured."""
@@ -220,8 +303,10 @@ def _methods(texts, byName, common, unit):
         if own or common:
             steps[name] = _positives(own or common)
             if not steps[name]:
-                raise ValueError(f'step sizes: got {own or common!r}; they must be positive numbers in {unit} with commas between: write '
-                                 'e.g. 2,4,6')
+                raise ValueError(
+                    f'step sizes: got {own or common!r}; they must be positive numbers in {unit} '
+                    f'with commas between: write '
+                    'e.g. 2,4,6')
     return found, steps
 
 
@@ -238,20 +323,27 @@ def _sphereScene(options):
     files = (options.system, options.state, options.integrator)
     name = options.scene or 'pairs'
     if options.gaps and (any(files) or name != 'pairs'):
-        raise ValueError('--gaps: got it with another scene; gaps are those of pairs: leave out one of the two')
+        raise ValueError(
+            '--gaps: got it with another scene; gaps are those of pairs: leave out one of the two')
     if any(files) or name not in scenes.OF_SPHERES:
         if not any(files) and ':' not in name:
-            raise ValueError(f'--scene: got {name!r} with --ladder; it must be one of {", ".join(scenes.OF_SPHERES)}, or '
+            raise ValueError(f'--scene: got {name!r} with --ladder; it must be one of '
+                             f'{", ".join(scenes.OF_SPHERES)}, or '
                              'module:function: choose among these')
         return _scene(options, None)
     if name == 'pairs':
         gaps = _positives(options.gaps) if options.gaps else None
         if gaps == []:
-            raise ValueError(f'--gaps: got {options.gaps!r}; gaps are positive numbers in radii with commas between: write e.g. 0.01,0.1,1')
+            raise ValueError(
+                f'--gaps: got {options.gaps!r}; gaps are positive numbers in radii with commas '
+                f'between: write e.g. 0.01,0.1,1')
         return scenes.pairs(gaps) if gaps else scenes.pairs()
     if name == 'arrays':
         return scenes.arrays()
-    given = {key: getattr(options, key) for key in ('bodies', 'temperature') if getattr(options, key) is not None}
+    given = {
+        key: getattr(options, key)
+        for key in ('bodies', 'temperature') if getattr(options, key) is not None
+    }
     return scenes.OF_SPHERES[name](seed=options.seed, **given)
 
 
@@ -263,8 +355,10 @@ def _reference(text, names):
     except ValueError:
         pair = None
     if pair is None or name not in names:
-        raise ValueError(f'--reference: got {text!r}; it must be name=value or name=value+-error, the name one of {", ".join(names)}: '
-                         'write e.g. potential_energy=-46.5+-0.02')
+        raise ValueError(
+            f'--reference: got {text!r}; it must be name=value or name=value+-error, the name one '
+            f'of {", ".join(names)}: '
+            'write e.g. potential_energy=-46.5+-0.02')
     return name, pair
 
 
@@ -272,14 +366,21 @@ def _scene(options, bar):
     files = (options.system, options.state, options.integrator)
     if any(files):
         if not all(files) or options.scene:
-            raise ValueError('--system, --state and --integrator: all three must be given, and no --scene: add what is missing')
+            raise ValueError(
+                '--system, --state and --integrator: all three must be given, and no --scene: add '
+                'what is missing')
         return scenes.fromFiles(*files)
     name = options.scene or 'water'
     if name not in scenes.BUILT_IN:
         if ':' not in name:
-            raise ValueError(f'--scene: got {name!r}; it must be one of {", ".join(scenes.BUILT_IN)}, or module:function: correct it')
+            raise ValueError(
+                f'--scene: got {name!r}; it must be one of {", ".join(scenes.BUILT_IN)}, or '
+                f'module:function: correct it')
         return scenes.fromFunction(name)
-    given = {key: getattr(options, key) for key in ('temperature', 'gamma', 'Gamma') if getattr(options, key) is not None}
+    given = {
+        key: getattr(options, key)
+        for key in ('temperature', 'gamma', 'Gamma') if getattr(options, key) is not None
+    }
     if name == 'water':
         if options.bodies is not None:
             given['molecules'] = options.bodies
@@ -291,7 +392,6 @@ def _scene(options, bar):
 
 class _Bar:
     """Two progress bars, one after the other: making the scene, and the study."""
-
     def __init__(self, quiet, unit='step'):
         self.quiet = quiet
         self.unit = unit
@@ -316,7 +416,8 @@ class _Bar:
         if self.stage != stage:
             from tqdm import tqdm
             self._close()
-            self.bar = tqdm(total=total, unit=self.unit, unit_scale=self.unit == 'step', smoothing=0.02, mininterval=0.5)
+            self.bar = tqdm(total=total, unit=self.unit, unit_scale=self.unit == 'step',
+                            smoothing=0.02, mininterval=0.5)
             self.stage = stage
         now = time.monotonic()
         if now - self.last > 0.5 or done >= total:

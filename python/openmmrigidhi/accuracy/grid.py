@@ -19,14 +19,24 @@ from .scenes import platformProperties
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 #: Finenesses sigma/dx between which all grids are looked at.
 FINENESSES = (0.65, 1.7)
-#: Widths of envelopes, radii (THEORY.md, in a periodic box): of forces; of torques, whose narrower ones decide where there are torques.
+#: Widths of envelopes, radii (THEORY.md, in a periodic box): of forces; of torques, whose narrower
+#: ones decide where there are torques.
 WIDTHS = {'forces': np.pi**-0.5, 'wrenches': (6*np.pi**0.5)**(-1/3)}
 #: What is compared: name -> label, description.
 OBSERVABLES = {
-    'forces': {'label': 'products with forces', 'description': 'velocities of spheres from forces on them, as for blobs: the grid follows the envelope of forces, '
-               'sigma = a/sqrt(pi) = 0.564 a'},
-    'wrenches': {'label': 'products with forces and torques', 'description': 'velocities and angular velocities from forces and torques, as for bodies that are one '
-                 'sphere: the grid follows the narrower envelope of torques, sigma_D = a/(6 sqrt(pi))^(1/3) = 0.455 a'}}
+    'forces': {
+        'label': 'products with forces',
+        'description': 'velocities of spheres from forces on them, as for blobs: the grid follows '
+        'the envelope of forces, '
+        'sigma = a/sqrt(pi) = 0.564 a'
+    }, 'wrenches': {
+        'label': 'products with forces and torques',
+        'description': 'velocities and angular velocities from forces and torques, as for bodies '
+        'that are one '
+        'sphere: the grid follows the narrower envelope of torques, sigma_D = a/(6 sqrt(pi))^(1/3) '
+        '= 0.455 a'
+    }
+}
 #: What setSolverTolerance takes.
 LEAST_TOLERANCE, LARGEST_TOLERANCE = 1e-14, 0.1
 #: Norms are wanted to two digits.
@@ -49,6 +59,7 @@ def gridSizes(least, most):
             while n % factor == 0:
                 n //= factor
         return n == 1
+
     return [n for n in range(2, int(most) + 1, 2) if n >= least and isSmooth(n)]
 
 
@@ -64,32 +75,41 @@ def describedGrid(integrator):
     ValueError
         if the fluid is on no grid
     """
-    found = re.search(r'on a grid of (\d+) x (\d+) x (\d+) nodes, whose products have the tolerance ([^,]+)', integrator.getEffects()['hydrodynamics'])
+    found = re.search(
+        r'on a grid of (\d+) x (\d+) x (\d+) nodes, whose products have the tolerance ([^,]+)',
+        integrator.getEffects()['hydrodynamics'])
     if found is None:
-        raise ValueError('the fluid is on no grid; it must be ForceCoupling with the boundary Periodic: choose these, and the solver MatrixFree')
+        raise ValueError(
+            'the fluid is on no grid; it must be ForceCoupling with the boundary Periodic: choose '
+            'these, and the solver MatrixFree')
     return [int(n) for n in found.groups()[:3]], float(found[4])
 
 
 class GridStudy:
     """Error of products with the mobility on a grid, against time a product and against the fineness of the grid.
 
-    With D the own mobilities, d = D^(-1/2) (M_grid - M) D^(-1/2) and m = D^(-1/2) M D^(-1/2) have no units. The error is the norm of d over that of m: the largest
-    error of velocities over the largest velocities, for forces of one size. The norm of d alone is the error over own mobilities, and that of velocities from random
-    forces is taken relative to these velocities. M is the matrix of lattice sums (``setSolver(Dense)``).
+    With D the own mobilities, d = D^(-1/2) (M_grid - M) D^(-1/2) and m = D^(-1/2) M D^(-1/2) have
+    no units. The error is the norm of d over that of m: the largest error of velocities over the
+    largest velocities, for forces of one size. The norm of d alone is the error over own
+    mobilities, and that of velocities from random forces is taken relative to these velocities. M
+    is the matrix of lattice sums (``setSolver(Dense)``).
 
     Parameters
     ----------
     scene : Scene, optional
-        spheres in a periodic fluid, in a box with edges along the axes; a flow that drives it is left out; default: 500 at random at a volume fraction of 0.1
+        spheres in a periodic fluid, in a box with edges along the axes; a flow that drives it is
+        left out; default: 500 at random at a volume fraction of 0.1
     tolerances : sequence of float
         of setSolverTolerance
     finenesses : (float, float) or None
-        all grids of the box with sigma/dx between these are looked at too, by setGridSpacing; None: none
+        all grids of the box with sigma/dx between these are looked at too, by setGridSpacing; None:
+        none
     observables : sequence of str
         forces, wrenches
     platform : str
     threads : int
-        of the CPU platform; with one, time is the process's CPU time where other programs make the clock show more
+        of the CPU platform; with one, time is the process's CPU time where other programs make the
+        clock show more
     seed : int
         of random forces
 
@@ -100,25 +120,34 @@ class GridStudy:
     >>> print(study.run(rounds=1).recommend('forces:0.1%').setting['tolerance'])
     0.0001
     """
-
-    def __init__(self, scene=None, tolerances=TOLERANCES, finenesses=FINENESSES, observables=tuple(OBSERVABLES), platform='CPU', threads=1, seed=1):
+    def __init__(self, scene=None, tolerances=TOLERANCES, finenesses=FINENESSES,
+                 observables=tuple(OBSERVABLES), platform='CPU', threads=1, seed=1):
         self.scene = scenes.periodicSuspension(500, 0.1, seed=seed) if scene is None else scene
         if not isinstance(self.scene, scenes.Scene):
-            raise ValueError(f'GridStudy: scene: got a {type(scene).__name__}; it must be one scene of spheres, such as scenes.periodicSuspension(): choose one')
+            raise ValueError(
+                f'GridStudy: scene: got a {type(scene).__name__}; it must be one scene of spheres, '
+                f'such as scenes.periodicSuspension(): choose one')
         self.spheres = Spheres(self.scene)
         box = self.scene.boxVectors
         if not self.spheres.isPeriodic or np.count_nonzero(box - np.diag(np.diag(box))):
-            raise ValueError('GridStudy: scene: its fluid must be periodic, in a box with edges along the axes: call setBoundary(Periodic) of its MobilityForce')
+            raise ValueError(
+                'GridStudy: scene: its fluid must be periodic, in a box with edges along the axes: '
+                'call setBoundary(Periodic) of its MobilityForce')
         self.edges = np.diag(box)
         self.tolerances = sorted(map(float, tolerances), reverse=True)
-        if not all(LEAST_TOLERANCE <= tolerance <= LARGEST_TOLERANCE for tolerance in self.tolerances):
-            raise ValueError(f'GridStudy: tolerances: got {self.tolerances}; setSolverTolerance() takes {LEAST_TOLERANCE:g} to {LARGEST_TOLERANCE:g}: leave out the others')
+        if not all(LEAST_TOLERANCE <= tolerance <= LARGEST_TOLERANCE
+                   for tolerance in self.tolerances):
+            raise ValueError(
+                f'GridStudy: tolerances: got {self.tolerances}; setSolverTolerance() takes '
+                f'{LEAST_TOLERANCE:g} to {LARGEST_TOLERANCE:g}: leave out the others')
         self.finenesses = finenesses
         self.observables = list(observables)
         unknown = [name for name in self.observables if name not in OBSERVABLES]
         if unknown or not self.observables or not self.tolerances:
-            raise ValueError(f'GridStudy: got the observables {self.observables} and the tolerances {self.tolerances}; observables are {", ".join(OBSERVABLES)}, and at '
-                             'least one of each is needed: correct the lists')
+            raise ValueError(
+                f'GridStudy: got the observables {self.observables} and the tolerances '
+                f'{self.tolerances}; observables are {", ".join(OBSERVABLES)}, and at '
+                'least one of each is needed: correct the lists')
         self.platform = platform
         self.threads = threads
         self.seed = seed
@@ -155,7 +184,9 @@ class GridStudy:
             if observable == 'wrenches':
                 integrator.addRigidBody([particle], 0, (0, 0, 0), [(0, 0, 0)])
         system.addForce(fluid)
-        context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(self.platform), platformProperties(self.platform, self.threads))
+        context = openmm.Context(system, integrator,
+                                 openmm.Platform.getPlatformByName(self.platform),
+                                 platformProperties(self.platform, self.threads))
         context.setPositions(self.spheres.centres)
         return fluid, integrator, context
 
@@ -180,7 +211,8 @@ class GridStudy:
         GridResult
         """
         began = time.perf_counter()
-        settings = [(observable, *setting) for observable in self.observables for setting in self._settings(observable)]
+        settings = [(observable, *setting) for observable in self.observables
+                    for setting in self._settings(observable)]
         total, done = 1 + len(settings) + rounds, 0
 
         def count(text):
@@ -195,20 +227,34 @@ class GridStudy:
         dense = self._seconds('wrenches', fluid, context, np.ones(6*n))
         del context
         count('lattice sums')
-        exact = {'wrenches': matrix, 'forces': matrix.reshape(n, 6, n, 6)[:, :3, :, :3].reshape(3*n, 3*n)}
-        norms = {name: self._norm(lambda vector, M=exact[name], root=np.sqrt(np.diag(exact[name])): M @ (vector.ravel()/root)/root, len(exact[name]))
-                 for name in self.observables}
+        exact = {
+            'wrenches': matrix, 'forces': matrix.reshape(n, 6, n,
+                                                         6)[:, :3, :, :3].reshape(3*n, 3*n)
+        }
+        norms = {
+            name: self._norm(
+                lambda vector, M=exact[name], root=np.sqrt(np.diag(exact[name])): M @ (vector.ravel(
+                )/root)/root, len(exact[name]))
+            for name in self.observables
+        }
         rows, timed = [], []
         for observable, kind, value, spacing in settings:
-            row = {'observable': observable, 'kind': kind, 'setting': value, 'status': STABLE, 'message': '',
-                   **dict.fromkeys(('nodes', 'fineness', 'described', 'error', 'own_error', 'typical', 'seconds_product', 'seconds_median'))}
+            row = {
+                'observable': observable, 'kind': kind, 'setting': value, 'status': STABLE,
+                'message': '',
+                **dict.fromkeys(('nodes', 'fineness', 'described', 'error', 'own_error', 'typical', 'seconds_product', 'seconds_median'))
+            }
             rows.append(row)
             try:
-                fluid, integrator, context = self.makeContext(observable, MobilityForce.MatrixFree, value if kind == 'tolerance' else 1e-6, spacing)
+                fluid, integrator, context = self.makeContext(
+                    observable, MobilityForce.MatrixFree, value if kind == 'tolerance' else 1e-6,
+                    spacing)
                 nodes, row['described'] = describedGrid(integrator)
                 row['nodes'] = ' x '.join(map(str, nodes))
-                row['fineness'] = float(WIDTHS[observable]*self.spheres.radii.min()/max(self.edges/nodes))
-                row['own_error'], row['typical'] = self._errors(observable, fluid, context, exact[observable])
+                row['fineness'] = float(
+                    WIDTHS[observable]*self.spheres.radii.min()/max(self.edges/nodes))
+                row['own_error'], row['typical'] = self._errors(observable, fluid, context,
+                                                                exact[observable])
                 row['error'] = row['own_error']/norms[observable]
                 if kind == 'tolerance':
                     timed.append((row, fluid, context, []))
@@ -219,14 +265,25 @@ class GridStudy:
         for _ in range(rounds):
             for k in rng.permutation(len(timed)):
                 row, fluid, context, times = timed[k]
-                times.append(self._seconds(row['observable'], fluid, context, np.ones(len(exact[row['observable']]))))
+                times.append(
+                    self._seconds(row['observable'], fluid, context,
+                                  np.ones(len(exact[row['observable']]))))
             count('timing')
         for row, _, _, times in timed:
             row['seconds_product'], row['seconds_median'] = min(times), float(np.median(times))
-        about = {'name': self.scene.name, 'description': self.scene.description, 'bodies': n, 'edges': self.edges.tolist(),
-                 'least_radius': float(self.spheres.radii.min()), 'seconds_dense': dense}
-        return GridResult(about, rows, {name: dict(OBSERVABLES[name], width=float(WIDTHS[name]), norm=norms[name]) for name in self.observables},
-                          {'rounds': rounds, 'threads': self.threads, 'seed': self.seed, 'platform': self.platform, **provenance(began)})
+        about = {
+            'name': self.scene.name, 'description': self.scene.description, 'bodies': n,
+            'edges': self.edges.tolist(), 'least_radius': float(self.spheres.radii.min()),
+            'seconds_dense': dense
+        }
+        return GridResult(
+            about, rows, {
+                name: dict(OBSERVABLES[name], width=float(WIDTHS[name]), norm=norms[name])
+                for name in self.observables
+            }, {
+                'rounds': rounds, 'threads': self.threads, 'seed': self.seed,
+                'platform': self.platform, **provenance(began)
+            })
 
     def _settings(self, observable):
         """(kind, value, spacing): value is a tolerance, or sigma/dx."""
@@ -234,9 +291,11 @@ class GridStudy:
         if self.finenesses is not None:
             width = WIDTHS[observable]*self.spheres.radii.min()
             edge = max(self.edges)
-            # A little more than the edge over the nodes, so that rounding does not make it one node more.
+            # A little more than the edge over the nodes, so that rounding does not make it one node
+            # more.
             settings += [('spacing', width*nodes/edge, edge/nodes*(1 + 1e-9))
-                         for nodes in gridSizes(*(fineness*edge/width for fineness in self.finenesses))]
+                         for nodes in gridSizes(*(fineness*edge/width
+                                                  for fineness in self.finenesses))]
         return settings
 
     def _errors(self, observable, fluid, context, exact):
@@ -246,17 +305,21 @@ class GridStudy:
         def difference(vector):
             forces = vector.ravel()/root
             return (self._product(observable, fluid, context, forces) - exact @ forces)/root
+
         rng, squares = np.random.default_rng(self.seed), []
         for _ in range(4):
             vector = rng.normal(size=len(exact))
-            squares.append((np.linalg.norm(difference(vector))/np.linalg.norm(exact @ (vector/root)/root))**2)
+            squares.append(
+                (np.linalg.norm(difference(vector))/np.linalg.norm(exact @ (vector/root)/root))**2)
         return self._norm(difference, len(exact)), float(np.sqrt(np.mean(squares)))
 
     def _norm(self, apply, rows):
         """Of a symmetric operator."""
         start = np.random.default_rng(self.seed).normal(size=rows)
-        return float(abs(eigsh(LinearOperator((rows, rows), matvec=apply, dtype=float), k=1, which='LM', tol=NORM_TOLERANCE, v0=start,
-                               return_eigenvectors=False)[0]))
+        return float(
+            abs(
+                eigsh(LinearOperator((rows, rows), matvec=apply, dtype=float), k=1, which='LM',
+                      tol=NORM_TOLERANCE, v0=start, return_eigenvectors=False)[0]))
 
     def _seconds(self, observable, fluid, context, vector):
         """Of one product: by the clock, or the process's CPU time if that is less, as other programs disturb it."""

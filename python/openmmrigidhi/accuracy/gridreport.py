@@ -47,14 +47,21 @@ class GridReport(Report):
         head, rows = self._table()
         lines = [head, *(row for each in rows.values() for row in each)]
         widths = [max(len(line[k]) for line in lines) for k in range(len(head))]
-        return '\n'.join('  '.join(cell.rjust(width) for cell, width in zip(line, widths)) for line in lines)
+        return '\n'.join('  '.join(cell.rjust(width) for cell, width in zip(line, widths))
+                         for line in lines)
 
     def _table(self):
         """The head, and rows of texts by observable."""
-        head = ('what', 'tolerance', 'nodes', 'sigma/dx', 'sqrt(ln 1/eps)/pi', 'error', 'over own', 'random', 'ms a product')
-        return head, {observable: [(observable, f'{row["setting"]:g}', row['nodes'], f'{row["fineness"]:.3f}', f'{gaussianFineness(row["setting"]):.3f}',
-                                    f'{row["error"]:.1e}', f'{row["own_error"]:.1e}', f'{row["typical"]:.1e}', milliseconds(row['seconds_product']))
-                                   for row in self.result.select(observable, 'tolerance')] for observable in self.result.observables}
+        head = ('what', 'tolerance', 'nodes', 'sigma/dx', 'sqrt(ln 1/eps)/pi', 'error', 'over own',
+                'random', 'ms a product')
+        return head, {
+            observable: [(observable, f'{row["setting"]:g}', row['nodes'], f'{row["fineness"]:.3f}',
+                          f'{gaussianFineness(row["setting"]):.3f}', f'{row["error"]:.1e}',
+                          f'{row["own_error"]:.1e}', f'{row["typical"]:.1e}',
+                          milliseconds(row['seconds_product']))
+                         for row in self.result.select(observable, 'tolerance')]
+            for observable in self.result.observables
+        }
 
     def paragraphs(self):
         """Everything that is to be said in plain words, the answers first."""
@@ -62,26 +69,46 @@ class GridReport(Report):
         lines = [answer.text for answer in self.answers]
         for observable, about in result.observables.items():
             rows = result.select(observable, 'tolerance')
-            missed = [f'{row["setting"]:g} ({row["error"]:.1e})' for row in rows if row['error'] > row['setting']]
+            missed = [
+                f'{row["setting"]:g} ({row["error"]:.1e})' for row in rows
+                if row['error'] > row['setting']
+            ]
             if rows:
                 margins = [row['setting']/row['error'] for row in rows]
-                lines.append(f'{sentence(about["label"])}: ' + (f'the error is above the tolerance at {", ".join(missed)}.' if missed else
-                             f'every error is below its tolerance, by factors of {min(margins):.2g} to {max(margins):.2g}.')
-                             + f' Over own mobilities errors are {about["norm"]:.1f} times as large: {max(row["own_error"]/row["setting"] for row in rows):.2g} tolerances and '
-                             'less.')
+                lines.append(
+                    f'{sentence(about["label"])}: ' +
+                    (f'the error is above the tolerance at {", ".join(missed)}.' if missed else
+                     f'every error is below its tolerance, by factors of {min(margins):.2g} to '
+                     f'{max(margins):.2g}.') +
+                    f' Over own mobilities errors are {about["norm"]:.1f} times as large: '
+                    f'{max(row["own_error"]/row["setting"] for row in rows):.2g} tolerances and '
+                    'less.')
             needed = {error: result.finenessFor(observable, error) for error in NAMED}
             if any(needed.values()):
-                lines.append(f'{sentence(about["label"])}: errors of ' + ', '.join(f'{error:g}' for error in NAMED) + ' need sigma/dx = '
-                             + ', '.join('n/a' if value is None else f'{value:.2f}' for value in needed.values()) + ' by interpolation between grids; '
-                             'the sampling of a Gaussian alone asks for ' + ', '.join(f'{gaussianFineness(error):.2f}' for error in NAMED) + '.')
+                lines.append(f'{sentence(about["label"])}: errors of ' +
+                             ', '.join(f'{error:g}' for error in NAMED) + ' need sigma/dx = ' +
+                             ', '.join('n/a' if value is None else f'{value:.2f}'
+                                       for value in needed.values()) +
+                             ' by interpolation between grids; '
+                             'the sampling of a Gaussian alone asks for ' +
+                             ', '.join(f'{gaussianFineness(error):.2f}' for error in NAMED) + '.')
             spaced = result.select(observable, 'spacing')
             above = [row for row in spaced if row['error'] > row['described']]
             if spaced:
-                lines.append(f'{sentence(about["label"])}: of {len(spaced)} spacings ' + ('none has an error' if not above else f'{len(above)} have errors')
-                             + ' above the tolerance that describeEffects() says' + (': sigma/dx = ' + ', '.join(
-                                 f'{row["fineness"]:.2f} ({row["error"]:.1e}, said {row["described"]:.1e})' for row in above) if above else '') + '.')
-        lines += [f'{row["observable"]}, {row["kind"]} {row["setting"]:g} cannot be used: {row["message"]}' for row in result.rows if row['message']]
-        lines.append(f'By lattice sums a product takes {milliseconds(result.scene["seconds_dense"])} ms, nearly all of it for the matrix.')
+                lines.append(
+                    f'{sentence(about["label"])}: of {len(spaced)} spacings ' +
+                    ('none has an error' if not above else f'{len(above)} have errors') +
+                    ' above the tolerance that describeEffects() says' +
+                    (': sigma/dx = ' + ', '.join(
+                        f'{row["fineness"]:.2f} ({row["error"]:.1e}, said {row["described"]:.1e})'
+                        for row in above) if above else '') + '.')
+        lines += [
+            f'{row["observable"]}, {row["kind"]} {row["setting"]:g} cannot be used: '
+            f'{row["message"]}' for row in result.rows if row['message']
+        ]
+        lines.append(
+            f'By lattice sums a product takes {milliseconds(result.scene["seconds_dense"])} ms, '
+            f'nearly all of it for the matrix.')
         return lines
 
     def panels(self, left, right, observable, limits):
@@ -95,7 +122,8 @@ class GridReport(Report):
             drawn as lines
         """
         result = self.result
-        spaced, chosen = result.select(observable, 'spacing'), result.select(observable, 'tolerance')
+        spaced, chosen = result.select(observable,
+                                       'spacing'), result.select(observable, 'tolerance')
         finenesses = [row['fineness'] for row in (*spaced, *chosen)]
         curve = np.linspace(min(finenesses), max(finenesses), 100)
         left.plot(curve, np.exp(-(np.pi*curve)**2), color='black', lw=1, label='exp(−(π σ/dx)²)')
@@ -104,21 +132,31 @@ class GridReport(Report):
             left.plot([x, x], [error, 1], color='black', lw=0.7, ls=':')
             left.annotate(f'{x:.2f}', (x, 1), ha='center', va='bottom', fontsize=8.5)
         if spaced:
-            left.plot([row['fineness'] for row in spaced], [row['error'] for row in spaced], color='#0072B2', marker='.', lw=1.2, label='error, spacing given')
-            left.plot([row['fineness'] for row in spaced], [row['typical'] for row in spaced], color='#56B4E9', marker='.', lw=1, label='of random forces')
-        left.plot([row['fineness'] for row in chosen], [row['error'] for row in chosen], color='#D55E00', marker='o', ms=8, mfc='none', ls='',
+            left.plot([row['fineness'] for row in spaced], [row['error'] for row in spaced],
+                      color='#0072B2', marker='.', lw=1.2, label='error, spacing given')
+            left.plot([row['fineness'] for row in spaced], [row['typical'] for row in spaced],
+                      color='#56B4E9', marker='.', lw=1, label='of random forces')
+        left.plot([row['fineness'] for row in chosen], [row['error'] for row in chosen],
+                  color='#D55E00', marker='o', ms=8, mfc='none', ls='',
                   label='error, tolerance given (written beside)')
         for axes, key in ((left, 'fineness'), (right, 'seconds_product')):
             for row in chosen:
-                axes.annotate(f'{row["setting"]:.0e}'.replace('e-0', 'e-'), (row[key]*(1e3 if axes is right else 1), row['error']), textcoords='offset points',
-                              xytext=(7, 4), fontsize=8.5, color='#D55E00')
+                axes.annotate(f'{row["setting"]:.0e}'.replace('e-0', 'e-'),
+                              (row[key]*(1e3 if axes is right else 1), row['error']),
+                              textcoords='offset points', xytext=(7, 4), fontsize=8.5,
+                              color='#D55E00')
         left.set_xlim(right=max(finenesses) + 0.1)
         left.set_xlabel('σ/dx, σ the narrowest envelope')
-        right.plot([1e3*row['seconds_product'] for row in chosen], [row['error'] for row in chosen], color='#D55E00', marker='o', label='error')
-        right.plot([1e3*row['seconds_product'] for row in chosen], [row['typical'] for row in chosen], color='#56B4E9', marker='o', label='of random forces')
-        right.axvline(1e3*result.scene['seconds_dense'], color='black', ls='-.', lw=1.2, label='lattice sums')
+        right.plot([1e3*row['seconds_product'] for row in chosen], [row['error'] for row in chosen],
+                   color='#D55E00', marker='o', label='error')
+        right.plot([1e3*row['seconds_product'] for row in chosen],
+                   [row['typical'] for row in chosen], color='#56B4E9', marker='o',
+                   label='of random forces')
+        right.axvline(1e3*result.scene['seconds_dense'], color='black', ls='-.', lw=1.2,
+                      label='lattice sums')
         right.set_xscale('log')
-        right.set_xlabel(f'ms a product ({result.provenance.get("platform")}, {result.provenance.get("threads")} thread(s))')
+        right.set_xlabel(f'ms a product ({result.provenance.get("platform")}, '
+                         f'{result.provenance.get("threads")} thread(s))')
         for axes in (left, right):
             axes.set_yscale('log')
             axes.set_ylabel('error')
@@ -130,7 +168,8 @@ class GridReport(Report):
             right.set_xlim(low/1.1, high*1.3)
         plainTicks(right)
         for axes in (left, right):
-            axes.yaxis.set_major_formatter(lambda value, _: f'{value:.0e}'.replace('e-0', 'e-').replace('e+00', ''))
+            axes.yaxis.set_major_formatter(
+                lambda value, _: f'{value:.0e}'.replace('e-0', 'e-').replace('e+00', ''))
             axes.legend(fontsize=8.5)
 
     def body(self, pictures):
@@ -144,20 +183,39 @@ class GridReport(Report):
         head, rows = self._table()
         parts = []
         for observable, about in self.result.observables.items():
-            parts += [f'<h2>{html.escape(sentence(about["label"]))}</h2>', paragraph(about['description'] + '.')]
+            parts += [
+                f'<h2>{html.escape(sentence(about["label"]))}</h2>',
+                paragraph(about['description'] + '.')
+            ]
             if observable in pictures:
-                parts += [picture(pictures[observable], f'Errors of {about["label"]} against the fineness of the grid and time'), table(head, rows[observable])]
-            spaced = [(row['nodes'], f'{row["fineness"]:.3f}', f'{row["described"]:.1e}', f'{row["error"]:.1e}', f'{row["own_error"]:.1e}', f'{row["typical"]:.1e}')
+                parts += [
+                    picture(
+                        pictures[observable],
+                        f'Errors of {about["label"]} against the fineness of the grid and time'),
+                    table(head, rows[observable])
+                ]
+            spaced = [(row['nodes'], f'{row["fineness"]:.3f}', f'{row["described"]:.1e}',
+                       f'{row["error"]:.1e}', f'{row["own_error"]:.1e}', f'{row["typical"]:.1e}')
                       for row in self.result.select(observable, 'spacing')]
             if spaced:
-                parts += ['<h3>Spacings</h3>', table(('nodes', 'sigma/dx', 'said', 'error', 'over own', 'random'), spaced)]
+                parts += [
+                    '<h3>Spacings</h3>',
+                    table(('nodes', 'sigma/dx', 'said', 'error', 'over own', 'random'), spaced)
+                ]
         return parts
 
     def how(self):
         """How it was measured, paragraphs."""
         about = self.result.provenance
-        return ['Velocities are taken over the roots of own mobilities, forces over those of own frictions. The error is the norm of the difference to the matrix of '
-                'lattice sums, over the norm of that matrix; "over own" is the norm of the difference alone, over own mobilities. Norms are eigenvalues, found by iterations. "Random" '
-                'is the error of velocities from random forces, relative to these velocities, over four draws.',
-                f'Times are the fastest of {about.get("rounds")} rounds in which the tolerances took turns, on {about.get("platform")} with {about.get("threads")} thread(s) '
-                '(with one thread CPU time, if less than by the clock); a product from Python, with the weights of all particles made anew.']
+        return [
+            'Velocities are taken over the roots of own mobilities, forces over those of own '
+            'frictions. The error is the norm of the difference to the matrix of '
+            'lattice sums, over the norm of that matrix; "over own" is the norm of the difference '
+            'alone, over own mobilities. Norms are eigenvalues, found by iterations. "Random" '
+            'is the error of velocities from random forces, relative to these velocities, over '
+            'four draws.',
+            f'Times are the fastest of {about.get("rounds")} rounds in which the tolerances took '
+            f'turns, on {about.get("platform")} with {about.get("threads")} thread(s) '
+            '(with one thread CPU time, if less than by the clock); a product from Python, with '
+            'the weights of all particles made anew.'
+        ]

@@ -11,19 +11,24 @@ class GridResult(Result):
     Attributes
     ----------
     rows : list of dict
-        one per observable and setting. Keys: observable ('forces' or 'wrenches'), kind ('tolerance': the grid is the library's choice; 'spacing': it
-        was given), setting (the tolerance, or sigma/dx), status ('stable' or 'not applicable'), message, nodes (text), fineness (sigma/dx of the grid, sigma
-        that of the narrowest envelope), described (tolerance that describeEffects() says), error (its norm over that of the mobility, see
-        GridStudy), own_error (the same over own mobilities), typical (of velocities from random forces), seconds_product (the fastest round; of tolerances only), seconds_median
+        one per observable and setting. Keys: observable ('forces' or 'wrenches'), kind
+        ('tolerance': the grid is the library's choice; 'spacing': it was given), setting (the
+        tolerance, or sigma/dx), status ('stable' or 'not applicable'), message, nodes (text),
+        fineness (sigma/dx of the grid, sigma that of the narrowest envelope), described (tolerance
+        that describeEffects() says), error (its norm over that of the mobility, see GridStudy),
+        own_error (the same over own mobilities), typical (of velocities from random forces),
+        seconds_product (the fastest round; of tolerances only), seconds_median
     observables : dict
-        name -> dict with label, description, width (of the narrowest envelope, radii), norm (of the mobility over own mobilities)
+        name -> dict with label, description, width (of the narrowest envelope, radii), norm (of the
+        mobility over own mobilities)
     scene : dict
         also edges (nm), least_radius (nm), seconds_dense (of a product by lattice sums)
     """
 
     FORMAT = 'openmmrigidhi.accuracy.grid 1'
     REPORT = GridReport
-    COLUMNS = ('observable', 'kind', 'setting', 'status', 'nodes', 'fineness', 'described', 'error', 'own_error', 'typical', 'seconds_product', 'seconds_median', 'message')
+    COLUMNS = ('observable', 'kind', 'setting', 'status', 'nodes', 'fineness', 'described', 'error',
+               'own_error', 'typical', 'seconds_product', 'seconds_median', 'message')
 
     def __init__(self, scene, rows, observables, provenance):
         self.scene = scene
@@ -44,7 +49,10 @@ class GridResult(Result):
         -------
         list of dict
         """
-        rows = [row for row in self.rows if row['observable'] == observable and kind in (None, row['kind']) and row['error'] is not None]
+        rows = [
+            row for row in self.rows if row['observable'] == observable and kind in (
+                None, row['kind']) and row['error'] is not None
+        ]
         return sorted(rows, key=lambda row: (row['fineness'], -row['described']))
 
     def parseWanted(self, wanted):
@@ -59,8 +67,11 @@ class GridResult(Result):
         -------
         list of Wanted
         """
-        return [Wanted(name, value/100 if amount.endswith('%') else value, f'{amount} of {self.observables[name]["label"]}')
-                for name, amount, value in splitWanted(wanted, self.observables, 'forces:1e-4')]
+        return [
+            Wanted(name, value/100 if amount.endswith('%') else value,
+                   f'{amount} of {self.observables[name]["label"]}')
+            for name, amount, value in splitWanted(wanted, self.observables, 'forces:1e-4')
+        ]
 
     def recommend(self, wanted):
         """The tolerance with the cheapest products whose error is below the wanted one.
@@ -73,30 +84,45 @@ class GridResult(Result):
         Returns
         -------
         Recommendation
-            its setting and candidates have tolerance, seconds_product (the sum over what is wanted), error (the largest), nodes and verdict; what counts
-            is the larger of error and typical
+            its setting and candidates have tolerance, seconds_product (the sum over what is
+            wanted), error (the largest), nodes and verdict; what counts is the larger of error and
+            typical
         """
         wanted = self.parseWanted(wanted)
-        found = [{row['setting']: row for row in self.rows if row['observable'] == item.observable and row['kind'] == 'tolerance'} for item in wanted]
+        found = [{
+            row['setting']: row
+            for row in self.rows
+            if row['observable'] == item.observable and row['kind'] == 'tolerance'
+        } for item in wanted]
         candidates = []
         for tolerance in found[0]:
             rows = [each[tolerance] for each in found]
             if any(row['error'] is None for row in rows):
                 continue
-            candidates.append({'tolerance': tolerance, 'seconds_product': sum(row['seconds_product'] for row in rows), 'error': max(max(row['error'], row['typical']) for row in rows),
-                               'nodes': rows[0]['nodes'],
-                               'verdict': 'yes' if all(max(row['error'], row['typical']) <= item.tolerance for row, item in zip(rows, wanted)) else 'no'})
+            candidates.append({
+                'tolerance': tolerance, 'seconds_product': sum(row['seconds_product']
+                                                               for row in rows),
+                'error': max(max(row['error'], row['typical']) for row in rows),
+                'nodes': rows[0]['nodes'], 'verdict': 'yes' if all(
+                    max(row['error'], row['typical']) <= item.tolerance
+                    for row, item in zip(rows, wanted)) else 'no'
+            })
         candidates.sort(key=lambda candidate: candidate['seconds_product'])
         verdict, best, _ = decide(candidates)
         aim = 'For an error of at most ' + ' and '.join(item.text for item in wanted)
         if verdict == RECOMMENDED:
-            text = (f'{aim}: a tolerance of {best["tolerance"]:g}, with errors up to {best["error"]:.1e}; '
-                    + (f'a product takes {milliseconds(best["seconds_product"])} ms on {best["nodes"]} nodes' if len(wanted) == 1 else
-                       f'one product of each takes {milliseconds(best["seconds_product"])} ms') + '. It is the cheapest that meets this.')
+            text = (
+                f'{aim}: a tolerance of {best["tolerance"]:g}, with errors up to '
+                f'{best["error"]:.1e}; ' +
+                (f'a product takes {milliseconds(best["seconds_product"])} ms on {best["nodes"]} '
+                 f'nodes' if len(wanted) == 1 else
+                 f'one product of each takes {milliseconds(best["seconds_product"])} ms') +
+                '. It is the cheapest that meets this.')
         else:
             least = min(candidates, key=lambda c: c['error'], default=None)
-            text = f'{aim}: {NONE}. ' + (f'The smallest error is {least["error"]:.1e}, with a tolerance of {least["tolerance"]:g}.' if least else
-                                         'No grid could be used.')
+            text = f'{aim}: {NONE}. ' + (
+                f'The smallest error is {least["error"]:.1e}, with a tolerance of '
+                f'{least["tolerance"]:g}.' if least else 'No grid could be used.')
         return Recommendation(verdict, best, text, candidates, None, wanted)
 
     def finenessFor(self, observable, error):
@@ -117,12 +143,17 @@ class GridResult(Result):
             if coarse['error'] > error >= fine['error']:
                 # What a grid leaves out of a Gaussian is exp(-(pi sigma/dx)^2).
                 part = np.log(coarse['error']/error)/np.log(coarse['error']/fine['error'])
-                return float(np.sqrt(coarse['fineness']**2 + part*(fine['fineness']**2 - coarse['fineness']**2)))
+                return float(
+                    np.sqrt(coarse['fineness']**2 + part*
+                            (fine['fineness']**2 - coarse['fineness']**2)))
         return None
 
     def asDict(self):
         """Everything, for JSON."""
-        return {'format': self.FORMAT, 'scene': self.scene, 'observables': self.observables, 'provenance': self.provenance, 'rows': self.rows}
+        return {
+            'format': self.FORMAT, 'scene': self.scene, 'observables': self.observables,
+            'provenance': self.provenance, 'rows': self.rows
+        }
 
     @classmethod
     def fromDict(cls, data):

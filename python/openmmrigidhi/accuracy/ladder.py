@@ -13,8 +13,8 @@ from .measurement import NOT_APPLICABLE, STABLE
 from .rungs import BEST, Spheres
 from .scenes import Scene, platformProperties
 
-#: What StokesianDynamics with lubrication is off by for at most two spheres: the tests of the pair's resistance functions allow
-#: that much, and none was found to be further off.
+#: What StokesianDynamics with lubrication is off by for at most two spheres: the tests of the
+#: pair's resistance functions allow that much, and none was found to be further off.
 PAIR_ERROR = 1e-9
 #: What exact numbers of a scene are off by: they have six digits and more.
 DIGITS_ERROR = 2e-6
@@ -27,9 +27,10 @@ VERY_LONG_STEP = 2.0
 def remainder(distances):
     """How far the finest multiblob is believed to be from the limit of many blobs.
 
-    The number of blobs grows fourfold from rung to rung. If the last difference is q times the one before, those to come sum up to
-    q/(1 - q) times the last. q is taken as at least 1/2, which an error proportional to the spacing of the blobs gives; and the last
-    as at least a quarter of the one before, which an error proportional to its square gives: less may be chance.
+    The number of blobs grows fourfold from rung to rung. If the last difference is q times the one
+    before, those to come sum up to q/(1 - q) times the last. q is taken as at least 1/2, which an
+    error proportional to the spacing of the blobs gives; and the last as at least a quarter of the
+    one before, which an error proportional to its square gives: less may be chance.
 
     Parameters
     ----------
@@ -54,25 +55,29 @@ def remainder(distances):
 class LadderStudy:
     """Error of the mobility, and of what follows from it, against time per step, for models of the fluid.
 
-    The mobility of the scene's spheres at its start is computed with every rung and compared with the best of them (see
-    :meth:`chooseReference`), and steps of LangevinHI are timed.
+    The mobility of the scene's spheres at its start is computed with every rung and compared with
+    the best of them (see :meth:`chooseReference`), and steps of LangevinHI are timed.
 
     Parameters
     ----------
     scene : Scene, or dict from float to Scene
-        of spheres; a flow that drives their fluid is left out, for mobilities do not depend on it. One scene, or several along a parameter, such as :func:`openmmrigidhi.accuracy.scenes.pairs` over gaps or
-        :func:`openmmrigidhi.accuracy.scenes.arrays` over volume fractions
+        of spheres; a flow that drives their fluid is left out, for mobilities do not depend on it.
+        One scene, or several along a parameter, such as :func:`openmmrigidhi.accuracy.scenes.pairs`
+        over gaps or :func:`openmmrigidhi.accuracy.scenes.arrays` over volume fractions
     rungs : sequence of str or Rung, optional
-        among FreeDraining, RPY, ForceCoupling (periodic fluids), FTS, multiblob12, multiblob42, multiblob162, multiblob642, FTS+lubrication, and
-        multiblobs with +self, whose single spheres have Stokes' tensor; default: all but multiblob642 and those with +self
+        among FreeDraining, RPY, ForceCoupling (periodic fluids), FTS, multiblob12, multiblob42,
+        multiblob162, multiblob642, FTS+lubrication, and multiblobs with +self, whose single spheres
+        have Stokes' tensor; default: all but multiblob642 and those with +self
     observables : sequence of str, MobilityObservable or callable, optional
-        see :func:`openmmrigidhi.accuracy.mobilities.byName`; default: what the scenes have exact numbers for, or else the general ones
+        see :func:`openmmrigidhi.accuracy.mobilities.byName`; default: what the scenes have exact
+        numbers for, or else the general ones
     reference : str, optional
         the rung that the others are compared with; default: the best
     platforms : sequence of str
         each rung is timed on all of them, and the faster counts
     threads : int
-        of the CPU platform; with one, time is the process's CPU time where other programs make the clock show more
+        of the CPU platform; with one, time is the process's CPU time where other programs make the
+        clock show more
     parameter : str, optional
         what the keys of a dict of scenes are; default: what a Sweep says, or gap
     seed : int
@@ -85,26 +90,30 @@ class LadderStudy:
     >>> print(study.run(rounds=1).recommend('sedimentation:0.5%').setting['rung'])
     FTS+lubrication
     """
-
     def __init__(self, scene, rungs=None, observables=None, reference=None,
                  platforms=('Reference', 'CPU'), threads=1, parameter=None, seed=1):
         self.scenes = {0.0: scene} if isinstance(scene, Scene) else dict(sorted(scene.items()))
         if not self.scenes:
-            raise ValueError('LadderStudy: scene: there is none in the dict; there must be at least one: add it')
+            raise ValueError(
+                'LadderStudy: scene: there is none in the dict; there must be at least one: add it')
         self.isSweep = not isinstance(scene, Scene)
         self.parameter = parameter or getattr(scene, 'parameter', 'gap')
         self.harder = getattr(scene, 'harder', 'smaller')
         first = next(iter(self.scenes.values()))
         if rungs is None:
-            rungs = rungsModule.PERIODIC if first.system.usesPeriodicBoundaryConditions() else rungsModule.DEFAULT
+            rungs = rungsModule.PERIODIC if first.system.usesPeriodicBoundaryConditions(
+            ) else rungsModule.DEFAULT
         if observables is None:
-            observables = [name for name in mobilities.BUILT_IN if name in first.exact] or mobilities.DEFAULT
+            observables = [name for name in mobilities.BUILT_IN if name in first.exact
+                           ] or mobilities.DEFAULT
         self.rungs = [rungsModule.byName(name) for name in rungs]
         self.observables = [mobilities.byName(name) for name in observables]
         for what, things in (('rungs', self.rungs), ('observables', self.observables)):
             names = [thing.name for thing in things]
             if len(set(names)) < len(names) or not names:
-                raise ValueError(f'LadderStudy: {what}: got {names}; at least one is needed, and each only once: correct the list')
+                raise ValueError(
+                    f'LadderStudy: {what}: got {names}; at least one is needed, and each only '
+                    f'once: correct the list')
         self.reference = None if reference is None else rungsModule.byName(reference)
         self.platforms = tuple(platforms)
         self.threads = threads
@@ -113,11 +122,13 @@ class LadderStudy:
     def chooseReference(self, observable, values):
         """What the rungs are compared with for one observable that has no exact number, and how wrong that is believed to be.
 
-        For at most two spheres in unbounded fluid, StokesianDynamics with lubrication, which is exact. For more, it lacks many-body terms, and
-        multiblobs lack resolution where spheres nearly touch. So the multiblob with the most blobs is the reference where
-        multiblobs have converged (see :func:`remainder`) to less than half of its distance to StokesianDynamics; elsewhere that
-        is, and is believed to be off by no more than its distance to the finest multiblobs (as they are, and with Stokes' tensor
-        for each sphere alone), since that has both errors in it.
+        For at most two spheres in unbounded fluid, StokesianDynamics with lubrication, which is
+        exact. For more, it lacks many-body terms, and multiblobs lack resolution where spheres
+        nearly touch. So the multiblob with the most blobs is the reference where multiblobs have
+        converged (see :func:`remainder`) to less than half of its distance to StokesianDynamics;
+        elsewhere that is, and is believed to be off by no more than its distance to the finest
+        multiblobs (as they are, and with Stokes' tensor for each sphere alone), since that has both
+        errors in it.
 
         Parameters
         ----------
@@ -128,7 +139,8 @@ class LadderStudy:
         Returns
         -------
         dict
-            rung (name), believed (relative error, or None if nothing tells), seconds (names of the rungs that tell)
+            rung (name), believed (relative error, or None if nothing tells), seconds (names of the
+            rungs that tell)
         """
         known = [rungsModule.byName(name) for name in values]
         own = [rung for rung in self.rungs if rung.name in values]
@@ -139,21 +151,32 @@ class LadderStudy:
 
         if self.reference is not None:
             if self.reference.name not in values:
-                raise ValueError(f'LadderStudy: reference: {self.reference.name} cannot be used on this scene: choose another one')
+                raise ValueError(
+                    f'LadderStudy: reference: {self.reference.name} cannot be used on this scene: '
+                    f'choose another one')
             best = self.reference
         else:
-            best = max(own or known, key=lambda rung: (rung.isBest, rung.blobs, rung.exactAlone, rung.model))
-        plain = sorted((rung for rung in own if rung.blobs and not rung.exactAlone), key=lambda rung: rung.blobs)
+            best = max(own or known, key=lambda rung:
+                       (rung.isBest, rung.blobs, rung.exactAlone, rung.model))
+        plain = sorted((rung for rung in own if rung.blobs and not rung.exactAlone),
+                       key=lambda rung: rung.blobs)
         converged = remainder([distance(rung, plain[-1]) for rung in plain[:-1]]) if plain else None
-        if best.isBest and self.reference is None and converged is not None and converged < 0.5*distance(best, plain[-1]):
+        if best.isBest and self.reference is None and converged is not None and converged < 0.5*distance(
+                best, plain[-1]):
             best = plain[-1]
         if plain and best == plain[-1]:
-            return {'rung': best.name, 'believed': converged, 'seconds': [rung.name for rung in plain[:-1]]}
+            return {
+                'rung': best.name, 'believed': converged,
+                'seconds': [rung.name for rung in plain[:-1]]
+            }
         finest = max((rung.blobs for rung in known if rung.blobs != best.blobs), default=0)
         seconds = [rung for rung in known if rung.blobs == finest > 0]
         # The smallest of the distances says most.
         distances = [d for d in (distance(rung, best) for rung in seconds) if d is not None]
-        return {'rung': best.name, 'believed': min(distances, default=None), 'seconds': [rung.name for rung in seconds]}
+        return {
+            'rung': best.name, 'believed': min(distances, default=None),
+            'seconds': [rung.name for rung in seconds]
+        }
 
     def run(self, rounds=5, seconds=0.05, progress=None, jobs=1, cluster=None):
         """Compute and time everything. Times are measured here, one after the other, when all else is done.
@@ -189,9 +212,13 @@ class LadderStudy:
 
         spheres = {value: Spheres(scene) for value, scene in self.scenes.items()}
         places = [(value, rung) for value in self.scenes for rung in [*self.rungs, *extra]]
-        outcomes = _tasks.run(_mobility, [(self.scenes[value], rung, self.platforms[-1], self.threads) for value, rung in places], jobs, cluster,
-                              finished=lambda outcome: count(self._text(*places[outcome.index])), quiet=True)
-        found = {(value, rung.name): outcome.get() for (value, rung), outcome in zip(places, outcomes)}
+        outcomes = _tasks.run(_mobility,
+                              [(self.scenes[value], rung, self.platforms[-1], self.threads)
+                               for value, rung in places], jobs, cluster,
+                              finished=lambda outcome: count(self._text(*places[outcome.index])),
+                              quiet=True)
+        found = {(value, rung.name): outcome.get()
+                 for (value, rung), outcome in zip(places, outcomes)}
         for value, scene in self.scenes.items():
             samples = {}
             for rung in [*self.rungs, *extra]:
@@ -201,40 +228,58 @@ class LadderStudy:
                 else:
                     messages[value, rung.name] = message
             if not samples:
-                raise ValueError('LadderStudy: none of the rungs can be used on this scene: ' + '; '.join(messages.values()))
+                raise ValueError('LadderStudy: none of the rungs can be used on this scene: ' +
+                                 '; '.join(messages.values()))
             references[value] = self._compare(value, scene, spheres[value], samples, messages, rows)
-        middle = list(self.scenes)[len(self.scenes)//2]
+        middle = list(self.scenes)[len(self.scenes) // 2]
         costs, problems = self._time(spheres[middle], rounds, seconds, count)
         for row in rows:
             row['message'] = row['message'] or problems.get(row['rung'], '')
-            row.update({key: costs.get(row['rung'], {}).get(key) for key in
-                        ('seconds_step', 'seconds_low', 'seconds_high', 'seconds_forces', 'platform', 'solver')})
+            row.update({
+                key: costs.get(row['rung'], {}).get(key)
+                for key in ('seconds_step', 'seconds_low', 'seconds_high', 'seconds_forces',
+                            'platform', 'solver')
+            })
         scene = self.scenes[middle]
-        about = {'name': self.parameter + 's of ' + scene.name if self.isSweep else scene.name, 'description': scene.description, 'harder': self.harder,
-                 'bodies': len(scene.bodies), 'temperature': scene.temperature, 'timed_at': middle if self.isSweep else None}
-        return LadderResult(about, self.parameter if self.isSweep else None, rows, references,
-                            {o.name: {'label': o.label, 'description': o.description} for o in self.observables},
-                            {rung.name: rung.description for rung in self.rungs},
-                            {'rounds': rounds, 'threads': self.threads, 'seed': self.seed, 'platforms': ', '.join(self.platforms),
-                             **provenance(began)})
+        about = {
+            'name': self.parameter + 's of ' + scene.name if self.isSweep else scene.name,
+            'description': scene.description, 'harder': self.harder, 'bodies': len(scene.bodies),
+            'temperature': scene.temperature, 'timed_at': middle if self.isSweep else None
+        }
+        return LadderResult(
+            about, self.parameter if self.isSweep else None, rows, references,
+            {o.name: {'label': o.label, 'description': o.description}
+             for o in self.observables}, {rung.name: rung.description
+                                          for rung in self.rungs},
+            {
+                'rounds': rounds, 'threads': self.threads, 'seed': self.seed,
+                'platforms': ', '.join(self.platforms), **provenance(began)
+            })
 
     def _text(self, value, rung):
         return f'{rung.name} {self.parameter} {value:g}' if self.isSweep else rung.name
 
     def _secondOpinions(self):
         """Rungs that are computed, but not offered: the finest multiblob with exact single spheres."""
-        if all(len(scene.bodies) <= 2 for scene in self.scenes.values()) or all(
-                observable.name in scene.exact for observable in self.observables for scene in self.scenes.values()):
+        if all(len(scene.bodies) <= 2
+               for scene in self.scenes.values()) or all(observable.name in scene.exact
+                                                         for observable in self.observables
+                                                         for scene in self.scenes.values()):
             return []
         counts = sorted({rung.blobs for rung in self.rungs})
-        best = max(self.rungs, key=lambda rung: (rung.isBest, rung.blobs)) if self.reference is None else self.reference
+        best = max(self.rungs, key=lambda rung:
+                   (rung.isBest, rung.blobs)) if self.reference is None else self.reference
         finest = max((n for n in counts if n != best.blobs), default=0)
         own = {rung.name for rung in self.rungs}
-        return [rung for rung in rungsModule.RUNGS.values() if rung.blobs == finest > 0 and rung.exactAlone and rung.name not in own]
+        return [
+            rung for rung in rungsModule.RUNGS.values()
+            if rung.blobs == finest > 0 and rung.exactAlone and rung.name not in own
+        ]
 
     def _compare(self, value, scene, spheres, samples, messages, rows):
         """Add the rows of one scene; returns what is known about its reference."""
-        exact = self.reference is None and BEST in samples and len(spheres.radii) <= 2 and not spheres.isPeriodic
+        exact = self.reference is None and BEST in samples and len(
+            spheres.radii) <= 2 and not spheres.isPeriodic
         reference = {'exact': exact, 'observables': {}}
         for observable in self.observables:
             values = {name: observable.measure(sample) for name, (_, sample) in samples.items()}
@@ -242,23 +287,31 @@ class LadderStudy:
                 right = scene.exact[observable.name]
                 chosen = {'rung': EXACT, 'believed': DIGITS_ERROR, 'seconds': [], 'value': right}
             else:
-                chosen = {'rung': BEST, 'believed': PAIR_ERROR, 'seconds': []} if exact else self.chooseReference(observable, values)
+                chosen = {'rung': BEST, 'believed': PAIR_ERROR, 'seconds': []
+                          } if exact else self.chooseReference(observable, values)
                 right = values[chosen['rung']]
             reference['observables'][observable.name] = chosen
             for rung in self.rungs:
-                error = observable.compare(values[rung.name], right) if rung.name in values else None
+                error = observable.compare(values[rung.name],
+                                           right) if rung.name in values else None
                 measured = values.get(rung.name)
-                rows.append({'parameter': value, 'rung': rung.name, 'observable': observable.name,
-                             'status': STABLE if rung.name in values else NOT_APPLICABLE,
-                             'message': messages.get((value, rung.name), ''),
-                             'value': None if measured is None else float(measured if np.ndim(measured) == 0 else
-                                                                          np.linalg.norm(measured)),
-                             'error': error, 'believed': chosen['believed'], 'is_reference': rung.name == chosen['rung']})
+                rows.append({
+                    'parameter': value, 'rung': rung.name, 'observable': observable.name,
+                    'status': STABLE if rung.name in values else NOT_APPLICABLE,
+                    'message': messages.get((value, rung.name),
+                                            ''), 'value': None if measured is None else
+                    float(measured if np.ndim(measured) == 0 else np.linalg.norm(measured)),
+                    'error': error, 'believed': chosen['believed'],
+                    'is_reference': rung.name == chosen['rung']
+                })
         return reference
 
     def _time(self, spheres, rounds, seconds, count):
         """Seconds a step of each rung on its faster platform, medians over rounds in which all take turns; and what went wrong."""
-        runs, problems, forces = [], {}, {p: spheres.secondsOfForces(p, platformProperties(p, self.threads)) for p in self.platforms}
+        runs, problems, forces = [], {}, {
+            p: spheres.secondsOfForces(p, platformProperties(p, self.threads))
+            for p in self.platforms
+        }
         for rung in self.rungs:
             one = 0.0
             # Reference gains by less overhead; with long steps it cannot win.
@@ -266,10 +319,12 @@ class LadderStudy:
                 if platform == 'Reference' and one > LONG_STEP:
                     continue
                 try:
-                    _, integrator, context = spheres.makeContext(rung, platform, platformProperties(platform, self.threads), self.seed)
+                    _, integrator, context = spheres.makeContext(
+                        rung, platform, platformProperties(platform, self.threads), self.seed)
                     integrator.step(1)
                     one = self._ownSeconds(integrator, 1)
-                    runs.append((rung, platform, integrator, context, min(1000, max(1, round(seconds/max(one, 1e-7)))),
+                    runs.append((rung, platform, integrator, context,
+                                 min(1000, max(1, round(seconds/max(one, 1e-7)))),
                                  [one] if one > VERY_LONG_STEP else []))
                 except (openmm.OpenMMException, ValueError) as error:
                     problems.setdefault(rung.name, f'not timed on {platform}: {error}')
@@ -280,7 +335,8 @@ class LadderStudy:
             for i in rng.permutation(len(runs)):
                 rung, platform, integrator, _, steps, times = runs[i]
                 # Two rounds are enough for what takes long, and the trial for what takes seconds.
-                if i in broken or (turn >= 2 and times[-1]*steps > 20*seconds) or (times and times[0] > VERY_LONG_STEP):
+                if i in broken or (turn >= 2 and times[-1]*steps > 20*seconds) or (
+                        times and times[0] > VERY_LONG_STEP):
                     continue
                 try:
                     spheres.reset(integrator)
@@ -296,10 +352,13 @@ class LadderStudy:
                 low, middle, high = np.percentile(times, [16, 50, 84]) + forces[platform]
                 if rung.name not in costs or middle < costs[rung.name]['seconds_step']:
                     effect = integrator.getEffects().get('hydrodynamics', '')
-                    costs[rung.name] = {'seconds_step': float(middle), 'seconds_low': float(low), 'seconds_high': float(high),
-                                        'seconds_forces': forces[platform], 'platform': platform,
-                                        'solver': 'matrix-free' if ' 0 groups matrix-free' not in effect else
-                                        'dense' if ' 0 groups with dense' not in effect else 'none'}
+                    costs[rung.name] = {
+                        'seconds_step': float(middle), 'seconds_low': float(low),
+                        'seconds_high': float(high), 'seconds_forces': forces[platform],
+                        'platform': platform,
+                        'solver': 'matrix-free' if ' 0 groups matrix-free' not in effect else
+                        'dense' if ' 0 groups with dense' not in effect else 'none'
+                    }
             count(f'timing {rung.name}')
         return costs, problems
 
@@ -317,7 +376,8 @@ def _mobility(argument, job):
     scene, rung, platform, threads = argument
     spheres = Spheres(scene)
     try:
-        fluid, _, context = spheres.makeContext(rung, platform, platformProperties(platform, threads))
+        fluid, _, context = spheres.makeContext(rung, platform,
+                                                platformProperties(platform, threads))
         sample = spheres.sample(fluid, context)
         del context
         return sample, None

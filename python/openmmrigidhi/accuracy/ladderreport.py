@@ -7,11 +7,17 @@ from ._pages import Report, duration, paragraph, picture, plainTicks, sentence, 
 from .measurement import STABLE
 from .rungs import BEST
 
-COLOURS = {'FreeDraining': '#7F7F7F', 'RPY': '#E69F00', 'ForceCoupling': '#CC79A7', 'FTS': '#D55E00', 'multiblob12': '#9ECAE1', 'multiblob42': '#4292C6',
-           'multiblob162': '#08519C', 'multiblob642': '#08204C', 'FTS+lubrication': '#009E73'}
-MARKERS = {'FreeDraining': 'x', 'RPY': 's', 'ForceCoupling': '<', 'FTS': '^', 'multiblob12': 'v', 'multiblob42': 'D', 'multiblob162': 'o',
-           'multiblob642': 'P', 'FTS+lubrication': '*'}
-#: Where names are that would be on others: points from the marker, alignment. Force coupling is near RPY, and both kinds of FTS may be near each other.
+COLOURS = {
+    'FreeDraining': '#7F7F7F', 'RPY': '#E69F00', 'ForceCoupling': '#CC79A7', 'FTS': '#D55E00',
+    'multiblob12': '#9ECAE1', 'multiblob42': '#4292C6', 'multiblob162': '#08519C',
+    'multiblob642': '#08204C', 'FTS+lubrication': '#009E73'
+}
+MARKERS = {
+    'FreeDraining': 'x', 'RPY': 's', 'ForceCoupling': '<', 'FTS': '^', 'multiblob12': 'v',
+    'multiblob42': 'D', 'multiblob162': 'o', 'multiblob642': 'P', 'FTS+lubrication': '*'
+}
+#: Where names are that would be on others: points from the marker, alignment. Force coupling is
+#: near RPY, and both kinds of FTS may be near each other.
 LABELS = {'ForceCoupling': ((-8, -3), 'right'), BEST: ((8, -8), 'left')}
 #: Smaller errors are drawn here, where no reference is known less well.
 FLOOR = 1e-9
@@ -42,7 +48,9 @@ class LadderReport(Report):
 
     def widths(self, observable):
         """As the base class; a third panel has the numbers themselves where exact ones are known."""
-        return (1, *super().widths(observable)) if self.result.parameter and self.result.exactNumbers(observable) else super().widths(observable)
+        return (1,
+                *super().widths(observable)) if self.result.parameter and self.result.exactNumbers(
+                    observable) else super().widths(observable)
 
     def panels(self, *panels):
         """Errors against the parameter, for a single scene as bars; beside errors against time per step, and the numbers where exact ones are known.
@@ -73,33 +81,48 @@ class LadderReport(Report):
             if observable not in pictures:
                 parts.append(paragraph(f'{sentence(about["label"])}: has no meaning here.'))
                 continue
-            parts += [f'<h3>{html.escape(sentence(about["label"]))}</h3>', paragraph(about['description'] + '.'),
-                      picture(pictures[observable], f'Error of {about["label"]} by model'), errorTable(self.result, observable)]
+            parts += [
+                f'<h3>{html.escape(sentence(about["label"]))}</h3>',
+                paragraph(about['description'] + '.'),
+                picture(pictures[observable], f'Error of {about["label"]} by model'),
+                errorTable(self.result, observable)
+            ]
         return parts
 
     def how(self):
         """How it was measured, paragraphs."""
         scene, provenance = self.result.scene, self.result.provenance
-        text = ('Errors are relative: (value - reference)/|reference|; for matrices and several velocities the norm of the difference over '
-                f'that of the reference. Times are for a step of LangevinHI with noise at {scene["temperature"]:g} K, medians over '
-                f'{provenance.get("rounds")} rounds in which the models took turns; on the faster of {provenance.get("platforms")} '
-                f'({provenance.get("threads")} thread(s); with one thread CPU time, if less than by the clock); the spheres were moved by '
-                'noise alone, and what the scene\'s own forces take in a step was added.')
+        text = (
+            'Errors are relative: (value - reference)/|reference|; for matrices and several '
+            'velocities the norm of the difference over '
+            f'that of the reference. Times are for a step of LangevinHI with noise at '
+            f'{scene["temperature"]:g} K, medians over '
+            f'{provenance.get("rounds")} rounds in which the models took turns; on the faster of '
+            f'{provenance.get("platforms")} '
+            f'({provenance.get("threads")} thread(s); with one thread CPU time, if less than by '
+            f'the clock); the spheres were moved by '
+            'noise alone, and what the scene\'s own forces take in a step was added.')
         if scene.get('timed_at') is not None:
             text += f' They were taken at {self.result.parameter} {scene["timed_at"]:g}: they hardly depend on it.'
         return [text]
 
 
-# ---- Pictures --------------------------------------------------------------------------------------------------------
+# ---- Pictures ------------------------------------------------------------------------------------
+
 
 def _style(rung):
     base = rung.replace('+self', '')
-    return {'color': COLOURS.get(base, '#882255'), 'marker': MARKERS.get(base, 'h'), 'ls': ':' if base != rung else '-'}
+    return {
+        'color': COLOURS.get(base, '#882255'), 'marker': MARKERS.get(base, 'h'),
+        'ls': ':' if base != rung else '-'
+    }
 
 
 def _floor(result, observable):
     """Smaller errors are drawn here: where exact numbers end, too."""
-    return max((entry['observables'][observable]['believed'] for entry in result.references.values()), default=FLOOR) if result.exactNumbers(observable) else FLOOR
+    return max(
+        (entry['observables'][observable]['believed'] for entry in result.references.values()),
+        default=FLOOR) if result.exactNumbers(observable) else FLOOR
 
 
 def _size(row, floor=FLOOR):
@@ -109,16 +132,19 @@ def _size(row, floor=FLOOR):
 def _setParameterAxis(axes, result):
     if result.parameter != 'volume fraction':
         axes.set_xscale('log')
-    axes.set_xlabel('gap between the surfaces, radii' if result.parameter == 'gap' else result.parameter)
+    axes.set_xlabel('gap between the surfaces, radii' if result.parameter ==
+                    'gap' else result.parameter)
 
 
 def _drawNumbers(axes, result, observable):
     """What the models make of numbers that are known."""
     exact = result.exactNumbers(observable)
-    axes.plot(list(exact), list(exact.values()), color='black', lw=2.2, marker='.', ms=8, label='exact', zorder=5)
+    axes.plot(list(exact), list(exact.values()), color='black', lw=2.2, marker='.', ms=8,
+              label='exact', zorder=5)
     for rung in result.rungs:
         rows = result.select(observable, rung)
-        axes.plot([row['parameter'] for row in rows], [row['value'] for row in rows], ms=5, lw=1.2, **_style(rung))
+        axes.plot([row['parameter'] for row in rows], [row['value'] for row in rows], ms=5, lw=1.2,
+                  **_style(rung))
     _setParameterAxis(axes, result)
     axes.set_yscale('log')
     plainTicks(axes)
@@ -133,10 +159,13 @@ def _drawSweep(axes, result, observable):
     for rung in result.rungs:
         rows = [row for row in result.select(observable, rung)]
         if rows and not all(row['is_reference'] for row in rows):
-            axes.plot([row['parameter'] for row in rows], [_size(row, floor) for row in rows], label=rung, ms=5, lw=1.4, **_style(rung))
+            axes.plot([row['parameter'] for row in rows], [_size(row, floor) for row in rows],
+                      label=rung, ms=5, lw=1.4, **_style(rung))
         elif rows:
-            axes.plot([], [], label=f'{rung}: the reference' + (', exact to 1e-9' if all(
-                entry['exact'] for entry in result.references.values()) else ''), ms=9, **dict(_style(rung), ls=''))
+            axes.plot([], [], label=f'{rung}: the reference' +
+                      (', exact to 1e-9' if all(entry['exact']
+                                                for entry in result.references.values()) else ''),
+                      ms=9, **dict(_style(rung), ls=''))
     _setParameterAxis(axes, result)
     axes.set_yscale('log')
     axes.set_ylabel('|relative error|')
@@ -149,10 +178,16 @@ def _drawBars(axes, result, observable):
     names = [name for name in result.rungs if name in rows]
     sizes = [_size(rows[name]) for name in names]
     believed = next((rows[name]['believed'] for name in names if rows[name]['is_reference']), None)
-    shown = [size if not rows[name]['is_reference'] else believed or FLOOR for name, size in zip(names, sizes)]
+    shown = [
+        size if not rows[name]['is_reference'] else believed or FLOOR
+        for name, size in zip(names, sizes)
+    ]
     axes.barh(range(len(names)), shown, color=[_style(name)['color'] for name in names],
               hatch=['//' if rows[name]['is_reference'] else '' for name in names], alpha=0.85)
-    axes.set_yticks(range(len(names)), [f'{name}\n(believed)' if rows[name]['is_reference'] else name for name in names], fontsize=9)
+    axes.set_yticks(
+        range(len(names)),
+        [f'{name}\n(believed)' if rows[name]['is_reference'] else name
+         for name in names], fontsize=9)
     for k, size in enumerate(shown):
         axes.annotate(' ' + percent(size), (size, k), va='center', fontsize=9)
     axes.set_xscale('log')
@@ -165,7 +200,9 @@ def _drawBars(axes, result, observable):
 
 def _drawCost(axes, result, observable):
     values, floor = sorted(result.references), _floor(result, observable)
-    chosen = sorted({values[round(k)] for k in np.linspace(0, len(values) - 1, 4)}) if result.parameter else values
+    chosen = sorted({values[round(k)]
+                     for k in np.linspace(0,
+                                          len(values) - 1, 4)}) if result.parameter else values
     fills = np.linspace(1, 0.25, len(chosen))
     for rung in result.rungs:
         rows = {row['parameter']: row for row in result.select(observable, rung)}
@@ -174,23 +211,31 @@ def _drawCost(axes, result, observable):
             continue
         for value, fill in zip(chosen, fills):
             if value in rows:
-                axes.plot(1e3*seconds, _size(rows[value], floor), marker=style['marker'], color=style['color'], alpha=fill, ms=8, ls='')
+                axes.plot(1e3*seconds, _size(rows[value], floor), marker=style['marker'],
+                          color=style['color'], alpha=fill, ms=8, ls='')
         sizes = [_size(rows[v], floor) for v in chosen if v in rows]
-        axes.plot([1e3*seconds]*2, [min(sizes), max(sizes)], color=style['color'], lw=0.8, alpha=0.6)
-        if not result.parameter:   # else the other panel has a legend
+        axes.plot([1e3*seconds]*2, [min(sizes), max(sizes)], color=style['color'], lw=0.8,
+                  alpha=0.6)
+        if not result.parameter:  # else the other panel has a legend
             place, side = LABELS.get(rung, ((4, 7), 'left'))
-            axes.annotate(rung, (1e3*seconds, max(sizes)), textcoords='offset points', xytext=place, ha=side, fontsize=8.5)
+            axes.annotate(rung, (1e3*seconds, max(sizes)), textcoords='offset points', xytext=place,
+                          ha=side, fontsize=8.5)
     best = next(iter(result.references.values()))['observables'][observable]['rung']
     if result.seconds(best) is not None:
         axes.axvline(1e3*result.seconds(best), color=_style(best)['color'], lw=1.2, ls='-.')
-        believed = [row['believed'] for row in result.select(observable, best) if row['is_reference']]
+        believed = [
+            row['believed'] for row in result.select(observable, best) if row['is_reference']
+        ]
         if not result.parameter and believed and believed[0]:
-            axes.plot(1e3*result.seconds(best), believed[0], marker='*', ms=13, mfc='white', color=_style(best)['color'], ls='')
-            axes.annotate(f'{best} (believed)', (1e3*result.seconds(best), believed[0]), textcoords='offset points', xytext=(4, 9 if best == BEST else 22),
+            axes.plot(1e3*result.seconds(best), believed[0], marker='*', ms=13, mfc='white',
+                      color=_style(best)['color'], ls='')
+            axes.annotate(f'{best} (believed)', (1e3*result.seconds(best), believed[0]),
+                          textcoords='offset points', xytext=(4, 9 if best == BEST else 22),
                           ha='left' if best == BEST else 'right', fontsize=8.5)
         else:
-            axes.annotate(f'{best} (reference)', (1e3*result.seconds(best), 0.02), xycoords=('data', 'axes fraction'), rotation=90,
-                          fontsize=8.5, ha='left', va='bottom')
+            axes.annotate(f'{best} (reference)', (1e3*result.seconds(best), 0.02),
+                          xycoords=('data', 'axes fraction'), rotation=90, fontsize=8.5, ha='left',
+                          va='bottom')
     axes.set_xscale('log')
     axes.set_yscale('log')
     low, high = axes.get_xlim()
@@ -199,11 +244,14 @@ def _drawCost(axes, result, observable):
     axes.set_xlabel('ms per LangevinHI step (faster platform, forces included)')
     axes.set_ylabel('|relative error|')
     if len(chosen) > 1:
-        axes.set_title(f'full to pale: {result.parameter} ' + ', '.join(f'{value:g}' for value in chosen), fontsize=9.5)
+        axes.set_title(
+            f'full to pale: {result.parameter} ' + ', '.join(f'{value:g}' for value in chosen),
+            fontsize=9.5)
     axes.grid(True, which='major', alpha=0.35)
 
 
-# ---- Words and tables ------------------------------------------------------------------------------------------------
+# ---- Words and tables ----------------------------------------------------------------------------
+
 
 def percent(error):
     """A relative error for people.
@@ -227,14 +275,18 @@ def textTable(result):
     """
     names = [name for name in result.observables if result.select(name)]
     width = max(22, *(len(name) + 2 for name in names))
-    lines = ['error in %' + (f', the largest over {result.parameter}s' if result.parameter else ''),
-             f'{"rung":<18}{"a step":>10}  {"on":<10}' + ''.join(f'{name:>{width}}' for name in names)]
+    lines = [
+        'error in %' + (f', the largest over {result.parameter}s' if result.parameter else ''),
+        f'{"rung":<18}{"a step":>10}  {"on":<10}' + ''.join(f'{name:>{width}}' for name in names)
+    ]
     for rung in result.rungs:
         row = next(row for row in result.rows if row['rung'] == rung)
         line = f'{rung:<18}{duration(row["seconds_step"]) if row["seconds_step"] else "":>10}  {row["platform"] or "":<10}'
         for name in names:
             rows = result.select(name, rung)
-            largest = percent(max((abs(r['error']) for r in rows), default=None)) + ('' if len(rows) == len(result.references) else ' (in part)')
+            largest = percent(max(
+                (abs(r['error']) for r in rows),
+                default=None)) + ('' if len(rows) == len(result.references) else ' (in part)')
             line += f'{"reference" if rows and all(r["is_reference"] for r in rows) else largest:>{width}}'
         lines.append(line)
     return '\n'.join(lines)
@@ -263,21 +315,35 @@ def summary(result, answers, wanted):
         if not exact:
             continue
         end = max(exact) if result.isHarderUpwards else min(exact)
-        last = {row['rung']: row['value'] for row in result.select(observable) if row['parameter'] == end}
-        lines.append(f'{sentence(about["label"])}: {percent(FOLLOWS)} off at most, by {result.parameter}, are {_whereGood(result, f"{observable}:{FOLLOWS}")}. '
-                     f'At {end:g} the exact number is {exact[end]:.4g}, and found are ' + ', '.join(f'{rung} {value:.4g}' for rung, value in last.items()) + '.')
-    remarks = {(row['rung'], row['status']): row['message'] for row in result.rows if row['message']}
+        last = {
+            row['rung']: row['value']
+            for row in result.select(observable) if row['parameter'] == end
+        }
+        lines.append(
+            f'{sentence(about["label"])}: {percent(FOLLOWS)} off at most, by {result.parameter}, '
+            f'are {_whereGood(result, f"{observable}:{FOLLOWS}")}. '
+            f'At {end:g} the exact number is {exact[end]:.4g}, and found are ' +
+            ', '.join(f'{rung} {value:.4g}' for rung, value in last.items()) + '.')
+    remarks = {(row['rung'], row['status']): row['message']
+               for row in result.rows if row['message']}
     for (rung, status), message in remarks.items():
-        values = sorted({row['parameter'] for row in result.rows if (row['rung'], row['status']) == (rung, status)})
-        where = f' at {result.parameter} ' + ', '.join(f'{value:g}' for value in values) if result.parameter else ''
-        lines.append(rung + ('' if status == STABLE else f' cannot be used{where}') + f': {message}')
+        values = sorted({
+            row['parameter']
+            for row in result.rows if (row['rung'], row['status']) == (rung, status)
+        })
+        where = f' at {result.parameter} ' + ', '.join(
+            f'{value:g}' for value in values) if result.parameter else ''
+        lines.append(rung + ('' if status == STABLE else f' cannot be used{where}') +
+                     f': {message}')
     return lines
 
 
 def _whereGood(result, wanted):
     """From or up to which parameter each rung meets a wanted error, in words."""
-    good, word = (result.goodUpTo(wanted), 'up to') if result.isHarderUpwards else (result.goodDownTo(wanted), 'from')
-    return '; '.join(f'{rung}: ' + ('nowhere' if value is None else f'{word} {value:g}') for rung, value in good.items())
+    good, word = (result.goodUpTo(wanted),
+                  'up to') if result.isHarderUpwards else (result.goodDownTo(wanted), 'from')
+    return '; '.join(f'{rung}: ' + ('nowhere' if value is None else f'{word} {value:g}')
+                     for rung, value in good.items())
 
 
 def costTable(result):
@@ -290,9 +356,12 @@ def costTable(result):
     rows = []
     for rung, description in result.rungs.items():
         row = next(row for row in result.rows if row['rung'] == rung)
-        times = [duration(row[key]) if row[key] is not None else '' for key in ('seconds_step', 'seconds_low', 'seconds_high')]
-        rows.append((rung, description, times[0], f'{times[1]} – {times[2]}' if times[0] else '', row['platform'] or '',
-                     row['solver'] or ''))
+        times = [
+            duration(row[key]) if row[key] is not None else ''
+            for key in ('seconds_step', 'seconds_low', 'seconds_high')
+        ]
+        rows.append((rung, description, times[0], f'{times[1]} – {times[2]}' if times[0] else '',
+                     row['platform'] or '', row['solver'] or ''))
     return table(('rung', 'what', 'a step', '16 – 84 %', 'faster on', 'matrices'), rows)
 
 
@@ -305,10 +374,15 @@ def errorTable(result, observable):
     observable : str
     """
     def cell(value, rung):
-        row = next(row for row in result.rows if (row['parameter'], row['rung'], row['observable']) == (value, rung, observable))
+        row = next(row for row in result.rows if (row['parameter'], row['rung'],
+                                                  row['observable']) == (value, rung, observable))
         if row['is_reference']:
-            return 'reference' + ('' if row['believed'] is None else f' (± {percent(row["believed"])})')
+            return 'reference' + ('' if row['believed'] is None else
+                                  f' (± {percent(row["believed"])})')
         return '' if row['error'] is None else f'{row["error"]:+.2e}'
-    return table((result.parameter or 'scene', *result.rungs),
-                 [(f'{value:g}' if result.parameter else result.scene['name'], *(cell(value, rung) for rung in result.rungs))
-                  for value in result.references])
+
+    return table(
+        (result.parameter or 'scene', *result.rungs),
+        [(f'{value:g}' if result.parameter else result.scene['name'], *(cell(value, rung)
+                                                                        for rung in result.rungs))
+         for value in result.references])

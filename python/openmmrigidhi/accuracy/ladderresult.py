@@ -4,7 +4,6 @@ from .ladderreport import LadderReport, duration, percent
 from .measurement import STABLE
 from .rungs import BEST
 
-
 #: In the place of a rung's name: numbers that the scenes have.
 EXACT = 'exact numbers'
 
@@ -15,22 +14,25 @@ class LadderResult(Result):
     Attributes
     ----------
     rows : list of dict
-        one per scene, rung and observable. Keys: parameter (0 for a single scene), rung, observable, status ('stable' or 'not
-        applicable'), message, value (arrays: their norm), error (relative to the reference rung), believed (error of the reference
-        rung itself, or None if nothing tells), is_reference, seconds_step (of LangevinHI, the scene's forces included; median
-        over rounds), seconds_low and _high (16 and 84 %), seconds_forces (what of it the scene's forces take), platform (the
-        faster one), solver
+        one per scene, rung and observable. Keys: parameter (0 for a single scene), rung,
+        observable, status ('stable' or 'not applicable'), message, value (arrays: their norm),
+        error (relative to the reference rung), believed (error of the reference rung itself, or
+        None if nothing tells), is_reference, seconds_step (of LangevinHI, the scene's forces
+        included; median over rounds), seconds_low and _high (16 and 84 %), seconds_forces (what of
+        it the scene's forces take), platform (the faster one), solver
     references : dict
-        parameter -> dict with exact (whether it is that of a pair, exact but for rounding) and observables: name -> dict with rung (or 'exact numbers'),
-        believed (relative error of the reference itself, or None), seconds (the rungs that tell) and, of exact numbers, value
+        parameter -> dict with exact (whether it is that of a pair, exact but for rounding) and
+        observables: name -> dict with rung (or 'exact numbers'), believed (relative error of the
+        reference itself, or None), seconds (the rungs that tell) and, of exact numbers, value
     parameter : str or None
         what distinguishes the scenes; None for a single one
     """
 
     FORMAT = 'openmmrigidhi.accuracy.ladder 1'
     REPORT = LadderReport
-    COLUMNS = ('parameter', 'rung', 'observable', 'status', 'value', 'error', 'believed', 'is_reference', 'seconds_step', 'seconds_low',
-               'seconds_high', 'seconds_forces', 'platform', 'solver', 'message')
+    COLUMNS = ('parameter', 'rung', 'observable', 'status', 'value', 'error', 'believed',
+               'is_reference', 'seconds_step', 'seconds_low', 'seconds_high', 'seconds_forces',
+               'platform', 'solver', 'message')
 
     def __init__(self, scene, parameter, rows, references, observables, rungs, provenance):
         self.scene = scene
@@ -41,7 +43,7 @@ class LadderResult(Result):
         self.rungs = rungs
         self.provenance = provenance
 
-    # ---- Questions ---------------------------------------------------------------------------------------------------
+    # ---- Questions -------------------------------------------------------------------------------
 
     def select(self, observable, rung=None):
         """Rows of one observable that have an error, by ascending parameter.
@@ -56,8 +58,8 @@ class LadderResult(Result):
         -------
         list of dict
         """
-        return sorted((row for row in self.rows if row['observable'] == observable and rung in (None, row['rung'])
-                       and row['error'] is not None), key=lambda row: row['parameter'])
+        return sorted((row for row in self.rows if row['observable'] == observable and rung in (
+            None, row['rung']) and row['error'] is not None), key=lambda row: row['parameter'])
 
     def seconds(self, rung):
         """Seconds a step of a rung, or None.
@@ -80,14 +82,18 @@ class LadderResult(Result):
         -------
         list of Wanted
         """
-        return [Wanted(name, value/100 if amount.endswith('%') else value, f'{amount} of {self.observables[name]["label"]}')
-                for name, amount, value in splitWanted(wanted, self.observables, 'mobility:1%')]
+        return [
+            Wanted(name, value/100 if amount.endswith('%') else value,
+                   f'{amount} of {self.observables[name]["label"]}')
+            for name, amount, value in splitWanted(wanted, self.observables, 'mobility:1%')
+        ]
 
     @staticmethod
     def judge(row, tolerance):
         """Whether an error meets a tolerance: 'yes', 'no', 'undecided' or 'n/a'.
 
-        The reference is itself off by what is believed of it, so that the error is known to that only.
+        The reference is itself off by what is believed of it, so that the error is known to that
+        only.
 
         Parameters
         ----------
@@ -115,23 +121,34 @@ class LadderResult(Result):
         Returns
         -------
         Recommendation
-            its setting and candidates have rung, seconds_step, platform, error (the largest of the first observable),
-            bound (the largest error with what is believed of the reference's), isWhole (whether it could be used on all scenes) and verdict
+            its setting and candidates have rung, seconds_step, platform, error (the largest of the
+            first observable), bound (the largest error with what is believed of the reference's),
+            isWhole (whether it could be used on all scenes) and verdict
         """
         wanted = self.parseWanted(wanted)
         candidates = []
         for rung in self.rungs:
             rows = [row for row in self.rows if row['rung'] == rung]
-            verdicts = [self.judge(row, item.tolerance) if row['status'] == STABLE else 'no'
-                        for item in wanted for row in rows if row['observable'] == item.observable]
+            verdicts = [
+                self.judge(row, item.tolerance) if row['status'] == STABLE else 'no'
+                for item in wanted for row in rows if row['observable'] == item.observable
+            ]
             if self.seconds(rung) is None or not verdicts:
                 continue
-            errors = [abs(row['error']) for row in rows if row['observable'] == wanted[0].observable and row['error'] is not None]
-            bounds = [abs(row['error']) + row['believed'] for row in rows if row['observable'] in [item.observable for item in wanted]
-                      and row['error'] is not None and row['believed'] is not None]
-            candidates.append({'rung': rung, 'seconds_step': self.seconds(rung), 'platform': rows[0]['platform'],
-                               'error': max(errors, default=None), 'bound': max(bounds, default=None),
-                               'isWhole': all(row['status'] == STABLE for row in rows), 'verdict': worst(verdicts)})
+            errors = [
+                abs(row['error']) for row in rows
+                if row['observable'] == wanted[0].observable and row['error'] is not None
+            ]
+            bounds = [
+                abs(row['error']) + row['believed'] for row in rows
+                if row['observable'] in [item.observable for item in wanted]
+                and row['error'] is not None and row['believed'] is not None
+            ]
+            candidates.append({
+                'rung': rung, 'seconds_step': self.seconds(rung), 'platform': rows[0]['platform'],
+                'error': max(errors, default=None), 'bound': max(bounds, default=None),
+                'isWhole': all(row['status'] == STABLE for row in rows), 'verdict': worst(verdicts)
+            })
         candidates.sort(key=lambda candidate: candidate['seconds_step'])
         return self._conclude(candidates, wanted)
 
@@ -142,19 +159,24 @@ class LadderResult(Result):
             aim += f', {self.parameter}s {values[0]} to {values[-1]}'
         verdict, best, undecided = decide(candidates)
         if verdict == RECOMMENDED:
-            text = (f'{aim}: {best["rung"]}, {duration(best["seconds_step"])} a step on {best["platform"]}, error at '
+            text = (f'{aim}: {best["rung"]}, {duration(best["seconds_step"])} a step on '
+                    f'{best["platform"]}, error at '
                     f'most {percent(best["bound"])}. It is the cheapest that meets this.')
             faster = [c['rung'] for c in undecided if c['seconds_step'] < best['seconds_step']]
             if faster:
                 text += f' Faster, but closer to the limit than the reference is known: {", ".join(faster)}.'
         elif verdict == UNDECIDED:
             text = f'{aim}: cannot tell. '
-            text += (f'{", ".join(c["rung"] for c in undecided)} may meet it, but the reference itself is not known to that: add a finer '
-                     'multiblob.' if undecided else 'This observable has no meaning here.')
+            text += (
+                f'{", ".join(c["rung"] for c in undecided)} may meet it, but the reference itself '
+                f'is not known to that: add a finer '
+                'multiblob.' if undecided else 'This observable has no meaning here.')
         else:
-            least = min((c for c in candidates if c['error'] is not None and c['isWhole']), key=lambda c: c['error'], default=None)
-            text = (f'{aim}: {NONE}. Every model that was measured misses it'
-                    + (f'; the most accurate is {least["rung"]} with {percent(least["error"])}.' if least else '.'))
+            least = min((c for c in candidates if c['error'] is not None and c['isWhole']),
+                        key=lambda c: c['error'], default=None)
+            text = (f'{aim}: {NONE}. Every model that was measured misses it' +
+                    (f'; the most accurate is {least["rung"]} with {percent(least["error"])}.'
+                     if least else '.'))
         return Recommendation(verdict, best, text, candidates, None, wanted)
 
     def goodDownTo(self, wanted):
@@ -167,7 +189,8 @@ class LadderResult(Result):
         Returns
         -------
         dict
-            rung -> the smallest parameter from which on all scenes meet it, or None if not even the last does
+            rung -> the smallest parameter from which on all scenes meet it, or None if not even the
+            last does
         """
         return self._goodTo(wanted, sorted(self.references, reverse=True))
 
@@ -181,7 +204,8 @@ class LadderResult(Result):
         Returns
         -------
         dict
-            rung -> the largest parameter up to which all scenes meet it, or None if not even the first does
+            rung -> the largest parameter up to which all scenes meet it, or None if not even the
+            first does
         """
         return self._goodTo(wanted, sorted(self.references))
 
@@ -197,8 +221,13 @@ class LadderResult(Result):
         ----------
         observable : str
         """
-        found = {value: entry['observables'][observable] for value, entry in self.references.items()}
-        return {value: found[value]['value'] for value in sorted(found)} if all(entry['rung'] == EXACT for entry in found.values()) else {}
+        found = {
+            value: entry['observables'][observable]
+            for value, entry in self.references.items()
+        }
+        return {value: found[value]['value']
+                for value in sorted(found)} if all(entry['rung'] == EXACT
+                                                   for entry in found.values()) else {}
 
     def _goodTo(self, wanted, values):
         """How far along these values each rung meets a wanted error."""
@@ -207,8 +236,13 @@ class LadderResult(Result):
         for rung in self.rungs:
             result[rung] = None
             for value in values:
-                rows = {row['observable']: row for row in self.rows if row['rung'] == rung and row['parameter'] == value}
-                if any(self.judge(rows[item.observable], item.tolerance) != 'yes' for item in items):
+                rows = {
+                    row['observable']: row
+                    for row in self.rows if row['rung'] == rung and row['parameter'] == value
+                }
+                if any(
+                        self.judge(rows[item.observable], item.tolerance) != 'yes'
+                        for item in items):
                     break
                 result[rung] = value
         return result
@@ -228,20 +262,27 @@ class LadderResult(Result):
                 parts.append(f'{self.observables[name]["label"]}: exact numbers')
                 continue
             others = " and ".join(chosen['seconds'])
-            how = ('nothing that was computed tells how wrong that is itself' if chosen['believed'] is None else
-                   f'believed to be off by {percent(chosen["believed"])}, by how {others} approach it' if chosen['rung'] != BEST else
-                   f'believed to be off by no more than {percent(chosen["believed"])}, its distance to {others}')
+            how = (
+                'nothing that was computed tells how wrong that is itself'
+                if chosen['believed'] is None else
+                f'believed to be off by {percent(chosen["believed"])}, by how {others} approach it'
+                if chosen['rung'] != BEST else
+                f'believed to be off by no more than {percent(chosen["believed"])}, its distance '
+                f'to {others}')
             parts.append(f'{self.observables[name]["label"]}: {chosen["rung"]}, {how}')
         where = f' ({self.parameter} {next(iter(self.references)):g})' if self.parameter else ''
         return f'Compared with the best rung that could be used here, by observable{where}. {"; ".join(parts)}.'
 
-    # ---- Files -------------------------------------------------------------------------------------------------------
+    # ---- Files -----------------------------------------------------------------------------------
 
     def asDict(self):
         """Everything, for JSON."""
-        return {'format': self.FORMAT, 'scene': self.scene, 'parameter': self.parameter, 'observables': self.observables, 'rungs': self.rungs,
-                'provenance': self.provenance,
-                'references': [{'parameter': value, **entry} for value, entry in self.references.items()], 'rows': self.rows}
+        return {
+            'format': self.FORMAT, 'scene': self.scene, 'parameter': self.parameter,
+            'observables': self.observables, 'rungs': self.rungs, 'provenance': self.provenance,
+            'references': [{'parameter': value, **entry}
+                           for value, entry in self.references.items()], 'rows': self.rows
+        }
 
     @classmethod
     def fromDict(cls, data):
@@ -252,4 +293,5 @@ class LadderResult(Result):
         data : dict
         """
         references = {entry.pop('parameter'): entry for entry in data['references']}
-        return cls(data['scene'], data['parameter'], data['rows'], references, data['observables'], data['rungs'], data['provenance'])
+        return cls(data['scene'], data['parameter'], data['rows'], references, data['observables'],
+                   data['rungs'], data['provenance'])

@@ -11,8 +11,9 @@ from .scenes import GAS_CONSTANT
 from .statistics import autocorrelationTime, noise, replicaStatistics, seriesStatistics
 
 STABLE, UNSTABLE, NOT_APPLICABLE = 'stable', 'unstable', 'not applicable'
-#: A run has exploded when its potential energy is above that of the start by this many times the thermal kinetic energy
-#: dof/2 kT; to which comes this many kT, for scenes of few bodies (probability at equilibrium below exp(-40)).
+#: A run has exploded when its potential energy is above that of the start by this many times the
+#: thermal kinetic energy dof/2 kT; to which comes this many kT, for scenes of few bodies
+#: (probability at equilibrium below exp(-40)).
 EXPLOSION_FACTOR, EXPLOSION_MARGIN = 10, 40
 SECONDS_PER_DAY = 86400
 #: Halves of a run whose means differ by more than this many standard errors are called drifting.
@@ -70,21 +71,27 @@ class Run:
     platform, properties
         of the Context, for observables that need one of their own
     """
-
-    def __init__(self, scene, observables, makeContext, stepSize, sampleInterval, platform, properties):
+    def __init__(self, scene, observables, makeContext, stepSize, sampleInterval, platform,
+                 properties):
         self.scene = scene
         self.observables = observables
         self.stepSize = stepSize
         self.stepsPerSample = max(1, round(sampleInterval/stepSize))
-        self.record = Record(self.stepsPerSample*stepSize, {observable.name: [] for observable in observables})
+        self.record = Record(self.stepsPerSample*stepSize,
+                             {observable.name: []
+                              for observable in observables})
         self.time = 0.0
         self.context = None
         try:
             self.context = makeContext()
-            self.extras = {observable.name: observable.setup(scene, platform, properties)
-                           for observable in observables if observable.setup is not None}
+            self.extras = {
+                observable.name: observable.setup(scene, platform, properties)
+                for observable in observables if observable.setup is not None
+            }
             start = self.context.getState(getEnergy=True).getPotentialEnergy()._value
-            particles = sum(scene.system.getParticleMass(i)._value > 0 for i in range(scene.system.getNumParticles()))
+            particles = sum(
+                scene.system.getParticleMass(i)._value > 0
+                for i in range(scene.system.getNumParticles()))
             # Bodies may have no masses at all.
             particles = max(particles, 2*len(scene.bodies))
             kT = GAS_CONSTANT*scene.temperature
@@ -123,7 +130,8 @@ class Run:
                 steps += self.stepsPerSample
                 self.time += self.stepsPerSample*self.stepSize
                 self._sample(record)
-            # OpenMM raises OpenMMException; user's functions may stumble over numbers that are not finite.
+            # OpenMM raises OpenMMException; user's functions may stumble over numbers that are not
+            # finite.
             except (openmm.OpenMMException, Explosion, ArithmeticError, ValueError) as error:
                 self._end(UNSTABLE, f'after {self.time:.3g} ps: {error}')
                 break
@@ -142,12 +150,14 @@ class Run:
         if not math.isfinite(sample.potentialEnergy):
             raise Explosion('the potential energy is not finite')
         if sample.potentialEnergy > self.largestEnergy:
-            raise Explosion(f'the potential energy reached {sample.potentialEnergy:.4g} kJ/mol: exploded')
+            raise Explosion(
+                f'the potential energy reached {sample.potentialEnergy:.4g} kJ/mol: exploded')
         if not record:
             return
         for observable in self.observables:
             extra = self.extras.get(observable.name)
-            value = observable.measure(sample) if extra is None else observable.measure(sample, extra)
+            value = observable.measure(sample) if extra is None else observable.measure(
+                sample, extra)
             if np.isinf(value).any():
                 raise Explosion(f'{observable.name} has become infinite')
             self.record.series[observable.name].append(value)
@@ -171,16 +181,19 @@ class Run:
             if self.isAlive:
                 Sample(self.scene, self.context).kineticEnergies
             samples += 1
-        return (time.perf_counter() - began)/((samples - 1)*self.stepsPerSample) if self.isAlive else None
+        return (time.perf_counter() - began)/(
+            (samples - 1)*self.stepsPerSample) if self.isAlive else None
 
 
-# ---- Rows ------------------------------------------------------------------------------------------------------------
+# ---- Rows ----------------------------------------------------------------------------------------
+
 
 def summarise(knob, runs, observables, clock):
     """The rows of all settings.
 
-    Block lengths are 20 autocorrelation times, of the run itself or the median over the runs of its method, whichever is
-    longer: a run that happens to look less correlated than its neighbours would otherwise get too small an error.
+    Block lengths are 20 autocorrelation times, of the run itself or the median over the runs of its
+    method, whichever is longer: a run that happens to look less correlated than its neighbours
+    would otherwise get too small an error.
 
     Parameters
     ----------
@@ -201,10 +214,13 @@ def summarise(knob, runs, observables, clock):
         for setting, record, _ in runs:
             series = _series(record, observable)
             if series is not None:
-                taus.setdefault(setting.method.name, []).append(autocorrelationTime(_overReplicas(series))*record.samplesAt)
+                taus.setdefault(setting.method.name, []).append(
+                    autocorrelationTime(_overReplicas(series))*record.samplesAt)
         typical = {method: float(np.median(values)) for method, values in taus.items()}
         for setting, record, seed in runs:
-            rows.append(_row(knob, setting, record, observable, seed, clock, typical.get(setting.method.name, 0.0)))
+            rows.append(
+                _row(knob, setting, record, observable, seed, clock,
+                     typical.get(setting.method.name, 0.0)))
     return rows
 
 
@@ -214,7 +230,8 @@ def _series(record, observable):
     # What compares with samples before has nothing to compare the first with.
     present = np.flatnonzero([not np.isnan(sample).all() for sample in series])
     series = series[present[0]:] if len(present) else series
-    return series if record.status == STABLE and len(series) >= 2 and np.isfinite(series).all() else None
+    return series if record.status == STABLE and len(series) >= 2 and np.isfinite(
+        series).all() else None
 
 
 def _overReplicas(series):
@@ -222,16 +239,26 @@ def _overReplicas(series):
 
 
 def _row(knob, setting, record, observable, seed, clock, typicalTau):
-    wallSpeeds, cpuSpeeds = ([entry[0]*setting.stepSize/1000*SECONDS_PER_DAY/entry[k] for entry in record.timings if entry[k] > 0] for k in (1, 2))
+    wallSpeeds, cpuSpeeds = ([
+        entry[0]*setting.stepSize/1000*SECONDS_PER_DAY/entry[k] for entry in record.timings
+        if entry[k] > 0
+    ] for k in (1, 2))
     speeds = wallSpeeds if clock == 'wall' else cpuSpeeds
     low, middle, high = np.percentile(speeds, [16, 50, 84]) if speeds else (None, None, None)
-    row = {'method': setting.method.name, 'knob': knob.name, 'value': setting.value, 'step_size': setting.stepSize,
-           'status': record.status, 'message': record.message, 'ns_per_day': _float(middle), 'ns_per_day_low': _float(low),
-           'ns_per_day_high': _float(high), 'ns_per_cpu_day': _float(np.median(cpuSpeeds)) if cpuSpeeds else None,
-           'ns_per_wall_day': _float(np.median(wallSpeeds)) if wallSpeeds else None, 'speeds': [float(x) for x in speeds], 'length': record.length, 'equilibration': record.equilibration,
-           'seed': seed, 'observable': observable.name, 'mean': None, 'standard_error': None, 'degrees': None, 'tau': None,
-           'samples': 0, 'drift': None, 'note': '', 'sample_interval': record.samplesAt, 'variance': None, 'own_tau': None,
-           'own_tau_error': None, 'noise': None, 'noise_degrees': None}
+    row = {
+        'method': setting.method.name, 'knob': knob.name, 'value': setting.value,
+        'step_size': setting.stepSize, 'status': record.status, 'message': record.message,
+        'ns_per_day': _float(middle), 'ns_per_day_low': _float(low),
+        'ns_per_day_high': _float(high),
+        'ns_per_cpu_day': _float(np.median(cpuSpeeds)) if cpuSpeeds else None,
+        'ns_per_wall_day': _float(np.median(wallSpeeds)) if wallSpeeds else None, 'speeds': [
+            float(x) for x in speeds
+        ], 'length': record.length, 'equilibration': record.equilibration, 'seed': seed,
+        'observable': observable.name, 'mean': None, 'standard_error': None, 'degrees': None,
+        'tau': None, 'samples': 0, 'drift': None, 'note': '', 'sample_interval': record.samplesAt,
+        'variance': None, 'own_tau': None, 'own_tau_error': None, 'noise': None,
+        'noise_degrees': None
+    }
     series = _series(record, observable)
     if series is None:
         samples = record.series.get(observable.name, [])
@@ -239,13 +266,16 @@ def _row(knob, setting, record, observable, seed, clock, typicalTau):
             row['note'] = ('too few samples' if len(samples) < 2 else
                            'n/a' if np.isnan(samples).all() else 'sometimes not a number')
         return row
-    summary = (seriesStatistics if series.ndim == 1 else replicaStatistics)(series, typicalTau/record.samplesAt)
+    summary = (seriesStatistics if series.ndim == 1 else replicaStatistics)(
+        series, typicalTau/record.samplesAt)
     own = noise(series)
-    row.update(variance=own.variance, own_tau=own.tau*record.samplesAt, own_tau_error=own.tauError*record.samplesAt,
-               noise=own.value*record.samplesAt, noise_degrees=own.degrees)
+    row.update(variance=own.variance, own_tau=own.tau*record.samplesAt,
+               own_tau_error=own.tauError*record.samplesAt, noise=own.value*record.samplesAt,
+               noise_degrees=own.degrees)
     series = _overReplicas(series)
     row.update(mean=summary.mean, standard_error=summary.standardError, degrees=summary.degrees,
-               tau=summary.tau*record.samplesAt, samples=summary.samples, drift=_drift(series, summary))
+               tau=summary.tau*record.samplesAt, samples=summary.samples,
+               drift=_drift(series, summary))
     if not summary.isTrusted:
         row['note'] = 'few independent samples'
     elif row['drift'] is not None and abs(row['drift']) > DRIFT_LIMIT:
@@ -255,7 +285,7 @@ def _row(knob, setting, record, observable, seed, clock, typicalTau):
 
 def _drift(series, summary):
     """Difference of the two halves' means in standard errors, or None."""
-    half = len(series)//2
+    half = len(series) // 2
     if half < 2 or summary.standardError == 0:
         return None
     # Each half has half the samples: the difference has twice the standard error of the whole.

@@ -1,7 +1,9 @@
 """What is compared: one method is one curve in the picture. A study adds the knob that is turned along the curve.
 
-A method's name is that of a way to integrate, followed by what is other than in the scene: LangevinC-I8-g2-G4 is LangevinC with moments times 8 and
-frictions of 2/ps and 4/ps; LangevinMiddle-H3 has hydrogens of 3 dalton. :data:`OPTIONS` lists the letters, :func:`byName` reads such names.
+A method's name is that of a way to integrate, followed by what is other than in the scene:
+LangevinC-I8-g2-G4 is LangevinC with moments times 8 and frictions of 2/ps and 4/ps;
+LangevinMiddle-H3 has hydrogens of 3 dalton. :data:`OPTIONS` lists the letters, :func:`byName` reads
+such names.
 """
 import copy
 import functools
@@ -25,14 +27,16 @@ class Method:
     name : str
         its name in tables and pictures
     makeIntegrator : callable
-        (scene, stepSize in ps, seed) -> openmm.Integrator. A module-level function, so that it can be sent to another process.
+        (scene, stepSize in ps, seed) -> openmm.Integrator. A module-level function, so that it can
+        be sent to another process.
     order : int
         weak order of the error in the step size
     whyNot : callable, optional
         scene -> None, or the reason why the method cannot be used there
     description : str
     prepare : callable, optional
-        scene -> Scene: the scene that it runs in, if the System has to be another. Canonical averages over configurations must be the scene's own.
+        scene -> Scene: the scene that it runs in, if the System has to be another. Canonical
+        averages over configurations must be the scene's own.
     """
 
     name: str
@@ -66,9 +70,9 @@ class RigidScheme:
     inertiaScale : float, optional
         instead of the scene's
     friction, rotationalFriction : float, optional
-        1/ps, instead of the scene's; bodies with frictions of their own (setBodyFriction) keep these
+        1/ps, instead of the scene's; bodies with frictions of their own (setBodyFriction) keep
+        these
     """
-
     def __init__(self, scheme, inertiaScale=None, friction=None, rotationalFriction=None):
         self.scheme = scheme
         self.inertiaScale = inertiaScale
@@ -92,8 +96,9 @@ class RigidScheme:
 class LangevinMiddle:
     """Makes OpenMM's LangevinMiddleIntegrator; or the same with reciprocal space in every few steps only, for a scene that :func:`reciprocalSpaceApart` has made.
 
-    The second is an impulse multiple-time-step method: in every `every`-th step the force of reciprocal space kicks `every` times as long, in the others
-    not at all. It is a CustomIntegrator whose step is the short one, and so places virtual sites before each evaluation of forces, which
+    The second is an impulse multiple-time-step method: in every `every`-th step the force of
+    reciprocal space kicks `every` times as long, in the others not at all. It is a CustomIntegrator
+    whose step is the short one, and so places virtual sites before each evaluation of forces, which
     OpenMM's MTSLangevinIntegrator does not.
 
     Parameters
@@ -103,7 +108,6 @@ class LangevinMiddle:
     every : int
         1: all forces in every step
     """
-
     def __init__(self, friction=None, every=1):
         self.friction = friction
         self.every = every
@@ -132,7 +136,8 @@ class LangevinMiddle:
         for group in slow:
             integrator.addComputePerDof('v', f'v + {self.every}*dt*f{group}/m')
         integrator.endBlock()
-        integrator.addComputeGlobal('taken', f'select(step(taken - {self.every - 1.5}), 0, taken + 1)')
+        integrator.addComputeGlobal('taken',
+                                    f'select(step(taken - {self.every - 1.5}), 0, taken + 1)')
         integrator.addConstrainVelocities()
         integrator.addComputePerDof('x', 'x + 0.5*dt*v')
         integrator.addComputePerDof('v', 'a*v + b*sqrt(kT/m)*gaussian')
@@ -146,8 +151,9 @@ class LangevinMiddle:
 class MTSLangevin:
     """Makes OpenMM's MTSLangevinIntegrator for a scene that :func:`reciprocalSpaceApart` has made: reciprocal space once a step, the rest several times.
 
-    Its step size is the outer one. Before OpenMM 8.0 that class damped in each of the inner steps with its friction times the *outer* step. So the factors of
-    an inner step are set here: with every version what acts is the friction asked for.
+    Its step size is the outer one. Before OpenMM 8.0 that class damped in each of the inner steps
+    with its friction times the *outer* step. So the factors of an inner step are set here: with
+    every version what acts is the friction asked for.
 
     Parameters
     ----------
@@ -156,7 +162,6 @@ class MTSLangevin:
     inner : int
         steps of the faster forces in each step
     """
-
     def __init__(self, friction=None, inner=2):
         self.friction = friction
         self.inner = inner
@@ -173,7 +178,7 @@ class MTSLangevin:
         return integrator
 
 
-# ---- Other Systems ---------------------------------------------------------------------------------------------------
+# ---- Other Systems -------------------------------------------------------------------------------
 
 GAS_CONSTANT = _units.GAS_CONSTANT
 #: A particle no heavier than this is a hydrogen, dalton.
@@ -183,8 +188,9 @@ HEAVIEST_HYDROGEN = 1.2
 def heavyHydrogens(scene, mass):
     """The scene with heavier hydrogens, whose mass is taken from the heaviest particle of their body (hydrogen mass repartitioning).
 
-    The masses of bodies and the constraints stay, and so do canonical averages over configurations: bodies are rigid, so that masses enter kinetic energies
-    alone. Velocities of the start are drawn anew. Method: K. A. Feenstra, B. Hess, H. J. C. Berendsen, J. Comput. Chem. 20, 786 (1999).
+    The masses of bodies and the constraints stay, and so do canonical averages over configurations:
+    bodies are rigid, so that masses enter kinetic energies alone. Velocities of the start are drawn
+    anew. Method: K. A. Feenstra, B. Hess, H. J. C. Berendsen, J. Comput. Chem. 20, 786 (1999).
 
     Parameters
     ----------
@@ -200,7 +206,8 @@ def heavyHydrogens(scene, mass):
     Raises
     ------
     ValueError
-        if there are no hydrogens in bodies, or one would be heavier than the particle that its mass is taken from
+        if there are no hydrogens in bodies, or one would be heavier than the particle that its mass
+        is taken from
     """
     system = openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(scene.system))
     masses = [system.getParticleMass(i)._value for i in range(system.getNumParticles())]
@@ -213,13 +220,16 @@ def heavyHydrogens(scene, mass):
         heaviest = max(body, key=lambda i: masses[i])
         left = masses[heaviest] - sum(mass - masses[i] for i in hydrogens)
         if heaviest in hydrogens or left < mass:
-            raise ValueError(f'heavyHydrogens: mass: got {mass:g}; the hydrogens of body {index} would be heavier than the {left:.4g} dalton that are left of '
-                             f'particle {heaviest}, which their mass is taken from: choose less')
+            raise ValueError(
+                f'heavyHydrogens: mass: got {mass:g}; the hydrogens of body {index} would be '
+                f'heavier than the {left:.4g} dalton that are left of '
+                f'particle {heaviest}, which their mass is taken from: choose less')
         for i in hydrogens:
             system.setParticleMass(i, mass)
         system.setParticleMass(heaviest, left)
     if not found:
-        raise ValueError(f'heavyHydrogens: scene {scene.name!r}: no body has a particle of up to {HEAVIEST_HYDROGEN} dalton; hydrogens are told by their mass: '
+        raise ValueError(f'heavyHydrogens: scene {scene.name!r}: no body has a particle of up to '
+                         f'{HEAVIEST_HYDROGEN} dalton; hydrogens are told by their mass: '
                          'leave this method out')
     return _velocitiesAnew(scene.withSystem(system))
 
@@ -254,16 +264,21 @@ def reciprocalSpaceApart(scene):
 
 def _withReciprocalSpace(system):
     methods = (openmm.NonbondedForce.Ewald, openmm.NonbondedForce.PME, openmm.NonbondedForce.LJPME)
-    return [force for force in system.getForces() if isinstance(force, openmm.NonbondedForce) and force.getNonbondedMethod() in methods]
+    return [
+        force for force in system.getForces()
+        if isinstance(force, openmm.NonbondedForce) and force.getNonbondedMethod() in methods
+    ]
 
 
 def _forceGroups(system):
     """Groups of reciprocal spaces, and all others that forces are in."""
-    reciprocal = {force.getReciprocalSpaceForceGroup() for force in _withReciprocalSpace(system)} - {-1}
+    reciprocal = {force.getReciprocalSpaceForceGroup()
+                  for force in _withReciprocalSpace(system)} - {-1}
     return sorted(reciprocal), sorted({force.getForceGroup() for force in system.getForces()})
 
 
-# ---- Methods by name -------------------------------------------------------------------------------------------------
+# ---- Methods by name -----------------------------------------------------------------------------
+
 
 def _notHeldByConstraints(scene):
     return scene.rigidByConstraints()
@@ -277,22 +292,34 @@ def _noReciprocalSpace(scene):
 
 def _notSplit(scene):
     if any(scene.system.isVirtualSite(i) for i in range(scene.system.getNumParticles())):
-        return ("OpenMM's MTSLangevinIntegrator places virtual sites only at the end of its outer steps: the forces of its inner steps would be those of "
+        return ("OpenMM's MTSLangevinIntegrator places virtual sites only at the end of its outer "
+                "steps: the forces of its inner steps would be those of "
                 'sites left behind (LangevinMiddle-N2 places them in time)')
     return _noReciprocalSpace(scene)
 
 
 #: The methods that are known by name.
-BUILT_IN = {method.name: method for method in (
-    Method('LangevinA', RigidScheme(CustomRigidHIIntegrator.LangevinA), 2, None, 'Davidchack 2015, eq. 20'),
-    Method('LangevinB', RigidScheme(CustomRigidHIIntegrator.LangevinB), 2, None, 'Davidchack 2015, eq. 27'),
-    Method('LangevinC', RigidScheme(CustomRigidHIIntegrator.LangevinC), 2, None, 'Davidchack 2015, eq. 28'),
-    Method('GradientThermostat', RigidScheme(CustomRigidHIIntegrator.GradientThermostat), 1, None, 'Davidchack 2015, eq. 30'),
-    Method('LangevinMiddle', LangevinMiddle(), 2, _notHeldByConstraints,
-           "OpenMM's LangevinMiddleIntegrator, bodies held by constraints (SETTLE for water), friction gamma"),
-    Method('MTSLangevin', MTSLangevin(), 2, _notSplit,
-           "OpenMM's MTSLangevinIntegrator: reciprocal space once a step, the other forces several times (2, or -N), friction gamma", reciprocalSpaceApart),
-)}
+BUILT_IN = {
+    method.name: method
+    for method in
+    (Method('LangevinA', RigidScheme(CustomRigidHIIntegrator.LangevinA), 2, None,
+            'Davidchack 2015, eq. 20'),
+     Method('LangevinB', RigidScheme(CustomRigidHIIntegrator.LangevinB), 2, None,
+            'Davidchack 2015, eq. 27'),
+     Method('LangevinC', RigidScheme(CustomRigidHIIntegrator.LangevinC), 2, None,
+            'Davidchack 2015, eq. 28'),
+     Method('GradientThermostat', RigidScheme(CustomRigidHIIntegrator.GradientThermostat), 1, None,
+            'Davidchack 2015, eq. 30'),
+     Method(
+         'LangevinMiddle', LangevinMiddle(), 2, _notHeldByConstraints,
+         "OpenMM's LangevinMiddleIntegrator, bodies held by constraints (SETTLE for water), "
+         "friction gamma"),
+     Method(
+         'MTSLangevin', MTSLangevin(), 2, _notSplit,
+         "OpenMM's MTSLangevinIntegrator: reciprocal space once a step, the other forces several "
+         "times (2, or -N), friction gamma", reciprocalSpaceApart),
+     )
+}
 
 
 @dataclass(frozen=True)
@@ -320,12 +347,15 @@ def _isPositive(value):
 
 #: By letter; which methods have them: see byName().
 OPTIONS = {
-    'I': Option('moments times {}', _isPositive, 'above 0'),
-    'g': Option('gamma = {}/ps', _isPositive, 'above 0'),
-    'G': Option('Gamma = {}/ps', _isPositive, 'above 0'),
-    'H': Option('hydrogens of {} dalton, their mass taken from the heaviest particle of the body', lambda mass: HEAVIEST_HYDROGEN < mass < math.inf,
+    'I': Option('moments times {}', _isPositive,
+                'above 0'), 'g': Option('gamma = {}/ps', _isPositive,
+                                        'above 0'), 'G': Option('Gamma = {}/ps', _isPositive,
+                                                                'above 0'),
+    'H': Option('hydrogens of {} dalton, their mass taken from the heaviest particle of the body',
+                lambda mass: HEAVIEST_HYDROGEN < mass < math.inf,
                 f'above {HEAVIEST_HYDROGEN}, the heaviest hydrogen'),
-    'N': Option('reciprocal space in one of {} steps', lambda count: count in range(2, 101), 'a whole number from 2 to 100'),
+    'N': Option('reciprocal space in one of {} steps', lambda count: count in range(2, 101),
+                'a whole number from 2 to 100'),
 }
 #: How a number in a name looks.
 _NUMBER = r'[0-9]+(?:\.[0-9]+)?(?:e-?[0-9]+)?'
@@ -334,16 +364,18 @@ _NUMBER = r'[0-9]+(?:\.[0-9]+)?(?:e-?[0-9]+)?'
 def byName(name):
     """The method of this name: that of a built-in one, and options behind it.
 
-    ==========  ============================================  ======================================================================
-    option      for                                           meaning
-    ==========  ============================================  ======================================================================
-    -I8         LangevinA, LangevinB, LangevinC               setInertiaScale(8)
-    -g2         these, LangevinMiddle, MTSLangevin            gamma, the friction (of translation, for the plugin's schemes), 1/ps
-    -G4         LangevinA, LangevinB, LangevinC               Gamma, the rotational friction, 1/ps
-    -H3         LangevinMiddle, MTSLangevin                   hydrogens of 3 dalton (:func:`heavyHydrogens`)
-    -N3         LangevinMiddle, MTSLangevin                   reciprocal space in one of 3 steps: of LangevinMiddle's own steps; of the inner steps
-                                                              of MTSLangevin, whose step is the outer one (without -N3, 2)
-    ==========  ============================================  ======================================================================
+    ==========  ============================================  ======================================
+    option      for                                           meaning ==========
+    ============================================  ====================================== -I8
+    LangevinA, LangevinB, LangevinC               setInertiaScale(8) -g2         these,
+    LangevinMiddle, MTSLangevin            gamma, the friction (of translation, for the plugin's
+    schemes), 1/ps -G4         LangevinA, LangevinB, LangevinC               Gamma, the rotational
+    friction, 1/ps -H3         LangevinMiddle, MTSLangevin                   hydrogens of 3 dalton
+    (:func:`heavyHydrogens`) -N3         LangevinMiddle, MTSLangevin                   reciprocal
+    space in one of 3 steps: of LangevinMiddle's own steps; of the inner steps
+                                                              of MTSLangevin, whose step is the
+                                                              outer one (without -N3, 2)
+    ==========  ============================================  ======================================
 
     What has no option is as in the scene. Options may follow each other in any order, each once.
 
@@ -372,7 +404,8 @@ def byName(name):
     values = {}
     for letter, number in found:
         if letter not in _optionsOf(base):
-            raise _wrongName(name, f'{base.name} has no option -{letter}, only {_listed(_optionsOf(base))}')
+            raise _wrongName(
+                name, f'{base.name} has no option -{letter}, only {_listed(_optionsOf(base))}')
         if letter in values:
             raise _wrongName(name, f'-{letter} is there twice')
         values[letter] = float(number)
@@ -382,8 +415,11 @@ def byName(name):
 
 
 def _wrongName(name, why):
-    return ValueError(f'method: got {name!r}: {why}; it must be a Method or the name of one of these: {", ".join(BUILT_IN)}; options may follow, '
-                      'such as LangevinC-I8 (moments times 8) or LangevinMiddle-g1 (friction 1/ps): correct the name')
+    return ValueError(
+        f'method: got {name!r}: {why}; it must be a Method or the name of one of these: '
+        f'{", ".join(BUILT_IN)}; options may follow, '
+        'such as LangevinC-I8 (moments times 8) or LangevinMiddle-g1 (friction 1/ps): correct the '
+        'name')
 
 
 def _optionsOf(method):
@@ -402,7 +438,8 @@ def _withOptions(name, base, values):
     gamma = values.get('g')
     if isinstance(make, RigidScheme):
         made = RigidScheme(make.scheme, values.get('I'), gamma, values.get('G'))
-        # The scene's velocities belong to its own moments: with 8 times these they would be 8 times too hot.
+        # The scene's velocities belong to its own moments: with 8 times these they would be 8 times
+        # too hot.
         prepare = _velocitiesAnew if 'I' in values else None
     elif isinstance(make, MTSLangevin):
         made = MTSLangevin(gamma, int(values.get('N', make.inner)))

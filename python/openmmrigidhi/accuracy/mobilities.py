@@ -21,7 +21,6 @@ class MobilitySample:
     forces, torques : arrays of shape (n, 3)
         of the scene on its bodies at the start, about the spheres' centres
     """
-
     def __init__(self, mobility, centres, radii, viscosity, forces, torques):
         self.mobility = mobility
         self.centres = centres
@@ -60,10 +59,10 @@ class MobilityObservable:
     measure : callable
         MobilitySample -> float or array, or None where it has no meaning
     compare : callable, optional
-        (value, value of the reference) -> relative error; default: ``(x - r)/|r|``, and for arrays norm(x - r)/norm(r)
+        (value, value of the reference) -> relative error; default: ``(x - r)/|r|``, and for arrays
+        norm(x - r)/norm(r)
     description : str
     """
-
     def __init__(self, name, label, measure, compare=None, description=''):
         self.name = name
         self.label = label
@@ -121,7 +120,8 @@ def _relativeMobility(sample):
     if n < 2:
         return None
     i, j = np.triu_indices(n, 1)
-    gaps = np.linalg.norm(sample.centres[i] - sample.centres[j], axis=1) - sample.radii[i] - sample.radii[j]
+    gaps = np.linalg.norm(sample.centres[i] - sample.centres[j],
+                          axis=1) - sample.radii[i] - sample.radii[j]
     i, j = i[gaps.argmin()], j[gaps.argmin()]
     normal = sample.centres[j] - sample.centres[i]
     normal /= np.linalg.norm(normal)
@@ -147,27 +147,46 @@ class _UserFunction:
 
 
 #: Observables by name.
-BUILT_IN = {observable.name: observable for observable in (
-    MobilityObservable('mobility', 'mobility matrix', _scaled,
-                       description='Frobenius norm of the error of the mobility matrix over that of the matrix, both divided by the '
-                       'roots of the Stokes mobilities of the spheres alone'),
-    MobilityObservable('sedimentation', 'settling velocity', _sedimentation,
-                       description='mean velocity along z under the same force along z on every body'),
-    MobilityObservable('relative_mobility', 'mobility along the line of centres of the closest pair', _relativeMobility,
-                       description='relative velocity of the two spheres with the smallest gap when they are pulled apart'),
-    MobilityObservable('rotation_translation', 'rotation per settling velocity', _rotationTranslation,
-                       description='angular velocities of all bodies over their mean velocity, under the same force along z on every '
-                       'body; norm'),
-    MobilityObservable('own_forces', "velocities under the scene's own forces", _ownForces,
-                       description="velocities, and radii times angular velocities, under the scene's forces at its start; norm"),
-    MobilityObservable('drag', 'drag K of spheres that move alike', _drag,
-                       description="mean force along z on spheres that all move alike along z and do not rotate, over Stokes' drag; in an array it is "
-                       'known as K'),
-    MobilityObservable('rotational_drag', 'rotational drag KR of spheres that rotate alike', _rotationalDrag,
-                       description="mean torque about z on spheres that all rotate alike about z and do not move, over Stokes' torque"),
-    MobilityObservable('worst_wrench', 'mobility of the worst forces and torques', _scaled, _worst,
-                       'largest relative error of the power that forces and torques spend on the fluid, over all of them'),
-)}
+BUILT_IN = {
+    observable.name: observable
+    for observable in
+    (MobilityObservable(
+        'mobility', 'mobility matrix', _scaled, description=
+        'Frobenius norm of the error of the mobility matrix over that of the matrix, both divided '
+        'by the '
+        'roots of the Stokes mobilities of the spheres alone'),
+     MobilityObservable(
+         'sedimentation', 'settling velocity', _sedimentation,
+         description='mean velocity along z under the same force along z on every body'),
+     MobilityObservable(
+         'relative_mobility', 'mobility along the line of centres of the closest pair',
+         _relativeMobility, description=
+         'relative velocity of the two spheres with the smallest gap when they are pulled apart'),
+     MobilityObservable(
+         'rotation_translation', 'rotation per settling velocity', _rotationTranslation, description
+         ='angular velocities of all bodies over their mean velocity, under the same force along z '
+         'on every '
+         'body; norm'),
+     MobilityObservable(
+         'own_forces', "velocities under the scene's own forces", _ownForces, description=
+         "velocities, and radii times angular velocities, under the scene's forces at its start; "
+         "norm"),
+     MobilityObservable(
+         'drag', 'drag K of spheres that move alike', _drag, description=
+         "mean force along z on spheres that all move alike along z and do not rotate, over "
+         "Stokes' drag; in an array it is "
+         'known as K'),
+     MobilityObservable(
+         'rotational_drag', 'rotational drag KR of spheres that rotate alike', _rotationalDrag,
+         description=
+         "mean torque about z on spheres that all rotate alike about z and do not move, over "
+         "Stokes' torque"),
+     MobilityObservable(
+         'worst_wrench', 'mobility of the worst forces and torques', _scaled, _worst,
+         'largest relative error of the power that forces and torques spend on the fluid, over all '
+         'of them'),
+     )
+}
 #: What is compared if nothing is asked for.
 DEFAULT = ('mobility', 'sedimentation', 'relative_mobility', 'rotation_translation', 'own_forces')
 
@@ -178,15 +197,20 @@ def byName(name):
     Parameters
     ----------
     name : str or MobilityObservable or callable
-        a built-in name; "module:function" or a function of the MobilitySample that returns a number or an array
+        a built-in name; "module:function" or a function of the MobilitySample that returns a number
+        or an array
 
     Returns
     -------
     MobilityObservable
     """
-    found = findObservable(name, MobilityObservable, BUILT_IN, lambda function: MobilityObservable(
-        function.__name__, function.__name__, _UserFunction(function), description='given by the user'))
+    found = findObservable(
+        name, MobilityObservable, BUILT_IN, lambda function: MobilityObservable(
+            function.__name__, function.__name__, _UserFunction(function), description=
+            'given by the user'))
     if found is None:
-        raise ValueError(f'observable of mobility: got {name!r}; it must be one of {", ".join(BUILT_IN)}, or module:function: '
-                         'correct the name')
+        raise ValueError(
+            f'observable of mobility: got {name!r}; it must be one of {", ".join(BUILT_IN)}, or '
+            f'module:function: '
+            'correct the name')
     return found

@@ -12,7 +12,6 @@ from .scenes import GAS_CONSTANT, findObservable
 
 class Sample:
     """The present moment of a run. Everything is computed when first asked for, and once."""
-
     def __init__(self, scene, context):
         self.scene = scene
         self.context = context
@@ -48,8 +47,9 @@ class Sample:
             rotation = self.rigid.computeRotationalKineticEnergies()._value
             return np.array([self.rigid.computeTranslationalKineticEnergy()._value, *rotation])
         state = self.context.getState(getPositions=True, getVelocities=True)
-        return self.scene.bodyTable().kineticEnergies(state.getPositions(asNumpy=True)._value,
-                                                      state.getVelocities(asNumpy=True)._value)
+        return self.scene.bodyTable().kineticEnergies(
+            state.getPositions(asNumpy=True)._value,
+            state.getVelocities(asNumpy=True)._value)
 
     @cached_property
     def degrees(self):
@@ -74,9 +74,9 @@ class Observable:
     exact : callable, optional
         Scene -> exact canonical average or None; without, the scene's own table is asked
     setup : callable, optional
-        (scene, platform, properties) -> an object for the whole run, then measure is called with (sample, object)
+        (scene, platform, properties) -> an object for the whole run, then measure is called with
+        (sample, object)
     """
-
     def __init__(self, name, label, unit, measure, exact=None, setup=None):
         self.name = name
         self.label = label
@@ -126,7 +126,8 @@ class _RotationalTemperature:
         self.axis = axis
 
     def __call__(self, sample):
-        return _temperature(sample.kineticEnergies[self.axis], sample.degrees[f'rotational{self.axis}'])
+        return _temperature(sample.kineticEnergies[self.axis],
+                            sample.degrees[f'rotational{self.axis}'])
 
 
 class _BathTemperature:
@@ -136,24 +137,29 @@ class _BathTemperature:
 
 class _PressureProbe:
     """A second Context, whose box is stretched: the run itself is not touched."""
-
     def __init__(self, scene, platform, properties):
         if not scene.system.usesPeriodicBoundaryConditions():
-            raise ValueError('observable pressure: the System is not periodic; it has no volume: leave this observable out')
+            raise ValueError(
+                'observable pressure: the System is not periodic; it has no volume: leave this '
+                'observable out')
         # Barostats would be asked for their energy too; they add nothing but cost nothing either.
-        self.context = openmm.Context(scene.system, openmm.VerletIntegrator(0.001), platform, properties)
+        self.context = openmm.Context(scene.system, openmm.VerletIntegrator(0.001), platform,
+                                      properties)
         self.molecules = [np.array(molecule) for molecule in self.context.getMolecules()]
-        self.masses = np.array([scene.system.getParticleMass(i)._value for i in range(scene.system.getNumParticles())])
+        self.masses = np.array(
+            [scene.system.getParticleMass(i)._value for i in range(scene.system.getNumParticles())])
         self.index = np.empty(len(self.masses), dtype=int)
         for k, molecule in enumerate(self.molecules):
             self.index[molecule] = k
-        # Extra particles without mass count for the centre of a molecule only where nothing else does.
+        # Extra particles without mass count for the centre of a molecule only where nothing else
+        # does.
         self.weights = np.where(self.masses > 0, self.masses, 1e-12)
         self.total = np.bincount(self.index, self.weights)
 
 
 class _Pressure:
-    #: Relative change of length in the finite difference: its own error is of order strain^2, rounding of order 1/strain.
+    #: Relative change of length in the finite difference: its own error is of order strain^2,
+    #: rounding of order 1/strain.
     strain = 1e-3
 
     def __call__(self, sample, probe):
@@ -164,7 +170,9 @@ class _Pressure:
         volume = np.linalg.det(box)
 
         def average(values):
-            return np.stack([np.bincount(probe.index, probe.weights*values[:, k]) for k in range(3)], axis=1)/probe.total[:, None]
+            return np.stack(
+                [np.bincount(probe.index, probe.weights*values[:, k])
+                 for k in range(3)], axis=1)/probe.total[:, None]
 
         centres = average(positions)[probe.index]
         energies = []
@@ -188,32 +196,43 @@ LARGEST_NET_CHARGE = 1e-6
 
 class _Charges:
     """The charges of a scene whose bodies are neutral, and whatever is charged in a body."""
-
     def __init__(self, scene, platform, properties):
-        forces = [force for force in scene.system.getForces() if isinstance(force, openmm.NonbondedForce)]
+        forces = [
+            force for force in scene.system.getForces() if isinstance(force, openmm.NonbondedForce)
+        ]
         if len(forces) != 1:
-            raise ValueError(f'observable dipole_squared: there are {len(forces)} NonbondedForces; charges are those of the only one: leave this '
-                             'observable out')
-        charges = np.array([forces[0].getParticleParameters(i)[0]._value for i in range(forces[0].getNumParticles())])
+            raise ValueError(
+                f'observable dipole_squared: there are {len(forces)} NonbondedForces; charges are '
+                f'those of the only one: leave this '
+                'observable out')
+        charges = np.array([
+            forces[0].getParticleParameters(i)[0]._value for i in range(forces[0].getNumParticles())
+        ])
         inBodies = np.zeros(len(charges), dtype=bool)
         for index, body in enumerate(scene.bodies):
             inBodies[body] = True
             net = charges[body].sum()
             if abs(net) > LARGEST_NET_CHARGE:
-                raise ValueError(f'observable dipole_squared: body {index} has a net charge of {net:.6g} e; the dipole moment of a charged body depends on '
-                                 'the origin, and that of a periodic box on where its images are: leave this observable out')
+                raise ValueError(
+                    f'observable dipole_squared: body {index} has a net charge of {net:.6g} e; the '
+                    f'dipole moment of a charged body depends on '
+                    'the origin, and that of a periodic box on where its images are: leave this '
+                    'observable out')
         free = np.flatnonzero((charges != 0) & ~inBodies)
         if len(free):
-            raise ValueError(f'observable dipole_squared: particle {free[0]} has a charge of {charges[free[0]]:.6g} e and is in no body; only neutral bodies '
-                             'have a dipole moment that does not depend on the origin: leave this observable out')
+            raise ValueError(
+                f'observable dipole_squared: particle {free[0]} has a charge of '
+                f'{charges[free[0]]:.6g} e and is in no body; only neutral bodies '
+                'have a dipole moment that does not depend on the origin: leave this observable out'
+            )
         self.charges = charges
 
 
 def dipoleMoment(sample, charges):
     """Total dipole moment of the bodies, e nm, array of shape (3,).
 
-    Bodies are whole in a Context's positions, on whichever side of a periodic boundary they are, and neutral: so the sum of charge times position needs no
-    origin and no box.
+    Bodies are whole in a Context's positions, on whichever side of a periodic boundary they are,
+    and neutral: so the sum of charge times position needs no origin and no box.
 
     Parameters
     ----------
@@ -221,7 +240,7 @@ def dipoleMoment(sample, charges):
     charges : _Charges
         what the observable dipole_squared has set up
     """
-    return charges.charges@sample.positions
+    return charges.charges @ sample.positions
 
 
 class _DipoleSquared:
@@ -235,16 +254,21 @@ WINDOW = 2.0
 
 class _Centres:
     """Centres of mass of all bodies at the last samples."""
-
     def __init__(self, scene, platform, properties):
-        barostat = next((type(force).__name__ for force in scene.system.getForces() if 'Barostat' in type(force).__name__), None)
+        barostat = next(
+            (type(force).__name__
+             for force in scene.system.getForces() if 'Barostat' in type(force).__name__), None)
         if barostat is not None:
-            raise ValueError(f'observable diffusion_coefficient: there is a {barostat}, which moves bodies with the box; displacements are those of a '
-                             'box that stays: leave this observable out, or the barostat')
-        masses = np.array([scene.system.getParticleMass(i)._value for i in range(scene.system.getNumParticles())])
+            raise ValueError(
+                f'observable diffusion_coefficient: there is a {barostat}, which moves bodies with '
+                f'the box; displacements are those of a '
+                'box that stays: leave this observable out, or the barostat')
+        masses = np.array(
+            [scene.system.getParticleMass(i)._value for i in range(scene.system.getNumParticles())])
         self.owners = np.repeat(np.arange(len(scene.bodies)), [len(body) for body in scene.bodies])
         self.members = np.concatenate([np.asarray(body, dtype=int) for body in scene.bodies])
-        # Bodies without masses, which schemes without momenta may have, are where the mean of their particles is.
+        # Bodies without masses, which schemes without momenta may have, are where the mean of their
+        # particles is.
         massless = np.bincount(self.owners, masses[self.members]) == 0
         self.weights = np.where(massless[self.owners], 1.0, masses[self.members])
         self.total = np.bincount(self.owners, self.weights)
@@ -253,7 +277,8 @@ class _Centres:
 
     def add(self, sample):
         weighted = self.weights[:, None]*sample.positions[self.members]
-        centres = np.stack([np.bincount(self.owners, weighted[:, k]) for k in range(3)], axis=1)/self.total[:, None]
+        centres = np.stack([np.bincount(self.owners, weighted[:, k])
+                            for k in range(3)], axis=1)/self.total[:, None]
         self.times.append(sample.energies.getTime()._value)
         self.places.append(centres)
 
@@ -263,7 +288,6 @@ class _Centres:
 
 class _DiffusionCoefficient:
     """Of bodies: (msd(2 w) - msd(w))/(6 w), with the window w."""
-
     def __init__(self, window):
         self.window = window
 
@@ -275,7 +299,8 @@ class _DiffusionCoefficient:
         lag = max(1, round(self.window/(times[1] - times[0])))
         if len(times) < 2*lag + 1:
             return float('nan')
-        value = (centres.meanSquareDisplacement(2*lag) - centres.meanSquareDisplacement(lag))/(6*(times[-1] - times[-1 - lag]))
+        value = (centres.meanSquareDisplacement(2*lag) -
+                 centres.meanSquareDisplacement(lag))/(6*(times[-1] - times[-1 - lag]))
         times.popleft()
         centres.places.popleft()
         return float(value)
@@ -290,32 +315,39 @@ class _UserFunction:
 
 
 #: Observables by name.
-BUILT_IN = {observable.name: observable for observable in (
-    Observable('potential_energy', 'potential energy per body', 'kJ/mol', _PotentialEnergy()),
-    Observable('translational_temperature', 'translational temperature', 'K', _TranslationalTemperature(),
-               _BathTemperature()),
-    Observable('rotational_temperature_1', 'rotational temperature, axis of the smallest moment', 'K',
-               _RotationalTemperature(1), _BathTemperature()),
-    Observable('rotational_temperature_2', 'rotational temperature, axis of the middle moment', 'K',
-               _RotationalTemperature(2), _BathTemperature()),
-    Observable('rotational_temperature_3', 'rotational temperature, axis of the largest moment', 'K',
-               _RotationalTemperature(3), _BathTemperature()),
-    Observable('pressure', 'pressure', 'MPa', _Pressure(), setup=_PressureProbe),
-    Observable('dipole_squared', 'mean square dipole moment of the box per body', 'e^2 nm^2', _DipoleSquared(), setup=_Charges),
-    Observable('diffusion_coefficient', f'diffusion coefficient of bodies (between {WINDOW:g} and {2*WINDOW:g} ps)', 'nm^2/ps',
-               _DiffusionCoefficient(WINDOW), setup=_Centres),
-)}
+BUILT_IN = {
+    observable.name: observable
+    for observable in
+    (Observable('potential_energy', 'potential energy per body', 'kJ/mol', _PotentialEnergy()),
+     Observable('translational_temperature', 'translational temperature', 'K',
+                _TranslationalTemperature(), _BathTemperature()),
+     Observable('rotational_temperature_1', 'rotational temperature, axis of the smallest moment',
+                'K', _RotationalTemperature(1), _BathTemperature()),
+     Observable('rotational_temperature_2', 'rotational temperature, axis of the middle moment',
+                'K', _RotationalTemperature(2), _BathTemperature()),
+     Observable('rotational_temperature_3', 'rotational temperature, axis of the largest moment',
+                'K', _RotationalTemperature(3), _BathTemperature()),
+     Observable('pressure', 'pressure', 'MPa', _Pressure(), setup=_PressureProbe),
+     Observable('dipole_squared', 'mean square dipole moment of the box per body', 'e^2 nm^2',
+                _DipoleSquared(), setup=_Charges),
+     Observable('diffusion_coefficient',
+                f'diffusion coefficient of bodies (between {WINDOW:g} and {2*WINDOW:g} ps)',
+                'nm^2/ps', _DiffusionCoefficient(WINDOW), setup=_Centres),
+     )
+}
 #: What is measured if nothing is asked for.
-DEFAULT = ('potential_energy', 'translational_temperature', 'rotational_temperature_1', 'rotational_temperature_2',
-           'rotational_temperature_3')
+DEFAULT = ('potential_energy', 'translational_temperature', 'rotational_temperature_1',
+           'rotational_temperature_2', 'rotational_temperature_3')
 
 
 def diffusionCoefficient(window):
     """The observable diffusion_coefficient over another window.
 
-    A body's centre of mass is followed without wrapping it into the box. Its mean square displacement over time t is 6 D t plus a constant, once what it
-    remembers of its velocity and of its neighbours' cage is gone: D = (msd(2 window) - msd(window))/(6 window), averaged over bodies and over all
-    moments of the run that have that much past. It is a number of the method's own dynamics: friction, inertia scale and masses change it.
+    A body's centre of mass is followed without wrapping it into the box. Its mean square
+    displacement over time t is 6 D t plus a constant, once what it remembers of its velocity and of
+    its neighbours' cage is gone: D = (msd(2 window) - msd(window))/(6 window), averaged over bodies
+    and over all moments of the run that have that much past. It is a number of the method's own
+    dynamics: friction, inertia scale and masses change it.
 
     Parameters
     ----------
@@ -328,9 +360,11 @@ def diffusionCoefficient(window):
         named diffusion_coefficient_WINDOW, in nm^2/ps
     """
     if not 0 < window < np.inf:
-        raise ValueError(f'diffusionCoefficient: window: got {window}; it must be positive, in ps: correct it')
-    return Observable(f'diffusion_coefficient_{window:g}', f'diffusion coefficient of bodies (between {window:g} and {2*window:g} ps)', 'nm^2/ps',
-                      _DiffusionCoefficient(window), setup=_Centres)
+        raise ValueError(
+            f'diffusionCoefficient: window: got {window}; it must be positive, in ps: correct it')
+    return Observable(f'diffusion_coefficient_{window:g}',
+                      f'diffusion coefficient of bodies (between {window:g} and {2*window:g} ps)',
+                      'nm^2/ps', _DiffusionCoefficient(window), setup=_Centres)
 
 
 def byName(name):
@@ -339,9 +373,11 @@ def byName(name):
     Parameters
     ----------
     name : str or Observable or callable
-        a built-in name; "energy_group_N" for the energy of force group N per body; "module:function" or a function
-        of the Context that returns a number (its attributes ``unit`` and ``exact``, if it has them, are used). dipole_squared is <M^2>/N of the box's
-        total dipole moment M, e^2 nm^2, for N neutral bodies; diffusion_coefficient is that of :func:`diffusionCoefficient` over 2 ps
+        a built-in name; "energy_group_N" for the energy of force group N per body;
+        "module:function" or a function of the Context that returns a number (its attributes
+        ``unit`` and ``exact``, if it has them, are used). dipole_squared is <M^2>/N of the box's
+        total dipole moment M, e^2 nm^2, for N neutral bodies; diffusion_coefficient is that of
+        :func:`diffusionCoefficient` over 2 ps
 
     Returns
     -------
@@ -351,15 +387,17 @@ def byName(name):
     if found is not None:
         return found
     if name.startswith('energy_group_') and name[13:].isdigit() and int(name[13:]) < 32:
-        return Observable(name, f'energy of force group {name[13:]} per body', 'kJ/mol', _GroupEnergy(int(name[13:])))
-    raise ValueError(f'observable: got {name!r}; it must be one of {", ".join(BUILT_IN)}, energy_group_0 to '
-                     'energy_group_31, or module:function: correct the name')
+        return Observable(name, f'energy of force group {name[13:]} per body', 'kJ/mol',
+                          _GroupEnergy(int(name[13:])))
+    raise ValueError(
+        f'observable: got {name!r}; it must be one of {", ".join(BUILT_IN)}, energy_group_0 to '
+        'energy_group_31, or module:function: correct the name')
 
 
 def _fromFunction(function):
     exact = getattr(function, 'exact', None)
-    return Observable(function.__name__, function.__name__, getattr(function, 'unit', ''), _UserFunction(function),
-                      None if exact is None else _Constant(exact))
+    return Observable(function.__name__, function.__name__, getattr(function, 'unit', ''),
+                      _UserFunction(function), None if exact is None else _Constant(exact))
 
 
 class _Constant:

@@ -1,6 +1,7 @@
 """Which road to the overdamped limit is cheapest: equilibrium of bodies above a wall by the schemes without momenta, and by LangevinHI.
 
-All numbers are in units of the blob radius a and of the time tau_D = 6 pi eta a^3/kT, in which a blob diffuses about its radius.
+All numbers are in units of the blob radius a and of the time tau_D = 6 pi eta a^3/kT, in which a
+blob diffuses about its radius.
 """
 import math
 
@@ -18,16 +19,20 @@ from .observables import Observable
 from .scenes import GAS_CONSTANT, Scene
 from .study import Knob, StepSizeStudy
 
-#: Delong, Balboa Usabiaga, Donev 2015: spacing over radius of the boomerang's blobs; repulsion by the wall, kT, and its weight at g = 1, kT/a.
+#: Delong, Balboa Usabiaga, Donev 2015: spacing over radius of the boomerang's blobs; repulsion by
+#: the wall, kT, and its weight at g = 1, kT/a.
 SPACING, REPULSION, WEIGHT = 0.3/0.324557, 23.08, 0.18
-#: Water, dalton/(nm ps); temperature, K; radius of a blob, nm. Results in units of a and tau_D do not depend on these.
+#: Water, dalton/(nm ps); temperature, K; radius of a blob, nm. Results in units of a and tau_D do
+#: not depend on these.
 VISCOSITY, TEMPERATURE, RADIUS = 536.0, 300.0, 1.0
-#: Of the suspension, kT: pair repulsion at contact of two blobs, stiffness of the pen (times (distance beyond)^2).
+#: Of the suspension, kT: pair repulsion at contact of two blobs, stiffness of the pen (times
+#: (distance beyond)^2).
 PAIR, PEN = 10.0, 2.5
-#: Relaxation rate times step of LangevinHI, by name. Diffusion is exaggerated by x coth x, x half of it: 0.7 %, 8 %, 66 %.
+#: Relaxation rate times step of LangevinHI, by name. Diffusion is exaggerated by x coth x, x half
+#: of it: 0.7 %, 8 %, 66 %.
 INERTIA = {'LangevinHI(0.3)': 0.3, 'LangevinHI(1)': 1.0, 'LangevinHI(3)': 3.0}
-SCHEMES = ('EulerMaruyama', 'FixmanMidpoint', 'RandomFiniteDifference', 'TractionEulerMaruyama', 'TrapezoidalSlip', 'DriftCorrectorFD',
-           'DriftCorrectorRFD')
+SCHEMES = ('EulerMaruyama', 'FixmanMidpoint', 'RandomFiniteDifference', 'TractionEulerMaruyama',
+           'TrapezoidalSlip', 'DriftCorrectorFD', 'DriftCorrectorRFD')
 
 
 def picoseconds(h):
@@ -68,10 +73,9 @@ class WallScene(Scene):
     frictions : (float, ndarray of shape (3,))
         of a body in unbounded fluid: mean of translation, dalton/ps; about its axes, dalton nm^2/ps
     """
-
     def __init__(self, system, positions, integrator, sites, replicas, **kwargs):
         self.timeUnit = picoseconds(1)
-        self.sites, self.replicas, self.cross = sites, replicas, len(sites)//2
+        self.sites, self.replicas, self.cross = sites, replicas, len(sites) // 2
         N = _bulkMobility(sites)
         self.frictions = 3/np.trace(N[:3, :3]), 1/np.diag(N)[3:]
         super().__init__(system, positions, integrator, sampleInterval=self.timeUnit, **kwargs)
@@ -84,7 +88,8 @@ class WallScene(Scene):
         integrator, platform, properties, seed, system
             see Scene.makeContext()
         """
-        context = openmm.Context(self.system if system is None else system, integrator, platform, properties)
+        context = openmm.Context(self.system if system is None else system, integrator, platform,
+                                 properties)
         context.setPositions(self.positions)
         if CustomRigidHIIntegrator.cast(integrator).getScheme() == Scheme.LangevinHI:
             context.setVelocitiesToTemperature(self.temperature, seed)
@@ -113,7 +118,8 @@ def _bulkMobility(sites):
 def _system(sites, bodies, weight):
     """(System, MobilityForce, integrator): massless bodies with weight and repulsion by the wall (force group 1)."""
     kT = GAS_CONSTANT*TEMPERATURE
-    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(TEMPERATURE, 1)
+    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
+        TEMPERATURE, 1)
     integrator.setScheme(Scheme.TrapezoidalSlip)
     fluid.setViscosity(VISCOSITY)
     fluid.setBoundary(MobilityForce.NoSlipWall)
@@ -145,7 +151,8 @@ def quadrature(sites, weight, orientations=32):
     Returns
     -------
     dict
-        height (of the cross point, blob radii), cos2 (of the angle between normal and vertical), repulsion (kT)
+        height (of the cross point, blob radii), cos2 (of the angle between normal and vertical),
+        repulsion (kT)
     """
     sites = np.asarray(sites, dtype=float)
     cosines, weights = np.polynomial.legendre.leggauss(orientations)
@@ -158,13 +165,15 @@ def quadrature(sites, weight, orientations=32):
     sums = np.zeros(4)
     for cosine, part in zip(cosines, weights):
         sine = math.sqrt(1 - cosine*cosine)
-        vertical = np.stack([sine*np.cos(azimuths), sine*np.sin(azimuths), np.full_like(azimuths, cosine)], axis=1)
+        vertical = np.stack(
+            [sine*np.cos(azimuths), sine*np.sin(azimuths),
+             np.full_like(azimuths, cosine)], axis=1)
         offsets = vertical @ sites.T
         z = above[None, :] + 1 - offsets.min(axis=1)[:, None]
         gaps = z[:, :, None] + offsets[:, None, :] - 1
         repulsion = wallRepulsion(gaps).sum(axis=2)
         probability = part*steps*np.exp(-weight*z - repulsion)
-        for k, value in enumerate((1, z + offsets[:, [len(sites)//2]], cosine*cosine, repulsion)):
+        for k, value in enumerate((1, z + offsets[:, [len(sites) // 2]], cosine*cosine, repulsion)):
             sums[k] += (probability*value).sum()
     return dict(zip(('height', 'cos2', 'repulsion'), (sums[1:]/sums[0]).tolist()))
 
@@ -176,7 +185,8 @@ def boomerang(replicas=32, weight=10*WEIGHT, blobsPerArm=7, seed=1):
     ----------
     replicas : int
     weight : float
-        kT per blob radius; the default is the paper's g = 10, for which heights relax some 30 times faster than for g = 1
+        kT per blob radius; the default is the paper's g = 10, for which heights relax some 30 times
+        faster than for g = 1
     blobsPerArm : int
         besides the one at the cross point; 7 in the paper
     seed : int
@@ -198,21 +208,21 @@ def boomerang(replicas=32, weight=10*WEIGHT, blobsPerArm=7, seed=1):
         gaps = (R[:, 2:] + vertical @ sites.T)/RADIUS - 1
         return kT*(weight*R[:, 2]/RADIUS + wallRepulsion(gaps).sum(axis=1))
 
-    walkers = WalkerSampler(energy, TEMPERATURE, replicas, (0, 0, 10*RADIUS), sitePositions=sites, radii=RADIUS, wallHeight=0,
-                            coordinates=['z', 'rotation'], seed=seed)
+    walkers = WalkerSampler(energy, TEMPERATURE, replicas, (0, 0, 10*RADIUS), sitePositions=sites,
+                            radii=RADIUS, wallHeight=0, coordinates=['z', 'rotation'], seed=seed)
     walkers.burnIn(1000)
     start = walkers.sample(1, interval=1)
-    return WallScene(system, _places(start.positions[-1], start.orientations[-1], sites), integrator, sites, replicas,
-                     name=f'boomerang_g{weight/WEIGHT:.3g}',
-                     description=f'{replicas} independent boomerangs of {len(sites)} blobs above a wall, weight {weight:.4g} kT/a, repulsion '
-                     f'{REPULSION} kT a/d exp(-2 d/a) at gaps d; exact averages by quadrature',
-                     exact=quadrature(sites/RADIUS, weight),
-                     stepSizes=[picoseconds(h) for h in (0.025, 0.05, 0.1, 0.2)])
+    return WallScene(
+        system, _places(start.positions[-1], start.orientations[-1],
+                        sites), integrator, sites, replicas, name=f'boomerang_g{weight/WEIGHT:.3g}',
+        description=f'{replicas} independent boomerangs of {len(sites)} blobs above a wall, weight '
+        f'{weight:.4g} kT/a, repulsion '
+        f'{REPULSION} kT a/d exp(-2 d/a) at gaps d; exact averages by quadrature', exact=quadrature(
+            sites/RADIUS, weight), stepSizes=[picoseconds(h) for h in (0.025, 0.05, 0.1, 0.2)])
 
 
 class _Pen:
     """Monte Carlo of many independent systems of interacting boomerangs at a time, in NumPy: lengths in a, energies in kT."""
-
     def __init__(self, sites, bodies, weight, radius, systems, seed):
         self.sites, self.weight, self.radius = sites/RADIUS, weight, radius
         self.random = np.random.default_rng(seed)
@@ -222,10 +232,12 @@ class _Pen:
         turns = self.random.uniform(0, 2*np.pi, (systems, bodies))
         self.q = np.stack([np.cos(turns/2), 0*turns, 0*turns, np.sin(turns/2)], axis=2)
         self.blobs = self._blobs(self.R, self.q)
-        self.move = np.array([0.5, 0.5])    # a, and radians
+        self.move = np.array([0.5, 0.5])  # a, and radians
 
     def _blobs(self, R, q):
-        return R[..., None, :] + np.einsum('...ij,kj->...ki', rotationMatrices(q.reshape(-1, 4)).reshape(q.shape[:-1] + (3, 3)), self.sites)
+        return R[..., None, :] + np.einsum(
+            '...ij,kj->...ki',
+            rotationMatrices(q.reshape(-1, 4)).reshape(q.shape[:-1] + (3, 3)), self.sites)
 
     def _energy(self, blobs, others):
         """Of one body in each system (systems, blobs, 3), beside the blobs of the others (systems, m, 3)."""
@@ -233,7 +245,8 @@ class _Pen:
         inside = gaps.min(axis=1) > 0
         gaps = np.where(inside[:, None], gaps, 1)
         beyond = np.maximum(0, np.hypot(blobs[..., 0], blobs[..., 1]) - self.radius)
-        energy = (self.weight*blobs[..., 2]).mean(axis=1) + (wallRepulsion(gaps) + PEN*beyond**2).sum(axis=1)
+        energy = (self.weight*blobs[..., 2]).mean(axis=1) + (wallRepulsion(gaps) +
+                                                             PEN*beyond**2).sum(axis=1)
         separations = blobs[:, :, None, :] - others[:, None, :, :]
         distances = np.sqrt(np.einsum('skmi,skmi->skm', separations, separations))
         energy += PAIR*np.exp(-3*(distances - 2)).sum(axis=(1, 2))
@@ -244,7 +257,7 @@ class _Pen:
         systems, bodies, blobs = self.blobs.shape[:3]
         total = np.zeros(systems)
         for k in range(bodies):
-            others = self.blobs[:, k+1:].reshape(systems, -1, 3)
+            others = self.blobs[:, k + 1:].reshape(systems, -1, 3)
             total += self._energy(self.blobs[:, k], others)
         return total
 
@@ -255,7 +268,9 @@ class _Pen:
         for k in range(bodies):
             others = np.delete(self.blobs, k, axis=1).reshape(systems, -1, 3)
             R = self.R[:, k] + self.move[0]*self.random.uniform(-1, 1, (systems, 3))
-            turn = np.concatenate([np.ones((systems, 1)), 0.5*self.move[1]*self.random.uniform(-1, 1, (systems, 3))], axis=1)
+            turn = np.concatenate(
+                [np.ones((systems, 1)), 0.5*self.move[1]*self.random.uniform(-1, 1,
+                                                                             (systems, 3))], axis=1)
             q = product(turn/np.linalg.norm(turn, axis=1, keepdims=True), self.q[:, k])
             blobs = self._blobs(R, q)
             change = self._energy(blobs, others) - self._energy(self.blobs[:, k], others)
@@ -270,7 +285,8 @@ class _Pen:
             self.move = np.clip(self.move*math.exp(0.1*(self.sweep() - 0.4)), 1e-3, 2)
 
 
-def suspension(bodies=16, weight=10*WEIGHT, blobsPerArm=2, radius=9.0, sweeps=500, systems=60, seed=1):
+def suspension(bodies=16, weight=10*WEIGHT, blobsPerArm=2, radius=9.0, sweeps=500, systems=60,
+               seed=1):
     """Interacting boomerangs above a wall, held together by a round pen: fluid and soft repulsion couple them.
 
     Parameters
@@ -292,7 +308,8 @@ def suspension(bodies=16, weight=10*WEIGHT, blobsPerArm=2, radius=9.0, sweeps=50
     Returns
     -------
     WallScene
-        its attribute `sampled` has the averages of the Monte Carlo run: name -> (value, standard error)
+        its attribute `sampled` has the averages of the Monte Carlo run: name -> (value, standard
+        error)
     """
     sites, kT = _bodySites(blobsPerArm), GAS_CONSTANT*TEMPERATURE
     system, _, integrator = _system(sites, bodies, weight)
@@ -310,24 +327,31 @@ def suspension(bodies=16, weight=10*WEIGHT, blobsPerArm=2, radius=9.0, sweeps=50
     system.addForce(pen)
     system.addForce(pair)
     sampler = _Pen(sites, bodies, weight, radius, systems, seed)
-    sampler.burnIn(max(1, sweeps//2))
+    sampler.burnIn(max(1, sweeps // 2))
     sums = {}
     for _ in range(sweeps):
         sampler.sweep()
         for name, values in measure(sampler.R*RADIUS, sampler.q, sites).items():
             sums[name] = sums.get(name, 0) + values.mean(axis=1)/sweeps
-    scene = WallScene(system, sampler.blobs[0].reshape(-1, 3)*RADIUS, integrator, sites, 1, name=f'boomerangs{bodies}',
-                      description=f'{bodies} boomerangs of {len(sites)} blobs above a wall in a pen of radius {radius:g} a, weight {weight:.4g} '
-                      f'kT/a, which repel each other softly; averages by Monte Carlo ({systems} systems, {sweeps} sweeps)',
-                      stepSizes=[picoseconds(h) for h in (0.02, 0.05, 0.1)])
+    scene = WallScene(
+        system, sampler.blobs[0].reshape(-1, 3)*RADIUS, integrator, sites, 1,
+        name=f'boomerangs{bodies}', description=
+        f'{bodies} boomerangs of {len(sites)} blobs above a wall in a pen of radius {radius:g} a, '
+        f'weight {weight:.4g} '
+        f'kT/a, which repel each other softly; averages by Monte Carlo ({systems} systems, '
+        f'{sweeps} sweeps)', stepSizes=[picoseconds(h) for h in (0.02, 0.05, 0.1)])
     # Systems are independent: their spread is the error.
-    scene.sampled = {name: (float(values.mean()), float(values.std(ddof=1)/math.sqrt(systems))) for name, values in sums.items()}
+    scene.sampled = {
+        name: (float(values.mean()), float(values.std(ddof=1)/math.sqrt(systems)))
+        for name, values in sums.items()
+    }
     return scene
 
 
 def _places(R, q, sites):
     """Positions of all blobs of bodies at R (n, 3), q (n, 4): nm."""
-    return (np.asarray(R)[:, None, :] + np.einsum('bij,kj->bki', rotationMatrices(np.asarray(q)), sites)).reshape(-1, 3)
+    return (np.asarray(R)[:, None, :] +
+            np.einsum('bij,kj->bki', rotationMatrices(np.asarray(q)), sites)).reshape(-1, 3)
 
 
 def measure(R, q, sites):
@@ -350,12 +374,14 @@ def measure(R, q, sites):
     vertical = rotationMatrices(q.reshape(-1, 4))[:, 2, :].reshape(q.shape[:-1] + (3,))
     heights = (R[..., 2:] + vertical @ sites.T)/RADIUS
     gaps = heights - 1
-    return {'height': heights[..., len(sites)//2], 'cos2': vertical[..., 2]**2, 'repulsion': wallRepulsion(gaps).sum(axis=-1)}
+    return {
+        'height': heights[..., len(sites) // 2], 'cos2': vertical[..., 2]**2,
+        'repulsion': wallRepulsion(gaps).sum(axis=-1)
+    }
 
 
 class _Average:
     """An observable of each replica, or averaged over the bodies of the only one."""
-
     def __init__(self, name):
         self.name = name
 
@@ -368,14 +394,12 @@ class _Average:
 
 class _Last:
     """What a run remembers of its sample before."""
-
     def __init__(self, scene, platform, properties):
         self.heights = None
 
 
 class _Displacement:
     """Mean square of what heights change by from sample to sample; not a number at first."""
-
     def __call__(self, sample, last):
         R, q = sample.rigid.getBodyPositions()._value, sample.rigid.getBodyOrientations()
         before, last.heights = last.heights, measure(R, q, sample.scene.sites)['height']
@@ -383,18 +407,20 @@ class _Displacement:
         return values if sample.scene.replicas > 1 else float(values.mean())
 
 
-OBSERVABLES = {observable.name: observable for observable in (
-    Observable('height', 'mean height of the cross point', 'a', _Average('height')),
-    Observable('cos2', '<cos^2> of normal and vertical', '', _Average('cos2')),
-    Observable('repulsion', 'repulsion by the wall', 'kT per body', _Average('repulsion')),
-    Observable('msd', 'mean square change of height in τ_D', 'a^2', _Displacement(), setup=_Last))}
+OBSERVABLES = {
+    observable.name: observable
+    for observable in
+    (Observable('height', 'mean height of the cross point', 'a', _Average('height')),
+     Observable('cos2', '<cos^2> of normal and vertical', '', _Average('cos2')),
+     Observable('repulsion', 'repulsion by the wall', 'kT per body', _Average('repulsion')),
+     Observable('msd', 'mean square change of height in τ_D', 'a^2', _Displacement(), setup=_Last))
+}
 #: Those that sample the right distribution as the step vanishes, without momenta.
 CONSISTENT = SCHEMES[1:]
 
 
 class _Inertial:
     """LangevinHI with the masses and moments that relax at a given rate times the step, in unbounded fluid."""
-
     def __init__(self, rateTimesStep):
         self.rateTimesStep = rateTimesStep
 
@@ -409,10 +435,18 @@ class _Inertial:
         return integrator
 
 
-#: All methods by name. At a fixed rate times step the masses shrink with the step, and the error is of first order.
-METHODS = {**{name: Method(name, RigidScheme(getattr(Scheme, name)), 1, None, 'without momenta') for name in SCHEMES},
-           **{name: Method(name, _Inertial(rate), 1, None, f'masses such that momenta relax in {1/rate:.3g} steps')
-              for name, rate in INERTIA.items()}}
+#: All methods by name. At a fixed rate times step the masses shrink with the step, and the error is
+#: of first order.
+METHODS = {
+    **{
+        name: Method(name, RigidScheme(getattr(Scheme, name)), 1, None, 'without momenta')
+        for name in SCHEMES
+    }, **{
+        name: Method(name, _Inertial(rate), 1, None, f'masses such that momenta relax in '
+                     f'{1/rate:.3g} steps')
+        for name, rate in INERTIA.items()
+    }
+}
 
 
 def byName(name):
@@ -428,7 +462,9 @@ def byName(name):
         for any other name
     """
     if name not in METHODS:
-        raise ValueError(f'method: got {name!r}, which is no road to the overdamped limit; choose among {", ".join(METHODS)}')
+        raise ValueError(
+            f'method: got {name!r}, which is no road to the overdamped limit; choose among '
+            f'{", ".join(METHODS)}')
     return METHODS[name]
 
 
@@ -448,8 +484,8 @@ class OverdampedStudy(StepSizeStudy):
     stepSizes : sequence of float, or dict from method name to sequence of float, optional
         in units of tau_D; default: the scene's. A whole number of steps must make 1.
     observables : sequence of str
-        among height, cos2, repulsion and msd, which is of the motion: its reference is the common limit of the consistent schemes
-        without momenta
+        among height, cos2, repulsion and msd, which is of the motion: its reference is the common
+        limit of the consistent schemes without momenta
     **kwargs
         platform, threads, seed, clock: see Study
 
@@ -460,22 +496,31 @@ class OverdampedStudy(StepSizeStudy):
     >>> study.run(length=40*study.scene.timeUnit).recommend('height:50%').verdict
     'recommended'
     """
-
-    def __init__(self, scene, methods=tuple(METHODS), stepSizes=None, observables=tuple(OBSERVABLES), platform='Reference', **kwargs):
+    def __init__(self, scene, methods=tuple(METHODS), stepSizes=None,
+                 observables=tuple(OBSERVABLES), platform='Reference', **kwargs):
         if isinstance(stepSizes, dict):
-            stepSizes = {name: [h*scene.timeUnit for h in steps] for name, steps in stepSizes.items()}
+            stepSizes = {
+                name: [h*scene.timeUnit for h in steps]
+                for name, steps in stepSizes.items()
+            }
         elif stepSizes is not None:
             stepSizes = [h*scene.timeUnit for h in stepSizes]
         for name in observables:
             if name not in OBSERVABLES:
-                raise ValueError(f'observable: got {name!r}, which bodies above a wall do not have; choose among {", ".join(OBSERVABLES)}')
-        super().__init__(scene, [byName(name) for name in methods], stepSizes, getattr(scene, 'sampled', None),
-                         observables=[OBSERVABLES[name] for name in observables], platform=platform, **kwargs)
+                raise ValueError(
+                    f'observable: got {name!r}, which bodies above a wall do not have; choose '
+                    f'among {", ".join(OBSERVABLES)}')
+        super().__init__(scene, [byName(name) for name in methods], stepSizes,
+                         getattr(scene, 'sampled',
+                                 None), observables=[OBSERVABLES[name] for name in observables],
+                         platform=platform, **kwargs)
         perDay = scene.replicas*1000/SECONDS_PER_DAY/scene.timeUnit
         for setting in self.settings():
             if abs(scene.timeUnit/setting.stepSize - round(scene.timeUnit/setting.stepSize)) > 1e-6:
-                raise ValueError(f'OverdampedStudy: stepSizes: got {setting.stepSize/scene.timeUnit:g}; a whole number of steps must make 1 '
-                                 '(τ_D), the time between samples: take e.g. 0.05, 0.1, 0.2, 0.25, 0.5')
+                raise ValueError(
+                    f'OverdampedStudy: stepSizes: got {setting.stepSize/scene.timeUnit:g}; a whole '
+                    f'number of steps must make 1 '
+                    '(τ_D), the time between samples: take e.g. 0.05, 0.1, 0.2, 0.25, 0.5')
         self.knob = Knob('step_size', 'step', 'τ_D', 1/scene.timeUnit, 'τ_D/s', perDay)
 
     def reference(self, observable, rows):

@@ -1,6 +1,7 @@
 """What it takes to know a number: bias and noise of every setting together, the time to a wanted error and the error that a time buys.
 
-The arithmetic is in accuracy/statistics.py; here settings are compared, with the uncertainty of everything that was measured.
+The arithmetic is in accuracy/statistics.py; here settings are compared, with the uncertainty of
+everything that was measured.
 """
 import math
 import re
@@ -27,8 +28,8 @@ FEWEST_NOISE_DEGREES = 8
 def completeNoise(row, clock=None):
     """Give a row what prices are made of, as far as it has it: noise, times of its own, independent samples a second.
 
-    Results that were written before noise was measured have the standard error of block averages: its square times the length is the noise, known
-    with the degrees of freedom of the blocks.
+    Results that were written before noise was measured have the standard error of block averages:
+    its square times the length is the noise, known with the degrees of freedom of the blocks.
 
     Parameters
     ----------
@@ -38,16 +39,21 @@ def completeNoise(row, clock=None):
         what ns_per_day is from, 'wall' or 'cpu'
     """
     row.setdefault('ns_per_wall_day', row['ns_per_day'] if clock == 'wall' else None)
-    for key in ('sample_interval', 'variance', 'own_tau', 'own_tau_error', 'noise', 'noise_degrees'):
+    for key in ('sample_interval', 'variance', 'own_tau', 'own_tau_error', 'noise',
+                'noise_degrees'):
         row.setdefault(key, None)
-    if row['noise'] is None and row['mean'] is not None and row['tau'] and row['samples'] and row['length']:
+    if row['noise'] is None and row['mean'] is not None and row['tau'] and row['samples'] and row[
+            'length']:
         interval, noise = row['length']/row['samples'], row['standard_error']**2*row['length']
         degrees = noiseDegrees(row['tau']/interval, row['samples'])
-        row.update(sample_interval=interval, noise=noise, noise_degrees=row['degrees'], variance=noise/(2*row['tau']), own_tau=row['tau'],
+        row.update(sample_interval=interval, noise=noise, noise_degrees=row['degrees'],
+                   variance=noise/(2*row['tau']), own_tau=row['tau'],
                    own_tau_error=row['tau']*math.sqrt(2/degrees))
-    for key, speed in (('effective_per_second', 'ns_per_day'), ('effective_per_cpu_second', 'ns_per_cpu_day'),
-                       ('effective_per_wall_second', 'ns_per_wall_day')):
-        row[key] = row['variance']/row['noise']*row[speed]*1000/SECONDS_PER_DAY if row['noise'] and row[speed] else None
+    for key, speed in (('effective_per_second', 'ns_per_day'),
+                       ('effective_per_cpu_second', 'ns_per_cpu_day'), ('effective_per_wall_second',
+                                                                        'ns_per_wall_day')):
+        row[key] = row['variance']/row['noise']*row[speed]*1000/SECONDS_PER_DAY if row[
+            'noise'] and row[speed] else None
 
 
 @dataclass
@@ -81,10 +87,10 @@ class Prices:
     result : StudyResult
     resamplings : int
     """
-
     def __init__(self, result, resamplings=2000):
         if not resamplings >= FEWEST_RESAMPLINGS:
-            raise ValueError(f'price: resamplings: got {resamplings}; intervals need at least {FEWEST_RESAMPLINGS}: give more')
+            raise ValueError(f'price: resamplings: got {resamplings}; intervals need at least '
+                             f'{FEWEST_RESAMPLINGS}: give more')
         self.result = result
         self.resamplings = int(resamplings)
         #: (method, value) of the settings that can be used, and a row of each.
@@ -100,8 +106,10 @@ class Prices:
         shared = min((len(row['speeds']) for row in self.rows), default=1)
         # The same rounds for all settings: what slowed one down slowed the others.
         picks = rng.integers(0, shared, size=(self.resamplings, shared))
-        self.speeds = np.stack([np.median(np.array(row['speeds'][:shared])[picks], axis=1) for row in self.rows],
-                               axis=1)*1000/SECONDS_PER_DAY if self.rows else np.zeros((self.resamplings, 0))
+        self.speeds = np.stack(
+            [np.median(np.array(row['speeds'][:shared])[picks], axis=1)
+             for row in self.rows], axis=1)*1000/SECONDS_PER_DAY if self.rows else np.zeros(
+                 (self.resamplings, 0))
         self._known = {}
 
     def known(self, observable):
@@ -119,13 +127,16 @@ class Prices:
             return self._known[observable]
         # Of an observable's own, so that no answer depends on what was asked before.
         rng = np.random.default_rng([list(self.result.observables).index(observable), 54321])
-        found = {(row['method'], row['value']): row for row in self.result.rows if row['observable'] == observable}
+        found = {(row['method'], row['value']): row
+                 for row in self.result.rows if row['observable'] == observable}
         rows = [found[key] for key in self.keys]
-        there = np.array([row['error'] is not None and row['noise'] is not None for row in rows], dtype=bool)
+        there = np.array([row['error'] is not None and row['noise'] is not None for row in rows],
+                         dtype=bool)
         mine = [row for row, flag in zip(rows, there) if flag]
 
         def column(key):
-            return np.array([row[key] if flag else np.nan for row, flag in zip(rows, there)], dtype=float)
+            return np.array([row[key] if flag else np.nan for row, flag in zip(rows, there)],
+                            dtype=float)
 
         bias, noise = column('error'), column('noise')
         biases, noises = (np.full((self.resamplings, len(rows)), np.nan) for _ in range(2))
@@ -133,13 +144,18 @@ class Prices:
             degrees = np.array([row['degrees'] for row in mine], dtype=float)
             # A normal law with a standard error that is itself uncertain: Student's t.
             spread = np.sqrt(degrees/rng.chisquare(degrees, size=(self.resamplings, len(mine))))
-            biases[:, there] = bias[there] + self.result.deviations(mine, rng, self.resamplings)*spread
-            noises[:, there] = resampledNoise(noise[there], column('noise_degrees')[there], rng, self.resamplings)
-        isNothing = np.array([flag and row['error_low'] <= 0 <= row['error_high'] for row, flag in zip(rows, there)], dtype=bool)
-        self._known[observable] = _Known(rows, bias, noise, column('equilibration'), biases, noises, np.where(isNothing, 0, biases))
+            biases[:,
+                   there] = bias[there] + self.result.deviations(mine, rng, self.resamplings)*spread
+            noises[:, there] = resampledNoise(noise[there],
+                                              column('noise_degrees')[there], rng, self.resamplings)
+        isNothing = np.array(
+            [flag and row['error_low'] <= 0 <= row['error_high'] for row, flag in zip(rows, there)],
+            dtype=bool)
+        self._known[observable] = _Known(rows, bias, noise, column('equilibration'), biases, noises,
+                                         np.where(isNothing, 0, biases))
         return self._known[observable]
 
-    # ---- Time to a wanted error --------------------------------------------------------------------------------------
+    # ---- Time to a wanted error ------------------------------------------------------------------
 
     def recommend(self, wanted, confidence):
         """See StudyResult.price().
@@ -154,28 +170,43 @@ class Prices:
         Recommendation
         """
         all_ = [self.known(item.observable) for item in wanted]
-        times = np.array([timeToError(item.tolerance, each.bias, each.noise, self.speed, each.equilibration)
-                          for item, each in zip(wanted, all_)])
-        cloud, least = (np.max([timeToError(item.tolerance, getattr(each, which), each.noises, self.speeds, each.equilibration)
-                                for item, each in zip(wanted, all_)], axis=0) for which in ('biases', 'leastBiases'))
+        times = np.array([
+            timeToError(item.tolerance, each.bias, each.noise, self.speed, each.equilibration)
+            for item, each in zip(wanted, all_)
+        ])
+        cloud, least = (np.max([
+            timeToError(item.tolerance, getattr(each, which), each.noises, self.speeds,
+                        each.equilibration) for item, each in zip(wanted, all_)
+        ], axis=0) for which in ('biases', 'leastBiases'))
         seconds, slowest = times.max(axis=0), times.argmax(axis=0)
         low, high = self._interval(least, cloud, confidence)
         candidates = []
         for k, row in enumerate(self.rows):
-            judged = [self.result.judge(each.rows[k], item, confidence) for item, each in zip(wanted, all_)]
+            judged = [
+                self.result.judge(each.rows[k], item, confidence)
+                for item, each in zip(wanted, all_)
+            ]
             verdict = worst([one[0] for one in judged])
             limit, item = all_[slowest[k]], wanted[slowest[k]]
-            hasPrice = all(np.isfinite(each.bias[k]) for each in all_) and all(math.isfinite(item.tolerance) for item in wanted)
+            hasPrice = all(np.isfinite(each.bias[k]) for each in all_) and all(
+                math.isfinite(item.tolerance) for item in wanted)
             factor = max((one[1] for one in judged if one[0] == 'undecided'), default=None)
             candidates.append({
-                **self._setting(row), 'bias': verdict if hasPrice else 'n/a', 'verdict': None, 'seconds': float(seconds[k]) if hasPrice else math.inf,
-                'seconds_low': float(low[k]) if hasPrice else math.inf, 'seconds_high': float(high[k]) if hasPrice else math.inf,
-                'observable': item.observable, 'bias_part': float((limit.bias[k]/item.tolerance)**2) if hasPrice else None,
-                'own_tau': limit.rows[k]['own_tau'], 'effective_per_second': limit.rows[k]['effective_per_second'],
-                'equilibration_part': float(limit.equilibration[k]/self.speed[k]/seconds[k]) if hasPrice else None,
-                'length': float(seconds[k]*self.speed[k] - limit.equilibration[k]) if hasPrice else math.inf,
-                'factor': factor if verdict == 'undecided' else None,
-                'marks': list(dict.fromkeys(mark for each in all_ for mark in marks(each.rows[k])))})
+                **self._setting(row), 'bias': verdict if hasPrice else 'n/a', 'verdict': None,
+                'seconds': float(seconds[k]) if hasPrice else math.inf,
+                'seconds_low': float(low[k]) if hasPrice else math.inf,
+                'seconds_high': float(high[k]) if hasPrice else math.inf,
+                'observable': item.observable, 'bias_part': float(
+                    (limit.bias[k]/item.tolerance)**2) if hasPrice else None,
+                'own_tau': limit.rows[k]['own_tau'],
+                'effective_per_second': limit.rows[k]['effective_per_second'],
+                'equilibration_part': float(limit.equilibration[k]/self.speed[k]/
+                                            seconds[k]) if hasPrice else None,
+                'length': float(seconds[k]*self.speed[k] -
+                                limit.equilibration[k]) if hasPrice else math.inf,
+                'factor': factor if verdict == 'undecided' else None, 'marks': list(
+                    dict.fromkeys(mark for each in all_ for mark in marks(each.rows[k])))
+            })
         good = [k for k, each in enumerate(candidates) if each['bias'] == 'yes']
         best = min(good, key=lambda k: candidates[k]['seconds'], default=None)
         self._rank(candidates, best, seconds, cloud, confidence)
@@ -199,26 +230,36 @@ class Prices:
         factor = None
         if best is not None:
             verdict = RECOMMENDED
-            text += (f'{self._name(best)}, {duration(best["seconds"])}{clock} ({_between(best)}), the least of those whose bias is below that with '
-                     f'{100*confidence:g} % confidence; '
-                     f'{100*best["bias_part"]:.0f} % of the squared error is bias, '
-                     f'{100*best["equilibration_part"]:.0f} % of the time equilibration'
-                     + (f', {self.result.observables[best["observable"]]["label"]} takes longest' if len(wanted) > 1 else '') + '.')
+            text += (
+                f'{self._name(best)}, {duration(best["seconds"])}{clock} ({_between(best)}), the '
+                f'least of those whose bias is below that with '
+                f'{100*confidence:g} % confidence; '
+                f'{100*best["bias_part"]:.0f} % of the squared error is bias, '
+                f'{100*best["equilibration_part"]:.0f} % of the time equilibration' +
+                (f', {self.result.observables[best["observable"]]["label"]} takes longest'
+                 if len(wanted) > 1 else '') + '.')
             same = [each for each in candidates if each['verdict'] == SAME]
             if same:
                 text += f' Not distinguishable from it: {self._names(same, lambda each: duration(each["seconds"]))}.'
             others = []
             for method in self.result.methods():
-                own = next((each for each in candidates if each['method'] == method and each['bias'] == 'yes'), None)
+                own = next(
+                    (each
+                     for each in candidates if each['method'] == method and each['bias'] == 'yes'),
+                    None)
                 if method != best['method'] and own is not None:
-                    others.append(f'{self._name(own)} ({duration(own["seconds"])}, {own["ratio"]:.2f} times as long, '
-                                  f'{own["ratio_low"]:.2f} to {_bound(own["ratio_high"])})')
+                    others.append(
+                        f'{self._name(own)} ({duration(own["seconds"])}, {own["ratio"]:.2f} times '
+                        f'as long, '
+                        f'{own["ratio_low"]:.2f} to {_bound(own["ratio_high"])})')
             if others:
                 text += f' The best of the other methods: {"; ".join(others)}.'
             if undecided:
                 factor = min(each['factor'] for each in undecided)
-                text += (f' Settings that may cost less or never get there, for their bias is not known well enough: '
-                         f'{self._names(undecided)}; {longer(factor)}.')
+                text += (
+                    f' Settings that may cost less or never get there, for their bias is not known '
+                    f'well enough: '
+                    f'{self._names(undecided)}; {longer(factor)}.')
             if best['marks']:
                 text += f' Beware: {"; ".join(best["marks"])}.'
         elif undecided:
@@ -226,15 +267,19 @@ class Prices:
             text += f'cannot tell. The bias is not known well enough for {self._names(undecided)}; {longer(factor)}.'
         elif candidates and all(each['verdict'] == 'n/a' for each in candidates):
             verdict = UNDECIDED
-            text += ('cannot tell. There is nothing to compare with, or no correlation time: an exact value, a reference or smaller steps are '
-                     'needed, and runs with samples.')
+            text += (
+                'cannot tell. There is nothing to compare with, or no correlation time: an exact '
+                'value, a reference or smaller steps are '
+                'needed, and runs with samples.')
         else:
             verdict = NONE
-            text += f'{NONE}. ' + (f'The bias of every stable setting exceeds it with {100*confidence:g} % confidence: no time suffices; smaller '
-                                   'steps may do.' if candidates else 'No setting was stable; smaller steps may be.')
+            text += f'{NONE}. ' + (
+                f'The bias of every stable setting exceeds it with {100*confidence:g} % '
+                f'confidence: no time suffices; smaller '
+                'steps may do.' if candidates else 'No setting was stable; smaller steps may be.')
         return Recommendation(verdict, best, text, candidates, factor, wanted)
 
-    # ---- Error after a time ------------------------------------------------------------------------------------------
+    # ---- Error after a time ----------------------------------------------------------------------
 
     def spend(self, observable, seconds, confidence):
         """See StudyResult.spend().
@@ -262,24 +307,36 @@ class Prices:
         for k, row in enumerate(self.rows):
             length = seconds*self.speed[k] - known.equilibration[k]
             candidates.append({
-                **self._setting(row), 'verdict': 'n/a' if out[k] else None, 'total_error': math.inf if out[k] else float(errors[k]),
-                'total_error_low': math.inf if out[k] else float(low[k]), 'total_error_high': math.inf if out[k] else float(high[k]),
-                'bias': None if out[k] else abs(float(known.bias[k])), 'standard_error': None if out[k] else float(math.sqrt(known.noise[k]/length)),
-                'length': max(0.0, float(length)), 'marks': marks(known.rows[k])})
-        best = min((k for k in range(len(candidates)) if not out[k]), key=lambda k: errors[k], default=None)
+                **self._setting(row), 'verdict': 'n/a' if out[k] else None,
+                'total_error': math.inf if out[k] else float(errors[k]),
+                'total_error_low': math.inf if out[k] else float(low[k]),
+                'total_error_high': math.inf if out[k] else float(high[k]),
+                'bias': None if out[k] else abs(float(known.bias[k])),
+                'standard_error': None if out[k] else float(math.sqrt(known.noise[k]/length)),
+                'length': max(0.0, float(length)), 'marks': marks(known.rows[k])
+            })
+        best = min((k for k in range(len(candidates)) if not out[k]), key=lambda k: errors[k],
+                   default=None)
         self._rank(candidates, best, np.where(out, np.inf, errors), cloud, confidence)
         for k, each in enumerate(candidates):
-            each['verdict'] = each['verdict'] or (BEST if k == best else WORSE if each['ratio_low'] > 1 else SAME)
+            each['verdict'] = each['verdict'] or (BEST if k == best else
+                                                  WORSE if each['ratio_low'] > 1 else SAME)
         chosen = None if best is None else candidates[best]
         candidates.sort(key=lambda each: each['total_error'])
         text = f'With {duration(seconds)} for {label}: '
         if chosen is None:
-            return Recommendation(NONE, None, text + f'{NONE}. It does not suffice for the equilibration of any setting, or there is nothing to '
-                                  'compare with; take more time.', candidates, None, [])
+            return Recommendation(
+                NONE, None, text +
+                f'{NONE}. It does not suffice for the equilibration of any setting, or there is '
+                f'nothing to '
+                'compare with; take more time.', candidates, None, [])
         reference = self.result.references[observable].value
         part = f' ({100*chosen["total_error"]/abs(reference):.2g} %)' if reference else ''
-        text += (f'{self._name(chosen)}, which gets it to {chosen["total_error"]:.2g} {unit}{part}, {chosen["total_error_low"]:.2g} to '
-                 f'{chosen["total_error_high"]:.2g}: bias {chosen["bias"]:.2g}, standard error {chosen["standard_error"]:.2g}.')
+        text += (
+            f'{self._name(chosen)}, which gets it to {chosen["total_error"]:.2g} {unit}{part}, '
+            f'{chosen["total_error_low"]:.2g} to '
+            f'{chosen["total_error_high"]:.2g}: bias {chosen["bias"]:.2g}, standard error '
+            f'{chosen["standard_error"]:.2g}.')
         same = [each for each in candidates if each['verdict'] == SAME]
         if same:
             text += f' Not distinguishable from it: {self._names(same)}.'
@@ -304,27 +361,35 @@ class Prices:
         known = self.known(observable)
         errors, low, high = [], [], []
         for time in seconds:
-            errors.append(np.nan_to_num(errorAfter(time, known.bias, known.noise, self.speed, known.equilibration), nan=np.inf, posinf=np.inf))
-            ends = self._interval(*(errorAfter(time, biases, known.noises, self.speeds, known.equilibration)
-                                    for biases in (known.leastBiases, known.biases)), confidence)
+            errors.append(
+                np.nan_to_num(
+                    errorAfter(time, known.bias, known.noise, self.speed, known.equilibration),
+                    nan=np.inf, posinf=np.inf))
+            ends = self._interval(
+                *(errorAfter(time, biases, known.noises, self.speeds, known.equilibration)
+                  for biases in (known.leastBiases, known.biases)), confidence)
             for values, end in zip((low, high), ends):
                 values.append(end)
         return np.array(errors), np.array(low), np.array(high)
 
     def _check(self, observable, seconds):
         if observable not in self.result.observables:
-            raise ValueError(f'spend: observable: got {observable!r}, of which nothing is known here: ask for one of {", ".join(self.result.observables)}')
+            raise ValueError(
+                f'spend: observable: got {observable!r}, of which nothing is known here: ask for '
+                f'one of {", ".join(self.result.observables)}')
         if not (seconds > 0 and math.isfinite(seconds)):
-            raise ValueError(f'spend: seconds: got {seconds}; the time to spend must be above 0 and finite: give it in seconds')
+            raise ValueError(
+                f'spend: seconds: got {seconds}; the time to spend must be above 0 and finite: '
+                f'give it in seconds')
 
-    # ---- Both --------------------------------------------------------------------------------------------------------
+    # ---- Both ------------------------------------------------------------------------------------
 
     @staticmethod
     def _interval(least, cloud, confidence):
         """The ends of intervals; infinite numbers are values as others, so that nothing is interpolated."""
         tail = (1 - confidence)/2
-        return (np.quantile(np.nan_to_num(each, nan=np.inf, posinf=np.inf), q, axis=0, method='nearest')
-                for each, q in ((least, tail), (cloud, 1 - tail)))
+        return (np.quantile(np.nan_to_num(each, nan=np.inf, posinf=np.inf), q, axis=0,
+                            method='nearest') for each, q in ((least, tail), (cloud, 1 - tail)))
 
     def _rank(self, candidates, best, values, cloud, confidence):
         """Ratios to the best, with intervals."""
@@ -334,19 +399,25 @@ class Prices:
                 continue
             with np.errstate(invalid='ignore'):
                 ratios = cloud[:, k]/cloud[:, best]
-            # Two that both never get there, or nothing known: no difference; and nothing that there is of the best counts against it.
+            # Two that both never get there, or nothing known: no difference; and nothing that there
+            # is of the best counts against it.
             ratios = np.where(np.isnan(ratios), 1.0, ratios)
             tail = (1 - confidence)/2
             low, high = np.quantile(ratios, [tail, 1 - tail], method='nearest')
-            each.update(ratio=float(values[k]/values[best]) if np.isfinite(values[k]) else math.inf, ratio_low=float(low), ratio_high=float(high))
+            each.update(ratio=float(values[k]/values[best]) if np.isfinite(values[k]) else math.inf,
+                        ratio_low=float(low), ratio_high=float(high))
 
     def _setting(self, row):
         return {key: row[key] for key in ('method', 'value', 'step_size', 'ns_per_day')}
 
     def _names(self, candidates, about=None):
         """Names of settings with commas between, and what is to be said about each; of many the first."""
-        names = [self._name(each) + (f' ({about(each)})' if about else '') for each in candidates[:MOST_NAMES]]
-        return ', '.join(names) + (f' and {len(candidates) - MOST_NAMES} more' if len(candidates) > MOST_NAMES else '')
+        names = [
+            self._name(each) + (f' ({about(each)})' if about else '')
+            for each in candidates[:MOST_NAMES]
+        ]
+        return ', '.join(names) + (f' and {len(candidates) - MOST_NAMES} more'
+                                   if len(candidates) > MOST_NAMES else '')
 
     def _name(self, candidate):
         return f'{candidate["method"]} at {self.result.knob.format(candidate["value"])}'
@@ -362,7 +433,8 @@ def parseSpending(text, names):
     Parameters
     ----------
     text : str
-        "observable:3600", "observable:90s", "observable:30min", "observable:2h" or "observable:1.5d"
+        "observable:3600", "observable:90s", "observable:30min", "observable:2h" or
+        "observable:1.5d"
     names : collection of str
         the observables there are
 
@@ -377,8 +449,10 @@ def parseSpending(text, names):
     except (KeyError, ValueError):
         seconds = math.nan
     if name not in names or not (seconds > 0 and math.isfinite(seconds)):
-        raise ValueError(f'time to spend: got {text!r}, which is not an observable and its time; the observable is one of {", ".join(names)}, the '
-                         f'time above 0: write e.g. {next(iter(names))}:2h, with s, min, h or d')
+        raise ValueError(
+            f'time to spend: got {text!r}, which is not an observable and its time; the observable '
+            f'is one of {", ".join(names)}, the '
+            f'time above 0: write e.g. {next(iter(names))}:2h, with s, min, h or d')
     return name, seconds
 
 
@@ -393,9 +467,12 @@ def marks(row):
         return []
     found = []
     if row['sample_interval'] > row['own_tau']/2:
-        found.append('samples are further apart than half a correlation time, so that closer ones may cost less')
+        found.append(
+            'samples are further apart than half a correlation time, so that closer ones may cost '
+            'less')
     if row['noise_degrees'] < FEWEST_NOISE_DEGREES:
-        found.append('the run is too short for its correlation time, which is known to a half at best')
+        found.append(
+            'the run is too short for its correlation time, which is known to a half at best')
     if row['note'] == 'drifts':
         found.append('the two halves of the run disagree')
     return found

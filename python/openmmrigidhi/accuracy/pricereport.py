@@ -28,7 +28,6 @@ class PriceReport:
     style : dict
         method -> (colour, marker)
     """
-
     def __init__(self, result, price, spend, style):
         self.result = result
         self.style = style
@@ -45,18 +44,33 @@ class PriceReport:
     def asDict(self):
         """For JSON; what is infinite is null there."""
         def plain(answer, **about):
-            return {**about, **{key: _finite(getattr(answer, key)) for key in ('verdict', 'setting', 'factor', 'text', 'candidates')}}
+            return {
+                **about, **{
+                    key: _finite(getattr(answer, key))
+                    for key in ('verdict', 'setting', 'factor', 'text', 'candidates')
+                }
+            }
+
         result = {}
         if self.answers:
-            result['prices'] = [plain(answer, wanted=[vars(each) for each in answer.wanted]) for answer in self.answers]
+            result['prices'] = [
+                plain(answer, wanted=[vars(each) for each in answer.wanted])
+                for answer in self.answers
+            ]
         if self.spendings:
-            result['spendings'] = [plain(answer, observable=name, seconds=seconds) for (name, seconds), answer in zip(self.spend, self.spendings)]
+            result['spendings'] = [
+                plain(answer, observable=name, seconds=seconds)
+                for (name, seconds), answer in zip(self.spend, self.spendings)
+            ]
         return result
 
     def pictures(self):
         """File name -> PNG, one for each wanted error that has a price."""
-        return {self.fileName(item): self.draw(item, answer) for item, answer in zip(self.wanted, self.answers)
-                if any(math.isfinite(each['seconds']) for each in answer.candidates)}
+        return {
+            self.fileName(item): self.draw(item, answer)
+            for item, answer in zip(self.wanted, self.answers) if any(
+                math.isfinite(each['seconds']) for each in answer.candidates)
+        }
 
     @staticmethod
     def fileName(wanted):
@@ -68,7 +82,7 @@ class PriceReport:
         """
         return f'price_{re.sub("[^A-Za-z0-9_.]+", "_", wanted.replace("%", "pc"))}.png'
 
-    # ---- Pictures ----------------------------------------------------------------------------------------------------
+    # ---- Pictures --------------------------------------------------------------------------------
 
     def draw(self, wanted, answer):
         """Total error against time for each observable, beside the time to the wanted error against the knob; a PNG.
@@ -78,8 +92,9 @@ class PriceReport:
         wanted : str
         answer : Recommendation
         """
-        figure, panels = emptyPanels(f'What it takes to know {" and ".join(aim(item) for item in answer.wanted)}, {self.result.scene["name"]}',
-                                     [1.35]*len(answer.wanted) + [1])
+        figure, panels = emptyPanels(
+            f'What it takes to know {" and ".join(aim(item) for item in answer.wanted)}, '
+            f'{self.result.scene["name"]}', [1.35]*len(answer.wanted) + [1])
         for axes, item in zip(panels, answer.wanted):
             self._drawErrors(axes, item, answer)
         self._drawTimes(panels[-1], answer)
@@ -93,7 +108,9 @@ class PriceReport:
         # Before the first of the equilibrations is over there is nothing to see.
         first = max(np.nanmin(known.equilibration/self.prices.speed), min(finite)/MARGIN)
         seconds = np.geomspace(first, min(max(finite), FAR*min(finite))*MARGIN, 200)
-        errors, low, high = (values*scale for values in self.prices.curves(item.observable, seconds, result.confidence))
+        errors, low, high = (
+            values*scale
+            for values in self.prices.curves(item.observable, seconds, result.confidence))
         best = []
         for each in answer.candidates:
             if each['bias'] == 'yes' and each['method'] not in [one[0] for one in best]:
@@ -101,35 +118,46 @@ class PriceReport:
         bottom = np.inf
         for method in result.methods():
             colour, _ = self.style[method]
-            mine = [k for k, key in enumerate(self.prices.keys) if key[0] == method and np.isfinite(errors[:, k]).any()]
+            mine = [
+                k for k, key in enumerate(self.prices.keys)
+                if key[0] == method and np.isfinite(errors[:, k]).any()
+            ]
             if not mine:
                 continue
             for k in mine:
                 axes.plot(seconds, errors[:, k], color=colour, lw=0.7, alpha=0.35, zorder=1)
             own = np.array(mine)[errors[:, mine].argmin(axis=1)]
             envelope = errors[np.arange(len(seconds)), own]
-            axes.plot(seconds, np.where(np.isfinite(envelope), envelope, np.nan), color=colour, lw=2.2, zorder=3, label=method)
+            axes.plot(seconds, np.where(np.isfinite(envelope), envelope, np.nan), color=colour,
+                      lw=2.2, zorder=3, label=method)
             bottom = min(bottom, envelope.min())
             self._nameSettings(axes, seconds, envelope, own, colour)
             for key in [(name, value) for name, value in best[:MOST_BANDS] if name == method]:
                 k = self.prices.keys.index(key)
                 there = np.isfinite(low[:, k])
-                axes.fill_between(seconds[there], low[there, k], np.minimum(high[there, k], 1e6), color=colour, alpha=0.18, lw=0, zorder=0,
-                                  label=f'{100*result.confidence:g} % interval, {result.knob.format(key[1])}')
+                axes.fill_between(
+                    seconds[there], low[there, k], np.minimum(high[there, k], 1e6), color=colour,
+                    alpha=0.18, lw=0, zorder=0,
+                    label=f'{100*result.confidence:g} % interval, {result.knob.format(key[1])}')
         axes.axhline(item.tolerance*scale, color='black', ls='--', lw=1.2, zorder=2)
-        axes.annotate('wanted: ' + item.text.split(' of ')[0], (0.99, item.tolerance*scale), xycoords=('axes fraction', 'data'), xytext=(-2, 4), ha='right',
+        axes.annotate('wanted: ' + item.text.split(' of ')[0], (0.99, item.tolerance*scale),
+                      xycoords=('axes fraction', 'data'), xytext=(-2, 4), ha='right',
                       textcoords='offset points', fontsize=9)
         axes.set_xscale('log')
         axes.set_yscale('log')
         axes.set_ylim(bottom*0.4, item.tolerance*scale*12)
         axes.set_xlim(seconds[0]*0.7, seconds[-1])
-        axes.set_xlabel('processor seconds' if result.provenance.get('clock') == 'cpu' else 'seconds')
+        axes.set_xlabel('processor seconds' if result.provenance.get('clock') ==
+                        'cpu' else 'seconds')
         unit = result.observables[item.observable]['unit']
-        axes.set_ylabel('total error, ' + (f'% of {abs(reference):.5g} {unit}' if reference else unit))
-        axes.set_title(f'{sentence(result.observables[item.observable]["label"])}: bias and noise', fontsize=10.5)
+        axes.set_ylabel('total error, ' +
+                        (f'% of {abs(reference):.5g} {unit}' if reference else unit))
+        axes.set_title(f'{sentence(result.observables[item.observable]["label"])}: bias and noise',
+                       fontsize=10.5)
         axes.grid(True, which='major', alpha=0.35)
         plainTicks(axes)
-        axes.legend(loc='lower left', fontsize=8, framealpha=0.9, title='thick: the best setting of a method, by time', title_fontsize=8)
+        axes.legend(loc='lower left', fontsize=8, framealpha=0.9,
+                    title='thick: the best setting of a method, by time', title_fontsize=8)
 
     def _nameSettings(self, axes, seconds, envelope, own, colour):
         """Write a setting's name where it is the best of its method."""
@@ -137,9 +165,10 @@ class PriceReport:
         for k in dict.fromkeys(own[there]):
             where = np.flatnonzero((own == k) & there)
             if len(where) >= 12:
-                at = where[len(where)//2]
-                axes.annotate(self.result.knob.format(self.prices.keys[k][1]), (seconds[at], envelope[at]), xytext=(3, 4), textcoords='offset points',
-                              fontsize=8.5, color=colour, zorder=5)
+                at = where[len(where) // 2]
+                axes.annotate(self.result.knob.format(self.prices.keys[k][1]),
+                              (seconds[at], envelope[at]), xytext=(3, 4),
+                              textcoords='offset points', fontsize=8.5, color=colour, zorder=5)
 
     def _drawTimes(self, axes, answer):
         result, knob = self.result, self.result.knob
@@ -148,60 +177,88 @@ class PriceReport:
         bottom = min(each['seconds_low'] for each in answer.candidates)/2
         values = sorted({each['value']*knob.scale for each in answer.candidates})
         # Bars of several methods at one value stand side by side.
-        aside = min([b - a for a, b in zip(values, values[1:])] + [values[-1]])*min(0.08, 0.4/len(result.methods()))
+        aside = min([b - a for a, b in zip(values, values[1:])] + [values[-1]])*min(
+            0.08, 0.4/len(result.methods()))
         for index, method in enumerate(result.methods()):
             colour, marker = self.style[method]
             shift = (index - (len(result.methods()) - 1)/2)*aside
-            mine = [each for each in answer.candidates if each['method'] == method and each['verdict'] != 'n/a']
+            mine = [
+                each for each in answer.candidates
+                if each['method'] == method and each['verdict'] != 'n/a'
+            ]
             for each in mine:
                 x, y = each['value']*knob.scale + shift, each['seconds']
                 # What never gets there, or hardly, is at the upper edge.
                 if y > top:
                     axes.plot(x, top*0.8, marker='x', ms=8, mew=2, color=colour, ls='')
                 else:
-                    axes.plot(x, y, marker=marker, ms=7, color=colour, mfc='white' if each['bias'] == OPEN else colour, mew=1.4, ls='', zorder=3)
+                    axes.plot(x, y, marker=marker, ms=7, color=colour,
+                              mfc='white' if each['bias'] == OPEN else colour, mew=1.4, ls='',
+                              zorder=3)
                 if each['seconds_low'] < top:
-                    axes.plot([x, x], [max(each['seconds_low'], bottom), min(each['seconds_high'], top)], color=colour, lw=1.3, alpha=0.8, zorder=2)
+                    axes.plot([x, x],
+                              [max(each['seconds_low'], bottom),
+                               min(each['seconds_high'], top)], color=colour, lw=1.3, alpha=0.8,
+                              zorder=2)
                     if each['seconds_high'] > top:
-                        axes.annotate('', (x, top), (x, top*0.75), arrowprops={'arrowstyle': '->', 'color': colour, 'lw': 1.3})
-            points = sorted((each['value']*knob.scale + shift, each['seconds']) for each in mine if each['seconds'] <= top)
+                        axes.annotate('', (x, top), (x, top*0.75),
+                                      arrowprops={'arrowstyle': '->', 'color': colour, 'lw': 1.3})
+            points = sorted((each['value']*knob.scale + shift, each['seconds']) for each in mine
+                            if each['seconds'] <= top)
             if points:
                 axes.plot(*zip(*points), color=colour, lw=0.8, alpha=0.5, zorder=1)
             axes.plot([], [], color=colour, marker=marker, ms=7, label=method)
-        axes.plot([], [], marker='o', mfc='white', color='grey', ls='', label='bias not known well enough')
+        axes.plot([], [], marker='o', mfc='white', color='grey', ls='',
+                  label='bias not known well enough')
         axes.plot([], [], marker='x', mew=2, color='grey', ls='', label='never, or hardly')
         axes.set_yscale('log')
         axes.set_ylim(bottom, top*1.3)
         axes.set_xlabel(f'{knob.label}, {knob.unit}')
-        axes.set_ylabel('time to the wanted error, ' + ('processor seconds' if result.provenance.get('clock') == 'cpu' else 's'))
-        axes.set_title(f'Time to it: lower is better (bars: {100*result.confidence:g} %)', fontsize=10.5)
+        axes.set_ylabel('time to the wanted error, ' +
+                        ('processor seconds' if result.provenance.get('clock') == 'cpu' else 's'))
+        axes.set_title(f'Time to it: lower is better (bars: {100*result.confidence:g} %)',
+                       fontsize=10.5)
         axes.grid(True, alpha=0.3)
         plainTicks(axes)
         axes.legend(loc='best', fontsize=8, framealpha=0.9)
 
-    # ---- Tables ------------------------------------------------------------------------------------------------------
+    # ---- Tables ----------------------------------------------------------------------------------
 
     def _head(self, wanted):
-        return (wanted, f'{self.result.knob.label}, {self.result.knob.unit}', 'time', f'{100*self.result.confidence:g} %', 'times the least',
-                f'{100*self.result.confidence:g} %', 'bias, % of square', 'equilibration, %', 'tau, ps', 'independent/s', 'verdict')
+        return (wanted, f'{self.result.knob.label}, {self.result.knob.unit}', 'time',
+                f'{100*self.result.confidence:g} %', 'times the least',
+                f'{100*self.result.confidence:g} %', 'bias, % of square', 'equilibration, %',
+                'tau, ps', 'independent/s', 'verdict')
 
     def _rows(self, answer):
         knob = self.result.knob
         rows = []
         for each in answer.candidates:
-            interval = '' if not math.isfinite(each['seconds_low']) else f'{duration(each["seconds_low"])} – {_orNever(each["seconds_high"])}'
-            ratio = '' if each['ratio'] is None or not math.isfinite(each['ratio']) else f'{each["ratio"]:.2f}'
-            ratios = '' if not ratio else f'{each["ratio_low"]:.2f} – ' + (f'{each["ratio_high"]:.2f}' if math.isfinite(each['ratio_high']) else '∞')
-            rows.append((each['method'], f'{each["value"]*knob.scale:g}', duration(each['seconds']), interval, ratio, ratios,
-                         '' if each['bias_part'] is None else f'{100*each["bias_part"]:.0f}' if each['bias_part'] < 1 else '> 100',
-                         number(None if not each['equilibration_part'] else 100*each['equilibration_part'], '.0f'), number(each['own_tau'], '.2g'),
-                         number(each['effective_per_second'], '.3g'), each['verdict']))
+            interval = '' if not math.isfinite(
+                each['seconds_low']
+            ) else f'{duration(each["seconds_low"])} – {_orNever(each["seconds_high"])}'
+            ratio = '' if each['ratio'] is None or not math.isfinite(
+                each['ratio']) else f'{each["ratio"]:.2f}'
+            ratios = '' if not ratio else f'{each["ratio_low"]:.2f} – ' + (
+                f'{each["ratio_high"]:.2f}' if math.isfinite(each['ratio_high']) else '∞')
+            rows.append(
+                (each['method'], f'{each["value"]*knob.scale:g}', duration(
+                    each['seconds']), interval, ratio, ratios, '' if each['bias_part'] is None else
+                 f'{100*each["bias_part"]:.0f}' if each['bias_part'] < 1 else '> 100',
+                 number(None if not each['equilibration_part'] else 100*each['equilibration_part'],
+                        '.0f'), number(each['own_tau'],
+                                       '.2g'), number(each['effective_per_second'],
+                                                      '.3g'), each['verdict']))
         return rows
 
     def tables(self):
         """HTML tables, one for each wanted error."""
-        return [table((*self._head(wanted), 'note'), [row + ('; '.join(each['marks']),) for row, each in zip(self._rows(answer), answer.candidates)], True)
-                for wanted, answer in zip(self.wanted, self.answers)]
+        return [
+            table((*self._head(wanted), 'note'), [
+                row + ('; '.join(each['marks']),)
+                for row, each in zip(self._rows(answer), answer.candidates)
+            ], True) for wanted, answer in zip(self.wanted, self.answers)
+        ]
 
     def textTables(self):
         """The same as text, one for each wanted error."""
@@ -209,20 +266,30 @@ class PriceReport:
         for wanted, answer in zip(self.wanted, self.answers):
             lines = [self._head('method'), *self._rows(answer)]
             widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
-            result.append('\n'.join([f'what it takes to know {wanted}'] + ['  '.join(cell.ljust(width) if k == 0 else cell.rjust(width) for k, (cell, width) in enumerate(zip(line, widths)))
-                                    for line in lines]))
+            result.append('\n'.join([f'what it takes to know {wanted}'] + [
+                '  '.join(
+                    cell.ljust(width) if k == 0 else cell.rjust(width)
+                    for k, (cell, width) in enumerate(zip(line, widths))) for line in lines
+            ]))
         return result
 
     def how(self):
         """How prices were made, paragraphs."""
         if not self.answers and not self.spendings:
             return []
-        clock = 'processor time' if self.result.provenance.get('clock') == 'cpu' else 'wall-clock time'
-        return [f'Prices: the total error after a time is the root mean square of the bias (the measured error) and of the standard error, whose '
-                f'square is 2 tau variance/(length of the run). Time is the {clock} of the integration steps, with the equilibration that the runs had. '
-                "Intervals: biases (Student's t, the shared reference with them), noises (chi^2 with samples/(10 tau/interval + 1) degrees of freedom, by "
-                "Sokal's variance of tau; in results without noise those of the blocks) and rounds of the timings were resampled together. The "
-                'cheapest of many looks a little cheaper than it is.']
+        clock = 'processor time' if self.result.provenance.get(
+            'clock') == 'cpu' else 'wall-clock time'
+        return [
+            f'Prices: the total error after a time is the root mean square of the bias (the '
+            f'measured error) and of the standard error, whose '
+            f'square is 2 tau variance/(length of the run). Time is the {clock} of the integration '
+            f'steps, with the equilibration that the runs had. '
+            "Intervals: biases (Student's t, the shared reference with them), noises (chi^2 with "
+            "samples/(10 tau/interval + 1) degrees of freedom, by "
+            "Sokal's variance of tau; in results without noise those of the blocks) and rounds of "
+            "the timings were resampled together. The "
+            'cheapest of many looks a little cheaper than it is.'
+        ]
 
 
 def _orNever(seconds):

@@ -8,15 +8,24 @@ from ._pages import Report, number, picture, plainTicks, sentence, table
 from .measurement import STABLE, UNSTABLE
 from .pricereport import PriceReport
 
-#: Colour-blind safe (Okabe and Ito), one per method; methods of the user's own take the rest in turn.
-COLOURS = {'LangevinC': '#0072B2', 'LangevinMiddle': '#D55E00', 'LangevinB': '#009E73', 'LangevinA': '#E69F00',
-           'GradientThermostat': '#CC79A7', 'EulerMaruyama': '#999999', 'FixmanMidpoint': '#E69F00', 'RandomFiniteDifference': '#56B4E9',
-           'TractionEulerMaruyama': '#B8A800', 'TrapezoidalSlip': '#0072B2', 'DriftCorrectorFD': '#CC79A7', 'DriftCorrectorRFD': '#882255',
-           'LangevinHI(0.3)': '#009E73', 'LangevinHI(1)': '#D55E00', 'LangevinHI(3)': '#000000'}
+#: Colour-blind safe (Okabe and Ito), one per method; methods of the user's own take the rest in
+#: turn.
+COLOURS = {
+    'LangevinC': '#0072B2', 'LangevinMiddle': '#D55E00', 'LangevinB': '#009E73',
+    'LangevinA': '#E69F00', 'GradientThermostat': '#CC79A7', 'EulerMaruyama': '#999999',
+    'FixmanMidpoint': '#E69F00', 'RandomFiniteDifference': '#56B4E9',
+    'TractionEulerMaruyama': '#B8A800', 'TrapezoidalSlip': '#0072B2', 'DriftCorrectorFD': '#CC79A7',
+    'DriftCorrectorRFD': '#882255', 'LangevinHI(0.3)': '#009E73', 'LangevinHI(1)': '#D55E00',
+    'LangevinHI(3)': '#000000'
+}
 SPARE_COLOURS = ('#56B4E9', '#000000', '#7F7F7F', '#8C564B')
-MARKERS = {'LangevinC': 'o', 'LangevinMiddle': 's', 'LangevinB': '^', 'LangevinA': 'v', 'GradientThermostat': 'D',
-           'EulerMaruyama': 'X', 'FixmanMidpoint': '^', 'RandomFiniteDifference': 's', 'TractionEulerMaruyama': 'v', 'TrapezoidalSlip': 'o',
-           'DriftCorrectorFD': '<', 'DriftCorrectorRFD': '>', 'LangevinHI(0.3)': 'D', 'LangevinHI(1)': 'P', 'LangevinHI(3)': '*'}
+MARKERS = {
+    'LangevinC': 'o', 'LangevinMiddle': 's', 'LangevinB': '^', 'LangevinA': 'v',
+    'GradientThermostat': 'D', 'EulerMaruyama': 'X', 'FixmanMidpoint': '^',
+    'RandomFiniteDifference': 's', 'TractionEulerMaruyama': 'v', 'TrapezoidalSlip': 'o',
+    'DriftCorrectorFD': '<', 'DriftCorrectorRFD': '>', 'LangevinHI(0.3)': 'D', 'LangevinHI(1)': 'P',
+    'LangevinHI(3)': '*'
+}
 #: More than these need a legend of several columns.
 MANY_METHODS = 6
 
@@ -56,7 +65,7 @@ class StudyReport(Report):
         """The answers in words: settings for wanted errors, prices, and what a time buys."""
         return super().answerTexts() + self.priced.texts()
 
-    # ---- Pictures ----------------------------------------------------------------------------------------------------
+    # ---- Pictures --------------------------------------------------------------------------------
 
     def otherPictures(self):
         """Those of prices."""
@@ -68,7 +77,10 @@ class StudyReport(Report):
 
     def _style(self):
         spare = iter(SPARE_COLOURS*10)
-        return {method: (COLOURS.get(method) or next(spare), MARKERS.get(method, 'P')) for method in self.result.methods()}
+        return {
+            method: (COLOURS.get(method) or next(spare), MARKERS.get(method, 'P'))
+            for method in self.result.methods()
+        }
 
     def _platform(self):
         threads = self.result.provenance.get('threads')
@@ -84,18 +96,25 @@ class StudyReport(Report):
         limits : list of Wanted
             drawn as lines
         """
-        reference, unit = self.result.references[observable], self.result.observables[observable]['unit']
+        reference, unit = self.result.references[observable], self.result.observables[observable][
+            'unit']
         scale = 100/abs(reference.value) if reference.value else 1.0
-        self._drawErrors(left, observable, scale, f'% of {abs(reference.value):.5g} {unit}' if reference.value else unit, limits)
+        self._drawErrors(left, observable, scale,
+                         f'% of {abs(reference.value):.5g} {unit}' if reference.value else unit,
+                         limits)
         self._drawMeans(right, observable, reference, limits)
 
     def _drawErrors(self, axes, observable, scale, unit, lines):
         result, style = self.result, self._style()
-        rows = [row for row in result.select(observable) if row['error'] is not None and row['ns_per_day']]
+        rows = [
+            row for row in result.select(observable)
+            if row['error'] is not None and row['ns_per_day']
+        ]
         sizes = [abs(row['error'])*scale for row in rows]
         sigmas = [row['error_standard_error']*scale for row in rows]
         # Below a third of the smallest error bar there is nothing to see.
-        floor = min([s/2 for s in sigmas if s > 0] + [line.tolerance*scale/4 for line in lines] + [s for s in sizes if s > 0] + [1e300])
+        floor = min([s/2 for s in sigmas if s > 0] + [line.tolerance*scale/4 for line in lines] +
+                    [s for s in sizes if s > 0] + [1e300])
         floor = max(floor, min([s/3 for s in sigmas if s > 0], default=floor))
         top = max(sizes + [line.tolerance*scale*3 for line in lines] + [floor*10])
         for method in result.methods():
@@ -109,51 +128,63 @@ class StudyReport(Report):
                 largest = max(abs(low), abs(high))
                 resolved = smallest > 0
                 y = max(size, floor)
-                axes.plot([x, x], [max(smallest, floor*0.7), largest], color=colour, lw=1.4, alpha=0.8, zorder=2)
-                axes.plot([row[key]*result.knob.speedScale for key in ('ns_per_day_low', 'ns_per_day_high')], [y, y], color=colour, lw=1.0, alpha=0.6, zorder=2)
-                axes.plot(x, y, marker=marker, ms=7, color=colour, mfc=colour if resolved else 'white', mew=1.4, zorder=4, ls='')
-                axes.annotate(result.knob.format(row['value']), (x, y), xytext=(6, 5), textcoords='offset points', fontsize=8.5,
-                              color=colour, zorder=5)
+                axes.plot([x, x], [max(smallest, floor*0.7), largest], color=colour, lw=1.4,
+                          alpha=0.8, zorder=2)
+                axes.plot([
+                    row[key]*result.knob.speedScale for key in ('ns_per_day_low', 'ns_per_day_high')
+                ], [y, y], color=colour, lw=1.0, alpha=0.6, zorder=2)
+                axes.plot(x, y, marker=marker, ms=7, color=colour,
+                          mfc=colour if resolved else 'white', mew=1.4, zorder=4, ls='')
+                axes.annotate(result.knob.format(row['value']), (x, y), xytext=(6, 5),
+                              textcoords='offset points', fontsize=8.5, color=colour, zorder=5)
                 known.append((x, y) if resolved else (np.nan, np.nan))
             if known:
                 axes.plot(*zip(*known), color=colour, lw=1.0, alpha=0.45, zorder=1)
             axes.plot([], [], color=colour, marker=marker, ms=7, label=method)
-            dead = sorted({(row['value'], row['step_size']) for row in result.rows if row['method'] == method
+            dead = sorted({(row['value'], row['step_size'])
+                           for row in result.rows if row['method'] == method
                            and row['status'] == UNSTABLE and row['observable'] == observable})
             for k, (value, step) in enumerate(dead):
                 rates = result.stepsPerSecond(observable, method, step)
                 if len(rates):
                     x = step*np.median(rates)*86.4*result.knob.speedScale
                     axes.plot(x, top*1.9, marker='x', ms=9, mew=2.2, color=colour, zorder=4)
-                    axes.annotate(result.knob.format(value), (x, top*1.9), xytext=(0, -15), ha='center', textcoords='offset points',
-                                  fontsize=8.5, color=colour)
+                    axes.annotate(result.knob.format(value), (x, top*1.9), xytext=(0, -15),
+                                  ha='center', textcoords='offset points', fontsize=8.5,
+                                  color=colour)
                     if k == 0:
-                        axes.annotate('unstable:', (x, top*1.9), xytext=(-10, 0), ha='right', va='center', textcoords='offset points',
-                                      fontsize=8.5, color=colour)
+                        axes.annotate('unstable:', (x, top*1.9), xytext=(-10, 0), ha='right',
+                                      va='center', textcoords='offset points', fontsize=8.5,
+                                      color=colour)
         for line in lines:
             axes.axhline(line.tolerance*scale, color='black', ls='--', lw=1.2, zorder=1)
-            axes.annotate('wanted: ' + line.text.split(' of ')[0], (0.01, line.tolerance*scale), xycoords=('axes fraction', 'data'),
-                          xytext=(2, 4), textcoords='offset points', fontsize=9)
+            axes.annotate('wanted: ' + line.text.split(' of ')[0], (0.01, line.tolerance*scale),
+                          xycoords=('axes fraction', 'data'), xytext=(2, 4),
+                          textcoords='offset points', fontsize=9)
         axes.set_xscale('log')
         axes.set_yscale('log')
         axes.set_ylim(floor*0.6, top*3)
         left, right = axes.get_xlim()
         axes.set_xlim(left, right*1.12)
-        axes.set_xlabel(result.knob.speedUnit + (' (CPU time)' if result.provenance.get('clock') == 'cpu' else '')
-                        + f'   [{self._platform()}]')
+        axes.set_xlabel(result.knob.speedUnit +
+                        (' (CPU time)' if result.provenance.get('clock') == 'cpu' else '') +
+                        f'   [{self._platform()}]')
         axes.set_ylabel(f'|error|, {unit}')
         axes.set_title('Error against speed: down and to the right is better', fontsize=10.5)
         axes.grid(True, which='major', alpha=0.35)
         axes.grid(True, which='minor', alpha=0.12)
         plainTicks(axes)
-        axes.plot([], [], marker='o', mfc='white', color='grey', ls='', label='not distinguishable from 0')
+        axes.plot([], [], marker='o', mfc='white', color='grey', ls='',
+                  label='not distinguishable from 0')
         many = len(result.methods()) > MANY_METHODS
         if many:
             # Room for the legend above all points.
             low, high = axes.get_ylim()
             axes.set_ylim(low, high*(high/low)**0.45)
-        axes.legend(loc='upper center' if many else 'best', ncol=3 if many else 1, fontsize=8 if many else 9, framealpha=0.9,
-                    title=f'bars: {100*result.confidence:g} % confidence (error), 16–84 % (speed)', title_fontsize=8)
+        axes.legend(loc='upper center' if many else 'best', ncol=3 if many else 1,
+                    fontsize=8 if many else 9, framealpha=0.9,
+                    title=f'bars: {100*result.confidence:g} % confidence (error), 16–84 % (speed)',
+                    title_fontsize=8)
 
     def _drawMeans(self, axes, observable, reference, lines):
         result, style, knob = self.result, self._style(), self.result.knob
@@ -163,20 +194,27 @@ class StudyReport(Report):
             if not rows:
                 continue
             axes.errorbar([row['value']*knob.scale for row in rows], [row['mean'] for row in rows],
-                          yerr=[row['standard_error'] for row in rows], color=colour, marker=marker, ls='', ms=6, capsize=2.5, label=method)
+                          yerr=[row['standard_error'] for row in rows], color=colour, marker=marker,
+                          ls='', ms=6, capsize=2.5, label=method)
             if reference.fit is not None and method in reference.fit.coefficients:
                 E, F = reference.fit.coefficients[method]
-                used = [value for (name, value), flag in zip(reference.points, reference.fit.used) if flag and name == method]
+                used = [
+                    value for (name, value), flag in zip(reference.points, reference.fit.used)
+                    if flag and name == method
+                ]
                 h = np.linspace(0, max(used), 100)
                 x = h**result.orders[method]
                 axes.plot(h*knob.scale, reference.value + E*x + (F or 0)*x*x, color=colour, lw=1.2)
         axes.axhline(reference.value, color='black', lw=1)
         if reference.standardError > 0:
-            axes.axhspan(reference.value - reference.standardError, reference.value + reference.standardError, color='black', alpha=0.15,
-                         lw=0)
-        what = {'exact': 'exact', 'given': 'given', 'extrapolated': 'limit of small steps'}[reference.kind]
+            axes.axhspan(reference.value - reference.standardError,
+                         reference.value + reference.standardError, color='black', alpha=0.15, lw=0)
+        what = {'exact': 'exact', 'given': 'given',
+                'extrapolated': 'limit of small steps'}[reference.kind]
         errorText = f' ± {reference.standardError:.1g}' if reference.standardError else ''
-        axes.set_title(f'{what}: {reference.value:.6g}{errorText} {result.observables[observable]["unit"]}', fontsize=10.5)
+        axes.set_title(
+            f'{what}: {reference.value:.6g}{errorText} {result.observables[observable]["unit"]}',
+            fontsize=10.5)
         axes.set_xlabel(f'{knob.label}, {knob.unit}')
         axes.set_ylabel(f'mean, {result.observables[observable]["unit"]} (bars: 1 sigma)')
         axes.set_xlim(left=0)
@@ -184,13 +222,16 @@ class StudyReport(Report):
         errors = [row['error'] for row in result.select(observable) if row['error'] is not None]
         # Far beyond what is wanted it does not matter how far.
         if tolerances and max(map(abs, errors)) > 10*max(tolerances):
-            inside = [e for e in errors if abs(e) <= 10*max(tolerances)] + [-2*max(tolerances), 2*max(tolerances)]
+            inside = [e for e in errors if abs(e) <= 10*max(tolerances)
+                      ] + [-2*max(tolerances), 2*max(tolerances)]
             margin = 0.08*(max(inside) - min(inside))
-            axes.set_ylim(reference.value + min(inside) - margin, reference.value + max(inside) + margin)
-            axes.annotate('larger errors are outside', (0.98, 0.02), xycoords='axes fraction', ha='right', fontsize=8.5)
+            axes.set_ylim(reference.value + min(inside) - margin,
+                          reference.value + max(inside) + margin)
+            axes.annotate('larger errors are outside', (0.98, 0.02), xycoords='axes fraction',
+                          ha='right', fontsize=8.5)
         axes.grid(True, alpha=0.3)
 
-    # ---- Words -------------------------------------------------------------------------------------------------------
+    # ---- Words -----------------------------------------------------------------------------------
 
     def compared(self, comparison):
         """How the methods compare at exactly a wanted error, a sentence for each.
@@ -202,17 +243,23 @@ class StudyReport(Report):
         """
         knob, lines = self.result.knob, []
         for method, entry in comparison.items():
-            speed, step = knob.speed(entry['ns_per_day']), f'{entry["step"]*knob.scale:.3g} {knob.unit}'
+            speed, step = knob.speed(
+                entry['ns_per_day']), f'{entry["step"]*knob.scale:.3g} {knob.unit}'
             if entry['capped']:
                 text = f'{method}: its error is still below the wanted one at its largest stable step, {step}: at least {speed}'
             else:
-                text = (f'{method}: reaches the wanted error at a step of {step} '
-                        f'({entry["step_low"]*knob.scale:.3g} to {entry["step_high"]*knob.scale:.3g}): {speed}')
+                text = (
+                    f'{method}: reaches the wanted error at a step of {step} '
+                    f'({entry["step_low"]*knob.scale:.3g} to {entry["step_high"]*knob.scale:.3g}): '
+                    f'{speed}')
             if entry['ratio'] is not None and method != self.baseline:
                 # The baseline may be good for larger steps than were measured, or the method.
-                bound = {(False, True): 'at most ', (True, False): 'at least '}.get((entry['capped'], comparison[self.baseline]['capped']), '')
-                text += (f'; {bound}{entry["ratio"]:.2f} times the {knob.speedUnit} of {self.baseline} ({entry["ratio_low"]:.2f} to '
-                         f'{entry["ratio_high"]:.2f})')
+                bound = {(False, True): 'at most ', (True, False): 'at least '}.get(
+                             (entry['capped'], comparison[self.baseline]['capped']), '')
+                text += (
+                    f'; {bound}{entry["ratio"]:.2f} times the {knob.speedUnit} of {self.baseline} '
+                    f'({entry["ratio_low"]:.2f} to '
+                    f'{entry["ratio_high"]:.2f})')
             lines.append(text + '.')
         return lines
 
@@ -223,68 +270,105 @@ class StudyReport(Report):
         for wanted, comparison in self.comparisons.items():
             if comparison:
                 item, = result.parseWanted(wanted)
-                lines.append(f'At exactly {item.text}, between the steps that were measured: ' + ' '.join(self.compared(comparison)))
+                lines.append(f'At exactly {item.text}, between the steps that were measured: ' +
+                             ' '.join(self.compared(comparison)))
         dead = {}
         for row in result.rows:
             if row['status'] == UNSTABLE:
                 dead.setdefault(row['method'], set()).add(row['value'])
         for method, values in dead.items():
-            lines.append(f'{method} was unstable at {", ".join(knob.format(value) for value in sorted(values))}.')
+            lines.append(f'{method} was unstable at '
+                         f'{", ".join(knob.format(value) for value in sorted(values))}.')
         for method, reason in result.refusals.items():
             lines.append(f'{method} was not run: {reason}.')
-        refused = {row['method']: row['message'] for row in result.rows if row['status'] not in (STABLE, UNSTABLE)}
+        refused = {
+            row['method']: row['message']
+            for row in result.rows if row['status'] not in (STABLE, UNSTABLE)
+        }
         for method, reason in refused.items():
             lines.append(f'{method} cannot be used on this scene: {reason}')
-        drifting = sorted({(row['method'], row['value']) for row in result.rows if row['note'] == 'drifts'})
+        drifting = sorted({(row['method'], row['value'])
+                           for row in result.rows if row['note'] == 'drifts'})
         if drifting:
-            lines.append('The two halves of the run disagree (a longer equilibration is needed, or the run is about to blow up) at: '
-                         + ', '.join(f'{method} {knob.format(value)}' for method, value in drifting) + '.')
+            lines.append(
+                'The two halves of the run disagree (a longer equilibration is needed, or the run '
+                'is about to blow up) at: ' + ', '.join(f'{method} {knob.format(value)}'
+                                                        for method, value in drifting) + '.')
         if any(row['note'] == 'few independent samples' for row in result.rows):
-            lines.append('Some runs have fewer than 10 blocks of independent samples; their errors are themselves uncertain '
-                         '(marked in the table).')
+            lines.append(
+                'Some runs have fewer than 10 blocks of independent samples; their errors are '
+                'themselves uncertain '
+                '(marked in the table).')
         return lines
 
     def how(self):
         """How it was measured, paragraphs."""
         result, provenance = self.result, self.result.provenance
-        lines = [f'{self._platform()}, {provenance.get("rounds")} rounds in which the settings took turns in a random order. '
-                 f'{result.knob.speedUnit} is the median over rounds of the integration steps alone ({provenance.get("clock")} time).',
-                 'Standard errors are from block averages with blocks of 20 integrated autocorrelation times; intervals use '
-                 "Student's t with the number of blocks."]
+        lines = [
+            f'{self._platform()}, {provenance.get("rounds")} rounds in which the settings took '
+            f'turns in a random order. '
+            f'{result.knob.speedUnit} is the median over rounds of the integration steps alone '
+            f'({provenance.get("clock")} time).',
+            'Standard errors are from block averages with blocks of 20 integrated autocorrelation '
+            'times; intervals use '
+            "Student's t with the number of blocks."
+        ]
         if any(reference.kind == 'extrapolated' for reference in result.references.values()):
-            lines.append('Where no exact average is known, means are compared with the common limit A0 of all methods, from a weighted fit of '
-                         'A0 + E h^p + F h^2p (p: order of the method); the error of A0, and that a mean is part of the fit, '
-                         'are in the intervals.')
+            lines.append(
+                'Where no exact average is known, means are compared with the common limit A0 of '
+                'all methods, from a weighted fit of '
+                'A0 + E h^p + F h^2p (p: order of the method); the error of A0, and that a mean is '
+                'part of the fit, '
+                'are in the intervals.')
         for name, reference in result.references.items():
             if reference.fit is not None:
                 fit, about = reference.fit, result.observables[name]
-                dropped = [f'{method} {result.knob.format(value)}' for (method, value), used in zip(reference.points, fit.used) if not used]
-                lines.append(f'{sentence(about["label"])}: A0 = {reference.value:.6g} ± {reference.standardError:.2g} {about["unit"]}, '
-                             f'chi2 = {fit.chi2:.1f} for {fit.degrees} degrees of freedom'
-                             + (f', without {", ".join(dropped)}' if dropped else '') + (f'; {fit.note}' if fit.note else '') + '.')
-        if any('temperature' in name for name in result.observables) and 'LangevinMiddle' in result.methods():
-            lines.append("LangevinMiddle's temperatures are from the velocities in its State, which belong to the middle of the step, where "
-                         "kinetic energy is more accurate than at its end; its configurations are no better for it. The plugin's "
-                         'are from the end of the step.')
+                dropped = [
+                    f'{method} {result.knob.format(value)}'
+                    for (method, value), used in zip(reference.points, fit.used) if not used
+                ]
+                lines.append(f'{sentence(about["label"])}: A0 = {reference.value:.6g} ± '
+                             f'{reference.standardError:.2g} {about["unit"]}, '
+                             f'chi2 = {fit.chi2:.1f} for {fit.degrees} degrees of freedom' +
+                             (f', without {", ".join(dropped)}' if dropped else '') +
+                             (f'; {fit.note}' if fit.note else '') + '.')
+        if any('temperature' in name
+               for name in result.observables) and 'LangevinMiddle' in result.methods():
+            lines.append(
+                "LangevinMiddle's temperatures are from the velocities in its State, which belong "
+                "to the middle of the step, where "
+                "kinetic energy is more accurate than at its end; its configurations are no better "
+                "for it. The plugin's "
+                'are from the end of the step.')
         return lines + self.priced.how()
 
-    # ---- Tables ------------------------------------------------------------------------------------------------------
+    # ---- Tables ----------------------------------------------------------------------------------
 
     def textTable(self):
         """Errors of all settings, a column for each observable, in per cent where that has a meaning."""
         result, names = self.result, list(self.result.observables)
-        lines = ['error in % of the reference (± 1 sigma)' if all(
-            result.references[n].value for n in names if n in result.references) else 'relative errors in %; absolute where the '
-            'reference is 0']
-        short = [name.replace('temperature', 'T').replace('potential_energy', 'U').replace('translational', 'trans')
-                 .replace('rotational', 'rot') for name in names]
-        lines.append(f'{"method":<20}{result.knob.label + "/" + result.knob.unit:>10}{result.knob.speedUnit:>10}'
-                     + ''.join(f'{n:>20}' for n in short))
+        lines = [
+            'error in % of the reference (± 1 sigma)' if all(
+                result.references[n].value for n in names
+                if n in result.references) else 'relative errors in %; absolute where the '
+            'reference is 0'
+        ]
+        short = [
+            name.replace('temperature', 'T').replace('potential_energy', 'U').replace(
+                'translational', 'trans').replace('rotational', 'rot') for name in names
+        ]
+        lines.append(
+            f'{"method":<20}{result.knob.label + "/" + result.knob.unit:>10}{result.knob.speedUnit:>10}'
+            + ''.join(f'{n:>20}' for n in short))
         for key in dict.fromkeys((row['method'], row['value']) for row in result.rows):
-            rows = {row['observable']: row for row in result.rows if (row['method'], row['value']) == key}
+            rows = {
+                row['observable']: row
+                for row in result.rows if (row['method'], row['value']) == key
+            }
             first = next(iter(rows.values()))
             speed = first['ns_per_day'] and first['ns_per_day']*result.knob.speedScale
-            line = f'{key[0]:<20}{key[1]*result.knob.scale:>10.4g}' + (f'{speed:>10.3g}' if speed else f'{"":>10}')
+            line = f'{key[0]:<20}{key[1]*result.knob.scale:>10.4g}' + (f'{speed:>10.3g}'
+                                                                       if speed else f'{"":>10}')
             if first['status'] != 'stable':
                 lines.append(line + f'  {first["status"]} {first["message"]}'[:100])
                 continue
@@ -293,7 +377,8 @@ class StudyReport(Report):
                 if row['error'] is None:
                     line += f'{row["note"] if row["note"] == "n/a" else "-":>20}'
                 else:
-                    scale = 100/abs(result.references[name].value) if result.references[name].value else 1
+                    scale = 100/abs(
+                        result.references[name].value) if result.references[name].value else 1
                     line += f'{row["error"]*scale:>12.3f} ± {row["error_standard_error"]*scale:<5.3f}'
             lines.append(line)
         return '\n\n'.join(['\n'.join(lines), *self.priced.textTables()])
@@ -306,16 +391,24 @@ class StudyReport(Report):
         pictures : dict
             observable -> PNG
         """
-        parts = [self._comparisonTable(wanted, comparison) for wanted, comparison in self.comparisons.items() if comparison]
+        parts = [
+            self._comparisonTable(wanted, comparison)
+            for wanted, comparison in self.comparisons.items() if comparison
+        ]
         if self.priced.answers:
             parts.append('<h2>Prices</h2>')
-            parts += [picture(content, 'Total error against time, and the time to the wanted error') for content in self._pricePictures.values()]
+            parts += [
+                picture(content, 'Total error against time, and the time to the wanted error')
+                for content in self._pricePictures.values()
+            ]
             parts += self.priced.tables()
         parts.append('<h2>Pictures and tables</h2>')
         for observable, about in self.result.observables.items():
             parts.append(f'<h3>{html.escape(sentence(about["label"]))}</h3>')
             if observable in pictures:
-                parts.append(picture(pictures[observable], f'Error of {about["label"]} against {self.result.knob.speedUnit}'))
+                parts.append(
+                    picture(pictures[observable],
+                            f'Error of {about["label"]} against {self.result.knob.speedUnit}'))
             parts.append(self._table(observable))
         return parts
 
@@ -323,26 +416,37 @@ class StudyReport(Report):
         knob, confidence, rows = self.result.knob, f'{100*self.result.confidence:g} %', []
         for method, entry in comparison.items():
             atLeast = '≥ ' if entry['capped'] else ''
-            ratio = ('', '') if entry['ratio'] is None else (f'{entry["ratio"]:.2f}', f'{entry["ratio_low"]:.2f} – {entry["ratio_high"]:.2f}')
-            low, middle, high = (f'{entry[key]*knob.scale:.3g}' for key in ('step_low', 'step', 'step_high'))
-            slow, speed, fast = (f'{entry[key]*knob.speedScale:.3g}' for key in ('ns_per_day_low', 'ns_per_day', 'ns_per_day_high'))
-            rows.append((method, atLeast + middle, f'{low} – {high}', f'{entry["steps_per_second"]:.1f}', atLeast + speed, f'{slow} – {fast}', *ratio))
-        return table((f'at {wanted}', f'step, {knob.unit}', confidence, 'steps/s', knob.speedUnit, confidence, f'times {self.baseline}',
-                      confidence), rows)
+            ratio = ('', '') if entry['ratio'] is None else (
+                f'{entry["ratio"]:.2f}', f'{entry["ratio_low"]:.2f} – {entry["ratio_high"]:.2f}')
+            low, middle, high = (f'{entry[key]*knob.scale:.3g}'
+                                 for key in ('step_low', 'step', 'step_high'))
+            slow, speed, fast = (f'{entry[key]*knob.speedScale:.3g}'
+                                 for key in ('ns_per_day_low', 'ns_per_day', 'ns_per_day_high'))
+            rows.append(
+                (method, atLeast + middle, f'{low} – {high}', f'{entry["steps_per_second"]:.1f}',
+                 atLeast + speed, f'{slow} – {fast}', *ratio))
+        return table((f'at {wanted}', f'step, {knob.unit}', confidence, 'steps/s', knob.speedUnit,
+                      confidence, f'times {self.baseline}', confidence), rows)
 
     def _table(self, observable):
         knob, unit = self.result.knob, self.result.observables[observable]['unit']
         rows = [row for row in self.result.rows if row['observable'] == observable]
         pale = [k for k, row in enumerate(rows) if row['status'] != STABLE]
-        return table(('method', f'{knob.label}, {knob.unit}', knob.speedUnit, f'mean, {unit}', '± (1 sigma)', f'error, {unit}',
-                      f'{100*self.result.confidence:g} % interval', 'error, %', 'tau, ps', 'length, ps', 'note'),
-                     map(self._cells, rows), True, pale)
+        return table(('method', f'{knob.label}, {knob.unit}', knob.speedUnit, f'mean, {unit}',
+                      '± (1 sigma)', f'error, {unit}', f'{100*self.result.confidence:g} % interval',
+                      'error, %', 'tau, ps', 'length, ps', 'note'), map(self._cells, rows), True,
+                     pale)
 
     def _cells(self, row):
         stable, knob = row['status'] == STABLE, self.result.knob
-        interval = '' if row['error'] is None else f'{row["error_low"]:.3g} … {row["error_high"]:.3g}'
+        interval = '' if row[
+            'error'] is None else f'{row["error_low"]:.3g} … {row["error_high"]:.3g}'
         return (row['method'], f'{row["value"]*knob.scale:g}',
-                number(None if row['ns_per_day'] is None else row['ns_per_day']*knob.speedScale, '.3g'), number(row['mean'], '.6g'),
-                number(row['standard_error'], '.2g'), number(row['error'], '.3g'), interval,
-                number(None if row['relative_error'] is None else 100*row['relative_error'], '.3f'), number(row['tau'], '.2g'),
-                number(row['length'], '.4g') if stable else '', row['note'] if stable else f'{row["status"]}: {row["message"]}')
+                number(None if row['ns_per_day'] is None else row['ns_per_day']*knob.speedScale,
+                       '.3g'), number(row['mean'],
+                                      '.6g'), number(row['standard_error'],
+                                                     '.2g'), number(row['error'], '.3g'), interval,
+                number(None if row['relative_error'] is None else 100*row['relative_error'],
+                       '.3f'), number(row['tau'],
+                                      '.2g'), number(row['length'], '.4g') if stable else '',
+                row['note'] if stable else f'{row["status"]}: {row["message"]}')

@@ -93,10 +93,14 @@ class Reference:
         result = {'value': self.value, 'standard_error': self.standardError, 'kind': self.kind}
         if self.fit is not None:
             result['fit'] = {
-                'model': 'A0 + E h^p + F h^2p, h in ps', 'coefficients': self.fit.coefficients, 'chi2': self.fit.chi2,
-                'degrees_of_freedom': self.fit.degrees, 'probability': self.fit.probability, 'note': self.fit.note,
-                'weights': [{'method': method, 'value': value, 'weight': weight, 'used': used} for (method, value), weight, used
-                            in zip(self.points, self.fit.weights.tolist(), self.fit.used)]}
+                'model': 'A0 + E h^p + F h^2p, h in ps', 'coefficients': self.fit.coefficients,
+                'chi2': self.fit.chi2, 'degrees_of_freedom': self.fit.degrees,
+                'probability': self.fit.probability, 'note': self.fit.note, 'weights': [{
+                    'method': method, 'value': value, 'weight': weight, 'used': used
+                } for (method, value
+                       ), weight, used in zip(self.points, self.fit.weights.tolist(), self.fit.used)
+                                                                                        ]
+            }
         return result
 
     @staticmethod
@@ -113,11 +117,14 @@ class Reference:
         if 'fit' in data:
             old = data['fit']
             points = [(item['method'], item['value']) for item in old['weights']]
-            fit = Extrapolation(data['value'], data['standard_error'], np.array([item['weight'] for item in old['weights']]),
-                                {name: tuple(pair) for name, pair in old['coefficients'].items()},
-                                [item['used'] for item in old['weights']], old['chi2'], old['degrees_of_freedom'],
-                                old['probability'], old['note'])
-        return Reference(observable, data['value'], data['standard_error'], data['kind'], fit, points)
+            fit = Extrapolation(data['value'], data['standard_error'],
+                                np.array([item['weight'] for item in old['weights']]),
+                                {name: tuple(pair)
+                                 for name, pair in old['coefficients'].items()},
+                                [item['used'] for item in old['weights']], old['chi2'],
+                                old['degrees_of_freedom'], old['probability'], old['note'])
+        return Reference(observable, data['value'], data['standard_error'], data['kind'], fit,
+                         points)
 
 
 class StudyResult(Result):
@@ -126,14 +133,18 @@ class StudyResult(Result):
     Attributes
     ----------
     rows : list of dict
-        one per setting and observable. Keys: method, knob, value (of the knob, internal unit), step_size (ps), status ('stable',
-        'unstable', 'not applicable'), message, ns_per_day (median over rounds), ns_per_day_low and _high (16 and 84 %),
-        ns_per_cpu_day, speeds (each round), length and equilibration (ps), seed, observable, mean, standard_error, degrees
-        (of freedom of that error), tau (integrated autocorrelation time that the length of blocks is from, ps), samples, drift, note, and by
-        comparison with the reference: error, error_standard_error, error_low, error_high (confidence interval), relative_error. For prices:
-        sample_interval (ps), variance (of one sample), own_tau and own_tau_error (of this run alone, and its standard error, ps), noise (squared
-        standard error times length, unit^2 ps), noise_degrees (of freedom of what is known of it), effective_per_second,
-        effective_per_cpu_second and effective_per_wall_second (independent samples, by the study's clock and by both), ns_per_wall_day
+        one per setting and observable. Keys: method, knob, value (of the knob, internal unit),
+        step_size (ps), status ('stable', 'unstable', 'not applicable'), message, ns_per_day (median
+        over rounds), ns_per_day_low and _high (16 and 84 %), ns_per_cpu_day, speeds (each round),
+        length and equilibration (ps), seed, observable, mean, standard_error, degrees (of freedom
+        of that error), tau (integrated autocorrelation time that the length of blocks is from, ps),
+        samples, drift, note, and by comparison with the reference: error, error_standard_error,
+        error_low, error_high (confidence interval), relative_error. For prices: sample_interval
+        (ps), variance (of one sample), own_tau and own_tau_error (of this run alone, and its
+        standard error, ps), noise (squared standard error times length, unit^2 ps), noise_degrees
+        (of freedom of what is known of it), effective_per_second, effective_per_cpu_second and
+        effective_per_wall_second (independent samples, by the study's clock and by both),
+        ns_per_wall_day
     references : dict
         observable -> Reference
     confidence : float
@@ -141,13 +152,16 @@ class StudyResult(Result):
     """
 
     FORMAT = 'openmmrigidhi.accuracy 1'
-    COLUMNS = ('method', 'knob', 'value', 'step_size', 'status', 'ns_per_day', 'ns_per_day_low', 'ns_per_day_high', 'ns_per_cpu_day',
-               'observable', 'mean', 'standard_error', 'error', 'error_standard_error', 'error_low', 'error_high',
-               'relative_error', 'tau', 'samples', 'length', 'equilibration', 'drift', 'seed', 'note', 'message', 'sample_interval', 'variance',
-               'own_tau', 'own_tau_error', 'noise', 'noise_degrees', 'effective_per_second', 'effective_per_cpu_second',
-               'effective_per_wall_second', 'ns_per_wall_day')
+    COLUMNS = ('method', 'knob', 'value', 'step_size', 'status', 'ns_per_day', 'ns_per_day_low',
+               'ns_per_day_high', 'ns_per_cpu_day', 'observable', 'mean', 'standard_error', 'error',
+               'error_standard_error', 'error_low', 'error_high', 'relative_error', 'tau',
+               'samples', 'length', 'equilibration', 'drift', 'seed', 'note', 'message',
+               'sample_interval', 'variance', 'own_tau', 'own_tau_error', 'noise', 'noise_degrees',
+               'effective_per_second', 'effective_per_cpu_second', 'effective_per_wall_second',
+               'ns_per_wall_day')
 
-    def __init__(self, knob, scene, rows, references, orders, observables, refusals, provenance, confidence=0.95):
+    def __init__(self, knob, scene, rows, references, orders, observables, refusals, provenance,
+                 confidence=0.95):
         self.knob = knob
         self.scene = scene
         self.rows = rows
@@ -162,7 +176,8 @@ class StudyResult(Result):
             completeNoise(row, provenance.get('clock'))
 
     def _compare(self, row):
-        row.update(error=None, error_standard_error=None, error_low=None, error_high=None, relative_error=None)
+        row.update(error=None, error_standard_error=None, error_low=None, error_high=None,
+                   relative_error=None)
         reference = self.references.get(row['observable'])
         if row['mean'] is None or reference is None:
             return
@@ -171,10 +186,11 @@ class StudyResult(Result):
         variance = row['standard_error']**2*(1 - 2*weight) + reference.standardError**2
         sigma = math.sqrt(max(0.0, variance))
         reach = quantile(self.confidence, row['degrees'])*sigma
-        row.update(error=error, error_standard_error=sigma, error_low=error - reach, error_high=error + reach,
+        row.update(error=error, error_standard_error=sigma, error_low=error - reach,
+                   error_high=error + reach,
                    relative_error=error/abs(reference.value) if reference.value else None)
 
-    # ---- Questions ---------------------------------------------------------------------------------------------------
+    # ---- Questions -------------------------------------------------------------------------------
 
     def select(self, observable, method=None, stableOnly=True):
         """Rows of one observable, by ascending knob value.
@@ -191,8 +207,11 @@ class StudyResult(Result):
         -------
         list of dict
         """
-        rows = [row for row in self.rows if row['observable'] == observable and (method is None or row['method'] == method)
-                and (not stableOnly or row['mean'] is not None)]
+        rows = [
+            row for row in self.rows
+            if row['observable'] == observable and (method is None or row['method'] == method) and (
+                not stableOnly or row['mean'] is not None)
+        ]
         return sorted(rows, key=lambda row: (row['method'], row['value']))
 
     def methods(self):
@@ -205,7 +224,8 @@ class StudyResult(Result):
         Parameters
         ----------
         wanted : str, or sequence of str
-            "observable:0.5%" (of the reference's magnitude) or "observable:0.2" (in its unit); several with commas
+            "observable:0.5%" (of the reference's magnitude) or "observable:0.2" (in its unit);
+            several with commas
 
         Returns
         -------
@@ -216,15 +236,19 @@ class StudyResult(Result):
             if amount.endswith('%'):
                 reference = self.references.get(name)
                 value *= abs(reference.value)/100 if reference is not None else math.nan
-            result.append(Wanted(name, value, f'{amount if amount.endswith("%") else amount + " " + self.observables[name]["unit"]}'
-                                 f' of {self.observables[name]["label"]}'))
+            result.append(
+                Wanted(
+                    name, value,
+                    f'{amount if amount.endswith("%") else amount + " " + self.observables[name]["unit"]}'
+                    f' of {self.observables[name]["label"]}'))
         return result
 
     def recommend(self, wanted, confidence=None):
         """The cheapest setting whose errors are below the wanted ones, with confidence.
 
-        A setting qualifies if the one-sided upper bound of ``|error|`` is below the tolerance for every wanted observable; it is
-        out if for one of them the lower bound is above; otherwise the statistics cannot tell.
+        A setting qualifies if the one-sided upper bound of ``|error|`` is below the tolerance for
+        every wanted observable; it is out if for one of them the lower bound is above; otherwise
+        the statistics cannot tell.
 
         Parameters
         ----------
@@ -236,14 +260,18 @@ class StudyResult(Result):
         Returns
         -------
         Recommendation
-            its setting and candidates have method, value, step_size (ps), ns_per_day, verdict, likely (whether the errors as measured
-            meet the wish) and factor (how many times longer to run for a decision, or None)
+            its setting and candidates have method, value, step_size (ps), ns_per_day, verdict,
+            likely (whether the errors as measured meet the wish) and factor (how many times longer
+            to run for a decision, or None)
         """
         confidence = self.confidence if confidence is None else confidence
         wanted = self.parseWanted(wanted)
         candidates = []
         for key in dict.fromkeys((row['method'], row['value']) for row in self.rows):
-            rows = {row['observable']: row for row in self.rows if (row['method'], row['value']) == key}
+            rows = {
+                row['observable']: row
+                for row in self.rows if (row['method'], row['value']) == key
+            }
             first = next(iter(rows.values()))
             if first['status'] != STABLE or first['ns_per_day'] is None:
                 continue
@@ -251,9 +279,11 @@ class StudyResult(Result):
             verdict = worst([each[0] for each in verdicts])
             factor = max((each[1] for each in verdicts if each[0] == 'undecided'), default=None)
             likely = all(each[2] for each in verdicts)
-            candidates.append({'method': key[0], 'value': key[1], 'step_size': first['step_size'],
-                               'ns_per_day': first['ns_per_day'], 'verdict': verdict,
-                               'likely': likely, 'factor': factor if verdict == 'undecided' else None})
+            candidates.append({
+                'method': key[0], 'value': key[1], 'step_size': first['step_size'],
+                'ns_per_day': first['ns_per_day'], 'verdict': verdict, 'likely': likely,
+                'factor': factor if verdict == 'undecided' else None
+            })
         candidates.sort(key=lambda candidate: -candidate['ns_per_day'])
         return self._conclude(candidates, wanted, confidence)
 
@@ -270,7 +300,8 @@ class StudyResult(Result):
         Returns
         -------
         tuple of (str, float or None, bool)
-            'yes', 'no', 'undecided' or 'n/a'; how many times longer to run for a decision; whether the error as measured is met
+            'yes', 'no', 'undecided' or 'n/a'; how many times longer to run for a decision; whether
+            the error as measured is met
         """
         if row['error'] is None or not math.isfinite(item.tolerance):
             return 'n/a', None, False
@@ -295,20 +326,25 @@ class StudyResult(Result):
             faster = [c for c in undecided if c['ns_per_day'] > best['ns_per_day']]
             if faster:
                 factor = min(c['factor'] for c in faster)
-                text += (f' Faster settings that may or may not meet it: {", ".join(self._name(c) for c in faster)}; '
-                         + longer(factor) + '.')
+                text += (f' Faster settings that may or may not meet it: '
+                         f'{", ".join(self._name(c) for c in faster)}; ' + longer(factor) + '.')
             text += self._bestOfOthers(candidates, best)
         elif undecided:
-            # One that is decided in favour is an answer; if none looks like it, all must be decided.
+            # One that is decided in favour is an answer; if none looks like it, all must be
+            # decided.
             likely = [c['factor'] for c in undecided if c['likely']]
             factor = min(likely) if likely else max(c['factor'] for c in undecided)
-            text += (f'cannot tell. The statistics do not suffice for {", ".join(self._name(c) for c in undecided)}; {longer(factor)}.')
+            text += (f'cannot tell. The statistics do not suffice for '
+                     f'{", ".join(self._name(c) for c in undecided)}; {longer(factor)}.')
         elif verdict == UNDECIDED:
-            text += ('cannot tell. There is nothing to compare with: no exact value, and too few stable settings for an extrapolation; add '
-                     'smaller steps.')
+            text += (
+                'cannot tell. There is nothing to compare with: no exact value, and too few stable '
+                'settings for an extrapolation; add '
+                'smaller steps.')
         else:
-            text += f'{NONE}. ' + (f'Every stable setting misses it with {sure}; smaller steps may do.' if candidates
-                                   else 'No setting was stable; smaller steps may be.')
+            text += f'{NONE}. ' + (
+                f'Every stable setting misses it with {sure}; smaller steps may do.'
+                if candidates else 'No setting was stable; smaller steps may be.')
         return Recommendation(verdict, best, text, candidates, factor, wanted)
 
     def _bestOfOthers(self, candidates, best):
@@ -317,9 +353,11 @@ class StudyResult(Result):
         for method in self.methods():
             if method == best['method']:
                 continue
-            own = next((c for c in candidates if c['method'] == method and c['verdict'] == 'yes'), None)
+            own = next((c for c in candidates if c['method'] == method and c['verdict'] == 'yes'),
+                       None)
             if own is not None:
-                parts.append(f'{self._name(own)} ({self.knob.speed(own["ns_per_day"])}, {best["ns_per_day"]/own["ns_per_day"]:.2f} '
+                parts.append(f'{self._name(own)} ({self.knob.speed(own["ns_per_day"])}, '
+                             f'{best["ns_per_day"]/own["ns_per_day"]:.2f} '
                              'times slower)')
         return f' The best of the other methods that meet it: {"; ".join(parts)}.' if parts else ''
 
@@ -329,9 +367,11 @@ class StudyResult(Result):
     def compareAt(self, wanted, baseline='LangevinMiddle', resamplings=1000):
         """How fast each method is at exactly the wanted error, between the steps that were measured.
 
-        The errors of each method up to twice the wanted one are fitted by E h^p + F h^2p; beyond, the curve goes straight from
-        point to point. That gives the step at which the error reaches the wanted one; ns/day there is that step times the steps per second (median over rounds). Uncertainties: the means are
-        resampled (normal law), the shared reference with them, and the rounds of the timings.
+        The errors of each method up to twice the wanted one are fitted by E h^p + F h^2p; beyond,
+        the curve goes straight from point to point. That gives the step at which the error reaches
+        the wanted one; ns/day there is that step times the steps per second (median over rounds).
+        Uncertainties: the means are resampled (normal law), the shared reference with them, and the
+        rounds of the timings.
 
         Parameters
         ----------
@@ -344,9 +384,11 @@ class StudyResult(Result):
         Returns
         -------
         dict
-            method -> dict with step (ps), step_low, step_high, capped (the error is still below the wanted one at the largest
-            stable step, which is what is given), ns_per_day, ns_per_day_low, _high, ratio, ratio_low, ratio_high (None without the
-            baseline; intervals of the result's confidence), chi2, degrees. Methods without stable settings are missing.
+            method -> dict with step (ps), step_low, step_high, capped (the error is still below the
+            wanted one at the largest stable step, which is what is given), ns_per_day,
+            ns_per_day_low, _high, ratio, ratio_low, ratio_high (None without the baseline;
+            intervals of the result's confidence), chi2, degrees. Methods without stable settings
+            are missing.
         """
         item, = self.parseWanted(wanted)
         reference = self.references.get(item.observable)
@@ -354,7 +396,10 @@ class StudyResult(Result):
             return {}
         rng = np.random.default_rng(12345)
         curves, clouds = {}, {}
-        selected = {method: [row for row in self.select(item.observable, method) if row['speeds']] for method in self.methods()}
+        selected = {
+            method: [row for row in self.select(item.observable, method) if row['speeds']]
+            for method in self.methods()
+        }
         shared = min((len(row['speeds']) for rows in selected.values() for row in rows), default=0)
         # The same rounds for all methods: what slowed one down slowed the others.
         picks = rng.integers(0, max(1, shared), size=(resamplings, max(1, shared)))
@@ -368,20 +413,27 @@ class StudyResult(Result):
             if not rows:
                 continue
             mine = np.array([row['method'] == method for row in everything])
-            curve = errorCurve([row['step_size'] for row in rows], errors[mine], np.maximum(sigmas[mine], 1e-300),
-                               resampled[:, mine], self.orders[method], item.tolerance, max(row['step_size'] for row in rows))
+            curve = errorCurve([row['step_size'] for row in rows], errors[mine],
+                               np.maximum(sigmas[mine], 1e-300), resampled[:, mine],
+                               self.orders[method], item.tolerance,
+                               max(row['step_size'] for row in rows))
             step, steps = curve.stepFor(item.tolerance)
             rate = self.stepsPerSecond(item.observable, method, step)
             rates = np.median(rate[:shared][picks], axis=1)
             perNs = SECONDS_PER_DAY/1000
-            curves[method] = {'step': step, 'capped': bool(step >= curve.largest), 'ns_per_day': step*np.median(rate)*perNs,
-                              'steps_per_second': float(np.median(rate)), 'chi2': curve.chi2, 'degrees': curve.degrees,
-                              'coefficients': curve.coefficients.tolist(), 'largest_fitted_step': curve.fitted}
+            curves[method] = {
+                'step': step, 'capped': bool(step >= curve.largest),
+                'ns_per_day': step*np.median(rate)*perNs, 'steps_per_second': float(
+                    np.median(rate)), 'chi2': curve.chi2, 'degrees': curve.degrees,
+                'coefficients': curve.coefficients.tolist(), 'largest_fitted_step': curve.fitted
+            }
             clouds[method] = (steps, steps*rates*perNs)
         tails = [50*(1 - self.confidence), 50*(1 + self.confidence)]
         for method, entry in curves.items():
-            entry['step_low'], entry['step_high'] = map(float, np.percentile(clouds[method][0], tails))
-            entry['ns_per_day_low'], entry['ns_per_day_high'] = map(float, np.percentile(clouds[method][1], tails))
+            entry['step_low'], entry['step_high'] = map(float,
+                                                        np.percentile(clouds[method][0], tails))
+            entry['ns_per_day_low'], entry['ns_per_day_high'] = map(
+                float, np.percentile(clouds[method][1], tails))
             entry.update(ratio=None, ratio_low=None, ratio_high=None, step_ratio=None)
             if baseline in curves:
                 entry['ratio'] = entry['ns_per_day']/curves[baseline]['ns_per_day']
@@ -409,18 +461,22 @@ class StudyResult(Result):
         covariance = np.diag(variances) + reference.standardError**2
         parts = variances*[reference.weight(row['method'], row['value']) for row in rows]
         covariance -= np.add.outer(parts, parts)
-        return rng.multivariate_normal(np.zeros(len(rows)), covariance, size=resamplings, method='eigh')
+        return rng.multivariate_normal(np.zeros(len(rows)), covariance, size=resamplings,
+                                       method='eigh')
 
     def price(self, wanted, confidence=None, resamplings=2000):
         """The setting that makes a number known to a wanted total error in the least time.
 
-        The total error is the root mean square of bias and standard error, so that a setting whose bias reaches the wanted error never gets there.
-        Time is that of the integration steps by the study's clock, with the equilibration that the runs had. Of several observables, the slowest
-        tells. Settings are those that were measured: around the optimum the price is flat (a step too long or too short by a fifth costs 9 to 14 %
-        more where the error grows with the square of the step).
+        The total error is the root mean square of bias and standard error, so that a setting whose
+        bias reaches the wanted error never gets there. Time is that of the integration steps by the
+        study's clock, with the equilibration that the runs had. Of several observables, the slowest
+        tells. Settings are those that were measured: around the optimum the price is flat (a step
+        too long or too short by a fifth costs 9 to 14 % more where the error grows with the square
+        of the step).
 
-        Intervals: bias (Student's t, with the reference that settings share), noise (chi^2, see :func:`openmmrigidhi.analysis.series.noise`)
-        and the rounds of the timings are resampled together. Where an error cannot be told from 0, the lower end is without it.
+        Intervals: bias (Student's t, with the reference that settings share), noise (chi^2, see
+        :func:`openmmrigidhi.analysis.series.noise`) and the rounds of the timings are resampled
+        together. Where an error cannot be told from 0, the lower end is without it.
 
         Parameters
         ----------
@@ -434,14 +490,19 @@ class StudyResult(Result):
         Returns
         -------
         Recommendation
-            recommended is the least time among those whose bias is below the wanted error with confidence, as :meth:`recommend` decides it.
-            setting and candidates have method, value, step_size (ps), ns_per_day, bias (verdict about it alone), verdict ('cheapest', 'not
-            distinguishable' from it, 'dearer', 'undecided', 'no', 'n/a'), seconds, seconds_low and _high, ratio (to the cheapest's), ratio_low and
-            _high, observable (the one that takes the time), bias_part (of the squared total error), equilibration_part (of the time), own_tau (ps), effective_per_second,
-            length (ps), factor (how many times longer to measure for a decision about the bias, or None) and marks (texts). Times are
-            infinite where the wanted error is never reached.
+            recommended is the least time among those whose bias is below the wanted error with
+            confidence, as :meth:`recommend` decides it. setting and candidates have method, value,
+            step_size (ps), ns_per_day, bias (verdict about it alone), verdict ('cheapest', 'not
+            distinguishable' from it, 'dearer', 'undecided', 'no', 'n/a'), seconds, seconds_low and
+            _high, ratio (to the cheapest's), ratio_low and _high, observable (the one that takes
+            the time), bias_part (of the squared total error), equilibration_part (of the time),
+            own_tau (ps), effective_per_second, length (ps), factor (how many times longer to
+            measure for a decision about the bias, or None) and marks (texts). Times are infinite
+            where the wanted error is never reached.
         """
-        return Prices(self, resamplings).recommend(self.parseWanted(wanted), self.confidence if confidence is None else confidence)
+        return Prices(self,
+                      resamplings).recommend(self.parseWanted(wanted),
+                                             self.confidence if confidence is None else confidence)
 
     def spend(self, observable, seconds, confidence=None, resamplings=2000):
         """The setting that makes a number known best in a given time.
@@ -459,16 +520,21 @@ class StudyResult(Result):
         Returns
         -------
         Recommendation
-            setting and candidates have method, value, step_size (ps), ns_per_day, verdict ('best', 'not distinguishable' from it, 'worse',
-            'n/a': the time does not suffice for the equilibration), total_error, total_error_low and _high (observable's unit), bias,
-            standard_error (in that time), ratio (to the best), ratio_low and _high, length (ps) and marks (texts)
+            setting and candidates have method, value, step_size (ps), ns_per_day, verdict ('best',
+            'not distinguishable' from it, 'worse', 'n/a': the time does not suffice for the
+            equilibration), total_error, total_error_low and _high (observable's unit), bias,
+            standard_error (in that time), ratio (to the best), ratio_low and _high, length (ps) and
+            marks (texts)
         """
-        return Prices(self, resamplings).spend(observable, seconds, self.confidence if confidence is None else confidence)
+        return Prices(self,
+                      resamplings).spend(observable, seconds,
+                                         self.confidence if confidence is None else confidence)
 
     def stepsPerSecond(self, observable, method, step):
         """Steps per second in each round at a step size, interpolated between the measured ones around it.
 
-        A step costs nearly the same whatever its size: larger ones rebuild neighbour lists more often.
+        A step costs nearly the same whatever its size: larger ones rebuild neighbour lists more
+        often.
 
         Parameters
         ----------
@@ -486,21 +552,29 @@ class StudyResult(Result):
             return np.array([])
         shared = min(len(row['speeds']) for row in rows)
         sizes = [row['step_size'] for row in rows]
-        rates = np.array([np.array(row['speeds'][:shared])*1000/SECONDS_PER_DAY/row['step_size'] for row in rows])
+        rates = np.array([
+            np.array(row['speeds'][:shared])*1000/SECONDS_PER_DAY/row['step_size'] for row in rows
+        ])
         return np.array([np.interp(step, sizes, rates[:, k]) for k in range(shared)])
 
-    # ---- Files -------------------------------------------------------------------------------------------------------
+    # ---- Files -----------------------------------------------------------------------------------
 
     def asDict(self):
         """Everything, for JSON. The rounds' speeds are the same for all observables and are listed once."""
         speeds = {(row['method'], row['value']): row['speeds'] for row in self.rows}
-        return {'format': self.FORMAT, 'confidence': self.confidence, 'knob': asdict(self.knob),
-                'scene': self.scene, 'orders': self.orders, 'observables': self.observables, 'refusals': self.refusals,
-                'provenance': self.provenance,
-                'references': {name: reference.asDict() for name, reference in self.references.items()},
-                'rows': [{key: value for key, value in row.items() if key != 'speeds'} for row in self.rows],
-                'ns_per_day_of_rounds': [{'method': method, 'value': value, 'speeds': [float(f'{x:.6g}') for x in values]}
-                                         for (method, value), values in speeds.items()]}
+        return {
+            'format': self.FORMAT, 'confidence': self.confidence, 'knob': asdict(self.knob),
+            'scene': self.scene, 'orders': self.orders, 'observables': self.observables,
+            'refusals': self.refusals, 'provenance': self.provenance, 'references': {
+                name: reference.asDict()
+                for name, reference in self.references.items()
+            }, 'rows': [{key: value
+                         for key, value in row.items() if key != 'speeds'}
+                        for row in self.rows], 'ns_per_day_of_rounds': [{
+                            'method': method, 'value': value,
+                            'speeds': [float(f'{x:.6g}') for x in values]
+                        } for (method, value), values in speeds.items()]
+        }
 
     @classmethod
     def fromDict(cls, data):
@@ -510,12 +584,16 @@ class StudyResult(Result):
         ----------
         data : dict
         """
-        speeds = {(entry['method'], entry['value']): entry['speeds'] for entry in data['ns_per_day_of_rounds']}
+        speeds = {(entry['method'], entry['value']): entry['speeds']
+                  for entry in data['ns_per_day_of_rounds']}
         for row in data['rows']:
             row['speeds'] = speeds[row['method'], row['value']]
-        references = {name: Reference.fromDict(name, entry) for name, entry in data['references'].items()}
-        return cls(Knob(**data['knob']), data['scene'], data['rows'], references, data['orders'], data['observables'],
-                   data['refusals'], data['provenance'], data['confidence'])
+        references = {
+            name: Reference.fromDict(name, entry)
+            for name, entry in data['references'].items()
+        }
+        return cls(Knob(**data['knob']), data['scene'], data['rows'], references, data['orders'],
+                   data['observables'], data['refusals'], data['provenance'], data['confidence'])
 
     def report(self, wanted=(), baseline='LangevinMiddle', price=(), spend=()):
         """What is to be said and shown: the files of :meth:`write`, textTable() and paragraphs().

@@ -31,7 +31,8 @@ class Rung:
     blobs : int
         of each sphere; 0: it is one
     exactAlone : bool
-        for multiblobs: each sphere's tensor alone is set to Stokes' by MobilityForce.setBodyMobility
+        for multiblobs: each sphere's tensor alone is set to Stokes' by
+        MobilityForce.setBodyMobility
     description : str
     """
 
@@ -52,20 +53,29 @@ BEST = 'FTS+lubrication'
 #: Numbers of blobs of shells. A pair of the next larger ones would take minutes for each matrix.
 SHELLS = (12, 42, 162, 642)
 #: By name, in the order of pictures.
-RUNGS = {rung.name: rung for rung in (
-    Rung('FreeDraining', MobilityForce.FreeDraining, description='Stokes drag, no interaction'),
-    Rung('RPY', MobilityForce.RotnePragerYamakawa, description='Rotne-Prager-Yamakawa with rotation'),
-    Rung('ForceCoupling', MobilityForce.ForceCoupling, description='force coupling by Gaussians; periodic fluids only'),
-    Rung('FTS', MobilityForce.StokesianDynamics, False, description='force, torque, stresslet; no lubrication'),
-    *(Rung(f'multiblob{n}', MobilityForce.RotnePragerYamakawa, blobs=n, description=f'shells of {n} blobs')
-      for n in SHELLS),
-    *(Rung(f'multiblob{n}+self', MobilityForce.RotnePragerYamakawa, blobs=n, exactAlone=True,
-           description=f"shells of {n} blobs, each sphere's own tensor set to Stokes'") for n in SHELLS),
-    Rung(BEST, MobilityForce.StokesianDynamics, description='force, torque, stresslet and pair lubrication'),
-)}
+RUNGS = {
+    rung.name: rung
+    for rung in (
+        Rung('FreeDraining', MobilityForce.FreeDraining, description='Stokes drag, no interaction'),
+        Rung('RPY', MobilityForce.RotnePragerYamakawa,
+             description='Rotne-Prager-Yamakawa with rotation'),
+        Rung('ForceCoupling', MobilityForce.ForceCoupling,
+             description='force coupling by Gaussians; periodic fluids only'),
+        Rung('FTS', MobilityForce.StokesianDynamics, False,
+             description='force, torque, stresslet; no lubrication'),
+        *(Rung(f'multiblob{n}', MobilityForce.RotnePragerYamakawa, blobs=n,
+               description=f'shells of {n} blobs') for n in SHELLS),
+        *(Rung(f'multiblob{n}+self', MobilityForce.RotnePragerYamakawa, blobs=n, exactAlone=True,
+               description=f"shells of {n} blobs, each sphere's own tensor set to Stokes'")
+          for n in SHELLS),
+        Rung(BEST, MobilityForce.StokesianDynamics,
+             description='force, torque, stresslet and pair lubrication'),
+    )
+}
 DEFAULT = ('FreeDraining', 'RPY', 'FTS', 'multiblob12', 'multiblob42', 'multiblob162', BEST)
 #: The same where the fluid is periodic.
-PERIODIC = ('FreeDraining', 'RPY', 'ForceCoupling', 'FTS', 'multiblob12', 'multiblob42', 'multiblob162', BEST)
+PERIODIC = ('FreeDraining', 'RPY', 'ForceCoupling', 'FTS', 'multiblob12', 'multiblob42',
+            'multiblob162', BEST)
 
 
 def byName(name):
@@ -83,7 +93,9 @@ def byName(name):
     if isinstance(name, Rung):
         return name
     if name not in RUNGS:
-        raise ValueError(f'rung: got {name!r}; the hydrodynamic ladder has {", ".join(RUNGS)}: choose among these')
+        raise ValueError(
+            f'rung: got {name!r}; the hydrodynamic ladder has {", ".join(RUNGS)}: choose among '
+            f'these')
     return RUNGS[name]
 
 
@@ -93,36 +105,44 @@ class Spheres:
     Parameters
     ----------
     scene : Scene
-        its System must have a MobilityForce; each of its bodies must have one particle with a hydrodynamic radius, and no
-        particle outside of the bodies may have one
+        its System must have a MobilityForce; each of its bodies must have one particle with a
+        hydrodynamic radius, and no particle outside of the bodies may have one
 
     Raises
     ------
     ValueError
         for another scene
     """
-
     def __init__(self, scene):
         self.scene = scene
         system = openmm.XmlSerializer.clone(scene.system)
         fluid = self._fluid(system)
-        radii = np.array([fluid.getParticleRadius(i)._value for i in range(fluid.getNumParticles())])
-        self.groups, self.viscosity, self.boundary = fluid.getGroups().tolist(), fluid.getViscosity()._value, fluid.getBoundary()
+        radii = np.array(
+            [fluid.getParticleRadius(i)._value for i in range(fluid.getNumParticles())])
+        self.groups, self.viscosity, self.boundary = fluid.getGroups().tolist(), fluid.getViscosity(
+        )._value, fluid.getBoundary()
         self.minimumGap = fluid.getMinimumGap()
         self.isPeriodic = self.boundary == MobilityForce.Periodic
         if len(fluid.getBodiesWithOwnTensors()):
-            raise ValueError('the hydrodynamic ladder: a body has a tensor of its own; the models are compared on spheres: take it '
-                             'away with clearBodyTensor()')
+            raise ValueError(
+                'the hydrodynamic ladder: a body has a tensor of its own; the models are compared '
+                'on spheres: take it '
+                'away with clearBodyTensor()')
         members = [[i for i in body if radii[i] > 0] for body in scene.bodies]
         for index, found in enumerate(members):
             if len(found) != 1:
-                raise ValueError(f'the hydrodynamic ladder: body {index} has {len(found)} hydrodynamic particles; it must be a '
-                                 'sphere, which has one: choose another scene')
+                raise ValueError(
+                    f'the hydrodynamic ladder: body {index} has {len(found)} hydrodynamic '
+                    f'particles; it must be a '
+                    'sphere, which has one: choose another scene')
         self.radii = radii[[found[0] for found in members]]
         if np.count_nonzero(radii) > len(members):
-            raise ValueError('the hydrodynamic ladder: a particle that is in no body has a hydrodynamic radius; all must be '
-                             'bodies: make it one with addRigidBody()')
-        # The cheapest model: only geometry and forces are asked for. Mobilities do not depend on a flow that drives the fluid.
+            raise ValueError(
+                'the hydrodynamic ladder: a particle that is in no body has a hydrodynamic radius; '
+                'all must be '
+                'bodies: make it one with addRigidBody()')
+        # The cheapest model: only geometry and forces are asked for. Mobilities do not depend on a
+        # flow that drives the fluid.
         fluid.setBackgroundFlow((0, 0, 0), np.zeros((3, 3)))
         fluid.setSinusoidalForceDensity(0, 0, 1, 1)
         fluid.setModel(MobilityForce.FreeDraining)
@@ -131,12 +151,17 @@ class Spheres:
         integrator, context = self._start('Reference', {})
         bodies = BodyDefinitions(integrator)
         self.inertia = list(zip(bodies.masses.tolist(), bodies.moments.tolist()))
-        self.sites = np.array([sites[particles.index(found[0])]
-                               for particles, sites, found in zip(bodies.particles, bodies.sites, members)])
-        self.positions, self.orientations = integrator.getBodyPositions()._value, integrator.getBodyOrientations()
+        self.sites = np.array([
+            sites[particles.index(found[0])]
+            for particles, sites, found in zip(bodies.particles, bodies.sites, members)
+        ])
+        self.positions, self.orientations = integrator.getBodyPositions(
+        )._value, integrator.getBodyOrientations()
         integrator.step(1)
-        self.centres = np.array([context.getState(getPositions=True).getPositions(asNumpy=True)._value[found[0]]
-                                 for found in members])
+        self.centres = np.array([
+            context.getState(getPositions=True).getPositions(asNumpy=True)._value[found[0]]
+            for found in members
+        ])
         arms = self.centres - self.positions
         self.arms = arms
         self.forces = integrator.getBodyForces()._value
@@ -146,8 +171,10 @@ class Spheres:
     def _fluid(system):
         found = forcesOf(system, MobilityForce)
         if len(found) != 1:
-            raise ValueError(f'the hydrodynamic ladder: the System has {len(found)} MobilityForces; it must have one, which gives the '
-                             'radii and the viscosity: add it')
+            raise ValueError(
+                f'the hydrodynamic ladder: the System has {len(found)} MobilityForces; it must '
+                f'have one, which gives the '
+                'radii and the viscosity: add it')
         return found[0]
 
     def _start(self, platform, properties):
@@ -155,7 +182,8 @@ class Spheres:
         integrator.setScheme(CustomRigidHIIntegrator.LangevinHI)
         integrator.setStepSize(NO_STEP)
         integrator.setTemperature(0)
-        context = self.scene.makeContext(integrator, openmm.Platform.getPlatformByName(platform), properties, 1, self._system)
+        context = self.scene.makeContext(integrator, openmm.Platform.getPlatformByName(platform),
+                                         properties, 1, self._system)
         return integrator, context
 
     def secondsOfForces(self, platform, properties, seconds=0.2):
@@ -176,7 +204,8 @@ class Spheres:
             integrator.step(5)
         after = integrator.getStepStatistics()
         del context
-        return (after['seconds_forces'] - before['seconds_forces'])/(after['forceEvaluations'] - before['forceEvaluations'])
+        return (after['seconds_forces'] - before['seconds_forces'])/(after['forceEvaluations'] -
+                                                                     before['forceEvaluations'])
 
     def makeContext(self, rung, platform='Reference', properties=None, seed=1):
         """The spheres alone, without the scene's forces, in a fluid by one of the rungs.
@@ -196,18 +225,22 @@ class Spheres:
         """
         rows = 3*len(self.radii)*rung.blobs
         if rows > LARGEST_ROWS:
-            raise ValueError(f'{rows//3} blobs in all; their matrix would have {rows} rows, and at most {LARGEST_ROWS} are '
-                             'computed: choose fewer blobs or spheres')
+            raise ValueError(
+                f'{rows//3} blobs in all; their matrix would have {rows} rows, and at most '
+                f'{LARGEST_ROWS} are '
+                'computed: choose fewer blobs or spheres')
         system, fluid, integrator = openmm.System(), MobilityForce(), self._integrator(seed)
         fluid.setViscosity(self.viscosity)
         fluid.setModel(rung.model)
         fluid.setLubrication(rung.lubrication)
         # Without interaction there are no images.
-        fluid.setBoundary(MobilityForce.Unbounded if self.isPeriodic and rung.model == MobilityForce.FreeDraining else self.boundary)
+        fluid.setBoundary(MobilityForce.Unbounded if self.isPeriodic
+                          and rung.model == MobilityForce.FreeDraining else self.boundary)
         fluid.setMinimumGap(self.minimumGap)
         fluid.setGroups(self.groups)
         positions = []
-        for index, (radius, (mass, moments), site) in enumerate(zip(self.radii, self.inertia, self.sites)):
+        for index, (radius, (mass, moments), site) in enumerate(
+                zip(self.radii, self.inertia, self.sites)):
             sites, blob = np.zeros((1, 3)), radius
             if rung.blobs:
                 centres, blob = app.multiblobSphere(rung.blobs, radius)
@@ -223,7 +256,8 @@ class Spheres:
         system.setDefaultPeriodicBoxVectors(*self.scene.boxVectors)
         if self.isPeriodic:
             app.bindBodies(system, integrator)
-        context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platform), properties or {})
+        context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platform),
+                                 properties or {})
         context.setPositions(positions)
         self.reset(integrator)
         return fluid, integrator, context
@@ -238,7 +272,8 @@ class Spheres:
     def _alone(self, radius, site):
         """Stokes' mobility of a sphere about the body's origin, body frame."""
         turn = np.eye(6)
-        # V at the origin = V at the centre - W x site; torque about the centre = torque about the origin - site x F.
+        # V at the origin = V at the centre - W x site; torque about the centre = torque about the
+        # origin - site x F.
         turn[:3, 3:] = [[0, -site[2], site[1]], [site[2], 0, -site[0]], [-site[1], site[0], 0]]
         eta = self.viscosity
         return turn @ np.diag([1/(6*np.pi*eta*radius)]*3 + [1/(8*np.pi*eta*radius**3)]*3) @ turn.T
@@ -268,7 +303,8 @@ class Spheres:
         shift = np.eye(len(mobility))
         # V at the centre = V at the origin + W x arm.
         for k, (x, y, z) in enumerate(self.arms):
-            shift[6*k:6*k+3, 6*k+3:6*k+6] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
+            shift[6*k:6*k + 3, 6*k + 3:6*k + 6] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
         if self.arms.any():
             mobility = shift @ mobility @ shift.T
-        return MobilitySample(mobility, self.centres, self.radii, self.viscosity, self.forces, self.torques)
+        return MobilitySample(mobility, self.centres, self.radii, self.viscosity, self.forces,
+                              self.torques)

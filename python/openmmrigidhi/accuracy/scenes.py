@@ -29,8 +29,8 @@ class Scene:
     state : openmm.State, or array or Quantity of shape (particles, 3)
         start: positions in nm, and velocities and box vectors where the State has them
     integrator : CustomRigidHIIntegrator
-        the template: its bodies, temperature, frictions and noise law are those of every run; its scheme, step size and
-        seed are replaced
+        the template: its bodies, temperature, frictions and noise law are those of every run; its
+        scheme, step size and seed are replaced
     name, description : str
         for the report
     exact : dict, optional
@@ -49,18 +49,21 @@ class Scene:
     ValueError
         if it has no bodies
     """
-
-    def __init__(self, system, state, integrator, name='scene', description='', exact=None, equilibration=None,
-                 sampleInterval=0.1, stepSizes=(0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.007, 0.008)):
+    def __init__(self, system, state, integrator, name='scene', description='', exact=None,
+                 equilibration=None, sampleInterval=0.1,
+                 stepSizes=(0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.007, 0.008)):
         try:
             integrator = CustomRigidHIIntegrator.cast(integrator)
         except TypeError:
-            raise TypeError(f'Scene: integrator: got a {type(integrator).__name__}; it must be a CustomRigidHIIntegrator, '
-                            'which says what the bodies are: build one, with addRigidBody() or app.addRigidWater()'
-                            ) from None
+            raise TypeError(f'Scene: integrator: got a {type(integrator).__name__}; it must be a '
+                            f'CustomRigidHIIntegrator, '
+                            'which says what the bodies are: build one, with addRigidBody() or '
+                            'app.addRigidWater()') from None
         if integrator.getNumRigidBodies() == 0:
-            raise ValueError('Scene: integrator: it has no bodies; there must be at least one: call addRigidBody() or '
-                             'app.addRigidWater()')
+            raise ValueError(
+                'Scene: integrator: it has no bodies; there must be at least one: call '
+                'addRigidBody() or '
+                'app.addRigidWater()')
         self.name = name
         self.description = description
         self.exact = dict(exact or {})
@@ -70,7 +73,9 @@ class Scene:
         self.temperature = integrator.getTemperature()._value
         self.friction = integrator.getFriction()._value
         self.rotationalFriction = integrator.getRotationalFriction()._value
-        self.bodies = [list(integrator.getRigidBodyParticles(i)) for i in range(integrator.getNumRigidBodies())]
+        self.bodies = [
+            list(integrator.getRigidBodyParticles(i)) for i in range(integrator.getNumRigidBodies())
+        ]
         self._systemXml = openmm.XmlSerializer.serialize(system)
         self._integratorXml = openmm.XmlSerializer.serialize(integrator)
         if isinstance(state, openmm.State):
@@ -82,8 +87,9 @@ class Scene:
             self.velocities = None
             self.boxVectors = _array(system.getDefaultPeriodicBoxVectors(), unit.nanometer)
         if self.positions.shape != (system.getNumParticles(), 3):
-            raise ValueError(f'Scene: state: got positions of shape {self.positions.shape}; the shape must be '
-                             f'({system.getNumParticles()}, 3): give one row per particle of the System')
+            raise ValueError(
+                f'Scene: state: got positions of shape {self.positions.shape}; the shape must be '
+                f'({system.getNumParticles()}, 3): give one row per particle of the System')
         self._system = None
         self._bodyTable = None
 
@@ -129,7 +135,8 @@ class Scene:
         system : openmm.System, optional
             instead of the scene's own, with the same particles
         """
-        context = openmm.Context(self.system if system is None else system, integrator, platform, properties)
+        context = openmm.Context(self.system if system is None else system, integrator, platform,
+                                 properties)
         context.setPeriodicBoxVectors(*self.boxVectors)
         context.setPositions(self.positions)
         if self.velocities is None:
@@ -146,8 +153,10 @@ class Scene:
         str or None
             None if so, else why not
         """
-        constrained = {frozenset(self.system.getConstraintParameters(i)[:2])
-                       for i in range(self.system.getNumConstraints())}
+        constrained = {
+            frozenset(self.system.getConstraintParameters(i)[:2])
+            for i in range(self.system.getNumConstraints())
+        }
         for index, body in enumerate(self.bodies):
             massive = [i for i in body if self.system.getParticleMass(i)._value > 0]
             if len(massive) < 2:
@@ -165,25 +174,30 @@ class Scene:
         return self._bodyTable
 
     def __getstate__(self):
-        return {key: None if key in ('_system', '_bodyTable') else value for key, value in self.__dict__.items()}
+        return {
+            key: None if key in ('_system', '_bodyTable') else value
+            for key, value in self.__dict__.items()
+        }
 
 
 def _array(value, base):
     if unit.is_quantity(value):
         value = value.value_in_unit(base)
-    return np.array([[float(unit.Quantity(x, base)._value) if not unit.is_quantity(x) else x.value_in_unit(base)
-                      for x in row] for row in value]) if not isinstance(value, np.ndarray) else np.array(value, float)
+    return np.array([[
+        float(unit.Quantity(x, base)._value) if not unit.is_quantity(x) else x.value_in_unit(base)
+        for x in row
+    ] for row in value]) if not isinstance(value, np.ndarray) else np.array(value, float)
 
 
 def _velocities(state):
     try:
         return _array(state.getVelocities(asNumpy=True), unit.nanometer/unit.picosecond)
-    except Exception:   # the State has none: OpenMM raises its bare Exception class
+    except Exception:  # the State has none: OpenMM raises its bare Exception class
         return None
 
 
-def water(molecules=216, temperature=298.15, gamma=5.0, Gamma=10.0, density=995.0, cutoff=0.9, equilibration=40.0, seed=1,
-          platform='CPU', threads=None, progress=None):
+def water(molecules=216, temperature=298.15, gamma=5.0, Gamma=10.0, density=995.0, cutoff=0.9,
+          equilibration=40.0, seed=1, platform='CPU', threads=None, progress=None):
     """A box of TIP4P-Ew water with PME, from openmm.app's force field, equilibrated with LangevinC.
 
     Parameters
@@ -218,18 +232,23 @@ def water(molecules=216, temperature=298.15, gamma=5.0, Gamma=10.0, density=995.
     positions = np.array(modeller.positions.value_in_unit(unit.nanometer))
     wanted = (molecules*(15.99943 + 2*1.007947)/(density*0.602214076))**(1/3)
     if cutoff > wanted/2:
-        raise ValueError(f'water: molecules: got {molecules}; the box is {wanted:.3f} nm wide, less than twice the cutoff '
-                         f'of {cutoff} nm: use at least {math.ceil((2*cutoff)**3*density*0.602214076/18.01528)} molecules')
+        raise ValueError(
+            f'water: molecules: got {molecules}; the box is {wanted:.3f} nm wide, less than twice '
+            f'the cutoff '
+            f'of {cutoff} nm: use at least {math.ceil((2*cutoff)**3*density*0.602214076/18.01528)} '
+            f'molecules')
     old = topology.getPeriodicBoxVectors()[0][0]._value
-    sites = len(positions)//molecules
+    sites = len(positions) // molecules
     centres = np.repeat(positions.reshape(molecules, sites, 3).mean(axis=1), sites, axis=0)
     positions += centres*(wanted/old - 1)
     topology.setPeriodicBoxVectors(np.eye(3)*wanted*unit.nanometer)
-    system = forceField.createSystem(topology, nonbondedMethod=openmm.app.PME, nonbondedCutoff=cutoff*unit.nanometer,
-                                     rigidWater=True, removeCMMotion=False)
+    system = forceField.createSystem(topology, nonbondedMethod=openmm.app.PME,
+                                     nonbondedCutoff=cutoff*unit.nanometer, rigidWater=True,
+                                     removeCMMotion=False)
     # The bonds and angles of rigid water are constrained: these forces are empty.
     for index in reversed(range(system.getNumForces())):
-        if isinstance(system.getForce(index), (openmm.HarmonicBondForce, openmm.HarmonicAngleForce)):
+        if isinstance(system.getForce(index),
+                      (openmm.HarmonicBondForce, openmm.HarmonicAngleForce)):
             system.removeForce(index)
 
     def template(scheme=CustomRigidHIIntegrator.LangevinC):
@@ -259,19 +278,22 @@ def water(molecules=216, temperature=298.15, gamma=5.0, Gamma=10.0, density=995.
         if progress is not None:
             progress(done + 100, first + second)
     state = context.getState(getPositions=True, getVelocities=True)
-    return Scene(system, state, template(), f'water{molecules}',
-                 f'{molecules} TIP4P-Ew molecules at {density:g} kg/m^3 and {temperature:g} K, PME, cutoff {cutoff:g} nm; '
-                 f'gamma = {gamma:g}/ps, Gamma = {Gamma:g}/ps', equilibration=5.0, sampleInterval=0.1,
-                 stepSizes=[0.001*k for k in range(1, 10)])
+    return Scene(
+        system, state, template(), f'water{molecules}',
+        f'{molecules} TIP4P-Ew molecules at {density:g} kg/m^3 and {temperature:g} K, PME, cutoff '
+        f'{cutoff:g} nm; '
+        f'gamma = {gamma:g}/ps, Gamma = {Gamma:g}/ps', equilibration=5.0, sampleInterval=0.1,
+        stepSizes=[0.001*k for k in range(1, 10)])
 
 
 def trap(bodies=400, temperature=300.0, gamma=10.0, Gamma=20.0, frequency=100.0, field=2.0, seed=1):
     """Triangular rigid bodies in a harmonic trap with a uniform field on their dipoles: every average is known exactly.
 
-    The bodies do not see each other. Each has three massive particles, held by constraints (so that LangevinMiddle with
-    SETTLE can be compared) and an asymmetric inertia. Each particle is bound by m w^2 x^2/2, which is a trap M w^2 X^2/2 on
-    the centre of mass, without a torque (force group 0); forces along z that add up to zero make the energy
-    -field kT n_z of a dipole n (force group 1). Then <U_trap> = 3/2 kT, <U_field> = -field kT (coth(field) - 1/field).
+    The bodies do not see each other. Each has three massive particles, held by constraints (so that
+    LangevinMiddle with SETTLE can be compared) and an asymmetric inertia. Each particle is bound by
+    m w^2 x^2/2, which is a trap M w^2 X^2/2 on the centre of mass, without a torque (force group
+    0); forces along z that add up to zero make the energy -field kT n_z of a dipole n (force group
+    1). Then <U_trap> = 3/2 kT, <U_field> = -field kT (coth(field) - 1/field).
 
     Parameters
     ----------
@@ -290,11 +312,12 @@ def trap(bodies=400, temperature=300.0, gamma=10.0, Gamma=20.0, frequency=100.0,
     Returns
     -------
     Scene
-        with exact values of potential_energy, energy_group_0, energy_group_1 (kJ/mol per body) and all temperatures
+        with exact values of potential_energy, energy_group_0, energy_group_1 (kJ/mol per body) and
+        all temperatures
     """
     masses = np.array([16.0, 2.0, 1.0])
     shape = np.array([[0, 0, 0], [0.1, 0, 0], [-0.03, 0.09, 0]])
-    shape -= masses@shape/masses.sum()
+    shape -= masses @ shape/masses.sum()
     kT = GAS_CONSTANT*temperature
     system = openmm.System()
     well = openmm.CustomExternalForce('0.5*k*(x^2+y^2+z^2)-c')
@@ -313,7 +336,7 @@ def trap(bodies=400, temperature=300.0, gamma=10.0, Gamma=20.0, frequency=100.0,
         for k in range(3):
             system.addParticle(masses[k])
             stiffness = masses[k]*frequency**2
-            well.addParticle(first + k, [stiffness, 0.5*stiffness*shape[k]@shape[k]])
+            well.addParticle(first + k, [stiffness, 0.5*stiffness*shape[k] @ shape[k]])
             uniform.addParticle(first + k, [field*kT/dipole*(-1, 1, 0)[k]])
         for i, j in ((0, 1), (0, 2), (1, 2)):
             system.addConstraint(first + i, first + j, np.linalg.norm(shape[i] - shape[j]))
@@ -326,16 +349,20 @@ def trap(bodies=400, temperature=300.0, gamma=10.0, Gamma=20.0, frequency=100.0,
     rotations = rotationMatrices(quaternions/np.linalg.norm(quaternions, axis=1, keepdims=True))
     positions = (centres + np.einsum('bij,kj->bki', rotations, shape)).reshape(-1, 3)
     inWell, inField = 1.5*kT, -field*kT*(1/math.tanh(field) - 1/field)
-    return Scene(system, positions, integrator, 'trap',
-                 f'{bodies} independent triangular bodies in a harmonic trap (w = {frequency:g}/ps) with a field of {field:g} '
-                 f'kT on their dipoles, {temperature:g} K; gamma = {gamma:g}/ps, Gamma = {Gamma:g}/ps; exact averages known',
-                 exact={'potential_energy': inWell + inField, 'energy_group_0': inWell, 'energy_group_1': inField},
-                 equilibration=1.0, sampleInterval=0.05,
-                 stepSizes=[0.1/frequency*k for k in (2, 4, 6, 8, 10, 12)])
+    return Scene(
+        system, positions, integrator, 'trap',
+        f'{bodies} independent triangular bodies in a harmonic trap (w = {frequency:g}/ps) with a '
+        f'field of {field:g} '
+        f'kT on their dipoles, {temperature:g} K; gamma = {gamma:g}/ps, Gamma = {Gamma:g}/ps; '
+        f'exact averages known', exact={
+            'potential_energy': inWell + inField, 'energy_group_0': inWell,
+            'energy_group_1': inField
+        }, equilibration=1.0, sampleInterval=0.05,
+        stepSizes=[0.1/frequency*k for k in (2, 4, 6, 8, 10, 12)])
 
 
-def spheres(centres, radii=1.0, temperature=300.0, viscosity=None, stepSize=0.001, density=1000.0, force=None, name='spheres',
-            description='', edges=None, exact=None):
+def spheres(centres, radii=1.0, temperature=300.0, viscosity=None, stepSize=0.001, density=1000.0,
+            force=None, name='spheres', description='', edges=None, exact=None):
     """Spheres in a fluid, each a body of one particle.
 
     Parameters
@@ -365,7 +392,8 @@ def spheres(centres, radii=1.0, temperature=300.0, viscosity=None, stepSize=0.00
     Scene
     """
     centres = np.asarray(centres, float)
-    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(temperature, stepSize)
+    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
+        temperature, stepSize)
     integrator.setScheme(CustomRigidHIIntegrator.LangevinHI)
     if edges is not None:
         system.setDefaultPeriodicBoxVectors(*np.diag(np.asarray(edges, float)))
@@ -374,7 +402,8 @@ def spheres(centres, radii=1.0, temperature=300.0, viscosity=None, stepSize=0.00
         fluid.setViscosity(viscosity)
     for radius in np.broadcast_to(radii, len(centres)):
         mass = density*0.602214076*4/3*np.pi*radius**3
-        integrator.addRigidBody([system.addParticle(mass)], mass, (0.4*mass*radius**2,)*3, np.zeros((1, 3)))
+        integrator.addRigidBody([system.addParticle(mass)], mass, (0.4*mass*radius**2,)*3,
+                                np.zeros((1, 3)))
         fluid.addParticle(float(radius))
     if force is not None:
         weight = openmm.CustomExternalForce('-(fx*x+fy*y+fz*z)')
@@ -404,8 +433,9 @@ def pair(gap, ratio=1.0, temperature=1e-9):
     Scene
     """
     return spheres([(0, 0, 0), (1 + ratio + gap, 0, 0)], (1.0, ratio), temperature, name='pair',
-                   description='two spheres' + (' of equal radii' if ratio == 1 else f' with radii in ratio {ratio:g}')
-                   + ', the forces of settling across their line of centres')
+                   description='two spheres' +
+                   (' of equal radii' if ratio == 1 else f' with radii in ratio {ratio:g}') +
+                   ', the forces of settling across their line of centres')
 
 
 def pairs(gaps=(0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10), ratio=1.0):
@@ -437,18 +467,21 @@ class Sweep(dict):
         'smaller' or 'larger': towards which values approximations get worse
     scenes : dict
     """
-
     def __init__(self, parameter, harder, scenes):
         super().__init__(scenes)
         self.parameter = parameter
         self.harder = harder
 
 
-#: Simple cubic arrays of spheres, volume fraction -> K, KR: the force on each is 6 pi eta a K U if all move with U against the mean of the whole,
-#: the torque 8 pi eta a^3 KR Omega if all rotate alike. K: A. A. Zick, G. M. Homsy, J. Fluid Mech. 115, 13 (1982), with more digits by a collocation of
-#: our own; KR by the same.
-SIMPLE_CUBIC = {0.001: (1.212141, 1.001001), 0.027: (2.007748, 1.027761), 0.064: (2.810198, 1.068608), 0.125: (4.291589, 1.145253),
-                0.216: (7.441954, 1.292910), 0.343: (15.39949, 1.635752), 0.45: (28.0864, 2.318367)}
+#: Simple cubic arrays of spheres, volume fraction -> K, KR: the force on each is 6 pi eta a K U if
+#: all move with U against the mean of the whole, the torque 8 pi eta a^3 KR Omega if all rotate
+#: alike. K: A. A. Zick, G. M. Homsy, J. Fluid Mech. 115, 13 (1982), with more digits by a
+#: collocation of our own; KR by the same.
+SIMPLE_CUBIC = {
+    0.001: (1.212141, 1.001001), 0.027: (2.007748, 1.027761), 0.064: (2.810198, 1.068608),
+    0.125: (4.291589, 1.145253), 0.216: (7.441954, 1.292910), 0.343: (15.39949, 1.635752),
+    0.45: (28.0864, 2.318367)
+}
 
 
 def array(fraction, radius=1.0):
@@ -467,12 +500,16 @@ def array(fraction, radius=1.0):
         with the exact `drag` and `rotational_drag` of the array
     """
     if fraction not in SIMPLE_CUBIC:
-        raise ValueError(f'array: fraction: got {fraction}; exact numbers of simple cubic arrays are known for the volume fractions '
-                         f'{", ".join(f"{known:g}" for known in SIMPLE_CUBIC)}: choose one of these')
+        raise ValueError(
+            f'array: fraction: got {fraction}; exact numbers of simple cubic arrays are known for '
+            f'the volume fractions '
+            f'{", ".join(f"{known:g}" for known in SIMPLE_CUBIC)}: choose one of these')
     side = radius*(4*np.pi/3/fraction)**(1/3)
-    return spheres([(0, 0, 0)], radius, 1e-9, name='simple cubic array', description='spheres on a simple cubic lattice, one in a periodic box; exact '
-                   'numbers: Zick and Homsy, J. Fluid Mech. 115, 13 (1982), and a collocation', edges=(side,)*3,
-                   exact=dict(zip(('drag', 'rotational_drag'), SIMPLE_CUBIC[fraction])))
+    return spheres([(0, 0, 0)], radius, 1e-9, name='simple cubic array',
+                   description='spheres on a simple cubic lattice, one in a periodic box; exact '
+                   'numbers: Zick and Homsy, J. Fluid Mech. 115, 13 (1982), and a collocation',
+                   edges=(side,)*3, exact=dict(
+                       zip(('drag', 'rotational_drag'), SIMPLE_CUBIC[fraction])))
 
 
 def arrays(fractions=tuple(SIMPLE_CUBIC)):
@@ -488,7 +525,9 @@ def arrays(fractions=tuple(SIMPLE_CUBIC)):
     Sweep
         volume fraction -> Scene
     """
-    return Sweep('volume fraction', 'larger', {float(fraction): array(fraction) for fraction in fractions})
+    return Sweep('volume fraction', 'larger',
+                 {float(fraction): array(fraction)
+                  for fraction in fractions})
 
 
 def suspension(bodies=12, fraction=0.1, radius=1.0, leastGap=0.02, temperature=300.0, seed=1):
@@ -513,8 +552,10 @@ def suspension(bodies=12, fraction=0.1, radius=1.0, leastGap=0.02, temperature=3
     """
     outer = radius*(bodies/fraction)**(1/3)
     centres = _randomCentres(bodies, fraction, outer, (2 + leastGap)*radius, None, seed)
-    return spheres(centres, radius, temperature, force=(0, 0, -1), name=f'suspension{bodies}',
-                   description=f'{bodies} spheres at random in a larger sphere, volume fraction {fraction:g}, settling in water')
+    return spheres(
+        centres, radius, temperature, force=(0, 0, -1), name=f'suspension{bodies}', description=
+        f'{bodies} spheres at random in a larger sphere, volume fraction {fraction:g}, settling in '
+        f'water')
 
 
 def _randomCentres(bodies, fraction, outer, least, side, seed):
@@ -535,11 +576,14 @@ def _randomCentres(bodies, fraction, outer, least, side, seed):
             centres[found] = point
             found += 1
     else:
-        raise ValueError(f'suspension: fraction: got {fraction}; {bodies} spheres found no room by chance: choose a smaller one')
+        raise ValueError(
+            f'suspension: fraction: got {fraction}; {bodies} spheres found no room by chance: '
+            f'choose a smaller one')
     return centres
 
 
-def periodicSuspension(bodies=8, fraction=0.15, radius=1.0, leastGap=0.02, temperature=300.0, seed=1):
+def periodicSuspension(bodies=8, fraction=0.15, radius=1.0, leastGap=0.02, temperature=300.0,
+                       seed=1):
     """Spheres of one size at random places without overlap in a cubic periodic box of water, settling.
 
     Parameters
@@ -561,8 +605,11 @@ def periodicSuspension(bodies=8, fraction=0.15, radius=1.0, leastGap=0.02, tempe
     """
     side = radius*(4*np.pi/3*bodies/fraction)**(1/3)
     centres = _randomCentres(bodies, fraction, side/2, (2 + leastGap)*radius, side, seed)
-    return spheres(centres, radius, temperature, force=(0, 0, -1), name=f'periodic suspension of {bodies}', edges=(side,)*3,
-                   description=f'{bodies} spheres at random in a periodic box, volume fraction {fraction:g}, settling in water')
+    return spheres(
+        centres, radius, temperature, force=(0, 0, -1), name=f'periodic suspension of {bodies}',
+        edges=(side,)*3, description=
+        f'{bodies} spheres at random in a periodic box, volume fraction {fraction:g}, settling in '
+        f'water')
 
 
 def fromFiles(system, state, integrator):
@@ -581,7 +628,8 @@ def fromFiles(system, state, integrator):
     for path in (system, state, integrator):
         with open(path) as file:
             objects.append(openmm.XmlSerializer.deserialize(file.read()))
-    return Scene(*objects, name=os.path.splitext(os.path.basename(system))[0], description=f'system {system}, state {state}')
+    return Scene(*objects, name=os.path.splitext(os.path.basename(system))[0],
+                 description=f'system {system}, state {state}')
 
 
 def fromFunction(specification):
@@ -590,8 +638,8 @@ def fromFunction(specification):
     Parameters
     ----------
     specification : str
-        "module:function". The function takes no arguments and returns a Scene, or (system, state or positions,
-        integrator), or (system, topology, positions, integrator).
+        "module:function". The function takes no arguments and returns a Scene, or (system, state or
+        positions, integrator), or (system, topology, positions, integrator).
 
     Returns
     -------
@@ -616,12 +664,16 @@ def importObject(specification, what):
     """
     module, _, name = specification.partition(':')
     if not name:
-        raise ValueError(f'{what}: got {specification!r}; it must have the form module:function: give the name after a colon')
+        raise ValueError(
+            f'{what}: got {specification!r}; it must have the form module:function: give the name '
+            f'after a colon')
     try:
         return getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError) as error:
-        raise ValueError(f'{what}: got {specification!r}, which cannot be imported ({error}): put the module on PYTHONPATH '
-                         'or run in its directory') from error
+        raise ValueError(
+            f'{what}: got {specification!r}, which cannot be imported ({error}): put the module on '
+            f'PYTHONPATH '
+            'or run in its directory') from error
 
 
 def findObservable(name, kind, builtIn, fromFunction):
@@ -649,7 +701,8 @@ def findObservable(name, kind, builtIn, fromFunction):
         return fromFunction(name)
     if name in builtIn:
         return builtIn[name]
-    return findObservable(importObject(name, 'observable'), kind, builtIn, fromFunction) if ':' in name else None
+    return findObservable(importObject(name, 'observable'), kind, builtIn,
+                          fromFunction) if ':' in name else None
 
 
 def platformProperties(platform, threads):
@@ -666,4 +719,6 @@ def platformProperties(platform, threads):
 
 #: Scenes by name, for the command line; those for the hydrodynamic ladder.
 BUILT_IN = {'water': water, 'trap': trap}
-OF_SPHERES = {'pairs': pairs, 'suspension': suspension, 'arrays': arrays, 'periodic': periodicSuspension}
+OF_SPHERES = {
+    'pairs': pairs, 'suspension': suspension, 'arrays': arrays, 'periodic': periodicSuspension
+}

@@ -78,8 +78,9 @@ class Extrapolation:
 def extrapolate(points):
     """Fit mean = A0 + E_m h^p (+ F_m h^2p where a method has 4 or more steps), A0 common to all methods, by least squares.
 
-    Points are weighted by their standard errors. While the fit is not believable (probability of chi^2 below 0.01), the
-    largest step of the method that deviates most is left out, and the fit repeated.
+    Points are weighted by their standard errors. While the fit is not believable (probability of
+    chi^2 below 0.01), the largest step of the method that deviates most is left out, and the fit
+    repeated.
 
     Parameters
     ----------
@@ -155,8 +156,8 @@ def _fit(points, used):
             elif method == points[i].method:
                 design[row, column] = (points[i].h/scale)**(power*points[i].order)
     inverse = np.linalg.pinv(design/sigma[:, None])
-    parameters = inverse@(mean/sigma)
-    chi2 = float((((mean - design@parameters)/sigma)**2).sum())
+    parameters = inverse @ (mean/sigma)
+    chi2 = float((((mean - design @ parameters)/sigma)**2).sum())
     degrees = len(indices) - len(columns)
     inflation = np.sqrt(max(1, chi2/degrees)) if degrees > 0 else 1
     weights = np.zeros(len(points))
@@ -168,14 +169,17 @@ def _fit(points, used):
             coefficients[method][power - 1] = float(value/scale**(power*orders[method]))
     probability = float(scipy.stats.chi2.sf(chi2, degrees)) if degrees > 0 else 1.0
     return Extrapolation(float(parameters[0]), float(inflation*np.linalg.norm(inverse[0])), weights,
-                         {method: tuple(pair) for method, pair in coefficients.items()}, used, chi2, degrees, probability)
+                         {method: tuple(pair)
+                          for method, pair in coefficients.items()}, used, chi2, degrees,
+                         probability)
 
 
 @dataclass
 class ErrorCurve:
     """error(h) of one method: E h^p + F h^2p where the errors are small, straight lines in h between the points beyond.
 
-    The stability limit of a scheme is a cliff that no low polynomial follows; near it the measured points themselves do.
+    The stability limit of a scheme is a cliff that no low polynomial follows; near it the measured
+    points themselves do.
 
     Attributes
     ----------
@@ -212,13 +216,15 @@ class ErrorCurve:
     def stepFor(self, tolerance):
         """The step at which ``|error|`` first reaches the tolerance: value, and an ndarray for the cloud; capped at `largest`."""
         value = self._solve(self.coefficients, self.errors, tolerance)
-        return value, np.array([self._solve(*each, tolerance) for each in zip(self.cloud, self.errorCloud)])
+        return value, np.array(
+            [self._solve(*each, tolerance) for each in zip(self.cloud, self.errorCloud)])
 
     def _solve(self, pair, errors, tolerance):
         E, F = pair
         smallest = np.inf
         for sign in (1, -1):
-            roots = np.roots([F, E, -sign*tolerance]) if F != 0 else np.array([sign*tolerance/E if E != 0 else np.inf])
+            roots = np.roots([F, E, -sign*tolerance]) if F != 0 else np.array(
+                [sign*tolerance/E if E != 0 else np.inf])
             for root in roots:
                 if abs(root.imag) < 1e-12*abs(root) + 1e-300 and 0 < root.real < smallest:
                     smallest = root.real
@@ -256,7 +262,8 @@ def errorCurve(h, errors, sigma, resampled, order, tolerance, largest):
     """
     h, errors, sigma, resampled = map(np.asarray, (h, errors, sigma, resampled))
     out = np.abs(errors) > RANGE_IN_TOLERANCES*tolerance
-    # What lies beyond the first point that is out is not in the fit even if it comes back; two points are needed.
+    # What lies beyond the first point that is out is not in the fit even if it comes back; two
+    # points are needed.
     count = max(int(np.argmax(out)) if out.any() else len(h), min(2, len(h)))
     x, scale = h[:count], h[count - 1]
     powers = (1, 2) if count >= 3 else (1,)
@@ -265,20 +272,24 @@ def errorCurve(h, errors, sigma, resampled, order, tolerance, largest):
 
     def coefficients(values):
         result = np.zeros(values.shape[:-1] + (2,))
-        result[..., :len(powers)] = values@inverse.T/np.array([scale**(order*power) for power in powers])
+        result[..., :len(powers)] = values @ inverse.T/np.array(
+            [scale**(order*power) for power in powers])
         return result
 
-    residual = (errors[:count] - design@(inverse@errors[:count]))/sigma[:count]
-    return ErrorCurve(order, coefficients(errors[:count]), coefficients(resampled[:, :count]), h[count:], errors[count:],
-                      resampled[:, count:], largest, float(scale), float((residual**2).sum()), count - len(powers))
+    residual = (errors[:count] - design @ (inverse @ errors[:count]))/sigma[:count]
+    return ErrorCurve(order, coefficients(errors[:count]), coefficients(resampled[:, :count]),
+                      h[count:], errors[count:], resampled[:, count:], largest, float(scale),
+                      float((residual**2).sum()), count - len(powers))
 
 
-# ---- Bias and noise together -----------------------------------------------------------------------------------------
+# ---- Bias and noise together ---------------------------------------------------------------------
+
 
 def timeToError(tolerance, bias, noise, speed, equilibration):
     """How long a run must be for a total error: the root mean square of its bias and its standard error.
 
-    bias^2 + noise/length = tolerance^2, and before the length comes the equilibration. Arguments are numbers or arrays of shapes that go together.
+    bias^2 + noise/length = tolerance^2, and before the length comes the equilibration. Arguments
+    are numbers or arrays of shapes that go together.
 
     Parameters
     ----------
@@ -287,7 +298,8 @@ def timeToError(tolerance, bias, noise, speed, equilibration):
     bias : float
         in the observable's unit; its sign does not matter
     noise : float
-        squared standard error times length, unit^2 ps (:class:`openmmrigidhi.analysis.series.Noise`)
+        squared standard error times length, unit^2 ps
+        (:class:`openmmrigidhi.analysis.series.Noise`)
     speed : float
         ps/s
     equilibration : float
@@ -300,7 +312,9 @@ def timeToError(tolerance, bias, noise, speed, equilibration):
     """
     room = np.asarray(tolerance, float)**2 - np.square(bias)
     reachable = room > 0
-    return np.where(reachable, (equilibration + np.asarray(noise)/np.where(reachable, room, 1))/speed, np.inf)[()]
+    return np.where(reachable,
+                    (equilibration + np.asarray(noise)/np.where(reachable, room, 1))/speed,
+                    np.inf)[()]
 
 
 def errorAfter(seconds, bias, noise, speed, equilibration):
@@ -319,7 +333,8 @@ def errorAfter(seconds, bias, noise, speed, equilibration):
     """
     length = np.asarray(seconds*np.asarray(speed, float) - equilibration)
     sampled = length > 0
-    return np.where(sampled, np.sqrt(np.square(bias) + noise/np.where(sampled, length, 1)), np.inf)[()]
+    return np.where(sampled, np.sqrt(np.square(bias) + noise/np.where(sampled, length, 1)),
+                    np.inf)[()]
 
 
 def resampledNoise(noise, degrees, rng, resamplings):

@@ -1,8 +1,8 @@
 """Studies: which settings are run, how long, and against what they are judged.
 
-:class:`Study` runs settings side by side and knows nothing of what distinguishes them; :class:`StepSizeStudy` turns the
-step size. A study of another knob (hydrodynamic model, solver tolerance, grid spacing) overrides ``knob``, ``settings``,
-``makeContext`` and ``reference``.
+:class:`Study` runs settings side by side and knows nothing of what distinguishes them;
+:class:`StepSizeStudy` turns the step size. A study of another knob (hydrodynamic model, solver
+tolerance, grid spacing) overrides ``knob``, ``settings``, ``makeContext`` and ``reference``.
 """
 import math
 import time
@@ -55,29 +55,40 @@ class Study:
     seed : int
         of everything that is random; each setting gets a seed of its own from it
     clock : str
-        'wall' or 'cpu': which time ns/day is computed from. CPU time is less disturbed by other programs, but means
-        ns per CPU-day with several threads.
+        'wall' or 'cpu': which time ns/day is computed from. CPU time is less disturbed by other
+        programs, but means ns per CPU-day with several threads.
     sampleInterval : float, optional
-        ps between samples, rounded to whole steps; default: the scene's. Below half the correlation time of the fastest observable of interest
-        nothing is lost (:meth:`StudyResult.price` marks what is sampled too seldom).
+        ps between samples, rounded to whole steps; default: the scene's. Below half the correlation
+        time of the fastest observable of interest nothing is lost (:meth:`StudyResult.price` marks
+        what is sampled too seldom).
     """
 
     knob = None
 
-    def __init__(self, scene, methods, observables=observablesModule.DEFAULT, platform='CPU', threads=1, seed=1, clock='wall',
-                 sampleInterval=None):
+    def __init__(self, scene, methods, observables=observablesModule.DEFAULT, platform='CPU',
+                 threads=1, seed=1, clock='wall', sampleInterval=None):
         if clock not in ('wall', 'cpu'):
             raise ValueError(f'Study: clock: got {clock!r}; it must be wall or cpu: correct it')
-        if sampleInterval is not None and not (math.isfinite(sampleInterval) and sampleInterval > 0):
-            raise ValueError(f'Study: sampleInterval: got {sampleInterval}; the time between samples must be positive, in ps: correct it')
-        refuseDrivenFlow(scene.system, f'{type(self).__name__}: scene', 'where alone all methods have the same averages: compare steady states of one '
-                         'method at several steps by runs of your own')
+        if sampleInterval is not None and not (math.isfinite(sampleInterval)
+                                               and sampleInterval > 0):
+            raise ValueError(
+                f'Study: sampleInterval: got {sampleInterval}; the time between samples must be '
+                f'positive, in ps: correct it')
+        refuseDrivenFlow(
+            scene.system, f'{type(self).__name__}: scene',
+            'where alone all methods have the same averages: compare steady states of one '
+            'method at several steps by runs of your own')
         self.scene = scene
-        self.methods = [method if isinstance(method, Method) else methodsModule.byName(method) for method in methods]
+        self.methods = [
+            method if isinstance(method, Method) else methodsModule.byName(method)
+            for method in methods
+        ]
         self.observables = [observablesModule.byName(observable) for observable in observables]
         names = [observable.name for observable in self.observables]
         if len(set(names)) < len(names) or not names:
-            raise ValueError(f'Study: observables: got {names}; there must be at least one, and none twice: correct the list')
+            raise ValueError(
+                f'Study: observables: got {names}; there must be at least one, and none twice: '
+                f'correct the list')
         self.platform = platform
         self.threads = threads
         self.seed = seed
@@ -86,7 +97,7 @@ class Study:
         #: (Setting, Record) of the last run: all samples and times.
         self.records = []
 
-    # ---- What a study of another knob overrides ----------------------------------------------------------------------
+    # ---- What a study of another knob overrides --------------------------------------------------
 
     def settings(self):
         """All settings, a list of Setting."""
@@ -110,7 +121,7 @@ class Study:
         exact = observable.exact(self.scene)
         return None if exact is None else Reference(observable.name, exact, 0.0, 'exact')
 
-    # ---- The run -----------------------------------------------------------------------------------------------------
+    # ---- The run ---------------------------------------------------------------------------------
 
     def settingSeed(self, setting):
         """The seed of a setting: of the study's seed, the method's name and the value, nothing else."""
@@ -118,35 +129,43 @@ class Study:
         return zlib.crc32(text.encode()) % (2**31 - 2) + 1
 
     def _makeRun(self, setting):
-        return Run(setting.method.sceneOf(self.scene), self.observables, lambda: self.makeContext(setting, self.settingSeed(setting)),
-                   setting.stepSize, self.sampleInterval, openmm.Platform.getPlatformByName(self.platform),
+        return Run(setting.method.sceneOf(self.scene), self.observables,
+                   lambda: self.makeContext(setting, self.settingSeed(setting)), setting.stepSize,
+                   self.sampleInterval, openmm.Platform.getPlatformByName(self.platform),
                    platformProperties(self.platform, self.threads))
 
-    def run(self, budget=600.0, length=None, equilibration=None, rounds=20, jobs=1, progress=None, cluster=None):
+    def run(self, budget=600.0, length=None, equilibration=None, rounds=20, jobs=1, progress=None,
+            cluster=None):
         """Measure.
 
-        The runs take turns: in each round every setting advances by a piece of its length, in a random order, so that
-        whatever slows the machine down for a while slows all of them, and ratios of times stay right. Ctrl-C ends the
-        measurement early; what was gathered is evaluated.
+        The runs take turns: in each round every setting advances by a piece of its length, in a
+        random order, so that whatever slows the machine down for a while slows all of them, and
+        ratios of times stay right. Ctrl-C ends the measurement early; what was gathered is
+        evaluated.
 
         Parameters
         ----------
         budget : float
-            seconds (wall) that the measurement may take; run lengths are planned from a short trial of each setting,
-            in proportion to the square root of its speed: large steps get longer runs, small steps more time
+            seconds (wall) that the measurement may take; run lengths are planned from a short trial
+            of each setting, in proportion to the square root of its speed: large steps get longer
+            runs, small steps more time
         length : float, optional
-            ps for every setting; then there is no budget, and results do not depend on the machine's speed
+            ps for every setting; then there is no budget, and results do not depend on the
+            machine's speed
         equilibration : float, optional
-            ps left out at the start of each run; default: the scene's, or else a tenth of its length
+            ps left out at the start of each run; default: the scene's, or else a tenth of its
+            length
         rounds : int
             number of turns that the lengths are planned for; with a budget there are as many as fit
         jobs : int
-            above 1: so many runs at a time, with nothing in turn, and times are measured afterwards, alone
+            above 1: so many runs at a time, with nothing in turn, and times are measured
+            afterwards, alone
         progress : callable, optional
             called with (done, total, text) in steps
         cluster : str, optional
-            who makes the runs if they are not made in turn: see :func:`openmmrigidhi.ensemble.tasks.run`. Of a scheduler's workers all are used; the budget is
-            planned for as many as there are jobs.
+            who makes the runs if they are not made in turn: see
+            :func:`openmmrigidhi.ensemble.tasks.run`. Of a scheduler's workers all are used; the
+            budget is planned for as many as there are jobs.
 
         Returns
         -------
@@ -157,18 +176,23 @@ class Study:
         settings = self.settings()
         runs, refusals = [], {}
         for setting in settings:
-            refusal = setting.method.whyNot(self.scene) if setting.method.whyNot is not None else None
+            refusal = setting.method.whyNot(
+                self.scene) if setting.method.whyNot is not None else None
             if refusal is not None:
                 refusals[setting.method.name] = refusal
             else:
                 runs.append((setting, self._makeRun(setting)))
         cost = [run.secondsPerStep() for _, run in runs]
-        # How long the trial was depends on the machine; the results do not: those that survived it start afresh.
+        # How long the trial was depends on the machine; the results do not: those that survived it
+        # start afresh.
         runs = [(setting, self._makeRun(setting) if run.isAlive else run) for setting, run in runs]
         inTurn = jobs == 1 and cluster is None
-        lengths, left = self._plan(runs, cost, budget - (time.perf_counter() - began), length, equilibration, jobs, rounds, inTurn)
-        meter = _Meter(progress, sum((total + left)/run.stepSize
-                                     for (_, run), (total, left) in zip(runs, zip(lengths, left)) if run.isAlive))
+        lengths, left = self._plan(runs, cost, budget - (time.perf_counter() - began), length,
+                                   equilibration, jobs, rounds, inTurn)
+        meter = _Meter(
+            progress,
+            sum((total + left)/run.stepSize
+                for (_, run), (total, left) in zip(runs, zip(lengths, left)) if run.isAlive))
         deadline = math.inf if length is not None else began + budget
         if inTurn:
             done = self._inTurn(runs, lengths, left, rounds, deadline, meter)
@@ -191,11 +215,13 @@ class Study:
         norm = sum(math.sqrt(perPs[i]) for i in alive)
         for i in alive:
             run = runs[i][1]
-            total = length if length is not None else max(0.0, forSampling)/(math.sqrt(perPs[i])*norm)
+            total = length if length is not None else max(0.0, forSampling)/(math.sqrt(perPs[i])*
+                                                                             norm)
             interval = run.record.samplesAt
             perRound = max(1, round(total/rounds/interval))
             lengths[i] = max(perRound, math.ceil(FEWEST_SAMPLES/rounds))*rounds*interval
-            left[i] = math.ceil((fixed if fixed is not None else 0.1*lengths[i])/interval - 1e-9)*interval
+            left[i] = math.ceil((fixed if fixed is not None else 0.1*lengths[i])/interval -
+                                1e-9)*interval
         return lengths, left
 
     def _inTurn(self, runs, lengths, left, rounds, deadline, meter):
@@ -203,12 +229,17 @@ class Study:
         turn = 0
         try:
             for (setting, run), ps in zip(runs, left):
-                run.advance(round(ps/run.record.samplesAt), False, meter.advance(self._text(setting)))
-            pieces = [max(1, round(ps/rounds/run.record.samplesAt)) for (_, run), ps in zip(runs, lengths)]
-            # With a budget: as many rounds as fit, which are more or fewer than planned if the trial misjudged the speed.
+                run.advance(round(ps/run.record.samplesAt), False,
+                            meter.advance(self._text(setting)))
+            pieces = [
+                max(1, round(ps/rounds/run.record.samplesAt))
+                for (_, run), ps in zip(runs, lengths)
+            ]
+            # With a budget: as many rounds as fit, which are more or fewer than planned if the
+            # trial misjudged the speed.
             slowest = 0.0
-            while (turn < rounds if deadline == math.inf else
-                   turn < FEWEST_ROUNDS or time.perf_counter() + 0.7*slowest < deadline):
+            while (turn < rounds if deadline == math.inf else turn < FEWEST_ROUNDS
+                   or time.perf_counter() + 0.7*slowest < deadline):
                 began = time.perf_counter()
                 for i in rng.permutation(len(runs)):
                     setting, run = runs[i]
@@ -230,8 +261,9 @@ class Study:
             runs[i][1].record = outcome.get()
             meter.advance(self._text(runs[i][0]))(round((lengths[i] + left[i])/runs[i][1].stepSize))
 
-        _tasks.run(_wholeRun, [(self, runs[i][0], lengths[i], left[i]) for i in order], jobs, cluster, names=[self._text(runs[i][0]) for i in order],
-                   finished=take, quiet=True)
+        _tasks.run(_wholeRun, [(self, runs[i][0], lengths[i], left[i]) for i in order], jobs,
+                   cluster, names=[self._text(runs[i][0]) for i in order], finished=take,
+                   quiet=True)
         for i in alive:
             runs[i][1].record.timings = []
         rng = np.random.default_rng([self.seed, 2])
@@ -241,8 +273,11 @@ class Study:
                 # Times may end where the run itself did not: its start is another one.
                 if old.record.status != STABLE or old.context is None:
                     continue
-                # This process has a Context of its own for the times; what that computes is thrown away.
-                record, old.record = old.record, type(old.record)(old.record.samplesAt, {o.name: [] for o in self.observables})
+                # This process has a Context of its own for the times; what that computes is thrown
+                # away.
+                record, old.record = old.record, type(old.record)(
+                    old.record.samplesAt, {o.name: []
+                                           for o in self.observables})
                 before = time.perf_counter()
                 steps = [0, 0.0, 0.0]
                 while time.perf_counter() - before < 0.5:
@@ -258,25 +293,35 @@ class Study:
         return f'{setting.method.name} {self.knob.format(setting.value)}'
 
     def _provenance(self, began, rounds, jobs):
-        return {'rounds': rounds, 'jobs': jobs, 'seed': self.seed, 'platform': self.platform,
-                'threads': self.threads if self.platform == 'CPU' else 1, 'clock': self.clock, **provenance(began)}
+        return {
+            'rounds': rounds, 'jobs': jobs, 'seed': self.seed, 'platform': self.platform,
+            'threads': self.threads if self.platform == 'CPU' else 1, 'clock': self.clock,
+            **provenance(began)
+        }
 
     def _evaluate(self, runs, refusals, about):
         self.records = runs
-        rows = summarise(self.knob, [(setting, record, self.settingSeed(setting)) for setting, record in runs],
-                         self.observables, self.clock)
+        rows = summarise(self.knob, [(setting, record, self.settingSeed(setting))
+                                     for setting, record in runs], self.observables, self.clock)
         references = {}
         for observable in self.observables:
-            mine = [row for row in rows if row['observable'] == observable.name and row['mean'] is not None]
+            mine = [
+                row for row in rows
+                if row['observable'] == observable.name and row['mean'] is not None
+            ]
             reference = self.reference(observable, mine)
             if reference is not None:
                 references[observable.name] = reference
         orders = {method.name: method.order for method in self.methods}
-        scene = {'name': self.scene.name, 'description': self.scene.description, 'bodies': len(self.scene.bodies),
-                 'particles': self.scene.system.getNumParticles(), 'temperature': self.scene.temperature,
-                 'friction': self.scene.friction, 'rotational_friction': self.scene.rotationalFriction}
+        scene = {
+            'name': self.scene.name, 'description': self.scene.description,
+            'bodies': len(self.scene.bodies), 'particles': self.scene.system.getNumParticles(),
+            'temperature': self.scene.temperature, 'friction': self.scene.friction,
+            'rotational_friction': self.scene.rotationalFriction
+        }
         return StudyResult(self.knob, scene, rows, references, orders,
-                           {o.name: {'label': o.label, 'unit': o.unit} for o in self.observables}, refusals, about)
+                           {o.name: {'label': o.label, 'unit': o.unit}
+                            for o in self.observables}, refusals, about)
 
 
 def _wholeRun(argument, job):
@@ -299,7 +344,8 @@ class StepSizeStudy(Study):
     stepSizes : sequence of float, or dict from method name to sequence of float, optional
         ps; default: the scene's. A method that the dict does not name gets the scene's.
     references : dict, optional
-        observable name -> (value, standard error): known averages, used instead of exact ones and of the extrapolation
+        observable name -> (value, standard error): known averages, used instead of exact ones and
+        of the extrapolation
     **kwargs
         observables, platform, threads, seed, clock, sampleInterval: see Study
 
@@ -320,13 +366,16 @@ class StepSizeStudy(Study):
 
     knob = STEP_SIZE
 
-    def __init__(self, scene=None, methods=('LangevinC', 'LangevinMiddle'), stepSizes=None, references=None, **kwargs):
+    def __init__(self, scene=None, methods=('LangevinC', 'LangevinMiddle'), stepSizes=None,
+                 references=None, **kwargs):
         super().__init__(water() if scene is None else scene, methods, **kwargs)
         self.stepSizes = stepSizes
         self.references = dict(references or {})
         for setting in self.settings():
             if not (math.isfinite(setting.stepSize) and setting.stepSize > 0):
-                raise ValueError(f'StepSizeStudy: stepSizes: got {setting.stepSize}; a step must be positive, in ps: correct it')
+                raise ValueError(
+                    f'StepSizeStudy: stepSizes: got {setting.stepSize}; a step must be positive, '
+                    f'in ps: correct it')
 
     def settings(self):
         """All settings: methods times their step sizes, ascending."""
@@ -334,7 +383,10 @@ class StepSizeStudy(Study):
             if isinstance(self.stepSizes, dict):
                 return self.stepSizes.get(method.name, self.scene.stepSizes)
             return self.scene.stepSizes if self.stepSizes is None else self.stepSizes
-        return [Setting(method, h, h) for method in self.methods for h in sorted(set(steps(method)))]
+
+        return [
+            Setting(method, h, h) for method in self.methods for h in sorted(set(steps(method)))
+        ]
 
     def reference(self, observable, rows):
         """The given value, the exact one, or the extrapolation to step 0.
@@ -352,8 +404,10 @@ class StepSizeStudy(Study):
         if exact is not None:
             return exact
         orders = {method.name: method.order for method in self.methods}
-        points = [Point(row['method'], row['step_size'], row['mean'], row['standard_error'], orders[row['method']])
-                  for row in rows]
+        points = [
+            Point(row['method'], row['step_size'], row['mean'], row['standard_error'],
+                  orders[row['method']]) for row in rows
+        ]
         fit = extrapolate(points)
         if fit is None:
             return None
@@ -363,7 +417,6 @@ class StepSizeStudy(Study):
 
 class _Meter:
     """Counts steps for a progress display."""
-
     def __init__(self, report, total):
         self.report = report
         self.total = total
@@ -374,4 +427,5 @@ class _Meter:
             self.done += steps
             if self.report is not None:
                 self.report(self.done, self.total, text)
+
         return count

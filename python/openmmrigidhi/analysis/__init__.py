@@ -1,19 +1,24 @@
 """What trajectories and mobilities of rigid bodies say: mean square displacements, diffusion coefficients, hydrodynamic centres.
 
-And what equilibrium is: Monte Carlo of bodies, the reference for every scheme. And the effective viscosity of a driven suspension.
+And what equilibrium is: Monte Carlo of bodies, the reference for every scheme. And the effective
+viscosity of a driven suspension.
 
 Equation numbers are those of Delong, Balboa Usabiaga, Donev 2015, J. Chem. Phys. 143, 144107.
 """
 from .displacements import MeanSquareDisplacement, planarAngleMSD, rotationalMSD, translationalMSD
 from .diffusion import DiffusionCoefficient, gravitationalHeight, longTimeDiffusion, shortTimeDiffusion
 from .gibbsboltzmann import GibbsBoltzmannSampler
-from .mobilities import (centerOfHydrodynamicStress, centerOfMobility, mobilityAboutPoint, mobilityInBodyFrame, planarAngleMobility,
-                         planarCenterOfHydrodynamicStress)
+from .mobilities import (centerOfHydrodynamicStress, centerOfMobility, mobilityAboutPoint,
+                         mobilityInBodyFrame, planarAngleMobility, planarCenterOfHydrodynamicStress)
 from .samples import PoseSamples
 from .viscosity import EffectiveViscosity, sampleFlowAmplitudes, viscosity, viscosityFromAmplitudes
 from .walkers import WalkerSampler
 
-__all__ = ['translationalMSD', 'rotationalMSD', 'planarAngleMSD', 'MeanSquareDisplacement', 'shortTimeDiffusion',
-           'longTimeDiffusion', 'DiffusionCoefficient', 'mobilityAboutPoint', 'mobilityInBodyFrame', 'centerOfMobility',
-           'centerOfHydrodynamicStress', 'planarCenterOfHydrodynamicStress', 'planarAngleMobility', 'gravitationalHeight',
-           'GibbsBoltzmannSampler', 'WalkerSampler', 'PoseSamples', 'viscosity', 'EffectiveViscosity', 'sampleFlowAmplitudes', 'viscosityFromAmplitudes']
+__all__ = [
+    'translationalMSD', 'rotationalMSD', 'planarAngleMSD', 'MeanSquareDisplacement',
+    'shortTimeDiffusion', 'longTimeDiffusion', 'DiffusionCoefficient', 'mobilityAboutPoint',
+    'mobilityInBodyFrame', 'centerOfMobility', 'centerOfHydrodynamicStress',
+    'planarCenterOfHydrodynamicStress', 'planarAngleMobility', 'gravitationalHeight',
+    'GibbsBoltzmannSampler', 'WalkerSampler', 'PoseSamples', 'viscosity', 'EffectiveViscosity',
+    'sampleFlowAmplitudes', 'viscosityFromAmplitudes'
+]

@@ -7,32 +7,41 @@ from .._quaternions import product
 
 COORDINATES = ('x', 'y', 'z', 'rotation')
 OVERLAP, CROSSING = 'Overlap', 'Crossing'
-#: Between the best for one coordinate (0.44) and for many (0.23): Roberts and Rosenthal, Stat. Sci. 16, 351 (2001).
+#: Between the best for one coordinate (0.44) and for many (0.23): Roberts and Rosenthal, Stat. Sci.
+#: 16, 351 (2001).
 _TARGET_ACCEPTANCE = 0.4
-#: A coordinate on which the energy does not depend accepts everything; its steps must stop growing somewhere.
+#: A coordinate on which the energy does not depend accepts everything; its steps must stop growing
+#: somewhere.
 _LARGEST_GROWTH = 1e6
 
 
 class Motion:
     """The coordinates that are sampled, and random displacements along them.
 
-    All proposals are symmetric with respect to the measure dR times Haar's on SO(3): a displacement is as likely as its inverse.
+    All proposals are symmetric with respect to the measure dR times Haar's on SO(3): a displacement
+    is as likely as its inverse.
     """
-
     def __init__(self, coordinates, rotationAxis, where):
         names = [coordinates] if isinstance(coordinates, str) else list(coordinates)
         unknown = [name for name in names if name not in COORDINATES]
         if unknown or not names:
-            raise ValueError(f'{where}: coordinates: got {coordinates!r}; they must be one or more of {", ".join(COORDINATES)}: '
-                             'correct the names')
+            raise ValueError(
+                f'{where}: coordinates: got {coordinates!r}; they must be one or more of '
+                f'{", ".join(COORDINATES)}: '
+                'correct the names')
         self.along = np.array([name in names for name in COORDINATES[:3]], dtype=float)
-        self.kinds = [kind for kind, there in (('translation', self.along.any()), ('rotation', 'rotation' in names)) if there]
+        self.kinds = [
+            kind for kind, there in (('translation', self.along.any()),
+                                     ('rotation', 'rotation' in names)) if there
+        ]
         self.axis = None
         if rotationAxis is not None:
             axis = _units.vector(rotationAxis, _units.NONE, where, 'rotationAxis')
             if not 0 < np.linalg.norm(axis) < np.inf:
-                raise ValueError(f'{where}: rotationAxis: got {axis}; to turn about it its length must be finite and above 0: give a '
-                                 'vector such as (0, 0, 1)')
+                raise ValueError(
+                    f'{where}: rotationAxis: got {axis}; to turn about it its length must be '
+                    f'finite and above 0: give a '
+                    'vector such as (0, 0, 1)')
             self.axis = axis/np.linalg.norm(axis)
 
     def translations(self, random, sizes):
@@ -50,8 +59,8 @@ class Motion:
 def uniformRotations(random, largestAngles):
     """Quaternions (n, 4) of random rotations, uniform on SO(3) among those by at most these angles (n,), at most pi.
 
-    Rotation vectors uniform in a ball have the density of Haar's measure divided by (sin(r/2)/(r/2))^2, which thus is the probability
-    to keep one; it is at least 0.4.
+    Rotation vectors uniform in a ball have the density of Haar's measure divided by
+    (sin(r/2)/(r/2))^2, which thus is the probability to keep one; it is at least 0.4.
     """
     angles = np.empty(len(largestAngles))
     open_ = np.arange(len(angles))
@@ -72,7 +81,6 @@ def turned(turns, orientations):
 
 class StepSizes:
     """The sizes of the moves of one kind, one number for each thing that moves; they change in burn-in only."""
-
     def __init__(self, count, size, largest):
         self.sizes = np.full(count, float(size))
         self._smallest = size/_LARGEST_GROWTH
@@ -92,7 +100,8 @@ class StepSizes:
             # Robbins and Monro: steps whose sum diverges and that tend to 0.
             self._updates[which] += 1
             change = np.exp((accepted/tried - _TARGET_ACCEPTANCE)/np.sqrt(self._updates[which]))
-            self.sizes[which] = np.minimum(np.maximum(self.sizes[which]*change, self._smallest), self._largest)
+            self.sizes[which] = np.minimum(np.maximum(self.sizes[which]*change, self._smallest),
+                                           self._largest)
 
     @property
     def acceptance(self):
@@ -108,11 +117,12 @@ def stepSizes(kinds, count, extent):
 
 class Wall:
     """A hard wall below particles of these radii, or (side = -1) above them, at a place along one axis; those of radius 0 do not feel it."""
-
     def __init__(self, place, radii, rejection, where, axis=2, side=1):
         name = getattr(rejection, 'name', rejection)
         if name not in (OVERLAP, CROSSING):
-            raise ValueError(f'{where}: rejection: got {rejection!r}; a wall rejects {OVERLAP!r} or {CROSSING!r}: give one of them')
+            raise ValueError(
+                f'{where}: rejection: got {rejection!r}; a wall rejects {OVERLAP!r} or '
+                f'{CROSSING!r}: give one of them')
         self.crossing = name == CROSSING
         self.axis, self.side = axis, side
         self.limits = np.where(radii > 0, side*place + (0 if self.crossing else radii), -np.inf)
@@ -131,7 +141,9 @@ def thermalEnergy(temperature, where):
     """k_B T in kJ/mol; a temperature above 0."""
     temperature = _units.number(temperature, _units.TEMPERATURE, where, 'temperature')
     if not 0 < temperature < np.inf:
-        raise ValueError(f'{where}: temperature: got {temperature} K; a Boltzmann distribution needs a finite one above 0: set it')
+        raise ValueError(
+            f'{where}: temperature: got {temperature} K; a Boltzmann distribution needs a finite '
+            f'one above 0: set it')
     return _units.GAS_CONSTANT*temperature
 
 
@@ -151,7 +163,9 @@ def generator(seed, where):
     """The seed, a fresh one for 0, and the generator that it makes."""
     seed = _units.integer(seed, where, 'seed')
     if seed < 0:
-        raise ValueError(f'{where}: seed: got {seed}; seeds are not negative, and 0 draws a fresh one: give another')
+        raise ValueError(
+            f'{where}: seed: got {seed}; seeds are not negative, and 0 draws a fresh one: give '
+            f'another')
     seed = seed or int(np.random.SeedSequence().generate_state(1)[0] >> 1)
     return seed, np.random.default_rng(seed)
 
@@ -160,11 +174,14 @@ def positive(value, where, name):
     """An integer above 0."""
     value = _units.integer(value, where, name)
     if value < 1:
-        raise ValueError(f'{where}: {name}: got {value}; it counts what is to be done and must be 1 or more: give a larger number')
+        raise ValueError(
+            f'{where}: {name}: got {value}; it counts what is to be done and must be 1 or more: '
+            f'give a larger number')
     return value
 
 
 def progressBar(iterable, label, progress, things=' sweeps'):
     """The iterable with a progress bar; None: on a terminal only."""
     import tqdm
-    return tqdm.tqdm(iterable, desc=label, unit=things, mininterval=0.5, disable=None if progress is None else not progress)
+    return tqdm.tqdm(iterable, desc=label, unit=things, mininterval=0.5,
+                     disable=None if progress is None else not progress)

@@ -18,8 +18,9 @@ class Sampler:
         Parameters
         ----------
         sweeps : int
-            number of sweeps, of one trial of each kind for every walker, or for every body and free particle (one for all together with
-            moves="all"); many autocorrelation times, and some hundreds for the sizes
+            number of sweeps, of one trial of each kind for every walker, or for every body and free
+            particle (one for all together with moves="all"); many autocorrelation times, and some
+            hundreds for the sizes
         progress : bool, optional
             show a progress bar; None: on a terminal only
         """
@@ -31,7 +32,8 @@ class Sampler:
         Parameters
         ----------
         numSamples : int
-            number of samples, of each walker. All are kept in memory, some 60 bytes a body or walker each
+            number of samples, of each walker. All are kept in memory, some 60 bytes a body or
+            walker each
         interval : int
             sweeps between samples
         progress : bool, optional
@@ -42,7 +44,8 @@ class Sampler:
         PoseSamples
             acceptance and stepSizes of "free" are those of free particles
         """
-        count, interval = _moves.positive(numSamples, 'sample', 'numSamples'), _moves.positive(interval, 'sample', 'interval')
+        count, interval = _moves.positive(numSamples, 'sample', 'numSamples'), _moves.positive(
+            interval, 'sample', 'interval')
         for steps in self._steps.values():
             steps.forget()
         kept = [np.empty((count,) + np.shape(part)) for part in self._present()]
@@ -50,13 +53,16 @@ class Sampler:
         def keep(sweep):
             if (sweep + 1) % interval == 0:
                 for array, part in zip(kept, self._present()):
-                    array[sweep//interval] = part
+                    array[sweep // interval] = part
 
         self._run(count*interval, 'sampling', progress, False, keep)
         R, q, energies, free = kept
-        return PoseSamples(_units.LENGTH.attach(R), q, _units.ENERGY.attach(energies), _units.LENGTH.attach(free),
-                           {kind: steps.acceptance for kind, steps in self._steps.items()},
-                           {kind: steps.sizes.copy() for kind, steps in self._steps.items()}, self._INDEPENDENT)
+        return PoseSamples(_units.LENGTH.attach(R), q, _units.ENERGY.attach(energies),
+                           _units.LENGTH.attach(free),
+                           {kind: steps.acceptance
+                            for kind, steps in self._steps.items()},
+                           {kind: steps.sizes.copy()
+                            for kind, steps in self._steps.items()}, self._INDEPENDENT)
 
     def _run(self, sweeps, label, progress, adapt, keep=None):
         try:

@@ -35,8 +35,9 @@ def shortTimeDiffusion(msd, maxTime=None):
     msd : MeanSquareDisplacement
         with some lag times above 0
     maxTime : float or Quantity, optional
-        MSD/(2 lag time) is fitted by a straight line in the lag time up to this one, ps, and extrapolated to 0. None: its value at the
-        smallest lag time is returned, which is off by the curvature up to there.
+        MSD/(2 lag time) is fitted by a straight line in the lag time up to this one, ps, and
+        extrapolated to 0. None: its value at the smallest lag time is returned, which is off by the
+        curvature up to there.
 
     Returns
     -------
@@ -52,7 +53,9 @@ def shortTimeDiffusion(msd, maxTime=None):
     """
     times = _lagTimes(msd, 'shortTimeDiffusion')
     if not np.any(times > 0):
-        raise ValueError('shortTimeDiffusion: msd: it has no lag times above 0; the slope needs one: give other lags')
+        raise ValueError(
+            'shortTimeDiffusion: msd: it has no lag times above 0; the slope needs one: give other '
+            'lags')
     weights = np.zeros(len(times))
     if maxTime is None:
         first = np.argmin(np.where(times > 0, times, np.inf))
@@ -61,8 +64,10 @@ def shortTimeDiffusion(msd, maxTime=None):
     maxTime = _units.number(maxTime, _units.TIME, 'shortTimeDiffusion', 'maxTime')
     chosen = (times > 0) & (times <= maxTime*(1 + 1e-12))
     if len(np.unique(times[chosen])) < 2:
-        raise ValueError(f'shortTimeDiffusion: maxTime: got {maxTime} ps; extrapolation needs two lag times above 0 up to there: '
-                         'give a longer time, or smaller lags')
+        raise ValueError(
+            f'shortTimeDiffusion: maxTime: got {maxTime} ps; extrapolation needs two lag times '
+            f'above 0 up to there: '
+            'give a longer time, or smaller lags')
     # The row of the pseudo-inverse that gives the line's value at 0.
     line = np.stack([np.ones(chosen.sum()), times[chosen]], axis=1)
     weights[chosen] = np.linalg.pinv(line)[0]/(2*times[chosen])
@@ -72,8 +77,9 @@ def shortTimeDiffusion(msd, maxTime=None):
 def longTimeDiffusion(msd, minTime, maxTime=None):
     """Get the long-time diffusion coefficient: half the slope of a mean square displacement at long lag times (eq. 60).
 
-    The slope is that of the least-squares straight line, all lag times with the same weight. For motion along a wall take half of that
-    of ``msd.parallel``, for motion in space a third of that of ``msd.trace``.
+    The slope is that of the least-squares straight line, all lag times with the same weight. For
+    motion along a wall take half of that of ``msd.parallel``, for motion in space a third of that
+    of ``msd.trace``.
 
     Parameters
     ----------
@@ -98,11 +104,15 @@ def longTimeDiffusion(msd, minTime, maxTime=None):
     """
     times = _lagTimes(msd, 'longTimeDiffusion')
     minTime = _units.number(minTime, _units.TIME, 'longTimeDiffusion', 'minTime')
-    maxTime = np.inf if maxTime is None else _units.number(maxTime, _units.TIME, 'longTimeDiffusion', 'maxTime')
+    maxTime = np.inf if maxTime is None else _units.number(maxTime, _units.TIME,
+                                                           'longTimeDiffusion', 'maxTime')
     chosen = (times >= minTime*(1 - 1e-12)) & (times <= maxTime*(1 + 1e-12))
     if len(np.unique(times[chosen])) < 2:
-        raise ValueError(f'longTimeDiffusion: minTime, maxTime: got {minTime} and {maxTime} ps; a slope needs two lag times in that '
-                         f'range, and they end at {times.max() if len(times) else 0:g} ps: widen it, or give more lags')
+        raise ValueError(
+            f'longTimeDiffusion: minTime, maxTime: got {minTime} and {maxTime} ps; a slope needs '
+            f'two lag times in that '
+            f'range, and they end at {times.max() if len(times) else 0:g} ps: widen it, or give '
+            f'more lags')
     weights = np.zeros(len(times))
     centred = times[chosen] - times[chosen].mean()
     weights[chosen] = centred/(2*(centred @ centred))
@@ -112,8 +122,9 @@ def longTimeDiffusion(msd, minTime, maxTime=None):
 def gravitationalHeight(kT, weight):
     """Get the gravitational height kT/weight, over which the density of sedimenting particles falls by a factor e.
 
-    The height that eq. (70) defines for any body, from the plateau of its perpendicular mean square displacement, is the standard
-    deviation of its height at equilibrium; far above the wall's repulsion it is this one.
+    The height that eq. (70) defines for any body, from the plateau of its perpendicular mean square
+    displacement, is the standard deviation of its height at equilibrium; far above the wall's
+    repulsion it is this one.
 
     Parameters
     ----------
@@ -135,15 +146,19 @@ def gravitationalHeight(kT, weight):
     kT = _units.number(kT, _units.ENERGY, 'gravitationalHeight', 'kT')
     weight = _units.number(weight, _units.FORCE, 'gravitationalHeight', 'weight')
     if not (0 < kT < np.inf and 0 < weight < np.inf):
-        raise ValueError(f'gravitationalHeight: got kT = {kT} kJ/mol and weight = {weight} kJ/(mol nm); both must be finite and '
-                         'positive: give the size of a downward force')
+        raise ValueError(
+            f'gravitationalHeight: got kT = {kT} kJ/mol and weight = {weight} kJ/(mol nm); both '
+            f'must be finite and '
+            'positive: give the size of a downward force')
     return _units.LENGTH.attach(kT/weight)
 
 
 def _lagTimes(msd, where):
     if not isinstance(msd, MeanSquareDisplacement):
-        raise TypeError(f'{where}: msd: got {type(msd).__name__}; it must be a MeanSquareDisplacement: give what the MSD functions '
-                        'return')
+        raise TypeError(
+            f'{where}: msd: got {type(msd).__name__}; it must be a MeanSquareDisplacement: give '
+            f'what the MSD functions '
+            'return')
     return msd.lagTimes.value_in_unit(unit.picosecond)
 
 
@@ -151,5 +166,8 @@ def _estimate(msd, weights):
     """The estimate that is linear in the mean square displacement with these weights, 1/ps, of the lag times."""
     blocks, _ = _withoutUnit(msd.blocks)
     value, error = meanAndError(np.tensordot(blocks, weights, axes=(1, 0)))
-    diffusionUnit = (msd.blocks.unit if unit.is_quantity(msd.blocks) else unit.dimensionless)/unit.picosecond
-    return DiffusionCoefficient(unit.Quantity(value, diffusionUnit), unit.Quantity(error, diffusionUnit), len(blocks) - 1)
+    diffusionUnit = (msd.blocks.unit
+                     if unit.is_quantity(msd.blocks) else unit.dimensionless)/unit.picosecond
+    return DiffusionCoefficient(unit.Quantity(value, diffusionUnit),
+                                unit.Quantity(error, diffusionUnit),
+                                len(blocks) - 1)

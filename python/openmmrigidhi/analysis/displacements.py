@@ -21,7 +21,8 @@ class MeanSquareDisplacement:
     lagTimes : Quantity of shape (lags,)
         lag times, ps
     mean : Quantity or array of shape (lags, 3, 3) or (lags,)
-        the tensor <d_i d_j> of displacements d (or <d^2> of a scalar one): nm^2, without unit for rotations (rad^2)
+        the tensor <d_i d_j> of displacements d (or <d^2> of a scalar one): nm^2, without unit for
+        rotations (rad^2)
     error : as mean
         its standard error, from the spread of the blocks
     blocks : Quantity or array of shape (blocks,) + shape of mean
@@ -71,18 +72,22 @@ class MeanSquareDisplacement:
             weights = np.diag(weights)
         blocks, attach = _withoutUnit(self.blocks)
         if blocks.ndim != 4 or weights.shape != (3, 3):
-            raise ValueError(f'component: weights of shape {weights.shape} for a mean square displacement of shape {blocks.shape[1:]}; '
-                             'there must be 3 or 3 x 3 weights for a tensor: nothing is left to choose from in a scalar one')
+            raise ValueError(
+                f'component: weights of shape {weights.shape} for a mean square displacement of '
+                f'shape {blocks.shape[1:]}; '
+                'there must be 3 or 3 x 3 weights for a tensor: nothing is left to choose from in '
+                'a scalar one')
         return _summarise(self.lagTimes, np.einsum('blij,ij->bl', blocks, weights), attach)
 
 
-def translationalMSD(positions, orientations, frameInterval, trackingPoint, lags=None, numBlocks=10, bodyFrame=False,
-                     independentBodies=False):
+def translationalMSD(positions, orientations, frameInterval, trackingPoint, lags=None, numBlocks=10,
+                     bodyFrame=False, independentBodies=False):
     """Get the mean square displacement of a point of rigid bodies.
 
-    Which point is tracked matters at short times and not at long ones. At short times the tensor is 2 kT N_tt times the lag time, with
-    the translational mobility N_tt about that point; at all times if it is the centre of mobility of an isolated body (eq. 67).
-    All pairs of frames within a block are averaged over, and all bodies.
+    Which point is tracked matters at short times and not at long ones. At short times the tensor is
+    2 kT N_tt times the lag time, with the translational mobility N_tt about that point; at all
+    times if it is the centre of mobility of an isolated body (eq. 67). All pairs of frames within a
+    block are averaged over, and all bodies.
 
     Parameters
     ----------
@@ -95,14 +100,17 @@ def translationalMSD(positions, orientations, frameInterval, trackingPoint, lags
     trackingPoint : Vec3, sequence or Quantity of shape (3,)
         the point in the body frame, nm; (0, 0, 0) is the body's origin
     lags : sequence of int, optional
-        lag times as numbers of frames, from 0 to less than a block's; None: about 50, from 1 to a quarter of a block in equal ratios
+        lag times as numbers of frames, from 0 to less than a block's; None: about 50, from 1 to a
+        quarter of a block in equal ratios
     numBlocks : int
-        number of blocks of the trajectory in time. A block should be longer than all relaxation times and several times the largest
-        lag, or else errors come out too small. Frames that fill no block are left out at the start.
+        number of blocks of the trajectory in time. A block should be longer than all relaxation
+        times and several times the largest lag, or else errors come out too small. Frames that fill
+        no block are left out at the start.
     bodyFrame : bool
         resolve displacements along the body axes of the earlier frame instead of the lab's
     independentBodies : bool
-        count each body's blocks for themselves: right for replicas that do not interact, which may then do with numBlocks=1
+        count each body's blocks for themselves: right for replicas that do not interact, which may
+        then do with numBlocks=1
 
     Returns
     -------
@@ -112,14 +120,17 @@ def translationalMSD(positions, orientations, frameInterval, trackingPoint, lags
     Raises
     ------
     TypeError, ValueError
-        for arrays of other shapes, dimensions or lengths, lags that do not fit into a block, or fewer than two blocks
+        for arrays of other shapes, dimensions or lengths, lags that do not fit into a block, or
+        fewer than two blocks
     """
     where = 'translationalMSD'
     q = _orientations(orientations, where)
     R = _units.frames(positions, _units.LENGTH, 3, where, 'positions')
     if R.shape[:2] != q.shape[:2]:
-        raise ValueError(f'{where}: positions: there are {R.shape[0]} frames of {R.shape[1]} bodies, but the orientations are '
-                         f'{q.shape[0]} frames of {q.shape[1]}: give both from one trajectory')
+        raise ValueError(
+            f'{where}: positions: there are {R.shape[0]} frames of {R.shape[1]} bodies, but the '
+            f'orientations are '
+            f'{q.shape[0]} frames of {q.shape[1]}: give both from one trajectory')
     point = _units.vector(trackingPoint, _units.LENGTH, where, 'trackingPoint')
     blocks = _Blocks(len(R), R.shape[1], frameInterval, lags, numBlocks, independentBodies, where)
     tracked = blocks.cut(R + rotate(q, point))
@@ -132,12 +143,13 @@ def translationalMSD(positions, orientations, frameInterval, trackingPoint, lags
     return blocks.average(displacements, lambda values: unit.Quantity(values, unit.nanometer**2))
 
 
-def rotationalMSD(orientations, frameInterval, lags=None, numBlocks=10, bodyFrame=False, independentBodies=False):
+def rotationalMSD(orientations, frameInterval, lags=None, numBlocks=10, bodyFrame=False,
+                  independentBodies=False):
     """Get the rotational mean square displacement of rigid bodies (eqs. 20-22).
 
-    The rotational displacement between two frames is u = 1/2 sum_i u_i(0) x u_i(t) over the body axes u_i, which is sin(angle) times the
-    axis of the rotation between them. At short times its tensor is 2 kT N_rr times the lag time; for free rotation it tends to 1/6
-    of the unit matrix.
+    The rotational displacement between two frames is u = 1/2 sum_i u_i(0) x u_i(t) over the body
+    axes u_i, which is sin(angle) times the axis of the rotation between them. At short times its
+    tensor is 2 kT N_rr times the lag time; for free rotation it tends to 1/6 of the unit matrix.
 
     Parameters
     ----------
@@ -172,17 +184,20 @@ def rotationalMSD(orientations, frameInterval, lags=None, numBlocks=10, bodyFram
 
     def displacements(lag):
         earlier, later = q[:, :blocks.length - lag], q[:, lag:]
-        turn = product(conjugate(earlier), later) if bodyFrame else product(later, conjugate(earlier))
+        turn = product(conjugate(earlier), later) if bodyFrame else product(
+            later, conjugate(earlier))
         return 2*turn[..., :1]*turn[..., 1:]  # (cos, sin axis)(angle/2) to sin(angle) axis
 
     return blocks.average(displacements, lambda values: values)
 
 
-def planarAngleMSD(orientations, frameInterval, bodyVector, lags=None, numBlocks=10, independentBodies=False):
+def planarAngleMSD(orientations, frameInterval, bodyVector, lags=None, numBlocks=10,
+                   independentBodies=False):
     """Get the mean square displacement of the angle of a body vector's projection onto the xy plane.
 
-    The angle is followed from frame to frame through full turns; a change by more than half a turn between frames would be taken for
-    one the other way round. It is undefined where the vector is along z: of bodies that flip this quantity says little.
+    The angle is followed from frame to frame through full turns; a change by more than half a turn
+    between frames would be taken for one the other way round. It is undefined where the vector is
+    along z: of bodies that flip this quantity says little.
 
     Parameters
     ----------
@@ -213,37 +228,47 @@ def planarAngleMSD(orientations, frameInterval, bodyVector, lags=None, numBlocks
     q = _orientations(orientations, where)
     vector = _units.vector(bodyVector, _units.NONE, where, 'bodyVector')
     if not 0 < np.linalg.norm(vector) < np.inf:
-        raise ValueError(f'{where}: bodyVector: got {vector}; its length must be finite and positive to have a direction: '
-                         'give another vector')
+        raise ValueError(
+            f'{where}: bodyVector: got {vector}; its length must be finite and positive to have a '
+            f'direction: '
+            'give another vector')
     blocks = _Blocks(len(q), q.shape[1], frameInterval, lags, numBlocks, independentBodies, where)
     projected = rotate(q, vector)
     angle = blocks.cut(np.unwrap(np.arctan2(projected[..., 1], projected[..., 0]), axis=0))
-    return blocks.average(lambda lag: angle[:, lag:] - angle[:, :blocks.length - lag], lambda values: values)
+    return blocks.average(lambda lag: angle[:, lag:] - angle[:, :blocks.length - lag],
+                          lambda values: values)
 
 
 class _Blocks:
     """A trajectory cut into blocks of equal length in time, and the averages over them."""
-
     def __init__(self, frames, bodies, frameInterval, lags, numBlocks, independentBodies, where):
         self.interval = _units.number(frameInterval, _units.TIME, where, 'frameInterval')
         if not 0 < self.interval < np.inf:
-            raise ValueError(f'{where}: frameInterval: got {self.interval} ps; the time between frames must be finite and positive: '
-                             'give a value above 0')
+            raise ValueError(
+                f'{where}: frameInterval: got {self.interval} ps; the time between frames must be '
+                f'finite and positive: '
+                'give a value above 0')
         self.number = _units.integer(numBlocks, where, 'numBlocks')
         self.independent = _units.boolean(independentBodies, where, 'independentBodies')
         if self.number < 1 or self.number*(bodies if self.independent else 1) < 2:
-            raise ValueError(f'{where}: numBlocks: got {self.number}; errors need at least two blocks: give 2 or more')
-        self.length = frames//self.number
+            raise ValueError(
+                f'{where}: numBlocks: got {self.number}; errors need at least two blocks: give 2 '
+                f'or more')
+        self.length = frames // self.number
         self.skipped = frames - self.length*self.number
         if self.length < 2:
-            raise ValueError(f'{where}: {frames} frames are too few for {self.number} blocks, which need 2 frames each: '
-                             'give a longer trajectory or fewer blocks')
+            raise ValueError(
+                f'{where}: {frames} frames are too few for {self.number} blocks, which need 2 '
+                f'frames each: '
+                'give a longer trajectory or fewer blocks')
         if lags is None:
-            lags = np.unique(np.rint(np.geomspace(1, max(1, self.length//4), _DEFAULT_LAGS)).astype(int))
+            lags = np.unique(
+                np.rint(np.geomspace(1, max(1, self.length // 4), _DEFAULT_LAGS)).astype(int))
         self.lags = _units.indices(lags, where, 'lags')
         for lag in self.lags:
             if not 0 <= lag < self.length:
-                raise ValueError(f'{where}: lags: got a lag of {lag} frames; it must be from 0 to {self.length - 1}, less than a block: '
+                raise ValueError(f'{where}: lags: got a lag of {lag} frames; it must be from 0 to '
+                                 f'{self.length - 1}, less than a block: '
                                  'give smaller lags or fewer blocks')
 
     def cut(self, values):
@@ -257,7 +282,8 @@ class _Blocks:
             d = displacements(lag)
             vector = d if d.ndim == 4 else d[..., None]
             squares = np.einsum('btni,btnj->bnij', vector, vector)/d.shape[1]
-            squares = squares.reshape(-1, *squares.shape[2:]) if self.independent else squares.mean(axis=1)
+            squares = squares.reshape(-1, *squares.shape[2:]) if self.independent else squares.mean(
+                axis=1)
             rows.append(squares if d.ndim == 4 else squares[:, 0, 0])
         lagTimes = _units.TIME.attach(self.interval*self.lags)
         return _summarise(lagTimes, np.stack(rows, axis=1), attach)
@@ -286,6 +312,8 @@ def _orientations(orientations, where):
     norms = np.linalg.norm(q, axis=-1)
     if np.max(np.abs(norms - 1)) > _NORM_TOLERANCE:
         frame, body = np.unravel_index(np.argmax(np.abs(norms - 1)), norms.shape)
-        raise ValueError(f'{where}: orientations: frame {frame}, body {body}: a quaternion has length {norms[frame, body]:.8g}; '
-                         'orientations must be unit quaternions (w, x, y, z): normalise them')
+        raise ValueError(
+            f'{where}: orientations: frame {frame}, body {body}: a quaternion has length '
+            f'{norms[frame, body]:.8g}; '
+            'orientations must be unit quaternions (w, x, y, z): normalise them')
     return q/norms[..., None]

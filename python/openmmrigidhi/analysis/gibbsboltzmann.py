@@ -17,46 +17,52 @@ _Y, _Z = 1, 2
 class GibbsBoltzmannSampler(Sampler):
     """Samples poses of all rigid bodies of a Context, and its free particles, from exp(-U/kT): what dynamics must reproduce.
 
-    Metropolis moves with respect to the measure dR times Haar's on SO(3) for each body (and dr for each free particle), at constant
-    box. U is the potential energy of the Context's forces in the integrator's force groups, plus energyFunction. Momenta, fluid and
-    scheme do not matter: the distribution is that of every right scheme as its step tends to 0. A fluid that is driven has no such
-    distribution, and is refused.
+    Metropolis moves with respect to the measure dR times Haar's on SO(3) for each body (and dr for
+    each free particle), at constant box. U is the potential energy of the Context's forces in the
+    integrator's force groups, plus energyFunction. Momenta, fluid and scheme do not matter: the
+    distribution is that of every right scheme as its step tends to 0. A fluid that is driven has no
+    such distribution, and is refused.
 
-    Cost of a trial: one evaluation of the Context's energy (1 us or less of OpenMM's own on the Reference platform, 50 us on CPU) and
-    some 40 us of Python. A sweep is one trial of each kind for every body. For one body with an energy that NumPy can write,
-    :class:`WalkerSampler` is a hundred times faster.
+    Cost of a trial: one evaluation of the Context's energy (1 us or less of OpenMM's own on the
+    Reference platform, 50 us on CPU) and some 40 us of Python. A sweep is one trial of each kind
+    for every body. For one body with an energy that NumPy can write, :class:`WalkerSampler` is a
+    hundred times faster.
 
     Parameters
     ----------
     context : openmm.Context
-        with a CustomRigidHIIntegrator, and positions, at which the sampler starts. It is left at the last sample
+        with a CustomRigidHIIntegrator, and positions, at which the sampler starts. It is left at
+        the last sample
     temperature : float or Quantity, optional
         K; None: the integrator's
     energyFunction : callable, optional
-        ``energyFunction(positions, orientations)``: further energy, kJ/mol, of arrays (n, 3) in nm and (n, 4), unit quaternions
-        (w, x, y, z) body frame to lab frame, of all bodies. Infinity forbids what it is given. A System with a CustomBodyForce,
-        which has no energy, needs it
+        ``energyFunction(positions, orientations)``: further energy, kJ/mol, of arrays (n, 3) in nm
+        and (n, 4), unit quaternions (w, x, y, z) body frame to lab frame, of all bodies. Infinity
+        forbids what it is given. A System with a CustomBodyForce, which has no energy, needs it
     wallHeight : float or Quantity, optional
-        height z of a hard wall, nm; None: that of a MobilityForce with a no-slip wall, else no wall. Both walls of a MobilityForce's SlipChannel
-        are taken besides
+        height z of a hard wall, nm; None: that of a MobilityForce with a no-slip wall, else no
+        wall. Both walls of a MobilityForce's SlipChannel are taken besides
     radii : sequence or Quantity of shape (particles of the System,), optional
-        what walls stop, nm; particles of radius 0 do not feel them; None: the radii of the MobilityForce
+        what walls stop, nm; particles of radius 0 do not feel them; None: the radii of the
+        MobilityForce
     rejection : str or constant, optional
-        "Overlap": every particle with a radius must have z - wallHeight >= its radius; "Crossing": z - wallHeight > 0; likewise at both walls of a
-        channel; None: what the integrator's wall rejection says
+        "Overlap": every particle with a radius must have z - wallHeight >= its radius; "Crossing":
+        z - wallHeight > 0; likewise at both walls of a channel; None: what the integrator's wall
+        rejection says
     coordinates : sequence of str
         what is sampled: any of "x", "y", "z", "rotation"
     rotationAxis : Vec3 or sequence of shape (3,), optional
         turn about this axis of the lab only; None: about all
     trackingPoints : array-like or Quantity of shape (bodies, 3), optional
-        the point of each body about which it is turned, body frame, nm; None: the origins. They change how fast samples become
-        independent, nothing else
+        the point of each body about which it is turned, body frame, nm; None: the origins. They
+        change how fast samples become independent, nothing else
     bodies : sequence of int, optional
         which bodies move; None: all
     freeParticles : sequence of int, optional
         which free particles move; None: all that have a mass or a radius, but no virtual sites
     moves : str
-        "single": every trial moves one body or free particle; "all": all at once, for few or strongly coupled ones
+        "single": every trial moves one body or free particle; "all": all at once, for few or
+        strongly coupled ones
     seed : int
         of the random numbers; 0: a fresh one
 
@@ -68,34 +74,42 @@ class GibbsBoltzmannSampler(Sampler):
     Raises
     ------
     TypeError, ValueError
-        for arguments of wrong dimension or shape, a start that a wall forbids or that has an infinite energy, a CustomBodyForce
-        without energyFunction, constraints on a free particle that is to move, a MobilityForce with a driven flow
+        for arguments of wrong dimension or shape, a start that a wall forbids or that has an
+        infinite energy, a CustomBodyForce without energyFunction, constraints on a free particle
+        that is to move, a MobilityForce with a driven flow
 
     Notes
     -----
     Bodies need no masses. A Context of bodies without any, as :func:`openmmrigidhi.app.addRigidMultiblob` adds them, needs a scheme without
     momenta, such as ``FixmanMidpoint``, and the MobilityForce that goes with it.
 
-    Coordinates that nothing confines, such as x and y over a plain wall, wander off without end and without harm to the others.
-    Spheres that StokesianDynamics keeps from overlapping must be kept so by a force, or by an infinite energyFunction.
+    Coordinates that nothing confines, such as x and y over a plain wall, wander off without end and
+    without harm to the others. Spheres that StokesianDynamics keeps from overlapping must be kept
+    so by a force, or by an infinite energyFunction.
     """
-
-    def __init__(self, context, temperature=None, energyFunction=None, wallHeight=None, radii=None, rejection=None,
-                 coordinates=_moves.COORDINATES, rotationAxis=None, trackingPoints=None, bodies=None, freeParticles=None,
-                 moves='single', seed=0):
+    def __init__(self, context, temperature=None, energyFunction=None, wallHeight=None, radii=None,
+                 rejection=None, coordinates=_moves.COORDINATES, rotationAxis=None,
+                 trackingPoints=None, bodies=None, freeParticles=None, moves='single', seed=0):
         where = 'GibbsBoltzmannSampler'
         self._context = _units.context(context, where)
         system = context.getSystem()
         self._integrator = CustomRigidHIIntegrator.cast(context.getIntegrator())
-        refuseDrivenFlow(system, f'{where}: context', 'and bodies in it are not distributed as exp(-U/kT): average over steps of the integrator')
+        refuseDrivenFlow(
+            system, f'{where}: context',
+            'and bodies in it are not distributed as exp(-U/kT): average over steps of the '
+            'integrator')
         self._groups = self._integrator.getIntegrationForceGroups()
-        self._kT = _moves.thermalEnergy(self._integrator.getTemperature() if temperature is None else temperature, where)
+        self._kT = _moves.thermalEnergy(
+            self._integrator.getTemperature() if temperature is None else temperature, where)
         self._energyFunction = energyFunction
         if energyFunction is None and forcesOf(system, CustomBodyForce):
-            raise ValueError(f'{where}: energyFunction: there is a CustomBodyForce, which has no energy; sampling needs one: give '
-                             'the potential of its forces and torques, or zero where they have none')
+            raise ValueError(
+                f'{where}: energyFunction: there is a CustomBodyForce, which has no energy; '
+                f'sampling needs one: give '
+                'the potential of its forces and torques, or zero where they have none')
         if moves not in _MOVES:
-            raise ValueError(f'{where}: moves: got {moves!r}; it must be "single" or "all": choose one')
+            raise ValueError(
+                f'{where}: moves: got {moves!r}; it must be "single" or "all": choose one')
         self._together = moves == 'all'
         self._motion = _moves.Motion(coordinates, rotationAxis, where)
         self.seed, self._random = _moves.generator(seed, where)
@@ -103,20 +117,25 @@ class GibbsBoltzmannSampler(Sampler):
         fluids = forcesOf(system, MobilityForce)
         radii = hydrodynamicRadii(system, radii, where)
         self._bodies = self._chosen(bodies, range(len(self._firstSite) - 1), where, 'bodies')
-        self._free = self._chosen(freeParticles, self._movableParticles(system, radii), where, 'freeParticles')
+        self._free = self._chosen(freeParticles, self._movableParticles(system, radii), where,
+                                  'freeParticles')
         self._checkConstraints(system, where)
         self._walls = self._wallsOf(wallHeight, radii, rejection, fluids, where)
-        self._virtualSites = any(system.isVirtualSite(i) for i in set(range(system.getNumParticles())) - set(self._members.tolist()))
+        self._virtualSites = any(
+            system.isVirtualSite(i)
+            for i in set(range(system.getNumParticles())) - set(self._members.tolist()))
         self._places = context.getState(getPositions=True).getPositions(asNumpy=True)._value.copy()
         self._adoptPoses()
         self._checkStart(where)
         extent = float(np.linalg.norm(self._sites, axis=1).max(initial=0))
         extent = extent or float(radii.max(initial=0)) or 1.0
-        self._steps = _moves.stepSizes(self._motion.kinds if len(self._bodies) else [], len(self._bodies), extent)
+        self._steps = _moves.stepSizes(self._motion.kinds if len(self._bodies) else [],
+                                       len(self._bodies), extent)
         if len(self._free) and self._motion.along.any():
-            self._steps['free'] = _moves.stepSizes(['translation'], len(self._free), extent)['translation']
+            self._steps['free'] = _moves.stepSizes(['translation'], len(self._free),
+                                                   extent)['translation']
 
-    # ---- What there is -----------------------------------------------------------------------------------------------
+    # ---- What there is ---------------------------------------------------------------------------
 
     def _takeBodies(self, trackingPoints, where):
         """Members, sites and owners of all bodies, body after body."""
@@ -133,46 +152,59 @@ class GibbsBoltzmannSampler(Sampler):
         chosen = _units.indices(chosen, where, name).astype(int)
         wrong = [int(i) for i in chosen if i not in possible]
         if wrong or len(set(chosen.tolist())) < len(chosen):
-            raise ValueError(f'{where}: {name}: got {chosen.tolist()}; each must be one of the {len(possible)} that can move, and be there '
-                             f'once: take out {wrong or "repetitions"}')
+            raise ValueError(
+                f'{where}: {name}: got {chosen.tolist()}; each must be one of the {len(possible)} '
+                f'that can move, and be there '
+                f'once: take out {wrong or "repetitions"}')
         return chosen
 
     def _movableParticles(self, system, radii):
         inBodies = set(self._members.tolist())
-        return [i for i in range(system.getNumParticles()) if i not in inBodies and not system.isVirtualSite(i)
-                and (system.getParticleMass(i)._value > 0 or radii[i] > 0)]
+        return [
+            i for i in range(system.getNumParticles())
+            if i not in inBodies and not system.isVirtualSite(i) and (
+                system.getParticleMass(i)._value > 0 or radii[i] > 0)
+        ]
 
     def _checkConstraints(self, system, where):
         moving = set(self._free.tolist())
         for k in range(system.getNumConstraints()):
             i, j, _ = system.getConstraintParameters(k)
             if i in moving or j in moving:
-                raise ValueError(f'{where}: freeParticles: a constraint holds the free particles {i} and {j}; moves of one by one would '
-                                 'break it: make them a body, or leave them out')
+                raise ValueError(
+                    f'{where}: freeParticles: a constraint holds the free particles {i} and {j}; '
+                    f'moves of one by one would '
+                    'break it: make them a body, or leave them out')
 
     def _wallsOf(self, height, radii, rejection, fluids, where):
         """The plane wall, if there is one, and both of a channel."""
         boundary = fluids[0].getBoundary().name if fluids else None
         if height is None and boundary == 'NoSlipWall':
             height = fluids[0].getWallHeight()
-        places = [] if height is None else [(_units.number(height, _units.LENGTH, where, 'wallHeight'), _Z, 1)]
+        places = [] if height is None else [(_units.number(height, _units.LENGTH, where,
+                                                           'wallHeight'), _Z, 1)]
         if boundary == 'SlipChannel':
             low, high = fluids[0].getChannelWalls()
             places += [(low._value, _Y, 1), (high._value, _Y, -1)]
         if not places:
             return []
         if not np.any(radii > 0):
-            raise ValueError(f'{where}: radii: there is a wall, but every radius is 0; it would stop nothing: give radii, or add a '
-                             'MobilityForce')
+            raise ValueError(
+                f'{where}: radii: there is a wall, but every radius is 0; it would stop nothing: '
+                f'give radii, or add a '
+                'MobilityForce')
         if rejection is None:
             rejection = self._integrator.getWallRejection()
-        return [_moves.Wall(place, radii, rejection, where, axis, side) for place, axis, side in places]
+        return [
+            _moves.Wall(place, radii, rejection, where, axis, side) for place, axis, side in places
+        ]
 
     def _adoptPoses(self):
         """Take the poses of the Context, and put the members where they say."""
         self._positions = self._integrator.getBodyPositions()._value.copy()
         self._orientations = self._integrator.getBodyOrientations().copy()
-        self._places[self._members] = self._membersAt(slice(None), self._positions, self._orientations)
+        self._places[self._members] = self._membersAt(slice(None), self._positions,
+                                                      self._orientations)
 
     def _checkStart(self, where):
         for wall in self._walls:
@@ -180,15 +212,21 @@ class GibbsBoltzmannSampler(Sampler):
             if not wall.allows(heights):
                 k = int(np.argmin(heights - wall.limits))
                 owner = self._owners[self._members == k]
-                raise ValueError(f'{where}: context: particle {k} ({f"body {owner[0]}" if len(owner) else "free"}) is at '
-                                 f'{"xyz"[wall.axis]} = {self._places[k, wall.axis]} nm, where a wall allows {wall.side*wall.limits[k]} nm or '
-                                 f'{"more" if wall.side > 0 else "less"}; a start must be allowed: set positions away from it')
+                raise ValueError(
+                    f'{where}: context: particle {k} '
+                    f'({f"body {owner[0]}" if len(owner) else "free"}) is at '
+                    f'{"xyz"[wall.axis]} = {self._places[k, wall.axis]} nm, where a wall allows '
+                    f'{wall.side*wall.limits[k]} nm or '
+                    f'{"more" if wall.side > 0 else "less"}; a start must be allowed: set '
+                    f'positions away from it')
         self._energy = self._evaluate(self._positions, self._orientations)
         if not np.isfinite(self._energy):
-            raise ValueError(f'{where}: context: the energy at the start is {self._energy} kJ/mol; a start must have a finite one: set '
-                             'other positions')
+            raise ValueError(
+                f'{where}: context: the energy at the start is {self._energy} kJ/mol; a start must '
+                f'have a finite one: set '
+                'other positions')
 
-    # ---- Sampling ----------------------------------------------------------------------------------------------------
+    # ---- Sampling --------------------------------------------------------------------------------
 
     def _present(self):
         return self._positions, self._orientations, self._energy, self._places[self._free]
@@ -211,7 +249,8 @@ class GibbsBoltzmannSampler(Sampler):
             points = self._points[bodies]
             if points.any():
                 R[bodies] += rotate(self._orientations[bodies], points) - rotate(q[bodies], points)
-        sites = slice(self._firstSite[bodies[0]], self._firstSite[bodies[0] + 1]) if len(bodies) == 1 else slice(None)
+        sites = slice(self._firstSite[bodies[0]],
+                      self._firstSite[bodies[0] + 1]) if len(bodies) == 1 else slice(None)
         members = self._members[sites]
         if not self._accept(members, self._membersAt(sites, R, q), R, q):
             return False
@@ -225,7 +264,8 @@ class GibbsBoltzmannSampler(Sampler):
 
     def _accept(self, particles, places, R, q):
         """Put particles to places if Metropolis accepts it; whether it did."""
-        if not all(wall.allows(wall.heights(places), wall.limits[particles]) for wall in self._walls):
+        if not all(
+                wall.allows(wall.heights(places), wall.limits[particles]) for wall in self._walls):
             return False
         before = self._places[particles]
         self._places[particles] = places
@@ -246,12 +286,15 @@ class GibbsBoltzmannSampler(Sampler):
         self._context.setPositions(self._places)
         if self._virtualSites:
             self._context.computeVirtualSites()
-        energy = self._context.getState(getEnergy=True, groups=self._groups).getPotentialEnergy()._value
+        energy = self._context.getState(getEnergy=True,
+                                        groups=self._groups).getPotentialEnergy()._value
         if self._energyFunction is not None:
             more = _moves.plainEnergies(self._energyFunction(R, q), 'GibbsBoltzmannSampler')
             if more.ndim or _moves.isNoEnergy(more):
-                raise ValueError(f'GibbsBoltzmannSampler: energyFunction: it returned {more.tolist()}; it must return one number, kJ/mol, or '
-                                 'infinity where a pose is forbidden: sum over bodies')
+                raise ValueError(
+                    f'GibbsBoltzmannSampler: energyFunction: it returned {more.tolist()}; it must '
+                    f'return one number, kJ/mol, or '
+                    'infinity where a pose is forbidden: sum over bodies')
             energy += float(more)
         return energy
 

@@ -1,8 +1,9 @@
 """A body's mobility about other points and in other frames, and the points about which it is simplest.
 
-Mobilities are 6 x 6 matrices of plain numbers in OpenMM's units, rows Vx Vy Vz Wx Wy Wz, columns Fx Fy Fz Tx Ty Tz, as
-MobilityForce.getMobilityInContext returns them: N[6*i:6*i+6, 6*i:6*i+6] is that of body i. Points are relative to that about which the
-mobility is given, and in the same frame. What does not look for a point takes stacks of mobilities too, of n bodies or configurations.
+Mobilities are 6 x 6 matrices of plain numbers in OpenMM's units, rows Vx Vy Vz Wx Wy Wz, columns Fx
+Fy Fz Tx Ty Tz, as MobilityForce.getMobilityInContext returns them: N[6*i:6*i+6, 6*i:6*i+6] is that
+of body i. Points are relative to that about which the mobility is given, and in the same frame.
+What does not look for a point takes stacks of mobilities too, of n bodies or configurations.
 """
 import numpy as np
 
@@ -21,12 +22,14 @@ def mobilityAboutPoint(N, shift):
     N : array-like of shape (6, 6) or (n, 6, 6)
         mobility about a point of the body, or n of them
     shift : Vec3, sequence or Quantity of shape (3,) or (n, 3)
-        from that point to the new one, in the frame of N, nm; one for all mobilities, or one for each
+        from that point to the new one, in the frame of N, nm; one for all mobilities, or one for
+        each
 
     Returns
     -------
     array of shape (6, 6), or (n, 6, 6) if N or shift are n
-        velocity of the new point and angular velocity, for a force and the torque about the new point
+        velocity of the new point and angular velocity, for a force and the torque about the new
+        point
 
     Raises
     ------
@@ -48,7 +51,8 @@ def mobilityInBodyFrame(N, orientation):
     N : array-like of shape (6, 6) or (n, 6, 6)
         mobility in the lab frame, or n of them
     orientation : sequence of shape (4,) or (n, 4)
-        unit quaternion (w, x, y, z), body frame to lab frame, of any length but 0; one for all mobilities, or one for each
+        unit quaternion (w, x, y, z), body frame to lab frame, of any length but 0; one for all
+        mobilities, or one for each
 
     Returns
     -------
@@ -65,8 +69,10 @@ def mobilityInBodyFrame(N, orientation):
     length = np.linalg.norm(q, axis=-1, keepdims=True)
     good = (0 < length) & (length < np.inf)
     if not np.all(good):
-        raise ValueError(f'mobilityInBodyFrame: orientation: got {_first(~good[..., 0], q)}; it must be four numbers w, x, y, z, not all 0: '
-                         'give rows of getBodyOrientations()')
+        raise ValueError(
+            f'mobilityInBodyFrame: orientation: got {_first(~good[..., 0], q)}; it must be four '
+            f'numbers w, x, y, z, not all 0: '
+            'give rows of getBodyOrientations()')
     A = rotationMatrices(q/length)
     turn = np.zeros(A.shape[:-2] + (6, 6))
     turn[..., :3, :3] = turn[..., 3:, 3:] = A.swapaxes(-1, -2)
@@ -76,8 +82,8 @@ def mobilityInBodyFrame(N, orientation):
 def centerOfMobility(N):
     """Get the centre of mobility (or diffusion): the one point about which the coupling block of N is symmetric (eq. 64).
 
-    The mean square displacement of this point of an isolated body in unbounded fluid is a straight line (eq. 67). Near walls and
-    other bodies the point changes with the configuration.
+    The mean square displacement of this point of an isolated body in unbounded fluid is a straight
+    line (eq. 67). Near walls and other bodies the point changes with the configuration.
 
     Parameters
     ----------
@@ -101,15 +107,17 @@ def centerOfMobility(N):
 def centerOfHydrodynamicStress(N, tolerance=1e-6):
     """Get the centre of hydrodynamic stress: the point about which the coupling block of N vanishes.
 
-    Bodies of enough symmetry in unbounded fluid have one, spheres, rods and ellipsoids for instance; it is then the centre of mobility.
-    Boomerangs and screws have none: see :func:`planarCenterOfHydrodynamicStress` and :func:`centerOfMobility`.
+    Bodies of enough symmetry in unbounded fluid have one, spheres, rods and ellipsoids for
+    instance; it is then the centre of mobility. Boomerangs and screws have none: see
+    :func:`planarCenterOfHydrodynamicStress` and :func:`centerOfMobility`.
 
     Parameters
     ----------
     N : array-like of shape (6, 6)
         mobility about any point of the body
     tolerance : float
-        how large the coupling may be, relative to the geometric mean of the largest translational and rotational mobility
+        how large the coupling may be, relative to the geometric mean of the largest translational
+        and rotational mobility
 
     Returns
     -------
@@ -126,18 +134,22 @@ def centerOfHydrodynamicStress(N, tolerance=1e-6):
     tolerance = _units.number(tolerance, _units.NONE, where, 'tolerance')
     center = _centerOfMobility(N, where)
     about = mobilityAboutPoint(N, center)
-    coupling = np.linalg.norm(about[:3, 3:], 2)/np.sqrt(np.linalg.norm(about[:3, :3], 2)*np.linalg.norm(about[3:, 3:], 2))
+    coupling = np.linalg.norm(about[:3, 3:], 2)/np.sqrt(
+        np.linalg.norm(about[:3, :3], 2)*np.linalg.norm(about[3:, 3:], 2))
     if not coupling <= tolerance:
-        raise ValueError(f'{where}: N: the coupling about the centre of mobility is {coupling:.3g}, above {tolerance:g}: this body has no '
-                         'centre of hydrodynamic stress; take centerOfMobility or planarCenterOfHydrodynamicStress')
+        raise ValueError(
+            f'{where}: N: the coupling about the centre of mobility is {coupling:.3g}, above '
+            f'{tolerance:g}: this body has no '
+            'centre of hydrodynamic stress; take centerOfMobility or '
+            'planarCenterOfHydrodynamicStress')
     return _units.LENGTH.attach(center)
 
 
 def planarCenterOfHydrodynamicStress(N, z=0):
     """Get the quasi-two-dimensional centre: where a torque about z moves the body's point not along x and y (eq. 65).
 
-    There is one such point at each height z. For a flat body in its frame, with z along its normal, it is the point to track if the
-    body lies flat on a wall.
+    There is one such point at each height z. For a flat body in its frame, with z along its normal,
+    it is the point to track if the body lies flat on a wall.
 
     Parameters
     ----------
@@ -154,22 +166,27 @@ def planarCenterOfHydrodynamicStress(N, z=0):
     Raises
     ------
     TypeError, ValueError
-        if N is no symmetric matrix of finite numbers of this shape, or a torque about z does not turn the body about z
+        if N is no symmetric matrix of finite numbers of this shape, or a torque about z does not
+        turn the body about z
     """
     where = 'planarCenterOfHydrodynamicStress'
     N = _mobility(N, where)
     z = _units.number(z, _units.LENGTH, where, 'z')
     if not N[5, 5] > 0:
-        raise ValueError(f'{where}: N: the rotational mobility about z is {N[5, 5]}; it must be positive for a torque about z: '
-                         'turn the frame')
-    return _units.LENGTH.attach(np.array([-(N[5, 1] - N[5, 3]*z)/N[5, 5], (N[5, 0] + N[5, 4]*z)/N[5, 5], z]))
+        raise ValueError(
+            f'{where}: N: the rotational mobility about z is {N[5, 5]}; it must be positive for a '
+            f'torque about z: '
+            'turn the frame')
+    return _units.LENGTH.attach(
+        np.array([-(N[5, 1] - N[5, 3]*z)/N[5, 5], (N[5, 0] + N[5, 4]*z)/N[5, 5], z]))
 
 
 def planarAngleMobility(N, direction):
     """Get the mobility of the angle of a direction's projection onto the xy plane (eq. 93).
 
-    Times kT it is the short-time diffusion coefficient of :func:`planarAngleMSD`. It grows without bound as the direction turns to z:
-    its average over orientations diverges if nothing keeps the body flat.
+    Times kT it is the short-time diffusion coefficient of :func:`planarAngleMSD`. It grows without
+    bound as the direction turns to z: its average over orientations diverges if nothing keeps the
+    body flat.
 
     Parameters
     ----------
@@ -194,8 +211,11 @@ def planarAngleMobility(N, direction):
     square = x**2 + y**2
     good = (0 < square) & (square < np.inf)
     if not np.all(good):
-        raise ValueError(f'planarAngleMobility: direction: got {_first(~good, v)}; a direction along z has no angle in the xy plane: leave it out')
-    gradient = np.stack([-x*z/square, -y*z/square, np.ones_like(x)], axis=-1)  # of the angle with respect to a small rotation
+        raise ValueError(
+            f'planarAngleMobility: direction: got {_first(~good, v)}; a direction along z has no '
+            f'angle in the xy plane: leave it out')
+    gradient = np.stack([-x*z/square, -y*z/square, np.ones_like(x)],
+                        axis=-1)  # of the angle with respect to a small rotation
     result = np.einsum('...i,...ij,...j->...', gradient, N[..., 3:, 3:], gradient)
     return result if result.ndim else float(result)
 
@@ -207,8 +227,10 @@ def _centerOfMobility(N, where):
     # D [r] + [r] D = [(tr D - D) r] for symmetric D; regular even if D is zero about one axis.
     matrix = np.trace(rotation)*np.eye(3) - rotation
     if not np.min(np.linalg.eigvalsh(matrix)) > 0:
-        raise ValueError(f'{where}: N: its rotational part is {rotation.tolist()}; a centre needs rotational mobility about two axes '
-                         'or more: give the mobility of one body, 6 x 6')
+        raise ValueError(
+            f'{where}: N: its rotational part is {rotation.tolist()}; a centre needs rotational '
+            f'mobility about two axes '
+            'or more: give the mobility of one body, 6 x 6')
     return -np.linalg.solve(matrix, axial)
 
 
@@ -216,7 +238,11 @@ def _cross(r):
     """The matrices [r] (..., 3, 3) with [r] a = r x a."""
     x, y, z = np.moveaxis(r, -1, 0)
     zero = np.zeros_like(x)
-    return np.stack([np.stack([zero, -z, y], axis=-1), np.stack([z, zero, -x], axis=-1), np.stack([-y, x, zero], axis=-1)], axis=-2)
+    return np.stack([
+        np.stack([zero, -z, y], axis=-1),
+        np.stack([z, zero, -x], axis=-1),
+        np.stack([-y, x, zero], axis=-1)
+    ], axis=-2)
 
 
 def _first(bad, rows):
@@ -226,7 +252,8 @@ def _first(bad, rows):
 
 def _oneOrEach(values, dimension, columns, N, where, name):
     """Checked rows of numbers for mobilities (..., 6, 6): one for all, or one for each."""
-    return _units.oneOrEach(values, dimension, columns, len(N) if N.ndim == 3 else None, where, name)
+    return _units.oneOrEach(values, dimension, columns,
+                            len(N) if N.ndim == 3 else None, where, name)
 
 
 def _mobility(N, where, stack=False):
@@ -235,8 +262,13 @@ def _mobility(N, where, stack=False):
     transposed = N.swapaxes(-1, -2)
     # Translational and rotational parts have scales of their own: lengths may have any unit.
     diagonal = np.abs(np.diagonal(N, axis1=-2, axis2=-1))
-    scale = np.sqrt(np.repeat(np.stack([diagonal[..., :3].max(-1), diagonal[..., 3:].max(-1)], axis=-1), 3, axis=-1))
-    if not (np.all(np.isfinite(N)) and np.all(np.abs(N - transposed) <= _SYMMETRY_TOLERANCE*scale[..., :, None]*scale[..., None, :])):
-        raise ValueError(f'{where}: N: a mobility must be symmetric, with finite numbers, and is not: give rows Vx Vy Vz Wx Wy Wz and '
-                         'columns Fx Fy Fz Tx Ty Tz of one body')
+    scale = np.sqrt(
+        np.repeat(np.stack([diagonal[..., :3].max(-1), diagonal[..., 3:].max(-1)], axis=-1), 3,
+                  axis=-1))
+    if not (np.all(np.isfinite(N)) and np.all(
+            np.abs(N - transposed) <= _SYMMETRY_TOLERANCE*scale[..., :, None]*scale[..., None, :])):
+        raise ValueError(
+            f'{where}: N: a mobility must be symmetric, with finite numbers, and is not: give rows '
+            f'Vx Vy Vz Wx Wy Wz and '
+            'columns Fx Fy Fz Tx Ty Tz of one body')
     return (N + transposed)/2

@@ -25,8 +25,8 @@ class PoseSamples:
     acceptance : dict
         accepted fraction of the trials of each kind: "translation", "rotation", "free"
     stepSizes : dict
-        size of the moves of each kind, one number for each thing that moves: nm (standard deviation along each coordinate), or rad
-        (largest angle)
+        size of the moves of each kind, one number for each thing that moves: nm (standard deviation
+        along each coordinate), or rad (largest angle)
     independent : bool
         whether the n columns are independent walkers
     """
@@ -45,19 +45,21 @@ class PoseSamples:
     def average(self, values):
         """Get the mean of an observable over all samples and its standard error.
 
-        Of interacting bodies the error is that of block averages over many autocorrelation times; of walkers it comes from the spread
-        of the walkers' own means, which are independent whatever the autocorrelation.
+        Of interacting bodies the error is that of block averages over many autocorrelation times;
+        of walkers it comes from the spread of the walkers' own means, which are independent
+        whatever the autocorrelation.
 
         Parameters
         ----------
         values : array-like or Quantity of shape (samples,) or (samples, n)
-            the observable for each sample, or for each body of each sample. Those of interacting bodies are averaged over first.
+            the observable for each sample, or for each body of each sample. Those of interacting
+            bodies are averaged over first.
 
         Returns
         -------
         openmmrigidhi.analysis.series.SeriesStatistics
-            mean and standardError in the values' unit; tau, the integrated autocorrelation time in samples; degrees; effectiveSamples;
-            isTrusted: whether there were blocks enough
+            mean and standardError in the values' unit; tau, the integrated autocorrelation time in
+            samples; degrees; effectiveSamples; isTrusted: whether there were blocks enough
 
         Raises
         ------
@@ -91,7 +93,9 @@ class PoseSamples:
         values = self._series(values, 'histogram')
         edges = _units.sequence(edges, _units.NONE, 'histogram', 'edges')
         if len(edges) < 2 or np.any(np.diff(edges) <= 0):
-            raise ValueError(f'histogram: edges: got {edges}; bins need at least two edges in ascending order: sort them')
+            raise ValueError(
+                f'histogram: edges: got {edges}; bins need at least two edges in ascending order: '
+                f'sort them')
         bins = np.searchsorted(edges, values, side='right') - 1
         bins[values == edges[-1]] = len(edges) - 2
         found = [self._statistics((bins == k).astype(float)) for k in range(len(edges) - 1)]
@@ -101,19 +105,24 @@ class PoseSamples:
         values = np.asarray(values._value if unit.is_quantity(values) else values, dtype=float)
         shapes = [(len(self),), self.orientations.shape[:2]]
         if values.shape not in shapes[1 if self.independent else 0:]:
-            raise ValueError(f'{where}: values: got an array of shape {values.shape} for {shapes[1][0]} samples of {shapes[1][1]} bodies; '
-                             'the shape must be (samples, bodies), or (samples,) where bodies interact: give one number for each')
+            raise ValueError(
+                f'{where}: values: got an array of shape {values.shape} for {shapes[1][0]} samples '
+                f'of {shapes[1][1]} bodies; '
+                'the shape must be (samples, bodies), or (samples,) where bodies interact: give '
+                'one number for each')
         return values
 
     def _statistics(self, values):
         if not self.independent or values.shape[1] < 2:
             series = values.reshape(len(self), -1).mean(axis=1)
-            # The error is that of whole blocks, whose length is the observable's own; the mean is that of all samples, so that
-            # means of several observables go together: probabilities of bins add up to 1.
+            # The error is that of whole blocks, whose length is the observable's own; the mean is
+            # that of all samples, so that means of several observables go together: probabilities
+            # of bins add up to 1.
             return dataclasses.replace(seriesStatistics(series), mean=float(series.mean()))
         samples, walkers = values.shape
         means = values.mean(axis=0)
         error, variance = means.std(ddof=1)/np.sqrt(walkers), values.var()
         # error^2 = 2 tau var/(all samples), as for a series.
         tau = max(0.5, samples*walkers*error**2/(2*variance)) if variance > 0 else 0.5
-        return SeriesStatistics(float(means.mean()), float(error), walkers - 1, float(tau), samples*walkers, samples)
+        return SeriesStatistics(float(means.mean()), float(error), walkers - 1, float(tau),
+                                samples*walkers, samples)

@@ -11,8 +11,9 @@ import scipy.stats
 
 #: Sokal's window: the autocorrelation is summed up to this many autocorrelation times.
 WINDOW = 5
-#: A block is at least this many autocorrelation times long. Neighbouring blocks are then correlated so little that the
-#: variance of their mean is underestimated by about tau/block = 5 %, the standard error by 2.5 %.
+#: A block is at least this many autocorrelation times long. Neighbouring blocks are then correlated
+#: so little that the variance of their mean is underestimated by about tau/block = 5 %, the
+#: standard error by 2.5 %.
 BLOCK_LENGTH_IN_TAU = 20
 #: With fewer blocks than this a mean is reported, but flagged: its error is hardly known.
 FEWEST_TRUSTED_BLOCKS = 10
@@ -67,8 +68,8 @@ def autocorrelationTime(series):
     Returns
     -------
     float
-        tau = 1/2 + sum_{k=1}^{W} rho(k), in samples, with the smallest W >= 5 tau(W); at least 0.5. The variance of the
-        mean is 2 tau var/n. 0.5 for a constant series.
+        tau = 1/2 + sum_{k=1}^{W} rho(k), in samples, with the smallest W >= 5 tau(W); at least 0.5.
+        The variance of the mean is 2 tau var/n. 0.5 for a constant series.
     """
     series = np.asarray(series, dtype=float)
     n = len(series)
@@ -90,8 +91,9 @@ def autocorrelationTime(series):
 def seriesStatistics(series, leastTau=0.0):
     """Mean of a correlated series, and its standard error from block averages with automatic block length.
 
-    The block length is 20 autocorrelation times (:func:`autocorrelationTime`), but never so long that fewer than
-    5 blocks are left. Samples that do not fill a block are left out at the start, where they are least equilibrated.
+    The block length is 20 autocorrelation times (:func:`autocorrelationTime`), but never so long
+    that fewer than 5 blocks are left. Samples that do not fill a block are left out at the start,
+    where they are least equilibrated.
 
     Parameters
     ----------
@@ -110,18 +112,19 @@ def seriesStatistics(series, leastTau=0.0):
         raise ValueError(f'seriesStatistics: got {n} samples; at least 2 are needed: run longer')
     tau = max(autocorrelationTime(series), leastTau)
     length = int(np.ceil(BLOCK_LENGTH_IN_TAU*tau)) if tau > 0.5 else 1
-    length = max(1, min(length, n//5))
-    blocks = n//length
+    length = max(1, min(length, n // 5))
+    blocks = n // length
     used = series[n - blocks*length:]
     means = used.reshape(blocks, length).mean(axis=1)
-    return SeriesStatistics(float(used.mean()), float(means.std(ddof=1)/np.sqrt(blocks)), blocks - 1, tau, n, length)
+    return SeriesStatistics(float(used.mean()), float(means.std(ddof=1)/np.sqrt(blocks)),
+                            blocks - 1, tau, n, length)
 
 
 def replicaStatistics(series, leastTau=0.0):
     """Mean over independent replicas, and its standard error from their spread.
 
-    What correlations there are in time does not matter. With fewer than 10 replicas their spread is hardly known, and the error is that of
-    :func:`seriesStatistics` of their mean.
+    What correlations there are in time does not matter. With fewer than 10 replicas their spread is
+    hardly known, and the error is that of :func:`seriesStatistics` of their mean.
 
     Parameters
     ----------
@@ -141,7 +144,8 @@ def replicaStatistics(series, leastTau=0.0):
     n, replicas = series.shape
     means = series.mean(axis=0)
     tau = float(np.mean([autocorrelationTime(each) for each in series.T]))
-    return SeriesStatistics(float(means.mean()), float(means.std(ddof=1)/np.sqrt(replicas)), replicas - 1, tau, n, n)
+    return SeriesStatistics(float(means.mean()), float(means.std(ddof=1)/np.sqrt(replicas)),
+                            replicas - 1, tau, n, n)
 
 
 @dataclass
@@ -151,9 +155,11 @@ class Noise:
     Attributes
     ----------
     value : float
-        2 tau variance of the series (of the mean over replicas, if there are several): n times the squared standard error of its mean
+        2 tau variance of the series (of the mean over replicas, if there are several): n times the
+        squared standard error of its mean
     degrees : float
-        value/(what it really is) times this is nearly chi^2 distributed with so many degrees of freedom
+        value/(what it really is) times this is nearly chi^2 distributed with so many degrees of
+        freedom
     variance : float
         of one sample, about the mean of its replica
     tau : float
@@ -181,7 +187,8 @@ def noiseDegrees(tau, samples):
     Returns
     -------
     float
-        samples/(2 W + 1) with W = 5 tau; the relative standard error of noise and tau is the square root of 2 divided by this
+        samples/(2 W + 1) with W = 5 tau; the relative standard error of noise and tau is the square
+        root of 2 divided by this
     """
     return samples/(2*WINDOW*tau + 1)
 
@@ -189,9 +196,11 @@ def noiseDegrees(tau, samples):
 def noise(series):
     """How fast the mean of a series becomes known, and how well that itself is known.
 
-    Madras and Sokal (J. Stat. Phys. 50, 109 (1988), appendices): a sum of autocorrelations up to the lag W has the relative variance
-    2 (2 W + 1)/n, here with W = 5 tau. That of chi^2 with n/(2 W + 1) degrees of freedom is the same (:func:`noiseDegrees`). Taking deviations from the mean of the
-    samples makes the sum too small by (2 W + 1)/n of itself (Wolff, Comput. Phys. Commun. 156, 143 (2004)), which is put right.
+    Madras and Sokal (J. Stat. Phys. 50, 109 (1988), appendices): a sum of autocorrelations up to
+    the lag W has the relative variance 2 (2 W + 1)/n, here with W = 5 tau. That of chi^2 with n/(2
+    W + 1) degrees of freedom is the same (:func:`noiseDegrees`). Taking deviations from the mean of
+    the samples makes the sum too small by (2 W + 1)/n of itself (Wolff, Comput. Phys. Commun. 156,
+    143 (2004)), which is put right.
 
     Parameters
     ----------
@@ -205,7 +214,8 @@ def noise(series):
     series = np.asarray(series, dtype=float)
     n = len(series)
     if n < 2:
-        raise ValueError(f'noise: the series has {n} samples, which have no spread; 2 is the least: run longer')
+        raise ValueError(
+            f'noise: the series has {n} samples, which have no spread; 2 is the least: run longer')
     replicas = series.reshape(n, -1).T
     variances, taus = replicas.var(axis=1), np.array([autocorrelationTime(one) for one in replicas])
     tau = float(taus.mean())
@@ -218,11 +228,13 @@ def noise(series):
 def splitRHat(chains):
     """R-hat of several chains: how much more chains, and halves of chains, differ than one that has forgotten its start would.
 
-    The larger of two: rank-normalised split R-hat, which sees means that differ, and the same of distances from the median ("folded"),
-    which sees widths that differ. 1 for chains that sample the same; above 1.01 they should be run longer.
+    The larger of two: rank-normalised split R-hat, which sees means that differ, and the same of
+    distances from the median ("folded"), which sees widths that differ. 1 for chains that sample
+    the same; above 1.01 they should be run longer.
 
-    Reference: Vehtari, Gelman, Simpson, Carpenter, Buerkner 2021, Bayesian Analysis 16, 667, equations (1) to (4) and (14), section 4;
-    split R-hat: Gelman, Carlin, Stern, Dunson, Vehtari, Rubin 2013, Bayesian Data Analysis, 3rd edition, section 11.4.
+    Reference: Vehtari, Gelman, Simpson, Carpenter, Buerkner 2021, Bayesian Analysis 16, 667,
+    equations (1) to (4) and (14), section 4; split R-hat: Gelman, Carlin, Stern, Dunson, Vehtari,
+    Rubin 2013, Bayesian Data Analysis, 3rd edition, section 11.4.
 
     Parameters
     ----------
@@ -236,11 +248,14 @@ def splitRHat(chains):
     """
     chains = np.asarray(chains, dtype=float)
     if chains.ndim != 2 or chains.shape[1] < 4:
-        raise ValueError(f'splitRHat: got chains of shape {chains.shape}; there must be rows of at least 4 samples: run longer')
-    half = chains.shape[1]//2
+        raise ValueError(
+            f'splitRHat: got chains of shape {chains.shape}; there must be rows of at least 4 '
+            f'samples: run longer')
+    half = chains.shape[1] // 2
     # An odd chain loses its middle sample.
     halves = np.concatenate([chains[:, :half], chains[:, -half:]])
-    return max(_rHat(_normalScores(halves)), _rHat(_normalScores(np.abs(halves - np.median(halves)))))
+    return max(_rHat(_normalScores(halves)),
+               _rHat(_normalScores(np.abs(halves - np.median(halves)))))
 
 
 def _normalScores(values):
@@ -266,7 +281,8 @@ class ReplicaSummary:
     standardError : float
         from the spread of the runs' means; of a single run from block averages
     degrees : int
-        of freedom of that standard error, for Student's t: number of runs less 1, or of blocks less 1
+        of freedom of that standard error, for Student's t: number of runs less 1, or of blocks less
+        1
     tau : float
         integrated autocorrelation time, mean over runs, in samples
     effectiveSamples : float
@@ -301,7 +317,9 @@ def independentRuns(chains):
     chains = [np.asarray(chain, dtype=float) for chain in chains]
     shortest = min((len(chain) for chain in chains), default=0)
     if shortest < 2:
-        raise ValueError(f'independentRuns: got {len(chains)} runs, the shortest of {shortest} samples; at least one run of 2 is needed: run longer')
+        raise ValueError(
+            f'independentRuns: got {len(chains)} runs, the shortest of {shortest} samples; at '
+            f'least one run of 2 is needed: run longer')
     tau = float(np.mean([autocorrelationTime(chain) for chain in chains]))
     samples = sum(len(chain) for chain in chains)
     rHat = splitRHat([chain[:shortest] for chain in chains]) if shortest >= 4 else None
@@ -310,5 +328,6 @@ def independentRuns(chains):
         mean, error, degrees = one.mean, one.standardError, one.degrees
     else:
         means = np.array([chain.mean() for chain in chains])
-        mean, error, degrees = float(means.mean()), float(means.std(ddof=1)/np.sqrt(len(means))), len(means) - 1
+        mean, error, degrees = float(means.mean()), float(
+            means.std(ddof=1)/np.sqrt(len(means))), len(means) - 1
     return ReplicaSummary(mean, error, degrees, tau, samples/(2*tau), rHat, samples)

@@ -13,8 +13,9 @@ from .series import BLOCK_LENGTH_IN_TAU, FEWEST_TRUSTED_BLOCKS, seriesStatistics
 
 #: An amplitude that is not this many standard errors above 0 is no flow to measure a viscosity by.
 LEAST_SIGNIFICANCE = 3
-#: Never more blocks than this. What the random field does, new at each step, hides the slower fluctuations that come with configurations from the
-#: autocorrelation of the samples, but not from the spread of long blocks. The error is known to 1/sqrt(2 (20 - 1)) = 16 %.
+#: Never more blocks than this. What the random field does, new at each step, hides the slower
+#: fluctuations that come with configurations from the autocorrelation of the samples, but not from
+#: the spread of long blocks. The error is known to 1/sqrt(2 (20 - 1)) = 16 %.
 MOST_BLOCKS = 20
 
 
@@ -29,15 +30,19 @@ class EffectiveViscosity:
     ratio, ratioError : float
         to the viscosity of the fluid alone
     amplitude, amplitudeError : Quantity
-        mean amplitude of sin(k x_waveAxis) in the velocity along the force, positive along it, nm/ps
+        mean amplitude of sin(k x_waveAxis) in the velocity along the force, positive along it,
+        nm/ps
     cosine, cosineError : Quantity
-        mean amplitude of the cosine, nm/ps; it tends to 0 as the places of the bodies are averaged over
+        mean amplitude of the cosine, nm/ps; it tends to 0 as the places of the bodies are averaged
+        over
     shearRate, shearRateError : Quantity
         the largest of the mean flow, k amplitude, 1/ps
     degrees : int
-        degrees of freedom of the errors: number of blocks less 1; 0 for a single value without noise
+        degrees of freedom of the errors: number of blocks less 1; 0 for a single value without
+        noise
     tau : float
-        integrated autocorrelation time of the amplitude that the error stands for, in samples; about 0.5 for independent ones
+        integrated autocorrelation time of the amplitude that the error stands for, in samples;
+        about 0.5 for independent ones
     samples : int
         number of samples
     """
@@ -65,22 +70,27 @@ class EffectiveViscosity:
 def viscosity(context, steps=0, equilibration=0, interval=1, progress=None):
     """Get the effective viscosity of what a Context simulates, by the flow that its sinusoidal force density drives.
 
-    A force density f0 sin(k x_waveAxis) drives a fluid of viscosity eta to the velocity f0/(eta k^2) sin(k x_waveAxis). In a suspension the mean
-    amplitude A of that wave is smaller, and f0/(k^2 A) is the effective viscosity at this wavelength and shear rate (Westwood 2022, eq. 65). The flow
-    of each sampled step has the bodies' forces and the random field in it, so its mean has the Brownian stress.
+    A force density f0 sin(k x_waveAxis) drives a fluid of viscosity eta to the velocity f0/(eta
+    k^2) sin(k x_waveAxis). In a suspension the mean amplitude A of that wave is smaller, and
+    f0/(k^2 A) is the effective viscosity at this wavelength and shear rate (Westwood 2022, eq. 65).
+    The flow of each sampled step has the bodies' forces and the random field in it, so its mean has
+    the Brownian stress.
 
     Parameters
     ----------
     context : openmm.Context
-        with a CustomRigidHIIntegrator, positions, and a MobilityForce with :meth:`MobilityForce.setSinusoidalForceDensity`, whose
-        settings are those of the Context. It goes on for equilibration + steps steps
+        with a CustomRigidHIIntegrator, positions, and a MobilityForce with
+        :meth:`MobilityForce.setSinusoidalForceDensity`, whose settings are those of the Context. It
+        goes on for equilibration + steps steps
     steps : int
-        steps that are measured. 0 at temperature 0: the flow at the present poses, once, without error
+        steps that are measured. 0 at temperature 0: the flow at the present poses, once, without
+        error
     equilibration : int
         steps before that which are not measured
     interval : int
-        steps from one sample to the next. A sample costs about a step. What noise does to the amplitude is new at each step, so 1 (default) is at
-        worst half as efficient as the best interval; a larger one pays where configurations make most of the error
+        steps from one sample to the next. A sample costs about a step. What noise does to the
+        amplitude is new at each step, so 1 (default) is at worst half as efficient as the best
+        interval; a larger one pays where configurations make most of the error
     progress : bool, optional
         show a progress bar; None: on a terminal only
 
@@ -91,9 +101,10 @@ def viscosity(context, steps=0, equilibration=0, interval=1, progress=None):
     Raises
     ------
     TypeError, ValueError
-        for arguments that are no such Context or numbers; without a force density; at temperatures above 0 with LangevinHI, or with EulerMaruyama
-        where the drift that it omits is not 0: their mean flow has not the Brownian stress; with fewer than 10 samples; if the amplitude is not
-        3 standard errors above 0
+        for arguments that are no such Context or numbers; without a force density; at temperatures
+        above 0 with LangevinHI, or with EulerMaruyama where the drift that it omits is not 0: their
+        mean flow has not the Brownian stress; with fewer than 10 samples; if the amplitude is not 3
+        standard errors above 0
     openmm.OpenMMException
         as :meth:`MobilityForce.getFlowModeInContext`
 
@@ -112,12 +123,16 @@ def viscosity(context, steps=0, equilibration=0, interval=1, progress=None):
     equilibration = _atLeast(0, equilibration, where, 'equilibration')
     interval = positive(interval, where, 'interval')
     random = integrator.getTemperature()._value > 0
-    if random and steps//interval < FEWEST_TRUSTED_BLOCKS:
-        raise ValueError(f'{where}: steps, interval: got {steps} and {interval}, so {steps//interval} samples; a standard error needs at least '
-                         f'{FEWEST_TRUSTED_BLOCKS} where there is noise: give more steps')
+    if random and steps // interval < FEWEST_TRUSTED_BLOCKS:
+        raise ValueError(
+            f'{where}: steps, interval: got {steps} and {interval}, so {steps//interval} samples; '
+            f'a standard error needs at least '
+            f'{FEWEST_TRUSTED_BLOCKS} where there is noise: give more steps')
     if 0 < steps < 2*interval:
-        raise ValueError(f'{where}: steps, interval: got {steps} and {interval}, so {steps//interval} samples; a mean over time needs at least 2: give '
-                         'more steps, or 0 for the present poses')
+        raise ValueError(
+            f'{where}: steps, interval: got {steps} and {interval}, so {steps//interval} samples; '
+            f'a mean over time needs at least 2: give '
+            'more steps, or 0 for the present poses')
     if equilibration:
         _checkScheme(context, integrator, where)
         _advance(integrator, equilibration, 'equilibration', progress)
@@ -131,7 +146,8 @@ def viscosity(context, steps=0, equilibration=0, interval=1, progress=None):
 def sampleFlowAmplitudes(context, steps, interval=1, progress=None):
     """Step a Context, and sample the amplitudes of the flow that its sinusoidal force density drives: what :func:`viscosity` averages.
 
-    For runs that go on in parts, or sample other things too; :func:`viscosityFromAmplitudes` makes a viscosity of all parts together.
+    For runs that go on in parts, or sample other things too; :func:`viscosityFromAmplitudes` makes
+    a viscosity of all parts together.
 
     Parameters
     ----------
@@ -152,7 +168,8 @@ def sampleFlowAmplitudes(context, steps, interval=1, progress=None):
     integrator, fluid, _ = _drivenScene(context, where)
     interval = positive(interval, where, 'interval')
     steps = _atLeast(interval, steps, where, 'steps')
-    return _units.VELOCITY.attach(_sampled(context, integrator, fluid, steps, interval, progress, where))
+    return _units.VELOCITY.attach(
+        _sampled(context, integrator, fluid, steps, interval, progress, where))
 
 
 def viscosityFromAmplitudes(context, amplitudes):
@@ -163,7 +180,8 @@ def viscosityFromAmplitudes(context, amplitudes):
     context : openmm.Context
         in which they were sampled, or one with the same box and force density
     amplitudes : array-like or Quantity of shape (n, 4)
-        of :func:`sampleFlowAmplitudes`, equally spaced, of one state, nm/ps; at least 10. One alone is taken to be without noise
+        of :func:`sampleFlowAmplitudes`, equally spaced, of one state, nm/ps; at least 10. One alone
+        is taken to be without noise
 
     Returns
     -------
@@ -177,11 +195,14 @@ def viscosityFromAmplitudes(context, amplitudes):
     where = 'viscosityFromAmplitudes'
     rows = _units.rows(amplitudes, _units.VELOCITY, 4, where, 'amplitudes')
     if len(rows) != 1 and len(rows) < FEWEST_TRUSTED_BLOCKS:
-        raise ValueError(f'{where}: amplitudes: got {len(rows)}; an error needs at least {FEWEST_TRUSTED_BLOCKS} samples, and 1 is taken to be without '
+        raise ValueError(f'{where}: amplitudes: got {len(rows)}; an error needs at least '
+                         f'{FEWEST_TRUSTED_BLOCKS} samples, and 1 is taken to be without '
                          'noise: sample more')
     if not np.all(np.isfinite(rows)):
-        raise ValueError(f'{where}: amplitudes: number {np.argwhere(~np.isfinite(rows))[0][0]} is not finite; all must be: leave out what follows a '
-                         'run that blew up')
+        raise ValueError(
+            f'{where}: amplitudes: number {np.argwhere(~np.isfinite(rows))[0][0]} is not finite; '
+            f'all must be: leave out what follows a '
+            'run that blew up')
     return _estimate(context, rows, where)
 
 
@@ -190,10 +211,13 @@ def _drivenScene(context, where):
     context = _units.context(context, where)
     integrator = CustomRigidHIIntegrator.cast(context.getIntegrator())
     fluids = forcesOf(context.getSystem(), MobilityForce)
-    f0, _, axis, index = fluids[0].getSinusoidalForceDensity() if fluids else (_units.FORCE_DENSITY.attach(0), 0, 1, 1)
+    f0, _, axis, index = fluids[0].getSinusoidalForceDensity() if fluids else (
+        _units.FORCE_DENSITY.attach(0), 0, 1, 1)
     if f0._value == 0:
-        raise ValueError(f'{where}: context: its System has no MobilityForce with a sinusoidal force density other than 0; the viscosity is measured by the '
-                         'flow that one drives: call setSinusoidalForceDensity() before the Context is created')
+        raise ValueError(
+            f'{where}: context: its System has no MobilityForce with a sinusoidal force density '
+            f'other than 0; the viscosity is measured by the '
+            'flow that one drives: call setSinusoidalForceDensity() before the Context is created')
     edge = context.getState().getPeriodicBoxVectors(asNumpy=True)._value[axis, axis]
     return integrator, fluids[0], (f0._value, 2*np.pi*index/edge, fluids[0].getViscosity()._value)
 
@@ -204,17 +228,25 @@ def _checkScheme(context, integrator, where):
         return
     scheme = integrator.getScheme()
     if scheme == CustomRigidHIIntegrator.LangevinHI:
-        raise ValueError(f'{where}: context: its scheme is LangevinHI, whose flow is that of the friction forces, at a temperature above 0; the mean must have '
-                         'the Brownian stress: use a scheme without momenta, such as DriftCorrectorFD')
+        raise ValueError(
+            f'{where}: context: its scheme is LangevinHI, whose flow is that of the friction '
+            f'forces, at a temperature above 0; the mean must have '
+            'the Brownian stress: use a scheme without momenta, such as DriftCorrectorFD')
     if 'omits it' in integrator.getEffects()['stochastic drift']:
-        raise ValueError(f'{where}: context: its scheme is EulerMaruyama at a temperature above 0, with bodies that have a stochastic drift, which it omits; its '
-                         'mean flow then lacks Brownian stress: use DriftCorrectorFD, or another scheme that makes the drift')
+        raise ValueError(
+            f'{where}: context: its scheme is EulerMaruyama at a temperature above 0, with bodies '
+            f'that have a stochastic drift, which it omits; its '
+            'mean flow then lacks Brownian stress: use DriftCorrectorFD, or another scheme that '
+            'makes the drift')
 
 
 def _amplitudes(context, fluid):
     """Amplitudes of the driven wave, on sin and on cos, and those of the random field alone, nm/ps."""
     wave = fluid.getSinusoidalForceDensity()[1:]
-    return np.concatenate([fluid.getFlowModeInContext(context, *wave)._value, fluid.getRandomFlowModeInContext(context, *wave)._value])
+    return np.concatenate([
+        fluid.getFlowModeInContext(context, *wave)._value,
+        fluid.getRandomFlowModeInContext(context, *wave)._value
+    ])
 
 
 def _advance(integrator, steps, label, progress):
@@ -226,7 +258,7 @@ def _advance(integrator, steps, label, progress):
 def _sampled(context, integrator, fluid, steps, interval, progress, where):
     """Amplitudes (n, 4) after each interval, nm/ps."""
     _checkScheme(context, integrator, where)
-    found = np.empty((steps//interval, 4))
+    found = np.empty((steps // interval, 4))
     with progressBar(range(len(found)), 'sampling the flow', progress, ' samples') as bar:
         for k in bar:
             integrator.step(interval)
@@ -249,23 +281,34 @@ def _estimate(context, amplitudes, where):
     if len(amplitudes) == 1:
         (mean, cosine), error, cosineError, degrees, tau = amplitudes[0, :2], 0.0, 0.0, 0, 0.5
     else:
-        columns = [_withoutField(amplitudes[:, column], amplitudes[:, 2 + column]) for column in (0, 1)]
-        found, other = (seriesStatistics(column, len(column)/(BLOCK_LENGTH_IN_TAU*MOST_BLOCKS)) for column in columns)
+        columns = [
+            _withoutField(amplitudes[:, column], amplitudes[:, 2 + column]) for column in (0, 1)
+        ]
+        found, other = (seriesStatistics(column,
+                                         len(column)/(BLOCK_LENGTH_IN_TAU*MOST_BLOCKS))
+                        for column in columns)
         mean, error, degrees, cosine, cosineError = found.mean, found.standardError, found.degrees, other.mean, other.standardError
         variance = columns[0].var(ddof=1)
         tau = float(len(amplitudes)*error**2/(2*variance)) if variance > 0 else 0.5
     if not mean > LEAST_SIGNIFICANCE*error:
-        raise ValueError(f'{where}: the amplitude of the flow is {mean:.3g} +- {error:.2g} nm/ps; it must be more than {LEAST_SIGNIFICANCE} standard errors above '
-                         '0: run longer, or drive by a larger f0')
+        raise ValueError(
+            f'{where}: the amplitude of the flow is {mean:.3g} +- {error:.2g} nm/ps; it must be '
+            f'more than {LEAST_SIGNIFICANCE} standard errors above '
+            '0: run longer, or drive by a larger f0')
     value = abs(f0)/(k*k*mean)
-    return EffectiveViscosity(_units.VISCOSITY.attach(value), _units.VISCOSITY.attach(value*error/mean), value/eta, value/eta*error/mean,
-                              _units.VELOCITY.attach(float(mean)), _units.VELOCITY.attach(error), _units.VELOCITY.attach(float(cosine)),
-                              _units.VELOCITY.attach(cosineError), _units.RATE.attach(float(k*mean)), _units.RATE.attach(float(k*error)), degrees, tau,
+    return EffectiveViscosity(_units.VISCOSITY.attach(value),
+                              _units.VISCOSITY.attach(value*error/mean), value/eta,
+                              value/eta*error/mean, _units.VELOCITY.attach(float(mean)),
+                              _units.VELOCITY.attach(error), _units.VELOCITY.attach(float(cosine)),
+                              _units.VELOCITY.attach(cosineError), _units.RATE.attach(float(
+                                  k*mean)), _units.RATE.attach(float(k*error)), degrees, tau,
                               len(amplitudes))
 
 
 def _atLeast(least, value, where, name):
     value = _units.integer(value, where, name)
     if value < least:
-        raise ValueError(f'{where}: {name}: got {value}; the number of steps must be at least {least}: give more of them')
+        raise ValueError(
+            f'{where}: {name}: got {value}; the number of steps must be at least {least}: give '
+            f'more of them')
     return value

@@ -11,15 +11,17 @@ from ._sampler import Sampler
 class WalkerSampler(Sampler):
     """Samples poses of one rigid body from exp(-U/kT), by many independent walkers that move at once.
 
-    Metropolis moves, one translation and one rotation a sweep, with respect to the measure dR times Haar's on SO(3): the distribution
-    that Brownian dynamics with the right stochastic drift has. The energy is a function of arrays of poses, so that a trial of a
-    walker costs about a microsecond. For interacting bodies and OpenMM's forces see :class:`GibbsBoltzmannSampler`.
+    Metropolis moves, one translation and one rotation a sweep, with respect to the measure dR times
+    Haar's on SO(3): the distribution that Brownian dynamics with the right stochastic drift has.
+    The energy is a function of arrays of poses, so that a trial of a walker costs about a
+    microsecond. For interacting bodies and OpenMM's forces see :class:`GibbsBoltzmannSampler`.
 
     Parameters
     ----------
     energyFunction : callable
-        ``energyFunction(positions, orientations)`` gets arrays (k, 3) in nm and (k, 4), unit quaternions (w, x, y, z) body frame to lab
-        frame, of those walkers whose trial the wall allows, and returns (k,) energies in kJ/mol; infinity forbids a pose
+        ``energyFunction(positions, orientations)`` gets arrays (k, 3) in nm and (k, 4), unit
+        quaternions (w, x, y, z) body frame to lab frame, of those walkers whose trial the wall
+        allows, and returns (k,) energies in kJ/mol; infinity forbids a pose
     temperature : float or Quantity
         K
     numWalkers : int
@@ -37,11 +39,13 @@ class WalkerSampler(Sampler):
     rejection : str
         "Overlap": every blob must have z - wallHeight >= its radius; "Crossing": z - wallHeight > 0
     coordinates : sequence of str
-        what is sampled: any of "x", "y", "z", "rotation". Nothing holds a body along the wall; without x and y it stays above its start
+        what is sampled: any of "x", "y", "z", "rotation". Nothing holds a body along the wall;
+        without x and y it stays above its start
     rotationAxis : Vec3 or sequence of shape (3,), optional
         turn about this axis of the lab only; None: about all
     trackingPoint : Vec3, sequence or Quantity of shape (3,)
-        the point of the body about which it is turned, body frame, nm. It changes how fast samples become independent, nothing else
+        the point of the body about which it is turned, body frame, nm. It changes how fast samples
+        become independent, nothing else
     seed : int
         of the random numbers; 0: a fresh one
 
@@ -53,7 +57,8 @@ class WalkerSampler(Sampler):
     Raises
     ------
     TypeError, ValueError
-        for arguments of wrong dimension or shape, a start that the wall forbids, or a start with an infinite energy
+        for arguments of wrong dimension or shape, a start that the wall forbids, or a start with an
+        infinite energy
 
     Examples
     --------
@@ -72,8 +77,9 @@ class WalkerSampler(Sampler):
 
     _INDEPENDENT = True
 
-    def __init__(self, energyFunction, temperature, numWalkers, position, orientation=(1, 0, 0, 0), sitePositions=None, radii=None,
-                 wallHeight=None, rejection='Overlap', coordinates=_moves.COORDINATES, rotationAxis=None, trackingPoint=(0, 0, 0),
+    def __init__(self, energyFunction, temperature, numWalkers, position, orientation=(1, 0, 0, 0),
+                 sitePositions=None, radii=None, wallHeight=None, rejection='Overlap',
+                 coordinates=_moves.COORDINATES, rotationAxis=None, trackingPoint=(0, 0, 0),
                  seed=0):
         where = 'WalkerSampler'
         self._energyFunction = energyFunction
@@ -83,17 +89,23 @@ class WalkerSampler(Sampler):
         q = _perWalker(orientation, _units.NONE, 4, count, where, 'orientation')
         norms = np.linalg.norm(q, axis=1, keepdims=True)
         if not np.all(np.abs(norms - 1) < 1e-3):
-            raise ValueError(f'{where}: orientation: got {orientation!r}; quaternions must have the length 1 to be rotations: normalise them')
+            raise ValueError(
+                f'{where}: orientation: got {orientation!r}; quaternions must have the length 1 to '
+                f'be rotations: normalise them')
         self._orientations = q/norms
-        sites = np.zeros((1, 3)) if sitePositions is None else _units.rows(sitePositions, _units.LENGTH, 3, where, 'sitePositions')
+        sites = np.zeros((1, 3)) if sitePositions is None else _units.rows(
+            sitePositions, _units.LENGTH, 3, where, 'sitePositions')
         self._sites = sites
         self._wall = None
         if wallHeight is not None:
             if radii is None or sitePositions is None:
-                raise ValueError(f'{where}: wallHeight: there is a wall, but no sitePositions or no radii; it must be known what the wall '
-                                 'stops: give both')
+                raise ValueError(
+                    f'{where}: wallHeight: there is a wall, but no sitePositions or no radii; it '
+                    f'must be known what the wall '
+                    'stops: give both')
             radii = np.array(_units.perSite(radii, _units.LENGTH, len(sites), where, 'radii'))
-            self._wall = _moves.Wall(_units.number(wallHeight, _units.LENGTH, where, 'wallHeight'), radii, rejection, where)
+            self._wall = _moves.Wall(_units.number(wallHeight, _units.LENGTH, where, 'wallHeight'),
+                                     radii, rejection, where)
         self._motion = _moves.Motion(coordinates, rotationAxis, where)
         self._point = _units.vector(trackingPoint, _units.LENGTH, where, 'trackingPoint')
         self.seed, self._random = _moves.generator(seed, where)
@@ -105,13 +117,17 @@ class WalkerSampler(Sampler):
         allowed = self._allowed(self._positions, self._orientations)
         if not np.all(allowed):
             walker = np.argmin(allowed)
-            raise ValueError(f'{where}: position: walker {walker} begins at {self._positions[walker]} nm, where the wall stops one of its '
-                             'blobs; a start must be allowed: begin higher up')
+            raise ValueError(
+                f'{where}: position: walker {walker} begins at {self._positions[walker]} nm, where '
+                f'the wall stops one of its '
+                'blobs; a start must be allowed: begin higher up')
         self._energies = self._energiesOf(self._positions, self._orientations)
         if not np.all(np.isfinite(self._energies)):
             walker = np.argmin(np.isfinite(self._energies))
-            raise ValueError(f'{where}: energyFunction: it is {self._energies[walker]} at the start of walker {walker}; there it must be '
-                             'finite: begin elsewhere')
+            raise ValueError(
+                f'{where}: energyFunction: it is {self._energies[walker]} at the start of walker '
+                f'{walker}; there it must be '
+                'finite: begin elsewhere')
 
     def _present(self):
         return self._positions, self._orientations, self._energies, np.empty((0, 3))
@@ -120,7 +136,8 @@ class WalkerSampler(Sampler):
         for kind, steps in self._steps.items():
             sizes = np.broadcast_to(steps.sizes, len(self._positions))
             if kind == 'translation':
-                R, q = self._positions + self._motion.translations(self._random, sizes), self._orientations
+                R, q = self._positions + self._motion.translations(self._random,
+                                                                   sizes), self._orientations
             else:
                 q = _moves.turned(self._motion.rotations(self._random, sizes), self._orientations)
                 R = self._positions
@@ -150,13 +167,18 @@ class WalkerSampler(Sampler):
     def _energiesOf(self, R, q):
         energies = _moves.plainEnergies(self._energyFunction(R, q), 'WalkerSampler')
         if energies.shape != (len(R),):
-            raise ValueError(f'WalkerSampler: energyFunction: it returned an array of shape {energies.shape} for {len(R)} poses; it must '
-                             'return one energy for each: sum over the rest')
+            raise ValueError(
+                f'WalkerSampler: energyFunction: it returned an array of shape {energies.shape} '
+                f'for {len(R)} poses; it must '
+                'return one energy for each: sum over the rest')
         bad = _moves.isNoEnergy(energies)
         if np.any(bad):
             k = np.argmax(bad)
-            raise ValueError(f'WalkerSampler: energyFunction: it returned {energies[k]} kJ/mol at position {R[k]} nm, orientation {q[k]}; '
-                             'energies must be numbers, or infinity where a pose is forbidden: give a wall or correct the function')
+            raise ValueError(
+                f'WalkerSampler: energyFunction: it returned {energies[k]} kJ/mol at position '
+                f'{R[k]} nm, orientation {q[k]}; '
+                'energies must be numbers, or infinity where a pose is forbidden: give a wall or '
+                'correct the function')
         return energies
 
 

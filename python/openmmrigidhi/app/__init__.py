@@ -10,7 +10,10 @@ from .reporters import StateDataReporter
 from .shapes import boomerang, cylinder, icosahedron, multiblobSphere, rod, sphereShell, tetramer
 from .trajectories import Trajectory
 
-__all__ = ['addRigidWater', 'addRigidResidues', 'addRigidMultiblob', 'bindBodies', 'minimize', 'MinimizationResult', 'RigidBodyReporter',
-           'readBodyStates', 'BodyStates', 'StateDataReporter', 'sphereShell', 'multiblobSphere', 'rod', 'cylinder', 'boomerang',
-           'tetramer', 'icosahedron', 'readVertexFile', 'readClones', 'writeClones',
-           'GsdReporter', 'readGsd', 'H5mdReporter', 'readH5md', 'Trajectory', 'show', 'movie']
+__all__ = [
+    'addRigidWater', 'addRigidResidues', 'addRigidMultiblob', 'bindBodies', 'minimize',
+    'MinimizationResult', 'RigidBodyReporter', 'readBodyStates', 'BodyStates', 'StateDataReporter',
+    'sphereShell', 'multiblobSphere', 'rod', 'cylinder', 'boomerang', 'tetramer', 'icosahedron',
+    'readVertexFile', 'readClones', 'writeClones', 'GsdReporter', 'readGsd', 'H5mdReporter',
+    'readH5md', 'Trajectory', 'show', 'movie'
+]

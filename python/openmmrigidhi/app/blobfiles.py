@@ -1,7 +1,8 @@
 """Text files of rigid multiblobs, as RigidMultiblobsWall writes and reads them: vertex files and clones files.
 
-A vertex file says where a body's blobs are, a clones file where its copies are. In both, ``#`` opens a comment, the first number is
-that of the rows, and each row is a line of numbers. Lengths have whatever unit the file's author chose.
+A vertex file says where a body's blobs are, a clones file where its copies are. In both, ``#``
+opens a comment, the first number is that of the rows, and each row is a line of numbers. Lengths
+have whatever unit the file's author chose.
 """
 import os
 
@@ -11,15 +12,17 @@ from .. import _units
 
 #: A quaternion in a file may be off unit length by its few printed digits, not by more.
 _NORM_TOLERANCE = 1e-3
-#: Quaternions this close to unit length are left alone, so that what writeClones wrote is read bit for bit.
+#: Quaternions this close to unit length are left alone, so that what writeClones wrote is read bit
+#: for bit.
 _ROUNDING = 1e-14
 
 
 def readVertexFile(file, radii=False):
     """Read the positions of a body's blobs from a vertex file.
 
-    The file has the number of blobs, then a row ``x y z`` for each, perhaps with the blob's radius as a fourth number. What follows
-    the number of blobs on its line is ignored, as in RigidMultiblobsWall.
+    The file has the number of blobs, then a row ``x y z`` for each, perhaps with the blob's radius
+    as a fourth number. What follows the number of blobs on its line is ignored, as in
+    RigidMultiblobsWall.
 
     Parameters
     ----------
@@ -38,8 +41,8 @@ def readVertexFile(file, radii=False):
     Raises
     ------
     ValueError
-        if the file is no vertex file, with its name, the line, what was found there and what was expected, or if a radius that is
-        asked for is negative
+        if the file is no vertex file, with its name, the line, what was found there and what was
+        expected, or if a radius that is asked for is negative
     OSError
         if there is no such file
     """
@@ -47,7 +50,9 @@ def readVertexFile(file, radii=False):
     rows = _readRows(file, (4,) if radii else (3, 4), 'x y z radius' if radii else 'x y z', 'blobs')
     for line, values in rows:
         if radii and values[3] < 0:
-            raise ValueError(f"{os.fspath(file)}, line {line}: found the radius {values[3]:g}; a blob's radius is 0 or more: correct the row")
+            raise ValueError(
+                f"{os.fspath(file)}, line {line}: found the radius {values[3]:g}; a blob's radius "
+                f"is 0 or more: correct the row")
     rows = np.array([values for _, values in rows])
     return (rows[:, :3].copy(), rows[:, 3].copy()) if radii else rows
 
@@ -55,8 +60,9 @@ def readVertexFile(file, radii=False):
 def readClones(file):
     """Read the places of a body's copies from a clones file.
 
-    The file has the number of bodies, then a row ``x y z q0 q1 q2 q3`` for each, q0 the quaternion's scalar part. Quaternions of few
-    digits are normalised; one that is off unit length by more than 1e-3 is an error.
+    The file has the number of bodies, then a row ``x y z q0 q1 q2 q3`` for each, q0 the
+    quaternion's scalar part. Quaternions of few digits are normalised; one that is off unit length
+    by more than 1e-3 is an error.
 
     Parameters
     ----------
@@ -73,7 +79,8 @@ def readClones(file):
     Raises
     ------
     ValueError
-        if the file is no clones file, with its name, the line, what was found there and what was expected
+        if the file is no clones file, with its name, the line, what was found there and what was
+        expected
     OSError
         if there is no such file
     """
@@ -82,7 +89,9 @@ def readClones(file):
     norms = np.linalg.norm(rows[:, 3:], axis=1)
     for (line, _), norm in zip(numbered, norms):
         if abs(norm - 1) > _NORM_TOLERANCE:
-            raise ValueError(f'{os.fspath(file)}, line {line}: found a quaternion of length {norm:.6g}; it must be 1: normalise it')
+            raise ValueError(
+                f'{os.fspath(file)}, line {line}: found a quaternion of length {norm:.6g}; it must '
+                f'be 1: normalise it')
     norms[np.abs(norms - 1) <= _ROUNDING] = 1
     return rows[:, :3].copy(), rows[:, 3:]/norms[:, None]
 
@@ -102,22 +111,30 @@ def writeClones(file, positions, orientations):
     Raises
     ------
     ValueError
-        for arrays of other shapes, numbers that are not finite, or quaternions that are off unit length by more than 1e-3
+        for arrays of other shapes, numbers that are not finite, or quaternions that are off unit
+        length by more than 1e-3
     """
     positions = _units.rows(positions, _units.LENGTH, 3, 'writeClones', 'positions')
-    orientations = _units.rows(orientations, _units.NONE, 4, 'writeClones', 'orientations', len(positions))
+    orientations = _units.rows(orientations, _units.NONE, 4, 'writeClones', 'orientations',
+                               len(positions))
     if len(positions) == 0:
-        raise ValueError('writeClones: positions: got no bodies to write; there must be at least one: give its position')
+        raise ValueError(
+            'writeClones: positions: got no bodies to write; there must be at least one: give its '
+            'position')
     rows = np.concatenate([positions, orientations], axis=1)
     norms = np.linalg.norm(orientations, axis=1)
     for body, (row, norm) in enumerate(zip(rows, norms)):
         if not np.all(np.isfinite(row)):
-            raise ValueError(f'writeClones: body {body}: got {row}; a written pose must be finite: correct it')
+            raise ValueError(
+                f'writeClones: body {body}: got {row}; a written pose must be finite: correct it')
         if abs(norm - 1) > _NORM_TOLERANCE:
-            raise ValueError(f'writeClones: orientations: the quaternion of body {body} has length {norm:.6g}; it must be 1: '
-                             'normalise before writing')
+            raise ValueError(
+                f'writeClones: orientations: the quaternion of body {body} has length {norm:.6g}; '
+                f'it must be 1: '
+                'normalise before writing')
     with open(file, 'w', encoding='ascii') as output:
-        output.write('# number of bodies, then for each: x y z q0 q1 q2 q3 (q0 is the scalar part)\n')
+        output.write(
+            '# number of bodies, then for each: x y z q0 q1 q2 q3 (q0 is the scalar part)\n')
         output.write(f'{len(rows)}\n')
         for row in rows:
             output.write(' '.join(repr(float(value)) for value in row) + '\n')
@@ -135,18 +152,25 @@ def _readRows(file, widths, names, what):
             if count is None:
                 count = _count(words[0], name, line, what)
             elif len(rows) == count:
-                raise ValueError(f"{name}, line {line}: found '{text.strip()}' after the last of {count} {what}; expected the end "
-                                 'of the file: correct the count at its top')
+                raise ValueError(
+                    f"{name}, line {line}: found '{text.strip()}' after the last of {count} "
+                    f"{what}; expected the end "
+                    'of the file: correct the count at its top')
             else:
                 rows.append((line, _numbers(words, name, line, widths, names)))
                 widths = (len(words),)
     if count is None:
-        raise ValueError(f'{name}, line {line}: found the end of the file; expected the number of {what}: check that the file is '
-                         'complete')
+        raise ValueError(
+            f'{name}, line {line}: found the end of the file; expected the number of {what}: check '
+            f'that the file is '
+            'complete')
     if len(rows) < count:
-        raise ValueError(f'{name}, line {line}: found the end of the file after {len(rows)} rows; expected {count} {what}: '
-                         'check the count at its top')
-    return [(line, values[:3] if widths == (4,) and names == 'x y z' else values) for line, values in rows]
+        raise ValueError(
+            f'{name}, line {line}: found the end of the file after {len(rows)} rows; expected '
+            f'{count} {what}: '
+            'check the count at its top')
+    return [(line, values[:3] if widths == (4,) and names == 'x y z' else values)
+            for line, values in rows]
 
 
 def _count(word, name, line, what):
@@ -155,8 +179,10 @@ def _count(word, name, line, what):
     except ValueError:
         count = 0
     if count < 1:
-        raise ValueError(f"{name}, line {line}: found '{word}' where the number of {what} should be; expected a positive integer: "
-                         'the first number of the file counts its rows')
+        raise ValueError(
+            f"{name}, line {line}: found '{word}' where the number of {what} should be; expected a "
+            f"positive integer: "
+            'the first number of the file counts its rows')
     return count
 
 
@@ -168,6 +194,8 @@ def _numbers(words, name, line, widths, names):
         values = []
     if len(values) not in widths or not np.all(np.isfinite(values)):
         expected = ' or '.join(map(str, widths))
-        raise ValueError(f"{name}, line {line}: found the row '{' '.join(words)}'; expected {expected} finite numbers, {names}: "
-                         'correct the row')
+        raise ValueError(
+            f"{name}, line {line}: found the row '{' '.join(words)}'; expected {expected} finite "
+            f"numbers, {names}: "
+            'correct the row')
     return values

@@ -5,17 +5,18 @@ from .. import _units
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 
-#: Residue names that mean water in PDB files and in the force fields that OpenMM, Amber, CHARMM and GROMACS ship.
-WATER_NAMES = ('HOH', 'WAT', 'H2O', 'SOL', 'DOD', 'SPC', 'SPCE', 'TIP3', 'TIP3P', 'TP3', 'TIP4', 'TIP4P', 'TP4', 'T4P',
-               'TIP5', 'TIP5P', 'TP5', 'OPC')
+#: Residue names that mean water in PDB files and in the force fields that OpenMM, Amber, CHARMM and
+#: GROMACS ship.
+WATER_NAMES = ('HOH', 'WAT', 'H2O', 'SOL', 'DOD', 'SPC', 'SPCE', 'TIP3', 'TIP3P', 'TP3', 'TIP4',
+               'TIP4P', 'TP4', 'T4P', 'TIP5', 'TIP5P', 'TP5', 'OPC')
 
 
 def addRigidWater(integrator, topology, system=None):
     """Make every water molecule of a topology one rigid body, extra particles (M sites, lone pairs) included.
 
-    The shape is taken from the System's constraints and virtual sites when the Context is created, never from the
-    coordinates of a PDB file, if the System was made with ``rigidWater=True`` (the default of
-    openmm.app.ForceField.createSystem). Pass the system to have this checked here.
+    The shape is taken from the System's constraints and virtual sites when the Context is created,
+    never from the coordinates of a PDB file, if the System was made with ``rigidWater=True`` (the
+    default of openmm.app.ForceField.createSystem). Pass the system to have this checked here.
 
     Parameters
     ----------
@@ -51,8 +52,8 @@ def addRigidResidues(integrator, topology, names, system=None):
     names : sequence of str
         residue names
     system : openmm.System, optional
-        if given, check that its constraints fix the shape of every residue. Without, a residue whose shape is not fixed by
-        constraints takes it from the first positions.
+        if given, check that its constraints fix the shape of every residue. Without, a residue
+        whose shape is not fixed by constraints takes it from the first positions.
 
     Returns
     -------
@@ -66,37 +67,52 @@ def addRigidResidues(integrator, topology, names, system=None):
     """
     integrator = CustomRigidHIIntegrator.cast(integrator)
     if isinstance(names, str):
-        raise TypeError(f'addRigidResidues: names: got the string {names!r}; it must be a sequence of names: '
-                        f'give [{names!r}]')
+        raise TypeError(
+            f'addRigidResidues: names: got the string {names!r}; it must be a sequence of names: '
+            f'give [{names!r}]')
     wanted = set(names)
     residues = [residue for residue in topology.residues() if residue.name in wanted]
     if not residues:
         present = sorted({residue.name for residue in topology.residues()})
-        raise ValueError(f'addRigidResidues: names: no residue is named {", ".join(sorted(wanted))}; the topology has '
-                         f'{", ".join(present) or "no residues"}: correct the names')
+        raise ValueError(
+            f'addRigidResidues: names: no residue is named {", ".join(sorted(wanted))}; the '
+            f'topology has '
+            f'{", ".join(present) or "no residues"}: correct the names')
     if system is not None:
         _checkConstraints(residues, system)
-    return [integrator.addRigidBody([atom.index for atom in residue.atoms()]) for residue in residues]
+    return [
+        integrator.addRigidBody([atom.index for atom in residue.atoms()]) for residue in residues
+    ]
 
 
 def _checkConstraints(residues, system):
     """Every pair of massive atoms of every residue must be constrained."""
-    constrained = {frozenset(system.getConstraintParameters(i)[:2]) for i in range(system.getNumConstraints())}
+    constrained = {
+        frozenset(system.getConstraintParameters(i)[:2])
+        for i in range(system.getNumConstraints())
+    }
     for residue in residues:
-        massive = [atom.index for atom in residue.atoms() if system.getParticleMass(atom.index)._value > 0]
-        missing = [(i, j) for k, i in enumerate(massive) for j in massive[:k] if frozenset((i, j)) not in constrained]
+        massive = [
+            atom.index for atom in residue.atoms() if system.getParticleMass(atom.index)._value > 0
+        ]
+        missing = [(i, j) for k, i in enumerate(massive) for j in massive[:k]
+                   if frozenset((i, j)) not in constrained]
         if missing:
-            raise ValueError(f'addRigidResidues: residue {residue.name} {residue.id}: particles {missing[0][1]} and '
-                             f'{missing[0][0]} have no constraint; the constraints must fix its shape: create the System '
-                             'with rigidWater=True, or pass no system to take the shape from the first positions')
+            raise ValueError(
+                f'addRigidResidues: residue {residue.name} {residue.id}: particles {missing[0][1]} '
+                f'and '
+                f'{missing[0][0]} have no constraint; the constraints must fix its shape: create '
+                f'the System '
+                'with rigidWater=True, or pass no system to take the shape from the first positions'
+            )
 
 
-def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, mass=0, principalMoments=(0, 0, 0),
-                      particleMasses=None):
+def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, mass=0,
+                      principalMoments=(0, 0, 0), particleMasses=None):
     """Add particles to a System and a MobilityForce, and make them one rigid body of an integrator.
 
-    Call it body by body before the Context is created, while System and MobilityForce have the same number of particles.
-    If an argument is refused nothing has been added.
+    Call it body by body before the Context is created, while System and MobilityForce have the same
+    number of particles. If an argument is refused nothing has been added.
 
     Parameters
     ----------
@@ -107,29 +123,32 @@ def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, m
     mobilityForce : MobilityForce
         gets the particles' radii; add it to the System yourself, before or after
     sitePositions : array-like or Quantity of shape (n, 3)
-        position of each particle in the body frame, nm, as the builders of shapes return them. The frame's origin is the tracking
-        point; schemes with momenta need it at the centre of mass, and principal axes.
+        position of each particle in the body frame, nm, as the builders of shapes return them. The
+        frame's origin is the tracking point; schemes with momenta need it at the centre of mass,
+        and principal axes.
     radii : float, or sequence or Quantity of shape (n,)
         hydrodynamic radius of all particles or of each, nm; 0: a marker that the fluid does not see
     mass : float or Quantity
         mass of the body, dalton; 0 will do for overdamped schemes
     principalMoments : Vec3, sequence or Quantity of shape (3,)
-        principal moments of inertia about the body axes, dalton nm^2; 0 will do for overdamped schemes
+        principal moments of inertia about the body axes, dalton nm^2; 0 will do for overdamped
+        schemes
     particleMasses : sequence or Quantity of shape (n,), optional
         masses that OpenMM sees, dalton; None: equal shares of the body's mass
 
     Returns
     -------
     int
-        index of the body. Its particles are the System's last ones; ``integrator.getRigidBodyParticles`` gives their indices.
+        index of the body. Its particles are the System's last ones;
+        ``integrator.getRigidBodyParticles`` gives their indices.
 
     Raises
     ------
     TypeError
         for arguments of another kind or dimension
     ValueError
-        for another number of radii or masses than of sites, negative or non-finite ones, or if the MobilityForce and the System have
-        different numbers of particles
+        for another number of radii or masses than of sites, negative or non-finite ones, or if the
+        MobilityForce and the System have different numbers of particles
     openmm.OpenMMException
         as in CustomRigidHIIntegrator.addRigidBody
     """
@@ -139,11 +158,14 @@ def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, m
     sites = _units.rows(sitePositions, _units.LENGTH, 3, where, 'sitePositions')
     radii = _units.perSite(radii, _units.LENGTH, len(sites), where, 'radii')
     mass = _units.number(mass, _units.MASS, where, 'mass')
-    masses = None if particleMasses is None else _units.perSite(particleMasses, _units.MASS, len(sites), where, 'particleMasses')
+    masses = None if particleMasses is None else _units.perSite(particleMasses, _units.MASS,
+                                                                len(sites), where, 'particleMasses')
     first = system.getNumParticles()
     if mobilityForce.getNumParticles() != first:
-        raise ValueError(f'{where}: mobilityForce: it has {mobilityForce.getNumParticles()} particles and the System {first}; '
-                         'the numbers must agree before a body is added: add what is missing')
+        raise ValueError(
+            f'{where}: mobilityForce: it has {mobilityForce.getNumParticles()} particles and the '
+            f'System {first}; '
+            'the numbers must agree before a body is added: add what is missing')
     # First what checks most: if it throws, nothing has been added.
     body = integrator.addRigidBody(range(first, first + len(sites)), mass, principalMoments, sites)
     for particleMass, radius in zip(masses or len(sites)*[mass/len(sites)], radii):
@@ -155,10 +177,11 @@ def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, m
 def bindBodies(system, integrator):
     """Tie each body's particles into one molecule, for OpenMM.
 
-    OpenMM keeps molecules whole in ``getState(enforcePeriodicBox=True)`` and scales them as units in Monte Carlo barostats,
-    but an Integrator cannot tell it what is one. This adds one HarmonicBondForce of strength 0 with bonds from each body's
-    first particle to its others. Its energy and forces are 0. Call it before the Context is created; bodies that are held
-    together by constraints, virtual sites or bonds do not need it.
+    OpenMM keeps molecules whole in ``getState(enforcePeriodicBox=True)`` and scales them as units
+    in Monte Carlo barostats, but an Integrator cannot tell it what is one. This adds one
+    HarmonicBondForce of strength 0 with bonds from each body's first particle to its others. Its
+    energy and forces are 0. Call it before the Context is created; bodies that are held together by
+    constraints, virtual sites or bonds do not need it.
 
     Parameters
     ----------
@@ -175,7 +198,8 @@ def bindBodies(system, integrator):
     integrator = CustomRigidHIIntegrator.cast(integrator)
     force = openmm.HarmonicBondForce()
     force.setName('openmmrigidhi.app.bindBodies')
-    # A force that is not periodic does not make the System so, and one that is needs a periodic System.
+    # A force that is not periodic does not make the System so, and one that is needs a periodic
+    # System.
     force.setUsesPeriodicBoundaryConditions(system.usesPeriodicBoundaryConditions())
     for body in range(integrator.getNumRigidBodies()):
         first, *others = integrator.getRigidBodyParticles(body)

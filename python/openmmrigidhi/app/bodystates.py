@@ -1,7 +1,7 @@
 """Files of body states: positions, orientations and velocities of rigid bodies over time, in HDF5.
 
-Layout, version 1 (n bodies, T frames, m particles in all bodies; doubles unless said otherwise; the unit of each data set
-is its attribute "unit"):
+Layout, version 1 (n bodies, T frames, m particles in all bodies; doubles unless said otherwise; the
+unit of each data set is its attribute "unit"):
 
     /                          attributes "format" = "openmmrigidhi body states", "version" = 1
     /time                      (T,)        ps
@@ -31,11 +31,11 @@ _VERSION = 1
 
 #: name: (shape of a frame with n bodies, type, dimension)
 _FRAME_DATA = {
-    'time': (lambda n: (), 'f8', _units.TIME),
-    'step': (lambda n: (), 'i8', _units.NONE),
+    'time': (lambda n: (), 'f8', _units.TIME), 'step': (lambda n: (), 'i8', _units.NONE),
     'positions': (lambda n: (n, 3), 'f8', _units.LENGTH),
-    'orientations': (lambda n: (n, 4), 'f8', _units.NONE),
-    'velocities': (lambda n: (n, 3), 'f8', _units.VELOCITY),
+    'orientations': (lambda n:
+                     (n, 4), 'f8', _units.NONE), 'velocities': (lambda n:
+                                                                (n, 3), 'f8', _units.VELOCITY),
     'angularVelocities': (lambda n: (n, 3), 'f8', _units.ANGULAR_VELOCITY),
     'boxVectors': (lambda n: (3, 3), 'f8', _units.LENGTH),
 }
@@ -71,32 +71,39 @@ class RigidBodyReporter(Hdf5Reporter):
     reportInterval : int
         number of steps between frames
     append : bool
-        continue an existing file of the same bodies. Frames at or after the step of the first new one are dropped, so that a
-        run that is resumed from a checkpoint leaves the file of the uninterrupted run. A file that does not exist is
-        created. Without append an existing file is replaced.
+        continue an existing file of the same bodies. Frames at or after the step of the first new
+        one are dropped, so that a run that is resumed from a checkpoint leaves the file of the
+        uninterrupted run. A file that does not exist is created. Without append an existing file is
+        replaced.
 
     Notes
     -----
     The file is closed between reports, so that it can be read while the run goes on and is whole if the run is killed
     between reports; that costs about two milliseconds a report.
     """
-
     def __init__(self, file, reportInterval, append=False):
         super().__init__(file, reportInterval, append)
 
     def _frame(self, simulation, state, integrator):
         return {
             'time': state.getTime()._value, 'step': simulation.currentStep,
-            'positions': integrator.getBodyPositions()._value, 'orientations': integrator.getBodyOrientations(),
-            'velocities': integrator.getBodyVelocities()._value, 'angularVelocities': integrator.getBodyAngularVelocities()._value,
-            'boxVectors': state.getPeriodicBoxVectors(asNumpy=True)._value}
+            'positions': integrator.getBodyPositions()._value,
+            'orientations': integrator.getBodyOrientations(),
+            'velocities': integrator.getBodyVelocities()._value,
+            'angularVelocities': integrator.getBodyAngularVelocities()._value,
+            'boxVectors': state.getPeriodicBoxVectors(asNumpy=True)._value
+        }
 
     def _describe(self, simulation, integrator):
         bodies = BodyDefinitions(integrator)
         #: The data sets of /bodies, with their dimensions.
-        self._bodies = {'mass': (bodies.masses, _units.MASS), 'principalMoments': (bodies.moments, _units.MOMENT),
-                        'particles': (bodies.members.astype('i4'), _units.NONE), 'sitePositions': (bodies.places, _units.LENGTH),
-                        'firstParticle': (bodies.first.astype('i4'), _units.NONE)}
+        self._bodies = {
+            'mass': (bodies.masses, _units.MASS),
+            'principalMoments': (bodies.moments, _units.MOMENT),
+            'particles': (bodies.members.astype('i4'), _units.NONE),
+            'sitePositions': (bodies.places, _units.LENGTH),
+            'firstParticle': (bodies.first.astype('i4'), _units.NONE)
+        }
 
     def _create(self, file):
         file.attrs['format'] = _FORMAT
@@ -111,9 +118,12 @@ class RigidBodyReporter(Hdf5Reporter):
         _checkFormat(file, self._file)
         for entry in ('particles', 'firstParticle'):
             if not np.array_equal(file['bodies'][entry][:], self._bodies[entry][0]):
-                raise ValueError(f'RigidBodyReporter: {self._file}: it holds other bodies ({len(file["bodies/mass"])}) than the '
-                                 f'integrator ({len(self._bodies["mass"][0])}); to append they must be the same: '
-                                 'write to another file')
+                raise ValueError(
+                    f'RigidBodyReporter: {self._file}: it holds other bodies '
+                    f'({len(file["bodies/mass"])}) than the '
+                    f'integrator ({len(self._bodies["mass"][0])}); to append they must be the '
+                    f'same: '
+                    'write to another file')
 
     @staticmethod
     def _series(file):
@@ -131,9 +141,9 @@ def readBodyStates(file):
     Returns
     -------
     BodyStates
-        arrays and Quantities over frames: time, step, positions (T, n, 3), orientations (T, n, 4), velocities,
-        angularVelocities, boxVectors (T, 3, 3); and over bodies: mass, principalMoments (n, 3), particles and sitePositions
-        (lists with one entry per body)
+        arrays and Quantities over frames: time, step, positions (T, n, 3), orientations (T, n, 4),
+        velocities, angularVelocities, boxVectors (T, 3, 3); and over bodies: mass, principalMoments
+        (n, 3), particles and sitePositions (lists with one entry per body)
 
     Raises
     ------
@@ -154,13 +164,17 @@ def _readStates(handle, file):
     spans = list(zip(first[:-1], first[1:]))
     for name, (shape, _, _) in _FRAME_DATA.items():
         if frames[name].shape != (count, *shape(len(spans))):
-            raise ValueError(f'readBodyStates: {file}: {name} has the shape {frames[name].shape}; with {count} frames of {len(spans)} bodies '
-                             f'it must be {(count, *shape(len(spans)))}: the file is damaged, restore it from a copy')
-    return BodyStates(**{name: _withUnit(values, _FRAME_DATA[name][2]) for name, values in frames.items()},
-                      mass=_units.MASS.attach(bodies['mass'][:]),
-                      principalMoments=_units.MOMENT.attach(bodies['principalMoments'][:]),
-                      particles=[particles[a:b].tolist() for a, b in spans],
-                      sitePositions=[_units.LENGTH.attach(sites[a:b]) for a, b in spans])
+            raise ValueError(
+                f'readBodyStates: {file}: {name} has the shape {frames[name].shape}; with {count} '
+                f'frames of {len(spans)} bodies '
+                f'it must be {(count, *shape(len(spans)))}: the file is damaged, restore it from a '
+                f'copy')
+    return BodyStates(
+        **{name: _withUnit(values, _FRAME_DATA[name][2])
+           for name, values in frames.items()}, mass=_units.MASS.attach(bodies['mass'][:]),
+        principalMoments=_units.MOMENT.attach(bodies['principalMoments'][:]),
+        particles=[particles[a:b].tolist() for a, b in spans],
+        sitePositions=[_units.LENGTH.attach(sites[a:b]) for a, b in spans])
 
 
 def _withUnit(array, dimension):
@@ -174,5 +188,7 @@ def _label(dimension):
 def _checkFormat(file, name):
     found, version = file.attrs.get('format'), file.attrs.get('version')
     if found != _FORMAT or version != _VERSION:
-        raise ValueError(f"{name}: format '{found}' version {version}; it must be '{_FORMAT}' version {_VERSION}: "
-                         'give a file that a RigidBodyReporter wrote')
+        raise ValueError(
+            f"{name}: format '{found}' version {version}; it must be '{_FORMAT}' version "
+            f"{_VERSION}: "
+            'give a file that a RigidBodyReporter wrote')

@@ -15,7 +15,8 @@ from .h5mdfiles import readH5md
 from .trajectories import Trajectory
 
 #: Colours of bodies, by Okabe and Ito: they can be told apart without seeing red and green.
-_COLOURS = np.array([(0, 114, 178), (230, 159, 0), (0, 158, 115), (213, 94, 0), (204, 121, 167), (86, 180, 233), (240, 228, 66)])/255
+_COLOURS = np.array([(0, 114, 178), (230, 159, 0), (0, 158, 115), (213, 94, 0), (204, 121, 167),
+                     (86, 180, 233), (240, 228, 66)])/255
 _FREE = np.array([0.62, 0.62, 0.62])
 #: From where the light comes, in the axes of the picture: right, up, towards the viewer.
 _LIGHT = np.array([-0.4, 0.5, 0.77])
@@ -37,10 +38,11 @@ def show(context, radii=None, view=(20, -60), wrap=True, ax=None, title=None):
     context : openmm.Context
         of a CustomRigidHIIntegrator; its positions must be set
     radii : sequence or Quantity, optional
-        radius of each particle of the System, nm. By default those of the MobilityForce, else half of sigma of the NonbondedForce; particles
-        without a radius are dots
+        radius of each particle of the System, nm. By default those of the MobilityForce, else half
+        of sigma of the NonbondedForce; particles without a radius are dots
     view : pair of float
-        elevation above the plane of x and y, and azimuth of the viewer, degrees; (0, -90) has x to the right and z upwards, (90, -90) looks down on x and y
+        elevation above the plane of x and y, and azimuth of the viewer, degrees; (0, -90) has x to
+        the right and z upwards, (90, -90) looks down on x and y
     wrap : bool
         draw each body, and each free particle, where its origin is in the periodic box
     ax : matplotlib.axes.Axes, optional
@@ -76,8 +78,10 @@ def show(context, radii=None, view=(20, -60), wrap=True, ax=None, title=None):
     free = np.flatnonzero(~inBodies & (radii > 0))
     positions = state.getPositions(asNumpy=True)._value
     scene.setFree(radii[free])
-    box = state.getPeriodicBoxVectors(asNumpy=True)._value if system.usesPeriodicBoundaryConditions() else None
-    frame = scene.frame(integrator.getBodyPositions()._value, integrator.getBodyOrientations(), positions[free], box if wrap else None)
+    box = state.getPeriodicBoxVectors(
+        asNumpy=True)._value if system.usesPeriodicBoundaryConditions() else None
+    frame = scene.frame(integrator.getBodyPositions()._value, integrator.getBodyOrientations(),
+                        positions[free], box if wrap else None)
     picture = _Picture(_view(view, 'show'), _walls(system), [frame], [box])
     ax = picture.axes(ax)
     picture.draw(ax, scene, frame, box)
@@ -86,7 +90,8 @@ def show(context, radii=None, view=(20, -60), wrap=True, ax=None, title=None):
     return ax
 
 
-def movie(file, output=None, context=None, radii=None, view=(20, -60), wrap=True, walls=None, every=1, framesPerSecond=12, width=5.0, quiet=False):
+def movie(file, output=None, context=None, radii=None, view=(20, -60), wrap=True, walls=None,
+          every=1, framesPerSecond=12, width=5.0, quiet=False):
     """Draw a trajectory file of bodies frame by frame into a GIF or MP4.
 
     Parameters
@@ -94,7 +99,8 @@ def movie(file, output=None, context=None, radii=None, view=(20, -60), wrap=True
     file : str or path
         of a GsdReporter (.gsd), H5mdReporter or RigidBodyReporter
     output : str or path, optional
-        name of the film, which ends in .gif, or in .mp4 where ffmpeg is installed; by default that of the file, with .gif
+        name of the film, which ends in .gif, or in .mp4 where ffmpeg is installed; by default that
+        of the file, with .gif
     context : openmm.Context, optional
         takes the radii of sites, and walls, from this one's System where the file has none
     radii : sequence or Quantity, optional
@@ -128,12 +134,15 @@ def movie(file, output=None, context=None, radii=None, view=(20, -60), wrap=True
     if every < 1:
         raise ValueError(f'movie: every: got {every}; it must be positive: give a number of frames')
     if not framesPerSecond > 0:
-        raise ValueError(f'movie: framesPerSecond: got {framesPerSecond}; it must be positive: give frames a second, such as 12')
+        raise ValueError(
+            f'movie: framesPerSecond: got {framesPerSecond}; it must be positive: give frames a '
+            f'second, such as 12')
     name = os.fspath(file)
     output = os.path.splitext(name)[0] + '.gif' if output is None else os.fspath(output)
     kind = os.path.splitext(output)[1]
     if kind not in ('.gif', '.mp4'):
-        raise ValueError(f'movie: output: got {output}; its name must end in .gif or .mp4: choose one')
+        raise ValueError(
+            f'movie: output: got {output}; its name must end in .gif or .mp4: choose one')
     trajectory = _read(name)
     if not len(trajectory):
         raise ValueError(f'movie: {name}: it has no frames; there is nothing to draw: run longer')
@@ -141,12 +150,23 @@ def movie(file, output=None, context=None, radii=None, view=(20, -60), wrap=True
     chosen = range(0, len(trajectory), every)
     positions = trajectory.positions._value
     blobs = _freeBlobs(trajectory)
-    boxes = [None if trajectory.boxVectors is None else trajectory.boxVectors._value[k] for k in chosen]
-    if isinstance(trajectory, BodyStates) and context is not None and not context.getSystem().usesPeriodicBoundaryConditions():
+    boxes = [
+        None if trajectory.boxVectors is None else trajectory.boxVectors._value[k] for k in chosen
+    ]
+    if isinstance(
+            trajectory, BodyStates
+    ) and context is not None and not context.getSystem().usesPeriodicBoundaryConditions():
         boxes = [None]*len(boxes)
-    frames = [scene.frame(positions[k], trajectory.orientations[k], blobs[k], box if wrap else None) for k, box in zip(chosen, boxes)]
-    picture = _Picture(_view(view, 'movie'), _givenWalls(walls) if walls is not None else [] if context is None else _walls(context.getSystem()), frames, boxes)
-    _write(picture, scene, frames, boxes, trajectory.time._value[::every], output, framesPerSecond, width, quiet)
+    frames = [
+        scene.frame(positions[k], trajectory.orientations[k], blobs[k], box if wrap else None)
+        for k, box in zip(chosen, boxes)
+    ]
+    picture = _Picture(
+        _view(view, 'movie'),
+        _givenWalls(walls) if walls is not None else
+        [] if context is None else _walls(context.getSystem()), frames, boxes)
+    _write(picture, scene, frames, boxes, trajectory.time._value[::every], output, framesPerSecond,
+           width, quiet)
     return output
 
 
@@ -157,13 +177,17 @@ def _write(picture, scene, frames, boxes, times, output, framesPerSecond, width,
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     if output.endswith('.mp4') and not animation.FFMpegWriter.isAvailable():
-        raise ValueError(f'movie: output: {output} needs the program ffmpeg, which is not installed: install it, or give a name that ends in .gif')
+        raise ValueError(
+            f'movie: output: {output} needs the program ffmpeg, which is not installed: install '
+            f'it, or give a name that ends in .gif')
     figure = Figure(figsize=(width, width*picture.aspect), dpi=100)
     FigureCanvasAgg(figure)
     ax = picture.axes(figure.add_axes((0, 0, 1, 1)))
-    writer = (animation.PillowWriter if output.endswith('.gif') else animation.FFMpegWriter)(fps=framesPerSecond)
+    writer = (animation.PillowWriter if output.endswith('.gif') else animation.FFMpegWriter)(
+        fps=framesPerSecond)
     with writer.saving(figure, output, 100):
-        for frame, box, time in tqdm.tqdm(list(zip(frames, boxes, times)), desc='Frames', disable=quiet):
+        for frame, box, time in tqdm.tqdm(list(zip(frames, boxes, times)), desc='Frames',
+                                          disable=quiet):
             ax.clear()
             picture.axes(ax)
             picture.draw(ax, scene, frame, box)
@@ -181,8 +205,10 @@ def _read(name):
         try:
             return readH5md(name)
         except ValueError as asH5md:
-            raise ValueError(f'movie: {name}: it must be a file of GsdReporter, whose name ends in .gsd, of H5mdReporter or of RigidBodyReporter; '
-                             f'as the second: {asH5md}; as the third: {asStates}') from None
+            raise ValueError(
+                f'movie: {name}: it must be a file of GsdReporter, whose name ends in .gsd, of '
+                f'H5mdReporter or of RigidBodyReporter; '
+                f'as the second: {asH5md}; as the third: {asStates}') from None
 
 
 def _sceneOf(trajectory, context, radii):
@@ -197,7 +223,9 @@ def _sceneOf(trajectory, context, radii):
     if context is not None and (sites is None or known is None):
         bodies = BodyDefinitions(CustomRigidHIIntegrator.cast(context.getIntegrator()))
         if len(bodies) != count:
-            raise ValueError(f'movie: context: it has {len(bodies)} bodies, the file {count}; these must be the same: give the Context of the file')
+            raise ValueError(
+                f'movie: context: it has {len(bodies)} bodies, the file {count}; these must be the '
+                f'same: give the Context of the file')
         each = _radii(context.getSystem(), None, 'movie')
         sites, known = bodies.sites, [each[particles] for particles in bodies.particles]
     if sites is None:
@@ -208,8 +236,11 @@ def _sceneOf(trajectory, context, radii):
             radii = np.full(total, _units.number(radii, _units.LENGTH, 'movie', 'radii'))
         radii = np.array(_units.perSite(radii, _units.LENGTH, total, 'movie', 'radii'))
         known = np.split(radii, np.cumsum([len(each) for each in sites])[:-1])
-    scene = _Scene(sites, known or [np.zeros(len(each)) for each in sites], getattr(trajectory, 'types', None))
-    scene.setFree(np.zeros(0) if getattr(trajectory, 'blobBodies', None) is None else trajectory.blobRadii._value[trajectory.blobBodies < 0])
+    scene = _Scene(sites, known or [np.zeros(len(each)) for each in sites],
+                   getattr(trajectory, 'types', None))
+    scene.setFree(
+        np.zeros(0) if getattr(trajectory, 'blobBodies', None) is None else trajectory.blobRadii.
+        _value[trajectory.blobBodies < 0])
     return scene
 
 
@@ -248,25 +279,33 @@ def _givenWalls(walls):
     result = []
     for wall in walls:
         if not (isinstance(wall, (tuple, list)) and len(wall) == 2 and wall[0] in ('x', 'y', 'z')):
-            raise ValueError(f"movie: walls: got {wall}; a wall must be an axis and a place, such as ('z', 0): correct it")
-        result.append(('xyz'.index(wall[0]), _units.number(wall[1], _units.LENGTH, 'movie', 'walls')))
+            raise ValueError(
+                f"movie: walls: got {wall}; a wall must be an axis and a place, such as ('z', 0): "
+                f"correct it")
+        result.append(('xyz'.index(wall[0]), _units.number(wall[1], _units.LENGTH, 'movie',
+                                                           'walls')))
     return result
 
 
 def _view(view, where):
     """The axes of the picture, right, up and towards the viewer, as rows."""
     try:
-        elevation, azimuth = (np.radians(_units.number(angle, _units.NONE, where, 'view')) for angle in view)
+        elevation, azimuth = (np.radians(_units.number(angle, _units.NONE, where, 'view'))
+                              for angle in view)
     except (TypeError, ValueError):
-        raise ValueError(f'{where}: view: got {view}; it must be elevation and azimuth in degrees, such as (20, -60): correct it') from None
-    toViewer = np.array([np.cos(elevation)*np.cos(azimuth), np.cos(elevation)*np.sin(azimuth), np.sin(elevation)])
+        raise ValueError(
+            f'{where}: view: got {view}; it must be elevation and azimuth in degrees, such as (20, '
+            f'-60): correct it') from None
+    toViewer = np.array(
+        [np.cos(elevation)*np.cos(azimuth),
+         np.cos(elevation)*np.sin(azimuth),
+         np.sin(elevation)])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0])
     return np.stack([right, np.cross(toViewer, right), toViewer])
 
 
 class _Scene:
     """What does not move: sites and radii of bodies, colours."""
-
     def __init__(self, sites, radii, types=None):
         self.sites = np.concatenate([np.zeros((0, 3)), *sites])
         self.radii = np.concatenate([np.zeros(0), *radii])
@@ -274,7 +313,8 @@ class _Scene:
         self.owners = np.repeat(np.arange(len(sites)), counts)
         ofBodies = self._colours(counts, types)
         colours = ofBodies[self.owners]
-        # Bodies of several sites are light and dark; where all sites have one x there is nothing to tell apart.
+        # Bodies of several sites are light and dark; where all sites have one x there is nothing to
+        # tell apart.
         dark = np.zeros(len(self.sites), dtype=bool)
         first = np.cumsum(np.concatenate([[0], counts]))
         for a, b in zip(first[:-1], first[1:]):
@@ -304,15 +344,18 @@ class _Scene:
 
     def frame(self, positions, orientations, free, box):
         """Everything that moves: (centres of sites and free particles, rotation matrices of bodies); in the box, if one is given."""
-        positions, free = (_wrapped(np.asarray(each, dtype=float).reshape(-1, 3), box) for each in (positions, free))
-        turns = rotationMatrices(np.asarray(orientations, dtype=float)) if len(orientations) else np.zeros((0, 3, 3))
-        centres = np.einsum('mij,mj->mi', turns[self.owners], self.sites) + positions[self.owners] if len(self.sites) else np.zeros((0, 3))
+        positions, free = (_wrapped(np.asarray(each, dtype=float).reshape(-1, 3), box)
+                           for each in (positions, free))
+        turns = rotationMatrices(np.asarray(
+            orientations, dtype=float)) if len(orientations) else np.zeros((0, 3, 3))
+        centres = np.einsum('mij,mj->mi', turns[self.owners],
+                            self.sites) + positions[self.owners] if len(self.sites) else np.zeros(
+                                (0, 3))
         return np.concatenate([centres, free]), turns
 
 
 class _Picture:
     """A view from far away with limits that hold all frames."""
-
     def __init__(self, axes, walls, frames, boxes):
         self.view, self.walls = axes, walls
         points = np.concatenate([frame[0] for frame in frames])
@@ -325,14 +368,16 @@ class _Picture:
         size = max((self.upper - self.lower).max(), 1e-9)
         self.margin = 0.08*size
         for axis, place in walls:
-            self.lower[axis], self.upper[axis] = min(self.lower[axis], place), max(self.upper[axis], place)
+            self.lower[axis], self.upper[axis] = min(self.lower[axis],
+                                                     place), max(self.upper[axis], place)
         self.points = points
         self.limits = None
 
     def _setLimits(self, scene):
         reach = max(scene.radii.max(initial=0), scene.freeRadii.max(initial=0)) + self.margin
         corners = _corners(np.diag(self.upper - self.lower)) + self.lower
-        flat = np.concatenate([self.points, corners] if self.walls else [self.points]) @ self.view[:2].T
+        flat = np.concatenate(
+            [self.points, corners] if self.walls else [self.points]) @ self.view[:2].T
         self.limits = flat.min(axis=0) - reach, flat.max(axis=0) + reach
 
     @property
@@ -373,7 +418,8 @@ class _Picture:
                 a, b = getattr(self, low)[k] - self.margin, getattr(self, high)[k] + self.margin
                 corners[:, k] = (a, b, b, a) if k == others[0] else (a, a, b, b)
             flat = corners @ self.view[:2].T
-            ax.fill(flat[:, 0], flat[:, 1], facecolor='#d9d2c5', edgecolor='#8c8375', alpha=0.6, linewidth=1, zorder=0)
+            ax.fill(flat[:, 0], flat[:, 1], facecolor='#d9d2c5', edgecolor='#8c8375', alpha=0.6,
+                    linewidth=1, zorder=0)
 
     def _drawBox(self, ax, box):
         from matplotlib.collections import LineCollection
@@ -384,7 +430,8 @@ class _Picture:
                 for b in (0, 1):
                     start = a*box[i] + b*box[j]
                     lines.append(np.array([start, start + box[k]]) @ self.view[:2].T)
-        ax.add_collection(LineCollection(lines, colors='0.45', linewidths=0.8, zorder=1), autolim=False)
+        ax.add_collection(LineCollection(lines, colors='0.45', linewidths=0.8, zorder=1),
+                          autolim=False)
 
     def _drawSpheres(self, ax, scene, frame):
         from matplotlib.collections import EllipseCollection
@@ -398,9 +445,12 @@ class _Picture:
         places, radii, colours = places[order], radii[order], colours[order]
         position = np.empty(len(order), dtype=int)
         position[order] = np.arange(len(order))
-        # Of each sphere a dark rim, its colour, and light from one side: discs, one within the other.
-        discs = [(places[:, :2] + shift*radii[:, None]*_LIGHT[:2], size*radii, size*radii, np.zeros(len(radii)), np.clip(colours*factor + white, 0, 1))
-                 for shift, size, factor, white in ((0, 1, 0.55, 0), (0.04, 0.95, 1, 0), (0.22, 0.62, 0.9, 0.1), (0.38, 0.3, 0.7, 0.3))]
+        # Of each sphere a dark rim, its colour, and light from one side: discs, one within the
+        # other.
+        discs = [(places[:, :2] + shift*radii[:, None]*_LIGHT[:2], size*radii, size*radii,
+                  np.zeros(len(radii)), np.clip(colours*factor + white, 0, 1))
+                 for shift, size, factor, white in ((0, 1, 0.55, 0), (0.04, 0.95, 1, 0),
+                                                    (0.22, 0.62, 0.9, 0.1), (0.38, 0.3, 0.7, 0.3))]
         ranks = [np.arange(len(radii)) + part/8 for part in range(len(discs))]
         for column, colour in ((0, (1, 1, 1)), (2, (0, 0, 0))):
             disc, rank = self._marks(scene, turns, column, colour, places, radii, position)
@@ -408,8 +458,10 @@ class _Picture:
             ranks.append(rank)
         xy, wide, high, angle, colour = (np.concatenate(parts) for parts in zip(*discs))
         sequence = np.argsort(np.concatenate(ranks), kind='stable')
-        ax.add_collection(EllipseCollection(2*wide[sequence], 2*high[sequence], angle[sequence], units='xy', offsets=xy[sequence],
-                                            facecolors=colour[sequence], linewidths=0, transOffset=ax.transData, zorder=2), autolim=False)
+        ax.add_collection(
+            EllipseCollection(2*wide[sequence], 2*high[sequence], angle[sequence], units='xy',
+                              offsets=xy[sequence], facecolors=colour[sequence], linewidths=0,
+                              transOffset=ax.transData, zorder=2), autolim=False)
 
     def _marks(self, scene, turns, column, colour, places, radii, position):
         """Discs where an axis of the bodies that are one sphere leaves it, if that is on the side of the viewer."""
@@ -422,7 +474,8 @@ class _Picture:
         size = inside*np.sin(_MARK_ANGLE)
         xy = places[at, :2] + inside[:, None]*np.cos(_MARK_ANGLE)*directions[:, :2]
         angle = np.degrees(np.arctan2(directions[:, 1], directions[:, 0]))
-        return (xy, size*directions[:, 2], size, angle, np.tile(np.array(colour, dtype=float), (len(at), 1))), at + 7/8
+        return (xy, size*directions[:, 2], size, angle,
+                np.tile(np.array(colour, dtype=float), (len(at), 1))), at + 7/8
 
     def _drawAxes(self, ax):
         """The lab's axes in a corner."""
@@ -433,8 +486,10 @@ class _Picture:
             end = length*self.view[:2, k]
             if np.hypot(*end) < 0.15*length:
                 continue
-            ax.annotate('', origin + end, origin, arrowprops={'arrowstyle': '->', 'color': '0.3', 'linewidth': 0.8}, zorder=3)
-            ax.text(*(origin + 1.35*end), name, color='0.3', ha='center', va='center', fontsize='small', zorder=3)
+            ax.annotate('', origin + end, origin,
+                        arrowprops={'arrowstyle': '->', 'color': '0.3', 'linewidth': 0.8}, zorder=3)
+            ax.text(*(origin + 1.35*end), name, color='0.3', ha='center', va='center',
+                    fontsize='small', zorder=3)
 
 
 def _wrapped(positions, box):
@@ -446,4 +501,5 @@ def _wrapped(positions, box):
 
 def _corners(vectors):
     """The eight corners of a box at the origin."""
-    return np.array([[a, b, c] for a in (0, 1) for b in (0, 1) for c in (0, 1)]) @ np.asarray(vectors, dtype=float)
+    return np.array([[a, b, c] for a in (0, 1) for b in (0, 1)
+                     for c in (0, 1)]) @ np.asarray(vectors, dtype=float)

@@ -2,18 +2,18 @@
 
 What is written (n bodies, m blobs; single precision but for times):
 
-    application                            "openmm-rigidhi <version>; nm, ps, dalton": the units of the file
-    configuration/step, box
-    particles/position, image              bodies' origins, wrapped into the box centred at 0, and the images that unwrap them; then blobs
-    particles/orientation                  unit quaternions (w, x, y, z), body frame to lab frame
-    particles/types, typeid, type_shapes   types of bodies, drawn as unions of their spheres
-    particles/mass, moment_inertia         dalton, dalton nm^2 about the body axes
-    particles/diameter, body               with blobs: body is each body's own index, that of its body for a blob, -1 for a free one
-    particles/velocity, angmom             if wanted: nm/ps, and HOOMD's quaternion 2 q (0, L_body)
-    log/openmmrigidhi/time_ps              double
-    log/openmmrigidhi/periodic             0 or 1
+    application                            "openmm-rigidhi <version>; nm, ps, dalton": the units of
+    the file configuration/step, box particles/position, image              bodies' origins, wrapped
+    into the box centred at 0, and the images that unwrap them; then blobs particles/orientation
+    unit quaternions (w, x, y, z), body frame to lab frame particles/types, typeid, type_shapes
+    types of bodies, drawn as unions of their spheres particles/mass, moment_inertia         dalton,
+    dalton nm^2 about the body axes particles/diameter, body               with blobs: body is each
+    body's own index, that of its body for a blob, -1 for a free one particles/velocity, angmom
+    if wanted: nm/ps, and HOOMD's quaternion 2 q (0, L_body) log/openmmrigidhi/time_ps
+    double log/openmmrigidhi/periodic             0 or 1
 
-Without periodic boundaries the box is a cube about the origin, with an edge that is a power of 2 nm, large enough for all that is in it.
+Without periodic boundaries the box is a cube about the origin, with an edge that is a power of 2
+nm, large enough for all that is in it.
 """
 import os
 
@@ -38,13 +38,15 @@ class GsdReporter(BodyReporter):
     reportInterval : int
         number of steps between frames
     append : bool
-        continue an existing file of as many bodies and blobs of the same types. Frames at or after the step of the first new one are
-        dropped, by copying the others, so that a run that is resumed from a checkpoint leaves the file of the uninterrupted run. A file
-        that does not exist is created. Without append an existing file is replaced.
+        continue an existing file of as many bodies and blobs of the same types. Frames at or after
+        the step of the first new one are dropped, by copying the others, so that a run that is
+        resumed from a checkpoint leaves the file of the uninterrupted run. A file that does not
+        exist is created. Without append an existing file is replaced.
     velocities : bool
         also write velocities and angular momenta
     blobs : bool
-        also write the hydrodynamic particles as particles, which are then what is drawn. Without, bodies are drawn as unions of spheres
+        also write the hydrodynamic particles as particles, which are then what is drawn. Without,
+        bodies are drawn as unions of spheres
     types : sequence of str, optional
         a name of the type of each body; None: bodies of equal sites and radii are body0, body1, ...
     radii : sequence or Quantity of shape (particles of the System,), optional
@@ -55,15 +57,16 @@ class GsdReporter(BodyReporter):
     ImportError
         without the package gsd
     TypeError, ValueError
-        for bad arguments; at the first report also if types or radii do not fit the bodies, or the file to continue holds others
+        for bad arguments; at the first report also if types or radii do not fit the bodies, or the
+        file to continue holds others
 
     Notes
     -----
     The file is closed between reports, and its index is written after the data: it can be read while the run goes on, and whenever the run
     is killed it holds all frames that were finished. A report takes about a millisecond.
     """
-
-    def __init__(self, file, reportInterval, append=False, velocities=False, blobs=False, types=None, radii=None):
+    def __init__(self, file, reportInterval, append=False, velocities=False, blobs=False,
+                 types=None, radii=None):
         super().__init__(file, reportInterval, append)
         _gsd()
         self._velocities = _units.boolean(velocities, self._name, 'velocities')
@@ -72,10 +75,13 @@ class GsdReporter(BodyReporter):
         self._types, self._radii = types, radii
 
     def _start(self, simulation, integrator):
-        self._scene = BodyScene(integrator, simulation.system, self._types, self._radii, self._blobs, self._name)
+        self._scene = BodyScene(integrator, simulation.system, self._types, self._radii,
+                                self._blobs, self._name)
         self._constants = _constants(self._scene)
         # How far sites reach beyond the origins.
-        self._reach = max([float(np.linalg.norm(sites, axis=1).max(initial=0)) for sites in self._scene.sites] + [0.0])
+        self._reach = max(
+            [float(np.linalg.norm(sites, axis=1).max(initial=0))
+             for sites in self._scene.sites] + [0.0])
         self._reach += float(self._scene.radii.max(initial=0))
         if self._continues():
             self._resume(simulation.currentStep)
@@ -97,9 +103,12 @@ class GsdReporter(BodyReporter):
         particles.position, particles.image = _wrap(R, box)
         particles.orientation = self._padded(q, (1, 0, 0, 0))
         if self._velocities:
-            v, omega = integrator.getBodyVelocities()._value, integrator.getBodyAngularVelocities()._value
+            v, omega = integrator.getBodyVelocities()._value, integrator.getBodyAngularVelocities(
+            )._value
             momenta = self._scene.moments*rotate(conjugate(q), omega)
-            particles.angmom = self._padded(2*product(q, np.concatenate([np.zeros((len(q), 1)), momenta], axis=1)), (0, 0, 0, 0))
+            particles.angmom = self._padded(
+                2*product(q, np.concatenate([np.zeros((len(q), 1)), momenta], axis=1)),
+                (0, 0, 0, 0))
             if self._blobs:
                 v = np.concatenate([v, state.getVelocities(asNumpy=True)._value[self._scene.blobs]])
             particles.velocity = v
@@ -132,13 +141,22 @@ class GsdReporter(BodyReporter):
         bodies = _bodiesOf(there)
         count, blobs = len(self._scene), len(self._scene.blobs)
         if len(bodies) != count or there.N - len(bodies) != blobs:
-            raise ValueError(f'{self._name}: {self._file}: it holds {len(bodies)} bodies and {there.N - len(bodies)} blobs, what is to be '
-                             f'appended {count} and {blobs}; every frame must have as many: use the same options, or write to another file')
-        for name, wanted in (('types', self._constants['types']), ('typeid', self._constants['typeid'].tolist())):
-            found = [entry if isinstance(entry, str) else int(entry) for entry in getattr(there, name)]
+            raise ValueError(
+                f'{self._name}: {self._file}: it holds {len(bodies)} bodies and '
+                f'{there.N - len(bodies)} blobs, what is to be '
+                f'appended {count} and {blobs}; every frame must have as many: use the same '
+                f'options, or write to another file')
+        for name, wanted in (('types', self._constants['types']),
+                             ('typeid', self._constants['typeid'].tolist())):
+            found = [
+                entry if isinstance(entry, str) else int(entry) for entry in getattr(there, name)
+            ]
             if found != list(wanted):
-                raise ValueError(f'{self._name}: {self._file}: {name} is {found}, what is to be appended has {list(wanted)}; bodies must be '
-                                 'of the same types in the same order: give those types, or write to another file')
+                raise ValueError(
+                    f'{self._name}: {self._file}: {name} is {found}, what is to be appended has '
+                    f'{list(wanted)}; bodies must be '
+                    'of the same types in the same order: give those types, or write to another '
+                    'file')
 
 
 def readGsd(file, stepSize=None):
@@ -154,14 +172,16 @@ def readGsd(file, stepSize=None):
     Returns
     -------
     Trajectory
-        lengths, times and masses are taken to be in nm, ps and dalton. Angular velocities are zero about axes without inertia
+        lengths, times and masses are taken to be in nm, ps and dalton. Angular velocities are zero
+        about axes without inertia
 
     Raises
     ------
     ImportError
         without the package gsd
     ValueError
-        if the file has no frames or no times, if the number of particles changes, if it is no GSD file of schema "hoomd", or if it is damaged
+        if the file has no frames or no times, if the number of particles changes, if it is no GSD
+        file of schema "hoomd", or if it is damaged
     """
     if stepSize is not None:
         stepSize = _units.number(stepSize, _units.TIME, 'readGsd', 'stepSize')
@@ -174,40 +194,52 @@ def _readTrajectory(file, stepSize):
     with _open(os.fspath(file), 'r') as handle:
         _checkSizes(handle.file, file)
         if len(handle) == 0:
-            raise ValueError(f'readGsd: {file}: it has no frames; there is nothing to read: run longer')
+            raise ValueError(
+                f'readGsd: {file}: it has no frames; there is nothing to read: run longer')
         first = handle[0]
         if stepSize is None and _TIME not in first.log:
-            raise ValueError(f'readGsd: {file}: it holds steps, but no times; these must be known: give stepSize')
+            raise ValueError(
+                f'readGsd: {file}: it holds steps, but no times; these must be known: give stepSize'
+            )
         bodies = _bodiesOf(first.particles)
         columns = [_readFrame(frame, first, bodies, k, file) for k, frame in enumerate(handle)]
     names = ('step', 'time', 'box', 'R', 'q', 'v', 'omega')
-    step, time, box, R, q, v, omega = (np.array([column[name] for column in columns]) for name in names)
+    step, time, box, R, q, v, omega = (np.array([column[name] for column in columns])
+                                       for name in names)
     if stepSize is not None:
         time = step*stepSize
     particles = first.particles
     blobs = np.setdiff1d(np.arange(particles.N), bodies)
     moves = v.any() or omega.any()
-    return Trajectory(_units.TIME.attach(time), step, _units.LENGTH.attach(R[:, bodies]), q,
-                      _units.VELOCITY.attach(v) if moves else None, _units.ANGULAR_VELOCITY.attach(omega) if moves else None,
-                      _units.LENGTH.attach(box) if _isPeriodic(first) else None,
-                      [particles.types[k] for k in particles.typeid[bodies]],
-                      _units.LENGTH.attach(R[:, blobs]) if len(blobs) else None,
-                      _units.LENGTH.attach(particles.diameter[blobs].astype(float)/2) if len(blobs) else None,
-                      particles.body[blobs] if len(blobs) else None, *_sites(particles, bodies, blobs, R[0], q[0]))
+    return Trajectory(
+        _units.TIME.attach(time), step, _units.LENGTH.attach(R[:, bodies]), q,
+        _units.VELOCITY.attach(v) if moves else None,
+        _units.ANGULAR_VELOCITY.attach(omega) if moves else None,
+        _units.LENGTH.attach(box) if _isPeriodic(first) else None,
+        [particles.types[k] for k in particles.typeid[bodies]],
+        _units.LENGTH.attach(R[:, blobs]) if len(blobs) else None,
+        _units.LENGTH.attach(particles.diameter[blobs].astype(float)/2) if len(blobs) else None,
+        particles.body[blobs] if len(blobs) else None, *_sites(particles, bodies, blobs, R[0],
+                                                               q[0]))
 
 
 def _sites(particles, bodies, blobs, R, q):
     """Sites and radii of each body: its constituents, or its type's shape where all types have one that is made of spheres."""
     if len(blobs):
         members = [blobs[particles.body[blobs] == body] for body in bodies]
-        sites = [rotate(conjugate(q[k:k + 1]), R[each] - R[body]) for k, (body, each) in enumerate(zip(bodies, members))]
+        sites = [
+            rotate(conjugate(q[k:k + 1]), R[each] - R[body])
+            for k, (body, each) in enumerate(zip(bodies, members))
+        ]
         radii = [particles.diameter[each].astype(float)/2 for each in members]
     else:
         shapes = [_spheresOf(shape) for shape in particles.type_shapes or []]
-        if len(shapes) < len(particles.types) or any(shapes[k] is None for k in particles.typeid[bodies]):
+        if len(shapes) < len(particles.types) or any(shapes[k] is None
+                                                     for k in particles.typeid[bodies]):
             return None, None
         sites, radii = zip(*(shapes[k] for k in particles.typeid[bodies]))
-    return [_units.LENGTH.attach(each) for each in sites], [_units.LENGTH.attach(each) for each in radii]
+    return [_units.LENGTH.attach(each)
+            for each in sites], [_units.LENGTH.attach(each) for each in radii]
 
 
 def _spheresOf(shape):
@@ -223,7 +255,8 @@ def _readFrame(frame, first, bodies, k, file):
     """One frame in double precision, positions unwrapped."""
     particles = frame.particles
     if particles.N != first.particles.N:
-        raise ValueError(f'readGsd: {file}: frame {k} has {particles.N} particles, frame 0 has {first.particles.N}; their number must not '
+        raise ValueError(f'readGsd: {file}: frame {k} has {particles.N} particles, frame 0 has '
+                         f'{first.particles.N}; their number must not '
                          'change: split the file')
     box = _vectors(frame.configuration.box)
     q, angmom = particles.orientation[bodies].astype(float), particles.angmom[bodies].astype(float)
@@ -231,9 +264,13 @@ def _readFrame(frame, first, bodies, k, file):
     moments = particles.moment_inertia[bodies].astype(float)
     momenta = 0.5*product(conjugate(q), angmom)[:, 1:]
     spins = np.divide(momenta, moments, out=np.zeros_like(momenta), where=moments > 0)
-    return {'step': int(frame.configuration.step), 'time': float(frame.log[_TIME][0]) if _TIME in frame.log else 0.0, 'box': box,
-            'R': particles.position.astype(float) + (particles.image @ box if _isPeriodic(first) else 0), 'q': q,
-            'v': particles.velocity[bodies].astype(float), 'omega': rotate(q, spins)}
+    return {
+        'step': int(frame.configuration.step),
+        'time': float(frame.log[_TIME][0]) if _TIME in frame.log else 0.0, 'box': box,
+        'R': particles.position.astype(float) +
+        (particles.image @ box if _isPeriodic(first) else 0), 'q': q,
+        'v': particles.velocity[bodies].astype(float), 'omega': rotate(q, spins)
+    }
 
 
 def _isPeriodic(frame):
@@ -244,7 +281,8 @@ def _isPeriodic(frame):
 def _bodiesOf(particles):
     """Indices of particles that are bodies: all, or where HOOMD's "body" tells constituents, the central ones."""
     body = np.asarray(particles.body)
-    return np.flatnonzero(body == np.arange(len(body))) if np.any(body >= 0) else np.arange(len(body))
+    return np.flatnonzero(body == np.arange(len(body))) if np.any(
+        body >= 0) else np.arange(len(body))
 
 
 def _constants(scene):
@@ -256,12 +294,16 @@ def _constants(scene):
     count = len(scene)
     return {
         'types': scene.typeNames + [f'{_BLOB}{k}' for k in range(len(radii))],
-        'typeid': np.concatenate([scene.typeIndices, len(scene.typeNames) + np.searchsorted(radii, scene.radii[scene.blobs])]),
-        'type_shapes': shapes + [{'type': 'Sphere', 'diameter': float(2*radius)} for radius in radii],
+        'typeid': np.concatenate([
+            scene.typeIndices,
+            len(scene.typeNames) + np.searchsorted(radii, scene.radii[scene.blobs])
+        ]), 'type_shapes': shapes + [{'type': 'Sphere', 'diameter': float(2*radius)}
+                                     for radius in radii],
         'mass': np.concatenate([scene.masses, np.zeros(len(scene.blobs))]),
-        'moment_inertia': np.concatenate([scene.moments, np.zeros((len(scene.blobs), 3))]),
-        'diameter': 2*np.concatenate([largest, scene.radii[scene.blobs]]),
-        'body': np.concatenate([np.arange(count), scene.blobBodies]) if len(scene.blobs) else np.full(count, -1),
+        'moment_inertia': np.concatenate([scene.moments,
+                                          np.zeros((len(scene.blobs), 3))]),
+        'diameter': 2*np.concatenate([largest, scene.radii[scene.blobs]]), 'body': np.concatenate(
+            [np.arange(count), scene.blobBodies]) if len(scene.blobs) else np.full(count, -1),
     }
 
 
@@ -304,7 +346,8 @@ def _gsd():
     try:
         import gsd.hoomd
     except ImportError as error:
-        raise ImportError(f'GSD files need the Python package gsd ({error}); install the Debian package python3-gsd, or use H5mdReporter') \
+        raise ImportError(f'GSD files need the Python package gsd ({error}); install the Debian '
+                          f'package python3-gsd, or use H5mdReporter') \
             from error
     return gsd.hoomd
 
@@ -316,8 +359,9 @@ def _open(name, mode):
     # Version 3 renamed the modes.
     version = getattr(gsd, '__version__', None) or gsd.version.version
     mode = mode if int(version.split('.')[0]) >= 3 else {'r': 'rb', 'r+': 'rb+', 'w': 'wb'}[mode]
-    file = gsd.fl.open(name=name, mode=mode, application=f'openmm-rigidhi {_loading.version}; nm, ps, dalton', schema=_SCHEMA,
-                         schema_version=_SCHEMA_VERSION)
+    file = gsd.fl.open(name=name, mode=mode,
+                       application=f'openmm-rigidhi {_loading.version}; nm, ps, dalton',
+                       schema=_SCHEMA, schema_version=_SCHEMA_VERSION)
     return hoomd.HOOMDTrajectory(file)
 
 
@@ -328,7 +372,8 @@ def _checkSizes(file, name):
             continue
         count = int(file.read_chunk(frame=k, name='particles/N')[0])
         if count > os.path.getsize(name):
-            raise ValueError(f'readGsd: {name}: frame {k} has {count} particles; in a file of {os.path.getsize(name)} bytes there is no room '
+            raise ValueError(f'readGsd: {name}: frame {k} has {count} particles; in a file of '
+                             f'{os.path.getsize(name)} bytes there is no room '
                              'for them: the file is damaged, restore it from a copy')
 
 

@@ -1,20 +1,22 @@
 """Trajectories of rigid bodies as H5MD 1.1 files, which other programs read.
 
-H5MD is a layout of HDF5 files (de Buyl, Colberg, Hoefling, Comput. Phys. Commun. 185, 1546 (2014), nongnu.org/h5md). What is written, with its
-module "units" (n bodies, T frames, s sites in all bodies, m blobs; doubles unless said otherwise; the unit of each data set is its attribute
-"unit"; every element that changes with time is a group of step, time and value, whose step and time are the same data sets everywhere):
+H5MD is a layout of HDF5 files (de Buyl, Colberg, Hoefling, Comput. Phys. Commun. 185, 1546 (2014),
+nongnu.org/h5md). What is written, with its module "units" (n bodies, T frames, s sites in all
+bodies, m blobs; doubles unless said otherwise; the unit of each data set is its attribute "unit";
+every element that changes with time is a group of step, time and value, whose step and time are the
+same data sets everywhere):
 
-    /h5md                                  attributes and groups that H5MD demands; author, creator, module units
-    /particles/bodies/box                  dimension, boundary; edges (T, 3, 3) nm, rows a, b, c, if the System is periodic
-    /particles/bodies/position             (T, n, 3)  nm, of the bodies' origins, unwrapped
-    /particles/bodies/orientation          (T, n, 4)  unit quaternions (w, x, y, z), body frame to lab frame
-    /particles/bodies/velocity             (T, n, 3)  nm ps-1, if wanted
-    /particles/bodies/angular_velocity     (T, n, 3)  rad ps-1, lab frame, if wanted
-    /particles/bodies/species              (n,) enumeration of the names of types
-    /particles/bodies/mass                 (n,)       u
-    /particles/bodies/principal_moments    (n, 3)     u nm+2, about the body axes
-    /particles/blobs                       if wanted: box, position (T, m, 3), radius (m,) nm, body (m,) int, -1 for free particles
-    /parameters/bodies                     particle (s,) int, site_position (s, 3) nm, site_radius (s,) nm, first_site (n+1,) int
+    /h5md                                  attributes and groups that H5MD demands; author, creator,
+    module units /particles/bodies/box                  dimension, boundary; edges (T, 3, 3) nm,
+    rows a, b, c, if the System is periodic /particles/bodies/position             (T, n, 3)  nm, of
+    the bodies' origins, unwrapped /particles/bodies/orientation          (T, n, 4)  unit
+    quaternions (w, x, y, z), body frame to lab frame /particles/bodies/velocity             (T, n,
+    3)  nm ps-1, if wanted /particles/bodies/angular_velocity     (T, n, 3)  rad ps-1, lab frame, if
+    wanted /particles/bodies/species              (n,) enumeration of the names of types
+    /particles/bodies/mass                 (n,)       u /particles/bodies/principal_moments    (n,
+    3)     u nm+2, about the body axes /particles/blobs                       if wanted: box,
+    position (T, m, 3), radius (m,) nm, body (m,) int, -1 for free particles /parameters/bodies
+    particle (s,) int, site_position (s, 3) nm, site_radius (s,) nm, first_site (n+1,) int
 
 H5MD 1.1 has no name for orientations; "orientation" is that of its proposal 104.
 """
@@ -30,9 +32,11 @@ _VERSION = (1, 1)
 _UNITS_VERSION = (1, 0)
 _BODIES, _BLOBS = 'bodies', 'blobs'
 #: Symbols of H5MD's unit strings that we know: power of length, power of time, value in nm and ps.
-_SYMBOLS = {'m': (1, 0, 1e9), 'mm': (1, 0, 1e6), 'um': (1, 0, 1e3), 'nm': (1, 0, 1.0), 'pm': (1, 0, 1e-3), 'Ang': (1, 0, 0.1),
-            'Angstrom': (1, 0, 0.1), 's': (0, 1, 1e12), 'ms': (0, 1, 1e9), 'us': (0, 1, 1e6), 'ns': (0, 1, 1e3), 'ps': (0, 1, 1.0),
-            'fs': (0, 1, 1e-3), 'rad': (0, 0, 1.0)}
+_SYMBOLS = {
+    'm': (1, 0, 1e9), 'mm': (1, 0, 1e6), 'um': (1, 0, 1e3), 'nm': (1, 0, 1.0), 'pm': (1, 0, 1e-3),
+    'Ang': (1, 0, 0.1), 'Angstrom': (1, 0, 0.1), 's': (0, 1, 1e12), 'ms': (0, 1, 1e9),
+    'us': (0, 1, 1e6), 'ns': (0, 1, 1e3), 'ps': (0, 1, 1.0), 'fs': (0, 1, 1e-3), 'rad': (0, 0, 1.0)
+}
 
 
 class H5mdReporter(Hdf5Reporter):
@@ -45,9 +49,10 @@ class H5mdReporter(Hdf5Reporter):
     reportInterval : int
         number of steps between frames
     append : bool
-        continue an existing file of the same bodies. Frames at or after the step of the first new one are dropped, so that a run that is
-        resumed from a checkpoint leaves the file of the uninterrupted run. A file that does not exist is created. Without append an
-        existing file is replaced.
+        continue an existing file of the same bodies. Frames at or after the step of the first new
+        one are dropped, so that a run that is resumed from a checkpoint leaves the file of the
+        uninterrupted run. A file that does not exist is created. Without append an existing file is
+        replaced.
     velocities : bool
         also write velocities and angular velocities
     blobs : bool
@@ -62,8 +67,8 @@ class H5mdReporter(Hdf5Reporter):
     Raises
     ------
     TypeError, ValueError
-        for bad arguments; at the first report also if types or radii do not fit the bodies, or the file to continue holds other bodies or
-        other data
+        for bad arguments; at the first report also if types or radii do not fit the bodies, or the
+        file to continue holds other bodies or other data
 
     Notes
     -----
@@ -74,7 +79,8 @@ class H5mdReporter(Hdf5Reporter):
 
     _STEPS = f'particles/{_BODIES}/position/step'
 
-    def __init__(self, file, reportInterval, append=False, velocities=False, blobs=False, types=None, radii=None, author=None):
+    def __init__(self, file, reportInterval, append=False, velocities=False, blobs=False,
+                 types=None, radii=None, author=None):
         super().__init__(file, reportInterval, append)
         self._velocities = _units.boolean(velocities, self._name, 'velocities')
         self._needsPositions = self._blobs = _units.boolean(blobs, self._name, 'blobs')
@@ -82,11 +88,14 @@ class H5mdReporter(Hdf5Reporter):
         self._author = _login() if author is None else author
 
     def _describe(self, simulation, integrator):
-        self._scene = BodyScene(integrator, simulation.system, self._types, self._radii, self._blobs, self._name)
+        self._scene = BodyScene(integrator, simulation.system, self._types, self._radii,
+                                self._blobs, self._name)
 
     def _frame(self, simulation, state, integrator):
-        frame = {'bodies/position/value': integrator.getBodyPositions()._value,
-                 'bodies/orientation/value': integrator.getBodyOrientations()}
+        frame = {
+            'bodies/position/value': integrator.getBodyPositions()._value,
+            'bodies/orientation/value': integrator.getBodyOrientations()
+        }
         if self._velocities:
             frame['bodies/velocity/value'] = integrator.getBodyVelocities()._value
             frame['bodies/angular_velocity/value'] = integrator.getBodyAngularVelocities()._value
@@ -94,7 +103,8 @@ class H5mdReporter(Hdf5Reporter):
             for group in (_BODIES, _BLOBS) if self._blobs else (_BODIES,):
                 frame[group + '/box/edges/value'] = state.getPeriodicBoxVectors(asNumpy=True)._value
         if self._blobs:
-            frame['blobs/position/value'] = state.getPositions(asNumpy=True)._value[self._scene.blobs]
+            frame['blobs/position/value'] = state.getPositions(
+                asNumpy=True)._value[self._scene.blobs]
         # Last, because readers go by their length.
         frame['bodies/position/time'] = state.getTime()._value
         frame['bodies/position/step'] = simulation.currentStep
@@ -104,7 +114,7 @@ class H5mdReporter(Hdf5Reporter):
     def _series(file):
         return _timeData(file)
 
-    # ---- Layout ------------------------------------------------------------------------------------------------------
+    # ---- Layout ----------------------------------------------------------------------------------
 
     def _create(self, file):
         import h5py
@@ -113,9 +123,11 @@ class H5mdReporter(Hdf5Reporter):
         root.attrs['version'] = np.array(_VERSION, dtype='i4')
         root.create_group('author').attrs['name'] = _text(self._author)
         creator = root.create_group('creator')
-        creator.attrs['name'], creator.attrs['version'] = _text('openmm-rigidhi'), _text(_loading.version)
+        creator.attrs['name'], creator.attrs['version'] = _text('openmm-rigidhi'), _text(
+            _loading.version)
         units = root.create_group('modules/units')
-        units.attrs['version'], units.attrs['system'] = np.array(_UNITS_VERSION, dtype='i4'), _text('SI')
+        units.attrs['version'], units.attrs['system'] = np.array(_UNITS_VERSION,
+                                                                 dtype='i4'), _text('SI')
         bodies = file.create_group('particles').create_group(_BODIES)
         count = len(scene)
         self._addElement(bodies, 'position', (count, 3), 'nm')
@@ -124,7 +136,8 @@ class H5mdReporter(Hdf5Reporter):
             self._addElement(bodies, 'velocity', (count, 3), 'nm ps-1')
             self._addElement(bodies, 'angular_velocity', (count, 3), 'rad ps-1')
         self._addBox(bodies, scene)
-        species = h5py.enum_dtype({name: k for k, name in enumerate(scene.typeNames)}, basetype='i4')
+        species = h5py.enum_dtype({name: k
+                                   for k, name in enumerate(scene.typeNames)}, basetype='i4')
         bodies.create_dataset('species', data=scene.typeIndices.astype('i4'), dtype=species)
         _constant(bodies, 'mass', scene.masses, 'u')
         _constant(bodies, 'principal_moments', scene.moments, 'u nm+2')
@@ -159,31 +172,48 @@ class H5mdReporter(Hdf5Reporter):
             element['step'], element['time'] = like['step'], like['time']
             return
         element.create_dataset('step', (0,), 'i8', maxshape=(None,), chunks=(1024,))
-        element.create_dataset('time', (0,), 'f8', maxshape=(None,), chunks=(1024,)).attrs['unit'] = _text('ps')
+        element.create_dataset('time', (0,), 'f8', maxshape=(None,),
+                               chunks=(1024,)).attrs['unit'] = _text('ps')
 
     def _checkSame(self, file):
         """A file is continued with the same bodies and the same data."""
         scene = self._scene
         own = file.get('parameters/bodies')
         if own is None or f'particles/{_BODIES}/position' not in file:
-            raise ValueError(f'{self._name}: {self._file}: it has no /parameters/bodies; to append it must be a file of this reporter: '
-                             'write to another file')
+            raise ValueError(
+                f'{self._name}: {self._file}: it has no /parameters/bodies; to append it must be a '
+                f'file of this reporter: '
+                'write to another file')
         first = own['first_site'][:]
         if len(first) != len(scene) + 1 or not np.array_equal(own['particle'][:], scene.members):
-            raise ValueError(f'{self._name}: {self._file}: it is of {len(first) - 1} bodies with {first[-1]} particles, the integrator has '
-                             f'{len(scene)} with {len(scene.members)}; to append they must be the same bodies: write to '
-                             'another file')
-        there = {'velocities': f'particles/{_BODIES}/velocity' in file, 'blobs': f'particles/{_BLOBS}' in file,
-                 'periodic boundaries': f'particles/{_BODIES}/box/edges' in file}
-        wanted = {'velocities': self._velocities, 'blobs': self._blobs, 'periodic boundaries': scene.periodic}
+            raise ValueError(
+                f'{self._name}: {self._file}: it is of {len(first) - 1} bodies with {first[-1]} '
+                f'particles, the integrator has '
+                f'{len(scene)} with {len(scene.members)}; to append they must be the same bodies: '
+                f'write to '
+                'another file')
+        there = {
+            'velocities': f'particles/{_BODIES}/velocity' in file, 'blobs': f'particles/{_BLOBS}'
+            in file, 'periodic boundaries': f'particles/{_BODIES}/box/edges' in file
+        }
+        wanted = {
+            'velocities': self._velocities, 'blobs': self._blobs,
+            'periodic boundaries': scene.periodic
+        }
         for what in there:
             if there[what] != wanted[what]:
-                raise ValueError(f'{self._name}: {self._file}: it has {"" if there[what] else "no "}{what}, what is to be appended has '
-                                 f'{"" if wanted[what] else "none"}; all frames must hold the same data: use the same options, or write to '
-                                 'another file')
+                raise ValueError(
+                    f'{self._name}: {self._file}: it has {"" if there[what] else "no "}{what}, '
+                    f'what is to be appended has '
+                    f'{"" if wanted[what] else "none"}; all frames must hold the same data: use '
+                    f'the same options, or write to '
+                    'another file')
         if self._blobs and len(file['particles'][_BLOBS]['radius']) != len(scene.blobs):
-            raise ValueError(f'{self._name}: {self._file}: it is of {len(file["particles"][_BLOBS]["radius"])} blobs, the System has '
-                             f'{len(scene.blobs)}; all frames must have as many: give the same radii, or write to another file')
+            raise ValueError(
+                f'{self._name}: {self._file}: it is of {len(file["particles"][_BLOBS]["radius"])} '
+                f'blobs, the System has '
+                f'{len(scene.blobs)}; all frames must have as many: give the same radii, or write '
+                f'to another file')
 
 
 def readH5md(file, group=None):
@@ -194,31 +224,38 @@ def readH5md(file, group=None):
     file : str or path
         name of the file
     group : str, optional
-        the group below /particles that is read; None: "bodies", or the only one that has orientations
+        the group below /particles that is read; None: "bodies", or the only one that has
+        orientations
 
     Returns
     -------
     Trajectory
-        in nm and ps. Data sets without unit are taken to be in these; positions with an "image" element are unwrapped
+        in nm and ps. Data sets without unit are taken to be in these; positions with an "image"
+        element are unwrapped
 
     Raises
     ------
     ValueError
-        if the file is no H5MD file of version 1, has no such group, no position, orientation or time there, or units that are no lengths or
-        times, or if it is damaged
+        if the file is no H5MD file of version 1, has no such group, no position, orientation or
+        time there, or units that are no lengths or times, or if it is damaged
     """
     if group is not None and not isinstance(group, str):
-        raise TypeError(f'readH5md: group: got {group!r}; it must be a name or None: give the name of a group below /particles')
+        raise TypeError(
+            f'readH5md: group: got {group!r}; it must be a name or None: give the name of a group '
+            f'below /particles')
     with readingFrom(file, 'readH5md:'), openHdf5(file, 'r') as handle:
         version = handle['h5md'].attrs.get('version') if 'h5md' in handle else None
         if version is None or version[0] != _VERSION[0]:
-            raise ValueError(f'readH5md: {file}: its H5MD version is {version}; it must be 1.x: give an H5MD file')
+            raise ValueError(
+                f'readH5md: {file}: its H5MD version is {version}; it must be 1.x: give an H5MD '
+                f'file')
         particles = handle.get('particles', {})
         if group is None:
             found = [name for name in particles if 'orientation' in particles[name]]
             group = _BODIES if _BODIES in found else found[0] if len(found) == 1 else None
         if group is None or group not in particles:
-            raise ValueError(f'readH5md: {file}: group: {group!r} is not there; the groups are {", ".join(particles) or "none"}: name one that '
+            raise ValueError(f'readH5md: {file}: group: {group!r} is not there; the groups are '
+                             f'{", ".join(particles) or "none"}: name one that '
                              'has positions and orientations')
         return _readGroup(handle, particles[group], group, file)
 
@@ -227,21 +264,30 @@ def _readGroup(handle, bodies, group, file):
     import h5py
     for name in ('position', 'orientation'):
         if name not in bodies or 'value' not in bodies[name]:
-            raise ValueError(f'readH5md: {file}: /particles/{group} has no {name} that changes with time; poses need it: choose another group')
+            raise ValueError(
+                f'readH5md: {file}: /particles/{group} has no {name} that changes with time; poses '
+                f'need it: choose another group')
     count = numFrames(_timeData(handle, bodies))
     step, time = _axis(bodies['position'], 'step', count), _axis(bodies['position'], 'time', count)
     if time is None:
-        raise ValueError(f'readH5md: {file}: /particles/{group}/position has no time, only steps; trajectories need times: write them')
+        raise ValueError(
+            f'readH5md: {file}: /particles/{group}/position has no time, only steps; trajectories '
+            f'need times: write them')
     time = time*_conversion(bodies['position/time'], 0, 1, file)
     positions = _values(bodies, 'position', 1, 0, count, file)
     edges, periodic = _box(bodies, count, file)
     if 'image' in bodies and edges is not None:
         image = bodies['image']
-        positions = positions + ((image['value'][:count] if 'value' in image else image[:])*periodic) @ edges
+        positions = positions + (
+            (image['value'][:count] if 'value' in image else image[:])*periodic) @ edges
     orientations = np.asarray(bodies['orientation/value'][:count], dtype=float)
-    if positions.ndim != 3 or positions.shape[2] != 3 or orientations.shape != (*positions.shape[:2], 4):
-        raise ValueError(f'readH5md: {file}: /particles/{group}: positions have the shape {positions.shape}, orientations {orientations.shape}; '
-                         'these must be (frames, bodies, 3) and (frames, bodies, 4): choose another group, or restore the file from a copy')
+    if positions.ndim != 3 or positions.shape[2] != 3 or orientations.shape != (
+            *positions.shape[:2], 4):
+        raise ValueError(
+            f'readH5md: {file}: /particles/{group}: positions have the shape {positions.shape}, '
+            f'orientations {orientations.shape}; '
+            'these must be (frames, bodies, 3) and (frames, bodies, 4): choose another group, or '
+            'restore the file from a copy')
     velocities, angular = (_values(bodies, name, length, -1, count, file)
                            for name, length in (('velocity', 1), ('angular_velocity', 0)))
     types = None
@@ -252,26 +298,31 @@ def _readGroup(handle, bodies, group, file):
     blobs = bodies.parent.get(_BLOBS)
     hasBlobs = blobs is not None and group == _BODIES and 'radius' in blobs and 'body' in blobs
     blobPositions = _values(blobs, 'position', 1, 0, count, file) if hasBlobs else None
-    return Trajectory(_units.TIME.attach(time), step, _units.LENGTH.attach(positions),
-                      orientations, _attach(_units.VELOCITY, velocities), _attach(_units.ANGULAR_VELOCITY, angular), _attach(_units.LENGTH, edges), types,
-                      _attach(_units.LENGTH, blobPositions),
-                      _attach(_units.LENGTH, blobs['radius'][:]*_conversion(blobs['radius'], 1, 0, file) if hasBlobs else None),
-                      blobs['body'][:] if hasBlobs else None, *_sites(handle, group, positions.shape[1], file))
+    return Trajectory(
+        _units.TIME.attach(time), step, _units.LENGTH.attach(positions), orientations,
+        _attach(_units.VELOCITY, velocities), _attach(_units.ANGULAR_VELOCITY, angular),
+        _attach(_units.LENGTH, edges), types, _attach(_units.LENGTH, blobPositions),
+        _attach(_units.LENGTH,
+                blobs['radius'][:]*_conversion(blobs['radius'], 1, 0, file) if hasBlobs else None),
+        blobs['body'][:] if hasBlobs else None, *_sites(handle, group, positions.shape[1], file))
 
 
 def _sites(handle, group, bodies, file):
     """Sites and radii of each body, where the file tells."""
     own = handle.get(f'parameters/{group}')
-    if own is None or not all(name in own for name in ('site_position', 'site_radius', 'first_site')):
+    if own is None or not all(name in own
+                              for name in ('site_position', 'site_radius', 'first_site')):
         return None, None
     first = own['first_site'][:]
     if len(first) != bodies + 1:
-        raise ValueError(f'readH5md: {file}: /parameters/{group} is of {len(first) - 1} bodies, /particles/{group} of {bodies}; these must be the same: '
+        raise ValueError(f'readH5md: {file}: /parameters/{group} is of {len(first) - 1} bodies, '
+                         f'/particles/{group} of {bodies}; these must be the same: '
                          'the file is damaged, restore it from a copy')
     sites = own['site_position'][:]*_conversion(own['site_position'], 1, 0, file)
     radii = own['site_radius'][:]*_conversion(own['site_radius'], 1, 0, file)
     spans = list(zip(first[:-1], first[1:]))
-    return [_units.LENGTH.attach(sites[a:b]) for a, b in spans], [_units.LENGTH.attach(radii[a:b]) for a, b in spans]
+    return [_units.LENGTH.attach(sites[a:b])
+            for a, b in spans], [_units.LENGTH.attach(radii[a:b]) for a, b in spans]
 
 
 def _attach(dimension, values):
@@ -289,7 +340,9 @@ def _values(group, name, length, time, count, file):
 def _box(group, count, file):
     """Box vectors (frames, 3, 3) in nm, and along which of them (3,) the box is periodic; None if along none."""
     box = group.get('box')
-    boundary = [] if box is None else [np.bytes_(name) for name in box.attrs.get('boundary', 3*[b'periodic'])]
+    boundary = [] if box is None else [
+        np.bytes_(name) for name in box.attrs.get('boundary', 3*[b'periodic'])
+    ]
     periodic = np.array([name == b'periodic' for name in boundary])
     if not periodic.any() or 'edges' not in box:
         return None, periodic
@@ -318,7 +371,8 @@ def _conversion(data, length, time, file):
     factor, powers = 1.0, [0, 0]
     for part in text.split():
         match = re.fullmatch(r'([A-Za-z]+|\d+(?:\.\d+)?)([+-]\d+)?', part)
-        symbol = match and (_SYMBOLS.get(match[1]) or (not match[1].isalpha() and (0, 0, float(match[1]))))
+        symbol = match and (_SYMBOLS.get(match[1]) or (not match[1].isalpha() and
+                                                       (0, 0, float(match[1]))))
         if not symbol:
             powers = None
             break
@@ -326,9 +380,11 @@ def _conversion(data, length, time, file):
         factor *= symbol[2]**power
         powers = [powers[0] + power*symbol[0], powers[1] + power*symbol[1]]
     if powers != [length, time]:
-        raise ValueError(f'readH5md: {file}: {data.name}: its unit is {text!r}; it must be a unit of '
-                         f'{"length" if time == 0 else "time" if length == 0 and time == 1 else "velocity"} made of '
-                         f'{", ".join(_SYMBOLS)}: convert the file')
+        raise ValueError(
+            f'readH5md: {file}: {data.name}: its unit is {text!r}; it must be a unit of '
+            f'{"length" if time == 0 else "time" if length == 0 and time == 1 else "velocity"} '
+            f'made of '
+            f'{", ".join(_SYMBOLS)}: convert the file')
     return factor
 
 

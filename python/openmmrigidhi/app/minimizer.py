@@ -11,7 +11,8 @@ from .._quaternions import rotationMatrices
 from .._systems import BodyDefinitions
 from ..integrator import CustomRigidHIIntegrator
 
-#: Within one run of L-BFGS, how far coordinates may move: a chart of rotation vectors is good up to about a radian.
+#: Within one run of L-BFGS, how far coordinates may move: a chart of rotation vectors is good up to
+#: about a radian.
 _LARGEST_TRANSLATION = 0.2  # nm
 _LARGEST_ROTATION = 0.5  # rad
 #: Constraints among free particles are held by springs to this relative error, then made exact.
@@ -20,7 +21,8 @@ _CONSTRAINT_ERROR = 1e-4
 _MAX_STIFFENINGS = 3
 #: A run of L-BFGS that lowers the energy by less, relative, has arrived where rounding lets it.
 _SMALLEST_DECREASE = 1e-8
-#: The first step of a run of L-BFGS, which knows nothing of the energy's curvature yet: largest move of a coordinate, nm.
+#: The first step of a run of L-BFGS, which knows nothing of the energy's curvature yet: largest
+#: move of a coordinate, nm.
 _FIRST_STEP = 0.005
 
 
@@ -36,22 +38,24 @@ class MinimizationResult:
     converged: bool
 
 
-def minimize(context, tolerance=10*unit.kilojoule_per_mole/unit.nanometer, maxIterations=0, reporter=None, progress=None):
+def minimize(context, tolerance=10*unit.kilojoule_per_mole/unit.nanometer, maxIterations=0,
+             reporter=None, progress=None):
     """Minimise the potential energy with the bodies of a CustomRigidHIIntegrator as rigid units.
 
-    OpenMM's own minimiser moves the members of bodies one by one, which is no use for bodies that no constraints hold.
-    Here each body has six coordinates, a translation and a rotation vector, and each free particle three; massless free
-    particles stay. Method: L-BFGS-B of SciPy, with the rotation vectors' origin moved along whenever a body has turned by
-    half a radian. Constraints between free particles are held by stiff springs during the search and made exact at its
-    end, as OpenMM's minimiser does. Velocities are left alone.
+    OpenMM's own minimiser moves the members of bodies one by one, which is no use for bodies that
+    no constraints hold. Here each body has six coordinates, a translation and a rotation vector,
+    and each free particle three; massless free particles stay. Method: L-BFGS-B of SciPy, with the
+    rotation vectors' origin moved along whenever a body has turned by half a radian. Constraints
+    between free particles are held by stiff springs during the search and made exact at its end, as
+    OpenMM's minimiser does. Velocities are left alone.
 
     Parameters
     ----------
     context : openmm.Context
         with positions; left at the minimum
     tolerance : float or Quantity
-        the search ends when the root mean square of all force components (torques divided by a body's root mean square
-        site distance) is at most this, kJ/(mol nm)
+        the search ends when the root mean square of all force components (torques divided by a
+        body's root mean square site distance) is at most this, kJ/(mol nm)
     maxIterations : int
         the largest number of iterations; 0: no limit
     reporter : callable, optional
@@ -79,18 +83,21 @@ def minimize(context, tolerance=10*unit.kilojoule_per_mole/unit.nanometer, maxIt
     tolerance = _units.number(tolerance, _units.FORCE, 'minimize', 'tolerance')
     maxIterations = _units.integer(maxIterations, 'minimize', 'maxIterations')
     if not 0 < tolerance < np.inf:
-        raise ValueError(f'minimize: tolerance: got {tolerance} kJ/(mol nm); it must be finite and positive: '
-                         'give a value above 0')
+        raise ValueError(
+            f'minimize: tolerance: got {tolerance} kJ/(mol nm); it must be finite and positive: '
+            'give a value above 0')
     if maxIterations < 0:
-        raise ValueError(f'minimize: maxIterations: got {maxIterations}; it must not be negative: give 0 for no limit')
-    with tqdm.tqdm(desc='minimize', unit=' iterations', disable=None if progress is None else not progress) as bar:
+        raise ValueError(
+            f'minimize: maxIterations: got {maxIterations}; it must not be negative: give 0 for no '
+            f'limit')
+    with tqdm.tqdm(desc='minimize', unit=' iterations',
+                   disable=None if progress is None else not progress) as bar:
         search = _Search(_Scene(context), tolerance, maxIterations, reporter, bar)
         return search.run()
 
 
 class _Scene:
     """The coordinates of a Context: origins R, quaternions q of the bodies, positions x of the free particles that move."""
-
     def __init__(self, context):
         self.context = context
         self.integrator = CustomRigidHIIntegrator.cast(context.getIntegrator())
@@ -107,9 +114,11 @@ class _Scene:
         self.numBodies, self.members = len(bodies), bodies.members
         # OpenMM has added a virtual site's force to its parents when we see it.
         real = np.array([not system.isVirtualSite(int(i)) for i in self.members], dtype=bool)
-        self.sites, self.siteBody, self.siteParticle = bodies.places[real], bodies.owners[real], self.members[real]
-        distance = np.sqrt(self._sumOverBodies((self.sites**2).sum(axis=1)) /
-                           np.maximum(1, np.bincount(self.siteBody, minlength=self.numBodies)))
+        self.sites, self.siteBody, self.siteParticle = bodies.places[real], bodies.owners[
+            real], self.members[real]
+        distance = np.sqrt(
+            self._sumOverBodies((self.sites**2).sum(axis=1))/
+            np.maximum(1, np.bincount(self.siteBody, minlength=self.numBodies)))
         # A body without extent feels no torque; any length serves.
         self.length = np.where(distance > 0, distance, 1.0)
 
@@ -120,7 +129,8 @@ class _Scene:
         self.hasFreeVirtualSites = any(system.isVirtualSite(i) for i in others)
         place = {particle: k for k, particle in enumerate(self.free)}
         constraints = [system.getConstraintParameters(i) for i in range(system.getNumConstraints())]
-        constraints = [(place[i], place[j], d._value) for i, j, d in constraints if i in place and j in place]
+        constraints = [(place[i], place[j], d._value) for i, j, d in constraints
+                       if i in place and j in place]
         self.constraints = np.array([c[:2] for c in constraints], dtype=int).reshape(-1, 2)
         self.distances = np.array([c[2] for c in constraints])
 
@@ -128,7 +138,8 @@ class _Scene:
         """Sum values over the sites of each body; values of shape (sites,) or (sites, 3)."""
         if values.ndim == 1:
             return np.bincount(self.siteBody, values, self.numBodies)
-        return np.stack([np.bincount(self.siteBody, column, self.numBodies) for column in values.T], axis=1)
+        return np.stack([np.bincount(self.siteBody, column, self.numBodies) for column in values.T],
+                        axis=1)
 
     def _allPositions(self):
         return self.context.getState(getPositions=True).getPositions(asNumpy=True)._value
@@ -177,7 +188,6 @@ class _Recentre(Exception):
 
 class _Search:
     """A sequence of L-BFGS runs. Its vector y holds translations, length times rotation vectors, moves of free particles."""
-
     def __init__(self, scene, tolerance, maxIterations, reporter, bar):
         self.scene = scene
         self.tolerance = tolerance
@@ -194,8 +204,9 @@ class _Search:
         self.x = scene.applyConstraints(self.R, self.q, self.x)
         initial, gradient = self._value(np.zeros(self._size()))
         if not np.isfinite(initial) or not np.all(np.isfinite(gradient)):
-            raise openmm.OpenMMException(f'minimize: energy at the start is {initial} kJ/mol; it and all forces must be '
-                                         'finite: look for particles at the same place or with bad parameters')
+            raise openmm.OpenMMException(
+                f'minimize: energy at the start is {initial} kJ/mol; it and all forces must be '
+                'finite: look for particles at the same place or with bad parameters')
         initialEnergy = initial - self._springs(self.x)[0]
         for _ in range(_MAX_STIFFENINGS + 1):
             self._minimizeWithSprings()
@@ -205,11 +216,15 @@ class _Search:
         self.x = scene.applyConstraints(self.R, self.q, self.x)
         finalEnergy = scene.evaluate(self.R, self.q, self.x)[0]
         if not self.converged and not self._outOfIterations():
-            warnings.warn(f'minimize: the root mean square force is {self.rms:.3g} kJ/(mol nm), above the tolerance '
-                          f'{self.tolerance:.3g}: the search got stuck, most likely at the precision of the forces; '
-                          'use the Reference platform or a larger tolerance')
-        return MinimizationResult(_units.ENERGY.attach(initialEnergy), _units.ENERGY.attach(finalEnergy),
-                                  _units.FORCE.attach(self.rms), self.iterations, self.evaluations, self.converged)
+            warnings.warn(
+                f'minimize: the root mean square force is {self.rms:.3g} kJ/(mol nm), above the '
+                f'tolerance '
+                f'{self.tolerance:.3g}: the search got stuck, most likely at the precision of the '
+                f'forces; '
+                'use the Reference platform or a larger tolerance')
+        return MinimizationResult(_units.ENERGY.attach(initialEnergy),
+                                  _units.ENERGY.attach(finalEnergy), _units.FORCE.attach(self.rms),
+                                  self.iterations, self.evaluations, self.converged)
 
     def _size(self):
         return 6*self.scene.numBodies + 3*len(self.scene.free)
@@ -235,9 +250,12 @@ class _Search:
 
             try:
                 result = scipy.optimize.minimize(
-                    scaledValue, np.zeros(self._size()), jac=True, method='L-BFGS-B', callback=self._afterIteration,
-                    bounds=np.stack([-limits, limits], axis=1),
-                    options={'maxiter': 2**30, 'maxfun': 2**30, 'ftol': 0, 'gtol': 0, 'maxcor': 20, 'maxls': 30})
+                    scaledValue, np.zeros(self._size()), jac=True, method='L-BFGS-B',
+                    callback=self._afterIteration, bounds=np.stack([-limits, limits], axis=1),
+                    options={
+                        'maxiter': 2**30, 'maxfun': 2**30, 'ftol': 0, 'gtol': 0, 'maxcor': 20,
+                        'maxls': 30
+                    })
                 self._note(result.x, *self._value(result.x))
                 stuck = before - self.energy <= _SMALLEST_DECREASE*abs(self.energy)
             except (_Recentre, _Finished):
@@ -249,13 +267,16 @@ class _Search:
     def _limits(self):
         n = self.scene.numBodies
         rotations = np.repeat(self.scene.length, 3)*_LARGEST_ROTATION
-        return np.concatenate([np.full(3*n, _LARGEST_TRANSLATION), rotations,
-                               np.full(3*len(self.scene.free), _LARGEST_TRANSLATION)])
+        return np.concatenate([
+            np.full(3*n, _LARGEST_TRANSLATION), rotations,
+            np.full(3*len(self.scene.free), _LARGEST_TRANSLATION)
+        ])
 
     def _split(self, y):
         """Translations, rotation vectors and moves of free particles in y."""
         n = self.scene.numBodies
-        return (y[:3*n].reshape(-1, 3), y[3*n:6*n].reshape(-1, 3)/self.scene.length[:, None], y[6*n:].reshape(-1, 3))
+        return (y[:3*n].reshape(-1, 3), y[3*n:6*n].reshape(-1, 3)/self.scene.length[:, None],
+                y[6*n:].reshape(-1, 3))
 
     def _unpack(self, y):
         """Origins, quaternions and free positions for y, counted from the present centre of the chart."""
@@ -269,7 +290,8 @@ class _Search:
         energy, forces, torques, freeForces = self.scene.evaluate(R, q, x)
         springEnergy, springForces = self._springs(x)
         turns = -_turnGradient(self._split(y)[1], torques)/self.scene.length[:, None]
-        gradient = np.concatenate([-forces.ravel(), turns.ravel(), -(freeForces + springForces).ravel()])
+        gradient = np.concatenate(
+            [-forces.ravel(), turns.ravel(), -(freeForces + springForces).ravel()])
         energy += springEnergy
         self.last = (y.copy(), energy, gradient)
         if not (np.isfinite(energy) and np.all(np.isfinite(gradient))) and np.any(y):
@@ -316,9 +338,11 @@ class _Search:
         self._note(*self.last)
         self.iterations += 1
         self.bar.update()
-        self.bar.set_postfix_str(f'{self.energy:.6g} kJ/mol, rms force {self.rms:.3g} kJ/(mol nm)', refresh=False)
+        self.bar.set_postfix_str(f'{self.energy:.6g} kJ/mol, rms force {self.rms:.3g} kJ/(mol nm)',
+                                 refresh=False)
         if self.reporter is not None:
-            self.reporter(self.iterations, _units.ENERGY.attach(self.energy), _units.FORCE.attach(self.rms))
+            self.reporter(self.iterations, _units.ENERGY.attach(self.energy),
+                          _units.FORCE.attach(self.rms))
         if self.converged or self._outOfIterations():
             raise _Finished()
         if np.any(np.abs(y) >= 0.999*self._limits()):
@@ -329,9 +353,11 @@ def _turned(rotations, q):
     """Quaternions q after turns by lab-frame rotation vectors: exp(rotation/2) q, normalised."""
     angle = np.linalg.norm(rotations, axis=1)
     c = np.cos(angle/2)[:, None]
-    s = (0.5*np.sinc(angle/(2*np.pi)))[:, None]*rotations  # sin(angle/2) times the axis; numpy's sinc(x) has x pi
+    s = (0.5*np.sinc(angle/(2*np.pi))
+         )[:, None]*rotations  # sin(angle/2) times the axis; numpy's sinc(x) has x pi
     w, v = q[:, :1], q[:, 1:]
-    result = np.concatenate([c*w - np.sum(s*v, axis=1, keepdims=True), c*v + w*s + np.cross(s, v)], axis=1)
+    result = np.concatenate([c*w - np.sum(s*v, axis=1, keepdims=True), c*v + w*s + np.cross(s, v)],
+                            axis=1)
     return result/np.linalg.norm(result, axis=1, keepdims=True)
 
 

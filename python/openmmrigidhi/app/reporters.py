@@ -13,23 +13,26 @@ _NOT_AVAILABLE = 'n/a'
 class StateDataReporter(openmm.app.StateDataReporter):
     """openmm.app.StateDataReporter for a CustomRigidHIIntegrator, with right temperatures.
 
-    OpenMM's own counts three degrees of freedom for each massive particle less one for each constraint, so that rigid bodies
-    without constraints read far too cold. This one takes them from ``integrator.getDegreesOfFreedom()``. For schemes
-    without momenta, and for kinds of motion that nothing in the System has, it writes ``n/a``.
+    OpenMM's own counts three degrees of freedom for each massive particle less one for each
+    constraint, so that rigid bodies without constraints read far too cold. This one takes them from
+    ``integrator.getDegreesOfFreedom()``. For schemes without momenta, and for kinds of motion that
+    nothing in the System has, it writes ``n/a``.
 
     Parameters
     ----------
     file, reportInterval, ... :
-        as for openmm.app.StateDataReporter; ``temperature`` is that of bodies and free particles together
+        as for openmm.app.StateDataReporter; ``temperature`` is that of bodies and free particles
+        together
     translationalTemperature : bool
         whether to write the temperature of the bodies' translation
     rotationalTemperatures : bool
-        whether to write the temperatures of rotation about the axis of the smallest, the middle and the largest principal
-        moment, three columns. At equilibrium all temperatures fluctuate about that of the heat bath, with a relative
-        standard deviation of sqrt(2/degrees of freedom) for a single report.
+        whether to write the temperatures of rotation about the axis of the smallest, the middle and
+        the largest principal moment, three columns. At equilibrium all temperatures fluctuate about
+        that of the heat bath, with a relative standard deviation of sqrt(2/degrees of freedom) for
+        a single report.
     """
-
-    def __init__(self, file, reportInterval, *args, translationalTemperature=False, rotationalTemperatures=False, **kwargs):
+    def __init__(self, file, reportInterval, *args, translationalTemperature=False,
+                 rotationalTemperatures=False, **kwargs):
         super().__init__(file, reportInterval, *args, **kwargs)
         self._columns = {}
         if self._temperature:
@@ -38,8 +41,10 @@ class StateDataReporter(openmm.app.StateDataReporter):
             self._columns['Translational Temperature (K)'] = self._translationalTemperature
         if rotationalTemperatures:
             for axis in range(3):
-                self._columns[f'Rotational Temperature {axis+1} (K)'] = functools.partial(self._rotationalTemperature, axis)
-        # The base class must not compute its own, which divides by its number of degrees of freedom.
+                self._columns[f'Rotational Temperature {axis+1} (K)'] = functools.partial(
+                    self._rotationalTemperature, axis)
+        # The base class must not compute its own, which divides by its number of degrees of
+        # freedom.
         self._temperature = False
 
     def _initializeConstants(self, simulation):
@@ -49,8 +54,9 @@ class StateDataReporter(openmm.app.StateDataReporter):
 
     def _place(self):
         """How many columns come before the temperatures."""
-        return sum(map(bool, (self._progress, self._step, self._time, self._potentialEnergy, self._kineticEnergy,
-                              self._totalEnergy)))
+        return sum(
+            map(bool, (self._progress, self._step, self._time, self._potentialEnergy,
+                       self._kineticEnergy, self._totalEnergy)))
 
     def _constructHeaders(self):
         headers = super()._constructHeaders()
@@ -62,15 +68,19 @@ class StateDataReporter(openmm.app.StateDataReporter):
         integrator = CustomRigidHIIntegrator.cast(simulation.context.getIntegrator())
         degrees = integrator.getDegreesOfFreedom()
         place = self._place()
-        return values[:place] + [column(integrator, degrees) for column in self._columns.values()] + values[place:]
+        return values[:place] + [column(integrator, degrees)
+                                 for column in self._columns.values()] + values[place:]
 
     def _systemTemperature(self, integrator, degrees):
-        return integrator.computeSystemTemperature()._value if degrees['total'] > 0 else _NOT_AVAILABLE
+        return integrator.computeSystemTemperature(
+        )._value if degrees['total'] > 0 else _NOT_AVAILABLE
 
     def _translationalTemperature(self, integrator, degrees):
-        # With total momentum 0, <p^2/m> = 3 kT (1 - m/M) for each body, M the mass of everything that moves.
+        # With total momentum 0, <p^2/m> = 3 kT (1 - m/M) for each body, M the mass of everything
+        # that moves.
         removed = degrees['removed']*self._massFraction
-        return _temperature(integrator.computeTranslationalKineticEnergy()._value, degrees['translational'] - removed)
+        return _temperature(integrator.computeTranslationalKineticEnergy()._value,
+                            degrees['translational'] - removed)
 
     def _rotationalTemperature(self, axis, integrator, degrees):
         energies = integrator.computeRotationalKineticEnergies()._value
@@ -87,5 +97,7 @@ def _massFractionOfBodies(integrator, system):
     bodies = BodyDefinitions(integrator)
     members = set(bodies.members.tolist())
     massOfBodies = sum(bodies.masses.tolist())
-    massOfFree = sum(system.getParticleMass(i)._value for i in range(system.getNumParticles()) if i not in members)
+    massOfFree = sum(
+        system.getParticleMass(i)._value for i in range(system.getNumParticles())
+        if i not in members)
     return massOfBodies/(massOfBodies + massOfFree) if massOfBodies > 0 else 0

@@ -5,7 +5,8 @@ from .. import _units
 
 #: How often an icosahedron's faces are divided into four for each number of vertices, 10*4^k + 2.
 _SUBDIVISIONS = {12: 0, 42: 1, 162: 2, 642: 3, 2562: 4}
-#: Hydrodynamic radius for translation of a shell of geometric radius 1 with blobs that touch, by tools/shell_radii.py.
+#: Hydrodynamic radius for translation of a shell of geometric radius 1 with blobs that touch, by
+#: tools/shell_radii.py.
 SHELL_RADII = {12: 1.262447, 42: 1.122022, 162: 1.052965, 642: 1.023940, 2562: 1.011270}
 
 
@@ -32,10 +33,13 @@ def sphereShell(n, radius):
     n = _units.integer(n, 'sphereShell', 'n')
     radius = _units.number(radius, _units.LENGTH, 'sphereShell', 'radius')
     if n not in _SUBDIVISIONS:
-        raise ValueError(f'sphereShell: n: got {n}; it must be one of {", ".join(map(str, _SUBDIVISIONS))}: '
-                         'use one of these')
+        raise ValueError(
+            f'sphereShell: n: got {n}; it must be one of {", ".join(map(str, _SUBDIVISIONS))}: '
+            'use one of these')
     if not 0 < radius < np.inf:
-        raise ValueError(f'sphereShell: radius: got {radius} nm; it must be finite and positive: give a value above 0')
+        raise ValueError(
+            f'sphereShell: radius: got {radius} nm; it must be finite and positive: give a value '
+            f'above 0')
     vertices, faces = _icosahedron()
     for _ in range(_SUBDIVISIONS[n]):
         vertices, faces = _subdivide(vertices, faces)
@@ -55,7 +59,8 @@ def rod(n, spacing):
     Returns
     -------
     Quantity of shape (n, 3)
-        nm, from the lowest x up, about the rod's centre. The blobs are on a line: the fluid does not drive rotation about it.
+        nm, from the lowest x up, about the rod's centre. The blobs are on a line: the fluid does
+        not drive rotation about it.
     """
     n = _atLeast(2, n, 'rod', 'n')
     spacing = _positiveLength(spacing, 'rod', 'spacing')
@@ -81,7 +86,8 @@ def cylinder(radius, length, spacing, closed=True):
     Returns
     -------
     Quantity of shape (n, 3)
-        nm, about the cylinder's centre: the side from the lowest x up, then the end at low x, then that at high x
+        nm, about the cylinder's centre: the side from the lowest x up, then the end at low x, then
+        that at high x
     """
     radius = _positiveLength(radius, 'cylinder', 'radius')
     length = _positiveLength(length, 'cylinder', 'length')
@@ -91,7 +97,10 @@ def cylinder(radius, length, spacing, closed=True):
     rings = [_ring(x, radius, around, (k % 2)/2) for k, x in enumerate(heights)]
     if _units.boolean(closed, 'cylinder', 'closed'):
         inner = radius*np.arange(round(radius/spacing))/max(1, round(radius/spacing))
-        rings += [_ring(x, r, max(1, round(2*np.pi*r/spacing)), 0) for x in (heights[0], heights[-1]) for r in inner[::-1]]
+        rings += [
+            _ring(x, r, max(1, round(2*np.pi*r/spacing)), 0) for x in (heights[0], heights[-1])
+            for r in inner[::-1]
+        ]
     return _units.LENGTH.attach(np.concatenate(rings))
 
 
@@ -116,13 +125,16 @@ def boomerang(spacing, blobsPerArm=7):
     Returns
     -------
     Quantity of shape (2*blobsPerArm + 1, 3)
-        nm, about the cross point, with arms along +x and +y: from the tip on the x axis over the cross point (row blobsPerArm) to the
-        tip on the y axis. The bisector is the direction (1, 1, 0).
+        nm, about the cross point, with arms along +x and +y: from the tip on the x axis over the
+        cross point (row blobsPerArm) to the tip on the y axis. The bisector is the direction (1, 1,
+        0).
     """
     spacing = _positiveLength(spacing, 'boomerang', 'spacing')
     blobsPerArm = _atLeast(1, blobsPerArm, 'boomerang', 'blobsPerArm')
     steps = np.arange(-blobsPerArm, blobsPerArm + 1)
-    return _units.LENGTH.attach(spacing*np.stack([np.maximum(0, -steps), np.maximum(0, steps), 0*steps], axis=1))
+    return _units.LENGTH.attach(
+        spacing*
+        np.stack([np.maximum(0, -steps), np.maximum(0, steps), 0*steps], axis=1))
 
 
 def tetramer(spacing):
@@ -136,7 +148,8 @@ def tetramer(spacing):
     Returns
     -------
     Quantity of shape (4, 3)
-        nm, about the tetrahedron's centre: three of equal z < 0, the first of which has y = 0 and x > 0, then one on the +z axis
+        nm, about the tetrahedron's centre: three of equal z < 0, the first of which has y = 0 and x
+        > 0, then one on the +z axis
     """
     spacing = _positiveLength(spacing, 'tetramer', 'spacing')
     base = _ring(-spacing/np.sqrt(24), spacing/np.sqrt(3), 3, 0)[:, [1, 2, 0]]
@@ -146,7 +159,8 @@ def tetramer(spacing):
 def icosahedron(radius):
     """Get twelve blobs at the vertices of a regular icosahedron, two of them on the z axis.
 
-    It is :func:`sphereShell` of 12 points, turned: a corner on an axis is what Delong, Balboa Usabiaga and Donev 2015 hang a weight on.
+    It is :func:`sphereShell` of 12 points, turned: a corner on an axis is what Delong, Balboa
+    Usabiaga and Donev 2015 hang a weight on.
 
     Parameters
     ----------
@@ -156,7 +170,8 @@ def icosahedron(radius):
     Returns
     -------
     Quantity of shape (12, 3)
-        nm, about the icosahedron's centre: the vertex on +z, five of equal z > 0, five of equal z < 0, the vertex on -z
+        nm, about the icosahedron's centre: the vertex on +z, five of equal z > 0, five of equal z <
+        0, the vertex on -z
     """
     radius = _positiveLength(radius, 'icosahedron', 'radius')
     z, r = radius/np.sqrt(5), 2*radius/np.sqrt(5)
@@ -167,14 +182,18 @@ def icosahedron(radius):
 def _positiveLength(value, where, name):
     value = _units.number(value, _units.LENGTH, where, name)
     if not 0 < value < np.inf:
-        raise ValueError(f'{where}: {name}: got the length {value} nm; a shape needs a finite one above 0: give a positive length')
+        raise ValueError(
+            f'{where}: {name}: got the length {value} nm; a shape needs a finite one above 0: give '
+            f'a positive length')
     return value
 
 
 def _atLeast(fewest, value, where, name):
     value = _units.integer(value, where, name)
     if value < fewest:
-        raise ValueError(f'{where}: {name}: got {value} blobs; a shape of this kind needs at least {fewest}: give a larger number')
+        raise ValueError(
+            f'{where}: {name}: got {value} blobs; a shape of this kind needs at least {fewest}: '
+            f'give a larger number')
     return value
 
 
@@ -183,17 +202,17 @@ def _icosahedron():
     vertices = np.array([(-1, golden, 0), (1, golden, 0), (-1, -golden, 0), (1, -golden, 0),
                          (0, -1, golden), (0, 1, golden), (0, -1, -golden), (0, 1, -golden),
                          (golden, 0, -1), (golden, 0, 1), (-golden, 0, -1), (-golden, 0, 1)])
-    faces = [(0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4), (11, 10, 2), (10, 7, 6),
-             (7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8), (3, 8, 9), (4, 9, 5), (2, 4, 11), (6, 2, 10),
-             (8, 6, 7), (9, 8, 1)]
+    faces = [(0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4),
+             (11, 10, 2), (10, 7, 6), (7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8),
+             (3, 8, 9), (4, 9, 5), (2, 4, 11), (6, 2, 10), (8, 6, 7), (9, 8, 1)]
     return vertices/np.linalg.norm(vertices[0]), faces
 
 
 def multiblobSphere(n, radius):
     """Get a sphere as a rigid multiblob: a shell whose hydrodynamic radius for translation is that of the sphere.
 
-    The blobs' radius is half their smallest distance. The hydrodynamic radius for rotation is smaller, by 2.5, 1.8, 0.55, 0.13
-    and 0.02 % for 12, 42, 162, 642 and 2562 blobs.
+    The blobs' radius is half their smallest distance. The hydrodynamic radius for rotation is
+    smaller, by 2.5, 1.8, 0.55, 0.13 and 0.02 % for 12, 42, 162, 642 and 2562 blobs.
 
     Parameters
     ----------
@@ -215,11 +234,13 @@ def multiblobSphere(n, radius):
         for another n, or a radius that is not positive
     """
     if n not in SHELL_RADII:
-        raise ValueError(f'multiblobSphere: n: got {n!r}; the numbers of blobs with a known hydrodynamic radius are '
-                         f'{", ".join(map(str, SHELL_RADII))}: choose one of them')
+        raise ValueError(
+            f'multiblobSphere: n: got {n!r}; the numbers of blobs with a known hydrodynamic radius '
+            f'are '
+            f'{", ".join(map(str, SHELL_RADII))}: choose one of them')
     centres = sphereShell(n, radius)/SHELL_RADII[n]
     points = centres._value
-    squares = np.concatenate([((points[k+1:] - points[k])**2).sum(axis=1) for k in range(n - 1)])
+    squares = np.concatenate([((points[k + 1:] - points[k])**2).sum(axis=1) for k in range(n - 1)])
     return centres, _units.LENGTH.attach(float(np.sqrt(squares.min())/2))
 
 

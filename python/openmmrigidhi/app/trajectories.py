@@ -45,8 +45,9 @@ class BodyReporter:
         self._name = type(self).__name__
         self._reportInterval = _units.integer(reportInterval, self._name, 'reportInterval')
         if self._reportInterval <= 0:
-            raise ValueError(f'{self._name}: reportInterval: got {self._reportInterval}; it must be positive: '
-                             'give a number of steps')
+            raise ValueError(
+                f'{self._name}: reportInterval: got {self._reportInterval}; it must be positive: '
+                'give a number of steps')
         self._append = append
         self._started = False
 
@@ -86,7 +87,8 @@ class Hdf5Reporter(BodyReporter):
         if self._continues():
             with readingFrom(self._file, f'{self._name}:'), openHdf5(self._file, 'r+') as file:
                 self._checkSame(file)
-                kept = rowsBefore(file[self._STEPS][:numFrames(self._series(file))], simulation.currentStep)
+                kept = rowsBefore(file[self._STEPS][:numFrames(self._series(file))],
+                                  simulation.currentStep)
                 for data in self._series(file):
                     data.resize(kept, axis=0)
         else:
@@ -118,8 +120,9 @@ def addSeries(group, name, shape, kind='f8'):
     -------
     h5py.Dataset
     """
-    rows = max(1, _BYTES_PER_CHUNK//(8*max(1, int(np.prod(shape)))))
-    return group.create_dataset(name, (0,) + shape, kind, maxshape=(None,) + shape, chunks=(rows,) + tuple(max(1, size) for size in shape))
+    rows = max(1, _BYTES_PER_CHUNK // (8*max(1, int(np.prod(shape)))))
+    return group.create_dataset(name, (0,) + shape, kind, maxshape=(None,) + shape,
+                                chunks=(rows,) + tuple(max(1, size) for size in shape))
 
 
 def numFrames(series):
@@ -160,7 +163,8 @@ class Trajectory:
     blobBodies : array of shape (m,), or None
         the body that each belongs to; -1: a free particle
     sites : list of Quantity of shape (s, 3), or None
-        of each body: its particles, or those of them that have a radius, body frame, nm; None if the file does not tell
+        of each body: its particles, or those of them that have a radius, body frame, nm; None if
+        the file does not tell
     siteRadii : list of Quantity of shape (s,), or None
         their radii, nm; 0: none
     """
@@ -193,13 +197,18 @@ class Trajectory:
         """
         times = self.time.value_in_unit(unit.picosecond)
         if len(times) < 2:
-            raise ValueError(f'Trajectory.frameInterval: there are {len(times)} frames; an interval needs at least two: run longer')
+            raise ValueError(
+                f'Trajectory.frameInterval: there are {len(times)} frames; an interval needs at '
+                f'least two: run longer')
         interval = (times[-1] - times[0])/(len(times) - 1)
         gaps = np.diff(times)
         worst = int(np.argmax(np.abs(gaps - interval)))
         if abs(gaps[worst] - interval) > _EVEN_FRAMES*max(abs(interval), abs(times[-1])):
-            raise ValueError(f'Trajectory.frameInterval: frames {worst} and {worst + 1} are {gaps[worst]:g} ps apart, on average it is '
-                             f'{interval:g} ps; frames must be at equal intervals: take a part of the trajectory')
+            raise ValueError(
+                f'Trajectory.frameInterval: frames {worst} and {worst + 1} are {gaps[worst]:g} ps '
+                f'apart, on average it is '
+                f'{interval:g} ps; frames must be at equal intervals: take a part of the trajectory'
+            )
         return _units.TIME.attach(interval)
 
 
@@ -221,19 +230,23 @@ class BodyScene(BodyDefinitions):
     where : str
         who asks, for error messages
     """
-
     def __init__(self, integrator, system, types, radii, blobs, where):
         super().__init__(integrator)
         if not len(self):
-            raise ValueError(f'{where}: the integrator has no rigid bodies; there is nothing to write: add them before')
+            raise ValueError(
+                f'{where}: the integrator has no rigid bodies; there is nothing to write: add them '
+                f'before')
         self.radii = hydrodynamicRadii(system, radii, where)
         self.periodic = system.usesPeriodicBoundaryConditions()
         self.typeNames, self.typeIndices = self._types(types, where)
         owner = dict(zip(self.members.tolist(), self.owners.tolist()))
         self.blobs = np.flatnonzero(self.radii > 0) if blobs else np.empty(0, dtype=int)
         if blobs and not len(self.blobs):
-            raise ValueError(f'{where}: blobs: no particle has a radius; blobs need one: give radii, or add a MobilityForce')
-        self.blobBodies = np.array([owner.get(int(particle), -1) for particle in self.blobs], dtype=int)
+            raise ValueError(
+                f'{where}: blobs: no particle has a radius; blobs need one: give radii, or add a '
+                f'MobilityForce')
+        self.blobBodies = np.array([owner.get(int(particle), -1) for particle in self.blobs],
+                                   dtype=int)
 
     def spheres(self, body):
         """Places (m, 3) in the body frame and radii (m,) of a body's particles that have a radius, nm."""
@@ -245,7 +258,9 @@ class BodyScene(BodyDefinitions):
         if types is None:
             names, representatives, indices = [], [], []
             for body in range(len(self)):
-                found = next((k for k, other in enumerate(representatives) if self._alike(body, other)), None)
+                found = next(
+                    (k for k, other in enumerate(representatives) if self._alike(body, other)),
+                    None)
                 if found is None:
                     found = len(names)
                     names.append(f'body{found}')
@@ -253,16 +268,21 @@ class BodyScene(BodyDefinitions):
                 indices.append(found)
             return names, np.array(indices)
         types = list(types)
-        if len(types) != len(self) or not all(isinstance(name, str) and name and name.isascii() for name in types):
-            raise ValueError(f'{where}: types: got {types} for {len(self)} bodies; there must be one for each, of ASCII characters: '
-                             'correct them')
+        if len(types) != len(self) or not all(
+                isinstance(name, str) and name and name.isascii() for name in types):
+            raise ValueError(
+                f'{where}: types: got {types} for {len(self)} bodies; there must be one for each, '
+                f'of ASCII characters: '
+                'correct them')
         names = list(dict.fromkeys(types))
         indices = np.array([names.index(name) for name in types])
         for body, kind in enumerate(indices):
             first = int(np.argmax(indices == kind))
             if not self._alike(body, first):
-                raise ValueError(f'{where}: types: bodies {first} and {body} are both {names[kind]!r}, but have different sites or radii; '
-                                 'a type has one shape: give them different names')
+                raise ValueError(
+                    f'{where}: types: bodies {first} and {body} are both {names[kind]!r}, but have '
+                    f'different sites or radii; '
+                    'a type has one shape: give them different names')
         return names, indices
 
     def _alike(self, one, other):
@@ -290,8 +310,12 @@ def openHdf5(file, mode):
     def checkSize(path, item):
         # HDF5 gives what was never written as zeros: a damaged shape would fill the memory.
         if isinstance(item, h5py.Dataset) and item.nbytes > _MOST_COMPRESSED*os.path.getsize(name):
-            raise ValueError(f'{name}: data set {path} has the shape {item.shape}, {item.nbytes:.3g} bytes; in a file of '
-                             f'{os.path.getsize(name)} bytes there is no room for it: the file is damaged, restore it from a copy')
+            raise ValueError(
+                f'{name}: data set {path} has the shape {item.shape}, {item.nbytes:.3g} bytes; in '
+                f'a file of '
+                f'{os.path.getsize(name)} bytes there is no room for it: the file is damaged, '
+                f'restore it from a copy')
+
     try:
         opened.visititems(checkSize)
     except BaseException:
@@ -304,11 +328,12 @@ def openHdf5(file, mode):
 def readingFrom(file, what):
     """Whatever a library raises while it reads a damaged file becomes a ValueError that names the file.
 
-    Messages of ours, which name it already, pass, and what the system says of files that are missing or may not be read.
+    Messages of ours, which name it already, pass, and what the system says of files that are
+    missing or may not be read.
     """
     name = os.fspath(file)
     with open(name, 'rb'):
-        pass                                                     # libraries have errors of their own for that
+        pass  # libraries have errors of their own for that
     try:
         yield
     except ImportError:
@@ -316,8 +341,10 @@ def readingFrom(file, what):
     except Exception as error:
         if type(error) is ValueError and name in str(error):
             raise
-        raise ValueError(f'{what} {name}: it is damaged, or of another kind ({type(error).__name__}: {str(error)[:200]}); it must be whole: '
-                         'restore it from a copy, or write it anew') from error
+        raise ValueError(
+            f'{what} {name}: it is damaged, or of another kind ({type(error).__name__}: '
+            f'{str(error)[:200]}); it must be whole: '
+            'restore it from a copy, or write it anew') from error
 
 
 def rowsBefore(steps, step):

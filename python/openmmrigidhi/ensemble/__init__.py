@@ -2,12 +2,12 @@
 
 From the shell, ``python3 -m openmmrigidhi.ensemble --help``; from Python::
 
-    from openmmrigidhi import ensemble
-    study = ensemble.Study('trap', ensemble.sweep(temperature=[280, 300, 320]), replicas=4, length=100, observables=['energy_group_0'])
-    result = study.run('my_study', jobs=4)
-    print(result.table())
+    from openmmrigidhi import ensemble study = ensemble.Study('trap',
+    ensemble.sweep(temperature=[280, 300, 320]), replicas=4, length=100,
+    observables=['energy_group_0']) result = study.run('my_study', jobs=4) print(result.table())
 
-The directory has everything: run() again goes on where it was interrupted, and ``Study.load('my_study').extended(length=200)`` makes it longer.
+The directory has everything: run() again goes on where it was interrupted, and
+``Study.load('my_study').extended(length=200)`` makes it longer.
 """
 from . import tasks
 from .result import EnsembleResult, TaskRecord

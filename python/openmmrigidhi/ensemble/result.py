@@ -13,8 +13,8 @@ from . import taskfiles
 CONFIDENCE = 0.95
 #: Above this R-hat chains should be run longer: Vehtari et al. 2021, section 4.
 LARGEST_RHAT = 1.01
-COLUMNS = ('setting', 'settings', 'observable', 'unit', 'mean', 'standard_error', 'degrees', 'low', 'high', 'replicas', 'samples', 'tau',
-           'effective_samples', 'r_hat', 'exact', 'note')
+COLUMNS = ('setting', 'settings', 'observable', 'unit', 'mean', 'standard_error', 'degrees', 'low',
+           'high', 'replicas', 'samples', 'tau', 'effective_samples', 'r_hat', 'exact', 'note')
 
 
 @dataclass
@@ -67,17 +67,21 @@ class EnsembleResult:
         name -> dict with label and unit
     tasks : list of TaskRecord
     rows : list of dict
-        one for each setting and observable: setting, settings, observable, unit, mean, standard_error (over replicas; of a single one from block
-        averages), degrees (of freedom of that, for Student's t), low, high (95 % interval), replicas, samples, tau (ps), effective_samples, r_hat, exact
-        (where the scene knows it), note. Replicas that failed are left out; those that are not finished are used as far as they are.
+        one for each setting and observable: setting, settings, observable, unit, mean,
+        standard_error (over replicas; of a single one from block averages), degrees (of freedom of
+        that, for Student's t), low, high (95 % interval), replicas, samples, tau (ps),
+        effective_samples, r_hat, exact (where the scene knows it), note. Replicas that failed are
+        left out; those that are not finished are used as far as they are.
     about : dict
         the study's JSON: machine, versions, sessions, failures
     """
-
     def __init__(self, definition, observables, tasks, contents, about):
         self.definition, self.observables, self.tasks, self.about = definition, observables, tasks, about
         self._contents = contents
-        self.rows = [self._row(setting, name) for setting in range(len(definition['settings'])) for name in observables]
+        self.rows = [
+            self._row(setting, name) for setting in range(len(definition['settings']))
+            for name in observables
+        ]
 
     def series(self, observable, setting, replica):
         """The samples of one task.
@@ -93,8 +97,11 @@ class EnsembleResult:
         """
         content = self._contents.get((setting, replica))
         if content is None or observable not in content.series:
-            raise ValueError(f'series: there are no samples of {observable!r} in setting {setting}, replica {replica}; it must be one of '
-                             f'{", ".join(self.observables)}, of a task that has begun: see the tasks of this result')
+            raise ValueError(
+                f'series: there are no samples of {observable!r} in setting {setting}, replica '
+                f'{replica}; it must be one of '
+                f'{", ".join(self.observables)}, of a task that has begun: see the tasks of this '
+                f'result')
         return content.series[observable]
 
     def row(self, observable, setting=0):
@@ -109,7 +116,8 @@ class EnsembleResult:
         -------
         dict
         """
-        return next(row for row in self.rows if (row['observable'], row['setting']) == (observable, setting))
+        return next(row for row in self.rows
+                    if (row['observable'], row['setting']) == (observable, setting))
 
     @property
     def isComplete(self):
@@ -122,8 +130,8 @@ class EnsembleResult:
 
     def _row(self, setting, name):
         row = dict.fromkeys(COLUMNS)
-        row.update(setting=setting, settings=self.definition['settings'][setting], observable=name, unit=self.observables[name]['unit'], replicas=0,
-                   samples=0, note='')
+        row.update(setting=setting, settings=self.definition['settings'][setting], observable=name,
+                   unit=self.observables[name]['unit'], replicas=0, samples=0, note='')
         mine = [task for task in self.tasks if task.setting == setting]
         used, chains, interval = [], [], None
         for task in mine:
@@ -146,8 +154,11 @@ class EnsembleResult:
         if chains:
             found = independentRuns(chains)
             reach = quantile(CONFIDENCE, found.degrees)*found.standardError
-            row.update(mean=found.mean, standard_error=found.standardError, degrees=found.degrees, low=found.mean - reach, high=found.mean + reach,
-                       replicas=len(chains), samples=found.samples, tau=found.tau*interval, effective_samples=found.effectiveSamples, r_hat=None if found.rHat is None or np.isnan(found.rHat) else found.rHat)
+            row.update(mean=found.mean, standard_error=found.standardError, degrees=found.degrees,
+                       low=found.mean - reach, high=found.mean + reach, replicas=len(chains),
+                       samples=found.samples, tau=found.tau*interval,
+                       effective_samples=found.effectiveSamples,
+                       r_hat=None if found.rHat is None or np.isnan(found.rHat) else found.rHat)
             if row['r_hat'] is not None and row['r_hat'] > LARGEST_RHAT:
                 notes.append(f'R-hat above {LARGEST_RHAT}: run longer')
             if len(chains) == 1:
@@ -159,24 +170,37 @@ class EnsembleResult:
         row['note'] = ', '.join(notes)
         return row
 
-    # ---- Text and files ------------------------------------------------------------------------------------------------
+    # ---- Text and files --------------------------------------------------------------------------
 
     def table(self):
         """The rows as text, and what went wrong."""
-        lines = [f'{"setting":40} {"observable":26} {"mean":>14} {"error":>10} {"t":>3} {"R-hat":>6} {"eff. samples":>12}  note']
+        lines = [
+            f'{"setting":40} {"observable":26} {"mean":>14} {"error":>10} {"t":>3} {"R-hat":>6} '
+            f'{"eff. samples":>12}  note'
+        ]
         for row in self.rows:
-            settings = ', '.join(f'{key} {value}' for key, value in row['settings'].items()) or 'as it is'
-            number = '' if row['mean'] is None else (f'{row["mean"]:14.6g} {row["standard_error"]:10.2g} {row["degrees"]:3d} '
-                                                     f'{"-" if row["r_hat"] is None else format(row["r_hat"], ".3f"):>6} {row["effective_samples"]:12.0f}')
-            lines.append(f'{row["setting"]:>3} {settings:36} {row["observable"]:26} {number:49}  {row["unit"]}{"; " if row["unit"] and row["note"] else ""}{row["note"]}')
+            settings = ', '.join(f'{key} {value}'
+                                 for key, value in row['settings'].items()) or 'as it is'
+            number = '' if row['mean'] is None else (
+                f'{row["mean"]:14.6g} {row["standard_error"]:10.2g} {row["degrees"]:3d} '
+                f'{"-" if row["r_hat"] is None else format(row["r_hat"], ".3f"):>6} '
+                f'{row["effective_samples"]:12.0f}')
+            lines.append(f'{row["setting"]:>3} {settings:36} {row["observable"]:26} {number:49}  '
+                         f'{row["unit"]}{"; " if row["unit"] and row["note"] else ""}{row["note"]}')
         return '\n'.join([*lines, *(str(task) for task in self.problems())])
 
     def asDict(self):
         """Everything but the samples, as JSON takes it."""
-        tasks = [{'setting': task.setting, 'replica': task.replica, 'seed': task.seed, 'status': task.status, 'message': task.message,
-                  'samples': task.samples, 'length': task.length, 'seconds': round(task.seconds, 3)} for task in self.tasks]
-        return {'format': 'openmmrigidhi ensemble result 1', 'definition': self.definition, 'observables': self.observables, 'rows': self.rows,
-                'tasks': tasks, 'sessions': self.about['sessions']}
+        tasks = [{
+            'setting': task.setting, 'replica': task.replica, 'seed': task.seed,
+            'status': task.status, 'message': task.message, 'samples': task.samples,
+            'length': task.length, 'seconds': round(task.seconds, 3)
+        } for task in self.tasks]
+        return {
+            'format': 'openmmrigidhi ensemble result 1', 'definition': self.definition,
+            'observables': self.observables, 'rows': self.rows, 'tasks': tasks,
+            'sessions': self.about['sessions']
+        }
 
     def write(self, directory):
         """Write results.json and results.csv.
@@ -205,5 +229,7 @@ class EnsembleResult:
         writer = csv.writer(file, lineterminator='\n')
         writer.writerow(COLUMNS)
         for row in self.rows:
-            writer.writerow(['' if row[key] is None else f'{row[key]:.8g}' if isinstance(row[key], float) else
-                             json.dumps(row[key]) if key == 'settings' else row[key] for key in COLUMNS])
+            writer.writerow([
+                '' if row[key] is None else f'{row[key]:.8g}' if isinstance(row[key], float) else
+                json.dumps(row[key]) if key == 'settings' else row[key] for key in COLUMNS
+            ])

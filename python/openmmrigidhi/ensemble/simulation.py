@@ -21,7 +21,10 @@ from . import taskfiles
 from .taskfiles import TaskFile
 
 #: Scenes by name.
-BUILT_IN = {**scenes.BUILT_IN, 'suspension': scenes.suspension, 'periodic': scenes.periodicSuspension, 'boomerang': overdamped.boomerang}
+BUILT_IN = {
+    **scenes.BUILT_IN, 'suspension': scenes.suspension, 'periodic': scenes.periodicSuspension,
+    'boomerang': overdamped.boomerang
+}
 #: Settings that are the integrator's, where the scene's function has no parameter of this name.
 OF_THE_INTEGRATOR = ('scheme', 'stepSize')
 SCENE_FILES = ('system.xml', 'integrator.xml', 'start.npz', 'scene.json')
@@ -35,7 +38,6 @@ class SceneSource:
     scene : str, callable or Scene
         a built-in name, "module:function", a function, or a Scene
     """
-
     def __init__(self, scene):
         self.scene, self.function = (scene, None) if isinstance(scene, Scene) else (None, None)
         if self.scene is not None:
@@ -50,13 +52,16 @@ class SceneSource:
             self.function = importObject(scene, 'scene')
             self.specification = {'function': scene}
         else:
-            raise ValueError(f'Study: scene: got {scene!r}; it must be one of {", ".join(BUILT_IN)}, module:function, a function or a Scene: correct '
-                             'the name')
+            raise ValueError(
+                f'Study: scene: got {scene!r}; it must be one of {", ".join(BUILT_IN)}, '
+                f'module:function, a function or a Scene: correct '
+                'the name')
 
     @property
     def name(self):
         """In tables."""
-        return self.scene.name if self.scene is not None else next(iter(self.specification.values()))
+        return self.scene.name if self.scene is not None else next(iter(
+            self.specification.values()))
 
     def parameters(self):
         """The names that settings may have; None if the function takes any."""
@@ -74,7 +79,8 @@ class SceneSource:
         ----------
         settings : dict
         seed : int
-            the function gets it too, if it has a parameter of this name that is not among the settings
+            the function gets it too, if it has a parameter of this name that is not among the
+            settings
 
         Returns
         -------
@@ -82,14 +88,18 @@ class SceneSource:
         """
         settings, scene = dict(settings), self.scene
         own = {} if self.function is None else inspect.signature(self.function).parameters
-        ofIntegrator = {key: settings.pop(key) for key in OF_THE_INTEGRATOR if key in settings and key not in own}
+        ofIntegrator = {
+            key: settings.pop(key)
+            for key in OF_THE_INTEGRATOR if key in settings and key not in own
+        }
         if self.function is not None:
             if 'seed' in own:
                 settings.setdefault('seed', seed)
             scene = self.function(**settings)
             if not isinstance(scene, Scene):
                 parts = tuple(scene)
-                scene = Scene(*(parts if len(parts) == 3 else (parts[0], parts[2], parts[3])), name=self.name, description=f'scene {self.name}')
+                scene = Scene(*(parts if len(parts) == 3 else (parts[0], parts[2], parts[3])),
+                              name=self.name, description=f'scene {self.name}')
         integrator = scene.makeIntegrator()
         if 'scheme' in ofIntegrator:
             integrator.setScheme(Scheme[ofIntegrator['scheme']])
@@ -119,9 +129,13 @@ class SceneSource:
             arrays['velocities'] = self.scene.velocities
         np.savez(start, **arrays)
         with open(about, 'w') as file:
-            json.dump({'name': self.scene.name, 'description': self.scene.description, 'exact': self.scene.exact,
-                       'equilibration': self.scene.equilibration, 'sampleInterval': self.scene.sampleInterval,
-                       'stepSizes': list(self.scene.stepSizes)}, file, indent=1)
+            json.dump(
+                {
+                    'name': self.scene.name, 'description': self.scene.description,
+                    'exact': self.scene.exact, 'equilibration': self.scene.equilibration,
+                    'sampleInterval': self.scene.sampleInterval, 'stepSizes': list(
+                        self.scene.stepSizes)
+                }, file, indent=1)
 
     @classmethod
     def load(cls, specification, directory):
@@ -135,7 +149,8 @@ class SceneSource:
         """
         if 'files' not in specification:
             return cls(next(iter(specification.values())))
-        system, integrator, start, about = (os.path.join(directory, specification['files'], name) for name in SCENE_FILES)
+        system, integrator, start, about = (os.path.join(directory, specification['files'], name)
+                                            for name in SCENE_FILES)
         try:
             things = []
             for path in (system, integrator):
@@ -149,7 +164,8 @@ class SceneSource:
                 scene.velocities = arrays['velocities'] if 'velocities' in arrays else None
         # Each of the libraries that read has errors of its own.
         except Exception as error:
-            raise ValueError(f'{os.path.dirname(system)}: the scene of the study is damaged ({type(error).__name__}: {error}); {", ".join(SCENE_FILES)} must '
+            raise ValueError(f'{os.path.dirname(system)}: the scene of the study is damaged '
+                             f'({type(error).__name__}: {error}); {", ".join(SCENE_FILES)} must '
                              'be as they were written: put copies back') from error
         return cls(scene)
 
@@ -168,7 +184,8 @@ class Task:
     seed : int
     observables : list of Observable
     equilibration, defaultEquilibration, length, sampleInterval : float
-        ps; None for the equilibration: the scene's, or the default where it has none; for the interval: the scene's
+        ps; None for the equilibration: the scene's, or the default where it has none; for the
+        interval: the scene's
     platform : str
     threads : int
     checkpointInterval : float
@@ -217,8 +234,10 @@ def simulate(task, job):
     scene, integrator = task.source.make(task.settings, task.seed)
     digest = _digest(scene.system, integrator)
     if saved is not None and saved.about['digest'] != digest:
-        raise ValueError(f'{task.path}: the scene {task.source.name} with {task.settings} makes another System or integrator now than when this task began; '
-                         'they must be the same: put the function back as it was, or begin a new study')
+        raise ValueError(
+            f'{task.path}: the scene {task.source.name} with {task.settings} makes another System '
+            f'or integrator now than when this task began; '
+            'they must be the same: put the function back as it was, or begin a new study')
     run = _Run(task, scene, integrator, digest, saved)
     last = time.monotonic()
     while run.position < run.end:
@@ -238,8 +257,10 @@ def _checkDirectory(task):
     except (OSError, ValueError):
         found = None
     if found != task.study:
-        raise FileNotFoundError(f'worker on {socket.gethostname()}: it does not see the study in {task.directory}; every worker must, under this path: '
-                                'put the study where all machines of the cluster look, on a shared file system')
+        raise FileNotFoundError(
+            f'worker on {socket.gethostname()}: it does not see the study in {task.directory}; '
+            f'every worker must, under this path: '
+            'put the study where all machines of the cluster look, on a shared file system')
 
 
 def _digest(system, integrator):
@@ -249,35 +270,52 @@ def _digest(system, integrator):
 
 class _Run:
     """A Context with its samples. A position is a number of sample intervals since the start, those of the equilibration included."""
-
     def __init__(self, task, scene, integrator, digest, saved):
         self.task, self.scene = task, scene
         stepSize = integrator.getStepSize()._value
         self.stepsPerSample = max(1, round((task.sampleInterval or scene.sampleInterval)/stepSize))
         self.interval = self.stepsPerSample*stepSize
-        self.warm = intervals(next(each for each in (task.equilibration, scene.equilibration, task.defaultEquilibration) if each is not None),
-                              self.interval)
+        self.warm = intervals(
+            next(each
+                 for each in (task.equilibration, scene.equilibration, task.defaultEquilibration)
+                 if each is not None), self.interval)
         self.end = self.warm + intervals(task.length, self.interval)
-        platform, properties = openmm.Platform.getPlatformByName(task.platform), platformProperties(task.platform, task.threads)
+        platform, properties = openmm.Platform.getPlatformByName(task.platform), platformProperties(
+            task.platform, task.threads)
         self.context = scene.makeContext(integrator, platform, properties, task.seed)
-        self.extras = {observable.name: observable.setup(scene, platform, properties) for observable in task.observables
-                       if observable.setup is not None}
+        self.extras = {
+            observable.name: observable.setup(scene, platform, properties)
+            for observable in task.observables if observable.setup is not None
+        }
         if saved is None:
             self.position, self.series = 0, {observable.name: [] for observable in task.observables}
-            self.about = {'setting': task.setting, 'replica': task.replica, 'settings': task.settings, 'seed': task.seed, 'scene': scene.name,
-                          'description': scene.description, 'digest': digest, 'step_size': stepSize, 'sample_interval': self.interval,
-                          'equilibration': self.warm*self.interval, 'platform': task.platform, 'position': 0, 'samples': 0,
-                          'exact': {observable.name: observable.exact(scene) for observable in task.observables}, 'sessions': []}
+            self.about = {
+                'setting': task.setting, 'replica': task.replica, 'settings': task.settings,
+                'seed': task.seed, 'scene': scene.name, 'description': scene.description,
+                'digest': digest, 'step_size': stepSize, 'sample_interval': self.interval,
+                'equilibration': self.warm*self.interval, 'platform': task.platform, 'position': 0,
+                'samples': 0, 'exact': {
+                    observable.name: observable.exact(scene)
+                    for observable in task.observables
+                }, 'sessions': []
+            }
         else:
             self.about, self.position = saved.about, saved.about['position']
             self.series = {name: list(values) for name, values in saved.series.items()}
             self.context.setState(openmm.XmlSerializer.deserialize(saved.state))
             # What remembers the sample before is told of it again.
             if self.about['samples']:
-                self._measure([observable for observable in task.observables if observable.name in self.extras])
-        self.segment = {'from_position': self.position, 'to_position': self.position, 'seconds': 0.0, 'seconds_sampling': 0.0, 'host': socket.gethostname(),
-                        'architecture': machine.machine(), 'started': _now(), 'saved': None,
-                        'versions': {'openmmrigidhi': _loading.version, 'openmm': openmm.version.full_version, 'numpy': np.__version__}}
+                self._measure([
+                    observable for observable in task.observables if observable.name in self.extras
+                ])
+        self.segment = {
+            'from_position': self.position, 'to_position': self.position, 'seconds': 0.0,
+            'seconds_sampling': 0.0, 'host': socket.gethostname(),
+            'architecture': machine.machine(), 'started': _now(), 'saved': None, 'versions': {
+                'openmmrigidhi': _loading.version, 'openmm': openmm.version.full_version,
+                'numpy': np.__version__
+            }
+        }
         self.about['sessions'].append(self.segment)
 
     def advance(self):
@@ -297,19 +335,24 @@ class _Run:
         values = {}
         for observable in observables:
             extra = self.extras.get(observable.name)
-            value = observable.measure(sample) if extra is None else observable.measure(sample, extra)
+            value = observable.measure(sample) if extra is None else observable.measure(
+                sample, extra)
             if np.isinf(value).any():
-                raise ArithmeticError(f'observable {observable.name}: it is infinite at {self.context.getState().getTime()._value:g} ps; it must be finite: '
-                                      'the run may have exploded, take a smaller step')
+                raise ArithmeticError(
+                    f'observable {observable.name}: it is infinite at '
+                    f'{self.context.getState().getTime()._value:g} ps; it must be finite: '
+                    'the run may have exploded, take a smaller step')
             values[observable.name] = value
         return values
 
     def save(self):
         """The checkpoint: State and samples belong together, or neither is replaced."""
-        state = self.context.getState(getPositions=True, getVelocities=True, getParameters=True, getIntegratorParameters=True)
+        state = self.context.getState(getPositions=True, getVelocities=True, getParameters=True,
+                                      getIntegratorParameters=True)
         self.about.update(position=self.position, samples=max(0, self.position - self.warm))
         self.segment.update(to_position=self.position, saved=_now())
-        taskfiles.save(self.task.path, TaskFile(self.about, openmm.XmlSerializer.serialize(state), self.series))
+        taskfiles.save(self.task.path,
+                       TaskFile(self.about, openmm.XmlSerializer.serialize(state), self.series))
 
 
 def intervals(length, interval):

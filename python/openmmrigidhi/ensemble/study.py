@@ -83,35 +83,40 @@ def _seeds(seed, setting, replicas):
 class Study:
     """Independent replicas of a scene, for each of several settings.
 
-    Every task, one replica of one setting, has a seed of its own, which follows from the study's seed and its place; saves its samples and its
-    state at intervals; and goes on from there if it is interrupted, on the Reference platform bit for bit.
+    Every task, one replica of one setting, has a seed of its own, which follows from the study's
+    seed and its place; saves its samples and its state at intervals; and goes on from there if it
+    is interrupted, on the Reference platform bit for bit.
 
     Parameters
     ----------
     scene : str, callable or openmmrigidhi.accuracy.Scene
-        a built-in name (water, trap, suspension, periodic, boomerang), "module:function", or a function: they get the settings, and the task's seed if they have a
-        parameter `seed`, and return a Scene, (system, state or positions, integrator) or (system, topology, positions, integrator). Scheme and
-        step size are those of its integrator.
+        a built-in name (water, trap, suspension, periodic, boomerang), "module:function", or a
+        function: they get the settings, and the task's seed if they have a parameter `seed`, and
+        return a Scene, (system, state or positions, integrator) or (system, topology, positions,
+        integrator). Scheme and step size are those of its integrator.
     settings : sequence of dict
-        parameters of the function. `scheme` (a name) and `stepSize` (ps) are set on the integrator where the function has no such parameter.
-        :func:`sweep` makes combinations.
+        parameters of the function. `scheme` (a name) and `stepSize` (ps) are set on the integrator
+        where the function has no such parameter. :func:`sweep` makes combinations.
     replicas : int
         of each setting
     length : float
         ps that are sampled in each task
     observables : sequence of str, Observable or callable
-        see :func:`openmmrigidhi.accuracy.observables.byName`. One that remembers more than the sample before cannot go on after an interruption.
+        see :func:`openmmrigidhi.accuracy.observables.byName`. One that remembers more than the
+        sample before cannot go on after an interruption.
     seed : int
         of all that is random; 0 or more
     platform : str
     threads : int
         of the CPU platform, in each task
     equilibration : float, optional
-        ps left out at the start; default: the scene's, or a tenth of the length that the study was begun with
+        ps left out at the start; default: the scene's, or a tenth of the length that the study was
+        begun with
     sampleInterval : float, optional
         ps; default: the scene's
     checkpointInterval : float
-        seconds of wall time between two savings of a task: at most so much is computed again after an interruption
+        seconds of wall time between two savings of a task: at most so much is computed again after
+        an interruption
 
     Raises
     ------
@@ -128,8 +133,8 @@ class Study:
     >>> [row['replicas'] for row in result.rows]
     [2, 2]
     """
-
-    def __init__(self, scene, settings=({},), replicas=4, length=None, observables=observablesModule.DEFAULT, seed=1, platform='CPU', threads=1,
+    def __init__(self, scene, settings=({},), replicas=4, length=None,
+                 observables=observablesModule.DEFAULT, seed=1, platform='CPU', threads=1,
                  equilibration=None, sampleInterval=None, checkpointInterval=60.0):
         self.source = scene if isinstance(scene, SceneSource) else SceneSource(scene)
         self.settings = [dict(each) for each in settings]
@@ -144,45 +149,73 @@ class Study:
     def _check(self):
         names = [observable.name for observable in self.observables]
         if len(set(names)) < len(names) or not names:
-            raise ValueError(f'ensemble.Study: observables: got {names}; one at least, and none twice: correct the list')
-        for name, value, least in (('replicas', self.replicas, 1), ('seed', self.seed, 0), ('threads', self.threads, 1)):
+            raise ValueError(
+                f'ensemble.Study: observables: got {names}; one at least, and none twice: correct '
+                f'the list')
+        for name, value, least in (('replicas', self.replicas, 1), ('seed', self.seed, 0),
+                                   ('threads', self.threads, 1)):
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-                raise ValueError(f'ensemble.Study: {name}: got {value!r}, where a whole number from {least} on is needed: correct it')
-        for name, value, zero in (('length', self.length, False), ('equilibration', self.equilibration, True),
-                                  ('sampleInterval', self.sampleInterval, False), ('checkpointInterval', self.checkpointInterval, True)):
+                raise ValueError(
+                    f'ensemble.Study: {name}: got {value!r}, where a whole number from {least} on '
+                    f'is needed: correct it')
+        for name, value, zero in (('length', self.length,
+                                   False), ('equilibration', self.equilibration,
+                                            True), ('sampleInterval', self.sampleInterval, False),
+                                  ('checkpointInterval', self.checkpointInterval, True)):
             if value is None and name in ('equilibration', 'sampleInterval'):
                 continue
-            if not isinstance(value, (int, float, np.number)) or not math.isfinite(value) or value < 0 or value == 0 and not zero:
-                raise ValueError(f'ensemble.Study: {name}: got {value!r}; it must be a finite time above {"or at " if zero else ""}0, in '
-                                 f'{"s" if name == "checkpointInterval" else "ps"}: give one')
+            if not isinstance(
+                    value,
+                (int, float,
+                 np.number)) or not math.isfinite(value) or value < 0 or value == 0 and not zero:
+                raise ValueError(
+                    f'ensemble.Study: {name}: got {value!r}; it must be a finite time above '
+                    f'{"or at " if zero else ""}0, in '
+                    f'{"s" if name == "checkpointInterval" else "ps"}: give one')
         if not self.settings:
-            raise ValueError('ensemble.Study: settings: the list is empty; there must be one dict at least: give [{}] for the scene as it is')
+            raise ValueError(
+                'ensemble.Study: settings: the list is empty; there must be one dict at least: '
+                'give [{}] for the scene as it is')
         allowed = self.source.parameters()
         for number, each in enumerate(self.settings):
             unknown = [key for key in each if allowed is not None and key not in allowed]
             if unknown:
-                raise ValueError(f'ensemble.Study: settings {number}: got {unknown[0]!r}, which the scene {self.source.name} has not; it must be one of '
-                                 f'{", ".join(sorted(allowed))}: correct the name, or give a function with this parameter')
+                raise ValueError(
+                    f'ensemble.Study: settings {number}: got {unknown[0]!r}, which the scene '
+                    f'{self.source.name} has not; it must be one of '
+                    f'{", ".join(sorted(allowed))}: correct the name, or give a function with this '
+                    f'parameter')
             try:
                 json.dumps(each)
             except TypeError as error:
-                raise TypeError(f'ensemble.Study: settings {number}: {error}; each value must be a number, a text, a truth value or a list of these, since the '
-                                'study is kept as JSON: convert them') from error
+                raise TypeError(
+                    f'ensemble.Study: settings {number}: {error}; each value must be a number, a '
+                    f'text, a truth value or a list of these, since the '
+                    'study is kept as JSON: convert them') from error
             if each in self.settings[:number]:
-                raise ValueError(f'ensemble.Study: settings {number}: {each} is there already; settings must differ: raise replicas instead')
+                raise ValueError(
+                    f'ensemble.Study: settings {number}: {each} is there already; settings must '
+                    f'differ: raise replicas instead')
 
-    # ---- What it is ----------------------------------------------------------------------------------------------------
+    # ---- What it is ------------------------------------------------------------------------------
 
     def definition(self):
         """What the study is, as its JSON has it, a dict."""
-        names = [each if isinstance(each, str) else f'{each.__module__}:{each.__qualname__}' if not hasattr(each, 'measure') else each.name
-                 for each in self._given]
+        names = [
+            each if isinstance(each, str) else
+            f'{each.__module__}:{each.__qualname__}' if not hasattr(each, 'measure') else each.name
+            for each in self._given
+        ]
         first = 0.1*self.length if self._defaultEquilibration is None else self._defaultEquilibration
         # As JSON gives it back: tuples are lists there, and so on.
-        return json.loads(json.dumps({
-            'scene': self.source.specification, 'settings': self.settings, 'replicas': int(self.replicas), 'length': float(self.length),
-            'observables': names, 'seed': int(self.seed), 'platform': self.platform, 'threads': int(self.threads),
-            'equilibration': self.equilibration, 'default_equilibration': first, 'sample_interval': self.sampleInterval}))
+        return json.loads(
+            json.dumps({
+                'scene': self.source.specification, 'settings': self.settings,
+                'replicas': int(self.replicas), 'length': float(self.length), 'observables': names,
+                'seed': int(self.seed), 'platform': self.platform, 'threads': int(self.threads),
+                'equilibration': self.equilibration, 'default_equilibration': first,
+                'sample_interval': self.sampleInterval
+            }))
 
     @classmethod
     def load(cls, directory, checkpointInterval=60.0):
@@ -200,8 +233,10 @@ class Study:
             if there is none, or its study.json is damaged
         """
         about = _readAbout(directory)['definition']
-        study = cls(SceneSource.load(about['scene'], directory), about['settings'], about['replicas'], about['length'], about['observables'], about['seed'],
-                    about['platform'], about['threads'], about['equilibration'], about['sample_interval'], checkpointInterval)
+        study = cls(SceneSource.load(about['scene'], directory), about['settings'],
+                    about['replicas'], about['length'], about['observables'], about['seed'],
+                    about['platform'], about['threads'], about['equilibration'],
+                    about['sample_interval'], checkpointInterval)
         study._defaultEquilibration = about['default_equilibration']
         return study
 
@@ -234,17 +269,20 @@ class Study:
         """The seeds of all tasks, a list over settings of lists over replicas."""
         return [_seeds(self.seed, setting, self.replicas) for setting in range(len(self.settings))]
 
-    # ---- The run -------------------------------------------------------------------------------------------------------
+    # ---- The run ---------------------------------------------------------------------------------
 
-    def run(self, directory, jobs=1, cluster=None, *, extend=False, retries=3, timeout=60.0, quiet=False, finished=None):
+    def run(self, directory, jobs=1, cluster=None, *, extend=False, retries=3, timeout=60.0,
+            quiet=False, finished=None):
         """Do what is not done yet, and return what there is.
 
-        In an empty directory the study begins; in its own it goes on. Ctrl-C ends it: what was saved stays, and is evaluated.
+        In an empty directory the study begins; in its own it goes on. Ctrl-C ends it: what was
+        saved stays, and is evaluated.
 
         Parameters
         ----------
         directory : str
-            of the study; made if it does not exist. Workers on other machines must see it under this path.
+            of the study; made if it does not exist. Workers on other machines must see it under
+            this path.
         jobs, cluster, retries, timeout
             who computes: see :func:`openmmrigidhi.ensemble.tasks.run`
         extend : bool
@@ -272,8 +310,11 @@ class Study:
         with _locked(directory):
             about = self._begin(directory, extend)
             taskfiles.clean(os.path.join(directory, TASKS))
-            began, session = time.perf_counter(), {**beginning(), 'jobs': jobs, 'cluster': cluster if cluster is None else str(cluster), 'length': self.length,
-                                                   'host': socket.gethostname()}
+            began, session = time.perf_counter(), {
+                **beginning(), 'jobs': jobs,
+                'cluster': cluster if cluster is None else str(cluster), 'length': self.length,
+                'host': socket.gethostname()
+            }
             todo, aside = self._left(directory, about)
             failures = {}
 
@@ -283,22 +324,33 @@ class Study:
                 failure = outcome.failure
                 session['attempts'] = session.get('attempts', 0) + outcome.attempts
                 if failure is not None:
-                    failures[key] = {'setting': task.setting, 'replica': task.replica, 'settings': task.settings, 'seed': task.seed, 'kind': failure.kind,
-                                     'message': failure.message, 'traceback': failure.traceback, 'attempts': outcome.attempts}
+                    failures[key] = {
+                        'setting': task.setting, 'replica': task.replica, 'settings': task.settings,
+                        'seed': task.seed, 'kind': failure.kind, 'message': failure.message,
+                        'traceback': failure.traceback, 'attempts': outcome.attempts
+                    }
                 about['failures'].pop(key, None)
                 about['failures'].update(failures)
                 _writeAbout(directory, about)
                 if finished is not None:
-                    finished(_record(directory, task.setting, task.replica, task.seed, task.settings, about, self.length)[0])
+                    finished(
+                        _record(directory, task.setting, task.replica, task.seed, task.settings,
+                                about, self.length)[0])
 
             try:
-                _tasks.run(simulate, todo, jobs, cluster, names=[taskName(task.setting, task.replica) for task in todo],
-                           amounts=[task.length + (task.defaultEquilibration if task.equilibration is None else task.equilibration) for task in todo], unit='ps', title=self.source.name,
-                           retries=retries, timeout=timeout, finished=note, quiet=quiet)
+                _tasks.run(
+                    simulate, todo, jobs, cluster,
+                    names=[taskName(task.setting, task.replica) for task in todo], amounts=[
+                        task.length + (task.defaultEquilibration
+                                       if task.equilibration is None else task.equilibration)
+                        for task in todo
+                    ], unit='ps', title=self.source.name, retries=retries, timeout=timeout,
+                    finished=note, quiet=quiet)
             except KeyboardInterrupt:
                 session['interrupted'] = True
             finally:
-                session.update(provenance(began), tasks=len(todo), failed=len(failures), put_aside=aside)
+                session.update(provenance(began), tasks=len(todo), failed=len(failures),
+                               put_aside=aside)
                 about['sessions'].append(session)
                 _writeAbout(directory, about)
         result = read(directory)
@@ -310,12 +362,18 @@ class Study:
         wanted = self.definition()
         if not os.path.exists(os.path.join(directory, STUDY)):
             if os.listdir(os.path.join(directory, TASKS)):
-                raise ValueError(f'{directory}: it has tasks but no {STUDY}, which says what they are; a study begins in an empty directory: put that file '
-                                 'back, or take another directory')
+                raise ValueError(
+                    f'{directory}: it has tasks but no {STUDY}, which says what they are; a study '
+                    f'begins in an empty directory: put that file '
+                    'back, or take another directory')
             self.source.save(directory)
-            about = {'format': FORMAT, 'identity': str(uuid.uuid4()), 'definition': wanted, 'seeds': self.seeds(), 'earlier_definitions': [],
-                     'observables': {observable.name: {'label': observable.label, 'unit': observable.unit} for observable in self.observables},
-                     'failures': {}, 'sessions': []}
+            about = {
+                'format': FORMAT, 'identity': str(uuid.uuid4()), 'definition': wanted,
+                'seeds': self.seeds(), 'earlier_definitions': [], 'observables': {
+                    observable.name: {'label': observable.label, 'unit': observable.unit}
+                    for observable in self.observables
+                }, 'failures': {}, 'sessions': []
+            }
             _writeAbout(directory, about)
             return about
         about = _readAbout(directory)
@@ -327,15 +385,23 @@ class Study:
             return about
         fixed = [key for key in different if key not in GROWING]
         if fixed:
-            raise ValueError(f'{directory}: its study has {fixed[0]} {before.get(fixed[0])!r}, and this one {wanted[fixed[0]]!r}; it must be the same: take '
-                             'another directory, or Study.load()')
+            raise ValueError(
+                f'{directory}: its study has {fixed[0]} {before.get(fixed[0])!r}, and this one '
+                f'{wanted[fixed[0]]!r}; it must be the same: take '
+                'another directory, or Study.load()')
         count = len(before['settings'])
-        if wanted['length'] < before['length'] or wanted['replicas'] < before['replicas'] or wanted['settings'][:count] != before['settings']:
-            raise ValueError(f'{directory}: its study has length {before["length"]:g}, {before["replicas"]} replicas and {count} settings, of which this one '
-                             'lacks some; nothing that is there may be left out: extend it with Study.load().extended()')
+        if wanted['length'] < before['length'] or wanted['replicas'] < before['replicas'] or wanted[
+                'settings'][:count] != before['settings']:
+            raise ValueError(
+                f'{directory}: its study has length {before["length"]:g}, {before["replicas"]} '
+                f'replicas and {count} settings, of which this one '
+                'lacks some; nothing that is there may be left out: extend it with '
+                'Study.load().extended()')
         if not extend:
-            raise ValueError(f'{directory}: its study has another {different[0]}; only an extension may change it: say extend=True (--extend), or take another '
-                             'directory')
+            raise ValueError(
+                f'{directory}: its study has another {different[0]}; only an extension may change '
+                f'it: say extend=True (--extend), or take another '
+                'directory')
         about['earlier_definitions'].append(before)
         about.update(definition=wanted, seeds=self.seeds())
         _writeAbout(directory, about)
@@ -352,16 +418,21 @@ class Study:
                 except taskfiles.DamagedFile:
                     saved = None
                     aside.append(_putAside(path))
-                done = 0.0 if saved is None else saved.about['samples']*saved.about['sample_interval']
+                done = 0.0 if saved is None else saved.about['samples']*saved.about[
+                    'sample_interval']
                 if done < self.length*(1 - 1e-9):
-                    todo.append((done, Task(self.source, self.settings[setting], setting, replica, seed, self.observables, self.equilibration,
-                                            about['definition']['default_equilibration'], self.length, self.sampleInterval, self.platform,
-                                            self.threads, self.checkpointInterval, directory, path, about['identity'])))
+                    todo.append((done,
+                                 Task(self.source, self.settings[setting], setting, replica, seed,
+                                      self.observables, self.equilibration,
+                                      about['definition']['default_equilibration'], self.length,
+                                      self.sampleInterval, self.platform, self.threads,
+                                      self.checkpointInterval, directory, path, about['identity'])))
         return [task for _, task in sorted(todo, key=lambda pair: pair[0])], aside
 
 
 def _observable(given):
-    return overdamped.OBSERVABLES[given] if isinstance(given, str) and given in overdamped.OBSERVABLES else observablesModule.byName(given)
+    return overdamped.OBSERVABLES[given] if isinstance(
+        given, str) and given in overdamped.OBSERVABLES else observablesModule.byName(given)
 
 
 def taskName(setting, replica):
@@ -394,7 +465,8 @@ def _putAside(path):
     return f'{path}.damaged{number}'
 
 
-# ---- The study's own file --------------------------------------------------------------------------------------------------
+# ---- The study's own file ------------------------------------------------------------------------
+
 
 @contextlib.contextmanager
 def _locked(directory):
@@ -403,7 +475,9 @@ def _locked(directory):
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            raise RuntimeError(f'{directory}: another process runs this study at the moment; one at a time may: wait for it, or end it') from error
+            raise RuntimeError(
+                f'{directory}: another process runs this study at the moment; one at a time may: '
+                f'wait for it, or end it') from error
         yield
 
 
@@ -418,17 +492,21 @@ def _writeAbout(directory, about):
 def _readAbout(directory):
     path = os.path.join(directory, STUDY)
     if not os.path.exists(path):
-        raise FileNotFoundError(f'{directory}: there is no {STUDY} in it, so no study; give the directory of one')
+        raise FileNotFoundError(
+            f'{directory}: there is no {STUDY} in it, so no study; give the directory of one')
     try:
         with open(path) as file:
             about = json.load(file)
         if about.get('format') != FORMAT:
             raise ValueError(f'its format is {about.get("format")!r} instead of {FORMAT!r}')
-        about['definition']['settings'], about['observables'], about['seeds'], about['failures'], about['sessions']
+        about['definition']['settings'], about['observables'], about['seeds'], about[
+            'failures'], about['sessions']
         return about
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f'{path}: it is damaged ({type(error).__name__}: {error}); it must say what the study is: put a copy back, the tasks in {TASKS} are '
-                         'whole for themselves') from error
+        raise ValueError(
+            f'{path}: it is damaged ({type(error).__name__}: {error}); it must say what the study '
+            f'is: put a copy back, the tasks in {TASKS} are '
+            'whole for themselves') from error
 
 
 def read(directory):
@@ -451,7 +529,8 @@ def read(directory):
     definition, records, contents = about['definition'], [], {}
     for setting, seeds in enumerate(about['seeds']):
         for replica, seed in enumerate(seeds):
-            record, content = _record(directory, setting, replica, seed, definition['settings'][setting], about, definition['length'])
+            record, content = _record(directory, setting, replica, seed,
+                                      definition['settings'][setting], about, definition['length'])
             records.append(record)
             if content is not None:
                 contents[setting, replica] = content
@@ -468,10 +547,12 @@ def _record(directory, setting, replica, seed, settings, about, length):
     except taskfiles.DamagedFile as error:
         record.status, record.message = 'damaged', str(error)
     if content is not None:
-        record.samples, record.length = content.about['samples'], content.about['samples']*content.about['sample_interval']
+        record.samples, record.length = content.about[
+            'samples'], content.about['samples']*content.about['sample_interval']
         record.seconds = sum(session['seconds'] for session in content.about['sessions'])
         record.status = 'complete' if record.length >= length*(1 - 1e-9) else 'unfinished'
     failure = about['failures'].get(key)
     if failure is not None and record.status != 'complete':
-        record.status, record.message, record.traceback = 'failed', f'{failure["kind"]}: {failure["message"]}', failure['traceback']
+        record.status, record.message, record.traceback = 'failed', f'{failure["kind"]}: {failure["message"]}', failure[
+            'traceback']
     return record, content

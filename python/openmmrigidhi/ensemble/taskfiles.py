@@ -1,8 +1,8 @@
 """The file of one task: its series of samples, and the state from which it goes on. HDF5, a whole file at a time.
 
     about     JSON as bytes: settings, seed, how far it is, who computed it when with which versions
-    state     the openmm.State at the last sample, XML as bytes
-    series/   one dataset for each observable: (samples,), or (samples, replicas) for a scene that has independent replicas in it
+    state     the openmm.State at the last sample, XML as bytes series/   one dataset for each
+    observable: (samples,), or (samples, replicas) for a scene that has independent replicas in it
 
 All datasets and headers have checksums, so that damage is noticed.
 """
@@ -68,7 +68,8 @@ def save(path, content):
 
 def _write(file, name, values):
     if values.size:
-        file.create_dataset(name, data=values, chunks=True, compression='gzip', compression_opts=1, shuffle=True, fletcher32=True)
+        file.create_dataset(name, data=values, chunks=True, compression='gzip', compression_opts=1,
+                            shuffle=True, fletcher32=True)
     else:
         file.create_dataset(name, data=values)
 
@@ -113,17 +114,23 @@ def load(path):
             found = file.attrs.get('format')
             if found != FORMAT:
                 raise ValueError(f'its format is {found!r} instead of {FORMAT!r}')
-            content = TaskFile(json.loads(file['about'][()].tobytes()), file['state'][()].tobytes().decode(),
-                               {name: values[()] for name, values in file['series'].items()})
+            content = TaskFile(json.loads(file['about'][()].tobytes()),
+                               file['state'][()].tobytes().decode(),
+                               {name: values[()]
+                                for name, values in file['series'].items()})
         samples = content.about['samples']
         wrong = [name for name, values in content.series.items() if len(values) != samples]
         if wrong:
-            raise ValueError(f'{wrong[0]} has {len(content.series[wrong[0]])} samples where {samples} are said to be')
+            raise ValueError(
+                f'{wrong[0]} has {len(content.series[wrong[0]])} samples where {samples} are said '
+                f'to be')
         return content
     # HDF5 and its Python binding raise whatever their insides stumble over.
     except Exception as error:
-        raise DamagedFile(f'{path}: it is damaged ({type(error).__name__}: {error}); it must be a whole file of a task: put a copy back, or run the '
-                          'study again, which puts it aside and does this task anew') from error
+        raise DamagedFile(
+            f'{path}: it is damaged ({type(error).__name__}: {error}); it must be a whole file of '
+            f'a task: put a copy back, or run the '
+            'study again, which puts it aside and does this task anew') from error
 
 
 def clean(directory):

@@ -1,12 +1,15 @@
 #!/usr/bin/env python3
 """Energy conservation of rigid water without friction: the drift of the total energy, and its error against the step.
 
-216 TIP4P-Ew waters (reaction field whose force vanishes at the cutoff, Lennard-Jones switched off smoothly: a truncated
-potential has a jump in its energy, which no integrator conserves), every molecule one rigid body, gamma = Gamma = 0: the schemes
-become the symplectic splitting of Miller et al. (2002), no random number is drawn, and the energy should stay. Two questions:
+216 TIP4P-Ew waters (reaction field whose force vanishes at the cutoff, Lennard-Jones switched off
+smoothly: a truncated potential has a jump in its energy, which no integrator conserves), every
+molecule one rigid body, gamma = Gamma = 0: the schemes become the symplectic splitting of Miller et
+al. (2002), no random number is drawn, and the energy should stay. Two questions:
 
-1. Over --steps steps of 1 fs: the slope of the energy, in kT per molecule per ps (promised: below 1e-4).
-2. From one start, over --scan-time ps at steps of 0.5, 1, 2, 4 fs: the fluctuation of the energy, which should grow as h^2.
+1. Over --steps steps of 1 fs: the slope of the energy, in kT per molecule per ps (promised: below
+   1e-4).
+2. From one start, over --scan-time ps at steps of 0.5, 1, 2, 4 fs: the fluctuation of the energy,
+   which should grow as h^2.
 
     python3 run.py --output results          # 100 ps: a few minutes
 """
@@ -52,7 +55,8 @@ def context(topology, system, platformName, threads, friction, step):
     integrator.setRandomNumberSeed(1)
     openmmrigidhi.app.addRigidWater(integrator, topology)
     properties = {'Threads': str(threads)} if platformName == 'CPU' else {}
-    return integrator, openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platformName), properties)
+    return integrator, openmm.Context(system, integrator,
+                                      openmm.Platform.getPlatformByName(platformName), properties)
 
 
 def energies(ctx, integrator, steps, every, job, settings):
@@ -62,23 +66,24 @@ def energies(ctx, integrator, steps, every, job, settings):
     values = list(kept.get('values', ()))
     if kept:
         ctx.loadCheckpoint(kept['checkpoint'].tobytes())
-    while len(values) < steps//every:
+    while len(values) < steps // every:
         if keeper.isDue():
             keeper.save(values=values, checkpoint=campaign.checkpoint(ctx))
         integrator.step(every)
         job.report(len(values))
         state = ctx.getState(getEnergy=True)
-        values.append((state.getPotentialEnergy()+state.getKineticEnergy()).value_in_unit(unit.kilojoule_per_mole))
+        values.append((state.getPotentialEnergy() + state.getKineticEnergy()).value_in_unit(
+            unit.kilojoule_per_mole))
     return np.array(values)/KT/integrator.getNumRigidBodies()
 
 
 def slopeWithError(t, e, blocks=10):
     """Slope of a line, and its standard error from the slopes' scatter about it: residuals averaged over blocks."""
-    n = len(t)//blocks*blocks
+    n = len(t) // blocks*blocks
     tb, eb = t[:n].reshape(blocks, -1).mean(1), e[:n].reshape(blocks, -1).mean(1)
     (slope, offset) = np.polyfit(tb, eb, 1)
-    residual = eb-slope*tb-offset
-    return slope, np.sqrt(np.sum(residual**2)/(blocks-2)/np.sum((tb-tb.mean())**2))
+    residual = eb - slope*tb - offset
+    return slope, np.sqrt(np.sum(residual**2)/(blocks - 2)/np.sum((tb - tb.mean())**2))
 
 
 def equilibrate(argument, job):
@@ -103,15 +108,20 @@ def conserve(argument, job, start):
     integrator, ctx = context(topology, system, platformName, threads, 0.0, step)
     ctx.setState(openmm.XmlSerializer.deserialize(start))
     began = time.time()
-    values = energies(ctx, integrator, steps, every, job, (waters, step, every, platformName, threads))
-    return {'energies': values, 'seconds': time.time() - began, 'random_numbers': int(integrator.getStepStatistics()['randomNumbers'])}
+    values = energies(ctx, integrator, steps, every, job,
+                      (waters, step, every, platformName, threads))
+    return {
+        'energies': values, 'seconds': time.time() - began,
+        'random_numbers': int(integrator.getStepStatistics()['randomNumbers'])
+    }
 
 
 SCAN = (0.0005, 0.001, 0.002, 0.004)
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--waters', type=int, default=216)
     parser.add_argument('--steps', type=int, default=100000, help='steps of 1 fs for the drift')
     parser.add_argument('--equilibrate', type=float, default=20.0, help='ps under Langevin C first')
@@ -123,44 +133,51 @@ def main():
     args = campaign.settle(parser.parse_args())
 
     how = (args.platform, args.threads)
-    start = campaign.run(equilibrate, [(args.waters, args.equilibrate, *how)], ['energy equilibrate'], args, [20], 'part', 'equilibrate')[0]['state']
-    todo = [(args.waters, 0.001, args.steps, 100, *how)] + [(args.waters, h, int(args.scan_time/h), max(1, int(0.01/h)), *how) for h in SCAN]
+    start = campaign.run(equilibrate, [(args.waters, args.equilibrate, *how)],
+                         ['energy equilibrate'], args, [20], 'part', 'equilibrate')[0]['state']
+    todo = [(args.waters, 0.001, args.steps, 100, *how)
+            ] + [(args.waters, h, int(args.scan_time/h), max(1, int(0.01/h)), *how) for h in SCAN]
     names = ['energy drift'] + [f'energy {1000*h:g} fs' for h in SCAN]
-    drift, *runs = campaign.run(conserve, todo, names, args, [steps//every for _, _, steps, every, *_ in todo], 'sample', 'energies', given=start)
+    drift, *runs = campaign.run(conserve, todo, names, args,
+                                [steps // every for _, _, steps, every, *_ in todo], 'sample',
+                                'energies', given=start)
 
     scan = []
     for h, run in zip(SCAN, runs):
         e = np.array(run['energies'])
-        e = e-np.polyval(np.polyfit(np.arange(len(e)), e, 1), np.arange(len(e)))
+        e = e - np.polyval(np.polyfit(np.arange(len(e)), e, 1), np.arange(len(e)))
         scan.append({'step_fs': h*1000, 'rms_energy_error_kT_per_molecule': float(e.std())})
     order = np.polyfit(np.log([s['step_fs'] for s in scan[1:]]),
                        np.log([s['rms_energy_error_kT_per_molecule'] for s in scan[1:]]), 1)[0]
 
     e = np.array(drift['energies'])
-    t = 0.1*(1+np.arange(len(e)))
+    t = 0.1*(1 + np.arange(len(e)))
     slope, error = slopeWithError(t, e)
     result = {
         'waters': args.waters, 'steps_of_1_fs': args.steps, 'seconds': drift['seconds'],
         'slope_kT_per_molecule_per_ps': slope, 'slope_error': error, 'promised_below': 1e-4,
-        'rms_fluctuation_kT_per_molecule': float((e-np.polyval(np.polyfit(t, e, 1), t)).std()),
-        'random_numbers_drawn': drift['random_numbers'],
-        'error_against_step': scan, 'fitted_order_1_to_4_fs': order,
-        'platform': args.platform, 'threads': args.threads, 'seed': 1, 'provenance': provenance(args),
+        'rms_fluctuation_kT_per_molecule': float((e - np.polyval(np.polyfit(t, e, 1), t)).std()),
+        'random_numbers_drawn': drift['random_numbers'], 'error_against_step': scan,
+        'fitted_order_1_to_4_fs': order, 'platform': args.platform, 'threads': args.threads,
+        'seed': 1, 'provenance': provenance(args),
     }
     save(args.output, 'energy_conservation.json', result)
     print(result)
 
     plt = pyplot()
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), constrained_layout=True)
-    left.plot(t, (e-e[0])*1e3, lw=0.8)
-    left.plot(t, (slope*(t-t.mean())+e.mean()-e[0])*1e3, 'k--', lw=1, label=f'slope {slope:.1e} ± {error:.0e} kT/molecule/ps')
-    left.set(xlabel='time (ps)', ylabel='energy − start (10$^{-3}$ kT per molecule)', title=f'{args.waters} rigid waters, 1 fs')
+    left.plot(t, (e - e[0])*1e3, lw=0.8)
+    left.plot(t, (slope*(t - t.mean()) + e.mean() - e[0])*1e3, 'k--', lw=1,
+              label=f'slope {slope:.1e} ± {error:.0e} kT/molecule/ps')
+    left.set(xlabel='time (ps)', ylabel='energy − start (10$^{-3}$ kT per molecule)',
+             title=f'{args.waters} rigid waters, 1 fs')
     left.legend()
     h = np.array([s['step_fs'] for s in scan])
     rms = np.array([s['rms_energy_error_kT_per_molecule'] for s in scan])
     right.loglog(h, rms, 'o', label='measured')
     right.loglog(h, rms[2]*(h/h[2])**2, 'k:', label='$h^2$')
-    right.set(xlabel='step (fs)', ylabel='rms energy error (kT per molecule)', title=f'order {order:.2f} from 1 to 4 fs')
+    right.set(xlabel='step (fs)', ylabel='rms energy error (kT per molecule)',
+              title=f'order {order:.2f} from 1 to 4 fs')
     right.legend()
     figure.savefig(args.output/'energy_conservation.png', dpi=110)
 

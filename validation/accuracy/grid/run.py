@@ -16,17 +16,21 @@ WANTED = ['forces:1e-4', 'forces:1e-8', 'wrenches:1e-4', 'forces:1e-3,wrenches:1
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--quick', action='store_true', help='60 spheres instead of 500')
     parser.add_argument('--rounds', type=int, default=30)
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     arguments = parser.parse_args()
-    study = accuracy.GridStudy(accuracy.scenes.periodicSuspension(60 if arguments.quick else 500, 0.1))
+    study = accuracy.GridStudy(
+        accuracy.scenes.periodicSuspension(60 if arguments.quick else 500, 0.1))
     with tqdm() as bar:
+
         def show(done, total, text):
             bar.total = total
             bar.set_description(text, refresh=False)
             bar.update(done - bar.n)
+
         result = study.run(arguments.rounds, show)
     report = result.report(WANTED)
     report.write(str(arguments.output))

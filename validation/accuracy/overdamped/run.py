@@ -16,16 +16,27 @@ sys.path.append(str(HERE.parents[1]/'common'))
 import campaign  # noqa: E402
 
 RESULTS = HERE/'results'
-#: Steps in tau_D: of the schemes without momenta, of the LangevinHIs. The longest are at the edge of stability.
-STEPS = {'boomerang': ((0.1, 0.2), {'LangevinHI(0.3)': (0.1, 0.2, 0.5), 'LangevinHI(1)': (0.05, 0.1, 0.2), 'LangevinHI(3)': (0.05, 0.1)}),
-         'suspension': ((0.05, 0.1), {'LangevinHI(0.3)': (0.05, 0.1, 0.2), 'LangevinHI(1)': (0.05, 0.1), 'LangevinHI(3)': (0.05,)})}
+#: Steps in tau_D: of the schemes without momenta, of the LangevinHIs. The longest are at the edge
+#: of stability.
+STEPS = {
+    'boomerang': ((0.1, 0.2), {
+        'LangevinHI(0.3)': (0.1, 0.2, 0.5), 'LangevinHI(1)': (0.05, 0.1, 0.2),
+        'LangevinHI(3)': (0.05, 0.1)
+    }), 'suspension': ((0.05, 0.1), {
+        'LangevinHI(0.3)': (0.05, 0.1, 0.2), 'LangevinHI(1)': (0.05, 0.1), 'LangevinHI(3)': (0.05,)
+    })
+}
 #: Drawn as lines, and answered.
-WANTED = ['height:2%', 'cos2:2%', 'repulsion:2%', 'repulsion:5%', 'msd:5%', 'height:2%,cos2:2%,repulsion:5%,msd:5%']
+WANTED = [
+    'height:2%', 'cos2:2%', 'repulsion:2%', 'repulsion:5%', 'msd:5%',
+    'height:2%,cos2:2%,repulsion:5%,msd:5%'
+]
 BASELINE = 'TrapezoidalSlip'
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--only', choices=tuple(STEPS))
     parser.add_argument('--budget', type=float, default=480, help='seconds for each scene')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
@@ -36,14 +47,22 @@ def main():
             continue
         scene = overdamped.SCENES[name]()
         # For 16 bodies the 98 square roots a step of DriftCorrectorFD would take most of the time.
-        methods = [method for method in overdamped.METHODS if name == 'boomerang' or method != 'DriftCorrectorFD']
-        study = overdamped.OverdampedStudy(scene, methods, {method: inertial.get(method, without) for method in methods}, clock='cpu')
+        methods = [
+            method for method in overdamped.METHODS
+            if name == 'boomerang' or method != 'DriftCorrectorFD'
+        ]
+        study = overdamped.OverdampedStudy(
+            scene, methods, {method: inertial.get(method, without)
+                             for method in methods}, clock='cpu')
         with tqdm(desc=name) as bar:
+
             def show(done, total, text):
                 bar.total = total
                 bar.set_description(f'{name}: {text}', refresh=False)
                 bar.update(done - bar.n)
-            result = study.run(arguments.budget, equilibration=10*scene.timeUnit, jobs=arguments.jobs, progress=show, cluster=arguments.cluster)
+
+            result = study.run(arguments.budget, equilibration=10*scene.timeUnit,
+                               jobs=arguments.jobs, progress=show, cluster=arguments.cluster)
         result.write(str(arguments.output/name), WANTED, BASELINE)
         for item in WANTED:
             print(result.recommend(item))

@@ -1,11 +1,14 @@
 #!/usr/bin/env python3
 """Effective viscosity where it is known: analysis.viscosity beside what single bodies, lattices of spheres and rods in weak flow must have.
 
-Dilute: one body in a periodic box, on a crest of the shear and at its zero, has the mean ratio 1 + 5/2 phi_S + ..., phi_S the volume fraction of spheres of its
-stresslet radius a_S, where S = (20/3) pi eta a_S^3 E is its stresslet in the strain E of an unbounded fluid. a_S comes from dense algebra of its own here.
-Lattices: simple cubic arrays in longer and longer waves, extrapolated, have the viscosity of the array in uniform shear.
+Dilute: one body in a periodic box, on a crest of the shear and at its zero, has the mean ratio 1 +
+5/2 phi_S + ..., phi_S the volume fraction of spheres of its stresslet radius a_S, where S = (20/3)
+pi eta a_S^3 E is its stresslet in the strain E of an unbounded fluid. a_S comes from dense algebra
+of its own here. Lattices: simple cubic arrays in longer and longer waves, extrapolated, have the
+viscosity of the array in uniform shear.
 
-Brownian stress: rods of three blobs in weak flow, where half of what they add comes from their rotational diffusion.
+Brownian stress: rods of three blobs in weak flow, where half of what they add comes from their
+rotational diffusion.
 
     python3 run.py --output results                     # ten seconds
     python3 run.py --output results --brownian --jobs 2 # some minutes
@@ -27,13 +30,15 @@ import campaign  # noqa: E402
 import recording  # noqa: E402
 
 ETA = 1.5
-BOXES = (20.0, 30.0, 40.0, 60.0)          # edges over radius
+BOXES = (20.0, 30.0, 40.0, 60.0)  # edges over radius
 SHELLS = (12, 42, 162)
 MODELS = ('RotnePragerYamakawa', 'ForceCoupling')
-WAVES = (4, 8, 16, 32)                    # spheres of an array along the wave
-#: Simple cubic arrays: volume fraction, viscosity for a shear along the edges over the fluid's: exact, and by force, torque, stresslet of each sphere.
-LATTICES = ((0.001, 1.002498, 1.002498), (0.027, 1.066333, 1.066332), (0.064, 1.155148, 1.155111), (0.125, 1.302305, 1.301682), (0.216, 1.542367, 1.535882),
-            (0.343, 1.997443, 1.941957), (0.45, 2.739045, 2.437858))
+WAVES = (4, 8, 16, 32)  # spheres of an array along the wave
+#: Simple cubic arrays: volume fraction, viscosity for a shear along the edges over the fluid's:
+#: exact, and by force, torque, stresslet of each sphere.
+LATTICES = ((0.001, 1.002498, 1.002498), (0.027, 1.066333, 1.066332), (0.064, 1.155148, 1.155111),
+            (0.125, 1.302305, 1.301682), (0.216, 1.542367, 1.535882), (0.343, 1.997443, 1.941957),
+            (0.45, 2.739045, 2.437858))
 
 
 class Scene:
@@ -50,9 +55,10 @@ class Scene:
     temperature, step, seed
         K; ps; of the random numbers
     """
-
-    def __init__(self, model, bodies, box, setUp=lambda fluid: None, temperature=0, step=0.1, seed=1):
-        self.system, self.fluid, self.bodies, self.box = openmm.System(), MobilityForce(), bodies, box
+    def __init__(self, model, bodies, box, setUp=lambda fluid: None, temperature=0, step=0.1,
+                 seed=1):
+        self.system, self.fluid, self.bodies, self.box = openmm.System(), MobilityForce(
+        ), bodies, box
         self.integrator = CustomRigidHIIntegrator(temperature, step)
         self.integrator.setScheme(CustomRigidHIIntegrator.DriftCorrectorFD)
         self.integrator.setRandomNumberSeed(seed)
@@ -67,12 +73,17 @@ class Scene:
         self.system.addForce(self.fluid)
         self.system.setDefaultPeriodicBoxVectors(*np.diag(np.asarray(box, float)).tolist())
         app.bindBodies(self.system, self.integrator)
-        self.context = openmm.Context(self.system, self.integrator, openmm.Platform.getPlatformByName('CPU'), {'Threads': '1'})
+        self.context = openmm.Context(self.system, self.integrator,
+                                      openmm.Platform.getPlatformByName('CPU'), {'Threads': '1'})
 
     def place(self, R, q=None):
         """Bodies at R (n, 3), turned by q."""
         q = np.tile((1.0, 0, 0, 0), (len(self.bodies), 1)) if q is None else q
-        self.context.setPositions(np.concatenate([place + rotate(turn, np.asarray(sites)) for (sites, _), place, turn in zip(self.bodies, R, q)]))
+        self.context.setPositions(
+            np.concatenate([
+                place + rotate(turn, np.asarray(sites))
+                for (sites, _), place, turn in zip(self.bodies, R, q)
+            ]))
         self.integrator.setBodyPositions(R)
         self.integrator.setBodyOrientations(q)
 
@@ -97,7 +108,9 @@ def blobMobility(sites, radius, model):
     if model == 'RotnePragerYamakawa':
         x = r/radius
         far = x > 2
-        along, radial = (np.where(far, a, b)/(6*np.pi*radius) for a, b in ((3/(4*x) + 1/(2*x**3), 1 - 9*x/32), (3/(4*x) - 3/(2*x**3), 3*x/32)))
+        along, radial = (np.where(far, a, b)/(6*np.pi*radius)
+                         for a, b in ((3/(4*x) + 1/(2*x**3), 1 - 9*x/32), (3/(4*x) - 3/(2*x**3),
+                                                                           3*x/32)))
     else:
         # Two Gaussians of width sigma see each other as a point sees one of width sqrt(2) sigma.
         s = np.sqrt(2/np.pi)*radius
@@ -106,14 +119,17 @@ def blobMobility(sites, radius, model):
         radial = ((1 - 3*(s/r)**2)*hill + 3*bell)/(8*np.pi*r)
     along, radial = np.where(alone, 1/(6*np.pi*radius), along), np.where(alone, 0, radial)
     n = d/r[..., None]
-    return (along[..., None, None]*np.eye(3) + radial[..., None, None]*n[..., :, None]*n[..., None, :]).transpose(0, 2, 1, 3).reshape(3*len(sites), -1)
+    return (along[..., None, None]*np.eye(3) +
+            radial[..., None, None]*n[..., :, None]*n[..., None, :]).transpose(0, 2, 1, 3).reshape(
+                3*len(sites), -1)
 
 
 def stressletRadius(sites, radius, model):
     """a_S of a body without preferred directions, centred at 0: forces that keep its blobs at rest in a strain, M F = E x."""
     strain = np.zeros((3, 3))
     strain[0, 1] = strain[1, 0] = 0.5
-    F = np.linalg.solve(blobMobility(sites, radius, model), (sites @ strain).reshape(-1)).reshape(-1, 3)
+    F = np.linalg.solve(blobMobility(sites, radius, model),
+                        (sites @ strain).reshape(-1)).reshape(-1, 3)
     stresslet = 0.5*(F[:, 0] @ sites[:, 1] + F[:, 1] @ sites[:, 0])
     return (stresslet/(20/3*np.pi*0.5))**(1/3)
 
@@ -127,8 +143,11 @@ def dilute(model, body, edge):
 def lattice(fraction, count, model='StokesianDynamics', lubrication=True):
     """Ratio of viscosities of a simple cubic array of spheres, so many to a wave."""
     spacing = (4*np.pi/3/fraction)**(1/3)
-    scene = Scene(model, [(np.zeros((1, 3)), 1.0)]*count, (spacing, count*spacing, spacing), lambda fluid: fluid.setLubrication(lubrication))
-    return scene.viscosity(spacing*np.stack([np.zeros(count), np.arange(count) + 0.5, np.zeros(count)], axis=1)).ratio
+    scene = Scene(model, [(np.zeros((1, 3)), 1.0)]*count, (spacing, count*spacing, spacing),
+                  lambda fluid: fluid.setLubrication(lubrication))
+    return scene.viscosity(
+        spacing*np.stack([np.zeros(count), np.arange(count) + 0.5,
+                          np.zeros(count)], axis=1)).ratio
 
 
 def row(argument, job):
@@ -137,34 +156,48 @@ def row(argument, job):
     if kind == 'lattices':
         fraction, exact, stresslets = which
         ratios = [lattice(fraction, count) for count in WAVES]
-        return {'fraction': fraction, 'exact': exact, 'stresslets': stresslets, 'spheres_to_a_wave': WAVES, 'ratios': ratios,
-                'extrapolated': ratios[-1] + (ratios[-1] - ratios[-2])/((WAVES[-1]/WAVES[-2])**2 - 1),
-                'force_coupling': lattice(fraction, WAVES[0], 'ForceCoupling', False)}
+        return {
+            'fraction': fraction, 'exact': exact, 'stresslets': stresslets,
+            'spheres_to_a_wave': WAVES, 'ratios': ratios,
+            'extrapolated': ratios[-1] + (ratios[-1] - ratios[-2])/((WAVES[-1]/WAVES[-2])**2 - 1),
+            'force_coupling': lattice(fraction, WAVES[0], 'ForceCoupling', False)
+        }
     model, n = which
     sites, radius = shell(n) if n else (np.zeros((1, 3)), 1.0)
     slopes = [(dilute(model, (sites, radius), edge) - 1)*edge**3/(4/3*np.pi) for edge in BOXES]
     if not n:
         return {'model': model, 'edges': BOXES, 'slopes': slopes}
     own = stressletRadius(sites, radius, model)
-    return {'model': model, 'blobs': n, 'stresslet_radius': own, 'edges': BOXES, 'slopes': slopes, 'slopes_over_their_due': [slope/(2.5*own**3) for slope in slopes]}
+    return {
+        'model': model, 'blobs': n, 'stresslet_radius': own, 'edges': BOXES, 'slopes': slopes,
+        'slopes_over_their_due': [slope/(2.5*own**3) for slope in slopes]
+    }
 
 
 def measure(arguments):
     """All of it, as it goes into the JSON."""
-    todo = ([('shells', model, n) for model in MODELS for n in SHELLS] + [('spheres', model, 0) for model in ('StokesianDynamics',) + MODELS] +
-            [('lattices', *row) for row in LATTICES])
-    rows = campaign.run(row, todo, ['viscosity ' + ' '.join(map(str, each)) for each in todo], arguments, unit='row')
-    return {kind: [found for each, found in zip(todo, rows) if each[0] == kind] for kind in ('shells', 'spheres', 'lattices')}
+    todo = ([('shells', model, n) for model in MODELS for n in SHELLS] +
+            [('spheres', model, 0)
+             for model in ('StokesianDynamics',) + MODELS] + [('lattices', *row)
+                                                              for row in LATTICES])
+    rows = campaign.run(row, todo, ['viscosity ' + ' '.join(map(str, each)) for each in todo],
+                        arguments, unit='row')
+    return {
+        kind: [found for each, found in zip(todo, rows) if each[0] == kind]
+        for kind in ('shells', 'spheres', 'lattices')
+    }
 
 
 def rodInWeakFlow(sites, radius, model):
     """What a rod of blobs along z adds to the viscosity over the fluid's in weak flow, times the volume of fluid: by resisting strain in all its directions alike, and by its
     diffusion; and its rotational friction over the fluid's viscosity.
 
-    In a strain E it turns by B n x E n, B = 1 for blobs on a line, so that its directions n have the density 1 + E:nn B/(2 D), D = kT/zeta. The Brownian torque of that has a
+    In a strain E it turns by B n x E n, B = 1 for blobs on a line, so that its directions n have
+    the density 1 + E:nn B/(2 D), D = kT/zeta. The Brownian torque of that has a
     stress that dissipates kT B^2 |n x E n|^2/D, on average kT B^2 E:E/(5 D): a viscosity of zeta B^2/10."""
     inverse = np.linalg.inv(blobMobility(sites, radius, model))
-    rigid = np.concatenate([np.concatenate([np.eye(3), np.cross(np.eye(3), x).T], axis=1) for x in sites])
+    rigid = np.concatenate(
+        [np.concatenate([np.eye(3), np.cross(np.eye(3), x).T], axis=1) for x in sites])
     friction = rigid.T @ inverse @ rigid
     mobility = np.linalg.pinv(friction, rcond=1e-10, hermitian=True)
 
@@ -173,6 +206,7 @@ def rodInWeakFlow(sites, radius, model):
         u = (sites @ strain).reshape(-1)
         twist = mobility @ rigid.T @ inverse @ u
         return twist, u @ inverse @ (u - rigid @ twist)
+
     # An orthonormal basis of strains: its mean is that over all directions.
     strains = [np.diag((1, -1, 0))/2**0.5, np.diag((-1, -1, 2))/6**0.5]
     for i, j in ((0, 1), (0, 2), (1, 2)):
@@ -187,7 +221,12 @@ def readAmplitudes(scene, rows, steps, note):
     """What analysis.sampleFlowAmplitudes reads, also of a scheme that it refuses, to show why; added to rows until there are so many."""
     while len(rows) < steps:
         scene.integrator.step(1)
-        rows.append(np.concatenate([read(scene.context, 0, 1, 1)._value for read in (scene.fluid.getFlowModeInContext, scene.fluid.getRandomFlowModeInContext)]))
+        rows.append(
+            np.concatenate([
+                read(scene.context, 0, 1, 1)._value
+                for read in (scene.fluid.getFlowModeInContext,
+                             scene.fluid.getRandomFlowModeInContext)
+            ]))
         note(rows)
 
 
@@ -195,7 +234,8 @@ def readAmplitudes(scene, rows, steps, note):
 SAMPLES_TOGETHER = 50
 
 
-def brownian(steps, scheme, job=None, rods=27, edge=24.0, blobs=3, peclet=1.0, resolution=0.02, seed=7):
+def brownian(steps, scheme, job=None, rods=27, edge=24.0, blobs=3, peclet=1.0, resolution=0.02,
+             seed=7):
     """Rods without forces between them in weak flow, on a grid.
 
     Parameters
@@ -206,14 +246,17 @@ def brownian(steps, scheme, job=None, rods=27, edge=24.0, blobs=3, peclet=1.0, r
     resolution : float
         step times D
     """
-    sites = np.stack([np.zeros(blobs), np.zeros(blobs), 2*(np.arange(blobs) - (blobs - 1)/2)], axis=1)
+    sites = np.stack(
+        [np.zeros(blobs), np.zeros(blobs), 2*(np.arange(blobs) - (blobs - 1)/2)], axis=1)
     resists, diffuses, friction = rodInWeakFlow(sites, 1.0, 'ForceCoupling')
-    D = 300*unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)/(friction*ETA)
+    D = 300*unit.MOLAR_GAS_CONSTANT_R.value_in_unit(
+        unit.kilojoule_per_mole/unit.kelvin)/(friction*ETA)
 
     def setUp(fluid):
         fluid.setSolver(fluid.MatrixFree)
         fluid.setSolverTolerance(1e-2)
         fluid.setSinusoidalForceDensity(peclet*D*2*np.pi/edge*ETA, 0, 1, 1)
+
     scene = Scene('ForceCoupling', [(sites, 1.0)]*rods, (edge,)*3, setUp, 300, resolution/D, seed)
     scene.integrator.setScheme(getattr(CustomRigidHIIntegrator, scheme))
     scene.context.reinitialize()
@@ -238,14 +281,22 @@ def brownian(steps, scheme, job=None, rods=27, edge=24.0, blobs=3, peclet=1.0, r
     if scheme == 'EulerMaruyama':
         readAmplitudes(scene, rows, steps, note)
     while len(rows) < steps:
-        rows += list(analysis.sampleFlowAmplitudes(scene.context, min(SAMPLES_TOGETHER, steps - len(rows)), progress=False)._value)
+        rows += list(
+            analysis.sampleFlowAmplitudes(scene.context, min(SAMPLES_TOGETHER, steps - len(rows)),
+                                          progress=False)._value)
         note(rows)
     amplitudes = np.array(rows)*(unit.nanometer/unit.picosecond)
     found = analysis.viscosityFromAmplitudes(scene.context, amplitudes)
     plain = analysis.viscosityFromAmplitudes(scene.context, amplitudes._value*(1, 1, 0, 0))
-    return {'scheme': scheme, 'blobs': blobs, 'rods': rods, 'edge': edge, 'volume_fraction': rods*blobs*4/3*np.pi/edge**3, 'steps': steps, 'peclet': peclet, 'step_times_D': resolution, 'seed': seed,
-            'ratio_less_1': [found.ratio - 1, found.ratioError], 'with_the_fields_own_noise': [plain.ratio - 1, plain.ratioError], 'tau_samples': found.tau,
-            'due': rods*(resists + diffuses)/edge**3, 'due_by_resisting': rods*resists/edge**3, 'due_by_diffusion': rods*diffuses/edge**3}
+    return {
+        'scheme': scheme, 'blobs': blobs, 'rods': rods, 'edge': edge,
+        'volume_fraction': rods*blobs*4/3*np.pi/edge**3, 'steps': steps, 'peclet': peclet,
+        'step_times_D': resolution, 'seed': seed, 'ratio_less_1': [
+            found.ratio - 1, found.ratioError
+        ], 'with_the_fields_own_noise': [plain.ratio - 1, plain.ratioError],
+        'tau_samples': found.tau, 'due': rods*(resists + diffuses)/edge**3,
+        'due_by_resisting': rods*resists/edge**3, 'due_by_diffusion': rods*diffuses/edge**3
+    }
 
 
 def brownianRow(argument, job):
@@ -254,21 +305,27 @@ def brownianRow(argument, job):
 
 def tables(data):
     """Markdown."""
-    yield '| model | blobs | a_S/a | ' + ' | '.join(f'L = {edge:g} a' for edge in data['shells'][0]['edges']) + ' |'
+    yield '| model | blobs | a_S/a | ' + ' | '.join(f'L = {edge:g} a'
+                                                    for edge in data['shells'][0]['edges']) + ' |'
     yield '|---'*(3 + len(data['shells'][0]['edges'])) + '|'
     for row in data['shells']:
-        yield f'| {row["model"]} | {row["blobs"]} | {row["stresslet_radius"]:.5f} | ' + ' | '.join(f'{value:.5f}' for value in row['slopes_over_their_due']) + ' |'
+        yield f'| {row["model"]} | {row["blobs"]} | {row["stresslet_radius"]:.5f} | ' + ' | '.join(
+            f'{value:.5f}' for value in row['slopes_over_their_due']) + ' |'
     yield ''
-    yield '| spheres | ' + ' | '.join(f'L = {edge:g} a' for edge in data['spheres'][0]['edges']) + ' |'
+    yield '| spheres | ' + ' | '.join(f'L = {edge:g} a'
+                                      for edge in data['spheres'][0]['edges']) + ' |'
     yield '|---'*(1 + len(data['spheres'][0]['edges'])) + '|'
     for row in data['spheres']:
         yield f'| {row["model"]} | ' + ' | '.join(f'{value:.5f}' for value in row['slopes']) + ' |'
     yield ''
     counts = data['lattices'][0]['spheres_to_a_wave']
-    yield '| volume fraction | ' + ' | '.join(f'{count} to a wave' for count in counts) + ' | extrapolated | stresslets, uniform shear | exact |'
+    yield '| volume fraction | ' + ' | '.join(
+        f'{count} to a wave'
+        for count in counts) + ' | extrapolated | stresslets, uniform shear | exact |'
     yield '|---'*(4 + len(counts)) + '|'
     for row in data['lattices']:
-        yield (f'| {row["fraction"]:g} | ' + ' | '.join(f'{value:.5f}' for value in row['ratios']) + f' | {row["extrapolated"]:.5f} | {row["stresslets"]:.5f} | '
+        yield (f'| {row["fraction"]:g} | ' + ' | '.join(f'{value:.5f}' for value in row['ratios']) +
+               f' | {row["extrapolated"]:.5f} | {row["stresslets"]:.5f} | '
                f'{row["exact"]:.5f} |')
 
 
@@ -276,20 +333,27 @@ def picture(data, path):
     plt = recording.pyplot()
     figure, (left, right) = plt.subplots(1, 2, figsize=(10.5, 4), layout='constrained')
     for row in data['shells']:
-        left.plot(1/np.array(row['edges']), 100*(np.array(row['slopes_over_their_due']) - 1), 'os'[row['model'] == 'ForceCoupling'] + '-', ms=4, lw=0.8,
+        left.plot(1/np.array(row['edges']), 100*(np.array(row['slopes_over_their_due']) - 1),
+                  'os'[row['model'] == 'ForceCoupling'] + '-', ms=4, lw=0.8,
                   label=f'{row["blobs"]} blobs, {row["model"]}')
     row = data['spheres'][0]
-    left.plot(1/np.array(row['edges']), 100*(np.array(row['slopes'])/2.5 - 1), 'k^-', ms=4, lw=0.8, label='sphere, StokesianDynamics')
-    left.set(xlabel='a/L', ylabel='slope over 2.5 (a_S/a)³, less 1, %', xlim=(0, None), title='one body in a box')
+    left.plot(1/np.array(row['edges']), 100*(np.array(row['slopes'])/2.5 - 1), 'k^-', ms=4, lw=0.8,
+              label='sphere, StokesianDynamics')
+    left.set(xlabel='a/L', ylabel='slope over 2.5 (a_S/a)³, less 1, %', xlim=(0, None),
+             title='one body in a box')
     left.axhline(0, color='0.8', lw=0.7)
     left.legend(fontsize=7)
     rows = data['lattices']
     x = [row['fraction'] for row in rows]
     right.plot(x, [row['exact'] for row in rows], 'k-', lw=1, label='exact, uniform shear')
-    right.plot(x, [row['stresslets'] for row in rows], '-', color='tab:blue', lw=1, label='stresslets, uniform shear')
-    right.plot(x, [row['extrapolated'] for row in rows], 'o', color='tab:blue', ms=5, label='StokesianDynamics, long waves')
-    right.plot(x, [row['ratios'][0] for row in rows], 'x', color='tab:orange', ms=5, label=f'{rows[0]["spheres_to_a_wave"][0]} spheres to a wave')
-    right.plot(x, [row['force_coupling'] for row in rows], 'd', color='tab:green', ms=4, label='force-coupling spheres')
+    right.plot(x, [row['stresslets'] for row in rows], '-', color='tab:blue', lw=1,
+               label='stresslets, uniform shear')
+    right.plot(x, [row['extrapolated'] for row in rows], 'o', color='tab:blue', ms=5,
+               label='StokesianDynamics, long waves')
+    right.plot(x, [row['ratios'][0] for row in rows], 'x', color='tab:orange', ms=5,
+               label=f'{rows[0]["spheres_to_a_wave"][0]} spheres to a wave')
+    right.plot(x, [row['force_coupling'] for row in rows], 'd', color='tab:green', ms=4,
+               label='force-coupling spheres')
     right.set(xlabel='volume fraction', ylabel='η_eff/η', title='simple cubic arrays')
     right.legend(fontsize=8)
     figure.savefig(path, dpi=110)
@@ -297,22 +361,33 @@ def picture(data, path):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--output', type=Path, default=Path('results'), help='folder of the JSON (results)')
-    parser.add_argument('--brownian', action='store_true', help='the Brownian stress of rods, instead of what has no noise')
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--output', type=Path, default=Path('results'),
+                        help='folder of the JSON (results)')
+    parser.add_argument('--brownian', action='store_true',
+                        help='the Brownian stress of rods, instead of what has no noise')
     parser.add_argument('--steps', type=int, default=6000, help='of --brownian (%(default)s)')
-    parser.add_argument('--schemes', nargs='+', default=['TractionEulerMaruyama', 'EulerMaruyama'], help='of --brownian (%(default)s); EulerMaruyama lacks the drift')
+    parser.add_argument('--schemes', nargs='+', default=['TractionEulerMaruyama', 'EulerMaruyama'],
+                        help='of --brownian (%(default)s); EulerMaruyama lacks the drift')
     campaign.addOptions(parser)
     arguments = campaign.settle(parser.parse_args())
     if arguments.brownian:
-        rows = campaign.run(brownianRow, [(arguments.steps, scheme) for scheme in arguments.schemes], [f'brownian {scheme}' for scheme in arguments.schemes], arguments,
+        rows = campaign.run(brownianRow, [(arguments.steps, scheme)
+                                          for scheme in arguments.schemes],
+                            [f'brownian {scheme}' for scheme in arguments.schemes], arguments,
                             [arguments.steps]*len(arguments.schemes), 'sample', 'rods')
-        recording.save(arguments.output, 'brownian.json', {'rows': rows, 'run': recording.provenance(arguments)})
+        recording.save(arguments.output, 'brownian.json',
+                       {'rows': rows, 'run': recording.provenance(arguments)})
         for row in rows:
-            print({key: value for key, value in row.items() if key.startswith(('scheme', 'ratio', 'with', 'due'))})
+            print({
+                key: value
+                for key, value in row.items() if key.startswith(('scheme', 'ratio', 'with', 'due'))
+            })
         return
     data = measure(arguments)
-    recording.save(arguments.output, 'viscosity.json', {**data, 'run': recording.provenance(arguments)})
+    recording.save(arguments.output, 'viscosity.json',
+                   {**data, 'run': recording.provenance(arguments)})
     picture(data, arguments.output/'viscosity.png')
     print('\n'.join(tables(data)))
 

@@ -1,18 +1,23 @@
 """Moments of inertia times a factor (setInertiaScale) for longer steps in water: the measurement in results_inertia/, made again.
 
-LangevinC with the real moments and with 4, 8 and 16 times these, up to steps where the energy fails. They are compared with the limit of small steps of
-results/results.json. Further options are passed on, e.g. ``--budget 600 --output mine``.
+LangevinC with the real moments and with 4, 8 and 16 times these, up to steps where the energy
+fails. They are compared with the limit of small steps of results/results.json. Further options are
+passed on, e.g. ``--budget 600 --output mine``.
 """
 import os
 import sys
 
 from openmmrigidhi.accuracy import cli
 
-ARGUMENTS = ['--scene', 'water', '--bodies', '216', '--temperature', '298.15', '--gamma', '5', '--Gamma', '10', '--seed', '2028',
-             '--methods', 'LangevinC:4,9,10', 'LangevinC-I4:9,12,14', 'LangevinC-I8:12,14,16', 'LangevinC-I16:15,16',
-             '--reference', 'potential_energy=-46.498+-0.042', '--wanted-error', 'potential_energy:0.5%', '--baseline', 'LangevinC',
-             '--threads', '1', '--clock', 'cpu', '--rounds', '10', '--budget', '1100',
-             '--output', os.path.join(os.path.dirname(os.path.abspath(__file__)), 'results_inertia')]
+ARGUMENTS = [
+    '--scene', 'water', '--bodies', '216', '--temperature', '298.15', '--gamma', '5', '--Gamma',
+    '10', '--seed', '2028', '--methods', 'LangevinC:4,9,10', 'LangevinC-I4:9,12,14',
+    'LangevinC-I8:12,14,16', 'LangevinC-I16:15,16', '--reference',
+    'potential_energy=-46.498+-0.042', '--wanted-error', 'potential_energy:0.5%', '--baseline',
+    'LangevinC', '--threads', '1', '--clock', 'cpu', '--rounds', '10', '--budget', '1100',
+    '--output',
+    os.path.join(os.path.dirname(os.path.abspath(__file__)), 'results_inertia')
+]
 
 if __name__ == '__main__':
     # The last of two equal options counts.

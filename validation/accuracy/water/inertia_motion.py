@@ -1,7 +1,8 @@
 """How much slower water moves when its moments of inertia are multiplied by a factor (setInertiaScale): what longer steps cost in sampling.
 
-The water of inertia.py with LangevinC and factors of 1, 4, 8 and 16: the diffusion coefficient of the molecules, and the time in which their dipoles
-forget their direction. Writes results_inertia/motion.json and prints the table of README.md; four minutes.
+The water of inertia.py with LangevinC and factors of 1, 4, 8 and 16: the diffusion coefficient of
+the molecules, and the time in which their dipoles forget their direction. Writes
+results_inertia/motion.json and prints the table of README.md; four minutes.
 """
 import argparse
 import os
@@ -22,9 +23,9 @@ sys.path.insert(0, str(HERE.parents[1]/'common'))
 import campaign  # noqa: E402
 import recording  # noqa: E402
 
-INTERVAL = 0.12                                     # ps between frames: a multiple of every step
-STEPS = {1: 0.008, 4: 0.012, 8: 0.012, 16: 0.015}   # ps, for each factor
-FROM, TO = 1.2, 4.8                                 # ps: slopes are taken between these lag times
+INTERVAL = 0.12  # ps between frames: a multiple of every step
+STEPS = {1: 0.008, 4: 0.012, 8: 0.012, 16: 0.015}  # ps, for each factor
+FROM, TO = 1.2, 4.8  # ps: slopes are taken between these lag times
 BLOCKS = 5
 
 
@@ -34,7 +35,8 @@ def simulate(scene, factor, frames, equilibration, seed, job):
     state = campaign.State(job, (factor, equilibration, seed))
     kept = state.load()
     integrator = accuracy.methods.byName(f'LangevinC-I{factor}').makeIntegrator(scene, step, seed)
-    context = scene.makeContext(integrator, openmm.Platform.getPlatformByName('CPU'), {'Threads': '1'}, seed)
+    context = scene.makeContext(integrator, openmm.Platform.getPlatformByName('CPU'),
+                                {'Threads': '1'}, seed)
     every = round(INTERVAL/step)
     positions, orientations = list(kept.get('positions', ())), list(kept.get('orientations', ()))
     if kept:
@@ -46,7 +48,8 @@ def simulate(scene, factor, frames, equilibration, seed, job):
             positions.append(integrator.getBodyPositions()._value)
             orientations.append(integrator.getBodyOrientations())
         if frame >= 0 and (state.isDue() or frame == frames - 1):
-            state.save(positions=positions, orientations=orientations, checkpoint=campaign.checkpoint(context))
+            state.save(positions=positions, orientations=orientations,
+                       checkpoint=campaign.checkpoint(context))
     oxygen, first, second = integrator.getRigidBodyParameters(0)[3]._value[:3]
     dipole = first + second - 2*oxygen
     return np.array(positions), np.array(orientations), dipole/np.linalg.norm(dipole)
@@ -59,7 +62,10 @@ def reorientationTime(orientations, dipole):
     first, last = round(FROM/INTERVAL), round(TO/INTERVAL)
     times = []
     for block in np.array_split(directions, BLOCKS):
-        cosines = [np.einsum('tik,tik->', block[:-lag], block[lag:])/block[lag:, :, 0].size for lag in (first, last)]
+        cosines = [
+            np.einsum('tik,tik->', block[:-lag], block[lag:])/block[lag:, :, 0].size
+            for lag in (first, last)
+        ]
         times.append((TO - FROM)/np.log(cosines[0]/cosines[1]))
     return np.mean(times), np.std(times, ddof=1)/np.sqrt(BLOCKS)
 
@@ -78,12 +84,15 @@ def follow(argument, job, scene):
     positions, orientations, dipole = simulate(scene, factor, frames, equilibration, seed, job)
     D, tau = diffusion(positions, orientations), reorientationTime(orientations, dipole)
     return {
-        'factor': factor, 'step_ps': STEPS[factor], 'length_ps': frames*INTERVAL, 'equilibration_ps': equilibration*INTERVAL, 'seed': seed,
-        'diffusion_nm2_per_ps': D[0], 'diffusion_error': D[1], 'reorientation_ps': tau[0], 'reorientation_error': tau[1]}
+        'factor': factor, 'step_ps': STEPS[factor], 'length_ps': frames*INTERVAL,
+        'equilibration_ps': equilibration*INTERVAL, 'seed': seed, 'diffusion_nm2_per_ps': D[0],
+        'diffusion_error': D[1], 'reorientation_ps': tau[0], 'reorientation_error': tau[1]
+    }
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--length', type=float, default=96, help='ps for each factor (96)')
     parser.add_argument('--equilibration', type=float, default=6, help='ps for each factor (6)')
     parser.add_argument('--seed', type=int, default=2030)
@@ -92,15 +101,24 @@ def main():
     options = campaign.settle(parser.parse_args())
     frames, equilibration = round(options.length/INTERVAL), round(options.equilibration/INTERVAL)
     with tqdm(desc='equilibrating', unit='step') as bar:
-        scene = accuracy.scenes.water(216, seed=2026, threads=1, progress=lambda done, total: bar.update(done - bar.n))
-    rows = campaign.run(follow, [(factor, frames, equilibration, options.seed + factor) for factor in STEPS], [f'factor {factor}' for factor in STEPS], options,
-                         [(frames + equilibration)*round(INTERVAL/step) for step in STEPS.values()], 'step', 'motion', given=scene)
-    recording.save(options.output, 'motion.json', {'scene': scene.description, 'frame_interval_ps': INTERVAL, 'blocks': BLOCKS,
-                                                   'lag_times_ps': [FROM, TO], 'rows': rows, 'provenance': recording.provenance(options)})
+        scene = accuracy.scenes.water(216, seed=2026, threads=1,
+                                      progress=lambda done, total: bar.update(done - bar.n))
+    rows = campaign.run(follow, [(factor, frames, equilibration, options.seed + factor)
+                                 for factor in STEPS], [f'factor {factor}' for factor in STEPS],
+                        options, [(frames + equilibration)*round(INTERVAL/step)
+                                  for step in STEPS.values()], 'step', 'motion', given=scene)
+    recording.save(
+        options.output, 'motion.json', {
+            'scene': scene.description, 'frame_interval_ps': INTERVAL, 'blocks': BLOCKS,
+            'lag_times_ps': [FROM, TO], 'rows': rows, 'provenance': recording.provenance(options)
+        })
     print('\n| factor | step, fs | D, 1e-3 nm²/ps | dipoles forget in, ps |\n|---|---|---|---|')
     for row in rows:
-        print(f'| {row["factor"]} | {1000*row["step_ps"]:g} | {recording.brackets(1000*row["diffusion_nm2_per_ps"], 1000*row["diffusion_error"])} | '
-              f'{recording.brackets(row["reorientation_ps"], row["reorientation_error"])} |')
+        print(
+            f'| {row["factor"]} | {1000*row["step_ps"]:g} | '
+            f'{recording.brackets(1000*row["diffusion_nm2_per_ps"], 1000*row["diffusion_error"])} '
+            f'| '
+            f'{recording.brackets(row["reorientation_ps"], row["reorientation_error"])} |')
 
 
 if __name__ == '__main__':

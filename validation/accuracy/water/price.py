@@ -1,9 +1,12 @@
 """What 0.5 % of water's energy and of its mean square dipole moment costs: the best that users have today beside LangevinC.
 
-216 TIP4P-Ew molecules, CPU platform, one thread, processor time. LangevinC with real moments and with moments times 4, 8, 16, OpenMM's
-LangevinMiddleIntegrator with its own hydrogens and with heavier ones, and the same with reciprocal space in every other step, with several frictions. ``price.py run`` makes the runs of a series, as many at a time as
---jobs says; stopped and started again it goes on where it was, and a longer run goes on from a shorter one. ``price.py time`` then lets all settings take turns for their speeds, alone, and
-``price.py report`` writes results_price/ from all runs that there are.
+216 TIP4P-Ew molecules, CPU platform, one thread, processor time. LangevinC with real moments and
+with moments times 4, 8, 16, OpenMM's LangevinMiddleIntegrator with its own hydrogens and with
+heavier ones, and the same with reciprocal space in every other step, with several frictions.
+``price.py run`` makes the runs of a series, as many at a time as --jobs says; stopped and started
+again it goes on where it was, and a longer run goes on from a shorter one. ``price.py time`` then
+lets all settings take turns for their speeds, alone, and ``price.py report`` writes results_price/
+from all runs that there are.
 """
 import argparse
 import collections
@@ -32,25 +35,35 @@ sys.path.insert(0, str(HERE.parents[1]/'common'))
 import campaign  # noqa: E402
 import recording  # noqa: E402
 
-OBSERVABLES = ['potential_energy', 'dipole_squared', 'translational_temperature', 'rotational_temperature_1']
+OBSERVABLES = [
+    'potential_energy', 'dipole_squared', 'translational_temperature', 'rotational_temperature_1'
+]
 WANTED, WISH = ['potential_energy:0.5%'], 0.005
 #: The limit of small steps of results/results.json, kJ/mol.
 REFERENCES = {'potential_energy': (-46.498, 0.042)}
 #: Method -> steps in fs.
 SERIES = {
-    'scout': {'LangevinC': (9,), 'LangevinC-g1-G2': (9,), 'LangevinC-I4-g1-G2': (12,), 'LangevinC-I4-g3-G3': (13,), 'LangevinC-I8-g1-G2': (14, 16),
-              'LangevinC-I8-g3-G3': (15,), 'LangevinC-I8-g5-G2': (15, 16), 'LangevinC-I16': (15,), 'LangevinMiddle-g1': (7,),
-              'LangevinMiddle-H2-g1': (9,), 'LangevinMiddle-H3-g1': (10, 12), 'LangevinMiddle-H4-g1': (12, 13, 14), 'LangevinMiddle-N2-g1': (7,),
-              'LangevinMiddle-N2-H3-g1': (8, 10)},
-    'long': {'LangevinC-I8': (15,), 'LangevinMiddle': (7,), 'LangevinMiddle-H3': (12,)},
-    'best': {'LangevinC-I4-g1-G2': (13,), 'LangevinC-I8-g2-G2': (15,), 'LangevinC-I8-g5-G2': (15,), 'LangevinMiddle-g1': (7,), 'LangevinMiddle-H3-g0.5': (12,),
-             'LangevinMiddle-H3-g1': (12,)},
-    'recommended': {'LangevinC-I8-g2-G2': (15,)},
+    'scout': {
+        'LangevinC': (9,), 'LangevinC-g1-G2': (9,), 'LangevinC-I4-g1-G2': (12,),
+        'LangevinC-I4-g3-G3': (13,), 'LangevinC-I8-g1-G2': (14, 16), 'LangevinC-I8-g3-G3': (15,),
+        'LangevinC-I8-g5-G2': (15, 16), 'LangevinC-I16': (15,), 'LangevinMiddle-g1': (7,),
+        'LangevinMiddle-H2-g1': (9,), 'LangevinMiddle-H3-g1': (10, 12),
+        'LangevinMiddle-H4-g1': (12, 13, 14), 'LangevinMiddle-N2-g1': (7,),
+        'LangevinMiddle-N2-H3-g1': (8, 10)
+    }, 'long': {'LangevinC-I8': (15,), 'LangevinMiddle': (7,), 'LangevinMiddle-H3': (12,)},
+    'best': {
+        'LangevinC-I4-g1-G2': (13,), 'LangevinC-I8-g2-G2': (15,), 'LangevinC-I8-g5-G2': (15,),
+        'LangevinMiddle-g1': (7,), 'LangevinMiddle-H3-g0.5': (12,), 'LangevinMiddle-H3-g1': (12,)
+    }, 'recommended': {'LangevinC-I8-g2-G2': (15,)},
 }
 #: Settings whose molecules are followed; lags of cosines, ps; blocks for errors.
-MOTION = {'LangevinC': (9,), 'LangevinC-g1-G2': (8,), 'LangevinC-I4': (13,), 'LangevinC-I4-g1-G2': (12, 13), 'LangevinC-I4-g2-G2': (13,), 'LangevinC-I8': (15,),
-          'LangevinC-I8-g1-G2': (14,), 'LangevinC-I8-g2-G2': (15,), 'LangevinC-I8-g5-G2': (15,), 'LangevinMiddle': (7,), 'LangevinMiddle-g1': (7,),
-          'LangevinMiddle-H3': (12,), 'LangevinMiddle-H3-g0.5': (12,), 'LangevinMiddle-H3-g1': (12,), 'LangevinMiddle-N2-H3': (12,)}
+MOTION = {
+    'LangevinC': (9,), 'LangevinC-g1-G2': (8,), 'LangevinC-I4': (13,),
+    'LangevinC-I4-g1-G2': (12, 13), 'LangevinC-I4-g2-G2': (13,), 'LangevinC-I8': (15,),
+    'LangevinC-I8-g1-G2': (14,), 'LangevinC-I8-g2-G2': (15,), 'LangevinC-I8-g5-G2': (15,),
+    'LangevinMiddle': (7,), 'LangevinMiddle-g1': (7,), 'LangevinMiddle-H3': (12,),
+    'LangevinMiddle-H3-g0.5': (12,), 'LangevinMiddle-H3-g1': (12,), 'LangevinMiddle-N2-H3': (12,)
+}
 LAGS, BLOCKS = (2.0, 4.0), 5
 #: ps that a setting advances in one turn; what is between two notes on disk.
 PIECE = 20.0
@@ -82,7 +95,8 @@ class Legs(accuracy.StepSizeStudy):
         self.observables.append(_Components())
 
     def reference(self, observable, rows):
-        # The dipole moment's mean square is known to some percent: no fit over steps is worth anything.
+        # The dipole moment's mean square is known to some percent: no fit over steps is worth
+        # anything.
         return None if observable.name == 'dipole_squared' else super().reference(observable, rows)
 
     def settingSeed(self, setting):
@@ -91,22 +105,26 @@ class Legs(accuracy.StepSizeStudy):
 
 class Kept:
     """A run that is kept in a directory of its own below a folder: samples and times, and the State that it goes on from."""
-
     def __init__(self, study, setting, folder):
         self.study = study
         self.setting = setting
         self.name = f'{setting.method.name}_{1000*setting.stepSize:g}fs'
-        self.kept = campaign.State(folder/campaign.directoryName(self.name), (self.name, study.seed))
+        self.kept = campaign.State(folder/campaign.directoryName(self.name),
+                                   (self.name, study.seed))
         self.record = measurement.Record(0.0)
         self.state, self.legs, self.run = None, 0, None
         kept = self.kept.load()
         if kept:
             self.state, self.legs = str(kept['state']), int(kept['legs'])
             record = self.record
-            record.samplesAt, record.length, record.equilibration = (float(kept[name]) for name in ('samplesAt', 'length', 'equilibration'))
+            record.samplesAt, record.length, record.equilibration = (float(
+                kept[name]) for name in ('samplesAt', 'length', 'equilibration'))
             record.status, record.message = str(kept['status']), str(kept['message'])
             record.timings = [tuple(row) for row in kept['timings']]
-            record.series = {name[7:]: list(values) for name, values in kept.items() if name.startswith('series_')}
+            record.series = {
+                name[7:]: list(values)
+                for name, values in kept.items() if name.startswith('series_')
+            }
 
     @property
     def key(self):
@@ -135,7 +153,8 @@ class Kept:
             self.run.advance(round(EQUILIBRATION/self.run.record.samplesAt), record=False)
             self.record = self.run.record
         else:
-            # What its energy may be was found at the scene's start. The time goes on with the record's.
+            # What its energy may be was found at the scene's start. The time goes on with the
+            # record's.
             self._place(self.run.context)
             self.run.time = self.record.equilibration + self.record.length
             self.run.record = self.record
@@ -153,10 +172,14 @@ class Kept:
     def _keep(self):
         record = self.record = self.run.record
         if self.run.isAlive:
-            self.state = openmm.XmlSerializer.serialize(self.run.context.getState(getPositions=True, getVelocities=True))
-        self.kept.save(state=self.state or '', legs=self.legs, samplesAt=record.samplesAt, length=record.length, equilibration=record.equilibration,
-                       status=record.status, message=record.message, timings=np.array(record.timings).reshape(-1, 3),
-                       **{f'series_{name}': np.array(values) for name, values in record.series.items()})
+            self.state = openmm.XmlSerializer.serialize(
+                self.run.context.getState(getPositions=True, getVelocities=True))
+        self.kept.save(
+            state=self.state or '', legs=self.legs, samplesAt=record.samplesAt,
+            length=record.length, equilibration=record.equilibration, status=record.status,
+            message=record.message, timings=np.array(record.timings).reshape(-1, 3),
+            **{f'series_{name}': np.array(values)
+               for name, values in record.series.items()})
 
 
 def water(folder, threads):
@@ -165,26 +188,38 @@ def water(folder, threads):
     if not all(name.exists() for name in names):
         folder.mkdir(parents=True, exist_ok=True)
         with tqdm(desc='equilibrating', unit='step') as bar:
-            scene = accuracy.scenes.water(216, seed=2026, threads=threads, progress=lambda done, total: bar.update(done - bar.n))
-        context = scene.makeContext(openmm.VerletIntegrator(0.001), openmm.Platform.getPlatformByName('Reference'), {}, 1)
-        objects = (scene.system, context.getState(getPositions=True, getVelocities=True), scene.makeIntegrator())
+            scene = accuracy.scenes.water(216, seed=2026, threads=threads,
+                                          progress=lambda done, total: bar.update(done - bar.n))
+        context = scene.makeContext(openmm.VerletIntegrator(0.001),
+                                    openmm.Platform.getPlatformByName('Reference'), {}, 1)
+        objects = (scene.system, context.getState(getPositions=True,
+                                                  getVelocities=True), scene.makeIntegrator())
         for name, thing in zip(names, objects):
             name.write_text(openmm.XmlSerializer.serialize(thing))
-    system, state, integrator = (openmm.XmlSerializer.deserialize(name.read_text()) for name in names)
-    return Scene(system, state, integrator, 'water216', '216 TIP4P-Ew molecules at 995 kg/m^3 and 298.15 K, PME, cutoff 0.9 nm; where a method\'s name says '
-                 'nothing else gamma = 5/ps, Gamma = 10/ps', equilibration=EQUILIBRATION, sampleInterval=SAMPLE_INTERVAL)
+    system, state, integrator = (openmm.XmlSerializer.deserialize(name.read_text())
+                                 for name in names)
+    return Scene(
+        system, state, integrator, 'water216',
+        '216 TIP4P-Ew molecules at 995 kg/m^3 and 298.15 K, PME, cutoff 0.9 nm; where a method\'s '
+        'name says '
+        'nothing else gamma = 5/ps, Gamma = 10/ps', equilibration=EQUILIBRATION,
+        sampleInterval=SAMPLE_INTERVAL)
 
 
 def makeStudy(options, settings):
     steps = {name: [h/1000 for h in own] for name, own in settings.items()}
-    return Legs(water(options.work, 1), list(steps), steps, REFERENCES, observables=OBSERVABLES, platform='CPU', threads=1, seed=options.seed, clock='cpu')
+    return Legs(water(options.work, 1), list(steps), steps, REFERENCES, observables=OBSERVABLES,
+                platform='CPU', threads=1, seed=options.seed, clock='cpu')
 
 
 def wanted(options):
     """Method -> steps in fs, of a series or of what was named."""
     if not options.methods:
         return SERIES[options.series]
-    return {name: tuple(float(h) for h in own.split(',')) for name, _, own in (text.partition(':') for text in options.methods)}
+    return {
+        name: tuple(float(h) for h in own.split(','))
+        for name, _, own in (text.partition(':') for text in options.methods)
+    }
 
 
 def advance(argument, job):
@@ -202,28 +237,32 @@ def advance(argument, job):
 def run(options):
     """All settings until each has its length."""
     settings = [(name, step) for name, steps in wanted(options).items() for step in steps]
-    water(options.work, 1)   # made once, before all need it
-    campaign.run(advance, [(*setting, options.length, options.seed) for setting in settings], [f'{name}_{step:g}fs' for name, step in settings], options,
+    water(options.work, 1)  # made once, before all need it
+    campaign.run(advance, [(*setting, options.length, options.seed) for setting in settings],
+                 [f'{name}_{step:g}fs' for name, step in settings], options,
                  [options.length]*len(settings), 'ps', 'runs')
 
 
-# ---- Motion ----------------------------------------------------------------------------------------------------------
+# ---- Motion --------------------------------------------------------------------------------------
+
 
 class Cosine(observables.Observable):
     """Mean cosine of the angle that molecules' dipoles turn by within a lag (ps)."""
-
     def __init__(self, lag):
-        super().__init__(f'cosine_{lag:g}', f'cosine over {lag:g} ps', '', self._cosine, setup=self._begin)
+        super().__init__(f'cosine_{lag:g}', f'cosine over {lag:g} ps', '', self._cosine,
+                         setup=self._begin)
         self.lag = lag
 
     @staticmethod
     def _begin(scene, platform, properties):
-        return observables.BUILT_IN['dipole_squared'].setup(scene, platform, properties), np.array(scene.bodies), collections.deque()
+        return observables.BUILT_IN['dipole_squared'].setup(scene, platform, properties), np.array(
+            scene.bodies), collections.deque()
 
     def _cosine(self, sample, memory):
         charges, members, past = memory
         dipoles = np.einsum('bk,bki->bi', charges.charges[members], sample.positions[members])
-        past.append((sample.energies.getTime()._value, dipoles/np.linalg.norm(dipoles, axis=1)[:, None]))
+        past.append(
+            (sample.energies.getTime()._value, dipoles/np.linalg.norm(dipoles, axis=1)[:, None]))
         if past[-1][0] - past[0][0] < self.lag - 1e-6:
             return float('nan')
         while past[-1][0] - past[1][0] > self.lag - 1e-6:
@@ -233,7 +272,6 @@ class Cosine(observables.Observable):
 
 class Unreferenced(accuracy.StepSizeStudy):
     """Without limits of small steps, which nothing here needs."""
-
     def reference(self, observable, rows):
         return None
 
@@ -243,42 +281,64 @@ def motion(options):
 
     Settings that motion.json has already are replaced, the others kept.
     """
-    steps = {name: [h/1000 for h in own] for name, own in (wanted(options) if options.methods else MOTION).items()}
+    steps = {
+        name: [h/1000 for h in own]
+        for name, own in (wanted(options) if options.methods else MOTION).items()
+    }
     chosen = ['diffusion_coefficient', *map(Cosine, LAGS), 'potential_energy']
-    study = Unreferenced(water(options.work, 1), list(steps), steps, observables=chosen, platform='CPU', threads=1, seed=options.seed, clock='cpu')
+    study = Unreferenced(water(options.work, 1), list(steps), steps, observables=chosen,
+                         platform='CPU', threads=1, seed=options.seed, clock='cpu')
     with tqdm(total=1, unit='step', mininterval=5) as bar:
+
         def show(done, total, text):
             bar.total = total
             bar.set_description(text, refresh=False)
             bar.update(done - bar.n)
-        study.run(length=options.length, equilibration=10.0, rounds=5, jobs=options.jobs, progress=show, cluster=options.cluster)
+
+        study.run(length=options.length, equilibration=10.0, rounds=5, jobs=options.jobs,
+                  progress=show, cluster=options.cluster)
     rows = []
     for setting, record in study.records:
-        row = {'method': setting.method.name, 'step_fs': 1000*setting.stepSize, 'status': record.status, 'message': record.message, 'length_ps': record.length}
+        row = {
+            'method': setting.method.name, 'step_fs': 1000*setting.stepSize,
+            'status': record.status, 'message': record.message, 'length_ps': record.length
+        }
         if record.status == measurement.STABLE:
-            series_ = [np.array(record.series[observable.name], float) for observable in study.observables]
-            D, first, last, energy = ([block.mean() for block in np.array_split(each[np.isfinite(each)], BLOCKS)] for each in series_)
+            series_ = [
+                np.array(record.series[observable.name], float) for observable in study.observables
+            ]
+            D, first, last, energy = ([
+                block.mean() for block in np.array_split(each[np.isfinite(each)], BLOCKS)
+            ] for each in series_)
             lags = [max(1, math.ceil(lag/record.samplesAt - 1e-6))*record.samplesAt for lag in LAGS]
             taus = (lags[1] - lags[0])/np.log(np.array(first)/last)
-            for name, values in (('diffusion_nm2_per_ps', D), ('reorientation_ps', taus), ('energy', energy)):
-                row.update({name: np.mean(values), f'{name}_error': np.std(values, ddof=1)/math.sqrt(BLOCKS)})
+            for name, values in (('diffusion_nm2_per_ps', D), ('reorientation_ps', taus), ('energy',
+                                                                                           energy)):
+                row.update({
+                    name: np.mean(values), f'{name}_error': np.std(values, ddof=1)/math.sqrt(BLOCKS)
+                })
         rows.append(row)
         print(row)
     path = options.output/'motion.json'
     old = json.loads(path.read_text()) if path.exists() else {'rows': [], 'provenance': []}
     again = {(row['method'], row['step_fs']) for row in rows}
     rows = [row for row in old['rows'] if (row['method'], row['step_fs']) not in again] + rows
-    recording.save(options.output, 'motion.json', {'lags_ps': LAGS, 'blocks': BLOCKS, 'seed': options.seed, 'rows': rows,
-                                                   'provenance': [*old['provenance'], recording.provenance(options)]})
+    recording.save(
+        options.output, 'motion.json', {
+            'lags_ps': LAGS, 'blocks': BLOCKS, 'seed': options.seed, 'rows': rows,
+            'provenance': [*old['provenance'], recording.provenance(options)]
+        })
 
 
-# ---- Speeds ----------------------------------------------------------------------------------------------------------
+# ---- Speeds --------------------------------------------------------------------------------------
+
 
 def moved(options):
     """What ``price.py motion`` has written: (method, step in fs) -> row."""
     path = options.output/'motion.json'
     rows = json.loads(path.read_text())['rows'] if path.exists() else []
-    return {(row['method'], round(row['step_fs'], 6)): row for row in rows if row['status'] == measurement.STABLE}
+    return {(row['method'], round(row['step_fs'], 6)): row
+            for row in rows if row['status'] == measurement.STABLE}
 
 
 def found(options):
@@ -297,7 +357,10 @@ def clockSpeeds(options):
     """All stable settings take turns; speeds.json has ns per processor day of each turn."""
     _, runs = found(options)
     followed = moved(options)
-    runs = [each for each in runs if each.record.status == measurement.STABLE and (each.record.length >= options.least or each.key in followed)]
+    runs = [
+        each for each in runs if each.record.status == measurement.STABLE and (
+            each.record.length >= options.least or each.key in followed)
+    ]
     rng = np.random.default_rng(options.seed)
     speeds = {each.name: [] for each in runs}
     with tqdm(total=options.rounds*len(runs), desc='speeds', mininterval=2) as bar:
@@ -309,20 +372,26 @@ def clockSpeeds(options):
                 began = time.process_time()
                 contexts[i].getIntegrator().step(count)
                 if turn >= 0:
-                    speeds[runs[i].name].append(count*step/1000*measurement.SECONDS_PER_DAY/(time.process_time() - began))
+                    speeds[runs[i].name].append(
+                        count*step/1000*measurement.SECONDS_PER_DAY/(time.process_time() - began))
                     bar.update(1)
-    recording.save(options.output, 'speeds.json', {'ns_per_cpu_day': speeds, 'ps_per_turn': TIMED, 'provenance': recording.provenance(options)})
+    recording.save(options.output, 'speeds.json', {
+        'ns_per_cpu_day': speeds, 'ps_per_turn': TIMED, 'provenance': recording.provenance(options)
+    })
 
 
-# ---- Prices ----------------------------------------------------------------------------------------------------------
+# ---- Prices --------------------------------------------------------------------------------------
+
 
 def memory(components):
     """(autocorrelation time, its relative standard error), in samples, of the mean square of a vector whose components are alike.
 
-    The mean over the components' squares: their cross-correlations vanish by symmetry, and leaving their noise out makes one run worth three. The standard
-    error is that of Madras and Sokal for three independent series.
+    The mean over the components' squares: their cross-correlations vanish by symmetry, and leaving
+    their noise out makes one run worth three. The standard error is that of Madras and Sokal for
+    three independent series.
     """
-    found = float(np.mean([series.autocorrelationTime(each) for each in (np.asarray(components)**2).T]))
+    found = float(
+        np.mean([series.autocorrelationTime(each) for each in (np.asarray(components)**2).T]))
     return found, math.sqrt(2/(3*series.noiseDegrees(found, len(components))))
 
 
@@ -331,38 +400,55 @@ def report(options):
     began = time.perf_counter()
     study, runs = found(options)
     followed = moved(options)
-    runs = [each for each in runs if each.record.status != measurement.STABLE or each.record.length >= options.least or each.key in followed]
+    runs = [
+        each for each in runs if each.record.status != measurement.STABLE
+        or each.record.length >= options.least or each.key in followed
+    ]
     speeds = json.loads((options.output/'speeds.json').read_text())['ns_per_cpu_day']
     study.observables = study.reported
     squares, weights = [], []
     for each in runs:
         record = each.record
         # Speeds are those that were measured in turn, all together.
-        record.timings = [(1, 1.0, each.setting.stepSize/1000*measurement.SECONDS_PER_DAY/speed) for speed in speeds.get(each.name, [])]
+        record.timings = [(1, 1.0, each.setting.stepSize/1000*measurement.SECONDS_PER_DAY/speed)
+                          for speed in speeds.get(each.name, [])]
         each.components = np.array(record.series.pop('components', []))
         if len(each.components):
             square = (each.components**2).sum(axis=1)/216
             squares.append((square.mean(), (square**2).mean()))
             weights.append(len(square))
     study.settingSeed = lambda setting: options.seed
-    kept = [(each.setting, each.record) for each in runs if each.record.status != measurement.STABLE or each.record.length >= options.least]
+    kept = [(each.setting, each.record) for each in runs
+            if each.record.status != measurement.STABLE or each.record.length >= options.least]
     result = study._evaluate(kept, {}, study._provenance(began, max(map(len, speeds.values())), 1))
     result.write(options.output, wanted=WANTED, baseline='LangevinMiddle', price=WANTED)
-    # The distribution of M is the same for all that are right: its moments are taken over all of them.
+    # The distribution of M is the same for all that are right: its moments are taken over all of
+    # them.
     mean, second = np.average(squares, axis=0, weights=weights)
     relativeVariance = second/mean**2 - 1
-    energies = {(row['method'], round(1000*row['step_size'], 6)): row for row in result.rows if row['observable'] == 'potential_energy'}
-    rows = [rowOf(each, energies.get(each.key), followed.get(each.key), speeds.get(each.name)) for each in runs]
+    energies = {(row['method'], round(1000*row['step_size'], 6)): row
+                for row in result.rows if row['observable'] == 'potential_energy'}
+    rows = [
+        rowOf(each, energies.get(each.key), followed.get(each.key), speeds.get(each.name))
+        for each in runs
+    ]
     share = dipolesShare(rows)
     for row in rows:
         if 'reorientation_ps' in row:
             length = 2*share['ratio']*row['reorientation_ps']*relativeVariance/WISH**2
-            row.update(dipole_ns=length/1000, dipole_hours=length/1000/row['ns_per_cpu_day']*24,
-                       dipole_hours_relative_error=math.hypot(row['reorientation_ps_error']/row['reorientation_ps'], row['speed_relative_error']))
+            row.update(
+                dipole_ns=length/1000, dipole_hours=length/1000/row['ns_per_cpu_day']*24,
+                dipole_hours_relative_error=math.hypot(
+                    row['reorientation_ps_error']/row['reorientation_ps'],
+                    row['speed_relative_error']))
     rows.sort(key=lambda row: (row.get('dipole_hours', math.inf), -row.get('ns_per_cpu_day', 0)))
-    recording.save(options.output, 'prices.json', {
-        'wish': WISH, 'dipole_squared': mean, 'dipole_relative_variance': relativeVariance, 'dipole_tau_over_reorientation': share, 'ratios': ratios(rows),
-        'sample_interval_ps': SAMPLE_INTERVAL, 'equilibration_ps': EQUILIBRATION, 'seed': options.seed, 'rows': rows, 'provenance': recording.provenance(options)})
+    recording.save(
+        options.output, 'prices.json', {
+            'wish': WISH, 'dipole_squared': mean, 'dipole_relative_variance': relativeVariance,
+            'dipole_tau_over_reorientation': share, 'ratios': ratios(rows),
+            'sample_interval_ps': SAMPLE_INTERVAL, 'equilibration_ps': EQUILIBRATION,
+            'seed': options.seed, 'rows': rows, 'provenance': recording.provenance(options)
+        })
     print(share, mean, relativeVariance, ratios(rows))
     table(rows)
     picture(rows, options.output/'price.png')
@@ -371,19 +457,31 @@ def report(options):
 def rowOf(each, energy, motion, speeds):
     """What prices.json says of a setting."""
     record = each.record
-    row = {'method': each.key[0], 'step_fs': each.key[1], 'status': record.status, 'message': record.message,
-           'length_ps': record.length + (motion['length_ps'] if motion else 0)}
+    row = {
+        'method': each.key[0], 'step_fs': each.key[1], 'status': record.status,
+        'message': record.message,
+        'length_ps': record.length + (motion['length_ps'] if motion else 0)
+    }
     if record.status != measurement.STABLE:
         return row
-    pairs = ([(energy['mean'], energy['standard_error'])] if energy else []) + ([(motion['energy'], motion['energy_error'])] if motion and 'energy' in motion else [])
-    row.update(energyOf(pairs) if pairs else {}, ns_per_cpu_day=float(np.median(speeds)),
-               speed_relative_error=float(np.std(speeds, ddof=1)/math.sqrt(len(speeds))/np.median(speeds)), dipole_length_ps=record.length)
+    pairs = ([(energy['mean'], energy['standard_error'])] if energy else []) + ([
+        (motion['energy'], motion['energy_error'])
+    ] if motion and 'energy' in motion else [])
+    row.update(
+        energyOf(pairs) if pairs else {}, ns_per_cpu_day=float(np.median(speeds)),
+        speed_relative_error=float(np.std(speeds, ddof=1)/math.sqrt(len(speeds))/np.median(speeds)),
+        dipole_length_ps=record.length)
     if energy:
         tau, error = memory(each.components)
         tau *= record.samplesAt
-        row.update(energy_tau_ps=energy['own_tau'], energy_tau_error_ps=energy['own_tau_error'], dipole_tau_ps=tau, dipole_tau_error_ps=tau*error)
+        row.update(energy_tau_ps=energy['own_tau'], energy_tau_error_ps=energy['own_tau_error'],
+                   dipole_tau_ps=tau, dipole_tau_error_ps=tau*error)
     if motion:
-        row.update({key: motion[key] for key in ('diffusion_nm2_per_ps', 'diffusion_nm2_per_ps_error', 'reorientation_ps', 'reorientation_ps_error')})
+        row.update({
+            key: motion[key]
+            for key in ('diffusion_nm2_per_ps', 'diffusion_nm2_per_ps_error', 'reorientation_ps',
+                        'reorientation_ps_error')
+        })
     return row
 
 
@@ -392,47 +490,81 @@ def energyOf(pairs):
     reference, uncertainty = REFERENCES['potential_energy']
     weights = np.array([error**-2 for _, error in pairs])
     mean = float((weights*[value for value, _ in pairs]).sum()/weights.sum())
-    return {'energy_percent': 100*(mean - reference)/abs(reference), 'energy_percent_error': 100*math.hypot(weights.sum()**-0.5, uncertainty)/abs(reference)}
+    return {
+        'energy_percent': 100*(mean - reference)/abs(reference),
+        'energy_percent_error': 100*math.hypot(weights.sum()**-0.5, uncertainty)/abs(reference)
+    }
 
 
 def dipolesShare(rows):
     """The correlation time of M^2 over the time in which one dipole forgets its direction, from the runs that are long enough for the first.
 
-    It is a property of the liquid as long as methods change how fast it moves, not how: the ratio is then known better from all methods together than the correlation
-    time from one of them. chi^2 says whether they agree.
+    It is a property of the liquid as long as methods change how fast it moves, not how: the ratio
+    is then known better from all methods together than the correlation time from one of them. chi^2
+    says whether they agree.
     """
-    long = [row for row in rows if row.get('dipole_length_ps', 0) >= LONG and 'reorientation_ps' in row]
+    long = [
+        row for row in rows if row.get('dipole_length_ps', 0) >= LONG and 'reorientation_ps' in row
+    ]
     values = np.array([row['dipole_tau_ps']/row['reorientation_ps'] for row in long])
-    errors = values*[math.hypot(row['dipole_tau_error_ps']/row['dipole_tau_ps'], row['reorientation_ps_error']/row['reorientation_ps']) for row in long]
+    errors = values*[
+        math.hypot(row['dipole_tau_error_ps']/row['dipole_tau_ps'],
+                   row['reorientation_ps_error']/row['reorientation_ps']) for row in long
+    ]
     ratio = (values/errors**2).sum()/(errors**-2).sum()
-    return {'ratio': ratio, 'error': (errors**-2).sum()**-0.5, 'chi2': (((values - ratio)/errors)**2).sum(), 'of': [[row['method'], row['step_fs']] for row in long],
-            'values': values, 'errors': errors}
+    return {
+        'ratio': ratio, 'error': (errors**-2).sum()**-0.5,
+        'chi2': (((values - ratio)/errors)**2).sum(),
+        'of': [[row['method'], row['step_fs']] for row in long], 'values': values, 'errors': errors
+    }
 
 
 def ratios(rows):
     """The least price of each kind of method, among settings whose energy was found right within the wish; and what others cost against ours."""
-    kinds = {'ours': lambda name: name.startswith('LangevinC'), 'plain': lambda name: re.fullmatch('LangevinMiddle(-g[0-9.]+)?', name),
-             'best_of_others': lambda name: name.startswith('LangevinMiddle-H')}
-    best = {kind: min((row for row in rows if isOne(row['method']) and 'dipole_hours' in row and abs(row.get('energy_percent', math.inf)) < 100*WISH), key=lambda row: row['dipole_hours'])
-            for kind, isOne in kinds.items()}
-    return {kind: {'setting': [row['method'], row['step_fs']], 'hours': row['dipole_hours'], 'over_ours': row['dipole_hours']/best['ours']['dipole_hours'],
-                   'relative_error': math.hypot(row['dipole_hours_relative_error'], best['ours']['dipole_hours_relative_error']),
-                   'speed_of_ours': best['ours']['ns_per_cpu_day']/row['ns_per_cpu_day']} for kind, row in best.items()}
+    kinds = {
+        'ours': lambda name: name.startswith('LangevinC'),
+        'plain': lambda name: re.fullmatch('LangevinMiddle(-g[0-9.]+)?', name),
+        'best_of_others': lambda name: name.startswith('LangevinMiddle-H')
+    }
+    best = {
+        kind: min((row for row in rows if isOne(row['method']) and 'dipole_hours' in row
+                   and abs(row.get('energy_percent', math.inf)) < 100*WISH),
+                  key=lambda row: row['dipole_hours'])
+        for kind, isOne in kinds.items()
+    }
+    return {
+        kind: {
+            'setting': [row['method'], row['step_fs']], 'hours': row['dipole_hours'],
+            'over_ours': row['dipole_hours']/best['ours']['dipole_hours'],
+            'relative_error': math.hypot(row['dipole_hours_relative_error'],
+                                         best['ours']['dipole_hours_relative_error']),
+            'speed_of_ours': best['ours']['ns_per_cpu_day']/row['ns_per_cpu_day']
+        }
+        for kind, row in best.items()
+    }
 
 
 def table(rows):
-    print('\n| method, step | runs, ns | ns per CPU-day | U, % off | dipoles forget in, ps | D, 10⁻³ nm²/ps | tau of M², ps | CPU hours to 0.5 % of ⟨M²⟩ |\n|---|---|---|---|---|---|---|---|')
+    print(
+        '\n| method, step | runs, ns | ns per CPU-day | U, % off | dipoles forget in, ps | D, 10⁻³ '
+        'nm²/ps | tau of M², ps | CPU hours to 0.5 % of ⟨M²⟩ |\n|---|---|---|---|---|---|---|---|')
     for row in rows:
         text = f'| {row["method"]}, {row["step_fs"]:g} fs | {row["length_ps"]/1000:.2f} |'
         if row['status'] != measurement.STABLE:
             print(f'{text} {row["message"]} | | | | | |')
             continue
         wasFollowed = 'reorientation_ps' in row
-        print(f'{text} {row["ns_per_cpu_day"]:.0f} | '
-              + (f'{row["energy_percent"]:+.2f} ± {row["energy_percent_error"]:.2f} | ' if 'energy_percent' in row else '| ') + (f'{row["reorientation_ps"]:.1f} ± {row["reorientation_ps_error"]:.1f} | {1000*row["diffusion_nm2_per_ps"]:.2f} ± '
-                 f'{1000*row["diffusion_nm2_per_ps_error"]:.2f} | ' if wasFollowed else '| | ')
-              + (f'{row["dipole_tau_ps"]:.1f} ± {row["dipole_tau_error_ps"]:.1f} | ' if row['dipole_length_ps'] >= LONG else '| ')
-              + (f'{row["dipole_hours"]:.1f} ± {row["dipole_hours"]*row["dipole_hours_relative_error"]:.1f} |' if wasFollowed else '|'))
+        print(f'{text} {row["ns_per_cpu_day"]:.0f} | ' +
+              (f'{row["energy_percent"]:+.2f} ± {row["energy_percent_error"]:.2f} | '
+               if 'energy_percent' in row else '| ') +
+              (f'{row["reorientation_ps"]:.1f} ± {row["reorientation_ps_error"]:.1f} | '
+               f'{1000*row["diffusion_nm2_per_ps"]:.2f} ± '
+               f'{1000*row["diffusion_nm2_per_ps_error"]:.2f} | ' if wasFollowed else '| | ') +
+              (f'{row["dipole_tau_ps"]:.1f} ± {row["dipole_tau_error_ps"]:.1f} | '
+               if row['dipole_length_ps'] >= LONG else '| ') +
+              (f'{row["dipole_hours"]:.1f} ± '
+               f'{row["dipole_hours"]*row["dipole_hours_relative_error"]:.1f} |'
+               if wasFollowed else '|'))
 
 
 def picture(rows, path):
@@ -440,20 +572,26 @@ def picture(rows, path):
     plt = recording.pyplot()
     rows = [row for row in rows if 'dipole_hours' in row][::-1]
     colours = ['#d55e00' if row['method'].startswith('LangevinC') else '#0072b2' for row in rows]
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 0.34*len(rows) + 1.6), sharey=True, gridspec_kw={'width_ratios': [3, 2]})
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 0.34*len(rows) + 1.6), sharey=True,
+                                         gridspec_kw={'width_ratios': [3, 2]})
     hours = np.array([row['dipole_hours'] for row in rows])
-    left.barh(range(len(rows)), hours, xerr=hours*[row['dipole_hours_relative_error'] for row in rows], color=colours, ecolor='0.2', capsize=2, height=0.7)
+    left.barh(range(len(rows)), hours,
+              xerr=hours*[row['dipole_hours_relative_error'] for row in rows], color=colours,
+              ecolor='0.2', capsize=2, height=0.7)
     left.set_yticks(range(len(rows)), [f'{row["method"]}, {row["step_fs"]:g} fs' for row in rows])
     left.set_xlim(left=0)
     left.set_xlabel('processor hours to a standard error of 0.5 % of ⟨M²⟩')
     for k, row in enumerate(rows):
         if 'energy_percent' not in row:
             continue
-        right.errorbar(row['energy_percent'], k, xerr=row['energy_percent_error'], fmt='o', color=colours[k], capsize=2)
+        right.errorbar(row['energy_percent'], k, xerr=row['energy_percent_error'], fmt='o',
+                       color=colours[k], capsize=2)
     right.axvspan(-100*WISH, 100*WISH, color='0.9', zorder=0)
     right.axvline(0, color='0.6', lw=0.8, zorder=0)
     right.set_xlabel('error of the potential energy, %')
-    figure.suptitle('216 TIP4P-Ew molecules, one thread: the plugin (orange), OpenMM (blue); bars: one standard error', fontsize=10)
+    figure.suptitle(
+        '216 TIP4P-Ew molecules, one thread: the plugin (orange), OpenMM (blue); bars: one '
+        'standard error', fontsize=10)
     figure.tight_layout()
     figure.savefig(path, dpi=110)
     plt.close(figure)
@@ -461,13 +599,17 @@ def picture(rows, path):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('what', choices=['run', 'motion', 'time', 'report'])
     parser.add_argument('--series', choices=SERIES, default='scout')
-    parser.add_argument('--methods', nargs='+', metavar='NAME:STEPS', help='instead of a series, e.g. LangevinC-I8:14,16 (fs)')
-    parser.add_argument('--length', type=float, default=100, help='ps for each setting, with what it has already (100)')
+    parser.add_argument('--methods', nargs='+', metavar='NAME:STEPS',
+                        help='instead of a series, e.g. LangevinC-I8:14,16 (fs)')
+    parser.add_argument('--length', type=float, default=100,
+                        help='ps for each setting, with what it has already (100)')
     parser.add_argument('--rounds', type=int, default=11, help='turns for speeds (11)')
-    parser.add_argument('--least', type=float, default=55, help='ps: shorter runs are left out of times and report (55)')
+    parser.add_argument('--least', type=float, default=55,
+                        help='ps: shorter runs are left out of times and report (55)')
     parser.add_argument('--seed', type=int, default=2031)
     parser.add_argument('--output', type=pathlib.Path, default=HERE/'results_price')
     campaign.addOptions(parser)

@@ -7,10 +7,13 @@ import sys
 
 from openmmrigidhi.accuracy import cli
 
-ARGUMENTS = ['--scene', 'water', '--bodies', '216', '--temperature', '298.15', '--gamma', '5', '--Gamma', '10', '--seed', '2026',
-             '--methods', 'LangevinC:1,2,3,4,5,6,7,8,9,10,11', 'LangevinB:2,4,6,8', 'LangevinMiddle:1,2,3,4,5,6,7,8,9',
-             '--wanted-error', 'potential_energy:0.5%', '--threads', '1', '--clock', 'cpu', '--budget', '3450',
-             '--output', os.path.join(os.path.dirname(os.path.abspath(__file__)), 'results')]
+ARGUMENTS = [
+    '--scene', 'water', '--bodies', '216', '--temperature', '298.15', '--gamma', '5', '--Gamma',
+    '10', '--seed', '2026', '--methods', 'LangevinC:1,2,3,4,5,6,7,8,9,10,11', 'LangevinB:2,4,6,8',
+    'LangevinMiddle:1,2,3,4,5,6,7,8,9', '--wanted-error', 'potential_energy:0.5%', '--threads', '1',
+    '--clock', 'cpu', '--budget', '3450', '--output',
+    os.path.join(os.path.dirname(os.path.abspath(__file__)), 'results')
+]
 
 if __name__ == '__main__':
     # The last of two equal options counts.

@@ -1,6 +1,7 @@
 """A second run around the steps that decide, with another seed, and LangevinMiddle with a friction of 1/ps besides.
 
-Also an example of a method of one's own. Writes results_second/. With --jobs or --cluster runs are made several at a time, and speeds are measured afterwards.
+Also an example of a method of one's own. Writes results_second/. With --jobs or --cluster runs are
+made several at a time, and speeds are measured afterwards.
 """
 import argparse
 import pathlib
@@ -23,15 +24,19 @@ def weaklyCoupled(scene, stepSize, seed):
 
 
 if __name__ == '__main__':
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--output', type=pathlib.Path, default=HERE/'results_second')
     campaign.addPlaces(parser)
     options = parser.parse_args()
     study = accuracy.StepSizeStudy(
         accuracy.scenes.water(216, seed=2026, threads=1),
-        ['LangevinC', 'LangevinMiddle', accuracy.Method('LangevinMiddle, 1/ps', weaklyCoupled)],
-        {'LangevinC': [0.009, 0.0095], 'LangevinMiddle': [0.007, 0.0075, 0.008], 'LangevinMiddle, 1/ps': [0.006, 0.007]},
-        references={'potential_energy': (-46.498, 0.042)},   # the limit of small steps of results/results.json
+        ['LangevinC', 'LangevinMiddle',
+         accuracy.Method('LangevinMiddle, 1/ps', weaklyCoupled)], {
+             'LangevinC': [0.009, 0.0095], 'LangevinMiddle': [0.007, 0.0075, 0.008],
+             'LangevinMiddle, 1/ps': [0.006, 0.007]
+         }, references={'potential_energy': (-46.498, 0.042)
+                        },  # the limit of small steps of results/results.json
         seed=2027, clock='cpu')
     result = study.run(budget=660, rounds=10, jobs=options.jobs, cluster=options.cluster)
     result.write(str(options.output), ['potential_energy:0.5%'])

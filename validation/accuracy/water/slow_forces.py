@@ -1,8 +1,10 @@
 """Would LangevinC gain by evaluating the reciprocal space of water less often?
 
-Measures which part of a force evaluation reciprocal space is, for 216 and 1000 molecules, and what becomes of the potential energy if it kicks bodies N times as
-long in every N-th step only (an impulse method: half before and half after N steps of LangevinC under the other forces). The plugin has no such scheme; the
-kicks are given here to body velocities between steps, which serves averages, not speed. Writes results_price/slow_forces.json.
+Measures which part of a force evaluation reciprocal space is, for 216 and 1000 molecules, and what
+becomes of the potential energy if it kicks bodies N times as long in every N-th step only (an
+impulse method: half before and half after N steps of LangevinC under the other forces). The plugin
+has no such scheme; the kicks are given here to body velocities between steps, which serves
+averages, not speed. Writes results_price/slow_forces.json.
 """
 import argparse
 import math
@@ -27,7 +29,8 @@ import campaign  # noqa: E402
 import recording  # noqa: E402
 
 #: (method, step in fs, N)
-SETTINGS = (('LangevinC-I8', 14, 2), ('LangevinC-I8', 14, 3), ('LangevinC-I8', 16, 2), ('LangevinC-I8', 12, 3), ('LangevinC', 8, 2))
+SETTINGS = (('LangevinC-I8', 14, 2), ('LangevinC-I8', 14, 3), ('LangevinC-I8', 16, 2),
+            ('LangevinC-I8', 12, 3), ('LangevinC', 8, 2))
 #: Molecules, force evaluations in one repetition.
 BOXES = ((216, 40), (1000, 12))
 REPETITIONS = 7
@@ -37,7 +40,8 @@ CPU = openmm.Platform.getPlatformByName('CPU')
 
 def share(molecules, count, bar):
     """Processor seconds of one evaluation of forces: without, of, and with reciprocal space (median over repetitions in turn)."""
-    scene = methods.reciprocalSpaceApart(accuracy.scenes.water(molecules, equilibration=1.0, threads=1, seed=2026))
+    scene = methods.reciprocalSpaceApart(
+        accuracy.scenes.water(molecules, equilibration=1.0, threads=1, seed=2026))
     slow, fast = methods._forceGroups(scene.system)
     context = scene.makeContext(openmm.VerletIntegrator(0.001), CPU, {'Threads': '1'}, 1)
     parts = {'without': set(fast), 'reciprocal': set(slow), 'all': set(fast + slow)}
@@ -51,22 +55,30 @@ def share(molecules, count, bar):
                 seconds[name].append((time.process_time() - began)/count)
         bar.update(1)
     middle = {name: float(np.median(values)) for name, values in seconds.items()}
-    return {'molecules': molecules, 'seconds': middle, 'scatter': {name: float(np.std(values, ddof=1)) for name, values in seconds.items()},
-            'reciprocal_share': middle['reciprocal']/(middle['reciprocal'] + middle['without']), **netForces(scene, context, slow, fast)}
+    return {
+        'molecules': molecules, 'seconds': middle,
+        'scatter': {name: float(np.std(values, ddof=1))
+                    for name, values in seconds.items()},
+        'reciprocal_share': middle['reciprocal']/(middle['reciprocal'] + middle['without']),
+        **netForces(scene, context, slow, fast)
+    }
 
 
 def netForces(scene, context, slow, fast):
     """Root mean square of bodies' net forces, kJ/(mol nm)."""
     bodies = Bodies(scene, 1.0)
-    return {f'rms_force_{name}': float(np.sqrt((bodies.wrenches(context, set(groups))[0]**2).sum(axis=1).mean()))
-            for name, groups in (('reciprocal', slow), ('others', fast))}
+    return {
+        f'rms_force_{name}':
+        float(np.sqrt((bodies.wrenches(context, set(groups))[0]**2).sum(axis=1).mean()))
+        for name, groups in (('reciprocal', slow), ('others', fast))
+    }
 
 
 class Bodies:
     """Water molecules as bodies that forces on particles act upon."""
-
     def __init__(self, scene, inertiaScale):
-        masses = np.array([scene.system.getParticleMass(i)._value for i in range(scene.system.getNumParticles())])
+        masses = np.array(
+            [scene.system.getParticleMass(i)._value for i in range(scene.system.getNumParticles())])
         # OpenMM has handed the forces on virtual sites to massive particles, and reports both.
         self.members = np.array([[i for i in body if masses[i] > 0] for body in scene.bodies])
         self.masses = masses[self.members]
@@ -89,7 +101,8 @@ class Bodies:
         mass = self.masses.sum(axis=1)[:, None]
         integrator.setBodyVelocities(integrator.getBodyVelocities()._value + duration*force/mass)
         turned = np.linalg.solve(inertia, torque[:, :, None])[:, :, 0]
-        integrator.setBodyAngularVelocities(integrator.getBodyAngularVelocities()._value + duration*turned)
+        integrator.setBodyAngularVelocities(integrator.getBodyAngularVelocities()._value +
+                                            duration*turned)
 
 
 def impulses(argument, job, scene):
@@ -104,7 +117,10 @@ def impulses(argument, job, scene):
     outer = every*step/1000
     stride = max(1, round(SAMPLE_INTERVAL/outer))
     energies, temperatures, done = [], [], 0
-    result = {'method': name, 'step_fs': step, 'every': every, 'outer_fs': every*step, 'seed': seed, 'equilibration_ps': EQUILIBRATION}
+    result = {
+        'method': name, 'step_fs': step, 'every': every, 'outer_fs': every*step, 'seed': seed,
+        'equilibration_ps': EQUILIBRATION
+    }
     cycles = math.ceil((length + EQUILIBRATION)/outer)
     try:
         for cycle in range(1, cycles + 1):
@@ -114,21 +130,29 @@ def impulses(argument, job, scene):
             done = cycle*outer
             job.report(done)
             if cycle % stride == 0:
-                energy = context.getState(getEnergy=True).getPotentialEnergy()._value/len(apart.bodies)
+                energy = context.getState(getEnergy=True).getPotentialEnergy()._value/len(
+                    apart.bodies)
                 if not -1000 < energy < 0:
-                    raise openmm.OpenMMException(f'the potential energy is {energy:.3g} kJ/mol a molecule')
+                    raise openmm.OpenMMException(
+                        f'the potential energy is {energy:.3g} kJ/mol a molecule')
                 if done > EQUILIBRATION:
                     energies.append(energy)
-                    temperatures.append(2*integrator.computeTranslationalKineticEnergy()._value/(3*len(apart.bodies)*accuracy.scenes.GAS_CONSTANT))
+                    temperatures.append(2*integrator.computeTranslationalKineticEnergy()._value/
+                                        (3*len(apart.bodies)*accuracy.scenes.GAS_CONSTANT))
     except openmm.OpenMMException as error:
         return {**result, 'status': 'unstable', 'message': f'after {done:.3g} ps: {error}'}
     summary = statistics.seriesStatistics(np.array(energies))
-    return {**result, 'status': 'stable', 'length_ps': len(energies)*stride*outer, 'energy': summary.mean, 'standard_error': summary.standardError,
-            'blocks': summary.degrees + 1, 'tau_ps': summary.tau*stride*outer, 'translational_temperature': float(np.mean(temperatures))}
+    return {
+        **result, 'status': 'stable', 'length_ps': len(energies)*stride*outer,
+        'energy': summary.mean, 'standard_error': summary.standardError,
+        'blocks': summary.degrees + 1, 'tau_ps': summary.tau*stride*outer,
+        'translational_temperature': float(np.mean(temperatures))
+    }
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--length', type=float, default=40, help='ps for each setting (40)')
     parser.add_argument('--seed', type=int, default=2032)
     parser.add_argument('--output', type=pathlib.Path, default=HERE/'results_price')
@@ -141,11 +165,17 @@ def main():
         print(row)
     todo = [(*setting, options.length, options.seed + k) for k, setting in enumerate(SETTINGS)]
     scene = accuracy.scenes.water(216, seed=2026, threads=1)
-    rows = campaign.run(impulses, todo, [f'impulses {name} {step} fs {every}' for name, step, every, *_ in todo], options,
+    rows = campaign.run(impulses, todo,
+                        [f'impulses {name} {step} fs {every}'
+                         for name, step, every, *_ in todo], options,
                         [options.length + EQUILIBRATION]*len(todo), 'ps', 'impulses', given=scene)
     for row in rows:
         print(row)
-    recording.save(options.output, 'slow_forces.json', {'scene': scene.description, 'shares': shares, 'impulses': rows, 'provenance': recording.provenance(options)})
+    recording.save(
+        options.output, 'slow_forces.json', {
+            'scene': scene.description, 'shares': shares, 'impulses': rows,
+            'provenance': recording.provenance(options)
+        })
 
 
 if __name__ == '__main__':

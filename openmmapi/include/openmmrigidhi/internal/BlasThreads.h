@@ -10,8 +10,8 @@ namespace RigidHIPlugin {
 /**
  * Who holds the number of BLAS threads, which is one number for the whole process.
  *
- * Each platform's library has its own copy of the numerics and of what is static in them. So this is in the API library,
- * which is loaded once.
+ * Each platform's library has its own copy of the numerics and of what is static in them. So this
+ * is in the API library, which is loaded once.
  */
 struct BlasThreads {
     std::mutex mutex;  // for all members, and for changes of the number

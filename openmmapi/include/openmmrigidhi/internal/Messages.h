@@ -10,10 +10,12 @@
 
 namespace RigidHIPlugin {
 
-/** A value in a message that names it: with as many digits as tell two values apart that do not agree. */
+/** A value in a message that names it: with as many digits as tell two values apart that do not
+ * agree. */
 template <class T>
 std::string text(const T& value, int precision = 12) {
-    // Checks name what they look at whether it is right or not, and a stream takes a microsecond to make.
+    // Checks name what they look at whether it is right or not, and a stream takes a microsecond to
+    // make.
     if constexpr (std::is_integral_v<T>) return std::to_string(value);
     std::ostringstream stream;
     stream.precision(precision);

@@ -13,8 +13,8 @@
 namespace RigidHIPlugin {
 
 /**
- * A MobilityForce in a Context. It computes nothing: the integrator's kernel reads the MobilityForce. It refuses other
- * integrators, which would ignore the fluid silently.
+ * A MobilityForce in a Context. It computes nothing: the integrator's kernel reads the
+ * MobilityForce. It refuses other integrators, which would ignore the fluid silently.
  */
 class MobilityForceImpl : public OpenMM::ForceImpl {
 public:

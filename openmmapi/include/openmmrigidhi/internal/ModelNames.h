@@ -6,7 +6,8 @@
 
 namespace RigidHIPlugin {
 
-// The names of MobilityForce's enumerators, by their numbers: for setters, XML, messages and descriptions.
+// The names of MobilityForce's enumerators, by their numbers: for setters, XML, messages and
+// descriptions.
 
 inline constexpr const char* modelNames[] = {
     "FreeDraining",

@@ -13,8 +13,8 @@
 namespace RigidHIPlugin {
 
 /**
- * Reads properties of a SerializationNode and objects to anything that is not wholly a number: OpenMM's own getters
- * turn "abc" into 0 and "1x" into 1.
+ * Reads properties of a SerializationNode and objects to anything that is not wholly a number:
+ * OpenMM's own getters turn "abc" into 0 and "1x" into 1.
  */
 class StrictNode {
 public:
@@ -22,14 +22,16 @@ public:
         : node(node), className(std::move(className)) {}
 
     const std::string& text(const std::string& property) const {
-        if (!node.hasProperty(property)) fail("property '" + property + "' is missing", "every property must be there");
+        if (!node.hasProperty(property))
+            fail("property '" + property + "' is missing", "every property must be there");
         return node.getStringProperty(property);
     }
     double number(const std::string& property) const { return parse<double>(property, "a number"); }
     /** @tparam T  int by default; a longer or an unsigned type takes its own range */
     template <class T = int>
     T integer(const std::string& property) const {
-        return parse<T>(property, std::is_unsigned<T>::value ? "an integer from 0 up" : "an integer");
+        return parse<T>(property,
+                        std::is_unsigned<T>::value ? "an integer from 0 up" : "an integer");
     }
     bool boolean(const std::string& property) const {
         const int value = integer(property);
@@ -41,24 +43,28 @@ public:
             if (child.getName() == name) return StrictNode(child, className);
         fail("the element '" + name + "' is missing", "it must be there");
     }
-    /** Check that there are as many children as a property of this node says: a truncated file has fewer. */
+    /** Check that there are as many children as a property of this node says: a truncated file has
+     * fewer. */
     void checkChildren(const std::string& countProperty) const {
         const int expected = integer(countProperty);
         const int found = node.getChildren().size();
         if (found != expected)
             fail("it has " + std::to_string(found) + " elements",
-                 "there must be " + std::to_string(expected) + " as its property '" + countProperty + "' says");
+                 "there must be " + std::to_string(expected) + " as its property '" +
+                     countProperty + "' says");
     }
     const std::string& name() const { return node.getName(); }
     bool has(const std::string& property) const { return node.hasProperty(property); }
     const std::vector<OpenMM::SerializationNode>& children() const { return node.getChildren(); }
 
     [[noreturn]] void wrongValue(const std::string& property, const std::string& expected) const {
-        fail("property '" + property + "' is '" + node.getStringProperty(property) + "'", "it must be " + expected);
+        fail("property '" + property + "' is '" + node.getStringProperty(property) + "'",
+             "it must be " + expected);
     }
     [[noreturn]] void fail(const std::string& problem, const std::string& bound) const {
-        throw OpenMM::OpenMMException(className + ": XML element '" + node.getName() + "': " + problem + "; " + bound +
-                                      ": the file is damaged or foreign, write it anew with XmlSerializer");
+        throw OpenMM::OpenMMException(
+            className + ": XML element '" + node.getName() + "': " + problem + "; " + bound +
+            ": the file is damaged or foreign, write it anew with XmlSerializer");
     }
 
 private:
@@ -68,7 +74,8 @@ private:
         T result{};
         // Independent of the locale, unlike streams and strtod.
         const auto parsed = std::from_chars(value.data(), value.data() + value.size(), result);
-        if (parsed.ec != std::errc() || parsed.ptr != value.data() + value.size()) wrongValue(property, expected);
+        if (parsed.ec != std::errc() || parsed.ptr != value.data() + value.size())
+            wrongValue(property, expected);
         return result;
     }
     const OpenMM::SerializationNode& node;

@@ -13,7 +13,8 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** The deepest level: particles so close to each other that 2^20 cubes do not part them are not parted. */
+/** The deepest level: particles so close to each other that 2^20 cubes do not part them are not
+ * parted. */
 const int deepest = 20;
 
 /** The bits of a coordinate, two zeros after each. */
@@ -37,8 +38,8 @@ struct FarKeyHash {
 
 }  // namespace
 
-void ClusterTree::build(const vector<Vec3>& positions, const vector<double>& radii, const vector<char>& kinds,
-                        bool hasWall, const Options& options) {
+void ClusterTree::build(const vector<Vec3>& positions, const vector<double>& radii,
+                        const vector<char>& kinds, bool hasWall, const Options& options) {
     const int count = positions.size();
     Vec3 low = positions[0], high = positions[0];
     for (const Vec3& r : positions)
@@ -51,7 +52,8 @@ void ClusterTree::build(const vector<Vec3>& positions, const vector<double>& rad
     // Near a wall the cubes stand on it, far from it they need not.
     const bool standing = hasWall && low[2] < edge;
     if (standing) edge = max(edge, high[2]);
-    // A little more, so that rounding puts nothing outside; for particles that are all at one place any edge will do.
+    // A little more, so that rounding puts nothing outside; for particles that are all at one place
+    // any edge will do.
     const double margin = 1e-9;
     edge = edge > 0 ? edge * (1 + margin) : 1;
     for (int k = 0; k < 3; k++) corner[k] = 0.5 * (low[k] + high[k] - edge);
@@ -120,12 +122,15 @@ void ClusterTree::divide(const vector<double>& radii, bool standing, const Optio
             if (cell.onWall) cell.centre[2] = 0;
             double square = 0;
             for (int i = cell.first; i < cell.end; i++)
-                square = max(square, (Vector3d(places[i][0], places[i][1], places[i][2]) - cell.centre).squaredNorm());
+                square =
+                    max(square, (Vector3d(places[i][0], places[i][1], places[i][2]) - cell.centre)
+                                    .squaredNorm());
             cell.reach = sqrt(square);
             cell.firstChild = cells.size();
             // Particles larger than a cube are near to all in it anyway.
             const double least = 0.5;
-            if (cell.end - cell.first > options.leafSize && level < deepest && half > least * smallest) {
+            if (cell.end - cell.first > options.leafSize && level < deepest &&
+                half > least * smallest) {
                 const int shift = 3 * (deepest - 1 - level);
                 for (int i = cell.first; i < cell.end;) {
                     const uint64_t octant = keys[i].first >> shift;
@@ -134,7 +139,8 @@ void ClusterTree::divide(const vector<double>& radii, bool standing, const Optio
                     child.first = i;
                     while (i < cell.end && keys[i].first >> shift == octant) i++;
                     child.end = i;
-                    for (int k = 0; k < 3; k++) child.index[k] = 2 * cell.index[k] + (octant >> k & 1);
+                    for (int k = 0; k < 3; k++)
+                        child.index[k] = 2 * cell.index[k] + (octant >> k & 1);
                     cells.push_back(child);
                     cell.numChildren++;
                 }
@@ -154,7 +160,9 @@ bool ClusterTree::areFar(const Cell& a, const Cell& b, double opening) const {
 /** Pairs of particles of two cells, of which b comes later, or of a cell with itself. */
 void ClusterTree::pairUp(int a, int b, const Options& options) {
     const Cell &A = cells[a], &B = cells[b];
-    const auto count = [](const Cell& cell) { return static_cast<long long>(cell.end - cell.first); };
+    const auto count = [](const Cell& cell) {
+        return static_cast<long long>(cell.end - cell.first);
+    };
     if (a != b && areFar(A, B, options.opening) &&
         !(A.isLeaf() && B.isLeaf() && count(A) * count(B) <= 2 * options.leafSize)) {
         farCells.push_back({a, b});
@@ -166,7 +174,8 @@ void ClusterTree::pairUp(int a, int b, const Options& options) {
     }
     if (a == b) {
         for (int i = 0; i < A.numChildren; i++)
-            for (int j = i; j < A.numChildren; j++) pairUp(A.firstChild + i, A.firstChild + j, options);
+            for (int j = i; j < A.numChildren; j++)
+                pairUp(A.firstChild + i, A.firstChild + j, options);
         return;
     }
     const bool divideA = !A.isLeaf() && (B.isLeaf() || A.level <= B.level);
@@ -190,7 +199,8 @@ void ClusterTree::classify(bool hasWall) {
         near[next[leafOfCell[pair.first]]++] = pair.second;
         if (pair.first != pair.second) near[next[leafOfCell[pair.second]]++] = pair.first;
     }
-    for (size_t i = 0; i < leaves.size(); i++) sort(near.begin() + firstNear[i], near.begin() + firstNear[i + 1]);
+    for (size_t i = 0; i < leaves.size(); i++)
+        sort(near.begin() + firstNear[i], near.begin() + firstNear[i + 1]);
 
     // Far pairs from each target's side, so that they are sorted by targets in every class.
     const int numCells = cells.size();
@@ -219,18 +229,21 @@ void ClusterTree::classify(bool hasWall) {
                 const FarPair pair = {target, image ? numCells + source : source};
                 FarClass of;
                 of.lie(cells[target], cells[source], image, corner[2]);
-                const FarKey key = {of.key[0], of.key[1], of.key[2], of.key[3], of.key[4], of.mirrored};
+                const FarKey key = {of.key[0], of.key[1], of.key[2],
+                                    of.key[3], of.key[4], of.mirrored};
                 const auto known = numberOf.emplace(key, found.size());
                 if (known.second) found.push_back(of);
                 found[known.first->second].end++;
                 pairs.push_back(pair);
                 numbers.push_back(known.first->second);
             }
-    // Classes in the order of their keys, so that nothing but where particles are decides in which order pairs are added up.
+    // Classes in the order of their keys, so that nothing but where particles are decides in which
+    // order pairs are added up.
     vector<int> sorted(found.size());
     for (size_t i = 0; i < sorted.size(); i++) sorted[i] = i;
-    sort(sorted.begin(), sorted.end(),
-         [&](int a, int b) { return tie(found[a].key, found[a].mirrored) < tie(found[b].key, found[b].mirrored); });
+    sort(sorted.begin(), sorted.end(), [&](int a, int b) {
+        return tie(found[a].key, found[a].mirrored) < tie(found[b].key, found[b].mirrored);
+    });
     classes.clear();
     int first = 0;
     vector<int> nextOf(found.size());
@@ -262,7 +275,8 @@ void ClusterTree::FarClass::lie(const Cell& to, const Cell& from, bool image, do
             mirrored |= 1 << k;
         }
         key[2 + k] = along;
-        D[k] = ((mirrored >> k & 1 ? -along : along) + (overWall ? 2 * bottom / half : 0)) * (half / from.half);
+        D[k] = ((mirrored >> k & 1 ? -along : along) + (overWall ? 2 * bottom / half : 0)) *
+               (half / from.half);
     }
     first = end = 0;
 }

@@ -1,4 +1,5 @@
-// Products with the Rotne-Prager-Yamakawa mobility by multipoles; its loops are compiled once for each instruction set.
+// Products with the Rotne-Prager-Yamakawa mobility by multipoles; its loops are compiled once for
+// each instruction set.
 
 #include "host/SimdTargets.h"  // must precede foreach_target.h
 
@@ -92,17 +93,22 @@ void viewSlots(int size, const double* R, const double* coefficients, double* vi
         auto even = hn::Zero(d), odd = hn::Zero(d);
         int a = 0;
         for (; a + 1 < size; a += 2) {
-            even = hn::MulAdd(hn::Set(d, R[a]), hn::LoadU(d, coefficients + a * numSlots + s), even);
-            odd = hn::MulAdd(hn::Set(d, R[a + 1]), hn::LoadU(d, coefficients + (a + 1) * numSlots + s), odd);
+            even =
+                hn::MulAdd(hn::Set(d, R[a]), hn::LoadU(d, coefficients + a * numSlots + s), even);
+            odd = hn::MulAdd(hn::Set(d, R[a + 1]),
+                             hn::LoadU(d, coefficients + (a + 1) * numSlots + s), odd);
         }
-        if (a < size) even = hn::MulAdd(hn::Set(d, R[a]), hn::LoadU(d, coefficients + a * numSlots + s), even);
+        if (a < size)
+            even =
+                hn::MulAdd(hn::Set(d, R[a]), hn::LoadU(d, coefficients + a * numSlots + s), even);
         hn::StoreU(hn::Add(even, odd), d, views + s);
     }
 }
 
-/** Shift all columns of moments or local expansions: to_a += sum_b matrix_ab from_b, b up to `last`_a. */
-void addShifted(int size, const double* matrix, int rowStride, int columnStride, const int* first, const int* end,
-                int numbers, const double* from, double* to) {
+/** Shift all columns of moments or local expansions: to_a += sum_b matrix_ab from_b, b up to
+ * `last`_a. */
+void addShifted(int size, const double* matrix, int rowStride, int columnStride, const int* first,
+                const int* end, int numbers, const double* from, double* to) {
     for (int a = 0; a < size; a++) {
         double* sums = to + a * numbers;
         for (int b = first[a]; b < end[a]; b++) {
@@ -113,7 +119,8 @@ void addShifted(int size, const double* matrix, int rowStride, int columnStride,
     }
 }
 
-/** Lanes are pairs of cells, or columns of them; the four functions of each come one after the other. */
+/** Lanes are pairs of cells, or columns of them; the four functions of each come one after the
+ * other. */
 template <class Number, class D>
 HWY_NOINLINE void translateLanes(const FarTask<Number>& task, D d) {
     constexpr int rows = FarTask<Number>::rowsAtOnce;
@@ -145,7 +152,8 @@ HWY_NOINLINE void translateLanes(const FarTask<Number>& task, D d) {
         for (int b = 0; b < size; b++) {
             for (int k = 0; k < count; k++)
                 for (int q = 0; q < 4; q += quarter)
-                    hn::StoreU(hn::LoadU(four, from[k] + 4 * columns * b + q), four, quads + 4 * k + q);
+                    hn::StoreU(hn::LoadU(four, from[k] + 4 * columns * b + q), four,
+                               quads + 4 * k + q);
             V v0, v1, v2, v3;
             hn::LoadInterleaved4(d, quads, v0, v1, v2, v3);
             const V sign = hn::Set(d, task.signs[b]);
@@ -163,8 +171,8 @@ HWY_NOINLINE void translateLanes(const FarTask<Number>& task, D d) {
                     for (V& sum : row) sum = hn::Zero(d);
                 const Number *in = task.in, *m_b = matrix + part;
                 for (int b = 0; b < size; b++, in += stride, m_b += rows) {
-                    const V v0 = hn::LoadU(d, in), v1 = hn::LoadU(d, in + width), v2 = hn::LoadU(d, in + 2 * width),
-                            v3 = hn::LoadU(d, in + 3 * width);
+                    const V v0 = hn::LoadU(d, in), v1 = hn::LoadU(d, in + width),
+                            v2 = hn::LoadU(d, in + 2 * width), v3 = hn::LoadU(d, in + 3 * width);
                     for (int q = 0; q < rowsInRegisters; q++) {
                         const V m = hn::Set(d, m_b[q]);
                         sums[q][0] = hn::MulAdd(m, v0, sums[q][0]);
@@ -175,27 +183,30 @@ HWY_NOINLINE void translateLanes(const FarTask<Number>& task, D d) {
                 }
                 Number* out = task.out + static_cast<size_t>(stride) * (a + part);
                 for (int q = 0; q < rowsInRegisters; q++)
-                    for (int k = 0; k < 4; k++) hn::StoreU(sums[q][k], d, out + stride * q + width * k);
+                    for (int k = 0; k < 4; k++)
+                        hn::StoreU(sums[q][k], d, out + stride * q + width * k);
             }
             matrix += static_cast<size_t>(rows) * size;
         }
         const V flow = hn::Load(d, scaleOfFlow), potential = hn::Load(d, scaleOfPotential);
-        const V Dx = hn::Set(d, static_cast<Number>(task.D[0])), Dy = hn::Set(d, static_cast<Number>(task.D[1])),
+        const V Dx = hn::Set(d, static_cast<Number>(task.D[0])),
+                Dy = hn::Set(d, static_cast<Number>(task.D[1])),
                 Dz = hn::Set(d, static_cast<Number>(task.D[2]));
         for (int a = 0; a < size; a++) {
             const Number* out = task.out + static_cast<size_t>(stride) * a;
             const V sign = hn::Set(d, task.signs[a]);
-            V v0 = hn::LoadU(d, out), v1 = hn::LoadU(d, out + width), v2 = hn::LoadU(d, out + 2 * width),
-              v3 = hn::LoadU(d, out + 3 * width);
+            V v0 = hn::LoadU(d, out), v1 = hn::LoadU(d, out + width),
+              v2 = hn::LoadU(d, out + 2 * width), v3 = hn::LoadU(d, out + 3 * width);
             // The potential counts from the target's centre now.
             v3 = hn::NegMulAdd(Dx, v0, hn::NegMulAdd(Dy, v1, hn::NegMulAdd(Dz, v2, v3)));
             const V f = hn::Mul(sign, flow);
-            hn::StoreInterleaved4(hn::Mul(f, v0), hn::Mul(f, v1), hn::Mul(f, v2), hn::Mul(hn::Mul(sign, potential), v3),
-                                  d, quads);
+            hn::StoreInterleaved4(hn::Mul(f, v0), hn::Mul(f, v1), hn::Mul(f, v2),
+                                  hn::Mul(hn::Mul(sign, potential), v3), d, quads);
             for (int k = 0; k < count; k++)
                 for (int q = 0; q < 4; q += quarter) {
                     Number* local = to[k] + 4 * columns * a + q;
-                    hn::StoreU(hn::Add(hn::LoadU(four, local), hn::LoadU(four, quads + 4 * k + q)), four, local);
+                    hn::StoreU(hn::Add(hn::LoadU(four, local), hn::LoadU(four, quads + 4 * k + q)),
+                               four, local);
                 }
         }
         for (int k = 0; k < 4 * 16; k++) quads[k] = 0;
@@ -233,12 +244,15 @@ struct NearTargets {
         square = radius * radius;
     }
     static HWY_INLINE void load(const double* from, Pack& to) { HWY_NAMESPACE::load(from, to); }
-    static HWY_INLINE void load(const float* from, SinglePack& to) { to.v = hn::LoadU(Floats(), from); }
+    static HWY_INLINE void load(const float* from, SinglePack& to) {
+        to.v = hn::LoadU(Floats(), from);
+    }
 };
 
 /** Pairs some of which overlap, in double precision. */
 template <class Real>
-HWY_NOINLINE PairMobility<Real> overlappingPairs(const NearTask& task, const NearTargets<Real>& targets, int source) {
+HWY_NOINLINE PairMobility<Real> overlappingPairs(const NearTask& task,
+                                                 const NearTargets<Real>& targets, int source) {
     constexpr int packs = Real::packs;
     Pack ttI[packs], ttR[packs], tr[packs], rt[packs], rrI[packs], rrR[packs];
     for (int k = 0; k < packs; k++) {
@@ -248,7 +262,8 @@ HWY_NOINLINE PairMobility<Real> overlappingPairs(const NearTask& task, const Nea
         load(targets.y + lane, y);
         load(targets.z + lane, z);
         load(targets.a + lane, a);
-        const Vector3<Pack> r = {x - Pack(task.x[source]), y - Pack(task.y[source]), z - Pack(task.z[source])};
+        const Vector3<Pack> r = {x - Pack(task.x[source]), y - Pack(task.y[source]),
+                                 z - Pack(task.z[source])};
         const auto m = pairMobility(addedDot(r, r), a, Pack(task.radius[source]));
         ttI[k] = m.ttI;
         ttR[k] = m.ttR;
@@ -267,15 +282,19 @@ HWY_NOINLINE PairMobility<Real> overlappingPairs(const NearTask& task, const Nea
     return m;
 }
 
-/** Source records: place from the leaf's centre, radius, height, then force (and torque) for each column. */
+/** Source records: place from the leaf's centre, radius, height, then force (and torque) for each
+ * column. */
 template <class Real, bool wall, int columns, bool targetTorque, bool sourceTorque>
-HWY_INLINE void sumOverNear(const NearTask& task, const NearTargets<Real>& targets, const typename Real::Scalar* source,
-                            const int* index, int first, int end, Vector3<Real>* velocity, Vector3<Real>* omega) {
+HWY_INLINE void sumOverNear(const NearTask& task, const NearTargets<Real>& targets,
+                            const typename Real::Scalar* source, const int* index, int first,
+                            int end, Vector3<Real>* velocity, Vector3<Real>* omega) {
     const int own = 5, stride = own + (sourceTorque ? 6 : 3) * columns;
     for (int j = first; j < end; j++, source += stride) {
-        const Vector3<Real> r = {targets.place.x - Real(source[0]), targets.place.y - Real(source[1]),
+        const Vector3<Real> r = {targets.place.x - Real(source[0]),
+                                 targets.place.y - Real(source[1]),
                                  targets.place.z - Real(source[2])};
-        const Real a(source[3]), sum = targets.radius + a, contact2 = sum * sum, distance2 = addedDot(r, r);
+        const Real a(source[3]), sum = targets.radius + a, contact2 = sum * sum,
+                                 distance2 = addedDot(r, r);
         PairMobility<Real> m;
         if (HWY_UNLIKELY(!allGreater(distance2, contact2)))
             m = overlappingPairs(task, targets, index[j]);
@@ -287,10 +306,12 @@ HWY_INLINE void sumOverNear(const NearTask& task, const NearTargets<Real>& targe
             force[c] = {Real(from[0]), Real(from[1]), Real(from[2])};
             if (sourceTorque) torque[c] = {Real(from[3]), Real(from[4]), Real(from[5])};
         }
-        addPairVelocities<columns, targetTorque, sourceTorque>(m, r, force, torque, velocity, omega);
+        addPairVelocities<columns, targetTorque, sourceTorque>(m, r, force, torque, velocity,
+                                                               omega);
         if (wall)
             addWallVelocities<columns, targetTorque, sourceTorque>(
-                wallMobility(r, targets.height, Real(source[4]), targets.radius, a), force, torque, velocity, omega);
+                wallMobility(r, targets.height, Real(source[4]), targets.radius, a), force, torque,
+                velocity, omega);
     }
 }
 
@@ -313,13 +334,14 @@ HWY_NOINLINE void sumOfPack(const NearTask& task, int first, int end, int numSph
         const int limit = spheres ? numSpheres : numAll;
         next = limit - j > atATime ? j + atATime : limit;
         Vector3<Real> velocity[columns], omega[columns];
-        for (int c = 0; c < columns; c++) velocity[c] = omega[c] = {Real(0.0), Real(0.0), Real(0.0)};
+        for (int c = 0; c < columns; c++)
+            velocity[c] = omega[c] = {Real(0.0), Real(0.0), Real(0.0)};
         if (spheres)
-            sumOverNear<Real, wall, columns, targetTorque, true>(task, targets, source, task.index, j, next, velocity,
-                                                                 omega);
+            sumOverNear<Real, wall, columns, targetTorque, true>(task, targets, source, task.index,
+                                                                 j, next, velocity, omega);
         else
-            sumOverNear<Real, wall, columns, targetTorque, false>(task, targets, source, task.index, j, next, velocity,
-                                                                  omega);
+            sumOverNear<Real, wall, columns, targetTorque, false>(task, targets, source, task.index,
+                                                                  j, next, velocity, omega);
         source += (next - j) * (5 + (spheres ? 6 : 3) * columns);
         for (int c = 0; c < columns; c++) {
             addToSum(velocity[c].x, sums[6 * c]);
@@ -378,7 +400,9 @@ void sumNearIn(const NearTask& task) {
 }
 
 /** Velocities of the targets by what is near them. */
-void sumNear(const NearTask& task) { (task.single ? sumNearIn<SinglePack> : sumNearIn<Pack>)(task); }
+void sumNear(const NearTask& task) {
+    (task.single ? sumNearIn<SinglePack> : sumNearIn<Pack>)(task);
+}
 
 }  // namespace HWY_NAMESPACE
 }  // namespace RigidHIPlugin
@@ -413,9 +437,11 @@ void translate(const FarTask<double>& task) { HWY_DYNAMIC_DISPATCH(translateDoub
 void translate(const FarTask<float>& task) { HWY_DYNAMIC_DISPATCH(translateFloats)(task); }
 
 /**
- * What an error takes, and from how many particles on it takes less time than the sum over pairs. The largest errors that BenchmarkFastSum --errors
- * found were 0.53 of these, relative to the velocities that random forces and torques make, in clouds, clusters, spherical shells and layers on a
- * wall, of equal and unequal radii; TestFastSum has others. Numbers of particles: from processor times of clouds, with the sum over pairs taken to be twice as fast as it is.
+ * What an error takes, and from how many particles on it takes less time than the sum over pairs.
+ * The largest errors that BenchmarkFastSum --errors found were 0.53 of these, relative to the
+ * velocities that random forces and torques make, in clouds, clusters, spherical shells and layers
+ * on a wall, of equal and unequal radii; TestFastSum has others. Numbers of particles: from
+ * processor times of clouds, with the sum over pairs taken to be twice as fast as it is.
  */
 struct Row {
     double error;
@@ -434,7 +460,8 @@ const FastSum::Accuracy* FastSum::choose(double error, int numParticles, bool ha
     // The loosest that is enough; a tolerance of 1e-6 may come as a product of others.
     const double rounding = 1e-12;
     for (const Row& row : rows)
-        if (row.error <= error * (1 + rounding)) return numParticles >= row.fewest[hasWall] ? &row.accuracy : nullptr;
+        if (row.error <= error * (1 + rounding))
+            return numParticles >= row.fewest[hasWall] ? &row.accuracy : nullptr;
     return nullptr;
 }
 
@@ -448,7 +475,8 @@ struct FastSum::Far {
 
 FastSum::FastSum(const HydrodynamicParticles& particles, bool hasWall, const Accuracy& accuracy,
                  const ForRanges& forRanges)
-    : particles(particles), hasWall(hasWall), accuracy(accuracy), forRanges(forRanges), harmonics(accuracy.order) {}
+    : particles(particles), hasWall(hasWall), accuracy(accuracy), forRanges(forRanges),
+      harmonics(accuracy.order) {}
 
 FastSum::~FastSum() {}
 
@@ -487,7 +515,8 @@ void FastSum::inParts(const vector<double>& costs, const function<void(int, int)
 }
 
 void FastSum::moveTo(const vector<OpenMM::Vec3>& positions, const vector<double>& weights) {
-    tree.build(positions, particles.radii, particles.hasTorque, hasWall, {accuracy.leafSize, accuracy.opening});
+    tree.build(positions, particles.radii, particles.hasTorque, hasWall,
+               {accuracy.leafSize, accuracy.opening});
     const int count = positions.size();
     for (auto* v : {&x, &y, &z, &radius, &weight}) v->resize(count);
     row.resize(count);
@@ -504,7 +533,8 @@ void FastSum::moveTo(const vector<OpenMM::Vec3>& positions, const vector<double>
     costsOfLeaves.assign(tree.leaves.size(), 0);
     for (size_t l = 0; l < tree.leaves.size(); l++) {
         const auto& leaf = tree.cells[tree.leaves[l]];
-        for (int i = leaf.first; i < leaf.end; i++) numSpheres[tree.leaves[l]] += particles.hasTorque[tree.order[i]];
+        for (int i = leaf.first; i < leaf.end; i++)
+            numSpheres[tree.leaves[l]] += particles.hasTorque[tree.order[i]];
         double sources = 0;
         for (int k = tree.firstNear[l]; k < tree.firstNear[l + 1]; k++) {
             const auto& near = tree.cells[tree.near[k]];
@@ -522,7 +552,8 @@ void FastSum::moveTo(const vector<OpenMM::Vec3>& positions, const vector<double>
         prepareFar<double>();
 }
 
-/** The matrix of R at a place counted from the parent, in R at the place counted from the child, each in halves of its own edge. */
+/** The matrix of R at a place counted from the parent, in R at the place counted from the child,
+ * each in halves of its own edge. */
 const MatrixXd& FastSum::shiftOf(const ClusterTree::Cell& child) {
     const Vector3d d = (child.centre - tree.cells[child.parent].centre) / child.half;
     array<int, 3> key;
@@ -540,11 +571,14 @@ void FastSum::prepareFar() {
     Far<Number>& f = far<Number>();
     const int size = harmonics.size(), rows = FarTask<Number>::rowsAtOnce;
     for (int mirrored = 0; mirrored < 8; mirrored++)
-        f.signs[mirrored].assign(harmonics.signs(mirrored).begin(), harmonics.signs(mirrored).end());
-    // Matrices are kept from one placement to the next, but for those of cubes whose images are in no lattice, and not without end.
+        f.signs[mirrored].assign(harmonics.signs(mirrored).begin(),
+                                 harmonics.signs(mirrored).end());
+    // Matrices are kept from one placement to the next, but for those of cubes whose images are in
+    // no lattice, and not without end.
     const size_t most = 2000;
     if (f.matrices.size() > most) f.matrices.clear();
-    for (auto i = f.matrices.begin(); i != f.matrices.end();) i = i->first[1] >= 0 ? f.matrices.erase(i) : next(i);
+    for (auto i = f.matrices.begin(); i != f.matrices.end();)
+        i = i->first[1] >= 0 ? f.matrices.erase(i) : next(i);
     f.matrixOfClass.clear();
     vector<pair<const ClusterTree::FarClass*, vector<Number>*>> wanted;
     for (const auto& of : tree.classes) {
@@ -565,7 +599,8 @@ void FastSum::prepareFar() {
                         T(a, b) * pow(ratio, harmonics.degree(a));
         }
     });
-    for (size_t c = 0; c < tree.classes.size(); c++) f.matrixOfClass[c] = f.matrices[tree.classes[c].key].data();
+    for (size_t c = 0; c < tree.classes.size(); c++)
+        f.matrixOfClass[c] = f.matrices[tree.classes[c].key].data();
 }
 
 /** Moments of a cell: of its particles, or of its children. */
@@ -575,9 +610,11 @@ void FastSum::gatherMoments(int c, int columns) {
     double* to = &up[static_cast<size_t>(size) * fields * c];
     fill(to, to + static_cast<size_t>(size) * fields, 0.0);
     if (!cell.isLeaf()) {
-        vector<double> from(static_cast<size_t>(size) * fields), sum(static_cast<size_t>(size) * fields);
+        vector<double> from(static_cast<size_t>(size) * fields),
+            sum(static_cast<size_t>(size) * fields);
         vector<int> first(size, 0), end(size);
-        for (int a = 0; a < size; a++) end[a] = (harmonics.degree(a) + 1) * (harmonics.degree(a) + 1);
+        for (int a = 0; a < size; a++)
+            end[a] = (harmonics.degree(a) + 1) * (harmonics.degree(a) + 1);
         for (int child = cell.firstChild; child < cell.firstChild + cell.numChildren; child++) {
             const Vector3d d = (tree.cells[child].centre - cell.centre) / tree.cells[child].half;
             const double* in = &up[static_cast<size_t>(size) * fields * child];
@@ -597,7 +634,8 @@ void FastSum::gatherMoments(int c, int columns) {
     const double h = cell.half;
     vector<double> R(size), sums(static_cast<size_t>(columns) * size * numSlots, 0.0);
     for (int j = cell.first; j < cell.end; j++) {
-        const double r[3] = {(x[j] - cell.centre[0]) / h, (y[j] - cell.centre[1]) / h, (z[j] - cell.centre[2]) / h};
+        const double r[3] = {(x[j] - cell.centre[0]) / h, (y[j] - cell.centre[1]) / h,
+                             (z[j] - cell.centre[2]) / h};
         harmonics.basis(r[0], r[1], r[2], R.data());
         const double b2 = radius[j] * radius[j] / (h * h);
         for (int column = 0; column < columns; column++) {
@@ -625,7 +663,8 @@ void FastSum::gatherMoments(int c, int columns) {
     for (int column = 0; column < columns; column++) {
         for (int s = 0; s < numSlots; s++) {
             slots[s].resize(size);
-            for (int a = 0; a < size; a++) slots[s][a] = sums[(static_cast<size_t>(column) * size + a) * numSlots + s];
+            for (int a = 0; a < size; a++)
+                slots[s][a] = sums[(static_cast<size_t>(column) * size + a) * numSlots + s];
         }
         double* moments = to + fieldsUp * column;
         for (int a = 0; a < size; a++)
@@ -635,16 +674,19 @@ void FastSum::gatherMoments(int c, int columns) {
             const int i = (k + 1) % 3, j = (k + 2) % 3;
             harmonics.addDerivativeOfMoments(j, 1, slots[Torque + i].data(), moments + k, fields);
             harmonics.addDerivativeOfMoments(i, -1, slots[Torque + j].data(), moments + k, fields);
-            harmonics.addDerivativeOfMoments(k, 1, slots[PotentialDipole + k].data(), moments + 3, fields);
+            harmonics.addDerivativeOfMoments(k, 1, slots[PotentialDipole + k].data(), moments + 3,
+                                             fields);
             if (!hasWall) continue;
             dipoles = slots[WallDipole + k];
-            harmonics.addDerivativeOfMoments(2, 1, slots[WallQuadrupole + k].data(), dipoles.data());
+            harmonics.addDerivativeOfMoments(2, 1, slots[WallQuadrupole + k].data(),
+                                             dipoles.data());
             harmonics.addDerivativeOfMoments(k, 1, dipoles.data(), moments + 4, fields);
         }
     }
 }
 
-/** The local expansion of a cell and of those that hold it, handed over to its children, or to its particles. */
+/** The local expansion of a cell and of those that hold it, handed over to its children, or to its
+ * particles. */
 void FastSum::shareLocal(int c, int columns) {
     const auto& cell = tree.cells[c];
     const int size = harmonics.size(), fields = fieldsDown * columns;
@@ -679,7 +721,8 @@ void FastSum::shareLocal(int c, int columns) {
         }
     }
     for (int i = cell.first; i < cell.end; i++) {
-        const double r[3] = {(x[i] - cell.centre[0]) / h, (y[i] - cell.centre[1]) / h, (z[i] - cell.centre[2]) / h};
+        const double r[3] = {(x[i] - cell.centre[0]) / h, (y[i] - cell.centre[1]) / h,
+                             (z[i] - cell.centre[2]) / h};
         harmonics.basis(r[0], r[1], r[2], R.data());
         const double a2 = radius[i] * radius[i] / (3 * h * h);
         for (int column = 0; column < columns; column++) {
@@ -707,9 +750,11 @@ void FastSum::sumFar(int columns) {
     f.moments.resize(ofDown * numCells * (hasWall ? 2 : 1));
     for (int level = static_cast<int>(tree.firstOfLevel.size()) - 2; level >= 0; level--) {
         const int firstCell = tree.firstOfLevel[level];
-        inParts(vector<double>(tree.firstOfLevel[level + 1] - firstCell, 1), [&](int first, int end) {
-            for (int c = firstCell + first; c < firstCell + end; c++) gatherMoments(c, columns);
-        });
+        inParts(vector<double>(tree.firstOfLevel[level + 1] - firstCell, 1),
+                [&](int first, int end) {
+                    for (int c = firstCell + first; c < firstCell + end; c++)
+                        gatherMoments(c, columns);
+                });
     }
     inParts(vector<double>(numCells, 1), [&](int first, int end) {
         const vector<double>& mirror = harmonics.signs(4);
@@ -719,12 +764,13 @@ void FastSum::sumFar(int columns) {
             const double* from = &up[ofUp * c];
             Number* to = &f.moments[ofDown * c];
             for (int a = 0; a < size; a++)
-                for (int column = 0; column < columns; column++, from += fieldsUp, to += fieldsDown) {
+                for (int column = 0; column < columns;
+                     column++, from += fieldsUp, to += fieldsDown) {
                     for (int k = 0; k < 4; k++) to[k] = from[k];
                     if (!hasWall) continue;
-                    const double image[4] = {-mirror[a] * from[0], -mirror[a] * from[1],
-                                             mirror[a] * (from[4] - from[2]),
-                                             mirror[a] * (height * (from[4] - 2 * from[2]) - from[3])};
+                    const double image[4] = {
+                        -mirror[a] * from[0], -mirror[a] * from[1], mirror[a] * (from[4] - from[2]),
+                        mirror[a] * (height * (from[4] - 2 * from[2]) - from[3])};
                     Number* imageTo = onWall ? to : to + ofDown * numCells;
                     for (int k = 0; k < 4; k++) imageTo[k] = image[k] + (onWall ? from[k] : 0);
                 }
@@ -732,15 +778,19 @@ void FastSum::sumFar(int columns) {
     });
     f.locals.resize(ofDown * numCells);
     inParts(costsOfFar, [&](int firstTarget, int endTarget) {
-        fill(f.locals.begin() + ofDown * firstTarget, f.locals.begin() + ofDown * endTarget, Number(0));
+        fill(f.locals.begin() + ofDown * firstTarget, f.locals.begin() + ofDown * endTarget,
+             Number(0));
         const int rows = FarTask<Number>::rowsAtOnce;
-        vector<Number> in(static_cast<size_t>(64) * size), out(static_cast<size_t>(64) * padded(size, rows));
+        vector<Number> in(static_cast<size_t>(64) * size),
+            out(static_cast<size_t>(64) * padded(size, rows));
         vector<double> halves(2 * numCells);
         for (int c = 0; c < numCells; c++) halves[c] = halves[numCells + c] = tree.cells[c].half;
         for (size_t n = 0; n < tree.classes.size(); n++) {
             const auto& of = tree.classes[n];
             const auto from = tree.farPairs.begin() + of.first, to = tree.farPairs.begin() + of.end;
-            const auto before = [](const ClusterTree::FarPair& pair, int target) { return pair.target < target; };
+            const auto before = [](const ClusterTree::FarPair& pair, int target) {
+                return pair.target < target;
+            };
             FarTask<Number> task;
             task.first = lower_bound(from, to, firstTarget, before) - tree.farPairs.begin();
             task.end = lower_bound(from, to, endTarget, before) - tree.farPairs.begin();
@@ -764,31 +814,34 @@ void FastSum::sumFar(int columns) {
     for (int b = 0; b < size; b++) first[b] = harmonics.degree(b) * harmonics.degree(b);
     for (size_t level = 0; level + 1 < tree.firstOfLevel.size(); level++) {
         const int firstCell = tree.firstOfLevel[level];
-        inParts(vector<double>(tree.firstOfLevel[level + 1] - firstCell, 1), [&](int begin, int stop) {
-            vector<double> shifted(ofDown);
-            for (int c = firstCell + begin; c < firstCell + stop; c++) {
-                const Number* own = &f.locals[ofDown * c];
-                double* to = &down[ofDown * c];
-                for (size_t k = 0; k < ofDown; k++) to[k] = own[k];
-                const auto& cell = tree.cells[c];
-                if (cell.parent < 0) continue;
-                const Vector3d d = (cell.centre - tree.cells[cell.parent].centre) / cell.half;
-                fill(shifted.begin(), shifted.end(), 0.0);
-                HWY_DYNAMIC_DISPATCH(addShifted)
-                (size, shiftOfCell[c]->data(), size, 1, first.data(), end.data(), fieldsDown * columns,
-                 &down[ofDown * cell.parent], shifted.data());
-                for (int b = 0; b < size * columns; b++) {
-                    const double* in = &shifted[fieldsDown * b];
-                    for (int k = 0; k < 3; k++) to[fieldsDown * b + k] += in[k];
-                    to[fieldsDown * b + 3] += 2 * in[3] - d[0] * in[0] - d[1] * in[1] - d[2] * in[2];
+        inParts(
+            vector<double>(tree.firstOfLevel[level + 1] - firstCell, 1), [&](int begin, int stop) {
+                vector<double> shifted(ofDown);
+                for (int c = firstCell + begin; c < firstCell + stop; c++) {
+                    const Number* own = &f.locals[ofDown * c];
+                    double* to = &down[ofDown * c];
+                    for (size_t k = 0; k < ofDown; k++) to[k] = own[k];
+                    const auto& cell = tree.cells[c];
+                    if (cell.parent < 0) continue;
+                    const Vector3d d = (cell.centre - tree.cells[cell.parent].centre) / cell.half;
+                    fill(shifted.begin(), shifted.end(), 0.0);
+                    HWY_DYNAMIC_DISPATCH(addShifted)
+                    (size, shiftOfCell[c]->data(), size, 1, first.data(), end.data(),
+                     fieldsDown * columns, &down[ofDown * cell.parent], shifted.data());
+                    for (int b = 0; b < size * columns; b++) {
+                        const double* in = &shifted[fieldsDown * b];
+                        for (int k = 0; k < 3; k++) to[fieldsDown * b + k] += in[k];
+                        to[fieldsDown * b + 3] +=
+                            2 * in[3] - d[0] * in[0] - d[1] * in[1] - d[2] * in[2];
+                    }
                 }
-            }
-        });
+            });
     }
 }
 
 template <class Number>
-void FastSum::multiply(const MatrixXd& forces, int firstColumn, int columns, double scale, MatrixXd& velocities) {
+void FastSum::multiply(const MatrixXd& forces, int firstColumn, int columns, double scale,
+                       MatrixXd& velocities) {
     const int count = x.size();
     loads.resize(static_cast<size_t>(6) * columns * count);
     results.resize(loads.size());
@@ -801,7 +854,8 @@ void FastSum::multiply(const MatrixXd& forces, int firstColumn, int columns, dou
                     k < 3 || particles.hasTorque[tree.order[i]]
                         ? weight[i] * (forces(row[i] + k, firstColumn + c) / unit)
                         : 0;
-    // Places in near cubes are rounded to 1e-7 of three halves of an edge, which for particles in contact is to be below 1e-5 and 1e-6 of their distance.
+    // Places in near cubes are rounded to 1e-7 of three halves of an edge, which for particles in
+    // contact is to be below 1e-5 and 1e-6 of their distance.
     const double inRadii = accuracy.floats == 2 ? 200 : accuracy.floats == 1 ? 20 : 0;
     const double largestHalf = inRadii * *min_element(radius.begin(), radius.end());
     const bool hasFar = !tree.farPairs.empty();
@@ -836,7 +890,8 @@ void FastSum::multiply(const MatrixXd& forces, int firstColumn, int columns, dou
             task.numSources = ranges.size();
             task.hasWall = hasWall;
             task.single = leaf.half <= largestHalf;
-            // Differences of floats want small numbers; those of doubles are to be the same in packs with and without overlaps.
+            // Differences of floats want small numbers; those of doubles are to be the same in
+            // packs with and without overlaps.
             for (int k = 0; k < 3; k++) task.centre[k] = task.single ? leaf.centre[k] : 0;
             task.columns = columns;
             task.loads = loads.data();
@@ -849,7 +904,8 @@ void FastSum::multiply(const MatrixXd& forces, int firstColumn, int columns, dou
                 for (int column = 0; column < columns; column++)
                     for (int k = 0; k < (i < task.endSpheres ? 6 : 3); k++)
                         velocities(row[i] + k, firstColumn + column) =
-                            scale * unit * weight[i] * results[6 * (static_cast<size_t>(columns) * i + column) + k];
+                            scale * unit * weight[i] *
+                            results[6 * (static_cast<size_t>(columns) * i + column) + k];
         }
     });
 }
@@ -867,8 +923,8 @@ void FastSum::apply(const MatrixXd& forces, double scale, MatrixXd& velocities) 
 
 size_t FastSum::getMemory() const {
     const auto bytes = [](const auto& v) { return v.capacity() * sizeof(v[0]); };
-    size_t total = bytes(up) + bytes(down) + bytes(loads) + bytes(results) + bytes(tree.farPairs) + bytes(tree.near) +
-                   bytes(tree.cells);
+    size_t total = bytes(up) + bytes(down) + bytes(loads) + bytes(results) + bytes(tree.farPairs) +
+                   bytes(tree.near) + bytes(tree.cells);
     const auto ofFar = [&](const auto& far) {
         if (!far) return;
         total += bytes(far->moments) + bytes(far->locals);

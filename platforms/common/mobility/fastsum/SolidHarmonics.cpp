@@ -21,11 +21,13 @@ vector<Complex> regular(int order, const Vector3d& r) {
     vector<Complex> R((order + 1) * (order + 2) / 2);
     const double square = r.squaredNorm();
     for (int m = 0; m <= order; m++) {
-        R[place(m, m)] = m == 0 ? Complex(1) : R[place(m - 1, m - 1)] * Complex(r[0], r[1]) / (2.0 * m);
+        R[place(m, m)] =
+            m == 0 ? Complex(1) : R[place(m - 1, m - 1)] * Complex(r[0], r[1]) / (2.0 * m);
         if (m < order) R[place(m + 1, m)] = r[2] * R[place(m, m)];
         for (int n = m + 2; n <= order; n++)
-            R[place(n, m)] = ((2 * n - 1) * r[2] * R[place(n - 1, m)] - square * R[place(n - 2, m)]) /
-                             static_cast<double>((n + m) * (n - m));
+            R[place(n, m)] =
+                ((2 * n - 1) * r[2] * R[place(n - 1, m)] - square * R[place(n - 2, m)]) /
+                static_cast<double>((n + m) * (n - m));
     }
     return R;
 }
@@ -34,8 +36,9 @@ vector<Complex> irregular(int order, const Vector3d& r) {
     vector<Complex> I((order + 1) * (order + 2) / 2);
     const double over = 1 / r.squaredNorm();
     for (int m = 0; m <= order; m++) {
-        I[place(m, m)] =
-            m == 0 ? Complex(sqrt(over)) : I[place(m - 1, m - 1)] * Complex(r[0], r[1]) * ((2 * m - 1) * over);
+        I[place(m, m)] = m == 0
+                             ? Complex(sqrt(over))
+                             : I[place(m - 1, m - 1)] * Complex(r[0], r[1]) * ((2 * m - 1) * over);
         if (m < order) I[place(m + 1, m)] = (2 * m + 1) * r[2] * over * I[place(m, m)];
         for (int n = m + 2; n <= order; n++)
             I[place(n, m)] = ((2 * n - 1) * r[2] * I[place(n - 1, m)] -
@@ -76,7 +79,8 @@ SolidHarmonics::SolidHarmonics(int order) : order(order) {
                     if (mirrored & 4) negative += n + m;
                     reflections[mirrored][element] = negative % 2 ? -1 : 1;
                 }
-                // d_z R_n^m = R_(n-1)^m; d_x R_n^m = (R_(n-1)^(m-1) - R_(n-1)^(m+1))/2; d_y R_n^m = i (their sum)/2.
+                // d_z R_n^m = R_(n-1)^m; d_x R_n^m = (R_(n-1)^(m-1) - R_(n-1)^(m+1))/2; d_y R_n^m =
+                // i (their sum)/2.
                 const auto add = [&](int axis, int m2, int part2, double factor) {
                     if (m2 < 0) {  // R_n^-1 = -conj R_n^1
                         m2 = -m2;
@@ -155,22 +159,27 @@ MatrixXd SolidHarmonics::fromFar(const Vector3d& D) const {
         for (int m = 0; m <= n; m++)
             for (int k = 0; k <= order; k++)  // of the source
                 for (int l = 0; l <= k; l++) {
-                    // The terms of +-m, +-l together: 2 Re(conj R_k^l conj R_n^m I^(l+m)) + 2 (-1)^m Re(conj R_k^l R_n^m I^(l-m)).
+                    // The terms of +-m, +-l together: 2 Re(conj R_k^l conj R_n^m I^(l+m)) + 2
+                    // (-1)^m Re(conj R_k^l R_n^m I^(l-m)).
                     const Complex sum = ofAny(I, n + k, l + m),
                                   difference = (m % 2 ? -1.0 : 1.0) * ofAny(I, n + k, l - m);
-                    const double factor = 2.0 * (n % 2 ? -1 : 1) * (l == 0 ? 0.5 : 1) * (m == 0 ? 0.5 : 1);
+                    const double factor =
+                        2.0 * (n % 2 ? -1 : 1) * (l == 0 ? 0.5 : 1) * (m == 0 ? 0.5 : 1);
                     const int row = realPart(n, m), column = realPart(k, l);
                     T(row, column) = factor * (sum.real() + difference.real());
                     if (m > 0) T(row + 1, column) = factor * (sum.imag() - difference.imag());
                     if (l > 0) T(row, column + 1) = factor * (sum.imag() + difference.imag());
-                    if (m > 0 && l > 0) T(row + 1, column + 1) = factor * (difference.real() - sum.real());
+                    if (m > 0 && l > 0)
+                        T(row + 1, column + 1) = factor * (difference.real() - sum.real());
                 }
     return T;
 }
 
-void SolidHarmonics::addDerivativeOfMoments(int axis, double factor, const double* from, double* to, int stride) const {
+void SolidHarmonics::addDerivativeOfMoments(int axis, double factor, const double* from, double* to,
+                                            int stride) const {
     for (int a = 0; a < size(); a++)
-        for (const Term& term : derivatives[axis][a]) to[a * stride] += factor * term.factor * from[term.to];
+        for (const Term& term : derivatives[axis][a])
+            to[a * stride] += factor * term.factor * from[term.to];
 }
 
 void SolidHarmonics::derivativeOfLocal(int axis, const double* from, double* to) const {

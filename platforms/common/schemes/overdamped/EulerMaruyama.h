@@ -1,12 +1,13 @@
 // Euler-Maruyama.
 //
-// Equation:  dQ/dt = N F + sqrt(2 kT) N^(1/2) dW/dt + kT div N (Delong 2015, eq. 34), without its last term, the stochastic drift.
-// Method:    U = N F + sqrt(2 kT/h) N^(1/2) W;  Q^{n+1} = Rotate(Q^n, h U): Delong 2015, eq. 37.
-// Order:     weak 1 where div N = 0 (constant N; spheres in an unbounded fluid); elsewhere none: it samples exp(-U/kT)/N instead of
+// Equation:  dQ/dt = N F + sqrt(2 kT) N^(1/2) dW/dt + kT div N (Delong 2015, eq. 34), without its
+// last term, the stochastic drift. Method:    U = N F + sqrt(2 kT/h) N^(1/2) W;  Q^{n+1} =
+// Rotate(Q^n, h U): Delong 2015, eq. 37. Order:     weak 1 where div N = 0 (constant N; spheres in
+// an unbounded fluid); elsewhere none: it samples exp(-U/kT)/N instead of
 //            exp(-U/kT). 1 at T = 0.
-// Cost:      one force evaluation, one mobility problem and one square root a step; a random field of the model's instead of the root.
-// Reference: Delong, Balboa Usabiaga, Donev, J. Chem. Phys. 143, 144107 (2015), eq. 37.
-// Limits:    right averages only where div N = 0.
+// Cost:      one force evaluation, one mobility problem and one square root a step; a random field
+// of the model's instead of the root. Reference: Delong, Balboa Usabiaga, Donev, J. Chem. Phys.
+// 143, 144107 (2015), eq. 37. Limits:    right averages only where div N = 0.
 
 #ifndef RIGIDHI_EULER_MARUYAMA_H_
 #define RIGIDHI_EULER_MARUYAMA_H_
@@ -32,8 +33,9 @@ public:
 
 protected:
     /**
-     * total = F + sqrt(2 kT/h) N^(-1/2) W: N total is the velocity without drift. Where the model has a random field, its slips are the noise
-     * instead, which cost no square root: total = F, thermalSlips = sqrt(2 kT/h) v.
+     * total = F + sqrt(2 kT/h) N^(-1/2) W: N total is the velocity without drift. Where the model
+     * has a random field, its slips are the noise instead, which cost no square root: total = F,
+     * thermalSlips = sqrt(2 kT/h) v.
      */
     void sumUpWrenches(OverdampedMove& m) {
         total = m.force;

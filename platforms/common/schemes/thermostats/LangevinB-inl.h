@@ -1,11 +1,12 @@
 // Langevin B.
 //
 // Equation:  as Langevin A (schemes/thermostats/LangevinA-inl.h).
-// Method:    half a step of the exact Ornstein-Uhlenbeck process, a step of the Hamiltonian system, half a step of the
+// Method:    half a step of the exact Ornstein-Uhlenbeck process, a step of the Hamiltonian system,
+// half a step of the
 //            process again ("OBABO").
-// Order:     weak 2; kinetic temperatures are the most accurate of the three.   Cost: one force evaluation a step.
-// Reference: Davidchack, Ouldridge, Tretyakov 2015, eq. 27.
-// Limits:    any gamma, Gamma.
+// Order:     weak 2; kinetic temperatures are the most accurate of the three.   Cost: one force
+// evaluation a step. Reference: Davidchack, Ouldridge, Tretyakov 2015, eq. 27. Limits:    any
+// gamma, Gamma.
 
 #if defined(RIGIDHI_LANGEVIN_B_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_LANGEVIN_B_INL_H_
@@ -28,8 +29,9 @@ struct LangevinB {
     }
     template <class Flow>
     static void afterForces(Flow& flow, double h) {
-        flow.kick(h / 2);           // Pi_4, P_3: with the forces at k+1
-        flow.ornsteinUhlenbeck(1);  // P_{k+1}, Pi_{k+1}: over h/2, with new numbers zeta and varsigma
+        flow.kick(h / 2);  // Pi_4, P_3: with the forces at k+1
+        flow.ornsteinUhlenbeck(
+            1);  // P_{k+1}, Pi_{k+1}: over h/2, with new numbers zeta and varsigma
     }
     static Thermostat coefficients(const BodyInertia& body, const HeatBath& bath, double h) {
         return ornsteinUhlenbeckCoefficients(body, bath, h / 2);

@@ -1,11 +1,12 @@
 // Langevin C.
 //
 // Equation:  as Langevin A (schemes/thermostats/LangevinA-inl.h).
-// Method:    half a step of the Hamiltonian system, a step of the exact Ornstein-Uhlenbeck process, half a step of the
+// Method:    half a step of the Hamiltonian system, a step of the exact Ornstein-Uhlenbeck process,
+// half a step of the
 //            Hamiltonian system again ("BAOAB").
-// Order:     weak 2; configurational averages are the most accurate of the three.   Cost: one force evaluation a step.
-// Reference: Davidchack, Ouldridge, Tretyakov 2015, eq. 28.
-// Limits:    any gamma, Gamma.
+// Order:     weak 2; configurational averages are the most accurate of the three.   Cost: one force
+// evaluation a step. Reference: Davidchack, Ouldridge, Tretyakov 2015, eq. 28. Limits:    any
+// gamma, Gamma.
 
 #if defined(RIGIDHI_LANGEVIN_C_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_LANGEVIN_C_INL_H_
@@ -25,7 +26,7 @@ struct LangevinC {
         flow.kick(h / 2);           // P_1 = P_k + h/2 f,  Pi_1 = Pi_k + h/2 F
         flow.drift(h / 2);          // R_1 = R_k + h/(2m) P_1,  (Q_1, Pi_2) = Psi_{h/2}(Q_k, Pi_1)
         flow.ornsteinUhlenbeck(0);  // P_2, Pi_3: over h
-        flow.drift(h / 2);          // R_{k+1} = R_1 + h/(2m) P_2,  (Q_{k+1}, Pi_4) = Psi_{h/2}(Q_1, Pi_3)
+        flow.drift(h / 2);  // R_{k+1} = R_1 + h/(2m) P_2,  (Q_{k+1}, Pi_4) = Psi_{h/2}(Q_1, Pi_3)
     }
     template <class Flow>
     static void afterForces(Flow& flow, double h) {

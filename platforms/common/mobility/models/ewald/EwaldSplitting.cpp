@@ -16,12 +16,15 @@ namespace {
 const double shareOfWaves = 0.4, shareOfPairs = 0.4, shareOfGrid = 0.15;
 
 /** Times in ns on one thread, measured (benchmarks/README.md). */
-const double timeOfTransform = 0.16;                 // of a node, a doubling of their number, and one of six transforms
-const double timeOfMode = 1;                         // of a node: the response of the fluid
-const double timeOfNode = 1.2;                       // of a node of a stencil, there and back
-const double timeOfPair = 5, timeOfTorquePair = 12;  // of a pair, one way, with its share in the making of the list
+const double timeOfTransform =
+    0.16;                       // of a node, a doubling of their number, and one of six transforms
+const double timeOfMode = 1;    // of a node: the response of the fluid
+const double timeOfNode = 1.2;  // of a node of a stencil, there and back
+const double timeOfPair = 5,
+             timeOfTorquePair = 12;  // of a pair, one way, with its share in the making of the list
 
-/** The smallest wave number from which on waves add no more than `allowed` to the mobility of a particle by itself. */
+/** The smallest wave number from which on waves add no more than `allowed` to the mobility of a
+ * particle by itself. */
 double largestWave(const std::vector<EwaldKind>& kinds, double xi, double allowed) {
     // H is 1e-19 at the end.
     const double end = 2 * xi * 7, step = 0.02 * xi;
@@ -33,14 +36,16 @@ double largestWave(const std::vector<EwaldKind>& kinds, double xi, double allowe
             const WaveFactors f = overSurfaces().waveFactors(radius, k);
             ofForces[a] += step * 2 * radius / M_PI * f.s * f.s * h;
             if (kinds[a].torques > 0)
-                ofTorques[a] += step * 2 * radius * radius * radius / (3 * M_PI) * k * k * f.t * f.t * h;
+                ofTorques[a] +=
+                    step * 2 * radius * radius * radius / (3 * M_PI) * k * k * f.t * f.t * h;
             if (std::max(ofForces[a], ofTorques[a]) > allowed) return k;
         }
     }
     return step;
 }
 
-/** The smallest gap from which on pairs add no more than `allowed`, with particles at this density. */
+/** The smallest gap from which on pairs add no more than `allowed`, with particles at this density.
+ */
 double largestGap(const std::vector<EwaldKind>& kinds, double xi, double density, double allowed) {
     double largest = 0;
     const EwaldKind* const ends[] = {&kinds.front(), &kinds.back()};
@@ -51,8 +56,8 @@ double largestGap(const std::vector<EwaldKind>& kinds, double xi, double density
             const bool torques = ends[i]->torques + ends[j]->torques > 0;
             const NearPair pair(a, b, xi, torques);
             const double ofForces = 0.75 * std::sqrt(a * b), ofTorques = std::pow(a * b, 1.5),
-                         ofBoth = std::sqrt(0.75) *
-                                  std::max(std::sqrt(a) * std::pow(b, 1.5), std::sqrt(b) * std::pow(a, 1.5));
+                         ofBoth = std::sqrt(0.75) * std::max(std::sqrt(a) * std::pow(b, 1.5),
+                                                             std::sqrt(b) * std::pow(a, 1.5));
             const double step = 0.1 / xi;
             double sum = 0;
             for (double r = pair.getReach(); r > pair.getContact(); r -= step) {
@@ -60,8 +65,9 @@ double largestGap(const std::vector<EwaldKind>& kinds, double xi, double density
                 const double r2 = r * r;
                 double most = ofForces * std::max(std::abs(f.ttI), std::abs(f.ttI + f.ttR * r2));
                 if (torques)
-                    most = std::max({most, ofBoth * r * std::max(std::abs(f.tr), std::abs(f.rt)),
-                                     ofTorques * std::max(std::abs(f.rrI), std::abs(f.rrI + f.rrR * r2))});
+                    most = std::max(
+                        {most, ofBoth * r * std::max(std::abs(f.tr), std::abs(f.rt)),
+                         ofTorques * std::max(std::abs(f.rrI), std::abs(f.rrI + f.rrR * r2))});
                 sum += step * 4 * M_PI * r2 * density * most;
                 if (sum <= allowed) continue;
                 largest = std::max(largest, r - pair.getContact());
@@ -76,7 +82,8 @@ double largestGap(const std::vector<EwaldKind>& kinds, double xi, double density
 std::vector<EwaldKind> kindsOf(const HydrodynamicParticles& particles) {
     std::map<double, EwaldKind> byRadius;
     for (int i = 0; i < particles.size(); i++) {
-        EwaldKind& kind = byRadius.insert({particles.radii[i], {particles.radii[i], 0, 0}}).first->second;
+        EwaldKind& kind =
+            byRadius.insert({particles.radii[i], {particles.radii[i], 0, 0}}).first->second;
         kind.particles++;
         kind.torques += particles.hasTorque[i] ? 1 : 0;
     }
@@ -85,9 +92,10 @@ std::vector<EwaldKind> kindsOf(const HydrodynamicParticles& particles) {
     return kinds;
 }
 
-EwaldSplitting::EwaldSplitting(const std::vector<EwaldKind>& kinds, double tolerance, double spacing,
-                               const BoxVectors& box, double wantedXi) {
-    const double volume = box[0][0] * box[1][1] * box[2][2], longest = std::max({box[0][0], box[1][1], box[2][2]});
+EwaldSplitting::EwaldSplitting(const std::vector<EwaldKind>& kinds, double tolerance,
+                               double spacing, const BoxVectors& box, double wantedXi) {
+    const double volume = box[0][0] * box[1][1] * box[2][2],
+                 longest = std::max({box[0][0], box[1][1], box[2][2]});
     int numParticles = 0, numChannels = 0, numPasses = 0;
     bool anyTorques = false;
     for (const EwaldKind& kind : kinds) {
@@ -116,17 +124,22 @@ EwaldSplitting::EwaldSplitting(const std::vector<EwaldKind>& kinds, double toler
                 widest = std::max(widest, grid.spacing(axis));
             }
             if (widest > coarsest) break;  // the user's
-            // The worst error of waves taken for others is exp(-2 pi^2 w^2/h^2 (1 - 2 xi^2 w^2)): w is the least that will do.
+            // The worst error of waves taken for others is exp(-2 pi^2 w^2/h^2 (1 - 2 xi^2 w^2)): w
+            // is the least that will do.
             const double c = widest * widest * ofGrid / (2 * M_PI * M_PI), root = 1 - 8 * x * x * c;
             if (root >= 0) {
-                const double w = std::sqrt((1 - std::sqrt(root)) / (4 * x * x)), P = 2 * ends * w / widest;
+                const double w = std::sqrt((1 - std::sqrt(root)) / (4 * x * x)),
+                             P = 2 * ends * w / widest;
                 const double nodes = grid.numNodes();
-                double time = numChannels * nodes * (6 * timeOfTransform * std::log2(nodes) + timeOfMode) +
-                              numPasses * timeOfNode * M_PI / 4 * P * P * (P + 4);
+                double time =
+                    numChannels * nodes * (6 * timeOfTransform * std::log2(nodes) + timeOfMode) +
+                    numPasses * timeOfNode * M_PI / 4 * P * P * (P + 4);
                 if (time < 1e9 * seconds) {
-                    if (nearby < 0) nearby = largestGap(kinds, x, density, shareOfPairs * tolerance);
+                    if (nearby < 0)
+                        nearby = largestGap(kinds, x, density, shareOfPairs * tolerance);
                     const double range = nearby + 2 * largest,
-                                 around = numParticles / volume * 4 * M_PI / 3 * range * range * range;
+                                 around =
+                                     numParticles / volume * 4 * M_PI / 3 * range * range * range;
                     time += numParticles * around * (anyTorques ? timeOfTorquePair : timeOfPair);
                     if (time < 1e9 * seconds) {
                         seconds = 1e-9 * time;

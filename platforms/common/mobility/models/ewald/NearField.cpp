@@ -21,7 +21,8 @@ void numbersOf(const PairFunctions& f, double* to) {
 
 /** Polynomials for `count` intervals from `first` on, by nodes of Chebyshev's. */
 template <int degree, class Function>
-void tabulate(const Function& function, int numbers, double first, double step, int count, std::vector<double>& table) {
+void tabulate(const Function& function, int numbers, double first, double step, int count,
+              std::vector<double>& table) {
     const int n = degree + 1;
     Eigen::MatrixXd powers(n, n), values(n, 6);  // of nodes
     for (int a = 0; a < n; a++) {
@@ -43,7 +44,8 @@ void tabulate(const Function& function, int numbers, double first, double step, 
 
 }  // namespace
 
-NearTables::NearTables(const std::vector<EwaldKind>& kinds, int numbers, double xi, double gap, double margin)
+NearTables::NearTables(const std::vector<EwaldKind>& kinds, int numbers, double xi, double gap,
+                       double margin)
     : numKinds(kinds.size()) {
     for (const EwaldKind& i : kinds)
         for (const EwaldKind& j : kinds) {
@@ -53,16 +55,16 @@ NearTables::NearTables(const std::vector<EwaldKind>& kinds, int numbers, double 
             pair.contact = i.radius + j.radius;
             pair.reach = gap + pair.contact;
             largest = std::max(largest, pair.reach);
-            // The part with H has waves up to about 8 xi, the other one is of powers of contact/distance: in such an interval a
-            // polynomial of this degree is right to 1e-11.
+            // The part with H has waves up to about 8 xi, the other one is of powers of
+            // contact/distance: in such an interval a polynomial of this degree is right to 1e-11.
             const double step = std::min(0.1 / xi, pair.contact / 20);
             pair.inverseStep = 1 / step;
             const NearPair functions(i.radius, j.radius, xi, numbers > 2);
             const auto intervals = [&](double length) { return (int)std::ceil(length / step) + 1; };
             tabulate<degree>([&](double r) { return functions.at(r); }, numbers, pair.contact, step,
                              intervals(gap + margin), pair.apart);
-            tabulate<degree>([&](double r) { return functions.screened(r); }, numbers, 0, step, intervals(pair.contact),
-                             pair.screened);
+            tabulate<degree>([&](double r) { return functions.screened(r); }, numbers, 0, step,
+                             intervals(pair.contact), pair.screened);
             pairs.push_back(pair);
         }
 }
@@ -71,7 +73,8 @@ template <int numbers>
 void NearTables::overlapping(const Pair& pair, double distance, double* f) const {
     double free[6];
     evaluate<numbers>(pair.screened, distance * pair.inverseStep, f);
-    numbersOf(overSurfaces().free(pair.radius_i, pair.radius_j, distance, numbers > 2, false), free);
+    numbersOf(overSurfaces().free(pair.radius_i, pair.radius_j, distance, numbers > 2, false),
+              free);
     for (int c = 0; c < numbers; c++) f[c] = free[c] - f[c];
 }
 template void NearTables::overlapping<2>(const Pair& pair, double distance, double* f) const;
@@ -108,8 +111,8 @@ void NearField::findAnchors(const std::vector<Vec3>& positions, bool keep, doubl
     cellOfParticle.resize(3 * particles.size());
     for (int p = 0; p < particles.size(); p++) {
         Vec3 offset = hasNone ? Vec3() : positions[p] - anchors[p];
-        const bool isNear =
-            std::abs(offset[0]) <= farthest && std::abs(offset[1]) <= farthest && std::abs(offset[2]) <= farthest;
+        const bool isNear = std::abs(offset[0]) <= farthest && std::abs(offset[1]) <= farthest &&
+                            std::abs(offset[2]) <= farthest;
         if (hasNone || !keep || !isNear) {
             anchors[p] = positions[p];
             for (int axis = 0; axis < 3; axis++) {
@@ -129,7 +132,8 @@ void NearField::findAnchors(const std::vector<Vec3>& positions, bool keep, doubl
     }
 }
 
-/** Sources cell by cell, z fastest, those of cells beyond a face being copies. In a cell they have the order of particles. */
+/** Sources cell by cell, z fastest, those of cells beyond a face being copies. In a cell they have
+ * the order of particles. */
 void NearField::sortIntoCells() {
     const int n = particles.size();
     std::vector<int> firstOfInner(cells[0] * cells[1] * cells[2] + 1, 0);
@@ -155,7 +159,8 @@ void NearField::sortIntoCells() {
         for (int y = -depth[1]; y < cells[1] + depth[1]; y++)
             for (int z = -depth[2]; z < cells[2] + depth[2]; z++) {
                 firstOfCell.push_back(sources.size());
-                const int cell = inner(wrapped(0, x, shift[0]), wrapped(1, y, shift[1]), wrapped(2, z, shift[2]));
+                const int cell = inner(wrapped(0, x, shift[0]), wrapped(1, y, shift[1]),
+                                       wrapped(2, z, shift[2]));
                 const bool isOwn = shift[0] == 0 && shift[1] == 0 && shift[2] == 0;
                 for (int t = firstOfInner[cell]; t < firstOfInner[cell + 1]; t++) {
                     const int p = targets[t];
@@ -167,7 +172,8 @@ void NearField::sortIntoCells() {
     firstOfCell.push_back(sources.size());
 }
 
-void NearField::moveTo(const std::vector<Vec3>& positions, bool keepAnchors, double spacing, const Ranges& ranges) {
+void NearField::moveTo(const std::vector<Vec3>& positions, bool keepAnchors, double spacing,
+                       const Ranges& ranges) {
     findAnchors(positions, keepAnchors, spacing);
     places.resize(sources.size());
     for (size_t s = 0; s < sources.size(); s++) {
@@ -179,7 +185,8 @@ void NearField::moveTo(const std::vector<Vec3>& positions, bool keepAnchors, dou
     if (isNew) blocks.resize((n + particlesOfBlock - 1) / particlesOfBlock);
     ranges(blocks.size(), [&](int first, int end) {
         for (int b = first; b < end; b++) {
-            const int firstTarget = b * particlesOfBlock, endTarget = std::min(n, firstTarget + particlesOfBlock);
+            const int firstTarget = b * particlesOfBlock,
+                      endTarget = std::min(n, firstTarget + particlesOfBlock);
             if (isNew) findNeighbours(blocks[b], firstTarget, endTarget);
             if (anyTorques)
                 findValues<6>(blocks[b], firstTarget, endTarget);
@@ -201,12 +208,14 @@ void NearField::findNeighbours(Block& block, int firstTarget, int endTarget) con
         for (int x = cell[0]; x <= cell[0] + 2 * depth[0]; x++)
             for (int y = cell[1]; y <= cell[1] + 2 * depth[1]; y++) {
                 const size_t firstCell = ((size_t)x * extended[1] + y) * extended[2] + cell[2];
-                const int begin = firstOfCell[firstCell], end = firstOfCell[firstCell + 2 * depth[2] + 1];
+                const int begin = firstOfCell[firstCell],
+                          end = firstOfCell[firstCell + 2 * depth[2] + 1];
                 // Written in any case, and counted if near: that takes no branch.
                 if ((int)row.size() < end - begin) row.resize(end - begin);
                 int count = 0;
                 for (int s = begin; s < end; s++) {
-                    const double dx = here.x - sources[s].x, dy = here.y - sources[s].y, dz = here.z - sources[s].z;
+                    const double dx = here.x - sources[s].x, dy = here.y - sources[s].y,
+                                 dz = here.z - sources[s].z;
                     row[count] = s;
                     count += dx * dx + dy * dy + dz * dz < largest2;
                 }
@@ -215,7 +224,8 @@ void NearField::findNeighbours(Block& block, int firstTarget, int endTarget) con
                     if (s == own) continue;
                     const double reach = tables->reach(kind[p], kind[sources[s].particle]);
                     if (reach < largest) {
-                        const double dx = here.x - sources[s].x, dy = here.y - sources[s].y, dz = here.z - sources[s].z;
+                        const double dx = here.x - sources[s].x, dy = here.y - sources[s].y,
+                                     dz = here.z - sources[s].z;
                         if (!(dx * dx + dy * dy + dz * dz < reach * reach)) continue;
                     }
                     block.source.push_back(s);
@@ -233,8 +243,10 @@ void NearField::findValues(Block& block, int firstTarget, int endTarget) const {
         const int ownKind = kind[targets[t]];
         for (int e = block.first[t - firstTarget]; e < block.first[t - firstTarget + 1]; e++) {
             const int s = block.source[e];
-            const double dx = here[0] - places[s][0], dy = here[1] - places[s][1], dz = here[2] - places[s][2];
-            tables->at<numbers>(ownKind, kind[sources[s].particle], std::sqrt(dx * dx + dy * dy + dz * dz),
+            const double dx = here[0] - places[s][0], dy = here[1] - places[s][1],
+                         dz = here[2] - places[s][2];
+            tables->at<numbers>(ownKind, kind[sources[s].particle],
+                                std::sqrt(dx * dx + dy * dy + dz * dz),
                                 &block.values[(size_t)numbers * e]);
         }
     }
@@ -249,7 +261,8 @@ long long NearField::getNumPairs() const {
 // ---- Products
 
 template <bool torques>
-void NearField::multiplyBlock(const Block& block, int firstTarget, const double* forces, double* velocities) const {
+void NearField::multiplyBlock(const Block& block, int firstTarget, const double* forces,
+                              double* velocities) const {
     constexpr int numbers = torques ? 6 : 2;
     const int rows = torques ? 6 : 3, count = (int)block.first.size() - 1;
     double own[6];
@@ -264,7 +277,8 @@ void NearField::multiplyBlock(const Block& block, int firstTarget, const double*
         for (int e = block.first[i]; e < block.first[i + 1]; e++) {
             const int s = block.source[e];
             const double *f = &block.values[(size_t)numbers * e], *G = &strengths[(size_t)rows * s];
-            const double x = here[0] - places[s][0], y = here[1] - places[s][1], z = here[2] - places[s][2];
+            const double x = here[0] - places[s][0], y = here[1] - places[s][1],
+                         z = here[2] - places[s][2];
             const double along = f[1] * (x * G[0] + y * G[1] + z * G[2]);
             V[0] += f[0] * G[0] + along * x;
             V[1] += f[0] * G[1] + along * y;
@@ -291,7 +305,8 @@ void NearField::multiply(const double* forces, double* velocities, const Ranges&
     for (size_t s = 0; s < sources.size(); s++) {
         const int p = sources[s].particle;
         const double* F = forces + particles.firstRow[p];
-        for (int c = 0; c < rows; c++) strengths[rows * s + c] = c < 3 || particles.hasTorque[p] ? F[c] : 0;
+        for (int c = 0; c < rows; c++)
+            strengths[rows * s + c] = c < 3 || particles.hasTorque[p] ? F[c] : 0;
     }
     ranges(blocks.size(), [&](int first, int end) {
         for (int b = first; b < end; b++)

@@ -13,8 +13,8 @@ namespace RigidHIPlugin {
 typedef std::function<void(int count, const std::function<void(int, int)>& task)> Ranges;
 
 /**
- * The functions of NearPair for all pairs of kinds: by polynomials in the distance, to 1e-10 of own mobilities, where spheres do
- * not overlap; else themselves, with the part with H by polynomials.
+ * The functions of NearPair for all pairs of kinds: by polynomials in the distance, to 1e-10 of own
+ * mobilities, where spheres do not overlap; else themselves, with the part with H by polynomials.
  */
 class NearTables {
 public:
@@ -22,12 +22,14 @@ public:
      * @param numbers  how many functions: 2 without torques, 6 with them
      * @param margin   beyond the reach, nm, where functions are asked for too
      */
-    NearTables(const std::vector<EwaldKind>& kinds, int numbers, double xi, double gap, double margin);
+    NearTables(const std::vector<EwaldKind>& kinds, int numbers, double xi, double gap,
+               double margin);
     /** How near centres of two kinds must be to be a pair, nm. */
     double reach(int kind_i, int kind_j) const { return pairs[kind_i * numKinds + kind_j].reach; }
     double largestReach() const { return largest; }
     /**
-     * In units of 1/(8 pi eta): ttI, ttR of PairFunctions, with torques also tr, rt, rrI, rrR; as many as there are.
+     * In units of 1/(8 pi eta): ttI, ttR of PairFunctions, with torques also tr, rt, rrI, rrR; as
+     * many as there are.
      *
      * @param distance  nm, up to the reach and the margin
      */
@@ -44,7 +46,8 @@ private:
     static constexpr int degree = 6;
     struct Pair {
         double radius_i, radius_j, contact, reach, inverseStep;
-        /** Of each interval polynomials in -1 ... 1, from the highest power on, of each power all functions one after the other. */
+        /** Of each interval polynomials in -1 ... 1, from the highest power on, of each power all
+         * functions one after the other. */
         std::vector<double> apart, screened;
     };
     template <int numbers>
@@ -64,22 +67,26 @@ private:
 };
 
 /**
- * The part of the mobility that is summed over pairs: a sparse matrix of pairs within reach, images and own images
- * included, in boxes of any size with edges along the axes.
+ * The part of the mobility that is summed over pairs: a sparse matrix of pairs within reach, images
+ * and own images included, in boxes of any size with edges along the axes.
  *
- * Pairs belong to accepted positions of particles and stay while a finite difference moves these a little; what pairs do to each other is that of their
- * places. Particles are sorted into cells, with copies of those beyond the faces, so that no pair has to look for its image. Results do not
+ * Pairs belong to accepted positions of particles and stay while a finite difference moves these a
+ * little; what pairs do to each other is that of their places. Particles are sorted into cells,
+ * with copies of those beyond the faces, so that no pair has to look for its image. Results do not
  * depend on the number of threads.
  *
- * Cost: about 20 ns a pair to be made, 3 ns for each product with one column; 20 bytes a pair, 52 with torques.
+ * Cost: about 20 ns a pair to be made, 3 ns for each product with one column; 20 bytes a pair, 52
+ * with torques.
  */
 class NearField {
 public:
     explicit NearField(const HydrodynamicParticles& particles);
     /** From now on in this box and with these tables, which must outlive it. */
-    void setTables(const NearTables& tables, const std::vector<int>& kindOfParticle, const GridShape& box);
+    void setTables(const NearTables& tables, const std::vector<int>& kindOfParticle,
+                   const GridShape& box);
     /** @param keepAnchors  as GridStencils::moveTo(), with a tenth of `spacing` */
-    void moveTo(const std::vector<OpenMM::Vec3>& positions, bool keepAnchors, double spacing, const Ranges& ranges);
+    void moveTo(const std::vector<OpenMM::Vec3>& positions, bool keepAnchors, double spacing,
+                const Ranges& ranges);
     /** velocities = M forces, in units of 1/(8 pi eta), of one column. */
     void multiply(const double* forces, double* velocities, const Ranges& ranges);
     /** Pairs there are, each counted from both sides. */
@@ -106,7 +113,8 @@ private:
     template <int numbers>
     void findValues(Block& block, int firstTarget, int endTarget) const;
     template <bool torques>
-    void multiplyBlock(const Block& block, int firstTarget, const double* forces, double* velocities) const;
+    void multiplyBlock(const Block& block, int firstTarget, const double* forces,
+                       double* velocities) const;
 
     const HydrodynamicParticles& particles;
     bool anyTorques = false;

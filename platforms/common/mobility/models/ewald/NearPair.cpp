@@ -6,18 +6,21 @@
 
 namespace RigidHIPlugin {
 
-NearPair::NearPair(double a_i, double a_j, double xi, bool torques) : a_i(a_i), a_j(a_j), torques(torques) {
+NearPair::NearPair(double a_i, double a_j, double xi, bool torques)
+    : a_i(a_i), a_j(a_j), torques(torques) {
     // Gaussians are cut where they are exp(-depth^2) = 2e-16.
     const double depth = 6, largestWave = 2 * depth * xi;
     reach = depth / xi + a_i + a_j;
-    // What the rule sees of other periods is beyond twice the reach of the functions, at distances within it.
+    // What the rule sees of other periods is beyond twice the reach of the functions, at distances
+    // within it.
     const double step = M_PI / reach;
     const int numNodes = std::ceil(largestWave / step);
     nodes = Eigen::ArrayXd::LinSpaced(numNodes + 1, 0, numNodes * step);
     ss.resize(numNodes + 1);
     st = ts = tt = ss;
     for (int n = 0; n <= numNodes; n++) {
-        const WaveFactors i = overSurfaces().waveFactors(a_i, nodes[n]), j = overSurfaces().waveFactors(a_j, nodes[n]);
+        const WaveFactors i = overSurfaces().waveFactors(a_i, nodes[n]),
+                          j = overSurfaces().waveFactors(a_j, nodes[n]);
         const double weight = 4 / M_PI * step * (n == 0 ? 0.5 : 1) * hasimoto(nodes[n], xi);
         ss[n] = weight * i.s * j.s;
         st[n] = weight * i.s * j.t;
@@ -54,6 +57,8 @@ PairFunctions NearPair::withoutScreened(double distance, const PairFunctions& f)
     return g;
 }
 
-PairFunctions NearPair::at(double distance) const { return withoutScreened(distance, screened(distance)); }
+PairFunctions NearPair::at(double distance) const {
+    return withoutScreened(distance, screened(distance));
+}
 
 }  // namespace RigidHIPlugin

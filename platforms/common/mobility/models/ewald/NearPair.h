@@ -14,15 +14,16 @@ inline double hasimoto(double k, double xi) {
 }
 
 /**
- * What two spheres of radii a_i and a_j do to each other in unbounded fluid by the part 1 - H(k) of its modes, with force
- * and torque spread over their surfaces: Rotne-Prager-Yamakawa without the part that is done by waves.
+ * What two spheres of radii a_i and a_j do to each other in unbounded fluid by the part 1 - H(k) of
+ * its modes, with force and torque spread over their surfaces: Rotne-Prager-Yamakawa without the
+ * part that is done by waves.
  *
- * Equation:  the integrals over k of PairFunctions.h with the weight 1 - H: both parts are Gram matrices, so both are
- *            positive semidefinite in every box.
- * Method:    the closed form, overlap included, less the integral with H. That is even in k, analytic and cut by a
- *            Gaussian, so that the trapezoidal rule is right to rounding with some 30 nodes: no closed form of the
- *            difference is needed, whose terms cancel for small radii and distances.
- * Reference: Fiore, Balboa Usabiaga, Donev, Swan, J. Chem. Phys. 146, 124116 (2017); LatticeSum.h.
+ * Equation:  the integrals over k of PairFunctions.h with the weight 1 - H: both parts are Gram
+ * matrices, so both are positive semidefinite in every box. Method:    the closed form, overlap
+ * included, less the integral with H. That is even in k, analytic and cut by a Gaussian, so that
+ * the trapezoidal rule is right to rounding with some 30 nodes: no closed form of the difference is
+ * needed, whose terms cancel for small radii and distances. Reference: Fiore, Balboa Usabiaga,
+ * Donev, Swan, J. Chem. Phys. 146, 124116 (2017); LatticeSum.h.
  */
 class NearPair {
 public:

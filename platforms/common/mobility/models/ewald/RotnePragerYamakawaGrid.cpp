@@ -22,13 +22,18 @@ namespace {
 class Place : public MobilityAt {
 public:
     explicit Place(const RotnePragerYamakawaGrid& model) : MobilityAt(model), model(model) {}
-    void apply(const MatrixXd& forces, MatrixXd& velocities) override { multiply(forces, velocities, false); }
-    void applyRoughly(const MatrixXd& forces, MatrixXd& velocities) override { multiply(forces, velocities, true); }
+    void apply(const MatrixXd& forces, MatrixXd& velocities) override {
+        multiply(forces, velocities, false);
+    }
+    void applyRoughly(const MatrixXd& forces, MatrixXd& velocities) override {
+        multiply(forces, velocities, true);
+    }
     void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
                    Velocities& velocities) override {
         LatticeSum flow(particles, overSurfaces(), false, true);
         flow.setBox(next.box);
-        flow.addFlowAt(next.positions, sources, points, factor / (8 * M_PI * viscosity), velocities);
+        flow.addFlowAt(next.positions, sources, points, factor / (8 * M_PI * viscosity),
+                       velocities);
     }
 
 protected:
@@ -43,7 +48,8 @@ protected:
     }
 
 private:
-    /** Pairs and weights are made for the first product: schemes also go where they ask for none. */
+    /** Pairs and weights are made for the first product: schemes also go where they ask for none.
+     */
     void prepare() {
         if (isPrepared) return;
         model.move(parts, next, nextIsNearby);
@@ -61,28 +67,32 @@ private:
 };
 
 /**
- * Two independent flows. That of waves is drawn as it is, and looked at anywhere. That of pairs is known at particles alone: the
- * symmetric root of M_near, by Lanczos, times the same random numbers everywhere.
+ * Two independent flows. That of waves is drawn as it is, and looked at anywhere. That of pairs is
+ * known at particles alone: the symmetric root of M_near, by Lanczos, times the same random numbers
+ * everywhere.
  */
 class Field : public RandomField {
 public:
     explicit Field(const RotnePragerYamakawaGrid& model)
         : model(model), particles(model.getParticles()),
-          lanczos(partOfTolerance * model.getTolerance(), Lanczos::defaultIterations, model.getTolerance()) {
+          lanczos(partOfTolerance * model.getTolerance(), Lanczos::defaultIterations,
+                  model.getTolerance()) {
         // About the root of a particle's own friction over 6 pi viscosity.
         ownScale.resize(particles.numRows);
         for (int i = 0; i < particles.size(); i++) {
             const double a = particles.radii[i];
             ownScale.segment<3>(particles.firstRow[i]).setConstant(std::sqrt(a));
             if (particles.hasTorque[i])
-                ownScale.segment<3>(particles.firstRow[i] + 3).setConstant(std::sqrt(4.0 / 3.0 * a * a * a));
+                ownScale.segment<3>(particles.firstRow[i] + 3)
+                    .setConstant(std::sqrt(4.0 / 3.0 * a * a * a));
         }
     }
     void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& newBox) {
         model.checkBox(newBox);
         box = newBox;
         inBox = model.inBox(box);
-        // Groups of one Context have the same modes, and each its own numbers: those of its first particle.
+        // Groups of one Context have the same modes, and each its own numbers: those of its first
+        // particle.
         ofDraw = noise;
         ofDraw.field = 1 + particles.systemIndex[0];
         purposeOfDraw = purpose;
@@ -113,12 +123,15 @@ public:
         }
         slips = velocities;
     }
-    /** What waves have, and the mean of what pairs may have with these slips: the flow of the forces that make them. */
+    /** What waves have, and the mean of what pairs may have with these slips: the flow of the
+     * forces that make them. */
     void addFlowAt(const std::vector<Vec3>& points, double factor, Velocities& flow) override {
         const EwaldSplitting& splitting = inBox->splitting;
-        const GridFactors factors(splitting.shape, [&](double k) { return std::sqrt(hasimoto(k, splitting.xi)) / k; });
+        const GridFactors factors(
+            splitting.shape, [&](double k) { return std::sqrt(hasimoto(k, splitting.xi)) / k; });
         GridFlow waves;
-        waves.draw(splitting.shape, model.getViscosity(), CounterModeNoise(ofDraw, purposeOfDraw), &factors);
+        waves.draw(splitting.shape, model.getViscosity(), CounterModeNoise(ofDraw, purposeOfDraw),
+                   &factors);
         waves.addAt(points, factor, flow);
         MatrixXd forces;
         findForces(forces);
@@ -130,9 +143,11 @@ public:
         const double H = hasimoto(wave.k, splitting.xi);
         double amplitude = 0;
         // Shorter waves are left out.
-        if (2 * std::lround(wave.k * shape.edge[wave.waveAxis] / (2 * M_PI)) < shape.size[wave.waveAxis])
-            amplitude = std::sqrt(H) *
-                        amplitudeOfMode(shape, model.getViscosity(), CounterModeNoise(ofDraw, purposeOfDraw), wave);
+        if (2 * std::lround(wave.k * shape.edge[wave.waveAxis] / (2 * M_PI)) <
+            shape.size[wave.waveAxis])
+            amplitude =
+                std::sqrt(H) * amplitudeOfMode(shape, model.getViscosity(),
+                                               CounterModeNoise(ofDraw, purposeOfDraw), wave);
         MatrixXd forces;
         findForces(forces);
         double power = 0;
@@ -141,9 +156,11 @@ public:
             const Vector3d x(at.positions[p][0], at.positions[p][1], at.positions[p][2]);
             const int row = particles.firstRow[p];
             power += forces.block<3, 1>(row, 0).dot(wave.velocityAt(x, f));
-            if (particles.hasTorque[p]) power += forces.block<3, 1>(row + 3, 0).dot(wave.angularVelocityAt(x, f));
+            if (particles.hasTorque[p])
+                power += forces.block<3, 1>(row + 3, 0).dot(wave.angularVelocityAt(x, f));
         }
-        return amplitude + 2 * (1 - H) / (model.getViscosity() * wave.k * wave.k * shape.volume()) * power;
+        return amplitude +
+               2 * (1 - H) / (model.getViscosity() * wave.k * wave.k * shape.volume()) * power;
     }
     long long getNumRandomNumbers() const override {
         return GridModeNoise::numbersOf(inBox->splitting.shape) + particles.numRows;
@@ -153,8 +170,8 @@ private:
     /** The root is known to a part of the tolerance, for it is differenced where drifts are. */
     static constexpr double partOfTolerance = 0.1;
     /**
-     * So much of the tolerance is added to own mobilities: pairs that are cut off may leave eigenvalues below 0 by an error below
-     * the tolerance.
+     * So much of the tolerance is added to own mobilities: pairs that are cut off may leave
+     * eigenvalues below 0 by an error below the tolerance.
      */
     static constexpr double partOfOwn = 0.3;
 
@@ -178,8 +195,8 @@ private:
         forces = ownScale.asDiagonal() * forces;
         if (!mine) parts.reset();
     }
-    void addNearFlow(const EwaldSplitting& splitting, const MatrixXd& forces, const std::vector<Vec3>& points,
-                     double factor, Velocities& flow) const;
+    void addNearFlow(const EwaldSplitting& splitting, const MatrixXd& forces,
+                     const std::vector<Vec3>& points, double factor, Velocities& flow) const;
 
     const RotnePragerYamakawaGrid& model;
     /** Held only while it is needed, and where places are nearby. */
@@ -198,8 +215,8 @@ private:
 };
 
 /** By all images within reach of each point. */
-void Field::addNearFlow(const EwaldSplitting& splitting, const MatrixXd& forces, const std::vector<Vec3>& points,
-                        double factor, Velocities& flow) const {
+void Field::addNearFlow(const EwaldSplitting& splitting, const MatrixXd& forces,
+                        const std::vector<Vec3>& points, double factor, Velocities& flow) const {
     const Lattice lattice(box);
     for (const EwaldKind& kind : model.getKinds()) {
         const NearPair pair(0, kind.radius, splitting.xi, kind.torques > 0);
@@ -208,15 +225,17 @@ void Field::addNearFlow(const EwaldSplitting& splitting, const MatrixXd& forces,
         for (int j = 0; j < particles.size(); j++) {
             if (particles.radii[j] != kind.radius) continue;
             const int row = particles.firstRow[j];
-            const Vector3d force = forces.block<3, 1>(row, 0), torque = particles.hasTorque[j]
-                                                                            ? Vector3d(forces.block<3, 1>(row + 3, 0))
-                                                                            : Vector3d(0, 0, 0);
+            const Vector3d force = forces.block<3, 1>(row, 0),
+                           torque = particles.hasTorque[j]
+                                        ? Vector3d(forces.block<3, 1>(row + 3, 0))
+                                        : Vector3d(0, 0, 0);
             for (size_t p = 0; p < points.size(); p++) {
                 const Vector3d nearest = lattice.wrapped(points[p] - at.positions[j]);
                 for (const Vector3d& image : images) {
                     const Vector3d r = nearest + image;
                     if (r.norm() < std::min(reach, pair.getReach()))
-                        flow.col(p) += factor * velocityOf(pair.at(r.norm()), r, force, torque, nullptr);
+                        flow.col(p) +=
+                            factor * velocityOf(pair.at(r.norm()), r, force, torque, nullptr);
                 }
             }
         }
@@ -225,16 +244,16 @@ void Field::addNearFlow(const EwaldSplitting& splitting, const MatrixXd& forces,
 
 }  // namespace
 
-RotnePragerYamakawaGrid::RotnePragerYamakawaGrid(const HydrodynamicParticles& particles, double viscosity,
-                                                 double tolerance, double spacing,
+RotnePragerYamakawaGrid::RotnePragerYamakawaGrid(const HydrodynamicParticles& particles,
+                                                 double viscosity, double tolerance, double spacing,
                                                  const std::shared_ptr<GridFluid>& fluid)
-    : MobilityModel(particles, viscosity), tolerance(tolerance), spacing(spacing), kinds(kindsOf(particles)),
-      fluid(fluid) {
+    : MobilityModel(particles, viscosity), tolerance(tolerance), spacing(spacing),
+      kinds(kindsOf(particles)), fluid(fluid) {
     if ((int)kinds.size() > mostRadii)
-        throw OpenMM::OpenMMException("MobilityForce: RotnePragerYamakawa on a grid has " + text(kinds.size()) +
-                                      " different radii, each of which takes transforms of its own, and may have " +
-                                      text(mostRadii) +
-                                      "; use setSolver(Dense), or fewer different radii by addParticle()");
+        throw OpenMM::OpenMMException(
+            "MobilityForce: RotnePragerYamakawa on a grid has " + text(kinds.size()) +
+            " different radii, each of which takes transforms of its own, and may have " +
+            text(mostRadii) + "; use setSolver(Dense), or fewer different radii by addParticle()");
 }
 
 EwaldSplitting RotnePragerYamakawaGrid::splittingFor(const BoxVectors& box) const {
@@ -252,7 +271,8 @@ const EwaldSplitting& RotnePragerYamakawaGrid::findSplitting(const BoxVectors& b
 
 std::shared_ptr<const SplitBox> RotnePragerYamakawaGrid::inBox(const BoxVectors& box) const {
     const std::lock_guard<std::mutex> lock(mutex);
-    if (!lastInBox || lastInBox->box != box) lastInBox.reset(new SplitBox(kinds, findSplitting(box), box));
+    if (!lastInBox || lastInBox->box != box)
+        lastInBox.reset(new SplitBox(kinds, findSplitting(box), box));
     return lastInBox;
 }
 
@@ -276,7 +296,8 @@ void RotnePragerYamakawaGrid::takeUnshared(std::shared_ptr<SplitParts>& parts) c
         parts.reset(new SplitParts(particles, viscosity, kinds, *fluid));
 }
 
-void RotnePragerYamakawaGrid::move(std::shared_ptr<SplitParts>& parts, const Placement& placement, bool nearby) const {
+void RotnePragerYamakawaGrid::move(std::shared_ptr<SplitParts>& parts, const Placement& placement,
+                                   bool nearby) const {
     const std::shared_ptr<const SplitBox> box = inBox(placement.box);
     const std::lock_guard<std::mutex> lock(mutex);
     if (!nearby && kept && kept->isAt(box, placement.positions)) {
@@ -285,7 +306,8 @@ void RotnePragerYamakawaGrid::move(std::shared_ptr<SplitParts>& parts, const Pla
     }
     const std::shared_ptr<SplitParts> before = std::move(parts);
     // What somebody has left here has anchors of no meaning.
-    const bool keepsAnchors = nearby && before && before->getBox() == box && !before->getAnchor().empty();
+    const bool keepsAnchors =
+        nearby && before && before->getBox() == box && !before->getAnchor().empty();
     if (before && before.use_count() == (before == kept ? 2 : 1))
         parts = before;
     else
@@ -316,9 +338,10 @@ void RotnePragerYamakawaGrid::checkBox(const BoxVectors& box) const {
 std::string RotnePragerYamakawaGrid::describe(const BoxVectors& box) const {
     const EwaldSplitting splitting = splittingFor(box);
     const GridShape& shape = splitting.shape;
-    return "a grid of " + std::to_string(shape.size[0]) + " x " + std::to_string(shape.size[1]) + " x " +
-           std::to_string(shape.size[2]) + " nodes, whose products have the tolerance " + text(tolerance, 3) +
-           ", and of pairs whose surfaces are up to " + text(splitting.gap, 3) +
+    return "a grid of " + std::to_string(shape.size[0]) + " x " + std::to_string(shape.size[1]) +
+           " x " + std::to_string(shape.size[2]) + " nodes, whose products have the tolerance " +
+           text(tolerance, 3) + ", and of pairs whose surfaces are up to " +
+           text(splitting.gap, 3) +
            " nm apart (positively split Ewald sums, xi = " + text(splitting.xi, 3) + "/nm)";
 }
 
@@ -330,7 +353,8 @@ void RotnePragerYamakawaGrid::checkWave(const BoxVectors& box, int axis, int per
     checkPeriodicWave(box, axis, periods);
 }
 
-void RotnePragerYamakawaGrid::drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
+void RotnePragerYamakawaGrid::drawField(const NoiseStream& noise, uint32_t purpose,
+                                        const BoxVectors& box,
                                         std::unique_ptr<RandomField>& field) const {
     if (!field) field.reset(new Field(*this));
     static_cast<Field&>(*field).draw(noise, purpose, box);

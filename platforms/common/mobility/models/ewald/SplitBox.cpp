@@ -18,10 +18,13 @@ int numbersOfPair(const std::vector<EwaldKind>& kinds) {
 
 }  // namespace
 
-// Two particles may be farther apart than their anchors, by a tenth of the spacing along each axis each.
-SplitBox::SplitBox(const std::vector<EwaldKind>& kinds, const EwaldSplitting& splitting, const BoxVectors& box)
+// Two particles may be farther apart than their anchors, by a tenth of the spacing along each axis
+// each.
+SplitBox::SplitBox(const std::vector<EwaldKind>& kinds, const EwaldSplitting& splitting,
+                   const BoxVectors& box)
     : box(box), splitting(splitting),
-      spacing(std::max({splitting.shape.spacing(0), splitting.shape.spacing(1), splitting.shape.spacing(2)})),
+      spacing(std::max(
+          {splitting.shape.spacing(0), splitting.shape.spacing(1), splitting.shape.spacing(2)})),
       tables(kinds, numbersOfPair(kinds), splitting.xi, splitting.gap, 0.4 * spacing),
       resolution(GridResolution::ofPoints(splitting.width, splitting.cutoff)) {
     const double w = splitting.width, xi = splitting.xi;
@@ -30,9 +33,11 @@ SplitBox::SplitBox(const std::vector<EwaldKind>& kinds, const EwaldSplitting& sp
             if (ofTorques && kind.torques == 0) continue;
             factors.emplace_back(new GridFactors(splitting.shape, [&](double k) {
                 const WaveFactors f = overSurfaces().waveFactors(kind.radius, k);
-                // The Gaussian's factor and the root of H, together: each alone may be too large or too small for a number.
+                // The Gaussian's factor and the root of H, together: each alone may be too large or
+                // too small for a number.
                 const double x = 0.25 * k * k / (xi * xi);
-                return (ofTorques ? f.t : f.s) * std::exp(0.5 * (w * w * k * k - x)) * std::sqrt(1 + x) / k;
+                return (ofTorques ? f.t : f.s) * std::exp(0.5 * (w * w * k * k - x)) *
+                       std::sqrt(1 + x) / k;
             }));
         }
 }

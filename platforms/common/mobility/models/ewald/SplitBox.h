@@ -12,14 +12,16 @@ namespace RigidHIPlugin {
 /** What pairs and waves have of the box alone, for all placements in it. */
 class SplitBox {
 public:
-    SplitBox(const std::vector<EwaldKind>& kinds, const EwaldSplitting& splitting, const BoxVectors& box);
+    SplitBox(const std::vector<EwaldKind>& kinds, const EwaldSplitting& splitting,
+             const BoxVectors& box);
     const BoxVectors box;
     const EwaldSplitting splitting;
     /** The largest spacing of nodes, nm. */
     const double spacing;
     const NearTables tables;
     const GridResolution resolution;
-    /** Of channels: forces on particles of each kind, and after them their torques, if there are any. */
+    /** Of channels: forces on particles of each kind, and after them their torques, if there are
+     * any. */
     std::vector<std::unique_ptr<const GridFactors> > factors;
 };
 

@@ -4,8 +4,8 @@
 
 namespace RigidHIPlugin {
 
-SplitParts::SplitParts(const HydrodynamicParticles& particles, double viscosity, const std::vector<EwaldKind>& kinds,
-                       GridFluid& fluid)
+SplitParts::SplitParts(const HydrodynamicParticles& particles, double viscosity,
+                       const std::vector<EwaldKind>& kinds, GridFluid& fluid)
     : viscosity(viscosity), fluid(fluid), near(particles), waves(particles, kinds) {
     for (double radius : particles.radii)
         for (size_t k = 0; k < kinds.size(); k++)
@@ -31,7 +31,8 @@ void SplitParts::moveTo(const std::vector<OpenMM::Vec3>& positions, bool nearby)
 void SplitParts::multiplyPairs(const MatrixXd& forces, MatrixXd& velocities) {
     const std::lock_guard<std::mutex> lock(inUse);
     velocities.resize(forces.rows(), forces.cols());
-    for (int c = 0; c < forces.cols(); c++) near.multiply(forces.col(c).data(), velocities.col(c).data(), ranges());
+    for (int c = 0; c < forces.cols(); c++)
+        near.multiply(forces.col(c).data(), velocities.col(c).data(), ranges());
     velocities *= 1 / (8 * M_PI * viscosity);
 }
 

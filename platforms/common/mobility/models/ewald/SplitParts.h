@@ -11,17 +11,20 @@
 
 namespace RigidHIPlugin {
 
-/** Pairs and waves at one placement, for products and fields alike. May be asked by several threads. */
+/** Pairs and waves at one placement, for products and fields alike. May be asked by several
+ * threads. */
 class SplitParts {
 public:
     typedef Eigen::MatrixXd MatrixXd;
-    SplitParts(const HydrodynamicParticles& particles, double viscosity, const std::vector<EwaldKind>& kinds,
-               GridFluid& fluid);
+    SplitParts(const HydrodynamicParticles& particles, double viscosity,
+               const std::vector<EwaldKind>& kinds, GridFluid& fluid);
     void setBox(const std::shared_ptr<const SplitBox>& newBox);
-    /** @param nearby  a small way from the last placement that was not, whose pairs and nodes are kept */
+    /** @param nearby  a small way from the last placement that was not, whose pairs and nodes are
+     * kept */
     void moveTo(const std::vector<OpenMM::Vec3>& newPositions, bool nearby);
     /** Whether it is there, with pairs and nodes of its own. */
-    bool isAt(const std::shared_ptr<const SplitBox>& inBox, const std::vector<OpenMM::Vec3>& there) const {
+    bool isAt(const std::shared_ptr<const SplitBox>& inBox,
+              const std::vector<OpenMM::Vec3>& there) const {
         return inBox == box && isOwnAnchor && there == anchor;
     }
     const std::shared_ptr<const SplitBox>& getBox() const { return box; }
@@ -38,7 +41,9 @@ public:
 
 private:
     Ranges ranges() const {
-        return [this](int count, const std::function<void(int, int)>& task) { fluid.forRanges(count, task); };
+        return [this](int count, const std::function<void(int, int)>& task) {
+            fluid.forRanges(count, task);
+        };
     }
     const double viscosity;
     GridFluid& fluid;

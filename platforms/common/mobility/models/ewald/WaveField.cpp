@@ -17,7 +17,8 @@ WaveField::WaveField(const HydrodynamicParticles& particles, const std::vector<E
         if (kind.torques < kind.particles) {
             points.emplace_back();
             for (int p = 0; p < particles.size(); p++)
-                if (particles.radii[p] == kind.radius && particles.hasTorque[p]) points.back().particles.push_back(p);
+                if (particles.radii[p] == kind.radius && particles.hasTorque[p])
+                    points.back().particles.push_back(p);
         }
         parts.push_back({(int)points.size() - 1, true});
     }
@@ -28,13 +29,15 @@ void WaveField::setBox(const SplitBox& box) {
     for (Points& these : points) {
         these.asPoints = HydrodynamicParticles();
         for (int p : these.particles)
-            these.asPoints.add(radiusOfForceEnvelope(box.splitting.width), false, particles.systemIndex[p], -1);
+            these.asPoints.add(radiusOfForceEnvelope(box.splitting.width), false,
+                               particles.systemIndex[p], -1);
         these.stencils.reset(new GridStencils(these.asPoints, box.resolution));
         these.stencils->layOut(shape);
     }
     channels.clear();
     for (size_t g = 0; g < parts.size(); g++)
-        channels.push_back({points[parts[g].points].stencils.get(), box.factors[g].get(), parts[g].ofTorques});
+        channels.push_back(
+            {points[parts[g].points].stencils.get(), box.factors[g].get(), parts[g].ofTorques});
 }
 
 void WaveField::moveTo(const std::vector<OpenMM::Vec3>& positions, bool keepAnchors) {
@@ -45,7 +48,8 @@ void WaveField::moveTo(const std::vector<OpenMM::Vec3>& positions, bool keepAnch
     }
 }
 
-void WaveField::addProduct(GridFluid& fluid, double viscosity, bool roughly, const double* forces, double* velocities) {
+void WaveField::addProduct(GridFluid& fluid, double viscosity, bool roughly, const double* forces,
+                           double* velocities) {
     gathered.resize(rowsOf(channels));
     double* to = gathered.data();
     for (const Part& part : parts)
@@ -60,7 +64,8 @@ void WaveField::addProduct(GridFluid& fluid, double viscosity, bool roughly, con
 void WaveField::scatterAdd(const double* from, double* velocities) const {
     for (const Part& part : parts)
         for (int p : points[part.points].particles)
-            for (int c = 0; c < 3; c++) velocities[particles.firstRow[p] + (part.ofTorques ? 3 : 0) + c] += *from++;
+            for (int c = 0; c < 3; c++)
+                velocities[particles.firstRow[p] + (part.ofTorques ? 3 : 0) + c] += *from++;
 }
 
 void WaveField::draw(GridFluid& fluid, double viscosity, const NoiseStream& noise, uint32_t purpose,
@@ -68,11 +73,13 @@ void WaveField::draw(GridFluid& fluid, double viscosity, const NoiseStream& nois
     fluid.draw(channels, viscosity, noise, purpose, fields);
 }
 
-void WaveField::draw(GridFluid& fluid, double viscosity, const ModeNoise& noise, std::vector<GridField>& fields) const {
+void WaveField::draw(GridFluid& fluid, double viscosity, const ModeNoise& noise,
+                     std::vector<GridField>& fields) const {
     fluid.draw(channels, viscosity, noise, fields);
 }
 
-void WaveField::addAverages(GridFluid& fluid, const std::vector<GridField>& fields, double* velocities) {
+void WaveField::addAverages(GridFluid& fluid, const std::vector<GridField>& fields,
+                            double* velocities) {
     gathered.resize(rowsOf(channels));
     int row = 0;
     for (size_t g = 0; g < channels.size(); g++) {

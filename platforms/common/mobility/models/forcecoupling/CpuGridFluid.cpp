@@ -1,4 +1,5 @@
-// Spreading, transforming, solving and averaging on a grid, compiled once for each instruction set, and the way of slabs through them.
+// Spreading, transforming, solving and averaging on a grid, compiled once for each instruction set,
+// and the way of slabs through them.
 
 #include "host/SimdTargets.h"  // must precede foreach_target.h
 
@@ -25,7 +26,8 @@ namespace RigidHIPlugin {
 const int slabWidth = GridStencils::slabWidth;
 /** Numbers of a mode of all planes of a slab, real and imaginary parts in turn. */
 const int modeWidth = 2 * slabWidth;
-/** Modes along z whose columns along y are gathered at once: pieces of rows that are long enough for memory. */
+/** Modes along z whose columns along y are gathered at once: pieces of rows that are long enough
+ * for memory. */
 const int modesAtOnce = 8;
 /** Of averages over a slice: a velocity and an angular one, or a gradient. */
 const int numbersOfPart = 9;
@@ -33,7 +35,8 @@ const int numbersOfPart = 9;
 /**
  * How a grid is laid out in memory.
  *
- * A mirrored grid has the rows between the walls, and those outer ones beyond that stencils reach, which are reflections.
+ * A mirrored grid has the rows between the walls, and those outer ones beyond that stencils reach,
+ * which are reflections.
  */
 struct GridLayout {
     GridShape shape;
@@ -56,14 +59,16 @@ struct GridLayout {
         rowLength += rowLength % 2;  // whole cache lines in both precisions
     }
     size_t rowNumbers() const { return (size_t)rowLength * slabWidth; }
-    /** Rows in memory: those of the grid, the outer ones above, the outer ones below; all of the period, if stencils are so long that the latter meet. */
+    /** Rows in memory: those of the grid, the outer ones above, the outer ones below; all of the
+     * period, if stencils are so long that the latter meet. */
     int storedRows() const { return std::min(shape.size[1], numRows + 2 * reach); }
     /** Where a row of the period is in memory. */
     int place(int y) const {
         while (y >= shape.size[1]) y -= shape.size[1];
         return y < shape.size[1] - reach ? y : y - (shape.size[1] - storedRows());
     }
-    /** Call visit(row, outer) with the places of outer rows and of those that they are reflections of. */
+    /** Call visit(row, outer) with the places of outer rows and of those that they are reflections
+     * of. */
     template <class Visit>
     void forOuterRows(const Visit& visit) const {
         for (int i = 0; i < reach; i++) {
@@ -79,11 +84,14 @@ struct GridLayout {
     size_t modeNumbers() const { return column(numRows, 0); }
 };
 
-/** A slab of nodes: of each component rows along z one after the other, of each node the planes of the slab. */
+/** A slab of nodes: of each component rows along z one after the other, of each node the planes of
+ * the slab. */
 template <typename T>
 struct GridSlab {
     T* values[3];
-    T* row(const GridLayout& layout, int component, int y) const { return atPlace(layout, component, layout.place(y)); }
+    T* row(const GridLayout& layout, int component, int y) const {
+        return atPlace(layout, component, layout.place(y));
+    }
     T* atPlace(const GridLayout& layout, int component, int place) const {
         return values[component] + place * layout.rowNumbers();
     }
@@ -109,7 +117,8 @@ struct GridWork {
     const GridLayout& layout;
     const GridPlans<T>* plans;  // along each axis
     T* modes[3];
-    const T *kx, *keepsX;  // wave numbers of each x, and 0 for the Nyquist index and padding, else 1; each twice
+    const T *kx, *keepsX;  // wave numbers of each x, and 0 for the Nyquist index and padding, else
+                           // 1; each twice
     const T* halfTurns;    // of a mirrored grid, cos and sin of pi m/(2 rows) for each ky
     bool streams;          // whether modes are too many for caches
 };
@@ -146,7 +155,9 @@ struct PlaneWeights {
     PlaneWeights(const double* weights, double factor) {
         for (int i = 0; i < slabWidth; i++) numbers[i] = static_cast<T>(factor * weights[i]);
     }
-    HWY_INLINE hn::Vec<SlabLanes<T> > pack(int lane) const { return hn::Load(SlabLanes<T>(), numbers + lane); }
+    HWY_INLINE hn::Vec<SlabLanes<T> > pack(int lane) const {
+        return hn::Load(SlabLanes<T>(), numbers + lane);
+    }
 };
 
 /** What a particle adds to one of the slabs that it reaches. */
@@ -158,7 +169,8 @@ void spreadSlice(const GridStencils& stencils, const GridStencils::Slice& slice,
     const int width = hn::Lanes(d), p = slice.particle;
     const GridStencils::Stencil& s = stencils[p];
     const double *x = stencils.weightsOf(p, 0, Weights::Force) + slice.offset,
-                 *y = stencils.weightsOf(p, 1, Weights::Force), *z = stencils.weightsOf(p, 2, Weights::Force);
+                 *y = stencils.weightsOf(p, 1, Weights::Force),
+                 *z = stencils.weightsOf(p, 2, Weights::Force);
     const bool hasTorque = stencils.getParticles().hasTorque[p];
     const PlaneWeights<T> fx(x, F[0]), fy(x, F[1]), fz(x, F[2]);
     if (!hasTorque) {
@@ -183,11 +195,13 @@ void spreadSlice(const GridStencils& stencils, const GridStencils::Slice& slice,
     // grad(Theta) x T/2, Theta = tx ty tz.
     const double *tx = stencils.weightsOf(p, 0, Weights::Torque) + slice.offset,
                  *gx = stencils.weightsOf(p, 0, Weights::TorqueSlope) + slice.offset;
-    const double *ty = stencils.weightsOf(p, 1, Weights::Torque), *gy = stencils.weightsOf(p, 1, Weights::TorqueSlope),
-                 *tz = stencils.weightsOf(p, 2, Weights::Torque), *gz = stencils.weightsOf(p, 2, Weights::TorqueSlope);
+    const double *ty = stencils.weightsOf(p, 1, Weights::Torque),
+                 *gy = stencils.weightsOf(p, 1, Weights::TorqueSlope),
+                 *tz = stencils.weightsOf(p, 2, Weights::Torque),
+                 *gz = stencils.weightsOf(p, 2, Weights::TorqueSlope);
     const double* torque = F + 3;
-    const PlaneWeights<T> plainX(tx, 0.5 * torque[0]), plainY(tx, 0.5 * torque[1]), plainZ(tx, 0.5 * torque[2]),
-        slopeY(gx, 0.5 * torque[1]), slopeZ(gx, 0.5 * torque[2]);
+    const PlaneWeights<T> plainX(tx, 0.5 * torque[0]), plainY(tx, 0.5 * torque[1]),
+        plainZ(tx, 0.5 * torque[2]), slopeY(gx, 0.5 * torque[1]), slopeZ(gx, 0.5 * torque[2]);
     for (int j = 0; j < s.width[1]; j++) {
         const GridStencils::Range range = stencils.nodesOf(slice, j);
         if (range.begin == range.end) continue;
@@ -195,17 +209,20 @@ void spreadSlice(const GridStencils& stencils, const GridStencils::Slice& slice,
           *w = slab.row(layout, 2, s.first[1] + j);
         for (int lane = 0; lane < slabWidth; lane += width) {
             const auto a = fx.pack(lane), b = fy.pack(lane), c = fz.pack(lane);
-            const auto tX = plainX.pack(lane), tY = plainY.pack(lane), tZ = plainZ.pack(lane), gY = slopeY.pack(lane),
-                       gZ = slopeZ.pack(lane);
+            const auto tX = plainX.pack(lane), tY = plainY.pack(lane), tZ = plainZ.pack(lane),
+                       gY = slopeY.pack(lane), gZ = slopeZ.pack(lane);
             for (int k = range.begin; k < range.end; k++) {
                 const size_t at = (size_t)(s.first[2] + k) * slabWidth + lane;
                 const auto weight = hn::Set(d, static_cast<T>(y[j] * z[k])),
                            alongY = hn::Set(d, static_cast<T>(gy[j] * tz[k])),
                            alongZ = hn::Set(d, static_cast<T>(ty[j] * gz[k])),
                            plain = hn::Set(d, static_cast<T>(ty[j] * tz[k]));
-                const auto toU = hn::NegMulAdd(tY, alongZ, hn::MulAdd(tZ, alongY, hn::Load(d, u + at))),
-                           toV = hn::NegMulAdd(gZ, plain, hn::MulAdd(tX, alongZ, hn::Load(d, v + at))),
-                           toW = hn::NegMulAdd(tX, alongY, hn::MulAdd(gY, plain, hn::Load(d, w + at)));
+                const auto toU = hn::NegMulAdd(tY, alongZ,
+                                               hn::MulAdd(tZ, alongY, hn::Load(d, u + at))),
+                           toV = hn::NegMulAdd(gZ, plain,
+                                               hn::MulAdd(tX, alongZ, hn::Load(d, v + at))),
+                           toW = hn::NegMulAdd(tX, alongY,
+                                               hn::MulAdd(gY, plain, hn::Load(d, w + at)));
                 hn::Store(hn::MulAdd(a, weight, toU), d, u + at);
                 hn::Store(hn::MulAdd(b, weight, toV), d, v + at);
                 hn::Store(hn::MulAdd(c, weight, toW), d, w + at);
@@ -224,21 +241,23 @@ HWY_INLINE double overPlanes(const double* weights, const T* sums) {
 
 /** The transpose: what a slice adds to the velocities of its particle. */
 template <typename T>
-void averageSlice(const GridStencils& stencils, const GridStencils::Slice& slice, const GridLayout& layout,
-                  const GridSlab<T>& slab, double* V) {
+void averageSlice(const GridStencils& stencils, const GridStencils::Slice& slice,
+                  const GridLayout& layout, const GridSlab<T>& slab, double* V) {
     typedef GridStencils Weights;
     const SlabLanes<T> d;
     const int width = hn::Lanes(d), p = slice.particle;
     const GridStencils::Stencil& s = stencils[p];
     const double *x = stencils.weightsOf(p, 0, Weights::Force) + slice.offset,
-                 *y = stencils.weightsOf(p, 1, Weights::Force), *z = stencils.weightsOf(p, 2, Weights::Force);
+                 *y = stencils.weightsOf(p, 1, Weights::Force),
+                 *z = stencils.weightsOf(p, 2, Weights::Force);
     const bool hasTorque = stencils.getParticles().hasTorque[p];
     HWY_ALIGN T sums[8][slabWidth];
     for (int lane = 0; lane < slabWidth; lane += width) {
         auto sum_u = hn::Zero(d), sum_v = hn::Zero(d), sum_w = hn::Zero(d);
         for (int j = 0; j < s.width[1]; j++) {
             const GridStencils::Range range = stencils.nodesOf(slice, j);
-            const T *u = slab.row(layout, 0, s.first[1] + j) + lane, *v = slab.row(layout, 1, s.first[1] + j) + lane,
+            const T *u = slab.row(layout, 0, s.first[1] + j) + lane,
+                    *v = slab.row(layout, 1, s.first[1] + j) + lane,
                     *w = slab.row(layout, 2, s.first[1] + j) + lane;
             auto row_u = hn::Zero(d), row_v = hn::Zero(d), row_w = hn::Zero(d);
             for (int k = range.begin; k < range.end; k++) {
@@ -261,21 +280,26 @@ void averageSlice(const GridStencils& stencils, const GridStencils::Slice& slice
     if (!hasTorque) return;
     const double *tx = stencils.weightsOf(p, 0, Weights::Torque) + slice.offset,
                  *gx = stencils.weightsOf(p, 0, Weights::TorqueSlope) + slice.offset;
-    const double *ty = stencils.weightsOf(p, 1, Weights::Torque), *gy = stencils.weightsOf(p, 1, Weights::TorqueSlope),
-                 *tz = stencils.weightsOf(p, 2, Weights::Torque), *gz = stencils.weightsOf(p, 2, Weights::TorqueSlope);
+    const double *ty = stencils.weightsOf(p, 1, Weights::Torque),
+                 *gy = stencils.weightsOf(p, 1, Weights::TorqueSlope),
+                 *tz = stencils.weightsOf(p, 2, Weights::Torque),
+                 *gz = stencils.weightsOf(p, 2, Weights::TorqueSlope);
     for (int lane = 0; lane < slabWidth; lane += width) {
         // Sums of v along z less w along y, of u along z and y, and plain ones of v and w.
-        auto curl = hn::Zero(d), u_z = hn::Zero(d), u_y = hn::Zero(d), v_plain = hn::Zero(d), w_plain = hn::Zero(d);
+        auto curl = hn::Zero(d), u_z = hn::Zero(d), u_y = hn::Zero(d), v_plain = hn::Zero(d),
+             w_plain = hn::Zero(d);
         for (int j = 0; j < s.width[1]; j++) {
             const GridStencils::Range range = stencils.nodesOf(slice, j);
-            const T *u = slab.row(layout, 0, s.first[1] + j) + lane, *v = slab.row(layout, 1, s.first[1] + j) + lane,
+            const T *u = slab.row(layout, 0, s.first[1] + j) + lane,
+                    *v = slab.row(layout, 1, s.first[1] + j) + lane,
                     *w = slab.row(layout, 2, s.first[1] + j) + lane;
             for (int k = range.begin; k < range.end; k++) {
                 const size_t at = (size_t)(s.first[2] + k) * slabWidth;
                 const auto alongY = hn::Set(d, static_cast<T>(gy[j] * tz[k])),
                            alongZ = hn::Set(d, static_cast<T>(ty[j] * gz[k])),
                            plain = hn::Set(d, static_cast<T>(ty[j] * tz[k]));
-                const auto uk = hn::Load(d, u + at), vk = hn::Load(d, v + at), wk = hn::Load(d, w + at);
+                const auto uk = hn::Load(d, u + at), vk = hn::Load(d, v + at),
+                           wk = hn::Load(d, w + at);
                 curl = hn::NegMulAdd(alongY, wk, hn::MulAdd(alongZ, vk, curl));
                 u_z = hn::MulAdd(alongZ, uk, u_z);
                 u_y = hn::MulAdd(alongY, uk, u_y);
@@ -296,16 +320,18 @@ void averageSlice(const GridStencils& stencils, const GridStencils::Slice& slice
 
 /** Minus the sums with the slopes of the force envelope: nine numbers. */
 template <typename T>
-void averageGradientSlice(const GridStencils& stencils, const GridStencils::Slice& slice, const GridLayout& layout,
-                          const GridSlab<T>& slab, double* gradients) {
+void averageGradientSlice(const GridStencils& stencils, const GridStencils::Slice& slice,
+                          const GridLayout& layout, const GridSlab<T>& slab, double* gradients) {
     typedef GridStencils Weights;
     const SlabLanes<T> d;
     const int width = hn::Lanes(d), p = slice.particle;
     const GridStencils::Stencil& s = stencils[p];
     const double *x = stencils.weightsOf(p, 0, Weights::Force) + slice.offset,
                  *gx = stencils.weightsOf(p, 0, Weights::ForceSlope) + slice.offset;
-    const double *y = stencils.weightsOf(p, 1, Weights::Force), *gy = stencils.weightsOf(p, 1, Weights::ForceSlope),
-                 *z = stencils.weightsOf(p, 2, Weights::Force), *gz = stencils.weightsOf(p, 2, Weights::ForceSlope);
+    const double *y = stencils.weightsOf(p, 1, Weights::Force),
+                 *gy = stencils.weightsOf(p, 1, Weights::ForceSlope),
+                 *z = stencils.weightsOf(p, 2, Weights::Force),
+                 *gz = stencils.weightsOf(p, 2, Weights::ForceSlope);
     HWY_ALIGN T sums[3][slabWidth];
     for (int a = 0; a < 3; a++) {
         for (int lane = 0; lane < slabWidth; lane += width) {
@@ -343,7 +369,8 @@ void rowThere(const GridWork<T>& work, T* row, GridScratch<T>& scratch) {
     T* const both = scratch.columns.data();
     work.plans[2].there(row, both);
     for (int k = 0; k < work.layout.numModes; k++) {
-        const T *z = both + (size_t)k * slabWidth, *mirrored = both + (size_t)(k == 0 ? 0 : n - k) * slabWidth;
+        const T *z = both + (size_t)k * slabWidth,
+                *mirrored = both + (size_t)(k == 0 ? 0 : n - k) * slabWidth;
         T* to = row + (size_t)k * modeWidth;
         for (int i = 0; i < slabWidth; i += 2) {
             to[2 * i] = z[i] + mirrored[i];
@@ -384,7 +411,8 @@ void rowsThere(const GridWork<T>& work, int y, const GridSlab<T>& slab, GridScra
     for (int c = 0; c < 3; c++) {
         T* const row = slab.row(layout, c, y);
         for (int k = n; k < layout.rowLength; k++)
-            for (int i = 0; i < slabWidth; i++) row[(size_t)(k % n) * slabWidth + i] += row[(size_t)k * slabWidth + i];
+            for (int i = 0; i < slabWidth; i++)
+                row[(size_t)(k % n) * slabWidth + i] += row[(size_t)k * slabWidth + i];
         const TimeOfLife timer(scratch.seconds.transforms);
         rowThere(work, row, scratch);
     }
@@ -395,9 +423,11 @@ void rowsBack(const GridWork<T>& work, int y, const GridSlab<T>& slab, GridScrat
     for (int c = 0; c < 3; c++) rowBack(work, slab.row(work.layout, c, y), scratch);
 }
 
-// ---- Mirrored columns along y: sums of cosines, and of sines for what points across the walls, by transforms of as many numbers as there are rows
+// ---- Mirrored columns along y: sums of cosines, and of sines for what points across the walls, by
+// transforms of as many numbers as there are rows
 
-/** Where a row goes in a transform: even ones first, then odd ones from the end on, which are negative where the component is odd about the walls. */
+/** Where a row goes in a transform: even ones first, then odd ones from the end on, which are
+ * negative where the component is odd about the walls. */
 inline int placeInTransform(int y, int rows) { return y % 2 == 0 ? y / 2 : rows - 1 - y / 2; }
 template <typename T>
 void copyRow(const T* from, T* to, bool negative) {
@@ -408,8 +438,9 @@ void copyRow(const T* from, T* to, bool negative) {
 }
 
 /**
- * Of the transform V of such a column the modes that a transform of the whole period would give: t V_m + s t* V_-m, t = exp(-i pi m/(2 rows)), with s = 1 for even
- * components and -1 for odd ones. Reference: Makhoul, IEEE Trans. Acoust. Speech Signal Process. 28, 27 (1980).
+ * Of the transform V of such a column the modes that a transform of the whole period would give: t
+ * V_m + s t* V_-m, t = exp(-i pi m/(2 rows)), with s = 1 for even components and -1 for odd ones.
+ * Reference: Makhoul, IEEE Trans. Acoust. Speech Signal Process. 28, 27 (1980).
  */
 template <typename T>
 void mirroredThere(const GridWork<T>& work, T* column, T s) {
@@ -421,7 +452,8 @@ void mirroredThere(const GridWork<T>& work, T* column, T s) {
         for (int i = 0; i < modeWidth; i += 2) {
             // a = t V_m, b = s t* V_-m; mode m is a + b, mode rows - m is s i (a - b).
             const T aRe = c * low[i] + d * low[i + 1], aIm = c * low[i + 1] - d * low[i];
-            const T bRe = s * (c * high[i] - d * high[i + 1]), bIm = s * (c * high[i + 1] + d * high[i]);
+            const T bRe = s * (c * high[i] - d * high[i + 1]),
+                    bIm = s * (c * high[i + 1] + d * high[i]);
             high[i] = s * (bIm - aIm);
             high[i + 1] = s * (aRe - bRe);
             low[i] = aRe + bRe;
@@ -430,7 +462,8 @@ void mirroredThere(const GridWork<T>& work, T* column, T s) {
     }
 }
 
-/** The way back: of modes X the transform t* (X_m - i s X_(rows - m)), with which the period is made; without the mode of the Nyquist index. */
+/** The way back: of modes X the transform t* (X_m - i s X_(rows - m)), with which the period is
+ * made; without the mode of the Nyquist index. */
 template <typename T>
 void mirroredBack(const GridWork<T>& work, T* column, T s) {
     const int rows = work.layout.numRows;
@@ -441,7 +474,8 @@ void mirroredBack(const GridWork<T>& work, T* column, T s) {
         for (int i = 0; i < modeWidth; i += 2) {
             // e = i s X_(rows - m); number m is t* (X_m - e), number rows - m is s t (X_m + e).
             const T eRe = -s * high[i + 1], eIm = s * high[i];
-            const T pRe = low[i] - eRe, pIm = low[i + 1] - eIm, qRe = s * (low[i] + eRe), qIm = s * (low[i + 1] + eIm);
+            const T pRe = low[i] - eRe, pIm = low[i + 1] - eIm, qRe = s * (low[i] + eRe),
+                    qIm = s * (low[i + 1] + eIm);
             low[i] = c * pRe - d * pIm;
             low[i + 1] = c * pIm + d * pRe;
             high[i] = c * qRe + d * qIm;
@@ -473,10 +507,12 @@ void fillOuterRows(const GridLayout& layout, const GridSlab<T>& slab) {
         });
 }
 
-// ---- Columns along y, a few at a time, from and to the modes of the grid, where x is the next to be transformed
+// ---- Columns along y, a few at a time, from and to the modes of the grid, where x is the next to
+// be transformed
 
 template <typename T>
-void slabThere(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab, GridScratch<T>& scratch) {
+void slabThere(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab,
+               GridScratch<T>& scratch) {
     const TimeOfLife timer(scratch.seconds.transforms);
     const GridLayout& layout = work.layout;
     const int size = layout.numRows;
@@ -501,9 +537,11 @@ void slabThere(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab,
             for (int y = 0; y < size; y++)
                 for (int k = 0; k < count; k++) {
                     const T* from = transformed + k * column + (size_t)y * modeWidth;
-                    T* to = work.modes[c] + layout.column(y, z + k) + (size_t)slabNumber * modeWidth;
+                    T* to =
+                        work.modes[c] + layout.column(y, z + k) + (size_t)slabNumber * modeWidth;
                     if (work.streams)
-                        for (int i = 0; i < modeWidth; i += hn::Lanes(d)) hn::Stream(hn::Load(d, from + i), d, to + i);
+                        for (int i = 0; i < modeWidth; i += hn::Lanes(d))
+                            hn::Stream(hn::Load(d, from + i), d, to + i);
                     else
                         std::memcpy(to, from, modeWidth * sizeof(T));
                 }
@@ -512,7 +550,8 @@ void slabThere(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab,
 }
 
 template <typename T>
-void slabBack(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab, GridScratch<T>& scratch) {
+void slabBack(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab,
+              GridScratch<T>& scratch) {
     const TimeOfLife timer(scratch.seconds.transforms);
     const GridLayout& layout = work.layout;
     const int size = layout.numRows, ahead = 4, line = 64;
@@ -524,11 +563,14 @@ void slabBack(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab, 
             const int count = std::min(modesAtOnce, layout.numModes - z);
             for (int y = 0; y < size; y++)
                 for (int k = 0; k < count; k++) {
-                    const T* from = work.modes[c] + layout.column(y, z + k) + (size_t)slabNumber * modeWidth;
-                    const char* later =
-                        reinterpret_cast<const char*>(from + std::min(ahead, size - 1 - y) * layout.column(1, 0));
-                    for (size_t at = 0; at < modeWidth * sizeof(T); at += line) __builtin_prefetch(later + at);
-                    std::memcpy(columns + k * column + (size_t)y * modeWidth, from, modeWidth * sizeof(T));
+                    const T* from =
+                        work.modes[c] + layout.column(y, z + k) + (size_t)slabNumber * modeWidth;
+                    const char* later = reinterpret_cast<const char*>(
+                        from + std::min(ahead, size - 1 - y) * layout.column(1, 0));
+                    for (size_t at = 0; at < modeWidth * sizeof(T); at += line)
+                        __builtin_prefetch(later + at);
+                    std::memcpy(columns + k * column + (size_t)y * modeWidth, from,
+                                modeWidth * sizeof(T));
                 }
             for (int k = 0; k < count; k++) {
                 if (mirrored) mirroredBack(work, columns + k * column, T(c == 1 ? -1 : 1));
@@ -548,8 +590,8 @@ void slabBack(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab, 
 
 /** Forces to the modes along y and z of a slab. */
 template <typename T>
-void spreadSlab(const GridWork<T>& work, const GridStencils& stencils, int slabNumber, const double* forces,
-                GridScratch<T>& scratch) {
+void spreadSlab(const GridWork<T>& work, const GridStencils& stencils, int slabNumber,
+                const double* forces, GridScratch<T>& scratch) {
     const GridLayout& layout = work.layout;
     const GridSlab<T> slab = {{scratch.slab.data(), scratch.slab.data() + layout.slabNumbers(),
                                scratch.slab.data() + 2 * layout.slabNumbers()}};
@@ -557,27 +599,33 @@ void spreadSlab(const GridWork<T>& work, const GridStencils& stencils, int slabN
         const double before = scratch.seconds.transforms;
         {
             const TimeOfLife timer(scratch.seconds.spreading);
-            // Rows are emptied before the first particle that reaches them, and transformed after the last one. Rows at the beginning are also
-            // reached across the end of the period; of a mirrored grid those at the end across their wall.
+            // Rows are emptied before the first particle that reaches them, and transformed after
+            // the last one. Rows at the beginning are also reached across the end of the period; of
+            // a mirrored grid those at the end across their wall.
             const int size = layout.numRows, firstRow = std::min(size, stencils.largestWidth(1)),
                       lastRow = std::max(firstRow, size - layout.reach);
             int empty = 0, row = firstRow;
             for (T* component : slab.values)
-                std::fill(component + size * layout.rowNumbers(), component + layout.slabNumbers(), T(0));
+                std::fill(component + size * layout.rowNumbers(), component + layout.slabNumbers(),
+                          T(0));
             const auto emptyUpTo = [&](int end) {
                 if (end <= empty) return;
                 for (T* component : slab.values)
-                    std::fill(component + empty * layout.rowNumbers(), component + end * layout.rowNumbers(), T(0));
+                    std::fill(component + empty * layout.rowNumbers(),
+                              component + end * layout.rowNumbers(), T(0));
                 empty = end;
             };
-            for (int s = stencils.beginOfSlab(slabNumber); s < stencils.beginOfSlab(slabNumber + 1); s++) {
+            for (int s = stencils.beginOfSlab(slabNumber); s < stencils.beginOfSlab(slabNumber + 1);
+                 s++) {
                 const GridStencils::Slice& slice = stencils.slice(s);
                 const GridStencils::Stencil& stencil = stencils[slice.particle];
                 stencils.prefetchAfter(s);
                 emptyUpTo(std::min(size, stencil.first[1] + stencil.width[1]));
                 for (; row < std::min(lastRow, stencils.firstRowOfTile(slice)); row++)
                     rowsThere(work, row, slab, scratch);
-                spreadSlice(stencils, slice, forces + stencils.getParticles().firstRow[slice.particle], layout, slab);
+                spreadSlice(stencils, slice,
+                            forces + stencils.getParticles().firstRow[slice.particle], layout,
+                            slab);
             }
             emptyUpTo(size);
             foldOuterRows(layout, slab);
@@ -589,10 +637,11 @@ void spreadSlab(const GridWork<T>& work, const GridStencils& stencils, int slabN
     slabThere(work, slabNumber, slab, scratch);
 }
 
-/** Averages over the slices of a slab of nodes; with `ready(rows)` called before rows up to this one are needed. */
+/** Averages over the slices of a slab of nodes; with `ready(rows)` called before rows up to this
+ * one are needed. */
 template <typename T, class Ready>
-void averageSlices(const GridLayout& layout, const GridStencils& stencils, int slabNumber, const GridSlab<T>& slab,
-                   bool gradients, double* parts, const Ready& ready) {
+void averageSlices(const GridLayout& layout, const GridStencils& stencils, int slabNumber,
+                   const GridSlab<T>& slab, bool gradients, double* parts, const Ready& ready) {
     const int size = layout.shape.size[1];
     for (int s = stencils.beginOfSlab(slabNumber); s < stencils.beginOfSlab(slabNumber + 1); s++) {
         const GridStencils::Slice& slice = stencils.slice(s);
@@ -609,8 +658,8 @@ void averageSlices(const GridLayout& layout, const GridStencils& stencils, int s
 
 /** From modes along y and z of a slab to averages. */
 template <typename T>
-void averageSlab(const GridWork<T>& work, const GridStencils& stencils, int slabNumber, double* parts,
-                 GridScratch<T>& scratch) {
+void averageSlab(const GridWork<T>& work, const GridStencils& stencils, int slabNumber,
+                 double* parts, GridScratch<T>& scratch) {
     const GridLayout& layout = work.layout;
     const GridSlab<T> slab = {{scratch.slab.data(), scratch.slab.data() + layout.slabNumbers(),
                                scratch.slab.data() + 2 * layout.slabNumbers()}};
@@ -633,7 +682,8 @@ void averageSlab(const GridWork<T>& work, const GridStencils& stencils, int slab
 
 /** The whole slab of a field. */
 template <typename T>
-void fieldSlab(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab, GridScratch<T>& scratch) {
+void fieldSlab(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab,
+               GridScratch<T>& scratch) {
     slabBack(work, slabNumber, slab, scratch);
     for (int row = 0; row < work.layout.numRows; row++) rowsBack(work, row, slab, scratch);
     fillOuterRows(work.layout, slab);
@@ -647,7 +697,8 @@ void fieldSlab(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab,
  * @param root  whether by the root of the fluid's response: k^-1
  */
 template <typename T>
-void projectColumn(const GridWork<T>& work, int y, int z, double scale, bool root, T* const* modes) {
+void projectColumn(const GridWork<T>& work, int y, int z, double scale, bool root,
+                   T* const* modes) {
     const SlabLanes<T> d;
     const GridShape& shape = work.layout.shape;
     const auto one = hn::Set(d, T(1)), ky = hn::Set(d, static_cast<T>(shape.waveNumber(1, y))),
@@ -659,10 +710,12 @@ void projectColumn(const GridWork<T>& work, int y, int z, double scale, bool roo
         auto k2 = hn::MulAdd(kx, kx, square);
         k2 = hn::IfThenElse(hn::Gt(k2, hn::Zero(d)), k2, one);  // left out below
         const auto inverse = hn::Div(one, k2);
-        const auto strength = hn::Mul(hn::Mul(hn::Load(d, work.keepsX + i), keep), root ? hn::Sqrt(inverse) : inverse);
+        const auto strength = hn::Mul(hn::Mul(hn::Load(d, work.keepsX + i), keep),
+                                      root ? hn::Sqrt(inverse) : inverse);
         T *u = modes[0] + i, *v = modes[1] + i, *w = modes[2] + i;
         const auto fu = hn::Load(d, u), fv = hn::Load(d, v), fw = hn::Load(d, w);
-        const auto along = hn::Mul(inverse, hn::MulAdd(kx, fu, hn::MulAdd(ky, fv, hn::Mul(kz, fw))));
+        const auto along =
+            hn::Mul(inverse, hn::MulAdd(kx, fu, hn::MulAdd(ky, fv, hn::Mul(kz, fw))));
         hn::Store(hn::Mul(strength, hn::NegMulAdd(along, kx, fu)), d, u);
         hn::Store(hn::Mul(strength, hn::NegMulAdd(along, ky, fv)), d, v);
         hn::Store(hn::Mul(strength, hn::NegMulAdd(along, kz, fw)), d, w);
@@ -699,14 +752,15 @@ void solveColumns(const GridWork<T>& work, int y, double viscosity, GridScratch<
     // Modes of rows are twice as large; transforms there and back multiply by the number of nodes.
     const double scale = 0.5 / (viscosity * layout.shape.numNodes());
     for (int z = 0; z < layout.numModes; z++) {
-        for (int c = 0; c < 3; c++) work.plans[0].there(work.modes[c] + layout.column(y, z), modes[c]);
+        for (int c = 0; c < 3; c++)
+            work.plans[0].there(work.modes[c] + layout.column(y, z), modes[c]);
         projectColumn(work, y, z, scale, false, modes.data());
         columnsBack(work, y, z, modes.data());
     }
 }
 
-void drawRow(const GridWork<double>& work, int y, double viscosity, const ModeNoise& noise, const int* waveIndices,
-             std::complex<double>* numbers, GridScratch<double>& scratch) {
+void drawRow(const GridWork<double>& work, int y, double viscosity, const ModeNoise& noise,
+             const int* waveIndices, std::complex<double>* numbers, GridScratch<double>& scratch) {
     const GridShape& shape = work.layout.shape;
     const int size = shape.size[0];
     const std::array<double*, 3> modes = emptyColumns(work, scratch);
@@ -715,7 +769,8 @@ void drawRow(const GridWork<double>& work, int y, double viscosity, const ModeNo
         if (!shape.isNyquist(1, y)) {
             noise.fill(waveIndices, size, shape.waveIndex(1, y), z, numbers);
             for (int c = 0; c < 3; c++)
-                std::memcpy(modes[c], numbers + (size_t)c * size, size * sizeof(std::complex<double>));
+                std::memcpy(modes[c], numbers + (size_t)c * size,
+                            size * sizeof(std::complex<double>));
         }
         const TimeOfLife timer(scratch.seconds.transforms);
         projectColumn(work, y, z, scale, true, modes.data());
@@ -727,7 +782,8 @@ void drawRow(const GridWork<double>& work, int y, double viscosity, const ModeNo
 
 /** to <- to + factors i k x from/2, for one column. */
 template <typename T>
-void addHalfCurl(const GridWork<T>& work, int y, int z, const T* factors, T* const* from, T* const* to) {
+void addHalfCurl(const GridWork<T>& work, int y, int z, const T* factors, T* const* from,
+                 T* const* to) {
     const T ky = static_cast<T>(work.layout.shape.waveNumber(1, y)),
             kz = static_cast<T>(work.layout.shape.waveNumber(2, z));
     const T *u = from[0], *v = from[1], *w = from[2];
@@ -747,7 +803,8 @@ void addHalfCurl(const GridWork<T>& work, int y, int z, const T* factors, T* con
 template <typename T>
 void projectAcross(const GridWork<T>& work, int y, int z, double scale, T* const* modes) {
     const SlabLanes<T> d;
-    const auto one = hn::Set(d, T(1)), ky = hn::Set(d, static_cast<T>(work.layout.shape.waveNumber(1, y))),
+    const auto one = hn::Set(d, T(1)),
+               ky = hn::Set(d, static_cast<T>(work.layout.shape.waveNumber(1, y))),
                kz = hn::Set(d, static_cast<T>(work.layout.shape.waveNumber(2, z))),
                strength = hn::Set(d, static_cast<T>(scale));
     const auto square = hn::MulAdd(kz, kz, hn::Mul(ky, ky));
@@ -766,8 +823,8 @@ void projectAcross(const GridWork<T>& work, int y, int z, double scale, T* const
 
 /** to <- factors times flow, or half of its curl, and back along x to the modes of a channel. */
 template <typename T>
-void columnsToChannel(const GridWork<T>& work, const ChannelWork<T>& channel, int y, int z, T* const* flow,
-                      T* const* to) {
+void columnsToChannel(const GridWork<T>& work, const ChannelWork<T>& channel, int y, int z,
+                      T* const* flow, T* const* to) {
     const size_t length = work.layout.columnNumbers();
     const T* const factors = channel.factors->column(y, z, T());
     const SlabLanes<T> d;
@@ -777,7 +834,8 @@ void columnsToChannel(const GridWork<T>& work, const ChannelWork<T>& channel, in
     } else {
         for (size_t i = 0; i < length; i += hn::Lanes(d)) {
             const auto phi = hn::Load(d, factors + i);
-            for (int c = 0; c < 3; c++) hn::Store(hn::Mul(phi, hn::Load(d, flow[c] + i)), d, to[c] + i);
+            for (int c = 0; c < 3; c++)
+                hn::Store(hn::Mul(phi, hn::Load(d, flow[c] + i)), d, to[c] + i);
         }
     }
     for (int c = 0; c < 3; c++) {
@@ -801,8 +859,8 @@ void emptyChannels(const GridWork<T>& work, GridScratch<T>& scratch, T** own, T*
 
 /** There, through the fluid, and back, along x. */
 template <typename T>
-void solveChannels(const GridWork<T>& work, const ChannelWork<T>* channels, int count, int y, double viscosity,
-                   GridScratch<T>& scratch) {
+void solveChannels(const GridWork<T>& work, const ChannelWork<T>* channels, int count, int y,
+                   double viscosity, GridScratch<T>& scratch) {
     const TimeOfLife timer(scratch.seconds.transforms);
     const GridLayout& layout = work.layout;
     const SlabLanes<T> d;
@@ -813,7 +871,8 @@ void solveChannels(const GridWork<T>& work, const ChannelWork<T>* channels, int 
     for (int z = 0; z < layout.numModes; z++) {
         for (int c = 0; c < 3; c++) std::fill_n(sum[c], layout.columnNumbers(), T(0));
         for (int g = 0; g < count; g++) {
-            for (int c = 0; c < 3; c++) work.plans[0].there(channels[g].modes[c] + layout.column(y, z), own[c]);
+            for (int c = 0; c < 3; c++)
+                work.plans[0].there(channels[g].modes[c] + layout.column(y, z), own[c]);
             const T* const factors = channels[g].factors->column(y, z, T());
             if (channels[g].ofTorques) {
                 addHalfCurl(work, y, z, factors, own, sum);
@@ -822,7 +881,8 @@ void solveChannels(const GridWork<T>& work, const ChannelWork<T>* channels, int 
             for (size_t i = 0; i < layout.columnNumbers(); i += hn::Lanes(d)) {
                 const auto phi = hn::Load(d, factors + i);
                 for (int c = 0; c < 3; c++)
-                    hn::Store(hn::MulAdd(phi, hn::Load(d, own[c] + i), hn::Load(d, sum[c] + i)), d, sum[c] + i);
+                    hn::Store(hn::MulAdd(phi, hn::Load(d, own[c] + i), hn::Load(d, sum[c] + i)), d,
+                              sum[c] + i);
             }
         }
         projectAcross(work, y, z, scale, sum);
@@ -830,9 +890,9 @@ void solveChannels(const GridWork<T>& work, const ChannelWork<T>* channels, int 
     }
 }
 
-void drawChannelRow(const GridWork<double>& work, const ChannelWork<double>* channels, int count, int y,
-                    double viscosity, const ModeNoise& noise, const int* waveIndices, std::complex<double>* numbers,
-                    GridScratch<double>& scratch) {
+void drawChannelRow(const GridWork<double>& work, const ChannelWork<double>* channels, int count,
+                    int y, double viscosity, const ModeNoise& noise, const int* waveIndices,
+                    std::complex<double>* numbers, GridScratch<double>& scratch) {
     const GridShape& shape = work.layout.shape;
     const int size = shape.size[0];
     double *own[3], *sum[3];
@@ -842,7 +902,8 @@ void drawChannelRow(const GridWork<double>& work, const ChannelWork<double>* cha
         if (!shape.isNyquist(1, y)) {
             noise.fill(waveIndices, size, shape.waveIndex(1, y), z, numbers);
             for (int c = 0; c < 3; c++)
-                std::memcpy(sum[c], numbers + (size_t)c * size, size * sizeof(std::complex<double>));
+                std::memcpy(sum[c], numbers + (size_t)c * size,
+                            size * sizeof(std::complex<double>));
         }
         const TimeOfLife timer(scratch.seconds.transforms);
         projectAcross(work, y, z, scale, sum);
@@ -870,41 +931,44 @@ void fillModes(const NoiseStream& noise, uint32_t purpose, const int* nx, int co
         for (int c = 0; c < 3; c++) {
             store(n[2 * c], re);
             store(n[2 * c + 1], im);
-            for (int k = 0; k < valid; k++) numbers[c * count + i + k] = {half * re[k], sign[k] * im[k]};
+            for (int k = 0; k < valid; k++)
+                numbers[c * count + i + k] = {half * re[k], sign[k] * im[k]};
         }
     }
 }
 
 // ---- For the dispatch, which takes no templates
 
-void spreadSlabExactly(const GridWork<double>& work, const GridStencils& stencils, int slab, const double* forces,
-                       GridScratch<double>& scratch) {
+void spreadSlabExactly(const GridWork<double>& work, const GridStencils& stencils, int slab,
+                       const double* forces, GridScratch<double>& scratch) {
     spreadSlab(work, stencils, slab, forces, scratch);
 }
-void spreadSlabRoughly(const GridWork<float>& work, const GridStencils& stencils, int slab, const double* forces,
-                       GridScratch<float>& scratch) {
+void spreadSlabRoughly(const GridWork<float>& work, const GridStencils& stencils, int slab,
+                       const double* forces, GridScratch<float>& scratch) {
     spreadSlab(work, stencils, slab, forces, scratch);
 }
-void solveExactly(const GridWork<double>& work, int y, double viscosity, GridScratch<double>& scratch) {
+void solveExactly(const GridWork<double>& work, int y, double viscosity,
+                  GridScratch<double>& scratch) {
     solveColumns(work, y, viscosity, scratch);
 }
-void solveRoughly(const GridWork<float>& work, int y, double viscosity, GridScratch<float>& scratch) {
+void solveRoughly(const GridWork<float>& work, int y, double viscosity,
+                  GridScratch<float>& scratch) {
     solveColumns(work, y, viscosity, scratch);
 }
-void solveChannelsExactly(const GridWork<double>& work, const ChannelWork<double>* channels, int count, int y,
-                          double viscosity, GridScratch<double>& scratch) {
+void solveChannelsExactly(const GridWork<double>& work, const ChannelWork<double>* channels,
+                          int count, int y, double viscosity, GridScratch<double>& scratch) {
     solveChannels(work, channels, count, y, viscosity, scratch);
 }
-void solveChannelsRoughly(const GridWork<float>& work, const ChannelWork<float>* channels, int count, int y,
-                          double viscosity, GridScratch<float>& scratch) {
+void solveChannelsRoughly(const GridWork<float>& work, const ChannelWork<float>* channels,
+                          int count, int y, double viscosity, GridScratch<float>& scratch) {
     solveChannels(work, channels, count, y, viscosity, scratch);
 }
-void averageSlabExactly(const GridWork<double>& work, const GridStencils& stencils, int slab, double* parts,
-                        GridScratch<double>& scratch) {
+void averageSlabExactly(const GridWork<double>& work, const GridStencils& stencils, int slab,
+                        double* parts, GridScratch<double>& scratch) {
     averageSlab(work, stencils, slab, parts, scratch);
 }
-void averageSlabRoughly(const GridWork<float>& work, const GridStencils& stencils, int slab, double* parts,
-                        GridScratch<float>& scratch) {
+void averageSlabRoughly(const GridWork<float>& work, const GridStencils& stencils, int slab,
+                        double* parts, GridScratch<float>& scratch) {
     averageSlab(work, stencils, slab, parts, scratch);
 }
 void fillFieldSlab(const GridWork<double>& work, int slabNumber, const GridSlab<double>& slab,
@@ -940,12 +1004,12 @@ HWY_EXPORT(fillModes);
 namespace {
 
 // One name for both precisions.
-void spread(const GridWork<double>& work, const GridStencils& stencils, int slab, const double* forces,
-            GridScratch<double>& scratch) {
+void spread(const GridWork<double>& work, const GridStencils& stencils, int slab,
+            const double* forces, GridScratch<double>& scratch) {
     HWY_DYNAMIC_DISPATCH(spreadSlabExactly)(work, stencils, slab, forces, scratch);
 }
-void spread(const GridWork<float>& work, const GridStencils& stencils, int slab, const double* forces,
-            GridScratch<float>& scratch) {
+void spread(const GridWork<float>& work, const GridStencils& stencils, int slab,
+            const double* forces, GridScratch<float>& scratch) {
     HWY_DYNAMIC_DISPATCH(spreadSlabRoughly)(work, stencils, slab, forces, scratch);
 }
 void solve(const GridWork<double>& work, int y, double viscosity, GridScratch<double>& scratch) {
@@ -954,20 +1018,22 @@ void solve(const GridWork<double>& work, int y, double viscosity, GridScratch<do
 void solve(const GridWork<float>& work, int y, double viscosity, GridScratch<float>& scratch) {
     HWY_DYNAMIC_DISPATCH(solveRoughly)(work, y, viscosity, scratch);
 }
-void solve(const GridWork<double>& work, const std::vector<ChannelWork<double> >& channels, int y, double viscosity,
-           GridScratch<double>& scratch) {
-    HWY_DYNAMIC_DISPATCH(solveChannelsExactly)(work, channels.data(), channels.size(), y, viscosity, scratch);
+void solve(const GridWork<double>& work, const std::vector<ChannelWork<double> >& channels, int y,
+           double viscosity, GridScratch<double>& scratch) {
+    HWY_DYNAMIC_DISPATCH(solveChannelsExactly)
+    (work, channels.data(), channels.size(), y, viscosity, scratch);
 }
-void solve(const GridWork<float>& work, const std::vector<ChannelWork<float> >& channels, int y, double viscosity,
-           GridScratch<float>& scratch) {
-    HWY_DYNAMIC_DISPATCH(solveChannelsRoughly)(work, channels.data(), channels.size(), y, viscosity, scratch);
+void solve(const GridWork<float>& work, const std::vector<ChannelWork<float> >& channels, int y,
+           double viscosity, GridScratch<float>& scratch) {
+    HWY_DYNAMIC_DISPATCH(solveChannelsRoughly)
+    (work, channels.data(), channels.size(), y, viscosity, scratch);
 }
-void averageModes(const GridWork<double>& work, const GridStencils& stencils, int slab, double* parts,
-                  GridScratch<double>& scratch) {
+void averageModes(const GridWork<double>& work, const GridStencils& stencils, int slab,
+                  double* parts, GridScratch<double>& scratch) {
     HWY_DYNAMIC_DISPATCH(averageSlabExactly)(work, stencils, slab, parts, scratch);
 }
-void averageModes(const GridWork<float>& work, const GridStencils& stencils, int slab, double* parts,
-                  GridScratch<float>& scratch) {
+void averageModes(const GridWork<float>& work, const GridStencils& stencils, int slab,
+                  double* parts, GridScratch<float>& scratch) {
     HWY_DYNAMIC_DISPATCH(averageSlabRoughly)(work, stencils, slab, parts, scratch);
 }
 
@@ -977,14 +1043,18 @@ void averageModes(const GridWork<float>& work, const GridStencils& stencils, int
 template <typename T>
 class GridEngine {
 public:
-    GridEngine(const GridThreads& threads, GridSeconds& seconds) : threads(threads), seconds(seconds) {}
+    GridEngine(const GridThreads& threads, GridSeconds& seconds)
+        : threads(threads), seconds(seconds) {}
     void prepare(const GridStencils& stencils);
     const GridLayout& getLayout() const { return layout; }
     double bytes() const { return 3.0 * sizeof(T) * layout.modeNumbers(); }
-    void multiply(const GridStencils& stencils, double viscosity, const double* forces, double* velocities);
+    void multiply(const GridStencils& stencils, double viscosity, const double* forces,
+                  double* velocities);
     void draw(double viscosity, const ModeNoise& noise, GridField& field);
-    void average(const GridField& field, const GridStencils& stencils, bool gradients, double* results);
-    void multiply(const std::vector<GridChannel>& channels, double viscosity, const double* forces, double* velocities);
+    void average(const GridField& field, const GridStencils& stencils, bool gradients,
+                 double* results);
+    void multiply(const std::vector<GridChannel>& channels, double viscosity, const double* forces,
+                  double* velocities);
     void draw(const std::vector<GridChannel>& channels, double viscosity, const ModeNoise& noise,
               std::vector<GridField>& fields);
 
@@ -1012,7 +1082,8 @@ private:
     GridLayout layout;
     GridPlans<T> plans[3];
     /** Of each channel what it works with; the first has the modes that there are already. */
-    std::vector<GridWork<T> > worksOf(const std::vector<GridChannel>& channels, std::vector<ChannelWork<T> >& own);
+    std::vector<GridWork<T> > worksOf(const std::vector<GridChannel>& channels,
+                                      std::vector<ChannelWork<T> >& own);
     AlignedArrayOf<T> modes[3];
     std::vector<AlignedArrayOf<T> > modesOfOthers;    // of channels after the first, three each
     AlignedArrayOf<T> waveNumbers, keeps, halfTurns;  // GridWork
@@ -1091,14 +1162,17 @@ void GridEngine<T>::forEach(int count, const Task& task) {
 }
 
 template <typename T>
-void GridEngine<T>::multiply(const GridStencils& stencils, double viscosity, const double* forces, double* velocities) {
+void GridEngine<T>::multiply(const GridStencils& stencils, double viscosity, const double* forces,
+                             double* velocities) {
     prepare(stencils);
     const GridWork<T> all = work();
     parts.resize(numbersOfPart * (size_t)stencils.numSlices());
-    forEach(layout.numSlabs, [&](int slab, Scratch& scratch) { spread(all, stencils, slab, forces, scratch); });
-    forEach(layout.numRows, [&](int y, Scratch& scratch) { solve(all, y, viscosity, scratch); });
     forEach(layout.numSlabs,
-            [&](int slab, Scratch& scratch) { averageModes(all, stencils, slab, parts.data(), scratch); });
+            [&](int slab, Scratch& scratch) { spread(all, stencils, slab, forces, scratch); });
+    forEach(layout.numRows, [&](int y, Scratch& scratch) { solve(all, y, viscosity, scratch); });
+    forEach(layout.numSlabs, [&](int slab, Scratch& scratch) {
+        averageModes(all, stencils, slab, parts.data(), scratch);
+    });
     sumParts(stencils, false, velocities);
 }
 
@@ -1118,22 +1192,25 @@ std::vector<GridWork<T> > GridEngine<T>::worksOf(const std::vector<GridChannel>&
 }
 
 template <typename T>
-void GridEngine<T>::multiply(const std::vector<GridChannel>& channels, double viscosity, const double* forces,
-                             double* velocities) {
+void GridEngine<T>::multiply(const std::vector<GridChannel>& channels, double viscosity,
+                             const double* forces, double* velocities) {
     std::vector<ChannelWork<T> > own;
     const std::vector<GridWork<T> > works = worksOf(channels, own);
     for (size_t g = 0; g < channels.size(); g++) {
         const GridStencils& stencils = *channels[g].stencils;
-        forEach(layout.numSlabs,
-                [&](int slab, Scratch& scratch) { spread(works[g], stencils, slab, forces, scratch); });
+        forEach(layout.numSlabs, [&](int slab, Scratch& scratch) {
+            spread(works[g], stencils, slab, forces, scratch);
+        });
         forces += stencils.getParticles().numRows;
     }
-    forEach(layout.numRows, [&](int y, Scratch& scratch) { solve(works[0], own, y, viscosity, scratch); });
+    forEach(layout.numRows,
+            [&](int y, Scratch& scratch) { solve(works[0], own, y, viscosity, scratch); });
     for (size_t g = 0; g < channels.size(); g++) {
         const GridStencils& stencils = *channels[g].stencils;
         parts.resize(numbersOfPart * (size_t)stencils.numSlices());
-        forEach(layout.numSlabs,
-                [&](int slab, Scratch& scratch) { averageModes(works[g], stencils, slab, parts.data(), scratch); });
+        forEach(layout.numSlabs, [&](int slab, Scratch& scratch) {
+            averageModes(works[g], stencils, slab, parts.data(), scratch);
+        });
         sumParts(stencils, false, velocities);
         velocities += stencils.getParticles().numRows;
     }
@@ -1171,13 +1248,14 @@ template <>
 void GridEngine<double>::draw(double viscosity, const ModeNoise& noise, GridField& field) {
     field.shape = layout.shape;
     field.rowLength = layout.rowLength;
-    for (AlignedArray& component : field.values) component.resize(layout.numSlabs * layout.slabNumbers());
+    for (AlignedArray& component : field.values)
+        component.resize(layout.numSlabs * layout.slabNumbers());
     const GridWork<double> all = work();
     forEach(layout.numRows, [&](int y, Scratch& scratch) {
         scratch.noise.resize(2 * 3 * (size_t)layout.shape.size[0]);
         HWY_DYNAMIC_DISPATCH(drawRow)
-        (all, y, viscosity, noise, waveIndices.data(), reinterpret_cast<std::complex<double>*>(scratch.noise.data()),
-         scratch);
+        (all, y, viscosity, noise, waveIndices.data(),
+         reinterpret_cast<std::complex<double>*>(scratch.noise.data()), scratch);
     });
     forEach(layout.numSlabs, [&](int slab, Scratch& scratch) {
         HWY_DYNAMIC_DISPATCH(fillFieldSlab)(all, slab, slabOf(layout, field, slab), scratch);
@@ -1185,8 +1263,8 @@ void GridEngine<double>::draw(double viscosity, const ModeNoise& noise, GridFiel
 }
 
 template <>
-void GridEngine<double>::draw(const std::vector<GridChannel>& channels, double viscosity, const ModeNoise& noise,
-                              std::vector<GridField>& fields) {
+void GridEngine<double>::draw(const std::vector<GridChannel>& channels, double viscosity,
+                              const ModeNoise& noise, std::vector<GridField>& fields) {
     std::vector<ChannelWork<double> > own;
     const std::vector<GridWork<double> > works = worksOf(channels, own);
     forEach(layout.numRows, [&](int y, Scratch& scratch) {
@@ -1199,16 +1277,18 @@ void GridEngine<double>::draw(const std::vector<GridChannel>& channels, double v
         GridField& field = fields[g];
         field.shape = layout.shape;
         field.rowLength = layout.rowLength;
-        for (AlignedArray& component : field.values) component.resize(layout.numSlabs * layout.slabNumbers());
+        for (AlignedArray& component : field.values)
+            component.resize(layout.numSlabs * layout.slabNumbers());
         forEach(layout.numSlabs, [&](int slab, Scratch& scratch) {
-            HWY_DYNAMIC_DISPATCH(fillFieldSlab)(works[g], slab, slabOf(layout, field, slab), scratch);
+            HWY_DYNAMIC_DISPATCH(fillFieldSlab)
+            (works[g], slab, slabOf(layout, field, slab), scratch);
         });
     }
 }
 
 template <>
-void GridEngine<double>::average(const GridField& field, const GridStencils& stencils, bool gradients,
-                                 double* results) {
+void GridEngine<double>::average(const GridField& field, const GridStencils& stencils,
+                                 bool gradients, double* results) {
     parts.resize(numbersOfPart * (size_t)stencils.numSlices());
     forEach(layout.numSlabs, [&](int slab, Scratch& scratch) {
         const TimeOfLife timer(scratch.seconds.averaging);
@@ -1218,7 +1298,8 @@ void GridEngine<double>::average(const GridField& field, const GridStencils& ste
     sumParts(stencils, gradients, results);
 }
 
-void SimdModeNoise::fill(const int* nx, int count, int ny, int nz, std::complex<double>* numbers) const {
+void SimdModeNoise::fill(const int* nx, int count, int ny, int nz,
+                         std::complex<double>* numbers) const {
     HWY_DYNAMIC_DISPATCH(fillModes)(noise, purpose, nx, count, ny, nz, numbers);
 }
 
@@ -1226,30 +1307,32 @@ CpuGridFluid::CpuGridFluid(GridThreads threads) : threads(std::move(threads)) {}
 
 CpuGridFluid::~CpuGridFluid() {}
 
-std::unique_ptr<ModeNoise> CpuGridFluid::modeNoise(const NoiseStream& noise, uint32_t purpose) const {
+std::unique_ptr<ModeNoise> CpuGridFluid::modeNoise(const NoiseStream& noise,
+                                                   uint32_t purpose) const {
     return std::unique_ptr<ModeNoise>(new SimdModeNoise(noise, purpose));
 }
 
 template <typename T>
-GridEngine<T>& CpuGridFluid::prepare(std::unique_ptr<GridEngine<T> >& engine, const GridStencils& stencils) {
+GridEngine<T>& CpuGridFluid::prepare(std::unique_ptr<GridEngine<T> >& engine,
+                                     const GridStencils& stencils) {
     if (!engine) engine.reset(new GridEngine<T>(threads, seconds));
     engine->prepare(stencils);
     held = memory(stencils.getShape());
     return *engine;
 }
 
-void CpuGridFluid::multiplyColumn(const GridStencils& stencils, double viscosity, const double* forces,
-                                  double* velocities) {
+void CpuGridFluid::multiplyColumn(const GridStencils& stencils, double viscosity,
+                                  const double* forces, double* velocities) {
     prepare(exact, stencils).multiply(stencils, viscosity, forces, velocities);
 }
 
-void CpuGridFluid::multiplyColumnRoughly(const GridStencils& stencils, double viscosity, const double* forces,
-                                         double* velocities) {
+void CpuGridFluid::multiplyColumnRoughly(const GridStencils& stencils, double viscosity,
+                                         const double* forces, double* velocities) {
     prepare(rough, stencils).multiply(stencils, viscosity, forces, velocities);
 }
 
-void CpuGridFluid::multiplyChannels(const std::vector<GridChannel>& channels, double viscosity, bool roughly,
-                                    const double* forces, double* velocities) {
+void CpuGridFluid::multiplyChannels(const std::vector<GridChannel>& channels, double viscosity,
+                                    bool roughly, const double* forces, double* velocities) {
     if (roughly)
         prepare(rough, *channels[0].stencils).multiply(channels, viscosity, forces, velocities);
     else
@@ -1257,8 +1340,8 @@ void CpuGridFluid::multiplyChannels(const std::vector<GridChannel>& channels, do
     held = channels.size() * memory(channels[0].stencils->getShape());
 }
 
-void CpuGridFluid::drawChannels(const std::vector<GridChannel>& channels, double viscosity, const ModeNoise& noise,
-                                std::vector<GridField>& fields) {
+void CpuGridFluid::drawChannels(const std::vector<GridChannel>& channels, double viscosity,
+                                const ModeNoise& noise, std::vector<GridField>& fields) {
     prepare(exact, *channels[0].stencils).draw(channels, viscosity, noise, fields);
 }
 
@@ -1269,15 +1352,18 @@ void CpuGridFluid::forRanges(int count, const std::function<void(int, int)>& tas
         task(0, count);
 }
 
-void CpuGridFluid::drawModes(const GridStencils& stencils, double viscosity, const ModeNoise& noise, GridField& field) {
+void CpuGridFluid::drawModes(const GridStencils& stencils, double viscosity, const ModeNoise& noise,
+                             GridField& field) {
     prepare(exact, stencils).draw(viscosity, noise, field);
 }
 
-void CpuGridFluid::averageColumn(const GridField& field, const GridStencils& stencils, double* velocities) {
+void CpuGridFluid::averageColumn(const GridField& field, const GridStencils& stencils,
+                                 double* velocities) {
     prepare(exact, stencils).average(field, stencils, false, velocities);
 }
 
-void CpuGridFluid::averageGradientColumn(const GridField& field, const GridStencils& stencils, double* gradients) {
+void CpuGridFluid::averageGradientColumn(const GridField& field, const GridStencils& stencils,
+                                         double* gradients) {
     prepare(exact, stencils).average(field, stencils, true, gradients);
 }
 

@@ -15,15 +15,20 @@ class GridEngine;
 typedef std::function<void(int count, const std::function<void(int, int)>& task)> GridThreads;
 
 /**
- * The same with SIMD and threads, in double precision, and products in single precision for iterations that can do with them.
+ * The same with SIMD and threads, in double precision, and products in single precision for
+ * iterations that can do with them.
  *
- * A slab of planes across x belongs to one thread at a time, with x in the lanes of packs: particles are spread to its rows in one order, a row is transformed along z
- * as soon as no more particles reach it, while it is in the cache, then all along y; columns of modes along x, which lie one after the other, are transformed, solved and
- * transformed back at once; and the way back is the same, with a particle averaged over as soon as its rows are there. So results do not depend on
- * the number of threads. Transforms are FourierPlan's.
+ * A slab of planes across x belongs to one thread at a time, with x in the lanes of packs:
+ * particles are spread to its rows in one order, a row is transformed along z as soon as no more
+ * particles reach it, while it is in the cache, then all along y; columns of modes along x, which
+ * lie one after the other, are transformed, solved and transformed back at once; and the way back
+ * is the same, with a particle averaged over as soon as its rows are there. So results do not
+ * depend on the number of threads. Transforms are FourierPlan's.
  *
- * Cost: three transforms there and three back a product, three back a random field; about n P^3 pi/4 nodes each for spreading and averaging, P the stencil's
- * width. Measured: benchmarks/README.md. Memory: three numbers a node, as many for each random field that is kept, and half as many for rough products.
+ * Cost: three transforms there and three back a product, three back a random field; about n P^3
+ * pi/4 nodes each for spreading and averaging, P the stencil's width. Measured:
+ * benchmarks/README.md. Memory: three numbers a node, as many for each random field that is kept,
+ * and half as many for rough products.
  */
 class CpuGridFluid : public GridFluid {
 public:
@@ -37,14 +42,17 @@ protected:
                         double* velocities) override;
     void multiplyColumnRoughly(const GridStencils& stencils, double viscosity, const double* forces,
                                double* velocities) override;
-    void drawModes(const GridStencils& stencils, double viscosity, const ModeNoise& noise, GridField& field) override;
+    void drawModes(const GridStencils& stencils, double viscosity, const ModeNoise& noise,
+                   GridField& field) override;
     std::unique_ptr<ModeNoise> modeNoise(const NoiseStream& noise, uint32_t purpose) const override;
-    void averageColumn(const GridField& field, const GridStencils& stencils, double* velocities) override;
-    void averageGradientColumn(const GridField& field, const GridStencils& stencils, double* gradients) override;
+    void averageColumn(const GridField& field, const GridStencils& stencils,
+                       double* velocities) override;
+    void averageGradientColumn(const GridField& field, const GridStencils& stencils,
+                               double* gradients) override;
     void multiplyChannels(const std::vector<GridChannel>& channels, double viscosity, bool roughly,
                           const double* forces, double* velocities) override;
-    void drawChannels(const std::vector<GridChannel>& channels, double viscosity, const ModeNoise& noise,
-                      std::vector<GridField>& fields) override;
+    void drawChannels(const std::vector<GridChannel>& channels, double viscosity,
+                      const ModeNoise& noise, std::vector<GridField>& fields) override;
 
 private:
     template <typename T>
@@ -59,7 +67,8 @@ private:
 class SimdModeNoise : public CounterModeNoise {
 public:
     using CounterModeNoise::CounterModeNoise;
-    void fill(const int* nx, int count, int ny, int nz, std::complex<double>* numbers) const override;
+    void fill(const int* nx, int count, int ny, int nz,
+              std::complex<double>* numbers) const override;
 };
 
 }  // namespace RigidHIPlugin

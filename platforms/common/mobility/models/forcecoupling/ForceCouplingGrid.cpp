@@ -80,13 +80,15 @@ public:
         isAveraged = true;
         slips = velocities;
     }
-    void addFlowAt(const std::vector<Vec3>& points, double factor, Velocities& velocities) override {
+    void addFlowAt(const std::vector<Vec3>& points, double factor,
+                   Velocities& velocities) override {
         GridFlow flow;
         flow.draw(stencils, model.getViscosity(), CounterModeNoise(ofDraw, purposeOfDraw));
         flow.addAt(points, factor, velocities);
     }
     double amplitudeOf(const DrivenFlow& wave) override {
-        return amplitudeOfMode(field.shape, model.getViscosity(), CounterModeNoise(ofDraw, purposeOfDraw), wave);
+        return amplitudeOfMode(field.shape, model.getViscosity(),
+                               CounterModeNoise(ofDraw, purposeOfDraw), wave);
     }
     bool hasGradients() const override { return true; }
     void gradientsAt(const Placement& placement, bool nearby, MatrixXd& gradients) override {
@@ -96,7 +98,8 @@ public:
     long long getNumRandomNumbers() const override { return GridModeNoise::numbersOf(field.shape); }
 
 private:
-    /** Schemes ask for slips and for their divergence at one placement: nothing is done twice for it. */
+    /** Schemes ask for slips and for their divergence at one placement: nothing is done twice for
+     * it. */
     void moveTo(const Placement& placement, bool nearby) {
         if (isThere && nearby == wasNearby && placement.positions == positions) return;
         stencils.moveTo(field.shape, placement.positions, nearby);
@@ -118,9 +121,11 @@ private:
 
 }  // namespace
 
-ForceCouplingGrid::ForceCouplingGrid(const HydrodynamicParticles& particles, double viscosity, double tolerance,
-                                     double spacing, const std::shared_ptr<GridFluid>& fluid, bool mirrored)
-    : MobilityModel(particles, viscosity), mirrored(mirrored), resolution(particles, tolerance, spacing), fluid(fluid) {
+ForceCouplingGrid::ForceCouplingGrid(const HydrodynamicParticles& particles, double viscosity,
+                                     double tolerance, double spacing,
+                                     const std::shared_ptr<GridFluid>& fluid, bool mirrored)
+    : MobilityModel(particles, viscosity), mirrored(mirrored),
+      resolution(particles, tolerance, spacing), fluid(fluid) {
     // Coarser still, and whole particles are between the nodes: mobilities of zero, or below.
     const double coarsest = resolution.getCoarsestSpacing();
     if (spacing > coarsest) {
@@ -129,7 +134,8 @@ ForceCouplingGrid::ForceCouplingGrid(const HydrodynamicParticles& particles, dou
         throw OpenMM::OpenMMException(
             "MobilityForce: setGridSpacing(): the spacing is " + text(spacing) +
             " nm, too coarse for the smallest particle of ForceCoupling on a grid; give at most " +
-            text(std::floor(coarsest / unit) * unit, 3) + " nm, or 0 for the spacing that the solver tolerance wants");
+            text(std::floor(coarsest / unit) * unit, 3) +
+            " nm, or 0 for the spacing that the solver tolerance wants");
     }
 }
 
@@ -148,8 +154,8 @@ void ForceCouplingGrid::checkBox(const BoxVectors& box) const {
 
 std::string ForceCouplingGrid::describe(const BoxVectors& box) const {
     const GridShape shape = shapeFor(box);
-    return "a grid of " + std::to_string(shape.size[0]) + " x " + std::to_string(shape.numRows()) + " x " +
-           std::to_string(shape.size[2]) + " nodes, whose products have the tolerance " +
+    return "a grid of " + std::to_string(shape.size[0]) + " x " + std::to_string(shape.numRows()) +
+           " x " + std::to_string(shape.size[2]) + " nodes, whose products have the tolerance " +
            text(resolution.getTolerance(), 3);
 }
 
@@ -160,7 +166,8 @@ WaveFactors ForceCouplingGrid::waveFactors(double radius, double k) const {
 void ForceCouplingGrid::checkWave(const BoxVectors& box, int axis, int periods) const {
     const int nodes = resolution.shapeFor(box).size[axis];
     if (2 * periods < nodes) return;
-    throw OpenMM::OpenMMException("MobilityForce: a wave of index " + text(periods) + " along the edge " + text(axis) +
+    throw OpenMM::OpenMMException("MobilityForce: a wave of index " + text(periods) +
+                                  " along the edge " + text(axis) +
                                   " of the box is too short for a grid of " + text(nodes) +
                                   " nodes along it; take an index below " + text((nodes + 1) / 2) +
                                   ", or a finer grid by setGridSpacing()");
@@ -169,14 +176,15 @@ void ForceCouplingGrid::checkWave(const BoxVectors& box, int axis, int periods) 
 void ForceCouplingGrid::drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
                                   std::unique_ptr<RandomField>& field) const {
     if (!field) field.reset(new Field(*this));
-    // Groups of one Context have the same modes, and each its own numbers: those of its first particle.
+    // Groups of one Context have the same modes, and each its own numbers: those of its first
+    // particle.
     NoiseStream own = noise;
     own.field = 1 + particles.systemIndex[0];
     static_cast<Field&>(*field).draw(own, purpose, box);
 }
 
-void ForceCouplingGrid::ownMobility(const HydrodynamicParticles& body, const std::vector<Vec3>& sites,
-                                    MatrixXd& mobility) const {
+void ForceCouplingGrid::ownMobility(const HydrodynamicParticles& body,
+                                    const std::vector<Vec3>& sites, MatrixXd& mobility) const {
     freeForceCoupling(body, sites, viscosity, mobility);
 }
 

@@ -9,16 +9,18 @@
 namespace RigidHIPlugin {
 
 /**
- * Force coupling in a periodic box with edges along the axes, on a grid: products and random fields at a cost that grows as the number of particles at constant
- * density. PeriodicForceCoupling is the same mobility as a matrix, by lattice sums.
+ * Force coupling in a periodic box with edges along the axes, on a grid: products and random fields
+ * at a cost that grows as the number of particles at constant density. PeriodicForceCoupling is the
+ * same mobility as a matrix, by lattice sums.
  *
- * Equation:  M_ij = (1/(eta V)) sum_k D_i^+ (1 - k k/k^2) k^-2 D_j exp(i k.r_ij), D(F) = exp(-sigma^2 k^2/2) F, D(T) = (i/2) k x T exp(-sigma_D^2 k^2/2),
- *            sigma = a/sqrt(pi), sigma_D = a/(6 sqrt(pi))^(1/3) (Westwood 2022, eqs. 2 to 13).
- * Method:    Gaussians on the nodes of a grid, Fourier transforms, averages by the transpose (GridFluid). The matrix is symmetric to rounding and positive
- *            semidefinite. The norm of the error of products is below the tolerance times the norm of the mobility, both over the roots of own mobilities
- *            (docs/grid_accuracy.md).
- * Cost:      three transforms there and three back a product, three back a random field.
- * Reference: Yeo, Maxey, J. Comput. Phys. 229, 2401 (2010); Westwood, Delmotte, Keaveny, J. Comput. Phys. 467, 111437 (2022).
+ * Equation:  M_ij = (1/(eta V)) sum_k D_i^+ (1 - k k/k^2) k^-2 D_j exp(i k.r_ij), D(F) =
+ * exp(-sigma^2 k^2/2) F, D(T) = (i/2) k x T exp(-sigma_D^2 k^2/2), sigma = a/sqrt(pi), sigma_D =
+ * a/(6 sqrt(pi))^(1/3) (Westwood 2022, eqs. 2 to 13). Method:    Gaussians on the nodes of a grid,
+ * Fourier transforms, averages by the transpose (GridFluid). The matrix is symmetric to rounding
+ * and positive semidefinite. The norm of the error of products is below the tolerance times the
+ * norm of the mobility, both over the roots of own mobilities (docs/grid_accuracy.md). Cost: three
+ * transforms there and three back a product, three back a random field. Reference: Yeo, Maxey, J.
+ * Comput. Phys. 229, 2401 (2010); Westwood, Delmotte, Keaveny, J. Comput. Phys. 467, 111437 (2022).
  */
 class ForceCouplingGrid : public MobilityModel {
 public:
@@ -26,11 +28,13 @@ public:
      * @param tolerance  of products
      * @param spacing    of nodes, nm, at most; 0: as the tolerance wants
      * @param fluid      what several models may share
-     * @param mirrored   whether the fluid is its own reflection at y = 0, and so in the middle of the box: a slip channel, whose particles have their centres between
-     *                   the two, in a box of twice its width
+     * @param mirrored   whether the fluid is its own reflection at y = 0, and so in the middle of
+     * the box: a slip channel, whose particles have their centres between the two, in a box of
+     * twice its width
      */
-    ForceCouplingGrid(const HydrodynamicParticles& particles, double viscosity, double tolerance, double spacing,
-                      const std::shared_ptr<GridFluid>& fluid, bool mirrored = false);
+    ForceCouplingGrid(const HydrodynamicParticles& particles, double viscosity, double tolerance,
+                      double spacing, const std::shared_ptr<GridFluid>& fluid,
+                      bool mirrored = false);
     const char* name() const override { return "ForceCoupling"; }
     void checkBox(const BoxVectors& box) const override;
     std::string describe(const BoxVectors& box) const override;
@@ -39,7 +43,9 @@ public:
     bool isMatrixFree() const override { return true; }
     bool isAnchored() const override { return true; }
     bool hasOwnRandomField() const override { return true; }
-    double fluidVolume(const BoxVectors& box) const override { return box[0][0] * box[1][1] * box[2][2]; }
+    double fluidVolume(const BoxVectors& box) const override {
+        return box[0][0] * box[1][1] * box[2][2];
+    }
     WaveFactors waveFactors(double radius, double k) const override;
     void checkWave(const BoxVectors& box, int axis, int periods) const override;
     GridSeconds getGridSeconds() const override { return fluid->getSeconds(); }

@@ -6,10 +6,12 @@
 namespace RigidHIPlugin {
 
 /**
- * FFTW's discrete Fourier transform of `count` columns of n complex numbers at once, not normalised: element i of column c is at i count + c, real part before
- * imaginary part, in what is read and in what is written. These lie apart, and begin where a cache line does.
+ * FFTW's discrete Fourier transform of `count` columns of n complex numbers at once, not
+ * normalised: element i of column c is at i count + c, real part before imaginary part, in what is
+ * read and in what is written. These lie apart, and begin where a cache line does.
  *
- * A plan is made by FFTW_ESTIMATE: FFTW's other plans are found by a clock, and so have other last bits in each run.
+ * A plan is made by FFTW_ESTIMATE: FFTW's other plans are found by a clock, and so have other last
+ * bits in each run.
  */
 template <typename T>
 class FourierPlan {

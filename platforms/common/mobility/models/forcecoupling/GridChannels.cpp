@@ -3,7 +3,8 @@
 namespace RigidHIPlugin {
 
 GridFactors::GridFactors(const GridShape& shape, const std::function<double(double)>& factor)
-    : shape(shape), columnNumbers((size_t)GridStencils::slabsOf(shape) * 2 * GridStencils::slabWidth),
+    : shape(shape),
+      columnNumbers((size_t)GridStencils::slabsOf(shape) * 2 * GridStencils::slabWidth),
       numModes((shape.size[2] + 1) / 2) {
     const std::array<int, 3>& n = shape.size;
     const size_t numColumns = (size_t)(n[1] / 2 + 1) * numModes;

@@ -9,20 +9,24 @@
 namespace RigidHIPlugin {
 
 /**
- * A number for each mode of a grid that depends on its wave number alone. It is 0 for modes that are left out: k = 0
- * and the Nyquist planes. Modes with the same |ky| and kz share a column along x.
+ * A number for each mode of a grid that depends on its wave number alone. It is 0 for modes that
+ * are left out: k = 0 and the Nyquist planes. Modes with the same |ky| and kz share a column along
+ * x.
  */
 class GridFactors {
 public:
     /** @param factor  called once for each of the wave vectors that differ by more than signs */
     GridFactors(const GridShape& shape, const std::function<double(double)>& factor);
-    /** Of the modes (x, y, z), x = 0 ... size[0] - 1: each number twice, as of a complex column. Padded by zeros. */
+    /** Of the modes (x, y, z), x = 0 ... size[0] - 1: each number twice, as of a complex column.
+     * Padded by zeros. */
     const double* column(int y, int z, double) const { return exact.data() + place(y, z); }
     const float* column(int y, int z, float) const { return rough.data() + place(y, z); }
     const GridShape& getShape() const { return shape; }
 
 private:
-    size_t place(int y, int z) const { return ((size_t)std::min(y, shape.size[1] - y) * numModes + z) * columnNumbers; }
+    size_t place(int y, int z) const {
+        return ((size_t)std::min(y, shape.size[1] - y) * numModes + z) * columnNumbers;
+    }
     const GridShape shape;
     const size_t columnNumbers;
     const int numModes;
@@ -31,14 +35,16 @@ private:
 };
 
 /**
- * Particles whose forces, or torques, share one envelope of any isotropic shape: they are points that spread a Gaussian,
- * and each mode then has a factor. Averages have both likewise.
+ * Particles whose forces, or torques, share one envelope of any isotropic shape: they are points
+ * that spread a Gaussian, and each mode then has a factor. Averages have both likewise.
  *
  * Torques act on the fluid as half of their curl, and the average is half of the curl of the flow.
  */
 struct GridChannel {
-    const GridStencils* stencils;  // of particles without torque: three numbers each, forces or torques
-    const GridFactors* factors;    // the envelope over the Gaussian, times the root of what a mode counts, over k
+    const GridStencils*
+        stencils;  // of particles without torque: three numbers each, forces or torques
+    const GridFactors*
+        factors;  // the envelope over the Gaussian, times the root of what a mode counts, over k
     bool ofTorques;
 };
 

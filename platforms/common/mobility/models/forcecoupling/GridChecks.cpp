@@ -31,30 +31,39 @@ void refuseGrid(const std::string& model, const std::string& problem) {
 
 void checkBoxOfGrid(const std::string& model, const BoxVectors& box) {
     if (box[1][0] != 0 || box[2][0] != 0 || box[2][1] != 0)
-        refuseGrid(model, "needs a box with edges along the axes, but the periodic box has the vectors " +
-                              text(box[0]) + ", " + text(box[1]) + ", " + text(box[2]) +
-                              " nm; use setSolver(Dense), which has triclinic boxes too, or an orthogonal box");
+        refuseGrid(
+            model,
+            "needs a box with edges along the axes, but the periodic box has the vectors " +
+                text(box[0]) + ", " + text(box[1]) + ", " + text(box[2]) +
+                " nm; use setSolver(Dense), which has triclinic boxes too, or an orthogonal box");
     if (!(box[0][0] > 0 && box[1][1] > 0 && box[2][2] > 0))
         refuseGrid(model,
-                   "needs a periodic box, and there is none; set one by setDefaultPeriodicBoxVectors() on the System");
+                   "needs a periodic box, and there is none; set one by "
+                   "setDefaultPeriodicBoxVectors() on the System");
 }
 
 void checkSizeOfGrid(const std::string& model, const BoxVectors& box, double spacing) {
     for (int axis = 0; axis < 3; axis++)
         if (!(box[axis][axis] / spacing < largestSize))
-            refuseGrid(model, "would have " + text(box[axis][axis] / spacing, 6) + " nodes along an edge of " +
-                                  text(box[axis][axis]) + " nm, where it may have " + std::to_string(largestSize) +
-                                  "; raise setSolverTolerance() or setGridSpacing(), or make the box smaller");
+            refuseGrid(
+                model,
+                "would have " + text(box[axis][axis] / spacing, 6) + " nodes along an edge of " +
+                    text(box[axis][axis]) + " nm, where it may have " +
+                    std::to_string(largestSize) +
+                    "; raise setSolverTolerance() or setGridSpacing(), or make the box smaller");
 }
 
-void checkMemoryOfGrid(const std::string& model, const GridShape& shape, double bytes, double held) {
+void checkMemoryOfGrid(const std::string& model, const GridShape& shape, double bytes,
+                       double held) {
     const double gigabytes = 1e-9 * bytes, more = gigabytes - 1e-9 * held;
     // Asked only of what could be too much, and is not there yet.
     if (!(more > 0.5 && more > 1e-9 * freeMemory())) return;
-    refuseGrid(model, "would take " + text(gigabytes, 3) + " GB for " + std::to_string(shape.size[0]) + " x " +
-                          std::to_string(shape.numRows()) + " x " + std::to_string(shape.size[2]) + " nodes, and " +
+    refuseGrid(model, "would take " + text(gigabytes, 3) + " GB for " +
+                          std::to_string(shape.size[0]) + " x " + std::to_string(shape.numRows()) +
+                          " x " + std::to_string(shape.size[2]) + " nodes, and " +
                           text(1e-9 * freeMemory(), 3) +
-                          " GB are free; raise setSolverTolerance() or setGridSpacing(), or make the box smaller");
+                          " GB are free; raise setSolverTolerance() or setGridSpacing(), or make "
+                          "the box smaller");
 }
 
 }  // namespace RigidHIPlugin

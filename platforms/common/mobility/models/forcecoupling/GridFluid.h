@@ -14,24 +14,29 @@
 
 namespace RigidHIPlugin {
 
-/** Velocities of a fluid on the nodes of a grid, times the root of a node's volume, as GridStencils' weights want it. */
+/** Velocities of a fluid on the nodes of a grid, times the root of a node's volume, as
+ * GridStencils' weights want it. */
 struct GridField {
     GridShape shape;
-    int rowLength = 0;       // numbers from one row along z to the next, at least the nodes of a row
+    int rowLength = 0;  // numbers from one row along z to the next, at least the nodes of a row
     AlignedArray values[3];  // components; z runs fastest
 };
 
 /**
- * A Stokes fluid on a periodic grid, between the particles of stencils: spreading, Fourier transforms, averaging.
+ * A Stokes fluid on a periodic grid, between the particles of stencils: spreading, Fourier
+ * transforms, averaging.
  *
- * Left out are the mode k = 0, so that fluid and particles together do not drift and net forces are balanced by a uniform background, and the Nyquist
- * planes of even sizes, in products and in random fields alike: so the covariance of averaged fields is the matrix of multiply(), to rounding.
+ * Left out are the mode k = 0, so that fluid and particles together do not drift and net forces are
+ * balanced by a uniform background, and the Nyquist planes of even sizes, in products and in random
+ * fields alike: so the covariance of averaged fields is the matrix of multiply(), to rounding.
  *
- * On a mirrored grid (GridShape) forces act together with their reflections, (Fx, -Fy, Fz) at (x, -y, z) and (-Tx, Ty, -Tz), and particles average what is between the walls
- * and its reflection beyond; centres must be between the walls.
+ * On a mirrored grid (GridShape) forces act together with their reflections, (Fx, -Fy, Fz) at (x,
+ * -y, z) and (-Tx, Ty, -Tz), and particles average what is between the walls and its reflection
+ * beyond; centres must be between the walls.
  *
- * Vectors have the rows of HydrodynamicParticles. What it keeps are plans and work space for the size used last; models of several groups share one and use
- * it in turn: every member may be called by several threads at once.
+ * Vectors have the rows of HydrodynamicParticles. What it keeps are plans and work space for the
+ * size used last; models of several groups share one and use it in turn: every member may be called
+ * by several threads at once.
  */
 class GridFluid {
 public:
@@ -42,23 +47,29 @@ public:
     /** Whether multiplyRoughly() takes less time. */
     virtual bool hasRoughProducts() const { return false; }
     /** Likewise to MobilityAt::roughError, where that takes less time. */
-    void multiplyRoughly(const GridStencils& stencils, double viscosity, const Eigen::MatrixXd& forces,
-                         Eigen::MatrixXd& velocities);
+    void multiplyRoughly(const GridStencils& stencils, double viscosity,
+                         const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities);
     /**
-     * The random field whose averages have the covariance M: u(k) = (eta V)^(-1/2) (1 - k k/k^2) zeta/|k|. It has the law of the field that the fluctuating
-     * stress of the paper makes (Westwood 2022, eqs. 27 to 30), from three numbers a mode instead of six. Averages may be taken by stencils as wide as these.
+     * The random field whose averages have the covariance M: u(k) = (eta V)^(-1/2) (1 - k k/k^2)
+     * zeta/|k|. It has the law of the field that the fluctuating stress of the paper makes
+     * (Westwood 2022, eqs. 27 to 30), from three numbers a mode instead of six. Averages may be
+     * taken by stencils as wide as these.
      */
-    void draw(const GridStencils& stencils, double viscosity, const NoiseStream& noise, uint32_t purpose,
-              GridField& field);
+    void draw(const GridStencils& stencils, double viscosity, const NoiseStream& noise,
+              uint32_t purpose, GridField& field);
     /** Likewise of given numbers. */
-    void draw(const GridStencils& stencils, double viscosity, const ModeNoise& noise, GridField& field);
+    void draw(const GridStencils& stencils, double viscosity, const ModeNoise& noise,
+              GridField& field);
     /** velocities = averages of the field. */
     void average(const GridField& field, const GridStencils& stencils, Eigen::VectorXd& velocities);
-    /** Derivatives of the velocities (not the angular ones) by the particles' positions: dv_a/dx_b at (3 a + b, particle). */
-    void averageGradients(const GridField& field, const GridStencils& stencils, Eigen::MatrixXd& gradients);
+    /** Derivatives of the velocities (not the angular ones) by the particles' positions: dv_a/dx_b
+     * at (3 a + b, particle). */
+    void averageGradients(const GridField& field, const GridStencils& stencils,
+                          Eigen::MatrixXd& gradients);
     /**
-     * velocities = M forces of channels that share one grid, which is not mirrored: M_gh = sum over modes of phi_g phi_h
-     * (1 - k k/k^2)/(eta V), times half of a curl on each side that has torques. One column, one channel after the other.
+     * velocities = M forces of channels that share one grid, which is not mirrored: M_gh = sum over
+     * modes of phi_g phi_h (1 - k k/k^2)/(eta V), times half of a curl on each side that has
+     * torques. One column, one channel after the other.
      *
      * Cost: six transforms and two passes over particles for each channel.
      *
@@ -67,37 +78,43 @@ public:
     void multiply(const std::vector<GridChannel>& channels, double viscosity, bool roughly,
                   const Eigen::VectorXd& forces, Eigen::VectorXd& velocities);
     /** The random field, one for each channel, whose averages have the covariance of that M. */
-    void draw(const std::vector<GridChannel>& channels, double viscosity, const NoiseStream& noise, uint32_t purpose,
-              std::vector<GridField>& fields);
+    void draw(const std::vector<GridChannel>& channels, double viscosity, const NoiseStream& noise,
+              uint32_t purpose, std::vector<GridField>& fields);
     void draw(const std::vector<GridChannel>& channels, double viscosity, const ModeNoise& noise,
               std::vector<GridField>& fields);
-    /** Calls task(first, end) for ranges that cover 0 ... count - 1, on as many threads as it has itself. */
-    virtual void forRanges(int count, const std::function<void(int, int)>& task) const { task(0, count); }
+    /** Calls task(first, end) for ranges that cover 0 ... count - 1, on as many threads as it has
+     * itself. */
+    virtual void forRanges(int count, const std::function<void(int, int)>& task) const {
+        task(0, count);
+    }
     /** What it has taken so far. Not while another thread uses it. */
     const GridSeconds& getSeconds() const { return seconds; }
     /** What it has taken already. */
     double memoryHeld() const { return held; }
-    /** Bytes for a grid, with one random field beside and modes in single precision; stencils are the places' own. */
+    /** Bytes for a grid, with one random field beside and modes in single precision; stencils are
+     * the places' own. */
     static double memory(const GridShape& shape) {
         return 8.0 * 3 * 2.7 * shape.size[0] * shape.numRows() * shape.size[2];
     }
 
 protected:
-    virtual void multiplyColumn(const GridStencils& stencils, double viscosity, const double* forces,
-                                double* velocities) = 0;
-    virtual void multiplyColumnRoughly(const GridStencils& stencils, double viscosity, const double* forces,
-                                       double* velocities) {
+    virtual void multiplyColumn(const GridStencils& stencils, double viscosity,
+                                const double* forces, double* velocities) = 0;
+    virtual void multiplyColumnRoughly(const GridStencils& stencils, double viscosity,
+                                       const double* forces, double* velocities) {
         multiplyColumn(stencils, viscosity, forces, velocities);
     }
     virtual void drawModes(const GridStencils& stencils, double viscosity, const ModeNoise& noise,
                            GridField& field) = 0;
-    virtual void multiplyChannels(const std::vector<GridChannel>& channels, double viscosity, bool roughly,
-                                  const double* forces, double* velocities) = 0;
-    virtual void drawChannels(const std::vector<GridChannel>& channels, double viscosity, const ModeNoise& noise,
-                              std::vector<GridField>& fields) = 0;
+    virtual void multiplyChannels(const std::vector<GridChannel>& channels, double viscosity,
+                                  bool roughly, const double* forces, double* velocities) = 0;
+    virtual void drawChannels(const std::vector<GridChannel>& channels, double viscosity,
+                              const ModeNoise& noise, std::vector<GridField>& fields) = 0;
     virtual std::unique_ptr<ModeNoise> modeNoise(const NoiseStream& noise, uint32_t purpose) const;
-    virtual void averageColumn(const GridField& field, const GridStencils& stencils, double* velocities) = 0;
-    virtual void averageGradientColumn(const GridField& field, const GridStencils& stencils, double* gradients) = 0;
+    virtual void averageColumn(const GridField& field, const GridStencils& stencils,
+                               double* velocities) = 0;
+    virtual void averageGradientColumn(const GridField& field, const GridStencils& stencils,
+                                       double* gradients) = 0;
     GridSeconds seconds;
     std::atomic<double> held{0};
 
@@ -108,7 +125,8 @@ private:
 /**
  * One thread, one transform in one piece: to be read beside the paper.
  *
- * Reference: Yeo, Maxey, J. Comput. Phys. 229, 2401 (2010); Keaveny, J. Comput. Phys. 269, 61 (2014); Westwood 2022, sections 2 to 4.
+ * Reference: Yeo, Maxey, J. Comput. Phys. 229, 2401 (2010); Keaveny, J. Comput. Phys. 269, 61
+ * (2014); Westwood 2022, sections 2 to 4.
  */
 class PlainGridFluid : public GridFluid {
 public:
@@ -117,13 +135,16 @@ public:
 protected:
     void multiplyColumn(const GridStencils& stencils, double viscosity, const double* forces,
                         double* velocities) override;
-    void drawModes(const GridStencils& stencils, double viscosity, const ModeNoise& noise, GridField& field) override;
-    void averageColumn(const GridField& field, const GridStencils& stencils, double* velocities) override;
-    void averageGradientColumn(const GridField& field, const GridStencils& stencils, double* gradients) override;
+    void drawModes(const GridStencils& stencils, double viscosity, const ModeNoise& noise,
+                   GridField& field) override;
+    void averageColumn(const GridField& field, const GridStencils& stencils,
+                       double* velocities) override;
+    void averageGradientColumn(const GridField& field, const GridStencils& stencils,
+                               double* gradients) override;
     void multiplyChannels(const std::vector<GridChannel>& channels, double viscosity, bool roughly,
                           const double* forces, double* velocities) override;
-    void drawChannels(const std::vector<GridChannel>& channels, double viscosity, const ModeNoise& noise,
-                      std::vector<GridField>& fields) override;
+    void drawChannels(const std::vector<GridChannel>& channels, double viscosity,
+                      const ModeNoise& noise, std::vector<GridField>& fields) override;
 
 private:
     void prepare(const GridShape& shape);
@@ -134,7 +155,8 @@ private:
     void respond(double viscosity);
     void store(size_t at, const std::complex<double>* mode);
     void backward(GridField& field);
-    void drawInto(const GridShape& shape, double viscosity, const ModeNoise& noise, const GridFactors* factors);
+    void drawInto(const GridShape& shape, double viscosity, const ModeNoise& noise,
+                  const GridFactors* factors);
 
     friend class GridFlow;
     GridShape planned;
@@ -144,7 +166,8 @@ private:
     std::vector<AlignedArray> modesOfChannels;  // likewise, three for each channel
 };
 
-/** The flow on a grid at points between its nodes: the sum of its modes there, exactly. Cost: one operation for each mode and point. */
+/** The flow on a grid at points between its nodes: the sum of its modes there, exactly. Cost: one
+ * operation for each mode and point. */
 class GridFlow {
 public:
     /** The flow that forces make. */
@@ -152,16 +175,20 @@ public:
     /** The random field of GridFluid::draw(). */
     void draw(const GridStencils& stencils, double viscosity, const ModeNoise& noise);
     /** Likewise with these factors of modes in place of 1/|k|; null: with 1/|k|. */
-    void draw(const GridShape& shape, double viscosity, const ModeNoise& noise, const GridFactors* factors);
+    void draw(const GridShape& shape, double viscosity, const ModeNoise& noise,
+              const GridFactors* factors);
     /** velocities += factor times it. */
-    void addAt(const std::vector<OpenMM::Vec3>& points, double factor, Eigen::Matrix3Xd& velocities);
+    void addAt(const std::vector<OpenMM::Vec3>& points, double factor,
+               Eigen::Matrix3Xd& velocities);
 
 private:
     PlainGridFluid fluid;
 };
 
-/** The component of the random field of GridFluid::draw() along sin(k x_b + phase) e_a of a wave. */
-double amplitudeOfMode(const GridShape& shape, double viscosity, const ModeNoise& noise, const DrivenFlow& wave);
+/** The component of the random field of GridFluid::draw() along sin(k x_b + phase) e_a of a wave.
+ */
+double amplitudeOfMode(const GridShape& shape, double viscosity, const ModeNoise& noise,
+                       const DrivenFlow& wave);
 
 }  // namespace RigidHIPlugin
 

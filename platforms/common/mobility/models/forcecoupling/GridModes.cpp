@@ -5,7 +5,8 @@
 
 namespace RigidHIPlugin {
 
-void GridModeNoise::fill(const int* nx, int count, int ny, int nz, std::complex<double>* numbers) const {
+void GridModeNoise::fill(const int* nx, int count, int ny, int nz,
+                         std::complex<double>* numbers) const {
     if (!mirrored || nz > 0)
         periodic.fill(nx, count, mirrored ? std::abs(ny) : ny, nz, numbers);
     else {
@@ -19,7 +20,8 @@ void GridModeNoise::fill(const int* nx, int count, int ny, int nz, std::complex<
     std::complex<double>* const component[3] = {numbers, numbers + count, numbers + 2 * count};
     for (int i = 0; nz == 0 && i < count; i++) {
         if (nx[i] < 0)
-            for (int c = 0; c < 3; c++) component[c][i] = (c == 1 ? -1.0 : 1.0) * std::conj(component[c][i]);
+            for (int c = 0; c < 3; c++)
+                component[c][i] = (c == 1 ? -1.0 : 1.0) * std::conj(component[c][i]);
         if (nx[i] == 0) {
             for (int c : {0, 2}) component[c][i] = root * component[c][i].real();
             component[1][i] = 0;
@@ -33,8 +35,11 @@ void GridModeNoise::fill(const int* nx, int count, int ny, int nz, std::complex<
 }
 
 long long GridModeNoise::numbersOf(const GridShape& shape) {
-    const auto modes = [&](int axis) -> long long { return shape.size[axis] - (shape.size[axis] % 2 == 0); };
-    // Three complex ones for each pair of modes +-k that is not left out; of a mirrored grid for each of ny >= 0.
+    const auto modes = [&](int axis) -> long long {
+        return shape.size[axis] - (shape.size[axis] % 2 == 0);
+    };
+    // Three complex ones for each pair of modes +-k that is not left out; of a mirrored grid for
+    // each of ny >= 0.
     if (!shape.mirrored) return 3 * (modes(0) * modes(1) * modes(2) - 1);
     return 3 * (modes(0) * modes(2) - 1) * shape.numRows() + 6 * (shape.numRows() - 1);
 }

@@ -9,21 +9,25 @@
 namespace RigidHIPlugin {
 
 /**
- * The random numbers of the modes of a field: three complex ones for each integer wave vector, of mean 0 and <|x|^2> = 1, independent but for
- * those at -n, which are the conjugates of those at n.
+ * The random numbers of the modes of a field: three complex ones for each integer wave vector, of
+ * mean 0 and <|x|^2> = 1, independent but for those at -n, which are the conjugates of those at n.
  */
 class ModeNoise {
 public:
     virtual ~ModeNoise() {}
-    /** Fill numbers[c * count + i] for component c of the modes (nx[i], ny, nz), i = 0 ... count - 1; nz is not negative. */
-    virtual void fill(const int* nx, int count, int ny, int nz, std::complex<double>* numbers) const = 0;
+    /** Fill numbers[c * count + i] for component c of the modes (nx[i], ny, nz), i = 0 ... count -
+     * 1; nz is not negative. */
+    virtual void fill(const int* nx, int count, int ny, int nz,
+                      std::complex<double>* numbers) const = 0;
 };
 
-/** Those of a NoiseStream. They belong to the wave vector, so that a finer grid has the noise of a coarser one in the modes of both. */
+/** Those of a NoiseStream. They belong to the wave vector, so that a finer grid has the noise of a
+ * coarser one in the modes of both. */
 class CounterModeNoise : public ModeNoise {
 public:
     CounterModeNoise(const NoiseStream& noise, uint32_t purpose) : noise(noise), purpose(purpose) {}
-    void fill(const int* nx, int count, int ny, int nz, std::complex<double>* numbers) const override {
+    void fill(const int* nx, int count, int ny, int nz,
+              std::complex<double>* numbers) const override {
         for (int i = 0; i < count; i++) {
             // Drawn for one of n and -n.
             const int sign = isMirrored(nx[i], ny, nz) ? -1 : 1;
@@ -36,7 +40,9 @@ public:
         }
     }
     /** Whether the numbers are the conjugates of those drawn for the mirrored wave vector. */
-    static bool isMirrored(int nx, int ny, int nz) { return nz == 0 && (ny < 0 || (ny == 0 && nx < 0)); }
+    static bool isMirrored(int nx, int ny, int nz) {
+        return nz == 0 && (ny < 0 || (ny == 0 && nx < 0));
+    }
 
 protected:
     const NoiseStream noise;
@@ -46,14 +52,18 @@ protected:
 /**
  * Those of a grid's field, made of a periodic one's: the same, but where the grid is mirrored.
  *
- * There the field is its own reflection, P u(Pr) = u(r), and has the law of (u(r) + P u(Pr))/sqrt(2) of a periodic one. So x(-n) = conj(x(n)), x(Pn) = P x(n): of the four modes n, Pn, -n and -Pn
- * one has numbers of the law above. Where two are the same the law is another: at ny = 0 the components along the walls are larger by sqrt(2), at nx = nz = 0 they are real;
- * and there the component across the walls is no part of a flow without sources.
+ * There the field is its own reflection, P u(Pr) = u(r), and has the law of (u(r) + P
+ * u(Pr))/sqrt(2) of a periodic one. So x(-n) = conj(x(n)), x(Pn) = P x(n): of the four modes n, Pn,
+ * -n and -Pn one has numbers of the law above. Where two are the same the law is another: at ny = 0
+ * the components along the walls are larger by sqrt(2), at nx = nz = 0 they are real; and there the
+ * component across the walls is no part of a flow without sources.
  */
 class GridModeNoise : public ModeNoise {
 public:
-    GridModeNoise(const GridShape& shape, const ModeNoise& periodic) : mirrored(shape.mirrored), periodic(periodic) {}
-    void fill(const int* nx, int count, int ny, int nz, std::complex<double>* numbers) const override;
+    GridModeNoise(const GridShape& shape, const ModeNoise& periodic)
+        : mirrored(shape.mirrored), periodic(periodic) {}
+    void fill(const int* nx, int count, int ny, int nz,
+              std::complex<double>* numbers) const override;
     /** How many random numbers a field takes. */
     static long long numbersOf(const GridShape& shape);
 

@@ -8,7 +8,9 @@
 
 namespace RigidHIPlugin {
 
-double GridShape::waveNumber(int axis, int index) const { return 2 * M_PI / edge[axis] * waveIndex(axis, index); }
+double GridShape::waveNumber(int axis, int index) const {
+    return 2 * M_PI / edge[axis] * waveIndex(axis, index);
+}
 
 int nextGridSize(double least) {
     for (int n = std::max(2, 2 * (int)std::ceil(least / 2 - 1e-9));; n += 2) {
@@ -19,15 +21,18 @@ int nextGridSize(double least) {
     }
 }
 
-GridResolution::GridResolution(const HydrodynamicParticles& particles, double wanted, double givenSpacing)
+GridResolution::GridResolution(const HydrodynamicParticles& particles, double wanted,
+                               double givenSpacing)
     : spacing(givenSpacing), tolerance(wanted) {
-    // What a grid leaves out of a Gaussian of a width is exp(-(pi width/spacing)^2), for every pair. Curls of the narrower torque envelopes have a
-    // factor k more of that. Measured: these factors keep the error below the tolerance (docs/grid_accuracy.md).
+    // What a grid leaves out of a Gaussian of a width is exp(-(pi width/spacing)^2), for every
+    // pair. Curls of the narrower torque envelopes have a factor k more of that. Measured: these
+    // factors keep the error below the tolerance (docs/grid_accuracy.md).
     double narrowest = std::numeric_limits<double>::infinity();
     bool torques = false;
     for (int i = 0; i < particles.size(); i++) {
-        narrowest = std::min(narrowest, particles.hasTorque[i] ? torqueEnvelopeWidth(particles.radii[i])
-                                                               : forceEnvelopeWidth(particles.radii[i]));
+        narrowest =
+            std::min(narrowest, particles.hasTorque[i] ? torqueEnvelopeWidth(particles.radii[i])
+                                                       : forceEnvelopeWidth(particles.radii[i]));
         torques = torques || particles.hasTorque[i];
     }
     const double finer = torques ? 9 : 2, wider = torques ? 30 : 2;
@@ -41,7 +46,9 @@ GridResolution::GridResolution(const HydrodynamicParticles& particles, double wa
     cutoffInWidths = std::sqrt(2 * std::log(2 * wider / tolerance));
 }
 
-double GridResolution::cutoff(double radius) const { return cutoffInWidths * forceEnvelopeWidth(radius); }
+double GridResolution::cutoff(double radius) const {
+    return cutoffInWidths * forceEnvelopeWidth(radius);
+}
 
 GridShape GridResolution::shapeFor(const BoxVectors& box) const {
     GridShape shape;

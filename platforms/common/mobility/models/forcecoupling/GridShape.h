@@ -8,10 +8,13 @@
 namespace RigidHIPlugin {
 
 /**
- * A grid over a periodic box with edges along the axes. Nodes are at multiples of the spacing, z runs fastest.
+ * A grid over a periodic box with edges along the axes. Nodes are at multiples of the spacing, z
+ * runs fastest.
  *
- * A mirrored grid is that of a fluid between slip walls at y = 0 and half the edge along y: flows and forces are their own reflections there, so the nodes between the walls
- * tell all. Nodes are half a spacing away from the walls, for sums of cosines and sines of such nodes are transforms of half the length. The size along y is even.
+ * A mirrored grid is that of a fluid between slip walls at y = 0 and half the edge along y: flows
+ * and forces are their own reflections there, so the nodes between the walls tell all. Nodes are
+ * half a spacing away from the walls, for sums of cosines and sines of such nodes are transforms of
+ * half the length. The size along y is even.
  */
 struct GridShape {
     std::array<int, 3> size = {0, 0, 0};     // nodes along each axis
@@ -21,16 +24,20 @@ struct GridShape {
     double spacing(int axis) const { return edge[axis] / size[axis]; }
     double volume() const { return edge[0] * edge[1] * edge[2]; }
     long long numNodes() const { return (long long)size[0] * size[1] * size[2]; }
-    /** Rows of nodes along y that tell all: of a mirrored grid those between the walls, which are as many as its modes with ky >= 0. */
+    /** Rows of nodes along y that tell all: of a mirrored grid those between the walls, which are
+     * as many as its modes with ky >= 0. */
     int numRows() const { return mirrored ? size[1] / 2 : size[1]; }
     /** The place of the first node along an axis, nm. */
     double firstNode(int axis) const { return mirrored && axis == 1 ? 0.5 * spacing(axis) : 0; }
     /** Complex numbers in a row of modes: kz from 0 up, the others are their conjugates. */
     int numRowModes() const { return size[2] / 2 + 1; }
     /** The integer wave number of an index, from -size/2 on. */
-    int waveIndex(int axis, int index) const { return 2 * index < size[axis] ? index : index - size[axis]; }
+    int waveIndex(int axis, int index) const {
+        return 2 * index < size[axis] ? index : index - size[axis];
+    }
     double waveNumber(int axis, int index) const;
-    /** Whether an index is of the Nyquist plane, whose modes no grid tells from their mirror images: they are left out. */
+    /** Whether an index is of the Nyquist plane, whose modes no grid tells from their mirror
+     * images: they are left out. */
     bool isNyquist(int axis, int index) const { return 2 * index == size[axis]; }
     bool operator==(const GridShape& other) const {
         return size == other.size && edge == other.edge && mirrored == other.mirrored;
@@ -41,15 +48,20 @@ struct GridShape {
 class GridResolution {
 public:
     /**
-     * @param tolerance  of products: norm of their error over the norm of the mobility, both over the roots of the particles' own mobilities
+     * @param tolerance  of products: norm of their error over the norm of the mobility, both over
+     * the roots of the particles' own mobilities
      * @param spacing    nm; 0: as the tolerance wants
      */
     GridResolution(const HydrodynamicParticles& particles, double tolerance, double spacing);
-    /** For points whose force envelopes of this width end at this distance, on a grid that somebody else has chosen; nm. */
-    static GridResolution ofPoints(double width, double cutoff) { return GridResolution(cutoff / width); }
+    /** For points whose force envelopes of this width end at this distance, on a grid that somebody
+     * else has chosen; nm. */
+    static GridResolution ofPoints(double width, double cutoff) {
+        return GridResolution(cutoff / width);
+    }
     /** The largest spacing that will do, nm. */
     double getSpacing() const { return spacing; }
-    /** The tolerance that the spacing means: the one asked for, unless the user has set another spacing. */
+    /** The tolerance that the spacing means: the one asked for, unless the user has set another
+     * spacing. */
     double getTolerance() const { return tolerance; }
     /** The spacing at which products have no digit left, nm: that of a tolerance of 0.5. */
     double getCoarsestSpacing() const { return coarsest; }
@@ -59,13 +71,15 @@ public:
     GridShape shapeFor(const BoxVectors& box) const;
 
 private:
-    // Rounding: a finer grid is not better, and an exponential that underflows would have envelopes without end.
+    // Rounding: a finer grid is not better, and an exponential that underflows would have envelopes
+    // without end.
     static constexpr double smallestTolerance = 1e-14, largestTolerance = 0.5;
     explicit GridResolution(double cutoffInWidths) : cutoffInWidths(cutoffInWidths) {}
     double spacing = 0, tolerance = 0, coarsest = 0, cutoffInWidths;
 };
 
-/** The least even number from `least` up without prime factors above 7, for which transforms are fast. */
+/** The least even number from `least` up without prime factors above 7, for which transforms are
+ * fast. */
 int nextGridSize(double least);
 
 }  // namespace RigidHIPlugin

@@ -9,7 +9,8 @@ namespace RigidHIPlugin {
 GridStencils::GridStencils(const HydrodynamicParticles& particles, const GridResolution& resolution)
     : particles(particles), resolution(resolution), stencils(particles.size()) {}
 
-void GridStencils::moveTo(const GridShape& newShape, const std::vector<Vec3>& positions, bool keepAnchors) {
+void GridStencils::moveTo(const GridShape& newShape, const std::vector<Vec3>& positions,
+                          bool keepAnchors) {
     layOut(newShape);
     const bool hasNone = anchors.empty();
     bool moved = hasNone;
@@ -55,11 +56,13 @@ void GridStencils::layOut(const GridShape& newShape) {
 void GridStencils::anchor(int p, const Vec3& position) {
     Stencil& s = stencils[p];
     anchors[p] = position;
-    // Nodes go as far beyond walls as particles between them reach. A finite difference may lead a little behind one.
+    // Nodes go as far beyond walls as particles between them reach. A finite difference may lead a
+    // little behind one.
     if (shape.mirrored) anchors[p][1] = std::min(std::max(position[1], 0.0), 0.5 * shape.edge[1]);
     for (int axis = 0; axis < 3; axis++) {
         const double dx = shape.spacing(axis), L = shape.edge[axis];
-        const double x = anchors[p][axis] - shape.firstNode(axis), inBox = x - L * std::floor(x / L);
+        const double x = anchors[p][axis] - shape.firstNode(axis),
+                     inBox = x - L * std::floor(x / L);
         const int first = (int)std::floor(inBox / dx) - (int)std::ceil(s.cutoff / dx) + 1;
         s.first[axis] = first % shape.size[axis];
         if (s.first[axis] < 0) s.first[axis] += shape.size[axis];
@@ -71,7 +74,8 @@ void GridStencils::weigh(int p, const Vec3& offset) {
     const Stencil& s = stencils[p];
     const size_t all = numbersOfKind(s);
     for (int torque = 0; torque < kinds(p) / 2; torque++) {
-        const double width = torque ? torqueEnvelopeWidth(particles.radii[p]) : forceEnvelopeWidth(particles.radii[p]);
+        const double width = torque ? torqueEnvelopeWidth(particles.radii[p])
+                                    : forceEnvelopeWidth(particles.radii[p]);
         const double narrowness = 1 / (width * width);
         for (int axis = 0; axis < 3; axis++) {
             const double dx = shape.spacing(axis), centre = s.anchor[axis] + offset[axis];
@@ -102,7 +106,8 @@ void GridStencils::forSlabs(int p, const Visit& visit) const {
     };
     const int wrapped = end - numPlanes;
     if (wrapped <= 0 || wrapped > s.first[0]) {
-        visitFrom(wrapped > 0 ? 0 : s.first[0] / slabWidth, wrapped > 0 ? numSlabs - 1 : (end - 1) / slabWidth);
+        visitFrom(wrapped > 0 ? 0 : s.first[0] / slabWidth,
+                  wrapped > 0 ? numSlabs - 1 : (end - 1) / slabWidth);
         return;
     }
     const int lastOfWrapped = (wrapped - 1) / slabWidth, firstOfOthers = s.first[0] / slabWidth;
@@ -160,7 +165,8 @@ void GridStencils::cutBall(Slice& slice, int planes) {
     slice.rows = ranges.size();
     for (int j = 0; j < s.width[1]; j++) {
         const double y = j * shape.spacing(1) - s.anchor[1];
-        ranges.push_back(within(s.cutoff * s.cutoff - x * x - y * y, s.anchor[2], shape.spacing(2), s.width[2]));
+        ranges.push_back(
+            within(s.cutoff * s.cutoff - x * x - y * y, s.anchor[2], shape.spacing(2), s.width[2]));
     }
 }
 

@@ -10,21 +10,28 @@
 namespace RigidHIPlugin {
 
 /**
- * The nodes to which particles spread forces, and over which they average, with the factors of the weights along each axis.
+ * The nodes to which particles spread forces, and over which they average, with the factors of the
+ * weights along each axis.
  *
- * The grid is cut into slabs of slabWidth planes across x, and a particle's nodes into slices, one for each slab that it reaches: the nodes of a slice are the planes
- * of the slab times those rows and nodes along y and z that a ball about an anchor has in its nearest plane. The anchor is the accepted position of the particle.
- * The nodes stay while a finite difference moves it a little, for a node more or less would be a jump of the size of the tolerance. Weights are never
- * renormalised: averaging is the transpose of spreading. Where a ball is larger than the box, several of its nodes are the same node of the grid, and weights add up.
- * On a mirrored grid particles have their centres between the walls, and no images: whoever spreads and averages reflects nodes.
+ * The grid is cut into slabs of slabWidth planes across x, and a particle's nodes into slices, one
+ * for each slab that it reaches: the nodes of a slice are the planes of the slab times those rows
+ * and nodes along y and z that a ball about an anchor has in its nearest plane. The anchor is the
+ * accepted position of the particle. The nodes stay while a finite difference moves it a little,
+ * for a node more or less would be a jump of the size of the tolerance. Weights are never
+ * renormalised: averaging is the transpose of spreading. Where a ball is larger than the box,
+ * several of its nodes are the same node of the grid, and weights add up. On a mirrored grid
+ * particles have their centres between the walls, and no images: whoever spreads and averages
+ * reflects nodes.
  */
 class GridStencils {
 public:
     GridStencils(const HydrodynamicParticles& particles, const GridResolution& resolution);
     /** Make weights for a grid, without positions yet. */
     void layOut(const GridShape& shape);
-    /** To these positions, nm, not wrapped; anchors go there too, unless they are to be kept and are within a tenth of the spacing. */
-    void moveTo(const GridShape& shape, const std::vector<OpenMM::Vec3>& positions, bool keepAnchors);
+    /** To these positions, nm, not wrapped; anchors go there too, unless they are to be kept and
+     * are within a tenth of the spacing. */
+    void moveTo(const GridShape& shape, const std::vector<OpenMM::Vec3>& positions,
+                bool keepAnchors);
 
     const HydrodynamicParticles& getParticles() const { return particles; }
     const GridShape& getShape() const { return shape; }
@@ -33,10 +40,13 @@ public:
 
     /** Planes of a slab: as many as packs have columns. The last slab may have fewer. */
     static constexpr int slabWidth = 8;
-    static int slabsOf(const GridShape& shape) { return (shape.size[0] + slabWidth - 1) / slabWidth; }
+    static int slabsOf(const GridShape& shape) {
+        return (shape.size[0] + slabWidth - 1) / slabWidth;
+    }
     int planesOf(int slab) const { return std::min(slabWidth, shape.size[0] - slabWidth * slab); }
 
-    /** One particle's stencil: `width` nodes along each axis from `first` on (from 0 to size - 1, wrapping is the caller's). */
+    /** One particle's stencil: `width` nodes along each axis from `first` on (from 0 to size - 1,
+     * wrapping is the caller's). */
     struct alignas(64) Stencil {
         int first[3] = {0, 0, 0};
         int width[3] = {0, 0, 0};
@@ -46,15 +56,19 @@ public:
     };
     const Stencil& operator[](int particle) const { return stencils[particle]; }
 
-    /** Kinds of weights along an axis: of the force envelope and its derivative by the distance, of the torque envelope and its. */
+    /** Kinds of weights along an axis: of the force envelope and its derivative by the distance, of
+     * the torque envelope and its. */
     enum Kind { Force, ForceSlope, Torque, TorqueSlope };
     /**
-     * Weights of a kind along an axis, one a node of the stencil. The product of three is the envelope times the root of a node's volume, so that averaging
-     * is the transpose of spreading. Torque kinds: only of particles with torque. Along x slabWidth zeros are before them, and after them.
+     * Weights of a kind along an axis, one a node of the stencil. The product of three is the
+     * envelope times the root of a node's volume, so that averaging is the transpose of spreading.
+     * Torque kinds: only of particles with torque. Along x slabWidth zeros are before them, and
+     * after them.
      */
     const double* weightsOf(int particle, int axis, Kind kind) const {
         const Stencil& s = stencils[particle];
-        const int before[3] = {slabWidth, s.width[0] + 2 * slabWidth, s.width[0] + 2 * slabWidth + s.width[1]};
+        const int before[3] = {slabWidth, s.width[0] + 2 * slabWidth,
+                               s.width[0] + 2 * slabWidth + s.width[1]};
         return &weights[s.weights + kind * numbersOfKind(s) + before[axis]];
     }
 
@@ -62,16 +76,21 @@ public:
     struct Range {
         int begin, end;
     };
-    /** What a particle has of a slab: its node `offset` + i along x is in plane i of the slab. `offset` may be negative, and beyond it and the width there is none. */
+    /** What a particle has of a slab: its node `offset` + i along x is in plane i of the slab.
+     * `offset` may be negative, and beyond it and the width there is none. */
     struct Slice {
         int particle, offset;
         size_t rows;
     };
-    /** Rows in which particles may begin that follow each other by their places along z: so many that what they reach stays in the first cache. */
+    /** Rows in which particles may begin that follow each other by their places along z: so many
+     * that what they reach stays in the first cache. */
     static constexpr int rowsOfTile = 4;
     /** No later slice of a slab reaches rows before this one, but across the end. */
-    int firstRowOfTile(const Slice& slice) const { return stencils[slice.particle].first[1] / rowsOfTile * rowsOfTile; }
-    /** The slices of a slab, by tiles of first rows: those with numbers from beginOfSlab(slab) up to before beginOfSlab(slab + 1). */
+    int firstRowOfTile(const Slice& slice) const {
+        return stencils[slice.particle].first[1] / rowsOfTile * rowsOfTile;
+    }
+    /** The slices of a slab, by tiles of first rows: those with numbers from beginOfSlab(slab) up
+     * to before beginOfSlab(slab + 1). */
     int beginOfSlab(int slab) const { return slabs[slab]; }
     int numSlices() const { return slices.size(); }
     const Slice& slice(int number) const { return slices[number]; }
@@ -91,7 +110,8 @@ public:
     }
 
 private:
-    /** Nodes at multiples of the spacing that are no farther from the centre than the root of the square. */
+    /** Nodes at multiples of the spacing that are no farther from the centre than the root of the
+     * square. */
     static Range within(double square, double centre, double spacing, int width) {
         if (!(square >= 0)) return {0, 0};
         const double half = std::sqrt(square);
@@ -99,7 +119,9 @@ private:
                   end = std::min(width, (int)std::floor((centre + half) / spacing) + 1);
         return {begin, std::max(begin, end)};
     }
-    static size_t numbersOfKind(const Stencil& s) { return s.width[0] + 2 * slabWidth + s.width[1] + s.width[2]; }
+    static size_t numbersOfKind(const Stencil& s) {
+        return s.width[0] + 2 * slabWidth + s.width[1] + s.width[2];
+    }
     int kinds(int particle) const { return particles.hasTorque[particle] ? 4 : 2; }
     bool isNear(const OpenMM::Vec3& offset) const;
     template <class Visit>

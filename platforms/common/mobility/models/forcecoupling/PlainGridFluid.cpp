@@ -14,7 +14,8 @@ namespace {
 
 typedef GridStencils::Kind Kind;
 
-/** Call visit(node, i, j, k) for all nodes of a stencil, with the places of its weights along the axes. */
+/** Call visit(node, i, j, k) for all nodes of a stencil, with the places of its weights along the
+ * axes. */
 template <class Visit>
 void forNodes(const GridStencils& stencils, int p, const Visit& visit) {
     const GridStencils::Stencil& s = stencils[p];
@@ -22,17 +23,22 @@ void forNodes(const GridStencils& stencils, int p, const Visit& visit) {
     const GridStencils::Range own = stencils.slicesOf(p);
     for (int number = own.begin; number < own.end; number++) {
         const GridStencils::Slice& slice = stencils.slice(stencils.sliceNumber(number));
-        const int planes = stencils.planesOf((s.first[0] + std::max(0, slice.offset)) % n[0] / GridStencils::slabWidth);
-        for (int i = std::max(0, slice.offset); i < std::min(s.width[0], slice.offset + planes); i++)
+        const int planes = stencils.planesOf((s.first[0] + std::max(0, slice.offset)) % n[0] /
+                                             GridStencils::slabWidth);
+        for (int i = std::max(0, slice.offset); i < std::min(s.width[0], slice.offset + planes);
+             i++)
             for (int j = 0; j < s.width[1]; j++) {
                 const GridStencils::Range range = stencils.nodesOf(slice, j);
-                const size_t row = ((size_t)((s.first[0] + i) % n[0]) * n[1] + (s.first[1] + j) % n[1]) * n[2];
-                for (int k = range.begin; k < range.end; k++) visit(row + (s.first[2] + k) % n[2], i, j, k);
+                const size_t row =
+                    ((size_t)((s.first[0] + i) % n[0]) * n[1] + (s.first[1] + j) % n[1]) * n[2];
+                for (int k = range.begin; k < range.end; k++)
+                    visit(row + (s.first[2] + k) % n[2], i, j, k);
             }
     }
 }
 
-/** An envelope of a particle and its derivatives: slopes by x along the given axis, others plain. */
+/** An envelope of a particle and its derivatives: slopes by x along the given axis, others plain.
+ */
 struct Envelope {
     const double *w[3], *slope[3];
     Envelope(const GridStencils& stencils, int p, Kind kind, Kind slopeKind) {
@@ -50,7 +56,8 @@ struct Envelope {
     }
 };
 
-/** Calls visit(number, indices, k, k^2) for all modes of a grid; k^2 = 0 for those that are left out. */
+/** Calls visit(number, indices, k, k^2) for all modes of a grid; k^2 = 0 for those that are left
+ * out. */
 template <class Visit>
 void forModes(const GridShape& shape, const Visit& visit) {
     size_t at = 0;
@@ -105,17 +112,19 @@ void PlainGridFluid::prepare(const GridShape& shape) {
         work.values[c].resize(shape.numNodes());
         modes[c].resize(2 * (size_t)n[0] * n[1] * shape.numRowModes());
     }
-    forwardPlan = fftw_plan_dft_r2c_3d(n[0], n[1], n[2], work.values[0].data(), (fftw_complex*)modes[0].data(),
-                                       FFTW_ESTIMATE | FFTW_UNALIGNED);
-    backwardPlan = fftw_plan_dft_c2r_3d(n[0], n[1], n[2], (fftw_complex*)modes[0].data(), work.values[0].data(),
-                                        FFTW_ESTIMATE | FFTW_UNALIGNED);
+    forwardPlan =
+        fftw_plan_dft_r2c_3d(n[0], n[1], n[2], work.values[0].data(),
+                             (fftw_complex*)modes[0].data(), FFTW_ESTIMATE | FFTW_UNALIGNED);
+    backwardPlan = fftw_plan_dft_c2r_3d(n[0], n[1], n[2], (fftw_complex*)modes[0].data(),
+                                        work.values[0].data(), FFTW_ESTIMATE | FFTW_UNALIGNED);
 }
 
 /** f(x) = sum over particles of F Delta(x - Y) + curl(T Theta(x - Y))/2 */
 void PlainGridFluid::spread(const GridStencils& stencils, const double* forces) {
     const TimeOfLife timer(seconds.spreading);
     const HydrodynamicParticles& particles = stencils.getParticles();
-    for (AlignedArray& component : work.values) std::fill(component.data(), component.data() + component.size(), 0.0);
+    for (AlignedArray& component : work.values)
+        std::fill(component.data(), component.data() + component.size(), 0.0);
     for (int p = 0; p < particles.size(); p++) {
         const double* F = forces + particles.firstRow[p];
         const Envelope force(stencils, p, Kind::Force, Kind::ForceSlope);
@@ -145,7 +154,8 @@ void PlainGridFluid::addReflections() {
         for (int x = 0; x < n[0]; x++)
             for (int y = 0; y < n[1] / 2; y++) {
                 double* const plane = work.values[c].data() + (size_t)x * n[1] * n[2];
-                double *row = plane + (size_t)y * n[2], *reflected = plane + (size_t)(n[1] - 1 - y) * n[2];
+                double *row = plane + (size_t)y * n[2],
+                       *reflected = plane + (size_t)(n[1] - 1 - y) * n[2];
                 const int sign = c == 1 ? -1 : 1;
                 for (int z = 0; z < n[2]; z++) {
                     row[z] += sign * reflected[z];
@@ -164,11 +174,12 @@ void PlainGridFluid::store(size_t at, const complex<double>* u) {
 void PlainGridFluid::backward(GridField& field) {
     const TimeOfLife timer(seconds.transforms);
     for (int c = 0; c < 3; c++)
-        fftw_execute_dft_c2r((fftw_plan)backwardPlan, (fftw_complex*)modes[c].data(), field.values[c].data());
+        fftw_execute_dft_c2r((fftw_plan)backwardPlan, (fftw_complex*)modes[c].data(),
+                             field.values[c].data());
 }
 
-void PlainGridFluid::multiplyColumn(const GridStencils& stencils, double viscosity, const double* forces,
-                                    double* velocities) {
+void PlainGridFluid::multiplyColumn(const GridStencils& stencils, double viscosity,
+                                    const double* forces, double* velocities) {
     prepare(stencils.getShape());
     work.shape = planned;
     work.rowLength = planned.size[2];
@@ -180,14 +191,16 @@ void PlainGridFluid::multiplyColumn(const GridStencils& stencils, double viscosi
 
 void PlainGridFluid::forward() {
     for (int c = 0; c < 3; c++)
-        fftw_execute_dft_r2c((fftw_plan)forwardPlan, work.values[c].data(), (fftw_complex*)modes[c].data());
+        fftw_execute_dft_r2c((fftw_plan)forwardPlan, work.values[c].data(),
+                             (fftw_complex*)modes[c].data());
 }
 
 /** From the forces on nodes to the modes of the flow. */
 void PlainGridFluid::respond(double viscosity) {
     const TimeOfLife timer(seconds.transforms);
     forward();
-    // u(k) = (1 - k k/k^2) f(k)/(eta k^2); transforms there and back multiply by the number of nodes.
+    // u(k) = (1 - k k/k^2) f(k)/(eta k^2); transforms there and back multiply by the number of
+    // nodes.
     const double scale = 1 / (viscosity * planned.numNodes());
     forModes(planned, [&](size_t at, const int*, const double* k, double k2) {
         complex<double> u[3] = {};
@@ -199,8 +212,8 @@ void PlainGridFluid::respond(double viscosity) {
     });
 }
 
-void PlainGridFluid::drawModes(const GridStencils& stencils, double viscosity, const ModeNoise& noise,
-                               GridField& field) {
+void PlainGridFluid::drawModes(const GridStencils& stencils, double viscosity,
+                               const ModeNoise& noise, GridField& field) {
     const GridShape& shape = stencils.getShape();
     prepare(shape);
     field.shape = shape;
@@ -219,7 +232,8 @@ void PlainGridFluid::drawInto(const GridShape& shape, double viscosity, const Mo
         if (k2 > 0) {
             const int nx = shape.waveIndex(0, index[0]);
             noise.fill(&nx, 1, shape.waveIndex(1, index[1]), index[2], zeta);
-            project(k, k2, scale * (factors ? factorOf(*factors, index, k2) : 1 / std::sqrt(k2)), zeta);
+            project(k, k2, scale * (factors ? factorOf(*factors, index, k2) : 1 / std::sqrt(k2)),
+                    zeta);
             // Numbers are those of modes from y = 0 on, modes here those from the first node on.
             for (complex<double>& u : zeta) u *= std::polar(1.0, k[1] * shape.firstNode(1));
         }
@@ -233,8 +247,8 @@ namespace {
 
 /** u <- i k x u/2: half of the curl; its own adjoint. */
 void halfCurl(const double* k, complex<double>* u) {
-    const complex<double> half(0, 0.5), x = k[1] * u[2] - k[2] * u[1], y = k[2] * u[0] - k[0] * u[2],
-                                        z = k[0] * u[1] - k[1] * u[0];
+    const complex<double> half(0, 0.5),
+        x = k[1] * u[2] - k[2] * u[1], y = k[2] * u[0] - k[0] * u[2], z = k[0] * u[1] - k[1] * u[0];
     u[0] = half * x;
     u[1] = half * y;
     u[2] = half * z;
@@ -242,8 +256,8 @@ void halfCurl(const double* k, complex<double>* u) {
 
 }  // namespace
 
-void PlainGridFluid::multiplyChannels(const std::vector<GridChannel>& channels, double viscosity, bool,
-                                      const double* forces, double* velocities) {
+void PlainGridFluid::multiplyChannels(const std::vector<GridChannel>& channels, double viscosity,
+                                      bool, const double* forces, double* velocities) {
     prepare(channels[0].stencils->getShape());
     work.shape = planned;
     work.rowLength = planned.size[2];
@@ -258,7 +272,8 @@ void PlainGridFluid::multiplyChannels(const std::vector<GridChannel>& channels, 
             std::copy_n(modes[c].data(), modes[c].size(), modesOfChannels[3 * g + c].data());
         }
     }
-    // f(k) = sum over channels of phi f, or phi i k x T/2; u(k) = (1 - k k/k^2) f(k)/eta, and so back.
+    // f(k) = sum over channels of phi f, or phi i k x T/2; u(k) = (1 - k k/k^2) f(k)/eta, and so
+    // back.
     const double scale = 1 / (viscosity * planned.numNodes());
     for (size_t g = 0; g < channels.size(); g++) {
         forModes(planned, [&](size_t at, const int* index, const double* k, double k2) {
@@ -266,8 +281,8 @@ void PlainGridFluid::multiplyChannels(const std::vector<GridChannel>& channels, 
             for (size_t h = 0; h < channels.size() && k2 > 0; h++) {
                 const double phi = factorOf(*channels[h].factors, index, k2);
                 for (int c = 0; c < 3; c++)
-                    f[c] = phi *
-                           complex<double>(modesOfChannels[3 * h + c][2 * at], modesOfChannels[3 * h + c][2 * at + 1]);
+                    f[c] = phi * complex<double>(modesOfChannels[3 * h + c][2 * at],
+                                                 modesOfChannels[3 * h + c][2 * at + 1]);
                 if (channels[h].ofTorques) halfCurl(k, f);
                 for (int c = 0; c < 3; c++) u[c] += f[c];
             }
@@ -281,8 +296,8 @@ void PlainGridFluid::multiplyChannels(const std::vector<GridChannel>& channels, 
     }
 }
 
-void PlainGridFluid::drawChannels(const std::vector<GridChannel>& channels, double viscosity, const ModeNoise& noise,
-                                  std::vector<GridField>& fields) {
+void PlainGridFluid::drawChannels(const std::vector<GridChannel>& channels, double viscosity,
+                                  const ModeNoise& noise, std::vector<GridField>& fields) {
     const GridShape& shape = channels[0].stencils->getShape();
     prepare(shape);
     const double scale = 1 / std::sqrt(viscosity * shape.numNodes());
@@ -314,12 +329,14 @@ void GridFlow::draw(const GridStencils& stencils, double viscosity, const ModeNo
     draw(stencils.getShape(), viscosity, noise, nullptr);
 }
 
-void GridFlow::draw(const GridShape& shape, double viscosity, const ModeNoise& noise, const GridFactors* factors) {
+void GridFlow::draw(const GridShape& shape, double viscosity, const ModeNoise& noise,
+                    const GridFactors* factors) {
     fluid.prepare(shape);
     fluid.drawInto(shape, viscosity, GridModeNoise(shape, noise), factors);
 }
 
-void GridFlow::addAt(const std::vector<OpenMM::Vec3>& points, double factor, Eigen::Matrix3Xd& velocities) {
+void GridFlow::addAt(const std::vector<OpenMM::Vec3>& points, double factor,
+                     Eigen::Matrix3Xd& velocities) {
     const GridShape& shape = fluid.planned;
     const int m = shape.numRowModes(), numPoints = points.size();
     Eigen::MatrixXcd phases[3];  // exp(ikx) of index and point
@@ -327,8 +344,8 @@ void GridFlow::addAt(const std::vector<OpenMM::Vec3>& points, double factor, Eig
         phases[axis].resize(axis == 2 ? m : shape.size[axis], numPoints);
         for (int i = 0; i < phases[axis].rows(); i++)
             for (int p = 0; p < numPoints; p++)
-                phases[axis](i, p) =
-                    std::polar(1.0, shape.waveNumber(axis, i) * (points[p][axis] - shape.firstNode(axis)));
+                phases[axis](i, p) = std::polar(
+                    1.0, shape.waveNumber(axis, i) * (points[p][axis] - shape.firstNode(axis)));
     }
     // The other half of the modes are conjugates; those with kz = 0 are all there.
     phases[2].bottomRows(m - 1) *= 2;
@@ -337,14 +354,18 @@ void GridFlow::addAt(const std::vector<OpenMM::Vec3>& points, double factor, Eig
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < shape.size[0]; i++) {
             const complex<double>* plane =
-                reinterpret_cast<const complex<double>*>(fluid.modes[c].data()) + (size_t)i * shape.size[1] * m;
-            rows.noalias() = phases[2].transpose() * Eigen::Map<const Eigen::MatrixXcd>(plane, m, shape.size[1]);
+                reinterpret_cast<const complex<double>*>(fluid.modes[c].data()) +
+                (size_t)i * shape.size[1] * m;
+            rows.noalias() =
+                phases[2].transpose() * Eigen::Map<const Eigen::MatrixXcd>(plane, m, shape.size[1]);
             for (int p = 0; p < numPoints; p++)
-                velocities(c, p) += factor * (phases[0](i, p) * (rows.row(p) * phases[1].col(p))(0, 0)).real();
+                velocities(c, p) +=
+                    factor * (phases[0](i, p) * (rows.row(p) * phases[1].col(p))(0, 0)).real();
         }
 }
 
-double amplitudeOfMode(const GridShape& shape, double viscosity, const ModeNoise& noise, const DrivenFlow& wave) {
+double amplitudeOfMode(const GridShape& shape, double viscosity, const ModeNoise& noise,
+                       const DrivenFlow& wave) {
     int n[3] = {0, 0, 0};
     double k[3] = {0, 0, 0};
     n[wave.waveAxis] = std::lround(wave.k * shape.edge[wave.waveAxis] / (2 * M_PI));
@@ -353,10 +374,12 @@ double amplitudeOfMode(const GridShape& shape, double viscosity, const ModeNoise
     GridModeNoise(shape, noise).fill(&n[0], 1, n[1], n[2], u);
     project(k, wave.k * wave.k, 1 / std::sqrt(viscosity * shape.volume()) / wave.k, u);
     // u exp(ikx) and its conjugate: 2 Re(u) cos(kx) - 2 Im(u) sin(kx)
-    return 2 * u[wave.forceAxis].real() * std::sin(wave.phase) - 2 * u[wave.forceAxis].imag() * std::cos(wave.phase);
+    return 2 * u[wave.forceAxis].real() * std::sin(wave.phase) -
+           2 * u[wave.forceAxis].imag() * std::cos(wave.phase);
 }
 
-void PlainGridFluid::averageColumn(const GridField& field, const GridStencils& stencils, double* velocities) {
+void PlainGridFluid::averageColumn(const GridField& field, const GridStencils& stencils,
+                                   double* velocities) {
     const TimeOfLife timer(seconds.averaging);
     const HydrodynamicParticles& particles = stencils.getParticles();
     for (int p = 0; p < particles.size(); p++) {
@@ -383,7 +406,8 @@ void PlainGridFluid::averageColumn(const GridField& field, const GridStencils& s
     }
 }
 
-void PlainGridFluid::averageGradientColumn(const GridField& field, const GridStencils& stencils, double* gradients) {
+void PlainGridFluid::averageGradientColumn(const GridField& field, const GridStencils& stencils,
+                                           double* gradients) {
     const TimeOfLife timer(seconds.averaging);
     const HydrodynamicParticles& particles = stencils.getParticles();
     std::fill(gradients, gradients + 9 * (size_t)particles.size(), 0.0);
@@ -393,7 +417,8 @@ void PlainGridFluid::averageGradientColumn(const GridField& field, const GridSte
             double g[3];
             force.gradient(i, j, k, g);
             for (int a = 0; a < 3; a++)
-                for (int b = 0; b < 3; b++) gradients[9 * p + 3 * a + b] -= g[b] * field.values[a][node];
+                for (int b = 0; b < 3; b++)
+                    gradients[9 * p + 3 * a + b] -= g[b] * field.values[a][node];
         });
     }
 }

@@ -28,21 +28,24 @@ void reduce(Matrix3d& v) {
     for (bool shorter = true; shorter;) {
         sortByLength(v);
         shorter = false;
-        const Vector3d second = v.col(1) - std::round(v.col(1).dot(v.col(0)) / v.col(0).squaredNorm()) * v.col(0);
+        const Vector3d second =
+            v.col(1) - std::round(v.col(1).dot(v.col(0)) / v.col(0).squaredNorm()) * v.col(0);
         if (second.squaredNorm() < gain * v.col(1).squaredNorm()) {
             v.col(1) = second;
             shorter = true;
             continue;
         }
-        // The third vector, less what it has along the plane of the others; of the neighbours the shortest.
+        // The third vector, less what it has along the plane of the others; of the neighbours the
+        // shortest.
         Eigen::Matrix2d gram;
-        gram << v.col(0).squaredNorm(), v.col(0).dot(v.col(1)), v.col(0).dot(v.col(1)), v.col(1).squaredNorm();
+        gram << v.col(0).squaredNorm(), v.col(0).dot(v.col(1)), v.col(0).dot(v.col(1)),
+            v.col(1).squaredNorm();
         const Eigen::Vector2d along = gram.inverse() * (v.leftCols<2>().transpose() * v.col(2));
         Vector3d best = v.col(2);
         for (int x = -1; x <= 1; x++)
             for (int y = -1; y <= 1; y++) {
-                const Vector3d trial =
-                    v.col(2) - (std::round(along[0]) + x) * v.col(0) - (std::round(along[1]) + y) * v.col(1);
+                const Vector3d trial = v.col(2) - (std::round(along[0]) + x) * v.col(0) -
+                                       (std::round(along[1]) + y) * v.col(1);
                 if (trial.squaredNorm() < gain * best.squaredNorm()) best = trial;
             }
         shorter = best != v.col(2);
@@ -50,7 +53,8 @@ void reduce(Matrix3d& v) {
     }
 }
 
-/** How many of each reciprocal (lattice) vector a sphere can need: |n_i| = |v.a_i| <= length |a_i|. */
+/** How many of each reciprocal (lattice) vector a sphere can need: |n_i| = |v.a_i| <= length |a_i|.
+ */
 Vector3i counts(const Matrix3d& dual, double length) {
     Vector3i n;
     for (int k = 0; k < 3; k++) n[k] = std::floor(length * dual.col(k).norm() * (1 + 1e-12));
@@ -63,14 +67,16 @@ Lattice::Lattice(const BoxVectors& box) {
     for (int k = 0; k < 3; k++) vectors.col(k) = Vector3d(box[k][0], box[k][1], box[k][2]);
     if (!(std::abs(vectors.determinant()) > 0) || !vectors.allFinite())
         throw OpenMM::OpenMMException(
-            "MobilityForce: boundary Periodic needs a periodic box, but its vectors span a volume of " +
+            "MobilityForce: boundary Periodic needs a periodic box, but its vectors span a volume "
+            "of " +
             text(vectors.determinant()) + " nm^3; call setPeriodicBoxVectors() on the Context");
     reduce(vectors);
     volume = std::abs(vectors.determinant());
     inverse = vectors.inverse();
     reciprocal = 2 * M_PI * inverse.transpose();
     for (int x = -1; x <= 1; x += 2)
-        for (int y = -1; y <= 1; y += 2) reach = std::max(reach, (vectors * Vector3d(0.5, 0.5 * x, 0.5 * y)).norm());
+        for (int y = -1; y <= 1; y += 2)
+            reach = std::max(reach, (vectors * Vector3d(0.5, 0.5 * x, 0.5 * y)).norm());
 }
 
 Vector3d Lattice::fractions(const OpenMM::Vec3& place) const {

@@ -22,7 +22,8 @@ namespace {
 /** Terms are cut where their Gaussians are exp(-q^2) = 2e-16. */
 const double depth = 6;
 
-/** Times in ns, measured: a function of the distance at one node for one image; one multiplication in the product of waves. */
+/** Times in ns, measured: a function of the distance at one node for one image; one multiplication
+ * in the product of waves. */
 const double timeOfNode = 4, timeOfProduct = 0.06;
 
 /** Waves done at once: so many columns stay in a cache. */
@@ -33,14 +34,15 @@ double screening(double x) { return (1 + x * x) * std::exp(-x * x); }
 
 }  // namespace
 
-LatticeSum::LatticeSum(const HydrodynamicParticles& particles, const Spreading& spreading, bool stresslets,
-                       bool forPoints)
+LatticeSum::LatticeSum(const HydrodynamicParticles& particles, const Spreading& spreading,
+                       bool stresslets, bool forPoints)
     : particles(particles), spreading(spreading), stresslets(stresslets), kinds(particles.radii) {
     if (forPoints) kinds.push_back(0);
     std::sort(kinds.begin(), kinds.end());
     kinds.erase(std::unique(kinds.begin(), kinds.end()), kinds.end());
     for (int i = 0; i < particles.size(); i++) {
-        kind.push_back(std::lower_bound(kinds.begin(), kinds.end(), particles.radii[i]) - kinds.begin());
+        kind.push_back(std::lower_bound(kinds.begin(), kinds.end(), particles.radii[i]) -
+                       kinds.begin());
         hasTorques = hasTorques || particles.hasTorque[i];
     }
     if (kinds.empty()) return;
@@ -48,14 +50,15 @@ LatticeSum::LatticeSum(const HydrodynamicParticles& particles, const Spreading& 
     largest = kinds.back();
 }
 
-// ---------------------------------------------------------------------------------------------------------------------
+// -------------------------------------------------------------------------------------------------
 // What depends on the box
 
 /** Time of a pair, ns, up to a constant. */
 double LatticeSum::estimateCost(double inverse) const {
-    const double wave = spreading.largestWave(depth, inverse, smallest, hasTorques), rows = stresslets   ? 11
-                                                                                            : hasTorques ? 6
-                                                                                                         : 3;
+    const double wave = spreading.largestWave(depth, inverse, smallest, hasTorques),
+                 rows = stresslets   ? 11
+                        : hasTorques ? 6
+                                     : 3;
     const double numWaves = lattice.getVolume() * wave * wave * wave / (12 * M_PI * M_PI);
     double cost = timeOfProduct * 2 * rows * rows * numWaves;
     if (inverse > 0) {
@@ -106,7 +109,8 @@ void LatticeSum::setBox(const BoxVectors& newBox) {
         const double k = (lattice.getReciprocal() * waves[w].cast<double>()).norm();
         waveLengths[w] = k;
         // Both k and -k; the root, since a column is multiplied by itself.
-        waveWeights[w] = std::sqrt(16 * M_PI / lattice.getVolume() * screening(0.5 * k * inverseSplitting)) / k;
+        waveWeights[w] =
+            std::sqrt(16 * M_PI / lattice.getVolume() * screening(0.5 * k * inverseSplitting)) / k;
     }
     fillFactors(waveLengths, ofWaves);
     images.clear();
@@ -114,20 +118,23 @@ void LatticeSum::setBox(const BoxVectors& newBox) {
     if (inverseSplitting == 0) return;
     reach = spreading.reach(depth, inverseSplitting, largest);
     images = lattice.within(reach + lattice.getReach());
-    // What the rule sees of other periods is beyond twice the reach of the functions, at distances within it.
+    // What the rule sees of other periods is beyond twice the reach of the functions, at distances
+    // within it.
     step = M_PI / reach;
     const int numNodes = std::ceil(largestWave / step);
     nodes = ArrayXd::LinSpaced(numNodes + 1, 0, numNodes * step);
     nodeWeights.resize(numNodes + 1);
     for (int n = 0; n <= numNodes; n++)
-        nodeWeights[n] = 4 / M_PI * step * (n == 0 ? 0.5 : 1) * screening(0.5 * nodes[n] * inverseSplitting);
+        nodeWeights[n] =
+            4 / M_PI * step * (n == 0 ? 0.5 : 1) * screening(0.5 * nodes[n] * inverseSplitting);
     fillFactors(nodes, ofNodes);
 }
 
-// ---------------------------------------------------------------------------------------------------------------------
+// -------------------------------------------------------------------------------------------------
 // The matrix
 
-void LatticeSum::compute(const std::vector<OpenMM::Vec3>& positions, bool contact, MatrixXd& matrix) {
+void LatticeSum::compute(const std::vector<OpenMM::Vec3>& positions, bool contact,
+                         MatrixXd& matrix) {
     matrix.setZero(getNumRows(), getNumRows());
     if (particles.size() == 0) return;
     addWaves(positions, matrix);
@@ -157,12 +164,14 @@ namespace {
 /** Two directions across a wave vector. */
 struct Across {
     Vector3d e[2];
-    explicit Across(const Vector3d& k) : e{k.unitOrthogonal(), k.cross(k.unitOrthogonal()).normalized()} {}
+    explicit Across(const Vector3d& k)
+        : e{k.unitOrthogonal(), k.cross(k.unitOrthogonal()).normalized()} {}
 };
 
 }  // namespace
 
-/** Columns for k, both directions e across it, cosine and sine: of sum over particles D_j exp(-i k.r_j), along e. */
+/** Columns for k, both directions e across it, cosine and sine: of sum over particles D_j exp(-i
+ * k.r_j), along e. */
 void LatticeSum::fillColumns(int first, int size) {
     for (int w = first; w < first + size; w++) {
         const Vector3d k = lattice.getReciprocal() * waves[w].cast<double>();
@@ -190,8 +199,10 @@ void LatticeSum::fillColumns(int first, int size) {
                     columns.block<3, 1>(row + 3, column + 1) = turnedSine * half[d];
                 }
                 if (stresslets) {
-                    columns.block<5, 1>(firstStresslet(i), column) = -turnedCosine * strain[d].transpose();
-                    columns.block<5, 1>(firstStresslet(i), column + 1) = -turnedSine * strain[d].transpose();
+                    columns.block<5, 1>(firstStresslet(i), column) =
+                        -turnedCosine * strain[d].transpose();
+                    columns.block<5, 1>(firstStresslet(i), column + 1) =
+                        -turnedSine * strain[d].transpose();
                 }
             }
         }
@@ -210,8 +221,8 @@ void LatticeSum::addWaves(const std::vector<OpenMM::Vec3>& positions, MatrixXd& 
 }
 
 void LatticeSum::setPairWeights(int kind_i, int kind_j, bool torques) {
-    const auto s_i = ofNodes.s.col(kind_i), s_j = ofNodes.s.col(kind_j), t_i = ofNodes.t.col(kind_i),
-               t_j = ofNodes.t.col(kind_j);
+    const auto s_i = ofNodes.s.col(kind_i), s_j = ofNodes.s.col(kind_j),
+               t_i = ofNodes.t.col(kind_i), t_j = ofNodes.t.col(kind_j);
     withTorques = torques;
     ss = nodeWeights * s_i * s_j;
     if (!withTorques) return;
@@ -246,14 +257,16 @@ void LatticeSum::screenedNear(double distance, PairFunctions& f) const {
     }
 }
 
-/** The same for several images, where k r >= 1 but at k = 0: recurrences from node to node, and upwards in the order. */
+/** The same for several images, where k r >= 1 but at k = 0: recurrences from node to node, and
+ * upwards in the order. */
 void LatticeSum::screenedFar(const Lanes& squares, PairFunctions (&f)[numLanes]) const {
     const Lanes r = squares.sqrt(), inverseR = 1 / r, inverse2 = 1 / squares;
     const Lanes cosStep = (step * r).cos(), sinStep = (step * r).sin();
     Lanes cosine = Lanes::Ones(), sine = Lanes::Zero();
     // k = 0: phi_0 - phi_1 = 2/3, and all others have a power of k
-    Lanes ttI = Lanes::Constant(2.0 / 3 * ss[0]), ttR = Lanes::Zero(), tr = ttR, rt = ttR, rrI = ttR, rrR = ttR,
-          vs = ttR, vsR = ttR, sv = ttR, svR = ttR, rs = ttR, ssI = ttR, ssV = ttR, ssR = ttR;
+    Lanes ttI = Lanes::Constant(2.0 / 3 * ss[0]), ttR = Lanes::Zero(), tr = ttR, rt = ttR,
+          rrI = ttR, rrR = ttR, vs = ttR, vsR = ttR, sv = ttR, svR = ttR, rs = ttR, ssI = ttR,
+          ssV = ttR, ssR = ttR;
     for (int n = 1; n < nodes.size(); n++) {
         const Lanes next = cosine * cosStep - sine * sinStep;
         sine = sine * cosStep + cosine * sinStep;
@@ -271,7 +284,8 @@ void LatticeSum::screenedFar(const Lanes& squares, PairFunctions (&f)[numLanes])
         rrI += (0.25 * tt[n] * k2) * across;
         rrR += (0.25 * tt[n] * k4) * phi2;
         if (!stresslets) continue;
-        const Lanes phi3 = (5 * phi2 - phi1) * overX2, phi4 = (7 * phi3 - phi2) * overX2, first = phi1 - 2 * phi2;
+        const Lanes phi3 = (5 * phi2 - phi1) * overX2, phi4 = (7 * phi3 - phi2) * overX2,
+                    first = phi1 - 2 * phi2;
         vs += (st[n] * k2) * first;
         vsR += (st[n] * k4) * phi3;
         sv += (ts[n] * k2) * first;
@@ -309,7 +323,8 @@ PairFunctions difference(PairFunctions a, const PairFunctions& b) {
 
 }  // namespace
 
-/** Calls add(r, |r|, screened) for the images of a pair, of a difference of places, that the range reaches. */
+/** Calls add(r, |r|, screened) for the images of a pair, of a difference of places, that the range
+ * reaches. */
 template <class Add>
 void LatticeSum::forImages(const Vector3d& difference, const Add& add) {
     const double recurrenceFrom = 1 / step;
@@ -335,26 +350,31 @@ void LatticeSum::forImages(const Vector3d& difference, const Add& add) {
     }
 }
 
-void LatticeSum::addPairs(const std::vector<OpenMM::Vec3>& positions, bool contact, MatrixXd& matrix) {
+void LatticeSum::addPairs(const std::vector<OpenMM::Vec3>& positions, bool contact,
+                          MatrixXd& matrix) {
     PairBlocks pair;
     for (int i = 0; i < particles.size(); i++)
         for (int j = 0; j <= i; j++) {
             const double a_i = particles.radii[i], a_j = particles.radii[j];
             setPairWeights(kind[i], kind[j], particles.hasTorque[i] || particles.hasTorque[j]);
             pair.setZero();
-            forImages(lattice.wrapped(positions[i] - positions[j]), [&](const Vector3d& r, double distance,
-                                                                        const PairFunctions& screened) {
-                // At one place there is no direction; that of contact is along the line of centres.
-                const bool moved = contact && distance < a_i + a_j && distance > 0;
-                if (!moved)
-                    pair.add(difference(spreading.free(a_i, a_j, distance, withTorques, stresslets), screened), r,
-                             stresslets);
-                else {
-                    const double scale = (a_i + a_j) / distance;
-                    pair.add(spreading.free(a_i, a_j, a_i + a_j, withTorques, stresslets), scale * r, stresslets);
-                    pair.add(difference(PairFunctions(), screened), r, stresslets);
-                }
-            });
+            forImages(lattice.wrapped(positions[i] - positions[j]),
+                      [&](const Vector3d& r, double distance, const PairFunctions& screened) {
+                          // At one place there is no direction; that of contact is along the line
+                          // of centres.
+                          const bool moved = contact && distance < a_i + a_j && distance > 0;
+                          if (!moved)
+                              pair.add(difference(spreading.free(a_i, a_j, distance, withTorques,
+                                                                 stresslets),
+                                                  screened),
+                                       r, stresslets);
+                          else {
+                              const double scale = (a_i + a_j) / distance;
+                              pair.add(spreading.free(a_i, a_j, a_i + a_j, withTorques, stresslets),
+                                       scale * r, stresslets);
+                              pair.add(difference(PairFunctions(), screened), r, stresslets);
+                          }
+                      });
             if (i == j) {
                 // What images on both sides do to it cancels in these.
                 pair.tr.setZero();
@@ -367,7 +387,8 @@ void LatticeSum::addPairs(const std::vector<OpenMM::Vec3>& positions, bool conta
 }
 
 void LatticeSum::addFlowAt(const std::vector<OpenMM::Vec3>& positions, const FlowSources& sources,
-                           const std::vector<OpenMM::Vec3>& points, double factor, Velocities& velocities) {
+                           const std::vector<OpenMM::Vec3>& points, double factor,
+                           Velocities& velocities) {
     if (particles.size() == 0) return;
     Eigen::VectorXd all(getNumRows());
     all.head(particles.numRows) = sources.forces.col(0);
@@ -384,12 +405,13 @@ void LatticeSum::addFlowAt(const std::vector<OpenMM::Vec3>& positions, const Flo
         for (int w = 0; w < size; w++) {
             const Across across(lattice.getReciprocal() * waves[first + w].cast<double>());
             for (size_t p = 0; p < points.size(); p++) {
-                const std::complex<double> phase = waveWeights[first + w] * ofPoints.of(waves[first + w], p);
+                const std::complex<double> phase =
+                    waveWeights[first + w] * ofPoints.of(waves[first + w], p);
                 for (int d = 0; d < 2; d++)
-                    velocities.col(p) +=
-                        factor *
-                        (phase.real() * amplitudes[4 * w + 2 * d] + phase.imag() * amplitudes[4 * w + 2 * d + 1]) *
-                        across.e[d];
+                    velocities.col(p) += factor *
+                                         (phase.real() * amplitudes[4 * w + 2 * d] +
+                                          phase.imag() * amplitudes[4 * w + 2 * d + 1]) *
+                                         across.e[d];
             }
         }
     }
@@ -399,15 +421,18 @@ void LatticeSum::addFlowAt(const std::vector<OpenMM::Vec3>& positions, const Flo
         const bool torque = particles.hasTorque[j];
         setPairWeights(point, kind[j], torque);
         const int row = particles.firstRow[j];
-        const Vector3d force = all.segment<3>(row), T = torque ? Vector3d(all.segment<3>(row + 3)) : Vector3d(0, 0, 0);
+        const Vector3d force = all.segment<3>(row),
+                       T = torque ? Vector3d(all.segment<3>(row + 3)) : Vector3d(0, 0, 0);
         const double* S = stresslets ? &all[firstStresslet(j)] : nullptr;
         for (size_t p = 0; p < points.size(); p++)
-            forImages(lattice.wrapped(points[p] - positions[j]),
-                      [&](const Vector3d& r, double distance, const PairFunctions& screened) {
-                          const PairFunctions f = difference(
-                              spreading.free(0, particles.radii[j], distance, withTorques, stresslets), screened);
-                          velocities.col(p) += factor * velocityOf(f, r, force, T, S);
-                      });
+            forImages(
+                lattice.wrapped(points[p] - positions[j]),
+                [&](const Vector3d& r, double distance, const PairFunctions& screened) {
+                    const PairFunctions f = difference(
+                        spreading.free(0, particles.radii[j], distance, withTorques, stresslets),
+                        screened);
+                    velocities.col(p) += factor * velocityOf(f, r, force, T, S);
+                });
     }
 }
 

@@ -12,8 +12,9 @@
 namespace RigidHIPlugin {
 
 /**
- * How a model spreads force and torque of a particle over the fluid: by s(k) and t(k) of the equation below, which depend on the radius
- * alone, and by what two such particles do to each other in unbounded fluid.
+ * How a model spreads force and torque of a particle over the fluid: by s(k) and t(k) of the
+ * equation below, which depend on the radius alone, and by what two such particles do to each other
+ * in unbounded fluid.
  */
 class Spreading {
 public:
@@ -23,38 +24,47 @@ public:
     virtual double ofTorque(double a, double k) const = 0;
     /** Both. */
     WaveFactors waveFactors(double a, double k) const { return {ofForce(a, k), ofTorque(a, k)}; }
-    /** Two particles in unbounded fluid, at any distance; a_i = 0 is a point of the fluid, outside or inside the other. @param torques, stresslets  whether these are asked for too */
-    virtual PairFunctions free(double a_i, double a_j, double distance, bool torques, bool stresslets) const = 0;
+    /** Two particles in unbounded fluid, at any distance; a_i = 0 is a point of the fluid, outside
+     * or inside the other. @param torques, stresslets  whether these are asked for too */
+    virtual PairFunctions free(double a_i, double a_j, double distance, bool torques,
+                               bool stresslets) const = 0;
     /**
-     * In units of the depth q of sums (terms are cut where they are exp(-q^2)): a splitting of width 1/xi makes functions of the distance, of
-     * particles up to radius `largest`, short-ranged beyond this distance, and waves, of radii from `smallest`, beyond this wave number.
+     * In units of the depth q of sums (terms are cut where they are exp(-q^2)): a splitting of
+     * width 1/xi makes functions of the distance, of particles up to radius `largest`, short-ranged
+     * beyond this distance, and waves, of radii from `smallest`, beyond this wave number.
      *
      * @param inverseSplitting  1/xi, nm; 0: no splitting, waves alone
      */
     virtual double reach(double q, double inverseSplitting, double largest) const = 0;
-    virtual double largestWave(double q, double inverseSplitting, double smallest, bool hasTorque) const = 0;
+    virtual double largestWave(double q, double inverseSplitting, double smallest,
+                               bool hasTorque) const = 0;
     /** Whether waves alone converge, so that inverseSplitting may be 0. */
     virtual bool convergesByWaves() const = 0;
 };
 
 /**
- * The mobility of particles and all their images in a periodic box, the mean velocity of the fluid (and bodies) being zero.
+ * The mobility of particles and all their images in a periodic box, the mean velocity of the fluid
+ * (and bodies) being zero.
  *
- * Equation:  M_ij = 1/(eta V) sum over k != 0 of D_i^T (1 - kk) k^-2 D_j exp(i k.r_ij), D(F) = s(k) F, D(T) = i/2 t(k) k x T,
- *            D(S) = -i t(k) S.k.
- * Method:    Ewald's splitting by Hasimoto's H(k) = (1 + k^2/4 xi^2) exp(-k^2/4 xi^2). With H: waves, as B B^T of real columns, one
- *            symmetric product of matrices. Without, pair by pair and image by image: the closed form in unbounded fluid, less the integral
- *            over k with H. Of that the integrand is even, analytic and cut by a Gaussian, so the trapezoidal rule converges faster than any power:
- *            some 25 nodes, and no cancellation for any radii and distances.
- * Accuracy:  1e-13 of own mobilities. xi and cut-offs follow from the box, radii and that; xi so that both parts cost alike.
- * Cost:      10 us a pair of spheres with torque, 4 us without, 21 us with stresslets (one thread of a machine of 2023), whatever the box.
- * Reference: Hasimoto, J. Fluid Mech. 5:317 (1959); Beenakker, J. Chem. Phys. 85:1581 (1986); docs/THEORY.md.
+ * Equation:  M_ij = 1/(eta V) sum over k != 0 of D_i^T (1 - kk) k^-2 D_j exp(i k.r_ij), D(F) = s(k)
+ * F, D(T) = i/2 t(k) k x T, D(S) = -i t(k) S.k. Method:    Ewald's splitting by Hasimoto's H(k) =
+ * (1 + k^2/4 xi^2) exp(-k^2/4 xi^2). With H: waves, as B B^T of real columns, one symmetric product
+ * of matrices. Without, pair by pair and image by image: the closed form in unbounded fluid, less
+ * the integral over k with H. Of that the integrand is even, analytic and cut by a Gaussian, so the
+ * trapezoidal rule converges faster than any power: some 25 nodes, and no cancellation for any
+ * radii and distances. Accuracy:  1e-13 of own mobilities. xi and cut-offs follow from the box,
+ * radii and that; xi so that both parts cost alike. Cost:      10 us a pair of spheres with torque,
+ * 4 us without, 21 us with stresslets (one thread of a machine of 2023), whatever the box.
+ * Reference: Hasimoto, J. Fluid Mech. 5:317 (1959); Beenakker, J. Chem. Phys. 85:1581 (1986);
+ * docs/THEORY.md.
  */
 class LatticeSum {
 public:
     /**
-     * @param stresslets  5 rows more for each particle, after all others: stresslets, and rates of strain
-     * @param forPoints   the sum is asked for the flow at points of the fluid: addFlowAt() instead of compute()
+     * @param stresslets  5 rows more for each particle, after all others: stresslets, and rates of
+     * strain
+     * @param forPoints   the sum is asked for the flow at points of the fluid: addFlowAt() instead
+     * of compute()
      */
     LatticeSum(const HydrodynamicParticles& particles, const Spreading& spreading, bool stresslets,
                bool forPoints = false);
@@ -66,15 +76,18 @@ public:
     /**
      * The matrix, in units of 1/(8 pi eta); symmetric to the last bit.
      *
-     * @param contact  whether the functions of overlapping pairs in unbounded fluid are to be those of contact
+     * @param contact  whether the functions of overlapping pairs in unbounded fluid are to be those
+     * of contact
      */
     void compute(const std::vector<OpenMM::Vec3>& positions, bool contact, Eigen::MatrixXd& matrix);
 
-    /** velocities += factor times the flow of sources at points, in units of 1/(8 pi eta). Cost: 10 us for each particle and point. */
+    /** velocities += factor times the flow of sources at points, in units of 1/(8 pi eta). Cost: 10
+     * us for each particle and point. */
     void addFlowAt(const std::vector<OpenMM::Vec3>& positions, const FlowSources& sources,
                    const std::vector<OpenMM::Vec3>& points, double factor, Velocities& velocities);
 
-    /** For tests: splits at this xi (1/nm) instead of the cheapest; 0: the cheapest. Before setBox(). */
+    /** For tests: splits at this xi (1/nm) instead of the cheapest; 0: the cheapest. Before
+     * setBox(). */
     void setSplitting(double xi) { wantedSplitting = xi; }
     double getSplitting() const { return inverseSplitting > 0 ? 1 / inverseSplitting : 0; }
 
@@ -104,7 +117,8 @@ private:
     template <class Add>
     void forImages(const Eigen::Vector3d& difference, const Add& add);
     void addWaves(const std::vector<OpenMM::Vec3>& positions, Eigen::MatrixXd& matrix);
-    void addPairs(const std::vector<OpenMM::Vec3>& positions, bool contact, Eigen::MatrixXd& matrix);
+    void addPairs(const std::vector<OpenMM::Vec3>& positions, bool contact,
+                  Eigen::MatrixXd& matrix);
     void setPairWeights(int kind_i, int kind_j, bool torques);
     void screenedNear(double distance, PairFunctions& f) const;
     void screenedFar(const Lanes& squares, PairFunctions (&f)[numLanes]) const;

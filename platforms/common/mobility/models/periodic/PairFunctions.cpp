@@ -10,8 +10,8 @@ namespace RigidHIPlugin {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-Vector3d velocityOf(const PairFunctions& f, const Vector3d& r, const Vector3d& force, const Vector3d& torque,
-                    const double* stresslet) {
+Vector3d velocityOf(const PairFunctions& f, const Vector3d& r, const Vector3d& force,
+                    const Vector3d& torque, const double* stresslet) {
     Vector3d velocity = f.ttI * force + f.ttR * r.dot(force) * r + f.tr * torque.cross(r);
     if (!stresslet) return velocity;
     const Vector3d Sr = contractBasis(r) * Eigen::Map<const Eigen::Matrix<double, 5, 1>>(stresslet);
@@ -54,7 +54,8 @@ void PairBlocks::add(const PairFunctions& f, const Vector3d& r, bool stresslets)
 void besselQuotients(double x, double (&phi)[5]) {
     const double x2 = x * x, seriesBelow = 2;
     if (x < seriesBelow) {
-        // phi_n = sum over m of (-x^2/2)^m/(m! (2n + 2m + 1)!!); the terms at x = 2 are below 1e-17 after 12.
+        // phi_n = sum over m of (-x^2/2)^m/(m! (2n + 2m + 1)!!); the terms at x = 2 are below 1e-17
+        // after 12.
         const int numTerms = 14;
         double third = 0, fourth = 0;
         for (int m = numTerms; m > 0; m--) {

@@ -14,7 +14,8 @@ namespace RigidHIPlugin {
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
 
-PeriodicMobility::PeriodicMobility(const HydrodynamicParticles& particles, double viscosity, int largestRows)
+PeriodicMobility::PeriodicMobility(const HydrodynamicParticles& particles, double viscosity,
+                                   int largestRows)
     : MobilityModel(particles, viscosity) {
     checkPeriodicRows(particles.numRows, largestRows);
 }
@@ -24,8 +25,10 @@ void checkPeriodicRows(int rows, int largestRows) {
     throw OpenMM::OpenMMException(
         "MobilityForce: boundary Periodic is done by dense matrices of up to " + text(largestRows) +
         " rows, and here there are " + text(rows) +
-        ": six for each sphere, three for each blob or particle in no body (StokesianDynamics: eleven for "
-        "each sphere), and as many for its image in a SlipChannel; use fewer particles, or groups of them by "
+        ": six for each sphere, three for each blob or particle in no body (StokesianDynamics: "
+        "eleven for "
+        "each sphere), and as many for its image in a SlipChannel; use fewer particles, or groups "
+        "of them by "
         "setGroups()");
 }
 
@@ -37,25 +40,31 @@ void checkPeriodicWave(const BoxVectors& box, int axis, int periods) {
     const double rounding = 1e-9;
     for (const OpenMM::Vec3& vector : box) {
         const double phase = periods * vector[axis] / box[axis][axis];
-        if (std::abs(phase - std::round(phase)) <= rounding * std::max(1.0, std::abs(phase))) continue;
-        throw OpenMM::OpenMMException("MobilityForce: a wave of index " + text(periods) + " along the edge " +
-                                      text(axis) + " of the box is not periodic along its vector " + text(vector) +
-                                      " nm; take another wave axis or index, or an orthogonal box");
+        if (std::abs(phase - std::round(phase)) <= rounding * std::max(1.0, std::abs(phase)))
+            continue;
+        throw OpenMM::OpenMMException(
+            "MobilityForce: a wave of index " + text(periods) + " along the edge " + text(axis) +
+            " of the box is not periodic along its vector " + text(vector) +
+            " nm; take another wave axis or index, or an orthogonal box");
     }
 }
 
-std::string PeriodicMobility::coincidence(const Placement& placement, const Lattice& lattice) const {
+std::string PeriodicMobility::coincidence(const Placement& placement,
+                                          const Lattice& lattice) const {
     for (int i = 0; i < particles.size(); i++)
         for (int j = 0; j < i; j++) {
             const double smaller = std::min(particles.radii[i], particles.radii[j]),
                          bound = CoincidenceCheck::bound * smaller;
             if (std::abs(particles.radii[i] - particles.radii[j]) > bound) continue;
             // Of small distances the wrapped difference is the nearest.
-            const double distance = lattice.wrapped(placement.positions[i] - placement.positions[j]).norm();
+            const double distance =
+                lattice.wrapped(placement.positions[i] - placement.positions[j]).norm();
             if (distance > 0.5 * bound) continue;
-            return particleAndBody(particles, j) + " and " + particleAndBody(particles, i) + ", both of radius " +
-                   text(particles.radii[i]) + " nm, are at the same place of the periodic box, " + text(distance) +
-                   " nm apart, so that their mobility matrix is singular; move one of them, or give it the radius 0 or "
+            return particleAndBody(particles, j) + " and " + particleAndBody(particles, i) +
+                   ", both of radius " + text(particles.radii[i]) +
+                   " nm, are at the same place of the periodic box, " + text(distance) +
+                   " nm apart, so that their mobility matrix is singular; move one of them, or "
+                   "give it the radius 0 or "
                    "another radius";
         }
     return {};
@@ -66,7 +75,8 @@ LatticeSumAt::LatticeSumAt(const PeriodicMobility& model)
 
 void LatticeSumAt::moveTo(const Placement& placement, bool nearby) {
     sum.setBox(placement.box);
-    const std::string problem = nearby ? std::string() : model.coincidence(placement, sum.getLattice());
+    const std::string problem =
+        nearby ? std::string() : model.coincidence(placement, sum.getLattice());
     if (!problem.empty()) throw OpenMM::OpenMMException("MobilityForce: " + problem);
     positions = placement.positions;
     box = placement.box;
@@ -82,10 +92,12 @@ const MatrixXd& LatticeSumAt::matrix() {
     return cached;
 }
 
-void LatticeSumAt::apply(const MatrixXd& forces, MatrixXd& velocities) { velocities.noalias() = matrix() * forces; }
+void LatticeSumAt::apply(const MatrixXd& forces, MatrixXd& velocities) {
+    velocities.noalias() = matrix() * forces;
+}
 
-void LatticeSumAt::addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points, double factor,
-                             Velocities& velocities) {
+void LatticeSumAt::addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points,
+                             double factor, Velocities& velocities) {
     LatticeSum flow(particles, model.spreading(), false, true);
     flow.setBox(box);
     flow.addFlowAt(positions, sources, points, factor / (8 * M_PI * viscosity), velocities);
@@ -93,7 +105,7 @@ void LatticeSumAt::addFlowAt(const FlowSources& sources, const std::vector<OpenM
 
 void LatticeSumAt::dense(MatrixXd& mobility) { mobility = matrix(); }
 
-// ---------------------------------------------------------------------------------------------------------------------
+// -------------------------------------------------------------------------------------------------
 
 namespace {
 
@@ -102,7 +114,8 @@ const int largestRows = 12000;
 
 }  // namespace
 
-PeriodicRotnePragerYamakawa::PeriodicRotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity)
+PeriodicRotnePragerYamakawa::PeriodicRotnePragerYamakawa(const HydrodynamicParticles& particles,
+                                                         double viscosity)
     : PeriodicMobility(particles, viscosity, largestRows) {}
 
 const Spreading& PeriodicRotnePragerYamakawa::spreading() const { return overSurfaces(); }
@@ -111,7 +124,8 @@ std::unique_ptr<MobilityAt> PeriodicRotnePragerYamakawa::makePlace() const {
     return std::unique_ptr<MobilityAt>(new LatticeSumAt(*this));
 }
 
-PeriodicForceCoupling::PeriodicForceCoupling(const HydrodynamicParticles& particles, double viscosity)
+PeriodicForceCoupling::PeriodicForceCoupling(const HydrodynamicParticles& particles,
+                                             double viscosity)
     : PeriodicMobility(particles, viscosity, largestRows) {}
 
 const Spreading& PeriodicForceCoupling::spreading() const { return overGaussians(); }
@@ -120,13 +134,14 @@ std::unique_ptr<MobilityAt> PeriodicForceCoupling::makePlace() const {
     return std::unique_ptr<MobilityAt>(new LatticeSumAt(*this));
 }
 
-void PeriodicForceCoupling::ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
+void PeriodicForceCoupling::ownMobility(const HydrodynamicParticles& body,
+                                        const std::vector<OpenMM::Vec3>& sites,
                                         MatrixXd& mobility) const {
     freeForceCoupling(body, sites, viscosity, mobility);
 }
 
-void freeForceCoupling(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites, double viscosity,
-                       MatrixXd& mobility) {
+void freeForceCoupling(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
+                       double viscosity, MatrixXd& mobility) {
     mobility.setZero(body.numRows, body.numRows);
     PairBlocks pair;
     for (int i = 0; i < body.size(); i++)
@@ -134,12 +149,14 @@ void freeForceCoupling(const HydrodynamicParticles& body, const std::vector<Open
             const OpenMM::Vec3 d = sites[i] - sites[j];
             const Vector3d r(d[0], d[1], d[2]);
             pair.setZero();
-            pair.add(overGaussians().free(body.radii[i], body.radii[j], r.norm(), true, false), r, false);
+            pair.add(overGaussians().free(body.radii[i], body.radii[j], r.norm(), true, false), r,
+                     false);
             const int row = body.firstRow[i], column = body.firstRow[j];
             mobility.block<3, 3>(row, column) = pair.tt;
             if (body.hasTorque[i]) mobility.block<3, 3>(row + 3, column) = pair.rt;
             if (body.hasTorque[j]) mobility.block<3, 3>(row, column + 3) = pair.tr;
-            if (body.hasTorque[i] && body.hasTorque[j]) mobility.block<3, 3>(row + 3, column + 3) = pair.rr;
+            if (body.hasTorque[i] && body.hasTorque[j])
+                mobility.block<3, 3>(row + 3, column + 3) = pair.rr;
         }
     mobility *= 1 / (8 * M_PI * viscosity);
 }

@@ -9,11 +9,12 @@
 namespace RigidHIPlugin {
 
 /**
- * What models of periodic fluids by lattice sums have in common: particles that feel all images of all particles, themselves included; a matrix
- * that is formed and has no products; a largest number of rows.
+ * What models of periodic fluids by lattice sums have in common: particles that feel all images of
+ * all particles, themselves included; a matrix that is formed and has no products; a largest number
+ * of rows.
  *
- * Moved or shifted with the lattice they stay what they are, turned they do not. The mean velocity of fluid and bodies is zero: a uniform
- * force density balances the sum of the forces.
+ * Moved or shifted with the lattice they stay what they are, turned they do not. The mean velocity
+ * of fluid and bodies is zero: a uniform force density balances the sum of the forces.
  */
 class PeriodicMobility : public MobilityModel {
 public:
@@ -22,14 +23,18 @@ public:
     bool isHomogeneous() const override { return true; }
     bool hasProducts() const override { return false; }
     virtual const Spreading& spreading() const = 0;
-    WaveFactors waveFactors(double radius, double k) const override { return spreading().waveFactors(radius, k); }
+    WaveFactors waveFactors(double radius, double k) const override {
+        return spreading().waveFactors(radius, k);
+    }
     void checkWave(const BoxVectors& box, int axis, int periods) const override;
     double fluidVolume(const BoxVectors& box) const override { return Lattice(box).getVolume(); }
-    /** Why the particles have no mobility in this box at all: two of one radius whose images coincide; empty where they have one. */
+    /** Why the particles have no mobility in this box at all: two of one radius whose images
+     * coincide; empty where they have one. */
     std::string coincidence(const Placement& placement, const Lattice& lattice) const;
 };
 
-/** @throws OpenMMException if a wave of so many periods along an axis is not periodic in the box, a triclinic one */
+/** @throws OpenMMException if a wave of so many periods along an axis is not periodic in the box, a
+ * triclinic one */
 void checkPeriodicWave(const BoxVectors& box, int axis, int periods);
 /** @throws OpenMMException for more rows than a dense matrix may have */
 void checkPeriodicRows(int rows, int largestRows);
@@ -40,8 +45,8 @@ public:
     explicit LatticeSumAt(const PeriodicMobility& model);
     void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
     void dense(Eigen::MatrixXd& mobility) override;
-    void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points, double factor,
-                   Velocities& velocities) override;
+    void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points,
+                   double factor, Velocities& velocities) override;
 
 protected:
     void moveTo(const Placement& placement, bool nearby) override;
@@ -57,11 +62,12 @@ private:
 };
 
 /**
- * Rotne-Prager-Yamakawa mobility in a periodic box: all blocks, unequal radii, overlap, any lattice.
+ * Rotne-Prager-Yamakawa mobility in a periodic box: all blocks, unequal radii, overlap, any
+ * lattice.
  *
- * Equation:  LatticeSum.h with s(k) = sin(ka)/(ka), t(k) = 3 j_1(ka)/(ka): forces spread evenly over the surfaces of spheres, velocities
- *            averaged likewise.
- * Limits:    pairwise; near contact no lubrication.
+ * Equation:  LatticeSum.h with s(k) = sin(ka)/(ka), t(k) = 3 j_1(ka)/(ka): forces spread evenly
+ * over the surfaces of spheres, velocities averaged likewise. Limits:    pairwise; near contact no
+ * lubrication.
  */
 class PeriodicRotnePragerYamakawa : public PeriodicMobility {
 public:
@@ -77,10 +83,11 @@ protected:
 /**
  * Force coupling in a periodic box: as Rotne-Prager-Yamakawa, with Gaussians in place of surfaces.
  *
- * Equation:  LatticeSum.h with s(k) = exp(-sigma^2 k^2/2), sigma = a/sqrt(pi), t(k) = exp(-sigma_D^2 k^2/2), sigma_D = a/(6 sqrt(pi))^(1/3).
- *            A sphere by itself has its Stokes drag, translation and rotation.
- * Reference: Maxey and Patel, Int. J. Multiphase Flow 27:1603 (2001); Lomholt and Maxey, J. Comput. Phys. 184:381 (2003).
- * Limits:    pairwise; near contact no lubrication.
+ * Equation:  LatticeSum.h with s(k) = exp(-sigma^2 k^2/2), sigma = a/sqrt(pi), t(k) =
+ * exp(-sigma_D^2 k^2/2), sigma_D = a/(6 sqrt(pi))^(1/3). A sphere by itself has its Stokes drag,
+ * translation and rotation. Reference: Maxey and Patel, Int. J. Multiphase Flow 27:1603 (2001);
+ * Lomholt and Maxey, J. Comput. Phys. 184:381 (2003). Limits:    pairwise; near contact no
+ * lubrication.
  */
 class PeriodicForceCoupling : public PeriodicMobility {
 public:
@@ -97,8 +104,8 @@ protected:
 };
 
 /** Force coupling of particles alone in unbounded fluid: their matrix. */
-void freeForceCoupling(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites, double viscosity,
-                       Eigen::MatrixXd& mobility);
+void freeForceCoupling(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
+                       double viscosity, Eigen::MatrixXd& mobility);
 
 /** The spreadings of these models. StokesianDynamics has the former, with stresslets. */
 const Spreading& overSurfaces();

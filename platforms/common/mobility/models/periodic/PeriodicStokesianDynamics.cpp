@@ -22,7 +22,8 @@ namespace {
 /** Rows of M_FTS: as many gigabytes and minutes as the other periodic models may take. */
 const int largestRows = 11000;
 
-/** In mean radii of a pair: lubrication is whole up to the first distance, and nothing from the second on. */
+/** In mean radii of a pair: lubrication is whole up to the first distance, and nothing from the
+ * second on. */
 const double wholeUpTo = 8, nothingFrom = 10;
 
 double weight(double distance) {
@@ -32,15 +33,19 @@ double weight(double distance) {
     return 1 + z * z * z * (-10 + z * (15 - 6 * z));
 }
 
-/** Of the lattice vectors R and -R one: a sphere and its image on one side are the same pair as it and that on the other side. */
-bool isFirstOfTwo(const Vector3d& R) { return R[0] > 0 || (R[0] == 0 && (R[1] > 0 || (R[1] == 0 && R[2] > 0))); }
+/** Of the lattice vectors R and -R one: a sphere and its image on one side are the same pair as it
+ * and that on the other side. */
+bool isFirstOfTwo(const Vector3d& R) {
+    return R[0] > 0 || (R[0] == 0 && (R[1] > 0 || (R[1] == 0 && R[2] > 0)));
+}
 
 class Place : public MobilityAt {
 public:
     explicit Place(const PeriodicStokesianDynamics& model)
         : MobilityAt(model), model(model), sum(particles, overSurfaces(), true),
-          largestRadius(particles.radii.empty() ? 0
-                                                : *std::max_element(particles.radii.begin(), particles.radii.end())) {}
+          largestRadius(particles.radii.empty()
+                            ? 0
+                            : *std::max_element(particles.radii.begin(), particles.radii.end())) {}
     void apply(const MatrixXd& forces, MatrixXd& velocities) override;
     void dense(MatrixXd& mobility) override;
     void friction(MatrixXd& friction) override;
@@ -51,11 +56,12 @@ public:
     }
 
     FlowSources sources(const MatrixXd& forces, const DrivenFlow* flow) override;
-    void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points, double factor,
-                   Velocities& velocities) override {
+    void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points,
+                   double factor, Velocities& velocities) override {
         LatticeSum sumAtPoints(particles, overSurfaces(), true, true);
         sumAtPoints.setBox(box);
-        sumAtPoints.addFlowAt(positions, sources, points, factor / (8 * M_PI * viscosity), velocities);
+        sumAtPoints.addFlowAt(positions, sources, points, factor / (8 * M_PI * viscosity),
+                              velocities);
     }
 
 protected:
@@ -179,8 +185,9 @@ void Place::apply(const MatrixXd& forces, MatrixXd& velocities) {
 
 }  // namespace
 
-PeriodicStokesianDynamics::PeriodicStokesianDynamics(const HydrodynamicParticles& particles, double viscosity,
-                                                     bool lubrication, double minimumGap)
+PeriodicStokesianDynamics::PeriodicStokesianDynamics(const HydrodynamicParticles& particles,
+                                                     double viscosity, bool lubrication,
+                                                     double minimumGap)
     : StokesianDynamics(particles, viscosity, lubrication, minimumGap, true) {
     checkPeriodicRows(11 * particles.size(), largestRows);
 }
@@ -189,7 +196,9 @@ WaveFactors PeriodicStokesianDynamics::waveFactors(double radius, double k) cons
     return overSurfaces().waveFactors(radius, k);
 }
 
-double PeriodicStokesianDynamics::fluidVolume(const BoxVectors& box) const { return Lattice(box).getVolume(); }
+double PeriodicStokesianDynamics::fluidVolume(const BoxVectors& box) const {
+    return Lattice(box).getVolume();
+}
 
 void PeriodicStokesianDynamics::checkWave(const BoxVectors& box, int axis, int periods) const {
     checkPeriodicWave(box, axis, periods);
@@ -198,13 +207,14 @@ void PeriodicStokesianDynamics::checkWave(const BoxVectors& box, int axis, int p
 std::string PeriodicStokesianDynamics::objection(const Placement& placement) const {
     const Lattice lattice(placement.box);
     for (int i = 0; i < particles.size(); i++) {
-        const std::string found = objectionToPair(i, i, lattice.getShortest(), "the nearest image of ");
+        const std::string found =
+            objectionToPair(i, i, lattice.getShortest(), "the nearest image of ");
         if (!found.empty()) return found;
         for (int j = i + 1; j < particles.size(); j++) {
             const OpenMM::Vec3 d = placement.positions[i] - placement.positions[j];
             const double distance = lattice.nearestImage(d).norm();
-            const std::string problem =
-                objectionToPair(i, j, distance, d.dot(d) <= distance * distance ? "" : "an image of ");
+            const std::string problem = objectionToPair(
+                i, j, distance, d.dot(d) <= distance * distance ? "" : "an image of ");
             if (!problem.empty()) return problem;
         }
     }

@@ -9,19 +9,21 @@
 namespace RigidHIPlugin {
 
 /**
- * Rigid spheres in a periodic box: forces, torques and stresslets by lattice sums, and exact pair lubrication, also with images.
+ * Rigid spheres in a periodic box: forces, torques and stresslets by lattice sums, and exact pair
+ * lubrication, also with images.
  *
- * Equation:  R = M_FTS^-1 + sum over pairs, images of them and of spheres themselves of w(r) (R_exact - R_FTS)(pair), w = 1 up to 8 mean
- *            radii of the pair, 1 - 10 z^3 + 15 z^4 - 6 z^5 with z = r/(2 mean radii) - 4 from there to 0 at 10.
- * Accuracy:  M_FTS to 1e-13. What w cuts is 7e-6 of 6 pi eta a and less. A pair's term is positive semidefinite, so any w from 0 to 1 keeps R
- *            positive definite; it is a smooth function of positions and box.
- * Cost:      as StokesianDynamics, and 20 us a pair for the lattice sums.
- * Limits:    as StokesianDynamics. Spheres must not touch their own images.
+ * Equation:  R = M_FTS^-1 + sum over pairs, images of them and of spheres themselves of w(r)
+ * (R_exact - R_FTS)(pair), w = 1 up to 8 mean radii of the pair, 1 - 10 z^3 + 15 z^4 - 6 z^5 with z
+ * = r/(2 mean radii) - 4 from there to 0 at 10. Accuracy:  M_FTS to 1e-13. What w cuts is 7e-6 of 6
+ * pi eta a and less. A pair's term is positive semidefinite, so any w from 0 to 1 keeps R positive
+ * definite; it is a smooth function of positions and box. Cost:      as StokesianDynamics, and 20
+ * us a pair for the lattice sums. Limits:    as StokesianDynamics. Spheres must not touch their own
+ * images.
  */
 class PeriodicStokesianDynamics : public StokesianDynamics {
 public:
-    PeriodicStokesianDynamics(const HydrodynamicParticles& particles, double viscosity, bool lubrication,
-                              double minimumGap);
+    PeriodicStokesianDynamics(const HydrodynamicParticles& particles, double viscosity,
+                              bool lubrication, double minimumGap);
     std::string objection(const Placement& placement) const override;
     bool isIsotropic() const override { return false; }
     WaveFactors waveFactors(double radius, double k) const override;

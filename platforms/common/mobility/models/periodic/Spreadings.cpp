@@ -22,7 +22,8 @@ public:
         besselQuotients(k * a, phi);
         return 3 * phi[1];
     }
-    PairFunctions free(double a_i, double a_j, double distance, bool, bool stresslets) const override {
+    PairFunctions free(double a_i, double a_j, double distance, bool,
+                       bool stresslets) const override {
         if (a_i == 0 && !(distance * distance > a_j * a_j)) return insideOf(a_j, stresslets);
         const auto m = scalar::pairMobility(distance * distance, a_i, a_j);
         PairFunctions f;
@@ -59,7 +60,8 @@ public:
     bool convergesByWaves() const override { return false; }
 
 private:
-    /** The flow in a sphere over whose surface forces are spread: that of the surface, uniform, a rotation or a strain. */
+    /** The flow in a sphere over whose surface forces are spread: that of the surface, uniform, a
+     * rotation or a strain. */
     static PairFunctions insideOf(double a, bool stresslets) {
         PairFunctions f;
         f.ttI = 4 / (3 * a);
@@ -71,8 +73,12 @@ private:
 
 class OverGaussians : public Spreading {
 public:
-    double ofForce(double a, double k) const override { return std::exp(-0.5 * square(k * width(a))); }
-    double ofTorque(double a, double k) const override { return std::exp(-0.5 * square(k * widthOfTorque(a))); }
+    double ofForce(double a, double k) const override {
+        return std::exp(-0.5 * square(k * width(a)));
+    }
+    double ofTorque(double a, double k) const override {
+        return std::exp(-0.5 * square(k * widthOfTorque(a)));
+    }
     PairFunctions free(double a_i, double a_j, double distance, bool torques, bool) const override {
         const double s_i = width(a_i), s_j = width(a_j);
         const Integrals tt(s_i * s_i + s_j * s_j, distance);
@@ -92,7 +98,8 @@ public:
     double reach(double q, double inverseSplitting, double largest) const override {
         return q * std::sqrt(square(inverseSplitting) + 4 * square(width(largest)));
     }
-    double largestWave(double q, double inverseSplitting, double smallest, bool hasTorque) const override {
+    double largestWave(double q, double inverseSplitting, double smallest,
+                       bool hasTorque) const override {
         return q / std::sqrt(0.25 * square(inverseSplitting) +
                              square(hasTorque ? widthOfTorque(smallest) : width(smallest)));
     }
@@ -110,9 +117,10 @@ private:
             const double width = std::sqrt(variance), farFrom = 4;
             if (r > farFrom * width) {
                 // In closed form, where differences do not cancel.
-                const double E = 2 * std::erf(r / (width * std::sqrt(2.0))), r2 = r * r, r3 = r2 * r;
-                const double g =
-                    2 * std::sqrt(2 / M_PI) / width * std::exp(-0.5 * r2 / variance);  // E' with respect to r
+                const double E = 2 * std::erf(r / (width * std::sqrt(2.0))), r2 = r * r,
+                             r3 = r2 * r;
+                const double g = 2 * std::sqrt(2 / M_PI) / width *
+                                 std::exp(-0.5 * r2 / variance);  // E' with respect to r
                 phi0 = E / r;
                 phi1 = (0.5 * (r2 - variance) * E + 0.5 * variance * r * g) / r3;
                 k2phi0 = g / variance;
@@ -121,11 +129,13 @@ private:
                 k4phi2 = (3 * k2phi1 - k2phi0) / r2;
                 return;
             }
-            // The trapezoidal rule, as in LatticeSum: the Gaussian ends at deep/width, its transform at deep width.
+            // The trapezoidal rule, as in LatticeSum: the Gaussian ends at deep/width, its
+            // transform at deep width.
             const double deep = 9.5, step = 2 * M_PI / (r + deep * width), end = deep / width;
             for (int n = 0; n * step <= end; n++) {
                 const double k = n * step, k2 = k * k,
-                             w = 4 / M_PI * step * (n == 0 ? 0.5 : 1) * std::exp(-0.5 * variance * k2);
+                             w = 4 / M_PI * step * (n == 0 ? 0.5 : 1) *
+                                 std::exp(-0.5 * variance * k2);
                 double phi[5];
                 besselQuotients(k * r, phi);
                 phi0 += w * phi[0];

@@ -1,4 +1,5 @@
-// The Rotne-Prager-Yamakawa mobility with SIMD and threads. What fills the matrix is compiled once for each instruction set.
+// The Rotne-Prager-Yamakawa mobility with SIMD and threads. What fills the matrix is compiled once
+// for each instruction set.
 
 #include "host/SimdTargets.h"  // must precede foreach_target.h
 
@@ -62,7 +63,8 @@ struct Targets {
 
 /** Pairs some of which overlap. Out of line: rare, and it would take the registers of the loop. */
 HWY_NOINLINE PairMobility<Pack> mixedPairMobility(const Targets& targets, const double* source) {
-    const Vector3<Pack> r = {targets.x - Pack(source[0]), targets.y - Pack(source[1]), targets.z - Pack(source[2])};
+    const Vector3<Pack> r = {targets.x - Pack(source[0]), targets.y - Pack(source[1]),
+                             targets.z - Pack(source[2])};
     return pairMobility(addedDot(r, r), targets.radius, Pack(source[3]));
 }
 
@@ -112,7 +114,8 @@ HWY_INLINE void storeColumn(const Arrays& arrays, int slot, int column, const Pa
     }
 }
 
-/** Blocks of a pack of targets and source j. They are so formed that the matrix is symmetric to the last bit. */
+/** Blocks of a pack of targets and source j. They are so formed that the matrix is symmetric to the
+ * last bit. */
 template <class Pairs, bool targetTorque, bool sourceTorque>
 HWY_INLINE void fillPack(const Arrays& arrays, int slot, int j) {
     const Targets targets(arrays, slot);
@@ -125,14 +128,17 @@ HWY_INLINE void fillPack(const Arrays& arrays, int slot, int j) {
     const int column = arrays.rowOfSource[j];
     for (int b = 0; b < 3; b++) {
         if (targetTorque) {
-            storeColumn<6>(arrays, slot, column + b,
-                           {m.tt[0][b], m.tt[1][b], m.tt[2][b], m.rt[0][b], m.rt[1][b], m.rt[2][b]});
+            storeColumn<6>(
+                arrays, slot, column + b,
+                {m.tt[0][b], m.tt[1][b], m.tt[2][b], m.rt[0][b], m.rt[1][b], m.rt[2][b]});
             if (sourceTorque)
-                storeColumn<6>(arrays, slot, column + 3 + b,
-                               {m.tr[0][b], m.tr[1][b], m.tr[2][b], m.rr[0][b], m.rr[1][b], m.rr[2][b]});
+                storeColumn<6>(
+                    arrays, slot, column + 3 + b,
+                    {m.tr[0][b], m.tr[1][b], m.tr[2][b], m.rr[0][b], m.rr[1][b], m.rr[2][b]});
         } else {
             storeColumn<3>(arrays, slot, column + b, {m.tt[0][b], m.tt[1][b], m.tt[2][b]});
-            if (sourceTorque) storeColumn<3>(arrays, slot, column + 3 + b, {m.tr[0][b], m.tr[1][b], m.tr[2][b]});
+            if (sourceTorque)
+                storeColumn<3>(arrays, slot, column + 3 + b, {m.tr[0][b], m.tr[1][b], m.tr[2][b]});
         }
     }
 }
@@ -171,8 +177,9 @@ namespace RigidHIPlugin {
 
 HWY_EXPORT(fillMatrix);
 
-CpuRotnePragerYamakawa::CpuRotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity,
-                                               ForRanges forRanges, const std::optional<NoSlipPlane>& wall,
+CpuRotnePragerYamakawa::CpuRotnePragerYamakawa(const HydrodynamicParticles& particles,
+                                               double viscosity, ForRanges forRanges,
+                                               const std::optional<NoSlipPlane>& wall,
                                                bool fastSums)
     : MobilityModel(particles, viscosity), forRanges(forRanges), wall(wall), fastSums(fastSums) {
     const int blockSize = RotnePragerYamakawaArrays::blockSize;
@@ -191,7 +198,8 @@ CpuRotnePragerYamakawa::CpuRotnePragerYamakawa(const HydrodynamicParticles& part
             numSphereBlocks = numBlocks;
         }
     }
-    // A few make many chunks wanting for threads, and sums of lanes cost little beside a chunk's pairs.
+    // A few make many chunks wanting for threads, and sums of lanes cost little beside a chunk's
+    // pairs.
     for (bool spheres : {true, false}) {
         const int begin = spheres ? 0 : numSphereBlocks * blockSize;
         const int end = begin + (spheres ? numSpheres : particles.size() - numSpheres);
@@ -199,20 +207,23 @@ CpuRotnePragerYamakawa::CpuRotnePragerYamakawa(const HydrodynamicParticles& part
             chunks.push_back({first, std::min(first + chunkSize, end), spheres});
     }
     radius.assign(rowOfSlot.size(), 1.0);
-    for (int j = 0; j < particles.size(); j++) radius[slotOfSource[j]] = particles.radii[particleOfSource[j]];
+    for (int j = 0; j < particles.size(); j++)
+        radius[slotOfSource[j]] = particles.radii[particleOfSource[j]];
     // The fifth power of an inverse distance, up to a thousand times these, is a float.
     const double smallest = 1e-4, largest = 1e4;
     fitsSingle = true;
     for (double a : particles.radii) fitsSingle = fitsSingle && a >= smallest && a <= largest;
 }
 
-void CpuRotnePragerYamakawa::ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
+void CpuRotnePragerYamakawa::ownMobility(const HydrodynamicParticles& body,
+                                         const std::vector<OpenMM::Vec3>& sites,
                                          Eigen::MatrixXd& mobility) const {
     CpuRotnePragerYamakawa(body, viscosity, forRanges).at({sites})->dense(mobility);
 }
 
 std::string CpuRotnePragerYamakawa::describeFastProducts(double error) const {
-    const FastSum::Accuracy* accuracy = fastSums ? FastSum::choose(error, particles.size(), wall.has_value()) : nullptr;
+    const FastSum::Accuracy* accuracy =
+        fastSums ? FastSum::choose(error, particles.size(), wall.has_value()) : nullptr;
     return accuracy ? "by multipoles of order " + std::to_string(accuracy->order) : std::string();
 }
 
@@ -225,7 +236,8 @@ CpuRotnePragerYamakawaAt::CpuRotnePragerYamakawaAt(const CpuRotnePragerYamakawa&
     for (auto* v : {&x, &y, &z}) v->assign(model.rowOfSlot.size(), PairSumArrays::farAway);
     weight.assign(model.rowOfSlot.size(), 1.0);
     sources.resize(4 * particles.size());
-    for (int j = 0; j < particles.size(); j++) sources[4 * j + 3] = particles.radii[model.particleOfSource[j]];
+    for (int j = 0; j < particles.size(); j++)
+        sources[4 * j + 3] = particles.radii[model.particleOfSource[j]];
 }
 
 void CpuRotnePragerYamakawaAt::moveTo(const Placement& placement, bool nearby) {
@@ -271,7 +283,8 @@ RotnePragerYamakawaArrays CpuRotnePragerYamakawaAt::arrays(double* result) const
 
 template <class Task>
 void CpuRotnePragerYamakawaAt::split(int count, double pairs, const Task& task) const {
-    // Waking a thread takes 10 to 90 microseconds (benchmarks/README.md), a pair one or two nanoseconds.
+    // Waking a thread takes 10 to 90 microseconds (benchmarks/README.md), a pair one or two
+    // nanoseconds.
     const double pairsThatPay = 1e5;
     if (model.forRanges && pairs >= pairsThatPay)
         model.forRanges(count, task);
@@ -283,8 +296,9 @@ void CpuRotnePragerYamakawaAt::apply(const Eigen::MatrixXd& forces, Eigen::Matri
     multiply(forces, loads, velocities);
 }
 
-void CpuRotnePragerYamakawaAt::addFlowAt(const FlowSources& flowSources, const std::vector<OpenMM::Vec3>& points,
-                                         double factor, Velocities& velocities) {
+void CpuRotnePragerYamakawaAt::addFlowAt(const FlowSources& flowSources,
+                                         const std::vector<OpenMM::Vec3>& points, double factor,
+                                         Velocities& velocities) {
     std::vector<OpenMM::Vec3> positions(particles.size());
     std::vector<double> weights(particles.size());
     for (int j = 0; j < particles.size(); j++) {
@@ -294,12 +308,14 @@ void CpuRotnePragerYamakawaAt::addFlowAt(const FlowSources& flowSources, const s
     }
     const double unit = factor / (8 * M_PI * viscosity);
     if (model.wall)
-        addWallFlowAt(particles, positions, weights, model.wall->getHeight(), flowSources, points, unit, velocities);
+        addWallFlowAt(particles, positions, weights, model.wall->getHeight(), flowSources, points,
+                      unit, velocities);
     else
         addFreeFlowAt(particles, positions, flowSources, points, unit, velocities);
 }
 
-void CpuRotnePragerYamakawaAt::applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
+void CpuRotnePragerYamakawaAt::applyRoughly(const Eigen::MatrixXd& forces,
+                                            Eigen::MatrixXd& velocities) {
     if (model.fitsSingle && preparePlacesInSingle())
         multiply(forces, singleLoads, velocities);
     else
@@ -315,7 +331,8 @@ bool CpuRotnePragerYamakawaAt::preparePlacesInSingle() {
             const double r[] = {x[slot], y[slot], z[slot]}, a = model.radius[slot];
             const bool padding = model.rowOfSlot[slot] < 0;
             for (int k = 0; k < 3; k++) {
-                placesFitSingle = placesFitSingle && (padding || std::abs(r[k]) <= PairSumArrays::farthestSingle);
+                placesFitSingle =
+                    placesFitSingle && (padding || std::abs(r[k]) <= PairSumArrays::farthestSingle);
                 const float high = padding ? PairSumArrays::farAwaySingle : r[k];
                 singlePlaces[k * numSlots + slot] = high;
                 singlePlaces[(k + 3) * numSlots + slot] = padding ? 0 : r[k] - high;
@@ -337,17 +354,19 @@ void CpuRotnePragerYamakawaAt::sumPairs(const PairSumArrays& arrays) {
     const int numRows = 6 * maxColumns, chunkSize = CpuRotnePragerYamakawa::chunkSize;
     std::fill(sums.begin(), sums.end(), 0.0);
     tournament.begin();
-    split(tournament.getNumPairs(), static_cast<double>(particles.size()) * particles.size() * arrays.columns,
-          [&](int, int) {
+    split(tournament.getNumPairs(),
+          static_cast<double>(particles.size()) * particles.size() * arrays.columns, [&](int, int) {
               double found[2][numRows * chunkSize];
               tournament.play(
                   [&](int a, int b) {
                       const SlotRange* ranges[] = {&model.chunks[a], &model.chunks[b]};
                       for (int side : {0, 1})
                           forRows(*ranges[side], arrays.columns, [&](int row) {
-                              std::fill_n(found[side] + row * chunkSize, model.numSlots(*ranges[side]), 0.0);
+                              std::fill_n(found[side] + row * chunkSize,
+                                          model.numSlots(*ranges[side]), 0.0);
                           });
-                      addPairs(arrays, *ranges[0], *ranges[1], found[0], found[a == b ? 0 : 1], chunkSize);
+                      addPairs(arrays, *ranges[0], *ranges[1], found[0], found[a == b ? 0 : 1],
+                               chunkSize);
                   },
                   [&](int chunk, bool second) {
                       const SlotRange& range = model.chunks[chunk];
@@ -360,7 +379,8 @@ void CpuRotnePragerYamakawaAt::sumPairs(const PairSumArrays& arrays) {
           });
 }
 
-void CpuRotnePragerYamakawaAt::applyWithin(double error, const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
+void CpuRotnePragerYamakawaAt::applyWithin(double error, const Eigen::MatrixXd& forces,
+                                           Eigen::MatrixXd& velocities) {
     const FastSum::Accuracy* accuracy =
         model.fastSums ? FastSum::choose(error, particles.size(), model.wall.has_value()) : nullptr;
     const auto isFinite = [](const std::vector<double>& v) {
@@ -371,7 +391,8 @@ void CpuRotnePragerYamakawaAt::applyWithin(double error, const Eigen::MatrixXd& 
         return;
     }
     Fast& own = fast[accuracy->order];
-    if (!own.sum) own.sum.reset(new FastSum(particles, model.wall.has_value(), *accuracy, model.forRanges));
+    if (!own.sum)
+        own.sum.reset(new FastSum(particles, model.wall.has_value(), *accuracy, model.forRanges));
     if (!own.isHere) {
         std::vector<OpenMM::Vec3> positions(particles.size());
         std::vector<double> weights(particles.size());
@@ -408,7 +429,8 @@ void CpuRotnePragerYamakawaAt::multiply(const Eigen::MatrixXd& forces, std::vect
     }
     // Floats hold numbers from 1e-38 to 1e38.
     const double largest = std::is_same_v<Number, float> ? forces.cwiseAbs().maxCoeff() : 1;
-    const double unit = largest > 0 && std::isfinite(largest) ? largest : 1, scale = unit / (8 * M_PI * viscosity);
+    const double unit = largest > 0 && std::isfinite(largest) ? largest : 1,
+                 scale = unit / (8 * M_PI * viscosity);
     for (int column = 0; column < forces.cols(); column += arrays.columns) {
         arrays.columns = std::min<int>(maxColumns, forces.cols() - column);
         const auto forNumbers = [&](const auto& task) {
@@ -418,18 +440,23 @@ void CpuRotnePragerYamakawaAt::multiply(const Eigen::MatrixXd& forces, std::vect
                         task(weight[model.slotOfSource[j]], model.rowOfSource[j] + k, column + c,
                              (6 * c + k) * numSlots + model.slotOfSource[j]);
         };
-        forNumbers([&](double w, int row, int c, size_t to) { buffer[to] = w * (forces(row, c) / unit); });
+        forNumbers(
+            [&](double w, int row, int c, size_t to) { buffer[to] = w * (forces(row, c) / unit); });
         sumPairs(arrays);
-        forNumbers([&](double w, int row, int c, size_t from) { velocities(row, c) = scale * w * sums[from]; });
+        forNumbers([&](double w, int row, int c, size_t from) {
+            velocities(row, c) = scale * w * sums[from];
+        });
     }
 }
 
 void CpuRotnePragerYamakawaAt::dense(Eigen::MatrixXd& mobility) {
     mobility.resize(particles.numRows, particles.numRows);
     const RotnePragerYamakawaArrays arrays = this->arrays(mobility.data());
-    split(particles.size(), static_cast<double>(particles.size()) * particles.size(), [&arrays](int first, int end) {
-        HWY_DYNAMIC_DISPATCH(fillMatrix)(arrays, first, end);
-    });
+    split(particles.size(), static_cast<double>(particles.size()) * particles.size(),
+          [&arrays](int first, int end) {
+              HWY_DYNAMIC_DISPATCH(fillMatrix)
+              (arrays, first, end);
+          });
 }
 
 }  // namespace RigidHIPlugin

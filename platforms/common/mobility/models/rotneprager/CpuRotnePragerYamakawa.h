@@ -13,17 +13,20 @@
 namespace RigidHIPlugin {
 
 /**
- * Rotne-Prager-Yamakawa mobility in unbounded fluid or above a no-slip wall, with SIMD and threads (formulas, reference, limits:
- * mobility/RotnePragerYamakawa-inl.h, mobility/RotnePragerYamakawaWall-inl.h; at the wall: mobility/NoSlipPlane.h).
+ * Rotne-Prager-Yamakawa mobility in unbounded fluid or above a no-slip wall, with SIMD and threads
+ * (formulas, reference, limits: mobility/RotnePragerYamakawa-inl.h,
+ * mobility/RotnePragerYamakawaWall-inl.h; at the wall: mobility/NoSlipPlane.h).
  *
- * Products take each pair once and both ways (PairSums.h), by chunks of 128 particles. Chunks meet in rounds in which each is in one pair
- * (PairTournament.h), so that what pairs give to a particle is always added in the same order: results do not depend on the number of
- * threads, nor on the width of packs where the machine can multiply and add in one rounding (from AVX2 on). They agree with
- * RotnePragerYamakawa and RotnePragerYamakawaWall to rounding.
+ * Products take each pair once and both ways (PairSums.h), by chunks of 128 particles. Chunks meet
+ * in rounds in which each is in one pair (PairTournament.h), so that what pairs give to a particle
+ * is always added in the same order: results do not depend on the number of threads, nor on the
+ * width of packs where the machine can multiply and add in one rounding (from AVX2 on). They agree
+ * with RotnePragerYamakawa and RotnePragerYamakawaWall to rounding.
  *
- * Cost: n^2/2 pairs, one square root and one division each (above a wall two), shared by two columns at a time; pairs near contact
- * are done again in a slower way. Measured beside a plain loop over pairs: benchmarks/README.md. Nothing is allocated after the first call
- * of each method of a place if the number of columns stays the same, unless threads are used.
+ * Cost: n^2/2 pairs, one square root and one division each (above a wall two), shared by two
+ * columns at a time; pairs near contact are done again in a slower way. Measured beside a plain
+ * loop over pairs: benchmarks/README.md. Nothing is allocated after the first call of each method
+ * of a place if the number of columns stays the same, unless threads are used.
  */
 class CpuRotnePragerYamakawa : public MobilityModel {
 public:
@@ -31,12 +34,15 @@ public:
     typedef std::function<void(int count, const std::function<void(int, int)>& task)> ForRanges;
 
     /**
-     * @param forRanges  called only for work that pays for waking threads; it should divide any count. Empty: no threads.
+     * @param forRanges  called only for work that pays for waking threads; it should divide any
+     * count. Empty: no threads.
      * @param wall       if there is one
-     * @param fastSums   whether products that need not be exact are done by FastSum where that takes less time
+     * @param fastSums   whether products that need not be exact are done by FastSum where that
+     * takes less time
      */
-    CpuRotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity, ForRanges forRanges = {},
-                           const std::optional<NoSlipPlane>& wall = {}, bool fastSums = true);
+    CpuRotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity,
+                           ForRanges forRanges = {}, const std::optional<NoSlipPlane>& wall = {},
+                           bool fastSums = true);
     const char* name() const override { return "RotnePragerYamakawa"; }
     bool acceptsNearby(const Placement& placement) const override {
         return !wall || wall->acceptsNearby(particles, placement.positions);
@@ -67,9 +73,9 @@ private:
 
     const ForRanges forRanges;
     const std::optional<NoSlipPlane> wall;
-    // Particles with torque come first, so that blocks of targets and ranges of sources are of one kind. Slots of targets
-    // are padded to whole blocks for each kind; sources are not.
-    // Sums over pairs go by chunks of slots of one kind, in a number that follows from the particles alone.
+    // Particles with torque come first, so that blocks of targets and ranges of sources are of one
+    // kind. Slots of targets are padded to whole blocks for each kind; sources are not. Sums over
+    // pairs go by chunks of slots of one kind, in a number that follows from the particles alone.
     static constexpr int chunkSize = 128;
     int numSpheres, numSphereBlocks, numBlocks;
     std::vector<SlotRange> chunks;
@@ -90,16 +96,18 @@ public:
     explicit CpuRotnePragerYamakawaAt(const CpuRotnePragerYamakawa& model);
     void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
     /**
-     * In single precision, but for differences of positions, overlapping pairs, and sums over more than 64 particles: in about half
-     * the time. In double precision if radii are not between 1e-4 and 1e4 nm. Results do not depend on the number of threads, but
-     * on the width of packs.
+     * In single precision, but for differences of positions, overlapping pairs, and sums over more
+     * than 64 particles: in about half the time. In double precision if radii are not between 1e-4
+     * and 1e4 nm. Results do not depend on the number of threads, but on the width of packs.
      */
     void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
-    /** By a FastSum where there are so many particles that this takes less time: FastSum::choose(). Not for differences of products. */
-    void applyWithin(double error, const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
+    /** By a FastSum where there are so many particles that this takes less time: FastSum::choose().
+     * Not for differences of products. */
+    void applyWithin(double error, const Eigen::MatrixXd& forces,
+                     Eigen::MatrixXd& velocities) override;
     void dense(Eigen::MatrixXd& mobility) override;
-    void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points, double factor,
-                   Velocities& velocities) override;
+    void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points,
+                   double factor, Velocities& velocities) override;
 
 protected:
     void moveTo(const Placement& placement, bool nearby) override;
@@ -107,7 +115,8 @@ protected:
 private:
     static constexpr int maxColumns = 2;  // at once
     template <class Number>
-    void multiply(const Eigen::MatrixXd& forces, std::vector<Number>& buffer, Eigen::MatrixXd& velocities);
+    void multiply(const Eigen::MatrixXd& forces, std::vector<Number>& buffer,
+                  Eigen::MatrixXd& velocities);
     void sumPairs(const PairSumArrays& arrays);
     bool preparePlacesInSingle();  // whether floats can hold them
     template <class Task>
@@ -116,7 +125,8 @@ private:
 
     const CpuRotnePragerYamakawa& model;
     std::vector<double> x, y, z;  // of slots
-    std::vector<double> weight;   // of slots: what velocities and forces are multiplied by, 1 without a wall
+    std::vector<double>
+        weight;  // of slots: what velocities and forces are multiplied by, 1 without a wall
     std::vector<double> sources;  // x, y, z, radius of each
     // Of slots, as PairSumArrays has them.
     std::vector<double> loads, sums;

@@ -1,4 +1,5 @@
-// Sums over pairs for the Rotne-Prager-Yamakawa mobility, each pair once, compiled once for each instruction set.
+// Sums over pairs for the Rotne-Prager-Yamakawa mobility, each pair once, compiled once for each
+// instruction set.
 
 #include "host/SimdTargets.h"  // must precede foreach_target.h
 
@@ -36,7 +37,9 @@ struct Precision<Pack> {
     static const int lanes = 8;   // of the widest pack
     static const double* loads(const Arrays& a) { return a.loads; }
     static const double* place(const Arrays& a, int k) { return k == 0 ? a.x : k == 1 ? a.y : a.z; }
-    static double third(const Arrays& a, int slot) { return 1.0 / 3.0 * (a.radius[slot] * a.radius[slot]); }
+    static double third(const Arrays& a, int slot) {
+        return 1.0 / 3.0 * (a.radius[slot] * a.radius[slot]);
+    }
     static HWY_INLINE void thirds(const Arrays& a, int slot, Pack& to) {
         Pack radius;
         load(a.radius + slot, radius);
@@ -71,8 +74,8 @@ HWY_INLINE double sumOfLanes(const double* x) {
     return ((x[0] + x[4]) + (x[2] + x[6])) + ((x[1] + x[5]) + (x[3] + x[7]));
 #else
     const hn::FixedTag<double, 2> d;
-    const auto pairs =
-        hn::Add(hn::Add(hn::Load(d, x), hn::Load(d, x + 4)), hn::Add(hn::Load(d, x + 2), hn::Load(d, x + 6)));
+    const auto pairs = hn::Add(hn::Add(hn::Load(d, x), hn::Load(d, x + 4)),
+                               hn::Add(hn::Load(d, x + 2), hn::Load(d, x + 6)));
     return hn::GetLane(pairs) + hn::ExtractLane(pairs, 1);
 #endif
 }
@@ -85,10 +88,10 @@ HWY_INLINE double sumOfLanes(const float* x) {
     const hn::FixedTag<float, 4> d;
     const hn::FixedTag<double, 2> wide;
     const hn::FixedTag<float, 2> half;
-    const auto four =
-        hn::Add(hn::Add(hn::Load(d, x), hn::Load(d, x + 8)), hn::Add(hn::Load(d, x + 4), hn::Load(d, x + 12)));
-    const auto pairs =
-        hn::Add(hn::PromoteTo(wide, hn::LowerHalf(half, four)), hn::PromoteTo(wide, hn::UpperHalf(half, four)));
+    const auto four = hn::Add(hn::Add(hn::Load(d, x), hn::Load(d, x + 8)),
+                              hn::Add(hn::Load(d, x + 4), hn::Load(d, x + 12)));
+    const auto pairs = hn::Add(hn::PromoteTo(wide, hn::LowerHalf(half, four)),
+                               hn::PromoteTo(wide, hn::UpperHalf(half, four)));
     return hn::GetLane(pairs) + hn::ExtractLane(pairs, 1);
 #endif
 }
@@ -105,7 +108,8 @@ struct Targets {
     int first, count;
     double largestRadius;
 
-    Targets(const Arrays& arrays, int first, int count) : first(first), count(count), largestRadius(0) {
+    Targets(const Arrays& arrays, int first, int count)
+        : first(first), count(count), largestRadius(0) {
         for (int row = 0; row < columns * rows; row++)
             for (int i = 0; i < count; i++)
                 for (int lane = 0; lane < Kind::lanes; lane++) sums[row][i][lane] = 0;
@@ -115,7 +119,8 @@ struct Targets {
             largestRadius = HWY_MAX(largestRadius, arrays.radius[first + i]);
             for (int c = 0; c < columns; c++)
                 for (int k = 0; k < rows; k++)
-                    load[c * rows + k][i] = Kind::loads(arrays)[arrays.stride * (6 * c + k) + first + i];
+                    load[c * rows + k][i] =
+                        Kind::loads(arrays)[arrays.stride * (6 * c + k) + first + i];
         }
     }
     HWY_INLINE void getLoad(int i, LinearAndAngular<Real, columns>& to) const {
@@ -160,7 +165,8 @@ struct Targets {
 };
 
 template <class Real>
-HWY_INLINE void getVector(const typename Real::Scalar* from, std::size_t stride, Vector3<Real>& to) {
+HWY_INLINE void getVector(const typename Real::Scalar* from, std::size_t stride,
+                          Vector3<Real>& to) {
     load(from, to.x);
     load(from + stride, to.y);
     load(from + 2 * stride, to.z);
@@ -196,9 +202,11 @@ HWY_INLINE void getLoads(const Arrays& arrays, int slot, LinearAndAngular<Real, 
     }
 }
 
-/** Sums of a pack of sources: in double precision they go on from memory, in single precision they start anew. */
+/** Sums of a pack of sources: in double precision they go on from memory, in single precision they
+ * start anew. */
 template <int columns, bool torque>
-HWY_INLINE void beginSums(const double* sums, std::size_t stride, LinearAndAngular<Pack, columns>& v) {
+HWY_INLINE void beginSums(const double* sums, std::size_t stride,
+                          LinearAndAngular<Pack, columns>& v) {
     for (int c = 0; c < columns; c++, sums += 6 * stride) {
         getVector(sums, stride, v.linear[c]);
         if (torque) getVector(sums + 3 * stride, stride, v.angular[c]);
@@ -220,21 +228,25 @@ HWY_INLINE void endSums(const Vector3<SinglePack>& v, double* sums, std::size_t 
     addToMemory(v.z, sums + 2 * stride);
 }
 template <bool torque, class Real, int columns>
-HWY_INLINE void endSums(const LinearAndAngular<Real, columns>& v, double* sums, std::size_t stride) {
+HWY_INLINE void endSums(const LinearAndAngular<Real, columns>& v, double* sums,
+                        std::size_t stride) {
     for (int c = 0; c < columns; c++, sums += 6 * stride) {
         endSums(v.linear[c], sums, stride);
         if (torque) endSums(v.angular[c], sums + 3 * stride, stride);
     }
 }
 
-/** r_i - r_j. In single precision what rounding left of positions is added, so that near spheres have their true distance. */
+/** r_i - r_j. In single precision what rounding left of positions is added, so that near spheres
+ * have their true distance. */
 template <class T>
 HWY_INLINE Vector3<Pack> separation(const T& targets, int i, const SourcePlaces<Pack>& sources) {
     const auto& r = targets.place;
-    return {T::set(r[0][i]) - sources.place[0], T::set(r[1][i]) - sources.place[1], T::set(r[2][i]) - sources.place[2]};
+    return {T::set(r[0][i]) - sources.place[0], T::set(r[1][i]) - sources.place[1],
+            T::set(r[2][i]) - sources.place[2]};
 }
 template <class T>
-HWY_INLINE Vector3<SinglePack> separation(const T& targets, int i, const SourcePlaces<SinglePack>& sources) {
+HWY_INLINE Vector3<SinglePack> separation(const T& targets, int i,
+                                          const SourcePlaces<SinglePack>& sources) {
     const auto& r = targets.place;
     const auto difference = [&](int k) {
         return (T::set(r[k][i]) - sources.place[k]) + (T::set(r[k + 3][i]) - sources.place[k + 3]);
@@ -242,7 +254,8 @@ HWY_INLINE Vector3<SinglePack> separation(const T& targets, int i, const SourceP
     return {difference(0), difference(1), difference(2)};
 }
 
-/** Which pairs of target i and a pack of sources are to be taken, and are far enough for the plain formulas. */
+/** Which pairs of target i and a pack of sources are to be taken, and are far enough for the plain
+ * formulas. */
 template <class Real, bool diagonal>
 struct Choice {
     hn::Mask<typename Precision<Real>::Tag> taken, far;
@@ -258,12 +271,14 @@ struct Choice {
 /** The numbers of a pack of sources, as targets are counted. */
 template <class Real, class T>
 HWY_INLINE Real numbersOf(const T& targets, int slot) {
-    return Real(hn::Iota(typename Precision<Real>::Tag(), static_cast<typename Real::Scalar>(slot - targets.first)));
+    return Real(hn::Iota(typename Precision<Real>::Tag(),
+                         static_cast<typename Real::Scalar>(slot - targets.first)));
 }
 
 /**
- * Inverse distances of targets and a pack of sources. They are found a pack ahead of the sums: roots and divisions take long, and while a
- * processor waits for them it can hold only so much of what else there is to do.
+ * Inverse distances of targets and a pack of sources. They are found a pack ahead of the sums:
+ * roots and divisions take long, and while a processor waits for them it can hold only so much of
+ * what else there is to do.
  */
 template <class Number, bool wall>
 struct Distances {
@@ -271,7 +286,8 @@ struct Distances {
     typedef Precision<Real> Kind;
     HWY_ALIGN typename Real::Scalar inverse[Kind::block][Kind::lanes];  // 0: overlap, or no pair
     HWY_ALIGN
-    typename Real::Scalar image[wall ? Kind::block : 1][Kind::lanes];  // of i and the mirror image of j; 0: no pair
+    typename Real::Scalar image[wall ? Kind::block : 1]
+                               [Kind::lanes];  // of i and the mirror image of j; 0: no pair
 };
 
 /** What is found ahead for one pack. */
@@ -285,11 +301,12 @@ struct Ahead {
     Distances<Real, wall>& to;
 
     HWY_INLINE Ahead(const Arrays& arrays, const T& targets, int slot, Distances<Real, wall>& to)
-        : targets(targets), sources(arrays, slot, targets.largestRadius), numbers(numbersOf<Real>(targets, slot)),
-          allFar(hn::Eq(numbers.v, numbers.v)), to(to) {}
+        : targets(targets), sources(arrays, slot, targets.largestRadius),
+          numbers(numbersOf<Real>(targets, slot)), allFar(hn::Eq(numbers.v, numbers.v)), to(to) {}
     HWY_INLINE void find(int i) {
         const Vector3<Real> r = separation(targets, i, sources);
-        const Real across2 = multiplyAdd(r.x, r.x, r.y * r.y), distance2 = multiplyAdd(r.z, r.z, across2);
+        const Real across2 = multiplyAdd(r.x, r.x, r.y * r.y),
+                   distance2 = multiplyAdd(r.z, r.z, across2);
         const Choice<Real, diagonal> choice(distance2, sources.contact2, i, numbers);
         allFar = hn::And(allFar, diagonal ? hn::Or(choice.far, hn::Not(choice.taken)) : choice.far);
         store(Real(hn::IfThenElseZero(choice.far, inverseSquareRoot(distance2).v)), to.inverse[i]);
@@ -303,13 +320,15 @@ struct Ahead {
 };
 /** All of them. @return whether none are left for addNearPairs() */
 template <class Real, bool wall, bool diagonal, class T>
-HWY_NOINLINE bool findDistances(const Arrays& arrays, const T& targets, int end, int slot, Distances<Real, wall>& to) {
+HWY_NOINLINE bool findDistances(const Arrays& arrays, const T& targets, int end, int slot,
+                                Distances<Real, wall>& to) {
     Ahead<Real, wall, diagonal, T> ahead(arrays, targets, slot, to);
     for (int i = 0; i < end; i++) ahead.find(i);
     return ahead.isFar();
 }
 
-/** The free part of pairs near contact, of which some overlap. Out of line: rare, and it would take the registers of the loop. */
+/** The free part of pairs near contact, of which some overlap. Out of line: rare, and it would take
+ * the registers of the loop. */
 template <class Real>
 HWY_NOINLINE PairMobility<Real> exactPairMobility(const Arrays& arrays, int target, int source) {
     constexpr int packs = Real::packs;
@@ -320,7 +339,8 @@ HWY_NOINLINE PairMobility<Real> exactPairMobility(const Arrays& arrays, int targ
         load(arrays.y + source, y);
         load(arrays.z + source, z);
         load(arrays.radius + source, radius);
-        const Vector3<Pack> r = {Pack(arrays.x[target]) - x, Pack(arrays.y[target]) - y, Pack(arrays.z[target]) - z};
+        const Vector3<Pack> r = {Pack(arrays.x[target]) - x, Pack(arrays.y[target]) - y,
+                                 Pack(arrays.z[target]) - z};
         const auto m = pairMobility(addedDot(r, r), Pack(arrays.radius[target]), radius);
         ttI[k] = m.ttI;
         ttR[k] = m.ttR;
@@ -341,8 +361,8 @@ HWY_NOINLINE PairMobility<Real> exactPairMobility(const Arrays& arrays, int targ
 
 /** What addPack() left out. */
 template <class Real, int columns, bool torque_i, bool torque_j, bool diagonal>
-HWY_NOINLINE void addNearPairs(const Arrays& arrays, Targets<Real, columns, torque_i>& targets, int slot, double* sums,
-                               std::size_t stride) {
+HWY_NOINLINE void addNearPairs(const Arrays& arrays, Targets<Real, columns, torque_i>& targets,
+                               int slot, double* sums, std::size_t stride) {
     typedef typename Precision<Real>::Tag Tag;
     const SourcePlaces<Real> sources(arrays, slot, targets.largestRadius);
     const Real numbers = numbersOf<Real>(targets, slot);
@@ -375,11 +395,13 @@ HWY_NOINLINE void addNearPairs(const Arrays& arrays, Targets<Real, columns, torq
  * @param end        of the targets
  * @param sums       of the first source
  * @param distances  of these pairs
- * @param next       prepare: where the next pack of sources is, to find the distances of, which are told to be far or not
+ * @param next       prepare: where the next pack of sources is, to find the distances of, which are
+ * told to be far or not
  */
 template <class Real, bool wall, int columns, bool torque_i, bool torque_j, bool prepare>
-HWY_NOINLINE bool addPack(const Arrays& arrays, Targets<Real, columns, torque_i>& targets, int end, int slot,
-                          double* sums, std::size_t stride, const Distances<Real, wall>& distances, int next,
+HWY_NOINLINE bool addPack(const Arrays& arrays, Targets<Real, columns, torque_i>& targets, int end,
+                          int slot, double* sums, std::size_t stride,
+                          const Distances<Real, wall>& distances, int next,
                           Distances<Real, wall>& nextDistances) {
     typedef Targets<Real, columns, torque_i> T;
     const SourcePlaces<Real> sources(arrays, slot, targets.largestRadius);
@@ -405,7 +427,8 @@ HWY_NOINLINE bool addPack(const Arrays& arrays, Targets<Real, columns, torque_i>
             targets.putSums(i, slot, v_i);
         };
         if constexpr (wall)
-            add(WallFactors<Real>(r, free, p, T::set(targets.place[2][i]), sources.place[2], third_i, sources.third));
+            add(WallFactors<Real>(r, free, p, T::set(targets.place[2][i]), sources.place[2],
+                                  third_i, sources.third));
         else
             add(FreeFactors<Real>(r, free));
     }
@@ -415,7 +438,8 @@ HWY_NOINLINE bool addPack(const Arrays& arrays, Targets<Real, columns, torque_i>
 
 /** What spheres do to themselves, in double precision. */
 template <class Real, bool wall, int columns, bool torque>
-HWY_NOINLINE void addSelf(const Arrays& arrays, int first, int end, double* sums, std::size_t stride) {
+HWY_NOINLINE void addSelf(const Arrays& arrays, int first, int end, double* sums,
+                          std::size_t stride) {
     const Pack zero(0.0);
     for (int slot = first; slot < end; slot += lanes(zero), sums += lanes(zero)) {
         Pack a, z;
@@ -426,25 +450,26 @@ HWY_NOINLINE void addSelf(const Arrays& arrays, int first, int end, double* sums
             double numbers[6][Precision<Pack>::lanes];
             for (int k = 0; k < (torque ? 6 : 3); k++)
                 for (int lane = 0; lane < lanes(zero); lane++)
-                    numbers[k][lane] = Precision<Real>::loads(arrays)[(6 * c + k) * arrays.stride + slot + lane];
+                    numbers[k][lane] =
+                        Precision<Real>::loads(arrays)[(6 * c + k) * arrays.stride + slot + lane];
             getVector(numbers[0], Precision<Pack>::lanes, loads.linear[c]);
             if (torque) getVector(numbers[3], Precision<Pack>::lanes, loads.angular[c]);
         }
         beginSums<columns, torque>(sums, stride, v);
         const Vector3<Pack> r = {zero, zero, zero};
-        addPairVelocities<columns, torque, torque>(pairMobility(zero, a, a), r, loads.linear, loads.angular, v.linear,
-                                                   v.angular);
+        addPairVelocities<columns, torque, torque>(pairMobility(zero, a, a), r, loads.linear,
+                                                   loads.angular, v.linear, v.angular);
         if (wall)
-            addWallVelocities<columns, torque, torque>(wallMobility(r, z, z, a, a), loads.linear, loads.angular,
-                                                       v.linear, v.angular);
+            addWallVelocities<columns, torque, torque>(wallMobility(r, z, z, a, a), loads.linear,
+                                                       loads.angular, v.linear, v.angular);
         endSums<torque>(v, sums, stride);
     }
 }
 
 /** @param second  null: the same as the first */
 template <class Real, bool wall, int columns, bool torque_i, bool torque_j>
-void addRanges(const Arrays& arrays, const SlotRange& first, const SlotRange* second, double* firstSums,
-               double* secondSums, std::size_t stride) {
+void addRanges(const Arrays& arrays, const SlotRange& first, const SlotRange* second,
+               double* firstSums, double* secondSums, std::size_t stride) {
     typedef Targets<Real, columns, torque_i> Block;
     const int width = lanes(Real(0.0));
     Distances<Real, wall> both[2];
@@ -454,59 +479,68 @@ void addRanges(const Arrays& arrays, const SlotRange& first, const SlotRange* se
         int slot = start;
         if constexpr (torque_i == torque_j) {
             if (!second) {
-                addSelf<Real, wall, columns, torque_i>(arrays, start, start + targets.count, sums, stride);
+                addSelf<Real, wall, columns, torque_i>(arrays, start, start + targets.count, sums,
+                                                       stride);
                 for (; slot < HWY_MIN(start + Block::size, first.end); slot += width) {
                     double* to = firstSums + (slot - first.first);
                     // Further targets come after all of these sources.
                     const int end = HWY_MIN(targets.count, slot - start + width - 1);
-                    const bool isFar = findDistances<Real, wall, true>(arrays, targets, end, slot, both[0]);
-                    addPack<Real, wall, columns, torque_i, torque_j, false>(arrays, targets, end, slot, to, stride,
-                                                                            both[0], slot, both[1]);
+                    const bool isFar =
+                        findDistances<Real, wall, true>(arrays, targets, end, slot, both[0]);
+                    addPack<Real, wall, columns, torque_i, torque_j, false>(
+                        arrays, targets, end, slot, to, stride, both[0], slot, both[1]);
                     if (!isFar)
-                        addNearPairs<Real, columns, torque_i, torque_j, true>(arrays, targets, slot, to, stride);
+                        addNearPairs<Real, columns, torque_i, torque_j, true>(arrays, targets, slot,
+                                                                              to, stride);
                 }
             }
         }
         if (second) slot = second->first;
         const int end = second ? second->end : first.end;
         double* to = second ? secondSums : firstSums + (slot - first.first);
-        bool isFar = slot < end && findDistances<Real, wall, false>(arrays, targets, targets.count, slot, both[0]);
+        bool isFar = slot < end && findDistances<Real, wall, false>(arrays, targets, targets.count,
+                                                                    slot, both[0]);
         for (int turn = 0; slot < end; slot += width, to += width, turn = 1 - turn) {
             const int next = slot + width < end ? slot + width : slot;
             const auto add = next > slot ? addPack<Real, wall, columns, torque_i, torque_j, true>
                                          : addPack<Real, wall, columns, torque_i, torque_j, false>;
-            const bool nextIsFar =
-                add(arrays, targets, targets.count, slot, to, stride, both[turn], next, both[1 - turn]);
+            const bool nextIsFar = add(arrays, targets, targets.count, slot, to, stride, both[turn],
+                                       next, both[1 - turn]);
             if (HWY_UNLIKELY(!isFar))
-                addNearPairs<Real, columns, torque_i, torque_j, false>(arrays, targets, slot, to, stride);
+                addNearPairs<Real, columns, torque_i, torque_j, false>(arrays, targets, slot, to,
+                                                                       stride);
             isFar = nextIsFar;
         }
         for (int c = 0; c < columns; c++)
             for (int k = 0; k < Block::rows; k++)
                 for (int i = 0; i < targets.count; i++)
-                    sums[(6 * c + k) * stride + i] += sumOfLanes(targets.sums[c * Block::rows + k][i]);
+                    sums[(6 * c + k) * stride + i] +=
+                        sumOfLanes(targets.sums[c * Block::rows + k][i]);
     }
 }
 
 template <class Real, bool wall, int columns>
-void addKinds(const Arrays& arrays, const SlotRange& first, const SlotRange* second, double* firstSums,
-              double* secondSums, std::size_t stride) {
+void addKinds(const Arrays& arrays, const SlotRange& first, const SlotRange* second,
+              double* firstSums, double* secondSums, std::size_t stride) {
     const bool torque_j = second ? second->hasTorque : first.hasTorque;
     (!first.hasTorque ? addRanges<Real, wall, columns, false, false>
      : torque_j       ? addRanges<Real, wall, columns, true, true>
-                : addRanges<Real, wall, columns, true, false>)(arrays, first, second, firstSums, secondSums, stride);
+                : addRanges<Real, wall, columns, true, false>)(arrays, first, second, firstSums,
+                                                               secondSums, stride);
 }
 template <class Real>
-void addBoundaries(const Arrays& arrays, const SlotRange& first, const SlotRange* second, double* firstSums,
-                   double* secondSums, std::size_t stride) {
-    (arrays.hasWall        ? arrays.columns == 1 ? addKinds<Real, true, 1> : addKinds<Real, true, 2>
-            : arrays.columns == 1 ? addKinds<Real, false, 1>
-                           : addKinds<Real, false, 2>)(arrays, first, second, firstSums, secondSums, stride);
+void addBoundaries(const Arrays& arrays, const SlotRange& first, const SlotRange* second,
+                   double* firstSums, double* secondSums, std::size_t stride) {
+    (arrays.hasWall ? arrays.columns == 1 ? addKinds<Real, true, 1> : addKinds<Real, true, 2>
+     : arrays.columns == 1
+         ? addKinds<Real, false, 1>
+         : addKinds<Real, false, 2>)(arrays, first, second, firstSums, secondSums, stride);
 }
 /** Spheres with torque come first, if kinds differ. */
-void addPairsOfRanges(const Arrays& arrays, const SlotRange& first, const SlotRange* second, double* firstSums,
-                      double* secondSums, std::size_t stride) {
-    (arrays.singleLoads ? addBoundaries<SinglePack> : addBoundaries<Pack>)(arrays, first, second, firstSums, secondSums,
+void addPairsOfRanges(const Arrays& arrays, const SlotRange& first, const SlotRange* second,
+                      double* firstSums, double* secondSums, std::size_t stride) {
+    (arrays.singleLoads ? addBoundaries<SinglePack> : addBoundaries<Pack>)(arrays, first, second,
+                                                                           firstSums, secondSums,
                                                                            stride);
 }
 
@@ -520,14 +554,13 @@ namespace RigidHIPlugin {
 
 HWY_EXPORT(addPairsOfRanges);
 
-void addPairs(const PairSumArrays& arrays, const SlotRange& first, const SlotRange& second, double* firstSums,
-              double* secondSums, std::size_t sumsStride) {
+void addPairs(const PairSumArrays& arrays, const SlotRange& first, const SlotRange& second,
+              double* firstSums, double* secondSums, std::size_t sumsStride) {
     const bool same = first.first == second.first;
-    if (second.hasTorque && !first.hasTorque)
-        HWY_DYNAMIC_DISPATCH(addPairsOfRanges)(arrays, second, &first, secondSums, firstSums, sumsStride);
-    else
-        HWY_DYNAMIC_DISPATCH(addPairsOfRanges)
-    (arrays, first, same ? nullptr : &second, firstSums, secondSums, sumsStride);
+    if (second.hasTorque && !first.hasTorque) HWY_DYNAMIC_DISPATCH(addPairsOfRanges)
+    (arrays, second, &first, secondSums, firstSums, sumsStride);
+    else HWY_DYNAMIC_DISPATCH(addPairsOfRanges)(arrays, first, same ? nullptr : &second, firstSums,
+                                                secondSums, sumsStride);
 }
 
 }  // namespace RigidHIPlugin

@@ -1,17 +1,20 @@
-// The Rotne-Prager-Yamakawa mobility of two spheres, in unbounded fluid or above a no-slip wall, as sums want it that take each pair
-// once: what i does because of j, and what j does because of i, from the same few factors.
+// The Rotne-Prager-Yamakawa mobility of two spheres, in unbounded fluid or above a no-slip wall, as
+// sums want it that take each pair once: what i does because of j, and what j does because of i,
+// from the same few factors.
 //
-// Equation:  that of mobility/models/rotneprager/RotnePragerYamakawa-inl.h and mobility/models/wall/RotnePragerYamakawaWall-inl.h. Above
-//            a wall the free part and the image are summed block by block. With (x, y, z) = r_i - r_j and s = x F_x + y F_y
-//            symmetry leaves of a block
-//                tt:  V_xy = P F_xy + (x, y) (Q s + U F_z)                         V_z = W s + C F_z
-//                tr:  V_xy = a t + (x, y) c R + b T_z (y, -x)                       V_z = d R
-//                rt:  W_xy = (-a F_y, a F_x) + (y, -x) (c s + d F_z)                W_z = b (y F_x - x F_y)
-//                rr:  W_xy = I T_xy + (x, y) (N S + G T_z) + (y, -x) around R       W_z = H S + E T_z
-//            with t = (T_y, -T_x), R = y T_x - x T_y, S = x T_x + y T_y. The pair swapped has the transpose: U and W, G and H, and
-//            the a, b, c, d of tr and rt change places.
-// Cost:      multiplications a column and direction: 10 of blobs, free or above a wall; of spheres 32 and 43.
-// Limits:    as there; where spheres overlap, free factors are PairMobility's.
+// Equation:  that of mobility/models/rotneprager/RotnePragerYamakawa-inl.h and
+// mobility/models/wall/RotnePragerYamakawaWall-inl.h. Above
+//            a wall the free part and the image are summed block by block. With (x, y, z) = r_i -
+//            r_j and s = x F_x + y F_y symmetry leaves of a block
+//                tt:  V_xy = P F_xy + (x, y) (Q s + U F_z)                         V_z = W s + C
+//                F_z tr:  V_xy = a t + (x, y) c R + b T_z (y, -x)                       V_z = d R
+//                rt:  W_xy = (-a F_y, a F_x) + (y, -x) (c s + d F_z)                W_z = b (y F_x
+//                - x F_y) rr:  W_xy = I T_xy + (x, y) (N S + G T_z) + (y, -x) around R       W_z =
+//                H S + E T_z
+//            with t = (T_y, -T_x), R = y T_x - x T_y, S = x T_x + y T_y. The pair swapped has the
+//            transpose: U and W, G and H, and the a, b, c, d of tr and rt change places.
+// Cost:      multiplications a column and direction: 10 of blobs, free or above a wall; of spheres
+// 32 and 43. Limits:    as there; where spheres overlap, free factors are PairMobility's.
 
 #if defined(RIGIDHI_PAIRS_BOTH_WAYS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_PAIRS_BOTH_WAYS_INL_H_
@@ -26,7 +29,8 @@
 namespace RigidHIPlugin {
 namespace RIGIDHI_TARGET {
 
-/** Forces and torques on a sphere, or its velocity and angular velocity, in several cases (columns). */
+/** Forces and torques on a sphere, or its velocity and angular velocity, in several cases
+ * (columns). */
 template <class Real, int columns>
 struct LinearAndAngular {
     Vector3<Real> linear[columns], angular[columns];
@@ -40,7 +44,8 @@ struct LinearAndAngular {
  */
 template <class Real>
 HWY_INLINE PairMobility<Real> farPairMobilityOf(const Real& inverse, const Real& third) {
-    const Real inverse2 = inverse * inverse, inverse3 = inverse * inverse2, share = inverse3 * third;
+    const Real inverse2 = inverse * inverse, inverse3 = inverse * inverse2,
+               share = inverse3 * third;
     PairMobility<Real> m;
     m.ttI = inverse + share;
     m.ttR = negativeMultiplyAdd(Real(3.0) * inverse2, share, inverse3);
@@ -57,9 +62,11 @@ struct FreeFactors {
     Real ttI, ttR, rrI, rrR;
 
     HWY_INLINE FreeFactors(const Vector3<Real>& r, const PairMobility<Real>& m)
-        : r{r.x, r.y, r.z}, rt{m.rt * r.x, m.rt * r.y, m.rt * r.z}, tr{m.tr * r.x, m.tr * r.y, m.tr * r.z}, ttI(m.ttI),
-          ttR(m.ttR), rrI(m.rrI), rrR(m.rrR) {}
-    /** Add what forces and torques on j do to i, times 8 pi eta. Without torque_i sphere i has no W, without torque_j sphere j no T. */
+        : r{r.x, r.y, r.z}, rt{m.rt * r.x, m.rt * r.y, m.rt * r.z}, tr{m.tr * r.x, m.tr * r.y,
+                                                                       m.tr * r.z},
+          ttI(m.ttI), ttR(m.ttR), rrI(m.rrI), rrR(m.rrR) {}
+    /** Add what forces and torques on j do to i, times 8 pi eta. Without torque_i sphere i has no
+     * W, without torque_j sphere j no T. */
     template <int columns, bool torque_i, bool torque_j>
     HWY_INLINE void addToFirst(const LinearAndAngular<Real, columns>& load_j,
                                LinearAndAngular<Real, columns>& v_i) const {
@@ -108,39 +115,49 @@ struct WallFactors {
 
     /**
      * @param r, free   r_i - r_j, and the free part of spheres that do not overlap (0 if they do)
-     * @param p         1 over the distance of i from the mirror image of j, or 0: then the image is 0
+     * @param p         1 over the distance of i from the mirror image of j, or 0: then the image is
+     * 0
      * @param z_i, z_j  heights over the wall
      * @param b_i, b_j  a third of the squares of radii
      */
-    HWY_INLINE WallFactors(const Vector3<Real>& r, const PairMobility<Real>& free, const Real& p, const Real& z_i,
-                           const Real& z_j, const Real& b_i, const Real& b_j)
+    HWY_INLINE WallFactors(const Vector3<Real>& r, const PairMobility<Real>& free, const Real& p,
+                           const Real& z_i, const Real& z_j, const Real& b_i, const Real& b_j)
         : x(r.x), y(r.y) {
         const Real three(3.0), six(6.0), ten(10.0), thirty(30.0);
         const Real Z = z_i + z_j, third = b_i + b_j;
         const Real p2 = p * p, p3 = p * p2, p5 = p3 * p2, Zp2 = Z * p2, w = Z * Zp2;
-        // Halves of the factors of H, d_z H and d_z^2 H in RotnePragerYamakawaWall-inl.h, but for the first, which is whole.
-        const Real first = multiplyAdd(z_i + z_i, z_j, third), second = multiplyAdd(z_i, b_j, z_j * b_i);
+        // Halves of the factors of H, d_z H and d_z^2 H in RotnePragerYamakawaWall-inl.h, but for
+        // the first, which is whole.
+        const Real first = multiplyAdd(z_i + z_i, z_j, third),
+                   second = multiplyAdd(z_i, b_j, z_j * b_i);
         const Real fourth = b_i * b_j, secondZ = second * Zp2, fourthP = fourth * p2;
-        const Real identity = multiplySubtract(
-            p3, multiplyAdd(fourthP, negativeMultiplyAdd(thirty, w, six), multiplySubtract(six, secondZ, first)), p);
-        const Real outer = multiplySubtract(p5,
-                                            multiplyAdd(fourthP, multiplySubtract(Real(210.0), w, thirty),
-                                                        three * negativeMultiplyAdd(ten, secondZ, first)),
-                                            p3);
+        const Real identity =
+            multiplySubtract(p3,
+                             multiplyAdd(fourthP, negativeMultiplyAdd(thirty, w, six),
+                                         multiplySubtract(six, secondZ, first)),
+                             p);
+        const Real outer =
+            multiplySubtract(p5,
+                             multiplyAdd(fourthP, multiplySubtract(Real(210.0), w, thirty),
+                                         three * negativeMultiplyAdd(ten, secondZ, first)),
+                             p3);
         const Real twice = p3 + p3, p56 = six * p5;
         const Real both = p56 * negativeMultiplyAdd(ten * fourth, Zp2, second);
         const Real gradient_i = twice * negativeMultiplyAdd(three * b_i, Zp2, z_i);
         const Real gradient_j = twice * negativeMultiplyAdd(three * b_j, Zp2, z_j);
         const Real vertical = multiplyAdd(twice, multiplyAdd(six, fourthP, third), p + p);
 
-        const Real outerZ = outer * Z, freeZ = free.ttR * r.z, Re = both + gradient_i, eR = both + gradient_j;
+        const Real outerZ = outer * Z, freeZ = free.ttR * r.z, Re = both + gradient_i,
+                   eR = both + gradient_j;
         P = free.ttI + identity;
         Q = free.ttR + outer;
         U = freeZ - (outerZ + Re);
         W = freeZ + (outerZ + eR);
-        C = multiplyAdd(freeZ, r.z, free.ttI - identity) - multiplyAdd(Z, outerZ + (Re + eR), vertical);
+        C = multiplyAdd(freeZ, r.z, free.ttI - identity) -
+            multiplyAdd(Z, outerZ + (Re + eR), vertical);
 
-        const Real rolling = Z * p3, f = free.tr, fz = f * r.z, drop = f - p3, steep = ten * three * Zp2;
+        const Real rolling = Z * p3, f = free.tr, fz = f * r.z, drop = f - p3,
+                   steep = ten * three * Zp2;
         ij.a = fz + (rolling - gradient_i);
         ji.a = (rolling - gradient_j) - fz;
         ij.b = p3 - f;
@@ -163,22 +180,22 @@ struct WallFactors {
     HWY_INLINE void addToFirst(const LinearAndAngular<Real, columns>& load_j,
                                LinearAndAngular<Real, columns>& v_i) const {
         for (int c = 0; c < columns; c++)
-            add<torque_i, torque_j>(U, W, ij, ji, G, H, load_j.linear[c], load_j.angular[c], v_i.linear[c],
-                                    v_i.angular[c]);
+            add<torque_i, torque_j>(U, W, ij, ji, G, H, load_j.linear[c], load_j.angular[c],
+                                    v_i.linear[c], v_i.angular[c]);
     }
     template <int columns, bool torque_i, bool torque_j>
     HWY_INLINE void addToSecond(const LinearAndAngular<Real, columns>& load_i,
                                 LinearAndAngular<Real, columns>& v_j) const {
         for (int c = 0; c < columns; c++)
-            add<torque_j, torque_i>(W, U, ji, ij, H, G, load_i.linear[c], load_i.angular[c], v_j.linear[c],
-                                    v_j.angular[c]);
+            add<torque_j, torque_i>(W, U, ji, ij, H, G, load_i.linear[c], load_i.angular[c],
+                                    v_j.linear[c], v_j.angular[c]);
     }
 
 private:
     template <bool targetTorque, bool sourceTorque>
-    HWY_INLINE void add(const Real& U, const Real& W, const Coupling& tr, const Coupling& rt, const Real& G,
-                        const Real& H, const Vector3<Real>& F, const Vector3<Real>& T, Vector3<Real>& V,
-                        Vector3<Real>& omega) const {
+    HWY_INLINE void add(const Real& U, const Real& W, const Coupling& tr, const Coupling& rt,
+                        const Real& G, const Real& H, const Vector3<Real>& F,
+                        const Vector3<Real>& T, Vector3<Real>& V, Vector3<Real>& omega) const {
         const Real s = multiplyAdd(x, F.x, y * F.y), along = multiplyAdd(Q, s, U * F.z);
         V.x = multiplyAdd(x, along, multiplyAdd(P, F.x, V.x));
         V.y = multiplyAdd(y, along, multiplyAdd(P, F.y, V.y));
@@ -192,12 +209,15 @@ private:
         if (sourceTorque) {
             const Real R = negativeMultiplyAdd(x, T.y, y * T.x), cR = tr.c * R, spin = tr.b * T.z;
             V.x = multiplyAdd(y, spin, multiplyAdd(x, cR, multiplyAdd(tr.a, T.y, V.x)));
-            V.y = negativeMultiplyAdd(x, spin, multiplyAdd(y, cR, negativeMultiplyAdd(tr.a, T.x, V.y)));
+            V.y = negativeMultiplyAdd(x, spin,
+                                      multiplyAdd(y, cR, negativeMultiplyAdd(tr.a, T.x, V.y)));
             V.z = multiplyAdd(tr.d, R, V.z);
             if (targetTorque) {
-                const Real S = multiplyAdd(x, T.x, y * T.y), inner = multiplyAdd(N, S, G * T.z), turn = around * R;
+                const Real S = multiplyAdd(x, T.x, y * T.y), inner = multiplyAdd(N, S, G * T.z),
+                           turn = around * R;
                 omega.x = multiplyAdd(y, turn, multiplyAdd(x, inner, multiplyAdd(I, T.x, omega.x)));
-                omega.y = negativeMultiplyAdd(x, turn, multiplyAdd(y, inner, multiplyAdd(I, T.y, omega.y)));
+                omega.y = negativeMultiplyAdd(x, turn,
+                                              multiplyAdd(y, inner, multiplyAdd(I, T.y, omega.y)));
                 omega.z = multiplyAdd(H, S, multiplyAdd(E, T.z, omega.z));
             }
         }

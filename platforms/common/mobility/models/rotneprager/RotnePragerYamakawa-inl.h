@@ -1,15 +1,20 @@
-// Rotne-Prager-Yamakawa mobility of two spheres of any radii in unbounded fluid, for a pair (Real = double) or a SIMD pack
-// of pairs. Sphere i moves with V_i, W_i because a force F_j and a torque T_j act on sphere j; r = r_i - r_j:
+// Rotne-Prager-Yamakawa mobility of two spheres of any radii in unbounded fluid, for a pair (Real =
+// double) or a SIMD pack of pairs. Sphere i moves with V_i, W_i because a force F_j and a torque
+// T_j act on sphere j; r = r_i - r_j:
 //
 //     8 pi eta V_i = ttI F_j + ttR r (r.F_j) + tr T_j x r
 //     8 pi eta W_i = rt F_j x r + rrI T_j + rrR r (r.T_j)
 //
-// Method:    surface averages of the Stokeslet over both spheres: far apart, overlapping, one inside the other. The whole
-//            matrix is positive definite for all positions; continuous; symmetric (tr of a pair is rt of the pair swapped).
-//            Its divergence with respect to positions is 0, as the Stokeslet's: docs/THEORY.md.
-// Reference: Rotne, Prager, J. Chem. Phys. 50, 4831 (1969); Yamakawa, ibid. 53, 436 (1970); overlapping and unequal:
+// Method:    surface averages of the Stokeslet over both spheres: far apart, overlapping, one
+// inside the other. The whole
+//            matrix is positive definite for all positions; continuous; symmetric (tr of a pair is
+//            rt of the pair swapped). Its divergence with respect to positions is 0, as the
+//            Stokeslet's: docs/THEORY.md.
+// Reference: Rotne, Prager, J. Chem. Phys. 50, 4831 (1969); Yamakawa, ibid. 53, 436 (1970);
+// overlapping and unequal:
 //            Zuk et al., J. Fluid Mech. 741, R5 (2014).
-// Limits:    pairwise; spheres nearly in contact have no lubrication. At one place and of one radius, spheres cannot move
+// Limits:    pairwise; spheres nearly in contact have no lubrication. At one place and of one
+// radius, spheres cannot move
 //            apart: the matrix is then singular.
 
 #if defined(RIGIDHI_ROTNE_PRAGER_YAMAKAWA_INL_H_) == defined(HWY_TARGET_TOGGLE)
@@ -63,15 +68,19 @@ inline PairMobility<Real> farPairMobility(const Real& distance2, const Real& squ
 }
 
 /**
- * Spheres that overlap, or one inside the other, or the same: r = 0 and a_i = a_j gives the mobility of a sphere itself.
+ * Spheres that overlap, or one inside the other, or the same: r = 0 and a_i = a_j gives the
+ * mobility of a sphere itself.
  *
- * The published polynomials over R^3, rewritten in x = ((a_i - a_j)/R)^2 <= 1, which divides nothing small by something
- * small. Once one sphere is inside the other its share stays what it was at R = |a_i - a_j|, with rt growing like r from
- * the large sphere's centre; so this is the same formula with R held at that value.
+ * The published polynomials over R^3, rewritten in x = ((a_i - a_j)/R)^2 <= 1, which divides
+ * nothing small by something small. Once one sphere is inside the other its share stays what it was
+ * at R = |a_i - a_j|, with rt growing like r from the large sphere's centre; so this is the same
+ * formula with R held at that value.
  */
 template <class Real>
-inline PairMobility<Real> overlappingPairMobility(const Real& distance2, const Real& a_i, const Real& a_j) {
-    // Below this distance r is 0 beside any radius; its square and the square's inverse are still finite.
+inline PairMobility<Real> overlappingPairMobility(const Real& distance2, const Real& a_i,
+                                                  const Real& a_j) {
+    // Below this distance r is 0 beside any radius; its square and the square's inverse are still
+    // finite.
     const double tiny = 1e-150;
     const Real s = a_i - a_j, sum = a_i + a_j, product = a_i * a_j;
     const Real R = maximum(maximum(squareRoot(distance2), maximum(s, Real(0.0) - s)), Real(tiny));
@@ -81,14 +90,16 @@ inline PairMobility<Real> overlappingPairMobility(const Real& distance2, const R
     const Real cubes = a_i * a_i * a_i + a_j * a_j * a_j;
     const Real over = Real(1.0) / product, over3 = over * over * over;
     PairMobility<Real> m;
-    m.ttI = Real(4.0 / 3.0) * over * (Real(0.5) * sum - Real(1.0 / 32.0) * R * (Real(3.0) + x) * (Real(3.0) + x));
+    m.ttI = Real(4.0 / 3.0) * over *
+            (Real(0.5) * sum - Real(1.0 / 32.0) * R * (Real(3.0) + x) * (Real(3.0) + x));
     m.ttR = Real(1.0 / 8.0) * over * inside * inverse;
-    const Real brackets = Real(5.0) * R * R - Real(27.0) * squares - Real(9.0) * x * sum * sum - x * x * q;
+    const Real brackets =
+        Real(5.0) * R * R - Real(27.0) * squares - Real(9.0) * x * sum * sum - x * x * q;
     m.rrI = Real(1.0 / 64.0) * over3 * (Real(32.0) * cubes + R * brackets);
     m.rrR = Real(3.0 / 64.0) * over3 * inside * inverse * (q - R * R);
     const Real up = Real(1.0) + z, down = Real(1.0) - z;
-    m.rt =
-        Real(1.0 / 16.0) * over * up * up / (a_i * a_i) * ((a_j + Real(3.0) * a_i) * (Real(2.0) - z) - Real(3.0) * R);
+    m.rt = Real(1.0 / 16.0) * over * up * up / (a_i * a_i) *
+           ((a_j + Real(3.0) * a_i) * (Real(2.0) - z) - Real(3.0) * R);
     m.tr = Real(1.0 / 16.0) * over * down * down / (a_j * a_j) *
            ((a_i + Real(3.0) * a_j) * (Real(2.0) + z) - Real(3.0) * R);
     return m;
@@ -128,12 +139,14 @@ inline Real addedDot(const Vector3<Real>& a, const Vector3<Real>& b) {
 }
 
 /**
- * Add what forces and torques on sphere j do to sphere i, times 8 pi eta, for several cases (columns) at once.
- * Without targetTorque sphere i has no W, without sourceTorque sphere j has no T; these are not touched.
+ * Add what forces and torques on sphere j do to sphere i, times 8 pi eta, for several cases
+ * (columns) at once. Without targetTorque sphere i has no W, without sourceTorque sphere j has no
+ * T; these are not touched.
  */
 template <int columns, bool targetTorque, bool sourceTorque, class Real>
-inline void addPairVelocities(const PairMobility<Real>& m, const Vector3<Real>& r, const Vector3<Real>* force,
-                              const Vector3<Real>* torque, Vector3<Real>* velocity, Vector3<Real>* omega) {
+inline void addPairVelocities(const PairMobility<Real>& m, const Vector3<Real>& r,
+                              const Vector3<Real>* force, const Vector3<Real>* torque,
+                              Vector3<Real>* velocity, Vector3<Real>* omega) {
     const Vector3<Real> rt = m.rt * r, tr = m.tr * r;
     for (int c = 0; c < columns; c++) {
         addMultiple(m.ttI, force[c], velocity[c]);

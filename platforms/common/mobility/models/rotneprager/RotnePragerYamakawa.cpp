@@ -26,11 +26,13 @@ void addTo(Eigen::MatrixXd& m, int row, int column, const Vector& v) {
 }
 
 /** The block identity I + outer r r^T, and its transpose in the mirrored place. */
-void placeSymmetric(Eigen::MatrixXd& m, int row, int column, double identity, double outer, const Vector& r) {
+void placeSymmetric(Eigen::MatrixXd& m, int row, int column, double identity, double outer,
+                    const Vector& r) {
     const double v[3] = {r.x, r.y, r.z};
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
-            m(row + i, column + j) = m(column + j, row + i) = outer * v[i] * v[j] + (i == j ? identity : 0.0);
+            m(row + i, column + j) = m(column + j, row + i) =
+                outer * v[i] * v[j] + (i == j ? identity : 0.0);
 }
 /** The block B with B f = factor f x r, and its transpose in the mirrored place. */
 void placeCross(Eigen::MatrixXd& m, int row, int column, double factor, const Vector& r) {
@@ -47,7 +49,8 @@ public:
     void dense(Eigen::MatrixXd& mobility) override;
     void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
                    Velocities& velocities) override {
-        addFreeFlowAt(particles, positions, sources, points, factor / (8 * M_PI * viscosity), velocities);
+        addFreeFlowAt(particles, positions, sources, points, factor / (8 * M_PI * viscosity),
+                      velocities);
     }
 
 protected:
@@ -68,7 +71,8 @@ void Place::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
             const auto m = pairMobility(dot(r, r), particles.radii[i], particles.radii[j]);
             for (int column = 0; column < forces.cols(); column++) {
                 const Vector force = rows(forces, from, column);
-                const Vector torque = particles.hasTorque[j] ? rows(forces, from + 3, column) : Vector{0, 0, 0};
+                const Vector torque =
+                    particles.hasTorque[j] ? rows(forces, from + 3, column) : Vector{0, 0, 0};
                 Vector velocity = {0, 0, 0}, omega = {0, 0, 0};
                 addPairVelocities<1, true, true>(m, r, &force, &torque, &velocity, &omega);
                 addTo(velocities, row, column, velocity);

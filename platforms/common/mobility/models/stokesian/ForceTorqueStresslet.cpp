@@ -20,10 +20,11 @@ Matrix3d crossProduct(const Vector3d& v) {
     return m;
 }
 
-/** What two spheres do to each other at centre distance r, direction n from j to i; in units of 1/(8 pi viscosity). */
+/** What two spheres do to each other at centre distance r, direction n from j to i; in units of
+ * 1/(8 pi viscosity). */
 struct PairMobility {
-    Matrix3d tt, rt, rr;                 // of (F_j, T_j) on (U_i, Omega_i); the coupling of T_j to U_i equals rt
-    Eigen::Matrix<double, 3, 5> ts, rs;  // of S_j on (U_i, Omega_i)
+    Matrix3d tt, rt, rr;  // of (F_j, T_j) on (U_i, Omega_i); the coupling of T_j to U_i equals rt
+    Eigen::Matrix<double, 3, 5> ts, rs;                  // of S_j on (U_i, Omega_i)
     Eigen::Matrix<double, 3, 5> tsBackward, rsBackward;  // of S_i on (U_j, Omega_j)
     Eigen::Matrix<double, 5, 5> ss;
 
@@ -51,8 +52,10 @@ struct PairMobility {
 
 }  // namespace
 
-void computeForceTorqueStressletMobility(const std::vector<double>& radii, const std::vector<OpenMM::Vec3>& positions,
-                                         double viscosity, StressletResponse& response, MatrixXd& mobility) {
+void computeForceTorqueStressletMobility(const std::vector<double>& radii,
+                                         const std::vector<OpenMM::Vec3>& positions,
+                                         double viscosity, StressletResponse& response,
+                                         MatrixXd& mobility) {
     const int n = radii.size();
     MatrixXd &ss = response.factor, &coupling = response.halfCoupling;  // coupling: E of F, T
     mobility.resize(6 * n, 6 * n);
@@ -92,23 +95,28 @@ void computeForceTorqueStressletMobility(const std::vector<double>& radii, const
     mobility /= 8 * M_PI * viscosity;
 }
 
-MatrixXd forceTorqueStressletMobility(const std::vector<double>& radii, const std::vector<OpenMM::Vec3>& positions,
-                                      double viscosity, StressletResponse* response) {
+MatrixXd forceTorqueStressletMobility(const std::vector<double>& radii,
+                                      const std::vector<OpenMM::Vec3>& positions, double viscosity,
+                                      StressletResponse* response) {
     StressletResponse own;
     MatrixXd mobility;
-    computeForceTorqueStressletMobility(radii, positions, viscosity, response ? *response : own, mobility);
+    computeForceTorqueStressletMobility(radii, positions, viscosity, response ? *response : own,
+                                        mobility);
     return mobility;
 }
 
-void StressletResponse::addVelocities(Eigen::VectorXd& strainRates, Eigen::Ref<Eigen::VectorXd> velocities) const {
+void StressletResponse::addVelocities(Eigen::VectorXd& strainRates,
+                                      Eigen::Ref<Eigen::VectorXd> velocities) const {
     factor.triangularView<Eigen::Lower>().solveInPlace(strainRates);
     velocities.noalias() -= halfCoupling.transpose() * strainRates;
 }
 
-Eigen::VectorXd StressletResponse::stresslets(const Eigen::VectorXd& forces, const Eigen::VectorXd& strainRates,
+Eigen::VectorXd StressletResponse::stresslets(const Eigen::VectorXd& forces,
+                                              const Eigen::VectorXd& strainRates,
                                               double viscosity) const {
-    Eigen::VectorXd half = halfCoupling * forces + factor.triangularView<Eigen::Lower>().solve(
-                                                       Eigen::VectorXd(8 * M_PI * viscosity * strainRates));
+    Eigen::VectorXd half =
+        halfCoupling * forces + factor.triangularView<Eigen::Lower>().solve(
+                                    Eigen::VectorXd(8 * M_PI * viscosity * strainRates));
     factor.triangularView<Eigen::Lower>().transpose().solveInPlace(half);
     return -half;
 }

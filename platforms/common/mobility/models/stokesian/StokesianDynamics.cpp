@@ -25,7 +25,8 @@ namespace {
 
 std::string nameOf(const HydrodynamicParticles& particles, int i) {
     return "particle " + std::to_string(particles.systemIndex[i]) +
-           (particles.body[i] < 0 ? " (in no body)" : " (body " + std::to_string(particles.body[i]) + ")");
+           (particles.body[i] < 0 ? " (in no body)"
+                                  : " (body " + std::to_string(particles.body[i]) + ")");
 }
 
 double distanceBetween(const Vec3& a, const Vec3& b) {
@@ -50,14 +51,15 @@ void inverseFromFactor(const MatrixXd& lower, MatrixXd& scratch, MatrixXd& inver
 }  // namespace
 
 void refuseIndefiniteSpheres(int numSpheres) {
-    throw OpenMMException("StokesianDynamics: the matrix of " + std::to_string(numSpheres) +
-                          " spheres is not positive definite; do spheres overlap by more than a minimum gap can "
-                          "bridge? Separate them, "
-                          "use smaller time steps, or the model RotnePragerYamakawa");
+    throw OpenMMException(
+        "StokesianDynamics: the matrix of " + std::to_string(numSpheres) +
+        " spheres is not positive definite; do spheres overlap by more than a minimum gap can "
+        "bridge? Separate them, "
+        "use smaller time steps, or the model RotnePragerYamakawa");
 }
 
-StokesianDynamics::StokesianDynamics(const HydrodynamicParticles& particles, double viscosity, bool lubrication,
-                                     double minimumGap, bool selfPairs)
+StokesianDynamics::StokesianDynamics(const HydrodynamicParticles& particles, double viscosity,
+                                     bool lubrication, double minimumGap, bool selfPairs)
     : MobilityModel(particles, viscosity), lubrication(lubrication), minimumGap(minimumGap) {
     if (!(minimumGap >= 0 && minimumGap < 1))
         throw OpenMMException("StokesianDynamics: the minimum gap is " + text(minimumGap) +
@@ -65,15 +67,17 @@ StokesianDynamics::StokesianDynamics(const HydrodynamicParticles& particles, dou
     std::map<int, int> particleOfBody;
     for (int i = 0; i < particles.size(); i++) {
         if (!particles.hasTorque[i])
-            throw OpenMMException("StokesianDynamics is a model of spheres that rotate, and " + nameOf(particles, i) +
-                                  " has no torque; make it a body of its own, or use the model RotnePragerYamakawa");
+            throw OpenMMException(
+                "StokesianDynamics is a model of spheres that rotate, and " + nameOf(particles, i) +
+                " has no torque; make it a body of its own, or use the model RotnePragerYamakawa");
         const auto inserted = particleOfBody.emplace(particles.body[i], i);
         if (particles.body[i] >= 0 && !inserted.second)
-            throw OpenMMException(
-                "StokesianDynamics is a model of single spheres, and body " + std::to_string(particles.body[i]) +
-                " has particles " + std::to_string(particles.systemIndex[inserted.first->second]) + " and " +
-                std::to_string(particles.systemIndex[i]) +
-                " that the fluid sees; give all but one the radius 0, or use the model RotnePragerYamakawa");
+            throw OpenMMException("StokesianDynamics is a model of single spheres, and body " +
+                                  std::to_string(particles.body[i]) + " has particles " +
+                                  std::to_string(particles.systemIndex[inserted.first->second]) +
+                                  " and " + std::to_string(particles.systemIndex[i]) +
+                                  " that the fluid sees; give all but one the radius 0, or use the "
+                                  "model RotnePragerYamakawa");
     }
     std::vector<double> radii = particles.radii;
     std::sort(radii.begin(), radii.end());
@@ -83,13 +87,14 @@ StokesianDynamics::StokesianDynamics(const HydrodynamicParticles& particles, dou
     if (!lubrication) return;
     if (!radii.empty() && radii.back() > TwoSphereResistance::maximumRatio * radii.front()) {
         const auto extremes = std::minmax_element(particles.radii.begin(), particles.radii.end());
-        throw OpenMMException("StokesianDynamics: the radii " + text(*extremes.second) + " nm of " +
-                              nameOf(particles, extremes.second - particles.radii.begin()) + " and " +
-                              text(*extremes.first) + " nm of " +
-                              nameOf(particles, extremes.first - particles.radii.begin()) + " have the ratio " +
-                              text(*extremes.second / *extremes.first) + "; lubrication is known up to a ratio of " +
-                              text(TwoSphereResistance::maximumRatio) +
-                              ": turn it off by setLubrication(False), or use the model RotnePragerYamakawa");
+        throw OpenMMException(
+            "StokesianDynamics: the radii " + text(*extremes.second) + " nm of " +
+            nameOf(particles, extremes.second - particles.radii.begin()) + " and " +
+            text(*extremes.first) + " nm of " +
+            nameOf(particles, extremes.first - particles.radii.begin()) + " have the ratio " +
+            text(*extremes.second / *extremes.first) + "; lubrication is known up to a ratio of " +
+            text(TwoSphereResistance::maximumRatio) +
+            ": turn it off by setLubrication(False), or use the model RotnePragerYamakawa");
     }
     std::vector<int> copies(radii.size());
     for (int k : kind) copies[k]++;
@@ -106,19 +111,24 @@ bool StokesianDynamics::overlaps(const std::vector<Vec3>& positions, int& i, int
     if (minimumGap > 0) return false;
     for (i = 0; i < particles.size(); i++)
         for (j = i + 1; j < particles.size(); j++)
-            if (distanceBetween(positions[i], positions[j]) <= particles.radii[i] + particles.radii[j]) return true;
+            if (distanceBetween(positions[i], positions[j]) <=
+                particles.radii[i] + particles.radii[j])
+                return true;
     return false;
 }
 
-std::string StokesianDynamics::objectionToPair(int i, int j, double distance, const char* image) const {
+std::string StokesianDynamics::objectionToPair(int i, int j, double distance,
+                                               const char* image) const {
     const double contact = particles.radii[i] + particles.radii[j];
     if (minimumGap > 0 && distance > 0) return {};
     if (minimumGap > 0)
-        return "StokesianDynamics: " + nameOf(particles, i) + " and " + image + nameOf(particles, j) +
+        return "StokesianDynamics: " + nameOf(particles, i) + " and " + image +
+               nameOf(particles, j) +
                " are at the same place, so their line of centres has no direction; move one";
     if (distance > contact) return {};
     return "StokesianDynamics: " + nameOf(particles, i) + " and " + image + nameOf(particles, j) +
-           " overlap or touch: their distance is " + text(distance) + " nm, the sum of their radii " + text(contact) +
+           " overlap or touch: their distance is " + text(distance) +
+           " nm, the sum of their radii " + text(contact) +
            " nm; separate them, allow it by setMinimumGap, or use the model RotnePragerYamakawa";
 }
 
@@ -132,8 +142,10 @@ std::string StokesianDynamics::objection(const Placement& placement) const {
     return {};
 }
 
-void StokesianDynamics::addLubrication(const Vector3d& toJ, int i, int j, double weight, MatrixXd& friction) const {
-    const bool swapped = particles.radii[i] < particles.radii[j];  // tables are for sphere 1 the larger
+void StokesianDynamics::addLubrication(const Vector3d& toJ, int i, int j, double weight,
+                                       MatrixXd& friction) const {
+    const bool swapped =
+        particles.radii[i] < particles.radii[j];  // tables are for sphere 1 the larger
     if (swapped) std::swap(i, j);
     const double a[2] = {particles.radii[i], particles.radii[j]}, mean = (a[0] + a[1]) / 2;
     const double distance = std::sqrt(toJ[0] * toJ[0] + toJ[1] * toJ[1] + toJ[2] * toJ[2]);
@@ -148,7 +160,8 @@ void StokesianDynamics::addLubrication(const Vector3d& toJ, int i, int j, double
     for (int p = 0; p < 2; p++)
         for (int q = 0; q < 2; q++) {
             const double sum = a[p] + a[q], unit = weight * M_PI * viscosity * sum;
-            friction.block<3, 3>(row[p], row[q]) += 3 * unit * (f[XA11 + p + q] * along + f[YA11 + p + q] * across);
+            friction.block<3, 3>(row[p], row[q]) +=
+                3 * unit * (f[XA11 + p + q] * along + f[YA11 + p + q] * across);
             friction.block<3, 3>(row[p] + 3, row[q] + 3) +=
                 unit * sum * sum * (f[XC11 + p + q] * along + f[YC11 + p + q] * across);
             const Matrix3d torqueOfVelocity = unit * sum * f[YB11 + 2 * p + q] * turn;
@@ -157,8 +170,9 @@ void StokesianDynamics::addLubrication(const Vector3d& toJ, int i, int j, double
         }
 }
 
-Eigen::VectorXd StokesianDynamics::stressletsOf(const StressletResponse& response, const MatrixXd& forces,
-                                                const DrivenFlow* flow, const std::vector<Vec3>& positions) const {
+Eigen::VectorXd StokesianDynamics::stressletsOf(const StressletResponse& response,
+                                                const MatrixXd& forces, const DrivenFlow* flow,
+                                                const std::vector<Vec3>& positions) const {
     Eigen::VectorXd rates = Eigen::VectorXd::Zero(5 * particles.size());
     if (flow) strainRates(*flow, positions, rates);
     return response.stresslets(forces.col(0), rates, viscosity);
@@ -168,8 +182,8 @@ void StokesianDynamics::strainRates(const DrivenFlow& flow, const std::vector<Ve
                                     Eigen::VectorXd& rates) const {
     rates.resize(5 * particles.size());
     for (int i = 0; i < particles.size(); i++)
-        rates.segment<5>(5 * i) =
-            inStressletBasis(flow.strainRateAt(toEigen(positions[i]), waveFactors(particles.radii[i], flow.k)));
+        rates.segment<5>(5 * i) = inStressletBasis(
+            flow.strainRateAt(toEigen(positions[i]), waveFactors(particles.radii[i], flow.k)));
 }
 
 namespace {
@@ -196,7 +210,8 @@ public:
     }
     void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
                    Velocities& velocities) override {
-        addFreeFlowAt(particles, positions, sources, points, factor / (8 * M_PI * viscosity), velocities);
+        addFreeFlowAt(particles, positions, sources, points, factor / (8 * M_PI * viscosity),
+                      velocities);
     }
 
 protected:

@@ -19,17 +19,20 @@ inline Eigen::Matrix<double, 3, 5> contractBasis(const Eigen::Vector3d& r) {
 /** B_a : E, for a symmetric traceless tensor. */
 inline Eigen::Matrix<double, 5, 1> inStressletBasis(const Eigen::Matrix3d& E) {
     Eigen::Matrix<double, 5, 1> numbers = Eigen::Matrix<double, 5, 1>::Zero();
-    for (int k = 0; k < 3; k++) numbers += contractBasis(Eigen::Vector3d::Unit(k)).transpose() * E.col(k);
+    for (int k = 0; k < 3; k++)
+        numbers += contractBasis(Eigen::Vector3d::Unit(k)).transpose() * E.col(k);
     return numbers;
 }
 
 /**
- * What stresslets S of two spheres that do not overlap do, in units of 1/(8 pi viscosity), with n the direction from j to i:
+ * What stresslets S of two spheres that do not overlap do, in units of 1/(8 pi viscosity), with n
+ * the direction from j to i:
  *
  *     V_i = along n (n.S_j.n) + towards S_j.n,   Omega_i = -omega (S_j.n) x n,
  *     S_i:E_i = ssI S_i:S_j + ssV (S_i.n).(S_j.n) + ssS (n.S_i.n) (n.S_j.n)
  *
- * The stresslet's flow is 3 n (n.S.n)/r^2; each Faxén Laplacian adds (12 S.n - 30 n (n.S.n))/r^4 times its coefficient.
+ * The stresslet's flow is 3 n (n.S.n)/r^2; each Faxén Laplacian adds (12 S.n - 30 n (n.S.n))/r^4
+ * times its coefficient.
  */
 class StressletPair {
 public:

@@ -19,20 +19,22 @@ namespace RigidHIPlugin {
 namespace {
 
 /**
- * Two spheres in bispherical coordinates, z = sinh(xi)/h, rho = sin(eta)/h, h = cosh(xi) - x, x = cos(eta), unit focal length and viscosity.
- * Sphere 0 is xi = alpha, sphere 1 is xi = -beta. With k = n + 1/2 and Ferrers' P_n^m without (-1)^m,
+ * Two spheres in bispherical coordinates, z = sinh(xi)/h, rho = sin(eta)/h, h = cosh(xi) - x, x =
+ * cos(eta), unit focal length and viscosity. Sphere 0 is xi = alpha, sphere 1 is xi = -beta. With k
+ * = n + 1/2 and Ferrers' P_n^m without (-1)^m,
  *
  *     f_n^{m,+-} = h^{1/2} exp(+-k xi) P_n^m(x) e^{i m phi}
  *
  * are harmonic, and derivatives stay among them without mixing + and -:
  *
  *     d_z f_n           = +-[k f_n - (n-m+1)/2 f_{n+1} - (n+m)/2 f_{n-1}]
- *     (d_x + i d_y) f_n = f_n - f_{n+1}/2 - f_{n-1}/2                                                     (order m+1)
- *     (d_x - i d_y) f_n = -(n+m)(n-m+1) f_n + (n-m+1)(n-m+2)/2 f_{n+1} + (n+m)(n+m-1)/2 f_{n-1}           (order m-1)
- *     r.grad f_n        = -f_n/2 - (n-m+1)/2 f_{n+1} + (n+m)/2 f_{n-1}
+ *     (d_x + i d_y) f_n = f_n - f_{n+1}/2 - f_{n-1}/2 (order m+1) (d_x - i d_y) f_n = -(n+m)(n-m+1)
+ * f_n + (n-m+1)(n-m+2)/2 f_{n+1} + (n+m)(n+m-1)/2 f_{n-1}           (order m-1) r.grad f_n        =
+ * -f_n/2 - (n-m+1)/2 f_{n+1} + (n+m)/2 f_{n-1}
  *
- * Unknown are the coefficients of Q and v_z (order m), v_x + i v_y (m+1) and v_x - i v_y (m-1; for m = 0 it mirrors the former).
- * The coefficient of + is stored times exp(k alpha), of - times exp(k beta): its part of the value at the sphere it is singular in.
+ * Unknown are the coefficients of Q and v_z (order m), v_x + i v_y (m+1) and v_x - i v_y (m-1; for
+ * m = 0 it mirrors the former). The coefficient of + is stored times exp(k alpha), of - times exp(k
+ * beta): its part of the value at the sphere it is singular in.
  */
 template <class Real, int m>
 class Bispherical {
@@ -42,7 +44,8 @@ public:
 
     Bispherical(Real alpha, Real beta, int maxOrder) : xi{alpha, beta}, maxOrder(maxOrder) {}
 
-    /** Force (m = 1: force along x, torque about y) of each sphere on the fluid for the same motions, about the spheres' centres. */
+    /** Force (m = 1: force along x, torque about y) of each sphere on the fluid for the same
+     * motions, about the spheres' centres. */
     Resistance resistance() const {
         // block elimination upwards, substitution downwards
         std::vector<Block> above(maxOrder + 1);
@@ -62,7 +65,12 @@ public:
     }
 
 private:
-    enum { Q = 0, W = 2, X = 4, Y = 6 };  // first of the two coefficients of Q, v_z, v_x + i v_y, v_x - i v_y
+    enum {
+        Q = 0,
+        W = 2,
+        X = 4,
+        Y = 6
+    };  // first of the two coefficients of Q, v_z, v_x + i v_y, v_x - i v_y
     typedef Eigen::Matrix<Real, numUnknowns, numUnknowns> Block;
     typedef Eigen::Matrix<Real, numUnknowns, numMotions> Columns;
     struct Equations {
@@ -71,46 +79,58 @@ private:
     };
 
     Real decay(int n, int sphere) const { return std::exp(-(n + Real(0.5)) * xi[sphere]); }
-    static int lowestOrder(int variable) { return variable == X ? m + 1 : variable == Y ? m - 1 : m; }
+    static int lowestOrder(int variable) {
+        return variable == X ? m + 1 : variable == Y ? m - 1 : m;
+    }
 
     Equations equations(int n) const {
         Equations e;
         const Real below = 2 * n - 1, beyond = 2 * n + 3;
         for (int sphere = 0; sphere < 2; sphere++) {
-            const Real cosine = std::cosh(xi[sphere]), sine = (sphere == 0 ? 1 : -1) * std::sinh(xi[sphere]);
+            const Real cosine = std::cosh(xi[sphere]),
+                       sine = (sphere == 0 ? 1 : -1) * std::sinh(xi[sphere]);
             const auto atSphere = [&](int row, int variable, Real lower, Real same, Real upper) {
                 for (int j = 0; j < 2; j++) {
                     const auto value = [&](int order) {
-                        return j == sphere ? Real(1) : std::exp(-(order + Real(0.5)) * (xi[0] + xi[1]));
+                        return j == sphere ? Real(1)
+                                           : std::exp(-(order + Real(0.5)) * (xi[0] + xi[1]));
                     };
                     if (n > 0) e.lower(row + sphere, variable + j) += lower * value(n - 1);
                     e.same(row + sphere, variable + j) += same * value(n);
                     e.upper(row + sphere, variable + j) += upper * value(n + 1);
                 }
             };
-            // no slip: h v = h u - (position h) Q/2, where position h is sinh(xi) along z and sin(eta) e^{+-i phi} across
+            // no slip: h v = h u - (position h) Q/2, where position h is sinh(xi) along z and
+            // sin(eta) e^{+-i phi} across
             atSphere(W, W, -(n - m) / below, cosine, -(n + m + 1) / beyond);
             atSphere(W, Q, 0, sine / 2, 0);
             atSphere(X, X, -(n - m - 1) / below, cosine, -(n + m + 2) / beyond);
             atSphere(X, Q, 1 / (2 * below), 0, -1 / (2 * beyond));
             // h^{1/2} = sum of root P_n; h^{-1/2} = sum of sqrt 2 exp(-k |xi|) P_n
             const Real sqrt2 = std::sqrt(Real(2));
-            const Real root = (decay(n + 1, sphere) / beyond - decay(n - 1, sphere) / below) / sqrt2;
+            const Real root =
+                (decay(n + 1, sphere) / beyond - decay(n - 1, sphere) / below) / sqrt2;
             if (m == 0)
                 e.right(W + sphere, sphere) = root;
             else {
                 atSphere(Y, Y, -(n - m + 1) / below, cosine, -(n + m) / beyond);
-                atSphere(Y, Q, -(n - m) * (n - m + 1) / (2 * below), 0, (n + m + 1) * (n + m) / (2 * beyond));
+                atSphere(Y, Q, -(n - m) * (n - m + 1) / (2 * below), 0,
+                         (n + m + 1) * (n + m) / (2 * beyond));
                 e.right(Y + sphere, 2 * sphere) = 2 * root;
-                // spin about y: v_x - i v_y = 2 (z - z_centre) = 2 (x cosh(xi) - 1)/(h sinh(xi)), v_z = -rho e^{i phi}
+                // spin about y: v_x - i v_y = 2 (z - z_centre) = 2 (x cosh(xi) - 1)/(h sinh(xi)),
+                // v_z = -rho e^{i phi}
                 const Real previous = n > 0 ? sqrt2 * decay(n - 1, sphere) : Real(0),
                            next = sqrt2 * decay(n + 1, sphere);
                 e.right(W + sphere, 2 * sphere + 1) = next / beyond - previous / below;
                 e.right(Y + sphere, 2 * sphere + 1) =
-                    2 * (cosine * (n * previous / below + (n + 1) * next / beyond) - sqrt2 * decay(n, sphere)) / sine;
+                    2 *
+                    (cosine * (n * previous / below + (n + 1) * next / beyond) -
+                     sqrt2 * decay(n, sphere)) /
+                    sine;
             }
             // div u = (3 Q + r.grad Q)/2 + div v = 0, separately for + and -
-            const Real sign = sphere == 0 ? 1 : -1, fromLower = std::exp(xi[sphere]), fromUpper = std::exp(-xi[sphere]);
+            const Real sign = sphere == 0 ? 1 : -1, fromLower = std::exp(xi[sphere]),
+                       fromUpper = std::exp(-xi[sphere]);
             const auto divergence = [&](int variable, Real lower, Real same, Real upper) {
                 e.lower(Q + sphere, variable + sphere) += lower * fromLower;
                 e.same(Q + sphere, variable + sphere) += same;
@@ -141,7 +161,8 @@ private:
         return e;
     }
 
-    /** Far away v is F/(8 pi r) + T x r/(8 pi r³), and what is singular in a sphere comes from that sphere. */
+    /** Far away v is F/(8 pi r) + T x r/(8 pi r³), and what is singular in a sphere comes from that
+     * sphere. */
     Resistance farField(const std::vector<Columns>& solution) const {
         Resistance resistance = Resistance::Zero();
         const Real unit = 8 * std::sqrt(Real(2)) * std::acos(Real(-1));
@@ -152,7 +173,8 @@ private:
                     resistance.row(sphere) += weight * solution[n].row(W + sphere);
                 else {
                     resistance.row(2 * sphere) += weight / 2 * solution[n].row(Y + sphere);
-                    resistance.row(2 * sphere + 1) -= weight * n * (n + 1) * solution[n].row(W + sphere);
+                    resistance.row(2 * sphere + 1) -=
+                        weight * n * (n + 1) * solution[n].row(W + sphere);
                 }
             }
         if (m == 1)  // from torques about the origin to torques about the centres, z = +-coth(xi)
@@ -166,13 +188,15 @@ private:
     const int maxOrder;
 };
 
-/** Torques about the line of centres: u_phi is harmonic of order 1, and its values sin(eta)/h are sums of 2 sqrt 2 exp(-k |xi|) f_n. */
+/** Torques about the line of centres: u_phi is harmonic of order 1, and its values sin(eta)/h are
+ * sums of 2 sqrt 2 exp(-k |xi|) f_n. */
 template <class Real>
 Eigen::Matrix<Real, 2, 2> spinResistance(Real alpha, Real beta, int maxOrder) {
     Eigen::Matrix<Real, 2, 2> resistance = Eigen::Matrix<Real, 2, 2>::Zero();
     for (int n = maxOrder; n > 0; n--) {
         const Real k = n + Real(0.5), both = std::exp(-2 * k * (alpha + beta));
-        const Real weight = -32 * std::acos(Real(-1)) * n * (n + 1) / std::expm1(-2 * k * (alpha + beta));
+        const Real weight =
+            -32 * std::acos(Real(-1)) * n * (n + 1) / std::expm1(-2 * k * (alpha + beta));
         resistance(0, 0) += weight * std::exp(-2 * k * alpha);
         resistance(1, 1) += weight * std::exp(-2 * k * beta);
         resistance(0, 1) -= weight * both;
@@ -181,10 +205,12 @@ Eigen::Matrix<Real, 2, 2> spinResistance(Real alpha, Real beta, int maxOrder) {
     return resistance;
 }
 
-/** exp(-2 n alpha) times a small power of n is below double's rounding at n alpha = 22, and long double's at 27. */
+/** exp(-2 n alpha) times a small power of n is below double's rounding at n alpha = 22, and long
+ * double's at 27. */
 constexpr int digitsOrders = 22, longDigitsOrders = 27;
 
-/** Scaled functions from resistances about the line (rows: spheres) and across it (rows: force along x, torque about y of each). */
+/** Scaled functions from resistances about the line (rows: spheres) and across it (rows: force
+ * along x, torque about y of each). */
 template <class Real>
 struct Scales {
     Real A, B, C;
@@ -224,7 +250,8 @@ TwoSphereValues<Real> solveTwoSpheres(Real ratio, Real gap) {
                 f[XC11 + ij] = spin(i, j) / scale.C;
                 f[YC11 + ij] = transverse(2 * i + 1, 2 * j + 1) / scale.C;
             }
-            f[YB11 + 2 * i + j] = transverse(2 * i + 1, 2 * j) / scale.B;  // from sphere 1 to 2 is -z
+            f[YB11 + 2 * i + j] =
+                transverse(2 * i + 1, 2 * j) / scale.B;  // from sphere 1 to 2 is -z
         }
     return f;
 }
@@ -235,7 +262,8 @@ TwoSphereValues<double> forceTorqueStressletPair(double ratio, double gap) {
     const double radius[2] = {1, ratio}, r = (1 + gap / 2) * (1 + ratio);
     const Eigen::Matrix<double, 12, 12> mobility =
         forceTorqueStressletMobility({1, ratio}, {OpenMM::Vec3(), OpenMM::Vec3(0, 0, -r)}, 1.0);
-    const Eigen::Matrix<double, 12, 12> resistance = mobility.llt().solve(Eigen::Matrix<double, 12, 12>::Identity());
+    const Eigen::Matrix<double, 12, 12> resistance =
+        mobility.llt().solve(Eigen::Matrix<double, 12, 12>::Identity());
     TwoSphereValues<double> f;
     for (int i = 0; i < 2; i++)
         for (int j = 0; j < 2; j++) {
@@ -247,7 +275,8 @@ TwoSphereValues<double> forceTorqueStressletPair(double ratio, double gap) {
                 f[XC11 + ij] = resistance(6 * i + 5, 6 * j + 5) / scale.C;
                 f[YC11 + ij] = resistance(6 * i + 4, 6 * j + 4) / scale.C;
             }
-            f[YB11 + 2 * i + j] = resistance(6 * i + 4, 6 * j) / scale.B;  // Ty of Ux; from sphere 1 to 2 is -z
+            f[YB11 + 2 * i + j] =
+                resistance(6 * i + 4, 6 * j) / scale.B;  // Ty of Ux; from sphere 1 to 2 is -z
         }
     return f;
 }
@@ -255,14 +284,15 @@ TwoSphereValues<double> forceTorqueStressletPair(double ratio, double gap) {
 namespace {
 
 /**
- * Coefficients of 1/xi, ln xi and xi ln xi near contact for the functions 11 of ratio l (Jeffrey and Onishi 1984; all compared with
- * solveTwoSpheres() in the tests). Those of 22 are the 11 of 1/l, and relative motion alone is singular, so 12 are -11 in true units,
- * except for the Y^C.
+ * Coefficients of 1/xi, ln xi and xi ln xi near contact for the functions 11 of ratio l (Jeffrey
+ * and Onishi 1984; all compared with solveTwoSpheres() in the tests). Those of 22 are the 11 of
+ * 1/l, and relative motion alone is singular, so 12 are -11 in true units, except for the Y^C.
  */
 struct LubricationConstants {
     double XA[3], YA[2], YB[2], XC, YC[2], YC12[2];
     explicit LubricationConstants(double l) {
-        const double l2 = l * l, l3 = l2 * l, l4 = l2 * l2, q = 1 + l, q2 = q * q, q3 = q2 * q, q4 = q2 * q2;
+        const double l2 = l * l, l3 = l2 * l, l4 = l2 * l2, q = 1 + l, q2 = q * q, q3 = q2 * q,
+                     q4 = q2 * q2;
         XA[0] = 2 * l2 / q3;
         XA[1] = -l * (1 + 7 * l + l2) / (5 * q3);
         XA[2] = -(1 + 18 * l - 29 * l2 + 18 * l3 + l4) / (42 * q3);
@@ -278,13 +308,16 @@ struct LubricationConstants {
     }
 };
 
-/** Where the expansion near contact replaces the solution, and is fitted to it: gaps in units of twice the reduced radius. */
+/** Where the expansion near contact replaces the solution, and is fitted to it: gaps in units of
+ * twice the reduced radius. */
 constexpr double nearContact = 1e-3, fitTo = 4e-2;
 constexpr int numFitGaps = 20, fitPower = 6;
-/** Beyond this gap what FTS lacks, of order (a/r)^6, is 1e-13 and below the rounding of the difference. */
+/** Beyond this gap what FTS lacks, of order (a/r)^6, is 1e-13 and below the rounding of the
+ * difference. */
 constexpr double farApart = 300;
 
-/** 1, u, then u^k and u^k ln u for k = 2 ... fitPower: what is left of a lubrication expansion beside its singular terms. */
+/** 1, u, then u^k and u^k ln u for k = 2 ... fitPower: what is left of a lubrication expansion
+ * beside its singular terms. */
 Eigen::Array<double, 2 * fitPower, 1> nearContactTerms(double u, double scale) {
     Eigen::Array<double, 2 * fitPower, 1> terms;
     const double v = u / scale;
@@ -303,9 +336,10 @@ double relativeGap(double u) { return 2 * u / (1 - u); }
 
 TwoSphereResistance::TwoSphereResistance(double ratio) : ratio(ratio) {
     if (!(ratio <= maximumRatio && ratio >= 1 / maximumRatio))
-        throw OpenMM::OpenMMException("the two-sphere resistance functions are tabulated for ratios of radii from 1/" +
-                                      std::to_string(int(maximumRatio)) + " to " + std::to_string(int(maximumRatio)) +
-                                      ", not " + std::to_string(ratio));
+        throw OpenMM::OpenMMException(
+            "the two-sphere resistance functions are tabulated for ratios of radii from 1/" +
+            std::to_string(int(maximumRatio)) + " to " + std::to_string(int(maximumRatio)) +
+            ", not " + std::to_string(ratio));
     // 1/gap = 1/(2u) - 1/2, ln gap = ln u + smooth, gap ln gap = 2 u ln u + smooth
     inverseGap.setZero();
     logarithm.setZero();
@@ -339,28 +373,34 @@ TwoSphereResistance::TwoSphereResistance(double ratio) : ratio(ratio) {
     const auto remainder = [&](double u) -> Values {
         const double gap = relativeGap(u);
         if (gap > farApart) return -singularTerms(u);
-        return solveTwoSpheres(ratio, gap) - forceTorqueStressletPair(ratio, gap) - singularTerms(u);
+        return solveTwoSpheres(ratio, gap) - forceTorqueStressletPair(ratio, gap) -
+               singularTerms(u);
     };
     const double reduced = 4 * ratio / (sum * sum);  // twice the reduced radius in mean radii
     const auto fromGap = [&](double gap) { return gap * reduced / (2 + gap * reduced); };
     Eigen::Matrix<double, numFitGaps, 2 * fitPower> terms;
     Eigen::Matrix<double, numFitGaps, NumTwoSphereFunctions> values;
     for (int i = 0; i < numFitGaps; i++) {
-        const double u = fromGap(nearContact * std::pow(fitTo / nearContact, i / (numFitGaps - 1.0)));
+        const double u =
+            fromGap(nearContact * std::pow(fitTo / nearContact, i / (numFitGaps - 1.0)));
         terms.row(i) = nearContactTerms(u, fromGap(fitTo));
         values.row(i) = remainder(u);
     }
-    const Eigen::Matrix<double, 2 * fitPower, NumTwoSphereFunctions> fit = terms.colPivHouseholderQr().solve(values);
+    const Eigen::Matrix<double, 2 * fitPower, NumTwoSphereFunctions> fit =
+        terms.colPivHouseholderQr().solve(values);
 
     // interpolation at Chebyshev's nodes in 2 u^(1/4) - 1
     chebyshev.setZero();
     for (int node = 0; node < numCoefficients; node++) {
-        const double angle = M_PI * (node + 0.5) / numCoefficients, y = (1 + std::cos(angle)) / 2, u = y * y * y * y;
-        const Values value = u < fromGap(nearContact)
-                                 ? Values(fit.transpose() * nearContactTerms(u, fromGap(fitTo)).matrix())
-                                 : remainder(u);
+        const double angle = M_PI * (node + 0.5) / numCoefficients, y = (1 + std::cos(angle)) / 2,
+                     u = y * y * y * y;
+        const Values value =
+            u < fromGap(nearContact)
+                ? Values(fit.transpose() * nearContactTerms(u, fromGap(fitTo)).matrix())
+                : remainder(u);
         for (int k = 0; k < numCoefficients; k++)
-            chebyshev.col(k) += (k == 0 ? 1.0 : 2.0) / numCoefficients * std::cos(k * angle) * value;
+            chebyshev.col(k) +=
+                (k == 0 ? 1.0 : 2.0) / numCoefficients * std::cos(k * angle) * value;
     }
 }
 

@@ -13,29 +13,33 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** A body's pose puts its particles at z to some roundings of the larger of z, the wall's height and the body's size. */
+/** A body's pose puts its particles at z to some roundings of the larger of z, the wall's height
+ * and the body's size. */
 const double touchTolerance = 1e-12;
 
 }  // namespace
 
 string particleAndBody(const HydrodynamicParticles& particles, int i) {
     return "particle " + to_string(particles.systemIndex[i]) +
-           (particles.body[i] < 0 ? " (in no body)" : " (body " + to_string(particles.body[i]) + ")");
+           (particles.body[i] < 0 ? " (in no body)"
+                                  : " (body " + to_string(particles.body[i]) + ")");
 }
 
-NoSlipPlane::NoSlipPlane(double height, bool crossingAllowed) : height(height), crossingAllowed(crossingAllowed) {
+NoSlipPlane::NoSlipPlane(double height, bool crossingAllowed)
+    : height(height), crossingAllowed(crossingAllowed) {
     if (!isfinite(height))
-        throw OpenMM::OpenMMException("MobilityForce: the height of the no-slip wall is " + text(height) +
-                                      " nm; it must be finite");
+        throw OpenMM::OpenMMException("MobilityForce: the height of the no-slip wall is " +
+                                      text(height) + " nm; it must be finite");
 }
 
-string NoSlipPlane::objection(const HydrodynamicParticles& particles, const vector<OpenMM::Vec3>& positions) const {
+string NoSlipPlane::objection(const HydrodynamicParticles& particles,
+                              const vector<OpenMM::Vec3>& positions) const {
     for (int i = 0; i < particles.size(); i++) {
         const double z = positions[i][2] - height, radius = particles.radii[i];
         const double rounding = touchTolerance * max(abs(positions[i][2]), abs(height));
         if (crossingAllowed ? z > 0 : z >= radius - rounding) continue;
-        const string where = "NoSlipWall: " + particleAndBody(particles, i) + " has its centre " + text(z) +
-                             " nm above the wall at z = " + text(height) + " nm";
+        const string where = "NoSlipWall: " + particleAndBody(particles, i) + " has its centre " +
+                             text(z) + " nm above the wall at z = " + text(height) + " nm";
         if (crossingAllowed)
             return where + ", where a particle (this one of radius " + text(radius) +
                    " nm) has no mobility; move it above the wall, or use smaller time steps";
@@ -45,7 +49,8 @@ string NoSlipPlane::objection(const HydrodynamicParticles& particles, const vect
     return {};
 }
 
-bool NoSlipPlane::acceptsNearby(const HydrodynamicParticles& particles, const vector<OpenMM::Vec3>& positions) const {
+bool NoSlipPlane::acceptsNearby(const HydrodynamicParticles& particles,
+                                const vector<OpenMM::Vec3>& positions) const {
     if (!reachesBeyond()) return objection(particles, positions).empty();
     const double beyond = 0.01;  // of a radius: the matrix is still positive definite there
     for (int i = 0; i < particles.size(); i++)

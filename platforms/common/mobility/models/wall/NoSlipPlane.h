@@ -13,10 +13,11 @@ namespace RigidHIPlugin {
 /**
  * A no-slip plane z = height with the fluid above it, and where particles may be.
  *
- * Where the surface of a particle reaches through the wall the formulas for its mobility do not hold. Such positions are
- * refused (but for rounding, which counts as touching), or, with crossing allowed, every particle of radius a with its centre
- * at 0 < z < a over the wall counts as touching it, and its velocities and its forces (and what belongs to rotation) are
- * multiplied by z/a: M -> B M B, B = diag(min(1, z/a)), M at max(z, a). That is continuous and keeps the matrix symmetric
+ * Where the surface of a particle reaches through the wall the formulas for its mobility do not
+ * hold. Such positions are refused (but for rounding, which counts as touching), or, with crossing
+ * allowed, every particle of radius a with its centre at 0 < z < a over the wall counts as touching
+ * it, and its velocities and its forces (and what belongs to rotation) are multiplied by z/a: M ->
+ * B M B, B = diag(min(1, z/a)), M at max(z, a). That is continuous and keeps the matrix symmetric
  * positive definite. Centres on the wall or behind are refused.
  */
 class NoSlipPlane {
@@ -28,7 +29,8 @@ public:
      */
     NoSlipPlane(double height, bool crossingAllowed);
     /** Why a particle may not be where it is, naming the first; empty if all may. */
-    std::string objection(const HydrodynamicParticles& particles, const std::vector<OpenMM::Vec3>& positions) const;
+    std::string objection(const HydrodynamicParticles& particles,
+                          const std::vector<OpenMM::Vec3>& positions) const;
     /** The height over the wall at which formulas hold, at least the radius. */
     double heightOver(double z, double radius) const;
     /** A particle lifted to contact, if its surface reaches through the wall. */
@@ -38,9 +40,11 @@ public:
     /** A particle's entry of B. */
     double weight(double z, double radius) const;
     double getHeight() const { return height; }
-    /** Whether formulas hold a little below contact too, as finite differences from there need it: not where velocities are damped. */
+    /** Whether formulas hold a little below contact too, as finite differences from there need it:
+     * not where velocities are damped. */
     bool reachesBeyond() const { return !crossingAllowed; }
-    bool acceptsNearby(const HydrodynamicParticles& particles, const std::vector<OpenMM::Vec3>& positions) const;
+    bool acceptsNearby(const HydrodynamicParticles& particles,
+                       const std::vector<OpenMM::Vec3>& positions) const;
 
 private:
     const double height;

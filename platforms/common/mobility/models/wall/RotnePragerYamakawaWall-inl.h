@@ -1,19 +1,25 @@
-// What a no-slip plane adds to the Rotne-Prager-Yamakawa mobility of two spheres above it (or of one sphere with itself),
-// for a pair (Real = double) or a SIMD pack of pairs.
+// What a no-slip plane adds to the Rotne-Prager-Yamakawa mobility of two spheres above it (or of
+// one sphere with itself), for a pair (Real = double) or a SIMD pack of pairs.
 //
-// Equation:  8 pi eta M = (1 + a_i^2/6 lap_i) (1 + a_j^2/6 lap_j) G for forces and velocities, a half curl in the place of an
-//            operator for a torque or an angular velocity, with Blake's image G of a point force. Let z_i, z_j be heights over
-//            the wall, R the vector from the mirror image of j to i (R_z = z_i + z_j), p = 1/|R|, ' a mirrored vector, e = e_z,
-//            H the matrix of second derivatives of p, d_z the derivative by R_z. Then
-//                G f = - p f + grad p (R.f') + 2 z_i f_z grad p - 2 z_j e (f'.grad p) + 2 z_i z_j H f'.
-//            As p is harmonic, the operators only add (a_i^2 + a_j^2)/3 H f' and replace z by z + (a^2/3) d_z:
-//            the series ends. Curls of the gradients vanish:
-//                8 pi eta W_i = - grad p x F + 2 e x (z_j + (a_j^2/3) d_z) H F'        (V_i from T_j: the transpose of the swap)
-//                8 pi eta W_i = - H_zz T - (H T)'/2 - e x H (e x T).
-// Reference: Blake, Proc. Camb. Phil. Soc. 70, 303 (1971); Swan, Brady, Phys. Fluids 19, 113306 (2007), there for equal radii.
-// Limits:    z_i >= a_i, z_j >= a_j; the spheres may overlap each other (the average of the image over a sphere is the same).
-//            Added to the free mobility the whole matrix is symmetric positive definite. No lubrication with the wall: at
-//            contact a sphere moves towards it with a quarter of the free mobility, where the true one is 0.
+// Equation:  8 pi eta M = (1 + a_i^2/6 lap_i) (1 + a_j^2/6 lap_j) G for forces and velocities, a
+// half curl in the place of an
+//            operator for a torque or an angular velocity, with Blake's image G of a point force.
+//            Let z_i, z_j be heights over the wall, R the vector from the mirror image of j to i
+//            (R_z = z_i + z_j), p = 1/|R|, ' a mirrored vector, e = e_z, H the matrix of second
+//            derivatives of p, d_z the derivative by R_z. Then
+//                G f = - p f + grad p (R.f') + 2 z_i f_z grad p - 2 z_j e (f'.grad p) + 2 z_i z_j H
+//                f'.
+//            As p is harmonic, the operators only add (a_i^2 + a_j^2)/3 H f' and replace z by z +
+//            (a^2/3) d_z: the series ends. Curls of the gradients vanish:
+//                8 pi eta W_i = - grad p x F + 2 e x (z_j + (a_j^2/3) d_z) H F'        (V_i from
+//                T_j: the transpose of the swap) 8 pi eta W_i = - H_zz T - (H T)'/2 - e x H (e x
+//                T).
+// Reference: Blake, Proc. Camb. Phil. Soc. 70, 303 (1971); Swan, Brady, Phys. Fluids 19, 113306
+// (2007), there for equal radii. Limits:    z_i >= a_i, z_j >= a_j; the spheres may overlap each
+// other (the average of the image over a sphere is the same).
+//            Added to the free mobility the whole matrix is symmetric positive definite. No
+//            lubrication with the wall: at contact a sphere moves towards it with a quarter of the
+//            free mobility, where the true one is 0.
 
 #if defined(RIGIDHI_ROTNE_PRAGER_YAMAKAWA_WALL_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_ROTNE_PRAGER_YAMAKAWA_WALL_INL_H_
@@ -46,22 +52,26 @@ struct WallMobility {
  * @param z_i  height of i's centre over the wall
  */
 template <class Real>
-inline WallMobility<Real> wallMobility(const Vector3<Real>& r, const Real& z_i, const Real& z_j, const Real& a_i,
-                                       const Real& a_j) {
+inline WallMobility<Real> wallMobility(const Vector3<Real>& r, const Real& z_i, const Real& z_j,
+                                       const Real& a_i, const Real& a_j) {
     WallMobility<Real> m;
     const Real Z = z_i + z_j;
     m.R = {r.x, r.y, Z};
     const Real p2 = Real(1.0) / addedDot(m.R, m.R), p = squareRoot(p2);
     const Real p3 = p * p2, p5 = p3 * p2, Zp2 = Z * p2, Z2p2 = Z * Zp2;
-    const Real square_i = a_i * a_i, square_j = a_j * a_j, third = Real(1.0 / 3.0) * (square_i + square_j);
+    const Real square_i = a_i * a_i, square_j = a_j * a_j,
+               third = Real(1.0 / 3.0) * (square_i + square_j);
 
     // H, d_z H and d_z^2 H enter with these factors.
     const Real first = multiplyAdd(Real(2.0) * z_i, z_j, third);
-    const Real second = Real(2.0 / 3.0) * (z_i * square_j + z_j * square_i);  // the same for the pair swapped
+    const Real second =
+        Real(2.0 / 3.0) * (z_i * square_j + z_j * square_i);  // the same for the pair swapped
     const Real fourth = Real(2.0 / 9.0) * (square_i * square_j);
     const Real secondZ = second * Zp2, fourthP = fourth * p2;
     m.I = p3 * (Real(3.0) * secondZ - first + fourthP * (Real(3.0) - Real(15.0) * Z2p2)) - p;
-    m.RR = p5 * (Real(3.0) * first - Real(15.0) * secondZ + fourthP * (Real(105.0) * Z2p2 - Real(15.0))) - p3;
+    m.RR = p5 * (Real(3.0) * first - Real(15.0) * secondZ +
+                 fourthP * (Real(105.0) * Z2p2 - Real(15.0))) -
+           p3;
     const Real both = p5 * (Real(3.0) * second - Real(30.0) * fourth * Zp2);
     // 2 (z + (a^2/3) d_z) grad p has this factor of -R.
     const Real gradient_i = Real(2.0) * p3 * negativeMultiplyAdd(square_i, Zp2, z_i);
@@ -85,10 +95,12 @@ inline WallMobility<Real> wallMobility(const Vector3<Real>& r, const Real& z_i, 
     return m;
 }
 
-/** As addPairVelocities(): add what the wall makes of forces and torques on sphere j at sphere i, times 8 pi eta. */
+/** As addPairVelocities(): add what the wall makes of forces and torques on sphere j at sphere i,
+ * times 8 pi eta. */
 template <int columns, bool targetTorque, bool sourceTorque, class Real>
-inline void addWallVelocities(const WallMobility<Real>& m, const Vector3<Real>* force, const Vector3<Real>* torque,
-                              Vector3<Real>* velocity, Vector3<Real>* omega) {
+inline void addWallVelocities(const WallMobility<Real>& m, const Vector3<Real>* force,
+                              const Vector3<Real>* torque, Vector3<Real>* velocity,
+                              Vector3<Real>* omega) {
     const Vector3<Real>& R = m.R;
     for (int c = 0; c < columns; c++) {
         const Vector3<Real> F = {force[c].x, force[c].y, Real(0.0) - force[c].z};  // mirrored
@@ -122,7 +134,8 @@ inline void addWallVelocities(const WallMobility<Real>& m, const Vector3<Real>* 
     }
 }
 
-/** The blocks of the matrix for a pair: velocities (t) and angular velocities (r) of i from forces and torques on j. */
+/** The blocks of the matrix for a pair: velocities (t) and angular velocities (r) of i from forces
+ * and torques on j. */
 template <class Real>
 struct PairBlocks {
     Real tt[3][3], rt[3][3], tr[3][3], rr[3][3];
@@ -141,7 +154,8 @@ inline void fillPairBlocks(const PairMobility<Real>& m, const Vector3<Real>& r, 
         }
     };
     const auto crossing = [&](const Real& factor, Real(&block)[3][3]) {
-        const Real x = scale * (factor * r.x), y = scale * (factor * r.y), z = scale * (factor * r.z);
+        const Real x = scale * (factor * r.x), y = scale * (factor * r.y),
+                   z = scale * (factor * r.z);
         const Real rows[3][3] = {{zero, z, zero - y}, {zero - z, zero, x}, {y, zero - x, zero}};
         for (int a = 0; a < 3; a++)
             for (int b = 0; b < 3; b++) block[a][b] = rows[a][b];
@@ -153,11 +167,13 @@ inline void fillPairBlocks(const PairMobility<Real>& m, const Vector3<Real>& r, 
 }
 
 /**
- * Add what the wall makes of them, times `scale`: addWallVelocities() for unit forces and torques. Places that are mirrored
- * in the matrix (of the pair swapped, where x and y change signs) are formed in the same way, so they agree to the last bit.
+ * Add what the wall makes of them, times `scale`: addWallVelocities() for unit forces and torques.
+ * Places that are mirrored in the matrix (of the pair swapped, where x and y change signs) are
+ * formed in the same way, so they agree to the last bit.
  */
 template <bool targetTorque, bool sourceTorque, class Real>
-inline void addWallBlocks(const WallMobility<Real>& m, const Real& scale, PairBlocks<Real>& blocks) {
+inline void addWallBlocks(const WallMobility<Real>& m, const Real& scale,
+                          PairBlocks<Real>& blocks) {
     const Real &x = m.R.x, &y = m.R.y, &Z = m.R.z;
     const Real xx = x * x, yy = y * y, xy = x * y;
     const auto add = [&](Real& entry, const Real& value) { entry = entry + scale * value; };

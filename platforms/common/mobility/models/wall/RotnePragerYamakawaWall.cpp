@@ -31,12 +31,13 @@ struct Pair {
     PairMobility<double> free;
     WallMobility<double> wall;
     Pair(const Vec3& r_i, const Vec3& r_j, double a_i, double a_j)
-        : r{r_i[0] - r_j[0], r_i[1] - r_j[1], r_i[2] - r_j[2]}, free(pairMobility(dot(r, r), a_i, a_j)),
-          wall(wallMobility(r, r_i[2], r_j[2], a_i, a_j)) {}
+        : r{r_i[0] - r_j[0], r_i[1] - r_j[1], r_i[2] - r_j[2]},
+          free(pairMobility(dot(r, r), a_i, a_j)), wall(wallMobility(r, r_i[2], r_j[2], a_i, a_j)) {
+    }
     /** Add what forces and torques on j do to i, for particles with torque or without. */
     template <int columns>
-    void addVelocities(bool torque_i, bool torque_j, const Vector* force, const Vector* torque, Vector* velocity,
-                       Vector* omega) const {
+    void addVelocities(bool torque_i, bool torque_j, const Vector* force, const Vector* torque,
+                       Vector* velocity, Vector* omega) const {
         if (torque_i && torque_j)
             add<columns, true, true>(force, torque, velocity, omega);
         else if (torque_i)
@@ -50,8 +51,10 @@ struct Pair {
 private:
     template <int columns, bool targetTorque, bool sourceTorque>
     void add(const Vector* force, const Vector* torque, Vector* velocity, Vector* omega) const {
-        addPairVelocities<columns, targetTorque, sourceTorque>(free, r, force, torque, velocity, omega);
-        addWallVelocities<columns, targetTorque, sourceTorque>(wall, force, torque, velocity, omega);
+        addPairVelocities<columns, targetTorque, sourceTorque>(free, r, force, torque, velocity,
+                                                               omega);
+        addWallVelocities<columns, targetTorque, sourceTorque>(wall, force, torque, velocity,
+                                                               omega);
     }
 };
 
@@ -63,8 +66,8 @@ public:
     void dense(Eigen::MatrixXd& mobility) override;
     void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
                    Velocities& velocities) override {
-        addWallFlowAt(particles, positions, weights, wall.getHeight(), sources, points, factor / (8 * M_PI * viscosity),
-                      velocities);
+        addWallFlowAt(particles, positions, weights, wall.getHeight(), sources, points,
+                      factor / (8 * M_PI * viscosity), velocities);
     }
 
 protected:
@@ -80,7 +83,8 @@ void Place::moveTo(const Placement& placement, bool nearby) {
     for (int i = 0; i < particles.size(); i++) {
         const Vec3& r = placement.positions[i];
         const double radius = particles.radii[i];
-        positions[i] = Vec3(r[0], r[1], nearby ? r[2] - wall.getHeight() : wall.heightOver(r[2], radius));
+        positions[i] =
+            Vec3(r[0], r[1], nearby ? r[2] - wall.getHeight() : wall.heightOver(r[2], radius));
         weights[i] = nearby ? 1 : wall.weight(r[2], radius);
     }
 }
@@ -99,7 +103,8 @@ void Place::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
             const Pair pair(positions[i], positions[j], particles.radii[i], particles.radii[j]);
             for (int column = 0; column < forces.cols(); column++) {
                 const Vector force = rows(forces, from, column, factor);
-                const Vector torque = torque_j ? rows(forces, from + 3, column, factor) : Vector{0, 0, 0};
+                const Vector torque =
+                    torque_j ? rows(forces, from + 3, column, factor) : Vector{0, 0, 0};
                 Vector velocity = {0, 0, 0}, omega = {0, 0, 0};
                 pair.addVelocities<1>(torque_i, torque_j, &force, &torque, &velocity, &omega);
                 addTo(velocities, row, column, velocity);
@@ -136,11 +141,13 @@ void Place::dense(Eigen::MatrixXd& mobility) {
             const double factor = scale * (weights[i] * weights[j]);
             const Pair pair(positions[i], positions[j], particles.radii[i], particles.radii[j]);
             if (particles.hasTorque[i])
-                particles.hasTorque[j] ? placePair<true, true>(mobility, row, column, pair, factor)
-                                       : placePair<true, false>(mobility, row, column, pair, factor);
+                particles.hasTorque[j]
+                    ? placePair<true, true>(mobility, row, column, pair, factor)
+                    : placePair<true, false>(mobility, row, column, pair, factor);
             else
-                particles.hasTorque[j] ? placePair<false, true>(mobility, row, column, pair, factor)
-                                       : placePair<false, false>(mobility, row, column, pair, factor);
+                particles.hasTorque[j]
+                    ? placePair<false, true>(mobility, row, column, pair, factor)
+                    : placePair<false, false>(mobility, row, column, pair, factor);
         }
     }
 }
@@ -148,22 +155,25 @@ void Place::dense(Eigen::MatrixXd& mobility) {
 }  // namespace
 
 void addWallFlowAt(const HydrodynamicParticles& particles, const std::vector<Vec3>& positions,
-                   const std::vector<double>& weights, double wallHeight, const FlowSources& sources,
-                   const std::vector<Vec3>& points, double factor, Velocities& velocities) {
+                   const std::vector<double>& weights, double wallHeight,
+                   const FlowSources& sources, const std::vector<Vec3>& points, double factor,
+                   Velocities& velocities) {
     FlowSources weighted = sources;
     for (int j = 0; j < particles.size(); j++)
-        weighted.forces.middleRows(particles.firstRow[j], particles.hasTorque[j] ? 6 : 3) *= weights[j];
+        weighted.forces.middleRows(particles.firstRow[j], particles.hasTorque[j] ? 6 : 3) *=
+            weights[j];
     std::vector<Vec3> fromWall = points;
     for (Vec3& point : fromWall) point[2] -= wallHeight;
     addFreeFlowAt(particles, positions, weighted, fromWall, factor, velocities);
     for (int j = 0; j < particles.size(); j++) {
         const int from = particles.firstRow[j];
         const Vector force = rows(weighted.forces, from, 0, factor),
-                     torque = particles.hasTorque[j] ? rows(weighted.forces, from + 3, 0, factor) : Vector{0, 0, 0};
+                     torque = particles.hasTorque[j] ? rows(weighted.forces, from + 3, 0, factor)
+                                                     : Vector{0, 0, 0};
         for (size_t p = 0; p < points.size(); p++) {
             const Vec3 d = fromWall[p] - positions[j];
-            const WallMobility<double> image =
-                wallMobility(Vector{d[0], d[1], d[2]}, fromWall[p][2], positions[j][2], 0.0, particles.radii[j]);
+            const WallMobility<double> image = wallMobility(
+                Vector{d[0], d[1], d[2]}, fromWall[p][2], positions[j][2], 0.0, particles.radii[j]);
             Vector velocity = {0, 0, 0}, unused = {0, 0, 0};
             addWallVelocities<1, false, true>(image, &force, &torque, &velocity, &unused);
             velocities.col(p) += Eigen::Vector3d(velocity.x, velocity.y, velocity.z);

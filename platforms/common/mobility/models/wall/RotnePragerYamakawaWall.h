@@ -6,17 +6,19 @@
 namespace RigidHIPlugin {
 
 /**
- * Rotne-Prager-Yamakawa mobility above a no-slip plane z = height: the free one and its image in the wall, pair by pair, in
- * plain loops. Formulas, reference and limits: RotnePragerYamakawaWall-inl.h and RotnePragerYamakawa-inl.h.
+ * Rotne-Prager-Yamakawa mobility above a no-slip plane z = height: the free one and its image in
+ * the wall, pair by pair, in plain loops. Formulas, reference and limits:
+ * RotnePragerYamakawaWall-inl.h and RotnePragerYamakawa-inl.h.
  *
- * Particles may overlap each other. Two of one radius at the same place (crossing: above each other, both with centres below
- * their radius) make the matrix singular, not indefinite.
- * Cost: two to three times that of unbounded fluid; dense() about twice.
- * Nothing is allocated after the first call of each method of a place, if the number of columns stays the same.
+ * Particles may overlap each other. Two of one radius at the same place (crossing: above each
+ * other, both with centres below their radius) make the matrix singular, not indefinite. Cost: two
+ * to three times that of unbounded fluid; dense() about twice. Nothing is allocated after the first
+ * call of each method of a place, if the number of columns stays the same.
  */
 class RotnePragerYamakawaWall : public MobilityModel {
 public:
-    RotnePragerYamakawaWall(const HydrodynamicParticles& particles, double viscosity, const NoSlipPlane& wall)
+    RotnePragerYamakawaWall(const HydrodynamicParticles& particles, double viscosity,
+                            const NoSlipPlane& wall)
         : MobilityModel(particles, viscosity), wall(wall) {}
     const char* name() const override { return "RotnePragerYamakawa"; }
     bool acceptsNearby(const Placement& placement) const override {
@@ -44,8 +46,9 @@ private:
  * @param positions  z from the wall, at least the radius
  * @param weights    of particles: what their forces are multiplied by
  */
-void addWallFlowAt(const HydrodynamicParticles& particles, const std::vector<OpenMM::Vec3>& positions,
-                   const std::vector<double>& weights, double wallHeight, const FlowSources& sources,
+void addWallFlowAt(const HydrodynamicParticles& particles,
+                   const std::vector<OpenMM::Vec3>& positions, const std::vector<double>& weights,
+                   double wallHeight, const FlowSources& sources,
                    const std::vector<OpenMM::Vec3>& points, double factor, Velocities& velocities);
 
 }  // namespace RigidHIPlugin

@@ -80,7 +80,9 @@ private:
 class PlaceInMirrored : public MobilityAt {
 public:
     explicit PlaceInMirrored(const SlipChannel& model) : MobilityAt(model), model(model) {}
-    void apply(const MatrixXd& forces, MatrixXd& velocities) override { mirrored->apply(forces, velocities); }
+    void apply(const MatrixXd& forces, MatrixXd& velocities) override {
+        mirrored->apply(forces, velocities);
+    }
     void applyRoughly(const MatrixXd& forces, MatrixXd& velocities) override {
         mirrored->applyRoughly(forces, velocities);
     }
@@ -121,7 +123,8 @@ public:
         model.toTwice(placement, inTwice);
         mirrored->gradientsAt(inTwice, nearby, gradients);
     }
-    void addFlowAt(const std::vector<Vec3>& points, double factor, Velocities& velocities) override {
+    void addFlowAt(const std::vector<Vec3>& points, double factor,
+                   Velocities& velocities) override {
         mirrored->addFlowAt(model.inTwice(points), factor, velocities);
     }
     double amplitudeOf(const DrivenFlow& wave) override { return mirrored->amplitudeOf(wave); }
@@ -135,14 +138,15 @@ private:
 
 }  // namespace
 
-SlipChannel::SlipChannel(const HydrodynamicParticles& particles, double viscosity, const SlipWalls& walls,
-                         std::unique_ptr<MobilityModel> inPeriodicBox)
+SlipChannel::SlipChannel(const HydrodynamicParticles& particles, double viscosity,
+                         const SlipWalls& walls, std::unique_ptr<MobilityModel> inPeriodicBox)
     : MobilityModel(particles, viscosity), walls(walls), periodic(std::move(inPeriodicBox)) {}
 
 HydrodynamicParticles SlipChannel::withImages(const HydrodynamicParticles& particles) {
     HydrodynamicParticles both = particles;
     for (int i = 0; i < particles.size(); i++)
-        both.add(particles.radii[i], particles.hasTorque[i], particles.systemIndex[i], particles.body[i]);
+        both.add(particles.radii[i], particles.hasTorque[i], particles.systemIndex[i],
+                 particles.body[i]);
     return both;
 }
 
@@ -179,20 +183,24 @@ bool SlipChannel::isWithin(const Placement& placement, int i, double distance) c
 }
 
 std::string SlipChannel::objection(const Placement& placement) const {
-    // A pose puts particles at y to some roundings. A centre on a wall is its own image, and the matrix singular.
+    // A pose puts particles at y to some roundings. A centre on a wall is its own image, and the
+    // matrix singular.
     for (int i = 0; i < particles.size(); i++) {
         const double y = placement.positions[i][1], radius = particles.radii[i],
-                     rounding = 1e-12 * std::max({std::abs(y), std::abs(walls.low), std::abs(walls.high)});
-        if (isWithin(placement, i, walls.crossingAllowed ? CoincidenceCheck::bound * radius : radius - rounding))
+                     rounding =
+                         1e-12 * std::max({std::abs(y), std::abs(walls.low), std::abs(walls.high)});
+        if (isWithin(placement, i,
+                     walls.crossingAllowed ? CoincidenceCheck::bound * radius : radius - rounding))
             continue;
         const std::string where = "SlipChannel: " + particleAndBody(particles, i) +
-                                  " has its centre at y = " + text(y) + " nm, between walls at " + text(walls.low) +
-                                  " and " + text(walls.high) + " nm";
+                                  " has its centre at y = " + text(y) + " nm, between walls at " +
+                                  text(walls.low) + " and " + text(walls.high) + " nm";
         if (walls.crossingAllowed)
             return where + ", where a particle (this one of radius " + text(radius) +
                    " nm) has no mobility; move it between the walls, or use smaller time steps";
         return where + ", nearer to one than its radius, " + text(radius) +
-               " nm; move it away, use smaller time steps, or allow it by setWallRejection(Crossing)";
+               " nm; move it away, use smaller time steps, or allow it by "
+               "setWallRejection(Crossing)";
     }
     return {};
 }
@@ -208,8 +216,9 @@ void SlipChannel::checkBox(const BoxVectors& box) const {
         throw OpenMM::OpenMMException("MobilityForce: SlipChannel needs a periodic box " + problem);
     };
     if (box[1][0] != 0 || box[2][0] != 0 || box[2][1] != 0)
-        fail("with edges along the axes, but the box has the vectors " + text(box[0]) + ", " + text(box[1]) + ", " +
-             text(box[2]) + " nm; set another by setPeriodicBoxVectors() on the Context");
+        fail("with edges along the axes, but the box has the vectors " + text(box[0]) + ", " +
+             text(box[1]) + ", " + text(box[2]) +
+             " nm; set another by setPeriodicBoxVectors() on the Context");
     if (!(box[1][1] > walls.high - walls.low))
         fail("whose y edge is longer than the channel is wide, but it has " + text(box[1][1]) +
              " nm, and the walls are at " + text(walls.low) + " and " + text(walls.high) +

@@ -8,7 +8,8 @@
 
 namespace RigidHIPlugin {
 
-/** Two walls y = low and y = high that the fluid slips along without friction; the fluid is between them. */
+/** Two walls y = low and y = high that the fluid slips along without friction; the fluid is between
+ * them. */
 struct SlipWalls {
     double low, high;  // nm
     /** Whether surfaces of particles may reach through a wall, or only so far as to touch it. */
@@ -16,27 +17,33 @@ struct SlipWalls {
 };
 
 /**
- * A fluid between two slip walls, periodic along them: a periodic fluid of twice the width with the mirror images of all particles in it.
+ * A fluid between two slip walls, periodic along them: a periodic fluid of twice the width with the
+ * mirror images of all particles in it.
  *
- * Equation:  with P the reflection at the lower wall, (Fx, -Fy, Fz) at (x, -y, z) and (-Tx, Ty, -Tz), a flow with u(Pr) = P u(r) has no normal velocity and no
- *            shear at both walls. Forces F therefore act together with P F on the images: M = (1 P) M_2 (1 P)^T/2, M_2 the periodic mobility of particles and images.
- *            A random field v_2 of covariance M_2 gives v = (v_2 + P v_2(P r))/sqrt(2) of covariance M (Westwood 2022, section 4.3).
- * Accuracy:  that of the periodic model. M is positive definite wherever centres are between the walls: images need no damping.
- *            A mirrored grid (GridShape) has such flows and fields alone, of half of the nodes and modes.
- * Cost:      as a matrix, that of the periodic model of twice as many particles in a box of twice the width; on a grid half of that, as of a periodic box of its own width.
- * Limits:    boxes with edges along the axes, whose y edge is longer than the channel is wide.
+ * Equation:  with P the reflection at the lower wall, (Fx, -Fy, Fz) at (x, -y, z) and (-Tx, Ty,
+ * -Tz), a flow with u(Pr) = P u(r) has no normal velocity and no shear at both walls. Forces F
+ * therefore act together with P F on the images: M = (1 P) M_2 (1 P)^T/2, M_2 the periodic mobility
+ * of particles and images. A random field v_2 of covariance M_2 gives v = (v_2 + P v_2(P
+ * r))/sqrt(2) of covariance M (Westwood 2022, section 4.3). Accuracy:  that of the periodic model.
+ * M is positive definite wherever centres are between the walls: images need no damping. A mirrored
+ * grid (GridShape) has such flows and fields alone, of half of the nodes and modes. Cost:      as a
+ * matrix, that of the periodic model of twice as many particles in a box of twice the width; on a
+ * grid half of that, as of a periodic box of its own width. Limits:    boxes with edges along the
+ * axes, whose y edge is longer than the channel is wide.
  */
 class SlipChannel : public MobilityModel {
 public:
     /**
-     * @param inPeriodicBox  of the particles themselves where it is mirrored (MobilityModel::isMirrored()), else of those of withImages(); one with a random field of its own
-     *                       must be mirrored
+     * @param inPeriodicBox  of the particles themselves where it is mirrored
+     * (MobilityModel::isMirrored()), else of those of withImages(); one with a random field of its
+     * own must be mirrored
      */
     SlipChannel(const HydrodynamicParticles& particles, double viscosity, const SlipWalls& walls,
                 std::unique_ptr<MobilityModel> inPeriodicBox);
     /** The particles, and after them their images in the same order. */
     static HydrodynamicParticles withImages(const HydrodynamicParticles& particles);
-    /** The same in the box of twice the width, where y is from the lower wall on. @throws OpenMMException as checkBox() */
+    /** The same in the box of twice the width, where y is from the lower wall on. @throws
+     * OpenMMException as checkBox() */
     void toTwice(const Placement& placement, Placement& inBox) const;
     std::vector<OpenMM::Vec3> inTwice(const std::vector<OpenMM::Vec3>& points) const;
     /** P on rows of particles: of velocities and forces, of angular velocities and torques. */
@@ -52,18 +59,26 @@ public:
     bool isMatrixFree() const override { return periodic->isMatrixFree(); }
     bool isAnchored() const override { return periodic->isAnchored(); }
     bool hasRoughProducts() const override { return periodic->hasRoughProducts(); }
-    bool hasOwnRandomField() const override { return periodic->isMirrored() && periodic->hasOwnRandomField(); }
+    bool hasOwnRandomField() const override {
+        return periodic->isMirrored() && periodic->hasOwnRandomField();
+    }
     double rowsWorthIterations() const override { return periodic->rowsWorthIterations(); }
-    WaveFactors waveFactors(double radius, double k) const override { return periodic->waveFactors(radius, k); }
+    WaveFactors waveFactors(double radius, double k) const override {
+        return periodic->waveFactors(radius, k);
+    }
     void checkWave(const BoxVectors& box, int axis, int periods) const override {
         periodic->checkWave(twice(box), axis, periods);
     }
-    double fluidVolume(const BoxVectors& box) const override { return 0.5 * periodic->fluidVolume(twice(box)); }
+    double fluidVolume(const BoxVectors& box) const override {
+        return 0.5 * periodic->fluidVolume(twice(box));
+    }
     GridSeconds getGridSeconds() const override { return periodic->getGridSeconds(); }
     void drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
                    std::unique_ptr<RandomField>& field) const override;
     void checkBox(const BoxVectors& box) const override;
-    std::string describe(const BoxVectors& box) const override { return periodic->describe(twice(box)); }
+    std::string describe(const BoxVectors& box) const override {
+        return periodic->describe(twice(box));
+    }
     void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
                      Eigen::MatrixXd& mobility) const override {
         periodic->ownMobility(body, sites, mobility);

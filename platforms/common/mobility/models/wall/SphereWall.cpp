@@ -11,8 +11,9 @@ namespace RigidHIPlugin {
 namespace {
 
 /**
- * A resistance function of one sphere, start + pole/gap + u^power (sum_k powers_k u^k + ln(1 - u) sum_k logarithms_k (1 - u)^k), with
- * the leading terms of both ends exact; made by tools/sphere_wall_mobility.py. Errors are those between the points of the fit.
+ * A resistance function of one sphere, start + pole/gap + u^power (sum_k powers_k u^k + ln(1 - u)
+ * sum_k logarithms_k (1 - u)^k), with the leading terms of both ends exact; made by
+ * tools/sphere_wall_mobility.py. Errors are those between the points of the fit.
  */
 struct ResistanceFit {
     double start, pole;
@@ -24,52 +25,59 @@ struct ResistanceFit {
         const double u = 1 / (1 + gap), rest = gap * u;
         double sum = 0, logarithmic = 0;
         for (size_t k = powers.size(); k-- > 0;) sum = sum * u + powers[k];
-        for (size_t k = logarithms.size(); k-- > 0;) logarithmic = logarithmic * rest + logarithms[k];
+        for (size_t k = logarithms.size(); k-- > 0;)
+            logarithmic = logarithmic * rest + logarithms[k];
         return start + pole / gap + pow(u, power) * (sum + log(rest) * logarithmic);
     }
 };
 
 /** Force from moving along the wall over 6 pi eta a; relative error 4e-9. */
-const ResistanceFit moving = {1,
-                              0,
-                              1,
-                              {0.5625, -2.50413843293, 3.24613243634, -1.55094535568, 0.22687668775, -0.0368669722395,
-                               -0.0392193581998, 0.0852621098334, -0.0469063274578, 0.0115989906837},
-                              {-8.0 / 15, -0.703929326209, -0.850214077053, -0.733072984524}};
+const ResistanceFit moving = {
+    1,
+    0,
+    1,
+    {0.5625, -2.50413843293, 3.24613243634, -1.55094535568, 0.22687668775, -0.0368669722395,
+     -0.0392193581998, 0.0852621098334, -0.0469063274578, 0.0115989906837},
+    {-8.0 / 15, -0.703929326209, -0.850214077053, -0.733072984524}};
 /** Torque from moving over 8 pi eta a^2; error 2e-7 of its largest value. */
-const ResistanceFit coupling = {0,
-                                0,
-                                4,
-                                {-0.09375, 5.4303645829, -10.2019277675, 5.76008087791, -0.465724313095,
-                                 -0.351245155238, 0.369699585537, -0.442671296769, 0.268857229337, -0.0807313098384},
-                                {0.1, 0.571602442913, 1.8211001125, 2.90261891978}};
+const ResistanceFit coupling = {
+    0,
+    0,
+    4,
+    {-0.09375, 5.4303645829, -10.2019277675, 5.76008087791, -0.465724313095, -0.351245155238,
+     0.369699585537, -0.442671296769, 0.268857229337, -0.0807313098384},
+    {0.1, 0.571602442913, 1.8211001125, 2.90261891978}};
 /** Torque from turning about an axis along the wall over 8 pi eta a^3; relative error 2e-8. */
-const ResistanceFit turning = {1,
-                               0,
-                               3,
-                               {0.3125, -13.8041835667, 25.222347999, -14.0195572787, 0.760276115961, 1.93928653647,
-                                -2.64208373715, 2.73365557553, -1.52384269531, 0.392493887677},
-                               {-0.4, -1.72755541093, -4.61583996735, -7.06183688695}};
+const ResistanceFit turning = {
+    1,
+    0,
+    3,
+    {0.3125, -13.8041835667, 25.222347999, -14.0195572787, 0.760276115961, 1.93928653647,
+     -2.64208373715, 2.73365557553, -1.52384269531, 0.392493887677},
+    {-0.4, -1.72755541093, -4.61583996735, -7.06183688695}};
 /** The same about the normal; relative error 3e-8. */
-const ResistanceFit spinning = {1,
-                                0,
-                                3,
-                                {0.125, 7.49681414384, -15.3816831936, 9.08861254337, -0.338471643427, -1.88011217181,
-                                 2.66923835405, -2.6760618356, 1.46557270717, -0.36685213772},
-                                {0, 0.499737181655, 2.3429770614, 4.65521588051}};
+const ResistanceFit spinning = {
+    1,
+    0,
+    3,
+    {0.125, 7.49681414384, -15.3816831936, 9.08861254337, -0.338471643427, -1.88011217181,
+     2.66923835405, -2.6760618356, 1.46557270717, -0.36685213772},
+    {0, 0.499737181655, 2.3429770614, 4.65521588051}};
 
-/** Force from moving towards the wall over 6 pi eta a; relative error 8e-10 for gaps from 1e-6 to 1e3. */
+/** Force from moving towards the wall over 6 pi eta a; relative error 8e-10 for gaps from 1e-6 to
+ * 1e3. */
 const ResistanceFit approaching = {
     1,
     1,
     1,
-    {0.125, -0.520967794739, 0.533158498767, -0.249469445393, 0.183655099606, -0.109886234973, -0.0277442602601,
-     0.05160059398, -0.00955507334377, -0.00451062312776},
+    {0.125, -0.520967794739, 0.533158498767, -0.249469445393, 0.183655099606, -0.109886234973,
+     -0.0277442602601, 0.05160059398, -0.00955507334377, -0.00451062312776},
     {-0.2, -0.247288328454, -0.262564991369, -0.0767399741612}};
 
 typedef array<array<double, 2>, 2> Matrix2;
 
-/** The square root of a symmetric positive definite matrix; by Cayley and Hamilton (A + sqrt(det A))/sqrt(tr A + 2 sqrt(det A)). */
+/** The square root of a symmetric positive definite matrix; by Cayley and Hamilton (A + sqrt(det
+ * A))/sqrt(tr A + 2 sqrt(det A)). */
 Matrix2 squareRoot(double a, double b, double c) {
     const double s = sqrt(a * c - b * b), t = sqrt(a + c + 2 * s);
     return {{{(a + s) / t, b / t}, {b / t, (c + s) / t}}};
@@ -127,17 +135,20 @@ Factor factorAt(double gap, bool withTorque) {
                   inverse = squareRoot(model.turnAlong / determinant, -model.rolling / determinant,
                                        model.along / determinant);
     for (int i = 0; i < 2; i++)
-        for (int k = 0; k < 2; k++) B.along[i][k] = root[i][0] * inverse[0][k] + root[i][1] * inverse[1][k];
+        for (int k = 0; k < 2; k++)
+            B.along[i][k] = root[i][0] * inverse[0][k] + root[i][1] * inverse[1][k];
     return B;
 }
 
 class Place : public MobilityAt {
 public:
-    Place(const SphereWallCongruence& congruence, const NoSlipPlane& wall, const MobilityModel& model)
+    Place(const SphereWallCongruence& congruence, const NoSlipPlane& wall,
+          const MobilityModel& model)
         : MobilityAt(congruence), wall(wall), model(model), factors(particles.size()) {}
     void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
     void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
-    void applyWithin(double error, const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
+    void applyWithin(double error, const Eigen::MatrixXd& forces,
+                     Eigen::MatrixXd& velocities) override;
     void dense(Eigen::MatrixXd& mobility) override;
     void addFlowAt(const FlowSources& sources, const vector<OpenMM::Vec3>& points, double factor,
                    Velocities& velocities) override {
@@ -166,7 +177,8 @@ void Place::moveTo(const Placement& placement, bool) {
     for (int i = 0; i < particles.size(); i++)
         if (isSingleSphere(particles, i)) {
             const double radius = particles.radii[i], z = placement.positions[i][2];
-            factors[i] = factorAt((wall.heightOver(z, radius) - radius) / radius, particles.hasTorque[i]);
+            factors[i] =
+                factorAt((wall.heightOver(z, radius) - radius) / radius, particles.hasTorque[i]);
         }
 }
 
@@ -243,7 +255,8 @@ string SphereWallCongruence::objection(const Placement& placement) const {
         if (isSingleSphere(particles, i) &&
             !(wall.heightOver(positions[i][2], particles.radii[i]) > particles.radii[i]))
             return "NoSlipWall: " + particleAndBody(particles, i) +
-                   " touches the wall, where a sphere cannot move by BestKnown; move it up, use smaller time steps, or "
+                   " touches the wall, where a sphere cannot move by BestKnown; move it up, use "
+                   "smaller time steps, or "
                    "setSphereWallMobility(FromModel)";
     return {};
 }
