@@ -1,4 +1,5 @@
-// Force coupling on a grid in a Context: against lattice sums, boxes, noise, drift, resume.
+// Force coupling on a grid in a Context: what TestPeriodicGrids does not ask of every model on a
+// grid.
 
 #include <openmm/CustomExternalForce.h>
 #include <openmm/CustomNonbondedForce.h>
@@ -6,7 +7,7 @@
 #include <Eigen/Cholesky>
 #include <chrono>
 
-#include "HydrodynamicSupport.h"
+#include "GridSceneSupport.h"
 #include "openmmrigidhi/SchemeTraits.h"
 
 using namespace OpenMM;
@@ -16,37 +17,16 @@ using namespace std;
 namespace {
 
 typedef CustomRigidHIIntegrator RigidHI;
-const double T1 = 1 / boltzmann;  // the temperature with kT = 1
 const RigidHI::Scheme schemes[] = {RigidHI::LangevinHI, RigidHI::DriftCorrectorFD,
                                    RigidHI::TrapezoidalSlip};
 
-struct GridScene : FluidScene {
-    explicit GridScene(double temperature = 0, RigidHI::Scheme scheme = RigidHI::DriftCorrectorFD,
-                       double h = 0.002, MobilityForce::Solver solver = MobilityForce::MatrixFree,
-                       double tolerance = 1e-2)
-        : FluidScene(temperature, h) {
-        fluid->setBoundary(MobilityForce::Periodic);
-        fluid->setModel(MobilityForce::ForceCoupling);
-        fluid->setSolver(solver);
-        fluid->setSolverTolerance(tolerance);
-        integrator.setScheme(scheme);
-        side = 8;
-    }
-    /** Spheres, multiblobs and a free particle, pulled; across faces of the box and outside of it.
-     */
-    void addBodies() {
-        add(sphereKind(1), Vec3(0, 0, 0));
-        add(sphereKind(0.8), Vec3(2.1, 0.3, 8.2));
-        add(boomerangKind(), Vec3(-1, 2.5, 2.4));
-        add(boomerangKind(), Vec3(3.5, -2.5, 0.4));
-        auto* pull = new CustomExternalForce("0.7*x-0.4*y+0.2*z*z");
-        for (int i = 0; i < system.getNumParticles(); i++) pull->addParticle(i, vector<double>());
-        system.addForce(pull);
-    }
-    double count(const string& what) const { return integrator.getStepStatistics().at(what); }
-    void setBox(double x, double y, double z) {
-        context->setPeriodicBoxVectors(Vec3(x, 0, 0), Vec3(0, y, 0), Vec3(0, 0, z));
-    }
+struct ForceCouplingScene : GridScene {
+    explicit ForceCouplingScene(double temperature = 0,
+                                RigidHI::Scheme scheme = RigidHI::DriftCorrectorFD,
+                                double h = 0.002,
+                                MobilityForce::Solver solver = MobilityForce::MatrixFree,
+                                double tolerance = 1e-2)
+        : GridScene(MobilityForce::ForceCoupling, temperature, scheme, h, solver, tolerance) {}
 };
 
 /** A bead in the middle, three on each half-axis (Westwood 2022, 6). */
@@ -94,32 +74,10 @@ void placeApart(const BodyKind& kind, int count, double side, vector<Vec3>& plac
     turns = pushed.integrator.getBodyOrientations();
 }
 
-/** Entries over the roots of the diagonal. */
-double relativeError(const MatrixXd& N, const MatrixXd& exact) {
-    const VectorXd root = exact.diagonal().cwiseSqrt().cwiseInverse();
-    const MatrixXd error = root.asDiagonal() * (N - exact) * root.asDiagonal();
-    return Eigen::SelfAdjointEigenSolver<MatrixXd>(error).eigenvalues().cwiseAbs().maxCoeff();
-}
-
 }  // namespace
 
-TEST(ForceCouplingGrid, IsTheLatticeSumToTheTolerance) {
-    GridScene exact(0, RigidHI::DriftCorrectorFD, 0.002, MobilityForce::Dense);
-    exact.addBodies();
-    exact.start(testPlatform());
-    const MatrixXd N = exact.mobility();
-    for (double tolerance : {1e-2, 1e-3, 1e-5}) {
-        GridScene scene(0, RigidHI::DriftCorrectorFD, 0.002, MobilityForce::MatrixFree, tolerance);
-        scene.addBodies();
-        scene.start(testPlatform());
-        EXPECT_LE(relativeError(scene.mobility(), N), tolerance);
-        EXPECT_NE(scene.integrator.getEffects().at("hydrodynamics").find(" on a grid of "),
-                  string::npos);
-    }
-}
-
 TEST(ForceCouplingGrid, TheSpacingOfTheUserMeansATolerance) {
-    GridScene scene;
+    ForceCouplingScene scene;
     scene.addBodies();
     scene.fluid->setGridSpacing(0.3);
     scene.start(testPlatform());
@@ -131,7 +89,7 @@ TEST(ForceCouplingGrid, TheSpacingOfTheUserMeansATolerance) {
                 {"setGridSpacing()", "spacing is -1 nm", "it must be finite and not negative",
                  "give a length, or 0 for the spacing that the solver tolerance wants"});
     // Whole particles between the nodes: once mobilities of zero.
-    GridScene coarse;
+    ForceCouplingScene coarse;
     coarse.addBodies();
     coarse.fluid->setGridSpacing(0.5);
     expectError([&] { coarse.start(testPlatform()); },
@@ -140,7 +98,7 @@ TEST(ForceCouplingGrid, TheSpacingOfTheUserMeansATolerance) {
     coarse.fluid->setGridSpacing(0.312);
     coarse.start(testPlatform());
     // Beyond rounding no spacing is better, and reaches of envelopes must not grow without end.
-    GridScene fine;
+    ForceCouplingScene fine;
     fine.addBodies();
     fine.fluid->setGridSpacing(0.08);
     fine.start(testPlatform());
@@ -148,44 +106,8 @@ TEST(ForceCouplingGrid, TheSpacingOfTheUserMeansATolerance) {
               string::npos);
 }
 
-TEST(ForceCouplingGrid, TheBoxOfAStepIsThatOfTheContext) {
-    for (auto scheme : schemes) {
-        GridScene changed(0.1 * T1, scheme), always(0.1 * T1, scheme);
-        for (GridScene* scene : {&changed, &always}) {
-            scene->addBodies();
-            scene->start(testPlatform());
-        }
-        changed.mobility();
-        for (GridScene* scene : {&changed, &always}) scene->setBox(7, 8.5, 9);
-        changed.integrator.step(1);
-        always.integrator.step(1);
-        EXPECT_EQ(changed.state(), always.state());
-        changed.setBox(9, 8, 7);
-        changed.mobility();
-        always.setBox(9, 8, 7);
-        changed.integrator.step(1);
-        always.integrator.step(1);
-        EXPECT_EQ(changed.state(), always.state());
-    }
-}
-
-TEST(ForceCouplingGrid, TriclinicBoxesAreRefusedWithTheAlternative) {
-    GridScene scene;
-    scene.addBodies();
-    scene.start(testPlatform());
-    scene.integrator.step(1);
-    const VectorXd before = scene.state();
-    scene.context->setPeriodicBoxVectors(Vec3(8, 0, 0), Vec3(1, 8, 0), Vec3(0, 0, 8));
-    expectError([&] { scene.integrator.step(1); },
-                {"ForceCoupling on a grid needs a box with edges along the axes", "(1, 8, 0)",
-                 "setSolver(Dense)"});
-    EXPECT_EQ(scene.state(), before);
-    scene.setBox(8, 8, 8);
-    scene.integrator.step(1);
-}
-
 TEST(ForceCouplingGrid, GridsThatNoMachineHasAreRefusedBeforeTheyAreMade) {
-    GridScene scene(0, RigidHI::DriftCorrectorFD, 0.002, MobilityForce::MatrixFree, 1e-8);
+    ForceCouplingScene scene(0, RigidHI::DriftCorrectorFD, 0.002, MobilityForce::MatrixFree, 1e-8);
     scene.add(sphereKind(0.001));
     scene.side = 1000;
     scene.start(testPlatform());
@@ -201,36 +123,8 @@ TEST(ForceCouplingGrid, GridsThatNoMachineHasAreRefusedBeforeTheyAreMade) {
     scene.integrator.step(1);
 }
 
-TEST(ForceCouplingGrid, ResumesBitForBit) {
-    for (auto scheme : schemes) {
-        const auto start = [&](int threads) {
-            auto scene = make_unique<GridScene>(T1, scheme);
-            scene->addBodies();
-            scene->start(testPlatform(), threads);
-            return scene;
-        };
-        const auto toAnotherBox = [](GridScene& scene) {
-            scene.integrator.step(1);
-            scene.setBox(8, 7.5, 9);
-            scene.integrator.step(1);
-        };
-        expectToResumeBitForBit<GridScene>(start, toAnotherBox, 2);
-    }
-}
-
-TEST(ForceCouplingGrid, WithoutTemperatureNoFieldIsDrawn) {
-    for (auto scheme : schemes) {
-        GridScene scene(0, scheme);
-        scene.addBodies();
-        scene.start(testPlatform());
-        scene.integrator.step(2);
-        EXPECT_EQ(scene.count("randomNumbers"), 0);
-        EXPECT_EQ(scene.count("squareRoots"), 0);
-    }
-}
-
 TEST(ForceCouplingGrid, AStepOfTheDriftCorrectorTakesOneFieldAndOneSolve) {
-    GridScene scene(T1);
+    ForceCouplingScene scene(T1);
     scene.addBodies();
     scene.start(testPlatform());
     scene.integrator.step(2);
@@ -240,7 +134,7 @@ TEST(ForceCouplingGrid, AStepOfTheDriftCorrectorTakesOneFieldAndOneSolve) {
     EXPECT_EQ(scene.count("mobilityProducts"), scene.count("solverIterations") + 2);
     EXPECT_LE(scene.count("solverIterations"), 2 * 25);
     EXPECT_EQ(scene.integrator.getEffects().at("finite differences").substr(0, 3), "off");
-    GridScene other(T1);
+    ForceCouplingScene other(T1);
     other.addBodies();
     other.integrator.setFiniteDifferenceStep(1e-3);
     other.start(testPlatform());
@@ -258,7 +152,7 @@ TEST(ForceCouplingGrid, SchemesTakeTheirNoiseFromTheField) {
         {RigidHI::DriftCorrectorRFD, 1},     {RigidHI::DriftCorrectorFD, 1}};
     for (const auto& [scheme, count] : solves) {
         SCOPED_TRACE(traitsOf(scheme).name);
-        GridScene scene(T1, scheme);
+        ForceCouplingScene scene(T1, scheme);
         scene.addBodies();
         scene.start(testPlatform());
         scene.integrator.step(1);
@@ -272,8 +166,8 @@ TEST(ForceCouplingGrid, StatisticsSayWhereTheTimeGoes) {
     const char* const parts[] = {"seconds_spreading", "seconds_fft", "seconds_averaging",
                                  "seconds_solver"};
     for (auto scheme : schemes) {
-        GridScene scene(T1, scheme), matrices(T1, scheme, 0.002, MobilityForce::Dense);
-        for (GridScene* one : {&scene, &matrices}) {
+        ForceCouplingScene scene(T1, scheme), matrices(T1, scheme, 0.002, MobilityForce::Dense);
+        for (ForceCouplingScene* one : {&scene, &matrices}) {
             one->addBodies();
             one->start(testPlatform());
         }
@@ -297,22 +191,6 @@ TEST(ForceCouplingGrid, StatisticsSayWhereTheTimeGoes) {
     }
 }
 
-TEST(ForceCouplingGrid, SpheresAloneHaveNoDrift) {
-    // nu = 1, and one product: what SlipOnly and Whole do is the same.
-    VectorXd ends[2];
-    for (auto scaling : {RigidHI::SlipOnly, RigidHI::Whole}) {
-        GridScene scene(T1);
-        for (int i = 0; i < 3; i++) scene.add(sphereKind(0.8), Vec3(2.1 * i, 0.3, 0.2 * i));
-        scene.integrator.setDriftCorrectorScaling(scaling);
-        scene.start(testPlatform());
-        scene.integrator.step(2);
-        EXPECT_EQ(scene.count("mobilityProducts"), 2);
-        EXPECT_EQ(scene.integrator.getEffects().at("stochastic drift").substr(0, 3), "off");
-        ends[scaling] = scene.state();
-    }
-    EXPECT_EQ(ends[0], ends[1]);
-}
-
 TEST(ForceCouplingGrid, TheDriftFactorScalesSlipsOrAll) {
     // Without noise nothing is scaled. With it the positions of both differ by (nu - 1) h N F: of
     // the order of nu - 1.
@@ -320,7 +198,7 @@ TEST(ForceCouplingGrid, TheDriftFactorScalesSlipsOrAll) {
         VectorXd ends[2];
         VectorXd start;
         for (auto scaling : {RigidHI::SlipOnly, RigidHI::Whole}) {
-            GridScene scene(temperature);
+            ForceCouplingScene scene(temperature);
             scene.addBodies();
             scene.integrator.setDriftCorrectorScaling(scaling);
             scene.start(testPlatform());
@@ -335,7 +213,7 @@ TEST(ForceCouplingGrid, TheDriftFactorScalesSlipsOrAll) {
             EXPECT_LT((ends[0] - ends[1]).norm(), 0.3 * (ends[0] - start).norm());
         }
     }
-    GridScene scene;
+    ForceCouplingScene scene;
     expectError(
         [&] {
             scene.integrator.setDriftCorrectorScaling(
@@ -345,7 +223,7 @@ TEST(ForceCouplingGrid, TheDriftFactorScalesSlipsOrAll) {
 }
 
 TEST(ForceCouplingGrid, WarnsWhereTheDriftFactorFluctuatesTooMuch) {
-    GridScene scene(T1, RigidHI::DriftCorrectorFD, 0.5, MobilityForce::MatrixFree, 0.05);
+    ForceCouplingScene scene(T1, RigidHI::DriftCorrectorFD, 0.5, MobilityForce::MatrixFree, 0.05);
     for (int i = 0; i < 4; i++) scene.add(boomerangKind(), Vec3(4 * (i % 2), 4 * (i / 2), 0));
     scene.start(testPlatform());
     testing::internal::CaptureStderr();
@@ -355,50 +233,6 @@ TEST(ForceCouplingGrid, WarnsWhereTheDriftFactorFluctuatesTooMuch) {
         << printed;
     EXPECT_NE(scene.integrator.getEffects().at("warnings").find("the drift factor nu"),
               string::npos);
-}
-
-TEST(ForceCouplingGrid, GroupsShareAGridAndNoNoise) {
-    // Two groups of the same bodies at the same places: the same mobility, no interaction, other
-    // noise.
-    GridScene scene(T1);
-    for (int i = 0; i < 2; i++) {
-        scene.add(sphereKind(0.8), Vec3(0, 0, 0));
-        scene.add(boomerangKind(), Vec3(-1, 2.5, 2.4));
-    }
-    scene.fluid->setGroups({0, 0, 1, 1});
-    scene.start(testPlatform());
-    const MatrixXd N = scene.mobility();
-    EXPECT_EQ(MatrixXd(N.topLeftCorner(12, 12)), MatrixXd(N.bottomRightCorner(12, 12)));
-    EXPECT_EQ(N.topRightCorner(12, 12).norm(), 0);
-    const auto before = scene.integrator.getBodyPositions();
-    scene.integrator.step(1);
-    const auto after = scene.integrator.getBodyPositions();
-    EXPECT_GT(toEigen(after[0] - before[0] - (after[2] - before[2])).norm(),
-              0.1 * toEigen(after[0] - before[0]).norm());
-}
-
-TEST(ForceCouplingGrid, LangevinHITakesTheStepOfMatrices) {
-    // Same seed, same step: in the norm of mass-weighted momenta to five tolerances, as for all
-    // matrix-free fluids. Masses of bodies here are 1, moments less.
-    for (double temperature : {0.0, T1}) {
-        const auto velocities = [&](MobilityForce::Solver solver, double tolerance) {
-            GridScene scene(temperature, RigidHI::LangevinHI, 0.05, solver, tolerance);
-            scene.addBodies();
-            scene.start(testPlatform());
-            scene.integrator.step(1);
-            const auto V = scene.integrator.getBodyVelocities();
-            VectorXd all(3 * V.size());
-            for (size_t b = 0; b < V.size(); b++)
-                all.segment<3>(3 * b) = sqrt(scene.bodies[b].mass) * toEigen(V[b]);
-            return all;
-        };
-        const VectorXd exact = velocities(MobilityForce::Dense, 1e-6);
-        for (double tolerance : {1e-2, 1e-4}) {
-            const VectorXd error = velocities(MobilityForce::MatrixFree, tolerance) - exact;
-            EXPECT_LE(error.norm(), 5 * tolerance * exact.norm())
-                << temperature << " " << tolerance;
-        }
-    }
 }
 
 /** Solves for 60 hedgehogs at a volume fraction of 0.2 take 9, 14 and 18 iterations for 1e-2, 1e-3
@@ -412,8 +246,8 @@ TEST(ForceCouplingGrid, HedgehogsTakeFewIterations) {
     placeApart(kind, count, side, places, turns);
     const map<double, int> most = {{1e-2, 9}, {1e-3, 14}, {1e-4, 18}};
     for (const auto& [tolerance, iterations] : most) {
-        GridScene scene(T1, RigidHI::DriftCorrectorFD, 1 / 600.0, MobilityForce::MatrixFree,
-                        tolerance);
+        ForceCouplingScene scene(T1, RigidHI::DriftCorrectorFD, 1 / 600.0,
+                                 MobilityForce::MatrixFree, tolerance);
         scene.side = side;
         scene.fluid->setViscosity(1 / (6 * M_PI));
         for (int b = 0; b < count; b++) scene.add(kind, places[b], turns[b]);
@@ -439,20 +273,21 @@ TEST(ForceCouplingGrid, OverlappingBeadsReachTheTolerance) {
     vector<QuaternionArray> turns;
     placeApart(kind, count, 11, places, turns);
     const auto scene = [&](MobilityForce::Solver solver, double tolerance) {
-        auto made = make_unique<GridScene>(0, RigidHI::DriftCorrectorFD, 0.002, solver, tolerance);
+        auto made =
+            make_unique<ForceCouplingScene>(0, RigidHI::DriftCorrectorFD, 0.002, solver, tolerance);
         made->side = 11;
         for (int b = 0; b < count; b++) made->add(kind, places[b], turns[b]);
         made->start(testPlatform());
         return made;
     };
-    const auto product = [](GridScene& scene, const VectorXd& forces, bool ofBlobs) {
+    const auto product = [](ForceCouplingScene& scene, const VectorXd& forces, bool ofBlobs) {
         const vector<double> f(forces.data(), forces.data() + forces.size());
         const vector<double> v = ofBlobs
                                      ? scene.fluid->applyBlobMobilityInContext(*scene.context, f)
                                      : scene.fluid->applyMobilityInContext(*scene.context, f);
         return VectorXd(Eigen::Map<const VectorXd>(v.data(), v.size()));
     };
-    const auto blobs = [&](GridScene& scene) {
+    const auto blobs = [&](ForceCouplingScene& scene) {
         const int rows = 3 * scene.system.getNumParticles();
         MatrixXd M(rows, rows);
         for (int i = 0; i < rows; i++) M.col(i) = product(scene, VectorXd::Unit(rows, i), true);

@@ -7,6 +7,7 @@
 #include <thread>
 
 #include "TestSupport.h"
+#include "UnitNoise.h"
 #include "mobility/models/forcecoupling/CpuGridFluid.h"
 #include "mobility/models/forcecoupling/Envelopes.h"
 #include "mobility/models/forcecoupling/ForceCouplingGrid.h"
@@ -15,6 +16,8 @@ using namespace Eigen;
 using namespace OpenMM;
 using namespace RigidHIPlugin;
 using namespace std;
+using RigidHITest::covarianceOfFields;
+using RigidHITest::UnitNoise;
 
 namespace {
 
@@ -138,32 +141,7 @@ TEST(GridFluid, ProductsHaveTheTolerance) {
     }
 }
 
-/** One number of one mode is 1, with its conjugate; all others are 0. */
-class UnitNoise : public ModeNoise {
-public:
-    UnitNoise(array<int, 3> mode, int component, complex<double> value)
-        : mode(mode), component(component), value(value) {}
-    void fill(const int* nx, int count, int ny, int nz, complex<double>* numbers) const override {
-        for (int i = 0; i < count; i++)
-            for (int c = 0; c < 3; c++) {
-                const bool same = array<int, 3>{nx[i], ny, nz} == mode,
-                           mirrored = array<int, 3>{-nx[i], -ny, -nz} == mode;
-                numbers[c * count + i] = c != component ? 0.0
-                                         : same         ? value
-                                         : mirrored     ? conj(value)
-                                                        : 0.0;
-            }
-    }
-
-private:
-    const array<int, 3> mode;
-    const int component;
-    const complex<double> value;
-};
-
 TEST(GridFluid, RandomFieldsHaveTheCovarianceOfProducts) {
-    // Every number is a column of B: real and imaginary part, of variance 1/2, of three components
-    // of one of each pair of modes.
     const BoxVectors box = orthogonal(3.1, 2.6, 4.4);
     const HydrodynamicParticles particles = mixture();
     const GridResolution resolution(particles, 0.1, 0.5);
@@ -175,22 +153,15 @@ TEST(GridFluid, RandomFieldsHaveTheCovarianceOfProducts) {
         stencils.moveTo(shape, places(box), false);
         PlainGridFluid fluid;
         const MatrixXd M = dense(fluid, stencils);
-        MatrixXd covariance = MatrixXd::Zero(M.rows(), M.cols());
         GridField field;
         VectorXd column;
-        for (int nx = -size[0] / 2; nx <= size[0] / 2; nx++)
-            for (int ny = -size[1] / 2; ny <= size[1] / 2; ny++)
-                for (int nz = 0; nz <= size[2] / 2; nz++) {
-                    if (CounterModeNoise::isMirrored(nx, ny, nz)) continue;
-                    for (int c = 0; c < 3; c++)
-                        for (complex<double> value :
-                             {complex<double>(1, 0), complex<double>(0, 1)}) {
-                            fluid.draw(stencils, eta, UnitNoise({nx, ny, nz}, c, sqrt(0.5) * value),
-                                       field);
-                            fluid.average(field, stencils, column);
-                            covariance += column * column.transpose();
-                        }
-                }
+        const MatrixXd covariance =
+            covarianceOfFields(size, M.rows(), -size[1] / 2, CounterModeNoise::isMirrored,
+                               [&](const UnitNoise& noise) {
+                                   fluid.draw(stencils, eta, noise, field);
+                                   fluid.average(field, stencils, column);
+                                   return column;
+                               });
         EXPECT_LE((covariance - M).norm(), 1e-12 * M.norm())
             << size[0] << "x" << size[1] << "x" << size[2];
     }
@@ -274,22 +245,16 @@ TEST(GridFluid, MirroredFieldsHaveTheCovarianceOfProducts) {
         stencils.moveTo(shape, inChannel(grid.twice), false);
         CpuGridFluid fluid;
         const MatrixXd M = dense(fluid, stencils);
-        MatrixXd covariance = MatrixXd::Zero(M.rows(), M.cols());
         GridField field;
         VectorXd column;
-        for (int nx = -shape.size[0] / 2; nx <= shape.size[0] / 2; nx++)
-            for (int ny = 0; ny < shape.numRows(); ny++)
-                for (int nz = 0; nz <= shape.size[2] / 2; nz++) {
-                    if (nz == 0 && nx < 0) continue;
-                    for (int c = 0; c < 3; c++)
-                        for (complex<double> value :
-                             {complex<double>(1, 0), complex<double>(0, 1)}) {
-                            fluid.draw(stencils, eta, UnitNoise({nx, ny, nz}, c, sqrt(0.5) * value),
-                                       field);
-                            fluid.average(field, stencils, column);
-                            covariance += column * column.transpose();
-                        }
-                }
+        const MatrixXd covariance = covarianceOfFields(
+            {shape.size[0], 2 * (shape.numRows() - 1), shape.size[2]}, M.rows(), 0,
+            [](int nx, int, int nz) { return nz == 0 && nx < 0; },
+            [&](const UnitNoise& noise) {
+                fluid.draw(stencils, eta, noise, field);
+                fluid.average(field, stencils, column);
+                return column;
+            });
         EXPECT_LE((covariance - M).norm(), 1e-12 * M.norm()) << shape.size[1];
     }
 }

@@ -7,6 +7,7 @@
 #include <thread>
 
 #include "TestSupport.h"
+#include "UnitNoise.h"
 #include "mobility/models/ewald/NearField.h"
 #include "mobility/models/ewald/RotnePragerYamakawaGrid.h"
 #include "mobility/models/ewald/WaveField.h"
@@ -17,6 +18,8 @@ using namespace Eigen;
 using namespace OpenMM;
 using namespace RigidHIPlugin;
 using namespace std;
+using RigidHITest::covarianceOfFields;
+using RigidHITest::UnitNoise;
 
 namespace {
 
@@ -214,29 +217,6 @@ TEST(SplitEwald, ThreadsDoNotChangeABit) {
 
 namespace {
 
-/** One number of one mode is 1, with its conjugate; all others are 0. */
-class UnitNoise : public ModeNoise {
-public:
-    UnitNoise(array<int, 3> mode, int component, complex<double> value)
-        : mode(mode), component(component), value(value) {}
-    void fill(const int* nx, int count, int ny, int nz, complex<double>* numbers) const override {
-        for (int i = 0; i < count; i++)
-            for (int c = 0; c < 3; c++) {
-                const bool same = array<int, 3>{nx[i], ny, nz} == mode,
-                           mirrored = array<int, 3>{-nx[i], -ny, -nz} == mode;
-                numbers[c * count + i] = c != component ? 0.0
-                                         : same         ? value
-                                         : mirrored     ? conj(value)
-                                                        : 0.0;
-            }
-    }
-
-private:
-    const array<int, 3> mode;
-    const int component;
-    const complex<double> value;
-};
-
 /** Both parts of the mobility of a scene. */
 struct SplitScene {
     const Scene& scene;
@@ -345,30 +325,21 @@ TEST(SplitEwald, PairsDoNotDependOnTheCells) {
 }
 
 TEST(SplitEwald, FieldsOfWavesHaveTheCovarianceOfProducts) {
-    // Every number is a column of B: real and imaginary part, of variance 1/2, of three components
-    // of one of each pair of modes.
     const Scene mixed("unequal spheres and blobs", 4, orthogonal(3.1, 2.6, 4.4), Scene::Mixed,
                       {0.5, 0.8}, 5);
     for (bool fast : {false, true}) {
         SplitScene split(mixed, 1e-2, fast ? make_shared<CpuGridFluid>() : plainFluid());
         const MatrixXd M = split.denseOfWaves();
-        const array<int, 3>& size = split.splitting.shape.size;
-        MatrixXd covariance = MatrixXd::Zero(M.rows(), M.cols());
         vector<GridField> fields;
-        for (int nx = -size[0] / 2; nx <= size[0] / 2; nx++)
-            for (int ny = -size[1] / 2; ny <= size[1] / 2; ny++)
-                for (int nz = 0; nz <= size[2] / 2; nz++) {
-                    if (CounterModeNoise::isMirrored(nx, ny, nz)) continue;
-                    for (int c = 0; c < 3; c++)
-                        for (complex<double> value :
-                             {complex<double>(1, 0), complex<double>(0, 1)}) {
-                            split.waves.draw(*split.fluid, eta,
-                                             UnitNoise({nx, ny, nz}, c, sqrt(0.5) * value), fields);
-                            VectorXd column = VectorXd::Zero(M.rows());
-                            split.waves.addAverages(*split.fluid, fields, column.data());
-                            covariance += column * column.transpose();
-                        }
-                }
+        const array<int, 3>& size = split.splitting.shape.size;
+        const MatrixXd covariance =
+            covarianceOfFields(size, M.rows(), -size[1] / 2, CounterModeNoise::isMirrored,
+                               [&](const UnitNoise& noise) {
+                                   split.waves.draw(*split.fluid, eta, noise, fields);
+                                   VectorXd column = VectorXd::Zero(M.rows());
+                                   split.waves.addAverages(*split.fluid, fields, column.data());
+                                   return column;
+                               });
         EXPECT_LE((covariance - M).norm(), 1e-12 * M.norm());
     }
 }
@@ -452,6 +423,33 @@ TEST(SplitEwald, PlacesNearbyKeepTheirPairs) {
     EXPECT_LT(before, 1e-3);
 }
 
+namespace {
+
+/** The part of a field that pairs have, by dense matrices; in units of own mobilities, of which 0.3
+ * tolerances are added. */
+struct PairsOfField {
+    VectorXd slips, forces;
+
+    PairsOfField(SplitScene& split, double tolerance, const NoiseStream& noise) {
+        const HydrodynamicParticles& particles = split.scene.particles;
+        VectorXd W(particles.numRows);
+        for (int i = 0; i < particles.size(); i++)
+            for (int k = 0; k < (particles.hasTorque[i] ? 6 : 3); k++) {
+                double pair[2];
+                noise.pair(NoiseStream::ParticleFirstDraw, i, k / 2, pair[0], pair[1]);
+                W[particles.firstRow[i] + k] = pair[k % 2];
+            }
+        const MatrixXd pairs =
+            scaled(split.denseOfPairs(), particles) +
+            0.3 * tolerance * MatrixXd::Identity(particles.numRows, particles.numRows);
+        const SelfAdjointEigenSolver<MatrixXd> solver(pairs);
+        slips = solver.operatorSqrt() * W;
+        forces = solver.operatorInverseSqrt() * W;
+    }
+};
+
+}  // namespace
+
 TEST(SplitEwald, FieldsAreThoseOfWavesAndARootOfPairs) {
     // With the covariance of waves (above) and the symmetric root here, that of slips is M.
     const double tolerance = 1e-3;
@@ -466,21 +464,11 @@ TEST(SplitEwald, FieldsAreThoseOfWavesAndARootOfPairs) {
         MatrixXd slips, again, others;
         field->slipsAt(scene.placement, false, slips);
 
-        VectorXd W(particles.numRows), waves = VectorXd::Zero(particles.numRows);
-        for (int i = 0; i < particles.size(); i++)
-            for (int k = 0; k < (particles.hasTorque[i] ? 6 : 3); k++) {
-                double pair[2];
-                noise.pair(NoiseStream::ParticleFirstDraw, i, k / 2, pair[0], pair[1]);
-                W[particles.firstRow[i] + k] = pair[k % 2];
-            }
+        VectorXd waves = VectorXd::Zero(particles.numRows);
         vector<GridField> fields;
         split.waves.draw(*split.fluid, eta, ofWaves, NoiseStream::ParticleFirstDraw, fields);
         split.waves.addAverages(*split.fluid, fields, waves.data());
-        // In units of own mobilities, of which 0.3 tolerances are added.
-        const MatrixXd pairs =
-            scaled(split.denseOfPairs(), particles) +
-            0.3 * tolerance * MatrixXd::Identity(particles.numRows, particles.numRows);
-        const VectorXd expected = SelfAdjointEigenSolver<MatrixXd>(pairs).operatorSqrt() * W;
+        const VectorXd expected = PairsOfField(split, tolerance, noise).slips;
         const VectorXd found = roots(particles).asDiagonal() * (slips.col(0) - waves);
         EXPECT_LE((found - expected).norm(), 5 * 0.1 * tolerance * expected.norm()) << scene.what;
         EXPECT_GT(waves.norm(), 0);
@@ -496,6 +484,113 @@ TEST(SplitEwald, FieldsAreThoseOfWavesAndARootOfPairs) {
         EXPECT_EQ(field->getNumRandomNumbers(),
                   GridModeNoise::numbersOf(split.splitting.shape) + particles.numRows);
     }
+}
+
+namespace {
+
+/** Points of a sphere's surface, and their weights, which add up to 1: Gauss's of the height, equal
+ * ones of the angle. */
+struct SurfaceRule {
+    vector<Vector3d> normals;
+    vector<double> weights;
+
+    explicit SurfaceRule(int number) {
+        MatrixXd recurrence = MatrixXd::Zero(number, number);
+        for (int i = 1; i < number; i++)
+            recurrence(i, i - 1) = recurrence(i - 1, i) = i / sqrt(4.0 * i * i - 1);
+        const SelfAdjointEigenSolver<MatrixXd> heights(recurrence);
+        for (int i = 0; i < number; i++)
+            for (int j = 0; j < 2 * number; j++) {
+                const double z = heights.eigenvalues()[i], around = M_PI * (j + 0.5) / number;
+                normals.push_back(
+                    Vector3d(sqrt(1 - z * z) * cos(around), sqrt(1 - z * z) * sin(around), z));
+                weights.push_back(pow(heights.eigenvectors()(0, i), 2) / (2 * number));
+            }
+    }
+};
+
+/** Spheres and blobs of four radii that do not overlap, one across a face of the box. */
+Scene apart() {
+    Scene scene("apart", 4, orthogonal(9, 10, 8), Scene::Mixed, {1, 0.6, 1.3, 0.8}, 1);
+    scene.placement.positions = {Vec3(1, 2, 3), Vec3(2.5, 2.8, 3.4), Vec3(4.5, 5, 7.8),
+                                 Vec3(7, 8, 1)};
+    return scene;
+}
+
+}  // namespace
+
+/** Particles move with the average of a field's flow over their surfaces, and turn with that of its
+ * moment: so flow and slips are of one field. */
+TEST(SplitEwald, FlowsOfFieldsHaveTheSlipsForAverages) {
+    const Scene scene = apart();
+    const HydrodynamicParticles& particles = scene.particles;
+    const SurfaceRule rule(24);
+    for (double tolerance : {1e-3, 1e-6}) {
+        const RotnePragerYamakawaGrid model(particles, eta, tolerance, 0, plainFluid());
+        unique_ptr<RandomField> field;
+        model.drawField(NoiseStream(), NoiseStream::ParticleFirstDraw, scene.placement.box, field);
+        MatrixXd slips;
+        field->slipsAt(scene.placement, false, slips);
+        VectorXd averages = VectorXd::Zero(particles.numRows);
+        for (int p = 0; p < particles.size(); p++) {
+            const double a = particles.radii[p];
+            vector<Vec3> points;
+            for (const Vector3d& n : rule.normals)
+                points.push_back(scene.placement.positions[p] + Vec3(n[0], n[1], n[2]) * a);
+            Velocities flow = Velocities::Zero(3, points.size());
+            field->addFlowAt(points, 1, flow);
+            const int row = particles.firstRow[p];
+            for (size_t i = 0; i < points.size(); i++) {
+                const Vector3d v = rule.weights[i] * flow.col(i), n = rule.normals[i];
+                averages.segment<3>(row) += v;
+                if (particles.hasTorque[p]) averages.segment<3>(row + 3) += 1.5 / a * n.cross(v);
+            }
+        }
+        // The flow of pairs is that of forces. Sums over pairs and flows leave out what is far away
+        // in different ways, up to a tolerance each, and 0.3 are added to the former.
+        SplitScene split(scene, tolerance, plainFluid());
+        const PairsOfField pairs(split, tolerance, NoiseStream());
+        const VectorXd root = roots(particles);
+        EXPECT_LE(
+            (root.asDiagonal() * (averages - slips.col(0))).norm(),
+            tolerance * ((root.asDiagonal() * slips.col(0)).norm() + 2.3 * pairs.forces.norm()));
+        EXPECT_GT(pairs.slips.norm(), 0.1 * (root.asDiagonal() * slips.col(0)).norm());
+    }
+}
+
+/** The component of a flow along a wave, by a sum over a lattice of points. */
+TEST(SplitEwald, AmplitudesOfFieldsAreThoseOfTheirFlows) {
+    const Scene scene = apart();
+    const BoxVectors& box = scene.placement.box;
+    const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-3, 0, plainFluid());
+    unique_ptr<RandomField> field;
+    model.drawField(NoiseStream(), NoiseStream::ParticleFirstDraw, box, field);
+    MatrixXd slips;
+    field->slipsAt(scene.placement, false, slips);
+    const int number = 28;
+    vector<Vec3> points;
+    for (int i = 0; i < number * number * number; i++)
+        points.push_back(Vec3((i % number + 0.5) * box[0][0] / number,
+                              (i / number % number + 0.5) * box[1][1] / number,
+                              (i / number / number + 0.5) * box[2][2] / number));
+    Velocities flow = Velocities::Zero(3, points.size());
+    field->addFlowAt(points, 1, flow);
+    for (int a = 0; a < 3; a++)
+        for (int periods : {1, 3}) {
+            DrivenFlow wave;
+            wave.waveVelocity = 1;
+            wave.forceAxis = a;
+            wave.waveAxis = (a + 1) % 3;
+            wave.k = 2 * M_PI * periods / box[wave.waveAxis][wave.waveAxis];
+            wave.phase = 0.4 + a;
+            double sum = 0;
+            for (size_t i = 0; i < points.size(); i++)
+                sum += flow(a, i) * sin(wave.k * points[i][wave.waveAxis] + wave.phase);
+            sum *= 2.0 / points.size();
+            const double found = field->amplitudeOf(wave);
+            // Surfaces, where flows have kinks, are seen to the distance of the points.
+            EXPECT_NEAR(found, sum, 1e-3 * slips.topRows<3>().norm()) << a << " " << periods;
+        }
 }
 
 TEST(SplitEwald, FieldsAndProductsShareNoResults) {

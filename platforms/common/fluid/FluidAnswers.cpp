@@ -94,9 +94,8 @@ VectorXd Fluid::apply(const VectorXd& wrenches, const BodySet& bodies,
                                 0);
             }
         // Exact ones where nothing is gained: rounding to floats gains little in one product.
-        const bool fast =
-            group->bodies.hasModel() &&
-            !group->bodies.getModel().describeFastProducts(force.getSolverTolerance()).empty();
+        const bool fast = group->bodies.hasModel() &&
+                          group->bodies.getModel().hasFastProducts(force.getSolverTolerance());
         mobility.multiply(f, u, fast ? force.getSolverTolerance() : 0);
         for (size_t e = 0; e < elements.size(); e++)
             if (!elements[e].isFree())

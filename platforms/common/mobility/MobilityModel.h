@@ -199,10 +199,10 @@ public:
     virtual void checkBox(const BoxVectors& box) const {}
     /** What is to be said of the model in a box, for describeEffects(). Default: nothing. */
     virtual std::string describe(const BoxVectors& box) const { return {}; }
-    /**
-     * How MobilityAt::applyWithin() makes products of such an error in less time than a sum over
-     * all pairs takes, for describeEffects(); empty: not at all. Default: not at all.
-     */
+    /** Whether MobilityAt::applyWithin() makes products of such an error in less time than a sum
+     * over all pairs takes. Default: it does not. */
+    virtual bool hasFastProducts(double error) const { return false; }
+    /** How it makes them, for describeEffects(). Empty where it has none. */
     virtual std::string describeFastProducts(double error) const { return {}; }
     /** What a grid has taken so far, with models that share it. Default: there is none. */
     virtual GridSeconds getGridSeconds() const { return {}; }

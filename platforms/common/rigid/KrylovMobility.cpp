@@ -27,9 +27,8 @@ void KrylovMobility::setTolerance(double relative, bool exactProducts, bool exac
     // hundred times as large.
     const double part = 0.01;
     toleranceOfProducts = exactProducts ? 0 : relative;
-    errorOfSolves = exactSolves || bodies.getModel().describeFastProducts(part * relative).empty()
-                        ? 0
-                        : part * relative;
+    const bool fast = !exactSolves && bodies.getModel().hasFastProducts(part * relative);
+    errorOfSolves = fast ? part * relative : 0;
     if (relative == tolerance) return;
     tolerance = relative;
     lanczos.reset();

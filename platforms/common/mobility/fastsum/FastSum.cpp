@@ -67,6 +67,7 @@ struct NearTask {
 
 HWY_BEFORE_NAMESPACE();
 #include "host/SimdReal-inl.h"
+#include "mobility/models/rotneprager/RoundedPairs-inl.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall-inl.h"
 
 namespace RigidHIPlugin {
@@ -253,9 +254,7 @@ struct NearTargets {
 template <class Real>
 HWY_NOINLINE PairMobility<Real> overlappingPairs(const NearTask& task,
                                                  const NearTargets<Real>& targets, int source) {
-    constexpr int packs = Real::packs;
-    Pack ttI[packs], ttR[packs], tr[packs], rt[packs], rrI[packs], rrR[packs];
-    for (int k = 0; k < packs; k++) {
+    return roundedPairs<Real>([&](int k) {
         const int lane = k * lanes(Pack(0.0));
         Pack x, y, z, a;
         load(targets.x + lane, x);
@@ -264,22 +263,8 @@ HWY_NOINLINE PairMobility<Real> overlappingPairs(const NearTask& task,
         load(targets.a + lane, a);
         const Vector3<Pack> r = {x - Pack(task.x[source]), y - Pack(task.y[source]),
                                  z - Pack(task.z[source])};
-        const auto m = pairMobility(addedDot(r, r), a, Pack(task.radius[source]));
-        ttI[k] = m.ttI;
-        ttR[k] = m.ttR;
-        tr[k] = m.tr;
-        rt[k] = m.rt;
-        rrI[k] = m.rrI;
-        rrR[k] = m.rrR;
-    }
-    PairMobility<Real> m;
-    round(ttI, m.ttI);
-    round(ttR, m.ttR);
-    round(tr, m.tr);
-    round(rt, m.rt);
-    round(rrI, m.rrI);
-    round(rrR, m.rrR);
-    return m;
+        return pairMobility(addedDot(r, r), a, Pack(task.radius[source]));
+    });
 }
 
 /** Source records: place from the leaf's centre, radius, height, then force (and torque) for each

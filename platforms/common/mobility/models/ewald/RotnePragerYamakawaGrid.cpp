@@ -329,10 +329,14 @@ void RotnePragerYamakawaGrid::checkBox(const BoxVectors& box) const {
         numParticles += kind.particles;
         anyTorques = anyTorques || kind.torques > 0;
     }
-    checkMemoryOfGrid(name(), splitting.shape,
-                      numChannels * GridFluid::memory(splitting.shape) +
-                          numParticles * splitting.neighbours * NearField::memoryOfPair(anyTorques),
-                      fluid->memoryHeld());
+    const double ofGrid = numChannels * GridFluid::memory(splitting.shape);
+    const double ofPairs =
+        numParticles * splitting.neighbours * NearField::memoryOfPair(anyTorques);
+    if (ofPairs > ofGrid)
+        checkMemoryOfPairs(name(), splitting.neighbours, splitting.gap, ofGrid + ofPairs,
+                           fluid->memoryHeld());
+    else
+        checkMemoryOfGrid(name(), splitting.shape, ofGrid + ofPairs, fluid->memoryHeld());
 }
 
 std::string RotnePragerYamakawaGrid::describe(const BoxVectors& box) const {

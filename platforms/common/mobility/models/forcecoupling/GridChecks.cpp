@@ -53,17 +53,32 @@ void checkSizeOfGrid(const std::string& model, const BoxVectors& box, double spa
                     "; raise setSolverTolerance() or setGridSpacing(), or make the box smaller");
 }
 
+bool fitsIntoMemory(double bytes, double held) {
+    const double more = 1e-9 * (bytes - held);
+    // Asked only of what could be too much, and is not there yet.
+    return !(more > 0.5 && more > 1e-9 * freeMemory());
+}
+
 void checkMemoryOfGrid(const std::string& model, const GridShape& shape, double bytes,
                        double held) {
-    const double gigabytes = 1e-9 * bytes, more = gigabytes - 1e-9 * held;
-    // Asked only of what could be too much, and is not there yet.
-    if (!(more > 0.5 && more > 1e-9 * freeMemory())) return;
+    if (fitsIntoMemory(bytes, held)) return;
+    const double gigabytes = 1e-9 * bytes;
     refuseGrid(model, "would take " + text(gigabytes, 3) + " GB for " +
                           std::to_string(shape.size[0]) + " x " + std::to_string(shape.numRows()) +
                           " x " + std::to_string(shape.size[2]) + " nodes, and " +
                           text(1e-9 * freeMemory(), 3) +
                           " GB are free; raise setSolverTolerance() or setGridSpacing(), or make "
                           "the box smaller");
+}
+
+void checkMemoryOfPairs(const std::string& model, double neighbours, double gap, double bytes,
+                        double held) {
+    if (fitsIntoMemory(bytes, held)) return;
+    refuseGrid(model, "would take " + text(1e-9 * bytes, 3) + " GB, most of it for the " +
+                          text(neighbours, 3) + " neighbours that a particle has within a gap of " +
+                          text(gap, 3) + " nm, and " + text(1e-9 * freeMemory(), 3) +
+                          " GB are free; lower setGridSpacing(), or let 0 choose it, raise "
+                          "setSolverTolerance(), or simulate fewer particles");
 }
 
 }  // namespace RigidHIPlugin

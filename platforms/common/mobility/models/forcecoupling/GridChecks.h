@@ -19,6 +19,17 @@ void checkSizeOfGrid(const std::string& model, const BoxVectors& box, double spa
  * @throws OpenMMException  if the machine does not have them free
  */
 void checkMemoryOfGrid(const std::string& model, const GridShape& shape, double bytes, double held);
+/**
+ * For models that also sum over pairs, of which a coarser grid leaves more.
+ *
+ * @param neighbours  of a particle, on average
+ * @param gap         between the surfaces of neighbours, at most, in nm
+ * @param bytes       that grid and pairs take
+ * @param held        those of them that the model has already
+ * @throws OpenMMException  if the machine does not have them free
+ */
+void checkMemoryOfPairs(const std::string& model, double neighbours, double gap, double bytes,
+                        double held);
 
 }  // namespace RigidHIPlugin
 

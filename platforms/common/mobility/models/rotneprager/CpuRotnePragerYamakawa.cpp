@@ -221,9 +221,16 @@ void CpuRotnePragerYamakawa::ownMobility(const HydrodynamicParticles& body,
     CpuRotnePragerYamakawa(body, viscosity, forRanges).at({sites})->dense(mobility);
 }
 
+const FastSum::Accuracy* CpuRotnePragerYamakawa::fastAccuracy(double error) const {
+    return fastSums ? FastSum::choose(error, particles.size(), wall.has_value()) : nullptr;
+}
+
+bool CpuRotnePragerYamakawa::hasFastProducts(double error) const {
+    return fastAccuracy(error) != nullptr;
+}
+
 std::string CpuRotnePragerYamakawa::describeFastProducts(double error) const {
-    const FastSum::Accuracy* accuracy =
-        fastSums ? FastSum::choose(error, particles.size(), wall.has_value()) : nullptr;
+    const FastSum::Accuracy* accuracy = fastAccuracy(error);
     return accuracy ? "by multipoles of order " + std::to_string(accuracy->order) : std::string();
 }
 
@@ -381,8 +388,7 @@ void CpuRotnePragerYamakawaAt::sumPairs(const PairSumArrays& arrays) {
 
 void CpuRotnePragerYamakawaAt::applyWithin(double error, const Eigen::MatrixXd& forces,
                                            Eigen::MatrixXd& velocities) {
-    const FastSum::Accuracy* accuracy =
-        model.fastSums ? FastSum::choose(error, particles.size(), model.wall.has_value()) : nullptr;
+    const FastSum::Accuracy* accuracy = model.fastAccuracy(error);
     const auto isFinite = [](const std::vector<double>& v) {
         return Eigen::Map<const Eigen::VectorXd>(v.data(), v.size()).allFinite();
     };

@@ -62,6 +62,7 @@ public:
     void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
                      Eigen::MatrixXd& mobility) const override;
 
+    bool hasFastProducts(double error) const override;
     std::string describeFastProducts(double error) const override;
 
 protected:
@@ -69,6 +70,8 @@ protected:
     bool holdsNearby() const override { return wall && wall->reachesBeyond(); }
 
 private:
+    /** By which multipoles products of such an error are made; null: by none. */
+    const FastSum::Accuracy* fastAccuracy(double error) const;
     friend class CpuRotnePragerYamakawaAt;
 
     const ForRanges forRanges;

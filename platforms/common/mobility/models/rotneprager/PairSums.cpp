@@ -20,6 +20,7 @@
 HWY_BEFORE_NAMESPACE();
 #include "host/SimdReal-inl.h"
 #include "mobility/models/rotneprager/PairsBothWays-inl.h"
+#include "mobility/models/rotneprager/RoundedPairs-inl.h"
 
 namespace RigidHIPlugin {
 namespace HWY_NAMESPACE {
@@ -331,32 +332,17 @@ HWY_NOINLINE bool findDistances(const Arrays& arrays, const T& targets, int end,
  * the registers of the loop. */
 template <class Real>
 HWY_NOINLINE PairMobility<Real> exactPairMobility(const Arrays& arrays, int target, int source) {
-    constexpr int packs = Real::packs;
-    Pack ttI[packs], ttR[packs], tr[packs], rt[packs], rrI[packs], rrR[packs];
-    for (int k = 0; k < packs; k++, source += lanes(ttI[0])) {
+    return roundedPairs<Real>([&](int k) {
+        const int slot = source + k * lanes(Pack(0.0));
         Pack x, y, z, radius;
-        load(arrays.x + source, x);
-        load(arrays.y + source, y);
-        load(arrays.z + source, z);
-        load(arrays.radius + source, radius);
+        load(arrays.x + slot, x);
+        load(arrays.y + slot, y);
+        load(arrays.z + slot, z);
+        load(arrays.radius + slot, radius);
         const Vector3<Pack> r = {Pack(arrays.x[target]) - x, Pack(arrays.y[target]) - y,
                                  Pack(arrays.z[target]) - z};
-        const auto m = pairMobility(addedDot(r, r), Pack(arrays.radius[target]), radius);
-        ttI[k] = m.ttI;
-        ttR[k] = m.ttR;
-        tr[k] = m.tr;
-        rt[k] = m.rt;
-        rrI[k] = m.rrI;
-        rrR[k] = m.rrR;
-    }
-    PairMobility<Real> m;
-    round(ttI, m.ttI);
-    round(ttR, m.ttR);
-    round(tr, m.tr);
-    round(rt, m.rt);
-    round(rrI, m.rrI);
-    round(rrR, m.rrR);
-    return m;
+        return pairMobility(addedDot(r, r), Pack(arrays.radius[target]), radius);
+    });
 }
 
 /** What addPack() left out. */

@@ -52,6 +52,7 @@ public:
     bool mayObject() const override { return true; }
     bool hasProducts() const override { return model->hasProducts(); }
     bool hasRoughProducts() const override { return model->hasRoughProducts(); }
+    bool hasFastProducts(double error) const override { return model->hasFastProducts(error); }
     std::string describeFastProducts(double error) const override {
         return model->describeFastProducts(error);
     }

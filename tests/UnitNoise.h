@@ -1,0 +1,69 @@
+#ifndef RIGIDHI_UNIT_NOISE_H_
+#define RIGIDHI_UNIT_NOISE_H_
+
+#include <Eigen/Core>
+#include <array>
+#include <cmath>
+#include <complex>
+#include <functional>
+
+#include "mobility/models/forcecoupling/GridModes.h"
+
+namespace RigidHITest {
+
+/** One number of one mode has a value, and its mirror image the conjugate; all others are 0. */
+class UnitNoise : public RigidHIPlugin::ModeNoise {
+public:
+    UnitNoise(std::array<int, 3> mode, int component, std::complex<double> value)
+        : mode(mode), component(component), value(value) {}
+    void fill(const int* nx, int count, int ny, int nz,
+              std::complex<double>* numbers) const override {
+        for (int i = 0; i < count; i++)
+            for (int c = 0; c < 3; c++) {
+                const bool same = std::array<int, 3>{nx[i], ny, nz} == mode,
+                           mirrored = std::array<int, 3>{-nx[i], -ny, -nz} == mode;
+                numbers[c * count + i] = c != component ? 0.0
+                                         : same         ? value
+                                         : mirrored     ? std::conj(value)
+                                                        : 0.0;
+            }
+    }
+
+private:
+    const std::array<int, 3> mode;
+    const int component;
+    const std::complex<double> value;
+};
+
+/**
+ * B B^T, where B has a column for every random number of a field: the real and the imaginary part,
+ * each of variance 1/2, of three components of every mode that is drawn.
+ *
+ * @param size        nodes of the grid along each axis
+ * @param lowest      of ny
+ * @param isMirrored  whether a mode is the conjugate of another that is drawn
+ * @param column      the velocities of all particles in the field of such a noise
+ */
+inline Eigen::MatrixXd covarianceOfFields(
+    const std::array<int, 3>& size, int numRows, int lowest,
+    const std::function<bool(int, int, int)>& isMirrored,
+    const std::function<Eigen::VectorXd(const UnitNoise&)>& column) {
+    Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(numRows, numRows);
+    for (int nx = -size[0] / 2; nx <= size[0] / 2; nx++)
+        for (int ny = lowest; ny <= size[1] / 2; ny++)
+            for (int nz = 0; nz <= size[2] / 2; nz++) {
+                if (isMirrored(nx, ny, nz)) continue;
+                for (int c = 0; c < 3; c++)
+                    for (std::complex<double> value :
+                         {std::complex<double>(1, 0), std::complex<double>(0, 1)}) {
+                        const Eigen::VectorXd v =
+                            column(UnitNoise({nx, ny, nz}, c, std::sqrt(0.5) * value));
+                        covariance += v * v.transpose();
+                    }
+            }
+    return covariance;
+}
+
+}  // namespace RigidHITest
+
+#endif

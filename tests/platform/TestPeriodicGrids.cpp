@@ -1,0 +1,181 @@
+// Periodic fluids on a grid in a Context, every model: against lattice sums, boxes, noise, drift,
+// resume.
+
+#include "GridSceneSupport.h"
+
+using namespace OpenMM;
+using namespace RigidHITest;
+using namespace std;
+
+namespace {
+
+typedef CustomRigidHIIntegrator RigidHI;
+
+struct GridModel {
+    const char* name;
+    MobilityForce::Model model;
+    RigidHI::Scheme driftCorrector;
+    int rootsOfField;  // square roots that drawing a field takes beside the grid's own
+};
+const GridModel models[] = {
+    {"ForceCoupling", MobilityForce::ForceCoupling, RigidHI::DriftCorrectorFD, 0},
+    {"RotnePragerYamakawa", MobilityForce::RotnePragerYamakawa, RigidHI::DriftCorrectorRFD, 1}};
+
+class PeriodicGrid : public testing::TestWithParam<GridModel> {
+protected:
+    unique_ptr<GridScene> make(double temperature, RigidHI::Scheme scheme, double h = 0.002,
+                               MobilityForce::Solver solver = MobilityForce::MatrixFree,
+                               double tolerance = 1e-2) const {
+        return make_unique<GridScene>(GetParam().model, temperature, scheme, h, solver, tolerance);
+    }
+    vector<RigidHI::Scheme> schemes() const {
+        return {RigidHI::LangevinHI, GetParam().driftCorrector, RigidHI::TrapezoidalSlip};
+    }
+};
+INSTANTIATE_TEST_SUITE_P(Models, PeriodicGrid, testing::ValuesIn(models),
+                         [](const testing::TestParamInfo<GridModel>& info) {
+                             return info.param.name;
+                         });
+
+}  // namespace
+
+TEST_P(PeriodicGrid, IsTheLatticeSumToTheTolerance) {
+    const auto started = [&](MobilityForce::Solver solver, double tolerance) {
+        auto scene = make(0, GetParam().driftCorrector, 0.002, solver, tolerance);
+        scene->addBodies();
+        scene->start(testPlatform());
+        return scene;
+    };
+    const MatrixXd N = started(MobilityForce::Dense, 1e-6)->mobility();
+    for (double tolerance : {1e-2, 1e-3, 1e-5}) {
+        const auto scene = started(MobilityForce::MatrixFree, tolerance);
+        EXPECT_LE(relativeError(scene->mobility(), N), tolerance);
+        EXPECT_NE(scene->effect("hydrodynamics").find(" on a grid of "), string::npos)
+            << scene->effect("hydrodynamics");
+    }
+}
+
+TEST_P(PeriodicGrid, TheBoxOfAStepIsThatOfTheContext) {
+    for (auto scheme : schemes()) {
+        const auto changed = make(0.1 * T1, scheme), always = make(0.1 * T1, scheme);
+        for (GridScene* scene : {changed.get(), always.get()}) {
+            scene->addBodies();
+            scene->start(testPlatform());
+        }
+        changed->mobility();
+        for (GridScene* scene : {changed.get(), always.get()}) scene->setBox(7, 8.5, 9);
+        changed->integrator.step(1);
+        always->integrator.step(1);
+        EXPECT_EQ(changed->state(), always->state());
+        changed->setBox(9, 8, 7);
+        changed->mobility();
+        always->setBox(9, 8, 7);
+        changed->integrator.step(1);
+        always->integrator.step(1);
+        EXPECT_EQ(changed->state(), always->state());
+    }
+}
+
+TEST_P(PeriodicGrid, TriclinicBoxesAreRefusedWithTheAlternative) {
+    const auto scene = make(0, GetParam().driftCorrector);
+    scene->addBodies();
+    scene->start(testPlatform());
+    scene->integrator.step(1);
+    const VectorXd before = scene->state();
+    scene->context->setPeriodicBoxVectors(Vec3(8, 0, 0), Vec3(1, 8, 0), Vec3(0, 0, 8));
+    expectError([&] { scene->integrator.step(1); },
+                {GetParam().name + string(" on a grid needs a box with edges along the axes"),
+                 "(1, 8, 0)", "setSolver(Dense)"});
+    EXPECT_EQ(scene->state(), before);
+    scene->setBox(8, 8, 8);
+    scene->integrator.step(1);
+}
+
+TEST_P(PeriodicGrid, ResumesBitForBit) {
+    for (auto scheme : schemes()) {
+        const auto start = [&](int threads) {
+            auto scene = make(T1, scheme);
+            scene->addBodies();
+            scene->start(testPlatform(), threads);
+            return scene;
+        };
+        const auto toAnotherBox = [](GridScene& scene) {
+            scene.integrator.step(1);
+            scene.setBox(8, 7.5, 9);
+            scene.integrator.step(1);
+        };
+        expectToResumeBitForBit<GridScene>(start, toAnotherBox, 2);
+    }
+}
+
+TEST_P(PeriodicGrid, WithoutTemperatureNoFieldIsDrawn) {
+    for (auto scheme : schemes()) {
+        const auto scene = make(0, scheme);
+        scene->addBodies();
+        scene->start(testPlatform());
+        scene->integrator.step(2);
+        EXPECT_EQ(scene->count("randomNumbers"), 0);
+        EXPECT_EQ(scene->count("squareRoots"), 0);
+    }
+}
+
+TEST_P(PeriodicGrid, SpheresAloneHaveNoDrift) {
+    // nu = 1, and one product: what SlipOnly and Whole do is the same.
+    VectorXd ends[2];
+    for (auto scaling : {RigidHI::SlipOnly, RigidHI::Whole}) {
+        const auto scene = make(T1, GetParam().driftCorrector);
+        for (int i = 0; i < 3; i++) scene->add(sphereKind(0.8), Vec3(2.1 * i, 0.3, 0.2 * i));
+        scene->integrator.setDriftCorrectorScaling(scaling);
+        scene->start(testPlatform());
+        scene->integrator.step(2);
+        EXPECT_EQ(scene->count("mobilityProducts"), 2);
+        EXPECT_EQ(scene->count("squareRoots"), 2 * GetParam().rootsOfField);
+        EXPECT_EQ(scene->effect("stochastic drift").substr(0, 3), "off");
+        ends[scaling] = scene->state();
+    }
+    EXPECT_EQ(ends[0], ends[1]);
+}
+
+TEST_P(PeriodicGrid, GroupsShareAGridAndNoNoise) {
+    // Two groups of the same bodies at the same places: the same mobility, no interaction, other
+    // noise.
+    const auto scene = make(T1, GetParam().driftCorrector);
+    for (int i = 0; i < 2; i++) {
+        scene->add(sphereKind(0.8), Vec3(0, 0, 0));
+        scene->add(boomerangKind(), Vec3(-1, 2.5, 2.4));
+    }
+    scene->fluid->setGroups({0, 0, 1, 1});
+    scene->start(testPlatform());
+    const MatrixXd N = scene->mobility();
+    EXPECT_EQ(MatrixXd(N.topLeftCorner(12, 12)), MatrixXd(N.bottomRightCorner(12, 12)));
+    EXPECT_EQ(N.topRightCorner(12, 12).norm(), 0);
+    const auto before = scene->integrator.getBodyPositions();
+    scene->integrator.step(1);
+    const auto after = scene->integrator.getBodyPositions();
+    EXPECT_GT(toEigen(after[0] - before[0] - (after[2] - before[2])).norm(),
+              0.1 * toEigen(after[0] - before[0]).norm());
+}
+
+TEST_P(PeriodicGrid, LangevinHITakesTheStepOfMatrices) {
+    // Same seed, same step: in the norm of mass-weighted momenta to five tolerances, as for all
+    // matrix-free fluids.
+    for (double temperature : {0.0, T1}) {
+        const auto velocities = [&](MobilityForce::Solver solver, double tolerance) {
+            const auto scene = make(temperature, RigidHI::LangevinHI, 0.05, solver, tolerance);
+            scene->addBodies();
+            scene->start(testPlatform());
+            scene->integrator.step(1);
+            const auto V = scene->integrator.getBodyVelocities();
+            VectorXd all(3 * V.size());
+            for (size_t b = 0; b < V.size(); b++)
+                all.segment<3>(3 * b) = sqrt(scene->bodies[b].mass) * toEigen(V[b]);
+            return all;
+        };
+        const VectorXd exact = velocities(MobilityForce::Dense, 1e-6);
+        for (double tolerance : {1e-2, 1e-4}) {
+            const VectorXd error = velocities(MobilityForce::MatrixFree, tolerance) - exact;
+            EXPECT_LE(error.norm(), 5 * tolerance * exact.norm())
+                << temperature << " " << tolerance;
+        }
+    }
+}
