@@ -15,7 +15,8 @@ import sys
 #: what ends with a full stop and does not end a sentence
 ABBREVIATIONS = (
     r'(?:\b(?:e\.g|i\.e|cf|vs|al|[Ee]qs?|[Ff]igs?|[Nn]o|[Ss]ec|[Cc]h|pp?|approx|resp|Phys|Chem|Rev'
-    r'|Lett|Mech|Comput|Comm|Math|Sci|Soc|Proc|Acad|Theory|Ann|Mol|Biol|Vol|St|Dr|Trans|Camb|Phil|Lond|Eng|Int|ibid|[A-Z])\.)$')
+    r'|Lett|Mech|Comput|Comm|Math|Sci|Soc|Proc|Acad|Theory|Ann|Mol|Biol|Vol|St|Dr|Trans|Camb|Phil'
+    r'|Lond|Eng|Int|ibid|[A-Z])\.)$')
 SENTENCE_END = re.compile(r'(?<=[.!?])(?P<close>[)"\'*_\]]*)\s+(?=[A-Z(\[*_"\x00ÄÖÜÉΔΓΦΨΩ])')
 #: inline code, inline formulas and addresses: never split
 ATOM = re.compile(r'(`+)(?!`).+?(?<!`)\1(?!`)|\$[^$\n]+\$|\]\([^)\s]*\)|<https?:[^>]*>')

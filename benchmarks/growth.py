@@ -1,0 +1,244 @@
+#!/usr/bin/python3
+"""How the time of a step grows with the number of spheres or blobs, for every model and boundary.
+
+Spheres: bodies of one sphere of radius 1 nm at a volume fraction of 0.1, above a wall in a layer
+as high as it is needed for squares of at most 100 spheres, under EulerMaruyama with noise: one
+product with the mobility and one square root a step. Blobs: boomerangs of 15 blobs of the same
+radius, under TrapezoidalSlip: two mobility problems and one square root. Matrix-free fluids have
+the tolerance 1e-3. One thread; times are those of seconds_mobility + seconds_scheme of
+getStepStatistics(), or the process's CPU time if that is less (a busy machine). A series ends
+where a step is refused, or would take more than --limit seconds by the growth so far.
+
+The exponent is that of a line through the times from 1000 particles on (dense: 300), what
+dominates is the largest part of the last number.
+
+    PYTHONPATH=build/python /usr/bin/python3 benchmarks/growth.py
+    PYTHONPATH=build/python /usr/bin/python3 benchmarks/growth.py --draw
+"""
+import os
+
+os.environ['OPENBLAS_NUM_THREADS'] = '1'
+import argparse  # noqa: E402  (one thread of BLAS must be said before numpy comes)
+import json  # noqa: E402
+import pathlib  # noqa: E402
+
+import numpy as np  # noqa: E402
+import openmm  # noqa: E402
+import tqdm  # noqa: E402
+from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, app  # noqa: E402
+
+from common import RESULTS, describeMachine, ownSeconds, save  # noqa: E402
+
+NUMBERS = (10, 30, 100, 300, 1000, 3000, 10000, 30000, 100000)
+TOLERANCE = 1e-3
+#: Series: (what, model, boundary, solver).
+SERIES = tuple(('spheres', *each) for each in (
+    ('FreeDraining', 'Unbounded', 'Auto'), ('RotnePragerYamakawa', 'Unbounded', 'Dense'),
+    ('RotnePragerYamakawa', 'Unbounded', 'MatrixFree'),
+    ('RotnePragerYamakawa', 'NoSlipWall', 'Dense'),
+    ('RotnePragerYamakawa', 'NoSlipWall', 'MatrixFree'),
+    ('RotnePragerYamakawa', 'Periodic', 'Dense'), ('RotnePragerYamakawa', 'Periodic', 'MatrixFree'),
+    ('ForceCoupling', 'Periodic', 'Dense'), ('ForceCoupling', 'Periodic', 'MatrixFree'),
+    ('ForceCoupling', 'SlipChannel', 'Dense'), ('ForceCoupling', 'SlipChannel', 'MatrixFree'),
+    ('StokesianDynamics', 'Unbounded', 'Dense'),
+    ('StokesianDynamics', 'Periodic', 'Dense'))) + tuple(
+        ('blobs', *each) for each in (('RotnePragerYamakawa', 'Unbounded', 'Dense'),
+                                      ('RotnePragerYamakawa', 'Unbounded', 'MatrixFree'),
+                                      ('RotnePragerYamakawa', 'NoSlipWall', 'Dense'),
+                                      ('RotnePragerYamakawa', 'NoSlipWall', 'MatrixFree'),
+                                      ('RotnePragerYamakawa', 'Periodic', 'MatrixFree'),
+                                      ('ForceCoupling', 'Periodic', 'MatrixFree'),
+                                      ('ForceCoupling', 'SlipChannel', 'MatrixFree')))
+COLOURS = {
+    'FreeDraining': 'tab:gray', 'RotnePragerYamakawa': 'tab:blue', 'ForceCoupling': 'tab:green',
+    'StokesianDynamics': 'tab:red'
+}
+MARKERS = {'Unbounded': 'o', 'NoSlipWall': 's', 'Periodic': '^', 'SlipChannel': 'D'}
+PARTS = ('seconds_spreading', 'seconds_fft', 'seconds_averaging', 'seconds_solver')
+
+
+def arranged(count, boundary, spacing):
+    """Centres on a lattice, displaced at random where that leaves a gap; and the box: (count, 3), (3,)."""
+    random = np.random.default_rng(1)
+    if boundary in ('NoSlipWall', 'SlipChannel'):
+        layers = max(1, int(np.ceil(count/10000)))
+        side = int(np.ceil(np.sqrt(count/layers) - 1e-9))
+    else:
+        side = layers = int(np.ceil(count**(1/3) - 1e-9))
+    cells = np.array(list(np.ndindex(layers, side, side)))[:count, ::-1]
+    box = spacing*np.array([side, side, layers])
+    return spacing*(cells + 0.5) + random.uniform(-0.1, 0.1, (count, 3)), box
+
+
+def scene(what, model, boundary, solver, count):
+    """(integrator, Context, number of spheres or blobs)."""
+    fluid, system = MobilityForce(), openmm.System()
+    integrator = CustomRigidHIIntegrator(300, 1e-3)
+    integrator.setRandomNumberSeed(1)
+    if what == 'spheres':
+        sites, spacing = np.zeros((1, 3)), (4*np.pi/3/0.1)**(1/3)
+        integrator.setScheme(CustomRigidHIIntegrator.EulerMaruyama)
+    else:
+        sites, spacing = app.boomerang(2.0)._value, 22.0
+        sites = sites - sites.mean(0)
+        integrator.setScheme(CustomRigidHIIntegrator.TrapezoidalSlip)
+        count = max(1, round(count/len(sites)))
+    centres, box = arranged(count, boundary, spacing)
+    for _ in range(count):
+        app.addRigidMultiblob(system, integrator, fluid, sites, 1.0)
+    positions = (centres[:, None] + sites).reshape(-1, 3)
+    fluid.setModel(getattr(MobilityForce, model))
+    fluid.setBoundary(getattr(MobilityForce, boundary))
+    fluid.setSolver(getattr(MobilityForce, solver))
+    if solver == 'MatrixFree':
+        fluid.setSolverTolerance(TOLERANCE)
+    if boundary == 'SlipChannel':
+        fluid.setChannelWalls(0, float(box[2]))
+    system.addForce(fluid)
+    if boundary in ('Periodic', 'SlipChannel'):
+        system.setDefaultPeriodicBoxVectors(*np.diag(box))
+        app.bindBodies(system, integrator)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('CPU'),
+                             {'Threads': '1'})
+    context.setPositions(positions)
+    return integrator, context, len(positions)
+
+
+def measure(what, model, boundary, solver, count, seconds):
+    """A row: the least of three times of a step, and what happened in it."""
+    integrator, context, number = scene(what, model, boundary, solver, count)
+    integrator.step(1)
+    first = ownSeconds(integrator, 1)
+    steps = int(min(1000, max(1, seconds/3/max(first, 1e-6))))
+    before = integrator.getStepStatistics()
+    times = [first] if first > seconds else [ownSeconds(integrator, steps) for _ in range(3)]
+    after = integrator.getStepStatistics()
+    made = max(1, after['steps'] - before['steps'])
+    row = {'number': number, 'seconds': float(f'{min(times):.4g}')}
+    for key in ('mobilityProducts', 'solverIterations', *PARTS):
+        row[key] = float(f'{(after[key] - before[key])/made:.4g}')
+    return row
+
+
+def exponent(rows, least):
+    """Of a line through logarithms of the rows from a number on; None where there are fewer than three."""
+    rows = [row for row in rows if row['number'] >= least]
+    if len(rows) < 3:
+        return None
+    slope = np.polyfit(np.log([row['number'] for row in rows]),
+                       np.log([row['seconds'] for row in rows]), 1)[0]
+    return round(float(slope), 2)
+
+
+def draw(result, file):
+    """The times of all series against the number, doubly logarithmic, spheres beside blobs."""
+    from matplotlib.figure import Figure
+    figure = Figure((11, 5.2), layout='constrained')
+    axes = figure.subplots(1, 2, sharey=True)
+    for series in result['series']:
+        panel = axes[series['what'] == 'blobs']
+        rows = series['rows']
+        panel.loglog([row['number'] for row in rows], [row['seconds'] for row in rows],
+                     color=COLOURS[series['model']], marker=MARKERS[series['boundary']],
+                     markersize=4, linewidth=1.2,
+                     linestyle='--' if series['solver'] == 'Dense' else '-',
+                     label=f'{series["model"]}, {series["boundary"]}' +
+                     (', dense' if series['solver'] == 'Dense' else ''))
+    for panel, title in zip(
+            axes,
+        ('Spheres with torques, EulerMaruyama', 'Boomerangs of 15 blobs, TrapezoidalSlip')):
+        numbers = np.array([1e3, 1e5])
+        for power, text in ((1, 'N'), (2, 'N²')):
+            panel.loglog(numbers, 3e-6*numbers*(numbers/1e3)**(power - 1), color='0.7',
+                         linewidth=0.8)
+            panel.text(numbers[1], 3e-6*numbers[1]*(numbers[1]/1e3)**(power - 1), text, color='0.5',
+                       va='center')
+        panel.set(title=title, xlabel='number of spheres or blobs')
+        panel.grid(color='0.92')
+        panel.legend(fontsize=6.5, loc='upper left')
+    axes[0].set_ylabel('seconds a step, one thread')
+    figure.savefig(file, dpi=110)
+
+
+def table(result):
+    """Lines of Markdown: a row for each series."""
+    columns = [10, 100, 1000, 10000, 100000]
+    lines = [
+        '| bodies | model | boundary | solver | ' + ' | '.join(f'{n:,}' for n in columns) +
+        ' | exponent | ends |', '|' + '---|'*(6 + len(columns))
+    ]
+    for series in result['series']:
+        found = {}
+        for row in series['rows']:
+            near = min(columns, key=lambda n: abs(np.log(row['number']/n)))
+            if abs(np.log(row['number']/near)) < 0.35:
+                found[near] = duration(row['seconds'])
+        power = series['exponent']
+        lines.append('| ' + ' | '.join((series['what'], series['model'], series['boundary'],
+                                        series['solver'], *(found.get(n, '–') for n in columns),
+                                        '–' if power is None else f'{power:.2f}', series['end'])) +
+                     ' |')
+    return '\n'.join(lines)
+
+
+def duration(seconds):
+    """Seconds with two digits and their unit."""
+    for unit, scale in (('s', 1), ('ms', 1e-3), ('µs', 1e-6)):
+        if seconds >= scale:
+            return f'{float(f"{seconds/scale:.2g}"):g} {unit}'
+    return f'{1e6*seconds:.2g} µs'
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('--limit', type=float, default=30, help='seconds of a step, at most')
+    parser.add_argument('--seconds', type=float, default=0.3, help='of steps for each time')
+    parser.add_argument('--largest', type=int, default=NUMBERS[-1])
+    parser.add_argument('--draw', action='store_true', help='from the JSON, without measuring')
+    parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
+    arguments = parser.parse_args()
+    file = arguments.output/'growth.json'
+    if arguments.draw:
+        result = json.loads(file.read_text())
+    else:
+        machine = describeMachine()
+        result = {'tolerance': TOLERANCE, 'limit_seconds': arguments.limit, 'series': []}
+        progress = tqdm.tqdm(total=len(SERIES)*len(NUMBERS), desc='Steps')
+        for what, model, boundary, solver in SERIES:
+            rows, end = [], ''
+            for index, number in enumerate(NUMBERS):
+                power = 3 if solver == 'Dense' else 2 if boundary in ('Unbounded', 'NoSlipWall') \
+                    else 1.3
+                if rows and rows[-1]['seconds']*(number/rows[-1]['number'])**power \
+                        > 3*arguments.limit:
+                    end = f'{number:,} would take more than {arguments.limit:g} s'
+                elif number > arguments.largest:
+                    end = 'as asked'
+                else:
+                    try:
+                        rows.append(
+                            measure(what, model, boundary, solver, number, arguments.seconds))
+                    except openmm.OpenMMException as refusal:
+                        end = f'{number:,} are refused'
+                        result.setdefault(
+                            'refusals',
+                            {})[f'{what}, {model}, {boundary}, {solver}, {number}'] = str(refusal)
+                if end:
+                    progress.update(len(NUMBERS) - index)
+                    break
+                progress.update()
+            power = exponent(rows, 300 if solver == 'Dense' else 1000)
+            result['series'].append({
+                'what': what, 'model': model, 'boundary': boundary, 'solver': solver,
+                'exponent': power, 'end': end, 'rows': rows
+            })
+            tqdm.tqdm.write(f'{what} {model} {boundary} {solver}: ' +
+                            ', '.join(f'{row["number"]}: {duration(row["seconds"])}'
+                                      for row in rows) + f'; {power} {end}')
+            save(arguments.output, file.name, machine, result)
+    draw(result, arguments.output/'growth.png')
+    print(table(result))
+
+
+if __name__ == '__main__':
+    main()
