@@ -208,7 +208,7 @@ void FluidScene::addFree(double mass, double radius, const Vec3& x) {
 }
 
 void FluidScene::bind() {
-    system.setDefaultPeriodicBoxVectors(Vec3(side, 0, 0), Vec3(0, side, 0), Vec3(0, 0, side));
+    system.setDefaultPeriodicBoxVectors(Vec3(side, 0, 0), Vec3(0, side, 0), Vec3(shear, 0, side));
     // OpenMM keeps molecules together, and knows them by bonds.
     auto* bonds = new OpenMM::HarmonicBondForce();
     for (const auto& members : particles)

@@ -100,6 +100,7 @@ struct FluidScene {
     std::vector<int> freeParticles;
     std::vector<Vec3> positions;  // of all particles
     double side = 13;             // of the cubic box of a periodic fluid; before start()
+    double shear = 0;             // x of its third vector, which makes it triclinic
 
     explicit FluidScene(double temperature = 0, double h = 0.01) : integrator(temperature, h) {
         system.addForce(fluid);

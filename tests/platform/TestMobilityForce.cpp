@@ -448,7 +448,7 @@ TEST(EveryEnumerator, RunsTheOperatorOfItsNameOnThisPlatform) {
             RigidHIPlugin::HydrodynamicParticles particles;
             particles.add(0.5, true, 0, 0);
             particles.add(0.8, true, 1, 1);
-            const auto common = RigidHIPlugin::createMobility(*scene.fluid, false, particles);
+            const auto common = RigidHIPlugin::createMobility(*scene.fluid, {}, particles);
             MatrixXd M;
             common
                 ->at({scene.positions,
@@ -482,11 +482,11 @@ TEST(EveryEnumerator, OthersAreRefused) {
     MobilityForce fluid;
     fluid.setModel(MobilityForce::StokesianDynamics);
     fluid.setBoundary(MobilityForce::NoSlipWall);
-    expectError([&] { RigidHIPlugin::createMobility(fluid, false, {}); },
+    expectError([&] { RigidHIPlugin::createMobility(fluid, {}, {}); },
                 {"nothing computes model StokesianDynamics with boundary NoSlipWall"});
     fluid.setModel(MobilityForce::ForceCoupling);
     fluid.setBoundary(MobilityForce::Unbounded);
-    expectError([&] { RigidHIPlugin::createMobility(fluid, false, {}); },
+    expectError([&] { RigidHIPlugin::createMobility(fluid, {}, {}); },
                 {"nothing computes model ForceCoupling with boundary Unbounded"});
 }
 

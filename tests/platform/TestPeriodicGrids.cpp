@@ -91,6 +91,20 @@ TEST_P(PeriodicGrid, TriclinicBoxesAreRefusedWithTheAlternative) {
     scene->integrator.step(1);
 }
 
+TEST_P(PeriodicGrid, AutoHasMatricesWhereTheBoxIsTriclinic) {
+    for (double shear : {0.0, 1.5}) {
+        const auto scene = make(0, GetParam().driftCorrector, 0.002, MobilityForce::Auto);
+        scene->side = 12;
+        scene->shear = shear;
+        for (int i = 0; i < 64; i++)
+            scene->add(sphereKind(1), Vec3(3 * (i % 4), 3 * (i / 4 % 4), 3 * (i / 16)));
+        scene->start(testPlatform());
+        scene->integrator.step(1);
+        EXPECT_EQ(scene->effect("hydrodynamics").find(" on a grid") == string::npos, shear != 0)
+            << scene->effect("hydrodynamics");
+    }
+}
+
 TEST_P(PeriodicGrid, ResumesBitForBit) {
     for (auto scheme : schemes()) {
         const auto start = [&](int threads) {

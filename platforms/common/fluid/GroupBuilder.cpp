@@ -156,8 +156,10 @@ void GroupBuilder::addShape(FluidElement& element, const vector<BodyGeometry>& g
 
 unique_ptr<MobilityModel> GroupBuilder::makeModel(const HydrodynamicParticles& particles,
                                                   bool mayUseThreads) const {
-    return loops.createMobility(force, wallRejection == CustomRigidHIIntegrator::Crossing,
-                                particles, mayUseThreads);
+    MobilityScene scene;
+    scene.crossingAllowed = wallRejection == CustomRigidHIIntegrator::Crossing;
+    scene.isTriclinic = defaultBox[1][0] != 0 || defaultBox[2][0] != 0 || defaultBox[2][1] != 0;
+    return loops.createMobility(force, scene, particles, mayUseThreads);
 }
 
 void GroupBuilder::checkModels() const {

@@ -11,6 +11,8 @@
 
 namespace RigidHIPlugin {
 
+struct MobilityScene;
+
 /** The part of a step that platforms do each in their own way: how to loop. */
 class PlatformLoops {
 public:
@@ -31,11 +33,10 @@ public:
     /**
      * The model of a MobilityForce, with its boundary, for particles that feel each other.
      *
-     * @param crossingAllowed  whether surfaces of particles may reach through a wall
-     * @param mayUseThreads    false for models that are used inside of forTasks()
+     * @param mayUseThreads  false for models that are used inside of forTasks()
      */
     virtual std::unique_ptr<MobilityModel> createMobility(const MobilityForce& force,
-                                                          bool crossingAllowed,
+                                                          const MobilityScene& scene,
                                                           const HydrodynamicParticles& particles,
                                                           bool mayUseThreads) = 0;
     /** How the loops run, for describeEffects(). */

@@ -20,7 +20,7 @@ void ScalarLoops::forTasks(int count, const std::function<void(int)>& task) {
 }
 
 std::unique_ptr<MobilityModel> ScalarLoops::createMobility(const MobilityForce& force,
-                                                           bool crossingAllowed,
+                                                           const MobilityScene& scene,
                                                            const HydrodynamicParticles& particles,
                                                            bool) {
     PlatformModels own;
@@ -32,7 +32,7 @@ std::unique_ptr<MobilityModel> ScalarLoops::createMobility(const MobilityForce& 
         }
         return fluid;
     };
-    return RigidHIPlugin::createMobility(force, crossingAllowed, particles, own);
+    return RigidHIPlugin::createMobility(force, scene, particles, own);
 }
 
 }  // namespace RigidHIPlugin

@@ -18,7 +18,8 @@ public:
         task(0, count);
     }
     void forTasks(int count, const std::function<void(int)>& task) override;
-    std::unique_ptr<MobilityModel> createMobility(const MobilityForce& force, bool crossingAllowed,
+    std::unique_ptr<MobilityModel> createMobility(const MobilityForce& force,
+                                                  const MobilityScene& scene,
                                                   const HydrodynamicParticles& particles,
                                                   bool mayUseThreads) override;
     std::string describe() const override { return "one thread, one body at a time"; }

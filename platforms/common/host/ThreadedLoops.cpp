@@ -71,7 +71,7 @@ void ThreadedLoops::forTasks(int count, const std::function<void(int)>& task) {
 }
 
 std::unique_ptr<MobilityModel> ThreadedLoops::createMobility(const MobilityForce& force,
-                                                             bool crossingAllowed,
+                                                             const MobilityScene& scene,
                                                              const HydrodynamicParticles& particles,
                                                              bool mayUseThreads) {
     CpuRotnePragerYamakawa::ForRanges threads;
@@ -94,7 +94,7 @@ std::unique_ptr<MobilityModel> ThreadedLoops::createMobility(const MobilityForce
         return std::unique_ptr<MobilityModel>(
             new CpuRotnePragerYamakawa(seen, viscosity, threads, wall, force.getFastSummation()));
     };
-    return RigidHIPlugin::createMobility(force, crossingAllowed, particles, own);
+    return RigidHIPlugin::createMobility(force, scene, particles, own);
 }
 
 std::string ThreadedLoops::describe() const {

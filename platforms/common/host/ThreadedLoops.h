@@ -19,7 +19,8 @@ public:
                    double* xi) override;
     void forRanges(int count, const std::function<void(int, int)>& task) override;
     void forTasks(int count, const std::function<void(int)>& task) override;
-    std::unique_ptr<MobilityModel> createMobility(const MobilityForce& force, bool crossingAllowed,
+    std::unique_ptr<MobilityModel> createMobility(const MobilityForce& force,
+                                                  const MobilityScene& scene,
                                                   const HydrodynamicParticles& particles,
                                                   bool mayUseThreads) override;
     std::string describe() const override;

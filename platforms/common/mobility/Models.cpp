@@ -58,6 +58,7 @@ shared_ptr<GridFluid> gridFluid(const PlatformModels& own) {
 const int largestDenseSurfaceRows = 150;
 
 unique_ptr<MobilityModel> periodicRotnePragerYamakawa(const MobilityForce& force,
+                                                      const MobilityScene& scene,
                                                       const HydrodynamicParticles& particles,
                                                       const PlatformModels& own) {
     bool onGrid = false;
@@ -65,7 +66,7 @@ unique_ptr<MobilityModel> periodicRotnePragerYamakawa(const MobilityForce& force
         case MobilityForce::Dense: break;
         case MobilityForce::MatrixFree: onGrid = true; break;
         case MobilityForce::Auto:
-            onGrid = particles.numRows > largestDenseSurfaceRows &&
+            onGrid = particles.numRows > largestDenseSurfaceRows && !scene.isTriclinic &&
                      (int)kindsOf(particles).size() <= RotnePragerYamakawaGrid::mostRadii;
             break;
     }
@@ -77,7 +78,8 @@ unique_ptr<MobilityModel> periodicRotnePragerYamakawa(const MobilityForce& force
                                     force.getGridSpacing(), gridFluid(own)));
 }
 
-unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force, bool crossingAllowed,
+unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force,
+                                              const MobilityScene& scene,
                                               const HydrodynamicParticles& particles,
                                               const PlatformModels& own) {
     const double eta = force.getViscosity();
@@ -86,14 +88,15 @@ unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force, bool c
             if (own.rotnePragerYamakawa) return own.rotnePragerYamakawa(particles, eta, {});
             return unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, eta));
         case MobilityForce::NoSlipWall: {
-            const NoSlipPlane wall(force.getWallHeight(), crossingAllowed);
+            const NoSlipPlane wall(force.getWallHeight(), scene.crossingAllowed);
             return withSphereWallMobility(
                 force, particles,
                 own.rotnePragerYamakawa
                     ? own.rotnePragerYamakawa(particles, eta, wall)
                     : unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, eta, wall)));
         }
-        case MobilityForce::Periodic: return periodicRotnePragerYamakawa(force, particles, own);
+        case MobilityForce::Periodic:
+            return periodicRotnePragerYamakawa(force, scene, particles, own);
         case MobilityForce::SlipChannel: break;
     }
     refuse(force.getModel(), force.getBoundary());
@@ -109,6 +112,7 @@ unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force, bool c
 const int largestDenseLatticeRows = 300;
 
 unique_ptr<MobilityModel> periodicForceCoupling(const MobilityForce& force,
+                                                const MobilityScene& scene,
                                                 const HydrodynamicParticles& particles,
                                                 bool inChannel, const PlatformModels& own) {
     bool onGrid = false;
@@ -116,7 +120,9 @@ unique_ptr<MobilityModel> periodicForceCoupling(const MobilityForce& force,
     switch (force.getSolver()) {
         case MobilityForce::Dense: break;
         case MobilityForce::MatrixFree: onGrid = true; break;
-        case MobilityForce::Auto: onGrid = rows > largestDenseLatticeRows; break;
+        case MobilityForce::Auto:
+            onGrid = rows > largestDenseLatticeRows && !scene.isTriclinic;
+            break;
     }
     if (!onGrid)
         return unique_ptr<MobilityModel>(new PeriodicForceCoupling(
@@ -126,24 +132,24 @@ unique_ptr<MobilityModel> periodicForceCoupling(const MobilityForce& force,
                               force.getGridSpacing(), gridFluid(own), inChannel));
 }
 
-unique_ptr<MobilityModel> forceCoupling(const MobilityForce& force, bool crossingAllowed,
+unique_ptr<MobilityModel> forceCoupling(const MobilityForce& force, const MobilityScene& scene,
                                         const HydrodynamicParticles& particles,
                                         const PlatformModels& own) {
     if (force.getBoundary() != MobilityForce::SlipChannel)
-        return periodicForceCoupling(force, particles, false, own);
+        return periodicForceCoupling(force, scene, particles, false, own);
     SlipWalls walls;
     force.getChannelWalls(walls.low, walls.high);
-    walls.crossingAllowed = crossingAllowed;
+    walls.crossingAllowed = scene.crossingAllowed;
     return unique_ptr<MobilityModel>(
         new SlipChannel(particles, force.getViscosity(), walls,
-                        periodicForceCoupling(force, particles, true, own)));
+                        periodicForceCoupling(force, scene, particles, true, own)));
 }
 
 }  // namespace
 
 // No default in these switches: the compiler then names those that do not know a new model or
 // boundary.
-unique_ptr<MobilityModel> createMobility(const MobilityForce& force, bool crossingAllowed,
+unique_ptr<MobilityModel> createMobility(const MobilityForce& force, const MobilityScene& scene,
                                          const HydrodynamicParticles& particles,
                                          const PlatformModels& own) {
     checkOperator(force.getModel(), force.getBoundary());
@@ -155,12 +161,11 @@ unique_ptr<MobilityModel> createMobility(const MobilityForce& force, bool crossi
                                                   force.getLubrication(), force.getMinimumGap()));
             return unique_ptr<MobilityModel>(new StokesianDynamics(
                 particles, force.getViscosity(), force.getLubrication(), force.getMinimumGap()));
-        case MobilityForce::ForceCoupling:
-            return forceCoupling(force, crossingAllowed, particles, own);
+        case MobilityForce::ForceCoupling: return forceCoupling(force, scene, particles, own);
         // What does not feel others still feels itself: the blobs of one body make its tensor.
         case MobilityForce::FreeDraining:
         case MobilityForce::RotnePragerYamakawa:
-            return rotnePragerYamakawa(force, crossingAllowed, particles, own);
+            return rotnePragerYamakawa(force, scene, particles, own);
     }
     refuse(force.getModel(), force.getBoundary());
 }

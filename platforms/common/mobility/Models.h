@@ -22,13 +22,18 @@ struct PlatformModels {
     /** The fluid of a grid, which models of several groups may share. */
     std::function<std::shared_ptr<GridFluid>()> gridFluid;
 };
+/** What a model must know of the scene besides its MobilityForce. */
+struct MobilityScene {
+    bool crossingAllowed = false;  // whether surfaces of particles may reach through a wall
+    bool isTriclinic = false;      // the System's box, which a grid cannot have: Auto takes none
+};
 /**
  * The model of a MobilityForce, with its boundary, on every platform. A new model is entered here.
  *
- * @param crossingAllowed  whether surfaces of particles may reach through a wall
  * @throws OpenMMException as checkOperator(), and what the model refuses
  */
-std::unique_ptr<MobilityModel> createMobility(const MobilityForce& force, bool crossingAllowed,
+std::unique_ptr<MobilityModel> createMobility(const MobilityForce& force,
+                                              const MobilityScene& scene,
                                               const HydrodynamicParticles& particles,
                                               const PlatformModels& own = {});
 /** @throws OpenMMException for a model or boundary that is none of the enumerators, and for a
