@@ -121,8 +121,6 @@ TEST(Allocations, NoneInADenseStep) {
             for (int numBodies : {4, 9})
                 for (bool inShear : {false, true}) {
                     if (kind == OneMultiblob) numBodies = 1;
-                    if (kind == WithOwnTensor && inShear)
-                        continue;  // how its blobs go is found in new matrices
                     // LangevinHI decomposes a matrix: below 40 rows by Eigen, which has a vector of
                     // its own there.
                     const bool eigen = !traits.isOverdamped() && numBodies == 4;

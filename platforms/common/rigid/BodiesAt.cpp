@@ -85,9 +85,8 @@ void BodiesAt::forceFreeTwists(const MatrixXd& slips, const NullTwists& nullTwis
         twists = slips;
         return;
     }
-    MatrixXd unused;
-    moveBodies(MatrixXd::Zero(bodies.getNumRows(), slips.cols()), slips, nullTwists, twists,
-               unused);
+    noWrenches.setZero(bodies.getNumRows(), slips.cols());
+    moveBodies(noWrenches, slips, nullTwists, twists, unusedForces);
 }
 
 void BodiesAt::particleForces(const MatrixXd& wrenches, const MatrixXd& slips,
@@ -99,29 +98,31 @@ void BodiesAt::particleForces(const MatrixXd& wrenches, const MatrixXd& slips,
 void BodiesAt::moveBodies(const MatrixXd& wrenches, const MatrixXd& slips,
                           const NullTwists& nullTwists, MatrixXd& twists, MatrixXd& forces) {
     costs.matrices++;
-    MatrixXd motion, M_inverse_K, M_inverse_slips = slips;
-    bodies.getMotion().fill(turns, motion);
+    bodies.getMotion().fill(turns, K);
     if (bodies.getModel().isMadeFromFriction()) {
         place->friction(M);
-        M_inverse_K.noalias() = M * motion;
-        M_inverse_slips = M * slips;
+        M_inverse_K.noalias() = M * K;
+        M_inverse_slips.noalias() = M * slips;
     } else {
         place->dense(M);
         if (!factor.compute(M)) refuseIndefiniteMobility(bodies.getParticles().size());
-        M_inverse_K = motion;
+        M_inverse_K = K;
+        M_inverse_slips = slips;
         factor.solve(M_inverse_K);
         factor.solve(M_inverse_slips);
     }
-    scratch.noalias() = motion.transpose() * M_inverse_K;
+    scratch.noalias() = K.transpose() * M_inverse_K;
     symmetrise(scratch);
-    twists = wrenches + motion.transpose() * M_inverse_slips;
+    wrenchesOfSlips.noalias() = K.transpose() * M_inverse_slips;
+    twists = wrenches + wrenchesOfSlips;
     nullTwists.removeTorques(turns, twists);
     nullTwists.lift(turns, scratch);
     inverting.compute(scratch);
     if (inverting.info() != Success) refuseIndefiniteFriction(bodies.getElements().size());
     inverting.solveInPlace(twists);
     nullTwists.removeTurns(turns, twists);
-    forces = M_inverse_K * twists - M_inverse_slips;
+    forces.noalias() = M_inverse_K * twists;
+    forces -= M_inverse_slips;
 }
 
 const MatrixXd& BodiesAt::friction() {

@@ -97,6 +97,7 @@ private:
     CholeskyFactor factor;                  // of M
     Eigen::LLT<Eigen::MatrixXd> inverting;  // factors of the friction
     Eigen::MatrixXd K, M, N, xi, scratch;
+    Eigen::MatrixXd M_inverse_K, M_inverse_slips, wrenchesOfSlips, noWrenches, unusedForces;
     bool mobilityIsKnown = false, frictionIsKnown = false;
 };
 
