@@ -7,17 +7,20 @@ Averages over many steps (ctest's label quick-statistics) are left to `make test
 the new schemes and models too. The copy and its build stay in build/recipes, so that only what
 changed is built the next time.
 
-A page says in comments, which readers do not see, what a recipe does. Before a code block, which
-may not be empty:
-    <!-- recipe: create FILE -->           the block is the file <!-- recipe: add to the list in
-    FILE -->    lines of a macro: the line before them gets its backslash <!-- recipe: in FILE
-    before TEXT -->   the block goes before the one line of the file that has this text; likewise
-    `after`
+A page says in comments, which readers do not see, what a recipe does.
+
+Before a code block, which may not be empty:
+    <!-- recipe: create FILE -->           the block is the file
+    <!-- recipe: add to the list in FILE -->    the block has lines of a macro: the line before them
+                                           gets its backslash
+    <!-- recipe: in FILE before TEXT -->   the block goes before the one line of the file that has
+                                           this text; likewise `after`
 Anywhere:
     <!-- recipe: test NAME NAME -->        test programs, as files in tests/unit or tests/platform
-    are named, that must pass <!-- recipe: python EXPRESSION -->     is true after `from
-    openmmrigidhi import *` <!-- recipe: spoil FILE: OLD -> NEW, seen by NAME -->   so spoiled, this
-    test program must fail, on both platforms
+                                           are named, that must pass
+    <!-- recipe: python EXPRESSION -->     it is true after `from openmmrigidhi import *`
+    <!-- recipe: spoil FILE: OLD -> NEW, seen by NAME -->   with this fault the test program must
+                                           fail, on both platforms
 """
 import argparse
 import pathlib

@@ -1,7 +1,8 @@
 #!/usr/bin/python3
 """Puts every sentence of Markdown files on a line of its own, so that a change of one sentence is a change of one line.
 
-Code, formulas between lines of `$$`, tables, headings, comments and HTML stay as they are.
+Front matter, code, formulas between lines of `$$`, tables, headings, comments and HTML stay as they
+are.
 The text that a reader sees does not change.
 
     tools/format_markdown.py FILE...            rewrites the files
@@ -57,12 +58,15 @@ def format_text(text):
 
     def flush():
         if paragraph:
-            lines = sentences(' '.join(line.strip() for line in paragraph))
-            result.append(first + lines[0])
-            result.extend(rest + line for line in lines[1:])
+            parts = sentences(' '.join(line.strip() for line in paragraph))
+            result.append(first + parts[0])
+            result.extend(rest + part for part in parts[1:])
             paragraph.clear()
 
-    for line in text.splitlines():
+    lines = text.splitlines()
+    matter = lines.index('---', 1) + 1 if lines[:1] == ['---'] and '---' in lines[1:] else 0
+    result.extend(lines[:matter])
+    for line in lines[matter:]:
         if fence:
             result.append(line)
             if line.strip() == fence or (fence != '$$' and line.strip().startswith(fence)):
