@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""README.md of this folder: every number and figure of the papers beside ours, from the JSONs in the papers' folders.
+"""Write README.md of this folder: every number and figure of the papers beside ours.
 
     python3 verdict.py            # writes README.md
     python3 verdict.py --print    # prints it
 
-A row is (where, what, published, ours, difference in standard errors, length, verdict). Numbers
-come from the JSONs; what the papers say in words or in figures without numbers is written down
-here, with what of ours it is held against.
+A row is (where, what, published, ours, difference in standard errors, length, verdict). The numbers
+come from the JSONs in the papers' folders. Statements that the papers make in words or in figures
+without numbers are written down here, with the result of ours that each is compared with.
 """
 import argparse
 import json
@@ -21,7 +21,7 @@ sys.path += [str(HERE/'common'), str(HERE.parent/'tools')]
 from format_markdown import format_text  # noqa: E402
 from recording import brackets  # noqa: E402
 
-#: Differences below so many standard errors agree. There are some two hundred rows: chance alone
+#: Differences below so many standard errors agree. There are some two hundred rows; chance alone
 #: makes one in 370 larger.
 AGREES_BELOW = 3.0
 #: Probabilities of a histogram (all bins together) above this agree: the same share of false
@@ -35,27 +35,32 @@ def read(path):
 
 
 def printed(text):
-    """A number as it is printed, and the standard deviation of what its rounding hides."""
+    """A number as it is printed, and the standard deviation of its rounding error."""
     digits = len(text.partition('.')[2])
     return float(text), 10.0**-digits/math.sqrt(12)
 
 
 def compared(published, ours, why=''):
-    """(z, verdict) of two (value, standard error); why: of a disagreement."""
+    """(z, verdict) of two (value, standard error); why: the reason of a disagreement."""
     z = (ours[0] - published[0])/math.hypot(ours[1], published[1])
     return f'{z:+.1f}', 'agrees' if abs(z) < AGREES_BELOW else 'disagrees' + (
         f': {why}' if why else '')
 
 
 def constant(published, ours):
-    """(z, verdict) of the constant of an error that falls with the step: one that a run of ours does not see is no agreement."""
+    """(z, verdict) of the constant of an error that falls with the step.
+
+    A constant below the standard error of our run is not reached, rather than an agreement.
+    """
     z, verdict = compared(published, ours)
     return z, verdict if ours[1] < abs(
-        published[0]) or verdict != 'agrees' else 'not reached: our error is larger than the number'
+        published[0]
+    ) or verdict != 'agrees' else 'not reached: our standard error is larger than the number'
 
 
 def table(rows):
-    yield '| where | what | published | ours | difference, standard errors | length of our run | verdict |'
+    yield ('| where | what | published | ours | difference, standard errors '
+           '| length of our run | verdict |')
     yield '|---|---|---|---|---|---|---|'
     for row in rows:
         yield '| ' + ' | '.join(str(cell).replace('|', '\\|') for cell in row) + ' |'
@@ -74,7 +79,8 @@ def davidchack2015():
         figure = f'Table 1, Figure {dict(A=1, B=2, C=3, gradient=4)[scheme]}'
         steps = sorted({entry['measured_steps'][h] for h in entry['measured_steps']})
         hs = ', '.join(sorted(entry['measured_steps'], key=float))
-        length = f'512 molecules, h = {hs} fs, {" to ".join(f"{n:,}" for n in sorted({steps[0], steps[-1]}))} steps each'
+        counts = ' to '.join(f'{n:,}' for n in sorted({steps[0], steps[-1]}))
+        length = f'512 molecules, h = {hs} fs, {counts} steps each'
         power = '' if scheme == 'gradient' else '²'
         for row, line in entry['fits'].items():
             paper = line['paper']
@@ -83,8 +89,9 @@ def davidchack2015():
                               ('E', f'E_A of {called}, {unit or 1}/fs{power}')):
                 published, ours = (paper[key], paper[f'{key}_error95']/Z95), (line[key],
                                                                               line[f'{key}_error'])
-                why = f'{100*(ours[0]/published[0] - 1):+.1f} %; the paper prints neither screening nor truncation of its electrostatics' if row.startswith(
-                    'g_') and key == 'A0' else ''
+                why = (f'{100*(ours[0]/published[0] - 1):+.1f} %; the paper gives neither the '
+                       f'screening nor the truncation of its electrostatics'
+                       if row.startswith('g_') and key == 'A0' else '')
                 yield figure, f'{scheme}: {name}', brackets(*published), brackets(
                     *ours), *(compared(published, ours, why) if key == 'A0' else constant(
                         published, ours)), length
@@ -93,37 +100,39 @@ def davidchack2015():
 
     def limit(name):
         found = limits[name]
-        return f'stable to {found["largest_stable_below_the_first_failure"]:g}, unstable at {found["smallest_unstable"]:g}'
+        return (f'stable to {found["largest_stable_below_the_first_failure"]:g}, '
+                f'unstable at {found["smallest_unstable"]:g}')
 
     def temperatures(name, key):
         return ', '.join(f'{brackets(t[key]["mean"], t[key]["standard_error"])} at {t["x"]:g}'
                          for t in trials['trials'][name] if t['x'] >= 100)
 
     length = '343 molecules, 20 ps a step size'
-    yield 'section VI', 'A, B, C without friction, largest h, fs', 'unstable at around 8', f'A: {limit("Langevin A, no friction")}', '–', 'agrees', length
+    yield ('section VI', 'A, B, C without friction, largest h, fs', 'unstable at around 8',
+           f'A: {limit("Langevin A, no friction")}', '–', 'agrees', length)
     yield ('section VI', 'A, B, C, γ + Γ = 15/ps, largest h, fs', 'stable up to about 10',
-           f'A: {limit("Langevin A, gamma 5, Gamma 10 per ps")}; hot from 11 on', '–', 'agrees',
-           length)
+           f'A: {limit("Langevin A, gamma 5, Gamma 10 per ps")}; temperatures too high from 11 on',
+           '–', 'agrees', length)
     length = '343 molecules, 2000 steps of 1 fs'
     yield 'section VI', 'gradient, largest h υ, fs²', 'about 150', limit(
         'gradient, h upsilon'), '–', 'agrees', length
     yield ('section VI', 'gradient, largest h Υ, fs²', 'about 70',
-           'nothing blows up; U above −5 kcal/mol: ' + limit('gradient, h Upsilon'), '–',
-           'not reached: there is no sharp limit to find, and the paper does not say what it calls '
-           'unstable', length)
+           'no run explodes; by the criterion that U stays below −5 kcal/mol: ' +
+           limit('gradient, h Upsilon'), '–',
+           'not reached: there is no sharp limit, and the paper does not define "unstable"', length)
     length = '343 molecules, 2000 steps of 2 fs'
-    yield 'section VI', 'A, T_tk, K, for large γ, 1/ps', 'breaks down above about 100', temperatures(
-        'Langevin A, gamma', 'T_tk'), '–', 'agrees', length
+    yield ('section VI', 'A, T_tk, K, for large γ, 1/ps', 'breaks down above about 100',
+           temperatures('Langevin A, gamma', 'T_tk'), '–', 'agrees', length)
     yield ('section VI', 'A, T_rk, K, for large Γ, 1/ps', 'breaks down above about 200',
-           temperatures('Langevin A, Gamma',
-                        'T_rk'), '–', 'agrees: gradually; A is off from 500 on', length)
-    yield 'section VI', 'C, T_tk, K, for large γ, 1/ps', 'any γ', temperatures(
-        'Langevin C, gamma', 'T_tk'), '–', 'agrees', length
+           temperatures('Langevin A, Gamma', 'T_rk'), '–',
+           'agrees: the breakdown is gradual, and A is off from 500 on', length)
+    yield ('section VI', 'C, T_tk, K, for large γ, 1/ps', 'any γ',
+           temperatures('Langevin C, gamma', 'T_tk'), '–', 'agrees', length)
 
 
 # ---- Davidchack 2017 -----------------------------------------------------------------------------
-#: Relative differences that the paper's method, which ends its multipoles at l = 2, is known to
-#: have from exact numbers (Table S1): largest of all.
+#: Largest relative differences of the paper's method, which ends its multipoles at l = 2, from
+#: exact numbers (Table S1).
 PAPERS_OWN_ERROR = {'F/U': 1e-5, 'omega/U': 3e-4}
 
 
@@ -136,10 +145,10 @@ def tableS1():
             difference = ours/published - 1
             yield ('Table S1', f'{name}, l/a = {separation}', f'{published:.8g}', f'{ours:.9g}',
                    f'relative: {difference:+.1e}',
-                   f'agrees: ours is {abs(ours/exact[key] - 1):.0e} from the exact number, the '
-                   f'paper\'s {abs(published/exact[key] - 1):.0e}'
+                   f'agrees: ours differs by {abs(ours/exact[key] - 1):.0e} from the exact '
+                   f'number, the paper\'s by {abs(published/exact[key] - 1):.0e}'
                    if abs(difference) < PAPERS_OWN_ERROR[key] else 'disagrees',
-                   f'no noise; {sum(row["steps"]):,} steps, h → 0 from five step sizes')
+                   f'without noise; {sum(row["steps"]):,} steps, h → 0 from five step sizes')
 
 
 def tableS2():
@@ -150,7 +159,8 @@ def tableS2():
         for temperature, entry in data['analysis'].items():
             kT = temperature.split('=')[1]
             runs = [r for r in data['runs'] if r['model'] == model and r['kT'] == float(kT)]
-            length = f'{len(runs)} step sizes, {runs[0]["clusters"]} clusters, {sum(r["steps"] for r in runs):,} steps in all'
+            length = (f'{len(runs)} step sizes, {runs[0]["clusters"]} clusters, '
+                      f'{sum(r["steps"] for r in runs):,} steps in all')
             for name, line in (entry
                                if key is None else entry.get(key, {'fit': {}}))['fit'].items():
                 for value, called in (('A0', 'A0'), ('E_A', 'E_A')):
@@ -171,8 +181,8 @@ def trapped():
         z = max(r['rms_z'].values())
         yield (
             figures, f'ten correlation functions, R = 3, kT = {r["kT"]:g}' +
-            ('' if asPrinted else ', a tenth of the paper\'s, where linear theory holds'),
-            'curves; ours are held against exact linear theory',
+            ('' if asPrinted else ', a tenth of the paper\'s value, where linear theory holds'),
+            'curves; ours are compared with exact linear theory',
             f'largest difference from theory {max(r["largest_difference"].values()):.4f}, standard '
             f'errors up to '
             f'{r["largest_standard_error"]:.4f}', f'rms of a curve: {z:.1f} at most',
@@ -195,12 +205,14 @@ def ring():
             if r['model'] == 'FTS+lubrication':
                 starts = 'starts with opposite triplets' if r[
                     'start'] == 'opposite' else 'random starts'
-                case = f'{starts}, repulsion {"truncated" if r["truncation"] == "switch" else "whole"}'
+                repulsion = 'truncated' if r['truncation'] == 'switch' else 'not truncated'
+                case = f'{starts}, repulsion {repulsion}'
                 found.setdefault(case, []).append(what in r['state'])
         shares = {case: (sum(yes), len(yes)) for case, yes in found.items()}
         every = [yes/of for yes, of in shares.values()]
-        verdict = 'agrees' if min(every) >= 0.5 else \
-            'agrees from some starts: the paper says neither where spheres start nor how the repulsion is truncated' if max(every) > 0 else 'disagrees'
+        verdict = 'agrees' if min(every) >= 0.5 else (
+            'agrees from some starts: the paper gives neither the initial positions nor the '
+            'truncation of the repulsion') if max(every) > 0 else 'disagrees'
         yield (
             where, f'state at f = {f:g}, τ = {tau:g}, T = 0', what, '; '.join(
                 f'{case}: {yes} of {of}' for case, (yes, of) in shares.items()), '–', verdict,
@@ -213,8 +225,8 @@ def ring():
             r = next(r for r in here if r['kT'] == kT)
             mine, other = r['distances_to_noiseless'][what], min(
                 v for k, v in r['distances_to_noiseless'].items() if k != what)
-            return r[
-                'state'] == what, f'{mine:.3f} rad from it, {other:.3f} from the other at kT = {kT:g}'
+            return r['state'] == what, (f'{mine:.3f} rad from this state, {other:.3f} from the '
+                                        f'other at kT = {kT:g}')
 
         for kT, published in ((1e-4, 'seen'), (1e-2, 'seen (video)')):
             yes, text = said(kT)
@@ -223,7 +235,9 @@ def ring():
                    'agrees' if yes else 'disagrees',
                    f'time {next(r["settle"] + r["window"] for r in here if r["kT"] == kT):g}, h = '
                    f'{here[0]["h"]:g}')
-    yield 'section V.2', 'the other cycles with noise; switching between two states near the boundary', 'seen', '–', '–', 'not reached: was not run', '–'
+    yield ('section V.2',
+           'the other cycles with noise; switching between two states near the boundary', 'seen',
+           '–', '–', 'not reached: not run', '–')
 
 
 def davidchack2017():
@@ -247,7 +261,10 @@ def lengthOf(r, unit=''):
 
 
 def distribution(where, r, key, what, wanted, unit='', why=''):
-    """A histogram against the Gibbs-Boltzmann distribution; wanted: whether the paper's agrees with it."""
+    """A histogram against the Gibbs-Boltzmann distribution.
+
+    wanted: whether the paper's agrees with it.
+    """
     h = r['histograms'][key]
     p = h['significance']
     same = p > AGREES_ABOVE
@@ -272,17 +289,19 @@ def delong2015():
     e, paper = t['exact'], t['paper']
     quadrature = 'quadrature'
     poses = '128,000 independent poses'
-    why = 'an error of the step, a few per cent near the wall'
+    why = 'an error of the time step, a few per cent near the wall'
     small = run(t, 'RandomFiniteDifference', t['runs'][0]['step']/4)
     fixman, rfd, em = (run(t, name)
                        for name in ('FixmanMidpoint', 'RandomFiniteDifference', 'EulerMaruyama'))
-    yield 'Figure 3', 'tetramer, gravitational height/a', '1.75', f'{e["gravitational height"]:.5f}', *compared(
-        printed('1.75'), (e['gravitational height'], 0)), quadrature
+    yield ('Figure 3', 'tetramer, gravitational height/a', '1.75',
+           f'{e["gravitational height"]:.5f}',
+           *compared(printed('1.75'), (e['gravitational height'], 0)), quadrature)
     yield distribution('Figure 3', fixman, 'h', 'height', True)
     yield distribution('Figure 3', rfd, 'h', 'height', True, why=why)
     yield distribution('Figure 3', small, 'h', 'height', True)
     yield distribution('Figure 3', em, 'h', 'height', False)
-    yield 'Figures 3, 5', 'nearly rigid bodies by the FIB method', 'agree', '–', '–', 'not reached: FIB is a method of another program', '–'
+    yield ('Figures 3, 5', 'nearly rigid bodies by the FIB method', 'agree', '–', '–',
+           'not reached: FIB is a method of another program', '–')
     for name in ('centre', 'vertex'):
         text = format(paper[f'slope {name}'], '.2f')
         ours = e['mobility averages (mean, error)'][f'slope {name}']
@@ -304,7 +323,7 @@ def delong2015():
                          (rfd, 'theta', 'tilt')):
         yield distribution('Figure 6', r, key, what, True)
     coarse = run(i, 'RandomFiniteDifference', 0.04)
-    yield distribution('Figure 6', coarse, 'h', 'height', True, why='an error of the step')
+    yield distribution('Figure 6', coarse, 'h', 'height', True, why='an error of the time step')
     yield distribution('Figure 6', coarse, 'theta', 'tilt', True)
     for r in (fixman, rfd):
         yield plateau('Figure 7', r, 'perpendicular', 2*e['gravitational height']**2, 0,
@@ -314,11 +333,12 @@ def delong2015():
                           *e['rotational plateau (mean, error)'][axis], f'rotational MSD, {axis}')
     b = read('delong2015/results/boomerang.json')
     bulk = b['bulk']
-    yield 'section IV.5', 'boomerang, CoH from the cross point, μm', '1.08', f'{bulk["CoH"]:.4f}', *compared(
-        printed('1.08'), (bulk['CoH'], 0)), 'one matrix'
-    yield 'section IV.5', 'boomerang, CoM from the cross point, μm', '0.96', f'{bulk["CoM"]:.4f}', *compared(
-        printed('0.96'), (bulk['CoM'], 0)), 'one matrix'
-    sampled = 'ours agrees with an independent calculation, 0.22752(9) at g = 1; the paper\'s sampling of heights is suspected'
+    yield ('section IV.5', 'boomerang, CoH from the cross point, μm', '1.08', f'{bulk["CoH"]:.4f}',
+           *compared(printed('1.08'), (bulk['CoH'], 0)), 'one matrix')
+    yield ('section IV.5', 'boomerang, CoM from the cross point, μm', '0.96', f'{bulk["CoM"]:.4f}',
+           *compared(printed('0.96'), (bulk['CoM'], 0)), 'one matrix')
+    sampled = ('ours agrees with an independent calculation, 0.22752(9) at g = 1; the paper\'s '
+               'sampling of heights may be the cause')
     for g, row in b['table'].items():
         texts = [
             f'{value:.3f}' if k in (0, 1, 4) else f'{value:.3g}'
@@ -333,23 +353,23 @@ def delong2015():
         theta = row['averages (mean, error)']['chi_theta where sine > cut-off, else 0']
         yield (
             'Table 1', f'χ_θ, g = {g}, rad²/s', texts[2],
-            f'{brackets(*theta)} without poses whose bisector is within asin {b["cut-off"]:g} of '
-            f'the vertical', '–',
+            f'{brackets(*theta)} without the poses whose bisector is within asin {b["cut-off"]:g} '
+            f'of the vertical', '–',
             'not reached: the average that the paper defines diverges logarithmically', poses)
         yield ('Table 1', f'h_g of a tip, g = {g}, μm', texts[3], f'{row["h_g of a tip"]:.4f}',
                *compared(printed(texts[3]), (row['h_g of a tip'], 0), 'ours is exact'), quadrature)
         yield 'Table 1', f'sphere, ratio of mobilities, g = {g}', texts[
             4], f'{row["sphere at h_g"]:.4f}', *compared(printed(
-                texts[4]), (row['sphere at h_g'], 0), 'follows from h_g'), quadrature
+                texts[4]), (row['sphere at h_g'], 0), 'a consequence of h_g'), quadrature
     for g in (1, 20):
         for scheme in ('RandomFiniteDifference', 'FixmanMidpoint'):
             r = run(b, scheme, g=g)
             chi = b['table'][str(g)]['averages (mean, error)']['chi_2D CoH']
             late = r['late_slopes']['parallel CoH']
             yield ('Figure 8',
-                   f'parallel MSD of the CoH, g = {g}: half the slope from 5 s on, μm²/s, {scheme}',
-                   f'linear, χ_2D (ours: {brackets(*chi)})', brackets(*late), *compared(chi, late),
-                   lengthOf(r, ' s'))
+                   f'parallel MSD of the CoH, g = {g}: half the slope from 5 s on, μm²/s, '
+                   f'{scheme}', f'linear with χ_2D (ours: {brackets(*chi)})', brackets(*late),
+                   *compared(chi, late), lengthOf(r, ' s'))
             row = plateau('Figure 8', r, 'perpendicular tip',
                           2*b['table'][str(g)]['h_g of a tip']**2, 0,
                           f'perpendicular MSD of a tip, g = {g}')
@@ -379,26 +399,26 @@ def boomerangSteps():
                 h = r['histograms'][key]
                 share = r['time_of_all_replicas']/data['paper']['time_of_all_replicas']
                 seen = h['significance'] < AGREES_ABOVE
-                yield (
-                    where, f'L2 error of the {what}, {name}, step {step:g} τ',
-                    'falls with the step (figure)',
-                    f'{h["L2"]:.1e}, of which noise makes {h["L2_of_noise"]:.1e}; p = '
-                    f'{h["significance"]:.2g}', '–',
-                    'disagrees' if seen and step < 0.3 else 'agrees: an error is seen' if seen else
-                    f'not reached: no error is seen above the noise of {share:.2g} of the paper\'s '
-                    f'length', lengthOf(r, ' τ'))
+                yield (where, f'L2 error of the {what}, {name}, step {step:g} τ',
+                       'falls with the step (figure)',
+                       f'{h["L2"]:.1e}, of which {h["L2_of_noise"]:.1e} is noise; p = '
+                       f'{h["significance"]:.2g}', '–', 'disagrees'
+                       if seen and step < 0.3 else 'agrees: an error is visible' if seen else
+                       f'not reached: no error is visible above the noise of {share:.2g} of the '
+                       f'paper\'s length', lengthOf(r, ' τ'))
     r, exact = run(data, 'DriftCorrectorRFD', 0.3), run(data, 'DriftCorrectorFD', 0.3)
-    yield ('section 6.2', 'at 0.3 τ gDC-RFD has larger errors than gDC-FD', 'so',
+    yield ('section 6.2', 'at 0.3 τ gDC-RFD has larger errors than gDC-FD', 'stated',
            ', '.join(f'⟨h⟩/a {brackets(x["means"]["h"]["mean"], x["means"]["h"]["error"])}'
                      for x in (r, exact)) + f' (exact {r["means"]["h"]["exact"]:.4f})',
-           *(lambda z: (f'{z:+.1f}', 'not reached: noise' if abs(z) < AGREES_BELOW else 'agrees'))(
-               (r['means']['h']['mean'] - exact['means']['h']['mean'])/
-               math.hypot(r['means']['h']['error'], exact['means']['h']['error'])), lengthOf(
-                   r, ' τ'))
+           *(lambda z: (f'{z:+.1f}', 'not reached: the difference is below the noise'
+                        if abs(z) < AGREES_BELOW else 'agrees'))(
+                            (r['means']['h']['mean'] - exact['means']['h']['mean'])/
+                            math.hypot(r['means']['h']['error'], exact['means']['h']['error'])),
+           lengthOf(r, ' τ'))
 
 
 def maxima(found, fromBin=0, reach=3):
-    """Middles and densities of the bins that none exceeds of so many on either side."""
+    """Middles and densities of the bins that no bin exceeds among so many on either side."""
     edges, p = np.array(found['edges']), np.array(found['P'])
     density, middle = p/np.diff(edges), (edges[1:] + edges[:-1])/2
     return [(middle[k], density[k]) for k in range(max(1, fromBin),
@@ -411,7 +431,8 @@ def rods():
     scenes = {round(1/s['width_over_L']): s for s in data['scenes'] if s['cutoff'] == 6.0}
     for width, s in scenes.items():
         dynamics = s['dynamics'][0]
-        length = f'{dynamics["runs"]} × {np.mean(dynamics["time_of_a_run_over_tau"]):.2g} τ, {s["rods"]} of {s["rods_of_paper"]} rods'
+        length = (f'{dynamics["runs"]} × {np.mean(dynamics["time_of_a_run_over_tau"]):.2g} τ, '
+                  f'{s["rods"]} of {s["rods_of_paper"]} rods')
         for key, where, what in (('y', 'Figure 8', 'height'), ('theta', 'Figure 9', 'angle')):
             found = dynamics[key]['against_monte_carlo']
             yield (where, f'distribution of the {what}, L/{width}: dynamics against Monte Carlo',
@@ -437,19 +458,19 @@ def rods():
         return found['P'][0]/(found['edges'][1] - found['edges'][0])/2
 
     yield (
-        'Figure 8', 'L/8: two layers and a smaller peak in the middle', 'so',
+        'Figure 8', 'L/8: two layers and a smaller peak in the middle', 'stated',
         f'{fromWall(8)[1]:.2f}/a at {fromWall(8)[0]:.1f} a from a wall, {middle(8):.2f}/a in the '
         f'middle', '–',
         'agrees' if fromWall(8)[1] > middle(8) > scenes[8]['monte_carlo']['y']['P'][3]/
         scenes[8]['monte_carlo']['y']['edges'][1]/2 else 'disagrees', length[8])
     yield (
-        'Figure 8', 'L/4: the middle peak is more pronounced', 'so',
+        'Figure 8', 'L/4: the middle peak is more pronounced', 'stated',
         f'{middle(4):.2f}/a in the middle, {fromWall(4)[1]:.2f}/a at {fromWall(4)[0]:.1f} a from a '
         f'wall', '–',
         'agrees' if middle(4)/fromWall(4)[1] > middle(8)/fromWall(8)[1] else 'disagrees', length[4])
     peaks = sorted(first[2], key=lambda m: -m[0])[:3]
     values = [density/2 for _, density in peaks]
-    yield ('Figure 8', 'L/2: lower peaks near the walls, a series that decreases inwards', 'so',
+    yield ('Figure 8', 'L/2: lower peaks near the walls, a series that decreases inwards', 'stated',
            ', '.join(
                f'{density/2:.3f}/a at {scenes[2]["width"]/2 - y:.1f} a'
                for y, density in peaks), '–', 'agrees' if values == sorted(values, reverse=True)
@@ -467,29 +488,30 @@ def rods():
     density, error = (np.array(theta[key])/np.diff(theta['edges']) for key in ('P', 'error'))
     z = max((density[k] - density[:k].min())/np.hypot(error[k], error[:k][density[:k].argmin()])
             for k in range(6, 36))
-    yield ('Figure 9', 'L/2: no second maximum of θ', 'so',
-           'no rise beyond errors of bins' if z < AGREES_BELOW else 'a rise',
+    yield ('Figure 9', 'L/2: no second maximum of θ', 'stated',
+           'no rise beyond the errors of the bins' if z < AGREES_BELOW else 'a rise',
            f'largest rise: {z:.1f}', 'agrees' if z < AGREES_BELOW else 'disagrees', length[2])
 
 
 def hedgehogs():
     rows = [r for r in read('westwood2022/results/hedgehogs.json')['runs'] if r['bodies'] == 64]
-    length = f'64 of 1177 hedgehogs, {rows[0]["time_over_tau"]:g} τ each; the paper\'s runs are 12 to 50 τ'
+    length = (f'64 of 1177 hedgehogs, {rows[0]["time_over_tau"]:g} τ each; the paper\'s runs are '
+              f'12 to 50 τ')
     for potential in ('repel-attract', 'repel-attract-repel'):
         mine = sorted((r for r in rows if r['potential'] == potential),
                       key=lambda r: r['bare_shear_rate'])
         low, high = mine[0], mine[-1]
         z = (low['ratio'][0] - high['ratio'][0])/math.hypot(low['ratio'][1], high['ratio'][1])
-        yield ('Figure 11, top', f'{potential}: rapid thinning at low shear rates', 'so',
+        yield ('Figure 11, top', f'{potential}: rapid thinning at low shear rates', 'stated',
                f'η_eff/η {brackets(*low["ratio"])} at {low["shear_rate"][0]:.2f}/τ, '
                f'{brackets(*high["ratio"])} at '
-               f'{high["shear_rate"][0]:.0f}/τ', f'{z:+.1f} between them',
+               f'{high["shear_rate"][0]:.0f}/τ', f'{z:+.1f} between the two',
                'agrees' if z > AGREES_BELOW else 'disagrees', length)
     mine = sorted((r for r in rows if r['potential'] == 'repel-attract-repel'),
                   key=lambda r: r['shear_rate'][0])
     rises = max((b['ratio'][0] - a['ratio'][0])/math.hypot(a['ratio'][1], b['ratio'][1])
                 for a, b in zip(mine[1:], mine[2:]))
-    yield ('Figure 11, top', 'repel-attract-repel: no thickening', 'so',
+    yield ('Figure 11, top', 'repel-attract-repel: no thickening', 'stated',
            ', '.join(brackets(*r['ratio']) for r in mine[-3:]) + ' at the three highest rates',
            f'largest rise: {rises:+.1f}', 'agrees' if rises < AGREES_BELOW else 'disagrees', length)
     mine = sorted((r for r in rows if r['potential'] == 'repel-attract'),
@@ -501,14 +523,15 @@ def hedgehogs():
 
     low, high = peak(mine[1]), peak(mine[-1])
     yield ('Figure 11, bottom', 'repel-attract: g(r) has a peak at 8 to 10 a at the smallest f0',
-           'so',
-           f'{brackets(*low[1:])} at {low[0]:.1f} a for f0/(kη) = {mine[1]["bare_shear_rate"]:g}/τ',
-           '–', 'agrees' if 8 <= low[0] <= 10 else 'disagrees', length)
-    yield ('Figure 11, bottom', 'repel-attract: the peak diminishes as f0 grows', 'so',
+           'stated', f'{brackets(*low[1:])} at {low[0]:.1f} a for '
+           f'f0/(kη) = {mine[1]["bare_shear_rate"]:g}/τ', '–',
+           'agrees' if 8 <= low[0] <= 10 else 'disagrees', length)
+    yield ('Figure 11, bottom', 'repel-attract: the peak diminishes as f0 grows', 'stated',
            f'{brackets(*high[1:])} at {high[0]:.1f} a for {mine[-1]["bare_shear_rate"]:g}/τ',
-           f'{(high[1] - low[1])/math.hypot(high[2], low[2]):+.1f} from the one above',
+           f'{(high[1] - low[1])/math.hypot(high[2], low[2]):+.1f} from the row above',
            'agrees' if high[1] < low[1] else 'disagrees', length)
-    yield 'Figure 11', 'its numbers', 'a figure; neither numbers nor f0 are given', '–', '–', 'not reached: there is nothing to compare with', '–'
+    yield ('Figure 11', 'the numbers of the figure', 'a figure; neither numbers nor f0 are given',
+           '–', '–', 'not reached: there is nothing to compare with', '–')
 
 
 def westwood2022():
@@ -521,49 +544,59 @@ def westwood2022():
 PAPERS = (
     ('davidchack2015', davidchack2015, 'Davidchack, Ouldridge, Tretyakov 2015',
      'New Langevin and gradient thermostats for rigid body dynamics, J. Chem. Phys. 142, 144114',
-     'TIP4P water, section VI: Table 1, Figures 1 to 4, limits of stability. The paper\'s 95 % '
-     'intervals are divided by 1.96.'),
+     'The rows are for TIP4P water, section VI: Table 1, Figures 1 to 4, limits of stability. The '
+     'paper\'s 95 % intervals are divided by 1.96.'),
     ('davidchack2017', davidchack2017, 'Davidchack, Ouldridge, Tretyakov 2017',
-     'Geometric integrator for Langevin systems with quaternion-based rotational degrees of freedom '
-     'and '
-     'hydrodynamic interactions, J. Chem. Phys. 147, 224103',
-     'Tables S1 to S3, Figures 2 to 5, 7, 8, S1, S2; Figures 1 and 6 are drawings. Columns "th" of '
-     'Table S1 are series, for which nothing is '
-     'run. The errors of Table S2 are taken for standard errors, since the paper does not say.'),
+     'Geometric integrator for Langevin systems with quaternion-based rotational degrees of '
+     'freedom and hydrodynamic interactions, J. Chem. Phys. 147, 224103',
+     'The rows are for Tables S1 to S3 and Figures 2 to 5, 7, 8, S1, S2; Figures 1 and 6 are '
+     'drawings. The columns "th" of Table S1 are series, which need no run. The errors of Table S2 '
+     'are taken as standard errors, since the paper does not say.'),
     ('delong2015', delong2015, 'Delong, Balboa Usabiaga, Donev 2015',
      'Brownian dynamics of confined rigid bodies, J. Chem. Phys. 143, 144107',
-     'Figures 3 to 9, Table 1; Figures 1 and 2 are drawings. Of numbers that are printed without '
-     'errors only the rounding is taken for an error; what the paper\'s sampling adds to that is '
-     'not known.'),
+     'The rows are for Figures 3 to 9 and Table 1; Figures 1 and 2 are drawings. For numbers that '
+     'are printed without errors, only the rounding is taken as an error; the error of the '
+     'paper\'s sampling is not known.'),
     ('westwood2022', westwood2022, 'Westwood, Delmotte, Keaveny 2022',
      'A generalised drift-correcting time integration scheme for Brownian suspensions of rigid '
-     'particles with arbitrary '
-     'shape, J. Comput. Phys. 467, 111437',
-     'Figures 4, 5, 8, 9, 11; Figures 1 to 3, 6, 7, 10 are drawings. The paper\'s text has no '
-     'numbers of its results, so what it says in words is compared.'),
+     'particles with arbitrary shape, J. Comput. Phys. 467, 111437',
+     'The rows are for Figures 4, 5, 8, 9, 11; Figures 1 to 3, 6, 7, 10 are drawings. The '
+     'paper\'s text has no numbers of its results, so its statements in words are compared.'),
 )
-STUDIES = (('water', 'what accuracy costs for TIP4P-Ew water'), ('overdamped',
-                                                                 'roads to the overdamped limit'),
-           ('grid', 'tolerances of a grid'), ('ladder', 'what models of the fluid cost and miss'),
-           ('arrays', 'models in dense arrays, beside exact numbers'),
-           ('viscosity', 'effective viscosity where it is known'),
-           ('energy', 'energy without friction'), ('density', 'density under a barostat'))
+STUDIES = (('water', 'the cost of accuracy for TIP4P-Ew water'),
+           ('overdamped', 'the bias and the cost of schemes for the overdamped limit'),
+           ('grid', 'the error and the cost of a grid by its tolerance'),
+           ('ladder', 'the error and the cost of models of the fluid'),
+           ('arrays', 'models of the fluid in dense arrays, beside exact numbers'),
+           ('viscosity', 'the effective viscosity where it is known'),
+           ('energy', 'energy conservation without friction'), ('density',
+                                                                'the density under a barostat'))
 TOP = '''# Validation: the papers\u2019 numbers and ours
 
-*Written by `verdict.py` from the JSONs of the papers\u2019 folders; edit that.* A folder for each paper has the scripts, their results, and a page with how it was run and what it shows. Errors in brackets are one standard
-error. A difference is ours less the paper\u2019s over both errors together; below {below:g} it **agrees**. Distributions agree with exact ones where the probability of so large a difference by chance is above {above:g}. *Not reached* says why.
+*`verdict.py` writes this page from the JSONs of the papers\u2019 folders; edit `verdict.py`.*
+A folder for each paper has the scripts, their results, and a page that says how the runs were made
+and what they show. Errors in brackets are one standard error. A difference is ours less the
+paper\u2019s over both errors together; below {below:g} the number **agrees**. A distribution agrees
+with the exact one if the probability of so large a difference by chance is above {above:g}. The
+verdict *not reached* comes with its reason.
 '''
 RUNS = '''
 ## Making the runs again
-Each page says by which command. All scripts that make runs have `--jobs N` (so many at a time) and `--cluster ADDRESS` (a scheduler of dask.distributed), by [openmmrigidhi.ensemble.tasks](../docs/ensembles.md#tasks-of-your-own). Runs are independent: each has
-its seed from the script\u2019s and its place in it, and keeps its state in a directory of its own below `--work` (by default `work` in the folder of `--output`, which git ignores). The same command goes on where it was interrupted; `--fresh` begins anew.
-What is timed takes turns in one process (`accuracy/grid`, speeds of the other studies of accuracy).
-On a cluster workers must find the scripts: `PYTHONPATH` has `validation/common` and the paper\u2019s folder. What several papers\u2019 scripts share lies in `common/`.
+Each page gives the commands of its runs. All scripts that make runs have `--jobs N` (so many at a
+time) and `--cluster ADDRESS` (a scheduler of dask.distributed), by
+[openmmrigidhi.ensemble.tasks](../docs/ensembles.md#tasks-of-your-own). Runs are independent. The
+seed of a run follows from the script\u2019s seed and the place of the run in the script. Each run
+keeps its state in a directory of its own below `--work` (by default `work` in the folder of
+`--output`, which git ignores). The same command continues an interrupted run; `--fresh` begins
+anew. Runs that are timed take turns in one process (`accuracy/grid`, speeds of the other studies of
+accuracy). Workers on a cluster must find the scripts: `PYTHONPATH` has `validation/common` and the
+paper\u2019s folder. Code that the scripts of several papers share is in `common/`.
 
-Git has tables (JSON, CSV) and a picture or two for each experiment. State, raw series, pages with pictures inside and animations are made again by the same commands.
+Git has tables (JSON, CSV) and a picture or two for each experiment. State, raw series, pages with
+pictures inside and animations are made again by the same commands.
 
 ## Studies of our own
-Results that [the documentation](../docs) quotes, of nobody\u2019s paper:
+These studies have results that [the documentation](../docs) quotes, and belong to no paper:
 
 | study | what |
 |---|---|
@@ -585,8 +618,9 @@ def page():
         counts.append(f'| [{name}](#{anchor}) | {len(rows)} | {kinds.count("agrees")} | '
                       f'{kinds.count("disagrees")} | {kinds.count("not reached")} |')
         sections.append('\n'.join([
-            f'\n## {name}', f'*{title}*. How it was run: [{folder}]({folder}/README.md). {about}',
-            '', *table(rows)
+            f'\n## {name}',
+            f'*{title}*. [{folder}]({folder}/README.md) says how the runs were made. {about}', '',
+            *table(rows)
         ]))
     text = TOP.format(
         below=AGREES_BELOW, above=AGREES_ABOVE
