@@ -54,7 +54,7 @@ public:
         int order;       // P
         double opening;  // of ClusterTree
         int leafSize;    // likewise
-        int floats;      // what is computed in floats: 0 nothing, 1 near pairs, 2 far pairs too
+        int floats;      // computed in floats: 0 nothing, 1 near pairs, 2 far pairs too
     };
     /**
      * The parameters that are accurate enough for this error of products

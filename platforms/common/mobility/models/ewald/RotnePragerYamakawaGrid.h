@@ -92,8 +92,8 @@ private:
     const double tolerance, spacing;
     const std::vector<EwaldKind> kinds;
     const std::shared_ptr<GridFluid> fluid;
-    // What was made last, for callers that ask for the same: fields and products have the same
-    // placements. Results do not depend on it.
+    // The splitting, the box and the parts that were made last, for callers that ask for the same:
+    // fields and products have the same placements. Results do not depend on what is kept.
     mutable std::mutex mutex;
     mutable std::unique_ptr<EwaldSplitting> lastSplitting;
     mutable BoxVectors lastBox = {};
