@@ -159,7 +159,7 @@ TEST(BadFluid, BodiesAndParticlesThatTheFluidCannotTake) {
     draining.fluid->setModel(MobilityForce::FreeDraining);
     draining.add(rod, Vec3(0, 5, 0));
     expectRefused(draining, {"lie on a line"});
-    // An own tensor has no entry about the line that could be combined with the inertia there.
+    // The mobility of the blobs has no part about the line to combine an own tensor with.
     Pair own;
     own.add(rodKind(), Vec3(0, 5, 0));
     own.fluid->setBodyFriction(2, unitTensor());

@@ -331,7 +331,8 @@ TEST(Overdamped, SpheresInFluidsWithoutWallsHaveNoDriftTerms) {
                 EXPECT_EQ(statistics.at("mobilityProducts"), (inBetween ? 2 : 1) * steps);
                 EXPECT_EQ(statistics.at("solverIterations"), 0);
             }
-            // Without the drift, these two schemes are EulerMaruyama, bit for bit.
+            // Without drift, RandomFiniteDifference and TractionEulerMaruyama are EulerMaruyama,
+            // bit for bit.
             if (s.scheme == RigidHI::EulerMaruyama) {
                 eulerMaruyama = scene.state();
                 itsStatistics = statistics;
@@ -508,7 +509,7 @@ TEST(Overdamped, AnswersDoNotDependOnMasses) {
         const double tolerance = 1e-3;
         AnswerScene massless(false, solver, tolerance), massive(true, solver, tolerance);
         const auto found = massless.twists();
-        // They agree up to the rounding of the rotation to the axes of inertia. So both solvers
+        // They agree up to the rounding of the rotation to the axes of inertia. So both scenes
         // take the same path.
         const auto withMasses = massive.twists();
         for (int i = 0; i < 24; i++) EXPECT_NEAR(found[i], withMasses[i], 1e-12);
@@ -875,7 +876,7 @@ void expectIntact(OverdampedScene& scene, const vector<Vec3>& before, double tol
 TEST(Overdamped, StrongGravity) {
     for (const Named& s : schemes) {
         if (s.scheme == RigidHI::DriftCorrectorFD)
-            continue;  // as the other drift corrector, but at three times the cost
+            continue;  // as DriftCorrectorRFD, but at three times the cost
         OverdampedScene scene(s.scheme, T1, 0.05);
         addBoomerang(scene, 100);
         scene.integrator.setMaximumRejections(10000);
@@ -974,8 +975,7 @@ TEST(Overdamped, HeightAboveAWall) {
     EXPECT_GT(right - withoutDrift, 0.15);
     vector<pair<Scheme, RigidHI::NoiseLaw> > cases;
     for (const Named& s : schemes)
-        if (s.scheme !=
-            RigidHI::DriftCorrectorFD)  // as the other drift corrector, but at three times the cost
+        if (s.scheme != RigidHI::DriftCorrectorFD)  // three times the cost of DriftCorrectorRFD
             cases.push_back({s.scheme, RigidHI::Gaussian});
     for (Scheme scheme : {RigidHI::FixmanMidpoint, RigidHI::RandomFiniteDifference})
         cases.push_back({scheme, RigidHI::TwoPoint});
